@@ -1,0 +1,5 @@
+//! Camera, depth to mesh, and rays.
+
+mod camera;
+
+pub use camera::Camera;

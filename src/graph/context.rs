@@ -1,0 +1,101 @@
+//! What a running stage may ask of the engine, and how it fails.
+
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use super::{Digest, File};
+
+/// Why a stage gave no result.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum NodeError {
+    /// A file that a person named cannot be used: what was wanted, what was got, where.
+    #[error("{path}: {message}")]
+    BadFile { path: String, message: String },
+    /// The inputs are sound one by one, but this stage cannot work with them.
+    #[error("{0}")]
+    Failed(String),
+    /// The run was asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+}
+
+/// A flag that asks a run to stop; stages look at it between pieces of work.
+#[derive(Clone, Default)]
+pub struct Cancel(Arc<AtomicBool>);
+
+impl Cancel {
+    pub fn cancel(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    pub fn is_cancelled(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// A running stage's link to the engine: its files, its meters, its warnings.
+#[derive(Default)]
+pub struct Context {
+    pub(super) cancel: Cancel,
+    /// Digests under which the files of this node stand in its key.
+    pub(super) digests: Vec<(File, Digest)>,
+    rays: AtomicU64,
+    meters: Mutex<Meters>,
+}
+
+#[derive(Default)]
+struct Meters {
+    stderr: Option<f64>,
+    warnings: Vec<String>,
+}
+
+impl Context {
+    /// The bytes of a file that the node declared in [`super::Node::files`].
+    pub fn read(&self, file: &File) -> Result<Vec<u8>, NodeError> {
+        let bad = |message: String| NodeError::BadFile { path: file.location().display().to_string(), message };
+        let bytes = std::fs::read(file.location()).map_err(|e| bad(format!("cannot be read: {e}")))?;
+        if let Some((_, wanted)) = self.digests.iter().find(|(f, _)| f == file)
+            && *blake3::hash(&bytes).as_bytes() != wanted.0
+        {
+            return Err(bad("changed while the run was reading it; run again".into()));
+        }
+        Ok(bytes)
+    }
+
+    /// Stops the stage when the run was cancelled. Call it between rows or passes.
+    pub fn check_cancelled(&self) -> Result<(), NodeError> {
+        if self.cancel.is_cancelled() { Err(NodeError::Cancelled) } else { Ok(()) }
+    }
+
+    /// Counts rays traced, for the run table.
+    pub fn count_rays(&self, rays: u64) {
+        self.rays.fetch_add(rays, Ordering::Relaxed);
+    }
+
+    /// Records the stage's mean relative standard error, for the run table.
+    pub fn set_stderr(&self, relative: f64) {
+        self.lock().stderr = Some(relative);
+    }
+
+    /// Tells the person something that is no error: shown after the run, kept with the cached result.
+    pub fn warn(&self, message: impl Into<String>) {
+        self.lock().warnings.push(message.into());
+    }
+
+    pub fn rays(&self) -> u64 {
+        self.rays.load(Ordering::Relaxed)
+    }
+
+    pub fn stderr(&self) -> Option<f64> {
+        self.lock().stderr
+    }
+
+    pub fn warnings(&self) -> Vec<String> {
+        self.lock().warnings.clone()
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Meters> {
+        self.meters.lock().expect("no stage panics while it holds its own meters")
+    }
+}

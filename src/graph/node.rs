@@ -1,0 +1,323 @@
+//! How a stage is written: parameters, ports, and a `run`.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use relight::graph::{Artifact, Context, Node, NodeError};
+//! use relight::{params, ports};
+//!
+//! #[derive(serde::Serialize, serde::Deserialize)]
+//! struct Number(f64);
+//! impl Artifact for Number {
+//!     const TYPE: &'static str = "Number";
+//!     fn bytes(&self) -> usize { 8 }
+//! }
+//!
+//! params! {
+//!     /// Multiplies a number.
+//!     pub struct Times {
+//!         /// The factor, any finite number.
+//!         by: f64 = 2.0,
+//!     }
+//! }
+//! ports! { pub input TimesIn { /** The number to multiply. */ number: Arc<Number> } }
+//! ports! { pub output TimesOut { /** The product. */ product: Arc<Number> } }
+//!
+//! impl Node for Times {
+//!     const KIND: &'static str = "Times";
+//!     const VERSION: u32 = 1;
+//!     type In = TimesIn;
+//!     type Out = TimesOut;
+//!     fn run(&self, inputs: TimesIn, _: &Context) -> Result<TimesOut, NodeError> {
+//!         Ok(TimesOut { product: Arc::new(Number(inputs.number.0 * self.by)) })
+//!     }
+//! }
+//! ```
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use super::{Artifact, Context, NodeError, Value};
+
+/// A stage. `Self` is its parameters, made by [`params!`](crate::params).
+pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 'static {
+    /// The name that graph files use.
+    const KIND: &'static str;
+    /// Raised whenever the same inputs give other outputs than before; part of every key.
+    const VERSION: u32;
+    type In: Inputs;
+    type Out: Outputs;
+
+    /// Ranges that the types cannot express. The message names the parameter, what was wanted and what was got.
+    fn check(&self) -> Result<(), String> {
+        Ok(())
+    }
+
+    /// The files that `run` will read. Their digests, never their paths, are in the key.
+    fn files(&mut self) -> Vec<&mut File> {
+        Vec::new()
+    }
+
+    /// Pure: what it returns depends on nothing but the parameters, the files named by [`Node::files`] and the inputs.
+    fn run(&self, inputs: Self::In, ctx: &Context) -> Result<Self::Out, NodeError>;
+}
+
+/// A file that a stage reads: a path relative to the folder of the file that names it, or absolute.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct File {
+    pub path: String,
+    /// The folder that a relative path starts from; set by the engine when it reads the parameter, never part of a key.
+    #[serde(skip)]
+    pub(super) base: Option<PathBuf>,
+}
+
+impl File {
+    pub fn new(path: impl Into<String>) -> File {
+        File { path: path.into(), base: None }
+    }
+
+    /// Where the file lies.
+    pub fn location(&self) -> PathBuf {
+        self.base.as_deref().unwrap_or(Path::new("")).join(&self.path)
+    }
+}
+
+/// What a parameter is, for the reference and for messages.
+#[derive(Clone, Debug)]
+pub struct ParamSpec {
+    pub name: &'static str,
+    pub type_name: &'static str,
+    /// The default as RON.
+    pub default: String,
+    pub doc: &'static str,
+}
+
+/// Implemented by [`params!`](crate::params).
+pub trait Params: Default {
+    const DOC: &'static str;
+    fn params() -> Vec<ParamSpec>;
+    /// Sets one parameter from its RON text; `None` when there is no parameter of that name.
+    fn set(&mut self, name: &str, ron: &str) -> Option<Result<(), ron::error::SpannedError>>;
+}
+
+/// Declares the parameters of a stage, once: fields, types, defaults, documentation.
+#[macro_export]
+macro_rules! params {
+    ($(#[doc = $doc:literal])* $vis:vis struct $name:ident {
+        $( $(#[doc = $field_doc:literal])* $field:ident : $ty:ty = $default:expr ),* $(,)?
+    }) => {
+        $(#[doc = $doc])*
+        #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        $vis struct $name { $( $(#[doc = $field_doc])* pub $field: $ty ),* }
+
+        impl Default for $name {
+            fn default() -> Self { Self { $( $field: $default ),* } }
+        }
+
+        impl $crate::graph::Params for $name {
+            const DOC: &'static str = concat!($($doc, "\n",)* "");
+            fn params() -> Vec<$crate::graph::ParamSpec> {
+                #[allow(unused_variables, reason = "a stage may have no parameters")]
+                let defaults = Self::default();
+                vec![$( $crate::graph::ParamSpec {
+                    name: stringify!($field),
+                    type_name: stringify!($ty),
+                    default: $crate::graph::to_ron(&defaults.$field),
+                    doc: concat!($($field_doc, "\n",)* ""),
+                } ),*]
+            }
+            #[allow(unused_variables, reason = "a stage may have no parameters")]
+            fn set(&mut self, name: &str, ron: &str) -> Option<Result<(), ron::error::SpannedError>> {
+                $( if name == stringify!($field) {
+                    return Some($crate::graph::from_ron(ron).map(|value| self.$field = value));
+                } )*
+                None
+            }
+        }
+    };
+}
+
+/// How many values a port takes or gives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arity {
+    /// `Arc<T>`: exactly one value.
+    One,
+    /// `Option<Arc<T>>`: a wire may be missing, or the member may have no value there.
+    Optional,
+    /// [`Gather`] on an input: all members in member order. [`Scatter`] on an output: one value per member.
+    Many,
+}
+
+/// What a port is.
+#[derive(Clone, Debug)]
+pub struct PortSpec {
+    pub name: &'static str,
+    pub type_name: &'static str,
+    pub arity: Arity,
+    pub doc: &'static str,
+}
+
+/// The values at one port, with the member names where the port is a [`Gather`] or [`Scatter`].
+#[derive(Clone)]
+pub enum PortValue {
+    One(Value),
+    Missing,
+    Many(Vec<(String, Value)>),
+}
+
+/// All members' values, in member order.
+pub struct Gather<T>(pub Vec<(String, Arc<T>)>);
+
+impl<T> Gather<T> {
+    pub fn get(&self, member: &str) -> Option<&Arc<T>> {
+        self.0.iter().find(|(name, _)| name == member).map(|(_, value)| value)
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Arc<T>)> {
+        self.0.iter().map(|(name, value)| (name.as_str(), value))
+    }
+}
+
+/// One value per member: a consumer declared `each` over a set takes its own member's value, whose digest is its own,
+/// so that a change of one member leaves the others' consumers untouched.
+pub struct Scatter<T>(pub Vec<(String, Arc<T>)>);
+
+/// The input ports of a stage; made by [`ports!`](crate::ports).
+pub trait Inputs: Sized {
+    fn ports() -> Vec<PortSpec>;
+    /// `values` are in the order of [`Inputs::ports`] and already checked against it.
+    fn take(values: Vec<PortValue>) -> Self;
+}
+
+/// The output ports of a stage; made by [`ports!`](crate::ports).
+pub trait Outputs: Sized {
+    fn ports() -> Vec<PortSpec>;
+    /// In the order of [`Outputs::ports`].
+    fn give(self) -> Vec<PortValue>;
+}
+
+/// A field type that can be an input port.
+pub trait InPort: Sized {
+    const TYPE: &'static str;
+    const ARITY: Arity;
+    fn take(value: PortValue) -> Self;
+}
+
+/// A field type that can be an output port.
+pub trait OutPort: Sized {
+    const TYPE: &'static str;
+    const ARITY: Arity;
+    /// Decodes one stored value of this port's type.
+    fn decode(bytes: &[u8]) -> Result<Value, String>;
+    fn give(self) -> PortValue;
+}
+
+const CHECKED: &str = "the engine checked this port's type and arity when the graph was loaded";
+
+impl<T: Artifact> InPort for Arc<T> {
+    const TYPE: &'static str = T::TYPE;
+    const ARITY: Arity = Arity::One;
+    fn take(value: PortValue) -> Self {
+        match value {
+            PortValue::One(value) => value.get().expect(CHECKED),
+            _ => unreachable!("{CHECKED}"),
+        }
+    }
+}
+
+impl<T: Artifact> InPort for Option<Arc<T>> {
+    const TYPE: &'static str = T::TYPE;
+    const ARITY: Arity = Arity::Optional;
+    fn take(value: PortValue) -> Self {
+        match value {
+            PortValue::Missing => None,
+            one => Some(<Arc<T> as InPort>::take(one)),
+        }
+    }
+}
+
+impl<T: Artifact> InPort for Gather<T> {
+    const TYPE: &'static str = T::TYPE;
+    const ARITY: Arity = Arity::Many;
+    fn take(value: PortValue) -> Self {
+        match value {
+            PortValue::Many(values) => {
+                Gather(values.into_iter().map(|(name, v)| (name, v.get().expect(CHECKED))).collect())
+            }
+            _ => unreachable!("{CHECKED}"),
+        }
+    }
+}
+
+fn decode<T: Artifact>(bytes: &[u8]) -> Result<Value, String> {
+    let artifact: T = postcard::from_bytes(bytes).map_err(|e| e.to_string())?;
+    Ok(Value::new(Arc::new(artifact)))
+}
+
+impl<T: Artifact> OutPort for Arc<T> {
+    const TYPE: &'static str = T::TYPE;
+    const ARITY: Arity = Arity::One;
+    fn decode(bytes: &[u8]) -> Result<Value, String> {
+        decode::<T>(bytes)
+    }
+    fn give(self) -> PortValue {
+        PortValue::One(Value::new(self))
+    }
+}
+
+impl<T: Artifact> OutPort for Scatter<T> {
+    const TYPE: &'static str = T::TYPE;
+    const ARITY: Arity = Arity::Many;
+    fn decode(bytes: &[u8]) -> Result<Value, String> {
+        decode::<T>(bytes)
+    }
+    fn give(self) -> PortValue {
+        PortValue::Many(self.0.into_iter().map(|(name, v)| (name, Value::new(v))).collect())
+    }
+}
+
+/// Declares the input or output ports of a stage, once, as the fields of a struct.
+///
+/// Input fields are `Arc<T>`, `Option<Arc<T>>` or [`Gather<T>`](crate::graph::Gather); output fields are `Arc<T>` or
+/// [`Scatter<T>`](crate::graph::Scatter); every `T` is an [`Artifact`](crate::graph::Artifact).
+#[macro_export]
+macro_rules! ports {
+    ($vis:vis input $name:ident { $( $(#[doc = $doc:literal])* $field:ident : $ty:ty ),* $(,)? }) => {
+        $vis struct $name { $( $(#[doc = $doc])* pub $field: $ty ),* }
+        impl $crate::graph::Inputs for $name {
+            fn ports() -> Vec<$crate::graph::PortSpec> {
+                vec![$( $crate::graph::PortSpec {
+                    name: stringify!($field),
+                    type_name: <$ty as $crate::graph::InPort>::TYPE,
+                    arity: <$ty as $crate::graph::InPort>::ARITY,
+                    doc: concat!($($doc, "\n",)* ""),
+                } ),*]
+            }
+            fn take(values: Vec<$crate::graph::PortValue>) -> Self {
+                #[allow(unused_mut, unused_variables, reason = "a stage may have no ports")]
+                let mut values = values.into_iter();
+                Self { $( $field: <$ty as $crate::graph::InPort>::take(
+                    values.next().expect("one value per declared port")) ),* }
+            }
+        }
+    };
+    ($vis:vis output $name:ident { $( $(#[doc = $doc:literal])* $field:ident : $ty:ty ),* $(,)? }) => {
+        $vis struct $name { $( $(#[doc = $doc])* pub $field: $ty ),* }
+        impl $crate::graph::Outputs for $name {
+            fn ports() -> Vec<$crate::graph::PortSpec> {
+                vec![$( $crate::graph::PortSpec {
+                    name: stringify!($field),
+                    type_name: <$ty as $crate::graph::OutPort>::TYPE,
+                    arity: <$ty as $crate::graph::OutPort>::ARITY,
+                    doc: concat!($($doc, "\n",)* ""),
+                } ),*]
+            }
+            fn give(self) -> Vec<$crate::graph::PortValue> {
+                vec![$( $crate::graph::OutPort::give(self.$field) ),*]
+            }
+        }
+    };
+}

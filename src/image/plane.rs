@@ -1,0 +1,116 @@
+//! A row-major picture plane of any pixel type.
+
+use bytemuck::Pod;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// A row-major plane of `width` x `height` pixels; row 0 is the top of the picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plane<T> {
+    width: usize,
+    height: usize,
+    data: Vec<T>,
+}
+
+impl<T: Copy> Plane<T> {
+    pub fn filled(width: usize, height: usize, value: T) -> Plane<T> {
+        Plane { width, height, data: vec![value; width * height] }
+    }
+
+    /// A plane over `data`, which holds `width * height` pixels, row by row.
+    pub fn new(width: usize, height: usize, data: Vec<T>) -> Plane<T> {
+        assert_eq!(data.len(), width * height, "a plane holds width x height pixels");
+        Plane { width, height, data }
+    }
+
+    /// A plane whose pixel (x, y) is `value(x, y)`.
+    pub fn from_fn(width: usize, height: usize, mut value: impl FnMut(usize, usize) -> T) -> Plane<T> {
+        let data = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect();
+        Plane { width, height, data }
+    }
+
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// (width, height)
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    pub fn len(&self) -> usize {
+        self.data.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.data.is_empty()
+    }
+
+    pub fn get(&self, x: usize, y: usize) -> T {
+        self.data[y * self.width + x]
+    }
+
+    pub fn set(&mut self, x: usize, y: usize, value: T) {
+        self.data[y * self.width + x] = value;
+    }
+
+    /// All pixels, row by row.
+    pub fn pixels(&self) -> &[T] {
+        &self.data
+    }
+
+    pub fn pixels_mut(&mut self) -> &mut [T] {
+        &mut self.data
+    }
+
+    pub fn into_pixels(self) -> Vec<T> {
+        self.data
+    }
+
+    pub fn map<U: Copy>(&self, f: impl FnMut(T) -> U) -> Plane<U> {
+        Plane { width: self.width, height: self.height, data: self.data.iter().copied().map(f).collect() }
+    }
+
+    /// Memory held by the pixels, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.data.len() * size_of::<T>()
+    }
+}
+
+impl<T: Pod> Serialize for Plane<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        (self.width as u64, self.height as u64, Bytes(bytemuck::cast_slice(&self.data))).serialize(serializer)
+    }
+}
+
+impl<'de, T: Pod> Deserialize<'de> for Plane<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Plane<T>, D::Error> {
+        let (width, height, Bytes(bytes)): (u64, u64, Bytes<'de>) = Deserialize::deserialize(deserializer)?;
+        let wanted = (width as u128) * (height as u128) * (size_of::<T>() as u128);
+        if wanted != bytes.len() as u128 {
+            return Err(serde::de::Error::custom(format!(
+                "a plane of {width} x {height} holds {wanted} bytes, got {}",
+                bytes.len()
+            )));
+        }
+        Ok(Plane { width: width as usize, height: height as usize, data: bytemuck::pod_collect_to_vec(bytes) })
+    }
+}
+
+/// Raw pixels as one byte string, so that encoding is a copy and no loop over numbers.
+struct Bytes<'a>(&'a [u8]);
+
+impl Serialize for Bytes<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for Bytes<'de> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Bytes<'de>, D::Error> {
+        <&'de [u8]>::deserialize(deserializer).map(Bytes)
+    }
+}

@@ -1,0 +1,7 @@
+//! `relight`: one indoor photograph in, the same room under other light out.
+
+pub mod geometry;
+pub mod graph;
+pub mod image;
+pub mod nodes;
+pub mod optics;

@@ -1,0 +1,3 @@
+//! The stages, in the order of the paper: the list, and nothing else.
+
+pub mod artifacts;

@@ -1,0 +1,5 @@
+//! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
+
+mod light;
+
+pub use light::{Lamp, Lobe, Plate, Radiance, Shape, Window};
