@@ -1,8 +1,10 @@
 //! Typed planes, their files, and colour.
 
 mod plane;
+mod segments;
 
 pub use plane::Plane;
+pub use segments::{Segments, Steps, retinex, segment};
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -43,4 +45,9 @@ pub enum Transfer {
     Gamma(f32),
     /// The numbers are linear already (EXR, HDR).
     Linear,
+}
+
+/// Relative luminance of linear Rec.709.
+pub fn luminance(rgb: Vec3) -> f32 {
+    rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }

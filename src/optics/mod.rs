@@ -1,5 +1,11 @@
 //! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
 
 mod light;
+mod nnls;
+mod radiance_fit;
+mod temperature;
 
 pub use light::{Lamp, Lobe, Plate, Radiance, Shape, Window};
+pub use nnls::nnls;
+pub use radiance_fit::{Column, Evidence, RadianceFit, fit_radiances};
+pub use temperature::black_body;

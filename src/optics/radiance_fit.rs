@@ -1,0 +1,353 @@
+//! How strong each light is: radiances and segment albedos that explain a photo together.
+//!
+//! The photo is `I_p = A_s(p) sum_k w_k u_k(p)` per colour channel, with u_k the unit layer of light k (its own shadow and its
+//! own indirect light included), w_k >= 0 its radiance and A_s one albedo for all pixels of a segment. What tells the
+//! lights apart is how shading varies *inside* a segment; the albedo of a segment takes up the rest, so that texture and
+//! paint are never pressed into a light. Solved by turns: given w, each A_s is a ratio of sums; given A, w is a non-negative
+//! least squares problem in what the albedos cannot take up (variable projection); a Cauchy weight keeps highlights and wrong shadows from pulling (iteratively reweighted).
+
+use glam::{DVec3, Vec3};
+
+use super::nnls;
+
+/// A photo on the pixels that take part in a fit.
+pub struct Evidence {
+    /// Linear photo.
+    pub photo: Vec<Vec3>,
+    /// Segment of each pixel, below `segments`.
+    pub segment: Vec<u32>,
+    pub segments: usize,
+    /// Where the photo is clipped: there the model may be brighter at no cost, but not darker.
+    pub saturated: Vec<bool>,
+}
+
+/// One light lobe's unit layer on the pixels of an [`Evidence`], and how much it must earn its place.
+pub struct Column<'a> {
+    pub layer: &'a [Vec3],
+    /// Cost of explaining the whole photo by this column, as a share of the photo's weighted energy; 0 for a light that is
+    /// seen.
+    pub penalty: f64,
+}
+
+/// What a fit found.
+#[derive(Clone, Debug)]
+pub struct RadianceFit {
+    /// Radiance per column.
+    pub radiance: Vec<Vec3>,
+    /// Albedo per segment.
+    pub albedo: Vec<Vec3>,
+    /// Mean of log(1 + r^2), r the residual over its expected size: 0 is perfect.
+    pub loss: f64,
+    /// Condition number of the columns in use, each scaled to unit length: large means that lights look alike.
+    pub condition: f64,
+}
+
+/// Expected model error: a share of the pixel, plus a floor at about two 8-bit steps.
+fn sigma(value: f64) -> f64 {
+    0.15 * value + 0.01
+}
+
+/// A light is near grey unless the photo says otherwise: weight of the pull, relative to the data.
+const COLOUR_PULL: f64 = 0.02;
+
+/// Share of each computed step that is taken: weights and projection belong to the last state, full steps overshoot.
+const STEP: f64 = 0.7;
+
+/// Fits radiances by `turns` rounds. The gauge (a light twice as bright in a room half as white looks the same) is set so
+/// that the mean shading of each channel is 1; [`RadianceFit::with_albedo_of`] sets another.
+pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> RadianceFit {
+    let (n, k) = (evidence.photo.len(), columns.len());
+    if n == 0 || k == 0 {
+        return RadianceFit {
+            radiance: vec![Vec3::ZERO; k],
+            albedo: vec![Vec3::ZERO; evidence.segments],
+            loss: 0.0,
+            condition: 1.0,
+        };
+    }
+    // Columns scaled to mean 1 so that the start, the penalty and the tolerances mean the same for each.
+    let scale: Vec<f64> = columns
+        .iter()
+        .map(|c| c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>() / (3 * n) as f64)
+        .map(|mean| if mean > 1e-12 { 1.0 / mean } else { 0.0 })
+        .collect();
+    let mut w = vec![[1.0 / k as f64; 3]; k];
+    let photo: Vec<[f64; 3]> = evidence.photo.iter().map(|v| v.as_dvec3().to_array()).collect();
+    let base_weight: Vec<[f64; 3]> = photo.iter().map(|v| v.map(|i| i.sqrt() / (i + 0.05).powi(2))).collect();
+    let mut condition = 1.0;
+    for _ in 0..turns {
+        for c in 0..3 {
+            let layer = |j: usize, p: usize| f64::from(columns[j].layer[p][c]) * scale[j];
+            let shading: Vec<f64> = (0..n).map(|p| (0..k).map(|j| w[j][c] * layer(j, p)).sum()).collect();
+            let albedo = segment_albedo(evidence, &base_weight, &photo, &shading, c);
+            let (mut weight, mut residual) = (vec![0.0; n], vec![0.0; n]);
+            let mut energy = 0.0;
+            for p in 0..n {
+                let (wanted, model) = (photo[p][c], albedo[evidence.segment[p] as usize] * shading[p]);
+                if evidence.saturated[p] && model >= wanted {
+                    continue;
+                }
+                residual[p] = wanted - model;
+                let r = residual[p] / sigma(wanted);
+                weight[p] = base_weight[p][c] / (1.0 + r * r);
+                energy += weight[p] * wanted * wanted;
+            }
+            let moved = projected(evidence, &weight, &albedo, &shading, k, layer);
+            let mean: Vec<f64> = (0..k).map(|j| (0..n).map(|p| layer(j, p)).sum::<f64>() / n as f64).collect();
+            let mut gram = vec![0.0; k * k];
+            let mut b = vec![0.0; k];
+            for p in 0..n {
+                for i in 0..k {
+                    let u = weight[p] * moved[i * n + p];
+                    b[i] += u * residual[p];
+                    for j in 0..=i {
+                        gram[i * k + j] += u * moved[j * n + p];
+                    }
+                }
+            }
+            for i in 0..k {
+                for j in 0..i {
+                    gram[j * k + i] = gram[i * k + j];
+                }
+            }
+            if c == 1 {
+                condition = condition_number(&gram, k);
+            }
+            let grey: Vec<f64> = w.iter().map(|w| w.iter().sum::<f64>() / 3.0).collect();
+            for i in 0..k {
+                let pull = COLOUR_PULL * gram[i * k + i];
+                gram[i * k + i] += pull;
+                b[i] += pull * grey[i] + energy * (mean[i] - 0.5 * columns[i].penalty);
+                // The gauge, mean shading 1, as one more equation.
+                for j in 0..k {
+                    gram[i * k + j] += energy * mean[i] * mean[j];
+                }
+            }
+            for (i, solved) in nnls(&gram, &b).into_iter().enumerate() {
+                w[i][c] += STEP * (solved - w[i][c]);
+            }
+        }
+        // Gauge: mean shading 1 in each channel.
+        for c in 0..3 {
+            let mean = (0..k)
+                .filter(|&j| scale[j] > 0.0)
+                .map(|j| w[j][c] * columns[j].layer.iter().map(|v| f64::from(v[c])).sum::<f64>() * scale[j] / n as f64);
+            let mean: f64 = mean.sum();
+            if mean > 1e-12 {
+                w.iter_mut().for_each(|v| v[c] /= mean);
+            }
+        }
+    }
+    let mut loss = 0.0;
+    let mut albedo = vec![Vec3::ZERO; evidence.segments];
+    for c in 0..3 {
+        let layer = |j: usize, p: usize| f64::from(columns[j].layer[p][c]) * scale[j];
+        let shading: Vec<f64> = (0..n).map(|p| (0..k).map(|j| w[j][c] * layer(j, p)).sum()).collect();
+        let a = segment_albedo(evidence, &base_weight, &photo, &shading, c);
+        for p in 0..n {
+            let (wanted, model) = (photo[p][c], a[evidence.segment[p] as usize] * shading[p]);
+            if !(evidence.saturated[p] && model >= wanted) {
+                let r = (wanted - model) / sigma(wanted);
+                loss += (r * r).ln_1p();
+            }
+        }
+        albedo.iter_mut().zip(&a).for_each(|(albedo, &a)| albedo[c] = a as f32);
+    }
+    let radiance = w.iter().zip(&scale).map(|(w, s)| (DVec3::from_array(*w) * *s).as_vec3()).collect();
+    RadianceFit { radiance, albedo, loss: loss / (3 * n) as f64, condition }
+}
+
+impl RadianceFit {
+    /// The same fit in the gauge in which albedo agrees, in the geometric mean over `segment`s, with `albedo`.
+    pub fn with_albedo_of(mut self, segment: &[u32], albedo: &[Vec3]) -> RadianceFit {
+        let mut factor = Vec3::ONE;
+        for c in 0..3 {
+            let (mut sum, mut count) = (0.0f64, 0);
+            for (&s, wanted) in segment.iter().zip(albedo) {
+                let got = self.albedo[s as usize][c];
+                if got > 0.0 && wanted[c] > 0.0 {
+                    sum += f64::from(got / wanted[c]).ln();
+                    count += 1;
+                }
+            }
+            if count > 0 {
+                factor[c] = (sum / f64::from(count)).exp() as f32;
+            }
+        }
+        self.radiance.iter_mut().for_each(|w| *w *= factor);
+        self.albedo.iter_mut().for_each(|a| *a /= factor);
+        self
+    }
+}
+
+/// What a unit of each light moves in the picture once each segment's albedo has answered: `A u_k` less its part along the
+/// shading E within the segment (variable projection, Golub and Pereyra 1973, linearised). Column-major, k x n.
+fn projected(
+    evidence: &Evidence,
+    weight: &[f64],
+    albedo: &[f64],
+    shading: &[f64],
+    k: usize,
+    layer: impl Fn(usize, usize) -> f64,
+) -> Vec<f64> {
+    let n = shading.len();
+    let mut norm = vec![0.0; evidence.segments];
+    for p in 0..n {
+        norm[evidence.segment[p] as usize] += weight[p] * shading[p] * shading[p];
+    }
+    let mut moved = Vec::with_capacity(k * n);
+    for j in 0..k {
+        let mut along = vec![0.0; evidence.segments];
+        for p in 0..n {
+            let s = evidence.segment[p] as usize;
+            along[s] += weight[p] * shading[p] * albedo[s] * layer(j, p);
+        }
+        for p in 0..n {
+            let s = evidence.segment[p] as usize;
+            let part = if norm[s] > 1e-12 { along[s] / norm[s] * shading[p] } else { 0.0 };
+            moved.push(albedo[s] * layer(j, p) - part);
+        }
+    }
+    moved
+}
+
+/// Least-squares albedo of each segment under the current shading: sum(w I E) / sum(w E^2).
+fn segment_albedo(
+    evidence: &Evidence,
+    weight: &[[f64; 3]],
+    photo: &[[f64; 3]],
+    shading: &[f64],
+    channel: usize,
+) -> Vec<f64> {
+    let mut top = vec![0.0; evidence.segments];
+    let mut bottom = vec![0.0; evidence.segments];
+    for p in 0..photo.len() {
+        if evidence.saturated[p] {
+            continue;
+        }
+        let s = evidence.segment[p] as usize;
+        top[s] += weight[p][channel] * photo[p][channel] * shading[p];
+        bottom[s] += weight[p][channel] * shading[p] * shading[p];
+    }
+    // A segment that is clipped everywhere, or in full shadow, is taken as white: it says nothing of the lights.
+    top.iter().zip(&bottom).map(|(t, b)| if *b > 1e-12 { (t / b).max(1e-3) } else { 1.0 }).collect()
+}
+
+/// Condition number of the columns of a Gram matrix after scaling each to unit length, by Jacobi rotations.
+fn condition_number(gram: &[f64], k: usize) -> f64 {
+    let used: Vec<usize> = (0..k).filter(|&i| gram[i * k + i] > 0.0).collect();
+    let m = used.len();
+    let mut a: Vec<f64> = used
+        .iter()
+        .flat_map(|&i| used.iter().map(move |&j| (i, j)))
+        .map(|(i, j)| gram[i * k + j] / (gram[i * k + i] * gram[j * k + j]).sqrt())
+        .collect();
+    for _ in 0..30 {
+        for p in 0..m {
+            for q in p + 1..m {
+                if a[p * m + q].abs() < 1e-15 {
+                    continue;
+                }
+                let theta = 0.5 * (a[q * m + q] - a[p * m + p]) / a[p * m + q];
+                let t = theta.signum() / (theta.abs() + theta.hypot(1.0));
+                let t = if theta == 0.0 { 1.0 } else { t };
+                let (cos, sin) = (1.0 / t.hypot(1.0), t / t.hypot(1.0));
+                for i in 0..m {
+                    let (x, y) = (a[i * m + p], a[i * m + q]);
+                    (a[i * m + p], a[i * m + q]) = (cos * x - sin * y, sin * x + cos * y);
+                }
+                for i in 0..m {
+                    let (x, y) = (a[p * m + i], a[q * m + i]);
+                    (a[p * m + i], a[q * m + i]) = (cos * x - sin * y, sin * x + cos * y);
+                }
+            }
+        }
+    }
+    let (low, high) =
+        (0..m).map(|i| a[i * m + i]).fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v.max(1e-15)), h.max(v)));
+    if m == 0 { 1.0 } else { high / low }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A row of pixels in four segments under two lights that fall off from either end.
+    fn row() -> (Evidence, Vec<Vec3>, Vec<Vec3>) {
+        let n = 400;
+        let from = |x: f32| Vec3::splat(1.0 / (0.3 + x * x));
+        let left: Vec<Vec3> = (0..n).map(|i| from(i as f32 / n as f32)).collect();
+        let right: Vec<Vec3> = (0..n).map(|i| from(1.0 - i as f32 / n as f32)).collect();
+        let paint = [Vec3::splat(0.8), Vec3::new(0.7, 0.2, 0.1), Vec3::new(0.1, 0.3, 0.6), Vec3::splat(0.3)];
+        let segment: Vec<u32> = (0..n).map(|i| i as u32 / 100).collect();
+        let (w0, w1) = (Vec3::new(0.3, 0.25, 0.2), Vec3::new(0.05, 0.1, 0.15));
+        let photo = (0..n).map(|i| paint[i / 100] * (w0 * left[i] + w1 * right[i])).collect();
+        (Evidence { photo, segment, segments: 4, saturated: vec![false; n] }, left, right)
+    }
+
+    fn columns<'a>(layers: &[&'a [Vec3]]) -> Vec<Column<'a>> {
+        layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect()
+    }
+
+    #[test]
+    fn shares_of_two_lights_over_unknown_paint_are_found() {
+        let (evidence, left, right) = row();
+        let fit = fit_radiances(&evidence, &columns(&[&left, &right]), 60);
+        // Only the share of each light in each channel is determined: 0.3 : 0.05, 0.25 : 0.1, 0.2 : 0.15.
+        let ratio = fit.radiance[1] / fit.radiance[0];
+        let truth = Vec3::new(0.05 / 0.3, 0.4, 0.75);
+        // The colour pull draws the ratios together by about its weight.
+        assert!(((ratio - truth) / truth).abs().max_element() < 0.1, "{ratio} against {truth}");
+        assert!(fit.loss < 1e-2, "loss {}", fit.loss);
+    }
+
+    #[test]
+    fn a_light_that_explains_nothing_gets_nothing() {
+        let (evidence, left, right) = row();
+        let stripes: Vec<Vec3> = (0..400).map(|i| Vec3::splat(if i % 2 == 0 { 1.0 } else { 0.0 })).collect();
+        let mut columns = columns(&[&left, &right, &stripes]);
+        columns[2].penalty = 0.02;
+        let fit = fit_radiances(&evidence, &columns, 60);
+        assert!(fit.radiance[2].max_element() < 1e-3 * fit.radiance[0].min_element(), "{:?}", fit.radiance);
+    }
+
+    #[test]
+    fn clipped_pixels_do_not_darken_a_light() {
+        let (mut evidence, left, right) = row();
+        for p in 0..400 {
+            // The left segment is white and clipped near its lamp.
+            if evidence.photo[p].max_element() > 0.6 {
+                evidence.saturated[p] = true;
+                evidence.photo[p] = evidence.photo[p].min(Vec3::splat(0.6));
+            }
+        }
+        let fit = fit_radiances(&evidence, &columns(&[&left, &right]), 60);
+        let ratio = fit.radiance[1].y / fit.radiance[0].y;
+        assert!((ratio - 0.4).abs() < 0.08, "ratio {ratio}");
+    }
+
+    #[test]
+    fn degenerate_evidence_is_finite() {
+        let empty = Evidence { photo: vec![], segment: vec![], segments: 0, saturated: vec![] };
+        assert!(fit_radiances(&empty, &[], 5).radiance.is_empty());
+        let n = 10;
+        for photo in [vec![Vec3::ZERO; n], vec![Vec3::ONE; n]] {
+            for saturated in [false, true] {
+                let evidence =
+                    Evidence { photo: photo.clone(), segment: vec![0; n], segments: 1, saturated: vec![saturated; n] };
+                let (zero, one) = (vec![Vec3::ZERO; n], vec![Vec3::ONE; n]);
+                let fit = fit_radiances(&evidence, &columns(&[&zero, &one, &one]), 10);
+                assert!(fit.radiance.iter().all(|w| w.is_finite() && w.min_element() >= 0.0), "{fit:?}");
+                assert!(fit.loss.is_finite() && fit.condition >= 1.0, "{fit:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_condition_number_of_two_columns_is_its_closed_form() {
+        // Unit columns at angle t: eigenvalues 1 +- cos t.
+        let c = 0.6;
+        let got = condition_number(&[4.0, 2.0 * 3.0 * c, 2.0 * 3.0 * c, 9.0], 2);
+        assert!((got - (1.0 + c) / (1.0 - c)).abs() < 1e-9, "{got}");
+    }
+}
