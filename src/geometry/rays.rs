@@ -10,6 +10,7 @@ use obvhs::BvhBuildParams;
 use obvhs::bvh2::{Bvh2, builder::build_bvh2_from_tris};
 use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
+use rayon::prelude::*;
 
 /// Beyond this many metres nothing is part of a room; it also keeps products of coordinates finite.
 pub const FAR: f32 = 1e4;
@@ -42,7 +43,7 @@ impl RayMesh {
             })
             .collect();
         let bits = |c: &[Vec3; 3]| c.map(|p| p.to_array().map(f32::to_bits));
-        kept.sort_by_cached_key(|(c, id)| (bits(c), *id));
+        kept.par_sort_unstable_by_key(|(c, id)| (bits(c), *id));
         kept.dedup_by(|a, b| bits(&a.0) == bits(&b.0));
         if kept.is_empty() {
             return RayMesh { bvh: Bvh2::default(), triangles: Vec::new() };
@@ -66,14 +67,14 @@ impl RayMesh {
         self.triangles.len() * size_of::<([Vec3A; 3], u32)>() + self.bvh.nodes.len() * size_of_val(&self.bvh.nodes[..1])
     }
 
-    /// The nearest hit of a triangle that `counts`; of equally near ones the lowest number.
-    pub fn closest(&self, origin: Vec3, direction: Vec3, counts: impl Fn(u32) -> bool) -> Option<RayMeshHit> {
+    /// The nearest triangle hit; of equally near ones the lowest number.
+    pub fn closest(&self, origin: Vec3, direction: Vec3) -> Option<RayMeshHit> {
         let ray = usable_ray(origin, direction, f32::INFINITY)?;
         let woop = Woop::new(origin, direction);
         let mut best: Option<RayMeshHit> = None;
         self.bvh.ray_traverse(ray, &mut RayHit::none(), |_, i| {
             let (corners, id) = &self.triangles[i];
-            let distance = if counts(*id) { woop.hit(corners) } else { f32::INFINITY };
+            let distance = woop.hit(corners);
             let nearer = best.is_none_or(|b| distance < b.distance || (distance == b.distance && *id < b.id));
             if distance.is_finite() && nearer {
                 best = Some(RayMeshHit { id: *id, distance });
@@ -85,7 +86,7 @@ impl RayMesh {
 
     /// Whether `stops` says yes to any triangle hit within (0, `limit`); asked in no particular order, never again after
     /// its first yes.
-    pub fn any(&self, origin: Vec3, direction: Vec3, limit: f32, mut stops: impl FnMut(u32) -> bool) -> bool {
+    pub fn any(&self, origin: Vec3, direction: Vec3, limit: f32, stops: impl Fn(u32) -> bool) -> bool {
         let Some(ray) = usable_ray(origin, direction, limit) else { return false };
         let woop = Woop::new(origin, direction);
         !self.bvh.ray_traverse_miss(ray, |_, i| {
@@ -141,5 +142,39 @@ impl Woop {
         let determinant = u + v + w;
         let t = (u * a[2] + v * b[2] + w * c[2]) / determinant;
         if t > 0.0 { t } else { f32::INFINITY }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ten_thousand_equal_triangles_do_not_hang() {
+        let triangle = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let mesh = RayMesh::new((0..10_000).rev().map(|id| (triangle, id)));
+        let hit = mesh.closest(Vec3::new(0.2, 0.2, 1.0), Vec3::NEG_Z).unwrap();
+        assert_eq!((hit.id, hit.distance), (0, 1.0));
+        assert_eq!(mesh.triangles.len(), 1);
+    }
+
+    #[test]
+    fn unusable_triangles_are_left_out() {
+        let bad = [Vec3::NAN, Vec3::INFINITY, Vec3::splat(2.0 * FAR), Vec3::X];
+        let mesh = RayMesh::new(bad.iter().map(|&p| ([Vec3::ZERO, Vec3::X, p], 0)));
+        assert!(mesh.triangles.is_empty());
+        assert_eq!(mesh.closest(Vec3::ZERO, Vec3::X), None);
+        assert!(!mesh.any(Vec3::ZERO, Vec3::X, 1.0, |_| true));
+    }
+
+    #[test]
+    fn any_respects_its_limit_and_its_question() {
+        let mesh =
+            RayMesh::new([([Vec3::new(-1.0, -1.0, -2.0), Vec3::new(1.0, -1.0, -2.0), Vec3::new(0.0, 2.0, -2.0)], 7)]);
+        let any = |limit, stops: bool| mesh.any(Vec3::ZERO, Vec3::NEG_Z, limit, |id| id == 7 && stops);
+        assert!(any(2.1, true));
+        assert!(!any(1.9, true));
+        assert!(!any(2.1, false));
+        assert!(!mesh.any(Vec3::ZERO, Vec3::Z, 9.0, |_| true), "behind");
     }
 }

@@ -45,7 +45,8 @@ pub fn surface(depth: &Depth, camera: &Camera) -> Surface {
     let (width, height) = depth.0.size();
     let inverse = depth.0.map(|z| 1.0 / z.clamp(1e-3, 1e6));
     let noise = inverse_depth_noise(&inverse);
-    let fits: Vec<Fit> = per_pixel(width, height, |x, y| fit(&inverse, x, y, radius(camera.fx, noise, inverse.get(x, y)), noise));
+    let fits: Vec<Fit> =
+        per_pixel(width, height, |x, y| fit(&inverse, x, y, radius(camera.fx, noise, inverse.get(x, y)), noise));
     let smoothed: Vec<(Vec3, Vec3)> = per_pixel(width, height, |x, y| {
         let w = inverse.get(x, y);
         let (normal, smooth) = vote(&inverse, &fits, camera, x, y, radius(camera.fx, noise, w), noise);
@@ -157,7 +158,7 @@ fn vote(w: &Plane<f32>, fits: &[Fit], camera: &Camera, x0: usize, y0: usize, rad
             let predicted = fit.at + fit.dx * dx + fit.dy * dy;
             let off = (predicted - center) / scale;
             let quality = scale * scale / (scale * scale + fit.residual);
-            let weight = (-0.5 * off * off).exp() * quality * quality;
+            let weight = quality * quality / (1.0 + off * off).powi(2);
             normal += weight * plane_normal(predicted, fit, camera, x0, y0);
             smooth += weight * predicted;
             total += weight;
@@ -178,4 +179,65 @@ fn plane_normal(w: f32, fit: &Fit, camera: &Camera, x: usize, y: usize) -> Vec3 
     let (du, dv) = (fit.dx * camera.fx, -fit.dy * camera.fy);
     // n . (u, v, -1) = -w: it faces the camera wherever w is positive.
     Vec3::new(-du, -dv, w - u * du - v * dv).try_normalize().unwrap_or(Vec3::Z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Depth of the plane n . P = d (n facing the camera, so d < 0).
+    fn plane_depth(camera: &Camera, x: usize, y: usize, normal: Vec3, d: f32) -> f32 {
+        d / normal.dot(camera.pixel_point(x, y, 1.0))
+    }
+
+    /// A corner of a room: a wall to the left and one at the back, meeting in a vertical crease.
+    fn corner(camera: &Camera, x: usize, y: usize) -> (f32, Vec3) {
+        let walls = [(Vec3::X, -1.0), (Vec3::new(-0.2, 0.1, 1.0).normalize(), -3.0)];
+        let depths = walls.map(|(n, d)| (plane_depth(camera, x, y, n, d), n));
+        depths.into_iter().filter(|(z, _)| *z > 0.0).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap()
+    }
+
+    fn mean_degrees(camera: &Camera, got: &Surface) -> f32 {
+        let angle = |x, y| {
+            let truth = corner(camera, x, y).1;
+            got.normal.0.get(x, y).cross(truth).length().atan2(got.normal.0.get(x, y).dot(truth))
+        };
+        let sum: f32 =
+            (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y))).map(|(x, y)| angle(x, y)).sum();
+        (sum / (camera.width * camera.height) as f32).to_degrees()
+    }
+
+    #[test]
+    fn exact_depth_gives_exact_normals_up_to_the_crease() {
+        let camera = Camera::from_fov_x(80, 60, 60.0);
+        let depth = Depth(Plane::from_fn(80, 60, |x, y| corner(&camera, x, y).0));
+        let got = surface(&depth, &camera);
+        assert_eq!(got.noise, 0.0);
+        assert!(mean_degrees(&camera, &got) < 0.2, "{}", mean_degrees(&camera, &got));
+        let moved = got.points.0.pixels().iter().zip(depth.0.pixels()).map(|(p, z)| (p.z + z).abs() / z);
+        assert!(moved.fold(0.0, f32::max) < 1e-5, "exact depth is left as it is");
+    }
+
+    #[test]
+    fn steps_of_four_centimetres_are_smoothed() {
+        let camera = Camera::from_fov_x(160, 120, 60.0);
+        let depth = Depth(Plane::from_fn(160, 120, |x, y| (corner(&camera, x, y).0 / 0.039).round() * 0.039));
+        let got = surface(&depth, &camera);
+        // A plane through neighbouring pixels would be off by 60 degrees at every step.
+        assert!(mean_degrees(&camera, &got) < 6.0, "{}", mean_degrees(&camera, &got));
+    }
+
+    #[test]
+    fn normals_are_unit_and_face_the_camera_whatever_the_depth() {
+        let strange = [1e-30, 1e30, 0.5, 2.0, 70.0, 1.0, f32::MIN_POSITIVE];
+        for (width, height) in [(0, 0), (1, 1), (1, 7), (7, 1), (13, 9)] {
+            let depth = Depth(Plane::from_fn(width, height, |x, y| strange[(3 * x + 5 * y * y) % 7]));
+            let camera = Camera { width, height, fx: 12.0, fy: 11.0, cx: 5.0, cy: 4.0 };
+            let got = surface(&depth, &camera);
+            for (n, p) in got.normal.0.pixels().iter().zip(got.points.0.pixels()) {
+                assert!(p.is_finite() && (n.length() - 1.0).abs() < 1e-4, "{n} {p}");
+                assert!(n.dot(p.normalize()) < 1e-3, "{n} {p}");
+            }
+        }
+    }
 }
