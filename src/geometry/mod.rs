@@ -1,5 +1,11 @@
 //! Camera, depth to mesh, and rays.
 
 mod camera;
+mod mesh;
+mod rays;
+mod surface;
 
 pub use camera::Camera;
+pub use mesh::{DEPTH_STEP, Hit, Own, SceneMesh, Sight};
+pub use rays::{RayMesh, RayMeshHit};
+pub use surface::{Surface, surface};

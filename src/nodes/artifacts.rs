@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Camera;
+use crate::geometry::{Camera, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{Albedo, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Shading};
-use crate::optics::{Radiance, Shape};
+use crate::optics::{LightKind, Radiance, Shape};
 
 macro_rules! artifacts {
     ($( $ty:ident: $bytes:expr ),* $(,)?) => {$(
@@ -29,6 +29,8 @@ artifacts! {
     Mask: |a| a.0.bytes(),
     Picture: |a| a.0.bytes(),
     Camera: |_| size_of::<Camera>(),
+    SceneMesh: SceneMesh::bytes,
+    LightKind: |_| size_of::<LightKind>(),
     Shape: |_| size_of::<Shape>(),
     Radiance: |r| r.0.len() * 12,
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),

@@ -81,6 +81,13 @@ pub struct Lobe {
     pub bandwidth: f32,
 }
 
+/// What a mask of a visible light shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LightKind {
+    Lamp,
+    Window,
+}
+
 /// The radiance of each lobe, linear RGB in units of the photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Radiance(pub Vec<Vec3>);

@@ -5,7 +5,7 @@ mod nnls;
 mod radiance_fit;
 mod temperature;
 
-pub use light::{Lamp, Lobe, Plate, Radiance, Shape, Window};
+pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
 pub use nnls::nnls;
 pub use radiance_fit::{Column, Evidence, RadianceFit, fit_radiances};
 pub use temperature::black_body;

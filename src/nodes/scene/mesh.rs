@@ -1,0 +1,72 @@
+//! `Mesh`: the seen surface, from depth.
+
+use std::sync::Arc;
+
+use crate::geometry::{Camera, SceneMesh, surface};
+use crate::graph::{Context, Gather, Node, NodeError};
+use crate::image::{Depth, Mask, Normal, Plane, Points};
+use crate::optics::LightKind;
+use crate::{params, ports};
+
+params! {
+    /// Turns depth into points, normals and triangles.
+    ///
+    /// Normals are robust plane fits to the inverse depth, wider where the depth is noisy; points are smoothed by no more than
+    /// the noise. No triangle spans a depth step: abs(z1 - z2) / min(z) > 0.12, diagonals 0.12 sqrt(2). Panes of windows and
+    /// ignored pixels become no triangles.
+    pub struct Mesh {}
+}
+
+ports! {
+    pub input MeshIn {
+        /// Planar z in metres.
+        depth: Arc<Depth>,
+        /// The camera; brought to the size of `depth`.
+        camera: Arc<Camera>,
+        /// Pixels that are no part of the room.
+        ignore: Option<Arc<Mask>>,
+        /// The pixels of each visible light.
+        masks: Gather<Mask>,
+        /// What each of them is, under the same names.
+        kinds: Gather<LightKind>,
+    }
+}
+
+ports! {
+    pub output MeshOut {
+        /// Pixel centres on the surface, camera space.
+        points: Arc<Points>,
+        /// Unit normals facing the camera.
+        normal: Arc<Normal>,
+        /// The triangles, for rays.
+        mesh: Arc<SceneMesh>,
+    }
+}
+
+impl Node for Mesh {
+    const KIND: &'static str = "Mesh";
+    const VERSION: u32 = 1;
+    type In = MeshIn;
+    type Out = MeshOut;
+
+    fn run(&self, inputs: MeshIn, ctx: &Context) -> Result<MeshOut, NodeError> {
+        let (width, height) = inputs.depth.0.size();
+        let mut outside = Plane::filled(width, height, false);
+        let panes =
+            inputs.masks.iter().filter(|(name, _)| inputs.kinds.get(name).is_some_and(|k| **k == LightKind::Window));
+        for (name, mask) in panes.chain(inputs.ignore.iter().map(|mask| ("ignore", mask))) {
+            if mask.0.size() != (width, height) {
+                let (w, h) = mask.0.size();
+                return Err(NodeError::Failed(format!(
+                    "mask `{name}` is {w} x {h}, wanted {width} x {height} as the depth"
+                )));
+            }
+            outside.pixels_mut().iter_mut().zip(mask.0.pixels()).for_each(|(out, share)| *out |= *share > 0.5);
+        }
+        let camera = inputs.camera.resized(width, height);
+        let seen = surface(&inputs.depth, &camera);
+        ctx.check_cancelled()?;
+        let mesh = SceneMesh::new(&seen.points, camera.fx, seen.noise, &outside);
+        Ok(MeshOut { points: Arc::new(seen.points), normal: Arc::new(seen.normal), mesh: Arc::new(mesh) })
+    }
+}

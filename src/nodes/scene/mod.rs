@@ -1,0 +1,3 @@
+//! From files to the seen room.
+
+pub mod mesh;
