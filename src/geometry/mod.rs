@@ -2,10 +2,12 @@
 
 mod camera;
 mod mesh;
+mod plane_fit;
 mod rays;
 mod surface;
 
 pub use camera::Camera;
 pub use mesh::{DEPTH_STEP, Hit, Own, SceneMesh, Sight};
+pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};
 pub use surface::{Surface, surface};

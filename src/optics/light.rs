@@ -52,6 +52,25 @@ pub enum Lamp {
     },
 }
 
+impl Lamp {
+    /// Emitting area, square metres.
+    pub fn area(&self) -> f32 {
+        match self {
+            Lamp::Sphere { radius, .. } => 4.0 * std::f32::consts::PI * radius * radius,
+            Lamp::Rect { x, y, .. } => 4.0 * x.cross(*y).length(),
+            Lamp::Box { axes: [a, b, c], .. } => {
+                8.0 * (a.cross(*b).length() + b.cross(*c).length() + c.cross(*a).length())
+            }
+            Lamp::Plates(plates) => plates.iter().map(|p| p.area).sum(),
+            Lamp::Mesh { corners, triangles } => triangles
+                .iter()
+                .map(|t| t.map(|i| corners[i as usize]))
+                .map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length())
+                .sum(),
+        }
+    }
+}
+
 /// A small piece of emitting surface.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plate {
@@ -70,6 +89,28 @@ pub struct Window {
     pub y: Vec3,
     /// Sun, sky, ground.
     pub lobes: [Lobe; 3],
+}
+
+impl Window {
+    /// Lobes of a surrounding without a seen sun, for a window whose room side is `normal`: the sun's own lobe stands ready at
+    /// half height, sky and ground are broad, above and below what lies straight outside.
+    pub fn daylight(normal: Vec3) -> [Lobe; 3] {
+        let towards = |up: f32| (Vec3::Y * up - normal).try_normalize().unwrap_or(-normal);
+        [
+            Lobe { direction: towards(1.0), bandwidth: 1e4 },
+            Lobe { direction: towards(1.0), bandwidth: 1.5 },
+            Lobe { direction: towards(-1.0), bandwidth: 1.5 },
+        ]
+    }
+
+    /// Radiance seen along unit `direction`, from the scene outwards, for lobe weights `radiance`.
+    pub fn seen(&self, radiance: &[Vec3], direction: Vec3) -> Vec3 {
+        self.lobes
+            .iter()
+            .zip(radiance)
+            .map(|(lobe, &w)| w * (lobe.bandwidth * (lobe.direction.dot(direction) - 1.0)).exp())
+            .sum()
+    }
 }
 
 /// A spherical Gaussian of unit weight: G(l) = exp(bandwidth (direction . l - 1)).

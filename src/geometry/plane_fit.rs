@@ -1,0 +1,93 @@
+//! A plane through noisy points.
+
+use glam::Vec3;
+
+/// The plane `normal . p = offset`; `normal` has unit length and faces the camera at the origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlaneFit {
+    pub normal: Vec3,
+    pub offset: f32,
+    /// Share of the points within the tolerance.
+    pub support: f32,
+    /// Root mean square distance of those points, metres.
+    pub spread: f32,
+}
+
+impl PlaneFit {
+    /// The plane that most of `points` lie on, to `tolerance` times their distance from the camera; `normals` belong to the
+    /// points. `None` for fewer than three points or when no three of them span a plane.
+    ///
+    /// Random sample consensus (Fischler and Bolles 1981) over the points' own planes, taken at even steps instead of at
+    /// random, so that the same points give the same plane; then the mean of the supporters.
+    pub fn through(points: &[Vec3], normals: &[Vec3], tolerance: f32) -> Option<PlaneFit> {
+        if points.len() < 3 {
+            return None;
+        }
+        let supports = |normal: Vec3, offset: f32, i: usize| {
+            (normal.dot(points[i]) - offset).abs() < tolerance * points[i].length() && normals[i].dot(normal) > 0.85
+        };
+        let tries = points.len().min(200);
+        let best = (0..tries).map(|t| t * points.len() / tries).map(|i| {
+            let (normal, offset) = (normals[i], normals[i].dot(points[i]));
+            let count = (0..points.len()).filter(|&j| supports(normal, offset, j)).count();
+            (count, normal, offset)
+        });
+        let (_, mut normal, mut offset) = best.fold((0, Vec3::ZERO, 0.0), |a, b| if b.0 > a.0 { b } else { a });
+        let mut spread = 0.0;
+        let mut count = 0;
+        for _ in 0..2 {
+            let inside: Vec<usize> = (0..points.len()).filter(|&i| supports(normal, offset, i)).collect();
+            count = inside.len();
+            if count < 3 {
+                return None;
+            }
+            normal = inside.iter().map(|&i| normals[i]).sum::<Vec3>().try_normalize()?;
+            offset = inside.iter().map(|&i| normal.dot(points[i])).sum::<f32>() / count as f32;
+            let squares: f32 = inside.iter().map(|&i| (normal.dot(points[i]) - offset).powi(2)).sum();
+            spread = (squares / count as f32).sqrt();
+        }
+        let sign = if offset > 0.0 { -1.0 } else { 1.0 };
+        Some(PlaneFit {
+            normal: normal * sign,
+            offset: offset * sign,
+            support: count as f32 / points.len() as f32,
+            spread,
+        })
+    }
+
+    /// Where the ray from the camera through `direction` meets the plane, or `None` when it does not, in front of the camera.
+    pub fn meet(&self, direction: Vec3) -> Option<Vec3> {
+        let t = self.offset / self.normal.dot(direction);
+        (t.is_finite() && t > 0.0).then(|| direction * t)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wall_with_clutter_before_it_is_found() {
+        let normal = Vec3::new(0.3, 0.1, 0.9).normalize();
+        let mut points = Vec::new();
+        for i in 0..200 {
+            let direction = Vec3::new((i % 20) as f32 / 20.0 - 0.5, (i / 20) as f32 / 20.0 - 0.25, -1.0);
+            points.push(direction * (-3.0 / normal.dot(direction)));
+        }
+        let mut normals = vec![normal; 200];
+        for i in (0..200).step_by(3) {
+            points[i] *= 0.7;
+            normals[i] = Vec3::X;
+        }
+        let plane = PlaneFit::through(&points, &normals, 0.02).expect("a plane");
+        assert!(plane.normal.dot(normal) > 0.9999 && (plane.offset + 3.0).abs() < 1e-3, "{plane:?}");
+        let met = plane.meet(Vec3::new(0.1, 0.1, -1.0)).expect("in front");
+        assert!((normal.dot(met) + 3.0).abs() < 1e-3);
+        assert!(plane.meet(Vec3::Z).is_none());
+    }
+
+    #[test]
+    fn too_few_points_are_no_plane() {
+        assert!(PlaneFit::through(&[Vec3::ONE; 2], &[Vec3::Z; 2], 0.1).is_none());
+    }
+}

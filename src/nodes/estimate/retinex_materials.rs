@@ -1,0 +1,83 @@
+//! `RetinexMaterials`: materials without a network, the floor that a learned stage must beat.
+
+use std::sync::Arc;
+
+use crate::graph::{Context, Node, NodeError};
+use crate::image::{Albedo, Normal, Picture, Roughness, Segments, Steps, retinex, segment};
+use crate::{params, ports};
+
+params! {
+    /// Splits a photo into segments of one albedo each, by colour Retinex.
+    ///
+    /// Neighbouring blocks of pixels with no sharp step of intensity or chromaticity between them form a segment; the
+    /// albedos of segments follow from the steps along their borders (Grosse et al., ICCV 2009, on regions). The photo's white
+    /// balance is trusted. Roughness cannot be told from one photo this way: it is a constant.
+    pub struct RetinexMaterials {
+        /// Side of the blocks that are compared, working pixels; 1..=16.
+        stride: usize = 4,
+        /// Step of log chromaticity that separates materials.
+        chroma_step: f32 = 0.06,
+        /// Step of log intensity that separates materials.
+        intensity_step: f32 = 0.12,
+        /// Albedo luminance given to the 90th percentile of the room: most rooms have white walls or ceilings.
+        bright: f32 = 0.75,
+        /// Roughness given to everything; 0..=1.
+        roughness: f32 = 0.8,
+    }
+}
+
+ports! {
+    pub input RetinexMaterialsIn {
+        /// The linear photo at working size.
+        photo: Arc<Picture>,
+        /// Tells creases, where shading may jump, from paint.
+        normal: Arc<Normal>,
+    }
+}
+
+ports! {
+    pub output RetinexMaterialsOut {
+        /// One albedo per segment, 0.02..=0.95.
+        albedo: Arc<Albedo>,
+        /// Constant.
+        roughness: Arc<Roughness>,
+        /// Which pixels share an albedo.
+        segments: Arc<Segments>,
+    }
+}
+
+impl Node for RetinexMaterials {
+    const KIND: &'static str = "RetinexMaterials";
+    const VERSION: u32 = 1;
+    type In = RetinexMaterialsIn;
+    type Out = RetinexMaterialsOut;
+
+    fn check(&self) -> Result<(), String> {
+        if !(1..=16).contains(&self.stride) {
+            return Err(format!("stride: wanted 1..=16, got {}", self.stride));
+        }
+        for (name, value) in
+            [("chroma_step", self.chroma_step), ("intensity_step", self.intensity_step), ("bright", self.bright)]
+        {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(format!("{name}: wanted a positive number, got {value}"));
+            }
+        }
+        if !(0.0..=1.0).contains(&self.roughness) {
+            return Err(format!("roughness: wanted 0..=1, got {}", self.roughness));
+        }
+        Ok(())
+    }
+
+    fn run(&self, inputs: RetinexMaterialsIn, _: &Context) -> Result<RetinexMaterialsOut, NodeError> {
+        let steps = Steps { chroma: self.chroma_step, intensity: self.intensity_step };
+        let segments = segment(&inputs.photo, self.stride, steps);
+        let albedo = retinex(&inputs.photo, &inputs.normal, &segments, self.stride, self.bright);
+        let roughness = Roughness(inputs.photo.0.map(|_| self.roughness));
+        Ok(RetinexMaterialsOut {
+            albedo: Arc::new(albedo),
+            roughness: Arc::new(roughness),
+            segments: Arc::new(segments),
+        })
+    }
+}
