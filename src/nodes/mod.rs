@@ -1,4 +1,7 @@
 //! The stages, in the order of the paper: the list, and nothing else.
 
 pub mod artifacts;
+pub mod edit;
+pub mod estimate;
+pub mod output;
 pub mod scene;

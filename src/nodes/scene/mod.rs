@@ -1,3 +1,5 @@
 //! From files to the seen room.
 
 pub mod mesh;
+
+pub mod read_scene;

@@ -1,0 +1,3 @@
+//! What an edit changes.
+
+pub mod edit_lights;

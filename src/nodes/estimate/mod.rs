@@ -1,0 +1,3 @@
+//! From the seen room to materials and lights.
+
+pub mod retinex_materials;
