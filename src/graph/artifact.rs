@@ -24,13 +24,31 @@ pub struct Value {
     pub(super) digest: Digest,
     pub(super) bytes: usize,
     pub(super) data: Arc<dyn Any + Send + Sync>,
+    pub(super) encode: fn(&(dyn Any + Send + Sync)) -> Vec<u8>,
 }
 
 impl Value {
     /// Erases `artifact`. The digest is taken over its type name and canonical bytes.
     pub fn new<T: Artifact>(artifact: Arc<T>) -> Value {
         let encoded = encode(&*artifact);
-        Value { type_name: T::TYPE, digest: digest_of(T::TYPE, &encoded), bytes: artifact.bytes(), data: artifact }
+        Value::with_digest(artifact, digest_of(T::TYPE, &encoded))
+    }
+
+    /// An artifact just decoded from its canonical bytes.
+    pub(super) fn stored<T: Artifact>(artifact: T, encoded: &[u8]) -> Value {
+        Value::with_digest(Arc::new(artifact), digest_of(T::TYPE, encoded))
+    }
+
+    fn with_digest<T: Artifact>(artifact: Arc<T>, digest: Digest) -> Value {
+        let encode = |data: &(dyn Any + Send + Sync)| {
+            encode(data.downcast_ref::<T>().expect("a value's encoder is made beside its data"))
+        };
+        Value { type_name: T::TYPE, digest, bytes: artifact.bytes(), data: artifact, encode }
+    }
+
+    /// The canonical bytes: what is stored.
+    pub(super) fn encoded(&self) -> Vec<u8> {
+        (self.encode)(&*self.data)
     }
 
     /// The typed artifact again, or `None` when it is of another type.

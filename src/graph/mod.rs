@@ -1,14 +1,34 @@
 //! The engine: a lazy, cached dataflow graph. It knows nothing of light, images or networks.
 
 mod artifact;
+mod cache;
 mod context;
+mod disk;
+mod draw;
+mod engine;
+mod file;
+mod key;
+mod lexer;
+mod network;
 mod node;
+mod registry;
+mod report;
+mod resolve;
+mod run;
+mod source;
 
 pub use artifact::{Artifact, Value};
 pub use context::{Cancel, Context, NodeError};
+pub use disk::{CacheReport, DiskCache};
+pub use engine::{Engine, EngineOptions};
+pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
+pub use network::{Graph, Wanted};
 pub use node::{
     Arity, File, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue, Scatter,
 };
+pub use registry::{KindSpec, Registry};
+pub use report::{Difference, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport};
+pub use source::{Fault, Key, Origin, Raw, Source, is_name, nearest};
 
 /// A BLAKE3 digest.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -16,13 +36,24 @@ pub struct Digest(pub [u8; 32]);
 
 impl std::fmt::Display for Digest {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+        const HEX: &[u8; 16] = b"0123456789abcdef";
+        let mut text = [0; 64];
+        for (pair, byte) in text.chunks_exact_mut(2).zip(self.0) {
+            pair.copy_from_slice(&[HEX[usize::from(byte >> 4)], HEX[usize::from(byte & 15)]]);
+        }
+        f.write_str(std::str::from_utf8(&text).expect("hexadecimal digits are ASCII"))
     }
 }
 
 impl std::fmt::Debug for Digest {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         std::fmt::Display::fmt(self, f)
+    }
+}
+
+impl serde::Serialize for Digest {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }
 

@@ -100,6 +100,8 @@ pub trait Params: Default {
     fn params() -> Vec<ParamSpec>;
     /// Sets one parameter from its RON text; `None` when there is no parameter of that name.
     fn set(&mut self, name: &str, ron: &str) -> Option<Result<(), ron::error::SpannedError>>;
+    /// Every parameter with its value as RON, in the order of declaration.
+    fn values(&self) -> Vec<(&'static str, String)>;
 }
 
 /// Declares the parameters of a stage, once: fields, types, defaults, documentation.
@@ -135,6 +137,9 @@ macro_rules! params {
                     return Some($crate::graph::from_ron(ron).map(|value| self.$field = value));
                 } )*
                 None
+            }
+            fn values(&self) -> Vec<(&'static str, String)> {
+                vec![$( (stringify!($field), $crate::graph::to_ron(&self.$field)) ),*]
             }
         }
     };
@@ -197,6 +202,8 @@ pub trait Outputs: Sized {
     fn ports() -> Vec<PortSpec>;
     /// In the order of [`Outputs::ports`].
     fn give(self) -> Vec<PortValue>;
+    /// Decodes one stored value of the port at `index` of [`Outputs::ports`].
+    fn decode(index: usize, bytes: &[u8]) -> Result<Value, String>;
 }
 
 /// A field type that can be an input port.
@@ -253,8 +260,7 @@ impl<T: Artifact> InPort for Gather<T> {
 }
 
 fn decode<T: Artifact>(bytes: &[u8]) -> Result<Value, String> {
-    let artifact: T = postcard::from_bytes(bytes).map_err(|e| e.to_string())?;
-    Ok(Value::new(Arc::new(artifact)))
+    postcard::from_bytes(bytes).map(|artifact: T| Value::stored(artifact, bytes)).map_err(|e| e.to_string())
 }
 
 impl<T: Artifact> OutPort for Arc<T> {
@@ -317,6 +323,11 @@ macro_rules! ports {
             }
             fn give(self) -> Vec<$crate::graph::PortValue> {
                 vec![$( $crate::graph::OutPort::give(self.$field) ),*]
+            }
+            fn decode(index: usize, bytes: &[u8]) -> Result<$crate::graph::Value, String> {
+                type Decode = fn(&[u8]) -> Result<$crate::graph::Value, String>;
+                let ports: &[Decode] = &[$( <$ty as $crate::graph::OutPort>::decode ),*];
+                ports.get(index).ok_or_else(|| format!("there is no output port {index}"))?(bytes)
             }
         }
     };

@@ -1,0 +1,314 @@
+//! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports are looked up later,
+//! by [`GraphFile::resolve`].
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::source::{Fault, Key, Origin, Raw, Source, is_name};
+
+/// The version of graph files that this program reads.
+const VERSION: u32 = 1;
+
+/// A graph file with everything that it extends.
+pub struct GraphFile {
+    path: PathBuf,
+    scene: Option<PathBuf>,
+    pub(super) sets: Vec<SetDecl>,
+    pub(super) nodes: Vec<NodeDecl>,
+    pub(super) outputs: Vec<Key>,
+}
+
+/// A set of member names, as the graph file gives it.
+pub struct SetInfo<'a> {
+    pub name: &'a str,
+    pub members: Vec<&'a str>,
+}
+
+/// A node, as the graph file gives it.
+pub struct NodeInfo<'a> {
+    pub name: &'a str,
+    pub kind: &'a str,
+    pub each: Option<&'a str>,
+}
+
+/// What is laid over a graph file: a scene, an edit, settings of the command line.
+///
+/// Settings for a kind that no node of the graph has, and members of a set that the graph does not have, are passed
+/// over: a graph need not use all that a scene offers.
+#[derive(Clone, Default)]
+pub struct Overlay {
+    /// In order: a later one wins.
+    pub settings: Vec<Setting>,
+    pub members: Vec<Member>,
+}
+
+/// One parameter given from outside of the graph file. Relative paths in it start from the folder of its source.
+#[derive(Clone)]
+pub struct Setting {
+    pub target: Target,
+    pub field: String,
+    pub value: Raw,
+}
+
+/// Whose parameter is set.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// That of all nodes of this kind.
+    Kind(String),
+    /// That of the node of this name.
+    Node(String),
+}
+
+/// One more member of a set.
+#[derive(Clone)]
+pub struct Member {
+    pub set: String,
+    pub name: String,
+    pub origin: Origin,
+}
+
+pub(super) struct SetDecl {
+    pub name: Key,
+    pub members: Vec<Key>,
+}
+
+pub(super) struct NodeDecl {
+    pub name: Key,
+    /// `None` in a child that only rewires or repeats.
+    pub kind: Option<Key>,
+    pub params: Vec<(Key, Raw)>,
+    pub each: Option<Key>,
+    pub wires: Vec<Wire>,
+}
+
+pub(super) struct Wire {
+    pub port: Key,
+    /// `node` or `node.port`; several only for a gather port.
+    pub from: Vec<Key>,
+}
+
+/// One file by itself.
+struct Layer {
+    extends: Option<Key>,
+    scene: Option<Key>,
+    sets: Vec<SetDecl>,
+    nodes: Vec<NodeDecl>,
+    outputs: Vec<Key>,
+}
+
+impl GraphFile {
+    /// Reads a graph file and what it extends. All faults of all these files come at once.
+    pub fn read(path: &Path) -> Result<GraphFile, Vec<Fault>> {
+        GraphFile::parse(Source::read(path).map_err(|fault| vec![fault])?)
+    }
+
+    /// The same from a text; `extends` is looked for beside `source.path`.
+    pub fn parse(source: Arc<Source>) -> Result<GraphFile, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let path = source.path.clone();
+        let mut chain = vec![identity(&path)];
+        let mut layers = Vec::new();
+        let mut next = Some(source);
+        while let Some(source) = next.take() {
+            let Some(layer) = parse_layer(&source, &mut faults) else { break };
+            if let Some(parent) = &layer.extends {
+                let parent_path = source.folder().join(&parent.name);
+                if chain.contains(&identity(&parent_path)) {
+                    let message = format!("`{}` extends itself: {}", parent.name, show_chain(&chain, &parent_path));
+                    faults.push(Fault::at(&parent.origin, message));
+                } else {
+                    chain.push(identity(&parent_path));
+                    match Source::read(&parent_path) {
+                        Ok(source) => next = Some(source),
+                        Err(fault) if fault.origin.is_none() => {
+                            let message = format!("{}: {}", fault.path.display(), fault.message);
+                            faults.push(Fault::at(&parent.origin, message));
+                        }
+                        Err(fault) => faults.push(fault),
+                    }
+                }
+            }
+            layers.push(layer);
+        }
+        let mut file = GraphFile { path, scene: None, sets: Vec::new(), nodes: Vec::new(), outputs: Vec::new() };
+        // The children of a file that cannot be read would only tell faults that are not theirs.
+        if faults.is_empty() {
+            layers.into_iter().rev().for_each(|layer| file.lay_over(layer, &mut faults));
+        }
+        if faults.is_empty() { Ok(file) } else { Err(faults) }
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The scene folder that the graph names, from the folder of the file that names it.
+    pub fn scene(&self) -> Option<PathBuf> {
+        self.scene.clone()
+    }
+
+    pub fn sets(&self) -> impl Iterator<Item = SetInfo<'_>> {
+        self.sets
+            .iter()
+            .map(|set| SetInfo { name: &set.name.name, members: set.members.iter().map(|m| m.name.as_str()).collect() })
+    }
+
+    pub fn nodes(&self) -> impl Iterator<Item = NodeInfo<'_>> {
+        self.nodes.iter().map(|node| NodeInfo {
+            name: &node.name.name,
+            kind: node.kind.as_ref().map_or("", |kind| &kind.name),
+            each: node.each.as_ref().map(|each| each.name.as_str()),
+        })
+    }
+
+    /// A set of a name that is there already is replaced; outputs are added; a node is changed field by field, unless
+    /// it becomes another kind: then nothing of the old one stays.
+    fn lay_over(&mut self, layer: Layer, faults: &mut Vec<Fault>) {
+        if let Some(scene) = layer.scene {
+            self.scene = Some(scene.origin.source.folder().join(scene.name));
+        }
+        for set in layer.sets {
+            match self.sets.iter_mut().find(|s| s.name.name == set.name.name) {
+                Some(old) => *old = set,
+                None => self.sets.push(set),
+            }
+        }
+        for node in layer.nodes {
+            let old = self.nodes.iter_mut().find(|n| n.name.name == node.name.name);
+            let same_kind = |old: &NodeDecl| {
+                let names = (old.kind.as_ref().map(|k| &k.name), node.kind.as_ref().map(|k| &k.name));
+                names.1.is_none() || names.0 == names.1
+            };
+            match old {
+                Some(old) if same_kind(old) => old.lay_over(node),
+                Some(old) => *old = node,
+                None => {
+                    if node.kind.is_none() {
+                        let message = format!("node `{}` has no `op`, and no file above gives it one", node.name.name);
+                        faults.push(Fault::at(&node.name.origin, message));
+                    }
+                    self.nodes.push(node);
+                }
+            }
+        }
+        for output in layer.outputs {
+            if self.outputs.iter().all(|o| o.name != output.name) {
+                self.outputs.push(output);
+            }
+        }
+    }
+}
+
+impl NodeDecl {
+    fn lay_over(&mut self, child: NodeDecl) {
+        self.params.extend(child.params);
+        self.each = child.each.or(self.each.take());
+        for wire in child.wires {
+            match self.wires.iter_mut().find(|w| w.port.name == wire.port.name) {
+                Some(old) => *old = wire,
+                None => self.wires.push(wire),
+            }
+        }
+    }
+}
+
+/// A path under which the same file is known again.
+fn identity(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| path.to_owned())
+}
+
+fn show_chain(chain: &[PathBuf], again: &Path) -> String {
+    let again = identity(again);
+    let names = chain.iter().skip_while(|p| **p != again).chain([&again]);
+    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    names.map(name).collect::<Vec<_>>().join(" -> ")
+}
+
+fn parse_layer(source: &Arc<Source>, faults: &mut Vec<Fault>) -> Option<Layer> {
+    let document = Raw::document(source, faults)?;
+    let mut layer = Layer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
+    let known = ["version", "extends", "scene", "sets", "nodes", "outputs"];
+    let fields = document.as_struct(Some("Graph"), &known, faults);
+    if !fields.iter().any(|(key, _)| key.name == "version") && document.variant().is_none_or(|v| v == "Graph") {
+        let fault = Fault::at(&document.variant_origin(), "`version` is missing");
+        faults.push(fault.help(format!("begin with `Graph(version: {VERSION},`")));
+    }
+    for (key, value) in fields {
+        match key.name.as_str() {
+            "version" => check_version(&value, faults),
+            "extends" => layer.extends = value.as_key().map_err(|f| faults.push(f)).ok(),
+            "scene" => layer.scene = value.as_key().map_err(|f| faults.push(f)).ok(),
+            "sets" => layer.sets = parse_sets(&value, faults),
+            "nodes" => {
+                let entries = value.as_map(faults);
+                layer.nodes = entries.into_iter().map(|(name, body)| parse_node(name, &body, faults)).collect();
+            }
+            _ => layer.outputs = names(&value.as_list(faults), faults),
+        }
+    }
+    Some(layer)
+}
+
+fn check_version(value: &Raw, faults: &mut Vec<Fault>) {
+    if value.parse::<u32>().ok() != Some(VERSION) {
+        faults.push(value.fault(format!("wanted version {VERSION}, got {}", value.short())));
+    }
+}
+
+fn parse_sets(value: &Raw, faults: &mut Vec<Fault>) -> Vec<SetDecl> {
+    let mut sets = Vec::new();
+    for (name, members) in value.as_map(faults) {
+        check_name(&name, "set", faults);
+        let members = names(&members.as_list(faults), faults);
+        members.iter().for_each(|member| check_name(member, "member", faults));
+        sets.push(SetDecl { name, members });
+    }
+    sets
+}
+
+fn parse_node(name: Key, body: &Raw, faults: &mut Vec<Fault>) -> NodeDecl {
+    check_name(&name, "node", faults);
+    let mut node = NodeDecl { name, kind: None, params: vec![], each: None, wires: vec![] };
+    for (key, value) in body.as_struct(None, &["op", "each", "in"], faults) {
+        match key.name.as_str() {
+            "op" => match value.variant() {
+                Some(kind) => {
+                    node.kind = Some(Key { name: kind.to_owned(), origin: value.variant_origin() });
+                    node.params = value.fields(&format!("`{kind}(parameter: value, ..)`"), faults);
+                }
+                None => faults.push(value.fault(format!("wanted `Kind(..)`, got `{}`", value.short()))),
+            },
+            "each" => node.each = value.as_key().map_err(|f| faults.push(f)).ok(),
+            _ => node.wires = value.as_map(faults).into_iter().map(|(port, v)| parse_wire(port, &v, faults)).collect(),
+        }
+    }
+    node
+}
+
+fn parse_wire(port: Key, value: &Raw, faults: &mut Vec<Fault>) -> Wire {
+    let list = value.text().starts_with('[');
+    let from = if list { value.as_list(faults) } else { vec![value.clone()] };
+    Wire { port, from: names(&from, faults) }
+}
+
+/// Strings, each given once.
+fn names(values: &[Raw], faults: &mut Vec<Fault>) -> Vec<Key> {
+    let mut keys: Vec<Key> = Vec::new();
+    for value in values {
+        match value.as_key() {
+            Ok(key) if keys.iter().any(|k| k.name == key.name) => {
+                faults.push(value.fault(format!("`{}` is given twice", key.name)));
+            }
+            Ok(key) => keys.push(key),
+            Err(fault) => faults.push(fault),
+        }
+    }
+    keys
+}
+
+pub(super) fn check_name(key: &Key, what: &str, faults: &mut Vec<Fault>) {
+    if !is_name(&key.name) {
+        let message = format!("wanted a {what} name of letters, digits and _, letter first, got `{}`", key.name);
+        faults.push(Fault::at(&key.origin, message));
+    }
+}

@@ -1,0 +1,91 @@
+//! The kinds of nodes that graph files may name, with their types forgotten.
+
+use super::{Context, File, Inputs, Node, NodeError, Outputs, ParamSpec, Params, PortSpec, PortValue, Value};
+
+/// The list of node kinds.
+#[derive(Default)]
+pub struct Registry {
+    kinds: Vec<KindSpec>,
+}
+
+/// What a kind of node is: the source of checks, of messages and of the node reference.
+pub struct KindSpec {
+    pub kind: &'static str,
+    pub version: u32,
+    pub doc: &'static str,
+    pub params: Vec<ParamSpec>,
+    pub inputs: Vec<PortSpec>,
+    pub outputs: Vec<PortSpec>,
+    pub(super) make: fn() -> Box<dyn AnyNode>,
+}
+
+impl Registry {
+    pub fn new() -> Registry {
+        Registry::default()
+    }
+
+    /// The same list with one more kind at its end.
+    pub fn with<N: Node>(mut self) -> Registry {
+        assert!(self.get(N::KIND).is_none(), "the kind {} is listed twice", N::KIND);
+        self.kinds.push(KindSpec {
+            kind: N::KIND,
+            version: N::VERSION,
+            doc: N::DOC,
+            params: N::params(),
+            inputs: N::In::ports(),
+            outputs: N::Out::ports(),
+            make: || Box::new(N::default()),
+        });
+        self
+    }
+
+    /// All kinds, in the order of the list.
+    pub fn kinds(&self) -> impl Iterator<Item = &KindSpec> {
+        self.kinds.iter()
+    }
+
+    pub fn get(&self, kind: &str) -> Option<&KindSpec> {
+        self.kinds.iter().find(|k| k.kind == kind)
+    }
+}
+
+/// A [`Node`] with its type forgotten.
+pub(super) trait AnyNode: Send + Sync {
+    fn set(&mut self, name: &str, ron: &str) -> Option<Result<(), ron::error::SpannedError>>;
+    fn values(&self) -> Vec<(&'static str, String)>;
+    fn files(&mut self) -> Vec<&mut File>;
+    fn check(&self) -> Result<(), String>;
+    fn decode(&self, port: usize, bytes: &[u8]) -> Result<Value, String>;
+    fn run(&self, inputs: Vec<PortValue>, ctx: &Context) -> Result<Vec<PortValue>, NodeError>;
+    fn boxed_clone(&self) -> Box<dyn AnyNode>;
+}
+
+impl<N: Node> AnyNode for N {
+    fn set(&mut self, name: &str, ron: &str) -> Option<Result<(), ron::error::SpannedError>> {
+        Params::set(self, name, ron)
+    }
+
+    fn values(&self) -> Vec<(&'static str, String)> {
+        Params::values(self)
+    }
+
+    fn files(&mut self) -> Vec<&mut File> {
+        Node::files(self)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        Node::check(self)
+    }
+
+    fn decode(&self, port: usize, bytes: &[u8]) -> Result<Value, String> {
+        N::Out::decode(port, bytes)
+    }
+
+    fn run(&self, inputs: Vec<PortValue>, ctx: &Context) -> Result<Vec<PortValue>, NodeError> {
+        Node::run(self, N::In::take(inputs), ctx).map(Outputs::give)
+    }
+
+    fn boxed_clone(&self) -> Box<dyn AnyNode> {
+        Box::new(self.clone())
+    }
+}

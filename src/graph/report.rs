@@ -1,0 +1,141 @@
+//! What a run tells: one report per node, warnings, outputs.
+
+use super::{Digest, PortValue};
+
+/// What became of a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// Its result was there already.
+    Hit,
+    Ran,
+    Failed,
+    /// Not run, because something it depends on failed.
+    Blocked,
+    Cancelled,
+}
+
+/// One node instance of a run.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct NodeReport {
+    /// `direct[lamp_0]`
+    pub name: String,
+    pub kind: &'static str,
+    pub status: Status,
+    /// Wall time of the stage itself; 0 unless it ran.
+    pub seconds: f64,
+    /// Rays that were traced in this run; 0 unless it ran.
+    pub rays: u64,
+    /// Mean relative standard error of the result, where the stage tells one (also of a result that was there already).
+    pub stderr: Option<f64>,
+    /// Memory that the outputs take.
+    pub bytes: u64,
+    /// Key of the result; `None` when an input never came.
+    pub key: Option<Digest>,
+    /// Why a node ran: `new`, or the first line of its key that changed.
+    pub why: Option<String>,
+    pub warnings: Vec<String>,
+    /// Why it failed, or what it was blocked by.
+    pub error: Option<String>,
+}
+
+/// What a run did and gave.
+#[derive(Default)]
+pub struct RunReport {
+    /// In topological, then declaration order.
+    pub nodes: Vec<NodeReport>,
+    /// The wanted outputs that were made, by the name they were wanted under.
+    pub outputs: Vec<(String, PortValue)>,
+    /// Warnings of the cache, that belong to no node.
+    pub warnings: Vec<String>,
+    /// Most memory that values took at one time.
+    pub peak_bytes: u64,
+    pub seconds: f64,
+}
+
+impl RunReport {
+    /// Whether every node gave its result.
+    pub fn is_complete(&self) -> bool {
+        self.nodes.iter().all(|n| matches!(n.status, Status::Hit | Status::Ran))
+    }
+
+    pub fn failed(&self) -> bool {
+        self.nodes.iter().any(|n| n.status == Status::Failed)
+    }
+
+    pub fn cancelled(&self) -> bool {
+        self.nodes.iter().any(|n| n.status == Status::Cancelled)
+    }
+
+    /// The value that was wanted as `name`.
+    pub fn output(&self, name: &str) -> Option<&PortValue> {
+        self.outputs.iter().find(|(n, _)| n == name).map(|(_, value)| value)
+    }
+
+    /// The names of the nodes with this status.
+    pub fn with_status(&self, status: Status) -> Vec<&str> {
+        self.nodes.iter().filter(|n| n.status == status).map(|n| n.name.as_str()).collect()
+    }
+}
+
+/// Watches a run. Calls come from any thread.
+pub trait Observer: Sync {
+    /// Once, before any work: how many nodes the run needs.
+    fn begin(&self, _total: usize) {}
+    /// A node's stage begins to work; not called for hits.
+    fn started(&self, _node: &str) {}
+    /// A node is done. Called again for a hit whose stored values turn out to be damaged when they are needed.
+    fn finished(&self, _report: &NodeReport) {}
+}
+
+impl Observer for () {}
+
+/// What a run would do with a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Planned {
+    Hit,
+    Run,
+    /// Depends on what something upstream gives, that has to run first.
+    Unknown,
+}
+
+/// One line of [`super::Engine::plan`].
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct PlanLine {
+    pub node: String,
+    pub kind: &'static str,
+    pub status: Planned,
+    /// Why it has to run, or what it waits for.
+    pub why: Option<String>,
+}
+
+/// Answer of [`super::Engine::explain`].
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Explanation {
+    pub node: String,
+    pub status: Planned,
+    /// One sentence: `parameter samples: 16 -> 32`.
+    pub why: String,
+    /// The first line of the key text that differs from the last stored one, as it was and as it is.
+    pub old: Option<String>,
+    pub new: Option<String>,
+    /// The whole key text, where it is known.
+    pub key_text: Option<String>,
+}
+
+/// A result that came out differently when [`super::Engine::verify`] made it again.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Difference {
+    pub node: String,
+    /// Output port, with the member where there is one: `mask[lamp_0]`.
+    pub port: String,
+    pub stored: Option<Digest>,
+    pub computed: Option<Digest>,
+}
+
+/// Answer of [`super::Engine::verify`].
+pub struct VerifyReport {
+    pub run: RunReport,
+    pub differences: Vec<Difference>,
+}
