@@ -5,13 +5,10 @@ mod exr_read;
 mod exr_write;
 mod npy;
 mod plane;
-mod segments;
-
-pub use plane::Plane;
-pub use segments::{Segments, Steps, retinex, segment};
 mod png_write;
 mod read;
 mod resample;
+mod segments;
 mod transfer;
 
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
@@ -20,6 +17,7 @@ pub use plane::{Bytes, Plane};
 pub use png_write::write_png;
 pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_photo};
 pub use resample::{fit, resize, same_aspect};
+pub use segments::{Segments, Steps, retinex, segment};
 pub use transfer::Transfer;
 
 use glam::Vec3;
