@@ -10,6 +10,7 @@ mod read;
 mod resample;
 mod segments;
 mod transfer;
+mod upsample;
 
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
 pub use exr_write::{Compression, ExrLayers};
@@ -19,6 +20,7 @@ pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};
 pub use transfer::Transfer;
+pub use upsample::{Taps, Upsampler};
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};

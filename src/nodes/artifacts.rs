@@ -33,7 +33,6 @@ artifacts! {
     Picture: |a| a.0.bytes(),
     Camera: |_| size_of::<Camera>(),
     SceneMesh: SceneMesh::bytes,
-    LightKind: |_| size_of::<LightKind>(),
     Shape: |_| size_of::<Shape>(),
     Radiance: |r| r.0.len() * 12,
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),

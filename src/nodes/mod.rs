@@ -4,4 +4,5 @@ pub mod artifacts;
 pub mod edit;
 pub mod estimate;
 pub mod output;
+pub mod render;
 pub mod scene;

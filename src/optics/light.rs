@@ -132,3 +132,70 @@ pub enum LightKind {
 /// The radiance of each lobe, linear RGB in units of the photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Radiance(pub Vec<Vec3>);
+
+/// Where the camera sees a light itself.
+impl Shape {
+    /// Distance along the ray from the origin through `ray`, in lengths of `ray`, to the emitting side of this light; `None`
+    /// when the ray does not meet it. [`Lamp::Plates`] have no closed surface and are never met.
+    pub fn meet(&self, ray: Vec3) -> Option<f32> {
+        let rect = |center: Vec3, x: Vec3, y: Vec3| {
+            let normal = x.cross(y);
+            let facing = normal.dot(ray);
+            let t = normal.dot(center) / facing;
+            let at = ray * t - center;
+            let within = at.dot(x).abs() <= x.length_squared() && at.dot(y).abs() <= y.length_squared();
+            (facing < 0.0 && t > 0.0 && within).then_some(t)
+        };
+        match self {
+            Shape::Absent | Shape::Lamp(Lamp::Plates(_)) => None,
+            Shape::Lamp(Lamp::Sphere { center, radius }) => {
+                let (a, b, c) = (ray.length_squared(), ray.dot(*center), center.length_squared() - radius * radius);
+                let root = b * b - a * c;
+                let t = (b - root.max(0.0).sqrt()) / a;
+                (root >= 0.0 && t > 0.0).then_some(t)
+            }
+            Shape::Lamp(Lamp::Rect { center, x, y }) => rect(*center, *x, *y),
+            Shape::Window(window) => rect(window.center, window.x, window.y),
+            Shape::Lamp(Lamp::Box { center, axes }) => (0..6)
+                .filter_map(|face| {
+                    let [a, b, c] = [0, 1, 2].map(|i| axes[(face / 2 + i) % 3]);
+                    let (a, side) = if face % 2 == 0 { (a, 1.0) } else { (-a, -1.0) };
+                    let handed = if b.cross(c).dot(a) * side > 0.0 { side } else { -side };
+                    rect(*center + a, b, c * handed)
+                })
+                .reduce(f32::min),
+            Shape::Lamp(Lamp::Mesh { corners, triangles }) => triangles
+                .iter()
+                .filter_map(|t| {
+                    let [a, b, c] = t.map(|i| corners[i as usize]);
+                    let normal = (b - a).cross(c - a);
+                    let facing = normal.dot(ray);
+                    let t = normal.dot(a) / facing;
+                    let at = ray * t;
+                    let inside = [(a, b), (b, c), (c, a)].iter().all(|(p, q)| (q - p).cross(at - p).dot(normal) >= 0.0);
+                    (facing < 0.0 && t > 0.0 && inside).then_some(t)
+                })
+                .reduce(f32::min),
+        }
+    }
+
+    /// A ball (centre, radius) that holds the light; `None` for [`Shape::Absent`] and an empty one.
+    pub fn ball(&self) -> Option<(Vec3, f32)> {
+        let around = |points: &mut dyn Iterator<Item = Vec3>| {
+            let (low, high) =
+                points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+            low.is_finite().then(|| (0.5 * (low + high), 0.5 * (high - low).length()))
+        };
+        match self {
+            Shape::Absent => None,
+            Shape::Lamp(Lamp::Sphere { center, radius }) => Some((*center, *radius)),
+            Shape::Lamp(Lamp::Rect { center, x, y }) => Some((*center, (*x + *y).length().max((*x - *y).length()))),
+            Shape::Window(w) => Some((w.center, (w.x + w.y).length().max((w.x - w.y).length()))),
+            Shape::Lamp(Lamp::Box { center, axes: [a, b, c] }) => {
+                Some((*center, (a.length_squared() + b.length_squared() + c.length_squared()).sqrt()))
+            }
+            Shape::Lamp(Lamp::Plates(plates)) => around(&mut plates.iter().map(|p| p.point)),
+            Shape::Lamp(Lamp::Mesh { corners, .. }) => around(&mut corners.iter().copied()),
+        }
+    }
+}

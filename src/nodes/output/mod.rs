@@ -1,3 +1,4 @@
 //! From planes to files.
 
+pub mod compose;
 pub mod write;

@@ -1,0 +1,146 @@
+//! `Glow`: where a light itself is in the picture.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::geometry::Camera;
+use crate::graph::{Context, Node, NodeError};
+use crate::image::{Depth, Mask, Plane};
+use crate::optics::Shape;
+use crate::{params, ports};
+
+params! {
+    /// Draws the body of a light: the share of each photo pixel that shows it, hidden by what stands before it.
+    ///
+    /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels are in the photo.
+    pub struct Glow {
+        /// Samples per pixel side for smooth edges; 1..=16.
+        supersampling: usize = 4,
+    }
+}
+
+ports! {
+    pub input GlowIn {
+        /// The light.
+        shape: Arc<Shape>,
+        /// The same light as it was estimated; none for an inserted one.
+        estimated: Option<Arc<Shape>>,
+        /// The camera of the photo.
+        camera: Arc<Camera>,
+        /// Planar z at the photo's size.
+        depth: Arc<Depth>,
+    }
+}
+
+ports! {
+    pub output GlowOut {
+        /// Share of each pixel covered by the light's body, photo size.
+        cover: Arc<Mask>,
+    }
+}
+
+impl Node for Glow {
+    const KIND: &'static str = "Glow";
+    const VERSION: u32 = 1;
+    type In = GlowIn;
+    type Out = GlowOut;
+
+    fn check(&self) -> Result<(), String> {
+        match self.supersampling {
+            1..=16 => Ok(()),
+            n => Err(format!("supersampling: wanted 1..=16, got {n}")),
+        }
+    }
+
+    fn run(&self, inputs: GlowIn, _: &Context) -> Result<GlowOut, NodeError> {
+        let camera = &inputs.camera;
+        let mut cover = Plane::filled(camera.width, camera.height, 0.0f32);
+        // Estimated lights are in the photo where they can be seen, and out of view otherwise.
+        if inputs.estimated.is_none_or(|e| e != inputs.shape)
+            && let Some([x0, y0, x1, y1]) = bounds(&inputs.shape, camera)
+        {
+            let n = self.supersampling;
+            let step = 1.0 / n as f32;
+            cover.pixels_mut().par_chunks_mut(camera.width).enumerate().skip(y0).take(y1 - y0).for_each(|(y, row)| {
+                for x in x0..x1 {
+                    let z = inputs.depth.0.get(x, y);
+                    let hits = (0..n * n).filter(|i| {
+                        let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
+                        let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
+                        // A window lies in a wall whose depth is uneven: a little behind still shows.
+                        let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.0 };
+                        inputs.shape.meet(ray).is_some_and(|t| t <= z * slack)
+                    });
+                    row[x] = hits.count() as f32 * step * step;
+                }
+            });
+        }
+        Ok(GlowOut { cover: Arc::new(Mask(cover)) })
+    }
+}
+
+/// Pixel rectangle (x0, y0, x1, y1; ends excluded) that holds the light's body, or `None` when it is out of view.
+fn bounds(shape: &Shape, camera: &Camera) -> Option<[usize; 4]> {
+    let (center, reach) = shape.ball()?;
+    if -center.z + reach <= 1e-3 {
+        return None;
+    }
+    let corners =
+        (0..8).map(|i| center + reach * Vec3::from_array([0, 1, 2].map(|b| if i >> b & 1 == 0 { -1.0 } else { 1.0 })));
+    let (mut low, mut high) = (glam::Vec2::INFINITY, glam::Vec2::NEG_INFINITY);
+    for corner in corners {
+        match camera.project(corner) {
+            Some(at) => (low, high) = (low.min(at), high.max(at)),
+            // Reaches behind the camera: it may be anywhere.
+            None => (low, high) = (glam::Vec2::ZERO, glam::Vec2::splat(f32::MAX)),
+        }
+    }
+    let limit = |v: f32, end: usize| v.clamp(0.0, end as f32) as usize;
+    let area = [
+        limit(low.x.floor(), camera.width),
+        limit(low.y.floor(), camera.height),
+        limit(high.x.ceil(), camera.width),
+        limit(high.y.ceil(), camera.height),
+    ];
+    (area[0] < area[2] && area[1] < area[3]).then_some(area)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::Lamp;
+
+    fn cover(shape: Shape, wall: f32) -> Plane<f32> {
+        let camera = Camera::from_fov_x(80, 60, 60.0);
+        let inputs = GlowIn {
+            shape: Arc::new(shape),
+            estimated: None,
+            camera: Arc::new(camera),
+            depth: Arc::new(Depth(Plane::filled(80, 60, wall))),
+        };
+        let glow = Glow::default().run(inputs, &Context::default()).expect("runs");
+        glow.cover.0.clone()
+    }
+
+    #[test]
+    fn a_sphere_covers_its_disc() {
+        let sphere = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.2 });
+        let got: f32 = cover(sphere.clone(), 5.0).pixels().iter().sum();
+        // The outline of a sphere on the axis is a circle of radius f tan(asin(r / d)).
+        let f = Camera::from_fov_x(80, 60, 60.0).fx;
+        let want = std::f32::consts::PI * (f * 0.1f32.asin().tan()).powi(2);
+        assert!((got / want - 1.0).abs() < 0.01, "{got} against {want} pixels");
+        assert_eq!(cover(sphere, 1.0).pixels().iter().sum::<f32>(), 0.0, "a wall before it hides it");
+    }
+
+    #[test]
+    fn lights_behind_or_around_the_camera_are_sound() {
+        let behind = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, 3.0), radius: 0.5 });
+        assert_eq!(cover(behind, 5.0).pixels().iter().sum::<f32>(), 0.0);
+        let around = Shape::Lamp(Lamp::Sphere { center: Vec3::ZERO, radius: 0.5 });
+        assert!(cover(around, 5.0).pixels().iter().all(|c| (0.0..=1.0).contains(c)));
+        assert_eq!(cover(Shape::Absent, 5.0).pixels().iter().sum::<f32>(), 0.0);
+    }
+}

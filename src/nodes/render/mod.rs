@@ -1,0 +1,4 @@
+//! Light through the seen room.
+
+pub mod glow;
+pub mod mix;
