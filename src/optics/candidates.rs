@@ -1,0 +1,326 @@
+//! Places where a light that the photo does not show may be, and the shape of one that it does.
+
+use glam::Vec3;
+
+use super::{Lamp, LightKind, Shape, Window};
+use crate::geometry::{Camera, PlaneFit};
+use crate::image::{Mask, Normal, Points};
+
+/// The box that the seen points fill, without the outermost 2 % on each side, at least 2.4 m high.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoomBox {
+    pub low: Vec3,
+    pub high: Vec3,
+}
+
+impl RoomBox {
+    /// `None` when there is no point.
+    pub fn around(points: &[Vec3]) -> Option<RoomBox> {
+        if points.is_empty() {
+            return None;
+        }
+        let range = |axis: usize| {
+            let mut values: Vec<f32> = points.iter().map(|p| p[axis]).collect();
+            values.sort_by(f32::total_cmp);
+            let at = |share: f32| values[((values.len() - 1) as f32 * share) as usize];
+            (at(0.02), at(0.98))
+        };
+        let [x, y, z] = [0, 1, 2].map(range);
+        let mut room = RoomBox { low: Vec3::new(x.0, y.0, z.0), high: Vec3::new(x.1, y.1, z.1) };
+        // A camera that looks down sees no ceiling.
+        room.high.y = room.high.y.max(room.low.y + 2.4);
+        Some(room)
+    }
+
+    /// How far the room is seen to reach.
+    fn depth(&self) -> f32 {
+        (-self.low.z).max(0.1)
+    }
+}
+
+fn in_view(camera: &Camera, point: Vec3) -> bool {
+    // A margin, since a light has extent.
+    camera.project(point).is_some_and(|at| {
+        let (w, h) = (camera.width as f32, camera.height as f32);
+        at.x > -0.02 * w && at.x < 1.02 * w && at.y > -0.02 * h && at.y < 1.02 * h
+    })
+}
+
+/// Lamps out of view: under the ceiling, facing down, and free-standing at half height; over, beside and behind the camera.
+pub fn lamp_candidates(room: &RoomBox, camera: &Camera) -> Vec<Shape> {
+    let (depth, height) = (room.depth(), room.high.y - room.low.y);
+    let mut lamps = Vec::new();
+    for z in [-0.5, -0.25, 0.0, 0.2] {
+        for x in [0.1, 0.37, 0.63, 0.9] {
+            let across = room.low.x + x * (room.high.x - room.low.x);
+            let ceiling = Vec3::new(across, room.high.y - 0.05 * height, z * depth);
+            let half = 0.12 * height;
+            let panel = Lamp::Rect { center: ceiling, x: Vec3::X * half, y: Vec3::Z * half };
+            let standing = Vec3::new(across, room.low.y + 0.55 * height, z * depth);
+            let globe = Lamp::Sphere { center: standing, radius: 0.07 * height };
+            // A globe at the camera itself would blind the photographer.
+            let near_camera = standing.length() < 0.3 * height;
+            lamps.extend((!in_view(camera, ceiling)).then_some(Shape::Lamp(panel)));
+            lamps.extend((!in_view(camera, standing) && !near_camera).then_some(Shape::Lamp(globe)));
+        }
+    }
+    lamps
+}
+
+/// Windows out of view: in either side wall, and in the wall behind the camera.
+pub fn window_candidates(room: &RoomBox, camera: &Camera) -> Vec<Window> {
+    let (depth, height) = (room.depth(), room.high.y - room.low.y);
+    let middle = room.low.y + 0.55 * height;
+    let mut windows = Vec::new();
+    let mut push = |center: Vec3, normal: Vec3, half_width: f32| {
+        let y = Vec3::Y * (0.27 * height);
+        let x = Vec3::Y.cross(normal) * half_width;
+        if !in_view(camera, center) {
+            windows.push(Window { center, x, y, lobes: Window::daylight(normal) });
+        }
+    };
+    for z in [-0.6, -0.35, -0.1, 0.15] {
+        push(Vec3::new(room.low.x, middle, z * depth), Vec3::X, 0.12 * depth);
+        push(Vec3::new(room.high.x, middle, z * depth), Vec3::NEG_X, 0.12 * depth);
+    }
+    for x in [0.25, 0.5, 0.75] {
+        let across = room.low.x + x * (room.high.x - room.low.x);
+        push(Vec3::new(across, middle, 0.3 * depth), Vec3::NEG_Z, 0.2 * (room.high.x - room.low.x));
+    }
+    windows
+}
+
+/// The shape of a light whose pixels are seen; `mask`, `points` and `normal` are of the camera's size. `None` when the mask
+/// has no pixel.
+pub fn visible_light(kind: LightKind, mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) -> Option<Shape> {
+    match kind {
+        LightKind::Lamp => visible_lamp(mask, points, normal, camera).map(Shape::Lamp),
+        LightKind::Window => visible_window(mask, points, normal, camera).map(Shape::Window),
+    }
+}
+
+/// Pixels (column, row) of the mask.
+fn pixels_of(mask: &Mask) -> Vec<(usize, usize)> {
+    let (w, h) = mask.0.size();
+    // A thin light may cover no pixel by more than half at working size.
+    let most = mask.0.pixels().iter().copied().fold(0.0, f32::max);
+    let threshold = 0.5f32.min(0.999 * most);
+    (0..w * h).map(|i| (i % w, i / w)).filter(|&(x, y)| most > 0.0 && mask.0.get(x, y) > threshold).collect()
+}
+
+/// Pixels within `reach` of the mask's bounding box and outside of the mask.
+fn surroundings(mask: &Mask, reach: usize) -> Vec<(usize, usize)> {
+    let pixels = pixels_of(mask);
+    let (w, h) = mask.0.size();
+    let range = |value: fn(&(usize, usize)) -> usize, end: usize| {
+        let low = pixels.iter().map(value).min().unwrap_or(0);
+        let high = pixels.iter().map(value).max().unwrap_or(0);
+        low.saturating_sub(reach)..(high + reach + 1).min(end)
+    };
+    let (xs, ys) = (range(|p| p.0, w), range(|p| p.1, h));
+    ys.flat_map(|y| xs.clone().map(move |x| (x, y))).filter(|&(x, y)| mask.0.get(x, y) == 0.0).collect()
+}
+
+fn median(mut values: Vec<f32>) -> f32 {
+    values.sort_by(f32::total_cmp);
+    values[values.len() / 2]
+}
+
+/// A panel where the pixels lie flush in a plane with what is around them; else a ball, or a box when the outline is long.
+///
+/// A body in space is as deep as its outline is narrow, and stands behind its visible front by half of that.
+fn visible_lamp(mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) -> Option<Lamp> {
+    let pixels = pixels_of(mask);
+    if pixels.is_empty() {
+        return None;
+    }
+    let at = |list: &[(usize, usize)]| -> (Vec<Vec3>, Vec<Vec3>) {
+        list.iter().map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y))).unzip()
+    };
+    let (own, _) = at(&pixels);
+    let reach = (camera.width.max(camera.height) / 60).max(3);
+    let (around, around_normals) = at(&surroundings(mask, reach));
+    let rays: Vec<Vec3> = pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
+    if let Some(plane) = PlaneFit::through(&around, &around_normals, 0.02)
+        && plane.support > 0.6
+        && own.iter().filter(|p| (plane.normal.dot(**p) - plane.offset).abs() < 0.02 * p.length()).count() * 10
+            > own.len() * 8
+        && let Some((center, x, y)) = extent(&rays, &plane)
+    {
+        return Some(Lamp::Rect { center: center + plane.normal * 0.01, x, y });
+    }
+    // Principal axes of the outline, in the plane through its middle that faces the camera.
+    let z = median(own.iter().map(|p| -p.z).collect());
+    let middle = rays.iter().sum::<Vec3>() / rays.len() as f32;
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for ray in &rays {
+        let d = *ray - middle;
+        (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
+    }
+    let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+    let (sin, cos) = angle.sin_cos();
+    let (long, short) = (Vec3::new(cos, sin, 0.0), Vec3::new(-sin, cos, 0.0));
+    // A pixel has extent of its own: half a pixel on each side.
+    let pixel = 0.5 / camera.fx;
+    let half = |axis: Vec3| rays.iter().map(|r| (*r - middle).dot(axis).abs()).fold(0.0, f32::max) + pixel;
+    let (a, b) = (half(long) * z, half(short) * z);
+    // Radius from the area, which a ragged outline changes less than its ends.
+    let area = pixels.len() as f32 * (z / camera.fx) * (z / camera.fy);
+    if a / b < 1.6 {
+        let radius = (area / std::f32::consts::PI).sqrt();
+        // The median of a ball's front lies 0.7 radius before its centre (half of the disc lies within r / sqrt 2).
+        let radius = radius * (1.0 + 0.7 * radius / z);
+        return Some(Lamp::Sphere { center: middle * (z + 0.7 * radius), radius });
+    }
+    let (a, b) = (a.min(area / (4.0 * b) * 1.3), b);
+    Some(Lamp::Box { center: middle * (z + 0.7 * b), axes: [long * a, short * b, Vec3::NEG_Z * b] })
+}
+
+/// The rectangle, on the plane of the wall around the mask, that the pane's pixels cover. A mask that the picture's edge cuts
+/// continues beyond it by as much as is seen.
+fn visible_window(mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) -> Option<Window> {
+    let pixels = pixels_of(mask);
+    let rays: Vec<Vec3> = pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
+    let middle = rays.iter().sum::<Vec3>().try_normalize()?;
+    let reach = (camera.width.max(camera.height) / 40).max(3);
+    let around = surroundings(mask, reach);
+    let (places, normals): (Vec<Vec3>, Vec<Vec3>) =
+        around.iter().map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y))).unzip();
+    let facing = |plane: PlaneFit| {
+        // Seen at less than 5 degrees, or without a wall around it: taken to face the camera at the depth of its frame.
+        let seen = -plane.normal.dot(middle);
+        (seen > 0.09 && plane.support > 0.15).then_some(plane)
+    };
+    let plane = PlaneFit::through(&places, &normals, 0.03).and_then(facing).unwrap_or_else(|| {
+        let z = if places.is_empty() { 3.0 } else { median(places.iter().map(|p| -p.z).collect()) };
+        let normal = Vec3::new(-middle.x, 0.0, -middle.z).try_normalize().unwrap_or(Vec3::Z);
+        PlaneFit { normal, offset: normal.dot(middle * (z / -middle.z)), support: 0.0, spread: 0.0 }
+    });
+    let (center, x, y) = extent(&rays, &plane)?;
+    let (mut center, mut x) = (center, x);
+    let (left, right) = (pixels.iter().any(|p| p.0 <= 1), pixels.iter().any(|p| p.0 + 2 >= camera.width));
+    if left != right {
+        // `x` points to the right of someone who looks out, that is, of the picture.
+        let outwards = if left { -x } else { x };
+        let sign = if x.x >= 0.0 { 1.0 } else { -1.0 };
+        center += outwards * sign;
+        x *= 2.0;
+    }
+    Some(Window { center: center + plane.normal * (0.01 + plane.spread), x, y, lobes: Window::daylight(plane.normal) })
+}
+
+/// The rectangle on `plane`, with a level edge where the plane is not level itself, that holds where `rays` meet it, the
+/// outermost 3 % left out; `x cross y` is along the normal. `None` when the plane is not met.
+fn extent(rays: &[Vec3], plane: &PlaneFit) -> Option<(Vec3, Vec3, Vec3)> {
+    let met: Vec<Vec3> = rays.iter().filter_map(|ray| plane.meet(*ray)).collect();
+    if met.is_empty() {
+        return None;
+    }
+    let n = plane.normal;
+    let (x, y) = if n.y.abs() < 0.8 {
+        let x = Vec3::Y.cross(n).normalize();
+        (x, n.cross(x))
+    } else {
+        let y = Vec3::Z.cross(n).cross(n).try_normalize().unwrap_or(Vec3::Z);
+        (y.cross(n), y)
+    };
+    let range = |axis: Vec3| {
+        let mut values: Vec<f32> = met.iter().map(|p| p.dot(axis)).collect();
+        values.sort_by(f32::total_cmp);
+        let at = |share: f32| values[((values.len() - 1) as f32 * share) as usize];
+        (at(0.03), at(0.97))
+    };
+    let ((x0, x1), (y0, y1)) = (range(x), range(y));
+    // One pixel, seen from afar, still has a size; what was left out is given back.
+    let least = 0.002 * met[0].length();
+    let half = |low: f32, high: f32| (0.5 * (high - low) / 0.94).max(least);
+    let center = x * (0.5 * (x0 + x1)) + y * (0.5 * (y0 + y1)) + n * plane.offset;
+    Some((center, x * half(x0, x1), y * half(y0, y1)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Plane;
+
+    fn wall_with(hole: impl Fn(usize, usize) -> bool) -> (Camera, Mask, Points, Normal) {
+        let camera = Camera::from_fov_x(160, 120, 60.0);
+        // A wall at z = 3 whose left end is nearer.
+        let n = Vec3::new(0.3, 0.0, 1.0).normalize();
+        let points = Plane::from_fn(160, 120, |x, y| {
+            let ray = camera.pixel_point(x, y, 1.0);
+            let t = -3.0 * n.z / n.dot(ray);
+            ray * if hole(x, y) { t * 20.0 } else { t }
+        });
+        let mask = Mask(Plane::from_fn(160, 120, |x, y| if hole(x, y) { 1.0 } else { 0.0 }));
+        (camera, mask, Points(points), Normal(Plane::filled(160, 120, n)))
+    }
+
+    #[test]
+    fn a_window_lies_in_its_wall_whatever_is_seen_through_it() {
+        let (camera, mask, points, normal) = wall_with(|x, y| (50..90).contains(&x) && (30..70).contains(&y));
+        let Some(Shape::Window(window)) = visible_light(LightKind::Window, &mask, &points, &normal, &camera) else {
+            panic!("a window")
+        };
+        let n = Vec3::new(0.3, 0.0, 1.0).normalize();
+        assert!((n.dot(window.center) + 3.0 * n.z).abs() < 0.03, "on the wall");
+        assert!(window.x.cross(window.y).normalize().dot(n) > 0.999, "faces the room");
+        let width = points.0.get(90, 50).distance(points.0.get(49, 50));
+        assert!((2.0 * window.x.length() / width - 1.0).abs() < 0.08, "{} against {width}", 2.0 * window.x.length());
+    }
+
+    #[test]
+    fn a_window_cut_by_the_picture_goes_on_beyond_it() {
+        let (camera, mask, points, normal) = wall_with(|x, y| x < 30 && (30..70).contains(&y));
+        let Some(Shape::Window(window)) = visible_light(LightKind::Window, &mask, &points, &normal, &camera) else {
+            panic!("a window")
+        };
+        let edge = camera.project(window.center).expect("before the camera");
+        assert!(edge.x < 3.0, "its middle is at the picture's edge, got {edge}");
+    }
+
+    #[test]
+    fn a_ball_is_a_sphere_and_a_strip_is_a_box() {
+        let camera = Camera::from_fov_x(160, 120, 60.0);
+        let center = Vec3::new(0.4, 0.3, -2.5);
+        let seen = Shape::Lamp(Lamp::Sphere { center, radius: 0.25 });
+        let ray = |x: usize, y: usize| camera.pixel_point(x, y, 1.0);
+        let z = Plane::from_fn(160, 120, |x, y| seen.meet(ray(x, y)).unwrap_or(5.0));
+        let mask = Mask(z.map(|z| if z < 5.0 { 1.0 } else { 0.0 }));
+        let points = Points(Plane::from_fn(160, 120, |x, y| ray(x, y) * z.get(x, y)));
+        let normal = Normal(Plane::filled(160, 120, Vec3::Z));
+        let Some(Shape::Lamp(Lamp::Sphere { center: got, radius })) =
+            visible_light(LightKind::Lamp, &mask, &points, &normal, &camera)
+        else {
+            panic!("a sphere")
+        };
+        assert!(got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05, "{got} {radius}");
+
+        let strip =
+            Mask(Plane::from_fn(
+                160,
+                120,
+                |x, y| if (40..120).contains(&x) && (50..60).contains(&y) { 1.0 } else { 0.0 },
+            ));
+        let flying =
+            Points(Plane::from_fn(160, 120, |x, y| ray(x, y) * if strip.0.get(x, y) > 0.5 { 2.0 } else { 5.0 }));
+        let shape = visible_light(LightKind::Lamp, &strip, &flying, &normal, &camera);
+        assert!(matches!(shape, Some(Shape::Lamp(Lamp::Box { .. }))), "{shape:?}");
+    }
+
+    #[test]
+    fn candidates_are_out_of_view() {
+        let camera = Camera::from_fov_x(320, 240, 60.0);
+        let room = RoomBox { low: Vec3::new(-2.0, -1.3, -5.0), high: Vec3::new(2.0, 1.2, -1.0) };
+        let lamps = lamp_candidates(&room, &camera);
+        let windows = window_candidates(&room, &camera);
+        assert!(lamps.len() > 10 && windows.len() > 5, "{} lamps, {} windows", lamps.len(), windows.len());
+        for center in lamps.iter().filter_map(|l| Some(l.ball()?.0)).chain(windows.iter().map(|w| w.center)) {
+            assert!(!in_view(&camera, center), "{center}");
+        }
+        for window in windows {
+            let inside = Vec3::new(0.0, 0.0, -2.5) - window.center;
+            assert!(window.x.cross(window.y).dot(inside) > 0.0, "faces the room: {window:?}");
+        }
+    }
+}
