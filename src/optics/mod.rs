@@ -1,5 +1,17 @@
 //! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
 
+mod emitter;
+mod gaussian;
 mod light;
+mod polygon;
+mod random;
+mod rectangle;
+mod sphere;
+mod window;
 
+pub use emitter::{Emitter, LightSample, estimate};
+pub use gaussian::Gaussian;
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
+pub use polygon::polygon_irradiance;
+pub use random::Points2;
+pub use sphere::sphere_irradiance;
