@@ -1,11 +1,13 @@
 //! Camera, depth to mesh, and rays.
 
 mod camera;
+mod grid;
 mod mesh;
 mod rays;
 mod surface;
 
 pub use camera::Camera;
+pub use grid::{Grid, cosine_direction};
 pub use mesh::{DEPTH_STEP, Hit, Own, SceneMesh, Sight};
 pub use rays::{RayMesh, RayMeshHit};
 pub use surface::{Surface, surface};

@@ -1,4 +1,5 @@
 //! The stages, in the order of the paper: the list, and nothing else.
 
 pub mod artifacts;
+pub mod render;
 pub mod scene;
