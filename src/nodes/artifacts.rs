@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{Albedo, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Shading};
-use crate::optics::{LightKind, Radiance, Shape};
+use crate::optics::{LightKind, Radiance, Shape, Transport};
 
 macro_rules! artifacts {
     ($( $ty:ident: $bytes:expr ),* $(,)?) => {$(
@@ -33,6 +33,7 @@ artifacts! {
     LightKind: |_| size_of::<LightKind>(),
     Shape: |_| size_of::<Shape>(),
     Radiance: |r| r.0.len() * 12,
+    Transport: Transport::bytes,
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),
     Visibility: |v| v.lit.iter().chain(&v.unknown).map(Plane::bytes).sum(),
     UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).sum(),

@@ -3,6 +3,7 @@
 mod direct;
 mod emitter;
 mod gaussian;
+mod indirect;
 mod light;
 mod polygon;
 mod random;
@@ -14,6 +15,7 @@ mod window;
 pub use direct::{Direct, direct};
 pub use emitter::{Emitter, LightSample, estimate};
 pub use gaussian::Gaussian;
+pub use indirect::{Bounces, Transport, indirect, trace_bounces};
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
 pub use polygon::polygon_irradiance;
 pub use random::Points2;

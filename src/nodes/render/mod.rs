@@ -2,6 +2,8 @@
 
 pub mod direct;
 pub mod shadow;
+pub mod trace_indirect;
+pub mod transport;
 
 use crate::graph::NodeError;
 
