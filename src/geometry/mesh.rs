@@ -124,6 +124,18 @@ impl SceneMesh {
         self.rays.get_or_init(|| apart(build))
     }
 
+    /// Whether the pixel is a corner of any surface triangle; panes and ignored pixels are not.
+    pub fn in_room(&self, pixel: usize) -> bool {
+        let (x, y) = (pixel % self.points.width(), pixel / self.points.width());
+        let quads = [(x, y), (x.wrapping_sub(1), y), (x, y.wrapping_sub(1)), (x.wrapping_sub(1), y.wrapping_sub(1))];
+        let (width, height) = self.cells.size();
+        // The quads around the pixel, and which of their corners it is.
+        quads.iter().enumerate().any(|(corner, &(x, y))| {
+            let cell = if x < width && y < height { self.cells.get(x, y) } else { 0 };
+            (0..2).any(|half| cell & Cell::SURFACE[half] != 0 && corners(cell, half).contains(&corner))
+        })
+    }
+
     /// The surface, for rays of one's own; the first caller builds the hierarchy. Numbers are 2 x pixel + half.
     pub fn surfaces(&self) -> &RayMesh {
         &self.rays()[0]

@@ -1,12 +1,14 @@
 //! Camera, depth to mesh, and rays.
 
 mod camera;
+mod grid;
 mod mesh;
 mod plane_fit;
 mod rays;
 mod surface;
 
 pub use camera::Camera;
+pub use grid::{Grid, cosine_direction};
 pub use mesh::{DEPTH_STEP, Hit, Own, SceneMesh, Sight};
 pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};

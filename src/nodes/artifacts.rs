@@ -7,7 +7,7 @@ use crate::graph::Artifact;
 use crate::image::{
     Albedo, Bytes, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Segments, Shading, Transfer,
 };
-use crate::optics::{LightKind, Radiance, Shape};
+use crate::optics::{LightKind, Radiance, Shape, Transport};
 
 macro_rules! artifacts {
     ($( $ty:ident: $bytes:expr ),* $(,)?) => {$(
@@ -35,6 +35,7 @@ artifacts! {
     SceneMesh: SceneMesh::bytes,
     Shape: |_| size_of::<Shape>(),
     Radiance: |r| r.0.len() * 12,
+    Transport: Transport::bytes,
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),
     Visibility: |v| v.lit.iter().chain(&v.unknown).map(Plane::bytes).sum(),
     UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).sum(),

@@ -1,13 +1,31 @@
 //! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
 
 mod candidates;
+mod direct;
+mod emitter;
+mod gaussian;
+mod indirect;
 mod light;
 mod nnls;
+mod polygon;
 mod radiance_fit;
+mod random;
+mod rectangle;
+mod shadow;
+mod sphere;
 mod temperature;
+mod window;
 
 pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates};
+pub use direct::{Direct, direct};
+pub use emitter::{Emitter, LightSample, estimate};
+pub use gaussian::Gaussian;
+pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
 pub use nnls::nnls;
+pub use polygon::polygon_irradiance;
 pub use radiance_fit::{Column, Evidence, RadianceFit, fit_radiances};
+pub use random::Points2;
+pub use shadow::{Shadow, ShadowQuality, shadow};
+pub use sphere::sphere_irradiance;
 pub use temperature::black_body;

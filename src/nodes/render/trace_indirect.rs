@@ -1,0 +1,85 @@
+//! `TraceIndirect`: indirect shading by bounces on the seen surface.
+
+use std::sync::Arc;
+
+use super::super::artifacts::{UnitDirect, UnitIndirect, Visibility};
+use crate::graph::{Context, Node, NodeError};
+use crate::image::{Albedo, Normal, Plane, Points};
+use crate::optics::{self, Bounces};
+use crate::{params, ports};
+
+params! {
+    /// Indirect shading of one light, per lobe of unit radiance: bounces over the rays of `Transport`, a constant ambient for
+    /// what is unseen. Exactly linear in the light, never negative, traces no ray.
+    pub struct TraceIndirect {
+        /// Bounces followed one by one, 1..64; the rest is a geometric series in the mean albedo.
+        bounces: u32 = 4,
+        /// Radiosity of what is unseen, as a multiple of the mean of what is seen, 0..1.
+        unseen: f32 = 1.0,
+    }
+}
+
+ports! {
+    pub input TraceIndirectIn {
+        /// What each part of the room sees.
+        transport: Arc<optics::Transport>,
+        /// The surface points.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// Diffuse albedo.
+        albedo: Arc<Albedo>,
+        /// Unshadowed direct shading per lobe.
+        direct: Arc<UnitDirect>,
+        /// Which share of it arrives.
+        visibility: Arc<Visibility>,
+    }
+}
+
+ports! {
+    pub output TraceIndirectOut {
+        /// Indirect shading per lobe.
+        indirect: Arc<UnitIndirect>,
+    }
+}
+
+impl Node for TraceIndirect {
+    const KIND: &'static str = "TraceIndirect";
+    const VERSION: u32 = 1;
+    type In = TraceIndirectIn;
+    type Out = TraceIndirectOut;
+
+    fn check(&self) -> Result<(), String> {
+        if !(1..=64).contains(&self.bounces) {
+            return Err(format!("bounces: wanted 1..64, got {}", self.bounces));
+        }
+        // A multiple above one could make every bounce brighter than the one before.
+        if !(0.0..=1.0).contains(&self.unseen) {
+            return Err(format!("unseen: wanted 0..1, got {}", self.unseen));
+        }
+        Ok(())
+    }
+
+    fn run(&self, inputs: TraceIndirectIn, ctx: &Context) -> Result<TraceIndirectOut, NodeError> {
+        let TraceIndirectIn { transport, points, normal, albedo, direct, visibility } = inputs;
+        let size = transport.size();
+        super::same_size("transport", size, "points", points.0.size())?;
+        super::same_size("transport", size, "normal", normal.0.size())?;
+        super::same_size("transport", size, "albedo", albedo.0.size())?;
+        if direct.lobes.len() != visibility.lit.len() {
+            let (wanted, got) = (direct.lobes.len(), visibility.lit.len());
+            return Err(NodeError::Failed(format!("`visibility` has {got} lobes, wanted {wanted} as `direct`")));
+        }
+        let bounces = Bounces { count: self.bounces as usize, unseen: self.unseen };
+        let lobe = |(direct, lit): (&Plane<f32>, &Plane<f32>)| {
+            ctx.check_cancelled()?;
+            super::same_size("transport", size, "direct", direct.size())?;
+            super::same_size("transport", size, "visibility", lit.size())?;
+            let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
+            let arrives = Plane::new(size.0, size.1, arrives);
+            Ok(optics::indirect(&transport, &points, &normal, &albedo, &arrives, bounces))
+        };
+        let lobes: Result<Vec<_>, NodeError> = direct.lobes.iter().zip(&visibility.lit).map(lobe).collect();
+        Ok(TraceIndirectOut { indirect: Arc::new(UnitIndirect { lobes: lobes? }) })
+    }
+}

@@ -1,0 +1,64 @@
+//! `Transport`: what every part of the room sees of the rest; traced once, whatever the light.
+
+use std::sync::Arc;
+
+use crate::geometry::SceneMesh;
+use crate::graph::{Context, Node, NodeError};
+use crate::image::{Normal, Points};
+use crate::optics;
+use crate::{params, ports};
+
+params! {
+    /// Cosine-distributed rays from a coarse grid of receivers, and the pixels they meet, for `TraceIndirect`.
+    pub struct Transport {
+        /// Every which pixel, along each axis, is a receiver, 1..64.
+        stride: u32 = 4,
+        /// Rays per receiver, 1..4096.
+        rays: u32 = 96,
+        /// Another seed gives other noise.
+        seed: u64 = 0,
+    }
+}
+
+ports! {
+    pub input TransportIn {
+        /// The seen room.
+        mesh: Arc<SceneMesh>,
+        /// The surface points, of the size of `mesh`.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+    }
+}
+
+ports! {
+    pub output TransportOut {
+        /// What each receiver sees.
+        transport: Arc<optics::Transport>,
+    }
+}
+
+impl Node for Transport {
+    const KIND: &'static str = "Transport";
+    const VERSION: u32 = 1;
+    type In = TransportIn;
+    type Out = TransportOut;
+
+    fn check(&self) -> Result<(), String> {
+        let within = |name: &str, value: u32, most: u32| {
+            if (1..=most).contains(&value) { Ok(()) } else { Err(format!("{name}: wanted 1..{most}, got {value}")) }
+        };
+        within("stride", self.stride, 64)?;
+        within("rays", self.rays, 4096)
+    }
+
+    fn run(&self, inputs: TransportIn, ctx: &Context) -> Result<TransportOut, NodeError> {
+        super::same_size("mesh", inputs.mesh.size(), "points", inputs.points.0.size())?;
+        super::same_size("mesh", inputs.mesh.size(), "normal", inputs.normal.0.size())?;
+        ctx.check_cancelled()?;
+        let (stride, rays) = (self.stride as usize, self.rays as usize);
+        let transport = optics::trace_bounces(&inputs.mesh, &inputs.points, &inputs.normal, stride, rays, self.seed);
+        ctx.count_rays(transport.rays());
+        Ok(TransportOut { transport: Arc::new(transport) })
+    }
+}

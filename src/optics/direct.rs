@@ -1,0 +1,44 @@
+//! Unshadowed direct shading of a whole picture by one light.
+
+use rayon::prelude::*;
+
+use super::{Emitter, Shape, estimate};
+use crate::image::{Normal, Plane, Points};
+
+/// Per lobe of unit radiance: irradiance / pi, and its standard error (zero where a closed form was used).
+pub struct Direct {
+    pub lobes: Vec<Plane<f32>>,
+    pub stderr: Vec<Plane<f32>>,
+}
+
+impl Direct {
+    /// Mean standard error over mean value, of all lobes together.
+    pub fn relative_error(&self) -> f64 {
+        let sum = |planes: &[Plane<f32>]| planes.iter().flat_map(|p| p.pixels()).map(|&v| f64::from(v)).sum::<f64>();
+        sum(&self.stderr) / sum(&self.lobes).max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Closed forms where there are any, else about `samples` samples per pixel. The planes are of one size.
+pub fn direct(points: &Points, normal: &Normal, shape: &Shape, samples: usize, seed: u64) -> Direct {
+    let emitter = Emitter::new(shape);
+    let (width, height) = points.0.size();
+    let shade = |out: &mut Vec<_>, i: usize| {
+        let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
+        match emitter.irradiance(point, n) {
+            Some(e) => ([e, 0.0, 0.0], [0.0; 3]),
+            None => {
+                emitter.sample(point, n, samples, seed, i as u32, out);
+                estimate(out, samples)
+            }
+        }
+    };
+    let pixels = (0..width * height).into_par_iter().with_min_len(width.max(1));
+    let shaded: Vec<([f32; 3], [f32; 3])> = pixels.map_init(Vec::new, shade).collect();
+    let plane =
+        |value: &dyn Fn(&([f32; 3], [f32; 3])) -> f32| Plane::new(width, height, shaded.iter().map(value).collect());
+    Direct {
+        lobes: (0..shape.lobes()).map(|k| plane(&|s| s.0[k])).collect(),
+        stderr: (0..shape.lobes()).map(|k| plane(&|s| s.1[k])).collect(),
+    }
+}

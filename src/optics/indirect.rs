@@ -1,0 +1,170 @@
+//! Indirect shading by bounces on the seen surface.
+//!
+//! With D the shadowed direct shading of a lobe (irradiance / pi), A the albedo and B = A (D + I) what a surface shows, the
+//! indirect shading is the mean of B over the cosine-distributed rays of a point: I = T A (D + I). The rays do not depend on
+//! the light, so they are traced once ([`trace_bounces`]), and every lobe only sums over what they hit ([`indirect`]). Rays
+//! that hit nothing, or a surface from behind, look into the unseen part of the room; it shows the mean B of what is seen,
+//! by area. All of it is linear in D, with coefficients that are not negative.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::random::Points2;
+use crate::geometry::{Grid, SceneMesh, cosine_direction};
+use crate::image::{Albedo, Normal, Plane, Points, Shading};
+
+/// What each receiver (a point of a coarse grid) sees along its rays.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Transport {
+    grid: Grid,
+    /// One row per receiver, one column per ray: the pixel met, or [`MISS`].
+    hits: Plane<u32>,
+    /// Each pixel's nearest receiver on its own surface.
+    nearest: Plane<u32>,
+    /// Area that each receiver stands for, square metres over focal length squared; zero where there is no room.
+    areas: Plane<f32>,
+}
+
+const MISS: u32 = u32::MAX;
+
+impl Transport {
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.hits.bytes() + self.nearest.bytes() + self.areas.bytes()
+    }
+
+    /// Number of rays traced.
+    pub fn rays(&self) -> u64 {
+        self.hits.len() as u64
+    }
+
+    /// Size of the planes it belongs to.
+    pub fn size(&self) -> (usize, usize) {
+        self.nearest.size()
+    }
+
+    /// The receivers.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// The receiver that is nearest to a pixel on its own surface.
+    pub fn nearest(&self, pixel: usize) -> usize {
+        self.nearest.pixels()[pixel] as usize
+    }
+
+    /// Per receiver, the share of its rays that look into the unseen part of the room.
+    pub fn open(&self) -> Vec<f32> {
+        let share = |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
+        self.hits.pixels().chunks(self.hits.width().max(1)).map(share).collect()
+    }
+
+    /// Number of rays that look into the unseen part of the room.
+    pub fn misses(&self) -> u64 {
+        self.hits.pixels().iter().filter(|&&hit| hit == MISS).count() as u64
+    }
+}
+
+/// Traces `rays` cosine-distributed rays from every `stride`th pixel. `points` and `normal` have the size of `mesh`.
+pub fn trace_bounces(
+    mesh: &SceneMesh,
+    points: &Points,
+    normal: &Normal,
+    stride: usize,
+    rays: usize,
+    seed: u64,
+) -> Transport {
+    let (width, height) = points.0.size();
+    let grid = Grid::new((width, height), stride);
+    let trace = |i: usize| -> Vec<u32> {
+        let pixel = grid.pixel(i);
+        let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
+        let from = point + n * mesh.offset(point);
+        let random = Points2::new(seed, pixel as u32, 0);
+        let look = |ray: usize| {
+            let direction = cosine_direction(n, random.get(ray));
+            let hit = mesh.closest(from, direction)?;
+            (normal.0.pixels()[hit.pixel as usize].dot(direction) < 0.0).then_some(hit.pixel)
+        };
+        (0..rays).map(|ray| look(ray).unwrap_or(MISS)).collect()
+    };
+    let rows: Vec<Vec<u32>> = (0..grid.len()).into_par_iter().map(trace).collect();
+    let nearest = |pixel: usize| {
+        let best = grid.neighbours(points, normal, pixel).into_iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
+        best.map_or(0, |(i, _)| i as u32)
+    };
+    let nearest = (0..width * height).into_par_iter().with_min_len(width.max(1)).map(nearest).collect();
+    let area = |i: usize| {
+        let pixel = grid.pixel(i);
+        let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
+        // A pixel covers z^2 / f^2 of a plane parallel to the picture; slanted ones are held back, their slant is uncertain.
+        let slant = -n.dot(point) / point.z.abs().max(1e-6);
+        if mesh.in_room(pixel) { point.z * point.z / slant.max(0.1) } else { 0.0 }
+    };
+    Transport {
+        hits: Plane::new(rays, grid.len(), rows.concat()),
+        nearest: Plane::new(width, height, nearest),
+        areas: Plane::new(grid.len(), 1, (0..grid.len()).map(area).collect()),
+        grid,
+    }
+}
+
+/// How bounces are summed.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounces {
+    /// Bounces followed one by one; the rest is a geometric series in the mean albedo.
+    pub count: usize,
+    /// Radiosity of what is unseen, as a multiple of the mean of what is seen.
+    pub unseen: f32,
+}
+
+/// Indirect shading of one lobe on all pixels; `direct` is its shadowed direct shading.
+pub fn indirect(
+    transport: &Transport,
+    points: &Points,
+    normal: &Normal,
+    albedo: &Albedo,
+    direct: &Plane<f32>,
+    bounces: Bounces,
+) -> Shading {
+    let shading = indirect_at_receivers(transport, albedo, |pixel| direct.pixels()[pixel], bounces);
+    Shading(transport.grid.upsample(points, normal, &[shading]).remove(0))
+}
+
+/// Indirect shading of one lobe on the receivers alone; `direct` is its shadowed direct shading at a pixel.
+pub fn indirect_at_receivers(
+    transport: &Transport,
+    albedo: &Albedo,
+    direct: impl Fn(usize) -> f32 + Sync,
+    bounces: Bounces,
+) -> Vec<Vec3> {
+    let Transport { grid, hits, nearest, areas } = transport;
+    let receivers = grid.len();
+    // An albedo of one would never come to rest.
+    let reflect = |pixel: usize| albedo.0.pixels()[pixel].clamp(Vec3::ZERO, Vec3::splat(0.95));
+    let area: f64 = areas.pixels().iter().map(|&a| f64::from(a)).sum();
+    let mean = |value: &dyn Fn(usize) -> Vec3| -> Vec3 {
+        let sum: glam::DVec3 = (0..receivers).map(|i| value(i).as_dvec3() * f64::from(areas.pixels()[i])).sum();
+        if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
+    };
+    let mean_albedo = mean(&|i| reflect(grid.pixel(i)));
+    let rays = hits.width().max(1) as f32;
+    // One bounce of the light `before`, which is the shading of a pixel.
+    let bounce = |before: &(dyn Fn(usize) -> Vec3 + Sync)| -> Vec<Vec3> {
+        let ambient = bounces.unseen * mean(&|i| reflect(grid.pixel(i)) * before(grid.pixel(i)));
+        let shown = |&hit: &u32| if hit == MISS { ambient } else { reflect(hit as usize) * before(hit as usize) };
+        let gather = |row: &[u32]| row.iter().map(shown).sum::<Vec3>() / rays;
+        hits.pixels().par_chunks(hits.width().max(1)).with_min_len(64).map(gather).collect()
+    };
+    let mut last = bounce(&|pixel| Vec3::splat(direct(pixel)));
+    let mut total = last.clone();
+    for _ in 1..bounces.count.max(1) {
+        last = bounce(&|pixel| last[nearest.pixels()[pixel] as usize]);
+        total.iter_mut().zip(&last).for_each(|(sum, add)| *sum += *add);
+    }
+    // Each further bounce is taken to be the one before times the mean albedo: exact where the albedo is constant.
+    let tail = mean_albedo / (Vec3::ONE - mean_albedo);
+    total.iter_mut().zip(&last).for_each(|(sum, add)| *sum += *add * tail);
+    total
+}

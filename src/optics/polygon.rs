@@ -1,0 +1,108 @@
+//! Irradiance from a polygon of uniform radiance, in closed form.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+/// E / L = (1/pi) integral of cos(theta) over the polygon's part above the horizon of `normal`.
+///
+/// `corners` (three or four, convex, either orientation) are relative to the shaded point. Lambert's formula, Photometria
+/// (1760): (1/2 pi) sum over the edges of (angle seen) (normal . edge's unit normal). 64-bit because the terms of a small,
+/// distant polygon cancel almost wholly.
+pub fn polygon_irradiance(corners: &[DVec3], normal: DVec3) -> f64 {
+    // A convex polygon gains at most one corner when a plane cuts it.
+    let mut above = [DVec3::ZERO; 5];
+    let mut count = 0;
+    let mut push = |corner: DVec3| {
+        if count < above.len() {
+            above[count] = corner;
+            count += 1;
+        }
+    };
+    for (i, &a) in corners.iter().enumerate() {
+        let b = corners[(i + 1) % corners.len()];
+        let (height_a, height_b) = (normal.dot(a), normal.dot(b));
+        if height_a >= 0.0 {
+            push(a);
+        }
+        if (height_a > 0.0 && height_b < 0.0) || (height_a < 0.0 && height_b > 0.0) {
+            push(a + (b - a) * (height_a / (height_a - height_b)));
+        }
+    }
+    let sum: f64 = (0..count)
+        .map(|i| {
+            let (a, b) = (above[i], above[(i + 1) % count]);
+            let cross = a.cross(b);
+            let length = cross.length();
+            // Seen edge on, or the point lies on it: no contribution.
+            if length > 0.0 { length.atan2(a.dot(b)) * normal.dot(cross) / length } else { 0.0 }
+        })
+        .sum();
+    (sum / TAU).abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    /// A rectangle from (0, 0) to (a, b) at height c over the point, parallel to its surface.
+    fn corner_rectangle(a: f64, b: f64, c: f64) -> [DVec3; 4] {
+        [DVec3::new(0.0, 0.0, c), DVec3::new(a, 0.0, c), DVec3::new(a, b, c), DVec3::new(0.0, b, c)]
+    }
+
+    #[test]
+    fn agrees_with_the_textbook_view_factors() {
+        // Howell, A Catalog of Radiation Heat Transfer Configuration Factors, B-3: element parallel to a rectangle.
+        let (a, b, c): (f64, f64, f64) = (0.7, 1.3, 0.9);
+        let (x, y) = (a / c, b / c);
+        let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+        let b3 = (x / rx * (y / rx).atan() + y / ry * (x / ry).atan()) / TAU;
+        assert!((polygon_irradiance(&corner_rectangle(a, b, c), DVec3::Z) - b3).abs() < 1e-14);
+        // B-4: element perpendicular to a rectangle that stands on its plane.
+        let wall = [DVec3::new(c, 0.0, 0.0), DVec3::new(c, b, 0.0), DVec3::new(c, b, a), DVec3::new(c, 0.0, a)];
+        let r = (c * c + a * a).sqrt();
+        let b4 = ((b / c).atan() - c / r * (b / r).atan()) / TAU;
+        assert!((polygon_irradiance(&wall, DVec3::Z) - b4).abs() < 1e-14);
+    }
+
+    #[test]
+    fn the_horizon_cuts_exactly() {
+        // A wall that goes as far below the horizon as above it gives what its upper half gives.
+        let wall = |bottom: f64| {
+            [
+                DVec3::new(1.0, -1.0, bottom),
+                DVec3::new(1.0, 2.0, bottom),
+                DVec3::new(1.0, 2.0, 1.5),
+                DVec3::new(1.0, -1.0, 1.5),
+            ]
+        };
+        let whole = polygon_irradiance(&wall(-1.5), DVec3::Z);
+        assert!((whole - polygon_irradiance(&wall(0.0), DVec3::Z)).abs() < 1e-15);
+        assert_eq!(
+            polygon_irradiance(&wall(-1.5), DVec3::Z),
+            polygon_irradiance(&wall(-1.5).map(|c| c * 3.0), DVec3::Z)
+        );
+        assert_eq!(
+            polygon_irradiance(&wall(-1.5).map(|c| DVec3::new(c.x, c.y, c.z - 2.0)), DVec3::Z),
+            0.0,
+            "all below"
+        );
+    }
+
+    #[test]
+    fn large_and_small_polygons_reach_their_limits() {
+        let sky = [
+            DVec3::new(1e6, 1e6, 1.0),
+            DVec3::new(-1e6, 1e6, 1.0),
+            DVec3::new(-1e6, -1e6, 1.0),
+            DVec3::new(1e6, -1e6, 1.0),
+        ];
+        assert!((polygon_irradiance(&sky, DVec3::Z) - 1.0).abs() < 1e-6, "a whole sky of 1 gives 1");
+        let far = corner_rectangle(1e-3, 1e-3, 5.0);
+        let point = 1e-6 / (PI * 25.0);
+        assert!((polygon_irradiance(&far, DVec3::Z) / point - 1.0).abs() < 1e-6, "a far small one is a point");
+        assert_eq!(polygon_irradiance(&[DVec3::ZERO; 4], DVec3::Z), 0.0);
+        assert!(polygon_irradiance(&[DVec3::ZERO, DVec3::X, DVec3::Z], DVec3::Z).is_finite());
+    }
+}

@@ -1,0 +1,181 @@
+//! One-sided rectangles: in front or behind, closed form, and sampling of the solid angle they fill.
+
+use std::f64::consts::TAU;
+
+use glam::{DVec3, Vec3};
+
+use super::polygon::polygon_irradiance;
+
+/// A rectangle that faces the side `normal` points to.
+#[derive(Clone, Copy)]
+pub struct Rectangle {
+    center: DVec3,
+    /// Half edges, orthogonal.
+    x: DVec3,
+    y: DVec3,
+    normal: DVec3,
+}
+
+impl Rectangle {
+    /// From half edges; `y` is made orthogonal to `x`. `None` when there is no area, or any number is not finite.
+    pub fn new(center: Vec3, x: Vec3, y: Vec3) -> Option<Rectangle> {
+        let (center, x, y) = (center.as_dvec3(), x.as_dvec3(), y.as_dvec3());
+        let y = y - x * (x.dot(y) / x.length_squared());
+        let normal = x.cross(y).try_normalize()?;
+        (center.is_finite() && x.is_finite() && y.is_finite()).then_some(Rectangle { center, x, y, normal })
+    }
+
+    /// Height of `point` over the emitting side; positive in front.
+    pub fn height(&self, point: DVec3) -> f64 {
+        self.normal.dot(point - self.center)
+    }
+
+    fn area(&self) -> f64 {
+        4.0 * self.x.length() * self.y.length()
+    }
+
+    /// E / L at `point` with surface normal `normal`; zero on or behind the rectangle's plane.
+    pub fn irradiance(&self, point: DVec3, normal: DVec3) -> f64 {
+        if self.height(point) <= 0.0 {
+            return 0.0;
+        }
+        let d = self.center - point;
+        polygon_irradiance(
+            &[d - self.x - self.y, d + self.x - self.y, d + self.x + self.y, d - self.x + self.y],
+            normal,
+        )
+    }
+
+    /// Where the ray from `point` along `direction` meets the emitting side, relative to `point`.
+    pub fn meet(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
+        let (height, fall) = (self.height(point), -self.normal.dot(direction));
+        if !(height > 0.0 && fall > 0.0) {
+            return None;
+        }
+        let place = direction * (height / fall);
+        let at = point + place - self.center;
+        let inside = |edge: DVec3| at.dot(edge).abs() <= edge.length_squared();
+        (place.is_finite() && inside(self.x) && inside(self.y)).then_some(place)
+    }
+
+    /// The solid angle seen from `point`, ready for sampling; `None` on or behind the plane.
+    pub fn seen_from(&self, point: DVec3) -> Option<SeenRectangle> {
+        let height = self.height(point);
+        (height > 0.0).then(|| SeenRectangle::new(self, point, height))
+    }
+}
+
+/// A rectangle as seen from a point. Sampling is uniform over its solid angle: Ureña, Fajardo and King, "An Area-Preserving
+/// Parametrization for Spherical Rectangles", EGSR 2013. Where that solid angle is too small to be computed as the
+/// difference of four angles, it is uniform over the area.
+pub struct SeenRectangle {
+    axes: [DVec3; 3],
+    /// The rectangle in those axes, seen from the origin: x in x0..x1, y in y0..y1, at z0 < 0.
+    x: [f64; 2],
+    y: [f64; 2],
+    z: f64,
+    b: [f64; 2],
+    k: f64,
+    solid_angle: f64,
+    /// Zero unless sampling is by area.
+    area: f64,
+}
+
+/// Below this many steradians the four angles have lost half of their 15 digits.
+const TINY: f64 = 1e-8;
+
+impl SeenRectangle {
+    fn new(rectangle: &Rectangle, point: DVec3, height: f64) -> SeenRectangle {
+        let (half_x, half_y) = (rectangle.x.length(), rectangle.y.length());
+        let axes = [rectangle.x / half_x, rectangle.y / half_y, rectangle.normal];
+        let d = rectangle.center - point;
+        let (cx, cy) = (d.dot(axes[0]), d.dot(axes[1]));
+        let (x, y, z) = ([cx - half_x, cx + half_x], [cy - half_y, cy + half_y], -height);
+        // Normals of the four planes through the origin and an edge.
+        let corner = |i: usize, j: usize| DVec3::new(x[i], y[j], z);
+        let edge = |a: DVec3, b: DVec3| a.cross(b).normalize_or_zero();
+        let n = [
+            edge(corner(0, 0), corner(1, 0)),
+            edge(corner(1, 0), corner(1, 1)),
+            edge(corner(1, 1), corner(0, 1)),
+            edge(corner(0, 1), corner(0, 0)),
+        ];
+        let angle = |i: usize| (-n[i].dot(n[(i + 1) % 4])).clamp(-1.0, 1.0).acos();
+        let k = TAU - angle(2) - angle(3);
+        let solid_angle = angle(0) + angle(1) - k;
+        let area = if solid_angle > TINY { 0.0 } else { rectangle.area() };
+        let solid_angle = if solid_angle > TINY { solid_angle } else { area * height / d.length().powi(3) };
+        SeenRectangle { axes, x, y, z, b: [n[0].z, n[2].z], k, solid_angle, area }
+    }
+
+    /// Steradians.
+    pub fn solid_angle(&self) -> f64 {
+        self.solid_angle
+    }
+
+    /// A place on the rectangle, relative to the point it is seen from.
+    pub fn sample(&self, [u, v]: [f64; 2]) -> DVec3 {
+        let ([x0, x1], [y0, y1]) = (self.x, self.y);
+        let (x, y) = if self.area > 0.0 {
+            (x0 + u * (x1 - x0), y0 + v * (y1 - y0))
+        } else {
+            let (sin, cos) = (u * self.solid_angle + self.k).sin_cos();
+            let f = (cos * self.b[0] - self.b[1]) / sin;
+            let c = (f.signum() / (f * f + self.b[0] * self.b[0]).sqrt()).clamp(-1.0, 1.0);
+            let x = (-c * self.z / (1.0 - c * c).max(1e-300).sqrt()).clamp(x0, x1);
+            let d2 = x * x + self.z * self.z;
+            let (h0, h1) = (y0 / (d2 + y0 * y0).sqrt(), y1 / (d2 + y1 * y1).sqrt());
+            let h = h0 + v * (h1 - h0);
+            let y = if h * h < 1.0 - 1e-12 { h * (d2 / (1.0 - h * h)).sqrt() } else { y1 };
+            (x, y.clamp(y0, y1))
+        };
+        x * self.axes[0] + y * self.axes[1] + self.z * self.axes[2]
+    }
+
+    /// Density per steradian of [`SeenRectangle::sample`] at a place on the rectangle.
+    pub fn pdf(&self, place: DVec3) -> f64 {
+        if self.area > 0.0 { place.length().powi(3) / (self.area * -self.z) } else { 1.0 / self.solid_angle }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::PI;
+
+    #[test]
+    fn samples_average_to_the_closed_form() {
+        let n = 200;
+        let shapes = [(1.0, 0.5), (3.0, 3.0), (0.01, 2.0), (1e-3, 1e-3), (1e-5, 1e-5)];
+        for (half_x, half_y) in shapes {
+            let r = Rectangle::new(Vec3::new(0.4, 1.0, 0.6), Vec3::X * half_x, Vec3::Z * half_y).unwrap();
+            assert!(r.height(DVec3::ZERO) > 0.0, "x cross z looks down");
+            let normal = DVec3::new(0.1, 0.6, 0.4).normalize();
+            let seen = r.seen_from(DVec3::ZERO).unwrap();
+            let mut sum = 0.0;
+            for i in 0..n * n {
+                let uv = [((i % n) as f64 + 0.5) / n as f64, ((i / n) as f64 + 0.5) / n as f64];
+                let place = seen.sample(uv);
+                assert!(
+                    r.meet(DVec3::ZERO, place.normalize() * 1.000_000_1).is_some()
+                        || uv.iter().any(|u| (u - 0.5).abs() > 0.49)
+                );
+                sum += normal.dot(place.normalize()).max(0.0) / seen.pdf(place);
+            }
+            let (sampled, exact) = (sum / (n * n) as f64 / PI, r.irradiance(DVec3::ZERO, normal));
+            assert!((sampled / exact - 1.0).abs() < 1e-3, "{half_x} {half_y}: {sampled} {exact}");
+        }
+    }
+
+    #[test]
+    fn nothing_behind_and_nothing_without_area() {
+        let r = Rectangle::new(Vec3::ZERO, Vec3::X, Vec3::Y).unwrap();
+        assert!(r.irradiance(DVec3::new(0.0, 0.0, 1.0), -DVec3::Z) > 0.4);
+        assert_eq!(r.irradiance(DVec3::new(0.0, 0.0, -1.0), DVec3::Z), 0.0, "behind");
+        assert_eq!(r.irradiance(DVec3::new(0.3, 0.3, 0.0), DVec3::Z), 0.0, "on it");
+        assert!(r.seen_from(DVec3::ZERO).is_none());
+        assert!(Rectangle::new(Vec3::ZERO, Vec3::X, Vec3::X).is_none());
+        assert!(Rectangle::new(Vec3::ZERO, Vec3::ZERO, Vec3::Y).is_none());
+        assert!(Rectangle::new(Vec3::NAN, Vec3::X, Vec3::Y).is_none());
+    }
+}
