@@ -6,3 +6,24 @@ pub mod estimate;
 pub mod output;
 pub mod render;
 pub mod scene;
+
+use crate::graph::Registry;
+
+/// All stages.
+pub fn registry() -> Registry {
+    Registry::new()
+        .with::<scene::read_scene::ReadScene>()
+        .with::<scene::mesh::Mesh>()
+        .with::<estimate::retinex_materials::RetinexMaterials>()
+        .with::<estimate::init_lights::InitLights>()
+        .with::<estimate::fit_lights::FitLights>()
+        .with::<edit::edit_lights::EditLights>()
+        .with::<render::direct::Direct>()
+        .with::<render::shadow::Shadow>()
+        .with::<render::transport::Transport>()
+        .with::<render::trace_indirect::TraceIndirect>()
+        .with::<render::mix::Mix>()
+        .with::<render::glow::Glow>()
+        .with::<output::compose::Compose>()
+        .with::<output::write::Write>()
+}

@@ -24,7 +24,7 @@ pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bo
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
 pub use nnls::nnls;
 pub use polygon::polygon_irradiance;
-pub use radiance_fit::{Column, Evidence, RadianceFit, fit_radiances};
+pub use radiance_fit::{Column, Evidence, RadianceFit, evidence_pixels, fit_radiances};
 pub use random::Points2;
 pub use shadow::{Shadow, ShadowQuality, shadow};
 pub use sphere::sphere_irradiance;

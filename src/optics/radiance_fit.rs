@@ -9,6 +9,7 @@
 use glam::{DVec3, Vec3};
 
 use super::nnls;
+use crate::image::{Mask, Picture, Segments, luminance};
 
 /// A photo on the pixels that take part in a fit.
 pub struct Evidence {
@@ -19,6 +20,54 @@ pub struct Evidence {
     pub segments: usize,
     /// Where the photo is clipped: there the model may be brighter at no cost, but not darker.
     pub saturated: Vec<bool>,
+}
+
+impl Evidence {
+    /// The photo at `pixels`: the mean over the pixels of the same segment within `radius` of each.
+    pub fn at(photo: &Picture, clipped: &Mask, segments: &Segments, pixels: &[usize], radius: usize) -> Evidence {
+        let (w, h) = photo.0.size();
+        let mean = |&pixel: &usize| {
+            let (x, y, label) = (pixel % w, pixel / w, segments.label.pixels()[pixel]);
+            let (mut sum, mut clip, mut count) = (Vec3::ZERO, 0.0, 0.0);
+            for y in y.saturating_sub(radius)..(y + radius + 1).min(h) {
+                for x in x.saturating_sub(radius)..(x + radius + 1).min(w) {
+                    if segments.label.get(x, y) == label {
+                        sum += photo.0.get(x, y);
+                        clip += clipped.0.get(x, y);
+                        count += 1.0;
+                    }
+                }
+            }
+            (sum / count, clip / count > 0.02)
+        };
+        let (photo, saturated) = pixels.iter().map(mean).unzip();
+        Evidence {
+            photo,
+            segment: pixels.iter().map(|&p| segments.label.pixels()[p]).collect(),
+            segments: segments.count as usize,
+            saturated,
+        }
+    }
+}
+
+/// The pixels of `candidates` that say something about the lights: bright enough to be told from black, and away (by two
+/// pixels) from every one of `masks`, which mark lights and what is no part of the room.
+pub fn evidence_pixels<'a>(
+    candidates: impl Iterator<Item = usize>,
+    photo: &Picture,
+    masks: impl Iterator<Item = &'a Mask>,
+) -> Vec<usize> {
+    let (w, h) = photo.0.size();
+    let mut taken = vec![false; w * h];
+    for mask in masks {
+        for i in (0..w * h).filter(|&i| mask.0.pixels()[i] > 0.0) {
+            let (x, y) = (i % w, i / w);
+            for y in y.saturating_sub(2)..(y + 3).min(h) {
+                taken[y * w + x.saturating_sub(2)..y * w + (x + 3).min(w)].fill(true);
+            }
+        }
+    }
+    candidates.filter(|&i| !taken[i] && luminance(photo.0.pixels()[i]) > 0.004).collect()
 }
 
 /// One light lobe's unit layer on the pixels of an [`Evidence`], and how much it must earn its place.

@@ -1,3 +1,5 @@
 //! From the seen room to materials and lights.
 
+pub mod fit_lights;
+pub mod init_lights;
 pub mod retinex_materials;

@@ -1,0 +1,250 @@
+//! `InitLights`: where the lights are, without a network.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::geometry::{Camera, SceneMesh};
+use crate::graph::{Context, Gather, Node, NodeError, Scatter};
+use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments};
+use crate::optics::{
+    self, Bounces, Column, Evidence, Lamp, LightKind, RoomBox, ShadowQuality, Shape, Transport, Window,
+    evidence_pixels, fit_radiances, lamp_candidates, visible_light, window_candidates,
+};
+use crate::{params, ports};
+
+/// The member that stands for lamps out of view.
+pub const INV_LAMP: &str = "inv_lamp";
+/// The member that stands for windows out of view.
+pub const INV_WINDOW: &str = "inv_window";
+
+params! {
+    /// Places the lights: visible ones from their pixels and the depth, one lamp and one window out of view from a dictionary.
+    ///
+    /// Each candidate's unit layer, with its own shadow and its own indirect light, is fitted to the photo together with
+    /// those of the visible lights and a constant ambient; the one that explains most is kept if it explains enough. A light
+    /// that is not needed is `Absent`.
+    pub struct InitLights {
+        /// Share of the unexplained part that a light out of view must explain; 0..1.
+        worth: f32 = 0.08,
+        /// Shadow rays per receiver and light.
+        samples: usize = 4,
+        /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
+        unseen: f32 = 0.7,
+        /// Cost of the constant ambient, as a share of the photo's energy: what a light can explain is the light's.
+        ambient_cost: f64 = 0.01,
+        /// Rounds of the fit per candidate.
+        turns: usize = 8,
+    }
+}
+
+ports! {
+    pub input InitLightsIn {
+        /// The linear photo, working size.
+        photo: Arc<Picture>,
+        /// Share of saturated pixels.
+        clipped: Arc<Mask>,
+        /// The camera at working size.
+        camera: Arc<Camera>,
+        /// Points of the seen surface.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// What casts shadows.
+        mesh: Arc<SceneMesh>,
+        /// What the receivers see.
+        transport: Arc<Transport>,
+        /// Albedo, for the indirect light.
+        albedo: Arc<Albedo>,
+        /// Pixels of one material.
+        segments: Arc<Segments>,
+        /// Pixels that are no part of the room.
+        ignore: Arc<Mask>,
+        /// Pixels of each visible light.
+        mask: Gather<Mask>,
+        /// What each visible light is.
+        kind: Gather<LightKind>,
+    }
+}
+
+ports! {
+    pub output InitLightsOut {
+        /// Every visible light, `inv_lamp` and `inv_window`.
+        shape: Scatter<Shape>,
+    }
+}
+
+impl Node for InitLights {
+    const KIND: &'static str = "InitLights";
+    const VERSION: u32 = 1;
+    type In = InitLightsIn;
+    type Out = InitLightsOut;
+
+    fn check(&self) -> Result<(), String> {
+        if !(0.0..1.0).contains(&self.worth) {
+            return Err(format!("worth: wanted 0..1, got {}", self.worth));
+        }
+        if !(1..=1024).contains(&self.samples) {
+            return Err(format!("samples: wanted 1..=1024, got {}", self.samples));
+        }
+        if !(0.0..=1.0).contains(&self.unseen) {
+            return Err(format!("unseen: wanted 0..=1, got {}", self.unseen));
+        }
+        if !(1..=1000).contains(&self.turns) {
+            return Err(format!("turns: wanted 1..=1000, got {}", self.turns));
+        }
+        if !(self.ambient_cost >= 0.0 && self.ambient_cost.is_finite()) {
+            return Err(format!("ambient_cost: wanted a number >= 0, got {}", self.ambient_cost));
+        }
+        Ok(())
+    }
+
+    fn run(&self, inputs: InitLightsIn, ctx: &Context) -> Result<InitLightsOut, NodeError> {
+        let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
+        let mut shapes: Vec<(String, Arc<Shape>)> = Vec::new();
+        for (id, mask) in inputs.mask.iter() {
+            let kind = inputs
+                .kind
+                .get(id)
+                .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
+            let shape = visible_light(**kind, mask, &inputs.points, &inputs.normal, &camera).unwrap_or_else(|| {
+                ctx.warn(format!("visible light {id:?} has no pixel at working size; it is left out"));
+                Shape::Absent
+            });
+            shapes.push((id.to_string(), Arc::new(shape)));
+        }
+        let scout = Scout::new(self, &inputs);
+        let (lamp, window) = scout.out_of_view(&shapes, &camera, ctx)?;
+        for (id, found) in [(INV_LAMP, &lamp), (INV_WINDOW, &window)] {
+            if *found == Shape::Absent {
+                ctx.warn(format!("no {id} is needed to explain the photo; it is left out"));
+            }
+        }
+        shapes.push((INV_LAMP.into(), Arc::new(lamp)));
+        shapes.push((INV_WINDOW.into(), Arc::new(window)));
+        Ok(InitLightsOut { shape: Scatter(shapes) })
+    }
+}
+
+/// The photo and the seen room on the receivers that take part, and how candidates are tried on them.
+struct Scout<'a> {
+    node: &'a InitLights,
+    inputs: &'a InitLightsIn,
+    /// All receivers.
+    points: Points,
+    normal: Normal,
+    /// Receivers that take part in the fit.
+    used: Vec<usize>,
+    evidence: Evidence,
+    ambient: Vec<Vec3>,
+}
+
+impl<'a> Scout<'a> {
+    fn new(node: &'a InitLights, inputs: &'a InitLightsIn) -> Scout<'a> {
+        let grid = inputs.transport.grid();
+        let row = |plane: &Plane<Vec3>| {
+            Plane::new(grid.len(), 1, (0..grid.len()).map(|i| plane.pixels()[grid.pixel(i)]).collect())
+        };
+        let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
+        let pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), &inputs.photo, masks);
+        let open = inputs.transport.open();
+        let used: Vec<usize> = {
+            let mut next = pixels.iter().peekable();
+            (0..grid.len()).filter(|&i| next.next_if(|&&p| p == grid.pixel(i)).is_some()).collect()
+        };
+        Scout {
+            node,
+            inputs,
+            points: Points(row(&inputs.points.0)),
+            normal: Normal(row(&inputs.normal.0)),
+            evidence: Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2),
+            ambient: used.iter().map(|&i| Vec3::splat(0.2 + 0.8 * open[i])).collect(),
+            used,
+        }
+    }
+
+    /// Unit layer of a lamp on the receivers in use: shadowed direct and indirect light.
+    fn layer(&self, lamp: &Lamp, own: Option<&Mask>) -> Vec<Vec3> {
+        let shape = Shape::Lamp(lamp.clone());
+        let InitLightsIn { mesh, transport, albedo, .. } = self.inputs;
+        let quality = ShadowQuality { samples: self.node.samples, seed: 0, stride: 1, assume_lit: 1.0 };
+        let direct = optics::direct(&self.points, &self.normal, &shape, self.node.samples, 0);
+        let shadow = optics::shadow(mesh, &self.points, &self.normal, &shape, own, quality);
+        let lit: Vec<f32> =
+            direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(direct, lit)| direct * lit).collect();
+        let bounces = Bounces { count: 2, unseen: self.node.unseen };
+        let indirect = optics::indirect_at_receivers(transport, albedo, |pixel| lit[transport.nearest(pixel)], bounces);
+        self.used.iter().map(|&i| indirect[i] + Vec3::splat(lit[i])).collect()
+    }
+
+    /// Mean misfit of the photo under these layers and the ambient.
+    fn loss(&self, layers: &[&[Vec3]]) -> f64 {
+        let mut columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect();
+        columns.push(Column { layer: &self.ambient, penalty: self.node.ambient_cost });
+        fit_radiances(&self.evidence, &columns, self.node.turns).loss
+    }
+
+    /// The lamp and the window out of view, each `Absent` unless it earns its place.
+    fn out_of_view(
+        &self,
+        shapes: &[(String, Arc<Shape>)],
+        camera: &Camera,
+        ctx: &Context,
+    ) -> Result<(Shape, Shape), NodeError> {
+        let absent = (Shape::Absent, Shape::Absent);
+        let seen: Vec<Vec3> = self.used.iter().map(|&i| self.points.0.pixels()[i]).collect();
+        let Some(room) = RoomBox::around(&seen) else { return Ok(absent) };
+        let visible: Vec<Vec<Vec3>> = shapes
+            .iter()
+            .filter_map(|(id, shape)| Some((flat(shape)?, self.inputs.mask.get(id).map(|mask| &**mask))))
+            .map(|(lamp, own)| self.layer(&lamp, own))
+            .collect();
+        let base: Vec<&[Vec3]> = visible.iter().map(Vec::as_slice).collect();
+        ctx.check_cancelled()?;
+        let lamps: Vec<Shape> = lamp_candidates(&room, camera);
+        let windows: Vec<Shape> = window_candidates(&room, camera).into_iter().map(Shape::Window).collect();
+        let lamp_count = lamps.len();
+        let candidates: Vec<Shape> = lamps.into_iter().chain(windows).collect();
+        let layers: Vec<Vec<Vec3>> = candidates
+            .par_iter()
+            .map(|shape| flat(shape).map_or_else(Vec::new, |lamp| self.layer(&lamp, None)))
+            .collect();
+        ctx.check_cancelled()?;
+        // The best single candidate, then the best of the other kind beside it.
+        let best = |given: &[&[Vec3]], range: std::ops::Range<usize>| -> Option<(usize, f64)> {
+            let losses: Vec<(usize, f64)> =
+                range.into_par_iter().map(|i| (i, self.loss(&[given, &[layers[i].as_slice()]].concat()))).collect();
+            losses.into_iter().reduce(|a, b| if b.1 < a.1 { b } else { a })
+        };
+        let enough = 1.0 - f64::from(self.node.worth);
+        let mut found = absent;
+        let mut keep = |i: usize| {
+            let slot = if i < lamp_count { &mut found.0 } else { &mut found.1 };
+            *slot = candidates[i].clone();
+        };
+        let nothing = self.loss(&base);
+        if let Some((first, loss)) = best(&base, 0..candidates.len())
+            && loss < enough * nothing
+        {
+            keep(first);
+            let others = if first < lamp_count { lamp_count..candidates.len() } else { 0..lamp_count };
+            let with_first = [&base, &[layers[first].as_slice()][..]].concat();
+            if let Some((second, both)) = best(&with_first, others)
+                && both < enough * loss
+            {
+                keep(second);
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// The light as a lamp of even radiance: a window, on the whole, is a bright rectangle.
+fn flat(shape: &Shape) -> Option<Lamp> {
+    match shape {
+        Shape::Absent => None,
+        Shape::Lamp(lamp) => Some(lamp.clone()),
+        Shape::Window(Window { center, x, y, .. }) => Some(Lamp::Rect { center: *center, x: *x, y: *y }),
+    }
+}
