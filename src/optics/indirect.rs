@@ -102,10 +102,17 @@ pub fn trace_bounces(
         let slant = -n.dot(point) / point.z.abs().max(1e-6);
         if mesh.in_room(pixel) { point.z * point.z / slant.max(0.1) } else { 0.0 }
     };
+    // What lies far behind the room (through a doorway, or at a pane that no mask marks) covers large areas and is no part of
+    // its light: no receiver stands for more than a few typical ones.
+    let mut areas: Vec<f32> = (0..grid.len()).map(area).collect();
+    let mut sorted: Vec<f32> = areas.iter().copied().filter(|&a| a > 0.0).collect();
+    sorted.sort_by(f32::total_cmp);
+    let most = 4.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    areas.iter_mut().for_each(|a| *a = a.min(most));
     Transport {
         hits: Plane::new(rays, grid.len(), rows.concat()),
         nearest: Plane::new(width, height, nearest),
-        areas: Plane::new(grid.len(), 1, (0..grid.len()).map(area).collect()),
+        areas: Plane::new(grid.len(), 1, areas),
         grid,
     }
 }

@@ -32,8 +32,9 @@ pub struct Shadow {
     pub rays: u64,
 }
 
-/// Shadows on all pixels of `points`, cast by `mesh`; `own` marks the light's own pixels (of the mesh), which cast none.
-/// Where no light arrives even without shadows, a pixel counts as lit.
+/// Shadows on all pixels of `points`, cast by `mesh`. `own` marks the light's own pixels (of the mesh): they cast no shadow, and
+/// are themselves neither lit nor unknown, as no light reaches its own (convex) surface. Where no light arrives even without
+/// shadows, a pixel counts as lit.
 pub fn shadow(
     mesh: &SceneMesh,
     points: &Points,
@@ -47,18 +48,20 @@ pub fn shadow(
         return Shadow { lit: Vec::new(), unknown: Vec::new(), rays: 0 };
     }
     let emitter = Emitter::new(shape);
-    let own = own.map(Own::new);
+    let is_own = |pixel: usize| own.is_some_and(|own| own.0.pixels()[pixel] > 0.5);
+    let passes = own.map(Own::new);
     let grid = Grid::new(points.0.size(), quality.stride);
     let trace = |samples: &mut Vec<_>, i: usize| {
         let pixel = grid.pixel(i);
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
-        emitter.sample(point, n, quality.samples, quality.seed, pixel as u32, samples);
+        let count = if is_own(pixel) { 0 } else { quality.samples };
+        emitter.sample(point, n, count, quality.seed, pixel as u32, samples);
         let from = point + n * mesh.offset(point);
         let (mut all, mut lit, mut unknown) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
         for sample in samples.iter() {
             let part = Vec3::from(sample.parts);
             all += part;
-            match mesh.visibility(from, sample.place, own.as_ref()) {
+            match mesh.visibility(from, sample.place, passes.as_ref()) {
                 Sight::Lit => lit += part,
                 Sight::Unknown => unknown += part,
                 Sight::Blocked => {}
@@ -80,7 +83,13 @@ pub fn shadow(
     let share = |k: usize, dark: f32, value: &dyn Fn(usize) -> f32| {
         let pixel = |i: usize| {
             let valid = up[2].pixels()[i][k];
-            if valid > 0.0 { (value(i) / valid).clamp(0.0, 1.0) } else { dark }
+            if is_own(i) {
+                0.0
+            } else if valid > 0.0 {
+                (value(i) / valid).clamp(0.0, 1.0)
+            } else {
+                dark
+            }
         };
         Plane::new(width, height, (0..width * height).map(pixel).collect())
     };
