@@ -68,7 +68,8 @@ pub fn shadow(
             }
         }
         // Lobes without any light here have no say in their neighbours' shadows.
-        let valid = all.cmpgt(Vec3::ZERO);
+        // Below this a reciprocal would overflow.
+        let valid = all.cmpgt(Vec3::splat(1e-30));
         let scale = Vec3::select(valid, all, Vec3::ONE).recip();
         let valid = Vec3::select(valid, Vec3::ONE, Vec3::ZERO);
         ([lit * scale, unknown * scale, valid], samples.len() as u64)
