@@ -25,7 +25,7 @@ params! {
     /// Writes the picture as PNG, and all layers as EXR.
     pub struct Write {
         /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
-        compression: Compression = Compression::Rle,
+        compression: Compression = Compression::None,
         /// Whether picture.exr holds more than the picture and its light layers.
         diagnostics: bool = true,
     }
@@ -117,9 +117,9 @@ impl Write {
         } else if self.diagnostics {
             diagnostics(inputs, &mut layers)?;
         }
-        layers.attribute("relight:units", UNITS);
+        layers.comment(UNITS);
         if let Some(lux) = inputs.encoding.lux {
-            layers.attribute("relight:lux", &lux.to_string());
+            layers.comment(&format!("exposure: white shows 1 at {lux} lux"));
         }
         if layers.clamped() > 0 {
             ctx.warn(format!("picture.exr: {} samples above 65504 are written as 65504", layers.clamped()));
@@ -128,7 +128,7 @@ impl Write {
     }
 }
 
-const UNITS: &str = "colours: linear Rec.709 in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
+const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
                      metres; normals: camera space, x right, y up, z backward";
 
 fn diagnostics(inputs: &WriteIn, layers: &mut ExrLayers) -> Result<(), NodeError> {
