@@ -402,7 +402,7 @@ fn the_written_layers_are_what_they_say() {
         // Half precision: 2^-11 relative in each of two numbers.
         assert!((got - wanted).abs() <= 1e-3 * wanted.abs() + 1e-6, "{name}: {got}, wanted {wanted}");
     };
-    for at in 0..exr["R"].len() {
+    for at in 0..48 * 36 {
         for axis in ["R", "G", "B"] {
             let ids = ["light0", "light1", "light2", "rest"];
             let sum: f32 = ids.iter().map(|id| exr[&format!("light_{id}.{axis}")][at]).sum();
@@ -473,6 +473,44 @@ fn a_16_bit_photo_gives_a_16_bit_picture() {
     let files = Write::default().run(inputs, &Context::default()).expect("sound inputs").files;
     let photo = read_photo(Source::new("picture.png", &files.0[0].1), Transfer::Srgb).expect("a PNG");
     assert_eq!(photo.bits, Bits::Sixteen);
+}
+
+#[test]
+fn real_photos_are_read() {
+    let photos = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/photos");
+    if !photos.is_dir() {
+        eprintln!("skipped: {} is not there", photos.display());
+        return;
+    }
+    for dir in fs::read_dir(&photos).expect("a folder").map(|entry| entry.expect("an entry").path()) {
+        let masks = dir.join("masks");
+        let mut scene = ReadScene {
+            photo: file(&dir.join("photo.png")),
+            depth: DepthSpec { path: file(&dir.join("depth.exr")), kind: DepthKind::PlanarZ, scale: 1.0 },
+            ..ReadScene::default()
+        };
+        for mask in if masks.is_dir() { files_below(&masks) } else { Vec::new() } {
+            match mask.file_stem().and_then(|name| name.to_str()).expect("a plain name") {
+                "outside" => scene.ignore = Some(file(&mask)),
+                id if id.starts_with("lamp") => {
+                    drop(scene.lights.insert(id.into(), LightSpec::Lamp { mask: file(&mask) }))
+                }
+                id => drop(scene.lights.insert(id.into(), LightSpec::Window { mask: file(&mask) })),
+            }
+        }
+        let start = Instant::now();
+        let (out, warnings) = run(&scene).expect("a real photo");
+        let seconds = start.elapsed().as_secs_f64();
+        let range = out.depth.0.pixels().iter().fold((f32::MAX, 0f32), |(l, h), &z| (l.min(z), h.max(z)));
+        let holes = out.holes.0.pixels().iter().sum::<f32>() / out.holes.0.len() as f32;
+        println!(
+            "{}: {:?}, depth {range:?}, holes {holes:.3}, {seconds:.3} s, {warnings:?}",
+            dir.display(),
+            out.photo.0.size()
+        );
+        assert_eq!(out.depth.0.size(), (320, 240));
+        assert!(range.0 > 0.1 && range.1 < 100.0, "{range:?}");
+    }
 }
 
 /// Prints the cost of Write by compression: `cargo test --release --test images -- --ignored --nocapture`.

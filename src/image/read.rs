@@ -170,7 +170,9 @@ impl Raster {
 
     /// The alpha channel of interleaved `values`, when there is one.
     fn alpha(&self, values: &[f32]) -> Option<Vec<f32>> {
-        (self.channels % 2 == 0).then(|| values.chunks_exact(self.channels).map(|p| p[self.channels - 1]).collect())
+        self.channels
+            .is_multiple_of(2)
+            .then(|| values.chunks_exact(self.channels).map(|p| p[self.channels - 1]).collect())
     }
 }
 

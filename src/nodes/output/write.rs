@@ -106,7 +106,8 @@ impl Write {
         for (name, plane) in pictures(inputs).skip(1) {
             layers.rgb(&name, plane);
         }
-        // Half floats: 16 bytes of albedo, normal and roughness with a float depth, 18 per light.
+        // A half float has two bytes: R G B A; three for each light and the rest; albedo, normal, roughness and a float
+        // depth; for each light two colours, a shadow and a float error.
         let bytes = width * height * (8 + 6 * (1 + inputs.layer.0.len()) + 18 + 18 * inputs.radiance.0.len());
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
