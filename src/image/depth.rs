@@ -64,7 +64,7 @@ fn between(half: &Plane<f32>, x: usize, y: usize) -> f32 {
     // A full-size centre lies a quarter of a half-size pixel from the nearest centre: weights 3/4 and 1/4.
     let near_far = |at: usize, n: usize| {
         let near = at / 2;
-        let far = if at % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(n - 1) };
+        let far = if at.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(n - 1) };
         (near, far)
     };
     let ((x0, x1), (y0, y1)) = (near_far(x, half.width()), near_far(y, half.height()));

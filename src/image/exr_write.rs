@@ -3,11 +3,12 @@
 use std::io::Cursor;
 
 use ::exr::math::Vec2;
-use ::exr::meta::attribute::{AttributeValue, Chromaticities, Text};
+use ::exr::meta::attribute::{Chromaticities, Text};
 use ::exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, WritableImage};
 use glam::Vec3;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::Plane;
@@ -27,13 +28,13 @@ pub struct ExrLayers {
     width: usize,
     height: usize,
     channels: Vec<AnyChannel<FlatSamples>>,
-    attributes: Vec<(String, String)>,
+    comments: Vec<String>,
     clamped: usize,
 }
 
 impl ExrLayers {
     pub fn new(width: usize, height: usize) -> ExrLayers {
-        ExrLayers { width, height, channels: Vec::new(), attributes: Vec::new(), clamped: 0 }
+        ExrLayers { width, height, channels: Vec::new(), comments: Vec::new(), clamped: 0 }
     }
 
     /// A half-float colour layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when `layer` is empty.
@@ -47,39 +48,38 @@ impl ExrLayers {
     }
 
     fn triple(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>) {
-        for (axis, name) in names.into_iter().enumerate() {
+        let samples = |axis: usize| half_samples(&plane.map(|v| v.to_array()[axis]));
+        let channels: Vec<_> = (0..3).into_par_iter().map(samples).collect();
+        for (name, samples) in names.into_iter().zip(channels) {
             let name = if layer.is_empty() { name.into() } else { format!("{layer}.{name}") };
-            self.half(&name, &plane.map(|v| v[axis]));
+            self.push_half(&name, plane.size(), samples);
         }
     }
 
     /// One half-float channel. Numbers beyond the range of a half become its largest, 65504, and are counted.
     pub fn half(&mut self, name: &str, plane: &Plane<f32>) {
-        let limit = f16::MAX.to_f32();
-        let over = plane.pixels().iter().filter(|v| v.abs() > limit).count();
-        self.clamped += over;
-        let mut samples = vec![f16::ZERO; plane.len()];
-        if over > 0 {
-            samples.convert_from_f32_slice(plane.map(|v| v.clamp(-limit, limit)).pixels());
-        } else {
-            samples.convert_from_f32_slice(plane.pixels());
-        }
-        self.push(name, plane, FlatSamples::F16(samples));
+        self.push_half(name, plane.size(), half_samples(plane));
+    }
+
+    fn push_half(&mut self, name: &str, size: (usize, usize), (samples, clamped): (Vec<f16>, usize)) {
+        self.clamped += clamped;
+        self.push(name, size, FlatSamples::F16(samples));
     }
 
     /// One single-precision channel.
     pub fn float(&mut self, name: &str, plane: &Plane<f32>) {
-        self.push(name, plane, FlatSamples::F32(plane.pixels().to_vec()));
+        self.push(name, plane.size(), FlatSamples::F32(plane.pixels().to_vec()));
     }
 
-    fn push(&mut self, name: &str, plane: &Plane<f32>, samples: FlatSamples) {
-        assert_eq!(plane.size(), (self.width, self.height), "every channel has the size of its file");
+    fn push(&mut self, name: &str, size: (usize, usize), samples: FlatSamples) {
+        assert_eq!(size, (self.width, self.height), "every channel has the size of its file");
         self.channels.push(AnyChannel::new(text(name), samples));
     }
 
-    /// A text attribute.
-    pub fn attribute(&mut self, name: &str, value: &str) {
-        self.attributes.push((name.into(), value.into()));
+    /// A line of the file's `comments` attribute. (Attributes of our own would be written in the order of a hash map, and
+    /// equal inputs would give other bytes.)
+    pub fn comment(&mut self, line: &str) {
+        self.comments.push(line.into());
     }
 
     /// How many samples did not fit into a half.
@@ -96,18 +96,42 @@ impl ExrLayers {
             Compression::Piz => ::exr::prelude::Compression::PIZ,
         };
         let encoding = Encoding { compression, ..Encoding::UNCOMPRESSED };
-        let mut layer_attributes = LayerAttributes::default();
-        layer_attributes.software_name = Some(text(concat!("relight ", env!("CARGO_PKG_VERSION"))));
-        let own = self.attributes.iter().map(|(name, value)| (text(name), AttributeValue::Text(text(value))));
-        layer_attributes.other.extend(own);
+        let layer_attributes = LayerAttributes {
+            software_name: Some(text(concat!("relight ", env!("CARGO_PKG_VERSION")))),
+            comments: (!self.comments.is_empty()).then(|| text(&self.comments.join("\n"))),
+            ..LayerAttributes::default()
+        };
+        let bytes: usize = self.channels.iter().map(|c| sample_bytes(&c.sample_data)).sum();
         let channels = AnyChannels::sort(self.channels.into_iter().collect());
         let mut image = Image::from_layer(Layer::new((self.width, self.height), layer_attributes, encoding, channels));
         let [red, green, blue, white] = REC709.map(|(x, y)| Vec2(x, y));
         image.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
-        let mut file = Cursor::new(Vec::new());
+        // Room for everything at once: growing would copy megabytes, again and again.
+        let mut file = Cursor::new(Vec::with_capacity(bytes + bytes / 16));
         image.write().to_buffered(&mut file).map_err(|e| format!("the EXR file cannot be written: {e}"))?;
         Ok(file.into_inner())
     }
+}
+
+fn sample_bytes(samples: &FlatSamples) -> usize {
+    match samples {
+        FlatSamples::F16(samples) => 2 * samples.len(),
+        FlatSamples::F32(samples) => 4 * samples.len(),
+        FlatSamples::U32(samples) => 4 * samples.len(),
+    }
+}
+
+/// The pixels as halves, and how many were clamped to the largest one.
+fn half_samples(plane: &Plane<f32>) -> (Vec<f16>, usize) {
+    let limit = f16::MAX.to_f32();
+    let clamped = plane.pixels().iter().filter(|v| v.abs() > limit).count();
+    let mut samples = vec![f16::ZERO; plane.len()];
+    if clamped > 0 {
+        samples.convert_from_f32_slice(plane.map(|v| v.clamp(-limit, limit)).pixels());
+    } else {
+        samples.convert_from_f32_slice(plane.pixels());
+    }
+    (samples, clamped)
 }
 
 /// Characters outside Latin-1 cannot stand in an EXR text and become `?`.

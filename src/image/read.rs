@@ -5,6 +5,7 @@
 
 use std::io::Cursor;
 
+use ::image::metadata::Orientation;
 use ::image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use glam::Vec3;
 
@@ -169,7 +170,9 @@ impl Raster {
 
     /// The alpha channel of interleaved `values`, when there is one.
     fn alpha(&self, values: &[f32]) -> Option<Vec<f32>> {
-        (self.channels % 2 == 0).then(|| values.chunks_exact(self.channels).map(|p| p[self.channels - 1]).collect())
+        self.channels
+            .is_multiple_of(2)
+            .then(|| values.chunks_exact(self.channels).map(|p| p[self.channels - 1]).collect())
     }
 }
 
@@ -179,11 +182,15 @@ fn decode_raster(source: Source, format: ImageFormat) -> Result<Raster, ReadErro
     limits.max_alloc = Some(MAX_BYTES);
     let mut reader = ImageReader::with_format(Cursor::new(source.bytes), format);
     reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(bad)?;
+    let mut decoder = reader.into_decoder().map_err(bad)?;
+    // Damaged metadata is no reason to refuse sound pixels.
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let (width, height) = decoder.dimensions();
     let colour = decoder.color_type();
     source.check_size(width.into(), height.into(), colour.bytes_per_pixel().into())?;
-    let image = DynamicImage::from_decoder(decoder).map_err(bad)?;
+    let mut image = DynamicImage::from_decoder(decoder).map_err(bad)?;
+    image.apply_orientation(orientation);
+    let (width, height) = (image.width() as usize, image.height() as usize);
     let samples = match colour {
         ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => Samples::Eight(image.into_bytes()),
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
@@ -193,11 +200,11 @@ fn decode_raster(source: Source, format: ImageFormat) -> Result<Raster, ReadErro
         other => return Err(source.error("pixels", "grey or RGB, 8 or 16 bits or float", format!("{other:?}"))),
     };
     let channels = usize::from(colour.channel_count());
-    Ok(Raster { width: width as usize, height: height as usize, channels, samples })
+    Ok(Raster { width, height, channels, samples })
 }
 
 /// Reads a photo: PNG (8 or 16 bits, grey, RGB, palette; alpha is left out with a warning), JPEG, HDR, EXR (R, G, B, or
-/// Y, or R alone). HDR and EXR are linear by their format; `transfer` applies to the others.
+/// Y, or R alone). A photo that carries an EXIF orientation is turned upright. HDR and EXR are linear by their format; `transfer` applies to the others.
 ///
 /// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float file, within 0.1 % of
 /// the file's maximum, if that maximum is a plateau: at least 16 pixels, at least 0.01 % and at most half of all.

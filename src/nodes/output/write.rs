@@ -25,7 +25,7 @@ params! {
     /// Writes the picture as PNG, and all layers as EXR.
     pub struct Write {
         /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
-        compression: Compression = Compression::Rle,
+        compression: Compression = Compression::None,
         /// Whether picture.exr holds more than the picture and its light layers.
         diagnostics: bool = true,
     }
@@ -106,7 +106,8 @@ impl Write {
         for (name, plane) in pictures(inputs).skip(1) {
             layers.rgb(&name, plane);
         }
-        // Half floats: 16 bytes of albedo, normal and roughness with a float depth, 18 per light.
+        // A half float has two bytes: R G B A; three for each light and the rest; albedo, normal, roughness and a float
+        // depth; for each light two colours, a shadow and a float error.
         let bytes = width * height * (8 + 6 * (1 + inputs.layer.0.len()) + 18 + 18 * inputs.radiance.0.len());
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
@@ -117,9 +118,9 @@ impl Write {
         } else if self.diagnostics {
             diagnostics(inputs, &mut layers)?;
         }
-        layers.attribute("relight:units", UNITS);
+        layers.comment(UNITS);
         if let Some(lux) = inputs.encoding.lux {
-            layers.attribute("relight:lux", &lux.to_string());
+            layers.comment(&format!("exposure: white shows 1 at {lux} lux"));
         }
         if layers.clamped() > 0 {
             ctx.warn(format!("picture.exr: {} samples above 65504 are written as 65504", layers.clamped()));
@@ -128,7 +129,7 @@ impl Write {
     }
 }
 
-const UNITS: &str = "colours: linear Rec.709 in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
+const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
                      metres; normals: camera space, x right, y up, z backward";
 
 fn diagnostics(inputs: &WriteIn, layers: &mut ExrLayers) -> Result<(), NodeError> {
