@@ -3,7 +3,8 @@
 usage: make_demo.py [--spp 256] [--out scenes/demo] [--threads 1] [--preview FILE.png]
 
 Path tracing with Mitsuba 3 (variant llvm_ad_rgb; DRJIT_LIBLLVM_PATH names the LLVM library), each light alone in the room, then Open Image
-Denoise with exact albedo and normals. The same seed gives the same files on the same machine type and versions."""
+Denoise with exact albedo and normals. Same seed, versions and thread count give the same files; another thread count sums in another order,
+which moves about one half-float value in a thousand by its last bit."""
 import argparse
 import json
 import math
