@@ -90,12 +90,21 @@ pub fn window_candidates(room: &RoomBox, camera: &Camera) -> Vec<Window> {
     windows
 }
 
-/// The shape of a light whose pixels are seen; `mask`, `points` and `normal` are of the camera's size. `None` when the mask
-/// has no pixel.
-pub fn visible_light(kind: LightKind, mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) -> Option<Shape> {
+/// Shapes that a light may have whose pixels are seen, the likeliest first; none when the mask has no pixel. `mask`, `points` and
+/// `normal` are of the camera's size.
+pub fn visible_light(
+    kind: LightKind,
+    mask: &Mask,
+    points: &Points,
+    normal: &Normal,
+    camera: &Camera,
+    room: Option<&RoomBox>,
+) -> Vec<Shape> {
     match kind {
-        LightKind::Lamp => visible_lamp(mask, points, normal, camera).map(Shape::Lamp),
-        LightKind::Window => visible_window(mask, points, normal, camera).map(Shape::Window),
+        LightKind::Lamp => visible_lamp(mask, points, normal, camera).into_iter().map(Shape::Lamp).collect(),
+        LightKind::Window => {
+            visible_windows(mask, points, normal, camera, room).into_iter().map(Shape::Window).collect()
+        }
     }
 }
 
@@ -176,34 +185,44 @@ fn visible_lamp(mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) 
     Some(Lamp::Box { center: middle * (z + 0.7 * b), axes: [long * a, short * b, Vec3::NEG_Z * b] })
 }
 
-/// The rectangle, on the plane of the wall around the mask, that the pane's pixels cover. A mask that the picture's edge cuts
-/// continues beyond it by as much as is seen.
-fn visible_window(mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) -> Option<Window> {
+/// Rectangles that the pane's pixels cover: on the plane of the wall around the mask, and, since that wall may be hidden, seen
+/// edge-on or lost in what is seen through the glass, on the sides of the room.
+fn visible_windows(
+    mask: &Mask,
+    points: &Points,
+    normal: &Normal,
+    camera: &Camera,
+    room: Option<&RoomBox>,
+) -> Vec<Window> {
     let pixels = pixels_of(mask);
     let rays: Vec<Vec3> = pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
-    let middle = rays.iter().sum::<Vec3>().try_normalize()?;
+    let Some(middle) = rays.iter().sum::<Vec3>().try_normalize() else { return Vec::new() };
     let reach = (camera.width.max(camera.height) / 40).max(3);
-    let around = surroundings(mask, reach);
     let (places, normals): (Vec<Vec3>, Vec<Vec3>) =
-        around.iter().map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y))).unzip();
-    let facing = |plane: PlaneFit| {
-        // Seen at less than 5 degrees, or without a wall around it: taken to face the camera at the depth of its frame.
-        let seen = -plane.normal.dot(middle);
-        (seen > 0.09 && plane.support > 0.15).then_some(plane)
-    };
-    let plane = PlaneFit::through(&places, &normals, 0.03).and_then(facing).unwrap_or_else(|| {
-        let z = if places.is_empty() { 3.0 } else { median(places.iter().map(|p| -p.z).collect()) };
-        let normal = Vec3::new(-middle.x, 0.0, -middle.z).try_normalize().unwrap_or(Vec3::Z);
-        PlaneFit { normal, offset: normal.dot(middle * (z / -middle.z)), support: 0.0, spread: 0.0 }
-    });
-    let (center, x, y) = extent(&rays, &plane)?;
-    let (mut center, mut x) = (center, x);
+        surroundings(mask, reach).iter().map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y))).unzip();
+    let wall = PlaneFit::through(&places, &normals, 0.03);
+    let side = |normal: Vec3, offset: f32| PlaneFit { normal, offset, support: 0.0, spread: 0.0 };
+    let sides = room
+        .into_iter()
+        .flat_map(|room| [side(Vec3::X, room.low.x), side(Vec3::NEG_X, -room.high.x), side(Vec3::Z, room.low.z)]);
+    // At the depth of what is around it, facing the camera: always there.
+    let z = if places.is_empty() { 3.0 } else { median(places.iter().map(|p| -p.z).collect()) };
+    let facing = Vec3::new(-middle.x, 0.0, -middle.z).try_normalize().unwrap_or(Vec3::Z);
+    let facing = side(facing, facing.dot(middle * (z / -middle.z)));
+    // A wall seen at less than 5 degrees says little of where its window is.
+    let usable = |plane: &PlaneFit| -plane.normal.dot(middle) > 0.09;
+    let planes = wall.filter(|plane| plane.support > 0.15).into_iter().chain(sides).filter(usable).chain([facing]);
+    planes.filter_map(|plane| window_on(&plane, &pixels, &rays, camera)).collect()
+}
+
+/// The window on `plane`. A mask that the picture's edge cuts continues beyond it by as much as is seen.
+fn window_on(plane: &PlaneFit, pixels: &[(usize, usize)], rays: &[Vec3], camera: &Camera) -> Option<Window> {
+    let (mut center, mut x, y) = extent(rays, plane)?;
     let (left, right) = (pixels.iter().any(|p| p.0 <= 1), pixels.iter().any(|p| p.0 + 2 >= camera.width));
     if left != right {
-        // `x` points to the right of someone who looks out, that is, of the picture.
-        let outwards = if left { -x } else { x };
-        let sign = if x.x >= 0.0 { 1.0 } else { -1.0 };
-        center += outwards * sign;
+        // Along `x` to the side on which the picture ends, seen from the camera.
+        let right_is_x = camera.project(center + x * 0.01)?.x > camera.project(center)?.x;
+        center += if right == right_is_x { x } else { -x };
         x *= 2.0;
     }
     Some(Window { center: center + plane.normal * (0.01 + plane.spread), x, y, lobes: Window::daylight(plane.normal) })
@@ -259,9 +278,8 @@ mod tests {
     #[test]
     fn a_window_lies_in_its_wall_whatever_is_seen_through_it() {
         let (camera, mask, points, normal) = wall_with(|x, y| (50..90).contains(&x) && (30..70).contains(&y));
-        let Some(Shape::Window(window)) = visible_light(LightKind::Window, &mask, &points, &normal, &camera) else {
-            panic!("a window")
-        };
+        let lights = visible_light(LightKind::Window, &mask, &points, &normal, &camera, None);
+        let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
         let n = Vec3::new(0.3, 0.0, 1.0).normalize();
         assert!((n.dot(window.center) + 3.0 * n.z).abs() < 0.03, "on the wall");
         assert!(window.x.cross(window.y).normalize().dot(n) > 0.999, "faces the room");
@@ -272,9 +290,8 @@ mod tests {
     #[test]
     fn a_window_cut_by_the_picture_goes_on_beyond_it() {
         let (camera, mask, points, normal) = wall_with(|x, y| x < 30 && (30..70).contains(&y));
-        let Some(Shape::Window(window)) = visible_light(LightKind::Window, &mask, &points, &normal, &camera) else {
-            panic!("a window")
-        };
+        let lights = visible_light(LightKind::Window, &mask, &points, &normal, &camera, None);
+        let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
         let edge = camera.project(window.center).expect("before the camera");
         assert!(edge.x < 3.0, "its middle is at the picture's edge, got {edge}");
     }
@@ -290,7 +307,7 @@ mod tests {
         let points = Points(Plane::from_fn(160, 120, |x, y| ray(x, y) * z.get(x, y)));
         let normal = Normal(Plane::filled(160, 120, Vec3::Z));
         let Some(Shape::Lamp(Lamp::Sphere { center: got, radius })) =
-            visible_light(LightKind::Lamp, &mask, &points, &normal, &camera)
+            visible_light(LightKind::Lamp, &mask, &points, &normal, &camera, None).first()
         else {
             panic!("a sphere")
         };
@@ -304,8 +321,8 @@ mod tests {
             ));
         let flying =
             Points(Plane::from_fn(160, 120, |x, y| ray(x, y) * if strip.0.get(x, y) > 0.5 { 2.0 } else { 5.0 }));
-        let shape = visible_light(LightKind::Lamp, &strip, &flying, &normal, &camera);
-        assert!(matches!(shape, Some(Shape::Lamp(Lamp::Box { .. }))), "{shape:?}");
+        let shape = visible_light(LightKind::Lamp, &strip, &flying, &normal, &camera, None);
+        assert!(matches!(shape[..], [Shape::Lamp(Lamp::Box { .. })]), "{shape:?}");
     }
 
     #[test]

@@ -159,9 +159,6 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
                     gram[j * k + i] = gram[i * k + j];
                 }
             }
-            if c == 1 {
-                condition = condition_number(&gram, k);
-            }
             let grey: Vec<f64> = w.iter().map(|w| w.iter().sum::<f64>() / 3.0).collect();
             for i in 0..k {
                 let pull = COLOUR_PULL * gram[i * k + i];
@@ -171,6 +168,9 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
                 for j in 0..k {
                     gram[i * k + j] += energy * mean[i] * mean[j];
                 }
+            }
+            if c == 1 {
+                condition = condition_number(&gram, k);
             }
             for (i, solved) in nnls(&gram, &b).into_iter().enumerate() {
                 w[i][c] += STEP * (solved - w[i][c]);

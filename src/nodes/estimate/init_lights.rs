@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use crate::geometry::{Camera, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments};
+use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, luminance};
 use crate::optics::{
     self, Bounces, Column, Evidence, Lamp, LightKind, RoomBox, ShadowQuality, Shape, Transport, Window,
     evidence_pixels, fit_radiances, lamp_candidates, visible_light, window_candidates,
@@ -102,20 +102,33 @@ impl Node for InitLights {
 
     fn run(&self, inputs: InitLightsIn, ctx: &Context) -> Result<InitLightsOut, NodeError> {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
+        let scout = Scout::new(self, &inputs);
+        let seen: Vec<Vec3> = scout.used.iter().map(|&i| scout.points.0.pixels()[i]).collect();
+        let room = RoomBox::around(&seen);
         let mut shapes: Vec<(String, Arc<Shape>)> = Vec::new();
+        let mut layers: Vec<Vec<Vec3>> = Vec::new();
         for (id, mask) in inputs.mask.iter() {
             let kind = inputs
                 .kind
                 .get(id)
                 .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
-            let shape = visible_light(**kind, mask, &inputs.points, &inputs.normal, &camera).unwrap_or_else(|| {
-                ctx.warn(format!("visible light {id:?} has no pixel at working size; it is left out"));
-                Shape::Absent
-            });
-            shapes.push((id.to_string(), Arc::new(shape)));
+            let ways = visible_light(**kind, mask, &inputs.points, &inputs.normal, &camera, room.as_ref());
+            match scout.likeliest(ways, mask, &layers) {
+                Some((shape, layer)) => {
+                    shapes.push((id.into(), Arc::new(shape)));
+                    layers.push(layer);
+                }
+                None => {
+                    ctx.warn(format!("visible light {id:?} has no pixel at working size; it is left out"));
+                    shapes.push((id.into(), Arc::new(Shape::Absent)));
+                }
+            }
+            ctx.check_cancelled()?;
         }
-        let scout = Scout::new(self, &inputs);
-        let (lamp, window) = scout.out_of_view(&shapes, &camera, ctx)?;
+        let (lamp, window) = match room {
+            Some(room) => scout.out_of_view(&layers, &room, &camera, ctx)?,
+            None => (Shape::Absent, Shape::Absent),
+        };
         for (id, found) in [(INV_LAMP, &lamp), (INV_WINDOW, &window)] {
             if *found == Shape::Absent {
                 ctx.warn(format!("no {id} is needed to explain the photo; it is left out"));
@@ -126,6 +139,9 @@ impl Node for InitLights {
         Ok(InitLightsOut { shape: Scatter(shapes) })
     }
 }
+
+/// Misfit that counts as much as a photo explained by the ambient alone: an ambient is no light source.
+const AMBIENT_LOSS: f64 = 0.3;
 
 /// The photo and the seen room on the receivers that take part, and how candidates are tried on them.
 struct Scout<'a> {
@@ -178,32 +194,43 @@ impl<'a> Scout<'a> {
         self.used.iter().map(|&i| indirect[i] + Vec3::splat(lit[i])).collect()
     }
 
-    /// Mean misfit of the photo under these layers and the ambient.
+    /// How badly these layers and the ambient explain the photo: the mean misfit, and what they leave to the ambient.
     fn loss(&self, layers: &[&[Vec3]]) -> f64 {
         let mut columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect();
         columns.push(Column { layer: &self.ambient, penalty: self.node.ambient_cost });
-        fit_radiances(&self.evidence, &columns, self.node.turns).loss
+        let fit = fit_radiances(&self.evidence, &columns, self.node.turns);
+        let share =
+            |(column, w): (&Column, &Vec3)| -> f64 { column.layer.iter().map(|&u| f64::from(luminance(u * *w))).sum() };
+        let shares: Vec<f64> = columns.iter().zip(&fit.radiance).map(share).collect();
+        let total: f64 = shares.iter().sum();
+        fit.loss + if total > 0.0 { AMBIENT_LOSS * shares[shares.len() - 1] / total } else { 0.0 }
+    }
+
+    /// Of several shapes for one visible light, the one that fits best beside the layers already placed; the first is kept
+    /// unless another is clearly better.
+    fn likeliest(&self, ways: Vec<Shape>, mask: &Mask, placed: &[Vec<Vec3>]) -> Option<(Shape, Vec<Vec3>)> {
+        let only = ways.len() == 1;
+        let tried = ways.into_iter().enumerate().filter_map(|(i, shape)| {
+            let layer = self.layer(&flat(&shape)?, Some(mask));
+            let columns: Vec<&[Vec3]> = placed.iter().chain([&layer]).map(Vec::as_slice).collect();
+            let loss = if only { 0.0 } else { self.loss(&columns) * if i == 0 { 0.97 } else { 1.0 } };
+            Some((loss, shape, layer))
+        });
+        let (_, shape, layer) = tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+        Some((shape, layer))
     }
 
     /// The lamp and the window out of view, each `Absent` unless it earns its place.
     fn out_of_view(
         &self,
-        shapes: &[(String, Arc<Shape>)],
+        visible: &[Vec<Vec3>],
+        room: &RoomBox,
         camera: &Camera,
         ctx: &Context,
     ) -> Result<(Shape, Shape), NodeError> {
-        let absent = (Shape::Absent, Shape::Absent);
-        let seen: Vec<Vec3> = self.used.iter().map(|&i| self.points.0.pixels()[i]).collect();
-        let Some(room) = RoomBox::around(&seen) else { return Ok(absent) };
-        let visible: Vec<Vec<Vec3>> = shapes
-            .iter()
-            .filter_map(|(id, shape)| Some((flat(shape)?, self.inputs.mask.get(id).map(|mask| &**mask))))
-            .map(|(lamp, own)| self.layer(&lamp, own))
-            .collect();
         let base: Vec<&[Vec3]> = visible.iter().map(Vec::as_slice).collect();
-        ctx.check_cancelled()?;
-        let lamps: Vec<Shape> = lamp_candidates(&room, camera);
-        let windows: Vec<Shape> = window_candidates(&room, camera).into_iter().map(Shape::Window).collect();
+        let lamps: Vec<Shape> = lamp_candidates(room, camera);
+        let windows: Vec<Shape> = window_candidates(room, camera).into_iter().map(Shape::Window).collect();
         let lamp_count = lamps.len();
         let candidates: Vec<Shape> = lamps.into_iter().chain(windows).collect();
         let layers: Vec<Vec<Vec3>> = candidates
@@ -218,7 +245,7 @@ impl<'a> Scout<'a> {
             losses.into_iter().reduce(|a, b| if b.1 < a.1 { b } else { a })
         };
         let enough = 1.0 - f64::from(self.node.worth);
-        let mut found = absent;
+        let mut found = (Shape::Absent, Shape::Absent);
         let mut keep = |i: usize| {
             let slot = if i < lamp_count { &mut found.0 } else { &mut found.1 };
             *slot = candidates[i].clone();
