@@ -201,11 +201,11 @@ impl SceneMesh {
     }
 }
 
-/// Runs `work`, which uses rayon, on threads of its own. A caller that waits for it inside a lock must not help out with other
-/// jobs of its own pool meanwhile, as rayon does: one of them could come for the same lock.
+/// Runs `work`, which uses rayon, on one thread of its own. A caller that waits for it inside a lock must not help out with
+/// other jobs of its own pool meanwhile, as rayon does: one of them could come for the same lock. One thread, because the
+/// hierarchy that obvhs builds depends on how many there are.
 fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    let threads = rayon::current_num_threads();
-    let run = || match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
+    let run = || match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
         Ok(pool) => pool.install(work),
         Err(_) => work(),
     };

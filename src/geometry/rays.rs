@@ -50,7 +50,7 @@ impl RayMesh {
         }
         let shapes: Vec<Triangle> =
             kept.iter().map(|(c, _)| Triangle { v0: c[0].into(), v1: c[1].into(), v2: c[2].into() }).collect();
-        let mut bvh = build_bvh2_from_tris(&shapes, BvhBuildParams::slow_build(), &mut Duration::default());
+        let mut bvh = build_bvh2_from_tris(&shapes, BvhBuildParams::medium_build(), &mut Duration::default());
         // The slab test rounds; a box that is a little larger never loses a triangle of its own.
         for node in &mut bvh.nodes {
             let pad = Vec3A::splat(1e-6) * (1.0 + node.aabb.min.abs().max(node.aabb.max.abs()));

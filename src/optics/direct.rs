@@ -34,11 +34,10 @@ pub fn direct(points: &Points, normal: &Normal, shape: &Shape, samples: usize, s
         }
     };
     let pixels = (0..width * height).into_par_iter().with_min_len(width.max(1));
-    let shaded: Vec<([f32; 3], [f32; 3])> = pixels.map_init(Vec::new, shade).collect();
-    let plane =
-        |value: &dyn Fn(&([f32; 3], [f32; 3])) -> f32| Plane::new(width, height, shaded.iter().map(value).collect());
+    let (values, errors): (Vec<[f32; 3]>, Vec<[f32; 3]>) = pixels.map_init(Vec::new, shade).unzip();
+    let plane = |of: &[[f32; 3]], k: usize| Plane::new(width, height, of.iter().map(|v| v[k]).collect());
     Direct {
-        lobes: (0..shape.lobes()).map(|k| plane(&|s| s.0[k])).collect(),
-        stderr: (0..shape.lobes()).map(|k| plane(&|s| s.1[k])).collect(),
+        lobes: (0..shape.lobes()).map(|k| plane(&values, k)).collect(),
+        stderr: (0..shape.lobes()).map(|k| plane(&errors, k)).collect(),
     }
 }

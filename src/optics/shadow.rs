@@ -68,11 +68,10 @@ pub fn shadow(
             }
         }
         // Lobes without any light here have no say in their neighbours' shadows.
-        // Below this a reciprocal would overflow.
         let valid = all.cmpgt(Vec3::splat(1e-30));
-        let scale = Vec3::select(valid, all, Vec3::ONE).recip();
+        let whole = Vec3::select(valid, all, Vec3::ONE);
         let valid = Vec3::select(valid, Vec3::ONE, Vec3::ZERO);
-        ([lit * scale, unknown * scale, valid], samples.len() as u64)
+        ([lit / whole, unknown / whole, valid], samples.len() as u64)
     };
     let columns = grid.size().0.max(1);
     let traced: Vec<([Vec3; 3], u64)> =

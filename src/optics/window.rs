@@ -53,10 +53,10 @@ impl Opening {
             let place = seen.sample(points.get(i));
             add(place, place.normalize_or_zero());
         }
-        for k in 0..3 {
+        for (k, lobe) in self.lobes.iter().enumerate() {
             let points = Points2::new(seed, pixel, 1 + k as u32);
             for i in 0..counts[k] {
-                let direction = self.lobes[k].sample(points.get(i));
+                let direction = lobe.sample(points.get(i));
                 if let Some(place) = self.rectangle.meet(point, direction) {
                     add(place, direction);
                 }
@@ -91,9 +91,7 @@ mod tests {
             let place = DVec3::new(0.2 - 0.8 * u, 0.5 + 0.6 * v, 2.0);
             let l = place.normalize();
             let weight = normal.dot(l).max(0.0) * l.z / place.length_squared() * (1.6 * 1.2) / (n * n) as f64 / PI;
-            for k in 0..3 {
-                sum[k] += weight * o.lobes[k].value(l);
-            }
+            sum.iter_mut().zip(&o.lobes).for_each(|(sum, lobe)| *sum += weight * lobe.value(l));
         }
         sum
     }

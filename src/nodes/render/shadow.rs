@@ -17,7 +17,7 @@ params! {
     /// `unknown` holds the unknown share itself.
     pub struct Shadow {
         /// Rays per traced pixel, 1..4096.
-        samples: u32 = 16,
+        samples: u32 = 8,
         /// Another seed gives other noise.
         seed: u64 = 0,
         /// Trace every second pixel along each axis and bring the result to all of them along the surfaces.

@@ -1,0 +1,366 @@
+//! From depth and lights to unit layers: the stages `Mesh`, `Direct`, `Shadow`, `Transport` and `TraceIndirect` together.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+use relight::geometry::{Camera, SceneMesh};
+use relight::graph::{Context, Gather, Node};
+use relight::image::{Albedo, Depth, Mask, Normal, Plane, Points};
+use relight::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
+use relight::nodes::render::direct::{Direct, DirectIn};
+use relight::nodes::render::shadow::{Shadow, ShadowIn};
+use relight::nodes::render::trace_indirect::{TraceIndirect, TraceIndirectIn};
+use relight::nodes::render::transport::{Transport, TransportIn};
+use relight::nodes::scene::mesh::{Mesh, MeshIn};
+use relight::optics::{self, Lamp, LightKind, Lobe, Shape, Window, polygon_irradiance};
+
+/// A room made ready for any light.
+struct Room {
+    camera: Camera,
+    points: Arc<Points>,
+    normal: Arc<Normal>,
+    mesh: Arc<SceneMesh>,
+    transport: Arc<optics::Transport>,
+}
+
+impl Room {
+    fn new(camera: Camera, depth: Depth, masks: Vec<(String, LightKind, Mask)>) -> Room {
+        let kinds = masks.iter().map(|(name, kind, _)| (name.clone(), Arc::new(*kind))).collect();
+        let masks = masks.into_iter().map(|(name, _, mask)| (name, Arc::new(mask))).collect();
+        let (masks, kinds) = (Gather(masks), Gather(kinds));
+        let inputs = MeshIn { depth: Arc::new(depth), camera: Arc::new(camera), ignore: None, masks, kinds };
+        let seen = Mesh::default().run(inputs, &Context::default()).unwrap();
+        let inputs = TransportIn { mesh: seen.mesh.clone(), points: seen.points.clone(), normal: seen.normal.clone() };
+        let transport = Transport::default().run(inputs, &Context::default()).unwrap().transport;
+        Room { camera, points: seen.points, normal: seen.normal, mesh: seen.mesh, transport }
+    }
+
+    fn direct(&self, shape: &Shape) -> Arc<UnitDirect> {
+        let inputs =
+            DirectIn { points: self.points.clone(), normal: self.normal.clone(), shape: Arc::new(shape.clone()) };
+        Direct::default().run(inputs, &Context::default()).unwrap().direct
+    }
+
+    fn shadow(&self, stage: &Shadow, shape: &Shape, mask: Option<Mask>) -> Arc<Visibility> {
+        let inputs = ShadowIn {
+            points: self.points.clone(),
+            normal: self.normal.clone(),
+            mesh: self.mesh.clone(),
+            shape: Arc::new(shape.clone()),
+            mask: mask.map(Arc::new),
+        };
+        stage.run(inputs, &Context::default()).unwrap().visibility
+    }
+
+    fn indirect(
+        &self,
+        stage: &TraceIndirect,
+        albedo: &Albedo,
+        direct: Arc<UnitDirect>,
+        lit: Arc<Visibility>,
+    ) -> Arc<UnitIndirect> {
+        let inputs = TraceIndirectIn {
+            transport: self.transport.clone(),
+            points: self.points.clone(),
+            normal: self.normal.clone(),
+            albedo: Arc::new(albedo.clone()),
+            direct,
+            visibility: lit,
+        };
+        stage.run(inputs, &Context::default()).unwrap().indirect
+    }
+
+    /// Shading of the whole room by a light whose unshadowed direct shading is `e`, with no shadows.
+    fn bounced(&self, stage: &TraceIndirect, albedo: &Albedo, e: Plane<f32>) -> Plane<Vec3> {
+        let one = e.map(|_| 1.0);
+        let direct = UnitDirect { stderr: vec![e.map(|_| 0.0)], lobes: vec![e] };
+        let lit = Visibility { unknown: vec![one.map(|_| 0.0)], lit: vec![one] };
+        self.indirect(stage, albedo, Arc::new(direct), Arc::new(lit)).lobes[0].0.clone()
+    }
+}
+
+/// A floor one metre below the camera and a wall three metres before it.
+fn floor_and_wall() -> Room {
+    let camera = Camera::from_fov_x(120, 90, 70.0);
+    let depth = |x: usize, y: usize| {
+        let down = -camera.pixel_point(x, y, 1.0).y;
+        if down > 0.0 { 3f32.min(1.0 / down) } else { 3.0 }
+    };
+    Room::new(camera, Depth(Plane::from_fn(120, 90, depth)), Vec::new())
+}
+
+/// A square of half width 0.5 at 2 m before a wall at 4 m.
+fn square_before_wall() -> Room {
+    let camera = Camera { width: 200, height: 150, fx: 200.0, fy: 200.0, cx: 100.0, cy: 75.0 };
+    let square = |x: usize, y: usize| (50..150).contains(&x) && (25..125).contains(&y);
+    let depth = Plane::from_fn(200, 150, |x, y| if square(x, y) { 2.0 } else { 4.0 });
+    Room::new(camera, Depth(depth), Vec::new())
+}
+
+fn constant(room: &Room, albedo: Vec3) -> Albedo {
+    Albedo(Plane::filled(room.camera.width, room.camera.height, albedo))
+}
+
+#[test]
+fn a_small_lamp_casts_a_shadow_where_geometry_says() {
+    let room = square_before_wall();
+    let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.3, 0.0, 0.0), radius: 1e-3 });
+    let visibility = room.shadow(&Shadow { half: false, ..Shadow::default() }, &lamp, None);
+    // The square's left edge at x = -0.5 throws its shadow to x = 0.3 + 2 (-0.5 - 0.3) = -1.3 on the wall: column 35. What the
+    // camera sees of it reaches to the square, column 50.
+    let row: Vec<f32> = (0..50).map(|x| visibility.lit[0].get(x, 75)).collect();
+    assert!(row[..34].iter().all(|v| *v == 1.0) && row[36..49].iter().all(|v| *v == 0.0), "{row:?}");
+    assert!((151..200).all(|x| visibility.lit[0].get(x, 75) == 1.0), "the right side is lit");
+    assert!((52..148).all(|x| visibility.lit[0].get(x, 75) == 1.0), "no shadow of the square on itself");
+    assert!((0..200).all(|x| visibility.unknown[0].get(x, 75) == 0.0), "all of it is seen");
+}
+
+#[test]
+fn a_lamp_behind_the_square_is_unknown_and_counts_as_assumed() {
+    let room = square_before_wall();
+    let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, -3.5), radius: 1e-3 });
+    for assume_lit in [0.0, 0.25, 1.0] {
+        let visibility = room.shadow(&Shadow { half: false, assume_lit, ..Shadow::default() }, &lamp, None);
+        assert_eq!((visibility.unknown[0].get(20, 75), visibility.lit[0].get(20, 75)), (1.0, assume_lit));
+    }
+}
+
+#[test]
+fn each_lobe_of_a_window_has_its_own_shadow() {
+    let room = square_before_wall();
+    // A window behind the camera. The sun stands to the right and throws the square's left edge from -0.5 to -1.3 as above
+    // (0.4 per metre); the sky comes from everywhere and knows only soft shadows.
+    let lobe = |direction: Vec3, bandwidth| Lobe { direction: direction.normalize(), bandwidth };
+    let lobes = [lobe(Vec3::new(0.4, 0.0, 1.0), 1e5), lobe(Vec3::Y, 0.5), lobe(Vec3::NEG_Y, 0.0)];
+    let window = Window { center: Vec3::new(0.5, 0.0, 1.0), x: Vec3::NEG_X * 6.0, y: Vec3::Y * 6.0, lobes };
+    let visibility =
+        room.shadow(&Shadow { half: false, samples: 64, ..Shadow::default() }, &Shape::Window(window), None);
+    let at = |k: usize, x: usize| visibility.lit[k].get(x, 75);
+    assert!(at(0, 40) < 0.02 && at(0, 30) > 0.98, "sun: {} {}", at(0, 40), at(0, 30));
+    assert!((at(1, 40) - at(1, 30)).abs() < 0.15 && at(2, 40) > 0.5, "sky: {} {}", at(1, 40), at(1, 30));
+}
+
+#[test]
+fn no_light_has_no_lobes_and_a_light_does_not_light_itself() {
+    let room = square_before_wall();
+    assert!(room.direct(&Shape::Absent).lobes.is_empty());
+    assert!(room.shadow(&Shadow::default(), &Shape::Absent, None).lit.is_empty());
+    let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.5 });
+    let own = Mask(Plane::from_fn(200, 150, |x, y| f32::from((50..150).contains(&x) && (25..125).contains(&y))));
+    let visibility = room.shadow(&Shadow::default(), &lamp, Some(own));
+    assert_eq!(visibility.lit[0].get(100, 75), 0.0);
+    assert_eq!(visibility.lit[0].get(20, 75), 1.0, "nor does it shade itself from others");
+}
+
+#[test]
+fn a_furnace_comes_to_rest_at_its_closed_form() {
+    // Every surface, seen or not, has albedo a and direct shading 1: I = a (1 + I) = a / (1 - a), whatever the geometry.
+    for room in [floor_and_wall(), square_before_wall()] {
+        let a = Vec3::new(0.2, 0.5, 0.8);
+        let one = Plane::filled(room.camera.width, room.camera.height, 1.0);
+        for bounces in [1, 4] {
+            let got = room.bounced(&TraceIndirect { bounces, unseen: 1.0 }, &constant(&room, a), one.clone());
+            let wanted = a / (Vec3::ONE - a);
+            assert!(got.pixels().iter().all(|i| ((i - wanted) / wanted).abs().max_element() < 1e-4));
+        }
+    }
+}
+
+#[test]
+fn one_bounce_from_wall_to_floor_is_the_form_factor() {
+    let room = floor_and_wall();
+    let (width, height) = room.points.0.size();
+    let on_wall = |p: Vec3| p.z < -2.99 && p.y > -0.999;
+    let albedo = Albedo(room.points.0.map(|p| if on_wall(p) { Vec3::splat(0.5) } else { Vec3::ZERO }));
+    let lit = room.points.0.map(|p| f32::from(on_wall(p)));
+    // The dark floor returns nothing, so that there is exactly one bounce.
+    let got = room.bounced(&TraceIndirect { bounces: 3, unseen: 0.0 }, &albedo, lit);
+    let (left, right) = (room.camera.unproject(0.5, 0.0, 3.0).x, room.camera.unproject(width as f32 - 0.5, 0.0, 3.0).x);
+    let top = room.camera.unproject(0.0, 0.5, 3.0).y;
+    let mut worst = 0.0f32;
+    for y in 78..height {
+        for x in 10..width - 10 {
+            let p = room.points.0.get(x, y);
+            let corner = |x: f32, y: f32| (Vec3::new(x, y, -3.0) - p).as_dvec3();
+            let wall = [corner(left, -1.0), corner(right, -1.0), corner(right, top), corner(left, top)];
+            let wanted = 0.5 * polygon_irradiance(&wall, DVec3::Y) as f32;
+            worst = worst.max((got.get(x, y).x / wanted - 1.0).abs());
+        }
+    }
+    // 64 evenly spread rays, about a third of which hit the wall: one ray is 5 %, and neighbouring receivers are averaged.
+    assert!(worst < 0.12, "{worst}");
+}
+
+#[test]
+fn indirect_light_is_linear_and_never_negative() {
+    let room = floor_and_wall();
+    let (width, height) = room.points.0.size();
+    let albedo =
+        Albedo(Plane::from_fn(width, height, |x, y| Vec3::new(0.9, (x % 7) as f32 / 7.0, (y % 5) as f32 / 5.0)));
+    let a = Plane::from_fn(width, height, |x, y| ((x * 31 + y * 17) % 13) as f32);
+    let b = Plane::from_fn(width, height, |x, y| if x == y { 100.0 } else { 0.0 });
+    let both = Plane::from_fn(width, height, |x, y| 2.0 * a.get(x, y) + 0.5 * b.get(x, y));
+    let stage = TraceIndirect::default();
+    let [a, b, both] = [a, b, both].map(|e| room.bounced(&stage, &albedo, e));
+    for ((a, b), both) in a.pixels().iter().zip(b.pixels()).zip(both.pixels()) {
+        assert!(a.min_element() >= 0.0 && b.min_element() >= 0.0);
+        // Sums of some hundred terms in single precision.
+        assert!((2.0 * a + 0.5 * b - both).abs().max_element() <= 3e-6 * both.max_element());
+    }
+}
+
+#[test]
+fn thread_counts_change_no_bit() {
+    let window = Window {
+        center: Vec3::new(0.5, 0.0, 1.0),
+        x: Vec3::NEG_X,
+        y: Vec3::Y,
+        lobes: [1e4, 3.0, 0.0].map(|bandwidth| Lobe { direction: Vec3::Z, bandwidth }),
+    };
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let room = square_before_wall();
+            let shape = Shape::Window(window.clone());
+            let (direct, lit) = (room.direct(&shape), room.shadow(&Shadow::default(), &shape, None));
+            let indirect = room.indirect(
+                &TraceIndirect::default(),
+                &constant(&room, Vec3::splat(0.4)),
+                direct.clone(),
+                lit.clone(),
+            );
+            (room.points, room.normal, room.transport, direct, lit, indirect)
+        })
+    };
+    let (one, four) = (run(1), run(4));
+    assert!(one.0 == four.0 && one.1 == four.1, "surface");
+    assert!(one.2 == four.2, "bounces");
+    assert!(one.3 == four.3, "direct");
+    assert!(one.4 == four.4, "shadow");
+    assert!(one.5 == four.5, "indirect");
+}
+
+#[test]
+fn many_stages_may_want_the_rays_at_once() {
+    // Two threads, four stages, one mesh that has no hierarchy yet: nobody may wait for himself.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let room = square_before_wall();
+    let fresh: SceneMesh = postcard::from_bytes(&postcard::to_stdvec(&*room.mesh).unwrap()).unwrap();
+    let room = Room { mesh: Arc::new(fresh), ..room };
+    let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::ZERO, radius: 0.1 });
+    pool.scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|_| {
+                room.shadow(&Shadow::default(), &lamp, None);
+            });
+        }
+    });
+}
+
+#[test]
+fn planes_of_different_size_are_refused_by_name() {
+    let room = square_before_wall();
+    let inputs = DirectIn {
+        points: room.points.clone(),
+        normal: Arc::new(Normal(Plane::filled(3, 2, Vec3::Z))),
+        shape: Arc::new(Shape::Absent),
+    };
+    let error = Direct::default().run(inputs, &Context::default()).err().unwrap().to_string();
+    assert_eq!(error, "`normal` is 3 x 2, wanted 200 x 150 as `points`");
+    assert!(Shadow { assume_lit: f32::NAN, ..Shadow::default() }.check().is_err());
+    assert!(Transport { stride: 0, ..Transport::default() }.check().is_err());
+}
+
+// Path-traced rooms, where they are at hand.
+
+fn truth() -> Option<PathBuf> {
+    let truth = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/truth");
+    if !truth.exists() {
+        eprintln!("skipped: no rooms at {}", truth.display());
+    }
+    truth.exists().then_some(truth)
+}
+
+fn read_exr(path: PathBuf) -> Plane<Vec3> {
+    let image =
+        exr::prelude::read_first_flat_layer_from_file(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let channels = &image.layer_data.channel_data.list;
+    let channel = |name: &str| channels.iter().find(|c| c.name.to_string() == name).expect("R, G and B");
+    let rgb = ["R", "G", "B"].map(channel);
+    let (width, height) = (image.layer_data.size.0, image.layer_data.size.1);
+    let value = |i: usize| Vec3::from(rgb.map(|c| c.sample_data.value_by_flat_index(i).to_f32()));
+    Plane::new(width, height, (0..width * height).map(value).collect())
+}
+
+fn read_mask(path: PathBuf) -> Option<Mask> {
+    let picture = image::open(path).ok()?.to_luma8();
+    let pixels = picture.pixels().map(|p| f32::from(p.0[0]) / 255.0).collect();
+    Some(Mask(Plane::new(picture.width() as usize, picture.height() as usize, pixels)))
+}
+
+fn vector(json: &serde_json::Value) -> Vec3 {
+    Vec3::from_array(std::array::from_fn(|i| json[i].as_f64().expect("three numbers") as f32))
+}
+
+fn lamp_of(json: &serde_json::Value) -> Option<Shape> {
+    let center = vector(&json["center"]);
+    match json["kind"].as_str()? {
+        "sphere" => Some(Shape::Lamp(Lamp::Sphere { center, radius: json["radius"].as_f64()? as f32 })),
+        "rect" => {
+            let normal = vector(&json["normal"]);
+            let x = Vec3::Y.cross(normal).try_normalize()?;
+            let half = |i: usize| Some(json["half"][i].as_f64()? as f32);
+            Some(Shape::Lamp(Lamp::Rect { center, x: x * half(0)?, y: normal.cross(x) * half(1)? }))
+        }
+        _ => None,
+    }
+}
+
+#[test]
+fn path_traced_rooms_are_met_within_their_unseen_part() {
+    let Some(truth) = truth() else { return };
+    let mut errors = Vec::new();
+    for name in ["dev-classroom", "dev-dining", "dev-parlour", "dev-sunlit"] {
+        let folder = truth.join(name);
+        let meta: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(folder.join("meta.json")).unwrap()).unwrap();
+        let camera = Camera::from_fov_x(320, 240, meta["fov_x"].as_f64().unwrap() as f32);
+        let visible = meta["visible"].as_array().unwrap().iter().map(|id| id.as_str().unwrap().to_owned());
+        let masks: Vec<(String, LightKind, Mask)> = visible
+            .map(|id| {
+                let kind = if id.starts_with("window") { LightKind::Window } else { LightKind::Lamp };
+                let mask = read_mask(folder.join(format!("mask_{id}.png"))).unwrap();
+                (id, kind, mask)
+            })
+            .collect();
+        let glowing = Plane::from_fn(320, 240, |x, y| masks.iter().any(|(_, _, mask)| mask.0.get(x, y) > 0.0));
+        let depth = Depth(read_exr(folder.join("depth.exr")).map(|c| c.x));
+        let room = Room::new(camera, depth, masks);
+        let albedo = Albedo(read_exr(folder.join("albedo.exr")));
+        for id in ["inv_lamp", "lamp_0"] {
+            let json = &meta["lamps"][id];
+            let (shape, radiance) = (lamp_of(json).unwrap(), vector(&json["radiance"]));
+            let direct = room.direct(&shape);
+            let lit = room.shadow(&Shadow::default(), &shape, read_mask(folder.join(format!("mask_{id}.png"))));
+            let indirect = room.indirect(&TraceIndirect::default(), &albedo, direct.clone(), lit.clone());
+            let wanted = read_exr(folder.join(format!("olat_{id}.exr")));
+            let (mut sum, mut off, mut off_direct) = (0.0, 0.0, 0.0);
+            for i in (0..320 * 240).filter(|&i| !glowing.pixels()[i]) {
+                let arrives = Vec3::splat(direct.lobes[0].pixels()[i] * lit.lit[0].pixels()[i]);
+                let shown = radiance * albedo.0.pixels()[i];
+                let wanted = wanted.pixels()[i];
+                sum += wanted.element_sum();
+                off += (shown * (arrives + indirect.lobes[0].0.pixels()[i]) - wanted).abs().element_sum();
+                off_direct += (shown * arrives - wanted).abs().element_sum();
+            }
+            println!("{name} {id}: relative L1 {:.3}, direct light alone {:.3}", off / sum, off_direct / sum);
+            assert!(off < off_direct, "{name} {id}: indirect light must help");
+            errors.push(off / sum);
+        }
+    }
+    // Two thirds of the rays of a receiver leave the seen part of these rooms, and the lamps light that part more or less than
+    // the seen one; direct light alone is off by 0.5 on average, and nothing that is blind there can be much below a third.
+    let mean = errors.iter().sum::<f32>() / errors.len() as f32;
+    assert!(mean < 0.42, "{mean}: {errors:?}");
+}
