@@ -384,3 +384,11 @@ fn drawings_show_instances_wires_and_what_became_of_them() {
         json["edges"].as_array().unwrap().iter().any(|e| e["from_port"] == "parts[lamp]" && e["to"] == "own[lamp]")
     );
 }
+
+#[test]
+fn a_chain_of_ten_thousand_nodes_needs_no_deep_stack() {
+    let link = |i: usize| format!("\"n{i}\": (op: Add, in: {{ \"number\": \"n{}\" }}), ", i - 1);
+    let nodes: String = (1..10_000).map(link).collect();
+    let graph = graph(&format!("nodes: {{ \"n0\": (op: Const), {nodes} }}, outputs: [\"n9999\"]"));
+    assert_eq!(value(&run(&in_memory(), &graph), "n9999"), 9999);
+}
