@@ -34,9 +34,9 @@ impl Value {
         Value::with_digest(artifact, digest_of(T::TYPE, &encoded))
     }
 
-    /// An artifact just decoded from its canonical bytes.
-    pub(super) fn stored<T: Artifact>(artifact: T, encoded: &[u8]) -> Value {
-        Value::with_digest(Arc::new(artifact), digest_of(T::TYPE, encoded))
+    /// An artifact just decoded from canonical bytes of this digest.
+    pub(super) fn stored<T: Artifact>(artifact: T, digest: Digest) -> Value {
+        Value::with_digest(Arc::new(artifact), digest)
     }
 
     fn with_digest<T: Artifact>(artifact: Arc<T>, digest: Digest) -> Value {

@@ -1,1 +1,209 @@
-//! The memory cache.
+//! Results: what is known of one without its values, and the bounded memory that holds some of them.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use serde::{Deserialize, Serialize};
+
+use super::artifact::Value;
+use super::{Digest, PortValue};
+
+/// What is known of a result without reading its values.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Header {
+    pub key_text: String,
+    /// Port by port, members in their order.
+    pub values: Vec<ValueHeader>,
+    pub stderr: Option<f64>,
+    pub warnings: Vec<String>,
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct ValueHeader {
+    pub port: u32,
+    /// Set where the port scatters.
+    pub member: Option<String>,
+    pub type_name: String,
+    pub digest: [u8; 32],
+    /// Memory that the value takes.
+    pub memory: u64,
+}
+
+impl Header {
+    /// Indices of the values of one port.
+    pub fn port(&self, port: usize) -> impl Iterator<Item = usize> {
+        (0..self.values.len()).filter(move |&i| self.values[i].port as usize == port)
+    }
+
+    pub fn memory(&self) -> u64 {
+        self.values.iter().map(|v| v.memory).sum()
+    }
+}
+
+/// A result. Its values are filled in when something needs them.
+pub(super) struct Entry {
+    pub key: Digest,
+    pub header: Arc<Header>,
+    values: Mutex<Vec<Option<Value>>>,
+}
+
+impl Entry {
+    /// A result whose values all lie on disk.
+    pub fn stored(key: Digest, header: Header) -> Entry {
+        let values = Mutex::new(vec![None; header.values.len()]);
+        Entry { key, header: Arc::new(header), values }
+    }
+
+    /// The same without its values.
+    pub fn hollow(&self) -> Entry {
+        let values = Mutex::new(vec![None; self.header.values.len()]);
+        Entry { key: self.key, header: self.header.clone(), values }
+    }
+
+    /// A result just made: one [`PortValue`] per output port.
+    pub fn made(key: Digest, mut header: Header, outputs: &[PortValue]) -> Entry {
+        let mut values = Vec::new();
+        for (port, output) in outputs.iter().enumerate() {
+            let mut push = |member: Option<&String>, value: &Value| {
+                let (member, digest, memory) = (member.cloned(), value.digest().0, value.bytes as u64);
+                let type_name = value.type_name().to_owned();
+                header.values.push(ValueHeader { port: port as u32, member, type_name, digest, memory });
+                values.push(Some(value.clone()));
+            };
+            match output {
+                PortValue::One(value) => push(None, value),
+                PortValue::Missing => {}
+                PortValue::Many(all) => all.iter().for_each(|(member, value)| push(Some(member), value)),
+            }
+        }
+        Entry { key, header: Arc::new(header), values: Mutex::new(values) }
+    }
+
+    pub fn value(&self, index: usize) -> Option<Value> {
+        self.lock()[index].clone()
+    }
+
+    pub fn fill(&self, index: usize, value: Value) {
+        self.lock()[index] = Some(value);
+    }
+
+    /// All values, if all are in memory.
+    pub fn all(&self) -> Option<Vec<Value>> {
+        self.lock().iter().cloned().collect()
+    }
+
+    /// Memory that the values here take.
+    pub fn resident(&self) -> u64 {
+        self.lock().iter().flatten().map(|v| v.bytes as u64).sum()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Option<Value>>> {
+        self.values.lock().expect("nothing panics while it holds the values of a result")
+    }
+}
+
+/// Results in memory; the longest unused go first.
+pub(super) struct Memory {
+    limit: u64,
+    state: Mutex<State>,
+}
+
+#[derive(Default)]
+struct State {
+    held: HashMap<Digest, Held>,
+    by_age: BTreeMap<u64, Digest>,
+    clock: u64,
+    bytes: u64,
+}
+
+struct Held {
+    entry: Arc<Entry>,
+    age: u64,
+    bytes: u64,
+}
+
+impl Memory {
+    pub fn new(limit: u64) -> Memory {
+        Memory { limit, state: Mutex::default() }
+    }
+
+    pub fn get(&self, key: &Digest) -> Option<Arc<Entry>> {
+        let state = &mut *self.lock();
+        let held = state.held.get_mut(key)?;
+        state.by_age.remove(&held.age);
+        state.clock += 1;
+        held.age = state.clock;
+        state.by_age.insert(held.age, *key);
+        Some(held.entry.clone())
+    }
+
+    /// Takes an entry in, or counts it anew after more of its values were filled in.
+    pub fn put(&self, entry: &Arc<Entry>) {
+        let bytes = entry.resident() + entry.header.key_text.len() as u64 + 256;
+        let state = &mut *self.lock();
+        state.forget(&entry.key);
+        if bytes > self.limit {
+            return;
+        }
+        state.clock += 1;
+        let age = state.clock;
+        state.held.insert(entry.key, Held { entry: entry.clone(), age, bytes });
+        state.by_age.insert(age, entry.key);
+        state.bytes += bytes;
+        while state.bytes > self.limit {
+            let oldest = *state.by_age.first_key_value().expect("bytes are held, so something holds them").1;
+            state.forget(&oldest);
+        }
+    }
+
+    pub fn forget(&self, key: &Digest) {
+        self.lock().forget(key);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect("nothing panics while it holds the memory cache")
+    }
+}
+
+impl State {
+    fn forget(&mut self, key: &Digest) {
+        if let Some(held) = self.held.remove(key) {
+            self.by_age.remove(&held.age);
+            self.bytes -= held.bytes;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(name: u8, bytes: usize) -> Arc<Entry> {
+        #[derive(Serialize, Deserialize)]
+        struct Block(usize);
+        impl crate::graph::Artifact for Block {
+            const TYPE: &'static str = "Block";
+            fn bytes(&self) -> usize {
+                self.0
+            }
+        }
+        let header = Header { key_text: String::new(), values: vec![], stderr: None, warnings: vec![] };
+        Arc::new(Entry::made(Digest([name; 32]), header, &[PortValue::One(Value::new(Arc::new(Block(bytes))))]))
+    }
+
+    #[test]
+    fn the_longest_unused_goes_first_and_the_bound_holds() {
+        let memory = Memory::new(10_000);
+        for name in 0..3 {
+            memory.put(&entry(name, 3000 - 256));
+        }
+        assert!(memory.get(&Digest([0; 32])).is_some());
+        memory.put(&entry(3, 3000 - 256));
+        let there: Vec<bool> = (0..4).map(|n| memory.get(&Digest([n; 32])).is_some()).collect();
+        assert_eq!(there, [true, false, true, true]);
+        assert_eq!(memory.lock().bytes, 9000);
+        memory.put(&entry(4, 20_000));
+        assert!(memory.get(&Digest([4; 32])).is_none(), "larger than the whole memory");
+        assert_eq!(memory.lock().bytes, 9000);
+    }
+}

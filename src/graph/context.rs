@@ -51,6 +51,10 @@ struct Meters {
 }
 
 impl Context {
+    pub(super) fn new(cancel: Cancel, digests: Vec<(File, Digest)>) -> Context {
+        Context { cancel, digests, ..Context::default() }
+    }
+
     /// The bytes of a file that the node declared in [`super::Node::files`].
     pub fn read(&self, file: &File) -> Result<Vec<u8>, NodeError> {
         let bad = |message: String| NodeError::BadFile { path: file.location().display().to_string(), message };

@@ -1,23 +1,119 @@
 //! A graph as a picture or as data.
 
-use super::network::Graph;
-use super::report::RunReport;
+use std::fmt::Write;
+
+use serde_json::{Value, json};
+
+use super::network::{Graph, Take};
+use super::report::{RunReport, Status};
 
 impl Graph {
     /// Graphviz; with a run, boxes are coloured by what became of them.
     pub fn to_dot(&self, run: Option<&RunReport>) -> String {
-        let _ = run;
-        todo!()
+        let mut text = String::from("digraph {\n  rankdir=LR;\n  node [shape=box, style=filled, fillcolor=white];\n");
+        let mut line = |line: String| writeln!(text, "  {line}").expect("writing to a string");
+        for (i, instance) in self.instances.iter().enumerate() {
+            let kind = self.nodes[instance.node].kind;
+            let colour = status(run, &instance.name).map_or("white", colour);
+            line(format!("n{i} [label=\"{}\\n{kind}\", fillcolor={colour}];", instance.name));
+        }
+        for edge in self.edges() {
+            line(format!("n{} -> n{} [label=\"{}\"];", edge.from, edge.to, edge.label()));
+        }
+        text.push_str("}\n");
+        text
     }
 
+    /// A Mermaid flowchart; with a run, boxes are coloured by what became of them.
     pub fn to_mermaid(&self, run: Option<&RunReport>) -> String {
-        let _ = run;
-        todo!()
+        let mut text = String::from("flowchart LR\n");
+        let mut line = |line: String| writeln!(text, "  {line}").expect("writing to a string");
+        for (i, instance) in self.instances.iter().enumerate() {
+            line(format!("n{i}[\"{}<br>{}\"]", instance.name, self.nodes[instance.node].kind));
+            if let Some(status) = status(run, &instance.name) {
+                line(format!("style n{i} fill:{}", colour(status)));
+            }
+        }
+        for edge in self.edges() {
+            line(format!("n{} -->|{}| n{}", edge.from, edge.label(), edge.to));
+        }
+        text
     }
 
     /// `{ nodes: [{ name, kind, member, status }], edges: [{ from, from_port, to, to_port, type }] }`
     pub fn to_json(&self, run: Option<&RunReport>) -> String {
-        let _ = run;
-        todo!()
+        let nodes: Vec<Value> = self
+            .instances
+            .iter()
+            .map(|instance| {
+                json!({
+                    "name": &*instance.name,
+                    "kind": self.nodes[instance.node].kind,
+                    "member": instance.member,
+                    "status": status(run, &instance.name),
+                })
+            })
+            .collect();
+        let edges: Vec<Value> = self
+            .edges()
+            .map(|e| {
+                json!({
+                    "from": &*self.instances[e.from].name,
+                    "from_port": e.from_port,
+                    "to": &*self.instances[e.to].name,
+                    "to_port": e.to_port,
+                    "type": e.type_name,
+                })
+            })
+            .collect();
+        let graph = json!({ "nodes": nodes, "edges": edges, "outputs": self.outputs() });
+        serde_json::to_string_pretty(&graph).expect("names and strings are always JSON")
+    }
+
+    fn edges(&self) -> impl Iterator<Item = Edge> {
+        self.instances.iter().enumerate().flat_map(move |(to, instance)| {
+            let ports = instance.ports().map(move |(port, feed)| {
+                let output = &self.nodes[self.instances[feed.instance].node].outputs[feed.port];
+                let from_port = match &feed.take {
+                    Take::Member(member) => format!("{}[{member}]", output.name),
+                    Take::Whole | Take::All => output.name.to_owned(),
+                };
+                let to_port = self.nodes[instance.node].inputs[port].name;
+                Edge { from: feed.instance, from_port, to, to_port, type_name: output.type_name }
+            });
+            ports.collect::<Vec<_>>()
+        })
+    }
+}
+
+struct Edge {
+    from: usize,
+    from_port: String,
+    to: usize,
+    to_port: &'static str,
+    type_name: &'static str,
+}
+
+impl Edge {
+    fn label(&self) -> String {
+        if self.from_port == self.to_port {
+            self.from_port.clone()
+        } else {
+            format!("{} to {}", self.from_port, self.to_port)
+        }
+    }
+}
+
+fn status(run: Option<&RunReport>, name: &str) -> Option<Status> {
+    run?.nodes.iter().find(|n| n.name == name).map(|n| n.status)
+}
+
+fn colour(status: Status) -> &'static str {
+    match status {
+        Status::Hit => "lightgrey",
+        Status::Ran => "lightgreen",
+        Status::Failed => "tomato",
+        Status::Blocked => "orange",
+        Status::Cancelled => "lightyellow",
     }
 }

@@ -1,11 +1,19 @@
 //! The engine: options, cache, thread pool, and the questions one may ask it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use super::cache::Entry;
 use super::context::Cancel;
+use super::disk::DiskCache;
+use super::key::{Why, first_change};
 use super::network::{Graph, Wanted};
-use super::report::{Explanation, Observer, PlanLine, RunReport, VerifyReport};
+use super::report::{Explanation, Observer, PlanLine, Planned, RunReport, VerifyReport};
+use super::run::Run;
 use super::source::Fault;
+use super::store::Store;
+use super::take::{Before, key_text, taken};
+use super::{Digest, key};
 
 /// How an engine works. None of it but `backend` changes what comes out.
 #[derive(Clone, Debug)]
@@ -34,37 +42,151 @@ impl Default for EngineOptions {
     }
 }
 
+/// No machine that this runs on has more.
+const MAX_THREADS: usize = 1024;
+
+/// Stages run on stacks of this size: a thread that waits inside one stage may take up another on the same stack.
+const STACK_BYTES: usize = 32 << 20;
+
+pub(super) const STORED_NO_MORE: &str = "its result is stored no more";
+
 /// Runs graphs, and keeps what they gave.
-pub struct Engine {}
+pub struct Engine {
+    backend: String,
+    pool: rayon::ThreadPool,
+    pub(super) store: Store,
+}
+
+/// What is known of an instance before anything runs.
+enum Foreseen {
+    Hit(Arc<Entry>, String),
+    Run(String),
+    /// An input of it is impossible: it would fail.
+    Fail(String),
+    /// Waits for this instance.
+    Unknown(usize),
+}
 
 impl Engine {
     /// Starts the threads. The cache folder is made when the first result is stored.
     pub fn new(options: EngineOptions) -> std::io::Result<Engine> {
-        let _ = options;
-        todo!()
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(options.threads.unwrap_or(0).min(MAX_THREADS))
+            .stack_size(STACK_BYTES)
+            .thread_name(|i| format!("stage {i}"))
+            .build()
+            .map_err(std::io::Error::other)?;
+        let disk = options.cache_dir.map(DiskCache::new);
+        let store = Store::new(options.memory_bytes, disk, options.disk_bytes);
+        Ok(Engine { backend: options.backend, pool, store })
+    }
+
+    pub fn threads(&self) -> usize {
+        self.pool.current_num_threads()
     }
 
     /// Makes what is wanted, running only nodes whose key is new.
     pub fn run(&self, graph: &Graph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> RunReport {
-        let _ = (graph, wanted, cancel, observer);
-        todo!()
-    }
-
-    /// What [`Engine::run`] would do, node by node, without doing it.
-    pub fn plan(&self, graph: &Graph, wanted: &Wanted) -> Vec<PlanLine> {
-        let _ = (graph, wanted);
-        todo!()
-    }
-
-    /// Why `node` (an instance: `direct[lamp_0]`) would run again: its key text against the last one of that name.
-    pub fn explain(&self, graph: &Graph, node: &str) -> Result<Explanation, Fault> {
-        let _ = (graph, node);
-        todo!()
+        self.pool.install(|| Run::new(self, graph, wanted, cancel, observer, false).go().0)
     }
 
     /// Runs, makes every hit again, and compares.
     pub fn verify(&self, graph: &Graph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> VerifyReport {
-        let _ = (graph, wanted, cancel, observer);
-        todo!()
+        let (run, differences) = self.pool.install(|| Run::new(self, graph, wanted, cancel, observer, true).go());
+        VerifyReport { run, differences }
+    }
+
+    /// What [`Engine::run`] would do, node by node, without doing it.
+    pub fn plan(&self, graph: &Graph, wanted: &Wanted) -> Vec<PlanLine> {
+        let foreseen = self.foresee(graph, wanted);
+        let lines = graph.instances.iter().zip(&foreseen).filter_map(|(instance, foreseen)| {
+            let (status, why) = self.judge(graph, &instance.name, foreseen.as_ref()?);
+            let kind = graph.nodes[instance.node].kind;
+            Some(PlanLine { node: instance.name.to_string(), kind, status, why: why.map(|why| why.why) })
+        });
+        lines.collect()
+    }
+
+    /// Why `node` (an instance: `direct[lamp_0]`) would run again: its key text against the last one of that name.
+    pub fn explain(&self, graph: &Graph, node: &str) -> Result<Explanation, Fault> {
+        let (_, instances) = graph.find(node)?;
+        if instances.len() != 1 {
+            let names: Vec<&str> = graph.instances[instances].iter().map(|i| &*i.name).collect();
+            let message = format!("wanted one node, `{node}` has {}", names.len());
+            return Err(Fault::file(Path::new(""), message).help(format!("name one: {}", names.join(", "))));
+        }
+        let at = instances.start;
+        let name = graph.instances[at].name.to_string();
+        let wanted = graph.wanted(Some(std::slice::from_ref(&name)))?;
+        let foreseen = self.foresee(graph, &wanted).swap_remove(at).expect("what is wanted is foreseen");
+        let (status, why) = self.judge(graph, &name, &foreseen);
+        let why = why.unwrap_or_else(|| Why::plain("nothing changed"));
+        let key_text = match foreseen {
+            Foreseen::Hit(_, text) | Foreseen::Run(text) => Some(text),
+            Foreseen::Fail(_) | Foreseen::Unknown(_) => None,
+        };
+        Ok(Explanation { node: name, status, why: why.why, old: why.old, new: why.new, key_text })
+    }
+
+    pub(super) fn backend(&self) -> &str {
+        &self.backend
+    }
+
+    fn foresee(&self, graph: &Graph, wanted: &Wanted) -> Vec<Option<Foreseen>> {
+        self.store.refresh_latest();
+        let mut all: Vec<Option<Foreseen>> = Vec::new();
+        for (at, instance) in graph.instances.iter().enumerate() {
+            if !wanted.needed[at] {
+                all.push(None);
+                continue;
+            }
+            let known = |&from: &usize| match &all[from] {
+                Some(Foreseen::Hit(entry, _)) => Ok((from, entry.clone())),
+                _ => Err(from),
+            };
+            let foreseen = match instance.from.iter().map(known).collect::<Result<Vec<_>, _>>() {
+                Err(from) => Foreseen::Unknown(from),
+                Ok(before) => self.look(graph, at, &Before(before)),
+            };
+            all.push(Some(foreseen));
+        }
+        all
+    }
+
+    fn look(&self, graph: &Graph, at: usize, before: &Before) -> Foreseen {
+        let taken = match taken(graph, at, before) {
+            Ok(taken) => taken,
+            Err(message) => return Foreseen::Fail(message),
+        };
+        let text = key_text(graph, at, &taken, before, &self.backend);
+        let node = &graph.nodes[graph.instances[at].node];
+        match self.store.find(&key::digest(&text), node).entry {
+            Some(entry) => Foreseen::Hit(entry, text),
+            None => Foreseen::Run(text),
+        }
+    }
+
+    fn judge(&self, graph: &Graph, name: &str, foreseen: &Foreseen) -> (Planned, Option<Why>) {
+        match foreseen {
+            Foreseen::Hit(..) => (Planned::Hit, None),
+            Foreseen::Run(text) => (Planned::Run, Some(self.why(name, &key::digest(text), text))),
+            Foreseen::Fail(message) => (Planned::Run, Some(Why::plain(message))),
+            Foreseen::Unknown(from) => {
+                let why = format!("depends on what {} gives", graph.instances[*from].name);
+                (Planned::Unknown, Some(Why::plain(&why)))
+            }
+        }
+    }
+
+    /// Why a node that has no result under its key has none.
+    pub(super) fn why(&self, name: &str, key: &Digest, text: &str) -> Why {
+        match self.store.last_key(name) {
+            None => Why::plain("new"),
+            Some((last, _)) if last == *key => Why::plain(STORED_NO_MORE),
+            Some((_, None)) => Why::plain("changed, and its last key is stored no more"),
+            Some((_, Some(header))) => {
+                first_change(&header.key_text, text).unwrap_or_else(|| Why::plain("its key is written differently"))
+            }
+        }
     }
 }

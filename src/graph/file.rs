@@ -1,6 +1,7 @@
 //! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports are looked up later,
 //! by [`GraphFile::resolve`].
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,6 +9,8 @@ use super::source::{Fault, Key, Origin, Raw, Source, is_name};
 
 /// The version of graph files that this program reads.
 const VERSION: u32 = 1;
+/// More than any person or program writes; keeps a hostile file from costing minutes.
+const MAX_NODES: usize = 10_000;
 
 /// A graph file with everything that it extends.
 pub struct GraphFile {
@@ -16,6 +19,8 @@ pub struct GraphFile {
     pub(super) sets: Vec<SetDecl>,
     pub(super) nodes: Vec<NodeDecl>,
     pub(super) outputs: Vec<Key>,
+    /// Faults that do not hinder looking for more: [`GraphFile::resolve`] tells them with its own.
+    pub(super) faults: Vec<Fault>,
 }
 
 /// A set of member names, as the graph file gives it.
@@ -97,7 +102,8 @@ struct Layer {
 }
 
 impl GraphFile {
-    /// Reads a graph file and what it extends. All faults of all these files come at once.
+    /// Reads a graph file and what it extends. Fails only where nothing can be made of them: unreadable, brackets that do
+    /// not match, a parent that is not there. All other faults are told by [`GraphFile::resolve`], at once.
     pub fn read(path: &Path) -> Result<GraphFile, Vec<Fault>> {
         GraphFile::parse(Source::read(path).map_err(|fault| vec![fault])?)
     }
@@ -110,32 +116,23 @@ impl GraphFile {
         let mut layers = Vec::new();
         let mut next = Some(source);
         while let Some(source) = next.take() {
-            let Some(layer) = parse_layer(&source, &mut faults) else { break };
+            let Some(layer) = parse_layer(&source, &mut faults) else { return Err(faults) };
             if let Some(parent) = &layer.extends {
-                let parent_path = source.folder().join(&parent.name);
-                if chain.contains(&identity(&parent_path)) {
-                    let message = format!("`{}` extends itself: {}", parent.name, show_chain(&chain, &parent_path));
-                    faults.push(Fault::at(&parent.origin, message));
-                } else {
-                    chain.push(identity(&parent_path));
-                    match Source::read(&parent_path) {
-                        Ok(source) => next = Some(source),
-                        Err(fault) if fault.origin.is_none() => {
-                            let message = format!("{}: {}", fault.path.display(), fault.message);
-                            faults.push(Fault::at(&parent.origin, message));
-                        }
-                        Err(fault) => faults.push(fault),
+                match read_parent(&source, parent, &mut chain) {
+                    Ok(source) => next = Some(source),
+                    // Without the parent, the child would only show faults that are not its own.
+                    Err(fault) => {
+                        faults.push(fault);
+                        return Err(faults);
                     }
                 }
             }
             layers.push(layer);
         }
-        let mut file = GraphFile { path, scene: None, sets: Vec::new(), nodes: Vec::new(), outputs: Vec::new() };
-        // The children of a file that cannot be read would only tell faults that are not theirs.
-        if faults.is_empty() {
-            layers.into_iter().rev().for_each(|layer| file.lay_over(layer, &mut faults));
-        }
-        if faults.is_empty() { Ok(file) } else { Err(faults) }
+        let mut file = GraphFile { path, scene: None, sets: vec![], nodes: vec![], outputs: vec![], faults: vec![] };
+        layers.into_iter().rev().for_each(|layer| file.lay_over(layer, &mut faults));
+        file.faults = faults;
+        Ok(file)
     }
 
     pub fn path(&self) -> &Path {
@@ -212,6 +209,18 @@ impl NodeDecl {
     }
 }
 
+fn read_parent(source: &Source, parent: &Key, chain: &mut Vec<PathBuf>) -> Result<Arc<Source>, Fault> {
+    let path = source.folder().join(&parent.name);
+    if chain.contains(&identity(&path)) {
+        let message = format!("`{}` extends itself: {}", parent.name, show_chain(chain, &path));
+        return Err(Fault::at(&parent.origin, message));
+    }
+    chain.push(identity(&path));
+    Source::read(&path).map_err(|fault| {
+        Fault::at(&parent.origin, format!("{} (extended here): {}", fault.path.display(), fault.message))
+    })
+}
+
 /// A path under which the same file is known again.
 fn identity(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
@@ -229,7 +238,8 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Vec<Fault>) -> Option<Layer> {
     let mut layer = Layer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
     let known = ["version", "extends", "scene", "sets", "nodes", "outputs"];
     let fields = document.as_struct(Some("Graph"), &known, faults);
-    if !fields.iter().any(|(key, _)| key.name == "version") && document.variant().is_none_or(|v| v == "Graph") {
+    let is_graph = document.variant().map_or(document.text().starts_with('('), |name| name == "Graph");
+    if is_graph && !fields.iter().any(|(key, _)| key.name == "version") {
         let fault = Fault::at(&document.variant_origin(), "`version` is missing");
         faults.push(fault.help(format!("begin with `Graph(version: {VERSION},`")));
     }
@@ -240,7 +250,12 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Vec<Fault>) -> Option<Layer> {
             "scene" => layer.scene = value.as_key().map_err(|f| faults.push(f)).ok(),
             "sets" => layer.sets = parse_sets(&value, faults),
             "nodes" => {
-                let entries = value.as_map(faults);
+                let mut entries = value.as_map(faults);
+                if let Some((name, _)) = entries.get(MAX_NODES) {
+                    let message = format!("wanted at most {MAX_NODES} nodes, got {}", entries.len());
+                    faults.push(Fault::at(&name.origin, message));
+                    entries.truncate(MAX_NODES);
+                }
                 layer.nodes = entries.into_iter().map(|(name, body)| parse_node(name, &body, faults)).collect();
             }
             _ => layer.outputs = names(&value.as_list(faults), faults),
@@ -294,9 +309,10 @@ fn parse_wire(port: Key, value: &Raw, faults: &mut Vec<Fault>) -> Wire {
 /// Strings, each given once.
 fn names(values: &[Raw], faults: &mut Vec<Fault>) -> Vec<Key> {
     let mut keys: Vec<Key> = Vec::new();
+    let mut seen = BTreeSet::new();
     for value in values {
         match value.as_key() {
-            Ok(key) if keys.iter().any(|k| k.name == key.name) => {
+            Ok(key) if !seen.insert(key.name.clone()) => {
                 faults.push(value.fault(format!("`{}` is given twice", key.name)));
             }
             Ok(key) => keys.push(key),

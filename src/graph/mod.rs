@@ -16,6 +16,8 @@ mod report;
 mod resolve;
 mod run;
 mod source;
+mod store;
+mod take;
 
 pub use artifact::{Artifact, Value};
 pub use context::{Cancel, Context, NodeError};

@@ -1,5 +1,7 @@
 //! A graph ready to run: one instance per node, or per node and member, and the wires between them.
 
+use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 
 use super::registry::AnyNode;
@@ -25,7 +27,7 @@ pub(super) struct GraphNode {
     pub key_head: String,
     pub files: Vec<(File, Digest)>,
     /// Its instances are a range of [`Graph::instances`].
-    pub instances: std::ops::Range<usize>,
+    pub instances: Range<usize>,
 }
 
 pub(super) struct Instance {
@@ -34,6 +36,8 @@ pub(super) struct Instance {
     pub member: Option<String>,
     /// One per input port of the node.
     pub inputs: Vec<Input>,
+    /// The instances that it takes from, each once, ascending.
+    pub from: Vec<usize>,
 }
 
 pub(super) enum Input {
@@ -77,6 +81,23 @@ pub(super) struct WantedOutput {
     pub by_member: bool,
 }
 
+impl Input {
+    pub fn feeds(&self) -> &[Feed] {
+        match self {
+            Input::Missing => &[],
+            Input::One(feed) => std::slice::from_ref(feed),
+            Input::Many(feeds) => feeds,
+        }
+    }
+}
+
+impl Instance {
+    /// Everything it takes, with the index of the input port.
+    pub fn ports(&self) -> impl Iterator<Item = (usize, &Feed)> {
+        self.inputs.iter().enumerate().flat_map(|(port, input)| input.feeds().iter().map(move |feed| (port, feed)))
+    }
+}
+
 impl Graph {
     /// The outputs that the graph file names.
     pub fn outputs(&self) -> &[String] {
@@ -86,8 +107,65 @@ impl Graph {
     /// What is needed for these: `node`, `node[member]`, `node.port`, `node[member].port`; a node without a port means
     /// all its ports. `None` means the outputs of the graph file.
     pub fn wanted(&self, names: Option<&[String]>) -> Result<Wanted, Fault> {
-        let _ = names;
-        todo!()
+        let names = names.unwrap_or(&self.outputs);
+        if names.is_empty() {
+            return Err(Fault::file(Path::new(""), "nothing is wanted: the graph names no outputs"));
+        }
+        let mut wanted = Wanted { outputs: Vec::new(), needed: vec![false; self.instances.len()] };
+        for name in names {
+            let (node_name, port_name) = match name.split_once('.') {
+                Some((node, port)) => (node, Some(port)),
+                None => (name.as_str(), None),
+            };
+            let (node, instances) = self.find(node_name)?;
+            let by_member = node.each.is_some() && instances.len() == node.instances.len() && !node_name.contains('[');
+            for instance in instances.clone() {
+                wanted.needed[instance] = true;
+            }
+            let ports: Vec<usize> = match port_name {
+                None => (0..node.outputs.len()).collect(),
+                Some(port) => vec![node.outputs.iter().position(|p| p.name == port).ok_or_else(|| {
+                    let message = format!("node `{node_name}` ({}) has no output `{port}`", node.kind);
+                    Fault::file(Path::new(""), message).suggest(port, node.outputs.iter().map(|p| p.name))
+                })?],
+            };
+            for &port in &ports {
+                let name = if port_name.is_some() || ports.len() == 1 {
+                    name.clone()
+                } else {
+                    format!("{name}.{}", node.outputs[port].name)
+                };
+                wanted.outputs.push(WantedOutput { name, port, instances: instances.clone().collect(), by_member });
+            }
+        }
+        for instance in (0..self.instances.len()).rev().filter(|&i| wanted.needed[i]).collect::<Vec<_>>() {
+            self.mark(instance, &mut wanted.needed);
+        }
+        Ok(wanted)
+    }
+
+    /// The node, and those of its instances that `name` (`node` or `node[member]`) means.
+    pub(super) fn find(&self, name: &str) -> Result<(&GraphNode, Range<usize>), Fault> {
+        if let Some(node) = self.nodes.iter().find(|n| n.name == name) {
+            return Ok((node, node.instances.clone()));
+        }
+        if let Some(at) = self.instances.iter().position(|i| &*i.name == name) {
+            return Ok((&self.nodes[self.instances[at].node], at..at + 1));
+        }
+        let known = self.nodes.iter().map(|n| n.name.as_str()).chain(self.instances());
+        Err(Fault::file(Path::new(""), format!("the graph has no node `{name}`")).suggest(name, known))
+    }
+
+    /// Marks all that `instance` takes from. Iterative, because graphs may be long chains.
+    fn mark(&self, instance: usize, needed: &mut [bool]) {
+        let mut stack = vec![instance];
+        while let Some(at) = stack.pop() {
+            for &from in &self.instances[at].from {
+                if !std::mem::replace(&mut needed[from], true) {
+                    stack.push(from);
+                }
+            }
+        }
     }
 
     /// Names of all instances, in the order in which a run reports them.

@@ -38,7 +38,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use super::{Artifact, Context, NodeError, Value};
+use super::{Artifact, Context, Digest, NodeError, Value};
 
 /// A stage. `Self` is its parameters, made by [`params!`](crate::params).
 pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 'static {
@@ -202,8 +202,8 @@ pub trait Outputs: Sized {
     fn ports() -> Vec<PortSpec>;
     /// In the order of [`Outputs::ports`].
     fn give(self) -> Vec<PortValue>;
-    /// Decodes one stored value of the port at `index` of [`Outputs::ports`].
-    fn decode(index: usize, bytes: &[u8]) -> Result<Value, String>;
+    /// Decodes one stored value of the port at `index` of [`Outputs::ports`], whose `digest` was checked.
+    fn decode(index: usize, bytes: &[u8], digest: Digest) -> Result<Value, String>;
 }
 
 /// A field type that can be an input port.
@@ -217,8 +217,8 @@ pub trait InPort: Sized {
 pub trait OutPort: Sized {
     const TYPE: &'static str;
     const ARITY: Arity;
-    /// Decodes one stored value of this port's type.
-    fn decode(bytes: &[u8]) -> Result<Value, String>;
+    /// Decodes one stored value of this port's type, whose `digest` was checked.
+    fn decode(bytes: &[u8], digest: Digest) -> Result<Value, String>;
     fn give(self) -> PortValue;
 }
 
@@ -259,15 +259,15 @@ impl<T: Artifact> InPort for Gather<T> {
     }
 }
 
-fn decode<T: Artifact>(bytes: &[u8]) -> Result<Value, String> {
-    postcard::from_bytes(bytes).map(|artifact: T| Value::stored(artifact, bytes)).map_err(|e| e.to_string())
+fn decode<T: Artifact>(bytes: &[u8], digest: Digest) -> Result<Value, String> {
+    postcard::from_bytes(bytes).map(|artifact: T| Value::stored(artifact, digest)).map_err(|e| e.to_string())
 }
 
 impl<T: Artifact> OutPort for Arc<T> {
     const TYPE: &'static str = T::TYPE;
     const ARITY: Arity = Arity::One;
-    fn decode(bytes: &[u8]) -> Result<Value, String> {
-        decode::<T>(bytes)
+    fn decode(bytes: &[u8], digest: Digest) -> Result<Value, String> {
+        decode::<T>(bytes, digest)
     }
     fn give(self) -> PortValue {
         PortValue::One(Value::new(self))
@@ -277,8 +277,8 @@ impl<T: Artifact> OutPort for Arc<T> {
 impl<T: Artifact> OutPort for Scatter<T> {
     const TYPE: &'static str = T::TYPE;
     const ARITY: Arity = Arity::Many;
-    fn decode(bytes: &[u8]) -> Result<Value, String> {
-        decode::<T>(bytes)
+    fn decode(bytes: &[u8], digest: Digest) -> Result<Value, String> {
+        decode::<T>(bytes, digest)
     }
     fn give(self) -> PortValue {
         PortValue::Many(self.0.into_iter().map(|(name, v)| (name, Value::new(v))).collect())
@@ -324,10 +324,14 @@ macro_rules! ports {
             fn give(self) -> Vec<$crate::graph::PortValue> {
                 vec![$( $crate::graph::OutPort::give(self.$field) ),*]
             }
-            fn decode(index: usize, bytes: &[u8]) -> Result<$crate::graph::Value, String> {
-                type Decode = fn(&[u8]) -> Result<$crate::graph::Value, String>;
+            fn decode(
+                index: usize,
+                bytes: &[u8],
+                digest: $crate::graph::Digest,
+            ) -> Result<$crate::graph::Value, String> {
+                type Decode = fn(&[u8], $crate::graph::Digest) -> Result<$crate::graph::Value, String>;
                 let ports: &[Decode] = &[$( <$ty as $crate::graph::OutPort>::decode ),*];
-                ports.get(index).ok_or_else(|| format!("there is no output port {index}"))?(bytes)
+                ports.get(index).ok_or_else(|| format!("there is no output port {index}"))?(bytes, digest)
             }
         }
     };

@@ -1,6 +1,6 @@
 //! The kinds of nodes that graph files may name, with their types forgotten.
 
-use super::{Context, File, Inputs, Node, NodeError, Outputs, ParamSpec, Params, PortSpec, PortValue, Value};
+use super::{Context, Digest, File, Inputs, Node, NodeError, Outputs, ParamSpec, Params, PortSpec, PortValue, Value};
 
 /// The list of node kinds.
 #[derive(Default)]
@@ -55,7 +55,7 @@ pub(super) trait AnyNode: Send + Sync {
     fn values(&self) -> Vec<(&'static str, String)>;
     fn files(&mut self) -> Vec<&mut File>;
     fn check(&self) -> Result<(), String>;
-    fn decode(&self, port: usize, bytes: &[u8]) -> Result<Value, String>;
+    fn decode(&self, port: usize, bytes: &[u8], digest: Digest) -> Result<Value, String>;
     fn run(&self, inputs: Vec<PortValue>, ctx: &Context) -> Result<Vec<PortValue>, NodeError>;
     fn boxed_clone(&self) -> Box<dyn AnyNode>;
 }
@@ -77,8 +77,8 @@ impl<N: Node> AnyNode for N {
         Node::check(self)
     }
 
-    fn decode(&self, port: usize, bytes: &[u8]) -> Result<Value, String> {
-        N::Out::decode(port, bytes)
+    fn decode(&self, port: usize, bytes: &[u8], digest: Digest) -> Result<Value, String> {
+        N::Out::decode(port, bytes, digest)
     }
 
     fn run(&self, inputs: Vec<PortValue>, ctx: &Context) -> Result<Vec<PortValue>, NodeError> {

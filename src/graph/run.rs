@@ -1,1 +1,511 @@
-//! The scheduler.
+//! One run: each node starts when its last input is known, the one before the longest chain of others first.
+//!
+//! A stage may use the same threads inside (`par_iter`), and a thread that waits there may take up another node. So no
+//! lock is held while a stage works, and no node ever waits on a thread for another: what cannot go on is put aside and
+//! taken up again by whoever finishes what it waited for.
+
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard};
+use std::time::Instant;
+
+use super::cache::{Entry, Header};
+use super::context::{Cancel, Context, NodeError};
+use super::disk::Loss;
+use super::engine::{Engine, STORED_NO_MORE};
+use super::network::{Graph, GraphNode, Wanted};
+use super::report::{Difference, NodeReport, Observer, RunReport, Status};
+use super::source::is_name;
+use super::take::{Before, Slot, Taken, key_text, taken};
+use super::{Digest, PortValue, Value, key};
+
+pub(super) struct Run<'a> {
+    engine: &'a Engine,
+    graph: &'a Graph,
+    wanted: &'a Wanted,
+    cancel: &'a Cancel,
+    observer: &'a dyn Observer,
+    /// Make every hit again and compare.
+    verify: bool,
+    /// Per instance, the needed instances that take from it, and the length of the longest chain that begins there.
+    takers: Vec<Vec<usize>>,
+    chain: Vec<u32>,
+    state: Mutex<State>,
+}
+
+struct State {
+    /// Per instance, how many results it still waits for.
+    waits: Vec<usize>,
+    /// By length of chain, then the earlier instance first.
+    ready: BinaryHeap<(u32, Reverse<usize>)>,
+    /// What runs or ran under a key in this run.
+    flights: HashMap<Digest, Flight>,
+    outcomes: Vec<Option<Outcome>>,
+    reports: Vec<Option<NodeReport>>,
+    differences: Vec<(usize, Difference)>,
+    /// Per instance, how many may still take its values; at 0 the run lets go of them.
+    uses: Vec<usize>,
+    held: Vec<u64>,
+    held_now: u64,
+    peak: u64,
+}
+
+enum Flight {
+    /// In the air; these wait for it.
+    Running(Vec<usize>),
+    /// Landed: what became of this instance holds for all.
+    Landed(usize),
+}
+
+#[derive(Clone)]
+enum Outcome {
+    Done(Arc<Entry>),
+    Failed,
+    /// By this instance, that failed.
+    Blocked(usize),
+    Cancelled,
+}
+
+/// Why a node gave no result.
+enum Stop {
+    Failed(String),
+    Blocked(usize),
+    Cancelled,
+}
+
+/// A node whose inputs are all known.
+struct Job {
+    at: usize,
+    key: Digest,
+    text: String,
+    taken: Vec<Taken>,
+}
+
+/// What a stage gave, and what the run table tells of it.
+struct Made {
+    entry: Arc<Entry>,
+    values: Vec<Value>,
+    seconds: f64,
+    rays: u64,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(
+        engine: &'a Engine,
+        graph: &'a Graph,
+        wanted: &'a Wanted,
+        cancel: &'a Cancel,
+        observer: &'a dyn Observer,
+        verify: bool,
+    ) -> Run<'a> {
+        let count = graph.instances.len();
+        let mut takers = vec![Vec::new(); count];
+        let mut waits = vec![0; count];
+        for at in (0..count).filter(|&at| wanted.needed[at]) {
+            waits[at] = graph.instances[at].from.len();
+            graph.instances[at].from.iter().for_each(|&from| takers[from].push(at));
+        }
+        let mut uses: Vec<usize> = takers.iter().map(Vec::len).collect();
+        wanted.outputs.iter().flat_map(|output| &output.instances).for_each(|&at| uses[at] += 1);
+        let mut chain = vec![1; count];
+        for at in (0..count).rev() {
+            chain[at] = 1 + takers[at].iter().map(|&taker| chain[taker]).max().unwrap_or(0);
+        }
+        let ready = (0..count).filter(|&at| wanted.needed[at] && waits[at] == 0);
+        let state = State {
+            ready: ready.map(|at| (chain[at], Reverse(at))).collect(),
+            waits,
+            flights: HashMap::new(),
+            outcomes: vec![None; count],
+            reports: vec![None; count],
+            differences: Vec::new(),
+            uses,
+            held: vec![0; count],
+            held_now: 0,
+            peak: 0,
+        };
+        Run { engine, graph, wanted, cancel, observer, verify, takers, chain, state: Mutex::new(state) }
+    }
+
+    /// Runs to the end, on the threads of the pool that this is called on.
+    pub fn go(self) -> (RunReport, Vec<Difference>) {
+        let began = Instant::now();
+        self.observer.begin(self.wanted.needed.iter().filter(|&&needed| needed).count());
+        self.engine.store.refresh_latest();
+        rayon::scope(|scope| self.spawn(scope, self.lock().ready.len()));
+        let outputs = self.outputs();
+        let state = self.state.into_inner().expect(UNPOISONED);
+        let done = self.graph.instances.iter().zip(&state.outcomes).filter_map(|(instance, outcome)| match outcome {
+            Some(Outcome::Done(entry)) => Some((instance.name.clone(), entry.header.clone(), entry.key)),
+            _ => None,
+        });
+        self.engine.store.set_latest(done);
+        let mut differences = state.differences;
+        differences.sort_by_key(|(at, _)| *at);
+        let report = RunReport {
+            nodes: state.reports.into_iter().flatten().collect(),
+            outputs,
+            warnings: self.engine.store.take_warnings(),
+            peak_bytes: state.peak,
+            seconds: began.elapsed().as_secs_f64(),
+        };
+        (report, differences.into_iter().map(|(_, difference)| difference).collect())
+    }
+
+    fn spawn<'s>(&'s self, scope: &rayon::Scope<'s>, workers: usize) {
+        (0..workers).for_each(|_| scope.spawn(|scope| self.work(scope)));
+    }
+
+    /// Takes up the most urgent of the nodes that are ready. There is a worker for each of them.
+    fn work<'s>(&'s self, scope: &rayon::Scope<'s>) {
+        let Some((_, Reverse(at))) = self.lock().ready.pop() else { return };
+        let job = match self.job(at) {
+            Ok(job) => job,
+            Err(stop) => {
+                let (outcome, report) = self.stopped(at, None, stop);
+                return self.settle(scope, at, None, outcome, report);
+            }
+        };
+        let landed = {
+            let mut state = self.lock();
+            match state.flights.get_mut(&job.key) {
+                Some(Flight::Running(waiting)) => return waiting.push(at),
+                Some(&mut Flight::Landed(first)) => Some(first),
+                None => {
+                    state.flights.insert(job.key, Flight::Running(Vec::new()));
+                    None
+                }
+            }
+        };
+        if let Some(first) = landed {
+            let (outcome, report) = self.like(at, first, job.key);
+            return self.settle(scope, at, None, outcome, report);
+        }
+
+        let node = self.node(at);
+        let found = self.engine.store.find(&job.key, node);
+        if let (Some(entry), false) = (&found.entry, self.verify) {
+            let report = self.report(at, Status::Hit, Some(entry));
+            return self.settle(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
+        }
+        match (self.make(&job), found.entry) {
+            (Err(stop), _) => {
+                let (outcome, report) = self.stopped(at, Some(job.key), stop);
+                self.settle(scope, at, Some(job.key), outcome, report);
+            }
+            (Ok(made), Some(stored)) => {
+                self.compare(at, &stored.header, &made.entry.header);
+                let report = NodeReport {
+                    seconds: made.seconds,
+                    rays: made.rays,
+                    ..self.report(at, Status::Hit, Some(&stored))
+                };
+                self.settle(scope, at, Some(job.key), Outcome::Done(stored), report);
+            }
+            (Ok(made), None) => {
+                self.engine.store.keep_in_memory(&made.entry);
+                let report = self.ran(&job, &made, found.damage.map(Loss::Damaged));
+                self.settle(scope, at, Some(job.key), Outcome::Done(made.entry.clone()), report);
+                // Only now, so that what waits for the values need not wait for the disk.
+                self.engine.store.keep_on_disk(&made.entry, &made.values);
+            }
+        }
+    }
+
+    /// What the node takes, and its key.
+    fn job(&self, at: usize) -> Result<Job, Stop> {
+        if self.cancel.is_cancelled() {
+            return Err(Stop::Cancelled);
+        }
+        let before = self.before(at)?;
+        let taken = taken(self.graph, at, &before).map_err(Stop::Failed)?;
+        let text = key_text(self.graph, at, &taken, &before, self.engine.backend());
+        Ok(Job { at, key: key::digest(&text), text, taken })
+    }
+
+    fn before(&self, at: usize) -> Result<Before, Stop> {
+        let state = self.lock();
+        let mut before = Vec::new();
+        let mut cancelled = false;
+        for &from in &self.graph.instances[at].from {
+            match state.outcomes[from].as_ref().expect("a node is ready when all that it takes from has settled") {
+                Outcome::Done(entry) => before.push((from, entry.clone())),
+                Outcome::Failed => return Err(Stop::Blocked(from)),
+                Outcome::Blocked(cause) => return Err(Stop::Blocked(*cause)),
+                Outcome::Cancelled => cancelled = true,
+            }
+        }
+        if cancelled { Err(Stop::Cancelled) } else { Ok(Before(before)) }
+    }
+
+    /// Runs the stage.
+    fn make(&self, job: &Job) -> Result<Made, Stop> {
+        let node = self.node(job.at);
+        let inputs = job.taken.iter().map(|taken| {
+            Ok(match taken {
+                Taken::Missing => PortValue::Missing,
+                Taken::One(slot) => PortValue::One(self.value(*slot)?),
+                Taken::Many(all) => {
+                    let value = |(member, slot): &(String, Slot)| Ok((member.clone(), self.value(*slot)?));
+                    PortValue::Many(all.iter().map(value).collect::<Result<_, Stop>>()?)
+                }
+            })
+        });
+        let inputs = inputs.collect::<Result<Vec<_>, Stop>>()?;
+        let ctx = Context::new(self.cancel.clone(), node.files.clone());
+        ctx.check_cancelled().map_err(|_| Stop::Cancelled)?;
+        self.observer.started(&self.graph.instances[job.at].name);
+        let began = Instant::now();
+        let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
+            Ok(Ok(outputs)) => outputs,
+            Ok(Err(NodeError::Cancelled)) => return Err(Stop::Cancelled),
+            Ok(Err(error)) => return Err(Stop::Failed(error.to_string())),
+            Err(panic) => return Err(Stop::Failed(format!("a bug in {}: it panicked: {}", node.kind, said(&*panic)))),
+        };
+        check_members(node, &outputs).map_err(Stop::Failed)?;
+        let seconds = began.elapsed().as_secs_f64();
+        let header =
+            Header { key_text: job.text.clone(), values: vec![], stderr: ctx.stderr(), warnings: ctx.warnings() };
+        let entry = Arc::new(Entry::made(job.key, header, &outputs));
+        let values = entry.all().expect("a result just made has all its values");
+        self.hold(job.at, &entry);
+        Ok(Made { entry, values, seconds, rays: ctx.rays() })
+    }
+
+    /// A value for a stage that really runs: from memory, from disk, or made again when what is stored is damaged.
+    fn value(&self, slot: Slot) -> Result<Value, Stop> {
+        let Some(Outcome::Done(entry)) = self.lock().outcomes[slot.instance].clone() else {
+            return Err(Stop::Blocked(slot.instance));
+        };
+        let loss = match self.engine.store.value(&entry, slot.index, self.node(slot.instance)) {
+            Ok(value) => {
+                self.hold(slot.instance, &entry);
+                return Ok(value);
+            }
+            Err(loss) => loss,
+        };
+        let wanted = &entry.header.values[slot.index];
+        let made = self.make_again(slot.instance, loss)?;
+        let index = made.header.port(wanted.port as usize).find(|&i| made.header.values[i].member == wanted.member);
+        index.and_then(|i| made.value(i)).ok_or_else(|| {
+            Stop::Failed(format!("{} gave other members than before", self.graph.instances[slot.instance].name))
+        })
+    }
+
+    /// Runs a hit after all, because its values cannot be read.
+    fn make_again(&self, at: usize, loss: Loss) -> Result<Arc<Entry>, Stop> {
+        let stored = match self.lock().outcomes[at].clone() {
+            Some(Outcome::Done(entry)) => entry,
+            _ => return Err(Stop::Blocked(at)),
+        };
+        let made = self.job(at).and_then(|job| self.make(&job).map(|made| (job, made)));
+        let (outcome, report, result) = match made {
+            Ok((job, made)) => {
+                let mut report = self.ran(&job, &made, Some(loss));
+                let digests = |header: &Header| header.values.iter().map(|v| v.digest).collect::<Vec<_>>();
+                if digests(&stored.header) != digests(&made.entry.header) {
+                    report.warnings.push(format!("a bug in {}: the same key gave another result", report.kind));
+                }
+                self.engine.store.keep_in_memory(&made.entry);
+                self.engine.store.keep_on_disk(&made.entry, &made.values);
+                (Outcome::Done(made.entry.clone()), report, Ok(made.entry))
+            }
+            Err(stop) => {
+                let (outcome, report) = self.stopped(at, Some(stored.key), stop);
+                let stop = if matches!(outcome, Outcome::Cancelled) { Stop::Cancelled } else { Stop::Blocked(at) };
+                (outcome, report, Err(stop))
+            }
+        };
+        self.observer.finished(&report);
+        let mut state = self.lock();
+        state.outcomes[at] = Some(outcome);
+        state.reports[at] = Some(report);
+        result
+    }
+
+    /// Notes what became of a node, and wakes what waited for it.
+    fn settle<'s>(
+        &'s self,
+        scope: &rayon::Scope<'s>,
+        at: usize,
+        landing: Option<Digest>,
+        outcome: Outcome,
+        report: NodeReport,
+    ) {
+        let NodeReport { name, status, why, error, .. } = &report;
+        tracing::debug!(node = %name, ?status, why = why.as_deref(), error = error.as_deref(), "settled");
+        self.observer.finished(&report);
+        let (freed, alike) = {
+            let state = &mut *self.lock();
+            state.outcomes[at] = Some(outcome);
+            state.reports[at] = Some(report);
+            let mut freed = 0;
+            for &taker in &self.takers[at] {
+                state.waits[taker] -= 1;
+                if state.waits[taker] == 0 {
+                    state.ready.push((self.chain[taker], Reverse(taker)));
+                    freed += 1;
+                }
+            }
+            self.graph.instances[at].from.iter().for_each(|&from| state.release(from));
+            let flight = landing.and_then(|key| state.flights.insert(key, Flight::Landed(at)));
+            (freed, if let Some(Flight::Running(waiting)) = flight { waiting } else { Vec::new() })
+        };
+        self.spawn(scope, freed);
+        for other in alike {
+            let (outcome, report) = self.like(other, at, landing.expect("only a flight has others waiting for it"));
+            self.settle(scope, other, None, outcome, report);
+        }
+    }
+
+    /// What becomes of `at`, whose key is that of `first`.
+    fn like(&self, at: usize, first: usize, key: Digest) -> (Outcome, NodeReport) {
+        let (outcome, error) = {
+            let state = self.lock();
+            (state.outcomes[first].clone(), state.reports[first].as_ref().and_then(|r| r.error.clone()))
+        };
+        match outcome.expect("a flight lands after its outcome is known") {
+            Outcome::Done(entry) => {
+                let report = self.report(at, Status::Hit, Some(&entry));
+                (Outcome::Done(entry), report)
+            }
+            Outcome::Failed => self.stopped(at, Some(key), Stop::Failed(error.unwrap_or_default())),
+            Outcome::Blocked(cause) => self.stopped(at, Some(key), Stop::Blocked(cause)),
+            Outcome::Cancelled => self.stopped(at, Some(key), Stop::Cancelled),
+        }
+    }
+
+    fn stopped(&self, at: usize, key: Option<Digest>, stop: Stop) -> (Outcome, NodeReport) {
+        let (outcome, status, error) = match stop {
+            Stop::Failed(message) => (Outcome::Failed, Status::Failed, Some(message)),
+            Stop::Blocked(cause) => {
+                let message = format!("needs {}, which failed", self.graph.instances[cause].name);
+                (Outcome::Blocked(cause), Status::Blocked, Some(message))
+            }
+            Stop::Cancelled => (Outcome::Cancelled, Status::Cancelled, None),
+        };
+        (outcome, NodeReport { key, error, ..self.report(at, status, None) })
+    }
+
+    fn ran(&self, job: &Job, made: &Made, loss: Option<Loss>) -> NodeReport {
+        let mut report = self.report(job.at, Status::Ran, Some(&made.entry));
+        report.seconds = made.seconds;
+        report.rays = made.rays;
+        let why = match loss {
+            Some(Loss::Damaged(damage)) => {
+                report.warnings.push(format!("the stored result was damaged ({damage}) and was made again"));
+                "its stored result was damaged".to_owned()
+            }
+            Some(Loss::Gone) => STORED_NO_MORE.to_owned(),
+            None => self.engine.why(&report.name, &job.key, &job.text).why,
+        };
+        NodeReport { why: Some(why), ..report }
+    }
+
+    fn report(&self, at: usize, status: Status, entry: Option<&Arc<Entry>>) -> NodeReport {
+        NodeReport {
+            name: self.graph.instances[at].name.to_string(),
+            kind: self.node(at).kind,
+            status,
+            seconds: 0.0,
+            rays: 0,
+            stderr: entry.and_then(|e| e.header.stderr),
+            bytes: entry.map_or(0, |e| e.header.memory()),
+            key: entry.map(|e| e.key),
+            why: None,
+            warnings: entry.map(|e| e.header.warnings.clone()).unwrap_or_default(),
+            error: None,
+        }
+    }
+
+    fn compare(&self, at: usize, stored: &Header, computed: &Header) {
+        let node = self.node(at);
+        let digest = |header: &Header, port: u32, member: &Option<String>| {
+            header.values.iter().find(|v| v.port == port && v.member == *member).map(|v| Digest(v.digest))
+        };
+        let only_computed = computed.values.iter().filter(|v| digest(stored, v.port, &v.member).is_none());
+        for value in stored.values.iter().chain(only_computed) {
+            let (was, is) = (digest(stored, value.port, &value.member), digest(computed, value.port, &value.member));
+            if was != is {
+                let port = node.outputs[value.port as usize].name;
+                let port = value.member.as_ref().map_or(port.to_owned(), |member| format!("{port}[{member}]"));
+                let name = self.graph.instances[at].name.to_string();
+                self.lock().differences.push((at, Difference { node: name, port, stored: was, computed: is }));
+            }
+        }
+    }
+
+    /// The wanted outputs of which everything was made.
+    fn outputs(&self) -> Vec<(String, PortValue)> {
+        let output = |output: &super::network::WantedOutput| {
+            let mut all = Vec::new();
+            let node = self.node(*output.instances.first()?);
+            for &at in &output.instances {
+                let Some(Outcome::Done(entry)) = self.lock().outcomes[at].clone() else { return None };
+                for index in entry.header.port(output.port) {
+                    let own = self.graph.instances[at].member.clone();
+                    let member = if output.by_member { own } else { entry.header.values[index].member.clone() };
+                    all.push((member.unwrap_or_default(), self.value(Slot { instance: at, index }).ok()?));
+                }
+            }
+            let many = output.by_member || node.outputs[output.port].arity == super::Arity::Many;
+            let value = if many { PortValue::Many(all) } else { PortValue::One(all.pop()?.1) };
+            Some((output.name.clone(), value))
+        };
+        self.wanted.outputs.iter().filter_map(output).collect()
+    }
+
+    /// Counts what the run holds of a result.
+    fn hold(&self, at: usize, entry: &Entry) {
+        let bytes = entry.resident();
+        let state = &mut *self.lock();
+        state.held_now = state.held_now - state.held[at] + bytes;
+        state.held[at] = bytes;
+        state.peak = state.peak.max(state.held_now);
+    }
+
+    fn node(&self, at: usize) -> &'a GraphNode {
+        &self.graph.nodes[self.graph.instances[at].node]
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect(UNPOISONED)
+    }
+}
+
+const UNPOISONED: &str = "nothing panics while it holds the state of a run";
+
+impl State {
+    /// One taker of `at` less; after the last one only the header is kept.
+    fn release(&mut self, at: usize) {
+        self.uses[at] -= 1;
+        if self.uses[at] == 0
+            && let Some(Outcome::Done(entry)) = &mut self.outcomes[at]
+        {
+            *entry = Arc::new(entry.hollow());
+            self.held_now -= std::mem::take(&mut self.held[at]);
+        }
+    }
+}
+
+/// Members are names, each once.
+fn check_members(node: &GraphNode, outputs: &[PortValue]) -> Result<(), String> {
+    for (port, output) in node.outputs.iter().zip(outputs) {
+        let PortValue::Many(all) = output else { continue };
+        for (i, (member, _)) in all.iter().enumerate() {
+            let twice = all[..i].iter().any(|(other, _)| other == member);
+            if twice || !is_name(member) {
+                let wrong = if twice { "given twice" } else { "no name" };
+                return Err(format!("a bug in {}: member `{member}` of output `{}` is {wrong}", node.kind, port.name));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The message of a panic.
+fn said(panic: &(dyn std::any::Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("no message")
+}

@@ -19,7 +19,10 @@ const MAX_BYTES: u64 = 16 << 20;
 /// RON's own parser recurses; beyond this depth a text is refused before it gets there.
 const MAX_DEPTH: usize = 64;
 /// A file that is broken everywhere is not told everything.
-const MAX_FAULTS: usize = 50;
+pub(super) const MAX_FAULTS: usize = 50;
+
+/// Names that a wrong one is compared with.
+const MAX_COMPARED: usize = 1000;
 
 /// A text and the file it came from.
 #[derive(Debug, PartialEq, Eq)]
@@ -105,6 +108,16 @@ impl Fault {
         Fault { origin: None, path: path.to_owned(), message: message.into(), help: None }
     }
 
+    /// Whether its place lies in `origin`.
+    pub(super) fn is_inside(&self, origin: &Origin) -> bool {
+        let inside = |own: &Origin| {
+            Arc::ptr_eq(&own.source, &origin.source)
+                && origin.span.start <= own.span.start
+                && own.span.end <= origin.span.end
+        };
+        self.origin.as_ref().is_some_and(inside)
+    }
+
     pub fn help(mut self, help: impl Into<String>) -> Fault {
         self.help = Some(help.into());
         self
@@ -113,7 +126,7 @@ impl Fault {
     /// The same, with the nearest of `known` as help, or the whole list where it is short and nothing is near.
     pub fn suggest<'a>(self, name: &str, known: impl IntoIterator<Item = &'a str>) -> Fault {
         let known: Vec<&str> = known.into_iter().collect();
-        match nearest(name, known.iter().copied()) {
+        match nearest(name, known.iter().copied().take(MAX_COMPARED)) {
             Some(near) => self.help(format!("did you mean `{near}`?")),
             None if known.is_empty() => self.help("there are none"),
             None if known.len() <= 12 => self.help(format!("known: {}", known.join(", "))),
@@ -145,7 +158,7 @@ pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     (best.0 >= 0.8).then_some(best.1)
 }
 
-/// Whether `name` may name a node, a set or a member: [A-Za-z][A-Za-z0-9_]*.
+/// Whether `name` may name a node, a set or a member: `[A-Za-z][A-Za-z0-9_]*`.
 pub fn is_name(name: &str) -> bool {
     name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
@@ -316,7 +329,9 @@ impl Raw {
         let tokens = self.tokens(faults)?;
         let skip = usize::from(open == '(' && tokens.first().is_some_and(|t| t.kind == Kind::Ident));
         if tokens.get(skip).map(|t| t.kind) != Some(Kind::Open(open)) {
-            faults.push(self.fault(format!("wanted {wanted}, got `{}`", self.short())));
+            let fault = self.fault(format!("wanted {wanted}, got `{}`", self.short()));
+            let attribute = self.text().starts_with("#!");
+            faults.push(if attribute { fault.help("leave `#![enable(..)]` out") } else { fault });
             return None;
         }
         let base = self.origin.span.start;

@@ -1,0 +1,185 @@
+//! Memory over disk: where an engine keeps and finds results.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use super::cache::{Entry, Header, Memory};
+use super::disk::{DiskCache, Found, Loss};
+use super::network::GraphNode;
+use super::{Digest, Value};
+
+pub(super) struct Store {
+    memory: Memory,
+    disk: Option<DiskCache>,
+    disk_limit: u64,
+    /// Set once storing failed: a full or read-only disk is told once and not tried again.
+    read_only: AtomicBool,
+    warnings: Mutex<Vec<String>>,
+    latest: Mutex<BTreeMap<Arc<str>, Latest>>,
+}
+
+/// The last key of a node name, with its text where this process saw it.
+#[derive(Clone)]
+struct Latest {
+    key: Digest,
+    header: Option<Arc<Header>>,
+}
+
+/// What a look-up gave, and what was damaged on the way.
+pub(super) struct Lookup {
+    pub entry: Option<Arc<Entry>>,
+    pub damage: Option<String>,
+}
+
+impl Store {
+    pub fn new(memory_bytes: u64, disk: Option<DiskCache>, disk_limit: u64) -> Store {
+        Store {
+            memory: Memory::new(memory_bytes),
+            disk,
+            disk_limit,
+            read_only: AtomicBool::new(false),
+            warnings: Mutex::default(),
+            latest: Mutex::default(),
+        }
+    }
+
+    /// The result under `key`, without its values if it comes from disk.
+    pub fn find(&self, key: &Digest, node: &GraphNode) -> Lookup {
+        if let Some(entry) = self.memory.get(key) {
+            return Lookup { entry: Some(entry), damage: None };
+        }
+        let damage = match self.disk.as_ref().map(|disk| disk.header(key)) {
+            None | Some(Found::Nothing) => return Lookup { entry: None, damage: None },
+            Some(Found::Header(header)) if fits(&header, node) => {
+                let entry = Arc::new(Entry::stored(*key, header));
+                self.memory.put(&entry);
+                return Lookup { entry: Some(entry), damage: None };
+            }
+            Some(Found::Header(_)) => "its ports are not those of the node".to_owned(),
+            Some(Found::Damaged(damage)) => damage,
+        };
+        self.drop_damaged(key, &node.name, &damage);
+        Lookup { entry: None, damage: Some(damage) }
+    }
+
+    /// One value of a result, read from disk if need be. A damaged result is dropped.
+    pub fn value(&self, entry: &Arc<Entry>, index: usize, node: &GraphNode) -> Result<Value, Loss> {
+        let here = || entry.value(index).or_else(|| self.memory.get(&entry.key)?.value(index));
+        if let Some(value) = here() {
+            return Ok(value);
+        }
+        let header = &entry.header.values[index];
+        let (port, digest) = (header.port as usize, Digest(header.digest));
+        let disk = self.disk.as_ref().ok_or(Loss::Gone)?;
+        let read = disk.value(&entry.key, index, &node.outputs[port], digest);
+        let decoded = read.and_then(|bytes| node.op.decode(port, &bytes, digest).map_err(Loss::Damaged));
+        match &decoded {
+            Ok(value) => {
+                entry.fill(index, value.clone());
+                self.memory.put(entry);
+            }
+            Err(loss) => {
+                self.memory.forget(&entry.key);
+                if let Loss::Damaged(damage) = loss {
+                    self.drop_damaged(&entry.key, &node.name, damage);
+                }
+            }
+        }
+        decoded
+    }
+
+    fn drop_damaged(&self, key: &Digest, node: &str, damage: &str) {
+        tracing::warn!(node, %key, damage, "dropped");
+        if let Some(disk) = &self.disk {
+            disk.drop_entry(key);
+        }
+    }
+
+    pub fn keep_in_memory(&self, entry: &Arc<Entry>) {
+        self.memory.put(entry);
+    }
+
+    /// Writes a result to disk; the first failure is a warning, and the last attempt.
+    pub fn keep_on_disk(&self, entry: &Entry, values: &[Value]) {
+        let Some(disk) = &self.disk else { return };
+        if self.read_only.load(Ordering::Relaxed) {
+            return;
+        }
+        if let Err(e) = disk.store(&entry.key, &entry.header, values, self.disk_limit)
+            && !self.read_only.swap(true, Ordering::Relaxed)
+        {
+            let folder = disk.folder().display();
+            let warning = format!("cache {folder}: {e}; the run goes on without storing results");
+            tracing::warn!("{warning}");
+            self.warnings.lock().expect("nothing panics while it warns").push(warning);
+        }
+    }
+
+    /// Warnings since the last call.
+    pub fn take_warnings(&self) -> Vec<String> {
+        std::mem::take(&mut *self.warnings.lock().expect("nothing panics while it warns"))
+    }
+
+    /// Reads the last keys again: another process may have run meanwhile.
+    pub fn refresh_latest(&self) {
+        let Some(disk) = &self.disk else { return };
+        let mut latest = self.latest();
+        for (name, key) in disk.latest() {
+            if latest.get(name.as_str()).map(|l| l.key) != Some(key) {
+                latest.insert(name.into(), Latest { key, header: None });
+            }
+        }
+    }
+
+    pub fn set_latest(&self, entries: impl Iterator<Item = (Arc<str>, Arc<Header>, Digest)>) {
+        let mut changed = BTreeMap::new();
+        let mut latest = self.latest();
+        for (name, header, key) in entries {
+            match latest.get_mut(&name) {
+                Some(known) if known.key == key => {
+                    known.header.get_or_insert(header);
+                }
+                _ => {
+                    changed.insert(name.to_string(), key);
+                    latest.insert(name, Latest { key, header: Some(header) });
+                }
+            }
+        }
+        drop(latest);
+        if let Some(disk) = &self.disk
+            && !changed.is_empty()
+            && !self.read_only.load(Ordering::Relaxed)
+            && let Err(e) = disk.set_latest(&changed)
+        {
+            tracing::debug!("the last keys were not written: {e}");
+        }
+    }
+
+    /// The last key of this node name and what was stored under it, where that is still known.
+    pub fn last_key(&self, name: &str) -> Option<(Digest, Option<Arc<Header>>)> {
+        let known = self.latest().get(name).cloned()?;
+        let from_disk = || match self.disk.as_ref()?.header(&known.key) {
+            Found::Header(header) => Some(Arc::new(header)),
+            Found::Nothing | Found::Damaged(_) => None,
+        };
+        Some((known.key, known.header.or_else(from_disk)))
+    }
+
+    fn latest(&self) -> MutexGuard<'_, BTreeMap<Arc<str>, Latest>> {
+        self.latest.lock().expect("nothing panics while it holds the last keys")
+    }
+}
+
+/// Whether a stored result has the output ports of `node`: a stage may have got others without a new version.
+fn fits(header: &Header, node: &GraphNode) -> bool {
+    use super::Arity::Many;
+    let ports_exist = header.values.iter().all(|value| {
+        node.outputs
+            .get(value.port as usize)
+            .is_some_and(|port| port.type_name == value.type_name && (port.arity == Many) == value.member.is_some())
+    });
+    let ones_are_there =
+        node.outputs.iter().enumerate().all(|(i, port)| port.arity == Many || header.port(i).count() == 1);
+    ports_exist && ones_are_there
+}

@@ -1,0 +1,104 @@
+//! What an instance takes from the results before it: which values at which port, and so the text of its key.
+
+use std::sync::Arc;
+
+use super::cache::{Entry, Header};
+use super::network::{Feed, Graph, Input, Take};
+use super::{Arity, Digest, PortSpec, key};
+
+/// A value of a result: the instance that gave it, and its index there.
+#[derive(Clone, Copy)]
+pub(super) struct Slot {
+    pub instance: usize,
+    pub index: usize,
+}
+
+/// What stands at one input port.
+pub(super) enum Taken {
+    Missing,
+    One(Slot),
+    Many(Vec<(String, Slot)>),
+}
+
+/// The results that an instance takes from, by instance.
+pub(super) struct Before(pub Vec<(usize, Arc<Entry>)>);
+
+impl Before {
+    fn header(&self, instance: usize) -> &Header {
+        let entry = self.0.iter().find(|(at, _)| *at == instance);
+        &entry.expect("the results of all instances that it takes from are gathered first").1.header
+    }
+}
+
+/// What instance `at` takes, port by port.
+pub(super) fn taken(graph: &Graph, at: usize, before: &Before) -> Result<Vec<Taken>, String> {
+    let instance = &graph.instances[at];
+    let ports = &graph.nodes[instance.node].inputs;
+    let mut all = Vec::with_capacity(ports.len());
+    for (port, input) in ports.iter().zip(&instance.inputs) {
+        let mut many = Vec::new();
+        let mut one = Taken::Missing;
+        for feed in input.feeds() {
+            let from = before.header(feed.instance);
+            let slot = |index| Slot { instance: feed.instance, index };
+            let name = |index: usize| from.values[index].member.clone().unwrap_or_default();
+            match (&feed.take, input) {
+                (Take::All, _) => many.extend(from.port(feed.port).map(|i| (name(i), slot(i)))),
+                (Take::Whole, Input::Many(_)) => {
+                    let member = graph.instances[feed.instance].member.clone().unwrap_or_default();
+                    many.extend(from.port(feed.port).map(|i| (member.clone(), slot(i))));
+                }
+                (Take::Whole, _) => one = from.port(feed.port).next().map_or(Taken::Missing, |i| Taken::One(slot(i))),
+                (Take::Member(member), _) => {
+                    let own = from.port(feed.port).find(|&i| from.values[i].member.as_ref() == Some(member));
+                    if own.is_none() && port.arity == Arity::One {
+                        return Err(no_member(graph, port, feed, member, from));
+                    }
+                    one = own.map_or(Taken::Missing, |i| Taken::One(slot(i)));
+                }
+            }
+        }
+        all.push(match input {
+            Input::Many(_) => {
+                for (i, (member, _)) in many.iter().enumerate() {
+                    if many[..i].iter().any(|(other, _)| other == member) {
+                        return Err(format!("input `{}` gets the member `{member}` twice", port.name));
+                    }
+                }
+                Taken::Many(many)
+            }
+            _ => one,
+        });
+    }
+    Ok(all)
+}
+
+fn no_member(graph: &Graph, port: &PortSpec, feed: &Feed, member: &str, from: &Header) -> String {
+    let node = &graph.nodes[graph.instances[feed.instance].node];
+    let there: Vec<&str> = from.port(feed.port).filter_map(|i| from.values[i].member.as_deref()).collect();
+    let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
+    let output = node.outputs[feed.port].name;
+    format!("input `{}` wanted the member `{member}` of `{}.{output}`, which gives: {there}", port.name, node.name)
+}
+
+/// The key text of instance `at`, from what it takes.
+pub(super) fn key_text(graph: &Graph, at: usize, taken: &[Taken], before: &Before, backend: &str) -> String {
+    let node = &graph.nodes[graph.instances[at].node];
+    let mut text = String::with_capacity(node.key_head.len() + 100 * (taken.len() + 1));
+    text.push_str(&node.key_head);
+    let digest = |slot: &Slot| Digest(before.header(slot.instance).values[slot.index].digest);
+    for (port, taken) in node.inputs.iter().zip(taken) {
+        match taken {
+            Taken::Missing => key::missing_line(&mut text, port.name),
+            Taken::One(slot) => key::input_line(&mut text, port.name, None, port.type_name, &digest(slot)),
+            Taken::Many(all) => {
+                key::gather_line(&mut text, port.name, all.len());
+                for (member, slot) in all {
+                    key::input_line(&mut text, port.name, Some(member), port.type_name, &digest(slot));
+                }
+            }
+        }
+    }
+    key::backend_line(&mut text, backend);
+    text
+}

@@ -1,0 +1,272 @@
+//! The disk cache: what is damaged is made again, what cannot be written does not stop a run, several may share it.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use relight::graph::{Cancel, DiskCache, EngineOptions, Graph, Status};
+
+use crate::nodes::*;
+
+const GRAPH: &str = r#"nodes: {
+    "n": (op: Const(value: 42)), "p": (op: Pair, in: { "number": "n" }), "s": (op: Split(parts: [("a", 1), ("b", 2)])),
+    "x": (op: Busy(note: true), in: { "number": "p.ones" }), "sum": (op: Sum, in: { "numbers": "s" }),
+    "end": (op: Mixed, in: { "a": "x", "b": "sum" }), "text": (op: Show, in: { "number": "end" }),
+}, outputs: ["end", "text"]"#;
+
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for shelf in std::fs::read_dir(folder.join("entries")).into_iter().flatten() {
+        files.extend(std::fs::read_dir(shelf.unwrap().path()).unwrap().map(|file| file.unwrap().path()));
+    }
+    files.sort();
+    files
+}
+
+fn filled(body: &str) -> (tempfile::TempDir, Graph, i64) {
+    let folder = tempfile::tempdir().unwrap();
+    let graph = graph(body);
+    let end = value(&run(&on_disk(folder.path()), &graph), "end");
+    (folder, graph, end)
+}
+
+#[test]
+fn a_new_process_finds_everything() {
+    let (folder, graph, end) = filled(GRAPH);
+    let report = run(&on_disk(folder.path()), &graph);
+    assert_eq!((ran(&report), value(&report, "end")), (vec![], end));
+    assert_eq!(report.nodes.iter().find(|n| n.name == "x").unwrap().warnings, ["this is only a test"]);
+    // The last keys are known too: a change is explained.
+    let changed = graph_with(GRAPH, &settings(&["n.value=43"]));
+    let report = run(&on_disk(folder.path()), &changed);
+    assert_eq!((ran(&report), why(&report, "n")), (vec!["n", "p", "x", "end", "text"], "parameter value: 42 -> 43"));
+    assert_eq!(why(&report, "x"), "input number changed");
+    let stat = DiskCache::new(folder.path()).stat().unwrap();
+    assert_eq!((stat.entries, stat.damaged), (7 + 5, 0));
+}
+
+#[test]
+fn every_flipped_byte_and_every_cut_is_found_and_made_good() {
+    let (folder, graph, end) = filled(GRAPH);
+    let mut damaged = 0;
+    for file in entries(folder.path()) {
+        let good = std::fs::read(&file).unwrap();
+        for at in (0..good.len()).step_by(7) {
+            let mut bad = good.clone();
+            bad[at] ^= 1 << (at % 8);
+            // One time in seven cut instead.
+            if at % 49 == 0 {
+                bad = good[..at].to_vec();
+            }
+            std::fs::write(&file, &bad).unwrap();
+            let engine = on_disk(folder.path());
+            // Nothing of the inner nodes is needed as long as the ends are there, so make all of them be read.
+            let report = engine.verify(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &());
+            assert_eq!(value(&report.run, "end"), end, "{} byte {at}", file.display());
+            assert!(report.differences.is_empty());
+            let warned = report.run.nodes.iter().any(|n| n.warnings.iter().any(|w| w.contains("was damaged")));
+            let reason = report.run.nodes.iter().any(|n| n.why.as_deref() == Some("its stored result was damaged"));
+            damaged += usize::from(warned && reason);
+            assert_eq!(std::fs::read(&file).unwrap(), good, "the entry is whole again");
+        }
+    }
+    assert!(damaged > 200, "{damaged} damaged entries were noticed");
+    assert_eq!(DiskCache::new(folder.path()).verify().unwrap().damaged, 0);
+}
+
+#[test]
+fn verify_of_the_cache_finds_and_deletes_what_is_damaged() {
+    let (folder, graph, end) = filled(GRAPH);
+    let files = entries(folder.path());
+    let mut bytes = std::fs::read(&files[3]).unwrap();
+    *bytes.last_mut().unwrap() ^= 1;
+    std::fs::write(&files[3], &bytes).unwrap();
+    // A result under a key that is not its own.
+    std::fs::copy(&files[0], &files[1]).unwrap();
+    let report = DiskCache::new(folder.path()).verify().unwrap();
+    assert_eq!((report.damaged, report.removed, report.entries), (2, 2, files.len() as u64 - 2));
+    assert_eq!(value(&run(&on_disk(folder.path()), &graph), "end"), end);
+}
+
+#[test]
+fn clear_deletes_what_the_cache_made_and_nothing_else() {
+    let (folder, graph, _) = filled(GRAPH);
+    std::fs::write(folder.path().join("mine.txt"), "keep").unwrap();
+    let cache = DiskCache::new(folder.path());
+    assert_eq!(cache.clear().unwrap().removed, 7);
+    assert_eq!(cache.stat().unwrap().entries, 0);
+    assert!(folder.path().join("mine.txt").is_file() && !folder.path().join("latest").exists());
+    assert_eq!(ran(&run(&on_disk(folder.path()), &graph)).len(), 7);
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_one_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "not a folder").unwrap();
+    let graph = graph(GRAPH);
+    for place in [file.clone(), file.join("deeper")] {
+        let engine = on_disk(&place);
+        let first = run(&engine, &graph);
+        assert!(first.is_complete());
+        assert_eq!(first.warnings.len(), 1, "{:?}", first.warnings);
+        assert!(first.warnings[0].contains("the run goes on without storing results"));
+        assert!(run(&engine, &graph_with(GRAPH, &settings(&["n.value=1"]))).warnings.is_empty());
+    }
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "not a folder");
+}
+
+#[test]
+fn a_full_disk_is_one_warning_and_what_is_there_is_still_read() {
+    let (folder, graph, end) = filled(GRAPH);
+    // What a full or read-only disk does to a writer: no temporary file can be made.
+    std::fs::remove_dir_all(folder.path().join("tmp")).unwrap();
+    std::fs::write(folder.path().join("tmp"), "in the way").unwrap();
+    let report = run(&on_disk(folder.path()), &graph);
+    assert_eq!((ran(&report), value(&report, "end"), report.warnings.len()), (vec![], end, 0));
+    let report = run(&on_disk(folder.path()), &graph_with(GRAPH, &settings(&["n.value=7"])));
+    assert_eq!((report.is_complete(), report.warnings.len()), (true, 1));
+}
+
+#[test]
+fn the_bound_on_the_disk_holds_and_the_longest_unused_go_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let limit = 6000;
+    let options = || EngineOptions {
+        cache_dir: Some(folder.path().to_owned()),
+        disk_bytes: limit,
+        memory_bytes: 0,
+        threads: Some(1),
+        ..EngineOptions::default()
+    };
+    let one = |n: i64| graph(&format!(r#"nodes: {{ "c": (op: Const(value: {n})) }}, outputs: ["c"]"#));
+    let engine = engine(options());
+    for n in 0..60 {
+        assert_eq!(value(&run(&engine, &one(n)), "c"), n);
+        // The first is used again and again.
+        assert_eq!(ran(&run(&engine, &one(0))).len(), 0, "{n}");
+        let stat = DiskCache::new(folder.path()).stat().unwrap();
+        assert!(stat.bytes <= limit && stat.entries > 0, "{stat:?}");
+    }
+    assert_eq!(ran(&run(&engine, &one(59))), [] as [&str; 0]);
+    assert_eq!(ran(&run(&engine, &one(1))), ["c"]);
+    let cache = DiskCache::new(folder.path());
+    let report = cache.gc(1000).unwrap();
+    assert!(report.removed > 0 && report.bytes <= 1000 && report.bytes == cache.stat().unwrap().bytes);
+}
+
+#[test]
+fn what_a_dead_writer_left_is_swept_and_what_a_live_one_writes_is_not() {
+    let (folder, _, _) = filled(GRAPH);
+    let left = |name: &str, age: u64| {
+        let path = folder.path().join("tmp").join(name);
+        let file = std::fs::File::create(&path).unwrap();
+        file.set_modified(std::time::SystemTime::now() - Duration::from_secs(age)).unwrap();
+        (path, file)
+    };
+    let (dead, live, young) = (left("new-dead", 100), left("new-live", 100), left("new-young", 0));
+    live.1.lock().unwrap();
+    run(&on_disk(folder.path()), &graph_with(GRAPH, &settings(&["n.value=7"])));
+    assert!(!dead.0.exists() && live.0.exists() && young.0.exists());
+}
+
+#[test]
+fn two_engines_share_one_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let end = value(&run(&in_memory(), &graph(GRAPH)), "end");
+    for round in 0..5 {
+        std::thread::scope(|scope| {
+            for _ in 0..3 {
+                scope.spawn(|| {
+                    // A tight bound, so that each deletes what the others read.
+                    let options = EngineOptions {
+                        cache_dir: Some(folder.path().to_owned()),
+                        disk_bytes: if round % 2 == 0 { 1500 } else { 1 << 20 },
+                        memory_bytes: 0,
+                        threads: Some(2),
+                        ..EngineOptions::default()
+                    };
+                    let engine = engine(options);
+                    for _ in 0..10 {
+                        let report = run(&engine, &graph(GRAPH));
+                        assert_eq!((value(&report, "end"), &report.warnings), (end, &vec![]));
+                    }
+                });
+            }
+        });
+    }
+}
+
+/// A graph whose results are large enough that a kill falls into the middle of writing.
+fn chain(length: usize) -> String {
+    let links = (1..=length).map(|i| {
+        let from = if i == 1 { "c".to_owned() } else { format!("n{}", i - 1) };
+        format!("\"n{i}\": (op: Busy(work: {}), in: {{ \"number\": \"{from}\" }}), ", 1000 + i)
+    });
+    let nodes: String = links.collect();
+    format!("nodes: {{ \"c\": (op: Const(value: 3)), {nodes} }}, outputs: [\"n{length}\"]")
+}
+
+const KILLED: &str = "ENGINE_TEST_CACHE";
+
+/// Not a test by itself: the process that `a_killed_run_leaves_the_cache_sound` kills.
+#[test]
+fn child() {
+    let Ok(folder) = std::env::var(KILLED) else { return };
+    loop {
+        run(&on_disk(Path::new(&folder)), &graph(&chain(40)));
+        let _ = DiskCache::new(&folder).gc(4000);
+    }
+}
+
+#[test]
+fn a_killed_run_leaves_the_cache_sound() {
+    let folder = tempfile::tempdir().unwrap();
+    let graph = graph(&chain(40));
+    let end = value(&run(&in_memory(), &graph), "n40");
+    let began = Instant::now();
+    let mut kills = 0;
+    // Half-random moments: the multiples of an irrational part of 30 ms.
+    while kills < 100 && began.elapsed() < Duration::from_secs(20) {
+        let mut child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "disk::child", "--quiet"])
+            .env(KILLED, folder.path())
+            .stdout(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_micros(
+            3000 + (f64::from(kills) * 0.618_034).fract().mul_add(30_000.0, 0.0) as u64,
+        ));
+        if kills % 4 == 0 {
+            // Two processes at once: the child writes and deletes what this one reads.
+            assert_eq!(value(&run(&on_disk(folder.path()), &graph), "n40"), end);
+        }
+        child.kill().unwrap();
+        child.wait().unwrap();
+        kills += 1;
+        let report = run(&on_disk(folder.path()), &graph);
+        assert_eq!(value(&report, "n40"), end, "after {kills} kills");
+        let damaged: Vec<_> = report.nodes.iter().filter(|n| !n.warnings.is_empty()).collect();
+        assert!(damaged.is_empty() && report.warnings.is_empty(), "a kill never leaves half an entry: {damaged:?}");
+        let _ = DiskCache::new(folder.path()).gc(3000);
+    }
+    assert!(kills >= 20, "only {kills} kills in 20 s");
+    assert_eq!(DiskCache::new(folder.path()).verify().unwrap().damaged, 0);
+}
+
+#[test]
+fn a_hit_whose_values_are_damaged_is_made_again_when_they_are_needed() {
+    let (folder, graph, _) = filled(GRAPH);
+    // Damage the last byte, a value, of every entry: headers stay sound, so all are hits until a value is read.
+    for file in entries(folder.path()) {
+        let mut bytes = std::fs::read(&file).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        std::fs::write(&file, &bytes).unwrap();
+    }
+    let report = run_for(&on_disk(folder.path()), &graph, Some(&["end"]));
+    // `end` is read, so it is made again, and so is what it takes from, and so on to the beginning.
+    assert_eq!(ran(&report), ["n", "p", "s", "x", "sum", "end"]);
+    let again = run_for(&on_disk(folder.path()), &graph, Some(&["end"]));
+    assert_eq!(again.with_status(Status::Hit).len(), 6);
+    assert_eq!(value(&again, "end"), value(&report, "end"));
+}

@@ -1,0 +1,132 @@
+//! The museum of bad graph files: each must give exactly the faults that stand at its end, after a line `// WANT`.
+
+use std::path::{Path, PathBuf};
+
+use relight::graph::{Fault, GraphFile, Overlay, Raw, Source};
+
+use crate::nodes::*;
+
+fn museum() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad/graphs")
+}
+
+/// `line:column `text under the caret`: message (help)`, with the folder of the museum left out.
+fn show(fault: &Fault) -> String {
+    let text = match &fault.origin {
+        Some(origin) => {
+            let (line, column) = origin.line_column();
+            let under = origin.text().lines().next().unwrap_or_default();
+            let help = fault.help.as_ref().map_or(String::new(), |help| format!(" ({help})"));
+            format!("{line}:{column} `{under}`: {}{help}", fault.message)
+        }
+        None => fault.to_string(),
+    };
+    text.replace(&format!("{}/", museum().display()), "")
+}
+
+fn faults(source: std::sync::Arc<Source>) -> Vec<Fault> {
+    let found = GraphFile::parse(source).and_then(|file| file.resolve(&registry(), &Overlay::default()));
+    found.err().unwrap_or_default()
+}
+
+#[test]
+fn every_bad_graph_gives_all_its_faults_at_their_places() {
+    let mut files: Vec<PathBuf> = std::fs::read_dir(museum()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    let mut wrong = String::new();
+    for path in &files {
+        let text = std::fs::read_to_string(path).unwrap();
+        let (body, wanted) = text.split_once("// WANT\n").unwrap_or((&text, ""));
+        let got: String = faults(Source::new(path, body)).iter().map(|fault| format!("// {}\n", show(fault))).collect();
+        assert!(!got.is_empty(), "{}: no fault was found", path.display());
+        if got != wanted {
+            wrong += &format!("{}: got\n{got}", path.display());
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong}");
+    assert!(files.len() >= 24);
+}
+
+#[test]
+fn a_hundred_thousand_brackets_are_one_fault() {
+    for bracket in ["(", "[", "{", "{\"a\":", "Graph(nodes:{"] {
+        let found = faults(Source::new("deep.ron", bracket.repeat(100_000)));
+        assert_eq!(found.len(), 1, "{bracket}");
+        assert!(found[0].message.starts_with("wanted at most 64 levels of brackets"), "{}", found[0]);
+    }
+}
+
+#[test]
+fn a_file_that_is_broken_everywhere_is_told_some_of_it_soon() {
+    let entry = "\"a\": (op: Const(value: NaN)), ";
+    let found = faults(Source::new("broken.ron", format!("Graph(version: 1, nodes: {{ {} }})", entry.repeat(100_000))));
+    assert!((20..=60).contains(&found.len()), "{}", found.len());
+    let many: String = (0..200_000).map(|i| format!("\"n{i}\": (op: Konst), ")).collect();
+    let found = faults(Source::new("many.ron", format!("Graph(version: 1, nodes: {{ {many} }}, outputs: [])")));
+    assert_eq!(found[0].message, "wanted at most 10000 nodes, got 200000");
+}
+
+#[test]
+fn files_that_are_no_text_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |name: &str| GraphFile::read(&folder.path().join(name)).err().unwrap()[0].message.clone();
+    std::fs::write(folder.path().join("latin1.ron"), b"Graph(\n// caf\xe9\n)").unwrap();
+    assert_eq!(read("latin1.ron"), "wanted UTF-8 text, got another byte in line 2");
+    assert!(read("missing.ron").starts_with("cannot be read"));
+    assert_eq!(read("."), "wanted a file, got a folder");
+    let huge = std::fs::File::create(folder.path().join("huge.ron")).unwrap();
+    huge.set_len(1 << 40).unwrap();
+    assert_eq!(read("huge.ron"), "wanted at most 16777216 bytes, got more");
+}
+
+#[test]
+fn settings_from_outside_have_faults_at_their_own_place() {
+    let text = r#"Graph(version: 1, nodes: { "a": (op: Const), "m": (op: Mixed, in: { "a": "a", "b": "a" }) }, outputs: ["m"])"#;
+    let overlay = settings(&["a.valeu=1", "Konst.value=1", "aa.value=1", "a.value=true", "m.factor=1", "Busy.work=7"]);
+    let found = try_graph(text, &overlay).err().unwrap();
+    let messages: Vec<String> = found.iter().map(|f| f.to_string()).collect();
+    assert_eq!(
+        messages,
+        [
+            "--set:1:1: there is no kind of node `Konst` (did you mean `Const`?)",
+            "--set:1:1: the graph has no node `aa` (did you mean `a`?)",
+            "--set:1:1: Const has no parameter `valeu` (did you mean `value`?)",
+            "--set:1:1: parameter `value` of Const wanted i64, got `true`: Expected integer",
+        ]
+    );
+}
+
+#[test]
+fn a_number_too_large_for_its_type_is_not_finite() {
+    let text = r#"Graph(version: 1, nodes: { "a": (op: Const), "b": (op: Busy(scale: 1e39), in: { "number": "a" }) }, outputs: ["b"])"#;
+    let found = try_graph(text, &Overlay::default()).err().unwrap();
+    assert_eq!(found[0].message, "parameter `scale` of Busy wanted f32 with finite numbers, got `1e39`");
+}
+
+#[derive(serde::Deserialize, Debug, PartialEq)]
+enum Light {
+    Off,
+    Lamp { at: (f32, f32), name: String },
+}
+
+#[test]
+fn raw_texts_are_split_with_their_places() {
+    let text = "Edit(\n  lights: { \"a\": Off, \"b\": Lamp(at: (1, /* , */ 2), name: \"x, y)\"), r#\"c\"#: Lamp(at: (1, true)) },\n  // done,\n  list: [1, (2, 3), [4],], tuple: Keys(1, (2)),\n)";
+    let mut faults = Vec::new();
+    let document = Raw::document(&Source::new("e.ron", text), &mut faults).unwrap();
+    assert_eq!(document.variant(), Some("Edit"));
+    let fields = document.as_struct(Some("Edit"), &["lights", "list", "tuple"], &mut faults);
+    let names: Vec<&str> = fields.iter().map(|(key, _)| key.name.as_str()).collect();
+    assert_eq!(names, ["lights", "list", "tuple"]);
+    let lights = fields[0].1.as_map(&mut faults);
+    assert_eq!(lights.iter().map(|(key, _)| key.name.as_str()).collect::<Vec<_>>(), ["a", "b", "c"]);
+    assert_eq!(lights[0].1.parse::<Light>().unwrap(), Light::Off);
+    assert_eq!(lights[1].1.parse::<Light>().unwrap(), Light::Lamp { at: (1.0, 2.0), name: "x, y)".into() });
+    let fault = lights[2].1.parse::<Light>().unwrap_err();
+    assert_eq!(fault.origin.as_ref().unwrap().text(), "true");
+    assert_eq!(fault.origin.unwrap().line_column(), (2, 90));
+    let texts = |raws: Vec<Raw>| raws.iter().map(|raw| raw.text().to_owned()).collect::<Vec<_>>();
+    assert_eq!(texts(fields[1].1.as_list(&mut faults)), ["1", "(2, 3)", "[4]"]);
+    assert_eq!(texts(fields[2].1.as_tuple(&mut faults)), ["1", "(2)"]);
+    assert!(faults.is_empty(), "{}", list(&faults));
+}

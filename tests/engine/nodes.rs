@@ -1,0 +1,245 @@
+//! Tiny arithmetic stages, and shorthand to run graphs of them.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+
+use relight::graph::{
+    Artifact, Cancel, Context, Engine, EngineOptions, Fault, File, Gather, Graph, GraphFile, Node, NodeError, Overlay,
+    PortValue, Raw, Registry, RunReport, Scatter, Setting, Source, Status, Target,
+};
+use relight::{params, ports};
+use serde::{Deserialize, Serialize};
+
+#[derive(Serialize, Deserialize)]
+pub struct Number(pub i64);
+impl Artifact for Number {
+    const TYPE: &'static str = "Number";
+    fn bytes(&self) -> usize {
+        8
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+pub struct Text(pub String);
+impl Artifact for Text {
+    const TYPE: &'static str = "Text";
+    fn bytes(&self) -> usize {
+        self.0.len()
+    }
+}
+
+ports! { pub input NoIn {} }
+ports! { pub input OneIn { number: Arc<Number> } }
+ports! { pub input TwoIn { a: Arc<Number>, b: Arc<Number> } }
+ports! { pub input MaybeIn { number: Arc<Number>, more: Option<Arc<Number>> } }
+ports! { pub input ManyIn { numbers: Gather<Number> } }
+ports! { pub output NumberOut { number: Arc<Number> } }
+ports! { pub output PairOut { tens: Arc<Number>, ones: Arc<Number> } }
+ports! { pub output SplitOut { parts: Scatter<Number> } }
+ports! { pub output TextOut { text: Arc<Text> } }
+
+fn number(n: i64) -> Result<NumberOut, NodeError> {
+    Ok(NumberOut { number: Arc::new(Number(n)) })
+}
+
+macro_rules! node {
+    ($name:ident, $input:ty, $output:ty, |$this:ident, $in:ident, $ctx:ident| $body:expr) => {
+        impl Node for $name {
+            const KIND: &'static str = stringify!($name);
+            const VERSION: u32 = 1;
+            type In = $input;
+            type Out = $output;
+            fn run(&self, $in: $input, $ctx: &Context) -> Result<$output, NodeError> {
+                let $this = self;
+                $body
+            }
+        }
+    };
+}
+
+params! { /** A number. */ pub struct Const { value: i64 = 0 } }
+node!(Const, NoIn, NumberOut, |this, _i, _c| number(this.value));
+
+params! { /** A number plus a number. */ pub struct Add { plus: i64 = 1 } }
+node!(Add, OneIn, NumberOut, |this, i, _c| number(i.number.0.wrapping_add(this.plus)));
+
+params! { /** Two numbers, mixed so that their order counts. */ pub struct Mixed { factor: f64 = 1.0, note: Option<String> = None } }
+node!(Mixed, TwoIn, NumberOut, |_t, i, _c| number(i.a.0.wrapping_mul(31).wrapping_add(i.b.0)));
+
+params! { /** A number, and perhaps another. */ pub struct Maybe {} }
+node!(Maybe, MaybeIn, NumberOut, |_t, i, _c| number(i.number.0 + i.more.map_or(1000, |m| m.0)));
+
+params! { /** All members, mixed so that their order counts. */ pub struct Sum {} }
+node!(Sum, ManyIn, NumberOut, |_t, i, _c| number(
+    i.numbers.iter().fold(0, |all: i64, (_, n)| all.wrapping_mul(7) + n.0)
+));
+
+params! { /** Tens and ones. */ pub struct Pair {} }
+node!(Pair, OneIn, PairOut, |_t, i, _c| Ok(PairOut {
+    tens: Arc::new(Number(i.number.0 / 10)),
+    ones: Arc::new(Number(i.number.0 % 10))
+}));
+
+params! { /** One number per member. */ pub struct Split { parts: Vec<(String, i64)> = vec![] } }
+node!(Split, NoIn, SplitOut, |this, _i, _c| Ok(SplitOut {
+    parts: Scatter(this.parts.iter().map(|(m, n)| (m.clone(), Arc::new(Number(*n)))).collect())
+}));
+
+params! { /** A number as a text. */ pub struct Show {} }
+node!(Show, OneIn, TextOut, |_t, i, _c| Ok(TextOut { text: Arc::new(Text(i.number.0.to_string())) }));
+
+params! { /** Fails. */ pub struct Fail { message: String = "on purpose".into() } }
+node!(Fail, OneIn, NumberOut, |this, _i, _c| Err(NodeError::Failed(this.message.clone())));
+
+params! { /** Panics. */ pub struct Panic {} }
+node!(Panic, OneIn, NumberOut, |_t, _i, _c| panic!("on purpose"));
+
+params! { /** Cancels its own run, then sees it. */ pub struct Stop {} }
+node!(Stop, OneIn, NumberOut, |_t, i, ctx| {
+    CANCEL.with(|c| c.borrow().cancel());
+    ctx.check_cancelled()?;
+    number(i.number.0)
+});
+
+params! { /** Gives another number every time, which no stage may. */ pub struct Impure {} }
+node!(Impure, OneIn, NumberOut, |_t, i, _c| number(i.number.0 + CALLS.fetch_add(1, Ordering::Relaxed)));
+
+params! { /** Splits work over threads, counts rays, warns. */ pub struct Busy { work: u64 = 1000, note: bool = false,
+scale: f32 = 1.0 } }
+node!(Busy, OneIn, NumberOut, |this, i, ctx| {
+    use rayon::prelude::*;
+    let sum: u64 = (0..this.work)
+        .into_par_iter()
+        .map(|n| n.wrapping_mul(n.wrapping_add(i.number.0 as u64)))
+        .reduce(|| 0, u64::wrapping_add);
+    ctx.count_rays(this.work);
+    ctx.set_stderr(0.25);
+    if this.note {
+        ctx.warn("this is only a test");
+    }
+    number(sum as i64)
+});
+
+params! { /** The length of a file, times its first byte. */ pub struct Read { file: File = File::default(), limit: u32 = 10 } }
+impl Node for Read {
+    const KIND: &'static str = "Read";
+    const VERSION: u32 = 1;
+    type In = NoIn;
+    type Out = NumberOut;
+    fn check(&self) -> Result<(), String> {
+        if self.limit <= 10 { Ok(()) } else { Err(format!("limit: wanted at most 10, got {}", self.limit)) }
+    }
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.file]
+    }
+    fn run(&self, _: NoIn, ctx: &Context) -> Result<NumberOut, NodeError> {
+        let bytes = ctx.read(&self.file)?;
+        number(bytes.len() as i64 * 1000 + i64::from(bytes.first().copied().unwrap_or(0)))
+    }
+}
+
+static CALLS: AtomicI64 = AtomicI64::new(0);
+
+thread_local! {
+    static CANCEL: std::cell::RefCell<Cancel> = std::cell::RefCell::default();
+}
+
+pub fn registry() -> Registry {
+    Registry::new()
+        .with::<Const>()
+        .with::<Add>()
+        .with::<Mixed>()
+        .with::<Maybe>()
+        .with::<Sum>()
+        .with::<Pair>()
+        .with::<Split>()
+        .with::<Show>()
+        .with::<Fail>()
+        .with::<Panic>()
+        .with::<Stop>()
+        .with::<Impure>()
+        .with::<Busy>()
+        .with::<Read>()
+}
+
+/// A graph from the inside of `Graph(version: 1, ..)`.
+pub fn graph(body: &str) -> Graph {
+    graph_with(body, &Overlay::default())
+}
+
+pub fn graph_with(body: &str, overlay: &Overlay) -> Graph {
+    try_graph(&format!("Graph(version: 1, {body})"), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)))
+}
+
+pub fn try_graph(text: &str, overlay: &Overlay) -> Result<Graph, Vec<Fault>> {
+    GraphFile::parse(Source::new("graphs/test.ron", text))?.resolve(&registry(), overlay)
+}
+
+pub fn list(faults: &[Fault]) -> String {
+    faults.iter().map(|fault| format!("{fault}\n")).collect()
+}
+
+/// `node.field=value`, or `Kind.field=value`, as if written in `path`.
+pub fn setting(path: &str, text: &str) -> Setting {
+    let (target, rest) = text.split_once('.').expect("a dot");
+    let (field, value) = rest.split_once('=').expect("an equals sign");
+    let is_kind = target.starts_with(char::is_uppercase);
+    let target = if is_kind { Target::Kind(target.into()) } else { Target::Node(target.into()) };
+    let value = Raw::document(&Source::new(path, value), &mut vec![]).expect("a RON value");
+    Setting { target, field: field.into(), value }
+}
+
+pub fn settings(texts: &[&str]) -> Overlay {
+    Overlay { settings: texts.iter().map(|text| setting("--set", text)).collect(), members: vec![] }
+}
+
+pub fn in_memory() -> Engine {
+    engine(EngineOptions { threads: Some(2), ..EngineOptions::default() })
+}
+
+pub fn on_disk(folder: &std::path::Path) -> Engine {
+    engine(EngineOptions { cache_dir: Some(folder.to_owned()), threads: Some(2), ..EngineOptions::default() })
+}
+
+pub fn engine(options: EngineOptions) -> Engine {
+    Engine::new(options).expect("threads")
+}
+
+pub fn run(engine: &Engine, graph: &Graph) -> RunReport {
+    run_for(engine, graph, None)
+}
+
+pub fn run_for(engine: &Engine, graph: &Graph, wanted: Option<&[&str]>) -> RunReport {
+    let names: Option<Vec<String>> = wanted.map(|names| names.iter().map(|n| n.to_string()).collect());
+    let wanted = graph.wanted(names.as_deref()).unwrap_or_else(|fault| panic!("{fault}"));
+    engine.run(graph, &wanted, &Cancel::default(), &())
+}
+
+/// Runs on one thread with a flag that the stage `Stop` raises.
+pub fn run_cancelled(graph: &Graph) -> RunReport {
+    let cancel = Cancel::default();
+    let shared = cancel.clone();
+    let engine = engine(EngineOptions { threads: Some(1), ..EngineOptions::default() });
+    struct Hand(Cancel);
+    impl relight::graph::Observer for Hand {
+        fn started(&self, _: &str) {
+            CANCEL.with(|c| *c.borrow_mut() = self.0.clone());
+        }
+    }
+    engine.run(graph, &graph.wanted(None).expect("outputs"), &cancel, &Hand(shared))
+}
+
+pub fn ran(report: &RunReport) -> Vec<&str> {
+    report.with_status(Status::Ran)
+}
+
+pub fn value(report: &RunReport, name: &str) -> i64 {
+    match report.output(name) {
+        Some(PortValue::One(value)) => value.get::<Number>().expect("a number").0,
+        _ => panic!("no single value `{name}`; {:?}", report.nodes),
+    }
+}
+
+pub fn why<'a>(report: &'a RunReport, node: &str) -> &'a str {
+    report.nodes.iter().find(|n| n.name == node).and_then(|n| n.why.as_deref()).unwrap_or("")
+}
