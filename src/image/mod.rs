@@ -1,8 +1,22 @@
 //! Typed planes, their files, and colour.
 
+mod depth;
+mod exr_read;
+mod exr_write;
+mod npy;
 mod plane;
+mod png_write;
+mod read;
+mod resample;
+mod transfer;
 
-pub use plane::Plane;
+pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
+pub use exr_write::{Compression, ExrLayers};
+pub use plane::{Bytes, Plane};
+pub use png_write::write_png;
+pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_photo};
+pub use resample::{fit, resize, same_aspect};
+pub use transfer::Transfer;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -34,13 +48,5 @@ typed_plane! {
     Picture(Vec3),
 }
 
-/// How a photo's numbers encode linear light.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Transfer {
-    /// IEC 61966-2-1.
-    Srgb,
-    /// value = linear^(1/gamma).
-    Gamma(f32),
-    /// The numbers are linear already (EXR, HDR).
-    Linear,
-}
+/// Rec.709 luminance weights of linear red, green, blue.
+pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);

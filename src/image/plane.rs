@@ -100,8 +100,8 @@ impl<'de, T: Pod> Deserialize<'de> for Plane<T> {
     }
 }
 
-/// Raw pixels as one byte string, so that encoding is a copy and no loop over numbers.
-struct Bytes<'a>(&'a [u8]);
+/// Bytes as one byte string of serde, so that encoding is a copy and no loop over numbers.
+pub struct Bytes<'a>(pub &'a [u8]);
 
 impl Serialize for Bytes<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

@@ -1,11 +1,11 @@
 //! Which types may travel on wires.
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::geometry::Camera;
 use crate::graph::Artifact;
-use crate::image::{Albedo, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Shading};
-use crate::optics::{Radiance, Shape};
+use crate::image::{Albedo, Bytes, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Shading, Transfer};
+use crate::optics::{LightKind, Radiance, Shape};
 
 macro_rules! artifacts {
     ($( $ty:ident: $bytes:expr ),* $(,)?) => {$(
@@ -34,6 +34,9 @@ artifacts! {
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),
     Visibility: |v| v.lit.iter().chain(&v.unknown).map(Plane::bytes).sum(),
     UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).sum(),
+    LightKind: |_| size_of::<LightKind>(),
+    Encoding: |_| size_of::<Encoding>(),
+    Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
 }
 
 /// Unshadowed direct shading of one light, per lobe of unit radiance.
@@ -57,4 +60,30 @@ pub struct Visibility {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnitIndirect {
     pub lobes: Vec<Shading>,
+}
+
+/// How the photo was stored, so that the result can be stored alike.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Encoding {
+    pub transfer: Transfer,
+    /// Illuminance in lux at which a white surface shows 1; unknown when the scene does not say.
+    pub lux: Option<f32>,
+    pub sixteen_bit: bool,
+}
+
+/// Files to be written, by name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Files(pub Vec<(String, Vec<u8>)>);
+
+impl Serialize for Files {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.iter().map(|(name, bytes)| (name, Bytes(bytes))))
+    }
+}
+
+impl<'de> Deserialize<'de> for Files {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Files, D::Error> {
+        let files: Vec<(String, Bytes<'de>)> = Deserialize::deserialize(deserializer)?;
+        Ok(Files(files.into_iter().map(|(name, bytes)| (name, bytes.0.to_vec())).collect()))
+    }
 }

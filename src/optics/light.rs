@@ -84,3 +84,10 @@ pub struct Lobe {
 /// The radiance of each lobe, linear RGB in units of the photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Radiance(pub Vec<Vec3>);
+
+/// What kind of light a mask marks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LightKind {
+    Lamp,
+    Window,
+}

@@ -2,4 +2,4 @@
 
 mod light;
 
-pub use light::{Lamp, Lobe, Plate, Radiance, Shape, Window};
+pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};

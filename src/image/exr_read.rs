@@ -1,0 +1,139 @@
+//! OpenEXR files in.
+
+use std::io::Cursor;
+
+use ::exr::meta::MetaData;
+use ::exr::meta::attribute::Chromaticities;
+use ::exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
+use glam::Vec3;
+
+use super::Plane;
+use super::read::{ReadError, Source};
+
+/// Rec.709 primaries and D65, (x, y) of red, green, blue, white.
+pub(super) const REC709: [(f32, f32); 4] = [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)];
+
+/// One channel of one part.
+struct Channel {
+    name: String,
+    width: usize,
+    height: usize,
+    samples: FlatSamples,
+}
+
+pub(super) struct ExrFile {
+    channels: Vec<Channel>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// Reads all full-resolution channels of a file.
+pub(super) fn read(source: Source) -> Result<ExrFile, ReadError> {
+    let bad = |e: ::exr::error::Error| source.error("content", "a sound OpenEXR file", e);
+    // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes: headers first.
+    let meta = MetaData::read_from_buffered(Cursor::new(source.bytes), false).map_err(bad)?;
+    let mut total = 0u64;
+    let mut chunks = 0u64;
+    for header in &meta.headers {
+        if header.deep {
+            return Err(source.error("content", "flat pixels", "deep data"));
+        }
+        let pixel: u64 = header.channels.list.iter().map(|c| c.sample_type.bytes_per_sample() as u64).sum();
+        let (width, height) = (header.layer_size.width() as u64, header.layer_size.height() as u64);
+        source.check_size(width, height, pixel)?;
+        total = total.saturating_add(width * height * pixel);
+        chunks = chunks.saturating_add(header.chunk_count as u64);
+    }
+    // Every chunk has at least its 8 bytes in the offset table.
+    if chunks > source.bytes.len() as u64 / 8 {
+        return Err(source.error(
+            "content",
+            format!("room for {chunks} chunks"),
+            format!("{} bytes", source.bytes.len()),
+        ));
+    }
+    if total > super::read::MAX_BYTES {
+        return Err(source.error("size in the header", format!("at most {} bytes", super::read::MAX_BYTES), total));
+    }
+    let warnings = warnings(&meta);
+    let image = ::exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(source.bytes))
+        .map_err(bad)?;
+    let channels = image
+        .layer_data
+        .into_iter()
+        .flat_map(|layer| {
+            let (width, height) = (layer.size.width(), layer.size.height());
+            layer.channel_data.list.into_iter().map(move |c| Channel {
+                name: c.name.to_string(),
+                width,
+                height,
+                samples: c.sample_data,
+            })
+        })
+        // Subsampled channels (chroma) are of no use here.
+        .filter(|c| c.samples.len() == c.width * c.height)
+        .collect();
+    Ok(ExrFile { channels, warnings })
+}
+
+fn warnings(meta: &MetaData) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let Some(header) = meta.headers.first() else { return warnings };
+    if header.shared_attributes.chromaticities.is_some_and(|c| !is_rec709(&c)) {
+        warnings
+            .push("its chromaticities are not those of Rec.709: its numbers are taken as Rec.709 all the same".into());
+    }
+    if header.data_window() != header.shared_attributes.display_window {
+        warnings.push("its data window is not its display window: the data window is the picture".into());
+    }
+    warnings
+}
+
+fn is_rec709(c: &Chromaticities) -> bool {
+    let near = |got: ::exr::math::Vec2<f32>, (x, y): (f32, f32)| (got.0 - x).abs() < 2e-3 && (got.1 - y).abs() < 2e-3;
+    [c.red, c.green, c.blue, c.white].into_iter().zip(REC709).all(|(got, wanted)| near(got, wanted))
+}
+
+impl ExrFile {
+    fn find(&self, name: &str) -> Option<&Channel> {
+        self.channels.iter().find(|c| c.name == name)
+    }
+
+    fn missing(&self, source: Source, wanted: &str) -> ReadError {
+        let names: Vec<&str> = self.channels.iter().take(20).map(|c| c.name.as_str()).collect();
+        source.error("EXR channels", wanted, if names.is_empty() { "none".into() } else { names.join(" ") })
+    }
+
+    /// R, G, B; or the grey of Y, of Z or of R alone.
+    pub(super) fn colours(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
+        if let [Some(r), Some(g), Some(b)] = ["R", "G", "B"].map(|name| self.find(name))
+            && (r.width, r.height) == (g.width, g.height)
+            && (r.width, r.height) == (b.width, b.height)
+        {
+            let (g, b) = (g.samples.values_as_f32(), b.samples.values_as_f32());
+            let data = r.samples.values_as_f32().zip(g).zip(b).map(|((r, g), b)| Vec3::new(r, g, b)).collect();
+            return Ok(Plane::new(r.width, r.height, data));
+        }
+        let grey = ["Y", "Z", "R"].into_iter().find_map(|name| self.find(name));
+        let grey = grey.ok_or_else(|| self.missing(source, "R, G and B, or Y, Z or R alone"))?;
+        Ok(grey.plane().map(Vec3::splat))
+    }
+
+    /// Z, else Y, else R.
+    pub(super) fn depth(&self, source: Source) -> Result<Plane<f32>, ReadError> {
+        let depth = ["Z", "Y", "R"].into_iter().find_map(|name| self.find(name));
+        Ok(depth.ok_or_else(|| self.missing(source, "Z, Y or R"))?.plane())
+    }
+}
+
+impl Channel {
+    fn plane(&self) -> Plane<f32> {
+        Plane::new(self.width, self.height, self.samples.values_as_f32().collect())
+    }
+}

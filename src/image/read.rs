@@ -1,0 +1,317 @@
+//! Pictures from bytes: PNG, JPEG, Radiance HDR, OpenEXR, NPY. Formats are told by content, never by name.
+//!
+//! Nothing here trusts a file: sizes are read and held against [`MAX_PIXELS`], [`MAX_BYTES`] and the length of the file
+//! before anything is allocated for them.
+
+use std::io::Cursor;
+
+use ::image::metadata::Orientation;
+use ::image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use glam::Vec3;
+
+use super::{Mask, Picture, Plane, Transfer, exr_read, npy};
+
+/// The largest picture that is read: 64 megapixels.
+pub const MAX_PIXELS: u64 = 64 << 20;
+/// The largest decoded size, all channels of the file together: 1 GiB.
+pub const MAX_BYTES: u64 = 1 << 30;
+/// No format here can hold more pixels in a byte: deflate packs 1032 bytes into one, PNG eight pixels into a byte.
+const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
+
+/// Why a picture file cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{file}: {what}: wanted {wanted}, got {got}")]
+pub struct ReadError {
+    /// The file, as its caller named it.
+    pub file: String,
+    /// The part or property at fault.
+    pub what: String,
+    pub wanted: String,
+    pub got: String,
+}
+
+impl ReadError {
+    /// The error without the file's name.
+    pub fn message(&self) -> String {
+        format!("{}: wanted {}, got {}", self.what, self.wanted, self.got)
+    }
+}
+
+/// The bytes of a file and the name it has in messages.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    pub name: &'a str,
+    pub bytes: &'a [u8],
+}
+
+impl<'a> Source<'a> {
+    pub fn new(name: &'a str, bytes: &'a [u8]) -> Source<'a> {
+        Source { name, bytes }
+    }
+
+    pub(super) fn error(&self, what: &str, wanted: impl ToString, got: impl ToString) -> ReadError {
+        ReadError { file: self.name.into(), what: what.into(), wanted: wanted.to_string(), got: got.to_string() }
+    }
+
+    /// Holds a size from a header against the caps, before anything is allocated for it.
+    pub(super) fn check_size(&self, width: u64, height: u64, bytes_per_pixel: u64) -> Result<(), ReadError> {
+        let pixels = width.saturating_mul(height);
+        let got = format!("{width} x {height} at {bytes_per_pixel} bytes a pixel");
+        if pixels == 0 {
+            return Err(self.error("size in the header", "at least one pixel", got));
+        }
+        if pixels > MAX_PIXELS || pixels.saturating_mul(bytes_per_pixel) > MAX_BYTES {
+            let wanted = format!("at most {} megapixels and {} MiB", MAX_PIXELS >> 20, MAX_BYTES >> 20);
+            return Err(self.error("size in the header", wanted, got));
+        }
+        if pixels > MAX_PIXELS_PER_BYTE * self.bytes.len() as u64 {
+            let wanted = format!("no more pixels than a file of {} bytes can hold", self.bytes.len());
+            return Err(self.error("size in the header", wanted, got));
+        }
+        Ok(())
+    }
+}
+
+/// A file format, told by its first bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Png,
+    Jpeg,
+    Hdr,
+    Exr,
+    Npy,
+}
+
+fn format(source: Source) -> Option<Format> {
+    const SIGNATURES: [(&[u8], Format); 5] = [
+        (b"\x89PNG\r\n\x1a\n", Format::Png),
+        (b"\xff\xd8\xff", Format::Jpeg),
+        (b"#?", Format::Hdr),
+        (b"\x76\x2f\x31\x01", Format::Exr),
+        (b"\x93NUMPY", Format::Npy),
+    ];
+    SIGNATURES.iter().find(|(start, _)| source.bytes.starts_with(start)).map(|&(_, format)| format)
+}
+
+fn not_one_of(source: Source, wanted: &str) -> ReadError {
+    let got = match format(source) {
+        Some(format) => format!("{format:?}"),
+        None if source.bytes.is_empty() => "an empty file".into(),
+        None => format!("an unknown format (first bytes {:02x?})", &source.bytes[..source.bytes.len().min(8)]),
+    };
+    source.error("file format", wanted, got)
+}
+
+/// How finely a file stores a sample; decides the rule of saturation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bits {
+    Eight,
+    Sixteen,
+    Float,
+}
+
+/// A photo as it was read.
+#[derive(Clone, Debug)]
+pub struct Photo {
+    /// Linear Rec.709, the photo's own size.
+    pub picture: Picture,
+    /// 1 where a channel is saturated, else 0.
+    pub clipped: Mask,
+    pub bits: Bits,
+    /// What the person should know although it is no error.
+    pub warnings: Vec<String>,
+}
+
+/// Stored samples of PNG, JPEG and HDR, interleaved.
+enum Samples {
+    Eight(Vec<u8>),
+    Sixteen(Vec<u16>),
+    Float(Vec<f32>),
+}
+
+struct Raster {
+    width: usize,
+    height: usize,
+    /// 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
+    channels: usize,
+    samples: Samples,
+}
+
+impl Raster {
+    fn bits(&self) -> Bits {
+        match self.samples {
+            Samples::Eight(_) => Bits::Eight,
+            Samples::Sixteen(_) => Bits::Sixteen,
+            Samples::Float(_) => Bits::Float,
+        }
+    }
+
+    /// All samples through `f`, which sees integers as shares of their maximum; integers go through a table.
+    fn map(&self, f: impl Fn(f32) -> f32) -> Vec<f32> {
+        let table = |top: u32| (0..=top).map(|v| f(v as f32 / top as f32)).collect::<Vec<f32>>();
+        match &self.samples {
+            Samples::Eight(values) => {
+                let table = table(255);
+                values.iter().map(|&v| table[usize::from(v)]).collect()
+            }
+            Samples::Sixteen(values) => {
+                let table = table(65535);
+                values.iter().map(|&v| table[usize::from(v)]).collect()
+            }
+            Samples::Float(values) => values.iter().map(|&v| f(v)).collect(),
+        }
+    }
+
+    /// Colours of interleaved `values`; grey becomes a colour, alpha is left out.
+    fn colours(&self, values: &[f32]) -> Plane<Vec3> {
+        let colour = |p: &[f32]| if self.channels < 3 { Vec3::splat(p[0]) } else { Vec3::new(p[0], p[1], p[2]) };
+        Plane::new(self.width, self.height, values.chunks_exact(self.channels).map(colour).collect())
+    }
+
+    /// The alpha channel of interleaved `values`, when there is one.
+    fn alpha(&self, values: &[f32]) -> Option<Vec<f32>> {
+        self.channels
+            .is_multiple_of(2)
+            .then(|| values.chunks_exact(self.channels).map(|p| p[self.channels - 1]).collect())
+    }
+}
+
+fn decode_raster(source: Source, format: ImageFormat) -> Result<Raster, ReadError> {
+    let bad = |e: ::image::ImageError| source.error("content", format!("a sound {format:?} file"), e);
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MAX_BYTES);
+    let mut reader = ImageReader::with_format(Cursor::new(source.bytes), format);
+    reader.limits(limits);
+    let mut decoder = reader.into_decoder().map_err(bad)?;
+    // Damaged metadata is no reason to refuse sound pixels.
+    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let (width, height) = decoder.dimensions();
+    let colour = decoder.color_type();
+    source.check_size(width.into(), height.into(), colour.bytes_per_pixel().into())?;
+    let mut image = DynamicImage::from_decoder(decoder).map_err(bad)?;
+    image.apply_orientation(orientation);
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let samples = match colour {
+        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => Samples::Eight(image.into_bytes()),
+        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
+            Samples::Sixteen(bytemuck::pod_collect_to_vec(image.as_bytes()))
+        }
+        ColorType::Rgb32F | ColorType::Rgba32F => Samples::Float(bytemuck::pod_collect_to_vec(image.as_bytes())),
+        other => return Err(source.error("pixels", "grey or RGB, 8 or 16 bits or float", format!("{other:?}"))),
+    };
+    let channels = usize::from(colour.channel_count());
+    Ok(Raster { width, height, channels, samples })
+}
+
+/// Reads a photo: PNG (8 or 16 bits, grey, RGB, palette; alpha is left out with a warning), JPEG, HDR, EXR (R, G, B, or
+/// Y, or R alone). A photo that carries an EXIF orientation is turned upright. HDR and EXR are linear by their format; `transfer` applies to the others.
+///
+/// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float file, within 0.1 % of
+/// the file's maximum, if that maximum is a plateau: at least 16 pixels, at least 0.01 % and at most half of all.
+/// Non-finite numbers are an error.
+pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError> {
+    let mut warnings = Vec::new();
+    let (picture, clipped, bits) = match format(source) {
+        Some(Format::Exr) => {
+            let file = exr_read::read(source)?;
+            warnings.extend(file.warnings.iter().cloned());
+            let picture = file.colours(source)?;
+            let clipped = plateau(&picture);
+            (picture, clipped, Bits::Float)
+        }
+        Some(kind @ (Format::Png | Format::Jpeg | Format::Hdr)) => {
+            let raster = decode_raster(source, image_format(kind))?;
+            let bits = raster.bits();
+            let stored = raster.map(|v| v);
+            if raster.alpha(&stored).is_some_and(|alpha| alpha.iter().any(|&a| a < 1.0)) {
+                warnings.push("the photo is transparent in places: its alpha channel is left out".into());
+            }
+            match bits {
+                Bits::Float => {
+                    let picture = raster.colours(&stored);
+                    let clipped = plateau(&picture);
+                    (picture, clipped, bits)
+                }
+                Bits::Eight | Bits::Sixteen => {
+                    let top = if bits == Bits::Eight { 253.5 / 255.0 } else { 65534.5 / 65535.0 };
+                    let clipped = raster.colours(&stored).map(|c| if c.max_element() > top { 1.0 } else { 0.0 });
+                    (raster.colours(&raster.map(|v| transfer.decode(v))), clipped, bits)
+                }
+            }
+        }
+        _ => return Err(not_one_of(source, "a photo: PNG, JPEG, HDR or EXR")),
+    };
+    if let Some(at) = picture.pixels().iter().position(|c| !c.is_finite()) {
+        let (x, y) = (at % picture.width(), at / picture.width());
+        return Err(source.error("pixels", "finite numbers", format!("{} at ({x}, {y})", picture.get(x, y))));
+    }
+    Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, warnings })
+}
+
+/// Reads depth as stored, without scale: EXR (channel Z, else Y, else R), 16-bit grey PNG, NPY. 0, negative and
+/// non-finite numbers are passed on.
+pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError> {
+    const WANTED: &str = "depth: EXR, 16-bit grey PNG or NPY";
+    match format(source) {
+        Some(Format::Exr) => {
+            let file = exr_read::read(source)?;
+            Ok((file.depth(source)?, file.warnings))
+        }
+        Some(Format::Npy) => Ok((npy::read(source)?, Vec::new())),
+        Some(Format::Png) => {
+            let raster = decode_raster(source, ImageFormat::Png)?;
+            match &raster.samples {
+                Samples::Sixteen(values) if raster.channels == 1 => {
+                    let data = values.iter().map(|&v| f32::from(v)).collect();
+                    Ok((Plane::new(raster.width, raster.height, data), Vec::new()))
+                }
+                _ => {
+                    let got = format!("{:?} bits, {} channels", raster.bits(), raster.channels);
+                    Err(source.error("pixels of a depth PNG", "16 bits, one grey channel", got))
+                }
+            }
+        }
+        _ => Err(not_one_of(source, WANTED)),
+    }
+}
+
+/// Reads a mask: PNG, JPEG or EXR of any bit depth. The value is the share of the pixel that is covered: the Rec.709
+/// luminance of the stored numbers times alpha, in 0..1; below 1/16 it is 0 and above 15/16 it is 1, so that the ringing of a
+/// JPEG does not leak.
+pub fn read_mask(source: Source) -> Result<Mask, ReadError> {
+    let (colours, alpha) = match format(source) {
+        Some(Format::Exr) => (exr_read::read(source)?.colours(source)?, None),
+        Some(kind @ (Format::Png | Format::Jpeg)) => {
+            let raster = decode_raster(source, image_format(kind))?;
+            let stored = raster.map(|v| v);
+            (raster.colours(&stored), raster.alpha(&stored))
+        }
+        _ => return Err(not_one_of(source, "a mask: PNG, JPEG or EXR")),
+    };
+    let mut mask = colours.map(|c| c.dot(super::LUMINANCE));
+    if let Some(alpha) = alpha {
+        mask.pixels_mut().iter_mut().zip(alpha).for_each(|(m, a)| *m *= a);
+    }
+    Ok(Mask(mask.map(|m| match m {
+        m if m > 15.0 / 16.0 => 1.0,
+        m if m >= 1.0 / 16.0 => m,
+        _ => 0.0,
+    })))
+}
+
+fn image_format(format: Format) -> ImageFormat {
+    match format {
+        Format::Png => ImageFormat::Png,
+        Format::Jpeg => ImageFormat::Jpeg,
+        Format::Hdr => ImageFormat::Hdr,
+        Format::Exr | Format::Npy => unreachable!("read by its own module"),
+    }
+}
+
+/// Saturation of a float file; see [`read_photo`].
+fn plateau(picture: &Plane<Vec3>) -> Plane<f32> {
+    let top = picture.pixels().iter().map(|c| c.max_element()).fold(0.0, f32::max);
+    let clipped = picture.map(|c| if top > 0.0 && c.max_element() >= 0.999 * top { 1.0 } else { 0.0 });
+    let count = clipped.pixels().iter().filter(|&&m| m > 0.0).count();
+    if count >= 16.max(picture.len() / 10_000) && count <= picture.len() / 2 { clipped } else { clipped.map(|_| 0.0) }
+}

@@ -1,0 +1,3 @@
+//! From planes to files.
+
+pub mod write;

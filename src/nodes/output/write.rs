@@ -1,0 +1,221 @@
+//! Write: the relit picture as `picture.png`, and everything that it is made of as layers of `picture.exr`.
+//!
+//! Layers of light i with lobes k, radiance w_k, unit direct shading D_k, lit share V_k, unit indirect shading I_k:
+//! `direct_i` = sum_k w_k D_k V_k; `indirect_i` = sum_k w_k I_k; `shadow_i` = sum_k Y(w_k) V_k / sum_k Y(w_k), Y the luminance,
+//! and the plain mean of V_k when the light is off; `stderr_i` = sqrt(sum_k (Y(w_k) s_k V_k)^2), s_k the standard error of D_k.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::graph::{Context, Gather, Node, NodeError};
+use crate::image::{
+    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Normal, Picture, Plane, Roughness, resize, resize_depth,
+    write_png,
+};
+use crate::nodes::artifacts::{Encoding, Files, UnitDirect, UnitIndirect, Visibility};
+use crate::optics::Radiance;
+use crate::{params, ports};
+
+/// Diagnostic layers are left out of files that would hold more bytes than this before compression: they are at the
+/// working size by nature, and at the size of a large photo they only cost space.
+const MAX_EXR_BYTES: usize = 512 << 20;
+
+params! {
+    /// Writes the picture as PNG, and all layers as EXR.
+    pub struct Write {
+        /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
+        compression: Compression = Compression::None,
+        /// Whether picture.exr holds more than the picture and its light layers.
+        diagnostics: bool = true,
+    }
+}
+
+ports! {
+    pub input WriteIn {
+        /// The picture: the photo's size, linear, not clamped.
+        picture: Arc<Picture>,
+        /// How the photo was stored.
+        encoding: Arc<Encoding>,
+        /// Each light alone, the photo's size; they and `rest` sum to the picture.
+        layer: Gather<Picture>,
+        /// What no light explains.
+        rest: Arc<Picture>,
+        /// Unit direct shading of each light.
+        direct: Gather<UnitDirect>,
+        /// Visibility of each light.
+        visibility: Gather<Visibility>,
+        /// Unit indirect shading of each light.
+        indirect: Gather<UnitIndirect>,
+        /// Radiance of each light, one colour per lobe.
+        radiance: Gather<Radiance>,
+        /// Albedo.
+        albedo: Arc<Albedo>,
+        /// Normals.
+        normal: Arc<Normal>,
+        /// Roughness.
+        roughness: Arc<Roughness>,
+        /// Depth.
+        depth: Arc<Depth>,
+    }
+}
+ports! {
+    pub output WriteOut {
+        /// picture.png and picture.exr.
+        files: Arc<Files>,
+    }
+}
+
+impl Node for Write {
+    const KIND: &'static str = "Write";
+    const VERSION: u32 = 1;
+    type In = WriteIn;
+    type Out = WriteOut;
+
+    fn run(&self, inputs: WriteIn, ctx: &Context) -> Result<WriteOut, NodeError> {
+        let picture = &inputs.picture.0;
+        let size = picture.size();
+        for (name, plane) in pictures(&inputs) {
+            if plane.size() != size {
+                let (got, wanted) = (plane.size(), size);
+                return Err(NodeError::Failed(format!("{name}: wanted the picture's {wanted:?} pixels, got {got:?}")));
+            }
+            if let Some(at) = plane.pixels().iter().position(|c| !c.is_finite()) {
+                let (x, y, got) = (at % size.0, at / size.0, plane.pixels()[at]);
+                return Err(NodeError::Failed(format!("{name}: wanted finite numbers, got {got} at pixel ({x}, {y})")));
+            }
+        }
+        let png = || write_png(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
+        let (png, exr) = rayon::join(png, || self.exr(&inputs, ctx));
+        Ok(WriteOut { files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])) })
+    }
+}
+
+/// All planes that must have the picture's size, by layer name.
+fn pictures(inputs: &WriteIn) -> impl Iterator<Item = (String, &Plane<Vec3>)> {
+    let lights = inputs.layer.iter().map(|(id, layer)| (format!("light_{id}"), &layer.0));
+    [("picture".to_string(), &inputs.picture.0), ("light_rest".to_string(), &inputs.rest.0)].into_iter().chain(lights)
+}
+
+impl Write {
+    fn exr(&self, inputs: &WriteIn, ctx: &Context) -> Result<Vec<u8>, NodeError> {
+        let (width, height) = inputs.picture.0.size();
+        let mut layers = ExrLayers::new(width, height);
+        layers.rgb("", &inputs.picture.0);
+        layers.half("A", &Plane::filled(width, height, 1.0));
+        for (name, plane) in pictures(inputs).skip(1) {
+            layers.rgb(&name, plane);
+        }
+        // A half float has two bytes: R G B A; three for each light and the rest; albedo, normal, roughness and a float
+        // depth; for each light two colours, a shadow and a float error.
+        let bytes = width * height * (8 + 6 * (1 + inputs.layer.0.len()) + 18 + 18 * inputs.radiance.0.len());
+        if self.diagnostics && bytes > MAX_EXR_BYTES {
+            ctx.warn(format!(
+                "picture.exr holds no diagnostic layers: it would be {} MiB, the limit is {} MiB",
+                bytes >> 20,
+                MAX_EXR_BYTES >> 20
+            ));
+        } else if self.diagnostics {
+            diagnostics(inputs, &mut layers)?;
+        }
+        layers.comment(UNITS);
+        if let Some(lux) = inputs.encoding.lux {
+            layers.comment(&format!("exposure: white shows 1 at {lux} lux"));
+        }
+        if layers.clamped() > 0 {
+            ctx.warn(format!("picture.exr: {} samples above 65504 are written as 65504", layers.clamped()));
+        }
+        layers.write(self.compression).map_err(NodeError::Failed)
+    }
+}
+
+const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
+                     metres; normals: camera space, x right, y up, z backward";
+
+fn diagnostics(inputs: &WriteIn, layers: &mut ExrLayers) -> Result<(), NodeError> {
+    let (width, height) = inputs.picture.0.size();
+    let colours = |plane: &Plane<Vec3>| resize(plane, width, height);
+    let numbers = |plane: &Plane<f32>| resize(plane, width, height);
+    layers.rgb("albedo", &colours(&inputs.albedo.0));
+    layers.xyz("normal", &colours(&inputs.normal.0).map(Vec3::normalize_or_zero));
+    layers.half("rough.Y", &numbers(&inputs.roughness.0));
+    layers.float("depth.Z", &resize_depth(&inputs.depth, width, height).0);
+    for (id, radiance) in inputs.radiance.iter() {
+        let (direct, visibility) = (inputs.direct.get(id), inputs.visibility.get(id));
+        if let (Some(direct), Some(visibility)) = (direct, visibility)
+            && !direct.lobes.is_empty()
+        {
+            check_lobes(id, radiance, &[direct.lobes.len(), direct.stderr.len(), visibility.lit.len()])?;
+            check_sizes(id, direct.lobes.iter().chain(&direct.stderr).chain(&visibility.lit))?;
+            layers.rgb(&format!("direct_{id}"), &colours(&lit_sum(radiance, direct, visibility)));
+            layers.half(&format!("shadow_{id}.Y"), &numbers(&lit_share(radiance, visibility)));
+            layers.float(&format!("stderr_{id}.Y"), &numbers(&standard_error(radiance, direct, visibility)));
+        }
+        if let Some(indirect) = inputs.indirect.get(id)
+            && !indirect.lobes.is_empty()
+        {
+            check_lobes(id, radiance, &[indirect.lobes.len()])?;
+            check_sizes(id, indirect.lobes.iter().map(|lobe| &lobe.0))?;
+            layers.rgb(&format!("indirect_{id}"), &colours(&indirect_sum(radiance, indirect)));
+        }
+    }
+    Ok(())
+}
+
+fn check_lobes(id: &str, radiance: &Radiance, got: &[usize]) -> Result<(), NodeError> {
+    let wanted = radiance.0.len();
+    match got.iter().find(|&&lobes| lobes != wanted) {
+        Some(got) => Err(NodeError::Failed(format!("light {id}: wanted {wanted} lobes, as its radiances, got {got}"))),
+        None => Ok(()),
+    }
+}
+
+fn check_sizes<'a, T: Copy + 'a>(id: &str, planes: impl Iterator<Item = &'a Plane<T>>) -> Result<(), NodeError> {
+    let sizes: Vec<_> = planes.map(Plane::size).collect();
+    match sizes.iter().find(|&&size| size != sizes[0]) {
+        Some(got) => Err(NodeError::Failed(format!("light {id}: wanted planes of {:?} pixels, got {got:?}", sizes[0]))),
+        None => Ok(()),
+    }
+}
+
+/// sum_k w_k D_k V_k
+fn lit_sum(radiance: &Radiance, direct: &UnitDirect, visibility: &Visibility) -> Plane<Vec3> {
+    let mut sum = direct.lobes[0].map(|_| Vec3::ZERO);
+    for ((&w, d), v) in radiance.0.iter().zip(&direct.lobes).zip(&visibility.lit) {
+        let lit = d.pixels().iter().zip(v.pixels()).map(|(d, v)| d * v);
+        sum.pixels_mut().iter_mut().zip(lit).for_each(|(sum, lit)| *sum += w * lit);
+    }
+    sum
+}
+
+/// sum_k w_k I_k
+fn indirect_sum(radiance: &Radiance, indirect: &UnitIndirect) -> Plane<Vec3> {
+    let mut sum = indirect.lobes[0].0.map(|_| Vec3::ZERO);
+    for (&w, shading) in radiance.0.iter().zip(&indirect.lobes) {
+        sum.pixels_mut().iter_mut().zip(shading.0.pixels()).for_each(|(sum, &i)| *sum += w * i);
+    }
+    sum
+}
+
+/// sum_k Y(w_k) V_k / sum_k Y(w_k), or the plain mean.
+fn lit_share(radiance: &Radiance, visibility: &Visibility) -> Plane<f32> {
+    let luminances: Vec<f32> = radiance.0.iter().map(|w| w.dot(LUMINANCE)).collect();
+    let total: f32 = luminances.iter().sum();
+    let mut share = visibility.lit[0].map(|_| 0.0);
+    for (&y, v) in luminances.iter().zip(&visibility.lit) {
+        let weight = if total > 0.0 { y / total } else { 1.0 / luminances.len() as f32 };
+        share.pixels_mut().iter_mut().zip(v.pixels()).for_each(|(share, v)| *share += weight * v);
+    }
+    share
+}
+
+/// sqrt(sum_k (Y(w_k) s_k V_k)^2)
+fn standard_error(radiance: &Radiance, direct: &UnitDirect, visibility: &Visibility) -> Plane<f32> {
+    let mut variance = direct.stderr[0].map(|_| 0.0);
+    for ((w, s), v) in radiance.0.iter().zip(&direct.stderr).zip(&visibility.lit) {
+        let y = w.dot(LUMINANCE);
+        let error = s.pixels().iter().zip(v.pixels()).map(|(s, v)| y * s * v);
+        variance.pixels_mut().iter_mut().zip(error).for_each(|(sum, e)| *sum += e * e);
+    }
+    variance.map(f32::sqrt)
+}

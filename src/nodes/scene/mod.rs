@@ -1,0 +1,3 @@
+//! From files to planes.
+
+pub mod read_scene;

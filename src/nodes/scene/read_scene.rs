@@ -1,0 +1,356 @@
+//! ReadScene: decodes the files of a scene, checks that they belong together, fills the holes of the depth and
+//! remembers which pixels are saturated.
+//!
+//! Everything later is computed at the *working size*, the photo fitted into `long_side`; the photo's own size is kept
+//! beside it, because the result is written at that size.
+//!
+//! Depth, by `kind` (d the stored number, s the `scale`): planar z = s d; a ray length gives z = s d / |r| with r the ray of
+//! the pixel at planar depth 1; a disparity gives z = s / d.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::Camera;
+use crate::graph::{Context, File, Node, NodeError, Scatter};
+use crate::image::{self, Bits, Depth, Mask, Picture, Plane, ReadError, Source, Transfer};
+use crate::nodes::artifacts::Encoding;
+use crate::optics::LightKind;
+use crate::{params, ports};
+
+/// Where the photo was taken from: the camera stands at the origin and looks along -z.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum CameraSpec {
+    /// Horizontal field of view in degrees; square pixels, centred.
+    FovX(f32),
+    /// Focal lengths and principal point in photo pixels.
+    Pinhole { fx: f32, fy: f32, cx: f32, cy: f32 },
+}
+
+/// What the numbers of a depth file mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DepthKind {
+    /// Distance from the camera's plane.
+    #[default]
+    PlanarZ,
+    /// Distance from the camera along the pixel's ray.
+    RayLength,
+    /// `scale` / distance from the camera's plane.
+    Disparity,
+}
+
+/// The depth file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DepthSpec {
+    pub path: File,
+    #[serde(default)]
+    pub kind: DepthKind,
+    /// Metres per stored unit.
+    #[serde(default = "one")]
+    pub scale: f32,
+}
+
+fn one() -> f32 {
+    1.0
+}
+
+/// A visible light: what it is, and the file that marks its pixels.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum LightSpec {
+    Lamp { mask: File },
+    Window { mask: File },
+}
+
+impl LightSpec {
+    fn mask(&self) -> &File {
+        match self {
+            LightSpec::Lamp { mask } | LightSpec::Window { mask } => mask,
+        }
+    }
+
+    fn kind(&self) -> LightKind {
+        match self {
+            LightSpec::Lamp { .. } => LightKind::Lamp,
+            LightSpec::Window { .. } => LightKind::Window,
+        }
+    }
+}
+
+/// The photo's exposure.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Exposure {
+    /// The illuminance, in lux, at which a white surface shows 1.
+    Lux(f32),
+}
+
+params! {
+    /// Reads the photo, its depth and the masks of its visible lights.
+    pub struct ReadScene {
+        /// PNG (8 or 16 bits), JPEG, HDR or EXR.
+        photo: File = File::default(),
+        /// How the numbers of a PNG or JPEG photo encode light; HDR and EXR are linear whatever stands here. The result's
+        /// PNG is written with it.
+        transfer: Transfer = Transfer::Srgb,
+        /// The photo's camera: FovX(degrees) or Pinhole(fx, fy, cx, cy in photo pixels).
+        camera: CameraSpec = CameraSpec::FovX(60.0),
+        /// EXR (channel Z, else Y, else R), 16-bit grey PNG or NPY, in units of `scale` metres.
+        depth: DepthSpec = DepthSpec { path: File::default(), kind: DepthKind::PlanarZ, scale: 1.0 },
+        /// The visible lights by name, each with the mask of its pixels: PNG, JPEG or EXR.
+        lights: BTreeMap<String, LightSpec> = BTreeMap::new(),
+        /// A mask of pixels that are no part of the room.
+        ignore: Option<File> = None,
+        /// The illuminance at which white shows 1: Lux(value).
+        exposure: Option<Exposure> = None,
+        /// The longer side of the working size in pixels, at least 1; a smaller photo is not enlarged.
+        long_side: u32 = 320,
+    }
+}
+
+ports! {
+    pub output ReadSceneOut {
+        /// Linear, the photo's size.
+        photo: Arc<Picture>,
+        /// 1 where the photo is saturated, the photo's size.
+        clipped: Arc<Mask>,
+        /// Linear, working size.
+        small: Arc<Picture>,
+        /// Share of saturated pixels, working size.
+        small_clipped: Arc<Mask>,
+        /// Holes filled, working size.
+        depth: Arc<Depth>,
+        /// Holes filled, the photo's size.
+        full_depth: Arc<Depth>,
+        /// Share of depth pixels that had no reading, working size.
+        holes: Arc<Mask>,
+        /// At the photo's size.
+        camera: Arc<Camera>,
+        /// At the working size.
+        small_camera: Arc<Camera>,
+        /// Pixels that are no part of the room, working size; all 0 when the scene names none.
+        ignore: Arc<Mask>,
+        /// Per visible light, working size.
+        mask: Scatter<Mask>,
+        /// Per visible light, the photo's size.
+        full_mask: Scatter<Mask>,
+        /// Per visible light.
+        kind: Scatter<LightKind>,
+        /// How the photo is stored.
+        encoding: Arc<Encoding>,
+    }
+}
+ports! { pub input ReadSceneIn {} }
+
+impl Node for ReadScene {
+    const KIND: &'static str = "ReadScene";
+    const VERSION: u32 = 1;
+    type In = ReadSceneIn;
+    type Out = ReadSceneOut;
+
+    fn check(&self) -> Result<(), String> {
+        let within = |name: &str, value: f32, low: f32, high: f32| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(format!("{name}: wanted {low} to {high}, got {value}"))
+            }
+        };
+        for (name, file) in [("photo", &self.photo), ("depth.path", &self.depth.path)] {
+            if file.path.is_empty() {
+                return Err(format!("{name}: wanted a file, got none"));
+            }
+        }
+        if let Transfer::Gamma(gamma) = self.transfer {
+            within("transfer: Gamma", gamma, 0.1, 10.0)?;
+        }
+        match self.camera {
+            CameraSpec::FovX(degrees) => within("camera: FovX", degrees, 1.0, 175.0)?,
+            CameraSpec::Pinhole { fx, fy, cx, cy } => {
+                within("camera: fx", fx, 1e-3, 1e6)?;
+                within("camera: fy", fy, 1e-3, 1e6)?;
+                within("camera: cx", cx, -1e6, 1e6)?;
+                within("camera: cy", cy, -1e6, 1e6)?;
+            }
+        }
+        within("depth: scale", self.depth.scale, 1e-9, 1e9)?;
+        if let Some(Exposure::Lux(lux)) = self.exposure {
+            within("exposure: Lux", lux, 1e-6, 1e9)?;
+        }
+        if self.long_side == 0 {
+            return Err("long_side: wanted at least 1, got 0".into());
+        }
+        self.lights.keys().try_for_each(|id| check_id(id))
+    }
+
+    fn files(&mut self) -> Vec<&mut File> {
+        let masks = self.lights.values_mut().map(|light| match light {
+            LightSpec::Lamp { mask } | LightSpec::Window { mask } => mask,
+        });
+        [&mut self.photo, &mut self.depth.path].into_iter().chain(masks).chain(&mut self.ignore).collect()
+    }
+
+    fn run(&self, _: ReadSceneIn, ctx: &Context) -> Result<ReadSceneOut, NodeError> {
+        let photo = open(ctx, &self.photo, |source| image::read_photo(source, self.transfer))?;
+        warn(ctx, &self.photo, &photo.warnings);
+        let full = photo.picture.0.size();
+        let small = image::fit(full.0, full.1, self.long_side as usize);
+        let camera = match self.camera {
+            CameraSpec::FovX(degrees) => Camera::from_fov_x(full.0, full.1, degrees),
+            CameraSpec::Pinhole { fx, fy, cx, cy } => Camera { width: full.0, height: full.1, fx, fy, cx, cy },
+        };
+
+        let mut masks = Vec::new();
+        for (id, light) in &self.lights {
+            ctx.check_cancelled()?;
+            masks.push((id.clone(), self.mask(ctx, light.mask(), full)?));
+        }
+        let ignore = self.ignore.as_ref().map(|file| self.mask(ctx, file, full)).transpose()?;
+
+        ctx.check_cancelled()?;
+        let (depth, holes) = self.depth(ctx, &camera, &masks, ignore.as_ref())?;
+        ctx.check_cancelled()?;
+        let shrink = |mask: &Mask| Arc::new(Mask(image::resize(&mask.0, small.0, small.1)));
+        Ok(ReadSceneOut {
+            small: Arc::new(Picture(image::resize(&photo.picture.0, small.0, small.1))),
+            small_clipped: shrink(&photo.clipped),
+            photo: Arc::new(photo.picture),
+            clipped: Arc::new(photo.clipped),
+            full_depth: Arc::new(image::resize_depth(&depth, full.0, full.1)),
+            holes: shrink(&holes),
+            depth: Arc::new(image::resize_depth(&depth, small.0, small.1)),
+            small_camera: Arc::new(camera.resized(small.0, small.1)),
+            camera: Arc::new(camera),
+            ignore: ignore.map_or_else(|| Arc::new(Mask(Plane::filled(small.0, small.1, 0.0))), |mask| shrink(&mask)),
+            mask: Scatter(masks.iter().map(|(id, mask)| (id.clone(), shrink(mask))).collect()),
+            full_mask: Scatter(masks.into_iter().map(|(id, mask)| (id, Arc::new(mask))).collect()),
+            kind: Scatter(self.lights.iter().map(|(id, light)| (id.clone(), Arc::new(light.kind()))).collect()),
+            encoding: Arc::new(Encoding {
+                transfer: self.transfer,
+                lux: self.exposure.map(|Exposure::Lux(lux)| lux),
+                sixteen_bit: photo.bits == Bits::Sixteen,
+            }),
+        })
+    }
+}
+
+impl ReadScene {
+    /// A mask at the photo's size, with some pixels and not all of them.
+    fn mask(&self, ctx: &Context, file: &File, full: (usize, usize)) -> Result<Mask, NodeError> {
+        let mask = open(ctx, file, image::read_mask)?;
+        let got = mask.0.size();
+        if got != full {
+            self.check_aspect("mask", file, got, full)?;
+            ctx.warn(format!("{}: {}, resampled to the photo's {}", file.path, size(got), size(full)));
+        }
+        let mask = Mask(image::resize(&mask.0, full.0, full.1));
+        let covered = mask.0.pixels().iter().filter(|&&m| m > 0.0).count();
+        if covered == 0 {
+            return Err(bad(file, "mask: wanted white pixels where the light is, got a black picture".into()));
+        }
+        if mask.0.pixels().iter().all(|&m| m >= 1.0) {
+            return Err(bad(file, "mask: wanted some pixels left black, got a mask that covers everything".into()));
+        }
+        Ok(mask)
+    }
+
+    /// Planar depth in metres at the depth file's own size, and its holes.
+    fn depth(
+        &self,
+        ctx: &Context,
+        camera: &Camera,
+        masks: &[(String, Mask)],
+        ignore: Option<&Mask>,
+    ) -> Result<(Depth, Mask), NodeError> {
+        let file = &self.depth.path;
+        let (stored, warnings) = open(ctx, file, image::read_depth)?;
+        warn(ctx, file, &warnings);
+        let (width, height) = stored.size();
+        self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
+        let metres = planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
+
+        // What a pane shows, and what is no part of the room, may be far away: it must not spread into the room.
+        let panes = masks.iter().zip(self.lights.values()).filter(|(_, light)| light.kind() == LightKind::Window);
+        let mut untrusted = Plane::filled(width, height, 0.0f32);
+        for outside in panes.map(|((_, mask), _)| mask).chain(ignore) {
+            let outside = image::resize(&outside.0, width, height);
+            untrusted.pixels_mut().iter_mut().zip(outside.pixels()).for_each(|(u, &m)| *u = u.max(m));
+        }
+        let (depth, holes) = image::fill_holes(&metres, &untrusted).ok_or_else(|| {
+            let wanted = format!("at least one depth between {} and {} m", image::NEAR, image::FAR);
+            bad(file, format!("depth: wanted {wanted}, got holes everywhere; is the scale right?"))
+        })?;
+        let share = holes.0.pixels().iter().filter(|&&h| h > 0.0).count() as f32 / holes.0.len() as f32;
+        if share > 0.5 {
+            ctx.warn(format!(
+                "{}: {:.0} % of the depth are holes; they are filled from the rest",
+                file.path,
+                100.0 * share
+            ));
+        }
+        Ok((depth, holes))
+    }
+
+    fn check_aspect(
+        &self,
+        what: &str,
+        file: &File,
+        got: (usize, usize),
+        photo: (usize, usize),
+    ) -> Result<(), NodeError> {
+        if image::same_aspect(got, photo) {
+            return Ok(());
+        }
+        let wanted = format!("the aspect ratio of {} ({}) to 2 %", self.photo.path, size(photo));
+        Err(bad(file, format!("{what} size: wanted {wanted}, got {}", size(got))))
+    }
+}
+
+/// Stored numbers as planar z in metres; holes pass through as holes. `camera` has the depth's size.
+pub fn planar(stored: &Plane<f32>, kind: DepthKind, scale: f32, camera: &Camera) -> Plane<f32> {
+    let (width, height) = stored.size();
+    match kind {
+        DepthKind::PlanarZ => stored.map(|d| scale * d),
+        DepthKind::RayLength => Plane::from_fn(width, height, |x, y| {
+            let ray: Vec3 = camera.pixel_point(x, y, 1.0);
+            scale * stored.get(x, y) / ray.length()
+        }),
+        // A negative disparity stays a hole: its depth is negative.
+        DepthKind::Disparity => stored.map(|d| scale / d),
+    }
+}
+
+/// Ids become names of nodes and of EXR layers.
+fn check_id(id: &str) -> Result<(), String> {
+    let mut letters = id.chars();
+    let sound = letters.next().is_some_and(|c| c.is_ascii_alphabetic())
+        && letters.all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if !sound {
+        return Err(format!("lights: wanted a name of letters, digits and _ that starts with a letter, got \"{id}\""));
+    }
+    if ["inv_lamp", "inv_window", "rest"].contains(&id) {
+        return Err(format!("lights: \"{id}\" names what is estimated in every scene; wanted another name"));
+    }
+    Ok(())
+}
+
+fn open<T>(ctx: &Context, file: &File, read: impl FnOnce(Source) -> Result<T, ReadError>) -> Result<T, NodeError> {
+    let bytes = ctx.read(file)?;
+    let name = file.location().display().to_string();
+    read(Source::new(&name, &bytes)).map_err(|e| bad(file, e.message()))
+}
+
+fn bad(file: &File, message: String) -> NodeError {
+    NodeError::BadFile { path: file.location().display().to_string(), message }
+}
+
+fn warn(ctx: &Context, file: &File, warnings: &[String]) {
+    warnings.iter().for_each(|warning| ctx.warn(format!("{}: {warning}", file.path)));
+}
+
+fn size((width, height): (usize, usize)) -> String {
+    format!("{width} x {height}")
+}
