@@ -268,6 +268,13 @@ fn files_that_a_stage_cannot_use_are_bad_files() {
 }
 
 #[test]
+fn an_out_that_is_no_folder_is_refused_before_any_work() {
+    let room = Room::new();
+    room.check_refused(&format!("{RUN} --out edit.ron"), "edit.ron: the folder cannot be made");
+    assert!(!room.path(".relight-cache").exists());
+}
+
+#[test]
 fn a_graph_is_printed_in_three_formats() {
     let room = Room::new();
     let print = |format: &str| check_runs(&room, &format!("graph graph.ron --scene scene --format {format}"), 0).0;

@@ -94,7 +94,7 @@ pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
     let lines = engine(options(&args.cache))?.plan(&graph, &wanted);
     if args.json {
-        write::print(&(serde_json::to_string_pretty(&lines).expect("a plan holds text only") + "\n"));
+        write::print(&(serde_json::to_string_pretty(&lines).expect("a plan holds text only") + "\n"))?;
         return Ok(Exit::Done);
     }
     let width = lines.iter().map(|line| line.node.chars().count()).max().unwrap_or(0);
@@ -102,7 +102,7 @@ pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
         let text = format!("{:7}  {:width$}  {}", planned(line.status), line.node, line.why.as_deref().unwrap_or(""));
         text.trim_end().to_owned() + "\n"
     };
-    write::print(&lines.iter().map(line).collect::<String>());
+    write::print(&lines.iter().map(line).collect::<String>())?;
     Ok(Exit::Done)
 }
 
@@ -116,13 +116,13 @@ pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
             text.push_str(&format!("{sign} {line}\n"));
         }
     }
-    write::print(&text);
+    write::print(&text)?;
     Ok(Exit::Done)
 }
 
 pub fn check(args: &Job) -> Result<Exit, Trouble> {
     let graph = load(&args.graph, args.edit.as_deref(), &args.files)?;
-    write::print(&format!("sound: {} nodes, outputs {}\n", graph.instances().count(), graph.outputs().join(" ")));
+    write::print(&format!("sound: {} nodes, outputs {}\n", graph.instances().count(), graph.outputs().join(" ")))?;
     Ok(Exit::Done)
 }
 
@@ -132,7 +132,7 @@ pub fn graph(args: &Graph) -> Result<Exit, Trouble> {
         Format::Dot => graph.to_dot(None),
         Format::Mermaid => graph.to_mermaid(None),
         Format::Json => graph.to_json(None),
-    });
+    })?;
     Ok(Exit::Done)
 }
 
@@ -149,7 +149,7 @@ pub fn nodes(args: &Nodes) -> Result<Exit, Trouble> {
             reference::section(spec)
         }
     };
-    write::print(&text);
+    write::print(&text)?;
     Ok(Exit::Done)
 }
 
@@ -173,7 +173,7 @@ pub fn cache(args: &Cache) -> Result<Exit, Trouble> {
     if done.damaged > 0 {
         text.push_str(&format!("; damaged {}", done.damaged));
     }
-    write::print(&(text + "\n"));
+    write::print(&(text + "\n"))?;
     Ok(if done.damaged > 0 { Exit::Failed } else { Exit::Done })
 }
 

@@ -18,6 +18,9 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     let threads = options.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let engine = engine(options)?;
 
+    if !args.verify {
+        write::folder(&args.out)?; // told before the work, not after it
+    }
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
     let progress = Progress::new(verbose > 0, terminal());
@@ -52,9 +55,9 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     }
     eprintln!("{}", report::summary(&done, seconds));
     if args.json {
-        write::print(&json);
+        write::print(&json)?;
     } else {
-        write::print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>());
+        write::print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>())?;
     }
     Ok(exit(&done, differences.is_empty()))
 }
