@@ -52,6 +52,13 @@ pub(super) enum Found {
     Damaged(String),
 }
 
+/// Why a value of a known result cannot be had.
+pub(super) enum Loss {
+    /// Deleted, as the longest unused are.
+    Gone,
+    Damaged(String),
+}
+
 struct Stored {
     path: PathBuf,
     bytes: u64,
@@ -163,21 +170,14 @@ impl DiskCache {
     }
 
     /// The checked bytes of one value of a result whose header said `digest`.
-    pub(super) fn value(&self, key: &Digest, index: usize, port: &PortSpec, digest: Digest) -> Result<Vec<u8>, String> {
-        let mut file = File::open(self.path(key)).map_err(|e| format!("cannot be read: {e}"))?;
-        let (header, mut left) = read_header(&mut file)?;
-        if header.values.get(index).map(|v| v.digest) != Some(digest.0) {
-            return Err("it is another result than before".to_owned());
-        }
-        for _ in 0..index {
-            let length = read_length(&mut file, &mut left)?;
-            file.seek(SeekFrom::Current(length as i64)).map_err(|e| e.to_string())?;
-            left -= length;
-        }
-        let length = read_length(&mut file, &mut left)?;
-        let mut bytes = Vec::with_capacity(length as usize);
-        file.take(length).read_to_end(&mut bytes).map_err(|e| e.to_string())?;
-        if digest_of(port.type_name, &bytes) == digest { Ok(bytes) } else { Err(format!("`{}` is damaged", port.name)) }
+    pub(super) fn value(&self, key: &Digest, index: usize, port: &PortSpec, digest: Digest) -> Result<Vec<u8>, Loss> {
+        let file = File::open(self.path(key)).map_err(|e| match e.kind() {
+            io::ErrorKind::NotFound => Loss::Gone,
+            _ => Loss::Damaged(format!("cannot be read: {e}")),
+        })?;
+        let bytes = read_value(file, index).map_err(Loss::Damaged)?;
+        let whole = digest_of(port.type_name, &bytes) == digest;
+        if whole { Ok(bytes) } else { Err(Loss::Damaged(format!("`{}` is not what was stored", port.name))) }
     }
 
     /// Writes a result: to a temporary file, synced, then renamed. Older results make room.
@@ -292,6 +292,19 @@ fn read_header(file: &mut File) -> Result<(Header, u64), String> {
     }
     let header = postcard::from_bytes(&bytes).map_err(|e| format!("its header cannot be decoded: {e}"))?;
     Ok((header, left))
+}
+
+fn read_value(mut file: File, index: usize) -> Result<Vec<u8>, String> {
+    let (_, mut left) = read_header(&mut file)?;
+    for _ in 0..index {
+        let length = read_length(&mut file, &mut left)?;
+        file.seek(SeekFrom::Current(length as i64)).map_err(|e| e.to_string())?;
+        left -= length;
+    }
+    let length = read_length(&mut file, &mut left)?;
+    let mut bytes = Vec::with_capacity(length as usize);
+    file.take(length).read_to_end(&mut bytes).map_err(|e| e.to_string())?;
+    Ok(bytes)
 }
 
 /// Whether a result is whole and stands under its own key.

@@ -48,6 +48,8 @@ const MAX_THREADS: usize = 1024;
 /// Stages run on stacks of this size: a thread that waits inside one stage may take up another on the same stack.
 const STACK_BYTES: usize = 32 << 20;
 
+pub(super) const STORED_NO_MORE: &str = "its result is stored no more";
+
 /// Runs graphs, and keeps what they gave.
 pub struct Engine {
     backend: String,
@@ -180,7 +182,7 @@ impl Engine {
     pub(super) fn why(&self, name: &str, key: &Digest, text: &str) -> Why {
         match self.store.last_key(name) {
             None => Why::plain("new"),
-            Some((last, _)) if last == *key => Why::plain("its result is stored no more"),
+            Some((last, _)) if last == *key => Why::plain(STORED_NO_MORE),
             Some((_, None)) => Why::plain("changed, and its last key is stored no more"),
             Some((_, Some(header))) => {
                 first_change(&header.key_text, text).unwrap_or_else(|| Why::plain("its key is written differently"))

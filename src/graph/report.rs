@@ -15,6 +15,18 @@ pub enum Status {
     Cancelled,
 }
 
+impl std::fmt::Display for Status {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Status::Hit => "hit",
+            Status::Ran => "ran",
+            Status::Failed => "failed",
+            Status::Blocked => "blocked",
+            Status::Cancelled => "cancelled",
+        })
+    }
+}
+
 /// One node instance of a run.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct NodeReport {
@@ -100,6 +112,16 @@ pub enum Planned {
     Run,
     /// Depends on what something upstream gives, that has to run first.
     Unknown,
+}
+
+impl std::fmt::Display for Planned {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Planned::Hit => "hit",
+            Planned::Run => "run",
+            Planned::Unknown => "unknown",
+        })
+    }
 }
 
 /// One line of [`super::Engine::plan`].

@@ -367,10 +367,10 @@ fn shortest_loop(graph: &DiGraph<usize, ()>, first: petgraph::graph::NodeIndex) 
                 path.reverse();
                 return path;
             }
-            if !came_from.contains_key(&next) {
-                came_from.insert(next, at);
+            came_from.entry(next).or_insert_with(|| {
                 queue.push_back(next);
-            }
+                at
+            });
         }
     }
     vec![graph[first]]

@@ -12,7 +12,8 @@ use std::time::Instant;
 
 use super::cache::{Entry, Header};
 use super::context::{Cancel, Context, NodeError};
-use super::engine::Engine;
+use super::disk::Loss;
+use super::engine::{Engine, STORED_NO_MORE};
 use super::network::{Graph, GraphNode, Wanted};
 use super::report::{Difference, NodeReport, Observer, RunReport, Status};
 use super::source::is_name;
@@ -206,7 +207,7 @@ impl<'a> Run<'a> {
             }
             (Ok(made), None) => {
                 self.engine.store.keep_in_memory(&made.entry);
-                let report = self.ran(&job, &made, found.damage);
+                let report = self.ran(&job, &made, found.damage.map(Loss::Damaged));
                 self.settle(scope, at, Some(job.key), Outcome::Done(made.entry.clone()), report);
                 // Only now, so that what waits for the values need not wait for the disk.
                 self.engine.store.keep_on_disk(&made.entry, &made.values);
@@ -280,15 +281,15 @@ impl<'a> Run<'a> {
         let Some(Outcome::Done(entry)) = self.lock().outcomes[slot.instance].clone() else {
             return Err(Stop::Blocked(slot.instance));
         };
-        let damage = match self.engine.store.value(&entry, slot.index, self.node(slot.instance)) {
+        let loss = match self.engine.store.value(&entry, slot.index, self.node(slot.instance)) {
             Ok(value) => {
                 self.hold(slot.instance, &entry);
                 return Ok(value);
             }
-            Err(damage) => damage,
+            Err(loss) => loss,
         };
         let wanted = &entry.header.values[slot.index];
-        let made = self.make_again(slot.instance, damage)?;
+        let made = self.make_again(slot.instance, loss)?;
         let index = made.header.port(wanted.port as usize).find(|&i| made.header.values[i].member == wanted.member);
         index.and_then(|i| made.value(i)).ok_or_else(|| {
             Stop::Failed(format!("{} gave other members than before", self.graph.instances[slot.instance].name))
@@ -296,7 +297,7 @@ impl<'a> Run<'a> {
     }
 
     /// Runs a hit after all, because its values cannot be read.
-    fn make_again(&self, at: usize, damage: String) -> Result<Arc<Entry>, Stop> {
+    fn make_again(&self, at: usize, loss: Loss) -> Result<Arc<Entry>, Stop> {
         let stored = match self.lock().outcomes[at].clone() {
             Some(Outcome::Done(entry)) => entry,
             _ => return Err(Stop::Blocked(at)),
@@ -304,7 +305,7 @@ impl<'a> Run<'a> {
         let made = self.job(at).and_then(|job| self.make(&job).map(|made| (job, made)));
         let (outcome, report, result) = match made {
             Ok((job, made)) => {
-                let mut report = self.ran(&job, &made, Some(damage));
+                let mut report = self.ran(&job, &made, Some(loss));
                 let digests = |header: &Header| header.values.iter().map(|v| v.digest).collect::<Vec<_>>();
                 if digests(&stored.header) != digests(&made.entry.header) {
                     report.warnings.push(format!("a bug in {}: the same key gave another result", report.kind));
@@ -396,15 +397,16 @@ impl<'a> Run<'a> {
         (outcome, NodeReport { key, error, bad_file, ..self.report(at, status, None) })
     }
 
-    fn ran(&self, job: &Job, made: &Made, damage: Option<String>) -> NodeReport {
+    fn ran(&self, job: &Job, made: &Made, loss: Option<Loss>) -> NodeReport {
         let mut report = self.report(job.at, Status::Ran, Some(&made.entry));
         report.seconds = made.seconds;
         report.rays = made.rays;
-        let why = match damage {
-            Some(damage) => {
+        let why = match loss {
+            Some(Loss::Damaged(damage)) => {
                 report.warnings.push(format!("the stored result was damaged ({damage}) and was made again"));
                 "its stored result was damaged".to_owned()
             }
+            Some(Loss::Gone) => STORED_NO_MORE.to_owned(),
             None => self.engine.why(&report.name, &job.key, &job.text).why,
         };
         NodeReport { why: Some(why), ..report }

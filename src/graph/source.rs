@@ -158,7 +158,7 @@ pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     (best.0 >= 0.8).then_some(best.1)
 }
 
-/// Whether `name` may name a node, a set or a member: [A-Za-z][A-Za-z0-9_]*.
+/// Whether `name` may name a node, a set or a member: `[A-Za-z][A-Za-z0-9_]*`.
 pub fn is_name(name: &str) -> bool {
     name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }

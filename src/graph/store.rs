@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use super::cache::{Entry, Header, Memory};
-use super::disk::{DiskCache, Found};
+use super::disk::{DiskCache, Found, Loss};
 use super::network::GraphNode;
 use super::{Digest, Value};
 
@@ -63,30 +63,30 @@ impl Store {
         Lookup { entry: None, damage: Some(damage) }
     }
 
-    /// One value of a result, read from disk if need be. When it cannot be had, the result is dropped.
-    pub fn value(&self, entry: &Arc<Entry>, index: usize, node: &GraphNode) -> Result<Value, String> {
+    /// One value of a result, read from disk if need be. A damaged result is dropped.
+    pub fn value(&self, entry: &Arc<Entry>, index: usize, node: &GraphNode) -> Result<Value, Loss> {
         let here = || entry.value(index).or_else(|| self.memory.get(&entry.key)?.value(index));
         if let Some(value) = here() {
             return Ok(value);
         }
         let header = &entry.header.values[index];
         let (port, digest) = (header.port as usize, Digest(header.digest));
-        let read = match &self.disk {
-            Some(disk) => disk.value(&entry.key, index, &node.outputs[port], digest),
-            None => Err("it is in memory no more".to_owned()),
-        };
-        match read.and_then(|bytes| node.op.decode(port, &bytes, digest)) {
+        let disk = self.disk.as_ref().ok_or(Loss::Gone)?;
+        let read = disk.value(&entry.key, index, &node.outputs[port], digest);
+        let decoded = read.and_then(|bytes| node.op.decode(port, &bytes, digest).map_err(Loss::Damaged));
+        match &decoded {
             Ok(value) => {
                 entry.fill(index, value.clone());
                 self.memory.put(entry);
-                Ok(value)
             }
-            Err(damage) => {
+            Err(loss) => {
                 self.memory.forget(&entry.key);
-                self.drop_damaged(&entry.key, &node.name, &damage);
-                Err(damage)
+                if let Loss::Damaged(damage) = loss {
+                    self.drop_damaged(&entry.key, &node.name, damage);
+                }
             }
         }
+        decoded
     }
 
     fn drop_damaged(&self, key: &Digest, node: &str, damage: &str) {

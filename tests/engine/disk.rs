@@ -156,6 +156,21 @@ fn the_bound_on_the_disk_holds_and_the_longest_unused_go_first() {
 }
 
 #[test]
+fn what_a_dead_writer_left_is_swept_and_what_a_live_one_writes_is_not() {
+    let (folder, _, _) = filled(GRAPH);
+    let left = |name: &str, age: u64| {
+        let path = folder.path().join("tmp").join(name);
+        let file = std::fs::File::create(&path).unwrap();
+        file.set_modified(std::time::SystemTime::now() - Duration::from_secs(age)).unwrap();
+        (path, file)
+    };
+    let (dead, live, young) = (left("new-dead", 100), left("new-live", 100), left("new-young", 0));
+    live.1.lock().unwrap();
+    run(&on_disk(folder.path()), &graph_with(GRAPH, &settings(&["n.value=7"])));
+    assert!(!dead.0.exists() && live.0.exists() && young.0.exists());
+}
+
+#[test]
 fn two_engines_share_one_folder() {
     let folder = tempfile::tempdir().unwrap();
     let end = value(&run(&in_memory(), &graph(GRAPH)), "end");
@@ -222,6 +237,10 @@ fn a_killed_run_leaves_the_cache_sound() {
         std::thread::sleep(Duration::from_micros(
             3000 + (f64::from(kills) * 0.618_034).fract().mul_add(30_000.0, 0.0) as u64,
         ));
+        if kills % 4 == 0 {
+            // Two processes at once: the child writes and deletes what this one reads.
+            assert_eq!(value(&run(&on_disk(folder.path()), &graph), "n40"), end);
+        }
         child.kill().unwrap();
         child.wait().unwrap();
         kills += 1;

@@ -96,6 +96,13 @@ fn settings_from_outside_have_faults_at_their_own_place() {
     );
 }
 
+#[test]
+fn a_number_too_large_for_its_type_is_not_finite() {
+    let text = r#"Graph(version: 1, nodes: { "a": (op: Const), "b": (op: Busy(scale: 1e39), in: { "number": "a" }) }, outputs: ["b"])"#;
+    let found = try_graph(text, &Overlay::default()).err().unwrap();
+    assert_eq!(found[0].message, "parameter `scale` of Busy wanted f32 with finite numbers, got `1e39`");
+}
+
 #[derive(serde::Deserialize, Debug, PartialEq)]
 enum Light {
     Off,

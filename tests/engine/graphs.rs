@@ -207,6 +207,29 @@ fn the_same_work_is_done_once() {
     }
 }
 
+#[test]
+fn the_same_work_at_the_same_time_is_done_once_and_nobody_waits_for_ever() {
+    // Each of these uses all threads inside, so that a thread that waits in one takes up another of the same key.
+    let busy = |i: usize| format!("\"n{i}\": (op: Busy(work: 300000), in: {{ \"number\": \"c\" }}), ");
+    let fail = |i: usize| format!("\"f{i}\": (op: Fail, in: {{ \"number\": \"c\" }}), ");
+    let nodes: String = (0..16).map(busy).chain((0..4).map(fail)).collect();
+    let names: Vec<String> = (0..16).map(|i| format!("\"n{i}\"")).chain((0..4).map(|i| format!("\"f{i}\""))).collect();
+    let graph = graph(&format!("nodes: {{ \"c\": (op: Const), {nodes} }}, outputs: [{}]", names.join(", ")));
+    for _ in 0..20 {
+        let report = run(&engine(EngineOptions { threads: Some(4), ..EngineOptions::default() }), &graph);
+        assert_eq!(ran(&report).len(), 2, "{:?}", ran(&report));
+        assert_eq!(report.with_status(Status::Hit).len(), 15);
+        assert_eq!(report.with_status(Status::Failed), ["f0", "f1", "f2", "f3"]);
+        assert!(
+            report
+                .nodes
+                .iter()
+                .filter(|n| n.status == Status::Failed)
+                .all(|n| n.error.as_deref() == Some("on purpose"))
+        );
+    }
+}
+
 const TWO_PORTS: &str = r#"nodes: { "n": (op: Const(value: 42)), "p": (op: Pair, in: { "number": "n" }),
     "tens": (op: Add, in: { "number": "p.tens" }), "ones": (op: Add, in: { "number": "p.ones" }),
     "end": (op: Mixed, in: { "a": "tens", "b": "ones" }) }, outputs: ["end"]"#;
@@ -383,4 +406,12 @@ fn drawings_show_instances_wires_and_what_became_of_them() {
     assert!(
         json["edges"].as_array().unwrap().iter().any(|e| e["from_port"] == "parts[lamp]" && e["to"] == "own[lamp]")
     );
+}
+
+#[test]
+fn a_chain_of_ten_thousand_nodes_needs_no_deep_stack() {
+    let link = |i: usize| format!("\"n{i}\": (op: Add, in: {{ \"number\": \"n{}\" }}), ", i - 1);
+    let nodes: String = (1..10_000).map(link).collect();
+    let graph = graph(&format!("nodes: {{ \"n0\": (op: Const), {nodes} }}, outputs: [\"n9999\"]"));
+    assert_eq!(value(&run(&in_memory(), &graph), "n9999"), 9999);
 }

@@ -104,7 +104,8 @@ node!(Stop, OneIn, NumberOut, |_t, i, ctx| {
 params! { /** Gives another number every time, which no stage may. */ pub struct Impure {} }
 node!(Impure, OneIn, NumberOut, |_t, i, _c| number(i.number.0 + CALLS.fetch_add(1, Ordering::Relaxed)));
 
-params! { /** Splits work over threads, counts rays, warns. */ pub struct Busy { work: u64 = 1000, note: bool = false } }
+params! { /** Splits work over threads, counts rays, warns. */ pub struct Busy { work: u64 = 1000, note: bool = false,
+scale: f32 = 1.0 } }
 node!(Busy, OneIn, NumberOut, |this, i, ctx| {
     use rayon::prelude::*;
     let sum: u64 = (0..this.work)
