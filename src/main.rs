@@ -1,1 +1,25 @@
-fn main() {}
+//! `relight`: parse, load, run, report.
+
+mod cli;
+
+use std::process::ExitCode;
+use std::time::Instant;
+
+use clap::Parser;
+use cli::{Cli, Command};
+
+fn main() -> ExitCode {
+    let began = Instant::now();
+    let Cli { command, verbose } = Cli::parse();
+    cli::log(verbose);
+    let done = match &command {
+        Command::Run(args) => cli::run(args, verbose, began),
+        Command::Plan(args) => cli::plan(args),
+        Command::Explain(args) => cli::explain(args),
+        Command::Check(args) => cli::check(args),
+        Command::Graph(args) => cli::graph(args),
+        Command::Nodes(args) => cli::nodes(args),
+        Command::Cache(args) => cli::cache(args),
+    };
+    done.unwrap_or_else(|trouble| trouble.tell()).into()
+}

@@ -139,6 +139,11 @@ impl GraphFile {
         &self.path
     }
 
+    /// What is known to be wrong before kinds and ports are looked up; [`GraphFile::resolve`] tells it too.
+    pub fn faults(&self) -> &[Fault] {
+        &self.faults
+    }
+
     /// The scene folder that the graph names, from the folder of the file that names it.
     pub fn scene(&self) -> Option<PathBuf> {
         self.scene.clone()

@@ -49,6 +49,8 @@ pub struct NodeReport {
     pub warnings: Vec<String>,
     /// Why it failed, or what it was blocked by.
     pub error: Option<String>,
+    /// It failed because of a file that a person named.
+    pub bad_file: bool,
 }
 
 /// What a run did and gave.

@@ -70,6 +70,8 @@ enum Outcome {
 /// Why a node gave no result.
 enum Stop {
     Failed(String),
+    /// A file that a person named cannot be used.
+    BadFile(String),
     Blocked(usize),
     Cancelled,
 }
@@ -260,6 +262,7 @@ impl<'a> Run<'a> {
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,
             Ok(Err(NodeError::Cancelled)) => return Err(Stop::Cancelled),
+            Ok(Err(error @ NodeError::BadFile { .. })) => return Err(Stop::BadFile(error.to_string())),
             Ok(Err(error)) => return Err(Stop::Failed(error.to_string())),
             Err(panic) => return Err(Stop::Failed(format!("a bug in {}: it panicked: {}", node.kind, said(&*panic)))),
         };
@@ -361,31 +364,37 @@ impl<'a> Run<'a> {
 
     /// What becomes of `at`, whose key is that of `first`.
     fn like(&self, at: usize, first: usize, key: Digest) -> (Outcome, NodeReport) {
-        let (outcome, error) = {
+        let (outcome, report) = {
             let state = self.lock();
-            (state.outcomes[first].clone(), state.reports[first].as_ref().and_then(|r| r.error.clone()))
+            (state.outcomes[first].clone(), state.reports[first].clone())
         };
         match outcome.expect("a flight lands after its outcome is known") {
             Outcome::Done(entry) => {
                 let report = self.report(at, Status::Hit, Some(&entry));
                 (Outcome::Done(entry), report)
             }
-            Outcome::Failed => self.stopped(at, Some(key), Stop::Failed(error.unwrap_or_default())),
+            Outcome::Failed => {
+                let first = report.expect("an outcome comes with its report");
+                let error = first.error.unwrap_or_default();
+                let stop = if first.bad_file { Stop::BadFile(error) } else { Stop::Failed(error) };
+                self.stopped(at, Some(key), stop)
+            }
             Outcome::Blocked(cause) => self.stopped(at, Some(key), Stop::Blocked(cause)),
             Outcome::Cancelled => self.stopped(at, Some(key), Stop::Cancelled),
         }
     }
 
     fn stopped(&self, at: usize, key: Option<Digest>, stop: Stop) -> (Outcome, NodeReport) {
+        let bad_file = matches!(stop, Stop::BadFile(_));
         let (outcome, status, error) = match stop {
-            Stop::Failed(message) => (Outcome::Failed, Status::Failed, Some(message)),
+            Stop::Failed(message) | Stop::BadFile(message) => (Outcome::Failed, Status::Failed, Some(message)),
             Stop::Blocked(cause) => {
                 let message = format!("needs {}, which failed", self.graph.instances[cause].name);
                 (Outcome::Blocked(cause), Status::Blocked, Some(message))
             }
             Stop::Cancelled => (Outcome::Cancelled, Status::Cancelled, None),
         };
-        (outcome, NodeReport { key, error, ..self.report(at, status, None) })
+        (outcome, NodeReport { key, error, bad_file, ..self.report(at, status, None) })
     }
 
     fn ran(&self, job: &Job, made: &Made, loss: Option<Loss>) -> NodeReport {
@@ -416,6 +425,7 @@ impl<'a> Run<'a> {
             why: None,
             warnings: entry.map(|e| e.header.warnings.clone()).unwrap_or_default(),
             error: None,
+            bad_file: false,
         }
     }
 

@@ -213,6 +213,14 @@ impl Raw {
         (first.kind == Kind::Ident).then(|| &self.text()[first.span])
     }
 
+    /// The place where the identifier `word` stands first in the value; never inside a text or a comment.
+    pub fn word(&self, word: &str) -> Option<Origin> {
+        let tokens = tokens(self.text()).ok()?;
+        let token = tokens.into_iter().find(|t| t.kind == Kind::Ident && &self.text()[t.span.clone()] == word)?;
+        let base = self.origin.span.start;
+        Some(self.part(base + token.span.start..base + token.span.end).origin)
+    }
+
     /// The place of the identifier that the value begins with, or of the whole value.
     pub fn variant_origin(&self) -> Origin {
         let length = self.variant().map_or(self.origin.span.len(), str::len);

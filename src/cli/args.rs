@@ -1,0 +1,190 @@
+//! The arguments, declared once: the help text is made from here.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// One indoor photograph in, the same room under other light out.
+///
+/// A graph file describes the pipeline, a scene folder holds the photograph with its depth and masks, an edit file says
+/// what shall change. Results are kept in a cache, so that only what an edit changes is computed again.
+#[derive(Parser)]
+#[command(name = "relight", version, after_help = EXAMPLES, max_term_width = 100)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+    /// Tell more on standard error: one line per node (-v), what the engine does (-vv), everything (-vvv).
+    ///
+    /// The environment variable RELIGHT_LOG takes a tracing filter, such as `relight=debug`, and wins over this.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+}
+
+const EXAMPLES: &str = "\
+Example: switch a lamp off in the scene that ships with relight
+  relight check graphs/demo.ron edits/lamp_off.ron   # are the files right? computes nothing
+  relight plan  graphs/demo.ron edits/lamp_off.ron   # what would run, what is in the cache
+  relight run   graphs/demo.ron edits/lamp_off.ron   # writes out/picture.png and more
+
+A photograph of your own: put scene.ron beside it (docs/files.md), then
+  relight run graphs/physics.ron edits/none.ron --scene my_room --out my_room/out
+
+Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted.";
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Relight: compute what the edit changes and write the pictures.
+    Run(Run),
+    /// Show what `run` would do: taken from the cache, run, or unknown until something upstream has run.
+    Plan(Plan),
+    /// Tell why a node would run again: the first line of its key that differs.
+    Explain(Explain),
+    /// Check the files and report every fault; computes nothing.
+    Check(Job),
+    /// Print the graph as it stands with scene and edit, for a drawing program.
+    Graph(Graph),
+    /// Print the reference of all stages, or of one.
+    Nodes(Nodes),
+    /// Look after the cache.
+    Cache(Cache),
+}
+
+/// The files of a run.
+#[derive(Args)]
+pub struct Files {
+    /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
+    #[arg(long, value_name = "DIR")]
+    pub scene: Option<PathBuf>,
+    /// Set one parameter of one node, as RON; may be given several times, and wins over graph, scene and edit.
+    #[arg(long, value_name = "NODE.PARAM=VALUE")]
+    pub set: Vec<String>,
+}
+
+#[derive(Args)]
+pub struct Job {
+    /// The graph file.
+    pub graph: PathBuf,
+    /// The edit file; without it nothing is changed.
+    pub edit: Option<PathBuf>,
+    #[command(flatten)]
+    pub files: Files,
+}
+
+#[derive(Args)]
+pub struct CacheAt {
+    /// The cache folder; made when it is not there.
+    #[arg(long, value_name = "DIR", default_value = ".relight-cache")]
+    pub cache: PathBuf,
+}
+
+#[derive(Args)]
+pub struct CacheUse {
+    #[command(flatten)]
+    pub at: CacheAt,
+    /// Neither read nor write a cache on disk.
+    #[arg(long, conflicts_with = "cache")]
+    pub no_cache: bool,
+}
+
+#[derive(Args)]
+pub struct Run {
+    /// The graph file.
+    pub graph: PathBuf,
+    /// The edit file (edits/none.ron changes nothing).
+    pub edit: PathBuf,
+    #[command(flatten)]
+    pub files: Files,
+    /// The folder for the results; made when it is not there.
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub cache: CacheUse,
+    /// How many threads work; the result is the same for any number. Default: one per core.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Evaluate this node, or this member of a set such as `direct[lamp_0]`, and what it needs, and nothing else.
+    #[arg(long, value_name = "NODE")]
+    pub only: Option<String>,
+    /// Print report.json on standard output instead of the paths written.
+    #[arg(long)]
+    pub json: bool,
+    /// Compute everything again that the cache holds for this run, and compare; writes no pictures.
+    #[arg(long, conflicts_with = "no_cache")]
+    pub verify: bool,
+}
+
+#[derive(Args)]
+pub struct Plan {
+    #[command(flatten)]
+    pub job: Job,
+    #[command(flatten)]
+    pub cache: CacheUse,
+    /// Plan for this node and what it needs, and nothing else.
+    #[arg(long, value_name = "NODE")]
+    pub only: Option<String>,
+    /// Print the plan as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct Explain {
+    /// The graph file.
+    pub graph: PathBuf,
+    /// The edit file.
+    pub edit: PathBuf,
+    /// The node, such as `mix` or `direct[lamp_0]`.
+    pub node: String,
+    #[command(flatten)]
+    pub files: Files,
+    #[command(flatten)]
+    pub cache: CacheAt,
+}
+
+#[derive(Args)]
+pub struct Graph {
+    #[command(flatten)]
+    pub job: Job,
+    #[arg(long, value_enum, default_value_t = Format::Dot)]
+    pub format: Format,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum Format {
+    Dot,
+    Mermaid,
+    Json,
+}
+
+#[derive(Args)]
+pub struct Nodes {
+    /// One stage, such as `Direct`; without it the list of all.
+    pub kind: Option<String>,
+    /// The whole reference as Markdown: docs/nodes.md is made from it.
+    #[arg(long, conflicts_with = "kind")]
+    pub markdown: bool,
+}
+
+#[derive(Args)]
+pub struct Cache {
+    #[command(subcommand)]
+    pub action: CacheAction,
+}
+
+#[derive(Subcommand)]
+pub enum CacheAction {
+    /// How many entries, how many bytes.
+    Stat(CacheAt),
+    /// Drop the entries used longest ago until the cache keeps to its size, and what crashed runs left behind.
+    Gc {
+        #[command(flatten)]
+        at: CacheAt,
+        /// The size to keep to, in bytes; the size that runs keep to when not given.
+        #[arg(long)]
+        bytes: Option<u64>,
+    },
+    /// Read every entry and drop the damaged ones.
+    Verify(CacheAt),
+    /// Drop every entry.
+    Clear(CacheAt),
+}

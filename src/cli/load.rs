@@ -1,0 +1,65 @@
+//! Graph, scene, edit and settings into one graph that is ready to run.
+
+use std::path::Path;
+
+use relight::files::{edit, scene};
+use relight::graph::{Fault, Graph, GraphFile, Overlay, Raw, Setting, Source, Target, is_name};
+use relight::nodes;
+
+use super::args::Files;
+
+/// Reads everything; all faults of all files come at once.
+pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, Vec<Fault>> {
+    let mut faults = Vec::new();
+    let file = keep(GraphFile::read(graph), &mut faults);
+    let folder = files.scene.clone().or_else(|| file.as_ref().and_then(GraphFile::scene));
+    // A file that cannot be read must not make the others look wrong: what it would have told stays unchecked.
+    let kinds: Option<Vec<&str>> = file.as_ref().map(|file| file.nodes().map(|node| node.kind).collect());
+    let room = match (&folder, &kinds) {
+        (Some(folder), _) => keep(scene::read(folder), &mut faults),
+        (None, Some(kinds)) if kinds.contains(&scene::STAGE) => {
+            let fault = Fault::file(graph, "this graph reads a scene, and none is named");
+            faults.push(fault.help("name its folder with --scene DIR"));
+            None
+        }
+        (None, Some(_)) => Some(Overlay::default()),
+        (None, None) => None,
+    };
+    let change = match edit {
+        Some(path) => keep(edit::read(path, room.as_ref(), kinds.as_deref()), &mut faults),
+        None => Some(Overlay::default()),
+    };
+    let has_room = room.is_some();
+    let mut overlay = Overlay::default();
+    for layer in [room, change].into_iter().flatten() {
+        overlay.settings.extend(layer.settings);
+        overlay.members.extend(layer.members);
+    }
+    for text in &files.set {
+        overlay.settings.extend(setting(text, &mut faults));
+    }
+    let Some(file) = file else { return Err(faults) };
+    // Without its scene, a graph would only show that it lacks one.
+    let resolved = if has_room { file.resolve(&nodes::registry(), &overlay) } else { Err(file.faults().to_vec()) };
+    match resolved {
+        Ok(graph) if faults.is_empty() => Ok(graph),
+        Ok(_) => Err(faults),
+        Err(of_graph) => Err(of_graph.into_iter().chain(faults).collect()),
+    }
+}
+
+fn keep<T>(result: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {
+    result.map_err(|new| faults.extend(new)).ok()
+}
+
+/// One `--set NODE.PARAM=VALUE`; relative paths in it start from the working directory.
+fn setting(text: &str, faults: &mut Vec<Fault>) -> Option<Setting> {
+    let parts = text.split_once('=').and_then(|(place, value)| Some((place.trim().split_once('.')?, value)));
+    let Some(((node, field), value)) = parts.filter(|((node, field), _)| is_name(node) && is_name(field)) else {
+        let fault = Fault::file("--set".as_ref(), format!("wanted NODE.PARAM=VALUE, got `{text}`"));
+        faults.push(fault.help("for example --set direct.samples=64"));
+        return None;
+    };
+    let value = Raw::document(&Source::new(format!("--set {node}.{field}"), value), faults)?;
+    Some(Setting { target: Target::Node(node.to_owned()), field: field.to_owned(), value })
+}

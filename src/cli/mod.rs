@@ -1,0 +1,195 @@
+//! The command line: arguments, exit status, and what a person sees.
+
+mod args;
+mod load;
+mod progress;
+mod reference;
+mod report;
+mod run;
+mod write;
+
+use std::io::IsTerminal;
+use std::process::ExitCode;
+
+use relight::files;
+use relight::graph::{DiskCache, EngineOptions, Fault, Planned};
+use relight::nodes;
+
+use args::{Cache, CacheAction, CacheAt, CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
+pub use args::{Cli, Command};
+use load::load;
+pub use run::run;
+
+/// How the program ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    Done,
+    /// A stage failed, or `--verify` or `cache verify` found something wrong.
+    Failed,
+    /// Bad arguments or files.
+    Bad,
+    Interrupted,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> ExitCode {
+        ExitCode::from(exit.code())
+    }
+}
+
+impl Exit {
+    pub fn code(self) -> u8 {
+        match self {
+            Exit::Done => 0,
+            Exit::Failed => 1,
+            Exit::Bad => 2,
+            Exit::Interrupted => 130,
+        }
+    }
+}
+
+/// What keeps a command from its work; always [`Exit::Bad`].
+pub struct Trouble(Vec<Fault>);
+
+impl Trouble {
+    /// Shows the faults on standard error.
+    pub fn tell(&self) -> Exit {
+        eprint!("{}", files::draw(&self.0, terminal()));
+        Exit::Bad
+    }
+}
+
+impl From<Vec<Fault>> for Trouble {
+    fn from(faults: Vec<Fault>) -> Trouble {
+        Trouble(faults)
+    }
+}
+
+impl From<Fault> for Trouble {
+    fn from(fault: Fault) -> Trouble {
+        Trouble(vec![fault])
+    }
+}
+
+/// Whether a person watches standard error, who likes colours there.
+fn terminal() -> bool {
+    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+}
+
+/// Sends the log to standard error.
+pub fn log(verbose: u8) {
+    use tracing_subscriber::{EnvFilter, fmt};
+    // The engine's warnings stand in the run's report, and are shown from there.
+    let level = match verbose {
+        0 | 1 => "relight=error",
+        2 => "relight=debug",
+        _ => "relight=trace",
+    };
+    let filter = EnvFilter::try_from_env("RELIGHT_LOG").unwrap_or_else(|_| EnvFilter::new(level));
+    fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(terminal()).without_time().init();
+}
+
+pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
+    let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
+    let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
+    let lines = engine(options(&args.cache))?.plan(&graph, &wanted);
+    if args.json {
+        write::print(&(serde_json::to_string_pretty(&lines).expect("a plan holds text only") + "\n"))?;
+        return Ok(Exit::Done);
+    }
+    let width = lines.iter().map(|line| line.node.chars().count()).max().unwrap_or(0);
+    let line = |line: &relight::graph::PlanLine| {
+        let text = format!("{:7}  {:width$}  {}", planned(line.status), line.node, line.why.as_deref().unwrap_or(""));
+        text.trim_end().to_owned() + "\n"
+    };
+    write::print(&lines.iter().map(line).collect::<String>())?;
+    Ok(Exit::Done)
+}
+
+pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
+    let graph = load(&args.graph, Some(&args.edit), &args.files)?;
+    let options = EngineOptions { cache_dir: Some(args.cache.cache.clone()), ..EngineOptions::default() };
+    let answer = engine(options)?.explain(&graph, &args.node)?;
+    let mut text = format!("{}: {}: {}\n", answer.node, planned(answer.status), answer.why);
+    for (sign, line) in [('-', &answer.old), ('+', &answer.new)] {
+        if let Some(line) = line {
+            text.push_str(&format!("{sign} {line}\n"));
+        }
+    }
+    write::print(&text)?;
+    Ok(Exit::Done)
+}
+
+pub fn check(args: &Job) -> Result<Exit, Trouble> {
+    let graph = load(&args.graph, args.edit.as_deref(), &args.files)?;
+    write::print(&format!("sound: {} nodes, outputs {}\n", graph.instances().count(), graph.outputs().join(" ")))?;
+    Ok(Exit::Done)
+}
+
+pub fn graph(args: &Graph) -> Result<Exit, Trouble> {
+    let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
+    write::print(&match args.format {
+        Format::Dot => graph.to_dot(None),
+        Format::Mermaid => graph.to_mermaid(None),
+        Format::Json => graph.to_json(None),
+    })?;
+    Ok(Exit::Done)
+}
+
+pub fn nodes(args: &Nodes) -> Result<Exit, Trouble> {
+    let registry = nodes::registry();
+    let text = match &args.kind {
+        _ if args.markdown => reference::page(&registry),
+        None => reference::list(&registry),
+        Some(kind) => {
+            let spec = registry.get(kind).ok_or_else(|| {
+                let fault = Fault::file("".as_ref(), format!("there is no stage `{kind}`"));
+                fault.suggest(kind, registry.kinds().map(|spec| spec.kind))
+            })?;
+            reference::section(spec)
+        }
+    };
+    write::print(&text)?;
+    Ok(Exit::Done)
+}
+
+pub fn cache(args: &Cache) -> Result<Exit, Trouble> {
+    let (CacheAction::Stat(CacheAt { cache: folder })
+    | CacheAction::Gc { at: CacheAt { cache: folder }, .. }
+    | CacheAction::Verify(CacheAt { cache: folder })
+    | CacheAction::Clear(CacheAt { cache: folder })) = &args.action;
+    let cache = DiskCache::new(folder);
+    let done = match &args.action {
+        CacheAction::Stat(_) => cache.stat(),
+        CacheAction::Gc { bytes, .. } => cache.gc(bytes.unwrap_or(EngineOptions::default().disk_bytes)),
+        CacheAction::Verify(_) => cache.verify(),
+        CacheAction::Clear(_) => cache.clear(),
+    };
+    let done = done.map_err(|e| Fault::file(folder, format!("the cache cannot be used: {e}")))?;
+    let mut text = format!("{} entries, {:.1} MB in {}", done.entries, done.bytes as f64 * 1e-6, folder.display());
+    if done.removed > 0 {
+        text.push_str(&format!("; removed {}", done.removed));
+    }
+    if done.damaged > 0 {
+        text.push_str(&format!("; damaged {}", done.damaged));
+    }
+    write::print(&(text + "\n"))?;
+    Ok(if done.damaged > 0 { Exit::Failed } else { Exit::Done })
+}
+
+fn options(cache: &CacheUse) -> EngineOptions {
+    EngineOptions { cache_dir: (!cache.no_cache).then(|| cache.at.cache.clone()), ..EngineOptions::default() }
+}
+
+fn engine(options: EngineOptions) -> Result<relight::graph::Engine, Fault> {
+    relight::graph::Engine::new(options)
+        .map_err(|e| Fault::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
+}
+
+fn planned(status: Planned) -> &'static str {
+    match status {
+        Planned::Hit => "hit",
+        Planned::Run => "run",
+        Planned::Unknown => "unknown",
+    }
+}

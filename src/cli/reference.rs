@@ -1,0 +1,64 @@
+//! The reference of the stages, made from what they declare: readable on a terminal, and Markdown.
+
+use relight::graph::{Arity, KindSpec, PortSpec, Registry};
+
+/// One line per stage.
+pub fn list(registry: &Registry) -> String {
+    let width = registry.kinds().map(|spec| spec.kind.len()).max().unwrap_or(0);
+    registry.kinds().map(|spec| format!("{:width$}  {}\n", spec.kind, first_sentence(spec.doc))).collect()
+}
+
+/// docs/nodes.md.
+pub fn page(registry: &Registry) -> String {
+    let mut text = String::from("# The stages\n\nMade by `relight nodes --markdown` from the code; do not edit.\n");
+    for spec in registry.kinds() {
+        text.push('\n');
+        text.push_str(&section(spec));
+    }
+    text
+}
+
+/// All of one stage.
+pub fn section(spec: &KindSpec) -> String {
+    let mut text = format!("## {}\n\n{}\n", spec.kind, lines(spec.doc).join("\n"));
+    let params = spec.params.iter().map(|param| {
+        let head = format!("`{}`: {}, default `{}`", param.name, param.type_name, param.default);
+        item(&head, param.doc)
+    });
+    let inputs = spec.inputs.iter().map(|port| item(&port_head(port, "every member's", "may be missing"), port.doc));
+    let outputs = spec.outputs.iter().map(|port| item(&port_head(port, "one per member", "may be missing"), port.doc));
+    part(&mut text, "Parameters", params.collect());
+    part(&mut text, "Inputs", inputs.collect());
+    part(&mut text, "Outputs", outputs.collect());
+    text.push_str(&format!("\nVersion {}.\n", spec.version));
+    text
+}
+
+fn part(text: &mut String, title: &str, items: Vec<String>) {
+    if !items.is_empty() {
+        text.push_str(&format!("\n{title}:\n\n{}", items.concat()));
+    }
+}
+
+fn port_head(port: &PortSpec, many: &str, optional: &str) -> String {
+    match port.arity {
+        Arity::One => format!("`{}`: {}", port.name, port.type_name),
+        Arity::Optional => format!("`{}`: {}, {optional}", port.name, port.type_name),
+        Arity::Many => format!("`{}`: {}, {many}", port.name, port.type_name),
+    }
+}
+
+fn item(head: &str, doc: &str) -> String {
+    format!("- {head}\n{}", lines(doc).iter().map(|line| format!("  {line}\n")).collect::<String>())
+}
+
+/// A documentation comment without the blank that follows each `///`.
+fn lines(doc: &str) -> Vec<&str> {
+    doc.trim_end().lines().map(|line| line.strip_prefix(' ').unwrap_or(line).trim_end()).collect()
+}
+
+fn first_sentence(doc: &str) -> String {
+    let paragraph: Vec<&str> = lines(doc).into_iter().take_while(|line| !line.is_empty()).collect();
+    let paragraph = paragraph.join(" ");
+    paragraph.split_once(". ").map_or(paragraph.clone(), |(first, _)| format!("{first}."))
+}

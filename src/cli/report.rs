@@ -1,0 +1,125 @@
+//! What a run tells: the table on standard error, and report.json.
+
+use std::path::Path;
+
+use relight::graph::{NodeReport, RunReport, Status};
+use serde::Serialize;
+
+#[derive(Serialize)]
+struct Report<'a> {
+    relight: &'static str,
+    graph: String,
+    edit: String,
+    seconds: f64,
+    peak_bytes: Option<u64>,
+    backend: &'a str,
+    threads: usize,
+    nodes: Vec<Row<'a>>,
+    warnings: &'a [String],
+}
+
+#[derive(Serialize)]
+struct Row<'a> {
+    name: &'a str,
+    kind: &'a str,
+    status: Status,
+    seconds: f64,
+    rays: u64,
+    stderr: Option<f64>,
+    bytes: u64,
+    key: Option<String>,
+    why: Option<&'a str>,
+}
+
+/// What the run report cannot know.
+pub struct Process<'a> {
+    pub graph: &'a Path,
+    pub edit: &'a Path,
+    /// Wall time since the program began.
+    pub seconds: f64,
+    pub backend: &'a str,
+    pub threads: usize,
+}
+
+/// report.json as text.
+pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
+    let rows = run.nodes.iter().map(|node| Row {
+        name: &node.name,
+        kind: node.kind,
+        status: node.status,
+        seconds: node.seconds,
+        rays: node.rays,
+        stderr: node.stderr,
+        bytes: node.bytes,
+        key: node.key.map(|key| key.to_string()),
+        why: node.error.as_deref().or(node.why.as_deref()),
+    });
+    let report = Report {
+        relight: env!("CARGO_PKG_VERSION"),
+        graph: process.graph.display().to_string(),
+        edit: process.edit.display().to_string(),
+        seconds: process.seconds,
+        peak_bytes: peak_bytes(),
+        backend: process.backend,
+        threads: process.threads,
+        nodes: rows.collect(),
+        warnings,
+    };
+    let mut text = serde_json::to_string_pretty(&report).expect("a report holds text and numbers only");
+    text.push('\n');
+    text
+}
+
+/// All warnings of a run, each after the name of its node.
+pub fn warnings(run: &RunReport) -> Vec<String> {
+    let of_nodes = run.nodes.iter().flat_map(|node| node.warnings.iter().map(move |w| format!("{}: {w}", node.name)));
+    of_nodes.chain(run.warnings.iter().cloned()).collect()
+}
+
+/// The table that every run ends with.
+pub fn table(run: &RunReport) -> String {
+    let width = run.nodes.iter().map(|node| node.name.chars().count()).max().unwrap_or(0).max(4);
+    let mut text = format!("{:width$}  {:9} {:>9} {:>12} {:>10}\n", "node", "status", "seconds", "rays", "std error");
+    for node in &run.nodes {
+        text.push_str(&format!("{:width$}  {}\n", node.name, measures(node)));
+    }
+    text
+}
+
+/// Status, seconds, rays and standard error, as they stand in the table.
+fn measures(node: &NodeReport) -> String {
+    let ran = matches!(node.status, Status::Ran | Status::Failed);
+    let seconds = if ran { format!("{:.3}", node.seconds) } else { "-".into() };
+    let rays = if node.rays > 0 { node.rays.to_string() } else { "-".into() };
+    let stderr = node.stderr.map_or("-".into(), |e| format!("{:.2} %", 100.0 * e));
+    format!("{:9} {seconds:>9} {rays:>12} {stderr:>10}", word(node.status))
+}
+
+/// The one line that sums a run up.
+pub fn summary(run: &RunReport, seconds: f64) -> String {
+    let statuses = [Status::Hit, Status::Ran, Status::Failed, Status::Blocked, Status::Cancelled];
+    let counts = statuses.into_iter().filter_map(|status| {
+        let count = run.nodes.iter().filter(|node| node.status == status).count();
+        (count > 0).then(|| format!("{count} {}", word(status)))
+    });
+    let counts: Vec<String> = counts.collect();
+    format!("{} in {seconds:.2} s", if counts.is_empty() { "nothing to do".into() } else { counts.join(", ") })
+}
+
+pub fn word(status: Status) -> &'static str {
+    match status {
+        Status::Hit => "hit",
+        Status::Ran => "ran",
+        Status::Failed => "failed",
+        Status::Blocked => "blocked",
+        Status::Cancelled => "cancelled",
+    }
+}
+
+/// The largest resident memory of this process, where the system tells it.
+fn peak_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(1024 * kibibytes)
+}

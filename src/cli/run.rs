@@ -1,0 +1,100 @@
+//! `relight run`.
+
+use std::time::Instant;
+
+use relight::graph::{Cancel, Fault, PortValue, RunReport, Value};
+use relight::nodes::artifacts::Files;
+
+use super::args::Run;
+use super::progress::Progress;
+use super::{Exit, Trouble, engine, load::load, options, report, terminal, write};
+
+pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
+    let graph = load(&args.graph, Some(&args.edit), &args.files)?;
+    let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
+    let mut options = options(&args.cache);
+    options.threads = args.threads.map(usize::from);
+    let backend = options.backend.clone();
+    let threads = options.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let engine = engine(options)?;
+
+    if !args.verify {
+        write::folder(&args.out)?; // told before the work, not after it
+    }
+    let cancel = Cancel::default();
+    stop_on_ctrl_c(&cancel)?;
+    let progress = Progress::new(verbose > 0, terminal());
+    let (done, differences) = if args.verify {
+        let verified = engine.verify(&graph, &wanted, &cancel, &progress);
+        (verified.run, verified.differences)
+    } else {
+        (engine.run(&graph, &wanted, &cancel, &progress), Vec::new())
+    };
+    progress.end();
+
+    let mut paths = Vec::new();
+    let warnings = report::warnings(&done);
+    if !args.verify {
+        for (name, bytes) in results(&done).iter().flat_map(|files| &files.0) {
+            paths.push(write::file(&args.out, name, bytes)?);
+        }
+    }
+    let seconds = began.elapsed().as_secs_f64();
+    let process = report::Process { graph: &args.graph, edit: &args.edit, seconds, backend: &backend, threads };
+    let json = report::json(&done, &warnings, &process);
+    if !args.verify {
+        paths.push(write::file(&args.out, "report.json", json.as_bytes())?);
+    }
+
+    eprint!("{}", report::table(&done));
+    warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    let errors = done.nodes.iter().filter_map(|node| Some((node, node.error.as_ref()?)));
+    errors.for_each(|(node, error)| eprintln!("error: {}: {error}", node.name));
+    for difference in &differences {
+        eprintln!("error: {}.{}: made again, it came out differently", difference.node, difference.port);
+    }
+    eprintln!("{}", report::summary(&done, seconds));
+    if args.json {
+        write::print(&json)?;
+    } else {
+        write::print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>())?;
+    }
+    Ok(exit(&done, differences.is_empty()))
+}
+
+/// The first Ctrl-C asks the stages to stop, the second ends the program at once.
+fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
+    let cancel = cancel.clone();
+    let handler = move || {
+        if cancel.is_cancelled() {
+            std::process::exit(Exit::Interrupted.code().into());
+        }
+        cancel.cancel();
+        eprintln!("stopping; once more to stop at once");
+    };
+    ctrlc::set_handler(handler).map_err(|e| Fault::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
+}
+
+/// The written files among the outputs.
+fn results(run: &RunReport) -> Vec<std::sync::Arc<Files>> {
+    let values = run.outputs.iter().flat_map(|(_, value)| match value {
+        PortValue::One(value) => vec![value],
+        PortValue::Many(values) => values.iter().map(|(_, value)| value).collect(),
+        PortValue::Missing => Vec::new(),
+    });
+    values.filter_map(Value::get).collect()
+}
+
+fn exit(run: &RunReport, same: bool) -> Exit {
+    if run.cancelled() {
+        return Exit::Interrupted;
+    }
+    let failed: Vec<_> = run.nodes.iter().filter(|node| node.status == relight::graph::Status::Failed).collect();
+    if failed.is_empty() && same {
+        Exit::Done
+    } else if !failed.is_empty() && failed.iter().all(|node| node.bad_file) {
+        Exit::Bad
+    } else {
+        Exit::Failed
+    }
+}

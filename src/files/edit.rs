@@ -1,0 +1,164 @@
+//! An edit file: what shall change.
+//!
+//! `lights`, `materials` and `objects` become the parameters of the same name of the stages `EditLights`,
+//! `EditMaterials` and `EditObjects`, whose types say what may stand in them. A light that the edit inserts becomes a
+//! member of the set `lights`.
+
+use std::path::Path;
+
+use super::{INVISIBLE, check_light_name, fields};
+use crate::graph::{Fault, Key, Member, Overlay, Raw, Setting, Source, Target};
+
+const FIELDS: [&str; 5] = ["version", "lights", "materials", "objects", "frames"];
+/// An entry that begins so makes a light; any other changes one that is there.
+const MAKERS: [&str; 2] = ["Lamp", "Window"];
+
+/// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; what is `None` could not
+/// be read, and nothing is checked against it.
+///
+/// # Errors
+/// Every fault of the file that can be known without running anything.
+pub fn read(path: &Path, scene: Option<&Overlay>, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Fault>> {
+    let source = Source::read(path).map_err(|fault| vec![fault])?;
+    let mut faults = Vec::new();
+    let mut overlay = Overlay::default();
+    for (key, value) in fields(&source, "Edit", &FIELDS, &mut faults) {
+        if let Some(origin) = value.word("Keys") {
+            faults.push(Fault::at(&origin, "`Keys(..)` is not available yet: numbers cannot change over time"));
+        }
+        let (stage, is_empty) = match key.name.as_str() {
+            "lights" => {
+                let entries = value.as_map(&mut faults);
+                overlay.members.extend(inserted(&entries, scene, &mut faults));
+                ("EditLights", entries.is_empty())
+            }
+            "materials" => ("EditMaterials", value.as_list(&mut faults).is_empty()),
+            "objects" => ("EditObjects", value.as_list(&mut faults).is_empty()),
+            _ => {
+                faults.push(Fault::at(&key.origin, "`frames` is not available yet: an edit gives one picture"));
+                continue;
+            }
+        };
+        if is_empty {
+            continue;
+        }
+        if kinds.is_some_and(|kinds| !kinds.contains(&stage)) {
+            let message = format!("this graph has no {stage} stage, so it cannot change {}", key.name);
+            faults.push(Fault::at(&key.origin, message));
+        }
+        overlay.settings.push(Setting { target: Target::Kind(stage.to_owned()), field: key.name, value });
+    }
+    if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+}
+
+/// The lights that an edit makes; what it says of lights that are not there is a fault.
+fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Vec<Fault>) -> Vec<Member> {
+    let makes = |value: &Raw| value.variant().is_some_and(|variant| MAKERS.contains(&variant));
+    let of_scene = scene.iter().flat_map(|scene| &scene.members).filter(|m| m.set == "lights").map(|m| m.name.as_str());
+    let present: Vec<&str> = of_scene.chain(INVISIBLE).collect();
+    let mut members = Vec::new();
+    for (key, value) in entries {
+        if present.contains(&key.name.as_str()) {
+            continue;
+        }
+        if makes(value) {
+            match check_light_name(key) {
+                Ok(()) => members.push(Member {
+                    set: "lights".to_owned(),
+                    name: key.name.clone(),
+                    origin: key.origin.clone(),
+                }),
+                Err(fault) => faults.push(fault),
+            }
+        } else if scene.is_some() {
+            let made = entries.iter().filter(|(_, value)| makes(value)).map(|(key, _)| key.name.as_str());
+            let fault = Fault::at(&key.origin, format!("there is no light `{}`", key.name));
+            faults.push(fault.suggest(&key.name, present.iter().copied().chain(made)));
+        }
+    }
+    members
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KINDS: [&str; 2] = ["ReadScene", "EditLights"];
+
+    fn edit(text: &str) -> Result<Overlay, Vec<Fault>> {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let path = folder.path().join("edit.ron");
+        std::fs::write(&path, text).expect("it can be written to");
+        let origin = crate::graph::Origin { source: Source::new("scene.ron", ""), span: 0..0 };
+        let lamp = Member { set: "lights".into(), name: "lamp_0".into(), origin };
+        let scene = Overlay { members: vec![lamp], ..Overlay::default() };
+        read(&path, Some(&scene), Some(&KINDS))
+    }
+
+    fn check_faults(text: &str, wanted: &[&str]) {
+        let faults = edit(text).err().unwrap_or_default();
+        let got: Vec<String> = faults
+            .iter()
+            .map(|f| {
+                let (line, column) = f.origin.as_ref().expect("every fault of a text has a place").line_column();
+                format!(
+                    "{line}:{column}: {}{}",
+                    f.message,
+                    f.help.iter().map(|h| format!(" ({h})")).collect::<String>()
+                )
+            })
+            .collect();
+        assert_eq!(got, wanted, "{text}");
+    }
+
+    #[test]
+    fn the_identity_sets_nothing() {
+        for text in ["Edit(version: 1)", "Edit(version: 1, lights: {}, materials: [], objects: [])"] {
+            let overlay = edit(text).expect("it is sound");
+            assert!(overlay.settings.is_empty() && overlay.members.is_empty(), "{text}");
+        }
+    }
+
+    #[test]
+    fn new_lamps_and_windows_become_members() {
+        let text = r#"Edit(version: 1, lights: {
+            "west": Window(corners: []), "lamp_0": Off, "inv_lamp": Lamp(), "desk": Lamp(), "inv_window": Scale(2) })"#;
+        let overlay = edit(text).expect("it is sound");
+        let members: Vec<_> = overlay.members.iter().map(|m| (m.set.as_str(), m.name.as_str())).collect();
+        assert_eq!(members, [("lights", "west"), ("lights", "desk")]);
+        assert_eq!(overlay.settings.len(), 1);
+        assert_eq!(overlay.settings[0].target, Target::Kind("EditLights".into()));
+    }
+
+    #[test]
+    fn what_is_not_there_is_told_with_the_nearest_name() {
+        check_faults(
+            r#"Edit(version: 1, lights: { "lamp_1": Off, "inv_lmap": Off, "rest": Lamp(), "my lamp": Lamp() })"#,
+            &[
+                "1:28: there is no light `lamp_1` (did you mean `lamp_0`?)",
+                "1:43: there is no light `inv_lmap` (did you mean `inv_lamp`?)",
+                "1:60: the name `rest` is reserved: it stands for what no light explains",
+                "1:76: wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got \"my lamp\"",
+            ],
+        );
+        check_faults("Edit(version: 1, ligths: {})", &["1:18: unknown field `ligths` (did you mean `lights`?)"]);
+    }
+
+    #[test]
+    fn what_is_not_available_is_told() {
+        check_faults(
+            r#"Edit(version: 1, frames: 48, objects: [Sphere()], lights: { "lamp_0": Scale(Keys([(0, 1)])) })"#,
+            &[
+                "1:18: `frames` is not available yet: an edit gives one picture",
+                "1:30: this graph has no EditObjects stage, so it cannot change objects",
+                "1:77: `Keys(..)` is not available yet: numbers cannot change over time",
+            ],
+        );
+    }
+
+    #[test]
+    fn a_version_is_needed() {
+        check_faults("Edit()", &["1:1: this Edit has no version (write `version: 1,` first)"]);
+        check_faults("Edit(version: 2)", &["1:15: wanted version 1, got 2"]);
+    }
+}

@@ -1,0 +1,49 @@
+//! What a person writes about a room, read into settings and set members for a graph, and the faults drawn.
+
+mod caret;
+pub mod edit;
+pub mod scene;
+
+pub use caret::draw;
+
+use crate::graph::{Fault, Key, Raw, Source, is_name};
+
+/// What no light explains has this name in pictures and reports; no light may have it.
+const REST: &str = "rest";
+/// The invisible lights, estimated in every scene.
+const INVISIBLE: [&str; 2] = ["inv_lamp", "inv_window"];
+
+/// The fields of the one value `name(..)` of a file. Its `version` must be there and 1, and is left out.
+fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &mut Vec<Fault>) -> Vec<(Key, Raw)> {
+    let Some(document) = Raw::document(source, faults) else { return Vec::new() };
+    let before = faults.len();
+    let mut fields = document.as_struct(Some(name), known, faults);
+    match fields.iter().position(|(key, _)| key.name == "version") {
+        Some(index) => {
+            let (_, value) = fields.remove(index);
+            if value.text() != "1" {
+                faults.push(value.fault(format!("wanted version 1, got {}", value.text())));
+            }
+        }
+        None if faults.len() == before => {
+            let at = document.variant_origin();
+            faults.push(Fault::at(&at, format!("this {name} has no version")).help("write `version: 1,` first"));
+        }
+        None => {}
+    }
+    fields
+}
+
+/// Whether a new light may have this name.
+fn check_light_name(key: &Key) -> Result<(), Fault> {
+    let name = &key.name;
+    if name == REST {
+        let message = format!("the name `{REST}` is reserved: it stands for what no light explains");
+        return Err(Fault::at(&key.origin, message));
+    }
+    if !is_name(name) {
+        let message = format!("wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got {name:?}");
+        return Err(Fault::at(&key.origin, message));
+    }
+    Ok(())
+}

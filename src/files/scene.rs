@@ -1,0 +1,91 @@
+//! `scene.ron`: the photograph, its depth, its camera, and the lights that are seen in it.
+//!
+//! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types say what may stand in
+//! them. The names of the lights, in the order of the file, become members of three sets: `visible`, the lights seen in
+//! the photo; `estimated`, the lights whose place and strength are estimated (the graph adds the invisible ones); and
+//! `lights`, all that shine in the result (an edit adds what it inserts).
+
+use std::path::Path;
+
+use super::{INVISIBLE, check_light_name, fields};
+use crate::graph::{Fault, Member, Overlay, Setting, Source, Target};
+
+/// The stage that takes a scene.
+pub const STAGE: &str = "ReadScene";
+const FIELDS: [&str; 8] = ["version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure"];
+const NEEDED: [&str; 3] = ["photo", "camera", "depth"];
+/// The sets that every light of a scene belongs to.
+const SETS: [&str; 3] = ["visible", "estimated", "lights"];
+
+/// Reads `folder/scene.ron`.
+///
+/// # Errors
+/// Every fault of the file that can be known without looking at the files it names.
+pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
+    let path = folder.join("scene.ron");
+    if folder.is_file() {
+        let help = "name the folder, not the file in it";
+        return Err(vec![Fault::file(folder, "wanted a scene folder, got a file").help(help)]);
+    }
+    let source = Source::read(&path).map_err(|fault| vec![fault])?;
+    let mut faults = Vec::new();
+    let fields = fields(&source, "Scene", &FIELDS, &mut faults);
+    if faults.is_empty() {
+        for field in NEEDED {
+            if fields.iter().all(|(key, _)| key.name != field) {
+                faults.push(Fault::file(&path, format!("this scene has no `{field}`")));
+            }
+        }
+    }
+    let mut overlay = Overlay::default();
+    for (key, value) in fields {
+        if key.name == "lights" {
+            for (light, _) in value.as_map(&mut faults) {
+                if INVISIBLE.contains(&light.name.as_str()) {
+                    let message = format!("the name `{}` is reserved for a light that is not seen", light.name);
+                    faults.push(Fault::at(&light.origin, message));
+                } else if let Err(fault) = check_light_name(&light) {
+                    faults.push(fault);
+                }
+                for set in SETS {
+                    let (name, origin) = (light.name.clone(), light.origin.clone());
+                    overlay.members.push(Member { set: set.to_owned(), name, origin });
+                }
+            }
+        }
+        overlay.settings.push(Setting { target: Target::Kind(STAGE.to_owned()), field: key.name, value });
+    }
+    if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene(text: &str) -> Result<Overlay, Vec<Fault>> {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        std::fs::write(folder.path().join("scene.ron"), text).expect("it can be written to");
+        read(folder.path())
+    }
+
+    #[test]
+    fn fields_become_settings_and_lights_become_members() {
+        let text = r#"Scene(version: 1, photo: "a.png", camera: FovX(60), depth: (path: "d.npy"),
+            lights: { "b": Lamp(mask: "b.png"), "a": Window(mask: "a.png") })"#;
+        let overlay = scene(text).expect("this scene is sound");
+        let settings: Vec<_> = overlay.settings.iter().map(|s| (s.field.as_str(), s.value.text())).collect();
+        assert_eq!(settings[..3], [("photo", "\"a.png\""), ("camera", "FovX(60)"), ("depth", "(path: \"d.npy\")")]);
+        assert!(overlay.settings.iter().all(|s| s.target == Target::Kind("ReadScene".into())));
+        for set in SETS {
+            let of_set = overlay.members.iter().filter(|m| m.set == set);
+            assert_eq!(of_set.map(|m| m.name.as_str()).collect::<Vec<_>>(), ["b", "a"], "in the order of the file");
+        }
+    }
+
+    #[test]
+    fn every_missing_field_is_told() {
+        let faults = scene("Scene(version: 1)").err().expect("it is not sound");
+        let messages: Vec<_> = faults.iter().map(|f| f.message.as_str()).collect();
+        assert_eq!(messages, ["this scene has no `photo`", "this scene has no `camera`", "this scene has no `depth`"]);
+    }
+}
