@@ -214,7 +214,7 @@ impl Compose {
             let others = (before - own).max(Vec3::ZERO) + rest;
             let ray = inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
             let (seen, gain) = emitter.seen(ray);
-            let shown = if clipped { photo.max(seen) } else { photo };
+            let shown = if clipped { unclipped(photo, seen) } else { photo };
             let reflectance = ratio(photo, others).min(Vec3::splat(emitter.fill));
             let emitted = shown - (reflectance * others).min(shown);
             record.iter_mut().for_each(|layer| *layer *= reflectance);
@@ -223,8 +223,7 @@ impl Compose {
         }
         let shading = before + rest;
         let albedo = at(&inputs.albedo.0);
-        // A saturated pixel shows at least what it shows; the model says how much more, within two stops.
-        let shown = if clipped { photo.max((albedo * shading).min(4.0 * photo)) } else { photo };
+        let shown = if clipped { unclipped(photo, albedo * shading) } else { photo };
         let bloom = emitters.iter().find(|e| e.zone.get(x, y) == 1);
         let reflectance = match (self.mode, bloom) {
             (Mode::Physical, _) => albedo,
@@ -265,6 +264,11 @@ impl Emitter {
         }));
         (seen, gain)
     }
+}
+
+/// What a saturated pixel would show, by the model's word, within two stops; channels below white are as they are.
+fn unclipped(photo: Vec3, model: Vec3) -> Vec3 {
+    Vec3::select(photo.cmpge(Vec3::splat(0.98)), photo.max(model.min(4.0 * photo)), photo)
 }
 
 /// Per channel a / b, 1 where both vanish, large but finite where only b does.
