@@ -1,35 +1,81 @@
 //! Places where a light that the photo does not show may be, and the shape of one that it does.
 
-use glam::Vec3;
+use glam::{Quat, Vec3};
 
 use super::{Lamp, LightKind, Shape, Window};
 use crate::geometry::{Camera, PlaneFit};
 use crate::image::{Mask, Normal, Points};
 
-/// The box that the seen points fill, without the outermost 2 % on each side, at least 2.4 m high.
+/// The room as a box, as far as it can be told from what is seen; at least 2.4 m high.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoomBox {
+    /// Corners in the room's own frame: camera space turned about the vertical so that the walls are level with the axes.
     pub low: Vec3,
     pub high: Vec3,
+    /// From the room's frame to camera space.
+    turn: Quat,
 }
 
 impl RoomBox {
-    /// `None` when there is no point.
-    pub fn around(points: &[Vec3]) -> Option<RoomBox> {
+    /// The box of given corners, turned about the vertical by `yaw` (radians).
+    pub fn new(low: Vec3, high: Vec3, yaw: f32) -> RoomBox {
+        RoomBox { low, high, turn: Quat::from_rotation_y(yaw) }
+    }
+
+    /// The walls' directions are where most upright area looks, modulo a right angle. A side lies where most area faces away
+    /// from it: the largest flat thing in the outer third that looks left is the right wall. Where less than 1 % of the area
+    /// looks that way, the side is the 2nd percentile of all points. `None` when there is no point.
+    pub fn around(points: &[Vec3], normals: &[Vec3]) -> Option<RoomBox> {
         if points.is_empty() {
             return None;
         }
-        let range = |axis: usize| {
-            let mut values: Vec<f32> = points.iter().map(|p| p[axis]).collect();
-            values.sort_by(f32::total_cmp);
-            let at = |share: f32| values[((values.len() - 1) as f32 * share) as usize];
-            (at(0.02), at(0.98))
+        // What is seen through a window may be far away and huge: it is no side of the room.
+        let far = 2.5 * median(points.iter().map(|p| -p.z).collect());
+        // Each point stands for a pixel, which covers z^2 of its surface over the slant.
+        let area: Vec<f32> = points
+            .iter()
+            .zip(normals)
+            .map(|(p, n)| {
+                let slant = (-n.dot(*p) / p.length().max(1e-6)).max(0.1);
+                if -p.z < far { p.z * p.z / slant } else { 0.0 }
+            })
+            .collect();
+        // Four times the angle makes all four walls point the same way: their mean is that of the room.
+        let (mut cos, mut sin) = (0.0, 0.0);
+        for (n, area) in normals.iter().zip(&area).filter(|(n, _)| n.y.abs() < 0.3) {
+            let angle = 4.0 * n.x.atan2(n.z);
+            (cos, sin) = (cos + area * angle.cos(), sin + area * angle.sin());
+        }
+        let yaw = if cos == 0.0 && sin == 0.0 { 0.0 } else { 0.25 * f32::atan2(sin, cos) };
+        let back = Quat::from_rotation_y(-yaw);
+        let points: Vec<Vec3> = points.iter().map(|p| back * *p).collect();
+        let normals: Vec<Vec3> = normals.iter().map(|n| back * *n).collect();
+
+        let all: f32 = area.iter().sum();
+        let side = |axis: usize, sign: f32| -> f32 {
+            let mut order: Vec<usize> = (0..points.len()).collect();
+            order.sort_by(|&a, &b| (sign * points[a][axis]).total_cmp(&(sign * points[b][axis])));
+            let outer = points[order[(order.len() - 1) / 50]][axis];
+            order.truncate(order.len().div_ceil(3));
+            let flat: Vec<usize> = order.into_iter().filter(|&i| normals[i][axis] * sign > 0.85).collect();
+            // The stretch of 5 % of the room's depth that holds most area.
+            let (mut from, mut sum, mut best) = (0, 0.0, (0.0, outer));
+            for to in 0..flat.len() {
+                sum += area[flat[to]];
+                while (points[flat[to]][axis] - points[flat[from]][axis]).abs() > 0.02 * far {
+                    sum -= area[flat[from]];
+                    from += 1;
+                }
+                if sum > best.0 {
+                    best = (sum, 0.5 * (points[flat[to]][axis] + points[flat[from]][axis]));
+                }
+            }
+            if best.0 > 0.01 * all { best.1 } else { outer }
         };
-        let [x, y, z] = [0, 1, 2].map(range);
-        let mut room = RoomBox { low: Vec3::new(x.0, y.0, z.0), high: Vec3::new(x.1, y.1, z.1) };
+        let [x, y, z] = [0, 1, 2].map(|axis| (side(axis, 1.0), side(axis, -1.0)));
         // A camera that looks down sees no ceiling.
-        room.high.y = room.high.y.max(room.low.y + 2.4);
-        Some(room)
+        let high = Vec3::new(x.1, y.1.max(y.0 + 2.4), z.1);
+        Some(RoomBox::new(Vec3::new(x.0, y.0, z.0), high, yaw))
     }
 
     /// How far the room is seen to reach.
@@ -50,18 +96,15 @@ fn in_view(camera: &Camera, point: Vec3) -> bool {
 pub fn lamp_candidates(room: &RoomBox, camera: &Camera) -> Vec<Shape> {
     let (depth, height) = (room.depth(), room.high.y - room.low.y);
     let mut lamps = Vec::new();
-    for z in [-0.5, -0.25, 0.0, 0.2] {
+    for z in [-0.45, -0.3, -0.15, 0.0, 0.15] {
         for x in [0.1, 0.37, 0.63, 0.9] {
             let across = room.low.x + x * (room.high.x - room.low.x);
-            let ceiling = Vec3::new(across, room.high.y - 0.05 * height, z * depth);
-            let half = 0.12 * height;
-            let panel = Lamp::Rect { center: ceiling, x: Vec3::X * half, y: Vec3::Z * half };
-            let standing = Vec3::new(across, room.low.y + 0.55 * height, z * depth);
-            let globe = Lamp::Sphere { center: standing, radius: 0.07 * height };
-            // A globe at the camera itself would blind the photographer.
-            let near_camera = standing.length() < 0.3 * height;
-            lamps.extend((!in_view(camera, ceiling)).then_some(Shape::Lamp(panel)));
-            lamps.extend((!in_view(camera, standing) && !near_camera).then_some(Shape::Lamp(globe)));
+            let at = |share: f32| room.turn * Vec3::new(across, room.low.y + share * height, z * depth);
+            let half = 0.1 * height;
+            let panel = Lamp::Rect { center: at(0.95), x: room.turn * Vec3::X * half, y: room.turn * Vec3::Z * half };
+            let globe = Lamp::Sphere { center: at(0.85), radius: 0.06 * height };
+            lamps.extend((!in_view(camera, at(0.95))).then_some(Shape::Lamp(panel)));
+            lamps.extend((!in_view(camera, at(0.85))).then_some(Shape::Lamp(globe)));
         }
     }
     lamps
@@ -73,15 +116,19 @@ pub fn window_candidates(room: &RoomBox, camera: &Camera) -> Vec<Window> {
     let middle = room.low.y + 0.55 * height;
     let mut windows = Vec::new();
     let mut push = |center: Vec3, normal: Vec3, half_width: f32| {
+        let (center, normal) = (room.turn * center, room.turn * normal);
         let y = Vec3::Y * (0.27 * height);
         let x = Vec3::Y.cross(normal) * half_width;
         if !in_view(camera, center) {
             windows.push(Window { center, x, y, lobes: Window::daylight(normal) });
         }
     };
-    for z in [-0.6, -0.35, -0.1, 0.15] {
-        push(Vec3::new(room.low.x, middle, z * depth), Vec3::X, 0.12 * depth);
-        push(Vec3::new(room.high.x, middle, z * depth), Vec3::NEG_X, 0.12 * depth);
+    // A side wall that is not seen may be further out than what is.
+    for out in [0.0, 0.35 * (room.high.x - room.low.x)] {
+        for z in [-0.6, -0.35, -0.1, 0.15] {
+            push(Vec3::new(room.low.x - out, middle, z * depth), Vec3::X, 0.12 * depth);
+            push(Vec3::new(room.high.x + out, middle, z * depth), Vec3::NEG_X, 0.12 * depth);
+        }
     }
     for x in [0.25, 0.5, 0.75] {
         let across = room.low.x + x * (room.high.x - room.low.x);
@@ -306,11 +353,8 @@ mod tests {
         let mask = Mask(z.map(|z| if z < 5.0 { 1.0 } else { 0.0 }));
         let points = Points(Plane::from_fn(160, 120, |x, y| ray(x, y) * z.get(x, y)));
         let normal = Normal(Plane::filled(160, 120, Vec3::Z));
-        let Some(Shape::Lamp(Lamp::Sphere { center: got, radius })) =
-            visible_light(LightKind::Lamp, &mask, &points, &normal, &camera, None).first()
-        else {
-            panic!("a sphere")
-        };
+        let lights = visible_light(LightKind::Lamp, &mask, &points, &normal, &camera, None);
+        let Some(Shape::Lamp(Lamp::Sphere { center: got, radius })) = lights.first() else { panic!("a sphere") };
         assert!(got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05, "{got} {radius}");
 
         let strip =
@@ -328,7 +372,7 @@ mod tests {
     #[test]
     fn candidates_are_out_of_view() {
         let camera = Camera::from_fov_x(320, 240, 60.0);
-        let room = RoomBox { low: Vec3::new(-2.0, -1.3, -5.0), high: Vec3::new(2.0, 1.2, -1.0) };
+        let room = RoomBox::new(Vec3::new(-2.0, -1.3, -5.0), Vec3::new(2.0, 1.2, -1.0), 0.2);
         let lamps = lamp_candidates(&room, &camera);
         let windows = window_candidates(&room, &camera);
         assert!(lamps.len() > 10 && windows.len() > 5, "{} lamps, {} windows", lamps.len(), windows.len());

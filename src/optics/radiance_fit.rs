@@ -141,24 +141,9 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
                 weight[p] = base_weight[p][c] / (1.0 + r * r);
                 energy += weight[p] * wanted * wanted;
             }
-            let moved = projected(evidence, &weight, &albedo, &shading, k, layer);
             let mean: Vec<f64> = (0..k).map(|j| (0..n).map(|p| layer(j, p)).sum::<f64>() / n as f64).collect();
-            let mut gram = vec![0.0; k * k];
-            let mut b = vec![0.0; k];
-            for p in 0..n {
-                for i in 0..k {
-                    let u = weight[p] * moved[i * n + p];
-                    b[i] += u * residual[p];
-                    for j in 0..=i {
-                        gram[i * k + j] += u * moved[j * n + p];
-                    }
-                }
-            }
-            for i in 0..k {
-                for j in 0..i {
-                    gram[j * k + i] = gram[i * k + j];
-                }
-            }
+            let now: Vec<f64> = w.iter().map(|w| w[c]).collect();
+            let (mut gram, mut b) = normal_equations(evidence, &weight, &albedo, &shading, &residual, &now, layer);
             let grey: Vec<f64> = w.iter().map(|w| w.iter().sum::<f64>() / 3.0).collect();
             for i in 0..k {
                 let pull = COLOUR_PULL * gram[i * k + i];
@@ -229,35 +214,49 @@ impl RadianceFit {
     }
 }
 
-/// What a unit of each light moves in the picture once each segment's albedo has answered: `A u_k` less its part along the
-/// shading E within the segment (variable projection, Golub and Pereyra 1973, linearised). Column-major, k x n.
-fn projected(
+/// Gram matrix and right side of the step from the radiances `now`, after each segment's albedo has answered: what a light
+/// moves along the shading of a segment is taken up by its albedo (variable projection, Golub and Pereyra 1973, linearised).
+fn normal_equations(
     evidence: &Evidence,
     weight: &[f64],
     albedo: &[f64],
     shading: &[f64],
-    k: usize,
+    residual: &[f64],
+    now: &[f64],
     layer: impl Fn(usize, usize) -> f64,
-) -> Vec<f64> {
-    let n = shading.len();
+) -> (Vec<f64>, Vec<f64>) {
+    let k = now.len();
+    let (mut gram, mut b) = (vec![0.0; k * k], vec![0.0; k]);
     let mut norm = vec![0.0; evidence.segments];
-    for p in 0..n {
-        norm[evidence.segment[p] as usize] += weight[p] * shading[p] * shading[p];
-    }
-    let mut moved = Vec::with_capacity(k * n);
-    for j in 0..k {
-        let mut along = vec![0.0; evidence.segments];
-        for p in 0..n {
-            let s = evidence.segment[p] as usize;
-            along[s] += weight[p] * shading[p] * albedo[s] * layer(j, p);
-        }
-        for p in 0..n {
-            let s = evidence.segment[p] as usize;
-            let part = if norm[s] > 1e-12 { along[s] / norm[s] * shading[p] } else { 0.0 };
-            moved.push(albedo[s] * layer(j, p) - part);
+    let mut along = vec![0.0; evidence.segments * k];
+    for p in 0..shading.len() {
+        let s = evidence.segment[p] as usize;
+        norm[s] += weight[p] * shading[p] * shading[p];
+        for i in 0..k {
+            let u = weight[p] * albedo[s] * layer(i, p);
+            along[s * k + i] += u * shading[p];
+            b[i] += u * residual[p];
+            for j in 0..=i {
+                gram[i * k + j] += u * albedo[s] * layer(j, p);
+            }
         }
     }
-    moved
+    for (s, along) in along.chunks_exact(k).enumerate().filter(|&(s, _)| norm[s] > 1e-12) {
+        for i in 0..k {
+            for j in 0..=i {
+                gram[i * k + j] -= along[i] * along[j] / norm[s];
+            }
+        }
+    }
+    for i in 0..k {
+        for j in 0..i {
+            gram[j * k + i] = gram[i * k + j];
+        }
+    }
+    for i in 0..k {
+        b[i] += (0..k).map(|j| gram[i * k + j] * now[j]).sum::<f64>();
+    }
+    (gram, b)
 }
 
 /// Least-squares albedo of each segment under the current shading: sum(w I E) / sum(w E^2).

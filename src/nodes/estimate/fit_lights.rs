@@ -24,6 +24,8 @@ params! {
         rest_cost: f64 = 0.01,
         /// Cost of lights out of view.
         invisible_cost: f64 = 0.002,
+        /// Cost of the sun in a window.
+        sun_cost: f64 = 0.05,
     }
 }
 
@@ -77,7 +79,9 @@ impl Node for FitLights {
         if !(1..=10_000).contains(&self.turns) {
             return Err(format!("turns: wanted 1..=10000, got {}", self.turns));
         }
-        for (name, value) in [("rest_cost", self.rest_cost), ("invisible_cost", self.invisible_cost)] {
+        for (name, value) in
+            [("rest_cost", self.rest_cost), ("invisible_cost", self.invisible_cost), ("sun_cost", self.sun_cost)]
+        {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(format!("{name}: wanted a number >= 0, got {value}"));
             }
@@ -102,6 +106,8 @@ impl Node for FitLights {
             };
             let cost = if [INV_LAMP, INV_WINDOW].contains(&id) { self.invisible_cost } else { 0.0 };
             for lobe in 0..direct.lobes.len() {
+                // Of the lobes of a window the first is the sun.
+                let cost = if direct.lobes.len() == 3 && lobe == 0 { self.sun_cost } else { cost };
                 let (e, lit, bounced) = (&direct.lobes[lobe], &visibility.lit[lobe], &indirect.lobes[lobe].0);
                 let layer = |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
                 layers.push((pixels.iter().map(layer).collect(), cost));

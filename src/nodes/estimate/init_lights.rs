@@ -31,7 +31,7 @@ params! {
         /// Shadow rays per receiver and light.
         samples: usize = 4,
         /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
-        unseen: f32 = 0.7,
+        unseen: f32 = 0.5,
         /// Cost of the constant ambient, as a share of the photo's energy: what a light can explain is the light's.
         ambient_cost: f64 = 0.01,
         /// Rounds of the fit per candidate.
@@ -103,8 +103,8 @@ impl Node for InitLights {
     fn run(&self, inputs: InitLightsIn, ctx: &Context) -> Result<InitLightsOut, NodeError> {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
         let scout = Scout::new(self, &inputs);
-        let seen: Vec<Vec3> = scout.used.iter().map(|&i| scout.points.0.pixels()[i]).collect();
-        let room = RoomBox::around(&seen);
+        let seen = |plane: &Plane<Vec3>| -> Vec<Vec3> { scout.used.iter().map(|&i| plane.pixels()[i]).collect() };
+        let room = RoomBox::around(&seen(&scout.points.0), &seen(&scout.normal.0));
         let mut shapes: Vec<(String, Arc<Shape>)> = Vec::new();
         let mut layers: Vec<Vec<Vec3>> = Vec::new();
         for (id, mask) in inputs.mask.iter() {
