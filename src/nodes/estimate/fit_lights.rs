@@ -133,11 +133,22 @@ impl Node for FitLights {
             albedo.clamp(Vec3::splat(0.02), Vec3::splat(0.95))
         };
         let (w, h) = inputs.photo.0.size();
-        let albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
+        let mut albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
+        // Neither a light's own pixels nor saturated ones tell an albedo, nor the seam around them.
+        let seam = (w.max(h) / 64).max(2);
+        let mut unknown = Plane::filled(w, h, false);
+        for i in (0..w * h).filter(|&i| masks().chain([&*inputs.clipped]).any(|mask| mask.0.pixels()[i] > 0.0)) {
+            let (x, y) = (i % w, i / w);
+            for y in y.saturating_sub(seam)..(y + seam + 1).min(h) {
+                let row = y * w..(y + 1) * w;
+                unknown.pixels_mut()[row][x.saturating_sub(seam)..(x + seam + 1).min(w)].fill(true);
+            }
+        }
+        fill(&mut albedo, unknown, &inputs.points);
         Ok(FitLightsOut {
             radiance: Scatter(radiance),
             rest: Arc::new(Shading(ambient.map(|a| a * rest_radiance))),
-            albedo: Arc::new(Albedo(around_lights(albedo, masks()))),
+            albedo: Arc::new(Albedo(albedo)),
         })
     }
 }
@@ -184,38 +195,37 @@ fn mark(pixels: &[usize], segments: &Segments, count: usize) -> Vec<bool> {
     known
 }
 
-/// Gives the pixels of lights and a seam around them the albedo of the nearest other pixel in their row, or column.
-fn around_lights<'a>(mut albedo: Plane<Vec3>, masks: impl Iterator<Item = &'a Mask>) -> Plane<Vec3> {
+/// Gives the pixels where `unknown` holds the albedo of known ones around them: from the edge inwards, each pixel takes the
+/// mean of its neighbours on the same surface (to 5 % in depth).
+fn fill(albedo: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points) {
     let (w, h) = albedo.size();
-    let seam = (w.max(h) / 64).max(2);
-    let mut taken = Plane::filled(w, h, false);
-    for mask in masks {
-        for i in (0..w * h).filter(|&i| mask.0.pixels()[i] > 0.0) {
-            let (x, y) = (i % w, i / w);
-            for y in y.saturating_sub(seam)..(y + seam + 1).min(h) {
-                for x in x.saturating_sub(seam)..(x + seam + 1).min(w) {
-                    taken.set(x, y, true);
-                }
-            }
-        }
-    }
-    let source = albedo.clone();
-    for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| taken.get(x, y)) {
-        let nearest = (1..w.max(h)).find_map(|d| {
-            let steps = [
-                (x.checked_sub(d), Some(y)),
-                (Some(x + d), Some(y)),
-                (Some(x), y.checked_sub(d)),
-                (Some(x), Some(y + d)),
-            ];
-            steps.into_iter().find_map(|at| match at {
-                (Some(x), Some(y)) if x < w && y < h && !taken.get(x, y) => Some(source.get(x, y)),
-                _ => None,
+    let z = |i: usize| -points.0.pixels()[i].z;
+    let around = |i: usize| {
+        let (x, y) = (i % w, i / w);
+        let (xs, ys) = (x.saturating_sub(1)..(x + 2).min(w), y.saturating_sub(1)..(y + 2).min(h));
+        ys.flat_map(move |y| xs.clone().map(move |x| y * w + x)).filter(move |&j| j != i)
+    };
+    let mut left: Vec<usize> = (0..w * h).filter(|&i| unknown.pixels()[i]).collect();
+    let mut alike = true;
+    while !left.is_empty() {
+        let found: Vec<(usize, Vec3)> = left
+            .iter()
+            .filter_map(|&i| {
+                let known = around(i).filter(|&j| !unknown.pixels()[j]);
+                let same = known.filter(|&j| !alike || (z(j) - z(i)).abs() < 0.05 * z(i));
+                let (sum, count) = same.fold((Vec3::ZERO, 0.0), |(s, n), j| (s + albedo.pixels()[j], n + 1.0));
+                (count > 0.0).then(|| (i, sum / count))
             })
-        });
-        if let Some(value) = nearest {
-            albedo.set(x, y, value);
+            .collect();
+        if found.is_empty() && !alike {
+            return;
         }
+        // Islands that touch nothing of their own depth take what is beside them.
+        alike = !found.is_empty();
+        for (i, value) in found {
+            albedo.pixels_mut()[i] = value;
+            unknown.pixels_mut()[i] = false;
+        }
+        left.retain(|&i| unknown.pixels()[i]);
     }
-    albedo
 }

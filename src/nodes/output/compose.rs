@@ -6,8 +6,11 @@
 //! So the identity gives the photo back, texture and resolution survive, and each term is linear in its light's radiance.
 //! Under `Physical`, B is the estimated albedo and U = 0.
 //!
-//! The pixels of a visible light show what it emits over the little that its surface (shade, pane) reflects of the others:
-//! I = S + G with S = min(A_fill E_others, I). G belongs to the light and goes with its gain; S to the other lights.
+//! Some pixels are one light's more than any other's: those that it is seen in, those it spills into around its outline, and
+//! those it saturates, where I / E says nothing of the surface. There the photo is what the surface, of known albedo, shows of
+//! the others, and all else is that light's: I = B (E - E_k) + G with B = min(A, I / (E - E_k)). G goes with the light's own
+//! change. In the light's own pixels A is that of a shade or a pane; elsewhere the estimated one, and the two ways are
+//! blended where saturation and spill begin, so that no rim shows.
 
 use std::sync::Arc;
 
@@ -17,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Camera;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Depth, Mask, Picture, Plane, Shading, Upsampler};
+use crate::image::{Albedo, Depth, Mask, Picture, Plane, Shading, Upsampler, luminance};
 use crate::optics::{LightKind, Radiance, Shape};
 use crate::{params, ports};
 
@@ -104,8 +107,8 @@ ports! {
 struct Emitter {
     /// Index among the lights after the edit.
     light: usize,
-    /// Distance class of each photo pixel: 2 inside, 1 in the bloom, 0 elsewhere.
-    zone: Plane<u8>,
+    /// 1 in the light's own pixels, falling to 0 at the end of its bloom.
+    zone: Plane<f32>,
     fill: f32,
     shape: Arc<Shape>,
     radiance: Arc<Radiance>,
@@ -142,6 +145,7 @@ impl Node for Compose {
         let stride = count + 1;
         let mut records = vec![Vec3::ZERO; width * height * stride];
         records.par_chunks_mut((width * stride).max(1)).enumerate().for_each(|(y, row)| {
+            let mut before = Vec::with_capacity(count);
             for (x, record) in row.chunks_exact_mut(stride).enumerate() {
                 let taps = upsampler.taps(x, y);
                 let at = |plane: &Plane<Vec3>| taps.of(plane);
@@ -149,8 +153,9 @@ impl Node for Compose {
                     record[k] = at(&light.0);
                 }
                 record[count] = at(&inputs.rest.0);
-                let before: Vec3 = inputs.before.iter().map(|(_, light)| at(&light.0)).sum();
-                self.pixel(&inputs, &names, &emitters, (x, y), before, at, record);
+                before.clear();
+                before.extend(names.iter().map(|id| inputs.before.get(id).map_or(Vec3::ZERO, |light| at(&light.0))));
+                self.pixel(&inputs, &emitters, (x, y), &before, at(&inputs.albedo.0), record);
                 for (light, cover, glow) in &inserted {
                     let share = cover.0.get(x, y);
                     if share > 0.0 {
@@ -193,56 +198,78 @@ impl Compose {
     }
 
     /// Turns the shadings after the edit in `record` (each light's, then the rest) into contributions to the picture.
-    #[expect(clippy::too_many_arguments, reason = "one pixel's whole state, used in one place")]
     fn pixel(
         &self,
         inputs: &ComposeIn,
-        names: &[&str],
         emitters: &[Emitter],
         (x, y): (usize, usize),
-        before: Vec3,
-        at: impl Fn(&Plane<Vec3>) -> Vec3,
+        before: &[Vec3],
+        albedo: Vec3,
         record: &mut [Vec3],
     ) {
-        let count = names.len();
-        let rest = record[count];
+        let rest = record[before.len()];
+        let shading = before.iter().sum::<Vec3>() + rest;
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
         let clipped = inputs.clipped.0.get(x, y) > 0.5;
-        let inside = emitters.iter().find(|e| e.zone.get(x, y) == 2);
-        if let Some(emitter) = inside {
-            let own = inputs.before.get(names[emitter.light]).map_or(Vec3::ZERO, |light| at(&light.0));
-            let others = (before - own).max(Vec3::ZERO) + rest;
-            let ray = inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
-            let (seen, gain) = emitter.seen(ray);
+        let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
+        let nearest = emitters.iter().map(|e| (e.zone.get(x, y), e)).reduce(|a, b| if b.0 > a.0 { b } else { a });
+        if let Some((1.0, emitter)) = nearest {
+            let (seen, gain) = emitter.seen(ray());
             let shown = if clipped { unclipped(photo, seen) } else { photo };
-            let reflectance = ratio(photo, others).min(Vec3::splat(emitter.fill));
-            let emitted = shown - (reflectance * others).min(shown);
-            record.iter_mut().for_each(|layer| *layer *= reflectance);
-            record[emitter.light] = emitted * gain;
+            let others = shading - before[emitter.light];
+            owned(record, shown, others, Vec3::splat(emitter.fill), emitter.light, gain);
             return;
         }
-        let shading = before + rest;
-        let albedo = at(&inputs.albedo.0);
         let shown = if clipped { unclipped(photo, albedo * shading) } else { photo };
-        let bloom = emitters.iter().find(|e| e.zone.get(x, y) == 1);
-        let reflectance = match (self.mode, bloom) {
-            (Mode::Physical, _) => albedo,
-            // Light that spills from the lamp's own pixels is no texture: the surface is as its surroundings.
-            (Mode::Ratio, Some(_)) => ratio(shown, shading).min(albedo),
-            (Mode::Ratio, None) => ratio(shown, shading).min(Vec3::ONE),
-        };
-        record.iter_mut().for_each(|layer| *layer *= reflectance);
-        if self.mode == Mode::Ratio {
-            let unexplained = shown - (reflectance * shading).min(shown);
-            match bloom {
-                Some(emitter) => {
-                    let ray = inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
-                    record[emitter.light] += unexplained * emitter.seen(ray).1;
-                }
-                None => record[count] += unexplained,
-            }
+        if self.mode == Mode::Physical {
+            record.iter_mut().for_each(|layer| *layer *= albedo);
+            return;
         }
+        let saturation = smooth_step(0.75, 0.98, photo.max_element());
+        let (spill, owner) = match nearest {
+            Some((zone, emitter)) if zone > 0.0 => (zone, Some((emitter.light, emitter.seen(ray()).1))),
+            _ => (0.0, strongest(before).map(|k| (k, gain_of(before[k], record[k])))),
+        };
+        let share = saturation.max(spill);
+        let reflectance = ratio(shown, shading).min(Vec3::ONE);
+        let unexplained = shown - (reflectance * shading).min(shown);
+        let Some((light, gain)) = owner.filter(|_| share > 0.0) else {
+            record.iter_mut().for_each(|layer| *layer *= reflectance);
+            record[before.len()] += unexplained;
+            return;
+        };
+        let mut other = record.to_vec();
+        owned(&mut other, shown, shading - before[light], albedo, light, gain);
+        record.iter_mut().for_each(|layer| *layer *= reflectance);
+        record[before.len()] += unexplained;
+        record.iter_mut().zip(other).for_each(|(layer, other)| *layer += share * (other - *layer));
     }
+}
+
+/// A pixel that is mostly `light`'s: the surface reflects what it can of the `others`, the remainder of what is shown goes
+/// with `gain`.
+fn owned(record: &mut [Vec3], shown: Vec3, others: Vec3, albedo: Vec3, light: usize, gain: Vec3) {
+    let reflectance = ratio(shown, others.max(Vec3::ZERO)).min(albedo);
+    let remainder = (shown - reflectance * others.max(Vec3::ZERO)).max(Vec3::ZERO);
+    record.iter_mut().for_each(|layer| *layer *= reflectance);
+    record[light] = remainder * gain;
+}
+
+/// The light that gives most.
+fn strongest(before: &[Vec3]) -> Option<usize> {
+    let lights = before.iter().map(|light| luminance(*light)).enumerate();
+    lights.filter(|l| l.1 > 0.0).reduce(|a, b| if b.1 > a.1 { b } else { a }).map(|(k, _)| k)
+}
+
+/// What a light's shading changes by, per channel.
+fn gain_of(before: Vec3, after: Vec3) -> Vec3 {
+    Vec3::from_array([0, 1, 2].map(|c| if before[c] > 1e-9 { after[c] / before[c] } else { 1.0 }))
+}
+
+/// 0 up to `from`, 1 from `to` on, without a kink.
+fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
+    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
 }
 
 impl Emitter {
@@ -307,26 +334,21 @@ fn inserted<'a>(
     Ok(drawn)
 }
 
-/// 2 inside the mask, 1 within `reach` pixels of it (in either direction of rows and columns), 0 elsewhere.
-fn zones(mask: &Plane<f32>, reach: usize) -> Plane<u8> {
+/// 1 inside the mask, falling to 0 beyond `reach` pixels from it (along rows or columns, whichever is further).
+fn zones(mask: &Plane<f32>, reach: usize) -> Plane<f32> {
     let (w, h) = mask.size();
-    let inside = |x: usize, y: usize| mask.get(x, y) > 0.5;
-    let mut wide = Plane::filled(w, h, false);
-    for y in 0..h {
-        for x in (0..w).filter(|&x| inside(x, y)) {
-            let (from, to) = (x.saturating_sub(reach), (x + reach + 1).min(w));
-            // Inner pixels of a run have been covered by its first.
-            let from = if x > 0 && inside(x - 1, y) { (x + reach).min(w - 1) } else { from };
-            (from..to).for_each(|x| wide.set(x, y, true));
-        }
-    }
-    Plane::from_fn(w, h, |x, y| {
-        if inside(x, y) {
-            2
-        } else {
-            u8::from((y.saturating_sub(reach)..(y + reach + 1).min(h)).any(|y| wide.get(x, y)))
-        }
-    })
+    // Distance to the mask along each row, then the larger of it and the row's own distance: two passes of one dimension.
+    let far = reach + 1;
+    let spread = |line: &dyn Fn(usize) -> usize, n: usize| -> Vec<usize> {
+        (0..n)
+            .map(|i| (i.saturating_sub(reach)..(i + reach + 1).min(n)).map(|j| line(j).max(i.abs_diff(j))).min())
+            .map(|nearest| nearest.unwrap_or(far).min(far))
+            .collect()
+    };
+    let inside = |x: usize, y: usize| if mask.get(x, y) > 0.5 { 0 } else { far };
+    let rows: Vec<Vec<usize>> = (0..h).map(|y| spread(&|x| inside(x, y), w)).collect();
+    let columns: Vec<Vec<usize>> = (0..w).map(|x| spread(&|y| rows[y][x], h)).collect();
+    Plane::from_fn(w, h, |x, y| 1.0 - columns[x][y] as f32 / far as f32)
 }
 
 #[cfg(test)]
@@ -334,16 +356,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_zone_of_a_point_is_a_square() {
+    fn a_zone_falls_with_distance() {
         let mut mask = Plane::filled(9, 7, 0.0);
         mask.set(4, 3, 1.0);
         mask.set(5, 3, 1.0);
         let zone = zones(&mask, 2);
-        for y in 0..7 {
+        for y in 0..7usize {
             for x in 0..9 {
-                let inside = y == 3 && (x == 4 || x == 5);
-                let near = (2..8).contains(&x) && (1..6).contains(&y);
-                assert_eq!(zone.get(x, y), if inside { 2 } else { u8::from(near) }, "({x}, {y})");
+                let distance = (4usize.saturating_sub(x)).max(x.saturating_sub(5)).max(y.abs_diff(3));
+                let want = 1.0 - distance.min(3) as f32 / 3.0;
+                assert!((zone.get(x, y) - want).abs() < 1e-6, "({x}, {y}): {}", zone.get(x, y));
             }
         }
     }
