@@ -144,7 +144,7 @@ impl Node for FitLights {
                 unknown.pixels_mut()[row][x.saturating_sub(seam)..(x + seam + 1).min(w)].fill(true);
             }
         }
-        fill(&mut albedo, unknown, &inputs.points);
+        fill(&mut albedo, unknown, &inputs.points, &inputs.normal);
         Ok(FitLightsOut {
             radiance: Scatter(radiance),
             rest: Arc::new(Shading(ambient.map(|a| a * rest_radiance))),
@@ -196,10 +196,13 @@ fn mark(pixels: &[usize], segments: &Segments, count: usize) -> Vec<bool> {
 }
 
 /// Gives the pixels where `unknown` holds the albedo of known ones around them: from the edge inwards, each pixel takes the
-/// mean of its neighbours on the same surface (to 5 % in depth).
-fn fill(albedo: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points) {
+/// mean of its neighbours on the same surface (alike in depth to 3 %, and in normal).
+fn fill(albedo: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points, normal: &Normal) {
     let (w, h) = albedo.size();
-    let z = |i: usize| -points.0.pixels()[i].z;
+    let same_surface = |i: usize, j: usize| {
+        let z = |i: usize| -points.0.pixels()[i].z;
+        (z(j) - z(i)).abs() < 0.03 * z(i) && normal.0.pixels()[i].dot(normal.0.pixels()[j]) > 0.9
+    };
     let around = |i: usize| {
         let (x, y) = (i % w, i / w);
         let (xs, ys) = (x.saturating_sub(1)..(x + 2).min(w), y.saturating_sub(1)..(y + 2).min(h));
@@ -212,7 +215,7 @@ fn fill(albedo: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points) {
             .iter()
             .filter_map(|&i| {
                 let known = around(i).filter(|&j| !unknown.pixels()[j]);
-                let same = known.filter(|&j| !alike || (z(j) - z(i)).abs() < 0.05 * z(i));
+                let same = known.filter(|&j| !alike || same_surface(i, j));
                 let (sum, count) = same.fold((Vec3::ZERO, 0.0), |(s, n), j| (s + albedo.pixels()[j], n + 1.0));
                 (count > 0.0).then(|| (i, sum / count))
             })
