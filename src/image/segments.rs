@@ -85,13 +85,13 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
     let mut number = vec![u32::MAX; w * h];
     let mut count = 0;
     let mut cell_label = vec![0; w * h];
-    for i in 0..w * h {
+    for (i, label) in cell_label.iter_mut().enumerate() {
         let root = find(&mut parent, i as u32) as usize;
         if number[root] == u32::MAX {
             number[root] = count;
             count += 1;
         }
-        cell_label[i] = number[root];
+        *label = number[root];
     }
     let label = Plane::from_fn(photo.0.width(), photo.0.height(), |x, y| {
         let (cx, cy) = (x / stride, y / stride);
