@@ -251,9 +251,9 @@ fn projected(
             let s = evidence.segment[p] as usize;
             along[s] += weight[p] * shading[p] * albedo[s] * layer(j, p);
         }
-        for (p, e) in shading.iter().enumerate() {
+        for p in 0..n {
             let s = evidence.segment[p] as usize;
-            let part = if norm[s] > 1e-12 { along[s] / norm[s] * e } else { 0.0 };
+            let part = if norm[s] > 1e-12 { along[s] / norm[s] * shading[p] } else { 0.0 };
             moved.push(albedo[s] * layer(j, p) - part);
         }
     }
