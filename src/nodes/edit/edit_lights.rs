@@ -455,8 +455,8 @@ fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<Window, String>
     let y = ((d - a) + (c - b)) / 4.0;
     let y = y - x * (x.dot(y) / x.length_squared().max(1e-12));
     let (x, y) = if x.cross(y).dot(plane.normal) < 0.0 { (-x, y) } else { (x, y) };
-    let area = 4.0 * x.cross(y).length();
-    if area.is_nan() || area <= 4e-6 {
+    let area = x.cross(y).length();
+    if area.is_nan() || area <= 1e-6 {
         return Err(format!("corners: wanted a window with area, got {corners:?}"));
     }
     Ok(Window { center, x, y, lobes: Window::daylight(plane.normal) })
