@@ -2,7 +2,7 @@
 
 use super::{Depth, Mask, Plane};
 
-/// Nearer than this, or further than `FAR`, is no reading of an indoor depth sensor or renderer, but a hole. Metres.
+/// Nearer than this, or further than [`FAR`], is no reading of an indoor depth sensor or renderer, but a hole. Metres.
 pub const NEAR: f32 = 1e-4;
 pub const FAR: f32 = 1e5;
 
