@@ -32,7 +32,7 @@ pub struct RayMeshHit {
 }
 
 impl RayMesh {
-    /// Builds the hierarchy. Triangles without area or with a corner beyond [`FAR`] (or not a number) are left out, and so
+    /// Builds the hierarchy. Triangles without area or with a corner beyond `FAR` (or not a number) are left out, and so
     /// are repetitions: many equal boxes would slow the build down beyond measure.
     pub fn new(triangles: impl IntoIterator<Item = ([Vec3; 3], u32)>) -> RayMesh {
         let mut kept: Vec<([Vec3; 3], u32)> = triangles

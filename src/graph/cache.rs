@@ -1,6 +1,6 @@
 //! Results: what is known of one without its values, and the bounded memory that holds some of them.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use serde::{Deserialize, Serialize};
@@ -110,7 +110,8 @@ pub(super) struct Memory {
 
 #[derive(Default)]
 struct State {
-    held: HashMap<Digest, Held>,
+    #[expect(clippy::disallowed_types, reason = "found by key only, never walked: the order of age is in `by_age`")]
+    held: std::collections::HashMap<Digest, Held>,
     by_age: BTreeMap<u64, Digest>,
     clock: u64,
     bytes: u64,

@@ -161,6 +161,7 @@ impl DiskCache {
         match read_header(&mut file) {
             Ok((header, _)) if key::digest(&header.key_text) == *key => {
                 // Not possible in a read-only folder; then the order of deletion is that of creation.
+                #[expect(clippy::disallowed_methods, reason = "the longest unused entry goes first")]
                 let _ = file.set_modified(SystemTime::now());
                 Found::Header(header)
             }

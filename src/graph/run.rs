@@ -5,7 +5,7 @@
 //! taken up again by whoever finishes what it waited for.
 
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::BinaryHeap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Instant;
@@ -40,7 +40,8 @@ struct State {
     /// By length of chain, then the earlier instance first.
     ready: BinaryHeap<(u32, Reverse<usize>)>,
     /// What runs or ran under a key in this run.
-    flights: HashMap<Digest, Flight>,
+    #[expect(clippy::disallowed_types, reason = "found by key only, never walked")]
+    flights: std::collections::HashMap<Digest, Flight>,
     outcomes: Vec<Option<Outcome>>,
     reports: Vec<Option<NodeReport>>,
     differences: Vec<(usize, Difference)>,
@@ -118,7 +119,7 @@ impl<'a> Run<'a> {
         let state = State {
             ready: ready.map(|at| (chain[at], Reverse(at))).collect(),
             waits,
-            flights: HashMap::new(),
+            flights: Default::default(),
             outcomes: vec![None; count],
             reports: vec![None; count],
             differences: Vec::new(),
@@ -132,6 +133,7 @@ impl<'a> Run<'a> {
 
     /// Runs to the end, on the threads of the pool that this is called on.
     pub fn go(self) -> (RunReport, Vec<Difference>) {
+        #[expect(clippy::disallowed_methods, reason = "times the run for its report")]
         let began = Instant::now();
         self.observer.begin(self.wanted.needed.iter().filter(|&&needed| needed).count());
         self.engine.store.refresh_latest();
@@ -258,6 +260,7 @@ impl<'a> Run<'a> {
         let ctx = Context::new(self.cancel.clone(), node.files.clone());
         ctx.check_cancelled().map_err(|_| Stop::Cancelled)?;
         self.observer.started(&self.graph.instances[job.at].name);
+        #[expect(clippy::disallowed_methods, reason = "times the node for its report")]
         let began = Instant::now();
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,

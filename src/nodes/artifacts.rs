@@ -1,4 +1,4 @@
-//! Which types may travel on wires.
+//! Which types may travel on wires, and the members that every scene has.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -8,6 +8,13 @@ use crate::image::{
     Albedo, Bytes, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Segments, Shading, Transfer,
 };
 use crate::optics::{LightKind, Radiance, Shape, Transport};
+
+/// The member that stands for lamps out of view.
+pub const INV_LAMP: &str = "inv_lamp";
+/// The member that stands for windows out of view.
+pub const INV_WINDOW: &str = "inv_window";
+/// What no light explains; no light may have this name.
+pub const REST: &str = "rest";
 
 macro_rules! artifacts {
     ($( $ty:ident: $bytes:expr ),* $(,)?) => {$(

@@ -330,11 +330,11 @@ mod tests {
                     Shape::Lamp(Lamp::Plates(vec![Plate { point: a, normal: b, area: 1.0 }])),
                     Shape::Lamp(Lamp::Plates(Vec::new())),
                     Shape::Lamp(Lamp::Mesh { corners: vec![a, b, Vec3::Z], triangles: vec![[0, 1, 2], [0, 1, 9]] }),
-                    Shape::Window(super::super::Window {
+                    Shape::Window(crate::optics::Window {
                         center: a,
                         x: b,
                         y: Vec3::Z,
-                        lobes: [0.0, 1e7, f32::NAN].map(|bandwidth| super::super::Lobe { direction: b, bandwidth }),
+                        lobes: [0.0, 1e7, f32::NAN].map(|bandwidth| crate::optics::Lobe { direction: b, bandwidth }),
                     }),
                 ];
                 for emitter in shapes.iter().map(Emitter::new) {

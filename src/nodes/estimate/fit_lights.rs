@@ -4,10 +4,9 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::init_lights::{INV_LAMP, INV_WINDOW};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, luminance};
-use crate::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
+use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::{Column, Evidence, Radiance, Transport, evidence_pixels, fit_radiances};
 use crate::{params, ports};
 

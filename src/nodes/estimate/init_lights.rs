@@ -8,16 +8,12 @@ use rayon::prelude::*;
 use crate::geometry::{Camera, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, luminance};
+use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use crate::optics::{
     self, Bounces, Column, Evidence, Lamp, LightKind, RoomBox, ShadowQuality, Shape, Transport, Window,
     evidence_pixels, fit_radiances, lamp_candidates, visible_light, window_candidates,
 };
 use crate::{params, ports};
-
-/// The member that stands for lamps out of view.
-pub const INV_LAMP: &str = "inv_lamp";
-/// The member that stands for windows out of view.
-pub const INV_WINDOW: &str = "inv_window";
 
 params! {
     /// Places the lights: visible ones from their pixels and the depth, one lamp and one window out of view from a dictionary.

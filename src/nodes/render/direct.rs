@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::super::artifacts::UnitDirect;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Normal, Points};
+use crate::nodes::artifacts::UnitDirect;
 use crate::optics::{self, Shape};
 use crate::{params, ports};
 

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use super::super::artifacts::Visibility;
 use crate::geometry::SceneMesh;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
+use crate::nodes::artifacts::Visibility;
 use crate::optics::{self, ShadowQuality, Shape};
 use crate::{params, ports};
 

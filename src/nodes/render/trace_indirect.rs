@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::super::artifacts::{UnitDirect, UnitIndirect, Visibility};
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Albedo, Normal, Plane, Points};
+use crate::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
 use crate::optics::{self, Bounces};
 use crate::{params, ports};
 

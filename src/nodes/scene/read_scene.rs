@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::Camera;
 use crate::graph::{Context, File, Node, NodeError, Scatter};
 use crate::image::{self, Bits, Depth, Mask, Picture, Plane, ReadError, Source, Transfer};
-use crate::nodes::artifacts::Encoding;
+use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
 use crate::optics::LightKind;
 use crate::{params, ports};
 
@@ -331,7 +331,7 @@ fn check_id(id: &str) -> Result<(), String> {
     if !sound {
         return Err(format!("lights: wanted a name of letters, digits and _ that starts with a letter, got \"{id}\""));
     }
-    if ["inv_lamp", "inv_window", "rest"].contains(&id) {
+    if [INV_LAMP, INV_WINDOW, REST].contains(&id) {
         return Err(format!("lights: \"{id}\" names what is estimated in every scene; wanted another name"));
     }
     Ok(())

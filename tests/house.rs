@@ -1,0 +1,480 @@
+//! The house: who may use whom, what the library must not touch, and that pages and files agree.
+//!
+//! Each rule is a function from text to faults, shown by a test of its own to see a planted fault.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Room of `src` -> the rooms that it may use.
+const ARROWS: [(&str, &[&str]); 7] = [
+    ("cli", &["files", "nodes", "graph"]),
+    ("files", &["graph"]),
+    ("nodes", &["graph", "image", "optics", "geometry"]),
+    ("optics", &["geometry", "image"]),
+    ("geometry", &["image"]),
+    ("image", &[]),
+    ("graph", &[]),
+];
+
+/// Words of code -> the folders or files of `src` that may say them.
+const WORDS: [(&str, &[&str]); 13] = [
+    ("exr::", &["image/"]),
+    ("print!", &["cli/", "main.rs"]),
+    ("println!", &["cli/", "main.rs"]),
+    ("eprint!", &["cli/", "main.rs"]),
+    ("eprintln!", &["cli/", "main.rs"]),
+    ("stdout", &["cli/", "main.rs"]),
+    ("std::env", &["cli/", "main.rs"]),
+    ("std::fs", &["cli/", "main.rs", "graph/", "files/"]),
+    ("Instant", &["cli/", "main.rs", "graph/"]),
+    ("SystemTime", &["cli/", "main.rs", "graph/disk.rs"]),
+    ("thread_local!", &[]),
+    ("thread_rng", &[]),
+    ("RandomState", &[]),
+];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Files below `folder`, relative to the project, in order.
+fn files_below(folder: &str) -> Vec<String> {
+    let mut files = Vec::new();
+    let mut folders = vec![PathBuf::from(folder)];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(root().join(&folder)).expect("the folder can be listed") {
+            let path = folder.join(entry.expect("it can be listed").file_name());
+            if root().join(&path).is_dir() { folders.push(path) } else { files.push(path) }
+        }
+    }
+    files.sort();
+    files.iter().map(|path| path.to_str().expect("our names are ASCII").replace('\\', "/")).collect()
+}
+
+/// Files that git knows or would add; `None` outside a repository.
+fn tracked() -> Option<Vec<String>> {
+    let list = ["ls-files", "--cached", "--others", "--exclude-standard"];
+    let output = Command::new("git").args(list).current_dir(root()).output().ok().filter(|o| o.status.success())?;
+    let text = String::from_utf8(output.stdout).expect("our names are ASCII");
+    // A deleted file is listed until the deletion is staged.
+    Some(text.lines().filter(|path| root().join(path).exists()).map(str::to_owned).collect())
+}
+
+fn read(path: &str) -> String {
+    std::fs::read_to_string(root().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
+}
+
+#[track_caller]
+fn assert_none(faults: Vec<String>) {
+    assert!(faults.is_empty(), "\n{}\n", faults.join("\n"));
+}
+
+/// Rust without comments and without what stands in strings and characters; lines and columns stay.
+fn code(text: &str) -> String {
+    let mut rest = text;
+    let mut out = String::new();
+    while let Some(first) = rest.chars().next() {
+        let inside_word = out.ends_with(|c: char| c.is_alphanumeric() || c == '_');
+        let hashes = rest.strip_prefix('r').map_or(0, |r| r.len() - r.trim_start_matches('#').len());
+        let end = if rest.starts_with("//") {
+            rest.find('\n').unwrap_or(rest.len())
+        } else if rest.starts_with("/*") {
+            let mut depth = 0;
+            let at = rest.char_indices().find_map(|(i, _)| {
+                depth += i32::from(rest[i..].starts_with("/*")) - i32::from(i > 1 && rest[..i].ends_with("*/"));
+                (i > 1 && depth == 0).then_some(i)
+            });
+            at.unwrap_or(rest.len())
+        } else if first == 'r' && !inside_word && rest[1 + hashes..].starts_with('"') {
+            let close = format!("\"{}", "#".repeat(hashes));
+            let from = hashes + 2;
+            rest[from..].find(&close).map_or(rest.len(), |i| from + i + close.len())
+        } else if first == '"' {
+            let mut escaped = false;
+            let close = rest[1..].char_indices().find(|&(_, c)| {
+                let closes = c == '"' && !escaped;
+                escaped = c == '\\' && !escaped;
+                closes
+            });
+            close.map_or(rest.len(), |(i, _)| i + 2)
+        } else if rest.starts_with("'\\") {
+            rest[3..].find('\'').map_or(rest.len(), |i| i + 4)
+        } else if first == '\'' && rest.chars().nth(2) == Some('\'') {
+            rest.char_indices().nth(3).map_or(rest.len(), |(i, _)| i)
+        } else {
+            out.push(first);
+            rest = &rest[first.len_utf8()..];
+            continue;
+        };
+        out.extend(rest[..end].chars().map(|c| if c == '\n' { '\n' } else { ' ' }));
+        rest = &rest[end..];
+    }
+    out
+}
+
+fn is_word(c: char) -> bool {
+    c.is_alphanumeric() || c == '_'
+}
+
+/// Line numbers of `word` in code; what comes before and after is no part of a longer name.
+fn lines_with(code: &str, word: &str) -> Vec<usize> {
+    let alone = |at: usize| {
+        let after = &code[at + word.len()..];
+        let joined = word.ends_with(is_word) && after.starts_with(is_word);
+        !joined && !code[..at].ends_with(is_word)
+    };
+    let places = code.match_indices(word).filter(|&(at, _)| alone(at));
+    places.map(|(at, _)| 1 + code[..at].matches('\n').count()).collect()
+}
+
+/// The paths of code that begin with `crate`, `relight` or `super`, groups written out: `a::{b, c}` is `a::b` and `a::c`.
+fn paths(code: &str) -> Vec<(usize, Vec<String>)> {
+    fn walk(mut rest: &str, mut path: Vec<String>, out: &mut Vec<Vec<String>>) -> usize {
+        let all = rest.len();
+        loop {
+            rest = rest.trim_start();
+            if let Some(inner) = rest.strip_prefix('{') {
+                rest = inner;
+                while !rest.is_empty() && !rest.starts_with('}') {
+                    rest = &rest[walk(rest, path.clone(), out)..];
+                    rest = rest.trim_start_matches(|c: char| c != ',' && c != '}');
+                    rest = rest.strip_prefix(',').unwrap_or(rest).trim_start();
+                }
+                return all - rest.strip_prefix('}').unwrap_or(rest).len();
+            }
+            let name = &rest[..rest.find(|c| !is_word(c)).unwrap_or(rest.len())];
+            rest = &rest[name.len()..];
+            if !name.is_empty() {
+                path.push(name.to_owned());
+            }
+            match rest.trim_start().strip_prefix("::") {
+                Some(next) if !name.is_empty() => rest = next,
+                _ => break,
+            }
+        }
+        out.push(path);
+        all - rest.len()
+    }
+    let mut found = Vec::new();
+    for (at, word) in ["crate", "relight", "super"].iter().flat_map(|word| code.match_indices(word)) {
+        let before = &code[..at];
+        if before.ends_with(is_word)
+            || before.ends_with("::")
+            || !code[at + word.len()..].trim_start().starts_with("::")
+        {
+            continue;
+        }
+        let mut out = Vec::new();
+        walk(&code[at..], Vec::new(), &mut out);
+        found.extend(out.into_iter().map(|path| (1 + before.matches('\n').count(), path)));
+    }
+    found
+}
+
+/// The room of a file, from its path below `src`: main.rs counts as `cli`, lib.rs as none.
+fn room(file: &str) -> Option<&str> {
+    let name = file.split('/').next()?.trim_end_matches(".rs");
+    (name != "lib").then_some(if name == "main" { "cli" } else { name })
+}
+
+/// Arrows of one file that are not allowed.
+fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
+    let Some(room) = room(file) else { return Vec::new() };
+    let Some((_, allowed)) = ARROWS.iter().find(|(name, _)| *name == room) else {
+        return vec![format!("src/{file}:1: the room `{room}` is not in ARROWS of tests/house.rs")];
+    };
+    let parts: Vec<&str> = file.trim_end_matches(".rs").split('/').collect();
+    let stage = match parts[..] {
+        ["nodes", folder, name] if name != "mod" => Some((folder, name)),
+        _ => None,
+    };
+    let is_room = |name: &str| ARROWS.iter().any(|(room, _)| *room == name);
+    let judge = |path: &[String]| -> Option<String> {
+        let names: Vec<&str> = path.iter().map(String::as_str).collect();
+        match names[..] {
+            ["super", "super", ..] => Some("a path that climbs two rooms is written from `crate`".to_owned()),
+            ["super", name, ..] if parts[..] == [room, "mod"] && is_room(name) => {
+                Some(format!("`{name}` is written from `crate`"))
+            }
+            ["super", name, ..] => {
+                let (folder, own) = stage?;
+                let sibling = root().join(format!("src/nodes/{folder}/{name}.rs")).exists();
+                (sibling && name != own).then(|| format!("a stage uses the stage `{name}`"))
+            }
+            ["crate" | "relight", "params" | "ports", ..] => {
+                (!["nodes", "graph"].contains(&room)).then(|| format!("`{room}` uses `graph`"))
+            }
+            ["crate", "nodes", name, ..] if room == "nodes" && file != "nodes/mod.rs" && name != "artifacts" => {
+                Some(format!("a stage uses `nodes::{name}`"))
+            }
+            ["crate" | "relight", used, ..] if used != room && is_room(used) && !allowed.contains(&used) => {
+                Some(format!("`{room}` uses `{used}`"))
+            }
+            ["crate" | "relight", used, ..] if !is_room(used) && room != "cli" => {
+                Some(format!("`{used}` is not in ARROWS of tests/house.rs"))
+            }
+            _ => None,
+        }
+    };
+    let faults = paths(&code(text)).into_iter().filter_map(|(line, path)| {
+        let why = judge(&path)?;
+        Some(format!("src/{file}:{line}: {}: {why}", path.join("::")))
+    });
+    faults.collect()
+}
+
+/// Words of one file that its place forbids.
+fn wrong_words(file: &str, text: &str) -> Vec<String> {
+    let code = code(text);
+    let mut faults = Vec::new();
+    for (word, places) in WORDS.iter().filter(|(_, places)| !places.iter().any(|place| file.starts_with(place))) {
+        let lines = lines_with(&code, word);
+        let places = if places.is_empty() { "nowhere".to_owned() } else { places.join(", ") };
+        faults.extend(lines.iter().map(|line| format!("src/{file}:{line}: `{word}` (allowed in src: {places})")));
+    }
+    if text.contains("training/") {
+        faults.push(format!("src/{file}: names training/, which nothing in src may know"));
+    }
+    faults
+}
+
+#[test]
+fn arrows_point_down() {
+    let files = files_below("src");
+    assert_none(
+        files.iter().flat_map(|f| wrong_arrows(f.strip_prefix("src/").expect("below src"), &read(f))).collect(),
+    );
+}
+
+#[test]
+fn the_library_touches_nothing_outside() {
+    let files = files_below("src");
+    assert_none(files.iter().flat_map(|f| wrong_words(f.strip_prefix("src/").expect("below src"), &read(f))).collect());
+}
+
+#[test]
+fn planted_arrows_are_seen() {
+    let planted = [
+        ("optics/sphere.rs", "fn f() {}\nuse crate::graph::Node;", "src/optics/sphere.rs:2: crate::graph::Node"),
+        ("graph/key.rs", "use crate::{\n  image::Plane};", "src/graph/key.rs:1: crate::image::Plane"),
+        ("graph/key.rs", "fn f(p: crate::optics::Shape) {}", "src/graph/key.rs:1: crate::optics::Shape"),
+        ("image/mod.rs", "use super::graph::Digest;", "src/image/mod.rs:1: super::graph::Digest"),
+        ("image/plane.rs", "use super::super::graph;", "src/image/plane.rs:1: super::super::graph"),
+        ("image/plane.rs", "use crate::params;", "src/image/plane.rs:1: crate::params"),
+        ("geometry/mesh.rs", "use crate::image::{Mask}; use crate::optics::direct;", "crate::optics::direct"),
+        ("files/edit.rs", "use crate::nodes;", "src/files/edit.rs:1: crate::nodes"),
+        ("cli/run.rs", "relight::optics::direct()", "src/cli/run.rs:1: relight::optics::direct"),
+        ("main.rs", "use relight::{graph, image::Plane};", "src/main.rs:1: relight::image::Plane"),
+        ("nodes/render/direct.rs", "use super::shadow::Shadow;", "src/nodes/render/direct.rs:1: super::shadow"),
+        ("nodes/render/direct.rs", "use crate::nodes::{artifacts::A, scene::mesh::Mesh};", "nodes::scene::mesh::Mesh"),
+        ("net/mod.rs", "", "`net` is not in ARROWS"),
+        ("nodes/render/direct.rs", "use crate::net::run;", "`net` is not in ARROWS"),
+    ];
+    for (file, text, wanted) in planted {
+        let faults = wrong_arrows(file, text);
+        assert!(faults.len() == 1 && faults[0].contains(wanted), "{file}: {text}: got {faults:?}");
+    }
+    let sound = [
+        (
+            "nodes/render/direct.rs",
+            "use crate::{params, ports}; use crate::optics::{self, Shape}; use super::same_size;",
+        ),
+        (
+            "nodes/render/direct.rs",
+            "// crate::cli\n/* crate::cli /* */ crate::cli */ let s = \"crate::cli\"; mod t { use super::*; }",
+        ),
+        (
+            "optics/light.rs",
+            "let c = '\"'; let l: &'static str = r#\"\" crate::graph\"#; let d = '\\''; // crate::graph",
+        ),
+    ];
+    for (file, text) in sound {
+        assert_eq!(wrong_arrows(file, text), Vec::<String>::new(), "{file}: {text}");
+    }
+}
+
+#[test]
+fn planted_words_are_seen() {
+    let planted = [
+        ("optics/light.rs", "\nprintln!(\"x\");", "src/optics/light.rs:2: `println!`"),
+        ("nodes/output/write.rs", "use exr::prelude;", "src/nodes/output/write.rs:1: `exr::`"),
+        ("nodes/output/write.rs", "std::io::stdout()", "`stdout`"),
+        ("graph/run.rs", "std::env::var(\"X\")", "`std::env`"),
+        ("nodes/output/write.rs", "std::fs::write(path, bytes)", "`std::fs`"),
+        ("image/read.rs", "let t = Instant::now();", "`Instant`"),
+        ("graph/run.rs", "SystemTime::now()", "`SystemTime`"),
+        ("optics/random.rs", "thread_local! {}", "`thread_local!`"),
+        ("optics/random.rs", "rand::thread_rng()", "`thread_rng`"),
+        ("nodes/mod.rs", "const PATH: &str = \"training/x\";", "training/"),
+    ];
+    for (file, text, wanted) in planted {
+        let faults = wrong_words(file, text);
+        assert!(faults.len() == 1 && faults[0].contains(wanted), "{file}: {text}: got {faults:?}");
+    }
+    let sound = [
+        ("image/exr_read.rs", "use ::exr::meta::MetaData;"),
+        ("nodes/output/write.rs", "use super::write_exr::x; // println! goes nowhere"),
+        ("graph/run.rs", "let began = Instant::now();"),
+    ];
+    for (file, text) in sound {
+        assert_eq!(wrong_words(file, text), Vec::<String>::new(), "{file}: {text}");
+    }
+}
+
+/// Files that are too large: (path, bytes) -> faults. 5 MB a file outside models/; scenes/ 6 MB and models/ 20 MB together.
+fn too_large(files: &[(String, u64)]) -> Vec<String> {
+    const MB: u64 = 1_000_000;
+    let large = |(path, bytes): &&(String, u64)| *bytes > 5 * MB && !path.starts_with("models/");
+    let mut faults: Vec<String> =
+        files.iter().filter(large).map(|(path, bytes)| format!("{path}: {bytes} bytes, wanted at most 5 MB")).collect();
+    for (folder, limit) in [("scenes/", 6), ("models/", 20)] {
+        let sum: u64 = files.iter().filter(|(path, _)| path.starts_with(folder)).map(|(_, bytes)| bytes).sum();
+        if sum > limit * MB {
+            faults.push(format!("{folder}: {sum} bytes together, wanted at most {limit} MB"));
+        }
+    }
+    faults
+}
+
+#[test]
+fn the_repository_is_small() {
+    let Some(files) = tracked() else { return eprintln!("skipped: not a git repository") };
+    let bytes = |path: String| {
+        let bytes = std::fs::symlink_metadata(root().join(&path)).expect("git lists files that are there").len();
+        (path, bytes)
+    };
+    assert_none(too_large(&files.into_iter().map(bytes).collect::<Vec<_>>()));
+
+    let planted =
+        [("docs/a.png", 5_000_001), ("scenes/a", 4_000_000), ("scenes/b", 2_000_001), ("models/a.onnx", 9_000_000)];
+    let planted: Vec<(String, u64)> = planted.iter().map(|&(path, bytes)| (path.to_owned(), bytes)).collect();
+    assert_eq!(too_large(&planted).len(), 2, "the picture, and the scenes together");
+}
+
+/// Graphs and edits that no test names, as `lamp_off.ron` or `"lamp_off"`.
+fn untested(files: &[String], tests: &str) -> Vec<String> {
+    let named = |path: &&String| {
+        let file = path.rsplit('/').next().expect("a path has a last part");
+        tests.contains(file) || tests.contains(&format!("\"{}\"", file.trim_end_matches(".ron")))
+    };
+    files.iter().filter(|path| !named(path)).map(|path| format!("{path}: no test names it")).collect()
+}
+
+#[test]
+fn every_graph_and_edit_is_tested() {
+    let tests = files_below("tests").into_iter().filter(|f| f.ends_with(".rs") && f != "tests/house.rs");
+    let tests: String = tests.map(|f| read(&f)).collect();
+    assert_none(untested(&[files_below("graphs"), files_below("edits")].concat(), &tests));
+
+    let files = ["edits/dusk.ron", "edits/dawn.ron", "edits/noon.ron"].map(str::to_owned);
+    assert_eq!(untested(&files, r#"["dusk"] edits/noon.ron"#), ["edits/dawn.ron: no test names it"]);
+}
+
+/// Heading -> anchor, as GitHub makes it.
+fn anchor(heading: &str) -> String {
+    let kept = heading.trim().to_lowercase();
+    kept.chars().filter(|c| is_word(*c) || [' ', '-'].contains(c)).map(|c| if c == ' ' { '-' } else { c }).collect()
+}
+
+fn anchors(page: &str) -> BTreeSet<String> {
+    page.lines().filter(|l| l.starts_with('#')).map(|l| anchor(l.trim_start_matches('#'))).collect()
+}
+
+/// Links of a page that lead nowhere, and paths of `src` and `docs` that it names but that are gone.
+fn dead_links(page: &str, text: &str, pages: &BTreeMap<String, String>) -> Vec<String> {
+    let folder = page.rsplit_once('/').map_or("", |(folder, _)| folder);
+    let mut faults = Vec::new();
+    for (index, line) in text.lines().enumerate() {
+        let at = format!("{page}:{}", index + 1);
+        for target in line.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            if target.starts_with("http") {
+                continue;
+            }
+            let (path, fragment) = target.split_once('#').unwrap_or((target, ""));
+            let mut parts: Vec<&str> = if folder.is_empty() { Vec::new() } else { folder.split('/').collect() };
+            for part in path.split('/') {
+                match part {
+                    "" | "." => {}
+                    ".." => drop(parts.pop()),
+                    name => parts.push(name),
+                }
+            }
+            let path = if path.is_empty() { page.to_owned() } else { parts.join("/") };
+            if !root().join(&path).exists() && !pages.contains_key(&path) {
+                faults.push(format!("{at}: {target} is not there"));
+            } else if !fragment.is_empty() && !pages.get(&path).is_some_and(|page| anchors(page).contains(fragment)) {
+                faults.push(format!("{at}: {path} has no heading #{fragment}"));
+            }
+        }
+        for path in line.split('`').skip(1).step_by(2).filter(|word| {
+            ["src/", "docs/", "tests/", "benches/", "training/", "scenes/", "graphs/", "edits/"]
+                .iter()
+                .any(|f| word.starts_with(f))
+                && word.chars().all(|c| is_word(c) || "/.-".contains(c))
+        }) {
+            if !root().join(path).exists() {
+                faults.push(format!("{at}: `{path}` is not there"));
+            }
+        }
+    }
+    faults
+}
+
+#[test]
+fn links_lead_somewhere() {
+    let Some(files) = tracked() else { return eprintln!("skipped: not a git repository") };
+    let pages: BTreeMap<String, String> =
+        files.into_iter().filter(|f| f.ends_with(".md")).map(|f| (f.clone(), read(&f))).collect();
+    assert!(pages.len() > 10, "{} pages", pages.len());
+    assert_none(pages.iter().flat_map(|(page, text)| dead_links(page, text, &pages)).collect());
+
+    let text = "[a](../README.md) [b](gone.md)\n[c](#a-heading) [d](#none) [e](https://x)\n# A `heading`\n`src/gone/` `src/graph`";
+    let planted = BTreeMap::from([("docs/page.md".to_owned(), text.to_owned())]);
+    let wanted = [
+        "docs/page.md:1: gone.md is not there",
+        "docs/page.md:2: docs/page.md has no heading #none",
+        "docs/page.md:4: `src/gone/` is not there",
+    ];
+    assert_eq!(dead_links("docs/page.md", text, &planted), wanted);
+}
+
+/// Folders of `src` that a page does not name.
+fn unnamed_folders(page: &str, folders: &BTreeSet<String>) -> Vec<String> {
+    let named = |folder: &&String| page.contains(&format!("`{folder}`"));
+    folders.iter().filter(|folder| !named(folder)).map(|f| format!("ARCHITECTURE.md does not name `{f}`")).collect()
+}
+
+#[test]
+fn the_map_names_every_room() {
+    let folder = |file: String| file.rsplit_once('/').expect("below src").0.to_owned();
+    let mut folders: BTreeSet<String> = files_below("src").into_iter().map(folder).collect();
+    folders.remove("src");
+    assert_none(unnamed_folders(&read("ARCHITECTURE.md"), &folders));
+
+    let planted = BTreeSet::from(["src/graph".to_owned(), "src/attic".to_owned()]);
+    assert_eq!(unnamed_folders("`src/graph`", &planted), ["ARCHITECTURE.md does not name `src/attic`"]);
+}
+
+/// Scenes without a section with a licence in scenes/README.md.
+fn unlicensed(scenes: &BTreeSet<&str>, page: &str) -> Vec<String> {
+    let licensed = |name: &&&str| {
+        let section = page.split("\n## ").find(|s| s.lines().next().is_some_and(|title| title == **name));
+        section.is_some_and(|section| section.contains("\nLicence: "))
+    };
+    scenes
+        .iter()
+        .filter(|name| !licensed(name))
+        .map(|name| format!("scenes/README.md tells no licence of {name}"))
+        .collect()
+}
+
+#[test]
+fn every_scene_has_its_licence() {
+    let files = files_below("scenes");
+    let scenes = files.iter().filter_map(|f| f.strip_prefix("scenes/")?.split_once('/')).map(|(name, _)| name);
+    assert_none(unlicensed(&scenes.collect(), &read("scenes/README.md")));
+
+    let page = "# Scenes\n\n## a\n\nLicence: CC0.\n\n## b\n\nA room.\n";
+    assert_eq!(unlicensed(&BTreeSet::from(["a", "b"]), page), ["scenes/README.md tells no licence of b"]);
+}
