@@ -1,0 +1,7 @@
+//! The whole pipeline, as a person runs it: what comes out, what runs again, and what happens when something is wrong.
+
+mod events;
+mod layers;
+mod project;
+mod sameness;
+mod scores;
