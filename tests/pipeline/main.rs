@@ -1,5 +1,6 @@
 //! The whole pipeline, as a person runs it: what comes out, what runs again, and what happens when something is wrong.
 
+mod cache;
 mod events;
 mod layers;
 mod project;
