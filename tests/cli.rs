@@ -99,7 +99,8 @@ fn bad_edits_are_refused() {
     for (path, wanted) in museum("edits") {
         let name = path.file_name().expect("it is a file").to_string_lossy().into_owned();
         std::fs::copy(&path, room.path(&name)).expect("an edit can be copied");
-        room.check_refused(&format!("check graph.ron {name} --scene scene"), &wanted);
+        let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
+        room.check_refused(&format!("check {} {name} --scene scene", graph.display()), &wanted);
     }
 }
 

@@ -1,6 +1,7 @@
 //! Results on disk and on standard output.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use relight::graph::Fault;
@@ -26,10 +27,20 @@ pub fn file(folder: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, Fault> {
     Ok(path)
 }
 
+/// Compared piece by piece: two pictures of one size differ early.
 fn holds(path: &Path, bytes: &[u8]) -> bool {
-    let same_length = std::fs::metadata(path).is_ok_and(|m| m.is_file() && m.len() == bytes.len() as u64);
-    same_length && std::fs::read(path).is_ok_and(|old| old == bytes)
+    let Ok(mut file) = File::open(path) else { return false };
+    if !file.metadata().is_ok_and(|m| m.is_file() && m.len() == bytes.len() as u64) {
+        return false;
+    }
+    let mut old = vec![0; COMPARED];
+    bytes.chunks(COMPARED).all(|piece| {
+        let old = &mut old[..piece.len()];
+        file.read_exact(old).is_ok() && old == piece
+    })
 }
+
+const COMPARED: usize = 64 << 10;
 
 /// Puts a result on standard output. A reader that has gone away (`| head`) is no fault.
 pub fn print(text: &str) -> Result<(), Fault> {

@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::sync::Arc;
 
+use postcard::ser_flavors::Flavor;
 use serde::{Serialize, de::DeserializeOwned};
 
 use super::Digest;
@@ -17,38 +18,47 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     fn bytes(&self) -> usize;
 }
 
+/// Hands the canonical bytes of an artifact to the second argument.
+type Encode = fn(&(dyn Any + Send + Sync), &mut dyn FnMut(&[u8]));
+
 /// One artifact with its type forgotten and its content digest known.
 #[derive(Clone)]
 pub struct Value {
     pub(super) type_name: &'static str,
     pub(super) digest: Digest,
     pub(super) bytes: usize,
+    /// Length of the canonical bytes.
+    pub(super) length: u64,
     pub(super) data: Arc<dyn Any + Send + Sync>,
-    pub(super) encode: fn(&(dyn Any + Send + Sync)) -> Vec<u8>,
+    encode: Encode,
 }
 
 impl Value {
     /// Erases `artifact`. The digest is taken over its type name and canonical bytes.
     pub fn new<T: Artifact>(artifact: Arc<T>) -> Value {
-        let encoded = encode(&*artifact);
-        Value::with_digest(artifact, digest_of(T::TYPE, &encoded))
+        let (mut hasher, mut length) = (hasher(T::TYPE), 0);
+        encode(&*artifact, |piece| {
+            hasher.update(piece);
+            length += piece.len() as u64;
+        });
+        Value::with_digest(artifact, Digest(*hasher.finalize().as_bytes()), length)
     }
 
-    /// An artifact just decoded from canonical bytes of this digest.
-    pub(super) fn stored<T: Artifact>(artifact: T, digest: Digest) -> Value {
-        Value::with_digest(Arc::new(artifact), digest)
+    /// An artifact just decoded from `length` canonical bytes of this digest.
+    pub(super) fn stored<T: Artifact>(artifact: T, digest: Digest, length: u64) -> Value {
+        Value::with_digest(Arc::new(artifact), digest, length)
     }
 
-    fn with_digest<T: Artifact>(artifact: Arc<T>, digest: Digest) -> Value {
-        let encode = |data: &(dyn Any + Send + Sync)| {
-            encode(data.downcast_ref::<T>().expect("a value's encoder is made beside its data"))
+    fn with_digest<T: Artifact>(artifact: Arc<T>, digest: Digest, length: u64) -> Value {
+        let encode = |data: &(dyn Any + Send + Sync), take: &mut dyn FnMut(&[u8])| {
+            encode(data.downcast_ref::<T>().expect("a value's encoder is made beside its data"), take);
         };
-        Value { type_name: T::TYPE, digest, bytes: artifact.bytes(), data: artifact, encode }
+        Value { type_name: T::TYPE, digest, bytes: artifact.bytes(), length, data: artifact, encode }
     }
 
-    /// The canonical bytes: what is stored.
-    pub(super) fn encoded(&self) -> Vec<u8> {
-        (self.encode)(&*self.data)
+    /// Hands the canonical bytes, what is stored, to `take`, piece by piece.
+    pub(super) fn encode(&self, mut take: impl FnMut(&[u8])) {
+        (self.encode)(&*self.data, &mut take);
     }
 
     /// The typed artifact again, or `None` when it is of another type.
@@ -65,15 +75,64 @@ impl Value {
     }
 }
 
-/// The canonical bytes of an artifact.
-pub(super) fn encode<T: Artifact>(artifact: &T) -> Vec<u8> {
-    postcard::to_stdvec(artifact).expect("artifacts hold plain data, which postcard always encodes")
+/// The canonical bytes of an artifact, piece by piece: large planes are neither copied nor held twice.
+fn encode<T: Artifact>(artifact: &T, take: impl FnMut(&[u8])) {
+    let pieces = Pieces { small: Vec::with_capacity(2 * SMALL), take };
+    postcard::serialize_with_flavor(artifact, pieces)
+        .expect("artifacts hold plain data, which postcard always encodes");
+}
+
+/// Pieces below this size are put together first.
+const SMALL: usize = 16 << 10;
+
+struct Pieces<F> {
+    small: Vec<u8>,
+    take: F,
+}
+
+impl<F: FnMut(&[u8])> Pieces<F> {
+    fn flush(&mut self) {
+        if !self.small.is_empty() {
+            (self.take)(&self.small);
+            self.small.clear();
+        }
+    }
+}
+
+impl<F: FnMut(&[u8])> Flavor for Pieces<F> {
+    type Output = ();
+
+    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
+        self.try_extend(&[byte])
+    }
+
+    fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
+        if bytes.len() >= SMALL {
+            self.flush();
+            (self.take)(bytes);
+        } else {
+            self.small.extend_from_slice(bytes);
+            if self.small.len() >= SMALL {
+                self.flush();
+            }
+        }
+        Ok(())
+    }
+
+    fn finalize(mut self) -> postcard::Result<()> {
+        self.flush();
+        Ok(())
+    }
 }
 
 pub(super) fn digest_of(type_name: &str, encoded: &[u8]) -> Digest {
+    Digest(*hasher(type_name).update(encoded).finalize().as_bytes())
+}
+
+/// A digest is taken over the type's name and the canonical bytes.
+fn hasher(type_name: &str) -> blake3::Hasher {
     let mut hasher = blake3::Hasher::new();
     hasher.update(type_name.as_bytes());
     hasher.update(&[0]);
-    hasher.update(encoded);
-    Digest(*hasher.finalize().as_bytes())
+    hasher
 }

@@ -12,6 +12,9 @@ pub enum NodeError {
     /// A file that a person named cannot be used: what was wanted, what was got, where.
     #[error("{path}: {message}")]
     BadFile { path: String, message: String },
+    /// A parameter that a person set asks for what cannot be, with these inputs: which, what was wanted, what was got.
+    #[error("{0}")]
+    BadParameter(String),
     /// The inputs are sound one by one, but this stage cannot work with them.
     #[error("{0}")]
     Failed(String),

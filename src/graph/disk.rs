@@ -184,8 +184,7 @@ impl DiskCache {
     /// Writes a result: to a temporary file, synced, then renamed. Older results make room.
     pub(super) fn store(&self, key: &Digest, header: &Header, values: &[Value], limit: u64) -> io::Result<()> {
         let header = postcard::to_stdvec(header).expect("headers hold plain data, which postcard always encodes");
-        let encoded: Vec<Vec<u8>> = values.iter().map(Value::encoded).collect();
-        let bytes = PREAMBLE + header.len() as u64 + encoded.iter().map(|v| 8 + v.len() as u64).sum::<u64>();
+        let bytes = PREAMBLE + header.len() as u64 + values.iter().map(|v| 8 + v.length).sum::<u64>();
         if bytes > limit {
             return Ok(());
         }
@@ -202,9 +201,15 @@ impl DiskCache {
         file.write_all(&(header.len() as u64).to_le_bytes())?;
         file.write_all(blake3::hash(&header).as_bytes())?;
         file.write_all(&header)?;
-        for value in &encoded {
-            file.write_all(&(value.len() as u64).to_le_bytes())?;
-            file.write_all(value)?;
+        for value in values {
+            file.write_all(&value.length.to_le_bytes())?;
+            let mut written = Ok(());
+            value.encode(|piece| {
+                if written.is_ok() {
+                    written = file.write_all(piece);
+                }
+            });
+            written?;
         }
         file.as_file().sync_data()?;
         file.persist(&path).map_err(|e| e.error)?;

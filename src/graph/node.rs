@@ -260,7 +260,8 @@ impl<T: Artifact> InPort for Gather<T> {
 }
 
 fn decode<T: Artifact>(bytes: &[u8], digest: Digest) -> Result<Value, String> {
-    postcard::from_bytes(bytes).map(|artifact: T| Value::stored(artifact, digest)).map_err(|e| e.to_string())
+    let artifact: T = postcard::from_bytes(bytes).map_err(|e| e.to_string())?;
+    Ok(Value::stored(artifact, digest, bytes.len() as u64))
 }
 
 impl<T: Artifact> OutPort for Arc<T> {

@@ -49,7 +49,7 @@ pub struct NodeReport {
     pub warnings: Vec<String>,
     /// Why it failed, or what it was blocked by.
     pub error: Option<String>,
-    /// It failed because of a file that a person named.
+    /// It failed because of a file that a person named, or a parameter that a person set.
     pub bad_file: bool,
 }
 

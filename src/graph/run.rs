@@ -71,7 +71,7 @@ enum Outcome {
 /// Why a node gave no result.
 enum Stop {
     Failed(String),
-    /// A file that a person named cannot be used.
+    /// A file that a person named, or a parameter that a person set, cannot be used.
     BadFile(String),
     Blocked(usize),
     Cancelled,
@@ -265,7 +265,9 @@ impl<'a> Run<'a> {
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,
             Ok(Err(NodeError::Cancelled)) => return Err(Stop::Cancelled),
-            Ok(Err(error @ NodeError::BadFile { .. })) => return Err(Stop::BadFile(error.to_string())),
+            Ok(Err(error @ (NodeError::BadFile { .. } | NodeError::BadParameter(_)))) => {
+                return Err(Stop::BadFile(error.to_string()));
+            }
             Ok(Err(error)) => return Err(Stop::Failed(error.to_string())),
             Err(panic) => return Err(Stop::Failed(format!("a bug in {}: it panicked: {}", node.kind, said(&*panic)))),
         };

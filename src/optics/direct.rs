@@ -14,6 +14,7 @@ pub struct Direct {
 impl Direct {
     /// Mean standard error over mean value, of all lobes together.
     pub fn relative_error(&self) -> f64 {
+        // The sum of nothing is -0.0, which would be shown with its sign.
         let sum =
             |planes: &[Plane<f32>]| planes.iter().flat_map(|p| p.pixels()).fold(0.0, |sum, &v| sum + f64::from(v));
         sum(&self.stderr) / sum(&self.lobes).max(f64::MIN_POSITIVE)

@@ -230,7 +230,7 @@ impl Node for EditLights {
                 continue;
             }
             let Some(made) = self.made(id, edit, &inputs, ctx) else {
-                return Err(NodeError::Failed(format!("lights: {id:?}: there is no such light to change")));
+                return Err(NodeError::BadParameter(format!("lights: {id:?}: there is no such light to change")));
             };
             let (shape, radiance) = made?;
             let gain = vec![Vec3::ZERO; radiance.0.len()];
@@ -282,7 +282,8 @@ impl LightEdit {
                     (Some(_), Some(_)) => Err("flux and radiance exclude each other".into()),
                 }
             }
-            LightEdit::Window { corners: _, sky, ground, sun } => {
+            LightEdit::Window { corners, sky, ground, sun } => {
+                convex(corners)?;
                 not_negative("sky", &sky.rgb().to_array())?;
                 not_negative("ground", &ground.rgb().to_array())?;
                 if let Some(Sun::Direction { elevation, radiance, bandwidth, .. }) = sun {
@@ -321,7 +322,7 @@ impl EditLights {
         inputs: &EditLightsIn,
         ctx: &Context,
     ) -> Option<Result<(Shape, Radiance), NodeError>> {
-        let failed = |message: String| NodeError::Failed(format!("lights: {id:?}: {message}"));
+        let failed = |message: String| NodeError::BadParameter(format!("lights: {id:?}: {message}"));
         match edit {
             LightEdit::Lamp { shape, at, flux, radiance, temperature } => Some(
                 lamp(shape, at, inputs)
@@ -410,24 +411,34 @@ fn lamp(shape: &LampShape, at: &Place, inputs: &EditLightsIn) -> Result<Lamp, St
     })
 }
 
+/// The four corners of a window in the picture.
+fn convex(corners: &[[f32; 2]]) -> Result<[Vec2; 4], String> {
+    let four: [[f32; 2]; 4] =
+        corners.try_into().map_err(|_| format!("corners: wanted 4 pixels, got {}", corners.len()))?;
+    let corner = four.map(Vec2::from_array);
+    let side = |i: usize| corner[(i + 1) % 4] - corner[i % 4];
+    let turns = [0, 1, 2, 3].map(|i| side(i).perp_dot(side(i + 1)));
+    let around = turns.iter().all(|&t| t >= 0.0) || turns.iter().all(|&t| t <= 0.0);
+    let area = (corner[2] - corner[0]).perp_dot(corner[3] - corner[1]).abs() / 2.0;
+    // A window of less than a pixel shows nothing of its wall.
+    if around && area >= 1.0 && area.is_finite() {
+        Ok(corner)
+    } else {
+        Err(format!(
+            "corners: wanted the four corners in order around a convex window of at least a pixel, got {four:?}"
+        ))
+    }
+}
+
 /// The rectangle on the wall seen between four pixel corners, with an unlit sky.
 fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<Window, String> {
     let camera = &inputs.camera;
-    let corners: [[f32; 2]; 4] =
-        corners.try_into().map_err(|_| format!("corners: wanted 4 pixels, got {}", corners.len()))?;
-    let corner = corners.map(Vec2::from_array);
-    if let Some(c) = corner.iter().find(|c| !c.is_finite()) {
-        return Err(format!("corners: wanted pixels, got {c}"));
-    }
+    let corner = convex(corners)?;
     let (low, high) = corner.iter().fold((corner[0], corner[0]), |(l, h), &c| (l.min(c), h.max(c)));
-    let middle = corner.iter().sum::<Vec2>() / 4.0;
     let inside = |p: Vec2| {
         let sides = [0, 1, 2, 3].map(|i| (corner[(i + 1) % 4] - corner[i]).perp_dot(p - corner[i]));
         sides.iter().all(|&s| s >= 0.0) || sides.iter().all(|&s| s <= 0.0)
     };
-    if !inside(middle) {
-        return Err(format!("corners: wanted the four corners in order around a convex window, got {corners:?}"));
-    }
     let (mut points, mut normals) = (Vec::new(), Vec::new());
     let clamp = |v: f32, end: usize| (v.max(0.0) as usize).min(end);
     // About 1,000 places are plenty for a plane.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+use crate::geometry::Camera;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Plane, Shading};
 use crate::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
@@ -19,6 +20,8 @@ params! {
 
 ports! {
     pub input MixIn {
+        /// The camera at working size; tells how large shading is where there is no light at all.
+        camera: Arc<Camera>,
         /// Unshadowed unit shading of each light.
         direct: Gather<UnitDirect>,
         /// Visibility of each light.
@@ -39,25 +42,22 @@ ports! {
 
 impl Node for Mix {
     const KIND: &'static str = "Mix";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = MixIn;
     type Out = MixOut;
 
     fn run(&self, inputs: MixIn, _: &Context) -> Result<MixOut, NodeError> {
-        let size = inputs
-            .direct
-            .iter()
-            .flat_map(|(_, d)| d.lobes.first())
-            .map(Plane::size)
-            .chain(inputs.indirect.iter().flat_map(|(_, i)| i.lobes.first()).map(|l| l.0.size()))
-            .next()
-            .unwrap_or((1, 1));
+        let size = (inputs.camera.width, inputs.camera.height);
         let mut light = Vec::new();
         for (id, radiance) in inputs.radiance.iter() {
             let missing = |what: &str| NodeError::Failed(format!("light {id:?} has a radiance but no {what}"));
             let direct = inputs.direct.get(id).ok_or_else(|| missing("direct shading"))?;
             let visibility = inputs.visibility.get(id).ok_or_else(|| missing("visibility"))?;
             let indirect = inputs.indirect.get(id).ok_or_else(|| missing("indirect shading"))?;
+            let planes = direct.lobes.iter().chain(&visibility.lit).map(Plane::size);
+            for got in planes.chain(indirect.lobes.iter().map(|lobe| lobe.0.size())) {
+                super::same_size("camera", size, id, got)?;
+            }
             light.push((id.to_string(), Arc::new(shading(size, direct, visibility, indirect, radiance))));
         }
         Ok(MixOut { light: Scatter(light) })
@@ -103,6 +103,7 @@ mod tests {
         });
         let one = |radiance: Vec<Vec3>| {
             let inputs = MixIn {
+                camera: Arc::new(Camera::from_fov_x(2, 1, 60.0)),
                 direct: Gather(vec![("a".into(), direct.clone())]),
                 visibility: Gather(vec![("a".into(), visibility.clone())]),
                 indirect: Gather(vec![("a".into(), indirect.clone())]),
@@ -114,5 +115,19 @@ mod tests {
         let want = Vec3::new(0.6 + 1.5, 2.0 * 0.7, 0.5);
         assert!((got - want).abs().max_element() < 1e-6, "{got} against {want}");
         assert_eq!(one(vec![Vec3::ZERO; 2]), Vec3::ZERO);
+    }
+
+    #[test]
+    fn a_light_that_is_not_there_is_black_at_full_size() {
+        let id = || "a".to_string();
+        let inputs = MixIn {
+            camera: Arc::new(Camera::from_fov_x(3, 2, 60.0)),
+            direct: Gather(vec![(id(), Arc::new(UnitDirect { lobes: vec![], stderr: vec![] }))]),
+            visibility: Gather(vec![(id(), Arc::new(Visibility { lit: vec![], unknown: vec![] }))]),
+            indirect: Gather(vec![(id(), Arc::new(UnitIndirect { lobes: vec![] }))]),
+            radiance: Gather(vec![(id(), Arc::new(Radiance(vec![])))]),
+        };
+        let out = Mix {}.run(inputs, &Context::default()).expect("runs");
+        assert_eq!(out.light.0[0].1.0, Plane::filled(3, 2, Vec3::ZERO));
     }
 }

@@ -1,0 +1,179 @@
+//! Whatever happens to the cache, the next run is right.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::Instant;
+
+use crate::project::*;
+
+/// The demo at a third of its working size: the same stages and files, in a fraction of the time.
+const RUN: &str = "run GRAPHS/demo.ron EDITS/insert_lamp.ron --set scene.long_side=96";
+
+/// What a run without any cache gives.
+fn wanted(place: &Place) -> [Vec<u8>; 2] {
+    place.check(&format!("{RUN} --no-cache --out wanted"), 0);
+    place.pictures("wanted")
+}
+
+/// Runs with the cache of that name, and wants the right pictures; standard error.
+fn check_right(place: &Place, cache: &str, wanted: &[Vec<u8>; 2]) -> String {
+    let told = place.check(&format!("{RUN} --cache {cache} --out out"), 0);
+    assert!(place.pictures("out") == *wanted, "another picture than without a cache; told:\n{told}");
+    told
+}
+
+fn entries(cache: &Path) -> Vec<PathBuf> {
+    let list = |folder: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).expect("the cache has this folder");
+        entries.map(|entry| entry.expect("it can be listed").path()).collect()
+    };
+    let mut files: Vec<PathBuf> = list(&cache.join("entries")).iter().flat_map(|folder| list(folder)).collect();
+    files.sort();
+    files
+}
+
+fn start(place: &Place, line: &str) -> Child {
+    let mut command = place.command(line);
+    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts")
+}
+
+/// Numbers without pattern, the same in every run of the test: splitmix64.
+fn random(seed: u64) -> u64 {
+    let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+#[test]
+fn after_a_kill_at_any_moment_the_next_run_is_right() {
+    let place = Place::new();
+    let wanted = wanted(&place);
+    let began = Instant::now();
+    check_right(&place, "whole", &wanted);
+    let whole = began.elapsed();
+    let mut cut = 0;
+    for round in 0..36 {
+        // Two kills on one cache, then a run to the end; then all of it again.
+        if round % 3 == 2 {
+            check_right(&place, "cache", &wanted);
+            place.check("cache verify --cache cache", 0);
+            place.check("cache clear --cache cache", 0);
+            continue;
+        }
+        let mut child = start(&place, &format!("{RUN} --cache cache --out torn"));
+        std::thread::sleep(whole.mul_f64((random(round) % 1000) as f64 / 1000.0));
+        child.kill().expect("it can be killed");
+        cut += usize::from(!child.wait().expect("it ends").success());
+        // What a killed run wrote is whole or not there.
+        for (name, wanted) in ["picture.png", "picture.exr"].iter().zip(&wanted) {
+            let torn = std::fs::read(place.path("torn").join(name));
+            assert!(torn.is_err() || torn.is_ok_and(|bytes| bytes == *wanted), "{name} is torn");
+        }
+    }
+    assert!(cut >= 12, "only {cut} of 24 were killed before they ended");
+}
+
+#[test]
+fn damaged_results_are_made_again() {
+    let place = Place::new();
+    let wanted = wanted(&place);
+    check_right(&place, "cache", &wanted);
+    let cache = place.path("cache");
+    let damage = |seed: u64, files: &[PathBuf]| {
+        for (i, file) in files.iter().enumerate() {
+            let mut bytes = std::fs::read(file).expect("it can be read");
+            let at = random(seed + i as u64) as usize % bytes.len();
+            if (seed + i as u64).is_multiple_of(3) {
+                bytes.truncate(at)
+            } else {
+                bytes[at] ^= 1 << (at % 8)
+            }
+            std::fs::write(file, bytes).expect("it can be written to");
+        }
+    };
+    // All at once, and then so that some of what is damaged is needed and some is not.
+    let files = entries(&cache);
+    damage(1, &files);
+    let told = check_right(&place, "cache", &wanted);
+    assert!(told.contains("damaged"), "{told}");
+    for seed in 2..8 {
+        let some: Vec<PathBuf> = files.iter().skip(seed % 3).step_by(3).cloned().collect();
+        damage(100 * seed as u64, &some);
+        check_right(&place, "cache", &wanted);
+    }
+    // Damage to what nobody asked for stays until it is looked for.
+    damage(7, &entries(&cache)[..4]);
+    place.check("cache verify --cache cache", 1);
+    place.check("cache verify --cache cache", 0);
+    check_right(&place, "cache", &wanted);
+    let told = check_right(&place, "cache", &wanted);
+    assert!(!told.contains(" ran "), "{told}");
+}
+
+#[test]
+fn a_cache_that_cannot_be_written_is_one_warning() {
+    let place = Place::new();
+    let wanted = wanted(&place);
+    place.write("file", "not a folder");
+    for cache in ["file", "file/deeper", "/proc/nowhere"] {
+        let told = check_right(&place, cache, &wanted);
+        let warnings: Vec<&str> = told.lines().filter(|line| line.contains("without storing results")).collect();
+        assert_eq!(warnings.len(), 1, "{cache}: {warnings:?}");
+        assert!(warnings[0].starts_with("warning: cache "), "{warnings:?}");
+    }
+    assert_eq!(std::fs::read(place.path("file")).expect("it is there"), b"not a folder");
+
+    // One that can only be read gives what it has.
+    check_right(&place, "cache", &wanted);
+    std::fs::remove_dir_all(place.path("cache/tmp")).expect("it is there");
+    place.write("cache/tmp", "in the way of every new result");
+    let told = check_right(&place, "cache", &wanted);
+    assert!(!told.contains(" ran ") && !told.contains("without storing"), "{told}");
+    let told = place.check(&format!("{RUN} --cache cache --set compose.bloom=0.02 --out other"), 0);
+    assert_eq!(told.matches("without storing results").count(), 1, "{told}");
+}
+
+/// A limit on the size of files stands for a full disk: a write stops in the middle.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_leaves_the_cache_sound() {
+    let place = Place::new();
+    let wanted = wanted(&place);
+    let limited = |line: &str| {
+        let command = place.command(line);
+        let mut shell = std::process::Command::new("sh");
+        shell.current_dir(place.folder.path()).args(["-c", "trap '' XFSZ; ulimit -f 100; exec \"$@\"", "sh"]);
+        shell.arg(command.get_program()).args(command.get_args());
+        shell.output().expect("there is a shell")
+    };
+    let line = format!("{RUN} --cache cache --only compose --out out");
+    let told = check_output(&line, &limited(&line), 0);
+    assert_eq!(told.matches("without storing results").count(), 1, "{told}");
+    place.check("cache verify --cache cache", 0);
+    // The pictures themselves do not fit: that is told, and no half of one stays.
+    let line = format!("{RUN} --cache cache --out full");
+    let told = check_output(&line, &limited(&line), 2);
+    assert!(told.contains("cannot be written"), "{told}");
+    let left: Vec<_> = std::fs::read_dir(place.path("full")).expect("it is there").collect();
+    assert!(left.len() <= 1, "{left:?}");
+    check_right(&place, "cache", &wanted);
+    place.check("cache verify --cache cache", 0);
+}
+
+#[test]
+fn several_processes_at_once_are_all_right() {
+    let place = Place::new();
+    let wanted = wanted(&place);
+    for round in 0..4 {
+        let cache = format!("cache_{}", round / 2);
+        let mut children = ["a", "b", "c"].map(|out| start(&place, &format!("{RUN} --cache {cache} --out {out}")));
+        for child in &mut children {
+            assert!(child.wait().expect("it ends").success());
+        }
+        for out in ["a", "b", "c"] {
+            assert!(place.pictures(out) == wanted, "{out} differs");
+        }
+        place.check(&format!("cache verify --cache {cache}"), 0);
+    }
+}

@@ -1,0 +1,85 @@
+//! What runs again after each kind of edit: exactly this, and nothing else.
+
+use std::path::Path;
+
+use crate::project::*;
+
+/// A cache in which the demo has been run unchanged.
+fn warm() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    run(&engine(Some(folder.path())), &physics(&demo(), IDENTITY), &[]);
+    folder
+}
+
+/// Runs an edit in a new engine over this cache; what ran and how many rays were traced.
+fn again(cache: &Path, scene: &Path, edit: &str) -> (Vec<String>, u64) {
+    let report = run(&engine(Some(cache)), &physics(scene, edit), &[]);
+    (ran(&report).into_iter().map(str::to_owned).collect(), rays(&report))
+}
+
+#[test]
+fn each_kind_of_edit_runs_what_it_must_and_nothing_else() {
+    let cache = warm();
+    let again = |edit: &str| again(cache.path(), &demo(), &format!("Edit(version: 1, lights: {{ {edit} }})"));
+    assert_eq!(again(""), (vec![], 0), "nothing changed");
+
+    // Radiance only: the layers are weighted anew.
+    for edit in [
+        r#""lamp_0": Off"#,
+        r#""window_0": Scale(0.4)"#,
+        r#""lamp_0": Temperature(6500)"#,
+        r#""window_0": Color(1, 0.8, 0.6)"#,
+        r#""lamp_0": Scale(2), "window_0": Off"#,
+    ] {
+        let (ran, rays) = again(edit);
+        assert_eq!((&ran[..], rays), (&["edit", "after", "compose", "write"].map(str::to_owned)[..], 0), "{edit}");
+        assert_eq!(again(edit), (vec![], 0), "{edit}, again");
+    }
+    // A factor of one changes a parameter and no light: the wave stops behind EditLights.
+    assert_eq!(again(r#""lamp_0": Scale(1)"#), (vec!["edit".to_owned()], 0));
+
+    // A new light: its own layers, and the sums.
+    let desk = |x: f32, radiance: u32| {
+        let shape = "Sphere(radius: 0.07)";
+        format!(r#""desk": Lamp(shape: {shape}, at: Point({x}, -0.56, -2.94), radiance: ({radiance}, 44, 20))"#)
+    };
+    let own = ["edit", "edited_direct[desk]", "edited_shadow[desk]", "edited_indirect[desk]", "after", "glow[desk]"];
+    let of_new_light: Vec<String> = own.iter().chain(&["compose", "write"]).map(|name| name.to_string()).collect();
+    let (ran, rays) = again(&desk(0.12, 72));
+    assert_eq!(ran, of_new_light, "inserted");
+    assert!(rays > 0);
+    // Its place: the same.
+    assert_eq!(again(&desk(0.22, 72)).0, of_new_light, "moved");
+    // Its radiance: no ray.
+    assert_eq!(again(&desk(0.22, 60)), (["edit", "after", "compose", "write"].map(str::to_owned).to_vec(), 0));
+    // Back to where it was: all is known.
+    assert_eq!(again(&desk(0.12, 72)), (vec![], 0));
+
+    // A visible light replaced: its own layers.
+    let (ran, rays) =
+        again(r#""lamp_0": Lamp(shape: Sphere(radius: 0.1), at: Point(1.2, 0.1, -4), radiance: (20, 20, 20))"#);
+    let own =
+        ["edit", "edited_direct[lamp_0]", "edited_shadow[lamp_0]", "edited_indirect[lamp_0]", "after", "glow[lamp_0]"];
+    assert_eq!(ran, own.iter().chain(&["compose", "write"]).map(|name| name.to_string()).collect::<Vec<_>>());
+    assert!(rays > 0);
+}
+
+#[test]
+fn a_scene_without_windows_runs_nothing_for_windows() {
+    let place = Place::new();
+    let scene = format!(
+        r#"Scene(version: 1, photo: "{0}/photo.png", camera: FovX(64.0), depth: (path: "{0}/depth.exr"),
+            lights: {{ "lamp_0": Lamp(mask: "{0}/masks/lamp_0.png") }})"#,
+        demo().display()
+    );
+    place.write("scene.ron", scene);
+    let report = run(&engine(None), &physics(place.folder.path(), IDENTITY), &[]);
+    for node in report.nodes.iter().filter(|node| node.name.contains("window_0")) {
+        panic!("{} is about a window that is not there", node.name);
+    }
+    let ran: Vec<&str> = ran(&report).into_iter().filter(|name| !name.contains("[inv_")).collect();
+    let once =
+        ["scene", "room", "transport", "materials", "init", "direct[lamp_0]", "shadow[lamp_0]", "indirect[lamp_0]"];
+    let then = ["fit", "before", "edit", "after", "glow[lamp_0]", "compose", "write"];
+    assert_eq!(ran, [&once[..], &then[..]].concat());
+}

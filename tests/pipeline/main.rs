@@ -1,0 +1,10 @@
+//! The whole pipeline, as a person runs it: what comes out, what runs again, and what happens when something is wrong.
+
+mod bad_input;
+mod cache;
+mod events;
+mod goldens;
+mod layers;
+mod project;
+mod sameness;
+mod scores;

@@ -1,0 +1,170 @@
+//! The project's own graphs, edits and demo scene, run in this process or as the command.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::{Arc, OnceLock};
+
+use relight::files::{edit, scene};
+use relight::graph::{
+    Artifact, Cancel, Engine, EngineOptions, Fault, Graph, GraphFile, Overlay, PortValue, RunReport, Status,
+};
+use relight::image::{Picture, Plane, Source, Transfer, read_photo};
+use relight::nodes::{self, artifacts::Files};
+
+pub const IDENTITY: &str = "Edit(version: 1)";
+
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+pub fn demo() -> PathBuf {
+    root().join("scenes/demo")
+}
+
+/// The RON files of a folder of the project, in the order of their names.
+pub fn ron_files(folder: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(root().join(folder)).expect("the project has this folder");
+    let paths = entries.map(|entry| entry.expect("it can be listed").path());
+    let mut paths: Vec<PathBuf> = paths.filter(|path| path.extension().is_some_and(|e| e == "ron")).collect();
+    paths.sort();
+    paths
+}
+
+pub fn stem(path: &Path) -> &str {
+    path.file_stem().and_then(|stem| stem.to_str()).expect("the project has plain names")
+}
+
+/// Graph, scene and edit put together, as the command does it.
+pub fn load(graph: &Path, scene: &Path, edit: &Path) -> Result<Graph, Vec<Fault>> {
+    let file = GraphFile::read(graph)?;
+    let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
+    let room = scene::read(scene)?;
+    let change = edit::read(edit, Some(&room), Some(&kinds))?;
+    let settings = room.settings.into_iter().chain(change.settings).collect();
+    let members = room.members.into_iter().chain(change.members).collect();
+    file.resolve(&nodes::registry(), &Overlay { settings, members })
+}
+
+/// graphs/physics.ron with a scene and the text of an edit.
+pub fn physics(scene: &Path, edit: &str) -> Graph {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let path = folder.path().join("edit.ron");
+    std::fs::write(&path, edit).expect("it can be written to");
+    load(&root().join("graphs/physics.ron"), scene, &path).unwrap_or_else(|faults| panic!("{edit}: {}", faults[0]))
+}
+
+pub fn engine(cache: Option<&Path>) -> Engine {
+    let options = EngineOptions { cache_dir: cache.map(Path::to_owned), ..EngineOptions::default() };
+    Engine::new(options).expect("threads can be started")
+}
+
+/// One engine for all tests that only look at results, so that the demo's lights are estimated once.
+pub fn shared_engine() -> &'static Engine {
+    static ENGINE: OnceLock<Engine> = OnceLock::new();
+    ENGINE.get_or_init(|| engine(None))
+}
+
+/// Runs a graph to its outputs, or to these.
+pub fn run(engine: &Engine, graph: &Graph, outputs: &[&str]) -> RunReport {
+    let names: Vec<String> = outputs.iter().map(|name| name.to_string()).collect();
+    let wanted = graph.wanted((!names.is_empty()).then_some(&names[..])).expect("the graph has these outputs");
+    let report = engine.run(graph, &wanted, &Cancel::default(), &());
+    let error = report.nodes.iter().find_map(|node| Some(format!("{}: {}", node.name, node.error.as_ref()?)));
+    assert!(report.is_complete(), "{error:?}");
+    report
+}
+
+/// The one value of an output.
+pub fn one<T: Artifact>(report: &RunReport, name: &str) -> Arc<T> {
+    match report.output(name) {
+        Some(PortValue::One(value)) => value.get().expect("the output has this type"),
+        _ => panic!("{name} gives one value"),
+    }
+}
+
+/// The values of an output, by member.
+pub fn many<T: Artifact>(report: &RunReport, name: &str) -> Vec<(String, Arc<T>)> {
+    let Some(PortValue::Many(values)) = report.output(name) else { panic!("{name} gives a value per member") };
+    values.iter().map(|(id, value)| (id.clone(), value.get().expect("the output has this type"))).collect()
+}
+
+pub fn ran(report: &RunReport) -> Vec<&str> {
+    report.with_status(Status::Ran)
+}
+
+pub fn rays(report: &RunReport) -> u64 {
+    report.nodes.iter().map(|node| node.rays).sum()
+}
+
+/// The bytes of a written file.
+pub fn written(report: &RunReport, name: &str) -> Vec<u8> {
+    let files: Arc<Files> = one(report, "write.files");
+    files.0.iter().find(|(n, _)| n == name).expect("it was written").1.clone()
+}
+
+/// A PNG of 8 bits as rows of stored numbers.
+pub fn png(bytes: &[u8]) -> image::RgbImage {
+    image::load_from_memory(bytes).expect("it is a PNG").to_rgb8()
+}
+
+pub fn photo() -> image::RgbImage {
+    png(&std::fs::read(demo().join("photo.png")).expect("the demo has a photo"))
+}
+
+/// A linear picture from an EXR file.
+pub fn exr(path: &Path) -> Plane<glam::Vec3> {
+    let bytes = std::fs::read(path).expect("the truth is there");
+    let name = path.display().to_string();
+    let Picture(plane) = read_photo(Source::new(&name, &bytes), Transfer::Linear).expect("it is sound").picture;
+    plane
+}
+
+/// A run of the command with its own output folder and cache.
+pub struct Place {
+    pub folder: tempfile::TempDir,
+}
+
+impl Place {
+    pub fn new() -> Place {
+        Place { folder: tempfile::tempdir().expect("a temporary folder can be made") }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+        std::fs::write(self.path(name), bytes).expect("a file can be written");
+    }
+
+    /// The command with the words of `line` as arguments, in this folder; `GRAPHS`, `EDITS` and `DEMO` stand for the project's.
+    pub fn command(&self, line: &str) -> Command {
+        let [graphs, edits] = ["graphs", "edits"].map(|folder| root().join(folder).display().to_string());
+        let words = line.split_whitespace().map(|word| {
+            let word = word.replace("GRAPHS", &graphs).replace("EDITS", &edits);
+            word.replace("DEMO", &demo().display().to_string())
+        });
+        let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
+        command.current_dir(self.folder.path()).args(words).env_remove("RELIGHT_LOG");
+        command
+    }
+
+    /// Runs to the end and wants this exit status; standard error.
+    pub fn check(&self, line: &str, status: i32) -> String {
+        let output = self.command(line).output().expect("the program starts");
+        check_output(line, &output, status)
+    }
+
+    /// The written pictures.
+    pub fn pictures(&self, out: &str) -> [Vec<u8>; 2] {
+        ["picture.png", "picture.exr"]
+            .map(|name| std::fs::read(self.path(out).join(name)).expect("the run wrote its pictures"))
+    }
+}
+
+pub fn check_output(line: &str, output: &Output, status: i32) -> String {
+    let told = String::from_utf8(output.stderr.clone()).expect("the program writes UTF-8");
+    assert_eq!(output.status.code(), Some(status), "`relight {line}` told:\n{told}");
+    assert!(!told.contains("panicked"), "`relight {line}` told:\n{told}");
+    told
+}
