@@ -376,8 +376,8 @@ mod tests {
         // Only the share of each light in each channel is determined: 0.3 : 0.05, 0.25 : 0.1, 0.2 : 0.15.
         let ratio = fit.radiance[1] / fit.radiance[0];
         let truth = Vec3::new(0.05 / 0.3, 0.4, 0.75);
-        // The colour pull draws the ratios together by about its weight.
-        assert!(((ratio - truth) / truth).abs().max_element() < 0.1, "{ratio} against {truth}");
+        // The second light is 0.3 off the line of likely colours in log(r / g); the pull draws it half of the way.
+        assert!(((ratio - truth) / truth).abs().max_element() < 0.2, "{ratio} against {truth}");
         assert!(fit.loss < 1e-2, "loss {}", fit.loss);
     }
 
