@@ -306,11 +306,8 @@ mod tests {
         let mask = Mask(z.map(|z| if z < 5.0 { 1.0 } else { 0.0 }));
         let points = Points(Plane::from_fn(160, 120, |x, y| ray(x, y) * z.get(x, y)));
         let normal = Normal(Plane::filled(160, 120, Vec3::Z));
-        let Some(Shape::Lamp(Lamp::Sphere { center: got, radius })) =
-            visible_light(LightKind::Lamp, &mask, &points, &normal, &camera, None).first()
-        else {
-            panic!("a sphere")
-        };
+        let found = visible_light(LightKind::Lamp, &mask, &points, &normal, &camera, None);
+        let Some(Shape::Lamp(Lamp::Sphere { center: got, radius })) = found.first() else { panic!("a sphere") };
         assert!(got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05, "{got} {radius}");
 
         let strip =
