@@ -498,7 +498,8 @@ fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<(Window, Vec3),
     let y = ((d - a) + (c - b)) / 4.0;
     let y = y - x * (x.dot(y) / x.length_squared().max(1e-12));
     let (x, y) = if x.cross(y).dot(plane.normal) < 0.0 { (-x, y) } else { (x, y) };
-    if !(x.cross(y).length() > 1e-6) {
+    let area = x.cross(y).length();
+    if area.is_nan() || area <= 1e-6 {
         return Err(format!("corners: wanted a window with area, got {corners:?}"));
     }
     let turned = (up - plane.normal * plane.normal.dot(up)).try_normalize().and_then(|upright| {

@@ -64,7 +64,7 @@ impl Node for Glow {
             let n = self.supersampling;
             let step = 1.0 / n as f32;
             cover.pixels_mut().par_chunks_mut(camera.width).enumerate().skip(y0).take(y1 - y0).for_each(|(y, row)| {
-                for x in x0..x1 {
+                for (x, share) in row.iter_mut().enumerate().take(x1).skip(x0) {
                     let z = inputs.depth.0.get(x, y);
                     let hits = (0..n * n).filter(|i| {
                         let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
@@ -73,7 +73,7 @@ impl Node for Glow {
                         let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
                         inputs.shape.meet(ray).is_some_and(|t| t <= z * slack)
                     });
-                    row[x] = hits.count() as f32 * step * step;
+                    *share = hits.count() as f32 * step * step;
                 }
             });
         }
