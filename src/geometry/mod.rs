@@ -6,6 +6,7 @@ mod mesh;
 mod plane_fit;
 mod rays;
 mod surface;
+mod up;
 
 pub use camera::Camera;
 pub use grid::{Grid, cosine_direction};
@@ -13,3 +14,4 @@ pub use mesh::{DEPTH_STEP, Hit, Own, SceneMesh, Sight};
 pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};
 pub use surface::{Surface, surface};
+pub use up::world_up;

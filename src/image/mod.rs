@@ -3,6 +3,7 @@
 mod depth;
 mod exr_read;
 mod exr_write;
+mod grow;
 mod npy;
 mod plane;
 mod png_write;
@@ -14,6 +15,7 @@ mod upsample;
 
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
 pub use exr_write::{Compression, ExrLayers};
+pub use grow::grow_through;
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;
 pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_photo};

@@ -96,8 +96,8 @@ fn sigma(value: f64) -> f64 {
     0.15 * value + 0.01
 }
 
-/// A light is near grey unless the photo says otherwise: weight of the pull, relative to the data.
-const COLOUR_PULL: f64 = 0.02;
+/// A light has a colour of daylight or bulbs unless the photo says otherwise: weight of what is not, relative to the data.
+const COLOUR_PULL: f64 = 0.3;
 
 /// Share of each computed step that is taken: weights and projection belong to the last state, full steps overshoot.
 const STEP: f64 = 0.7;
@@ -125,6 +125,10 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
     let base_weight: Vec<[f64; 3]> = photo.iter().map(|v| v.map(|i| i.sqrt() / (i + 0.05).powi(2))).collect();
     let mut condition = 1.0;
     for _ in 0..turns {
+        // The channels' equations, coupled only by the pull on each light's colour: unknown c k + i is light i in channel c.
+        let size = 3 * k;
+        let (mut all, mut right) = (vec![0.0; size * size], vec![0.0; size]);
+        let mut pulls = vec![0.0; k];
         for c in 0..3 {
             let layer = |j: usize, p: usize| f64::from(columns[j].layer[p][c]) * scale[j];
             let shading: Vec<f64> = (0..n).map(|p| (0..k).map(|j| w[j][c] * layer(j, p)).sum()).collect();
@@ -144,11 +148,9 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
             let mean: Vec<f64> = (0..k).map(|j| (0..n).map(|p| layer(j, p)).sum::<f64>() / n as f64).collect();
             let now: Vec<f64> = w.iter().map(|w| w[c]).collect();
             let (mut gram, mut b) = normal_equations(evidence, &weight, &albedo, &shading, &residual, &now, layer);
-            let grey: Vec<f64> = w.iter().map(|w| w.iter().sum::<f64>() / 3.0).collect();
             for i in 0..k {
-                let pull = COLOUR_PULL * gram[i * k + i];
-                gram[i * k + i] += pull;
-                b[i] += pull * grey[i] + energy * (mean[i] - 0.5 * columns[i].penalty);
+                pulls[i] += COLOUR_PULL / 3.0 * gram[i * k + i];
+                b[i] += energy * (mean[i] - 0.5 * columns[i].penalty);
                 // The gauge, mean shading 1, as one more equation.
                 for j in 0..k {
                     gram[i * k + j] += energy * mean[i] * mean[j];
@@ -157,9 +159,22 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
             if c == 1 {
                 condition = condition_number(&gram, k);
             }
-            for (i, solved) in nnls(&gram, &b).into_iter().enumerate() {
-                w[i][c] += STEP * (solved - w[i][c]);
+            for i in 0..k {
+                right[c * k + i] = b[i];
+                all[(c * k + i) * size + c * k..][..k].copy_from_slice(&gram[i * k..][..k]);
             }
+        }
+        for i in 0..k {
+            // |w - d (d . w)|^2 with d the likely colour: costs what is across it, and nothing along it.
+            let d = likely_colour(w[i]);
+            for (c, e) in (0..9).map(|n| (n / 3, n % 3)) {
+                let across = f64::from(u8::from(c == e)) - d[c] * d[e];
+                all[(c * k + i) * size + e * k + i] += pulls[i] * across;
+            }
+        }
+        for (i, solved) in nnls(&all, &right).into_iter().enumerate() {
+            let old = &mut w[i % k][i / k];
+            *old += STEP * (solved - *old);
         }
         // Gauge: mean shading 1 in each channel.
         for c in 0..3 {
@@ -212,6 +227,21 @@ impl RadianceFit {
         self.albedo.iter_mut().for_each(|a| *a /= factor);
         self
     }
+}
+
+/// The nearest colour to `w` that daylight or a bulb may have, unit length, in the gauge in which the mean light is white.
+///
+/// Black bodies lie near the line log(r / g, b / g) = t (0.55, -0.835): 2700 K is at t = 1.7 from 6500 K. The same holds for
+/// their ratios, and so in any white balance.
+fn likely_colour(w: [f64; 3]) -> [f64; 3] {
+    const WARM: [f64; 3] = [0.55, 0.0, -0.835];
+    const MOST: f64 = 1.5;
+    let floor = 0.02 * w.iter().sum::<f64>() + 1e-12;
+    let [r, g, b] = w.map(|v| v.max(floor).ln());
+    let t = (WARM[0] * (r - g) + WARM[2] * (b - g)).clamp(-MOST, MOST);
+    let colour = WARM.map(|v| (v * t).exp());
+    let length = colour.iter().map(|v| v * v).sum::<f64>().sqrt();
+    colour.map(|v| v / length)
 }
 
 /// Gram matrix and right side of the step from the radiances `now`, after each segment's albedo has answered: what a light
@@ -344,8 +374,8 @@ mod tests {
         // Only the share of each light in each channel is determined: 0.3 : 0.05, 0.25 : 0.1, 0.2 : 0.15.
         let ratio = fit.radiance[1] / fit.radiance[0];
         let truth = Vec3::new(0.05 / 0.3, 0.4, 0.75);
-        // The colour pull draws the ratios together by about its weight.
-        assert!(((ratio - truth) / truth).abs().max_element() < 0.1, "{ratio} against {truth}");
+        // The second light is 0.3 off the line of likely colours in log(r / g); the pull draws it half of the way.
+        assert!(((ratio - truth) / truth).abs().max_element() < 0.2, "{ratio} against {truth}");
         assert!(fit.loss < 1e-2, "loss {}", fit.loss);
     }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, PlaneFit};
+use crate::geometry::{Camera, PlaneFit, world_up};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Depth, Normal, luminance};
 use crate::nodes::artifacts::Encoding;
@@ -53,10 +53,12 @@ pub enum LightEdit {
     Window {
         /// Its four corners in photo pixels, in order around it.
         corners: Vec<[f32; 2]>,
+        /// What it shows: the same everywhere when `ground` is not given, else the upper part.
         #[serde(default)]
         sky: Half,
-        #[serde(default = "Half::ground")]
-        ground: Half,
+        /// The lower part of what it shows.
+        #[serde(default)]
+        ground: Option<Half>,
         #[serde(default)]
         sun: Option<Sun>,
     },
@@ -114,10 +116,6 @@ impl Default for Half {
 }
 
 impl Half {
-    fn ground() -> Half {
-        Half::Radiance(1.0, 1.0, 0.9)
-    }
-
     fn rgb(&self) -> Vec3 {
         let Half::Radiance(r, g, b) = *self;
         Vec3::new(r, g, b)
@@ -177,7 +175,7 @@ ports! {
 
 impl Node for EditLights {
     const KIND: &'static str = "EditLights";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = EditLightsIn;
     type Out = EditLightsOut;
 
@@ -285,7 +283,7 @@ impl LightEdit {
             LightEdit::Window { corners, sky, ground, sun } => {
                 convex(corners)?;
                 not_negative("sky", &sky.rgb().to_array())?;
-                not_negative("ground", &ground.rgb().to_array())?;
+                not_negative("ground", &ground.as_ref().map_or(Vec3::ZERO, Half::rgb).to_array())?;
                 if let Some(Sun::Direction { elevation, radiance, bandwidth, .. }) = sun {
                     not_negative("sun radiance", &radiance.unwrap_or_default())?;
                     not_negative("sun bandwidth", &[*bandwidth])?;
@@ -347,19 +345,11 @@ impl EditLights {
                     })
                     .map_err(failed),
             ),
-            LightEdit::Window { corners, sky, ground, sun } => Some(window(corners, inputs).map_err(failed).map(|mut window| {
-                let mut radiance = vec![Vec3::ZERO, sky.rgb(), ground.rgb()];
-                if let Some(Sun::Direction { azimuth, elevation, radiance: given, bandwidth }) = sun {
-                    let (sin_a, cos_a) = azimuth.to_radians().sin_cos();
-                    let (sin_e, cos_e) = elevation.to_radians().sin_cos();
-                    window.lobes[0] =
-                        Lobe { direction: Vec3::new(cos_e * sin_a, sin_e, -cos_e * cos_a), bandwidth: *bandwidth };
-                    // A lobe of bandwidth b and weight w gives a facing white surface 2 w / b.
-                    let usual = Vec3::new(1.5, 1.41, 1.23) * bandwidth.max(1.0);
-                    radiance[0] = given.map_or(usual, Vec3::from_array);
-                }
-                (Shape::Window(window), Radiance(radiance))
-            })),
+            LightEdit::Window { corners, sky, ground, sun } => Some(
+                window(corners, inputs)
+                    .map(|(window, up)| surrounded(window, up, sky, ground.as_ref(), sun.as_ref()))
+                    .map_err(failed),
+            ),
             _ => None,
         }
     }
@@ -382,16 +372,37 @@ fn seen(inputs: &EditLightsIn, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
     Ok((camera.unproject(x, y, inputs.depth.0.get(x as usize, y as usize)), normal))
 }
 
+/// Share of the photo's longer side within which a surface is looked at to stand on it.
+const FOOT: f32 = 0.012;
+
+/// The place on the surface seen at a photo pixel, and the surface's normal: on the plane through what is around it, since depth
+/// may come in steps. What is level to 20 degrees counts as level.
+fn foot(inputs: &EditLightsIn, x: f32, y: f32, up: Vec3) -> Result<(Vec3, Vec3), String> {
+    let (own, own_normal) = seen(inputs, x, y)?;
+    let camera = &inputs.camera;
+    let reach = (FOOT * camera.width.max(camera.height) as f32).ceil();
+    let steps = || (-3..=3).map(|i| i as f32 / 3.0 * reach);
+    let places = steps().flat_map(|dy| steps().map(move |dx| (x + dx, y + dy)));
+    let (points, normals): (Vec<Vec3>, Vec<Vec3>) = places.filter_map(|(x, y)| seen(inputs, x, y).ok()).unzip();
+    let plane = PlaneFit::through(&points, &normals, 0.02);
+    let plane = plane.filter(|plane| plane.normal.dot(own_normal) > 0.8);
+    let (point, normal) = plane
+        .and_then(|plane| Some((plane.meet(camera.unproject(x, y, 1.0))?, plane.normal)))
+        .unwrap_or((own, own_normal));
+    Ok((point, if normal.dot(up) > 0.94 { up } else { normal }))
+}
+
 fn lamp(shape: &LampShape, at: &Place, inputs: &EditLightsIn) -> Result<Lamp, String> {
     let reach = match shape {
         LampShape::Sphere { radius } => *radius,
         LampShape::Rect { .. } => 0.0,
         LampShape::Box { half, .. } => half[1],
     };
+    let up = world_up(&inputs.normal);
     let center = match *at {
         Place::Point(x, y, z) => Vec3::new(x, y, z),
         Place::Pixel { x, y, lift } => {
-            let (point, normal) = seen(inputs, x, y)?;
+            let (point, normal) = foot(inputs, x, y, up)?;
             point + normal * lift.max(reach)
         }
     };
@@ -400,13 +411,14 @@ fn lamp(shape: &LampShape, at: &Place, inputs: &EditLightsIn) -> Result<Lamp, St
         LampShape::Rect { half, normal } => {
             let normal = Vec3::from_array(*normal).normalize();
             // `x` level, so that the first half edge runs along the floor.
-            let x = Vec3::Y.cross(normal).try_normalize().unwrap_or(Vec3::X);
+            let x = up.cross(normal).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
             Lamp::Rect { center, x: x * half[0], y: normal.cross(x) * half[1] }
         }
         LampShape::Box { half, yaw } => {
+            let (right, ahead) = level(up);
             let (sin, cos) = yaw.to_radians().sin_cos();
-            let (x, z) = (Vec3::new(cos, 0.0, -sin), Vec3::new(sin, 0.0, cos));
-            Lamp::Box { center, axes: [x * half[0], Vec3::Y * half[1], z * half[2]] }
+            let (x, z) = (right * cos + ahead * sin, right * sin - ahead * cos);
+            Lamp::Box { center, axes: [x * half[0], up * half[1], z * half[2]] }
         }
     })
 }
@@ -430,8 +442,37 @@ fn convex(corners: &[[f32; 2]]) -> Result<[Vec2; 4], String> {
     }
 }
 
-/// The rectangle on the wall seen between four pixel corners, with an unlit sky.
-fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<Window, String> {
+/// The level directions to the right of the view and ahead.
+fn level(up: Vec3) -> (Vec3, Vec3) {
+    let right = Vec3::NEG_Z.cross(up).try_normalize().unwrap_or(Vec3::X);
+    (right, up.cross(right))
+}
+
+/// `window` before a surrounding, and the radiances of its lobes. A sky alone is even, without horizon; sky and ground are broad
+/// lobes above and below what lies straight outside.
+fn surrounded(mut window: Window, up: Vec3, sky: &Half, ground: Option<&Half>, sun: Option<&Sun>) -> (Shape, Radiance) {
+    let outside = window.y.cross(window.x).normalize();
+    let towards = |up: Vec3| (up + outside).try_normalize().unwrap_or(outside);
+    let bandwidth = if ground.is_some() { 1.5 } else { 0.0 };
+    window.lobes = [(towards(up), Sun::bandwidth()), (towards(up), bandwidth), (towards(-up), bandwidth)]
+        .map(|(direction, bandwidth)| Lobe { direction, bandwidth });
+    let mut radiance = vec![Vec3::ZERO, sky.rgb(), ground.map_or(Vec3::ZERO, Half::rgb)];
+    if let Some(Sun::Direction { azimuth, elevation, radiance: given, bandwidth }) = sun {
+        let (right, ahead) = level(up);
+        let (sin_a, cos_a) = azimuth.to_radians().sin_cos();
+        let (sin_e, cos_e) = elevation.to_radians().sin_cos();
+        let direction = (right * sin_a + ahead * cos_a) * cos_e + up * sin_e;
+        window.lobes[0] = Lobe { direction, bandwidth: *bandwidth };
+        // A lobe of bandwidth b and weight w gives a facing white surface 2 w / b.
+        let usual = Vec3::new(1.5, 1.41, 1.23) * bandwidth.max(1.0);
+        radiance[0] = given.map_or(usual, Vec3::from_array);
+    }
+    (Shape::Window(window), Radiance(radiance))
+}
+
+/// The rectangle on the wall seen between four pixel corners, and which way is up. A wall within 12 degrees of upright is upright,
+/// and a window in it whose sides are drawn within 20 degrees of upright stands upright.
+fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<(Window, Vec3), String> {
     let camera = &inputs.camera;
     let corner = convex(corners)?;
     let (low, high) = corner.iter().fold((corner[0], corner[0]), |(l, h), &c| (l.min(c), h.max(c)));
@@ -457,6 +498,9 @@ fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<Window, String>
         .ok_or_else(|| format!("corners: there is no wall to see between {corners:?}"))?;
     // In front of the unevenness of the wall, so that the wall itself does not shade its window.
     let plane = PlaneFit { offset: plane.offset + 2.0 * plane.spread + 0.01, ..plane };
+    let up = world_up(&inputs.normal);
+    let middle = corner.iter().sum::<Vec2>() / 4.0;
+    let plane = upright(plane, up, camera.unproject(middle.x, middle.y, 1.0));
     let met = corner.map(|c| plane.meet(camera.unproject(c.x, c.y, 1.0)));
     let [Some(a), Some(b), Some(c), Some(d)] = met else {
         return Err(format!("corners: the wall's plane is not seen at each of {corners:?}"));
@@ -470,5 +514,22 @@ fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<Window, String>
     if area.is_nan() || area <= 1e-6 {
         return Err(format!("corners: wanted a window with area, got {corners:?}"));
     }
-    Ok(Window { center, x, y, lobes: Window::daylight(plane.normal) })
+    let turned = (up - plane.normal * plane.normal.dot(up)).try_normalize().and_then(|upright| {
+        let sides = [upright, -upright, upright.cross(plane.normal), plane.normal.cross(upright)];
+        sides.into_iter().find(|side| side.dot(y.normalize()) > 0.94)
+    });
+    let (x, y) = match turned {
+        Some(side) => (side.cross(plane.normal) * x.length(), side * y.length()),
+        None => (x, y),
+    };
+    Ok((Window { center, x, y, lobes: Window::daylight(plane.normal) }, up))
+}
+
+/// The plane turned upright about its point along `ray`, if it nearly is.
+fn upright(plane: PlaneFit, up: Vec3, ray: Vec3) -> PlaneFit {
+    let normal = (plane.normal - up * plane.normal.dot(up)).normalize_or_zero();
+    match plane.meet(ray) {
+        Some(point) if normal.dot(plane.normal) > 0.98 => PlaneFit { normal, offset: normal.dot(point), ..plane },
+        _ => plane,
+    }
 }

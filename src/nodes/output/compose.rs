@@ -1,7 +1,7 @@
 //! `Compose`: from shading to a picture, and to one picture per light.
 //!
 //! Away from lights, a pixel of the photo I under shading E = sum E_k + R (R the rest, what no light explains) becomes, after
-//! an edit, `sum B E'_k + B R + U`. Under `Ratio`, B = min(I / E, 1), the largest share of the pixel that can be a reflectance,
+//! an edit, `sum B E'_k + B R + U`. Under `Ratio`, B = I / E as far as it can be a reflectance (at most 1, colour kept),
 //! and U = I - B E is unexplained light (a highlight, an unseen sun) that stays as it is and is told as part of `light_rest`.
 //! So the identity gives the photo back, texture and resolution survive, and each term is linear in its light's radiance.
 //! Under `Physical`, B is the estimated albedo and U = 0.
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Camera;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Depth, Mask, Picture, Plane, Shading, Upsampler, luminance};
+use crate::image::{Albedo, Depth, Mask, Picture, Plane, Shading, Upsampler, grow_through, luminance};
 use crate::optics::{LightKind, Radiance, Shape};
 use crate::{params, ports};
 
@@ -45,8 +45,8 @@ params! {
         lamp_albedo: f32 = 0.5,
         /// Albedo shown by the pane of a window that is switched off; 0..=1.
         pane_albedo: f32 = 0.05,
-        /// Width of the bloom around a visible light, as a share of the photo's longer side, within which unexplained light is
-        /// the light's own; 0..=0.1.
+        /// Least width of the bloom around a visible light, as a share of the photo's longer side, within which unexplained
+        /// light is the light's own; a lamp's bloom is at least half as wide as the lamp. 0..=0.1.
         bloom: f32 = 0.01,
     }
 }
@@ -107,7 +107,7 @@ ports! {
 struct Emitter {
     /// Index among the lights after the edit.
     light: usize,
-    /// 1 in the light's own pixels, falling to 0 at the end of its bloom.
+    /// How far each photo pixel is the light's own: see [`zone`].
     zone: Plane<f32>,
     fill: f32,
     shape: Arc<Shape>,
@@ -117,7 +117,7 @@ struct Emitter {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = ComposeIn;
     type Out = ComposeOut;
 
@@ -184,10 +184,10 @@ impl Compose {
             let light = names.iter().position(|name| *name == id).ok_or_else(|| missing(id, "layer"))?;
             let kind = inputs.kind.get(id).ok_or_else(|| missing(id, "kind"))?;
             let (w, h) = mask.0.size();
-            let reach = (self.bloom * w.max(h) as f32).ceil() as usize;
+            let bloom = self.bloom * w.max(h) as f32;
             emitters.push(Emitter {
                 light,
-                zone: zones(&mask.0, reach),
+                zone: zone(&mask.0, **kind, bloom, &inputs.photo, &inputs.clipped),
                 fill: if **kind == LightKind::Lamp { self.lamp_albedo } else { self.pane_albedo },
                 shape: inputs.estimated.get(id).ok_or_else(|| missing(id, "estimate"))?.clone(),
                 radiance: inputs.estimated_radiance.get(id).ok_or_else(|| missing(id, "estimated radiance"))?.clone(),
@@ -231,7 +231,7 @@ impl Compose {
             _ => (0.0, strongest(before).map(|k| (k, gain_of(before[k], record[k])))),
         };
         let share = saturation.max(spill);
-        let reflectance = ratio(shown, shading).min(Vec3::ONE);
+        let reflectance = reflected(shown, shading);
         let unexplained = shown - (reflectance * shading).min(shown);
         let Some((light, gain)) = owner.filter(|_| share > 0.0) else {
             record.iter_mut().for_each(|layer| *layer *= reflectance);
@@ -303,6 +303,13 @@ fn ratio(a: Vec3, b: Vec3) -> Vec3 {
     (a + Vec3::splat(1e-9)) / (b + Vec3::splat(1e-9))
 }
 
+/// The part of `photo` over `shading` that is taken for a reflectance: at most 1 in the largest channel, the colour kept, so that
+/// what stays unexplained has the photo's colour and not that of one channel.
+fn reflected(photo: Vec3, shading: Vec3) -> Vec3 {
+    let whole = ratio(photo, shading);
+    whole / whole.max_element().max(1.0)
+}
+
 /// Lights that are drawn: index, cover, and what they show at a pixel.
 #[expect(clippy::type_complexity, reason = "a list made and used in this file only")]
 fn inserted<'a>(
@@ -334,21 +341,57 @@ fn inserted<'a>(
     Ok(drawn)
 }
 
-/// 1 inside the mask, falling to 0 beyond `reach` pixels from it (along rows or columns, whichever is further).
-fn zones(mask: &Plane<f32>, reach: usize) -> Plane<f32> {
+/// Share of a lamp's brightness below which a pixel of its mask is no part of what shines: feet and stands are often in it.
+const STAND: f32 = 0.3;
+/// A light's own glare: all but its own pixels.
+const GLARE: f32 = 0.999;
+
+/// How far each pixel is the light's own: 1 where it is the light, [`GLARE`] in the saturated pixels around it, falling to 0
+/// in its bloom, whose width is at least `bloom` pixels and, for a lamp, half its own.
+fn zone(mask: &Plane<f32>, kind: LightKind, bloom: f32, photo: &Picture, clipped: &Mask) -> Plane<f32> {
     let (w, h) = mask.size();
-    // Distance to the mask along each row, then the larger of it and the row's own distance: two passes of one dimension.
-    let far = reach + 1;
-    let spread = |line: &dyn Fn(usize) -> usize, n: usize| -> Vec<usize> {
-        (0..n)
-            .map(|i| (i.saturating_sub(reach)..(i + reach + 1).min(n)).map(|j| line(j).max(i.abs_diff(j))).min())
-            .map(|nearest| nearest.unwrap_or(far).min(far))
-            .collect()
+    let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
+    let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
+    levels.sort_by(f32::total_cmp);
+    let bright = levels.get(levels.len() * 9 / 10).copied().unwrap_or(0.0);
+    let (core, reach, dark) = match kind {
+        LightKind::Lamp => {
+            let core = grow_through(mask, &clipped.0);
+            let area = core.pixels().iter().filter(|inside| **inside).count();
+            (core, bloom.max(0.5 * (area as f32).sqrt()), STAND * bright)
+        }
+        LightKind::Window => (mask.map(|share| share > 0.5), bloom, 0.0),
     };
-    let inside = |x: usize, y: usize| if mask.get(x, y) > 0.5 { 0 } else { far };
-    let rows: Vec<Vec<usize>> = (0..h).map(|y| spread(&|x| inside(x, y), w)).collect();
-    let columns: Vec<Vec<usize>> = (0..w).map(|x| spread(&|y| rows[y][x], h)).collect();
-    Plane::from_fn(w, h, |x, y| 1.0 - columns[x][y] as f32 / far as f32)
+    let away = distance(&core);
+    Plane::from_fn(w, h, |x, y| {
+        if mask.get(x, y) > 0.5 && luminance(photo.0.get(x, y)) >= dark {
+            1.0
+        } else {
+            GLARE * (1.0 - smooth_step(0.0, reach.max(1.0), away.get(x, y)))
+        }
+    })
+}
+
+/// Distance of each pixel from `core`, in pixels, to a few per cent: Borgefors' chamfer (1986) with steps 1 and sqrt 2.
+fn distance(core: &Plane<bool>) -> Plane<f32> {
+    let (w, h) = core.size();
+    let mut away = core.map(|inside| if inside { 0.0 } else { f32::MAX });
+    let diagonal = std::f32::consts::SQRT_2;
+    let mut relax = |x: usize, y: usize, steps: [(isize, isize, f32); 4]| {
+        let near = steps.into_iter().filter_map(|(dx, dy, step)| {
+            let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
+            (x < w && y < h).then(|| away.get(x, y) + step)
+        });
+        let least = near.fold(away.get(x, y), f32::min);
+        away.set(x, y, least);
+    };
+    for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
+        relax(x, y, [(-1, 0, 1.0), (0, -1, 1.0), (-1, -1, diagonal), (1, -1, diagonal)]);
+    }
+    for (x, y) in (0..h).rev().flat_map(|y| (0..w).rev().map(move |x| (x, y))) {
+        relax(x, y, [(1, 0, 1.0), (0, 1, 1.0), (1, 1, diagonal), (-1, 1, diagonal)]);
+    }
+    away
 }
 
 #[cfg(test)]
@@ -356,17 +399,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_zone_falls_with_distance() {
-        let mut mask = Plane::filled(9, 7, 0.0);
-        mask.set(4, 3, 1.0);
-        mask.set(5, 3, 1.0);
-        let zone = zones(&mask, 2);
-        for y in 0..7usize {
-            for x in 0..9 {
-                let distance = (4usize.saturating_sub(x)).max(x.saturating_sub(5)).max(y.abs_diff(3));
-                let want = 1.0 - distance.min(3) as f32 / 3.0;
-                assert!((zone.get(x, y) - want).abs() < 1e-6, "({x}, {y}): {}", zone.get(x, y));
-            }
+    fn distances_are_euclidean_to_eight_per_cent() {
+        let mut core = Plane::filled(40, 30, false);
+        core.set(12, 9, true);
+        let away = distance(&core);
+        for (x, y) in (0..40).flat_map(|x| (0..30).map(move |y| (x, y))) {
+            let exact = (x as f32 - 12.0).hypot(y as f32 - 9.0);
+            // The octagon of the chamfer lies at most 1 / cos(22.5 degrees) = 1.082 outside the circle.
+            assert!(away.get(x, y) >= exact - 1e-3 && away.get(x, y) <= 1.083 * exact + 1e-3, "({x}, {y})");
         }
+        assert!(distance(&Plane::filled(3, 3, false)).pixels().iter().all(|d| *d > 1e30));
     }
 }
