@@ -3,6 +3,7 @@
 mod depth;
 mod exr_read;
 mod exr_write;
+mod fill;
 mod grow;
 mod npy;
 mod plane;
@@ -15,6 +16,7 @@ mod upsample;
 
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
 pub use exr_write::{Compression, ExrLayers};
+pub use fill::fill_along_surfaces;
 pub use grow::grow_through;
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;

@@ -329,6 +329,8 @@ fn compose() {
         camera: room.camera.clone(),
         full_depth: room.depth.clone(),
         small: photo,
+        points: room.points.clone(),
+        normal: room.normal.clone(),
         depth: room.depth.clone(),
         albedo: room.albedo.clone(),
         before: Gather(room.shading([1.0, 1.0])),

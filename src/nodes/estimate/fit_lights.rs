@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, luminance};
+use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, fill_along_surfaces, luminance};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::{Column, Evidence, Radiance, Transport, evidence_pixels, fit_radiances};
 use crate::{params, ports};
@@ -143,7 +143,7 @@ impl Node for FitLights {
                 unknown.pixels_mut()[row][x.saturating_sub(seam)..(x + seam + 1).min(w)].fill(true);
             }
         }
-        fill(&mut albedo, unknown, &inputs.points, &inputs.normal);
+        fill_along_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
         Ok(FitLightsOut {
             radiance: Scatter(radiance),
             rest: Arc::new(Shading(ambient.map(|a| a * rest_radiance))),
@@ -192,42 +192,4 @@ fn mark(pixels: &[usize], segments: &Segments, count: usize) -> Vec<bool> {
     let mut known = vec![false; count];
     pixels.iter().for_each(|&p| known[segments.label.pixels()[p] as usize] = true);
     known
-}
-
-/// Gives the pixels where `unknown` holds the albedo of known ones around them: from the edge inwards, each pixel takes the
-/// mean of its neighbours on the same surface (alike in depth to 3 %, and in normal).
-fn fill(albedo: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points, normal: &Normal) {
-    let (w, h) = albedo.size();
-    let same_surface = |i: usize, j: usize| {
-        let z = |i: usize| -points.0.pixels()[i].z;
-        (z(j) - z(i)).abs() < 0.03 * z(i) && normal.0.pixels()[i].dot(normal.0.pixels()[j]) > 0.9
-    };
-    let around = |i: usize| {
-        let (x, y) = (i % w, i / w);
-        let (xs, ys) = (x.saturating_sub(1)..(x + 2).min(w), y.saturating_sub(1)..(y + 2).min(h));
-        ys.flat_map(move |y| xs.clone().map(move |x| y * w + x)).filter(move |&j| j != i)
-    };
-    let mut left: Vec<usize> = (0..w * h).filter(|&i| unknown.pixels()[i]).collect();
-    let mut alike = true;
-    while !left.is_empty() {
-        let found: Vec<(usize, Vec3)> = left
-            .iter()
-            .filter_map(|&i| {
-                let known = around(i).filter(|&j| !unknown.pixels()[j]);
-                let same = known.filter(|&j| !alike || same_surface(i, j));
-                let (sum, count) = same.fold((Vec3::ZERO, 0.0), |(s, n), j| (s + albedo.pixels()[j], n + 1.0));
-                (count > 0.0).then(|| (i, sum / count))
-            })
-            .collect();
-        if found.is_empty() && !alike {
-            return;
-        }
-        // Islands that touch nothing of their own depth take what is beside them.
-        alike = !found.is_empty();
-        for (i, value) in found {
-            albedo.pixels_mut()[i] = value;
-            unknown.pixels_mut()[i] = false;
-        }
-        left.retain(|&i| unknown.pixels()[i]);
-    }
 }

@@ -9,7 +9,7 @@
 //! Some pixels are one light's more than any other's: those that it is seen in, those it spills into around its outline, and
 //! those it saturates, where I / E says nothing of the surface. There the photo is what the surface, of known albedo, shows of
 //! the others, and all else is that light's: I = B (E - E_k) + G with B = min(A, I / (E - E_k)). G goes with the light's own
-//! change. In the light's own pixels A is that of a shade or a pane; elsewhere the estimated one, and the two ways are
+//! change. In the light's own pixels A is that of a shade or a pane; elsewhere I / E of the surface around, and the two ways are
 //! blended where saturation and spill begin, so that no rim shows.
 
 use std::sync::Arc;
@@ -20,7 +20,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Camera;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Depth, Mask, Picture, Plane, Shading, Upsampler, grow_through, luminance};
+use crate::image::{
+    Albedo, Depth, Mask, Normal, Picture, Plane, Points, Shading, Upsampler, fill_along_surfaces, grow_through,
+    luminance,
+};
 use crate::optics::{LightKind, Radiance, Shape};
 use crate::{params, ports};
 
@@ -65,6 +68,10 @@ ports! {
         small: Arc<Picture>,
         /// Planar z at working size.
         depth: Arc<Depth>,
+        /// Points of the seen surface, working size.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
         /// Albedo at working size.
         albedo: Arc<Albedo>,
         /// Shading by each light as estimated, working size.
@@ -139,6 +146,8 @@ impl Node for Compose {
         let emitters = self.emitters(&inputs, &names)?;
         let inserted = inserted(&inputs, &names)?;
         let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
+        let paint = paint(&inputs, &emitters);
+        let depth_of_white = distance(&inputs.clipped.0.map(|share| share < 0.5));
         ctx.check_cancelled()?;
 
         // One record per pixel: each light's contribution, then the rest.
@@ -155,7 +164,12 @@ impl Node for Compose {
                 record[count] = at(&inputs.rest.0);
                 before.clear();
                 before.extend(names.iter().map(|id| inputs.before.get(id).map_or(Vec3::ZERO, |light| at(&light.0))));
-                self.pixel(&inputs, &emitters, (x, y), &before, at(&inputs.albedo.0), record);
+                let surface = Surface {
+                    albedo: at(&inputs.albedo.0),
+                    paint: at(&paint),
+                    headroom: (1.0 + HEADROOM * depth_of_white.get(x, y)).min(4.0),
+                };
+                self.pixel(&inputs, &emitters, (x, y), &before, surface, record);
                 for (light, cover, glow) in &inserted {
                     let share = cover.0.get(x, y);
                     if share > 0.0 {
@@ -204,28 +218,28 @@ impl Compose {
         emitters: &[Emitter],
         (x, y): (usize, usize),
         before: &[Vec3],
-        albedo: Vec3,
+        surface: Surface,
         record: &mut [Vec3],
     ) {
+        let Surface { albedo, paint, headroom } = surface;
         let rest = record[before.len()];
         let shading = before.iter().sum::<Vec3>() + rest;
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
-        let clipped = inputs.clipped.0.get(x, y) > 0.5;
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
         let nearest = emitters.iter().map(|e| (e.zone.get(x, y), e)).reduce(|a, b| if b.0 > a.0 { b } else { a });
         if let Some((1.0, emitter)) = nearest {
             let (seen, gain) = emitter.seen(ray());
-            let shown = if clipped { unclipped(photo, seen) } else { photo };
+            let shown = unclipped(photo, seen, headroom);
             let others = shading - before[emitter.light];
             owned(record, shown, others, Vec3::splat(emitter.fill), emitter.light, gain);
             return;
         }
-        let shown = if clipped { unclipped(photo, albedo * shading) } else { photo };
+        let shown = unclipped(photo, paint * shading, headroom);
         if self.mode == Mode::Physical {
             record.iter_mut().for_each(|layer| *layer *= albedo);
             return;
         }
-        let saturation = smooth_step(0.75, 0.98, photo.max_element());
+        let saturation = smooth_step(SATURATION[0], SATURATION[1], photo.max_element());
         let (spill, owner) = match nearest {
             Some((zone, emitter)) if zone > 0.0 => (zone, Some((emitter.light, emitter.seen(ray()).1))),
             _ => (0.0, strongest(before).map(|k| (k, gain_of(before[k], record[k])))),
@@ -239,7 +253,7 @@ impl Compose {
             return;
         };
         let mut other = record.to_vec();
-        owned(&mut other, shown, shading - before[light], albedo, light, gain);
+        owned(&mut other, shown, shading - before[light], paint, light, gain);
         record.iter_mut().for_each(|layer| *layer *= reflectance);
         record[before.len()] += unexplained;
         record.iter_mut().zip(other).for_each(|(layer, other)| *layer += share * (other - *layer));
@@ -293,10 +307,50 @@ impl Emitter {
     }
 }
 
-/// What a saturated pixel would show, by the model's word, within two stops; channels below white are as they are.
-fn unclipped(photo: Vec3, model: Vec3) -> Vec3 {
-    Vec3::select(photo.cmpge(Vec3::splat(0.98)), photo.max(model.min(4.0 * photo)), photo)
+/// What is known of the surface at a photo pixel.
+struct Surface {
+    /// As estimated.
+    albedo: Vec3,
+    /// Photo over shading, filled in where a light hides it: see [`paint`].
+    paint: Vec3,
+    /// How many times brighter than white a saturated channel may be.
+    headroom: f32,
 }
+
+/// Growth of what a saturated pixel may show per pixel of distance from the edge of the white: no step at that edge.
+const HEADROOM: f32 = 0.15;
+
+/// What a pixel shows when saturated channels are as bright as the model says, within `headroom`; others are as they are.
+fn unclipped(photo: Vec3, model: Vec3, headroom: f32) -> Vec3 {
+    Vec3::select(photo.cmpge(Vec3::splat(0.98)), photo.max(model.min(headroom * photo)), photo)
+}
+
+/// Reflectance at working size: photo over shading, and, where lights and saturation hide the surface, that of the
+/// surface around, so that nothing changes at their edge.
+fn paint(inputs: &ComposeIn, emitters: &[Emitter]) -> Plane<Vec3> {
+    let (w, h) = inputs.small.0.size();
+    let (full_w, full_h) = inputs.photo.0.size();
+    // The zones are at the photo's size; the largest of a working pixel's is its own.
+    let mut hidden = Plane::filled(w, h, false);
+    for zone in emitters.iter().map(|e| &e.zone) {
+        for i in (0..zone.len()).filter(|&i| zone.pixels()[i] > 0.0) {
+            hidden.set(i % full_w * w / full_w, i / full_w * h / full_h, true);
+        }
+    }
+    let reflectance = |i: usize| {
+        let lights = inputs.before.iter().map(|(_, light)| light.0.pixels()[i]);
+        reflected(inputs.small.0.pixels()[i], lights.sum::<Vec3>() + inputs.rest.0.pixels()[i])
+    };
+    let mut paint = Plane::new(w, h, (0..w * h).map(reflectance).collect());
+    for (hidden, shown) in hidden.pixels_mut().iter_mut().zip(inputs.small.0.pixels()) {
+        *hidden |= shown.max_element() > SATURATION[0];
+    }
+    fill_along_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
+    paint
+}
+
+/// Largest channel from which, and at which wholly, a pixel is the strongest light's.
+const SATURATION: [f32; 2] = [0.75, 0.98];
 
 /// Per channel a / b, 1 where both vanish, large but finite where only b does.
 fn ratio(a: Vec3, b: Vec3) -> Vec3 {

@@ -14,7 +14,7 @@ params! {
         /// Every which pixel, along each axis, is a receiver, 1..64.
         stride: u32 = 4,
         /// Rays per receiver, 1..4096.
-        rays: u32 = 64,
+        rays: u32 = 128,
         /// Another seed gives other noise.
         seed: u64 = 0,
     }
