@@ -182,7 +182,7 @@ fn median(mut values: Vec<f32>) -> f32 {
     values[values.len() / 2]
 }
 
-/// A panel where the pixels lie flush in a plane with what is around them; else a ball, or a box when the outline is long.
+/// A panel where the pixels lie flush in a ceiling; else a ball, or a box when the outline is long.
 ///
 /// A body in space is as deep as its outline is narrow, and stands behind its visible front by half of that.
 fn visible_lamp(mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) -> Option<Lamp> {
@@ -197,14 +197,20 @@ fn visible_lamp(mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) 
     let reach = (camera.width.max(camera.height) / 60).max(3);
     let (around, around_normals) = at(&surroundings(mask, reach));
     let rays: Vec<Vec3> = pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
-    if let Some(plane) = PlaneFit::through(&around, &around_normals, 0.02)
-        && plane.support > 0.6
-        && own.iter().filter(|p| (plane.normal.dot(**p) - plane.offset).abs() < 0.02 * p.length()).count() * 10
-            > own.len() * 8
+    let on = |plane: &PlaneFit| {
+        own.iter().filter(|p| (plane.normal.dot(**p) - plane.offset).abs() < 0.02 * p.length()).count()
+    };
+    let wall = PlaneFit::through(&around, &around_normals, 0.02).filter(|plane| plane.support > 0.6);
+    let flush = wall.filter(|plane| on(plane) * 10 > own.len() * 8);
+    if let Some(plane) = flush
+        && plane.normal.y.abs() > 0.7
         && let Some((center, x, y)) = extent(&rays, &plane)
     {
         return Some(Lamp::Rect { center: center + plane.normal * 0.01, x, y });
     }
+    // Depth sensors see through bright shades to the wall: then the lamp stands before what was measured, else around it. The
+    // median of a ball's front lies 0.7 radius before its centre (half of the disc lies within r / sqrt 2).
+    let depth_of_centre = if flush.is_some() { -1.0 } else { 0.7 };
     // Principal axes of the outline, in the plane through its middle that faces the camera.
     let z = median(own.iter().map(|p| -p.z).collect());
     let middle = rays.iter().sum::<Vec3>() / rays.len() as f32;
@@ -224,12 +230,11 @@ fn visible_lamp(mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) 
     let area = pixels.len() as f32 * (z / camera.fx) * (z / camera.fy);
     if a / b < 1.6 {
         let radius = (area / std::f32::consts::PI).sqrt();
-        // The median of a ball's front lies 0.7 radius before its centre (half of the disc lies within r / sqrt 2).
-        let radius = radius * (1.0 + 0.7 * radius / z);
-        return Some(Lamp::Sphere { center: middle * (z + 0.7 * radius), radius });
+        let radius = radius * (1.0 + depth_of_centre * radius / z);
+        return Some(Lamp::Sphere { center: middle * (z + depth_of_centre * radius), radius });
     }
     let (a, b) = (a.min(area / (4.0 * b) * 1.3), b);
-    Some(Lamp::Box { center: middle * (z + 0.7 * b), axes: [long * a, short * b, Vec3::NEG_Z * b] })
+    Some(Lamp::Box { center: middle * (z + depth_of_centre * b), axes: [long * a, short * b, Vec3::NEG_Z * b] })
 }
 
 /// Rectangles that the pane's pixels cover: on the plane of the wall around the mask, and, since that wall may be hidden, seen

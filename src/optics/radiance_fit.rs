@@ -99,6 +99,10 @@ fn sigma(value: f64) -> f64 {
 /// A light has a colour of daylight or bulbs unless the photo says otherwise: weight of what is not, relative to the data.
 const COLOUR_PULL: f64 = 0.3;
 
+/// Least channel of a light over its largest, in the gauge in which the mean light is white: a bulb of 2500 K has 0.07. Without
+/// it a change of colour would be a division by zero.
+const PUREST: f64 = 0.07;
+
 /// Share of each computed step that is taken: weights and projection belong to the last state, full steps overshoot.
 const STEP: f64 = 0.7;
 
@@ -186,6 +190,10 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
                 w.iter_mut().for_each(|v| v[c] /= mean);
             }
         }
+    }
+    for w in &mut w {
+        let least = PUREST * w[0].max(w[1]).max(w[2]);
+        w.iter_mut().for_each(|v| *v = v.max(least));
     }
     let mut loss = 0.0;
     let mut albedo = vec![Vec3::ZERO; evidence.segments];

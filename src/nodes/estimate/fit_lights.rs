@@ -22,7 +22,7 @@ params! {
         /// Cost of the rest, as a share of the photo's energy.
         rest_cost: f64 = 0.01,
         /// Cost of lights out of view.
-        invisible_cost: f64 = 0.002,
+        invisible_cost: f64 = 0.005,
         /// Cost of the sun in a window.
         sun_cost: f64 = 0.05,
     }
