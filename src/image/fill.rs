@@ -5,7 +5,8 @@ use glam::Vec3;
 use super::{Normal, Plane, Points};
 
 /// Gives the pixels where `unknown` holds the values of known ones around them: from the edge inwards, each pixel takes the mean of
-/// its neighbours on the same surface (alike in depth to 3 %, and in normal); where there is none, of all its neighbours.
+/// its neighbours on the same surface (alike in depth to 3 %, and in normal); where there is none, of all its neighbours. Then
+/// what was filled is smoothed along the surface, so that an edge at the rim leaves no streak.
 /// All planes have one size. With no known pixel at all nothing changes.
 pub fn fill_along_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points, normal: &Normal) {
     let (w, h) = values.size();
@@ -19,6 +20,7 @@ pub fn fill_along_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, p
         ys.flat_map(move |y| xs.clone().map(move |x| y * w + x)).filter(move |&j| j != i)
     };
     let mut left: Vec<usize> = (0..w * h).filter(|&i| unknown.pixels()[i]).collect();
+    let filled = left.clone();
     let mut alike = true;
     while !left.is_empty() {
         let found: Vec<(usize, Vec3)> = left
@@ -31,7 +33,7 @@ pub fn fill_along_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, p
             })
             .collect();
         if found.is_empty() && !alike {
-            return;
+            break;
         }
         // Islands that touch nothing of their own surface take what is beside them.
         alike = !found.is_empty();
@@ -41,7 +43,16 @@ pub fn fill_along_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, p
         }
         left.retain(|&i| unknown.pixels()[i]);
     }
+    let near: Vec<Vec<usize>> = filled.iter().map(|&i| around(i).filter(|&j| same_surface(i, j)).collect()).collect();
+    for _ in 0..SMOOTHING {
+        for (&i, near) in filled.iter().zip(&near).filter(|(_, near)| !near.is_empty()) {
+            values.pixels_mut()[i] = near.iter().map(|&j| values.pixels()[j]).sum::<Vec3>() / near.len() as f32;
+        }
+    }
 }
+
+/// Gauss-Seidel sweeps towards a harmonic filling: enough for streaks some ten pixels wide.
+const SMOOTHING: usize = 60;
 
 #[cfg(test)]
 mod tests {
