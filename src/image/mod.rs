@@ -1,6 +1,7 @@
 //! Typed planes, their files, and colour.
 
 mod depth;
+mod distance;
 mod exr_read;
 mod exr_write;
 mod fill;
@@ -9,18 +10,21 @@ mod npy;
 mod plane;
 mod png_write;
 mod read;
+mod reflectance;
 mod resample;
 mod segments;
 mod transfer;
 mod upsample;
 
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
+pub use distance::distance;
 pub use exr_write::{Compression, ExrLayers};
 pub use fill::fill_along_surfaces;
 pub use grow::grow_through;
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;
 pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_photo};
+pub use reflectance::{SATURATION, ratio, reflected, smooth_step};
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};
 pub use transfer::Transfer;

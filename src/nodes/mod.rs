@@ -17,6 +17,7 @@ pub fn registry() -> Registry {
         .with::<estimate::retinex_materials::RetinexMaterials>()
         .with::<estimate::init_lights::InitLights>()
         .with::<estimate::fit_lights::FitLights>()
+        .with::<estimate::paint::Paint>()
         .with::<edit::edit_lights::EditLights>()
         .with::<render::direct::Direct>()
         .with::<render::shadow::Shadow>()

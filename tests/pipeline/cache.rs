@@ -130,7 +130,7 @@ fn a_cache_that_cannot_be_written_is_one_warning() {
     place.write("cache/tmp", "in the way of every new result");
     let told = check_right(&place, "cache", &wanted);
     assert!(!told.contains(" ran ") && !told.contains("without storing"), "{told}");
-    let told = place.check(&format!("{RUN} --cache cache --set compose.bloom=0.02 --out other"), 0);
+    let told = place.check(&format!("{RUN} --cache cache --set compose.lamp_albedo=0.4 --out other"), 0);
     assert_eq!(told.matches("without storing results").count(), 1, "{told}");
 }
 

@@ -11,6 +11,7 @@ use relight::geometry::Camera;
 use relight::graph::{Context, Gather, Node};
 use relight::image::{Albedo, Depth, Mask, Normal, Picture, Plane, Points, Shading, Transfer, write_png};
 use relight::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
+use relight::nodes::estimate::paint::{Paint, PaintIn};
 use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMaterialsIn};
 use relight::nodes::output::compose::{Compose, ComposeIn};
 use relight::nodes::render::{
@@ -323,21 +324,33 @@ fn compose() {
     radiance.push(("ball".into(), one(Vec3::new(0.2, 0.6, 1.0))));
     gain.push(("ball".into(), one(Vec3::ZERO)));
     let clear = Arc::new(Mask(Plane::filled(SIZE.0, SIZE.1, 0.0)));
+    let kinds = || Gather(vec![("lamp".to_string(), Arc::new(LightKind::Lamp))]);
+    let paint = PaintIn {
+        photo: photo.clone(),
+        clipped: clear.clone(),
+        small: photo.clone(),
+        points: room.points.clone(),
+        normal: room.normal.clone(),
+        light: Gather(room.shading([1.0, 1.0])),
+        rest: dark.clone(),
+        mask: Gather(vec![("lamp".into(), mask)]),
+        kind: kinds(),
+    };
+    let paint = Paint::default().run(paint, &Context::default()).expect("everything is sound");
     let inputs = ComposeIn {
         photo: photo.clone(),
         clipped: clear,
         camera: room.camera.clone(),
         full_depth: room.depth.clone(),
         small: photo,
-        points: room.points.clone(),
-        normal: room.normal.clone(),
         depth: room.depth.clone(),
         albedo: room.albedo.clone(),
+        paint: paint.paint,
         before: Gather(room.shading([1.0, 1.0])),
         after: Gather(after),
         rest: dark,
-        mask: Gather(vec![("lamp".into(), mask)]),
-        kind: Gather(vec![("lamp".into(), Arc::new(LightKind::Lamp))]),
+        zone: Gather(paint.zone.0),
+        kind: kinds(),
         estimated: Gather(shapes()),
         estimated_radiance: Gather(of(&|light| light.radiance.clone())),
         shape: Gather(shape),

@@ -2,4 +2,5 @@
 
 pub mod fit_lights;
 pub mod init_lights;
+pub mod paint;
 pub mod retinex_materials;

@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::Camera;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Depth, Mask, Normal, Picture, Plane, Points, Shading, Upsampler, fill_along_surfaces, grow_through,
-    luminance,
+    Albedo, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, distance, luminance, ratio, reflected,
+    smooth_step,
 };
 use crate::optics::{LightKind, Radiance, Shape};
 use crate::{params, ports};
@@ -48,9 +48,6 @@ params! {
         lamp_albedo: f32 = 0.5,
         /// Albedo shown by the pane of a window that is switched off; 0..=1.
         pane_albedo: f32 = 0.05,
-        /// Least width of the bloom around a visible light, as a share of the photo's longer side, within which unexplained
-        /// light is the light's own; a lamp's bloom is at least half as wide as the lamp. 0..=0.1.
-        bloom: f32 = 0.01,
     }
 }
 
@@ -68,20 +65,18 @@ ports! {
         small: Arc<Picture>,
         /// Planar z at working size.
         depth: Arc<Depth>,
-        /// Points of the seen surface, working size.
-        points: Arc<Points>,
-        /// Their normals.
-        normal: Arc<Normal>,
-        /// Albedo at working size.
+        /// Estimated albedo, working size.
         albedo: Arc<Albedo>,
+        /// Photo over shading, filled in where a light hides it, working size.
+        paint: Arc<Albedo>,
         /// Shading by each light as estimated, working size.
         before: Gather<Shading>,
         /// Shading by each light after the edit, working size.
         after: Gather<Shading>,
         /// Shading that no light explains, working size.
         rest: Arc<Shading>,
-        /// Pixels of each visible light, photo size.
-        mask: Gather<Mask>,
+        /// How far each photo pixel is a visible light's own: 1 where it is the light, less in its glare and bloom.
+        zone: Gather<Mask>,
         /// What each visible light is.
         kind: Gather<LightKind>,
         /// The lights as estimated.
@@ -114,8 +109,7 @@ ports! {
 struct Emitter {
     /// Index among the lights after the edit.
     light: usize,
-    /// How far each photo pixel is the light's own: see [`zone`].
-    zone: Plane<f32>,
+    zone: Arc<Mask>,
     fill: f32,
     shape: Arc<Shape>,
     radiance: Arc<Radiance>,
@@ -129,11 +123,9 @@ impl Node for Compose {
     type Out = ComposeOut;
 
     fn check(&self) -> Result<(), String> {
-        for (name, value, end) in
-            [("lamp_albedo", self.lamp_albedo, 1.0), ("pane_albedo", self.pane_albedo, 1.0), ("bloom", self.bloom, 0.1)]
-        {
-            if !(0.0..=end).contains(&value) {
-                return Err(format!("{name}: wanted 0..={end}, got {value}"));
+        for (name, value) in [("lamp_albedo", self.lamp_albedo), ("pane_albedo", self.pane_albedo)] {
+            if !(0.0..=1.0).contains(&value) {
+                return Err(format!("{name}: wanted 0..=1, got {value}"));
             }
         }
         Ok(())
@@ -146,7 +138,6 @@ impl Node for Compose {
         let emitters = self.emitters(&inputs, &names)?;
         let inserted = inserted(&inputs, &names)?;
         let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
-        let paint = paint(&inputs, &emitters);
         let depth_of_white = distance(&inputs.clipped.0.map(|share| share < 0.5));
         ctx.check_cancelled()?;
 
@@ -166,7 +157,7 @@ impl Node for Compose {
                 before.extend(names.iter().map(|id| inputs.before.get(id).map_or(Vec3::ZERO, |light| at(&light.0))));
                 let surface = Surface {
                     albedo: at(&inputs.albedo.0),
-                    paint: at(&paint),
+                    paint: at(&inputs.paint.0),
                     headroom: (1.0 + HEADROOM * depth_of_white.get(x, y)).min(4.0),
                 };
                 self.pixel(&inputs, &emitters, (x, y), &before, surface, record);
@@ -194,14 +185,12 @@ impl Compose {
     fn emitters(&self, inputs: &ComposeIn, names: &[&str]) -> Result<Vec<Emitter>, NodeError> {
         let missing = |id: &str, what: &str| NodeError::Failed(format!("visible light {id:?} has no {what}"));
         let mut emitters = Vec::new();
-        for (id, mask) in inputs.mask.iter() {
+        for (id, zone) in inputs.zone.iter() {
             let light = names.iter().position(|name| *name == id).ok_or_else(|| missing(id, "layer"))?;
             let kind = inputs.kind.get(id).ok_or_else(|| missing(id, "kind"))?;
-            let (w, h) = mask.0.size();
-            let bloom = self.bloom * w.max(h) as f32;
             emitters.push(Emitter {
                 light,
-                zone: zone(&mask.0, **kind, bloom, &inputs.photo, &inputs.clipped),
+                zone: zone.clone(),
                 fill: if **kind == LightKind::Lamp { self.lamp_albedo } else { self.pane_albedo },
                 shape: inputs.estimated.get(id).ok_or_else(|| missing(id, "estimate"))?.clone(),
                 radiance: inputs.estimated_radiance.get(id).ok_or_else(|| missing(id, "estimated radiance"))?.clone(),
@@ -226,7 +215,7 @@ impl Compose {
         let shading = before.iter().sum::<Vec3>() + rest;
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
-        let nearest = emitters.iter().map(|e| (e.zone.get(x, y), e)).reduce(|a, b| if b.0 > a.0 { b } else { a });
+        let nearest = emitters.iter().map(|e| (e.zone.0.get(x, y), e)).reduce(|a, b| if b.0 > a.0 { b } else { a });
         if let Some((1.0, emitter)) = nearest {
             let (seen, gain) = emitter.seen(ray());
             let shown = unclipped(photo, seen, headroom);
@@ -280,12 +269,6 @@ fn gain_of(before: Vec3, after: Vec3) -> Vec3 {
     Vec3::from_array([0, 1, 2].map(|c| if before[c] > 1e-9 { after[c] / before[c] } else { 1.0 }))
 }
 
-/// 0 up to `from`, 1 from `to` on, without a kink.
-fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
-    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}
-
 impl Emitter {
     /// The radiance that the light shows along `ray`, as estimated, and the gain of what it shows.
     fn seen(&self, ray: Vec3) -> (Vec3, Vec3) {
@@ -311,7 +294,7 @@ impl Emitter {
 struct Surface {
     /// As estimated.
     albedo: Vec3,
-    /// Photo over shading, filled in where a light hides it: see [`paint`].
+    /// Photo over shading, filled in where a light hides it.
     paint: Vec3,
     /// How many times brighter than white a saturated channel may be.
     headroom: f32,
@@ -323,45 +306,6 @@ const HEADROOM: f32 = 0.15;
 /// What a pixel shows when saturated channels are as bright as the model says, within `headroom`; others are as they are.
 fn unclipped(photo: Vec3, model: Vec3, headroom: f32) -> Vec3 {
     Vec3::select(photo.cmpge(Vec3::splat(0.98)), photo.max(model.min(headroom * photo)), photo)
-}
-
-/// Reflectance at working size: photo over shading, and, where lights and saturation hide the surface, that of the
-/// surface around, so that nothing changes at their edge.
-fn paint(inputs: &ComposeIn, emitters: &[Emitter]) -> Plane<Vec3> {
-    let (w, h) = inputs.small.0.size();
-    let (full_w, full_h) = inputs.photo.0.size();
-    // The zones are at the photo's size; the largest of a working pixel's is its own.
-    let mut hidden = Plane::filled(w, h, false);
-    for zone in emitters.iter().map(|e| &e.zone) {
-        for i in (0..zone.len()).filter(|&i| zone.pixels()[i] > 0.0) {
-            hidden.set(i % full_w * w / full_w, i / full_w * h / full_h, true);
-        }
-    }
-    let reflectance = |i: usize| {
-        let lights = inputs.before.iter().map(|(_, light)| light.0.pixels()[i]);
-        reflected(inputs.small.0.pixels()[i], lights.sum::<Vec3>() + inputs.rest.0.pixels()[i])
-    };
-    let mut paint = Plane::new(w, h, (0..w * h).map(reflectance).collect());
-    for (hidden, shown) in hidden.pixels_mut().iter_mut().zip(inputs.small.0.pixels()) {
-        *hidden |= shown.max_element() > SATURATION[0];
-    }
-    fill_along_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
-    paint
-}
-
-/// Largest channel from which, and at which wholly, a pixel is the strongest light's.
-const SATURATION: [f32; 2] = [0.75, 0.98];
-
-/// Per channel a / b, 1 where both vanish, large but finite where only b does.
-fn ratio(a: Vec3, b: Vec3) -> Vec3 {
-    (a + Vec3::splat(1e-9)) / (b + Vec3::splat(1e-9))
-}
-
-/// The part of `photo` over `shading` that is taken for a reflectance: at most 1 in the largest channel, the colour kept, so that
-/// what stays unexplained has the photo's colour and not that of one channel.
-fn reflected(photo: Vec3, shading: Vec3) -> Vec3 {
-    let whole = ratio(photo, shading);
-    whole / whole.max_element().max(1.0)
 }
 
 /// Lights that are drawn: index, cover, and what they show at a pixel.
@@ -393,75 +337,4 @@ fn inserted<'a>(
         drawn.push((light, cover, glow));
     }
     Ok(drawn)
-}
-
-/// Share of a lamp's brightness below which a pixel of its mask is no part of what shines: feet and stands are often in it.
-const STAND: f32 = 0.3;
-/// A light's own glare: all but its own pixels.
-const GLARE: f32 = 0.999;
-
-/// How far each pixel is the light's own: 1 where it is the light, [`GLARE`] in the saturated pixels around it, falling to 0
-/// in its bloom, whose width is at least `bloom` pixels and, for a lamp, half its own.
-fn zone(mask: &Plane<f32>, kind: LightKind, bloom: f32, photo: &Picture, clipped: &Mask) -> Plane<f32> {
-    let (w, h) = mask.size();
-    let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
-    let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
-    levels.sort_by(f32::total_cmp);
-    let bright = levels.get(levels.len() * 9 / 10).copied().unwrap_or(0.0);
-    let (core, reach, dark) = match kind {
-        LightKind::Lamp => {
-            let core = grow_through(mask, &clipped.0);
-            let area = core.pixels().iter().filter(|inside| **inside).count();
-            (core, bloom.max(0.5 * (area as f32).sqrt()), STAND * bright)
-        }
-        LightKind::Window => (mask.map(|share| share > 0.5), bloom, 0.0),
-    };
-    let away = distance(&core);
-    Plane::from_fn(w, h, |x, y| {
-        if mask.get(x, y) > 0.5 && luminance(photo.0.get(x, y)) >= dark {
-            1.0
-        } else {
-            GLARE * (1.0 - smooth_step(0.0, reach.max(1.0), away.get(x, y)))
-        }
-    })
-}
-
-/// Distance of each pixel from `core`, in pixels, to a few per cent: Borgefors' chamfer (1986) with steps 1 and sqrt 2.
-fn distance(core: &Plane<bool>) -> Plane<f32> {
-    let (w, h) = core.size();
-    let mut away = core.map(|inside| if inside { 0.0 } else { f32::MAX });
-    let diagonal = std::f32::consts::SQRT_2;
-    let mut relax = |x: usize, y: usize, steps: [(isize, isize, f32); 4]| {
-        let near = steps.into_iter().filter_map(|(dx, dy, step)| {
-            let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
-            (x < w && y < h).then(|| away.get(x, y) + step)
-        });
-        let least = near.fold(away.get(x, y), f32::min);
-        away.set(x, y, least);
-    };
-    for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
-        relax(x, y, [(-1, 0, 1.0), (0, -1, 1.0), (-1, -1, diagonal), (1, -1, diagonal)]);
-    }
-    for (x, y) in (0..h).rev().flat_map(|y| (0..w).rev().map(move |x| (x, y))) {
-        relax(x, y, [(1, 0, 1.0), (0, 1, 1.0), (1, 1, diagonal), (-1, 1, diagonal)]);
-    }
-    away
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn distances_are_euclidean_to_eight_per_cent() {
-        let mut core = Plane::filled(40, 30, false);
-        core.set(12, 9, true);
-        let away = distance(&core);
-        for (x, y) in (0..40).flat_map(|x| (0..30).map(move |y| (x, y))) {
-            let exact = (x as f32 - 12.0).hypot(y as f32 - 9.0);
-            // The octagon of the chamfer lies at most 1 / cos(22.5 degrees) = 1.082 outside the circle.
-            assert!(away.get(x, y) >= exact - 1e-3 && away.get(x, y) <= 1.083 * exact + 1e-3, "({x}, {y})");
-        }
-        assert!(distance(&Plane::filled(3, 3, false)).pixels().iter().all(|d| *d > 1e30));
-    }
 }

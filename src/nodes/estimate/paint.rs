@@ -1,0 +1,129 @@
+//! `Paint`: what the surface reflects, also where a light hides it.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::graph::{Context, Gather, Node, NodeError, Scatter};
+use crate::image::{
+    Albedo, Mask, Normal, Picture, Plane, Points, SATURATION, Shading, distance, fill_along_surfaces, grow_through,
+    luminance, reflected, smooth_step,
+};
+use crate::optics::LightKind;
+use crate::{params, ports};
+
+params! {
+    /// Marks how far pixels are a visible light's own, and finds the reflectance of the surface, under lights and saturation too.
+    ///
+    /// Reflectance is photo over shading; where a light or saturation hides the surface it is that of the surface around, so
+    /// that nothing changes at the edge. No edit of a light changes any of it.
+    pub struct Paint {
+        /// Least width of the bloom around a visible light, as a share of the photo's longer side, within which unexplained
+        /// light is the light's own; a lamp's bloom is at least half as wide as the lamp. 0..=0.1.
+        bloom: f32 = 0.01,
+    }
+}
+
+ports! {
+    pub input PaintIn {
+        /// The linear photo.
+        photo: Arc<Picture>,
+        /// 1 where the photo is saturated.
+        clipped: Arc<Mask>,
+        /// The photo at working size.
+        small: Arc<Picture>,
+        /// Points of the seen surface, working size.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// Shading by each light as estimated, working size.
+        light: Gather<Shading>,
+        /// Shading that no light explains, working size.
+        rest: Arc<Shading>,
+        /// Pixels of each visible light, photo size.
+        mask: Gather<Mask>,
+        /// What each visible light is.
+        kind: Gather<LightKind>,
+    }
+}
+
+ports! {
+    pub output PaintOut {
+        /// Reflectance, 0..=1, working size.
+        paint: Arc<Albedo>,
+        /// How far each photo pixel is the light's own: 1 where it is the light, less in its glare and bloom.
+        zone: Scatter<Mask>,
+    }
+}
+
+impl Node for Paint {
+    const KIND: &'static str = "Paint";
+    const VERSION: u32 = 1;
+    type In = PaintIn;
+    type Out = PaintOut;
+
+    fn check(&self) -> Result<(), String> {
+        match self.bloom {
+            b if (0.0..=0.1).contains(&b) => Ok(()),
+            b => Err(format!("bloom: wanted 0..=0.1, got {b}")),
+        }
+    }
+
+    fn run(&self, inputs: PaintIn, _: &Context) -> Result<PaintOut, NodeError> {
+        let (full_w, full_h) = inputs.photo.0.size();
+        let bloom = self.bloom * full_w.max(full_h) as f32;
+        let mut zones = Vec::new();
+        for (id, mask) in inputs.mask.iter() {
+            let kind = inputs
+                .kind
+                .get(id)
+                .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
+            zones.push((id.to_string(), Arc::new(Mask(zone(&mask.0, **kind, bloom, &inputs.photo, &inputs.clipped)))));
+        }
+        let (w, h) = inputs.small.0.size();
+        let mut hidden = inputs.small.0.map(|shown| shown.max_element() > SATURATION[0]);
+        for (_, zone) in &zones {
+            for i in (0..zone.0.len()).filter(|&i| zone.0.pixels()[i] > 0.0) {
+                hidden.set(i % full_w * w / full_w, i / full_w * h / full_h, true);
+            }
+        }
+        let reflectance = |i: usize| {
+            let lights = inputs.light.iter().map(|(_, light)| light.0.pixels()[i]);
+            reflected(inputs.small.0.pixels()[i], lights.sum::<Vec3>() + inputs.rest.0.pixels()[i])
+        };
+        let mut paint = Plane::new(w, h, (0..w * h).map(reflectance).collect());
+        fill_along_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
+        Ok(PaintOut { paint: Arc::new(Albedo(paint)), zone: Scatter(zones) })
+    }
+}
+
+/// Share of a lamp's brightness below which a pixel of its mask is no part of what shines: feet and stands are often in it.
+const STAND: f32 = 0.3;
+/// A light's own glare: all but its own pixels.
+const GLARE: f32 = 0.999;
+
+/// How far each pixel is the light's own: 1 where it is the light, [`GLARE`] in the saturated pixels around it, falling to 0
+/// in its bloom, whose width is at least `bloom` pixels and, for a lamp, half its own.
+fn zone(mask: &Plane<f32>, kind: LightKind, bloom: f32, photo: &Picture, clipped: &Mask) -> Plane<f32> {
+    let (w, h) = mask.size();
+    let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
+    let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
+    levels.sort_by(f32::total_cmp);
+    let bright = levels.get(levels.len() * 9 / 10).copied().unwrap_or(0.0);
+    let (core, reach, dark) = match kind {
+        LightKind::Lamp => {
+            let core = grow_through(mask, &clipped.0);
+            let area = core.pixels().iter().filter(|inside| **inside).count();
+            (core, bloom.max(0.5 * (area as f32).sqrt()), STAND * bright)
+        }
+        LightKind::Window => (mask.map(|share| share > 0.5), bloom, 0.0),
+    };
+    let away = distance(&core);
+    Plane::from_fn(w, h, |x, y| {
+        if mask.get(x, y) > 0.5 && luminance(photo.0.get(x, y)) >= dark {
+            1.0
+        } else {
+            GLARE * (1.0 - smooth_step(0.0, reach.max(1.0), away.get(x, y)))
+        }
+    })
+}
