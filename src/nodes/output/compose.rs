@@ -158,7 +158,7 @@ impl Node for Compose {
                 let surface = Surface {
                     albedo: at(&inputs.albedo.0),
                     paint: at(&inputs.paint.0),
-                    headroom: (1.0 + HEADROOM * depth_of_white.get(x, y)).min(4.0),
+                    headroom: (1.0 + HEADROOM * depth_of_white.get(x, y)).min(MOST),
                 };
                 self.pixel(&inputs, &emitters, (x, y), &before, surface, record);
                 for (light, cover, glow) in &inserted {
@@ -218,7 +218,7 @@ impl Compose {
         let nearest = emitters.iter().map(|e| (e.zone.0.get(x, y), e)).reduce(|a, b| if b.0 > a.0 { b } else { a });
         if let Some((1.0, emitter)) = nearest {
             let (seen, gain) = emitter.seen(ray());
-            let shown = unclipped(photo, seen, headroom);
+            let shown = unclipped(photo, seen, MOST);
             let others = shading - before[emitter.light];
             owned(record, shown, others, Vec3::splat(emitter.fill), emitter.light, gain);
             return;
@@ -299,6 +299,9 @@ struct Surface {
     /// How many times brighter than white a saturated channel may be.
     headroom: f32,
 }
+
+/// Most that a saturated channel may show, in whites: two stops.
+const MOST: f32 = 4.0;
 
 /// Growth of what a saturated pixel may show per pixel of distance from the edge of the white: no step at that edge.
 const HEADROOM: f32 = 0.15;
