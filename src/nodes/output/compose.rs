@@ -300,6 +300,9 @@ struct Surface {
     headroom: f32,
 }
 
+/// A channel that counts as saturated: 254 of 255 in sRGB, and all but the same in other encodings.
+const WHITE: f32 = 0.991;
+
 /// Most that a saturated channel may show, in whites: two stops.
 const MOST: f32 = 4.0;
 
@@ -308,7 +311,7 @@ const HEADROOM: f32 = 0.15;
 
 /// What a pixel shows when saturated channels are as bright as the model says, within `headroom`; others are as they are.
 fn unclipped(photo: Vec3, model: Vec3, headroom: f32) -> Vec3 {
-    Vec3::select(photo.cmpge(Vec3::splat(0.98)), photo.max(model.min(headroom * photo)), photo)
+    Vec3::select(photo.cmpge(Vec3::splat(WHITE)), photo.max(model.min(headroom * photo)), photo)
 }
 
 /// Lights that are drawn: index, cover, and what they show at a pixel.
