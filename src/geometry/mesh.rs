@@ -18,10 +18,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::rays::{FAR, RayMesh};
-use crate::image::{Mask, Plane, Points};
-
-/// Relative depth difference beyond which two neighbouring pixels are not the same surface; diagonals take sqrt(2) of it.
-pub const DEPTH_STEP: f32 = 0.12;
+use crate::image::{Mask, Plane, Points, STEP};
 
 /// The seen room.
 #[derive(Serialize, Deserialize)]
@@ -226,7 +223,7 @@ fn corners(cell: u8, half: usize) -> [usize; 3] {
 fn split(depth: impl Fn(usize) -> f32, inside: impl Fn(&usize) -> bool) -> u8 {
     let steep = |a: usize, b: usize| {
         let (a, b, diagonal) = (depth(a), depth(b), a + b == 3);
-        (a - b).abs() > DEPTH_STEP * if diagonal { std::f32::consts::SQRT_2 } else { 1.0 } * a.min(b)
+        (a - b).abs() > STEP * if diagonal { std::f32::consts::SQRT_2 } else { 1.0 } * a.min(b)
     };
     let along = |rising: u8| {
         let mut cell = rising;

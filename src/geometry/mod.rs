@@ -10,7 +10,7 @@ mod up;
 
 pub use camera::Camera;
 pub use grid::{Grid, cosine_direction};
-pub use mesh::{DEPTH_STEP, Hit, Own, SceneMesh, Sight};
+pub use mesh::{Hit, Own, SceneMesh, Sight};
 pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};
 pub use surface::{Surface, surface};

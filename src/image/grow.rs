@@ -1,6 +1,6 @@
-//! A mask grown through pixels of a kind.
+//! Masks grown.
 
-use super::Plane;
+use super::{Mask, Plane};
 
 /// The pixels of `seed` (above 0.5) and all pixels of `through` (above 0.5) that hang together with them, as far as
 /// twice its longer side beyond its bounding box: the glare around a light that its mask is too small for.
@@ -28,6 +28,20 @@ pub fn grow_through(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
         }
     }
     grown
+}
+
+/// The pixels within `reach` rows and columns of one that some of `masks` marks at all; all masks have this size.
+pub fn around<'a>(masks: impl Iterator<Item = &'a Mask>, (w, h): (usize, usize), reach: usize) -> Plane<bool> {
+    let mut near = Plane::filled(w, h, false);
+    for mask in masks {
+        for i in (0..w * h).filter(|&i| mask.0.pixels()[i] > 0.0) {
+            let (x, y) = (i % w, i / w);
+            for y in y.saturating_sub(reach)..(y + reach + 1).min(h) {
+                near.pixels_mut()[y * w + x.saturating_sub(reach)..y * w + (x + reach + 1).min(w)].fill(true);
+            }
+        }
+    }
+    near
 }
 
 #[cfg(test)]

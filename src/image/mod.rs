@@ -20,7 +20,7 @@ pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
 pub use distance::distance;
 pub use exr_write::{Compression, ExrLayers};
 pub use fill::fill_along_surfaces;
-pub use grow::grow_through;
+pub use grow::{around, grow_through};
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;
 pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_photo};
@@ -66,3 +66,9 @@ pub fn luminance(rgb: Vec3) -> f32 {
 }
 /// Rec.709 luminance weights of linear red, green, blue.
 pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+/// Natural logarithm per channel, nothing below `least`.
+fn log_above(least: f32, rgb: Vec3) -> Vec3 {
+    let c = rgb.max(Vec3::splat(least));
+    Vec3::new(c.x.ln(), c.y.ln(), c.z.ln())
+}

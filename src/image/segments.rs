@@ -8,7 +8,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Albedo, Normal, Picture, Plane};
+use super::{Albedo, Normal, Picture, Plane, log_above};
 
 /// The segment of each pixel, numbered from 0 without gaps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,8 +42,7 @@ impl Picture {
 }
 
 fn log_rgb(rgb: Vec3) -> Vec3 {
-    let c = rgb.max(Vec3::splat(BLACK));
-    Vec3::new(c.x.ln(), c.y.ln(), c.z.ln())
+    log_above(BLACK, rgb)
 }
 
 fn chroma(log: Vec3) -> Vec3 {

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Depth, Picture, Plane};
+use super::{Depth, Picture, Plane, log_above};
 
 /// Weights from each photo pixel to working pixels, found on demand from depth and colour.
 ///
@@ -77,8 +77,7 @@ impl Taps {
 }
 
 fn log(rgb: Vec3) -> Vec3 {
-    let c = rgb.max(Vec3::splat(0.004));
-    Vec3::new(c.x.ln(), c.y.ln(), c.z.ln())
+    log_above(0.004, rgb)
 }
 
 #[cfg(test)]

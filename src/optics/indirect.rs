@@ -54,15 +54,11 @@ impl Transport {
         self.nearest.pixels()[pixel] as usize
     }
 
-    /// Per receiver, the share of its rays that look into the unseen part of the room.
-    pub fn open(&self) -> Vec<f32> {
-        let share = |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
-        self.hits.pixels().chunks(self.hits.width().max(1)).map(share).collect()
-    }
-
-    /// Number of rays that look into the unseen part of the room.
-    pub fn misses(&self) -> u64 {
-        self.hits.pixels().iter().filter(|&&hit| hit == MISS).count() as u64
+    /// Shading of each receiver by an even ambient of radiance 1 from the unseen part of the room, a fifth of which reaches everywhere.
+    pub fn ambient(&self) -> Vec<Vec3> {
+        let open = |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
+        let shading = |row: &[u32]| Vec3::splat(0.2 + 0.8 * open(row));
+        self.hits.pixels().chunks(self.hits.width().max(1)).map(shading).collect()
     }
 }
 

@@ -9,7 +9,7 @@
 use glam::{DVec3, Vec3};
 
 use super::nnls;
-use crate::image::{Mask, Picture, Segments, luminance};
+use crate::image::{Mask, Picture, Segments, around, luminance};
 
 /// A photo on the pixels that take part in a fit.
 pub struct Evidence {
@@ -57,17 +57,8 @@ pub fn evidence_pixels<'a>(
     photo: &Picture,
     masks: impl Iterator<Item = &'a Mask>,
 ) -> Vec<usize> {
-    let (w, h) = photo.0.size();
-    let mut taken = vec![false; w * h];
-    for mask in masks {
-        for i in (0..w * h).filter(|&i| mask.0.pixels()[i] > 0.0) {
-            let (x, y) = (i % w, i / w);
-            for y in y.saturating_sub(2)..(y + 3).min(h) {
-                taken[y * w + x.saturating_sub(2)..y * w + (x + 3).min(w)].fill(true);
-            }
-        }
-    }
-    candidates.filter(|&i| !taken[i] && luminance(photo.0.pixels()[i]) > 0.004).collect()
+    let taken = around(masks, photo.0.size(), 2);
+    candidates.filter(|&i| !taken.pixels()[i] && luminance(photo.0.pixels()[i]) > 0.004).collect()
 }
 
 /// One light lobe's unit layer on the pixels of an [`Evidence`], and how much it must earn its place.

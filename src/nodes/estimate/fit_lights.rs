@@ -5,7 +5,9 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, fill_along_surfaces, luminance};
+use crate::image::{
+    Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, around, fill_along_surfaces, luminance,
+};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::{Column, Evidence, Radiance, Transport, evidence_pixels, fit_radiances};
 use crate::{params, ports};
@@ -95,9 +97,7 @@ impl Node for FitLights {
         let pixels = evidence_pixels(receivers.into_iter(), &inputs.photo, masks().chain([&*inputs.ignore]));
         let evidence = Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2);
 
-        let ambient: Vec<Vec3> =
-            inputs.transport.open().into_iter().map(|open| Vec3::splat(0.2 + 0.8 * open)).collect();
-        let ambient = grid.upsample(&inputs.points, &inputs.normal, &[ambient]).remove(0);
+        let ambient = grid.upsample(&inputs.points, &inputs.normal, &[inputs.transport.ambient()]).remove(0);
         let mut layers: Vec<(Vec<Vec3>, f64)> = Vec::new();
         for (id, direct) in inputs.direct.iter() {
             let (Some(visibility), Some(indirect)) = (inputs.visibility.get(id), inputs.indirect.get(id)) else {
@@ -135,14 +135,7 @@ impl Node for FitLights {
         let mut albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
         // Neither a light's own pixels nor saturated ones tell an albedo, nor the seam around them.
         let seam = (w.max(h) / 64).max(2);
-        let mut unknown = Plane::filled(w, h, false);
-        for i in (0..w * h).filter(|&i| masks().chain([&*inputs.clipped]).any(|mask| mask.0.pixels()[i] > 0.0)) {
-            let (x, y) = (i % w, i / w);
-            for y in y.saturating_sub(seam)..(y + seam + 1).min(h) {
-                let row = y * w..(y + 1) * w;
-                unknown.pixels_mut()[row][x.saturating_sub(seam)..(x + seam + 1).min(w)].fill(true);
-            }
-        }
+        let unknown = around(masks().chain([&*inputs.clipped]), (w, h), seam);
         fill_along_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
         Ok(FitLightsOut {
             radiance: Scatter(radiance),

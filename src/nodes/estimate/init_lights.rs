@@ -160,7 +160,7 @@ impl<'a> Scout<'a> {
         };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), &inputs.photo, masks);
-        let open = inputs.transport.open();
+        let ambient = inputs.transport.ambient();
         let used: Vec<usize> = {
             let mut next = pixels.iter().peekable();
             (0..grid.len()).filter(|&i| next.next_if(|&&p| p == grid.pixel(i)).is_some()).collect()
@@ -171,7 +171,7 @@ impl<'a> Scout<'a> {
             points: Points(row(&inputs.points.0)),
             normal: Normal(row(&inputs.normal.0)),
             evidence: Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2),
-            ambient: used.iter().map(|&i| Vec3::splat(0.2 + 0.8 * open[i])).collect(),
+            ambient: used.iter().map(|&i| ambient[i]).collect(),
             used,
         }
     }
