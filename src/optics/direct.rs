@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::{Emitter, Shape, estimate};
+use super::estimate::{BATCHES, estimate};
+use super::{Emitter, Shape};
 use crate::image::{Normal, Plane, Points};
 
 /// Per lobe of unit radiance: irradiance / pi, and its standard error (zero where a closed form was used).
@@ -21,25 +22,27 @@ impl Direct {
     }
 }
 
-/// Closed forms where there are any, else about `samples` samples per pixel. The planes are of one size.
+/// Closed forms where there are any, else `samples` samples per pixel, rounded up to whole batches. The planes are of one size.
 pub fn direct(points: &Points, normal: &Normal, shape: &Shape, samples: usize, seed: u64) -> Direct {
     let emitter = Emitter::new(shape);
     let (width, height) = points.0.size();
-    let shade = |out: &mut Vec<_>, i: usize| {
-        let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
-        match emitter.irradiance(point, n) {
-            Some(e) => ([e, 0.0, 0.0], [0.0; 3]),
-            None => {
-                emitter.sample(point, n, samples, seed, i as u32, out);
-                estimate(out, samples)
+    let (mut lobes, mut stderr) = (Vec::new(), Vec::new());
+    for lobe in 0..shape.lobes() {
+        let shade = |i: usize| {
+            let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
+            match emitter.irradiance(lobe, point, n) {
+                Some(e) => (e, 0.0),
+                None => {
+                    let each = samples.div_ceil(BATCHES);
+                    let (e, error) = estimate(&emitter, lobe, (point, n), each, seed, i as u32);
+                    (e as f32, error as f32)
+                }
             }
-        }
-    };
-    let pixels = (0..width * height).into_par_iter().with_min_len(width.max(1));
-    let (values, errors): (Vec<[f32; 3]>, Vec<[f32; 3]>) = pixels.map_init(Vec::new, shade).unzip();
-    let plane = |of: &[[f32; 3]], k: usize| Plane::new(width, height, of.iter().map(|v| v[k]).collect());
-    Direct {
-        lobes: (0..shape.lobes()).map(|k| plane(&values, k)).collect(),
-        stderr: (0..shape.lobes()).map(|k| plane(&errors, k)).collect(),
+        };
+        let pixels = (0..width * height).into_par_iter().with_min_len(width.max(1));
+        let (values, errors): (Vec<f32>, Vec<f32>) = pixels.map(shade).unzip();
+        lobes.push(Plane::new(width, height, values));
+        stderr.push(Plane::new(width, height, errors));
     }
+    Direct { lobes, stderr }
 }

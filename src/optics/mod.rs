@@ -3,6 +3,7 @@
 mod candidates;
 mod direct;
 mod emitter;
+mod estimate;
 mod gaussian;
 mod indirect;
 mod light;
@@ -18,7 +19,8 @@ mod window;
 
 pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates};
 pub use direct::{Direct, direct};
-pub use emitter::{Emitter, LightSample, estimate};
+pub use emitter::{Emitter, LightSample, Seen};
+pub use estimate::{BATCHES, estimate, stream};
 pub use gaussian::Gaussian;
 pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};

@@ -1,4 +1,4 @@
-//! Random numbers without state: a hash of (seed, pixel, stream) shifts a low-discrepancy sequence.
+//! Random numbers without state: a hash of (seed, pixel, stream) scrambles a low-discrepancy sequence.
 
 /// The four-dimensional PCG hash of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020.
 fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
@@ -15,28 +15,26 @@ fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
     v
 }
 
-/// A stream of points in the unit square, evenly spread for any number of them: the additive recurrence of Roberts, "The
-/// Unreasonable Effectiveness of Quasirandom Sequences" (2018), shifted at random per (seed, pixel, stream) so that each
-/// point alone is uniformly distributed and neighbouring pixels are independent.
+/// A stream of points in the unit square: the Sobol sequence with Owen scrambling (Burley, "Practical Hash-based Owen
+/// Scrambling", JCGT 9(4), 2020). Each point alone is uniformly distributed, any first 2^k of a stream are evenly spread, and
+/// the streams of different (seed, pixel, stream) are independent of each other.
 #[derive(Clone, Copy)]
 pub struct Points2 {
-    shift: [u32; 2],
+    scramble: u32,
 }
+
+/// Points that one stream has; later ones repeat.
+pub const STREAM: usize = 1 << 16;
 
 impl Points2 {
     pub fn new(seed: u64, pixel: u32, stream: u32) -> Points2 {
-        let [x, y, _, _] = pcg4d([seed as u32, (seed >> 32) as u32, pixel, stream]);
-        Points2 { shift: [x, y] }
+        let [scramble, ..] = pcg4d([seed as u32, (seed >> 32) as u32, pixel, stream]);
+        Points2 { scramble }
     }
 
     /// The `i`th point, both coordinates in [0, 1).
     pub fn get(&self, i: usize) -> [f64; 2] {
-        // 2^32 / g and 2^32 / g^2, where g^3 = g + 1: wrapping multiplication is the fractional part.
-        const STEP: [u32; 2] = [3_242_174_889, 2_447_445_414];
-        std::array::from_fn(|k| {
-            let turned = self.shift[k].wrapping_add(STEP[k].wrapping_mul(i as u32));
-            f64::from(turned) / 4_294_967_296.0
-        })
+        [0, 1].map(|axis| f64::from(sobol_burley::sample((i % STREAM) as u32, axis, self.scramble)))
     }
 }
 

@@ -7,6 +7,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::estimate::{BATCHES, stream};
 use super::{Emitter, Shape};
 use crate::geometry::{Grid, Own, SceneMesh, Sight};
 use crate::image::{Mask, Normal, Plane, Points};
@@ -14,7 +15,7 @@ use crate::image::{Mask, Normal, Plane, Points};
 /// How shadows are traced.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadowQuality {
-    /// Rays per traced pixel.
+    /// Rays per traced pixel and lobe, rounded up to whole batches.
     pub samples: usize,
     pub seed: u64,
     /// 1 traces every pixel, 2 every second one along each axis, and so on.
@@ -51,31 +52,36 @@ pub fn shadow(
     let is_own = |pixel: usize| own.is_some_and(|own| own.0.pixels()[pixel] > 0.5);
     let passes = own.map(Own::new);
     let grid = Grid::new(points.0.size(), quality.stride);
-    let trace = |samples: &mut Vec<_>, i: usize| {
+    let each = quality.samples.div_ceil(BATCHES);
+    let trace = |i: usize| {
         let pixel = grid.pixel(i);
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
-        let count = if is_own(pixel) { 0 } else { quality.samples };
-        emitter.sample(point, n, count, quality.seed, pixel as u32, samples);
         let from = point + n * mesh.offset(point);
-        let (mut all, mut lit, mut unknown) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO);
-        for sample in samples.iter() {
-            let part = Vec3::from(sample.parts);
-            all += part;
-            match mesh.visibility(from, sample.place, passes.as_ref()) {
-                Sight::Lit => lit += part,
-                Sight::Unknown => unknown += part,
-                Sight::Blocked => {}
+        let (mut all, mut lit, mut unknown, mut rays) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, 0);
+        for lobe in 0..lobes {
+            let seen = if is_own(pixel) { None } else { emitter.seen(lobe, point, n) };
+            let Some(seen) = seen else { continue };
+            for batch in 0..BATCHES {
+                let stream = stream(quality.seed, pixel as u32, lobe, batch);
+                for sample in (0..each).filter_map(|i| seen.sample(i, stream.get(i))) {
+                    rays += 1;
+                    all[lobe] += sample.part;
+                    match mesh.visibility(from, sample.place, passes.as_ref()) {
+                        Sight::Lit => lit[lobe] += sample.part,
+                        Sight::Unknown => unknown[lobe] += sample.part,
+                        Sight::Blocked => {}
+                    }
+                }
             }
         }
         // Lobes without any light here have no say in their neighbours' shadows.
         let valid = all.cmpgt(Vec3::splat(1e-30));
         let whole = Vec3::select(valid, all, Vec3::ONE);
         let valid = Vec3::select(valid, Vec3::ONE, Vec3::ZERO);
-        ([lit / whole, unknown / whole, valid], samples.len() as u64)
+        ([lit / whole, unknown / whole, valid], rays)
     };
     let columns = grid.size().0.max(1);
-    let traced: Vec<([Vec3; 3], u64)> =
-        (0..grid.len()).into_par_iter().with_min_len(columns).map_init(Vec::new, trace).collect();
+    let traced: Vec<([Vec3; 3], u64)> = (0..grid.len()).into_par_iter().with_min_len(columns).map(trace).collect();
     let channels: [Vec<Vec3>; 3] = std::array::from_fn(|c| traced.iter().map(|(values, _)| values[c]).collect());
     let up = grid.upsample(points, normal, &channels);
     let (width, height) = points.0.size();

@@ -1,17 +1,15 @@
-//! Irradiance through a window: spherical Gaussians over a rectangle, by multiple importance sampling.
+//! Irradiance through a window: a spherical Gaussian over a rectangle, by multiple importance sampling.
 //!
-//! E_k = (1/pi) integral over the seen rectangle of G_k(l) cos(theta) dl, for each lobe k. Directions come from several
-//! strategies at once: uniform over the rectangle's solid angle, and from each lobe that is narrower than the rectangle. A
-//! sample of any strategy counts for every lobe with the balance heuristic (Veach, 1997): G_k cos / (pi sum_j n_j p_j).
+//! E = (1/pi) integral over the seen rectangle of G(l) cos(theta) dl, for each lobe by itself. Directions come uniformly from
+//! the rectangle's solid angle, or from the lobe, or from both with the balance heuristic (Veach, 1997): a sample counts as
+//! G cos / (pi sum_j c_j p_j), c_j being the share of strategy j.
 
 use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::emitter::LightSample;
 use super::gaussian::Gaussian;
-use super::random::Points2;
-use super::rectangle::Rectangle;
+use super::rectangle::{Rectangle, SeenRectangle};
 use super::{Lobe, Window};
 
 /// A window made ready for sampling.
@@ -27,47 +25,60 @@ impl Opening {
         Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes })
     }
 
-    /// About `n` samples towards the window; those that miss it or come from below the horizon are left out.
-    pub fn sample(&self, point: DVec3, normal: DVec3, n: usize, seed: u64, pixel: u32, out: &mut Vec<LightSample>) {
-        let Some(seen) = self.rectangle.seen_from(point) else { return };
+    /// E of a lobe of unit radiance where it has a closed form: behind the window there is none of it.
+    pub fn irradiance(&self, _lobe: usize, point: DVec3, _normal: DVec3) -> Option<f64> {
+        (self.rectangle.height(point) <= 0.0).then_some(0.0)
+    }
+
+    /// One lobe as seen from a receiver; `None` behind the window.
+    pub fn seen(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<SeenOpening<'_>> {
+        let (gaussian, seen) = (self.lobes[lobe], self.rectangle.seen_from(point)?);
         // A lobe wider than the rectangle is better sampled through the rectangle.
-        let narrow = self.lobes.each_ref().map(|g| g.solid_angle() < seen.solid_angle());
-        let each = n / (2 * narrow.iter().filter(|&&yes| yes).count().max(1));
-        let counts = narrow.map(|yes| if yes { each } else { 0 });
-        let uniform = n - counts.iter().sum::<usize>();
-        let mut add = |place: DVec3, direction: DVec3| {
-            let cos = normal.dot(direction);
-            if cos <= 0.0 {
-                return;
-            }
-            let values = self.lobes.each_ref().map(|g| g.value(direction));
-            let mut density = uniform as f64 * seen.pdf(place);
-            for k in 0..3 {
-                density += counts[k] as f64 * self.lobes[k].pdf(values[k]);
-            }
-            let parts = values.map(|g| g * cos / (PI * density));
-            out.push(LightSample::new(point + place, parts));
+        let narrow = gaussian.solid_angle() < seen.solid_angle();
+        Some(SeenOpening {
+            rectangle: &self.rectangle,
+            seen,
+            gaussian,
+            point,
+            normal,
+            through_lobe: if narrow { 0.5 } else { 0.0 },
+        })
+    }
+}
+
+/// One lobe of a window as seen from a receiver.
+pub struct SeenOpening<'a> {
+    rectangle: &'a Rectangle,
+    seen: SeenRectangle,
+    gaussian: Gaussian,
+    point: DVec3,
+    normal: DVec3,
+    /// Share of the samples that come from the lobe.
+    through_lobe: f64,
+}
+
+impl SeenOpening<'_> {
+    /// The `i`th sample: a place relative to the receiver, and its part of E; `None` for a direction that misses the window or
+    /// comes from below the horizon.
+    pub fn sample(&self, _i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+        let (place, direction) = if u < self.through_lobe {
+            let direction = self.gaussian.sample([u / self.through_lobe, v]);
+            (self.rectangle.meet(self.point, direction)?, direction)
+        } else {
+            let place = self.seen.sample([(u - self.through_lobe) / (1.0 - self.through_lobe), v]);
+            (place, place.normalize_or_zero())
         };
-        let points = Points2::new(seed, pixel, 0);
-        for i in 0..uniform {
-            let place = seen.sample(points.get(i));
-            add(place, place.normalize_or_zero());
-        }
-        for (k, lobe) in self.lobes.iter().enumerate() {
-            let points = Points2::new(seed, pixel, 1 + k as u32);
-            for i in 0..counts[k] {
-                let direction = lobe.sample(points.get(i));
-                if let Some(place) = self.rectangle.meet(point, direction) {
-                    add(place, direction);
-                }
-            }
-        }
+        let cos = self.normal.dot(direction);
+        let value = self.gaussian.value(direction);
+        let density = self.through_lobe * self.gaussian.pdf(value) + (1.0 - self.through_lobe) * self.seen.pdf(place);
+        (cos > 0.0).then(|| (place, value * cos / (PI * density)))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::Points2;
     use glam::Vec3;
 
     fn opening(lobes: [(Vec3, f32); 3]) -> Opening {
@@ -77,9 +88,11 @@ mod tests {
     }
 
     fn samples(o: &Opening, normal: DVec3, n: usize, pixel: u32) -> [f64; 3] {
-        let mut out = Vec::new();
-        o.sample(DVec3::ZERO, normal, n, 5, pixel, &mut out);
-        std::array::from_fn(|k| out.iter().map(|s| f64::from(s.parts[k])).sum())
+        std::array::from_fn(|k| {
+            let points = Points2::new(5, pixel, k as u32);
+            let seen = o.seen(k, DVec3::ZERO, normal).unwrap();
+            (0..n).filter_map(|i| seen.sample(i, points.get(i))).map(|(_, part)| part / n as f64).sum()
+        })
     }
 
     /// The slow, obvious twin: a fine grid over the rectangle.
@@ -140,8 +153,9 @@ mod tests {
             let o = opening([(sun, bandwidth), (Vec3::Y, 1.0), (Vec3::NEG_Y, 1.0)]);
             let wanted = o.lobes[0].solid_angle() * f64::from(sun.z) / PI;
             for pixel in 0..20 {
+                // Of 16 evenly spread points 7 to 9 go to the lobe.
                 let got = samples(&o, DVec3::Z, 16, pixel)[0];
-                assert!((got / wanted - 1.0).abs() < 0.02, "{bandwidth}: {got} {wanted}");
+                assert!((got / wanted - 1.0).abs() < 0.15, "{bandwidth}: {got} {wanted}");
             }
         }
     }

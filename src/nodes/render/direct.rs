@@ -41,7 +41,7 @@ ports! {
 
 impl Node for Direct {
     const KIND: &'static str = "Direct";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = DirectIn;
     type Out = DirectOut;
 

@@ -51,7 +51,7 @@ ports! {
 
 impl Node for Shadow {
     const KIND: &'static str = "Shadow";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = ShadowIn;
     type Out = ShadowOut;
 
