@@ -73,7 +73,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
