@@ -208,7 +208,7 @@ fn tell(names: &[String], layers: &[(Vec<Vec3>, f64)], fit: &RadianceFit, eviden
             names[pair[0]], names[pair[1]]
         ));
     }
-    if !fit.moving.is_empty() {
+    if !fit.moving.is_empty() && !few {
         ctx.warn(format!(
             "the fit did not settle: after {} turns (parameter `turns`) a light still changes by {:.1} %: {}",
             fit.turns,
