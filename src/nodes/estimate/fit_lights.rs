@@ -104,10 +104,10 @@ impl Node for FitLights {
                 return Err(NodeError::Failed(format!("light {id:?} has no visibility or no indirect shading")));
             };
             let cost = if [INV_LAMP, INV_WINDOW].contains(&id) { self.invisible_cost } else { 0.0 };
-            for lobe in 0..direct.lobes.len() {
+            for (lobe, e) in direct.lobes.iter().enumerate() {
                 // Of the lobes of a window the first is the sun.
                 let cost = if direct.lobes.len() == 3 && lobe == 0 { self.sun_cost } else { cost };
-                let (e, lit, bounced) = (&direct.lobes[lobe], &visibility.lit[lobe], &indirect.lobes[lobe].0);
+                let (lit, bounced) = (&visibility.lit[lobe], &indirect.lobes[lobe].0);
                 let layer = |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
                 layers.push((pixels.iter().map(layer).collect(), cost));
                 names.push(if direct.lobes.len() == 3 { format!("{id} ({})", LOBES[lobe]) } else { id.into() });

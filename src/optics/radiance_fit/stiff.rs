@@ -136,8 +136,8 @@ fn a_light_at_its_bound_agrees_with_the_twin() {
     // The pull on the colours of the other two leaves it a ten-thousandth in blue.
     assert!(fit.radiance[1].max_element() < 1e-4, "{fit:?}");
     for i in [0, 2] {
-        for c in 0..3 {
-            let (got, want) = (f64::from(fit.radiance[i][c]), twin[i][c]);
+        for (c, want) in twin[i].into_iter().enumerate() {
+            let got = f64::from(fit.radiance[i][c]);
             assert!((got / want - 1.0).abs() < 1e-5, "light {i}: {got} against {want}");
         }
     }
@@ -193,9 +193,9 @@ fn a_light_a_million_times_weaker_is_found_as_the_twin_finds_it() {
     let ratio = fit.radiance[1] / fit.radiance[0];
     assert!(ratio.max_element() < 3e-6 && fit.conditioning.number < 1e3, "{ratio} {fit:?}");
     let twin = twin(&weak, 600);
-    for c in 0..3 {
-        let off = (f64::from(fit.radiance[0][c]) / twin[0][c] - 1.0).abs();
-        let weak = (f64::from(fit.radiance[1][c]) - twin[1][c]).abs() / twin[0][c];
+    for (c, (strong, faint)) in twin[0].into_iter().zip(twin[1]).enumerate() {
+        let off = (f64::from(fit.radiance[0][c]) / strong - 1.0).abs();
+        let weak = (f64::from(fit.radiance[1][c]) - faint).abs() / strong;
         assert!(off < 1e-6 && weak < 1e-7, "{off:e} {weak:e}");
     }
 }
