@@ -97,8 +97,8 @@ fn solve_free(gram: &[f64], b: &[f64], free: &[bool]) -> Option<Vec<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::rows::{Rows, enumerated};
     use super::*;
+    use crate::optics::rows::{Rows, enumerated};
     use proptest::prelude::*;
 
     fn gram_of(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, Vec<f64>) {

@@ -377,6 +377,7 @@ fn likely_colour(w: [f64; 3]) -> [f64; 3] {
 }
 
 #[cfg(test)]
+#[path = "stiff.rs"]
 mod stiff;
 
 #[cfg(test)]

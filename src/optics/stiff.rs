@@ -2,8 +2,8 @@
 //! instead of normal equations, Householder's QR instead of Cholesky, every set of active bounds instead of Lawson and Hanson's
 //! path.
 
-use super::super::rows::{Rows, enumerated};
 use super::*;
+use crate::optics::rows::{Rows, enumerated};
 
 /// `pixels` in `segments` stretches of paint under lights that fall off from places along the row.
 struct Row {
