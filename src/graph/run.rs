@@ -273,8 +273,13 @@ impl<'a> Run<'a> {
         };
         check_members(node, &outputs).map_err(Stop::Failed)?;
         let seconds = began.elapsed().as_secs_f64();
-        let header =
-            Header { key_text: job.text.clone(), values: vec![], stderr: ctx.stderr(), warnings: ctx.warnings() };
+        let header = Header {
+            key_text: job.text.clone(),
+            values: vec![],
+            stderr: ctx.stderr(),
+            warnings: ctx.warnings(),
+            notes: ctx.notes(),
+        };
         let entry = Arc::new(Entry::made(job.key, header, &outputs));
         let values = entry.all().expect("a result just made has all its values");
         self.hold(job.at, &entry);
@@ -429,6 +434,7 @@ impl<'a> Run<'a> {
             key: entry.map(|e| e.key),
             why: None,
             warnings: entry.map(|e| e.header.warnings.clone()).unwrap_or_default(),
+            notes: entry.map(|e| e.header.notes.clone()).unwrap_or_default(),
             error: None,
             bad_file: false,
         }

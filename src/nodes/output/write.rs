@@ -68,7 +68,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = WriteIn;
     type Out = WriteOut;
 
@@ -122,8 +122,16 @@ impl Write {
         if let Some(lux) = inputs.encoding.lux {
             layers.comment(&format!("exposure: white shows 1 at {lux} lux"));
         }
-        if layers.clamped() > 0 {
-            ctx.warn(format!("picture.exr: {} samples above 65504 are written as 65504", layers.clamped()));
+        for (layer, largest) in layers.kept_as_float() {
+            if *largest > 1.0 {
+                ctx.warn(format!(
+                    "picture.exr: {layer} reaches {largest:.3e}, a half float 65504: it is written as 32-bit float"
+                ));
+            } else {
+                ctx.note(format!(
+                    "picture.exr: {layer} is {largest:.3e} at most, too little for half floats: it is written as 32-bit float"
+                ));
+            }
         }
         layers.write(self.compression).map_err(NodeError::Failed)
     }
@@ -211,11 +219,12 @@ fn lit_share(radiance: &Radiance, visibility: &Visibility) -> Plane<f32> {
 
 /// sqrt(sum_k (Y(w_k) s_k V_k)^2)
 fn standard_error(radiance: &Radiance, direct: &UnitDirect, visibility: &Visibility) -> Plane<f32> {
-    let mut variance = direct.stderr[0].map(|_| 0.0);
+    // The square of a radiance of 1e20 is no 32-bit number.
+    let mut variance = direct.stderr[0].map(|_| 0.0f64);
     for ((w, s), v) in radiance.0.iter().zip(&direct.stderr).zip(&visibility.lit) {
         let y = w.dot(LUMINANCE);
-        let error = s.pixels().iter().zip(v.pixels()).map(|(s, v)| y * s * v);
+        let error = s.pixels().iter().zip(v.pixels()).map(|(s, v)| f64::from(y * s * v));
         variance.pixels_mut().iter_mut().zip(error).for_each(|(sum, e)| *sum += e * e);
     }
-    variance.map(f32::sqrt)
+    variance.map(|v| v.sqrt() as f32)
 }
