@@ -226,7 +226,7 @@ fn a_run_tells_what_it_did() {
     let first = report(&room);
     let wanted = ["backend", "edit", "graph", "nodes", "peak_bytes", "relight", "seconds", "threads", "warnings"];
     assert_eq!(fields(&first), wanted);
-    let wanted = ["bytes", "key", "kind", "name", "rays", "seconds", "status", "stderr", "why"];
+    let wanted = ["bytes", "key", "kind", "name", "rays", "samples", "seconds", "status", "stderr", "why"];
     assert_eq!(fields(&first["nodes"][0]), wanted);
     assert_eq!(first["nodes"][0]["status"], "ran");
 
@@ -252,6 +252,10 @@ fn a_setting_wins_and_is_explained() {
     assert!(out.contains("long_side") && out.contains("320") && out.contains('8'), "{out}");
     room.check_refused("explain graph.ron edit.ron scnee --scene scene", "scene");
     room.check_refused(&format!("{RUN} --only scnee"), "scene");
+    // A target for stages that this graph does not have is no fault.
+    check_runs(&room, "plan graph.ron --scene scene --target-error 1%", 0);
+    room.check_refused(&format!("{RUN} --target-error 150%"), "wanted a share above 0 and below 1");
+    room.check_refused(&format!("{RUN} --budget 3"), "wanted a number and a unit");
     room.check_refused(&format!("{RUN} --set scene.long_syde=8"), "--set scene.long_syde:1:1\nlong_side");
     room.check_refused(&format!("{RUN} --set scnee.long_side=8"), "--set scnee.long_side:1:1\nscene");
     room.check_refused(&format!("{RUN} --set scene.long_side=0"), "--set scene.long_side:1:1\nat least 1");

@@ -10,15 +10,16 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::estimate::{BATCHES, mean, pooled, stream, tiles};
 use super::random::Points2;
 use crate::geometry::{Grid, SceneMesh, cosine_direction};
-use crate::image::{Albedo, Normal, Plane, Points, Shading};
+use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance};
 
 /// What each receiver (a point of a coarse grid) sees along its rays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Transport {
     grid: Grid,
-    /// One row per receiver, one column per ray: the pixel met, or [`MISS`].
+    /// One row per receiver, one column per ray, batch after batch: the pixel met, or [`MISS`].
     hits: Plane<u32>,
     /// Each pixel's nearest receiver on its own surface.
     nearest: Plane<u32>,
@@ -62,7 +63,7 @@ impl Transport {
     }
 }
 
-/// Traces `rays` cosine-distributed rays from every `stride`th pixel. `points` and `normal` have the size of `mesh`.
+/// Traces `rays` cosine-distributed rays, rounded up to whole batches, from every `stride`th pixel. `points` and `normal` have the size of `mesh`.
 pub fn trace_bounces(
     mesh: &SceneMesh,
     points: &Points,
@@ -73,17 +74,18 @@ pub fn trace_bounces(
 ) -> Transport {
     let (width, height) = points.0.size();
     let grid = Grid::new((width, height), stride);
+    let each = rays.div_ceil(BATCHES).max(1);
     let trace = |i: usize| -> Vec<u32> {
         let pixel = grid.pixel(i);
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
         let from = point + n * mesh.offset(point);
-        let random = Points2::new(seed, pixel as u32, 0);
-        let look = |ray: usize| {
+        let look = |random: Points2, ray: usize| {
             let direction = cosine_direction(n, random.get(ray));
             let hit = mesh.closest(from, direction)?;
             (normal.0.pixels()[hit.pixel as usize].dot(direction) < 0.0).then_some(hit.pixel)
         };
-        (0..rays).map(|ray| look(ray).unwrap_or(MISS)).collect()
+        let batch = |batch: usize| (0..each).map(move |ray| (stream(seed, pixel as u32, 0, batch), ray));
+        (0..BATCHES).flat_map(batch).map(|(random, ray)| look(random, ray).unwrap_or(MISS)).collect()
     };
     let rows: Vec<Vec<u32>> = (0..grid.len()).into_par_iter().map(trace).collect();
     let nearest = |pixel: usize| {
@@ -106,7 +108,7 @@ pub fn trace_bounces(
     let most = 4.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     areas.iter_mut().for_each(|a| *a = a.min(most));
     Transport {
-        hits: Plane::new(rays, grid.len(), rows.concat()),
+        hits: Plane::new(each * BATCHES, grid.len(), rows.concat()),
         nearest: Plane::new(width, height, nearest),
         areas: Plane::new(grid.len(), 1, areas),
         grid,
@@ -122,7 +124,10 @@ pub struct Bounces {
     pub unseen: f32,
 }
 
-/// Indirect shading of one lobe on all pixels; `direct` is its shadowed direct shading.
+/// Indirect shading of one lobe on all pixels, and the standard error of its luminance; `direct` is its shadowed direct shading.
+///
+/// The error of a receiver is the spread of the batches after the receivers around it were brought together, as part of it is
+/// common to all of them (what the unseen part shows); a pixel has that of its nearest receiver.
 pub fn indirect(
     transport: &Transport,
     points: &Points,
@@ -130,9 +135,21 @@ pub fn indirect(
     albedo: &Albedo,
     direct: &Plane<f32>,
     bounces: Bounces,
-) -> Shading {
-    let shading = indirect_at_receivers(transport, albedo, |pixel| direct.pixels()[pixel], bounces);
-    Shading(transport.grid.upsample(points, normal, &[shading]).remove(0))
+) -> (Shading, Plane<f32>) {
+    let Transport { grid, nearest, .. } = transport;
+    let receivers = gather(transport, albedo, |pixel| direct.pixels()[pixel], bounces);
+    let up = grid.spread(points, normal, |neighbours| {
+        neighbours
+            .iter()
+            .fold([Vec3::ZERO; BATCHES], |sum, &(i, weight)| std::array::from_fn(|b| sum[b] + receivers[i][b] * weight))
+    });
+    let variance = |i: usize| mean(&up.pixels()[grid.pixel(i)].map(|b| f64::from(luminance(b)))).1.powi(2);
+    let mut errors = vec![0.0; grid.len()];
+    for tile in tiles::<()>(0, grid.size(), |_| true) {
+        let variances: Vec<Option<f64>> = tile.pixels.iter().map(|&i| Some(variance(i))).collect();
+        tile.pixels.iter().zip(pooled(&tile, &variances)).for_each(|(&i, error)| errors[i] = error as f32);
+    }
+    (Shading(up.map(|batches| whole(&batches))), nearest.map(|i| errors[i as usize]))
 }
 
 /// Indirect shading of one lobe on the receivers alone; `direct` is its shadowed direct shading at a pixel.
@@ -142,32 +159,54 @@ pub fn indirect_at_receivers(
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
 ) -> Vec<Vec3> {
+    gather(transport, albedo, direct, bounces).iter().map(whole).collect()
+}
+
+fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {
+    batches.iter().sum::<Vec3>() / BATCHES as f32
+}
+
+/// Indirect shading of each receiver by each batch of its rays. The batches go their own ways through all bounces, so that their
+/// spread holds the errors of what the surfaces show as well as those of looking at them.
+fn gather(
+    transport: &Transport,
+    albedo: &Albedo,
+    direct: impl Fn(usize) -> f32 + Sync,
+    bounces: Bounces,
+) -> Vec<[Vec3; BATCHES]> {
     let Transport { grid, hits, nearest, areas } = transport;
     let receivers = grid.len();
     // An albedo of one would never come to rest.
     let reflect = |pixel: usize| albedo.0.pixels()[pixel].clamp(Vec3::ZERO, Vec3::splat(0.95));
     let area: f64 = areas.pixels().iter().map(|&a| f64::from(a)).sum();
-    let mean = |value: &dyn Fn(usize) -> Vec3| -> Vec3 {
+    let mean_of = |value: &dyn Fn(usize) -> Vec3| -> Vec3 {
         let sum: glam::DVec3 = (0..receivers).map(|i| value(i).as_dvec3() * f64::from(areas.pixels()[i])).sum();
         if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
     };
-    let mean_albedo = mean(&|i| reflect(grid.pixel(i)));
-    let rays = hits.width().max(1) as f32;
-    // One bounce of the light `before`, which is the shading of a pixel.
-    let bounce = |before: &(dyn Fn(usize) -> Vec3 + Sync)| -> Vec<Vec3> {
-        let ambient = bounces.unseen * mean(&|i| reflect(grid.pixel(i)) * before(grid.pixel(i)));
-        let shown = |&hit: &u32| if hit == MISS { ambient } else { reflect(hit as usize) * before(hit as usize) };
-        let gather = |row: &[u32]| row.iter().map(shown).sum::<Vec3>() / rays;
+    let mean_albedo = mean_of(&|i| reflect(grid.pixel(i)));
+    let each = (hits.width() / BATCHES).max(1);
+    // One bounce of the light `before`, which is the shading of a pixel in the eyes of a batch: per receiver and batch of rays.
+    let bounce = |before: &(dyn Fn(usize, usize) -> Vec3 + Sync)| -> Vec<[Vec3; BATCHES]> {
+        let shown = |pixel: usize, b: usize| reflect(pixel) * before(pixel, b);
+        let ambient: [Vec3; BATCHES] = std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(grid.pixel(i), b)));
+        let met = |hit: u32, b: usize| if hit == MISS { ambient[b] } else { shown(hit as usize, b) };
+        let gather = |row: &[u32]| {
+            let batch = |b: usize| row[b * each..(b + 1) * each].iter().map(|&hit| met(hit, b)).sum::<Vec3>();
+            std::array::from_fn(|b| batch(b) / each as f32)
+        };
         hits.pixels().par_chunks(hits.width().max(1)).with_min_len(64).map(gather).collect()
     };
-    let mut last = bounce(&|pixel| Vec3::splat(direct(pixel)));
+    let mut last = bounce(&|pixel, _| Vec3::splat(direct(pixel)));
     let mut total = last.clone();
+    let add = |total: &mut [[Vec3; BATCHES]], last: &[[Vec3; BATCHES]], times: Vec3| {
+        let pairs = total.iter_mut().flatten().zip(last.iter().flatten());
+        pairs.for_each(|(sum, add)| *sum += *add * times);
+    };
     for _ in 1..bounces.count.max(1) {
-        last = bounce(&|pixel| last[nearest.pixels()[pixel] as usize]);
-        total.iter_mut().zip(&last).for_each(|(sum, add)| *sum += *add);
+        last = bounce(&|pixel, b| last[nearest.pixels()[pixel] as usize][b]);
+        add(&mut total, &last, Vec3::ONE);
     }
     // Each further bounce is taken to be the one before times the mean albedo: exact where the albedo is constant.
-    let tail = mean_albedo / (Vec3::ONE - mean_albedo);
-    total.iter_mut().zip(&last).for_each(|(sum, add)| *sum += *add * tail);
+    add(&mut total, &last, mean_albedo / (Vec3::ONE - mean_albedo));
     total
 }

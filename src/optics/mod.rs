@@ -27,7 +27,7 @@ pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates}
 pub use conditioning::Conditioning;
 pub use direct::{Direct, direct};
 pub use emitter::{Emitter, LightSample, Seen};
-pub use estimate::{BATCHES, estimate, stream};
+pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
 pub use evidence::{Evidence, evidence_pixels, white_level};
 pub use gaussian::Gaussian;
 pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
