@@ -2,10 +2,12 @@
 //!
 //!     cargo bench --bench rays -- [PEER]
 //!
-//! One thread, rays one by one. Rounds of all sides alternate and the best counts: other work only ever adds.
+//! One thread, rays one by one. Sides alternate after every few milliseconds, and of each such piece the best round counts:
+//! other work only ever adds.
 
 use std::hint::black_box;
 use std::io::{BufRead, BufReader, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::Instant;
@@ -15,6 +17,8 @@ use relight::geometry::{Camera, RayMesh, cosine_direction};
 
 const ROUNDS: usize = 25;
 const RAYS: usize = 100_000;
+/// Rays after which the next side has its turn.
+const PIECE: usize = 5000;
 
 /// Numbers in 0..1 that are the same everywhere (xorshift, Marsaglia 2003).
 struct Random(u64);
@@ -138,14 +142,14 @@ impl Set {
     }
 
     /// Triangle (or `u32::MAX`; 0 of any hit) and distance of each ray.
-    fn trace(&self, mesh: &RayMesh) -> Vec<(u32, f32)> {
+    fn trace(&self, mesh: &RayMesh, piece: Range<usize>) -> Vec<(u32, f32)> {
         let miss = (u32::MAX, 0.0);
         let ask = |&(origin, direction, limit): &(Vec3, Vec3, f32)| match self.closest {
             true => mesh.closest(origin, direction).map_or(miss, |hit| (hit.id, hit.distance)),
             false if mesh.any(origin, direction, limit, |_| true) => (0, 0.0),
             false => miss,
         };
-        self.rays.iter().map(ask).collect()
+        self.rays[piece].iter().map(ask).collect()
     }
 }
 
@@ -246,16 +250,21 @@ fn measure(height: usize, width: usize, program: Option<&str>) {
         }
     }
     for (i, set) in sets.iter().enumerate() {
-        let mut best = vec![f64::INFINITY; 1 + peers.len()];
+        let pieces: Vec<_> = (0..set.rays.len()).step_by(PIECE).map(|i| i..set.rays.len().min(i + PIECE)).collect();
+        let mut best = vec![vec![f64::INFINITY; pieces.len()]; 1 + peers.len()];
         for _ in 0..ROUNDS {
-            let began = Instant::now();
-            black_box(set.trace(&ours));
-            best[0] = best[0].min(began.elapsed().as_secs_f64());
-            for (best, (_, peer)) in best[1..].iter_mut().zip(&mut peers) {
-                *best = best.min(peer.ask(&format!("run {i}")).parse().expect("seconds"));
+            for (p, piece) in pieces.iter().enumerate() {
+                let began = Instant::now();
+                black_box(set.trace(&ours, piece.clone()));
+                best[0][p] = best[0][p].min(began.elapsed().as_secs_f64());
+                for (best, (_, peer)) in best[1..].iter_mut().zip(&mut peers) {
+                    let seconds = peer.ask(&format!("run {i} {} {}", piece.start, piece.end));
+                    best[p] = best[p].min(seconds.parse().expect("seconds"));
+                }
             }
         }
-        let hits = set.trace(&ours);
+        let best: Vec<f64> = best.iter().map(|pieces| pieces.iter().sum()).collect();
+        let hits = set.trace(&ours, 0..set.rays.len());
         let count = hits.iter().filter(|h| h.0 != u32::MAX).count();
         let rate = |seconds: f64| set.rays.len() as f64 / seconds * 1e-6;
         println!("  {:26} {:6.2} M rays/s   {count} of {} hit", set.name, rate(best[0]), set.rays.len());

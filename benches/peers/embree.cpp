@@ -5,8 +5,8 @@
 //
 // MESH: u32 vertices, u32 triangles, then f32 x 3 a vertex and u32 x 3 a triangle.
 // RAYS: u32 0 (any hit) or 1 (closest), u32 rays, then f32 x 7 a ray: origin, direction, limit.
-// Requests, a line each: `run I` traces set I and answers with seconds; `hits I PATH` writes u32 triangle (or -1; 0 for any
-// hit) and f32 distance of each of its rays.
+// Requests, a line each: `run I FROM TO` traces these rays of set I and answers with seconds; `hits I PATH` writes u32 triangle
+// (or -1; 0 for any hit) and f32 distance of each of its rays, once they have all been traced.
 
 #include <embree3/rtcore.h>
 #include <pmmintrin.h>
@@ -76,10 +76,10 @@ static RTCScene build(RTCDevice device, const char* path, bool robust) {
     return scene;
 }
 
-static void trace(RTCScene scene, Set& set) {
+static void trace(RTCScene scene, Set& set, size_t from, size_t to) {
     RTCIntersectContext context;
     rtcInitIntersectContext(&context);
-    for (size_t i = 0; i < set.rays.size(); i++) {
+    for (size_t i = from; i < to; i++) {
         const Input& in = set.rays[i];
         RTCRayHit ray = {};
         ray.ray = {in.origin[0], in.origin[1], in.origin[2], 0.0f, in.direction[0], in.direction[1], in.direction[2], 0.0f,
@@ -115,9 +115,11 @@ int main(int count, char** arguments) {
     while (std::cin >> request >> index) {
         Set& set = sets.at(index);
         if (request == "run") {
-            auto from = Clock::now();
-            trace(scene, set);
-            std::cout << seconds(from) << std::endl;
+            size_t from, to;
+            if (!(std::cin >> from >> to) || from > to || to > set.rays.size()) fail("no such rays");
+            auto began = Clock::now();
+            trace(scene, set, from, to);
+            std::cout << seconds(began) << std::endl;
         } else if (request == "hits") {
             std::string path;
             std::cin >> path;
