@@ -132,22 +132,29 @@ impl Bvh8 {
             } else {
                 let node = &self.nodes[at as usize];
                 let (mut entered, nears) = slabs.enter(node, limit);
-                if entered.is_power_of_two() {
-                    at = node.children[entered.trailing_zeros() as usize & 7];
-                    continue;
-                }
-                let begin = waiting;
-                while entered != 0 {
-                    let slot = entered.trailing_zeros() as usize & 7;
-                    entered &= entered - 1;
-                    let child = (nears[slot], node.children[slot]);
-                    let mut place = waiting;
-                    waiting += 1;
-                    while NEAREST_FIRST && place > begin && stack[place - 1].0 < child.0 {
-                        stack[place] = stack[place - 1];
-                        place -= 1;
+                if entered != 0 {
+                    let take = |entered: &mut u64| {
+                        let slot = entered.trailing_zeros() as usize & 7;
+                        *entered &= *entered - 1;
+                        (nears[slot], node.children[slot])
+                    };
+                    let mut next = take(&mut entered);
+                    let begin = waiting;
+                    while entered != 0 {
+                        let mut child = take(&mut entered);
+                        if NEAREST_FIRST && child.0 < next.0 {
+                            (child, next) = (next, child);
+                        }
+                        let mut place = waiting;
+                        waiting += 1;
+                        while NEAREST_FIRST && place > begin && stack[place - 1].0 < child.0 {
+                            stack[place] = stack[place - 1];
+                            place -= 1;
+                        }
+                        stack[place] = child;
                     }
-                    stack[place] = child;
+                    at = next.1;
+                    continue;
                 }
             }
             loop {
