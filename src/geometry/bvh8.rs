@@ -63,7 +63,7 @@ impl Bvh8 {
     fn collapse(&mut self, binary: &Bvh2, triangles: &[([Vec3; 3], u32)]) {
         let costs = Costs::new(binary);
         // What a child of the binary hierarchy becomes, where that shall be written, and how many wait beside it.
-        let mut todo: Vec<(u32, Option<(usize, usize)>, usize)> = vec![(0, None, 0)];
+        let mut todo = vec![(0, None, 0)];
         while let Some((at, place, beside)) = todo.pop() {
             let children =
                 if place.is_none() && binary.nodes[0].is_leaf() { vec![0] } else { costs.children(binary, at) };

@@ -309,7 +309,7 @@ mod tests {
         let camera = Camera::from_fov_x(320, 240, 60.0);
         let depth = |x: usize, y: usize| {
             let noise = ((x * 7919 + y * 104_729) % 1009) as f32 / 1009.0;
-            let base = if (x / 40 + y / 30) % 3 == 0 { 2.0 } else { 3.0 + 0.01 * x as f32 };
+            let base = if (x / 40 + y / 30).is_multiple_of(3) { 2.0 } else { 3.0 + 0.01 * x as f32 };
             base + 0.01 * base * noise
         };
         let mesh = RayMesh::new(depth_mesh(&camera, depth));
