@@ -137,7 +137,7 @@ impl Emitter {
             Surface::Triangles(triangles) if triangles.pieces.len() <= EXACT_PIECES => {
                 triangles.pieces.iter().map(|t| triangle_irradiance(t, point, normal)).sum()
             }
-            Surface::Window(opening) => opening.irradiance(lobe, point, normal)?,
+            Surface::Window(opening) => opening.irradiance(lobe, point, normal),
             _ => return None,
         };
         Some(if e.is_finite() { e as f32 } else { 0.0 })

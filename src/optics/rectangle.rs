@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::{DVec3, Vec3};
 
-use super::polygon::polygon_irradiance;
+use super::polygon::Outline;
 
 /// A rectangle that faces the side `normal` points to.
 #[derive(Clone, Copy)]
@@ -34,28 +34,33 @@ impl Rectangle {
         4.0 * self.x.length() * self.y.length()
     }
 
-    /// E / L at `point` with surface normal `normal`; zero on or behind the rectangle's plane.
-    pub fn irradiance(&self, point: DVec3, normal: DVec3) -> f64 {
+    /// The rectangle's part above the horizon of `normal`, as seen from `point`; `None` on or behind the rectangle's plane.
+    pub fn outline(&self, point: DVec3, normal: DVec3) -> Option<Outline> {
         if self.height(point) <= 0.0 {
-            return 0.0;
+            return None;
         }
         let d = self.center - point;
-        polygon_irradiance(
-            &[d - self.x - self.y, d + self.x - self.y, d + self.x + self.y, d - self.x + self.y],
-            normal,
-        )
+        Outline::above(&[d - self.x - self.y, d + self.x - self.y, d + self.x + self.y, d - self.x + self.y], normal)
+    }
+
+    /// E / L at `point` with surface normal `normal`; zero on or behind the rectangle's plane.
+    pub fn irradiance(&self, point: DVec3, normal: DVec3) -> f64 {
+        self.outline(point, normal).map_or(0.0, |outline| outline.irradiance(normal))
+    }
+
+    /// Where the ray from `point` along `direction` meets the rectangle's plane from the front, relative to `point`.
+    pub fn through(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
+        let (height, fall) = (self.height(point), -self.normal.dot(direction));
+        let place = direction * (height / fall);
+        (height > 0.0 && fall > 0.0 && place.is_finite()).then_some(place)
     }
 
     /// Where the ray from `point` along `direction` meets the emitting side, relative to `point`.
     pub fn meet(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
-        let (height, fall) = (self.height(point), -self.normal.dot(direction));
-        if !(height > 0.0 && fall > 0.0) {
-            return None;
-        }
-        let place = direction * (height / fall);
+        let place = self.through(point, direction)?;
         let at = point + place - self.center;
         let inside = |edge: DVec3| at.dot(edge).abs() <= edge.length_squared();
-        (place.is_finite() && inside(self.x) && inside(self.y)).then_some(place)
+        (inside(self.x) && inside(self.y)).then_some(place)
     }
 
     /// The solid angle seen from `point`, ready for sampling; `None` on or behind the plane.

@@ -8,6 +8,8 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::gaussian::Gaussian;
+use super::lobe_irradiance::Reach;
+use super::polar::{Polar, Product};
 use super::rectangle::{Rectangle, SeenRectangle};
 use super::{Lobe, Window};
 
@@ -57,63 +59,93 @@ impl Opening {
         Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes, sampling })
     }
 
-    /// E of a lobe of unit radiance where it has a closed form: behind the window there is none of it.
-    pub fn irradiance(&self, _lobe: usize, point: DVec3, _normal: DVec3) -> Option<f64> {
-        (self.rectangle.height(point) <= 0.0).then_some(0.0)
+    /// E of a lobe of unit radiance.
+    pub fn irradiance(&self, lobe: usize, point: DVec3, normal: DVec3) -> f64 {
+        let outline = self.rectangle.outline(point, normal);
+        outline.map_or(0.0, |outline| self.lobes[lobe].irradiance(&outline, normal))
     }
 
-    /// One lobe as seen from a receiver; `None` behind the window.
+    /// One lobe as seen from a receiver; `None` where none of it arrives.
     pub fn seen(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<SeenOpening<'_>> {
-        let (gaussian, seen) = (self.lobes[lobe], self.rectangle.seen_from(point)?);
-        let sampling = match self.sampling {
-            // A lobe wider than the rectangle is better sampled through the rectangle.
-            Sampling::Best if gaussian.solid_angle() < seen.solid_angle() => Sampling::BalanceOneSample,
-            Sampling::Best => Sampling::Area,
-            sampling => sampling,
+        let gaussian = self.lobes[lobe];
+        let strategy = match self.sampling {
+            Sampling::Best => {
+                let outline = self.rectangle.outline(point, normal)?;
+                match gaussian.reach(&outline) {
+                    Reach::Outside => return None,
+                    Reach::Inside => Strategy::Lobe,
+                    Reach::Across => Strategy::Product(Polar::new(&outline, Product::of(gaussian, normal))?),
+                }
+            }
+            Sampling::Lobe => Strategy::Lobe,
+            sampling => Strategy::Shared(self.rectangle.seen_from(point)?, sampling),
         };
-        Some(SeenOpening { rectangle: &self.rectangle, seen, gaussian, point, normal, sampling })
+        Some(SeenOpening { rectangle: &self.rectangle, gaussian, point, normal, strategy })
     }
 }
 
 /// One lobe of a window as seen from a receiver.
 pub struct SeenOpening<'a> {
     rectangle: &'a Rectangle,
-    seen: SeenRectangle,
     gaussian: Gaussian,
     point: DVec3,
     normal: DVec3,
-    sampling: Sampling,
+    strategy: Strategy,
+}
+
+enum Strategy {
+    /// From the lobe; what misses the window or comes from below the horizon is lost.
+    Lobe,
+    /// From what the window lets through.
+    Product(Polar),
+    /// From the rectangle, or from rectangle and lobe.
+    Shared(SeenRectangle, Sampling),
 }
 
 impl SeenOpening<'_> {
     /// The `i`th sample: a place relative to the receiver, and its part of E; `None` for a direction that misses the window or
     /// comes from below the horizon.
-    pub fn sample(&self, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
-        use Sampling::{Area, Balance, BalanceOneSample, Lobe, Power, PowerOneSample};
+    pub fn sample(&self, i: usize, uv: [f64; 2]) -> Option<(DVec3, f64)> {
+        match &self.strategy {
+            Strategy::Lobe => {
+                let direction = self.gaussian.sample(uv);
+                let place = self.rectangle.meet(self.point, direction)?;
+                let cos = self.normal.dot(direction);
+                (cos > 0.0).then(|| (place, cos * self.gaussian.solid_angle() / PI))
+            }
+            Strategy::Product(polar) => {
+                let (direction, integral) = polar.sample(uv)?;
+                Some((self.rectangle.through(self.point, direction)?, integral / PI))
+            }
+            Strategy::Shared(seen, sampling) => self.shared(seen, *sampling, i, uv),
+        }
+    }
+
+    fn shared(&self, seen: &SeenRectangle, sampling: Sampling, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+        use Sampling::{Balance, BalanceOneSample, Power, PowerOneSample};
         // Sobol points of even and of odd index lie in different halves of u: stretched, each half is evenly spread over the
         // square.
-        let [through_lobe, halves] = match self.sampling {
-            Area | Sampling::Best => [false, false],
-            Lobe => [true, false],
+        let [through_lobe, halves] = match sampling {
             Balance | Power => [i % 2 == 1, true],
             BalanceOneSample | PowerOneSample => [u >= 0.5, true],
+            _ => [false, false],
         };
         let uv = [if halves { (2.0 * u).fract() } else { u }, v];
         let (place, direction) = if through_lobe {
             let direction = self.gaussian.sample(uv);
             (self.rectangle.meet(self.point, direction)?, direction)
         } else {
-            let place = self.seen.sample(uv);
+            let place = seen.sample(uv);
             (place, place.normalize_or_zero())
         };
         let value = self.gaussian.value(direction);
-        let (area, lobe) = (self.seen.pdf(place), self.gaussian.pdf(value));
+        let (area, lobe) = (seen.pdf(place), self.gaussian.pdf(value));
         let (own, other) = if through_lobe { (lobe, area) } else { (area, lobe) };
         // One over the density, weighted: w / (c p) with c = 1/2 where two strategies share the samples.
-        let inverse = match self.sampling {
-            Area | Lobe | Sampling::Best => 1.0 / own,
+        let inverse = match sampling {
             Balance | BalanceOneSample => 2.0 / (own + other),
             Power | PowerOneSample => 2.0 * own / (own * own + other * other),
+            _ => 1.0 / own,
         };
         let cos = self.normal.dot(direction);
         (cos > 0.0).then(|| (place, value * cos * inverse / PI))

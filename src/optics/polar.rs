@@ -1,0 +1,246 @@
+//! Directions through a polygon with density proportional to a lobe times the cosine.
+//!
+//! In polar coordinates about a pole a convex outline is, for each azimuth phi, one interval of 1 - cos(theta) = t. Along it one
+//! factor of the integrand is exact: e^(-b t) about the lobe's direction, or the cosine itself, 1 - t, about the receiver's
+//! normal. What is left depends little on v, the share of the interval's mass, and is fitted by a line in v; and how much an
+//! azimuth holds is fitted by lines between few azimuths. Both fits are sampled exactly, and each sample's weight repairs what
+//! they miss.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+
+use super::gaussian::Gaussian;
+use super::polygon::Outline;
+
+/// What a direction is worth: G(l) cos(theta), or cos(theta) alone.
+#[derive(Clone, Copy)]
+pub enum Product {
+    /// About the lobe's direction; G is exact.
+    AboutLobe(Gaussian, DVec3),
+    /// About the normal; the cosine is exact.
+    AboutNormal(Option<Gaussian>, DVec3),
+}
+
+impl Product {
+    /// About the factor that varies more.
+    pub fn of(gaussian: Gaussian, normal: DVec3) -> Product {
+        if gaussian.bandwidth > 1.0 {
+            Product::AboutLobe(gaussian, normal)
+        } else {
+            Product::AboutNormal((gaussian.bandwidth > 1e-9).then_some(gaussian), normal)
+        }
+    }
+
+    fn pole(&self) -> DVec3 {
+        match self {
+            Product::AboutLobe(gaussian, _) => gaussian.direction,
+            Product::AboutNormal(_, normal) => *normal,
+        }
+    }
+
+    /// Integral of the exact factor over t in t0..t1.
+    fn mass(&self, t0: f64, t1: f64) -> f64 {
+        match self {
+            Product::AboutLobe(gaussian, _) => {
+                let b = gaussian.bandwidth;
+                (-b * t0).exp() * -(-b * (t1 - t0)).exp_m1() / b
+            }
+            Product::AboutNormal(..) => 0.5 * (t1 - t0) * (2.0 - t0 - t1).max(0.0),
+        }
+    }
+
+    /// The t below which the share `v` of that integral lies.
+    fn at(&self, t0: f64, t1: f64, v: f64) -> f64 {
+        let t = match self {
+            Product::AboutLobe(gaussian, _) => {
+                let b = gaussian.bandwidth;
+                t0 - (v * (-b * (t1 - t0)).exp_m1()).ln_1p() / b
+            }
+            Product::AboutNormal(..) => {
+                // Even in sin^2.
+                let [s0, s1] = [t0, t1].map(|t| t * (2.0 - t));
+                let s = s0 + v * (s1 - s0);
+                s / (1.0 + (1.0 - s).max(0.0).sqrt())
+            }
+        };
+        t.clamp(t0, t1)
+    }
+
+    /// The other factor.
+    fn rest(&self, direction: DVec3) -> f64 {
+        match self {
+            Product::AboutLobe(_, normal) => normal.dot(direction).max(0.0),
+            Product::AboutNormal(Some(gaussian), _) => gaussian.value(direction),
+            Product::AboutNormal(None, _) => 1.0,
+        }
+    }
+}
+
+/// A polygon ready for sampling.
+pub struct Polar {
+    product: Product,
+    /// Pole and two directions across it.
+    axes: [DVec3; 3],
+    /// Per edge: whether t ends there (or begins), and cot(theta) of its great circle as a sum of cos(phi) and sin(phi).
+    edges: [(bool, [f64; 2]); Outline::MOST],
+    edge_count: usize,
+    nodes: [Node; NODES],
+    node_count: usize,
+}
+
+/// The fit at one azimuth.
+#[derive(Clone, Copy, Default)]
+struct Node {
+    azimuth: f64,
+    /// Density over azimuth, not normalised.
+    density: f64,
+    /// Density at v = 0 over the sum of that and the density at v = 1.
+    tilt: f64,
+    /// Integral of the density up to here.
+    sum: f64,
+}
+
+/// The angle between two azimuths of the fit, and how many there can be: a full turn in at most five sectors.
+const STEP: f64 = PI / 6.0;
+const NODES: usize = 12 + Outline::MOST + 1;
+
+impl Polar {
+    /// `None` where nothing arrives from there.
+    pub fn new(outline: &Outline, product: Product) -> Option<Polar> {
+        let pole = product.pole();
+        let edges = outline.edges();
+        let center: DVec3 = edges.iter().map(|edge| edge.start.normalize()).sum();
+        let towards = (center - pole * pole.dot(center)).try_normalize();
+        let x = towards.unwrap_or_else(|| pole.any_orthonormal_vector());
+        let y = pole.cross(x);
+        let mut polar = Polar {
+            product,
+            axes: [pole, x, y],
+            edges: [(false, [0.0; 2]); Outline::MOST],
+            edge_count: edges.len(),
+            nodes: [Node::default(); NODES],
+            node_count: 0,
+        };
+        for (slot, edge) in polar.edges.iter_mut().zip(edges) {
+            let rise = edge.inward.dot(pole);
+            // A great circle through the pole: nearly so serves as well.
+            let rise = if rise.abs() < 1e-100 { 1e-100 } else { rise };
+            *slot = (rise > 0.0, [-edge.inward.dot(x) / rise, -edge.inward.dot(y) / rise]);
+        }
+        // Between the azimuths of the corners everything is smooth.
+        let mut corners = [0.0; Outline::MOST + 1];
+        for (corner, edge) in corners.iter_mut().zip(edges) {
+            *corner = edge.start.dot(y).atan2(edge.start.dot(x));
+        }
+        let mut count = edges.len();
+        corners[..count].sort_unstable_by(f64::total_cmp);
+        let about = |upper: bool| polar.edges[..polar.edge_count].iter().all(|edge| edge.0 == upper);
+        if about(true) || about(false) {
+            corners[count] = corners[0] + TAU;
+            count += 1;
+        }
+        for pair in corners[..count].windows(2) {
+            let cells = ((pair[1] - pair[0]) / STEP).ceil().max(1.0);
+            for cell in 0..cells as usize {
+                polar.add(pair[0] + (pair[1] - pair[0]) * cell as f64 / cells);
+            }
+        }
+        polar.add(corners[count - 1]);
+        polar.smooth();
+        (polar.nodes[polar.node_count - 1].sum > 0.0).then_some(polar)
+    }
+
+    /// Measures one azimuth.
+    fn add(&mut self, azimuth: f64) {
+        if self.node_count == NODES {
+            return;
+        }
+        let (sin, cos) = azimuth.sin_cos();
+        let [t0, t1] = self.interval(cos, sin);
+        let mut node = Node { azimuth, density: 0.0, tilt: 0.5, sum: 0.0 };
+        if t1 > t0 {
+            // A line through two places of the interval, held above a tenth of its mean.
+            let rest = |v: f64| self.product.rest(self.direction(self.product.at(t0, t1, v), cos, sin));
+            let (a, b) = (rest(0.25), rest(0.75));
+            let mean = 0.5 * (a + b);
+            node.density = self.product.mass(t0, t1) * mean;
+            if mean > 0.0 {
+                node.tilt = (0.5 * (1.5 * a - 0.5 * b) / mean).clamp(0.05, 0.95);
+            }
+        }
+        self.nodes[self.node_count] = node;
+        self.node_count += 1;
+    }
+
+    /// No density falls below a quarter of its neighbour's, so that a steep flank between the two is not undersampled; then
+    /// sums them up.
+    fn smooth(&mut self) {
+        let nodes = &mut self.nodes[..self.node_count];
+        let mut before = 0.0;
+        for i in 0..nodes.len() {
+            let density = nodes[i].density;
+            let after = nodes.get(i + 1).map_or(0.0, |node| node.density);
+            nodes[i].density = density.max(0.25 * f64::max(before, after));
+            before = density;
+        }
+        for i in 1..nodes.len() {
+            let width = nodes[i].azimuth - nodes[i - 1].azimuth;
+            nodes[i].sum = nodes[i - 1].sum + 0.5 * width * (nodes[i].density + nodes[i - 1].density);
+        }
+    }
+
+    /// Where the polygon begins and ends at one azimuth.
+    fn interval(&self, cos: f64, sin: f64) -> [f64; 2] {
+        // cot(theta) falls from infinity to minus infinity.
+        let (mut high, mut low) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (end, [a, b]) in &self.edges[..self.edge_count] {
+            let cot = a * cos + b * sin;
+            if *end {
+                low = low.max(cot);
+            } else {
+                high = high.min(cot);
+            }
+        }
+        [high, low].map(|cot| {
+            let sin2 = 1.0 / (1.0 + cot * cot);
+            let cos = (1.0 - sin2).max(0.0).sqrt();
+            if cot > 0.0 { sin2 / (1.0 + cos) } else { 1.0 + cos }
+        })
+    }
+
+    fn direction(&self, t: f64, cos: f64, sin: f64) -> DVec3 {
+        let [pole, x, y] = self.axes;
+        (1.0 - t) * pole + (t * (2.0 - t)).max(0.0).sqrt() * (cos * x + sin * y)
+    }
+
+    /// A direction, and the integrand there over the density: an unbiased estimate of its integral over the outline.
+    pub fn sample(&self, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+        let nodes = &self.nodes[..self.node_count];
+        let total = nodes[nodes.len() - 1].sum;
+        let target = u * total;
+        let i = nodes[1..nodes.len() - 1].partition_point(|node| node.sum <= target);
+        let (a, b) = (&nodes[i], &nodes[i + 1]);
+        let share = ((target - a.sum) / (b.sum - a.sum)).clamp(0.0, 1.0);
+        let along = line(share, a.density, b.density);
+        let azimuth = a.azimuth + along * (b.azimuth - a.azimuth);
+        let mix = |a: f64, b: f64| a + along * (b - a);
+        let tilt = mix(a.tilt, b.tilt);
+        let v = line(v, tilt, 1.0 - tilt);
+        let density = mix(a.density, b.density) * 2.0 * ((1.0 - v) * tilt + v * (1.0 - tilt)) / total;
+        let (sin, cos) = azimuth.sin_cos();
+        let [t0, t1] = self.interval(cos, sin);
+        if !(t1 > t0 && density > 0.0) {
+            return None;
+        }
+        let direction = self.direction(self.product.at(t0, t1, v), cos, sin);
+        Some((direction, self.product.mass(t0, t1) * self.product.rest(direction) / density))
+    }
+}
+
+/// Inverts the distribution on 0..1 whose density runs in a line from `a` to `b`.
+fn line(u: f64, a: f64, b: f64) -> f64 {
+    let root = (a * a + u * (b * b - a * a)).max(0.0).sqrt();
+    let sum = a + root;
+    if sum > 0.0 { (u * (a + b) / sum).min(1.0) } else { u }
+}
