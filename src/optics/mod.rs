@@ -17,6 +17,7 @@ mod rectangle;
 mod shadow;
 mod sphere;
 mod temperature;
+mod through;
 mod window;
 
 pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates};

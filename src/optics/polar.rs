@@ -6,12 +6,13 @@
 //! azimuth holds is fitted by lines between few azimuths. Both fits are sampled exactly, and each sample's weight repairs what
 //! they miss.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use glam::DVec3;
 
 use super::gaussian::Gaussian;
 use super::polygon::Outline;
+use super::through::line;
 
 /// What a direction is worth: G(l) cos(theta), or cos(theta) alone.
 #[derive(Clone, Copy)]
@@ -101,9 +102,19 @@ struct Node {
     sum: f64,
 }
 
-/// The angle between two azimuths of the fit, and how many there can be: a full turn in at most five sectors.
-const STEP: f64 = PI / 6.0;
-const NODES: usize = 12 + Outline::MOST + 1;
+/// A stretch of the fit and the measured azimuth in its middle.
+#[derive(Clone, Copy, Default)]
+struct Stretch {
+    ends: [usize; 2],
+    middle: Node,
+    /// By how much of the whole a line between the ends misses.
+    miss: f64,
+}
+
+const NODES: usize = 32;
+
+/// The share of the whole that the fit may miss.
+const MISS: f64 = 0.01;
 
 impl Polar {
     /// `None` where nothing arrives from there.
@@ -140,22 +151,68 @@ impl Polar {
             corners[count] = corners[0] + TAU;
             count += 1;
         }
-        for pair in corners[..count].windows(2) {
-            let cells = ((pair[1] - pair[0]) / STEP).ceil().max(1.0);
-            for cell in 0..cells as usize {
-                polar.add(pair[0] + (pair[1] - pair[0]) * cell as f64 / cells);
-            }
-        }
-        polar.add(corners[count - 1]);
-        polar.smooth();
+        polar.fit(&corners[..count]);
         (polar.nodes[polar.node_count - 1].sum > 0.0).then_some(polar)
     }
 
-    /// Measures one azimuth.
-    fn add(&mut self, azimuth: f64) {
-        if self.node_count == NODES {
-            return;
+    /// Puts nodes where a line between two neighbours misses most.
+    fn fit(&mut self, corners: &[f64]) {
+        let mut nodes = [Node::default(); NODES];
+        let mut stretches = [Stretch::default(); NODES];
+        let last = corners.len() - 1;
+        // What a corner closes is measured just inside of it.
+        let inside = 1e-9 * (corners[last] - corners[0]);
+        for (i, &azimuth) in corners.iter().enumerate() {
+            let shift = if i == 0 {
+                inside
+            } else if i == last {
+                -inside
+            } else {
+                0.0
+            };
+            nodes[i] = Node { azimuth, ..self.measure(azimuth + shift) };
         }
+        let stretch = |nodes: &[Node], ends: [usize; 2]| {
+            let [a, b] = ends.map(|i| nodes[i]);
+            let middle = self.measure(0.5 * (a.azimuth + b.azimuth));
+            let miss = (middle.density - 0.5 * (a.density + b.density)).abs() * (b.azimuth - a.azimuth) * (2.0 / 3.0);
+            Stretch { ends, middle, miss }
+        };
+        let mut whole = 0.0;
+        for i in 0..last {
+            stretches[i] = stretch(&nodes, [i, i + 1]);
+            let mean = (nodes[i].density + 4.0 * stretches[i].middle.density + nodes[i + 1].density) / 6.0;
+            whole += mean * (corners[i + 1] - corners[i]);
+        }
+        let mut count = corners.len();
+        while count < NODES {
+            let found = &stretches[..count - 1];
+            let missed: f64 = found.iter().map(|stretch| stretch.miss).sum();
+            let worst = (0..found.len()).max_by(|&i, &j| found[i].miss.total_cmp(&found[j].miss));
+            let Some(worst) = worst.filter(|_| missed > MISS * whole) else { break };
+            let [a, b] = stretches[worst].ends;
+            nodes[count] = stretches[worst].middle;
+            stretches[worst] = stretch(&nodes, [a, count]);
+            stretches[count - 1] = stretch(&nodes, [count, b]);
+            count += 1;
+        }
+        nodes[..count].sort_unstable_by(|a, b| a.azimuth.total_cmp(&b.azimuth));
+        // No density falls below a quarter of its neighbour's, so that a flank between the two is not undersampled.
+        let mut before = 0.0;
+        for i in 0..count {
+            let density = nodes[i].density;
+            let after = if i + 1 < count { nodes[i + 1].density } else { 0.0 };
+            nodes[i].density = density.max(0.25 * f64::max(before, after));
+            before = density;
+        }
+        for i in 1..count {
+            let width = nodes[i].azimuth - nodes[i - 1].azimuth;
+            nodes[i].sum = nodes[i - 1].sum + 0.5 * width * (nodes[i].density + nodes[i - 1].density);
+        }
+        (self.nodes, self.node_count) = (nodes, count);
+    }
+
+    fn measure(&self, azimuth: f64) -> Node {
         let (sin, cos) = azimuth.sin_cos();
         let [t0, t1] = self.interval(cos, sin);
         let mut node = Node { azimuth, density: 0.0, tilt: 0.5, sum: 0.0 };
@@ -169,25 +226,7 @@ impl Polar {
                 node.tilt = (0.5 * (1.5 * a - 0.5 * b) / mean).clamp(0.05, 0.95);
             }
         }
-        self.nodes[self.node_count] = node;
-        self.node_count += 1;
-    }
-
-    /// No density falls below a quarter of its neighbour's, so that a steep flank between the two is not undersampled; then
-    /// sums them up.
-    fn smooth(&mut self) {
-        let nodes = &mut self.nodes[..self.node_count];
-        let mut before = 0.0;
-        for i in 0..nodes.len() {
-            let density = nodes[i].density;
-            let after = nodes.get(i + 1).map_or(0.0, |node| node.density);
-            nodes[i].density = density.max(0.25 * f64::max(before, after));
-            before = density;
-        }
-        for i in 1..nodes.len() {
-            let width = nodes[i].azimuth - nodes[i - 1].azimuth;
-            nodes[i].sum = nodes[i - 1].sum + 0.5 * width * (nodes[i].density + nodes[i - 1].density);
-        }
+        node
     }
 
     /// Where the polygon begins and ends at one azimuth.
@@ -236,11 +275,4 @@ impl Polar {
         let direction = self.direction(self.product.at(t0, t1, v), cos, sin);
         Some((direction, self.product.mass(t0, t1) * self.product.rest(direction) / density))
     }
-}
-
-/// Inverts the distribution on 0..1 whose density runs in a line from `a` to `b`.
-fn line(u: f64, a: f64, b: f64) -> f64 {
-    let root = (a * a + u * (b * b - a * a)).max(0.0).sqrt();
-    let sum = a + root;
-    if sum > 0.0 { (u * (a + b) / sum).min(1.0) } else { u }
 }

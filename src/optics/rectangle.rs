@@ -137,6 +137,12 @@ impl SeenRectangle {
         x * self.axes[0] + y * self.axes[1] + self.z * self.axes[2]
     }
 
+    /// The place at shares `u`, `v` of the edges: where [`SeenRectangle::sample`] puts the corners of the unit square.
+    pub fn place(&self, u: f64, v: f64) -> DVec3 {
+        let at = |[a, b]: [f64; 2], share: f64| a + share * (b - a);
+        at(self.x, u) * self.axes[0] + at(self.y, v) * self.axes[1] + self.z * self.axes[2]
+    }
+
     /// Density per steradian of [`SeenRectangle::sample`] at a place on the rectangle.
     pub fn pdf(&self, place: DVec3) -> f64 {
         if self.area > 0.0 { place.length().powi(3) / (self.area * -self.z) } else { 1.0 / self.solid_angle }
