@@ -68,6 +68,19 @@ impl Product {
         t.clamp(t0, t1)
     }
 
+    /// [`Product::mass`] and [`Product::at`] a quarter and three quarters, in haste: good enough for a fit.
+    fn quarters(&self, t0: f64, t1: f64) -> (f64, [f64; 2]) {
+        match self {
+            Product::AboutLobe(gaussian, _) => {
+                let b = gaussian.bandwidth;
+                let [e0, e1] = [(-b * t0).exp(), (-b * t1).exp()];
+                let at = |v: f64| -(e0 + v * (e1 - e0)).ln() / b;
+                ((e0 - e1) / b, [at(0.25).clamp(t0, t1), at(0.75).clamp(t0, t1)])
+            }
+            Product::AboutNormal(..) => (self.mass(t0, t1), [self.at(t0, t1, 0.25), self.at(t0, t1, 0.75)]),
+        }
+    }
+
     /// The other factor.
     fn rest(&self, direction: DVec3) -> f64 {
         match self {
@@ -102,19 +115,21 @@ struct Node {
     sum: f64,
 }
 
-/// A stretch of the fit and the measured azimuth in its middle.
-#[derive(Clone, Copy, Default)]
-struct Stretch {
-    ends: [usize; 2],
-    middle: Node,
-    /// By how much of the whole a line between the ends misses.
-    miss: f64,
-}
-
 const NODES: usize = 32;
 
-/// The share of the whole that the fit may miss.
-const MISS: f64 = 0.01;
+/// By this share of the whole the middle of a stretch may differ from a line between its ends; as the middle becomes a node
+/// too, about a quarter of that is left.
+const MISS: f64 = 0.03;
+
+/// One azimuth, measured.
+#[derive(Clone, Copy, Default)]
+struct Slice {
+    azimuth: f64,
+    cos: f64,
+    sin: f64,
+    density: f64,
+    tilt: f64,
+}
 
 impl Polar {
     /// `None` where nothing arrives from there.
@@ -155,13 +170,12 @@ impl Polar {
         (polar.nodes[polar.node_count - 1].sum > 0.0).then_some(polar)
     }
 
-    /// Puts nodes where a line between two neighbours misses most.
+    /// Puts nodes so close that a line between neighbours misses little.
     fn fit(&mut self, corners: &[f64]) {
-        let mut nodes = [Node::default(); NODES];
-        let mut stretches = [Stretch::default(); NODES];
         let last = corners.len() - 1;
         // What a corner closes is measured just inside of it.
         let inside = 1e-9 * (corners[last] - corners[0]);
+        let mut known = [Slice::default(); 2 * Outline::MOST + 1];
         for (i, &azimuth) in corners.iter().enumerate() {
             let shift = if i == 0 {
                 inside
@@ -170,63 +184,80 @@ impl Polar {
             } else {
                 0.0
             };
-            nodes[i] = Node { azimuth, ..self.measure(azimuth + shift) };
+            known[2 * i] = Slice { azimuth, ..self.measure(azimuth + shift) };
         }
-        let stretch = |nodes: &[Node], ends: [usize; 2]| {
-            let [a, b] = ends.map(|i| nodes[i]);
-            let middle = self.measure(0.5 * (a.azimuth + b.azimuth));
-            let miss = (middle.density - 0.5 * (a.density + b.density)).abs() * (b.azimuth - a.azimuth) * (2.0 / 3.0);
-            Stretch { ends, middle, miss }
-        };
         let mut whole = 0.0;
         for i in 0..last {
-            stretches[i] = stretch(&nodes, [i, i + 1]);
-            let mean = (nodes[i].density + 4.0 * stretches[i].middle.density + nodes[i + 1].density) / 6.0;
-            whole += mean * (corners[i + 1] - corners[i]);
+            let (a, b) = (known[2 * i], known[2 * i + 2]);
+            known[2 * i + 1] = self.measure(0.5 * (a.azimuth + b.azimuth));
+            whole += (a.density + 4.0 * known[2 * i + 1].density + b.density) / 6.0 * (b.azimuth - a.azimuth);
         }
-        let mut count = corners.len();
-        while count < NODES {
-            let found = &stretches[..count - 1];
-            let missed: f64 = found.iter().map(|stretch| stretch.miss).sum();
-            let worst = (0..found.len()).max_by(|&i, &j| found[i].miss.total_cmp(&found[j].miss));
-            let Some(worst) = worst.filter(|_| missed > MISS * whole) else { break };
-            let [a, b] = stretches[worst].ends;
-            nodes[count] = stretches[worst].middle;
-            stretches[worst] = stretch(&nodes, [a, count]);
-            stretches[count - 1] = stretch(&nodes, [count, b]);
-            count += 1;
+        for i in 0..last {
+            self.divide([known[2 * i], known[2 * i + 1], known[2 * i + 2]], MISS * whole);
         }
-        nodes[..count].sort_unstable_by(|a, b| a.azimuth.total_cmp(&b.azimuth));
+        self.push(known[2 * last]);
+        let nodes = &mut self.nodes[..self.node_count];
         // No density falls below a quarter of its neighbour's, so that a flank between the two is not undersampled.
         let mut before = 0.0;
-        for i in 0..count {
+        for i in 0..nodes.len() {
             let density = nodes[i].density;
-            let after = if i + 1 < count { nodes[i + 1].density } else { 0.0 };
+            let after = nodes.get(i + 1).map_or(0.0, |node| node.density);
             nodes[i].density = density.max(0.25 * f64::max(before, after));
             before = density;
         }
-        for i in 1..count {
+        for i in 1..nodes.len() {
             let width = nodes[i].azimuth - nodes[i - 1].azimuth;
             nodes[i].sum = nodes[i - 1].sum + 0.5 * width * (nodes[i].density + nodes[i - 1].density);
         }
-        (self.nodes, self.node_count) = (nodes, count);
     }
 
-    fn measure(&self, azimuth: f64) -> Node {
+    /// Adds `a` and what is needed up to, but not with, `b`.
+    fn divide(&mut self, [a, middle, b]: [Slice; 3], allowed: f64) {
+        let miss = (2.0 / 3.0) * (middle.density - 0.5 * (a.density + b.density)).abs() * (b.azimuth - a.azimuth);
+        // Room is kept for the corners still to come.
+        if miss > allowed && self.node_count + 2 * Outline::MOST + 3 < NODES {
+            let [left, right] = [a, b].map(|end| self.halve(end, middle));
+            self.divide([a, left, middle], allowed);
+            self.divide([middle, right, b], allowed);
+        } else {
+            self.push(a);
+            self.push(middle);
+        }
+    }
+
+    fn push(&mut self, slice: Slice) {
+        if self.node_count < NODES {
+            let Slice { azimuth, density, tilt, .. } = slice;
+            self.nodes[self.node_count] = Node { azimuth, density, tilt, sum: 0.0 };
+            self.node_count += 1;
+        }
+    }
+
+    fn measure(&self, azimuth: f64) -> Slice {
         let (sin, cos) = azimuth.sin_cos();
+        self.slice(azimuth, cos, sin)
+    }
+
+    /// Half way between two azimuths less than half a turn apart.
+    fn halve(&self, a: Slice, b: Slice) -> Slice {
+        let (cos, sin) = (a.cos + b.cos, a.sin + b.sin);
+        let length = (cos * cos + sin * sin).sqrt();
+        self.slice(0.5 * (a.azimuth + b.azimuth), cos / length, sin / length)
+    }
+
+    fn slice(&self, azimuth: f64, cos: f64, sin: f64) -> Slice {
         let [t0, t1] = self.interval(cos, sin);
-        let mut node = Node { azimuth, density: 0.0, tilt: 0.5, sum: 0.0 };
+        let (mut density, mut tilt) = (0.0, 0.5);
         if t1 > t0 {
-            // A line through two places of the interval, held above a tenth of its mean.
-            let rest = |v: f64| self.product.rest(self.direction(self.product.at(t0, t1, v), cos, sin));
-            let (a, b) = (rest(0.25), rest(0.75));
-            let mean = 0.5 * (a + b);
-            node.density = self.product.mass(t0, t1) * mean;
-            if mean > 0.0 {
-                node.tilt = (0.5 * (1.5 * a - 0.5 * b) / mean).clamp(0.05, 0.95);
+            let (mass, at) = self.product.quarters(t0, t1);
+            let [a, b] = at.map(|t| self.product.rest(self.direction(t, cos, sin)));
+            density = mass * 0.5 * (a + b);
+            // A line through the two places, held above a tenth of its mean.
+            if a + b > 0.0 {
+                tilt = ((1.5 * a - 0.5 * b) / (a + b)).clamp(0.05, 0.95);
             }
         }
-        node
+        Slice { azimuth, cos, sin, density, tilt }
     }
 
     /// Where the polygon begins and ends at one azimuth.

@@ -23,7 +23,7 @@ pub enum Through {
 }
 
 /// The corners' mean may miss the middle by this much of it.
-const BILINEAR: f64 = 0.05;
+const BILINEAR: f64 = 0.5;
 
 impl Through {
     /// `outline` is the rectangle's, as seen from `point`; `None` where nothing arrives.

@@ -300,16 +300,22 @@ mod tests {
                 println!("{:16} {bandwidth:8} {} | best/min {:.4}", place.0, row.join(" "), v[6] / v[0].min(v[1]));
             }
         }
-        for bandwidth in BANDWIDTHS {
-            let mut row = String::new();
-            for s in Sampling::ALL {
-                for each in [1, 64] {
-                    let start = std::time::Instant::now();
-                    relative_variance(s, PLACES[1], bandwidth, each, 64_000 / each as u32);
-                    row += &format!(" {:6.1}", start.elapsed().as_nanos() as f64 / 256_000.0);
-                }
+        for place in PLACES {
+            for bandwidth in [1.0, 10.0, 100.0, 1e4] {
+                let cost = |s: Sampling, each: usize| {
+                    let time = |_| {
+                        let start = std::time::Instant::now();
+                        relative_variance(s, place, bandwidth, each, 4000 / each as u32);
+                        start.elapsed().as_nanos() as f64 / 4000.0
+                    };
+                    (0..8).map(time).fold(f64::INFINITY, f64::min)
+                };
+                let row = Sampling::ALL.map(|s| {
+                    let (few, many) = (cost(s, 1), cost(s, 100));
+                    format!("{:6.0} + {:4.0}", few - many, 0.25 * many)
+                });
+                println!("{:16} {bandwidth:8} ns a receiver + a sample: {}", place.0, row.join(" "));
             }
-            println!("{bandwidth:8} ns a sample (4, 256 each): {row}");
         }
     }
 }
