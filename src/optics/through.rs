@@ -11,7 +11,6 @@ use super::polygon::Outline;
 use super::rectangle::{Rectangle, SeenRectangle};
 
 /// Samples of G(l) cos(theta), or of cos(theta) alone, through a rectangle.
-#[expect(clippy::large_enum_variant, reason = "one at a time, on the stack; a heap cell per receiver would cost more")]
 pub enum Through {
     /// The lobe lies wholly within: from the lobe alone.
     Lobe(Gaussian),
@@ -19,7 +18,7 @@ pub enum Through {
     /// Sampling by Fitting and Composing Warps", EGSR 2020.
     Warped(SeenRectangle, [[f64; 2]; 2], Option<Gaussian>),
     /// The lobe or the horizon cuts through it.
-    Polar(Polar),
+    Polar(Box<Polar>),
 }
 
 /// The corners' mean may miss the middle by this much of it.
@@ -52,7 +51,7 @@ impl Through {
                 return Some(Through::Warped(seen, corners, gaussian));
             }
         }
-        Polar::new(outline, product).map(Through::Polar)
+        Polar::new(outline, product).map(|polar| Through::Polar(Box::new(polar)))
     }
 
     /// A place, relative to `point`, and its part of E.
