@@ -51,17 +51,10 @@ impl Outline {
         &self.edges[..self.count]
     }
 
-    /// Steradians. Van Oosterom and Strackee, "The Solid Angle of a Plane Triangle", IEEE Trans. Biomed. Eng. 30 (1983), summed
-    /// over a fan; it stays exact for small and distant polygons.
+    /// Steradians.
     pub fn solid_angle(&self) -> f64 {
-        let a = self.edges[0].start;
-        let triangle = |edge: &Edge| {
-            let (b, c) = (edge.start, edge.end);
-            let (la, lb, lc) = (a.length(), b.length(), c.length());
-            let volume = a.dot((c - a).cross(b - a));
-            2.0 * volume.atan2(la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb)
-        };
         let edges = self.edges();
+        let triangle = |edge: &Edge| triangle_solid_angle(edges[0].start, edge.start, edge.end);
         edges[1..edges.len() - 1].iter().map(triangle).sum::<f64>().max(0.0)
     }
 
@@ -70,6 +63,14 @@ impl Outline {
     pub fn irradiance(&self, normal: DVec3) -> f64 {
         (self.edges().iter().map(|edge| edge.angle * edge.inward.dot(normal)).sum::<f64>() / TAU).max(0.0)
     }
+}
+
+/// Steradians, positive for corners counter-clockwise as the receiver sees them. Van Oosterom and Strackee, "The Solid Angle of a
+/// Plane Triangle", IEEE Trans. Biomed. Eng. 30 (1983); it stays exact for small and distant triangles.
+pub fn triangle_solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
+    let (la, lb, lc) = (a.length(), b.length(), c.length());
+    let volume = a.dot((c - a).cross(b - a));
+    2.0 * volume.atan2(la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb)
 }
 
 /// The corners of the part above the horizon, and how many they are.

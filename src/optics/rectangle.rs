@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::{DVec3, Vec3};
 
-use super::polygon::Outline;
+use super::polygon::{Outline, triangle_solid_angle};
 
 /// A rectangle that faces the side `normal` points to.
 #[derive(Clone, Copy)]
@@ -107,15 +107,10 @@ impl SeenRectangle {
         ];
         let angle = |i: usize| (-n[i].dot(n[(i + 1) % 4])).clamp(-1.0, 1.0).acos();
         let k = TAU - angle(2) - angle(3);
-        let solid_angle = angle(0) + angle(1) - k;
+        let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+        let solid_angle = triangle_solid_angle(a, b, c) + triangle_solid_angle(a, c, d);
         let area = if solid_angle > TINY { 0.0 } else { rectangle.area() };
-        let solid_angle = if solid_angle > TINY { solid_angle } else { area * height / d.length().powi(3) };
         SeenRectangle { axes, x, y, z, b: [n[0].z, n[2].z], k, solid_angle, area }
-    }
-
-    /// Steradians.
-    pub fn solid_angle(&self) -> f64 {
-        self.solid_angle
     }
 
     /// A place on the rectangle, relative to the point it is seen from.
