@@ -9,8 +9,8 @@ use super::Lobe;
 /// G(l) = exp(bandwidth (direction . l - 1)), in 64 bits: a bandwidth of 1e7 multiplies every rounding error.
 #[derive(Clone, Copy)]
 pub struct Gaussian {
-    direction: DVec3,
-    bandwidth: f64,
+    pub(super) direction: DVec3,
+    pub(super) bandwidth: f64,
     /// 1 - exp(-2 bandwidth).
     span: f64,
 }
@@ -94,6 +94,26 @@ mod tests {
                 })
                 .sum();
             assert!((sum / f64::from(n) * 2.0 * TAU / g.solid_angle() - 1.0).abs() < 1e-3, "{bandwidth}");
+        }
+    }
+
+    #[test]
+    fn no_bandwidth_loses_digits() {
+        for bandwidth in [0.0f32, 1e-12, 1e-6, 1e-3, 1.0, 10.0, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7] {
+            let (g, b) = (gaussian(bandwidth), f64::from(bandwidth));
+            // 4 pi e^-b sinh(b) / b, by its series where that is 0 / 0.
+            let series = 2.0 * TAU * (-b).exp() * (1.0 + b * b / 6.0);
+            let exact = if b < 0.01 { series } else { TAU * (1.0 - (-2.0 * b).exp()) / b };
+            assert!((g.solid_angle() / exact - 1.0).abs() < 1e-9, "{bandwidth}: {}", g.solid_angle());
+            for u in [0.0, 1e-7, 0.1, 0.5, 0.9, 1.0 - 1e-7] {
+                // The share of the distribution within the sampled angle is u again.
+                let l = g.sample([u, 0.3]);
+                let t = 0.5 * (g.direction - l).length_squared();
+                let share = if b < 1e-9 { 0.5 * t } else { (-b * t).exp_m1() / (-2.0 * b).exp_m1() };
+                assert!((share - u).abs() < 1e-9, "{bandwidth} {u}: {share}");
+                // Density times the whole is the value, in the single precision that callers have.
+                assert!((g.pdf(g.value(l)) * g.solid_angle() / (-b * t).exp() - 1.0).abs() < 1e-7);
+            }
         }
     }
 

@@ -6,11 +6,15 @@ mod direct;
 mod emitter;
 mod estimate;
 mod evidence;
+#[cfg(test)]
+mod extremes;
 mod gaussian;
 mod indirect;
 mod light;
+mod lobe_irradiance;
 mod nnls;
 mod plates;
+mod polar;
 mod polygon;
 mod radiance_fit;
 mod random;
@@ -20,6 +24,7 @@ mod rows;
 mod shadow;
 mod sphere;
 mod temperature;
+mod through;
 mod visible_lamp;
 mod window;
 
@@ -40,3 +45,4 @@ pub use shadow::{Shadow, ShadowQuality, shadow};
 pub use sphere::sphere_irradiance;
 pub use temperature::black_body;
 pub use visible_lamp::{LampForm, LampForms};
+pub use window::Strategy;

@@ -1,77 +1,137 @@
 //! Irradiance through a window: a spherical Gaussian over a rectangle, by multiple importance sampling.
 //!
-//! E = (1/pi) integral over the seen rectangle of G(l) cos(theta) dl, for each lobe by itself. Directions come uniformly from
-//! the rectangle's solid angle, or from the lobe, or from both with the balance heuristic (Veach, 1997): a sample counts as
-//! G cos / (pi sum_j c_j p_j), c_j being the share of strategy j.
+//! E = (1/pi) integral over the seen rectangle of G(l) cos(theta) dl, for each lobe by itself.
 
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::gaussian::Gaussian;
 use super::rectangle::{Rectangle, SeenRectangle};
+use super::through::Through;
 use super::{Lobe, Window};
+
+/// Where the directions to a window come from. All but `Best` are there to be compared with it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Strategy {
+    /// Uniform over the rectangle's solid angle: Ureña, Fajardo and King 2013.
+    Area,
+    /// The lobe's von Mises-Fisher distribution.
+    Lobe,
+    /// Area and lobe in turn, with the balance heuristic (Veach 1997): unbiased over an even number of samples.
+    Balance,
+    /// Area or lobe by chance, with the balance heuristic.
+    BalanceOneSample,
+    /// Area and lobe in turn, with the power heuristic (exponent 2): unbiased over an even number of samples.
+    Power,
+    /// Area or lobe by chance, with the power heuristic.
+    PowerOneSample,
+    /// What suits lobe and receiver.
+    #[default]
+    Best,
+}
+
+impl Strategy {
+    pub const ALL: [Strategy; 7] = [
+        Strategy::Area,
+        Strategy::Lobe,
+        Strategy::Balance,
+        Strategy::BalanceOneSample,
+        Strategy::Power,
+        Strategy::PowerOneSample,
+        Strategy::Best,
+    ];
+}
 
 /// A window made ready for sampling.
 pub struct Opening {
     rectangle: Rectangle,
     lobes: [Gaussian; 3],
+    strategy: Strategy,
 }
 
 impl Opening {
     /// `None` when the window has no area.
-    pub fn new(window: &Window) -> Option<Opening> {
+    pub fn new(window: &Window, strategy: Strategy) -> Option<Opening> {
         let lobes = window.lobes.each_ref().map(|lobe: &Lobe| Gaussian::new(lobe));
-        Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes })
+        Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes, strategy })
     }
 
-    /// E of a lobe of unit radiance where it has a closed form: behind the window there is none of it.
-    pub fn irradiance(&self, _lobe: usize, point: DVec3, _normal: DVec3) -> Option<f64> {
-        (self.rectangle.height(point) <= 0.0).then_some(0.0)
+    /// E of a lobe of unit radiance.
+    pub fn irradiance(&self, lobe: usize, point: DVec3, normal: DVec3) -> f64 {
+        let outline = self.rectangle.outline(point, normal);
+        outline.map_or(0.0, |outline| self.lobes[lobe].irradiance(&outline, normal))
     }
 
-    /// One lobe as seen from a receiver; `None` behind the window.
+    /// One lobe as seen from a receiver; `None` where none of it arrives.
     pub fn seen(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<SeenOpening<'_>> {
-        let (gaussian, seen) = (self.lobes[lobe], self.rectangle.seen_from(point)?);
-        // A lobe wider than the rectangle is better sampled through the rectangle.
-        let narrow = gaussian.solid_angle() < seen.solid_angle();
-        Some(SeenOpening {
-            rectangle: &self.rectangle,
-            seen,
-            gaussian,
-            point,
-            normal,
-            through_lobe: if narrow { 0.5 } else { 0.0 },
-        })
+        let gaussian = self.lobes[lobe];
+        let way = match self.strategy {
+            Strategy::Best => {
+                let outline = self.rectangle.outline(point, normal)?;
+                Way::Best(Through::new(&self.rectangle, &outline, Some(gaussian), (point, normal))?)
+            }
+            Strategy::Lobe => Way::Best(Through::Lobe(gaussian)),
+            strategy => Way::Shared(self.rectangle.seen_from(point)?, strategy),
+        };
+        Some(SeenOpening { rectangle: &self.rectangle, gaussian, point, normal, way })
     }
 }
 
 /// One lobe of a window as seen from a receiver.
 pub struct SeenOpening<'a> {
     rectangle: &'a Rectangle,
-    seen: SeenRectangle,
     gaussian: Gaussian,
     point: DVec3,
     normal: DVec3,
-    /// Share of the samples that come from the lobe.
-    through_lobe: f64,
+    way: Way,
+}
+
+enum Way {
+    Best(Through),
+    /// From the rectangle, or from rectangle and lobe.
+    Shared(SeenRectangle, Strategy),
 }
 
 impl SeenOpening<'_> {
     /// The `i`th sample: a place relative to the receiver, and its part of E; `None` for a direction that misses the window or
     /// comes from below the horizon.
-    pub fn sample(&self, _i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
-        let (place, direction) = if u < self.through_lobe {
-            let direction = self.gaussian.sample([u / self.through_lobe, v]);
+    pub fn sample(&self, i: usize, uv: [f64; 2]) -> Option<(DVec3, f64)> {
+        match &self.way {
+            Way::Best(through) => through.sample(self.rectangle, (self.point, self.normal), uv),
+            Way::Shared(seen, strategy) => self.shared(seen, *strategy, i, uv),
+        }
+    }
+
+    fn shared(&self, seen: &SeenRectangle, strategy: Strategy, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+        use Strategy::{Balance, BalanceOneSample, Power, PowerOneSample};
+        // Sobol points of even and of odd index lie in different halves of u: stretched, each half is evenly spread over the
+        // square.
+        let [through_lobe, halves] = match strategy {
+            Balance | Power => [i % 2 == 1, true],
+            BalanceOneSample | PowerOneSample => [u >= 0.5, true],
+            _ => [false, false],
+        };
+        let uv = [if halves { (2.0 * u).fract() } else { u }, v];
+        let (place, direction) = if through_lobe {
+            let direction = self.gaussian.sample(uv);
             (self.rectangle.meet(self.point, direction)?, direction)
         } else {
-            let place = self.seen.sample([(u - self.through_lobe) / (1.0 - self.through_lobe), v]);
+            let place = seen.sample(uv);
             (place, place.normalize_or_zero())
         };
-        let cos = self.normal.dot(direction);
         let value = self.gaussian.value(direction);
-        let density = self.through_lobe * self.gaussian.pdf(value) + (1.0 - self.through_lobe) * self.seen.pdf(place);
-        (cos > 0.0).then(|| (place, value * cos / (PI * density)))
+        let (area, lobe) = (seen.pdf(place), self.gaussian.pdf(value));
+        let (own, other) = if through_lobe { (lobe, area) } else { (area, lobe) };
+        // One over the density, weighted: w / (c p) with c = 1/2 where two strategies share the samples.
+        let inverse = match strategy {
+            Balance | BalanceOneSample => 2.0 / (own + other),
+            Power | PowerOneSample => 2.0 * own / (own * own + other * other),
+            _ => 1.0 / own,
+        };
+        let cos = self.normal.dot(direction);
+        (cos > 0.0).then(|| (place, value * cos * inverse / PI))
     }
 }
 
@@ -84,7 +144,7 @@ mod tests {
     fn opening(lobes: [(Vec3, f32); 3]) -> Opening {
         let lobes = lobes.map(|(direction, bandwidth)| Lobe { direction: direction.normalize(), bandwidth });
         let window = Window { center: Vec3::new(0.2, 0.5, 2.0), x: Vec3::NEG_X * 0.8, y: Vec3::Y * 0.6, lobes };
-        Opening::new(&window).unwrap()
+        Opening::new(&window, Strategy::Best).unwrap()
     }
 
     fn samples(o: &Opening, normal: DVec3, n: usize, pixel: u32) -> [f64; 3] {
@@ -138,6 +198,31 @@ mod tests {
     }
 
     #[test]
+    fn every_strategy_has_the_same_mean() {
+        let lobe = |bandwidth| (Vec3::new(0.2, 0.3, 1.0), bandwidth);
+        let normal = DVec3::new(0.1, 0.5, 0.7).normalize();
+        let mut o = opening([lobe(3.0), lobe(30.0), lobe(300.0)]);
+        let exact = quadrature(&o, normal);
+        for strategy in Strategy::ALL {
+            o.strategy = strategy;
+            let pixels = 2000;
+            let (mut mean, mut square) = ([0.0; 3], [0.0; 3]);
+            for pixel in 0..pixels {
+                let e = samples(&o, normal, 32, pixel);
+                for k in 0..3 {
+                    mean[k] += e[k] / f64::from(pixels);
+                    square[k] += e[k] * e[k] / f64::from(pixels);
+                }
+            }
+            for k in 0..3 {
+                let sd = ((square[k] - mean[k] * mean[k]).max(0.0) / f64::from(pixels)).sqrt();
+                let bound = 4.0 * sd + 1e-5 * exact[k];
+                assert!((mean[k] - exact[k]).abs() < bound, "{strategy:?} {k}: {} {} {sd}", mean[k], exact[k]);
+            }
+        }
+    }
+
+    #[test]
     fn bandwidth_zero_is_a_lamp() {
         let o = opening([(Vec3::X, 0.0); 3]);
         let normal = DVec3::new(0.0, 0.3, 1.0).normalize();
@@ -156,6 +241,50 @@ mod tests {
                 // Of 16 evenly spread points 7 to 9 go to the lobe.
                 let got = samples(&o, DVec3::Z, 16, pixel)[0];
                 assert!((got / wanted - 1.0).abs() < 0.15, "{bandwidth}: {got} {wanted}");
+            }
+        }
+    }
+
+    /// Distance of the receiver, its normal, and where the lobe is aimed in half edges from the window's middle.
+    const PLACES: [(&str, f32, Vec3, [f32; 2]); 8] = [
+        ("centred", 1.5, Vec3::Z, [0.0, 0.0]),
+        ("off centre", 1.5, Vec3::new(0.0, 1.0, 0.3), [0.5, 0.4]),
+        ("on the edge", 1.5, Vec3::new(0.5, 0.0, 1.0), [1.0, 0.3]),
+        ("beyond the edge", 1.5, Vec3::Z, [1.2, 0.3]),
+        ("near", 0.1, Vec3::new(0.0, 1.0, 0.5), [0.3, 0.2]),
+        ("far", 30.0, Vec3::Z, [0.3, 0.2]),
+        ("far, on the edge", 30.0, Vec3::Z, [1.0, 0.2]),
+        ("grazing", 1.5, Vec3::new(0.0, 1.0, -0.1), [0.0, 0.5]),
+    ];
+
+    #[test]
+    fn the_best_strategy_is_no_worse_than_area_or_lobe() {
+        let pixels = 600;
+        for (name, distance, normal, [across, up]) in PLACES {
+            // Turned in its plane, so that no edge lies along the points' strata by chance.
+            let turn = glam::Quat::from_rotation_z(0.4);
+            let [x, y] = [turn * Vec3::NEG_X * 0.8, turn * Vec3::Y * 0.6];
+            let direction = (Vec3::Z * distance + x * across + y * up).normalize();
+            let normal = normal.normalize().as_dvec3();
+            for bandwidth in [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6] {
+                let window = Window { center: Vec3::Z * distance, x, y, lobes: [Lobe { direction, bandwidth }; 3] };
+                let variance = |strategy| {
+                    let o = Opening::new(&window, strategy).unwrap();
+                    let exact = o.irradiance(0, DVec3::ZERO, normal);
+                    let Some(seen) = o.seen(0, DVec3::ZERO, normal) else { return 0.0 };
+                    let square = |pixel| {
+                        let sum: f64 = (0..16)
+                            .filter_map(|i| seen.sample(i, Points2::new(7, pixel, 0).get(i)))
+                            .map(|(_, part)| part)
+                            .sum();
+                        (sum / 16.0 / exact.max(1e-30) - 1.0).powi(2)
+                    };
+                    (0..pixels).map(square).sum::<f64>() / f64::from(pixels)
+                };
+                let [best, area, lobe] = [Strategy::Best, Strategy::Area, Strategy::Lobe].map(variance);
+                // 5 %, and three standard errors of the quotient of two variances.
+                let bound = 1.05 + 3.0 * (4.0 / f64::from(pixels)).sqrt();
+                assert!(best <= bound * area.min(lobe) + 1e-12, "{name} {bandwidth}: {best} {area} {lobe}");
             }
         }
     }
