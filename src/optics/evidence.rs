@@ -13,6 +13,8 @@ pub struct Evidence {
     pub segments: usize,
     /// Where the photo is clipped: there the model may be brighter at no cost, but not darker.
     pub saturated: Vec<bool>,
+    /// The level that counts as white, see [`white_level`].
+    pub white: f32,
 }
 
 impl Evidence {
@@ -33,25 +35,37 @@ impl Evidence {
             }
             (sum / count, clip / count > 0.02)
         };
+        let white = white_of(photo, clipped);
         let (photo, saturated) = pixels.iter().map(mean).unzip();
         Evidence {
             photo,
             segment: pixels.iter().map(|&p| segments.label.pixels()[p]).collect(),
             segments: segments.count as usize,
             saturated,
+            white,
         }
     }
 }
 
-/// The level that counts as white in a photo of any exposure, such that an ordinary one has about 1: twice the 90th percentile
-/// of the larger channels that are not 0; 0 for a black photo. A sun or a lamp in an HDR photo does not move it.
-pub fn white_level(photo: impl Iterator<Item = Vec3>) -> f32 {
-    let mut levels: Vec<f32> = photo.map(Vec3::max_element).filter(|&level| level > 0.0).collect();
-    if levels.is_empty() {
-        return 0.0;
+/// The level that counts as white in a photo of any exposure, from its pixels and whether each is clipped; 0 for a black photo.
+///
+/// A photo that is clipped somewhere ends at its white. Elsewhere it is twice the 90th percentile of the larger channels that
+/// are not 0, about 1 in an ordinary photo, which a sun or a lamp does not move.
+pub fn white_level(pixels: impl Iterator<Item = (Vec3, bool)>) -> f32 {
+    let (mut levels, mut end) = (Vec::new(), 0.0f32);
+    for (pixel, clipped) in pixels.filter(|(pixel, _)| pixel.max_element() > 0.0) {
+        levels.push(pixel.max_element());
+        end = end.max(if clipped { pixel.max_element() } else { 0.0 });
+    }
+    if end > 0.0 || levels.is_empty() {
+        return end;
     }
     let at = (levels.len() - 1) * 9 / 10;
     2.0 * *levels.select_nth_unstable_by(at, f32::total_cmp).1
+}
+
+fn white_of(photo: &Picture, clipped: &Mask) -> f32 {
+    white_level(photo.0.pixels().iter().zip(clipped.0.pixels()).map(|(&pixel, &clipped)| (pixel, clipped > 0.5)))
 }
 
 /// Luminance below which a pixel is black, as a share of white: one 8-bit step.
@@ -62,11 +76,12 @@ const BLACK: f32 = 0.004;
 pub fn evidence_pixels<'a>(
     candidates: impl Iterator<Item = usize>,
     photo: &Picture,
+    clipped: &Mask,
     masks: impl Iterator<Item = &'a Mask>,
 ) -> Vec<usize> {
     let taken = around(masks, photo.0.size(), 2);
     let mut pixels: Vec<usize> = candidates.filter(|&i| !taken.pixels()[i]).collect();
-    let black = BLACK * white_level(pixels.iter().map(|&i| photo.0.pixels()[i]));
+    let black = BLACK * white_of(photo, clipped);
     pixels.retain(|&i| luminance(photo.0.pixels()[i]) > black);
     pixels
 }

@@ -33,7 +33,7 @@ pub use conditioning::Conditioning;
 pub use direct::{Direct, direct};
 pub use emitter::{Emitter, LightSample, Seen};
 pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
-pub use evidence::{Evidence, evidence_pixels, white_level};
+pub use evidence::{Evidence, evidence_pixels};
 pub use gaussian::Gaussian;
 pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};

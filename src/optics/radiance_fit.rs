@@ -15,7 +15,6 @@
 use glam::{DVec3, Vec3};
 
 use super::conditioning::{Conditioning, conditioning};
-use super::evidence::white_level;
 use super::{Evidence, nnls};
 
 /// One light lobe's unit layer on the pixels of an [`Evidence`], and how much it must earn its place.
@@ -91,7 +90,7 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
 
 fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64) -> RadianceFit {
     let (n, k) = (evidence.photo.len(), columns.len());
-    let white = f64::from(white_level(evidence.photo.iter().copied()));
+    let white = f64::from(evidence.white);
     // Columns scaled to mean 1 so that the start, the penalty and the tolerances mean the same for each.
     let mean = |c: &Column| c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>() / (3 * n) as f64;
     let means: Vec<f64> = columns.iter().map(mean).collect();
@@ -394,7 +393,7 @@ mod tests {
         let segment: Vec<u32> = (0..n).map(|i| i as u32 / 100).collect();
         let (w0, w1) = (Vec3::new(0.3, 0.25, 0.2), Vec3::new(0.05, 0.1, 0.15));
         let photo = (0..n).map(|i| paint[i / 100] * (w0 * left[i] + w1 * right[i])).collect();
-        (Evidence { photo, segment, segments: 4, saturated: vec![false; n] }, left, right)
+        (Evidence { photo, segment, segments: 4, saturated: vec![false; n], white: 1.0 }, left, right)
     }
 
     fn columns<'a>(layers: &[&'a [Vec3]]) -> Vec<Column<'a>> {
@@ -440,13 +439,14 @@ mod tests {
 
     #[test]
     fn degenerate_evidence_is_finite() {
-        let empty = Evidence { photo: vec![], segment: vec![], segments: 0, saturated: vec![] };
+        let empty = Evidence { photo: vec![], segment: vec![], segments: 0, saturated: vec![], white: 0.0 };
         assert!(fit_radiances(&empty, &[], 5).radiance.is_empty());
         let n = 10;
         for photo in [vec![Vec3::ZERO; n], vec![Vec3::ONE; n]] {
             for saturated in [false, true] {
-                let evidence =
-                    Evidence { photo: photo.clone(), segment: vec![0; n], segments: 1, saturated: vec![saturated; n] };
+                let (segment, white) = (vec![0; n], photo[0].x);
+                let saturated = vec![saturated; n];
+                let evidence = Evidence { photo: photo.clone(), segment, segments: 1, saturated, white };
                 let (zero, one) = (vec![Vec3::ZERO; n], vec![Vec3::ONE; n]);
                 let fit = fit_radiances(&evidence, &columns(&[&zero, &one, &one]), 10);
                 assert!(fit.radiance.iter().all(|w| w.is_finite() && w.min_element() >= 0.0), "{fit:?}");

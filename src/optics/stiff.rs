@@ -3,6 +3,7 @@
 //! path.
 
 use super::*;
+use crate::optics::evidence::white_level;
 use crate::optics::rows::{Rows, enumerated};
 
 /// `pixels` in `segments` stretches of paint under lights that fall off from places along the row.
@@ -33,6 +34,7 @@ impl Row {
             segment: self.segment.clone(),
             segments,
             saturated: vec![false; self.photo.len()],
+            white: white_level(self.photo.iter().map(|&pixel| (pixel, false))),
         }
     }
 
@@ -49,9 +51,7 @@ impl Row {
 fn twin(row: &Row, turns: usize) -> Vec<[f64; 3]> {
     let (n, k) = (row.photo.len(), row.layers.len());
     let segments = row.evidence().segments;
-    let mut levels: Vec<f32> = row.photo.iter().map(|v| v.max_element()).filter(|v| *v > 0.0).collect();
-    levels.sort_by(f32::total_cmp);
-    let white = 2.0 * f64::from(levels[(levels.len() - 1) * 9 / 10]);
+    let white = f64::from(row.evidence().white);
     let sum_of = |j: usize, c: usize| row.layers[j].iter().map(|v| f64::from(v[c])).sum::<f64>();
     let means: Vec<f64> = (0..k).map(|j| (sum_of(j, 0) + sum_of(j, 1) + sum_of(j, 2)) / (3 * n) as f64).collect();
     let mut w = vec![[1.0 / k as f64; 3]; k];

@@ -72,7 +72,7 @@ ports! {
 
 impl Node for FitLights {
     const KIND: &'static str = "FitLights";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = FitLightsIn;
     type Out = FitLightsOut;
 
@@ -94,7 +94,8 @@ impl Node for FitLights {
         let grid = inputs.transport.grid();
         let masks = || inputs.mask.iter().map(|(_, mask)| &**mask);
         let receivers: Vec<usize> = (0..grid.len()).map(|i| grid.pixel(i)).collect();
-        let pixels = evidence_pixels(receivers.into_iter(), &inputs.photo, masks().chain([&*inputs.ignore]));
+        let pixels =
+            evidence_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
         let evidence = Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2);
 
         let ambient = grid.upsample(&inputs.points, &inputs.normal, &inputs.transport.ambient());

@@ -166,7 +166,7 @@ impl<'a> Scout<'a> {
     fn new(node: &'a InitLights, inputs: &'a InitLightsIn) -> Scout<'a> {
         let grid = inputs.transport.grid();
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-        let pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), &inputs.photo, masks);
+        let pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), &inputs.photo, &inputs.clipped, masks);
         let ambient = inputs.transport.ambient();
         let used: Vec<usize> = {
             let mut next = pixels.iter().peekable();
