@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3};
 use super::polygon::polygon_irradiance;
 use super::rectangle::{Rectangle, SeenRectangle};
 use super::sphere::{Cone, sphere_irradiance};
-use super::window::{Opening, SeenOpening};
+use super::window::{Opening, Sampling, SeenOpening};
 use super::{Lamp, Plate, Shape};
 
 /// A place on a light and its part of the irradiance (divided by pi) of one lobe of unit radiance.
@@ -80,10 +80,15 @@ impl<T> Pieces<T> {
 impl Emitter {
     /// Prepares a light. What has no size or is not finite emits nothing.
     pub fn new(shape: &Shape) -> Emitter {
+        Emitter::with_sampling(shape, Sampling::Best)
+    }
+
+    /// As [`Emitter::new`], the directions to a window coming from `sampling`.
+    pub fn with_sampling(shape: &Shape, sampling: Sampling) -> Emitter {
         let rectangle = |center: Vec3, x: Vec3, y: Vec3| Rectangle::new(center, x, y);
         let surface = match shape {
             Shape::Absent => Surface::Nothing,
-            Shape::Window(window) => Opening::new(window).map_or(Surface::Nothing, Surface::Window),
+            Shape::Window(window) => Opening::new(window, sampling).map_or(Surface::Nothing, Surface::Window),
             Shape::Lamp(Lamp::Sphere { center, radius }) => {
                 let sound = center.is_finite() && radius.is_finite() && *radius > 0.0;
                 let sphere = Surface::Sphere { center: center.as_dvec3(), radius: f64::from(*radius) };

@@ -31,3 +31,4 @@ pub use random::Points2;
 pub use shadow::{Shadow, ShadowQuality, shadow};
 pub use sphere::sphere_irradiance;
 pub use temperature::black_body;
+pub use window::Sampling;

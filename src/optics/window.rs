@@ -1,28 +1,60 @@
 //! Irradiance through a window: a spherical Gaussian over a rectangle, by multiple importance sampling.
 //!
-//! E = (1/pi) integral over the seen rectangle of G(l) cos(theta) dl, for each lobe by itself. Directions come uniformly from
-//! the rectangle's solid angle, or from the lobe, or from both with the balance heuristic (Veach, 1997): a sample counts as
-//! G cos / (pi sum_j c_j p_j), c_j being the share of strategy j.
+//! E = (1/pi) integral over the seen rectangle of G(l) cos(theta) dl, for each lobe by itself.
 
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::gaussian::Gaussian;
 use super::rectangle::{Rectangle, SeenRectangle};
 use super::{Lobe, Window};
 
+/// Where the directions to a window come from. All but `Best` are there to be compared with it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Sampling {
+    /// Uniform over the rectangle's solid angle: Ureña, Fajardo and King 2013.
+    Area,
+    /// The lobe's von Mises-Fisher distribution.
+    Lobe,
+    /// Area and lobe in turn, with the balance heuristic (Veach 1997): unbiased over an even number of samples.
+    Balance,
+    /// Area or lobe by chance, with the balance heuristic.
+    BalanceOneSample,
+    /// Area and lobe in turn, with the power heuristic (exponent 2): unbiased over an even number of samples.
+    Power,
+    /// Area or lobe by chance, with the power heuristic.
+    PowerOneSample,
+    /// What suits lobe and receiver.
+    #[default]
+    Best,
+}
+
+impl Sampling {
+    pub const ALL: [Sampling; 7] = [
+        Sampling::Area,
+        Sampling::Lobe,
+        Sampling::Balance,
+        Sampling::BalanceOneSample,
+        Sampling::Power,
+        Sampling::PowerOneSample,
+        Sampling::Best,
+    ];
+}
+
 /// A window made ready for sampling.
 pub struct Opening {
     rectangle: Rectangle,
     lobes: [Gaussian; 3],
+    sampling: Sampling,
 }
 
 impl Opening {
     /// `None` when the window has no area.
-    pub fn new(window: &Window) -> Option<Opening> {
+    pub fn new(window: &Window, sampling: Sampling) -> Option<Opening> {
         let lobes = window.lobes.each_ref().map(|lobe: &Lobe| Gaussian::new(lobe));
-        Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes })
+        Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes, sampling })
     }
 
     /// E of a lobe of unit radiance where it has a closed form: behind the window there is none of it.
@@ -33,16 +65,13 @@ impl Opening {
     /// One lobe as seen from a receiver; `None` behind the window.
     pub fn seen(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<SeenOpening<'_>> {
         let (gaussian, seen) = (self.lobes[lobe], self.rectangle.seen_from(point)?);
-        // A lobe wider than the rectangle is better sampled through the rectangle.
-        let narrow = gaussian.solid_angle() < seen.solid_angle();
-        Some(SeenOpening {
-            rectangle: &self.rectangle,
-            seen,
-            gaussian,
-            point,
-            normal,
-            through_lobe: if narrow { 0.5 } else { 0.0 },
-        })
+        let sampling = match self.sampling {
+            // A lobe wider than the rectangle is better sampled through the rectangle.
+            Sampling::Best if gaussian.solid_angle() < seen.solid_angle() => Sampling::BalanceOneSample,
+            Sampling::Best => Sampling::Area,
+            sampling => sampling,
+        };
+        Some(SeenOpening { rectangle: &self.rectangle, seen, gaussian, point, normal, sampling })
     }
 }
 
@@ -53,25 +82,41 @@ pub struct SeenOpening<'a> {
     gaussian: Gaussian,
     point: DVec3,
     normal: DVec3,
-    /// Share of the samples that come from the lobe.
-    through_lobe: f64,
+    sampling: Sampling,
 }
 
 impl SeenOpening<'_> {
     /// The `i`th sample: a place relative to the receiver, and its part of E; `None` for a direction that misses the window or
     /// comes from below the horizon.
-    pub fn sample(&self, _i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
-        let (place, direction) = if u < self.through_lobe {
-            let direction = self.gaussian.sample([u / self.through_lobe, v]);
+    pub fn sample(&self, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+        use Sampling::{Area, Balance, BalanceOneSample, Lobe, Power, PowerOneSample};
+        // Sobol points of even and of odd index lie in different halves of u: stretched, each half is evenly spread over the
+        // square.
+        let [through_lobe, halves] = match self.sampling {
+            Area | Sampling::Best => [false, false],
+            Lobe => [true, false],
+            Balance | Power => [i % 2 == 1, true],
+            BalanceOneSample | PowerOneSample => [u >= 0.5, true],
+        };
+        let uv = [if halves { (2.0 * u).fract() } else { u }, v];
+        let (place, direction) = if through_lobe {
+            let direction = self.gaussian.sample(uv);
             (self.rectangle.meet(self.point, direction)?, direction)
         } else {
-            let place = self.seen.sample([(u - self.through_lobe) / (1.0 - self.through_lobe), v]);
+            let place = self.seen.sample(uv);
             (place, place.normalize_or_zero())
         };
-        let cos = self.normal.dot(direction);
         let value = self.gaussian.value(direction);
-        let density = self.through_lobe * self.gaussian.pdf(value) + (1.0 - self.through_lobe) * self.seen.pdf(place);
-        (cos > 0.0).then(|| (place, value * cos / (PI * density)))
+        let (area, lobe) = (self.seen.pdf(place), self.gaussian.pdf(value));
+        let (own, other) = if through_lobe { (lobe, area) } else { (area, lobe) };
+        // One over the density, weighted: w / (c p) with c = 1/2 where two strategies share the samples.
+        let inverse = match self.sampling {
+            Area | Lobe | Sampling::Best => 1.0 / own,
+            Balance | BalanceOneSample => 2.0 / (own + other),
+            Power | PowerOneSample => 2.0 * own / (own * own + other * other),
+        };
+        let cos = self.normal.dot(direction);
+        (cos > 0.0).then(|| (place, value * cos * inverse / PI))
     }
 }
 
@@ -84,7 +129,7 @@ mod tests {
     fn opening(lobes: [(Vec3, f32); 3]) -> Opening {
         let lobes = lobes.map(|(direction, bandwidth)| Lobe { direction: direction.normalize(), bandwidth });
         let window = Window { center: Vec3::new(0.2, 0.5, 2.0), x: Vec3::NEG_X * 0.8, y: Vec3::Y * 0.6, lobes };
-        Opening::new(&window).unwrap()
+        Opening::new(&window, Sampling::Best).unwrap()
     }
 
     fn samples(o: &Opening, normal: DVec3, n: usize, pixel: u32) -> [f64; 3] {
@@ -133,6 +178,31 @@ mod tests {
                 // Four standard errors, and the rounding of single-precision parts.
                 let bound = 4.0 * sd + 1e-5 * exact[k] + 1e-12;
                 assert!((mean[k] - exact[k]).abs() < bound, "{lobes:?} {k}: {} {} {sd}", mean[k], exact[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn every_strategy_has_the_same_mean() {
+        let lobe = |bandwidth| (Vec3::new(0.2, 0.3, 1.0), bandwidth);
+        let normal = DVec3::new(0.1, 0.5, 0.7).normalize();
+        let mut o = opening([lobe(3.0), lobe(30.0), lobe(300.0)]);
+        let exact = quadrature(&o, normal);
+        for sampling in Sampling::ALL {
+            o.sampling = sampling;
+            let pixels = 2000;
+            let (mut mean, mut square) = ([0.0; 3], [0.0; 3]);
+            for pixel in 0..pixels {
+                let e = samples(&o, normal, 32, pixel);
+                for k in 0..3 {
+                    mean[k] += e[k] / f64::from(pixels);
+                    square[k] += e[k] * e[k] / f64::from(pixels);
+                }
+            }
+            for k in 0..3 {
+                let sd = ((square[k] - mean[k] * mean[k]).max(0.0) / f64::from(pixels)).sqrt();
+                let bound = 4.0 * sd + 1e-5 * exact[k];
+                assert!((mean[k] - exact[k]).abs() < bound, "{sampling:?} {k}: {} {} {sd}", mean[k], exact[k]);
             }
         }
     }
