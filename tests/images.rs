@@ -400,11 +400,12 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         (id.clone(), Arc::new(UnitDirect { lobes: many(*lobes, *n), stderr: many(*lobes, n + 3) }))
     });
     let visibility = ids.iter().map(|(id, lobes, n)| {
-        (id.clone(), Arc::new(Visibility { lit: many(*lobes, n + 1), unknown: many(*lobes, n + 2) }))
+        let (lit, stderr, unknown) = (many(*lobes, n + 1), many(*lobes, n + 4), many(*lobes, n + 2));
+        (id.clone(), Arc::new(Visibility { lit, stderr, unknown }))
     });
     let indirect = ids.iter().map(|(id, lobes, n)| {
-        let lobes = (0..*lobes).map(|k| Shading(colours(small, n + 4 + k))).collect();
-        (id.clone(), Arc::new(UnitIndirect { lobes }))
+        let shading = (0..*lobes).map(|k| Shading(colours(small, n + 4 + k))).collect();
+        (id.clone(), Arc::new(UnitIndirect { lobes: shading, stderr: many(*lobes, n + 5) }))
     });
     let radiance = ids.iter().map(|(id, lobes, _)| {
         (id.clone(), Arc::new(Radiance((0..*lobes).map(|k| Vec3::new(1.0, 2.0, 3.0) * (k + 1) as f32).collect())))
@@ -443,7 +444,7 @@ fn the_written_layers_are_what_they_say() {
             let sum: f32 = ids.iter().map(|id| exr[&format!("light_{id}.{axis}")][at]).sum();
             close(sum, exr[axis][at], "the sum of the lights");
         }
-        let (mut lit, mut bounced, mut shadow, mut total, mut variance) = (0.0, 0.0, 0.0, 0.0, 0.0f32);
+        let (mut lit, mut bounced, mut shadow, mut total, mut variance, mut shared) = (0.0, 0.0, 0.0, 0.0, 0.0f32, 0.0);
         for (k, w) in radiance.0.iter().enumerate() {
             let (d, v) = (direct.lobes[k].pixels()[at], visibility.lit[k].pixels()[at]);
             let y = 0.2126 * w.x + 0.7152 * w.y + 0.0722 * w.z;
@@ -452,11 +453,13 @@ fn the_written_layers_are_what_they_say() {
             shadow += y * v;
             total += y;
             variance += (y * direct.stderr[k].pixels()[at] * v).powi(2);
+            variance += (y * visibility.stderr[k].pixels()[at] * d).powi(2);
+            shared += y * indirect.stderr[k].pixels()[at];
         }
         close(exr["direct_light0.G"][at], lit, "direct");
         close(exr["indirect_light0.G"][at], bounced, "indirect");
         close(exr["shadow_light0.Y"][at], shadow / total, "shadow");
-        close(exr["stderr_light0.Y"][at], variance.sqrt(), "stderr");
+        close(exr["stderr_light0.Y"][at], (variance + shared * shared).sqrt(), "stderr");
     }
     for name in ["A", "albedo.R", "normal.X", "normal.Z", "rough.Y", "depth.Z", "direct_light2.B", "indirect_light1.R"]
     {

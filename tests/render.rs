@@ -75,7 +75,8 @@ impl Room {
     fn bounced(&self, stage: &TraceIndirect, albedo: &Albedo, e: Plane<f32>) -> Plane<Vec3> {
         let one = e.map(|_| 1.0);
         let direct = UnitDirect { stderr: vec![e.map(|_| 0.0)], lobes: vec![e] };
-        let lit = Visibility { unknown: vec![one.map(|_| 0.0)], lit: vec![one] };
+        let zero = vec![one.map(|_| 0.0)];
+        let lit = Visibility { unknown: zero.clone(), stderr: zero, lit: vec![one] };
         self.indirect(stage, albedo, Arc::new(direct), Arc::new(lit)).lobes[0].0.clone()
     }
 }

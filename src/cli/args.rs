@@ -1,6 +1,7 @@
 //! The arguments, declared once: the help text is made from here.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
@@ -58,6 +59,9 @@ pub struct Files {
     /// Set one parameter of one node, as RON; may be given several times, and wins over graph, scene and edit.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
     pub set: Vec<String>,
+    /// The standard error to reach, as `1%` or `0.01`: sets the parameter `target_error` of every node that has it.
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub target_error: Option<f32>,
 }
 
 #[derive(Args)]
@@ -102,6 +106,11 @@ pub struct Run {
     /// How many threads work; the result is the same for any number. Default: one per core.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+    /// Time for each light's direct light and each light's shadow, as `500ms`, `2s` or `1min`; it stops with what it has then.
+    ///
+    /// What is cut short is used for this run's pictures and not kept in the cache.
+    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "verify")]
+    pub budget: Option<Duration>,
     /// Evaluate this node, or this member of a set such as `direct[lamp_0]`, and what it needs, and nothing else.
     #[arg(long, value_name = "NODE")]
     pub only: Option<String>,
@@ -187,4 +196,42 @@ pub enum CacheAction {
     Verify(CacheAt),
     /// Drop every entry.
     Clear(CacheAt),
+}
+
+/// `1%` or `0.01`.
+fn share(text: &str) -> Result<f32, String> {
+    let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |number| (number, 0.01));
+    let share = number.trim().parse::<f64>().map(|number| (number * unit) as f32);
+    share.ok().filter(|share| *share > 0.0 && *share < 1.0).ok_or("wanted a share above 0 and below 1, as `1%`".into())
+}
+
+/// `500ms`, `2s`, `1.5min`.
+fn duration(text: &str) -> Result<Duration, String> {
+    let digits = text.find(|c: char| c.is_alphabetic()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(digits);
+    let unit = [("ms", 1e-3), ("s", 1.0), ("min", 60.0)].into_iter().find(|(name, _)| *name == unit);
+    let seconds = unit.and_then(|(_, seconds)| Some(number.trim().parse::<f64>().ok()? * seconds));
+    let time = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    time.filter(|time| !time.is_zero()).ok_or("wanted a number and a unit, as `500ms`, `2s` or `1min`".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_and_durations_are_read_as_people_write_them() {
+        for (text, wanted) in [("1%", 0.01), ("0.01", 0.01), ("2.5 %", 0.025)] {
+            assert_eq!(share(text), Ok(wanted), "{text}");
+        }
+        for (text, wanted) in [("500ms", 500), ("2s", 2000), ("0.5 s", 500), ("1min", 60_000)] {
+            assert_eq!(duration(text), Ok(Duration::from_millis(wanted)), "{text}");
+        }
+        for text in ["", "%", "0", "-1%", "100%", "nan", "inf%", "one"] {
+            assert!(share(text).is_err(), "{text}");
+        }
+        for text in ["", "500", "ms", "-1s", "0s", "nans", "infs", "1h", "1e300s"] {
+            assert!(duration(text).is_err(), "{text}");
+        }
+    }
 }

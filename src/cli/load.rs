@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use relight::files::{edit, scene};
-use relight::graph::{Fault, Graph, GraphFile, Overlay, Raw, Setting, Source, Target, is_name};
+use relight::graph::{Fault, Graph, GraphFile, Overlay, Raw, Registry, Setting, Source, Target, is_name};
 use relight::nodes;
 
 use super::args::Files;
@@ -35,12 +35,16 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
         overlay.settings.extend(layer.settings);
         overlay.members.extend(layer.members);
     }
+    let registry = nodes::registry();
+    if let Some(error) = files.target_error {
+        overlay.settings.extend(target_error(&registry, error));
+    }
     for text in &files.set {
         overlay.settings.extend(setting(text, &mut faults));
     }
     let Some(file) = file else { return Err(faults) };
     // Without its scene, a graph would only show that it lacks one.
-    let resolved = if has_room { file.resolve(&nodes::registry(), &overlay) } else { Err(file.faults().to_vec()) };
+    let resolved = if has_room { file.resolve(&registry, &overlay) } else { Err(file.faults().to_vec()) };
     match resolved {
         Ok(graph) if faults.is_empty() => Ok(graph),
         Ok(_) => Err(faults),
@@ -50,6 +54,16 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
 
 fn keep<T>(result: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {
     result.map_err(|new| faults.extend(new)).ok()
+}
+
+/// `--target-error`: for every kind of node that has such a parameter, whether the graph has nodes of it or not.
+fn target_error(registry: &Registry, error: f32) -> Vec<Setting> {
+    let field = "target_error";
+    let value = Raw::document(&Source::new("--target-error", error.to_string()), &mut Vec::new());
+    let value = value.expect("a number is a RON value");
+    let kinds = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
+    let setting = |kind: &str| Setting { target: Target::Kind(kind.into()), field: field.into(), value: value.clone() };
+    kinds.map(|spec| setting(spec.kind)).collect()
 }
 
 /// One `--set NODE.PARAM=VALUE`; relative paths in it start from the working directory.

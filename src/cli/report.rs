@@ -25,6 +25,7 @@ struct Row<'a> {
     status: Status,
     seconds: f64,
     rays: u64,
+    samples: Option<f64>,
     stderr: Option<f64>,
     bytes: u64,
     key: Option<String>,
@@ -49,6 +50,7 @@ pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
         status: node.status,
         seconds: node.seconds,
         rays: node.rays,
+        samples: node.samples,
         stderr: node.stderr,
         bytes: node.bytes,
         key: node.key.map(|key| key.to_string()),
@@ -79,20 +81,22 @@ pub fn warnings(run: &RunReport) -> Vec<String> {
 /// The table that every run ends with.
 pub fn table(run: &RunReport) -> String {
     let width = run.nodes.iter().map(|node| node.name.chars().count()).max().unwrap_or(0).max(4);
-    let mut text = format!("{:width$}  {:9} {:>9} {:>12} {:>10}\n", "node", "status", "seconds", "rays", "std error");
+    let (status, seconds, rays, samples, error) = ("status", "seconds", "rays", "samples", "std error");
+    let mut text = format!("{:width$}  {status:9} {seconds:>9} {rays:>12} {samples:>8} {error:>10}\n", "node");
     for node in &run.nodes {
         text.push_str(&format!("{:width$}  {}\n", node.name, measures(node)));
     }
     text
 }
 
-/// Status, seconds, rays and standard error, as they stand in the table.
+/// Status, seconds, rays, mean samples and standard error, as they stand in the table.
 fn measures(node: &NodeReport) -> String {
     let ran = matches!(node.status, Status::Ran | Status::Failed);
     let seconds = if ran { format!("{:.3}", node.seconds) } else { "-".into() };
     let rays = if node.rays > 0 { node.rays.to_string() } else { "-".into() };
     let stderr = node.stderr.map_or("-".into(), |e| format!("{:.2} %", 100.0 * e));
-    format!("{:9} {seconds:>9} {rays:>12} {stderr:>10}", word(node.status))
+    let samples = node.samples.map_or("-".into(), |samples| format!("{samples:.1}"));
+    format!("{:9} {seconds:>9} {rays:>12} {samples:>8} {stderr:>10}", word(node.status))
 }
 
 /// The one line that sums a run up.

@@ -14,6 +14,7 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
     let mut options = options(&args.cache);
     options.threads = args.threads.map(usize::from);
+    options.budget = args.budget;
     let backend = options.backend.clone();
     let threads = options.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let engine = engine(options)?;

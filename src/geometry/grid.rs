@@ -80,32 +80,29 @@ impl Grid {
         found.map(|(i, weight)| (i, weight / total))
     }
 
-    /// Brings values on the grid (one vector per channel) to all pixels.
-    pub fn upsample<T>(&self, points: &Points, normal: &Normal, channels: &[Vec<T>]) -> Vec<Plane<T>>
+    /// What `value` makes, for each pixel, of the grid points that it draws from and their weights, which sum to one.
+    pub fn spread<T: Copy + Send>(
+        &self,
+        points: &Points,
+        normal: &Normal,
+        value: impl Fn(&[(usize, f32)]) -> T + Sync,
+    ) -> Plane<T> {
+        let pixel = |pixel: usize| match self.stride {
+            1 => value(&[(pixel, 1.0)]),
+            _ => value(&self.neighbours(points, normal, pixel)),
+        };
+        let pixels = (0..self.width * self.height).into_par_iter().with_min_len(self.width.max(1)).map(pixel);
+        Plane::new(self.width, self.height, pixels.collect())
+    }
+
+    /// Brings values on the grid to all pixels.
+    pub fn upsample<T>(&self, points: &Points, normal: &Normal, values: &[T]) -> Plane<T>
     where
         T: Copy + Default + Add<Output = T> + Mul<f32, Output = T> + Send + Sync,
     {
-        if self.stride == 1 {
-            return channels.iter().map(|c| Plane::new(self.width, self.height, c.clone())).collect();
-        }
-        let row = |y: usize| -> Vec<T> {
-            let mut out = vec![T::default(); self.width * channels.len()];
-            for x in 0..self.width {
-                let neighbours = self.neighbours(points, normal, y * self.width + x);
-                for (c, channel) in channels.iter().enumerate() {
-                    let sum = neighbours.iter().fold(T::default(), |sum, &(i, weight)| sum + channel[i] * weight);
-                    out[c * self.width + x] = sum;
-                }
-            }
-            out
-        };
-        let rows: Vec<Vec<T>> = (0..self.height).into_par_iter().map(row).collect();
-        (0..channels.len())
-            .map(|c| {
-                let pixels = rows.iter().flat_map(|row| &row[c * self.width..(c + 1) * self.width]);
-                Plane::new(self.width, self.height, pixels.copied().collect())
-            })
-            .collect()
+        self.spread(points, normal, |neighbours| {
+            neighbours.iter().fold(T::default(), |sum, &(i, weight)| sum + values[i] * weight)
+        })
     }
 }
 
@@ -131,8 +128,8 @@ mod tests {
         for stride in [1, 2, 3, 4, 50] {
             let grid = Grid::new((33, 21), stride);
             let near = |i: usize| if grid.pixel(i) % 33 < 17 { 1.0 } else { 5.0 };
-            let channels = [vec![3.0f32; grid.len()], (0..grid.len()).map(near).collect()];
-            let up = grid.upsample(&points, &normal, &channels);
+            let up = [vec![3.0f32; grid.len()], (0..grid.len()).map(near).collect()]
+                .map(|values| grid.upsample(&points, &normal, &values));
             assert!(up[0].pixels().iter().all(|v| (v - 3.0).abs() < 1e-5));
             if stride <= 4 {
                 let wanted = |i: usize| if i % 33 < 17 { 1.0 } else { 5.0 };
@@ -148,8 +145,8 @@ mod tests {
             let points = Points(Plane::filled(size.0, size.1, Vec3::NEG_Z));
             let normal = Normal(Plane::filled(size.0, size.1, Vec3::Z));
             let grid = Grid::new(size, 4);
-            let up = grid.upsample(&points, &normal, &[vec![1.0f32; grid.len()]]);
-            assert!(up[0].size() == size && up[0].pixels().iter().all(|v| (v - 1.0).abs() < 1e-6));
+            let up = grid.upsample(&points, &normal, &vec![1.0f32; grid.len()]);
+            assert!(up.size() == size && up.pixels().iter().all(|v| (v - 1.0).abs() < 1e-6));
         }
     }
 }

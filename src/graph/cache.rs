@@ -44,6 +44,8 @@ impl Header {
 pub(super) struct Entry {
     pub key: Digest,
     pub header: Arc<Header>,
+    /// Cut short by the budget: not what its key stands for, so that nothing outside of its run may hold it.
+    pub cut_short: bool,
     values: Mutex<Vec<Option<Value>>>,
 }
 
@@ -51,17 +53,17 @@ impl Entry {
     /// A result whose values all lie on disk.
     pub fn stored(key: Digest, header: Header) -> Entry {
         let values = Mutex::new(vec![None; header.values.len()]);
-        Entry { key, header: Arc::new(header), values }
+        Entry { key, header: Arc::new(header), cut_short: false, values }
     }
 
     /// The same without its values.
     pub fn hollow(&self) -> Entry {
         let values = Mutex::new(vec![None; self.header.values.len()]);
-        Entry { key: self.key, header: self.header.clone(), values }
+        Entry { key: self.key, header: self.header.clone(), cut_short: self.cut_short, values }
     }
 
     /// A result just made: one [`PortValue`] per output port.
-    pub fn made(key: Digest, mut header: Header, outputs: &[PortValue]) -> Entry {
+    pub fn made(key: Digest, mut header: Header, outputs: &[PortValue], cut_short: bool) -> Entry {
         let mut values = Vec::new();
         for (port, output) in outputs.iter().enumerate() {
             let mut push = |member: Option<&String>, value: &Value| {
@@ -76,7 +78,7 @@ impl Entry {
                 PortValue::Many(all) => all.iter().for_each(|(member, value)| push(Some(member), value)),
             }
         }
-        Entry { key, header: Arc::new(header), values: Mutex::new(values) }
+        Entry { key, header: Arc::new(header), cut_short, values: Mutex::new(values) }
     }
 
     pub fn value(&self, index: usize) -> Option<Value> {
@@ -189,7 +191,7 @@ mod tests {
             }
         }
         let header = Header { key_text: String::new(), values: vec![], stderr: None, warnings: vec![] };
-        Arc::new(Entry::made(Digest([name; 32]), header, &[PortValue::One(Value::new(Arc::new(Block(bytes))))]))
+        Arc::new(Entry::made(Digest([name; 32]), header, &[PortValue::One(Value::new(Arc::new(Block(bytes))))], false))
     }
 
     #[test]

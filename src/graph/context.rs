@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
 
 use super::{Digest, File};
 
@@ -43,6 +44,10 @@ pub struct Context {
     pub(super) cancel: Cancel,
     /// Digests under which the files of this node stand in its key.
     pub(super) digests: Vec<(File, Digest)>,
+    /// When the budget ends, where there is one.
+    deadline: Option<Instant>,
+    /// Whether the stage was ever told that its time is over.
+    late: AtomicBool,
     rays: AtomicU64,
     meters: Mutex<Meters>,
 }
@@ -50,12 +55,13 @@ pub struct Context {
 #[derive(Default)]
 struct Meters {
     stderr: Option<f64>,
+    samples: Option<f64>,
     warnings: Vec<String>,
 }
 
 impl Context {
-    pub(super) fn new(cancel: Cancel, digests: Vec<(File, Digest)>) -> Context {
-        Context { cancel, digests, ..Context::default() }
+    pub(super) fn new(cancel: Cancel, digests: Vec<(File, Digest)>, deadline: Option<Instant>) -> Context {
+        Context { cancel, digests, deadline, ..Context::default() }
     }
 
     /// The bytes of a file that the node declared in [`super::Node::files`].
@@ -75,6 +81,27 @@ impl Context {
         if self.cancel.is_cancelled() { Err(NodeError::Cancelled) } else { Ok(()) }
     }
 
+    /// Whether the run has a budget, so that it is worth to begin with little.
+    pub fn has_budget(&self) -> bool {
+        self.deadline.is_some()
+    }
+
+    /// Whether to stop with what there is: the time of the budget is over, or the run was cancelled. Once a stage was told so,
+    /// its result is used in this run and not kept, as it depends on more than its key.
+    pub fn out_of_time(&self) -> bool {
+        #[expect(clippy::disallowed_methods, reason = "holds the node to its budget; a result cut short is not kept")]
+        let late = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
+        if late {
+            self.late.store(true, Ordering::Relaxed);
+        }
+        late || self.cancel.is_cancelled()
+    }
+
+    /// Whether the budget cut the result short.
+    pub(super) fn was_late(&self) -> bool {
+        self.late.load(Ordering::Relaxed)
+    }
+
     /// Counts rays traced, for the run table.
     pub fn count_rays(&self, rays: u64) {
         self.rays.fetch_add(rays, Ordering::Relaxed);
@@ -83,6 +110,11 @@ impl Context {
     /// Records the stage's mean relative standard error, for the run table.
     pub fn set_stderr(&self, relative: f64) {
         self.lock().stderr = Some(relative);
+    }
+
+    /// Records how many samples an estimate took, on the mean, for the run table.
+    pub fn set_samples(&self, mean: f64) {
+        self.lock().samples = Some(mean);
     }
 
     /// Tells the person something that is no error: shown after the run, kept with the cached result.
@@ -96,6 +128,10 @@ impl Context {
 
     pub fn stderr(&self) -> Option<f64> {
         self.lock().stderr
+    }
+
+    pub fn samples(&self) -> Option<f64> {
+        self.lock().samples
     }
 
     pub fn warnings(&self) -> Vec<String> {

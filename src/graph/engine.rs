@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::cache::Entry;
 use super::context::Cancel;
@@ -15,7 +16,7 @@ use super::store::Store;
 use super::take::{Before, key_text, taken};
 use super::{Digest, key};
 
-/// How an engine works. None of it but `backend` changes what comes out.
+/// How an engine works. None of it but `backend` and `budget` changes what comes out.
 #[derive(Clone, Debug)]
 pub struct EngineOptions {
     /// Where results are kept between runs; `None` keeps them in memory only.
@@ -28,6 +29,9 @@ pub struct EngineOptions {
     pub threads: Option<usize>,
     /// Whatever else numbers depend on (numeric backend, global seed): one line of every key.
     pub backend: String,
+    /// Time for each node that asks for it ([`super::Context::out_of_time`]), from its start. What is cut short by it is used in
+    /// the run and not kept; what was kept before, whole, is used as ever.
+    pub budget: Option<Duration>,
 }
 
 impl Default for EngineOptions {
@@ -38,6 +42,7 @@ impl Default for EngineOptions {
             disk_bytes: 10 << 30,
             threads: None,
             backend: "cpu".to_owned(),
+            budget: None,
         }
     }
 }
@@ -53,6 +58,7 @@ pub(super) const STORED_NO_MORE: &str = "its result is stored no more";
 /// Runs graphs, and keeps what they gave.
 pub struct Engine {
     backend: String,
+    pub(super) budget: Option<Duration>,
     pool: rayon::ThreadPool,
     pub(super) store: Store,
 }
@@ -78,7 +84,7 @@ impl Engine {
             .map_err(std::io::Error::other)?;
         let disk = options.cache_dir.map(DiskCache::new);
         let store = Store::new(options.memory_bytes, disk, options.disk_bytes);
-        Ok(Engine { backend: options.backend, pool, store })
+        Ok(Engine { backend: options.backend, budget: options.budget, pool, store })
     }
 
     pub fn threads(&self) -> usize {

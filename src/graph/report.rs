@@ -38,6 +38,8 @@ pub struct NodeReport {
     pub seconds: f64,
     /// Rays that were traced in this run; 0 unless it ran.
     pub rays: u64,
+    /// Mean number of samples of the estimates made in this run, where the stage tells one; none unless it ran.
+    pub samples: Option<f64>,
     /// Mean relative standard error of the result, where the stage tells one (also of a result that was there already).
     pub stderr: Option<f64>,
     /// Memory that the outputs take.

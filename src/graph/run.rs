@@ -8,7 +8,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::cache::{Entry, Header};
 use super::context::{Cancel, Context, NodeError};
@@ -91,6 +91,7 @@ struct Made {
     values: Vec<Value>,
     seconds: f64,
     rays: u64,
+    samples: Option<f64>,
 }
 
 impl<'a> Run<'a> {
@@ -141,7 +142,9 @@ impl<'a> Run<'a> {
         let outputs = self.outputs();
         let state = self.state.into_inner().expect(UNPOISONED);
         let done = self.graph.instances.iter().zip(&state.outcomes).filter_map(|(instance, outcome)| match outcome {
-            Some(Outcome::Done(entry)) => Some((instance.name.clone(), entry.header.clone(), entry.key)),
+            Some(Outcome::Done(entry)) if !entry.cut_short => {
+                Some((instance.name.clone(), entry.header.clone(), entry.key))
+            }
             _ => None,
         });
         self.engine.store.set_latest(done);
@@ -193,7 +196,9 @@ impl<'a> Run<'a> {
             let report = self.report(at, Status::Hit, Some(entry));
             return self.settle(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
         }
-        match (self.make(&job), found.entry) {
+        // What is compared with a stored result must be as whole as that one.
+        let budget = if found.entry.is_none() { self.engine.budget } else { None };
+        match (self.make(&job, budget), found.entry) {
             (Err(stop), _) => {
                 let (outcome, report) = self.stopped(at, Some(job.key), stop);
                 self.settle(scope, at, Some(job.key), outcome, report);
@@ -203,16 +208,22 @@ impl<'a> Run<'a> {
                 let report = NodeReport {
                     seconds: made.seconds,
                     rays: made.rays,
+                    samples: made.samples,
                     ..self.report(at, Status::Hit, Some(&stored))
                 };
                 self.settle(scope, at, Some(job.key), Outcome::Done(stored), report);
             }
             (Ok(made), None) => {
-                self.engine.store.keep_in_memory(&made.entry);
+                let keep = !made.entry.cut_short;
+                if keep {
+                    self.engine.store.keep_in_memory(&made.entry);
+                }
                 let report = self.ran(&job, &made, found.damage.map(Loss::Damaged));
                 self.settle(scope, at, Some(job.key), Outcome::Done(made.entry.clone()), report);
                 // Only now, so that what waits for the values need not wait for the disk.
-                self.engine.store.keep_on_disk(&made.entry, &made.values);
+                if keep {
+                    self.engine.store.keep_on_disk(&made.entry, &made.values);
+                }
             }
         }
     }
@@ -243,8 +254,8 @@ impl<'a> Run<'a> {
         if cancelled { Err(Stop::Cancelled) } else { Ok(Before(before)) }
     }
 
-    /// Runs the stage.
-    fn make(&self, job: &Job) -> Result<Made, Stop> {
+    /// Runs the stage, within a budget of time where there is one.
+    fn make(&self, job: &Job, budget: Option<Duration>) -> Result<Made, Stop> {
         let node = self.node(job.at);
         let inputs = job.taken.iter().map(|taken| {
             Ok(match taken {
@@ -257,11 +268,14 @@ impl<'a> Run<'a> {
             })
         });
         let inputs = inputs.collect::<Result<Vec<_>, Stop>>()?;
-        let ctx = Context::new(self.cancel.clone(), node.files.clone());
-        ctx.check_cancelled().map_err(|_| Stop::Cancelled)?;
+        if self.cancel.is_cancelled() {
+            return Err(Stop::Cancelled);
+        }
         self.observer.started(&self.graph.instances[job.at].name);
-        #[expect(clippy::disallowed_methods, reason = "times the node for its report")]
+        #[expect(clippy::disallowed_methods, reason = "times the node for its report and its budget")]
         let began = Instant::now();
+        let deadline = budget.and_then(|budget| began.checked_add(budget));
+        let ctx = Context::new(self.cancel.clone(), node.files.clone(), deadline);
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,
             Ok(Err(NodeError::Cancelled)) => return Err(Stop::Cancelled),
@@ -273,12 +287,16 @@ impl<'a> Run<'a> {
         };
         check_members(node, &outputs).map_err(Stop::Failed)?;
         let seconds = began.elapsed().as_secs_f64();
-        let header =
-            Header { key_text: job.text.clone(), values: vec![], stderr: ctx.stderr(), warnings: ctx.warnings() };
-        let entry = Arc::new(Entry::made(job.key, header, &outputs));
+        let mut warnings = ctx.warnings();
+        if ctx.was_late() {
+            let error = ctx.stderr().map_or(String::new(), |e| format!(" at a standard error of {:.2} %", 100.0 * e));
+            warnings.push(format!("stopped by the budget{error}; this result is not kept"));
+        }
+        let header = Header { key_text: job.text.clone(), values: vec![], stderr: ctx.stderr(), warnings };
+        let entry = Arc::new(Entry::made(job.key, header, &outputs, ctx.was_late()));
         let values = entry.all().expect("a result just made has all its values");
         self.hold(job.at, &entry);
-        Ok(Made { entry, values, seconds, rays: ctx.rays() })
+        Ok(Made { entry, values, seconds, rays: ctx.rays(), samples: ctx.samples() })
     }
 
     /// A value for a stage that really runs: from memory, from disk, or made again when what is stored is damaged.
@@ -307,7 +325,8 @@ impl<'a> Run<'a> {
             Some(Outcome::Done(entry)) => entry,
             _ => return Err(Stop::Blocked(at)),
         };
-        let made = self.job(at).and_then(|job| self.make(&job).map(|made| (job, made)));
+        // Without a budget: what took the stored result into its key must get that one.
+        let made = self.job(at).and_then(|job| self.make(&job, None).map(|made| (job, made)));
         let (outcome, report, result) = match made {
             Ok((job, made)) => {
                 let mut report = self.ran(&job, &made, Some(loss));
@@ -406,6 +425,7 @@ impl<'a> Run<'a> {
         let mut report = self.report(job.at, Status::Ran, Some(&made.entry));
         report.seconds = made.seconds;
         report.rays = made.rays;
+        report.samples = made.samples;
         let why = match loss {
             Some(Loss::Damaged(damage)) => {
                 report.warnings.push(format!("the stored result was damaged ({damage}) and was made again"));
@@ -424,6 +444,7 @@ impl<'a> Run<'a> {
             status,
             seconds: 0.0,
             rays: 0,
+            samples: None,
             stderr: entry.and_then(|e| e.header.stderr),
             bytes: entry.map_or(0, |e| e.header.memory()),
             key: entry.map(|e| e.key),
@@ -492,11 +513,12 @@ impl<'a> Run<'a> {
 const UNPOISONED: &str = "nothing panics while it holds the state of a run";
 
 impl State {
-    /// One taker of `at` less; after the last one only the header is kept.
+    /// One taker of `at` less; after the last one only the header is kept, unless nobody else holds the values.
     fn release(&mut self, at: usize) {
         self.uses[at] -= 1;
         if self.uses[at] == 0
             && let Some(Outcome::Done(entry)) = &mut self.outcomes[at]
+            && !entry.cut_short
         {
             *entry = Arc::new(entry.hollow());
             self.held_now -= std::mem::take(&mut self.held[at]);

@@ -44,8 +44,8 @@ artifacts! {
     Radiance: |r| r.0.len() * 12,
     Transport: Transport::bytes,
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),
-    Visibility: |v| v.lit.iter().chain(&v.unknown).map(Plane::bytes).sum(),
-    UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).sum(),
+    Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),
+    UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).chain(i.stderr.iter().map(Plane::bytes)).sum(),
     LightKind: |_| size_of::<LightKind>(),
     Encoding: |_| size_of::<Encoding>(),
     Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
@@ -64,6 +64,8 @@ pub struct UnitDirect {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Visibility {
     pub lit: Vec<Plane<f32>>,
+    /// Standard error of `lit`.
+    pub stderr: Vec<Plane<f32>>,
     /// Rays that pass behind a depth edge or leave the seen volume.
     pub unknown: Vec<Plane<f32>>,
 }
@@ -72,6 +74,8 @@ pub struct Visibility {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnitIndirect {
     pub lobes: Vec<Shading>,
+    /// Standard error of each lobe's luminance. All lobes and lights share their rays, so their errors go together.
+    pub stderr: Vec<Plane<f32>>,
 }
 
 /// How the photo was stored, so that the result can be stored alike.

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::estimate::{BATCHES, estimate};
+use super::estimate::{BATCHES, Measure, Sampling, Tile, mean, refine, stream, tiles};
 use super::{Emitter, Shape};
 use crate::image::{Normal, Plane, Points};
 
@@ -10,6 +10,8 @@ use crate::image::{Normal, Plane, Points};
 pub struct Direct {
     pub lobes: Vec<Plane<f32>>,
     pub stderr: Vec<Plane<f32>>,
+    /// Samples taken, of all pixels and lobes.
+    pub samples: u64,
 }
 
 impl Direct {
@@ -22,27 +24,64 @@ impl Direct {
     }
 }
 
-/// Closed forms where there are any, else `samples` samples per pixel, rounded up to whole batches. The planes are of one size.
-pub fn direct(points: &Points, normal: &Normal, shape: &Shape, samples: usize, seed: u64) -> Direct {
-    let emitter = Emitter::new(shape);
+/// Sums of the parts of the samples, per batch.
+type Sums = [f64; BATCHES];
+
+/// Closed forms where there are any, else samples. The planes are of one size. Asked between rounds, `stop` may end it early.
+pub fn direct(
+    points: &Points,
+    normal: &Normal,
+    shape: &Shape,
+    sampling: &Sampling,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Direct {
+    let emitter = Emitter::with_sampling(shape, sampling.strategy);
     let (width, height) = points.0.size();
-    let (mut lobes, mut stderr) = (Vec::new(), Vec::new());
-    for lobe in 0..shape.lobes() {
-        let shade = |i: usize| {
-            let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
-            match emitter.irradiance(lobe, point, n) {
-                Some(e) => (e, 0.0),
-                None => {
-                    let each = samples.div_ceil(BATCHES);
-                    let (e, error) = estimate(&emitter, lobe, (point, n), each, seed, i as u32);
-                    (e as f32, error as f32)
-                }
-            }
-        };
+    let at = |i: usize| (points.0.pixels()[i], normal.0.pixels()[i]);
+    let exact = |lobe: usize| -> Vec<Option<f32>> {
         let pixels = (0..width * height).into_par_iter().with_min_len(width.max(1));
-        let (values, errors): (Vec<f32>, Vec<f32>) = pixels.map(shade).unzip();
-        lobes.push(Plane::new(width, height, values));
-        stderr.push(Plane::new(width, height, errors));
+        pixels.map(|i| emitter.irradiance(lobe, at(i).0, at(i).1)).collect()
+    };
+    let exact: Vec<Vec<Option<f32>>> = (0..shape.lobes()).map(exact).collect();
+
+    let open = |(lobe, exact): (usize, &Vec<Option<f32>>)| tiles(lobe, (width, height), |i| exact[i].is_none());
+    let mut open: Vec<Tile<Sums>> = exact.iter().enumerate().flat_map(open).collect();
+    let known = |exact: &Vec<Option<f32>>| exact.iter().flatten().map(|&e| f64::from(e)).sum();
+    let base: Vec<(f64, usize)> = exact.iter().map(|exact| (known(exact), width * height)).collect();
+    let extend = |tile: &mut Tile<Sums>, range: std::ops::Range<usize>| {
+        for (&pixel, sums) in tile.pixels.iter().zip(&mut tile.sums) {
+            let Some(seen) = emitter.seen(tile.lobe, at(pixel).0, at(pixel).1) else { continue };
+            for (batch, sum) in sums.iter_mut().enumerate() {
+                let points = stream(sampling.seed, pixel as u32, tile.lobe, batch);
+                let parts = range.clone().filter_map(|i| seen.sample(i, points.get(i)));
+                parts.for_each(|sample| *sum += f64::from(sample.part));
+            }
+        }
+    };
+    let measure = |tile: &Tile<Sums>| {
+        let add = |all: Measure, (value, error)| Measure { value: all.value + value, error: all.error + error };
+        answers(tile).fold(Measure::default(), add)
+    };
+    refine(&mut open, &base, sampling, extend, measure, stop);
+
+    let filled = |exact: &Vec<Option<f32>>| exact.iter().map(|e| e.unwrap_or(0.0)).collect::<Vec<f32>>();
+    let mut lobes: Vec<Vec<f32>> = exact.iter().map(filled).collect();
+    let mut stderr = vec![vec![0.0; width * height]; lobes.len()];
+    for tile in &open {
+        for (&pixel, (value, error)) in tile.pixels.iter().zip(answers(tile)) {
+            lobes[tile.lobe][pixel] = value as f32;
+            stderr[tile.lobe][pixel] = error as f32;
+        }
     }
-    Direct { lobes, stderr }
+    let plane = |pixels: Vec<f32>| Plane::new(width, height, pixels);
+    Direct {
+        lobes: lobes.into_iter().map(plane).collect(),
+        stderr: stderr.into_iter().map(plane).collect(),
+        samples: open.iter().map(|tile| (tile.pixels.len() * tile.each * BATCHES) as u64).sum(),
+    }
+}
+
+/// Value and standard error of each pixel of a tile.
+fn answers(tile: &Tile<Sums>) -> impl Iterator<Item = (f64, f64)> {
+    tile.sums.iter().map(|sums| mean(&sums.map(|sum| sum / tile.each.max(1) as f64)))
 }

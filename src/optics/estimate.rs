@@ -1,15 +1,20 @@
-//! Monte Carlo estimates with a standard error.
+//! Monte Carlo estimates with a standard error, and the rounds in which they get better.
 //!
 //! The samples of one estimate come in [`BATCHES`] streams that are independent of each other. Inside a stream the points are
 //! evenly spread, and no formula tells the error of such a sum; but the streams' means are independent and alike, so their
 //! spread tells it: randomised quasi-Monte Carlo (L'Ecuyer, "Randomized Quasi-Monte Carlo", 2018).
 
-use super::{Emitter, Points2};
 use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{Emitter, Points2, Strategy};
 
 /// Independent streams per estimate. A 95 % interval is Student's for one degree of freedom less: plus and minus 3.18 standard
 /// errors.
 pub const BATCHES: usize = 4;
+
+/// Pixels along each side of a tile, which is made better as a whole.
+const TILE: usize = 16;
 
 /// The stream of a pixel for one lobe and batch.
 pub fn stream(seed: u64, pixel: u32, lobe: usize, batch: usize) -> Points2 {
@@ -40,4 +45,108 @@ pub fn estimate(
         parts.map(|sample| f64::from(sample.part)).sum::<f64>() / each.max(1) as f64
     });
     mean(&batches)
+}
+
+/// How samples are taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sampling {
+    /// Where the directions to a window come from.
+    pub strategy: Strategy,
+    /// Samples per pixel and lobe, rounded up to whole batches; the least where there is a target.
+    pub samples: usize,
+    /// The most where there is a target.
+    pub most: usize,
+    /// Mean standard error of a tile, over the mean of its lobe in the whole picture, that is good enough; 0 stops at `samples`.
+    pub target: f64,
+    /// Samples of the first round, after which one may stop; `samples` where nobody will.
+    pub first: usize,
+    /// Another seed gives other noise.
+    pub seed: u64,
+}
+
+impl Sampling {
+    /// `samples` everywhere, in one round.
+    pub fn fixed(samples: usize, seed: u64) -> Sampling {
+        Sampling { strategy: Strategy::Best, samples, most: samples, target: 0.0, first: samples, seed }
+    }
+}
+
+/// Some pixels of one lobe, and what is known of them.
+pub struct Tile<S> {
+    pub lobe: usize,
+    pub pixels: Vec<usize>,
+    /// One per pixel.
+    pub sums: Vec<S>,
+    /// Samples taken per pixel and batch.
+    pub each: usize,
+    pub measure: Measure,
+    open: bool,
+}
+
+/// Sums over the pixels of a tile.
+#[derive(Clone, Copy, Default)]
+pub struct Measure {
+    pub value: f64,
+    pub error: f64,
+}
+
+/// The tiles of one lobe over a picture of this size, of the pixels (row by row) that `take` names; none is empty.
+pub fn tiles<S: Clone + Default>(
+    lobe: usize,
+    (width, height): (usize, usize),
+    take: impl Fn(usize) -> bool,
+) -> Vec<Tile<S>> {
+    let mut tiles = Vec::new();
+    for (top, left) in (0..height).step_by(TILE).flat_map(|y| (0..width).step_by(TILE).map(move |x| (y, x))) {
+        let rows = top..(top + TILE).min(height);
+        let columns = left..(left + TILE).min(width);
+        let pixels = rows.flat_map(|y| columns.clone().map(move |x| y * width + x));
+        let pixels: Vec<usize> = pixels.filter(|&pixel| take(pixel)).collect();
+        if !pixels.is_empty() {
+            let sums = vec![S::default(); pixels.len()];
+            tiles.push(Tile { lobe, pixels, sums, each: 0, measure: Measure::default(), open: true });
+        }
+    }
+    tiles
+}
+
+/// Takes samples until there are enough, or `stop` says yes. Each round doubles those of the tiles that are not good enough yet.
+///
+/// `extend` adds the samples of a range, in each batch, to the sums of a tile; `measure` tells how the tile stands. `base` is,
+/// per lobe, the sum of what is known without samples, and how many pixels there are in all. What comes out depends on
+/// `stop`, but not on the number of threads.
+pub fn refine<S: Send + Sync>(
+    tiles: &mut [Tile<S>],
+    base: &[(f64, usize)],
+    sampling: &Sampling,
+    extend: impl Fn(&mut Tile<S>, std::ops::Range<usize>) + Sync,
+    measure: impl Fn(&Tile<S>) -> Measure + Sync,
+    stop: &(dyn Fn() -> bool + Sync),
+) {
+    let batches = |samples: usize| samples.div_ceil(BATCHES).max(1);
+    let (least, most) = (batches(sampling.samples), batches(sampling.most.max(sampling.samples)));
+    let mut each = batches(sampling.first).min(least);
+    loop {
+        tiles.par_iter_mut().filter(|tile| tile.open).for_each(|tile| {
+            if tile.each == 0 || !stop() {
+                extend(tile, tile.each..each);
+                tile.each = each;
+                tile.measure = measure(tile);
+            }
+        });
+        if each >= least {
+            let mut enough: Vec<f64> = base.iter().map(|(value, _)| *value).collect();
+            tiles.iter().for_each(|tile| enough[tile.lobe] += tile.measure.value);
+            enough.iter_mut().zip(base).for_each(|(sum, (_, count))| *sum *= sampling.target / (*count).max(1) as f64);
+            for tile in tiles.iter_mut() {
+                let good = tile.measure.error <= enough[tile.lobe] * tile.pixels.len() as f64;
+                tile.open &= sampling.target > 0.0 && !good;
+            }
+        }
+        let limit = if each < least { least } else { most };
+        if each >= limit || !tiles.iter().any(|tile| tile.open) || stop() {
+            return;
+        }
+        each = (2 * each).min(limit);
+    }
 }

@@ -10,15 +10,16 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::estimate::{BATCHES, mean, stream};
 use super::random::Points2;
 use crate::geometry::{Grid, SceneMesh, cosine_direction};
-use crate::image::{Albedo, Normal, Plane, Points, Shading};
+use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance};
 
 /// What each receiver (a point of a coarse grid) sees along its rays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Transport {
     grid: Grid,
-    /// One row per receiver, one column per ray: the pixel met, or [`MISS`].
+    /// One row per receiver, one column per ray, batch after batch: the pixel met, or [`MISS`].
     hits: Plane<u32>,
     /// Each pixel's nearest receiver on its own surface.
     nearest: Plane<u32>,
@@ -62,7 +63,7 @@ impl Transport {
     }
 }
 
-/// Traces `rays` cosine-distributed rays from every `stride`th pixel. `points` and `normal` have the size of `mesh`.
+/// Traces `rays` cosine-distributed rays, rounded up to whole batches, from every `stride`th pixel. `points` and `normal` have the size of `mesh`.
 pub fn trace_bounces(
     mesh: &SceneMesh,
     points: &Points,
@@ -73,17 +74,18 @@ pub fn trace_bounces(
 ) -> Transport {
     let (width, height) = points.0.size();
     let grid = Grid::new((width, height), stride);
+    let each = rays.div_ceil(BATCHES).max(1);
     let trace = |i: usize| -> Vec<u32> {
         let pixel = grid.pixel(i);
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
         let from = point + n * mesh.offset(point);
-        let random = Points2::new(seed, pixel as u32, 0);
-        let look = |ray: usize| {
+        let look = |random: Points2, ray: usize| {
             let direction = cosine_direction(n, random.get(ray));
             let hit = mesh.closest(from, direction)?;
             (normal.0.pixels()[hit.pixel as usize].dot(direction) < 0.0).then_some(hit.pixel)
         };
-        (0..rays).map(|ray| look(ray).unwrap_or(MISS)).collect()
+        let batch = |batch: usize| (0..each).map(move |ray| (stream(seed, pixel as u32, 0, batch), ray));
+        (0..BATCHES).flat_map(batch).map(|(random, ray)| look(random, ray).unwrap_or(MISS)).collect()
     };
     let rows: Vec<Vec<u32>> = (0..grid.len()).into_par_iter().map(trace).collect();
     let nearest = |pixel: usize| {
@@ -106,7 +108,7 @@ pub fn trace_bounces(
     let most = 4.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     areas.iter_mut().for_each(|a| *a = a.min(most));
     Transport {
-        hits: Plane::new(rays, grid.len(), rows.concat()),
+        hits: Plane::new(each * BATCHES, grid.len(), rows.concat()),
         nearest: Plane::new(width, height, nearest),
         areas: Plane::new(grid.len(), 1, areas),
         grid,
@@ -122,7 +124,7 @@ pub struct Bounces {
     pub unseen: f32,
 }
 
-/// Indirect shading of one lobe on all pixels; `direct` is its shadowed direct shading.
+/// Indirect shading of one lobe on all pixels, and the standard error of its luminance; `direct` is its shadowed direct shading.
 pub fn indirect(
     transport: &Transport,
     points: &Points,
@@ -130,9 +132,15 @@ pub fn indirect(
     albedo: &Albedo,
     direct: &Plane<f32>,
     bounces: Bounces,
-) -> Shading {
-    let shading = indirect_at_receivers(transport, albedo, |pixel| direct.pixels()[pixel], bounces);
-    Shading(transport.grid.upsample(points, normal, &[shading]).remove(0))
+) -> (Shading, Plane<f32>) {
+    let receivers = gather(transport, albedo, |pixel| direct.pixels()[pixel], bounces);
+    // The variances of receivers add with the squares of their weights: each has rays of its own.
+    let up = transport.grid.spread(points, normal, |neighbours| {
+        neighbours.iter().fold((Vec3::ZERO, 0.0), |(shading, variance), &(i, weight)| {
+            (shading + receivers[i].0 * weight, variance + (weight * receivers[i].1).powi(2))
+        })
+    });
+    (Shading(up.map(|(shading, _)| shading)), up.map(|(_, variance)| variance.sqrt()))
 }
 
 /// Indirect shading of one lobe on the receivers alone; `direct` is its shadowed direct shading at a pixel.
@@ -142,32 +150,51 @@ pub fn indirect_at_receivers(
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
 ) -> Vec<Vec3> {
+    gather(transport, albedo, direct, bounces).into_iter().map(|(shading, _)| shading).collect()
+}
+
+/// Indirect shading of each receiver, and the standard error of its luminance: that of the receiver's own rays, whose batches
+/// are independent. What the surfaces that they meet show has errors too, but is a mean over many receivers.
+fn gather(
+    transport: &Transport,
+    albedo: &Albedo,
+    direct: impl Fn(usize) -> f32 + Sync,
+    bounces: Bounces,
+) -> Vec<(Vec3, f32)> {
     let Transport { grid, hits, nearest, areas } = transport;
     let receivers = grid.len();
     // An albedo of one would never come to rest.
     let reflect = |pixel: usize| albedo.0.pixels()[pixel].clamp(Vec3::ZERO, Vec3::splat(0.95));
     let area: f64 = areas.pixels().iter().map(|&a| f64::from(a)).sum();
-    let mean = |value: &dyn Fn(usize) -> Vec3| -> Vec3 {
+    let mean_of = |value: &dyn Fn(usize) -> Vec3| -> Vec3 {
         let sum: glam::DVec3 = (0..receivers).map(|i| value(i).as_dvec3() * f64::from(areas.pixels()[i])).sum();
         if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
     };
-    let mean_albedo = mean(&|i| reflect(grid.pixel(i)));
-    let rays = hits.width().max(1) as f32;
-    // One bounce of the light `before`, which is the shading of a pixel.
-    let bounce = |before: &(dyn Fn(usize) -> Vec3 + Sync)| -> Vec<Vec3> {
-        let ambient = bounces.unseen * mean(&|i| reflect(grid.pixel(i)) * before(grid.pixel(i)));
+    let mean_albedo = mean_of(&|i| reflect(grid.pixel(i)));
+    let each = (hits.width() / BATCHES).max(1);
+    // One bounce of the light `before`, which is the shading of a pixel: per receiver and batch of rays.
+    let bounce = |before: &(dyn Fn(usize) -> Vec3 + Sync)| -> Vec<[Vec3; BATCHES]> {
+        let ambient = bounces.unseen * mean_of(&|i| reflect(grid.pixel(i)) * before(grid.pixel(i)));
         let shown = |&hit: &u32| if hit == MISS { ambient } else { reflect(hit as usize) * before(hit as usize) };
-        let gather = |row: &[u32]| row.iter().map(shown).sum::<Vec3>() / rays;
+        let gather = |row: &[u32]| {
+            std::array::from_fn(|b| row[b * each..(b + 1) * each].iter().map(shown).sum::<Vec3>() / each as f32)
+        };
         hits.pixels().par_chunks(hits.width().max(1)).with_min_len(64).map(gather).collect()
     };
+    let whole = |batches: &[Vec3; BATCHES]| batches.iter().sum::<Vec3>() / BATCHES as f32;
     let mut last = bounce(&|pixel| Vec3::splat(direct(pixel)));
     let mut total = last.clone();
+    let add = |total: &mut [[Vec3; BATCHES]], last: &[[Vec3; BATCHES]], times: Vec3| {
+        let pairs = total.iter_mut().flatten().zip(last.iter().flatten());
+        pairs.for_each(|(sum, add)| *sum += *add * times);
+    };
     for _ in 1..bounces.count.max(1) {
-        last = bounce(&|pixel| last[nearest.pixels()[pixel] as usize]);
-        total.iter_mut().zip(&last).for_each(|(sum, add)| *sum += *add);
+        let shading: Vec<Vec3> = last.iter().map(whole).collect();
+        last = bounce(&|pixel| shading[nearest.pixels()[pixel] as usize]);
+        add(&mut total, &last, Vec3::ONE);
     }
     // Each further bounce is taken to be the one before times the mean albedo: exact where the albedo is constant.
-    let tail = mean_albedo / (Vec3::ONE - mean_albedo);
-    total.iter_mut().zip(&last).for_each(|(sum, add)| *sum += *add * tail);
-    total
+    add(&mut total, &last, mean_albedo / (Vec3::ONE - mean_albedo));
+    let error = |batches: &[Vec3; BATCHES]| mean(&batches.map(|b| f64::from(luminance(b)))).1 as f32;
+    total.iter().map(|batches| (whole(batches), error(batches))).collect()
 }

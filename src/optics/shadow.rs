@@ -2,12 +2,13 @@
 //!
 //! Rays go to the samples of the light that direct shading is made of, and each counts with its part f of it: per lobe,
 //! visibility = sum of f V / sum of f. So a sun lobe gets the sun's shadow, and a lamp half below the horizon that of its
-//! upper half.
+//! upper half. The standard error is that of a ratio: with a and f the sums of a batch and R the ratio of all, the spread of
+//! a - R f over the batches, divided by the mean f (Cochran, "Sampling Techniques", 6.4).
 
-use glam::Vec3;
-use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::estimate::{BATCHES, stream};
+use super::estimate::{BATCHES, Measure, Sampling, Tile, mean, refine, stream, tiles};
 use super::{Emitter, Shape};
 use crate::geometry::{Grid, Own, SceneMesh, Sight};
 use crate::image::{Mask, Normal, Plane, Points};
@@ -15,9 +16,8 @@ use crate::image::{Mask, Normal, Plane, Points};
 /// How shadows are traced.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadowQuality {
-    /// Rays per traced pixel and lobe, rounded up to whole batches.
-    pub samples: usize,
-    pub seed: u64,
+    /// Rays per traced pixel and lobe.
+    pub sampling: Sampling,
     /// 1 traces every pixel, 2 every second one along each axis, and so on.
     pub stride: usize,
     /// The share of unknown rays that counts as lit, 0..1.
@@ -28,14 +28,43 @@ pub struct ShadowQuality {
 pub struct Shadow {
     /// Seen to be lit, plus `assume_lit` times unknown.
     pub lit: Vec<Plane<f32>>,
+    /// Standard error of `lit`.
+    pub stderr: Vec<Plane<f32>>,
     /// Passing behind a depth edge, whatever was assumed about it.
     pub unknown: Vec<Plane<f32>>,
+    /// Mean standard error of the shadowed direct shading over its mean, on the traced pixels, of all lobes together.
+    pub relative_error: f64,
     pub rays: u64,
+    /// Samples taken, of all traced pixels and lobes; those below the horizon need no ray.
+    pub samples: u64,
+    /// Traced pixels, of all lobes.
+    pub pixels: usize,
+}
+
+/// Sums over the samples of one batch.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    /// Of all parts.
+    all: f64,
+    lit: f64,
+    unknown: f64,
+}
+
+/// What is known of one traced pixel.
+#[derive(Clone, Copy, Default)]
+struct Answer {
+    /// Unshadowed shading, by the same samples.
+    shading: f32,
+    lit: f32,
+    unknown: f32,
+    stderr: f32,
+    /// One where any light could arrive, else zero.
+    valid: f32,
 }
 
 /// Shadows on all pixels of `points`, cast by `mesh`. `own` marks the light's own pixels (of the mesh): they cast no shadow, and
 /// are themselves neither lit nor unknown, as no light reaches its own (convex) surface. Where no light arrives even without
-/// shadows, a pixel counts as lit.
+/// shadows, a pixel counts as lit. Asked between rounds, `stop` may end it early.
 pub fn shadow(
     mesh: &SceneMesh,
     points: &Points,
@@ -43,67 +72,117 @@ pub fn shadow(
     shape: &Shape,
     own: Option<&Mask>,
     quality: ShadowQuality,
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> Shadow {
-    let lobes = shape.lobes();
-    if lobes == 0 {
-        return Shadow { lit: Vec::new(), unknown: Vec::new(), rays: 0 };
-    }
-    let emitter = Emitter::new(shape);
+    let emitter = Emitter::with_sampling(shape, quality.sampling.strategy);
     let is_own = |pixel: usize| own.is_some_and(|own| own.0.pixels()[pixel] > 0.5);
     let passes = own.map(Own::new);
     let grid = Grid::new(points.0.size(), quality.stride);
-    let each = quality.samples.div_ceil(BATCHES);
-    let trace = |i: usize| {
-        let pixel = grid.pixel(i);
-        let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
-        let from = point + n * mesh.offset(point);
-        let (mut all, mut lit, mut unknown, mut rays) = (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO, 0);
-        for lobe in 0..lobes {
-            let seen = if is_own(pixel) { None } else { emitter.seen(lobe, point, n) };
-            let Some(seen) = seen else { continue };
-            for batch in 0..BATCHES {
-                let stream = stream(quality.seed, pixel as u32, lobe, batch);
-                for sample in (0..each).filter_map(|i| seen.sample(i, stream.get(i))) {
-                    rays += 1;
-                    all[lobe] += sample.part;
+    let lobes = 0..shape.lobes();
+    let mut open: Vec<Tile<[Sums; BATCHES]>> =
+        lobes.clone().flat_map(|lobe| tiles(lobe, grid.size(), |i| !is_own(grid.pixel(i)))).collect();
+    let rays = AtomicU64::new(0);
+    let extend = |tile: &mut Tile<[Sums; BATCHES]>, range: Range<usize>| {
+        let mut traced = 0;
+        for (&i, sums) in tile.pixels.iter().zip(&mut tile.sums) {
+            let pixel = grid.pixel(i);
+            let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
+            let Some(seen) = emitter.seen(tile.lobe, point, n) else { continue };
+            let from = point + n * mesh.offset(point);
+            for (batch, sums) in sums.iter_mut().enumerate() {
+                let stream = stream(quality.sampling.seed, pixel as u32, tile.lobe, batch);
+                for sample in range.clone().filter_map(|i| seen.sample(i, stream.get(i))) {
+                    let part = f64::from(sample.part);
+                    traced += 1;
+                    sums.all += part;
                     match mesh.visibility(from, sample.place, passes.as_ref()) {
-                        Sight::Lit => lit[lobe] += sample.part,
-                        Sight::Unknown => unknown[lobe] += sample.part,
+                        Sight::Lit => sums.lit += part,
+                        Sight::Unknown => sums.unknown += part,
                         Sight::Blocked => {}
                     }
                 }
             }
         }
-        // Lobes without any light here have no say in their neighbours' shadows.
-        let valid = all.cmpgt(Vec3::splat(1e-30));
-        let whole = Vec3::select(valid, all, Vec3::ONE);
-        let valid = Vec3::select(valid, Vec3::ONE, Vec3::ZERO);
-        ([lit / whole, unknown / whole, valid], rays)
+        rays.fetch_add(traced, Ordering::Relaxed);
     };
-    let columns = grid.size().0.max(1);
-    let traced: Vec<([Vec3; 3], u64)> = (0..grid.len()).into_par_iter().with_min_len(columns).map(trace).collect();
-    let channels: [Vec<Vec3>; 3] = std::array::from_fn(|c| traced.iter().map(|(values, _)| values[c]).collect());
-    let up = grid.upsample(points, normal, &channels);
-    let (width, height) = points.0.size();
-    // `dark` is the answer where no light arrives at all.
-    let share = |k: usize, dark: f32, value: &dyn Fn(usize) -> f32| {
-        let pixel = |i: usize| {
-            let valid = up[2].pixels()[i][k];
-            if is_own(i) {
-                0.0
-            } else if valid > 0.0 {
-                (value(i) / valid).clamp(0.0, 1.0)
-            } else {
-                dark
-            }
-        };
-        Plane::new(width, height, (0..width * height).map(pixel).collect())
+    let assume = f64::from(quality.assume_lit);
+    let measure = |tile: &Tile<[Sums; BATCHES]>| {
+        let weighted = |answer: &Answer, v: f32| f64::from(answer.shading) * f64::from(v);
+        answers(tile, assume).iter().fold(Measure::default(), |sum, answer| Measure {
+            value: sum.value + weighted(answer, answer.lit),
+            error: sum.error + weighted(answer, answer.stderr),
+        })
     };
-    let at = |channel: usize, k: usize, i: usize| up[channel].pixels()[i][k];
-    let assume = quality.assume_lit;
-    Shadow {
-        lit: (0..lobes).map(|k| share(k, 1.0, &|i| at(0, k, i) + assume * at(1, k, i))).collect(),
-        unknown: (0..lobes).map(|k| share(k, 0.0, &|i| at(1, k, i))).collect(),
-        rays: traced.iter().map(|t| t.1).sum(),
+    let base = vec![(0.0, grid.len()); lobes.len()];
+    refine(&mut open, &base, &quality.sampling, extend, measure, stop);
+
+    let mut traced = vec![vec![Answer::default(); grid.len()]; lobes.len()];
+    for tile in &open {
+        let all = tile.pixels.iter().zip(answers(tile, assume));
+        all.for_each(|(&i, answer)| traced[tile.lobe][i] = answer);
     }
+    let sum = |of: fn(&Measure) -> f64| open.iter().fold(0.0, |sum, tile| sum + of(&tile.measure));
+    let mut shadow = Shadow {
+        lit: Vec::new(),
+        stderr: Vec::new(),
+        unknown: Vec::new(),
+        relative_error: sum(|m| m.error) / sum(|m| m.value).max(f64::MIN_POSITIVE),
+        rays: rays.into_inner(),
+        samples: open.iter().map(|tile| (tile.pixels.len() * tile.each * BATCHES) as u64).sum(),
+        pixels: open.iter().map(|tile| tile.pixels.len()).sum(),
+    };
+    let up = grid.spread(points, normal, |neighbours| -> [[f32; 3]; 3] {
+        std::array::from_fn(|lobe| traced.get(lobe).map_or([0.0; 3], |traced| blend(traced, neighbours)))
+    });
+    for lobe in lobes {
+        let plane = |k: usize, own: f32| {
+            let pixel = |i: usize| if is_own(i) { own } else { up.pixels()[i][lobe][k] };
+            Plane::new(up.width(), up.height(), (0..up.len()).map(pixel).collect())
+        };
+        shadow.lit.push(plane(0, 0.0));
+        shadow.unknown.push(plane(1, 0.0));
+        shadow.stderr.push(plane(2, 0.0));
+    }
+    shadow
+}
+
+/// Lit and unknown share and the standard error of the former, of a pixel that draws from these traced ones. Each of them has
+/// random numbers of its own, so their variances add, with the squares of the weights.
+fn blend(traced: &[Answer], neighbours: &[(usize, f32)]) -> [f32; 3] {
+    let (mut lit, mut unknown, mut variance, mut valid) = (0.0, 0.0, 0.0, 0.0);
+    for &(i, weight) in neighbours {
+        let answer = &traced[i];
+        lit += weight * answer.lit;
+        unknown += weight * answer.unknown;
+        variance += (weight * answer.stderr).powi(2);
+        valid += weight * answer.valid;
+    }
+    // Where no light arrives, even unshadowed, a pixel counts as lit.
+    if valid > 0.0 {
+        [(lit / valid).clamp(0.0, 1.0), (unknown / valid).clamp(0.0, 1.0), variance.sqrt() / valid]
+    } else {
+        [1.0, 0.0, 0.0]
+    }
+}
+
+/// What the sums of a tile tell of its pixels.
+fn answers(tile: &Tile<[Sums; BATCHES]>, assume_lit: f64) -> Vec<Answer> {
+    let answer = |sums: &[Sums; BATCHES]| {
+        let total = |of: fn(&Sums) -> f64| sums.iter().map(of).sum::<f64>();
+        let all = total(|s| s.all);
+        if all <= 1e-30 {
+            return Answer::default();
+        }
+        let arrives = |s: &Sums| s.lit + assume_lit * s.unknown;
+        let lit = sums.iter().map(arrives).sum::<f64>() / all;
+        let (_, spread) = mean(&std::array::from_fn(|b| arrives(&sums[b]) - lit * sums[b].all));
+        Answer {
+            shading: (all / (BATCHES * tile.each) as f64) as f32,
+            lit: lit as f32,
+            unknown: (total(|s| s.unknown) / all) as f32,
+            stderr: (spread * BATCHES as f64 / all) as f32,
+            valid: 1.0,
+        }
+    };
+    tile.sums.iter().map(answer).collect()
 }

@@ -97,7 +97,7 @@ impl Node for FitLights {
         let pixels = evidence_pixels(receivers.into_iter(), &inputs.photo, masks().chain([&*inputs.ignore]));
         let evidence = Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2);
 
-        let ambient = grid.upsample(&inputs.points, &inputs.normal, &[inputs.transport.ambient()]).remove(0);
+        let ambient = grid.upsample(&inputs.points, &inputs.normal, &inputs.transport.ambient());
         let mut layers: Vec<(Vec<Vec3>, f64)> = Vec::new();
         for (id, direct) in inputs.direct.iter() {
             let (Some(visibility), Some(indirect)) = (inputs.visibility.get(id), inputs.indirect.get(id)) else {

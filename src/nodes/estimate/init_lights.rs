@@ -11,7 +11,7 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, luminance};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use crate::optics::{
-    self, Bounces, Column, Evidence, Lamp, LightKind, RoomBox, ShadowQuality, Shape, Transport, Window,
+    self, Bounces, Column, Evidence, Lamp, LightKind, RoomBox, Sampling, ShadowQuality, Shape, Transport, Window,
     evidence_pixels, fit_radiances, lamp_candidates, visible_light, window_candidates,
 };
 use crate::{params, ports};
@@ -215,9 +215,10 @@ impl<'a> Scout<'a> {
     fn layer(&self, lamp: &Lamp, own: Option<&Mask>) -> Vec<Vec3> {
         let shape = Shape::Lamp(lamp.clone());
         let InitLightsIn { mesh, transport, albedo, .. } = self.inputs;
-        let quality = ShadowQuality { samples: self.node.samples, seed: 0, stride: 1, assume_lit: 1.0 };
-        let direct = optics::direct(&self.points, &self.normal, &shape, self.node.samples, 0);
-        let shadow = optics::shadow(mesh, &self.points, &self.normal, &shape, own, quality);
+        let sampling = Sampling::fixed(self.node.samples, 0);
+        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0 };
+        let direct = optics::direct(&self.points, &self.normal, &shape, &sampling, &|| false);
+        let shadow = optics::shadow(mesh, &self.points, &self.normal, &shape, own, quality, &|| false);
         let lit: Vec<f32> =
             direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(direct, lit)| direct * lit).collect();
         let bounces = Bounces { count: 2, unseen: self.node.unseen };

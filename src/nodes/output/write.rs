@@ -2,7 +2,10 @@
 //!
 //! Layers of light i with lobes k, radiance w_k, unit direct shading D_k, lit share V_k, unit indirect shading I_k:
 //! `direct_i` = sum_k w_k D_k V_k; `indirect_i` = sum_k w_k I_k; `shadow_i` = sum_k Y(w_k) V_k / sum_k Y(w_k), Y the luminance,
-//! and the plain mean of V_k when the light is off; `stderr_i` = sqrt(sum_k (Y(w_k) s_k V_k)^2), s_k the standard error of D_k.
+//! and the plain mean of V_k when the light is off. `stderr_i` is the standard error of the luminance of `direct_i` + `indirect_i`:
+//! sqrt(sum_k Y(w_k)^2 ((s(D_k) V_k)^2 + (D_k s(V_k))^2) + (sum_k Y(w_k) s(I_k))^2), s being the standard errors of the layers. Lobes
+//! have random numbers of their own, and the lit share, being a ratio, errs by itself; but all lobes share the rays of the
+//! indirect light, so that its errors go together.
 
 use std::sync::Arc;
 
@@ -68,7 +71,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = WriteIn;
     type Out = WriteOut;
 
@@ -145,18 +148,25 @@ fn diagnostics(inputs: &WriteIn, layers: &mut ExrLayers) -> Result<(), NodeError
         if let (Some(direct), Some(visibility)) = (direct, visibility)
             && !direct.lobes.is_empty()
         {
-            check_lobes(id, radiance, &[direct.lobes.len(), direct.stderr.len(), visibility.lit.len()])?;
-            check_sizes(id, direct.lobes.iter().chain(&direct.stderr).chain(&visibility.lit))?;
+            let lobes = [&direct.lobes, &direct.stderr, &visibility.lit, &visibility.stderr];
+            check_lobes(id, radiance, &lobes.map(|planes| planes.len()))?;
+            check_sizes(id, lobes.into_iter().flatten())?;
             layers.rgb(&format!("direct_{id}"), &colours(&lit_sum(radiance, direct, visibility)));
             layers.half(&format!("shadow_{id}.Y"), &numbers(&lit_share(radiance, visibility)));
-            layers.float(&format!("stderr_{id}.Y"), &numbers(&standard_error(radiance, direct, visibility)));
         }
-        if let Some(indirect) = inputs.indirect.get(id)
-            && !indirect.lobes.is_empty()
-        {
-            check_lobes(id, radiance, &[indirect.lobes.len()])?;
+        let indirect = inputs.indirect.get(id).filter(|indirect| !indirect.lobes.is_empty());
+        if let Some(indirect) = indirect {
+            check_lobes(id, radiance, &[indirect.lobes.len(), indirect.stderr.len()])?;
             check_sizes(id, indirect.lobes.iter().map(|lobe| &lobe.0))?;
+            check_sizes(id, indirect.stderr.iter())?;
             layers.rgb(&format!("indirect_{id}"), &colours(&indirect_sum(radiance, indirect)));
+        }
+        if let (Some(direct), Some(visibility), Some(indirect)) = (direct, visibility, indirect)
+            && !direct.lobes.is_empty()
+        {
+            check_sizes(id, direct.stderr.iter().chain(&indirect.stderr))?;
+            let error = standard_error(radiance, direct, visibility, indirect);
+            layers.float(&format!("stderr_{id}.Y"), &numbers(&error));
         }
     }
     Ok(())
@@ -209,13 +219,24 @@ fn lit_share(radiance: &Radiance, visibility: &Visibility) -> Plane<f32> {
     share
 }
 
-/// sqrt(sum_k (Y(w_k) s_k V_k)^2)
-fn standard_error(radiance: &Radiance, direct: &UnitDirect, visibility: &Visibility) -> Plane<f32> {
-    let mut variance = direct.stderr[0].map(|_| 0.0);
-    for ((w, s), v) in radiance.0.iter().zip(&direct.stderr).zip(&visibility.lit) {
-        let y = w.dot(LUMINANCE);
-        let error = s.pixels().iter().zip(v.pixels()).map(|(s, v)| y * s * v);
-        variance.pixels_mut().iter_mut().zip(error).for_each(|(sum, e)| *sum += e * e);
-    }
-    variance.map(f32::sqrt)
+/// sqrt(sum_k Y(w_k)^2 ((s(D_k) V_k)^2 + (D_k s(V_k))^2) + (sum_k Y(w_k) s(I_k))^2)
+fn standard_error(
+    radiance: &Radiance,
+    direct: &UnitDirect,
+    visibility: &Visibility,
+    indirect: &UnitIndirect,
+) -> Plane<f32> {
+    let (width, height) = direct.stderr[0].size();
+    let luminances: Vec<f32> = radiance.0.iter().map(|w| w.dot(LUMINANCE)).collect();
+    let error = |p: usize| {
+        let at = |planes: &[Plane<f32>], k: usize| planes[k].pixels()[p];
+        let (mut apart, mut together) = (0.0, 0.0);
+        for (k, y) in luminances.iter().enumerate() {
+            let (of_direct, of_lit) = (at(&direct.stderr, k) * at(&visibility.lit, k), at(&visibility.stderr, k));
+            apart += y * y * (of_direct.powi(2) + (at(&direct.lobes, k) * of_lit).powi(2));
+            together += y * at(&indirect.stderr, k);
+        }
+        (apart + together * together).sqrt()
+    };
+    Plane::new(width, height, (0..width * height).map(error).collect())
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Normal, Points};
 use crate::nodes::artifacts::UnitDirect;
-use crate::optics::{self, Shape};
+use crate::optics::{self, Shape, Strategy};
 use crate::{params, ports};
 
 params! {
@@ -14,10 +14,18 @@ params! {
     /// E = (1/pi) integral of L cos(theta) over the directions in which the light is seen, cut at the horizon. Exact for
     /// spheres, rectangles and boxes, and for plates and convex meshes up to 512 pieces; windows and larger lamps are sampled.
     pub struct Direct {
-        /// Samples per pixel where there is no closed form, 1..4096.
+        /// Samples per pixel and lobe where there is no closed form, 1..65536; with a target, the least.
         samples: u32 = 32,
+        /// Mean standard error over the mean shading of the lobe that is good enough, 0..1; each tile of 16 x 16 pixels takes more
+        /// samples until it gets there. 0 takes `samples` everywhere.
+        target_error: f32 = 0.0,
+        /// The most samples per pixel and lobe, with a target, 1..65536.
+        max_samples: u32 = 4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
+        /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
+        /// `PowerOneSample`.
+        sampling: Strategy = Strategy::Best,
     }
 }
 
@@ -41,22 +49,24 @@ ports! {
 
 impl Node for Direct {
     const KIND: &'static str = "Direct";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = DirectIn;
     type Out = DirectOut;
 
     fn check(&self) -> Result<(), String> {
-        if (1..=4096).contains(&self.samples) {
-            Ok(())
-        } else {
-            Err(format!("samples: wanted 1..4096, got {}", self.samples))
-        }
+        super::check_sampling(self.samples, self.target_error, self.max_samples)
     }
 
     fn run(&self, inputs: DirectIn, ctx: &Context) -> Result<DirectOut, NodeError> {
         super::same_size("points", inputs.points.0.size(), "normal", inputs.normal.0.size())?;
-        let direct = optics::direct(&inputs.points, &inputs.normal, &inputs.shape, self.samples as usize, self.seed);
+        let sampling =
+            super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed);
+        let stop = || ctx.out_of_time();
+        let direct = optics::direct(&inputs.points, &inputs.normal, &inputs.shape, &sampling, &stop);
+        ctx.check_cancelled()?;
         ctx.set_stderr(direct.relative_error());
+        let pixels = direct.lobes.iter().map(|lobe| lobe.len()).sum::<usize>();
+        ctx.set_samples(direct.samples as f64 / pixels.max(1) as f64);
         Ok(DirectOut { direct: Arc::new(UnitDirect { lobes: direct.lobes, stderr: direct.stderr }) })
     }
 }

@@ -93,13 +93,17 @@ mod tests {
     fn a_light_is_its_lobes_weighted() {
         let plane = |v: f32| Plane::filled(2, 1, v);
         let direct = Arc::new(UnitDirect { lobes: vec![plane(0.5), plane(2.0)], stderr: vec![plane(0.0); 2] });
-        let visibility =
-            Arc::new(Visibility { lit: vec![plane(1.0), plane(0.25)], unknown: vec![plane(0.0), plane(0.0)] });
+        let visibility = Arc::new(Visibility {
+            lit: vec![plane(1.0), plane(0.25)],
+            stderr: vec![plane(0.0); 2],
+            unknown: vec![plane(0.0); 2],
+        });
         let indirect = Arc::new(UnitIndirect {
             lobes: vec![
                 Shading(Plane::filled(2, 1, Vec3::new(0.1, 0.2, 0.3))),
                 Shading(Plane::filled(2, 1, Vec3::ZERO)),
             ],
+            stderr: vec![plane(0.0); 2],
         });
         let one = |radiance: Vec<Vec3>| {
             let inputs = MixIn {
@@ -123,8 +127,8 @@ mod tests {
         let inputs = MixIn {
             camera: Arc::new(Camera::from_fov_x(3, 2, 60.0)),
             direct: Gather(vec![(id(), Arc::new(UnitDirect { lobes: vec![], stderr: vec![] }))]),
-            visibility: Gather(vec![(id(), Arc::new(Visibility { lit: vec![], unknown: vec![] }))]),
-            indirect: Gather(vec![(id(), Arc::new(UnitIndirect { lobes: vec![] }))]),
+            visibility: Gather(vec![(id(), Arc::new(Visibility { lit: vec![], stderr: vec![], unknown: vec![] }))]),
+            indirect: Gather(vec![(id(), Arc::new(UnitIndirect { lobes: vec![], stderr: vec![] }))]),
             radiance: Gather(vec![(id(), Arc::new(Radiance(vec![])))]),
         };
         let out = Mix {}.run(inputs, &Context::default()).expect("runs");

@@ -6,7 +6,7 @@ use crate::geometry::SceneMesh;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
 use crate::nodes::artifacts::Visibility;
-use crate::optics::{self, ShadowQuality, Shape};
+use crate::optics::{self, ShadowQuality, Shape, Strategy};
 use crate::{params, ports};
 
 params! {
@@ -16,10 +16,18 @@ params! {
     /// the view is taken to be empty. `lit` holds the share seen to be lit plus `assume_lit` times the unknown share;
     /// `unknown` holds the unknown share itself.
     pub struct Shadow {
-        /// Rays per traced pixel, 1..4096.
+        /// Rays per traced pixel and lobe, 1..65536; with a target, the least.
         samples: u32 = 8,
+        /// Mean standard error over mean, of the shadowed shading of the lobe, that is good enough, 0..1; each tile of 16 x 16
+        /// traced pixels casts more rays until it gets there. 0 casts `samples` everywhere.
+        target_error: f32 = 0.0,
+        /// The most rays per traced pixel and lobe, with a target, 1..65536.
+        max_samples: u32 = 4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
+        /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
+        /// `PowerOneSample`.
+        sampling: Strategy = Strategy::Best,
         /// Trace every second pixel along each axis and bring the result to all of them along the surfaces.
         half: bool = true,
         /// The share of unknown rays that counts as lit, 0..1.
@@ -44,21 +52,19 @@ ports! {
 
 ports! {
     pub output ShadowOut {
-        /// Lit and unknown share per lobe.
+        /// Lit share, its standard error and unknown share per lobe.
         visibility: Arc<Visibility>,
     }
 }
 
 impl Node for Shadow {
     const KIND: &'static str = "Shadow";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = ShadowIn;
     type Out = ShadowOut;
 
     fn check(&self) -> Result<(), String> {
-        if !(1..=4096).contains(&self.samples) {
-            return Err(format!("samples: wanted 1..4096, got {}", self.samples));
-        }
+        super::check_sampling(self.samples, self.target_error, self.max_samples)?;
         if !(0.0..=1.0).contains(&self.assume_lit) {
             return Err(format!("assume_lit: wanted 0..1, got {}", self.assume_lit));
         }
@@ -71,15 +77,19 @@ impl Node for Shadow {
             super::same_size("mesh", inputs.mesh.size(), "mask", mask.0.size())?;
         }
         let quality = ShadowQuality {
-            samples: self.samples as usize,
-            seed: self.seed,
+            sampling: super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed),
             stride: if self.half { 2 } else { 1 },
             assume_lit: self.assume_lit,
         };
         ctx.check_cancelled()?;
         let own = inputs.mask.as_deref();
-        let shadow = optics::shadow(&inputs.mesh, &inputs.points, &inputs.normal, &inputs.shape, own, quality);
+        let stop = || ctx.out_of_time();
+        let shadow = optics::shadow(&inputs.mesh, &inputs.points, &inputs.normal, &inputs.shape, own, quality, &stop);
+        ctx.check_cancelled()?;
         ctx.count_rays(shadow.rays);
-        Ok(ShadowOut { visibility: Arc::new(Visibility { lit: shadow.lit, unknown: shadow.unknown }) })
+        ctx.set_stderr(shadow.relative_error);
+        ctx.set_samples(shadow.samples as f64 / shadow.pixels.max(1) as f64);
+        let (lit, stderr, unknown) = (shadow.lit, shadow.stderr, shadow.unknown);
+        Ok(ShadowOut { visibility: Arc::new(Visibility { lit, stderr, unknown }) })
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::graph::{Context, Node, NodeError};
-use crate::image::{Albedo, Normal, Plane, Points};
+use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance};
 use crate::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
 use crate::optics::{self, Bounces};
 use crate::{params, ports};
@@ -39,14 +39,14 @@ ports! {
 
 ports! {
     pub output TraceIndirectOut {
-        /// Indirect shading per lobe.
+        /// Indirect shading and its standard error per lobe.
         indirect: Arc<UnitIndirect>,
     }
 }
 
 impl Node for TraceIndirect {
     const KIND: &'static str = "TraceIndirect";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = TraceIndirectIn;
     type Out = TraceIndirectOut;
 
@@ -81,6 +81,10 @@ impl Node for TraceIndirect {
             Ok(optics::indirect(&transport, &points, &normal, &albedo, &arrives, bounces))
         };
         let lobes: Result<Vec<_>, NodeError> = direct.lobes.iter().zip(&visibility.lit).map(lobe).collect();
-        Ok(TraceIndirectOut { indirect: Arc::new(UnitIndirect { lobes: lobes? }) })
+        let (lobes, stderr): (Vec<Shading>, Vec<Plane<f32>>) = lobes?.into_iter().unzip();
+        let value = lobes.iter().flat_map(|l| l.0.pixels()).fold(0.0, |sum, &v| sum + f64::from(luminance(v)));
+        let error = stderr.iter().flat_map(|s| s.pixels()).fold(0.0, |sum, &v| sum + f64::from(v));
+        ctx.set_stderr(error / value.max(f64::MIN_POSITIVE));
+        Ok(TraceIndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr }) })
     }
 }

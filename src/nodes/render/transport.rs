@@ -13,7 +13,7 @@ params! {
     pub struct Transport {
         /// Every which pixel, along each axis, is a receiver, 1..64.
         stride: u32 = 4,
-        /// Rays per receiver, 1..4096.
+        /// Rays per receiver, 1..4096, rounded up to four equal batches, whose spread tells the error.
         rays: u32 = 128,
         /// Another seed gives other noise.
         seed: u64 = 0,
@@ -40,7 +40,7 @@ ports! {
 
 impl Node for Transport {
     const KIND: &'static str = "Transport";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = TransportIn;
     type Out = TransportOut;
 
