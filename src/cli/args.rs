@@ -188,7 +188,7 @@ pub struct Bench {
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
     pub set: Vec<String>,
     /// The folder for bench.json, bench.csv and the plots; made when it is not there.
-    #[arg(long, value_name = "DIR", default_value = "bench")]
+    #[arg(long, value_name = "DIR", default_value = "out/bench")]
     pub out: PathBuf,
     /// Samples per pixel at which estimators are measured; each has at least four, one per batch.
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "4,16,64,256,1024,4096",
@@ -200,7 +200,7 @@ pub struct Bench {
     /// Ask these questions only.
     #[arg(long, value_enum, value_name = "QUESTION,..", value_delimiter = ',')]
     pub only: Vec<Question>,
-    /// Little of each: the two smallest numbers of samples, two bandwidths, one target. Tells that it works, not how well.
+    /// Little of each, and whole pictures of `--side` too. Tells that it works, not how well.
     #[arg(long)]
     pub quick: bool,
     /// How many threads work. Default: one per core.

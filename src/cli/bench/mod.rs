@@ -31,6 +31,8 @@ pub struct Effort {
     targets: Vec<f64>,
     /// Samples of whole pictures.
     pipeline: Vec<u32>,
+    /// Whole pictures are as large as the graph makes them.
+    whole: bool,
     /// Estimates of most samples that make a reference.
     references: usize,
 }
@@ -49,6 +51,7 @@ impl Effort {
             bandwidths: (0..7).map(|exponent| 10f64.powi(exponent)).collect(),
             targets: vec![0.1, 0.03, 0.01, 0.003],
             pipeline,
+            whole: !args.quick,
             references: 4,
         };
         if !args.quick {
@@ -70,6 +73,7 @@ impl Effort {
         self.samples[self.samples.len() - 1]
     }
 
+    /// What makes the pictures small on which single estimators are measured.
     fn small(&self) -> Vec<Set> {
         vec![("ReadScene", "long_side", self.side.to_string())]
     }

@@ -287,15 +287,15 @@ pub fn pipeline(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> 
         (0..pixels).map(|i| masks.iter().all(|mask| mask.0.pixels().get(i).is_none_or(|m| *m == 0.0))).collect();
     // Without truth, the lights that are seen are switched off.
     let (node, _) = session.layers()?;
-    let off: Vec<String> = match truths.is_empty() {
+    let lights_off: Vec<String> = match truths.is_empty() {
         true => session.members(node)?.into_iter().take(1).collect(),
         false => truths.iter().map(|truth| truth.light.clone()).collect(),
     };
     let pictures = |sets: &[Set]| -> Result<Vec<Made<Picture>>, Stop> {
-        let ways: Vec<Vec<Set>> = off
-            .iter()
-            .map(|light| [sets.to_vec(), vec![("EditLights", "lights", format!("{{ {light:?}: Off }}"))]].concat())
-            .collect();
+        let size = if effort.whole { Vec::new() } else { effort.small() };
+        let off = |light| vec![("EditLights", "lights", format!("{{ {light:?}: Off }}"))];
+        let ways: Vec<Vec<Set>> =
+            lights_off.iter().map(|light| [sets.to_vec(), size.clone(), off(light)].concat()).collect();
         session.make_anew(compose, "picture", &ways)
     };
     let most = effort.pipeline.iter().copied().max().unwrap_or(1);
@@ -330,7 +330,7 @@ pub fn pipeline(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> 
                 error,
                 claimed: None,
             };
-            for (k, light) in off.iter().enumerate() {
+            for (k, light) in lights_off.iter().enumerate() {
                 let got = linear(&made[k].value);
                 if let Some(truth) = truths.get(k) {
                     points.push(point("pipeline", light, change_error(&got, truth, &counted)));
