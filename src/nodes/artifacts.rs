@@ -39,7 +39,7 @@ artifacts! {
     Picture: |a| a.0.bytes(),
     Camera: |_| size_of::<Camera>(),
     SceneMesh: SceneMesh::bytes,
-    Shape: |_| size_of::<Shape>(),
+    Shape: Shape::bytes,
     Radiance: |r| r.0.len() * 12,
     Transport: Transport::bytes,
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),

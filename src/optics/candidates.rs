@@ -2,7 +2,9 @@
 
 use glam::{Quat, Vec3};
 
-use super::{Lamp, LightKind, Shape, Window};
+use super::plates::LampPixels;
+use super::visible_lamp::SeenLamp;
+use super::{Lamp, LampForms, LightKind, Shape, Window};
 use crate::geometry::{Camera, PlaneFit};
 use crate::image::{Mask, Normal, Points};
 
@@ -138,9 +140,10 @@ pub fn window_candidates(room: &RoomBox, camera: &Camera) -> Vec<Window> {
 }
 
 /// Shapes that a light may have whose pixels are seen, the likeliest first; none when the mask has no pixel. `mask`, `points` and
-/// `normal` are of the camera's size.
+/// `normal` are of the camera's size. A lamp takes the shapes that `forms` names.
 pub fn visible_light(
     kind: LightKind,
+    forms: LampForms,
     mask: &Mask,
     points: &Points,
     normal: &Normal,
@@ -148,7 +151,12 @@ pub fn visible_light(
     room: Option<&RoomBox>,
 ) -> Vec<Shape> {
     match kind {
-        LightKind::Lamp => visible_lamp(mask, points, normal, camera).into_iter().map(Shape::Lamp).collect(),
+        LightKind::Lamp => {
+            let pixels = pixels_of(mask);
+            let around = surroundings(mask, (camera.width.max(camera.height) / 60).max(3));
+            let lamp = SeenLamp::new(LampPixels { pixels: &pixels, points, camera }, normal, &around);
+            lamp.into_iter().flat_map(|lamp| lamp.shapes(forms)).map(Shape::Lamp).collect()
+        }
         LightKind::Window => {
             visible_windows(mask, points, normal, camera, room).into_iter().map(Shape::Window).collect()
         }
@@ -177,64 +185,9 @@ fn surroundings(mask: &Mask, reach: usize) -> Vec<(usize, usize)> {
     ys.flat_map(|y| xs.clone().map(move |x| (x, y))).filter(|&(x, y)| mask.0.get(x, y) == 0.0).collect()
 }
 
-fn median(mut values: Vec<f32>) -> f32 {
+pub(super) fn median(mut values: Vec<f32>) -> f32 {
     values.sort_by(f32::total_cmp);
     values[values.len() / 2]
-}
-
-/// A panel where the pixels lie flush in a ceiling; else a ball, or a box when the outline is long.
-///
-/// A body in space is as deep as its outline is narrow, and stands behind its visible front by half of that.
-fn visible_lamp(mask: &Mask, points: &Points, normal: &Normal, camera: &Camera) -> Option<Lamp> {
-    let pixels = pixels_of(mask);
-    if pixels.is_empty() {
-        return None;
-    }
-    let at = |list: &[(usize, usize)]| -> (Vec<Vec3>, Vec<Vec3>) {
-        list.iter().map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y))).unzip()
-    };
-    let (own, _) = at(&pixels);
-    let reach = (camera.width.max(camera.height) / 60).max(3);
-    let (around, around_normals) = at(&surroundings(mask, reach));
-    let rays: Vec<Vec3> = pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
-    let on = |plane: &PlaneFit| {
-        own.iter().filter(|p| (plane.normal.dot(**p) - plane.offset).abs() < 0.02 * p.length()).count()
-    };
-    let wall = PlaneFit::through(&around, &around_normals, 0.02).filter(|plane| plane.support > 0.6);
-    let flush = wall.filter(|plane| on(plane) * 10 > own.len() * 8);
-    if let Some(plane) = flush
-        && plane.normal.y.abs() > 0.7
-        && let Some((center, x, y)) = extent(&rays, &plane)
-    {
-        return Some(Lamp::Rect { center: center + plane.normal * 0.01, x, y });
-    }
-    // Depth sensors see through bright shades to the wall: then the lamp stands before what was measured, else around it. The
-    // median of a ball's front lies 0.7 radius before its centre (half of the disc lies within r / sqrt 2).
-    let depth_of_centre = if flush.is_some() { -1.0 } else { 0.7 };
-    // Principal axes of the outline, in the plane through its middle that faces the camera.
-    let z = median(own.iter().map(|p| -p.z).collect());
-    let middle = rays.iter().sum::<Vec3>() / rays.len() as f32;
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    for ray in &rays {
-        let d = *ray - middle;
-        (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
-    }
-    let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
-    let (sin, cos) = angle.sin_cos();
-    let (long, short) = (Vec3::new(cos, sin, 0.0), Vec3::new(-sin, cos, 0.0));
-    // A pixel has extent of its own: half a pixel on each side.
-    let pixel = 0.5 / camera.fx;
-    let half = |axis: Vec3| rays.iter().map(|r| (*r - middle).dot(axis).abs()).fold(0.0, f32::max) + pixel;
-    let (a, b) = (half(long) * z, half(short) * z);
-    // Radius from the area, which a ragged outline changes less than its ends.
-    let area = pixels.len() as f32 * (z / camera.fx) * (z / camera.fy);
-    if a / b < 1.6 {
-        let radius = (area / std::f32::consts::PI).sqrt();
-        let radius = radius * (1.0 + depth_of_centre * radius / z);
-        return Some(Lamp::Sphere { center: middle * (z + depth_of_centre * radius), radius });
-    }
-    let (a, b) = (a.min(area / (4.0 * b) * 1.3), b);
-    Some(Lamp::Box { center: middle * (z + depth_of_centre * b), axes: [long * a, short * b, Vec3::NEG_Z * b] })
 }
 
 /// Rectangles that the pane's pixels cover: on the plane of the wall around the mask, and, since that wall may be hidden, seen
@@ -282,7 +235,7 @@ fn window_on(plane: &PlaneFit, pixels: &[(usize, usize)], rays: &[Vec3], camera:
 
 /// The rectangle on `plane`, with a level edge where the plane is not level itself, that holds where `rays` meet it, the
 /// outermost 3 % left out; `x cross y` is along the normal. `None` when the plane is not met.
-fn extent(rays: &[Vec3], plane: &PlaneFit) -> Option<(Vec3, Vec3, Vec3)> {
+pub(super) fn extent(rays: &[Vec3], plane: &PlaneFit) -> Option<(Vec3, Vec3, Vec3)> {
     let met: Vec<Vec3> = rays.iter().filter_map(|ray| plane.meet(*ray)).collect();
     if met.is_empty() {
         return None;
@@ -330,7 +283,7 @@ mod tests {
     #[test]
     fn a_window_lies_in_its_wall_whatever_is_seen_through_it() {
         let (camera, mask, points, normal) = wall_with(|x, y| (50..90).contains(&x) && (30..70).contains(&y));
-        let lights = visible_light(LightKind::Window, &mask, &points, &normal, &camera, None);
+        let lights = visible_light(LightKind::Window, LampForms::default(), &mask, &points, &normal, &camera, None);
         let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
         let n = Vec3::new(0.3, 0.0, 1.0).normalize();
         assert!((n.dot(window.center) + 3.0 * n.z).abs() < 0.03, "on the wall");
@@ -342,36 +295,10 @@ mod tests {
     #[test]
     fn a_window_cut_by_the_picture_goes_on_beyond_it() {
         let (camera, mask, points, normal) = wall_with(|x, y| x < 30 && (30..70).contains(&y));
-        let lights = visible_light(LightKind::Window, &mask, &points, &normal, &camera, None);
+        let lights = visible_light(LightKind::Window, LampForms::default(), &mask, &points, &normal, &camera, None);
         let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
         let edge = camera.project(window.center).expect("before the camera");
         assert!(edge.x < 3.0, "its middle is at the picture's edge, got {edge}");
-    }
-
-    #[test]
-    fn a_ball_is_a_sphere_and_a_strip_is_a_box() {
-        let camera = Camera::from_fov_x(160, 120, 60.0);
-        let center = Vec3::new(0.4, 0.3, -2.5);
-        let seen = Shape::Lamp(Lamp::Sphere { center, radius: 0.25 });
-        let ray = |x: usize, y: usize| camera.pixel_point(x, y, 1.0);
-        let z = Plane::from_fn(160, 120, |x, y| seen.meet(ray(x, y)).unwrap_or(5.0));
-        let mask = Mask(z.map(|z| if z < 5.0 { 1.0 } else { 0.0 }));
-        let points = Points(Plane::from_fn(160, 120, |x, y| ray(x, y) * z.get(x, y)));
-        let normal = Normal(Plane::filled(160, 120, Vec3::Z));
-        let lights = visible_light(LightKind::Lamp, &mask, &points, &normal, &camera, None);
-        let Some(Shape::Lamp(Lamp::Sphere { center: got, radius })) = lights.first() else { panic!("a sphere") };
-        assert!(got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05, "{got} {radius}");
-
-        let strip =
-            Mask(Plane::from_fn(
-                160,
-                120,
-                |x, y| if (40..120).contains(&x) && (50..60).contains(&y) { 1.0 } else { 0.0 },
-            ));
-        let flying =
-            Points(Plane::from_fn(160, 120, |x, y| ray(x, y) * if strip.0.get(x, y) > 0.5 { 2.0 } else { 5.0 }));
-        let shape = visible_light(LightKind::Lamp, &strip, &flying, &normal, &camera, None);
-        assert!(matches!(shape[..], [Shape::Lamp(Lamp::Box { .. })]), "{shape:?}");
     }
 
     #[test]

@@ -23,6 +23,18 @@ impl Shape {
             Shape::Window(_) => 3,
         }
     }
+
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        let held = match self {
+            Shape::Lamp(Lamp::Plates(plates)) => size_of_val(plates.as_slice()),
+            Shape::Lamp(Lamp::Mesh { corners, triangles }) => {
+                size_of_val(corners.as_slice()) + size_of_val(triangles.as_slice())
+            }
+            _ => 0,
+        };
+        size_of::<Shape>() + held
+    }
 }
 
 /// The emitting surface of a lamp, camera space, metres.
@@ -136,7 +148,8 @@ pub struct Radiance(pub Vec<Vec3>);
 /// Where the camera sees a light itself.
 impl Shape {
     /// Distance along the ray from the origin through `ray`, in lengths of `ray`, to the emitting side of this light; `None`
-    /// when the ray does not meet it. [`Lamp::Plates`] have no closed surface and are never met.
+    /// when the ray does not meet it. [`Lamp::Plates`] are never met: thinned, they have gaps, and the pixels they come from are
+    /// the lamp's own in the photo.
     pub fn meet(&self, ray: Vec3) -> Option<f32> {
         let rect = |center: Vec3, x: Vec3, y: Vec3| {
             let normal = x.cross(y);

@@ -307,9 +307,11 @@ pub fn pipeline(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> 
     let targets: Vec<At> = effort.targets.iter().map(|&target| At::Target(target)).collect();
     let mut points = Vec::new();
     for (series, fixed, at) in [
-        ("3 lobes, box", Vec::new(), &samples),
-        ("1 lobe, box", vec![("InitLights", "outlook", "Even".to_owned())], &samples),
-        ("3 lobes, adaptive", both("max_samples", 2 * most), &targets),
+        ("as shipped", Vec::new(), &samples),
+        ("as shipped, adaptive", both("max_samples", 2 * most), &targets),
+        ("1 lobe", vec![("InitLights", "outlook", "Even".to_owned())], &samples),
+        ("lamps as boxes", vec![("InitLights", "lamps", "Box".to_owned())], &samples),
+        ("lamps as plates", vec![("InitLights", "lamps", "Plates".to_owned())], &samples),
     ] {
         for &at in at {
             let made = pictures(&seeded(session, &[fixed.clone(), at.sets()]))?;

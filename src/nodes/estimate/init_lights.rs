@@ -11,8 +11,8 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, luminance};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use crate::optics::{
-    self, Bounces, Column, Evidence, Lamp, LightKind, RoomBox, Sampling, ShadowQuality, Shape, Transport, Window,
-    evidence_pixels, fit_radiances, lamp_candidates, visible_light, window_candidates,
+    self, Bounces, Column, Evidence, Lamp, LampForm, LampForms, LightKind, RoomBox, Sampling, ShadowQuality, Shape,
+    Transport, Window, evidence_pixels, fit_radiances, lamp_candidates, visible_light, window_candidates,
 };
 use crate::{params, ports};
 
@@ -33,6 +33,12 @@ params! {
         ambient_cost: f64 = 0.01,
         /// Rounds of the fit per candidate.
         turns: usize = 8,
+        /// Shape of visible lamps that are no ceiling panels: `Solid` (a ball, or a box when the outline is long), `Box`, `Plates`
+        /// (the seen surface, its mirror image and the ring between them), or `Likeliest` (`Solid`, unless `Plates` explain the
+        /// photo better by 3 %).
+        lamps: LampForm = LampForm::Solid,
+        /// Most plates that a lamp of them has; 1..=512.
+        plates: usize = 128,
         /// What windows look out on: `Daylight(sun, sky, ground)`, three lobes of these bandwidths, each >= 0; or `Even`, the same
         /// radiance everywhere, which is one lobe.
         outlook: Outlook = Outlook::Daylight(1e4, 1.5, 1.5),
@@ -120,6 +126,9 @@ impl Node for InitLights {
         if !(1..=1000).contains(&self.turns) {
             return Err(format!("turns: wanted 1..=1000, got {}", self.turns));
         }
+        if !(1..=512).contains(&self.plates) {
+            return Err(format!("plates: wanted 1..=512, got {}", self.plates));
+        }
         if !(self.ambient_cost >= 0.0 && self.ambient_cost.is_finite()) {
             return Err(format!("ambient_cost: wanted a number >= 0, got {}", self.ambient_cost));
         }
@@ -136,6 +145,7 @@ impl Node for InitLights {
         let scout = Scout::new(self, &inputs);
         let seen = |plane: &Plane<Vec3>| -> Vec<Vec3> { scout.used.iter().map(|&i| plane.pixels()[i]).collect() };
         let room = RoomBox::around(&seen(&scout.points.0), &seen(&scout.normal.0));
+        let forms = LampForms { form: self.lamps, plates: self.plates, ..LampForms::default() };
         let mut shapes: Vec<(String, Arc<Shape>)> = Vec::new();
         let mut layers: Vec<Vec<Vec3>> = Vec::new();
         for (id, mask) in inputs.mask.iter() {
@@ -143,7 +153,7 @@ impl Node for InitLights {
                 .kind
                 .get(id)
                 .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
-            let ways = visible_light(**kind, mask, &inputs.points, &inputs.normal, &camera, room.as_ref());
+            let ways = visible_light(**kind, forms, mask, &inputs.points, &inputs.normal, &camera, room.as_ref());
             match scout.likeliest(ways, mask, &layers) {
                 Some((shape, layer)) => {
                     shapes.push((id.into(), Arc::new(self.outlook.through(shape))));
