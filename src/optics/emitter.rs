@@ -7,9 +7,10 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-use super::polygon::polygon_irradiance;
-use super::rectangle::{Rectangle, SeenRectangle};
+use super::polygon::{Outline, polygon_irradiance};
+use super::rectangle::Rectangle;
 use super::sphere::{Cone, sphere_irradiance};
+use super::through::Through;
 use super::window::{Opening, Sampling, SeenOpening};
 use super::{Lamp, Plate, Shape};
 
@@ -132,12 +133,12 @@ impl Emitter {
             Surface::Sphere { center, radius } => sphere_irradiance(*center - point, *radius, normal),
             Surface::Sides(sides) => sides.iter().map(|side| side.irradiance(point, normal)).sum(),
             Surface::Plates(plates) if plates.pieces.len() <= EXACT_PIECES => {
-                plates.pieces.iter().map(|plate| plate_irradiance(plate, point, normal)).sum()
+                plates.pieces.iter().map(|plate| plate_part(plate, point, normal).1).sum()
             }
             Surface::Triangles(triangles) if triangles.pieces.len() <= EXACT_PIECES => {
                 triangles.pieces.iter().map(|t| triangle_irradiance(t, point, normal)).sum()
             }
-            Surface::Window(opening) => opening.irradiance(lobe, point, normal)?,
+            Surface::Window(opening) => opening.irradiance(lobe, point, normal),
             _ => return None,
         };
         Some(if e.is_finite() { e as f32 } else { 0.0 })
@@ -151,8 +152,8 @@ impl Emitter {
         let (point, normal) = (point.as_dvec3(), normal.as_dvec3());
         let surface = match &self.surface {
             Surface::Nothing => return None,
-            Surface::Sphere { center, radius } => SeenSurface::Sphere(Cone::new(*center - point, *radius)?),
-            Surface::Sides(sides) => SeenSurface::Sides(SeenSides::new(sides, point)?),
+            Surface::Sphere { center, radius } => SeenSurface::Sphere(Cone::new(*center - point, *radius, normal)?),
+            Surface::Sides(sides) => SeenSurface::Sides(SeenSides::new(sides, (point, normal))?),
             Surface::Plates(plates) if plates.pieces.is_empty() => return None,
             Surface::Plates(plates) => SeenSurface::Plates(plates),
             Surface::Triangles(triangles) if triangles.pieces.is_empty() => return None,
@@ -173,7 +174,7 @@ pub struct Seen<'a> {
 #[expect(clippy::large_enum_variant, reason = "one at a time, on the stack; a heap cell per receiver would cost more")]
 enum SeenSurface<'a> {
     Sphere(Cone),
-    Sides(SeenSides),
+    Sides(SeenSides<'a>),
     Plates(&'a Pieces<Plate>),
     Triangles(&'a Pieces<[DVec3; 3]>),
     Window(SeenOpening<'a>),
@@ -186,16 +187,17 @@ impl Seen<'_> {
         let Seen { point, normal, .. } = *self;
         let (place, part) = match &self.surface {
             SeenSurface::Sphere(cone) => {
-                let (direction, place) = cone.sample(uv);
-                (point + place, normal.dot(direction) * cone.solid_angle() / PI)
+                let (direction, place, inverse) = cone.sample(uv);
+                (point + place, normal.dot(direction) * inverse / PI)
             }
             SeenSurface::Sides(sides) => {
-                let (place, density) = sides.sample(uv);
-                (point + place, normal.dot(place.normalize_or_zero()) / (PI * density))
+                let (place, part) = sides.sample((point, normal), uv)?;
+                (point + place, part)
             }
             SeenSurface::Plates(plates) => {
                 let (plate, area, _) = plates.at(uv[0]);
-                (plate.point.as_dvec3(), plate_irradiance(plate, point, normal) * (plates.area() / area))
+                let (place, part) = plate_part(plate, point, normal);
+                (place, part * (plates.area() / area))
             }
             SeenSurface::Triangles(triangles) => {
                 let (t, _, u) = triangles.at(uv[0]);
@@ -216,43 +218,66 @@ impl Seen<'_> {
 }
 
 /// The sides of a box that face a receiver: at most three.
-struct SeenSides {
-    sides: [Option<SeenRectangle>; 3],
-    solid_angle: f64,
+struct SeenSides<'a> {
+    sides: [Option<(&'a Rectangle, Through, f64)>; 3],
+    /// E / L of all of them.
+    whole: f64,
 }
 
-impl SeenSides {
-    fn new(sides: &[Rectangle], point: DVec3) -> Option<SeenSides> {
-        let mut seen = sides.iter().filter_map(|side| side.seen_from(point));
+impl<'a> SeenSides<'a> {
+    fn new(sides: &'a [Rectangle], (point, normal): (DVec3, DVec3)) -> Option<SeenSides<'a>> {
+        let mut seen = sides.iter().filter_map(|side| {
+            let outline = side.outline(point, normal)?;
+            let part = outline.irradiance(normal);
+            let through = Through::new(side, &outline, None, (point, normal))?;
+            (part > 0.0).then_some((side, through, part))
+        });
         let sides = [seen.next(), seen.next(), seen.next()];
-        let solid_angle: f64 = sides.iter().flatten().map(SeenRectangle::solid_angle).sum();
-        (solid_angle > 0.0).then_some(SeenSides { sides, solid_angle })
+        let whole = sides.iter().flatten().map(|side| side.2).sum();
+        (whole > 0.0).then_some(SeenSides { sides, whole })
     }
 
-    /// A place, relative to the receiver, and its density per steradian.
-    fn sample(&self, [u, v]: [f64; 2]) -> (DVec3, f64) {
-        let mut left = u * self.solid_angle;
-        let mut last = (DVec3::ZERO, f64::INFINITY);
-        for side in self.sides.iter().flatten() {
-            let share = side.solid_angle() / self.solid_angle;
-            let place = side.sample([(left / side.solid_angle()).min(1.0), v]);
-            last = (place, side.pdf(place) * share);
-            if left < side.solid_angle() {
-                break;
+    /// A place, relative to the receiver, on a side chosen by what arrives from it; and its part.
+    fn sample(&self, receiver: (DVec3, DVec3), [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+        let mut left = u * self.whole;
+        let mut sides = self.sides.iter().flatten().peekable();
+        while let Some((side, through, part)) = sides.next() {
+            if left < *part || sides.peek().is_none() {
+                let (place, sampled) = through.sample(side, receiver, [(left / part).min(1.0), v])?;
+                return Some((place, sampled * (self.whole / part)));
             }
-            left -= side.solid_angle();
+            left -= part;
         }
-        last
+        None
     }
 }
 
-/// A small disc: cos cos' A / (pi d^2 + A), which is exact on its axis and stays below one however near it is.
-fn plate_irradiance(plate: &Plate, point: DVec3, normal: DVec3) -> f64 {
-    let d = plate.point.as_dvec3() - point;
-    let distance_squared = d.length_squared().max(1e-18);
-    let cosines = normal.dot(d).max(0.0) * (-plate.normal.as_dvec3().dot(d)).max(0.0) / distance_squared;
-    let area = f64::from(plate.area);
-    cosines * area / (PI * distance_squared + area)
+/// A plate nearer than this many times its edge is a square, of which only what lies above the horizon counts.
+const NEAR: f64 = 8.0;
+
+/// Where a plate shines from, and its E / L. A distant one is a small disc, cos cos' A / (pi d^2 + A), at its centre; it differs
+/// from the square by less than 1 %.
+fn plate_part(plate: &Plate, point: DVec3, normal: DVec3) -> (DVec3, f64) {
+    let (center, front, area) = (plate.point.as_dvec3(), plate.normal.as_dvec3(), f64::from(plate.area));
+    let d = center - point;
+    let distance_squared = d.length_squared();
+    let facing = -front.dot(d);
+    if facing <= 0.0 {
+        return (center, 0.0);
+    }
+    if distance_squared > NEAR * NEAR * area {
+        let cosines = normal.dot(d).max(0.0) * facing / distance_squared;
+        return (center, cosines * area / (PI * distance_squared + area));
+    }
+    let front = front.normalize();
+    let x = front.any_orthonormal_vector();
+    let (x, y) = (x * (0.5 * area.sqrt()), front.cross(x) * (0.5 * area.sqrt()));
+    let Some(outline) = Outline::above(&[d - x - y, d + x - y, d + x + y, d - x + y], normal) else {
+        return (center, 0.0);
+    };
+    let edges = outline.edges();
+    let middle = edges.iter().map(|edge| edge.start).sum::<DVec3>() / edges.len() as f64;
+    (point + middle, outline.irradiance(normal))
 }
 
 fn triangle_irradiance(t: &[DVec3; 3], point: DVec3, normal: DVec3) -> f64 {
@@ -333,7 +358,7 @@ mod tests {
         };
         let emitter = Emitter::new(&Shape::Lamp(Lamp::Plates((0..1000).map(plate).collect())));
         assert!(emitter.irradiance(0, Vec3::ZERO, Vec3::Y).is_none());
-        let exact: f64 = (0..1000).map(|i| plate_irradiance(&plate(i), DVec3::ZERO, DVec3::Y)).sum();
+        let exact: f64 = (0..1000).map(|i| plate_part(&plate(i), DVec3::ZERO, DVec3::Y).1).sum();
         let mean =
             (0..500).map(|pixel| estimate(&emitter, 0, (Vec3::ZERO, Vec3::Y), 8, 1, pixel).0).sum::<f64>() / 500.0;
         // 32 of 1000 plates whose parts differ by a factor of 9: 5 % a pixel, 0.3 % over 500.

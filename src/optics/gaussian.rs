@@ -9,8 +9,8 @@ use super::Lobe;
 /// G(l) = exp(bandwidth (direction . l - 1)), in 64 bits: a bandwidth of 1e7 multiplies every rounding error.
 #[derive(Clone, Copy)]
 pub struct Gaussian {
-    direction: DVec3,
-    bandwidth: f64,
+    pub(super) direction: DVec3,
+    pub(super) bandwidth: f64,
     /// 1 - exp(-2 bandwidth).
     span: f64,
 }

@@ -7,8 +7,10 @@ mod estimate;
 mod gaussian;
 mod indirect;
 mod light;
+mod lobe_irradiance;
 mod nnls;
 mod plates;
+mod polar;
 mod polygon;
 mod radiance_fit;
 mod random;
@@ -16,6 +18,7 @@ mod rectangle;
 mod shadow;
 mod sphere;
 mod temperature;
+mod through;
 mod visible_lamp;
 mod window;
 

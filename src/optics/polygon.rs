@@ -1,17 +1,81 @@
-//! Irradiance from a polygon of uniform radiance, in closed form.
+//! Polygons as a receiver sees them: cut at its horizon, their solid angle, and their irradiance in closed form.
 
 use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-/// E / L = (1/pi) integral of cos(theta) over the polygon's part above the horizon of `normal`.
-///
-/// `corners` (three or four, convex, either orientation) are relative to the shaded point. Lambert's formula, Photometria
-/// (1760): (1/2 pi) sum over the edges of (angle seen) (normal . edge's unit normal). 64-bit because the terms of a small,
-/// distant polygon cancel almost wholly.
-pub fn polygon_irradiance(corners: &[DVec3], normal: DVec3) -> f64 {
-    // A convex polygon gains at most one corner when a plane cuts it.
-    let mut above = [DVec3::ZERO; 5];
+/// The part of a convex polygon that lies above a receiver's horizon. Everything is relative to the receiver.
+#[derive(Clone, Copy)]
+pub struct Outline {
+    edges: [Edge; Outline::MOST],
+    count: usize,
+}
+
+/// An arc of a great circle on the receiver's sphere of directions.
+#[derive(Clone, Copy)]
+pub struct Edge {
+    pub start: DVec3,
+    pub end: DVec3,
+    /// Unit normal of the plane through receiver and edge; the polygon lies on its positive side.
+    pub inward: DVec3,
+    /// The angle seen, 0..pi.
+    pub angle: f64,
+}
+
+impl Outline {
+    /// A convex polygon of four corners gains at most one when a plane cuts it.
+    pub const MOST: usize = 5;
+
+    /// `corners` (three or four) counter-clockwise as the receiver sees them; `None` when nothing of the polygon is seen above
+    /// the horizon of `normal`.
+    pub fn above(corners: &[DVec3], normal: DVec3) -> Option<Outline> {
+        let (above, corners) = clip(corners, normal);
+        let nothing = Edge { start: DVec3::ZERO, end: DVec3::ZERO, inward: DVec3::ZERO, angle: 0.0 };
+        let mut outline = Outline { edges: [nothing; Outline::MOST], count: 0 };
+        for i in 0..corners {
+            let (start, end) = (above[i], above[(i + 1) % corners]);
+            // The difference first: the product of two long, nearly equal corners would lose what sets them apart.
+            let cross = (end - start).cross(start);
+            let length = cross.length();
+            // Seen end on, or the receiver lies on it: no part of the outline.
+            if length > 0.0 && length.is_finite() {
+                let angle = length.atan2(start.dot(end));
+                outline.edges[outline.count] = Edge { start, end, inward: cross / length, angle };
+                outline.count += 1;
+            }
+        }
+        (outline.count > 2).then_some(outline)
+    }
+
+    pub fn edges(&self) -> &[Edge] {
+        &self.edges[..self.count]
+    }
+
+    /// Steradians.
+    pub fn solid_angle(&self) -> f64 {
+        let edges = self.edges();
+        let triangle = |edge: &Edge| triangle_solid_angle(edges[0].start, edge.start, edge.end);
+        edges[1..edges.len() - 1].iter().map(triangle).sum::<f64>().max(0.0)
+    }
+
+    /// E / L of uniform radiance. Lambert's formula, Photometria (1760): (1/2 pi) sum over the edges of (angle seen) (normal .
+    /// edge's unit normal).
+    pub fn irradiance(&self, normal: DVec3) -> f64 {
+        (self.edges().iter().map(|edge| edge.angle * edge.inward.dot(normal)).sum::<f64>() / TAU).max(0.0)
+    }
+}
+
+/// Steradians, positive for corners counter-clockwise as the receiver sees them. Van Oosterom and Strackee, "The Solid Angle of a
+/// Plane Triangle", IEEE Trans. Biomed. Eng. 30 (1983); it stays exact for small and distant triangles.
+pub fn triangle_solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
+    let (la, lb, lc) = (a.length(), b.length(), c.length());
+    let volume = a.dot((c - a).cross(b - a));
+    2.0 * volume.atan2(la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb)
+}
+
+/// The corners of the part above the horizon, and how many they are.
+fn clip(corners: &[DVec3], normal: DVec3) -> ([DVec3; Outline::MOST], usize) {
+    let mut above = [DVec3::ZERO; Outline::MOST];
     let mut count = 0;
     let mut push = |corner: DVec3| {
         if count < above.len() {
@@ -29,12 +93,21 @@ pub fn polygon_irradiance(corners: &[DVec3], normal: DVec3) -> f64 {
             push(a + (b - a) * (height_a / (height_a - height_b)));
         }
     }
+    (above, count)
+}
+
+/// E / L = (1/pi) integral of cos(theta) over the polygon's part above the horizon of `normal`.
+///
+/// `corners` (three or four, convex, either orientation) are relative to the shaded point. 64-bit because the terms of a small,
+/// distant polygon cancel almost wholly.
+pub fn polygon_irradiance(corners: &[DVec3], normal: DVec3) -> f64 {
+    let (above, count) = clip(corners, normal);
     let sum: f64 = (0..count)
         .map(|i| {
             let (a, b) = (above[i], above[(i + 1) % count]);
-            let cross = a.cross(b);
+            let cross = a.cross(b - a);
             let length = cross.length();
-            // Seen edge on, or the point lies on it: no contribution.
+            // Seen end on, or the point lies on it: no contribution.
             if length > 0.0 { length.atan2(a.dot(b)) * normal.dot(cross) / length } else { 0.0 }
         })
         .sum();

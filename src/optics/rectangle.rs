@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use glam::{DVec3, Vec3};
 
-use super::polygon::polygon_irradiance;
+use super::polygon::{Outline, triangle_solid_angle};
 
 /// A rectangle that faces the side `normal` points to.
 #[derive(Clone, Copy)]
@@ -34,28 +34,33 @@ impl Rectangle {
         4.0 * self.x.length() * self.y.length()
     }
 
-    /// E / L at `point` with surface normal `normal`; zero on or behind the rectangle's plane.
-    pub fn irradiance(&self, point: DVec3, normal: DVec3) -> f64 {
+    /// The rectangle's part above the horizon of `normal`, as seen from `point`; `None` on or behind the rectangle's plane.
+    pub fn outline(&self, point: DVec3, normal: DVec3) -> Option<Outline> {
         if self.height(point) <= 0.0 {
-            return 0.0;
+            return None;
         }
         let d = self.center - point;
-        polygon_irradiance(
-            &[d - self.x - self.y, d + self.x - self.y, d + self.x + self.y, d - self.x + self.y],
-            normal,
-        )
+        Outline::above(&[d - self.x - self.y, d + self.x - self.y, d + self.x + self.y, d - self.x + self.y], normal)
+    }
+
+    /// E / L at `point` with surface normal `normal`; zero on or behind the rectangle's plane.
+    pub fn irradiance(&self, point: DVec3, normal: DVec3) -> f64 {
+        self.outline(point, normal).map_or(0.0, |outline| outline.irradiance(normal))
+    }
+
+    /// Where the ray from `point` along `direction` meets the rectangle's plane from the front, relative to `point`.
+    pub fn through(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
+        let (height, fall) = (self.height(point), -self.normal.dot(direction));
+        let place = direction * (height / fall);
+        (height > 0.0 && fall > 0.0 && place.is_finite()).then_some(place)
     }
 
     /// Where the ray from `point` along `direction` meets the emitting side, relative to `point`.
     pub fn meet(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
-        let (height, fall) = (self.height(point), -self.normal.dot(direction));
-        if !(height > 0.0 && fall > 0.0) {
-            return None;
-        }
-        let place = direction * (height / fall);
+        let place = self.through(point, direction)?;
         let at = point + place - self.center;
         let inside = |edge: DVec3| at.dot(edge).abs() <= edge.length_squared();
-        (place.is_finite() && inside(self.x) && inside(self.y)).then_some(place)
+        (inside(self.x) && inside(self.y)).then_some(place)
     }
 
     /// The solid angle seen from `point`, ready for sampling; `None` on or behind the plane.
@@ -102,15 +107,10 @@ impl SeenRectangle {
         ];
         let angle = |i: usize| (-n[i].dot(n[(i + 1) % 4])).clamp(-1.0, 1.0).acos();
         let k = TAU - angle(2) - angle(3);
-        let solid_angle = angle(0) + angle(1) - k;
+        let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+        let solid_angle = triangle_solid_angle(a, b, c) + triangle_solid_angle(a, c, d);
         let area = if solid_angle > TINY { 0.0 } else { rectangle.area() };
-        let solid_angle = if solid_angle > TINY { solid_angle } else { area * height / d.length().powi(3) };
         SeenRectangle { axes, x, y, z, b: [n[0].z, n[2].z], k, solid_angle, area }
-    }
-
-    /// Steradians.
-    pub fn solid_angle(&self) -> f64 {
-        self.solid_angle
     }
 
     /// A place on the rectangle, relative to the point it is seen from.
@@ -130,6 +130,12 @@ impl SeenRectangle {
             (x, y.clamp(y0, y1))
         };
         x * self.axes[0] + y * self.axes[1] + self.z * self.axes[2]
+    }
+
+    /// The place at shares `u`, `v` of the edges: where [`SeenRectangle::sample`] puts the corners of the unit square.
+    pub fn place(&self, u: f64, v: f64) -> DVec3 {
+        let at = |[a, b]: [f64; 2], share: f64| a + share * (b - a);
+        at(self.x, u) * self.axes[0] + at(self.y, v) * self.axes[1] + self.z * self.axes[2]
     }
 
     /// Density per steradian of [`SeenRectangle::sample`] at a place on the rectangle.

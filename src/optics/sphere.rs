@@ -1,6 +1,6 @@
 //! Irradiance from a sphere of uniform radiance, and directions into the cone it fills.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::PI;
 
 use glam::DVec3;
 
@@ -26,44 +26,53 @@ pub fn sphere_irradiance(center: DVec3, radius: f64, normal: DVec3) -> f64 {
     (((cos * y.acos() - cot_sigma * z) * sin2 + (z / cot_sigma).atan()) / PI).max(0.0)
 }
 
-/// The cone of directions that a sphere fills.
+/// The cone of directions that a sphere fills, above the horizon.
 #[derive(Clone, Copy)]
 pub struct Cone {
     center: DVec3,
     radius: f64,
-    axis: DVec3,
-    /// 1 - cos of the half angle, exact for small cones.
-    height: f64,
+    /// Axis, the direction across it that points up most, and the third.
+    axes: [DVec3; 3],
+    /// Cosine and sine of the angle between normal and axis.
+    incline: [f64; 2],
+    /// 1 - cos from the axis: where the horizon lets the cone begin, and its rim; exact for small cones.
+    heights: [f64; 2],
 }
 
 impl Cone {
-    /// `None` when the point (the origin) is inside the sphere or the sphere has no size.
-    pub fn new(center: DVec3, radius: f64) -> Option<Cone> {
+    /// `None` when the point (the origin) is inside the sphere, the sphere has no size, or it is below the horizon.
+    pub fn new(center: DVec3, radius: f64, normal: DVec3) -> Option<Cone> {
         let distance_squared = center.length_squared();
         let sin2 = radius * radius / distance_squared;
-        (sin2 > 0.0 && sin2 < 1.0).then(|| Cone {
-            center,
-            radius,
-            axis: center / distance_squared.sqrt(),
-            height: sin2 / (1.0 + (1.0 - sin2).sqrt()),
-        })
+        if !(sin2 > 0.0 && sin2 < 1.0) {
+            return None;
+        }
+        let axis = center / distance_squared.sqrt();
+        let rim = sin2 / (1.0 + (1.0 - sin2).sqrt());
+        let cos = normal.dot(axis);
+        let across = normal - cos * axis;
+        let sin = across.length();
+        let up = across.try_normalize().unwrap_or_else(|| axis.any_orthonormal_vector());
+        // With the axis below the horizon, only directions that are at least as far from it as the horizon.
+        let begin = if cos < 0.0 { cos * cos / (1.0 + sin) } else { 0.0 };
+        let axes = [axis, up, axis.cross(up)];
+        (begin < rim).then_some(Cone { center, radius, axes, incline: [cos, sin], heights: [begin, rim] })
     }
 
-    /// Steradians.
-    pub fn solid_angle(&self) -> f64 {
-        TAU * self.height
-    }
-
-    /// A direction, uniform over the cone, and the place on the sphere that is seen there.
-    pub fn sample(&self, [u, v]: [f64; 2]) -> (DVec3, DVec3) {
-        let t = u * self.height;
-        let sin = (t * (2.0 - t)).sqrt();
-        let (x, y) = self.axis.any_orthonormal_pair();
-        let (sin_phi, cos_phi) = (TAU * v).sin_cos();
-        let direction = (1.0 - t) * self.axis + sin * (cos_phi * x + sin_phi * y);
+    /// A direction above the horizon, the place on the sphere that is seen there, and one over the density per steradian.
+    pub fn sample(&self, [u, v]: [f64; 2]) -> (DVec3, DVec3, f64) {
+        let ([begin, rim], [c, s]) = (self.heights, self.incline);
+        let t = begin + u * (rim - begin);
+        let sin = (t * (2.0 - t)).max(0.0).sqrt();
+        // The azimuths with (1 - t) c + sin s cos(phi) > 0.
+        let (level, swing) = ((1.0 - t) * c, sin * s);
+        let most = if level >= swing { PI } else { (-level / swing).clamp(-1.0, 1.0).acos() };
+        let (sin_phi, cos_phi) = ((2.0 * v - 1.0) * most).sin_cos();
+        let [axis, up, third] = self.axes;
+        let direction = (1.0 - t) * axis + sin * (cos_phi * up + sin_phi * third);
         let along = direction.dot(self.center);
         let inside = self.radius * self.radius - (self.center - along * direction).length_squared();
-        (direction, direction * (along - inside.max(0.0).sqrt()))
+        (direction, direction * (along - inside.max(0.0).sqrt()), 2.0 * most * (rim - begin))
     }
 }
 
@@ -89,15 +98,16 @@ mod tests {
         let n = 400;
         for height in [1.0, 0.5, 0.2, 0.0, -0.2] {
             let center = DVec3::new(0.8, 0.3, height);
-            let cone = Cone::new(center, 0.5).unwrap();
+            let cone = Cone::new(center, 0.5, DVec3::Z).unwrap();
             let mut sum = 0.0;
             for i in 0..n * n {
                 let uv = [((i % n) as f64 + 0.5) / n as f64, ((i / n) as f64 + 0.5) / n as f64];
-                let (direction, place) = cone.sample(uv);
+                let (direction, place, inverse) = cone.sample(uv);
                 assert!(((place - center).length() - 0.5).abs() < 1e-9 && (direction.length() - 1.0).abs() < 1e-12);
-                sum += direction.z.max(0.0);
+                assert!(direction.z > -1e-12, "below the horizon");
+                sum += direction.z * inverse;
             }
-            let sampled = sum / (n * n) as f64 * cone.solid_angle() / PI;
+            let sampled = sum / (n * n) as f64 / PI;
             let exact = sphere_irradiance(center, 0.5, DVec3::Z);
             // The midpoint rule's error on a kinked integrand is O(1/n^2).
             assert!((sampled - exact).abs() < 1e-4 * exact.max(0.01), "{height}: {sampled} {exact}");

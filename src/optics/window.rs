@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::gaussian::Gaussian;
 use super::rectangle::{Rectangle, SeenRectangle};
+use super::through::Through;
 use super::{Lobe, Window};
 
 /// Where the directions to a window come from. All but `Best` are there to be compared with it.
@@ -57,63 +58,77 @@ impl Opening {
         Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes, sampling })
     }
 
-    /// E of a lobe of unit radiance where it has a closed form: behind the window there is none of it.
-    pub fn irradiance(&self, _lobe: usize, point: DVec3, _normal: DVec3) -> Option<f64> {
-        (self.rectangle.height(point) <= 0.0).then_some(0.0)
+    /// E of a lobe of unit radiance.
+    pub fn irradiance(&self, lobe: usize, point: DVec3, normal: DVec3) -> f64 {
+        let outline = self.rectangle.outline(point, normal);
+        outline.map_or(0.0, |outline| self.lobes[lobe].irradiance(&outline, normal))
     }
 
-    /// One lobe as seen from a receiver; `None` behind the window.
+    /// One lobe as seen from a receiver; `None` where none of it arrives.
     pub fn seen(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<SeenOpening<'_>> {
-        let (gaussian, seen) = (self.lobes[lobe], self.rectangle.seen_from(point)?);
-        let sampling = match self.sampling {
-            // A lobe wider than the rectangle is better sampled through the rectangle.
-            Sampling::Best if gaussian.solid_angle() < seen.solid_angle() => Sampling::BalanceOneSample,
-            Sampling::Best => Sampling::Area,
-            sampling => sampling,
+        let gaussian = self.lobes[lobe];
+        let strategy = match self.sampling {
+            Sampling::Best => {
+                let outline = self.rectangle.outline(point, normal)?;
+                Strategy::Best(Through::new(&self.rectangle, &outline, Some(gaussian), (point, normal))?)
+            }
+            Sampling::Lobe => Strategy::Best(Through::Lobe(gaussian)),
+            sampling => Strategy::Shared(self.rectangle.seen_from(point)?, sampling),
         };
-        Some(SeenOpening { rectangle: &self.rectangle, seen, gaussian, point, normal, sampling })
+        Some(SeenOpening { rectangle: &self.rectangle, gaussian, point, normal, strategy })
     }
 }
 
 /// One lobe of a window as seen from a receiver.
 pub struct SeenOpening<'a> {
     rectangle: &'a Rectangle,
-    seen: SeenRectangle,
     gaussian: Gaussian,
     point: DVec3,
     normal: DVec3,
-    sampling: Sampling,
+    strategy: Strategy,
+}
+
+enum Strategy {
+    Best(Through),
+    /// From the rectangle, or from rectangle and lobe.
+    Shared(SeenRectangle, Sampling),
 }
 
 impl SeenOpening<'_> {
     /// The `i`th sample: a place relative to the receiver, and its part of E; `None` for a direction that misses the window or
     /// comes from below the horizon.
-    pub fn sample(&self, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
-        use Sampling::{Area, Balance, BalanceOneSample, Lobe, Power, PowerOneSample};
+    pub fn sample(&self, i: usize, uv: [f64; 2]) -> Option<(DVec3, f64)> {
+        match &self.strategy {
+            Strategy::Best(through) => through.sample(self.rectangle, (self.point, self.normal), uv),
+            Strategy::Shared(seen, sampling) => self.shared(seen, *sampling, i, uv),
+        }
+    }
+
+    fn shared(&self, seen: &SeenRectangle, sampling: Sampling, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+        use Sampling::{Balance, BalanceOneSample, Power, PowerOneSample};
         // Sobol points of even and of odd index lie in different halves of u: stretched, each half is evenly spread over the
         // square.
-        let [through_lobe, halves] = match self.sampling {
-            Area | Sampling::Best => [false, false],
-            Lobe => [true, false],
+        let [through_lobe, halves] = match sampling {
             Balance | Power => [i % 2 == 1, true],
             BalanceOneSample | PowerOneSample => [u >= 0.5, true],
+            _ => [false, false],
         };
         let uv = [if halves { (2.0 * u).fract() } else { u }, v];
         let (place, direction) = if through_lobe {
             let direction = self.gaussian.sample(uv);
             (self.rectangle.meet(self.point, direction)?, direction)
         } else {
-            let place = self.seen.sample(uv);
+            let place = seen.sample(uv);
             (place, place.normalize_or_zero())
         };
         let value = self.gaussian.value(direction);
-        let (area, lobe) = (self.seen.pdf(place), self.gaussian.pdf(value));
+        let (area, lobe) = (seen.pdf(place), self.gaussian.pdf(value));
         let (own, other) = if through_lobe { (lobe, area) } else { (area, lobe) };
         // One over the density, weighted: w / (c p) with c = 1/2 where two strategies share the samples.
-        let inverse = match self.sampling {
-            Area | Lobe | Sampling::Best => 1.0 / own,
+        let inverse = match sampling {
             Balance | BalanceOneSample => 2.0 / (own + other),
             Power | PowerOneSample => 2.0 * own / (own * own + other * other),
+            _ => 1.0 / own,
         };
         let cos = self.normal.dot(direction);
         (cos > 0.0).then(|| (place, value * cos * inverse / PI))
@@ -226,6 +241,50 @@ mod tests {
                 // Of 16 evenly spread points 7 to 9 go to the lobe.
                 let got = samples(&o, DVec3::Z, 16, pixel)[0];
                 assert!((got / wanted - 1.0).abs() < 0.15, "{bandwidth}: {got} {wanted}");
+            }
+        }
+    }
+
+    /// Distance of the receiver, its normal, and where the lobe is aimed in half edges from the window's middle.
+    const PLACES: [(&str, f32, Vec3, [f32; 2]); 8] = [
+        ("centred", 1.5, Vec3::Z, [0.0, 0.0]),
+        ("off centre", 1.5, Vec3::new(0.0, 1.0, 0.3), [0.5, 0.4]),
+        ("on the edge", 1.5, Vec3::new(0.5, 0.0, 1.0), [1.0, 0.3]),
+        ("beyond the edge", 1.5, Vec3::Z, [1.2, 0.3]),
+        ("near", 0.1, Vec3::new(0.0, 1.0, 0.5), [0.3, 0.2]),
+        ("far", 30.0, Vec3::Z, [0.3, 0.2]),
+        ("far, on the edge", 30.0, Vec3::Z, [1.0, 0.2]),
+        ("grazing", 1.5, Vec3::new(0.0, 1.0, -0.1), [0.0, 0.5]),
+    ];
+
+    #[test]
+    fn the_best_strategy_is_no_worse_than_area_or_lobe() {
+        let pixels = 600;
+        for (name, distance, normal, [across, up]) in PLACES {
+            // Turned in its plane, so that no edge lies along the points' strata by chance.
+            let turn = glam::Quat::from_rotation_z(0.4);
+            let [x, y] = [turn * Vec3::NEG_X * 0.8, turn * Vec3::Y * 0.6];
+            let direction = (Vec3::Z * distance + x * across + y * up).normalize();
+            let normal = normal.normalize().as_dvec3();
+            for bandwidth in [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6] {
+                let window = Window { center: Vec3::Z * distance, x, y, lobes: [Lobe { direction, bandwidth }; 3] };
+                let variance = |sampling| {
+                    let o = Opening::new(&window, sampling).unwrap();
+                    let exact = o.irradiance(0, DVec3::ZERO, normal);
+                    let Some(seen) = o.seen(0, DVec3::ZERO, normal) else { return 0.0 };
+                    let square = |pixel| {
+                        let sum: f64 = (0..16)
+                            .filter_map(|i| seen.sample(i, Points2::new(7, pixel, 0).get(i)))
+                            .map(|(_, part)| part)
+                            .sum();
+                        (sum / 16.0 / exact.max(1e-30) - 1.0).powi(2)
+                    };
+                    (0..pixels).map(square).sum::<f64>() / f64::from(pixels)
+                };
+                let [best, area, lobe] = [Sampling::Best, Sampling::Area, Sampling::Lobe].map(variance);
+                // 5 %, and three standard errors of the quotient of two variances.
+                let bound = 1.05 + 3.0 * (4.0 / f64::from(pixels)).sqrt();
+                assert!(best <= bound * area.min(lobe) + 1e-12, "{name} {bandwidth}: {best} {area} {lobe}");
             }
         }
     }

@@ -49,7 +49,7 @@ impl Effort {
             sweep: 64,
             most_rays: 256,
             bandwidths: (0..7).map(|exponent| 10f64.powi(exponent)).collect(),
-            targets: vec![0.1, 0.03, 0.01, 0.003],
+            targets: vec![0.1, 0.03, 0.01],
             pipeline,
             whole: !args.quick,
             references: 4,

@@ -212,7 +212,7 @@ pub fn shadows(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> {
             points.extend(draw(session, &light, &subjects, effort, &line)?);
         }
         let at = effort.targets.iter().map(|&target| At::Target(target)).collect();
-        let fixed = [whole.clone(), both("max_samples", most)].concat();
+        let fixed = [whole.clone(), both("max_samples", 4 * most)].concat();
         let line = Line { plot: "shadows", series: "ours, adaptive", estimator: shadowed, fixed, at };
         points.extend(draw(session, &light, &subjects, effort, &line)?);
     }
@@ -308,7 +308,7 @@ pub fn pipeline(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> 
     let mut points = Vec::new();
     for (series, fixed, at) in [
         ("as shipped", Vec::new(), &samples),
-        ("as shipped, adaptive", both("max_samples", 2 * most), &targets),
+        ("as shipped, adaptive", both("max_samples", 8 * most), &targets),
         ("1 lobe", vec![("InitLights", "outlook", "Even".to_owned())], &samples),
         ("lamps as boxes", vec![("InitLights", "lamps", "Box".to_owned())], &samples),
         ("lamps as plates", vec![("InitLights", "lamps", "Plates".to_owned())], &samples),
