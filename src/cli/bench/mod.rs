@@ -167,6 +167,10 @@ fn measured(args: &Bench, began: Instant) -> Result<(), Stop> {
         let path = write::file(&args.out, &name, text.as_bytes())?;
         eprintln!("{}", path.display());
     }
-    let text = if args.json { json } else { tables::markdown(&points) };
+    let threads = session.threads();
+    let seconds = report.seconds;
+    let run =
+        format!("{threads} threads, {seconds:.0} s in all; single estimators on {} pixels across.\n", effort.side);
+    let text = if args.json { json } else { format!("<!-- table: run -->\n{run}\n{}", tables::markdown(&points)) };
     Ok(write::print(&text).map_err(|fault: Fault| Stop::from(fault))?)
 }

@@ -6,6 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::measure::{EXACT, Point};
+use super::questions::{ADAPTIVE, STRATEGIES};
 
 /// What a plot shows.
 pub struct Plot {
@@ -26,7 +27,7 @@ const HEAD: i32 = 40;
 const LEGEND_ROW: i32 = 24;
 
 /// Distinguishable by people who see colours differently (Okabe and Ito 2008); the markers differ too.
-const COLORS: [RGBColor; 7] = [
+const COLORS: [RGBColor; 8] = [
     RGBColor(213, 94, 0),
     RGBColor(0, 114, 178),
     RGBColor(0, 158, 115),
@@ -34,6 +35,7 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(204, 121, 167),
     RGBColor(230, 159, 0),
     RGBColor(0, 0, 0),
+    RGBColor(120, 120, 120),
 ];
 
 impl Plot {
@@ -49,7 +51,12 @@ impl Plot {
         let of_plot = points.iter().filter(|point| point.plot == self.name && point.error > EXACT);
         let marks: Vec<(&Point, f64)> = of_plot.filter_map(|point| Some((point, self.x(point)?))).collect();
         let subjects = distinct(marks.iter().map(|(point, _)| point.subject.as_str()));
-        let series = distinct(marks.iter().map(|(point, _)| point.series.as_str()));
+        let mut series = distinct(marks.iter().map(|(point, _)| point.series.as_str()));
+        // A strategy has the same colour in every plot, and ours lies on top.
+        let strategies: Vec<&str> = STRATEGIES.iter().map(|(_, name, _)| *name).chain([ADAPTIVE]).collect();
+        let place = |name: &str| strategies.iter().position(|s| *s == name);
+        series.sort_by_key(|name| place(name));
+        let styles: Vec<usize> = series.iter().enumerate().map(|(k, name)| place(name).unwrap_or(k)).collect();
         if marks.is_empty() {
             return None;
         }
@@ -73,18 +80,18 @@ impl Plot {
         let y = labels(marks.iter().map(|(point, _)| point.error));
         for (area, subject) in panels.split_evenly((rows as usize, columns as usize)).iter().zip(&subjects) {
             let of_panel: Vec<_> = marks.iter().filter(|(point, _)| point.subject == *subject).collect();
-            let lines = series.iter().enumerate().map(|(k, name)| {
+            let lines = series.iter().zip(&styles).map(|(name, &style)| {
                 let of_line = of_panel.iter().filter(|(point, _)| point.series == *name);
-                (k, of_line.map(|(point, x)| (*x, point.error)).collect())
+                (style, of_line.map(|(point, x)| (*x, point.error)).collect())
             });
             self.panel(area, subject, (&x, &y), lines.collect());
         }
         let across = width / legend_columns;
-        for (k, name) in series.iter().enumerate() {
+        for (k, (name, &style)) in series.iter().zip(&styles).enumerate() {
             let at = (k as i32 % legend_columns * across + 40, k as i32 / legend_columns * LEGEND_ROW + LEGEND_ROW / 2);
-            let line = PathElement::new(vec![(at.0, at.1), (at.0 + 34, at.1)], stroke(k));
+            let line = PathElement::new(vec![(at.0, at.1), (at.0 + 34, at.1)], stroke(style));
             legend.draw(&line).expect(sound);
-            legend.draw(&marker(k, (at.0 + 17, at.1))).expect(sound);
+            legend.draw(&marker(style, (at.0 + 17, at.1))).expect(sound);
             let style = text(14).pos(Pos::new(HPos::Left, VPos::Center));
             legend.draw(&Text::new(name.to_string(), (at.0 + 42, at.1), style)).expect(sound);
         }

@@ -53,7 +53,7 @@ fn seeded(session: &Session, sets: &[Vec<Set>]) -> Vec<Set> {
 /// Sampling strategies: what the parameter `sampling` calls them, what the plots call them, fewest samples.
 ///
 /// Where area and lobe come in turn, each of the four batches needs a sample of either.
-const STRATEGIES: [(&str, &str, u32); 7] = [
+pub const STRATEGIES: [(&str, &str, u32); 7] = [
     ("Area", "area only", 1),
     ("Lobe", "lobe only", 1),
     ("Balance", "MIS balance", 8),
@@ -62,6 +62,9 @@ const STRATEGIES: [(&str, &str, u32); 7] = [
     ("PowerOneSample", "MIS power, one-sample", 1),
     ("Best", "ours", 1),
 ];
+
+/// Our own way, until a target is reached.
+pub const ADAPTIVE: &str = "ours, adaptive";
 
 fn strategy(name: &str) -> Vec<Set> {
     both("sampling", name)
@@ -213,7 +216,7 @@ pub fn shadows(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> {
         }
         let at = effort.targets.iter().map(|&target| At::Target(target)).collect();
         let fixed = [whole.clone(), both("max_samples", 4 * most)].concat();
-        let line = Line { plot: "shadows", series: "ours, adaptive", estimator: shadowed, fixed, at };
+        let line = Line { plot: "shadows", series: ADAPTIVE, estimator: shadowed, fixed, at };
         points.extend(draw(session, &light, &subjects, effort, &line)?);
     }
     Ok(points)
@@ -291,7 +294,7 @@ pub fn pipeline(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> 
         true => session.members(node)?.into_iter().take(1).collect(),
         false => truths.iter().map(|truth| truth.light.clone()).collect(),
     };
-    let pictures = |sets: &[Set]| -> Result<Vec<Made<Picture>>, Stop> {
+    let pictures = |sets: &[Set], lights_off: &[String]| -> Result<Vec<Made<Picture>>, Stop> {
         let size = if effort.whole { Vec::new() } else { effort.small() };
         let off = |light| vec![("EditLights", "lights", format!("{{ {light:?}: Off }}"))];
         let ways: Vec<Vec<Set>> =
@@ -299,7 +302,7 @@ pub fn pipeline(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> 
         session.make_anew(compose, "picture", &ways)
     };
     let most = effort.pipeline.iter().copied().max().unwrap_or(1);
-    let limit = pictures(&seeded(session, &[At::Samples(2 * most).sets()]))?;
+    let limit = pictures(&seeded(session, &[At::Samples(2 * most).sets()]), &lights_off)?;
     let limit: Vec<Vec<f64>> = limit.iter().map(|made| linear(&made.value)).collect();
     tell("pipeline", "its own limit");
 
@@ -314,7 +317,10 @@ pub fn pipeline(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> 
         ("lamps as plates", vec![("InitLights", "lamps", "Plates".to_owned())], &samples),
     ] {
         for &at in at {
-            let made = pictures(&seeded(session, &[fixed.clone(), at.sets()]))?;
+            let sets = seeded(session, &[fixed.clone(), at.sets()]);
+            let made = pictures(&sets, &lights_off)?;
+            let again = if effort.whole { pictures(&sets, &lights_off[..1])? } else { Vec::new() };
+            let seconds = made[..1].iter().chain(&again).map(|made| made.seconds).fold(f64::INFINITY, f64::min);
             let (samples, target) = match at {
                 At::Samples(n) => (Some(n), None),
                 At::Target(target) => (None, Some(target)),
@@ -326,8 +332,8 @@ pub fn pipeline(session: &Session, effort: &Effort) -> Result<Vec<Point>, Stop> 
                 samples,
                 target,
                 bandwidth: None,
-                // What the first edit took from nothing: the others find most of it done.
-                seconds: made[0].seconds,
+                // What the first edit took from nothing, the better of two: the other edits find most of it done.
+                seconds,
                 rays: made[0].rays,
                 error,
                 claimed: None,

@@ -1,6 +1,7 @@
 //! The results as CSV, and as the Markdown tables of docs/accuracy.md, each under a line that names it.
 
 use super::measure::{EXACT, Point, slope};
+use super::questions::ADAPTIVE;
 
 /// One line per mark.
 pub fn csv(points: &[Point]) -> String {
@@ -124,7 +125,7 @@ fn ratios(points: &[&Point], cost: fn(&Point) -> f64) -> String {
 
 /// Claimed over measured error of our own estimators.
 fn calibration(points: &[Point]) -> String {
-    let own = |p: &&Point| ["ours", "ours, adaptive"].contains(&p.series.as_str());
+    let own = |p: &&Point| ["ours", ADAPTIVE].contains(&p.series.as_str());
     let points: Vec<&Point> = points.iter().filter(own).filter(|p| p.plot != "bandwidths" && p.error > EXACT).collect();
     let head: Vec<String> = ["", "series", "least", "median", "most"].map(str::to_owned).to_vec();
     let lines = distinct(points.iter().map(|p| (p.subject.clone(), p.series.clone())));
@@ -142,7 +143,7 @@ fn calibration(points: &[Point]) -> String {
 /// What a target gave, and what a fixed number of samples takes for the same error.
 fn adaptive(points: &[&Point]) -> String {
     let head = ["", "asked for", "error", "claimed", "seconds", "seconds of a fixed number for this error", "gain"];
-    let rows = points.iter().filter(|p| p.series == "ours, adaptive").map(|p| {
+    let rows = points.iter().filter(|p| p.series == ADAPTIVE).map(|p| {
         let fixed = points.iter().filter(|f| f.series == "ours" && f.subject == p.subject);
         let fixed = seconds_for(p.error, &fixed.map(|f| (f.error, f.seconds)).collect::<Vec<_>>());
         vec![
