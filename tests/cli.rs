@@ -252,6 +252,10 @@ fn a_setting_wins_and_is_explained() {
     assert!(out.contains("long_side") && out.contains("320") && out.contains('8'), "{out}");
     room.check_refused("explain graph.ron edit.ron scnee --scene scene", "scene");
     room.check_refused(&format!("{RUN} --only scnee"), "scene");
+    // A target for stages that this graph does not have is no fault.
+    check_runs(&room, "plan graph.ron --scene scene --target-error 1%", 0);
+    room.check_refused(&format!("{RUN} --target-error 150%"), "wanted a share above 0 and below 1");
+    room.check_refused(&format!("{RUN} --budget 3"), "wanted a number and a unit");
     room.check_refused(&format!("{RUN} --set scene.long_syde=8"), "--set scene.long_syde:1:1\nlong_side");
     room.check_refused(&format!("{RUN} --set scnee.long_side=8"), "--set scnee.long_side:1:1\nscene");
     room.check_refused(&format!("{RUN} --set scene.long_side=0"), "--set scene.long_side:1:1\nat least 1");

@@ -206,8 +206,8 @@ fn indirect_light_is_linear_and_never_negative() {
     let [a, b, both] = [a, b, both].map(|e| room.bounced(&stage, &albedo, e));
     for ((a, b), both) in a.pixels().iter().zip(b.pixels()).zip(both.pixels()) {
         assert!(a.min_element() >= 0.0 && b.min_element() >= 0.0);
-        // Sums of some hundred terms in single precision.
-        assert!((2.0 * a + 0.5 * b - both).abs().max_element() <= 3e-6 * both.max_element());
+        // Each of five bounces adds up to 37 terms one by one, and each sum rounds by 6e-8.
+        assert!((2.0 * a + 0.5 * b - both).abs().max_element() <= 1e-5 * both.max_element());
     }
 }
 

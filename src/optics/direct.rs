@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::estimate::{BATCHES, Measure, Sampling, Tile, mean, refine, stream, tiles};
+use super::estimate::{BATCHES, Measure, Sampling, Tile, mean, pooled, refine, stream, tiles};
 use super::{Emitter, Shape, Strategy};
 use crate::image::{Normal, Plane, Points};
 
@@ -61,7 +61,7 @@ pub fn direct(
     };
     let measure = |tile: &Tile<Sums>| {
         let add = |all: Measure, (value, error)| Measure { value: all.value + value, error: all.error + error };
-        answers(tile).fold(Measure::default(), add)
+        answers(tile).into_iter().fold(Measure::default(), add)
     };
     refine(&mut open, &base, sampling, extend, measure, stop);
 
@@ -83,6 +83,8 @@ pub fn direct(
 }
 
 /// Value and standard error of each pixel of a tile.
-fn answers(tile: &Tile<Sums>) -> impl Iterator<Item = (f64, f64)> {
-    tile.sums.iter().map(|sums| mean(&sums.map(|sum| sum / tile.each.max(1) as f64)))
+fn answers(tile: &Tile<Sums>) -> Vec<(f64, f64)> {
+    let means: Vec<(f64, f64)> = tile.sums.iter().map(|sums| mean(&sums.map(|sum| sum / tile.each as f64))).collect();
+    let variances: Vec<Option<f64>> = means.iter().map(|(_, error)| Some(error * error)).collect();
+    means.iter().zip(pooled(tile, &variances)).map(|((value, _), error)| (*value, error)).collect()
 }

@@ -9,9 +9,11 @@ use rayon::prelude::*;
 
 use super::{Emitter, Points2, Strategy};
 
-/// Independent streams per estimate. A 95 % interval is Student's for one degree of freedom less: plus and minus 3.18 standard
-/// errors.
+/// Independent streams per estimate: three degrees of freedom of its own.
 pub const BATCHES: usize = 4;
+
+/// A 95 % interval is plus and minus this many standard errors: Student's for six degrees of freedom, see [`pooled`].
+pub const INTERVAL: f64 = 2.447;
 
 /// Pixels along each side of a tile, which is made better as a whole.
 const TILE: usize = 16;
@@ -47,6 +49,32 @@ pub fn estimate(
     mean(&batches)
 }
 
+/// The standard errors of the pixels of a tile, from the variances that their own batches tell; `None` where there is nothing
+/// to estimate.
+///
+/// Four batches tell a variance badly, and where few rays meet the edge of a shadow they all agree although the truth lies
+/// between. So each variance is the mean of a pixel's own and that of the 3 x 3 pixels around it: a compromise that holds in
+/// penumbrae three pixels wide, and behaves like six degrees of freedom.
+pub fn pooled<S>(tile: &Tile<S>, variances: &[Option<f64>]) -> Vec<f64> {
+    // A border of one pixel around the tile, which holds nothing.
+    const SIDE: usize = TILE + 2;
+    let place = |pixel: usize| (pixel / tile.width % TILE + 1) * SIDE + pixel % tile.width % TILE + 1;
+    let mut cells = [(0.0, 0.0); SIDE * SIDE];
+    for (&pixel, variance) in tile.pixels.iter().zip(variances) {
+        cells[place(pixel)] = variance.map_or((0.0, 0.0), |v| (v, 1.0));
+    }
+    let around = |at: usize| {
+        let cells = [at - SIDE, at, at + SIDE].into_iter().flat_map(|row| &cells[row - 1..row + 2]);
+        cells.fold((0.0, 0.0), |sum, cell| (sum.0 + cell.0, sum.1 + cell.1))
+    };
+    let error = |(&pixel, variance): (&usize, &Option<f64>)| {
+        let Some(own) = variance else { return 0.0 };
+        let (sum, count) = around(place(pixel));
+        (0.5 * (own + sum / count)).sqrt()
+    };
+    tile.pixels.iter().zip(variances).map(error).collect()
+}
+
 /// How samples are taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
@@ -74,6 +102,8 @@ impl Sampling {
 /// Some pixels of one lobe, and what is known of them.
 pub struct Tile<S> {
     pub lobe: usize,
+    /// Of the whole picture.
+    pub width: usize,
     pub pixels: Vec<usize>,
     /// One per pixel.
     pub sums: Vec<S>,
@@ -104,7 +134,7 @@ pub fn tiles<S: Clone + Default>(
         let pixels: Vec<usize> = pixels.filter(|&pixel| take(pixel)).collect();
         if !pixels.is_empty() {
             let sums = vec![S::default(); pixels.len()];
-            tiles.push(Tile { lobe, pixels, sums, each: 0, measure: Measure::default(), open: true });
+            tiles.push(Tile { lobe, width, pixels, sums, each: 0, measure: Measure::default(), open: true });
         }
     }
     tiles

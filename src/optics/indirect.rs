@@ -10,7 +10,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::estimate::{BATCHES, mean, stream};
+use super::estimate::{BATCHES, mean, pooled, stream, tiles};
 use super::random::Points2;
 use crate::geometry::{Grid, SceneMesh, cosine_direction};
 use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance};
@@ -125,6 +125,9 @@ pub struct Bounces {
 }
 
 /// Indirect shading of one lobe on all pixels, and the standard error of its luminance; `direct` is its shadowed direct shading.
+///
+/// The error of a receiver is the spread of the batches after the receivers around it were brought together, as part of it is
+/// common to all of them (what the unseen part shows); a pixel has that of its nearest receiver.
 pub fn indirect(
     transport: &Transport,
     points: &Points,
@@ -133,14 +136,20 @@ pub fn indirect(
     direct: &Plane<f32>,
     bounces: Bounces,
 ) -> (Shading, Plane<f32>) {
+    let Transport { grid, nearest, .. } = transport;
     let receivers = gather(transport, albedo, |pixel| direct.pixels()[pixel], bounces);
-    // The variances of receivers add with the squares of their weights: each has rays of its own.
-    let up = transport.grid.spread(points, normal, |neighbours| {
-        neighbours.iter().fold((Vec3::ZERO, 0.0), |(shading, variance), &(i, weight)| {
-            (shading + receivers[i].0 * weight, variance + (weight * receivers[i].1).powi(2))
-        })
+    let up = grid.spread(points, normal, |neighbours| {
+        neighbours
+            .iter()
+            .fold([Vec3::ZERO; BATCHES], |sum, &(i, weight)| std::array::from_fn(|b| sum[b] + receivers[i][b] * weight))
     });
-    (Shading(up.map(|(shading, _)| shading)), up.map(|(_, variance)| variance.sqrt()))
+    let variance = |i: usize| mean(&up.pixels()[grid.pixel(i)].map(|b| f64::from(luminance(b)))).1.powi(2);
+    let mut errors = vec![0.0; grid.len()];
+    for tile in tiles::<()>(0, grid.size(), |_| true) {
+        let variances: Vec<Option<f64>> = tile.pixels.iter().map(|&i| Some(variance(i))).collect();
+        tile.pixels.iter().zip(pooled(&tile, &variances)).for_each(|(&i, error)| errors[i] = error as f32);
+    }
+    (Shading(up.map(|batches| whole(&batches))), nearest.map(|i| errors[i as usize]))
 }
 
 /// Indirect shading of one lobe on the receivers alone; `direct` is its shadowed direct shading at a pixel.
@@ -150,17 +159,21 @@ pub fn indirect_at_receivers(
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
 ) -> Vec<Vec3> {
-    gather(transport, albedo, direct, bounces).into_iter().map(|(shading, _)| shading).collect()
+    gather(transport, albedo, direct, bounces).iter().map(whole).collect()
 }
 
-/// Indirect shading of each receiver, and the standard error of its luminance: that of the receiver's own rays, whose batches
-/// are independent. What the surfaces that they meet show has errors too, but is a mean over many receivers.
+fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {
+    batches.iter().sum::<Vec3>() / BATCHES as f32
+}
+
+/// Indirect shading of each receiver by each batch of its rays. The batches go their own ways through all bounces, so that their
+/// spread holds the errors of what the surfaces show as well as those of looking at them.
 fn gather(
     transport: &Transport,
     albedo: &Albedo,
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
-) -> Vec<(Vec3, f32)> {
+) -> Vec<[Vec3; BATCHES]> {
     let Transport { grid, hits, nearest, areas } = transport;
     let receivers = grid.len();
     // An albedo of one would never come to rest.
@@ -172,29 +185,28 @@ fn gather(
     };
     let mean_albedo = mean_of(&|i| reflect(grid.pixel(i)));
     let each = (hits.width() / BATCHES).max(1);
-    // One bounce of the light `before`, which is the shading of a pixel: per receiver and batch of rays.
-    let bounce = |before: &(dyn Fn(usize) -> Vec3 + Sync)| -> Vec<[Vec3; BATCHES]> {
-        let ambient = bounces.unseen * mean_of(&|i| reflect(grid.pixel(i)) * before(grid.pixel(i)));
-        let shown = |&hit: &u32| if hit == MISS { ambient } else { reflect(hit as usize) * before(hit as usize) };
+    // One bounce of the light `before`, which is the shading of a pixel in the eyes of a batch: per receiver and batch of rays.
+    let bounce = |before: &(dyn Fn(usize, usize) -> Vec3 + Sync)| -> Vec<[Vec3; BATCHES]> {
+        let shown = |pixel: usize, b: usize| reflect(pixel) * before(pixel, b);
+        let ambient: [Vec3; BATCHES] = std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(grid.pixel(i), b)));
+        let met = |hit: u32, b: usize| if hit == MISS { ambient[b] } else { shown(hit as usize, b) };
         let gather = |row: &[u32]| {
-            std::array::from_fn(|b| row[b * each..(b + 1) * each].iter().map(shown).sum::<Vec3>() / each as f32)
+            let batch = |b: usize| row[b * each..(b + 1) * each].iter().map(|&hit| met(hit, b)).sum::<Vec3>();
+            std::array::from_fn(|b| batch(b) / each as f32)
         };
         hits.pixels().par_chunks(hits.width().max(1)).with_min_len(64).map(gather).collect()
     };
-    let whole = |batches: &[Vec3; BATCHES]| batches.iter().sum::<Vec3>() / BATCHES as f32;
-    let mut last = bounce(&|pixel| Vec3::splat(direct(pixel)));
+    let mut last = bounce(&|pixel, _| Vec3::splat(direct(pixel)));
     let mut total = last.clone();
     let add = |total: &mut [[Vec3; BATCHES]], last: &[[Vec3; BATCHES]], times: Vec3| {
         let pairs = total.iter_mut().flatten().zip(last.iter().flatten());
         pairs.for_each(|(sum, add)| *sum += *add * times);
     };
     for _ in 1..bounces.count.max(1) {
-        let shading: Vec<Vec3> = last.iter().map(whole).collect();
-        last = bounce(&|pixel| shading[nearest.pixels()[pixel] as usize]);
+        last = bounce(&|pixel, b| last[nearest.pixels()[pixel] as usize][b]);
         add(&mut total, &last, Vec3::ONE);
     }
     // Each further bounce is taken to be the one before times the mean albedo: exact where the albedo is constant.
     add(&mut total, &last, mean_albedo / (Vec3::ONE - mean_albedo));
-    let error = |batches: &[Vec3; BATCHES]| mean(&batches.map(|b| f64::from(luminance(b)))).1 as f32;
-    total.iter().map(|batches| (whole(batches), error(batches))).collect()
+    total
 }

@@ -25,7 +25,7 @@ mod window;
 pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates};
 pub use direct::{Direct, direct};
 pub use emitter::{Emitter, LightSample, Seen};
-pub use estimate::{BATCHES, Sampling, estimate, stream};
+pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
 pub use gaussian::Gaussian;
 pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};

@@ -8,7 +8,7 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::estimate::{BATCHES, Measure, Sampling, Tile, mean, refine, stream, tiles};
+use super::estimate::{BATCHES, Measure, Sampling, Tile, mean, pooled, refine, stream, tiles};
 use super::{Emitter, Shape};
 use crate::geometry::{Grid, Own, SceneMesh, Sight};
 use crate::image::{Mask, Normal, Plane, Points};
@@ -25,6 +25,7 @@ pub struct ShadowQuality {
 }
 
 /// Per lobe, shares of the unshadowed direct shading, 0..1.
+#[derive(Default)]
 pub struct Shadow {
     /// Seen to be lit, plus `assume_lit` times unknown.
     pub lit: Vec<Plane<f32>>,
@@ -74,6 +75,9 @@ pub fn shadow(
     quality: ShadowQuality,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Shadow {
+    if shape.lobes() == 0 {
+        return Shadow::default();
+    }
     let emitter = Emitter::with_sampling(shape, quality.sampling.strategy);
     let is_own = |pixel: usize| own.is_some_and(|own| own.0.pixels()[pixel] > 0.5);
     let passes = own.map(Own::new);
@@ -167,22 +171,27 @@ fn blend(traced: &[Answer], neighbours: &[(usize, f32)]) -> [f32; 3] {
 
 /// What the sums of a tile tell of its pixels.
 fn answers(tile: &Tile<[Sums; BATCHES]>, assume_lit: f64) -> Vec<Answer> {
+    let samples = (BATCHES * tile.each) as f64;
     let answer = |sums: &[Sums; BATCHES]| {
         let total = |of: fn(&Sums) -> f64| sums.iter().map(of).sum::<f64>();
         let all = total(|s| s.all);
         if all <= 1e-30 {
-            return Answer::default();
+            return (Answer::default(), None);
         }
         let arrives = |s: &Sums| s.lit + assume_lit * s.unknown;
         let lit = sums.iter().map(arrives).sum::<f64>() / all;
         let (_, spread) = mean(&std::array::from_fn(|b| arrives(&sums[b]) - lit * sums[b].all));
-        Answer {
-            shading: (all / (BATCHES * tile.each) as f64) as f32,
-            lit: lit as f32,
-            unknown: (total(|s| s.unknown) / all) as f32,
-            stderr: (spread * BATCHES as f64 / all) as f32,
-            valid: 1.0,
-        }
+        let unknown = (total(|s| s.unknown) / all) as f32;
+        let shading = (all / samples) as f32;
+        let answer = Answer { shading, lit: lit as f32, unknown, stderr: 0.0, valid: 1.0 };
+        (answer, Some((spread * BATCHES as f64 / all).powi(2)))
     };
-    tile.sums.iter().map(answer).collect()
+    let (mut answers, variances): (Vec<Answer>, Vec<Option<f64>>) = tile.sums.iter().map(answer).unzip();
+    // Where all rays agree, the next one may still differ: by Laplace's rule of succession once in two more than the tile cast.
+    let rays = samples * variances.iter().flatten().count() as f64;
+    let floor = 1.0 / (rays + 2.0) / samples;
+    for (answer, error) in answers.iter_mut().zip(pooled(tile, &variances)) {
+        answer.stderr = answer.valid * error.hypot(floor.sqrt()) as f32;
+    }
+    answers
 }

@@ -1,5 +1,6 @@
 //! The engine, on stages that only add.
 
+mod budget;
 mod disk;
 mod faults;
 mod graphs;

@@ -63,6 +63,16 @@ node!(Const, NoIn, NumberOut, |this, _i, _c| number(this.value));
 params! { /** A number plus a number. */ pub struct Add { plus: i64 = 1 } }
 node!(Add, OneIn, NumberOut, |this, i, _c| number(i.number.0.wrapping_add(this.plus)));
 
+params! { /** A number times a number. */ pub struct Times { by: i64 = 1 } }
+node!(Times, OneIn, NumberOut, |this, i, _c| number(i.number.0.wrapping_mul(this.by)));
+
+params! { /** Counts its rounds, as many as there is time for. */ pub struct Patient { rounds: i64 = 1 } }
+node!(Patient, OneIn, NumberOut, |this, _i, ctx| {
+    ctx.set_stderr(0.5);
+    let done = (0..this.rounds).take_while(|_| !ctx.out_of_time()).count();
+    number(done as i64)
+});
+
 params! { /** Two numbers, mixed so that their order counts. */ pub struct Mixed { factor: f64 = 1.0, note: Option<String> = None } }
 node!(Mixed, TwoIn, NumberOut, |_t, i, _c| number(i.a.0.wrapping_mul(31).wrapping_add(i.b.0)));
 
@@ -148,6 +158,8 @@ pub fn registry() -> Registry {
     Registry::new()
         .with::<Const>()
         .with::<Add>()
+        .with::<Times>()
+        .with::<Patient>()
         .with::<Mixed>()
         .with::<Maybe>()
         .with::<Sum>()

@@ -177,3 +177,26 @@ fn several_processes_at_once_are_all_right() {
         place.check(&format!("cache verify --cache {cache}"), 0);
     }
 }
+
+#[test]
+fn what_a_budget_cut_short_is_not_kept() {
+    let place = Place::new();
+    let line = "GRAPHS/demo.ron EDITS/none.ron --set scene.long_side=96 --only shadow[window_0]";
+    let run = |more: &str| place.check(&format!("run {line} --cache cache --out out {more}"), 0);
+    let row = |told: &str| {
+        let row = told.lines().find(|line| line.starts_with("shadow[window_0]")).expect("the table names it");
+        row.split_whitespace().nth(1).expect("its status").to_owned()
+    };
+    let cut = "warning: shadow[window_0]: stopped by the budget at a standard error of ";
+    let short = run("--budget 0.001ms");
+    assert!(short.contains(cut) && row(&short) == "ran", "{short}");
+    let whole = run("");
+    assert!(!whole.contains(cut) && row(&whole) == "ran", "{whole}");
+    let hit = run("--budget 0.001ms");
+    assert!(!hit.contains(cut) && row(&hit) == "hit", "{hit}");
+
+    // A target is a parameter like any other.
+    let plan = place.command(&format!("plan {line} --cache cache --target-error 5%")).output().expect("it starts");
+    let plan = String::from_utf8(plan.stdout).expect("a plan is text");
+    assert!(plan.contains("run      shadow[window_0]  parameter target_error: 0.0 -> 0.05"), "{plan}");
+}
