@@ -301,7 +301,7 @@ mod tests {
     fn irradiance(plates: &[Plate], point: Vec3, normal: Vec3) -> f32 {
         // In pieces, each few enough for the closed form.
         let some = plates.chunks(500).map(|some| Emitter::new(&Shape::Lamp(Lamp::Plates(some.to_vec()))));
-        some.map(|some| some.irradiance(point, normal).expect("few enough")).sum()
+        some.map(|some| some.irradiance(0, point, normal).expect("few enough")).sum()
     }
 
     /// Relative errors of irradiance against `truth`, as (worst, mean), on receivers that face the lamp from all around.
@@ -312,7 +312,7 @@ mod tests {
             let (y, turn) = (1.0 - (2.0 * i as f32 + 1.0) / 100.0, 2.399_963 * i as f32);
             let direction = Vec3::new((1.0 - y * y).sqrt() * turn.cos(), y, (1.0 - y * y).sqrt() * turn.sin());
             let point = center + direction * distance;
-            let want = whole.irradiance(point, -direction).expect("a closed form");
+            let want = whole.irradiance(0, point, -direction).expect("a closed form");
             (irradiance(plates, point, -direction) / want - 1.0).abs()
         });
         errors.fold((0.0, 0.0), |(worst, mean), e| (e.max(worst), mean + 0.01 * e))
@@ -373,7 +373,8 @@ mod tests {
         assert!((area(&plates) / lamp.area() - 1.0).abs() < 0.02, "{} {}", area(&plates), lamp.area());
         let whole = Emitter::new(&Shape::Lamp(lamp));
         for point in [Vec3::new(0.0, -1.0, -2.0), Vec3::new(2.0, -0.5, -3.5), Vec3::new(0.3, 0.5, -3.0)] {
-            let (got, want) = (irradiance(&plates, point, Vec3::Y), whole.irradiance(point, Vec3::Y).expect("closed"));
+            let (got, want) =
+                (irradiance(&plates, point, Vec3::Y), whole.irradiance(0, point, Vec3::Y).expect("closed"));
             assert!((got / want - 1.0).abs() < 0.02, "{point}: {got} {want}");
         }
         assert_eq!(irradiance(&plates, Vec3::new(0.3, 2.0, -3.0), Vec3::NEG_Y), 0.0, "above the ceiling it is dark");

@@ -106,9 +106,9 @@ const PLOTS: [Plot; 5] = [
     },
     Plot {
         name: "noise",
-        title: "Whole pictures against their own limit: error against time",
+        title: "Whole pictures against their own limit: difference against time",
         x: Axis::Seconds("time of a run from nothing"),
-        y: "relative error",
+        y: "mean difference",
     },
 ];
 

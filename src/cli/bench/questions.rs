@@ -271,12 +271,11 @@ fn change_error(got: &[f64], truth: &Truth, counted: &[bool]) -> f64 {
     missed / moved
 }
 
-/// Root mean square difference of two pictures over the mean of the second, clipped to what a picture can show.
+/// Mean absolute difference of two pictures over the mean of the second, clipped to what a picture can show.
 fn difference(got: &[f64], wanted: &[f64]) -> f64 {
     let clip = |x: &f64| x.clamp(0.0, 1.0);
-    let squares: f64 = got.iter().zip(wanted).map(|(a, b)| (clip(a) - clip(b)).powi(2)).sum();
-    let n = wanted.len() as f64;
-    (squares / n).sqrt() / (wanted.iter().map(clip).sum::<f64>() / n)
+    let missed: f64 = got.iter().zip(wanted).map(|(a, b)| (clip(a) - clip(b)).abs()).sum();
+    missed / wanted.iter().map(clip).sum::<f64>()
 }
 
 /// Error of whole pictures against the time of a run that finds nothing in its cache.
