@@ -1,12 +1,13 @@
 //! Variance and cost of each way to sample a window: `cargo bench --bench windows`.
 //!
 //! Per place and bandwidth: the relative standard deviation of 16 samples for each strategy, the variance of `Best` over that
-//! of the better of `Area` and `Lobe`, and the nanoseconds for a receiver and for each sample.
+//! of the better of `Area` and `Lobe`, and the nanoseconds for a receiver and for each sample, last for the closed form. At the
+//! end the closed form of a lamp of 128 plates.
 
 use std::time::Instant;
 
 use glam::{Quat, Vec3};
-use relight::optics::{Emitter, Lobe, Shape, Strategy, Window, estimate};
+use relight::optics::{Emitter, Lamp, Lobe, Plate, Shape, Strategy, Window, estimate};
 
 /// Distance of the receiver, its normal, and where the lobe is aimed in half edges from the window's middle.
 const PLACES: [(&str, f32, Vec3, [f32; 2]); 8] = [
@@ -56,7 +57,34 @@ fn main() {
                 let sample = (many - few) / 200.0;
                 format!("{:>17}", format!("{:.0} + {sample:.0}", few - 4.0 * sample))
             });
-            println!("{:17}{:>9}{}", "", "ns", cost.join(""));
+            let closed = closed_form(&emitters[0], receiver);
+            println!("{:17}{:>9}{}   {closed:8.0}", "", "ns", cost.join(""));
         }
     }
+    let plate = |i: u8| {
+        let (sin, cos) = f32::from(i).sin_cos();
+        Plate {
+            point: Vec3::new(0.2 * cos, 0.2 * sin, 1.0),
+            normal: Vec3::new(-cos, -sin, -1.0).normalize(),
+            area: 2e-3,
+        }
+    };
+    let lamp = Emitter::new(&Shape::Lamp(Lamp::Plates((0..128).map(plate).collect())));
+    for height in [0.0, 0.7, 0.95] {
+        let ns = closed_form(&lamp, (Vec3::Z * height, Vec3::Z));
+        println!("128 plates at {:.2} m: {ns:.0} ns", 1.0 - height);
+    }
+}
+
+/// Nanoseconds; the least of many short runs.
+fn closed_form(emitter: &Emitter, (point, normal): (Vec3, Vec3)) -> f64 {
+    let time = |_| {
+        let start = Instant::now();
+        for i in 0..100u8 {
+            let nudged = point + Vec3::splat(1e-6 * f32::from(i));
+            std::hint::black_box(emitter.irradiance(0, nudged, normal));
+        }
+        start.elapsed().as_nanos() as f64 / 100.0
+    };
+    (0..50).map(time).fold(f64::INFINITY, f64::min)
 }

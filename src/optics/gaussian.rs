@@ -98,6 +98,26 @@ mod tests {
     }
 
     #[test]
+    fn no_bandwidth_loses_digits() {
+        for bandwidth in [0.0f32, 1e-12, 1e-6, 1e-3, 1.0, 10.0, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7] {
+            let (g, b) = (gaussian(bandwidth), f64::from(bandwidth));
+            // 4 pi e^-b sinh(b) / b, by its series where that is 0 / 0.
+            let series = 2.0 * TAU * (-b).exp() * (1.0 + b * b / 6.0);
+            let exact = if b < 0.01 { series } else { TAU * (1.0 - (-2.0 * b).exp()) / b };
+            assert!((g.solid_angle() / exact - 1.0).abs() < 1e-9, "{bandwidth}: {}", g.solid_angle());
+            for u in [0.0, 1e-7, 0.1, 0.5, 0.9, 1.0 - 1e-7] {
+                // The share of the distribution within the sampled angle is u again.
+                let l = g.sample([u, 0.3]);
+                let t = 0.5 * (g.direction - l).length_squared();
+                let share = if b < 1e-9 { 0.5 * t } else { (-b * t).exp_m1() / (-2.0 * b).exp_m1() };
+                assert!((share - u).abs() < 1e-9, "{bandwidth} {u}: {share}");
+                // Density times the whole is the value, in the single precision that callers have.
+                assert!((g.pdf(g.value(l)) * g.solid_angle() / (-b * t).exp() - 1.0).abs() < 1e-7);
+            }
+        }
+    }
+
+    #[test]
     fn extremes_are_finite() {
         for bandwidth in [f32::NAN, -1.0, f32::INFINITY, f32::MAX] {
             let g = Gaussian::new(&Lobe { direction: Vec3::ZERO, bandwidth });

@@ -4,6 +4,8 @@ mod candidates;
 mod direct;
 mod emitter;
 mod estimate;
+#[cfg(test)]
+mod extremes;
 mod gaussian;
 mod indirect;
 mod light;

@@ -24,6 +24,9 @@ pub enum Through {
 /// The corners' mean may miss the middle by this much of it.
 const BILINEAR: f64 = 0.5;
 
+/// Width over perimeter below which an outline is a slit.
+const SLIT: f64 = 2e-3;
+
 impl Through {
     /// `outline` is the rectangle's, as seen from `point`; `None` where nothing arrives.
     pub fn new(
@@ -40,6 +43,13 @@ impl Through {
                 Reach::Across => Product::of(gaussian, normal),
             },
         };
+        // In a slit narrower than the lobe nearly all azimuths about the lobe hold next to nothing.
+        let around: f64 = outline.edges().iter().map(|edge| edge.angle).sum();
+        let width = 2.0 * outline.solid_angle() / around;
+        let spread = gaussian.map_or(1.0, |gaussian| 1.0 / gaussian.bandwidth.max(1.0).sqrt());
+        if width < SLIT * around && width < spread {
+            return Some(Through::Warped(rectangle.seen_from(point)?, [[1.0; 2]; 2], gaussian));
+        }
         if outline.edges().len() == 4 {
             let seen = rectangle.seen_from(point)?;
             let value = |place: DVec3| value(gaussian, normal, place.normalize_or_zero()) / seen.pdf(place);
@@ -47,7 +57,7 @@ impl Through {
             let all = corners.as_flattened();
             let (low, high) = all.iter().fold((f64::INFINITY, 0.0), |(low, high), &c| (c.min(low), c.max(high)));
             let (mean, middle) = (0.25 * all.iter().sum::<f64>(), value(seen.sample([0.5, 0.5])));
-            if low > 0.1 * high && (mean - middle).abs() < BILINEAR * middle {
+            if low > 0.01 * high && (mean - middle).abs() < BILINEAR * middle {
                 return Some(Through::Warped(seen, corners, gaussian));
             }
         }
