@@ -112,14 +112,12 @@ pub struct Measured {
     pub rays: u64,
 }
 
-/// Time within which an estimate is repeated.
-const REPEAT_SECONDS: f64 = 0.3;
 const MOST_REPEATS: usize = 6;
 
-/// Repeats an estimate with new seeds while that takes little time.
-pub fn repeat(mut estimate: impl FnMut() -> Result<Estimate, Stop>) -> Result<Vec<Estimate>, Stop> {
+/// Repeats an estimate with new seeds while that takes less than `within` seconds in all.
+pub fn repeat(within: f64, mut estimate: impl FnMut() -> Result<Estimate, Stop>) -> Result<Vec<Estimate>, Stop> {
     let mut all = vec![estimate()?];
-    while all.len() < MOST_REPEATS && all.iter().map(|e| e.seconds).sum::<f64>() < REPEAT_SECONDS {
+    while all.len() < MOST_REPEATS && all.iter().map(|e| e.seconds).sum::<f64>() < within {
         all.push(estimate()?);
     }
     Ok(all)

@@ -104,7 +104,7 @@ fn draw(
     let mut points = Vec::new();
     for &at in &line.at {
         let sets = [effort.small(), line.fixed.clone(), at.sets()];
-        let estimates = repeat(|| (line.estimator)(session, light, &seeded(session, &sets)))?;
+        let estimates = repeat(effort.repeat_seconds, || (line.estimator)(session, light, &seeded(session, &sets)))?;
         for subject in subjects {
             let got = measure(&estimates, subject.lobe, &subject.reference);
             let (samples, target) = match at {
@@ -262,11 +262,10 @@ fn linear(picture: &Picture) -> Vec<f64> {
 fn change_error(got: &[f64], truth: &Truth, counted: &[bool]) -> f64 {
     let clip = |x: f64| x.clamp(0.0, 1.0);
     let (mut missed, mut moved) = (0.0, 0.0);
-    for (i, _) in counted.iter().enumerate().filter(|(_, counted)| **counted) {
-        for c in 3 * i..3 * i + 3 {
-            missed += (clip(got[c]) - clip(truth.wanted[c])).abs();
-            moved += (clip(truth.wanted[c]) - clip(truth.photo[c])).abs();
-        }
+    let channels = got.iter().zip(&truth.wanted).zip(&truth.photo).enumerate();
+    for (_, ((got, wanted), photo)) in channels.filter(|(i, _)| counted[i / 3]) {
+        missed += (clip(*got) - clip(*wanted)).abs();
+        moved += (clip(*wanted) - clip(*photo)).abs();
     }
     missed / moved
 }

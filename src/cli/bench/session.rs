@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Status, Value};
 
-use super::super::args::{Bench, Files};
-use super::super::{Exit, Trouble, engine, load::load, run::stop_on_ctrl_c};
+use crate::cli::args::{Bench, Files};
+use crate::cli::{Exit, Trouble, engine, load::load, run::stop_on_ctrl_c};
 
 /// Why a measurement ends early.
 pub enum Stop {
