@@ -31,7 +31,7 @@ fn main() {
         for bandwidth in [0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6] {
             let lobes = [Lobe { direction, bandwidth }; 3];
             let shape = Shape::Window(Window { center: Vec3::Z * distance, x, y, lobes });
-            let emitters = Strategy::ALL.map(|sampling| Emitter::with_sampling(&shape, sampling));
+            let emitters = Strategy::ALL.map(|strategy| Emitter::with_strategy(&shape, strategy));
             let exact = f64::from(emitters[0].irradiance(0, receiver.0, receiver.1).unwrap_or(0.0));
             if exact <= 0.0 {
                 continue;

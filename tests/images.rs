@@ -320,9 +320,13 @@ fn exr_comes_back_with_every_compression_and_channel_kind() {
         layers.rgb("light_lamp_0", &picture);
         layers.xyz("normal", &picture);
         layers.float("Z", &depth);
-        layers.half("rough.Y", &depth.map(|_| 1e9));
+        layers.half("rough.Y", &depth);
+        layers.half("large.Y", &depth.map(|_| 1e9));
+        layers.rgb("small", &picture.map(|v| 1e-12 * v));
+        layers.half("zero.Y", &depth.map(|_| 0.0));
         layers.comment("metres \u{3c0}");
-        assert_eq!(layers.clamped(), 37 * 23);
+        // Neither infinite nor black: what halves cannot hold is float, with its name and largest magnitude.
+        assert_eq!(layers.kept_as_float(), [("large.Y".to_owned(), 1e9), ("small".to_owned(), 1e-12 * 9.0)]);
         let bytes = layers.write(compression).expect("the layers are sound");
         let source = Source::new("p.exr", &bytes);
         // Quarters and eighths below 32 are exact in half precision, floats are exact.
@@ -331,7 +335,9 @@ fn exr_comes_back_with_every_compression_and_channel_kind() {
         assert_eq!(read_depth(source).expect("there is a Z channel").0, depth);
         let exr = exr_channels(&bytes);
         assert_eq!(exr["normal.X"], exr["light_lamp_0.R"]);
-        assert!(exr["rough.Y"].iter().all(|&v| v == 65504.0));
+        assert!(exr["large.Y"].iter().all(|&v| v == 1e9));
+        let small = picture.map(|v| 1e-12 * v.x);
+        assert_eq!(exr["small.R"], small.pixels());
     }
 }
 

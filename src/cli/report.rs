@@ -30,6 +30,7 @@ struct Row<'a> {
     bytes: u64,
     key: Option<String>,
     why: Option<&'a str>,
+    notes: &'a [String],
 }
 
 /// What the run report cannot know.
@@ -55,6 +56,7 @@ pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
         bytes: node.bytes,
         key: node.key.map(|key| key.to_string()),
         why: node.error.as_deref().or(node.why.as_deref()),
+        notes: &node.notes,
     });
     let report = Report {
         relight: env!("CARGO_PKG_VERSION"),

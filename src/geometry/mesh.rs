@@ -151,7 +151,7 @@ impl SceneMesh {
             let (a, b) = self.counts();
             a + b
         };
-        self.points.bytes() + self.cells.bytes() + triangles * 160
+        self.points.bytes() + self.cells.bytes() + triangles * 80
     }
 
     /// How far above the surface a ray must start so that it does not meet its own surface, metres: half a pixel's footprint

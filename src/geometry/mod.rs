@@ -1,5 +1,6 @@
 //! Camera, depth to mesh, and rays.
 
+mod bvh8;
 mod camera;
 mod grid;
 mod mesh;
@@ -7,6 +8,7 @@ mod plane_fit;
 mod rays;
 mod surface;
 mod up;
+mod woop;
 
 pub use camera::Camera;
 pub use grid::{Grid, cosine_direction};

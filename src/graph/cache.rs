@@ -16,6 +16,7 @@ pub(super) struct Header {
     pub values: Vec<ValueHeader>,
     pub stderr: Option<f64>,
     pub warnings: Vec<String>,
+    pub notes: Vec<String>,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -190,7 +191,7 @@ mod tests {
                 self.0
             }
         }
-        let header = Header { key_text: String::new(), values: vec![], stderr: None, warnings: vec![] };
+        let header = Header { key_text: String::new(), values: vec![], stderr: None, warnings: vec![], notes: vec![] };
         Arc::new(Entry::made(Digest([name; 32]), header, &[PortValue::One(Value::new(Arc::new(Block(bytes))))], false))
     }
 

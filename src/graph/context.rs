@@ -57,6 +57,7 @@ struct Meters {
     stderr: Option<f64>,
     samples: Option<f64>,
     warnings: Vec<String>,
+    notes: Vec<String>,
 }
 
 impl Context {
@@ -122,6 +123,11 @@ impl Context {
         self.lock().warnings.push(message.into());
     }
 
+    /// Says how a result came about where nobody need act on it: stands in report.json, kept with the cached result.
+    pub fn note(&self, message: impl Into<String>) {
+        self.lock().notes.push(message.into());
+    }
+
     pub fn rays(&self) -> u64 {
         self.rays.load(Ordering::Relaxed)
     }
@@ -136,6 +142,10 @@ impl Context {
 
     pub fn warnings(&self) -> Vec<String> {
         self.lock().warnings.clone()
+    }
+
+    pub fn notes(&self) -> Vec<String> {
+        self.lock().notes.clone()
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Meters> {

@@ -49,6 +49,8 @@ pub struct NodeReport {
     /// Why a node ran: `new`, or the first line of its key that changed.
     pub why: Option<String>,
     pub warnings: Vec<String>,
+    /// What the stage says of its result although nobody need act on it.
+    pub notes: Vec<String>,
     /// Why it failed, or what it was blocked by.
     pub error: Option<String>,
     /// It failed because of a file that a person named, or a parameter that a person set.

@@ -292,7 +292,8 @@ impl<'a> Run<'a> {
             let error = ctx.stderr().map_or(String::new(), |e| format!(" at a standard error of {:.2} %", 100.0 * e));
             warnings.push(format!("stopped by the budget{error}; this result is not kept"));
         }
-        let header = Header { key_text: job.text.clone(), values: vec![], stderr: ctx.stderr(), warnings };
+        let header =
+            Header { key_text: job.text.clone(), values: vec![], stderr: ctx.stderr(), warnings, notes: ctx.notes() };
         let entry = Arc::new(Entry::made(job.key, header, &outputs, ctx.was_late()));
         let values = entry.all().expect("a result just made has all its values");
         self.hold(job.at, &entry);
@@ -450,6 +451,7 @@ impl<'a> Run<'a> {
             key: entry.map(|e| e.key),
             why: None,
             warnings: entry.map(|e| e.header.warnings.clone()).unwrap_or_default(),
+            notes: entry.map(|e| e.header.notes.clone()).unwrap_or_default(),
             error: None,
             bad_file: false,
         }

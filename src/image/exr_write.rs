@@ -29,15 +29,16 @@ pub struct ExrLayers {
     height: usize,
     channels: Vec<AnyChannel<FlatSamples>>,
     comments: Vec<String>,
-    clamped: usize,
+    kept_as_float: Vec<(String, f32)>,
 }
 
 impl ExrLayers {
     pub fn new(width: usize, height: usize) -> ExrLayers {
-        ExrLayers { width, height, channels: Vec::new(), comments: Vec::new(), clamped: 0 }
+        ExrLayers { width, height, channels: Vec::new(), comments: Vec::new(), kept_as_float: Vec::new() }
     }
 
-    /// A half-float colour layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when `layer` is empty.
+    /// A half-float colour layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when `layer` is empty. Like every layer
+    /// of halves it becomes one of floats when halves cannot hold it, see [`ExrLayers::kept_as_float`].
     pub fn rgb(&mut self, layer: &str, plane: &Plane<Vec3>) {
         self.triple(layer, ["R", "G", "B"], plane);
     }
@@ -48,22 +49,34 @@ impl ExrLayers {
     }
 
     fn triple(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>) {
-        let samples = |axis: usize| half_samples(&plane.map(|v| v.to_array()[axis]));
+        let float =
+            self.needs_float(if layer.is_empty() { "RGB" } else { layer }, largest(plane, |v| v.abs().max_element()));
+        let samples = |axis: usize| samples(&plane.map(|v| v.to_array()[axis]), float);
         let channels: Vec<_> = (0..3).into_par_iter().map(samples).collect();
         for (name, samples) in names.into_iter().zip(channels) {
             let name = if layer.is_empty() { name.into() } else { format!("{layer}.{name}") };
-            self.push_half(&name, plane.size(), samples);
+            self.push(&name, plane.size(), samples);
         }
     }
 
-    /// One half-float channel. Numbers beyond the range of a half become its largest, 65504, and are counted.
+    /// One half-float channel.
     pub fn half(&mut self, name: &str, plane: &Plane<f32>) {
-        self.push_half(name, plane.size(), half_samples(plane));
+        let float = self.needs_float(name, largest(plane, f32::abs));
+        self.push(name, plane.size(), samples(plane, float));
     }
 
-    fn push_half(&mut self, name: &str, size: (usize, usize), (samples, clamped): (Vec<f16>, usize)) {
-        self.clamped += clamped;
-        self.push(name, size, FlatSamples::F16(samples));
+    fn needs_float(&mut self, layer: &str, largest: f32) -> bool {
+        let float = largest > f16::MAX.to_f32() || (largest > 0.0 && largest < f16::MIN_POSITIVE.to_f32());
+        if float {
+            self.kept_as_float.push((layer.into(), largest));
+        }
+        float
+    }
+
+    /// The layers that are floats although halves were asked for, each with its largest magnitude: above 65504 a half would be
+    /// infinite, and where all is below 6.1e-5 it would lose digits, and below 6e-8 everything.
+    pub fn kept_as_float(&self) -> &[(String, f32)] {
+        &self.kept_as_float
     }
 
     /// One single-precision channel.
@@ -80,11 +93,6 @@ impl ExrLayers {
     /// equal inputs would give other bytes.)
     pub fn comment(&mut self, line: &str) {
         self.comments.push(line.into());
-    }
-
-    /// How many samples did not fit into a half.
-    pub fn clamped(&self) -> usize {
-        self.clamped
     }
 
     /// The file. There must be at least one channel, and no two of one name.
@@ -121,17 +129,17 @@ fn sample_bytes(samples: &FlatSamples) -> usize {
     }
 }
 
-/// The pixels as halves, and how many were clamped to the largest one.
-fn half_samples(plane: &Plane<f32>) -> (Vec<f16>, usize) {
-    let limit = f16::MAX.to_f32();
-    let clamped = plane.pixels().iter().filter(|v| v.abs() > limit).count();
-    let mut samples = vec![f16::ZERO; plane.len()];
-    if clamped > 0 {
-        samples.convert_from_f32_slice(plane.map(|v| v.clamp(-limit, limit)).pixels());
-    } else {
-        samples.convert_from_f32_slice(plane.pixels());
+fn largest<T: Copy>(plane: &Plane<T>, magnitude: impl Fn(T) -> f32) -> f32 {
+    plane.pixels().iter().map(|&v| magnitude(v)).fold(0.0, f32::max)
+}
+
+fn samples(plane: &Plane<f32>, float: bool) -> FlatSamples {
+    if float {
+        return FlatSamples::F32(plane.pixels().to_vec());
     }
-    (samples, clamped)
+    let mut samples = vec![f16::ZERO; plane.len()];
+    samples.convert_from_f32_slice(plane.pixels());
+    FlatSamples::F16(samples)
 }
 
 /// Characters outside Latin-1 cannot stand in an EXR text and become `?`.

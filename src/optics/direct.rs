@@ -35,7 +35,7 @@ pub fn direct(
     sampling: &Sampling,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Direct {
-    let emitter = Emitter::with_sampling(shape, sampling.strategy);
+    let emitter = Emitter::with_strategy(shape, sampling.strategy);
     let (width, height) = points.0.size();
     let at = |i: usize| (points.0.pixels()[i], normal.0.pixels()[i]);
     let compared = matches!(shape, Shape::Window(_)) && sampling.strategy != Strategy::Best;

@@ -11,7 +11,7 @@ use super::polygon::{Outline, polygon_irradiance};
 use super::rectangle::Rectangle;
 use super::sphere::{Cone, sphere_irradiance};
 use super::through::Through;
-use super::window::{Opening, Sampling, SeenOpening};
+use super::window::{Opening, SeenOpening, Strategy};
 use super::{Lamp, Plate, Shape};
 
 /// A place on a light and its part of the irradiance (divided by pi) of one lobe of unit radiance.
@@ -81,15 +81,15 @@ impl<T> Pieces<T> {
 impl Emitter {
     /// Prepares a light. What has no size or is not finite emits nothing.
     pub fn new(shape: &Shape) -> Emitter {
-        Emitter::with_sampling(shape, Sampling::Best)
+        Emitter::with_strategy(shape, Strategy::Best)
     }
 
-    /// As [`Emitter::new`], the directions to a window coming from `sampling`.
-    pub fn with_sampling(shape: &Shape, sampling: Sampling) -> Emitter {
+    /// As [`Emitter::new`], the directions to a window coming from `strategy`.
+    pub fn with_strategy(shape: &Shape, strategy: Strategy) -> Emitter {
         let rectangle = |center: Vec3, x: Vec3, y: Vec3| Rectangle::new(center, x, y);
         let surface = match shape {
             Shape::Absent => Surface::Nothing,
-            Shape::Window(window) => Opening::new(window, sampling).map_or(Surface::Nothing, Surface::Window),
+            Shape::Window(window) => Opening::new(window, strategy).map_or(Surface::Nothing, Surface::Window),
             Shape::Lamp(Lamp::Sphere { center, radius }) => {
                 let sound = center.is_finite() && radius.is_finite() && *radius > 0.0;
                 let sphere = Surface::Sphere { center: center.as_dvec3(), radius: f64::from(*radius) };

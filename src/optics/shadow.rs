@@ -63,24 +63,24 @@ struct Answer {
     valid: f32,
 }
 
-/// Shadows on all pixels of `points`, cast by `mesh`. `own` marks the light's own pixels (of the mesh): they cast no shadow, and
-/// are themselves neither lit nor unknown, as no light reaches its own (convex) surface. Where no light arrives even without
-/// shadows, a pixel counts as lit. Asked between rounds, `stop` may end it early.
+/// Shadows on all pixels of `points`, cast by `mesh`. `own` is the light's own surface: which of the mesh, that it casts no
+/// shadow, and which of `points`, that they are neither lit nor unknown, as no light reaches its own (convex) surface. Where
+/// no light arrives even without shadows, a pixel counts as lit. Asked between rounds, `stop` may end it early.
 pub fn shadow(
     mesh: &SceneMesh,
     points: &Points,
     normal: &Normal,
     shape: &Shape,
-    own: Option<&Mask>,
+    own: Option<(&Own, &Mask)>,
     quality: ShadowQuality,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Shadow {
     if shape.lobes() == 0 {
         return Shadow::default();
     }
-    let emitter = Emitter::with_sampling(shape, quality.sampling.strategy);
-    let is_own = |pixel: usize| own.is_some_and(|own| own.0.pixels()[pixel] > 0.5);
-    let passes = own.map(Own::new);
+    let emitter = Emitter::with_strategy(shape, quality.sampling.strategy);
+    let is_own = |pixel: usize| own.is_some_and(|(_, own)| own.0.pixels()[pixel] > 0.5);
+    let passes = own.map(|(passes, _)| passes);
     let grid = Grid::new(points.0.size(), quality.stride);
     let lobes = 0..shape.lobes();
     let mut open: Vec<Tile<[Sums; BATCHES]>> =
@@ -99,7 +99,7 @@ pub fn shadow(
                     let part = f64::from(sample.part);
                     traced += 1;
                     sums.all += part;
-                    match mesh.visibility(from, sample.place, passes.as_ref()) {
+                    match mesh.visibility(from, sample.place, passes) {
                         Sight::Lit => sums.lit += part,
                         Sight::Unknown => sums.unknown += part,
                         Sight::Blocked => {}

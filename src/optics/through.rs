@@ -15,7 +15,7 @@ pub enum Through {
     /// The lobe lies wholly within: from the lobe alone.
     Lobe(Gaussian),
     /// The product is nearly a bilinear function on the rectangle: from that, by Ureña's map. Hart et al., "Practical Product
-    /// Sampling by Fitting and Composing Warps", EGSR 2020.
+    /// Strategy by Fitting and Composing Warps", EGSR 2020.
     Warped(SeenRectangle, [[f64; 2]; 2], Option<Gaussian>),
     /// The lobe or the horizon cuts through it.
     Polar(Box<Polar>),

@@ -14,7 +14,7 @@ use super::{Lobe, Window};
 
 /// Where the directions to a window come from. All but `Best` are there to be compared with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Sampling {
+pub enum Strategy {
     /// Uniform over the rectangle's solid angle: Ureña, Fajardo and King 2013.
     Area,
     /// The lobe's von Mises-Fisher distribution.
@@ -32,15 +32,15 @@ pub enum Sampling {
     Best,
 }
 
-impl Sampling {
-    pub const ALL: [Sampling; 7] = [
-        Sampling::Area,
-        Sampling::Lobe,
-        Sampling::Balance,
-        Sampling::BalanceOneSample,
-        Sampling::Power,
-        Sampling::PowerOneSample,
-        Sampling::Best,
+impl Strategy {
+    pub const ALL: [Strategy; 7] = [
+        Strategy::Area,
+        Strategy::Lobe,
+        Strategy::Balance,
+        Strategy::BalanceOneSample,
+        Strategy::Power,
+        Strategy::PowerOneSample,
+        Strategy::Best,
     ];
 }
 
@@ -48,14 +48,14 @@ impl Sampling {
 pub struct Opening {
     rectangle: Rectangle,
     lobes: [Gaussian; 3],
-    sampling: Sampling,
+    strategy: Strategy,
 }
 
 impl Opening {
     /// `None` when the window has no area.
-    pub fn new(window: &Window, sampling: Sampling) -> Option<Opening> {
+    pub fn new(window: &Window, strategy: Strategy) -> Option<Opening> {
         let lobes = window.lobes.each_ref().map(|lobe: &Lobe| Gaussian::new(lobe));
-        Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes, sampling })
+        Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes, strategy })
     }
 
     /// E of a lobe of unit radiance.
@@ -67,15 +67,15 @@ impl Opening {
     /// One lobe as seen from a receiver; `None` where none of it arrives.
     pub fn seen(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<SeenOpening<'_>> {
         let gaussian = self.lobes[lobe];
-        let strategy = match self.sampling {
-            Sampling::Best => {
+        let way = match self.strategy {
+            Strategy::Best => {
                 let outline = self.rectangle.outline(point, normal)?;
-                Strategy::Best(Through::new(&self.rectangle, &outline, Some(gaussian), (point, normal))?)
+                Way::Best(Through::new(&self.rectangle, &outline, Some(gaussian), (point, normal))?)
             }
-            Sampling::Lobe => Strategy::Best(Through::Lobe(gaussian)),
-            sampling => Strategy::Shared(self.rectangle.seen_from(point)?, sampling),
+            Strategy::Lobe => Way::Best(Through::Lobe(gaussian)),
+            strategy => Way::Shared(self.rectangle.seen_from(point)?, strategy),
         };
-        Some(SeenOpening { rectangle: &self.rectangle, gaussian, point, normal, strategy })
+        Some(SeenOpening { rectangle: &self.rectangle, gaussian, point, normal, way })
     }
 }
 
@@ -85,30 +85,30 @@ pub struct SeenOpening<'a> {
     gaussian: Gaussian,
     point: DVec3,
     normal: DVec3,
-    strategy: Strategy,
+    way: Way,
 }
 
-enum Strategy {
+enum Way {
     Best(Through),
     /// From the rectangle, or from rectangle and lobe.
-    Shared(SeenRectangle, Sampling),
+    Shared(SeenRectangle, Strategy),
 }
 
 impl SeenOpening<'_> {
     /// The `i`th sample: a place relative to the receiver, and its part of E; `None` for a direction that misses the window or
     /// comes from below the horizon.
     pub fn sample(&self, i: usize, uv: [f64; 2]) -> Option<(DVec3, f64)> {
-        match &self.strategy {
-            Strategy::Best(through) => through.sample(self.rectangle, (self.point, self.normal), uv),
-            Strategy::Shared(seen, sampling) => self.shared(seen, *sampling, i, uv),
+        match &self.way {
+            Way::Best(through) => through.sample(self.rectangle, (self.point, self.normal), uv),
+            Way::Shared(seen, strategy) => self.shared(seen, *strategy, i, uv),
         }
     }
 
-    fn shared(&self, seen: &SeenRectangle, sampling: Sampling, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
-        use Sampling::{Balance, BalanceOneSample, Power, PowerOneSample};
+    fn shared(&self, seen: &SeenRectangle, strategy: Strategy, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+        use Strategy::{Balance, BalanceOneSample, Power, PowerOneSample};
         // Sobol points of even and of odd index lie in different halves of u: stretched, each half is evenly spread over the
         // square.
-        let [through_lobe, halves] = match sampling {
+        let [through_lobe, halves] = match strategy {
             Balance | Power => [i % 2 == 1, true],
             BalanceOneSample | PowerOneSample => [u >= 0.5, true],
             _ => [false, false],
@@ -125,7 +125,7 @@ impl SeenOpening<'_> {
         let (area, lobe) = (seen.pdf(place), self.gaussian.pdf(value));
         let (own, other) = if through_lobe { (lobe, area) } else { (area, lobe) };
         // One over the density, weighted: w / (c p) with c = 1/2 where two strategies share the samples.
-        let inverse = match sampling {
+        let inverse = match strategy {
             Balance | BalanceOneSample => 2.0 / (own + other),
             Power | PowerOneSample => 2.0 * own / (own * own + other * other),
             _ => 1.0 / own,
@@ -144,7 +144,7 @@ mod tests {
     fn opening(lobes: [(Vec3, f32); 3]) -> Opening {
         let lobes = lobes.map(|(direction, bandwidth)| Lobe { direction: direction.normalize(), bandwidth });
         let window = Window { center: Vec3::new(0.2, 0.5, 2.0), x: Vec3::NEG_X * 0.8, y: Vec3::Y * 0.6, lobes };
-        Opening::new(&window, Sampling::Best).unwrap()
+        Opening::new(&window, Strategy::Best).unwrap()
     }
 
     fn samples(o: &Opening, normal: DVec3, n: usize, pixel: u32) -> [f64; 3] {
@@ -203,8 +203,8 @@ mod tests {
         let normal = DVec3::new(0.1, 0.5, 0.7).normalize();
         let mut o = opening([lobe(3.0), lobe(30.0), lobe(300.0)]);
         let exact = quadrature(&o, normal);
-        for sampling in Sampling::ALL {
-            o.sampling = sampling;
+        for strategy in Strategy::ALL {
+            o.strategy = strategy;
             let pixels = 2000;
             let (mut mean, mut square) = ([0.0; 3], [0.0; 3]);
             for pixel in 0..pixels {
@@ -217,7 +217,7 @@ mod tests {
             for k in 0..3 {
                 let sd = ((square[k] - mean[k] * mean[k]).max(0.0) / f64::from(pixels)).sqrt();
                 let bound = 4.0 * sd + 1e-5 * exact[k];
-                assert!((mean[k] - exact[k]).abs() < bound, "{sampling:?} {k}: {} {} {sd}", mean[k], exact[k]);
+                assert!((mean[k] - exact[k]).abs() < bound, "{strategy:?} {k}: {} {} {sd}", mean[k], exact[k]);
             }
         }
     }
@@ -268,8 +268,8 @@ mod tests {
             let normal = normal.normalize().as_dvec3();
             for bandwidth in [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6] {
                 let window = Window { center: Vec3::Z * distance, x, y, lobes: [Lobe { direction, bandwidth }; 3] };
-                let variance = |sampling| {
-                    let o = Opening::new(&window, sampling).unwrap();
+                let variance = |strategy| {
+                    let o = Opening::new(&window, strategy).unwrap();
                     let exact = o.irradiance(0, DVec3::ZERO, normal);
                     let Some(seen) = o.seen(0, DVec3::ZERO, normal) else { return 0.0 };
                     let square = |pixel| {
@@ -281,7 +281,7 @@ mod tests {
                     };
                     (0..pixels).map(square).sum::<f64>() / f64::from(pixels)
                 };
-                let [best, area, lobe] = [Sampling::Best, Sampling::Area, Sampling::Lobe].map(variance);
+                let [best, area, lobe] = [Strategy::Best, Strategy::Area, Strategy::Lobe].map(variance);
                 // 5 %, and three standard errors of the quotient of two variances.
                 let bound = 1.05 + 3.0 * (4.0 / f64::from(pixels)).sqrt();
                 assert!(best <= bound * area.min(lobe) + 1e-12, "{name} {bandwidth}: {best} {area} {lobe}");

@@ -16,11 +16,11 @@ const SCENE: &str = r#"Scene(version: 1, photo: "photo.png", camera: FovX(60), d
 const EDIT: &str = r#"Edit(version: 1, lights: { "lamp": Off, "window": Scale(0.5),
     "globe": Lamp(shape: Sphere(radius: 0.1), at: Point(0, 0, -1), radiance: (9, 8, 7)) })"#;
 
-fn png_of(size: (usize, usize), value: impl FnMut(usize, usize) -> Vec3) -> Vec<u8> {
+pub fn png_of(size: (usize, usize), value: impl FnMut(usize, usize) -> Vec3) -> Vec<u8> {
     write_png(&Picture(Plane::from_fn(size.0, size.1, value)), Transfer::Linear, false)
 }
 
-fn npy((width, height): (usize, usize), value: impl Fn(usize, usize) -> f32) -> Vec<u8> {
+pub fn npy((width, height): (usize, usize), value: impl Fn(usize, usize) -> f32) -> Vec<u8> {
     let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
     header.push_str(&" ".repeat(128 - 10 - 1 - header.len()));
     header.push('\n');

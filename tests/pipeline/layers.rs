@@ -46,7 +46,7 @@ fn in_memory_the_layers_sum_to_the_picture() {
     }
 }
 
-fn channels(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
+pub fn channels(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
     use exr::prelude::*;
     let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes();
     let image = image.from_buffered(std::io::Cursor::new(bytes)).expect("it is a sound EXR file");

@@ -3,6 +3,7 @@
 mod bad_input;
 mod cache;
 mod events;
+mod extremes;
 mod goldens;
 mod layers;
 mod project;

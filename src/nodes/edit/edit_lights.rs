@@ -187,6 +187,7 @@ impl Node for EditLights {
     }
 
     fn run(&self, inputs: EditLightsIn, ctx: &Context) -> Result<EditLightsOut, NodeError> {
+        let up = world_up(&inputs.normal);
         let mut out = EditLightsOut { shape: Scatter(vec![]), radiance: Scatter(vec![]), gain: Scatter(vec![]) };
         let mut push = |id: &str, shape: Arc<Shape>, radiance: Radiance, gain: Radiance| {
             out.shape.0.push((id.into(), shape));
@@ -196,7 +197,7 @@ impl Node for EditLights {
         for (id, shape) in inputs.shapes.iter() {
             let old = inputs.radiances.get(id).map(|r| r.0.clone()).unwrap_or_else(|| vec![Vec3::ZERO; shape.lobes()]);
             let edit = self.lights.get(id);
-            if let Some((shape, radiance)) = edit.and_then(|e| self.made(id, e, &inputs, ctx)).transpose()? {
+            if let Some((shape, radiance)) = edit.and_then(|e| self.made(id, e, &inputs, up, ctx)).transpose()? {
                 // The old light is gone; the new one is drawn as what it is.
                 let gain = vec![Vec3::ZERO; radiance.0.len()];
                 push(id, Arc::new(shape), radiance, Radiance(gain));
@@ -227,7 +228,7 @@ impl Node for EditLights {
             if inputs.shapes.get(id).is_some() {
                 continue;
             }
-            let Some(made) = self.made(id, edit, &inputs, ctx) else {
+            let Some(made) = self.made(id, edit, &inputs, up, ctx) else {
                 return Err(NodeError::BadParameter(format!("lights: {id:?}: there is no such light to change")));
             };
             let (shape, radiance) = made?;
@@ -318,13 +319,14 @@ impl EditLights {
         id: &str,
         edit: &LightEdit,
         inputs: &EditLightsIn,
+        up: Vec3,
         ctx: &Context,
     ) -> Option<Result<(Shape, Radiance), NodeError>> {
         let failed = |message: String| NodeError::BadParameter(format!("lights: {id:?}: {message}"));
         match edit {
             LightEdit::Lamp { shape, at, flux, radiance, temperature } => Some(
-                lamp(shape, at, inputs)
-                    .map(|lamp| {
+                lamp(shape, at, inputs, up)
+                    .and_then(|lamp| {
                         let radiance = match radiance {
                             Some(rgb) => Vec3::from_array(*rgb),
                             None => {
@@ -341,13 +343,16 @@ impl EditLights {
                                 black_body(temperature.unwrap_or(2700.0)) * level
                             }
                         };
-                        (Shape::Lamp(lamp), Radiance(vec![radiance]))
+                        if !radiance.is_finite() {
+                            return Err(format!("wanted a body with room for its flux, got a radiance of {radiance}"));
+                        }
+                        Ok((Shape::Lamp(lamp), Radiance(vec![radiance])))
                     })
                     .map_err(failed),
             ),
             LightEdit::Window { corners, sky, ground, sun } => Some(
-                window(corners, inputs)
-                    .map(|(window, up)| surrounded(window, up, sky, ground.as_ref(), sun.as_ref()))
+                window(corners, inputs, up)
+                    .map(|window| surrounded(window, up, sky, ground.as_ref(), sun.as_ref()))
                     .map_err(failed),
             ),
             _ => None,
@@ -392,13 +397,12 @@ fn foot(inputs: &EditLightsIn, x: f32, y: f32, up: Vec3) -> Result<(Vec3, Vec3),
     Ok((point, if normal.dot(up) > 0.94 { up } else { normal }))
 }
 
-fn lamp(shape: &LampShape, at: &Place, inputs: &EditLightsIn) -> Result<Lamp, String> {
+fn lamp(shape: &LampShape, at: &Place, inputs: &EditLightsIn, up: Vec3) -> Result<Lamp, String> {
     let reach = match shape {
         LampShape::Sphere { radius } => *radius,
         LampShape::Rect { .. } => 0.0,
         LampShape::Box { half, .. } => half[1],
     };
-    let up = world_up(&inputs.normal);
     let center = match *at {
         Place::Point(x, y, z) => Vec3::new(x, y, z),
         Place::Pixel { x, y, lift } => {
@@ -470,9 +474,9 @@ fn surrounded(mut window: Window, up: Vec3, sky: &Half, ground: Option<&Half>, s
     (Shape::Window(window), Radiance(radiance))
 }
 
-/// The rectangle on the wall seen between four pixel corners, and which way is up. A wall within 12 degrees of upright is upright,
+/// The rectangle on the wall seen between four pixel corners. A wall within 12 degrees of upright is upright,
 /// and a window in it whose sides are drawn within 20 degrees of upright stands upright.
-fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<(Window, Vec3), String> {
+fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<Window, String> {
     let camera = &inputs.camera;
     let corner = convex(corners)?;
     let (low, high) = corner.iter().fold((corner[0], corner[0]), |(l, h), &c| (l.min(c), h.max(c)));
@@ -498,7 +502,6 @@ fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<(Window, Vec3),
         .ok_or_else(|| format!("corners: there is no wall to see between {corners:?}"))?;
     // In front of the unevenness of the wall, so that the wall itself does not shade its window.
     let plane = PlaneFit { offset: plane.offset + 2.0 * plane.spread + 0.01, ..plane };
-    let up = world_up(&inputs.normal);
     let middle = corner.iter().sum::<Vec2>() / 4.0;
     let plane = upright(plane, up, camera.unproject(middle.x, middle.y, 1.0));
     let met = corner.map(|c| plane.meet(camera.unproject(c.x, c.y, 1.0)));
@@ -522,7 +525,7 @@ fn window(corners: &[[f32; 2]], inputs: &EditLightsIn) -> Result<(Window, Vec3),
         Some(side) => (side.cross(plane.normal) * x.length(), side * y.length()),
         None => (x, y),
     };
-    Ok((Window { center, x, y, lobes: Window::daylight(plane.normal) }, up))
+    Ok(Window { center, x, y, lobes: Window::daylight(plane.normal) })
 }
 
 /// The plane turned upright about its point along `ray`, if it nearly is.

@@ -9,7 +9,7 @@ use crate::image::{
     Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, around, fill_along_surfaces, luminance,
 };
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, UnitDirect, UnitIndirect, Visibility};
-use crate::optics::{Column, Evidence, Radiance, Transport, evidence_pixels, fit_radiances};
+use crate::optics::{Column, Conditioning, Evidence, Radiance, RadianceFit, Transport, evidence_pixels, fit_radiances};
 use crate::{params, ports};
 
 params! {
@@ -19,8 +19,8 @@ params! {
     /// its own indirect light, by turns with the albedos (see `optics::fit_radiances`). Saturated pixels are lower bounds.
     /// A constant ambient, dearer than any light, takes what no light explains: the rest.
     pub struct FitLights {
-        /// Rounds of the fit.
-        turns: usize = 24,
+        /// Most rounds of the fit; it ends when no light changes by more than 1e-4 of itself.
+        turns: usize = 200,
         /// Cost of the rest, as a share of the photo's energy.
         rest_cost: f64 = 0.01,
         /// Cost of lights out of view.
@@ -72,7 +72,7 @@ ports! {
 
 impl Node for FitLights {
     const KIND: &'static str = "FitLights";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = FitLightsIn;
     type Out = FitLightsOut;
 
@@ -98,20 +98,22 @@ impl Node for FitLights {
         let evidence = Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2);
 
         let ambient = grid.upsample(&inputs.points, &inputs.normal, &inputs.transport.ambient());
-        let mut layers: Vec<(Vec<Vec3>, f64)> = Vec::new();
+        let (mut names, mut layers): (Vec<String>, Vec<(Vec<Vec3>, f64)>) = Default::default();
         for (id, direct) in inputs.direct.iter() {
             let (Some(visibility), Some(indirect)) = (inputs.visibility.get(id), inputs.indirect.get(id)) else {
                 return Err(NodeError::Failed(format!("light {id:?} has no visibility or no indirect shading")));
             };
             let cost = if [INV_LAMP, INV_WINDOW].contains(&id) { self.invisible_cost } else { 0.0 };
-            for lobe in 0..direct.lobes.len() {
+            for (lobe, e) in direct.lobes.iter().enumerate() {
                 // Of the lobes of a window the first is the sun.
                 let cost = if direct.lobes.len() == 3 && lobe == 0 { self.sun_cost } else { cost };
-                let (e, lit, bounced) = (&direct.lobes[lobe], &visibility.lit[lobe], &indirect.lobes[lobe].0);
+                let (lit, bounced) = (&visibility.lit[lobe], &indirect.lobes[lobe].0);
                 let layer = |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
                 layers.push((pixels.iter().map(layer).collect(), cost));
+                names.push(if direct.lobes.len() == 3 { format!("{id} ({})", LOBES[lobe]) } else { id.into() });
             }
         }
+        names.push("the rest".into());
         layers.push((pixels.iter().map(|&p| ambient.pixels()[p]).collect(), self.rest_cost));
         let columns: Vec<Column> = layers.iter().map(|(layer, cost)| Column { layer, penalty: *cost }).collect();
         let before: Vec<Vec3> = pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect();
@@ -123,7 +125,7 @@ impl Node for FitLights {
         });
         let radiance: Vec<_> = radiance.collect();
         let rest_radiance = fit.radiance.last().copied().unwrap_or(Vec3::ZERO);
-        self.tell(&pixels, &layers, &fit, &evidence, ctx);
+        tell(&names, &layers, &fit, &evidence, ctx);
 
         let known = mark(&pixels, &inputs.segments, fit.albedo.len());
         let fitted = |p: usize| {
@@ -145,39 +147,84 @@ impl Node for FitLights {
     }
 }
 
-impl FitLights {
-    /// Says how good the fit is where a person should know.
-    fn tell(
-        &self,
-        pixels: &[usize],
-        layers: &[(Vec<Vec3>, f64)],
-        fit: &crate::optics::RadianceFit,
-        evidence: &Evidence,
-        ctx: &Context,
-    ) {
-        if pixels.len() < layers.len() {
-            ctx.warn(format!(
-                "{} pixels of the photo say something about {} lobes: the radiances are not determined",
-                pixels.len(),
-                layers.len()
-            ));
-            return;
-        }
-        let share = |k: usize| -> f64 { layers[k].0.iter().map(|u| f64::from(luminance(*u * fit.radiance[k]))).sum() };
-        let total: f64 = (0..layers.len()).map(share).sum();
-        let rest = share(layers.len() - 1) / total.max(1e-12);
-        if rest > 0.3 {
-            ctx.warn(format!("{:.0} % of the light is explained by no light; it stays as `rest`", 100.0 * rest));
-        }
-        if fit.condition > 1e4 {
-            ctx.warn(format!("some lights look alike to the fit (condition number {:.1e})", fit.condition));
-        }
-        let clipped = evidence.saturated.iter().filter(|&&s| s).count();
-        if 2 * clipped > pixels.len() {
-            ctx.warn(format!("{} of {} places are saturated: radiances are lower bounds", clipped, pixels.len()));
-        }
-        tracing::info!(loss = fit.loss, condition = fit.condition, rest, "radiances fitted");
+/// The lobes of a window.
+const LOBES: [&str; 3] = ["sun", "sky", "ground"];
+
+/// Condition number above which the two lights that look most alike are named. They then differ by less than two percent of the
+/// photo, which is what a model of a room is right to.
+const ALIKE: f64 = 1e4;
+
+/// Says how good the fit is where a person should know. `names` are those of the columns, the rest last.
+fn tell(names: &[String], layers: &[(Vec<Vec3>, f64)], fit: &RadianceFit, evidence: &Evidence, ctx: &Context) {
+    let pixels = evidence.photo.len();
+    let named = |columns: &[usize]| columns.iter().map(|&k| names[k].as_str()).collect::<Vec<_>>().join(", ");
+    if pixels == 0 {
+        ctx.warn(
+            "the photo is black wherever it could tell of the lights (their own pixels and those of no part of the room apart): \
+             every radiance is 0",
+        );
+        return;
     }
+    let rest = names.len() - 1;
+    let lit = (0..rest).filter(|k| !fit.dark.contains(k)).count();
+    if lit == 0 {
+        ctx.warn("no light reaches what the photo shows: all of its light stays as `rest`");
+    }
+    // A window without sun is nothing to tell: only a light none of whose lobes reaches anything is.
+    let light = |k: usize| names[k].split(" (").next().unwrap_or_default();
+    let whole = |k: &usize| (0..rest).filter(|&j| light(j) == light(*k)).all(|j| fit.dark.contains(&j));
+    let mut dark: Vec<&str> = fit.dark.iter().filter(|&&k| k < rest).filter(|k| whole(k)).map(|&k| light(k)).collect();
+    dark.dedup();
+    if lit > 0 && !dark.is_empty() {
+        ctx.warn(format!("nothing that the photo shows is lit by {}: radiance 0", dark.join(", ")));
+    }
+    let clipped = evidence.saturated.iter().filter(|&&s| s).count();
+    if clipped == pixels {
+        ctx.warn("the photo is saturated wherever it could tell of the lights: all radiances are lower bounds, shared by guess");
+    } else if 2 * clipped > pixels {
+        ctx.warn(format!("{clipped} of {pixels} places are saturated: radiances are lower bounds"));
+    }
+    let wanted = (names.len() - fit.dark.len()).saturating_sub(1);
+    let few = lit > 0 && fit.spare < wanted;
+    if few && clipped < pixels {
+        ctx.warn(format!(
+            "{} unsaturated places of the photo, of which the colours of its surfaces take up all but {}, say too little to \
+             share the light among {lit} lobes (wanted {wanted}): the radiances are not determined",
+            pixels - clipped,
+            fit.spare
+        ));
+    }
+    let share = |k: usize| -> f64 { layers[k].0.iter().map(|u| f64::from(luminance(*u * fit.radiance[k]))).sum() };
+    let total: f64 = (0..names.len()).map(share).sum();
+    let unexplained = if total > 0.0 { share(rest) / total } else { 0.0 };
+    if unexplained > 0.3 && lit > 0 {
+        ctx.warn(format!("{:.0} % of the light is explained by no light; it stays as `rest`", 100.0 * unexplained));
+    }
+    let Conditioning { number, alike, correlation } = fit.conditioning;
+    if let Some(pair) = alike.filter(|_| number > ALIKE && !few) {
+        ctx.warn(format!(
+            "the photo hardly tells {} and {} apart (condition number {number:.1e}, correlation {correlation:.5}): what \
+             one of them gives may be the other's",
+            names[pair[0]], names[pair[1]]
+        ));
+    }
+    if !fit.moving.is_empty() && !few {
+        ctx.warn(format!(
+            "the fit did not settle: after {} turns (parameter `turns`) a light still changes by {:.1} %: {}",
+            fit.turns,
+            100.0 * fit.change,
+            named(&fit.moving)
+        ));
+    }
+    let hardest =
+        alike.map_or(String::new(), |[a, b]| format!(", {} and {} hardest to tell apart", names[a], names[b]));
+    ctx.note(format!(
+        "{} turns, last change {:.1e}, misfit {:.4}, condition number {number:.1e}{hardest}, rest {:.1} %",
+        fit.turns,
+        fit.change,
+        fit.loss,
+        100.0 * unexplained
+    ));
 }
 
 /// Which segments the fit saw.

@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, SceneMesh};
+use crate::geometry::{Camera, Grid, Own, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, luminance};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
@@ -109,7 +109,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
@@ -200,9 +200,6 @@ struct Scout<'a> {
 impl<'a> Scout<'a> {
     fn new(node: &'a InitLights, inputs: &'a InitLightsIn) -> Scout<'a> {
         let grid = inputs.transport.grid();
-        let row = |plane: &Plane<Vec3>| {
-            Plane::new(grid.len(), 1, (0..grid.len()).map(|i| plane.pixels()[grid.pixel(i)]).collect())
-        };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), &inputs.photo, masks);
         let ambient = inputs.transport.ambient();
@@ -213,8 +210,8 @@ impl<'a> Scout<'a> {
         Scout {
             node,
             inputs,
-            points: Points(row(&inputs.points.0)),
-            normal: Normal(row(&inputs.normal.0)),
+            points: Points(at_receivers(grid, &inputs.points.0)),
+            normal: Normal(at_receivers(grid, &inputs.normal.0)),
             evidence: Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2),
             ambient: used.iter().map(|&i| ambient[i]).collect(),
             used,
@@ -228,6 +225,8 @@ impl<'a> Scout<'a> {
         let sampling = Sampling::fixed(self.node.samples, 0);
         let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0 };
         let direct = optics::direct(&self.points, &self.normal, &shape, &sampling, &|| false);
+        let own = own.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
+        let own = own.as_ref().map(|(passes, pixels)| (passes, pixels));
         let shadow = optics::shadow(mesh, &self.points, &self.normal, &shape, own, quality, &|| false);
         let lit: Vec<f32> =
             direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(direct, lit)| direct * lit).collect();
@@ -307,6 +306,11 @@ impl<'a> Scout<'a> {
         }
         Ok(found)
     }
+}
+
+/// One row of the receivers' values.
+fn at_receivers<T: Copy>(grid: &Grid, plane: &Plane<T>) -> Plane<T> {
+    Plane::new(grid.len(), 1, (0..grid.len()).map(|i| plane.pixels()[grid.pixel(i)]).collect())
 }
 
 /// The light as a lamp of even radiance: a window, on the whole, is a bright rectangle.

@@ -105,6 +105,9 @@ ports! {
     }
 }
 
+/// Rows that are composed at a time.
+const BAND: usize = 64;
+
 /// A visible light whose pixels are in the photo.
 struct Emitter {
     /// Index among the lights after the edit.
@@ -141,10 +144,12 @@ impl Node for Compose {
         let depth_of_white = distance(&inputs.clipped.0.map(|share| share < 0.5));
         ctx.check_cancelled()?;
 
-        // One record per pixel: each light's contribution, then the rest.
+        // One record per pixel: each light's contribution, then the rest. Band by band, since the records of a large photo would
+        // take as much memory as all its layers.
         let stride = count + 1;
-        let mut records = vec![Vec3::ZERO; width * height * stride];
-        records.par_chunks_mut((width * stride).max(1)).enumerate().for_each(|(y, row)| {
+        let mut planes: Vec<Vec<Vec3>> = (0..stride).map(|_| Vec::with_capacity(width * height)).collect();
+        let mut picture = Vec::with_capacity(width * height);
+        let row = |y: usize, row: &mut [Vec3]| {
             let mut before = Vec::with_capacity(count);
             for (x, record) in row.chunks_exact_mut(stride).enumerate() {
                 let taps = upsampler.taps(x, y);
@@ -169,14 +174,23 @@ impl Node for Compose {
                     }
                 }
             }
-        });
-        let plane = |k: usize| Plane::new(width, height, records.iter().skip(k).step_by(stride).copied().collect());
-        let picture = Plane::new(width, height, records.chunks_exact(stride).map(|r| r.iter().sum()).collect());
-        let layers = names.iter().enumerate().map(|(k, id)| (id.to_string(), Arc::new(Picture(plane(k))))).collect();
+        };
+        let mut records = vec![Vec3::ZERO; width * BAND.min(height) * stride];
+        for top in (0..height).step_by(BAND) {
+            ctx.check_cancelled()?;
+            let records = &mut records[..width * BAND.min(height - top) * stride];
+            records.par_chunks_mut((width * stride).max(1)).enumerate().for_each(|(y, records)| row(top + y, records));
+            for (k, plane) in planes.iter_mut().enumerate() {
+                plane.extend(records.iter().skip(k).step_by(stride));
+            }
+            picture.extend(records.chunks_exact(stride).map(|record| record.iter().sum::<Vec3>()));
+        }
+        let mut planes = planes.into_iter().map(|plane| Arc::new(Picture(Plane::new(width, height, plane))));
+        let layers = names.iter().zip(planes.by_ref()).map(|(id, plane)| (id.to_string(), plane)).collect();
         Ok(ComposeOut {
-            picture: Arc::new(Picture(picture)),
+            picture: Arc::new(Picture(Plane::new(width, height, picture))),
             layer: Scatter(layers),
-            rest: Arc::new(Picture(plane(count))),
+            rest: planes.next().expect("the rest follows the lights"),
         })
     }
 }

@@ -125,8 +125,16 @@ impl Write {
         if let Some(lux) = inputs.encoding.lux {
             layers.comment(&format!("exposure: white shows 1 at {lux} lux"));
         }
-        if layers.clamped() > 0 {
-            ctx.warn(format!("picture.exr: {} samples above 65504 are written as 65504", layers.clamped()));
+        for (layer, largest) in layers.kept_as_float() {
+            if *largest > 1.0 {
+                ctx.warn(format!(
+                    "picture.exr: {layer} reaches {largest:.3e}, a half float 65504: it is written as 32-bit float"
+                ));
+            } else {
+                ctx.note(format!(
+                    "picture.exr: {layer} is {largest:.3e} at most, too little for half floats: it is written as 32-bit float"
+                ));
+            }
         }
         layers.write(self.compression).map_err(NodeError::Failed)
     }
@@ -227,16 +235,17 @@ fn standard_error(
     indirect: &UnitIndirect,
 ) -> Plane<f32> {
     let (width, height) = direct.stderr[0].size();
-    let luminances: Vec<f32> = radiance.0.iter().map(|w| w.dot(LUMINANCE)).collect();
+    // In 64 bits: the square of a radiance of 1e20 is no 32-bit number.
+    let luminances: Vec<f64> = radiance.0.iter().map(|w| f64::from(w.dot(LUMINANCE))).collect();
     let error = |p: usize| {
-        let at = |planes: &[Plane<f32>], k: usize| planes[k].pixels()[p];
+        let at = |planes: &[Plane<f32>], k: usize| f64::from(planes[k].pixels()[p]);
         let (mut apart, mut together) = (0.0, 0.0);
         for (k, y) in luminances.iter().enumerate() {
             let (of_direct, of_lit) = (at(&direct.stderr, k) * at(&visibility.lit, k), at(&visibility.stderr, k));
             apart += y * y * (of_direct.powi(2) + (at(&direct.lobes, k) * of_lit).powi(2));
             together += y * at(&indirect.stderr, k);
         }
-        (apart + together * together).sqrt()
+        (apart + together * together).sqrt() as f32
     };
     Plane::new(width, height, (0..width * height).map(error).collect())
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::geometry::SceneMesh;
+use crate::geometry::{Own, SceneMesh};
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
 use crate::nodes::artifacts::Visibility;
@@ -82,7 +82,8 @@ impl Node for Shadow {
             assume_lit: self.assume_lit,
         };
         ctx.check_cancelled()?;
-        let own = inputs.mask.as_deref();
+        let own = inputs.mask.as_deref().map(|mask| (Own::new(mask), mask));
+        let own = own.as_ref().map(|(passes, mask)| (passes, *mask));
         let stop = || ctx.out_of_time();
         let shadow = optics::shadow(&inputs.mesh, &inputs.points, &inputs.normal, &inputs.shape, own, quality, &stop);
         ctx.check_cancelled()?;

@@ -1,0 +1,72 @@
+//! What a photo says of its lights: the pixels that take part in a fit.
+
+use glam::Vec3;
+
+use crate::image::{Mask, Picture, Segments, around, luminance};
+
+/// A photo on the pixels that take part in a fit.
+pub struct Evidence {
+    /// Linear photo.
+    pub photo: Vec<Vec3>,
+    /// Segment of each pixel, below `segments`.
+    pub segment: Vec<u32>,
+    pub segments: usize,
+    /// Where the photo is clipped: there the model may be brighter at no cost, but not darker.
+    pub saturated: Vec<bool>,
+}
+
+impl Evidence {
+    /// The photo at `pixels`: the mean over the pixels of the same segment within `radius` of each.
+    pub fn at(photo: &Picture, clipped: &Mask, segments: &Segments, pixels: &[usize], radius: usize) -> Evidence {
+        let (w, h) = photo.0.size();
+        let mean = |&pixel: &usize| {
+            let (x, y, label) = (pixel % w, pixel / w, segments.label.pixels()[pixel]);
+            let (mut sum, mut clip, mut count) = (Vec3::ZERO, 0.0, 0.0);
+            for y in y.saturating_sub(radius)..(y + radius + 1).min(h) {
+                for x in x.saturating_sub(radius)..(x + radius + 1).min(w) {
+                    if segments.label.get(x, y) == label {
+                        sum += photo.0.get(x, y);
+                        clip += clipped.0.get(x, y);
+                        count += 1.0;
+                    }
+                }
+            }
+            (sum / count, clip / count > 0.02)
+        };
+        let (photo, saturated) = pixels.iter().map(mean).unzip();
+        Evidence {
+            photo,
+            segment: pixels.iter().map(|&p| segments.label.pixels()[p]).collect(),
+            segments: segments.count as usize,
+            saturated,
+        }
+    }
+}
+
+/// The level that counts as white in a photo of any exposure, such that an ordinary one has about 1: twice the 90th percentile
+/// of the larger channels that are not 0; 0 for a black photo. A sun or a lamp in an HDR photo does not move it.
+pub fn white_level(photo: impl Iterator<Item = Vec3>) -> f32 {
+    let mut levels: Vec<f32> = photo.map(Vec3::max_element).filter(|&level| level > 0.0).collect();
+    if levels.is_empty() {
+        return 0.0;
+    }
+    let at = (levels.len() - 1) * 9 / 10;
+    2.0 * *levels.select_nth_unstable_by(at, f32::total_cmp).1
+}
+
+/// Luminance below which a pixel is black, as a share of white: one 8-bit step.
+const BLACK: f32 = 0.004;
+
+/// The pixels of `candidates` that say something about the lights: bright enough to be told from black, and away (by two
+/// pixels) from every one of `masks`, which mark lights and what is no part of the room.
+pub fn evidence_pixels<'a>(
+    candidates: impl Iterator<Item = usize>,
+    photo: &Picture,
+    masks: impl Iterator<Item = &'a Mask>,
+) -> Vec<usize> {
+    let taken = around(masks, photo.0.size(), 2);
+    let mut pixels: Vec<usize> = candidates.filter(|&i| !taken.pixels()[i]).collect();
+    let black = BLACK * white_level(pixels.iter().map(|&i| photo.0.pixels()[i]));
+    pixels.retain(|&i| luminance(photo.0.pixels()[i]) > black);
+    pixels
+}
