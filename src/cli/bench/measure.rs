@@ -158,8 +158,14 @@ mod tests {
 
     /// Estimates whose error is known: the truth is 1, each is off by plus or minus `off`.
     fn estimate(pixels: usize, seed: usize, off: f32) -> Estimate {
-        let sign =
-            |i: usize| if (i * 7919 + seed * 104_729).wrapping_mul(2_654_435_761) >> 9 & 1 == 0 { 1.0 } else { -1.0 };
+        // The mixing step of SplitMix64: its bits are as good as independent.
+        let sign = |i: usize| {
+            let x = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+                ^ (seed as u64 + 1).wrapping_mul(0xd1b5_4a32_d192_ed03);
+            let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            if (x >> 63) == 0 { 1.0 } else { -1.0 }
+        };
         let value = (0..pixels).map(|i| 1.0 + off * sign(i)).collect();
         Estimate { lobes: vec![[value, vec![off; pixels]]], seconds: 1.0, rays: 0 }
     }
