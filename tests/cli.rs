@@ -226,7 +226,7 @@ fn a_run_tells_what_it_did() {
     let first = report(&room);
     let wanted = ["backend", "edit", "graph", "nodes", "peak_bytes", "relight", "seconds", "threads", "warnings"];
     assert_eq!(fields(&first), wanted);
-    let wanted = ["bytes", "key", "kind", "name", "rays", "samples", "seconds", "status", "stderr", "why"];
+    let wanted = ["bytes", "key", "kind", "name", "notes", "rays", "samples", "seconds", "status", "stderr", "why"];
     assert_eq!(fields(&first["nodes"][0]), wanted);
     assert_eq!(first["nodes"][0]["status"], "ran");
 
