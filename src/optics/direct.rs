@@ -27,7 +27,8 @@ impl Direct {
 /// Sums of the parts of the samples, per batch.
 type Sums = [f64; BATCHES];
 
-/// Closed forms where there are any, but for windows under a strategy that is there to be compared; else samples. The planes are of one size. Asked between rounds, `stop` may end it early.
+/// Closed forms where there are any, but for windows under a strategy that is there to be compared; else samples. The planes are
+/// of one size. Asked between rounds, `stop` may end it early.
 pub fn direct(
     points: &Points,
     normal: &Normal,
