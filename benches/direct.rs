@@ -15,7 +15,7 @@ use std::time::Instant;
 use glam::Vec3;
 use relight::geometry::{Camera, SceneMesh, surface};
 use relight::image::{self, Depth, Normal, Plane, Points, Source};
-use relight::optics::{self, Lamp, Lobe, Sampling, ShadowQuality, Shape, Window};
+use relight::optics::{self, Lamp, Lobe, Sampling, ShadowQuality, Shape, Strategy, Window};
 
 /// A lamp of each closed form out of the picture, and the demo's window two centimetres before its pane. Its first lobe, which
 /// alone is looked at, is uniform: Mitsuba has no other area light.
@@ -117,7 +117,7 @@ fn sampling(effort: &str, seed: u64) -> Sampling {
         None => Sampling::fixed(effort.parse().expect("a number of samples"), seed),
         Some(share) => {
             let target = share.parse::<f64>().expect("a number before %") / 100.0;
-            Sampling { samples: 8, most: 4096, target, first: 8, seed }
+            Sampling { strategy: Strategy::Best, samples: 8, most: 4096, target, first: 8, seed }
         }
     }
 }

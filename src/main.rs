@@ -20,6 +20,7 @@ fn main() -> ExitCode {
         Command::Graph(args) => cli::graph(args),
         Command::Nodes(args) => cli::nodes(args),
         Command::Cache(args) => cli::cache(args),
+        Command::Bench(args) => cli::bench(args, began),
     };
     done.unwrap_or_else(|trouble| trouble.tell()).into()
 }

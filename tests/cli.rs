@@ -226,7 +226,7 @@ fn a_run_tells_what_it_did() {
     let first = report(&room);
     let wanted = ["backend", "edit", "graph", "nodes", "peak_bytes", "relight", "seconds", "threads", "warnings"];
     assert_eq!(fields(&first), wanted);
-    let wanted = ["bytes", "key", "kind", "name", "rays", "samples", "seconds", "status", "stderr", "why"];
+    let wanted = ["bytes", "key", "kind", "name", "notes", "rays", "samples", "seconds", "status", "stderr", "why"];
     assert_eq!(fields(&first["nodes"][0]), wanted);
     assert_eq!(first["nodes"][0]["status"], "ran");
 
@@ -304,4 +304,44 @@ fn the_cache_is_looked_after() {
     check_runs(&room, "cache clear", 0);
     let (out, _) = check_runs(&room, "cache stat", 0);
     assert!(out.starts_with("0 entries"), "{out}");
+}
+
+#[test]
+fn bench_measures_and_draws() {
+    let room = Room::new();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let graph = root.join("graphs/demo.ron");
+    let line = format!("bench {} --quick --side 40 --out b --json", graph.display());
+    let (json, _) = check_runs(&room, &line, 0);
+    let json: serde_json::Value = serde_json::from_str(&json).expect("it is JSON");
+    let points = json["points"].as_array().expect("there are points");
+    for plot in ["strategies", "bandwidths", "shadows", "pipeline", "noise"] {
+        let of_plot: Vec<_> = points.iter().filter(|p| p["plot"] == plot).collect();
+        assert!(!of_plot.is_empty(), "{plot}");
+        assert!(of_plot.iter().all(|p| p["seconds"].as_f64() > Some(0.0)), "{plot}: everything takes time");
+        let svg = std::fs::read_to_string(room.path(&format!("b/{plot}.svg"))).expect("it is written");
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"), "{plot}");
+    }
+    let error = |series: &str, samples: u64| {
+        let found =
+            points.iter().find(|p| p["subject"] == "window_0, sky" && p["series"] == series && p["samples"] == samples);
+        found.and_then(|p| p["error"].as_f64()).unwrap_or_else(|| panic!("{series} at {samples} was measured"))
+    };
+    // Four times the samples: half the error at least, with room for the scatter of a small picture.
+    assert!(error("area only", 16) < 0.7 * error("area only", 4));
+    assert!(error("ours", 16) < 1.05 * error("lobe only", 16), "a broad lobe through a window is sampled by area");
+    let csv = std::fs::read_to_string(room.path("b/bench.csv")).expect("it is written");
+    assert_eq!(csv.lines().count(), 1 + points.len());
+}
+
+#[test]
+fn bench_refuses_what_it_cannot_measure() {
+    let room = Room::new();
+    room.check_refused(
+        "bench graph.ron --scene scene",
+        "graph.ron: wanted a graph with a stage Direct of each light, got none",
+    );
+    room.check_refused("bench no.ron", "no.ron");
+    room.check_refused("bench graph.ron --samples 0", "--samples");
+    room.check_refused("bench graph.ron --samples", "--samples");
 }

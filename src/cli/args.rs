@@ -48,6 +48,8 @@ pub enum Command {
     Nodes(Nodes),
     /// Look after the cache.
     Cache(Cache),
+    /// Measure error against run time: sampling strategies, shadows, whole pictures.
+    Bench(Bench),
 }
 
 /// The files of a run.
@@ -172,6 +174,53 @@ pub struct Nodes {
     /// The whole reference as Markdown: docs/nodes.md is made from it.
     #[arg(long, conflicts_with = "kind")]
     pub markdown: bool,
+}
+
+#[derive(Args)]
+pub struct Bench {
+    /// The graph file.
+    #[arg(default_value = "graphs/demo.ron")]
+    pub graph: PathBuf,
+    /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
+    #[arg(long, value_name = "DIR")]
+    pub scene: Option<PathBuf>,
+    /// Set one parameter of one node, as RON; may be given several times.
+    #[arg(long, value_name = "NODE.PARAM=VALUE")]
+    pub set: Vec<String>,
+    /// The folder for bench.json, bench.csv and the plots; made when it is not there.
+    #[arg(long, value_name = "DIR", default_value = "out/bench")]
+    pub out: PathBuf,
+    /// Samples per pixel at which estimators are measured; each has at least four, one per batch.
+    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "4,16,64,256,1024,4096",
+          value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub samples: Vec<u32>,
+    /// Longer side, in pixels, of the pictures on which single estimators are measured; whole pictures keep the graph's size.
+    #[arg(long, value_name = "PIXELS", default_value_t = 64, value_parser = clap::value_parser!(u32).range(8..=4096))]
+    pub side: u32,
+    /// Ask these questions only.
+    #[arg(long, value_enum, value_name = "QUESTION,..", value_delimiter = ',')]
+    pub only: Vec<Question>,
+    /// Little of each, and whole pictures of `--side` too. Tells that it works, not how well.
+    #[arg(long)]
+    pub quick: bool,
+    /// How many threads work. Default: one per core.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print bench.json on standard output instead of the tables.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Question {
+    /// Every sampling strategy for windows, by lobe.
+    Strategies,
+    /// The same by bandwidth of the lobe.
+    Bandwidths,
+    /// Direct light with its shadow: fixed numbers of samples against adaptive sampling.
+    Shadows,
+    /// Whole pictures against truth and against their own limit.
+    Pipeline,
 }
 
 #[derive(Args)]

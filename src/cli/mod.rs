@@ -1,6 +1,7 @@
 //! The command line: arguments, exit status, and what a person sees.
 
 mod args;
+mod bench;
 mod load;
 mod progress;
 mod reference;
@@ -17,6 +18,7 @@ use relight::nodes;
 
 use args::{Cache, CacheAction, CacheAt, CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
 pub use args::{Cli, Command};
+pub use bench::bench;
 use load::load;
 pub use run::run;
 

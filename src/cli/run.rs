@@ -64,7 +64,7 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
 }
 
 /// The first Ctrl-C asks the stages to stop, the second ends the program at once.
-fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
+pub(super) fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
     let cancel = cancel.clone();
     let handler = move || {
         if cancel.is_cancelled() {

@@ -4,9 +4,8 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::geometry::{Camera, SceneMesh};
 use crate::graph::Artifact;
-use crate::image::{
-    Albedo, Bytes, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Segments, Shading, Transfer,
-};
+use crate::image::{Albedo, Bytes, Depth, Normal, Plane, Points, Roughness, Segments, Shading, Transfer};
+pub use crate::image::{Mask, Picture};
 use crate::optics::{LightKind, Radiance, Shape, Transport};
 
 /// The member that stands for lamps out of view.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::estimate::{BATCHES, Measure, Sampling, Tile, mean, pooled, refine, stream, tiles};
-use super::{Emitter, Shape};
+use super::{Emitter, Shape, Strategy};
 use crate::image::{Normal, Plane, Points};
 
 /// Per lobe of unit radiance: irradiance / pi, and its standard error (zero where a closed form was used).
@@ -27,7 +27,8 @@ impl Direct {
 /// Sums of the parts of the samples, per batch.
 type Sums = [f64; BATCHES];
 
-/// Closed forms where there are any, else samples. The planes are of one size. Asked between rounds, `stop` may end it early.
+/// Closed forms where there are any, but for windows under a strategy that is there to be compared; else samples. The planes are
+/// of one size. Asked between rounds, `stop` may end it early.
 pub fn direct(
     points: &Points,
     normal: &Normal,
@@ -35,12 +36,13 @@ pub fn direct(
     sampling: &Sampling,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Direct {
-    let emitter = Emitter::new(shape);
+    let emitter = Emitter::with_strategy(shape, sampling.strategy);
     let (width, height) = points.0.size();
     let at = |i: usize| (points.0.pixels()[i], normal.0.pixels()[i]);
+    let compared = matches!(shape, Shape::Window(_)) && sampling.strategy != Strategy::Best;
     let exact = |lobe: usize| -> Vec<Option<f32>> {
         let pixels = (0..width * height).into_par_iter().with_min_len(width.max(1));
-        pixels.map(|i| emitter.irradiance(lobe, at(i).0, at(i).1)).collect()
+        pixels.map(|i| if compared { None } else { emitter.irradiance(lobe, at(i).0, at(i).1) }).collect()
     };
     let exact: Vec<Vec<Option<f32>>> = (0..shape.lobes()).map(exact).collect();
 

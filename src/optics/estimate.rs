@@ -7,7 +7,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Emitter, Points2};
+use super::{Emitter, Points2, Strategy};
 
 /// Independent streams per estimate: three degrees of freedom of its own.
 pub const BATCHES: usize = 4;
@@ -75,9 +75,11 @@ pub fn pooled<S>(tile: &Tile<S>, variances: &[Option<f64>]) -> Vec<f64> {
     tile.pixels.iter().zip(variances).map(error).collect()
 }
 
-/// How many samples are taken.
+/// How samples are taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
+    /// Where the directions to a window come from.
+    pub strategy: Strategy,
     /// Samples per pixel and lobe, rounded up to whole batches; the least where there is a target.
     pub samples: usize,
     /// The most where there is a target.
@@ -93,7 +95,7 @@ pub struct Sampling {
 impl Sampling {
     /// `samples` everywhere, in one round.
     pub fn fixed(samples: usize, seed: u64) -> Sampling {
-        Sampling { samples, most: samples, target: 0.0, first: samples, seed }
+        Sampling { strategy: Strategy::Best, samples, most: samples, target: 0.0, first: samples, seed }
     }
 }
 

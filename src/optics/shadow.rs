@@ -78,7 +78,7 @@ pub fn shadow(
     if shape.lobes() == 0 {
         return Shadow::default();
     }
-    let emitter = Emitter::new(shape);
+    let emitter = Emitter::with_strategy(shape, quality.sampling.strategy);
     let is_own = |pixel: usize| own.is_some_and(|(_, own)| own.0.pixels()[pixel] > 0.5);
     let passes = own.map(|(passes, _)| passes);
     let grid = Grid::new(points.0.size(), quality.stride);

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, Grid, Own, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
@@ -38,6 +39,35 @@ params! {
         lamps: LampForm = LampForm::Solid,
         /// Most plates that a lamp of them has; 1..=512.
         plates: usize = 128,
+        /// What windows look out on: `Daylight(sun, sky, ground)`, three lobes of these bandwidths, each >= 0; or `Even`, the same
+        /// radiance everywhere, which is one lobe.
+        outlook: Outlook = Outlook::Daylight(1e4, 1.5, 1.5),
+    }
+}
+
+/// What windows look out on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Outlook {
+    /// The same radiance everywhere: a lamp of the window's shape.
+    Even,
+    /// Bandwidths of sun, sky and ground.
+    Daylight(f32, f32, f32),
+}
+
+impl Outlook {
+    fn through(self, shape: Shape) -> Shape {
+        match (self, shape) {
+            (Outlook::Even, Shape::Window(Window { center, x, y, .. })) => Shape::Lamp(Lamp::Rect { center, x, y }),
+            (Outlook::Daylight(sun, sky, ground), Shape::Window(mut window)) => {
+                window
+                    .lobes
+                    .iter_mut()
+                    .zip([sun, sky, ground])
+                    .for_each(|(lobe, bandwidth)| lobe.bandwidth = bandwidth);
+                Shape::Window(window)
+            }
+            (_, shape) => shape,
+        }
     }
 }
 
@@ -102,6 +132,11 @@ impl Node for InitLights {
         if !(self.ambient_cost >= 0.0 && self.ambient_cost.is_finite()) {
             return Err(format!("ambient_cost: wanted a number >= 0, got {}", self.ambient_cost));
         }
+        if let Outlook::Daylight(sun, sky, ground) = self.outlook
+            && let Some(wrong) = [sun, sky, ground].into_iter().find(|b| !(*b >= 0.0 && b.is_finite()))
+        {
+            return Err(format!("outlook: wanted bandwidths >= 0, got {wrong}"));
+        }
         Ok(())
     }
 
@@ -121,7 +156,7 @@ impl Node for InitLights {
             let ways = visible_light(**kind, forms, mask, &inputs.points, &inputs.normal, &camera, room.as_ref());
             match scout.likeliest(ways, mask, &layers) {
                 Some((shape, layer)) => {
-                    shapes.push((id.into(), Arc::new(shape)));
+                    shapes.push((id.into(), Arc::new(self.outlook.through(shape))));
                     layers.push(layer);
                 }
                 None => {
@@ -141,7 +176,7 @@ impl Node for InitLights {
             }
         }
         shapes.push((INV_LAMP.into(), Arc::new(lamp)));
-        shapes.push((INV_WINDOW.into(), Arc::new(window)));
+        shapes.push((INV_WINDOW.into(), Arc::new(self.outlook.through(window))));
         Ok(InitLightsOut { shape: Scatter(shapes) })
     }
 }
@@ -284,5 +319,28 @@ fn flat(shape: &Shape) -> Option<Lamp> {
         Shape::Absent => None,
         Shape::Lamp(lamp) => Some(lamp.clone()),
         Shape::Window(Window { center, x, y, .. }) => Some(Lamp::Rect { center: *center, x: *x, y: *y }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::Lobe;
+
+    #[test]
+    fn an_outlook_changes_windows_only() {
+        let (center, x, y) = (Vec3::NEG_Z, Vec3::X * 0.5, Vec3::Y);
+        let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
+        let lamp = Shape::Lamp(Lamp::Rect { center, x, y });
+        assert_eq!(Outlook::Even.through(window.clone()), lamp);
+        let Shape::Window(seen) = Outlook::Daylight(7.0, 5.0, 0.0).through(window.clone()) else { panic!("a window") };
+        assert_eq!(seen.lobes.map(|Lobe { bandwidth, .. }| bandwidth), [7.0, 5.0, 0.0]);
+        assert_eq!(InitLights::default().outlook.through(window.clone()), window, "the default is that of daylight");
+        for shape in [lamp, Shape::Absent] {
+            assert_eq!(Outlook::Even.through(shape.clone()), shape);
+        }
+        assert!(
+            InitLights { outlook: Outlook::Daylight(f32::NAN, 1.0, 1.0), ..InitLights::default() }.check().is_err()
+        );
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Normal, Points};
 use crate::nodes::artifacts::UnitDirect;
-use crate::optics::{self, Shape};
+use crate::optics::{self, Shape, Strategy};
 use crate::{params, ports};
 
 params! {
@@ -23,6 +23,9 @@ params! {
         max_samples: u32 = 4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
+        /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
+        /// `PowerOneSample`.
+        sampling: Strategy = Strategy::Best,
     }
 }
 
@@ -56,7 +59,8 @@ impl Node for Direct {
 
     fn run(&self, inputs: DirectIn, ctx: &Context) -> Result<DirectOut, NodeError> {
         super::same_size("points", inputs.points.0.size(), "normal", inputs.normal.0.size())?;
-        let sampling = super::sampling(ctx, self.samples, self.target_error, self.max_samples, self.seed);
+        let sampling =
+            super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed);
         let stop = || ctx.out_of_time();
         let direct = optics::direct(&inputs.points, &inputs.normal, &inputs.shape, &sampling, &stop);
         ctx.check_cancelled()?;

@@ -8,7 +8,7 @@ pub mod trace_indirect;
 pub mod transport;
 
 use crate::graph::{Context, NodeError};
-use crate::optics::Sampling;
+use crate::optics::{Sampling, Strategy};
 
 /// Two planes of one stage must be of one size.
 fn same_size(a: &str, size_a: (usize, usize), b: &str, size_b: (usize, usize)) -> Result<(), NodeError> {
@@ -33,9 +33,17 @@ fn check_sampling(samples: u32, target_error: f32, max_samples: u32) -> Result<(
     }
 }
 
-/// How many samples are taken, the first round of a run with a budget being the smallest that there is.
-fn sampling(ctx: &Context, samples: u32, target_error: f32, max_samples: u32, seed: u64) -> Sampling {
+/// How samples are taken, the first round of a run with a budget being the smallest that there is.
+fn sampling(
+    ctx: &Context,
+    strategy: Strategy,
+    samples: u32,
+    target_error: f32,
+    max_samples: u32,
+    seed: u64,
+) -> Sampling {
     Sampling {
+        strategy,
         samples: samples as usize,
         most: max_samples as usize,
         target: f64::from(target_error),

@@ -6,7 +6,7 @@ use crate::geometry::{Own, SceneMesh};
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
 use crate::nodes::artifacts::Visibility;
-use crate::optics::{self, ShadowQuality, Shape};
+use crate::optics::{self, ShadowQuality, Shape, Strategy};
 use crate::{params, ports};
 
 params! {
@@ -25,6 +25,9 @@ params! {
         max_samples: u32 = 4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
+        /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
+        /// `PowerOneSample`.
+        sampling: Strategy = Strategy::Best,
         /// Trace every second pixel along each axis and bring the result to all of them along the surfaces.
         half: bool = true,
         /// The share of unknown rays that counts as lit, 0..1.
@@ -74,7 +77,7 @@ impl Node for Shadow {
             super::same_size("mesh", inputs.mesh.size(), "mask", mask.0.size())?;
         }
         let quality = ShadowQuality {
-            sampling: super::sampling(ctx, self.samples, self.target_error, self.max_samples, self.seed),
+            sampling: super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed),
             stride: if self.half { 2 } else { 1 },
             assume_lit: self.assume_lit,
         };

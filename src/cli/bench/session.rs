@@ -1,0 +1,168 @@
+//! A graph whose parameters are set again and again, run on one engine that keeps what stays the same.
+
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Status, Value};
+
+use crate::cli::args::{Bench, Files};
+use crate::cli::{Exit, Trouble, engine, load::load, run::stop_on_ctrl_c};
+
+/// Why a measurement ends early.
+pub enum Stop {
+    Trouble(Trouble),
+    /// A stage failed, or a person has interrupted.
+    Ended(Exit),
+}
+
+impl<T: Into<Trouble>> From<T> for Stop {
+    fn from(trouble: T) -> Stop {
+        Stop::Trouble(trouble.into())
+    }
+}
+
+/// One parameter of all stages of a kind, as RON.
+pub type Set = (&'static str, &'static str, String);
+
+/// A result, with the wall time and the rays of the node that made it.
+pub struct Made<T> {
+    pub value: Arc<T>,
+    pub seconds: f64,
+    pub rays: u64,
+}
+
+struct NodeOf {
+    name: String,
+    kind: String,
+    each: Option<String>,
+}
+
+pub struct Session {
+    graph: PathBuf,
+    scene: Option<PathBuf>,
+    /// What the person set.
+    set: Vec<String>,
+    nodes: Vec<NodeOf>,
+    engine: Engine,
+    threads: Option<usize>,
+    cancel: Cancel,
+    seed: Cell<u64>,
+}
+
+impl Session {
+    pub fn new(args: &Bench) -> Result<Session, Stop> {
+        let file = GraphFile::read(&args.graph)?;
+        let nodes = file.nodes().map(|node| NodeOf {
+            name: node.name.to_owned(),
+            kind: node.kind.to_owned(),
+            each: node.each.map(str::to_owned),
+        });
+        let nodes = nodes.collect();
+        let scene = args.scene.clone().or_else(|| file.scene());
+        let threads = args.threads.map(usize::from);
+        let cancel = Cancel::default();
+        stop_on_ctrl_c(&cancel)?;
+        let engine = engine(EngineOptions { threads, ..EngineOptions::default() })?;
+        let (graph, set) = (args.graph.clone(), args.set.clone());
+        Ok(Session { graph, scene, set, nodes, engine, threads, cancel, seed: Cell::new(1) })
+    }
+
+    pub fn scene(&self) -> Option<&Path> {
+        self.scene.as_deref()
+    }
+
+    pub fn threads(&self) -> usize {
+        self.engine.threads()
+    }
+
+    /// A seed that was not used before: a result that is there already would tell no time.
+    pub fn seed(&self) -> u64 {
+        self.seed.replace(self.seed.get() + 1)
+    }
+
+    /// The first node of a kind.
+    pub fn node(&self, kind: &str) -> Result<&str, Stop> {
+        let node = self.nodes.iter().find(|node| node.kind == kind);
+        Ok(&node.ok_or_else(|| self.lacks(kind, ""))?.name)
+    }
+
+    /// The stages that make the direct shading and the shadows of each light of one set.
+    pub fn layers(&self) -> Result<(&str, &str), Stop> {
+        let direct = self.nodes.iter().find(|node| node.kind == "Direct" && node.each.is_some());
+        let direct = direct.ok_or_else(|| self.lacks("Direct", " of each light"))?;
+        let shadow = self.nodes.iter().find(|node| node.kind == "Shadow" && node.each == direct.each);
+        Ok((&direct.name, &shadow.ok_or_else(|| self.lacks("Shadow", " of the same lights as Direct"))?.name))
+    }
+
+    fn lacks(&self, kind: &str, which: &str) -> Fault {
+        Fault::file(&self.graph, format!("wanted a graph with a stage {kind}{which}, got none"))
+    }
+
+    /// The members of a node that there is once per light.
+    pub fn members(&self, node: &str) -> Result<Vec<String>, Stop> {
+        let graph = load(&self.graph, None, &self.files(&[]))?;
+        let member = |name: &str| Some(name.strip_prefix(node)?.strip_prefix('[')?.strip_suffix(']')?.to_owned());
+        Ok(graph.instances().filter_map(member).collect())
+    }
+
+    /// One output, and what its node took.
+    pub fn make<T: Artifact>(&self, node: &str, port: &str, sets: &[Set]) -> Result<Made<T>, Stop> {
+        let output = format!("{node}.{port}");
+        let report = self.run(&self.engine, sets, std::slice::from_ref(&output))?;
+        let of_node = report.nodes.iter().find(|n| n.name == node).expect("a node that gave its output is reported");
+        Ok(Made { value: self.one(&report, &output)?, seconds: of_node.seconds, rays: of_node.rays })
+    }
+
+    /// The members' values of an output.
+    pub fn members_of<T: Artifact>(&self, node: &str, port: &str) -> Result<Vec<Arc<T>>, Stop> {
+        let output = format!("{node}.{port}");
+        let report = self.run(&self.engine, &[], std::slice::from_ref(&output))?;
+        Ok(match report.output(&output) {
+            Some(PortValue::Many(values)) => values.iter().filter_map(|(_, value)| Value::get(value)).collect(),
+            _ => Vec::new(),
+        })
+    }
+
+    /// An output under each of some settings, on an engine that knows nothing yet; the seconds are those of the whole run.
+    pub fn make_anew<T: Artifact>(&self, node: &str, port: &str, ways: &[Vec<Set>]) -> Result<Vec<Made<T>>, Stop> {
+        let fresh = engine(EngineOptions { threads: self.threads, ..EngineOptions::default() })?;
+        let output = format!("{node}.{port}");
+        let made = ways.iter().map(|sets| {
+            let report = self.run(&fresh, sets, std::slice::from_ref(&output))?;
+            let value = self.one(&report, &output)?;
+            Ok(Made { value, seconds: report.seconds, rays: report.nodes.iter().map(|node| node.rays).sum() })
+        });
+        made.collect()
+    }
+
+    fn one<T: Artifact>(&self, report: &RunReport, output: &str) -> Result<Arc<T>, Stop> {
+        let value = match report.output(output) {
+            Some(PortValue::One(value)) => value.get(),
+            _ => None,
+        };
+        Ok(value.ok_or_else(|| Fault::file(&self.graph, format!("`{output}` is not what bench can measure")))?)
+    }
+
+    fn files(&self, sets: &[Set]) -> Files {
+        let mut set = self.set.clone();
+        for (kind, field, value) in sets {
+            let named = self.nodes.iter().filter(|node| node.kind == *kind);
+            set.extend(named.map(|node| format!("{}.{field}={value}", node.name)));
+        }
+        Files { scene: self.scene.clone(), set, target_error: None }
+    }
+
+    fn run(&self, engine: &Engine, sets: &[Set], wanted: &[String]) -> Result<RunReport, Stop> {
+        let graph = load(&self.graph, None, &self.files(sets))?;
+        let report = engine.run(&graph, &graph.wanted(Some(wanted))?, &self.cancel, &());
+        if report.cancelled() {
+            return Err(Stop::Ended(Exit::Interrupted));
+        }
+        let failed = report.nodes.iter().filter(|node| node.status == Status::Failed);
+        for node in failed {
+            eprintln!("error: {}: {}", node.name, node.error.as_deref().unwrap_or_default());
+        }
+        if report.is_complete() { Ok(report) } else { Err(Stop::Ended(Exit::Failed)) }
+    }
+}
