@@ -4,6 +4,7 @@
 //! ray is expected to test (the dynamic programme of Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs
 //! Through Compressed Wide BVHs", HPG 2017, section 4.2).
 
+use std::hint::black_box;
 use std::time::Duration;
 
 use fearless_simd::{Simd, f32x8, prelude::*};
@@ -15,8 +16,8 @@ use obvhs::triangle::Triangle;
 use super::woop::Packet;
 
 /// Splitting large triangles is what long slivers (curtains, slanted surfaces) gain most from; a slower build beyond that
-/// gains less on the rays of a picture than it costs.
-const BUILD: BvhBuildParams = BvhBuildParams { pre_split: true, max_prims_per_leaf: 8, ..BvhBuildParams::fast_build() };
+/// gains less on the rays of a picture than it costs. What becomes a packet is decided here, not by the builder.
+const BUILD: BvhBuildParams = BvhBuildParams { pre_split: true, max_prims_per_leaf: 1, ..BvhBuildParams::fast_build() };
 
 /// Children that may wait for their turn on the stack of an ordinary hierarchy; a deeper one gets a stack of its own size.
 const WAITING: usize = 128;
@@ -65,15 +66,9 @@ impl Bvh8 {
         // What a child of the binary hierarchy becomes, where that shall be written, and how many wait beside it.
         let mut todo = vec![(0, None, 0)];
         while let Some((at, place, beside)) = todo.pop() {
-            let children =
-                if place.is_none() && binary.nodes[0].is_leaf() { vec![0] } else { costs.children(binary, at) };
+            let mut children = if place.is_none() && costs.is_packet(0) { vec![0] } else { costs.children(binary, at) };
             let number = if children.is_empty() {
-                let node = &binary.nodes[at as usize];
-                let (first, count) = (node.first_index as usize, node.prim_count as usize);
-                // A triangle that was split can come twice.
-                let mut inside = binary.primitive_indices[first..first + count].to_vec();
-                inside.sort_unstable();
-                inside.dedup();
+                let inside = triangles_below(binary, at);
                 self.packets.push(Packet::new(inside.iter().map(|&i| triangles[i as usize])));
                 (self.packets.len() - 1) as u32 | PACKET
             } else {
@@ -81,6 +76,8 @@ impl Bvh8 {
                     Node { planes: [[[f32::INFINITY; 8], [f32::NEG_INFINITY; 8]]; 3], children: [PACKET; 8] };
                 let beside = beside + children.len() - 1;
                 self.waiting = self.waiting.max(beside);
+                // The last is made first: the packets of a node lie side by side.
+                children.sort_by_key(|&child| costs.is_packet(child));
                 for (slot, &child) in children.iter().enumerate() {
                     let aabb = binary.nodes[child as usize].aabb;
                     for axis in 0..3 {
@@ -95,6 +92,17 @@ impl Bvh8 {
             if let Some((parent, slot)) = place {
                 self.nodes[parent].children[slot] = number;
             }
+        }
+    }
+
+    /// Brings a child closer while its siblings are sorted and entered. Rays spend most of their time waiting for memory; there
+    /// is no safe prefetch, but nothing waits for a read whose value is not used.
+    #[inline(always)]
+    fn fetch(&self, child: u32) {
+        if child & PACKET != 0 {
+            self.packets[(child & !PACKET) as usize].fetch();
+        } else {
+            black_box(self.nodes[child as usize].children[0]);
         }
     }
 
@@ -136,6 +144,7 @@ impl Bvh8 {
                     let take = |entered: &mut u64| {
                         let slot = entered.trailing_zeros() as usize & 7;
                         *entered &= *entered - 1;
+                        self.fetch(node.children[slot]);
                         (nears[slot], node.children[slot])
                     };
                     let mut next = take(&mut entered);
@@ -228,8 +237,30 @@ impl<S: Simd> Slabs<S> {
     }
 }
 
-/// For each node of a binary hierarchy the least area of boxes below it, shown as at most 1, 2, .. 8 children.
-struct Costs(Vec<[f32; 8]>);
+/// The triangles in a part of the binary hierarchy, each once: one that was split can come twice.
+fn triangles_below(binary: &Bvh2, at: u32) -> Vec<u32> {
+    let (mut inside, mut todo) = (Vec::new(), vec![at]);
+    while let Some(at) = todo.pop() {
+        let node = &binary.nodes[at as usize];
+        let first = node.first_index;
+        if node.is_leaf() {
+            inside.extend(&binary.primitive_indices[first as usize..(first + node.prim_count) as usize]);
+        } else {
+            todo.extend([first, first + 1]);
+        }
+    }
+    inside.sort_unstable();
+    inside.dedup();
+    inside
+}
+
+/// What the nodes of a binary hierarchy become.
+struct Costs {
+    /// By node the least area of boxes in and below it, shown as at most 1, 2, .. 8 children.
+    areas: Vec<[f32; 8]>,
+    /// By node the triangles in it. A packet takes up to eight at the cost of one.
+    triangles: Vec<u32>,
+}
 
 impl Costs {
     fn new(binary: &Bvh2) -> Costs {
@@ -242,40 +273,48 @@ impl Costs {
             }
             seen += 1;
         }
-        let mut costs = vec![[0.0; 8]; binary.nodes.len()];
+        let mut costs = Costs { areas: vec![[0.0; 8]; binary.nodes.len()], triangles: vec![0; binary.nodes.len()] };
         for &at in parents_first.iter().rev() {
             let node = &binary.nodes[at];
             let area = node.aabb.half_area();
             if node.is_leaf() {
-                costs[at] = [area; 8];
+                costs.areas[at] = [area; 8];
+                costs.triangles[at] = node.prim_count;
                 continue;
             }
-            let (left, right) = (costs[node.first_index as usize], costs[node.first_index as usize + 1]);
+            let [left, right] = [node.first_index as usize, node.first_index as usize + 1];
+            costs.triangles[at] = costs.triangles[left] + costs.triangles[right];
+            let (left, right) = (costs.areas[left], costs.areas[right]);
             let shared = |children: usize| (1..children).map(move |k| left[k - 1] + right[children - k - 1]);
-            let mut least = area + shared(8).fold(f32::INFINITY, f32::min);
+            let below = if costs.is_packet(at as u32) { 0.0 } else { shared(8).fold(f32::INFINITY, f32::min) };
+            let mut least = area + below;
             for children in 1..=8 {
                 least = shared(children).fold(least, f32::min);
-                costs[at][children - 1] = least;
+                costs.areas[at][children - 1] = least;
             }
         }
-        Costs(costs)
+        costs
     }
 
-    /// The best children of a wide node made of this node; none of a leaf.
+    fn is_packet(&self, at: u32) -> bool {
+        self.triangles[at as usize] <= 8
+    }
+
+    /// The best children of a wide node made of this node; none of a packet.
     fn children(&self, binary: &Bvh2, at: u32) -> Vec<u32> {
         let mut children = Vec::new();
-        if binary.nodes[at as usize].is_leaf() {
+        if self.is_packet(at) {
             return children;
         }
         let mut todo = vec![(at, 8)];
         while let Some((at, places)) = todo.pop() {
             let (left, right) = (binary.nodes[at as usize].first_index, binary.nodes[at as usize].first_index + 1);
-            let cost = |k: usize| self.0[left as usize][k - 1] + self.0[right as usize][places - k - 1];
+            let cost = |k: usize| self.areas[left as usize][k - 1] + self.areas[right as usize][places - k - 1];
             let best = (2..places).fold(1, |best, k| if cost(k) < cost(best) { k } else { best });
             for (child, places) in [(left, best), (right, places - best)] {
-                let costs = &self.0[child as usize];
+                let areas = &self.areas[child as usize];
                 // Places that gain nothing stay free.
-                match (1..=places).find(|&k| costs[k - 1] == costs[places - 1]) {
+                match (1..=places).find(|&k| areas[k - 1] == areas[places - 1]) {
                     Some(places @ 2..) => todo.push((child, places)),
                     _ => children.push(child),
                 }
