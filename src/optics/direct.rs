@@ -55,7 +55,7 @@ pub fn direct(
             let Some(seen) = emitter.seen(tile.lobe, at(pixel).0, at(pixel).1) else { continue };
             for (batch, sum) in sums.iter_mut().enumerate() {
                 let points = stream(sampling.seed, pixel as u32, tile.lobe, batch);
-                let parts = range.clone().filter_map(|i| seen.sample(i, points.get(i)));
+                let parts = range.clone().filter_map(|i| seen.sample(&points, i));
                 parts.for_each(|sample| *sum += f64::from(sample.part));
             }
         }

@@ -12,7 +12,7 @@ use super::rectangle::Rectangle;
 use super::sphere::{Cone, sphere_irradiance};
 use super::through::Through;
 use super::window::{Opening, SeenOpening, Strategy};
-use super::{Lamp, Plate, Shape};
+use super::{Lamp, Plate, Points2, Shape};
 
 /// A place on a light and its part of the irradiance (divided by pi) of one lobe of unit radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -181,34 +181,36 @@ enum SeenSurface<'a> {
 }
 
 impl Seen<'_> {
-    /// The `i`th sample, made from the point `uv` of the unit square; its part is by itself an unbiased estimate of E / L. A
-    /// direction that cannot contribute gives `None` and counts as zero.
-    pub fn sample(&self, i: usize, uv: [f64; 2]) -> Option<LightSample> {
+    /// The `i`th sample of these `points`; its part is by itself an unbiased estimate of E / L. A direction that cannot contribute
+    /// gives `None` and counts as zero.
+    pub fn sample(&self, points: &Points2, i: usize) -> Option<LightSample> {
         let Seen { point, normal, .. } = *self;
+        let uv = || points.get(i);
         let (place, part) = match &self.surface {
             SeenSurface::Sphere(cone) => {
-                let (direction, place, inverse) = cone.sample(uv);
+                let (direction, place, inverse) = cone.sample(uv());
                 (point + place, normal.dot(direction) * inverse / PI)
             }
             SeenSurface::Sides(sides) => {
-                let (place, part) = sides.sample((point, normal), uv)?;
+                let (place, part) = sides.sample((point, normal), uv())?;
                 (point + place, part)
             }
             SeenSurface::Plates(plates) => {
-                let (plate, area, _) = plates.at(uv[0]);
+                let (plate, area, _) = plates.at(uv()[0]);
                 let (place, part) = plate_part(plate, point, normal);
                 (place, part * (plates.area() / area))
             }
             SeenSurface::Triangles(triangles) => {
-                let (t, _, u) = triangles.at(uv[0]);
+                let [x, y] = uv();
+                let (t, _, u) = triangles.at(x);
                 let root = u.sqrt();
-                let place = t[0] + (t[1] - t[0]) * (root * (1.0 - uv[1])) + (t[2] - t[0]) * (root * uv[1]);
+                let place = t[0] + (t[1] - t[0]) * (root * (1.0 - y)) + (t[2] - t[0]) * (root * y);
                 let (d, front) = (place - point, (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero());
                 let cosines = normal.dot(d).max(0.0) * -front.dot(d);
                 (place, cosines / (PI * d.length_squared().powi(2)) * triangles.area())
             }
             SeenSurface::Window(seen) => {
-                let (place, part) = seen.sample(i, uv)?;
+                let (place, part) = seen.sample(points, i)?;
                 (point + place, part)
             }
         };
@@ -391,7 +393,7 @@ mod tests {
                             let e = emitter.irradiance(lobe, point, Vec3::Y).unwrap_or(0.0);
                             assert!(e.is_finite() && e >= 0.0);
                             let seen = emitter.seen(lobe, point, Vec3::Y);
-                            let samples = (0..8).filter_map(|i| seen.as_ref()?.sample(i, stream(0, 0, 0, 0).get(i)));
+                            let samples = (0..8).filter_map(|i| seen.as_ref()?.sample(&stream(0, 0, 0, 0), i));
                             samples.for_each(|sample| assert!(sample.part.is_finite() && sample.part > 0.0));
                         }
                     }

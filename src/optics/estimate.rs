@@ -43,7 +43,7 @@ pub fn estimate(
     let Some(seen) = emitter.seen(lobe, point, normal) else { return (0.0, 0.0) };
     let batches = std::array::from_fn(|batch| {
         let points = stream(seed, pixel, lobe, batch);
-        let parts = (0..each).filter_map(|i| seen.sample(i, points.get(i)));
+        let parts = (0..each).filter_map(|i| seen.sample(&points, i));
         parts.map(|sample| f64::from(sample.part)).sum::<f64>() / each.max(1) as f64
     });
     mean(&batches)

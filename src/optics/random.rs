@@ -34,9 +34,15 @@ impl Points2 {
 
     /// The `i`th point, both coordinates in [0, 1).
     pub fn get(&self, i: usize) -> [f64; 2] {
+        self.in_turn(2 * i)
+    }
+
+    /// Points of this stream (even `i`) and of a second one in turn: each of both is evenly spread, which every second point
+    /// of one is not.
+    pub fn in_turn(&self, i: usize) -> [f64; 2] {
         // Four axes cost what one does.
-        let [x, y, ..] = sobol_burley::sample_4d((i % STREAM) as u32, 0, self.scramble);
-        [f64::from(x), f64::from(y)]
+        let [x, y, z, w] = sobol_burley::sample_4d((i / 2 % STREAM) as u32, 0, self.scramble);
+        if i % 2 == 0 { [x, y].map(f64::from) } else { [z, w].map(f64::from) }
     }
 }
 

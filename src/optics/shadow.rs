@@ -95,7 +95,7 @@ pub fn shadow(
             let from = point + n * mesh.offset(point);
             for (batch, sums) in sums.iter_mut().enumerate() {
                 let stream = stream(quality.sampling.seed, pixel as u32, tile.lobe, batch);
-                for sample in range.clone().filter_map(|i| seen.sample(i, stream.get(i))) {
+                for sample in range.clone().filter_map(|i| seen.sample(&stream, i)) {
                     let part = f64::from(sample.part);
                     traced += 1;
                     sums.all += part;

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::gaussian::Gaussian;
 use super::rectangle::{Rectangle, SeenRectangle};
 use super::through::Through;
-use super::{Lobe, Window};
+use super::{Lobe, Points2, Window};
 
 /// Where the directions to a window come from. All but `Best` are there to be compared with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -97,23 +97,24 @@ enum Way {
 impl SeenOpening<'_> {
     /// The `i`th sample: a place relative to the receiver, and its part of E; `None` for a direction that misses the window or
     /// comes from below the horizon.
-    pub fn sample(&self, i: usize, uv: [f64; 2]) -> Option<(DVec3, f64)> {
+    pub fn sample(&self, points: &Points2, i: usize) -> Option<(DVec3, f64)> {
         match &self.way {
-            Way::Best(through) => through.sample(self.rectangle, (self.point, self.normal), uv),
-            Way::Shared(seen, strategy) => self.shared(seen, *strategy, i, uv),
+            Way::Best(through) => through.sample(self.rectangle, (self.point, self.normal), points.get(i)),
+            Way::Shared(seen, strategy) => self.shared(seen, *strategy, points, i),
         }
     }
 
-    fn shared(&self, seen: &SeenRectangle, strategy: Strategy, i: usize, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
+    fn shared(&self, seen: &SeenRectangle, strategy: Strategy, points: &Points2, i: usize) -> Option<(DVec3, f64)> {
         use Strategy::{Balance, BalanceOneSample, Power, PowerOneSample};
-        // Sobol points of even and of odd index lie in different halves of u: stretched, each half is evenly spread over the
-        // square.
-        let [through_lobe, halves] = match strategy {
-            Balance | Power => [i % 2 == 1, true],
-            BalanceOneSample | PowerOneSample => [u >= 0.5, true],
-            _ => [false, false],
+        let (through_lobe, uv) = match strategy {
+            Balance | Power => (i % 2 == 1, points.in_turn(i)),
+            BalanceOneSample | PowerOneSample => {
+                // The half of the square that a point lies in, stretched, is evenly spread over the square again.
+                let [u, v] = points.get(i);
+                (u >= 0.5, [(2.0 * u).fract(), v])
+            }
+            _ => (false, points.get(i)),
         };
-        let uv = [if halves { (2.0 * u).fract() } else { u }, v];
         let (place, direction) = if through_lobe {
             let direction = self.gaussian.sample(uv);
             (self.rectangle.meet(self.point, direction)?, direction)
@@ -138,7 +139,6 @@ impl SeenOpening<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::Points2;
     use glam::Vec3;
 
     fn opening(lobes: [(Vec3, f32); 3]) -> Opening {
@@ -151,7 +151,7 @@ mod tests {
         std::array::from_fn(|k| {
             let points = Points2::new(5, pixel, k as u32);
             let seen = o.seen(k, DVec3::ZERO, normal).unwrap();
-            (0..n).filter_map(|i| seen.sample(i, points.get(i))).map(|(_, part)| part / n as f64).sum()
+            (0..n).filter_map(|i| seen.sample(&points, i)).map(|(_, part)| part / n as f64).sum()
         })
     }
 
@@ -274,7 +274,7 @@ mod tests {
                     let Some(seen) = o.seen(0, DVec3::ZERO, normal) else { return 0.0 };
                     let square = |pixel| {
                         let sum: f64 = (0..16)
-                            .filter_map(|i| seen.sample(i, Points2::new(7, pixel, 0).get(i)))
+                            .filter_map(|i| seen.sample(&Points2::new(7, pixel, 0), i))
                             .map(|(_, part)| part)
                             .sum();
                         (sum / 16.0 / exact.max(1e-30) - 1.0).powi(2)

@@ -112,7 +112,7 @@ pub struct Measured {
     pub rays: u64,
 }
 
-const MOST_REPEATS: usize = 6;
+const MOST_REPEATS: usize = 24;
 
 /// Repeats an estimate with new seeds while that takes less than `within` seconds in all.
 pub fn repeat(within: f64, mut estimate: impl FnMut() -> Result<Estimate, Stop>) -> Result<Vec<Estimate>, Stop> {
