@@ -42,7 +42,7 @@ impl Points2 {
     pub fn in_turn(&self, i: usize) -> [f64; 2] {
         // Four axes cost what one does.
         let [x, y, z, w] = sobol_burley::sample_4d((i / 2 % STREAM) as u32, 0, self.scramble);
-        if i % 2 == 0 { [x, y].map(f64::from) } else { [z, w].map(f64::from) }
+        if i.is_multiple_of(2) { [x, y].map(f64::from) } else { [z, w].map(f64::from) }
     }
 }
 
