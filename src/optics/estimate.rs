@@ -12,7 +12,7 @@ use super::{Emitter, Points2, Strategy};
 /// Independent streams per estimate: three degrees of freedom of its own.
 pub const BATCHES: usize = 4;
 
-/// A 95 % interval is plus and minus this many standard errors: Student's for six degrees of freedom, see [`pooled`].
+/// A 95 % interval is plus and minus this many standard errors: Student's for six degrees of freedom, see `pooled`.
 pub const INTERVAL: f64 = 2.447;
 
 /// Pixels along each side of a tile, which is made better as a whole.

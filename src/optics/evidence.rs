@@ -13,7 +13,7 @@ pub struct Evidence {
     pub segments: usize,
     /// Where the photo is clipped: there the model may be brighter at no cost, but not darker.
     pub saturated: Vec<bool>,
-    /// The level that counts as white, see [`white_level`].
+    /// The level that counts as white, see `white_level`.
     pub white: f32,
 }
 

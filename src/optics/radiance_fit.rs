@@ -40,7 +40,7 @@ pub struct RadianceFit {
     pub turns: usize,
     /// Largest relative change of a light in the last turn.
     pub change: f64,
-    /// Columns that still changed by more than [`SETTLED`] in the last turn: empty when the fit converged.
+    /// Columns that still changed by more than `SETTLED` in the last turn: empty when the fit converged.
     pub moving: Vec<usize>,
     /// Columns whose layer is black on all of the evidence: nothing is known of them, and their radiance is 0.
     pub dark: Vec<usize>,
