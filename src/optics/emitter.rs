@@ -3,6 +3,7 @@
 //! E = (1/pi) integral of cos(theta) over the directions in which the light is seen, horizon included, shadows not. The
 //! closed forms and the samples describe the same emitter; each sample's part estimates what the closed form gives.
 
+use std::borrow::Cow;
 use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
@@ -45,7 +46,7 @@ enum Surface {
 /// Pieces of surface and the running sum of their areas.
 struct Pieces<T> {
     pieces: Vec<T>,
-    sums: Vec<f64>,
+    areas: Vec<f64>,
 }
 
 /// Up to this many pieces are added one by one; of more, samples are taken.
@@ -53,28 +54,45 @@ const EXACT_PIECES: usize = 512;
 
 impl<T> Pieces<T> {
     fn new(pieces: impl Iterator<Item = (T, f64)>) -> Pieces<T> {
-        let mut total = 0.0;
-        let (pieces, sums) = pieces
-            .filter(|(_, area)| *area > 0.0 && area.is_finite())
-            .map(|(piece, area)| {
-                total += area;
-                (piece, total)
-            })
-            .unzip();
-        Pieces { pieces, sums }
+        let (pieces, areas): (_, Vec<f64>) = pieces.filter(|(_, area)| *area > 0.0 && area.is_finite()).unzip();
+        Pieces { pieces, areas: running(areas) }
     }
 
-    fn area(&self) -> f64 {
-        self.sums.last().copied().unwrap_or(0.0)
+    /// Pieces to be chosen by what arrives from each, or of many by their areas; `None` where nothing arrives.
+    fn seen(&self, part: impl Fn(&T) -> f64) -> Option<SeenPieces<'_, T>> {
+        let sums = if self.pieces.len() > EXACT_PIECES {
+            Cow::Borrowed(&self.areas[..])
+        } else {
+            Cow::Owned(running(self.pieces.iter().map(part)))
+        };
+        let total = *sums.last()?;
+        (total > 0.0 && total.is_finite()).then_some(SeenPieces { pieces: &self.pieces, sums, total })
     }
+}
 
-    /// The piece in which the share `u` of the area ends, its area, and how far into it `u` goes (0..1).
+fn running(weights: impl IntoIterator<Item = f64>) -> Vec<f64> {
+    let add = |sum: &mut f64, weight: f64| {
+        *sum += weight;
+        Some(*sum)
+    };
+    weights.into_iter().scan(0.0, add).collect()
+}
+
+/// Pieces of surface and the running sum of their weights.
+struct SeenPieces<'a, T> {
+    pieces: &'a [T],
+    sums: Cow<'a, [f64]>,
+    total: f64,
+}
+
+impl<T> SeenPieces<'_, T> {
+    /// The piece in which the share `u` of the weights ends, one over its own share, and how far into it `u` goes (0..1).
     fn at(&self, u: f64) -> (&T, f64, f64) {
-        let target = u * self.area();
+        let target = u * self.total;
         let i = self.sums.partition_point(|&sum| sum <= target).min(self.pieces.len() - 1);
         let before = if i == 0 { 0.0 } else { self.sums[i - 1] };
-        let area = self.sums[i] - before;
-        (&self.pieces[i], area, ((target - before) / area).clamp(0.0, 1.0))
+        let weight = self.sums[i] - before;
+        (&self.pieces[i], self.total / weight, ((target - before) / weight).clamp(0.0, 1.0))
     }
 }
 
@@ -154,10 +172,10 @@ impl Emitter {
             Surface::Nothing => return None,
             Surface::Sphere { center, radius } => SeenSurface::Sphere(Cone::new(*center - point, *radius, normal)?),
             Surface::Sides(sides) => SeenSurface::Sides(SeenSides::new(sides, (point, normal))?),
-            Surface::Plates(plates) if plates.pieces.is_empty() => return None,
-            Surface::Plates(plates) => SeenSurface::Plates(plates),
-            Surface::Triangles(triangles) if triangles.pieces.is_empty() => return None,
-            Surface::Triangles(triangles) => SeenSurface::Triangles(triangles),
+            Surface::Plates(plates) => SeenSurface::Plates(plates.seen(|plate| plate_part(plate, point, normal).1)?),
+            Surface::Triangles(triangles) => {
+                SeenSurface::Triangles(triangles.seen(|t| triangle_irradiance(t, point, normal))?)
+            }
             Surface::Window(opening) => SeenSurface::Window(opening.seen(lobe, point, normal)?),
         };
         Some(Seen { point, normal, surface })
@@ -175,8 +193,8 @@ pub struct Seen<'a> {
 enum SeenSurface<'a> {
     Sphere(Cone),
     Sides(SeenSides<'a>),
-    Plates(&'a Pieces<Plate>),
-    Triangles(&'a Pieces<[DVec3; 3]>),
+    Plates(SeenPieces<'a, Plate>),
+    Triangles(SeenPieces<'a, [DVec3; 3]>),
     Window(SeenOpening<'a>),
 }
 
@@ -196,18 +214,19 @@ impl Seen<'_> {
                 (point + place, part)
             }
             SeenSurface::Plates(plates) => {
-                let (plate, area, _) = plates.at(uv()[0]);
+                let (plate, inverse, _) = plates.at(uv()[0]);
                 let (place, part) = plate_part(plate, point, normal);
-                (place, part * (plates.area() / area))
+                (place, part * inverse)
             }
             SeenSurface::Triangles(triangles) => {
                 let [x, y] = uv();
-                let (t, _, u) = triangles.at(x);
+                let (t, inverse, u) = triangles.at(x);
                 let root = u.sqrt();
                 let place = t[0] + (t[1] - t[0]) * (root * (1.0 - y)) + (t[2] - t[0]) * (root * y);
-                let (d, front) = (place - point, (t[1] - t[0]).cross(t[2] - t[0]).normalize_or_zero());
+                // As long as twice the triangle is large.
+                let (d, front) = (place - point, (t[1] - t[0]).cross(t[2] - t[0]));
                 let cosines = normal.dot(d).max(0.0) * -front.dot(d);
-                (place, cosines / (PI * d.length_squared().powi(2)) * triangles.area())
+                (place, 0.5 * cosines / (PI * d.length_squared().powi(2)) * inverse)
             }
             SeenSurface::Window(seen) => {
                 let (place, part) = seen.sample(points, i)?;
@@ -349,6 +368,22 @@ mod tests {
         let all = lamps();
         let e = |i: usize| Emitter::new(&Shape::Lamp(all[i].1.clone())).irradiance(0, Vec3::ZERO, Vec3::Y).unwrap();
         assert!((e(4) - e(5)).abs() < 1e-6 && e(4) > 0.01, "{} {}", e(4), e(5));
+    }
+
+    #[test]
+    fn pieces_are_chosen_by_what_arrives() {
+        for (name, bound) in [("plates", 1e-6), ("mesh", 0.5)] {
+            let lamp = lamps().into_iter().find(|(other, _)| *other == name).unwrap().1;
+            let emitter = Emitter::new(&Shape::Lamp(lamp));
+            for normal in [Vec3::Y, Vec3::new(-0.4, 0.7, 0.2).normalize(), Vec3::X] {
+                let exact = emitter.irradiance(0, Vec3::ZERO, normal).unwrap();
+                let seen = emitter.seen(0, Vec3::ZERO, normal).unwrap();
+                // No sample is lost on a piece that faces away. The parts of plates are all alike.
+                let parts = (0..64).map(|i| seen.sample(&stream(3, 7, 0, 0), i).unwrap().part);
+                let spread = parts.map(|part| (part / exact - 1.0).powi(2)).sum::<f32>() / 64.0;
+                assert!(spread.sqrt() < bound, "{name} {normal}: {}", spread.sqrt());
+            }
+        }
     }
 
     #[test]

@@ -49,7 +49,7 @@ ports! {
 
 impl Node for Direct {
     const KIND: &'static str = "Direct";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = DirectIn;
     type Out = DirectOut;
 

@@ -59,7 +59,7 @@ ports! {
 
 impl Node for Shadow {
     const KIND: &'static str = "Shadow";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = ShadowIn;
     type Out = ShadowOut;
 
