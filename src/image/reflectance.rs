@@ -20,5 +20,5 @@ pub fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Largest channel from which, and at which wholly, a pixel is the strongest light's.
+/// Largest channel from which, and at which wholly, a pixel is that of the strongest lights.
 pub const SATURATION: [f32; 2] = [0.75, 0.98];

@@ -121,7 +121,7 @@ struct Emitter {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = ComposeIn;
     type Out = ComposeOut;
 
@@ -243,23 +243,27 @@ impl Compose {
             return;
         }
         let saturation = smooth_step(SATURATION[0], SATURATION[1], photo.max_element());
-        let (spill, owner) = match nearest {
-            Some((zone, emitter)) if zone > 0.0 => (zone, Some((emitter.light, emitter.seen(ray()).1))),
-            _ => (0.0, strongest(before).map(|k| (k, gain_of(before[k], record[k])))),
+        let (share, owners) = match nearest {
+            Some((zone, emitter)) if zone > 0.0 => {
+                (saturation.max(zone), vec![(1.0, emitter.light, emitter.seen(ray()).1)])
+            }
+            _ if saturation > 0.0 => (saturation, strongest(before, record)),
+            _ => (0.0, Vec::new()),
         };
-        let share = saturation.max(spill);
         let reflectance = reflected(shown, shading);
         let unexplained = shown - (reflectance * shading).min(shown);
-        let Some((light, gain)) = owner.filter(|_| share > 0.0) else {
-            record.iter_mut().for_each(|layer| *layer *= reflectance);
-            record[before.len()] += unexplained;
-            return;
-        };
-        let mut other = record.to_vec();
-        owned(&mut other, shown, shading - before[light], paint, light, gain);
+        let shaded = record.to_vec();
         record.iter_mut().for_each(|layer| *layer *= reflectance);
         record[before.len()] += unexplained;
-        record.iter_mut().zip(other).for_each(|(layer, other)| *layer += share * (other - *layer));
+        if owners.is_empty() {
+            return;
+        }
+        record.iter_mut().for_each(|layer| *layer *= 1.0 - share);
+        for (part, light, gain) in owners {
+            let mut other = shaded.clone();
+            owned(&mut other, shown, shading - before[light], paint, light, gain);
+            record.iter_mut().zip(other).for_each(|(layer, other)| *layer += share * part * other);
+        }
     }
 }
 
@@ -272,10 +276,14 @@ fn owned(record: &mut [Vec3], shown: Vec3, others: Vec3, albedo: Vec3, light: us
     record[light] = remainder * gain;
 }
 
-/// The light that gives most.
-fn strongest(before: &[Vec3]) -> Option<usize> {
-    let lights = before.iter().map(|light| luminance(*light)).enumerate();
-    lights.filter(|l| l.1 > 0.0).reduce(|a, b| if b.1 > a.1 { b } else { a }).map(|(k, _)| k)
+/// The lights that give most, with parts that sum to 1, and their gains. One that gives half of what the strongest does has no
+/// part, and the parts go up from there: a little noise must not give a pixel from one light to another.
+fn strongest(before: &[Vec3], after: &[Vec3]) -> Vec<(f32, usize, Vec3)> {
+    let most = before.iter().map(|light| luminance(*light)).fold(0.0, f32::max);
+    let parts: Vec<f32> = before.iter().map(|light| smooth_step(0.5 * most, most, luminance(*light))).collect();
+    let sum = parts.iter().sum::<f32>();
+    let all = parts.into_iter().enumerate().filter(|(_, part)| *part > 0.0);
+    all.map(|(k, part)| (part / sum, k, gain_of(before[k], after[k]))).collect()
 }
 
 /// What a light's shading changes by, per channel.
