@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use relight::graph::{Cancel, Fault, PortValue, RunReport, Value};
+use relight::graph::{Cancel, Fault, PortValue, RunReport, Status, Value};
 use relight::nodes::artifacts::Files;
 
 use super::args::Run;
@@ -49,7 +49,9 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
 
     eprint!("{}", report::table(&done));
     warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
-    let errors = done.nodes.iter().filter_map(|node| Some((node, node.error.as_ref()?)));
+    // What is blocked has its cause among the others.
+    let failed = done.nodes.iter().filter(|node| node.status != Status::Blocked);
+    let errors = failed.filter_map(|node| Some((node, node.error.as_ref()?)));
     errors.for_each(|(node, error)| eprintln!("error: {}: {error}", node.name));
     for difference in &differences {
         eprintln!("error: {}.{}: made again, it came out differently", difference.node, difference.port);

@@ -201,6 +201,16 @@ fn what_is_no_number_is_refused() {
     }
 }
 
+/// Reason: the sum of a few lights must not overflow; the light that is too bright is named, and nothing else is told.
+#[test]
+fn a_light_too_bright_for_sums_is_named() {
+    let place = room((40, 30), paper, slope);
+    place.write("edit.ron", format!(r#"Edit(version: 1, lights: {{ {} }})"#, GLOBE.replace("9,", "1e31,")));
+    let told = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
+    let errors: Vec<&str> = told.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert_eq!(errors, [r#"error: edit: lights: "globe": wanted a radiance up to 1e30, got 1e31"#]);
+}
+
 fn many_lamps(count: usize) -> String {
     let mut lights = String::new();
     for i in 0..count {

@@ -175,7 +175,7 @@ ports! {
 
 impl Node for EditLights {
     const KIND: &'static str = "EditLights";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = EditLightsIn;
     type Out = EditLightsOut;
 
@@ -190,9 +190,16 @@ impl Node for EditLights {
         let up = world_up(&inputs.normal);
         let mut out = EditLightsOut { shape: Scatter(vec![]), radiance: Scatter(vec![]), gain: Scatter(vec![]) };
         let mut push = |id: &str, shape: Arc<Shape>, radiance: Radiance, gain: Radiance| {
+            let within = |lobe: &&Vec3| lobe.cmple(Vec3::splat(MOST_RADIANCE)).all();
+            if let Some(lobe) = radiance.0.iter().find(|lobe| !within(lobe)) {
+                let told =
+                    format!("lights: {id:?}: wanted a radiance up to {MOST_RADIANCE:e}, got {:e}", lobe.max_element());
+                return Err(NodeError::BadParameter(told));
+            }
             out.shape.0.push((id.into(), shape));
             out.radiance.0.push((id.into(), Arc::new(radiance)));
             out.gain.0.push((id.into(), Arc::new(gain)));
+            Ok(())
         };
         for (id, shape) in inputs.shapes.iter() {
             let old = inputs.radiances.get(id).map(|r| r.0.clone()).unwrap_or_else(|| vec![Vec3::ZERO; shape.lobes()]);
@@ -200,7 +207,7 @@ impl Node for EditLights {
             if let Some((shape, radiance)) = edit.and_then(|e| self.made(id, e, &inputs, up, ctx)).transpose()? {
                 // The old light is gone; the new one is drawn as what it is.
                 let gain = vec![Vec3::ZERO; radiance.0.len()];
-                push(id, Arc::new(shape), radiance, Radiance(gain));
+                push(id, Arc::new(shape), radiance, Radiance(gain))?;
                 continue;
             }
             let new: Vec<Vec3> = old.iter().map(|&w| edit.map_or(w, |e| e.applied(w))).collect();
@@ -222,7 +229,7 @@ impl Node for EditLights {
                 }))
             });
             let gain = Radiance(gain.collect());
-            push(id, shape.clone(), Radiance(new), gain);
+            push(id, shape.clone(), Radiance(new), gain)?;
         }
         for (id, edit) in &self.lights {
             if inputs.shapes.get(id).is_some() {
@@ -233,11 +240,14 @@ impl Node for EditLights {
             };
             let (shape, radiance) = made?;
             let gain = vec![Vec3::ZERO; radiance.0.len()];
-            push(id, Arc::new(shape), radiance, Radiance(gain));
+            push(id, Arc::new(shape), radiance, Radiance(gain))?;
         }
         Ok(out)
     }
 }
+
+/// Brightest light that leaves room in single precision for sums of many.
+const MOST_RADIANCE: f32 = 1e30;
 
 impl LightEdit {
     fn check(&self) -> Result<(), String> {
