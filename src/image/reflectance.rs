@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use super::{Mask, Picture};
+
 /// Per channel a / b, 1 where both vanish, large but finite where only b does.
 pub fn ratio(a: Vec3, b: Vec3) -> Vec3 {
     (a + Vec3::splat(1e-9)) / (b + Vec3::splat(1e-9))
@@ -20,5 +22,12 @@ pub fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Largest channel from which, and at which wholly, a pixel is that of the strongest lights.
+/// Largest channel from which, and at which wholly, a pixel is that of the strongest lights; of the level at which the photo is
+/// clipped.
 pub const SATURATION: [f32; 2] = [0.75, 0.98];
+
+/// The level at which a photo is clipped: 1 in most, any in a float file, the largest number where it is clipped nowhere.
+pub fn clip_level(photo: &Picture, clipped: &Mask) -> f32 {
+    let all = photo.0.pixels().iter().zip(clipped.0.pixels()).filter(|(_, clipped)| **clipped > 0.5);
+    all.map(|(pixel, _)| pixel.max_element()).reduce(f32::max).unwrap_or(f32::MAX)
+}

@@ -104,6 +104,43 @@ fn black_white_and_one_lit_pixel() {
     }
 }
 
+/// Reason: in a float file 1 is no end, and its scale is anybody's choice. Unchanged it comes back, and a lamp switched off leaves
+/// the same room at any scale.
+#[test]
+fn a_float_photo_of_any_scale() {
+    let (width, height) = (40, 30);
+    let lit = |x: usize, y: usize| {
+        let away = (x as f32 - 3.0).hypot(y as f32 - 3.0);
+        let lamp = if x < 6 && y < 6 { 20.0 - away } else { 0.0 };
+        (0.3 + 6.0 / (1.0 + away * away / 60.0)) * paper(x, y) + lamp * Vec3::new(1.0, 0.8, 0.5)
+    };
+    let mut dark = Vec::new();
+    for scale in [0.01, 1.0, 100.0] {
+        let place = room((width, height), paper, slope);
+        place.write("scene.ron", LIT.replace("photo.png", "photo.exr"));
+        place.write("lamp.png", png_of((width, height), |x, y| Vec3::splat(f32::from(u8::from(x < 6 && y < 6)))));
+        let pixel = |x, y| <(f32, f32, f32)>::from(scale * lit(x, y));
+        exr::prelude::write_rgb_file(place.path("photo.exr"), width, height, pixel).expect("it can be written");
+        let shown = |lights: &str| {
+            check(&place, "a float photo", (width, height), lights);
+            let channels = channels(&std::fs::read(place.path("out/picture.exr")).expect("the run wrote it"));
+            ["R", "G", "B"].map(|c| channels[c].iter().map(|v| v / scale).collect::<Vec<f32>>())
+        };
+        let same = shown("");
+        for (i, (x, y)) in (0..width * height).map(|i| (i, (i % width, i / width))) {
+            let (got, wanted) = (Vec3::from_array([0, 1, 2].map(|c| same[c][i])), lit(x, y));
+            assert!(
+                ((got - wanted) / wanted).abs().max_element() < 2e-3,
+                "{scale}: {got} at ({x}, {y}), wanted {wanted}"
+            );
+        }
+        dark.push(shown(r#""lamp": Off"#));
+    }
+    let sum = |picture: &[Vec<f32>; 3]| picture.iter().flatten().map(|&v| f64::from(v)).sum::<f64>();
+    let sums: Vec<f64> = dark.iter().map(sum).collect();
+    assert!(sums.iter().all(|s| (s / sums[1] - 1.0).abs() < 0.02), "{sums:?}");
+}
+
 /// Reason: 1e12 is beyond a half float and 1e-12 below it; both are what a person asked for.
 #[test]
 fn radiances_of_twenty_four_decades() {

@@ -6,8 +6,8 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Mask, Normal, Picture, Plane, Points, SATURATION, Shading, distance, fill_along_surfaces, grow_through,
-    luminance, reflected, smooth_step,
+    Albedo, Mask, Normal, Picture, Plane, Points, SATURATION, Shading, clip_level, distance, fill_along_surfaces,
+    grow_through, luminance, reflected, smooth_step,
 };
 use crate::optics::LightKind;
 use crate::{params, ports};
@@ -58,7 +58,7 @@ ports! {
 
 impl Node for Paint {
     const KIND: &'static str = "Paint";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = PaintIn;
     type Out = PaintOut;
 
@@ -81,7 +81,8 @@ impl Node for Paint {
             zones.push((id.to_string(), Arc::new(Mask(zone(&mask.0, **kind, bloom, &inputs.photo, &inputs.clipped)))));
         }
         let (w, h) = inputs.small.0.size();
-        let mut hidden = inputs.small.0.map(|shown| shown.max_element() > SATURATION[0]);
+        let bright = SATURATION[0] * clip_level(&inputs.photo, &inputs.clipped);
+        let mut hidden = inputs.small.0.map(|shown| shown.max_element() > bright);
         for (_, zone) in &zones {
             for i in (0..zone.0.len()).filter(|&i| zone.0.pixels()[i] > 0.0) {
                 hidden.set(i % full_w * w / full_w, i / full_w * h / full_h, true);

@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::Camera;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, distance, luminance, ratio, reflected,
-    smooth_step,
+    Albedo, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, clip_level, distance, luminance, ratio,
+    reflected, smooth_step,
 };
 use crate::optics::{LightKind, Radiance, Shape};
 use crate::{params, ports};
@@ -121,7 +121,7 @@ struct Emitter {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = ComposeIn;
     type Out = ComposeOut;
 
@@ -141,6 +141,7 @@ impl Node for Compose {
         let emitters = self.emitters(&inputs, &names)?;
         let inserted = inserted(&inputs, &names)?;
         let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
+        let white = clip_level(&inputs.photo, &inputs.clipped);
         let depth_of_white = distance(&inputs.clipped.0.map(|share| share < 0.5));
         ctx.check_cancelled()?;
 
@@ -163,6 +164,7 @@ impl Node for Compose {
                 let surface = Surface {
                     albedo: at(&inputs.albedo.0),
                     paint: at(&inputs.paint.0),
+                    white,
                     headroom: (1.0 + HEADROOM * depth_of_white.get(x, y)).min(MOST),
                 };
                 self.pixel(&inputs, &emitters, (x, y), &before, surface, record);
@@ -224,7 +226,7 @@ impl Compose {
         surface: Surface,
         record: &mut [Vec3],
     ) {
-        let Surface { albedo, paint, headroom } = surface;
+        let Surface { albedo, paint, white, headroom } = surface;
         let rest = record[before.len()];
         let shading = before.iter().sum::<Vec3>() + rest;
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
@@ -232,17 +234,17 @@ impl Compose {
         let nearest = emitters.iter().map(|e| (e.zone.0.get(x, y), e)).reduce(|a, b| if b.0 > a.0 { b } else { a });
         if let Some((1.0, emitter)) = nearest {
             let (seen, gain) = emitter.seen(ray());
-            let shown = unclipped(photo, seen, MOST);
+            let shown = unclipped(photo, white, seen, MOST);
             let others = shading - before[emitter.light];
             owned(record, shown, others, Vec3::splat(emitter.fill), emitter.light, gain);
             return;
         }
-        let shown = unclipped(photo, paint * shading, headroom);
+        let shown = unclipped(photo, white, paint * shading, headroom);
         if self.mode == Mode::Physical {
             record.iter_mut().for_each(|layer| *layer *= albedo);
             return;
         }
-        let saturation = smooth_step(SATURATION[0], SATURATION[1], photo.max_element());
+        let saturation = smooth_step(SATURATION[0] * white, SATURATION[1] * white, photo.max_element());
         let (share, owners) = match nearest {
             Some((zone, emitter)) if zone > 0.0 => {
                 (saturation.max(zone), vec![(1.0, emitter.light, emitter.seen(ray()).1)])
@@ -318,11 +320,13 @@ struct Surface {
     albedo: Vec3,
     /// Photo over shading, filled in where a light hides it.
     paint: Vec3,
+    /// Where the photo is clipped.
+    white: f32,
     /// How many times brighter than white a saturated channel may be.
     headroom: f32,
 }
 
-/// A channel that counts as saturated: 254 of 255 in sRGB, and all but the same in other encodings.
+/// A channel that counts as saturated, of the level at which the photo is clipped: 254 of 255 in sRGB.
 const WHITE: f32 = 0.991;
 
 /// Most that a saturated channel may show, in whites: two stops.
@@ -332,8 +336,8 @@ const MOST: f32 = 4.0;
 const HEADROOM: f32 = 0.15;
 
 /// What a pixel shows when saturated channels are as bright as the model says, within `headroom`; others are as they are.
-fn unclipped(photo: Vec3, model: Vec3, headroom: f32) -> Vec3 {
-    Vec3::select(photo.cmpge(Vec3::splat(WHITE)), photo.max(model.min(headroom * photo)), photo)
+fn unclipped(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
+    Vec3::select(photo.cmpge(Vec3::splat(WHITE * white)), photo.max(model.min(headroom * photo)), photo)
 }
 
 /// Lights that are drawn: index, cover, and what they show at a pixel.
