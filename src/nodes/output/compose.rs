@@ -254,7 +254,7 @@ impl Compose {
         };
         let reflectance = reflected(shown, shading);
         let unexplained = shown - (reflectance * shading).min(shown);
-        let shaded = record.to_vec();
+        let shaded = if owners.is_empty() { Vec::new() } else { record.to_vec() };
         record.iter_mut().for_each(|layer| *layer *= reflectance);
         record[before.len()] += unexplained;
         if owners.is_empty() {
