@@ -79,8 +79,8 @@ impl<S: Simd> Turned<S> {
         ]
     }
 
-    /// Which triangles are met within (0, `limit`], a bit each, and at which multiple of the direction. A triangle touched
-    /// edge on is not met, nor is anything when numbers overflow: then the distance is not a number.
+    /// Which triangles are met within (0, `limit`], a bit each, and at which multiple of the direction. A triangle
+    /// seen edge on is not met unless rounding says so, nor is anything when numbers overflow: then the distance is not a number.
     #[inline(always)]
     pub fn hits(&self, packet: &Packet, limit: f32) -> (u64, [f32; 8]) {
         let [a, b, c] = [&packet.corners[0], &packet.corners[1], &packet.corners[2]];
