@@ -9,10 +9,12 @@ use std::time::Instant;
 
 use glam::Vec3;
 use rayon::prelude::*;
+use relight::geometry::Camera;
 use relight::graph::{Context, File, Gather, Node, NodeError, from_ron};
 use relight::image::*;
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
 use relight::nodes::output::write::{Write, WriteIn};
+use relight::nodes::scene::read_materials::{ReadMaterials, ReadMaterialsIn, ReadMaterialsOut};
 use relight::nodes::scene::read_scene::*;
 use relight::optics::{LightKind, Radiance};
 
@@ -286,6 +288,81 @@ fn parameters_out_of_range_are_named() {
         });
         assert!(text.starts_with("lights:"), "{text}");
     }
+}
+
+const SMALL: (usize, usize) = (8, 6);
+
+/// Runs with an albedo, a normal and a roughness file of these planes.
+fn materials(
+    albedo: Plane<Vec3>,
+    normal: Option<Plane<Vec3>>,
+    rough: Option<f32>,
+) -> Result<ReadMaterialsOut, NodeError> {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let write = |name: &str, layers: ExrLayers| {
+        let path = folder.path().join(name);
+        fs::write(&path, layers.write(Compression::Zip).expect("sound layers")).expect("it can be written to");
+        file(&path)
+    };
+    let layers = |plane: &Plane<Vec3>| ExrLayers::new(plane.width(), plane.height());
+    let mut colours = layers(&albedo);
+    colours.float_rgb("", &albedo);
+    let normal = normal.map(|plane| {
+        let mut vectors = layers(&plane);
+        vectors.float_xyz("", &plane);
+        write("normal.exr", vectors)
+    });
+    let roughness = rough.map(|rough| {
+        let mut grey = ExrLayers::new(SMALL.0, SMALL.1);
+        grey.float("Y", &Plane::filled(SMALL.0, SMALL.1, rough));
+        write("rough.exr", grey)
+    });
+    let stage = ReadMaterials { albedo: write("albedo.exr", colours), normal, roughness, ..ReadMaterials::default() };
+    let inputs = ReadMaterialsIn {
+        normal: Arc::new(Normal(Plane::filled(SMALL.0, SMALL.1, Vec3::Z))),
+        camera: Arc::new(Camera::from_fov_x(SMALL.0, SMALL.1, 60.0)),
+    };
+    stage.run(inputs, &Context::default())
+}
+
+fn even((width, height): (usize, usize), value: f32) -> Plane<Vec3> {
+    Plane::filled(width, height, Vec3::splat(value))
+}
+
+#[test]
+fn files_of_working_size_pass_unchanged_and_larger_ones_are_averaged() {
+    let albedo = Plane::from_fn(8, 6, |x, y| Vec3::new(x as f32 / 8.0, y as f32 / 6.0, 0.3));
+    let out = materials(albedo.clone(), None, None).expect("it is sound");
+    assert_eq!(out.albedo.0, albedo);
+    assert_eq!((out.normal.0.get(3, 2), out.roughness.0.get(3, 2)), (Vec3::Z, 0.8));
+    let checks = Plane::from_fn(16, 12, |x, y| Vec3::splat(((x + y) % 2) as f32));
+    let out = materials(checks, None, Some(0.25)).expect("it is sound");
+    assert!(out.albedo.0.pixels().iter().all(|&a| (a - 0.5).abs().max_element() < 1e-6));
+    assert!(out.roughness.0.pixels().iter().all(|&r| r == 0.25));
+}
+
+#[test]
+fn normals_have_unit_length_and_face_the_camera() {
+    let read = Plane::from_fn(8, 6, |x, _| [Vec3::new(0.0, 6.0, 8.0), Vec3::ZERO, -Vec3::Z][x % 3]);
+    let out = materials(even(SMALL, 0.5), Some(read), None).expect("it is sound");
+    let got: Vec<Vec3> = (0..3).map(|x| out.normal.0.get(x, 0)).collect();
+    assert_eq!(got, [Vec3::new(0.0, 0.6, 0.8), Vec3::Z, Vec3::Z]);
+}
+
+#[test]
+fn what_is_no_material_is_named() {
+    let message = |albedo, rough| match materials(albedo, None, rough) {
+        Err(NodeError::BadFile { path, message }) => {
+            format!("{}: {message}", path.rsplit('/').next().unwrap_or_default())
+        }
+        _ => panic!("a file is at fault"),
+    };
+    let over = message(even(SMALL, 1.5), None);
+    assert_eq!(over, "albedo.exr: albedo: wanted 0..=1, got [1.5, 1.5, 1.5] at working pixel (0, 0)");
+    assert!(message(even(SMALL, f32::NAN), None).contains("wanted finite numbers"));
+    assert!(message(even(SMALL, 0.5), Some(-0.1)).starts_with("rough.exr: roughness: wanted 0..=1"));
+    let wanted = "albedo.exr: albedo size: wanted the aspect ratio of 8 x 6 to 2 %, got 6 x 8";
+    assert_eq!(message(even((6, 8), 0.5), None), wanted);
 }
 
 #[test]

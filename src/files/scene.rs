@@ -3,17 +3,25 @@
 //! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types say what may stand in
 //! them. The names of the lights, in the order of the file, become members of three sets: `visible`, the lights seen in
 //! the photo; `estimated`, the lights whose place and strength are estimated (the graph adds the invisible ones); and
-//! `lights`, all that shine in the result (an edit adds what it inserts).
+//! `lights`, all that shine in the result (an edit adds what it inserts). What `truth` names goes to the stages that read what is
+//! known, `ReadLights` and `ReadMaterials`.
 
 use std::path::Path;
 
 use super::{INVISIBLE, check_light_name, fields};
-use crate::graph::{Fault, Member, Overlay, Setting, Source, Target};
+use crate::graph::{Fault, Key, Member, Overlay, Raw, Setting, Source, Target};
 
 /// The stage that takes a scene.
 pub const STAGE: &str = "ReadScene";
-const FIELDS: [&str; 8] = ["version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure"];
+const FIELDS: [&str; 9] = ["version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure", "truth"];
 const NEEDED: [&str; 3] = ["photo", "camera", "depth"];
+/// Field of `truth` -> the stage that reads it, and its parameter there.
+const TRUTH: [(&str, &str, &str); 4] = [
+    ("lights", "ReadLights", "path"),
+    ("albedo", "ReadMaterials", "albedo"),
+    ("normal", "ReadMaterials", "normal"),
+    ("roughness", "ReadMaterials", "roughness"),
+];
 /// The sets that every light of a scene belongs to.
 const SETS: [&str; 3] = ["visible", "estimated", "lights"];
 
@@ -53,9 +61,23 @@ pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
                 }
             }
         }
+        if key.name == "truth" {
+            overlay.settings.extend(truth(&value, &mut faults));
+            continue;
+        }
         overlay.settings.push(Setting { target: Target::Kind(STAGE.to_owned()), field: key.name, value });
     }
     if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+}
+
+/// `truth: (lights: "lights.json", ..)`: what is known, for graphs with stages that read it; others do not look at it.
+fn truth(value: &Raw, faults: &mut Vec<Fault>) -> Vec<Setting> {
+    let fields = value.as_struct(None, &TRUTH.map(|(field, ..)| field), faults);
+    let setting = |(key, value): (Key, Raw)| {
+        let (_, stage, field) = TRUTH.into_iter().find(|(field, ..)| *field == key.name)?;
+        Some(Setting { target: Target::Kind(stage.to_owned()), field: field.to_owned(), value })
+    };
+    fields.into_iter().filter_map(setting).collect()
 }
 
 #[cfg(test)]
@@ -80,6 +102,22 @@ mod tests {
             let of_set = overlay.members.iter().filter(|m| m.set == set);
             assert_eq!(of_set.map(|m| m.name.as_str()).collect::<Vec<_>>(), ["b", "a"], "in the order of the file");
         }
+    }
+
+    #[test]
+    fn what_is_known_goes_to_the_stages_that_read_it() {
+        let text = r#"Scene(version: 1, photo: "a.png", camera: FovX(60), depth: (path: "d.npy"),
+            truth: (albedo: "a.exr", lights: "l.json"))"#;
+        let overlay = scene(text).expect("this scene is sound");
+        let of = |kind: &str| {
+            let settings = overlay.settings.iter().filter(|s| s.target == Target::Kind(kind.into()));
+            settings.map(|s| (s.field.as_str(), s.value.text())).collect::<Vec<_>>()
+        };
+        assert_eq!(of("ReadLights"), [("path", "\"l.json\"")]);
+        assert_eq!(of("ReadMaterials"), [("albedo", "\"a.exr\"")]);
+        assert_eq!(of("ReadScene").len(), 3);
+        let faults = scene(&text.replace("albedo", "albdeo")).err().expect("it is not sound");
+        assert_eq!(faults[0].message, "unknown field `albdeo`");
     }
 
     #[test]

@@ -112,17 +112,27 @@ impl ExrFile {
 
     /// R, G, B; or the grey of Y, of Z or of R alone.
     pub(super) fn colours(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
-        if let [Some(r), Some(g), Some(b)] = ["R", "G", "B"].map(|name| self.find(name))
-            && (r.width, r.height) == (g.width, g.height)
-            && (r.width, r.height) == (b.width, b.height)
-        {
-            let (g, b) = (g.samples.values_as_f32(), b.samples.values_as_f32());
-            let data = r.samples.values_as_f32().zip(g).zip(b).map(|((r, g), b)| Vec3::new(r, g, b)).collect();
-            return Ok(Plane::new(r.width, r.height, data));
+        if let Some(colours) = self.triple(["R", "G", "B"]) {
+            return Ok(colours);
         }
         let grey = ["Y", "Z", "R"].into_iter().find_map(|name| self.find(name));
         let grey = grey.ok_or_else(|| self.missing(source, "R, G and B, or Y, Z or R alone"))?;
         Ok(grey.plane().map(Vec3::splat))
+    }
+
+    /// X, Y, Z; or R, G, B.
+    pub(super) fn vectors(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
+        let vectors = [["X", "Y", "Z"], ["R", "G", "B"]].into_iter().find_map(|names| self.triple(names));
+        vectors.ok_or_else(|| self.missing(source, "X, Y and Z, or R, G and B"))
+    }
+
+    /// Three channels of one size.
+    fn triple(&self, names: [&str; 3]) -> Option<Plane<Vec3>> {
+        let [Some(a), Some(b), Some(c)] = names.map(|name| self.find(name)) else { return None };
+        let same = |other: &Channel| (other.width, other.height) == (a.width, a.height);
+        let (y, z) = (b.samples.values_as_f32(), c.samples.values_as_f32());
+        let data = || a.samples.values_as_f32().zip(y).zip(z).map(|((x, y), z)| Vec3::new(x, y, z)).collect();
+        (same(b) && same(c)).then(|| Plane::new(a.width, a.height, data()))
     }
 
     /// Z, else Y, else R.

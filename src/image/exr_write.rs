@@ -32,6 +32,9 @@ pub struct ExrLayers {
     kept_as_float: Vec<(String, f32)>,
 }
 
+const RGB: [&str; 3] = ["R", "G", "B"];
+const XYZ: [&str; 3] = ["X", "Y", "Z"];
+
 impl ExrLayers {
     pub fn new(width: usize, height: usize) -> ExrLayers {
         ExrLayers { width, height, channels: Vec::new(), comments: Vec::new(), kept_as_float: Vec::new() }
@@ -40,17 +43,31 @@ impl ExrLayers {
     /// A half-float colour layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when `layer` is empty. Like every layer
     /// of halves it becomes one of floats when halves cannot hold it, see [`ExrLayers::kept_as_float`].
     pub fn rgb(&mut self, layer: &str, plane: &Plane<Vec3>) {
-        self.triple(layer, ["R", "G", "B"], plane);
+        self.halves(layer, RGB, plane);
     }
 
     /// A half-float vector layer: `layer.X`, `layer.Y`, `layer.Z`.
     pub fn xyz(&mut self, layer: &str, plane: &Plane<Vec3>) {
-        self.triple(layer, ["X", "Y", "Z"], plane);
+        self.halves(layer, XYZ, plane);
     }
 
-    fn triple(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>) {
-        let float =
-            self.needs_float(if layer.is_empty() { "RGB" } else { layer }, largest(plane, |v| v.abs().max_element()));
+    /// [`ExrLayers::rgb`] in single precision.
+    pub fn float_rgb(&mut self, layer: &str, plane: &Plane<Vec3>) {
+        self.triple(layer, RGB, plane, true);
+    }
+
+    /// [`ExrLayers::xyz`] in single precision.
+    pub fn float_xyz(&mut self, layer: &str, plane: &Plane<Vec3>) {
+        self.triple(layer, XYZ, plane, true);
+    }
+
+    fn halves(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>) {
+        let told = if layer.is_empty() { "RGB" } else { layer };
+        let float = self.needs_float(told, largest(plane, |v| v.abs().max_element()));
+        self.triple(layer, names, plane, float);
+    }
+
+    fn triple(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>, float: bool) {
         let samples = |axis: usize| samples(&plane.map(|v| v.to_array()[axis]), float);
         let channels: Vec<_> = (0..3).into_par_iter().map(samples).collect();
         for (name, samples) in names.into_iter().zip(channels) {

@@ -23,7 +23,7 @@ pub use fill::fill_along_surfaces;
 pub use grow::{around, grow_through};
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;
-pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_photo};
+pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_normal, read_photo};
 pub use reflectance::{SATURATION, clip_level, ratio, reflected, smooth_step};
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};

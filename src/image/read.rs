@@ -275,6 +275,17 @@ pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError
     }
 }
 
+/// Reads directions: EXR with channels X, Y, Z, else R, G, B, of any length. Non-finite numbers become zero.
+pub fn read_normal(source: Source) -> Result<Plane<Vec3>, ReadError> {
+    match format(source) {
+        Some(Format::Exr) => {
+            let vectors = exr_read::read(source)?.vectors(source)?;
+            Ok(vectors.map(|v| if v.is_finite() { v } else { Vec3::ZERO }))
+        }
+        _ => Err(not_one_of(source, "normals: EXR")),
+    }
+}
+
 /// Reads a mask: PNG, JPEG or EXR of any bit depth. The value is the share of the pixel that is covered: the Rec.709
 /// luminance of the stored numbers times alpha, in 0..1; below 1/16 it is 0 and above 15/16 it is 1, so that the ringing of a
 /// JPEG does not leak.

@@ -14,6 +14,8 @@ pub fn registry() -> Registry {
     Registry::new()
         .with::<scene::read_scene::ReadScene>()
         .with::<scene::mesh::Mesh>()
+        .with::<scene::read_lights::ReadLights>()
+        .with::<scene::read_materials::ReadMaterials>()
         .with::<estimate::retinex_materials::RetinexMaterials>()
         .with::<estimate::init_lights::InitLights>()
         .with::<estimate::fit_lights::FitLights>()
@@ -27,4 +29,5 @@ pub fn registry() -> Registry {
         .with::<render::glow::Glow>()
         .with::<output::compose::Compose>()
         .with::<output::write::Write>()
+        .with::<output::write_planes::WritePlanes>()
 }

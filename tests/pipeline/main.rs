@@ -6,6 +6,7 @@ mod events;
 mod extremes;
 mod goldens;
 mod layers;
+mod planes;
 mod project;
 mod sameness;
 mod scores;

@@ -23,6 +23,9 @@ fn each_graph_runs_with_each_fitting_edit() {
             let Ok(network) = load(&graph, &scene, edit) else { continue };
             *fitted += 1;
             let report = run(shared_engine(), &network, &[]);
+            if file.nodes().all(|node| node.kind != "Write") {
+                continue; // a graph that makes no picture has a test of its own
+            }
             let picture = png(&written(&report, "picture.png"));
             assert!(scene != demo() || picture.dimensions() == photo().dimensions(), "{}", stem(edit));
         }

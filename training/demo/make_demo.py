@@ -318,6 +318,27 @@ def describe(demo):
     return lights, edits, up
 
 
+def known(demo, lights):
+    """`lights` as truth/lights.json tells them to the stage ReadLights."""
+    points, _, _, faces = room.shade()
+    triangles = [[numbers(demo.to_camera(points[i])) for i in face] for face in faces]
+    triangles = [[a, b, c] for a, b, c in triangles if np.linalg.norm(np.cross(np.subtract(b, a), np.subtract(c, a))) > 1e-6]
+    window, panel = dict(lights["window_0"]), dict(lights["inv_lamp"])
+    window["lobes"] = [dict(name=name, **lobe) for name, lobe in window["lobes"].items()]
+    return {
+        "lamp_0": dict(kind="Mesh", radiance=LAMP, triangles=triangles),
+        "window_0": window | dict(kind="Window"),
+        "inv_lamp": panel | dict(kind="Rect"),
+    }
+
+
+def write_lights(path, lights):
+    """One light a line: triangles make long lines, which nobody reads."""
+    lines = ",\n".join(f" {json.dumps(name)}: {json.dumps(light)}" for name, light in lights.items())
+    with open(path, "w") as file:
+        file.write("{\n" + lines + "\n}\n")
+
+
 SCENE = """// A living room of our own, path-traced: training/demo/make_demo.py makes every file here.
 Scene(
     version: 1,
@@ -328,6 +349,7 @@ Scene(
         "lamp_0": Lamp(mask: "masks/lamp_0.png"),
         "window_0": Window(mask: "masks/window_0.png"),
     }},
+    truth: (lights: "truth/lights.json", albedo: "truth/albedo.exr", normal: "truth/normal.exr"),
 )
 """
 
@@ -390,6 +412,7 @@ def main():
         versions=dict(mitsuba=mi.__version__, drjit=dr.__version__, oidn=str(mitsuba_oidn.oidn_version()), numpy=np.__version__, variant=mi.variant()),
     )
     json.dump(meta, open(path("truth", "meta.json"), "w"), indent=1)
+    write_lights(path("truth", "lights.json"), known(demo, lights))
     print(json.dumps({k: meta[k] for k in ("saturated", "share_of_light_10_50_90", "edits")}, indent=1))
 
 

@@ -2,3 +2,4 @@
 
 pub mod compose;
 pub mod write;
+pub mod write_planes;

@@ -13,9 +13,10 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::{bad, open, size, warn};
 use crate::geometry::Camera;
 use crate::graph::{Context, File, Node, NodeError, Scatter};
-use crate::image::{self, Bits, Depth, Mask, Picture, Plane, ReadError, Source, Transfer};
+use crate::image::{self, Bits, Depth, Mask, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
 use crate::optics::LightKind;
 use crate::{params, ports};
@@ -335,22 +336,4 @@ fn check_id(id: &str) -> Result<(), String> {
         return Err(format!("lights: \"{id}\" names what is estimated in every scene; wanted another name"));
     }
     Ok(())
-}
-
-fn open<T>(ctx: &Context, file: &File, read: impl FnOnce(Source) -> Result<T, ReadError>) -> Result<T, NodeError> {
-    let bytes = ctx.read(file)?;
-    let name = file.location().display().to_string();
-    read(Source::new(&name, &bytes)).map_err(|e| bad(file, e.message()))
-}
-
-fn bad(file: &File, message: String) -> NodeError {
-    NodeError::BadFile { path: file.location().display().to_string(), message }
-}
-
-fn warn(ctx: &Context, file: &File, warnings: &[String]) {
-    warnings.iter().for_each(|warning| ctx.warn(format!("{}: {warning}", file.path)));
-}
-
-fn size((width, height): (usize, usize)) -> String {
-    format!("{width} x {height}")
 }

@@ -1,0 +1,150 @@
+//! graphs/planes.ron: what known lights do to the demo, as the stages give it, and as the path tracer has it.
+
+use glam::Vec3;
+use relight::graph::Graph;
+use relight::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
+use relight::optics::Radiance;
+
+use crate::layers::channels;
+use crate::project::*;
+
+fn planes() -> Graph {
+    let graph = load(&root().join("graphs/planes.ron"), &demo(), &root().join("edits/none.ron"));
+    graph.unwrap_or_else(|faults| panic!("{}", faults[0]))
+}
+
+/// Written planes as pixels of colours.
+fn colours(channels: &std::collections::BTreeMap<String, Vec<f32>>, layer: &str) -> Vec<Vec3> {
+    let [r, g, b] = ["R", "G", "B"].map(|c| &channels[&format!("{layer}.{c}")]);
+    r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect()
+}
+
+#[test]
+fn the_file_holds_what_the_stages_give_bit_for_bit() {
+    let report = run(shared_engine(), &planes(), &["write.files", "direct", "shadow", "indirect"]);
+    let channels = channels(&written(&report, "planes.exr"));
+    let mut names: Vec<String> = ["normal.X", "normal.Y", "normal.Z", "depth.Z"].map(str::to_owned).into();
+    let mut same = |name: String, wanted: &[f32]| {
+        assert!(channels[&name].iter().zip(wanted).all(|(a, b)| a.to_bits() == b.to_bits()), "{name}");
+        assert_eq!((channels[&name].len(), wanted.len()), (320 * 240, 320 * 240), "{name}");
+        names.push(name);
+    };
+    for (id, direct) in many::<UnitDirect>(&report, "direct") {
+        let lobes = match id.as_str() {
+            "inv_window" => 0, // it is not in the file
+            "window_0" => 3,
+            _ => 1,
+        };
+        assert_eq!(direct.lobes.len(), lobes, "{id}");
+        direct.lobes.iter().enumerate().for_each(|(k, plane)| same(format!("direct_{id}_{k}.Y"), plane.pixels()));
+    }
+    for (id, visibility) in many::<Visibility>(&report, "shadow") {
+        for (k, (lit, unknown)) in visibility.lit.iter().zip(&visibility.unknown).enumerate() {
+            same(format!("lit_{id}_{k}.Y"), lit.pixels());
+            same(format!("unknown_{id}_{k}.Y"), unknown.pixels());
+            let seen = lit.pixels().iter().zip(unknown.pixels()).map(|(lit, unknown)| lit - unknown);
+            // Sums of eight weights, spread over pixels: rounding.
+            assert!(seen.fold(1.0, f32::min) > -1e-5, "{id}: what is unknown counts as lit");
+        }
+    }
+    for (id, indirect) in many::<UnitIndirect>(&report, "indirect") {
+        for (k, shading) in indirect.lobes.iter().enumerate() {
+            for (c, channel) in ["R", "G", "B"].into_iter().enumerate() {
+                let plane = shading.0.map(|v| v.to_array()[c]);
+                same(format!("indirect_{id}_{k}.{channel}"), plane.pixels());
+            }
+        }
+    }
+    names.sort();
+    assert_eq!(channels.keys().collect::<Vec<_>>(), names.iter().collect::<Vec<_>>());
+}
+
+/// Albedo x sum of radiance x (direct x lit + indirect) is each light's own picture, in its units: the median pixel of the lamp is
+/// 11 % too dark and that of the window 15 % too bright, as what is unseen is guessed.
+#[test]
+fn known_lights_give_the_true_picture_of_each() {
+    let report = run(shared_engine(), &planes(), &["write.files", "known.radiance"]);
+    let channels = channels(&written(&report, "planes.exr"));
+    let albedo = exr(&demo().join("truth/albedo.exr"));
+    for (id, radiance) in many::<Radiance>(&report, "known.radiance") {
+        if id.starts_with("inv_") {
+            continue; // most of what they light is not seen
+        }
+        let mut shading = vec![Vec3::ZERO; albedo.len()];
+        for (k, &w) in radiance.0.iter().enumerate() {
+            let (direct, lit) = (&channels[&format!("direct_{id}_{k}.Y")], &channels[&format!("lit_{id}_{k}.Y")]);
+            let indirect = colours(&channels, &format!("indirect_{id}_{k}"));
+            for (p, sum) in shading.iter_mut().enumerate() {
+                *sum += w * (Vec3::splat(direct[p] * lit[p]) + indirect[p]);
+            }
+        }
+        let truth = exr(&demo().join(format!("truth/light_{id}.exr")));
+        let model = shading.iter().zip(albedo.pixels()).map(|(e, a)| (e * a).element_sum());
+        let mut ratios: Vec<f32> = model.zip(truth.pixels()).map(|(m, t)| m / t.element_sum().max(1e-6)).collect();
+        ratios.sort_by(f32::total_cmp);
+        let median = ratios[ratios.len() / 2];
+        println!("{id}: {median:.3} of the true light");
+        assert!((0.8..1.25).contains(&median), "{id}: {median}");
+    }
+}
+
+#[test]
+fn the_graph_on_the_page_takes_known_lights() {
+    let page = std::fs::read_to_string(root().join("docs/planes.md")).expect("the page is there");
+    let graph = page.split("```").find(|part| part.contains("Graph(")).expect("the page shows a graph");
+    let place = Place::new();
+    let physics = root().join("graphs/physics.ron").display().to_string();
+    place.write("known.ron", graph.trim_start_matches("ron\n").replace("physics.ron", &physics));
+    let graph = load(&place.path("known.ron"), &demo(), &root().join("edits/lamp_off.ron"));
+    let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
+    let report = run(shared_engine(), &graph, &["edit.radiance"]);
+    let radiances = many::<Radiance>(&report, "edit.radiance");
+    let of = |id: &str| radiances.iter().find(|(name, _)| name == id).map(|(_, radiance)| radiance.0.clone());
+    assert_eq!(of("lamp_0"), Some(vec![Vec3::ZERO]));
+    assert_eq!(of("inv_lamp"), Some(vec![Vec3::new(36.0, 33.5, 29.5)]));
+}
+
+/// The demo's files in a folder of their own, whose lights can be spoilt.
+fn room() -> (Place, String) {
+    let place = Place::new();
+    let scene = std::fs::read_to_string(demo().join("scene.ron")).expect("the demo has one");
+    let away = |name: &str| format!("\"{}\"", demo().join(name).display());
+    let names =
+        ["photo.png", "depth.exr", "masks/lamp_0.png", "masks/window_0.png", "truth/albedo.exr", "truth/normal.exr"];
+    let scene = names.iter().fold(scene, |scene, name| scene.replace(&format!("\"{name}\""), &away(name)));
+    place.write("scene.ron", scene.replace("truth/lights.json", "lights.json"));
+    let lights = std::fs::read_to_string(demo().join("truth/lights.json")).expect("the demo has them");
+    (place, lights)
+}
+
+#[test]
+fn bad_lights_are_named_by_the_command() {
+    let (place, lights) = room();
+    let line = "run GRAPHS/planes.ron EDITS/none.ron --scene . --no-cache";
+    let check = |lights: &str, words: &[&str]| {
+        place.write("lights.json", lights);
+        let told = place.check(line, 2);
+        for word in words {
+            assert!(told.contains(word), "wanted {word:?}, told:\n{told}");
+        }
+    };
+    let bad = lights.replace("\"bandwidth\": 1.5", "\"bandwidth\": -1.5");
+    check(&bad, &["lights.json: line 3, column", "`window_0`: bandwidth: wanted a number 0..=1e7, got -1.5"]);
+    check(
+        &lights.replace("\"window_0\"", "\"window_1\""),
+        &["did you mean `window_0`?", "`window_0` is not in this file"],
+    );
+    check(&lights[..lights.len() / 2], &["lights.json", "is never closed"]);
+    check("", &["lights.json", "got an empty file"]);
+    check("\u{0}\u{1}", &["lights.json"]);
+    place.write("lights.json", [0xff, 0xfe, 0]);
+    assert!(place.check(line, 2).contains("wanted UTF-8 text"));
+    std::fs::remove_file(place.path("lights.json")).expect("it is there");
+    assert!(place.check(line, 2).contains("lights.json cannot be read"));
+    let scene = std::fs::read_to_string(place.path("scene.ron")).expect("it is there");
+    place.write("scene.ron", scene.replace("lights: \"lights.json\",", ""));
+    assert!(place.check(line, 2).contains("path: wanted a file, got none; a scene names it as `truth: (lights:"));
+    place.write("scene.ron", scene.replace("lights: \"lights.json\"", "ligths: \"lights.json\""));
+    let told = place.check(line, 2);
+    assert!(told.contains("unknown field `ligths`") && told.contains("did you mean `lights`?"), "{told}");
+}
