@@ -9,8 +9,8 @@
 //! - **blocked**: it meets a triangle;
 //! - **unknown**: it meets no triangle but a curtain;
 //! - **lit**: it meets neither. The view frustum is convex, so such a ray runs through seen, empty space until it reaches its
-//!   end, leaves through a pane, or leaves the frustum; what it crosses outside the frustum is taken to be empty. (Calling it
-//!   unknown would make every ray to a light beside or behind the camera unknown, and most rooms are empty there.)
+//!   end, leaves through a pane, or leaves the frustum; what it crosses outside the frustum is taken to be empty. (Whoever
+//!   must know that it was not seen asks whether its end is [in view](SceneMesh::in_view).)
 
 use std::sync::OnceLock;
 
@@ -102,6 +102,15 @@ impl SceneMesh {
     /// (width, height) of the pixel grid.
     pub fn size(&self) -> (usize, usize) {
         self.points.size()
+    }
+
+    /// Whether the camera sees in the direction of `place`; what lies between does not matter.
+    pub fn in_view(&self, place: Vec3) -> bool {
+        let slope = |p: Vec3| p.truncate() / -p.z;
+        let (first, last) = (self.points.pixels()[0], self.points.pixels()[self.points.len() - 1]);
+        let (low, high) = (slope(first).min(slope(last)), slope(first).max(slope(last)));
+        let half = 0.5 / self.focal;
+        place.z < 0.0 && slope(place).cmpge(low - half).all() && slope(place).cmple(high + half).all()
     }
 
     /// Corners and number (2 x pixel + half) of each triangle that has one of these bits.
@@ -281,6 +290,18 @@ mod tests {
             Own::new(&Mask(Plane::from_fn(80, 60, |x, y| f32::from((30..50).contains(&x) && (20..40).contains(&y)))));
         assert_eq!(mesh.visibility(front, back, Some(&square)), Sight::Lit, "its own light");
         assert_eq!(mesh.visibility(from, to, Some(&square)), Sight::Lit, "its own curtain");
+    }
+
+    #[test]
+    fn the_view_ends_half_a_pixel_beyond_the_outer_centres() {
+        let (camera, mesh) = square_before_wall();
+        for (x, y, inside) in
+            [(0.01, 0.01, true), (79.99, 59.99, true), (-0.01, 30.0, false), (80.01, 30.0, false), (40.0, -0.01, false)]
+        {
+            assert_eq!(mesh.in_view(camera.unproject(x, y, 9.0)), inside, "{x}, {y}");
+            assert!(!mesh.in_view(-camera.unproject(x, y, 9.0)), "behind the camera");
+        }
+        assert!(!mesh.in_view(Vec3::ZERO));
     }
 
     #[test]

@@ -22,6 +22,8 @@ pub struct ShadowQuality {
     pub stride: usize,
     /// The share of unknown rays that counts as lit, 0..1.
     pub assume_lit: f32,
+    /// Whether unblocked rays that leave the view are unknown; else they are lit.
+    pub outside_unknown: bool,
 }
 
 /// Per lobe, shares of the unshadowed direct shading, 0..1.
@@ -31,7 +33,7 @@ pub struct Shadow {
     pub lit: Vec<Plane<f32>>,
     /// Standard error of `lit`.
     pub stderr: Vec<Plane<f32>>,
-    /// Passing behind a depth edge, whatever was assumed about it.
+    /// Passing behind a depth edge or, if asked, leaving the view, whatever was assumed about it.
     pub unknown: Vec<Plane<f32>>,
     /// Mean standard error of the shadowed direct shading over its mean, on the traced pixels, of all lobes together.
     pub relative_error: f64,
@@ -100,6 +102,7 @@ pub fn shadow(
                     traced += 1;
                     sums.all += part;
                     match mesh.visibility(from, sample.place, passes) {
+                        Sight::Lit if quality.outside_unknown && !mesh.in_view(sample.place) => sums.unknown += part,
                         Sight::Lit => sums.lit += part,
                         Sight::Unknown => sums.unknown += part,
                         Sight::Blocked => {}

@@ -223,7 +223,7 @@ impl<'a> Scout<'a> {
         let shape = Shape::Lamp(lamp.clone());
         let InitLightsIn { mesh, transport, albedo, .. } = self.inputs;
         let sampling = Sampling::fixed(self.node.samples, 0);
-        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0 };
+        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false };
         let direct = optics::direct(&self.points, &self.normal, &shape, &sampling, &|| false);
         let own = own.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
         let own = own.as_ref().map(|(passes, pixels)| (passes, pixels));

@@ -13,7 +13,7 @@ params! {
     /// Visibility of one light, per lobe, by rays to the samples that direct shading is made of.
     ///
     /// A ray is blocked by the seen surface, unknown where it passes behind a depth edge, lit otherwise; what lies outside
-    /// the view is taken to be empty. `lit` holds the share seen to be lit plus `assume_lit` times the unknown share;
+    /// the view is taken to be empty, or with `outside_unknown` to be unknown. `lit` holds the share seen to be lit plus `assume_lit` times the unknown share;
     /// `unknown` holds the unknown share itself.
     pub struct Shadow {
         /// Rays per traced pixel and lobe, 1..65536; with a target, the least.
@@ -32,6 +32,8 @@ params! {
         half: bool = true,
         /// The share of unknown rays that counts as lit, 0..1.
         assume_lit: f32 = 1.0,
+        /// Whether rays that leave the view unblocked are unknown, as nobody saw what stands there; else they are lit.
+        outside_unknown: bool = false,
     }
 }
 
@@ -80,6 +82,7 @@ impl Node for Shadow {
             sampling: super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed),
             stride: if self.half { 2 } else { 1 },
             assume_lit: self.assume_lit,
+            outside_unknown: self.outside_unknown,
         };
         ctx.check_cancelled()?;
         let own = inputs.mask.as_deref().map(|mask| (Own::new(mask), mask));
