@@ -1,0 +1,111 @@
+"""A room as scenes of Mitsuba 3: what stands there once, and the lights that burn."""
+
+import mitsuba as mi
+import numpy as np
+
+import layout
+
+mi.set_variant("llvm_ad_rgb")
+from windowlight import LOBES  # noqa: E402  (the variant comes first)
+
+GLOSSY = 0.9  # GGX roughness below which a surface has a specular coat
+
+
+def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitter=None):
+    props = mi.Properties()
+    props["mesh_bsdf"] = bsdf
+    if emitter is not None:
+        props["mesh_emitter"] = emitter
+    out = mi.Mesh(name, len(points), len(faces), has_vertex_normals=normals is not None, has_vertex_texcoords=False, props=props)
+    if albedo is not None:
+        out.add_attribute("face_albedo", 3, np.ascontiguousarray(albedo, np.float32).ravel())
+        out.add_attribute("face_rough", 1, np.ascontiguousarray(rough, np.float32).ravel())
+    params = mi.traverse(out)
+    params["vertex_positions"] = np.ascontiguousarray(points, np.float32).ravel()
+    params["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
+    if normals is not None:
+        params["vertex_normals"] = np.ascontiguousarray(normals, np.float32).ravel()
+    params.update()
+    return out
+
+
+def rectangle(center, half_x, half_y):
+    """to_world of Mitsuba's rectangle; it faces half_x cross half_y."""
+    x, y, c = (np.asarray(v, float) for v in (half_x, half_y, center))
+    n = np.cross(x, y)
+    return mi.ScalarTransform4f(np.vstack([np.stack([x, y, n / np.linalg.norm(n), c], 1), [0, 0, 0, 1]]))
+
+
+class Lit:
+    """The room of layout.py, in Mitsuba. `radiances` replaces those of the lamps by name, for exposure."""
+
+    def __init__(self, room):
+        self.room = room
+        colour = {"type": "mesh_attribute", "name": "face_albedo"}
+        rough = {"type": "mesh_attribute", "name": "face_rough"}
+        matte = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}})
+        gloss = mi.load_dict({"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": rough, "specular": 0.5}})
+        self.body = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.66, 0.58]}}})
+        self.glass = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.04, 0.04, 0.04]}})
+        start, points, normals, faces, albedo, roughness = 0, [], [], [], [], []
+        for p, n, f, a, r in room.parts:
+            points.append(p), normals.append(n), faces.append(f + start), albedo.append(a), roughness.append(r)
+            start += len(p)
+        points, normals, faces, albedo, self.rough = (np.concatenate(v) for v in (points, normals, faces, albedo, roughness))
+        self.static = {}
+        for name, bsdf, keep in (("matte", matte, self.rough >= GLOSSY), ("gloss", gloss, self.rough < GLOSSY)):
+            keep = np.flatnonzero(keep) if keep.any() else np.array([0])
+            used, renumbered = np.unique(faces[keep], return_inverse=True)
+            self.static[name] = mesh(
+                name, points[used], renumbered.reshape(-1, 3), bsdf, normals[used], np.clip(albedo[keep], 0.01, 0.92), self.rough[keep]
+            )
+        self.lamps = {f"lamp{k}": lamp for k, lamp in enumerate(room.lamps)}
+        self.windows = {f"window{k}": w for k, w in enumerate(room.windows)}
+
+    def lamp(self, name, on):
+        lamp = self.lamps[name]
+        emitter = {"type": "area", "radiance": {"type": "rgb", "value": [float(c) for c in lamp.radiance]}} if on else None
+        place = lamp.place
+        if lamp.kind == "Sphere":
+            out = {"type": "sphere", "id": name, "center": [float(c) for c in place["center"]], "radius": float(place["radius"]), "bsdf": self.body}
+        elif lamp.kind == "Rect":
+            out = {"type": "rectangle", "id": name, "to_world": rectangle(place["center"], place["half_x"], place["half_y"]), "bsdf": self.body}
+        else:
+            if lamp.kind == "Box":
+                points, faces = layout.box_mesh(place["center"], place["half_axes"])
+            else:
+                points, faces = place["triangles"].reshape(-1, 3), np.arange(3 * len(place["triangles"])).reshape(-1, 3)
+            return mesh(name, points, faces, self.body, emitter=mi.load_dict(emitter) if on else None)
+        return out | ({"emitter": emitter} if on else {})
+
+    def pane(self, name, only=None):
+        """A pane's lobes: direction, bandwidth and weight of sun, sky and ground; absent ones weigh nothing. `only` leaves out the others."""
+        lobes = {n: (d, b, w) for n, d, b, w in self.windows[name].lobes if only is None or n in only}
+        absent = ((0, 1, 0), 1.0, (0, 0, 0))
+        return [lobes.get(k, absent) for k in LOBES]
+
+    def window(self, name, only=None, on=True):
+        w = self.windows[name]
+        out = {"type": "rectangle", "id": name, "to_world": rectangle(w.center, w.half_x, w.half_y), "bsdf": self.glass}
+        if on:
+            light = {
+                "type": "windowlight",
+                "center": mi.ScalarPoint3f(w.center),
+                "half_x": mi.ScalarPoint3f(w.half_x),
+                "half_y": mi.ScalarPoint3f(w.half_y),
+            }
+            for lobe, (d, b, weight) in zip(LOBES, self.pane(name, only)):
+                light |= {f"{lobe}_direction": mi.ScalarPoint3f(d), f"{lobe}_bandwidth": float(b), f"{lobe}_weight": mi.ScalarPoint3f(weight)}
+            out["emitter"] = light
+        return out
+
+    def scene(self, burning):
+        """With these lights on: lamp names, window names, or (window name, lobes)."""
+        lobes = {b[0]: b[1] for b in burning if isinstance(b, tuple)}
+        on = {b for b in burning if isinstance(b, str)}
+        out = {"type": "scene"} | self.static
+        for name in self.lamps:
+            out[name] = self.lamp(name, name in on)
+        for name in self.windows:
+            out[name] = self.window(name, lobes.get(name), name in on or name in lobes)
+        return mi.load_dict(out, optimize=False)

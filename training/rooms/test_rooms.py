@@ -1,0 +1,101 @@
+"""python -m unittest discover training/rooms: what needs no renderer."""
+
+import sys
+import unittest
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "demo"))
+import layout
+from colour import blackbody, hsv, luminance
+
+
+class White:
+    """A texture."""
+
+    size = (1, 1)
+
+    def __init__(self, place):
+        self.place = place
+
+    @staticmethod
+    def albedo():
+        return np.ones((2, 2, 3))
+
+
+class Bare:
+    """A library without furniture."""
+
+    textures = [White("floor"), White("wall")]
+
+    @staticmethod
+    def models(cls):
+        return []
+
+
+def room(footprint):
+    return layout.Room("living", np.array(footprint, float), 2.5, False)
+
+
+class Rooms(unittest.TestCase):
+    def test_colours_of_black_bodies(self):
+        for kelvin in (2000, 6500, 12000):
+            self.assertAlmostEqual(luminance(blackbody(kelvin)), 1.0, delta=0.01)
+        self.assertLess(np.ptp(blackbody(6504)), 0.1)  # near white
+        red, _, blue = blackbody(2700)
+        self.assertGreater(red, 4 * blue)
+        np.testing.assert_allclose(hsv(0.0, 1.0, 0.5), [0.5, 0, 0])
+
+    def test_inside_an_l(self):
+        l = room([[0, 0], [0, 4], [4, 4], [4, 2], [2, 2], [2, 0]])
+        np.testing.assert_array_equal(l.inside([1, 3, 3, 1, -1], [1, 3, 1, 3.9, 1]), [True, True, False, True, False])
+        self.assertFalse(l.inside(1, 3.9, 0.3))
+        # Walls run around the room, their inward sides inside.
+        for start, along, inward, length in l.walls():
+            x, z = start + length / 2 * along + 0.01 * inward
+            self.assertTrue(l.inside(x, z))
+        self.assertAlmostEqual(sum(w[3] for w in l.walls()), 16)
+
+    def test_every_wall_faces_the_room_and_closes_it(self):
+        rng = np.random.default_rng(1)
+        r = room([[0, 0], [0, 4], [3, 4], [3, 0]])
+        r.openings.append((0, 1.0, 2.0, 1.0, 2.0))
+        layout.shell(r, rng, Bare)
+        corners = np.concatenate([p[f] for p, _, f, _, _ in r.parts])
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        middle = np.array([1.5, 1.25, 2.0])
+        self.assertTrue(((middle - corners[:, 0]) * cross).sum(1).min() > 0)
+        # The divergence theorem: six times the volume, were there no hole of 1 m2 in the wall x = 0.
+        volume = ((middle - corners[:, 0]) * cross).sum() / 6
+        self.assertAlmostEqual(volume, 3 * 4 * 2.5 - 1.0 * 1.5 / 3, places=5)
+
+    def test_a_shade_is_closed_and_faces_outwards(self):
+        corners = layout.triangles(layout.frustum(0.2, 0.1, 0.3, (1, 2, 3), around=200))
+        volume = (corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum() / 6
+        self.assertAlmostEqual(volume, np.pi * 0.3 / 3 * (0.04 + 0.02 + 0.01), delta=1e-4)
+
+    def test_flux(self):
+        """What a sphere emits, pi times radiance times area, is the flux asked for."""
+        rng = np.random.default_rng(0)
+        r = room([[0, 0], [0, 4], [4, 4], [4, 0]])
+        layout.emitter(r, rng, {"center": np.array([2.0, 1, 2]), "radius": 0.1}, "Sphere", 800.0)
+        self.assertAlmostEqual(luminance(r.lamps[0].radiance) * np.pi * 4 * np.pi * 0.01, 800, delta=8)
+
+    def test_the_same_seed_is_the_same_room(self):
+        for seed in range(5):
+            a, b = (layout.make(seed, Bare)[0] for _ in range(2))
+            self.assertEqual(len(a.parts), len(b.parts))
+            for p, q in zip(a.parts, b.parts):
+                for x, y in zip(p, q):
+                    np.testing.assert_array_equal(x, y)
+
+    def test_the_height_of_a_table(self):
+        points = np.array([[0, 0.7, 0], [1, 0.7, 0], [0, 0.7, 1], [0, 0.2, 0], [1, 0.2, 0], [0, 0.2, 1]], float)
+        faces = np.array([[0, 1, 2], [3, 4, 5]])
+        self.assertAlmostEqual(layout.top_at(points, faces, 0.2, 0.2), 0.7)
+        self.assertIsNone(layout.top_at(points, faces, 0.8, 0.8))
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,252 @@
+"""What is true of a room seen by a camera: masks, geometry, materials, shading per light with and without shadow, indirect shading, incoming radiance, and
+the photograph. Shading is irradiance / pi; planes are in camera space (x right, y up, z backward)."""
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import mitsuba_oidn
+import numpy as np
+
+from windowlight import LOBES, Pane
+
+WIDTH, HEIGHT = 320, 240
+DEPTH = 8  # bounces followed, as Mitsuba counts
+
+
+class View:
+    """A camera: origin, rows right, up, back of `turn`, field of view in degrees."""
+
+    def __init__(self, origin, yaw, pitch, fov_x):
+        self.origin, self.fov_x = np.asarray(origin, float), fov_x
+        back = -np.array([math.sin(yaw) * math.cos(pitch), math.sin(pitch), -math.cos(yaw) * math.cos(pitch)])
+        right = np.cross([0, 1, 0], back)
+        right /= np.linalg.norm(right)
+        self.turn = np.stack([right, np.cross(back, right), back])
+
+    @staticmethod
+    def of(record):
+        """As room.json has it."""
+        view = View(record["origin"], 0.0, 0.0, record["fov_x"])
+        view.turn = np.array(record["turn"])
+        return view
+
+    def point(self, p):
+        return self.turn @ (np.asarray(p, float) - self.origin)
+
+    def direction(self, d):
+        return self.turn @ np.asarray(d, float)
+
+    def rays(self, x, y, width):
+        """Rays through places (pixels of a picture of that width, 4:3; first centre at 0.5). Their length per planar z comes second."""
+        f = 0.5 * width / math.tan(math.radians(self.fov_x) / 2)
+        d = mi.Vector3f((x - width / 2) / f, (width * 3 / 8 - y) / f, -1)
+        length = dr.norm(d)
+        m = mi.Matrix3f(self.turn.T.tolist())
+        return mi.Ray3f(mi.Point3f(*self.origin.tolist()), m @ (d / length)), length
+
+
+def hits(scene, view, width, spp, seed):
+    """Stratified first hits of a picture of that width, pixel by pixel `spp` (a square number) each; the normal of the frame faces the camera."""
+    side = math.isqrt(spp)
+    index = dr.arange(mi.UInt32, width * width * 3 // 4 * spp)
+    rng = mi.PCG32(size=dr.width(index), initstate=seed)
+    pixel, k = index // spp, index % spp
+    x = mi.Float(pixel % width) + (mi.Float(k % side) + rng.next_float32()) / side
+    y = mi.Float(pixel // width) + (mi.Float(k // side) + rng.next_float32()) / side
+    ray, _ = view.rays(x, y, width)
+    si = scene.ray_intersect(ray)
+    n = dr.select(dr.dot(si.sh_frame.n, ray.d) > 0, -si.sh_frame.n, si.sh_frame.n)
+    si.n = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
+    si.sh_frame = mi.Frame3f(n)
+    return si, rng
+
+
+def shapes_of(scene):
+    return {s.id(): s for s in scene.shapes()}
+
+
+def is_light(si, scene, lit):
+    """Whether a hit is on a lamp or a pane."""
+    return dr.any(
+        [si.shape == mi.ShapePtr(s) for name, s in shapes_of(scene).items() if name in lit.lamps or name in lit.windows] or [mi.Bool(False)]
+    )
+
+
+def per_pixel(value, width, spp):
+    """Means over the samples of a pixel."""
+    return (
+        np.array(value, np.float32).reshape(-1, width * 3 // 4, width, spp).mean(-1)
+        if np.ndim(value) > 1
+        else np.array(value, np.float32).reshape(width * 3 // 4, width, spp).mean(-1)
+    )
+
+
+def denoised(colour, normal):
+    """Open Image Denoise on shading [h, w] or [h, w, 3], with clean normals."""
+    rgb = np.ascontiguousarray(np.broadcast_to(colour[..., None] if colour.ndim == 2 else colour, normal.shape), np.float32)
+    scale = max(float(rgb.mean()), 1e-12)
+    out = (
+        np.maximum(
+            np.array(
+                mitsuba_oidn.denoise(rgb / scale, albedo=np.ones_like(rgb), normal=np.ascontiguousarray(normal, np.float32), hdr=True, clean_aux=True)
+            ),
+            0,
+        )
+        * scale
+    )
+    return out.mean(-1) if colour.ndim == 2 else out
+
+
+def depths(scene, view, width):
+    """Planar z at the centres of the pixels of a picture of that width."""
+    index = dr.arange(mi.UInt32, width * width * 3 // 4)
+    ray, length = view.rays(mi.Float(index % width) + 0.5, mi.Float(index // width) + 0.5, width)
+    return (np.array(scene.ray_intersect_preliminary(ray).t) / np.array(length)).reshape(width * 3 // 4, width)
+
+
+def surfaces(lit, scene, view):
+    """Planes at full size: albedo, normal, rough, depth (planar z, metres) and light (0 or 1 + place in `names`)."""
+    names = [*lit.lamps, *lit.windows]
+    spp = 16
+    si, _ = hits(scene, view, WIDTH, spp, 1)
+    known = {name: mi.ShapePtr(s) for name, s in shapes_of(scene).items()}
+    furniture = (si.shape == known["matte"]) | (si.shape == known["gloss"])
+    albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
+    rough = dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
+    normal = mi.Matrix3f(view.turn.tolist()) @ mi.Vector3f(si.sh_frame.n)
+    planes = {"albedo": np.moveaxis(per_pixel(albedo, WIDTH, spp), 0, -1), "rough": per_pixel(rough, WIDTH, spp)}
+    n = np.moveaxis(per_pixel(normal, WIDTH, spp), 0, -1)
+    planes["normal"] = n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-6)
+    light = np.zeros((HEIGHT, WIDTH), int)
+    for k, name in enumerate(names):
+        light[per_pixel(mi.Float(dr.select(si.shape == known[name], 1, 0)), WIDTH, spp) > 0] = k + 1
+    planes["depth"] = depths(scene, view, WIDTH)
+    return planes | {"light": light, "names": names}
+
+
+def light_samples(lit, scene, burning, si, rng):
+    """For each source of `burning` one sample a hit: (source, its radiance, point, direction, unit radiance over density, whether it is one)."""
+    shapes = shapes_of(scene)
+    for name in burning:
+        u = mi.Point2f(rng.next_float32(), rng.next_float32())
+        if name in lit.lamps:
+            colour = lit.lamps[name].radiance
+            ds, weight = shapes[name].emitter().sample_direction(si, u)
+            yield name, colour, ds.p, ds.d, weight.x / float(colour[0]), ds.pdf > 0
+            continue
+        w, lobes = lit.windows[name], lit.pane(name)
+        pane = Pane(w.center, w.half_x, w.half_y, *zip(*lobes))
+        for k, lobe in enumerate(LOBES):
+            if max(lobes[k][2]) == 0:
+                continue
+            # Half by area, half by the lobe.
+            u, pick = mi.Point2f(rng.next_float32(), rng.next_float32()), rng.next_float32() < 0.5
+            q0, d0, far0 = pane.sample_area(si.p, u)
+            q1, d1, far1, meets = pane.sample_lobe(k, si.p, u)
+            q, d, far = dr.select(pick, q1, q0), dr.select(pick, d1, d0), dr.select(pick, far1, far0)
+            pdf = 0.5 * pane.area_pdf(d, far) + 0.5 * pane.lobe_pdf(k, d)
+            yield f"{name}.{lobe}", lobes[k][2], q, d, pane.lobe(k, d) / dr.maximum(pdf, 1e-20), (~pick | meets) & (dr.dot(d, pane.n) < 0)
+
+
+def shading(lit, scene, view, burning, spp=64):
+    """Per source of unit radiance, half size: unshadowed shading, and the share of it that arrives. `scene` has the lights `burning` on."""
+    width = WIDTH // 2
+    si, rng = hits(scene, view, width, spp, 2)
+    room = ~is_light(si, scene, lit) & si.is_valid()
+    dr.eval(si, room, rng)
+    normal = np.moveaxis(per_pixel(mi.Matrix3f(view.turn.tolist()) @ mi.Vector3f(si.sh_frame.n), width, spp), 0, -1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+    share = np.maximum(per_pixel(dr.select(room, mi.Float(1), 0), width, spp), 1e-6)
+    out = {}
+    for name, _, point, direction, weight, active in light_samples(lit, scene, burning, si, rng):
+        e = dr.select(active & room, weight * dr.maximum(dr.dot(si.sh_frame.n, direction), 0) / dr.pi, 0)
+        blocked = scene.ray_test(si.spawn_ray_to(point), e > 0)
+        open_, arrived = per_pixel(e, width, spp), per_pixel(dr.select(blocked, 0, e), width, spp)
+        shadow = np.where(open_ > 0, arrived / np.maximum(open_, 1e-20), 1)
+        out[name] = (denoised(open_ / share, normal) * (share > 0.5), shadow)
+    return out, normal
+
+
+def radiance(scene, ray, seed, depth=DEPTH):
+    """What arrives along rays, after up to `depth` bounces as Mitsuba counts."""
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, dr.width(ray.d.x))
+    integrator = mi.load_dict({"type": "path", "max_depth": depth, "rr_depth": 3})
+    return integrator.sample(scene, sampler, ray)[0]
+
+
+def reflected(scene, ray, seed):
+    """What arrives along rays, without what lights send along them themselves."""
+    seen = scene.ray_intersect(ray)
+    return dr.maximum(radiance(scene, ray, seed) - dr.select(seen.is_valid(), seen.emitter(scene).eval(seen), 0), 0)
+
+
+def indirect(lit, scene, view, normal, spp=16, seed=3):
+    """Indirect shading [h, w, 3] at half size, by what of the lights is on in `scene`, denoised."""
+    width = WIDTH // 2
+    si, rng = hits(scene, view, width, spp, seed)
+    room = ~is_light(si, scene, lit) & si.is_valid()
+    ray = si.spawn_ray(si.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32()))))
+    e = dr.select(room, reflected(scene, ray, seed), 0)
+    share = per_pixel(dr.select(room, mi.Float(1), 0), width, spp)
+    mean = np.moveaxis(per_pixel(e, width, spp), 0, -1) / np.maximum(share, 1e-6)[..., None]
+    return denoised(mean, normal) * (share > 0.5)[..., None]
+
+
+def maps(lit, scene, view, burning, spp=4, seed=4):
+    """Incoming radiance [30, 40, 8, 16, 3] in the frame of the normal at the centres of 4 x 4 blocks of half pixels, and whether it is the room that is
+    seen there, no light. Light that comes straight from a light is sampled from the light."""
+    width, side = 40, math.isqrt(spp)
+    index = dr.arange(mi.UInt32, 30 * width * 128 * spp)
+    rng = mi.PCG32(size=dr.width(index), initstate=seed)
+    cell, texel, k = index // (128 * spp), (index // spp) % 128, index % spp
+    ray, _ = view.rays(mi.Float(cell % width) + 0.5, mi.Float(cell // width) + 0.5, width)
+    si = scene.ray_intersect(ray)
+    n = dr.select(dr.dot(si.sh_frame.n, ray.d) > 0, -si.sh_frame.n, si.sh_frame.n)
+    back, up = mi.Vector3f(*view.turn[2].tolist()), mi.Vector3f(*view.turn[1].tolist())
+    pole = dr.select(dr.abs(dr.dot(up, n)) > 0.99, -back, up)
+    y = dr.normalize(pole - dr.dot(pole, n) * n)
+    x = dr.cross(y, n)
+    theta = (mi.Float(texel // 16) + (mi.Float(k % side) + rng.next_float32()) / side) / 8 * (dr.pi / 2)
+    phi = (mi.Float(texel % 16) + (mi.Float(k // side) + rng.next_float32()) / side) / 16 * dr.two_pi - dr.pi
+    d = dr.sin(theta) * (dr.cos(phi) * x + dr.sin(phi) * y) + dr.cos(theta) * n
+    si.n = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
+    dr.eval(si, n, x, y, rng)
+    got = np.array(reflected(scene, si.spawn_ray(d), seed)).reshape(3, 30, 40, 8, 16, spp).mean(-1)
+    edges = np.cos(np.linspace(0, math.pi / 2, 9))
+    texels = np.repeat((edges[:-1] - edges[1:]) * (2 * math.pi / 16), 16).reshape(8, 16)  # solid angles
+    valid = np.array(~is_light(si, scene, lit) & si.is_valid()).reshape(30, 40, 128 * spp)[..., 0]
+    samples = 16 * spp  # of each light
+    keep = dr.compress(index % (128 * spp) < samples)
+    si, n, x, y, cell = (dr.gather(type(v), v, keep) for v in (si, n, x, y, cell))
+    rng = mi.PCG32(size=dr.width(keep), initstate=seed + 1)
+    for _, colour, point, d, weight, active in light_samples(lit, scene, burning, si, rng):
+        height = dr.dot(d, n)
+        active &= (height > 0) & ~scene.ray_test(si.spawn_ray_to(point), active & (height > 0))
+        row = dr.clip(mi.UInt32(dr.acos(dr.clip(height, 0, 1)) / (dr.pi / 2) * 8), 0, 7)
+        column = dr.clip(mi.UInt32((dr.atan2(dr.dot(d, y), dr.dot(d, x)) + dr.pi) / dr.two_pi * 16), 0, 15)
+        sums = dr.zeros(mi.Float, 30 * width * 128)
+        dr.scatter_reduce(dr.ReduceOp.Add, sums, weight, cell * 128 + row * 16 + column, active)
+        got += np.array(sums).reshape(30, 40, 8, 16) / samples / texels * np.asarray(colour)[:, None, None, None, None]
+    return np.moveaxis(got, 0, -1), valid
+
+
+def raw_photo(scene, view, spp, seed, depth=DEPTH):
+    """The picture, linear, with its noise."""
+    index = dr.arange(mi.UInt32, WIDTH * HEIGHT * spp)
+    rng = mi.PCG32(size=dr.width(index), initstate=seed)
+    pixel, k, side = index // spp, index % spp, math.isqrt(spp)
+    x = mi.Float(pixel % WIDTH) + (mi.Float(k % side) + rng.next_float32()) / side
+    y = mi.Float(pixel // WIDTH) + (mi.Float(k // side) + rng.next_float32()) / side
+    ray, _ = view.rays(x, y, WIDTH)
+    return np.moveaxis(per_pixel(radiance(scene, mi.RayDifferential3f(ray), seed, depth), WIDTH, spp), 0, -1)
+
+
+def photo(scene, view, albedo, normal, spp=16, seed=5):
+    """The picture, linear, denoised."""
+    picture = raw_photo(scene, view, spp, seed)
+    scale = max(float(np.median(picture)), 1e-12)
+    aux = [np.ascontiguousarray(a, np.float32) for a in (albedo, normal)]
+    out = mitsuba_oidn.denoise(np.ascontiguousarray(picture / scale, np.float32), albedo=aux[0], normal=aux[1], hdr=True, clean_aux=True)
+    return np.maximum(np.array(out), 0) * scale
