@@ -1,0 +1,85 @@
+"""What a real photograph would have done to the inputs. All on batches [B, channels, 120, 160], from one torch.Generator, hence from a seed.
+
+A global error of the depth's scale needs no augmentation: networks divide depth by its mean. A slowly varying one does not vanish."""
+
+import torch
+import torch.nn.functional as F
+
+from layers import HEIGHT, WIDTH
+
+
+def uniform(g, x):
+    """One number in 0..1 per item, [B, 1, 1, 1]."""
+    return torch.rand(len(x), 1, 1, 1, generator=g)
+
+
+def choose(g, probability, changed, x):
+    """Per item `changed` with `probability`, else `x`."""
+    return torch.where(uniform(g, x) < probability, changed, x)
+
+
+def smooth(g, b, channels, grid=(4, 5)):
+    """Smooth noise of about unit variance."""
+    return F.interpolate(torch.randn(b, channels, *grid, generator=g), size=(HEIGHT, WIDTH), mode="bicubic", align_corners=False)
+
+
+def blur(x, radius):
+    size = 2 * radius + 1
+    return F.avg_pool2d(F.pad(x, (radius,) * 4, mode="replicate"), size, 1)
+
+
+def mirrored(x, vector=False):
+    """The horizontally mirrored room; the x of vectors changes its sign."""
+    x = x.flip(-1)
+    return torch.cat([-x[:, :1], x[:, 1:]], 1) if vector else x
+
+
+def mirrored_maps(maps):
+    """Maps [.., 30, 40, 8, 16, 3] of the mirrored room. The frame's x axis turns round against the mirrored one, so phi becomes pi - phi."""
+    return maps.flip(-4).flip(-2).roll(8, -2)
+
+
+def xyz(depth, fov_x):
+    """Points [B, 3, h, w] in metres of planar `depth` [B, 1, h, w]; `fov_x` [B] in degrees."""
+    height, width = depth.shape[-2:]
+    focal = (0.5 * width / torch.tan(torch.deg2rad(fov_x) / 2)).view(-1, 1, 1, 1)
+    x = (torch.arange(width) + 0.5 - width / 2).view(1, 1, 1, -1) / focal
+    y = (height / 2 - torch.arange(height) - 0.5).view(1, 1, -1, 1) / focal
+    return torch.cat([x * depth, y * depth, -depth], 1)
+
+
+def normals_of(points):
+    """Unit normals from central differences of points, facing the camera."""
+    p = F.pad(points, (1, 1, 1, 1), mode="replicate")
+    right, down = p[..., 1:-1, 2:] - p[..., 1:-1, :-2], p[..., 2:, 1:-1] - p[..., :-2, 1:-1]
+    n = F.normalize(torch.linalg.cross(down, right, dim=1), dim=1)
+    return torch.where((n * points).sum(1, keepdim=True) > 0, -n, n)
+
+
+def worse_depth(g, depth):
+    """Slow scale error (10 %, at most about 30), blur, holes that were filled from around, noise of 1 %."""
+    strength = uniform(g, depth)
+    depth = depth * torch.exp(0.1 * strength * smooth(g, len(depth), 1))
+    depth = choose(g, 0.5, blur(depth, 2), depth)
+    holes = smooth(g, len(depth), 1, (12, 16)) > 2.5 - strength
+    depth = torch.where(holes, blur(depth, 8), depth)
+    return depth * (1 + 0.01 * strength * torch.randn(depth.shape, generator=g))
+
+
+def worse_albedo(g, albedo):
+    """Wrong level, slow colour error, and an error of its own for each colour, as an estimate makes from segment to segment."""
+    b = len(albedo)
+    level = 0.15 * torch.randn(b, 1, 1, 1, generator=g) + 0.15 * smooth(g, b, 3)
+    colour = (albedo.clamp(0, 0.999) * 5).long()
+    colour = colour[:, 0] * 25 + colour[:, 1] * 5 + colour[:, 2]
+    segment = torch.randn(b, 125, generator=g).gather(1, colour.flatten(1)).view(b, 1, HEIGHT, WIDTH)
+    return (albedo * torch.exp(level + 0.15 * blur(segment, 1))).clamp(0.01, 0.98)
+
+
+def geometry(g, depth, normal, fov_x, share=0.5):
+    """Normal and points, [B, 6, h, w]; a `share` of items as from an estimated depth, a third of these with normals from that depth."""
+    worse = worse_depth(g, depth)
+    bent = F.normalize(normal + 0.15 * smooth(g, len(depth), 3), dim=1)
+    bent = choose(g, 0.33, normals_of(xyz(worse, fov_x)), bent)
+    at = uniform(g, depth) < share
+    return torch.cat([torch.where(at, bent, normal), xyz(torch.where(at, worse, depth), fov_x)], 1)

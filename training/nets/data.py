@@ -1,0 +1,149 @@
+"""Rooms for training: folders of sample.npz, packed once per split into memory-mapped arrays at the networks' size.
+
+A pack lies beside its split's folder (DIR/train -> DIR/train.pack) and is made again when the samples change. Arrays of a pack, [rows, 120, 160,
+channels], float16 but for depth; one row per room, per source (one lobe of one light) or per path (light whose indirect shading is known):
+ room    albedo, normal (unit), rough, depth (m, float32), light (1 at pixels of visible lights), photo (linear radiance),
+         shading (E of all lights), maps [rows, 30, 40, 8, 16, 3], maps_valid [rows, 30, 40], fov_x (degrees)
+ source  direct, shadow, traced, unknown, traced_direct, doubt (a number: how much of the lit picture is unknown)
+ path    indirect, path_direct (E_d that the path starts from), path_traced (the same as the product has it, from depth mesh and rays),
+         path_trace_indirect (TraceIndirect of that light), path_flux (m^2 times radiance, [rows, 3]; flux.py)"""
+
+import glob
+import json
+import os
+import shutil
+import tempfile
+
+import numpy as np
+import torch
+
+import flux as power
+from layers import HEIGHT, WIDTH
+
+FORMAT = 2
+KIND = {
+    **dict.fromkeys(["albedo", "normal", "rough", "depth", "light", "photo", "shading", "maps", "maps_valid", "fov_x"], "room"),
+    **dict.fromkeys(["direct", "shadow", "traced", "unknown", "traced_direct", "doubt"], "source"),
+    **dict.fromkeys(["indirect", "path_direct", "path_traced", "path_trace_indirect", "path_flux"], "path"),
+}
+DTYPE = {"depth": np.float32, "fov_x": np.float32, "light": np.uint8, "maps_valid": np.uint8, "doubt": np.float32, "path_flux": np.float32}
+
+
+def blocks(x):
+    """A full plane as [HEIGHT, 2, WIDTH, 2, ...]: the 2 x 2 pixels of each pixel of the half plane."""
+    return x.astype(np.float32).reshape(HEIGHT, 2, WIDTH, 2, *x.shape[2:])
+
+
+def half(x):
+    return blocks(x).mean((1, 3))
+
+
+def half_depth(depth):
+    """Means of valid values; a pixel without any takes the picture's mean."""
+    d = blocks(depth)
+    valid = np.isfinite(d) & (d > 0)
+    total, number = np.where(valid, d, 0).sum((1, 3)), valid.sum((1, 3))
+    return np.where(number > 0, total / np.maximum(number, 1), total.sum() / number.sum())
+
+
+def unpack(s, lights):
+    """The arrays of one room, by name, from its sample.npz and lights.json; see the head of this file."""
+    source = {k: s[k].astype(np.float32) for k in ["direct", "shadow", "traced", "unknown", "traced_direct", "traced_indirect"]}
+    weights, indirect = s["path_weights"], s["indirect"].astype(np.float32)
+    lit, traced = source["direct"] * source["shadow"], source["traced_direct"] * source["traced"]
+    normal = half(s["normal"])
+    bright = np.clip(source["direct"] / np.maximum(source["direct"].mean((1, 2), keepdims=True), 1e-8), 0, 1)
+    return {
+        "albedo": half(s["albedo"]),
+        "normal": normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6),
+        "rough": half(s["rough"]),
+        "depth": half_depth(s["depth"]),
+        "light": blocks(s["light_mask"] > 0).max((1, 3)),
+        "photo": half(s["photo"]),
+        "shading": np.einsum("shw,sc->hwc", lit, s["source_radiance"]) + indirect.sum(0),
+        "maps": s["maps"],
+        "maps_valid": s["maps_valid"],
+        "fov_x": s["fov_x"],
+        **{k: source[k] for k in ["direct", "shadow", "traced", "unknown", "traced_direct"]},
+        "doubt": (source["unknown"] * bright).mean((1, 2)),
+        "indirect": indirect,
+        "path_direct": np.einsum("shw,psc->phwc", lit, weights),
+        "path_traced": np.einsum("shw,psc->phwc", traced, weights),
+        "path_trace_indirect": np.einsum("shwc,psc->phwc", source["traced_indirect"], weights),
+        "path_flux": np.einsum("s,psc->pc", [power.flux(lights, str(name)) for name in s["sources"]], weights),
+    }
+
+
+def pack(samples, folder):
+    """Writes the pack of `samples` (paths) into `folder`."""
+    rows = [(len(s["sources"]), len(s["paths"]), list(map(str, s["sources"])), list(map(str, s["paths"]))) for s in map(np.load, samples)]
+    total = {"room": len(rows), "source": sum(r[0] for r in rows), "path": sum(r[1] for r in rows)}
+    arrays, at = {}, dict.fromkeys(total, 0)
+    for path in samples:
+        with np.load(path) as sample, open(os.path.join(os.path.dirname(path), "lights.json")) as lights:
+            room = unpack(sample, json.load(lights))
+        size = {"room": 1, "source": len(room["direct"]), "path": len(room["indirect"])}
+        for name, value in room.items():
+            value = np.asarray(value) if KIND[name] != "room" else np.asarray(value)[None]
+            if not np.isfinite(value).all():
+                raise SystemExit(f"{path}: {name}: wanted finite numbers, got {np.sum(~np.isfinite(value))} others")
+            if name not in arrays:
+                shape = (total[KIND[name]], *value.shape[1:])
+                arrays[name] = np.lib.format.open_memmap(f"{folder}/{name}.npy", "w+", DTYPE.get(name, np.float16), shape)
+            arrays[name][at[KIND[name]] : at[KIND[name]] + size[KIND[name]]] = np.minimum(
+                value.astype(np.float32), 60000 if arrays[name].dtype == np.float16 else np.inf
+            )
+        for kind in at:
+            at[kind] += size[kind]
+    for array in arrays.values():
+        array.flush()
+    return rows
+
+
+def read(index):
+    if not os.path.exists(index):
+        return {}
+    with open(index) as file:
+        return json.load(file)
+
+
+class Rooms:
+    """The rooms of one split. `get(name, room)` is [channels.., 120, 160] of a room, or that with the room's sources or paths in front."""
+
+    def __init__(self, split):
+        samples = sorted(glob.glob(f"{split}/*/sample.npz"))
+        if not samples:
+            raise SystemExit(f"{split}: wanted folders with a sample.npz each, got none")
+        stamp = [FORMAT] + [[os.path.basename(os.path.dirname(p)), os.stat(p).st_mtime_ns] for p in samples]
+        folder = os.path.normpath(split) + ".pack"
+        index = os.path.join(folder, "index.json")
+        if read(index).get("stamp") != stamp:
+            with tempfile.TemporaryDirectory(dir=os.path.dirname(folder) or ".") as making:
+                new = os.path.join(making, "pack")
+                os.makedirs(new)
+                rows = pack(samples, new)
+                with open(f"{new}/index.json", "w") as file:
+                    json.dump({"stamp": stamp, "rows": rows}, file)
+                shutil.rmtree(folder, ignore_errors=True)
+                os.rename(new, folder)
+        rows = read(index)["rows"]
+        self.names = [name for name, _ in stamp[1:]]
+        self.sources, self.paths = [r[2] for r in rows], [r[3] for r in rows]
+        starts = {"room": range(len(rows) + 1), "source": np.cumsum([0] + [r[0] for r in rows]), "path": np.cumsum([0] + [r[1] for r in rows])}
+        self.rows = {k: [slice(int(a), int(b)) for a, b in zip(v, v[1:])] for k, v in starts.items()}
+        self.arrays = {name: np.load(f"{folder}/{name}.npy", mmap_mode="r") for name in KIND}
+
+    def __len__(self):
+        return len(self.names)
+
+    def get(self, name, room, row=None):
+        """A float32 tensor, channels before pixels (`maps` stay [30, 40, 8, 16, 3]); `row` picks one of the room's sources or paths."""
+        rows = self.rows[KIND[name]][room]
+        x = self.arrays[name][rows] if row is None else self.arrays[name][rows.start + row]
+        x = torch.from_numpy(np.array(x[0] if KIND[name] == "room" else x)).float()
+        return x if x.ndim < 3 or x.shape[-1] == WIDTH or name == "maps" else x.movedim(-1, -3)
+
+    def stack(self, name, items):
+        """[B, channels, 120, 160] of `items`, pairs of room and row (row None for what a room has once)."""
+        x = torch.stack([self.get(name, room, row if KIND[name] != "room" else None) for room, row in items])
+        return x[:, None] if x.shape[1:] == (HEIGHT, WIDTH) else x

@@ -1,0 +1,183 @@
+"""IndirectNet: indirect shading, linear and non-negative in the light; and the paper's squashed network as its yardstick.
+
+Per colour channel, with weights shared by all channels, x = A E:
+    I = a x sum over scales of  g(p) x upsample( sum_k out_k x (kernel_k * (in_k x pool(x))) )
+      + b x g(p) x upsample( sum_r out_r x (M (mean(in_r x pool(x)) + f_r x flux)) )
+where the gates in, out, g, the 7 x 7 kernels and the matrix M are positive (softplus); the gates come from a U-net over geometry, albedo and mask,
+the levels a, b and f of the whole picture from means, among them the channel's own albedo: light that bounces often is told by rho / (1 - rho).
+Nothing else touches the light: no bias, no activation. Hence I(a E1 + b E2) = a I(E1) + b I(E2) to rounding.
+
+`flux` is the power of the light (flux.py). Most of what a light sends falls where the photo does not look; E_d alone cannot tell how much that is,
+and knows nothing of a sun that shines beside the view. It is linear in the light like E_d."""
+
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+import augment
+from layers import UNet, unit_scale, upsample
+
+MAPS, RANK, KERNEL = 16, 48, 7
+SCALES = (2, 4, 8)
+
+
+class Indirect(nn.Module):
+    """Data, loss and measures of both networks. geometry [1, 6, 120, 160]: normal, xyz (m); albedo [1, 3, ..]; light [1, 1, ..]: 1 at pixels of
+    visible lights; direct [1, 3, ..]: E_d of one lobe, three channels; flux [1, 3, 1, 1]: its power in m^2 -> indirect [1, 3, ..]. For a lobe of unit
+    radiance all three channels of `direct` and `flux` are equal, and those of `indirect` differ by albedo."""
+
+    outputs = ["indirect"]
+    targets = [
+        ("L1 / no indirect", lambda m: m["network"]["L1"], 0.5),
+        ("L1 / TraceIndirect", lambda m: m["network"]["L1"] / m["TraceIndirect"]["L1"], 0.75),
+        ("linearity residual", lambda m: m["network"]["linearity residual"], 1e-5),
+        ("L1 / the squashed network's", lambda m: m["network"]["L1"] / m["squashedindirectnet"]["L1"], 1.05),
+    ]
+
+    @staticmethod
+    def batch(rooms, g, size):
+        """Light is linear, so random non-negative mixtures of a room's paths are as true as the paths. A third of them start from what the product
+        has."""
+        room = torch.randint(len(rooms), (size,), generator=g).tolist()
+        start, indirect, flux = [], [], []
+        for r in room:
+            p = len(rooms.paths[r])
+            mix = torch.randn(p, 3, 1, 1, generator=g).exp() * (torch.rand(p, 1, 1, 1, generator=g) < 0.6)
+            mix[torch.randint(p, (1,), generator=g)] += 0.1
+            name = "path_traced" if torch.rand(1, generator=g) < 0.33 else "path_direct"
+            start.append((mix * rooms.get(name, r)).sum(0))
+            indirect.append((mix * rooms.get("indirect", r)).sum(0))
+            flux.append((mix * rooms.get("path_flux", r)[..., None, None]).sum(0))
+        items = [(r, None) for r in room]
+        x = {name: rooms.stack(name, items) for name in ["depth", "normal", "albedo", "light"]} | {
+            "direct": torch.stack(start),
+            "indirect": torch.stack(indirect),
+        }
+        fov = torch.stack([rooms.get("fov_x", r) for r in room])
+        flip = augment.uniform(g, fov) < 0.5
+        x = {name: torch.where(flip, augment.mirrored(v, name == "normal"), v) for name, v in x.items()}
+        albedo = augment.choose(g, 0.5, augment.worse_albedo(g, x["albedo"]), x["albedo"])
+        geometry = augment.geometry(g, x["depth"], x["normal"], fov)
+        flux = torch.stack(flux) * torch.exp(0.1 * torch.randn(size, 1, 1, 1, generator=g))
+        return {
+            "inputs": (geometry, albedo, x["light"], x["direct"], flux),
+            "indirect": x["indirect"],
+            "albedo": x["albedo"],
+            "valid": 1 - x["light"],
+        }
+
+    def loss(self, batch):
+        """L1 of E + L1 of A E, relative to the picture's mean."""
+        got = self(*batch["inputs"]).float()
+        error = (got - batch["indirect"]).abs() * batch["valid"] / (batch["indirect"].mean((1, 2, 3), keepdim=True) + 1e-4)
+        return (error * (1 + batch["albedo"])).mean()
+
+    @staticmethod
+    def inputs(rooms, room, start="path_direct"):
+        """For all paths of a room: [P, ..]."""
+        items = [(room, p) for p in range(len(rooms.paths[room]))]
+        geometry = torch.cat([rooms.stack("normal", items), augment.xyz(rooms.stack("depth", items), rooms.get("fov_x", room))], 1)
+        planes = {"albedo": rooms.stack("albedo", items), "light": rooms.stack("light", items), "direct": rooms.stack(start, items)}
+        return {"geometry": geometry, **planes, "flux": rooms.get("path_flux", room)[..., None, None]}
+
+    @staticmethod
+    def floors(rooms):
+        return {}
+
+    def score(self, rooms, room, floors=None):
+        """Per path: L1 of the indirect shading, and of that times albedo, over the L1 of no indirect at all; and the first of all paths together, in
+        which a dark window counts little. Pixels of visible lights do not count."""
+        x = self.inputs(rooms, room)
+        truth = rooms.get("indirect", room)
+        estimates = {"network": self(**x)}
+        if floors is not None:
+            estimates["network on ray-traced E_d"] = self(**self.inputs(rooms, room, "path_traced"))
+            estimates["TraceIndirect"] = rooms.get("path_trace_indirect", room)
+        lit, albedo = 1 - x["light"], x["albedo"]
+        ratio = lambda e, t: ((e - t).abs() * lit[:1]).sum((1, 2, 3)) / (t * lit[:1]).sum((1, 2, 3)).clamp(min=1e-6)
+        measures = {k: {"L1": ratio(e, truth), "L1 of A E": ratio(e * albedo, truth * albedo)} for k, e in estimates.items()}
+        items = [{k: {m: v[p].item() for m, v in measure.items()} for k, measure in measures.items()} for p in range(len(truth))]
+        for k, e in estimates.items():
+            items[0][k]["L1, all light"] = ratio(e.sum(0, keepdim=True), truth.sum(0, keepdim=True))[0].item()
+        other = {"direct": x["direct"].roll(1, 0).flip(-1), "flux": x["flux"].roll(1, 0)}
+        got = self(**x | {k: 0.3 * x[k] + 2.0 * other[k] for k in other})
+        want = 0.3 * estimates["network"] + 2.0 * self(**x | other)
+        items[0]["network"]["linearity residual"] = ((got - want).abs().max() / want.max()).item()
+        return items
+
+    def pictures(self, rooms, room):
+        """All paths together."""
+        x = {k: v.sum(0, keepdim=True) if k in ("direct", "flux") else v[:1] for k, v in self.inputs(rooms, room).items()}
+        planes = {
+            "E_d": x["direct"][0],
+            "TraceIndirect": rooms.get("path_trace_indirect", room).sum(0),
+            "network": self(**x)[0],
+            "truth": rooms.get("indirect", room).sum(0),
+        }
+        scale = 2 * float(rooms.get("indirect", room).sum(0).mean())
+        return rooms.names[room], {"albedo": x["albedo"][0].numpy()} | {k: torch.as_tensor(v).numpy() / scale for k, v in planes.items()}
+
+
+def relative(flux, geometry):
+    """Power as a shading: over pi and the room's scale squared."""
+    return flux.float() / torch.pi / (geometry[:, 5:].mean((1, 2, 3), keepdim=True) / 3) ** 2
+
+
+def positive(shape, start):
+    """Parameters whose softplus starts at about `start`."""
+    return nn.Parameter(torch.log(torch.expm1(torch.tensor(start))) + 0.1 * torch.randn(shape))
+
+
+class IndirectNet(Indirect):
+    def __init__(self):
+        super().__init__()
+        widths = [24, 40, 64, 96]
+        self.gates = UNet(10, widths)
+        inner = [2 * MAPS + 4 * (len(SCALES) + 1), 2 * MAPS, 2 * MAPS + 2 * RANK]
+        self.heads = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in zip(widths, inner))
+        self.levels = nn.Sequential(nn.Linear(widths[-1] + 15, 64), nn.ReLU(), nn.Linear(64, RANK + 2))
+        self.kernels = nn.ParameterList(positive((MAPS, 1, KERNEL, KERNEL), KERNEL**-2.0) for _ in SCALES)
+        self.matrix = positive((RANK, RANK), 1.0 / RANK)
+
+    def forward(self, geometry, albedo, light, direct, flux):
+        planes = torch.cat([unit_scale(geometry), albedo, light], 1)
+        levels = self.gates(planes)
+        gates = [F.softplus(head(level).float()) for head, level in zip(self.heads, levels)]
+        mean = planes.mean((2, 3))
+        spread = ((planes[:, :6] - mean[:, :6, None, None]) ** 2).mean((2, 3))
+        scene = torch.cat([levels[-1].mean((2, 3)), mean[:, :6], spread, mean[:, 6:9].mean(1, keepdim=True), mean[:, 9:]], 1)
+        scene = torch.cat([scene[:, None].expand(-1, 3, -1), mean[:, 6:9, None]], 2)  # [B, channel, features]
+        whole_level, local_level, unseen = F.softplus(self.levels(scene).float() + 0.54).flatten(0, 1).split([1, 1, RANK], 1)
+        final = F.pixel_shuffle(gates[0][:, 2 * MAPS :], 2)  # at full size, so that edges stay sharp
+        with torch.autocast("cpu", enabled=False):
+            b, c, h, w = direct.shape
+            x = (albedo.float() * direct.float()).reshape(b * c, 1, h, w)
+            each = lambda gate: gate.repeat_interleave(c, 0) if b > 1 else gate
+            total = 0
+            for k, (scale, gate) in enumerate(zip(SCALES, gates)):
+                pooled = F.avg_pool2d(x, scale)
+                maps = F.conv2d(each(gate[:, :MAPS]) * pooled, F.softplus(self.kernels[k]), padding=KERNEL // 2, groups=MAPS)
+                y = (each(gate[:, MAPS : 2 * MAPS]) * maps).mean(1, keepdim=True)
+                total = total + each(final[:, k : k + 1]) * upsample(y, scale)
+            collect, give = each(gate[:, 2 * MAPS : 2 * MAPS + RANK]), each(gate[:, 2 * MAPS + RANK :])
+            whole = ((collect * pooled).mean((2, 3)) + 0.01 * unseen * relative(flux, geometry).reshape(b * c, 1)) @ F.softplus(self.matrix)
+            y = (give * whole[:, :, None, None]).mean(1, keepdim=True)
+            y = each(final[:, len(SCALES) :]) * upsample(y, SCALES[-1])
+            return (local_level[..., None, None] * total + whole_level[..., None, None] * y).reshape(b, c, h, w)
+
+
+class SquashedIndirectNet(Indirect):
+    """The paper's form: light squashed by arc tangent, all in one U-net. Fed relative to a mean of the light, which the paper leaves to the
+    exposure."""
+
+    def __init__(self):
+        super().__init__()
+        self.unet = UNet(19, [32, 48, 72, 104])
+        self.head = nn.Conv2d(32, 12, 3, padding=1)
+
+    def forward(self, geometry, albedo, light, direct, flux):
+        flux = relative(flux, geometry)
+        scale = direct.mean((1, 2, 3), keepdim=True) + 0.1 * flux.mean(1, keepdim=True) + 1e-6
+        squashed = [torch.atan(3 * x / scale) for x in (direct, albedo * direct, flux.expand_as(direct))]
+        y = F.pixel_shuffle(self.head(self.unet(torch.cat([*squashed, unit_scale(geometry), albedo, light], 1))[0]), 2).float()
+        return torch.tan(0.99 * torch.sigmoid(y) * torch.pi / 2) * scale

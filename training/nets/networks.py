@@ -1,0 +1,25 @@
+"""The list of networks, and how a trained one is read back."""
+
+import json
+import os
+
+import torch
+
+from indirectnet import IndirectNet, SquashedIndirectNet
+from lightnet import LightNet
+from shadownet import ShadowNet
+
+NETWORKS = {"shadownet": ShadowNet, "indirectnet": IndirectNet, "squashedindirectnet": SquashedIndirectNet, "lightnet": LightNet}
+
+
+def run_folder(name, out):
+    """Where a run of a network lies; `runs/NAME` unless told."""
+    return out or os.path.join("runs", name)
+
+
+def trained(name, run):
+    """The network of a run as it is shipped: averaged weights, rounded to 16 bits. And what is known of its training."""
+    state = torch.load(os.path.join(run, "checkpoint.pt"), weights_only=True)
+    net = NETWORKS[name]()
+    net.load_state_dict({k: v.half().float() for k, v in state["average"].items()})
+    return net.eval(), json.load(open(os.path.join(run, "run.json")))

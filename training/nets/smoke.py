@@ -1,0 +1,49 @@
+"""The whole way of every network on made-up rooms, in about a minute: train, go on, evaluate, sheet, plot, export, begin from what was exported.
+
+usage: smoke.py [--rooms DIR] [NAME ...]
+
+Nothing is kept. With --rooms the rooms of DIR are used instead."""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+
+from networks import NETWORKS
+from synthetic import write
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+def run(script, *arguments, fails=False):
+    code = subprocess.run([sys.executable, os.path.join(HERE, script), *map(str, arguments)]).returncode
+    if code and not fails:
+        sys.exit(f"{script} {' '.join(map(str, arguments))}: exit status {code}")
+
+
+def smoke(names, rooms):
+    with tempfile.TemporaryDirectory() as folder:
+        if rooms is None:
+            rooms = os.path.join(folder, "rooms")
+            write(rooms, 3)
+        at = lambda *parts: os.path.join(folder, *parts)
+        for name in names:
+            out = ("--out", at("runs", name))
+            train = ("train.py", name, "--rooms", rooms, "--batch", 2, "--threads", 2)
+            run(*train, *out, "--steps", 6)
+            run(*train, *out, "--steps", 10)
+            run("evaluate.py", name, "--rooms", rooms, *out, fails=True)  # ten steps meet no target
+            run("contact_sheet.py", name, "--rooms", rooms, "--count", 1, *out)
+            run("export.py", name, "--rooms", rooms, "--models", at("models"), *out)
+            run(*train, "--out", at("again"), "--steps", 1, "--start", at("models", f"{name}.onnx"))
+            os.remove(at("again", "checkpoint.pt"))
+        run("plot.py", at("log.svg"), *(at("runs", name) for name in names))
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    parser.add_argument("--rooms")
+    a = parser.parse_args()
+    smoke(a.names or list(NETWORKS), a.rooms)

@@ -1,0 +1,145 @@
+"""Closed forms of the maths that training rests on: python -m unittest discover training/nets"""
+
+import tempfile
+import unittest
+
+import numpy as np
+import torch
+
+import augment
+import flux
+import hemisphere
+import synthetic
+from data import Rooms
+from indirectnet import IndirectNet
+from lightnet import LightNet
+from shadownet import ShadowNet, combine
+
+
+class Hemisphere(unittest.TestCase):
+    def test_solid_angles_fill_the_hemisphere(self):
+        d, angle = hemisphere.texels()
+        self.assertAlmostEqual(angle.sum().item(), 2 * np.pi, places=5)
+        self.assertTrue(torch.allclose(d.norm(dim=1), torch.ones(128)))
+
+    def test_a_constant_environment_has_its_radiance_as_shading(self):
+        self.assertTrue(torch.allclose(hemisphere.shading(torch.full((5, 128, 3), 0.7)), torch.full((5, 3), 0.7), atol=1e-6))
+
+    def test_frames_are_right_handed_and_orthonormal(self):
+        n = torch.nn.functional.normalize(torch.cat([torch.randn(50, 3), torch.tensor([[0.0, 1, 0], [0, -1, 0], [0.01, 1, 0]])]), dim=1)
+        f = hemisphere.frame(n)
+        self.assertTrue(torch.allclose(f @ f.mT, torch.eye(3).expand(53, 3, 3), atol=1e-5))
+        self.assertTrue(torch.allclose(torch.linalg.det(f), torch.ones(53), atol=1e-5))
+        self.assertTrue((f[n[:, 1].abs() <= 0.99, 1, 1] > 0).all())
+
+    def test_a_gaussian_shows_its_weight_along_its_axis_and_the_closed_form_elsewhere(self):
+        d, _ = hemisphere.texels()
+        got = hemisphere.draw(d[None, 37:38], torch.tensor([[20.0]]), torch.tensor([[[1.0, 2.0, 3.0]]]))[0]
+        self.assertTrue(torch.allclose(got[37], torch.tensor([1.0, 2.0, 3.0])))
+        self.assertTrue(torch.allclose(got[60], torch.exp(20 * (d[37] @ d[60] - 1)) * torch.tensor([1.0, 2.0, 3.0])))
+
+    def test_the_integral_of_a_gaussian_is_the_closed_form(self):
+        d, angle = hemisphere.texels()
+        got = (hemisphere.draw(torch.tensor([[[0.0, 0.0, 1.0]]]), torch.tensor([[9.0]]), torch.ones(1, 1, 3))[0, :, 0] * angle).sum()
+        want = 2 * np.pi / 9 * (1 - np.exp(-9))  # over the hemisphere about its axis
+        self.assertLess(abs(got.item() - want), 0.02 * want)  # the midpoint rule on texels of 11 degrees
+
+
+class Flux(unittest.TestCase):
+    def test_lamps_are_pi_times_their_area(self):
+        box = {"kind": "Box", "half_axes": [[0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]}
+        rect = {"kind": "Rect", "half_x": [0.5, 0, 0], "half_y": [0, 0.5, 0]}
+        mesh = {"kind": "Mesh", "triangles": [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]}
+        for light, area in (box, 6), (rect, 1), (mesh, 0.5), ({"kind": "Sphere", "radius": 1}, 4 * np.pi):
+            self.assertAlmostEqual(flux.flux({"x": light}, "x"), np.pi * area, places=5)
+
+    def test_lobes_of_a_window(self):
+        """A uniform sky gives pi S; a sharp lobe along -n its integral 2 pi / lambda, at 60 degrees half of it."""
+        for direction, bandwidth, want in (
+            ([0, 0, -1], 1e-4, np.pi),
+            ([0, 0, -1], 1e5, 2 * np.pi / 1e5),
+            ([0, 0.75**0.5, -0.5], 1e5, np.pi / 1e5),
+            ([0, 0, 1], 1e5, 0),
+        ):
+            pane = {
+                "kind": "Window",
+                "half_x": [0.5, 0, 0],
+                "half_y": [0, 0.5, 0],
+                "lobes": [{"name": "sky", "direction": direction, "bandwidth": bandwidth}],
+            }
+            self.assertLess(abs(flux.flux({"w": pane}, "w.sky") - want), 2e-3 * want + 1e-12)
+
+
+class Augment(unittest.TestCase):
+    def test_mirrored_maps_are_maps_of_the_mirrored_room(self):
+        """An environment L(d) about one normal, against L mirrored about the mirrored normal."""
+        d, _ = hemisphere.texels()
+        radiance = lambda world: torch.exp(world @ torch.tensor([0.8, 0.5, -0.3]))
+        flip = torch.tensor([-1.0, 1.0, 1.0])
+        for n in torch.nn.functional.normalize(torch.tensor([[0.3, 0.2, 0.9], [-0.9, -0.1, 0.2], [0.0, 1.0, 0.0]]), dim=1):
+            here = radiance(d @ hemisphere.frame(n)).view(1, 1, 8, 16, 1)
+            want = radiance(d @ hemisphere.frame(n * flip) * flip).view(1, 1, 8, 16, 1)
+            self.assertTrue(torch.allclose(augment.mirrored_maps(here), want, atol=1e-5))
+
+    def test_points_of_a_mirrored_depth_are_mirrored_points(self):
+        depth, fov = 2 + torch.rand(1, 1, 120, 160), torch.tensor([57.0])
+        self.assertTrue(torch.allclose(augment.xyz(depth.flip(-1), fov), augment.mirrored(augment.xyz(depth, fov), vector=True), atol=1e-5))
+
+    def test_normals_of_a_plane(self):
+        n = torch.nn.functional.normalize(torch.tensor([0.2, 0.5, 0.8]), dim=0)
+        ray = augment.xyz(torch.ones(1, 1, 120, 160), torch.tensor([57.0]))
+        points = ray * (-2.0 / (ray * n.view(1, 3, 1, 1)).sum(1, keepdim=True))
+        got = augment.normals_of(points)[0, :, 2:-2, 2:-2]
+        self.assertTrue(torch.allclose(got, n.view(3, 1, 1).expand_as(got), atol=1e-3))
+
+    def test_worse_inputs_stay_inputs(self):
+        g = torch.Generator().manual_seed(1)
+        depth, albedo = 1 + torch.rand(4, 1, 120, 160), torch.rand(4, 3, 120, 160)
+        self.assertTrue((augment.worse_depth(g, depth) > 0.3).all())
+        self.assertTrue(((augment.worse_albedo(g, albedo) > 0) & (augment.worse_albedo(g, albedo) < 1)).all())
+
+
+class Nets(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.folder.cleanup)
+        synthetic.write(cls.folder.name, 2)
+        cls.rooms = Rooms(f"{cls.folder.name}/train")
+        torch.manual_seed(3)
+
+    def test_batches_follow_from_the_seed(self):
+        for net in ShadowNet, IndirectNet, LightNet:
+            one, other = (net.batch(self.rooms, torch.Generator().manual_seed(5), 2)["inputs"] for _ in range(2))
+            self.assertTrue(all(torch.equal(a, b) for a, b in zip(one, other)))
+
+    def test_where_all_is_known_the_traced_shadow_stands(self):
+        x = ShadowNet.inputs(self.rooms, 0)["visibility"]
+        x[:, 1] = 0
+        self.assertTrue(torch.equal(combine(x, torch.rand(len(x), 1, 120, 160)), x[:, :1]))
+
+    @torch.no_grad()
+    def test_indirect_light_is_linear_and_not_negative(self):
+        net, x = IndirectNet().eval(), IndirectNet.inputs(self.rooms, 0)
+        other = {k: x[k].roll(1, 0) for k in ("direct", "flux")}
+        apart, other_apart = net(**x), net(**x | other)
+        both = net(**x | {k: 0.3 * x[k] + 200 * other[k] for k in other})
+        self.assertLess((both - 0.3 * apart - 200 * other_apart).abs().max() / both.max(), 1e-5)
+        self.assertTrue((apart >= 0).all())
+        self.assertEqual(net(**x | {k: 0 * x[k] for k in other}).abs().max(), 0)
+
+    @torch.no_grad()
+    def test_one_colour_of_light_does_not_touch_another(self):
+        net, x = IndirectNet().eval(), IndirectNet.inputs(self.rooms, 0)
+        red = {k: x[k] * torch.tensor([1.0, 0.0, 0.0]).view(1, 3, 1, 1) for k in ("direct", "flux")}
+        self.assertTrue(torch.equal(net(**x | red)[:, 0], net(**x)[:, 0]))
+
+    @torch.no_grad()
+    def test_maps_scale_with_the_light(self):
+        net, x = LightNet().eval(), LightNet.inputs(self.rooms, 0)
+        one, ten = net.maps(*net(**x)), net.maps(*net(**x | {"shading": 10 * x["shading"]}))
+        self.assertTrue(torch.allclose(ten, 10 * one, rtol=1e-3))
+
+
+if __name__ == "__main__":
+    unittest.main()
