@@ -22,7 +22,7 @@ class ShadowNet(nn.Module):
     targets = [
         ("error / ray-traced error, all", lambda m: m["network"]["all"] / m["traced"]["all"], 0.5),
         ("error / ray-traced error, unknown region", lambda m: m["network"]["unknown"] / m["traced"]["unknown"], 0.5),
-        ("error / ray-traced error, known region", lambda m: m["network"]["known"] / m["traced"]["known"], 1.01),
+        ("error / ray-traced error, known region", lambda m: m["network"]["known"] / m["traced"]["known"], 1.0),
     ]
 
     def __init__(self):
