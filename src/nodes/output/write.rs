@@ -79,10 +79,7 @@ impl Node for Write {
         let picture = &inputs.picture.0;
         let size = picture.size();
         for (name, plane) in pictures(&inputs) {
-            if plane.size() != size {
-                let (got, wanted) = (plane.size(), size);
-                return Err(NodeError::Failed(format!("{name}: wanted the picture's {wanted:?} pixels, got {got:?}")));
-            }
+            super::same_size(&name, plane.size(), "picture", size)?;
             if let Some(at) = plane.pixels().iter().position(|c| !c.is_finite()) {
                 let (x, y, got) = (at % size.0, at / size.0, plane.pixels()[at]);
                 return Err(NodeError::Failed(format!("{name}: wanted finite numbers, got {got} at pixel ({x}, {y})")));

@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use crate::graph::{Context, Gather, Node, NodeError};
-use crate::image::{Compression, Depth, ExrLayers, Normal, Plane};
+use crate::image::{Compression, Depth, ExrLayers, Normal};
 use crate::nodes::artifacts::{Files, UnitDirect, UnitIndirect, Visibility};
 use crate::{params, ports};
 
@@ -59,9 +59,10 @@ impl Node for WritePlanes {
     }
 
     fn run(&self, inputs: WritePlanesIn, _: &Context) -> Result<WritePlanesOut, NodeError> {
-        let (width, height) = inputs.depth.0.size();
-        let mut layers = ExrLayers::new(width, height);
-        same_size("normal", &inputs.normal.0, (width, height))?;
+        let size = inputs.depth.0.size();
+        let same_size = |name: &str, got| super::same_size(name, got, "depth", size);
+        let mut layers = ExrLayers::new(size.0, size.1);
+        same_size("normal", inputs.normal.0.size())?;
         layers.float_xyz("normal", &inputs.normal.0);
         layers.float("depth.Z", &inputs.depth.0);
         for (id, direct) in inputs.direct.iter() {
@@ -83,13 +84,13 @@ impl Node for WritePlanes {
             for (name, lobes) in numbers {
                 for (k, plane) in lobes.iter().enumerate() {
                     let name = format!("{name}_{id}_{k}");
-                    same_size(&name, plane, (width, height))?;
+                    same_size(&name, plane.size())?;
                     layers.float(&format!("{name}.Y"), plane);
                 }
             }
             for (k, shading) in indirect.lobes.iter().enumerate() {
                 let name = format!("indirect_{id}_{k}");
-                same_size(&name, &shading.0, (width, height))?;
+                same_size(&name, shading.0.size())?;
                 layers.float_rgb(&name, &shading.0);
             }
         }
@@ -102,16 +103,10 @@ impl Node for WritePlanes {
 const UNITS: &str = "units: direct, indirect: irradiance / pi for unit radiance; lit, unknown: shares; depth: planar z in metres; normals: \
                      camera space, x right, y up, z backward";
 
-fn same_size<T: Copy>(name: &str, plane: &Plane<T>, wanted: (usize, usize)) -> Result<(), NodeError> {
-    match plane.size() {
-        got if got == wanted => Ok(()),
-        got => Err(NodeError::Failed(format!("{name}: wanted the depth's {wanted:?} pixels, got {got:?}"))),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::Plane;
 
     #[test]
     fn a_name_is_no_path() {
