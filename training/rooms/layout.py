@@ -23,6 +23,13 @@ class Lamp:
     place: dict
     radiance: np.ndarray
 
+    def mesh(self):
+        """Points and faces of a Box or a Mesh, counter-clockwise from outside."""
+        if self.kind == "Box":
+            return box_mesh(self.place["center"], self.place["half_axes"])
+        corners = self.place["triangles"].reshape(-1, 3)
+        return corners, np.arange(len(corners)).reshape(-1, 3)
+
 
 @dataclass
 class Window:
@@ -58,6 +65,13 @@ class Room:
                 np.broadcast_to(np.asarray(rough, float), len(faces)),
             )
         )
+
+    def merged(self):
+        """All parts as one: points, normals, faces, albedo of 0.01..0.92, roughness."""
+        points, normals, faces, albedo, rough = zip(*self.parts)
+        starts = np.cumsum([0] + [len(p) for p in points[:-1]])
+        faces = np.concatenate([f + start for f, start in zip(faces, starts)])
+        return np.concatenate(points), np.concatenate(normals), faces, np.clip(np.concatenate(albedo), 0.01, 0.92), np.concatenate(rough)
 
     def walls(self):
         """(start, along, inward, length) of each, seen from above."""

@@ -1,7 +1,7 @@
 """Makes rooms: rooms/make.py --split train --count 400 [--first 0] [--step 1] [--out .cache/rooms] [--assets .cache/assets] [--threads 2].
 
-One folder a room, OUT/SPLIT/SEED; one that is complete is left alone, so that a stopped run goes on where it stopped. Same seed and versions give the
-same room. `val` and `test` use furniture that `train` never sees. What a folder holds: training/README.md."""
+One folder a room, OUT/SPLIT/SEED; one that is complete is left alone, so that a stopped run goes on where it stopped. Same seed, versions and
+number of threads give the same room. `val` and `test` use furniture that `train` never sees. What a folder holds: training/README.md."""
 
 import argparse
 import json
@@ -104,21 +104,21 @@ def describe(lit, view, name, gain):
 
 
 def groups(lit, names):
-    """What burns in each indirect picture: name -> list of (light, lobes or None). The sun apart; the smallest share the last picture."""
+    """What burns in each indirect picture: {title: {light: its lobes, None for a lamp}}. The sun apart; beyond PATHS pictures the last ones are one."""
     out = {}
     for name, title in names.items():
         if name in lit.lamps:
-            out[title] = [(name, None)]
-        else:
-            lobes = [n for n, *_ in lit.windows[name].lobes]
-            out |= {
-                f"{title}.{'+'.join(part)}": [(name, part)] for part in ([n for n in lobes if n == "sun"], [n for n in lobes if n != "sun"]) if part
-            }
-    keys = list(out)
-    while len(keys) > PATHS:
-        a, b = keys.pop(), keys.pop()
-        out[f"{b}+{a}"] = out.pop(b) + out.pop(a)
-        keys.append(f"{b}+{a}")
+            out[title] = {name: None}
+            continue
+        lobes = [n for n, *_ in lit.windows[name].lobes]
+        for part in ([n for n in lobes if n == "sun"], [n for n in lobes if n != "sun"]):
+            if part:
+                out[f"{title}.{'+'.join(part)}"] = {name: part}
+    while len(out) > PATHS:
+        (b, last), (a, before) = out.popitem(), out.popitem()
+        for name, lobes in last.items():
+            before[name] = before[name] + lobes if name in before else lobes
+        out[f"{a}+{b}"] = before
     return out
 
 
@@ -132,13 +132,12 @@ def make(seed, library, folder, quality=1):
 
     room, rng = layout.make(seed, library)
     lit = scenes.Lit(room)
-    found = look(lit, lit.scene([]), room, rng)
+    found = look(lit, lit.scene({}), room, rng)
     if found is None:
         return None
     view, planes, seen, hidden = found
     names = names_of(seen, hidden)
-    burning = lambda parts: [name if lobes is None else (name, lobes) for name, lobes in parts]
-    all_on = lit.scene(list(names))
+    all_on = lit.scene(dict.fromkeys(names))
     picture = truth.photo(all_on, view, planes["albedo"], planes["normal"])
     dark = planes["light"] == 0
     if np.percentile(picture[dark].mean(-1), 98) <= 0:
@@ -163,11 +162,11 @@ def make(seed, library, folder, quality=1):
     path_weights = np.zeros((len(parts), len(sources), 3))
     indirect = []
     for p, burn in enumerate(parts.values()):
-        for name, lobes in burn:
+        for name, lobes in burn.items():
             for s, (source, _) in enumerate(sources):
                 if source == name or (lobes and source in [f"{name}.{n}" for n in lobes]):
                     path_weights[p, s] = weights[s]
-        indirect.append(truth.indirect(lit, lit.scene(burning(burn)), view, normal, 16 * quality) * gain)
+        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, 16 * quality) * gain)
     maps, valid = truth.maps(lit, all_on, view, names, 4 * quality)
 
     titles = list(lights)

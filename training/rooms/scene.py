@@ -3,8 +3,6 @@
 import mitsuba as mi
 import numpy as np
 
-import layout
-
 mi.set_variant("llvm_ad_rgb")
 from windowlight import LOBES  # noqa: E402  (the variant comes first)
 
@@ -37,28 +35,21 @@ def rectangle(center, half_x, half_y):
 
 
 class Lit:
-    """The room of layout.py, in Mitsuba. `radiances` replaces those of the lamps by name, for exposure."""
+    """The room of layout.py, in Mitsuba."""
 
     def __init__(self, room):
-        self.room = room
         colour = {"type": "mesh_attribute", "name": "face_albedo"}
         rough = {"type": "mesh_attribute", "name": "face_rough"}
         matte = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}})
         gloss = mi.load_dict({"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": rough, "specular": 0.5}})
         self.body = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.66, 0.58]}}})
         self.glass = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.04, 0.04, 0.04]}})
-        start, points, normals, faces, albedo, roughness = 0, [], [], [], [], []
-        for p, n, f, a, r in room.parts:
-            points.append(p), normals.append(n), faces.append(f + start), albedo.append(a), roughness.append(r)
-            start += len(p)
-        points, normals, faces, albedo, self.rough = (np.concatenate(v) for v in (points, normals, faces, albedo, roughness))
+        points, normals, faces, albedo, roughness = room.merged()
         self.static = {}
-        for name, bsdf, keep in (("matte", matte, self.rough >= GLOSSY), ("gloss", gloss, self.rough < GLOSSY)):
+        for name, bsdf, keep in (("matte", matte, roughness >= GLOSSY), ("gloss", gloss, roughness < GLOSSY)):
             keep = np.flatnonzero(keep) if keep.any() else np.array([0])
             used, renumbered = np.unique(faces[keep], return_inverse=True)
-            self.static[name] = mesh(
-                name, points[used], renumbered.reshape(-1, 3), bsdf, normals[used], np.clip(albedo[keep], 0.01, 0.92), self.rough[keep]
-            )
+            self.static[name] = mesh(name, points[used], renumbered.reshape(-1, 3), bsdf, normals[used], albedo[keep], roughness[keep])
         self.lamps = {f"lamp{k}": lamp for k, lamp in enumerate(room.lamps)}
         self.windows = {f"window{k}": w for k, w in enumerate(room.windows)}
 
@@ -71,10 +62,7 @@ class Lit:
         elif lamp.kind == "Rect":
             out = {"type": "rectangle", "id": name, "to_world": rectangle(place["center"], place["half_x"], place["half_y"]), "bsdf": self.body}
         else:
-            if lamp.kind == "Box":
-                points, faces = layout.box_mesh(place["center"], place["half_axes"])
-            else:
-                points, faces = place["triangles"].reshape(-1, 3), np.arange(3 * len(place["triangles"])).reshape(-1, 3)
+            points, faces = lamp.mesh()
             return mesh(name, points, faces, self.body, emitter=mi.load_dict(emitter) if on else None)
         return out | ({"emitter": emitter} if on else {})
 
@@ -100,12 +88,10 @@ class Lit:
         return out
 
     def scene(self, burning):
-        """With these lights on: lamp names, window names, or (window name, lobes)."""
-        lobes = {b[0]: b[1] for b in burning if isinstance(b, tuple)}
-        on = {b for b in burning if isinstance(b, str)}
+        """With these lights on: {name: the lobes of a window that shine, None for all}."""
         out = {"type": "scene"} | self.static
         for name in self.lamps:
-            out[name] = self.lamp(name, name in on)
+            out[name] = self.lamp(name, name in burning)
         for name in self.windows:
-            out[name] = self.window(name, lobes.get(name), name in on or name in lobes)
+            out[name] = self.window(name, burning.get(name), name in burning)
         return mi.load_dict(out, optimize=False)

@@ -1,22 +1,13 @@
 """A second opinion on held-out rooms, by Blender's Cycles: rooms/second.py FOLDER... [--assets .cache/assets] [--spp 256]
 
-Runs in an environment with PyPI `bpy`; the furniture is read by our own code, all else is Blender's. Both renderers see the room without gloss (their
-gloss models differ) and without sun (Cycles cannot aim at a lobe behind a pane, and would need a million samples); `matte.py` makes Mitsuba's picture
-first. Writes FOLDER/cycles.npz and prints the ratio of 8 x 8 block medians."""
-
-import argparse
-import json
-import sys
-from pathlib import Path
+Runs in an environment with PyPI `bpy`; the furniture is read by our own code, all else is Blender's. Both renderers see the rooms as plain.py gives them;
+`matte.py` makes Mitsuba's picture first. Writes FOLDER/cycles.npz and prints the ratio of 8 x 8 block medians."""
 
 import bpy
 import numpy as np
-
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "demo"))
-import layout  # noqa: E402
-from assets import Library  # noqa: E402
-from make import SPLITS  # noqa: E402
+import plain  # (its import of layout.py makes that of shapes.py possible)
+import shapes
+from mathutils import Matrix
 
 WIDTH, HEIGHT, BOUNCES = 320, 240, 6
 
@@ -124,21 +115,15 @@ def lamp_mesh(lamp):
     """Points, faces, normals or None."""
     place = lamp.place
     if lamp.kind == "Sphere":
-        import shapes
-
         points, normals, _, faces = shapes.ball((0, 0, 0), 1.0, 96)
         return np.asarray(place["center"]) + place["radius"] * points, faces, normals
     if lamp.kind == "Rect":
         c, x, y = (np.asarray(place[k], float) for k in ("center", "half_x", "half_y"))
         return np.array([c - x - y, c + x - y, c + x + y, c - x + y]), np.array([[0, 1, 2], [0, 2, 3]]), None
-    if lamp.kind == "Box":
-        return *layout.box_mesh(place["center"], place["half_axes"]), None
-    return place["triangles"].reshape(-1, 3), np.arange(3 * len(place["triangles"])).reshape(-1, 3), None
+    return *lamp.mesh(), None
 
 
-def render(folder, library, spp):
-    facts = json.loads((folder / "room.json").read_text())
-    room, _ = layout.make(facts["seed"], library)
+def render(folder, facts, room, spp):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
@@ -153,11 +138,8 @@ def render(folder, library, spp):
     scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.0
 
     paint = material("paint", painted)
-    start, points, normals, faces, albedo = 0, [], [], [], []
-    for p, n, f, a, _ in room.parts:
-        points.append(p), normals.append(n), faces.append(f + start), albedo.append(a)
-        start += len(p)
-    add_mesh("room", np.concatenate(points), np.concatenate(faces), paint, np.clip(np.concatenate(albedo), 0.01, 0.92), np.concatenate(normals))
+    points, normals, faces, albedo, _ = room.merged()
+    add_mesh("room", points, faces, paint, albedo, normals)
     names = facts["names"]
     for k, lamp in enumerate(room.lamps):
         p, f, n = lamp_mesh(lamp)
@@ -168,10 +150,8 @@ def render(folder, library, spp):
             f"window{k}",
             np.array(corners),
             np.array([[0, 1, 2], [0, 2, 3]]),
-            material(f"window{k}", surroundings([lobe for lobe in w.lobes if lobe[0] != "sun"] if f"window{k}" in names else [])),
+            material(f"window{k}", surroundings(w.lobes if f"window{k}" in names else [])),
         )
-
-    from mathutils import Matrix
 
     camera = bpy.data.cameras.new("camera")
     camera.sensor_fit, camera.angle, camera.clip_start = "HORIZONTAL", np.radians(facts["view"]["fov_x"]), 0.01
@@ -197,28 +177,12 @@ def blocks(x):
     return np.median(x.reshape(HEIGHT // 8, 8, WIDTH // 8, 8, 3).transpose(0, 2, 1, 3, 4).reshape(HEIGHT // 8, WIDTH // 8, 64, 3), 2)
 
 
-def main():
-    ask = argparse.ArgumentParser(description=__doc__)
-    ask.add_argument("folders", type=Path, nargs="+")
-    ask.add_argument("--assets", type=Path, default=Path(".cache/assets"))
-    ask.add_argument("--spp", type=int, default=256)
-    args = ask.parse_args()
-    library = Library.load(args.assets)
-    for folder in args.folders:
-        part = library.only(SPLITS[folder.parent.name][1])
-        picture = render(folder, part, args.spp)
-        np.savez_compressed(folder / "cycles.npz", matte=picture.astype(np.float32))
-        matte = folder / "matte.npz"
-        if matte.exists():
-            a, b = blocks(picture), blocks(np.load(matte)["matte"])
-            bright = b > 0.02 * b.mean()
-            ratio = a[bright] / b[bright]
-            print(
-                f"{folder}: Cycles / Mitsuba {np.median(ratio):.4f}, middle half {np.percentile(ratio, 25):.4f} to {np.percentile(ratio, 75):.4f}, "
-                f"sum {a.sum() / b.sum():.4f}",
-                flush=True,
-            )
-
-
 if __name__ == "__main__":
-    main()
+    for folder, facts, room, spp in plain.rooms(__doc__):
+        picture = render(folder, facts, room, spp)
+        np.savez_compressed(folder / "cycles.npz", matte=picture.astype(np.float32))
+        a, b = blocks(picture), blocks(np.load(folder / "matte.npz")["matte"])
+        bright = b > 0.02 * b.mean()
+        ratio = a[bright] / b[bright]
+        low, middle, high = np.percentile(ratio, (25, 50, 75))
+        print(f"{folder}: Cycles / Mitsuba {middle:.4f}, middle half {low:.4f} to {high:.4f}, sum {a.sum() / b.sum():.4f}", flush=True)

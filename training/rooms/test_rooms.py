@@ -8,6 +8,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "demo"))
 import layout
+import make
 from colour import blackbody, hsv, luminance
 
 
@@ -89,6 +90,17 @@ class Rooms(unittest.TestCase):
             for p, q in zip(a.parts, b.parts):
                 for x, y in zip(p, q):
                     np.testing.assert_array_equal(x, y)
+
+    def test_the_paths_share_out_all_that_burns(self):
+        lobes = [("sun", 0, 0, 0), ("sky", 0, 0, 0), ("ground", 0, 0, 0)]
+        windows = {f"window{k}": type("Window", (), {"lobes": lobes}) for k in range(3)}
+        lit = type("Lit", (), {"lamps": {"lamp0": None}, "windows": windows})
+        for count in range(1, 4):
+            names = {"lamp0": "lamp_0"} | {f"window{k}": f"window_{k}" for k in range(count)}
+            parts = make.groups(lit, names)
+            self.assertLessEqual(len(parts), make.PATHS)
+            burns = sorted((name, lobe) for part in parts.values() for name, some in part.items() for lobe in some or [""])
+            self.assertEqual(burns, sorted([("lamp0", "")] + [(f"window{k}", lobe[0]) for k in range(count) for lobe in lobes]))
 
     def test_the_height_of_a_table(self):
         points = np.array([[0, 0.7, 0], [1, 0.7, 0], [0, 0.7, 1], [0, 0.2, 0], [1, 0.2, 0], [0, 0.2, 1]], float)

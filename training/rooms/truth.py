@@ -46,20 +46,29 @@ class View:
         return mi.Ray3f(mi.Point3f(*self.origin.tolist()), m @ (d / length)), length
 
 
-def hits(scene, view, width, spp, seed):
-    """Stratified first hits of a picture of that width, pixel by pixel `spp` (a square number) each; the normal of the frame faces the camera."""
+def places(view, width, spp, seed):
+    """Rays through a picture of that width, stratified, pixel by pixel `spp` (a square number) each; and the random numbers that go on."""
     side = math.isqrt(spp)
     index = dr.arange(mi.UInt32, width * width * 3 // 4 * spp)
     rng = mi.PCG32(size=dr.width(index), initstate=seed)
     pixel, k = index // spp, index % spp
     x = mi.Float(pixel % width) + (mi.Float(k % side) + rng.next_float32()) / side
     y = mi.Float(pixel // width) + (mi.Float(k // side) + rng.next_float32()) / side
-    ray, _ = view.rays(x, y, width)
+    return view.rays(x, y, width)[0], rng
+
+
+def hit(scene, ray):
+    """What rays meet first; its normals face the camera."""
     si = scene.ray_intersect(ray)
-    n = dr.select(dr.dot(si.sh_frame.n, ray.d) > 0, -si.sh_frame.n, si.sh_frame.n)
-    si.n = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
-    si.sh_frame = mi.Frame3f(n)
-    return si, rng
+    facing = lambda n: dr.select(dr.dot(n, ray.d) > 0, -n, n)
+    si.n, si.sh_frame = facing(si.n), mi.Frame3f(facing(si.sh_frame.n))
+    return si
+
+
+def hits(scene, view, width, spp, seed):
+    """What the rays of `places` meet first, and the random numbers that go on."""
+    ray, rng = places(view, width, spp, seed)
+    return hit(scene, ray), rng
 
 
 def shapes_of(scene):
@@ -74,27 +83,29 @@ def is_light(si, scene, lit):
 
 
 def per_pixel(value, width, spp):
-    """Means over the samples of a pixel."""
-    return (
-        np.array(value, np.float32).reshape(-1, width * 3 // 4, width, spp).mean(-1)
-        if np.ndim(value) > 1
-        else np.array(value, np.float32).reshape(width * 3 // 4, width, spp).mean(-1)
-    )
+    """Means over the samples of a pixel: [h, w], of vectors [h, w, 3]."""
+    value = np.array(value, np.float32)
+    mean = value.reshape(*value.shape[:-1], width * 3 // 4, width, spp).mean(-1)
+    return np.moveaxis(mean, 0, -1) if mean.ndim == 3 else mean
+
+
+def normals(si, view, width, spp):
+    """Mean normals of the pixels, camera space."""
+    mean = per_pixel(mi.Matrix3f(view.turn.tolist()) @ mi.Vector3f(si.sh_frame.n), width, spp)
+    return mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-6)
+
+
+def denoise(colour, albedo, normal, scale):
+    """Open Image Denoise on [h, w, 3] with clean albedo and normals; `scale` is about as bright as the picture."""
+    aux = [np.ascontiguousarray(a, np.float32) for a in (albedo, normal)]
+    out = mitsuba_oidn.denoise(np.ascontiguousarray(colour / scale, np.float32), albedo=aux[0], normal=aux[1], hdr=True, clean_aux=True)
+    return np.maximum(np.array(out), 0) * scale
 
 
 def denoised(colour, normal):
-    """Open Image Denoise on shading [h, w] or [h, w, 3], with clean normals."""
+    """Shading [h, w] or [h, w, 3], denoised."""
     rgb = np.ascontiguousarray(np.broadcast_to(colour[..., None] if colour.ndim == 2 else colour, normal.shape), np.float32)
-    scale = max(float(rgb.mean()), 1e-12)
-    out = (
-        np.maximum(
-            np.array(
-                mitsuba_oidn.denoise(rgb / scale, albedo=np.ones_like(rgb), normal=np.ascontiguousarray(normal, np.float32), hdr=True, clean_aux=True)
-            ),
-            0,
-        )
-        * scale
-    )
+    out = denoise(rgb, np.ones_like(rgb), normal, max(float(rgb.mean()), 1e-12))
     return out.mean(-1) if colour.ndim == 2 else out
 
 
@@ -114,10 +125,7 @@ def surfaces(lit, scene, view):
     furniture = (si.shape == known["matte"]) | (si.shape == known["gloss"])
     albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
     rough = dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
-    normal = mi.Matrix3f(view.turn.tolist()) @ mi.Vector3f(si.sh_frame.n)
-    planes = {"albedo": np.moveaxis(per_pixel(albedo, WIDTH, spp), 0, -1), "rough": per_pixel(rough, WIDTH, spp)}
-    n = np.moveaxis(per_pixel(normal, WIDTH, spp), 0, -1)
-    planes["normal"] = n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-6)
+    planes = {"albedo": per_pixel(albedo, WIDTH, spp), "rough": per_pixel(rough, WIDTH, spp), "normal": normals(si, view, WIDTH, spp)}
     light = np.zeros((HEIGHT, WIDTH), int)
     for k, name in enumerate(names):
         light[per_pixel(mi.Float(dr.select(si.shape == known[name], 1, 0)), WIDTH, spp) > 0] = k + 1
@@ -155,8 +163,7 @@ def shading(lit, scene, view, burning, spp=64):
     si, rng = hits(scene, view, width, spp, 2)
     room = ~is_light(si, scene, lit) & si.is_valid()
     dr.eval(si, room, rng)
-    normal = np.moveaxis(per_pixel(mi.Matrix3f(view.turn.tolist()) @ mi.Vector3f(si.sh_frame.n), width, spp), 0, -1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+    normal = normals(si, view, width, spp)
     share = np.maximum(per_pixel(dr.select(room, mi.Float(1), 0), width, spp), 1e-6)
     out = {}
     for name, _, point, direction, weight, active in light_samples(lit, scene, burning, si, rng):
@@ -190,7 +197,7 @@ def indirect(lit, scene, view, normal, spp=16, seed=3):
     ray = si.spawn_ray(si.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32()))))
     e = dr.select(room, reflected(scene, ray, seed), 0)
     share = per_pixel(dr.select(room, mi.Float(1), 0), width, spp)
-    mean = np.moveaxis(per_pixel(e, width, spp), 0, -1) / np.maximum(share, 1e-6)[..., None]
+    mean = per_pixel(e, width, spp) / np.maximum(share, 1e-6)[..., None]
     return denoised(mean, normal) * (share > 0.5)[..., None]
 
 
@@ -202,8 +209,8 @@ def maps(lit, scene, view, burning, spp=4, seed=4):
     rng = mi.PCG32(size=dr.width(index), initstate=seed)
     cell, texel, k = index // (128 * spp), (index // spp) % 128, index % spp
     ray, _ = view.rays(mi.Float(cell % width) + 0.5, mi.Float(cell // width) + 0.5, width)
-    si = scene.ray_intersect(ray)
-    n = dr.select(dr.dot(si.sh_frame.n, ray.d) > 0, -si.sh_frame.n, si.sh_frame.n)
+    si = hit(scene, ray)
+    n = mi.Vector3f(si.sh_frame.n)
     back, up = mi.Vector3f(*view.turn[2].tolist()), mi.Vector3f(*view.turn[1].tolist())
     pole = dr.select(dr.abs(dr.dot(up, n)) > 0.99, -back, up)
     y = dr.normalize(pole - dr.dot(pole, n) * n)
@@ -211,7 +218,6 @@ def maps(lit, scene, view, burning, spp=4, seed=4):
     theta = (mi.Float(texel // 16) + (mi.Float(k % side) + rng.next_float32()) / side) / 8 * (dr.pi / 2)
     phi = (mi.Float(texel % 16) + (mi.Float(k // side) + rng.next_float32()) / side) / 16 * dr.two_pi - dr.pi
     d = dr.sin(theta) * (dr.cos(phi) * x + dr.sin(phi) * y) + dr.cos(theta) * n
-    si.n = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n)
     dr.eval(si, n, x, y, rng)
     got = np.array(reflected(scene, si.spawn_ray(d), seed)).reshape(3, 30, 40, 8, 16, spp).mean(-1)
     edges = np.cos(np.linspace(0, math.pi / 2, 9))
@@ -234,19 +240,11 @@ def maps(lit, scene, view, burning, spp=4, seed=4):
 
 def raw_photo(scene, view, spp, seed, depth=DEPTH):
     """The picture, linear, with its noise."""
-    index = dr.arange(mi.UInt32, WIDTH * HEIGHT * spp)
-    rng = mi.PCG32(size=dr.width(index), initstate=seed)
-    pixel, k, side = index // spp, index % spp, math.isqrt(spp)
-    x = mi.Float(pixel % WIDTH) + (mi.Float(k % side) + rng.next_float32()) / side
-    y = mi.Float(pixel // WIDTH) + (mi.Float(k // side) + rng.next_float32()) / side
-    ray, _ = view.rays(x, y, WIDTH)
-    return np.moveaxis(per_pixel(radiance(scene, mi.RayDifferential3f(ray), seed, depth), WIDTH, spp), 0, -1)
+    ray, _ = places(view, WIDTH, spp, seed)
+    return per_pixel(radiance(scene, mi.RayDifferential3f(ray), seed, depth), WIDTH, spp)
 
 
 def photo(scene, view, albedo, normal, spp=16, seed=5):
     """The picture, linear, denoised."""
     picture = raw_photo(scene, view, spp, seed)
-    scale = max(float(np.median(picture)), 1e-12)
-    aux = [np.ascontiguousarray(a, np.float32) for a in (albedo, normal)]
-    out = mitsuba_oidn.denoise(np.ascontiguousarray(picture / scale, np.float32), albedo=aux[0], normal=aux[1], hdr=True, clean_aux=True)
-    return np.maximum(np.array(out), 0) * scale
+    return denoise(picture, albedo, normal, max(float(np.median(picture)), 1e-12))

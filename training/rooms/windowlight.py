@@ -18,13 +18,12 @@ class Pane:
     """The rectangle center + u half_x + v half_y, u and v in -1..1, and its lobes; half_x x half_y points into the room."""
 
     def __init__(self, center, half_x, half_y, directions, bandwidths, weights):
-        opaque = lambda kind, value: dr.opaque(kind, value)
-        self.center, self.x, self.y = (mi.Point3f(*(opaque(mi.Float, float(c)) for c in v)) for v in (center, half_x, half_y))
-        self.directions = [mi.Vector3f(*(opaque(mi.Float, float(c)) for c in d)) for d in directions]
-        self.bandwidths = [opaque(mi.Float, max(float(b), 1e-3)) for b in bandwidths]
-        self.weights = [mi.Color3f(*(opaque(mi.Float, float(c)) for c in w)) for w in weights]
+        self.center, self.x, self.y = (mi.Point3f(*(dr.opaque(mi.Float, float(c)) for c in v)) for v in (center, half_x, half_y))
+        self.directions = [mi.Vector3f(*(dr.opaque(mi.Float, float(c)) for c in d)) for d in directions]
+        self.bandwidths = [dr.opaque(mi.Float, max(float(b), 1e-3)) for b in bandwidths]
+        self.weights = [mi.Color3f(*(dr.opaque(mi.Float, float(c)) for c in w)) for w in weights]
         # The share of samples that follow the sun.
-        self.sunny = opaque(mi.Float, 0.5 if max(weights[0]) > 0 else 0.0)
+        self.sunny = dr.opaque(mi.Float, 0.5 if max(weights[0]) > 0 else 0.0)
         n = dr.cross(mi.Vector3f(self.x), mi.Vector3f(self.y))
         self.area, self.n = 4 * dr.norm(n), dr.normalize(n)
 
