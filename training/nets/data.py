@@ -4,7 +4,8 @@ A pack lies beside its split's folder (DIR/train -> DIR/train.pack) and is made 
 channels], float16 but for depth; one row per room, per source (one lobe of one light) or per path (light whose indirect shading is known):
  room    albedo, normal (unit), rough, depth (m, float32), light (1 at pixels of visible lights), photo (linear radiance),
          shading (E of all lights), maps [rows, 30, 40, 8, 16, 3], maps_valid [rows, 30, 40], fov_x (degrees)
- source  direct, shadow, traced, unknown, traced_direct, doubt (a number: how much of the lit picture is unknown)
+ source  direct, shadow, traced, unknown, traced_direct, doubt (a number: how much of the lit picture is unknown), place [rows, 12] (place.py),
+         radiance [rows, 3]
  path    indirect, path_direct (E_d that the path starts from), path_traced (the same as the product has it, from depth mesh and rays),
          path_trace_indirect (TraceIndirect of that light), path_flux (m^2 times radiance, [rows, 3]; flux.py)"""
 
@@ -18,15 +19,19 @@ import numpy as np
 import torch
 
 import flux as power
+import place
 from layers import HEIGHT, WIDTH
 
-FORMAT = 2
+FORMAT = 5
 KIND = {
     **dict.fromkeys(["albedo", "normal", "rough", "depth", "light", "photo", "shading", "maps", "maps_valid", "fov_x"], "room"),
-    **dict.fromkeys(["direct", "shadow", "traced", "unknown", "traced_direct", "doubt"], "source"),
+    **dict.fromkeys(["direct", "shadow", "traced", "unknown", "traced_direct", "doubt", "place", "radiance"], "source"),
     **dict.fromkeys(["indirect", "path_direct", "path_traced", "path_trace_indirect", "path_flux"], "path"),
 }
-DTYPE = {"depth": np.float32, "fov_x": np.float32, "light": np.uint8, "maps_valid": np.uint8, "doubt": np.float32, "path_flux": np.float32}
+DTYPE = {
+    **dict.fromkeys(["depth", "fov_x", "doubt", "place", "radiance", "path_flux"], np.float32),
+    **dict.fromkeys(["light", "maps_valid"], np.uint8),
+}
 
 
 def blocks(x):
@@ -65,6 +70,8 @@ def unpack(s, lights):
         "maps_valid": s["maps_valid"],
         "fov_x": s["fov_x"],
         **{k: source[k] for k in ["direct", "shadow", "traced", "unknown", "traced_direct"]},
+        "place": [place.place(lights, str(name)) for name in s["sources"]],
+        "radiance": s["source_radiance"],
         "doubt": (source["unknown"] * bright).mean((1, 2)),
         "indirect": indirect,
         "path_direct": np.einsum("shw,psc->phwc", lit, weights),

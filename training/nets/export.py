@@ -1,4 +1,4 @@
-"""Writes a trained network as models/NAME.onnx with its card models/NAME.md, and one input with its output for tests in models/NAME.parity.npz.
+"""Writes a trained network as models/NAME.onnx with its card models/NAME.md, and its arrays for one held-out room in models/parity/, for tests.
 
 usage: export.py NAME --rooms DIR [--out runs/NAME] [--models models]
 
@@ -34,7 +34,7 @@ CARD = """# {kind}
 | SHA-256 | `{digest}` |
 | inputs | {inputs} |
 | outputs | {outputs} |
-| data | {rooms} rooms of `training/rooms`, path-traced; nothing else |
+| data | {rooms} rooms of `training/rooms`, path-traced with furniture of Sweet Home 3D (CC-BY 3.0, CC0: NOTICE.md); nothing else |
 | training | `training/nets/train.py {name} --seed {seed}`: {steps} steps of {batch} items, {seconds} s on {machine}, torch {torch} |
 | parity | ONNX Runtime differs from torch by {parity:.1e} of the largest output, on {checked} rooms |
 | licence | MIT OR Apache-2.0 |
@@ -99,11 +99,9 @@ def export(name, rooms, run, models):
         got = session.run(net.outputs, {k: v.numpy() for k, v in inputs.items()})
         worst = max([worst] + [float(np.abs(g - w).max() / np.abs(w).max()) for g, w in zip(got, want)])
         if room == 0:
-            np.savez_compressed(
-                os.path.join(models, f"{name}.parity.npz"),
-                **{k: v.numpy().astype(np.float16) for k, v in inputs.items()},
-                **dict(zip(net.outputs, want)),
-            )
+            os.makedirs(os.path.join(models, "parity"), exist_ok=True)
+            for k, v in ({k: v.numpy().astype(np.float16) for k, v in inputs.items()} | dict(zip(net.outputs, want))).items():
+                np.save(os.path.join(models, "parity", f"{name}.{k}.npy"), v)
     if worst > LIMIT:
         raise SystemExit(f"{name}: wanted ONNX Runtime within {LIMIT} of torch, got {worst:.1e}")
 

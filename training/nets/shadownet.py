@@ -1,24 +1,29 @@
 """ShadowNet: the visibility of a light behind what the photo does not show.
 
-Rays to the light end lit, blocked or unknown (behind a depth edge, outside the view). The network tells which share of the unknown ones is lit:
-    S = (traced - unknown) + unknown x lit,        traced counts unknown rays as lit,
-so where nothing is unknown the ray-traced value stands."""
+Rays to the light end lit, blocked or unknown (behind a depth edge, outside the view). The network tells which share of the unknown ones is lit, and
+where the rays through the depth mesh are not to be trusted at all (thin things, edges), with what stands in for them there:
+    S = (1 - doubt) x (traced - unknown + unknown x lit) + doubt x instead,        traced counts unknown rays as lit.
+The photo shows shadows of the lights that burn in it: its shading, which a light can at most make up alone, is an input. So is the place of the light."""
 
 import torch
 import torch.nn.functional as F
 from torch import nn
 
 import augment
+import place as places
 from layers import UNet, unit_scale
 
 GAPS = (1, 2, 4, 8)
+UNSEEN = 0.3  # share of the items to train on whose light is told not to burn in the photo
 
 
 class ShadowNet(nn.Module):
-    """visibility [1, 3, 120, 160]: traced, unknown, unshadowed direct shading of that lobe (any unit); geometry [1, 6, 120, 160]: normal, xyz (m)
-    -> lit [1, 1, 120, 160] in 0..1."""
+    """visibility [1, 4, 120, 160]: traced, unknown, unshadowed direct shading per unit radiance of that lobe, shading of the photo over its radiance
+    (`seen`; zeros for a light that does not burn in the photo); geometry [1, 6, 120, 160]: normal, xyz (m); place [1, 12, 1, 1] of the light: centre,
+    half_x, half_y (m; zeros but for windows), direction to the sun (zeros but for suns) -> shares [1, 3, 120, 160] in 0..1: lit, instead, doubt
+    (`combine`)."""
 
-    outputs = ["lit"]
+    outputs = ["shares"]
     targets = [
         ("error / ray-traced error, all", lambda m: m["network"]["all"] / m["traced"]["all"], 0.5),
         ("error / ray-traced error, unknown region", lambda m: m["network"]["unknown"] / m["traced"]["unknown"], 0.5),
@@ -27,53 +32,59 @@ class ShadowNet(nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.unet = UNet(9, [32, 48, 64, 96])
-        self.head = nn.Conv2d(32, 4, 3, padding=1)
+        self.unet = UNet(22, [32, 48, 64, 96, 128])
+        self.head = nn.Conv2d(32, 12, 3, padding=1)
 
-    def forward(self, visibility, geometry):
-        direct = visibility[:, 2:] / (visibility[:, 2:].mean((1, 2, 3), keepdim=True) + 1e-6)
-        x = torch.cat([visibility[:, :2], direct / (1 + direct), unit_scale(geometry)], 1)
-        return torch.sigmoid(F.pixel_shuffle(self.head(self.unet(x)[0]), 2))
+    def forward(self, visibility, geometry, place):
+        direct = visibility[:, 2:3].mean((1, 2, 3), keepdim=True) + 1e-9
+        logs = torch.log(0.02 + torch.clamp(visibility[:, 2:] / direct, max=50)) / 2
+        planes = [visibility[:, :2], logs, unit_scale(geometry), ways(geometry, place)]
+        y = F.pixel_shuffle(self.head(self.unet(torch.cat(planes, 1))[0]), 2)
+        return torch.cat([torch.sigmoid(y[:, :2]), torch.sigmoid(y[:, 2:] - 3)], 1)
 
     @staticmethod
     def batch(rooms, g, size):
-        """Sources are drawn by the root of how much of their light is unknown: those without unknown rays teach nothing."""
+        """Sources are drawn by the root of how much of their light is unknown: those without unknown rays teach little."""
         items = []
         for room in torch.randint(len(rooms), (size,), generator=g).tolist():
-            doubt = rooms.get("doubt", room).sqrt() + 1e-4
-            items.append((room, torch.multinomial(doubt, 1, generator=g).item()))
-        x = {name: rooms.stack(name, items) for name in ["traced", "unknown", "traced_direct", "direct", "shadow", "depth", "normal"]}
+            items.append((room, torch.multinomial(rooms.get("doubt", room).sqrt() + 0.05, 1, generator=g).item()))
+        x = planes(rooms, items)
         fov = torch.stack([rooms.get("fov_x", room) for room, _ in items])
         flip = augment.uniform(g, fov) < 0.5
-        x = {name: torch.where(flip, augment.mirrored(v, name == "normal"), v) for name, v in x.items()}
+        mirrored = {name: augment.mirrored(v, name == "normal") for name, v in x.items()} | {"place": places.mirrored(x["place"])}
+        x = {name: torch.where(flip, mirrored[name], v) for name, v in x.items()}
         geometry = augment.geometry(g, x["depth"], x["normal"], fov)
-        visibility = torch.cat([x["traced"], x["unknown"], x["traced_direct"]], 1)
-        return {"inputs": (visibility, geometry), "shadow": x["shadow"], "weight": brightness(x["direct"])}
+        albedo = augment.choose(g, 0.7, augment.worse_albedo(g, x["albedo"]), x["albedo"])
+        wrong = torch.exp(0.4 * torch.randn(size, 1, 1, 1, generator=g))
+        seen = torch.where(augment.uniform(g, fov) < UNSEEN, 0.0, wrong * shading(x["photo"], albedo, x["radiance"]))
+        noise = lambda scale, channels: scale * torch.randn(size, channels, 1, 1, generator=g)
+        place = x["place"] * (1 + noise(0.05, 1)) + noise(0.03, 12) * (x["place"] != 0)
+        visibility = torch.cat([x["traced"], x["unknown"], x["traced_direct"], seen], 1)
+        return {"inputs": (visibility, geometry, place), "shadow": x["shadow"], "weight": brightness(x["direct"])}
 
     def loss(self, batch):
-        """Weighted squares for the level, after least-squares scaling (a light's radiance is fitted to the photo later), and scale-invariant gradients; both
+        """Weighted squares for the level, after least-squares scaling (a light's radiance is fitted to the photo later), and scale-invariant gradients
         where something is unknown."""
         visibility, shadow, weight = batch["inputs"][0], batch["shadow"], batch["weight"]
         got = combine(visibility, self(*batch["inputs"]).float())
-        unknown = (visibility[:, 1:2] > 0.02).float()
-        sums = lambda x: (weight * x).sum((1, 2, 3), keepdim=True).detach()
-        got = got * (sums(got * shadow) / sums(got * got).clamp(min=1e-6)).clamp(0.25, 4)
-        level = (weight * unknown * (got - shadow) ** 2).sum() / (weight * unknown).sum().clamp(min=1)
-        edges = 0
+        got = scaled(got, shadow, weight)
+        level = (weight * (got - shadow) ** 2).sum() / weight.sum().clamp(min=1)
+        edges, unknown = 0, (visibility[:, 1:2] > 0.02).float()
         for gap in GAPS:
             for dim in (-1, -2):
                 near, far = lambda x: x.narrow(dim, 0, x.shape[dim] - gap), lambda x: x.narrow(dim, gap, x.shape[dim] - gap)
                 change = lambda x: (near(x) - far(x)) / (near(x) + far(x) + 0.1)
                 pair = torch.maximum(near(unknown), far(unknown)) * torch.minimum(near(weight), far(weight))
                 edges = edges + (pair * (change(got) - change(shadow)) ** 2).sum() / pair.sum().clamp(min=1)
-        return level + 0.01 * edges
+        return level + 0.003 * edges
 
     @staticmethod
     def inputs(rooms, room):
         """As the product gives them, for all sources of a room: [S, ..]."""
-        items = [(room, s) for s in range(len(rooms.sources[room]))]
-        geometry = torch.cat([rooms.stack("normal", items), augment.xyz(rooms.stack("depth", items), rooms.get("fov_x", room))], 1)
-        return {"visibility": torch.cat([rooms.stack(k, items) for k in ["traced", "unknown", "traced_direct"]], 1), "geometry": geometry}
+        x = planes(rooms, [(room, s) for s in range(len(rooms.sources[room]))])
+        geometry = torch.cat([x["normal"], augment.xyz(x["depth"], rooms.get("fov_x", room))], 1)
+        visibility = torch.cat([x["traced"], x["unknown"], x["traced_direct"], shading(x["photo"], x["albedo"], x["radiance"])], 1)
+        return {"visibility": visibility, "geometry": geometry, "place": x["place"]}
 
     @staticmethod
     def floors(rooms):
@@ -87,62 +98,101 @@ class ShadowNet(nn.Module):
         return {"constant": float(top / max(bottom, 1e-6))}
 
     def score(self, rooms, room, floors=None):
-        """Per source: mean squared error after least-squares scaling; `weighted`: by direct light. Regions with less than 50 lit pixels do not
-        count."""
+        """Per room: mean squared error, over the lit pixels of all its sources, after least-squares scaling of each source; `weighted`: by direct
+        light. Regions with less than 50 lit pixels do not count."""
         x = self.inputs(rooms, room)
-        lit, visibility = self(**x), x["visibility"]
-        estimates = {"network": lit}
+        visibility = x["visibility"]
+        estimates = {"network": combine(visibility, self(**x))}
         if floors is not None:
-            blocked, unknown = torch.zeros_like(lit), visibility[:, 1:2]
-            best = (rooms.get("shadow", room)[:, None] - combine(visibility, blocked)) / unknown.clamp(min=1e-3)
+            known, unknown = visibility[:, :1] - visibility[:, 1:2], visibility[:, 1:2]
+            unseen = x | {"visibility": torch.cat([visibility[:, :3], 0 * unknown], 1)}
+            truth = rooms.get("shadow", room)[:, None]
             estimates |= {
-                "traced": blocked + 1,
-                "unknown is blocked": blocked,
-                "unknown is constant": blocked + floors["constant"],
-                "best possible": best.clamp(0, 1),
+                "network, light not in the photo": combine(unseen["visibility"], self(**unseen)),
+                "traced": visibility[:, :1],
+                "unknown is blocked": known,
+                "unknown is constant": known + unknown * floors["constant"],
+                "best for unknown": torch.minimum(torch.maximum(truth, known), known + unknown),
             }
-        estimates = {k: combine(visibility, v)[:, 0] for k, v in estimates.items()}
-        items = []
-        for s in range(len(lit)):
-            shadow, direct = rooms.get("shadow", room, s), rooms.get("direct", room, s)
-            valid, weight, unknown = direct > 0.05 * direct.mean(), brightness(direct[None, None])[0, 0], visibility[s, 1] > 0.02
-            item = {}
-            for name, estimate in estimates.items():
-                e = estimate[s]
-                scale = lambda w: (w * e * shadow).sum() / (w * e * e).sum().clamp(min=1e-6)
-                mean = lambda w, x: ((w * x).sum() / w.sum()).item() if (w > 0).sum() >= 50 else float("nan")
-                plain, heavy = (scale(valid.float()) * e - shadow) ** 2, (scale(weight) * e - shadow) ** 2
-                item[name] = {
-                    "all": mean(valid.float(), plain),
-                    "unknown": mean((valid & unknown).float(), plain),
-                    "known": mean((valid & ~unknown).float(), plain),
-                    "all weighted": mean(weight, heavy),
-                    "unknown weighted": mean(weight * unknown, heavy),
-                    "known weighted": mean(weight * ~unknown, heavy),
-                }
-            items.append(item)
-        return items
+        estimates = {k: v[:, 0] for k, v in estimates.items()}
+        shadow, direct = rooms.get("shadow", room), rooms.get("direct", room)
+        lit, weight = (direct > 0.1 * middle(direct)).float(), brightness(direct[:, None])[:, 0]
+        unknown = (visibility[:, 1] > 0.02).float()
+
+        def measures(e):
+            error = lambda w: (scaled(e, shadow, w) - shadow) ** 2
+            mean = lambda w, x: ((w * x).sum() / w.sum()).item() if (w > 0).sum() >= 50 else float("nan")
+            regions = {"all": torch.ones_like(unknown), "unknown": unknown, "known": 1 - unknown}
+            plain = {k: mean(lit * region, error(lit)) for k, region in regions.items()}
+            return plain | {f"{k} weighted": mean(weight * region, error(weight)) for k, region in regions.items()}
+
+        return [{name: measures(e) for name, e in estimates.items()}]
 
     def pictures(self, rooms, room):
         """The source with the most unknown light."""
         x = self.inputs(rooms, room)
         s = int(rooms.get("doubt", room).argmax())
         got = combine(x["visibility"], self(**x))
-        planes = {
-            "traced": x["visibility"][s, 0],
+        pictures = {
+            "seen": x["visibility"][s, 3] / x["visibility"][s, 3].quantile(0.95).clamp(min=1e-6),
+            "direct": brightness(x["visibility"][s : s + 1, 2:3])[0, 0],
             "unknown": x["visibility"][s, 1],
-            "direct": brightness(x["visibility"][s : s + 1, 2:])[0, 0],
+            "traced": x["visibility"][s, 0],
             "network": got[s, 0],
             "truth": rooms.get("shadow", room, s),
         }
-        return f"{rooms.names[room]} {rooms.sources[room][s]}", {k: v.numpy() for k, v in planes.items()}
+        return f"{rooms.names[room]} {rooms.sources[room][s]}", {k: v.numpy() for k, v in pictures.items()}
 
 
-def combine(visibility, lit):
+def ways(geometry, place):
+    """How each pixel sees the light, [B, 12, h, w]: direction to it (of a sun: to the sun), its cosine with the normal, nearness; in a window's frame
+    (x, y, into the room) that direction, where it meets the pane (-1..1 from edge to edge), and half the pane's sides over the distance."""
+    centre, half_x, half_y, sun = place.split(3, 1)
+    dot = lambda a, b: (a * b).sum(1, keepdim=True)
+    length = lambda a: torch.sqrt(dot(a, a) + 1e-6)
+    to = centre - geometry[:, 3:]
+    far, long, high = length(to), length(half_x), length(half_y)
+    x, y = half_x / long, half_y / high
+    n = torch.cat([x[:, i : i + 1] * y[:, j : j + 1] - x[:, j : j + 1] * y[:, i : i + 1] for i, j in ((1, 2), (2, 0), (0, 1))], 1)
+    bright = dot(sun, sun).clamp(max=1)
+    way = (1 - bright) * to / far + bright * sun
+    meets = to - way * (dot(to, n) / dot(way, n).clamp(max=-0.05))
+    on_pane = torch.cat([-dot(meets, x) / long, -dot(meets, y) / high], 1).clamp(-2, 2)
+    near = geometry[:, 5:].mean((1, 2, 3), keepdim=True) / -3 / far
+    sides = torch.cat([long / far, high / far], 1).clamp(max=2)
+    return torch.cat([way, dot(way, geometry[:, :3]), near / (1 + near), dot(way, x), dot(way, y), dot(way, n), on_pane, sides], 1)
+
+
+def planes(rooms, items):
+    x = {name: rooms.stack(name, items) for name in ["traced", "unknown", "traced_direct", "direct", "shadow", "depth", "normal", "albedo", "photo"]}
+    return x | {name: rooms.stack(name, items)[..., None, None] for name in ["place", "radiance"]}
+
+
+def shading(photo, albedo, radiance):
+    """What a photo that clips at white shows of it: [B, 1, h, w] of photo / albedo over radiance [B, 3, 1, 1], by luminance."""
+    luminance = lambda x: (x * x.new_tensor([0.2126, 0.7152, 0.0722]).view(1, 3, 1, 1)).sum(1, keepdim=True)
+    return luminance(photo.clamp(max=1) / albedo.clamp(min=0.03)) / luminance(radiance).clamp(min=1e-6)
+
+
+def combine(visibility, shares):
     traced, unknown = visibility[:, :1], visibility[:, 1:2]
-    return traced - unknown + unknown * lit
+    lit, instead, doubt = shares.split(1, 1)
+    return (1 - doubt) * (traced - unknown + unknown * lit) + doubt * instead
+
+
+def scaled(got, want, weight):
+    """`got` of each item times what brings it closest to `want`, within a factor of 4. The factor has no gradient."""
+    sums = lambda x: (weight * x).flatten(1).sum(1).detach()
+    factor = (sums(got * want) / sums(got * got).clamp(min=1e-6)).clamp(0.25, 4)
+    return got * factor.view(-1, *[1] * (got.ndim - 1))
+
+
+def middle(direct):
+    """Medians over the lit pixels of [B, .., h, w], to compare with."""
+    x = direct.flatten(1)
+    return torch.where(x > 0, x, torch.nan).nanmedian(1).values.nan_to_num(1.0).view(-1, *[1] * (direct.ndim - 1))
 
 
 def brightness(direct):
     """Weight 0..1 of the pixels of [B, 1, h, w]: in the dark a ratio of light is noise, and matters to nobody."""
-    return (direct / direct.mean((1, 2, 3), keepdim=True).clamp(min=1e-8)).clamp(0, 1)
+    return (direct / middle(direct).clamp(min=1e-8)).clamp(0, 1)

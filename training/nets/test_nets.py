@@ -9,11 +9,12 @@ import torch
 import augment
 import flux
 import hemisphere
+import place
 import synthetic
 from data import Rooms
 from indirectnet import IndirectNet
 from lightnet import LightNet
-from shadownet import ShadowNet, combine
+from shadownet import ShadowNet, combine, ways
 
 
 class Hemisphere(unittest.TestCase):
@@ -70,6 +71,36 @@ class Flux(unittest.TestCase):
             self.assertLess(abs(flux.flux({"w": pane}, "w.sky") - want), 2e-3 * want + 1e-12)
 
 
+class Place(unittest.TestCase):
+    pane = {"kind": "Window", "center": [1, 2, 3], "half_x": [-1, 0, 0], "half_y": [0, 2, 0], "lobes": [{"name": "sun", "direction": [0, 3, 4]}]}
+
+    def test_centres_axes_and_suns(self):
+        lights = {"lamp_0": {"kind": "Mesh", "triangles": [[[0, 0, 0], [3, 0, 0], [0, 3, 0]]]}, "window_0": self.pane}
+        for name, want in (
+            ("lamp_0", [1, 1, 0] + 9 * [0]),
+            ("window_0.sky", [1, 2, 3, -1, 0, 0, 0, 2, 0, 0, 0, 0]),
+            ("window_0.sun", [1, 2, 3, -1, 0, 0, 0, 2, 0, 0, 0.6, 0.8]),
+        ):
+            np.testing.assert_allclose(place.place(lights, name), want, rtol=1e-6)
+
+    def test_what_a_pixel_sees_of_a_window(self):
+        """A pixel straight before a pane's upper edge, by sun along the pane's normal; the pane looks along -z."""
+        pane = self.pane | {"lobes": [{"name": "sun", "direction": [0, 0, 1]}]}
+        where = torch.from_numpy(place.place({"w": pane}, "w.sun")).view(1, 12, 1, 1)
+        geometry = torch.tensor([0.0, 0, 1, 1, 4, -1]).view(1, 6, 1, 1)
+        got = ways(geometry, where)[0, :, 0, 0]
+        want = [0, 0, 1, 1, (1 / 3) / 20**0.5 / (1 + (1 / 3) / 20**0.5), 0, 0, -1, 0, 1, 1 / 20**0.5, 2 / 20**0.5]
+        np.testing.assert_allclose(got, want, atol=2e-3)
+
+    def test_a_mirrored_room_is_seen_mirrored(self):
+        where = torch.from_numpy(place.place({"w": self.pane}, "w.sun")).view(1, 12, 1, 1) + 0.1
+        geometry = torch.tensor([0.6, 0, 0.8, 0.5, 1, -1]).view(1, 6, 1, 1)
+        flip = torch.tensor([-1.0, 1, 1])
+        other = geometry * torch.cat([flip, flip]).view(1, 6, 1, 1)
+        want = ways(geometry, where) * torch.tensor([-1.0, 1, 1, 1, 1, -1, 1, 1, -1, 1, 1, 1]).view(1, 12, 1, 1)
+        np.testing.assert_allclose(ways(other, place.mirrored(where)), want, atol=1e-5)
+
+
 class Augment(unittest.TestCase):
     def test_mirrored_maps_are_maps_of_the_mirrored_room(self):
         """An environment L(d) about one normal, against L mirrored about the mirrored normal."""
@@ -113,10 +144,11 @@ class Nets(unittest.TestCase):
             one, other = (net.batch(self.rooms, torch.Generator().manual_seed(5), 2)["inputs"] for _ in range(2))
             self.assertTrue(all(torch.equal(a, b) for a, b in zip(one, other)))
 
-    def test_where_all_is_known_the_traced_shadow_stands(self):
+    def test_where_all_is_known_and_trusted_the_traced_shadow_stands(self):
         x = ShadowNet.inputs(self.rooms, 0)["visibility"]
         x[:, 1] = 0
-        self.assertTrue(torch.equal(combine(x, torch.rand(len(x), 1, 120, 160)), x[:, :1]))
+        shares = torch.rand(len(x), 3, 120, 160) * torch.tensor([1.0, 1, 0]).view(1, 3, 1, 1)
+        self.assertTrue(torch.equal(combine(x, shares), x[:, :1]))
 
     @torch.no_grad()
     def test_indirect_light_is_linear_and_not_negative(self):

@@ -1,7 +1,7 @@
 """The mix of rooms beside real photographs: rooms/compare.py ROOMS PHOTOS
 
-ROOMS holds rooms (truth.npz); PHOTOS holds photographs with depth, one folder each: photo.png or .jpg, depth.npy, .exr or 16-bit .png (millimetres). Prints, for each
-measure, its 10th, 50th and 90th percentile over the pictures of either side."""
+ROOMS holds rooms (truth.npz); PHOTOS holds photographs with depth, one folder each: photo.png or .jpg, depth.npy, .exr or 16-bit .png (mm). Prints, for
+each measure, its 10th, 50th and 90th percentile over the pictures of either side."""
 
 import sys
 from pathlib import Path

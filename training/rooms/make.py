@@ -19,7 +19,13 @@ sys.path.insert(0, str(HERE.parent / "demo"))
 import layout  # noqa: E402
 from assets import Library  # noqa: E402
 
-SPLITS = {"train": (0, "train", 1), "val": (10_000_000, "held", 4), "test": (20_000_000, "held", 8)}  # first seed, furniture, samples
+# First seed; furniture; passes of 16 samples a pixel of the photo and of indirect light, passes of 64 of direct light; samples a texel of the maps (a
+# square number); whether denoised.
+SPLITS = {
+    "train": (0, "train", (1, 1, 1, 9, True)),
+    "val": (10_000_000, "held", (4, 4, 2, 16, True)),
+    "test": (20_000_000, "held", (16, 64, 16, 64, False)),
+}
 LEAST = 12  # pixels that a visible light has at least
 PATHS = 5  # most indirect pictures a room
 
@@ -40,26 +46,29 @@ def cameras(room, rng):
 
 
 def look(lit, scene, room, rng):
-    """The first camera that sees something: (view, planes, names of lights seen, names of lights not seen), or None."""
+    """A camera that sees something, mostly one that sees a light: (view, planes, names of lights seen, names of lights not seen), or None."""
     import truth
 
+    wants_light, found = rng.random() < 0.75, None
     for number, spec in enumerate(cameras(room, rng)):
         if number == 25:
-            return None
+            break
         view = truth.View(*spec)
         depth = truth.depths(scene, view, 40)
         if np.percentile(depth, 10) < 0.8 or np.percentile(depth, 50) < 1.8 or np.percentile(depth, 95) < 2.4:
             continue
         planes = truth.surfaces(lit, scene, view)
-        pixels = {name: int((planes["light"] == k + 1).sum()) for k, name in enumerate(planes["names"])}
-        seen = [n for n, count in pixels.items() if count >= LEAST]
+        pixels = lambda plane: {name: int((planes[plane] == k + 1).sum()) for k, name in enumerate(planes["names"])}
+        seen = [n for n, count in pixels("light").items() if count >= LEAST]
         # A light of a few pixels is neither visible nor invisible: it does not burn.
-        hidden = [n for n, count in pixels.items() if count == 0]
+        hidden = [n for n, count in pixels("touch").items() if count == 0]
         lamps, windows = ([n for n in hidden if n.startswith(kind)] for kind in ("lamp", "window"))
         kept = [str(rng.choice(some)) for some in (lamps, windows) if some]
         if seen or kept:
+            found = found or (view, planes, seen, kept)
+        if seen or (found and not wants_light):
             return view, planes, seen, kept
-    return None
+    return found
 
 
 def names_of(seen, hidden):
@@ -122,14 +131,15 @@ def groups(lit, names):
     return out
 
 
-def make(seed, library, folder, quality=1):
-    """Renders the room of a seed into `folder`, with `quality` times the samples; None when no camera sees anything."""
+def make(seed, library, folder, quality):
+    """Renders the room of a seed into `folder`; None when no camera sees anything. `quality`: see SPLITS."""
     import OpenEXR
     from PIL import Image
 
     import scene as scenes
     import truth
 
+    photo_passes, passes, direct_passes, texel_samples, clean = quality
     room, rng = layout.make(seed, library)
     lit = scenes.Lit(room)
     found = look(lit, lit.scene({}), room, rng)
@@ -138,18 +148,18 @@ def make(seed, library, folder, quality=1):
     view, planes, seen, hidden = found
     names = names_of(seen, hidden)
     all_on = lit.scene(dict.fromkeys(names))
-    picture = truth.photo(all_on, view, planes["albedo"], planes["normal"])
-    dark = planes["light"] == 0
+    picture = truth.photo(all_on, view, planes["albedo"], planes["normal"], photo_passes, clean)
+    dark = planes["touch"] == 0
     if np.percentile(picture[dark].mean(-1), 98) <= 0:
         return None
 
     # White balance and exposure, as a camera would; all that is linear in the lights takes the same gain.
     cast = np.array([np.percentile(picture[dark][:, c], 90) for c in range(3)])
-    balance = (cast.mean() / np.maximum(cast, 1e-3 * cast.max())) ** rng.uniform(0.3, 1.0)
+    balance = (cast.mean() / np.maximum(cast, 1e-3 * cast.max())) ** rng.uniform(0.0, 0.8)
     gain = balance * rng.uniform(0.9, 1.0) / np.percentile((picture * balance)[dark].mean(-1), 98)
 
     lights = {title: describe(lit, view, name, gain) for name, title in names.items()}
-    direct, normal = truth.shading(lit, all_on, view, names, 64 * quality)
+    direct, normal = truth.shading(lit, all_on, view, names, direct_passes, clean)
     sources, weights = [], []
     for name, title in names.items():
         if name in lit.lamps:
@@ -166,8 +176,8 @@ def make(seed, library, folder, quality=1):
             for s, (source, _) in enumerate(sources):
                 if source == name or (lobes and source in [f"{name}.{n}" for n in lobes]):
                     path_weights[p, s] = weights[s]
-        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, 16 * quality) * gain)
-    maps, valid = truth.maps(lit, all_on, view, names, 4 * quality)
+        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, passes, clean) * gain)
+    maps, valid = truth.maps(lit, all_on, view, names, texel_samples)
 
     titles = list(lights)
     mask = np.zeros(planes["light"].shape, np.uint8)

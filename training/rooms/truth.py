@@ -117,7 +117,8 @@ def depths(scene, view, width):
 
 
 def surfaces(lit, scene, view):
-    """Planes at full size: albedo, normal, rough, depth (planar z, metres) and light (0 or 1 + place in `names`)."""
+    """Planes at full size: albedo, normal, rough, depth (planar z, metres); of lights 0 or 1 + place in `names`: `light` where more than half of a pixel
+    is light, `touch` where any is."""
     names = [*lit.lamps, *lit.windows]
     spp = 16
     si, _ = hits(scene, view, WIDTH, spp, 1)
@@ -126,11 +127,12 @@ def surfaces(lit, scene, view):
     albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
     rough = dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
     planes = {"albedo": per_pixel(albedo, WIDTH, spp), "rough": per_pixel(rough, WIDTH, spp), "normal": normals(si, view, WIDTH, spp)}
-    light = np.zeros((HEIGHT, WIDTH), int)
+    light, touch = np.zeros((2, HEIGHT, WIDTH), int)
     for k, name in enumerate(names):
-        light[per_pixel(mi.Float(dr.select(si.shape == known[name], 1, 0)), WIDTH, spp) > 0] = k + 1
+        share = per_pixel(mi.Float(dr.select(si.shape == known[name], 1, 0)), WIDTH, spp)
+        light[share > 0.5] = touch[share > 0] = k + 1
     planes["depth"] = depths(scene, view, WIDTH)
-    return planes | {"light": light, "names": names}
+    return planes | {"light": light, "touch": touch, "names": names}
 
 
 def light_samples(lit, scene, burning, si, rng):
@@ -157,22 +159,50 @@ def light_samples(lit, scene, burning, si, rng):
             yield f"{name}.{lobe}", lobes[k][2], q, d, pane.lobe(k, d) / dr.maximum(pdf, 1e-20), (~pick | meets) & (dr.dot(d, pane.n) < 0)
 
 
-def shading(lit, scene, view, burning, spp=64):
-    """Per source of unit radiance, half size: unshadowed shading, and the share of it that arrives. `scene` has the lights `burning` on."""
+def mean_of(passes, one):
+    """Mean of what `one` gives for the numbers of the passes, which keep memory small."""
+    total = 0
+    for k in range(passes):
+        total = total + np.asarray(one(k), np.float64)
+    return total / passes
+
+
+def shading(lit, scene, view, burning, passes=1, clean=True, spp=64):
+    """{source: [2, h, w]} of unit radiance, half size: unshadowed shading, `clean` if wanted, and the share of it that arrives; and normals. `scene` has
+    the lights `burning` on."""
+    names = []
+
+    def one(k):
+        """Normals weighted with the share of the pixel that is room, that share, and of each source what is open and what arrives."""
+        some, normal, share = shading_pass(lit, scene, view, burning, spp, 2 + 100 * k)
+        names[:] = some
+        return np.concatenate([np.moveaxis(normal, -1, 0), share[None], *some.values()])
+
+    planes = mean_of(passes, one)
+    normal, share = np.moveaxis(planes[:3], 0, -1), planes[3]
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+    out = {}
+    for name, (open_, arrived) in zip(names, planes[4:].reshape(-1, 2, *share.shape)):
+        shadow = np.where(open_ > 0, arrived / np.maximum(open_, 1e-20), 1)
+        mean = open_ / np.maximum(share, 1e-6)
+        out[name] = ((denoised(mean, normal) if clean else mean) * (share > 0.5), shadow)
+    return out, normal
+
+
+def shading_pass(lit, scene, view, burning, spp, seed):
+    """{source: [2, h, w]}: open and arrived shading, sums over the part of a pixel that is room; normals; that part."""
     width = WIDTH // 2
-    si, rng = hits(scene, view, width, spp, 2)
+    si, rng = hits(scene, view, width, spp, seed)
     room = ~is_light(si, scene, lit) & si.is_valid()
     dr.eval(si, room, rng)
     normal = normals(si, view, width, spp)
-    share = np.maximum(per_pixel(dr.select(room, mi.Float(1), 0), width, spp), 1e-6)
+    share = per_pixel(dr.select(room, mi.Float(1), 0), width, spp)
     out = {}
     for name, _, point, direction, weight, active in light_samples(lit, scene, burning, si, rng):
         e = dr.select(active & room, weight * dr.maximum(dr.dot(si.sh_frame.n, direction), 0) / dr.pi, 0)
         blocked = scene.ray_test(si.spawn_ray_to(point), e > 0)
-        open_, arrived = per_pixel(e, width, spp), per_pixel(dr.select(blocked, 0, e), width, spp)
-        shadow = np.where(open_ > 0, arrived / np.maximum(open_, 1e-20), 1)
-        out[name] = (denoised(open_ / share, normal) * (share > 0.5), shadow)
-    return out, normal
+        out[name] = np.stack([per_pixel(e, width, spp), per_pixel(dr.select(blocked, 0, e), width, spp)])
+    return out, normal, share
 
 
 def radiance(scene, ray, seed, depth=DEPTH):
@@ -189,21 +219,26 @@ def reflected(scene, ray, seed):
     return dr.maximum(radiance(scene, ray, seed) - dr.select(seen.is_valid(), seen.emitter(scene).eval(seen), 0), 0)
 
 
-def indirect(lit, scene, view, normal, spp=16, seed=3):
-    """Indirect shading [h, w, 3] at half size, by what of the lights is on in `scene`, denoised."""
+def indirect(lit, scene, view, normal, passes=1, clean=True, spp=16):
+    """Indirect shading [h, w, 3] at half size, by what of the lights is on in `scene`, `clean` if wanted."""
     width = WIDTH // 2
-    si, rng = hits(scene, view, width, spp, seed)
-    room = ~is_light(si, scene, lit) & si.is_valid()
-    ray = si.spawn_ray(si.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32()))))
-    e = dr.select(room, reflected(scene, ray, seed), 0)
-    share = per_pixel(dr.select(room, mi.Float(1), 0), width, spp)
-    mean = per_pixel(e, width, spp) / np.maximum(share, 1e-6)[..., None]
-    return denoised(mean, normal) * (share > 0.5)[..., None]
+
+    def one(k):
+        seed = 3 + 100 * k
+        si, rng = hits(scene, view, width, spp, seed)
+        room = ~is_light(si, scene, lit) & si.is_valid()
+        ray = si.spawn_ray(si.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32()))))
+        e = per_pixel(dr.select(room, reflected(scene, ray, seed), 0), width, spp)
+        return np.concatenate([e, per_pixel(dr.select(room, mi.Float(1), 0), width, spp)[..., None]], -1)
+
+    sums = mean_of(passes, one)
+    mean, share = sums[..., :3] / np.maximum(sums[..., 3:], 1e-6), sums[..., 3:]
+    return (denoised(mean, normal) if clean else mean) * (share > 0.5)
 
 
-def maps(lit, scene, view, burning, spp=4, seed=4):
+def maps(lit, scene, view, burning, spp, seed=4):
     """Incoming radiance [30, 40, 8, 16, 3] in the frame of the normal at the centres of 4 x 4 blocks of half pixels, and whether it is the room that is
-    seen there, no light. Light that comes straight from a light is sampled from the light."""
+    seen there, no light. Light that comes straight from a light is sampled from the light. `spp`, of a texel, is a square number."""
     width, side = 40, math.isqrt(spp)
     index = dr.arange(mi.UInt32, 30 * width * 128 * spp)
     rng = mi.PCG32(size=dr.width(index), initstate=seed)
@@ -244,7 +279,9 @@ def raw_photo(scene, view, spp, seed, depth=DEPTH):
     return per_pixel(radiance(scene, mi.RayDifferential3f(ray), seed, depth), WIDTH, spp)
 
 
-def photo(scene, view, albedo, normal, spp=16, seed=5):
-    """The picture, linear, denoised."""
-    picture = raw_photo(scene, view, spp, seed)
+def photo(scene, view, albedo, normal, passes=1, clean=True, spp=16):
+    """The picture, linear, `clean` if wanted."""
+    picture = mean_of(passes, lambda k: raw_photo(scene, view, spp, 5 + 100 * k))
+    if not clean:
+        return picture
     return denoise(picture, albedo, normal, max(float(np.median(picture)), 1e-12))
