@@ -47,6 +47,7 @@ class Room:
     footprint: np.ndarray  # [n, 2] corners (x, z), the room on the left of each side seen from above with z down
     height: float
     night: bool
+    hall: bool = False  # large
     parts: list = field(default_factory=list)  # (points, normals, faces, albedo [m, 3], roughness [m])
     taken: list = field(default_factory=list)  # (low, high) of what stands in the room
     tops: list = field(default_factory=list)  # (points, faces, low, high) of furniture that carries things
@@ -159,8 +160,13 @@ def textured(rng, library, place, gain=1.0):
 # The shell.
 
 
-def footprint(rng, kind):
+HALLS = 0.3  # share of the rooms that are large: halls, classrooms, lofts
+
+
+def footprint(rng, kind, hall=False):
     w, d = {"bedroom": (3.6, 4.0), "living": (4.6, 5.2), "office": (4.2, 4.6), "kitchen": (3.4, 4.0)}[kind] * rng.uniform(0.8, 1.35, 2)
+    if hall:
+        w, d = (w, d) * rng.uniform(1.4, 2.4, 2)
     corners = np.array([[0, 0], [0, d], [w, d], [w, 0]], float)
     if rng.random() < 0.3:  # L-shaped: one corner cut out
         cw, cd = w * rng.uniform(0.25, 0.5), d * rng.uniform(0.25, 0.5)
@@ -258,7 +264,7 @@ def open_windows(room, rng):
         for _ in range(8):
             number = rng.integers(len(walls))
             length = walls[number][3]
-            width = rng.uniform(0.7, min(2.4, 0.8 * length))
+            width = rng.uniform(0.7, min(2.4 if length < 6 else 5.0, 0.8 * length))
             sill, top = rng.uniform(0.5, 1.1), room.height - rng.uniform(0.15, 0.5)
             if rng.random() < 0.15:
                 sill = 0.05  # a French window
@@ -293,6 +299,9 @@ def windows(room, rng):
     frame_colour = hsv(rng.uniform(0.05, 0.12), rng.choice([0.0, 0.5]), rng.uniform(0.2, 0.85))
     curtain_colour = hsv(rng.random(), rng.uniform(0, 0.5), rng.uniform(0.25, 0.8))
     curtained, depth = rng.random() < 0.6, rng.uniform(0.06, 0.25)
+    bare = rng.random() < 0.25  # panes flush with the wall, nothing before them
+    if bare:
+        curtained, depth = False, 0.01
     for number, a, b, sill, top in room.openings:
         start, along, inward, _ = walls[number]
         along3, in3, up = np.array([along[0], 0, along[1]]), np.array([inward[0], 0, inward[1]]), np.array([0.0, 1, 0])
@@ -319,14 +328,15 @@ def windows(room, rng):
             turn = np.stack([along3, up, in3], 1)
             room.add((mesh[0] @ turn.T + base - (depth - 0.005) * in3, mesh[1] @ turn.T, *mesh[2:]), frame_colour, 0.5)
 
-        for s0, s1, y0, y1 in ((a, a + thick, sill, top), (b - thick, b, sill, top), (a, b, sill, sill + thick), (a, b, top - thick, top)):
-            bar(s0, s1, y0, y1)
-        for k in range(rng.integers(0, 3)):
-            s = a + (b - a) * (k + 1) / 3 if rng.random() < 0.5 else (a + b) / 2
-            bar(s - thick / 3, s + thick / 3, sill, top)
-        if rng.random() < 0.3:
-            y = sill + (top - sill) * rng.uniform(0.4, 0.7)
-            bar(a, b, y - thick / 3, y + thick / 3)
+        if not bare:
+            for s0, s1, y0, y1 in ((a, a + thick, sill, top), (b - thick, b, sill, top), (a, b, sill, sill + thick), (a, b, top - thick, top)):
+                bar(s0, s1, y0, y1)
+            for k in range(rng.integers(0, 3)):
+                s = a + (b - a) * (k + 1) / 3 if rng.random() < 0.5 else (a + b) / 2
+                bar(s - thick / 3, s + thick / 3, sill, top)
+            if rng.random() < 0.3:
+                y = sill + (top - sill) * rng.uniform(0.4, 0.7)
+                bar(a, b, y - thick / 3, y + thick / 3)
         room.windows.append(Window(center, x, hh * up, outlook(room, rng, inward, sunny)))
         room.take(np.minimum(at(a, sill), at(b, top, -0.1)), np.maximum(at(a, sill), at(b, top, -0.1)))
         if curtained:
@@ -511,6 +521,23 @@ def furnish(room, rng, library):
                     if chair is not None:
                         stand(room, chair, turn + np.pi + rng.normal(0, 0.15), x, z, tint=tint(rng))
 
+    def rows():
+        """Desks with chairs behind each other, as in a classroom."""
+        desk, chair = pick(rng, library, "desk"), pick(rng, library, "chair")
+        if desk is None or chair is None:
+            return
+        low, high = room.footprint.min(0) + 1.0, room.footprint.max(0) - 1.0
+        yaw, step = rng.integers(4) * np.pi / 2, np.array([desk.size[0] + rng.uniform(0.2, 0.8), desk.size[2] + rng.uniform(0.7, 1.2)])
+        if yaw % np.pi > 1:
+            step = step[::-1]
+        back = -np.array([np.sin(yaw), np.cos(yaw)]) * (desk.size[2] / 2 + 0.25)
+        for x in np.arange(low[0], high[0], step[0])[:6]:
+            for z in np.arange(low[1], high[1], step[1])[:6]:
+                if stand(room, desk, yaw, x, z):
+                    stand(room, chair, yaw + rng.normal(0, 0.1), x + back[0], z + back[1], touch=False)
+
+    if room.hall and rng.random() < 0.4:
+        rows()
     if room.kind == "bedroom":
         bed = pick(rng, library, "bed")
         spot = bed is not None and against_wall(room, rng, bed)
@@ -545,7 +572,7 @@ def furnish(room, rng, library):
         plant = pick(rng, library, "plant")
         if plant is not None and plant.size[1] < 2.0:
             anywhere(room, rng, plant) if rng.random() < 0.3 else against_wall(room, rng, plant)
-    for _ in range(rng.integers(1, 8)):  # anything
+    for _ in range(rng.integers(1, 20 if room.hall else 8)):  # anything
         cls = rng.choice(["chair", "stool", "armchair", "other", "table", "coffee_table", "ornament", "ornament"])
         model = pick(rng, library, cls)
         if model is not None and max(model.size) < 2.2:
@@ -716,7 +743,7 @@ def strip(room, rng):
 
 
 def lamps(room, rng):
-    wanted = rng.integers(1 if room.night else 0, 5)
+    wanted = rng.integers(1 if room.night else 0, 8 if room.hall else 5)
     for _ in range(wanted):
         rng.choice([table_lamp, floor_lamp, pendant, ceiling_lamp, strip], p=[0.32, 0.22, 0.16, 0.2, 0.1])(room, rng)
 
@@ -725,7 +752,8 @@ def make(seed, library):
     """The room of a seed. `library` is that of assets.py, or part of it."""
     rng = np.random.default_rng(seed)
     kind = rng.choice(["bedroom", "living", "office", "kitchen"], p=[0.32, 0.36, 0.16, 0.16])
-    room = Room(kind, footprint(rng, kind), rng.uniform(2.4, 3.1), rng.random() < 0.3)
+    hall = rng.random() < HALLS
+    room = Room(kind, footprint(rng, kind, hall), rng.uniform(2.8, 4.2) if hall else rng.uniform(2.4, 3.1), rng.random() < 0.3, hall)
     open_windows(room, rng)
     windows(room, rng)
     shell(room, rng, library)

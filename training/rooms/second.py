@@ -139,6 +139,10 @@ def render(folder, facts, room, spp):
 
     paint = material("paint", painted)
     points, normals, faces, albedo, _ = room.merged()
+    # Cycles takes no light where the winding contradicts the normals; Mitsuba's two-sided materials do not mind.
+    corners = points[faces]
+    contrary = (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * normals[faces].sum(1)).sum(1) < 0
+    faces = np.where(contrary[:, None], faces[:, ::-1], faces)
     add_mesh("room", points, faces, paint, albedo, normals)
     names = facts["names"]
     for k, lamp in enumerate(room.lamps):

@@ -1,0 +1,211 @@
+"""Measures the rendering networks on rooms by other people, of which each light's own picture is known.
+
+usage: outside.py ROOMS [--relight target/release/relight] [--runs runs] [--sheet sheet.png]
+
+ROOMS holds folders with olat_LIGHT.exr (linear picture by this light alone), albedo.exr, normal.exr, depth.exr, mask_LIGHT.png and meta.json. For
+every light whose shape meta.json tells, the program computes direct light, shadow and TraceIndirect (graphs/planes.ron); the networks go on from
+there. The truth is the light's picture over albedo, its whole diffuse shading; what shines there by gloss is in it too. Errors are L1 over L1 of the
+truth, on pixels of no light and albedo above 0.05; as they are, and after the least-squares factor of each light, as the program fits radiances to
+a photo. For LightNet there is no truth but this: the shading that its maps imply."""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from PIL import Image
+
+import augment
+import flux
+import hemisphere
+import place
+import shadownet
+from lightnet import CELL
+from networks import trained
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "training/rooms"))
+from pack import half, planes  # noqa: E402
+
+
+def picture(path):
+    """[3, h, w]."""
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = file.channels()
+        return np.stack([np.asarray(channels[k].pixels, np.float32) for k in "RGB"])
+
+
+def described(meta):
+    """Lights as graphs/planes.ron reads them. A rectangle that stands for a window is one of uniform sky."""
+    lights, up = {}, -np.array(meta["lamps"]["inv_lamp"]["normal"])  # the lamps of these rooms that hang shine down
+    for name, lamp in meta["lamps"].items():
+        common = {"center": lamp.get("center"), "radiance": lamp.get("radiance")}
+        if lamp["kind"] == "sphere":
+            lights[name] = common | {"kind": "Sphere", "radius": lamp["radius"]}
+        elif lamp["kind"] == "rect":
+            n = np.array(lamp["normal"]) / np.linalg.norm(lamp["normal"])
+            x = np.cross(up, n) if abs(n @ up) < 0.9 else np.cross([0, 0, 1], n)
+            x /= np.linalg.norm(x)
+            sides = {"half_x": (lamp["half"][0] * x).tolist(), "half_y": (lamp["half"][1] * np.cross(n, x)).tolist()}
+            if name.startswith("window"):
+                sky = {"name": "sky", "direction": (-n).tolist(), "bandwidth": 0.0, "radiance": common.pop("radiance")}
+                lights[name if name in meta["visible"] else "inv_window"] = common | sides | {"kind": "Window", "lobes": [sky]}
+            else:
+                lights[name] = common | sides | {"kind": "Rect"}
+    return lights
+
+
+def scene(source, folder):
+    """A scene that the program reads; what it computes, and the truth: a dict of tensors at half size, lights in front."""
+    meta = json.loads((source / "meta.json").read_text())
+    lights = described(meta)
+    photo = sum(picture(source / f"olat_{name}.exr") for name in meta["lights"])
+    import OpenEXR
+
+    exr = lambda name, **channels: OpenEXR.File(
+        {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}, {k: np.ascontiguousarray(v) for k, v in channels.items()}
+    ).write(str(folder / name))
+    depth = picture(source / "depth.exr")[0]
+    exr("photo.exr", RGB=np.moveaxis(photo, 0, -1)), exr("depth.exr", Z=depth)
+    exr("albedo.exr", RGB=np.moveaxis(picture(source / "albedo.exr").clip(0, 1), 0, -1))
+    glow, entries = np.zeros(depth.shape, bool), []
+    for name in meta["visible"]:
+        mask = np.asarray(Image.open(source / f"mask_{name}.png").convert("L")) > 0
+        glow |= mask
+        if name in lights:
+            Image.fromarray(mask.astype(np.uint8) * 255).save(folder / f"{name}.png")
+            entries.append(f'"{name}": {"Window" if name.startswith("window") else "Lamp"}(mask: "{name}.png")')
+    (folder / "lights.json").write_text(json.dumps(lights))
+    (folder / "scene.ron").write_text(
+        f'Scene(version: 1, photo: "photo.exr", transfer: Linear, camera: FovX({float(meta["fov_x"])}),\n'
+        f'    depth: (path: "depth.exr", kind: PlanarZ, scale: 1.0), lights: {{ {", ".join(entries)} }},\n'
+        f'    truth: (lights: "lights.json", albedo: "albedo.exr"))\n'
+    )
+    return meta, lights, photo, depth, glow
+
+
+def computed(source, relight):
+    """What the networks take, and the truth, of a room."""
+    with tempfile.TemporaryDirectory() as folder:
+        meta, lights, photo, depth, glow = scene(source, Path(folder))
+        got = planes(Path(folder), relight)
+    names = list(lights)
+    stem = lambda name: f"{name}_{1 if 'window' in name else 0}"
+    plane = lambda kind, c="Y": torch.from_numpy(np.stack([half(got[f"{kind}_{stem(n)}.{c}"]) for n in names])[:, None]).float()
+    olat = lambda name: picture(source / f"olat_{name if name in meta['lights'] else 'window_0'}.exr")
+    one = lambda x: torch.from_numpy(np.ascontiguousarray(half(x))).float()[None]
+    albedo, fov = one(picture(source / "albedo.exr").clip(0, 1)), torch.tensor([float(meta["fov_x"])])
+    normal = F.normalize(one(picture(source / "normal.exr")), dim=1)
+    geometry = torch.cat([normal, augment.xyz(one(depth[None]), fov)], 1)
+    radiance = torch.tensor([lights[n]["radiance"] if "radiance" in lights[n] else lights[n]["lobes"][0]["radiance"] for n in names]).float()
+    tag = lambda n: n + (".sky" if "window" in n else "")
+    light = F.max_pool2d(torch.from_numpy(glow).float()[None, None], 2)
+    return {
+        "names": names,
+        "photo": one(photo),
+        "albedo": albedo,
+        "geometry": geometry,
+        "light": light,
+        "valid": (1 - light) * (albedo.amin(1, keepdim=True) > 0.05),
+        "direct": plane("direct"),
+        "traced": plane("lit"),
+        "unknown": plane("unknown"),
+        "bounced": torch.cat([plane("indirect", c) for c in "RGB"], 1),
+        "radiance": radiance[..., None, None],
+        "flux": torch.tensor([flux.flux(lights, tag(n)) for n in names]).float().view(-1, 1, 1, 1),
+        "place": torch.from_numpy(np.stack([place.place(lights, tag(n)) for n in names])).float()[..., None, None],
+        "truth": torch.cat([one(olat(n)) for n in names]) / albedo.clamp(min=0.05),
+    }
+
+
+@torch.no_grad()
+def predict(x, nets):
+    """Shading by each light: {estimate: [lights, 3, h, w]}; shadows; and the maps of all these lights together."""
+    count = len(x["names"])
+    many = lambda v: v.expand(count, -1, -1, -1)
+    visibility = torch.cat([x["traced"], x["unknown"], x["direct"], shadownet.shading(x["photo"], x["albedo"], x["radiance"])], 1)
+    shadow = shadownet.combine(visibility, nets["shadownet"](visibility, many(x["geometry"]), x["place"]))
+    indirect = lambda s: nets["indirectnet"](
+        many(x["geometry"]), many(x["albedo"]), many(x["light"]), x["direct"] * s * x["radiance"], x["flux"] * x["radiance"]
+    )
+    lit = lambda s: x["direct"] * s * x["radiance"]
+    estimates = {
+        "no shadow, no indirect": lit(1),
+        "ray-traced shadow, no indirect": lit(x["traced"]),
+        "ray-traced shadow, TraceIndirect": lit(x["traced"]) + x["bounced"] * x["radiance"],
+        "ray-traced shadow, IndirectNet": lit(x["traced"]) + indirect(x["traced"]),
+        "ShadowNet, no indirect": lit(shadow),
+        "ShadowNet, IndirectNet": lit(shadow) + indirect(shadow),
+    }
+    whole = torch.where(x["light"] > 0, x["photo"], estimates["ShadowNet, IndirectNet"].sum(0, keepdim=True))
+    maps = nets["lightnet"].maps(*nets["lightnet"](x["geometry"], x["albedo"], torch.full_like(x["light"], 0.8), x["light"], whole))[0]
+    return estimates, shadow, maps
+
+
+def error(got, want, valid):
+    return float(((got - want).abs() * valid).sum() / (want * valid).sum().clamp(min=1e-9))
+
+
+def fitted(got, want, valid):
+    """`got` of [lights, 3, h, w] times the least-squares factor of each light."""
+    sums = lambda x: (x * valid).sum((1, 2, 3), keepdim=True)
+    return got * sums(got * want) / sums(got * got).clamp(min=1e-12)
+
+
+def table(columns, measure):
+    """Lines of Markdown: a row an estimate, a column a light, and the mean of the columns."""
+    rows = list(dict.fromkeys(e for values in columns.values() for e in values[measure]))
+    lines = [f"| {measure} | " + " | ".join([*columns, "mean"]) + " |", "| --- " * (len(columns) + 2) + "|"]
+    for row in rows:
+        values = [c[measure][row] for c in columns.values()]
+        lines.append(f"| {row} | " + " | ".join(f"{v:.2f}" for v in [*values, np.mean(values)]) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def shown(x, estimates, shadow, k):
+    """A row of pictures: photo, ray-traced shadow, ShadowNet's, shading without networks, with them, truth."""
+    tone = lambda v, scale=1.0: np.asarray((v * scale).clamp(0, 1).expand(3, -1, -1)) ** (1 / 2.2)
+    scale = 0.5 / float(x["truth"][k].mean())
+    shadings = [estimates["ray-traced shadow, TraceIndirect"][k], estimates["ShadowNet, IndirectNet"][k], x["truth"][k]]
+    return np.concatenate(
+        [tone(x["photo"][0])] + [np.asarray(v[k].expand(3, -1, -1)) for v in (x["traced"], shadow)] + [tone(v, scale) for v in shadings], 2
+    )
+
+
+def main(rooms, relight, runs, sheet):
+    nets = {name: trained(name, os.path.join(runs, name))[0] for name in ("shadownet", "indirectnet", "lightnet")}
+    lights, whole, pictures = {}, {}, []
+    for source in sorted(p for p in rooms.iterdir() if (p / "meta.json").exists()):
+        x = computed(source, relight)
+        estimates, shadow, maps = predict(x, nets)
+        truth, valid = x["truth"], x["valid"]
+        fits = {e: fitted(v, truth, valid) for e, v in estimates.items()}
+        for k, name in enumerate(x["names"]):
+            both = {"as they are": estimates, "fitted": fits}
+            lights[f"{source.name} {name}"] = {m: {e: error(v[k], truth[k], valid[0]) for e, v in some.items()} for m, some in both.items()}
+            pictures.append(shown(x, estimates, shadow, k))
+        cells = lambda v: F.avg_pool2d(v[..., 1:-1, 1:-1], 2, CELL)  # the 2 x 2 pixels about a cell's centre
+        implied = error(hemisphere.shading(maps).movedim(-1, 0), cells(truth.sum(0)), (cells(valid[0]) > 0.99).float())
+        sums = {e: error(v.sum(0), truth.sum(0), valid[0]) for e, v in estimates.items()}
+        whole[source.name] = {"all lights together": sums | {"implied by LightNet's maps": implied}}
+    print(table(lights, "as they are"), table(lights, "fitted"), table(whole, "all lights together"), sep="\n")
+    if sheet:
+        flat = np.moveaxis(np.concatenate(pictures, 1), 0, -1)
+        Image.fromarray((flat.clip(0, 1) * 255).round().astype(np.uint8)).save(sheet)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rooms", type=Path)
+    parser.add_argument("--relight", type=Path, default=ROOT / "target/release/relight")
+    parser.add_argument("--runs", default="runs")
+    parser.add_argument("--sheet")
+    a = parser.parse_args()
+    main(a.rooms, a.relight, a.runs, a.sheet)
