@@ -26,6 +26,8 @@ LIMIT = 1e-4
 
 CARD = """# {kind}
 
+{head}
+
 {doc}
 
 | | |
@@ -108,6 +110,7 @@ def export(name, rooms, run, models):
     shapes = lambda values: ", ".join(f"{v.name} [{', '.join(str(d.dim_value) for d in v.type.tensor_type.shape.dim)}]" for v in values)
     text = CARD.format(
         kind=type(net).__name__,
+        head=inspect.getdoc(inspect.getmodule(type(net))),
         doc=" ".join(inspect.getdoc(type(net)).split()),
         name=name,
         opset=OPSET,

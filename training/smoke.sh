@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# The whole way in small: rooms, the program's planes, training, evaluation, sheets, export; and the unit tests of training/. What it trains is thrown away.
+# Installs what it needs into .cache/training (Python with PyPI's packages) and, where it is missing, Debian's libllvm19. Needs target/release/relight.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+cache=$PWD/.cache/training
+python=$cache/venv/bin/python
+mkdir -p "$cache"
+if ! cmp -s training/requirements.txt "$cache/installed.txt"; then
+    python3 -m venv --clear "$cache/venv"
+    "$python" -m pip install --quiet --requirement training/requirements.txt
+    cp training/requirements.txt "$cache/installed.txt"
+fi
+llvm=/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1
+if [ ! -e $llvm ] || [ ! -e .cache/assets/models.json ]; then
+    apt-get update --quiet --quiet
+fi
+if [ ! -e $llvm ]; then
+    DEBIAN_FRONTEND=noninteractive apt-get install --quiet --quiet --yes --no-install-recommends libllvm19 > "$cache/apt.log"
+fi
+sh training/rooms/llvm.sh "$cache/llvm" $llvm > /dev/null
+export DRJIT_LIBLLVM_PATH=$cache/llvm/libLLVM.so.19.1
+
+began=$SECONDS
+"$python" -m unittest discover training/rooms
+"$python" -m unittest discover training/nets
+"$python" training/rooms/assets.py
+rooms=$(mktemp -d)
+trap 'rm -rf "$rooms"' EXIT
+"$python" training/rooms/make.py --out "$rooms" --split train --count 2
+"$python" training/rooms/make.py --out "$rooms" --split val --count 1
+for split in train val; do
+    "$python" training/rooms/pack.py "$rooms/$split"
+done
+"$python" training/nets/smoke.py --rooms "$rooms"
+echo "training/smoke.sh: passed in $((SECONDS - began)) s, besides installing"
