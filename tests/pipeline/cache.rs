@@ -51,7 +51,7 @@ fn after_a_kill_at_any_moment_the_next_run_is_right() {
     let wanted = wanted(&place);
     let began = Instant::now();
     check_right(&place, "whole", &wanted);
-    let whole = began.elapsed();
+    let mut whole = began.elapsed();
     let mut cut = 0;
     for round in 0..36 {
         // Two kills on one cache, then a run to the end; then all of it again.
@@ -64,7 +64,11 @@ fn after_a_kill_at_any_moment_the_next_run_is_right() {
         let mut child = start(&place, &format!("{RUN} --cache cache --out torn"));
         std::thread::sleep(whole.mul_f64((random(round) % 1000) as f64 / 1000.0));
         child.kill().expect("it can be killed");
-        cut += usize::from(!child.wait().expect("it ends").success());
+        if child.wait().expect("it ends").success() {
+            whole = whole.mul_f64(0.8); // the machine has more time for us than at first
+        } else {
+            cut += 1;
+        }
         // What a killed run wrote is whole or not there.
         for (name, wanted) in ["picture.png", "picture.exr"].iter().zip(&wanted) {
             let torn = std::fs::read(place.path("torn").join(name));
