@@ -63,7 +63,7 @@ def described(meta):
 
 
 def scene(source, folder):
-    """A scene that the program reads; what it computes, and the truth: a dict of tensors at half size, lights in front."""
+    """Writes a scene that the program reads into `folder`: meta.json, lights, photo, depth, pixels of visible lights."""
     meta = json.loads((source / "meta.json").read_text())
     lights = described(meta)
     photo = sum(picture(source / f"olat_{name}.exr") for name in meta["lights"])
@@ -92,7 +92,7 @@ def scene(source, folder):
 
 
 def computed(source, relight):
-    """What the networks take, and the truth, of a room."""
+    """What the networks take, and the truth, of a room: tensors at half size, lights in front."""
     with tempfile.TemporaryDirectory() as folder:
         meta, lights, photo, depth, glow = scene(source, Path(folder))
         got = planes(Path(folder), relight)
