@@ -8,8 +8,13 @@ cache=$PWD/.cache/training
 python=$cache/venv/bin/python
 mkdir -p "$cache"
 if ! cmp -s training/requirements.txt "$cache/installed.txt"; then
+    free=$(df --output=avail --block-size=1G "$cache" | tail -n 1 | tr -d ' ')
+    if [ "$free" -lt 10 ]; then # PyTorch's CUDA libraries: 3 GB to fetch, 6 GB installed
+        echo "training/smoke.sh: wanted 10 GB of free disk for what training/requirements.txt installs, got $free GB in $cache" >&2
+        exit 1
+    fi
     python3 -m venv --clear "$cache/venv"
-    "$python" -m pip install --quiet --requirement training/requirements.txt
+    "$python" -m pip install --quiet --no-cache-dir --requirement training/requirements.txt
     cp training/requirements.txt "$cache/installed.txt"
 fi
 llvm=/usr/lib/x86_64-linux-gnu/libLLVM.so.19.1
