@@ -30,4 +30,5 @@ pub fn registry() -> Registry {
         .with::<output::compose::Compose>()
         .with::<output::write::Write>()
         .with::<output::write_planes::WritePlanes>()
+        .with::<output::write_estimates::WriteEstimates>()
 }

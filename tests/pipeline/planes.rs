@@ -1,9 +1,11 @@
 //! graphs/planes.ron: what known lights do to the demo, as the stages give it, and as the path tracer has it.
 
+use std::collections::BTreeMap;
+
 use glam::Vec3;
 use relight::graph::Graph;
-use relight::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
-use relight::optics::Radiance;
+use relight::nodes::artifacts::{Files, UnitDirect, UnitIndirect, Visibility};
+use relight::optics::{Lobe, Radiance, Shape};
 
 use crate::layers::channels;
 use crate::project::*;
@@ -14,7 +16,7 @@ fn planes() -> Graph {
 }
 
 /// Written planes as pixels of colours.
-fn colours(channels: &std::collections::BTreeMap<String, Vec<f32>>, layer: &str) -> Vec<Vec3> {
+fn colours(channels: &BTreeMap<String, Vec<f32>>, layer: &str) -> Vec<Vec3> {
     let [r, g, b] = ["R", "G", "B"].map(|c| &channels[&format!("{layer}.{c}")]);
     r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect()
 }
@@ -119,6 +121,40 @@ fn room() -> (Place, String) {
     place.write("scene.ron", scene.replace("truth/lights.json", "lights.json"));
     let lights = std::fs::read_to_string(demo().join("truth/lights.json")).expect("the demo has them");
     (place, lights)
+}
+
+/// Estimates that are written are the same when they are read: windows to rounding, as their directions are normalized again.
+#[test]
+fn estimates_can_be_read_back() {
+    let graph = load(&root().join("graphs/estimate.ron"), &demo(), &root().join("edits/none.ron"));
+    let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
+    let report = run(shared_engine(), &graph, &["estimates.files", "init.shape", "fit.radiance"]);
+    let (place, _) = room();
+    for (name, bytes) in &one::<Files>(&report, "estimates.files").0 {
+        place.write(name, bytes);
+    }
+    let scene = std::fs::read_to_string(place.path("scene.ron")).expect("it is there");
+    let albedo = format!("\"{}\"", demo().join("truth/albedo.exr").display());
+    place.write("scene.ron", scene.replace(&albedo, "\"albedo.exr\""));
+    let again = load(&root().join("graphs/planes.ron"), &place.path(""), &root().join("edits/none.ron"));
+    let again = again.unwrap_or_else(|faults| panic!("{}", faults[0]));
+    let again = run(shared_engine(), &again, &["known.shape", "known.radiance"]);
+    let read: BTreeMap<_, _> = many::<Radiance>(&again, "known.radiance").into_iter().collect();
+    assert_eq!(read, many::<Radiance>(&report, "fit.radiance").into_iter().collect());
+    let [got, wanted] = [many::<Shape>(&again, "known.shape"), many::<Shape>(&report, "init.shape")]
+        .map(|shapes| shapes.into_iter().collect::<BTreeMap<_, _>>());
+    assert!(wanted.values().any(|shape| matches!(**shape, Shape::Window(_))));
+    for ((id, got), (name, wanted)) in got.iter().zip(&wanted) {
+        let same = match (&**got, &**wanted) {
+            (Shape::Window(a), Shape::Window(b)) => {
+                let near =
+                    |(a, b): (&Lobe, &Lobe)| a.direction.distance(b.direction) < 1e-6 && a.bandwidth == b.bandwidth;
+                (a.center, a.x, a.y) == (b.center, b.x, b.y) && a.lobes.iter().zip(&b.lobes).all(near)
+            }
+            (a, b) => a == b,
+        };
+        assert!(id == name && same, "{id}: {got:?}, wanted {wanted:?}");
+    }
 }
 
 #[test]

@@ -18,9 +18,9 @@ def choose(g, probability, changed, x):
     return torch.where(uniform(g, x) < probability, changed, x)
 
 
-def smooth(g, b, channels, grid=(4, 5)):
-    """Smooth noise of about unit variance."""
-    return F.interpolate(torch.randn(b, channels, *grid, generator=g), size=(HEIGHT, WIDTH), mode="bicubic", align_corners=False)
+def smooth(g, x, channels, grid=(4, 5)):
+    """Smooth noise of about unit variance, as large as `x`."""
+    return F.interpolate(torch.randn(len(x), channels, *grid, generator=g), size=x.shape[-2:], mode="bicubic", align_corners=False)
 
 
 def blur(x, radius):
@@ -59,9 +59,9 @@ def normals_of(points):
 def worse_depth(g, depth):
     """Slow scale error (10 %, at most about 30), blur, holes that were filled from around, noise of 1 %."""
     strength = uniform(g, depth)
-    depth = depth * torch.exp(0.1 * strength * smooth(g, len(depth), 1))
+    depth = depth * torch.exp(0.1 * strength * smooth(g, depth, 1))
     depth = choose(g, 0.5, blur(depth, 2), depth)
-    holes = smooth(g, len(depth), 1, (12, 16)) > 2.5 - strength
+    holes = smooth(g, depth, 1, (12, 16)) > 2.5 - strength
     depth = torch.where(holes, blur(depth, 8), depth)
     return depth * (1 + 0.01 * strength * torch.randn(depth.shape, generator=g))
 
@@ -69,17 +69,27 @@ def worse_depth(g, depth):
 def worse_albedo(g, albedo):
     """Wrong level, slow colour error, and an error of its own for each colour, as an estimate makes from segment to segment."""
     b = len(albedo)
-    level = 0.15 * torch.randn(b, 1, 1, 1, generator=g) + 0.15 * smooth(g, b, 3)
+    level = 0.15 * torch.randn(b, 1, 1, 1, generator=g) + 0.15 * smooth(g, albedo, 3)
     colour = (albedo.clamp(0, 0.999) * 5).long()
     colour = colour[:, 0] * 25 + colour[:, 1] * 5 + colour[:, 2]
     segment = torch.randn(b, 125, generator=g).gather(1, colour.flatten(1)).view(b, 1, HEIGHT, WIDTH)
     return (albedo * torch.exp(level + 0.15 * blur(segment, 1))).clamp(0.01, 0.98)
 
 
+def ragged(g, mask):
+    """Masks [B, 1, h, w] as people and programs draw them: edges off by a pixel or two, a third with a part missing."""
+    noise = 0.35 * smooth(g, mask, 1, (24, 32))
+    edge = (blur(mask, 2) + noise * (blur(mask, 2) > 0) > 0.5).to(mask.dtype)
+    less = edge * (smooth(g, mask, 1, (3, 4)) > -0.7)
+    out = choose(g, 0.33, less, edge)
+    enough = out.sum((1, 2, 3), keepdim=True) > 0.3 * mask.sum((1, 2, 3), keepdim=True)
+    return choose(g, 0.6, torch.where(enough, out, mask), mask)
+
+
 def geometry(g, depth, normal, fov_x, share=0.5):
     """Normal and points, [B, 6, h, w]; a `share` of items as from an estimated depth, a third of these with normals from that depth."""
     worse = worse_depth(g, depth)
-    bent = F.normalize(normal + 0.15 * smooth(g, len(depth), 3), dim=1)
+    bent = F.normalize(normal + 0.15 * smooth(g, depth, 3), dim=1)
     bent = choose(g, 0.33, normals_of(xyz(worse, fov_x)), bent)
     at = uniform(g, depth) < share
     return torch.cat([torch.where(at, bent, normal), xyz(torch.where(at, worse, depth), fov_x)], 1)

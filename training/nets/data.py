@@ -3,7 +3,9 @@
 A pack lies beside its split's folder (DIR/train -> DIR/train.pack) and is made again when the samples change. Arrays of a pack, [rows, 120, 160,
 channels], float16 but for depth; one row per room, per source (one lobe of one light) or per path (light whose indirect shading is known):
  room    albedo, normal (unit), rough, depth (m, float32), light (1 at pixels of visible lights), photo (linear radiance),
-         shading (E of all lights), maps [rows, 30, 40, 8, 16, 3], maps_valid [rows, 30, 40], fov_x (degrees)
+         shading (E of all lights), maps [rows, 30, 40, 8, 16, 3], maps_valid [rows, 30, 40], fov_x (degrees);
+         at full size, 240 x 320: photo_full, albedo_full, normal_full, rough_full, depth_full (m, float32)
+ light   own (1 at its pixels), form [rows, 36] and surface [rows, 64, 3] (form.py)
  source  direct, shadow, traced, unknown, traced_direct, doubt (a number: how much of the lit picture is unknown), place [rows, 12] (place.py),
          radiance [rows, 3]
  path    indirect, path_direct (E_d that the path starts from), path_traced (the same as the product has it, from depth mesh and rays),
@@ -19,18 +21,22 @@ import numpy as np
 import torch
 
 import flux as power
+import form
 import place
 from layers import HEIGHT, WIDTH
 
-FORMAT = 5
+FORMAT = 6
+FULL = ["photo", "albedo", "normal", "rough", "depth"]
 KIND = {
     **dict.fromkeys(["albedo", "normal", "rough", "depth", "light", "photo", "shading", "maps", "maps_valid", "fov_x"], "room"),
+    **dict.fromkeys([f"{name}_full" for name in FULL], "room"),
+    **dict.fromkeys(["own", "form", "surface"], "light"),
     **dict.fromkeys(["direct", "shadow", "traced", "unknown", "traced_direct", "doubt", "place", "radiance"], "source"),
     **dict.fromkeys(["indirect", "path_direct", "path_traced", "path_trace_indirect", "path_flux"], "path"),
 }
 DTYPE = {
-    **dict.fromkeys(["depth", "fov_x", "doubt", "place", "radiance", "path_flux"], np.float32),
-    **dict.fromkeys(["light", "maps_valid"], np.uint8),
+    **dict.fromkeys(["depth", "depth_full", "fov_x", "doubt", "place", "radiance", "path_flux", "form", "surface"], np.float32),
+    **dict.fromkeys(["light", "maps_valid", "own"], np.uint8),
 }
 
 
@@ -69,6 +75,11 @@ def unpack(s, lights):
         "maps": s["maps"],
         "maps_valid": s["maps_valid"],
         "fov_x": s["fov_x"],
+        **{f"{name}_full": s[name] for name in FULL if name != "depth"},
+        "depth_full": np.where(np.isfinite(s["depth"]) & (s["depth"] > 0), s["depth"], np.kron(half_depth(s["depth"]), np.ones((2, 2)))),
+        "own": [blocks(s["light_mask"] == number + 1).max((1, 3)) for number in range(len(lights))],
+        "form": [form.form(light) for light in lights.values()],
+        "surface": [form.surface(light) for light in lights.values()],
         **{k: source[k] for k in ["direct", "shadow", "traced", "unknown", "traced_direct"]},
         "place": [place.place(lights, str(name)) for name in s["sources"]],
         "radiance": s["source_radiance"],
@@ -83,13 +94,16 @@ def unpack(s, lights):
 
 def pack(samples, folder):
     """Writes the pack of `samples` (paths) into `folder`."""
-    rows = [(len(s["sources"]), len(s["paths"]), list(map(str, s["sources"])), list(map(str, s["paths"]))) for s in map(np.load, samples)]
-    total = {"room": len(rows), "source": sum(r[0] for r in rows), "path": sum(r[1] for r in rows)}
-    arrays, at = {}, dict.fromkeys(total, 0)
+    rows = []
     for path in samples:
+        with np.load(path) as s, open(os.path.join(os.path.dirname(path), "lights.json")) as lights:
+            rows.append({"source": list(map(str, s["sources"])), "path": list(map(str, s["paths"])), "light": list(json.load(lights))})
+    total = {"room": len(rows), **{kind: sum(len(r[kind]) for r in rows) for kind in rows[0]}}
+    arrays, at = {}, dict.fromkeys(total, 0)
+    for path, names in zip(samples, rows):
         with np.load(path) as sample, open(os.path.join(os.path.dirname(path), "lights.json")) as lights:
             room = unpack(sample, json.load(lights))
-        size = {"room": 1, "source": len(room["direct"]), "path": len(room["indirect"])}
+        size = {"room": 1, **{kind: len(names[kind]) for kind in names}}
         for name, value in room.items():
             value = np.asarray(value) if KIND[name] != "room" else np.asarray(value)[None]
             if not np.isfinite(value).all():
@@ -134,9 +148,9 @@ class Rooms:
                 shutil.rmtree(folder, ignore_errors=True)
                 os.rename(new, folder)
         rows = read(index)["rows"]
-        self.names = [name for name, _ in stamp[1:]]
-        self.sources, self.paths = [r[2] for r in rows], [r[3] for r in rows]
-        starts = {"room": range(len(rows) + 1), "source": np.cumsum([0] + [r[0] for r in rows]), "path": np.cumsum([0] + [r[1] for r in rows])}
+        self.split, self.names = split, [name for name, _ in stamp[1:]]
+        self.sources, self.paths, self.lights = ([r[kind] for r in rows] for kind in ("source", "path", "light"))
+        starts = {"room": range(len(rows) + 1), **{kind: np.cumsum([0] + [len(r[kind]) for r in rows]) for kind in rows[0]}}
         self.rows = {k: [slice(int(a), int(b)) for a, b in zip(v, v[1:])] for k, v in starts.items()}
         self.arrays = {name: np.load(f"{folder}/{name}.npy", mmap_mode="r") for name in KIND}
 
@@ -144,13 +158,18 @@ class Rooms:
         return len(self.names)
 
     def get(self, name, room, row=None):
-        """A float32 tensor, channels before pixels (`maps` stay [30, 40, 8, 16, 3]); `row` picks one of the room's sources or paths."""
+        """A float32 tensor, channels before pixels (`maps` stay [30, 40, 8, 16, 3]); `row` picks one of the room's sources, paths or lights."""
         rows = self.rows[KIND[name]][room]
         x = self.arrays[name][rows] if row is None else self.arrays[name][rows.start + row]
         x = torch.from_numpy(np.array(x[0] if KIND[name] == "room" else x)).float()
-        return x if x.ndim < 3 or x.shape[-1] == WIDTH or name == "maps" else x.movedim(-1, -3)
+        return x if x.ndim < 3 or x.shape[-1] == WIDTH or name in ("maps", "surface") else x.movedim(-1, -3)
+
+    def beside(self, file, room):
+        """What lies beside a room's sample.npz, or None."""
+        path = os.path.join(self.split, self.names[room], file)
+        return dict(np.load(path)) if os.path.exists(path) else None
 
     def stack(self, name, items):
         """[B, channels, 120, 160] of `items`, pairs of room and row (row None for what a room has once)."""
         x = torch.stack([self.get(name, room, row if KIND[name] != "room" else None) for room, row in items])
-        return x[:, None] if x.shape[1:] == (HEIGHT, WIDTH) else x
+        return x[:, None] if x.ndim == 3 else x

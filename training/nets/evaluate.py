@@ -24,7 +24,7 @@ def measure(net, rooms, chosen, floors=None):
                 for k, v in measures.items():
                     values.setdefault(estimate, {}).setdefault(k, []).append(v)
     known = lambda v: [x for x in v if not math.isnan(x)]
-    return {e: {k: sum(known(v)) / max(len(known(v)), 1) for k, v in measures.items()} for e, measures in values.items()}
+    return {e: {k: sum(known(v)) / len(known(v)) if known(v) else math.nan for k, v in measures.items()} for e, measures in values.items()}
 
 
 def table(result):

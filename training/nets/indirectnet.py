@@ -8,7 +8,10 @@ the levels a, b and f of the whole picture from means, among them the channel's 
 Nothing else touches the light: no bias, no activation. Hence I(a E1 + b E2) = a I(E1) + b I(E2) to rounding.
 
 `flux` is the power of the light (flux.py). Most of what a light sends falls where the photo does not look; E_d alone cannot tell how much that is,
-and knows nothing of a sun that shines beside the view. It is linear in the light like E_d."""
+and knows nothing of a sun that shines beside the view. It is linear in the light like E_d.
+
+How much comes back from what is not seen, the photo tells: `left` is its shading less the direct light of all that burns in it (`burning`). Gates and
+levels may look at it, as it is a property of the scene and not of the light that is passed through."""
 
 import torch
 import torch.nn.functional as F
@@ -20,12 +23,16 @@ from layers import UNet, unit_scale, upsample
 MAPS, RANK, KERNEL = 16, 48, 7
 SCALES = (2, 4, 8)
 BLOCK = 4  # pixels a side over which errors are measured
+WHITE = 0.99  # a photo's pixel above it tells nothing
+BLIND = 0.25  # share of the items to train on that have no photo
 
 
 class Indirect(nn.Module):
     """Data, loss and measures of both networks. geometry [1, 6, 120, 160]: normal, xyz (m); albedo [1, 3, ..]; light [1, 1, ..]: 1 at pixels of
-    visible lights; direct [1, 3, ..]: E_d of one lobe, three channels; flux [1, 3, 1, 1]: its power in m^2 -> indirect [1, 3, ..]. For a lobe of unit
-    radiance all three channels of `direct` and `flux` are equal, and those of `indirect` differ by albedo."""
+    visible lights; direct [1, 3, ..]: E_d of one lobe, three channels; flux [1, 3, 1, 1]: its power in m^2; left [1, 3, ..]: shading of the photo less
+    all direct light, zeros where the photo is white or a light, and everywhere if there is no photo; burning [1, 6, 1, 1]: mean E_d and flux of all that
+    burns in the photo -> indirect [1, 3, ..]. For a lobe of unit radiance all three channels of `direct` and `flux` are equal, and those of `indirect`
+    differ by albedo."""
 
     outputs = ["indirect"]
     targets = [
@@ -40,7 +47,7 @@ class Indirect(nn.Module):
         """Light is linear, so random non-negative mixtures of a room's paths are as true as the paths. A third of them start from what the product
         has."""
         room = torch.randint(len(rooms), (size,), generator=g).tolist()
-        start, indirect, flux = [], [], []
+        start, indirect, flux, photo, burning = [], [], [], [], []
         for r in room:
             p = len(rooms.paths[r])
             mix = torch.randn(p, 3, 1, 1, generator=g).exp() * (torch.rand(p, 1, 1, 1, generator=g) < 0.6)
@@ -49,21 +56,38 @@ class Indirect(nn.Module):
             start.append((mix * rooms.get(name, r)).sum(0))
             indirect.append((mix * rooms.get("indirect", r)).sum(0))
             flux.append((mix * rooms.get("path_flux", r)[..., None, None]).sum(0))
+            if torch.rand(1, generator=g) < 0.5:
+                mix = torch.ones(p, 3, 1, 1)  # as the photo is; else another photo of the room
+            lit, power = (mix * rooms.get(name, r)).sum(0), (mix * rooms.get("path_flux", r)[..., None, None]).sum(0)
+            shading = (mix * (rooms.get("path_direct", r) + rooms.get("indirect", r))).sum(0)
+            photo.append(torch.stack([shading, lit]))
+            burning.append(torch.cat([lit.mean((1, 2)), power[:, 0, 0]])[:, None, None])
         items = [(r, None) for r in room]
         x = {name: rooms.stack(name, items) for name in ["depth", "normal", "albedo", "light"]} | {
             "direct": torch.stack(start),
             "indirect": torch.stack(indirect),
+            "shading": torch.stack(photo)[:, 0],
+            "lit": torch.stack(photo)[:, 1],
         }
         fov = torch.stack([rooms.get("fov_x", r) for r in room])
         flip = augment.uniform(g, fov) < 0.5
         x = {name: torch.where(flip, augment.mirrored(v, name == "normal"), v) for name, v in x.items()}
         albedo = augment.choose(g, 0.5, augment.worse_albedo(g, x["albedo"]), x["albedo"])
         geometry = augment.geometry(g, x["depth"], x["normal"], fov)
-        flux = torch.stack(flux) * torch.exp(0.1 * torch.randn(size, 1, 1, 1, generator=g))
+        wrong = lambda scale: torch.exp(scale * torch.randn(size, 1, 1, 1, generator=g))
+        flux, known = torch.stack(flux) * wrong(0.1), (augment.uniform(g, fov) > BLIND).float()
+        # Estimated albedo and radiances are wrong together, as the photo is their product.
+        seen = x["shading"] * (x["albedo"] / albedo.clamp(min=0.03)).clamp(max=4)
+        white = (x["shading"] * x["albedo"]).amax(1, keepdim=True)
+        white = white > white.flatten(1).quantile(0.9 + 0.1 * torch.rand(1, generator=g).item(), 1).view(-1, 1, 1, 1)
+        left = known * (seen - x["lit"] * wrong(0.1)) * (1 - x["light"]) * ~white
+        turn = torch.randperm(3, generator=g)  # light does not know colours by name
+        coloured = lambda v: v[:, turn]
+        burning = known * torch.stack(burning)[:, torch.cat([turn, turn + 3])]
         return {
-            "inputs": (geometry, albedo, x["light"], x["direct"], flux),
-            "indirect": x["indirect"],
-            "albedo": x["albedo"],
+            "inputs": (geometry, coloured(albedo), x["light"], coloured(x["direct"]), coloured(flux), coloured(left), burning),
+            "indirect": coloured(x["indirect"]),
+            "albedo": coloured(x["albedo"]),
             "valid": 1 - x["light"],
         }
 
@@ -79,7 +103,10 @@ class Indirect(nn.Module):
         items = [(room, p) for p in range(len(rooms.paths[room]))]
         geometry = torch.cat([rooms.stack("normal", items), augment.xyz(rooms.stack("depth", items), rooms.get("fov_x", room))], 1)
         planes = {"albedo": rooms.stack("albedo", items), "light": rooms.stack("light", items), "direct": rooms.stack(start, items)}
-        return {"geometry": geometry, **planes, "flux": rooms.get("path_flux", room)[..., None, None]}
+        flux, photo = rooms.get("path_flux", room)[..., None, None], rooms.get("photo", room)
+        left, burning = evidence(photo, planes["albedo"][0], planes["light"][0], planes["direct"].sum(0), flux.sum(0))
+        many = lambda v: v.expand(len(items), -1, -1, -1)
+        return {"geometry": geometry, **planes, "flux": flux, "left": many(left), "burning": many(burning)}
 
     @staticmethod
     def floors(rooms):
@@ -93,7 +120,11 @@ class Indirect(nn.Module):
         estimates = {"network": self(**x)}
         if floors is not None:
             estimates["network on ray-traced E_d"] = self(**self.inputs(rooms, room, "path_traced"))
+            estimates["network, no photo"] = self(**x | {k: 0 * x[k] for k in ("left", "burning")})
             estimates["TraceIndirect"] = rooms.get("path_trace_indirect", room)
+            whole, left = estimates["TraceIndirect"].sum(0), x["left"][0]
+            level = (left * whole).sum() / ((left != 0) * whole**2).sum().clamp(min=1e-9)
+            estimates["TraceIndirect, level by the photo"] = estimates["TraceIndirect"] * level.clamp(min=0)
         lit, albedo = 1 - x["light"], x["albedo"]
         mean = lambda e: F.avg_pool2d(e * lit[:1], BLOCK)
         ratio = lambda e, t: mean(e - t).abs().sum((1, 2, 3)) / mean(t).sum((1, 2, 3)).clamp(min=1e-6)
@@ -125,6 +156,28 @@ def relative(flux, geometry):
     return flux.float() / torch.pi / (geometry[:, 5:].mean((1, 2, 3), keepdim=True) / 3) ** 2
 
 
+def evidence(photo, albedo, light, direct, flux):
+    """`left` [1, 3, h, w] and `burning` [1, 6, 1, 1] of a photo [3, h, w], when `direct` [3, h, w] and `flux` [3, 1, 1] are those of all that burns."""
+    seen = (photo.amax(0, keepdim=True) < WHITE) * (1 - light)
+    left = (photo / albedo.clamp(min=0.03) - direct) * seen
+    return left[None], torch.cat([direct.mean((1, 2)), flux[:, 0, 0]]).view(1, 6, 1, 1)
+
+
+def told(left, burning, geometry):
+    """What the photo tells, for the gates: planes [B, 2, h, w] (logarithm of `left` over its mean; where it is known), numbers [B, 3 channels, 3]
+    (logarithms of the mean of `left` over that of the direct light, and over the power; whether it is known)."""
+    seen = (left.abs().sum(1, keepdim=True) > 0).float()
+    mean = (left.clamp(min=0) * seen).sum((2, 3)) / seen.sum((2, 3)).clamp(min=1)
+    known = (seen.mean((2, 3)) > 0).float()
+    luminance = left.clamp(min=0).mean(1, keepdim=True)
+    middle = mean.mean(1).view(-1, 1, 1, 1)
+    plane = torch.log(0.1 + luminance / (middle + 1e-6)) * seen
+    power = relative(burning[:, 3:], geometry)[:, :, 0, 0]
+    over = lambda x: torch.log((mean + 1e-6) / (x + 1e-6)).clamp(-4, 4) * known
+    numbers = torch.stack([over(burning[:, :3, 0, 0]), over(power), known.expand_as(mean)], 2)
+    return torch.cat([plane, seen], 1), numbers
+
+
 def positive(shape, start):
     """Parameters whose softplus starts at about `start`."""
     return nn.Parameter(torch.log(torch.expm1(torch.tensor(start))) + 0.1 * torch.randn(shape))
@@ -134,21 +187,22 @@ class IndirectNet(Indirect):
     def __init__(self):
         super().__init__()
         widths = [24, 40, 64, 96]
-        self.gates = UNet(10, widths)
+        self.gates = UNet(12, widths)
         inner = [2 * MAPS + 4 * (len(SCALES) + 1), 2 * MAPS, 2 * MAPS + 2 * RANK]
         self.heads = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in zip(widths, inner))
-        self.levels = nn.Sequential(nn.Linear(widths[-1] + 15, 64), nn.ReLU(), nn.Linear(64, RANK + 2))
+        self.levels = nn.Sequential(nn.Linear(widths[-1] + 18, 64), nn.ReLU(), nn.Linear(64, RANK + 2))
         self.kernels = nn.ParameterList(positive((MAPS, 1, KERNEL, KERNEL), KERNEL**-2.0) for _ in SCALES)
         self.matrix = positive((RANK, RANK), 1.0 / RANK)
 
-    def forward(self, geometry, albedo, light, direct, flux):
+    def forward(self, geometry, albedo, light, direct, flux, left, burning):
         planes = torch.cat([unit_scale(geometry), albedo, light], 1)
-        levels = self.gates(planes)
+        seen, numbers = told(left, burning, geometry)
+        levels = self.gates(torch.cat([planes, seen], 1))
         gates = [F.softplus(head(level).float()) for head, level in zip(self.heads, levels)]
         mean = planes.mean((2, 3))
         spread = ((planes[:, :6] - mean[:, :6, None, None]) ** 2).mean((2, 3))
         scene = torch.cat([levels[-1].mean((2, 3)), mean[:, :6], spread, mean[:, 6:9].mean(1, keepdim=True), mean[:, 9:]], 1)
-        scene = torch.cat([scene[:, None].expand(-1, 3, -1), mean[:, 6:9, None]], 2)  # [B, channel, features]
+        scene = torch.cat([scene[:, None].expand(-1, 3, -1), mean[:, 6:9, None], numbers], 2)  # [B, channel, features]
         whole_level, local_level, unseen = F.softplus(self.levels(scene).float() + 0.54).flatten(0, 1).split([1, 1, RANK], 1)
         final = F.pixel_shuffle(gates[0][:, 2 * MAPS :], 2)  # at full size, so that edges stay sharp
         with torch.autocast("cpu", enabled=False):
@@ -174,12 +228,14 @@ class SquashedIndirectNet(Indirect):
 
     def __init__(self):
         super().__init__()
-        self.unet = UNet(19, [32, 48, 72, 104])
+        self.unet = UNet(30, [32, 48, 72, 104])
         self.head = nn.Conv2d(32, 12, 3, padding=1)
 
-    def forward(self, geometry, albedo, light, direct, flux):
+    def forward(self, geometry, albedo, light, direct, flux, left, burning):
+        seen, numbers = told(left, burning, geometry)
+        told_everywhere = numbers.flatten(1)[..., None, None].expand(-1, -1, *direct.shape[2:])
         flux = relative(flux, geometry)
         scale = direct.mean((1, 2, 3), keepdim=True) + 0.1 * flux.mean(1, keepdim=True) + 1e-6
         squashed = [torch.atan(3 * x / scale) for x in (direct, albedo * direct, flux.expand_as(direct))]
-        y = F.pixel_shuffle(self.head(self.unet(torch.cat([*squashed, unit_scale(geometry), albedo, light], 1))[0]), 2).float()
+        y = F.pixel_shuffle(self.head(self.unet(torch.cat([*squashed, unit_scale(geometry), albedo, light, seen, told_everywhere], 1))[0]), 2).float()
         return torch.tan(0.99 * torch.sigmoid(y) * torch.pi / 2) * scale

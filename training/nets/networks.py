@@ -7,9 +7,13 @@ import torch
 
 from indirectnet import IndirectNet, SquashedIndirectNet
 from lightnet import LightNet
+from lights import InvLampNet, InvWinNet, VisLampNet, VisWinNet
+from mnet import MNet
 from shadownet import ShadowNet
 
-NETWORKS = {"shadownet": ShadowNet, "indirectnet": IndirectNet, "squashedindirectnet": SquashedIndirectNet, "lightnet": LightNet}
+NETWORKS = {"shadownet": ShadowNet, "indirectnet": IndirectNet, "squashedindirectnet": SquashedIndirectNet, "lightnet": LightNet} | {
+    net.__name__.lower(): net for net in (MNet, VisLampNet, VisWinNet, InvLampNet, InvWinNet)
+}
 
 
 def run_folder(name, out):

@@ -23,6 +23,7 @@ from PIL import Image
 import augment
 import flux
 import hemisphere
+import indirectnet
 import place
 import shadownet
 from lightnet import CELL
@@ -30,6 +31,7 @@ from networks import trained
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "training/rooms"))
+import folder as scene_folder  # noqa: E402
 from pack import half, planes  # noqa: E402
 
 
@@ -63,31 +65,16 @@ def described(meta):
 
 
 def scene(source, folder):
-    """Writes a scene that the program reads into `folder`: meta.json, lights, photo, depth, pixels of visible lights."""
+    """Writes a scene that the program reads into `folder`; meta.json, lights, photo, depth, pixels of visible lights."""
     meta = json.loads((source / "meta.json").read_text())
     lights = described(meta)
     photo = sum(picture(source / f"olat_{name}.exr") for name in meta["lights"])
-    import OpenEXR
-
-    exr = lambda name, **channels: OpenEXR.File(
-        {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}, {k: np.ascontiguousarray(v) for k, v in channels.items()}
-    ).write(str(folder / name))
     depth = picture(source / "depth.exr")[0]
-    exr("photo.exr", RGB=np.moveaxis(photo, 0, -1)), exr("depth.exr", Z=depth)
-    exr("albedo.exr", RGB=np.moveaxis(picture(source / "albedo.exr").clip(0, 1), 0, -1))
-    glow, entries = np.zeros(depth.shape, bool), []
-    for name in meta["visible"]:
-        mask = np.asarray(Image.open(source / f"mask_{name}.png").convert("L")) > 0
-        glow |= mask
-        if name in lights:
-            Image.fromarray(mask.astype(np.uint8) * 255).save(folder / f"{name}.png")
-            entries.append(f'"{name}": {"Window" if name.startswith("window") else "Lamp"}(mask: "{name}.png")')
-    (folder / "lights.json").write_text(json.dumps(lights))
-    (folder / "scene.ron").write_text(
-        f'Scene(version: 1, photo: "photo.exr", transfer: Linear, camera: FovX({float(meta["fov_x"])}),\n'
-        f'    depth: (path: "depth.exr", kind: PlanarZ, scale: 1.0), lights: {{ {", ".join(entries)} }},\n'
-        f'    truth: (lights: "lights.json", albedo: "albedo.exr"))\n'
-    )
+    masks = {name: np.asarray(Image.open(source / f"mask_{name}.png").convert("L")) > 0 for name in meta["visible"]}
+    last = lambda x: np.moveaxis(x, 0, -1)
+    albedo = last(picture(source / "albedo.exr").clip(0, 1))
+    scene_folder.write(folder, float(meta["fov_x"]), last(photo), depth, albedo, {k: v for k, v in masks.items() if k in lights}, lights)
+    glow = np.any([*masks.values(), np.zeros(depth.shape, bool)], 0)
     return meta, lights, photo, depth, glow
 
 
@@ -130,12 +117,18 @@ def predict(x, nets):
     """Shading by each light: {estimate: [lights, 3, h, w]}; shadows; and the maps of all these lights together."""
     count = len(x["names"])
     many = lambda v: v.expand(count, -1, -1, -1)
-    visibility = torch.cat([x["traced"], x["unknown"], x["direct"], shadownet.shading(x["photo"], x["albedo"], x["radiance"])], 1)
+    explained = ((x["direct"] * x["traced"] + x["bounced"]) * x["radiance"]).sum(0, keepdim=True)
+    planes = {"traced": x["traced"], "unknown": x["unknown"], "traced_direct": x["direct"], "radiance": x["radiance"]}
+    seen = shadownet.evidence(planes | {"photo": x["photo"], "albedo": x["albedo"]}, explained)
+    visibility = shadownet.visibility(planes, seen)
     shadow = shadownet.combine(visibility, nets["shadownet"](visibility, many(x["geometry"]), x["place"]))
-    indirect = lambda s: nets["indirectnet"](
-        many(x["geometry"]), many(x["albedo"]), many(x["light"]), x["direct"] * s * x["radiance"], x["flux"] * x["radiance"]
-    )
     lit = lambda s: x["direct"] * s * x["radiance"]
+
+    def indirect(s):
+        flux = x["flux"] * x["radiance"]
+        told = indirectnet.evidence(x["photo"][0], x["albedo"][0], x["light"][0], lit(s).sum(0), flux.sum(0))
+        return nets["indirectnet"](*(many(x[k]) for k in ("geometry", "albedo", "light")), lit(s), flux, *(many(v) for v in told))
+
     estimates = {
         "no shadow, no indirect": lit(1),
         "ray-traced shadow, no indirect": lit(x["traced"]),

@@ -3,7 +3,8 @@
 Rays to the light end lit, blocked or unknown (behind a depth edge, outside the view). The network tells which share of the unknown ones is lit, and
 where the rays through the depth mesh are not to be trusted at all (thin things, edges), with what stands in for them there:
     S = (1 - doubt) x (traced - unknown + unknown x lit) + doubt x instead,        traced counts unknown rays as lit.
-The photo shows shadows of the lights that burn in it: its shading, which a light can at most make up alone, is an input. So is the place of the light."""
+The photo shows shadows of the lights that burn in it: an input is what it leaves for this light when all light, as ray-traced, is taken away. So is the
+place of the light."""
 
 import torch
 import torch.nn.functional as F
@@ -15,11 +16,12 @@ from layers import UNet, unit_scale
 
 GAPS = (1, 2, 4, 8)
 UNSEEN = 0.3  # share of the items to train on whose light is told not to burn in the photo
+WHITE = 0.99  # a photo's pixel above it tells nothing
 
 
 class ShadowNet(nn.Module):
-    """visibility [1, 4, 120, 160]: traced, unknown, unshadowed direct shading per unit radiance of that lobe, shading of the photo over its radiance
-    (`seen`; zeros for a light that does not burn in the photo); geometry [1, 6, 120, 160]: normal, xyz (m); place [1, 12, 1, 1] of the light: centre,
+    """visibility [1, 5, 120, 160]: traced, unknown, unshadowed direct shading per unit radiance of that lobe, what the photo leaves for it, the share of
+    the photo's shading that it would have unshadowed (`evidence`; zeros for a light that does not burn in the photo); geometry [1, 6, 120, 160]: normal, xyz (m); place [1, 12, 1, 1] of the light: centre,
     half_x, half_y (m; zeros but for windows), direction to the sun (zeros but for suns) -> shares [1, 3, 120, 160] in 0..1: lit, instead, doubt
     (`combine`)."""
 
@@ -32,13 +34,14 @@ class ShadowNet(nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.unet = UNet(22, [32, 48, 64, 96, 128])
+        self.unet = UNet(23, [32, 48, 64, 96, 128])
         self.head = nn.Conv2d(32, 12, 3, padding=1)
 
     def forward(self, visibility, geometry, place):
-        direct = visibility[:, 2:3].mean((1, 2, 3), keepdim=True) + 1e-9
-        logs = torch.log(0.02 + torch.clamp(visibility[:, 2:] / direct, max=50)) / 2
-        planes = [visibility[:, :2], logs, unit_scale(geometry), ways(geometry, place)]
+        traced, direct, left, share = visibility[:, :2], visibility[:, 2:3], visibility[:, 3:4], visibility[:, 4:]
+        mean = direct.mean((1, 2, 3), keepdim=True) + 1e-9
+        shadow = (left / (direct + 0.02 * mean)).clamp(-1, 2) * (share > 0)
+        planes = [traced, torch.log(0.02 + torch.clamp(direct / mean, max=50)) / 2, shadow, share, unit_scale(geometry), ways(geometry, place)]
         y = F.pixel_shuffle(self.head(self.unet(torch.cat(planes, 1))[0]), 2)
         return torch.cat([torch.sigmoid(y[:, :2]), torch.sigmoid(y[:, 2:] - 3)], 1)
 
@@ -55,12 +58,13 @@ class ShadowNet(nn.Module):
         x = {name: torch.where(flip, mirrored[name], v) for name, v in x.items()}
         geometry = augment.geometry(g, x["depth"], x["normal"], fov)
         albedo = augment.choose(g, 0.7, augment.worse_albedo(g, x["albedo"]), x["albedo"])
-        wrong = torch.exp(0.4 * torch.randn(size, 1, 1, 1, generator=g))
-        seen = torch.where(augment.uniform(g, fov) < UNSEEN, 0.0, wrong * shading(x["photo"], albedo, x["radiance"]))
+        wrong = lambda scale: torch.exp(scale * torch.randn(size, 1, 1, 1, generator=g))
+        radiance = x["radiance"] * wrong(0.2)
+        seen = evidence(x | {"albedo": albedo, "radiance": radiance}, x["explained"] * wrong(0.15))
+        seen = torch.where(augment.uniform(g, fov) < UNSEEN, 0.0, seen)
         noise = lambda scale, channels: scale * torch.randn(size, channels, 1, 1, generator=g)
         place = x["place"] * (1 + noise(0.05, 1)) + noise(0.03, 12) * (x["place"] != 0)
-        visibility = torch.cat([x["traced"], x["unknown"], x["traced_direct"], seen], 1)
-        return {"inputs": (visibility, geometry, place), "shadow": x["shadow"], "weight": brightness(x["direct"])}
+        return {"inputs": (visibility(x, seen), geometry, place), "shadow": x["shadow"], "weight": brightness(x["direct"])}
 
     def loss(self, batch):
         """Weighted squares for the level, after least-squares scaling (a light's radiance is fitted to the photo later), and scale-invariant gradients
@@ -83,8 +87,7 @@ class ShadowNet(nn.Module):
         """As the product gives them, for all sources of a room: [S, ..]."""
         x = planes(rooms, [(room, s) for s in range(len(rooms.sources[room]))])
         geometry = torch.cat([x["normal"], augment.xyz(x["depth"], rooms.get("fov_x", room))], 1)
-        visibility = torch.cat([x["traced"], x["unknown"], x["traced_direct"], shading(x["photo"], x["albedo"], x["radiance"])], 1)
-        return {"visibility": visibility, "geometry": geometry, "place": x["place"]}
+        return {"visibility": visibility(x, evidence(x, x["explained"])), "geometry": geometry, "place": x["place"]}
 
     @staticmethod
     def floors(rooms):
@@ -99,13 +102,13 @@ class ShadowNet(nn.Module):
 
     def score(self, rooms, room, floors=None):
         """Per room: mean squared error, over the lit pixels of all its sources, after least-squares scaling of each source; `weighted`: by direct
-        light. Regions with less than 50 lit pixels do not count."""
+        light; `in the picture`: by the share of all direct light that the source has there. Regions with less than 50 lit pixels do not count."""
         x = self.inputs(rooms, room)
         visibility = x["visibility"]
         estimates = {"network": combine(visibility, self(**x))}
         if floors is not None:
             known, unknown = visibility[:, :1] - visibility[:, 1:2], visibility[:, 1:2]
-            unseen = x | {"visibility": torch.cat([visibility[:, :3], 0 * unknown], 1)}
+            unseen = x | {"visibility": torch.cat([visibility[:, :3], 0 * visibility[:, 3:]], 1)}
             truth = rooms.get("shadow", room)[:, None]
             estimates |= {
                 "network, light not in the photo": combine(unseen["visibility"], self(**unseen)),
@@ -118,13 +121,16 @@ class ShadowNet(nn.Module):
         shadow, direct = rooms.get("shadow", room), rooms.get("direct", room)
         lit, weight = (direct > 0.1 * middle(direct)).float(), brightness(direct[:, None])[:, 0]
         unknown = (visibility[:, 1] > 0.02).float()
+        power = lit * direct * rooms.get("radiance", room).mean(1).view(-1, 1, 1)
+        share = power / power.sum(0).clamp(min=1e-9)
 
         def measures(e):
             error = lambda w: (scaled(e, shadow, w) - shadow) ** 2
             mean = lambda w, x: ((w * x).sum() / w.sum()).item() if (w > 0).sum() >= 50 else float("nan")
             regions = {"all": torch.ones_like(unknown), "unknown": unknown, "known": 1 - unknown}
             plain = {k: mean(lit * region, error(lit)) for k, region in regions.items()}
-            return plain | {f"{k} weighted": mean(weight * region, error(weight)) for k, region in regions.items()}
+            plain |= {f"{k} weighted": mean(weight * region, error(weight)) for k, region in regions.items()}
+            return plain | {"in the picture": mean(share, error(lit))}
 
         return [{name: measures(e) for name, e in estimates.items()}]
 
@@ -134,7 +140,7 @@ class ShadowNet(nn.Module):
         s = int(rooms.get("doubt", room).argmax())
         got = combine(x["visibility"], self(**x))
         pictures = {
-            "seen": x["visibility"][s, 3] / x["visibility"][s, 3].quantile(0.95).clamp(min=1e-6),
+            "left": (x["visibility"][s, 3] / x["visibility"][s, 2].clamp(min=1e-6)).clamp(0, 1) * (x["visibility"][s, 4] > 0),
             "direct": brightness(x["visibility"][s : s + 1, 2:3])[0, 0],
             "unknown": x["visibility"][s, 1],
             "traced": x["visibility"][s, 0],
@@ -165,13 +171,30 @@ def ways(geometry, place):
 
 def planes(rooms, items):
     x = {name: rooms.stack(name, items) for name in ["traced", "unknown", "traced_direct", "direct", "shadow", "depth", "normal", "albedo", "photo"]}
-    return x | {name: rooms.stack(name, items)[..., None, None] for name in ["place", "radiance"]}
+    x |= {name: rooms.stack(name, items)[..., None, None] for name in ["place", "radiance"]}
+    return x | {"explained": torch.stack([explained(rooms, room) for room, _ in items])}
 
 
-def shading(photo, albedo, radiance):
-    """What a photo that clips at white shows of it: [B, 1, h, w] of photo / albedo over radiance [B, 3, 1, 1], by luminance."""
-    luminance = lambda x: (x * x.new_tensor([0.2126, 0.7152, 0.0722]).view(1, 3, 1, 1)).sum(1, keepdim=True)
-    return luminance(photo.clamp(max=1) / albedo.clamp(min=0.03)) / luminance(radiance).clamp(min=1e-6)
+def explained(rooms, room):
+    """The shading [3, h, w] of all that burns, as ray-traced."""
+    lit = rooms.get("traced_direct", room) * rooms.get("traced", room)
+    return torch.einsum("shw,sc->chw", lit, rooms.get("radiance", room)) + rooms.get("path_trace_indirect", room).sum(0)
+
+
+def visibility(x, seen):
+    """The network's input [B, 5, h, w] from `planes` and `evidence`."""
+    return torch.cat([x["traced"], x["unknown"], x["traced_direct"], seen], 1)
+
+
+def evidence(x, explained):
+    """What the photo tells of a light of `radiance` [B, 3, 1, 1], by luminance, [B, 2, h, w]: the shading per unit radiance that it leaves for the light's
+    own direct light, once all light as ray-traced (`explained` [B, 3, h, w], that of this light included) is taken away but this light's direct light;
+    and the share of the photo's shading that the light would have unshadowed. Zeros where the photo is white."""
+    luminance = lambda v: (v * v.new_tensor([0.2126, 0.7152, 0.0722]).view(1, 3, 1, 1)).sum(1, keepdim=True)
+    shading, radiance = luminance(x["photo"] / x["albedo"].clamp(min=0.03)), luminance(x["radiance"]).clamp(min=1e-6)
+    left = (shading - luminance(explained)) / radiance + x["traced_direct"] * x["traced"]
+    share = (radiance * x["traced_direct"] / shading.clamp(min=1e-6)).clamp(0, 1)
+    return torch.cat([left, share], 1) * (x["photo"].amax(1, keepdim=True) < WHITE)
 
 
 def combine(visibility, shares):

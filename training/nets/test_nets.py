@@ -14,7 +14,7 @@ import synthetic
 from data import Rooms
 from indirectnet import IndirectNet
 from lightnet import LightNet
-from shadownet import ShadowNet, combine, ways
+from shadownet import ShadowNet, combine, evidence, ways
 
 
 class Hemisphere(unittest.TestCase):
@@ -149,6 +149,26 @@ class Nets(unittest.TestCase):
         x[:, 1] = 0
         shares = torch.rand(len(x), 3, 120, 160) * torch.tensor([1.0, 1, 0]).view(1, 3, 1, 1)
         self.assertTrue(torch.equal(combine(x, shares), x[:, :1]))
+
+    def test_a_photo_leaves_each_light_its_own_shadow(self):
+        """Two lights and known indirect light: what is left of the photo over the light's direct shading is its true visibility; of white pixels nothing."""
+        shape = (1, 1, 120, 160)
+        direct, shadow, traced, other = (torch.rand(shape) for _ in range(4))
+        albedo, radiance = 0.1 + 0.8 * torch.rand(1, 3, 120, 160), torch.tensor([0.5, 0.4, 0.3]).view(1, 3, 1, 1)
+        photo = albedo * (radiance * direct * shadow + other)
+        x = {"photo": photo, "albedo": albedo, "radiance": radiance, "traced_direct": direct, "traced": traced}
+        left, share = evidence(x, radiance * direct * traced + other).split(1, 1)
+        known = photo.amax(1, keepdim=True) < 0.99
+        self.assertTrue(torch.allclose(left, direct * shadow * known, atol=1e-4))
+        self.assertTrue(((share > 0) == known).float().mean() > 0.999)
+
+    @torch.no_grad()
+    def test_exposure_of_the_photo_does_not_change_indirect_light(self):
+        net, x = IndirectNet().eval(), IndirectNet.inputs(self.rooms, 0)
+        brighter = {k: 8 * x[k] for k in ("left", "burning")}
+        one, other = net(**x), net(**x | brighter)
+        self.assertLess((one - other).abs().max() / one.max(), 1e-2)
+        self.assertTrue(all(v.isfinite().all() for v in (one, net(**x | {k: 0 * x[k] for k in brighter}))))
 
     @torch.no_grad()
     def test_indirect_light_is_linear_and_not_negative(self):

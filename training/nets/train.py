@@ -38,11 +38,12 @@ def rate(base, step, progress):
 
 
 def shipped(net, path):
-    """Loads the weights of an exported network; its initializers have the names of the parameters."""
+    """Loads the weights of an exported network, whose initializers have the names of the parameters; those whose shape has changed since start anew."""
     import onnx
 
     arrays = {t.name: torch.tensor(onnx.numpy_helper.to_array(t)).float() for t in onnx.load(path).graph.initializer}
-    net.load_state_dict({k: arrays.get(k, v) for k, v in net.state_dict().items()})
+    fits = lambda k, v: k in arrays and arrays[k].shape == v.shape
+    net.load_state_dict({k: arrays[k] if fits(k, v) else v for k, v in net.state_dict().items()})
 
 
 def train(name, rooms, minutes, steps, seed, out, start, size, base):

@@ -16,11 +16,12 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "demo"))
+import folder as scene_folder  # noqa: E402
 import layout  # noqa: E402
 from assets import Library  # noqa: E402
 
 # First seed; furniture; passes of 16 samples a pixel of the photo and of indirect light, passes of 64 of direct light; samples a texel of the maps (a
-# square number); whether denoised.
+# square number); whether all but the photo is denoised, too.
 SPLITS = {
     "train": (0, "train", (1, 1, 1, 9, True)),
     "val": (10_000_000, "held", (4, 4, 2, 16, True)),
@@ -133,9 +134,6 @@ def groups(lit, names):
 
 def make(seed, library, folder, quality):
     """Renders the room of a seed into `folder`; None when no camera sees anything. `quality`: see SPLITS."""
-    import OpenEXR
-    from PIL import Image
-
     import scene as scenes
     import truth
 
@@ -148,7 +146,7 @@ def make(seed, library, folder, quality):
     view, planes, seen, hidden = found
     names = names_of(seen, hidden)
     all_on = lit.scene(dict.fromkeys(names))
-    picture = truth.photo(all_on, view, planes["albedo"], planes["normal"], photo_passes, clean)
+    picture = truth.photo(all_on, view, planes["albedo"], planes["normal"], photo_passes)
     dark = planes["touch"] == 0
     if np.percentile(picture[dark].mean(-1), 98) <= 0:
         return None
@@ -204,24 +202,8 @@ def make(seed, library, folder, quality):
         maps=half(maps * gain),
         maps_valid=valid.astype(np.uint8),
     )
-    exr = lambda name, **channels: OpenEXR.File(
-        {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}
-    ).write(str(folder / name))
-    exr("photo.exr", RGB=picture * gain)
-    exr("depth.exr", Z=planes["depth"])
-    exr("albedo.exr", RGB=planes["albedo"])
-    (folder / "masks").mkdir(exist_ok=True)
-    entries = []
-    for k, title in enumerate(titles):
-        if not title.startswith("inv_"):
-            Image.fromarray((mask == k + 1).astype(np.uint8) * 255).save(folder / "masks" / f"{title}.png")
-            entries.append(f'"{title}": {"Lamp" if title.startswith("lamp") else "Window"}(mask: "masks/{title}.png")')
-    (folder / "scene.ron").write_text(
-        f'Scene(version: 1, photo: "photo.exr", transfer: Linear, camera: FovX({view.fov_x}),\n'
-        f'    depth: (path: "depth.exr", kind: PlanarZ, scale: 1.0), lights: {{ {", ".join(entries)} }},\n'
-        f'    truth: (lights: "lights.json", albedo: "albedo.exr"))\n'
-    )
-    (folder / "lights.json").write_text(json.dumps(lights))
+    masks = {title: mask == k + 1 for k, title in enumerate(titles) if not title.startswith("inv_")}
+    scene_folder.write(folder, view.fov_x, picture * gain, planes["depth"], planes["albedo"], masks, lights)
     (folder / "room.json").write_text(
         json.dumps(
             dict(

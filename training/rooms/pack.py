@@ -15,8 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LOBES = ("sun", "sky", "ground")
 
 
-def planes(folder, relight):
-    """The program's planes at 320 x 240: {channel: [240, 320]}."""
+def planes(folder, relight, *more):
+    """The program's planes at 320 x 240: {channel: [240, 320]}; `more` arguments for it."""
     import OpenEXR
 
     command = [
@@ -31,6 +31,7 @@ def planes(folder, relight):
         "--no-cache",
         "--threads",
         "1",
+        *more,
     ]
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     if done.returncode:

@@ -279,9 +279,7 @@ def raw_photo(scene, view, spp, seed, depth=DEPTH):
     return per_pixel(radiance(scene, mi.RayDifferential3f(ray), seed, depth), WIDTH, spp)
 
 
-def photo(scene, view, albedo, normal, passes=1, clean=True, spp=16):
-    """The picture, linear, `clean` if wanted."""
+def photo(scene, view, albedo, normal, passes=1, spp=16):
+    """The picture, linear; denoised in every split, as it is an input and no truth."""
     picture = mean_of(passes, lambda k: raw_photo(scene, view, spp, 5 + 100 * k))
-    if not clean:
-        return picture
     return denoise(picture, albedo, normal, max(float(np.median(picture)), 1e-12))

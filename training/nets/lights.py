@@ -1,0 +1,557 @@
+"""The networks that estimate lights: one seen lamp or window, the one lamp or window that is not seen.
+
+A lamp is a box that shines with one radiance, a window a rectangle before a surrounding of three lobes. The networks learn through the light they would
+cast (emit.py). Lengths inside are in units of a third of the mean depth. `confidence` holds the probability that this light burns at all, by which its
+radiance is already multiplied, and the L1 error to expect of its direct shading, over that of the truth and a twentieth of all light.
+
+Training relights its rooms: every path of light takes a factor of its own, the photo follows."""
+
+import math
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import nn
+
+import augment
+import camera
+import emit
+import form
+from layers import block, unit_scale
+
+CELL = 4  # pixels of the half plane that E_j is measured over
+CHOSEN = 300  # of these cells, to learn from
+BRIGHT = 10.0  # E_j above this is beyond what a photo shows
+LEAST = 0.02  # an invisible light that gives less than this share of all light is none
+
+
+class Lights(nn.Module):
+    """What the four have in common. photo [1, 3, 120, 160]: linear, 98 % of the pixels that are no light below 0.9..1, clipped as it is; geometry [1, 6,
+    ..]: normal, xyz (m); albedo [1, 3, ..]; lights [1, 2, ..]: pixels of all visible lights, of this one; start [1, 5, 1, 1]: centre (m) and half
+    extents (m) by mask and depth, zeros for an invisible light"""
+
+    visible, window = False, False
+    targets = [
+        ("E_j / training mean's", lambda m: m["network"]["E_j"] / m["training mean"]["E_j"], 0.7),
+        ("E_j / InitLights'", lambda m: m["network"]["E_j"] / m["InitLights"]["E_j"], 0.7),
+    ]
+
+    def __init__(self, numbers):
+        super().__init__()
+        widths = [40, 56, 80, 112, 128]
+        self.stem = nn.Sequential(block(21 * 4, widths[0]), block(widths[0], widths[0]))
+        self.down = nn.ModuleList(nn.Sequential(block(a, b, 2), block(b, b)) for a, b in zip(widths, widths[1:]))
+        self.squeeze = block(widths[-1], 32)
+        self.head = nn.Sequential(nn.Linear(32 * 4 * 5 + widths[-1] + 5, 256), nn.ReLU(), nn.Linear(256, numbers + 2))
+
+    def numbers(self, photo, geometry, albedo, lights, start):
+        """The head's numbers [B, ..] and the unit of length [B, 1]."""
+        unit = geometry[:, 5:].mean((1, 2, 3)).view(-1, 1) / -3
+        luminance = lambda x: (x * x.new_tensor([0.2126, 0.7152, 0.0722]).view(1, 3, 1, 1)).sum(1, keepdim=True)
+        shading = torch.log(0.02 + luminance(photo) / luminance(albedo).clamp(min=0.03))
+        begin = start / unit[..., None, None]
+        planes = [photo.clamp(0, 8).sqrt(), unit_scale(geometry), albedo, shading, lights, begin.expand(-1, -1, *photo.shape[2:])]
+        planes.append(lights[:, 1:] * shading)
+        x = self.stem(F.pixel_unshuffle(torch.cat(planes, 1), 2))
+        for down in self.down:
+            x = down(x)
+        x = torch.cat([self.squeeze(x)[:, :, :4, :5].flatten(1), x.mean((2, 3)), begin[:, :, 0, 0]], 1)
+        return self.head(x).float(), unit
+
+    def confidence(self, y):
+        return torch.cat([torch.sigmoid(y[:, :1]), torch.exp(torch.tanh(y[:, 1:] / 3) * 3)], 1)
+
+    @classmethod
+    def chosen(cls, rooms, room):
+        """The rows of a room's lights that a network of this kind is for; one None where an invisible light is not there."""
+        kind = "window" if cls.window else "lamp"
+        if cls.visible:
+            return [k for k, name in enumerate(rooms.lights[room]) if name.startswith(kind)]
+        return [next((k for k, name in enumerate(rooms.lights[room]) if name == f"inv_{kind}"), None)]
+
+    @classmethod
+    def batch(cls, rooms, g, size):
+        """Rooms that have such a light; of invisible ones a quarter of the items take any room."""
+        items = []
+        while len(items) < size:
+            room = torch.randint(len(rooms), (1,), generator=g).item()
+            rows = cls.chosen(rooms, room)
+            any_room = not cls.visible and torch.rand(1, generator=g) < 0.25
+            if rows and (rows[0] is not None or any_room):
+                items.append((room, rows[torch.randint(len(rows), (1,), generator=g).item()]))
+        relit = [relight(rooms, room, row, factors(rooms, room, g)) for room, row in items]
+        x = {k: torch.stack([r[k] for r in relit]) for k in relit[0]}
+        x |= {name: rooms.stack(name, [(room, None) for room, _ in items]) for name in ["depth", "normal", "albedo"]}
+        fov = torch.stack([rooms.get("fov_x", room) for room, _ in items])
+        x["photo"], gain = camera.exposed(g, x["photo"], x["lights"][:, :1])
+        x["form"], x["shading"], x["whole"] = scaled(x["form"], gain), x["shading"] * gain, x["whole"] * gain
+        flip = augment.uniform(g, fov) < 0.5
+        planes = {k: augment.mirrored(x[k], k == "normal") for k in ["photo", "lights", "shading", "whole", "depth", "normal", "albedo"]}
+        planes |= {"form": mirrored_form(x["form"]), "surface": x["surface"] * x["surface"].new_tensor([-1, 1, 1])}
+        x |= {k: torch.where(flip.view(-1, *[1] * (v.ndim - 1)), v, x[k]) for k, v in planes.items()}
+        albedo = augment.choose(g, 0.6, augment.worse_albedo(g, x["albedo"]), x["albedo"])
+        geometry = augment.geometry(g, x["depth"], x["normal"], fov)
+        lights = x["lights"]
+        if cls.visible:
+            lights = torch.cat([lights[:, :1], augment.ragged(g, lights[:, 1:])], 1)
+            lights = torch.cat([torch.maximum(lights[:, :1], lights[:, 1:]), lights[:, 1:]], 1)
+        true = torch.cat([x["normal"], augment.xyz(x["depth"], fov)], 1)
+        return {
+            "inputs": (camera.photographed(g, x["photo"]), geometry, albedo, lights, begin(geometry, lights, cls.window)),
+            "places": pick(g, true, albedo=x["albedo"], shading=x["shading"], lights=x["lights"], whole=x["whole"]),
+            "form": x["form"],
+            "surface": x["surface"],
+            "there": x["there"],
+        }
+
+    def loss(self, batch):
+        """L1 of E_j and of A E_j and of the logarithm of E_j, Chamfer distance, the form's own terms; and what makes the confidence right."""
+        y, unit = self.numbers(*batch["inputs"])
+        with torch.autocast("cpu", enabled=False):
+            return self.measured(y, unit, batch)
+
+    def measured(self, y, unit, batch):
+        p, there = batch["places"], batch["there"].view(-1, 1)
+        guess = self.decode(y, unit, batch["inputs"][-1][:, :, 0, 0])
+        got = self.shading(guess, p["points"], p["normals"])
+        error = (got.clamp(max=BRIGHT) - p["shading"].clamp(max=BRIGHT)).abs() * p["valid"]
+        mean = lambda x: x.mean((1, 2))
+        scale = mean(p["whole"] * p["valid"]) + 0.05
+        level = (mean(error) + mean(error * p["albedo"])) / scale
+        tone = mean((torch.log1p(10 * got) - torch.log1p(10 * p["shading"])).abs() * p["valid"])
+        place = chamfer(self.surface(guess), batch["surface"]) / unit[:, 0] + self.form_loss(guess, batch["form"])
+        burns = F.binary_cross_entropy_with_logits(y[:, :1], there)
+        wanted = torch.log(mean(error) / (mean(p["shading"] * p["valid"]) + 0.05 * scale) + 1e-3).detach()
+        expected = (torch.tanh(y[:, 1] / 3) * 3 - wanted).abs().mean()
+        exists = (batch["surface"].abs().sum((1, 2)) > 0).float()
+        return level.mean() + tone.mean() + (place * exists).sum() / exists.sum().clamp(min=1) + 0.2 * burns + 0.05 * expected
+
+    @classmethod
+    def inputs(cls, rooms, room, worse=None):
+        """For all such lights of a room; `worse`: depth, normals and albedo as estimates are, from this generator."""
+        rows = cls.chosen(rooms, room) or [None]
+        items = [(room, None)] * len(rows)
+        x = {name: rooms.stack(name, items) for name in ["depth", "normal", "albedo"]}
+        relit = [relight(rooms, room, row, {}) for row in rows]
+        lights = torch.stack([r["lights"] for r in relit])
+        fov = rooms.get("fov_x", room).expand(len(rows))
+        geometry = torch.cat([x["normal"], augment.xyz(x["depth"], fov)], 1)
+        albedo = x["albedo"]
+        if worse is not None:
+            geometry, albedo = augment.geometry(worse, x["depth"], x["normal"], fov, 1.0), augment.worse_albedo(worse, albedo)
+        photo = torch.stack([r["photo"] for r in relit]).clamp(max=1)
+        return {"photo": photo, "geometry": geometry, "albedo": albedo, "lights": lights, "start": begin(geometry, lights, cls.window)}
+
+    def forward(self, photo, geometry, albedo, lights, start):
+        y, unit = self.numbers(photo, geometry, albedo, lights, start)
+        return tuple(self.decode(y, unit, start[:, :, 0, 0]).values())
+
+    @classmethod
+    def floors(cls, rooms):
+        """The mean light of up to 300 rooms: of a seen one relative to its start; radiances and bandwidths by their logarithm."""
+        forms, starts = [], []
+        for room in range(min(len(rooms), 300)):
+            rows = [row for row in cls.chosen(rooms, room) if row is not None]
+            if rows:
+                forms.append(torch.stack([rooms.get("form", room, row) for row in rows]))
+                starts.append(cls.inputs(rooms, room)["start"][:, :, 0, 0])
+        return {"mean": cls.middle(torch.cat(forms), torch.cat(starts))}
+
+    def score(self, rooms, room, floors=None):
+        """Per light, E_j and distances as the reference's code has them: mean absolute error of E_j over the picture, Chamfer distance in metres. An
+        invisible light that nothing estimates has no distance. `radiance` is that of a lamp, or of sky and ground."""
+        rows = self.chosen(rooms, room)
+        if not rows:
+            return []
+        x = self.inputs(rooms, room)
+        guesses = {"network": self(**x)}
+        if floors is not None:
+            guesses["network, degraded inputs"] = self(**self.inputs(rooms, room, torch.Generator().manual_seed(room)))
+            guesses["training mean"] = self.mean_guess(floors["mean"], x["start"][:, :, 0, 0])
+        cells = lambda v: F.avg_pool2d(v, CELL).flatten(2).transpose(1, 2)
+        points, normals = cells(x["geometry"][:, 3:]), F.normalize(cells(x["geometry"][:, :3]), dim=2)
+        found = rooms.beside("estimates.npz", room) if floors is not None else None
+        items = []
+        for k, row in enumerate(rows):
+            relit, dark = relight(rooms, room, row, {}), cells(1 - x["lights"][k : k + 1, :1]) > 0.99
+            want, whole = cells(relit["shading"][None]).clamp(max=BRIGHT) * dark, (cells(relit["whole"][None]) * dark).mean().item()
+            there, name = bool(relit["there"]), rooms.lights[room][row] if row is not None else ""
+            answers = {}
+            for title, guess in guesses.items():
+                one = dict(zip(self.outputs, (v[k : k + 1] for v in guess)))
+                answers[title] = (
+                    self.shading(one, points[k : k + 1], normals[k : k + 1]),
+                    self.surface(one),
+                    one["radiance"][:, -2:].sum(1).mean().item(),
+                )
+            if found is not None:
+                sought = np.flatnonzero(found["lights"] == (name or f"inv_{'window' if self.window else 'lamp'}"))
+                answers["InitLights"] = (0 * want, None, 0.0)
+                for at in sought:
+                    shading = torch.from_numpy(found["direct"][at]).float().movedim(-1, 0)[None]
+                    answers["InitLights"] = (cells(shading), torch.from_numpy(found["surface"][at])[None], float(found["radiance"][at].mean()))
+            item, none = {}, float("nan")
+            for title, (shading, surface, radiance) in answers.items():
+                error = ((shading.clamp(max=BRIGHT) - want).abs() * dark).mean().item()
+                item[title] = {
+                    "E_j": error,
+                    "E_j / all light": error / whole,
+                    "Chamfer": chamfer(surface, rooms.get("surface", room, row)[None])[0].item() if there and surface is not None else none,
+                    "radiance, there": radiance if there else none,
+                    "radiance, not there": none if there else radiance,
+                }
+                if title.startswith("network"):
+                    p, expected = guesses[title][-1][k].tolist()
+                    got = error / (want.mean().item() + 0.05 * whole)
+                    item[title] |= {
+                        "burns, wrong": float((p > 0.5) != there),
+                        "expected / got error, log": abs(math.log((expected + 1e-3) / (got + 1e-3))),
+                    }
+            items.append(item)
+        return items
+
+    def pictures(self, rooms, room):
+        """Where the lights are on the photo, and the direct light of all of them."""
+        x = self.inputs(rooms, room)
+        guess = self(**x)
+        rows = self.chosen(rooms, room)
+        full = lambda v: v.flatten(2).transpose(1, 2)
+        one = dict(zip(self.outputs, guess))
+        got = (
+            self.shading(one, full(x["geometry"][:, 3:]), full(x["geometry"][:, :3])).transpose(1, 2).unflatten(2, (120, 160)).sum(0)
+            if rows
+            else 0 * x["photo"][0]
+        )
+        want = sum(relight(rooms, room, row, {})["shading"] for row in rows) if rows else got
+        scale = 0.5 / max(float(want.mean()), 1e-3)
+        planes = {"photo": x["photo"][0], "own": x["lights"][:, 1:].amax(0).expand(3, -1, -1), "network E_j": got * scale, "truth": want * scale}
+        return rooms.names[room], {k: v.numpy() for k, v in planes.items()}
+
+
+class Lamp(Lights):
+    outputs = ["centre", "axes", "radiance", "confidence"]
+
+    def shading(self, guess, points, normals):
+        return emit.box(guess["centre"], guess["axes"], points, normals)[..., None] * guess["radiance"]
+
+    def surface(self, guess):
+        """24 points on the box."""
+        k = torch.tensor([[a, b, c] for a in (-1, 1) for b in (-0.5, 0.5) for c in (-0.5, 0.5)])
+        k = torch.cat([k, k.roll(1, 1), k.roll(2, 1)])
+        return guess["centre"][:, None] + torch.einsum("na,bac->bnc", k, guess["axes"])
+
+    def form_loss(self, guess, form):
+        volume = lambda axes: 8 * axes.norm(dim=2).prod(1)
+        small = (torch.log(volume(guess["axes"]) + 1e-3) - torch.log(volume(form[:, 3:12].unflatten(1, (3, 3))) + 1e-3)).abs()
+        return 0.05 * small
+
+    @staticmethod
+    def middle(forms, starts):
+        return {
+            "offset": (forms[:, :3] - starts[:, :3]).mean(0),
+            "half": forms[:, 3:12].unflatten(1, (3, 3)).norm(dim=2).mean(0),
+            "radiance": torch.expm1(torch.log1p(forms[:, 33:]).mean(0)),
+        }
+
+    def mean_guess(self, mean, start):
+        b = len(start)
+        return start[:, :3] + mean["offset"], torch.diag(mean["half"]).expand(b, 3, 3), mean["radiance"].expand(b, 1, 3)
+
+
+class Window(Lights):
+    window = True
+    outputs = ["centre", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"]
+
+    def shading(self, guess, points, normals):
+        lobes = emit.window(*(guess[k] for k in self.outputs[:5]), points, normals)
+        return torch.einsum("blp,blc->bpc", lobes, guess["radiance"])
+
+    def surface(self, guess):
+        """36 points on the pane."""
+        k = torch.linspace(-5 / 6, 5 / 6, 6)
+        u, v = (t.reshape(1, -1, 1) for t in torch.meshgrid(k, k, indexing="ij"))
+        return guess["centre"][:, None] + u * guess["half_x"][:, None] + v * guess["half_y"][:, None]
+
+    def form_loss(self, guess, form):
+        x, y = form[:, 3:6], form[:, 6:9]
+        lobes = form[:, 12:33].unflatten(1, (3, 7))
+        cross = lambda a, b: torch.linalg.cross(a, b, dim=-1)
+        mine, true = cross(guess["half_x"], guess["half_y"]), cross(x, y)
+        turned = 1 - F.cosine_similarity(mine, true, dim=1)
+        area = (torch.log(4 * mine.norm(dim=1) + 0.01) - torch.log(4 * true.norm(dim=1) + 0.01)).abs()
+        weight = torch.tensor([1.0, 0.2, 0.2])
+        there = (lobes[..., 3] > 0).float() * weight
+        aim = there * (1 - (guess["directions"] * lobes[..., :3]).sum(2))
+        width = 0.001 * weight * (lobes[..., 3] > 0) * (torch.log1p(guess["bandwidths"]) - torch.log1p(lobes[..., 3])) ** 2
+        radiance = 0.001 * weight[:, None] * (torch.log1p(guess["radiance"]) - torch.log1p(lobes[..., 4:])) ** 2
+        return turned + 0.2 * area + (aim + width).sum(1) + radiance.sum((1, 2))
+
+    @staticmethod
+    def middle(forms, starts):
+        lobes = forms[:, 12:33].unflatten(1, (3, 7))
+        burns = (lobes[..., 3] > 0).float()
+        some = lambda v: (v * burns[..., None]).sum(0) / burns.sum(0)[:, None].clamp(min=1)
+        inward = F.normalize(torch.linalg.cross(forms[:, 3:6], forms[:, 6:9], dim=1), dim=1).mean(0)
+        return {
+            "offset": (forms[:, :3] - starts[:, :3]).mean(0),
+            "inward": inward,
+            "half": torch.stack([forms[:, 3:6].norm(dim=1).mean(), forms[:, 6:9].norm(dim=1).mean()]),
+            "directions": F.normalize(some(lobes[..., :3]), dim=1),
+            "bandwidths": torch.exp(some(torch.log1p(lobes[..., 3:4]))[:, 0]) - 1,
+            "radiance": torch.expm1(torch.log1p(lobes[..., 4:]).mean(0)),
+        }
+
+    def mean_guess(self, mean, start):
+        b = len(start)
+        out = F.normalize(start[:, :3], dim=1) if self.visible else F.normalize(-mean["inward"], dim=0).expand(b, 3)
+        x, y = frame(out, torch.zeros(b, 3))
+        return (
+            start[:, :3] + mean["offset"],
+            x * mean["half"][0],
+            y * mean["half"][1],
+            mean["directions"].expand(b, 3, 3),
+            mean["bandwidths"].expand(b, 3),
+            mean["radiance"].expand(b, 3, 3),
+        )
+
+
+def strength(y, top=0.9999):
+    """Radiance of any size from any number; 0 gives about 0.4."""
+    return torch.tan(torch.pi / 2 * top * torch.sigmoid(y - 1))
+
+
+def frame(out, tilt):
+    """half_x and half_y of unit length of a window that looks `out`; x cross y points into the room."""
+    up = F.normalize(tilt + out.new_tensor([0.0, 1.0, 0.0]), dim=1)
+    y = F.normalize(up - (up * out).sum(1, keepdim=True) * out, dim=1, eps=1e-6)
+    return torch.linalg.cross(out, y, dim=1), y
+
+
+def lobes(y, out):
+    """directions, bandwidths and radiances of sun, sky and ground from 21 numbers; `out` is where the window looks."""
+    y = y.unflatten(1, (3, 7))
+    up = out.new_tensor([0.0, 1.0, 0.0])
+    first = torch.stack([F.normalize(out + 0.5 * up, dim=1), F.normalize(out + up, dim=1), F.normalize(out - up, dim=1)], 1)
+    directions = F.normalize(2 * torch.tanh(y[..., :3]) + first, dim=2, eps=1e-6)
+    low, high = y.new_tensor([0.9, 0.0, 0.0]), y.new_tensor([0.999999, 0.9999, 0.9999])
+    bandwidths = torch.tan(torch.pi / 2 * (low + (high - low) * torch.sigmoid(y[..., 3])))
+    return directions, bandwidths, strength(y[..., 4:] - y.new_tensor([2.0, 0.0, 0.0]).view(1, 3, 1), 0.9999999)
+
+
+def away(y, geometry_unit):
+    """A place that is not seen, from 4 numbers: distance, angle from straight behind, and the two of the turn about the view."""
+    distance = torch.exp(1 + torch.tanh(y[:, :1] / 2) * 2)
+    theta = torch.pi * 0.95 * torch.sigmoid(y[:, 1:2])
+    turn = F.normalize(y[:, 2:4] + y.new_tensor([0.0, 0.5]), dim=1, eps=1e-6)
+    return geometry_unit * distance * torch.cat([torch.sin(theta) * turn, torch.cos(theta)], 1)
+
+
+class VisLampNet(Lamp):
+    """A lamp that is seen -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]. The centre lies on the mean ray of its mask,
+    up to 0.2 units before or behind its median depth; the box lies along the camera's axes."""
+
+    visible = True
+
+    def __init__(self):
+        super().__init__(7)
+
+    def decode(self, y, unit, start):
+        confidence = self.confidence(y[:, -2:])
+        towards = F.normalize(start[:, :3], dim=1)
+        half = torch.cat([start[:, 3:], start[:, 3:].amin(1, keepdim=True)], 1) * torch.exp(torch.tanh(y[:, 1:4])) + 1e-3
+        return {
+            "centre": start[:, :3] + 0.2 * torch.tanh(y[:, :1]) * towards * unit,
+            "axes": torch.diag_embed(half),
+            "radiance": strength(y[:, None, 4:7]) * confidence[:, None, :1],
+            "confidence": confidence,
+        }
+
+
+class VisWinNet(Window):
+    """A window that is seen -> centre [1, 3], half_x and half_y [1, 3] (m; their cross product points into the room), directions [1, 3, 3], bandwidths [1,
+    3] and radiance [1, 3, 3] of sun, sky and ground, confidence [1, 2]."""
+
+    visible = True
+
+    def __init__(self):
+        super().__init__(3 + 3 + 3 + 2 + 21)
+
+    def decode(self, y, unit, start):
+        confidence = self.confidence(y[:, -2:])
+        out = F.normalize(0.8 * torch.tanh(y[:, 3:6]) + F.normalize(start[:, :3], dim=1), dim=1, eps=1e-6)
+        x, up = frame(out, 0.8 * torch.tanh(y[:, 6:9]))
+        half = start[:, 3:] * torch.exp(torch.tanh(y[:, 9:11])) + 1e-3
+        directions, bandwidths, radiance = lobes(y[:, 11:32], out)
+        return {
+            "centre": start[:, :3] + 0.5 * torch.tanh(y[:, :3]) * unit,
+            "half_x": x * half[:, :1],
+            "half_y": up * half[:, 1:],
+            "directions": directions,
+            "bandwidths": bandwidths,
+            "radiance": radiance * confidence[:, None, :1],
+            "confidence": confidence,
+        }
+
+
+class InvLampNet(Lamp):
+    """The lamp that is not seen -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]."""
+
+    def __init__(self):
+        super().__init__(4 + 3 + 3 + 3)
+
+    def decode(self, y, unit, start):
+        confidence = self.confidence(y[:, -2:])
+        a, b, c = (torch.pi * torch.tanh(y[:, 4:7] / 2)).unbind(1)
+        zero, one = torch.zeros_like(a), torch.ones_like(a)
+        about = lambda rows: torch.stack([torch.stack(r, 1) for r in rows], 1)
+        turn = about([[c.cos(), -c.sin(), zero], [c.sin(), c.cos(), zero], [zero, zero, one]])
+        turn = about([[one, zero, zero], [zero, b.cos(), -b.sin()], [zero, b.sin(), b.cos()]]) @ turn
+        turn = about([[a.cos(), zero, a.sin()], [zero, one, zero], [-a.sin(), zero, a.cos()]]) @ turn
+        half = torch.exp(-2 + torch.tanh(y[:, 7:10] / 2) * 2) * unit
+        return {
+            "centre": away(y[:, :4], unit),
+            "axes": turn * half[..., None],
+            "radiance": strength(y[:, None, 10:13]) * confidence[:, None, :1],
+            "confidence": confidence,
+        }
+
+
+class InvWinNet(Window):
+    """The window that is not seen; outputs as VisWinNet's."""
+
+    def __init__(self):
+        super().__init__(4 + 3 + 3 + 2 + 21)
+
+    def decode(self, y, unit, start):
+        confidence = self.confidence(y[:, -2:])
+        centre = away(y[:, :4], unit)
+        out = F.normalize(torch.tanh(y[:, 4:7]) + 0.5 * F.normalize(centre, dim=1), dim=1, eps=1e-6)
+        x, up = frame(out, 0.8 * torch.tanh(y[:, 7:10]))
+        half = torch.exp(-0.5 + torch.tanh(y[:, 10:12] / 2) * 2) * unit
+        directions, bandwidths, radiance = lobes(y[:, 12:33], out)
+        return {
+            "centre": centre,
+            "half_x": x * half[:, :1],
+            "half_y": up * half[:, 1:],
+            "directions": directions,
+            "bandwidths": bandwidths,
+            "radiance": radiance * confidence[:, None, :1],
+            "confidence": confidence,
+        }
+
+
+def parts(paths):
+    """{source: number of the path that it is in}, from names such as "window_0.sky+ground+lamp_1"."""
+    out = {}
+    for number, name in enumerate(paths):
+        light = ""
+        for token in name.split("+"):
+            if token in ("sun", "sky", "ground"):
+                out[f"{light}.{token}"] = number
+            else:
+                light = token.split(".")[0]
+                out[token] = number
+    return out
+
+
+def factors(rooms, room, g):
+    """{path: factor}: nothing for half of the items, else each path brighter, darker or off."""
+    if torch.rand(1, generator=g) < 0.4:
+        return {}
+    paths = range(len(rooms.paths[room]))
+    out = {p: 0.0 if torch.rand(1, generator=g) < 0.2 else torch.exp(0.8 * torch.randn(1, generator=g)).item() for p in paths}
+    return out if any(out.values()) else {}
+
+
+def relight(rooms, room, row, factor):
+    """A room whose paths take these factors, and its light `row` (None: one that is not there): photo, masks, E_j of that light, all light, its form,
+    points on it, whether it burns."""
+    path = parts(rooms.paths[room])
+    of = lambda source: factor.get(path.get(source), 1.0)
+    photo, light = rooms.get("photo", room), rooms.get("light", room)[None]
+    each = rooms.get("path_direct", room) + rooms.get("indirect", room)
+    before = each.sum(0)
+    after = sum(factor.get(p, 1.0) * e for p, e in enumerate(each))
+    photo = photo * ((after + 1e-4) / (before + 1e-4)) if factor else photo
+    names, own = rooms.lights[room], torch.zeros_like(light)
+    for k, name in enumerate(names):
+        if name.startswith("inv_") or not (factor or k == row):
+            continue
+        mask = rooms.get("own", room, k)[None]
+        if factor:
+            shine = max(of(s) for s in rooms.sources[room] if s.split(".")[0] == name)
+            photo = torch.where(mask > 0, rooms.get("photo", room) * shine + 0.02, photo)
+        own = mask if k == row else own
+    shading, numbers, surface = torch.zeros_like(photo), torch.zeros(36), torch.zeros(64, 3)
+    if row is not None:
+        numbers, surface = rooms.get("form", room, row).clone(), rooms.get("surface", room, row)
+        radiance, direct = rooms.get("radiance", room), rooms.get("direct", room)
+        for s, source in enumerate(rooms.sources[room]):
+            name, _, lobe = source.partition(".")
+            if name == names[row]:
+                shading = shading + direct[s] * (of(source) * radiance[s])[:, None, None]
+                first = 16 + 7 * form.LOBES.index(lobe) if lobe else 33
+                numbers[first : first + 3] *= of(source)
+    unseen = row is None or names[row].startswith("inv_")
+    there = shading.mean() > (LEAST * after.mean() if unseen else 1e-4)
+    if unseen and not there:
+        surface = torch.zeros(64, 3)
+    return {
+        "photo": photo,
+        "lights": torch.cat([light, own]),
+        "shading": shading,
+        "whole": after,
+        "form": numbers,
+        "surface": surface,
+        "there": there.float(),
+    }
+
+
+def begin(geometry, lights, window):
+    """Where a seen light is by mask and depth, [B, 5, 1, 1]: centre and half extents across the view (m). Depth is the median over the mask, of a window
+    over what else lies in the mask's bounding box."""
+    out = torch.zeros(len(lights), 5)
+    for k, (xyz, mask) in enumerate(zip(geometry[:, 3:], lights[:, 1] > 0)):
+        if not mask.any():
+            continue
+        rays = (xyz / -xyz[2:])[:, mask]
+        around = mask
+        if window:
+            rows, columns = mask.any(1).nonzero()[:, 0], mask.any(0).nonzero()[:, 0]
+            around = torch.zeros_like(mask)
+            around[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = True
+            around = around & ~mask if (around & ~mask).sum() >= 4 else mask
+        depth = -xyz[2, around].median()
+        out[k, :3] = rays.mean(1) * depth
+        out[k, 3:] = (3 * rays[:2].var(1, correction=0)).sqrt() * depth + 0.01
+    return out[..., None, None]
+
+
+def pick(g, geometry, albedo, shading, lights, whole):
+    """Means over cells, of which CHOSEN for each item: points and normals [B, P, 3], albedo, E_j, all light, and 1 where no light is seen."""
+    cells = lambda v: F.avg_pool2d(v, CELL).flatten(2).transpose(1, 2)
+    some = torch.randperm(cells(lights).shape[1], generator=g)[:CHOSEN]
+    x = {
+        k: cells(v)[:, some] for k, v in {"geometry": geometry, "albedo": albedo, "shading": shading, "lights": lights[:, :1], "whole": whole}.items()
+    }
+    out = {k: x[k] for k in ["albedo", "shading", "whole"]}
+    return out | {"points": x["geometry"][..., 3:], "normals": F.normalize(x["geometry"][..., :3], dim=2), "valid": (x["lights"] < 0.01).float()}
+
+
+def chamfer(a, b):
+    """Both ways between [B, N, 3] and [B, M, 3], m."""
+    d = torch.sqrt(((a[:, :, None] - b[:, None]) ** 2).sum(3) + 1e-6)
+    return d.amin(2).mean(1) + d.amin(1).mean(1)
+
+
+def scaled(form, gain):
+    """Forms [B, 36] with radiances times `gain` [B, 3, 1, 1]."""
+    gain = gain[:, :, 0, 0]
+    one = torch.ones(len(form), 4)
+    return form * torch.cat([torch.ones(len(form), 12), *[torch.cat([one, gain], 1)] * 3, gain], 1)
+
+
+def mirrored_form(form):
+    """Of the horizontally mirrored room; half_x turns round as well, so that x cross y still points into the room."""
+    sign = form.new_tensor([-1, 1, 1] + [1, -1, -1] + [-1, 1, 1] * 2 + [-1, 1, 1, 1, 1, 1, 1] * 3 + [1, 1, 1])
+    return form * sign
