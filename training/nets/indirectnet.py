@@ -35,6 +35,7 @@ class Indirect(nn.Module):
     differ by albedo."""
 
     outputs = ["indirect"]
+    judged_by = "L1"
     targets = [
         ("L1 / no indirect", lambda m: m["network"]["L1"], 0.5),
         ("L1 / TraceIndirect", lambda m: m["network"]["L1"] / m["TraceIndirect"]["L1"], 0.75),

@@ -22,6 +22,7 @@ class LightNet(nn.Module):
     weight [1, 36, 30, 40] (12 colours, in the unit of `shading`)."""
 
     outputs = ["axis", "sharpness", "weight"]
+    judged_by = "log L2"
     targets = [
         ("log L2 / constant map", lambda m: m["network"]["log L2"] / m["constant"]["log L2"], 1.0),
         ("log L2 / gathered maps", lambda m: m["network"]["log L2"] / m["gathered"]["log L2"], 1.0),

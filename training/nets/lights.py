@@ -31,6 +31,7 @@ class Lights(nn.Module):
     extents (m) by mask and depth, zeros for an invisible light"""
 
     visible, window = False, False
+    judged_by = "E_j / all light"
     targets = [
         ("E_j / training mean's", lambda m: m["network"]["E_j"] / m["training mean"]["E_j"], 0.7),
         ("E_j / InitLights'", lambda m: m["network"]["E_j"] / m["InitLights"]["E_j"], 0.7),

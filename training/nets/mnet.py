@@ -16,6 +16,7 @@ class MNet(nn.Module):
     xyz (m); light [1, 1, 240, 320]: 1 at pixels of visible lights -> albedo [1, 3, ..] and rough [1, 1, ..] in 0..1, normal [1, 3, ..] of unit length."""
 
     outputs = ["albedo", "normal", "rough"]
+    judged_by = "albedo"
     targets = [
         ("albedo error / RetinexMaterials", lambda m: m["network"]["albedo"] / m["RetinexMaterials"]["albedo"], 0.75),
         ("normal angle / normals from depth", lambda m: m["network, noisy depth"]["normal"] / m["noisy depth"]["normal"], 1.0),

@@ -22,8 +22,8 @@ def run_folder(name, out):
 
 
 def trained(name, run):
-    """The network of a run as it is shipped: averaged weights, rounded to 16 bits. And what is known of its training."""
+    """The network of a run as it is shipped: averaged weights of the best validation, rounded to 16 bits. And what is known of its training."""
     state = torch.load(os.path.join(run, "checkpoint.pt"), weights_only=True)
     net = NETWORKS[name]()
-    net.load_state_dict({k: v.half().float() for k, v in state["average"].items()})
+    net.load_state_dict({k: v.half().float() for k, v in state["best"]["weights"].items()})
     return net.eval(), json.load(open(os.path.join(run, "run.json")))

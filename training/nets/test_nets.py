@@ -151,7 +151,7 @@ class Nets(unittest.TestCase):
         self.assertTrue(torch.equal(combine(x, shares), x[:, :1]))
 
     def test_a_photo_leaves_each_light_its_own_shadow(self):
-        """Two lights and known indirect light: what is left of the photo over the light's direct shading is its true visibility; of white pixels nothing."""
+        """With all else known, what is left of the photo over the light's direct shading is its true visibility; of white pixels nothing."""
         shape = (1, 1, 120, 160)
         direct, shadow, traced, other = (torch.rand(shape) for _ in range(4))
         albedo, radiance = 0.1 + 0.8 * torch.rand(1, 3, 120, 160), torch.tensor([0.5, 0.4, 0.3]).view(1, 3, 1, 1)

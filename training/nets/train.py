@@ -4,8 +4,8 @@ usage: train.py NAME --rooms DIR (--minutes M | --steps N) [--seed S] [--out run
 [--threads 2]
 
 DIR holds train/ and val/, folders of rooms. Goes on where a run stopped: a checkpoint is written every minute and at the end; the batch of a step
-depends on seed and step only. With --minutes or --steps raised, a finished run goes on too. --start begins from shipped weights. Writes
-checkpoint.pt, run.json and log.csv (step, seconds, loss, measures of val) into the run's folder."""
+depends on seed and step only. With --minutes or --steps raised, a finished run goes on too. --start begins from shipped weights. What is exported are the
+averaged weights of the best validation, by the measure that the network is judged by. Writes checkpoint.pt, run.json and log.csv (step, seconds, loss, measures of val) into the run's folder."""
 
 import argparse
 import csv
@@ -27,7 +27,7 @@ from networks import NETWORKS, run_folder
 WARM_UP = 200  # steps
 SAVE_EVERY = 60  # seconds
 LOG_EVERY, VALIDATIONS = 50, 20  # steps; validations in a run
-VALIDATION_ROOMS = 12
+VALIDATION_ROOMS = 24
 
 
 def rate(base, step, progress):
@@ -56,16 +56,16 @@ def train(name, rooms, minutes, steps, seed, out, start, size, base):
     average.load_state_dict(net.state_dict())
     optimizer = torch.optim.AdamW(net.parameters(), base, weight_decay=1e-3)
     checkpoint = os.path.join(out, "checkpoint.pt")
-    step, seconds = 0, 0.0
+    step, seconds, best = 0, 0.0, {}
     if os.path.exists(checkpoint):
         state = torch.load(checkpoint, weights_only=True)
         net.load_state_dict(state["net"]), average.load_state_dict(state["average"]), optimizer.load_state_dict(state["optimizer"])
-        step, seconds = state["step"], state["seconds"]
+        step, seconds, best = state["step"], state["seconds"], state["best"]
         print(f"{name}: goes on at step {step}, {seconds:.0f} s")
     print(f"{name}: {count(net)} parameters, {len(data)} rooms to train, {len(val)} to validate")
 
     def save():
-        state = {"net": net.state_dict(), "average": average.state_dict(), "optimizer": optimizer.state_dict(), "step": step, "seconds": seconds}
+        state = {"net": net.state_dict(), "average": average.state_dict(), "optimizer": optimizer.state_dict(), "step": step, "seconds": seconds, "best": best}
         torch.save(state, checkpoint + ".new")
         os.replace(checkpoint + ".new", checkpoint)
         about = {
@@ -74,6 +74,7 @@ def train(name, rooms, minutes, steps, seed, out, start, size, base):
             "rooms": len(data),
             "seed": seed,
             "steps": step,
+            "kept": best.get("step"),
             "seconds": round(seconds),
             "batch": size,
             "rate": base,
@@ -111,6 +112,9 @@ def train(name, rooms, minutes, steps, seed, out, start, size, base):
             if math.floor(progress() * VALIDATIONS) > checked or last:
                 checked = math.floor(progress() * VALIDATIONS)
                 row |= {k: round(v, 7) for k, v in measure(average, val, range(min(len(val), VALIDATION_ROOMS)))["network"].items()}
+                judged = row[net.judged_by]
+                if not best or judged < best["judged"]:
+                    best = {"judged": judged, "step": step, "weights": {k: v.clone() for k, v in average.state_dict().items()}}
                 print("  ".join(f"{k} {v}" for k, v in row.items()), flush=True)
             rows.append(row)
             losses = []
