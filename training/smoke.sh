@@ -34,9 +34,10 @@ began=$SECONDS
 rooms=$(mktemp -d)
 trap 'rm -rf "$rooms"' EXIT
 "$python" training/rooms/make.py --out "$rooms" --split train --count 2
-"$python" training/rooms/make.py --out "$rooms" --split val --count 1
+"$python" training/rooms/make.py --out "$rooms" --split val --first 5 --count 1 # it has lights of every kind
 for split in train val; do
     "$python" training/rooms/pack.py "$rooms/$split"
 done
+"$python" training/rooms/estimate.py "$rooms/val"
 "$python" training/nets/smoke.py --rooms "$rooms"
 echo "training/smoke.sh: passed in $((SECONDS - began)) s, besides installing"

@@ -23,6 +23,8 @@ def measure(net, rooms, chosen, floors=None):
             for estimate, measures in item.items():
                 for k, v in measures.items():
                     values.setdefault(estimate, {}).setdefault(k, []).append(v)
+    if not values:
+        raise SystemExit(f"{type(net).__name__}: wanted rooms with what it estimates, got none among {len(chosen)}")
     known = lambda v: [x for x in v if not math.isnan(x)]
     return {e: {k: sum(known(v)) / len(known(v)) if known(v) else math.nan for k, v in measures.items()} for e, measures in values.items()}
 

@@ -24,6 +24,7 @@ MAPS, RANK, KERNEL = 16, 48, 7
 SCALES = (2, 4, 8)
 BLOCK = 4  # pixels a side over which errors are measured
 WHITE = 0.99  # a photo's pixel above it tells nothing
+ALONE = 0.6  # share of the items to train on that are one light alone, as the program asks for them: errors of a mixture cancel
 BLIND = 0.25  # share of the items to train on that have no photo
 
 
@@ -45,20 +46,22 @@ class Indirect(nn.Module):
 
     @staticmethod
     def batch(rooms, g, size):
-        """Light is linear, so random non-negative mixtures of a room's paths are as true as the paths. A third of them start from what the product
-        has."""
+        """Light is linear, so random non-negative mixtures of a room's paths are as true as the paths. A third of the items start from what the
+        product has."""
         room = torch.randint(len(rooms), (size,), generator=g).tolist()
         start, indirect, flux, photo, burning = [], [], [], [], []
         for r in room:
             p = len(rooms.paths[r])
             mix = torch.randn(p, 3, 1, 1, generator=g).exp() * (torch.rand(p, 1, 1, 1, generator=g) < 0.6)
+            if torch.rand(1, generator=g) < ALONE:
+                mix *= 0
             mix[torch.randint(p, (1,), generator=g)] += 0.1
             name = "path_traced" if torch.rand(1, generator=g) < 0.33 else "path_direct"
             start.append((mix * rooms.get(name, r)).sum(0))
             indirect.append((mix * rooms.get("indirect", r)).sum(0))
             flux.append((mix * rooms.get("path_flux", r)[..., None, None]).sum(0))
-            if torch.rand(1, generator=g) < 0.5:
-                mix = torch.ones(p, 3, 1, 1)  # as the photo is; else another photo of the room
+            # The photo, whatever light is passed through: as it is, or the room under another mixture.
+            mix = torch.randn(p, 1, 1, 1, generator=g).exp() if torch.rand(1, generator=g) < 0.5 else torch.ones(p, 3, 1, 1)
             lit, power = (mix * rooms.get(name, r)).sum(0), (mix * rooms.get("path_flux", r)[..., None, None]).sum(0)
             shading = (mix * (rooms.get("path_direct", r) + rooms.get("indirect", r))).sum(0)
             photo.append(torch.stack([shading, lit]))

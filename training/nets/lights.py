@@ -72,14 +72,17 @@ class Lights(nn.Module):
 
     @classmethod
     def batch(cls, rooms, g, size):
-        """Rooms that have such a light; of invisible ones a quarter of the items take any room."""
+        """Lights of this kind; of invisible ones a quarter of the items take any room."""
+        there = [(room, row) for room in range(len(rooms)) for row in cls.chosen(rooms, room) if row is not None]
+        if not there:
+            raise SystemExit(f"{cls.__name__}: wanted rooms with such a light, got {len(rooms)} without")
         items = []
-        while len(items) < size:
-            room = torch.randint(len(rooms), (1,), generator=g).item()
-            rows = cls.chosen(rooms, room)
-            any_room = not cls.visible and torch.rand(1, generator=g) < 0.25
-            if rows and (rows[0] is not None or any_room):
-                items.append((room, rows[torch.randint(len(rows), (1,), generator=g).item()]))
+        for _ in range(size):
+            if not cls.visible and torch.rand(1, generator=g) < 0.25:
+                room = torch.randint(len(rooms), (1,), generator=g).item()
+                items.append((room, cls.chosen(rooms, room)[0]))
+            else:
+                items.append(there[torch.randint(len(there), (1,), generator=g).item()])
         relit = [relight(rooms, room, row, factors(rooms, room, g)) for room, row in items]
         x = {k: torch.stack([r[k] for r in relit]) for k in relit[0]}
         x |= {name: rooms.stack(name, [(room, None) for room, _ in items]) for name in ["depth", "normal", "albedo"]}
@@ -362,7 +365,7 @@ class VisLampNet(Lamp):
         half = torch.cat([start[:, 3:], start[:, 3:].amin(1, keepdim=True)], 1) * torch.exp(torch.tanh(y[:, 1:4])) + 1e-3
         return {
             "centre": start[:, :3] + 0.2 * torch.tanh(y[:, :1]) * towards * unit,
-            "axes": torch.diag_embed(half),
+            "axes": half[..., None] * torch.eye(3),
             "radiance": strength(y[:, None, 4:7]) * confidence[:, None, :1],
             "confidence": confidence,
         }

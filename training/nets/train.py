@@ -65,7 +65,14 @@ def train(name, rooms, minutes, steps, seed, out, start, size, base):
     print(f"{name}: {count(net)} parameters, {len(data)} rooms to train, {len(val)} to validate")
 
     def save():
-        state = {"net": net.state_dict(), "average": average.state_dict(), "optimizer": optimizer.state_dict(), "step": step, "seconds": seconds, "best": best}
+        state = {
+            "net": net.state_dict(),
+            "average": average.state_dict(),
+            "optimizer": optimizer.state_dict(),
+            "step": step,
+            "seconds": seconds,
+            "best": best,
+        }
         torch.save(state, checkpoint + ".new")
         os.replace(checkpoint + ".new", checkpoint)
         about = {
@@ -86,7 +93,8 @@ def train(name, rooms, minutes, steps, seed, out, start, size, base):
 
     progress = lambda: max(step / steps if steps else 0, seconds / (60 * minutes) if minutes else 0)
     log = os.path.join(out, "log.csv")
-    keys = ["step", "seconds", "loss"] + sorted(measure(average, val, range(1))["network"])
+    validate = lambda: measure(average, val, range(min(len(val), VALIDATION_ROOMS)))["network"]
+    keys = ["step", "seconds", "loss"] + sorted(validate())
     rows = [r for r in csv.DictReader(open(log)) if int(r["step"]) <= step] if os.path.exists(log) and step else []
     saved, losses, begun = time.monotonic(), [], time.monotonic() - seconds
     checked = math.floor(progress() * VALIDATIONS)
@@ -111,7 +119,7 @@ def train(name, rooms, minutes, steps, seed, out, start, size, base):
             row = {"step": step, "seconds": round(seconds, 1), "loss": round(torch.stack(losses).mean().item(), 6)}
             if math.floor(progress() * VALIDATIONS) > checked or last:
                 checked = math.floor(progress() * VALIDATIONS)
-                row |= {k: round(v, 7) for k, v in measure(average, val, range(min(len(val), VALIDATION_ROOMS)))["network"].items()}
+                row |= {k: round(v, 7) for k, v in validate().items()}
                 judged = row[net.judged_by]
                 if not best or judged < best["judged"]:
                     best = {"judged": judged, "step": step, "weights": {k: v.clone() for k, v in average.state_dict().items()}}
