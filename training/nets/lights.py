@@ -276,6 +276,21 @@ class Window(Lights):
         u, v = (t.reshape(1, -1, 1) for t in torch.meshgrid(k, k, indexing="ij"))
         return guess["centre"][:, None] + u * guess["half_x"][:, None] + v * guess["half_y"][:, None]
 
+    @staticmethod
+    def made(centre, out, tilt, half, numbers, confidence):
+        """What `decode` gives, from half extents [B, 2] and the 21 numbers of the lobes."""
+        x, up = frame(out, tilt)
+        directions, bandwidths, radiance = lobes(numbers, out)
+        return {
+            "centre": centre,
+            "half_x": x * half[:, :1],
+            "half_y": up * half[:, 1:],
+            "directions": directions,
+            "bandwidths": bandwidths,
+            "radiance": radiance * confidence[:, None, :1],
+            "confidence": confidence,
+        }
+
     def form_loss(self, guess, form):
         x, y = form[:, 3:6], form[:, 6:9]
         lobes = form[:, 12:33].unflatten(1, (3, 7))
@@ -383,18 +398,8 @@ class VisWinNet(Window):
     def decode(self, y, unit, start):
         confidence = self.confidence(y[:, -2:])
         out = F.normalize(0.8 * torch.tanh(y[:, 3:6]) + F.normalize(start[:, :3], dim=1), dim=1, eps=1e-6)
-        x, up = frame(out, 0.8 * torch.tanh(y[:, 6:9]))
-        half = start[:, 3:] * torch.exp(torch.tanh(y[:, 9:11])) + 1e-3
-        directions, bandwidths, radiance = lobes(y[:, 11:32], out)
-        return {
-            "centre": start[:, :3] + 0.5 * torch.tanh(y[:, :3]) * unit,
-            "half_x": x * half[:, :1],
-            "half_y": up * half[:, 1:],
-            "directions": directions,
-            "bandwidths": bandwidths,
-            "radiance": radiance * confidence[:, None, :1],
-            "confidence": confidence,
-        }
+        centre, half = start[:, :3] + 0.5 * torch.tanh(y[:, :3]) * unit, start[:, 3:] * torch.exp(torch.tanh(y[:, 9:11])) + 1e-3
+        return self.made(centre, out, 0.8 * torch.tanh(y[:, 6:9]), half, y[:, 11:32], confidence)
 
 
 class InvLampNet(Lamp):
@@ -430,18 +435,8 @@ class InvWinNet(Window):
         confidence = self.confidence(y[:, -2:])
         centre = away(y[:, :4], unit)
         out = F.normalize(torch.tanh(y[:, 4:7]) + 0.5 * F.normalize(centre, dim=1), dim=1, eps=1e-6)
-        x, up = frame(out, 0.8 * torch.tanh(y[:, 7:10]))
         half = torch.exp(-0.5 + torch.tanh(y[:, 10:12] / 2) * 2) * unit
-        directions, bandwidths, radiance = lobes(y[:, 12:33], out)
-        return {
-            "centre": centre,
-            "half_x": x * half[:, :1],
-            "half_y": up * half[:, 1:],
-            "directions": directions,
-            "bandwidths": bandwidths,
-            "radiance": radiance * confidence[:, None, :1],
-            "confidence": confidence,
-        }
+        return self.made(centre, out, 0.8 * torch.tanh(y[:, 7:10]), half, y[:, 12:33], confidence)
 
 
 def parts(paths):
