@@ -41,6 +41,11 @@ class UNet(nn.Module):
         return levels
 
 
+def luminance(x):
+    """Rec.709, [B, 1, h, w] of [B, 3, h, w]."""
+    return (x * x.new_tensor([0.2126, 0.7152, 0.0722]).view(1, 3, 1, 1)).sum(1, keepdim=True)
+
+
 def unit_scale(geometry):
     """`geometry` [B, 6, h, w] (normal, xyz in metres) with lengths divided by a third of the mean depth."""
     normal, xyz = geometry[:, :3], geometry[:, 3:]

@@ -17,7 +17,7 @@ import augment
 import camera
 import emit
 import form
-from layers import block, unit_scale
+from layers import block, luminance, unit_scale
 
 CELL = 4  # pixels of the half plane that E_j is measured over
 CHOSEN = 300  # of these cells, to learn from
@@ -48,7 +48,6 @@ class Lights(nn.Module):
     def numbers(self, photo, geometry, albedo, lights, start):
         """The head's numbers [B, ..] and the unit of length [B, 1]."""
         unit = geometry[:, 5:].mean((1, 2, 3)).view(-1, 1) / -3
-        luminance = lambda x: (x * x.new_tensor([0.2126, 0.7152, 0.0722]).view(1, 3, 1, 1)).sum(1, keepdim=True)
         shading = torch.log(0.02 + luminance(photo) / luminance(albedo).clamp(min=0.03))
         begin = start / unit[..., None, None]
         planes = [photo.clamp(0, 8).sqrt(), unit_scale(geometry), albedo, shading, lights, begin.expand(-1, -1, *photo.shape[2:])]
@@ -445,7 +444,7 @@ def parts(paths):
     for number, name in enumerate(paths):
         light = ""
         for token in name.split("+"):
-            if token in ("sun", "sky", "ground"):
+            if token in form.LOBES:
                 out[f"{light}.{token}"] = number
             else:
                 light = token.split(".")[0]

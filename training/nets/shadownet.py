@@ -12,7 +12,7 @@ from torch import nn
 
 import augment
 import place as places
-from layers import UNet, unit_scale
+from layers import UNet, luminance, unit_scale
 
 GAPS = (1, 2, 4, 8)
 UNSEEN = 0.3  # share of the items to train on whose light is told not to burn in the photo
@@ -173,7 +173,8 @@ def ways(geometry, place):
 def planes(rooms, items):
     x = {name: rooms.stack(name, items) for name in ["traced", "unknown", "traced_direct", "direct", "shadow", "depth", "normal", "albedo", "photo"]}
     x |= {name: rooms.stack(name, items)[..., None, None] for name in ["place", "radiance"]}
-    return x | {"explained": torch.stack([explained(rooms, room) for room, _ in items])}
+    whole = {room: explained(rooms, room) for room in {room for room, _ in items}}
+    return x | {"explained": torch.stack([whole[room] for room, _ in items])}
 
 
 def explained(rooms, room):
@@ -191,7 +192,6 @@ def evidence(x, explained):
     """What the photo tells of a light of `radiance` [B, 3, 1, 1], by luminance, [B, 2, h, w]: the shading per unit radiance that it leaves for the light's
     own direct light, once all light as ray-traced (`explained` [B, 3, h, w], that of this light included) is taken away but this light's direct light;
     and the share of the photo's shading that the light would have unshadowed. Zeros where the photo is white."""
-    luminance = lambda v: (v * v.new_tensor([0.2126, 0.7152, 0.0722]).view(1, 3, 1, 1)).sum(1, keepdim=True)
     shading, radiance = luminance(x["photo"] / x["albedo"].clamp(min=0.03)), luminance(x["radiance"]).clamp(min=1e-6)
     left = (shading - luminance(explained)) / radiance + x["traced_direct"] * x["traced"]
     share = (radiance * x["traced_direct"] / shading.clamp(min=1e-6)).clamp(0, 1)

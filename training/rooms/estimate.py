@@ -8,7 +8,6 @@ radiance [L, 3] (of a lamp, or of sky and ground together)."""
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -18,29 +17,14 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "training/nets"))
 import form  # noqa: E402
-from pack import half, planes  # noqa: E402
+from pack import half, planes, run  # noqa: E402
 
 
 def estimate(folder, relight):
     import OpenEXR
 
     with tempfile.TemporaryDirectory() as out:
-        command = [
-            relight,
-            "run",
-            ROOT / "graphs/estimate.ron",
-            ROOT / "edits/none.ron",
-            "--scene",
-            folder,
-            "--out",
-            out,
-            "--no-cache",
-            "--threads",
-            "1",
-        ]
-        done = subprocess.run([str(c) for c in command + ["--only", "estimates"]], capture_output=True, text=True)
-        if done.returncode:
-            raise RuntimeError(f"{folder}: relight gave up with status {done.returncode}:\n{done.stderr}")
+        run(relight, "estimate.ron", folder, out, "--only", "estimates")
         lights = json.loads(Path(out, "lights.json").read_text())
         with OpenEXR.File(str(Path(out, "albedo.exr"))) as file:
             albedo = file.channels()["RGB"].pixels

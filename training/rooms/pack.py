@@ -15,19 +15,17 @@ ROOT = Path(__file__).resolve().parents[2]
 LOBES = ("sun", "sky", "ground")
 
 
-def planes(folder, relight, *more):
-    """The program's planes at 320 x 240: {channel: [240, 320]}; `more` arguments for it."""
-    import OpenEXR
-
+def run(relight, graph, scene, out, *more):
+    """Runs the program on a scene without an edit and without its cache."""
     command = [
         relight,
         "run",
-        ROOT / "graphs/planes.ron",
+        ROOT / "graphs" / graph,
         ROOT / "edits/none.ron",
         "--scene",
-        folder,
+        scene,
         "--out",
-        folder,
+        out,
         "--no-cache",
         "--threads",
         "1",
@@ -35,7 +33,14 @@ def planes(folder, relight, *more):
     ]
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     if done.returncode:
-        raise RuntimeError(f"{folder}: relight gave up with status {done.returncode}:\n{done.stderr}")
+        raise RuntimeError(f"{scene}: relight gave up with status {done.returncode}:\n{done.stderr}")
+
+
+def planes(folder, relight, *more):
+    """The program's planes at 320 x 240: {channel: [240, 320]}; `more` arguments for it."""
+    import OpenEXR
+
+    run(relight, "planes.ron", folder, folder, *more)
     with OpenEXR.File(str(folder / "planes.exr"), separate_channels=True) as file:
         return {name: channel.pixels for name, channel in file.channels().items()}
 

@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Albedo, Compression, ExrLayers, Normal, Roughness};
 use crate::nodes::artifacts::Files;
+use crate::nodes::scene::read_lights::LOBES;
 use crate::optics::{Lamp, Plate, Radiance, Shape};
 use crate::{params, ports};
 
@@ -107,13 +108,12 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
             entry
         }
         Shape::Window(window) => {
-            let lobes =
-                ["sun", "sky", "ground"].iter().zip(&window.lobes).zip(radiance).map(|((name, lobe), radiance)| {
-                    json!({
-                        "name": name, "direction": numbers(lobe.direction), "bandwidth": shortest(lobe.bandwidth),
-                        "radiance": numbers(*radiance),
-                    })
-                });
+            let lobes = LOBES.iter().zip(&window.lobes).zip(radiance).map(|((name, lobe), radiance)| {
+                json!({
+                    "name": name, "direction": numbers(lobe.direction), "bandwidth": shortest(lobe.bandwidth),
+                    "radiance": numbers(*radiance),
+                })
+            });
             json!({
                 "kind": "Window", "center": numbers(window.center), "half_x": numbers(window.x),
                 "half_y": numbers(window.y), "lobes": lobes.collect::<Vec<_>>(),

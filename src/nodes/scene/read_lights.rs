@@ -140,7 +140,8 @@ const MOST_RADIANCE: f32 = 1e30;
 const MOST_BANDWIDTH: f32 = 1e7;
 /// Largest cosine between edges that are told to be at right angles.
 const SKEW: f32 = 0.01;
-const LOBES: [&str; 3] = ["sun", "sky", "ground"];
+/// What the lobes of a window are called in the file, in their order.
+pub const LOBES: [&str; 3] = ["sun", "sky", "ground"];
 
 impl Entry<'_> {
     fn light(&self, wanted: LightKind, faults: &mut Vec<Fault>) -> Option<Light> {
