@@ -12,6 +12,8 @@ use crate::optics::{LightKind, Radiance, Shape, Transport};
 pub const INV_LAMP: &str = "inv_lamp";
 /// The member that stands for windows out of view.
 pub const INV_WINDOW: &str = "inv_window";
+/// What the lobes of a window are called, in their order.
+pub const LOBES: [&str; 3] = ["sun", "sky", "ground"];
 /// What no light explains; no light may have this name.
 pub const REST: &str = "rest";
 

@@ -8,7 +8,7 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
     Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, around, fill_along_surfaces, luminance,
 };
-use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, UnitDirect, UnitIndirect, Visibility};
+use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::{Column, Conditioning, Evidence, Radiance, RadianceFit, Transport, evidence_pixels, fit_radiances};
 use crate::{params, ports};
 
@@ -147,9 +147,6 @@ impl Node for FitLights {
         })
     }
 }
-
-/// The lobes of a window.
-const LOBES: [&str; 3] = ["sun", "sky", "ground"];
 
 /// Condition number above which the two lights that look most alike are named. They then differ by less than two percent of the
 /// photo, which is what a model of a room is right to.

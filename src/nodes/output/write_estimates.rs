@@ -7,8 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Albedo, Compression, ExrLayers, Normal, Roughness};
-use crate::nodes::artifacts::Files;
-use crate::nodes::scene::read_lights::LOBES;
+use crate::nodes::artifacts::{Files, LOBES};
 use crate::optics::{Lamp, Plate, Radiance, Shape};
 use crate::{params, ports};
 

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, Fault, File, Gather, Key, Node, NodeError, Raw, Scatter, Source};
-use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
+use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES};
 use crate::optics::{Lamp, LightKind, Lobe, Radiance, Shape, Window};
 use crate::{params, ports};
 
@@ -140,8 +140,6 @@ const MOST_RADIANCE: f32 = 1e30;
 const MOST_BANDWIDTH: f32 = 1e7;
 /// Largest cosine between edges that are told to be at right angles.
 const SKEW: f32 = 0.01;
-/// What the lobes of a window are called in the file, in their order.
-pub const LOBES: [&str; 3] = ["sun", "sky", "ground"];
 
 impl Entry<'_> {
     fn light(&self, wanted: LightKind, faults: &mut Vec<Fault>) -> Option<Light> {
