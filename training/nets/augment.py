@@ -5,8 +5,6 @@ A global error of the depth's scale needs no augmentation: networks divide depth
 import torch
 import torch.nn.functional as F
 
-from layers import HEIGHT, WIDTH
-
 
 def uniform(g, x):
     """One number in 0..1 per item, [B, 1, 1, 1]."""
@@ -25,7 +23,12 @@ def smooth(g, x, channels, grid=(4, 5)):
 
 def blur(x, radius):
     size = 2 * radius + 1
-    return F.avg_pool2d(F.pad(x, (radius,) * 4, mode="replicate"), size, 1)
+    return F.avg_pool2d(F.avg_pool2d(F.pad(x, (radius,) * 4, mode="replicate"), (size, 1), 1), (1, size), 1)
+
+
+def unit(x):
+    """Vectors [B, 3, h, w] of length 1; F.normalize takes ten times as long along this axis."""
+    return x / torch.sqrt((x * x).sum(1, keepdim=True)).clamp(min=1e-12)
 
 
 def mirrored(x, vector=False):
@@ -37,6 +40,22 @@ def mirrored(x, vector=False):
 def mirrored_maps(maps):
     """Maps [.., 30, 40, 8, 16, 3] of the mirrored room. The frame's x axis turns round against the mirrored one, so phi becomes pi - phi."""
     return maps.flip(-4).flip(-2).roll(8, -2)
+
+
+def parts(g, own, every):
+    """The part of a picture that each of three items of five shows, three fifths of it or more across, as a grid to sample; all of it where a mask `own`
+    [B, 1, h, w] (of a light that is seen) would lose two thirds of itself. `every`: masks that must not fill it."""
+    scale = 1 - 0.4 * torch.rand(len(own), 1, generator=g) * (torch.rand(len(own), 1, generator=g) < 0.6)
+    at = (1 - scale) * (2 * torch.rand(len(own), 2, generator=g) - 1)
+    grids = lambda scale, at: F.affine_grid(torch.cat([torch.diag_embed(scale.expand(-1, 2)), at[..., None]], 2), own.shape, align_corners=False)
+    sums = lambda x: x.sum((1, 2, 3))
+    left = part(own, grids(scale, at))
+    keep = (sums(left) * scale[:, 0] ** 2 >= sums(own) / 3) & (part(every, grids(scale, at)).mean((1, 2, 3)) < 0.8)
+    return torch.where(keep.view(-1, 1, 1, 1), grids(scale, at), grids(torch.ones_like(scale), torch.zeros_like(at)))
+
+
+def part(x, grid):
+    return F.grid_sample(x, grid, mode="nearest", align_corners=False)
 
 
 def xyz(depth, fov_x):
@@ -52,7 +71,7 @@ def normals_of(points):
     """Unit normals from central differences of points, facing the camera."""
     p = F.pad(points, (1, 1, 1, 1), mode="replicate")
     right, down = p[..., 1:-1, 2:] - p[..., 1:-1, :-2], p[..., 2:, 1:-1] - p[..., :-2, 1:-1]
-    n = F.normalize(torch.linalg.cross(down, right, dim=1), dim=1)
+    n = unit(torch.linalg.cross(down, right, dim=1))
     return torch.where((n * points).sum(1, keepdim=True) > 0, -n, n)
 
 
@@ -66,14 +85,24 @@ def worse_depth(g, depth):
     return depth * (1 + 0.01 * strength * torch.randn(depth.shape, generator=g))
 
 
-def worse_albedo(g, albedo):
-    """Wrong level, slow colour error, and an error of its own for each colour, as an estimate makes from segment to segment."""
-    b = len(albedo)
-    level = 0.15 * torch.randn(b, 1, 1, 1, generator=g) + 0.15 * smooth(g, albedo, 3)
+def each_colour(g, albedo):
+    """A number of about unit variance for each colour of the picture, [B, 1, h, w]: the same wherever a paint is."""
     colour = (albedo.clamp(0, 0.999) * 5).long()
     colour = colour[:, 0] * 25 + colour[:, 1] * 5 + colour[:, 2]
-    segment = torch.randn(b, 125, generator=g).gather(1, colour.flatten(1)).view(b, 1, HEIGHT, WIDTH)
-    return (albedo * torch.exp(level + 0.15 * blur(segment, 1))).clamp(0.01, 0.98)
+    return torch.randn(len(albedo), 125, generator=g).gather(1, colour.flatten(1)).view(albedo[:, :1].shape)
+
+
+def worse_albedo(g, albedo):
+    """Wrong level, slow colour error, and an error of its own for each colour, as an estimate makes from segment to segment."""
+    level = 0.15 * torch.randn(len(albedo), 1, 1, 1, generator=g) + 0.15 * smooth(g, albedo, 3)
+    return (albedo * torch.exp(level + 0.15 * blur(each_colour(g, albedo), 1))).clamp(0.01, 0.98)
+
+
+def repainted(g, albedo):
+    """Another albedo for each colour of the half of the items."""
+    paint = torch.cat([each_colour(g, albedo) for _ in range(3)], 1)
+    paint = 0.4 * paint.mean(1, keepdim=True) + 0.15 * paint
+    return choose(g, 0.5, (albedo * torch.exp(paint)).clamp(0.01, 0.95), albedo)
 
 
 def ragged(g, mask):
@@ -89,7 +118,7 @@ def ragged(g, mask):
 def geometry(g, depth, normal, fov_x, share=0.5):
     """Normal and points, [B, 6, h, w]; a `share` of items as from an estimated depth, a third of these with normals from that depth."""
     worse = worse_depth(g, depth)
-    bent = F.normalize(normal + 0.15 * smooth(g, depth, 3), dim=1)
+    bent = unit(normal + 0.15 * smooth(g, depth, 3))
     bent = choose(g, 0.33, normals_of(xyz(worse, fov_x)), bent)
     at = uniform(g, depth) < share
     return torch.cat([torch.where(at, bent, normal), xyz(torch.where(at, worse, depth), fov_x)], 1)

@@ -129,9 +129,10 @@ def read(index):
 
 
 class Rooms:
-    """The rooms of one split. `get(name, room)` is [channels.., 120, 160] of a room, or that with the room's sources or paths in front."""
+    """The rooms of one split. `get(name, room)` is [channels.., 120, 160] of a room, or that with the room's sources or paths in front.
+    `every`: each such room only."""
 
-    def __init__(self, split):
+    def __init__(self, split, every=1):
         samples = sorted(glob.glob(f"{split}/*/sample.npz"))
         if not samples:
             raise SystemExit(f"{split}: wanted folders with a sample.npz each, got none")
@@ -152,6 +153,8 @@ class Rooms:
         self.sources, self.paths, self.lights = ([r[kind] for r in rows] for kind in ("source", "path", "light"))
         starts = {"room": range(len(rows) + 1), **{kind: np.cumsum([0] + [len(r[kind]) for r in rows]) for kind in rows[0]}}
         self.rows = {k: [slice(int(a), int(b)) for a, b in zip(v, v[1:])] for k, v in starts.items()}
+        self.names, self.sources, self.paths, self.lights = (x[::every] for x in (self.names, self.sources, self.paths, self.lights))
+        self.rows = {k: v[::every] for k, v in self.rows.items()}
         self.arrays = {name: np.load(f"{folder}/{name}.npy", mmap_mode="r") for name in KIND}
 
     def __len__(self):

@@ -57,14 +57,16 @@ def evaluate(name, rooms, split, run):
     if name == "indirectnet" and os.path.exists(yardstick):
         result["squashedindirectnet"] = json.load(open(yardstick))["result"]["network"]
     lines = targets(net, result)
+    trust = net.reliability(held_out) if hasattr(net, "reliability") else {}
     text = (
         table(result)
+        + ("\n\n" + table({"confidence": trust}) if trust else "")
         + "\n\n| target | got | limit |\n| --- | --- | --- |\n"
         + "\n".join(f"| {t} | {v:.3g} | {limit:g} |" for t, v, limit in lines)
         + "\n"
     )
     json.dump(
-        {"run": about, "split": split, "rooms": len(held_out), "result": result, "targets": lines},
+        {"run": about, "split": split, "rooms": len(held_out), "result": result, "confidence": trust, "targets": lines},
         open(os.path.join(run, "evaluation.json"), "w"),
         indent=1,
     )

@@ -1,6 +1,6 @@
-"""Writes a trained network as models/NAME.onnx with its card models/NAME.md, and its arrays for one held-out room in models/parity/, for tests.
+"""Writes a trained network as models/NAME.onnx with its card models/NAME.md, and its arrays for one held-out room in tests/parity/.
 
-usage: export.py NAME --rooms DIR [--out runs/NAME] [--models models]
+usage: export.py NAME --rooms DIR [--out runs/NAME] [--models models] [--parity tests/parity]
 
 Opset 17, static shapes, weights of 16 bits that a Cast widens. Names of initializers are those of the parameters, so that train.py --start can read
 them.
@@ -23,6 +23,7 @@ from networks import NETWORKS, run_folder, trained
 
 OPSET = 17
 LIMIT = 1e-4
+SPARSE = 4
 
 CARD = """# {kind}
 
@@ -68,14 +69,31 @@ def first(inputs):
     return {k: v[:1].half().float() for k, v in inputs.items()}
 
 
+def keep(folder, name, inputs, outputs):
+    """Writes arrays for tests: NAME.ARRAY.npy, or ARRAY.npy for an input that networks share; of pictures that come out each SPARSE-th row and column."""
+    os.makedirs(folder, exist_ok=True)
+    for k, v in inputs.items():
+        shared, own = os.path.join(folder, f"{k}.npy"), os.path.join(folder, f"{name}.{k}.npy")
+        if not os.path.exists(shared):
+            np.save(shared, v)
+        if np.array_equal(np.load(shared), v):
+            if os.path.exists(own):
+                os.remove(own)
+        else:
+            np.save(own, v)
+    for k, v in outputs.items():
+        np.save(os.path.join(folder, f"{name}.{k}.npy"), v[..., ::SPARSE, ::SPARSE] if v.ndim == 4 else v)
+
+
 @torch.no_grad()
-def export(name, rooms, run, models):
+def export(name, rooms, run, models, arrays):
     net, about = trained(name, run)
     evaluation = json.load(open(os.path.join(run, "evaluation.json")))
     held_out = Rooms(os.path.join(rooms, evaluation["split"]))
     os.makedirs(models, exist_ok=True)
     path = os.path.join(models, f"{name}.onnx")
-    example = first(net.inputs(held_out, 0))
+    shown = next((room for room in range(len(held_out)) if not hasattr(net, "chosen") or net.chosen(held_out, room)), 0)
+    example = first(net.inputs(held_out, shown))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # tracing keeps shapes as constants, as it should
         torch.onnx.export(
@@ -93,17 +111,15 @@ def export(name, rooms, run, models):
     onnx.save(model, path)
 
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
-    worst, checked = 0.0, min(len(held_out), 8)
+    worst, checked = 0.0, min(len(held_out), max(8, shown + 1))
     for room in range(checked):
         inputs = first(net.inputs(held_out, room))
         want = net(**inputs)
         want = [w.numpy() for w in (want if isinstance(want, tuple) else (want,))]
         got = session.run(net.outputs, {k: v.numpy() for k, v in inputs.items()})
         worst = max([worst] + [float(np.abs(g - w).max() / np.abs(w).max()) for g, w in zip(got, want)])
-        if room == 0:
-            os.makedirs(os.path.join(models, "parity"), exist_ok=True)
-            for k, v in ({k: v.numpy().astype(np.float16) for k, v in inputs.items()} | dict(zip(net.outputs, want))).items():
-                np.save(os.path.join(models, "parity", f"{name}.{k}.npy"), v)
+        if room == shown:
+            keep(arrays, name, {k: v.numpy().astype(np.float16) for k, v in inputs.items()}, dict(zip(net.outputs, want)))
     if worst > LIMIT:
         raise SystemExit(f"{name}: wanted ONNX Runtime within {LIMIT} of torch, got {worst:.1e}")
 
@@ -135,5 +151,6 @@ if __name__ == "__main__":
     parser.add_argument("--rooms", required=True)
     parser.add_argument("--out")
     parser.add_argument("--models", default="models")
+    parser.add_argument("--parity", default="tests/parity")
     a = parser.parse_args()
-    export(a.name, a.rooms, run_folder(a.name, a.out), a.models)
+    export(a.name, a.rooms, run_folder(a.name, a.out), a.models, a.parity)

@@ -1,12 +1,13 @@
 """The networks that estimate lights: one seen lamp or window, the one lamp or window that is not seen.
 
 A lamp is a box that shines with one radiance, a window a rectangle before a surrounding of three lobes. The networks learn through the light they would
-cast (emit.py). Lengths inside are in units of a third of the mean depth. `confidence` holds the probability that this light burns at all, by which its
-radiance is already multiplied, and the L1 error to expect of its direct shading, over that of the truth and a twentieth of all light.
+cast (emit.py). Lengths inside are in units of a third of the mean depth. `confidence` holds the probability that this light burns at all and the
+L1 error to expect of its direct shading, over the truth's mean and a twentieth of all light's.
 
 Training relights its rooms: every path of light takes a factor of its own, the photo follows."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -22,7 +23,19 @@ from layers import block, luminance, unit_scale
 CELL = 4  # pixels of the half plane that E_j is measured over
 CHOSEN = 300  # of these cells, to learn from
 BRIGHT = 10.0  # E_j above this is beyond what a photo shows
+FACES = 6 * 7 * 4  # numbers of `faces`
+SEEN = 6 + 3 + 3 + 3  # numbers of the brightest place and of what the light would give alone
 LEAST = 0.02  # an invisible light that gives less than this share of all light is none
+
+
+class Seen(NamedTuple):
+    """What the decoding of a light starts from: unit of length [B, 1] (m); level [B, 3] at which this light alone would fit the photo's shading best, from
+    where it starts (of one that is not seen, mean shading); place [B, 3] (m) and shading [B, 3] of what is lit most, by the fourth power of shading."""
+
+    unit: torch.Tensor
+    alone: torch.Tensor
+    spot: torch.Tensor
+    glare: torch.Tensor
 
 
 class Lights(nn.Module):
@@ -40,26 +53,52 @@ class Lights(nn.Module):
     def __init__(self, numbers):
         super().__init__()
         widths = [40, 56, 80, 112, 128]
-        self.stem = nn.Sequential(block(21 * 4, widths[0]), block(widths[0], widths[0]))
+        self.stem = nn.Sequential(block(23 * 4, widths[0]), block(widths[0], widths[0]))
         self.down = nn.ModuleList(nn.Sequential(block(a, b, 2), block(b, b)) for a, b in zip(widths, widths[1:]))
         self.squeeze = block(widths[-1], 32)
-        self.head = nn.Sequential(nn.Linear(32 * 4 * 5 + widths[-1] + 5, 256), nn.ReLU(), nn.Linear(256, numbers + 2))
+        self.head = nn.Sequential(
+            nn.Linear(32 * 4 * 5 + widths[-1] + 5 + FACES + SEEN, 256), nn.Sequential(nn.ReLU(), nn.Dropout(0.2)), nn.Linear(256, numbers + 2)
+        )
+        self.register_buffer("calibration", torch.tensor([1.0, 0.0, 1.0, 0.0]))
 
     def numbers(self, photo, geometry, albedo, lights, start):
-        """The head's numbers [B, ..] and the unit of length [B, 1]."""
+        """The head's numbers [B, ..], and what is Seen."""
         unit = geometry[:, 5:].mean((1, 2, 3)).view(-1, 1) / -3
-        shading = torch.log(0.02 + luminance(photo) / luminance(albedo).clamp(min=0.03))
-        begin = start / unit[..., None, None]
-        planes = [photo.clamp(0, 8).sqrt(), unit_scale(geometry), albedo, shading, lights, begin.expand(-1, -1, *photo.shape[2:])]
-        planes.append(lights[:, 1:] * shading)
+        plain, begin = unit_scale(geometry), start / unit[..., None, None]
+        shading = (photo / albedo.clamp(min=0.05)).clamp(max=10)
+        grey = torch.log(0.02 + luminance(shading))
+        falls, valid = self.falls(plain, begin), 1 - lights[:, :1]
+        planes = [photo.clamp(0, 8).sqrt(), plain, albedo, grey, lights, begin.expand(-1, -1, *photo.shape[2:]), lights[:, 1:] * grey]
+        planes += [torch.log(falls + 0.02), grey - torch.log(falls + 0.02)]
         x = self.stem(F.pixel_unshuffle(torch.cat(planes, 1), 2))
         for down in self.down:
             x = down(x)
-        x = torch.cat([self.squeeze(x)[:, :, :4, :5].flatten(1), x.mean((2, 3)), begin[:, :, 0, 0]], 1)
-        return self.head(x).float(), unit
+        mean = lambda v: (v * valid).mean((2, 3))
+        alone = mean(falls * shading) / (mean(falls * falls) + 1e-4)
+        glare = luminance(shading) ** 4 + 1e-8
+        spot = mean(glare * torch.cat([plain, shading], 1)) / (mean(glare) + 1e-9)
+        start = begin[:, :, 0, 0]
+        told = [start, faces(plain, shading, valid), spot[:, :6], spot[:, 3:6] - start[:, :3], torch.log(spot[:, 6:] + 0.02), torch.log(alone + 0.02)]
+        x = torch.cat([self.squeeze(x)[:, :, :4, :5].flatten(1), x.mean((2, 3)), *told], 1)
+        return self.head(x).float(), Seen(unit, alone, spot[:, 3:6] * unit, spot[:, 6:])
 
-    def confidence(self, y):
-        return torch.cat([torch.sigmoid(y[:, :1]), torch.exp(torch.tanh(y[:, 1:] / 3) * 3)], 1)
+    def falls(self, geometry, start):
+        """[B, 1, h, w]: how much of a small light at `start` falls on each pixel, beside what falls on the middle of the view; lengths in units. One
+        everywhere for a light that is not seen."""
+        if not self.visible:
+            return torch.ones_like(geometry[:, :1])
+        to = start[:, :3] - geometry[:, 3:]
+        square = (to * to).sum(1, keepdim=True)
+        cosine = ((to * geometry[:, :3]).sum(1, keepdim=True) / torch.sqrt(square + 1e-6)).clamp(min=0)
+        return spread(start[:, :3, 0, 0], 1.0)[..., None, None] * cosine / (square + 4 * start[:, 3:4] * start[:, 4:] / torch.pi)
+
+    def decode(self, y, seen, start):
+        """The outputs by name, from what `numbers` gives. A light that is not sure to burn burns less; the confidence is calibrated, this share is not."""
+        guess = self.light(y, seen, start)
+        guess["radiance"] = guess["radiance"] * share(y[:, -2:-1, None])
+        a, b, c, d = self.calibration
+        guess["confidence"] = torch.cat([torch.sigmoid(a * y[:, -2:-1] + b), torch.exp(c * expected(y) + d)], 1)
+        return guess
 
     @classmethod
     def chosen(cls, rooms, room):
@@ -71,21 +110,17 @@ class Lights(nn.Module):
 
     @classmethod
     def batch(cls, rooms, g, size):
-        """Lights of this kind; of invisible ones a quarter of the items take any room."""
-        there = [(room, row) for room in range(len(rooms)) for row in cls.chosen(rooms, room) if row is not None]
-        if not there:
+        """Lights of this kind; of invisible ones any room, as often as rooms have them."""
+        known = [(room, row) for room in range(len(rooms)) for row in cls.chosen(rooms, room)]
+        if not known:
             raise SystemExit(f"{cls.__name__}: wanted rooms with such a light, got {len(rooms)} without")
-        items = []
-        for _ in range(size):
-            if not cls.visible and torch.rand(1, generator=g) < 0.25:
-                room = torch.randint(len(rooms), (1,), generator=g).item()
-                items.append((room, cls.chosen(rooms, room)[0]))
-            else:
-                items.append(there[torch.randint(len(there), (1,), generator=g).item()])
+        items = [known[k] for k in torch.randint(len(known), (size,), generator=g)]
         relit = [relight(rooms, room, row, factors(rooms, room, g)) for room, row in items]
         x = {k: torch.stack([r[k] for r in relit]) for k in relit[0]}
         x |= {name: rooms.stack(name, [(room, None) for room, _ in items]) for name in ["depth", "normal", "albedo"]}
         fov = torch.stack([rooms.get("fov_x", room) for room, _ in items])
+        painted = augment.repainted(g, x["albedo"])
+        x["photo"], x["albedo"] = torch.where(x["lights"][:, :1] > 0, x["photo"], x["photo"] * painted / x["albedo"].clamp(min=1e-3)), painted
         x["photo"], gain = camera.exposed(g, x["photo"], x["lights"][:, :1])
         x["form"], x["shading"], x["whole"] = scaled(x["form"], gain), x["shading"] * gain, x["whole"] * gain
         flip = augment.uniform(g, fov) < 0.5
@@ -99,8 +134,11 @@ class Lights(nn.Module):
             lights = torch.cat([lights[:, :1], augment.ragged(g, lights[:, 1:])], 1)
             lights = torch.cat([torch.maximum(lights[:, :1], lights[:, 1:]), lights[:, 1:]], 1)
         true = torch.cat([x["normal"], augment.xyz(x["depth"], fov)], 1)
+        grid = augment.parts(g, lights[:, 1:], lights[:, :1])
+        photo, geometry, albedo, lights, true = (augment.part(v, grid) for v in (x["photo"], geometry, albedo, lights, true))
+        x |= {k: augment.part(x[k], grid) for k in ["albedo", "shading", "lights", "whole"]}
         return {
-            "inputs": (camera.photographed(g, x["photo"]), geometry, albedo, lights, begin(geometry, lights, cls.window)),
+            "inputs": (camera.photographed(g, photo), geometry, albedo, lights, begin(geometry, lights, cls.window)),
             "places": pick(g, true, albedo=x["albedo"], shading=x["shading"], lights=x["lights"], whole=x["whole"]),
             "form": x["form"],
             "surface": x["surface"],
@@ -108,26 +146,85 @@ class Lights(nn.Module):
         }
 
     def loss(self, batch):
-        """L1 of E_j and of A E_j and of the logarithm of E_j, Chamfer distance, the form's own terms; and what makes the confidence right."""
-        y, unit = self.numbers(*batch["inputs"])
+        """L1 of E_j and of A E_j, of the logarithm of E_j and of its mean's, Chamfer distance, the form's own terms; and what makes the confidence
+        right."""
+        y, seen = self.numbers(*batch["inputs"])
         with torch.autocast("cpu", enabled=False):
-            return self.measured(y, unit, batch)
+            return self.measured(y, Seen(*(v.float() for v in seen)), batch)
 
-    def measured(self, y, unit, batch):
-        p, there = batch["places"], batch["there"].view(-1, 1)
-        guess = self.decode(y, unit, batch["inputs"][-1][:, :, 0, 0])
-        got = self.shading(guess, p["points"], p["normals"])
-        error = (got.clamp(max=BRIGHT) - p["shading"].clamp(max=BRIGHT)).abs() * p["valid"]
-        mean = lambda x: x.mean((1, 2))
-        scale = mean(p["whole"] * p["valid"]) + 0.05
-        level = (mean(error) + mean(error * p["albedo"])) / scale
-        tone = mean((torch.log1p(10 * got) - torch.log1p(10 * p["shading"])).abs() * p["valid"])
-        place = chamfer(self.surface(guess), batch["surface"]) / unit[:, 0] + self.form_loss(guess, batch["form"])
-        burns = F.binary_cross_entropy_with_logits(y[:, :1], there)
-        wanted = torch.log(mean(error) / (mean(p["shading"] * p["valid"]) + 0.05 * scale) + 1e-3).detach()
-        expected = (torch.tanh(y[:, 1] / 3) * 3 - wanted).abs().mean()
+    def measured(self, y, seen, batch):
+        guess = self.decode(y, seen, batch["inputs"][-1][:, :, 0, 0])
+        shading, relative = self.errors(guess, batch["places"])
+        place = chamfer(self.surface(guess), batch["surface"]) / seen.unit[:, 0] + self.form_loss(guess, batch["form"])
+        burns = F.binary_cross_entropy_with_logits(y[:, -2:-1], batch["there"].view(-1, 1))
+        doubt = (expected(y)[:, 0] - relative.detach()).abs().mean()
         exists = (batch["surface"].abs().sum((1, 2)) > 0).float()
-        return level.mean() + tone.mean() + (place * exists).sum() / exists.sum().clamp(min=1) + 0.2 * burns + 0.05 * expected
+        weight = 1.0 if self.visible else 0.1
+        return shading + weight * (place * exists).sum() / exists.sum().clamp(min=1) + 0.2 * burns + 0.05 * doubt
+
+    def errors(self, guess, p):
+        """What the loss takes of the shading of `guess` at the places `p`; the logarithm of each item's error, relative as `confidence` tells it."""
+        got, want = self.shading(guess, p["points"], p["normals"]), p["shading"]
+        mean = lambda x: (x * p["valid"]).mean((1, 2))
+        error = (got.clamp(max=BRIGHT) - want.clamp(max=BRIGHT)).abs()
+        whole = mean(p["whole"]) + 0.05
+        level = (mean(error) + mean(error * p["albedo"])) / whole
+        tone = mean((torch.log1p(10 * got) - torch.log1p(10 * want)).abs())
+        sent = torch.log((mean(got) + 0.02 * whole) / (mean(want) + 0.02 * whole)).abs()
+        return (level + tone + 0.2 * sent).mean(), torch.log(mean(error) / (mean(want) + 0.05 * whole) + 1e-3)
+
+    def confidences(self, rooms):
+        """Of relit, degraded items of rooms, eight a room but no more than 400: logit of burning, whether it burns; expected and true logarithm of the
+        relative error."""
+        out = []
+        for k in range(min(len(rooms), 50)):
+            batch = self.batch(rooms, torch.Generator().manual_seed(k), 8)
+            y, seen = self.numbers(*batch["inputs"])
+            _, relative = self.errors(self.decode(y, seen, batch["inputs"][-1][:, :, 0, 0]), batch["places"])
+            out.append(torch.stack([y[:, -2], batch["there"], expected(y)[:, 0], relative], 1))
+        return torch.cat(out).unbind(1)
+
+    @torch.no_grad()
+    def calibrate(self, rooms):
+        """Two numbers each for both parts of the confidence, from held-out rooms: logistic regression, and least squares of logarithms moved so that the
+        mean error is right; both drawn a little to no change."""
+        logit, there, guess, relative = self.confidences(rooms)
+        start, pull = torch.tensor([1.0, 0.0]), 0.01 * len(logit)
+        a = start.clone().requires_grad_()
+        search = torch.optim.LBFGS([a], line_search_fn="strong_wolfe", max_iter=100)
+
+        @torch.enable_grad()
+        def loss():
+            search.zero_grad()
+            value = F.binary_cross_entropy_with_logits(a[0] * logit + a[1], there, reduction="sum") + pull / 2 * ((a - start) ** 2).sum()
+            value.backward()
+            return value
+
+        search.step(loss)
+        second = torch.stack([guess, torch.ones_like(guess)], 1)
+        c = torch.linalg.solve(second.T @ second + pull * torch.eye(2), second.T @ relative + pull * start)
+        c[1] += torch.log(relative.exp().mean() / (second @ c).exp().mean())
+        self.calibration.copy_(torch.cat([a.detach(), c]))
+
+    @torch.no_grad()
+    def reliability(self, rooms):
+        """How far the confidence can be trusted on relit, degraded items: Brier score of burning beside that of the mean; and the L1 error of E_j,
+        relative to the truth, of the half of the items that are expected to be better and of the other half."""
+        logit, there, guess, relative = self.confidences(rooms)
+        a, b, c, d = self.calibration
+        brier = lambda p: ((p - there) ** 2).mean().item()
+        order = (c * guess).argsort()
+        half = len(order) // 2
+        error, told = relative.exp(), torch.exp(c * guess + d)
+        return {
+            "burns, Brier": brier(torch.sigmoid(a * logit + b)),
+            "burns, Brier of the mean": brier(there.mean()),
+            "burns, Brier before calibration": brier(torch.sigmoid(logit)),
+            "expected error, trusted half": told[order[:half]].mean().item(),
+            "error, trusted half": error[order[:half]].mean().item(),
+            "expected error, other half": told[order[half:]].mean().item(),
+            "error, other half": error[order[half:]].mean().item(),
+        }
 
     @classmethod
     def inputs(cls, rooms, room, worse=None):
@@ -146,8 +243,8 @@ class Lights(nn.Module):
         return {"photo": photo, "geometry": geometry, "albedo": albedo, "lights": lights, "start": begin(geometry, lights, cls.window)}
 
     def forward(self, photo, geometry, albedo, lights, start):
-        y, unit = self.numbers(photo, geometry, albedo, lights, start)
-        return tuple(self.decode(y, unit, start[:, :, 0, 0]).values())
+        y, seen = self.numbers(photo, geometry, albedo, lights, start)
+        return tuple(self.decode(y, seen, start[:, :, 0, 0]).values())
 
     @classmethod
     def floors(cls, rooms):
@@ -202,6 +299,8 @@ class Lights(nn.Module):
                     "Chamfer": chamfer(surface, rooms.get("surface", room, row)[None])[0].item() if there and surface is not None else none,
                     "radiance, there": radiance if there else none,
                     "radiance, not there": none if there else radiance,
+                    "mean E_j, there": shading.mean().item() if there else none,
+                    "mean E_j, not there": none if there else shading.mean().item(),
                 }
                 if title.startswith("network"):
                     p, expected = guesses[title][-1][k].tolist()
@@ -233,6 +332,14 @@ class Lights(nn.Module):
 
 class Lamp(Lights):
     outputs = ["centre", "axes", "radiance", "confidence"]
+
+    @staticmethod
+    def made(centre, axes, numbers, seen):
+        """What `light` gives, from the 3 numbers of what the lamp sends."""
+        a, b, c = axes.norm(dim=2).unbind(1)
+        shown = 2 * (a * b + b * c + c * a)  # a quarter of the box's surface, the mean over directions
+        radiance = strength(numbers) * seen.alone * (4 * spread(centre, seen.unit) / shown[:, None])
+        return {"centre": centre, "axes": axes, "radiance": radiance[:, None]}
 
     def shading(self, guess, points, normals):
         return emit.box(guess["centre"], guess["axes"], points, normals)[..., None] * guess["radiance"]
@@ -276,18 +383,20 @@ class Window(Lights):
         return guess["centre"][:, None] + u * guess["half_x"][:, None] + v * guess["half_y"][:, None]
 
     @staticmethod
-    def made(centre, out, tilt, half, numbers, confidence):
-        """What `decode` gives, from half extents [B, 2] and the 21 numbers of the lobes."""
+    def made(centre, out, tilt, half, numbers, seen):
+        """What `light` gives, from half extents [B, 2] and the 21 numbers of the lobes. What sky and ground give falls off with
+        distance, what the sun gives does not."""
         x, up = frame(out, tilt)
-        directions, bandwidths, radiance = lobes(numbers, out)
+        directions, bandwidths, sent = lobes(numbers, out, F.normalize(centre - seen.spot, dim=1, eps=1e-6))
+        wide = (seen.alone * spread(centre, seen.unit) / half.prod(1, keepdim=True))[:, None]
+        radiance = sent * torch.cat([seen.glare[:, None] / 2, wide, wide], 1) * (1 + bandwidths)[..., None]
         return {
             "centre": centre,
             "half_x": x * half[:, :1],
             "half_y": up * half[:, 1:],
             "directions": directions,
             "bandwidths": bandwidths,
-            "radiance": radiance * confidence[:, None, :1],
-            "confidence": confidence,
+            "radiance": radiance,
         }
 
     def form_loss(self, guess, form):
@@ -333,9 +442,37 @@ class Window(Lights):
         )
 
 
-def strength(y, top=0.9999):
-    """Radiance of any size from any number; 0 gives about 0.4."""
-    return torch.tan(torch.pi / 2 * top * torch.sigmoid(y - 1))
+def faces(geometry, shading, valid):
+    """[B, FACES]: of the surfaces in each quarter of the picture that face right, up, towards us and the other ways: how much there is, its mean place
+    and the logarithm of its mean shading by colour. What comes from where."""
+    normal, xyz = geometry[:, :3], geometry[:, 3:]
+    weight = torch.cat([normal, -normal], 1).clamp(min=0) * valid
+    mean = lambda x: F.avg_pool2d(x, (60, 80))
+    share = mean(weight)
+    weighed = lambda x: torch.cat([mean(weight * x[:, k : k + 1]) for k in range(3)], 1) / (share.repeat(1, 3, 1, 1) + 1e-3)
+    return torch.cat([share, weighed(xyz), torch.log(weighed(shading) + 0.02)], 1).flatten(1)
+
+
+def expected(y):
+    """[B, 1]: the logarithm of the relative error that the head expects."""
+    return torch.tanh(y[:, -1:] / 3) * 3
+
+
+def share(y):
+    """The sigmoid, to as many digits where it is next to nothing; runtimes differ there on their own."""
+    return 1 / (1 + torch.exp(-y.clamp(-30, 30)))
+
+
+def strength(y):
+    """Light of any size from any number; 0 gives about 0.4."""
+    return torch.tan(torch.pi / 2 * 0.9999 * share(y - 1))
+
+
+def spread(centre, unit):
+    """Squared distance of a light from the middle of what is seen, [B, 1]. The head tells how much arrives there, as a share of what the photo shows,
+    and not the radiance: that hangs less on how large and how far the light is taken to be."""
+    middle = unit * centre.new_tensor([0.0, 0.0, -3.0])
+    return ((centre - middle) ** 2).sum(1, keepdim=True) + unit**2
 
 
 def frame(out, tilt):
@@ -345,15 +482,16 @@ def frame(out, tilt):
     return torch.linalg.cross(out, y, dim=1), y
 
 
-def lobes(y, out):
-    """directions, bandwidths and radiances of sun, sky and ground from 21 numbers; `out` is where the window looks."""
+def lobes(y, out, sun):
+    """directions, bandwidths and radiances of sun, sky and ground from 21 numbers; `out` is where the window looks, `sun` where the brightest place
+    sees it."""
     y = y.unflatten(1, (3, 7))
     up = out.new_tensor([0.0, 1.0, 0.0])
-    first = torch.stack([F.normalize(out + 0.5 * up, dim=1), F.normalize(out + up, dim=1), F.normalize(out - up, dim=1)], 1)
+    first = torch.stack([sun, F.normalize(out + up, dim=1), F.normalize(out - up, dim=1)], 1)
     directions = F.normalize(2 * torch.tanh(y[..., :3]) + first, dim=2, eps=1e-6)
     low, high = y.new_tensor([0.9, 0.0, 0.0]), y.new_tensor([0.999999, 0.9999, 0.9999])
     bandwidths = torch.tan(torch.pi / 2 * (low + (high - low) * torch.sigmoid(y[..., 3])))
-    return directions, bandwidths, strength(y[..., 4:] - y.new_tensor([2.0, 0.0, 0.0]).view(1, 3, 1), 0.9999999)
+    return directions, bandwidths, strength(y[..., 4:] - y.new_tensor([2.0, 0.0, 0.0]).view(1, 3, 1))
 
 
 def away(y, geometry_unit):
@@ -373,16 +511,11 @@ class VisLampNet(Lamp):
     def __init__(self):
         super().__init__(7)
 
-    def decode(self, y, unit, start):
-        confidence = self.confidence(y[:, -2:])
+    def light(self, y, seen, start):
         towards = F.normalize(start[:, :3], dim=1)
         half = torch.cat([start[:, 3:], start[:, 3:].amin(1, keepdim=True)], 1) * torch.exp(torch.tanh(y[:, 1:4])) + 1e-3
-        return {
-            "centre": start[:, :3] + 0.2 * torch.tanh(y[:, :1]) * towards * unit,
-            "axes": half[..., None] * torch.eye(3),
-            "radiance": strength(y[:, None, 4:7]) * confidence[:, None, :1],
-            "confidence": confidence,
-        }
+        centre = start[:, :3] + 0.2 * torch.tanh(y[:, :1]) * towards * seen.unit
+        return self.made(centre, half[..., None] * torch.eye(3), y[:, 4:7], seen)
 
 
 class VisWinNet(Window):
@@ -394,11 +527,10 @@ class VisWinNet(Window):
     def __init__(self):
         super().__init__(3 + 3 + 3 + 2 + 21)
 
-    def decode(self, y, unit, start):
-        confidence = self.confidence(y[:, -2:])
+    def light(self, y, seen, start):
         out = F.normalize(0.8 * torch.tanh(y[:, 3:6]) + F.normalize(start[:, :3], dim=1), dim=1, eps=1e-6)
-        centre, half = start[:, :3] + 0.5 * torch.tanh(y[:, :3]) * unit, start[:, 3:] * torch.exp(torch.tanh(y[:, 9:11])) + 1e-3
-        return self.made(centre, out, 0.8 * torch.tanh(y[:, 6:9]), half, y[:, 11:32], confidence)
+        centre, half = start[:, :3] + 0.5 * torch.tanh(y[:, :3]) * seen.unit, start[:, 3:] * torch.exp(torch.tanh(y[:, 9:11])) + 1e-3
+        return self.made(centre, out, 0.8 * torch.tanh(y[:, 6:9]), half, y[:, 11:32], seen)
 
 
 class InvLampNet(Lamp):
@@ -407,21 +539,15 @@ class InvLampNet(Lamp):
     def __init__(self):
         super().__init__(4 + 3 + 3 + 3)
 
-    def decode(self, y, unit, start):
-        confidence = self.confidence(y[:, -2:])
+    def light(self, y, seen, start):
         a, b, c = (torch.pi * torch.tanh(y[:, 4:7] / 2)).unbind(1)
         zero, one = torch.zeros_like(a), torch.ones_like(a)
         about = lambda rows: torch.stack([torch.stack(r, 1) for r in rows], 1)
         turn = about([[c.cos(), -c.sin(), zero], [c.sin(), c.cos(), zero], [zero, zero, one]])
         turn = about([[one, zero, zero], [zero, b.cos(), -b.sin()], [zero, b.sin(), b.cos()]]) @ turn
         turn = about([[a.cos(), zero, a.sin()], [zero, one, zero], [-a.sin(), zero, a.cos()]]) @ turn
-        half = torch.exp(-2 + torch.tanh(y[:, 7:10] / 2) * 2) * unit
-        return {
-            "centre": away(y[:, :4], unit),
-            "axes": turn * half[..., None],
-            "radiance": strength(y[:, None, 10:13]) * confidence[:, None, :1],
-            "confidence": confidence,
-        }
+        half = torch.exp(-2 + torch.tanh(y[:, 7:10] / 2) * 2) * seen.unit
+        return self.made(away(y[:, :4], seen.unit), turn * half[..., None], y[:, 10:13], seen)
 
 
 class InvWinNet(Window):
@@ -430,12 +556,11 @@ class InvWinNet(Window):
     def __init__(self):
         super().__init__(4 + 3 + 3 + 2 + 21)
 
-    def decode(self, y, unit, start):
-        confidence = self.confidence(y[:, -2:])
-        centre = away(y[:, :4], unit)
+    def light(self, y, seen, start):
+        centre = away(y[:, :4], seen.unit)
         out = F.normalize(torch.tanh(y[:, 4:7]) + 0.5 * F.normalize(centre, dim=1), dim=1, eps=1e-6)
-        half = torch.exp(-0.5 + torch.tanh(y[:, 10:12] / 2) * 2) * unit
-        return self.made(centre, out, 0.8 * torch.tanh(y[:, 7:10]), half, y[:, 12:33], confidence)
+        half = torch.exp(-0.5 + torch.tanh(y[:, 10:12] / 2) * 2) * seen.unit
+        return self.made(centre, out, 0.8 * torch.tanh(y[:, 7:10]), half, y[:, 12:33], seen)
 
 
 def parts(paths):
@@ -453,23 +578,25 @@ def parts(paths):
 
 
 def factors(rooms, room, g):
-    """{path: factor}: nothing for half of the items, else each path brighter, darker or off."""
+    """{path: factor [3]}: nothing for two items of five, else each path brighter, darker, tinted or off."""
     if torch.rand(1, generator=g) < 0.4:
         return {}
     paths = range(len(rooms.paths[room]))
-    out = {p: 0.0 if torch.rand(1, generator=g) < 0.2 else torch.exp(0.8 * torch.randn(1, generator=g)).item() for p in paths}
-    return out if any(out.values()) else {}
+    burns = torch.rand(len(paths), generator=g) > 0.2
+    level = 0.8 * torch.randn(len(paths), 1, generator=g) + 0.15 * torch.randn(len(paths), 3, generator=g)
+    return dict(zip(paths, torch.exp(level) * burns[:, None])) if burns.any() else {}
 
 
 def relight(rooms, room, row, factor):
     """A room whose paths take these factors, and its light `row` (None: one that is not there): photo, masks, E_j of that light, all light, its form,
     points on it, whether it burns."""
     path = parts(rooms.paths[room])
-    of = lambda source: factor.get(path.get(source), 1.0)
+    by = lambda number: torch.as_tensor(factor.get(number, 1.0)).expand(3)
+    of = lambda source: by(path.get(source))
     photo, light = rooms.get("photo", room), rooms.get("light", room)[None]
     each = rooms.get("path_direct", room) + rooms.get("indirect", room)
     before = each.sum(0)
-    after = sum(factor.get(p, 1.0) * e for p, e in enumerate(each))
+    after = sum(by(p).view(3, 1, 1) * e for p, e in enumerate(each))
     photo = photo * ((after + 1e-4) / (before + 1e-4)) if factor else photo
     names, own = rooms.lights[room], torch.zeros_like(light)
     for k, name in enumerate(names):
@@ -477,8 +604,8 @@ def relight(rooms, room, row, factor):
             continue
         mask = rooms.get("own", room, k)[None]
         if factor:
-            shine = max(of(s) for s in rooms.sources[room] if s.split(".")[0] == name)
-            photo = torch.where(mask > 0, rooms.get("photo", room) * shine + 0.02, photo)
+            shine = torch.stack([of(s) for s in rooms.sources[room] if s.split(".")[0] == name]).amax(0)
+            photo = torch.where(mask > 0, rooms.get("photo", room) * shine.view(3, 1, 1) + 0.02, photo)
         own = mask if k == row else own
     shading, numbers, surface = torch.zeros_like(photo), torch.zeros(36), torch.zeros(64, 3)
     if row is not None:
@@ -507,18 +634,16 @@ def relight(rooms, room, row, factor):
 
 def begin(geometry, lights, window):
     """Where a seen light is by mask and depth, [B, 5, 1, 1]: centre and half extents across the view (m). Depth is the median over the mask, of a window
-    over what else lies in the mask's bounding box."""
+    over what surrounds the mask, two pixels wide: depth of a pane may be that of the view outside."""
     out = torch.zeros(len(lights), 5)
+    ring = (F.max_pool2d(lights[:, 1:], 5, 1, 2)[:, 0] > 0) & (lights[:, 0] == 0)
     for k, (xyz, mask) in enumerate(zip(geometry[:, 3:], lights[:, 1] > 0)):
         if not mask.any():
             continue
         rays = (xyz / -xyz[2:])[:, mask]
         around = mask
-        if window:
-            rows, columns = mask.any(1).nonzero()[:, 0], mask.any(0).nonzero()[:, 0]
-            around = torch.zeros_like(mask)
-            around[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] = True
-            around = around & ~mask if (around & ~mask).sum() >= 4 else mask
+        if window and ring[k].sum() >= 4:
+            around = ring[k]
         depth = -xyz[2, around].median()
         out[k, :3] = rays.mean(1) * depth
         out[k, 3:] = (3 * rays[:2].var(1, correction=0)).sqrt() * depth + 0.01

@@ -38,7 +38,7 @@ def smoke(names, rooms):
             run(*train, *out, "--steps", 10)
             run("evaluate.py", name, "--rooms", rooms, *out, fails=True)  # ten steps meet no target
             run("contact_sheet.py", name, "--rooms", rooms, "--count", 1, *out)
-            run("export.py", name, "--rooms", rooms, "--models", at("models"), *out)
+            run("export.py", name, "--rooms", rooms, "--models", at("models"), "--parity", at("parity"), *out)
             run(*train, "--out", at("again", name), "--steps", 1, "--start", at("models", f"{name}.onnx"))
 
         for split in ("train", "val"):

@@ -1,5 +1,6 @@
 """The networks that estimate: closed forms, and the twin of the program's stage Direct held against the program."""
 
+import math
 import sys
 import tempfile
 import unittest
@@ -168,13 +169,65 @@ class Networks(unittest.TestCase):
         """Any numbers of the head give unit directions, windows that look away from the room, lengths above zero."""
         for kind in (VisLampNet, VisWinNet, InvLampNet, InvWinNet):
             net = kind()
-            y, unit = 10 * torch.randn(200, net.head[-1].out_features), torch.rand(200, 1) + 0.5
+            y = 10 * torch.randn(200, net.head[-1].out_features)
+            seen = lights.Seen(torch.rand(200, 1) + 0.5, torch.rand(200, 3), torch.randn(200, 3), torch.rand(200, 3))
             start = torch.cat([torch.randn(200, 2), -1 - torch.rand(200, 1), torch.rand(200, 2)], 1)
-            guess = net.decode(y, unit, start)
+            guess = net.decode(y, seen, start)
             self.assertTrue(all(v.isfinite().all() and (k not in ("radiance", "bandwidths") or (v >= 0).all()) for k, v in guess.items()))
             if kind in (VisWinNet, InvWinNet):
                 self.assertTrue(torch.allclose(guess["directions"].norm(dim=2), torch.ones(200, 3), atol=1e-3))
                 self.assertLess((guess["half_x"] * guess["half_y"]).sum(1).abs().max().item(), 1e-3)
+
+    def test_faces_tell_what_is_lit_from_where(self):
+        """A floor, and a wall of another albedo before it: place and shading of each, whatever its albedo."""
+        photo, albedo, geometry = torch.zeros(1, 3, 120, 160), torch.full((1, 3, 120, 160), 0.4), torch.zeros(1, 6, 120, 160)
+        geometry[:, 1, 60:], geometry[:, 2, :60] = 1.0, 1.0
+        geometry[:, 4, 60:], geometry[:, 5, :60] = -1.5, -4.0
+        albedo[:, :, :60] = 0.8
+        photo[:, :, 60:], photo[:, :, :60] = 0.4 * 0.5, 0.8 * 0.1
+        light = torch.zeros(1, 1, 120, 160)
+        share, place, shading = lights.faces(geometry, photo / albedo, 1 - light).view(7, 6, 4).split([1, 3, 3])
+        up, towards = 1, 2
+        self.assertTrue(
+            torch.allclose(share[0, up], torch.tensor([0.0, 0, 1, 1])) and torch.allclose(share[0, towards], torch.tensor([1.0, 1, 0, 0]))
+        )
+        self.assertTrue(
+            torch.allclose(place[1, up, 2:], torch.tensor(-1.5), rtol=2e-3) and torch.allclose(place[2, towards, :2], torch.tensor(-4.0), rtol=2e-3)
+        )
+        self.assertTrue(torch.allclose(shading[:, up, 2:].exp(), torch.tensor(0.52), rtol=2e-3))
+        self.assertTrue(torch.allclose(shading[:, towards, :2].exp(), torch.tensor(0.12), rtol=2e-3))
+
+    def test_a_lamp_alone_is_told_at_its_level(self):
+        """A wall lit by a small lamp, as the closed form has it: the head starts from the level that the lamp has."""
+        net, level = VisLampNet(), torch.tensor([0.2, 0.4, 0.8])
+        y, x = torch.meshgrid(torch.linspace(1.2, -1.2, 120), torch.linspace(-1.6, 1.6, 160), indexing="ij")
+        wall = torch.stack([0 * x, 0 * x, 0 * x + 1, x, y, 0 * x - 3])[None]
+        start = torch.tensor([0.3, 0.2, -2.2, 0.02, 0.02]).view(1, 5, 1, 1)
+        lamp = {"centre": start[:, :3, 0, 0], "axes": 0.02 * torch.eye(3)[None], "radiance": torch.ones(1, 1, 3)}
+        plain = net.shading(lamp, wall[:, 3:].flatten(2).mT, wall[:, :3].flatten(2).mT).mT.unflatten(2, (120, 160))
+        unit = lights.spread(lamp["centre"], torch.ones(1, 1)) / 0.02**2 / 6
+        albedo, none = torch.full((1, 3, 120, 160), 0.5), torch.zeros(1, 2, 120, 160)
+        _, seen = net.numbers(0.5 * plain * unit * level.view(1, 3, 1, 1), wall, albedo, none, start)
+        self.assertTrue(torch.allclose(seen.alone[0] / level, (seen.alone[0] / level).mean().expand(3), rtol=1e-3))
+        self.assertAlmostEqual((seen.alone[0] / level).mean().item(), 1 / math.pi, delta=0.02)
+        self.assertTrue(torch.allclose(seen.spot[0], torch.tensor([0.3, 0.2, -3.0]), atol=0.2), seen.spot)
+
+    def test_calibration_finds_the_share_that_burns_and_the_error_to_expect(self):
+        """Of a head that says 2 too much with logits thrice too sure, and whose error is half of what it expects."""
+        g = torch.Generator().manual_seed(0)
+        logit = 6 * torch.randn(4000, generator=g)
+        there = (torch.rand(4000, generator=g) < torch.sigmoid(logit / 3 - 2)).float()
+        guess = torch.randn(4000, generator=g)
+        net = InvLampNet()
+        net.confidences = lambda rooms: (logit, there, guess, guess + math.log(0.5))
+        net.calibrate(None)
+        a, b, c, d = net.calibration.tolist()
+        self.assertTrue(abs(a - 1 / 3) < 0.05 and abs(b + 2) < 0.2 and abs(c - 1) < 0.02 and abs(d - math.log(0.5)) < 0.02, net.calibration)
+        told = net.reliability(None)
+        self.assertLess(told["burns, Brier"], told["burns, Brier before calibration"])
+        self.assertLess(told["error, trusted half"], told["error, other half"])
+        for half in ("trusted half", "other half"):
+            self.assertAlmostEqual(told[f"expected error, {half}"], told[f"error, {half}"], delta=0.05 * told[f"error, {half}"])
 
     def test_relighting_by_one_changes_nothing_and_by_nothing_darkens(self):
         rooms = self.rooms

@@ -102,6 +102,13 @@ class Place(unittest.TestCase):
 
 
 class Augment(unittest.TestCase):
+    def test_a_paint_is_the_same_wherever_it_is(self):
+        albedo = torch.tensor([0.2, 0.7]).repeat(60, 80).expand(8, 3, -1, -1)
+        painted = augment.repainted(torch.Generator().manual_seed(0), albedo)
+        self.assertTrue(torch.equal(painted[..., 2:], painted[..., :-2]))
+        changed = (painted != albedo).flatten(1).any(1)
+        self.assertTrue(0 < changed.sum() < 8 and (painted <= 0.95).all())
+
     def test_mirrored_maps_are_maps_of_the_mirrored_room(self):
         """An environment L(d) about one normal, against L mirrored about the mirrored normal."""
         d, _ = hemisphere.texels()
@@ -135,9 +142,15 @@ class Nets(unittest.TestCase):
     def setUpClass(cls):
         cls.folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(cls.folder.cleanup)
-        synthetic.write(cls.folder.name, 2)
+        synthetic.write(cls.folder.name, 3)
         cls.rooms = Rooms(f"{cls.folder.name}/train")
         torch.manual_seed(3)
+
+    def test_every_second_room_is_the_same_room(self):
+        some = Rooms(self.rooms.split, every=2)
+        self.assertEqual(some.names, self.rooms.names[::2])
+        self.assertTrue(torch.equal(some.get("photo", 1), self.rooms.get("photo", 2)))
+        self.assertTrue(torch.equal(some.get("direct", 1), self.rooms.get("direct", 2)))
 
     def test_batches_follow_from_the_seed(self):
         for net in ShadowNet, IndirectNet, LightNet:
