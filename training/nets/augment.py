@@ -49,12 +49,13 @@ def parts(g, own, every):
     at = (1 - scale) * (2 * torch.rand(len(own), 2, generator=g) - 1)
     grids = lambda scale, at: F.affine_grid(torch.cat([torch.diag_embed(scale.expand(-1, 2)), at[..., None]], 2), own.shape, align_corners=False)
     sums = lambda x: x.sum((1, 2, 3))
-    left = part(own, grids(scale, at))
-    keep = (sums(left) * scale[:, 0] ** 2 >= sums(own) / 3) & (part(every, grids(scale, at)).mean((1, 2, 3)) < 0.8)
-    return torch.where(keep.view(-1, 1, 1, 1), grids(scale, at), grids(torch.ones_like(scale), torch.zeros_like(at)))
+    some, all_of_it = grids(scale, at), grids(torch.ones_like(scale), torch.zeros_like(at))
+    keep = (sums(part(own, some)) * scale[:, 0] ** 2 >= sums(own) / 3) & (part(every, some).mean((1, 2, 3)) < 0.8)
+    return torch.where(keep.view(-1, 1, 1, 1), some, all_of_it)
 
 
 def part(x, grid):
+    """The pixels of `x` that `grid` names."""
     return F.grid_sample(x, grid, mode="nearest", align_corners=False)
 
 

@@ -57,6 +57,11 @@ def half_depth(depth):
     return np.where(number > 0, total / np.maximum(number, 1), total.sum() / number.sum())
 
 
+def full_depth(depth):
+    """`depth` with the mean of what is around where it is not known."""
+    return np.where(np.isfinite(depth) & (depth > 0), depth, np.kron(half_depth(depth), np.ones((2, 2))))
+
+
 def unpack(s, lights):
     """The arrays of one room, by name, from its sample.npz and lights.json; see the head of this file."""
     source = {k: s[k].astype(np.float32) for k in ["direct", "shadow", "traced", "unknown", "traced_direct", "traced_indirect"]}
@@ -76,7 +81,7 @@ def unpack(s, lights):
         "maps_valid": s["maps_valid"],
         "fov_x": s["fov_x"],
         **{f"{name}_full": s[name] for name in FULL if name != "depth"},
-        "depth_full": np.where(np.isfinite(s["depth"]) & (s["depth"] > 0), s["depth"], np.kron(half_depth(s["depth"]), np.ones((2, 2)))),
+        "depth_full": full_depth(s["depth"]),
         "own": [blocks(s["light_mask"] == number + 1).max((1, 3)) for number in range(len(lights))],
         "form": [form.form(light) for light in lights.values()],
         "surface": [form.surface(light) for light in lights.values()],
@@ -149,12 +154,10 @@ class Rooms:
                 shutil.rmtree(folder, ignore_errors=True)
                 os.rename(new, folder)
         rows = read(index)["rows"]
-        self.split, self.names = split, [name for name, _ in stamp[1:]]
-        self.sources, self.paths, self.lights = ([r[kind] for r in rows] for kind in ("source", "path", "light"))
+        self.split, self.names = split, [name for name, _ in stamp[1:]][::every]
+        self.sources, self.paths, self.lights = ([r[kind] for r in rows[::every]] for kind in ("source", "path", "light"))
         starts = {"room": range(len(rows) + 1), **{kind: np.cumsum([0] + [len(r[kind]) for r in rows]) for kind in rows[0]}}
-        self.rows = {k: [slice(int(a), int(b)) for a, b in zip(v, v[1:])] for k, v in starts.items()}
-        self.names, self.sources, self.paths, self.lights = (x[::every] for x in (self.names, self.sources, self.paths, self.lights))
-        self.rows = {k: v[::every] for k, v in self.rows.items()}
+        self.rows = {k: [slice(int(a), int(b)) for a, b in zip(v, v[1:])][::every] for k, v in starts.items()}
         self.arrays = {name: np.load(f"{folder}/{name}.npy", mmap_mode="r") for name in KIND}
 
     def __len__(self):

@@ -20,25 +20,17 @@ from PIL import Image
 import augment
 import form
 import lights
-from data import half_depth
+from data import full_depth, half_depth
 from networks import trained
+from outside import described, picture  # it puts training/rooms on the path
+
+from colour import linear
+from compare import read_depth
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 SIZE = (320, 240)
-
-
-def linear(picture, transfer):
-    x = picture.astype(np.float32) / 255
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4) if transfer == "sRGB" else x**2.2
-
-
-def channel(path):
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        return np.array(next(iter(file.channels().values())).pixels, np.float32)
 
 
 def scaled(x, mode=Image.Resampling.BOX):
@@ -48,18 +40,17 @@ def scaled(x, mode=Image.Resampling.BOX):
 def read(folder):
     """Photo [3, 240, 320] linear, depth [240, 320] (m, 0 or NaN where unknown), horizontal view (degrees), masks and true lights by name."""
     if (folder / "meta.json").exists():
-        from outside import described, picture
-
         meta = json.loads((folder / "meta.json").read_text())
         photo = sum(picture(folder / f"olat_{name}.exr") for name in meta["lights"])
         depth, fov, truth = picture(folder / "depth.exr")[0], float(meta["fov_x"]), described(meta)
         masks = {name: folder / f"mask_{name}.png" for name in meta["visible"]}
     else:
         about = json.loads((folder / "about.json").read_text())
-        picture = np.asarray(Image.open(folder / "photo.png").convert("RGB"))
-        fov = about.get("fov_x_deg") or np.degrees(2 * np.arctan(picture.shape[1] / 2 / about["fx"]))
-        photo = np.stack([scaled(c) for c in np.moveaxis(linear(picture, about["transfer"]), -1, 0)])
-        depth, truth = scaled(channel(folder / "depth.exr"), Image.Resampling.NEAREST), {}
+        shown = np.asarray(Image.open(folder / "photo.png").convert("RGB"), np.float32) / 255
+        fov = about.get("fov_x_deg") or np.degrees(2 * np.arctan(shown.shape[1] / 2 / about["fx"]))
+        shown = linear(shown) if about["transfer"] == "sRGB" else shown**2.2
+        photo = np.stack([scaled(c) for c in np.moveaxis(shown, -1, 0)])
+        depth, truth = scaled(read_depth(folder), Image.Resampling.NEAREST), {}
         masks = {p.stem: p for p in sorted((folder / "masks").glob("*_[0-9].png"))}
     opened = {name: scaled(np.asarray(Image.open(path).convert("L"))) > 127 for name, path in masks.items()}
     return photo, depth, float(fov), opened, truth
@@ -71,16 +62,14 @@ def estimate(nets, photo, depth, fov, masks):
     glow = np.any([*masks.values(), np.zeros(depth.shape, bool)], 0)
     photo = torch.from_numpy(photo)[None]
     photo = (photo * 0.95 / torch.quantile(photo.mean(1)[torch.from_numpy(~glow)[None]], 0.98)).clamp(max=1)
-    small = half_depth(depth)
-    full = np.where(np.isfinite(depth) & (depth > 0), depth, np.kron(small, np.ones((2, 2), np.float32)))
     fov, light = torch.tensor([fov]), torch.from_numpy(glow).float()[None, None]
 
     def geometry(depth):
         points = augment.xyz(torch.from_numpy(depth).float()[None, None], fov)
         return torch.cat([augment.normals_of(points), points], 1)
 
-    albedo, normal, _ = nets["mnet"](photo, geometry(full), light)
-    shape = torch.cat([augment.unit(F.avg_pool2d(normal, 2)), geometry(small)[:, 3:]], 1)
+    albedo, normal, _ = nets["mnet"](photo, geometry(full_depth(depth)), light)
+    shape = torch.cat([augment.unit(F.avg_pool2d(normal, 2)), geometry(half_depth(depth))[:, 3:]], 1)
     half, every = lambda x: F.avg_pool2d(x, 2), F.max_pool2d(light, 2)
     found, total = {}, 0
     for name, mask in [*masks.items(), ("inv_lamp", None), ("inv_window", None)]:
@@ -89,8 +78,7 @@ def estimate(nets, photo, depth, fov, masks):
         mine = torch.cat([every, own], 1)
         net, start = nets[kind], lights.begin(shape, mine, kind == "viswinnet")
         found[name] = dict(zip(net.outputs, net(half(photo), shape, half(albedo), mine, start)))
-        row = lambda x: x.flatten(2).transpose(1, 2)
-        total = total + net.shading(found[name], row(shape[:, 3:]), row(shape[:, :3])).transpose(1, 2).unflatten(2, (120, 160))[0]
+        total = total + net.cast(found[name], shape)[0]
     return found, albedo[0], total
 
 

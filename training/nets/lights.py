@@ -303,27 +303,26 @@ class Lights(nn.Module):
                     "mean E_j, not there": none if there else shading.mean().item(),
                 }
                 if title.startswith("network"):
-                    p, expected = guesses[title][-1][k].tolist()
+                    p, told = guesses[title][-1][k].tolist()
                     got = error / (want.mean().item() + 0.05 * whole)
                     item[title] |= {
                         "burns, wrong": float((p > 0.5) != there),
-                        "expected / got error, log": abs(math.log((expected + 1e-3) / (got + 1e-3))),
+                        "expected / got error, log": abs(math.log((told + 1e-3) / (got + 1e-3))),
                     }
             items.append(item)
         return items
+
+    def cast(self, guess, geometry):
+        """E_j of lights at each pixel, [B, 3, h, w]."""
+        row = lambda x: x.flatten(2).transpose(1, 2)
+        return self.shading(guess, row(geometry[:, 3:]), row(geometry[:, :3])).transpose(1, 2).unflatten(2, geometry.shape[-2:])
 
     def pictures(self, rooms, room):
         """Where the lights are on the photo, and the direct light of all of them."""
         x = self.inputs(rooms, room)
         guess = self(**x)
         rows = self.chosen(rooms, room)
-        full = lambda v: v.flatten(2).transpose(1, 2)
-        one = dict(zip(self.outputs, guess))
-        got = (
-            self.shading(one, full(x["geometry"][:, 3:]), full(x["geometry"][:, :3])).transpose(1, 2).unflatten(2, (120, 160)).sum(0)
-            if rows
-            else 0 * x["photo"][0]
-        )
+        got = self.cast(dict(zip(self.outputs, guess)), x["geometry"]).sum(0) if rows else 0 * x["photo"][0]
         want = sum(relight(rooms, room, row, {})["shading"] for row in rows) if rows else got
         scale = 0.5 / max(float(want.mean()), 1e-3)
         planes = {"photo": x["photo"][0], "own": x["lights"][:, 1:].amax(0).expand(3, -1, -1), "network E_j": got * scale, "truth": want * scale}
@@ -448,9 +447,9 @@ def faces(geometry, shading, valid):
     normal, xyz = geometry[:, :3], geometry[:, 3:]
     weight = torch.cat([normal, -normal], 1).clamp(min=0) * valid
     mean = lambda x: F.avg_pool2d(x, (60, 80))
-    share = mean(weight)
-    weighed = lambda x: torch.cat([mean(weight * x[:, k : k + 1]) for k in range(3)], 1) / (share.repeat(1, 3, 1, 1) + 1e-3)
-    return torch.cat([share, weighed(xyz), torch.log(weighed(shading) + 0.02)], 1).flatten(1)
+    much = mean(weight)
+    weighed = lambda x: torch.cat([mean(weight * x[:, k : k + 1]) for k in range(3)], 1) / (much.repeat(1, 3, 1, 1) + 1e-3)
+    return torch.cat([much, weighed(xyz), torch.log(weighed(shading) + 0.02)], 1).flatten(1)
 
 
 def expected(y):

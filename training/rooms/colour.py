@@ -17,6 +17,12 @@ def blackbody(kelvin):
     return np.maximum(XYZ_TO_RGB @ (xyz / xyz[1]), 0.01)
 
 
+def linear(srgb):
+    """sRGB 0..1 to linear."""
+    srgb = np.asarray(srgb, np.float32)
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
 def luminance(rgb):
     """Relative luminance of [..., 3]."""
     return np.asarray(rgb) @ np.array([0.2126, 0.7152, 0.0722])

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from colour import luminance
+from colour import linear, luminance
 
 MEASURES = (
     "dark (10 % of pixels)",
@@ -23,10 +23,6 @@ MEASURES = (
     "median depth",
     "far depth (90 %)",
 )
-
-
-def linear(srgb):
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def measures(rgb, depth):

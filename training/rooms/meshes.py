@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
+from colour import linear
+
 TRIANGLES = 1500  # most triangles of a model
 CREASE = 40.0  # degrees between faces up to which they shade as one
 PATCH = 0.04  # metres; textured faces with longer edges are split while there are triangles left
@@ -13,12 +15,6 @@ CLOTH = ("bed", "sofa", "armchair", "rug", "curtain", "plant")  # authors left B
 CLOTH_ROUGH = 0.7
 FROSTED = ("table", "coffee_table", "desk")  # glass is opaque on these, so that things can stand on it; elsewhere it is left out
 ALBEDO = (0.02, 0.9)  # paints of real things; the files also have 0 and 1
-
-
-def linear(srgb):
-    """sRGB 0..1 to linear."""
-    srgb = np.asarray(srgb, np.float32)
-    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def read_obj(text):
