@@ -1,8 +1,8 @@
-"""The whole way of every network on made-up rooms, two networks at a time: train, go on, evaluate, sheet, plot, export, begin from what was exported.
+"""The whole way of every network on a few rooms, two networks at a time: train, go on, evaluate, sheet, plot, export, begin from what was exported.
 
-usage: smoke.py [--rooms DIR] [NAME ...]
+usage: smoke.py --rooms DIR [NAME ...]
 
-Nothing is kept. With --rooms the rooms of DIR are used instead."""
+Nothing is kept. The rooms must have lights of every kind."""
 
 import argparse
 import os
@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 from data import Rooms
 from networks import NETWORKS
-from synthetic import write
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 
@@ -26,9 +25,6 @@ def run(script, *arguments, fails=False):
 
 def smoke(names, rooms):
     with tempfile.TemporaryDirectory() as folder:
-        if rooms is None:
-            rooms = os.path.join(folder, "rooms")
-            write(rooms, 3)
         at = lambda *parts: os.path.join(folder, *parts)
 
         def whole_way(name):
@@ -52,6 +48,6 @@ def smoke(names, rooms):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME")
-    parser.add_argument("--rooms")
+    parser.add_argument("--rooms", required=True)
     a = parser.parse_args()
     smoke(a.names or list(NETWORKS), a.rooms)
