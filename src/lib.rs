@@ -7,5 +7,6 @@ pub mod files;
 pub mod geometry;
 pub mod graph;
 pub mod image;
+pub mod net;
 pub mod nodes;
 pub mod optics;

@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Room of `src` -> the rooms that it may use.
-const ARROWS: [(&str, &[&str]); 7] = [
-    ("cli", &["files", "nodes", "graph"]),
+const ARROWS: [(&str, &[&str]); 8] = [
+    ("cli", &["files", "nodes", "graph", "net"]),
     ("files", &["graph"]),
-    ("nodes", &["graph", "image", "optics", "geometry"]),
+    ("nodes", &["graph", "image", "optics", "geometry", "net"]),
+    ("net", &["geometry", "image"]),
     ("optics", &["geometry", "image"]),
     ("geometry", &["image"]),
     ("image", &[]),
@@ -18,8 +19,10 @@ const ARROWS: [(&str, &[&str]); 7] = [
 ];
 
 /// Words of code -> the folders or files of `src` that may say them.
-const WORDS: [(&str, &[&str]); 13] = [
+const WORDS: [(&str, &[&str]); 15] = [
     ("exr::", &["image/"]),
+    ("ort::", &["net/"]),
+    ("rten::", &["net/"]),
     ("print!", &["cli/", "main.rs"]),
     ("println!", &["cli/", "main.rs"]),
     ("eprint!", &["cli/", "main.rs"]),

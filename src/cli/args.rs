@@ -64,6 +64,30 @@ pub struct Files {
     /// The standard error to reach, as `1%` or `0.01`: sets the parameter `target_error` of every node that has it.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub target_error: Option<f32>,
+    #[command(flatten)]
+    pub networks: Networks,
+}
+
+/// Where the networks lie, and who computes them.
+#[derive(Args, Clone, Default)]
+pub struct Networks {
+    /// The folder of the networks. Default: `models` beside the program, or in a folder above it.
+    #[arg(long, value_name = "DIR")]
+    pub models: Option<PathBuf>,
+    /// Who computes the networks: `ort` is ONNX Runtime, `rten` is part of this program, `auto` takes ONNX Runtime where its library is found.
+    #[arg(long, value_enum, default_value_t)]
+    pub backend: WhichBackend,
+    /// The library of ONNX Runtime (libonnxruntime.so, .dylib, .dll); else that of the environment variable ORT_DYLIB_PATH, else the system's.
+    #[arg(long, value_name = "PATH")]
+    pub onnxruntime: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum WhichBackend {
+    #[default]
+    Auto,
+    Ort,
+    Rten,
 }
 
 #[derive(Args)]

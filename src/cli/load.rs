@@ -4,9 +4,9 @@ use std::path::Path;
 
 use relight::files::{edit, scene};
 use relight::graph::{Fault, Graph, GraphFile, Overlay, Raw, Registry, Setting, Source, Target, is_name};
-use relight::nodes;
 
 use super::args::Files;
+use super::networks;
 
 /// Reads everything; all faults of all files come at once.
 pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, Vec<Fault>> {
@@ -35,7 +35,14 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
         overlay.settings.extend(layer.settings);
         overlay.members.extend(layer.members);
     }
-    let registry = nodes::registry();
+    let registry = networks::registry(&files.networks);
+    let with_network: Vec<&str> = kinds.iter().flat_map(|kinds| networks::with_network(&registry, kinds)).collect();
+    if !with_network.is_empty() {
+        match networks::choose(&files.networks) {
+            Ok(choice) => overlay.settings.extend(networks::settings(&with_network, &choice.backend)),
+            Err(fault) => faults.push(fault),
+        }
+    }
     if let Some(error) = files.target_error {
         overlay.settings.extend(target_error(&registry, error));
     }

@@ -3,6 +3,7 @@
 mod args;
 mod bench;
 mod load;
+mod networks;
 mod progress;
 mod reference;
 mod report;

@@ -12,7 +12,8 @@ struct Report<'a> {
     edit: String,
     seconds: f64,
     peak_bytes: Option<u64>,
-    backend: &'a str,
+    /// Who computed the networks; nobody where there are none.
+    backend: Option<&'a str>,
     threads: usize,
     nodes: Vec<Row<'a>>,
     warnings: &'a [String],
@@ -39,7 +40,7 @@ pub struct Process<'a> {
     pub edit: &'a Path,
     /// Wall time since the program began.
     pub seconds: f64,
-    pub backend: &'a str,
+    pub backend: Option<&'a str>,
     pub threads: usize,
 }
 

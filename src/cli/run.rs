@@ -7,7 +7,7 @@ use relight::nodes::artifacts::Files;
 
 use super::args::Run;
 use super::progress::Progress;
-use super::{Exit, Trouble, engine, load::load, options, report, terminal, write};
+use super::{Exit, Trouble, engine, load::load, networks, options, report, terminal, write};
 
 pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     let graph = load(&args.graph, Some(&args.edit), &args.files)?;
@@ -15,7 +15,6 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     let mut options = options(&args.cache);
     options.threads = args.threads.map(usize::from);
     options.budget = args.budget;
-    let backend = options.backend.clone();
     let threads = options.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let engine = engine(options)?;
 
@@ -40,14 +39,24 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
             paths.push(write::file(&args.out, name, bytes)?);
         }
     }
+    let registry = networks::registry(&args.files.networks);
+    let kinds: Vec<&str> = done.nodes.iter().map(|node| node.kind).collect();
+    let has_network = networks::with_network(&registry, &kinds).next().is_some();
+    let choice = if has_network { Some(networks::choose(&args.files.networks)?) } else { None };
+    let backend = choice.as_ref().map(|choice| choice.backend.to_string());
+
     let seconds = began.elapsed().as_secs_f64();
-    let process = report::Process { graph: &args.graph, edit: &args.edit, seconds, backend: &backend, threads };
+    let process =
+        report::Process { graph: &args.graph, edit: &args.edit, seconds, backend: backend.as_deref(), threads };
     let json = report::json(&done, &warnings, &process);
     if !args.verify {
         paths.push(write::file(&args.out, "report.json", json.as_bytes())?);
     }
 
     eprint!("{}", report::table(&done));
+    if let Some(choice) = &choice {
+        eprintln!("networks by {}: {}", choice.backend, choice.why);
+    }
     warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
     // What is blocked has its cause among the others.
     let failed = done.nodes.iter().filter(|node| node.status != Status::Blocked);

@@ -1,8 +1,8 @@
 //! `scene.ron`: the photograph, its depth, its camera, and the lights that are seen in it.
 //!
 //! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types say what may stand in
-//! them. The names of the lights, in the order of the file, become members of three sets: `visible`, the lights seen in
-//! the photo; `estimated`, the lights whose place and strength are estimated (the graph adds the invisible ones); and
+//! them. The names of the lights, in the order of the file, become members of sets: `visible`, the lights seen in
+//! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose place and strength are estimated (the graph adds the invisible ones); and
 //! `lights`, all that shine in the result (an edit adds what it inserts). What `truth` names goes to the stages that read what is
 //! known, `ReadLights` and `ReadMaterials`.
 
@@ -24,6 +24,9 @@ const TRUTH: [(&str, &str, &str); 4] = [
 ];
 /// The sets that every light of a scene belongs to.
 const SETS: [&str; 3] = ["visible", "estimated", "lights"];
+
+/// And the set of those that are of one kind.
+const OF_KIND: [(&str, &str); 2] = [("Lamp", "visible_lamps"), ("Window", "visible_windows")];
 
 /// Reads `folder/scene.ron`.
 ///
@@ -48,14 +51,15 @@ pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
     let mut overlay = Overlay::default();
     for (key, value) in fields {
         if key.name == "lights" {
-            for (light, _) in value.as_map(&mut faults) {
+            for (light, spec) in value.as_map(&mut faults) {
                 if INVISIBLE.contains(&light.name.as_str()) {
                     let message = format!("the name `{}` is reserved for a light that is not seen", light.name);
                     faults.push(Fault::at(&light.origin, message));
                 } else if let Err(fault) = check_light_name(&light) {
                     faults.push(fault);
                 }
-                for set in SETS {
+                let of_kind = spec.variant().and_then(|kind| OF_KIND.iter().find(|(name, _)| *name == kind));
+                for set in SETS.into_iter().chain(of_kind.map(|(_, set)| *set)) {
                     let (name, origin) = (light.name.clone(), light.origin.clone());
                     overlay.members.push(Member { set: set.to_owned(), name, origin });
                 }

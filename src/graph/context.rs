@@ -1,8 +1,9 @@
 //! What a running stage may ask of the engine, and how it fails.
 
-use std::sync::Arc;
-use std::sync::Mutex;
+use std::any::Any;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
 
 use super::{Digest, File};
@@ -44,6 +45,7 @@ pub struct Context {
     pub(super) cancel: Cancel,
     /// Digests under which the files of this node stand in its key.
     pub(super) digests: Vec<(File, Digest)>,
+    pub(super) shared: Shared,
     /// When the budget ends, where there is one.
     deadline: Option<Instant>,
     /// Whether the stage was ever told that its time is over.
@@ -51,6 +53,12 @@ pub struct Context {
     rays: AtomicU64,
     meters: Mutex<Meters>,
 }
+
+/// What was made from a file, once, for all nodes of an engine.
+#[derive(Clone, Default)]
+pub(super) struct Shared(Arc<Mutex<BTreeMap<([u8; 32], String), Arc<OnceLock<Made>>>>>);
+
+type Made = Result<Arc<dyn Any + Send + Sync>, NodeError>;
 
 #[derive(Default)]
 struct Meters {
@@ -61,8 +69,13 @@ struct Meters {
 }
 
 impl Context {
-    pub(super) fn new(cancel: Cancel, digests: Vec<(File, Digest)>, deadline: Option<Instant>) -> Context {
-        Context { cancel, digests, deadline, ..Context::default() }
+    pub(super) fn new(
+        cancel: Cancel,
+        digests: Vec<(File, Digest)>,
+        shared: Shared,
+        deadline: Option<Instant>,
+    ) -> Context {
+        Context { cancel, digests, shared, deadline, ..Context::default() }
     }
 
     /// The bytes of a file that the node declared in [`super::Node::files`].
@@ -75,6 +88,29 @@ impl Context {
             return Err(bad("changed while the run was reading it; run again".into()));
         }
         Ok(bytes)
+    }
+
+    /// What `make` makes of the bytes of a file that the node declared: made once for all nodes of the engine that ask for it under
+    /// the same `name`, and kept as long as the engine.
+    pub fn shared<T: Send + Sync + 'static>(
+        &self,
+        file: &File,
+        name: &str,
+        make: impl FnOnce(Vec<u8>) -> Result<T, NodeError>,
+    ) -> Result<Arc<T>, NodeError> {
+        let digest = self.digests.iter().find(|(f, _)| f == file).map(|(_, digest)| digest.0);
+        let open = || -> Made { Ok(Arc::new(make(self.read(file)?)?)) };
+        let made = match digest {
+            Some(digest) => {
+                let mut all = self.shared.0.lock().expect("nothing panics while it holds this lock");
+                let cell = all.entry((digest, name.to_owned())).or_default().clone();
+                drop(all);
+                cell.get_or_init(open).clone()
+            }
+            // Outside of an engine nothing is known of the file yet.
+            None => open(),
+        };
+        made?.downcast().map_err(|_| NodeError::Failed(format!("{name}: made twice, as two different types")))
     }
 
     /// Stops the stage when the run was cancelled. Call it between rows or passes.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::cache::Entry;
-use super::context::Cancel;
+use super::context::{Cancel, Shared};
 use super::disk::DiskCache;
 use super::key::{Why, first_change};
 use super::network::{Graph, Wanted};
@@ -61,6 +61,7 @@ pub struct Engine {
     pub(super) budget: Option<Duration>,
     pool: rayon::ThreadPool,
     pub(super) store: Store,
+    pub(super) shared: Shared,
 }
 
 /// What is known of an instance before anything runs.
@@ -84,7 +85,7 @@ impl Engine {
             .map_err(std::io::Error::other)?;
         let disk = options.cache_dir.map(DiskCache::new);
         let store = Store::new(options.memory_bytes, disk, options.disk_bytes);
-        Ok(Engine { backend: options.backend, budget: options.budget, pool, store })
+        Ok(Engine { backend: options.backend, budget: options.budget, pool, store, shared: Shared::default() })
     }
 
     pub fn threads(&self) -> usize {

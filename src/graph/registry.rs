@@ -1,11 +1,15 @@
 //! The kinds of nodes that graph files may name, with their types forgotten.
 
+use std::path::PathBuf;
+
 use super::{Context, Digest, File, Inputs, Node, NodeError, Outputs, ParamSpec, Params, PortSpec, PortValue, Value};
 
 /// The list of node kinds.
 #[derive(Default)]
 pub struct Registry {
     kinds: Vec<KindSpec>,
+    /// Where files that a stage names by default lie, and what to do when they do not.
+    pub(super) library: Option<(PathBuf, String)>,
 }
 
 /// What a kind of node is: the source of checks, of messages and of the node reference.
@@ -36,6 +40,12 @@ impl Registry {
             outputs: N::Out::ports(),
             make: || Box::new(N::default()),
         });
+        self
+    }
+
+    /// The same list, with the folder of the files that stages name by default; `help` is told when one of them is not there.
+    pub fn with_library(mut self, folder: PathBuf, help: impl Into<String>) -> Registry {
+        self.library = Some((folder, help.into()));
         self
     }
 

@@ -37,7 +37,7 @@ impl GraphFile {
         let mut digests = FileDigests::default();
         let mut built = Vec::new();
         for (decl, kind) in self.nodes.iter().zip(&kinds) {
-            built.push(kind.and_then(|kind| build(decl, kind, overlay, &mut digests, &mut faults)));
+            built.push(kind.and_then(|kind| build(decl, kind, registry, overlay, &mut digests, &mut faults)));
         }
         let mut wired = Vec::new();
         for (decl, kind) in self.nodes.iter().zip(&kinds) {
@@ -397,6 +397,7 @@ impl Built {
 fn build(
     decl: &NodeDecl,
     kind: &KindSpec,
+    registry: &Registry,
     overlay: &Overlay,
     digests: &mut FileDigests,
     faults: &mut Vec<Fault>,
@@ -404,6 +405,9 @@ fn build(
     let before = faults.len();
     let mut sound = true;
     let mut op = (kind.make)();
+    for file in op.files().into_iter().filter(|file| !file.path.is_empty()) {
+        file.base = Some(registry.library.as_ref().map_or_else(PathBuf::new, |(folder, _)| folder.clone()));
+    }
     // Where each parameter was last set, and where each file was named.
     let mut set_at: BTreeMap<String, Origin> = BTreeMap::new();
     let mut named_at: Vec<(File, Origin)> = Vec::new();
@@ -442,11 +446,14 @@ fn build(
     let files: Vec<File> = op.files().into_iter().map(|file| file.clone()).collect();
     let mut read = Vec::new();
     for file in files {
-        let place = named_at.iter().rev().find(|(f, _)| *f == file).map_or(declared, |(_, origin)| origin);
+        let named = named_at.iter().rev().find(|(f, _)| *f == file).map(|(_, origin)| origin);
         match digests.of(&file) {
             Ok(digest) => read.push((file, digest)),
             Err(message) => {
-                faults.push(Fault::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
+                let message = format!("node `{}` ({}): {message}", decl.name.name, kind.kind);
+                let fault = Fault::at(named.unwrap_or(declared), message);
+                let help = registry.library.as_ref().filter(|_| named.is_none() && !file.path.is_empty());
+                faults.push(help.into_iter().fold(fault, |fault, (_, help)| fault.help(help)));
             }
         }
     }

@@ -275,7 +275,7 @@ impl<'a> Run<'a> {
         #[expect(clippy::disallowed_methods, reason = "times the node for its report and its budget")]
         let began = Instant::now();
         let deadline = budget.and_then(|budget| began.checked_add(budget));
-        let ctx = Context::new(self.cancel.clone(), node.files.clone(), deadline);
+        let ctx = Context::new(self.cancel.clone(), node.files.clone(), self.engine.shared.clone(), deadline);
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,
             Ok(Err(NodeError::Cancelled)) => return Err(Stop::Cancelled),

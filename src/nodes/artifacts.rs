@@ -1,12 +1,13 @@
 //! Which types may travel on wires, and the members that every scene has.
 
+use glam::Vec3;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::geometry::{Camera, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{Albedo, Bytes, Depth, Normal, Plane, Points, Roughness, Segments, Shading, Transfer};
 pub use crate::image::{Mask, Picture};
-use crate::optics::{LightKind, Radiance, Shape, Transport};
+use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Shape, Transport};
 
 /// The member that stands for lamps out of view.
 pub const INV_LAMP: &str = "inv_lamp";
@@ -47,6 +48,9 @@ artifacts! {
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),
     Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),
     UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).chain(i.stderr.iter().map(Plane::bytes)).sum(),
+    Guess: |g| g.shape.bytes() + g.radiance.0.len() * 12,
+    Remainder: |r| r.left.bytes(),
+    Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(),
     LightKind: |_| size_of::<LightKind>(),
     Encoding: |_| size_of::<Encoding>(),
     Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
@@ -77,6 +81,28 @@ pub struct UnitIndirect {
     pub lobes: Vec<Shading>,
     /// Standard error of each lobe's luminance. All lobes and lights share their rays, so their errors go together.
     pub stderr: Vec<Plane<f32>>,
+}
+
+/// What a network says of one light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Guess {
+    pub shape: Shape,
+    pub radiance: Radiance,
+    /// Probability that it burns at all, 0..=1.
+    pub burns: f32,
+    /// Expected error of its direct shading, as a share of that.
+    pub error: f32,
+}
+
+/// What the photo's shading leaves when all direct light is taken away.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Remainder {
+    /// Zero where the photo is white or shows a light.
+    pub left: Plane<Vec3>,
+    /// Mean direct shading.
+    pub direct: Vec3,
+    /// What all lights send, square metres times radiance.
+    pub power: Vec3,
 }
 
 /// How the photo was stored, so that the result can be stored alike.

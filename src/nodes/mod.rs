@@ -3,6 +3,7 @@
 pub mod artifacts;
 pub mod edit;
 pub mod estimate;
+mod learned;
 pub mod output;
 pub mod render;
 pub mod scene;
@@ -17,14 +18,23 @@ pub fn registry() -> Registry {
         .with::<scene::read_lights::ReadLights>()
         .with::<scene::read_materials::ReadMaterials>()
         .with::<estimate::retinex_materials::RetinexMaterials>()
+        .with::<estimate::mnet::MNet>()
+        .with::<estimate::vis_lamp_net::VisLampNet>()
+        .with::<estimate::vis_win_net::VisWinNet>()
+        .with::<estimate::inv_lamp_net::InvLampNet>()
+        .with::<estimate::inv_win_net::InvWinNet>()
         .with::<estimate::init_lights::InitLights>()
+        .with::<estimate::remains::Remains>()
         .with::<estimate::fit_lights::FitLights>()
         .with::<estimate::paint::Paint>()
         .with::<edit::edit_lights::EditLights>()
         .with::<render::direct::Direct>()
         .with::<render::shadow::Shadow>()
+        .with::<render::shadow_net::ShadowNet>()
         .with::<render::transport::Transport>()
         .with::<render::trace_indirect::TraceIndirect>()
+        .with::<render::indirect::Indirect>()
+        .with::<render::light_net::LightNet>()
         .with::<render::mix::Mix>()
         .with::<render::glow::Glow>()
         .with::<output::compose::Compose>()

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Status, Value};
 
-use crate::cli::args::{Bench, Files};
+use crate::cli::args::{Bench, Files, Networks};
 use crate::cli::{Exit, Trouble, engine, load::load, run::stop_on_ctrl_c};
 
 /// Why a measurement ends early.
@@ -150,7 +150,7 @@ impl Session {
             let named = self.nodes.iter().filter(|node| node.kind == *kind);
             set.extend(named.map(|node| format!("{}.{field}={value}", node.name)));
         }
-        Files { scene: self.scene.clone(), set, target_error: None }
+        Files { scene: self.scene.clone(), set, target_error: None, networks: Networks::default() }
     }
 
     fn run(&self, engine: &Engine, sets: &[Set], wanted: &[String]) -> Result<RunReport, Stop> {

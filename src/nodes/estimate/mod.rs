@@ -2,5 +2,11 @@
 
 pub mod fit_lights;
 pub mod init_lights;
+pub mod inv_lamp_net;
+pub mod inv_win_net;
+pub mod mnet;
 pub mod paint;
+pub mod remains;
 pub mod retinex_materials;
+pub mod vis_lamp_net;
+pub mod vis_win_net;

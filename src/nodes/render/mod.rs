@@ -2,8 +2,11 @@
 
 pub mod direct;
 pub mod glow;
+pub mod indirect;
+pub mod light_net;
 pub mod mix;
 pub mod shadow;
+pub mod shadow_net;
 pub mod trace_indirect;
 pub mod transport;
 

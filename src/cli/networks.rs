@@ -1,0 +1,86 @@
+//! Where the networks lie, and who computes them.
+
+use std::path::{Path, PathBuf};
+
+use relight::graph::{Fault, Raw, Registry, Setting, Source, Target};
+use relight::net::{Backend, find_onnxruntime};
+use relight::nodes;
+
+use super::args::{Networks, WhichBackend};
+
+/// The parameter of every stage with a network that says who computes it.
+const FIELD: &str = "backend";
+const HELP: &str = "the networks ship in the folder models/: keep it beside the program, or name it with --models DIR";
+
+/// All stages, with the folder of their networks.
+pub fn registry(args: &Networks) -> Registry {
+    nodes::registry().with_library(args.models.clone().unwrap_or_else(beside_the_program), HELP)
+}
+
+/// The folder `models` beside the program or in a folder above it, as in a checkout; else that of the working directory.
+fn beside_the_program() -> PathBuf {
+    let program = std::env::current_exe().and_then(|path| path.canonicalize()).unwrap_or_default();
+    let above = program.ancestors().skip(1).take(4).map(|folder| folder.join("models"));
+    above.into_iter().find(|folder| folder.join("mnet.onnx").is_file()).unwrap_or_else(|| "models".into())
+}
+
+/// Who computes the networks, and why it is that one.
+pub struct Choice {
+    pub backend: Backend,
+    pub why: String,
+}
+
+/// Looks for ONNX Runtime unless rten is asked for.
+///
+/// # Errors
+/// A library that a person named, or asked for, and that cannot be used.
+pub fn choose(args: &Networks) -> Result<Choice, Fault> {
+    let named = args.onnxruntime.clone().map(|path| (path, "--onnxruntime"));
+    let variable = || std::env::var_os("ORT_DYLIB_PATH").filter(|v| !v.is_empty());
+    let named = named.or_else(|| variable().map(|path| (PathBuf::from(path), "ORT_DYLIB_PATH")));
+    let found =
+        |backend, path: &Path, how: &str| Choice { backend, why: format!("found at {} ({how})", path.display()) };
+    match (args.backend, named) {
+        (WhichBackend::Rten, _) => Ok(Choice { backend: Backend::Rten, why: "asked for with --backend".into() }),
+        (_, Some((path, how))) => match find_onnxruntime(&path) {
+            Ok(backend) => Ok(found(backend, &path, how)),
+            Err(e) => Err(Fault::file(&path, format!("wanted a library of ONNX Runtime 1.17 or later ({how}): {e}"))
+                .help("--backend rten needs no library")),
+        },
+        (which, None) => {
+            let path = Path::new(SYSTEM);
+            match find_onnxruntime(path) {
+                Ok(backend) => Ok(found(backend, path, "where the system keeps libraries")),
+                Err(_) if which == WhichBackend::Auto => Ok(Choice {
+                    backend: Backend::Rten,
+                    why: "no ONNX Runtime was found; it is about twice as fast: --onnxruntime PATH names its library"
+                        .into(),
+                }),
+                Err(e) => Err(Fault::file("--backend".as_ref(), format!("no ONNX Runtime was found: {e}"))
+                    .help("name its library with --onnxruntime PATH")),
+            }
+        }
+    }
+}
+
+#[cfg(windows)]
+const SYSTEM: &str = "onnxruntime.dll";
+#[cfg(target_os = "macos")]
+const SYSTEM: &str = "libonnxruntime.dylib";
+#[cfg(not(any(windows, target_os = "macos")))]
+const SYSTEM: &str = "libonnxruntime.so";
+
+/// Kinds of nodes that have a network.
+pub fn with_network<'a>(registry: &'a Registry, kinds: &'a [&str]) -> impl Iterator<Item = &'a str> {
+    let has = |kind: &&str| registry.get(kind).is_some_and(|spec| spec.params.iter().any(|p| p.name == FIELD));
+    kinds.iter().copied().filter(has)
+}
+
+/// The settings that tell all of `kinds` who computes their network.
+pub fn settings(kinds: &[&str], backend: &Backend) -> Vec<Setting> {
+    let text = relight::graph::to_ron(backend);
+    let value = Raw::document(&Source::new("--backend", text), &mut Vec::new()).expect("a backend is a RON value");
+    let setting =
+        |kind: &&str| Setting { target: Target::Kind((*kind).into()), field: FIELD.into(), value: value.clone() };
+    kinds.iter().map(setting).collect()
+}

@@ -1,0 +1,157 @@
+//! Networks behind one function: ONNX in, planes in, planes out, whichever backend computes them.
+//!
+//! [`Backend::Rten`] is always there; [`Backend::OnnxRuntime`] once [`find_onnxruntime`] has loaded its library. On one backend, the same
+//! inputs give the same bits for any number of threads; between backends, results differ by rounding (tests/networks.rs).
+
+mod onnxruntime;
+mod planes;
+mod rten;
+mod shipped;
+mod tensor;
+pub mod view;
+
+use serde::{Deserialize, Serialize};
+
+pub use onnxruntime::find as find_onnxruntime;
+pub use planes::{Layer, planes_of};
+pub use shipped::{CARDS, check_digest};
+pub use tensor::Tensor;
+
+/// Who computes a network.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Backend {
+    /// In pure Rust, part of this program.
+    #[default]
+    Rten,
+    /// A library of Microsoft's ONNX Runtime found at the start; the text names its build, as builds may differ in rounding.
+    OnnxRuntime(String),
+}
+
+impl std::fmt::Display for Backend {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Backend::Rten => write!(f, "rten"),
+            Backend::OnnxRuntime(_) => write!(f, "ONNX Runtime"),
+        }
+    }
+}
+
+/// Why a network gave nothing.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum NetError {
+    /// The file is no network, or one that this backend cannot run.
+    #[error("{0}")]
+    Damaged(String),
+    /// Its inputs or outputs are others than those that are asked for.
+    #[error("{0}")]
+    Mismatch(String),
+    /// The backend is not there.
+    #[error("{0}")]
+    NoBackend(String),
+    /// It could not be computed.
+    #[error("{0}")]
+    Run(String),
+}
+
+/// An input or output: its name, and its shape as far as it is fixed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Port {
+    pub name: String,
+    /// `None` for a dimension, or for all of them, that the file leaves open.
+    pub shape: Option<Vec<Option<usize>>>,
+}
+
+/// A network that is loaded and ready.
+pub struct Network {
+    model: Model,
+    inputs: Vec<Port>,
+    outputs: Vec<Port>,
+}
+
+enum Model {
+    Rten(Box<rten::Loaded>),
+    OnnxRuntime(Box<onnxruntime::Loaded>),
+}
+
+impl Network {
+    /// A network from the bytes of an ONNX file, computed by at most `threads` threads.
+    ///
+    /// # Errors
+    /// `Damaged`, `NoBackend`.
+    pub fn load(bytes: Vec<u8>, backend: &Backend, threads: usize) -> Result<Network, NetError> {
+        let (model, inputs, outputs) = match backend {
+            Backend::Rten => {
+                let (loaded, inputs, outputs) = rten::Loaded::new(bytes, threads)?;
+                (Model::Rten(Box::new(loaded)), inputs, outputs)
+            }
+            Backend::OnnxRuntime(build) => {
+                let (loaded, inputs, outputs) = onnxruntime::Loaded::new(&bytes, build, threads)?;
+                (Model::OnnxRuntime(Box::new(loaded)), inputs, outputs)
+            }
+        };
+        Ok(Network { model, inputs, outputs })
+    }
+
+    pub fn inputs(&self) -> &[Port] {
+        &self.inputs
+    }
+
+    pub fn outputs(&self) -> &[Port] {
+        &self.outputs
+    }
+
+    /// Whether these are its inputs and among its outputs, by name and shape.
+    ///
+    /// # Errors
+    /// `Mismatch`, which tells the first that is not.
+    pub fn expect(&self, inputs: &[(&str, &[usize])], outputs: &[&str]) -> Result<(), NetError> {
+        let names = |ports: &[Port]| ports.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
+        for (name, wanted) in inputs {
+            let Some(port) = self.inputs.iter().find(|port| port.name == *name) else {
+                return Err(NetError::Mismatch(format!("wanted an input `{name}`, got {}", names(&self.inputs))));
+            };
+            let fits = port.shape.as_ref().is_none_or(|shape| {
+                shape.len() == wanted.len() && shape.iter().zip(*wanted).all(|(got, w)| got.is_none_or(|got| got == *w))
+            });
+            if !fits {
+                return Err(NetError::Mismatch(format!("input `{name}`: wanted {wanted:?}, got {}", shown(port))));
+            }
+        }
+        if let Some(port) = self.inputs.iter().find(|port| inputs.iter().all(|(name, _)| port.name != *name)) {
+            return Err(NetError::Mismatch(format!("it has an input `{}` that nothing feeds", port.name)));
+        }
+        for name in outputs {
+            if self.outputs.iter().all(|port| port.name != *name) {
+                return Err(NetError::Mismatch(format!("wanted an output `{name}`, got {}", names(&self.outputs))));
+            }
+        }
+        Ok(())
+    }
+
+    /// Computes the outputs of these names from all inputs.
+    ///
+    /// # Errors
+    /// `Run`; `Mismatch` when an output that is not all finite 32-bit numbers comes out.
+    pub fn run<const N: usize>(
+        &self,
+        inputs: Vec<(&str, Tensor)>,
+        outputs: [&str; N],
+    ) -> Result<[Tensor; N], NetError> {
+        let got = match &self.model {
+            Model::Rten(model) => model.run(inputs, &outputs)?,
+            Model::OnnxRuntime(model) => model.run(inputs, &outputs)?,
+        };
+        for (name, tensor) in outputs.iter().zip(&got) {
+            if let Some(wrong) = tensor.data().iter().find(|v| !v.is_finite()) {
+                return Err(NetError::Mismatch(format!("output `{name}`: wanted finite numbers, got {wrong}")));
+            }
+        }
+        got.try_into().map_err(|_| NetError::Run("it gave another number of outputs than was asked for".into()))
+    }
+}
+
+fn shown(port: &Port) -> String {
+    let open = |n: &Option<usize>| n.map_or("?".to_owned(), |n| n.to_string());
+    let shape = port.shape.as_ref().map(|shape| shape.iter().map(open).collect::<Vec<_>>().join(", "));
+    shape.map_or("any shape".into(), |shape| format!("[{shape}]"))
+}

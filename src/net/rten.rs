@@ -1,0 +1,59 @@
+//! The backend in pure Rust.
+
+use std::sync::Arc;
+
+use rten::{Dimension, Model, NodeId, RunOptions, ThreadPool, Value};
+use rten_tensor::AsView;
+use rten_tensor::prelude::*;
+
+use super::{NetError, Port, Tensor};
+
+pub struct Loaded {
+    model: Model,
+    options: RunOptions,
+}
+
+impl Loaded {
+    pub fn new(bytes: Vec<u8>, threads: usize) -> Result<(Loaded, Vec<Port>, Vec<Port>), NetError> {
+        // On a thread of its own: one of the engine's, waiting for rten's pool inside, could take up a stage that waits for this network.
+        let load = std::thread::scope(|scope| scope.spawn(|| Model::load(bytes)).join());
+        let model = match load {
+            Ok(model) => model.map_err(|e| NetError::Damaged(e.to_string()))?,
+            Err(_) => return Err(NetError::Damaged("reading it panicked".into())),
+        };
+        let port = |&id: &NodeId| {
+            let info = model.node_info(id);
+            let size = |dimension: &Dimension| match dimension {
+                Dimension::Fixed(n) => Some(*n),
+                Dimension::Symbolic(_) => None,
+            };
+            Port {
+                name: info.as_ref().and_then(|info| info.name()).unwrap_or_default().to_owned(),
+                shape: info.and_then(|info| Some(info.shape()?.iter().map(size).collect())),
+            }
+        };
+        let inputs = model.input_ids().iter().map(port).collect();
+        let outputs = model.output_ids().iter().map(port).collect();
+        let pool = Arc::new(ThreadPool::with_num_threads(threads));
+        let options = RunOptions::default().with_thread_pool(Some(pool));
+        Ok((Loaded { model, options }, inputs, outputs))
+    }
+
+    pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
+        let failed = |e: &dyn std::fmt::Display| NetError::Run(e.to_string());
+        let id = |name: &str| self.model.node_id(name).map_err(|e| failed(&e));
+        let mut values = Vec::new();
+        for (name, tensor) in inputs {
+            let shape = tensor.shape().to_vec();
+            let value = rten_tensor::Tensor::from_data(&shape, tensor.into_data());
+            values.push((id(name)?, Value::from(value).into()));
+        }
+        let wanted = outputs.iter().map(|name| id(name)).collect::<Result<Vec<_>, _>>()?;
+        let got = self.model.run(values, &wanted, Some(self.options.clone())).map_err(|e| failed(&e))?;
+        let taken = got.into_iter().map(|value| {
+            let value: rten_tensor::Tensor<f32> = value.try_into().map_err(|e| failed(&e))?;
+            Ok(Tensor::new(value.shape(), value.to_vec()))
+        });
+        taken.collect()
+    }
+}

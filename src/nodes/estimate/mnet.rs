@@ -1,0 +1,88 @@
+//! `MNet`: materials by a network.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::geometry::Camera;
+use crate::graph::{Context, File, Gather, Node, NodeError};
+use crate::image::{Albedo, Depth, Mask, Normal, Picture, Roughness, resize};
+use crate::net::view::{Geometry, View};
+use crate::net::{Backend, Layer, planes_of};
+use crate::nodes::learned::{self, FULL_1, FULL_3, FULL_6};
+use crate::{params, ports};
+
+params! {
+    /// Estimates albedo, normal and roughness of every pixel from a photo and its depth.
+    ///
+    /// Works at 320 x 240, to which the photo is brought; an aspect ratio far from 4:3 is outside of what it was trained on.
+    pub struct MNet {
+        /// The network, ONNX with the inputs and outputs that models/mnet.md names.
+        model: File = File::new("mnet.onnx"),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+    }
+}
+
+ports! {
+    pub input MNetIn {
+        /// The linear photo, working size.
+        photo: Arc<Picture>,
+        /// Planar z.
+        depth: Arc<Depth>,
+        /// The camera; brought to the network's size.
+        camera: Arc<Camera>,
+        /// Pixels of each visible light.
+        masks: Gather<Mask>,
+    }
+}
+
+ports! {
+    pub output MNetOut {
+        /// 0.02..=0.95, the photo's size.
+        albedo: Arc<Albedo>,
+        /// Unit length, facing the camera, the photo's size.
+        normal: Arc<Normal>,
+        /// 0..=1, the photo's size.
+        roughness: Arc<Roughness>,
+    }
+}
+
+impl Node for MNet {
+    const KIND: &'static str = "MNet";
+    const VERSION: u32 = 1;
+    type In = MNetIn;
+    type Out = MNetOut;
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: MNetIn, ctx: &Context) -> Result<MNetOut, NodeError> {
+        let MNetIn { photo, depth, camera, masks } = inputs;
+        let (ports, outputs) =
+            ([("photo", FULL_3), ("geometry", FULL_6), ("light", FULL_1)], ["albedo", "normal", "rough"]);
+        let network = learned::network(ctx, &self.model, &self.backend, &ports, &outputs)?;
+        let view = View::new(&photo, masks.iter().map(|(_, mask)| &**mask));
+        let tensors = vec![
+            ("photo", planes_of(&[Layer::Colour(&view.photo)])),
+            ("geometry", Geometry::raw(&depth, &camera).tensor()),
+            ("light", planes_of(&[Layer::Grey(&view.light)])),
+        ];
+        let [albedo, normal, rough] = learned::computed(&network, tensors, outputs)?;
+        let (width, height) = photo.0.size();
+        let camera = camera.resized(width, height);
+        let mut normal = resize(&normal.colour(0), width, height);
+        for (i, n) in normal.pixels_mut().iter_mut().enumerate() {
+            let ray = camera.pixel_point(i % width, i / width, 1.0);
+            let unit = n.try_normalize().unwrap_or_else(|| -ray.normalize());
+            *n = if unit.dot(ray) > 0.0 { -unit } else { unit };
+        }
+        let (least, most) = (Vec3::splat(0.02), Vec3::splat(0.95));
+        Ok(MNetOut {
+            albedo: Arc::new(Albedo(resize(&albedo.colour(0), width, height).map(|a| a.clamp(least, most)))),
+            normal: Arc::new(Normal(normal)),
+            roughness: Arc::new(Roughness(resize(&rough.grey(0), width, height).map(|r| r.clamp(0.0, 1.0)))),
+        })
+    }
+}

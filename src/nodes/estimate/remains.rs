@@ -1,0 +1,80 @@
+//! `Remains`: what the photo leaves for indirect light.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::graph::{Context, Gather, Node, NodeError};
+use crate::image::{Albedo, Mask, Picture, Plane};
+use crate::nodes::artifacts::{Remainder, UnitDirect, Visibility};
+use crate::optics::{Radiance, Shape, flux};
+use crate::{params, ports};
+
+params! {
+    /// Takes all direct light from the photo's shading: what is left is indirect light, and tells how bright the unseen part of the room is.
+    ///
+    /// left = photo / albedo - sum of w x direct x visibility, zero where the photo is white or shows a light.
+    pub struct Remains {}
+}
+
+ports! {
+    pub input RemainsIn {
+        /// The linear photo, working size.
+        photo: Arc<Picture>,
+        /// Share of saturated pixels.
+        clipped: Arc<Mask>,
+        /// Albedo.
+        albedo: Arc<Albedo>,
+        /// Pixels of each visible light.
+        masks: Gather<Mask>,
+        /// Every light as estimated.
+        shape: Gather<Shape>,
+        /// Its radiance, as far as it is known before the fit.
+        radiance: Gather<Radiance>,
+        /// Its unshadowed unit shading.
+        direct: Gather<UnitDirect>,
+        /// Its visibility.
+        visibility: Gather<Visibility>,
+    }
+}
+
+ports! {
+    pub output RemainsOut {
+        /// What is left, and what burns.
+        remainder: Arc<Remainder>,
+    }
+}
+
+impl Node for Remains {
+    const KIND: &'static str = "Remains";
+    const VERSION: u32 = 1;
+    type In = RemainsIn;
+    type Out = RemainsOut;
+
+    fn run(&self, inputs: RemainsIn, _: &Context) -> Result<RemainsOut, NodeError> {
+        let (width, height) = inputs.photo.0.size();
+        let mut lit = Plane::filled(width, height, Vec3::ZERO);
+        let mut power = Vec3::ZERO;
+        for (id, direct) in inputs.direct.iter() {
+            let missing = |what: &str| NodeError::Failed(format!("light {id:?} has no {what}"));
+            let visibility = inputs.visibility.get(id).ok_or_else(|| missing("visibility"))?;
+            let radiance = inputs.radiance.get(id).ok_or_else(|| missing("radiance"))?;
+            let shape = inputs.shape.get(id).ok_or_else(|| missing("shape"))?;
+            for (lobe, &w) in radiance.0.iter().enumerate().filter(|(_, w)| **w != Vec3::ZERO) {
+                power += w * flux(shape, lobe);
+                let (direct, visible) = (direct.lobes[lobe].pixels(), visibility.lit[lobe].pixels());
+                lit.pixels_mut().iter_mut().enumerate().for_each(|(i, lit)| *lit += w * direct[i] * visible[i]);
+            }
+        }
+        let mut hidden = inputs.clipped.0.map(|share| share > 0.0);
+        for (_, mask) in inputs.masks.iter() {
+            hidden.pixels_mut().iter_mut().zip(mask.0.pixels()).for_each(|(hidden, share)| *hidden |= *share > 0.0);
+        }
+        let left = Plane::from_fn(width, height, |x, y| {
+            let albedo = inputs.albedo.0.get(x, y).max(Vec3::splat(0.03));
+            if hidden.get(x, y) { Vec3::ZERO } else { inputs.photo.0.get(x, y) / albedo - lit.get(x, y) }
+        });
+        let mean = lit.pixels().iter().sum::<Vec3>() / lit.len().max(1) as f32;
+        Ok(RemainsOut { remainder: Arc::new(Remainder { left, direct: mean, power }) })
+    }
+}

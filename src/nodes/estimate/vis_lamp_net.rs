@@ -1,0 +1,69 @@
+//! `VisLampNet`: a lamp that the photo shows, by a network.
+
+use std::sync::Arc;
+
+use crate::geometry::Camera;
+use crate::graph::{Context, File, Gather, Node, NodeError};
+use crate::image::{Albedo, Depth, Mask, Normal, Picture};
+use crate::net::Backend;
+use crate::nodes::artifacts::Guess;
+use crate::nodes::learned::{self, LAMP_OUTPUTS, LIGHT_INPUTS, LitRoom};
+use crate::{params, ports};
+
+params! {
+    /// Estimates a lamp that is seen: a box that shines with one radiance.
+    ///
+    /// Needs no truth but the photo, its depth and its masks; made for a room like those that it was trained on (models/vislampnet.md), it is a
+    /// start for a fit, with a confidence.
+    pub struct VisLampNet {
+        /// The network, ONNX with the inputs and outputs that models/vislampnet.md names.
+        model: File = File::new("vislampnet.onnx"),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+    }
+}
+
+ports! {
+    pub input VisLampNetIn {
+        /// The linear photo.
+        photo: Arc<Picture>,
+        /// Planar z.
+        depth: Arc<Depth>,
+        /// The camera; brought to the network's size.
+        camera: Arc<Camera>,
+        /// Normals of the seen surface.
+        normal: Arc<Normal>,
+        /// Albedo.
+        albedo: Arc<Albedo>,
+        /// Pixels of each visible light.
+        masks: Gather<Mask>,
+        /// The pixels of this light.
+        mask: Arc<Mask>,
+    }
+}
+
+ports! {
+    pub output VisLampNetOut {
+        /// The lamp, or nothing where it has no pixel at the network's size.
+        guess: Arc<Guess>,
+    }
+}
+
+impl Node for VisLampNet {
+    const KIND: &'static str = "VisLampNet";
+    const VERSION: u32 = 1;
+    type In = VisLampNetIn;
+    type Out = VisLampNetOut;
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: VisLampNetIn, ctx: &Context) -> Result<VisLampNetOut, NodeError> {
+        let VisLampNetIn { photo, depth, camera, normal, albedo, masks, mask } = inputs;
+        let network = learned::network(ctx, &self.model, &self.backend, &LIGHT_INPUTS, &LAMP_OUTPUTS)?;
+        let room = LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
+        let guess = room.lamp(&network, Some(&mask))?.unwrap_or_else(learned::nothing);
+        Ok(VisLampNetOut { guess: Arc::new(guess) })
+    }
+}

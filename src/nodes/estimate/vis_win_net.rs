@@ -1,0 +1,69 @@
+//! `VisWinNet`: a window that the photo shows, by a network.
+
+use std::sync::Arc;
+
+use crate::geometry::Camera;
+use crate::graph::{Context, File, Gather, Node, NodeError};
+use crate::image::{Albedo, Depth, Mask, Normal, Picture};
+use crate::net::Backend;
+use crate::nodes::artifacts::Guess;
+use crate::nodes::learned::{self, LIGHT_INPUTS, LitRoom, WINDOW_OUTPUTS};
+use crate::{params, ports};
+
+params! {
+    /// Estimates a window that is seen: a rectangle before sun, sky and ground.
+    ///
+    /// Needs no truth but the photo, its depth and its masks; made for a room like those that it was trained on (models/viswinnet.md), it is a
+    /// start for a fit, with a confidence.
+    pub struct VisWinNet {
+        /// The network, ONNX with the inputs and outputs that models/viswinnet.md names.
+        model: File = File::new("viswinnet.onnx"),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+    }
+}
+
+ports! {
+    pub input VisWinNetIn {
+        /// The linear photo.
+        photo: Arc<Picture>,
+        /// Planar z.
+        depth: Arc<Depth>,
+        /// The camera; brought to the network's size.
+        camera: Arc<Camera>,
+        /// Normals of the seen surface.
+        normal: Arc<Normal>,
+        /// Albedo.
+        albedo: Arc<Albedo>,
+        /// Pixels of each visible light.
+        masks: Gather<Mask>,
+        /// The pixels of this light.
+        mask: Arc<Mask>,
+    }
+}
+
+ports! {
+    pub output VisWinNetOut {
+        /// The window, or nothing where it has no pixel at the network's size.
+        guess: Arc<Guess>,
+    }
+}
+
+impl Node for VisWinNet {
+    const KIND: &'static str = "VisWinNet";
+    const VERSION: u32 = 1;
+    type In = VisWinNetIn;
+    type Out = VisWinNetOut;
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: VisWinNetIn, ctx: &Context) -> Result<VisWinNetOut, NodeError> {
+        let VisWinNetIn { photo, depth, camera, normal, albedo, masks, mask } = inputs;
+        let network = learned::network(ctx, &self.model, &self.backend, &LIGHT_INPUTS, &WINDOW_OUTPUTS)?;
+        let room = LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
+        let guess = room.window(&network, Some(&mask))?.unwrap_or_else(learned::nothing);
+        Ok(VisWinNetOut { guess: Arc::new(guess) })
+    }
+}

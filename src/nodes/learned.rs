@@ -1,0 +1,143 @@
+//! What stages with a network have in common: the file, the backend, the room as networks take it.
+
+use std::sync::Arc;
+
+use crate::geometry::Camera;
+use crate::graph::{Context, File, Gather, NodeError};
+use crate::image::{Albedo, Depth, Mask, Normal, Picture, resize};
+use crate::net::view::{FULL, Geometry, HALF, View, own_half};
+use crate::net::{Backend, Layer, NetError, Network, Tensor, check_digest, planes_of};
+use crate::nodes::artifacts::Guess;
+use crate::optics::{Lamp, Lobe, Radiance, Shape, Window};
+
+/// Shapes of inputs.
+pub const FULL_1: &[usize] = &[1, 1, FULL.1, FULL.0];
+pub const FULL_3: &[usize] = &[1, 3, FULL.1, FULL.0];
+pub const FULL_6: &[usize] = &[1, 6, FULL.1, FULL.0];
+pub const HALF_1: &[usize] = &[1, 1, HALF.1, HALF.0];
+pub const HALF_2: &[usize] = &[1, 2, HALF.1, HALF.0];
+pub const HALF_3: &[usize] = &[1, 3, HALF.1, HALF.0];
+pub const HALF_5: &[usize] = &[1, 5, HALF.1, HALF.0];
+pub const HALF_6: &[usize] = &[1, 6, HALF.1, HALF.0];
+
+/// The network of `file`, loaded once for all stages that use it, checked against its digest if it ships with the program and against
+/// the inputs and outputs that the stage knows.
+pub fn network(
+    ctx: &Context,
+    file: &File,
+    backend: &Backend,
+    inputs: &[(&str, &[usize])],
+    outputs: &[&str],
+) -> Result<Arc<Network>, NodeError> {
+    let bad = |message: String| NodeError::BadFile { path: file.location().display().to_string(), message };
+    let refused = |e: NetError| match e {
+        NetError::NoBackend(message) => NodeError::BadParameter(format!("backend: {message}")),
+        NetError::Damaged(message) => bad(format!("wanted a network in ONNX that {backend} computes: {message}")),
+        NetError::Mismatch(message) | NetError::Run(message) => bad(message),
+    };
+    let network = ctx.shared(file, &format!("network by {backend:?}"), |bytes| {
+        let name = file.location().file_name().unwrap_or_default().to_string_lossy().into_owned();
+        check_digest(&name, &bytes).map_err(bad)?;
+        Network::load(bytes, backend, rayon::current_num_threads()).map_err(refused)
+    })?;
+    network.expect(inputs, outputs).map_err(refused)?;
+    ctx.note(format!("{} by {backend}", file.path));
+    Ok(network)
+}
+
+/// What a network made of its inputs.
+pub fn computed<const N: usize>(
+    network: &Network,
+    inputs: Vec<(&str, Tensor)>,
+    outputs: [&str; N],
+) -> Result<[Tensor; N], NodeError> {
+    network.run(inputs, outputs).map_err(|e| NodeError::Failed(format!("its network: {e}")))
+}
+
+/// The inputs that the networks which estimate lights share.
+pub const LIGHT_INPUTS: [(&str, &[usize]); 5] =
+    [("photo", HALF_3), ("geometry", HALF_6), ("albedo", HALF_3), ("lights", HALF_2), ("start", &[1, 5, 1, 1])];
+
+/// The room before the networks that estimate lights.
+pub struct LitRoom {
+    view: View,
+    geometry: Geometry,
+    albedo: Tensor,
+}
+
+impl LitRoom {
+    pub fn new(
+        photo: &Picture,
+        depth: &Depth,
+        camera: &Camera,
+        normal: &Normal,
+        albedo: &Albedo,
+        masks: &Gather<Mask>,
+    ) -> LitRoom {
+        LitRoom {
+            view: View::new(photo, masks.iter().map(|(_, mask)| &**mask)),
+            geometry: Geometry::half(depth, camera, normal),
+            albedo: planes_of(&[Layer::Colour(&resize(&albedo.0, HALF.0, HALF.1))]),
+        }
+    }
+
+    /// The inputs for the light whose pixels are `own`; `None` for one that has none at this size. Without a mask, for the light that is not seen.
+    fn inputs(self, own: Option<&Mask>, is_window: bool) -> Option<Vec<(&'static str, Tensor)>> {
+        let light = self.view.half_light();
+        let (own, start) = match own {
+            Some(mask) => {
+                let own = own_half(mask);
+                let start = crate::net::view::start(&self.geometry.points, &own, &light, is_window)?;
+                (own, start)
+            }
+            None => (light.map(|_| 0.0), [0.0; 5]),
+        };
+        Some(vec![
+            ("photo", planes_of(&[Layer::Colour(&self.view.half_photo())])),
+            ("geometry", self.geometry.tensor()),
+            ("albedo", self.albedo),
+            ("lights", planes_of(&[Layer::Grey(&light), Layer::Grey(&own)])),
+            ("start", Tensor::new(&[1, 5, 1, 1], start.to_vec())),
+        ])
+    }
+
+    /// What a network for lamps says: a box. Radiances are in units of the photo.
+    pub fn lamp(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
+        let gain = self.view.gain;
+        let Some(inputs) = self.inputs(own, false) else { return Ok(None) };
+        let [centre, axes, radiance, confidence] = computed(network, inputs, LAMP_OUTPUTS)?;
+        let (centre, axes, radiance) = (centre.vectors(), axes.vectors(), radiance.vectors());
+        let lamp = Lamp::Box { center: centre[0], axes: [axes[0], axes[1], axes[2]] };
+        Ok(Some(guess(Shape::Lamp(lamp), radiance, gain, &confidence)))
+    }
+
+    /// What a network for windows says: a rectangle before three lobes. Radiances are in units of the photo.
+    pub fn window(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
+        let gain = self.view.gain;
+        let Some(inputs) = self.inputs(own, true) else { return Ok(None) };
+        let [centre, x, y, directions, bandwidths, radiance, confidence] = computed(network, inputs, WINDOW_OUTPUTS)?;
+        let directions = directions.vectors();
+        let lobe = |i: usize| Lobe { direction: directions[i].normalize_or_zero(), bandwidth: bandwidths.data()[i] };
+        let window = Window {
+            center: centre.vectors()[0],
+            x: x.vectors()[0],
+            y: y.vectors()[0],
+            lobes: [lobe(0), lobe(1), lobe(2)],
+        };
+        Ok(Some(guess(Shape::Window(window), radiance.vectors(), gain, &confidence)))
+    }
+}
+
+pub const LAMP_OUTPUTS: [&str; 4] = ["centre", "axes", "radiance", "confidence"];
+pub const WINDOW_OUTPUTS: [&str; 7] =
+    ["centre", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"];
+
+fn guess(shape: Shape, radiance: Vec<glam::Vec3>, gain: f32, confidence: &Tensor) -> Guess {
+    let radiance = Radiance(radiance.into_iter().map(|w| w / gain).collect());
+    Guess { shape, radiance, burns: confidence.data()[0], error: confidence.data()[1] }
+}
+
+/// What is guessed of a light that has no pixel at the size of networks: nothing.
+pub fn nothing() -> Guess {
+    Guess { shape: Shape::Absent, radiance: Radiance(vec![]), burns: 0.0, error: 0.0 }
+}

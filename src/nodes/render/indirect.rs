@@ -1,0 +1,124 @@
+//! `Indirect`: indirect shading by a network that is linear in the light.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::geometry::{Camera, Grid};
+use crate::graph::{Context, File, Gather, Node, NodeError};
+use crate::image::{Albedo, Depth, Mask, Normal, Plane, Points, Shading, resize};
+use crate::net::view::{Geometry, HALF, own_half};
+use crate::net::{Backend, Layer, Tensor, planes_of};
+use crate::nodes::artifacts::{Remainder, UnitDirect, UnitIndirect, Visibility};
+use crate::nodes::learned::{self, HALF_1, HALF_3, HALF_6};
+use crate::optics::{Shape, flux};
+use crate::{params, ports};
+
+params! {
+    /// Indirect shading of one light, per lobe of unit radiance, by a network that is linear and non-negative in the light.
+    ///
+    /// I(a E1 + b E2) = a I(E1) + b I(E2) to rounding: gates from geometry and albedo, no bias and no activation on the light's own path
+    /// (models/indirectnet.md). So one light's indirect picture is its own, and relighting is a sum.
+    pub struct Indirect {
+        /// The network, ONNX with the inputs and outputs that models/indirectnet.md names.
+        model: File = File::new("indirectnet.onnx"),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+    }
+}
+
+ports! {
+    pub input IndirectIn {
+        /// Planar z.
+        depth: Arc<Depth>,
+        /// The camera.
+        camera: Arc<Camera>,
+        /// Points of the seen surface.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// Diffuse albedo.
+        albedo: Arc<Albedo>,
+        /// Pixels of each visible light.
+        masks: Gather<Mask>,
+        /// The light.
+        shape: Arc<Shape>,
+        /// Its unshadowed unit shading.
+        direct: Arc<UnitDirect>,
+        /// Which share of it arrives.
+        visibility: Arc<Visibility>,
+        /// What the photo leaves for indirect light; without it, what is unseen is as bright as in most rooms.
+        remainder: Option<Arc<Remainder>>,
+    }
+}
+
+ports! {
+    pub output IndirectOut {
+        /// Indirect shading per lobe; its standard error is not known.
+        indirect: Arc<UnitIndirect>,
+    }
+}
+
+const PORTS: [(&str, &[usize]); 7] = [
+    ("geometry", HALF_6),
+    ("albedo", HALF_3),
+    ("light", HALF_1),
+    ("direct", HALF_3),
+    ("flux", &[1, 3, 1, 1]),
+    ("left", HALF_3),
+    ("burning", &[1, 6, 1, 1]),
+];
+
+impl Node for Indirect {
+    const KIND: &'static str = "Indirect";
+    const VERSION: u32 = 1;
+    type In = IndirectIn;
+    type Out = IndirectOut;
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: IndirectIn, ctx: &Context) -> Result<IndirectOut, NodeError> {
+        let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, remainder } = inputs;
+        if direct.lobes.is_empty() {
+            return Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![] }) });
+        }
+        let size = points.0.size();
+        let network = learned::network(ctx, &self.model, &self.backend, &PORTS, &["indirect"])?;
+        let geometry = Geometry::half(&depth, &camera, &normal).tensor();
+        let albedo = planes_of(&[Layer::Colour(&resize(&albedo.0, HALF.0, HALF.1))]);
+        let mut light = Plane::filled(HALF.0, HALF.1, 0.0f32);
+        for (_, mask) in masks.iter() {
+            light.pixels_mut().iter_mut().zip(own_half(mask).pixels()).for_each(|(all, own)| *all = all.max(*own));
+        }
+        let (left, burning) = match &remainder {
+            Some(r) => (resize(&r.left, HALF.0, HALF.1), [r.direct, r.power]),
+            None => (Plane::filled(HALF.0, HALF.1, Vec3::ZERO), [Vec3::ZERO; 2]),
+        };
+        let burning: Vec<f32> = burning.iter().flat_map(|v| v.to_array()).collect();
+        let (light, left) = (planes_of(&[Layer::Grey(&light)]), planes_of(&[Layer::Colour(&left)]));
+        // Cells lie between the pixels that a grid of two takes; half a pixel is little beside their size.
+        let grid = Grid::new(size, (size.0.div_ceil(HALF.0)).max(1));
+        let mut lobes = Vec::new();
+        for (lobe, (direct, lit)) in direct.lobes.iter().zip(&visibility.lit).enumerate() {
+            ctx.check_cancelled()?;
+            let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
+            let arrives = resize(&Plane::new(size.0, size.1, arrives), HALF.0, HALF.1);
+            let tensors = vec![
+                ("geometry", geometry.clone()),
+                ("albedo", albedo.clone()),
+                ("light", light.clone()),
+                ("direct", planes_of(&[Layer::Grey(&arrives), Layer::Grey(&arrives), Layer::Grey(&arrives)])),
+                ("flux", Tensor::new(&[1, 3, 1, 1], vec![flux(&shape, lobe); 3])),
+                ("left", left.clone()),
+                ("burning", Tensor::new(&[1, 6, 1, 1], burning.clone())),
+            ];
+            let [indirect] = learned::computed(&network, tensors, ["indirect"])?;
+            let cells = resize(&indirect.colour(0), grid.size().0, grid.size().1);
+            lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
+        }
+        let stderr = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();
+        Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr }) })
+    }
+}

@@ -1,0 +1,118 @@
+//! `ShadowNet`: visibility behind what the photo does not show, by a network.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::geometry::Camera;
+use crate::graph::{Context, File, Node, NodeError};
+use crate::image::{Depth, Normal, Plane, resize};
+use crate::net::view::{Geometry, HALF};
+use crate::net::{Backend, Layer, Tensor, planes_of};
+use crate::nodes::artifacts::{UnitDirect, Visibility};
+use crate::nodes::learned::{self, HALF_5, HALF_6};
+use crate::optics::{Shape, Window};
+use crate::{params, ports};
+
+params! {
+    /// Tells how much of what rays do not know is lit: V = traced - unknown + unknown x network, per lobe.
+    ///
+    /// Takes the visibility of `Shadow` with `outside_unknown`, in which unknown rays count as lit. Where no ray is unknown the traced value
+    /// stands, and a light without unknown rays needs no network.
+    pub struct ShadowNet {
+        /// The network, ONNX with the inputs and outputs that models/shadownet.md names.
+        model: File = File::new("shadownet.onnx"),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+        /// Whether the network may also mend what rays through the depth mesh take for known (thin things, edges).
+        everywhere: bool = false,
+    }
+}
+
+ports! {
+    pub input ShadowNetIn {
+        /// Planar z.
+        depth: Arc<Depth>,
+        /// The camera.
+        camera: Arc<Camera>,
+        /// Normals of the seen surface.
+        normal: Arc<Normal>,
+        /// The light.
+        shape: Arc<Shape>,
+        /// Its unshadowed unit shading.
+        direct: Arc<UnitDirect>,
+        /// Its visibility by rays, unknown ones counted as lit.
+        visibility: Arc<Visibility>,
+    }
+}
+
+ports! {
+    pub output ShadowNetOut {
+        /// The same with the network's answer where rays have none; `unknown` stays as it was.
+        visibility: Arc<Visibility>,
+    }
+}
+
+/// Mean unknown share of a lobe's direct shading below which no network is asked: rays that graze edges are not worth it.
+const LITTLE: f64 = 1e-3;
+
+impl Node for ShadowNet {
+    const KIND: &'static str = "ShadowNet";
+    const VERSION: u32 = 1;
+    type In = ShadowNetIn;
+    type Out = ShadowNetOut;
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: ShadowNetIn, ctx: &Context) -> Result<ShadowNetOut, NodeError> {
+        let ShadowNetIn { depth, camera, normal, shape, direct, visibility } = inputs;
+        let doubtful = |lobe: &usize| {
+            let (unknown, direct) = (visibility.unknown[*lobe].pixels(), direct.lobes[*lobe].pixels());
+            let sum = |of: &dyn Fn(usize) -> f32| (0..direct.len()).map(|i| f64::from(of(i))).sum::<f64>();
+            sum(&|i| unknown[i] * direct[i]) > LITTLE * sum(&|i| direct[i])
+        };
+        let asked: Vec<usize> = (0..direct.lobes.len()).filter(doubtful).collect();
+        if asked.is_empty() {
+            return Ok(ShadowNetOut { visibility });
+        }
+        let ports = [("visibility", HALF_5), ("geometry", HALF_6), ("place", &[1, 12, 1, 1][..])];
+        let network = learned::network(ctx, &self.model, &self.backend, &ports, &["shares"])?;
+        let geometry = Geometry::half(&depth, &camera, &normal).tensor();
+        let small = |plane: &Plane<f32>| resize(plane, HALF.0, HALF.1);
+        let mut filled = Visibility::clone(&visibility);
+        for lobe in asked {
+            ctx.check_cancelled()?;
+            let (traced, unknown) = (&visibility.lit[lobe], &visibility.unknown[lobe]);
+            // What the photo leaves for a light hangs on all others; without it the network was trained as well.
+            let unseen = Plane::filled(HALF.0, HALF.1, 0.0);
+            let planes = [small(traced), small(unknown), small(&direct.lobes[lobe]), unseen.clone(), unseen];
+            let tensors = vec![
+                ("visibility", planes_of(&planes.each_ref().map(Layer::Grey))),
+                ("geometry", geometry.clone()),
+                ("place", Tensor::new(&[1, 12, 1, 1], place(&shape, lobe))),
+            ];
+            let [shares] = learned::computed(&network, tensors, ["shares"])?;
+            let (width, height) = traced.size();
+            let [lit, instead, doubt] = [0, 1, 2].map(|c| resize(&shares.grey(c), width, height));
+            filled.lit[lobe] = Plane::from_fn(width, height, |x, y| {
+                let unknown = unknown.get(x, y);
+                let known = traced.get(x, y) - unknown + unknown * lit.get(x, y);
+                let doubt = if self.everywhere { doubt.get(x, y) } else { 0.0 };
+                ((1.0 - doubt) * known + doubt * instead.get(x, y)).clamp(0.0, 1.0)
+            });
+        }
+        Ok(ShadowNetOut { visibility: Arc::new(filled) })
+    }
+}
+
+/// Centre, half edges of a window, direction to its sun where the lobe is one: 12 numbers, zeros for what there is not.
+fn place(shape: &Shape, lobe: usize) -> Vec<f32> {
+    let center = shape.ball().map_or(Vec3::ZERO, |(center, _)| center);
+    let (x, y, sun) = match shape {
+        Shape::Window(Window { x, y, lobes, .. }) => (*x, *y, if lobe == 0 { lobes[0].direction } else { Vec3::ZERO }),
+        _ => (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO),
+    };
+    [center, x, y, sun].iter().flat_map(|v| v.to_array()).collect()
+}
