@@ -18,6 +18,7 @@ mod polar;
 mod polygon;
 mod radiance_fit;
 mod random;
+mod receivers;
 mod rectangle;
 #[cfg(test)]
 mod rows;
@@ -41,6 +42,7 @@ pub use nnls::nnls;
 pub use polygon::polygon_irradiance;
 pub use radiance_fit::{Column, RadianceFit, fit_radiances};
 pub use random::Points2;
+pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
 pub use shadow::{Shadow, ShadowQuality, shadow};
 pub use sphere::sphere_irradiance;
 pub use temperature::black_body;
