@@ -9,6 +9,7 @@ mod evidence;
 #[cfg(test)]
 mod extremes;
 mod gaussian;
+mod gradient;
 mod indirect;
 mod light;
 mod lobe_irradiance;
@@ -36,6 +37,7 @@ pub use emitter::{Emitter, LightSample, Seen};
 pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
 pub use evidence::{Evidence, evidence_pixels};
 pub use gaussian::Gaussian;
+pub use gradient::Gradient;
 pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
 pub use nnls::nnls;

@@ -11,8 +11,8 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments, luminance};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use crate::optics::{
-    Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, Receivers, RoomBox, SeenRoom, Shape, Transport,
-    Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
+    Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, Receivers, RoomBox, SeenRoom, Shape,
+    Transport, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
 };
 use crate::{params, ports};
 
