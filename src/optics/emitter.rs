@@ -25,11 +25,11 @@ pub struct LightSample {
 
 /// A light made ready for closed forms and sampling.
 pub struct Emitter {
-    surface: Surface,
+    pub(super) surface: Surface,
     lobes: usize,
 }
 
-enum Surface {
+pub(super) enum Surface {
     Nothing,
     Sphere {
         center: DVec3,
@@ -44,8 +44,8 @@ enum Surface {
 }
 
 /// Pieces of surface and the running sum of their areas.
-struct Pieces<T> {
-    pieces: Vec<T>,
+pub(super) struct Pieces<T> {
+    pub(super) pieces: Vec<T>,
     areas: Vec<f64>,
 }
 
@@ -274,7 +274,7 @@ impl<'a> SeenSides<'a> {
 }
 
 /// A plate nearer than this many times its edge is a square, of which only what lies above the horizon counts.
-const NEAR: f64 = 8.0;
+pub(super) const NEAR: f64 = 8.0;
 
 /// Where a plate shines from, and its E / L. A distant one is a small disc, cos cos' A / (pi d^2 + A), at its centre; it differs
 /// from the square by less than 1 %.
@@ -290,15 +290,20 @@ fn plate_part(plate: &Plate, point: DVec3, normal: DVec3) -> (DVec3, f64) {
         let cosines = normal.dot(d).max(0.0) * facing / distance_squared;
         return (center, cosines * area / (PI * distance_squared + area));
     }
-    let front = front.normalize();
-    let x = front.any_orthonormal_vector();
-    let (x, y) = (x * (0.5 * area.sqrt()), front.cross(x) * (0.5 * area.sqrt()));
-    let Some(outline) = Outline::above(&[d - x - y, d + x - y, d + x + y, d - x + y], normal) else {
+    let Some(outline) = Outline::above(&plate_square(front, area).map(|corner| d + corner), normal) else {
         return (center, 0.0);
     };
     let edges = outline.edges();
     let middle = edges.iter().map(|edge| edge.start).sum::<DVec3>() / edges.len() as f64;
     (point + middle, outline.irradiance(normal))
+}
+
+/// Corners of a plate's square about its centre, counter-clockwise from its front.
+pub(super) fn plate_square(front: DVec3, area: f64) -> [DVec3; 4] {
+    let front = front.normalize();
+    let x = front.any_orthonormal_vector();
+    let (x, y) = (x * (0.5 * area.sqrt()), front.cross(x) * (0.5 * area.sqrt()));
+    [-x - y, x - y, x + y, y - x]
 }
 
 fn triangle_irradiance(t: &[DVec3; 3], point: DVec3, normal: DVec3) -> f64 {

@@ -76,68 +76,93 @@ impl Gaussian {
     /// Integrals of R (nu . d) and of H along an edge.
     fn along_edge(&self, edge: &Edge, mean: f64) -> [f64; 2] {
         let b = self.bandwidth;
-        let sin_delta = edge.inward.dot(self.direction);
+        let arc = Arc::new(self, edge);
+        let sums = arc.near(self, |sin_half, _| {
+            let t = arc.rise(sin_half);
+            let (x, y) = (b * t, b * (1.0 - t));
+            let e = (-x).exp();
+            let [p1, p2] = p1_p2_of(x, e);
+            // At the pole opposite to d: (D - G c) / 2c, both evaluated at c = -1.
+            let r = if t < 2.0 - 1e-6 { (p1 - t * p2 - mean) / (2.0 - t) } else { 0.5 * (mean + e) };
+            let h = if y.abs() > 0.25 { ((y - 1.0) * e + (-b).exp()) / (y * y) } else { (-b).exp() * p2_series(-y)[0] };
+            [r, h]
+        });
+        [sums[0] * arc.sin_delta + 2.0 * mean * arc.beyond(), sums[1]]
+    }
+}
+
+/// An edge by its arc length s from the point that is nearest to a lobe's axis.
+pub(super) struct Arc {
+    /// Sine and cosine of the distance of the edge's great circle from the axis; positive inside.
+    sin_delta: f64,
+    cos_delta: f64,
+    /// From the start of the edge to the nearest point of its great circle.
+    pub nearest: f64,
+    /// The edge, the middle of it within -pi..pi.
+    from: f64,
+    to: f64,
+    /// Beyond this distance from the nearest point G counts as zero.
+    width: f64,
+}
+
+impl Arc {
+    pub fn new(lobe: &Gaussian, edge: &Edge) -> Arc {
+        let sin_delta = edge.inward.dot(lobe.direction);
         let cos_delta = (1.0 - sin_delta * sin_delta).max(0.0).sqrt();
-        // 1 - cos(delta).
-        let rise = sin_delta * sin_delta / (1.0 + cos_delta);
-        // Arc length from the point nearest to d, the middle of the edge within -pi..pi.
         let first = edge.start.normalize();
         let forward = first.cross(edge.inward);
-        let nearest = self.direction.dot(forward).atan2(self.direction.dot(first));
+        let nearest = lobe.direction.dot(forward).atan2(lobe.direction.dot(first));
         let middle = 0.5 * edge.angle - nearest;
         let middle = if middle > PI { middle - TAU } else { middle };
-        let (from, to) = (middle - 0.5 * edge.angle, middle + 0.5 * edge.angle);
-        // Beyond `width` G is zero, H with it, and R = 2 D / 2t has a closed form.
-        let cut = FAINT / b;
+        let cut = FAINT / lobe.bandwidth;
         let width = if cut >= 1.0 { f64::INFINITY } else { ((1.0 - cut) / cos_delta).clamp(-1.0, 1.0).acos() };
-        let (near_from, near_to) = (from.clamp(-width, width), to.clamp(-width, width));
-        let mut sums = [0.0; 2];
-        if near_to > near_from {
-            quadrature(near_from, near_to, b.max(1.0).sqrt(), |sin_half| {
-                let t = rise + 2.0 * cos_delta * sin_half * sin_half;
-                let (x, y) = (b * t, b * (1.0 - t));
-                let e = (-x).exp();
-                let [p1, p2] = p1_p2_of(x, e);
-                // At the pole opposite to d: (D - G c) / 2c, both evaluated at c = -1.
-                let r = if t < 2.0 - 1e-6 { (p1 - t * p2 - mean) / (2.0 - t) } else { 0.5 * (mean + e) };
-                let h =
-                    if y.abs() > 0.25 { ((y - 1.0) * e + (-b).exp()) / (y * y) } else { (-b).exp() * p2_series(-y) };
-                [r, h]
-            })
-            .into_iter()
-            .zip(&mut sums)
-            .for_each(|(value, sum)| *sum = value);
+        Arc { sin_delta, cos_delta, nearest, from: middle - 0.5 * edge.angle, to: middle + 0.5 * edge.angle, width }
+    }
+
+    /// t = 1 - d . l at the arc length of this half sine.
+    pub fn rise(&self, sin_half: f64) -> f64 {
+        // 1 - cos(delta).
+        let least = self.sin_delta * self.sin_delta / (1.0 + self.cos_delta);
+        least + 2.0 * self.cos_delta * sin_half * sin_half
+    }
+
+    /// Integrals of a function of sin(s/2) and cos(s/2) over the part of the edge where the lobe is not zero.
+    pub fn near<const N: usize>(&self, lobe: &Gaussian, f: impl Fn(f64, f64) -> [f64; N]) -> [f64; N] {
+        let (from, to) = (self.from.clamp(-self.width, self.width), self.to.clamp(-self.width, self.width));
+        if to > from { quadrature(from, to, lobe.bandwidth.max(1.0).sqrt(), f) } else { [0.0; N] }
+    }
+
+    /// Integral of (nu . d) / 2t over the rest, where H is zero and R = 2 D / 2t.
+    pub fn beyond(&self) -> f64 {
+        if self.width >= FRAC_PI_2 {
+            return 0.0;
         }
-        let mut through = sums[0] * sin_delta;
-        if width < FRAC_PI_2 {
-            let ratio = sin_delta.abs() / (1.0 + cos_delta);
-            let turn = |s: f64| (0.5 * s).sin().atan2(ratio * (0.5 * s).cos());
-            let beyond = |from: f64, to: f64| if to > from { turn(to) - turn(from) } else { 0.0 };
-            let far = beyond(from.max(width), to) + beyond(from, to.min(-width));
-            through += 2.0 * mean * far * sin_delta.signum();
-        }
-        [through, sums[1]]
+        let ratio = self.sin_delta.abs() / (1.0 + self.cos_delta);
+        let turn = |s: f64| (0.5 * s).sin().atan2(ratio * (0.5 * s).cos());
+        let between = |from: f64, to: f64| if to > from { turn(to) - turn(from) } else { 0.0 };
+        let far = between(self.from.max(self.width), self.to) + between(self.from, self.to.min(-self.width));
+        far * self.sin_delta.signum()
     }
 }
 
 /// p1(x) and p2(x) for x >= 0.
-fn p1_p2(x: f64) -> [f64; 2] {
+pub(super) fn p1_p2(x: f64) -> [f64; 2] {
     p1_p2_of(x, (-x).exp())
 }
 
 /// The same, `e` being e^-x.
-fn p1_p2_of(x: f64, e: f64) -> [f64; 2] {
+pub(super) fn p1_p2_of(x: f64, e: f64) -> [f64; 2] {
     if x > 0.25 {
         let p1 = (1.0 - e) / x;
         [p1, (p1 - e) / x]
     } else {
-        let p2 = p2_series(x);
+        let [p2, _] = p2_series(x);
         [e + x * p2, p2]
     }
 }
 
-/// p2(x) = sum over k of (k + 1) (-x)^k / (k + 2)!, for |x| <= 1/4.
-fn p2_series(x: f64) -> f64 {
+/// p2(x) = sum over k of (k + 1) (-x)^k / (k + 2)!, and its derivative, for |x| <= 1/4.
+pub(super) fn p2_series(x: f64) -> [f64; 2] {
     const TERMS: [f64; 11] = [
         1.0 / 2.0,
         -1.0 / 3.0,
@@ -151,7 +176,7 @@ fn p2_series(x: f64) -> f64 {
         -1.0 / 3991680.0,
         1.0 / 43545600.0,
     ];
-    TERMS.iter().rev().fold(0.0, |sum, term| sum * x + term)
+    TERMS.iter().rev().fold([0.0; 2], |[sum, slope], term| [sum * x + term, slope * x + sum])
 }
 
 /// Positive nodes and weights of Gauss and Legendre.
@@ -168,21 +193,21 @@ const TEN: [[f64; 2]; 5] = [
     [0.973_906_528_517_171_7, 0.066_671_344_308_688_1],
 ];
 
-/// Integral over s of a function of sin(s/2) that changes over lengths of 1 / `rate`: ten nodes for each length of pi / rate,
+/// Integral over s of a function of sin(s/2) and cos(s/2) that changes over lengths of 1 / `rate`: ten nodes for each length of pi / rate,
 /// five for a short arc; both leave less than 1e-8 of exp(-(rate s)^2 / 2).
-fn quadrature(from: f64, to: f64, rate: f64, f: impl Fn(f64) -> [f64; 2]) -> [f64; 2] {
+fn quadrature<const N: usize>(from: f64, to: f64, rate: f64, f: impl Fn(f64, f64) -> [f64; N]) -> [f64; N] {
     let scaled = (to - from) * rate;
     let rule: &[[f64; 2]] = if scaled < 0.75 { &FIVE } else { &TEN };
     let panels = (scaled / PI).ceil().max(1.0);
     let half = 0.5 * (to - from) / panels;
-    let mut sums = [0.0; 2];
+    let mut sums = [0.0; N];
     for panel in 0..panels as usize {
         let (sin_middle, cos_middle) = (0.5 * (from + half * (2 * panel + 1) as f64)).sin_cos();
         for [node, weight] in rule {
             let (sin, cos) = (0.5 * half * node).sin_cos();
-            let (a, b) = (f(sin_middle * cos + cos_middle * sin), f(sin_middle * cos - cos_middle * sin));
-            sums[0] += weight * half * (a[0] + b[0]);
-            sums[1] += weight * half * (a[1] + b[1]);
+            let [ss, sc, cs, cc] = [sin_middle * sin, sin_middle * cos, cos_middle * sin, cos_middle * cos];
+            let (a, b) = (f(sc + cs, cc - ss), f(sc - cs, cc + ss));
+            sums.iter_mut().zip(a).zip(b).for_each(|((sum, a), b)| *sum += weight * half * (a + b));
         }
     }
     sums

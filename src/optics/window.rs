@@ -8,6 +8,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::gaussian::Gaussian;
+use super::polygon::Outline;
 use super::rectangle::{Rectangle, SeenRectangle};
 use super::through::Through;
 use super::{Lobe, Points2, Window};
@@ -58,9 +59,18 @@ impl Opening {
         Some(Opening { rectangle: Rectangle::new(window.center, window.x, window.y)?, lobes, strategy })
     }
 
+    /// The opening's part above the horizon of `normal`, as seen from `point`.
+    pub fn outline(&self, point: DVec3, normal: DVec3) -> Option<Outline> {
+        self.rectangle.outline(point, normal)
+    }
+
+    pub fn lobe(&self, lobe: usize) -> &Gaussian {
+        &self.lobes[lobe]
+    }
+
     /// E of a lobe of unit radiance.
     pub fn irradiance(&self, lobe: usize, point: DVec3, normal: DVec3) -> f64 {
-        let outline = self.rectangle.outline(point, normal);
+        let outline = self.outline(point, normal);
         outline.map_or(0.0, |outline| self.lobes[lobe].irradiance(&outline, normal))
     }
 

@@ -6,13 +6,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, Grid, Own, SceneMesh};
+use crate::geometry::{Camera, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, luminance};
+use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments, luminance};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use crate::optics::{
-    self, Bounces, Column, Evidence, Lamp, LampForm, LampForms, LightKind, RoomBox, Sampling, ShadowQuality, Shape,
-    Transport, Window, evidence_pixels, fit_radiances, lamp_candidates, visible_light, window_candidates,
+    Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, Receivers, RoomBox, SeenRoom, Shape,
+    Transport, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
 };
 use crate::{params, ports};
 
@@ -143,8 +143,8 @@ impl Node for InitLights {
     fn run(&self, inputs: InitLightsIn, ctx: &Context) -> Result<InitLightsOut, NodeError> {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
         let scout = Scout::new(self, &inputs);
-        let seen = |plane: &Plane<Vec3>| -> Vec<Vec3> { scout.used.iter().map(|&i| plane.pixels()[i]).collect() };
-        let room = RoomBox::around(&seen(&scout.points.0), &seen(&scout.normal.0));
+        let (points, normals): (Vec<Vec3>, Vec<Vec3>) = scout.receivers.places().into_iter().unzip();
+        let room = RoomBox::around(&points, &normals);
         let forms = LampForms { form: self.lamps, plates: self.plates, ..LampForms::default() };
         let mut shapes: Vec<(String, Arc<Shape>)> = Vec::new();
         let mut layers: Vec<Vec<Vec3>> = Vec::new();
@@ -187,59 +187,29 @@ const AMBIENT_LOSS: f64 = 0.3;
 /// The photo and the seen room on the receivers that take part, and how candidates are tried on them.
 struct Scout<'a> {
     node: &'a InitLights,
-    inputs: &'a InitLightsIn,
-    /// All receivers.
-    points: Points,
-    normal: Normal,
-    /// Receivers that take part in the fit.
-    used: Vec<usize>,
-    evidence: Evidence,
-    ambient: Vec<Vec3>,
+    receivers: Receivers<'a>,
 }
 
 impl<'a> Scout<'a> {
     fn new(node: &'a InitLights, inputs: &'a InitLightsIn) -> Scout<'a> {
-        let grid = inputs.transport.grid();
+        let InitLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = inputs;
+        let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-        let pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), &inputs.photo, &inputs.clipped, masks);
-        let ambient = inputs.transport.ambient();
-        let used: Vec<usize> = {
-            let mut next = pixels.iter().peekable();
-            (0..grid.len()).filter(|&i| next.next_if(|&&p| p == grid.pixel(i)).is_some()).collect()
-        };
-        Scout {
-            node,
-            inputs,
-            points: Points(at_receivers(grid, &inputs.points.0)),
-            normal: Normal(at_receivers(grid, &inputs.normal.0)),
-            evidence: Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2),
-            ambient: used.iter().map(|&i| ambient[i]).collect(),
-            used,
-        }
+        Scout { node, receivers: Receivers::new(room, masks) }
     }
 
     /// Unit layer of a lamp on the receivers in use: shadowed direct and indirect light.
     fn layer(&self, lamp: &Lamp, own: Option<&Mask>) -> Vec<Vec3> {
-        let shape = Shape::Lamp(lamp.clone());
-        let InitLightsIn { mesh, transport, albedo, .. } = self.inputs;
-        let sampling = Sampling::fixed(self.node.samples, 0);
-        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false };
-        let direct = optics::direct(&self.points, &self.normal, &shape, &sampling, &|| false);
-        let own = own.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
-        let own = own.as_ref().map(|(passes, pixels)| (passes, pixels));
-        let shadow = optics::shadow(mesh, &self.points, &self.normal, &shape, own, quality, &|| false);
-        let lit: Vec<f32> =
-            direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(direct, lit)| direct * lit).collect();
         let bounces = Bounces { count: 2, unseen: self.node.unseen };
-        let indirect = optics::indirect_at_receivers(transport, albedo, |pixel| lit[transport.nearest(pixel)], bounces);
-        self.used.iter().map(|&i| indirect[i] + Vec3::splat(lit[i])).collect()
+        let quality = LayerQuality { samples: self.node.samples, bounces };
+        self.receivers.layers(&Shape::Lamp(lamp.clone()), own, quality)[0].sum()
     }
 
     /// How badly these layers and the ambient explain the photo: the mean misfit, and what they leave to the ambient.
     fn loss(&self, layers: &[&[Vec3]]) -> f64 {
         let mut columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect();
-        columns.push(Column { layer: &self.ambient, penalty: self.node.ambient_cost });
-        let fit = fit_radiances(&self.evidence, &columns, self.node.turns);
+        columns.push(Column { layer: &self.receivers.ambient, penalty: self.node.ambient_cost });
+        let fit = fit_radiances(&self.receivers.evidence, &columns, self.node.turns);
         let share =
             |(column, w): (&Column, &Vec3)| -> f64 { column.layer.iter().map(|&u| f64::from(luminance(u * *w))).sum() };
         let shares: Vec<f64> = columns.iter().zip(&fit.radiance).map(share).collect();
@@ -306,11 +276,6 @@ impl<'a> Scout<'a> {
         }
         Ok(found)
     }
-}
-
-/// One row of the receivers' values.
-fn at_receivers<T: Copy>(grid: &Grid, plane: &Plane<T>) -> Plane<T> {
-    Plane::new(grid.len(), 1, (0..grid.len()).map(|i| plane.pixels()[grid.pixel(i)]).collect())
 }
 
 /// The light as a lamp of even radiance: a window, on the whole, is a bright rectangle.
