@@ -80,9 +80,12 @@ impl Node for FitLights {
         if !(1..=10_000).contains(&self.turns) {
             return Err(format!("turns: wanted 1..=10000, got {}", self.turns));
         }
-        for (name, value) in
-            [("rest_cost", self.rest_cost), ("invisible_cost", self.invisible_cost), ("sun_cost", self.sun_cost)]
-        {
+        for (name, value) in [
+            ("rest_cost", self.rest_cost),
+            ("invisible_cost", self.invisible_cost),
+            ("sun_cost", self.sun_cost),
+            ("albedo_trust", self.albedo_trust),
+        ] {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(format!("{name}: wanted a number >= 0, got {value}"));
             }
@@ -96,7 +99,11 @@ impl Node for FitLights {
         let receivers: Vec<usize> = (0..grid.len()).map(|i| grid.pixel(i)).collect();
         let pixels =
             evidence_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
-        let evidence = Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2);
+        let texture = texture(&inputs.albedo, &inputs.segments);
+        let plain = Picture(Plane::from_fn(texture.width(), texture.height(), |x, y| {
+            inputs.photo.0.get(x, y) / texture.get(x, y)
+        }));
+        let evidence = Evidence::at(&plain, &inputs.clipped, &inputs.segments, &pixels, 2);
 
         let ambient = grid.upsample(&inputs.points, &inputs.normal, &inputs.transport.ambient());
         let (mut names, mut layers): (Vec<String>, Vec<(Vec<Vec3>, f64)>) = Default::default();
@@ -117,7 +124,7 @@ impl Node for FitLights {
         names.push("the rest".into());
         layers.push((pixels.iter().map(|&p| ambient.pixels()[p]).collect(), self.rest_cost));
         let columns: Vec<Column> = layers.iter().map(|(layer, cost)| Column { layer, penalty: *cost }).collect();
-        let before: Vec<Vec3> = pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect();
+        let before: Vec<Vec3> = pixels.iter().map(|&p| inputs.albedo.0.pixels()[p] / texture.pixels()[p]).collect();
         let fit = fit_radiances(&evidence, &columns, self.turns).with_albedo_of(&evidence.segment, &before);
 
         let mut weights = fit.radiance.iter().copied();
@@ -131,7 +138,7 @@ impl Node for FitLights {
         let known = mark(&pixels, &inputs.segments, fit.albedo.len());
         let fitted = |p: usize| {
             let s = inputs.segments.label.pixels()[p] as usize;
-            let albedo = if known[s] { fit.albedo[s] } else { inputs.albedo.0.pixels()[p] };
+            let albedo = if known[s] { fit.albedo[s] * texture.pixels()[p] } else { inputs.albedo.0.pixels()[p] };
             albedo.clamp(Vec3::splat(0.02), Vec3::splat(0.95))
         };
         let (w, h) = inputs.photo.0.size();
@@ -223,6 +230,22 @@ fn tell(names: &[String], layers: &[(Vec<Vec3>, f64)], fit: &RadianceFit, eviden
         fit.loss,
         100.0 * unexplained
     ));
+}
+
+/// How the albedo varies within each segment: around 1 everywhere, and 1 where it does not vary. What the fit finds is the level of a segment.
+fn texture(albedo: &Albedo, segments: &Segments) -> Plane<Vec3> {
+    let means = segments.means(&albedo.0);
+    let varies = |i: usize| {
+        let ratio = albedo.0.pixels()[i] / means[segments.label.pixels()[i] as usize].max(Vec3::splat(1e-6));
+        // Rounding of a mean is no texture.
+        if (ratio - Vec3::ONE).abs().max_element() < 1e-4 {
+            Vec3::ONE
+        } else {
+            ratio.clamp(Vec3::splat(0.25), Vec3::splat(4.0))
+        }
+    };
+    let (width, height) = albedo.0.size();
+    Plane::new(width, height, (0..width * height).map(varies).collect())
 }
 
 /// Which segments the fit saw.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments, luminance};
-use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
+use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
 use crate::optics::{
     Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, Receivers, RoomBox, SeenRoom, Shape,
     Transport, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
@@ -21,8 +21,10 @@ params! {
     ///
     /// Each candidate's unit layer, with its own shadow and its own indirect light, is fitted to the photo together with
     /// those of the visible lights and a constant ambient; the one that explains most is kept if it explains enough. A light
-    /// that is not needed is `Absent`.
+    /// that is not needed is `Absent`. What networks guess of a light is a candidate among the others.
     pub struct InitLights {
+        /// Whether candidates of our own are tried, too; else guesses only, where there are any.
+        dictionary: bool = true,
         /// Share of the unexplained part that a light out of view must explain; 0..1.
         worth: f32 = 0.08,
         /// Shadow rays per receiver and light.
@@ -31,6 +33,8 @@ params! {
         unseen: f32 = 0.5,
         /// Cost of the constant ambient, as a share of the photo's energy: what a light can explain is the light's.
         ambient_cost: f64 = 0.01,
+        /// How much the albedo of a segment counts beside the photo: 0 leaves it to the fit, 1 is halfway.
+        albedo_trust: f64 = 0.0,
         /// Rounds of the fit per candidate.
         turns: usize = 8,
         /// Shape of visible lamps that are no ceiling panels: `Solid` (a ball, or a box when the outline is long), `Box`, `Plates`
@@ -97,6 +101,8 @@ ports! {
         mask: Gather<Mask>,
         /// What each visible light is.
         kind: Gather<LightKind>,
+        /// What networks say of lights, by name.
+        guess: Gather<Guess>,
     }
 }
 
@@ -153,10 +159,16 @@ impl Node for InitLights {
                 .kind
                 .get(id)
                 .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
-            let ways = visible_light(**kind, forms, mask, &inputs.points, &inputs.normal, &camera, room.as_ref());
+            let guess = guessed(&inputs.guess, id);
+            let own = if self.dictionary || guess.is_none() {
+                visible_light(**kind, forms, mask, &inputs.points, &inputs.normal, &camera, room.as_ref())
+            } else {
+                Vec::new()
+            };
+            let ways = own.into_iter().map(Way::Own).chain(guess.map(Way::Guess)).collect();
             match scout.likeliest(ways, mask, &layers) {
                 Some((shape, layer)) => {
-                    shapes.push((id.into(), Arc::new(self.outlook.through(shape))));
+                    shapes.push((id.into(), Arc::new(shape)));
                     layers.push(layer);
                 }
                 None => {
@@ -167,7 +179,7 @@ impl Node for InitLights {
             ctx.check_cancelled()?;
         }
         let (lamp, window) = match room {
-            Some(room) => scout.out_of_view(&layers, &room, &camera, ctx)?,
+            Some(room) => scout.out_of_view(&layers, &room, &camera, &inputs.guess, ctx)?,
             None => (Shape::Absent, Shape::Absent),
         };
         for (id, found) in [(INV_LAMP, &lamp), (INV_WINDOW, &window)] {
@@ -176,7 +188,7 @@ impl Node for InitLights {
             }
         }
         shapes.push((INV_LAMP.into(), Arc::new(lamp)));
-        shapes.push((INV_WINDOW.into(), Arc::new(self.outlook.through(window))));
+        shapes.push((INV_WINDOW.into(), Arc::new(window)));
         Ok(InitLightsOut { shape: Scatter(shapes) })
     }
 }
@@ -195,14 +207,34 @@ impl<'a> Scout<'a> {
         let InitLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = inputs;
         let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-        Scout { node, receivers: Receivers::new(room, masks) }
+        let mut receivers = Receivers::new(room, masks);
+        receivers.evidence = receivers.evidence.with_albedo(albedo, segments, node.albedo_trust);
+        Scout { node, receivers }
     }
 
-    /// Unit layer of a lamp on the receivers in use: shadowed direct and indirect light.
-    fn layer(&self, lamp: &Lamp, own: Option<&Mask>) -> Vec<Vec3> {
+    /// Unit layer on the receivers in use, shadowed direct and indirect light: of a lamp, of a window as a bright rectangle, of a
+    /// guessed window with the shares of its lobes. `None` for a light that is not there.
+    fn layer(&self, way: &Way, own: Option<&Mask>) -> Option<Vec<Vec3>> {
         let bounces = Bounces { count: 2, unseen: self.node.unseen };
         let quality = LayerQuality { samples: self.node.samples, bounces };
-        self.receivers.layers(&Shape::Lamp(lamp.clone()), own, quality)[0].sum()
+        let layers = |shape: &Shape| self.receivers.layers(shape, own, quality);
+        match way {
+            Way::Guess(Guess { shape: shape @ Shape::Window(_), radiance, .. }) => {
+                let lobes = layers(shape).into_iter().zip(&radiance.0).map(|(layer, w)| (layer.sum(), *w));
+                lobes
+                    .map(|(layer, w)| layer.into_iter().map(|u| u * w).collect())
+                    .reduce(|a: Vec<Vec3>, b| a.into_iter().zip(b).map(|(a, b)| a + b).collect())
+            }
+            Way::Own(shape) | Way::Guess(Guess { shape, .. }) => Some(layers(&Shape::Lamp(flat(shape)?))[0].sum()),
+        }
+    }
+
+    /// The shape of a way, windows of our own with their outlook.
+    fn shape(&self, way: &Way) -> Shape {
+        match way {
+            Way::Own(shape) => self.node.outlook.through(shape.clone()),
+            Way::Guess(guess) => guess.shape.clone(),
+        }
     }
 
     /// How badly these layers and the ambient explain the photo: the mean misfit, and what they leave to the ambient.
@@ -219,16 +251,16 @@ impl<'a> Scout<'a> {
 
     /// Of several shapes for one visible light, the one that fits best beside the layers already placed; the first is kept
     /// unless another is clearly better.
-    fn likeliest(&self, ways: Vec<Shape>, mask: &Mask, placed: &[Vec<Vec3>]) -> Option<(Shape, Vec<Vec3>)> {
+    fn likeliest(&self, ways: Vec<Way>, mask: &Mask, placed: &[Vec<Vec3>]) -> Option<(Shape, Vec<Vec3>)> {
         let only = ways.len() == 1;
-        let tried = ways.into_iter().enumerate().filter_map(|(i, shape)| {
-            let layer = self.layer(&flat(&shape)?, Some(mask));
+        let tried = ways.into_iter().enumerate().filter_map(|(i, way)| {
+            let layer = self.layer(&way, Some(mask))?;
             let columns: Vec<&[Vec3]> = placed.iter().chain([&layer]).map(Vec::as_slice).collect();
             let loss = if only { 0.0 } else { self.loss(&columns) * if i == 0 { 0.97 } else { 1.0 } };
-            Some((loss, shape, layer))
+            Some((loss, way, layer))
         });
-        let (_, shape, layer) = tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
-        Some((shape, layer))
+        let (_, way, layer) = tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+        Some((self.shape(&way), layer))
     }
 
     /// The lamp and the window out of view, each `Absent` unless it earns its place.
@@ -237,17 +269,21 @@ impl<'a> Scout<'a> {
         visible: &[Vec<Vec3>],
         room: &RoomBox,
         camera: &Camera,
+        guesses: &Gather<Guess>,
         ctx: &Context,
     ) -> Result<(Shape, Shape), NodeError> {
         let base: Vec<&[Vec3]> = visible.iter().map(Vec::as_slice).collect();
-        let lamps: Vec<Shape> = lamp_candidates(room, camera);
-        let windows: Vec<Shape> = window_candidates(room, camera).into_iter().map(Shape::Window).collect();
+        let ways = |id: &str, own: Vec<Shape>| -> Vec<Way> {
+            let guess = guessed(guesses, id);
+            let own = own.into_iter().filter(|_| self.node.dictionary || guess.is_none());
+            own.map(Way::Own).chain(guess.iter().cloned().map(Way::Guess)).collect()
+        };
+        let lamps = ways(INV_LAMP, lamp_candidates(room, camera));
+        let windows = window_candidates(room, camera).into_iter().map(Shape::Window).collect();
         let lamp_count = lamps.len();
-        let candidates: Vec<Shape> = lamps.into_iter().chain(windows).collect();
-        let layers: Vec<Vec<Vec3>> = candidates
-            .par_iter()
-            .map(|shape| flat(shape).map_or_else(Vec::new, |lamp| self.layer(&lamp, None)))
-            .collect();
+        let candidates = [lamps, ways(INV_WINDOW, windows)].concat();
+        let layers: Vec<Vec<Vec3>> =
+            candidates.par_iter().map(|way| self.layer(way, None).unwrap_or_default()).collect();
         ctx.check_cancelled()?;
         // The best single candidate, then the best of the other kind beside it.
         let best = |given: &[&[Vec3]], range: std::ops::Range<usize>| -> Option<(usize, f64)> {
@@ -259,7 +295,7 @@ impl<'a> Scout<'a> {
         let mut found = (Shape::Absent, Shape::Absent);
         let mut keep = |i: usize| {
             let slot = if i < lamp_count { &mut found.0 } else { &mut found.1 };
-            *slot = candidates[i].clone();
+            *slot = self.shape(&candidates[i]);
         };
         let nothing = self.loss(&base);
         if let Some((first, loss)) = best(&base, 0..candidates.len())
@@ -276,6 +312,19 @@ impl<'a> Scout<'a> {
         }
         Ok(found)
     }
+}
+
+/// A light that may be the one.
+#[derive(Clone)]
+enum Way {
+    Own(Shape),
+    Guess(Guess),
+}
+
+/// What is guessed of a light, if anything shines there.
+fn guessed(guesses: &Gather<Guess>, id: &str) -> Option<Guess> {
+    let guess = guesses.get(id)?;
+    (guess.shape != Shape::Absent).then(|| Guess::clone(guess))
 }
 
 /// The light as a lamp of even radiance: a window, on the whole, is a bright rectangle.
