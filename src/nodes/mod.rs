@@ -18,6 +18,7 @@ pub fn registry() -> Registry {
         .with::<scene::read_materials::ReadMaterials>()
         .with::<estimate::retinex_materials::RetinexMaterials>()
         .with::<estimate::init_lights::InitLights>()
+        .with::<estimate::refine_lights::RefineLights>()
         .with::<estimate::fit_lights::FitLights>()
         .with::<estimate::paint::Paint>()
         .with::<edit::edit_lights::EditLights>()

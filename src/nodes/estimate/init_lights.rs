@@ -195,7 +195,7 @@ impl<'a> Scout<'a> {
         let InitLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = inputs;
         let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-        Scout { node, receivers: Receivers::new(room, masks) }
+        Scout { node, receivers: Receivers::new(room, masks, usize::MAX) }
     }
 
     /// Unit layer of a lamp on the receivers in use: shadowed direct and indirect light.

@@ -3,4 +3,5 @@
 pub mod fit_lights;
 pub mod init_lights;
 pub mod paint;
+pub mod refine_lights;
 pub mod retinex_materials;
