@@ -18,8 +18,8 @@ pub enum Freedom {
 /// One degree of freedom of a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Parameter {
-    /// Logarithm of the distance from the camera and of the size together.
-    Distance,
+    /// Logarithm of the distance from the camera and of the size together, of this likely error.
+    Distance(f32),
     /// Shift of the whole light, this vector long.
     Shift(Vec3),
     /// Logarithm of the size about its middle.
@@ -30,8 +30,10 @@ pub enum Parameter {
     Bandwidth(usize),
 }
 
-/// Likely errors of the logarithms of distance and size, of a direction (radians), and of log(1 + bandwidth).
-const DISTANCE: f32 = 0.15;
+/// Likely error of the distance of a light that is seen, as a share of its radius: depth tells its front, not its middle.
+const DISTANCE: f32 = 0.5;
+
+/// Likely errors of the logarithm of the size, of a direction (radians), and of log(1 + bandwidth).
 const SIZE: f32 = 0.4;
 const TURN: f32 = 0.2;
 const BANDWIDTH: f32 = 1.0;
@@ -44,12 +46,12 @@ const MOST_BANDWIDTH: f32 = 1e5;
 
 /// The parameters of a light that has a freedom; `lit` is the middle of what it lights. The axes are those at the present shape.
 pub fn parameters(shape: &Shape, freedom: Freedom, lit: Vec3) -> Vec<Parameter> {
-    let Some((middle, _)) = shape.ball().filter(|_| freedom != Freedom::Fixed) else { return Vec::new() };
+    let Some((middle, radius)) = shape.ball().filter(|_| freedom != Freedom::Fixed) else { return Vec::new() };
     let reach = SHIFT * middle.distance(lit);
     match (shape, freedom) {
         // A panel that is seen lies in its ceiling.
         (Shape::Absent, _) | (Shape::Lamp(Lamp::Rect { .. }), Freedom::Seen) => Vec::new(),
-        (Shape::Lamp(_), Freedom::Seen) => vec![Parameter::Distance],
+        (Shape::Lamp(_), Freedom::Seen) => vec![Parameter::Distance(DISTANCE * radius / middle.length())],
         (Shape::Lamp(_), _) => {
             Vec3::AXES.map(|axis| Parameter::Shift(axis * reach)).into_iter().chain([Parameter::Size]).collect()
         }
@@ -70,7 +72,7 @@ impl Parameter {
     pub fn rate(&self, shape: &Shape, lobe: usize, gradient: &Gradient) -> f64 {
         let middle = || shape.ball().map_or(Vec3::ZERO, |(middle, _)| middle).as_dvec3();
         match self {
-            Parameter::Distance => f64::from(DISTANCE) * (gradient.size + gradient.place.dot(middle())),
+            Parameter::Distance(error) => f64::from(*error) * (gradient.size + gradient.place.dot(middle())),
             Parameter::Shift(axis) => gradient.place.dot(axis.as_dvec3()),
             Parameter::Size => f64::from(SIZE) * gradient.size,
             Parameter::Turn(k, axis) if *k == lobe => f64::from(TURN) * gradient.turn.dot(axis.as_dvec3()),
@@ -85,7 +87,7 @@ impl Parameter {
     pub fn offset(&self, start: &Shape, shape: &Shape) -> f64 {
         let (Some((from, before)), Some((to, now))) = (start.ball(), shape.ball()) else { return 0.0 };
         let offset = match self {
-            Parameter::Distance => (to.length() / from.length()).ln() / DISTANCE,
+            Parameter::Distance(error) => (to.length() / from.length()).ln() / error,
             Parameter::Shift(axis) => (to - from).dot(*axis) / axis.length_squared(),
             Parameter::Size => (now / before).ln() / SIZE,
             Parameter::Turn(k, axis) => match (start, shape) {
@@ -108,7 +110,7 @@ impl Parameter {
     pub fn moved(&self, shape: &Shape, step: f64) -> Shape {
         let step = step as f32;
         match self {
-            Parameter::Distance => resized(shape, (DISTANCE * step).exp(), Vec3::ZERO, Vec3::ZERO),
+            Parameter::Distance(error) => resized(shape, (error * step).exp(), Vec3::ZERO, Vec3::ZERO),
             Parameter::Shift(axis) => resized(shape, 1.0, Vec3::ZERO, *axis * step),
             Parameter::Size => {
                 let middle = shape.ball().map_or(Vec3::ZERO, |(middle, _)| middle);
@@ -128,7 +130,7 @@ impl Parameter {
     /// In a person's words.
     pub fn name(&self) -> String {
         match self {
-            Parameter::Distance => "distance".into(),
+            Parameter::Distance(_) => "distance".into(),
             Parameter::Shift(_) => "place".into(),
             Parameter::Size => "size".into(),
             Parameter::Turn(k, _) => format!("direction of the {}", LOBES[*k]),
