@@ -7,14 +7,13 @@ use crate::geometry::{Camera, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{Albedo, Bytes, Depth, Normal, Plane, Points, Roughness, Segments, Shading, Transfer};
 pub use crate::image::{Mask, Picture};
+pub use crate::optics::LOBES;
 use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Shape, Transport};
 
 /// The member that stands for lamps out of view.
 pub const INV_LAMP: &str = "inv_lamp";
 /// The member that stands for windows out of view.
 pub const INV_WINDOW: &str = "inv_window";
-/// What the lobes of a window are called, in their order.
-pub const LOBES: [&str; 3] = ["sun", "sky", "ground"];
 /// What no light explains; no light may have this name.
 pub const REST: &str = "rest";
 

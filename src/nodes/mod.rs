@@ -25,6 +25,7 @@ pub fn registry() -> Registry {
         .with::<estimate::inv_win_net::InvWinNet>()
         .with::<estimate::init_lights::InitLights>()
         .with::<estimate::remains::Remains>()
+        .with::<estimate::refine_lights::RefineLights>()
         .with::<estimate::fit_lights::FitLights>()
         .with::<estimate::paint::Paint>()
         .with::<edit::edit_lights::EditLights>()

@@ -80,13 +80,20 @@ impl RoomBox {
         Some(RoomBox::new(Vec3::new(x.0, y.0, z.0), high, yaw))
     }
 
+    /// How far out of the box a point lies, along the axis along which that is farthest, as a share of the box; 0 inside.
+    pub fn outside(&self, point: Vec3) -> f32 {
+        let at = self.turn.inverse() * point;
+        let out = (self.low - at).max(at - self.high) / (self.high - self.low).max(Vec3::splat(1e-6));
+        out.max_element().max(0.0)
+    }
+
     /// How far the room is seen to reach.
     fn depth(&self) -> f32 {
         (-self.low.z).max(0.1)
     }
 }
 
-fn in_view(camera: &Camera, point: Vec3) -> bool {
+pub(super) fn in_view(camera: &Camera, point: Vec3) -> bool {
     // A margin, since a light has extent.
     camera.project(point).is_some_and(|at| {
         let (w, h) = (camera.width as f32, camera.height as f32);
@@ -299,6 +306,13 @@ mod tests {
         let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
         let edge = camera.project(window.center).expect("before the camera");
         assert!(edge.x < 3.0, "its middle is at the picture's edge, got {edge}");
+    }
+
+    #[test]
+    fn outside_is_a_share_of_the_box() {
+        let room = RoomBox::new(Vec3::new(-1.0, -1.0, -4.0), Vec3::new(1.0, 1.0, 0.0), 0.5);
+        assert_eq!(room.outside(room.turn * Vec3::new(0.5, 0.5, -1.0)), 0.0);
+        assert!((room.outside(room.turn * Vec3::new(1.5, 0.5, 1.5)) - 0.375).abs() < 1e-6);
     }
 
     #[test]

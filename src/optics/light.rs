@@ -134,6 +134,9 @@ pub struct Lobe {
     pub bandwidth: f32,
 }
 
+/// What the lobes of a window are called, in their order.
+pub const LOBES: [&str; 3] = ["sun", "sky", "ground"];
+
 /// What a mask of a visible light shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LightKind {

@@ -91,10 +91,7 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
 fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64) -> RadianceFit {
     let (n, k) = (evidence.photo.len(), columns.len());
     let white = f64::from(evidence.white);
-    // Columns scaled to mean 1 so that the start, the penalty and the tolerances mean the same for each.
-    let mean = |c: &Column| c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>() / (3 * n) as f64;
-    let means: Vec<f64> = columns.iter().map(mean).collect();
-    let scale: Vec<f64> = means.iter().map(|&mean| if mean > FAINTEST { 1.0 / mean } else { 0.0 }).collect();
+    let scale = scales(columns);
     let lit = scale.iter().filter(|&&s| s > 0.0).count();
     let mut fit = RadianceFit {
         radiance: vec![Vec3::ZERO; k],
@@ -153,6 +150,16 @@ fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64
     fit
 }
 
+/// Factors that bring each column to mean 1, so that the start, the penalty and the tolerances mean the same for each; 0 for a
+/// black one.
+pub(super) fn scales(columns: &[Column]) -> Vec<f64> {
+    let scale = |c: &Column| {
+        let mean = c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>() / (3 * c.layer.len()) as f64;
+        if mean > FAINTEST { 1.0 / mean } else { 0.0 }
+    };
+    columns.iter().map(scale).collect()
+}
+
 /// Unsaturated pixels beyond one per segment.
 fn spare(evidence: &Evidence) -> usize {
     let mut seen = vec![false; evidence.segments];
@@ -164,7 +171,7 @@ fn spare(evidence: &Evidence) -> usize {
 }
 
 /// A fit's data in 64 bits: the photo in units of its white, layers of mean 1.
-struct Problem<'a> {
+pub(super) struct Problem<'a> {
     evidence: &'a Evidence,
     penalty: Vec<f64>,
     /// Per channel and pixel.
@@ -172,13 +179,13 @@ struct Problem<'a> {
     /// What a pixel counts before the Cauchy weight.
     weight: [Vec<f64>; 3],
     /// Per channel, one row of all columns per pixel.
-    layer: [Vec<f64>; 3],
+    pub layer: [Vec<f64>; 3],
     /// Mean of each column, per channel.
     mean: [Vec<f64>; 3],
 }
 
 impl<'a> Problem<'a> {
-    fn new(evidence: &'a Evidence, columns: &[Column], scale: &[f64], white: f64) -> Problem<'a> {
+    pub fn new(evidence: &'a Evidence, columns: &[Column], scale: &[f64], white: f64) -> Problem<'a> {
         let (n, k) = (evidence.photo.len(), columns.len());
         let photo = [0, 1, 2].map(|c| evidence.photo.iter().map(|v| f64::from(v[c]) / white).collect::<Vec<f64>>());
         let layer = [0, 1, 2].map(|c| {
@@ -198,7 +205,7 @@ impl<'a> Problem<'a> {
     }
 
     /// One round: moves `w` towards what solves the problem linearised at `w`. Says how well that is determined.
-    fn turn(&self, w: &mut [[f64; 3]], step: f64) -> Conditioning {
+    pub fn turn(&self, w: &mut [[f64; 3]], step: f64) -> Conditioning {
         let k = w.len();
         // The channels' equations, coupled only by the pull on each light's colour: unknown c k + i is light i in channel c.
         let size = 3 * k;
@@ -245,12 +252,12 @@ impl<'a> Problem<'a> {
         hardest
     }
 
-    fn shading(&self, w: &[[f64; 3]], c: usize) -> Vec<f64> {
+    pub fn shading(&self, w: &[[f64; 3]], c: usize) -> Vec<f64> {
         self.layer[c].chunks_exact(w.len()).map(|row| row.iter().zip(w).map(|(u, w)| u * w[c]).sum()).collect()
     }
 
     /// Residual of each pixel and its weight, 0 where a saturated pixel may be as bright as it is.
-    fn residuals(&self, albedo: &[f64], shading: &[f64], c: usize) -> (Vec<f64>, Vec<f64>) {
+    pub fn residuals(&self, albedo: &[f64], shading: &[f64], c: usize) -> (Vec<f64>, Vec<f64>) {
         let Evidence { segment, saturated, .. } = self.evidence;
         let both = (0..shading.len()).map(|p| {
             let (wanted, model) = (self.photo[c][p], albedo[segment[p] as usize] * shading[p]);
@@ -308,7 +315,7 @@ impl<'a> Problem<'a> {
     }
 
     /// Least-squares albedo of each segment under this shading: sum(w I E) / sum(w E^2).
-    fn albedo(&self, shading: &[f64], c: usize) -> Vec<f64> {
+    pub fn albedo(&self, shading: &[f64], c: usize) -> Vec<f64> {
         let mut top = vec![0.0; self.evidence.segments];
         let mut bottom = vec![0.0; self.evidence.segments];
         for p in (0..shading.len()).filter(|&p| !self.evidence.saturated[p]) {
@@ -318,6 +325,30 @@ impl<'a> Problem<'a> {
         }
         // A segment that is clipped everywhere, or in full shadow, is taken as white: it says nothing of the lights.
         top.iter().zip(&bottom).map(|(t, b)| if *b > 0.0 { (t / b).max(1e-3) } else { 1.0 }).collect()
+    }
+
+    /// The photo's weighted energy.
+    pub fn energy(&self) -> f64 {
+        let channel = |c: usize| -> f64 { self.weight[c].iter().zip(&self.photo[c]).map(|(w, i)| w * i * i).sum() };
+        (0..3).map(channel).sum()
+    }
+
+    /// What the turns bring down, but for the pull on colours: the sum of the Cauchy losses sigma^2 log(1 + r^2), weighted, and of
+    /// the penalties, as a share of the photo's weighted energy.
+    pub fn objective(&self, w: &[[f64; 3]]) -> f64 {
+        let energy = self.energy();
+        let channel = |c: usize| -> f64 {
+            let shading = self.shading(w, c);
+            let (residual, _) = self.residuals(&self.albedo(&shading, c), &shading, c);
+            let cauchy = |p: usize| {
+                let sigma = sigma(self.photo[c][p]);
+                self.weight[c][p] * sigma * sigma * (residual[p] / sigma).powi(2).ln_1p()
+            };
+            (0..residual.len()).map(cauchy).sum()
+        };
+        let misfit: f64 = (0..3).map(channel).sum();
+        let cost: f64 = self.penalty.iter().zip(w).map(|(penalty, w)| penalty * w.iter().sum::<f64>() / 3.0).sum();
+        if energy > 0.0 { misfit / energy + cost } else { cost }
     }
 
     /// Albedos of one channel, and the sum of log(1 + r^2).

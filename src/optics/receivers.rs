@@ -61,10 +61,11 @@ pub struct Receivers<'a> {
 }
 
 impl<'a> Receivers<'a> {
-    /// The receivers away from `masks`, which mark lights and what is no part of the room.
-    pub fn new<'m>(room: SeenRoom<'a>, masks: impl Iterator<Item = &'m Mask>) -> Receivers<'a> {
+    /// The receivers away from `masks`, which mark lights and what is no part of the room; of more than `most`, every nth.
+    pub fn new<'m>(room: SeenRoom<'a>, masks: impl Iterator<Item = &'m Mask>, most: usize) -> Receivers<'a> {
         let grid = room.transport.grid();
-        let pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), room.photo, room.clipped, masks);
+        let mut pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), room.photo, room.clipped, masks);
+        pixels = pixels.iter().copied().step_by(pixels.len().div_ceil(most.max(1)).max(1)).collect();
         let used: Vec<usize> = {
             let mut next = pixels.iter().peekable();
             (0..grid.len()).filter(|&i| next.next_if(|&&p| p == grid.pixel(i)).is_some()).collect()

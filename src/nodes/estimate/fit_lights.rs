@@ -80,12 +80,9 @@ impl Node for FitLights {
         if !(1..=10_000).contains(&self.turns) {
             return Err(format!("turns: wanted 1..=10000, got {}", self.turns));
         }
-        for (name, value) in [
-            ("rest_cost", self.rest_cost),
-            ("invisible_cost", self.invisible_cost),
-            ("sun_cost", self.sun_cost),
-            ("albedo_trust", self.albedo_trust),
-        ] {
+        for (name, value) in
+            [("rest_cost", self.rest_cost), ("invisible_cost", self.invisible_cost), ("sun_cost", self.sun_cost)]
+        {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(format!("{name}: wanted a number >= 0, got {value}"));
             }

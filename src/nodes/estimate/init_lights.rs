@@ -33,8 +33,6 @@ params! {
         unseen: f32 = 0.5,
         /// Cost of the constant ambient, as a share of the photo's energy: what a light can explain is the light's.
         ambient_cost: f64 = 0.01,
-        /// How much the albedo of a segment counts beside the photo: 0 leaves it to the fit, 1 is halfway.
-        albedo_trust: f64 = 0.0,
         /// Rounds of the fit per candidate.
         turns: usize = 8,
         /// Shape of visible lamps that are no ceiling panels: `Solid` (a ball, or a box when the outline is long), `Box`, `Plates`
@@ -207,9 +205,7 @@ impl<'a> Scout<'a> {
         let InitLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = inputs;
         let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-        let mut receivers = Receivers::new(room, masks);
-        receivers.evidence = receivers.evidence.with_albedo(albedo, segments, node.albedo_trust);
-        Scout { node, receivers }
+        Scout { node, receivers: Receivers::new(room, masks, usize::MAX) }
     }
 
     /// Unit layer on the receivers in use, shadowed direct and indirect light: of a lamp, of a window as a bright rectangle, of a

@@ -6,6 +6,7 @@ pub mod inv_lamp_net;
 pub mod inv_win_net;
 pub mod mnet;
 pub mod paint;
+pub mod refine_lights;
 pub mod remains;
 pub mod retinex_materials;
 pub mod vis_lamp_net;

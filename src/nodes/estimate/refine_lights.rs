@@ -1,0 +1,178 @@
+//! `RefineLights`: where the lights are, as exactly as the photo tells.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::geometry::{Camera, SceneMesh};
+use crate::graph::{Context, Gather, Node, NodeError, Scatter};
+use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
+use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
+use crate::optics::{
+    Bounces, Bounds, Freedom, LayerQuality, Movable, Receivers, RoomBox, SeenRoom, Shape, ShapeFit, ShapeSearch,
+    Transport, fit_shapes,
+};
+use crate::{params, ports};
+
+params! {
+    /// Moves lights to where they explain the photo best: how far a visible lamp is, place and size of lights out of view, directions
+    /// and bandwidths of what windows look out on.
+    ///
+    /// Damped Gauss-Newton on the receivers, radiances and albedos eliminated, Cauchy weights, a prior that pulls to the start; then
+    /// shadows and indirect light are traced again (see `optics::fit_shapes`). A light whose move does not earn its place keeps
+    /// its shape to the bit.
+    pub struct RefineLights {
+        /// Most times that shadows and indirect light are traced again, 1..=10.
+        rounds: usize = 2,
+        /// Most steps between, 1..=100.
+        steps: usize = 8,
+        /// Share of the misfit that the move of a light must save; 0..1.
+        worth: f64 = 0.02,
+        /// Receivers that take part, 1..=100000.
+        places: usize = 1500,
+        /// Shadow rays per receiver and lobe, 1..=1024.
+        samples: usize = 4,
+        /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
+        unseen: f32 = 0.5,
+        /// Cost of the constant ambient, as in `FitLights`.
+        rest_cost: f64 = 0.01,
+        /// Cost of lights out of view, as in `FitLights`.
+        invisible_cost: f64 = 0.005,
+        /// Cost of the sun in a window, as in `FitLights`.
+        sun_cost: f64 = 0.05,
+    }
+}
+
+ports! {
+    pub input RefineLightsIn {
+        /// The linear photo, working size.
+        photo: Arc<Picture>,
+        /// Share of saturated pixels.
+        clipped: Arc<Mask>,
+        /// The camera at working size.
+        camera: Arc<Camera>,
+        /// Points of the seen surface.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// What casts shadows.
+        mesh: Arc<SceneMesh>,
+        /// What the receivers see.
+        transport: Arc<Transport>,
+        /// Albedo, for the indirect light.
+        albedo: Arc<Albedo>,
+        /// Pixels of one material.
+        segments: Arc<Segments>,
+        /// Pixels that are no part of the room.
+        ignore: Arc<Mask>,
+        /// Pixels of each visible light.
+        mask: Gather<Mask>,
+        /// Every visible light, `inv_lamp` and `inv_window`.
+        shape: Gather<Shape>,
+    }
+}
+
+ports! {
+    pub output RefineLightsOut {
+        /// The same lights.
+        shape: Scatter<Shape>,
+    }
+}
+
+impl Node for RefineLights {
+    const KIND: &'static str = "RefineLights";
+    const VERSION: u32 = 1;
+    type In = RefineLightsIn;
+    type Out = RefineLightsOut;
+
+    fn check(&self) -> Result<(), String> {
+        let counts = [
+            ("rounds", self.rounds, 10),
+            ("steps", self.steps, 100),
+            ("places", self.places, 100_000),
+            ("samples", self.samples, 1024),
+        ];
+        for (name, value, most) in counts {
+            if !(1..=most).contains(&value) {
+                return Err(format!("{name}: wanted 1..={most}, got {value}"));
+            }
+        }
+        if !(0.0..1.0).contains(&self.worth) {
+            return Err(format!("worth: wanted 0..1, got {}", self.worth));
+        }
+        if !(0.0..=1.0).contains(&self.unseen) {
+            return Err(format!("unseen: wanted 0..=1, got {}", self.unseen));
+        }
+        for (name, value) in
+            [("rest_cost", self.rest_cost), ("invisible_cost", self.invisible_cost), ("sun_cost", self.sun_cost)]
+        {
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(format!("{name}: wanted a number >= 0, got {value}"));
+            }
+        }
+        Ok(())
+    }
+
+    fn run(&self, inputs: RefineLightsIn, ctx: &Context) -> Result<RefineLightsOut, NodeError> {
+        let RefineLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = &inputs;
+        let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
+        let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
+        let receivers = Receivers::new(room, masks, self.places);
+        ctx.check_cancelled()?;
+        let (names, lights): (Vec<&str>, Vec<Movable>) =
+            inputs.shape.iter().map(|(id, s)| (id, self.movable(id, s, &inputs))).unzip();
+        let (places, normals): (Vec<Vec3>, Vec<Vec3>) = receivers.places().into_iter().unzip();
+        let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
+        let bounds = Bounds { camera: &camera, room: RoomBox::around(&places, &normals) };
+        let search = ShapeSearch {
+            quality: LayerQuality { samples: self.samples, bounces: Bounces { count: 1, unseen: self.unseen } },
+            rounds: self.rounds,
+            steps: self.steps,
+            worth: self.worth,
+            ambient_penalty: self.rest_cost,
+        };
+        let fit = fit_shapes(&receivers, &lights, &bounds, &search);
+        tell(&names, &fit, ctx);
+        let given = inputs.shape.iter().zip(fit.shapes).map(|((id, given), found)| {
+            (id.to_string(), if found == **given { Arc::clone(given) } else { Arc::new(found) })
+        });
+        Ok(RefineLightsOut { shape: Scatter(given.collect()) })
+    }
+}
+
+impl RefineLights {
+    fn movable<'a>(&self, id: &str, shape: &Shape, inputs: &'a RefineLightsIn) -> Movable<'a> {
+        let unseen = [INV_LAMP, INV_WINDOW].contains(&id);
+        let cost = if unseen { self.invisible_cost } else { 0.0 };
+        let lobe = |lobe: usize| if shape.lobes() == 3 && lobe == 0 { self.sun_cost } else { cost };
+        Movable {
+            shape: shape.clone(),
+            own: inputs.mask.get(id).map(|mask| &**mask),
+            freedom: if unseen { Freedom::Unseen } else { Freedom::Seen },
+            penalty: (0..shape.lobes()).map(lobe).collect(),
+        }
+    }
+}
+
+/// Condition number above which the two parameters that look most alike are named.
+const ALIKE: f64 = 1e4;
+
+fn tell(names: &[&str], fit: &ShapeFit, ctx: &Context) {
+    let parameter = |i: usize| {
+        let (light, name) = &fit.parameters[i];
+        format!("{} of {}", name, names[*light])
+    };
+    let [before, after] = fit.loss;
+    let moves = names.iter().zip(&fit.saved).filter(|(_, saved)| **saved > 0.0);
+    let moves: Vec<String> = moves.map(|(name, saved)| format!("{name} saves {:.1} %", 100.0 * saved)).collect();
+    let moves = if moves.is_empty() { "every light stays".to_owned() } else { format!("moved: {}", moves.join(", ")) };
+    let mut untold: Vec<String> = fit.untold.iter().map(|&i| parameter(i)).collect();
+    untold.dedup();
+    let untold =
+        if untold.is_empty() { String::new() } else { format!("; the photo does not tell the {}", untold.join(", ")) };
+    let number = fit.conditioning.number;
+    ctx.note(format!("misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{untold}"));
+    if let Some([a, b]) = fit.conditioning.alike.filter(|_| number > ALIKE) {
+        ctx.note(format!("the photo hardly tells the {} from the {}", parameter(a), parameter(b)));
+    }
+}
