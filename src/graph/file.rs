@@ -163,6 +163,24 @@ impl GraphFile {
         })
     }
 
+    /// What is wired to an input of a node, as `node` or `node.port`; nothing where there is no such node or wire.
+    pub fn wired(&self, node: &str, input: &str) -> impl Iterator<Item = &str> {
+        let node = self.nodes.iter().find(|n| n.name.name == node);
+        let wire = node.and_then(|node| node.wires.iter().find(|w| w.port.name == input));
+        wire.into_iter().flat_map(|wire| &wire.from).map(|from| from.name.as_str())
+    }
+
+    /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node` where it has one output.
+    pub fn redirect(&mut self, from: &str, to: &str) {
+        let same = |a: &str, b: &str| match (a.split_once('.'), b.split_once('.')) {
+            (None, Some((node, _))) => a == node,
+            (Some((node, _)), None) => b == node,
+            _ => a == b,
+        };
+        let wires = self.nodes.iter_mut().flat_map(|node| &mut node.wires).flat_map(|wire| &mut wire.from);
+        wires.filter(|end| same(&end.name, from)).for_each(|end| to.clone_into(&mut end.name));
+    }
+
     /// A set of a name that is there already is replaced; outputs are added; a node is changed field by field, unless
     /// it becomes another kind: then nothing of the old one stays.
     fn lay_over(&mut self, layer: Layer, faults: &mut Vec<Fault>) {

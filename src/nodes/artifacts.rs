@@ -6,7 +6,7 @@ use crate::geometry::{Camera, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{Albedo, Bytes, Depth, Normal, Plane, Points, Roughness, Segments, Shading, Transfer};
 pub use crate::image::{Mask, Picture};
-use crate::optics::{LightKind, Radiance, Shape, Transport};
+use crate::optics::{LightKind, Lighting, Radiance, Shape, Transport};
 
 /// The member that stands for lamps out of view.
 pub const INV_LAMP: &str = "inv_lamp";
@@ -49,6 +49,8 @@ artifacts! {
     UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).chain(i.stderr.iter().map(Plane::bytes)).sum(),
     LightKind: |_| size_of::<LightKind>(),
     Encoding: |_| size_of::<Encoding>(),
+    Lighting: |l| l.radiance.len() * 12,
+    Scores: |s| s.0.len() * size_of::<Score>(),
     Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
 }
 
@@ -87,6 +89,20 @@ pub struct Encoding {
     pub lux: Option<f32>,
     pub sixteen_bit: bool,
 }
+
+/// One figure of how good something is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// A light, an edit, `all lights`, `materials`.
+    pub subject: String,
+    /// As the stage that measured calls it; docs/eval.md tells each.
+    pub measure: String,
+    pub value: f64,
+}
+
+/// Figures of how good something is.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scores(pub Vec<Score>);
 
 /// Files to be written, by name.
 #[derive(Clone, Debug, PartialEq)]

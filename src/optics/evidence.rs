@@ -45,7 +45,16 @@ impl Evidence {
             white,
         }
     }
+
+    /// The shading on the same pixels where their albedo is known: I / A, as if all were one segment of albedo 1.
+    pub fn over(self, albedo: &[Vec3]) -> Evidence {
+        let shading = self.photo.iter().zip(albedo).map(|(photo, albedo)| *photo / albedo.max(Vec3::splat(DARKEST)));
+        Evidence { photo: shading.collect(), segment: vec![0; self.segment.len()], segments: 1, ..self }
+    }
 }
+
+/// Albedo below which a surface tells nothing of what falls on it but noise.
+const DARKEST: f32 = 0.02;
 
 /// The level that counts as white in a photo of any exposure, from its pixels and whether each is clipped; 0 for a black photo.
 ///

@@ -1,6 +1,7 @@
 //! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
 
 mod candidates;
+mod chamfer;
 mod conditioning;
 mod direct;
 mod emitter;
@@ -11,6 +12,7 @@ mod extremes;
 mod gaussian;
 mod indirect;
 mod light;
+mod lighting;
 mod lobe_irradiance;
 mod nnls;
 mod plates;
@@ -29,6 +31,7 @@ mod visible_lamp;
 mod window;
 
 pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates};
+pub use chamfer::{SURFACE_POINTS, chamfer, surface_points};
 pub use conditioning::Conditioning;
 pub use direct::{Direct, direct};
 pub use emitter::{Emitter, LightSample, Seen};
@@ -37,6 +40,7 @@ pub use evidence::{Evidence, evidence_pixels};
 pub use gaussian::Gaussian;
 pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
+pub use lighting::{Lighting, PHIS, TEXELS, THETAS};
 pub use nnls::nnls;
 pub use polygon::polygon_irradiance;
 pub use radiance_fit::{Column, RadianceFit, fit_radiances};

@@ -27,6 +27,8 @@ params! {
         invisible_cost: f64 = 0.005,
         /// Cost of the sun in a window.
         sun_cost: f64 = 0.05,
+        /// The albedo is known: it stays as it comes, pixel by pixel, and only radiances are fitted.
+        keep_albedo: bool = false,
     }
 }
 
@@ -96,7 +98,11 @@ impl Node for FitLights {
         let receivers: Vec<usize> = (0..grid.len()).map(|i| grid.pixel(i)).collect();
         let pixels =
             evidence_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
-        let evidence = Evidence::at(&inputs.photo, &inputs.clipped, &inputs.segments, &pixels, 2);
+        let at = |picture: &Picture| Evidence::at(picture, &inputs.clipped, &inputs.segments, &pixels, 2);
+        let mut evidence = at(&inputs.photo);
+        if self.keep_albedo {
+            evidence = evidence.over(&at(&Picture(inputs.albedo.0.clone())).photo);
+        }
 
         let ambient = grid.upsample(&inputs.points, &inputs.normal, &inputs.transport.ambient());
         let (mut names, mut layers): (Vec<String>, Vec<(Vec<Vec3>, f64)>) = Default::default();
@@ -117,7 +123,10 @@ impl Node for FitLights {
         names.push("the rest".into());
         layers.push((pixels.iter().map(|&p| ambient.pixels()[p]).collect(), self.rest_cost));
         let columns: Vec<Column> = layers.iter().map(|(layer, cost)| Column { layer, penalty: *cost }).collect();
-        let before: Vec<Vec3> = pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect();
+        let before: Vec<Vec3> = match self.keep_albedo {
+            true => vec![Vec3::ONE; pixels.len()],
+            false => pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect(),
+        };
         let fit = fit_radiances(&evidence, &columns, self.turns).with_albedo_of(&evidence.segment, &before);
 
         let mut weights = fit.radiance.iter().copied();
@@ -128,6 +137,10 @@ impl Node for FitLights {
         let rest_radiance = fit.radiance.last().copied().unwrap_or(Vec3::ZERO);
         tell(&names, &layers, &fit, &evidence, ctx);
 
+        let rest = Arc::new(Shading(ambient.map(|a| a * rest_radiance)));
+        if self.keep_albedo {
+            return Ok(FitLightsOut { radiance: Scatter(radiance), rest, albedo: inputs.albedo });
+        }
         let known = mark(&pixels, &inputs.segments, fit.albedo.len());
         let fitted = |p: usize| {
             let s = inputs.segments.label.pixels()[p] as usize;
@@ -140,11 +153,7 @@ impl Node for FitLights {
         let seam = (w.max(h) / 64).max(2);
         let unknown = around(masks().chain([&*inputs.clipped]), (w, h), seam);
         fill_along_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
-        Ok(FitLightsOut {
-            radiance: Scatter(radiance),
-            rest: Arc::new(Shading(ambient.map(|a| a * rest_radiance))),
-            albedo: Arc::new(Albedo(albedo)),
-        })
+        Ok(FitLightsOut { radiance: Scatter(radiance), rest, albedo: Arc::new(Albedo(albedo)) })
     }
 }
 
