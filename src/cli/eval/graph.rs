@@ -39,10 +39,11 @@ const MATERIALS: &str = r#"
 const PICTURES: &str = r#"
     "true_pictures": (op: ReadPictures()),
 "#;
+/// `$LIGHTS` is the list of nodes with the true pictures of lights.
 const SHADING: &str = r#"
     "score_shading": (op: ScoreShading(), in: {
-        "light": "$BEFORE", "rest": "$REST", "truth": "true_pictures.picture", "albedo": "true_materials.albedo",
-        "mask": "true_scene.mask",
+        "light": "$BEFORE", "rest": "$REST", "truth": [$LIGHTS], "albedo": "true_materials.albedo",
+        "photo": "true_scene.small", "clipped": "true_scene.small_clipped", "mask": "true_scene.mask",
     }),
 "#;
 const DIRECT: &str = r#"
@@ -55,7 +56,6 @@ const DIRECT: &str = r#"
 const LIGHTING: &str = r#"
     "score_lighting": (op: ScoreLighting(), in: { "lighting": "lighting" }),
 "#;
-/// `$LIGHTS` is the list of nodes with the true pictures of lights.
 const PICTURE: &str = r#"
     "score_picture": (op: ScorePicture(), in: {
         "picture": "$PICTURE", "photo": "true_scene.photo", "light": [$LIGHTS], "mask": "true_scene.full_mask", "cover": "$COVER",
@@ -137,11 +137,7 @@ impl Subject {
         self.of(field).is_some()
     }
 
-    /// Whether shading by all lights can be measured.
-    fn shading(&self) -> bool {
-        self.has("pictures") && self.has("albedo")
-    }
-
+    /// Whether direct light can be measured.
     fn direct(&self) -> bool {
         self.has("direct") && self.has("lights") && self.ends.units.is_some()
     }
@@ -153,12 +149,11 @@ impl Subject {
     /// Tells what is not measured for want of truth or stages.
     fn missing(&mut self) {
         let lacks = |field: &'static str| (!self.has(field)).then_some(field);
-        let rows: [(&str, Vec<Option<&str>>); 8] = [
+        let rows: [(&str, Vec<Option<&str>>); 7] = [
             ("Chamfer and E_j; true lights in the ladder", vec![lacks("lights")]),
-            ("materials; true materials in the ladder", vec![lacks("albedo")]),
+            ("materials and E; true materials in the ladder", vec![lacks("albedo")]),
             ("normal", vec![lacks("albedo"), lacks("normal")]),
             ("roughness", vec![lacks("albedo"), lacks("roughness")]),
-            ("E", vec![lacks("pictures"), lacks("albedo")]),
             ("E_d and shadow", vec![lacks("direct"), lacks("lights")]),
             ("lighting", vec![lacks("lighting")]),
             ("estimated against true depth", vec![lacks("depth")]),
@@ -260,7 +255,7 @@ impl Subject {
         let nodes = [
             ("score_lights", self.has("lights") && !rung.lights),
             ("score_materials", self.has("albedo") && !rung.materials),
-            ("score_shading", self.shading()),
+            ("score_shading", self.has("albedo")),
             ("score_direct", self.direct()),
             ("score_lighting", self.lighting()),
         ];
@@ -348,13 +343,14 @@ impl Subject {
             (LIGHTS, self.has("lights")),
             (MATERIALS, self.has("albedo")),
             (PICTURES, self.has("pictures")),
-            (SHADING, self.shading()),
+            (SHADING, self.has("albedo")),
             (DIRECT, self.direct()),
             (LIGHTING, self.lighting()),
         ];
         let text: String = blocks.iter().filter(|(_, asked)| *asked).map(|(block, _)| *block).collect();
         let lights = if self.has("pictures") { "\"true_pictures.picture\"" } else { "" };
-        (text + &PICTURE.replace("$LIGHTS", lights))
+        (text + PICTURE)
+            .replace("$LIGHTS", lights)
             .replace("$MORE", &more)
             .replace("$NORMAL", if has_normal { "true_materials.normal" } else { "true_room.normal" })
             .replace("$SHAPES", &ends.shapes)

@@ -13,8 +13,8 @@ params! {
     /// `E`: mean squared difference of log(1 + shading), as IndoorLightEditing (Li et al., ECCV 2022) has it, of all lights
     /// together with all their indirect light.
     ///
-    /// The true shading is the sum of the lights' true pictures over the true albedo, at pixels that show no light and whose albedo
-    /// exceeds `least_albedo` in every channel; what shines there by gloss is in it too.
+    /// The true shading is the sum of the lights' true pictures, or else the photo where it is not saturated, over the true albedo,
+    /// at pixels that show no light and whose albedo exceeds `least_albedo` in every channel; what shines there by gloss is in it too.
     pub struct ScoreShading {
         /// Darker surfaces say little of what falls on them; 0..1.
         least_albedo: f32 = 0.05,
@@ -27,7 +27,11 @@ ports! {
         light: Gather<Shading>,
         /// Shading that no light explains.
         rest: Arc<Shading>,
-        /// True pictures by each light alone; their sum is the photo.
+        /// The linear photo, working size.
+        photo: Arc<Picture>,
+        /// Share of saturated pixels.
+        clipped: Arc<Mask>,
+        /// True pictures by each light alone, if there are such; their sum is the photo.
         truth: Gather<Picture>,
         /// True albedo.
         albedo: Arc<Albedo>,
@@ -66,16 +70,14 @@ impl Node for ScoreShading {
             super::same_size(id, light.0.size(), "the rest", size)?;
             got.pixels_mut().iter_mut().zip(light.0.pixels()).for_each(|(sum, e)| *sum += *e);
         }
-        let Some(photo) = super::sum(&inputs.truth)? else {
-            return Err(NodeError::Failed("truth: wanted a picture of each light, got none".into()));
+        let clipped = ("clipped", &inputs.clipped);
+        let (photo, counted) = match super::sum(&inputs.truth)? {
+            Some(sum) => (super::fitted("the true pictures", &sum, size)?, super::no_light(size, inputs.mask.iter())?),
+            None => (inputs.photo.0.clone(), super::no_light(size, inputs.mask.iter().chain([clipped]))?),
         };
-        let photo = super::fitted("the true pictures", &photo, size)?;
-        let mut counted = super::no_light(size, inputs.mask.iter())?;
-        counted
-            .pixels_mut()
-            .iter_mut()
-            .zip(albedo.pixels())
-            .for_each(|(counted, a)| *counted &= a.min_element() > self.least_albedo);
+        super::same_size("photo", photo.size(), "the shading", size)?;
+        let bright = |(i, a): (usize, &Vec3)| counted.pixels()[i] && a.min_element() > self.least_albedo;
+        let counted = Plane::new(size.0, size.1, albedo.pixels().iter().enumerate().map(bright).collect());
         let truth: Vec<Vec3> =
             photo.pixels().iter().zip(albedo.pixels()).map(|(i, a)| *i / a.max(Vec3::splat(1e-3))).collect();
         let truth = Plane::new(size.0, size.1, truth);
