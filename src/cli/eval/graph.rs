@@ -307,6 +307,11 @@ impl Subject {
             if let Some(first) = &ends.first {
                 file.redirect(first, "true_materials.albedo");
             }
+            // Normals count as materials where the stage that gives albedo gives them too; else they belong to the depth.
+            let own = |end: &&String| ends.first.as_ref().is_some_and(|first| node_of(first) == node_of(end));
+            if let Some(normal) = ends.normal.as_ref().filter(own).filter(|_| self.has("normal")) {
+                file.redirect(normal, "true_materials.normal");
+            }
             if let Some(roughness) = ends.roughness.as_ref().filter(|_| self.has("roughness")) {
                 file.redirect(roughness, "true_materials.roughness");
             }
@@ -381,7 +386,7 @@ impl Ends {
         let (fit, write) = (find("FitLights"), find("Write"));
         let written = |port: &str| write.as_ref().and_then(|write| wire(write, port));
         let before = end(&compose, "before")?;
-        let mix = before.split('.').next().unwrap_or_default();
+        let mix = node_of(&before);
         Ok(Ends {
             scene,
             shapes: end(&edit, "shapes")?,
@@ -399,4 +404,9 @@ impl Ends {
             fit,
         })
     }
+}
+
+/// The node of `node.port`.
+fn node_of(end: &str) -> &str {
+    end.split_once('.').map_or(end, |(node, _)| node)
 }
