@@ -166,7 +166,7 @@ mod tests {
             (r#"{ "a.ron": "b.exr" }"#, r#""b.exr""#, "wanted `{ \"name\": value, .. }`, got `\"b.exr\"`"),
         ] {
             write(&text.replace(from, to));
-            let faults = truth(folder.path()).err().expect("it is not sound");
+            let faults = truth(folder.path()).expect_err("it is not sound");
             assert_eq!(faults[0].message, wanted);
         }
     }

@@ -186,7 +186,7 @@ fn lighting_is_scored_on_the_cells_that_are_known() {
         (maps("(99999999, 99999999, 8, 16, 3)", &cells), "size in the header: wanted at most"),
         (b"PK".to_vec(), "file format: wanted maps of directions: NPY"),
     ] {
-        let error = run(&bytes).err().expect("it is not sound").to_string();
+        let error = run(&bytes).expect_err("it is not sound").to_string();
         assert!(error.contains(wanted), "{error}");
     }
 }

@@ -4,7 +4,10 @@ use std::path::{Path, PathBuf};
 
 use relight::files::{edit, scene};
 use relight::graph::{Fault, Graph, GraphFile, Key, Member, Overlay, Raw, Setting, Source, Target};
-use relight::nodes;
+use relight::nodes::{
+    self,
+    artifacts::{INV_LAMP, INV_WINDOW},
+};
 
 use crate::cli::load::setting;
 
@@ -175,14 +178,10 @@ impl Subject {
     /// Each light off, all lights out of view off, and the edits that the truth names.
     fn find_edits(&mut self, folder: &Path, file: &GraphFile) -> Result<(), Vec<Fault>> {
         let mut faults = Vec::new();
-        let path = folder.join("scene.ron");
-        let raw = |text: String| {
-            Raw::document(&Source::new(&path, text), &mut Vec::new()).expect("names and strings are RON values")
-        };
         let lights = self.of("pictures").map(|value| value.as_map(&mut faults)).unwrap_or_default();
         let known: Vec<String> =
             self.room.members.iter().filter(|m| m.set == "visible").map(|m| m.name.clone()).collect();
-        let invisible = ["inv_lamp", "inv_window"];
+        let invisible = [INV_LAMP, INV_WINDOW];
         for (key, _) in &lights {
             if !known.contains(&key.name) && !invisible.contains(&key.name.as_str()) {
                 let fault = Fault::at(&key.origin, format!("the scene has no light `{}`", key.name));
@@ -205,13 +204,13 @@ impl Subject {
         let all = (!unseen.is_empty()).then(|| ("invisible lights".to_owned(), unseen.clone(), invisible.to_vec()));
         for (name, dark, off) in one.chain(all) {
             let entries: Vec<String> = off.iter().map(|id| format!("{id:?}: Off")).collect();
-            let value = raw(format!("{{ {} }}", entries.join(", ")));
+            let value = raw(format!("{{ {} }}", entries.join(", ")), Path::new(OURS));
             let setting = Setting { target: Target::Kind("EditLights".into()), field: "lights".into(), value };
             let change = Overlay { settings: vec![setting], members: Vec::new() };
             self.edits.push(Edit {
                 name: format!("{name} off"),
                 change,
-                truth: vec![("off", raw(format!("{dark:?}")))],
+                truth: vec![("off", raw(format!("{dark:?}"), Path::new(OURS)))],
             });
         }
         for (key, picture) in self.of("edits").map(|value| value.as_map(&mut faults)).unwrap_or_default() {
@@ -231,7 +230,7 @@ impl Subject {
                 Err(new) => faults.extend(new),
             }
         }
-        if self.edits.is_empty() {
+        if !self.has("pictures") && !self.has("edits") {
             self.left_out.push("edits: the scene's truth has no `pictures`, no `edits`".into());
         }
         if faults.is_empty() { Ok(()) } else { Err(faults) }
@@ -266,20 +265,16 @@ impl Subject {
     pub fn graph(&self, rung: Rung, edit: Option<&Edit>) -> Result<Graph, Vec<Fault>> {
         let text =
             format!("Graph(version: 1, extends: {:?}, nodes: {{{}}})", self.graph.display().to_string(), self.stages());
-        let mut file = GraphFile::parse(Source::new("relight eval", text))?;
+        let mut file = GraphFile::parse(Source::new(OURS, text))?;
         let ends = &self.ends;
         let mut settings = self.room.settings.clone();
         let mut set = |target: Target, field: &str, value: &Raw| {
             settings.push(Setting { target, field: field.to_owned(), value: value.clone() });
         };
         let node = |name: &str| Target::Node(name.to_owned());
-        let here = |text: &str| {
-            Raw::document(&Source::new("relight eval", text), &mut Vec::new()).expect("a constant is a RON value")
-        };
+        let ours = |text: String| raw(text, Path::new(OURS));
         if let Some(depth) = self.of("depth") {
-            let path = &depth.origin.source.path;
-            let value = Raw::document(&Source::new(path, format!("(path: {})", depth.text())), &mut Vec::new());
-            let value = value.expect("a string is a RON value");
+            let value = raw(format!("(path: {})", depth.text()), &depth.origin.source.path);
             set(node("true_scene"), "depth", &value);
             if rung.depth {
                 set(node(&ends.scene), "depth", &value);
@@ -299,7 +294,7 @@ impl Subject {
             file.redirect(&ends.radiances, "true_lights.radiance");
             if let Some(fit) = &ends.fit {
                 // True lights are all the light that there is: nothing is left for the rest.
-                set(node(fit), "rest_cost", &here("1e9"));
+                set(node(fit), "rest_cost", &ours("1e9".into()));
             }
         }
         if rung.materials {
@@ -316,13 +311,12 @@ impl Subject {
                 file.redirect(roughness, "true_materials.roughness");
             }
             if let Some(fit) = &ends.fit {
-                set(node(fit), "keep_albedo", &here("true"));
+                set(node(fit), "keep_albedo", &ours("true".into()));
             }
         }
         let mut members: Vec<Member> = self.room.members.clone();
         if let Some(edit) = edit {
-            let name = Raw::document(&Source::new("relight eval", format!("{:?}", edit.name)), &mut Vec::new());
-            set(node("score_picture"), "subject", &name.expect("a string is a RON value"));
+            set(node("score_picture"), "subject", &ours(format!("{:?}", edit.name)));
             edit.truth.iter().for_each(|(field, value)| set(node("score_picture"), field, value));
             settings.extend(edit.change.settings.iter().cloned());
             members.extend(edit.change.members.iter().cloned());
@@ -404,6 +398,14 @@ impl Ends {
             fit,
         })
     }
+}
+
+/// What we write ourselves, where its file stands in messages: in no folder, so that paths start from the working directory.
+const OURS: &str = "relight eval";
+
+/// A value as if it stood in the file `path`; relative paths in it start from there.
+fn raw(text: String, path: &Path) -> Raw {
+    Raw::document(&Source::new(path, text), &mut Vec::new()).expect("we write sound RON")
 }
 
 /// The node of `node.port`.
