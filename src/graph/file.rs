@@ -77,6 +77,7 @@ pub(super) struct SetDecl {
     pub members: Vec<Key>,
 }
 
+#[derive(Clone)]
 pub(super) struct NodeDecl {
     pub name: Key,
     /// `None` in a child that only rewires or repeats.
@@ -86,6 +87,7 @@ pub(super) struct NodeDecl {
     pub wires: Vec<Wire>,
 }
 
+#[derive(Clone)]
 pub(super) struct Wire {
     pub port: Key,
     /// `node` or `node.port`; several only for a gather port.
@@ -168,6 +170,12 @@ impl GraphFile {
         let node = self.nodes.iter().find(|n| n.name.name == node);
         let wire = node.and_then(|node| node.wires.iter().find(|w| w.port.name == input));
         wire.into_iter().flat_map(|wire| &wire.from).map(|from| from.name.as_str())
+    }
+
+    /// Adds a node `name` that has the kind, the parameters and the wires of the node `from`.
+    pub fn copy(&mut self, from: &str, name: &str) {
+        let copy = self.nodes.iter().find(|node| node.name.name == from).cloned();
+        self.nodes.extend(copy.map(|node| NodeDecl { name: Key { name: name.to_owned(), ..node.name }, ..node }));
     }
 
     /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node` where it has one output.

@@ -160,7 +160,9 @@ fn wires_are_redirected_by_whatever_name_they_have() {
     let mut file = GraphFile::parse(Source::new("graph.ron", text)).expect("it is sound");
     let wired = |file: &GraphFile, port: &str| file.wired("m", port).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!([wired(&file, "a"), wired(&file, "b"), wired(&file, "c")], [vec!["a"], vec!["a.number"], vec![]]);
+    file.copy("m", "twin");
     file.redirect("a.number", "b.number");
+    file.redirect("m", "twin");
     assert_eq!([wired(&file, "a"), wired(&file, "b")], [["b.number"], ["b.number"]]);
     let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|faults| panic!("{}", faults[0]));
     assert_eq!(value(&run(&in_memory(), &graph), "t"), (5 * 31 + 5) * 31 + 5);

@@ -11,9 +11,8 @@ use relight::nodes::{
 
 use crate::cli::load::setting;
 
-/// The true surface.
+/// The true surface; `true_scene` is a copy of the node that reads the scene.
 const SURFACE: &str = r#"
-    "true_scene": (op: ReadScene()),
     "true_room": (op: Mesh(), in: {
         "depth": "true_scene.depth", "camera": "true_scene.small_camera", "ignore": "true_scene.ignore",
         "masks": "true_scene.mask", "kinds": "true_scene.kind",
@@ -267,7 +266,10 @@ impl Subject {
             format!("Graph(version: 1, extends: {:?}, nodes: {{{}}})", self.graph.display().to_string(), self.stages());
         let mut file = GraphFile::parse(Source::new(OURS, text))?;
         let ends = &self.ends;
+        file.copy(&ends.scene, "true_scene");
         let mut settings = self.room.settings.clone();
+        let of_scene = self.room.settings.iter().filter(|s| s.target == Target::Node(ends.scene.clone()));
+        settings.extend(of_scene.map(|s| Setting { target: Target::Node("true_scene".into()), ..s.clone() }));
         let mut set = |target: Target, field: &str, value: &Raw| {
             settings.push(Setting { target, field: field.to_owned(), value: value.clone() });
         };
