@@ -21,6 +21,7 @@ fn main() -> ExitCode {
         Command::Nodes(args) => cli::nodes(args),
         Command::Cache(args) => cli::cache(args),
         Command::Bench(args) => cli::bench(args, began),
+        Command::Eval(args) => cli::eval(args, began),
     };
     done.unwrap_or_else(|trouble| trouble.tell()).into()
 }

@@ -50,6 +50,8 @@ pub enum Command {
     Cache(Cache),
     /// Measure error against run time: sampling strategies, shadows, whole pictures.
     Bench(Bench),
+    /// Measure what a graph estimates and renders against a scene's truth, and which part loses what.
+    Eval(Eval),
 }
 
 /// The files of a run.
@@ -231,6 +233,29 @@ pub struct Bench {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
     /// Print bench.json on standard output instead of the tables.
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Args)]
+pub struct Eval {
+    /// The scene: a folder with a scene.ron that names its `truth`.
+    pub scene: PathBuf,
+    /// The graph file.
+    #[arg(long, value_name = "GRAPH", default_value = "graphs/physics.ron")]
+    pub graph: PathBuf,
+    /// Set one parameter of one node, as RON; may be given several times.
+    #[arg(long, value_name = "NODE.PARAM=VALUE")]
+    pub set: Vec<String>,
+    /// The folder for eval.json; made when it is not there.
+    #[arg(long, value_name = "DIR", default_value = "out/eval")]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub cache: CacheUse,
+    /// How many threads work. Default: one per core.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print eval.json on standard output instead of the tables.
     #[arg(long)]
     pub json: bool,
 }

@@ -74,7 +74,7 @@ fn target_error(registry: &Registry, error: f32) -> Vec<Setting> {
 }
 
 /// One `--set NODE.PARAM=VALUE`; relative paths in it start from the working directory.
-fn setting(text: &str, faults: &mut Vec<Fault>) -> Option<Setting> {
+pub fn setting(text: &str, faults: &mut Vec<Fault>) -> Option<Setting> {
     let parts = text.split_once('=').and_then(|(place, value)| Some((place.trim().split_once('.')?, value)));
     let Some(((node, field), value)) = parts.filter(|((node, field), _)| is_name(node) && is_name(field)) else {
         let fault = Fault::file("--set".as_ref(), format!("wanted NODE.PARAM=VALUE, got `{text}`"));

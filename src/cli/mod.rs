@@ -2,24 +2,27 @@
 
 mod args;
 mod bench;
+mod eval;
 mod load;
 mod networks;
 mod progress;
 mod reference;
 mod report;
 mod run;
+mod tables;
 mod write;
 
 use std::io::IsTerminal;
 use std::process::ExitCode;
 
 use relight::files;
-use relight::graph::{DiskCache, EngineOptions, Fault, Planned};
+use relight::graph::{DiskCache, EngineOptions, Fault, Planned, RunReport, Status};
 use relight::nodes;
 
 use args::{Cache, CacheAction, CacheAt, CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
 pub use args::{Cli, Command};
 pub use bench::bench;
+pub use eval::eval;
 use load::load;
 pub use run::run;
 
@@ -72,6 +75,43 @@ impl From<Fault> for Trouble {
     fn from(fault: Fault) -> Trouble {
         Trouble(vec![fault])
     }
+}
+
+/// Why a measurement ends early.
+pub enum Stop {
+    Trouble(Trouble),
+    /// A stage failed, or a person has interrupted.
+    Ended(Exit),
+}
+
+impl<T: Into<Trouble>> From<T> for Stop {
+    fn from(trouble: T) -> Stop {
+        Stop::Trouble(trouble.into())
+    }
+}
+
+/// How a measurement ended.
+fn ended(measured: Result<(), Stop>) -> Result<Exit, Trouble> {
+    match measured {
+        Ok(()) => Ok(Exit::Done),
+        Err(Stop::Ended(exit)) => Ok(exit),
+        Err(Stop::Trouble(trouble)) => Err(trouble),
+    }
+}
+
+/// A run that a measurement needs whole: tells what failed.
+fn finished(report: RunReport) -> Result<RunReport, Stop> {
+    if report.cancelled() {
+        return Err(Stop::Ended(Exit::Interrupted));
+    }
+    let failed: Vec<_> = report.nodes.iter().filter(|node| node.status == Status::Failed).collect();
+    for node in &failed {
+        eprintln!("error: {}: {}", node.name, node.error.as_deref().unwrap_or_default());
+    }
+    if report.is_complete() {
+        return Ok(report);
+    }
+    Err(Stop::Ended(if failed.iter().all(|node| node.bad_file) { Exit::Bad } else { Exit::Failed }))
 }
 
 /// Whether a person watches standard error, who likes colours there.

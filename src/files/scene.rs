@@ -2,9 +2,10 @@
 //!
 //! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types say what may stand in
 //! them. The names of the lights, in the order of the file, become members of sets: `visible`, the lights seen in
-//! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose place and strength are estimated (the graph adds the invisible ones); and
-//! `lights`, all that shine in the result (an edit adds what it inserts). What `truth` names goes to the stages that read what is
-//! known, `ReadLights` and `ReadMaterials`.
+//! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose place and strength are estimated
+//! (the graph adds the invisible ones); and
+//! `lights`, all that shine in the result (an edit adds what it inserts). Lights and materials that `truth` names go to the stages
+//! that read what is known, `ReadLights` and `ReadMaterials`; the rest of it is for who measures, and stands in [`truth`].
 
 use std::path::Path;
 
@@ -22,6 +23,9 @@ const TRUTH: [(&str, &str, &str); 4] = [
     ("normal", "ReadMaterials", "normal"),
     ("roughness", "ReadMaterials", "roughness"),
 ];
+/// Fields of `truth` that no stage of a graph takes by itself: one file, or a map to files.
+const MEASURED: [(&str, bool); 5] =
+    [("depth", false), ("lighting", false), ("pictures", true), ("direct", true), ("edits", true)];
 /// The sets that every light of a scene belongs to.
 const SETS: [&str; 3] = ["visible", "estimated", "lights"];
 
@@ -66,7 +70,7 @@ pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
             }
         }
         if key.name == "truth" {
-            overlay.settings.extend(truth(&value, &mut faults));
+            overlay.settings.extend(settings(&value, &mut faults));
             continue;
         }
         overlay.settings.push(Setting { target: Target::Kind(STAGE.to_owned()), field: key.name, value });
@@ -74,14 +78,40 @@ pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
     if faults.is_empty() { Ok(overlay) } else { Err(faults) }
 }
 
-/// `truth: (lights: "lights.json", ..)`: what is known, for graphs with stages that read it; others do not look at it.
-fn truth(value: &Raw, faults: &mut Vec<Fault>) -> Vec<Setting> {
-    let fields = value.as_struct(None, &TRUTH.map(|(field, ..)| field), faults);
-    let setting = |(key, value): (Key, Raw)| {
-        let (_, stage, field) = TRUTH.into_iter().find(|(field, ..)| *field == key.name)?;
-        Some(Setting { target: Target::Kind(stage.to_owned()), field: field.to_owned(), value })
-    };
-    fields.into_iter().filter_map(setting).collect()
+/// What the `truth` of `folder/scene.ron` names, field by field; nothing where it has none.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn truth(folder: &Path) -> Result<Vec<(Key, Raw)>, Vec<Fault>> {
+    read(folder)?;
+    let source = Source::read(&folder.join("scene.ron")).map_err(|fault| vec![fault])?;
+    let mut faults = Vec::new();
+    let truth = fields(&source, "Scene", &FIELDS, &mut faults).into_iter().find(|(key, _)| key.name == "truth");
+    Ok(truth.map(|(_, value)| known(&value, &mut faults)).unwrap_or_default())
+}
+
+/// The fields of `truth: (lights: "lights.json", ..)`.
+fn known(value: &Raw, faults: &mut Vec<Fault>) -> Vec<(Key, Raw)> {
+    let names: Vec<&str> = TRUTH.map(|(field, ..)| field).into_iter().chain(MEASURED.map(|(field, _)| field)).collect();
+    value.as_struct(None, &names, faults)
+}
+
+/// What of `truth` goes to stages, for graphs that have them; others do not look at it.
+fn settings(value: &Raw, faults: &mut Vec<Fault>) -> Vec<Setting> {
+    let mut settings = Vec::new();
+    for (key, value) in known(value, faults) {
+        if let Some((_, stage, field)) = TRUTH.into_iter().find(|(field, ..)| *field == key.name) {
+            settings.push(Setting { target: Target::Kind(stage.to_owned()), field: field.to_owned(), value });
+            continue;
+        }
+        let many = MEASURED.contains(&(key.name.as_str(), true));
+        let files = if many { value.as_map(faults).into_iter().map(|(_, file)| file).collect() } else { vec![value] };
+        faults.extend(files.iter().filter(|file| file.parse::<String>().is_err()).map(|file| {
+            let message = format!("`{}` wanted the name of a file in quotes, got `{}`", key.name, file.text());
+            file.fault(message)
+        }));
+    }
+    settings
 }
 
 #[cfg(test)]
@@ -122,6 +152,28 @@ mod tests {
         assert_eq!(of("ReadScene").len(), 3);
         let faults = scene(&text.replace("albedo", "albdeo")).err().expect("it is not sound");
         assert_eq!(faults[0].message, "unknown field `albdeo`");
+    }
+
+    #[test]
+    fn what_is_measured_against_is_kept_for_who_asks() {
+        let text = r#"Scene(version: 1, photo: "a.png", camera: FovX(60), depth: (path: "d.npy"),
+            truth: (lights: "l.json", depth: "t.exr", pictures: { "lamp_0": "p.exr" }, edits: { "a.ron": "b.exr" }))"#;
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let write = |text: &str| std::fs::write(folder.path().join("scene.ron"), text).expect("it can be written to");
+        write(text);
+        let fields = truth(folder.path()).expect("this scene is sound");
+        let names: Vec<_> = fields.iter().map(|(key, _)| key.name.as_str()).collect();
+        assert_eq!(names, ["lights", "depth", "pictures", "edits"]);
+        assert_eq!(read(folder.path()).expect("it is sound").settings.len(), 4, "depth stays the scene's own");
+        for (from, to, wanted) in [
+            (r#""p.exr""#, "7", "`pictures` wanted the name of a file in quotes, got `7`"),
+            (r#""t.exr""#, "(1, 2)", "`depth` wanted the name of a file in quotes, got `(1, 2)`"),
+            (r#"{ "a.ron": "b.exr" }"#, r#""b.exr""#, "wanted `{ \"name\": value, .. }`, got `\"b.exr\"`"),
+        ] {
+            write(&text.replace(from, to));
+            let faults = truth(folder.path()).expect_err("it is not sound");
+            assert_eq!(faults[0].message, wanted);
+        }
     }
 
     #[test]

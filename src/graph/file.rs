@@ -77,6 +77,7 @@ pub(super) struct SetDecl {
     pub members: Vec<Key>,
 }
 
+#[derive(Clone)]
 pub(super) struct NodeDecl {
     pub name: Key,
     /// `None` in a child that only rewires or repeats.
@@ -86,6 +87,7 @@ pub(super) struct NodeDecl {
     pub wires: Vec<Wire>,
 }
 
+#[derive(Clone)]
 pub(super) struct Wire {
     pub port: Key,
     /// `node` or `node.port`; several only for a gather port.
@@ -161,6 +163,30 @@ impl GraphFile {
             kind: node.kind.as_ref().map_or("", |kind| &kind.name),
             each: node.each.as_ref().map(|each| each.name.as_str()),
         })
+    }
+
+    /// What is wired to an input of a node, as `node` or `node.port`; nothing where there is no such node or wire.
+    pub fn wired(&self, node: &str, input: &str) -> impl Iterator<Item = &str> {
+        let node = self.nodes.iter().find(|n| n.name.name == node);
+        let wire = node.and_then(|node| node.wires.iter().find(|w| w.port.name == input));
+        wire.into_iter().flat_map(|wire| &wire.from).map(|from| from.name.as_str())
+    }
+
+    /// Adds a node `name` that has the kind, the parameters and the wires of the node `from`.
+    pub fn copy(&mut self, from: &str, name: &str) {
+        let copy = self.nodes.iter().find(|node| node.name.name == from).cloned();
+        self.nodes.extend(copy.map(|node| NodeDecl { name: Key { name: name.to_owned(), ..node.name }, ..node }));
+    }
+
+    /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node` where it has one output.
+    pub fn redirect(&mut self, from: &str, to: &str) {
+        let same = |a: &str, b: &str| match (a.split_once('.'), b.split_once('.')) {
+            (None, Some((node, _))) => a == node,
+            (Some((node, _)), None) => b == node,
+            _ => a == b,
+        };
+        let wires = self.nodes.iter_mut().flat_map(|node| &mut node.wires).flat_map(|wire| &mut wire.from);
+        wires.filter(|end| same(&end.name, from)).for_each(|end| to.clone_into(&mut end.name));
     }
 
     /// A set of a name that is there already is replaced; outputs are added; a node is changed field by field, unless

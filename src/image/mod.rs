@@ -6,6 +6,7 @@ mod exr_read;
 mod exr_write;
 mod fill;
 mod grow;
+mod measure;
 mod npy;
 mod plane;
 mod png_write;
@@ -21,6 +22,10 @@ pub use distance::distance;
 pub use exr_write::{Compression, ExrLayers};
 pub use fill::fill_along_surfaces;
 pub use grow::{around, grow_through};
+pub use measure::{
+    PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture, square_error,
+};
+pub use npy::read_maps;
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;
 pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_normal, read_photo};

@@ -52,6 +52,7 @@ artifacts! {
     Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(),
     LightKind: |_| size_of::<LightKind>(),
     Encoding: |_| size_of::<Encoding>(),
+    Scores: |s| s.0.len() * size_of::<Score>(),
     Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
 }
 
@@ -112,6 +113,20 @@ pub struct Encoding {
     pub lux: Option<f32>,
     pub sixteen_bit: bool,
 }
+
+/// One figure of how good something is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// A light, an edit, `all lights`, `materials`.
+    pub subject: String,
+    /// As the stage that measured calls it; docs/eval.md tells each.
+    pub measure: String,
+    pub value: f64,
+}
+
+/// Figures of how good something is.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scores(pub Vec<Score>);
 
 /// Files to be written, by name.
 #[derive(Clone, Debug, PartialEq)]

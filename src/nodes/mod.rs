@@ -4,6 +4,7 @@ pub mod artifacts;
 pub mod edit;
 pub mod estimate;
 mod learned;
+pub mod measure;
 pub mod output;
 pub mod render;
 pub mod scene;
@@ -42,4 +43,11 @@ pub fn registry() -> Registry {
         .with::<output::write::Write>()
         .with::<output::write_planes::WritePlanes>()
         .with::<output::write_estimates::WriteEstimates>()
+        .with::<measure::read_pictures::ReadPictures>()
+        .with::<measure::score_lights::ScoreLights>()
+        .with::<measure::score_direct::ScoreDirect>()
+        .with::<measure::score_shading::ScoreShading>()
+        .with::<measure::score_lighting::ScoreLighting>()
+        .with::<measure::score_materials::ScoreMaterials>()
+        .with::<measure::score_picture::ScorePicture>()
 }

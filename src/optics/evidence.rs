@@ -45,7 +45,16 @@ impl Evidence {
             white,
         }
     }
+
+    /// The shading on the same pixels where their albedo is known: I / A, as if all were one segment of albedo 1.
+    pub fn over(self, albedo: &[Vec3]) -> Evidence {
+        let shading = self.photo.iter().zip(albedo).map(|(photo, albedo)| *photo / albedo.max(Vec3::splat(DARKEST)));
+        Evidence { photo: shading.collect(), segment: vec![0; self.segment.len()], segments: 1, ..self }
+    }
 }
+
+/// Albedo below which a surface tells nothing of what falls on it but noise.
+const DARKEST: f32 = 0.02;
 
 /// The level that counts as white in a photo of any exposure, from its pixels and whether each is clipped; 0 for a black photo.
 ///
@@ -84,4 +93,36 @@ pub fn evidence_pixels<'a>(
     let black = BLACK * white_of(photo, clipped);
     pixels.retain(|&i| luminance(photo.0.pixels()[i]) > black);
     pixels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Plane;
+    use crate::optics::{Column, fit_radiances};
+
+    #[test]
+    fn where_albedo_is_known_radiances_need_no_smooth_surface() {
+        // A paint of its own at every pixel, which a segment of one albedo would take for light.
+        let (w, h) = (24, 16);
+        let plane =
+            |f: &dyn Fn(f32, f32) -> f32| Plane::from_fn(w, h, |x, y| f(x as f32 / w as f32, y as f32 / h as f32));
+        let (left, right) = (plane(&|x, y| 0.1 + (1.0 - x).powi(2) * (0.5 + y)), plane(&|x, y| 0.05 + x * (1.2 - y)));
+        let wanted = [Vec3::new(1.0, 0.8, 0.5), Vec3::new(0.6, 0.8, 1.0)];
+        let paint = Plane::from_fn(w, h, |x, y| Vec3::splat(0.2 + 0.6 * ((x * 7 + y * 3) % 5) as f32 / 5.0));
+        let shading = |p: usize| left.pixels()[p] * wanted[0] + right.pixels()[p] * wanted[1];
+        let photo = Picture(Plane::from_fn(w, h, |x, y| paint.get(x, y) * shading(y * w + x)));
+        let segments = Segments { label: Plane::filled(w, h, 0), count: 1 };
+        let pixels: Vec<usize> = (0..w * h).collect();
+        let clipped = Mask(Plane::filled(w, h, 0.0));
+        let evidence = Evidence::at(&photo, &clipped, &segments, &pixels, 0).over(paint.pixels());
+        let layers = [&left, &right].map(|layer| layer.map(Vec3::splat).into_pixels());
+        let columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect();
+        let ones = vec![Vec3::ONE; pixels.len()];
+        let fit = fit_radiances(&evidence, &columns, 200).with_albedo_of(&evidence.segment, &ones);
+        for (got, wanted) in fit.radiance.iter().zip(wanted) {
+            // The pull to likely colours moves radiances that are not of a bulb or of daylight.
+            assert!(((*got - wanted) / wanted).abs().max_element() < 0.03, "{got} against {wanted}");
+        }
+    }
 }

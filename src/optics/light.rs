@@ -93,6 +93,23 @@ pub struct Plate {
     pub area: f32,
 }
 
+impl Plate {
+    /// A square of this area and normal, as two triangles, counter-clockwise as seen from where it shines to.
+    pub fn square(&self) -> [[Vec3; 3]; 2] {
+        let x = self.normal.any_orthonormal_vector() * (0.5 * self.area.sqrt());
+        rectangle(self.point, x, self.normal.cross(x))
+    }
+}
+
+/// The two triangles of a rectangle with half edges `x` and `y`, counter-clockwise as seen from where x cross y points to.
+pub(super) fn rectangle(center: Vec3, x: Vec3, y: Vec3) -> [[Vec3; 3]; 2] {
+    let corner = |u: f32, v: f32| center + u * x + v * y;
+    [
+        [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0)],
+        [corner(-1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
+    ]
+}
+
 /// `x` and `y` are half edges; the room lies on the side that `x cross y` points to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Window {

@@ -1,6 +1,7 @@
 //! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
 
 mod candidates;
+mod chamfer;
 mod conditioning;
 mod direct;
 mod emitter;
@@ -13,6 +14,7 @@ mod gaussian;
 mod gradient;
 mod indirect;
 mod light;
+mod light_maps;
 mod lighting;
 mod lobe_irradiance;
 mod nnls;
@@ -35,6 +37,7 @@ mod visible_lamp;
 mod window;
 
 pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates};
+pub use chamfer::{SURFACE_POINTS, chamfer, surface_points};
 pub use conditioning::Conditioning;
 pub use direct::{Direct, direct};
 pub use emitter::{Emitter, LightSample, Seen};
@@ -45,7 +48,8 @@ pub use gaussian::Gaussian;
 pub use gradient::Gradient;
 pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
 pub use light::{LOBES, Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
-pub use lighting::{Lighting, LocalLobe, MAP_COLUMNS, MAP_ROWS, local_frame, texel, texel_angle};
+pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
+pub use lighting::{Lighting, LocalLobe, local_frame};
 pub use nnls::nnls;
 pub use parameters::Freedom;
 pub use polygon::polygon_irradiance;

@@ -152,6 +152,23 @@ fn a_child_lies_over_its_parents() {
 }
 
 #[test]
+fn wires_are_redirected_by_whatever_name_they_have() {
+    let text = r#"Graph(version: 1, nodes: {
+        "a": (op: Const(value: 4)), "b": (op: Const(value: 5)),
+        "m": (op: Mixed, in: { "a": "a", "b": "a.number" }), "t": (op: Mixed, in: { "a": "m", "b": "b" }),
+    }, outputs: ["t"])"#;
+    let mut file = GraphFile::parse(Source::new("graph.ron", text)).expect("it is sound");
+    let wired = |file: &GraphFile, port: &str| file.wired("m", port).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!([wired(&file, "a"), wired(&file, "b"), wired(&file, "c")], [vec!["a"], vec!["a.number"], vec![]]);
+    file.copy("m", "twin");
+    file.redirect("a.number", "b.number");
+    file.redirect("m", "twin");
+    assert_eq!([wired(&file, "a"), wired(&file, "b")], [["b.number"], ["b.number"]]);
+    let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|faults| panic!("{}", faults[0]));
+    assert_eq!(value(&run(&in_memory(), &graph), "t"), (5 * 31 + 5) * 31 + 5);
+}
+
+#[test]
 fn parameters_come_from_several_sources_and_files_from_the_folder_that_names_them() {
     let folder = tempfile::tempdir().unwrap();
     for (name, text) in [("graphs", "gg"), ("scene", "sss"), ("edit", "eeee")] {

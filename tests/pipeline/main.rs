@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod cache;
+mod eval;
 mod events;
 mod extremes;
 mod goldens;

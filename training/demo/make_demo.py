@@ -349,7 +349,15 @@ Scene(
         "lamp_0": Lamp(mask: "masks/lamp_0.png"),
         "window_0": Window(mask: "masks/window_0.png"),
     }},
-    truth: (lights: "truth/lights.json", albedo: "truth/albedo.exr", normal: "truth/normal.exr"),
+    truth: (
+        lights: "truth/lights.json", albedo: "truth/albedo.exr", normal: "truth/normal.exr",
+        pictures: {{
+            "lamp_0": "truth/light_lamp_0.exr", "window_0": "truth/light_window_0.exr", "inv_lamp": "truth/light_inv_lamp.exr",
+        }},
+        edits: {{
+            "../../edits/insert_lamp.ron": "truth/insert_lamp.exr", "../../edits/open_window.ron": "truth/open_window.exr",
+        }},
+    ),
 )
 """
 

@@ -9,7 +9,6 @@ truth, on pixels of no light and albedo above 0.05; as they are, and after the l
 a photo. For LightNet there is no truth but this: the shading that its maps imply."""
 
 import argparse
-import json
 import os
 import sys
 import tempfile
@@ -32,71 +31,37 @@ from networks import trained
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "training/rooms"))
 import folder as scene_folder  # noqa: E402
+import foreign  # noqa: E402
 from pack import half, planes  # noqa: E402
 
 
-def picture(path):
-    """[3, h, w]."""
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        channels = file.channels()
-        return np.stack([np.asarray(channels[k].pixels, np.float32) for k in "RGB"])
-
-
-def described(meta):
-    """Lights as graphs/planes.ron reads them. A rectangle that stands for a window is one of uniform sky."""
-    lights, up = {}, -np.array(meta["lamps"]["inv_lamp"]["normal"])  # the lamps of these rooms that hang shine down
-    for name, lamp in meta["lamps"].items():
-        common = {"center": lamp.get("center"), "radiance": lamp.get("radiance")}
-        if lamp["kind"] == "sphere":
-            lights[name] = common | {"kind": "Sphere", "radius": lamp["radius"]}
-        elif lamp["kind"] == "rect":
-            n = np.array(lamp["normal"]) / np.linalg.norm(lamp["normal"])
-            x = np.cross(up, n) if abs(n @ up) < 0.9 else np.cross([0, 0, 1], n)
-            x /= np.linalg.norm(x)
-            sides = {"half_x": (lamp["half"][0] * x).tolist(), "half_y": (lamp["half"][1] * np.cross(n, x)).tolist()}
-            if name.startswith("window"):
-                sky = {"name": "sky", "direction": (-n).tolist(), "bandwidth": 0.0, "radiance": common.pop("radiance")}
-                lights[name if name in meta["visible"] else "inv_window"] = common | sides | {"kind": "Window", "lobes": [sky]}
-            else:
-                lights[name] = common | sides | {"kind": "Rect"}
-    return lights
-
-
-def scene(source, folder):
-    """Writes a scene that the program reads into `folder`; meta.json, lights, photo, depth, pixels of visible lights."""
-    meta = json.loads((source / "meta.json").read_text())
-    lights = described(meta)
-    photo = sum(picture(source / f"olat_{name}.exr") for name in meta["lights"])
-    depth = picture(source / "depth.exr")[0]
-    masks = {name: np.asarray(Image.open(source / f"mask_{name}.png").convert("L")) > 0 for name in meta["visible"]}
-    last = lambda x: np.moveaxis(x, 0, -1)
-    albedo = last(picture(source / "albedo.exr").clip(0, 1))
-    scene_folder.write(folder, float(meta["fov_x"]), last(photo), depth, albedo, {k: v for k, v in masks.items() if k in lights}, lights)
-    glow = np.any([*masks.values(), np.zeros(depth.shape, bool)], 0)
-    return meta, lights, photo, depth, glow
+def first(x):
+    """[h, w, 3] to [3, h, w]."""
+    return np.moveaxis(x, -1, 0)
 
 
 def computed(source, relight):
     """What the networks take, and the truth, of a room: tensors at half size, lights in front."""
+    room = foreign.read(source)
+    lights, photo = room.lights, sum(room.pictures.values())
     with tempfile.TemporaryDirectory() as folder:
-        meta, lights, photo, depth, glow = scene(source, Path(folder))
+        masks = {name: mask for name, mask in room.masks.items() if name in lights}
+        scene_folder.write(Path(folder), float(room.meta["fov_x"]), photo, room.depth, room.albedo, masks, lights)
         got = planes(Path(folder), relight)
+    glow = np.any([*room.masks.values(), np.zeros(room.depth.shape, bool)], 0)
     names = list(lights)
     stem = lambda name: f"{name}_{1 if 'window' in name else 0}"
     plane = lambda kind, c="Y": torch.from_numpy(np.stack([half(got[f"{kind}_{stem(n)}.{c}"]) for n in names])[:, None]).float()
-    olat = lambda name: picture(source / f"olat_{name if name in meta['lights'] else 'window_0'}.exr")
     one = lambda x: torch.from_numpy(np.ascontiguousarray(half(x))).float()[None]
-    albedo, fov = one(picture(source / "albedo.exr").clip(0, 1)), torch.tensor([float(meta["fov_x"])])
-    normal = F.normalize(one(picture(source / "normal.exr")), dim=1)
-    geometry = torch.cat([normal, augment.xyz(one(depth[None]), fov)], 1)
+    albedo, fov = one(first(room.albedo)), torch.tensor([float(room.meta["fov_x"])])
+    normal = F.normalize(one(first(room.normal)), dim=1)
+    geometry = torch.cat([normal, augment.xyz(one(room.depth[None]), fov)], 1)
     radiance = torch.tensor([lights[n]["radiance"] if "radiance" in lights[n] else lights[n]["lobes"][0]["radiance"] for n in names]).float()
     tag = lambda n: n + (".sky" if "window" in n else "")
     light = F.max_pool2d(torch.from_numpy(glow).float()[None, None], 2)
     return {
         "names": names,
-        "photo": one(photo),
+        "photo": one(first(photo)),
         "albedo": albedo,
         "geometry": geometry,
         "light": light,
@@ -108,7 +73,7 @@ def computed(source, relight):
         "radiance": radiance[..., None, None],
         "flux": torch.tensor([flux.flux(lights, tag(n)) for n in names]).float().view(-1, 1, 1, 1),
         "place": torch.from_numpy(np.stack([place.place(lights, tag(n)) for n in names])).float()[..., None, None],
-        "truth": torch.cat([one(olat(n)) for n in names]) / albedo.clamp(min=0.05),
+        "truth": torch.cat([one(first(room.pictures[n])) for n in names]) / albedo.clamp(min=0.05),
     }
 
 

@@ -23,6 +23,12 @@ def linear(srgb):
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
+def srgb(linear):
+    """Linear to sRGB 0..1."""
+    x = np.clip(linear, 0, 1)
+    return np.where(x <= 0.0031308, x * 12.92, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
 def luminance(rgb):
     """Relative luminance of [..., 3]."""
     return np.asarray(rgb) @ np.array([0.2126, 0.7152, 0.0722])

@@ -4,27 +4,58 @@ import json
 
 import numpy as np
 
+from colour import srgb
 
-def write(folder, fov_x, photo, depth, albedo, masks, lights):
-    """photo.exr, depth.exr, albedo.exr, masks/ID.png, lights.json, scene.ron. Pictures are [h, w, 3], depth [h, w]; masks {id: [h, w]}, not zero where a
-    light is seen; lights as in docs/planes.md."""
+
+def exr(path, **channels):
+    """A picture of 32-bit floats."""
     import OpenEXR
+
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    OpenEXR.File(header, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}).write(str(path))
+
+
+def write(folder, fov_x, photo, depth, albedo, masks, lights, normal=None, pictures={}, edits={}, stored=False):
+    """photo.exr, depth.exr, albedo.exr, masks/ID.png, lights.json, scene.ron. Pictures are [h, w, 3], depth [h, w]; masks {id: [h, w]}, not zero where a
+    light is seen, windows by their name; lights as in docs/planes.md, None when not all are known. More truth, for `relight eval`: `normal`, pictures
+    {id: linear picture by this light alone}, edits {name: (text of the edit file, linear true picture)}. `stored`: the photo is a PNG, as cameras
+    give it."""
     from PIL import Image
 
-    exr = lambda name, **channels: OpenEXR.File(
-        {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}, {k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}
-    ).write(str(folder / name))
-    exr("photo.exr", RGB=photo)
-    exr("depth.exr", Z=depth)
-    exr("albedo.exr", RGB=albedo)
+    exr(folder / "depth.exr", Z=depth)
+    exr(folder / "albedo.exr", RGB=albedo)
+    truth = ['albedo: "albedo.exr"']
+    if stored:
+        Image.fromarray((srgb(photo) * 255 + 0.5).astype(np.uint8)).save(folder / "photo.png")
+    else:
+        exr(folder / "photo.exr", RGB=photo)
     (folder / "masks").mkdir(exist_ok=True)
     entries = []
     for name, mask in masks.items():
         Image.fromarray((mask != 0).astype(np.uint8) * 255).save(folder / "masks" / f"{name}.png")
-        entries.append(f'"{name}": {"Window" if lights[name]["kind"] == "Window" else "Lamp"}(mask: "masks/{name}.png")')
+        entries.append(f'"{name}": {"Window" if name.startswith("window") else "Lamp"}(mask: "masks/{name}.png")')
+    if lights is not None:
+        (folder / "lights.json").write_text(json.dumps(lights))
+        truth.append('lights: "lights.json"')
+    if normal is not None:
+        exr(folder / "normal.exr", RGB=normal)
+        truth.append('normal: "normal.exr"')
+    for name, there in {"truth": pictures or edits, "edits": edits}.items():
+        if there:
+            (folder / name).mkdir(exist_ok=True)
+    for name, picture in pictures.items():
+        exr(folder / f"truth/light_{name}.exr", RGB=picture)
+    for name, (text, picture) in edits.items():
+        (folder / "edits" / f"{name}.ron").write_text(text)
+        exr(folder / f"truth/{name}.exr", RGB=picture)
+    listed = lambda files: "{ " + ", ".join(f'"{name}": "{file}"' for name, file in files.items()) + " }"
+    if pictures:
+        truth.append("pictures: " + listed({name: f"truth/light_{name}.exr" for name in pictures}))
+    if edits:
+        truth.append("edits: " + listed({f"edits/{name}.ron": f"truth/{name}.exr" for name in edits}))
+    photo_file = '"photo.png", transfer: Srgb' if stored else '"photo.exr", transfer: Linear'
     (folder / "scene.ron").write_text(
-        f'Scene(version: 1, photo: "photo.exr", transfer: Linear, camera: FovX({fov_x}),\n'
+        f"Scene(version: 1, photo: {photo_file}, camera: FovX({fov_x}),\n"
         f'    depth: (path: "depth.exr", kind: PlanarZ, scale: 1.0), lights: {{ {", ".join(entries)} }},\n'
-        f'    truth: (lights: "lights.json", albedo: "albedo.exr"))\n'
+        f"    truth: ({', '.join(truth)}))\n"
     )
-    (folder / "lights.json").write_text(json.dumps(lights))

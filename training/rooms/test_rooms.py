@@ -1,15 +1,20 @@
 """python -m unittest discover training/rooms: what needs no renderer."""
 
+import json
 import sys
+import tempfile
 import unittest
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "demo"))
+import folder
+import foreign
 import layout
 import make
-from colour import blackbody, hsv, luminance
+from colour import blackbody, hsv, luminance, srgb
 
 
 class White:
@@ -107,6 +112,34 @@ class Rooms(unittest.TestCase):
         faces = np.array([[0, 1, 2], [3, 4, 5]])
         self.assertAlmostEqual(layout.top_at(points, faces, 0.2, 0.2), 0.7)
         self.assertIsNone(layout.top_at(points, faces, 0.8, 0.8))
+
+    def test_a_room_by_others_becomes_a_scene_with_its_truth(self):
+        grey = lambda value: np.full((6, 8, 3), value, np.float32)
+        ball = {"kind": "sphere", "center": [0, 0, -2], "radius": 0.1, "radiance": [3, 2, 1]}
+        panel = {"kind": "rect", "center": [0, 2, 0], "half": [0.5, 0.25], "normal": [0, -1, 0], "radiance": [5, 5, 5]}
+        pane = {"kind": "rect", "center": [3, 0, -2], "half": [0.5, 1], "normal": [-1, 0, 0], "radiance": [1, 1, 2]}
+        meta = {"fov_x": 60, "lights": ["lamp_0", "inv_lamp", "window_0"], "visible": ["lamp_0"], "edits": {"paint": {"albedo": [1, 0.5, 0]}}}
+        meta["lamps"] = {"lamp_0": ball, "inv_lamp": panel, "window_0": pane}
+        with tempfile.TemporaryDirectory() as place:
+            source, dark = Path(place, "source"), Path(place, "dark")
+            source.mkdir()
+            (source / "meta.json").write_text(json.dumps(meta))
+            values = {"olat_lamp_0": 0.1, "olat_inv_lamp": 0.2, "olat_window_0": 0.3, "albedo": 0.5, "normal": 0.6, "depth": 3, "paint": 0.4}
+            for name, value in values.items():
+                folder.exr(source / f"{name}.exr", RGB=grey(value))
+            for name in ("mask_lamp_0", "mask_paint"):
+                Image.fromarray(np.eye(6, 8, dtype=np.uint8) * 255).save(source / f"{name}.png")
+            foreign.main(source, Path(place, "all"), None)
+            foreign.main(source, dark, "lamp_0")
+            text = Path(place, "all", "scene.ron").read_text()
+            self.assertIn('"inv_window": "truth/light_inv_window.exr"', text)
+            self.assertIn('"edits/paint.ron": "truth/paint.exr"', text)
+            self.assertEqual(set(json.loads(Path(place, "all", "lights.json").read_text())), {"lamp_0", "inv_lamp", "inv_window"})
+            self.assertIn('Mask("../paint.png")', Path(place, "all", "edits", "paint.ron").read_text())
+            self.assertNotIn("lamp_0", (dark / "scene.ron").read_text())
+            self.assertIn("Sphere(radius: 0.1), at: Point(0, 0, -2), radiance: (3, 2, 1)", (dark / "edits" / "insert_lamp.ron").read_text())
+            np.testing.assert_allclose(foreign.picture(dark / "truth" / "insert_lamp.exr"), 0.6, rtol=1e-6)
+            self.assertEqual(np.asarray(Image.open(dark / "photo.png"))[0, 0, 0], int(srgb(0.5) * 255 + 0.5))
 
 
 if __name__ == "__main__":

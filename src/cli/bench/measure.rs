@@ -3,7 +3,8 @@
 use relight::nodes::artifacts::{UnitDirect, Visibility};
 use serde::Serialize;
 
-use super::session::{Session, Set, Stop};
+use super::session::{Session, Set};
+use crate::cli::Stop;
 
 /// Relative errors below this are those of single precision.
 pub const EXACT: f64 = 1e-6;

@@ -11,10 +11,10 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::args::{Bench, Question};
-use super::{Exit, Trouble, write};
+use super::{Exit, Stop, Trouble, ended, write};
 use measure::Point;
 use plot::{Axis, Plot};
-use session::{Session, Set, Stop};
+use session::{Session, Set};
 
 /// How much is measured.
 pub struct Effort {
@@ -127,11 +127,7 @@ struct Report<'a> {
 }
 
 pub fn bench(args: &Bench, began: Instant) -> Result<Exit, Trouble> {
-    match measured(args, began) {
-        Ok(()) => Ok(Exit::Done),
-        Err(Stop::Ended(exit)) => Ok(exit),
-        Err(Stop::Trouble(trouble)) => Err(trouble),
-    }
+    ended(measured(args, began))
 }
 
 fn measured(args: &Bench, began: Instant) -> Result<(), Stop> {

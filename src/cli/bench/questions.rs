@@ -4,7 +4,8 @@ use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW, Mask, Picture};
 
 use super::Effort;
 use super::measure::{Estimate, Point, Reference, direct, measure, repeat, shadowed};
-use super::session::{Made, Session, Set, Stop};
+use super::session::{Made, Session, Set};
+use crate::cli::Stop;
 
 /// One light and one lobe that reaches what is seen.
 struct Subject {

@@ -4,23 +4,10 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Status, Value};
+use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Value};
 
 use crate::cli::args::{Bench, Files, Networks};
-use crate::cli::{Exit, Trouble, engine, load::load, run::stop_on_ctrl_c};
-
-/// Why a measurement ends early.
-pub enum Stop {
-    Trouble(Trouble),
-    /// A stage failed, or a person has interrupted.
-    Ended(Exit),
-}
-
-impl<T: Into<Trouble>> From<T> for Stop {
-    fn from(trouble: T) -> Stop {
-        Stop::Trouble(trouble.into())
-    }
-}
+use crate::cli::{Stop, engine, finished, load::load, run::stop_on_ctrl_c};
 
 /// One parameter of all stages of a kind, as RON.
 pub type Set = (&'static str, &'static str, String);
@@ -155,14 +142,6 @@ impl Session {
 
     fn run(&self, engine: &Engine, sets: &[Set], wanted: &[String]) -> Result<RunReport, Stop> {
         let graph = load(&self.graph, None, &self.files(sets))?;
-        let report = engine.run(&graph, &graph.wanted(Some(wanted))?, &self.cancel, &());
-        if report.cancelled() {
-            return Err(Stop::Ended(Exit::Interrupted));
-        }
-        let failed = report.nodes.iter().filter(|node| node.status == Status::Failed);
-        for node in failed {
-            eprintln!("error: {}: {}", node.name, node.error.as_deref().unwrap_or_default());
-        }
-        if report.is_complete() { Ok(report) } else { Err(Stop::Ended(Exit::Failed)) }
+        finished(engine.run(&graph, &graph.wanted(Some(wanted))?, &self.cancel, &()))
     }
 }

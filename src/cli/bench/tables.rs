@@ -2,6 +2,7 @@
 
 use super::measure::{EXACT, Point, slope};
 use super::questions::ADAPTIVE;
+use crate::cli::tables::{distinct, table};
 
 /// One line per mark.
 pub fn csv(points: &[Point]) -> String {
@@ -40,23 +41,6 @@ pub fn markdown(points: &[Point]) -> String {
     ];
     let shown = tables.into_iter().filter(|(_, text)| !text.is_empty());
     shown.map(|(name, text)| format!("<!-- table: {name} -->\n{text}\n")).collect()
-}
-
-/// Rows under a head; nothing where there are no rows.
-fn table(head: &[String], rows: Vec<Vec<String>>) -> String {
-    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-    let rule = "| --- ".repeat(head.len()) + "|\n";
-    if rows.is_empty() { String::new() } else { line(head) + &rule + &rows.iter().map(|r| line(r)).collect::<String>() }
-}
-
-fn distinct<T: PartialEq + Clone>(values: impl Iterator<Item = T>) -> Vec<T> {
-    let mut all = Vec::new();
-    for value in values {
-        if !all.contains(&value) {
-            all.push(value);
-        }
-    }
-    all
 }
 
 /// A table of one cell per subject and series.

@@ -27,6 +27,8 @@ params! {
         invisible_cost: f64 = 0.005,
         /// Cost of the sun in a window.
         sun_cost: f64 = 0.05,
+        /// The albedo is known: it stays as it comes, pixel by pixel, and only radiances are fitted.
+        keep_albedo: bool = false,
     }
 }
 
@@ -96,11 +98,14 @@ impl Node for FitLights {
         let receivers: Vec<usize> = (0..grid.len()).map(|i| grid.pixel(i)).collect();
         let pixels =
             evidence_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
+        let at = |picture: &Picture| Evidence::at(picture, &inputs.clipped, &inputs.segments, &pixels, 2);
         let texture = texture(&inputs.albedo, &inputs.segments);
-        let plain = Picture(Plane::from_fn(texture.width(), texture.height(), |x, y| {
-            inputs.photo.0.get(x, y) / texture.get(x, y)
-        }));
-        let evidence = Evidence::at(&plain, &inputs.clipped, &inputs.segments, &pixels, 2);
+        let evidence = if self.keep_albedo {
+            at(&inputs.photo).over(&at(&Picture(inputs.albedo.0.clone())).photo)
+        } else {
+            let (w, h) = texture.size();
+            at(&Picture(Plane::from_fn(w, h, |x, y| inputs.photo.0.get(x, y) / texture.get(x, y))))
+        };
 
         let ambient = grid.upsample(&inputs.points, &inputs.normal, &inputs.transport.ambient());
         let (mut names, mut layers): (Vec<String>, Vec<(Vec<Vec3>, f64)>) = Default::default();
@@ -121,7 +126,10 @@ impl Node for FitLights {
         names.push("the rest".into());
         layers.push((pixels.iter().map(|&p| ambient.pixels()[p]).collect(), self.rest_cost));
         let columns: Vec<Column> = layers.iter().map(|(layer, cost)| Column { layer, penalty: *cost }).collect();
-        let before: Vec<Vec3> = pixels.iter().map(|&p| inputs.albedo.0.pixels()[p] / texture.pixels()[p]).collect();
+        let before: Vec<Vec3> = match self.keep_albedo {
+            true => vec![Vec3::ONE; pixels.len()],
+            false => pixels.iter().map(|&p| inputs.albedo.0.pixels()[p] / texture.pixels()[p]).collect(),
+        };
         let fit = fit_radiances(&evidence, &columns, self.turns).with_albedo_of(&evidence.segment, &before);
 
         let mut weights = fit.radiance.iter().copied();
@@ -132,6 +140,10 @@ impl Node for FitLights {
         let rest_radiance = fit.radiance.last().copied().unwrap_or(Vec3::ZERO);
         tell(&names, &layers, &fit, &evidence, ctx);
 
+        let rest = Arc::new(Shading(ambient.map(|a| a * rest_radiance)));
+        if self.keep_albedo {
+            return Ok(FitLightsOut { radiance: Scatter(radiance), rest, albedo: inputs.albedo });
+        }
         let known = mark(&pixels, &inputs.segments, fit.albedo.len());
         let fitted = |p: usize| {
             let s = inputs.segments.label.pixels()[p] as usize;
@@ -144,11 +156,7 @@ impl Node for FitLights {
         let seam = (w.max(h) / 64).max(2);
         let unknown = around(masks().chain([&*inputs.clipped]), (w, h), seam);
         fill_along_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
-        Ok(FitLightsOut {
-            radiance: Scatter(radiance),
-            rest: Arc::new(Shading(ambient.map(|a| a * rest_radiance))),
-            albedo: Arc::new(Albedo(albedo)),
-        })
+        Ok(FitLightsOut { radiance: Scatter(radiance), rest, albedo: Arc::new(Albedo(albedo)) })
     }
 }
 

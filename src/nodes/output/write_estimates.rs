@@ -96,7 +96,7 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
                     json!({ "kind": "Box", "center": numbers(*center), "half_axes": axes.map(numbers) })
                 }
                 Lamp::Plates(plates) => {
-                    json!({ "kind": "Mesh", "triangles": plates.iter().flat_map(square).map(|t| t.map(numbers)).collect::<Vec<_>>() })
+                    json!({ "kind": "Mesh", "triangles": plates.iter().flat_map(Plate::square).map(|t| t.map(numbers)).collect::<Vec<_>>() })
                 }
                 Lamp::Mesh { corners, triangles } => {
                     let corner = |&i: &u32| numbers(corners[i as usize]);
@@ -124,15 +124,4 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
 /// The double that is written with the fewest digits of those that are this number in single precision.
 fn shortest(x: f32) -> f64 {
     x.to_string().parse().unwrap_or(f64::from(x))
-}
-
-/// Two triangles of a plate's area and normal.
-fn square(plate: &Plate) -> [[Vec3; 3]; 2] {
-    let x = plate.normal.any_orthonormal_vector() * (0.5 * plate.area.sqrt());
-    let y = plate.normal.cross(x);
-    let corner = |u: f32, v: f32| plate.point + u * x + v * y;
-    [
-        [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0)],
-        [corner(-1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
-    ]
 }

@@ -1,0 +1,86 @@
+//! `ScoreLights`: where lights are and what they give, against the truth.
+
+use std::sync::Arc;
+
+use crate::graph::{Context, Gather, Node, NodeError};
+use crate::image::{Mask, mean_error, pairs};
+use crate::nodes::artifacts::{Scores, UnitDirect};
+use crate::optics::{Radiance, Shape, chamfer, surface_points};
+use crate::{params, ports};
+
+params! {
+    /// Measures each light against the true one of its name, as IndoorLightEditing (Li et al., ECCV 2022) does.
+    ///
+    /// `Chamfer`, metres: 64 points on each surface, both ways; where both lights are there. `E_j`: mean absolute difference of the
+    /// unshadowed direct shading, cut at `bright`, over channels and pixels that show no light; where one of the two is there.
+    pub struct ScoreLights {
+        /// Shading beyond what a photo shows, > 0.
+        bright: f32 = 10.0,
+    }
+}
+
+ports! {
+    pub input ScoreLightsIn {
+        /// The lights as estimated.
+        shape: Gather<Shape>,
+        /// Their radiances.
+        radiance: Gather<Radiance>,
+        /// Their unit shading of the true surface.
+        direct: Gather<UnitDirect>,
+        /// The lights as they are.
+        true_shape: Gather<Shape>,
+        /// Their radiances.
+        true_radiance: Gather<Radiance>,
+        /// Their unit shading of the true surface.
+        true_direct: Gather<UnitDirect>,
+        /// Pixels of each visible light.
+        mask: Gather<Mask>,
+    }
+}
+
+ports! {
+    pub output ScoreLightsOut {
+        /// `Chamfer` and `E_j` of each light.
+        scores: Arc<Scores>,
+    }
+}
+
+impl Node for ScoreLights {
+    const KIND: &'static str = "ScoreLights";
+    const VERSION: u32 = 1;
+    type In = ScoreLightsIn;
+    type Out = ScoreLightsOut;
+
+    fn check(&self) -> Result<(), String> {
+        if self.bright > 0.0 { Ok(()) } else { Err(format!("bright: wanted a number > 0, got {}", self.bright)) }
+    }
+
+    fn run(&self, inputs: ScoreLightsIn, _: &Context) -> Result<ScoreLightsOut, NodeError> {
+        let mut list = Vec::new();
+        let size = |direct: &UnitDirect| direct.lobes.first().map(|lobe| lobe.size());
+        let all = inputs.direct.iter().chain(inputs.true_direct.iter());
+        let Some(size) = all.map(|(_, direct)| size(direct)).find_map(|size| size) else {
+            return Ok(ScoreLightsOut { scores: super::scores(list) });
+        };
+        let counted = super::no_light(size, inputs.mask.iter())?;
+        for (id, truth) in inputs.true_shape.iter() {
+            let missing = |what: &str| NodeError::Failed(format!("light {id}: wanted its {what}, got none"));
+            let shape = inputs.shape.get(id).ok_or_else(|| missing("estimated shape"))?;
+            if matches!((&**shape, &**truth), (Shape::Absent, Shape::Absent)) {
+                continue;
+            }
+            let shading = |direct: &Gather<UnitDirect>, radiance: &Gather<Radiance>| {
+                let direct = direct.get(id).ok_or_else(|| missing("unit shading"))?;
+                let radiance = radiance.get(id).ok_or_else(|| missing("radiance"))?;
+                Ok(super::shaded(direct, None, radiance, size))
+            };
+            let got = shading(&inputs.direct, &inputs.radiance)?;
+            let wanted = shading(&inputs.true_direct, &inputs.true_radiance)?;
+            let bright = f64::from(self.bright);
+            let error = mean_error(pairs(&got, &wanted, &counted), |a, b| (a.min(bright) - b.min(bright)).abs());
+            list.push(super::score(id, "Chamfer", chamfer(&surface_points(shape), &surface_points(truth))));
+            list.push(super::score(id, "E_j", error));
+        }
+        Ok(ScoreLightsOut { scores: super::scores(list) })
+    }
+}
