@@ -16,6 +16,7 @@ pub fn registry() -> Registry {
         .with::<scene::mesh::Mesh>()
         .with::<scene::read_lights::ReadLights>()
         .with::<scene::read_materials::ReadMaterials>()
+        .with::<estimate::find_lights::FindLights>()
         .with::<estimate::retinex_materials::RetinexMaterials>()
         .with::<estimate::init_lights::InitLights>()
         .with::<estimate::fit_lights::FitLights>()
