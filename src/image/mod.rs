@@ -1,5 +1,6 @@
 //! Typed planes, their files, and colour.
 
+mod annotate;
 mod depth;
 mod distance;
 mod exr_read;
@@ -8,6 +9,7 @@ mod fill;
 mod grid_cut;
 mod grow;
 mod npy;
+mod parts;
 mod plane;
 mod png_write;
 mod read;
@@ -17,12 +19,14 @@ mod segments;
 mod transfer;
 mod upsample;
 
+pub use annotate::annotate;
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
 pub use distance::distance;
 pub use exr_write::{Compression, ExrLayers};
 pub use fill::fill_along_surfaces;
 pub use grid_cut::grid_cut;
 pub use grow::{around, grow_through};
+pub use parts::parts;
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;
 pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_normal, read_photo};

@@ -35,7 +35,7 @@ pub use direct::{Direct, direct};
 pub use emitter::{Emitter, LightSample, Seen};
 pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
 pub use evidence::{Evidence, evidence_pixels};
-pub use find_lights::{Finder, Found, find_lights};
+pub use find_lights::{FoundLight, LightSearch, find_lights};
 pub use gaussian::Gaussian;
 pub use indirect::{Bounces, Transport, indirect, indirect_at_receivers, trace_bounces};
 pub use light::{Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
