@@ -307,7 +307,7 @@ mod tests {
         });
         let got = grid_cut(&gain, |_, _, _, _| 60);
         let wrong = got.pixels().iter().enumerate().filter(|&(i, &l)| l != inside(i % 320, i / 320)).count();
-        // A share of the outline's 377 pixels.
-        assert!(wrong < 80, "{wrong} pixels are wrong");
+        // Half a pixel along the outline of 377; 30 % of all pixels are wrong by themselves.
+        assert!(wrong < 188, "{wrong} pixels are wrong");
     }
 }

@@ -40,7 +40,7 @@ pub struct FoundLight {
 }
 
 /// Levels between the threshold and white, each half as far from white as the one before: the last lies 1.6 % below it for the
-/// threshold of 0.75, four steps of 8 bits.
+/// threshold of 0.75, two steps of 8 bits.
 const LEVELS: usize = 5;
 /// Brightness inside over outside below which an edge is that of light on a surface: the median along the outline, and for three
 /// quarters of it.
@@ -50,7 +50,7 @@ const SHARPER: f32 = 1.15;
 /// Share of the pixels that must be white in all channels, or bluer than all else.
 const EMITTING: f32 = 0.15;
 /// All channels of white, as a share of it.
-const WHITE: f32 = 0.97;
+const WHITE: f32 = 0.93;
 /// log(blue / red) of daylight beside the photo's neutral.
 const DAYLIGHT: f32 = 0.1;
 /// What faces further up than this cosine is a floor, a table or a bed.
@@ -83,7 +83,7 @@ pub fn find_lights(
         let label = view.cut(threshold, search.smoothness);
         let large = parts(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
         let mut merged = Vec::new();
-        for part in large.map(|pixels| view.part(pixels)) {
+        for part in large.map(|pixels| view.part(pixels, &label)) {
             let (inner, others) = kept.into_iter().partition(|inner: &Part| part.mask.pixels()[inner.pixels[0]]);
             kept = others;
             let sharpest = inner.iter().map(|inner| inner.contrast.ln()).fold(0.0, f32::max);
@@ -93,8 +93,8 @@ pub fn find_lights(
         kept = merged;
     }
     let (windows, lamps): (Vec<Part>, Vec<Part>) = kept.into_iter().partition(|part| view.is_window(part));
-    let windows = join(windows, MUNTIN * w.max(h) as f32).into_iter().map(|pixels| view.part(pixels));
-    let mut found: Vec<FoundLight> = windows
+    let mut found: Vec<FoundLight> = join(windows, MUNTIN * w.max(h) as f32)
+        .into_iter()
         .map(|part| part.light(LightKind::Window))
         .chain(lamps.into_iter().map(|part| part.light(LightKind::Lamp)))
         .collect();
@@ -171,7 +171,8 @@ impl<'a> View<'a> {
         })
     }
 
-    fn part(&self, pixels: Vec<usize>) -> Part {
+    /// A part of `label`; what surrounds it is what no part covers.
+    fn part(&self, pixels: Vec<usize>, label: &Plane<bool>) -> Part {
         let (w, h) = self.photo.size();
         let mut mask = Plane::filled(w, h, false);
         pixels.iter().for_each(|&i| mask.pixels_mut()[i] = true);
@@ -180,7 +181,9 @@ impl<'a> View<'a> {
             (0..w * h).filter(|&i| plane.pixels()[i] >= from && plane.pixels()[i] < to).collect()
         };
         // The pixels on either side of the edge itself are mixtures.
-        let (rim, ring) = (within(&into, 1.0, 3.0), within(&away, 1.2, 3.0));
+        let mut ring = within(&away, 1.2, 3.0);
+        ring.retain(|&i| !label.pixels()[i]);
+        let rim = within(&into, 1.0, 3.0);
         let contrast = |plane: &Plane<f32>, share: f32| {
             let inside = quantile(rim.iter().map(|&i| plane.pixels()[i]), 0.5);
             let outside = quantile(ring.iter().map(|&i| plane.pixels()[i]), share);
@@ -222,8 +225,8 @@ impl<'a> View<'a> {
         let vote = |value: f32, zero: f32, one: f32| ((value - zero) / (one - zero)).clamp(-1.0, 1.0);
         let flush = self.room.map_or(0.5, |(points, ..)| {
             let depth = |pixels: &[usize], share| quantile(pixels.iter().map(|&i| -points.0.pixels()[i].z), share);
-            // Before nearly all of it: a lamp may touch its table, and the wall of a window may recede.
-            vote(depth(&part.pixels, 0.5) / depth(&part.around, 0.25), 0.95, 1.0)
+            // Before two thirds of it: a lamp may touch its table, and the wall of a window may recede.
+            vote(depth(&part.pixels, 0.5) / depth(&part.around, 0.35), 0.98, 1.0)
         });
         let w = self.photo.width();
         let extent = |value: &dyn Fn(usize) -> usize| {
@@ -251,15 +254,141 @@ fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
     *values.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
-/// The pixels of parts that come within `reach` of each other, together.
-fn join(parts: Vec<Part>, reach: f32) -> Vec<Vec<usize>> {
-    let mut joined: Vec<Vec<usize>> = Vec::new();
-    for part in parts {
+/// Parts that come within `reach` of each other as one, with the contrast of the largest.
+fn join(parts: Vec<Part>, reach: f32) -> Vec<Part> {
+    let mut joined: Vec<Part> = Vec::new();
+    for mut part in parts {
         let away = distance(&part.mask);
-        let near = |pixels: &Vec<usize>| pixels.iter().any(|&i| away.pixels()[i] <= reach);
-        let (near, others): (Vec<_>, Vec<_>) = joined.into_iter().partition(near);
+        let is_near = |other: &Part| other.pixels.iter().any(|&i| away.pixels()[i] <= reach);
+        let (near, others) = joined.into_iter().partition(is_near);
         joined = others;
-        joined.push(near.into_iter().flatten().chain(part.pixels).collect());
+        for mut other in near {
+            if other.pixels.len() > part.pixels.len() {
+                std::mem::swap(&mut part, &mut other);
+            }
+            other.pixels.iter().for_each(|&i| part.mask.pixels_mut()[i] = true);
+            part.pixels.extend(other.pixels);
+        }
+        joined.push(part);
     }
     joined
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Camera;
+
+    const SEARCH: LightSearch = LightSearch { threshold: 0.75, smoothness: 1.0, smallest: 0.001, most: 16 };
+    const SIZE: (usize, usize) = (160, 120);
+
+    /// The value of `value` clipped at 1, with noise of a few steps of 8 bits, and where it is clipped.
+    fn photo(value: impl Fn(usize, usize) -> Vec3) -> (Picture, Mask) {
+        let noise = |x: usize, y: usize| ((x * 7919 + y * 104_729) % 13) as f32 / 13.0 - 0.5;
+        let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| (value(x, y) * (1.0 + 0.02 * noise(x, y))).min(Vec3::ONE));
+        let clipped = photo.map(|c| if c.max_element() >= 0.99 { 1.0 } else { 0.0 });
+        (Picture(photo), Mask(clipped))
+    }
+
+    fn find(value: impl Fn(usize, usize) -> Vec3) -> Vec<FoundLight> {
+        let (photo, clipped) = photo(value);
+        find_lights(&photo, &clipped, None, &SEARCH)
+    }
+
+    fn overlap(got: &Plane<bool>, inside: impl Fn(usize, usize) -> bool) -> f32 {
+        let wanted = Plane::from_fn(got.width(), got.height(), inside);
+        let pairs = || got.pixels().iter().zip(wanted.pixels());
+        pairs().filter(|(a, b)| **a && **b).count() as f32 / pairs().filter(|(a, b)| **a || **b).count() as f32
+    }
+
+    fn disc(x: usize, y: usize) -> bool {
+        (x as f32 - 50.0).hypot(y as f32 - 40.0) < 9.0
+    }
+
+    fn pane(x: usize, y: usize) -> bool {
+        (100..135).contains(&x) && (20..70).contains(&y)
+    }
+
+    /// A warm lamp whose light fades over a wall that it saturates nearby.
+    fn lamp(x: usize, y: usize) -> Vec3 {
+        let away = (x as f32 - 50.0).hypot(y as f32 - 40.0);
+        if disc(x, y) { Vec3::new(6.0, 5.0, 3.0) } else { Vec3::new(1.0, 0.75, 0.5) * (400.0 / (200.0 + away * away)) }
+    }
+
+    #[test]
+    fn a_lamp_is_told_from_its_light_on_the_wall() {
+        let found = find(lamp);
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].kind, LightKind::Lamp);
+        let overlap = overlap(&found[0].mask, disc);
+        assert!(overlap > 0.95, "intersection over union {overlap}");
+    }
+
+    #[test]
+    fn a_window_is_one_with_its_muntins_and_blue_where_it_is_not_clipped() {
+        let glass = |x: usize, y: usize| pane(x, y) && x != 117 && y != 45;
+        for sky in [Vec3::new(0.5, 0.7, 1.0), Vec3::splat(2.0)] {
+            let found = find(|x, y| if glass(x, y) { sky } else { Vec3::splat(0.2) });
+            assert_eq!(found.iter().map(|light| light.kind).collect::<Vec<_>>(), [LightKind::Window]);
+            let overlap = overlap(&found[0].mask, glass);
+            assert!(overlap > 0.9, "intersection over union {overlap}");
+        }
+    }
+
+    #[test]
+    fn fading_light_specks_and_even_photos_are_none() {
+        let far = |x: usize, y: usize| (x as f32 - 60.0).hypot(y as f32 - 50.0);
+        assert_eq!(find(|x, y| Vec3::splat(1.5 / (1.0 + (far(x, y) / 60.0).powi(2)))), [], "light on a wall");
+        assert_eq!(find(|x, y| if far(x, y) < 2.0 { Vec3::ONE } else { Vec3::splat(0.1) }), [], "a speck of 13 pixels");
+        for level in [0.0, 0.3, 1.0] {
+            assert_eq!(find(|_, _| Vec3::splat(level)), [], "{level} everywhere");
+        }
+        for (size, level) in [((1, 1), 1.0), ((1, 1), 0.0), ((2, 1), 1.0), ((0, 0), 0.0)] {
+            let plane = |value| Plane::filled(size.0, size.1, value);
+            let (photo, clipped) = (Picture(plane(1.0).map(|_| Vec3::splat(level))), Mask(plane(level)));
+            assert_eq!(find_lights(&photo, &clipped, None, &SEARCH), [], "{size:?} of {level}");
+        }
+    }
+
+    #[test]
+    fn exposure_does_not_matter() {
+        let (photo, clipped) = photo(lamp);
+        let wanted = find_lights(&photo, &clipped, None, &SEARCH);
+        for scale in [2f32.powi(-30), 2f32.powi(30)] {
+            let scaled = Picture(photo.0.map(|c| c * scale));
+            assert_eq!(find_lights(&scaled, &clipped, None, &SEARCH), wanted, "{scale}");
+        }
+    }
+
+    /// A photo that was never clipped: white is twice the 90th percentile of the wall.
+    #[test]
+    fn a_photo_of_high_dynamic_range_shows_its_lamp() {
+        let value = |x, y| if disc(x, y) { Vec3::splat(300.0) } else { Vec3::splat(0.3) };
+        let (photo, clear) = (Plane::from_fn(SIZE.0, SIZE.1, value), Plane::filled(SIZE.0, SIZE.1, 0.0));
+        let found = find_lights(&Picture(photo), &Mask(clear), None, &SEARCH);
+        assert_eq!(found.len(), 1);
+        assert_eq!(overlap(&found[0].mask, disc), 1.0);
+    }
+
+    /// Two white rectangles, one in the wall and one half a metre before it, and a bright table.
+    #[test]
+    fn depth_tells_a_shade_from_a_pane_and_a_table_from_both() {
+        let shade = |x: usize, y: usize| (20..50).contains(&x) && (30..55).contains(&y);
+        let table = |x: usize, y: usize| (40..120).contains(&x) && (100..115).contains(&y);
+        let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
+        let points =
+            Plane::from_fn(SIZE.0, SIZE.1, |x, y| camera.pixel_point(x, y, if shade(x, y) { 2.5 } else { 3.0 }));
+        let normal = Plane::from_fn(SIZE.0, SIZE.1, |x, y| if table(x, y) { Vec3::Y } else { Vec3::Z });
+        let bright = |x, y| shade(x, y) || pane(x, y) || table(x, y);
+        let (photo, clipped) = photo(|x, y| Vec3::splat(if bright(x, y) { 1.5 } else { 0.2 }));
+        let found = find_lights(&photo, &clipped, Some((&Points(points), &Normal(normal))), &SEARCH);
+        let kinds: Vec<LightKind> = found.iter().map(|light| light.kind).collect();
+        assert_eq!(kinds, [LightKind::Window, LightKind::Lamp]);
+        for (light, inside) in found.iter().zip([&pane as &dyn Fn(usize, usize) -> bool, &shade]) {
+            let overlap = overlap(&light.mask, inside);
+            assert!(overlap > 0.95, "intersection over union {overlap}");
+        }
+        let (room, one) = (None, LightSearch { most: 1, ..SEARCH });
+        assert_eq!(find_lights(&photo, &clipped, room, &one).len(), 1, "the most that are wanted");
+    }
 }

@@ -4,6 +4,7 @@ mod bad_input;
 mod cache;
 mod events;
 mod extremes;
+mod find_lights;
 mod goldens;
 mod layers;
 mod planes;
