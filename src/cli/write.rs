@@ -72,5 +72,7 @@ mod tests {
         assert_ne!(stamp(), old);
         assert_eq!(std::fs::read(&path).expect("it is there"), b"two");
         assert_eq!(std::fs::read_dir(folder.path()).expect("it is there").count(), 1, "nothing temporary is left");
+        let inner = file(folder.path(), "masks/b.txt", b"three").expect("it can be written");
+        assert_eq!(std::fs::read(inner).expect("it is there"), b"three");
     }
 }
