@@ -59,6 +59,8 @@ const FACES_UP: f32 = 0.5;
 const LOW: f32 = 0.8;
 /// Parts of windows that are this near, as a share of the longer side, are panes of one.
 const MUNTIN: f32 = 0.015;
+/// Pixels around a part that are looked at.
+const REACH: usize = 6;
 
 /// Lights in `photo` (linear, with the share of each pixel that is `clipped`), the largest first. `room` holds the points and
 /// normals of its pixels. Empty where nothing stands out, as in a photo of one colour.
@@ -84,7 +86,8 @@ pub fn find_lights(
         let large = parts(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
         let mut merged = Vec::new();
         for part in large.map(|pixels| view.part(pixels, &label)) {
-            let (inner, others) = kept.into_iter().partition(|inner: &Part| part.mask.pixels()[inner.pixels[0]]);
+            let (inner, others) =
+                kept.into_iter().partition(|inner: &Part| part.pixels.binary_search(&inner.pixels[0]).is_ok());
             kept = others;
             let sharpest = inner.iter().map(|inner| inner.contrast.ln()).fold(0.0, f32::max);
             let own = if view.emits(&part) { part.contrast.ln() } else { 0.0 };
@@ -93,20 +96,28 @@ pub fn find_lights(
         kept = merged;
     }
     let (windows, lamps): (Vec<Part>, Vec<Part>) = kept.into_iter().partition(|part| view.is_window(part));
-    let mut found: Vec<FoundLight> = join(windows, MUNTIN * w.max(h) as f32)
-        .into_iter()
-        .map(|part| part.light(LightKind::Window))
-        .chain(lamps.into_iter().map(|part| part.light(LightKind::Lamp)))
-        .collect();
-    found.sort_by_key(|light| std::cmp::Reverse(light.area));
+    let windows = join(windows, (w, h)).into_iter().map(|part| (LightKind::Window, part));
+    let mut found: Vec<_> = windows.chain(lamps.into_iter().map(|part| (LightKind::Lamp, part))).collect();
+    found.sort_by_key(|(_, part)| std::cmp::Reverse(part.pixels.len()));
     found.truncate(search.most);
-    found
+    let light = |(kind, part): (LightKind, Part)| {
+        let (area, contrast) = (part.pixels.len(), part.contrast);
+        FoundLight { kind, mask: mask(&part.pixels, (w, h)), area, contrast }
+    };
+    found.into_iter().map(light).collect()
+}
+
+fn mask(pixels: &[usize], (w, h): (usize, usize)) -> Plane<bool> {
+    let mut mask = Plane::filled(w, h, false);
+    pixels.iter().for_each(|&i| mask.pixels_mut()[i] = true);
+    mask
 }
 
 /// A part of a cut.
 struct Part {
     pixels: Vec<usize>,
-    mask: Plane<bool>,
+    /// Share of its bounding box.
+    fill: f32,
     /// Pixels up to four away from it.
     around: Vec<usize>,
     /// Inside over outside, in the least channel: its median along the outline, and that which three quarters reach.
@@ -114,12 +125,6 @@ struct Part {
     least_contrast: f32,
     /// The same in brightness, for three quarters.
     frame: f32,
-}
-
-impl Part {
-    fn light(self, kind: LightKind) -> FoundLight {
-        FoundLight { kind, area: self.pixels.len(), contrast: self.contrast, mask: self.mask }
-    }
 }
 
 /// The photo over its white, and what is known of it.
@@ -174,11 +179,20 @@ impl<'a> View<'a> {
     /// A part of `label`; what surrounds it is what no part covers.
     fn part(&self, pixels: Vec<usize>, label: &Plane<bool>) -> Part {
         let (w, h) = self.photo.size();
-        let mut mask = Plane::filled(w, h, false);
-        pixels.iter().for_each(|&i| mask.pixels_mut()[i] = true);
-        let (away, into) = (distance(&mask), distance(&mask.map(|inside| !inside)));
+        let extent = |value: &dyn Fn(usize) -> usize| {
+            let ends = |(least, most): (usize, usize), &i: &usize| (least.min(value(i)), most.max(value(i)));
+            pixels.iter().fold((usize::MAX, 0), ends)
+        };
+        let ((left, right), (top, bottom)) = (extent(&|i| i % w), extent(&|i| i / w));
+        // Only what is near is looked at, so that many small parts cost no more than a large one.
+        let (x0, x1) = (left.saturating_sub(REACH), (right + REACH + 1).min(w));
+        let (y0, y1) = (top.saturating_sub(REACH), (bottom + REACH + 1).min(h));
+        let mut inside = Plane::filled(x1 - x0, y1 - y0, false);
+        pixels.iter().for_each(|&i| inside.set(i % w - x0, i / w - y0, true));
+        let (away, into) = (distance(&inside), distance(&inside.map(|inside| !inside)));
         let within = |plane: &Plane<f32>, from: f32, to: f32| -> Vec<usize> {
-            (0..w * h).filter(|&i| plane.pixels()[i] >= from && plane.pixels()[i] < to).collect()
+            let near = (0..plane.len()).filter(|&i| plane.pixels()[i] >= from && plane.pixels()[i] < to);
+            near.map(|i| (y0 + i / (x1 - x0)) * w + x0 + i % (x1 - x0)).collect()
         };
         // The pixels on either side of the edge itself are mixtures.
         let mut ring = within(&away, 1.2, 3.0);
@@ -195,8 +209,8 @@ impl<'a> View<'a> {
             least_contrast: contrast(&self.least, 0.75),
             frame: contrast(&self.bright, 0.75),
             around: within(&away, 1.2, 5.0),
+            fill: pixels.len() as f32 / ((right - left + 1) * (bottom - top + 1)) as f32,
             pixels,
-            mask,
         }
     }
 
@@ -228,14 +242,8 @@ impl<'a> View<'a> {
             // Before two thirds of it: a lamp may touch its table, and the wall of a window may recede.
             vote(depth(&part.pixels, 0.5) / depth(&part.around, 0.35), 0.98, 1.0)
         });
-        let w = self.photo.width();
-        let extent = |value: &dyn Fn(usize) -> usize| {
-            let ends = part.pixels.iter().map(|&i| value(i));
-            ends.clone().max().unwrap_or(0) - ends.min().unwrap_or(0) + 1
-        };
-        let fill = part.pixels.len() as f32 / (extent(&|i| i % w) * extent(&|i| i / w)) as f32;
         let frame = vote(part.frame.ln(), 0.35, 0.5);
-        flush + frame + 0.5 * vote(fill, 0.7, 0.8) + vote(self.daylight(part), 0.0, 0.2) > 1.0
+        flush + frame + 0.5 * vote(part.fill, 0.7, 0.8) + vote(self.daylight(part), 0.0, 0.2) > 1.0
     }
 }
 
@@ -254,11 +262,12 @@ fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
     *values.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
-/// Parts that come within `reach` of each other as one, with the contrast of the largest.
-fn join(parts: Vec<Part>, reach: f32) -> Vec<Part> {
+/// Parts that come within [`MUNTIN`] of each other in a picture of this size as one, with the contrast of the largest.
+fn join(parts: Vec<Part>, size: (usize, usize)) -> Vec<Part> {
+    let reach = MUNTIN * size.0.max(size.1) as f32;
     let mut joined: Vec<Part> = Vec::new();
     for mut part in parts {
-        let away = distance(&part.mask);
+        let away = distance(&mask(&part.pixels, size));
         let is_near = |other: &Part| other.pixels.iter().any(|&i| away.pixels()[i] <= reach);
         let (near, others) = joined.into_iter().partition(is_near);
         joined = others;
@@ -266,7 +275,6 @@ fn join(parts: Vec<Part>, reach: f32) -> Vec<Part> {
             if other.pixels.len() > part.pixels.len() {
                 std::mem::swap(&mut part, &mut other);
             }
-            other.pixels.iter().for_each(|&i| part.mask.pixels_mut()[i] = true);
             part.pixels.extend(other.pixels);
         }
         joined.push(part);
