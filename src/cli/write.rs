@@ -11,7 +11,7 @@ pub fn folder(path: &Path) -> Result<(), Fault> {
     std::fs::create_dir_all(path).map_err(|e| Fault::file(path, format!("the folder cannot be made: {e}")))
 }
 
-/// Writes `folder/name`, whole or not at all; leaves a file that holds these bytes already untouched.
+/// Writes `folder/name`, whole or not at all, with the folders in `name`; leaves a file that holds these bytes already untouched.
 pub fn file(folder: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, Fault> {
     let path = folder.join(name);
     let cannot = |e: std::io::Error| Fault::file(&path, format!("cannot be written: {e}"));
@@ -23,6 +23,7 @@ pub fn file(folder: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf, Fault> {
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // the umask takes away what it should
     let mut temporary = builder.prefix(".relight-").tempfile_in(folder).map_err(cannot)?;
     temporary.write_all(bytes).map_err(cannot)?;
+    path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(cannot)?;
     temporary.persist(&path).map_err(|e| cannot(e.error))?;
     Ok(path)
 }
@@ -71,5 +72,7 @@ mod tests {
         assert_ne!(stamp(), old);
         assert_eq!(std::fs::read(&path).expect("it is there"), b"two");
         assert_eq!(std::fs::read_dir(folder.path()).expect("it is there").count(), 1, "nothing temporary is left");
+        let inner = file(folder.path(), "masks/b.txt", b"three").expect("it can be written");
+        assert_eq!(std::fs::read(inner).expect("it is there"), b"three");
     }
 }

@@ -1,13 +1,16 @@
 //! Typed planes, their files, and colour.
 
+mod annotate;
 mod depth;
 mod distance;
 mod exr_read;
 mod exr_write;
 mod fill;
+mod grid_cut;
 mod grow;
 mod measure;
 mod npy;
+mod parts;
 mod plane;
 mod png_write;
 mod read;
@@ -17,15 +20,18 @@ mod segments;
 mod transfer;
 mod upsample;
 
+pub use annotate::annotate;
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
 pub use distance::distance;
 pub use exr_write::{Compression, ExrLayers};
 pub use fill::fill_along_surfaces;
+pub use grid_cut::grid_cut;
 pub use grow::{around, grow_through};
 pub use measure::{
     PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture, square_error,
 };
 pub use npy::read_maps;
+pub use parts::parts;
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;
 pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_normal, read_photo};

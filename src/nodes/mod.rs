@@ -18,6 +18,7 @@ pub fn registry() -> Registry {
         .with::<scene::mesh::Mesh>()
         .with::<scene::read_lights::ReadLights>()
         .with::<scene::read_materials::ReadMaterials>()
+        .with::<estimate::find_lights::FindLights>()
         .with::<estimate::retinex_materials::RetinexMaterials>()
         .with::<estimate::mnet::MNet>()
         .with::<estimate::vis_lamp_net::VisLampNet>()

@@ -9,6 +9,7 @@ mod estimate;
 mod evidence;
 #[cfg(test)]
 mod extremes;
+mod find_lights;
 mod flux;
 mod gaussian;
 mod gradient;
@@ -43,6 +44,7 @@ pub use direct::{Direct, direct};
 pub use emitter::{Emitter, LightSample, Seen};
 pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
 pub use evidence::{Evidence, evidence_pixels};
+pub use find_lights::{FoundLight, LightSearch, find_lights};
 pub use flux::flux;
 pub use gaussian::Gaussian;
 pub use gradient::Gradient;

@@ -10,7 +10,8 @@ use glam::Vec3;
 use relight::geometry::Camera;
 use relight::graph::{Context, Gather, Node};
 use relight::image::{Albedo, Depth, Mask, Normal, Picture, Plane, Points, Shading, Transfer, write_png};
-use relight::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
+use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
+use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
 use relight::nodes::estimate::paint::{Paint, PaintIn};
 use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMaterialsIn};
 use relight::nodes::output::compose::{Compose, ComposeIn};
@@ -27,7 +28,7 @@ use relight::optics::{Lamp, LightKind, Radiance, Shape, Window};
 
 use crate::project::{png, root};
 
-const NAMES: [&str; 8] = ["mesh", "retinex", "direct", "shadow", "indirect", "mix", "glow", "compose"];
+const NAMES: [&str; 9] = ["mesh", "find", "retinex", "direct", "shadow", "indirect", "mix", "glow", "compose"];
 const SIZE: (usize, usize) = (64, 48);
 /// Two steps of 255: another compiler or processor may round differently, and a step of rounding may fall either way.
 const TOLERANCE: u8 = 2;
@@ -246,6 +247,37 @@ fn mesh() {
     let far = room.points.0.pixels().iter().zip(room.depth.0.pixels()).filter(|(p, z)| (p.z + **z).abs() > 1e-3 * **z);
     assert_eq!(far.count(), 0, "points of exact depth stay where they are");
     check("mesh", room.normal.0.map(|n| 0.5 * n + 0.5));
+}
+
+/// A glowing ball, half hidden by the box, outlined and named.
+#[test]
+fn find() {
+    let room = room();
+    let clipped = cover(&ball(), None);
+    let lit = room.photo().0;
+    let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| lit.get(x, y).lerp(Vec3::ONE, clipped.0.get(x, y)));
+    let photo = Arc::new(Picture(photo));
+    let before_the_wall = |x, y| match clipped.0.get(x, y) > 0.5 {
+        true => room.camera.pixel_point(x, y, 3.2),
+        false => room.points.0.get(x, y),
+    };
+    let points = Points(Plane::from_fn(SIZE.0, SIZE.1, before_the_wall));
+    let inputs = FindLightsIn {
+        photo: photo.clone(),
+        encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: None, sixteen_bit: false }),
+        small: photo,
+        clipped,
+        points: Some(Arc::new(points)),
+        normal: Some(room.normal.clone()),
+    };
+    let files = FindLights::default().run(inputs, &Context::default()).expect("the room is sound").files;
+    let names: Vec<&str> = files.0.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["masks/lamp_0.png", "found.png", "scene_lights.ron"]);
+    let overview = png(&files.0[1].1);
+    let linear = |x: usize, y: usize| {
+        overview.get_pixel(x as u32, y as u32).0.map(|v| Transfer::Srgb.decode(f32::from(v) / 255.0))
+    };
+    check("find", Plane::from_fn(SIZE.0, SIZE.1, |x, y| Vec3::from_array(linear(x, y))));
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod cache;
 mod eval;
 mod events;
 mod extremes;
+mod find_lights;
 mod goldens;
 mod layers;
 mod planes;

@@ -1,0 +1,129 @@
+//! `FindLights`: masks of lamps and windows to be looked at, corrected by hand and named in the scene.
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::graph::{Context, Node, NodeError};
+use crate::image::{Mask, Normal, Picture, Plane, Points, Transfer, annotate, resize, write_png};
+use crate::nodes::artifacts::{Encoding, Files};
+use crate::optics::{LightKind, LightSearch, find_lights};
+use crate::{params, ports};
+
+params! {
+    /// Proposes a mask for each lamp and window in view: what is bright, ends sharply, and is no floor, table or bed. Lit walls and
+    /// white things under a near lamp can pass for lights, and a lamp may come with its glare: look at `found.png`, correct, and
+    /// put `scene_lights.ron` into the scene (docs/find-lights.md).
+    pub struct FindLights {
+        /// Brightness of the dimmest light as a share of the photo's white, 0.1..=0.95.
+        threshold: f32 = 0.75,
+        /// How much a smooth outline counts against the brightness of single pixels, 0..=100.
+        smoothness: f32 = 1.0,
+        /// Smallest light as a share of the photo's pixels, 0..=1.
+        smallest: f32 = 0.001,
+        /// Most lights, the largest are kept; 1..=100.
+        most: usize = 16,
+    }
+}
+
+ports! {
+    pub input FindLightsIn {
+        /// The photo that the masks are for.
+        photo: Arc<Picture>,
+        /// How it is stored, for the overview.
+        encoding: Arc<Encoding>,
+        /// The photo at working size, linear.
+        small: Arc<Picture>,
+        /// Share of saturated pixels, working size.
+        clipped: Arc<Mask>,
+        /// Points at working size; with `normal`, these tell lamps before a wall from windows in it, and tables from both.
+        points: Option<Arc<Points>>,
+        /// Normals at working size.
+        normal: Option<Arc<Normal>>,
+    }
+}
+
+ports! {
+    pub output FindLightsOut {
+        /// `masks/lamp_0.png`, `masks/window_0.png`, .., white on black at the photo's size, the largest of a kind first;
+        /// `found.png`, the photo with outlines and names; `scene_lights.ron`, the scene's `lights`.
+        files: Arc<Files>,
+    }
+}
+
+impl Node for FindLights {
+    const KIND: &'static str = "FindLights";
+    const VERSION: u32 = 1;
+    type In = FindLightsIn;
+    type Out = FindLightsOut;
+
+    fn check(&self) -> Result<(), String> {
+        for (name, value, low, high) in [
+            ("threshold", self.threshold, 0.1, 0.95),
+            ("smoothness", self.smoothness, 0.0, 100.0),
+            ("smallest", self.smallest, 0.0, 1.0),
+        ] {
+            if !(low..=high).contains(&value) {
+                return Err(format!("{name}: wanted {low}..={high}, got {value}"));
+            }
+        }
+        if !(1..=100).contains(&self.most) {
+            return Err(format!("most: wanted 1..=100, got {}", self.most));
+        }
+        Ok(())
+    }
+
+    fn run(&self, inputs: FindLightsIn, ctx: &Context) -> Result<FindLightsOut, NodeError> {
+        let size = inputs.small.0.size();
+        let planes = [
+            ("clipped", Some(inputs.clipped.0.size())),
+            ("points", inputs.points.as_ref().map(|points| points.0.size())),
+            ("normal", inputs.normal.as_ref().map(|normal| normal.0.size())),
+        ];
+        for (name, got) in planes {
+            if let Some(got) = got.filter(|got| *got != size) {
+                return Err(NodeError::Failed(format!("{name}: wanted {size:?} pixels as `small`, got {got:?}")));
+            }
+        }
+        let &FindLights { threshold, smoothness, smallest, most } = self;
+        let search = LightSearch { threshold, smoothness, smallest, most };
+        let room = inputs.points.as_deref().zip(inputs.normal.as_deref());
+        let found = find_lights(&inputs.small, &inputs.clipped, room, &search);
+        ctx.check_cancelled()?;
+        if found.is_empty() {
+            ctx.warn("no light found: nothing in the photo is bright, sharply bounded and away from its floor");
+        }
+
+        let (width, height) = inputs.photo.0.size();
+        let mut files = Vec::new();
+        let mut overview = inputs.photo.0.clone();
+        let mut scene = String::from("// For scene.ron, beside which masks/ belongs.\nlights: {\n");
+        let mut counts = [0, 0];
+        for light in &found {
+            let (word, variant, count, colour) = match light.kind {
+                LightKind::Lamp => ("lamp", "Lamp", &mut counts[0], Vec3::new(1.0, 0.1, 0.0)),
+                LightKind::Window => ("window", "Window", &mut counts[1], Vec3::new(0.0, 0.3, 1.0)),
+            };
+            let id = format!("{word}_{count}");
+            *count += 1;
+            let share = light.area as f32 / (size.0 * size.1) as f32;
+            ctx.note(format!("{id}: {:.1} % of the photo, contrast {:.1} at its edge", 100.0 * share, light.contrast));
+            let mask = upscale(&light.mask, width, height);
+            annotate(&mut overview, &mask, &id, colour);
+            let white = Picture(mask.map(|inside| if inside { Vec3::ONE } else { Vec3::ZERO }));
+            files.push((format!("masks/{id}.png"), write_png(&white, Transfer::Linear, false)));
+            writeln!(scene, "    \"{id}\": {variant}(mask: \"masks/{id}.png\"),").expect("memory can be written to");
+        }
+        scene.push_str("},\n");
+        files.push(("found.png".into(), write_png(&Picture(overview), inputs.encoding.transfer, false)));
+        files.push(("scene_lights.ron".into(), scene.into_bytes()));
+        Ok(FindLightsOut { files: Arc::new(Files(files)) })
+    }
+}
+
+/// A mask in another size, its edge halfway between pixels that differ.
+fn upscale(mask: &Plane<bool>, width: usize, height: usize) -> Plane<bool> {
+    let share = mask.map(|inside| f32::from(u8::from(inside)));
+    resize(&share, width, height).map(|share| share > 0.5)
+}
