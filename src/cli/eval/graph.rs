@@ -83,6 +83,8 @@ pub struct Edit {
 /// Where the person's graph has what is measured: outputs as `node.port`.
 struct Ends {
     scene: String,
+    depth: String,
+    full_depth: String,
     fit: Option<String>,
     shapes: String,
     radiances: String,
@@ -278,9 +280,10 @@ impl Subject {
         if let Some(depth) = self.of("depth") {
             let value = raw(format!("(path: {})", depth.text()), &depth.origin.source.path);
             set(node("true_scene"), "depth", &value);
-            if rung.depth {
-                set(node(&ends.scene), "depth", &value);
-            }
+        }
+        if rung.depth {
+            file.redirect(&ends.depth, "true_scene.depth");
+            file.redirect(&ends.full_depth, "true_scene.full_depth");
         }
         if let Some(pictures) = self.of("pictures") {
             set(node("true_pictures"), "files", pictures);
@@ -379,12 +382,15 @@ impl Ends {
             wire(node, port).ok_or_else(fault)
         };
         let (scene, edit, compose) = (node("ReadScene")?, node("EditLights")?, node("Compose")?);
+        let room = node("Mesh")?;
         let (fit, write) = (find("FitLights"), find("Write"));
         let written = |port: &str| write.as_ref().and_then(|write| wire(write, port));
         let before = end(&compose, "before")?;
         let mix = node_of(&before);
         Ok(Ends {
             scene,
+            depth: end(&room, "depth")?,
+            full_depth: end(&edit, "depth")?,
             shapes: end(&edit, "shapes")?,
             radiances: end(&edit, "radiances")?,
             rest: end(&compose, "rest")?,
