@@ -59,7 +59,7 @@ pub struct ShapeSearch {
 pub struct ShapeFit {
     /// One per light; where it did not earn a move, what was given, to the bit.
     pub shapes: Vec<Shape>,
-    /// Share of the first loss that each light's move saves; 0 where it stays.
+    /// What the loss would grow by if each light alone went back, as a share of the first loss; 0 where it stays.
     pub saved: Vec<f64>,
     /// Robust misfit and penalties, as a share of the photo's energy, before and after.
     pub loss: [f64; 2],
@@ -71,8 +71,12 @@ pub struct ShapeFit {
     pub untold: Vec<usize>,
 }
 
-/// What it costs to move a parameter by its likely error, as a share of the first loss.
-const PRIOR: f64 = 0.01;
+/// What it costs to move a parameter by its likely error, as a share of the first loss. What the model cannot explain lies in
+/// patches, and a light that starts right can lower it by several percent: it must not be led astray for that.
+const PRIOR: f64 = 0.05;
+
+/// A loss below it (of 3 % of the photo's light) is that of the rays' own noise: it counts as this much.
+const FLOOR: f64 = 1e-3;
 
 /// Longest step of a parameter, in likely errors: derivatives hold no farther.
 const LONGEST: f64 = 1.0;
@@ -224,7 +228,8 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[Movable], bounds: &Bounds, se
     }
     let mut now = fit.explain(&columns_of(&start), None, FIRST_TURNS);
     found.loss = [now.loss; 2];
-    fit.prior = PRIOR * now.loss;
+    let large = now.loss.max(FLOOR);
+    fit.prior = PRIOR * large;
     let mut placed = start.clone();
     for round in 0..search.rounds {
         let free = fit.parameters(&placed);
@@ -252,7 +257,7 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[Movable], bounds: &Bounds, se
             let with = fit.whole(&after, &tried);
             let moved = std::mem::replace(&mut tried[i], start[i].clone());
             let without = fit.explain(&columns_of(&tried), Some(&after.radiance), TURNS);
-            let share = (fit.whole(&without, &tried) - with) / found.loss[0];
+            let share = (fit.whole(&without, &tried) - with) / large;
             if share < search.worth {
                 after = without;
             } else {
@@ -471,3 +476,7 @@ impl Fit<'_> {
         (shapes, best)
     }
 }
+
+#[cfg(test)]
+#[path = "shape_rooms.rs"]
+mod shape_rooms;

@@ -27,7 +27,7 @@ params! {
         /// Most steps between, 1..=100.
         steps: usize = 8,
         /// Share of the misfit that the move of a light must save; 0..1.
-        worth: f64 = 0.02,
+        worth: f64 = 0.05,
         /// Receivers that take part, 1..=100000.
         places: usize = 1500,
         /// Shadow rays per receiver and lobe, 1..=1024.
