@@ -65,7 +65,7 @@ const PUREST: f64 = 0.07;
 
 /// Largest share of each computed step that is taken: weights and projection belong to the last state, full steps overshoot.
 /// Halved whenever a step goes back on the last one, since turns may circle around where they would settle.
-const STEP: f64 = 0.7;
+pub(super) const STEP: f64 = 0.7;
 
 /// Growth of the share of a step from one turn that goes on to the next.
 const REGAIN: f64 = 1.1;
