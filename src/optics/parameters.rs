@@ -31,7 +31,7 @@ pub enum Parameter {
 }
 
 /// Likely error of the distance of a light that is seen, as a share of its radius: depth tells its front, not its middle.
-const DISTANCE: f32 = 0.25;
+const DISTANCE: f32 = 0.5;
 
 /// Likely errors of the logarithm of the size, of a direction (radians), and of log(1 + bandwidth).
 const SIZE: f32 = 0.4;
