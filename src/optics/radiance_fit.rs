@@ -34,6 +34,8 @@ pub struct RadianceFit {
     pub albedo: Vec<Vec3>,
     /// Mean of log(1 + r^2), r the residual over its expected size: 0 is perfect.
     pub loss: f64,
+    /// The same at the start, where every light gives an equal share.
+    pub loss_before: f64,
     /// How well the lights can be told apart, in the channel in which that is hardest.
     pub conditioning: Conditioning,
     /// Turns taken.
@@ -63,7 +65,7 @@ const PUREST: f64 = 0.07;
 
 /// Largest share of each computed step that is taken: weights and projection belong to the last state, full steps overshoot.
 /// Halved whenever a step goes back on the last one, since turns may circle around where they would settle.
-const STEP: f64 = 0.7;
+pub(super) const STEP: f64 = 0.7;
 
 /// Growth of the share of a step from one turn that goes on to the next.
 const REGAIN: f64 = 1.1;
@@ -97,6 +99,7 @@ fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64
         radiance: vec![Vec3::ZERO; k],
         albedo: vec![Vec3::ZERO; evidence.segments],
         loss: 0.0,
+        loss_before: 0.0,
         conditioning: Conditioning::default(),
         turns: 0,
         change: 0.0,
@@ -109,6 +112,7 @@ fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64
     }
     let problem = Problem::new(evidence, columns, &scale, white);
     let mut w: Vec<[f64; 3]> = scale.iter().map(|&s| [if s > 0.0 { 1.0 / lit as f64 } else { 0.0 }; 3]).collect();
+    fit.loss_before = (0..3).map(|c| problem.explained(&w, c).1).sum::<f64>() / (3 * n) as f64;
     // A small step is no sign of having arrived: changes are those of a step of the usual share.
     let (mut step, mut way) = (STEP, vec![[0.0; 3]; k]);
     while fit.turns < turns {

@@ -19,7 +19,7 @@ use super::candidates::in_view;
 use super::conditioning::{Conditioning, conditioning};
 use super::nnls::solve_free;
 use super::parameters::{Freedom, Parameter, parameters};
-use super::radiance_fit::{Problem, scales};
+use super::radiance_fit::{Problem, STEP, scales};
 use super::{Column, Emitter, Gradient, LayerQuality, Receivers, RoomBox, Shape, UnitLayer};
 use crate::geometry::Camera;
 use crate::image::Mask;
@@ -59,7 +59,7 @@ pub struct ShapeSearch {
 pub struct ShapeFit {
     /// One per light; where it did not earn a move, what was given, to the bit.
     pub shapes: Vec<Shape>,
-    /// Share of the first loss that each light's move saves; 0 where it stays.
+    /// What the loss would grow by if each light alone went back, as a share of the first loss; 0 where it stays.
     pub saved: Vec<f64>,
     /// Robust misfit and penalties, as a share of the photo's energy, before and after.
     pub loss: [f64; 2],
@@ -71,8 +71,12 @@ pub struct ShapeFit {
     pub untold: Vec<usize>,
 }
 
-/// What it costs to move a parameter by its likely error, as a share of the first loss.
-const PRIOR: f64 = 0.01;
+/// What it costs to move a parameter by its likely error, as a share of the first loss. What the model cannot explain lies in
+/// patches, and a light that starts right can lower it by several percent: it must not be led astray for that.
+const PRIOR: f64 = 0.05;
+
+/// A loss below it (of 3 % of the photo's light) is that of the rays' own noise: it counts as this much.
+const FLOOR: f64 = 1e-3;
 
 /// Longest step of a parameter, in likely errors: derivatives hold no farther.
 const LONGEST: f64 = 1.0;
@@ -190,14 +194,13 @@ struct Fit<'a> {
     lights: &'a [Movable<'a>],
     search: &'a ShapeSearch,
     places: Vec<(Vec3, Vec3)>,
-    /// Per light, the parameters that it has where it is.
+    /// The middle of the places.
     lit: Vec3,
     /// Weight of the prior, as a share of the photo's energy.
     prior: f64,
 }
 
-/// Second derivatives of half the loss with respect to the parameters, radiances and albedos eliminated, and minus its first ones;
-/// the photo's energy is 1.
+/// Normal equations of the parameters, radiances and albedos eliminated; the photo's energy is 1.
 struct Normal {
     gram: Vec<f64>,
     right: Vec<f64>,
@@ -224,7 +227,8 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[Movable], bounds: &Bounds, se
     }
     let mut now = fit.explain(&columns_of(&start), None, FIRST_TURNS);
     found.loss = [now.loss; 2];
-    fit.prior = PRIOR * now.loss;
+    let large = now.loss.max(FLOOR);
+    fit.prior = PRIOR * large;
     let mut placed = start.clone();
     for round in 0..search.rounds {
         let free = fit.parameters(&placed);
@@ -235,7 +239,7 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[Movable], bounds: &Bounds, se
             found.untold = (0..n).filter(|i| normal.gram[i * n + i] < fit.prior).collect();
             found.parameters = free.iter().map(|(light, parameter)| (*light, parameter.name())).collect();
         }
-        let (shapes, stepped) = fit.descend(&placed, &now, bounds);
+        let (shapes, stepped) = fit.descend(&placed, &now, (free, normal), bounds);
         let moved: Vec<usize> = (0..lights.len()).filter(|&i| shapes[i] != placed[i].shape).collect();
         if moved.is_empty() {
             break;
@@ -252,7 +256,7 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[Movable], bounds: &Bounds, se
             let with = fit.whole(&after, &tried);
             let moved = std::mem::replace(&mut tried[i], start[i].clone());
             let without = fit.explain(&columns_of(&tried), Some(&after.radiance), TURNS);
-            let share = (fit.whole(&without, &tried) - with) / found.loss[0];
+            let share = (fit.whole(&without, &tried) - with) / large;
             if share < search.worth {
                 after = without;
             } else {
@@ -301,7 +305,9 @@ impl Fit<'_> {
             None => DVec3::splat(1.0 / lit as f64),
         };
         let mut w: Vec<[f64; 3]> = scale.iter().enumerate().map(|(k, &s)| share(k, s).to_array()).collect();
-        (0..turns).for_each(|_| drop(problem.turn(&mut w, 0.7)));
+        for _ in 0..turns {
+            problem.turn(&mut w, STEP);
+        }
         let radiance = w.iter().zip(&scale).map(|(w, s)| DVec3::from_array(*w) * *s).collect();
         Explained { radiance, loss: problem.objective(&w) }
     }
@@ -408,14 +414,18 @@ impl Fit<'_> {
     }
 
     /// Damped steps with visibility and the form of the indirect light held, and what they lead to.
-    fn descend(&self, placed: &[Placed], now: &Explained, bounds: &Bounds) -> (Vec<Shape>, Explained) {
+    fn descend(
+        &self,
+        placed: &[Placed],
+        now: &Explained,
+        (mut free, mut normal): (Vec<(usize, Parameter)>, Normal),
+        bounds: &Bounds,
+    ) -> (Vec<Shape>, Explained) {
         let mut shapes: Vec<Shape> = placed.iter().map(|light| light.shape.clone()).collect();
         let mut here = placed.to_vec();
         let mut best = now.clone();
         let mut lowest = self.whole(now, placed);
         let [mut damping, good, bad, end] = DAMPING;
-        let mut free = self.parameters(&here);
-        let mut normal = self.normal(&here, &free, &best);
         for _ in 0..self.search.steps {
             let n = free.len();
             let offset = |i: usize| {
@@ -471,3 +481,7 @@ impl Fit<'_> {
         (shapes, best)
     }
 }
+
+#[cfg(test)]
+#[path = "shape_rooms.rs"]
+mod shape_rooms;

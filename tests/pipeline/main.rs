@@ -10,5 +10,6 @@ mod goldens;
 mod layers;
 mod planes;
 mod project;
+mod refine;
 mod sameness;
 mod scores;

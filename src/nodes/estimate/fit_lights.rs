@@ -229,9 +229,10 @@ fn tell(names: &[String], layers: &[(Vec<Vec3>, f64)], fit: &RadianceFit, eviden
     let hardest =
         alike.map_or(String::new(), |[a, b]| format!(", {} and {} hardest to tell apart", names[a], names[b]));
     ctx.note(format!(
-        "{} turns, last change {:.1e}, misfit {:.4}, condition number {number:.1e}{hardest}, rest {:.1} %",
+        "{} turns, last change {:.1e}, misfit {:.4} -> {:.4}, condition number {number:.1e}{hardest}, rest {:.1} %",
         fit.turns,
         fit.change,
+        fit.loss_before,
         fit.loss,
         100.0 * unexplained
     ));

@@ -25,11 +25,11 @@ params! {
         /// Most times that shadows and indirect light are traced again, 1..=10.
         rounds: usize = 2,
         /// Most steps between, 1..=100.
-        steps: usize = 8,
+        steps: usize = 6,
         /// Share of the misfit that the move of a light must save; 0..1.
-        worth: f64 = 0.02,
+        worth: f64 = 0.05,
         /// Receivers that take part, 1..=100000.
-        places: usize = 1500,
+        places: usize = 1000,
         /// Shadow rays per receiver and lobe, 1..=1024.
         samples: usize = 4,
         /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
@@ -174,5 +174,25 @@ fn tell(names: &[&str], fit: &ShapeFit, ctx: &Context) {
     ctx.note(format!("misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{untold}"));
     if let Some([a, b]) = fit.conditioning.alike.filter(|_| number > ALIKE) {
         ctx.note(format!("the photo hardly tells the {} from the {}", parameter(a), parameter(b)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_out_of_range_are_told() {
+        let node = RefineLights::default();
+        assert_eq!(node.check(), Ok(()));
+        for (bad, wanted) in [
+            (RefineLights { rounds: 0, ..node.clone() }, "rounds: wanted 1..=10, got 0"),
+            (RefineLights { places: 0, ..node.clone() }, "places: wanted 1..=100000, got 0"),
+            (RefineLights { worth: 1.0, ..node.clone() }, "worth: wanted 0..1, got 1"),
+            (RefineLights { unseen: f32::NAN, ..node.clone() }, "unseen: wanted 0..=1, got NaN"),
+            (RefineLights { sun_cost: -1.0, ..node.clone() }, "sun_cost: wanted a number >= 0, got -1"),
+        ] {
+            assert_eq!(bad.check(), Err(wanted.to_owned()));
+        }
     }
 }
