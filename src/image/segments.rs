@@ -17,18 +17,6 @@ pub struct Segments {
     pub count: u32,
 }
 
-impl Segments {
-    /// The mean of a plane over each segment.
-    pub fn means(&self, plane: &Plane<Vec3>) -> Vec<Vec3> {
-        let mut sums = vec![(Vec3::ZERO, 0.0f32); self.count as usize];
-        for (value, &s) in plane.pixels().iter().zip(self.label.pixels()) {
-            let (sum, count) = &mut sums[s as usize];
-            (*sum, *count) = (*sum + *value, *count + 1.0);
-        }
-        sums.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect()
-    }
-}
-
 /// The smallest linear value that is told from black: about the first step of an 8-bit sRGB photo.
 const BLACK: f32 = 0.002;
 

@@ -1,4 +1,4 @@
-//! The room as the networks take it: planes of one size, exposure and scale as in training (training/nets).
+//! The room as the networks take it: planes of one size, exposure and scale as they were trained with.
 
 use glam::Vec3;
 

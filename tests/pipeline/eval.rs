@@ -12,7 +12,7 @@ use relight::nodes::measure::score_lighting::{ScoreLighting, ScoreLightingIn};
 use relight::nodes::measure::score_lights::{ScoreLights, ScoreLightsIn};
 use relight::nodes::measure::score_picture::{ScorePicture, ScorePictureIn};
 use relight::nodes::measure::score_shading::{ScoreShading, ScoreShadingIn};
-use relight::optics::{Lamp, Lighting, Radiance, Shape, TEXELS};
+use relight::optics::{Lamp, Lighting, LocalLobe, Radiance, Shape, TEXELS};
 use serde_json::Value;
 
 use crate::project::*;
@@ -171,8 +171,9 @@ fn lighting_is_scored_on_the_cells_that_are_known() {
     let run = |bytes: &[u8]| {
         place.write("maps.npy", bytes);
         let truth = File::new(place.path("maps.npy").display().to_string());
-        let radiance = [Vec3::ONE; 2 * TEXELS].to_vec();
-        let inputs = ScoreLightingIn { lighting: Arc::new(Lighting { columns: 2, rows: 1, radiance }) };
+        // The same radiance from everywhere.
+        let lobes = vec![LocalLobe { axis: Vec3::Z, sharpness: 0.0, weight: Vec3::ONE }; 2];
+        let inputs = ScoreLightingIn { lighting: Arc::new(Lighting { columns: 2, rows: 1, lobes }) };
         ScoreLighting { truth }.run(inputs, &Context::default()).map(|out| out.scores)
     };
     let cells = [vec![3.0; 3 * TEXELS], vec![f32::NAN; 3 * TEXELS]].concat();

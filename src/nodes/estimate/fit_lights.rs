@@ -99,13 +99,10 @@ impl Node for FitLights {
         let pixels =
             evidence_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
         let at = |picture: &Picture| Evidence::at(picture, &inputs.clipped, &inputs.segments, &pixels, 2);
-        let texture = texture(&inputs.albedo, &inputs.segments);
-        let evidence = if self.keep_albedo {
-            at(&inputs.photo).over(&at(&Picture(inputs.albedo.0.clone())).photo)
-        } else {
-            let (w, h) = texture.size();
-            at(&Picture(Plane::from_fn(w, h, |x, y| inputs.photo.0.get(x, y) / texture.get(x, y))))
-        };
+        let mut evidence = at(&inputs.photo);
+        if self.keep_albedo {
+            evidence = evidence.over(&at(&Picture(inputs.albedo.0.clone())).photo);
+        }
 
         let ambient = grid.upsample(&inputs.points, &inputs.normal, &inputs.transport.ambient());
         let (mut names, mut layers): (Vec<String>, Vec<(Vec<Vec3>, f64)>) = Default::default();
@@ -128,7 +125,7 @@ impl Node for FitLights {
         let columns: Vec<Column> = layers.iter().map(|(layer, cost)| Column { layer, penalty: *cost }).collect();
         let before: Vec<Vec3> = match self.keep_albedo {
             true => vec![Vec3::ONE; pixels.len()],
-            false => pixels.iter().map(|&p| inputs.albedo.0.pixels()[p] / texture.pixels()[p]).collect(),
+            false => pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect(),
         };
         let fit = fit_radiances(&evidence, &columns, self.turns).with_albedo_of(&evidence.segment, &before);
 
@@ -147,7 +144,7 @@ impl Node for FitLights {
         let known = mark(&pixels, &inputs.segments, fit.albedo.len());
         let fitted = |p: usize| {
             let s = inputs.segments.label.pixels()[p] as usize;
-            let albedo = if known[s] { fit.albedo[s] * texture.pixels()[p] } else { inputs.albedo.0.pixels()[p] };
+            let albedo = if known[s] { fit.albedo[s] } else { inputs.albedo.0.pixels()[p] };
             albedo.clamp(Vec3::splat(0.02), Vec3::splat(0.95))
         };
         let (w, h) = inputs.photo.0.size();
@@ -236,22 +233,6 @@ fn tell(names: &[String], layers: &[(Vec<Vec3>, f64)], fit: &RadianceFit, eviden
         fit.loss,
         100.0 * unexplained
     ));
-}
-
-/// How the albedo varies within each segment: around 1 everywhere, and 1 where it does not vary. What the fit finds is the level of a segment.
-fn texture(albedo: &Albedo, segments: &Segments) -> Plane<Vec3> {
-    let means = segments.means(&albedo.0);
-    let varies = |i: usize| {
-        let ratio = albedo.0.pixels()[i] / means[segments.label.pixels()[i] as usize].max(Vec3::splat(1e-6));
-        // Rounding of a mean is no texture.
-        if (ratio - Vec3::ONE).abs().max_element() < 1e-4 {
-            Vec3::ONE
-        } else {
-            ratio.clamp(Vec3::splat(0.25), Vec3::splat(4.0))
-        }
-    };
-    let (width, height) = albedo.0.size();
-    Plane::new(width, height, (0..width * height).map(varies).collect())
 }
 
 /// Which segments the fit saw.

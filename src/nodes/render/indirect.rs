@@ -47,6 +47,8 @@ ports! {
         direct: Arc<UnitDirect>,
         /// Which share of it arrives.
         visibility: Arc<Visibility>,
+        /// Indirect shading by other means, to be averaged with that of the network: errors of both are hardly the same.
+        traced: Option<Arc<UnitIndirect>>,
         /// What the photo leaves for indirect light; without it, what is unseen is as bright as in most rooms.
         remainder: Option<Arc<Remainder>>,
     }
@@ -80,7 +82,8 @@ impl Node for Indirect {
     }
 
     fn run(&self, inputs: IndirectIn, ctx: &Context) -> Result<IndirectOut, NodeError> {
-        let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, remainder } = inputs;
+        let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, remainder, traced } =
+            inputs;
         if direct.lobes.is_empty() {
             return Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![] }) });
         }
@@ -116,7 +119,11 @@ impl Node for Indirect {
             ];
             let [indirect] = learned::computed(&network, tensors, ["indirect"])?;
             let cells = resize(&indirect.colour(0), grid.size().0, grid.size().1);
-            lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
+            let mut indirect = grid.upsample(&points, &normal, cells.pixels());
+            if let Some(traced) = traced.as_ref().and_then(|traced| traced.lobes.get(lobe)) {
+                indirect.pixels_mut().iter_mut().zip(traced.0.pixels()).for_each(|(i, t)| *i = 0.5 * (*i + *t));
+            }
+            lobes.push(Shading(indirect));
         }
         let stderr = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();
         Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr }) })
