@@ -3,6 +3,7 @@
 mod bvh8;
 mod camera;
 mod grid;
+mod known_length;
 mod mesh;
 mod plane_fit;
 mod rays;
@@ -12,6 +13,7 @@ mod woop;
 
 pub use camera::Camera;
 pub use grid::{Grid, cosine_direction};
+pub use known_length::{KnownLength, Metres, metric_depth, relative_depth};
 pub use mesh::{Hit, Own, SceneMesh, Sight};
 pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};
