@@ -2,6 +2,7 @@
 
 mod bvh8;
 mod camera;
+mod facing;
 mod grid;
 mod known_length;
 mod mesh;
@@ -12,6 +13,7 @@ mod up;
 mod woop;
 
 pub use camera::Camera;
+pub use facing::facing;
 pub use grid::{Grid, cosine_direction};
 pub use known_length::{KnownLength, Metres, metric_depth, relative_depth};
 pub use mesh::{Hit, Own, SceneMesh, Sight};
