@@ -65,6 +65,7 @@ pub struct Port {
 /// A network that is loaded and ready.
 pub struct Network {
     model: Model,
+    doubt: Option<&'static str>,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
 }
@@ -80,6 +81,7 @@ impl Network {
     /// # Errors
     /// `Damaged`, `NoBackend`.
     pub fn load(bytes: Vec<u8>, backend: &Backend, threads: usize) -> Result<Network, NetError> {
+        let doubt = if *backend == Backend::Rten { rten::doubt(&bytes) } else { None };
         let (model, inputs, outputs) = match backend {
             Backend::Rten => {
                 let (loaded, inputs, outputs) = rten::Loaded::new(bytes, threads)?;
@@ -90,7 +92,12 @@ impl Network {
                 (Model::OnnxRuntime(Box::new(loaded)), inputs, outputs)
             }
         };
-        Ok(Network { model, inputs, outputs })
+        Ok(Network { model, doubt, inputs, outputs })
+    }
+
+    /// Why its results may be wrong on this backend, where they may.
+    pub fn doubt(&self) -> Option<&str> {
+        self.doubt
     }
 
     pub fn inputs(&self) -> &[Port] {

@@ -40,6 +40,9 @@ pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Netwo
         check_digest(&name, &bytes).map_err(|message| bad(file, message))?;
         Network::load(bytes, backend, rayon::current_num_threads()).map_err(|e| refused(file, backend, e))
     })?;
+    if let Some(doubt) = network.doubt() {
+        ctx.warn(format!("{}: {doubt}", file.path));
+    }
     ctx.note(format!("{} by {backend}", file.path));
     Ok(network)
 }

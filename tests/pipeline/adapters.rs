@@ -166,6 +166,18 @@ fn a_scene_without_depth_is_for_graphs_that_need_none() {
     place.check("run GRAPHS/find_lights.ron EDITS/none.ron --scene . --no-cache --out lights", 0);
 }
 
+/// rten runs a cubic Resize as a linear one; the run tells, as networks by other people often have one.
+#[test]
+fn what_a_backend_computes_wrongly_is_told() {
+    let network = Onnx::default().input("x", &PHOTO).output("z", &PICTURE).mix("x", "a", &[[4.0, 2.0, 0.0]], &[1.0]);
+    let place = photo(network.cubic("a", "z", [1.0, 1.0, 0.7, 0.7]).file());
+    for backend in backends() {
+        let told = place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
+        let warning = "warning: depth: net.onnx: it resizes by cubic interpolation, for which rten takes linear: --backend ort computes it right";
+        assert_eq!(told.contains(warning), backend == "rten", "{told}");
+    }
+}
+
 /// The museum: a network, settings, and what must be said.
 #[test]
 fn networks_that_cannot_be_used_are_named() {
@@ -343,9 +355,7 @@ fn materials_by_other_networks_are_brought_to_ours() {
         assert!(worst(&roughness, |x, y| stored(x, y).x) < 1e-3);
 
         // The same numbers as sRGB.
-        let encoded = MATERIALS
-            .replace("range: (0, 255)", "range: (0, 255)")
-            .replace("normal_signs", "albedo_transfer: Srgb, normal_signs");
+        let encoded = MATERIALS.replace("normal_signs", "albedo_transfer: Srgb, normal_signs");
         place.write("materials.ron", encoded);
         place.check(&format!("{line} --backend {backend}"), 0);
         let linear = |x: usize, y: usize| Vec3::from_array(stored(x, y).to_array().map(|c| Transfer::Srgb.decode(c)));

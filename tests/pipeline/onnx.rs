@@ -32,19 +32,34 @@ impl Onnx {
         self.node_with(operator, inputs, outputs, &[])
     }
 
+    /// `output` = `input` at `scales` times its size, by cubic interpolation.
+    pub fn cubic(self, input: &str, output: &str, scales: [f32; 4]) -> Onnx {
+        let name = format!("{output}_scales");
+        let mut attribute = Vec::new();
+        bytes(&mut attribute, 1, b"mode");
+        bytes(&mut attribute, 4, b"cubic");
+        number(&mut attribute, 20, 3);
+        self.floats(&name, &[4], &scales).node_of("Resize", &[input, "", &name], &[output], &[attribute])
+    }
+
     /// A node with attributes that are lists of whole numbers.
     fn node_with(self, operator: &str, inputs: &[&str], outputs: &[&str], attributes: &[(&str, &[u64])]) -> Onnx {
-        let mut node = Vec::new();
-        inputs.iter().for_each(|name| bytes(&mut node, 1, name.as_bytes()));
-        outputs.iter().for_each(|name| bytes(&mut node, 2, name.as_bytes()));
-        bytes(&mut node, 4, operator.as_bytes());
-        for (name, values) in attributes {
+        let lists = attributes.iter().map(|(name, values)| {
             let mut attribute = Vec::new();
             bytes(&mut attribute, 1, name.as_bytes());
             values.iter().for_each(|&value| number(&mut attribute, 8, value));
             number(&mut attribute, 20, 7);
-            bytes(&mut node, 5, &attribute);
-        }
+            attribute
+        });
+        self.node_of(operator, inputs, outputs, &lists.collect::<Vec<_>>())
+    }
+
+    fn node_of(self, operator: &str, inputs: &[&str], outputs: &[&str], attributes: &[Vec<u8>]) -> Onnx {
+        let mut node = Vec::new();
+        inputs.iter().for_each(|name| bytes(&mut node, 1, name.as_bytes()));
+        outputs.iter().for_each(|name| bytes(&mut node, 2, name.as_bytes()));
+        bytes(&mut node, 4, operator.as_bytes());
+        attributes.iter().for_each(|attribute| bytes(&mut node, 5, attribute));
         self.message(1, node)
     }
 
