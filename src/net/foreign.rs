@@ -43,6 +43,9 @@ impl Normalisation {
     }
 }
 
+/// The largest picture that a network is shown.
+const MAX_PIXELS: usize = 16 << 20;
+
 /// How a network takes a photo.
 pub struct PhotoInput<'a> {
     /// The input's name; `None` for the only one.
@@ -123,7 +126,15 @@ impl PhotoInput<'_> {
         let scale = self.side as f32 / photo.0.min(photo.1) as f32;
         let multiple = self.multiple as f32;
         let side = |n: usize| ((n as f32 * scale / multiple).round().max(1.0) * multiple) as usize;
-        Ok((width.unwrap_or(side(photo.0)), height.unwrap_or(side(photo.1))))
+        let (width, height) = (width.unwrap_or(side(photo.0)), height.unwrap_or(side(photo.1)));
+        if width.saturating_mul(height) > MAX_PIXELS {
+            return Err(NetError::Mismatch(format!(
+                "input `{}`: wanted at most {} megapixels, got {width} x {height}; where the file leaves its size open, `side` makes it smaller",
+                port.name,
+                MAX_PIXELS >> 20
+            )));
+        }
+        Ok((width, height))
     }
 }
 
@@ -245,6 +256,8 @@ mod tests {
         assert_eq!(input(384, 32).size(&port(None), (640, 480)), Ok((512, 384)));
         assert_eq!(input(384, 32).size(&open, (480, 640)), Ok((384, 512)));
         assert_eq!(input(8, 32).size(&open, (10, 10_000)), Ok((32, 8000)));
+        let message = input(518, 14).size(&open, (10, 10_000)).expect_err("it is huge").to_string();
+        assert!(message.contains("wanted at most 16 megapixels, got 518 x 518000"), "{message}");
     }
 
     #[test]

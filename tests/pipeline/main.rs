@@ -3,8 +3,8 @@
 mod adapters;
 mod bad_input;
 mod cache;
-mod eval;
 mod damaged_networks;
+mod eval;
 mod events;
 mod extremes;
 mod find_lights;
