@@ -15,7 +15,7 @@ use relight::image::*;
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
 use relight::nodes::output::write::{Write, WriteIn};
 use relight::nodes::scene::read_materials::{ReadMaterials, ReadMaterialsIn, ReadMaterialsOut};
-use relight::nodes::scene::read_scene::*;
+use relight::nodes::scene::{CameraSpec, Exposure, read_scene::*};
 use relight::optics::{LightKind, Radiance};
 
 fn file(path: &Path) -> File {

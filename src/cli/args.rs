@@ -55,7 +55,7 @@ pub enum Command {
 }
 
 /// The files of a run.
-#[derive(Args)]
+#[derive(Args, Default)]
 pub struct Files {
     /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
     #[arg(long, value_name = "DIR")]
@@ -66,6 +66,11 @@ pub struct Files {
     /// The standard error to reach, as `1%` or `0.01`: sets the parameter `target_error` of every node that has it.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub target_error: Option<f32>,
+    /// Two pixels of the photo and the metres between them in the room, as `212,80,212,395=2.03`; may be given several times.
+    ///
+    /// Gives depth by a network its scale (graphs/depth.ron); two or more at different depths give its span too.
+    #[arg(long, value_name = "X,Y,X,Y=METRES", value_parser = known_length)]
+    pub known_length: Vec<String>,
     #[command(flatten)]
     pub networks: Networks,
 }
@@ -303,6 +308,18 @@ fn share(text: &str) -> Result<f32, String> {
     share.ok().filter(|share| *share > 0.0 && *share < 1.0).ok_or("wanted a share above 0 and below 1, as `1%`".into())
 }
 
+/// `212,80,212,395=2.03`, as RON.
+fn known_length(text: &str) -> Result<String, String> {
+    let number = |text: &str| text.trim().parse::<f32>().ok().filter(|number| number.is_finite());
+    let parts = text.split_once('=').and_then(|(pixels, metres)| {
+        let pixels = pixels.split(',').map(number).collect::<Option<Vec<f32>>>()?;
+        Some((<[f32; 4]>::try_from(pixels).ok()?, number(metres.trim().trim_end_matches('m'))?))
+    });
+    let ([ax, ay, bx, by], metres) =
+        parts.ok_or("wanted two pixels and the metres between them, as `212,80,212,395=2.03`")?;
+    Ok(format!("(from: ({ax:?}, {ay:?}), to: ({bx:?}, {by:?}), metres: {metres:?})"))
+}
+
 /// `500ms`, `2s`, `1.5min`.
 fn duration(text: &str) -> Result<Duration, String> {
     let digits = text.find(|c: char| c.is_alphabetic()).unwrap_or(text.len());
@@ -324,6 +341,26 @@ mod tests {
         }
         for (text, wanted) in [("500ms", 500), ("2s", 2000), ("0.5 s", 500), ("1min", 60_000)] {
             assert_eq!(duration(text), Ok(Duration::from_millis(wanted)), "{text}");
+        }
+        for text in ["212,80,212.5,395=2.03", " 212, 80, 212.5, 395 = 2.03 m"] {
+            assert_eq!(
+                known_length(text).as_deref(),
+                Ok("(from: (212.0, 80.0), to: (212.5, 395.0), metres: 2.03)"),
+                "{text}"
+            );
+        }
+        for text in [
+            "",
+            "1,2,3=4",
+            "1,2,3,4",
+            "1,2,3,4=",
+            "1,2,3,4,5=6",
+            "1,2,3,nan=4",
+            "1;2;3;4=5",
+            "1,2,3,4=2km",
+            "1,2,3,4=inf",
+        ] {
+            assert!(known_length(text).is_err(), "{text}");
         }
         for text in ["", "%", "0", "-1%", "100%", "nan", "inf%", "one"] {
             assert!(share(text).is_err(), "{text}");

@@ -16,8 +16,8 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
     // A file that cannot be read must not make the others look wrong: what it would have told stays unchecked.
     let kinds: Option<Vec<&str>> = file.as_ref().map(|file| file.nodes().map(|node| node.kind).collect());
     let room = match (&folder, &kinds) {
-        (Some(folder), _) => keep(scene::read(folder), &mut faults),
-        (None, Some(kinds)) if kinds.contains(&scene::STAGE) => {
+        (Some(folder), _) => keep(scene::read(folder, kinds.as_deref()), &mut faults),
+        (None, Some(kinds)) if scene::STAGES.iter().any(|stage| kinds.contains(stage)) => {
             let fault = Fault::file(graph, "this graph reads a scene, and none is named");
             faults.push(fault.help("name its folder with --scene DIR"));
             None
@@ -46,6 +46,12 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
     if let Some(error) = files.target_error {
         overlay.settings.extend(target_error(&registry, error));
     }
+    if !files.known_length.is_empty() {
+        match known_lengths(&registry, &files.known_length, kinds.as_deref()) {
+            Ok(settings) => overlay.settings.extend(settings),
+            Err(fault) => faults.push(fault),
+        }
+    }
     for text in &files.set {
         overlay.settings.extend(setting(text, &mut faults));
     }
@@ -71,6 +77,25 @@ fn target_error(registry: &Registry, error: f32) -> Vec<Setting> {
     let kinds = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
     let setting = |kind: &str| Setting { target: Target::Kind(kind.into()), field: field.into(), value: value.clone() };
     kinds.map(|spec| setting(spec.kind)).collect()
+}
+
+/// `--known-length`: for every kind of node that has such a parameter.
+///
+/// # Errors
+/// The graph has nodes of `kinds` only, and none of these.
+fn known_lengths(registry: &Registry, lengths: &[String], kinds: Option<&[&str]>) -> Result<Vec<Setting>, Fault> {
+    let (option, field) = ("--known-length", "known_lengths");
+    let takes = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
+    let takes: Vec<&str> = takes.map(|spec| spec.kind).collect();
+    if kinds.is_some_and(|kinds| kinds.iter().all(|kind| !takes.contains(kind))) {
+        let message = format!("this graph has no stage that takes known lengths: wanted {}", takes.join(", "));
+        return Err(Fault::file(option.as_ref(), message).help("graphs/depth.ron has"));
+    }
+    let value = Raw::document(&Source::new(option, format!("[{}]", lengths.join(", "))), &mut Vec::new());
+    let value = value.expect("the arguments were made RON when they were read");
+    let setting =
+        |kind: &&str| Setting { target: Target::Kind((*kind).into()), field: field.into(), value: value.clone() };
+    Ok(takes.iter().map(setting).collect())
 }
 
 /// One `--set NODE.PARAM=VALUE`; relative paths in it start from the working directory.

@@ -1,7 +1,7 @@
 //! `scene.ron`: the photograph, its depth, its camera, and the lights that are seen in it.
 //!
 //! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types say what may stand in
-//! them. The names of the lights, in the order of the file, become members of sets: `visible`, the lights seen in
+//! them; those of the photo alone also of its `ReadPhoto` stages. The names of the lights, in the order of the file, become members of sets: `visible`, the lights seen in
 //! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose place and strength are estimated
 //! (the graph adds the invisible ones); and
 //! `lights`, all that shine in the result (an edit adds what it inserts). Lights and materials that `truth` names go to the stages
@@ -12,10 +12,13 @@ use std::path::Path;
 use super::{INVISIBLE, check_light_name, fields};
 use crate::graph::{Fault, Key, Member, Overlay, Raw, Setting, Source, Target};
 
-/// The stage that takes a scene.
-pub const STAGE: &str = "ReadScene";
+/// The stages that take a scene: all of it, or its photo alone.
+pub const STAGES: [&str; 2] = [SCENE, PHOTO];
+const SCENE: &str = "ReadScene";
+const PHOTO: &str = "ReadPhoto";
 const FIELDS: [&str; 9] = ["version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure", "truth"];
-const NEEDED: [&str; 3] = ["photo", "camera", "depth"];
+const OF_PHOTO: [&str; 4] = ["photo", "transfer", "camera", "exposure"];
+const NEEDED: [&str; 2] = ["photo", "camera"];
 /// Field of `truth` -> the stage that reads it, and its parameter there.
 const TRUTH: [(&str, &str, &str); 4] = [
     ("lights", "ReadLights", "path"),
@@ -32,11 +35,12 @@ const SETS: [&str; 3] = ["visible", "estimated", "lights"];
 /// And the set of those that are of one kind.
 const OF_KIND: [(&str, &str); 2] = [("Lamp", "visible_lamps"), ("Window", "visible_windows")];
 
-/// Reads `folder/scene.ron`.
+/// Reads `folder/scene.ron` for a graph with stages of these `kinds`: one that takes the photo alone needs no depth. Without `kinds`, what
+/// they need stays unchecked.
 ///
 /// # Errors
 /// Every fault of the file that can be known without looking at the files it names.
-pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
+pub fn read(folder: &Path, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Fault>> {
     let path = folder.join("scene.ron");
     if folder.is_file() {
         let help = "name the folder, not the file in it";
@@ -50,6 +54,10 @@ pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
             if fields.iter().all(|(key, _)| key.name != field) {
                 faults.push(Fault::file(&path, format!("this scene has no `{field}`")));
             }
+        }
+        if kinds.is_some_and(|kinds| kinds.contains(&SCENE)) && fields.iter().all(|(key, _)| key.name != "depth") {
+            let help = "a network of yours can estimate it: graphs/depth.ron, docs/networks.md";
+            faults.push(Fault::file(&path, "this scene has no `depth`").help(help));
         }
     }
     let mut overlay = Overlay::default();
@@ -73,7 +81,12 @@ pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
             overlay.settings.extend(settings(&value, &mut faults));
             continue;
         }
-        overlay.settings.push(Setting { target: Target::Kind(STAGE.to_owned()), field: key.name, value });
+        let stages = STAGES.into_iter().filter(|stage| *stage == SCENE || OF_PHOTO.contains(&key.name.as_str()));
+        overlay.settings.extend(stages.map(|stage| Setting {
+            target: Target::Kind(stage.to_owned()),
+            field: key.name.clone(),
+            value: value.clone(),
+        }));
     }
     if faults.is_empty() { Ok(overlay) } else { Err(faults) }
 }
@@ -83,7 +96,7 @@ pub fn read(folder: &Path) -> Result<Overlay, Vec<Fault>> {
 /// # Errors
 /// Those of [`read`].
 pub fn truth(folder: &Path) -> Result<Vec<(Key, Raw)>, Vec<Fault>> {
-    read(folder)?;
+    read(folder, None)?;
     let source = Source::read(&folder.join("scene.ron")).map_err(|fault| vec![fault])?;
     let mut faults = Vec::new();
     let truth = fields(&source, "Scene", &FIELDS, &mut faults).into_iter().find(|(key, _)| key.name == "truth");
@@ -121,7 +134,7 @@ mod tests {
     fn scene(text: &str) -> Result<Overlay, Vec<Fault>> {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         std::fs::write(folder.path().join("scene.ron"), text).expect("it can be written to");
-        read(folder.path())
+        read(folder.path(), Some(&["ReadScene"]))
     }
 
     #[test]
@@ -129,9 +142,13 @@ mod tests {
         let text = r#"Scene(version: 1, photo: "a.png", camera: FovX(60), depth: (path: "d.npy"),
             lights: { "b": Lamp(mask: "b.png"), "a": Window(mask: "a.png") })"#;
         let overlay = scene(text).expect("this scene is sound");
-        let settings: Vec<_> = overlay.settings.iter().map(|s| (s.field.as_str(), s.value.text())).collect();
-        assert_eq!(settings[..3], [("photo", "\"a.png\""), ("camera", "FovX(60)"), ("depth", "(path: \"d.npy\")")]);
-        assert!(overlay.settings.iter().all(|s| s.target == Target::Kind("ReadScene".into())));
+        let of = |stage: &str| {
+            let settings = overlay.settings.iter().filter(|s| s.target == Target::Kind(stage.into()));
+            settings.map(|s| (s.field.as_str(), s.value.text())).collect::<Vec<_>>()
+        };
+        let photo = [("photo", "\"a.png\""), ("camera", "FovX(60)")];
+        assert_eq!(of("ReadScene")[..3], [photo[0], photo[1], ("depth", "(path: \"d.npy\")")]);
+        assert_eq!(of("ReadPhoto"), photo);
         for set in SETS {
             let of_set = overlay.members.iter().filter(|m| m.set == set);
             assert_eq!(of_set.map(|m| m.name.as_str()).collect::<Vec<_>>(), ["b", "a"], "in the order of the file");
@@ -164,7 +181,9 @@ mod tests {
         let fields = truth(folder.path()).expect("this scene is sound");
         let names: Vec<_> = fields.iter().map(|(key, _)| key.name.as_str()).collect();
         assert_eq!(names, ["lights", "depth", "pictures", "edits"]);
-        assert_eq!(read(folder.path()).expect("it is sound").settings.len(), 4, "depth stays the scene's own");
+        let scene = read(folder.path(), None).expect("it is sound").settings;
+        let paths: Vec<_> = scene.iter().filter(|s| s.field == "depth").map(|s| s.value.text()).collect();
+        assert_eq!(paths, ["(path: \"d.npy\")"], "depth stays the scene's own");
         for (from, to, wanted) in [
             (r#""p.exr""#, "7", "`pictures` wanted the name of a file in quotes, got `7`"),
             (r#""t.exr""#, "(1, 2)", "`depth` wanted the name of a file in quotes, got `(1, 2)`"),
@@ -181,5 +200,9 @@ mod tests {
         let faults = scene("Scene(version: 1)").err().expect("it is not sound");
         let messages: Vec<_> = faults.iter().map(|f| f.message.as_str()).collect();
         assert_eq!(messages, ["this scene has no `photo`", "this scene has no `camera`", "this scene has no `depth`"]);
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let text = r#"Scene(version: 1, photo: "a.png", camera: FovX(60))"#;
+        std::fs::write(folder.path().join("scene.ron"), text).expect("it can be written to");
+        assert!(read(folder.path(), Some(&["ReadPhoto"])).is_ok(), "a photo has no depth");
     }
 }

@@ -2,7 +2,9 @@
 
 mod bvh8;
 mod camera;
+mod facing;
 mod grid;
+mod known_length;
 mod mesh;
 mod plane_fit;
 mod rays;
@@ -11,7 +13,9 @@ mod up;
 mod woop;
 
 pub use camera::Camera;
+pub use facing::facing;
 pub use grid::{Grid, cosine_direction};
+pub use known_length::{KnownLength, Metres, metric_depth, relative_depth};
 pub use mesh::{Hit, Own, SceneMesh, Sight};
 pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};

@@ -114,6 +114,13 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
     }))
 }
 
+/// 1 / z, from 0 at the farthest to 1 at the nearest: what moves most as the eye moves is brightest.
+pub fn nearness(depth: &Depth) -> Plane<f32> {
+    let inverse = depth.0.map(|z| 1.0 / z);
+    let (low, high) = inverse.pixels().iter().fold((f32::MAX, 0.0f32), |(low, high), &q| (low.min(q), high.max(q)));
+    inverse.map(|q| (q - low) / (high - low).max(f32::MIN_POSITIVE))
+}
+
 /// The middle value; of two middle values their mean, or the nearer one when a step lies between them.
 fn median(values: &mut [f32]) -> f32 {
     values.sort_unstable_by(f32::total_cmp);
@@ -189,6 +196,12 @@ mod tests {
             assert_eq!(other.0.size(), (w, h));
             assert!(other.0.pixels().iter().all(|&z| z == 2.0 || z == 5.0), "{w} x {h}");
         }
+    }
+
+    #[test]
+    fn near_is_bright() {
+        assert_eq!(nearness(&Depth(Plane::new(3, 1, vec![1.0, 2.0, 4.0]))).pixels(), [1.0, 1.0 / 3.0, 0.0]);
+        assert_eq!(nearness(&Depth(Plane::filled(2, 1, 3.0))).pixels(), [0.0, 0.0]);
     }
 
     #[test]

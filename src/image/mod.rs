@@ -21,7 +21,7 @@ mod transfer;
 mod upsample;
 
 pub use annotate::annotate;
-pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, resize_depth};
+pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, nearness, resize_depth};
 pub use distance::distance;
 pub use exr_write::{Compression, ExrLayers};
 pub use fill::fill_along_surfaces;

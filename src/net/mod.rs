@@ -3,6 +3,7 @@
 //! [`Backend::Rten`] is always there; [`Backend::OnnxRuntime`] once [`find_onnxruntime`] has loaded its library. On one backend, the same
 //! inputs give the same bits for any number of threads; between backends, results differ by rounding (tests/networks.rs).
 
+pub mod foreign;
 mod onnxruntime;
 mod planes;
 mod rten;
@@ -37,7 +38,7 @@ impl std::fmt::Display for Backend {
 }
 
 /// Why a network gave nothing.
-#[derive(Clone, Debug, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NetError {
     /// The file is no network, or one that this backend cannot run.
     #[error("{0}")]
@@ -64,6 +65,7 @@ pub struct Port {
 /// A network that is loaded and ready.
 pub struct Network {
     model: Model,
+    doubt: Option<&'static str>,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
 }
@@ -79,6 +81,7 @@ impl Network {
     /// # Errors
     /// `Damaged`, `NoBackend`.
     pub fn load(bytes: Vec<u8>, backend: &Backend, threads: usize) -> Result<Network, NetError> {
+        let doubt = if *backend == Backend::Rten { rten::doubt(&bytes) } else { None };
         let (model, inputs, outputs) = match backend {
             Backend::Rten => {
                 let (loaded, inputs, outputs) = rten::Loaded::new(bytes, threads)?;
@@ -89,7 +92,12 @@ impl Network {
                 (Model::OnnxRuntime(Box::new(loaded)), inputs, outputs)
             }
         };
-        Ok(Network { model, inputs, outputs })
+        Ok(Network { model, doubt, inputs, outputs })
+    }
+
+    /// Why its results may be wrong on this backend, where they may.
+    pub fn doubt(&self) -> Option<&str> {
+        self.doubt
     }
 
     pub fn inputs(&self) -> &[Port] {
@@ -137,16 +145,25 @@ impl Network {
         inputs: Vec<(&str, Tensor)>,
         outputs: [&str; N],
     ) -> Result<[Tensor; N], NetError> {
+        let got = self.run_to(inputs, &outputs)?;
+        got.try_into().map_err(|_| NetError::Run("it gave another number of outputs than was asked for".into()))
+    }
+
+    /// [`Network::run`] for any number of outputs.
+    ///
+    /// # Errors
+    /// Those of [`Network::run`].
+    pub fn run_to(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
         let got = match &self.model {
-            Model::Rten(model) => model.run(inputs, &outputs)?,
-            Model::OnnxRuntime(model) => model.run(inputs, &outputs)?,
+            Model::Rten(model) => model.run(inputs, outputs)?,
+            Model::OnnxRuntime(model) => model.run(inputs, outputs)?,
         };
         for (name, tensor) in outputs.iter().zip(&got) {
             if let Some(wrong) = tensor.data().iter().find(|v| !v.is_finite()) {
                 return Err(NetError::Mismatch(format!("output `{name}`: wanted finite numbers, got {wrong}")));
             }
         }
-        got.try_into().map_err(|_| NetError::Run("it gave another number of outputs than was asked for".into()))
+        Ok(got)
     }
 }
 

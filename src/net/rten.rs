@@ -8,6 +8,13 @@ use rten_tensor::prelude::*;
 
 use super::{NetError, Port, Tensor};
 
+/// What rten is known to compute otherwise than ONNX says, where the bytes of the file ask for it.
+pub fn doubt(bytes: &[u8]) -> Option<&'static str> {
+    // The field `s` (4, a text of 5 bytes) of an attribute, as `mode` of Resize.
+    let cubic = bytes.windows(7).any(|window| window == b"\x22\x05cubic");
+    cubic.then_some("it resizes by cubic interpolation, for which rten takes linear: --backend ort computes it right")
+}
+
 pub struct Loaded {
     model: Model,
     options: RunOptions,

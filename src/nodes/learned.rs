@@ -20,8 +20,7 @@ pub const HALF_3: &[usize] = &[1, 3, HALF.1, HALF.0];
 pub const HALF_5: &[usize] = &[1, 5, HALF.1, HALF.0];
 pub const HALF_6: &[usize] = &[1, 6, HALF.1, HALF.0];
 
-/// The network of `file`, loaded once for all stages that use it, checked against its digest if it ships with the program and against
-/// the inputs and outputs that the stage knows.
+/// The network of `file`, checked against the inputs and outputs that the stage knows.
 pub fn network(
     ctx: &Context,
     file: &File,
@@ -29,20 +28,36 @@ pub fn network(
     inputs: &[(&str, &[usize])],
     outputs: &[&str],
 ) -> Result<Arc<Network>, NodeError> {
-    let bad = |message: String| NodeError::BadFile { path: file.location().display().to_string(), message };
-    let refused = |e: NetError| match e {
-        NetError::NoBackend(message) => NodeError::BadParameter(format!("backend: {message}")),
-        NetError::Damaged(message) => bad(format!("wanted a network in ONNX that {backend} computes: {message}")),
-        NetError::Mismatch(message) | NetError::Run(message) => bad(message),
-    };
+    let network = loaded(ctx, file, backend)?;
+    network.expect(inputs, outputs).map_err(|e| refused(file, backend, e))?;
+    Ok(network)
+}
+
+/// The network of `file`, loaded once for all stages that use it, checked against its digest if it ships with the program.
+pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Network>, NodeError> {
     let network = ctx.shared(file, &format!("network by {backend:?}"), |bytes| {
         let name = file.location().file_name().unwrap_or_default().to_string_lossy().into_owned();
-        check_digest(&name, &bytes).map_err(bad)?;
-        Network::load(bytes, backend, rayon::current_num_threads()).map_err(refused)
+        check_digest(&name, &bytes).map_err(|message| bad(file, message))?;
+        Network::load(bytes, backend, rayon::current_num_threads()).map_err(|e| refused(file, backend, e))
     })?;
-    network.expect(inputs, outputs).map_err(refused)?;
+    if let Some(doubt) = network.doubt() {
+        ctx.warn(format!("{}: {doubt}", file.path));
+    }
     ctx.note(format!("{} by {backend}", file.path));
     Ok(network)
+}
+
+/// What is wrong with the network of `file`.
+pub fn refused(file: &File, backend: &Backend, error: NetError) -> NodeError {
+    match error {
+        NetError::NoBackend(message) => NodeError::BadParameter(format!("backend: {message}")),
+        NetError::Damaged(message) => bad(file, format!("wanted a network in ONNX that {backend} computes: {message}")),
+        NetError::Mismatch(message) | NetError::Run(message) => bad(file, message),
+    }
+}
+
+fn bad(file: &File, message: String) -> NodeError {
+    NodeError::BadFile { path: file.location().display().to_string(), message }
 }
 
 /// What a network made of its inputs.

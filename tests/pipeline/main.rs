@@ -1,13 +1,16 @@
 //! The whole pipeline, as a person runs it: what comes out, what runs again, and what happens when something is wrong.
 
+mod adapters;
 mod bad_input;
 mod cache;
+mod damaged_networks;
 mod eval;
 mod events;
 mod extremes;
 mod find_lights;
 mod goldens;
 mod layers;
+mod onnx;
 mod planes;
 mod project;
 mod refine;

@@ -38,7 +38,7 @@ pub fn stem(path: &Path) -> &str {
 pub fn load(graph: &Path, scene: &Path, edit: &Path) -> Result<Graph, Vec<Fault>> {
     let file = GraphFile::read(graph)?;
     let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
-    let room = scene::read(scene)?;
+    let room = scene::read(scene, Some(&kinds))?;
     let change = edit::read(edit, Some(&room), Some(&kinds))?;
     let settings = room.settings.into_iter().chain(change.settings).collect();
     let members = room.members.into_iter().chain(change.members).collect();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Value};
 
-use crate::cli::args::{Bench, Files, Networks};
+use crate::cli::args::{Bench, Files};
 use crate::cli::{Stop, engine, finished, load::load, run::stop_on_ctrl_c};
 
 /// One parameter of all stages of a kind, as RON.
@@ -137,7 +137,7 @@ impl Session {
             let named = self.nodes.iter().filter(|node| node.kind == *kind);
             set.extend(named.map(|node| format!("{}.{field}={value}", node.name)));
         }
-        Files { scene: self.scene.clone(), set, target_error: None, networks: Networks::default() }
+        Files { scene: self.scene.clone(), set, ..Files::default() }
     }
 
     fn run(&self, engine: &Engine, sets: &[Set], wanted: &[String]) -> Result<RunReport, Stop> {

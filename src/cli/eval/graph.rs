@@ -115,7 +115,8 @@ impl Subject {
     pub fn new(graph: &Path, folder: &Path, set: &[String]) -> Result<Subject, Vec<Fault>> {
         let file = GraphFile::read(graph)?;
         let truth = scene::truth(folder)?;
-        let mut room = scene::read(folder)?;
+        let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
+        let mut room = scene::read(folder, Some(&kinds))?;
         let mut faults = Vec::new();
         room.settings.extend(set.iter().filter_map(|text| setting(text, &mut faults)));
         if !faults.is_empty() {

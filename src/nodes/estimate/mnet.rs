@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::geometry::Camera;
+use crate::geometry::{Camera, facing};
 use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture, Roughness, resize};
 use crate::net::view::{Geometry, View};
@@ -71,17 +71,11 @@ impl Node for MNet {
         ];
         let [albedo, normal, rough] = learned::computed(&network, tensors, outputs)?;
         let (width, height) = photo.0.size();
-        let camera = camera.resized(width, height);
-        let mut normal = resize(&normal.colour(0), width, height);
-        for (i, n) in normal.pixels_mut().iter_mut().enumerate() {
-            let ray = camera.pixel_point(i % width, i / width, 1.0);
-            let unit = n.try_normalize().unwrap_or_else(|| -ray.normalize());
-            *n = if unit.dot(ray) > 0.0 { -unit } else { unit };
-        }
+        let normal = facing(resize(&normal.colour(0), width, height), &camera);
         let (least, most) = (Vec3::splat(0.02), Vec3::splat(0.95));
         Ok(MNetOut {
             albedo: Arc::new(Albedo(resize(&albedo.colour(0), width, height).map(|a| a.clamp(least, most)))),
-            normal: Arc::new(Normal(normal)),
+            normal: Arc::new(normal),
             roughness: Arc::new(Roughness(resize(&rough.grey(0), width, height).map(|r| r.clamp(0.0, 1.0)))),
         })
     }

@@ -2,6 +2,7 @@
 
 pub mod compose;
 pub mod write;
+pub mod write_depth;
 pub mod write_estimates;
 pub mod write_planes;
 

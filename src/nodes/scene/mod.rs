@@ -3,10 +3,106 @@
 pub mod mesh;
 pub mod read_lights;
 pub mod read_materials;
+pub mod read_photo;
 pub mod read_scene;
 
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::Camera;
 use crate::graph::{Context, File, NodeError};
-use crate::image::{ReadError, Source};
+use crate::image::{self, Bits, Mask, Picture, ReadError, Source, Transfer};
+use crate::nodes::artifacts::Encoding;
+
+/// Where the photo was taken from: the camera stands at the origin and looks along -z.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum CameraSpec {
+    /// Horizontal field of view in degrees; square pixels, centred.
+    FovX(f32),
+    /// Focal lengths and principal point in photo pixels.
+    Pinhole { fx: f32, fy: f32, cx: f32, cy: f32 },
+}
+
+/// The photo's exposure.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Exposure {
+    /// The illuminance, in lux, at which a white surface shows 1.
+    Lux(f32),
+}
+
+/// The parameters of a photo that all who read it share.
+struct Shot<'a> {
+    photo: &'a File,
+    transfer: Transfer,
+    camera: CameraSpec,
+    exposure: Option<Exposure>,
+    long_side: u32,
+}
+
+/// A photo as it was read.
+struct Photograph {
+    /// Linear, the photo's size.
+    photo: Picture,
+    /// 1 where it is saturated.
+    clipped: Mask,
+    /// Columns and rows of the working size.
+    small: (usize, usize),
+    /// At the photo's size.
+    camera: Camera,
+    encoding: Encoding,
+}
+
+impl Shot<'_> {
+    fn check(&self) -> Result<(), String> {
+        if self.photo.path.is_empty() {
+            return Err("photo: wanted a file, got none".into());
+        }
+        if let Transfer::Gamma(gamma) = self.transfer {
+            within("transfer: Gamma", gamma, 0.1, 10.0)?;
+        }
+        match self.camera {
+            CameraSpec::FovX(degrees) => within("camera: FovX", degrees, 1.0, 175.0)?,
+            CameraSpec::Pinhole { fx, fy, cx, cy } => {
+                within("camera: fx", fx, 1e-3, 1e6)?;
+                within("camera: fy", fy, 1e-3, 1e6)?;
+                within("camera: cx", cx, -1e6, 1e6)?;
+                within("camera: cy", cy, -1e6, 1e6)?;
+            }
+        }
+        if let Some(Exposure::Lux(lux)) = self.exposure {
+            within("exposure: Lux", lux, 1e-6, 1e9)?;
+        }
+        if self.long_side == 0 {
+            return Err("long_side: wanted at least 1, got 0".into());
+        }
+        Ok(())
+    }
+
+    fn read(&self, ctx: &Context) -> Result<Photograph, NodeError> {
+        let read = open(ctx, self.photo, |source| image::read_photo(source, self.transfer))?;
+        warn(ctx, self.photo, &read.warnings);
+        let (width, height) = read.picture.0.size();
+        let camera = match self.camera {
+            CameraSpec::FovX(degrees) => Camera::from_fov_x(width, height, degrees),
+            CameraSpec::Pinhole { fx, fy, cx, cy } => Camera { width, height, fx, fy, cx, cy },
+        };
+        Ok(Photograph {
+            photo: read.picture,
+            clipped: read.clipped,
+            small: image::fit(width, height, self.long_side as usize),
+            camera,
+            encoding: Encoding {
+                transfer: self.transfer,
+                lux: self.exposure.map(|Exposure::Lux(lux)| lux),
+                sixteen_bit: read.bits == Bits::Sixteen,
+            },
+        })
+    }
+}
+
+fn within(name: &str, value: f32, low: f32, high: f32) -> Result<(), String> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(format!("{name}: wanted {low} to {high}, got {value}")) }
+}
 
 /// A picture file through one of the readers of `image`.
 fn open<T>(ctx: &Context, file: &File, read: impl FnOnce(Source) -> Result<T, ReadError>) -> Result<T, NodeError> {

@@ -13,23 +13,13 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{bad, open, size, warn};
+use super::{CameraSpec, Exposure, Photograph, Shot, bad, open, size, warn, within};
 use crate::geometry::Camera;
 use crate::graph::{Context, File, Node, NodeError, Scatter};
-use crate::image::{self, Bits, Depth, Mask, Picture, Plane, Transfer};
+use crate::image::{self, Depth, Mask, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
 use crate::optics::LightKind;
 use crate::{params, ports};
-
-/// Where the photo was taken from: the camera stands at the origin and looks along -z.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub enum CameraSpec {
-    /// Horizontal field of view in degrees; square pixels, centred.
-    FovX(f32),
-    /// Focal lengths and principal point in photo pixels.
-    Pinhole { fx: f32, fy: f32, cx: f32, cy: f32 },
-}
 
 /// What the numbers of a depth file mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -80,13 +70,6 @@ impl LightSpec {
             LightSpec::Window { .. } => LightKind::Window,
         }
     }
-}
-
-/// The photo's exposure.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Exposure {
-    /// The illuminance, in lux, at which a white surface shows 1.
-    Lux(f32),
 }
 
 params! {
@@ -153,37 +136,11 @@ impl Node for ReadScene {
     type Out = ReadSceneOut;
 
     fn check(&self) -> Result<(), String> {
-        let within = |name: &str, value: f32, low: f32, high: f32| {
-            if (low..=high).contains(&value) {
-                Ok(())
-            } else {
-                Err(format!("{name}: wanted {low} to {high}, got {value}"))
-            }
-        };
-        for (name, file) in [("photo", &self.photo), ("depth.path", &self.depth.path)] {
-            if file.path.is_empty() {
-                return Err(format!("{name}: wanted a file, got none"));
-            }
-        }
-        if let Transfer::Gamma(gamma) = self.transfer {
-            within("transfer: Gamma", gamma, 0.1, 10.0)?;
-        }
-        match self.camera {
-            CameraSpec::FovX(degrees) => within("camera: FovX", degrees, 1.0, 175.0)?,
-            CameraSpec::Pinhole { fx, fy, cx, cy } => {
-                within("camera: fx", fx, 1e-3, 1e6)?;
-                within("camera: fy", fy, 1e-3, 1e6)?;
-                within("camera: cx", cx, -1e6, 1e6)?;
-                within("camera: cy", cy, -1e6, 1e6)?;
-            }
+        self.shot().check()?;
+        if self.depth.path.path.is_empty() {
+            return Err("depth.path: wanted a file, got none".into());
         }
         within("depth: scale", self.depth.scale, 1e-9, 1e9)?;
-        if let Some(Exposure::Lux(lux)) = self.exposure {
-            within("exposure: Lux", lux, 1e-6, 1e9)?;
-        }
-        if self.long_side == 0 {
-            return Err("long_side: wanted at least 1, got 0".into());
-        }
         self.lights.keys().try_for_each(|id| check_id(id))
     }
 
@@ -195,14 +152,8 @@ impl Node for ReadScene {
     }
 
     fn run(&self, _: ReadSceneIn, ctx: &Context) -> Result<ReadSceneOut, NodeError> {
-        let photo = open(ctx, &self.photo, |source| image::read_photo(source, self.transfer))?;
-        warn(ctx, &self.photo, &photo.warnings);
-        let full = photo.picture.0.size();
-        let small = image::fit(full.0, full.1, self.long_side as usize);
-        let camera = match self.camera {
-            CameraSpec::FovX(degrees) => Camera::from_fov_x(full.0, full.1, degrees),
-            CameraSpec::Pinhole { fx, fy, cx, cy } => Camera { width: full.0, height: full.1, fx, fy, cx, cy },
-        };
+        let Photograph { photo, clipped, small, camera, encoding } = self.shot().read(ctx)?;
+        let full = photo.0.size();
 
         let mut masks = Vec::new();
         for (id, light) in &self.lights {
@@ -216,10 +167,10 @@ impl Node for ReadScene {
         ctx.check_cancelled()?;
         let shrink = |mask: &Mask| Arc::new(Mask(image::resize(&mask.0, small.0, small.1)));
         Ok(ReadSceneOut {
-            small: Arc::new(Picture(image::resize(&photo.picture.0, small.0, small.1))),
-            small_clipped: shrink(&photo.clipped),
-            photo: Arc::new(photo.picture),
-            clipped: Arc::new(photo.clipped),
+            small: Arc::new(Picture(image::resize(&photo.0, small.0, small.1))),
+            small_clipped: shrink(&clipped),
+            photo: Arc::new(photo),
+            clipped: Arc::new(clipped),
             full_depth: Arc::new(image::resize_depth(&depth, full.0, full.1)),
             holes: shrink(&holes),
             depth: Arc::new(image::resize_depth(&depth, small.0, small.1)),
@@ -229,16 +180,17 @@ impl Node for ReadScene {
             mask: Scatter(masks.iter().map(|(id, mask)| (id.clone(), shrink(mask))).collect()),
             full_mask: Scatter(masks.into_iter().map(|(id, mask)| (id, Arc::new(mask))).collect()),
             kind: Scatter(self.lights.iter().map(|(id, light)| (id.clone(), Arc::new(light.kind()))).collect()),
-            encoding: Arc::new(Encoding {
-                transfer: self.transfer,
-                lux: self.exposure.map(|Exposure::Lux(lux)| lux),
-                sixteen_bit: photo.bits == Bits::Sixteen,
-            }),
+            encoding: Arc::new(encoding),
         })
     }
 }
 
 impl ReadScene {
+    fn shot(&self) -> Shot<'_> {
+        let &ReadScene { ref photo, transfer, camera, exposure, long_side, .. } = self;
+        Shot { photo, transfer, camera, exposure, long_side }
+    }
+
     /// A mask at the photo's size, with some pixels and not all of them.
     fn mask(&self, ctx: &Context, file: &File, full: (usize, usize)) -> Result<Mask, NodeError> {
         let mask = open(ctx, file, image::read_mask)?;

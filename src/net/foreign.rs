@@ -1,0 +1,304 @@
+//! Networks by other people: how they take a photo, and which of what they give is meant.
+//!
+//! A photo input is [1, 3, height, width], red first. Where the file leaves the size open, the photo is brought to a shorter side of `side` pixels and
+//! each side rounded to a multiple of the network's patches. What is published:
+//!
+//! | networks | side, multiple | normalisation | source |
+//! | --- | --- | --- | --- |
+//! | Depth Anything V1 and V2 | 518, 14 | ImageNet | `image2tensor` in DepthAnything/Depth-Anything-V2, depth_anything_v2/dpt.py |
+//! | DPT (MiDaS 3) | 384, 32 | Half | `dpt_transform` in isl-org/MiDaS, hubconf.py |
+//! | MiDaS 2.1; its small one | 384, 32; 256, 32 | ImageNet | `default_transform`, `small_transform`, the same file |
+//!
+//! They resize by cubic interpolation; here pixels are averaged where the photo shrinks.
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use super::{Layer, NetError, Network, Port, Tensor, planes_of, shown};
+use crate::image::{Picture, Plane, Transfer, resize};
+
+/// What is done to the encoded colours 0..=1 before a network sees them: (colour - mean) / deviation, per channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum Normalisation {
+    /// Mean (0.485, 0.456, 0.406), deviation (0.229, 0.224, 0.225): those of the pictures of ImageNet.
+    #[default]
+    ImageNet,
+    /// Mean and deviation 0.5: colours become -1..=1.
+    Half,
+    /// Colours stay 0..=1.
+    None,
+    /// Any other.
+    Custom { mean: [f32; 3], deviation: [f32; 3] },
+}
+
+impl Normalisation {
+    fn mean_and_deviation(self) -> [Vec3; 2] {
+        match self {
+            Normalisation::ImageNet => [Vec3::new(0.485, 0.456, 0.406), Vec3::new(0.229, 0.224, 0.225)],
+            Normalisation::Half => [Vec3::splat(0.5); 2],
+            Normalisation::None => [Vec3::ZERO, Vec3::ONE],
+            Normalisation::Custom { mean, deviation } => [mean.into(), deviation.into()],
+        }
+    }
+}
+
+/// The largest picture that a network is shown.
+const MAX_PIXELS: usize = 16 << 20;
+
+/// How a network takes a photo.
+pub struct PhotoInput<'a> {
+    /// The input's name; `None` for the only one.
+    pub name: Option<&'a str>,
+    /// The photo's shorter side, pixels, where the file leaves it open.
+    pub side: u32,
+    /// What each side is a multiple of, where the file leaves it open.
+    pub multiple: u32,
+    /// How the colours that it was trained on encode light.
+    pub transfer: Transfer,
+    pub normalisation: Normalisation,
+}
+
+impl PhotoInput<'_> {
+    /// Ranges of the parameters.
+    ///
+    /// # Errors
+    /// Which one, what was wanted, what was got.
+    pub fn check(&self) -> Result<(), String> {
+        for (name, value, low, high) in [("side", self.side, 8, 4096), ("multiple", self.multiple, 1, 256)] {
+            if !(low..=high).contains(&value) {
+                return Err(format!("{name}: wanted {low}..={high}, got {value}"));
+            }
+        }
+        let [_, deviation] = self.normalisation.mean_and_deviation();
+        if deviation.cmple(Vec3::ZERO).any() {
+            return Err(format!("normalisation: wanted a positive deviation, got {deviation}"));
+        }
+        Ok(())
+    }
+
+    /// The name of the network's photo input, and the photo as it takes it.
+    ///
+    /// # Errors
+    /// `Mismatch`: it has no such input, or one that takes no photo, or others beside it.
+    pub fn tensor<'n>(&self, network: &'n Network, photo: &Picture) -> Result<(&'n str, Tensor), NetError> {
+        let port = self.port(network)?;
+        let (width, height) = self.size(port, photo.0.size())?;
+        let encoded = photo.0.map(|colour| {
+            Vec3::from_array(colour.to_array().map(|c| self.transfer.encode(c))).clamp(Vec3::ZERO, Vec3::ONE)
+        });
+        let [mean, deviation] = self.normalisation.mean_and_deviation();
+        let seen = resize(&encoded, width, height).map(|colour| (colour - mean) / deviation);
+        Ok((&port.name, planes_of(&[Layer::Colour(&seen)])))
+    }
+
+    fn port<'n>(&self, network: &'n Network) -> Result<&'n Port, NetError> {
+        let inputs = network.inputs();
+        if let Some(name) = self.name
+            && inputs.iter().all(|port| port.name != name)
+        {
+            return Err(NetError::Mismatch(format!(
+                "wanted an input `{name}`, as the parameter `input` says, got {}",
+                names(inputs)
+            )));
+        }
+        match inputs {
+            [port] => Ok(port),
+            _ => Err(NetError::Mismatch(format!(
+                "wanted a network with one input, the photo, got {} of them: {}; export it without the others",
+                inputs.len(),
+                names(inputs)
+            ))),
+        }
+    }
+
+    /// Columns and rows that the input takes of a photo of this size.
+    fn size(&self, port: &Port, photo: (usize, usize)) -> Result<(usize, usize), NetError> {
+        let open = [None; 4];
+        let shape = port.shape.as_deref().unwrap_or(&open);
+        let ([None | Some(1), None | Some(3), height, width], false) = (shape, shape.contains(&Some(0))) else {
+            return Err(NetError::Mismatch(format!(
+                "input `{}`: wanted [1, 3, height, width], a photo with red first, got {}",
+                port.name,
+                shown(port)
+            )));
+        };
+        let scale = self.side as f32 / photo.0.min(photo.1) as f32;
+        let multiple = self.multiple as f32;
+        let side = |n: usize| ((n as f32 * scale / multiple).round().max(1.0) * multiple) as usize;
+        let (width, height) = (width.unwrap_or(side(photo.0)), height.unwrap_or(side(photo.1)));
+        if width.saturating_mul(height) > MAX_PIXELS {
+            return Err(NetError::Mismatch(format!(
+                "input `{}`: wanted at most {} megapixels, got {width} x {height}; where the file leaves its size open, `side` makes it smaller",
+                port.name,
+                MAX_PIXELS >> 20
+            )));
+        }
+        Ok((width, height))
+    }
+}
+
+/// The output of this name, or the only one.
+///
+/// # Errors
+/// `Mismatch`, which lists what there is.
+pub fn output<'a>(network: &'a Network, name: Option<&'a str>) -> Result<&'a str, NetError> {
+    let outputs = network.outputs();
+    match (name, outputs) {
+        (Some(name), _) if outputs.iter().any(|port| port.name == name) => Ok(name),
+        (Some(name), _) => Err(NetError::Mismatch(format!("wanted an output `{name}`, got {}", names(outputs)))),
+        (None, [port]) => Ok(&port.name),
+        (None, _) => Err(NetError::Mismatch(format!(
+            "wanted one output, got {} of them: {}; name one with the parameter `output`",
+            outputs.len(),
+            names(outputs)
+        ))),
+    }
+}
+
+/// Whether what came out of `name` are pictures with at least so many channels: [.., channels, height, width], of one channel [.., height, width] too,
+/// all dimensions before these 1.
+///
+/// # Errors
+/// `Mismatch`.
+pub fn check_channels(name: &str, tensor: &Tensor, wanted: usize) -> Result<(), NetError> {
+    let shape = tensor.shape();
+    let (channels, rest) = match shape {
+        [.., channels, height, width] => (*channels, height * width),
+        [height, width] => (1, height * width),
+        _ => (0, 0),
+    };
+    if channels >= wanted && rest > 0 && tensor.data().len() == channels * rest {
+        return Ok(());
+    }
+    let wanted = if wanted == 1 {
+        "[height, width] or [1, 1, height, width]".into()
+    } else {
+        format!("[1, {wanted} or more, height, width]")
+    };
+    Err(NetError::Mismatch(format!("output `{name}`: wanted {wanted}, got {shape:?}")))
+}
+
+/// Channels that stand for something, brought from the network's range to 0..=1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Channels {
+    /// The output's name.
+    pub output: String,
+    /// Its first channel that belongs here, from 0.
+    #[serde(default)]
+    pub first: usize,
+    /// The numbers that mean 0 and 1.
+    #[serde(default = "unit")]
+    pub range: (f32, f32),
+}
+
+fn unit() -> (f32, f32) {
+    (0.0, 1.0)
+}
+
+impl Channels {
+    /// Whether the range is one.
+    ///
+    /// # Errors
+    /// What was wanted, what was got.
+    pub fn check(&self) -> Result<(), String> {
+        let (low, high) = self.range;
+        if low < high { Ok(()) } else { Err(format!("range: wanted the lower number first, got ({low}, {high})")) }
+    }
+
+    /// A number of the network as a share of its range.
+    pub fn share(&self, value: f32) -> f32 {
+        let (low, high) = self.range;
+        (value - low) / (high - low)
+    }
+
+    /// Three channels of what came out.
+    ///
+    /// # Errors
+    /// `Mismatch`: there are not so many.
+    pub fn colours(&self, tensor: &Tensor) -> Result<Plane<Vec3>, NetError> {
+        check_channels(&self.output, tensor, self.first + 3)?;
+        Ok(tensor.colour(self.first).map(|v| Vec3::from_array(v.to_array().map(|v| self.share(v)))))
+    }
+
+    /// One channel of what came out.
+    ///
+    /// # Errors
+    /// `Mismatch`: there are not so many.
+    pub fn numbers(&self, tensor: &Tensor) -> Result<Plane<f32>, NetError> {
+        check_channels(&self.output, tensor, self.first + 1)?;
+        Ok(tensor.grey(self.first).map(|v| self.share(v)))
+    }
+}
+
+fn names(ports: &[Port]) -> String {
+    ports.iter().map(|port| format!("`{}`", port.name)).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn input(side: u32, multiple: u32) -> PhotoInput<'static> {
+        PhotoInput { name: None, side, multiple, transfer: Transfer::Srgb, normalisation: Normalisation::ImageNet }
+    }
+
+    fn port(shape: Option<&[Option<usize>]>) -> Port {
+        Port { name: "x".into(), shape: shape.map(<[_]>::to_vec) }
+    }
+
+    #[test]
+    fn an_open_size_is_that_of_the_published_code() {
+        // 640 x 480: Depth Anything takes 686 x 518 (686 = 49 patches, 690.7 before rounding), DPT 512 x 384.
+        let open = port(Some(&[None, Some(3), None, None]));
+        assert_eq!(input(518, 14).size(&open, (640, 480)), Ok((686, 518)));
+        assert_eq!(input(384, 32).size(&port(None), (640, 480)), Ok((512, 384)));
+        assert_eq!(input(384, 32).size(&open, (480, 640)), Ok((384, 512)));
+        assert_eq!(input(8, 32).size(&open, (10, 10_000)), Ok((32, 8000)));
+        let message = input(518, 14).size(&open, (10, 10_000)).expect_err("it is huge").to_string();
+        assert!(message.contains("wanted at most 16 megapixels, got 518 x 518000"), "{message}");
+    }
+
+    #[test]
+    fn a_fixed_size_stays() {
+        let fixed = port(Some(&[Some(1), Some(3), Some(256), Some(320)]));
+        assert_eq!(input(518, 14).size(&fixed, (640, 480)), Ok((320, 256)));
+        for shape in [
+            &[Some(1), Some(1), None, None][..],
+            &[Some(1), None, None],
+            &[Some(2), Some(3), None, None],
+            &[Some(1), Some(3), Some(0), None],
+        ] {
+            let message =
+                input(518, 14).size(&port(Some(shape)), (640, 480)).expect_err("it takes no photo").to_string();
+            assert!(
+                message.starts_with("input `x`: wanted [1, 3, height, width], a photo with red first, got ["),
+                "{message}"
+            );
+        }
+    }
+
+    #[test]
+    fn channels_are_found_in_any_layout() {
+        let numbers = |n: usize| (0..n).map(|i| i as f32).collect::<Vec<_>>();
+        for shape in [&[2, 3][..], &[1, 2, 3], &[1, 1, 2, 3], &[1, 1, 1, 2, 3]] {
+            assert_eq!(check_channels("y", &Tensor::new(shape, numbers(6)), 1), Ok(()), "{shape:?}");
+        }
+        for (shape, wanted) in [(&[6][..], 1), (&[2, 2, 3], 3), (&[2, 3, 2, 3], 3), (&[1, 0, 3], 1)] {
+            let tensor = Tensor::new(shape, numbers(shape.iter().product()));
+            assert!(check_channels("y", &tensor, wanted).is_err(), "{shape:?}");
+        }
+        let seven = Tensor::new(&[1, 7, 1, 2], numbers(14));
+        let of = |first| Channels { output: "y".into(), first, range: (0.0, 2.0) };
+        assert_eq!(of(6).numbers(&seven).expect("it is there").pixels(), [6.0, 6.5]);
+        assert_eq!(
+            of(1).colours(&seven).expect("they are there").pixels(),
+            [Vec3::new(1.0, 2.0, 3.0), Vec3::new(1.5, 2.5, 3.5)]
+        );
+        assert_eq!(
+            of(5).colours(&seven),
+            Err(NetError::Mismatch("output `y`: wanted [1, 8 or more, height, width], got [1, 7, 1, 2]".into()))
+        );
+    }
+}

@@ -1,0 +1,143 @@
+//! `Depth`: depth by a network that a person brings, in metres by lengths that a person knows.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::{Camera, KnownLength, metric_depth, relative_depth};
+use crate::graph::{Context, File, Node, NodeError};
+use crate::image::{self, Picture, Transfer, fill_holes, fit, resize};
+use crate::net::Backend;
+use crate::net::foreign::{self, Normalisation, PhotoInput};
+use crate::nodes::learned;
+use crate::{params, ports};
+
+/// What the numbers of a depth network mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DepthOutput {
+    /// a / z + b with unknown a and b, larger is nearer: MiDaS, DPT, Depth Anything V1 and V2.
+    #[default]
+    Relative,
+    /// Planar z in metres, or in another unit that a known length mends: Depth Anything's metric ones, ZoeDepth.
+    Metric,
+}
+
+params! {
+    /// Estimates depth from the photo alone by any ONNX network for monocular depth, such as DPT or Depth Anything.
+    ///
+    /// The network takes one photo [1, 3, height, width] and gives one picture, [1, height, width] or [1, 1, height, width]; docs/networks.md
+    /// tells which settings belong to which. Relative depth becomes metres by lengths that a person knows in the photo.
+    pub struct Depth {
+        /// The network, an ONNX file; none ships with the program.
+        model: File = File::default(),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+        /// The name of its input; not needed, as it has one.
+        input: Option<String> = None,
+        /// The name of its output; needed where it has several.
+        output: Option<String> = None,
+        /// The photo's shorter side as the network sees it, pixels, 8..=4096; where the file fixes a size, that one.
+        side: u32 = 518,
+        /// What each side is a multiple of, 1..=256: 14 for Depth Anything, 32 for DPT and MiDaS.
+        multiple: u32 = 14,
+        /// What is done to the sRGB colours 0..=1: ImageNet (MiDaS 2, Depth Anything), Half (DPT), None, or Custom(mean, deviation).
+        normalisation: Normalisation = Normalisation::ImageNet,
+        /// What its numbers mean: Relative (a / z + b) or Metric (z in metres).
+        kind: DepthOutput = DepthOutput::Relative,
+        /// Lengths in the photo: [(from: (x, y), to: (x, y), metres: 2.03), ..], pixels of the photo; the command sets them (`--known-length`).
+        /// Relative depth needs one; two at different depths give the span too. Metric depth is scaled to them.
+        known_lengths: Vec<KnownLength> = vec![],
+        /// Of relative depth with one known length: how many times farther than the nearest the farthest is, 5 % of the pixels at each end
+        /// left out; above 1, at most 1000. In twelve rooms it was 1.7 to 4.5, their median is the default.
+        span: f32 = 2.5,
+    }
+}
+
+ports! {
+    pub input DepthIn {
+        /// The linear photo, its own size.
+        photo: Arc<Picture>,
+        /// Its camera.
+        camera: Arc<Camera>,
+    }
+}
+
+ports! {
+    pub output DepthOut {
+        /// Planar z in metres, holes filled; the photo's aspect, and on the longer side as many pixels as the network gave, at most the photo's.
+        depth: Arc<image::Depth>,
+    }
+}
+
+impl Node for Depth {
+    const KIND: &'static str = "Depth";
+    const VERSION: u32 = 1;
+    type In = DepthIn;
+    type Out = DepthOut;
+
+    fn check(&self) -> Result<(), String> {
+        if self.model.path.is_empty() {
+            return Err("model: wanted the file of a network, got none; none for depth ships with relight".into());
+        }
+        self.photo_input().check()?;
+        if self.span > 1.0 && self.span <= 1000.0 {
+            Ok(())
+        } else {
+            Err(format!("span: wanted above 1, at most 1000, got {}", self.span))
+        }
+    }
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: DepthIn, ctx: &Context) -> Result<DepthOut, NodeError> {
+        let DepthIn { photo, camera } = inputs;
+        let refused = |e| learned::refused(&self.model, &self.backend, e);
+        let network = learned::loaded(ctx, &self.model, &self.backend)?;
+        let output = foreign::output(&network, self.output.as_deref()).map_err(refused)?;
+        let (input, seen) = self.photo_input().tensor(&network, &photo).map_err(refused)?;
+        let [.., height, width] = *seen.shape() else { unreachable!("a photo has rows and columns") };
+        ctx.check_cancelled()?;
+        let [told] = network.run(vec![(input, seen)], [output]).map_err(refused)?;
+        foreign::check_channels(output, &told, 1).map_err(refused)?;
+        // The network may have seen the photo in another aspect.
+        let told = told.grey(0);
+        let (columns, rows) = photo.0.size();
+        let (columns, rows) = fit(columns, rows, told.width().max(told.height()));
+        let told = resize(&told, columns, rows);
+
+        let metres = match self.kind {
+            DepthOutput::Relative => relative_depth(&told, &camera, &self.known_lengths, self.span),
+            DepthOutput::Metric => metric_depth(&told, &camera, &self.known_lengths),
+        };
+        let metres = metres.map_err(NodeError::BadParameter)?;
+        let span = metres.span.map(|span| format!(", span {span:.2}")).unwrap_or_default();
+        ctx.note(format!("seen at {width} x {height}, scale {:.4}{span}", metres.scale));
+        if metres.misfit > 0.05 {
+            ctx.warn(format!("the known lengths do not fit together: one is off by {:.0} %", 100.0 * metres.misfit));
+        }
+        let (depth, holes) = fill_holes(&metres.depth, &metres.depth.map(|_| 0.0)).ok_or_else(|| {
+            let file = self.model.location().display().to_string();
+            NodeError::BadFile {
+                path: file,
+                message: "wanted metres, got no positive number; is its depth Relative?".into(),
+            }
+        })?;
+        let share = holes.0.pixels().iter().sum::<f32>() / holes.0.len() as f32;
+        if share > 0.1 {
+            ctx.warn(format!(
+                "{:.0} % of the pixels have no positive depth; they are filled from the rest",
+                100.0 * share
+            ));
+        }
+        Ok(DepthOut { depth: Arc::new(depth) })
+    }
+}
+
+impl Depth {
+    fn photo_input(&self) -> PhotoInput<'_> {
+        let &Depth { ref input, side, multiple, normalisation, .. } = self;
+        PhotoInput { name: input.as_deref(), side, multiple, transfer: Transfer::Srgb, normalisation }
+    }
+}

@@ -1,0 +1,187 @@
+//! `OnnxMaterials`: materials by a network that a person brings.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use crate::geometry::{Camera, facing};
+use crate::graph::{Context, File, Node, NodeError};
+use crate::image::{Albedo, Normal, Picture, Plane, Roughness, Transfer, resize};
+use crate::net::foreign::{self, Channels, Normalisation, PhotoInput};
+use crate::net::{Backend, Tensor};
+use crate::nodes::learned;
+use crate::{params, ports};
+
+params! {
+    /// Puts any ONNX network for albedo, normals or roughness in the place of MNet.
+    ///
+    /// The network takes one photo [1, 3, height, width]; docs/networks.md has a worked example. What it does not tell comes from the ports
+    /// `albedo`, `normal` and `roughness`.
+    pub struct OnnxMaterials {
+        /// The network, an ONNX file; none ships with the program.
+        model: File = File::default(),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+        /// The name of its input; not needed, as it has one.
+        input: Option<String> = None,
+        /// The photo's shorter side as the network sees it, pixels, 8..=4096; where the file fixes a size, that one.
+        side: u32 = 240,
+        /// What each side is a multiple of, 1..=256.
+        multiple: u32 = 32,
+        /// How the photo that it wants encodes light: Srgb, Gamma(2.2) or Linear.
+        transfer: Transfer = Transfer::Srgb,
+        /// What is done to these colours 0..=1: ImageNet, Half, None, or Custom(mean, deviation).
+        normalisation: Normalisation = Normalisation::None,
+        /// Three channels of albedo: (output: "name", first: channel, range: (what means 0, what means 1)).
+        albedo: Option<Channels> = None,
+        /// How they encode reflectance.
+        albedo_transfer: Transfer = Transfer::Linear,
+        /// Three channels of the normal's x, y and z, of any length; `range` tells what means -1 and 1: (0, 1) for colours, (-1, 1) for numbers.
+        normal: Option<Channels> = None,
+        /// What its axes are multiplied with to be x right, y up, z towards the camera: each 1 or -1.
+        normal_signs: (f32, f32, f32) = (1.0, 1.0, 1.0),
+        /// One channel of roughness.
+        roughness: Option<Channels> = None,
+    }
+}
+
+ports! {
+    pub input OnnxMaterialsIn {
+        /// The linear photo, working size.
+        photo: Arc<Picture>,
+        /// The camera, which normals face.
+        camera: Arc<Camera>,
+        /// Albedo where the network tells none.
+        albedo: Option<Arc<Albedo>>,
+        /// Normals where it tells none.
+        normal: Option<Arc<Normal>>,
+        /// Roughness where it tells none.
+        roughness: Option<Arc<Roughness>>,
+    }
+}
+
+ports! {
+    pub output OnnxMaterialsOut {
+        /// 0.02..=0.95, the photo's size.
+        albedo: Arc<Albedo>,
+        /// Unit length, facing the camera, the photo's size.
+        normal: Arc<Normal>,
+        /// 0..=1, the photo's size.
+        roughness: Arc<Roughness>,
+    }
+}
+
+impl Node for OnnxMaterials {
+    const KIND: &'static str = "OnnxMaterials";
+    const VERSION: u32 = 1;
+    type In = OnnxMaterialsIn;
+    type Out = OnnxMaterialsOut;
+
+    fn check(&self) -> Result<(), String> {
+        if self.model.path.is_empty() {
+            return Err("model: wanted the file of a network, got none".into());
+        }
+        self.photo_input().check()?;
+        let parts = self.parts();
+        if parts.iter().all(|(_, part)| part.is_none()) {
+            return Err("wanted the name of an output for `albedo`, `normal` or `roughness`, got none".into());
+        }
+        for (name, part) in parts {
+            part.iter().try_for_each(|part| part.check()).map_err(|message| format!("{name}: {message}"))?;
+        }
+        let (x, y, z) = self.normal_signs;
+        if [x, y, z].iter().any(|sign| sign.abs() != 1.0) {
+            return Err(format!("normal_signs: wanted 1 or -1 each, got ({x}, {y}, {z})"));
+        }
+        match self.albedo_transfer {
+            Transfer::Gamma(gamma) if !(0.1..=10.0).contains(&gamma) => {
+                Err(format!("albedo_transfer: Gamma: wanted 0.1 to 10, got {gamma}"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: OnnxMaterialsIn, ctx: &Context) -> Result<OnnxMaterialsOut, NodeError> {
+        let refused = |e| learned::refused(&self.model, &self.backend, e);
+        let network = learned::loaded(ctx, &self.model, &self.backend)?;
+        let mut outputs: Vec<&str> =
+            self.parts().into_iter().filter_map(|(_, part)| Some(part?.output.as_str())).collect();
+        outputs.sort_unstable();
+        outputs.dedup();
+        for name in &outputs {
+            foreign::output(&network, Some(name)).map_err(refused)?;
+        }
+        let (input, seen) = self.photo_input().tensor(&network, &inputs.photo).map_err(refused)?;
+        ctx.check_cancelled()?;
+        let tensors = network.run_to(vec![(input, seen)], &outputs).map_err(refused)?;
+        let of = |part: &Channels| -> &Tensor {
+            let at = outputs.binary_search(&part.output.as_str()).expect("every part's output was asked for");
+            &tensors[at]
+        };
+
+        let size = inputs.photo.0.size();
+        let albedo = match &self.albedo {
+            Some(part) => Arc::new(self.read_albedo(&part.colours(of(part)).map_err(refused)?, size)),
+            None => given("albedo", inputs.albedo, |albedo| albedo.0.size(), size)?,
+        };
+        let normal = match &self.normal {
+            Some(part) => Arc::new(self.read_normal(&part.colours(of(part)).map_err(refused)?, &inputs.camera, size)),
+            None => given("normal", inputs.normal, |normal| normal.0.size(), size)?,
+        };
+        let roughness = match &self.roughness {
+            Some(part) => {
+                let rough = resize(&part.numbers(of(part)).map_err(refused)?, size.0, size.1);
+                Arc::new(Roughness(rough.map(|r| r.clamp(0.0, 1.0))))
+            }
+            None => given("roughness", inputs.roughness, |roughness| roughness.0.size(), size)?,
+        };
+        Ok(OnnxMaterialsOut { albedo, normal, roughness })
+    }
+}
+
+impl OnnxMaterials {
+    fn photo_input(&self) -> PhotoInput<'_> {
+        let &OnnxMaterials { ref input, side, multiple, transfer, normalisation, .. } = self;
+        PhotoInput { name: input.as_deref(), side, multiple, transfer, normalisation }
+    }
+
+    fn parts(&self) -> [(&str, Option<&Channels>); 3] {
+        [("albedo", self.albedo.as_ref()), ("normal", self.normal.as_ref()), ("roughness", self.roughness.as_ref())]
+    }
+
+    fn read_albedo(&self, shares: &Plane<Vec3>, size: (usize, usize)) -> Albedo {
+        let linear = |c: Vec3| Vec3::from_array(c.to_array().map(|c| self.albedo_transfer.decode(c)));
+        let (least, most) = (Vec3::splat(0.02), Vec3::splat(0.95));
+        Albedo(resize(&shares.map(linear), size.0, size.1).map(|a| a.clamp(least, most)))
+    }
+
+    /// Normals from shares of their range, 0..=1 for -1..=1.
+    fn read_normal(&self, shares: &Plane<Vec3>, camera: &Camera, (width, height): (usize, usize)) -> Normal {
+        let signs = Vec3::from(self.normal_signs);
+        let axes = shares.map(|share| (share * 2.0 - Vec3::ONE) * signs);
+        facing(resize(&axes, width, height), camera)
+    }
+}
+
+/// What a port gives in the place of an output, which must have the photo's size.
+fn given<T>(
+    name: &str,
+    value: Option<Arc<T>>,
+    size: impl Fn(&T) -> (usize, usize),
+    wanted: (usize, usize),
+) -> Result<Arc<T>, NodeError> {
+    let value = value.ok_or_else(|| {
+        let message = format!(
+            "{name}: wanted the name of an output of the network, or a wire to the input `{name}`, got neither"
+        );
+        NodeError::BadParameter(message)
+    })?;
+    match size(&value) {
+        got if got == wanted => Ok(value),
+        got => Err(NodeError::Failed(format!("{name}: wanted the photo's {wanted:?} pixels, got {got:?}"))),
+    }
+}
