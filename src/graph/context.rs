@@ -56,8 +56,10 @@ pub struct Context {
 
 /// What was made from a file, once, for all nodes of an engine.
 #[derive(Clone, Default)]
-pub(super) struct Shared(Arc<Mutex<BTreeMap<([u8; 32], String), Arc<OnceLock<Made>>>>>);
+pub(super) struct Shared(Arc<Mutex<BTreeMap<MadeOf, Arc<OnceLock<Made>>>>>);
 
+/// The digest of the file, and the name of what is made.
+type MadeOf = ([u8; 32], String);
 type Made = Result<Arc<dyn Any + Send + Sync>, NodeError>;
 
 #[derive(Default)]
