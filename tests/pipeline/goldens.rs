@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
-use relight::geometry::Camera;
+use relight::geometry::{Camera, SceneMesh};
 use relight::graph::{Context, Gather, Node};
 use relight::image::{Albedo, Depth, Mask, Normal, Picture, Plane, Points, Shading, Transfer, write_png};
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
@@ -28,8 +28,26 @@ use relight::optics::{Lamp, LightKind, Radiance, Shape, Window};
 
 use crate::project::{png, root};
 
-const NAMES: [&str; 9] = ["mesh", "find", "retinex", "direct", "shadow", "indirect", "mix", "glow", "compose"];
-const SIZE: (usize, usize) = (64, 48);
+const NAMES: [&str; 17] = [
+    "mesh",
+    "find",
+    "retinex",
+    "direct",
+    "shadow",
+    "indirect",
+    "mix",
+    "glow",
+    "compose", // and with networks:
+    "mnet",
+    "vis_lamp_net",
+    "vis_win_net",
+    "inv_lamp_net",
+    "inv_win_net",
+    "shadow_net",
+    "indirect_net",
+    "light_net",
+];
+pub const SIZE: (usize, usize) = (64, 48);
 /// Two steps of 255: another compiler or processor may round differently, and a step of rounding may fall either way.
 const TOLERANCE: u8 = 2;
 /// Pixels that may differ by more: at the edge of a shadow one ray of eight may fall on the other side. At most 15 of 3072.
@@ -49,7 +67,7 @@ fn blessed() -> Vec<String> {
 }
 
 /// `picture` (0..1, linear) against the golden of this name.
-fn check(name: &str, picture: Plane<Vec3>) {
+pub fn check(name: &str, picture: Plane<Vec3>) {
     assert!(NAMES.contains(&name), "{name} is on the list of goldens");
     let bytes = write_png(&Picture(picture), Transfer::Srgb, false);
     let path = folder().join(format!("{name}.png"));
@@ -98,24 +116,24 @@ fn every_golden_is_used() {
 }
 
 /// The room, and what the stages make of it, each from those before.
-struct Room {
-    camera: Arc<Camera>,
-    depth: Arc<Depth>,
+pub struct Room {
+    pub camera: Arc<Camera>,
+    pub depth: Arc<Depth>,
     /// Of the walls and the box themselves.
-    true_normal: Plane<Vec3>,
-    points: Arc<Points>,
-    normal: Arc<Normal>,
-    albedo: Arc<Albedo>,
-    lights: Vec<Light>,
+    pub true_normal: Plane<Vec3>,
+    pub points: Arc<Points>,
+    pub normal: Arc<Normal>,
+    pub albedo: Arc<Albedo>,
+    pub lights: Vec<Light>,
 }
 
-struct Light {
-    id: &'static str,
-    shape: Arc<Shape>,
-    radiance: Arc<Radiance>,
-    direct: Arc<UnitDirect>,
-    visibility: Arc<Visibility>,
-    indirect: Arc<UnitIndirect>,
+pub struct Light {
+    pub id: &'static str,
+    pub shape: Arc<Shape>,
+    pub radiance: Arc<Radiance>,
+    pub direct: Arc<UnitDirect>,
+    pub visibility: Arc<Visibility>,
+    pub indirect: Arc<UnitIndirect>,
 }
 
 /// Distance along `ray` to the nearest surface, and its normal.
@@ -137,7 +155,7 @@ fn cast(ray: Vec3) -> (f32, Vec3) {
     wall.chain(face).min_by(|a, b| a.0.total_cmp(&b.0)).expect("every ray of the camera meets the room")
 }
 
-fn room() -> &'static Room {
+pub fn room() -> &'static Room {
     static ROOM: OnceLock<Room> = OnceLock::new();
     ROOM.get_or_init(|| {
         let ctx = Context::default();
@@ -198,9 +216,16 @@ fn room() -> &'static Room {
     })
 }
 
+/// What casts shadows in it.
+pub fn mesh_of_room() -> Arc<SceneMesh> {
+    let (depth, camera) = (room().depth.clone(), room().camera.clone());
+    let inputs = MeshIn { depth, camera, ignore: None, masks: Gather(vec![]), kinds: Gather(vec![]) };
+    Mesh {}.run(inputs, &Context::default()).expect("the room is sound").mesh
+}
+
 impl Room {
     /// Shading by each light, its radiance times a factor.
-    fn shading(&self, factors: [f32; 2]) -> Vec<(String, Arc<Shading>)> {
+    pub fn shading(&self, factors: [f32; 2]) -> Vec<(String, Arc<Shading>)> {
         let (mut direct, mut visibility, mut indirect) = (vec![], vec![], vec![]);
         for light in &self.lights {
             direct.push((light.id.into(), light.direct.clone()));
@@ -223,7 +248,7 @@ impl Room {
     }
 
     /// The room as a camera sees it.
-    fn photo(&self) -> Picture {
+    pub fn photo(&self) -> Picture {
         let shading = self.shading([1.0, 1.0]);
         let pixel = |i: usize, a: &Vec3| *a * shading.iter().map(|(_, e)| e.0.pixels()[i]).sum::<Vec3>();
         let pixels = self.albedo.0.pixels().iter().enumerate().map(|(i, a)| pixel(i, a)).collect();
@@ -231,7 +256,7 @@ impl Room {
     }
 }
 
-fn zip3(a: &Plane<f32>, b: &Plane<f32>, c: &Plane<f32>, by: [f32; 3]) -> Plane<Vec3> {
+pub fn zip3(a: &Plane<f32>, b: &Plane<f32>, c: &Plane<f32>, by: [f32; 3]) -> Plane<Vec3> {
     Plane::from_fn(a.width(), a.height(), |x, y| {
         Vec3::new(by[0] * a.get(x, y), by[1] * b.get(x, y), by[2] * c.get(x, y))
     })
@@ -320,7 +345,7 @@ fn ball() -> Arc<Shape> {
     Arc::new(Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.2, -0.35, -3.4), radius: 0.3 }))
 }
 
-fn cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>) -> Arc<Mask> {
+pub fn cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>) -> Arc<Mask> {
     let (camera, depth) = (room().camera.clone(), room().depth.clone());
     let inputs = GlowIn { shape: shape.clone(), estimated: estimated.cloned(), camera, depth };
     Glow::default().run(inputs, &Context::default()).expect("the light is sound").cover

@@ -1,0 +1,134 @@
+//! Networks in a run: which ran, for which scene and which edit, and that threads do not change what they give.
+
+use std::path::{Path, PathBuf};
+
+use relight::files::{edit, scene};
+use relight::graph::{Engine, EngineOptions, Graph, GraphFile, Overlay, RunReport, Status};
+use relight::image::Plane;
+use relight::nodes;
+
+use crate::project::*;
+
+/// A graph of the project with the networks that ship.
+fn graph(name: &str, scene: &Path, text: &str) -> Graph {
+    let file = GraphFile::read(&root().join("graphs").join(name)).expect("the graph is sound");
+    let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let path = folder.path().join("edit.ron");
+    std::fs::write(&path, text).expect("it can be written to");
+    let room = scene::read(scene, Some(&kinds)).unwrap_or_else(|faults| panic!("{}", faults[0]));
+    let change = edit::read(&path, Some(&room), Some(&kinds)).unwrap_or_else(|faults| panic!("{text}: {}", faults[0]));
+    let settings = room.settings.into_iter().chain(change.settings).collect();
+    let members = room.members.into_iter().chain(change.members).collect();
+    let registry = nodes::registry().with_library(root().join("models"), "");
+    file.resolve(&registry, &Overlay { settings, members }).unwrap_or_else(|faults| panic!("{}", faults[0]))
+}
+
+/// The nodes whose network was computed, with its file.
+fn networks(report: &RunReport) -> Vec<String> {
+    let used = report.nodes.iter().filter(|node| node.status == Status::Ran).flat_map(|node| {
+        let notes = node.notes.iter().filter_map(|note| note.strip_suffix(" by rten"));
+        notes.map(move |file| format!("{}: {file}", node.name))
+    });
+    used.collect()
+}
+
+/// The demo with some of its lights left out.
+fn demo_with(lights: &[&str]) -> (Place, PathBuf) {
+    let place = Place::new();
+    let spec = |name: &&str| {
+        let kind = if name.starts_with("lamp") { "Lamp" } else { "Window" };
+        format!(r#""{name}": {kind}(mask: "{}/masks/{name}.png")"#, demo().display())
+    };
+    place.write(
+        "scene.ron",
+        format!(
+            r#"Scene(version: 1, photo: "{0}/photo.png", camera: FovX(64.0), depth: (path: "{0}/depth.exr"), lights: {{ {1} }})"#,
+            demo().display(),
+            lights.iter().map(spec).collect::<Vec<_>>().join(", ")
+        ),
+    );
+    let folder = place.folder.path().to_owned();
+    (place, folder)
+}
+
+#[test]
+fn only_networks_that_a_scene_needs_are_run() {
+    let used = |lights: &[&str]| {
+        let (_place, scene) = demo_with(lights);
+        networks(&run(&engine(None), &graph("networks.ron", &scene, IDENTITY), &[]))
+    };
+    let of = |names: &[String], what: &str| names.iter().filter(|name| name.ends_with(what)).count();
+
+    let all = used(&["lamp_0", "window_0"]);
+    let once = ["mnet: mnet.onnx", "inv_lamp[inv_lamp]: invlampnet.onnx", "inv_win[inv_window]: invwinnet.onnx"];
+    assert_eq!(all[..3], once, "{all:?}");
+    assert_eq!(all[3..5], ["vis_lamp[lamp_0]: vislampnet.onnx", "vis_win[window_0]: viswinnet.onnx"]);
+    // Lights that explain nothing are left out: neither their shadow nor their indirect light is computed.
+    let rest: Vec<String> =
+        all[5..].iter().map(|name| name.split(':').next().unwrap_or_default().to_owned()).collect::<Vec<_>>();
+    assert_eq!(rest, ["filled[lamp_0]", "filled[window_0]", "indirect[lamp_0]", "indirect[window_0]"]);
+    assert_eq!(of(&all, "lightnet.onnx"), 0, "nothing shines by gloss");
+
+    let lamp = used(&["lamp_0"]);
+    assert_eq!((of(&lamp, "viswinnet.onnx"), of(&lamp, "vislampnet.onnx")), (0, 1), "no window, no window network");
+    let window = used(&["window_0"]);
+    assert_eq!((of(&window, "viswinnet.onnx"), of(&window, "vislampnet.onnx")), (1, 0), "no lamp, no lamp network");
+    let none = used(&[]);
+    assert_eq!(none[..3], once);
+    assert_eq!((of(&none, "viswinnet.onnx"), of(&none, "vislampnet.onnx")), (0, 0));
+}
+
+#[test]
+fn an_edit_of_a_radiance_runs_no_network() {
+    let cache = tempfile::tempdir().expect("a temporary folder can be made");
+    run(&engine(Some(cache.path())), &graph("indoor.ron", &demo(), IDENTITY), &[]);
+    let again = |text: &str, outputs: &[&str]| {
+        let report = run(&engine(Some(cache.path())), &graph("indoor.ron", &demo(), text), outputs);
+        let names: Vec<String> = ran(&report).into_iter().map(str::to_owned).collect();
+        (names, networks(&report).len())
+    };
+    let off = r#"Edit(version: 1, lights: { "lamp_0": Off, "window_0": Scale(0.4) })"#;
+    let (names, _) = again(off, &[]);
+    assert_eq!(names, ["edit", "after", "compose", "write"]);
+    // What asks for the light at each place gets it, and nothing else runs for it.
+    let (names, _) = again(off, &["lighting.lighting"]);
+    assert_eq!(names, ["lighting"]);
+    // A new light: its own layers.
+    let desk = r#"Edit(version: 1, lights: { "desk": Lamp(shape: Sphere(radius: 0.07), at: Point(0.1, -0.56, -2.9), radiance: (72, 44, 20)) })"#;
+    let own =
+        ["edited_direct[desk]", "edited_shadow[desk]", "glow[desk]", "edited_traced[desk]", "edited_indirect[desk]"];
+    assert_eq!(again(desk, &[]).0, [&["edit"][..], &own, &["after", "compose", "write"]].concat());
+}
+
+#[test]
+fn a_light_without_unknown_shadow_needs_no_network_for_it() {
+    use relight::graph::{Context, Node};
+    use relight::nodes::artifacts::{UnitDirect, Visibility};
+    use relight::nodes::render::shadow_net::{ShadowNet, ShadowNetIn};
+    use std::sync::Arc;
+    let plane = |v: f32| vec![Plane::filled(8, 6, v)];
+    let visibility = Arc::new(Visibility { lit: plane(0.7), stderr: plane(0.0), unknown: plane(0.0) });
+    let inputs = ShadowNetIn {
+        depth: Arc::new(relight::image::Depth(Plane::filled(8, 6, 2.0))),
+        camera: Arc::new(relight::geometry::Camera::from_fov_x(8, 6, 60.0)),
+        normal: Arc::new(relight::image::Normal(Plane::filled(8, 6, glam::Vec3::Z))),
+        shape: Arc::new(relight::optics::Shape::Absent),
+        direct: Arc::new(UnitDirect { lobes: plane(1.0), stderr: plane(0.0) }),
+        visibility: visibility.clone(),
+    };
+    // Its network is not even there.
+    let stage = ShadowNet { model: relight::graph::File::new("/nowhere/shadownet.onnx"), ..ShadowNet::default() };
+    let filled = stage.run(inputs, &Context::default()).expect("no network is asked").visibility;
+    assert_eq!(filled, visibility);
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let picture = |threads: usize| {
+        let engine = Engine::new(EngineOptions { threads: Some(threads), ..EngineOptions::default() });
+        let report = run(&engine.expect("threads can be started"), &graph("networks.ron", &demo(), IDENTITY), &[]);
+        written(&report, "picture.exr")
+    };
+    assert!(picture(1) == picture(3), "one thread and three give other pictures");
+}
