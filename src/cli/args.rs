@@ -28,7 +28,7 @@ Example: switch a lamp off in the scene that ships with relight
   relight run   graphs/demo.ron edits/lamp_off.ron   # writes out/picture.png and more
 
 A photograph of your own: put scene.ron beside it (docs/files.md), then
-  relight run graphs/physics.ron edits/none.ron --scene my_room --out my_room/out
+  relight run graphs/indoor.ron edits/none.ron --scene my_room --out my_room/out
 
 Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted.";
 
@@ -247,7 +247,7 @@ pub struct Eval {
     /// The scene: a folder with a scene.ron that names its `truth`.
     pub scene: PathBuf,
     /// The graph file.
-    #[arg(long, value_name = "GRAPH", default_value = "graphs/physics.ron")]
+    #[arg(long, value_name = "GRAPH", default_value = "graphs/indoor.ron")]
     pub graph: PathBuf,
     /// Set one parameter of one node, as RON; may be given several times.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
