@@ -156,3 +156,82 @@ fn guess(shape: Shape, radiance: Vec<glam::Vec3>, gain: f32, confidence: &Tensor
 pub fn nothing() -> Guess {
     Guess { shape: Shape::Absent, radiance: Radiance(vec![]), burns: 0.0, error: 0.0 }
 }
+
+/// Declares a stage that estimates one light by a network: parameters, ports, run. `mask` is there for a light that the photo shows.
+macro_rules! light_stage {
+    (
+        $(#[doc = $doc:literal])*
+        $stage:ident, $input:ident, $output:ident: $call:ident of $model:literal, $ports:expr $(, $mask:ident)?
+    ) => {
+        use std::sync::Arc;
+
+        use $crate::geometry::Camera;
+        use $crate::graph::{Context, File, Gather, Node, NodeError};
+        use $crate::image::{Albedo, Depth, Mask, Normal, Picture};
+        use $crate::net::Backend;
+        use $crate::nodes::artifacts::Guess;
+        use $crate::nodes::learned;
+
+        $crate::params! {
+            $(#[doc = $doc])*
+            ///
+            /// A start for a fit, as good as the room is like those that it was trained on (the card beside the network tells).
+            pub struct $stage {
+                /// The network, ONNX with the inputs and outputs that its card in models/ names.
+                model: File = File::new($model),
+                /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+                backend: Backend = Backend::Rten,
+            }
+        }
+
+        $crate::ports! {
+            pub input $input {
+                /// The linear photo.
+                photo: Arc<Picture>,
+                /// Planar z.
+                depth: Arc<Depth>,
+                /// The camera; brought to the network's size.
+                camera: Arc<Camera>,
+                /// Normals of the seen surface.
+                normal: Arc<Normal>,
+                /// Albedo.
+                albedo: Arc<Albedo>,
+                /// Pixels of each visible light.
+                masks: Gather<Mask>,
+                $(
+                    /// The pixels of this light.
+                    $mask: Arc<Mask>,
+                )?
+            }
+        }
+
+        $crate::ports! {
+            pub output $output {
+                /// The light; nothing where it has no pixel at the network's size.
+                guess: Arc<Guess>,
+            }
+        }
+
+        impl Node for $stage {
+            const KIND: &'static str = stringify!($stage);
+            const VERSION: u32 = 1;
+            type In = $input;
+            type Out = $output;
+
+            fn files(&mut self) -> Vec<&mut File> {
+                vec![&mut self.model]
+            }
+
+            fn run(&self, inputs: $input, ctx: &Context) -> Result<$output, NodeError> {
+                let $input { photo, depth, camera, normal, albedo, masks $(, $mask)? } = inputs;
+                let network = learned::network(ctx, &self.model, &self.backend, &learned::LIGHT_INPUTS, &$ports)?;
+                let room = learned::LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
+                let own: Option<&Mask> = None;
+                $( let own = own.or(Some(&*$mask)); )?
+                let guess = room.$call(&network, own)?.unwrap_or_else(learned::nothing);
+                Ok($output { guess: Arc::new(guess) })
+            }
+        }
+    };
+}
+pub(super) use light_stage;

@@ -1,67 +1,6 @@
 //! `InvLampNet`: the lamp that the photo does not show, by a network.
 
-use std::sync::Arc;
-
-use crate::geometry::Camera;
-use crate::graph::{Context, File, Gather, Node, NodeError};
-use crate::image::{Albedo, Depth, Mask, Normal, Picture};
-use crate::net::Backend;
-use crate::nodes::artifacts::Guess;
-use crate::nodes::learned::{self, LAMP_OUTPUTS, LIGHT_INPUTS, LitRoom};
-use crate::{params, ports};
-
-params! {
+crate::nodes::learned::light_stage! {
     /// Estimates the lamp that is not seen: a box that shines with one radiance, next to none where there is no such lamp.
-    ///
-    /// Needs no truth but the photo, its depth and its masks; made for a room like those that it was trained on (models/invlampnet.md), it is a
-    /// start for a fit, with a confidence.
-    pub struct InvLampNet {
-        /// The network, ONNX with the inputs and outputs that models/invlampnet.md names.
-        model: File = File::new("invlampnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
-        backend: Backend = Backend::Rten,
-    }
-}
-
-ports! {
-    pub input InvLampNetIn {
-        /// The linear photo.
-        photo: Arc<Picture>,
-        /// Planar z.
-        depth: Arc<Depth>,
-        /// The camera; brought to the network's size.
-        camera: Arc<Camera>,
-        /// Normals of the seen surface.
-        normal: Arc<Normal>,
-        /// Albedo.
-        albedo: Arc<Albedo>,
-        /// Pixels of each visible light.
-        masks: Gather<Mask>,
-    }
-}
-
-ports! {
-    pub output InvLampNetOut {
-        /// The lamp.
-        guess: Arc<Guess>,
-    }
-}
-
-impl Node for InvLampNet {
-    const KIND: &'static str = "InvLampNet";
-    const VERSION: u32 = 1;
-    type In = InvLampNetIn;
-    type Out = InvLampNetOut;
-
-    fn files(&mut self) -> Vec<&mut File> {
-        vec![&mut self.model]
-    }
-
-    fn run(&self, inputs: InvLampNetIn, ctx: &Context) -> Result<InvLampNetOut, NodeError> {
-        let InvLampNetIn { photo, depth, camera, normal, albedo, masks } = inputs;
-        let network = learned::network(ctx, &self.model, &self.backend, &LIGHT_INPUTS, &LAMP_OUTPUTS)?;
-        let room = LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
-        let guess = room.lamp(&network, None)?.unwrap_or_else(learned::nothing);
-        Ok(InvLampNetOut { guess: Arc::new(guess) })
-    }
+    InvLampNet, InvLampNetIn, InvLampNetOut: lamp of "invlampnet.onnx", learned::LAMP_OUTPUTS
 }

@@ -1,67 +1,6 @@
 //! `InvWinNet`: the window that the photo does not show, by a network.
 
-use std::sync::Arc;
-
-use crate::geometry::Camera;
-use crate::graph::{Context, File, Gather, Node, NodeError};
-use crate::image::{Albedo, Depth, Mask, Normal, Picture};
-use crate::net::Backend;
-use crate::nodes::artifacts::Guess;
-use crate::nodes::learned::{self, LIGHT_INPUTS, LitRoom, WINDOW_OUTPUTS};
-use crate::{params, ports};
-
-params! {
+crate::nodes::learned::light_stage! {
     /// Estimates the window that is not seen: a rectangle before sun, sky and ground, of next to no radiance where there is no such window.
-    ///
-    /// Needs no truth but the photo, its depth and its masks; made for a room like those that it was trained on (models/invwinnet.md), it is a
-    /// start for a fit, with a confidence.
-    pub struct InvWinNet {
-        /// The network, ONNX with the inputs and outputs that models/invwinnet.md names.
-        model: File = File::new("invwinnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
-        backend: Backend = Backend::Rten,
-    }
-}
-
-ports! {
-    pub input InvWinNetIn {
-        /// The linear photo.
-        photo: Arc<Picture>,
-        /// Planar z.
-        depth: Arc<Depth>,
-        /// The camera; brought to the network's size.
-        camera: Arc<Camera>,
-        /// Normals of the seen surface.
-        normal: Arc<Normal>,
-        /// Albedo.
-        albedo: Arc<Albedo>,
-        /// Pixels of each visible light.
-        masks: Gather<Mask>,
-    }
-}
-
-ports! {
-    pub output InvWinNetOut {
-        /// The window.
-        guess: Arc<Guess>,
-    }
-}
-
-impl Node for InvWinNet {
-    const KIND: &'static str = "InvWinNet";
-    const VERSION: u32 = 1;
-    type In = InvWinNetIn;
-    type Out = InvWinNetOut;
-
-    fn files(&mut self) -> Vec<&mut File> {
-        vec![&mut self.model]
-    }
-
-    fn run(&self, inputs: InvWinNetIn, ctx: &Context) -> Result<InvWinNetOut, NodeError> {
-        let InvWinNetIn { photo, depth, camera, normal, albedo, masks } = inputs;
-        let network = learned::network(ctx, &self.model, &self.backend, &LIGHT_INPUTS, &WINDOW_OUTPUTS)?;
-        let room = LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
-        let guess = room.window(&network, None)?.unwrap_or_else(learned::nothing);
-        Ok(InvWinNetOut { guess: Arc::new(guess) })
-    }
+    InvWinNet, InvWinNetIn, InvWinNetOut: window of "invwinnet.onnx", learned::WINDOW_OUTPUTS
 }
