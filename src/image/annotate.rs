@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::Plane;
 
 /// Draws the inner edge of `mask`, which has the picture's size, and `name` above it; both grow with the picture. Of a name, small
-/// letters of [`GLYPHS`], digits and `_` are drawn, others left blank.
+/// letters of `GLYPHS`, digits and `_` are drawn, others left blank.
 pub fn annotate(picture: &mut Plane<Vec3>, mask: &Plane<bool>, name: &str, colour: Vec3) {
     let (w, h) = picture.size();
     assert_eq!(mask.size(), (w, h), "mask and picture have one size");
