@@ -84,22 +84,24 @@ pub fn warnings(run: &RunReport) -> Vec<String> {
 /// The table that every run ends with.
 pub fn table(run: &RunReport) -> String {
     let width = run.nodes.iter().map(|node| node.name.chars().count()).max().unwrap_or(0).max(4);
-    let (status, seconds, rays, samples, error) = ("status", "seconds", "rays", "samples", "std error");
-    let mut text = format!("{:width$}  {status:9} {seconds:>9} {rays:>12} {samples:>8} {error:>10}\n", "node");
+    let (status, seconds, memory, rays, samples, error) = ("status", "seconds", "MB", "rays", "samples", "std error");
+    let mut text =
+        format!("{:width$}  {status:9} {seconds:>9} {memory:>8} {rays:>12} {samples:>8} {error:>10}\n", "node");
     for node in &run.nodes {
         text.push_str(&format!("{:width$}  {}\n", node.name, measures(node)));
     }
     text
 }
 
-/// Status, seconds, rays, mean samples and standard error, as they stand in the table.
+/// Status, seconds, memory of the results, rays, mean samples and standard error, as they stand in the table.
 fn measures(node: &NodeReport) -> String {
     let ran = matches!(node.status, Status::Ran | Status::Failed);
     let seconds = if ran { format!("{:.3}", node.seconds) } else { "-".into() };
+    let memory = if node.bytes > 0 { format!("{:.2}", node.bytes as f64 / 1e6) } else { "-".into() };
     let rays = if node.rays > 0 { node.rays.to_string() } else { "-".into() };
     let stderr = node.stderr.map_or("-".into(), |e| format!("{:.2} %", 100.0 * e));
     let samples = node.samples.map_or("-".into(), |samples| format!("{samples:.1}"));
-    format!("{:9} {seconds:>9} {rays:>12} {samples:>8} {stderr:>10}", word(node.status))
+    format!("{:9} {seconds:>9} {memory:>8} {rays:>12} {samples:>8} {stderr:>10}", word(node.status))
 }
 
 /// The one line that sums a run up.

@@ -174,39 +174,50 @@ fn gather(
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
 ) -> Vec<[Vec3; BATCHES]> {
-    let Transport { grid, hits, nearest, areas } = transport;
+    let Transport { grid, nearest, areas, .. } = transport;
     let receivers = grid.len();
     // An albedo of one would never come to rest.
-    let reflect = |pixel: usize| albedo.0.pixels()[pixel].clamp(Vec3::ZERO, Vec3::splat(0.95));
+    let reflects: Vec<Vec3> = albedo.0.pixels().iter().map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect();
     let area: f64 = areas.pixels().iter().map(|&a| f64::from(a)).sum();
     let mean_of = |value: &dyn Fn(usize) -> Vec3| -> Vec3 {
         let sum: glam::DVec3 = (0..receivers).map(|i| value(i).as_dvec3() * f64::from(areas.pixels()[i])).sum();
         if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
     };
-    let mean_albedo = mean_of(&|i| reflect(grid.pixel(i)));
-    let each = (hits.width() / BATCHES).max(1);
-    // One bounce of the light `before`, which is the shading of a pixel in the eyes of a batch: per receiver and batch of rays.
-    let bounce = |before: &(dyn Fn(usize, usize) -> Vec3 + Sync)| -> Vec<[Vec3; BATCHES]> {
-        let shown = |pixel: usize, b: usize| reflect(pixel) * before(pixel, b);
-        let ambient: [Vec3; BATCHES] = std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(grid.pixel(i), b)));
-        let met = |hit: u32, b: usize| if hit == MISS { ambient[b] } else { shown(hit as usize, b) };
-        let gather = |row: &[u32]| {
-            let batch = |b: usize| row[b * each..(b + 1) * each].iter().map(|&hit| met(hit, b)).sum::<Vec3>();
-            std::array::from_fn(|b| batch(b) / each as f32)
-        };
-        hits.pixels().par_chunks(hits.width().max(1)).with_min_len(64).map(gather).collect()
+    let mean_albedo = mean_of(&|i| reflects[grid.pixel(i)]);
+    // There are several rays to a pixel: what all batches see alike is made once for all of them.
+    let first: Vec<Vec3> = reflects.iter().enumerate().map(|(p, reflect)| reflect * Vec3::splat(direct(p))).collect();
+    let ambient = |shown: &dyn Fn(usize, usize) -> Vec3| -> [Vec3; BATCHES] {
+        std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(grid.pixel(i), b)))
     };
-    let mut last = bounce(&|pixel, _| Vec3::splat(direct(pixel)));
+    let shown = |pixel: usize, _: usize| first[pixel];
+    let mut last = bounce(transport, shown, ambient(&shown));
     let mut total = last.clone();
     let add = |total: &mut [[Vec3; BATCHES]], last: &[[Vec3; BATCHES]], times: Vec3| {
         let pairs = total.iter_mut().flatten().zip(last.iter().flatten());
         pairs.for_each(|(sum, add)| *sum += *add * times);
     };
     for _ in 1..bounces.count.max(1) {
-        last = bounce(&|pixel, b| last[nearest.pixels()[pixel] as usize][b]);
+        let shown = |pixel: usize, b: usize| reflects[pixel] * last[nearest.pixels()[pixel] as usize][b];
+        last = bounce(transport, shown, ambient(&shown));
         add(&mut total, &last, Vec3::ONE);
     }
     // Each further bounce is taken to be the one before times the mean albedo: exact where the albedo is constant.
     add(&mut total, &last, mean_albedo / (Vec3::ONE - mean_albedo));
     total
+}
+
+/// One bounce: per receiver and batch, the mean of what its rays meet. A pixel shows `shown` to a batch, what is unseen `ambient`.
+fn bounce(
+    transport: &Transport,
+    shown: impl Fn(usize, usize) -> Vec3 + Sync,
+    ambient: [Vec3; BATCHES],
+) -> Vec<[Vec3; BATCHES]> {
+    let hits = &transport.hits;
+    let each = (hits.width() / BATCHES).max(1);
+    let met = |hit: u32, b: usize| if hit == MISS { ambient[b] } else { shown(hit as usize, b) };
+    let gather = |row: &[u32]| {
+        let batch = |b: usize| row[b * each..(b + 1) * each].iter().map(|&hit| met(hit, b)).sum::<Vec3>();
+        std::array::from_fn(|b| batch(b) / each as f32)
+    };
+    hits.pixels().par_chunks(hits.width().max(1)).with_min_len(64).map(gather).collect()
 }

@@ -13,6 +13,7 @@
 //! the larger for every d above 2e-9.
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use super::conditioning::{Conditioning, conditioning};
 use super::{Evidence, nnls};
@@ -216,8 +217,8 @@ impl<'a> Problem<'a> {
         let (mut all, mut right) = (vec![0.0; size * size], vec![0.0; size]);
         let mut pulls = vec![0.0; k];
         let mut hardest = Conditioning::default();
-        for c in 0..3 {
-            let Equations { mut gram, mut b, energy } = self.equations(w, c);
+        let channels: Vec<Equations> = (0..3).into_par_iter().map(|c| self.equations(w, c)).collect();
+        for (c, Equations { mut gram, mut b, energy }) in channels.into_iter().enumerate() {
             let gauge: f64 = self.weight[c].iter().zip(&self.photo[c]).map(|(weight, i)| weight * i * i).sum();
             for i in 0..k {
                 pulls[i] += COLOUR_PULL / 3.0 * gram[i * k + i];
