@@ -153,6 +153,31 @@ pub fn shadow(
     shadow
 }
 
+impl Shadow {
+    /// Gives all lobes one visibility, that of the light as a whole when every lobe has unit radiance:
+    /// sum of E V / sum of E over the lobes, with E their unshadowed `direct` shading; the mean where no light arrives.
+    ///
+    /// # Panics
+    /// If `direct` has other lobes or another size.
+    pub fn average(&mut self, direct: &[Plane<f32>]) {
+        assert_eq!(direct.len(), self.lit.len(), "direct shading has the lobes of the shadow");
+        for pixel in 0..direct.first().map_or(0, Plane::len) {
+            let total: f32 = direct.iter().map(|e| e.pixels()[pixel]).sum();
+            let share =
+                |e: &Plane<f32>| if total > 0.0 { e.pixels()[pixel] / total } else { 1.0 / direct.len() as f32 };
+            let shares: Vec<f32> = direct.iter().map(share).collect();
+            let mean = |of: &[Plane<f32>]| of.iter().zip(&shares).map(|(v, w)| w * v.pixels()[pixel]).sum::<f32>();
+            // Lobes have rays of their own, so their variances add.
+            let error =
+                self.stderr.iter().zip(&shares).map(|(s, w)| (w * s.pixels()[pixel]).powi(2)).sum::<f32>().sqrt();
+            let (lit, unknown) = (mean(&self.lit).min(1.0), mean(&self.unknown).min(1.0));
+            for (planes, value) in [(&mut self.lit, lit), (&mut self.unknown, unknown), (&mut self.stderr, error)] {
+                planes.iter_mut().for_each(|plane| plane.pixels_mut()[pixel] = value);
+            }
+        }
+    }
+}
+
 /// Lit and unknown share and the standard error of the former, of a pixel that draws from these traced ones. Each of them has
 /// random numbers of its own, so their variances add, with the squares of the weights.
 fn blend(traced: &[Answer], neighbours: &[(usize, f32)]) -> [f32; 3] {
@@ -197,4 +222,33 @@ fn answers(tile: &Tile<[Sums; BATCHES]>, assume_lit: f64) -> Vec<Answer> {
         answer.stderr = answer.valid * error.hypot(floor.sqrt()) as f32;
     }
     answers
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_average_keeps_the_light_that_arrives() {
+        let planes = |values: [[f32; 3]; 2]| values.map(|v| Plane::new(3, 1, v.to_vec())).to_vec();
+        // Two lobes on three pixels; the last gets no light.
+        let direct = planes([[1.0, 3.0, 0.0], [3.0, 0.0, 0.0]]);
+        let lit = planes([[0.2, 0.5, 1.0], [0.8, 1.0, 1.0]]);
+        let unknown = planes([[0.4, 0.5, 0.0], [0.0, 0.0, 0.0]]);
+        let stderr = planes([[0.4, 0.1, 0.0], [0.0, 0.0, 0.0]]);
+        let mut shadow = Shadow { lit, stderr, unknown, ..Shadow::default() };
+        shadow.average(&direct);
+        for lobe in 0..2 {
+            // 0.2 / 4 + 0.8 * 3 / 4 = 0.65; all powers of two but for the decimals' own rounding.
+            for (got, wanted) in shadow.lit[lobe].pixels().iter().zip([0.65, 0.5, 1.0]) {
+                assert!((got - wanted).abs() < 1e-6, "lobe {lobe}: wanted {wanted}, got {got}");
+            }
+            for (got, wanted) in shadow.unknown[lobe].pixels().iter().zip([0.1, 0.5, 0.0]) {
+                assert!((got - wanted).abs() < 1e-6, "lobe {lobe}: wanted {wanted} unknown, got {got}");
+            }
+            for (got, wanted) in shadow.stderr[lobe].pixels().iter().zip([0.1, 0.1, 0.0]) {
+                assert!((got - wanted).abs() < 1e-6, "lobe {lobe}: wanted an error of {wanted}, got {got}");
+            }
+        }
+    }
 }

@@ -34,6 +34,9 @@ params! {
         assume_lit: f32 = 1.0,
         /// Whether rays that leave the view unblocked are unknown, as nobody saw what stands there; else they are lit.
         outside_unknown: bool = false,
+        /// One visibility for all lobes of a window, to compare: the mean over its lobes, weighted by the direct shading of each at unit
+        /// radiance. Sun and sky then cast the same shadow.
+        average: bool = false,
     }
 }
 
@@ -61,7 +64,7 @@ ports! {
 
 impl Node for Shadow {
     const KIND: &'static str = "Shadow";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = ShadowIn;
     type Out = ShadowOut;
 
@@ -88,7 +91,12 @@ impl Node for Shadow {
         let own = inputs.mask.as_deref().map(|mask| (Own::new(mask), mask));
         let own = own.as_ref().map(|(passes, mask)| (passes, *mask));
         let stop = || ctx.out_of_time();
-        let shadow = optics::shadow(&inputs.mesh, &inputs.points, &inputs.normal, &inputs.shape, own, quality, &stop);
+        let mut shadow =
+            optics::shadow(&inputs.mesh, &inputs.points, &inputs.normal, &inputs.shape, own, quality, &stop);
+        if self.average && shadow.lit.len() > 1 {
+            let direct = optics::direct(&inputs.points, &inputs.normal, &inputs.shape, &quality.sampling, &stop);
+            shadow.average(&direct.lobes);
+        }
         ctx.check_cancelled()?;
         ctx.count_rays(shadow.rays);
         ctx.set_stderr(shadow.relative_error);
