@@ -14,6 +14,7 @@ fn main() -> ExitCode {
     cli::log(verbose);
     let done = match &command {
         Command::Run(args) => cli::run(args, verbose, began),
+        Command::Mix(args) => cli::mix(args, began),
         Command::Plan(args) => cli::plan(args),
         Command::Explain(args) => cli::explain(args),
         Command::Check(args) => cli::check(args),

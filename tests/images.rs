@@ -496,6 +496,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
     WriteIn {
         picture: Arc::new(Picture(picture)),
         encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: Some(1200.0), sixteen_bit: false }),
+        photo: Some(Arc::new(Picture(colours(size, 6)))),
         rest: Arc::new(Picture(rest)),
         direct: Gather(direct.collect()),
         visibility: Gather(visibility.collect()),
@@ -514,6 +515,7 @@ fn the_written_layers_are_what_they_say() {
     let inputs = write_inputs((48, 36), (48, 36), 3);
     let (direct, visibility) = (inputs.direct.0[0].1.clone(), inputs.visibility.0[0].1.clone());
     let (indirect, radiance) = (inputs.indirect.0[0].1.clone(), inputs.radiance.0[0].1.clone());
+    let photo: Vec<f32> = inputs.photo.iter().flat_map(|photo| photo.0.pixels()).map(|c| c.x).collect();
     let files = Write::default().run(inputs, &Context::default()).expect("sound inputs").files;
     assert_eq!(files.0.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["picture.png", "picture.exr"]);
     let exr = exr_channels(&files.0[1].1);
@@ -527,13 +529,15 @@ fn the_written_layers_are_what_they_say() {
             let sum: f32 = ids.iter().map(|id| exr[&format!("light_{id}.{axis}")][at]).sum();
             close(sum, exr[axis][at], "the sum of the lights");
         }
-        let (mut lit, mut bounced, mut shadow, mut total, mut variance, mut shared) = (0.0, 0.0, 0.0, 0.0, 0.0f32, 0.0);
+        let (mut lit, mut bounced, mut shadow, mut unknown, mut total, mut variance, mut shared) =
+            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0f32, 0.0);
         for (k, w) in radiance.0.iter().enumerate() {
             let (d, v) = (direct.lobes[k].pixels()[at], visibility.lit[k].pixels()[at]);
             let y = 0.2126 * w.x + 0.7152 * w.y + 0.0722 * w.z;
             lit += w.y * d * v;
             bounced += w.y * indirect.lobes[k].0.pixels()[at].y;
             shadow += y * v;
+            unknown += y * visibility.unknown[k].pixels()[at];
             total += y;
             variance += (y * direct.stderr[k].pixels()[at] * v).powi(2);
             variance += (y * visibility.stderr[k].pixels()[at] * d).powi(2);
@@ -542,13 +546,15 @@ fn the_written_layers_are_what_they_say() {
         close(exr["direct_light0.G"][at], lit, "direct");
         close(exr["indirect_light0.G"][at], bounced, "indirect");
         close(exr["shadow_light0.Y"][at], shadow / total, "shadow");
+        close(exr["unknown_light0.Y"][at], unknown / total, "unknown");
+        close(exr["photo.R"][at], photo[at], "photo");
         close(exr["stderr_light0.Y"][at], (variance + shared * shared).sqrt(), "stderr");
     }
     for name in ["A", "albedo.R", "normal.X", "normal.Z", "rough.Y", "depth.Z", "direct_light2.B", "indirect_light1.R"]
     {
         assert!(exr.contains_key(name), "{name}");
     }
-    assert_eq!(exr.len(), 4 + 4 * 3 + 8 + 3 * 8);
+    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 8 + 3 * 9);
 }
 
 #[test]
@@ -571,7 +577,7 @@ fn small_diagnostics_grow_to_the_photo_and_can_be_left_out() {
         write.run(write_inputs((64, 48), (32, 24), 2), &Context::default()).expect("sound inputs").files
     };
     assert!(exr_channels(&files(true).0[1].1).values().all(|c| c.len() == 64 * 48));
-    assert_eq!(exr_channels(&files(false).0[1].1).len(), 4 + 3 * 3);
+    assert_eq!(exr_channels(&files(false).0[1].1).len(), 4 + 3 * 3 + 3);
     let first = files(true);
     assert!((0..8).all(|_| files(true) == first), "same inputs, same bytes");
 }

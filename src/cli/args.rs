@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use relight::nodes::output::mix_layers::srgb;
 
 /// One indoor photograph in, the same room under other light out.
 ///
@@ -36,6 +37,8 @@ Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted
 pub enum Command {
     /// Relight: compute what the edit changes and write the pictures.
     Run(Run),
+    /// Weight the lights of a finished run anew, in milliseconds: dim, brighten, colour.
+    Mix(Mix),
     /// Show what `run` would do: taken from the cache, run, or unknown until something upstream has run.
     Plan(Plan),
     /// Tell why a node would run again: the first line of its key that differs.
@@ -153,6 +156,19 @@ pub struct Run {
     /// Compute everything again that the cache holds for this run, and compare; writes no pictures.
     #[arg(long, conflicts_with = "no_cache")]
     pub verify: bool,
+}
+
+#[derive(Args)]
+pub struct Mix {
+    /// The folder that `relight run` wrote to (its --out), or a picture.exr.
+    pub run: PathBuf,
+    /// What a light is multiplied by, in linear light: `0.5`, `2,1,0.5` (red, green, blue), `#ffd0a0` (an sRGB colour) or `0.5*#ffd0a0`; may
+    /// be given once for each light.
+    #[arg(long, value_name = "LIGHT=WEIGHT", value_parser = weight)]
+    pub set: Vec<(String, [f32; 3])>,
+    /// The folder for picture.png and picture.exr, made when it is not there; or the name of one file, by its ending.
+    #[arg(long, value_name = "FILE|DIR", default_value = "out/mix")]
+    pub out: PathBuf,
 }
 
 #[derive(Args)]
@@ -308,6 +324,27 @@ fn share(text: &str) -> Result<f32, String> {
     share.ok().filter(|share| *share > 0.0 && *share < 1.0).ok_or("wanted a share above 0 and below 1, as `1%`".into())
 }
 
+/// `lamp_0=0.5`, `lamp_0=2,1,0.5`, `lamp_0=#ffd0a0`, `lamp_0=0.5*#ffd0a0`.
+fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
+    let number = |text: &str| text.trim().parse::<f32>().ok().filter(|number| number.is_finite() && *number >= 0.0);
+    let parts = text.split_once('=').and_then(|(id, value)| {
+        let (factor, colour) = value.rsplit_once('*').unwrap_or(("1", value));
+        let factor = number(factor)?;
+        let colour = match colour.trim().strip_prefix('#') {
+            Some(digits) => srgb(digits)?,
+            None => match colour.split(',').map(number).collect::<Option<Vec<f32>>>()?[..] {
+                [grey] => [grey; 3],
+                [r, g, b] => [r, g, b],
+                _ => return None,
+            },
+        };
+        Some((id.trim().to_owned(), colour.map(|channel| factor * channel)))
+    });
+    let finite = parts.filter(|(id, weight)| !id.is_empty() && weight.iter().all(|w| w.is_finite()));
+    finite
+        .ok_or("wanted a light and a weight of 0 or more, as `lamp_0=0.5`, `lamp_0=2,1,0.5` or `lamp_0=#ffd0a0`".into())
+}
+
 /// `212,80,212,395=2.03`, as RON.
 fn known_length(text: &str) -> Result<String, String> {
     let number = |text: &str| text.trim().parse::<f32>().ok().filter(|number| number.is_finite());
@@ -364,6 +401,35 @@ mod tests {
         }
         for text in ["", "%", "0", "-1%", "100%", "nan", "inf%", "one"] {
             assert!(share(text).is_err(), "{text}");
+        }
+        for (text, wanted) in [
+            ("lamp_0=0.5", [0.5; 3]),
+            (" lamp_0 = 2, 1, 0.5", [2.0, 1.0, 0.5]),
+            ("lamp_0=#ff0080", [1.0, 0.0, 0.215_860_5]),
+            ("lamp_0=0.5*#ff00ff", [0.5, 0.0, 0.5]),
+            ("lamp_0=0", [0.0; 3]),
+        ] {
+            let (id, got) = weight(text).expect(text);
+            assert_eq!(id, "lamp_0");
+            assert!(got.iter().zip(wanted).all(|(got, wanted)| (got - wanted).abs() < 1e-6), "{text}: {got:?}");
+        }
+        for text in [
+            "",
+            "lamp_0",
+            "=1",
+            "a=",
+            "a=-1",
+            "a=nan",
+            "a=inf",
+            "a=1,2",
+            "a=1,2,3,4",
+            "a=#fff",
+            "a=#ggffff",
+            "a=#-12345",
+            "a=1*2*3",
+            "a=3e38*2",
+        ] {
+            assert!(weight(text).is_err(), "{text}");
         }
         for text in ["", "500", "ms", "-1s", "0s", "nans", "infs", "1h", "1e300s"] {
             assert!(duration(text).is_err(), "{text}");

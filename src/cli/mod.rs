@@ -4,6 +4,7 @@ mod args;
 mod bench;
 mod eval;
 mod load;
+mod mix;
 mod networks;
 mod progress;
 mod reference;
@@ -24,6 +25,7 @@ pub use args::{Cli, Command};
 pub use bench::bench;
 pub use eval::eval;
 use load::load;
+pub use mix::mix;
 pub use run::run;
 
 /// How the program ends.

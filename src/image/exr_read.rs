@@ -21,9 +21,19 @@ struct Channel {
     samples: FlatSamples,
 }
 
-pub(super) struct ExrFile {
+/// An EXR file as it lies on disk: channels by name.
+pub struct ExrFile {
     channels: Vec<Channel>,
     pub(super) warnings: Vec<String>,
+    comments: String,
+}
+
+/// Reads all channels of a file with layers, as [`super::ExrLayers`] writes them.
+pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
+    match source.bytes.starts_with(b"\x76\x2f\x31\x01") {
+        true => read(source),
+        false => Err(super::read::not_one_of(source, "OpenEXR")),
+    }
 }
 
 /// Reads all full-resolution channels of a file.
@@ -64,6 +74,8 @@ pub(super) fn read(source: Source) -> Result<ExrFile, ReadError> {
         .non_parallel()
         .from_buffered(Cursor::new(source.bytes))
         .map_err(bad)?;
+    let comments = image.layer_data.iter().find_map(|layer| layer.attributes.comments.as_ref());
+    let comments = comments.map(ToString::to_string).unwrap_or_default();
     let channels = image
         .layer_data
         .into_iter()
@@ -79,7 +91,7 @@ pub(super) fn read(source: Source) -> Result<ExrFile, ReadError> {
         // Subsampled channels (chroma) are of no use here.
         .filter(|c| c.samples.len() == c.width * c.height)
         .collect();
-    Ok(ExrFile { channels, warnings })
+    Ok(ExrFile { channels, warnings, comments })
 }
 
 fn warnings(meta: &MetaData) -> Vec<String> {
@@ -124,6 +136,27 @@ impl ExrFile {
     pub(super) fn vectors(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
         let vectors = [["X", "Y", "Z"], ["R", "G", "B"]].into_iter().find_map(|names| self.triple(names));
         vectors.ok_or_else(|| self.missing(source, "X, Y and Z, or R, G and B"))
+    }
+
+    /// Names of all channels, `light_lamp_0.R`.
+    pub fn channels(&self) -> impl Iterator<Item = &str> {
+        self.channels.iter().map(|channel| channel.name.as_str())
+    }
+
+    /// The colours of a layer, or of the picture itself when `layer` is empty.
+    pub fn rgb(&self, layer: &str) -> Option<Plane<Vec3>> {
+        let name = |channel: &str| if layer.is_empty() { channel.to_owned() } else { format!("{layer}.{channel}") };
+        self.triple(["R", "G", "B"].map(name).each_ref().map(String::as_str))
+    }
+
+    /// One channel.
+    pub fn number(&self, channel: &str) -> Option<Plane<f32>> {
+        self.find(channel).map(Channel::plane)
+    }
+
+    /// The lines of the `comments` attribute.
+    pub fn comments(&self) -> impl Iterator<Item = &str> {
+        self.comments.lines()
     }
 
     /// Three channels of one size.

@@ -9,6 +9,7 @@ mod fill;
 mod grid_cut;
 mod grow;
 mod measure;
+mod mix;
 mod npy;
 mod parts;
 mod plane;
@@ -23,6 +24,7 @@ mod upsample;
 pub use annotate::annotate;
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, nearness, resize_depth};
 pub use distance::distance;
+pub use exr_read::{ExrFile, read_layers};
 pub use exr_write::{Compression, ExrLayers};
 pub use fill::fill_along_surfaces;
 pub use grid_cut::grid_cut;
@@ -30,6 +32,7 @@ pub use grow::{around, grow_through};
 pub use measure::{
     PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture, square_error,
 };
+pub use mix::weighted_sum;
 pub use npy::read_maps;
 pub use parts::parts;
 pub use plane::{Bytes, Plane};

@@ -93,7 +93,7 @@ fn format(source: Source) -> Option<Format> {
     SIGNATURES.iter().find(|(start, _)| source.bytes.starts_with(start)).map(|&(_, format)| format)
 }
 
-fn not_one_of(source: Source, wanted: &str) -> ReadError {
+pub(super) fn not_one_of(source: Source, wanted: &str) -> ReadError {
     let got = match format(source) {
         Some(format) => format!("{format:?}"),
         None if source.bytes.is_empty() => "an empty file".into(),

@@ -45,6 +45,7 @@ pub fn registry() -> Registry {
         .with::<render::glow::Glow>()
         .with::<output::compose::Compose>()
         .with::<output::write::Write>()
+        .with::<output::mix_layers::MixLayers>()
         .with::<output::write_depth::WriteDepth>()
         .with::<output::write_planes::WritePlanes>()
         .with::<output::write_estimates::WriteEstimates>()

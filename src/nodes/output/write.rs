@@ -2,7 +2,8 @@
 //!
 //! Layers of light i with lobes k, radiance w_k, unit direct shading D_k, lit share V_k, unit indirect shading I_k:
 //! `direct_i` = sum_k w_k D_k V_k; `indirect_i` = sum_k w_k I_k; `shadow_i` = sum_k Y(w_k) V_k / sum_k Y(w_k), Y the luminance,
-//! and the plain mean of V_k when the light is off. `stderr_i` is the standard error of the luminance of `direct_i` + `indirect_i`:
+//! and the plain mean of V_k when the light is off; `unknown_i` is the same mean of the shares of which the photo does not tell whether they
+//! are lit. `stderr_i` is the standard error of the luminance of `direct_i` + `indirect_i`:
 //! sqrt(sum_k Y(w_k)^2 ((s(D_k) V_k)^2 + (D_k s(V_k))^2) + (sum_k Y(w_k) s(I_k))^2), s being the standard errors of the layers. Lobes
 //! have random numbers of their own, and the lit share, being a ratio, errs by itself; but all lobes share the rays of the
 //! indirect light, so that its errors go together.
@@ -40,6 +41,8 @@ ports! {
         picture: Arc<Picture>,
         /// How the photo was stored.
         encoding: Arc<Encoding>,
+        /// The photo, for the layer `photo`: what the picture is compared with.
+        photo: Option<Arc<Picture>>,
         /// Each light alone, the photo's size; they and `rest` sum to the picture.
         layer: Gather<Picture>,
         /// What no light explains.
@@ -71,7 +74,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = WriteIn;
     type Out = WriteOut;
 
@@ -94,7 +97,9 @@ impl Node for Write {
 /// All planes that must have the picture's size, by layer name.
 fn pictures(inputs: &WriteIn) -> impl Iterator<Item = (String, &Plane<Vec3>)> {
     let lights = inputs.layer.iter().map(|(id, layer)| (format!("light_{id}"), &layer.0));
-    [("picture".to_string(), &inputs.picture.0), ("light_rest".to_string(), &inputs.rest.0)].into_iter().chain(lights)
+    let photo = inputs.photo.iter().map(|photo| ("photo".to_string(), &photo.0));
+    let picture = [("picture".to_string(), &inputs.picture.0), ("light_rest".to_string(), &inputs.rest.0)];
+    picture.into_iter().chain(lights).chain(photo)
 }
 
 impl Write {
@@ -106,9 +111,9 @@ impl Write {
         for (name, plane) in pictures(inputs).skip(1) {
             layers.rgb(&name, plane);
         }
-        // A half float has two bytes: R G B A; three for each light and the rest; albedo, normal, roughness and a float
-        // depth; for each light two colours, a shadow and a float error.
-        let bytes = width * height * (8 + 6 * (1 + inputs.layer.0.len()) + 18 + 18 * inputs.radiance.0.len());
+        // A half float has two bytes: R G B A; three for each light, the rest and the photo; albedo, normal, roughness and a
+        // float depth; for each light two colours, a shadow, its unknown share and a float error.
+        let bytes = width * height * (8 + 6 * (2 + inputs.layer.0.len()) + 18 + 20 * inputs.radiance.0.len());
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
                 "picture.exr holds no diagnostic layers: it would be {} MiB, the limit is {} MiB",
@@ -119,6 +124,7 @@ impl Write {
             diagnostics(inputs, &mut layers)?;
         }
         layers.comment(UNITS);
+        layers.comment(&super::encoding_line(&inputs.encoding));
         if let Some(lux) = inputs.encoding.lux {
             layers.comment(&format!("exposure: white shows 1 at {lux} lux"));
         }
@@ -153,11 +159,12 @@ fn diagnostics(inputs: &WriteIn, layers: &mut ExrLayers) -> Result<(), NodeError
         if let (Some(direct), Some(visibility)) = (direct, visibility)
             && !direct.lobes.is_empty()
         {
-            let lobes = [&direct.lobes, &direct.stderr, &visibility.lit, &visibility.stderr];
+            let lobes = [&direct.lobes, &direct.stderr, &visibility.lit, &visibility.stderr, &visibility.unknown];
             check_lobes(id, radiance, &lobes.map(|planes| planes.len()))?;
             check_sizes(id, lobes.into_iter().flatten())?;
             layers.rgb(&format!("direct_{id}"), &colours(&lit_sum(radiance, direct, visibility)));
-            layers.half(&format!("shadow_{id}.Y"), &numbers(&lit_share(radiance, visibility)));
+            layers.half(&format!("shadow_{id}.Y"), &numbers(&mean_share(radiance, &visibility.lit)));
+            layers.half(&format!("unknown_{id}.Y"), &numbers(&mean_share(radiance, &visibility.unknown)));
         }
         let indirect = inputs.indirect.get(id).filter(|indirect| !indirect.lobes.is_empty());
         if let Some(indirect) = indirect {
@@ -213,11 +220,11 @@ fn indirect_sum(radiance: &Radiance, indirect: &UnitIndirect) -> Plane<Vec3> {
 }
 
 /// sum_k Y(w_k) V_k / sum_k Y(w_k), or the plain mean.
-fn lit_share(radiance: &Radiance, visibility: &Visibility) -> Plane<f32> {
+fn mean_share(radiance: &Radiance, shares: &[Plane<f32>]) -> Plane<f32> {
     let luminances: Vec<f32> = radiance.0.iter().map(|w| w.dot(LUMINANCE)).collect();
     let total: f32 = luminances.iter().sum();
-    let mut share = visibility.lit[0].map(|_| 0.0);
-    for (&y, v) in luminances.iter().zip(&visibility.lit) {
+    let mut share = shares[0].map(|_| 0.0);
+    for (&y, v) in luminances.iter().zip(shares) {
         let weight = if total > 0.0 { y / total } else { 1.0 / luminances.len() as f32 };
         share.pixels_mut().iter_mut().zip(v.pixels()).for_each(|(share, v)| *share += weight * v);
     }

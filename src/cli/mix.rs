@@ -1,0 +1,80 @@
+//! `relight mix`: the layers of a finished run, weighted anew.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use relight::graph::{Context, Fault, File, Node, NodeError};
+use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
+
+use super::args::Mix;
+use super::{Exit, Trouble, write};
+
+pub fn mix(args: &Mix, began: Instant) -> Result<Exit, Trouble> {
+    let mut weights = BTreeMap::new();
+    for (id, weight) in &args.set {
+        if weights.insert(id.clone(), *weight).is_some() {
+            return Err(Fault::file("--set".as_ref(), format!("`{id}` is set twice")).into());
+        }
+    }
+    let stage = MixLayers { layers: layers(&args.run)?, weights, ..MixLayers::default() };
+    stage.check().map_err(|message| Fault::file("--set".as_ref(), message))?;
+    // One stage that reads a file: there is nothing to schedule, and nothing worth keeping.
+    let context = Context::default();
+    let files = match stage.run(MixLayersIn {}, &context) {
+        Ok(out) => out.files,
+        Err(error) => return failed(error),
+    };
+    let (folder, only) = place(&args.out);
+    write::folder(&folder)?;
+    let mut paths = String::new();
+    for (name, bytes) in &files.0 {
+        let name = match &only {
+            None => name.clone(),
+            Some(file) if Path::new(name).extension() == Path::new(file).extension() => file.clone(),
+            Some(_) => continue,
+        };
+        paths.push_str(&format!("{}\n", write::file(&folder, &name, bytes)?.display()));
+    }
+    context.warnings().iter().for_each(|warning| eprintln!("warning: {warning}"));
+    eprintln!("mixed in {:.1} ms", 1e3 * began.elapsed().as_secs_f64());
+    write::print(&paths)?;
+    Ok(Exit::Done)
+}
+
+/// The layers of a run: those of its folder, or a file of its own, as a frame of a sequence is.
+pub(super) fn layers(run: &Path) -> Result<File, Fault> {
+    let path = if run.is_dir() { run.join("picture.exr") } else { run.to_owned() };
+    if !path.is_file() {
+        let fault = Fault::file(
+            run,
+            "wanted the folder that `relight run` wrote to, or an EXR file of it; there is no such file",
+        );
+        return Err(fault.help(format!("{} is not there", path.display())));
+    }
+    Ok(File::new(path.to_string_lossy()))
+}
+
+/// The folder, and the name of the one file that is wanted there.
+fn place(out: &Path) -> (PathBuf, Option<String>) {
+    match out.extension().and_then(|e| e.to_str()) {
+        Some("png" | "exr") if !out.is_dir() => {
+            let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(".".as_ref());
+            let name = out.file_name().map(|name| name.to_string_lossy().into_owned());
+            (folder.to_owned(), name)
+        }
+        _ => (out.to_owned(), None),
+    }
+}
+
+/// How a stage that was run by itself has failed.
+pub(super) fn failed(error: NodeError) -> Result<Exit, Trouble> {
+    match error {
+        NodeError::BadFile { path, message } => Err(Fault::file(path.as_ref(), message).into()),
+        NodeError::BadParameter(message) => Err(Fault::file("".as_ref(), message).into()),
+        error @ (NodeError::Failed(_) | NodeError::Cancelled) => {
+            eprintln!("error: {error}");
+            Ok(Exit::Failed)
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! MixLayers: the picture of a finished run with its lights dimmed, coloured or brightened.
+//!
+//! picture = light_rest + sum_i w_i light_i, per channel in linear light, w_i being what light i's radiance is multiplied by: the layers of
+//! `picture.exr` hold each light's share of the picture, direct, indirect and its own pixels, and every one of them is linear in
+//! its radiance.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use super::{encoding_line, read_run};
+use crate::graph::{Context, File, Node, NodeError, nearest};
+use crate::image::{Compression, ExrLayers, Picture, Plane, Transfer, weighted_sum, write_png};
+use crate::nodes::artifacts::{Files, REST};
+use crate::{params, ports};
+
+params! {
+    /// Weights the light layers that `Write` wrote, and writes the picture that they make. What `relight mix` runs.
+    pub struct MixLayers {
+        /// The `picture.exr` of a run.
+        layers: File = File::default(),
+        /// What each light is multiplied by, linear (r, g, b), 0 or more; a light that is not named stays as it is.
+        weights: BTreeMap<String, [f32; 3]> = BTreeMap::new(),
+        /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
+        compression: Compression = Compression::None,
+    }
+}
+
+ports! { pub input MixLayersIn {} }
+ports! {
+    pub output MixLayersOut {
+        /// `picture.png`, encoded as the photo is, and `picture.exr`, the picture and its light layers.
+        files: Arc<Files>,
+    }
+}
+
+impl Node for MixLayers {
+    const KIND: &'static str = "MixLayers";
+    const VERSION: u32 = 1;
+    type In = MixLayersIn;
+    type Out = MixLayersOut;
+
+    fn check(&self) -> Result<(), String> {
+        let bad = |(id, weight): (&String, &[f32; 3])| {
+            let bad = weight.iter().any(|w| !(w.is_finite() && *w >= 0.0));
+            bad.then(|| format!("weights: {id:?}: wanted finite numbers, 0 or more, got {weight:?}"))
+        };
+        self.weights.iter().find_map(bad).map_or(Ok(()), Err)
+    }
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.layers]
+    }
+
+    fn run(&self, _: MixLayersIn, ctx: &Context) -> Result<MixLayersOut, NodeError> {
+        let run = read_run(&self.layers, ctx)?;
+        for id in self.weights.keys() {
+            if !run.lights.iter().any(|(light, _)| light == id) {
+                return Err(NodeError::BadParameter(unknown(id, run.lights.iter().map(|(light, _)| light.as_str()))));
+            }
+        }
+        let mut layers: Vec<(&str, &Plane<Vec3>, Vec3)> = Vec::new();
+        for (id, layer) in &run.lights {
+            let weight = self.weights.get(id).map_or(Vec3::ONE, |weight| Vec3::from_array(*weight));
+            if weight != Vec3::ONE && layer.pixels().iter().all(|&c| c == Vec3::ZERO) {
+                ctx.warn(format!("{id} gave no light in this run: there is nothing to weight"));
+            }
+            layers.push((id, layer, weight));
+        }
+        layers.push((REST, &run.rest, Vec3::ONE));
+
+        let parts: Vec<_> = layers.iter().map(|&(_, layer, weight)| (layer, weight)).collect();
+        let picture = Picture(weighted_sum(&parts));
+        if let Some(at) = picture.0.pixels().iter().position(|c| !c.is_finite()) {
+            let (x, y, got) = (at % picture.0.width(), at / picture.0.width(), picture.0.pixels()[at]);
+            return Err(NodeError::BadParameter(format!(
+                "weights: wanted a picture of finite numbers, got {got} at pixel ({x}, {y})"
+            )));
+        }
+        let png = || write_png(&picture, run.encoding.transfer, run.encoding.sixteen_bit);
+        let exr = || {
+            let mut file = ExrLayers::new(picture.0.width(), picture.0.height());
+            file.rgb("", &picture.0);
+            file.half("A", &picture.0.map(|_| 1.0));
+            for &(id, layer, weight) in &layers {
+                file.rgb(&format!("light_{id}"), &layer.map(|c| c * weight));
+            }
+            file.comment(&encoding_line(&run.encoding));
+            file.write(self.compression).map_err(NodeError::Failed)
+        };
+        let (png, exr) = rayon::join(png, exr);
+        Ok(MixLayersOut { files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])) })
+    }
+}
+
+/// Six hexadecimal digits, as people name colours, in linear light.
+pub fn srgb(digits: &str) -> Option<[f32; 3]> {
+    if digits.len() != 6 || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        return None;
+    }
+    let stored = u32::from_str_radix(digits, 16).ok()?;
+    Some([16, 8, 0].map(|shift| Transfer::Srgb.decode((stored >> shift & 255) as f32 / 255.0)))
+}
+
+fn unknown<'a>(id: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let known: Vec<&str> = known.collect();
+    let hint = match nearest(id, known.iter().copied()) {
+        Some(name) => format!("did you mean `{name}`?"),
+        None => format!("it has {}", known.join(", ")),
+    };
+    format!("weights: the run has no light `{id}`: {hint}")
+}
