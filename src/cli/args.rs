@@ -63,6 +63,9 @@ pub struct Files {
     /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
     #[arg(long, value_name = "DIR")]
     pub scene: Option<PathBuf>,
+    /// One frame, from 0, of an edit with `frames`. Default: all of them where pictures are made, else the first.
+    #[arg(long, value_name = "N")]
+    pub frame: Option<u32>,
     /// Set one parameter of one node, as RON; may be given several times, and wins over graph, scene and edit.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
     pub set: Vec<String>,
@@ -150,6 +153,12 @@ pub struct Run {
     /// Evaluate this node, or this member of a set such as `direct[lamp_0]`, and what it needs, and nothing else.
     #[arg(long, value_name = "NODE")]
     pub only: Option<String>,
+    /// Of a sequence, write picture.exr with all layers for each frame too.
+    #[arg(long)]
+    pub exr: bool,
+    /// Frames per second of film.mp4, which a whole sequence becomes where ffmpeg is on PATH.
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=240))]
+    pub fps: u16,
     /// Print report.json on standard output instead of the paths written.
     #[arg(long)]
     pub json: bool,

@@ -2,67 +2,159 @@
 
 use std::path::Path;
 
-use relight::files::{edit, scene};
-use relight::graph::{Fault, Graph, GraphFile, Overlay, Raw, Registry, Setting, Source, Target, is_name};
+use relight::files::{EditFile, edit, scene};
+use relight::graph::{Fault, Graph, GraphFile, Node, Overlay, Raw, Registry, Setting, Source, Target, is_name};
+use relight::nodes::output::write_picture::WritePicture;
 
 use super::args::Files;
 use super::networks;
 
-/// Reads everything; all faults of all files come at once.
+/// The pictures that an edit asks for.
+pub struct Pictures {
+    /// At least one.
+    pub frames: Vec<Frame>,
+    /// The nodes of the graph that write a picture and nothing else.
+    pub writers: Vec<String>,
+}
+
+/// One of them.
+pub struct Frame {
+    /// Its number in the sequence; none where the edit is one picture.
+    pub number: Option<u32>,
+    pub graph: Graph,
+}
+
+/// Reads everything for one picture; all faults of all files come at once. Of a sequence, the frame that `files` names, or the first.
 pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, Vec<Fault>> {
-    let mut faults = Vec::new();
-    let file = keep(GraphFile::read(graph), &mut faults);
-    let folder = files.scene.clone().or_else(|| file.as_ref().and_then(GraphFile::scene));
-    // A file that cannot be read must not make the others look wrong: what it would have told stays unchecked.
-    let kinds: Option<Vec<&str>> = file.as_ref().map(|file| file.nodes().map(|node| node.kind).collect());
-    let room = match (&folder, &kinds) {
-        (Some(folder), _) => keep(scene::read(folder, kinds.as_deref()), &mut faults),
-        (None, Some(kinds)) if scene::STAGES.iter().any(|stage| kinds.contains(stage)) => {
-            let fault = Fault::file(graph, "this graph reads a scene, and none is named");
-            faults.push(fault.help("name its folder with --scene DIR"));
-            None
+    let parts = Parts::read(graph, files);
+    let Some(path) = edit else { return parts.graph(Ok(Overlay::default())) };
+    let first = EditFile::read(path).and_then(|edit| Ok((numbers(&edit, files.frame)?[0], edit)));
+    let (number, edit) = first.or_else(|faults| parts.refused(faults))?;
+    parts.frame(&edit, number)
+}
+
+/// Reads everything for each picture of an edit: every frame of a sequence unless `files` names one.
+///
+/// # Errors
+/// All faults of all files; where a sequence is at fault only later on, those of the first frame that is.
+pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Vec<Fault>> {
+    let parts = Parts::read(graph, files);
+    let all = EditFile::read(edit).and_then(|edit| Ok((numbers(&edit, files.frame)?, edit)));
+    let (numbers, edit) = all.or_else(|faults| parts.refused(faults))?;
+    let frame = |number| Ok(Frame { number, graph: parts.frame(&edit, number)? });
+    let frames = numbers.into_iter().map(frame).collect::<Result<_, Vec<Fault>>>()?;
+    let nodes = parts.file.iter().flat_map(GraphFile::nodes);
+    let writers = nodes.filter(|node| node.kind == WritePicture::KIND).map(|node| node.name.to_owned()).collect();
+    Ok(Pictures { frames, writers })
+}
+
+/// The frames that are asked for; at least one.
+fn numbers(edit: &EditFile, chosen: Option<u32>) -> Result<Vec<Option<u32>>, Vec<Fault>> {
+    let refused = |message: String| vec![Fault::file("--frame".as_ref(), message)];
+    match (edit.frames(), chosen) {
+        (None, None) => Ok(vec![None]),
+        (None, Some(_)) => Err(refused("this edit is one picture: it has no `frames`".into())),
+        (Some(frames), None) => Ok((0..frames).map(Some).collect()),
+        (Some(frames), Some(number)) if number < frames => Ok(vec![Some(number)]),
+        (Some(frames), Some(number)) => Err(refused(format!("wanted 0..={}, got {number}", frames - 1))),
+    }
+}
+
+/// All that makes a graph but the edit.
+struct Parts {
+    file: Option<GraphFile>,
+    room: Option<Overlay>,
+    registry: Registry,
+    /// Those of the command line, that win over the edit's.
+    settings: Vec<Setting>,
+    faults: Vec<Fault>,
+}
+
+impl Parts {
+    fn read(graph: &Path, files: &Files) -> Parts {
+        let mut faults = Vec::new();
+        let file = keep(GraphFile::read(graph), &mut faults);
+        let folder = files.scene.clone().or_else(|| file.as_ref().and_then(GraphFile::scene));
+        // A file that cannot be read must not make the others look wrong: what it would have told stays unchecked.
+        let kinds = kinds(file.as_ref());
+        let room = match (&folder, &kinds) {
+            (Some(folder), _) => keep(scene::read(folder, kinds.as_deref()), &mut faults),
+            (None, Some(kinds)) if scene::STAGES.iter().any(|stage| kinds.contains(stage)) => {
+                let fault = Fault::file(graph, "this graph reads a scene, and none is named");
+                faults.push(fault.help("name its folder with --scene DIR"));
+                None
+            }
+            (None, Some(_)) => Some(Overlay::default()),
+            (None, None) => None,
+        };
+        let registry = networks::registry(&files.networks);
+        let mut settings = Vec::new();
+        let with_network: Vec<&str> = kinds.iter().flat_map(|kinds| networks::with_network(&registry, kinds)).collect();
+        if !with_network.is_empty() {
+            match networks::choose(&files.networks) {
+                Ok(choice) => settings.extend(networks::settings(&with_network, &choice.backend)),
+                Err(fault) => faults.push(fault),
+            }
         }
-        (None, Some(_)) => Some(Overlay::default()),
-        (None, None) => None,
-    };
-    let change = match edit {
-        Some(path) => keep(edit::read(path, room.as_ref(), kinds.as_deref()), &mut faults),
-        None => Some(Overlay::default()),
-    };
-    let has_room = room.is_some();
-    let mut overlay = Overlay::default();
-    for layer in [room, change].into_iter().flatten() {
-        overlay.settings.extend(layer.settings);
-        overlay.members.extend(layer.members);
+        if let Some(error) = files.target_error {
+            settings.extend(target_error(&registry, error));
+        }
+        if !files.known_length.is_empty() {
+            match known_lengths(&registry, &files.known_length, kinds.as_deref()) {
+                Ok(lengths) => settings.extend(lengths),
+                Err(fault) => faults.push(fault),
+            }
+        }
+        for text in &files.set {
+            settings.extend(setting(text, &mut faults));
+        }
+        Parts { file, room, registry, settings, faults }
     }
-    let registry = networks::registry(&files.networks);
-    let with_network: Vec<&str> = kinds.iter().flat_map(|kinds| networks::with_network(&registry, kinds)).collect();
-    if !with_network.is_empty() {
-        match networks::choose(&files.networks) {
-            Ok(choice) => overlay.settings.extend(networks::settings(&with_network, &choice.backend)),
-            Err(fault) => faults.push(fault),
+
+    /// The graph of one frame of an edit.
+    fn frame(&self, edit: &EditFile, number: Option<u32>) -> Result<Graph, Vec<Fault>> {
+        let change = edit::frame(edit, number.unwrap_or(0), self.room.as_ref(), kinds(self.file.as_ref()).as_deref());
+        let told = |fault: Fault| match number {
+            Some(number) if number > 0 && fault.help.is_none() => fault.help(format!("in frame {number}")),
+            _ => fault,
+        };
+        self.graph(change).map_err(|faults| faults.into_iter().map(told).collect())
+    }
+
+    /// The graph as changed by an edit; without the edit, all other faults beside its own.
+    fn graph(&self, change: Result<Overlay, Vec<Fault>>) -> Result<Graph, Vec<Fault>> {
+        let mut faults = self.faults.clone();
+        let change = keep(change, &mut faults);
+        let Some(file) = &self.file else { return Err(faults) };
+        // Without its scene, a graph would only show that it lacks one.
+        let resolved = match &self.room {
+            Some(room) => {
+                let mut overlay = room.clone();
+                if let Some(layer) = change {
+                    overlay.settings.extend(layer.settings);
+                    overlay.members.extend(layer.members);
+                }
+                overlay.settings.extend(self.settings.iter().cloned());
+                file.resolve(&self.registry, &overlay)
+            }
+            None => Err(file.faults().to_vec()),
+        };
+        match resolved {
+            Ok(graph) if faults.is_empty() => Ok(graph),
+            Ok(_) => Err(faults),
+            Err(of_graph) => Err(of_graph.into_iter().chain(faults).collect()),
         }
     }
-    if let Some(error) = files.target_error {
-        overlay.settings.extend(target_error(&registry, error));
+
+    /// The faults of an edit that cannot be read, and all others.
+    fn refused<T>(&self, faults: Vec<Fault>) -> Result<T, Vec<Fault>> {
+        Err(self.graph(Err(faults)).err().expect("a graph with faults is refused"))
     }
-    if !files.known_length.is_empty() {
-        match known_lengths(&registry, &files.known_length, kinds.as_deref()) {
-            Ok(settings) => overlay.settings.extend(settings),
-            Err(fault) => faults.push(fault),
-        }
-    }
-    for text in &files.set {
-        overlay.settings.extend(setting(text, &mut faults));
-    }
-    let Some(file) = file else { return Err(faults) };
-    // Without its scene, a graph would only show that it lacks one.
-    let resolved = if has_room { file.resolve(&registry, &overlay) } else { Err(file.faults().to_vec()) };
-    match resolved {
-        Ok(graph) if faults.is_empty() => Ok(graph),
-        Ok(_) => Err(faults),
-        Err(of_graph) => Err(of_graph.into_iter().chain(faults).collect()),
-    }
+}
+
+/// The kinds of nodes that a graph file names.
+fn kinds(file: Option<&GraphFile>) -> Option<Vec<&str>> {
+    Some(file?.nodes().map(|node| node.kind).collect())
 }
 
 fn keep<T>(result: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {

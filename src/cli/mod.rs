@@ -3,6 +3,8 @@
 mod args;
 mod bench;
 mod eval;
+mod film;
+mod frames;
 mod load;
 mod mix;
 mod networks;
@@ -24,7 +26,7 @@ use args::{Cache, CacheAction, CacheAt, CacheUse, Explain, Format, Graph, Job, N
 pub use args::{Cli, Command};
 pub use bench::bench;
 pub use eval::eval;
-use load::load;
+use load::{load, load_all};
 pub use mix::mix;
 pub use run::run;
 
@@ -166,8 +168,16 @@ pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
 }
 
 pub fn check(args: &Job) -> Result<Exit, Trouble> {
-    let graph = load(&args.graph, args.edit.as_deref(), &args.files)?;
-    write::print(&format!("sound: {} nodes, outputs {}\n", graph.instances().count(), graph.outputs().join(" ")))?;
+    let (graph, frames) = match &args.edit {
+        Some(edit) => {
+            let mut frames = load_all(&args.graph, edit, &args.files)?.frames;
+            let count = frames.len();
+            (frames.swap_remove(0).graph, if count > 1 { format!("{count} frames, ") } else { String::new() })
+        }
+        None => (load(&args.graph, None, &args.files)?, String::new()),
+    };
+    let nodes = graph.instances().count();
+    write::print(&format!("sound: {frames}{nodes} nodes, outputs {}\n", graph.outputs().join(" ")))?;
     Ok(Exit::Done)
 }
 

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::time::Duration;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use relight::graph::{NodeReport, Observer, Status};
 
 use super::report::word;
@@ -56,14 +56,129 @@ impl State {
 
 fn bar() -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-    bar.set_style(style(""));
+    bar.set_style(style("nodes", ""));
     bar.enable_steady_tick(TICK);
     bar
 }
 
-fn style(left: &str) -> ProgressStyle {
-    ProgressStyle::with_template(&format!("{{bar:30}} {{pos}}/{{len}} nodes{left}  {{wide_msg}}"))
+fn style(what: &str, left: &str) -> ProgressStyle {
+    ProgressStyle::with_template(&format!("{{bar:30}} {{pos}}/{{len}} {what}{left}  {{wide_msg}}"))
         .expect("the template is sound")
+}
+
+/// Progress of a sequence: a bar over its frames on a terminal, a line per frame elsewhere.
+pub struct FrameProgress {
+    /// A line per node that runs.
+    lines: bool,
+    terminal: bool,
+    count: usize,
+    state: Mutex<FrameState>,
+}
+
+#[derive(Default)]
+struct FrameState {
+    bar: Option<ProgressBar>,
+    done: usize,
+    /// Seconds of each frame in which something ran.
+    made: Vec<f64>,
+    frame: u32,
+    working: Vec<String>,
+}
+
+impl FrameProgress {
+    pub fn new(count: usize, lines: bool, terminal: bool) -> FrameProgress {
+        let bar = terminal.then(|| {
+            let bar = bar();
+            bar.set_style(style("frames", ""));
+            bar.set_length(count as u64);
+            bar
+        });
+        FrameProgress { lines, terminal, count, state: Mutex::new(FrameState { bar, ..FrameState::default() }) }
+    }
+
+    /// Work on this frame begins.
+    pub fn frame(&self, number: u32) {
+        let mut state = self.state();
+        state.frame = number;
+        state.working.clear();
+        state.draw();
+    }
+
+    /// That frame is done, and so many nodes ran for it.
+    pub fn done(&self, number: u32, seconds: f64, ran: usize) {
+        let mut state = self.state();
+        state.done += 1;
+        if ran > 0 {
+            state.made.push(seconds);
+        }
+        let left = state.left(self.count).map(|left| format!(", {} left", HumanDuration(left))).unwrap_or_default();
+        if let Some(bar) = &state.bar {
+            bar.set_position(state.done as u64);
+            bar.set_style(style("frames", &left));
+        }
+        if !self.terminal {
+            let what = if ran > 0 { format!("{ran} nodes ran in {seconds:.2} s") } else { "known already".to_owned() };
+            eprintln!("frame {number} ({} of {}): {what}{left}", state.done, self.count);
+        }
+    }
+
+    pub fn end(&self) {
+        if let Some(bar) = self.state().bar.take() {
+            bar.finish_and_clear();
+        }
+    }
+
+    fn state(&self) -> std::sync::MutexGuard<'_, FrameState> {
+        self.state.lock().expect("drawing does not panic")
+    }
+}
+
+impl FrameState {
+    fn draw(&self) {
+        if let Some(bar) = &self.bar {
+            bar.set_message(format!("frame {}: {}", self.frame, self.working.join(" ")));
+        }
+    }
+
+    /// The frames to come take as long as those that were made; the first one of these, which makes what all share, tells nothing.
+    fn left(&self, count: usize) -> Option<Duration> {
+        let usual = if self.made.len() > 1 { &self.made[1..] } else { &self.made[..] };
+        let to_come = count - self.done;
+        if usual.is_empty() || to_come == 0 {
+            return None;
+        }
+        let mean = usual.iter().sum::<f64>() / usual.len() as f64;
+        Some(Duration::from_secs_f64((mean * to_come as f64).max(1.0)))
+    }
+}
+
+impl Observer for FrameProgress {
+    fn started(&self, node: &str) {
+        let mut state = self.state();
+        state.working.push(node.to_owned());
+        state.draw();
+    }
+
+    fn finished(&self, report: &NodeReport) {
+        let mut state = self.state();
+        state.working.retain(|name| *name != report.name);
+        state.draw();
+        if self.lines && report.status != Status::Hit {
+            let line = line(report);
+            match &state.bar {
+                Some(bar) => bar.suspend(|| eprintln!("{line}")),
+                None => eprintln!("{line}"),
+            }
+        }
+    }
+}
+
+/// A node that is done.
+fn line(report: &NodeReport) -> String {
+    match &report.error {
+        Some(error) => format!("{:9} {}: {error}", word(report.status), report.name),
+        None => format!("{:9} {} ({:.3} s)", word(report.status), report.name, report.seconds),
+    }
 }
 
 impl Observer for Progress {
@@ -93,14 +208,11 @@ impl Observer for Progress {
         if let Some(bar) = &state.bar
             && state.done == 1
         {
-            bar.set_style(style(", {eta} left"));
+            bar.set_style(style("nodes", ", {eta} left"));
         }
         state.draw();
         if self.lines {
-            let line = match &report.error {
-                Some(error) => format!("{:9} {}: {error}", word(report.status), report.name),
-                None => format!("{:9} {} ({:.3} s)", word(report.status), report.name, report.seconds),
-            };
+            let line = line(report);
             match &state.bar {
                 Some(bar) => bar.suspend(|| eprintln!("{line}")),
                 None => eprintln!("{line}"),

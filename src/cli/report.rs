@@ -19,11 +19,12 @@ struct Report<'a> {
     warnings: &'a [String],
 }
 
+/// One node in report.json.
 #[derive(Serialize)]
-struct Row<'a> {
+pub struct Row<'a> {
     name: &'a str,
     kind: &'a str,
-    status: Status,
+    pub status: Status,
     seconds: f64,
     rays: u64,
     samples: Option<f64>,
@@ -44,9 +45,9 @@ pub struct Process<'a> {
     pub threads: usize,
 }
 
-/// report.json as text.
-pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
-    let rows = run.nodes.iter().map(|node| Row {
+/// The nodes of a run.
+pub fn rows(run: &RunReport) -> impl Iterator<Item = Row<'_>> {
+    run.nodes.iter().map(|node| Row {
         name: &node.name,
         kind: node.kind,
         status: node.status,
@@ -58,7 +59,11 @@ pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
         key: node.key.map(|key| key.to_string()),
         why: node.error.as_deref().or(node.why.as_deref()),
         notes: &node.notes,
-    });
+    })
+}
+
+/// report.json as text.
+pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
     let report = Report {
         relight: env!("CARGO_PKG_VERSION"),
         graph: process.graph.display().to_string(),
@@ -67,7 +72,7 @@ pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
         peak_bytes: peak_bytes(),
         backend: process.backend,
         threads: process.threads,
-        nodes: rows.collect(),
+        nodes: rows(run).collect(),
         warnings,
     };
     let mut text = serde_json::to_string_pretty(&report).expect("a report holds text and numbers only");
@@ -126,7 +131,7 @@ pub fn word(status: Status) -> &'static str {
 }
 
 /// The largest resident memory of this process, where the system tells it.
-fn peak_bytes() -> Option<u64> {
+pub fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;

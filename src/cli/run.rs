@@ -2,21 +2,21 @@
 
 use std::time::Instant;
 
-use relight::graph::{Cancel, Fault, PortValue, RunReport, Status, Value};
+use relight::graph::{Cancel, EngineOptions, Fault, PortValue, RunReport, Status, Value};
 use relight::nodes::artifacts::Files;
 
 use super::args::Run;
 use super::progress::Progress;
-use super::{Exit, Trouble, engine, load::load, networks, options, report, terminal, write};
+use super::{Exit, Trouble, engine, frames, load::load_all, networks, options, report, terminal, write};
 
 pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
-    let graph = load(&args.graph, Some(&args.edit), &args.files)?;
+    let mut pictures = load_all(&args.graph, &args.edit, &args.files)?;
+    if pictures.frames[0].number.is_some() {
+        return frames::run(args, &pictures, verbose, began);
+    }
+    let graph = pictures.frames.remove(0).graph;
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
-    let mut options = options(&args.cache);
-    options.threads = args.threads.map(usize::from);
-    options.budget = args.budget;
-    let threads = options.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-    let engine = engine(options)?;
+    let engine = engine(engine_options(args))?;
 
     if !args.verify {
         write::folder(&args.out)?; // told before the work, not after it
@@ -39,15 +39,17 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
             paths.push(write::file(&args.out, name, bytes)?);
         }
     }
-    let registry = networks::registry(&args.files.networks);
-    let kinds: Vec<&str> = done.nodes.iter().map(|node| node.kind).collect();
-    let has_network = networks::with_network(&registry, &kinds).next().is_some();
-    let choice = if has_network { Some(networks::choose(&args.files.networks)?) } else { None };
+    let choice = backend_of(args, &done)?;
     let backend = choice.as_ref().map(|choice| choice.backend.to_string());
 
     let seconds = began.elapsed().as_secs_f64();
-    let process =
-        report::Process { graph: &args.graph, edit: &args.edit, seconds, backend: backend.as_deref(), threads };
+    let process = report::Process {
+        graph: &args.graph,
+        edit: &args.edit,
+        seconds,
+        backend: backend.as_deref(),
+        threads: engine.threads(),
+    };
     let json = report::json(&done, &warnings, &process);
     if !args.verify {
         paths.push(write::file(&args.out, "report.json", json.as_bytes())?);
@@ -58,10 +60,7 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
         eprintln!("networks by {}: {}", choice.backend, choice.why);
     }
     warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
-    // What is blocked has its cause among the others.
-    let failed = done.nodes.iter().filter(|node| node.status != Status::Blocked);
-    let errors = failed.filter_map(|node| Some((node, node.error.as_ref()?)));
-    errors.for_each(|(node, error)| eprintln!("error: {}: {error}", node.name));
+    tell_errors(&done);
     for difference in &differences {
         eprintln!("error: {}.{}: made again, it came out differently", difference.node, difference.port);
     }
@@ -72,6 +71,19 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
         write::print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>())?;
     }
     Ok(exit(&done, differences.is_empty()))
+}
+
+pub(super) fn engine_options(args: &Run) -> EngineOptions {
+    let threads = args.threads.map(usize::from);
+    EngineOptions { threads, budget: args.budget, ..options(&args.cache) }
+}
+
+/// Who computed the networks of a run; nobody where it needed none.
+pub(super) fn backend_of(args: &Run, done: &RunReport) -> Result<Option<networks::Choice>, Fault> {
+    let registry = networks::registry(&args.files.networks);
+    let kinds: Vec<&str> = done.nodes.iter().map(|node| node.kind).collect();
+    let has_network = networks::with_network(&registry, &kinds).next().is_some();
+    has_network.then(|| networks::choose(&args.files.networks)).transpose()
 }
 
 /// The first Ctrl-C asks the stages to stop, the second ends the program at once.
@@ -87,8 +99,15 @@ pub(super) fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
     ctrlc::set_handler(handler).map_err(|e| Fault::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
 }
 
+pub(super) fn tell_errors(done: &RunReport) {
+    // What is blocked has its cause among the others.
+    let failed = done.nodes.iter().filter(|node| node.status != Status::Blocked);
+    let errors = failed.filter_map(|node| Some((node, node.error.as_ref()?)));
+    errors.for_each(|(node, error)| eprintln!("error: {}: {error}", node.name));
+}
+
 /// The written files among the outputs.
-fn results(run: &RunReport) -> Vec<std::sync::Arc<Files>> {
+pub(super) fn results(run: &RunReport) -> Vec<std::sync::Arc<Files>> {
     let values = run.outputs.iter().flat_map(|(_, value)| match value {
         PortValue::One(value) => vec![value],
         PortValue::Many(values) => values.iter().map(|(_, value)| value).collect(),
@@ -97,7 +116,7 @@ fn results(run: &RunReport) -> Vec<std::sync::Arc<Files>> {
     values.filter_map(Value::get).collect()
 }
 
-fn exit(run: &RunReport, same: bool) -> Exit {
+pub(super) fn exit(run: &RunReport, same: bool) -> Exit {
     if run.cancelled() {
         return Exit::Interrupted;
     }

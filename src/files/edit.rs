@@ -6,26 +6,35 @@
 
 use std::path::Path;
 
-use super::{INVISIBLE, check_light_name, fields};
-use crate::graph::{Fault, Key, Member, Overlay, Raw, Setting, Source, Target};
+use super::{EditFile, INVISIBLE, check_light_name, fields};
+use crate::graph::{Fault, Key, Member, Overlay, Raw, Setting, Target};
 
 const FIELDS: [&str; 5] = ["version", "lights", "materials", "objects", "frames"];
 /// An entry that begins so makes a light; any other changes one that is there.
 const MAKERS: [&str; 2] = ["Lamp", "Window"];
 
 /// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; what is `None` could not
-/// be read, and nothing is checked against it.
+/// be read, and nothing is checked against it. Of a sequence, its first frame.
 ///
 /// # Errors
 /// Every fault of the file that can be known without running anything.
 pub fn read(path: &Path, scene: Option<&Overlay>, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Fault>> {
-    let source = Source::read(path).map_err(|fault| vec![fault])?;
-    let mut faults = Vec::new();
+    frame(&EditFile::read(path)?, 0, scene, kinds)
+}
+
+/// The same for one frame of an edit.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn frame(
+    edit: &EditFile,
+    frame: u32,
+    scene: Option<&Overlay>,
+    kinds: Option<&[&str]>,
+) -> Result<Overlay, Vec<Fault>> {
+    let mut faults = edit.faults.clone();
     let mut overlay = Overlay::default();
-    for (key, value) in fields(&source, "Edit", &FIELDS, &mut faults) {
-        if let Some(origin) = value.word("Keys") {
-            faults.push(Fault::at(&origin, "`Keys(..)` is not available yet: numbers cannot change over time"));
-        }
+    for (key, value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
         let (stage, is_empty) = match key.name.as_str() {
             "lights" => {
                 let entries = value.as_map(&mut faults);
@@ -34,10 +43,7 @@ pub fn read(path: &Path, scene: Option<&Overlay>, kinds: Option<&[&str]>) -> Res
             }
             "materials" => ("EditMaterials", value.as_list(&mut faults).is_empty()),
             "objects" => ("EditObjects", value.as_list(&mut faults).is_empty()),
-            _ => {
-                faults.push(Fault::at(&key.origin, "`frames` is not available yet: an edit gives one picture"));
-                continue;
-            }
+            _ => continue, // `frames`: the file has been read by it
         };
         if is_empty {
             continue;
@@ -82,6 +88,7 @@ fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Vec<Fa
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::graph::Source;
 
     const KINDS: [&str; 2] = ["ReadScene", "EditLights"];
 
@@ -145,15 +152,30 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_available_is_told() {
+    fn faults_of_keys_stand_beside_all_others() {
         check_faults(
-            r#"Edit(version: 1, frames: 48, objects: [Sphere()], lights: { "lamp_0": Scale(Keys([(0, 1)])) })"#,
+            r#"Edit(version: 1, frames: 4, objects: [Sphere()], lights: { "lamp_0": Scale(Keys([(4, 1)])), "lamp": Off })"#,
             &[
-                "1:18: `frames` is not available yet: an edit gives one picture",
-                "1:30: this graph has no EditObjects stage, so it cannot change objects",
-                "1:77: `Keys(..)` is not available yet: numbers cannot change over time",
+                "1:83: wanted a frame up to 3, the last of 4, got 4",
+                "1:29: this graph has no EditObjects stage, so it cannot change objects",
+                "1:93: there is no light `lamp` (did you mean `lamp_0`?)",
             ],
         );
+    }
+
+    #[test]
+    fn each_frame_is_an_edit() {
+        let text = r#"Edit(version: 1, frames: 3, lights: { "lamp_0": Scale(Keys([(0, 1), (2, 0)])) })"#;
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let path = folder.path().join("edit.ron");
+        std::fs::write(&path, text).expect("it can be written to");
+        let file = EditFile::read(&path).unwrap_or_else(|faults| panic!("{}", faults[0]));
+        assert_eq!(file.frames(), Some(3));
+        for (number, wanted) in [(0, "Scale(1)"), (1, "Scale(0.5)"), (2, "Scale(0)")] {
+            let overlay = frame(&file, number, None, None).unwrap_or_else(|faults| panic!("{}", faults[0]));
+            let words: String = overlay.settings[0].value.text().split_whitespace().collect();
+            assert_eq!(words, format!(r#"{{"lamp_0":{wanted}}}"#));
+        }
     }
 
     #[test]

@@ -2,9 +2,11 @@
 
 mod caret;
 pub mod edit;
+mod keys;
 pub mod scene;
 
 pub use caret::draw;
+pub use keys::EditFile;
 
 use crate::graph::{Fault, Key, Raw, Source, is_name};
 

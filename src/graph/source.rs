@@ -213,12 +213,16 @@ impl Raw {
         (first.kind == Kind::Ident).then(|| &self.text()[first.span])
     }
 
-    /// The place where the identifier `word` stands first in the value; never inside a text or a comment.
-    pub fn word(&self, word: &str) -> Option<Origin> {
-        let tokens = tokens(self.text()).ok()?;
-        let token = tokens.into_iter().find(|t| t.kind == Kind::Ident && &self.text()[t.span.clone()] == word)?;
+    /// Every word, number, text and bracket of the value, in order, and whether it is a number; comments are left out.
+    pub fn words(&self) -> Vec<(Raw, bool)> {
         let base = self.origin.span.start;
-        Some(self.part(base + token.span.start..base + token.span.end).origin)
+        let word = |t: Token| (self.part(base + t.span.start..base + t.span.end), t.kind == Kind::Number);
+        tokens(self.text()).unwrap_or_default().into_iter().map(word).collect()
+    }
+
+    /// From the beginning of this value to the end of `last`, a later one of the same text.
+    pub fn through(&self, last: &Raw) -> Raw {
+        self.part(self.origin.span.start..last.origin.span.end)
     }
 
     /// The place of the identifier that the value begins with, or of the whole value.

@@ -46,6 +46,7 @@ pub fn registry() -> Registry {
         .with::<output::compose::Compose>()
         .with::<output::write::Write>()
         .with::<output::mix_layers::MixLayers>()
+        .with::<output::write_picture::WritePicture>()
         .with::<output::write_depth::WriteDepth>()
         .with::<output::write_planes::WritePlanes>()
         .with::<output::write_estimates::WriteEstimates>()

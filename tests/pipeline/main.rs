@@ -19,3 +19,4 @@ mod project;
 mod refine;
 mod sameness;
 mod scores;
+mod sequence;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::{Arc, OnceLock};
 
-use relight::files::{edit, scene};
+use relight::files::{EditFile, edit, scene};
 use relight::graph::{
     Artifact, Cancel, Engine, EngineOptions, Fault, Graph, GraphFile, Overlay, PortValue, RunReport, Status,
 };
@@ -36,10 +36,14 @@ pub fn stem(path: &Path) -> &str {
 
 /// Graph, scene and edit put together, as the command does it.
 pub fn load(graph: &Path, scene: &Path, edit: &Path) -> Result<Graph, Vec<Fault>> {
+    load_frame(graph, scene, edit, 0)
+}
+
+fn load_frame(graph: &Path, scene: &Path, edit: &Path, frame: u32) -> Result<Graph, Vec<Fault>> {
     let file = GraphFile::read(graph)?;
     let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
     let room = scene::read(scene, Some(&kinds))?;
-    let change = edit::read(edit, Some(&room), Some(&kinds))?;
+    let change = edit::frame(&EditFile::read(edit)?, frame, Some(&room), Some(&kinds))?;
     let settings = room.settings.into_iter().chain(change.settings).collect();
     let members = room.members.into_iter().chain(change.members).collect();
     file.resolve(&nodes::registry(), &Overlay { settings, members })
@@ -47,10 +51,16 @@ pub fn load(graph: &Path, scene: &Path, edit: &Path) -> Result<Graph, Vec<Fault>
 
 /// graphs/physics.ron with a scene and the text of an edit.
 pub fn physics(scene: &Path, edit: &str) -> Graph {
+    physics_frame(scene, edit, 0)
+}
+
+/// The same for one frame of the edit.
+pub fn physics_frame(scene: &Path, edit: &str, frame: u32) -> Graph {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let path = folder.path().join("edit.ron");
     std::fs::write(&path, edit).expect("it can be written to");
-    load(&root().join("graphs/physics.ron"), scene, &path).unwrap_or_else(|faults| panic!("{edit}: {}", faults[0]))
+    let graph = load_frame(&root().join("graphs/physics.ron"), scene, &path, frame);
+    graph.unwrap_or_else(|faults| panic!("{edit}: {}", faults[0]))
 }
 
 pub fn engine(cache: Option<&Path>) -> Engine {

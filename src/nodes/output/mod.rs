@@ -5,6 +5,7 @@ pub mod mix_layers;
 pub mod write;
 pub mod write_depth;
 pub mod write_estimates;
+pub mod write_picture;
 pub mod write_planes;
 
 use glam::Vec3;

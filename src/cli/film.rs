@@ -1,0 +1,32 @@
+//! The pictures of a sequence as a film, by ffmpeg where it is on PATH.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+pub const NAME: &str = "film.mp4";
+const PART: &str = ".film.part.mp4";
+
+/// Makes `folder/film.mp4` of `picture_0000.png` and the following.
+///
+/// # Errors
+/// Why there is none.
+pub fn make(folder: &Path, fps: u16, frames: usize) -> Result<PathBuf, String> {
+    let path = folder.join(NAME);
+    let part = folder.join(PART);
+    let mut command = Command::new("ffmpeg");
+    command.args(["-nostdin", "-loglevel", "error", "-y", "-framerate", &fps.to_string(), "-start_number", "0", "-i"]);
+    command.arg(folder.join("picture_%04d.png"));
+    // Players want 4:2:0, which has no odd sizes.
+    command.args(["-frames:v", &frames.to_string(), "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-pix_fmt", "yuv420p"]);
+    let done = command.arg(&part).stdin(Stdio::null()).output().map_err(|e| match e.kind() {
+        std::io::ErrorKind::NotFound => "ffmpeg is not on PATH".to_owned(),
+        _ => format!("ffmpeg cannot be started: {e}"),
+    })?;
+    if !done.status.success() {
+        let _ = std::fs::remove_file(&part);
+        let told = String::from_utf8_lossy(&done.stderr);
+        return Err(format!("ffmpeg failed: {}", told.lines().last().unwrap_or("it told nothing")));
+    }
+    std::fs::rename(&part, &path).map_err(|e| format!("{} cannot be written: {e}", path.display()))?;
+    Ok(path)
+}

@@ -1,0 +1,46 @@
+//! `WritePicture`: the relit picture alone, as `picture.png`: what a sequence is made of.
+
+use std::sync::Arc;
+
+use crate::graph::{Context, Node, NodeError};
+use crate::image::{Picture, write_png};
+use crate::nodes::artifacts::{Encoding, Files};
+use crate::{params, ports};
+
+params! {
+    /// Writes the picture as PNG and nothing else: the same `picture.png` as `Write` gives, without its layers.
+    pub struct WritePicture {}
+}
+
+ports! {
+    pub input WritePictureIn {
+        /// The picture: the photo's size, linear, not clamped.
+        picture: Arc<Picture>,
+        /// How the photo was stored.
+        encoding: Arc<Encoding>,
+    }
+}
+
+ports! {
+    pub output WritePictureOut {
+        /// picture.png.
+        files: Arc<Files>,
+    }
+}
+
+impl Node for WritePicture {
+    const KIND: &'static str = "WritePicture";
+    const VERSION: u32 = 1;
+    type In = WritePictureIn;
+    type Out = WritePictureOut;
+
+    fn run(&self, inputs: WritePictureIn, _: &Context) -> Result<WritePictureOut, NodeError> {
+        let plane = &inputs.picture.0;
+        if let Some(at) = plane.pixels().iter().position(|c| !c.is_finite()) {
+            let (x, y, got) = (at % plane.width(), at / plane.width(), plane.pixels()[at]);
+            return Err(NodeError::Failed(format!("picture: wanted finite numbers, got {got} at pixel ({x}, {y})")));
+        }
+        let png = write_png(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
+        Ok(WritePictureOut { files: Arc::new(Files(vec![("picture.png".into(), png)])) })
+    }
+}
