@@ -15,6 +15,7 @@ fn main() -> ExitCode {
     let done = match &command {
         Command::Run(args) => cli::run(args, verbose, began),
         Command::Mix(args) => cli::mix(args, began),
+        Command::Report(args) => cli::report(args, began),
         Command::Plan(args) => cli::plan(args),
         Command::Explain(args) => cli::explain(args),
         Command::Check(args) => cli::check(args),

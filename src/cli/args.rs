@@ -39,6 +39,8 @@ pub enum Command {
     Run(Run),
     /// Weight the lights of a finished run anew, in milliseconds: dim, brighten, colour.
     Mix(Mix),
+    /// Write report.html of a finished run: before and after, a slider per light, what ran and why.
+    Report(Report),
     /// Show what `run` would do: taken from the cache, run, or unknown until something upstream has run.
     Plan(Plan),
     /// Tell why a node would run again: the first line of its key that differs.
@@ -162,6 +164,9 @@ pub struct Run {
     /// Print report.json on standard output instead of the paths written.
     #[arg(long)]
     pub json: bool,
+    /// Write report.html too, as `relight report` does.
+    #[arg(long, conflicts_with_all = ["verify", "only"])]
+    pub report: bool,
     /// Compute everything again that the cache holds for this run, and compare; writes no pictures.
     #[arg(long, conflicts_with = "no_cache")]
     pub verify: bool,
@@ -179,6 +184,18 @@ pub struct Mix {
     #[arg(long, value_name = "FILE|DIR", default_value = "out/mix")]
     pub out: PathBuf,
 }
+
+#[derive(Args)]
+pub struct Report {
+    /// The folder that `relight run` wrote to (its --out); report.html is written into it.
+    pub run: PathBuf,
+    /// Longest side of the pictures in the page, in pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = LONG_SIDE, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub long_side: u32,
+}
+
+/// What a page shows of a large photo when nobody says more.
+pub const LONG_SIDE: u32 = 640;
 
 #[derive(Args)]
 pub struct Plan {
@@ -220,6 +237,7 @@ pub struct Graph {
 pub enum Format {
     Dot,
     Mermaid,
+    Svg,
     Json,
 }
 

@@ -21,10 +21,7 @@ pub fn mix(args: &Mix, began: Instant) -> Result<Exit, Trouble> {
     stage.check().map_err(|message| Fault::file("--set".as_ref(), message))?;
     // One stage that reads a file: there is nothing to schedule, and nothing worth keeping.
     let context = Context::default();
-    let files = match stage.run(MixLayersIn {}, &context) {
-        Ok(out) => out.files,
-        Err(error) => return failed(error),
-    };
+    let files = stage.run(MixLayersIn {}, &context).map_err(fault)?.files;
     let (folder, only) = place(&args.out);
     write::folder(&folder)?;
     let mut paths = String::new();
@@ -68,13 +65,9 @@ fn place(out: &Path) -> (PathBuf, Option<String>) {
 }
 
 /// How a stage that was run by itself has failed.
-pub(super) fn failed(error: NodeError) -> Result<Exit, Trouble> {
+pub(super) fn fault(error: NodeError) -> Fault {
     match error {
-        NodeError::BadFile { path, message } => Err(Fault::file(path.as_ref(), message).into()),
-        NodeError::BadParameter(message) => Err(Fault::file("".as_ref(), message).into()),
-        error @ (NodeError::Failed(_) | NodeError::Cancelled) => {
-            eprintln!("error: {error}");
-            Ok(Exit::Failed)
-        }
+        NodeError::BadFile { path, message } => Fault::file(path.as_ref(), message),
+        error => Fault::file("".as_ref(), error.to_string()),
     }
 }

@@ -8,6 +8,7 @@ mod frames;
 mod load;
 mod mix;
 mod networks;
+mod page;
 mod progress;
 mod reference;
 mod report;
@@ -28,6 +29,7 @@ pub use bench::bench;
 pub use eval::eval;
 use load::{load, load_all};
 pub use mix::mix;
+pub use page::report;
 pub use run::run;
 
 /// How the program ends.
@@ -186,6 +188,7 @@ pub fn graph(args: &Graph) -> Result<Exit, Trouble> {
     write::print(&match args.format {
         Format::Dot => graph.to_dot(None),
         Format::Mermaid => graph.to_mermaid(None),
+        Format::Svg => graph.to_svg(None),
         Format::Json => graph.to_json(None),
     })?;
     Ok(Exit::Done)

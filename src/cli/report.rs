@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use relight::graph::{NodeReport, RunReport, Status};
+use relight::graph::{Graph, NodeReport, RunReport, Status};
 use serde::Serialize;
 
 #[derive(Serialize)]
@@ -33,6 +33,9 @@ pub struct Row<'a> {
     key: Option<String>,
     why: Option<&'a str>,
     notes: &'a [String],
+    /// What it takes from, where that is told.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    from: Option<Vec<&'a str>>,
 }
 
 /// What the run report cannot know.
@@ -59,11 +62,12 @@ pub fn rows(run: &RunReport) -> impl Iterator<Item = Row<'_>> {
         key: node.key.map(|key| key.to_string()),
         why: node.error.as_deref().or(node.why.as_deref()),
         notes: &node.notes,
+        from: None,
     })
 }
 
 /// report.json as text.
-pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
+pub fn json(graph: &Graph, run: &RunReport, warnings: &[String], process: &Process) -> String {
     let report = Report {
         relight: env!("CARGO_PKG_VERSION"),
         graph: process.graph.display().to_string(),
@@ -72,7 +76,7 @@ pub fn json(run: &RunReport, warnings: &[String], process: &Process) -> String {
         peak_bytes: peak_bytes(),
         backend: process.backend,
         threads: process.threads,
-        nodes: rows(run).collect(),
+        nodes: rows(run).map(|row| Row { from: Some(graph.takes_from(row.name)), ..row }).collect(),
         warnings,
     };
     let mut text = serde_json::to_string_pretty(&report).expect("a report holds text and numbers only");

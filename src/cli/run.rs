@@ -5,13 +5,17 @@ use std::time::Instant;
 use relight::graph::{Cancel, EngineOptions, Fault, PortValue, RunReport, Status, Value};
 use relight::nodes::artifacts::Files;
 
-use super::args::Run;
+use super::args::{LONG_SIDE, Run};
 use super::progress::Progress;
-use super::{Exit, Trouble, engine, frames, load::load_all, networks, options, report, terminal, write};
+use super::{Exit, Trouble, engine, frames, load::load_all, networks, options, page, report, terminal, write};
 
 pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     let mut pictures = load_all(&args.graph, &args.edit, &args.files)?;
     if pictures.frames[0].number.is_some() {
+        if args.report {
+            let fault = Fault::file(&args.edit, "--report: wanted an edit of one picture, got one of frames");
+            return Err(fault.help("with --exr, `relight mix` weights the lights of each frame").into());
+        }
         return frames::run(args, &pictures, verbose, began);
     }
     let graph = pictures.frames.remove(0).graph;
@@ -50,9 +54,12 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
         backend: backend.as_deref(),
         threads: engine.threads(),
     };
-    let json = report::json(&done, &warnings, &process);
+    let json = report::json(&graph, &done, &warnings, &process);
     if !args.verify {
         paths.push(write::file(&args.out, "report.json", json.as_bytes())?);
+    }
+    if args.report && done.is_complete() {
+        paths.push(page::page(&args.out, LONG_SIDE)?);
     }
 
     eprint!("{}", report::table(&done));

@@ -4,8 +4,9 @@ use std::fmt::Write;
 
 use serde_json::{Value, json};
 
-use super::network::{Graph, Take};
+use super::network::{Graph, Instance, Take};
 use super::report::{RunReport, Status};
+use super::svg;
 
 impl Graph {
     /// Graphviz; with a run, boxes are coloured by what became of them.
@@ -38,6 +39,21 @@ impl Graph {
             line(format!("n{} -->|{}| n{}", edge.from, edge.label(), edge.to));
         }
         text
+    }
+
+    /// A drawing; with a run, boxes are coloured by what became of them and told how long it took.
+    pub fn to_svg(&self, run: Option<&RunReport>) -> String {
+        let drawn = |instance: &Instance| {
+            let report = run.and_then(|run| run.nodes.iter().find(|node| node.name == *instance.name));
+            svg::Drawn {
+                name: instance.name.to_string(),
+                kind: self.nodes[instance.node].kind.to_owned(),
+                status: report.map(|report| report.status),
+                seconds: report.map_or(0.0, |report| report.seconds),
+                from: instance.from.iter().map(|&from| self.instances[from].name.to_string()).collect(),
+            }
+        };
+        svg::draw(&self.instances.iter().map(drawn).collect::<Vec<_>>())
     }
 
     /// `{ nodes: [{ name, kind, member, status }], edges: [{ from, from_port, to, to_port, type }] }`

@@ -17,6 +17,7 @@ mod resolve;
 mod run;
 mod source;
 mod store;
+pub mod svg;
 mod take;
 
 pub use artifact::{Artifact, Value};

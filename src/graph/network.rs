@@ -168,6 +168,12 @@ impl Graph {
         }
     }
 
+    /// The instances that this one takes from.
+    pub fn takes_from(&self, instance: &str) -> Vec<&str> {
+        let found = self.instances.iter().find(|i| &*i.name == instance);
+        found.map_or(Vec::new(), |i| i.from.iter().map(|&from| &*self.instances[from].name).collect())
+    }
+
     /// Names of all instances, in the order in which a run reports them.
     pub fn instances(&self) -> impl Iterator<Item = &str> {
         self.instances.iter().map(|i| &*i.name)

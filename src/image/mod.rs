@@ -11,6 +11,7 @@ mod grow;
 mod measure;
 mod mix;
 mod npy;
+mod pack;
 mod parts;
 mod plane;
 mod png_write;
@@ -34,6 +35,7 @@ pub use measure::{
 };
 pub use mix::weighted_sum;
 pub use npy::read_maps;
+pub use pack::{Packed, pack};
 pub use parts::parts;
 pub use plane::{Bytes, Plane};
 pub use png_write::write_png;

@@ -50,6 +50,7 @@ pub fn registry() -> Registry {
         .with::<output::write_depth::WriteDepth>()
         .with::<output::write_planes::WritePlanes>()
         .with::<output::write_estimates::WriteEstimates>()
+        .with::<output::write_report::WriteReport>()
         .with::<measure::read_pictures::ReadPictures>()
         .with::<measure::score_lights::ScoreLights>()
         .with::<measure::score_direct::ScoreDirect>()

@@ -14,6 +14,7 @@ mod layers;
 mod mix;
 mod networks;
 mod onnx;
+mod page;
 mod planes;
 mod project;
 mod refine;

@@ -7,11 +7,12 @@ pub mod write_depth;
 pub mod write_estimates;
 pub mod write_picture;
 pub mod write_planes;
+pub mod write_report;
 
 use glam::Vec3;
 
 use crate::graph::{Context, File, NodeError};
-use crate::image::{Plane, Source, Transfer, read_layers};
+use crate::image::{ExrFile, Plane, Source, Transfer, read_layers};
 use crate::nodes::artifacts::{Encoding, REST};
 
 /// A plane that is written must have the size of another.
@@ -37,6 +38,7 @@ struct Run {
     lights: Vec<(String, Plane<Vec3>)>,
     /// What no light explains.
     rest: Plane<Vec3>,
+    file: ExrFile,
 }
 
 /// Reads the `picture.exr` that `Write` wrote.
@@ -72,5 +74,5 @@ fn read_run(file: &File, ctx: &Context) -> Result<Run, NodeError> {
     if let Some((id, layer)) = lights.iter().find(|(_, layer)| layer.size() != rest.size()) {
         return Err(bad(format!("light_{id}: wanted {:?} pixels, got {:?}", rest.size(), layer.size())));
     }
-    Ok(Run { encoding, lights, rest })
+    Ok(Run { encoding, lights, rest, file: exr })
 }
