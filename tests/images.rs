@@ -506,6 +506,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         albedo: Arc::new(Albedo(colours(small, 7))),
         normal: Arc::new(Normal(Plane::filled(small.0, small.1, Vec3::Z))),
         roughness: Arc::new(Roughness(plane(8))),
+        specular: None,
         depth: Arc::new(Depth(plane(9).map(|z| z + 1.0))),
     }
 }

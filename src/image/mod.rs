@@ -1,6 +1,7 @@
 //! Typed planes, their files, and colour.
 
 mod annotate;
+mod coat;
 mod depth;
 mod distance;
 mod exr_read;
@@ -8,6 +9,7 @@ mod exr_write;
 mod fill;
 mod grid_cut;
 mod grow;
+mod matte;
 mod measure;
 mod mix;
 mod npy;
@@ -23,6 +25,7 @@ mod transfer;
 mod upsample;
 
 pub use annotate::annotate;
+pub use coat::{Coat, Coated, Coats, Matte, Repaint};
 pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, nearness, resize_depth};
 pub use distance::distance;
 pub use exr_read::{ExrFile, read_layers};
@@ -30,6 +33,7 @@ pub use exr_write::{Compression, ExrLayers};
 pub use fill::fill_along_surfaces;
 pub use grid_cut::grid_cut;
 pub use grow::{around, grow_through};
+pub use matte::matte;
 pub use measure::{
     PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture, square_error,
 };
@@ -68,6 +72,8 @@ typed_plane! {
     Depth(f32),
     /// GGX roughness in 0..1.
     Roughness(f32),
+    /// Specular level in 0..1, of which 0.08 is reflected straight back: 0.5 is a usual dielectric.
+    Specular(f32),
     /// Irradiance / pi per colour channel, so that a diffuse surface shows albedo x shading.
     Shading(Vec3),
     /// A share of each pixel, in 0..1.
@@ -84,7 +90,7 @@ pub fn luminance(rgb: Vec3) -> f32 {
 pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 /// Natural logarithm per channel, nothing below `least`.
-fn log_above(least: f32, rgb: Vec3) -> Vec3 {
+pub fn log_above(least: f32, rgb: Vec3) -> Vec3 {
     let c = rgb.max(Vec3::splat(least));
     Vec3::new(c.x.ln(), c.y.ln(), c.z.ln())
 }

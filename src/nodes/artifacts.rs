@@ -5,7 +5,9 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::geometry::{Camera, SceneMesh};
 use crate::graph::Artifact;
-use crate::image::{Albedo, Bytes, Depth, Normal, Plane, Points, Roughness, Segments, Shading, Transfer};
+use crate::image::{
+    Albedo, Bytes, Coats, Depth, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer,
+};
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
 use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Shape, Transport};
@@ -35,6 +37,7 @@ artifacts! {
     Points: |a| a.0.bytes(),
     Depth: |a| a.0.bytes(),
     Roughness: |a| a.0.bytes(),
+    Specular: |a| a.0.bytes(),
     Shading: |a| a.0.bytes(),
     Segments: |s| s.label.bytes(),
     Mask: |a| a.0.bytes(),
@@ -49,6 +52,7 @@ artifacts! {
     UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).chain(i.stderr.iter().map(Plane::bytes)).sum(),
     Guess: |g| g.shape.bytes() + g.radiance.0.len() * 12,
     Remainder: |r| r.left.bytes(),
+    Coats: Coats::bytes,
     Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(),
     LightKind: |_| size_of::<LightKind>(),
     Encoding: |_| size_of::<Encoding>(),

@@ -34,6 +34,7 @@ pub fn registry() -> Registry {
         .with::<estimate::fit_lights::FitLights>()
         .with::<estimate::paint::Paint>()
         .with::<edit::edit_lights::EditLights>()
+        .with::<edit::edit_materials::EditMaterials>()
         .with::<render::direct::Direct>()
         .with::<render::shadow::Shadow>()
         .with::<render::shadow_net::ShadowNet>()

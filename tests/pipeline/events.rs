@@ -80,6 +80,6 @@ fn a_scene_without_windows_runs_nothing_for_windows() {
     let ran: Vec<&str> = ran(&report).into_iter().filter(|name| !name.contains("[inv_")).collect();
     let once =
         ["scene", "room", "transport", "materials", "init", "direct[lamp_0]", "shadow[lamp_0]", "indirect[lamp_0]"];
-    let then = ["fit", "before", "paint", "edit", "after", "glow[lamp_0]", "compose", "write"];
+    let then = ["fit", "before", "paint", "edit", "repaint", "after", "glow[lamp_0]", "compose", "write"];
     assert_eq!(ran, [&once[..], &then[..]].concat());
 }

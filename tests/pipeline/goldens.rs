@@ -9,8 +9,12 @@ use std::sync::{Arc, OnceLock};
 use glam::Vec3;
 use relight::geometry::{Camera, SceneMesh};
 use relight::graph::{Context, Gather, Node};
-use relight::image::{Albedo, Depth, Mask, Normal, Picture, Plane, Points, Shading, Transfer, write_png};
+use relight::image::{
+    Albedo, Coats, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Shading, Transfer, write_png,
+};
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
+use relight::nodes::edit::Colour;
+use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, MaterialEdit, Region};
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
 use relight::nodes::estimate::paint::{Paint, PaintIn};
 use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMaterialsIn};
@@ -28,7 +32,7 @@ use relight::optics::{Lamp, LightKind, Radiance, Shape, Window};
 
 use crate::project::{png, root};
 
-const NAMES: [&str; 17] = [
+const NAMES: [&str; 18] = [
     "mesh",
     "find",
     "retinex",
@@ -37,7 +41,8 @@ const NAMES: [&str; 17] = [
     "indirect",
     "mix",
     "glow",
-    "compose", // and with networks:
+    "compose",
+    "edit_materials", // and with networks:
     "mnet",
     "vis_lamp_net",
     "vis_win_net",
@@ -359,6 +364,38 @@ fn glow() {
 /// The lamp doubled, the window dimmed, a ball of light that lights nothing put in.
 #[test]
 fn compose() {
+    check("compose", composed(Arc::default()));
+}
+
+/// The same with a blue back wall.
+#[test]
+fn edit_materials() {
+    let room = room();
+    let photo = Arc::new(room.photo());
+    let wall = MaterialEdit::Paint {
+        region: Region::Grow(32.0, 20.0),
+        albedo: Some(Colour::Srgb("#3c6ec8".into())),
+        roughness: None,
+        specular: None,
+        keep_texture: true,
+    };
+    let inputs = EditMaterialsIn {
+        photo: photo.clone(),
+        full_depth: room.depth.clone(),
+        small: photo,
+        depth: room.depth.clone(),
+        points: room.points.clone(),
+        normal: room.normal.clone(),
+        paint: room.albedo.clone(),
+        albedo: room.albedo.clone(),
+        fitted: room.albedo.clone(),
+        roughness: Arc::new(Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8))),
+    };
+    let out = EditMaterials { materials: vec![wall] }.run(inputs, &Context::default()).expect("everything is sound");
+    check("edit_materials", composed(out.coats));
+}
+
+fn composed(coats: Arc<Coats>) -> Plane<Vec3> {
     let room = room();
     let (photo, dark) = (Arc::new(room.photo()), Arc::new(Shading(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO))));
     let ball = ball();
@@ -403,6 +440,7 @@ fn compose() {
         depth: room.depth.clone(),
         albedo: room.albedo.clone(),
         paint: paint.paint,
+        coats,
         before: Gather(room.shading([1.0, 1.0])),
         after: Gather(after),
         rest: dark,
@@ -416,5 +454,5 @@ fn compose() {
         cover: Gather(covers),
     };
     let out = Compose::default().run(inputs, &Context::default()).expect("everything is sound");
-    check("compose", out.picture.0.clone());
+    out.picture.0.clone()
 }

@@ -11,6 +11,7 @@ mod find_lights;
 mod golden_networks;
 mod goldens;
 mod layers;
+mod materials;
 mod mix;
 mod networks;
 mod onnx;

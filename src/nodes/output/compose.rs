@@ -21,8 +21,8 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::Camera;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, clip_level, distance, luminance, ratio,
-    reflected, smooth_step,
+    Albedo, Coated, Coats, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, clip_level, distance,
+    luminance, ratio, reflected, smooth_step,
 };
 use crate::optics::{LightKind, Radiance, Shape};
 use crate::{params, ports};
@@ -69,6 +69,8 @@ ports! {
         albedo: Arc<Albedo>,
         /// Photo over shading, filled in where a light hides it, working size.
         paint: Arc<Albedo>,
+        /// Paint that the edit puts over it, photo size.
+        coats: Arc<Coats>,
         /// Shading by each light as estimated, working size.
         before: Gather<Shading>,
         /// Shading by each light after the edit, working size.
@@ -164,6 +166,7 @@ impl Node for Compose {
                 let surface = Surface {
                     albedo: at(&inputs.albedo.0),
                     paint: at(&inputs.paint.0),
+                    coated: inputs.coats.at(x, y),
                     white,
                     headroom: (1.0 + HEADROOM * depth_of_white.get(x, y)).min(MOST),
                 };
@@ -226,7 +229,7 @@ impl Compose {
         surface: Surface,
         record: &mut [Vec3],
     ) {
-        let Surface { albedo, paint, white, headroom } = surface;
+        let Surface { albedo, paint, coated, white, headroom } = surface;
         let rest = record[before.len()];
         let shading = before.iter().sum::<Vec3>() + rest;
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
@@ -236,11 +239,14 @@ impl Compose {
             let (seen, gain) = emitter.seen(ray());
             let shown = unclipped(photo, white, seen, MOST);
             let others = shading - before[emitter.light];
-            owned(record, shown, others, Vec3::splat(emitter.fill), emitter.light, gain);
+            let (reflectance, remainder) = owned(shown, others, Vec3::splat(emitter.fill));
+            record.iter_mut().for_each(|layer| *layer *= reflectance);
+            record[emitter.light] = remainder * gain;
             return;
         }
         let shown = unclipped(photo, white, paint * shading, headroom);
         if self.mode == Mode::Physical {
+            let albedo = coated.reflectance(albedo, photo);
             record.iter_mut().for_each(|layer| *layer *= albedo);
             return;
         }
@@ -253,7 +259,8 @@ impl Compose {
             _ => (0.0, Vec::new()),
         };
         let reflectance = reflected(shown, shading);
-        let unexplained = shown - (reflectance * shading).min(shown);
+        let unexplained = coated.tint(shown - (reflectance * shading).min(shown), shading);
+        let reflectance = coated.reflectance(reflectance, shown);
         let shaded = if owners.is_empty() { Vec::new() } else { record.to_vec() };
         record.iter_mut().for_each(|layer| *layer *= reflectance);
         record[before.len()] += unexplained;
@@ -262,20 +269,21 @@ impl Compose {
         }
         record.iter_mut().for_each(|layer| *layer *= 1.0 - share);
         for (part, light, gain) in owners {
-            let mut other = shaded.clone();
-            owned(&mut other, shown, shading - before[light], paint, light, gain);
+            let (reflectance, remainder) = owned(shown, shading - before[light], paint);
+            let remainder = coated.tint(remainder, before[light]);
+            let reflectance = coated.reflectance(reflectance, shown);
+            let mut other: Vec<Vec3> = shaded.iter().map(|layer| *layer * reflectance).collect();
+            other[light] = remainder * gain;
             record.iter_mut().zip(other).for_each(|(layer, other)| *layer += share * part * other);
         }
     }
 }
 
-/// A pixel that is mostly `light`'s: the surface reflects what it can of the `others`, the remainder of what is shown goes
-/// with `gain`.
-fn owned(record: &mut [Vec3], shown: Vec3, others: Vec3, albedo: Vec3, light: usize, gain: Vec3) {
+/// A pixel that is mostly one light's: what the surface, of at most this albedo, reflects of the `others`, and the remainder
+/// of what is shown.
+fn owned(shown: Vec3, others: Vec3, albedo: Vec3) -> (Vec3, Vec3) {
     let reflectance = ratio(shown, others.max(Vec3::ZERO)).min(albedo);
-    let remainder = (shown - reflectance * others.max(Vec3::ZERO)).max(Vec3::ZERO);
-    record.iter_mut().for_each(|layer| *layer *= reflectance);
-    record[light] = remainder * gain;
+    (reflectance, (shown - reflectance * others.max(Vec3::ZERO)).max(Vec3::ZERO))
 }
 
 /// The lights that give most, with parts that sum to 1, and their gains. One that gives half of what the strongest does has no
@@ -315,11 +323,13 @@ impl Emitter {
 }
 
 /// What is known of the surface at a photo pixel.
-struct Surface {
+struct Surface<'a> {
     /// As estimated.
     albedo: Vec3,
     /// Photo over shading, filled in where a light hides it.
     paint: Vec3,
+    /// What the edit puts over it.
+    coated: Coated<'a>,
     /// Where the photo is clipped.
     white: f32,
     /// How many times brighter than white a saturated channel may be.

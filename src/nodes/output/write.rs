@@ -14,8 +14,8 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
-    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Normal, Picture, Plane, Roughness, resize, resize_depth,
-    write_png,
+    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Normal, Picture, Plane, Roughness, Specular, resize,
+    resize_depth, write_png,
 };
 use crate::nodes::artifacts::{Encoding, Files, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::Radiance;
@@ -61,6 +61,8 @@ ports! {
         normal: Arc<Normal>,
         /// Roughness.
         roughness: Arc<Roughness>,
+        /// Specular level; written where it is not everywhere the same.
+        specular: Option<Arc<Specular>>,
         /// Depth.
         depth: Arc<Depth>,
     }
@@ -153,6 +155,10 @@ fn diagnostics(inputs: &WriteIn, layers: &mut ExrLayers) -> Result<(), NodeError
     layers.rgb("albedo", &colours(&inputs.albedo.0));
     layers.xyz("normal", &colours(&inputs.normal.0).map(Vec3::normalize_or_zero));
     layers.half("rough.Y", &numbers(&inputs.roughness.0));
+    let uneven = |plane: &&Arc<Specular>| plane.0.pixels().windows(2).any(|pair| pair[0] != pair[1]);
+    if let Some(specular) = inputs.specular.as_ref().filter(uneven) {
+        layers.half("spec.Y", &numbers(&specular.0));
+    }
     layers.float("depth.Z", &resize_depth(&inputs.depth, width, height).0);
     for (id, radiance) in inputs.radiance.iter() {
         let (direct, visibility) = (inputs.direct.get(id), inputs.visibility.get(id));

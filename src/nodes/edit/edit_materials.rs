@@ -1,0 +1,390 @@
+//! `EditMaterials`: surfaces painted.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use super::Colour;
+use crate::geometry::like_surface;
+use crate::graph::{Context, File, Node, NodeError};
+use crate::image::{
+    self, Albedo, Coat, Coats, Depth, Matte, Normal, Picture, Plane, Points, Repaint, Roughness, Source, Specular,
+    Upsampler, matte, resize, same_aspect,
+};
+use crate::{params, ports};
+
+params! {
+    /// Paints regions of the photo; with nothing to paint, everything passes through unchanged.
+    ///
+    /// What the photo shows of a region is multiplied by new over old albedo, the old one being the mean of `albedo` there: so the photo tells
+    /// how the region is lit. Bounced light is computed with the new albedo; the picture is repainted at the photo's size, by `Compose`.
+    pub struct EditMaterials {
+        /// In order, later ones over earlier ones: `Paint(region: Mask("wall.png") | Grow(x, y), albedo: Srgb("#c8642a") |
+        /// Linear(r, g, b), roughness: 0.6, specular: 0.5, keep_texture: true)`.
+        materials: Vec<MaterialEdit> = Vec::new(),
+    }
+}
+
+/// One entry of an edit's `materials`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum MaterialEdit {
+    /// Other paint on a region.
+    Paint {
+        region: Region,
+        /// Mean albedo of the region afterwards; as it was when not given.
+        #[serde(default)]
+        albedo: Option<Colour>,
+        /// GGX roughness, 0..=1; as it was when not given.
+        #[serde(default)]
+        roughness: Option<f32>,
+        /// Specular level, 0..=1, of which 0.08 is reflected straight back.
+        #[serde(default)]
+        specular: Option<f32>,
+        /// Whether texture and unevenness that the photo shows stay visible under the new paint.
+        #[serde(default = "yes")]
+        keep_texture: bool,
+    },
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// Part of the photo.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Region {
+    /// White in a picture of the photo's shape: PNG, JPEG or EXR.
+    Mask(File),
+    /// The surface of like paint, in one plane, around a photo pixel.
+    Grow(f32, f32),
+}
+
+ports! {
+    pub input EditMaterialsIn {
+        /// The linear photo.
+        photo: Arc<Picture>,
+        /// Planar z at the photo's size.
+        full_depth: Arc<Depth>,
+        /// The photo at working size.
+        small: Arc<Picture>,
+        /// Planar z at working size.
+        depth: Arc<Depth>,
+        /// Points of the seen surface, working size.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// Photo over shading, filled in where a light hides it, working size.
+        paint: Arc<Albedo>,
+        /// Albedo that bounces light, working size.
+        albedo: Arc<Albedo>,
+        /// Albedo after the fit, working size.
+        fitted: Arc<Albedo>,
+        /// Working size.
+        roughness: Arc<Roughness>,
+    }
+}
+
+ports! {
+    pub output EditMaterialsOut {
+        /// As `albedo`, painted.
+        albedo: Arc<Albedo>,
+        /// As `fitted`, painted.
+        fitted: Arc<Albedo>,
+        /// As it came, and new where a region has one.
+        roughness: Arc<Roughness>,
+        /// That of a usual dielectric, and new where a region has one.
+        specular: Arc<Specular>,
+        /// The paint at the photo's size.
+        coats: Arc<Coats>,
+    }
+}
+
+/// Nothing reflects less than that, as far as a photo can tell.
+const LEAST: f32 = 0.01;
+/// Specular level of what nobody says anything of.
+const DIELECTRIC: f32 = 0.5;
+
+impl Node for EditMaterials {
+    const KIND: &'static str = "EditMaterials";
+    const VERSION: u32 = 1;
+    type In = EditMaterialsIn;
+    type Out = EditMaterialsOut;
+
+    fn check(&self) -> Result<(), String> {
+        let entry =
+            |(i, edit): (usize, &MaterialEdit)| edit.check().map_err(|e| format!("materials: entry {}: {e}", i + 1));
+        self.materials.iter().enumerate().try_for_each(entry)
+    }
+
+    fn files(&mut self) -> Vec<&mut File> {
+        let regions = self.materials.iter_mut().map(|MaterialEdit::Paint { region, .. }| region);
+        regions.filter_map(|region| if let Region::Mask(file) = region { Some(file) } else { None }).collect()
+    }
+
+    fn run(&self, inputs: EditMaterialsIn, ctx: &Context) -> Result<EditMaterialsOut, NodeError> {
+        let (width, height) = inputs.small.0.size();
+        let mut coats = Vec::new();
+        let mut out = EditMaterialsOut {
+            albedo: inputs.albedo.clone(),
+            fitted: inputs.fitted.clone(),
+            roughness: inputs.roughness.clone(),
+            specular: Arc::new(Specular(Plane::filled(width, height, DIELECTRIC))),
+            coats: Arc::default(),
+        };
+        for (i, edit) in self.materials.iter().enumerate() {
+            let MaterialEdit::Paint { region, albedo, roughness, specular, keep_texture } = edit;
+            ctx.check_cancelled()?;
+            let bad = |e: String| NodeError::BadParameter(format!("materials: entry {}: {e}", i + 1));
+            let matte = region.matte(&inputs, ctx, bad)?;
+            let share = resize(&matte.share, width, height);
+            if let Some(colour) = albedo {
+                let new = colour.linear().map_err(bad)?;
+                let keep_texture = *keep_texture;
+                for (was, is) in [(&inputs.albedo, &mut out.albedo), (&inputs.fitted, &mut out.fitted)] {
+                    let paint = Repaint { old: mean(&was.0, &share), new, keep_texture };
+                    *is = Arc::new(Albedo(painted(&is.0, &was.0, &share, paint)));
+                }
+                let (known, old) = (mean(&inputs.albedo.0, &share), mean(&inputs.paint.0, &share));
+                let part = 100.0 * share.pixels().iter().sum::<f32>() / share.len() as f32;
+                ctx.note(format!(
+                    "entry {}: {part:.1} % of the photo, albedo {known:.3} before, {new:.3} after",
+                    i + 1
+                ));
+                coats.push(Coat { paint: Repaint { old, new: new * old / known, keep_texture }, matte });
+            }
+            if let Some(new) = roughness {
+                out.roughness = Arc::new(Roughness(mixed(&out.roughness.0, *new, &share)));
+            }
+            if let Some(new) = specular {
+                out.specular = Arc::new(Specular(mixed(&out.specular.0, *new, &share)));
+            }
+        }
+        out.coats = Arc::new(Coats(coats));
+        Ok(out)
+    }
+}
+
+impl MaterialEdit {
+    fn check(&self) -> Result<(), String> {
+        let MaterialEdit::Paint { region, albedo, roughness, specular, keep_texture: _ } = self;
+        if let Region::Mask(file) = region
+            && file.path.is_empty()
+        {
+            return Err("region: Mask: wanted a file, got none".into());
+        }
+        if albedo.is_none() && roughness.is_none() && specular.is_none() {
+            return Err("wanted at least one of albedo, roughness and specular, got none".into());
+        }
+        if let Some(colour) = albedo {
+            colour.linear().map_err(|e| format!("albedo: {e}"))?;
+        }
+        for (name, value) in [("roughness", roughness), ("specular", specular)] {
+            if let Some(value) = value.filter(|value| !(0.0..=1.0).contains(value)) {
+                return Err(format!("{name}: wanted 0..=1, got {value}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Region {
+    fn matte(
+        &self,
+        inputs: &EditMaterialsIn,
+        ctx: &Context,
+        bad: impl Fn(String) -> NodeError,
+    ) -> Result<Matte, NodeError> {
+        let (width, height) = inputs.photo.0.size();
+        let mask = match self {
+            Region::Mask(file) => mask(file, (width, height), ctx)?,
+            &Region::Grow(x, y) => {
+                if !((0.0..width as f32).contains(&x) && (0.0..height as f32).contains(&y)) {
+                    let wanted = format!("wanted a pixel of the photo, 0..{width} and 0..{height}");
+                    return Err(bad(format!("region: Grow: {wanted}, got ({x}, {y})")));
+                }
+                grown((x as usize, y as usize), inputs)
+            }
+        };
+        Ok(matte(&mask, &inputs.photo))
+    }
+}
+
+/// A mask at the photo's size, with some of it white.
+fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>, NodeError> {
+    let name = file.location().display().to_string();
+    let bytes = ctx.read(file)?;
+    let bad = |message: String| NodeError::BadFile { path: name.clone(), message };
+    let mask = image::read_mask(Source::new(&name, &bytes)).map_err(|e| bad(e.message()))?.0;
+    let ((w, h), (pw, ph)) = (mask.size(), photo);
+    if !same_aspect((w, h), photo) {
+        return Err(bad(format!("region size: wanted the photo's {pw} x {ph}, or its shape to 2 %, got {w} x {h}")));
+    }
+    if (w, h) != photo {
+        ctx.warn(format!("{}: {w} x {h}, resampled to the photo's {pw} x {ph}", file.path));
+    }
+    if mask.pixels().iter().all(|&share| share == 0.0) {
+        return Err(bad("wanted a region in white, got a mask that is black everywhere".into()));
+    }
+    Ok(resize(&mask, pw, ph))
+}
+
+/// The surface around a photo pixel, found at working size and brought to the photo's along its edges.
+fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
+    let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
+    let seed = (x * w / pw, y * h / ph);
+    let found = like_surface(seed, &inputs.small, &inputs.paint, &inputs.points, &inputs.normal);
+    let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
+    let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
+    Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round())
+}
+
+fn mixed(below: &Plane<f32>, new: f32, share: &Plane<f32>) -> Plane<f32> {
+    let mixed = below.pixels().iter().zip(share.pixels()).map(|(old, share)| old + share * (new - old));
+    Plane::new(below.width(), below.height(), mixed.collect())
+}
+
+/// Mean over a region.
+fn mean(albedo: &Plane<Vec3>, share: &Plane<f32>) -> Vec3 {
+    let terms = albedo.pixels().iter().zip(share.pixels()).filter(|(_, share)| **share > 0.0);
+    let (sum, weight) = terms.fold((Vec3::ZERO, 0.0), |(sum, weight), (a, &share)| (sum + share * *a, weight + share));
+    (sum / weight.max(1e-6)).max(Vec3::splat(LEAST))
+}
+
+/// `below` with `paint` over `bare`, the albedo without any paint, on its share of each pixel.
+fn painted(below: &Plane<Vec3>, bare: &Plane<Vec3>, share: &Plane<f32>, paint: Repaint) -> Plane<Vec3> {
+    let (width, height) = below.size();
+    let layers = below.pixels().iter().zip(bare.pixels()).zip(share.pixels());
+    let over =
+        layers.map(|((&below, &bare), &share)| if share > 0.0 { below.lerp(paint.over(bare), share) } else { below });
+    Plane::new(width, height, over.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (40, 30);
+
+    /// A wall at 3 m, left half of `left` and right half of `right` paint, under light that fades from left to right. The albedo that is
+    /// known of it is four fifths of what photo over shading says.
+    fn wall(left: Vec3, right: Vec3) -> EditMaterialsIn {
+        let (w, h) = SIZE;
+        let paint = Plane::from_fn(w, h, |x, _| if x < w / 2 { left } else { right });
+        let photo = Plane::from_fn(w, h, |x, y| paint.get(x, y) * (1.0 - 0.01 * x as f32));
+        let photo = Arc::new(Picture(photo));
+        let depth = Arc::new(Depth(Plane::filled(w, h, 3.0)));
+        let points = Plane::from_fn(w, h, |x, y| Vec3::new(0.1 * x as f32, -0.1 * y as f32, -3.0));
+        let albedo = Arc::new(Albedo(paint.map(|a| 0.8 * a)));
+        EditMaterialsIn {
+            photo: photo.clone(),
+            full_depth: depth.clone(),
+            small: photo,
+            depth,
+            points: Arc::new(Points(points)),
+            normal: Arc::new(Normal(Plane::filled(w, h, Vec3::Z))),
+            paint: Arc::new(Albedo(paint)),
+            fitted: albedo.clone(),
+            albedo,
+            roughness: Arc::new(Roughness(Plane::filled(w, h, 0.8))),
+        }
+    }
+
+    const GREY: Vec3 = Vec3::splat(0.5);
+    const RED: Vec3 = Vec3::new(0.5, 0.1, 0.1);
+    const NEW: Vec3 = Vec3::new(0.2, 0.4, 0.1);
+
+    fn paint(region: Region, colour: Vec3) -> MaterialEdit {
+        let albedo = Some(Colour::Linear(colour.x, colour.y, colour.z));
+        MaterialEdit::Paint { region, albedo, roughness: None, specular: None, keep_texture: true }
+    }
+
+    fn run(materials: Vec<MaterialEdit>, inputs: EditMaterialsIn) -> Result<EditMaterialsOut, NodeError> {
+        EditMaterials { materials }.run(inputs, &Context::default())
+    }
+
+    /// A mask in a file that lives as long as the first.
+    fn mask_file(size: (usize, usize), share: impl Fn(usize, usize) -> f32) -> (tempfile::NamedTempFile, Region) {
+        let picture = Picture(Plane::from_fn(size.0, size.1, |x, y| Vec3::splat(share(x, y))));
+        let mut file = tempfile::NamedTempFile::new().expect("a temporary file can be made");
+        let png = image::write_png(&picture, image::Transfer::Linear, false);
+        std::io::Write::write_all(&mut file, &png).expect("it can be written to");
+        let region = Region::Mask(File::new(file.path().display().to_string()));
+        (file, region)
+    }
+
+    #[test]
+    fn nothing_to_paint_passes_through() {
+        let inputs = wall(GREY, RED);
+        let (albedo, fitted, roughness) = (inputs.albedo.clone(), inputs.fitted.clone(), inputs.roughness.clone());
+        let out = run(vec![], inputs).expect("it is sound");
+        assert!(Arc::ptr_eq(&albedo, &out.albedo) && Arc::ptr_eq(&fitted, &out.fitted));
+        assert!(Arc::ptr_eq(&roughness, &out.roughness) && out.coats.0.is_empty());
+    }
+
+    #[test]
+    fn a_surface_grows_to_the_next_paint_and_takes_the_new_one() {
+        let out = run(vec![paint(Region::Grow(5.0, 12.0), NEW)], wall(GREY, RED)).expect("it is sound");
+        for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
+            let want = if x < SIZE.0 / 2 { NEW } else { 0.8 * RED };
+            let got = out.albedo.0.get(x, y);
+            // Light fades: beside the edge, a hundredth of it is taken for the other paint.
+            assert!((got - want).abs().max_element() < 0.01, "({x}, {y}): {got} against {want}");
+        }
+        // The photo shows a fifth more than the albedo says, and goes on to.
+        let coat = &out.coats.0[0];
+        assert!((coat.paint.over(GREY) - NEW / 0.8).abs().max_element() < 1e-4, "{}", coat.paint.over(GREY));
+        assert!(out.coats.at(5, 5).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
+        assert!(out.coats.at(30, 5).is_bare());
+    }
+
+    #[test]
+    fn later_entries_lie_over_earlier_ones() {
+        let all = || Region::Grow(5.0, 5.0);
+        let out = run(vec![paint(all(), RED), paint(all(), NEW)], wall(GREY, GREY)).expect("it is sound");
+        assert!(out.albedo.0.pixels().iter().all(|a| a.distance(NEW) < 1e-4));
+        assert!(out.coats.at(9, 9).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
+    }
+
+    #[test]
+    fn soft_masks_of_other_sizes_blend() {
+        let (_file, region) =
+            mask_file((80, 60), |x, _| if x < 20 { 1.0 } else { (1.0 - (x - 20) as f32 / 40.0).max(0.0) });
+        let edit = MaterialEdit::Paint {
+            region,
+            albedo: Some(Colour::Linear(0.2, 0.2, 0.2)),
+            roughness: Some(0.2),
+            specular: Some(1.0),
+            keep_texture: true,
+        };
+        let out = run(vec![edit], wall(GREY, GREY)).expect("it is sound");
+        let share = |x: usize| out.coats.0[0].matte.share.get(x, 7);
+        assert_eq!((share(3), share(35)), (1.0, 0.0));
+        assert!((share(20) - 0.49).abs() < 0.02, "{}", share(20));
+        for x in [3, 15, 20, 25, 35] {
+            let mix = |old: f32, new: f32| old + share(x) * (new - old);
+            let near = |got: f32, want: f32| assert!((got - want).abs() < 1e-3, "{x}: {got} against {want}");
+            near(out.roughness.0.get(x, 7), mix(0.8, 0.2));
+            near(out.specular.0.get(x, 7), mix(0.5, 1.0));
+            near(out.albedo.0.get(x, 7).y, mix(0.4, 0.2));
+            near(out.coats.at(x, 7).reflectance(GREY, GREY).x, mix(0.5, 0.25));
+        }
+    }
+
+    #[test]
+    fn bad_entries_are_told() {
+        let told = |edit: MaterialEdit| run(vec![edit], wall(GREY, RED)).err().expect("it is refused").to_string();
+        let (_file, square) = mask_file((40, 40), |_, _| 1.0);
+        let wrong_shape = told(paint(square, NEW));
+        assert!(wrong_shape.ends_with("wanted the photo's 40 x 30, or its shape to 2 %, got 40 x 40"), "{wrong_shape}");
+        let (_other, black) = mask_file(SIZE, |_, _| 0.0);
+        let black = told(paint(black, NEW));
+        assert!(black.contains("black everywhere"), "{black}");
+        let outside = told(paint(Region::Grow(40.0, 3.0), NEW));
+        assert_eq!(
+            outside,
+            "materials: entry 1: region: Grow: wanted a pixel of the photo, 0..40 and 0..30, got (40, 3)"
+        );
+    }
+}
