@@ -16,6 +16,7 @@ fn main() -> ExitCode {
         Command::Run(args) => cli::run(args, verbose, began),
         Command::Mix(args) => cli::mix(args, began),
         Command::Report(args) => cli::report(args, began),
+        Command::Export(args) => cli::export(args, verbose),
         Command::Plan(args) => cli::plan(args),
         Command::Explain(args) => cli::explain(args),
         Command::Check(args) => cli::check(args),

@@ -41,6 +41,8 @@ pub enum Command {
     Mix(Mix),
     /// Write report.html of a finished run: before and after, a slider per light, what ran and why.
     Report(Report),
+    /// Write the room as USD, for Blender and others: seen surface, albedo, camera, lights as the edit leaves them.
+    Export(Export),
     /// Show what `run` would do: taken from the cache, run, or unknown until something upstream has run.
     Plan(Plan),
     /// Tell why a node would run again: the first line of its key that differs.
@@ -192,6 +194,17 @@ pub struct Report {
     /// Longest side of the pictures in the page, in pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = LONG_SIDE, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub long_side: u32,
+}
+
+#[derive(Args)]
+pub struct Export {
+    #[command(flatten)]
+    pub job: Job,
+    /// The USD file, NAME.usda; its texture goes beside it.
+    #[arg(long, value_name = "FILE", default_value = "out/room.usda", value_parser = usda)]
+    pub out: PathBuf,
+    #[command(flatten)]
+    pub cache: CacheUse,
 }
 
 /// What a page shows of a large photo when nobody says more.
@@ -370,6 +383,13 @@ fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
     let finite = parts.filter(|(id, weight)| !id.is_empty() && weight.iter().all(|w| w.is_finite()));
     finite
         .ok_or("wanted a light and a weight of 0 or more, as `lamp_0=0.5`, `lamp_0=2,1,0.5` or `lamp_0=#ffd0a0`".into())
+}
+
+/// `room.usda`.
+fn usda(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let sound = path.extension().is_some_and(|ending| ending == "usda");
+    if sound { Ok(path) } else { Err("wanted a file NAME.usda: USD as text is what is written".into()) }
 }
 
 /// `212,80,212,395=2.03`, as RON.

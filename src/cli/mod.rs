@@ -3,6 +3,7 @@
 mod args;
 mod bench;
 mod eval;
+mod export;
 mod film;
 mod frames;
 mod load;
@@ -27,6 +28,7 @@ use args::{Cache, CacheAction, CacheAt, CacheUse, Explain, Format, Graph, Job, N
 pub use args::{Cli, Command};
 pub use bench::bench;
 pub use eval::eval;
+pub use export::export;
 use load::{load, load_all};
 pub use mix::mix;
 pub use page::report;

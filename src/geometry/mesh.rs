@@ -125,6 +125,11 @@ impl SceneMesh {
         })
     }
 
+    /// Pixels at the corners of each surface triangle, counter-clockwise as the camera sees it, and its number.
+    pub fn faces(&self) -> impl Iterator<Item = ([u32; 3], u32)> {
+        self.triangles(Cell::SURFACE).map(|(_, id)| (self.corner_pixels(id).map(|pixel| pixel as u32), id))
+    }
+
     fn rays(&self) -> &[RayMesh; 2] {
         let build = || [Cell::SURFACE, Cell::CURTAIN].map(|bits| RayMesh::new(self.triangles(bits)));
         self.rays.get_or_init(|| apart(build))
@@ -202,7 +207,8 @@ impl SceneMesh {
         [b, c].into_iter().fold(a, |best, next| if next.0 < best.0 { next } else { best }).1
     }
 
-    fn touches(&self, id: u32, own: &Own) -> bool {
+    /// Whether a corner of triangle `id` is one of these pixels.
+    pub fn touches(&self, id: u32, own: &Own) -> bool {
         self.corner_pixels(id).into_iter().any(|pixel| own.0[pixel])
     }
 }

@@ -168,6 +168,11 @@ impl Graph {
         }
     }
 
+    /// The nodes of this kind.
+    pub fn of_kind(&self, kind: &str) -> impl Iterator<Item = &str> {
+        self.nodes.iter().filter(move |node| node.kind == kind).map(|node| node.name.as_str())
+    }
+
     /// The instances that this one takes from.
     pub fn takes_from(&self, instance: &str) -> Vec<&str> {
         let found = self.instances.iter().find(|i| &*i.name == instance);

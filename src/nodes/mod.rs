@@ -52,6 +52,7 @@ pub fn registry() -> Registry {
         .with::<output::write_planes::WritePlanes>()
         .with::<output::write_estimates::WriteEstimates>()
         .with::<output::write_report::WriteReport>()
+        .with::<output::write_usd::WriteUsd>()
         .with::<measure::read_pictures::ReadPictures>()
         .with::<measure::score_lights::ScoreLights>()
         .with::<measure::score_direct::ScoreDirect>()

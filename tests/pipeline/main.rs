@@ -6,6 +6,7 @@ mod cache;
 mod damaged_networks;
 mod eval;
 mod events;
+mod export;
 mod extremes;
 mod find_lights;
 mod golden_networks;

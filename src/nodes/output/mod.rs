@@ -8,6 +8,7 @@ pub mod write_estimates;
 pub mod write_picture;
 pub mod write_planes;
 pub mod write_report;
+pub mod write_usd;
 
 use glam::Vec3;
 
