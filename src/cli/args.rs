@@ -312,6 +312,8 @@ pub struct Eval {
     #[arg(long, value_name = "DIR", default_value = "out/eval")]
     pub out: PathBuf,
     #[command(flatten)]
+    pub networks: Networks,
+    #[command(flatten)]
     pub cache: CacheUse,
     /// How many threads work. Default: one per core.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]

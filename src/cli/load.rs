@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use relight::files::{EditFile, edit, scene};
-use relight::graph::{Fault, Graph, GraphFile, Node, Overlay, Raw, Registry, Setting, Source, Target, is_name};
+use relight::graph::{Fault, Graph, GraphFile, Node, Overlay, Raw, Registry, Setting, Source, Target, is_name, to_ron};
 use relight::nodes::output::write_picture::WritePicture;
 
-use super::args::Files;
+use super::args::{Files, Networks};
 use super::networks;
 
 /// The pictures that an edit asks for.
@@ -89,15 +89,12 @@ impl Parts {
         };
         let registry = networks::registry(&files.networks);
         let mut settings = Vec::new();
-        let with_network: Vec<&str> = kinds.iter().flat_map(|kinds| networks::with_network(&registry, kinds)).collect();
-        if !with_network.is_empty() {
-            match networks::choose(&files.networks) {
-                Ok(choice) => settings.extend(networks::settings(&with_network, &choice.backend)),
-                Err(fault) => faults.push(fault),
-            }
+        match backend(&registry, &files.networks, kinds.as_deref().unwrap_or_default()) {
+            Ok(choice) => settings.extend(choice),
+            Err(fault) => faults.push(fault),
         }
         if let Some(error) = files.target_error {
-            settings.extend(target_error(&registry, error));
+            settings.extend(everywhere(&registry, "--target-error", "target_error", error.to_string()));
         }
         if !files.known_length.is_empty() {
             match known_lengths(&registry, &files.known_length, kinds.as_deref()) {
@@ -161,11 +158,22 @@ fn keep<T>(result: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> 
     result.map_err(|new| faults.extend(new)).ok()
 }
 
-/// `--target-error`: for every kind of node that has such a parameter, whether the graph has nodes of it or not.
-fn target_error(registry: &Registry, error: f32) -> Vec<Setting> {
-    let field = "target_error";
-    let value = Raw::document(&Source::new("--target-error", error.to_string()), &mut Vec::new());
-    let value = value.expect("a number is a RON value");
+/// Who computes the networks, if nodes of `kinds` have any.
+///
+/// # Errors
+/// A library that a person named, or asked for, and that cannot be used.
+pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<Vec<Setting>, Fault> {
+    if !kinds.iter().any(|kind| networks::has_network(registry, kind)) {
+        return Ok(Vec::new());
+    }
+    let backend = to_ron(&networks::choose(args)?.backend);
+    Ok(everywhere(registry, "--backend", networks::FIELD, backend))
+}
+
+/// What `option` says, for every kind of node that has the parameter `field`, whether the graph has nodes of it or not.
+fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> Vec<Setting> {
+    let value = Raw::document(&Source::new(option, text), &mut Vec::new());
+    let value = value.expect("the arguments were made RON when they were read");
     let kinds = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
     let setting = |kind: &str| Setting { target: Target::Kind(kind.into()), field: field.into(), value: value.clone() };
     kinds.map(|spec| setting(spec.kind)).collect()
@@ -183,11 +191,7 @@ fn known_lengths(registry: &Registry, lengths: &[String], kinds: Option<&[&str]>
         let message = format!("this graph has no stage that takes known lengths: wanted {}", takes.join(", "));
         return Err(Fault::file(option.as_ref(), message).help("graphs/depth.ron has"));
     }
-    let value = Raw::document(&Source::new(option, format!("[{}]", lengths.join(", "))), &mut Vec::new());
-    let value = value.expect("the arguments were made RON when they were read");
-    let setting =
-        |kind: &&str| Setting { target: Target::Kind((*kind).into()), field: field.into(), value: value.clone() };
-    Ok(takes.iter().map(setting).collect())
+    Ok(everywhere(registry, option, field, format!("[{}]", lengths.join(", "))))
 }
 
 /// One `--set NODE.PARAM=VALUE`; relative paths in it start from the working directory.

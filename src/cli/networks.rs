@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Fault, Raw, Registry, Setting, Source, Target};
+use relight::graph::{Fault, Registry};
 use relight::net::{Backend, find_onnxruntime};
 use relight::nodes;
 
 use super::args::{Networks, WhichBackend};
 
 /// The parameter of every stage with a network that says who computes it.
-const FIELD: &str = "backend";
+pub const FIELD: &str = "backend";
 const HELP: &str = "the networks ship in the folder models/: keep it beside the program, or name it with --models DIR";
 
 /// All stages, with the folder of their networks.
@@ -70,17 +70,7 @@ const SYSTEM: &str = "libonnxruntime.dylib";
 #[cfg(not(any(windows, target_os = "macos")))]
 const SYSTEM: &str = "libonnxruntime.so";
 
-/// Kinds of nodes that have a network.
-pub fn with_network<'a>(registry: &'a Registry, kinds: &'a [&str]) -> impl Iterator<Item = &'a str> {
-    let has = |kind: &&str| registry.get(kind).is_some_and(|spec| spec.params.iter().any(|p| p.name == FIELD));
-    kinds.iter().copied().filter(has)
-}
-
-/// The settings that tell all of `kinds` who computes their network.
-pub fn settings(kinds: &[&str], backend: &Backend) -> Vec<Setting> {
-    let text = relight::graph::to_ron(backend);
-    let value = Raw::document(&Source::new("--backend", text), &mut Vec::new()).expect("a backend is a RON value");
-    let setting =
-        |kind: &&str| Setting { target: Target::Kind((*kind).into()), field: FIELD.into(), value: value.clone() };
-    kinds.iter().map(setting).collect()
+/// Whether nodes of this kind have a network.
+pub fn has_network(registry: &Registry, kind: &str) -> bool {
+    registry.get(kind).is_some_and(|spec| spec.params.iter().any(|param| param.name == FIELD))
 }

@@ -88,8 +88,7 @@ pub(super) fn engine_options(args: &Run) -> EngineOptions {
 /// Who computed the networks of a run; nobody where it needed none.
 pub(super) fn backend_of(args: &Run, done: &RunReport) -> Result<Option<networks::Choice>, Fault> {
     let registry = networks::registry(&args.files.networks);
-    let kinds: Vec<&str> = done.nodes.iter().map(|node| node.kind).collect();
-    let has_network = networks::with_network(&registry, &kinds).next().is_some();
+    let has_network = done.nodes.iter().any(|node| networks::has_network(&registry, node.kind));
     has_network.then(|| networks::choose(&args.files.networks)).transpose()
 }
 

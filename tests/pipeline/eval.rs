@@ -254,6 +254,21 @@ fn the_demo_climbs_the_ladder() {
 }
 
 #[test]
+fn networks_are_evaluated_where_they_lie() {
+    let place = Place::new();
+    let (before, _) = bent().split_once("truth:").map(|(a, b)| (a.to_owned(), b.to_owned())).expect("it has one");
+    place.write("scene.ron", format!("{before} truth: (albedo: \"{}/truth/albedo.exr\"))", demo().display()));
+    let eval = "eval . --graph GRAPHS/indoor.ron --no-cache --json --backend rten --set scene.long_side=160";
+    let output = place.command(eval).output().expect("the program starts");
+    check_output("eval", &output, 0);
+    let all = figures(&output.stdout);
+    let of = |measure: &str| all["000"][&("materials".to_owned(), measure.to_owned())];
+    assert!((1e-4..0.1).contains(&of("albedo before the fit")), "what MNet says: {}", of("albedo before the fit"));
+    let told = place.check(&eval.replace("--json", "--models nowhere"), 2);
+    assert!(told.contains("mnet.onnx cannot be read"), "{told}");
+}
+
+#[test]
 fn truth_that_does_not_fit_is_told() {
     let place = Place::new();
     place.write("small.exr", small());

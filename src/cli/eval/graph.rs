@@ -3,13 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use relight::files::{edit, scene};
-use relight::graph::{Fault, Graph, GraphFile, Key, Member, Overlay, Raw, Setting, Source, Target};
-use relight::nodes::{
-    self,
-    artifacts::{INV_LAMP, INV_WINDOW},
-};
+use relight::graph::{Fault, Graph, GraphFile, Key, Member, Overlay, Raw, Registry, Setting, Source, Target};
+use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 
-use crate::cli::load::setting;
+use crate::cli::args::Networks;
+use crate::cli::load::{backend, setting};
+use crate::cli::networks;
 
 /// The true surface; `true_scene` is a copy of the node that reads the scene.
 const SURFACE: &str = r#"
@@ -102,6 +101,7 @@ struct Ends {
 
 /// A graph, a scene with truth, and what can be measured of them.
 pub struct Subject {
+    registry: Registry,
     graph: PathBuf,
     room: Overlay,
     truth: Vec<(Key, Raw)>,
@@ -112,18 +112,21 @@ pub struct Subject {
 }
 
 impl Subject {
-    pub fn new(graph: &Path, folder: &Path, set: &[String]) -> Result<Subject, Vec<Fault>> {
+    pub fn new(graph: &Path, folder: &Path, set: &[String], networks: &Networks) -> Result<Subject, Vec<Fault>> {
         let file = GraphFile::read(graph)?;
         let truth = scene::truth(folder)?;
         let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
         let mut room = scene::read(folder, Some(&kinds))?;
+        let registry = networks::registry(networks);
+        room.settings.extend(backend(&registry, networks, &kinds).map_err(|fault| vec![fault])?);
         let mut faults = Vec::new();
         room.settings.extend(set.iter().filter_map(|text| setting(text, &mut faults)));
         if !faults.is_empty() {
             return Err(faults);
         }
         let ends = Ends::of(&file, graph).map_err(|fault| vec![fault])?;
-        let mut subject = Subject { graph: graph.to_owned(), room, truth, ends, edits: vec![], left_out: vec![] };
+        let (graph, edits, left_out) = (graph.to_owned(), Vec::new(), Vec::new());
+        let mut subject = Subject { registry, graph, room, truth, ends, edits, left_out };
         subject.missing();
         subject.find_edits(folder, &file)?;
         if subject.truth.is_empty() {
@@ -327,7 +330,7 @@ impl Subject {
             settings.extend(edit.change.settings.iter().cloned());
             members.extend(edit.change.members.iter().cloned());
         }
-        file.resolve(&nodes::registry(), &Overlay { settings, members })
+        file.resolve(&self.registry, &Overlay { settings, members })
     }
 
     /// The stages that know the truth, as the body of `nodes`.

@@ -41,7 +41,7 @@ pub fn eval(args: &Eval, began: Instant) -> Result<Exit, Trouble> {
 }
 
 fn measured(args: &Eval, began: Instant) -> Result<(), Stop> {
-    let subject = Subject::new(&args.graph, &args.scene, &args.set)?;
+    let subject = Subject::new(&args.graph, &args.scene, &args.set, &args.networks)?;
     let options = EngineOptions { threads: args.threads.map(usize::from), ..options(&args.cache) };
     let engine = engine(options)?;
     write::folder(&args.out)?; // told before the work, not after it
