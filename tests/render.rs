@@ -165,7 +165,27 @@ fn a_furnace_comes_to_rest_at_its_closed_form() {
             let wanted = a / (Vec3::ONE - a);
             assert!(got.pixels().iter().all(|i| ((i - wanted) / wanted).abs().max_element() < 1e-4));
         }
+        let none = room.bounced(&TraceIndirect { bounces: 0, unseen: 1.0 }, &constant(&room, a), one);
+        assert!(none.pixels().iter().all(|i| *i == Vec3::ZERO), "no bounce, no indirect light");
     }
+}
+
+#[test]
+fn fewer_rays_of_a_transport_tell_the_same_within_their_noise() {
+    let room = floor_and_wall();
+    let (all, few) = (&*room.transport, room.transport.thinned(32));
+    assert_eq!((all.rays() / few.rays(), few.thinned(32) == few, all.thinned(128) == *all), (4, true, true));
+    let albedo = constant(&room, Vec3::splat(0.5));
+    let at = |pixel: usize| if room.points.0.pixels()[pixel].z < -2.99 { 1.0 } else { 0.0 };
+    let bounces = optics::Bounces { count: 1, unseen: 0.0 };
+    let [all, few] = [all, &few].map(|t| optics::indirect_at_receivers(t, &albedo, at, bounces));
+    // A share p of the rays meets the wall: the difference of 128 and 32 of them has a variance of at most p (1 - p) (1/32 - 1/128), p <= 1/2,
+    // times the square of albedo and of further bounces (2).
+    let off: Vec<f64> = all.iter().zip(&few).map(|(a, b)| f64::from(a.x - b.x)).collect();
+    let rms = (off.iter().map(|d| d * d).sum::<f64>() / off.len() as f64).sqrt();
+    assert!((1e-4..0.08).contains(&rms), "{rms}");
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    assert!(mean.abs() < 0.01, "{mean}");
 }
 
 #[test]

@@ -28,10 +28,7 @@ impl View {
     /// A photo of any size, with the masks of its visible lights.
     pub fn new<'a>(photo: &Picture, masks: impl Iterator<Item = &'a Mask>) -> View {
         let photo = resize(&photo.0, FULL.0, FULL.1);
-        let mut light = Plane::filled(FULL.0, FULL.1, 0.0f32);
-        for mask in masks {
-            light.pixels_mut().iter_mut().zip(own(mask).pixels()).for_each(|(light, own)| *light = light.max(*own));
-        }
+        let light = seen(masks);
         let room = photo.pixels().iter().zip(light.pixels()).filter(|(_, light)| **light == 0.0);
         let mut levels: Vec<f32> = room.map(|(p, _)| p.element_sum() / 3.0).collect();
         let at = levels.len().saturating_sub(1) * 98 / 100;
@@ -49,6 +46,20 @@ impl View {
     pub fn half_light(&self) -> Plane<f32> {
         any(&self.light)
     }
+}
+
+/// 1 at pixels of visible lights, else 0; [`FULL`].
+fn seen<'a>(masks: impl Iterator<Item = &'a Mask>) -> Plane<f32> {
+    let mut light = Plane::filled(FULL.0, FULL.1, 0.0f32);
+    for mask in masks {
+        light.pixels_mut().iter_mut().zip(own(mask).pixels()).for_each(|(light, own)| *light = light.max(*own));
+    }
+    light
+}
+
+/// 1 where a visible light has a pixel, [`HALF`].
+pub fn seen_half<'a>(masks: impl Iterator<Item = &'a Mask>) -> Plane<f32> {
+    any(&seen(masks))
 }
 
 /// 1 where more than half of a pixel is the light's, else 0; [`FULL`].

@@ -226,8 +226,7 @@ macro_rules! light_stage {
                 let $input { photo, depth, camera, normal, albedo, masks $(, $mask)? } = inputs;
                 let network = learned::network(ctx, &self.model, &self.backend, &learned::LIGHT_INPUTS, &$ports)?;
                 let room = learned::LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
-                let own: Option<&Mask> = None;
-                $( let own = own.or(Some(&*$mask)); )?
+                let own = None $( .or(Some(&*$mask)) )?;
                 let guess = room.$call(&network, own)?.unwrap_or_else(learned::nothing);
                 Ok($output { guess: Arc::new(guess) })
             }

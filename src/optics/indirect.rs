@@ -40,6 +40,16 @@ impl Transport {
         self.hits.len() as u64
     }
 
+    /// With at most `rays` of the rays of each receiver, spread over all batches: for estimates over many receivers, which need fewer.
+    pub fn thinned(&self, rays: usize) -> Transport {
+        let each = self.hits.width() / BATCHES;
+        let step = each.div_ceil((rays / BATCHES).max(1)).max(1);
+        let kept: Vec<usize> =
+            (0..BATCHES).flat_map(|b| (0..each).step_by(step).map(move |ray| b * each + ray)).collect();
+        let hits = Plane::from_fn(kept.len(), self.hits.height(), |ray, receiver| self.hits.get(kept[ray], receiver));
+        Transport { hits, grid: self.grid, nearest: self.nearest.clone(), areas: self.areas.clone() }
+    }
+
     /// Size of the planes it belongs to.
     pub fn size(&self) -> (usize, usize) {
         self.nearest.size()
@@ -118,7 +128,7 @@ pub fn trace_bounces(
 /// How bounces are summed.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounces {
-    /// Bounces followed one by one; the rest is a geometric series in the mean albedo.
+    /// Bounces followed one by one; the rest is a geometric series in the mean albedo. With none there is no indirect light.
     pub count: usize,
     /// Radiosity of what is unseen, as a multiple of the mean of what is seen.
     pub unseen: f32,
@@ -176,6 +186,9 @@ fn gather(
 ) -> Vec<[Vec3; BATCHES]> {
     let Transport { grid, nearest, areas, .. } = transport;
     let receivers = grid.len();
+    if bounces.count == 0 {
+        return vec![[Vec3::ZERO; BATCHES]; receivers];
+    }
     // An albedo of one would never come to rest.
     let reflects: Vec<Vec3> = albedo.0.pixels().iter().map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect();
     let area: f64 = areas.pixels().iter().map(|&a| f64::from(a)).sum();
@@ -196,7 +209,7 @@ fn gather(
         let pairs = total.iter_mut().flatten().zip(last.iter().flatten());
         pairs.for_each(|(sum, add)| *sum += *add * times);
     };
-    for _ in 1..bounces.count.max(1) {
+    for _ in 1..bounces.count {
         let shown = |pixel: usize, b: usize| reflects[pixel] * last[nearest.pixels()[pixel] as usize][b];
         last = bounce(transport, shown, ambient(&shown));
         add(&mut total, &last, Vec3::ONE);

@@ -402,7 +402,7 @@ fn a_network_stands_in_for_mnet() {
             in: {{ "photo": "scene.small", "camera": "scene.small_camera", "normal": "room.normal" }}) }})"#,
         root().join("graphs/indoor.ron").display()
     ));
-    let told = place.check("run theirs.ron EDITS/none.ron --scene DEMO --no-cache --out out --only init", 0);
+    let told = place.check("run theirs.ron EDITS/none.ron --scene DEMO --no-cache --out out --only fit", 0);
     assert!(told.contains("mnet") && !told.contains("warning: mnet"), "{told}");
     let report = std::fs::read_to_string(place.path("out/report.json")).expect("it is written");
     assert!(report.contains("OnnxMaterials") && !report.contains(r#""kind": "MNet""#), "{report}");

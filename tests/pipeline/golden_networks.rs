@@ -147,7 +147,6 @@ fn indirect_of(backend: Backend, light: usize, factor: f32) -> Plane<Vec3> {
         shape: Arc::new(relight::optics::Shape::Absent),
         direct: Arc::new(direct),
         visibility: light.visibility.clone(),
-        traced: None,
         remainder: None,
     };
     let stage = Indirect { model: model("indirectnet.onnx"), backend };

@@ -46,21 +46,31 @@ fn load_frame(graph: &Path, scene: &Path, edit: &Path, frame: u32) -> Result<Gra
     let change = edit::frame(&EditFile::read(edit)?, frame, Some(&room), Some(&kinds))?;
     let settings = room.settings.into_iter().chain(change.settings).collect();
     let members = room.members.into_iter().chain(change.members).collect();
-    file.resolve(&nodes::registry(), &Overlay { settings, members })
+    file.resolve(&nodes::registry().with_library(root().join("models"), ""), &Overlay { settings, members })
+}
+
+/// A graph of the project with a scene and the text of an edit.
+pub fn with(graph: &str, scene: &Path, edit: &str) -> Graph {
+    with_frame(graph, scene, edit, 0)
+}
+
+/// The same for one frame of the edit.
+fn with_frame(graph: &str, scene: &Path, edit: &str, frame: u32) -> Graph {
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
+    let path = folder.path().join("edit.ron");
+    std::fs::write(&path, edit).expect("it can be written to");
+    let graph = load_frame(&root().join("graphs").join(graph), scene, &path, frame);
+    graph.unwrap_or_else(|faults| panic!("{edit}: {}", faults[0]))
 }
 
 /// graphs/physics.ron with a scene and the text of an edit.
 pub fn physics(scene: &Path, edit: &str) -> Graph {
-    physics_frame(scene, edit, 0)
+    with("physics.ron", scene, edit)
 }
 
 /// The same for one frame of the edit.
 pub fn physics_frame(scene: &Path, edit: &str, frame: u32) -> Graph {
-    let folder = tempfile::tempdir().expect("a temporary folder can be made");
-    let path = folder.path().join("edit.ron");
-    std::fs::write(&path, edit).expect("it can be written to");
-    let graph = load_frame(&root().join("graphs/physics.ron"), scene, &path, frame);
-    graph.unwrap_or_else(|faults| panic!("{edit}: {}", faults[0]))
+    with_frame("physics.ron", scene, edit, frame)
 }
 
 pub fn engine(cache: Option<&Path>) -> Engine {

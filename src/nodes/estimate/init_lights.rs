@@ -12,7 +12,7 @@ use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments, luminance};
 use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
 use crate::optics::{
     Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, Receivers, RoomBox, SeenRoom, Shape,
-    Transport, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
+    Transport, UnitLayer, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
 };
 use crate::{params, ports};
 
@@ -29,6 +29,8 @@ params! {
         worth: f32 = 0.08,
         /// Shadow rays per receiver and light.
         samples: usize = 4,
+        /// Most rays per receiver for the indirect light of what is tried, of those that `transport` has; at least 4.
+        rays: usize = 32,
         /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
         unseen: f32 = 0.5,
         /// Cost of the constant ambient, as a share of the photo's energy: what a light can explain is the light's.
@@ -41,9 +43,10 @@ params! {
         lamps: LampForm = LampForm::Solid,
         /// Most plates that a lamp of them has; 1..=512.
         plates: usize = 128,
-        /// What windows look out on: `Daylight(sun, sky, ground)`, three lobes of these bandwidths, each >= 0; or `Even`, the same
-        /// radiance everywhere, which is one lobe.
-        outlook: Outlook = Outlook::Daylight(1e4, 1.5, 1.5),
+        /// What windows look out on: `Daylight(sun, sky, ground)`, three lobes of these bandwidths, each >= 0; `Even`, the same
+        /// radiance everywhere, which is one lobe; or `Likeliest(sun, sky, ground)`, each window the former if that explains
+        /// the photo better by 5 %, else the latter.
+        outlook: Outlook = Outlook::Likeliest(1e4, 1.5, 1.5),
     }
 }
 
@@ -54,21 +57,25 @@ pub enum Outlook {
     Even,
     /// Bandwidths of sun, sky and ground.
     Daylight(f32, f32, f32),
+    /// The one of both that the photo asks for.
+    Likeliest(f32, f32, f32),
 }
 
 impl Outlook {
-    fn through(self, shape: Shape) -> Shape {
-        match (self, shape) {
-            (Outlook::Even, Shape::Window(Window { center, x, y, .. })) => Shape::Lamp(Lamp::Rect { center, x, y }),
-            (Outlook::Daylight(sun, sky, ground), Shape::Window(mut window)) => {
-                window
-                    .lobes
-                    .iter_mut()
-                    .zip([sun, sky, ground])
-                    .for_each(|(lobe, bandwidth)| lobe.bandwidth = bandwidth);
-                Shape::Window(window)
-            }
-            (_, shape) => shape,
+    /// The window, if it is one, as it may be: the simplest first.
+    fn through(self, shape: &Shape) -> Vec<Shape> {
+        let Shape::Window(window) = shape else { return vec![shape.clone()] };
+        let &Window { center, x, y, .. } = window;
+        let even = Shape::Lamp(Lamp::Rect { center, x, y });
+        let daylight = |bandwidths: [f32; 3]| {
+            let mut window = window.clone();
+            window.lobes.iter_mut().zip(bandwidths).for_each(|(lobe, bandwidth)| lobe.bandwidth = bandwidth);
+            Shape::Window(window)
+        };
+        match self {
+            Outlook::Even => vec![even],
+            Outlook::Daylight(sun, sky, ground) => vec![daylight([sun, sky, ground])],
+            Outlook::Likeliest(sun, sky, ground) => vec![even, daylight([sun, sky, ground])],
         }
     }
 }
@@ -113,7 +120,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
@@ -123,6 +130,9 @@ impl Node for InitLights {
         }
         if !(1..=1024).contains(&self.samples) {
             return Err(format!("samples: wanted 1..=1024, got {}", self.samples));
+        }
+        if self.rays < 4 {
+            return Err(format!("rays: wanted at least 4, got {}", self.rays));
         }
         if !(0.0..=1.0).contains(&self.unseen) {
             return Err(format!("unseen: wanted 0..=1, got {}", self.unseen));
@@ -136,7 +146,7 @@ impl Node for InitLights {
         if !(self.ambient_cost >= 0.0 && self.ambient_cost.is_finite()) {
             return Err(format!("ambient_cost: wanted a number >= 0, got {}", self.ambient_cost));
         }
-        if let Outlook::Daylight(sun, sky, ground) = self.outlook
+        if let Outlook::Daylight(sun, sky, ground) | Outlook::Likeliest(sun, sky, ground) = self.outlook
             && let Some(wrong) = [sun, sky, ground].into_iter().find(|b| !(*b >= 0.0 && b.is_finite()))
         {
             return Err(format!("outlook: wanted bandwidths >= 0, got {wrong}"));
@@ -146,48 +156,38 @@ impl Node for InitLights {
 
     fn run(&self, inputs: InitLightsIn, ctx: &Context) -> Result<InitLightsOut, NodeError> {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
-        let scout = Scout::new(self, &inputs);
+        let transport = inputs.transport.thinned(self.rays);
+        let scout = Scout::new(self, &inputs, &transport);
         let (points, normals): (Vec<Vec3>, Vec<Vec3>) = scout.receivers.places().into_iter().unzip();
         let room = RoomBox::around(&points, &normals);
         let forms = LampForms { form: self.lamps, plates: self.plates, ..LampForms::default() };
-        let mut shapes: Vec<(String, Arc<Shape>)> = Vec::new();
-        let mut layers: Vec<Vec<Vec3>> = Vec::new();
+        let mut placed: Vec<Placed> = Vec::new();
         for (id, mask) in inputs.mask.iter() {
             let kind = inputs
                 .kind
                 .get(id)
                 .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
-            let guess = guessed(&inputs.guess, id);
-            let own = if self.dictionary || guess.is_none() {
-                visible_light(**kind, forms, mask, &inputs.points, &inputs.normal, &camera, room.as_ref())
-            } else {
-                Vec::new()
-            };
-            let ways = own.into_iter().map(Way::Own).chain(guess.map(Way::Guess)).collect();
-            match scout.likeliest(ways, mask, &layers) {
-                Some((shape, layer)) => {
-                    shapes.push((id.into(), Arc::new(shape)));
-                    layers.push(layer);
-                }
-                None => {
-                    ctx.warn(format!("visible light {id:?} has no pixel at working size; it is left out"));
-                    shapes.push((id.into(), Arc::new(Shape::Absent)));
-                }
+            let own = || visible_light(**kind, forms, mask, &inputs.points, &inputs.normal, &camera, room.as_ref());
+            match scout.likeliest(id, scout.ways(id, own), mask, &placed) {
+                Some(light) => placed.push(light),
+                None => ctx.warn(format!("visible light {id:?} has no pixel at working size; it is left out")),
             }
             ctx.check_cancelled()?;
         }
-        let (lamp, window) = match room {
-            Some(room) => scout.out_of_view(&layers, &room, &camera, &inputs.guess, ctx)?,
-            None => (Shape::Absent, Shape::Absent),
-        };
-        for (id, found) in [(INV_LAMP, &lamp), (INV_WINDOW, &window)] {
-            if *found == Shape::Absent {
+        if let Some(room) = room {
+            let unseen = scout.out_of_view(&placed, &room, &camera, ctx)?;
+            placed.extend(unseen);
+        }
+        let shapes = scout.shapes(&placed);
+        let shape = |id: &str| {
+            let found = placed.iter().position(|light| light.id == id).map(|i| shapes[i].clone());
+            if found.is_none() && [INV_LAMP, INV_WINDOW].contains(&id) {
                 ctx.warn(format!("no {id} is needed to explain the photo; it is left out"));
             }
-        }
-        shapes.push((INV_LAMP.into(), Arc::new(lamp)));
-        shapes.push((INV_WINDOW.into(), Arc::new(window)));
-        Ok(InitLightsOut { shape: Scatter(shapes) })
+            (id.to_owned(), Arc::new(found.unwrap_or(Shape::Absent)))
+        };
+        let ids = inputs.mask.iter().map(|(id, _)| id).chain([INV_LAMP, INV_WINDOW]);
+        Ok(InitLightsOut { shape: Scatter(ids.map(shape).collect()) })
     }
 }
 
@@ -197,47 +197,90 @@ const AMBIENT_LOSS: f64 = 0.3;
 /// The photo and the seen room on the receivers that take part, and how candidates are tried on them.
 struct Scout<'a> {
     node: &'a InitLights,
+    guess: &'a Gather<Guess>,
     receivers: Receivers<'a>,
 }
 
+/// A light that the photo needs.
+struct Placed<'a> {
+    id: &'a str,
+    way: Way,
+    /// Its pixels.
+    own: Option<&'a Mask>,
+    /// Its unit layer, of a window as a bright rectangle.
+    layer: Vec<Vec3>,
+}
+
 impl<'a> Scout<'a> {
-    fn new(node: &'a InitLights, inputs: &'a InitLightsIn) -> Scout<'a> {
-        let InitLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = inputs;
+    fn new(node: &'a InitLights, inputs: &'a InitLightsIn, transport: &'a Transport) -> Scout<'a> {
+        let InitLightsIn { photo, clipped, points, normal, mesh, albedo, segments, .. } = inputs;
         let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-        Scout { node, receivers: Receivers::new(room, masks, usize::MAX) }
+        Scout { node, guess: &inputs.guess, receivers: Receivers::new(room, masks, usize::MAX) }
     }
 
-    /// Unit layer on the receivers in use, shadowed direct and indirect light: of a lamp, of a window as a bright rectangle, of a
-    /// guessed window with the shares of its lobes. `None` for a light that is not there.
-    fn layer(&self, way: &Way, own: Option<&Mask>) -> Option<Vec<Vec3>> {
+    /// What a light may be: our own candidates, where they are wanted or nothing is guessed of it, and the guess.
+    fn ways(&self, id: &str, own: impl FnOnce() -> Vec<Shape>) -> Vec<Way> {
+        let guess = self.guess.get(id).filter(|guess| guess.shape != Shape::Absent);
+        let own = if self.node.dictionary || guess.is_none() { own() } else { Vec::new() };
+        own.into_iter().map(Way::Own).chain(guess.map(|guess| Way::Guess(Guess::clone(guess)))).collect()
+    }
+
+    /// Unit layers of the lobes on the receivers in use: shadowed direct and indirect light.
+    fn lobes(&self, shape: &Shape, own: Option<&Mask>) -> Vec<Vec<Vec3>> {
         let bounces = Bounces { count: 2, unseen: self.node.unseen };
-        let quality = LayerQuality { samples: self.node.samples, bounces };
-        let layers = |shape: &Shape| self.receivers.layers(shape, own, quality);
+        let layers = self.receivers.layers(shape, own, LayerQuality { samples: self.node.samples, bounces });
+        layers.iter().map(UnitLayer::sum).collect()
+    }
+
+    /// Unit layer of a lamp, of a window as a bright rectangle, of a guessed window with the shares of its lobes. `None` for a
+    /// light that is not there.
+    fn layer(&self, way: &Way, own: Option<&Mask>) -> Option<Vec<Vec3>> {
         match way {
             Way::Guess(Guess { shape: shape @ Shape::Window(_), radiance, .. }) => {
-                let lobes = layers(shape).into_iter().zip(&radiance.0).map(|(layer, w)| (layer.sum(), *w));
+                let lobes = self.lobes(shape, own).into_iter().zip(&radiance.0);
                 lobes
                     .map(|(layer, w)| layer.into_iter().map(|u| u * w).collect())
                     .reduce(|a: Vec<Vec3>, b| a.into_iter().zip(b).map(|(a, b)| a + b).collect())
             }
-            Way::Own(shape) | Way::Guess(Guess { shape, .. }) => Some(layers(&Shape::Lamp(flat(shape)?))[0].sum()),
+            Way::Own(shape) | Way::Guess(Guess { shape, .. }) => {
+                self.lobes(&Shape::Lamp(flat(shape)?), own).into_iter().next()
+            }
         }
     }
 
-    /// The shape of a way, windows of our own with their outlook.
-    fn shape(&self, way: &Way) -> Shape {
-        match way {
-            Way::Own(shape) => self.node.outlook.through(shape.clone()),
+    /// The shapes of the lights: windows of our own with their outlook, of two the one that the photo asks for.
+    fn shapes(&self, placed: &[Placed]) -> Vec<Shape> {
+        let mut columns: Vec<Vec<Vec<Vec3>>> = placed.iter().map(|light| vec![light.layer.clone()]).collect();
+        let loss = |columns: &[Vec<Vec<Vec3>>]| {
+            self.loss(&columns.iter().flatten().map(Vec::as_slice).collect::<Vec<_>>(), SETTLING)
+        };
+        let mut shape = |(i, light): (usize, &Placed)| match &light.way {
             Way::Guess(guess) => guess.shape.clone(),
-        }
+            Way::Own(shape) => {
+                let mut ways = self.node.outlook.through(shape).into_iter();
+                let first = ways.next().expect("there is a way for each shape");
+                ways.fold(first, |plain, rich| {
+                    let before = loss(&columns);
+                    let one = std::mem::replace(&mut columns[i], self.lobes(&rich, light.own));
+                    let after = loss(&columns);
+                    if after < LIKELIER * before {
+                        rich
+                    } else {
+                        columns[i] = one;
+                        plain
+                    }
+                })
+            }
+        };
+        placed.iter().enumerate().map(&mut shape).collect()
     }
 
     /// How badly these layers and the ambient explain the photo: the mean misfit, and what they leave to the ambient.
-    fn loss(&self, layers: &[&[Vec3]]) -> f64 {
+    fn loss(&self, layers: &[&[Vec3]], turns: usize) -> f64 {
         let mut columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect();
         columns.push(Column { layer: &self.receivers.ambient, penalty: self.node.ambient_cost });
-        let fit = fit_radiances(&self.receivers.evidence, &columns, self.node.turns);
+        let fit = fit_radiances(&self.receivers.evidence, &columns, turns);
         let share =
             |(column, w): (&Column, &Vec3)| -> f64 { column.layer.iter().map(|&u| f64::from(luminance(u * *w))).sum() };
         let shares: Vec<f64> = columns.iter().zip(&fit.radiance).map(share).collect();
@@ -245,82 +288,75 @@ impl<'a> Scout<'a> {
         fit.loss + if total > 0.0 { AMBIENT_LOSS * shares[shares.len() - 1] / total } else { 0.0 }
     }
 
-    /// Of several shapes for one visible light, the one that fits best beside the layers already placed; the first is kept
+    /// Of several shapes for one visible light, the one that fits best beside the lights already placed; the first is kept
     /// unless another is clearly better.
-    fn likeliest(&self, ways: Vec<Way>, mask: &Mask, placed: &[Vec<Vec3>]) -> Option<(Shape, Vec<Vec3>)> {
+    fn likeliest<'b>(&self, id: &'b str, ways: Vec<Way>, mask: &'b Mask, placed: &[Placed]) -> Option<Placed<'b>> {
         let only = ways.len() == 1;
         let tried = ways.into_iter().enumerate().filter_map(|(i, way)| {
             let layer = self.layer(&way, Some(mask))?;
-            let columns: Vec<&[Vec3]> = placed.iter().chain([&layer]).map(Vec::as_slice).collect();
-            let loss = if only { 0.0 } else { self.loss(&columns) * if i == 0 { 0.97 } else { 1.0 } };
-            Some((loss, way, layer))
+            let columns: Vec<&[Vec3]> =
+                placed.iter().map(|light| &light.layer).chain([&layer]).map(Vec::as_slice).collect();
+            let loss = if only { 0.0 } else { self.loss(&columns, self.node.turns) * if i == 0 { 0.97 } else { 1.0 } };
+            Some((loss, Placed { id, way, own: Some(mask), layer }))
         });
-        let (_, way, layer) = tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
-        Some((self.shape(&way), layer))
+        Some(tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?.1)
     }
 
-    /// The lamp and the window out of view, each `Absent` unless it earns its place.
+    /// The lamp and the window out of view, as far as they earn their places.
     fn out_of_view(
         &self,
-        visible: &[Vec<Vec3>],
+        visible: &[Placed],
         room: &RoomBox,
         camera: &Camera,
-        guesses: &Gather<Guess>,
         ctx: &Context,
-    ) -> Result<(Shape, Shape), NodeError> {
-        let base: Vec<&[Vec3]> = visible.iter().map(Vec::as_slice).collect();
-        let ways = |id: &str, own: Vec<Shape>| -> Vec<Way> {
-            let guess = guessed(guesses, id);
-            let own = own.into_iter().filter(|_| self.node.dictionary || guess.is_none());
-            own.map(Way::Own).chain(guess.iter().cloned().map(Way::Guess)).collect()
-        };
-        let lamps = ways(INV_LAMP, lamp_candidates(room, camera));
-        let windows = window_candidates(room, camera).into_iter().map(Shape::Window).collect();
+    ) -> Result<Vec<Placed<'static>>, NodeError> {
+        let base: Vec<&[Vec3]> = visible.iter().map(|light| light.layer.as_slice()).collect();
+        let windows = || window_candidates(room, camera).into_iter().map(Shape::Window).collect();
+        let lamps = self.ways(INV_LAMP, || lamp_candidates(room, camera));
         let lamp_count = lamps.len();
-        let candidates = [lamps, ways(INV_WINDOW, windows)].concat();
+        let candidates = [lamps, self.ways(INV_WINDOW, windows)].concat();
         let layers: Vec<Vec<Vec3>> =
             candidates.par_iter().map(|way| self.layer(way, None).unwrap_or_default()).collect();
         ctx.check_cancelled()?;
         // The best single candidate, then the best of the other kind beside it.
         let best = |given: &[&[Vec3]], range: std::ops::Range<usize>| -> Option<(usize, f64)> {
-            let losses: Vec<(usize, f64)> =
-                range.into_par_iter().map(|i| (i, self.loss(&[given, &[layers[i].as_slice()]].concat()))).collect();
+            let losses: Vec<(usize, f64)> = range
+                .into_par_iter()
+                .map(|i| (i, self.loss(&[given, &[layers[i].as_slice()]].concat(), self.node.turns)))
+                .collect();
             losses.into_iter().reduce(|a, b| if b.1 < a.1 { b } else { a })
         };
         let enough = 1.0 - f64::from(self.node.worth);
-        let mut found = (Shape::Absent, Shape::Absent);
-        let mut keep = |i: usize| {
-            let slot = if i < lamp_count { &mut found.0 } else { &mut found.1 };
-            *slot = self.shape(&candidates[i]);
-        };
-        let nothing = self.loss(&base);
+        let mut found = Vec::new();
         if let Some((first, loss)) = best(&base, 0..candidates.len())
-            && loss < enough * nothing
+            && loss < enough * self.loss(&base, self.node.turns)
         {
-            keep(first);
+            found.push(first);
             let others = if first < lamp_count { lamp_count..candidates.len() } else { 0..lamp_count };
             let with_first = [&base, &[layers[first].as_slice()][..]].concat();
-            if let Some((second, both)) = best(&with_first, others)
-                && both < enough * loss
-            {
-                keep(second);
-            }
+            let second = best(&with_first, others).filter(|(_, both)| *both < enough * loss);
+            found.extend(second.map(|(second, _)| second));
         }
-        Ok(found)
+        let light = |i: usize| Placed {
+            id: if i < lamp_count { INV_LAMP } else { INV_WINDOW },
+            way: candidates[i].clone(),
+            own: None,
+            layer: layers[i].clone(),
+        };
+        Ok(found.into_iter().map(light).collect())
     }
 }
+
+/// A window gets lobes of its own for sun, sky and ground where that leaves less than this share of the misfit.
+const LIKELIER: f64 = 0.95;
+/// Rounds of a fit whose misfit is compared with that of one with other numbers of lobes: more lobes take longer to settle.
+const SETTLING: usize = 60;
 
 /// A light that may be the one.
 #[derive(Clone)]
 enum Way {
     Own(Shape),
     Guess(Guess),
-}
-
-/// What is guessed of a light, if anything shines there.
-fn guessed(guesses: &Gather<Guess>, id: &str) -> Option<Guess> {
-    let guess = guesses.get(id)?;
-    (guess.shape != Shape::Absent).then(|| Guess::clone(guess))
 }
 
 /// The light as a lamp of even radiance: a window, on the whole, is a bright rectangle.
@@ -342,12 +378,13 @@ mod tests {
         let (center, x, y) = (Vec3::NEG_Z, Vec3::X * 0.5, Vec3::Y);
         let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
         let lamp = Shape::Lamp(Lamp::Rect { center, x, y });
-        assert_eq!(Outlook::Even.through(window.clone()), lamp);
-        let Shape::Window(seen) = Outlook::Daylight(7.0, 5.0, 0.0).through(window.clone()) else { panic!("a window") };
+        let one = |outlook: Outlook, shape: &Shape| outlook.through(shape);
+        assert_eq!(one(Outlook::Even, &window), vec![lamp.clone()]);
+        let [Shape::Window(seen)] = &one(Outlook::Daylight(7.0, 5.0, 0.0), &window)[..] else { panic!("a window") };
         assert_eq!(seen.lobes.map(|Lobe { bandwidth, .. }| bandwidth), [7.0, 5.0, 0.0]);
-        assert_eq!(InitLights::default().outlook.through(window.clone()), window, "the default is that of daylight");
+        assert_eq!(one(InitLights::default().outlook, &window), [lamp.clone(), window], "the default tries both");
         for shape in [lamp, Shape::Absent] {
-            assert_eq!(Outlook::Even.through(shape.clone()), shape);
+            assert_eq!(one(InitLights::default().outlook, &shape), vec![shape.clone()]);
         }
         assert!(
             InitLights { outlook: Outlook::Daylight(f32::NAN, 1.0, 1.0), ..InitLights::default() }.check().is_err()

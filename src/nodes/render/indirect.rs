@@ -7,7 +7,7 @@ use glam::Vec3;
 use crate::geometry::{Camera, Grid};
 use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Plane, Points, Shading, resize};
-use crate::net::view::{Geometry, HALF, own_half};
+use crate::net::view::{Geometry, HALF, seen_half};
 use crate::net::{Backend, Layer, Tensor, planes_of};
 use crate::nodes::artifacts::{Remainder, UnitDirect, UnitIndirect, Visibility};
 use crate::nodes::learned::{self, HALF_1, HALF_3, HALF_6};
@@ -47,8 +47,6 @@ ports! {
         direct: Arc<UnitDirect>,
         /// Which share of it arrives.
         visibility: Arc<Visibility>,
-        /// Indirect shading by other means, to be averaged with that of the network: errors of both are hardly the same.
-        traced: Option<Arc<UnitIndirect>>,
         /// What the photo leaves for indirect light; without it, what is unseen is as bright as in most rooms.
         remainder: Option<Arc<Remainder>>,
     }
@@ -82,8 +80,7 @@ impl Node for Indirect {
     }
 
     fn run(&self, inputs: IndirectIn, ctx: &Context) -> Result<IndirectOut, NodeError> {
-        let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, remainder, traced } =
-            inputs;
+        let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, remainder } = inputs;
         if direct.lobes.is_empty() {
             return Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![] }) });
         }
@@ -91,10 +88,7 @@ impl Node for Indirect {
         let network = learned::network(ctx, &self.model, &self.backend, &PORTS, &["indirect"])?;
         let geometry = Geometry::half(&depth, &camera, &normal).tensor();
         let albedo = planes_of(&[Layer::Colour(&resize(&albedo.0, HALF.0, HALF.1))]);
-        let mut light = Plane::filled(HALF.0, HALF.1, 0.0f32);
-        for (_, mask) in masks.iter() {
-            light.pixels_mut().iter_mut().zip(own_half(mask).pixels()).for_each(|(all, own)| *all = all.max(*own));
-        }
+        let light = seen_half(masks.iter().map(|(_, mask)| &**mask));
         let (left, burning) = match &remainder {
             Some(r) => (resize(&r.left, HALF.0, HALF.1), [r.direct, r.power]),
             None => (Plane::filled(HALF.0, HALF.1, Vec3::ZERO), [Vec3::ZERO; 2]),
@@ -119,11 +113,7 @@ impl Node for Indirect {
             ];
             let [indirect] = learned::computed(&network, tensors, ["indirect"])?;
             let cells = resize(&indirect.colour(0), grid.size().0, grid.size().1);
-            let mut indirect = grid.upsample(&points, &normal, cells.pixels());
-            if let Some(traced) = traced.as_ref().and_then(|traced| traced.lobes.get(lobe)) {
-                indirect.pixels_mut().iter_mut().zip(traced.0.pixels()).for_each(|(i, t)| *i = 0.5 * (*i + *t));
-            }
-            lobes.push(Shading(indirect));
+            lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
         }
         let stderr = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();
         Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr }) })

@@ -12,7 +12,7 @@ params! {
     /// Indirect shading of one light, per lobe of unit radiance: bounces over the rays of `Transport`, a constant ambient for
     /// what is unseen. Exactly linear in the light, never negative, traces no ray.
     pub struct TraceIndirect {
-        /// Bounces followed one by one, 1..64; the rest is a geometric series in the mean albedo.
+        /// Bounces followed one by one, 0..=64; the rest is a geometric series in the mean albedo. With 0 there is no indirect light.
         bounces: u32 = 4,
         /// Radiosity of what is unseen, as a multiple of the mean of what is seen, 0..1. One would make a closed room of the
         /// unseen part; a half allows for doors, panes and for a photo that shows the brighter half.
@@ -51,8 +51,8 @@ impl Node for TraceIndirect {
     type Out = TraceIndirectOut;
 
     fn check(&self) -> Result<(), String> {
-        if !(1..=64).contains(&self.bounces) {
-            return Err(format!("bounces: wanted 1..64, got {}", self.bounces));
+        if self.bounces > 64 {
+            return Err(format!("bounces: wanted 0..=64, got {}", self.bounces));
         }
         // A multiple above one could make every bounce brighter than the one before.
         if !(0.0..=1.0).contains(&self.unseen) {
