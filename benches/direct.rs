@@ -60,7 +60,7 @@ impl Room {
     fn shade(&self, shape: &Shape, sampling: Sampling) -> Plane<f32> {
         let direct = optics::direct(&self.points, &self.normal, shape, &sampling, &|| false);
         // Mitsuba has no curtains: what passes behind a depth edge is lit.
-        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false };
+        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
         let shadow = optics::shadow(&self.mesh, &self.points, &self.normal, shape, None, quality, &|| false);
         let products = direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(e, lit)| e * lit);
         Plane::new(self.points.0.width(), self.points.0.height(), products.collect())

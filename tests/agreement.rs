@@ -104,7 +104,7 @@ fn room(lift: f32) -> Room {
 fn shade(room: &Room, shape: &Shape, samples: usize, seed: u64) -> Vec<[Vec<f64>; 2]> {
     let sampling = Sampling::fixed(samples, seed);
     let direct = optics::direct(&room.receivers, &room.normal, shape, &sampling, &|| false);
-    let quality = ShadowQuality { sampling, stride: 1, assume_lit: 0.0, outside_unknown: false };
+    let quality = ShadowQuality { sampling, stride: 1, assume_lit: 0.0, outside_unknown: false, lifted: false };
     let shadow = optics::shadow(&room.mesh, &room.receivers, &room.normal, shape, None, quality, &|| false);
     let both = direct.lobes.iter().zip(&shadow.lit).map(|(e, lit)| {
         let open: Vec<f64> = e.pixels().iter().map(|&e| f64::from(e)).collect();

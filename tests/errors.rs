@@ -82,7 +82,8 @@ impl Room {
         let one: Vec<_> = direct.lobes.iter().map(|lobe| lobe.map(|_| 1.0)).collect();
         let zero: Vec<_> = direct.lobes.iter().map(|lobe| lobe.map(|_| 0.0)).collect();
         let visibility = Arc::new(Visibility { lit: one, stderr: zero.clone(), unknown: zero });
-        let inputs = TraceIndirectIn { transport, points, normal, albedo, direct: direct.clone(), visibility };
+        let inputs =
+            TraceIndirectIn { transport, points, normal, albedo, direct: direct.clone(), visibility, objects: None };
         TraceIndirect::default().run(inputs, &Context::default()).unwrap().indirect
     }
 }

@@ -488,7 +488,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
     });
     let indirect = ids.iter().map(|(id, lobes, n)| {
         let shading = (0..*lobes).map(|k| Shading(colours(small, n + 4 + k))).collect();
-        (id.clone(), Arc::new(UnitIndirect { lobes: shading, stderr: many(*lobes, n + 5) }))
+        (id.clone(), Arc::new(UnitIndirect { lobes: shading, stderr: many(*lobes, n + 5), probes: vec![] }))
     });
     let radiance = ids.iter().map(|(id, lobes, _)| {
         (id.clone(), Arc::new(Radiance((0..*lobes).map(|k| Vec3::new(1.0, 2.0, 3.0) * (k + 1) as f32).collect())))

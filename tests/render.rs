@@ -67,6 +67,7 @@ impl Room {
             albedo: Arc::new(albedo.clone()),
             direct,
             visibility: lit,
+            objects: None,
         };
         stage.run(inputs, &Context::default()).unwrap().indirect
     }

@@ -2,7 +2,8 @@
 //!
 //! `lights`, `materials` and `objects` become the parameters of the same name of the stages `EditLights`,
 //! `EditMaterials` and `EditObjects`, whose types say what may stand in them. A light that the edit inserts becomes a
-//! member of the set `lights`.
+//! member of the set `lights`; with objects, every light is one of `object_lights`,
+//! and when one of them may reflect, the set `shiny` has a member.
 
 use std::path::Path;
 
@@ -34,6 +35,7 @@ pub fn frame(
 ) -> Result<Overlay, Vec<Fault>> {
     let mut faults = edit.faults.clone();
     let mut overlay = Overlay::default();
+    let mut objects = None;
     for (key, value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
         let (stage, is_empty) = match key.name.as_str() {
             "lights" => {
@@ -42,7 +44,11 @@ pub fn frame(
                 ("EditLights", entries.is_empty())
             }
             "materials" => ("EditMaterials", value.as_list(&mut faults).is_empty()),
-            "objects" => ("EditObjects", value.as_list(&mut faults).is_empty()),
+            "objects" => {
+                let entries = value.as_list(&mut faults);
+                objects = (!entries.is_empty()).then(|| (key.origin.clone(), entries.iter().any(may_reflect)));
+                ("EditObjects", entries.is_empty())
+            }
             _ => continue, // `frames`: the file has been read by it
         };
         if is_empty {
@@ -54,14 +60,45 @@ pub fn frame(
         }
         overlay.settings.push(Setting { target: Target::Kind(stage.to_owned()), field: key.name, value });
     }
+    // Every light shines on objects.
+    if let Some((origin, shiny)) = objects {
+        let made = overlay.members.iter().map(|m| m.name.clone());
+        let all: Vec<String> = of_scene(scene).map(str::to_owned).chain(made).collect();
+        let lit = |name| Member { set: "object_lights".to_owned(), name, origin: origin.clone() };
+        overlay.members.extend(all.into_iter().map(lit));
+        if shiny {
+            overlay.members.push(Member { set: "shiny".to_owned(), name: "objects".to_owned(), origin });
+        }
+    }
     if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+}
+
+/// Whether an object may be shiny: its entry says so, or leaves it to a file that may. Dull is what has neither a roughness below
+/// one nor metal in it.
+fn may_reflect(object: &Raw) -> bool {
+    let text = object.text();
+    let number = |name: &str| {
+        let after = text.split_once(name).and_then(|(_, after)| after.trim_start().strip_prefix(':'));
+        after.map(|after| after.trim_start().split([',', ')', ' ', '\n']).next().and_then(|n| n.parse::<f32>().ok()))
+    };
+    let of_file = [".gltf", ".glb"].iter().any(|ending| text.to_ascii_lowercase().contains(ending));
+    if of_file && !text.contains("material") {
+        return true;
+    }
+    // What is no number may change over time.
+    number("roughness").is_some_and(|n| n.is_none_or(|n| n < 1.0)) || number("metallic").is_some_and(|n| n != Some(0.0))
+}
+
+/// The lights that are there before the edit.
+fn of_scene(scene: Option<&Overlay>) -> impl Iterator<Item = &str> {
+    let visible = scene.into_iter().flat_map(|scene| &scene.members).filter(|m| m.set == "lights");
+    visible.map(|m| m.name.as_str()).chain(INVISIBLE)
 }
 
 /// The lights that an edit makes; what it says of lights that are not there is a fault.
 fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Vec<Fault>) -> Vec<Member> {
     let makes = |value: &Raw| value.variant().is_some_and(|variant| MAKERS.contains(&variant));
-    let of_scene = scene.iter().flat_map(|scene| &scene.members).filter(|m| m.set == "lights").map(|m| m.name.as_str());
-    let present: Vec<&str> = of_scene.chain(INVISIBLE).collect();
+    let present: Vec<&str> = of_scene(scene).collect();
     let mut members = Vec::new();
     for (key, value) in entries {
         if present.contains(&key.name.as_str()) {

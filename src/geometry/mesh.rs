@@ -5,6 +5,8 @@
 //! surface, but whoever passes it goes behind a depth edge, where the camera saw nothing. Pixels that are no part of the
 //! room (panes, whatever `ignore` covers) have neither.
 //!
+//! Bodies that an edit puts into the room are solid triangles of their own, without curtains.
+//!
 //! A ray has three outcomes:
 //! - **blocked**: it meets a triangle;
 //! - **unknown**: it meets no triangle but a curtain;
@@ -17,6 +19,7 @@ use std::sync::OnceLock;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::bodies::Bodies;
 use super::rays::{FAR, RayMesh};
 use crate::image::{Mask, Plane, Points, STEP};
 
@@ -30,6 +33,8 @@ pub struct SceneMesh {
     noise: f32,
     /// Pixels per unit of tan(angle) of the camera.
     focal: f32,
+    /// What an edit puts into the room.
+    bodies: Bodies,
     /// Surfaces and curtains apart: a blocked ray need not look at the long, overlapping curtains at all.
     #[serde(skip)]
     rays: OnceLock<[RayMesh; 2]>,
@@ -56,7 +61,7 @@ pub enum Sight {
 /// The nearest surface that a ray meets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Index (row by row) of the pixel nearest to the place met.
+    /// Index (row by row) of the pixel nearest to the place met; after all pixels come the probes of the bodies.
     pub pixel: u32,
     /// Metres.
     pub distance: f32,
@@ -96,7 +101,18 @@ impl SceneMesh {
             let inside = |i: &usize| room(x + i % 2, y + i / 2);
             split(depth, inside)
         });
-        SceneMesh { points, cells, noise, focal, rays: OnceLock::new() }
+        SceneMesh { points, cells, noise, focal, bodies: Bodies::default(), rays: OnceLock::new() }
+    }
+
+    /// The same room with these bodies in it, in place of any that it had.
+    pub fn with_bodies(&self, bodies: Bodies) -> SceneMesh {
+        let (points, cells) = (self.points.clone(), self.cells.clone());
+        SceneMesh { points, cells, noise: self.noise, focal: self.focal, bodies, rays: OnceLock::new() }
+    }
+
+    /// What an edit put into the room.
+    pub fn bodies(&self) -> &Bodies {
+        &self.bodies
     }
 
     /// (width, height) of the pixel grid.
@@ -165,7 +181,12 @@ impl SceneMesh {
             let (a, b) = self.counts();
             a + b
         };
-        self.points.bytes() + self.cells.bytes() + triangles * 80
+        self.points.bytes() + self.cells.bytes() + triangles * 80 + self.bodies.bytes()
+    }
+
+    /// Three standard deviations of the depth `z`, metres.
+    pub fn depth_error(&self, z: f32) -> f32 {
+        3.0 * self.noise * z * z
     }
 
     /// How far above the surface a ray must start so that it does not meet its own surface, metres: half a pixel's footprint
@@ -173,7 +194,7 @@ impl SceneMesh {
     /// is what smoothing leaves at most.
     pub fn offset(&self, point: Vec3) -> f32 {
         let z = (-point.z).max(0.0);
-        0.5 * z / self.focal + 3.0 * self.noise * z * z
+        0.5 * z / self.focal + self.depth_error(z)
     }
 
     /// What lies between `from` and `to`; triangles of `own` pixels let the ray pass.
@@ -182,7 +203,7 @@ impl SceneMesh {
         // The last thousandth is left out: a light that lies on a seen surface is not blocked by it.
         let meets = |mesh: &RayMesh| mesh.any(from, to - from, 0.999, stops);
         let [surfaces, curtains] = self.rays();
-        if meets(surfaces) {
+        if meets(surfaces) || self.bodies.between(from, to) {
             Sight::Blocked
         } else if meets(curtains) {
             Sight::Unknown
@@ -193,7 +214,13 @@ impl SceneMesh {
 
     /// The nearest surface along a ray of unit `direction`, or none; curtains let it pass.
     pub fn closest(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
-        let hit = self.surfaces().closest(origin, direction)?;
+        let seen = self.surfaces().closest(origin, direction);
+        let hit = self.bodies.closest(origin, direction).filter(|b| seen.is_none_or(|s| b.distance < s.distance));
+        if let Some(hit) = hit {
+            let probe = self.bodies.nearest_probe(hit.id, origin + direction * hit.distance, direction);
+            return Some(Hit { pixel: (self.points.len() + probe) as u32, distance: hit.distance });
+        }
+        let hit = seen?;
         Some(Hit { pixel: self.nearest_corner(hit.id, origin + direction * hit.distance), distance: hit.distance })
     }
 
@@ -216,7 +243,7 @@ impl SceneMesh {
 /// Runs `work`, which uses rayon, on one thread of its own. A caller that waits for it inside a lock must not help out with
 /// other jobs of its own pool meanwhile, as rayon does: one of them could come for the same lock. One thread, because the
 /// hierarchy that obvhs builds depends on how many there are.
-fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+pub(super) fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     let run = || match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
         Ok(pool) => pool.install(work),
         Err(_) => work(),

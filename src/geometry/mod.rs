@@ -1,5 +1,6 @@
 //! Camera, depth to mesh, and rays.
 
+mod bodies;
 mod bvh8;
 mod camera;
 mod facing;
@@ -7,18 +8,23 @@ mod grid;
 mod known_length;
 mod like_surface;
 mod mesh;
+mod model;
+mod objects;
 mod plane_fit;
 mod rays;
 mod surface;
 mod up;
 mod woop;
 
+pub use bodies::{Bodies, Body, Probes};
 pub use camera::Camera;
 pub use facing::facing;
 pub use grid::{Grid, cosine_direction};
 pub use known_length::{KnownLength, Metres, metric_depth, relative_depth};
 pub use like_surface::like_surface;
 pub use mesh::{Hit, Own, SceneMesh, Sight};
+pub use model::{Material, Model, Skin, parts};
+pub use objects::{Drawing, Objects, draw};
 pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};
 pub use surface::{Surface, surface};

@@ -54,7 +54,8 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
         Ok(())
     }
 
-    /// The files that `run` will read. Their digests, never their paths, are in the key.
+    /// The files that `run` will read. Their digests, never their paths, are in the key. Asked again once they have their folders:
+    /// what a file names in its turn ([`File::peek`]) can then be told too.
     fn files(&mut self) -> Vec<&mut File> {
         Vec::new()
     }
@@ -76,6 +77,13 @@ pub struct File {
 impl File {
     pub fn new(path: impl Into<String>) -> File {
         File { path: path.into(), base: None }
+    }
+
+    /// The bytes, for a stage that must look into a file to know which others it names; none when it has no folder yet or cannot
+    /// be read, which is told when its digest is made.
+    pub fn peek(&self) -> Option<Vec<u8>> {
+        let place = self.base.as_ref().map(|_| self.location())?;
+        place.is_file().then(|| std::fs::read(place).ok())?
     }
 
     /// Where the file lies.

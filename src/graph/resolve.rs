@@ -426,10 +426,17 @@ fn build(
             continue;
         }
         set_at.insert(field.to_owned(), value.origin.clone());
-        for file in op.files() {
-            if file.base.is_none() && !file.path.is_empty() {
-                file.base = Some(value.origin.source.folder().to_owned());
-                named_at.push((file.clone(), value.origin.clone()));
+        // A file with a folder may name further ones.
+        loop {
+            let known = named_at.len();
+            for file in op.files() {
+                if file.base.is_none() && !file.path.is_empty() {
+                    file.base = Some(value.origin.source.folder().to_owned());
+                    named_at.push((file.clone(), value.origin.clone()));
+                }
+            }
+            if named_at.len() == known {
+                break;
             }
         }
     }

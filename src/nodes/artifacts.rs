@@ -3,14 +3,14 @@
 use glam::Vec3;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::geometry::{Camera, SceneMesh};
+use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{
     Albedo, Bytes, Coats, Depth, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer,
 };
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
-use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Shape, Transport};
+use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Reflections, Shape, Transport};
 
 /// The member that stands for lamps out of view.
 pub const INV_LAMP: &str = "inv_lamp";
@@ -49,7 +49,10 @@ artifacts! {
     Transport: Transport::bytes,
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),
     Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),
-    UnitIndirect: |i| i.lobes.iter().map(|l| l.0.bytes()).chain(i.stderr.iter().map(Plane::bytes)).sum(),
+    UnitIndirect: |i| i.lobes.iter().map(|l| &l.0).chain(&i.probes).map(Plane::bytes).chain(i.stderr.iter().map(Plane::bytes)).sum(),
+    Objects: Objects::bytes,
+    Reflections: Reflections::bytes,
+    ObjectLight: |o| o.albedo.bytes() + o.lobes.iter().chain(&o.probes).map(Plane::bytes).sum::<usize>(),
     Guess: |g| g.shape.bytes() + g.radiance.0.len() * 12,
     Remainder: |r| r.left.bytes(),
     Coats: Coats::bytes,
@@ -85,6 +88,19 @@ pub struct UnitIndirect {
     pub lobes: Vec<Shading>,
     /// Standard error of each lobe's luminance. All lobes and lights share their rays, so their errors go together.
     pub stderr: Vec<Plane<f32>>,
+    /// Of the probes of inserted bodies, per lobe, one row; nothing in a room without them.
+    pub probes: Vec<Plane<Vec3>>,
+}
+
+/// Direct light, shadows included, of one light on inserted bodies, per lobe of unit radiance: irradiance / pi.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectLight {
+    /// At the samples of [`Objects`].
+    pub lobes: Vec<Plane<f32>>,
+    /// At the probes, one row.
+    pub probes: Vec<Plane<f32>>,
+    /// What the probes reflect.
+    pub albedo: Plane<Vec3>,
 }
 
 /// What a network says of one light.

@@ -5,6 +5,9 @@
 //! the light, so they are traced once ([`trace_bounces`]), and every lobe only sums over what they hit ([`indirect`]). Rays
 //! that hit nothing, or a surface from behind, look into the unseen part of the room; it shows the mean B of what is seen,
 //! by area. All of it is linear in D, with coefficients that are not negative.
+//!
+//! Bodies in the room take part at their [probes](crate::geometry::Probes): each is a receiver of its own, and a ray that meets
+//! a body sees what its nearest probe shows.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -23,8 +26,10 @@ pub struct Transport {
     hits: Plane<u32>,
     /// Each pixel's nearest receiver on its own surface.
     nearest: Plane<u32>,
-    /// Area that each receiver stands for, square metres over focal length squared; zero where there is no room.
+    /// Area that each receiver stands for, square metres over focal length squared; zero where there is no room, and for probes.
     areas: Plane<f32>,
+    /// Probes of bodies: as many receivers after those of the grid, and as many pixels after those of the picture.
+    probes: usize,
 }
 
 const MISS: u32 = u32::MAX;
@@ -47,7 +52,13 @@ impl Transport {
         let kept: Vec<usize> =
             (0..BATCHES).flat_map(|b| (0..each).step_by(step).map(move |ray| b * each + ray)).collect();
         let hits = Plane::from_fn(kept.len(), self.hits.height(), |ray, receiver| self.hits.get(kept[ray], receiver));
-        Transport { hits, grid: self.grid, nearest: self.nearest.clone(), areas: self.areas.clone() }
+        Transport {
+            hits,
+            grid: self.grid,
+            nearest: self.nearest.clone(),
+            areas: self.areas.clone(),
+            probes: self.probes,
+        }
     }
 
     /// Size of the planes it belongs to.
@@ -60,9 +71,25 @@ impl Transport {
         &self.grid
     }
 
-    /// The receiver that is nearest to a pixel on its own surface.
+    /// The receiver that is nearest to a pixel on its own surface; a probe is its own.
     pub fn nearest(&self, pixel: usize) -> usize {
-        self.nearest.pixels()[pixel] as usize
+        match pixel.checked_sub(self.nearest.len()) {
+            Some(probe) => self.grid.len() + probe,
+            None => self.nearest.pixels()[pixel] as usize,
+        }
+    }
+
+    /// Probes of bodies in the room.
+    pub fn probes(&self) -> usize {
+        self.probes
+    }
+
+    /// The pixel, or after all pixels the probe, that a receiver is.
+    fn pixel(&self, receiver: usize) -> usize {
+        match receiver.checked_sub(self.grid.len()) {
+            Some(probe) => self.nearest.len() + probe,
+            None => self.grid.pixel(receiver),
+        }
     }
 
     /// Shading of each receiver by an even ambient of radiance 1 from the unseen part of the room, a fifth of which reaches everywhere.
@@ -70,6 +97,19 @@ impl Transport {
         let open = |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
         let shading = |row: &[u32]| Vec3::splat(0.2 + 0.8 * open(row));
         self.hits.pixels().chunks(self.hits.width().max(1)).map(shading).collect()
+    }
+
+    /// [`Transport::ambient`] where bodies, whose probes have this albedo, stand in the way: in place of what they hide they show
+    /// what they reflect of it.
+    pub fn ambient_around(&self, albedo: &[Vec3]) -> Vec<Vec3> {
+        let all = self.ambient();
+        let pixels = self.nearest.len();
+        let shading = |(row, first): (&[u32], &Vec3)| {
+            let probe = |hit: u32| (hit != MISS).then(|| (hit as usize).checked_sub(pixels)).flatten();
+            let shown = |probe: usize| albedo[probe] * all[self.grid.len() + probe] - Vec3::splat(0.2);
+            *first + row.iter().filter_map(|&hit| probe(hit)).map(shown).sum::<Vec3>() / row.len() as f32
+        };
+        self.hits.pixels().chunks(self.hits.width().max(1)).zip(&all).map(shading).collect()
     }
 }
 
@@ -84,20 +124,28 @@ pub fn trace_bounces(
 ) -> Transport {
     let (width, height) = points.0.size();
     let grid = Grid::new((width, height), stride);
+    let probes = mesh.bodies().probes();
     let each = rays.div_ceil(BATCHES).max(1);
     let trace = |i: usize| -> Vec<u32> {
-        let pixel = grid.pixel(i);
-        let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
-        let from = point + n * mesh.offset(point);
+        let (pixel, from, n) = match i.checked_sub(grid.len()) {
+            Some(probe) => (width * height + probe, probes.points.pixels()[probe], probes.normals.pixels()[probe]),
+            None => {
+                let pixel = grid.pixel(i);
+                let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
+                (pixel, point + n * mesh.offset(point), n)
+            }
+        };
         let look = |random: Points2, ray: usize| {
             let direction = cosine_direction(n, random.get(ray));
             let hit = mesh.closest(from, direction)?;
-            (normal.0.pixels()[hit.pixel as usize].dot(direction) < 0.0).then_some(hit.pixel)
+            // The seen room has one side; a body is met from either.
+            let faces = normal.0.pixels().get(hit.pixel as usize).is_none_or(|n| n.dot(direction) < 0.0);
+            faces.then_some(hit.pixel)
         };
         let batch = |batch: usize| (0..each).map(move |ray| (stream(seed, pixel as u32, 0, batch), ray));
         (0..BATCHES).flat_map(batch).map(|(random, ray)| look(random, ray).unwrap_or(MISS)).collect()
     };
-    let rows: Vec<Vec<u32>> = (0..grid.len()).into_par_iter().map(trace).collect();
+    let rows: Vec<Vec<u32>> = (0..grid.len() + probes.len()).into_par_iter().map(trace).collect();
     let nearest = |pixel: usize| {
         let best = grid.neighbours(points, normal, pixel).into_iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
         best.map_or(0, |(i, _)| i as u32)
@@ -117,10 +165,12 @@ pub fn trace_bounces(
     sorted.sort_by(f32::total_cmp);
     let most = 4.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     areas.iter_mut().for_each(|a| *a = a.min(most));
+    areas.resize(rows.len(), 0.0);
     Transport {
-        hits: Plane::new(each * BATCHES, grid.len(), rows.concat()),
+        hits: Plane::new(each * BATCHES, rows.len(), rows.concat()),
         nearest: Plane::new(width, height, nearest),
-        areas: Plane::new(grid.len(), 1, areas),
+        areas: Plane::new(rows.len(), 1, areas),
+        probes: probes.len(),
         grid,
     }
 }
@@ -134,7 +184,21 @@ pub struct Bounces {
     pub unseen: f32,
 }
 
-/// Indirect shading of one lobe on all pixels, and the standard error of its luminance; `direct` is its shadowed direct shading.
+/// What is known of the probes of bodies under one lobe.
+#[derive(Clone, Copy)]
+pub struct Probed<'a> {
+    pub albedo: &'a [Vec3],
+    /// Shadowed direct shading.
+    pub direct: &'a [f32],
+}
+
+impl Probed<'_> {
+    /// No bodies.
+    pub const NONE: Probed<'static> = Probed { albedo: &[], direct: &[] };
+}
+
+/// Indirect shading of one lobe on all pixels, the standard error of its luminance, and indirect shading of the probes of
+/// bodies; `direct` is its shadowed direct shading.
 ///
 /// The error of a receiver is the spread of the batches after the receivers around it were brought together, as part of it is
 /// common to all of them (what the unseen part shows); a pixel has that of its nearest receiver.
@@ -144,10 +208,13 @@ pub fn indirect(
     normal: &Normal,
     albedo: &Albedo,
     direct: &Plane<f32>,
+    probed: Probed,
     bounces: Bounces,
-) -> (Shading, Plane<f32>) {
+) -> (Shading, Plane<f32>, Vec<Vec3>) {
     let Transport { grid, nearest, .. } = transport;
-    let receivers = gather(transport, albedo, |pixel| direct.pixels()[pixel], bounces);
+    let pixels = direct.len();
+    let arrives = |p: usize| if p < pixels { direct.pixels()[p] } else { probed.direct[p - pixels] };
+    let receivers = gather(transport, albedo, probed.albedo, arrives, bounces);
     let up = grid.spread(points, normal, |neighbours| {
         neighbours
             .iter()
@@ -159,17 +226,19 @@ pub fn indirect(
         let variances: Vec<Option<f64>> = tile.pixels.iter().map(|&i| Some(variance(i))).collect();
         tile.pixels.iter().zip(pooled(&tile, &variances)).for_each(|(&i, error)| errors[i] = error as f32);
     }
-    (Shading(up.map(|batches| whole(&batches))), nearest.map(|i| errors[i as usize]))
+    let probes = receivers[grid.len()..].iter().map(whole).collect();
+    (Shading(up.map(|batches| whole(&batches))), nearest.map(|i| errors[i as usize]), probes)
 }
 
-/// Indirect shading of one lobe on the receivers alone; `direct` is its shadowed direct shading at a pixel.
+/// Indirect shading of one lobe on the receivers alone, in a room without bodies; `direct` is its shadowed direct shading at a
+/// pixel.
 pub fn indirect_at_receivers(
     transport: &Transport,
     albedo: &Albedo,
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
 ) -> Vec<Vec3> {
-    gather(transport, albedo, direct, bounces).iter().map(whole).collect()
+    gather(transport, albedo, &[], direct, bounces).iter().map(whole).collect()
 }
 
 fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {
@@ -181,26 +250,28 @@ fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {
 fn gather(
     transport: &Transport,
     albedo: &Albedo,
+    probes: &[Vec3],
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
 ) -> Vec<[Vec3; BATCHES]> {
-    let Transport { grid, nearest, areas, .. } = transport;
-    let receivers = grid.len();
+    let areas = &transport.areas;
+    let receivers = areas.len();
     if bounces.count == 0 {
         return vec![[Vec3::ZERO; BATCHES]; receivers];
     }
     // An albedo of one would never come to rest.
-    let reflects: Vec<Vec3> = albedo.0.pixels().iter().map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect();
+    let reflects: Vec<Vec3> =
+        albedo.0.pixels().iter().chain(probes).map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect();
     let area: f64 = areas.pixels().iter().map(|&a| f64::from(a)).sum();
     let mean_of = |value: &dyn Fn(usize) -> Vec3| -> Vec3 {
         let sum: glam::DVec3 = (0..receivers).map(|i| value(i).as_dvec3() * f64::from(areas.pixels()[i])).sum();
         if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
     };
-    let mean_albedo = mean_of(&|i| reflects[grid.pixel(i)]);
+    let mean_albedo = mean_of(&|i| reflects[transport.pixel(i)]);
     // There are several rays to a pixel: what all batches see alike is made once for all of them.
     let first: Vec<Vec3> = reflects.iter().enumerate().map(|(p, reflect)| reflect * Vec3::splat(direct(p))).collect();
     let ambient = |shown: &dyn Fn(usize, usize) -> Vec3| -> [Vec3; BATCHES] {
-        std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(grid.pixel(i), b)))
+        std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(transport.pixel(i), b)))
     };
     let shown = |pixel: usize, _: usize| first[pixel];
     let mut last = bounce(transport, shown, ambient(&shown));
@@ -210,7 +281,7 @@ fn gather(
         pairs.for_each(|(sum, add)| *sum += *add * times);
     };
     for _ in 1..bounces.count {
-        let shown = |pixel: usize, b: usize| reflects[pixel] * last[nearest.pixels()[pixel] as usize][b];
+        let shown = |pixel: usize, b: usize| reflects[pixel] * last[transport.nearest(pixel)][b];
         last = bounce(transport, shown, ambient(&shown));
         add(&mut total, &last, Vec3::ONE);
     }

@@ -171,7 +171,13 @@ impl Shape {
     /// when the ray does not meet it. [`Lamp::Plates`] are never met: thinned, they have gaps, and the pixels they come from are
     /// the lamp's own in the photo.
     pub fn meet(&self, ray: Vec3) -> Option<f32> {
+        self.meet_from(Vec3::ZERO, ray)
+    }
+
+    /// As [`Shape::meet`], from another origin.
+    pub fn meet_from(&self, origin: Vec3, ray: Vec3) -> Option<f32> {
         let rect = |center: Vec3, x: Vec3, y: Vec3| {
+            let center = center - origin;
             let normal = x.cross(y);
             let facing = normal.dot(ray);
             let t = normal.dot(center) / facing;
@@ -182,7 +188,8 @@ impl Shape {
         match self {
             Shape::Absent | Shape::Lamp(Lamp::Plates(_)) => None,
             Shape::Lamp(Lamp::Sphere { center, radius }) => {
-                let (a, b, c) = (ray.length_squared(), ray.dot(*center), center.length_squared() - radius * radius);
+                let center = *center - origin;
+                let (a, b, c) = (ray.length_squared(), ray.dot(center), center.length_squared() - radius * radius);
                 let root = b * b - a * c;
                 let t = (b - root.max(0.0).sqrt()) / a;
                 (root >= 0.0 && t > 0.0).then_some(t)
@@ -200,7 +207,7 @@ impl Shape {
             Shape::Lamp(Lamp::Mesh { corners, triangles }) => triangles
                 .iter()
                 .filter_map(|t| {
-                    let [a, b, c] = t.map(|i| corners[i as usize]);
+                    let [a, b, c] = t.map(|i| corners[i as usize] - origin);
                     let normal = (b - a).cross(c - a);
                     let facing = normal.dot(ray);
                     let t = normal.dot(a) / facing;
@@ -209,6 +216,17 @@ impl Shape {
                     (facing < 0.0 && t > 0.0 && inside).then_some(t)
                 })
                 .reduce(f32::min),
+        }
+    }
+
+    /// What one lobe of unit radiance shows along unit `direction`, from the scene to the light.
+    pub fn shown(&self, lobe: usize, direction: Vec3) -> f32 {
+        match self {
+            Shape::Window(window) => {
+                let Lobe { direction: peak, bandwidth } = window.lobes[lobe];
+                (bandwidth * (peak.dot(direction) - 1.0)).exp()
+            }
+            _ => 1.0,
         }
     }
 

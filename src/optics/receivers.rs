@@ -90,7 +90,7 @@ impl<'a> Receivers<'a> {
     pub fn layers(&self, shape: &Shape, own: Option<&Mask>, quality: LayerQuality) -> Vec<UnitLayer> {
         let SeenRoom { mesh, transport, albedo, .. } = self.room;
         let sampling = Sampling::fixed(quality.samples, 0);
-        let shadows = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false };
+        let shadows = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
         let direct = direct(&self.points, &self.normal, shape, &sampling, &|| false);
         let own = own.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
         let own = own.as_ref().map(|(passes, pixels)| (passes, pixels));

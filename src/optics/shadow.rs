@@ -24,6 +24,8 @@ pub struct ShadowQuality {
     pub assume_lit: f32,
     /// Whether unblocked rays that leave the view are unknown; else they are lit.
     pub outside_unknown: bool,
+    /// Whether the points are above their surface already, as those of bodies are, so that rays start from them.
+    pub lifted: bool,
 }
 
 /// Per lobe, shares of the unshadowed direct shading, 0..1.
@@ -94,7 +96,7 @@ pub fn shadow(
             let pixel = grid.pixel(i);
             let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
             let Some(seen) = emitter.seen(tile.lobe, point, n) else { continue };
-            let from = point + n * mesh.offset(point);
+            let from = if quality.lifted { point } else { point + n * mesh.offset(point) };
             for (batch, sums) in sums.iter_mut().enumerate() {
                 let stream = stream(quality.sampling.seed, pixel as u32, tile.lobe, batch);
                 for sample in range.clone().filter_map(|i| seen.sample(&stream, i)) {

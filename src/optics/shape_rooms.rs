@@ -4,7 +4,8 @@ use super::*;
 use crate::geometry::SceneMesh;
 use crate::image::{Albedo, Normal as Normals, Picture, Plane, Points, Segments};
 use crate::optics::{
-    Bounces, Lamp, Lobe, Sampling, SeenRoom, ShadowQuality, Transport, Window, direct, indirect, shadow, trace_bounces,
+    Bounces, Lamp, Lobe, Probed, Sampling, SeenRoom, ShadowQuality, Transport, Window, direct, indirect, shadow,
+    trace_bounces,
 };
 
 const SIZE: (usize, usize) = (160, 120);
@@ -64,7 +65,7 @@ impl Room {
     /// The photo under these lights, 16 shadow rays a pixel.
     fn photo(&self, lights: &[(Shape, Vec<Vec3>)]) -> Picture {
         let sampling = Sampling::fixed(16, 3);
-        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false };
+        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
         let mut sum = Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO);
         for (shape, radiance) in lights {
             let direct = direct(&self.points, &self.normal, shape, &sampling, &|| false);
@@ -72,7 +73,8 @@ impl Room {
             for ((e, lit), w) in direct.lobes.iter().zip(&shadow.lit).zip(radiance) {
                 let lit = Plane::from_fn(SIZE.0, SIZE.1, |x, y| e.get(x, y) * lit.get(x, y));
                 let bounces = Bounces { count: 2, unseen: 0.5 };
-                let (bounced, _) = indirect(&self.transport, &self.points, &self.normal, &self.albedo, &lit, bounces);
+                let (bounced, ..) =
+                    indirect(&self.transport, &self.points, &self.normal, &self.albedo, &lit, Probed::NONE, bounces);
                 sum = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
                     sum.get(x, y) + *w * (bounced.0.get(x, y) + Vec3::splat(lit.get(x, y)))
                 });

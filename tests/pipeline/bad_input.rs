@@ -39,7 +39,7 @@ fn mask(from: usize) -> Vec<u8> {
 }
 
 /// A folder with a sound scene and an edit.
-fn room() -> Place {
+pub fn room() -> Place {
     let place = Place::new();
     place.write("scene.ron", SCENE);
     place.write("edit.ron", EDIT);
@@ -80,7 +80,7 @@ fn run(place: &Place, what: &str) -> (i32, String) {
 }
 
 /// Wants this status and all these words.
-fn check(place: &Place, what: &str, status: i32, words: &[&str]) {
+pub fn check(place: &Place, what: &str, status: i32, words: &[&str]) {
     let (got, told) = run(place, what);
     assert_eq!(got, status, "{what} told:\n{told}");
     for word in words {

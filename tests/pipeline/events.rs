@@ -64,6 +64,39 @@ fn each_kind_of_edit_runs_what_it_must_and_nothing_else() {
     assert!(rays > 0);
 }
 
+/// Which of all nodes about objects ran, beside the sums; sorted.
+#[test]
+fn objects_run_what_they_touch() {
+    let cache = warm();
+    let ball = |grey: &str, lights: &str| {
+        let ball = format!("Sphere(radius: 0.09, at: Pixel(x: 178, y: 176), material: (albedo: Linear({grey})))");
+        let mut ran =
+            again(cache.path(), &demo(), &format!("Edit(version: 1, objects: [{ball}], lights: {{ {lights} }})"));
+        ran.0.sort();
+        ran
+    };
+    let names = |kinds: &[&str], others: &[&str]| {
+        let each = ["inv_lamp", "inv_window", "lamp_0", "window_0"];
+        let per_light = kinds.iter().flat_map(|kind| each.map(|light| format!("{kind}[{light}]")));
+        let mut names: Vec<String> = per_light.chain(others.iter().map(|name| name.to_string())).collect();
+        names.sort();
+        names
+    };
+    // No light moves, so no direct light on the room is asked for again; all shadows are.
+    let per_light = ["edited_shadow", "edited_indirect", "glow", "object_light", "object_shown"];
+    let (ran, rays) = ball("0.8, 0.8, 0.8", "");
+    assert_eq!(ran, names(&per_light, &["objects", "edited_transport", "edited_rest", "after", "compose", "write"]));
+    assert!(rays > 0);
+    // Dimmed, a light traces nothing, with objects as without.
+    let (ran, rays) = ball("0.8, 0.8, 0.8", r#""lamp_0": Scale(0.5)"#);
+    assert_eq!((ran, rays), (names(&[], &["edit", "after", "object_shown[lamp_0]", "compose", "write"]), 0));
+    // Another colour: what it bounces; no shadow in the room and no way between its parts.
+    let (ran, _) = ball("0.8, 0.2, 0.1", "");
+    let per_light = ["edited_indirect", "object_light", "object_shown"];
+    assert_eq!(ran, names(&per_light, &["objects", "edited_rest", "after", "compose", "write"]));
+    assert_eq!(again(cache.path(), &demo(), IDENTITY), (vec![], 0), "the room without objects is as it was");
+}
+
 #[test]
 fn a_scene_without_windows_runs_nothing_for_windows() {
     let place = Place::new();
@@ -80,6 +113,7 @@ fn a_scene_without_windows_runs_nothing_for_windows() {
     let ran: Vec<&str> = ran(&report).into_iter().filter(|name| !name.contains("[inv_")).collect();
     let once =
         ["scene", "room", "transport", "materials", "init", "direct[lamp_0]", "shadow[lamp_0]", "indirect[lamp_0]"];
-    let then = ["fit", "before", "paint", "edit", "repaint", "after", "glow[lamp_0]", "compose", "write"];
+    let then = ["fit", "before", "paint", "edit", "repaint", "objects", "after", "glow[lamp_0]", "edited_rest"];
+    let then = [&then[..], &["compose", "write"]].concat();
     assert_eq!(ran, [&once[..], &then[..]].concat());
 }

@@ -7,14 +7,15 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
-use relight::geometry::{Camera, SceneMesh};
-use relight::graph::{Context, Gather, Node};
+use relight::geometry::{Camera, Objects, SceneMesh};
+use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
     Albedo, Coats, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Shading, Transfer, write_png,
 };
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
 use relight::nodes::edit::Colour;
 use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, MaterialEdit, Region};
+use relight::nodes::edit::edit_objects::{EditObjects, EditObjectsIn};
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
 use relight::nodes::estimate::paint::{Paint, PaintIn};
 use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMaterialsIn};
@@ -22,6 +23,7 @@ use relight::nodes::output::compose::{Compose, ComposeIn};
 use relight::nodes::render::{
     direct::{Direct, DirectIn},
     glow::{Glow, GlowIn},
+    light_objects::{LightObjects, LightObjectsIn},
     mix::{Mix, MixIn},
     shadow::{Shadow, ShadowIn},
     trace_indirect::{TraceIndirect, TraceIndirectIn},
@@ -32,7 +34,7 @@ use relight::optics::{Lamp, LightKind, Radiance, Shape, Window};
 
 use crate::project::{png, root};
 
-const NAMES: [&str; 18] = [
+const NAMES: [&str; 19] = [
     "mesh",
     "find",
     "retinex",
@@ -42,7 +44,8 @@ const NAMES: [&str; 18] = [
     "mix",
     "glow",
     "compose",
-    "edit_materials", // and with networks:
+    "edit_materials",
+    "objects", // and with networks:
     "mnet",
     "vis_lamp_net",
     "vis_win_net",
@@ -210,6 +213,7 @@ pub fn room() -> &'static Room {
                 albedo: albedo.clone(),
                 direct: direct.clone(),
                 visibility: visibility.clone(),
+                objects: None,
             };
             let indirect = TraceIndirect::default().run(inputs, &ctx).expect("the light is sound").indirect;
             Light { id, shape, radiance: Arc::new(Radiance(radiance)), direct, visibility, indirect }
@@ -443,7 +447,8 @@ fn composed(coats: Arc<Coats>) -> Plane<Vec3> {
         coats,
         before: Gather(room.shading([1.0, 1.0])),
         after: Gather(after),
-        rest: dark,
+        rest: dark.clone(),
+        edited_rest: dark,
         zone: Gather(paint.zone.0),
         kind: kinds(),
         estimated: Gather(shapes()),
@@ -452,7 +457,43 @@ fn composed(coats: Arc<Coats>) -> Plane<Vec3> {
         radiance: Gather(radiance),
         gain: Gather(gain),
         cover: Gather(covers),
+        objects: Arc::new(Objects::unseen(&[])),
+        object: Gather(vec![]),
+        object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+        reflected: Gather(vec![]),
     };
     let out = Compose::default().run(inputs, &Context::default()).expect("everything is sound");
     out.picture.0.clone()
+}
+
+/// A ball before the box, under the lamp: what it shows of direct light, and the shadow that it casts.
+#[test]
+fn objects() {
+    let room = room();
+    let ball = r#"[Sphere(radius: 0.25, at: Point(-0.35, -0.7, -2.6), material: (albedo: Linear(0.2, 0.6, 0.9)))]"#;
+    let mut edit = EditObjects::default();
+    edit.set("objects", ball).expect("there is such a parameter").expect("it is sound");
+    let (camera, depth, normal) = (room.camera.clone(), room.depth.clone(), room.normal.clone());
+    let inputs = EditObjectsIn { camera, depth, normal, mesh: mesh_of_room() };
+    let ctx = Context::default();
+    let edited = edit.run(inputs, &ctx).expect("the edit is sound");
+    let (objects, lamp) = (edited.objects.clone(), &room.lights[0]);
+    let inputs = LightObjectsIn { objects, mesh: edited.mesh.clone(), shape: lamp.shape.clone() };
+    let lit = LightObjects::default().run(inputs, &ctx).expect("the light is sound").light;
+    let samples: Vec<Vec3> = lit.lobes[0].pixels().iter().map(|&e| lamp.radiance.0[0] * e).collect();
+    let shown = edited.objects.diffuse(&samples);
+    let (points, normal) = (room.points.clone(), room.normal.clone());
+    let inputs = ShadowIn { points, normal, mesh: edited.mesh, shape: lamp.shape.clone(), mask: None };
+    let shadow = Shadow::default().run(inputs, &ctx).expect("the light is sound").visibility;
+    let pixel = |x: usize, y: usize| {
+        let arrives = lamp.direct.lobes[0].get(x, y) * shadow.lit[0].get(x, y);
+        let behind = room.albedo.0.get(x, y) * lamp.radiance.0[0] * arrives;
+        let within = |at: usize, start: usize, size: usize| at.checked_sub(start).filter(|&at| at < size);
+        let (w, h) = shown.size();
+        match (within(x, edited.objects.left, w), within(y, edited.objects.top, h)) {
+            (Some(x), Some(y)) => behind.lerp(shown.get(x, y), edited.objects.cover.get(x, y)),
+            _ => behind,
+        }
+    };
+    check("objects", Plane::from_fn(SIZE.0, SIZE.1, |x, y| 3.0 * pixel(x, y)));
 }

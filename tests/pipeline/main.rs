@@ -15,6 +15,7 @@ mod layers;
 mod materials;
 mod mix;
 mod networks;
+mod objects;
 mod onnx;
 mod page;
 mod planes;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
-use relight::geometry::Camera;
+use relight::geometry::{Camera, Objects};
 use relight::graph::{Context, Gather, Node, Status};
 use relight::image::{Albedo, Coat, Coats, Depth, Mask, Matte, Picture, Plane, Repaint, Shading};
 use relight::nodes::output::compose::{Compose, ComposeIn, ComposeOut};
@@ -41,6 +41,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
     let matte = Matte { share: Plane::filled(w, h, share), rim: vec![] };
     let radiance = |v: f32| lamp(Radiance(vec![Vec3::splat(v)]));
     let shape = || lamp(Shape::Absent);
+    let rest = Arc::new(Shading(plane(&|x, _| 0.1 * shading(x))));
     let inputs = ComposeIn {
         photo: photo.clone(),
         clipped: Arc::new(none()),
@@ -53,7 +54,8 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         coats: Arc::new(Coats(vec![Coat { paint, matte }])),
         before: light(1.0),
         after: light(factor),
-        rest: Arc::new(Shading(plane(&|x, _| 0.1 * shading(x)))),
+        rest: rest.clone(),
+        edited_rest: rest,
         zone: Gather(vec![]),
         kind: Gather(vec![]),
         estimated: shape(),
@@ -62,6 +64,10 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         radiance: radiance(factor),
         gain: radiance(factor),
         cover: lamp(none()),
+        objects: Arc::new(Objects::unseen(&[])),
+        object: Gather(vec![]),
+        object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+        reflected: Gather(vec![]),
     };
     Compose::default().run(inputs, &Context::default()).expect("everything is sound")
 }

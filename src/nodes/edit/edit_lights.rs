@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
+use super::{Ground, Place, level};
 use crate::geometry::{Camera, PlaneFit, world_up};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Depth, Normal, luminance};
@@ -82,22 +83,6 @@ pub enum LampShape {
         #[serde(default)]
         yaw: f32,
     },
-}
-
-/// Where an inserted lamp's centre is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub enum Place {
-    /// On the surface seen at a photo pixel; the centre is `lift` metres above it along its normal, at least so far that the lamp
-    /// does not sink in.
-    Pixel {
-        x: f32,
-        y: f32,
-        #[serde(default)]
-        lift: f32,
-    },
-    /// Camera space, metres.
-    Point(f32, f32, f32),
 }
 
 /// Half of a window's surrounding: above or below the horizon.
@@ -370,41 +355,10 @@ impl EditLights {
     }
 }
 
-/// The surface seen at a photo pixel: its point and normal.
-fn seen(inputs: &EditLightsIn, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
-    let camera = &inputs.camera;
-    if !camera.contains(Vec2::new(x, y)) {
-        return Err(format!(
-            "Pixel(x: {x}, y: {y}) is outside the photo, wanted 0..{} and 0..{}",
-            camera.width, camera.height
-        ));
+impl EditLightsIn {
+    fn ground(&self, up: Vec3) -> Ground<'_> {
+        Ground { camera: &self.camera, depth: &self.depth, normal: &self.normal, up }
     }
-    let (w, h) = inputs.normal.0.size();
-    let normal = inputs.normal.0.get(
-        ((x / camera.width as f32 * w as f32) as usize).min(w - 1),
-        ((y / camera.height as f32 * h as f32) as usize).min(h - 1),
-    );
-    Ok((camera.unproject(x, y, inputs.depth.0.get(x as usize, y as usize)), normal))
-}
-
-/// Share of the photo's longer side within which a surface is looked at to stand on it.
-const FOOT: f32 = 0.012;
-
-/// The place on the surface seen at a photo pixel, and the surface's normal: on the plane through what is around it, since depth
-/// may come in steps. What is level to 20 degrees counts as level.
-fn foot(inputs: &EditLightsIn, x: f32, y: f32, up: Vec3) -> Result<(Vec3, Vec3), String> {
-    let (own, own_normal) = seen(inputs, x, y)?;
-    let camera = &inputs.camera;
-    let reach = (FOOT * camera.width.max(camera.height) as f32).ceil();
-    let steps = || (-3..=3).map(|i| i as f32 / 3.0 * reach);
-    let places = steps().flat_map(|dy| steps().map(move |dx| (x + dx, y + dy)));
-    let (points, normals): (Vec<Vec3>, Vec<Vec3>) = places.filter_map(|(x, y)| seen(inputs, x, y).ok()).unzip();
-    let plane = PlaneFit::through(&points, &normals, 0.02);
-    let plane = plane.filter(|plane| plane.normal.dot(own_normal) > 0.8);
-    let (point, normal) = plane
-        .and_then(|plane| Some((plane.meet(camera.unproject(x, y, 1.0))?, plane.normal)))
-        .unwrap_or((own, own_normal));
-    Ok((point, if normal.dot(up) > 0.94 { up } else { normal }))
 }
 
 fn lamp(shape: &LampShape, at: &Place, inputs: &EditLightsIn, up: Vec3) -> Result<Lamp, String> {
@@ -416,7 +370,7 @@ fn lamp(shape: &LampShape, at: &Place, inputs: &EditLightsIn, up: Vec3) -> Resul
     let center = match *at {
         Place::Point(x, y, z) => Vec3::new(x, y, z),
         Place::Pixel { x, y, lift } => {
-            let (point, normal) = foot(inputs, x, y, up)?;
+            let (point, normal) = inputs.ground(up).foot(x, y)?;
             point + normal * lift.max(reach)
         }
     };
@@ -456,12 +410,6 @@ fn convex(corners: &[[f32; 2]]) -> Result<[Vec2; 4], String> {
     }
 }
 
-/// The level directions to the right of the view and ahead.
-fn level(up: Vec3) -> (Vec3, Vec3) {
-    let right = Vec3::NEG_Z.cross(up).try_normalize().unwrap_or(Vec3::X);
-    (right, up.cross(right))
-}
-
 /// `window` before a surrounding, and the radiances of its lobes. A sky alone is even, without horizon; sky and ground are broad
 /// lobes above and below what lies straight outside.
 fn surrounded(mut window: Window, up: Vec3, sky: &Half, ground: Option<&Half>, sun: Option<&Sun>) -> (Shape, Radiance) {
@@ -489,6 +437,7 @@ fn surrounded(mut window: Window, up: Vec3, sky: &Half, ground: Option<&Half>, s
 fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<Window, String> {
     let camera = &inputs.camera;
     let corner = convex(corners)?;
+    let ground = inputs.ground(up);
     let (low, high) = corner.iter().fold((corner[0], corner[0]), |(l, h), &c| (l.min(c), h.max(c)));
     let inside = |p: Vec2| {
         let sides = [0, 1, 2, 3].map(|i| (corner[(i + 1) % 4] - corner[i]).perp_dot(p - corner[i]));
@@ -502,7 +451,7 @@ fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<Windo
         for x in (clamp(low.x, camera.width)..clamp(high.x + 1.0, camera.width)).step_by(step) {
             let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             if inside(at) {
-                let (point, normal) = seen(inputs, at.x, at.y)?;
+                let (point, normal) = ground.seen(at.x, at.y)?;
                 points.push(point);
                 normals.push(normal);
             }

@@ -2,11 +2,13 @@
 
 pub mod edit_lights;
 pub mod edit_materials;
+pub mod edit_objects;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::image::Transfer;
+use crate::geometry::{Camera, PlaneFit};
+use crate::image::{Depth, Normal, Transfer};
 
 /// An albedo as a person writes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,4 +38,77 @@ impl Colour {
             }
         }
     }
+}
+
+/// Where something stands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum Place {
+    /// On the surface seen at a photo pixel. The centre of a lamp is `lift` metres above it along its normal, at least so far that
+    /// the lamp does not sink in; an object stands `lift` metres above it.
+    Pixel {
+        x: f32,
+        y: f32,
+        #[serde(default)]
+        lift: f32,
+    },
+    /// Camera space, metres.
+    Point(f32, f32, f32),
+}
+
+/// The seen surface, to stand things on.
+pub struct Ground<'a> {
+    /// Of the photo.
+    pub camera: &'a Camera,
+    /// At the photo's size.
+    pub depth: &'a Depth,
+    /// At any size.
+    pub normal: &'a Normal,
+    /// The world's up.
+    pub up: Vec3,
+}
+
+/// Share of the photo's longer side within which a surface is looked at to stand on it.
+const FOOT: f32 = 0.012;
+
+impl Ground<'_> {
+    /// The surface seen at a photo pixel: its point and normal.
+    pub fn seen(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
+        let camera = self.camera;
+        if !camera.contains(Vec2::new(x, y)) {
+            return Err(format!(
+                "Pixel(x: {x}, y: {y}) is outside the photo, wanted 0..{} and 0..{}",
+                camera.width, camera.height
+            ));
+        }
+        let (w, h) = self.normal.0.size();
+        let normal = self.normal.0.get(
+            ((x / camera.width as f32 * w as f32) as usize).min(w - 1),
+            ((y / camera.height as f32 * h as f32) as usize).min(h - 1),
+        );
+        Ok((camera.unproject(x, y, self.depth.0.get(x as usize, y as usize)), normal))
+    }
+
+    /// The place on the surface seen at a photo pixel, and the surface's normal: on the plane through what is around it, since depth
+    /// may come in steps. What is level to 20 degrees counts as level.
+    pub fn foot(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
+        let (own, own_normal) = self.seen(x, y)?;
+        let camera = self.camera;
+        let reach = (FOOT * camera.width.max(camera.height) as f32).ceil();
+        let steps = || (-3..=3).map(|i| i as f32 / 3.0 * reach);
+        let places = steps().flat_map(|dy| steps().map(move |dx| (x + dx, y + dy)));
+        let (points, normals): (Vec<Vec3>, Vec<Vec3>) = places.filter_map(|(x, y)| self.seen(x, y).ok()).unzip();
+        let plane = PlaneFit::through(&points, &normals, 0.02);
+        let plane = plane.filter(|plane| plane.normal.dot(own_normal) > 0.8);
+        let (point, normal) = plane
+            .and_then(|plane| Some((plane.meet(camera.unproject(x, y, 1.0))?, plane.normal)))
+            .unwrap_or((own, own_normal));
+        Ok((point, if normal.dot(self.up) > 0.94 { self.up } else { normal }))
+    }
+}
+
+/// The level directions to the right of the view and ahead.
+pub fn level(up: Vec3) -> (Vec3, Vec3) {
+    let right = Vec3::NEG_Z.cross(up).try_normalize().unwrap_or(Vec3::X);
+    (right, up.cross(right))
 }

@@ -18,13 +18,13 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::Camera;
+use crate::geometry::{Camera, Objects};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
     Albedo, Coated, Coats, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, clip_level, distance,
     luminance, ratio, reflected, smooth_step,
 };
-use crate::optics::{LightKind, Radiance, Shape};
+use crate::optics::{LightKind, Mirror, Radiance, Reflections, Shape};
 use crate::{params, ports};
 
 /// How a picture is made from shading.
@@ -48,6 +48,9 @@ params! {
         lamp_albedo: f32 = 0.5,
         /// Albedo shown by the pane of a window that is switched off; 0..=1.
         pane_albedo: f32 = 0.05,
+        /// What objects reflect of the unseen part of the room, as a multiple of the mean of what is seen, 0..=1; where a network
+        /// says what arrives from there, that counts.
+        unseen: f32 = 0.5,
     }
 }
 
@@ -77,6 +80,8 @@ ports! {
         after: Gather<Shading>,
         /// Shading that no light explains, working size.
         rest: Arc<Shading>,
+        /// The same after the edit.
+        edited_rest: Arc<Shading>,
         /// How far each photo pixel is a visible light's own: 1 where it is the light, less in its glare and bloom.
         zone: Gather<Mask>,
         /// What each visible light is.
@@ -93,6 +98,14 @@ ports! {
         gain: Gather<Radiance>,
         /// Pixels covered by the bodies of inserted lights, photo size.
         cover: Gather<Mask>,
+        /// Inserted objects as they are seen.
+        objects: Arc<Objects>,
+        /// What they show of each light.
+        object: Gather<Picture>,
+        /// What they show of light that no light explains.
+        object_rest: Arc<Picture>,
+        /// What shiny objects reflect; nothing without such.
+        reflected: Gather<Reflections>,
     }
 }
 
@@ -123,12 +136,14 @@ struct Emitter {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = ComposeIn;
     type Out = ComposeOut;
 
     fn check(&self) -> Result<(), String> {
-        for (name, value) in [("lamp_albedo", self.lamp_albedo), ("pane_albedo", self.pane_albedo)] {
+        for (name, value) in
+            [("lamp_albedo", self.lamp_albedo), ("pane_albedo", self.pane_albedo), ("unseen", self.unseen)]
+        {
             if !(0.0..=1.0).contains(&value) {
                 return Err(format!("{name}: wanted 0..=1, got {value}"));
             }
@@ -142,6 +157,7 @@ impl Node for Compose {
         let count = names.len();
         let emitters = self.emitters(&inputs, &names)?;
         let inserted = inserted(&inputs, &names)?;
+        let objects = objects(&inputs, &names)?;
         let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
         let white = clip_level(&inputs.photo, &inputs.clipped);
         let depth_of_white = distance(&inputs.clipped.0.map(|share| share < 0.5));
@@ -151,7 +167,6 @@ impl Node for Compose {
         // take as much memory as all its layers.
         let stride = count + 1;
         let mut planes: Vec<Vec<Vec3>> = (0..stride).map(|_| Vec::with_capacity(width * height)).collect();
-        let mut picture = Vec::with_capacity(width * height);
         let row = |y: usize, row: &mut [Vec3]| {
             let mut before = Vec::with_capacity(count);
             for (x, record) in row.chunks_exact_mut(stride).enumerate() {
@@ -160,10 +175,11 @@ impl Node for Compose {
                 for (k, (_, light)) in inputs.after.iter().enumerate() {
                     record[k] = at(&light.0);
                 }
-                record[count] = at(&inputs.rest.0);
+                record[count] = at(&inputs.edited_rest.0);
                 before.clear();
                 before.extend(names.iter().map(|id| inputs.before.get(id).map_or(Vec3::ZERO, |light| at(&light.0))));
                 let surface = Surface {
+                    rest: at(&inputs.rest.0),
                     albedo: at(&inputs.albedo.0),
                     paint: at(&inputs.paint.0),
                     coated: inputs.coats.at(x, y),
@@ -188,8 +204,13 @@ impl Node for Compose {
             for (k, plane) in planes.iter_mut().enumerate() {
                 plane.extend(records.iter().skip(k).step_by(stride));
             }
-            picture.extend(records.chunks_exact(stride).map(|record| record.iter().sum::<Vec3>()));
         }
+        if !objects.is_empty() {
+            let before: Vec<&Mask> = inserted.iter().map(|(_, cover, _)| *cover).collect();
+            self.cover_with(&objects, &before, &inputs, &names, &mut planes)?;
+        }
+        let sum = |i: usize| planes.iter().map(|plane| plane[i]).sum::<Vec3>();
+        let picture: Vec<Vec3> = (0..width * height).into_par_iter().with_min_len(width.max(1)).map(sum).collect();
         let mut planes = planes.into_iter().map(|plane| Arc::new(Picture(Plane::new(width, height, plane))));
         let layers = names.iter().zip(planes.by_ref()).map(|(id, plane)| (id.to_string(), plane)).collect();
         Ok(ComposeOut {
@@ -201,6 +222,53 @@ impl Node for Compose {
 }
 
 impl Compose {
+    /// Puts what objects show (`shown`: of each light, then of the rest) and reflect over the planes of the photo's size, behind the
+    /// lights that stand `before` them.
+    fn cover_with(
+        &self,
+        shown: &[&Picture],
+        before: &[&Mask],
+        inputs: &ComposeIn,
+        names: &[&str],
+        planes: &mut [Vec<Vec3>],
+    ) -> Result<(), NodeError> {
+        let objects = &inputs.objects;
+        let (w, h) = objects.cover.size();
+        let width = inputs.photo.0.width();
+        let photo = |i: usize| (objects.top + i / w) * width + objects.left + i % w;
+        let mirror = match inputs.reflected.iter().next() {
+            Some((_, of)) => {
+                let room: Vec<usize> = (0..inputs.photo.0.len())
+                    .filter(|&i| inputs.zone.iter().all(|(_, zone)| zone.0.pixels()[i] <= 0.0))
+                    .collect();
+                let lights: Option<Vec<(&str, &[Vec3])>> =
+                    names.iter().map(|id| Some((*id, &inputs.radiance.get(id)?.0[..]))).collect();
+                let mirror = lights.and_then(|lights| Mirror::new(of, planes, &room, &lights, self.unseen));
+                Some(mirror.ok_or_else(|| NodeError::Failed("a light has no reflection or no radiance".into()))?)
+            }
+            None => None,
+        };
+        let after: Vec<Vec<Vec3>> = (0..planes.len())
+            .map(|layer| {
+                let pixel = |i: usize| {
+                    let free: f32 = before.iter().map(|light| 1.0 - light.0.pixels()[photo(i)]).product();
+                    let (share, behind) = (objects.cover.pixels()[i] * free, planes[layer][photo(i)]);
+                    if share <= 0.0 {
+                        return behind;
+                    }
+                    let object = |i: usize| shown[layer].0.pixels()[i];
+                    let reflected = mirror.as_ref().map_or(Vec3::ZERO, |m| m.shows(i, layer, &planes[layer], object));
+                    behind * (1.0 - share) + (shown[layer].0.pixels()[i] + reflected) * share
+                };
+                (0..w * h).into_par_iter().with_min_len(1024).map(pixel).collect()
+            })
+            .collect();
+        for (plane, after) in planes.iter_mut().zip(after) {
+            after.into_iter().enumerate().for_each(|(i, value)| plane[photo(i)] = value);
+        }
+        Ok(())
+    }
+
     fn emitters(&self, inputs: &ComposeIn, names: &[&str]) -> Result<Vec<Emitter>, NodeError> {
         let missing = |id: &str, what: &str| NodeError::Failed(format!("visible light {id:?} has no {what}"));
         let mut emitters = Vec::new();
@@ -229,8 +297,7 @@ impl Compose {
         surface: Surface,
         record: &mut [Vec3],
     ) {
-        let Surface { albedo, paint, coated, white, headroom } = surface;
-        let rest = record[before.len()];
+        let Surface { rest, albedo, paint, coated, white, headroom } = surface;
         let shading = before.iter().sum::<Vec3>() + rest;
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
@@ -324,6 +391,8 @@ impl Emitter {
 
 /// What is known of the surface at a photo pixel.
 struct Surface<'a> {
+    /// Shading that no light explains, before the edit.
+    rest: Vec3,
     /// As estimated.
     albedo: Vec3,
     /// Photo over shading, filled in where a light hides it.
@@ -348,6 +417,27 @@ const HEADROOM: f32 = 0.15;
 /// What a pixel shows when saturated channels are as bright as the model says, within `headroom`; others are as they are.
 fn unclipped(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
     Vec3::select(photo.cmpge(Vec3::splat(WHITE * white)), photo.max(model.min(headroom * photo)), photo)
+}
+
+/// What objects show of each light, in the order of `names`, then of the rest; nothing when none is seen.
+fn objects<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<&'a Picture>, NodeError> {
+    if inputs.objects.is_empty() {
+        return Ok(Vec::new());
+    }
+    let of = |id: &&str| {
+        let shown = inputs.object.get(id);
+        shown.ok_or_else(|| NodeError::Failed(format!("light {id:?} has no picture of the objects")))
+    };
+    let lights: Result<Vec<_>, NodeError> = names.iter().map(of).collect();
+    let all: Vec<&Picture> = lights?.into_iter().chain([&inputs.object_rest]).map(|shown| &**shown).collect();
+    let size = inputs.objects.cover.size();
+    match all.iter().find(|shown| shown.0.size() != size) {
+        Some(shown) => {
+            let ((w, h), got) = (size, shown.0.size());
+            Err(NodeError::Failed(format!("a picture of the objects is {} x {}, wanted {w} x {h}", got.0, got.1)))
+        }
+        None => Ok(all),
+    }
 }
 
 /// Lights that are drawn: index, cover, and what they show at a pixel.

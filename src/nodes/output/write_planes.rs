@@ -142,12 +142,12 @@ mod tests {
             };
             WritePlanes::default().run(inputs, &Context::default()).err().map(|e| e.to_string()).unwrap_or_default()
         };
-        let nothing = || vec![("a".into(), Arc::new(UnitIndirect { lobes: vec![], stderr: vec![] }))];
+        let nothing = || vec![("a".into(), Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }))];
         assert_eq!(message(0, (4, 3), nothing()), "");
         assert_eq!(message(1, (4, 3), nothing()), "light a: wanted 1 lobes, as direct, got 0 of indirect");
         assert_eq!(message(1, (4, 3), vec![]), "light a: wanted visibility and indirect, as direct, got none");
         let dark = crate::image::Shading(Plane::filled(4, 3, glam::Vec3::ZERO));
-        let dark = vec![("a".into(), Arc::new(UnitIndirect { lobes: vec![dark], stderr: vec![] }))];
+        let dark = vec![("a".into(), Arc::new(UnitIndirect { lobes: vec![dark], stderr: vec![], probes: vec![] }))];
         assert_eq!(message(1, (3, 4), dark), "direct_a_0: wanted the depth's (4, 3) pixels, got (3, 4)");
     }
 }

@@ -71,7 +71,7 @@ const PORTS: [(&str, &[usize]); 7] = [
 
 impl Node for Indirect {
     const KIND: &'static str = "Indirect";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = IndirectIn;
     type Out = IndirectOut;
 
@@ -82,7 +82,9 @@ impl Node for Indirect {
     fn run(&self, inputs: IndirectIn, ctx: &Context) -> Result<IndirectOut, NodeError> {
         let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, remainder } = inputs;
         if direct.lobes.is_empty() {
-            return Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![] }) });
+            return Ok(IndirectOut {
+                indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }),
+            });
         }
         let size = points.0.size();
         let network = learned::network(ctx, &self.model, &self.backend, &PORTS, &["indirect"])?;
@@ -116,6 +118,6 @@ impl Node for Indirect {
             lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
         }
         let stderr = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();
-        Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr }) })
+        Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr, probes: vec![] }) })
     }
 }

@@ -104,6 +104,7 @@ mod tests {
                 Shading(Plane::filled(2, 1, Vec3::ZERO)),
             ],
             stderr: vec![plane(0.0); 2],
+            probes: vec![],
         });
         let one = |radiance: Vec<Vec3>| {
             let inputs = MixIn {
@@ -128,7 +129,7 @@ mod tests {
             camera: Arc::new(Camera::from_fov_x(3, 2, 60.0)),
             direct: Gather(vec![(id(), Arc::new(UnitDirect { lobes: vec![], stderr: vec![] }))]),
             visibility: Gather(vec![(id(), Arc::new(Visibility { lit: vec![], stderr: vec![], unknown: vec![] }))]),
-            indirect: Gather(vec![(id(), Arc::new(UnitIndirect { lobes: vec![], stderr: vec![] }))]),
+            indirect: Gather(vec![(id(), Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }))]),
             radiance: Gather(vec![(id(), Arc::new(Radiance(vec![])))]),
         };
         let out = Mix {}.run(inputs, &Context::default()).expect("runs");

@@ -3,8 +3,12 @@
 pub mod direct;
 pub mod glow;
 pub mod indirect;
+pub mod insert_specular;
 pub mod light_net;
+pub mod light_objects;
 pub mod mix;
+pub mod occlude_rest;
+pub mod shade_objects;
 pub mod shadow;
 pub mod shadow_net;
 pub mod trace_indirect;

@@ -86,6 +86,7 @@ impl Node for Shadow {
             stride: if self.half { 2 } else { 1 },
             assume_lit: self.assume_lit,
             outside_unknown: self.outside_unknown,
+            lifted: false,
         };
         ctx.check_cancelled()?;
         let own = inputs.mask.as_deref().map(|mask| (Own::new(mask), mask));

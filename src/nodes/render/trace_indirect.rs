@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance};
-use crate::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
-use crate::optics::{self, Bounces};
+use crate::nodes::artifacts::{ObjectLight, UnitDirect, UnitIndirect, Visibility};
+use crate::optics::{self, Bounces, Probed};
 use crate::{params, ports};
 
 params! {
@@ -34,6 +34,8 @@ ports! {
         direct: Arc<UnitDirect>,
         /// Which share of it arrives.
         visibility: Arc<Visibility>,
+        /// The light's direct light on inserted bodies, which then take part.
+        objects: Option<Arc<ObjectLight>>,
     }
 }
 
@@ -46,7 +48,7 @@ ports! {
 
 impl Node for TraceIndirect {
     const KIND: &'static str = "TraceIndirect";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = TraceIndirectIn;
     type Out = TraceIndirectOut;
 
@@ -62,7 +64,7 @@ impl Node for TraceIndirect {
     }
 
     fn run(&self, inputs: TraceIndirectIn, ctx: &Context) -> Result<TraceIndirectOut, NodeError> {
-        let TraceIndirectIn { transport, points, normal, albedo, direct, visibility } = inputs;
+        let TraceIndirectIn { transport, points, normal, albedo, direct, visibility, objects } = inputs;
         let size = transport.size();
         super::same_size("transport", size, "points", points.0.size())?;
         super::same_size("transport", size, "normal", normal.0.size())?;
@@ -72,19 +74,38 @@ impl Node for TraceIndirect {
             return Err(NodeError::Failed(format!("`visibility` has {got} lobes, wanted {wanted} as `direct`")));
         }
         let bounces = Bounces { count: self.bounces as usize, unseen: self.unseen };
-        let lobe = |(direct, lit): (&Plane<f32>, &Plane<f32>)| {
+        let probed = |lobe: usize| match &objects {
+            Some(light) => Probed { albedo: light.albedo.pixels(), direct: light.probes[lobe].pixels() },
+            None => Probed::NONE,
+        };
+        let known = objects.as_ref().map_or(0, |light| light.albedo.len());
+        if known != transport.probes() || objects.as_ref().is_some_and(|o| o.probes.len() != direct.lobes.len()) {
+            let wanted = transport.probes();
+            return Err(NodeError::Failed(format!(
+                "`objects` tells of {known} probes of bodies, wanted {wanted} as in `transport`, for each lobe of `direct`"
+            )));
+        }
+        let lobe = |(lobe, (direct, lit)): (usize, (&Plane<f32>, &Plane<f32>))| {
             ctx.check_cancelled()?;
             super::same_size("transport", size, "direct", direct.size())?;
             super::same_size("transport", size, "visibility", lit.size())?;
             let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
             let arrives = Plane::new(size.0, size.1, arrives);
-            Ok(optics::indirect(&transport, &points, &normal, &albedo, &arrives, bounces))
+            Ok(optics::indirect(&transport, &points, &normal, &albedo, &arrives, probed(lobe), bounces))
         };
-        let lobes: Result<Vec<_>, NodeError> = direct.lobes.iter().zip(&visibility.lit).map(lobe).collect();
-        let (lobes, stderr): (Vec<Shading>, Vec<Plane<f32>>) = lobes?.into_iter().unzip();
+        let shaded: Result<Vec<_>, NodeError> =
+            direct.lobes.iter().zip(&visibility.lit).enumerate().map(lobe).collect();
+        let (mut lobes, mut stderr, mut probes) = (Vec::<Shading>::new(), Vec::<Plane<f32>>::new(), Vec::new());
+        for (shading, error, of_probes) in shaded? {
+            lobes.push(shading);
+            stderr.push(error);
+            if objects.is_some() {
+                probes.push(Plane::new(of_probes.len(), 1, of_probes));
+            }
+        }
         let value = lobes.iter().flat_map(|l| l.0.pixels()).fold(0.0, |sum, &v| sum + f64::from(luminance(v)));
         let error = stderr.iter().flat_map(|s| s.pixels()).fold(0.0, |sum, &v| sum + f64::from(v));
         ctx.set_stderr(error / value.max(f64::MIN_POSITIVE));
-        Ok(TraceIndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr }) })
+        Ok(TraceIndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr, probes }) })
     }
 }

@@ -40,7 +40,7 @@ ports! {
 
 impl Node for Transport {
     const KIND: &'static str = "Transport";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = TransportIn;
     type Out = TransportOut;
 

@@ -45,7 +45,7 @@ ports! {
 
 impl Node for Mesh {
     const KIND: &'static str = "Mesh";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = MeshIn;
     type Out = MeshOut;
 

@@ -1,0 +1,310 @@
+//! Models from files: triangles with what they are made of.
+
+mod gltf;
+mod obj;
+mod ply;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3};
+
+use crate::image::Plane;
+
+pub use gltf::parts;
+
+/// What a surface is made of: diffuse light plus GGX reflection, as in Karis, "Real Shading in Unreal Engine 4" (2013).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// Base colour, linear Rec.709, 0..=1: the diffuse albedo, or of a metal the colour of its reflection.
+    pub albedo: Vec3,
+    /// 0 is a mirror, 1 has no highlight to speak of.
+    pub roughness: f32,
+    /// Reflection at normal incidence of what is no metal, in units of 8 %.
+    pub specular: f32,
+    /// 0 or 1; between them, a mixture.
+    pub metallic: f32,
+}
+
+/// A material that may change over the surface.
+#[derive(Clone, Debug)]
+pub struct Skin {
+    pub material: Material,
+    /// Factor of the albedo over the texture's unit square, rows from the top.
+    pub colour: Option<Arc<Plane<Vec3>>>,
+    /// Factors of roughness (y) and metallic (z).
+    pub gloss: Option<Arc<Plane<Vec3>>>,
+}
+
+impl Skin {
+    pub fn plain(material: Material) -> Skin {
+        Skin { material, colour: None, gloss: None }
+    }
+
+    /// The material at a place of the texture.
+    pub fn at(&self, uv: Vec2) -> Material {
+        let mut material = self.material;
+        if let Some(colour) = &self.colour {
+            material.albedo *= texel(colour, uv);
+        }
+        if let Some(gloss) = &self.gloss {
+            let factor = texel(gloss, uv);
+            material.roughness *= factor.y;
+            material.metallic *= factor.z;
+        }
+        material.albedo = material.albedo.clamp(Vec3::ZERO, Vec3::ONE);
+        material
+    }
+}
+
+/// Bilinear, repeated beyond the unit square.
+fn texel(plane: &Plane<Vec3>, uv: Vec2) -> Vec3 {
+    let (w, h) = plane.size();
+    if w == 0 || h == 0 || !uv.is_finite() {
+        return Vec3::ONE;
+    }
+    let at = (uv - uv.floor()) * Vec2::new(w as f32, h as f32) - 0.5;
+    let (x, y) = (at.x.floor(), at.y.floor());
+    let pixel = |dx: f32, dy: f32| {
+        let wrap = |v: f32, size: usize| (v as isize).rem_euclid(size as isize) as usize;
+        plane.get(wrap(x + dx, w), wrap(y + dy, h))
+    };
+    let (fx, fy) = (at.x - x, at.y - y);
+    pixel(0.0, 0.0).lerp(pixel(1.0, 0.0), fx).lerp(pixel(0.0, 1.0).lerp(pixel(1.0, 1.0), fx), fy)
+}
+
+/// Triangles in the file's own units, y up.
+#[derive(Clone, Debug, Default)]
+pub struct Model {
+    pub positions: Vec<Vec3>,
+    /// Of each position, towards the outside; zero where the file has none.
+    pub normals: Vec<Vec3>,
+    /// Of each position; zero where the file has none.
+    pub uvs: Vec<Vec2>,
+    pub triangles: Vec<[u32; 3]>,
+    /// Which skin each triangle has; empty where the file has none.
+    pub skin: Vec<u32>,
+    pub skins: Vec<Skin>,
+    /// What a person should know of the file.
+    pub warnings: Vec<String>,
+}
+
+/// Most triangles of a model.
+const MOST_TRIANGLES: usize = 20_000_000;
+
+impl Model {
+    /// Reads PLY, OBJ, glTF or GLB, told apart by the ending of `name`; `part` gives the bytes of a file that a glTF names.
+    ///
+    /// # Errors
+    /// What was wanted and what was got, when the file is damaged or holds no triangle.
+    pub fn read(
+        name: &str,
+        bytes: &[u8],
+        part: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
+    ) -> Result<Model, String> {
+        let ending = Path::new(name).extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let mut model = match ending.as_str() {
+            "ply" => ply::read(bytes)?,
+            "obj" => obj::read(bytes)?,
+            "gltf" | "glb" => gltf::read(bytes, part)?,
+            _ => return Err(format!("wanted a model that ends in .ply, .obj, .gltf or .glb, got {ending:?}")),
+        };
+        model.check()?;
+        Ok(model)
+    }
+
+    /// A sphere of radius 1, of 20 x 4^5 triangles whose corners lie on it.
+    pub fn sphere() -> Model {
+        let phi = 0.5 * (1.0 + 5.0f32.sqrt());
+        let mut corners: Vec<Vec3> = Vec::new();
+        for (a, b) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
+            corners.extend([Vec3::new(0.0, a, b * phi), Vec3::new(a, b * phi, 0.0), Vec3::new(b * phi, 0.0, a)]);
+        }
+        corners.iter_mut().for_each(|c| *c = c.normalize());
+        // The faces of the hull: triples of neighbours, which are 63.4 degrees apart.
+        let near = |a: usize, b: usize| corners[a].dot(corners[b]) > 0.4;
+        let mut triangles: Vec<[u32; 3]> = Vec::new();
+        for a in 0..12 {
+            for b in a + 1..12 {
+                for c in (b + 1..12).filter(|&c| near(a, b) && near(b, c) && near(a, c)) {
+                    let out = (corners[b] - corners[a]).cross(corners[c] - corners[a]).dot(corners[a]) > 0.0;
+                    triangles.push(if out { [a, b, c] } else { [a, c, b] }.map(|i| i as u32));
+                }
+            }
+        }
+        for _ in 0..5 {
+            let mut middles = std::collections::BTreeMap::new();
+            let mut finer = Vec::with_capacity(4 * triangles.len());
+            for [a, b, c] in triangles {
+                let mut middle = |a: u32, b: u32| {
+                    *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                        corners.push((corners[a as usize] + corners[b as usize]).normalize());
+                        corners.len() as u32 - 1
+                    })
+                };
+                let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+                finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+            }
+            triangles = finer;
+        }
+        let uvs = vec![Vec2::ZERO; corners.len()];
+        Model { normals: corners.clone(), positions: corners, uvs, triangles, ..Model::default() }
+    }
+
+    /// Lowest and highest corner of the box around all triangles.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        let corners = self.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
+        corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+    }
+
+    fn check(&mut self) -> Result<(), String> {
+        let (count, all) = (self.positions.len(), self.triangles.len());
+        if all > MOST_TRIANGLES {
+            return Err(format!("wanted up to {MOST_TRIANGLES} triangles, got {all}"));
+        }
+        if let Some(at) = self.positions.iter().position(|p| !(p.is_finite() && p.abs().max_element() < 1e15)) {
+            return Err(format!("wanted finite numbers, got {} at vertex {at}", self.positions[at]));
+        }
+        if let Some((at, corners)) =
+            self.triangles.iter().enumerate().find(|(_, t)| t.iter().any(|&i| i as usize >= count))
+        {
+            return Err(format!("wanted vertices below {count}, got {corners:?} in triangle {at}"));
+        }
+        self.normals.resize(count, Vec3::ZERO);
+        self.normals.iter_mut().for_each(|n| *n = if n.is_finite() { n.normalize_or_zero() } else { Vec3::ZERO });
+        self.uvs.resize(count, Vec2::ZERO);
+        // Relative to the whole: a triangle without area cannot be seen and has no normal.
+        let (low, high) = self.bounds();
+        let least = 1e-14 * (high - low).length_squared();
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|i| self.positions[i as usize].as_dvec3());
+            (b - a).cross(c - a).length()
+        };
+        let sound: Vec<bool> = self.triangles.iter().map(|t| area(t) > f64::from(least)).collect();
+        let keep = |i: usize| sound[i];
+        if !self.skin.is_empty() {
+            self.skin = self.skin.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, s)| *s).collect();
+        }
+        self.triangles = self.triangles.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, t)| *t).collect();
+        match all - self.triangles.len() {
+            _ if self.triangles.is_empty() => return Err(format!("wanted triangles with area, got none (of {all})")),
+            0 => {}
+            flat => self.warnings.push(format!("{flat} of {all} triangles have no area and are left out")),
+        }
+        self.turn_outwards();
+        Ok(())
+    }
+
+    /// Triangles of which the outside is not known by normals get it from the whole: a closed body turned inside out has a
+    /// negative volume.
+    fn turn_outwards(&mut self) {
+        let (low, high) = self.bounds();
+        let middle = (0.5 * (low + high)).as_dvec3();
+        let volume: f64 = self
+            .triangles
+            .iter()
+            .map(|t| {
+                let [a, b, c] = t.map(|i| self.positions[i as usize].as_dvec3() - middle);
+                a.dot(b.cross(c))
+            })
+            .sum();
+        if volume < 0.0 {
+            self.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        // Where there are normals they know better, triangle by triangle.
+        for t in &mut self.triangles {
+            let [a, b, c] = t.map(|i| self.positions[i as usize]);
+            let told: Vec3 = t.iter().map(|&i| self.normals[i as usize]).sum();
+            if (b - a).cross(c - a).dot(told) < 0.0 {
+                t.swap(1, 2);
+            }
+        }
+    }
+}
+
+/// Triangles of a polygon: a fan, as files are taken to hold convex ones.
+fn fan(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
+    (2..corners.len()).map(|i| [corners[0], corners[i - 1], corners[i]])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn no_parts(name: &str) -> Result<Vec<u8>, String> {
+        Err(format!("no {name}"))
+    }
+
+    fn read(name: &str, bytes: &[u8]) -> Result<Model, String> {
+        Model::read(name, bytes, &mut no_parts)
+    }
+
+    const QUAD: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n";
+
+    #[test]
+    fn the_sphere_is_round_closed_and_turned_outwards() {
+        let sphere = Model::sphere();
+        assert_eq!(sphere.triangles.len(), 20 * 1024);
+        assert_eq!(sphere.positions.len(), 10 * 1024 + 2, "Euler: a closed surface without holes");
+        let corner = |t: &[u32; 3]| t.map(|i| sphere.positions[i as usize].as_dvec3());
+        let volume: f64 = sphere.triangles.iter().map(corner).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum();
+        let ball = 4.0 / 3.0 * std::f64::consts::PI;
+        assert!((volume / ball - 1.0).abs() < 2e-3, "{volume} against {ball}");
+    }
+
+    #[test]
+    fn polygons_become_triangles_in_each_format() {
+        let ply = read("a.PLY", QUAD.as_bytes()).expect("it is sound");
+        assert_eq!((ply.positions.len(), ply.triangles.len()), (4, 2));
+        let obj = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1 4//1\n";
+        let obj = read("a.obj", obj).expect("it is sound");
+        assert_eq!(obj.triangles.len(), 2);
+        assert!(obj.normals.iter().all(|n| *n == Vec3::Z));
+        assert_eq!(obj.bounds(), (Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)));
+    }
+
+    #[test]
+    fn what_is_inside_out_is_turned() {
+        let tetrahedron = |faces: &str| {
+            let text = format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n{faces}");
+            let model = read("a.obj", text.as_bytes()).expect("it is sound");
+            let area = |t: &[u32; 3]| {
+                let [a, b, c] = t.map(|i| model.positions[i as usize] - Vec3::splat(0.25));
+                a.dot((b - a).cross(c - a))
+            };
+            assert!(model.triangles.iter().all(|t| area(t) > 0.0), "{faces}");
+        };
+        tetrahedron("f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+        tetrahedron("f 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n");
+    }
+
+    #[test]
+    fn bad_models_are_told() {
+        let nan = QUAD.replace("1 1 0", "nan 1 0");
+        let out = QUAD.replace("4 0 1 2 3", "4 0 1 2 9");
+        let flat = QUAD.replace("1 1 0", "2 0 0").replace("0 1 0", "3 0 0");
+        let huge = QUAD.replace("vertex 4", "vertex 4000000000");
+        let no_faces = QUAD.replace("face 1", "face 0").replace("4 0 1 2 3\n", "");
+        for (name, bytes, wanted) in [
+            ("a.ply", nan.as_bytes(), "Line 12"),
+            ("a.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "wanted finite numbers"),
+            ("a.ply", out.as_bytes(), "wanted vertices below 4"),
+            ("a.ply", flat.as_bytes(), "triangles with area"),
+            ("a.ply", huge.as_bytes(), "4000000000"),
+            ("a.ply", no_faces.as_bytes(), "got none"),
+            ("a.ply", &QUAD.as_bytes()[..150], "PLY"),
+            ("a.ply", b"", "PLY"),
+            ("a.obj", b"", "got none"),
+            ("a.obj", b"v 1 2\nf 1 2 3\n", "OBJ"),
+            ("a.obj", b"v 0 0 0\nf 1 2 3\n", "OBJ"),
+            ("a.glb", b"glTF", "glTF"),
+            ("a.gltf", b"{", "glTF"),
+            ("a.gltf", br#"{"asset": {"version": "2.0"}}"#, "got none"),
+            ("a.stl", b"solid", "wanted a model that ends in"),
+        ] {
+            let told = read(name, bytes).err().unwrap_or_else(|| panic!("{name} {wanted}: a fault is wanted"));
+            assert!(told.contains(wanted), "{name}: wanted {wanted:?}, got {told:?}");
+        }
+    }
+}

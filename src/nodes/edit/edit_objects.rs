@@ -1,0 +1,288 @@
+//! `EditObjects`: models and spheres put into the room.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::{Mat3, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::{Colour, Ground, Place, level};
+use crate::geometry::{self, Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, world_up};
+use crate::graph::{Context, File, Node, NodeError};
+use crate::image::{Depth, Normal};
+use crate::{params, ports};
+
+params! {
+    /// Puts models and spheres into the room; without any, the room passes through unchanged.
+    pub struct EditObjects {
+        /// `Mesh(path: "bunny.ply", at: Pixel(x: 150, y: 170), height: 0.3, yaw: 30, material: (..))` or
+        /// `Sphere(radius: 0.15, at: Point(0, -1, -2), material: (..))`, with a material `(albedo: Srgb("#d0d0d0"), roughness: 1,
+        /// specular: 0.5, metallic: 0)`.
+        objects: Vec<ObjectEdit> = Vec::new(),
+        /// Rays per pixel side for smooth edges, 1..=16.
+        supersampling: usize = 4,
+        /// Most places that the camera sees at which light is asked for, 1..=10000000; in a large photo one stands for several pixels.
+        samples: usize = 60_000,
+        /// Places on each object at which what it bounces is asked for, 16..=10000.
+        probes: usize = 400,
+    }
+}
+
+/// One entry of an edit's `objects`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum ObjectEdit {
+    /// A model that stands with the middle of its bottom at a place, its y upwards.
+    Mesh {
+        /// PLY, OBJ, glTF or GLB.
+        path: File,
+        at: Place,
+        /// Metres from its lowest to its highest point.
+        height: f32,
+        /// Degrees to the left, seen from above; at 0 its z points to the camera.
+        #[serde(default)]
+        yaw: f32,
+        /// In the place of what the file says.
+        #[serde(default)]
+        material: Option<MaterialEdit>,
+        /// The files that a glTF names; found by themselves.
+        #[serde(default)]
+        parts: Vec<File>,
+    },
+    Sphere {
+        /// Metres.
+        radius: f32,
+        /// Its centre, or the pixel that it stands on.
+        at: Place,
+        #[serde(default)]
+        material: MaterialEdit,
+    },
+}
+
+/// What an object is made of.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MaterialEdit {
+    /// Base colour.
+    albedo: Colour,
+    /// 0 is a mirror, 1 is dull.
+    roughness: f32,
+    /// Reflection of what is no metal, in units of 8 %.
+    specular: f32,
+    metallic: f32,
+}
+
+impl Default for MaterialEdit {
+    fn default() -> MaterialEdit {
+        let Material { albedo, roughness, specular, metallic } = Material::PLAIN;
+        MaterialEdit { albedo: Colour::Linear(albedo.x, albedo.y, albedo.z), roughness, specular, metallic }
+    }
+}
+
+impl MaterialEdit {
+    fn material(&self) -> Result<Material, String> {
+        for (name, value) in [("roughness", self.roughness), ("specular", self.specular), ("metallic", self.metallic)] {
+            if !(0.0..=1.0).contains(&value) {
+                return Err(format!("{name}: wanted 0..=1, got {value}"));
+            }
+        }
+        let albedo = self.albedo.linear().map_err(|e| format!("albedo: {e}"))?;
+        Ok(Material { albedo, roughness: self.roughness, specular: self.specular, metallic: self.metallic })
+    }
+}
+
+ports! {
+    pub input EditObjectsIn {
+        /// The camera of the photo.
+        camera: Arc<Camera>,
+        /// Planar z at the photo's size.
+        depth: Arc<Depth>,
+        /// Normals, at any size.
+        normal: Arc<Normal>,
+        /// The seen room.
+        mesh: Arc<SceneMesh>,
+    }
+}
+
+ports! {
+    pub output EditObjectsOut {
+        /// The room with all objects in it.
+        mesh: Arc<SceneMesh>,
+        /// Planar z of room and objects at the photo's size.
+        depth: Arc<Depth>,
+        /// The objects as they are seen.
+        objects: Arc<Objects>,
+    }
+}
+
+/// Smallest and largest objects, metres.
+const SIZES: [f32; 2] = [1e-4, 1e3];
+
+impl Node for EditObjects {
+    const KIND: &'static str = "EditObjects";
+    const VERSION: u32 = 1;
+    type In = EditObjectsIn;
+    type Out = EditObjectsOut;
+
+    fn check(&self) -> Result<(), String> {
+        for (name, value, low, high) in [
+            ("supersampling", self.supersampling, 1, 16),
+            ("samples", self.samples, 1, 10_000_000),
+            ("probes", self.probes, 16, 10_000),
+        ] {
+            if !(low..=high).contains(&value) {
+                return Err(format!("{name}: wanted {low}..={high}, got {value}"));
+            }
+        }
+        self.objects.iter().enumerate().try_for_each(|(i, o)| o.check().map_err(|e| format!("objects: {i}: {e}")))
+    }
+
+    fn files(&mut self) -> Vec<&mut File> {
+        let mut files = Vec::new();
+        for object in &mut self.objects {
+            let ObjectEdit::Mesh { path, parts, .. } = object else { continue };
+            if parts.is_empty() {
+                *parts = named_by(path);
+            }
+            files.push(path);
+            files.extend(parts);
+        }
+        files
+    }
+
+    fn run(&self, inputs: EditObjectsIn, ctx: &Context) -> Result<EditObjectsOut, NodeError> {
+        let EditObjectsIn { camera, depth, normal, mesh } = inputs;
+        if self.objects.is_empty() {
+            return Ok(EditObjectsOut { mesh, depth, objects: Arc::new(Objects::unseen(&[])) });
+        }
+        let ground = Ground { camera: &camera, depth: &depth, normal: &normal, up: world_up(&normal) };
+        let mut bodies = Vec::new();
+        for (i, object) in self.objects.iter().enumerate() {
+            ctx.check_cancelled()?;
+            bodies.push(object.body(i, &ground, ctx)?);
+        }
+        let (solid, materials) = Bodies::new(&bodies, self.probes);
+        let drawing = Drawing { supersampling: self.supersampling, most: self.samples };
+        let error = |z: f32| mesh.depth_error(z);
+        let objects = draw(&bodies, (&solid, &materials), &camera, &depth, error, drawing);
+        ctx.check_cancelled()?;
+        tell(&bodies, &objects, ctx);
+        let mut z = depth.0.clone();
+        let (w, h) = objects.cover.size();
+        for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
+            if objects.cover.get(x, y) > 0.5 {
+                z.set(objects.left + x, objects.top + y, objects.depth.get(x, y));
+            }
+        }
+        Ok(EditObjectsOut {
+            mesh: Arc::new(mesh.with_bodies(solid)),
+            depth: Arc::new(Depth(z)),
+            objects: Arc::new(objects),
+        })
+    }
+}
+
+/// Says which objects do not look as a person may expect.
+fn tell(bodies: &[Body], objects: &Objects, ctx: &Context) {
+    for (i, body) in bodies.iter().enumerate() {
+        let (low, high) = body.model.bounds();
+        if low.cmplt(Vec3::ZERO).all() && high.cmpgt(Vec3::ZERO).all() {
+            ctx.warn(format!("object {i} reaches around the camera: the picture shows it from within"));
+        } else if !objects.body.pixels().contains(&(i as u32)) {
+            ctx.warn(format!("object {i} is not seen: it is out of view, behind what the photo shows, or too small"));
+        }
+    }
+}
+
+/// The files that a `.gltf` names, beside it.
+fn named_by(file: &File) -> Vec<File> {
+    let path = Path::new(&file.path);
+    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("gltf")) {
+        return Vec::new();
+    }
+    let beside = |name: &String| File::new(path.with_file_name(name).to_string_lossy());
+    file.peek().map_or(Vec::new(), |bytes| geometry::parts(&bytes).iter().map(beside).collect())
+}
+
+impl ObjectEdit {
+    fn check(&self) -> Result<(), String> {
+        let size = |name: &str, value: f32| {
+            let [low, high] = SIZES;
+            let within = (low..=high).contains(&value);
+            if within { Ok(()) } else { Err(format!("{name}: wanted {low:e} to {high:e} metres, got {value}")) }
+        };
+        match self {
+            ObjectEdit::Mesh { path, height, material, .. } => {
+                if path.path.is_empty() {
+                    return Err("path: wanted a file, got none".into());
+                }
+                size("height", *height)?;
+                material.as_ref().map_or(Ok(()), |m| m.material().map(|_| ()))
+            }
+            ObjectEdit::Sphere { radius, material, .. } => {
+                size("radius", *radius)?;
+                material.material().map(|_| ())
+            }
+        }
+    }
+
+    /// The object at its place.
+    fn body(&self, number: usize, ground: &Ground, ctx: &Context) -> Result<Body, NodeError> {
+        let failed = |message: String| NodeError::BadParameter(format!("objects: {number}: {message}"));
+        match self {
+            ObjectEdit::Sphere { radius, at, material } => {
+                let material = material.material().map_err(failed)?;
+                let center = match *at {
+                    Place::Point(x, y, z) => Vec3::new(x, y, z),
+                    Place::Pixel { x, y, lift } => {
+                        let (foot, normal) = ground.foot(x, y).map_err(failed)?;
+                        foot + normal * (radius + lift)
+                    }
+                };
+                Ok(Body::placed(Model::sphere(), Some(material), Mat3::IDENTITY, *radius, Vec3::ZERO, center))
+            }
+            ObjectEdit::Mesh { path, at, height, yaw, material, parts } => {
+                let material = material.as_ref().map(MaterialEdit::material).transpose().map_err(failed)?;
+                let model = read(path, parts, ctx)?;
+                let (low, high) = model.bounds();
+                let tall = high.y - low.y;
+                if tall.is_nan() || tall <= 1e-6 * (high - low).max_element() {
+                    let told =
+                        format!("wanted a model with a height (along its y), got one from y = {} to {}", low.y, high.y);
+                    return Err(NodeError::BadFile { path: path.location().display().to_string(), message: told });
+                }
+                let bottom = Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z));
+                let place = match *at {
+                    Place::Point(x, y, z) => Vec3::new(x, y, z),
+                    Place::Pixel { x, y, lift } => ground.foot(x, y).map_err(failed)?.0 + ground.up * lift,
+                };
+                let (right, ahead) = level(ground.up);
+                let turn = Mat3::from_cols(right, ground.up, -ahead) * Mat3::from_rotation_y(yaw.to_radians());
+                Ok(Body::placed(model, material, turn, height / tall, bottom, place))
+            }
+        }
+    }
+}
+
+fn read(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeError> {
+    let bytes = ctx.read(path)?;
+    let bad = |message: String| NodeError::BadFile { path: path.location().display().to_string(), message };
+    let mut unread = None;
+    let mut part = |name: &str| {
+        let wanted = Path::new(&path.path).with_file_name(name);
+        let file = parts.iter().find(|file| Path::new(&file.path) == wanted);
+        let read = file.ok_or_else(|| format!("it names {name}, which was not there")).map(|file| ctx.read(file))?;
+        read.map_err(|e| {
+            let told = e.to_string();
+            unread = Some(e);
+            told
+        })
+    };
+    let model = Model::read(&path.path, &bytes, &mut part);
+    let model = match (model, unread) {
+        (Err(_), Some(error)) => return Err(error),
+        (model, _) => model.map_err(bad)?,
+    };
+    model.warnings.iter().for_each(|warning| ctx.warn(format!("{}: {warning}", path.path)));
+    Ok(model)
+}

@@ -1,0 +1,87 @@
+//! `InsertSpecular`: what shiny objects reflect.
+
+use std::sync::Arc;
+
+use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::graph::{Context, Gather, Node, NodeError};
+use crate::image::{Mask, Normal, Points};
+use crate::optics::{Lighting, Reflections, Shape, Surround, reflections};
+use crate::{params, ports};
+
+params! {
+    /// Finds what shiny objects reflect, by GGX in Karis' form: pixels of the picture, lights, and what the photo does not show.
+    ///
+    /// A reflected ray that meets the seen room shows the edited picture there, so each light's reflection is in that light's layer.
+    /// Where it leaves the seen room, the network's lighting is shown if there is any, split by what each light gives to the
+    /// room, else an even surround.
+    pub struct InsertSpecular {
+        /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes one, and in all there are up to 4 million.
+        rays: u32 = 32,
+        /// Another seed gives other noise.
+        seed: u64 = 0,
+    }
+}
+
+ports! {
+    pub input InsertSpecularIn {
+        /// The objects as they are seen.
+        objects: Arc<Objects>,
+        /// The room with the objects in it.
+        mesh: Arc<SceneMesh>,
+        /// The camera of the photo.
+        camera: Arc<Camera>,
+        /// Points of the seen surface.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// Pixels of each visible light, working size.
+        mask: Gather<Mask>,
+        /// Every light.
+        shape: Gather<Shape>,
+        /// What arrives at each place.
+        lighting: Option<Arc<Lighting>>,
+    }
+}
+
+ports! {
+    pub output InsertSpecularOut {
+        /// What each pixel of the objects reflects.
+        reflected: Arc<Reflections>,
+    }
+}
+
+impl Node for InsertSpecular {
+    const KIND: &'static str = "InsertSpecular";
+    const VERSION: u32 = 1;
+    type In = InsertSpecularIn;
+    type Out = InsertSpecularOut;
+
+    fn check(&self) -> Result<(), String> {
+        match self.rays {
+            1..=4096 => Ok(()),
+            n => Err(format!("rays: wanted 1..=4096, got {n}")),
+        }
+    }
+
+    fn run(&self, inputs: InsertSpecularIn, ctx: &Context) -> Result<InsertSpecularOut, NodeError> {
+        for (id, mask) in inputs.mask.iter() {
+            super::same_size("points", inputs.points.0.size(), id, mask.0.size())?;
+        }
+        super::same_size("mesh", inputs.mesh.size(), "points", inputs.points.0.size())?;
+        let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
+        let lights: Vec<(String, Shape)> =
+            inputs.shape.iter().map(|(id, shape)| (id.to_string(), Shape::clone(shape))).collect();
+        let surround = Surround {
+            mesh: &inputs.mesh,
+            camera: &inputs.camera,
+            points: &inputs.points,
+            normal: &inputs.normal,
+            masks: &masks,
+            lighting: inputs.lighting.as_deref(),
+        };
+        ctx.check_cancelled()?;
+        let reflected = reflections(&inputs.objects, &surround, &lights, self.rays as usize, self.seed);
+        ctx.count_rays(reflected.met.pixels().len() as u64);
+        Ok(InsertSpecularOut { reflected: Arc::new(reflected) })
+    }
+}

@@ -1,0 +1,67 @@
+//! `LightObjects`: the direct light on inserted bodies.
+
+use std::sync::Arc;
+
+use crate::geometry::{Objects, SceneMesh};
+use crate::graph::{Context, Node, NodeError};
+use crate::nodes::artifacts::ObjectLight;
+use crate::optics::{Sampling, Shape, arriving};
+use crate::{params, ports};
+
+params! {
+    /// Direct light of one light on inserted bodies, per lobe of unit radiance, with the shadows that room and bodies cast on them.
+    ///
+    /// Asked at the samples that the camera sees, and at probes all over the bodies, for what they bounce.
+    pub struct LightObjects {
+        /// Shadow rays per traced place and lobe, 1..65536; samples of what has no closed form.
+        samples: u32 = 16,
+        /// Another seed gives other noise.
+        seed: u64 = 0,
+    }
+}
+
+ports! {
+    pub input LightObjectsIn {
+        /// The bodies as they are seen.
+        objects: Arc<Objects>,
+        /// The room with the bodies in it.
+        mesh: Arc<SceneMesh>,
+        /// The light.
+        shape: Arc<Shape>,
+    }
+}
+
+ports! {
+    pub output LightObjectsOut {
+        /// What arrives at samples and probes.
+        light: Arc<ObjectLight>,
+    }
+}
+
+impl Node for LightObjects {
+    const KIND: &'static str = "LightObjects";
+    const VERSION: u32 = 1;
+    type In = LightObjectsIn;
+    type Out = LightObjectsOut;
+
+    fn check(&self) -> Result<(), String> {
+        match self.samples {
+            1..=65536 => Ok(()),
+            n => Err(format!("samples: wanted 1..65536, got {n}")),
+        }
+    }
+
+    fn run(&self, inputs: LightObjectsIn, ctx: &Context) -> Result<LightObjectsOut, NodeError> {
+        let LightObjectsIn { objects, mesh, shape } = inputs;
+        let stop = || ctx.out_of_time();
+        let sampling = Sampling::fixed(self.samples as usize, self.seed);
+        // The camera sees smooth surfaces: every second sample along each axis, and the rest from around.
+        let (lobes, rays) = arriving(&mesh, &objects.points, &objects.normals, &shape, (sampling, 2), &stop);
+        ctx.check_cancelled()?;
+        let probes = mesh.bodies().probes();
+        let (probes, more) = arriving(&mesh, &probes.points, &probes.normals, &shape, (sampling, 1), &stop);
+        ctx.check_cancelled()?;
+        ctx.count_rays(rays + more);
+        Ok(LightObjectsOut { light: Arc::new(ObjectLight { lobes, probes, albedo: objects.probe_albedo.clone() }) })
+    }
+}

@@ -1,0 +1,73 @@
+//! `OccludeRest`: the light that no lamp or window explains, around inserted bodies and on them.
+
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+
+use crate::geometry::Objects;
+use crate::graph::{Context, Node, NodeError};
+use crate::image::{Normal, Picture, Plane, Points, Shading};
+use crate::optics::Transport;
+use crate::{params, ports};
+
+params! {
+    /// What is left of the unexplained light where bodies stand in its way, and what they show of it.
+    ///
+    /// The rest is an even ambient from the unseen part of the room, as `FitLights` has it. A body hides its share of the
+    /// hemisphere and shows in its place what it reflects. Without bodies the rest passes through.
+    pub struct OccludeRest {}
+}
+
+ports! {
+    pub input OccludeRestIn {
+        /// Shading that no light explains.
+        rest: Arc<Shading>,
+        /// What the room sees without bodies.
+        before: Arc<Transport>,
+        /// What it sees with them.
+        after: Arc<Transport>,
+        /// The surface points.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// The bodies as they are seen.
+        objects: Arc<Objects>,
+    }
+}
+
+ports! {
+    pub output OccludeRestOut {
+        /// Shading of the room that no light explains.
+        rest: Arc<Shading>,
+        /// What the bodies show of such light, in the rectangle of `objects`.
+        shown: Arc<Picture>,
+    }
+}
+
+impl Node for OccludeRest {
+    const KIND: &'static str = "OccludeRest";
+    const VERSION: u32 = 1;
+    type In = OccludeRestIn;
+    type Out = OccludeRestOut;
+
+    fn run(&self, inputs: OccludeRestIn, _: &Context) -> Result<OccludeRestOut, NodeError> {
+        let OccludeRestIn { rest, before, after, points, normal, objects } = inputs;
+        if after.probes() == 0 {
+            return Ok(OccludeRestOut { rest, shown: Arc::new(Picture(Plane::new(0, 0, Vec::new()))) });
+        }
+        super::same_size("points", points.0.size(), "rest", rest.0.size())?;
+        let grid = before.grid();
+        let was = grid.upsample(&points, &normal, &before.ambient());
+        let ambient = after.ambient_around(objects.probe_albedo.pixels());
+        let is = grid.upsample(&points, &normal, &ambient[..grid.len()]);
+        let sum = |plane: &Plane<Vec3>| plane.pixels().iter().map(|v| v.as_dvec3()).sum::<DVec3>();
+        // The rest is one radiance times the ambient.
+        let radiance = (sum(&rest.0) / sum(&was).max(DVec3::splat(1e-30))).as_vec3();
+        let left = |p: usize| rest.0.pixels()[p] * is.pixels()[p] / was.pixels()[p].max(Vec3::splat(1e-6));
+        let (w, h) = rest.0.size();
+        let left = Shading(Plane::new(w, h, (0..w * h).map(left).collect()));
+        let samples = (0..objects.points.len()).map(|s| radiance * objects.from_probes(s, &ambient[grid.len()..]));
+        let shown = Picture(objects.diffuse(&samples.collect::<Vec<_>>()));
+        Ok(OccludeRestOut { rest: Arc::new(left), shown: Arc::new(shown) })
+    }
+}

@@ -1,0 +1,317 @@
+//! What shiny bodies reflect: which parts of the picture, how much of each light, and how much of what is not seen.
+//!
+//! Each pixel sends rays distributed like its lobe. A ray that meets the seen room shows the picture's pixel there, whatever an
+//! edit makes of it; one that meets a body shows the body's pixel, if the camera sees it; all others look into the unseen part of
+//! the room. Lights are kept apart, per lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a
+//! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a small light), and the two are
+//! averaged with weights s^2 and (1 - s)^2 over their sum, s = light / (light + lobe) by their solid angles.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::ggx::Ggx;
+use super::{Emitter, Lighting, Points2, Shape, local_frame};
+use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::image::{Mask, Normal, Plane, Points};
+
+/// What the pixels of [`Objects`] reflect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reflections {
+    /// One row per pixel: what each of its rays met. A photo pixel; after all of them a pixel of the objects; or
+    /// [`UNSEEN`] or [`NOTHING`].
+    pub met: Plane<u32>,
+    /// How much of that it shows.
+    pub weight: Plane<Vec3>,
+    /// What arrives from the unseen part of the room, as a network says; zero without it.
+    pub far: Plane<Vec3>,
+    /// Per light, per lobe of unit radiance.
+    pub lights: Vec<(String, Vec<Plane<Vec3>>)>,
+}
+
+/// The unseen part of the room.
+pub const UNSEEN: u32 = u32::MAX;
+/// What is counted elsewhere: a light, or below the surface.
+pub const NOTHING: u32 = u32::MAX - 1;
+
+impl Reflections {
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        let lights = self.lights.iter().flat_map(|(_, lobes)| lobes).map(Plane::bytes).sum::<usize>();
+        self.met.bytes() + self.weight.bytes() + self.far.bytes() + lights
+    }
+}
+
+/// The room around the bodies.
+pub struct Surround<'a> {
+    /// With the bodies in it.
+    pub mesh: &'a SceneMesh,
+    /// Of the photo.
+    pub camera: &'a Camera,
+    /// Of the seen surface, working size.
+    pub points: &'a Points,
+    pub normal: &'a Normal,
+    /// Pixels of each visible light, working size: they show themselves, as lights.
+    pub masks: &'a [&'a Mask],
+    /// What arrives at each place, by a network.
+    pub lighting: Option<&'a Lighting>,
+}
+
+/// Most rays of all pixels together.
+const MOST_RAYS: usize = 4_000_000;
+
+/// Reflections of `objects` with `rays` per pixel and as many samples per lobe of a light.
+pub fn reflections(
+    objects: &Objects,
+    surround: &Surround,
+    lights: &[(String, Shape)],
+    rays: usize,
+    seed: u64,
+) -> Reflections {
+    let (w, h) = objects.cover.size();
+    let rays = rays.min(MOST_RAYS / (w * h).max(1)).max(1);
+    let emitters: Vec<Emitter> = lights.iter().map(|(_, shape)| Emitter::new(shape)).collect();
+    let own = |pixel: usize| surround.masks.iter().any(|mask| mask.0.pixels()[pixel] > 0.5);
+    let cells = Cells::new(surround);
+    let pixel = |i: usize| -> Pixel {
+        let lobes: usize = emitters.iter().map(Emitter::lobes).sum();
+        let mut out = Pixel {
+            met: vec![NOTHING; rays],
+            weight: vec![Vec3::ZERO; rays],
+            far: Vec3::ZERO,
+            lights: vec![Vec3::ZERO; lobes],
+        };
+        let (x, y) = (i % w, i / w);
+        let Some((point, normal)) = place(objects, surround.camera, (x, y)) else { return out };
+        let view = -point.normalize_or(Vec3::NEG_Z);
+        let Some(surface) = Ggx::new(normal, view, objects.albedo.get(x, y), objects.gloss.get(x, y)) else {
+            return out;
+        };
+        let count = if surface.is_mirror() { 1 } else { rays };
+        let part = 1.0 / count as f32;
+        let points = Points2::new(seed, i as u32, 0);
+        for ray in 0..count {
+            let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
+            let weight = weight * part;
+            let hit = surround.mesh.closest(point, direction);
+            let is_own =
+                hit.is_some_and(|hit| (hit.pixel as usize) < surround.points.0.len() && own(hit.pixel as usize));
+            let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { 1.2 } else { 1.01 });
+            // Lights first: what is behind one is not seen. One without a closed surface shows in a mirror as in the photo.
+            let mut light_met = is_own && !surface.is_mirror();
+            let mut first = 0;
+            for ((_, shape), emitter) in lights.iter().zip(&emitters) {
+                if shape.meet_from(point, direction).is_some_and(|t| t < end) {
+                    light_met = true;
+                    for lobe in 0..emitter.lobes() {
+                        let s = by_rays(shape, lobe, point, &surface);
+                        out.lights[first + lobe] += weight * shape.shown(lobe, direction) * s;
+                    }
+                }
+                first += emitter.lobes();
+            }
+            if light_met {
+                continue;
+            }
+            out.weight[ray] = weight;
+            out.met[ray] = hit
+                .and_then(|hit| seen(objects, surround, (point + direction * hit.distance, direction), hit.pixel))
+                .unwrap_or(UNSEEN);
+            if out.met[ray] == UNSEEN
+                && let Some(cells) = &cells
+            {
+                out.far += weight * cells.radiance(point, direction);
+            }
+        }
+        let mut first = 0;
+        for (light, ((_, shape), emitter)) in lights.iter().zip(&emitters).enumerate() {
+            for lobe in 0..emitter.lobes() {
+                let s = 1.0 - by_rays(shape, lobe, point, &surface);
+                if s > 1e-3
+                    && let Some(seen) = emitter.seen(lobe, point, normal)
+                {
+                    let points = Points2::new(seed, i as u32, 1 + (3 * light + lobe) as u32);
+                    for sample in (0..count.max(8)).filter_map(|k| seen.sample(&points, k)) {
+                        let direction = (sample.place - point).normalize_or_zero();
+                        let value = surface.value(direction);
+                        if value != Vec3::ZERO && !blocked(surround, point, sample.place, &own) {
+                            let part = s * std::f32::consts::PI * sample.part / count.max(8) as f32;
+                            out.lights[first + lobe] += value * part;
+                        }
+                    }
+                }
+            }
+            first += emitter.lobes();
+        }
+        out
+    };
+    let pixels: Vec<Pixel> = (0..w * h).into_par_iter().with_min_len(16).map(pixel).collect();
+    let mut first = 0;
+    let planes = lights.iter().zip(&emitters).map(|((id, _), emitter)| {
+        let range = first..first + emitter.lobes();
+        first = range.end;
+        let lobe = |lobe: usize| Plane::new(w, h, pixels.iter().map(|p| p.lights[lobe]).collect());
+        (id.clone(), range.map(lobe).collect())
+    });
+    let planes = planes.collect();
+    Reflections {
+        met: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.met.iter().copied()).collect()),
+        weight: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.weight.iter().copied()).collect()),
+        far: Plane::new(w, h, pixels.iter().map(|p| p.far).collect()),
+        lights: planes,
+    }
+}
+
+struct Pixel {
+    met: Vec<u32>,
+    weight: Vec<Vec3>,
+    far: Vec3,
+    lights: Vec<Vec3>,
+}
+
+/// The share that the rays of the lobe have in the estimate of a light's reflection.
+fn by_rays(shape: &Shape, lobe: usize, point: Vec3, surface: &Ggx) -> f32 {
+    // Plates have gaps, so that rays do not meet them.
+    if matches!(shape, Shape::Lamp(super::Lamp::Plates(_))) {
+        return if surface.is_mirror() { 1.0 } else { 0.0 };
+    }
+    let Some((center, radius)) = shape.ball() else { return 0.0 };
+    let mut light = std::f32::consts::PI * radius * radius / center.distance_squared(point).max(radius * radius);
+    if let Shape::Window(window) = shape {
+        light = light.min(2.0 * std::f32::consts::PI / window.lobes[lobe].bandwidth.max(0.1));
+    }
+    let s = light / (light + surface.spread());
+    s * s / (s * s + (1.0 - s) * (1.0 - s))
+}
+
+/// Whether something stands between a place and a light that is not the light itself.
+fn blocked(surround: &Surround, point: Vec3, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
+    let way = light - point;
+    let length = way.length();
+    let hit = surround.mesh.closest(point, way / length);
+    let near = hit.filter(|hit| hit.distance < 0.999 * length);
+    near.is_some_and(|hit| (hit.pixel as usize) >= surround.points.0.len() || !own(hit.pixel as usize))
+}
+
+/// Point and normal of a pixel that is covered.
+fn place(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> Option<(Vec3, Vec3)> {
+    if objects.cover.get(x, y) <= 0.0 {
+        return None;
+    }
+    let normal = objects.normal.get(x, y);
+    if objects.step == 1 {
+        return Some((objects.points.get(x, y), normal));
+    }
+    let z = objects.depth.get(x, y);
+    let point = camera.pixel_point(objects.left + x, objects.top + y, z);
+    // Half a pixel's footprint above the surface, which is flat between pixels here only.
+    Some((point + normal * (0.5 * z / camera.fx), normal))
+}
+
+/// The pixel that shows what a ray meets: of the photo, or after all of them of the objects.
+fn seen(objects: &Objects, surround: &Surround, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<u32> {
+    let camera = surround.camera;
+    let place = camera.project(at).filter(|p| camera.contains(*p))?;
+    let (x, y) = (place.x as usize, place.y as usize);
+    if let Some(normal) = surround.normal.0.pixels().get(pixel as usize) {
+        // From behind, nobody has seen it.
+        return (normal.dot(direction) < 0.0).then_some((y * camera.width + x) as u32);
+    }
+    let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
+    let (w, h) = objects.cover.size();
+    let shown =
+        u < w && v < h && objects.cover.get(u, v) > 0.5 && (objects.depth.get(u, v) + at.z).abs() < 0.02 * -at.z;
+    shown.then(|| (camera.width * camera.height + v * w + u) as u32)
+}
+
+/// A network's lighting, to be asked at places in the room.
+struct Cells<'a> {
+    lighting: &'a Lighting,
+    /// Point and normal at the middle of each cell.
+    places: Vec<(Vec3, Vec3)>,
+}
+
+impl Cells<'_> {
+    fn new<'a>(surround: &'a Surround) -> Option<Cells<'a>> {
+        let lighting = surround.lighting?;
+        let (w, h) = surround.points.0.size();
+        let middle = |i: usize, cells: usize, size: usize| ((2 * i + 1) * size / (2 * cells)).min(size - 1);
+        let place = |i: usize| {
+            let (x, y) =
+                (middle(i % lighting.columns, lighting.columns, w), middle(i / lighting.columns, lighting.rows, h));
+            (surround.points.0.get(x, y), surround.normal.0.get(x, y))
+        };
+        Some(Cells { lighting, places: (0..lighting.columns * lighting.rows).map(place).collect() })
+    }
+
+    /// What arrives at `point` from `direction`: as at the nearest cell whose surface sees that way.
+    fn radiance(&self, point: Vec3, direction: Vec3) -> Vec3 {
+        let sees = |(_, (_, n)): &(usize, &(Vec3, Vec3))| n.dot(direction) > 0.1;
+        let near = self.places.iter().enumerate().filter(sees);
+        let near = near.min_by(|a, b| a.1.0.distance_squared(point).total_cmp(&b.1.0.distance_squared(point)));
+        let Some((i, (_, normal))) = near else { return Vec3::ZERO };
+        let way = local_frame(*normal).transpose() * direction;
+        self.lighting.radiance(i % self.lighting.columns, i / self.lighting.columns, way).max(Vec3::ZERO)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Mat3;
+
+    use super::*;
+    use crate::geometry::{Bodies, Body, Drawing, Material, Model, draw};
+    use crate::image::Depth;
+    use crate::optics::{Lamp, Mirror};
+
+    const SIZE: (usize, usize) = (80, 60);
+
+    /// A ball of this roughness, of white metal, before a wall at 4 m; with what it reflects under a lamp.
+    fn ball(roughness: f32, lamp: Shape) -> (Objects, Reflections) {
+        let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
+        let points = Points(Plane::from_fn(SIZE.0, SIZE.1, |x, y| camera.pixel_point(x, y, 4.0)));
+        let normal = Normal(Plane::filled(SIZE.0, SIZE.1, Vec3::Z));
+        let material = Material { albedo: Vec3::ONE, roughness, specular: 0.5, metallic: 1.0 };
+        let center = Vec3::new(0.0, 0.0, -2.0);
+        let bodies = [Body::placed(Model::sphere(), Some(material), Mat3::IDENTITY, 0.5, Vec3::ZERO, center)];
+        let (solid, materials) = Bodies::new(&bodies, 100);
+        let depth = Depth(Plane::filled(SIZE.0, SIZE.1, 4.0));
+        let drawing = Drawing { supersampling: 2, most: 100_000 };
+        let objects = draw(&bodies, (&solid, &materials), &camera, &depth, |_| 0.0, drawing);
+        let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(SIZE.0, SIZE.1, false)).with_bodies(solid);
+        let surround =
+            Surround { mesh: &mesh, camera: &camera, points: &points, normal: &normal, masks: &[], lighting: None };
+        let reflected = reflections(&objects, &surround, &[("lamp".into(), lamp)], 64, 1);
+        (objects, reflected)
+    }
+
+    /// What the pixel in the middle of the ball shows where the room shows `room` and the lamp has this radiance.
+    fn middle((objects, of): &(Objects, Reflections), room: Vec3, radiance: f32) -> Vec3 {
+        let planes = [vec![room; SIZE.0 * SIZE.1], vec![Vec3::ZERO; SIZE.0 * SIZE.1]];
+        let all: Vec<usize> = (0..SIZE.0 * SIZE.1).collect();
+        let weights = [Vec3::splat(radiance)];
+        let mirror = Mirror::new(of, &planes, &all, &[("lamp", &weights)], 1.0).expect("the lamp is there");
+        let (w, h) = objects.cover.size();
+        mirror.shows(h / 2 * w + w / 2, 0, &planes[0], |_| Vec3::ZERO)
+    }
+
+    #[test]
+    fn a_white_mirror_in_an_even_room_shows_the_room() {
+        for roughness in [0.0, 0.3] {
+            let shown = middle(&ball(roughness, Shape::Absent), Vec3::new(0.5, 0.2, 0.1), 1.0);
+            assert!((shown / Vec3::new(0.5, 0.2, 0.1) - 1.0).abs().max_element() < 0.03, "{roughness}: {shown}");
+        }
+    }
+
+    #[test]
+    fn a_lamp_behind_the_camera_is_seen_in_a_mirror_and_blurred_in_a_rough_ball() {
+        let lamp = |radius: f32| Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, 2.0), radius });
+        let mirror = middle(&ball(0.0, lamp(0.3)), Vec3::ZERO, 7.0);
+        assert!((mirror - 7.0).abs().max_element() < 0.2, "{mirror}");
+        // Head on: f = D(1) F G / 4 with D(1) = 1 / (pi a^2), G = F = 1, times the irradiance L (r / d)^2 pi.
+        let alpha = 0.6f32 * 0.6;
+        let want = 7.0 * (0.1f32 / 3.5).powi(2) / (4.0 * alpha * alpha);
+        let rough = middle(&ball(0.6, lamp(0.1)), Vec3::ZERO, 7.0);
+        assert!((rough / want - 1.0).abs().max_element() < 0.1, "{rough} against {want}");
+    }
+}

@@ -1,0 +1,156 @@
+//! Objects that are odd: a picture or a clear error, and soon.
+
+use crate::bad_input::{check, room};
+use crate::project::*;
+
+/// A box, one unit high, ASCII PLY without normals.
+const BOX: &str = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
+    element face 6\nproperty list uchar int vertex_indices\nend_header\n\
+    0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n1 0 1\n1 1 1\n0 1 1\n\
+    4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 2 3 7 6\n4 1 2 6 5\n4 3 0 4 7\n";
+
+/// A triangle that a glTF holds within itself, with this mesh, red and half a mirror.
+fn gltf(accessor_count: usize, uri: &str) -> String {
+    format!(
+        r#"{{"asset": {{"version": "2.0"}}, "scene": 0, "scenes": [{{"nodes": [0]}}], "nodes": [{{"mesh": 0}}],
+        "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}, "material": 0}}]}}],
+        "materials": [{{"pbrMetallicRoughness": {{"baseColorFactor": [1, 0, 0, 1], "metallicFactor": 0, "roughnessFactor": 1}}}}],
+        "accessors": [{{"bufferView": 0, "componentType": 5126, "count": {accessor_count}, "type": "VEC3",
+            "min": [0, 0, 0], "max": [1, 1, 0]}}],
+        "bufferViews": [{{"buffer": 0, "byteLength": 36}}], "buffers": [{{"byteLength": 36, "uri": "{uri}"}}]}}"#
+    )
+}
+
+/// Corners (0 0 0), (1 0 0), (0 1 0).
+const TRIANGLE: &str = "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+
+fn place(edit: &str) -> Place {
+    let place = room();
+    place.write("edit.ron", format!("Edit(version: 1, objects: [ {edit} ])"));
+    place.write("box.ply", BOX);
+    place
+}
+
+#[test]
+fn objects_of_every_kind() {
+    let mesh = |path: &str, rest: &str| format!(r#"Mesh(path: "{path}", height: 0.3, {rest})"#);
+    let stands = "at: Pixel(x: 20, y: 15)";
+    for (edit, status, words) in [
+        (mesh("box.ply", stands), 0, &[][..]),
+        (mesh("box.ply", "at: Pixel(x: 20, y: 15, lift: 0.1), yaw: 400, material: (metallic: 1)"), 0, &[]),
+        ("Sphere(radius: 0.2, at: Pixel(x: 20, y: 15))".into(), 0, &[]),
+        ("Sphere(radius: 0.2, at: Point(0, 0, 0))".into(), 0, &["warning", "object 0 reaches around the camera"]),
+        ("Sphere(radius: 0.2, at: Point(0, 0, -9))".into(), 0, &["warning", "object 0 is not seen"]), // in the wall
+        ("Sphere(radius: 0.2, at: Point(0, 0, 2))".into(), 0, &["object 0 is not seen"]), // behind the camera
+        ("Sphere(radius: 0.2, at: Point(9, 0, -1))".into(), 0, &["object 0 is not seen"]), // beside the view
+        ("Sphere(radius: 0.2, at: Point(1e6, 0, -1e7))".into(), 0, &["object 0 is not seen"]),
+        ("Sphere(radius: 0.0005, at: Pixel(x: 20, y: 15))".into(), 0, &[]),
+        ("Sphere(radius: 50, at: Point(0, 0, -51))".into(), 0, &[]),
+        ("Sphere(radius: 50, at: Point(0, 0, 0))".into(), 0, &["reaches around the camera"]),
+        (mesh("box.ply", "at: Pixel(x: 7, y: 7)"), 0, &[]), // on the lamp's own pixels
+        ("Sphere(radius: 0.2, at: Point(0, 0, -1)), Sphere(radius: 0.2, at: Point(0.1, 0, -1))".into(), 0, &[]),
+        (mesh("box.ply", "at: Pixel(x: 40, y: 15)"), 2, &["objects", "outside the photo"]),
+        ("Sphere(radius: -1, at: Point(0, 0, -1))".into(), 2, &["edit.ron", "radius", "got -1"]),
+        ("Sphere(radius: 1e9, at: Point(0, 0, -1))".into(), 2, &["edit.ron", "radius"]),
+        ("Sphere(radius: 1, at: Point(0, 0, -1), material: (roughness: 2))".into(), 2, &["roughness", "got 2"]),
+        (r#"Sphere(radius: 1, at: Point(0, 0, -1), material: (albedo: Srgb("red")))"#.into(), 2, &["red"]),
+        (mesh("bix.ply", stands), 2, &["edit.ron", "bix.ply", "cannot be read"]),
+        (mesh("photo.png", stands), 2, &["photo.png", "wanted a model that ends in"]),
+    ] {
+        check(&place(&edit), &edit, status, words);
+    }
+}
+
+#[test]
+fn models_of_every_kind() {
+    let model = |name: &str, bytes: &[u8], status: i32, words: &[&str]| {
+        let place = place(&format!(r#"Mesh(path: "{name}", at: Pixel(x: 20, y: 15), height: 0.3)"#));
+        place.write(name, bytes);
+        check(&place, &format!("{name}, {words:?}"), status, words);
+    };
+    let sound = gltf(3, TRIANGLE);
+    model("a.gltf", sound.as_bytes(), 0, &[]);
+    model("a.gltf", gltf(4, TRIANGLE).as_bytes(), 2, &["a.gltf", "wanted a sound glTF file"]);
+    model("a.gltf", gltf(4_000_000_000, TRIANGLE).as_bytes(), 2, &["a.gltf", "4000000000"]);
+    model("a.gltf", gltf(3, &TRIANGLE[..60]).as_bytes(), 2, &["a.gltf", "wanted a sound glTF file"]);
+    model("a.gltf", gltf(3, "gone.bin").as_bytes(), 2, &["edit.ron", "gone.bin", "cannot be read"]);
+    model("a.gltf", gltf(3, "box.ply").as_bytes(), 2, &["a.gltf"]); // a file, of other bytes
+    model("a.gltf", &sound.as_bytes()[..sound.len() / 2], 2, &["a.gltf", "wanted a sound glTF file"]);
+    model("a.glb", b"glTF\x02\0\0\0\x14\0\0\0\xff\xff\xff\xffJSON", 2, &["a.glb", "wanted a sound glTF file"]);
+    model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 0, &[]);
+    model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n", 2, &["a.obj", "wanted a model with a height"]);
+    model("a.obj", b"", 2, &["a.obj", "wanted triangles", "got none"]);
+    model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", 2, &["a.obj"]);
+    model("a.ply", &BOX.as_bytes()[..BOX.len() - 20], 2, &["a.ply", "wanted a sound PLY file"]);
+    model("a.ply", BOX.replace("1 1 1", "nan 1 1").as_bytes(), 2, &["a.ply", "wanted a sound PLY file"]);
+    model("a.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 2, &["a.obj", "finite", "vertex 0"]);
+    let flat = BOX.replace("4 3 2 1 0", "4 3 3 3 3");
+    model("a.ply", flat.as_bytes(), 0, &["warning", "2 of 12 triangles have no area"]);
+}
+
+/// The edit that ships: what is far from the objects stays, they are where they belong, and the table loses light beside them.
+#[test]
+fn insert_object_changes_the_table_and_leaves_the_ceiling() {
+    let graph = load(&root().join("graphs/physics.ron"), &demo(), &root().join("edits/insert_object.ron"));
+    let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
+    let picture = png(&written(&run(shared_engine(), &graph, &[]), "picture.png"));
+    let before = photo();
+    let mean = |of: &image::RgbImage, x: u32, y: u32| {
+        let around = (y - 2..y + 3).flat_map(|y| (x - 2..x + 3).map(move |x| (x, y)));
+        around.map(|(x, y)| of.get_pixel(x, y).0.iter().map(|&c| f64::from(c)).sum::<f64>() / 75.0).sum::<f64>()
+    };
+    let change = |x, y| mean(&picture, x, y) - mean(&before, x, y);
+    assert!(change(160, 15).abs() < 2.0, "the ceiling changes by {}", change(160, 15));
+    assert!(change(178, 166) > 40.0, "the ball is light, the table dark: {}", change(178, 166));
+    assert!(change(186, 177) < -1.5, "beside the ball the table gets less light: {}", change(186, 177));
+}
+
+/// A glTF's files stand in the key: a change of one is seen.
+#[test]
+fn files_that_a_model_names_are_watched() {
+    let place = place(r#"Mesh(path: "models/a.gltf", at: Pixel(x: 20, y: 15), height: 0.3)"#);
+    std::fs::create_dir(place.path("models")).expect("a folder can be made");
+    place.write("models/a.gltf", gltf(3, "a%20b.bin"));
+    let corners =
+        |x: f32| [[0.0, 0.0, 0.0], [x, 0.0, 0.0], [0.0, 1.0, 0.0]].concat().into_iter().flat_map(f32::to_le_bytes);
+    place.write("models/a b.bin", corners(1.0).collect::<Vec<u8>>());
+    let line = "run GRAPHS/physics.ron edit.ron --scene . --cache cache --out out";
+    place.check(line, 0);
+    assert!(!place.check(line, 0).contains(" ran "), "nothing changed");
+    place.write("models/a b.bin", corners(2.0).collect::<Vec<u8>>());
+    assert!(place.check(line, 0).contains("objects"), "the file changed");
+}
+
+/// A quarter of a million quads: a bumpy ball, binary.
+#[test]
+fn a_million_triangles_take_seconds() {
+    let (rows, columns) = (500usize, 1000usize);
+    let head = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+        element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        (rows + 1) * columns,
+        rows * columns
+    );
+    let mut bytes = head.into_bytes();
+    for i in 0..(rows + 1) * columns {
+        let (theta, phi) = (
+            (i / columns) as f32 / rows as f32 * std::f32::consts::PI,
+            (i % columns) as f32 / columns as f32 * std::f32::consts::TAU,
+        );
+        let r = 1.0 + 0.02 * (20.0 * theta).sin() * (20.0 * phi).sin();
+        for v in [r * theta.sin() * phi.cos(), r * theta.cos(), r * theta.sin() * phi.sin()] {
+            bytes.extend(v.to_le_bytes());
+        }
+    }
+    for i in 0..rows * columns {
+        let (row, column) = (i / columns, i % columns);
+        let next = (column + 1) % columns;
+        let quad =
+            [row * columns + column, row * columns + next, (row + 1) * columns + next, (row + 1) * columns + column];
+        bytes.push(4);
+        quad.iter().for_each(|&v| bytes.extend((v as i32).to_le_bytes()));
+    }
+    let place = place(r#"Mesh(path: "ball.ply", at: Pixel(x: 20, y: 20), height: 0.5)"#);
+    place.write("ball.ply", bytes);
+    check(&place, "a million triangles", 0, &[]);
+}
