@@ -39,7 +39,7 @@ pub struct Objects {
     pub normals: Plane<Vec3>,
     /// Which body each sample is on.
     pub body: Plane<u32>,
-    /// The probes that each sample draws from, [`NEAR`] of each, one row for a sample, and their weights, which sum to 1.
+    /// The probes that each sample draws from, eight of each, one row for a sample, and their weights, which sum to 1.
     pub near: Plane<u32>,
     pub weight: Plane<f32>,
     /// What the probes are made of: base colour; roughness, specular, metallic.
