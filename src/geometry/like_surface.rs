@@ -28,6 +28,8 @@ const PARTING: f32 = 0.5;
 const STEP: f32 = 0.12;
 /// Whole numbers for the cut: this is 1.
 const UNIT: f32 = 256.0;
+/// What is this many times the median step is no noise.
+const NOISES: f32 = 5.0;
 /// Rounds in which colour and plane settle.
 const ROUNDS: usize = 4;
 /// Nothing darker is told from black.
@@ -77,10 +79,20 @@ pub fn like_surface(
             let step = (seen.get(x, y) - seen.get(nx, ny)).length() / STEP;
             (UNIT * PARTING * (-step * step).exp()) as i32
         });
-        found = reached(&label, start, |a, b| {
+        let step = |a: usize, b: usize| {
             let step = seen.pixels()[a] - seen.pixels()[b];
             let level = step.element_sum() / 3.0;
-            level.abs() > EDGE || (step - Vec3::splat(level)).length() > CHROMA_EDGE
+            [level.abs(), (step - Vec3::splat(level)).length()]
+        };
+        // Most neighbours on a surface differ by noise alone.
+        let inside = |&i: &usize| label.pixels()[i] && i % w + 1 < w && label.pixels()[i + 1];
+        let steps: Vec<[f32; 2]> = (0..w * h).filter(inside).map(|i| step(i, i + 1)).collect();
+        let usual =
+            median(steps.iter().map(|&[level, chroma]| Vec3::new(level, chroma, 0.0)).chain([Vec3::ZERO]).collect());
+        let (most, most_chroma) = (EDGE.max(NOISES * usual.x), CHROMA_EDGE.max(NOISES * usual.y));
+        found = reached(&label, start, |a, b| {
+            let [level, chroma] = step(a, b);
+            level > most || chroma > most_chroma
         });
     }
     found
@@ -167,6 +179,21 @@ mod tests {
         assert!(!found.get(50, 10));
         let floor = like_surface((10, 37), &photo, &albedo, &points, &normal);
         assert!(floor.get(20, 36) && !floor.get(20, 26));
+    }
+
+    #[test]
+    fn noise_is_no_edge() {
+        let (mut photo, albedo, points, normal) = room();
+        for (i, pixel) in photo.0.pixels_mut().iter_mut().enumerate() {
+            let noise = |c: usize| ((3 * i + c) * 7919 % 1009) as f32 / 1009.0 - 0.5;
+            *pixel *= Vec3::ONE + 0.3 * Vec3::new(noise(0), noise(1), noise(2));
+        }
+        let found = like_surface((30, 10), &photo, &albedo, &points, &normal);
+        let (wall, inside) = (0..30 * SIZE.0)
+            .filter(|i| i % SIZE.0 < 40 && albedo.0.pixels()[*i].x > 0.1)
+            .fold((0, 0), |(all, inside), i| (all + 1, inside + usize::from(found.pixels()[i])));
+        // All but the hundred pixels that the frame holds.
+        assert!(inside + 100 >= wall && inside > 0 && !found.get(17, 12), "{inside} of {wall}");
     }
 
     #[test]

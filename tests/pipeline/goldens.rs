@@ -391,6 +391,7 @@ fn edit_materials() {
         points: room.points.clone(),
         normal: room.normal.clone(),
         paint: room.albedo.clone(),
+        known: room.albedo.clone(),
         albedo: room.albedo.clone(),
         fitted: room.albedo.clone(),
         roughness: Arc::new(Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8))),

@@ -17,7 +17,7 @@ use crate::{params, ports};
 params! {
     /// Paints regions of the photo; with nothing to paint, everything passes through unchanged.
     ///
-    /// What the photo shows of a region is multiplied by new over old albedo, the old one being the mean of `albedo` there: so the photo tells
+    /// What the photo shows of a region is multiplied by new over old albedo, the old one being the mean of `known` there: so the photo tells
     /// how the region is lit. Bounced light is computed with the new albedo; the picture is repainted at the photo's size, by `Compose`.
     pub struct EditMaterials {
         /// In order, later ones over earlier ones: `Paint(region: Mask("wall.png") | Grow(x, y), albedo: Srgb("#c8642a") |
@@ -77,6 +77,8 @@ ports! {
         normal: Arc<Normal>,
         /// Photo over shading, filled in where a light hides it, working size.
         paint: Arc<Albedo>,
+        /// Albedo as the photo alone tells it, working size: what the old paint is taken for.
+        known: Arc<Albedo>,
         /// Albedo that bounces light, working size.
         albedo: Arc<Albedo>,
         /// Albedo after the fit, working size.
@@ -108,7 +110,7 @@ const DIELECTRIC: f32 = 0.5;
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -146,7 +148,7 @@ impl Node for EditMaterials {
                     let paint = Repaint { old: mean(&was.0, &share), new, keep_texture };
                     *is = Arc::new(Albedo(painted(&is.0, &was.0, &share, paint)));
                 }
-                let (known, old) = (mean(&inputs.albedo.0, &share), mean(&inputs.paint.0, &share));
+                let (known, old) = (mean(&inputs.known.0, &share), mean(&inputs.paint.0, &share));
                 let part = 100.0 * share.pixels().iter().sum::<f32>() / share.len() as f32;
                 ctx.note(format!(
                     "entry {}: {part:.1} % of the photo, albedo {known:.3} before, {new:.3} after",
@@ -285,6 +287,7 @@ mod tests {
             points: Arc::new(Points(points)),
             normal: Arc::new(Normal(Plane::filled(w, h, Vec3::Z))),
             paint: Arc::new(Albedo(paint)),
+            known: albedo.clone(),
             fitted: albedo.clone(),
             albedo,
             roughness: Arc::new(Roughness(Plane::filled(w, h, 0.8))),
