@@ -15,7 +15,7 @@ pub const SURFACE_POINTS: usize = 64;
 pub fn surface_points(shape: &Shape) -> Vec<Vec3> {
     let triangles: Vec<[Vec3; 3]> = match shape {
         Shape::Absent => return Vec::new(),
-        Shape::Lamp(Lamp::Sphere { center, radius }) => {
+        Shape::Lamp(Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. }) => {
             return (0..SURFACE_POINTS).map(|k| *center + *radius * spiral(k)).collect();
         }
         Shape::Lamp(Lamp::Rect { center, x, y }) => rectangle(*center, *x, *y).to_vec(),

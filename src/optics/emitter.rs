@@ -13,7 +13,7 @@ use super::rectangle::Rectangle;
 use super::sphere::{Cone, sphere_irradiance};
 use super::through::Through;
 use super::window::{Opening, SeenOpening, Strategy};
-use super::{Lamp, Plate, Points2, Shape};
+use super::{Lamp, Plate, Points2, Profile, Shape};
 
 /// A place on a light and its part of the irradiance (divided by pi) of one lobe of unit radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +27,8 @@ pub struct LightSample {
 pub struct Emitter {
     pub(super) surface: Surface,
     lobes: usize,
+    /// Of a luminaire: where its far field begins, and how it goes.
+    profile: Option<(DVec3, Profile)>,
 }
 
 pub(super) enum Surface {
@@ -108,7 +110,7 @@ impl Emitter {
         let surface = match shape {
             Shape::Absent => Surface::Nothing,
             Shape::Window(window) => Opening::new(window, strategy).map_or(Surface::Nothing, Surface::Window),
-            Shape::Lamp(Lamp::Sphere { center, radius }) => {
+            Shape::Lamp(Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. }) => {
                 let sound = center.is_finite() && radius.is_finite() && *radius > 0.0;
                 let sphere = Surface::Sphere { center: center.as_dvec3(), radius: f64::from(*radius) };
                 if sound { sphere } else { Surface::Nothing }
@@ -135,7 +137,11 @@ impl Emitter {
                 Surface::Triangles(Pieces::new(whole.map(|t| (t, 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length()))))
             }
         };
-        Emitter { surface, lobes: shape.lobes() }
+        let profile = match shape {
+            Shape::Lamp(Lamp::Luminaire { center, profile, .. }) => Some((center.as_dvec3(), profile.clone())),
+            _ => None,
+        };
+        Emitter { surface, lobes: shape.lobes(), profile }
     }
 
     /// How many lobes the light has: 0, 1 or 3.
@@ -159,7 +165,13 @@ impl Emitter {
             Surface::Window(opening) => opening.irradiance(lobe, point, normal),
             _ => return None,
         };
+        let e = e * self.share(point);
         Some(if e.is_finite() { e as f32 } else { 0.0 })
+    }
+
+    /// What a profile sends towards a point, over what a sphere of even radiance would.
+    fn share(&self, point: DVec3) -> f64 {
+        self.profile.as_ref().map_or(1.0, |(center, profile)| profile.share((point - *center).normalize_or_zero()))
     }
 
     /// One lobe of the light as a receiver sees it, ready for sampling; `None` when none of it can be seen from there.
@@ -178,7 +190,8 @@ impl Emitter {
             }
             Surface::Window(opening) => SeenSurface::Window(opening.seen(lobe, point, normal)?),
         };
-        Some(Seen { point, normal, surface })
+        let share = self.share(point);
+        (share > 0.0).then_some(Seen { point, normal, share, surface })
     }
 }
 
@@ -186,6 +199,8 @@ impl Emitter {
 pub struct Seen<'a> {
     point: DVec3,
     normal: DVec3,
+    /// By which its parts are multiplied.
+    share: f64,
     surface: SeenSurface<'a>,
 }
 
@@ -233,7 +248,7 @@ impl Seen<'_> {
                 (point + place, part)
             }
         };
-        let part = part as f32;
+        let part = (part * self.share) as f32;
         (part > 0.0 && part.is_finite()).then(|| LightSample { place: place.as_vec3(), part })
     }
 }
@@ -366,6 +381,32 @@ mod tests {
                 assert!((0.85..1.15).contains(&told), "{name} {normal}: claimed over true variance {told}");
             }
         }
+    }
+
+    /// I cos / d^2 of the candela of a profile, at angles where the table has them, and samples that agree.
+    #[test]
+    fn a_luminaire_lights_a_wall_as_its_candela_do() {
+        // 100 cd straight down, 40 at 30 degrees, 10 at 60, none from 90.
+        let file = "IESNA91\nTILT=NONE\n1 -1 1 4 1 1 2 0 0 0\n1 1 1\n0 30 60 90\n0\n100 40 10 0\n";
+        let (table, lumens) = crate::optics::ProfileTable::parse(file).expect("it is sound");
+        let radius = 1e-3f32;
+        let profile = Profile { axis: Vec3::NEG_Y, side: Vec3::X, table };
+        let lamp = Lamp::Luminaire { center: Vec3::Y * 2.0, radius, profile };
+        // Radiance per lumen of the body, in units where a white surface under pi lux shows 1: flux / (area lux).
+        let lux = 500.0;
+        let radiance = lumens / (f64::from(lamp.area()) * lux);
+        let emitter = Emitter::new(&Shape::Lamp(lamp));
+        for (degrees, candela) in [(0.0f64, 100.0), (30.0, 40.0), (60.0, 10.0), (15.0, 70.0)] {
+            let place = Vec3::X * (2.0 * degrees.to_radians().tan()) as f32;
+            let distance = 2.0 / degrees.to_radians().cos();
+            let wanted = candela * degrees.to_radians().cos() / distance.powi(2) / lux;
+            let exact = emitter.irradiance(0, place, Vec3::Y).unwrap();
+            let got = f64::from(exact) * radiance;
+            assert!((got / wanted - 1.0).abs() < 1e-4, "{degrees}: {got} for {wanted}");
+            let (sampled, _) = estimate(&emitter, 0, (place, Vec3::Y), 4, 3, 1);
+            assert!((sampled / f64::from(exact) - 1.0).abs() < 1e-3, "{degrees}: {sampled} {exact}");
+        }
+        assert!(emitter.seen(0, Vec3::Y * 3.0, Vec3::NEG_Y).is_none(), "nothing goes up");
     }
 
     #[test]

@@ -3,6 +3,8 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::Profile;
+
 /// The place, extent and angular form of a light; its strength is a [`Radiance`], one colour per lobe.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Shape {
@@ -31,6 +33,7 @@ impl Shape {
             Shape::Lamp(Lamp::Mesh { corners, triangles }) => {
                 size_of_val(corners.as_slice()) + size_of_val(triangles.as_slice())
             }
+            Shape::Lamp(Lamp::Luminaire { profile, .. }) => profile.table.bytes(),
             _ => 0,
         };
         size_of::<Shape>() + held
@@ -62,13 +65,57 @@ pub enum Lamp {
         corners: Vec<Vec3>,
         triangles: Vec<[u32; 3]>,
     },
+    /// A sphere that shines by a profile: into each direction its share of what a sphere of even radiance sends there.
+    Luminaire {
+        center: Vec3,
+        radius: f32,
+        profile: Profile,
+    },
 }
 
 impl Lamp {
+    /// The same lamp `by` further. Plates become squares, as the photo has no pixels of theirs at the new place.
+    pub fn moved(&self, by: Vec3) -> Lamp {
+        match self.clone() {
+            Lamp::Sphere { center, radius } => Lamp::Sphere { center: center + by, radius },
+            Lamp::Rect { center, x, y } => Lamp::Rect { center: center + by, x, y },
+            Lamp::Box { center, axes } => Lamp::Box { center: center + by, axes },
+            Lamp::Plates(plates) => {
+                let corners: Vec<Vec3> = plates.iter().flat_map(Plate::square).flatten().map(|p| p + by).collect();
+                let triangles = (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+                Lamp::Mesh { corners, triangles }
+            }
+            Lamp::Mesh { corners, triangles } => {
+                Lamp::Mesh { corners: corners.into_iter().map(|p| p + by).collect(), triangles }
+            }
+            Lamp::Luminaire { center, radius, profile } => Lamp::Luminaire { center: center + by, radius, profile },
+        }
+    }
+
+    /// How far the lamp reaches from the middle of [`Shape::ball`] in a direction of unit length.
+    pub fn reach(&self, direction: Vec3) -> f32 {
+        let beyond = |points: &mut dyn Iterator<Item = Vec3>| {
+            let points: Vec<Vec3> = points.collect();
+            let (low, high) =
+                points.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+            let middle = 0.5 * (low + high);
+            points.iter().map(|p| (*p - middle).dot(direction)).fold(0.0, f32::max)
+        };
+        match self {
+            Lamp::Sphere { radius, .. } | Lamp::Luminaire { radius, .. } => *radius,
+            Lamp::Rect { x, y, .. } => x.dot(direction).abs() + y.dot(direction).abs(),
+            Lamp::Box { axes, .. } => axes.iter().map(|axis| axis.dot(direction).abs()).sum(),
+            Lamp::Plates(plates) => beyond(&mut plates.iter().map(|plate| plate.point)),
+            Lamp::Mesh { corners, .. } => beyond(&mut corners.iter().copied()),
+        }
+    }
+
     /// Emitting area, square metres.
     pub fn area(&self) -> f32 {
         match self {
-            Lamp::Sphere { radius, .. } => 4.0 * std::f32::consts::PI * radius * radius,
+            Lamp::Sphere { radius, .. } | Lamp::Luminaire { radius, .. } => {
+                4.0 * std::f32::consts::PI * radius * radius
+            }
             Lamp::Rect { x, y, .. } => 4.0 * x.cross(*y).length(),
             Lamp::Box { axes: [a, b, c], .. } => {
                 8.0 * (a.cross(*b).length() + b.cross(*c).length() + c.cross(*a).length())
@@ -187,7 +234,7 @@ impl Shape {
         };
         match self {
             Shape::Absent | Shape::Lamp(Lamp::Plates(_)) => None,
-            Shape::Lamp(Lamp::Sphere { center, radius }) => {
+            Shape::Lamp(Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. }) => {
                 let center = *center - origin;
                 let (a, b, c) = (ray.length_squared(), ray.dot(center), center.length_squared() - radius * radius);
                 let root = b * b - a * c;
@@ -226,6 +273,7 @@ impl Shape {
                 let Lobe { direction: peak, bandwidth } = window.lobes[lobe];
                 (bandwidth * (peak.dot(direction) - 1.0)).exp()
             }
+            Shape::Lamp(Lamp::Luminaire { profile, .. }) => profile.share(-direction.as_dvec3()) as f32,
             _ => 1.0,
         }
     }
@@ -239,7 +287,9 @@ impl Shape {
         };
         match self {
             Shape::Absent => None,
-            Shape::Lamp(Lamp::Sphere { center, radius }) => Some((*center, *radius)),
+            Shape::Lamp(Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. }) => {
+                Some((*center, *radius))
+            }
             Shape::Lamp(Lamp::Rect { center, x, y }) => Some((*center, (*x + *y).length().max((*x - *y).length()))),
             Shape::Window(w) => Some((w.center, (w.x + w.y).length().max((w.x - w.y).length()))),
             Shape::Lamp(Lamp::Box { center, axes: [a, b, c] }) => {

@@ -12,6 +12,7 @@ mod find_lights;
 mod golden_networks;
 mod goldens;
 mod layers;
+mod lights;
 mod materials;
 mod mix;
 mod networks;

@@ -461,8 +461,9 @@ fn inserted<'a>(
                 let ray = inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
                 window.seen(&radiance.0, ray)
             }),
-            _ => {
-                let shown = radiance.0.iter().sum();
+            lamp => {
+                let towards = lamp.ball().map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or_zero());
+                let shown = lamp.shown(0, towards) * radiance.0.iter().sum::<Vec3>();
                 Box::new(move |_, _| shown)
             }
         };

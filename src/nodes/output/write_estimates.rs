@@ -86,7 +86,8 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
         Shape::Absent => return None,
         Shape::Lamp(lamp) => {
             let mut entry = match lamp {
-                Lamp::Sphere { center, radius } => {
+                // These files have no profiles: a luminaire is the sphere of the same flux.
+                Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. } => {
                     json!({ "kind": "Sphere", "center": numbers(*center), "radius": shortest(*radius) })
                 }
                 Lamp::Rect { center, x, y } => {

@@ -322,7 +322,8 @@ fn surface(text: &mut String, name: &str, inputs: &WriteUsdIn, faces: &[[u32; 3]
 
 fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
     match lamp {
-        Lamp::Sphere { center, radius } => {
+        // A profile would be a file of its own beside this one: a luminaire is the sphere of the same flux.
+        Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. } => {
             let more = [format!("float inputs:radius = {radius}")];
             light(text, "SphereLight", id, [Vec3::X, Vec3::Y, Vec3::Z, *center], radiance, false, &more);
         }

@@ -1,0 +1,128 @@
+//! Lamps that an edit puts into the room, and those that it moves.
+
+use glam::{Quat, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::{EditLightsIn, Place, level, positive};
+use crate::graph::{Context, File, NodeError};
+use crate::optics::{Lamp, Profile, ProfileTable, Shape};
+
+/// The form of an inserted lamp, metres.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum LampShape {
+    Sphere {
+        radius: f32,
+    },
+    /// Emits to the side of `normal`; `half` edges.
+    Rect {
+        half: [f32; 2],
+        normal: [f32; 3],
+    },
+    /// Upright; `half` edges along x, y, z, turned about y by `yaw` degrees.
+    Box {
+        half: [f32; 3],
+        #[serde(default)]
+        yaw: f32,
+    },
+}
+
+impl LampShape {
+    pub fn check(&self) -> Result<(), String> {
+        match self {
+            LampShape::Sphere { radius } => positive("radius", &[*radius]),
+            LampShape::Rect { half, normal } => {
+                positive("half", half)?;
+                direction("normal", *normal).map(drop)
+            }
+            LampShape::Box { half, .. } => positive("half", half),
+        }
+    }
+
+    /// The lamp at its place.
+    pub fn at(&self, at: &Place, inputs: &EditLightsIn, up: Vec3) -> Result<Lamp, String> {
+        let reach = match self {
+            LampShape::Sphere { radius } => *radius,
+            LampShape::Rect { .. } => 0.0,
+            LampShape::Box { half, .. } => half[1],
+        };
+        let center = center(at, inputs, up, |_| reach)?;
+        Ok(match self {
+            LampShape::Sphere { radius } => Lamp::Sphere { center, radius: *radius },
+            LampShape::Rect { half, normal } => {
+                let normal = Vec3::from_array(*normal).normalize();
+                // `x` level, so that the first half edge runs along the floor.
+                let x = up.cross(normal).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
+                Lamp::Rect { center, x: x * half[0], y: normal.cross(x) * half[1] }
+            }
+            LampShape::Box { half, yaw } => {
+                let (right, ahead) = level(up);
+                let (sin, cos) = yaw.to_radians().sin_cos();
+                let (x, z) = (right * cos + ahead * sin, right * sin - ahead * cos);
+                Lamp::Box { center, axes: [x * half[0], up * half[1], z * half[2]] }
+            }
+        })
+    }
+}
+
+pub fn direction(name: &str, direction: [f32; 3]) -> Result<Vec3, String> {
+    let unit = Vec3::from_array(direction).try_normalize();
+    unit.ok_or_else(|| format!("{name}: wanted a direction, got {direction:?}"))
+}
+
+/// Where a lamp's centre is; on a surface at least as far from it as it reaches towards it, against its normal.
+fn center(at: &Place, inputs: &EditLightsIn, up: Vec3, reach: impl Fn(Vec3) -> f32) -> Result<Vec3, String> {
+    match *at {
+        Place::Point(x, y, z) => Ok(Vec3::new(x, y, z)),
+        Place::Pixel { x, y, lift } => {
+            let (point, normal) = inputs.ground(up).foot(x, y)?;
+            Ok(point + normal * lift.max(reach(normal)))
+        }
+    }
+}
+
+/// A sphere that shines by the profile in `file`, and the lumens that the file gives it. Where the profile has its 0, it points along `axis`,
+/// or down; its second angle begins at the right of the view and is turned by `turn` degrees.
+pub fn luminaire(
+    lamp: Lamp,
+    file: &File,
+    axis: Option<[f32; 3]>,
+    turn: f32,
+    up: Vec3,
+    ctx: &Context,
+) -> Result<(Lamp, f32), NodeError> {
+    let Lamp::Sphere { center, radius } = lamp else { unreachable!("profiles were checked to go with spheres") };
+    let read = ctx.shared(file, "profile", |bytes| {
+        let path = file.location().display().to_string();
+        ProfileTable::parse(&String::from_utf8_lossy(&bytes)).map_err(|message| NodeError::BadFile { path, message })
+    })?;
+    let (table, lumens) = &*read;
+    let axis = axis.and_then(|axis| Vec3::from_array(axis).try_normalize()).unwrap_or(-up);
+    let (right, ahead) = level(up);
+    let across = |v: Vec3| (v - axis * v.dot(axis)).try_normalize().filter(|_| v.dot(axis).abs() < 0.999);
+    let side = across(right).or_else(|| across(ahead)).unwrap_or_else(|| axis.any_orthonormal_vector());
+    let side = Quat::from_axis_angle(axis, turn.to_radians()) * side;
+    let profile = Profile { axis, side, table: table.clone() };
+    Ok((Lamp::Luminaire { center, radius, profile }, *lumens as f32))
+}
+
+/// A lamp that is there at another place: `by` metres further, or with its middle at `to`.
+pub fn moved(
+    shape: &Shape,
+    by: Option<[f32; 3]>,
+    to: Option<&Place>,
+    inputs: &EditLightsIn,
+    up: Vec3,
+) -> Result<Lamp, String> {
+    let (lamp, middle) = match (shape, shape.ball()) {
+        (Shape::Lamp(lamp), Some((middle, _))) => (lamp, middle),
+        (Shape::Window(_), _) => return Err("Move: wanted a lamp, got a window".into()),
+        _ => return Err("Move: there is no such lamp in this room: its photo is explained without it".into()),
+    };
+    let by = match to {
+        None => by.map(Vec3::from_array).unwrap_or_default(),
+        // A sphere around it may reach farther down than it does; a lamp is put as low as its own points allow.
+        Some(place) => center(place, inputs, up, |normal| lamp.reach(-normal))? - middle,
+    };
+    Ok(lamp.moved(by))
+}

@@ -1,0 +1,210 @@
+//! What a window that an edit opens looks out on.
+
+use std::sync::Arc;
+
+use glam::{Quat, Vec3};
+use serde::{Deserialize, Serialize};
+
+use super::{level, not_negative};
+use crate::graph::{Context, File, NodeError};
+use crate::image::{Picture, Source, Transfer, read_photo};
+use crate::optics::{Daylight, Heading, Lobe, Radiance, Shape, Window, fit_outlook};
+
+/// What a window shows above the horizon.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum Sky {
+    /// Linear RGB in units of the photo.
+    Radiance(f32, f32, f32),
+    /// A picture of all directions, equirectangular: HDR or EXR, its values in units of the photo. It holds sky, ground and sun.
+    Env(File),
+    /// A clear sky over grey earth, 1.7..=10: 2 is very clear air, 6 haze. Needs a `sun`, for its height.
+    Turbidity(f32),
+}
+
+impl Default for Sky {
+    /// Overcast.
+    fn default() -> Sky {
+        Sky::Radiance(4.0, 4.4, 5.0)
+    }
+}
+
+/// What it shows below.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum Half {
+    /// Linear RGB in units of the photo.
+    Radiance(f32, f32, f32),
+}
+
+impl Half {
+    fn rgb(&self) -> Vec3 {
+        let Half::Radiance(r, g, b) = *self;
+        Vec3::new(r, g, b)
+    }
+}
+
+/// The sun in a window.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum Sun {
+    /// Degrees: azimuth from the view direction towards the right, elevation above the horizon.
+    Direction {
+        azimuth: f32,
+        elevation: f32,
+        /// Peak radiance; when not given, that of the sky's own sun, or where it has none such that a white surface facing the sun shows 3.
+        #[serde(default)]
+        radiance: Option<[f32; 3]>,
+        /// 1e4 is a sun of about one degree.
+        #[serde(default = "Sun::bandwidth")]
+        bandwidth: f32,
+    },
+}
+
+impl Sun {
+    fn bandwidth() -> f32 {
+        1e4
+    }
+
+    fn direction(&self, up: Vec3) -> Vec3 {
+        let Sun::Direction { azimuth, elevation, .. } = self;
+        let (right, ahead) = level(up);
+        let (sin_a, cos_a) = azimuth.to_radians().sin_cos();
+        let (sin_e, cos_e) = elevation.to_radians().sin_cos();
+        (right * sin_a + ahead * cos_a) * cos_e + up * sin_e
+    }
+}
+
+/// All that a window looks out on.
+pub struct Outside<'a> {
+    pub sky: &'a Sky,
+    pub ground: Option<&'a Half>,
+    pub sun: Option<&'a Sun>,
+    pub yaw: f32,
+    pub scale: f32,
+}
+
+impl Outside<'_> {
+    pub fn check(&self) -> Result<(), String> {
+        match self.sky {
+            Sky::Radiance(r, g, b) => not_negative("sky", &[*r, *g, *b])?,
+            Sky::Env(_) => {}
+            Sky::Turbidity(turbidity) => {
+                if !(1.7..=10.0).contains(turbidity) {
+                    return Err(format!("sky: wanted a turbidity of 1.7..=10, got {turbidity}"));
+                }
+                match self.sun {
+                    Some(Sun::Direction { elevation, .. }) if *elevation > 0.0 => {}
+                    Some(Sun::Direction { elevation, .. }) => {
+                        return Err(format!(
+                            "sun elevation: wanted more than 0 degrees for a clear sky, got {elevation}"
+                        ));
+                    }
+                    None => return Err("sky: Turbidity needs `sun: Direction(azimuth: .., elevation: ..)`".into()),
+                }
+            }
+        }
+        not_negative("scale", &[self.scale])?;
+        if !matches!(self.sky, Sky::Env(_)) && self.yaw != 0.0 {
+            return Err("yaw turns a picture of the sky: it goes with sky: Env(..)".into());
+        }
+        if matches!(self.sky, Sky::Radiance(..)) && self.scale != 1.0 {
+            return Err("scale goes with sky: Env(..) or Turbidity(..); a Radiance is told as it is".into());
+        }
+        not_negative("ground", &self.ground.map_or(Vec3::ZERO, Half::rgb).to_array())?;
+        if let Some(Sun::Direction { elevation, radiance, bandwidth, .. }) = self.sun {
+            not_negative("sun radiance", &radiance.unwrap_or_default())?;
+            not_negative("sun bandwidth", &[*bandwidth])?;
+            if !(-90.0..=90.0).contains(elevation) {
+                return Err(format!("sun elevation: wanted -90..=90 degrees, got {elevation}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// `window` before these surroundings, and the radiances of its lobes. A sky of one radiance alone is even, without horizon; sky and
+    /// ground are broad lobes above and below what lies straight outside. `lux` is the illuminance at which white shows 1.
+    pub fn through(
+        &self,
+        id: &str,
+        mut window: Window,
+        up: Vec3,
+        lux: &dyn Fn() -> f32,
+        ctx: &Context,
+    ) -> Result<(Shape, Radiance), NodeError> {
+        let outside = window.y.cross(window.x).normalize();
+        let towards = |up: Vec3| (up + outside).try_normalize().unwrap_or(outside);
+        let broad = |up: Vec3, bandwidth: f32| Lobe { direction: towards(up), bandwidth };
+        let ahead = level(up).1;
+        // Weight of the sky's own sun by unit of bandwidth: a lobe of bandwidth b and weight w gives a facing white surface 2 w / b.
+        let mut own_sun = Vec3::ZERO;
+        let (mut lobes, mut radiance) = match self.sky {
+            Sky::Radiance(r, g, b) => {
+                let bandwidth = if self.ground.is_some() { 1.5 } else { 0.0 };
+                let sun = broad(up, Sun::bandwidth());
+                ([sun, broad(up, bandwidth), broad(-up, bandwidth)], [Vec3::ZERO, Vec3::new(*r, *g, *b), Vec3::ZERO])
+            }
+            Sky::Env(file) => {
+                let picture = picture(file, ctx)?;
+                let turned = Quat::from_axis_angle(up, -self.yaw.to_radians()) * ahead;
+                let outlook = fit_outlook(&picture.0, Heading { up, ahead: turned }, outside, true);
+                let told = format!(
+                    "light {id:?}: three lobes put {:.0} % of the light of {} through this window elsewhere than the picture has it",
+                    100.0 * outlook.misplaced,
+                    file.path
+                );
+                if outlook.misplaced > MUCH {
+                    ctx.warn(told)
+                } else {
+                    ctx.note(told)
+                }
+                own_sun = outlook.radiance[0] / outlook.lobes[0].bandwidth;
+                (outlook.lobes, outlook.radiance)
+            }
+            Sky::Turbidity(turbidity) => {
+                let sun = self.sun.map_or(up, |sun| sun.direction(up));
+                let day = Daylight { turbidity: f64::from(*turbidity), sun: sun.as_dvec3() };
+                let (lux, heading) = (f64::from(lux()), Heading { up, ahead });
+                let outlook = fit_outlook(&day.surrounding(heading, lux), heading, outside, false);
+                own_sun = (0.5 * day.sun_lux(up.as_dvec3()) / lux).as_vec3();
+                ctx.note(format!(
+                    "light {id:?}: three lobes put {:.0} % of the light of this clear sky through the window elsewhere than the sky has it",
+                    100.0 * outlook.misplaced
+                ));
+                (outlook.lobes, outlook.radiance)
+            }
+        };
+        radiance = radiance.map(|w| w * self.scale);
+        own_sun *= self.scale;
+        if let Some(ground) = self.ground {
+            lobes[2] = broad(-up, 1.5);
+            radiance[2] = ground.rgb();
+        }
+        if let Some(sun @ Sun::Direction { radiance: given, bandwidth, .. }) = self.sun {
+            lobes[0] = Lobe { direction: sun.direction(up), bandwidth: *bandwidth };
+            let usual = if own_sun.max_element() > 0.0 { own_sun } else { Vec3::new(1.5, 1.41, 1.23) };
+            radiance[0] = given.map_or(usual * bandwidth.max(1.0), Vec3::from_array);
+        }
+        window.lobes = lobes;
+        Ok((Shape::Window(window), Radiance(radiance.to_vec())))
+    }
+}
+
+/// Of a picture whose light three lobes put elsewhere to this share, they are no likeness.
+const MUCH: f64 = 0.4;
+
+/// A picture of all directions; decoded once for all frames.
+fn picture(file: &File, ctx: &Context) -> Result<Arc<Picture>, NodeError> {
+    ctx.shared(file, "sky", |bytes| {
+        let path = file.location().display().to_string();
+        let bad = |message: String| NodeError::BadFile { path: path.clone(), message };
+        let photo = read_photo(Source::new(&path, &bytes), Transfer::Srgb).map_err(|e| bad(e.message()))?;
+        let (width, height) = photo.picture.0.size();
+        if width != 2 * height {
+            return Err(bad(format!(
+                "wanted an equirectangular picture, twice as wide as high, got {width} x {height}"
+            )));
+        }
+        Ok(photo.picture)
+    })
+}
