@@ -56,6 +56,20 @@ fn colours_run_no_layer() {
     assert_eq!(frames(edit, &[0, 3, 7]), [wanted.clone(), wanted.clone(), wanted]);
 }
 
+/// Other paint sends other light around, so that each light's bounces are summed anew; the rays that gather them are known.
+#[test]
+fn paint_traces_no_ray() {
+    let edit = std::fs::read_to_string(root().join("edits/wall_colour.ron")).expect("it ships");
+    let engine = engine(None);
+    run(&engine, &physics_frame(&demo(), &edit, 0), &["picture"]);
+    let report = run(&engine, &physics_frame(&demo(), &edit, 24), &["picture"]);
+    let bounces = ["inv_lamp", "lamp_0", "window_0"].map(|light| format!("edited_indirect[{light}]"));
+    let ran = ran(&report);
+    assert!(bounces.iter().all(|node| ran.contains(&node.as_str())), "{ran:?}");
+    assert!(!ran.iter().any(|node| node.contains("direct[") && !node.contains("indirect")), "{ran:?}");
+    assert!(ran.len() <= 8 && rays(&report) == 0, "{ran:?}");
+}
+
 /// What a frame leaves as it is keeps its bits: every layer but the moving lamp's, wherever the lamp itself does not stand before it.
 #[test]
 fn nothing_flickers() {
