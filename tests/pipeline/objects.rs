@@ -105,6 +105,25 @@ fn insert_object_changes_the_table_and_leaves_the_ceiling() {
     assert!(change(186, 177) < -1.5, "beside the ball the table gets less light: {}", change(186, 177));
 }
 
+/// The balls that ship: one shows bright window and dark furniture side by side, the other a light on its red; what is far from them stays.
+#[test]
+fn mirror_shows_the_room() {
+    let graph = load(&root().join("graphs/demo.ron"), &demo(), &root().join("edits/mirror.ron"));
+    let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
+    let picture = png(&written(&run(shared_engine(), &graph, &[]), "picture.png"));
+    let part = |x: std::ops::Range<u32>, y: std::ops::Range<u32>| -> Vec<[u8; 3]> {
+        y.flat_map(|y| x.clone().map(move |x| (x, y))).map(|(x, y)| picture.get_pixel(x, y).0).collect()
+    };
+    let green = part(80..105, 175..200).into_iter().map(|c| c[1]);
+    let (dark, bright) = green.fold((255, 0), |(dark, bright), g| (g.min(dark), g.max(bright)));
+    assert!(dark < 60 && bright > 240, "{dark} to {bright}");
+    let ball = part(205..225, 182..206);
+    let red = ball.iter().filter(|c| u16::from(c[0]) > 2 * u16::from(c[1])).count();
+    assert!(2 * red > ball.len(), "{red} of {} pixels are red", ball.len());
+    assert!(ball.iter().any(|c| c[1] > 150), "the lamp shines in it");
+    assert!(picture.get_pixel(160, 15).0[0].abs_diff(photo().get_pixel(160, 15).0[0]) <= 3);
+}
+
 /// A glTF's files stand in the key: a change of one is seen.
 #[test]
 fn files_that_a_model_names_are_watched() {

@@ -96,6 +96,11 @@ fn warm_beats_doing_nothing() {
     check("warm", 5.0, 0.6);
 }
 
+#[test]
+fn out_of_view_off_beats_doing_nothing() {
+    check("out_of_view_off", 5.5, 0.5);
+}
+
 fn score(edit: &str, got: &image::RgbImage) -> Score {
     let text = std::fs::read_to_string(demo().join("truth/meta.json")).expect("the truth is there");
     let meta: Value = serde_json::from_str(&text).expect("it is JSON");
@@ -109,6 +114,7 @@ fn score(edit: &str, got: &image::RgbImage) -> Score {
     let photo = lights.keys().fold(dark, |sum, id| add(&sum, &light(id), Vec3::ONE));
     let truth = match edit {
         "lamp_off" => add(&photo, &light("lamp_0"), -Vec3::ONE),
+        "out_of_view_off" => add(&photo, &light("inv_lamp"), -Vec3::ONE),
         "window_dim" => add(&photo, &light("window_0"), Vec3::splat(-0.6)),
         "warm" => {
             let ceiling = vec3(&meta["lights"]["inv_lamp"]["radiance"]);
