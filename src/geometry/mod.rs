@@ -16,7 +16,7 @@ mod surface;
 mod up;
 mod woop;
 
-pub use bodies::{Bodies, Body, Probes};
+pub use bodies::{Bodies, Body, Probes, clearance};
 pub use camera::Camera;
 pub use facing::facing;
 pub use grid::{Grid, cosine_direction};

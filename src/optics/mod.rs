@@ -70,7 +70,7 @@ pub use profile::{Profile, ProfileTable};
 pub use radiance_fit::{Column, RadianceFit, fit_radiances};
 pub use random::Points2;
 pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
-pub use reflect::{NOTHING, Reflections, Surround, UNSEEN, reflections};
+pub use reflect::{Face, NOTHING, Reflections, Surround, UNSEEN, object_face, reflections};
 pub use shadow::{Shadow, ShadowQuality, shadow};
 pub use shape_fit::{Bounds, Movable, ShapeFit, ShapeSearch, fit_shapes};
 pub use sky::{Heading, Outlook, fit_outlook};

@@ -1,6 +1,6 @@
-//! What shiny bodies reflect: which parts of the picture, how much of each light, and how much of what is not seen.
+//! What shiny surfaces reflect: which parts of the picture, how much of each light, and how much of what is not seen.
 //!
-//! Each pixel sends rays distributed like its lobe. A ray that meets the seen room shows the picture's pixel there, whatever an
+//! Each place sends rays distributed like its lobe. A ray that meets the seen room shows the picture's pixel there, whatever an
 //! edit makes of it; one that meets a body shows the body's pixel, if the camera sees it; all others look into the unseen part of
 //! the room. Lights are kept apart, per lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a
 //! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a small light), and the two are
@@ -12,13 +12,13 @@ use serde::{Deserialize, Serialize};
 
 use super::ggx::Ggx;
 use super::{Emitter, Lighting, Points2, Shape, local_frame};
-use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::geometry::{Camera, Hit, Objects, SceneMesh, clearance};
 use crate::image::{Mask, Normal, Plane, Points};
 
-/// What the pixels of [`Objects`] reflect.
+/// What places reflect: the pixels of [`Objects`], or those of a painted surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reflections {
-    /// One row per pixel: what each of its rays met. A photo pixel; after all of them a pixel of the objects; or
+    /// One row per place: what each of its rays met. A photo pixel; after all of them a pixel of the objects; or
     /// [`UNSEEN`] or [`NOTHING`].
     pub met: Plane<u32>,
     /// How much of that it shows.
@@ -42,10 +42,26 @@ impl Reflections {
     }
 }
 
-/// The room around the bodies.
+/// A place whose reflection is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Face {
+    /// Slightly above the surface.
+    pub point: Vec3,
+    pub normal: Vec3,
+    /// The colour in which a metal reflects.
+    pub albedo: Vec3,
+    /// Roughness, specular, metallic.
+    pub gloss: Vec3,
+    /// Which of the surround's planes it lies in, where it is part of the seen room.
+    pub plane: Option<usize>,
+}
+
+/// The room around the places.
 pub struct Surround<'a> {
     /// With the bodies in it.
     pub mesh: &'a SceneMesh,
+    /// The bodies as they are seen.
+    pub objects: &'a Objects,
     /// Of the photo.
     pub camera: &'a Camera,
     /// Of the seen surface, working size.
@@ -55,20 +71,43 @@ pub struct Surround<'a> {
     pub masks: &'a [&'a Mask],
     /// What arrives at each place, by a network.
     pub lighting: Option<&'a Lighting>,
+    /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not hide what it reflects.
+    pub planes: &'a [Plane<bool>],
 }
+
+impl Surround<'_> {
+    /// The nearest surface along a ray of unit length from a face.
+    fn closest(&self, face: &Face, direction: Vec3) -> Option<Hit> {
+        let plane = face.plane.map(|plane| self.planes[plane].pixels());
+        let mut way = 0.0;
+        for _ in 0..MOST_SKIPPED {
+            let hit = self.mesh.closest(face.point + direction * way, direction)?;
+            let distance = way + hit.distance;
+            if !plane.and_then(|own| own.get(hit.pixel as usize)).is_some_and(|own| *own) {
+                return Some(Hit { distance, ..hit });
+            }
+            way = distance + clearance(face.point + direction * distance);
+        }
+        None
+    }
+}
+
+/// A ray that meets its own plane more often than this runs along it.
+const MOST_SKIPPED: usize = 16;
 
 /// Most rays of all pixels together.
 const MOST_RAYS: usize = 4_000_000;
 
-/// Reflections of `objects` with `rays` per pixel and as many samples per lobe of a light.
+/// Reflections of the places of a plane of this size, with `rays` per place and as many samples per lobe of a light; and the number of
+/// rays that were traced.
 pub fn reflections(
-    objects: &Objects,
+    (w, h): (usize, usize),
+    face: impl Fn(usize) -> Option<Face> + Sync,
     surround: &Surround,
     lights: &[(String, Shape)],
     rays: usize,
     seed: u64,
-) -> Reflections {
-    let (w, h) = objects.cover.size();
+) -> (Reflections, u64) {
     let rays = rays.min(MOST_RAYS / (w * h).max(1)).max(1);
     let emitters: Vec<Emitter> = lights.iter().map(|(_, shape)| Emitter::new(shape)).collect();
     let own = |pixel: usize| surround.masks.iter().any(|mask| mask.0.pixels()[pixel] > 0.5);
@@ -80,20 +119,20 @@ pub fn reflections(
             weight: vec![Vec3::ZERO; rays],
             far: Vec3::ZERO,
             lights: vec![Vec3::ZERO; lobes],
+            traced: 0,
         };
-        let (x, y) = (i % w, i / w);
-        let Some((point, normal)) = place(objects, surround.camera, (x, y)) else { return out };
+        let Some(face) = face(i) else { return out };
+        let (point, normal) = (face.point, face.normal);
         let view = -point.normalize_or(Vec3::NEG_Z);
-        let Some(surface) = Ggx::new(normal, view, objects.albedo.get(x, y), objects.gloss.get(x, y)) else {
-            return out;
-        };
+        let Some(surface) = Ggx::new(normal, view, face.albedo, face.gloss) else { return out };
         let count = if surface.is_mirror() { 1 } else { rays };
         let part = 1.0 / count as f32;
         let points = Points2::new(seed, i as u32, 0);
         for ray in 0..count {
             let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
             let weight = weight * part;
-            let hit = surround.mesh.closest(point, direction);
+            let hit = surround.closest(&face, direction);
+            out.traced += 1;
             let is_own =
                 hit.is_some_and(|hit| (hit.pixel as usize) < surround.points.0.len() && own(hit.pixel as usize));
             let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { 1.2 } else { 1.01 });
@@ -115,7 +154,7 @@ pub fn reflections(
             }
             out.weight[ray] = weight;
             out.met[ray] = hit
-                .and_then(|hit| seen(objects, surround, (point + direction * hit.distance, direction), hit.pixel))
+                .and_then(|hit| seen(surround, (point + direction * hit.distance, direction), hit.pixel))
                 .unwrap_or(UNSEEN);
             if out.met[ray] == UNSEEN
                 && let Some(cells) = &cells
@@ -134,7 +173,11 @@ pub fn reflections(
                     for sample in (0..count.max(8)).filter_map(|k| seen.sample(&points, k)) {
                         let direction = (sample.place - point).normalize_or_zero();
                         let value = surface.value(direction);
-                        if value != Vec3::ZERO && !blocked(surround, point, sample.place, &own) {
+                        if value == Vec3::ZERO {
+                            continue;
+                        }
+                        out.traced += 1;
+                        if !blocked(surround, &face, sample.place, &own) {
                             let part = s * std::f32::consts::PI * sample.part / count.max(8) as f32;
                             out.lights[first + lobe] += value * part;
                         }
@@ -154,12 +197,13 @@ pub fn reflections(
         (id.clone(), range.map(lobe).collect())
     });
     let planes = planes.collect();
-    Reflections {
+    let reflections = Reflections {
         met: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.met.iter().copied()).collect()),
         weight: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.weight.iter().copied()).collect()),
         far: Plane::new(w, h, pixels.iter().map(|p| p.far).collect()),
         lights: planes,
-    }
+    };
+    (reflections, pixels.iter().map(|p| p.traced).sum())
 }
 
 struct Pixel {
@@ -167,6 +211,8 @@ struct Pixel {
     weight: Vec<Vec3>,
     far: Vec3,
     lights: Vec<Vec3>,
+    /// Number of rays.
+    traced: u64,
 }
 
 /// The share that the rays of the lobe have in the estimate of a light's reflection.
@@ -185,32 +231,34 @@ fn by_rays(shape: &Shape, lobe: usize, point: Vec3, surface: &Ggx) -> f32 {
 }
 
 /// Whether something stands between a place and a light that is not the light itself.
-fn blocked(surround: &Surround, point: Vec3, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
-    let way = light - point;
+fn blocked(surround: &Surround, face: &Face, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
+    let way = light - face.point;
     let length = way.length();
-    let hit = surround.mesh.closest(point, way / length);
+    let hit = surround.closest(face, way / length);
     let near = hit.filter(|hit| hit.distance < 0.999 * length);
     near.is_some_and(|hit| (hit.pixel as usize) >= surround.points.0.len() || !own(hit.pixel as usize))
 }
 
-/// Point and normal of a pixel that is covered.
-fn place(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> Option<(Vec3, Vec3)> {
+/// What is seen at pixel `i` of objects, where they cover it.
+pub fn object_face(objects: &Objects, camera: &Camera, i: usize) -> Option<Face> {
+    let (x, y) = (i % objects.cover.width(), i / objects.cover.width());
     if objects.cover.get(x, y) <= 0.0 {
         return None;
     }
     let normal = objects.normal.get(x, y);
-    if objects.step == 1 {
-        return Some((objects.points.get(x, y), normal));
-    }
-    let z = objects.depth.get(x, y);
-    let point = camera.pixel_point(objects.left + x, objects.top + y, z);
-    // Half a pixel's footprint above the surface, which is flat between pixels here only.
-    Some((point + normal * (0.5 * z / camera.fx), normal))
+    let point = if objects.step == 1 {
+        objects.points.get(x, y)
+    } else {
+        let z = objects.depth.get(x, y);
+        // Half a pixel's footprint above the surface, which is flat between pixels here only.
+        camera.pixel_point(objects.left + x, objects.top + y, z) + normal * (0.5 * z / camera.fx)
+    };
+    Some(Face { point, normal, albedo: objects.albedo.get(x, y), gloss: objects.gloss.get(x, y), plane: None })
 }
 
 /// The pixel that shows what a ray meets: of the photo, or after all of them of the objects.
-fn seen(objects: &Objects, surround: &Surround, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<u32> {
-    let camera = surround.camera;
+fn seen(surround: &Surround, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<u32> {
+    let (camera, objects) = (surround.camera, surround.objects);
     let place = camera.project(at).filter(|p| camera.contains(*p))?;
     let (x, y) = (place.x as usize, place.y as usize);
     if let Some(normal) = surround.normal.0.pixels().get(pixel as usize) {
@@ -279,9 +327,18 @@ mod tests {
         let drawing = Drawing { supersampling: 2, most: 100_000 };
         let objects = draw(&bodies, (&solid, &materials), &camera, &depth, |_| 0.0, drawing);
         let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(SIZE.0, SIZE.1, false)).with_bodies(solid);
-        let surround =
-            Surround { mesh: &mesh, camera: &camera, points: &points, normal: &normal, masks: &[], lighting: None };
-        let reflected = reflections(&objects, &surround, &[("lamp".into(), lamp)], 64, 1);
+        let surround = Surround {
+            mesh: &mesh,
+            objects: &objects,
+            camera: &camera,
+            points: &points,
+            normal: &normal,
+            masks: &[],
+            lighting: None,
+            planes: &[],
+        };
+        let face = |i: usize| object_face(&objects, &camera, i);
+        let (reflected, _) = reflections(objects.cover.size(), face, &surround, &[("lamp".into(), lamp)], 64, 1);
         (objects, reflected)
     }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
-use crate::optics::{Lighting, Reflections, Shape, Surround, reflections};
+use crate::optics::{Lighting, Reflections, Shape, Surround, object_face, reflections};
 use crate::{params, ports};
 
 params! {
@@ -71,17 +71,22 @@ impl Node for InsertSpecular {
         let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
         let lights: Vec<(String, Shape)> =
             inputs.shape.iter().map(|(id, shape)| (id.to_string(), Shape::clone(shape))).collect();
+        let objects = &inputs.objects;
         let surround = Surround {
+            objects,
             mesh: &inputs.mesh,
             camera: &inputs.camera,
             points: &inputs.points,
             normal: &inputs.normal,
             masks: &masks,
             lighting: inputs.lighting.as_deref(),
+            planes: &[],
         };
         ctx.check_cancelled()?;
-        let reflected = reflections(&inputs.objects, &surround, &lights, self.rays as usize, self.seed);
-        ctx.count_rays(reflected.met.pixels().len() as u64);
+        let face = |i: usize| object_face(objects, &inputs.camera, i);
+        let size = objects.cover.size();
+        let (reflected, rays) = reflections(size, face, &surround, &lights, self.rays as usize, self.seed);
+        ctx.count_rays(rays);
         Ok(InsertSpecularOut { reflected: Arc::new(reflected) })
     }
 }
