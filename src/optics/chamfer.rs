@@ -26,7 +26,7 @@ pub fn surface_points(shape: &Shape) -> Vec<Vec3> {
             sides.collect()
         }
         Shape::Lamp(Lamp::Plates(plates)) => plates.iter().flat_map(Plate::square).collect(),
-        Shape::Lamp(Lamp::Mesh { corners, triangles }) => {
+        Shape::Lamp(Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles }) => {
             triangles.iter().map(|t| t.map(|i| corners[i as usize])).collect()
         }
         Shape::Window(window) => rectangle(window.center, window.x, window.y).to_vec(),

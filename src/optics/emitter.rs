@@ -8,6 +8,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
+use super::model_lamp::{ModelLamp, SeenModel, is_convex};
 use super::polygon::{Outline, polygon_irradiance};
 use super::rectangle::Rectangle;
 use super::sphere::{Cone, sphere_irradiance};
@@ -42,6 +43,7 @@ pub(super) enum Surface {
     Plates(Pieces<Plate>),
     /// Triangles, counter-clockwise from the front. One does not cover another: exact for convex shapes.
     Triangles(Pieces<[DVec3; 3]>),
+    Model(ModelLamp),
     Window(Opening),
 }
 
@@ -131,7 +133,12 @@ impl Emitter {
                 let sound = plates.iter().filter(|p| p.point.is_finite() && p.normal.is_finite());
                 Surface::Plates(Pieces::new(sound.map(|plate| (*plate, f64::from(plate.area)))))
             }
-            Shape::Lamp(Lamp::Mesh { corners, triangles }) => {
+            Shape::Lamp(Lamp::Model { corners, triangles })
+                if triangles.len() > EXACT_PIECES || !is_convex(corners, triangles) =>
+            {
+                ModelLamp::new(corners, triangles).map_or(Surface::Nothing, Surface::Model)
+            }
+            Shape::Lamp(Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles }) => {
                 let corner = |i: u32| corners.get(i as usize).filter(|p| p.is_finite()).map(|p| p.as_dvec3());
                 let whole = triangles.iter().filter_map(|&[a, b, c]| Some([corner(a)?, corner(b)?, corner(c)?]));
                 Surface::Triangles(Pieces::new(whole.map(|t| (t, 0.5 * (t[1] - t[0]).cross(t[2] - t[0]).length()))))
@@ -188,6 +195,7 @@ impl Emitter {
             Surface::Triangles(triangles) => {
                 SeenSurface::Triangles(triangles.seen(|t| triangle_irradiance(t, point, normal))?)
             }
+            Surface::Model(model) => SeenSurface::Model(model.seen(point, normal)?),
             Surface::Window(opening) => SeenSurface::Window(opening.seen(lobe, point, normal)?),
         };
         let share = self.share(point);
@@ -210,6 +218,7 @@ enum SeenSurface<'a> {
     Sides(SeenSides<'a>),
     Plates(SeenPieces<'a, Plate>),
     Triangles(SeenPieces<'a, [DVec3; 3]>),
+    Model(SeenModel<'a>),
     Window(SeenOpening<'a>),
 }
 
@@ -243,6 +252,7 @@ impl Seen<'_> {
                 let cosines = normal.dot(d).max(0.0) * -front.dot(d);
                 (place, 0.5 * cosines / (PI * d.length_squared().powi(2)) * inverse)
             }
+            SeenSurface::Model(model) => model.sample(uv())?,
             SeenSurface::Window(seen) => {
                 let (place, part) = seen.sample(points, i)?;
                 (point + place, part)

@@ -4,16 +4,16 @@ use std::f64::consts::PI;
 
 use glam::Vec3;
 
-use super::{Lobe, Shape, Window};
+use super::{Lobe, Shape, Window, escaping};
 
 /// Power per unit radiance of lobe `lobe`, square metres.
 ///
-/// A lamp of area S sends pi S; a lobe of bandwidth lambda through a window of area S and normal n into the room sends S times the
+/// A lamp of area S sends pi S, less what its parts send to each other; a lobe of bandwidth lambda through a window of area S and normal n into the room sends S times the
 /// integral of exp(lambda (d . l - 1)) max(0, -n . l) over directions l. Zero where there is no such lobe.
 pub fn flux(shape: &Shape, lobe: usize) -> f32 {
     match shape {
         Shape::Absent => 0.0,
-        Shape::Lamp(lamp) => std::f32::consts::PI * lamp.area(),
+        Shape::Lamp(lamp) => std::f32::consts::PI * lamp.area() * escaping(lamp),
         Shape::Window(window) => window.lobes.get(lobe).map_or(0.0, |lobe| through(window, lobe)),
     }
 }

@@ -75,6 +75,8 @@ impl Emitter {
                 .filter_map(|t| Outline::above(&t.map(|corner| corner - point), normal))
                 .map(outlined)
                 .fold(Gradient::default(), Gradient::plus),
+            // Of what an edit puts in, which no fit moves.
+            Surface::Model(_) => Gradient::default(),
             Surface::Window(opening) => match opening.outline(point, normal) {
                 Some(outline) => opening.lobe(lobe).gradient(&outline, normal, pivot),
                 None => Gradient::default(),

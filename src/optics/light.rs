@@ -30,7 +30,7 @@ impl Shape {
     pub fn bytes(&self) -> usize {
         let held = match self {
             Shape::Lamp(Lamp::Plates(plates)) => size_of_val(plates.as_slice()),
-            Shape::Lamp(Lamp::Mesh { corners, triangles }) => {
+            Shape::Lamp(Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles }) => {
                 size_of_val(corners.as_slice()) + size_of_val(triangles.as_slice())
             }
             Shape::Lamp(Lamp::Luminaire { profile, .. }) => profile.table.bytes(),
@@ -71,6 +71,11 @@ pub enum Lamp {
         radius: f32,
         profile: Profile,
     },
+    /// As [`Lamp::Mesh`], of any form and any number of triangles: what lies before another hides it.
+    Model {
+        corners: Vec<Vec3>,
+        triangles: Vec<[u32; 3]>,
+    },
 }
 
 impl Lamp {
@@ -89,6 +94,9 @@ impl Lamp {
                 Lamp::Mesh { corners: corners.into_iter().map(|p| p + by).collect(), triangles }
             }
             Lamp::Luminaire { center, radius, profile } => Lamp::Luminaire { center: center + by, radius, profile },
+            Lamp::Model { corners, triangles } => {
+                Lamp::Model { corners: corners.into_iter().map(|p| p + by).collect(), triangles }
+            }
         }
     }
 
@@ -106,7 +114,7 @@ impl Lamp {
             Lamp::Rect { x, y, .. } => x.dot(direction).abs() + y.dot(direction).abs(),
             Lamp::Box { axes, .. } => axes.iter().map(|axis| axis.dot(direction).abs()).sum(),
             Lamp::Plates(plates) => beyond(&mut plates.iter().map(|plate| plate.point)),
-            Lamp::Mesh { corners, .. } => beyond(&mut corners.iter().copied()),
+            Lamp::Mesh { corners, .. } | Lamp::Model { corners, .. } => beyond(&mut corners.iter().copied()),
         }
     }
 
@@ -121,7 +129,7 @@ impl Lamp {
                 8.0 * (a.cross(*b).length() + b.cross(*c).length() + c.cross(*a).length())
             }
             Lamp::Plates(plates) => plates.iter().map(|p| p.area).sum(),
-            Lamp::Mesh { corners, triangles } => triangles
+            Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles } => triangles
                 .iter()
                 .map(|t| t.map(|i| corners[i as usize]))
                 .map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length())
@@ -251,7 +259,7 @@ impl Shape {
                     rect(*center + a, b, c * handed)
                 })
                 .reduce(f32::min),
-            Shape::Lamp(Lamp::Mesh { corners, triangles }) => triangles
+            Shape::Lamp(Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles }) => triangles
                 .iter()
                 .filter_map(|t| {
                     let [a, b, c] = t.map(|i| corners[i as usize] - origin);
@@ -296,7 +304,9 @@ impl Shape {
                 Some((*center, (a.length_squared() + b.length_squared() + c.length_squared()).sqrt()))
             }
             Shape::Lamp(Lamp::Plates(plates)) => around(&mut plates.iter().map(|p| p.point)),
-            Shape::Lamp(Lamp::Mesh { corners, .. }) => around(&mut corners.iter().copied()),
+            Shape::Lamp(Lamp::Mesh { corners, .. } | Lamp::Model { corners, .. }) => {
+                around(&mut corners.iter().copied())
+            }
         }
     }
 }

@@ -174,6 +174,9 @@ fn resized(shape: &Shape, factor: f32, pivot: Vec3, shift: Vec3) -> Shape {
             Lamp::Mesh { corners, triangles } => {
                 Lamp::Mesh { corners: corners.iter().map(|p| place(*p)).collect(), triangles: triangles.clone() }
             }
+            Lamp::Model { corners, triangles } => {
+                Lamp::Model { corners: corners.iter().map(|p| place(*p)).collect(), triangles: triangles.clone() }
+            }
             Lamp::Luminaire { center, radius, profile } => {
                 Lamp::Luminaire { center: place(*center), radius: radius * factor, profile: profile.clone() }
             }

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::ggx::Ggx;
-use super::{Emitter, Lighting, Points2, Shape, local_frame};
+use super::{Emitter, Lighting, Points2, Shape, Silhouette, local_frame};
 use crate::geometry::{Camera, Hit, Objects, SceneMesh, clearance};
 use crate::image::{Mask, Normal, Plane, Points};
 
@@ -110,6 +110,7 @@ pub fn reflections(
 ) -> (Reflections, u64) {
     let rays = rays.min(MOST_RAYS / (w * h).max(1)).max(1);
     let emitters: Vec<Emitter> = lights.iter().map(|(_, shape)| Emitter::new(shape)).collect();
+    let bodies: Vec<Silhouette> = lights.iter().map(|(_, shape)| Silhouette::new(shape)).collect();
     let own = |pixel: usize| surround.masks.iter().any(|mask| mask.0.pixels()[pixel] > 0.5);
     let cells = Cells::new(surround);
     let pixel = |i: usize| -> Pixel {
@@ -139,8 +140,8 @@ pub fn reflections(
             // Lights first: what is behind one is not seen. One without a closed surface shows in a mirror as in the photo.
             let mut light_met = is_own && !surface.is_mirror();
             let mut first = 0;
-            for ((_, shape), emitter) in lights.iter().zip(&emitters) {
-                if shape.meet_from(point, direction).is_some_and(|t| t < end) {
+            for (((_, shape), emitter), body) in lights.iter().zip(&emitters).zip(&bodies) {
+                if body.meet_from(point, direction).is_some_and(|t| t < end) {
                     light_met = true;
                     for lobe in 0..emitter.lobes() {
                         let s = by_rays(shape, lobe, point, &surface);

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
-use relight::geometry::{Camera, Objects, SceneMesh};
+use relight::geometry::{Camera, Model, Objects, SceneMesh};
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
     Albedo, Coats, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Shading, Transfer, write_png,
@@ -34,7 +34,7 @@ use relight::optics::{Lamp, LightKind, Radiance, Shape, Window};
 
 use crate::project::{png, root};
 
-const NAMES: [&str; 19] = [
+const NAMES: [&str; 20] = [
     "mesh",
     "find",
     "retinex",
@@ -43,6 +43,7 @@ const NAMES: [&str; 19] = [
     "indirect",
     "mix",
     "glow",
+    "mesh_lamp",
     "compose",
     "edit_materials",
     "objects", // and with networks:
@@ -363,6 +364,29 @@ pub fn cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>) -> Arc<Mask> {
 #[test]
 fn glow() {
     check("glow", cover(&ball(), None).0.map(Vec3::splat));
+}
+
+/// The lantern that ships, as it is seen, and its light on the room, shadows apart and in them.
+#[test]
+fn mesh_lamp() {
+    let file = std::fs::read(root().join("scenes/demo/models/lantern.obj")).expect("it ships");
+    let model = Model::read("lantern.obj", &file, &mut |_| unreachable!("it names no other")).expect("it is sound");
+    let corners = model.positions.into_iter().map(|p| Vec3::new(-0.3, 0.1, -3.1) + 0.7 * p).collect();
+    let shape = Arc::new(Shape::Lamp(Lamp::Model { corners, triangles: model.triangles }));
+    let (points, normal) = (room().points.clone(), room().normal.clone());
+    let inputs = DirectIn { points: points.clone(), normal: normal.clone(), shape: shape.clone() };
+    let direct =
+        Direct { samples: 64, ..Direct::default() }.run(inputs, &Context::default()).expect("it is sound").direct;
+    let inputs = ShadowIn { points, normal, mesh: mesh_of_room(), shape: shape.clone(), mask: None };
+    let visibility = Shadow::default().run(inputs, &Context::default()).expect("it is sound").visibility;
+    let cover = cover(&shape, None);
+    let (direct, lit) = (&direct.lobes[0], &visibility.lit[0]);
+    check(
+        "mesh_lamp",
+        Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
+            Vec3::new(cover.0.get(x, y), direct.get(x, y), direct.get(x, y) * lit.get(x, y)) * Vec3::new(1.0, 2.0, 2.0)
+        }),
+    );
 }
 
 /// The lamp doubled, the window dimmed, a ball of light that lights nothing put in.

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::Vec3;
+use relight::geometry::Model;
 use relight::graph::RunReport;
 use relight::image::{Mask, Picture, luminance};
-use relight::nodes::artifacts::UnitDirect;
+use relight::nodes::artifacts::{UnitDirect, Visibility};
 use relight::optics::{Lamp, Radiance, Shape};
 
 use crate::project::*;
@@ -72,6 +73,60 @@ fn a_profile_shines_where_its_candela_are() {
         panic!("a profile makes a luminaire")
     };
     assert!((center - Vec3::new(0.1, 0.7, -2.9)).length() < 1e-6);
+}
+
+/// A ball and a box of triangles beside the sphere and the box: their direct light, and what of it arrives. What differs is the noise of
+/// samples: 20480 triangles have no closed form, the 12 of the box have.
+#[test]
+fn a_model_lights_the_room_as_the_same_form_does() {
+    let Model { positions, triangles, .. } = Model::sphere();
+    let vertices: String = positions.iter().map(|p| format!("v {} {} {}\n", p.x, p.y, p.z)).collect();
+    let faces: String = triangles.iter().map(|t| format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1)).collect();
+    let ball = vertices + &faces;
+    let cuboid = "v -3 -1 -2\nv 3 -1 -2\nv 3 1 -2\nv -3 1 -2\nv -3 -1 2\nv 3 -1 2\nv 3 1 2\nv -3 1 2\n\
+        f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 3 4 8 7\nf 2 3 7 6\nf 4 1 5 8\n";
+    let outputs = ["edited_direct", "edited_shadow", "glow", "edit.radiance"];
+    let run = |shape: &str| {
+        let lamp = format!(r#""globe": Lamp(shape: {shape}, at: Pixel(x: 178, y: 176, lift: 0.3), flux: 900)"#);
+        let files = [("ball.obj", ball.as_bytes()), ("cuboid.obj", cuboid.as_bytes())];
+        run_files(&files, &format!("Edit(version: 1, lights: {{ {lamp} }})"), &outputs)
+    };
+    for (model, form, mean_bound, bound) in [
+        (r#"Mesh(path: "ball.obj", height: 0.2)"#, "Sphere(radius: 0.1)", 0.01, 0.05),
+        (r#"Mesh(path: "cuboid.obj", height: 0.1, yaw: 30)"#, "Box(half: (0.15, 0.05, 0.1), yaw: 30)", 1e-3, 0.02),
+    ] {
+        let [model, form] = [model, form].map(run);
+        let arrives = |report: &RunReport| {
+            let direct = of::<UnitDirect>(many(report, "edited_direct"), "globe");
+            let visibility = of::<Visibility>(many(report, "edited_shadow"), "globe");
+            let radiance = luminance(of::<Radiance>(many(report, "edit.radiance"), "globe").0[0]);
+            let pixels = direct.lobes[0].pixels().iter().zip(visibility.lit[0].pixels());
+            pixels.map(|(e, v)| f64::from(e * v * radiance)).collect::<Vec<f64>>()
+        };
+        let (got, wanted) = (arrives(&model), arrives(&form));
+        let sum = |values: &[f64]| values.iter().sum::<f64>();
+        let apart: f64 = got.iter().zip(&wanted).map(|(a, b)| (a - b).abs()).sum();
+        let (mean, apart) = (sum(&got) / sum(&wanted) - 1.0, apart / sum(&wanted));
+        assert!(mean.abs() < mean_bound && apart < bound, "mean {mean:.4}, pixels {apart:.4}");
+        let cover = |report: &RunReport| of::<Mask>(many(report, "glow"), "globe").0.pixels().iter().sum::<f32>();
+        assert!((cover(&model) / cover(&form) - 1.0).abs() < 0.01, "{} {}", cover(&model), cover(&form));
+    }
+}
+
+#[test]
+fn the_lantern_shines_and_can_be_moved() {
+    let shipped = shipped("mesh_lamp.ron").replace("../scenes/demo/models/", "");
+    let file = std::fs::read(root().join("scenes/demo/models/lantern.obj")).expect("it ships");
+    let report = run_files(&[("lantern.obj", &file)], &shipped, &["edit.shape", "compose.picture", "glow"]);
+    let shape = of::<Shape>(many(&report, "edit.shape"), "lantern");
+    let (middle, radius) = shape.ball().expect("a lamp");
+    assert!((middle - Vec3::new(0.1, 0.45, -2.9)).length() < 1e-5 && radius < 0.3, "{middle} {radius}");
+    let Shape::Lamp(Lamp::Model { corners, .. }) = &*shape else { panic!("a model") };
+    let height = |sign: f32| corners.iter().map(|p| sign * p.y).fold(f32::NEG_INFINITY, f32::max);
+    assert!((height(1.0) + height(-1.0) - 0.32).abs() < 0.01, "the demo's camera is nearly level");
+    let cover: Arc<Mask> = of(many(&report, "glow"), "lantern");
+    let middle = cover.0.get(169, 80);
+    assert_eq!((middle, cover.0.get(100, 80)), (1.0, 0.0));
 }
 
 #[test]

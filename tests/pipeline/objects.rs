@@ -88,6 +88,46 @@ fn models_of_every_kind() {
     model("a.ply", flat.as_bytes(), 0, &["warning", "2 of 12 triangles have no area"]);
 }
 
+/// The same files as lamps.
+#[test]
+fn lamps_of_every_model() {
+    let model = |name: &str, bytes: &[u8], more: &str, status: i32, words: &[&str]| {
+        let place = room();
+        place.write(name, bytes);
+        let lamp =
+            format!(r#"Lamp(shape: Mesh(path: "{name}", height: 0.2{more}), at: Pixel(x: 20, y: 15), flux: 500)"#);
+        place.write("edit.ron", format!(r#"Edit(version: 1, lights: {{ "desk": {lamp} }})"#));
+        check(&place, &format!("{name}, {words:?}"), status, words);
+    };
+    model("a.ply", BOX.as_bytes(), "", 0, &[]);
+    model("a.ply", BOX.as_bytes(), ", yaw: 400", 0, &[]);
+    model("a.gltf", gltf(3, TRIANGLE).as_bytes(), "", 0, &[]); // an open sheet
+    model("a.gltf", gltf(3, "gone.bin").as_bytes(), "", 2, &["edit.ron", "gone.bin", "cannot be read"]);
+    model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n", "", 2, &["a.obj", "wanted a model with a height"]);
+    model("a.obj", b"", "", 2, &["a.obj", "wanted triangles", "got none"]);
+    model("a.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "", 2, &["a.obj", "finite", "vertex 0"]);
+    let flat = BOX.replace("4 3 2 1 0", "4 3 3 3 3");
+    model("a.ply", flat.as_bytes(), "", 0, &["warning", "2 of 12 triangles have no area"]);
+    // A flat grid of a million and more.
+    let (rows, columns) = (501, 1001);
+    let mut grid = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        (rows + 1) * (columns + 1),
+        rows * columns
+    )
+    .into_bytes();
+    for (y, x) in (0..=rows).flat_map(|y| (0..=columns).map(move |x| (y, x))) {
+        [x as f32, y as f32, 0.0].iter().for_each(|v| grid.extend(v.to_le_bytes()));
+    }
+    for (y, x) in (0..rows).flat_map(|y| (0..columns).map(move |x| (y, x))) {
+        let corner = |dx: i32, dy: i32| (y + dy) * (columns + 1) + x + dx;
+        grid.push(4);
+        [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)].iter().for_each(|i| grid.extend(i.to_le_bytes()));
+    }
+    model("a.ply", &grid, "", 2, &["a.ply", "wanted up to 1000000 triangles for a lamp, got 1003002"]);
+}
+
 /// The edit that ships: what is far from the objects stays, they are where they belong, and the table loses light beside them.
 #[test]
 fn insert_object_changes_the_table_and_leaves_the_ceiling() {

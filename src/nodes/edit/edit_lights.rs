@@ -10,12 +10,12 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Ground, Place, level};
+use super::{Ground, Place, check_size, level, named_by, read_model, tall, upright};
 use crate::geometry::{Camera, world_up};
 use crate::graph::{Context, File, Gather, Node, NodeError, Scatter};
 use crate::image::{Depth, Normal, luminance};
 use crate::nodes::artifacts::Encoding;
-use crate::optics::{Radiance, Shape, black_body};
+use crate::optics::{Radiance, Shape, black_body, escaping};
 use crate::{params, ports};
 
 use lamp::LampShape;
@@ -151,7 +151,7 @@ impl Node for EditLights {
     }
 
     fn files(&mut self) -> Vec<&mut File> {
-        self.lights.values_mut().filter_map(LightEdit::file).collect()
+        self.lights.values_mut().flat_map(LightEdit::files).collect()
     }
 
     fn run(&self, inputs: EditLightsIn, ctx: &Context) -> Result<EditLightsOut, NodeError> {
@@ -220,12 +220,18 @@ impl Node for EditLights {
 const MOST_RADIANCE: f32 = 1e30;
 
 impl LightEdit {
-    /// The file that it names.
-    fn file(&mut self) -> Option<&mut File> {
+    /// The files that it names.
+    fn files(&mut self) -> Vec<&mut File> {
         match self {
-            LightEdit::Lamp { ies, .. } => ies.as_mut(),
-            LightEdit::Window { sky: Sky::Env(file), .. } => Some(file),
-            _ => None,
+            LightEdit::Lamp { shape: LampShape::Mesh { path, parts, .. }, .. } => {
+                if parts.is_empty() {
+                    *parts = named_by(path);
+                }
+                std::iter::once(path).chain(parts).collect()
+            }
+            LightEdit::Lamp { ies, .. } => ies.iter_mut().collect(),
+            LightEdit::Window { sky: Sky::Env(file), .. } => vec![file],
+            _ => Vec::new(),
         }
     }
 
@@ -332,7 +338,7 @@ impl EditLights {
             unreachable!("only lamps are made here")
         };
         let failed = |message: String| NodeError::BadParameter(format!("lights: {id:?}: {message}"));
-        let lamp = shape.at(at, inputs, up).map_err(failed)?;
+        let lamp = shape.at(at, inputs, up, &failed, ctx)?;
         let (lamp, lumens) = match ies {
             Some(file) => lamp::luminaire(lamp, file, *axis, *turn, up, ctx)?,
             None => (lamp, 0.0),
@@ -341,7 +347,7 @@ impl EditLights {
             Some(rgb) => Vec3::from_array(*rgb),
             None => {
                 // Flux = pi x area x luminance for a Lambertian surface; a white surface under `lux` has luminance lux / pi and shows 1.
-                let level = flux.unwrap_or(lumens) / (lamp.area() * self.lux(id, inputs, ctx));
+                let level = flux.unwrap_or(lumens) / (lamp.area() * escaping(&lamp) * self.lux(id, inputs, ctx));
                 black_body(temperature.unwrap_or(2700.0)) * level
             }
         };

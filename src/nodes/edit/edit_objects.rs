@@ -1,13 +1,12 @@
 //! `EditObjects`: models and spheres put into the room.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{Colour, Ground, Place, level};
-use crate::geometry::{self, Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, world_up};
+use super::{Colour, Ground, Place, check_size, named_by, read_model, tall, upright};
+use crate::geometry::{Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, world_up};
 use crate::graph::{Context, File, Node, NodeError};
 use crate::image::{Depth, Normal};
 use crate::{params, ports};
@@ -115,9 +114,6 @@ ports! {
     }
 }
 
-/// Smallest and largest objects, metres.
-const SIZES: [f32; 2] = [1e-4, 1e3];
-
 impl Node for EditObjects {
     const KIND: &'static str = "EditObjects";
     const VERSION: u32 = 1;
@@ -194,33 +190,18 @@ fn tell(bodies: &[Body], objects: &Objects, ctx: &Context) {
     }
 }
 
-/// The files that a `.gltf` names, beside it.
-fn named_by(file: &File) -> Vec<File> {
-    let path = Path::new(&file.path);
-    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("gltf")) {
-        return Vec::new();
-    }
-    let beside = |name: &String| File::new(path.with_file_name(name).to_string_lossy());
-    file.peek().map_or(Vec::new(), |bytes| geometry::parts(&bytes).iter().map(beside).collect())
-}
-
 impl ObjectEdit {
     fn check(&self) -> Result<(), String> {
-        let size = |name: &str, value: f32| {
-            let [low, high] = SIZES;
-            let within = (low..=high).contains(&value);
-            if within { Ok(()) } else { Err(format!("{name}: wanted {low:e} to {high:e} metres, got {value}")) }
-        };
         match self {
             ObjectEdit::Mesh { path, height, material, .. } => {
                 if path.path.is_empty() {
                     return Err("path: wanted a file, got none".into());
                 }
-                size("height", *height)?;
+                check_size("height", *height)?;
                 material.as_ref().map_or(Ok(()), |m| m.material().map(|_| ()))
             }
             ObjectEdit::Sphere { radius, material, .. } => {
-                size("radius", *radius)?;
+                check_size("radius", *radius)?;
                 material.material().map(|_| ())
             }
         }
@@ -243,46 +224,17 @@ impl ObjectEdit {
             }
             ObjectEdit::Mesh { path, at, height, yaw, material, parts } => {
                 let material = material.as_ref().map(MaterialEdit::material).transpose().map_err(failed)?;
-                let model = read(path, parts, ctx)?;
+                let model = read_model(path, parts, ctx)?;
                 let (low, high) = model.bounds();
-                let tall = high.y - low.y;
-                if tall.is_nan() || tall <= 1e-6 * (high - low).max_element() {
-                    let told =
-                        format!("wanted a model with a height (along its y), got one from y = {} to {}", low.y, high.y);
-                    return Err(NodeError::BadFile { path: path.location().display().to_string(), message: told });
-                }
+                let tall = tall(&model, path)?;
                 let bottom = Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z));
                 let place = match *at {
                     Place::Point(x, y, z) => Vec3::new(x, y, z),
                     Place::Pixel { x, y, lift } => ground.foot(x, y).map_err(failed)?.0 + ground.up * lift,
                 };
-                let (right, ahead) = level(ground.up);
-                let turn = Mat3::from_cols(right, ground.up, -ahead) * Mat3::from_rotation_y(yaw.to_radians());
+                let turn = upright(ground.up, *yaw);
                 Ok(Body::placed(model, material, turn, height / tall, bottom, place))
             }
         }
     }
-}
-
-fn read(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeError> {
-    let bytes = ctx.read(path)?;
-    let bad = |message: String| NodeError::BadFile { path: path.location().display().to_string(), message };
-    let mut unread = None;
-    let mut part = |name: &str| {
-        let wanted = Path::new(&path.path).with_file_name(name);
-        let file = parts.iter().find(|file| Path::new(&file.path) == wanted);
-        let read = file.ok_or_else(|| format!("it names {name}, which was not there")).map(|file| ctx.read(file))?;
-        read.map_err(|e| {
-            let told = e.to_string();
-            unread = Some(e);
-            told
-        })
-    };
-    let model = Model::read(&path.path, &bytes, &mut part);
-    let model = match (model, unread) {
-        (Err(_), Some(error)) => return Err(error),
-        (model, _) => model.map_err(bad)?,
-    };
-    model.warnings.iter().for_each(|warning| ctx.warn(format!("{}: {warning}", path.path)));
-    Ok(model)
 }

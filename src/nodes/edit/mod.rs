@@ -4,10 +4,13 @@ pub mod edit_lights;
 pub mod edit_materials;
 pub mod edit_objects;
 
-use glam::{Vec2, Vec3};
+use std::path::Path;
+
+use glam::{Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, PlaneFit};
+use crate::geometry::{self, Camera, Model, PlaneFit};
+use crate::graph::{Context, File, NodeError};
 use crate::image::{Depth, Normal, Transfer};
 
 /// An albedo as a person writes it.
@@ -111,4 +114,64 @@ impl Ground<'_> {
 pub fn level(up: Vec3) -> (Vec3, Vec3) {
     let right = Vec3::NEG_Z.cross(up).try_normalize().unwrap_or(Vec3::X);
     (right, up.cross(right))
+}
+
+/// Smallest and largest of what is put into a room, metres.
+const SIZES: [f32; 2] = [1e-4, 1e3];
+
+fn check_size(name: &str, value: f32) -> Result<(), String> {
+    let [low, high] = SIZES;
+    let within = (low..=high).contains(&value);
+    if within { Ok(()) } else { Err(format!("{name}: wanted {low:e} to {high:e} metres, got {value}")) }
+}
+
+/// The files that a `.gltf` names, beside it.
+fn named_by(file: &File) -> Vec<File> {
+    let path = Path::new(&file.path);
+    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("gltf")) {
+        return Vec::new();
+    }
+    let beside = |name: &String| File::new(path.with_file_name(name).to_string_lossy());
+    file.peek().map_or(Vec::new(), |bytes| geometry::parts(&bytes).iter().map(beside).collect())
+}
+
+/// A model; its warnings are told.
+fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeError> {
+    let bytes = ctx.read(path)?;
+    let bad = |message: String| NodeError::BadFile { path: path.location().display().to_string(), message };
+    let mut unread = None;
+    let mut part = |name: &str| {
+        let wanted = Path::new(&path.path).with_file_name(name);
+        let file = parts.iter().find(|file| Path::new(&file.path) == wanted);
+        let read = file.ok_or_else(|| format!("it names {name}, which was not there")).map(|file| ctx.read(file))?;
+        read.map_err(|e| {
+            let told = e.to_string();
+            unread = Some(e);
+            told
+        })
+    };
+    let model = Model::read(&path.path, &bytes, &mut part);
+    let model = match (model, unread) {
+        (Err(_), Some(error)) => return Err(error),
+        (model, _) => model.map_err(bad)?,
+    };
+    model.warnings.iter().for_each(|warning| ctx.warn(format!("{}: {warning}", path.path)));
+    Ok(model)
+}
+
+/// How high a model is in its own units.
+fn tall(model: &Model, path: &File) -> Result<f32, NodeError> {
+    let (low, high) = model.bounds();
+    let tall = high.y - low.y;
+    if tall.is_nan() || tall <= 1e-6 * (high - low).max_element() {
+        let told = format!("wanted a model with a height (along its y), got one from y = {} to {}", low.y, high.y);
+        return Err(NodeError::BadFile { path: path.location().display().to_string(), message: told });
+    }
+    Ok(tall)
+}
+
+/// Sets a model upright, its z to the camera, and turns it by `yaw` degrees to the left, seen from above.
+fn upright(up: Vec3, yaw: f32) -> Mat3 {
+    let (right, ahead) = level(up);
+    Mat3::from_cols(right, up, -ahead) * Mat3::from_rotation_y(yaw.to_radians())
 }

@@ -99,7 +99,7 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
                 Lamp::Plates(plates) => {
                     json!({ "kind": "Mesh", "triangles": plates.iter().flat_map(Plate::square).map(|t| t.map(numbers)).collect::<Vec<_>>() })
                 }
-                Lamp::Mesh { corners, triangles } => {
+                Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles } => {
                     let corner = |&i: &u32| numbers(corners[i as usize]);
                     json!({ "kind": "Mesh", "triangles": triangles.iter().map(|t| t.each_ref().map(corner)).collect::<Vec<_>>() })
                 }

@@ -102,7 +102,7 @@ impl Node for WriteUsd {
         text.push_str("    }\n");
         text.push_str(MATERIALS);
         for (id, shape, radiance) in &lights {
-            if let Shape::Lamp(Lamp::Plates(_) | Lamp::Mesh { .. }) = shape {
+            if let Shape::Lamp(Lamp::Plates(_) | Lamp::Mesh { .. } | Lamp::Model { .. }) = shape {
                 let [r, g, b] = radiance[0].to_array();
                 text.push_str(&GLOW.replace("$ID", id).replace("$COLOUR", &format!("({r}, {g}, {b})")));
             }
@@ -338,7 +338,7 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
             }
         }
         Lamp::Plates(plates) => glowing(text, id, plates.iter().flat_map(Plate::square)),
-        Lamp::Mesh { corners, triangles } => {
+        Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles } => {
             glowing(text, id, triangles.iter().map(|t| t.map(|corner| corners[corner as usize])));
         }
     }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::geometry::Camera;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Depth, Mask, Plane};
-use crate::optics::Shape;
+use crate::optics::{Shape, Silhouette};
 use crate::{params, ports};
 
 params! {
@@ -63,6 +63,7 @@ impl Node for Glow {
         {
             let n = self.supersampling;
             let step = 1.0 / n as f32;
+            let body = Silhouette::new(&inputs.shape);
             cover.pixels_mut().par_chunks_mut(camera.width).enumerate().skip(y0).take(y1 - y0).for_each(|(y, row)| {
                 for (x, share) in row.iter_mut().enumerate().take(x1).skip(x0) {
                     let z = inputs.depth.0.get(x, y);
@@ -71,7 +72,7 @@ impl Node for Glow {
                         let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
                         // Depth is uneven, and a window lies in its wall, a lamp on its table: a little behind still shows.
                         let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
-                        inputs.shape.meet(ray).is_some_and(|t| t <= z * slack)
+                        body.meet_from(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
                     });
                     *share = hits.count() as f32 * step * step;
                 }

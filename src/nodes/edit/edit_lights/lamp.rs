@@ -1,9 +1,9 @@
 //! Lamps that an edit puts into the room, and those that it moves.
 
-use glam::{Quat, Vec3};
+use glam::{Mat3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{EditLightsIn, Place, level, positive};
+use super::{EditLightsIn, Place, check_size, level, positive, read_model, tall, upright};
 use crate::graph::{Context, File, NodeError};
 use crate::optics::{Lamp, Profile, ProfileTable, Shape};
 
@@ -25,7 +25,23 @@ pub enum LampShape {
         #[serde(default)]
         yaw: f32,
     },
+    /// A model, its y upwards, that shines to the outside of its triangles.
+    Mesh {
+        /// PLY, OBJ, glTF or GLB.
+        path: File,
+        /// Metres from its lowest to its highest point.
+        height: f32,
+        /// Degrees to the left, seen from above; at 0 its z points to the camera.
+        #[serde(default)]
+        yaw: f32,
+        /// The files that a glTF names; found by themselves.
+        #[serde(default)]
+        parts: Vec<File>,
+    },
 }
+
+/// Most triangles of a lamp.
+const MOST_TRIANGLES: usize = 1_000_000;
 
 impl LampShape {
     pub fn check(&self) -> Result<(), String> {
@@ -36,18 +52,22 @@ impl LampShape {
                 direction("normal", *normal).map(drop)
             }
             LampShape::Box { half, .. } => positive("half", half),
+            LampShape::Mesh { path, .. } if path.path.is_empty() => Err("path: wanted a file, got none".into()),
+            LampShape::Mesh { height, .. } => check_size("height", *height),
         }
     }
 
     /// The lamp at its place.
-    pub fn at(&self, at: &Place, inputs: &EditLightsIn, up: Vec3) -> Result<Lamp, String> {
-        let reach = match self {
-            LampShape::Sphere { radius } => *radius,
-            LampShape::Rect { .. } => 0.0,
-            LampShape::Box { half, .. } => half[1],
-        };
-        let center = center(at, inputs, up, |_| reach)?;
-        Ok(match self {
+    pub fn at(
+        &self,
+        at: &Place,
+        inputs: &EditLightsIn,
+        up: Vec3,
+        failed: &dyn Fn(String) -> NodeError,
+        ctx: &Context,
+    ) -> Result<Lamp, NodeError> {
+        let center = Vec3::ZERO;
+        let lamp = match self {
             LampShape::Sphere { radius } => Lamp::Sphere { center, radius: *radius },
             LampShape::Rect { half, normal } => {
                 let normal = Vec3::from_array(*normal).normalize();
@@ -61,8 +81,43 @@ impl LampShape {
                 let (x, z) = (right * cos + ahead * sin, right * sin - ahead * cos);
                 Lamp::Box { center, axes: [x * half[0], up * half[1], z * half[2]] }
             }
-        })
+            LampShape::Mesh { path, height, yaw, parts } => model(path, parts, upright(up, *yaw), *height, ctx)?,
+        };
+        let reach = |normal: Vec3| match self {
+            LampShape::Sphere { radius } => *radius,
+            LampShape::Rect { .. } => 0.0,
+            LampShape::Box { half, .. } => half[1],
+            LampShape::Mesh { .. } => lamp.reach(-normal),
+        };
+        Ok(lamp.moved(self::center(at, inputs, up, reach).map_err(failed)?))
     }
+}
+
+/// A model as a lamp about the origin.
+fn model(path: &File, parts: &[File], turn: Mat3, height: f32, ctx: &Context) -> Result<Lamp, NodeError> {
+    let model = read_model(path, parts, ctx)?;
+    let scale = height / tall(&model, path)?;
+    let count = model.triangles.len();
+    if count > MOST_TRIANGLES {
+        let message = format!("wanted up to {MOST_TRIANGLES} triangles for a lamp, got {count}");
+        return Err(NodeError::BadFile { path: path.location().display().to_string(), message });
+    }
+    let (low, high) = model.bounds();
+    // Corners of no triangle would count as parts of its extent.
+    let mut number = vec![u32::MAX; model.positions.len()];
+    let mut corners = Vec::new();
+    let mut of = |i: u32| {
+        let slot = &mut number[i as usize];
+        if *slot == u32::MAX {
+            *slot = corners.len() as u32;
+            corners.push(turn * (model.positions[i as usize] - 0.5 * (low + high)) * scale);
+        }
+        *slot
+    };
+    let triangles = model.triangles.iter().map(|t| t.map(&mut of)).collect();
+    let lamp = Lamp::Model { corners, triangles };
+    let middle = Shape::Lamp(lamp.clone()).ball().map_or(Vec3::ZERO, |(middle, _)| middle);
+    Ok(lamp.moved(-middle))
 }
 
 pub fn direction(name: &str, direction: [f32; 3]) -> Result<Vec3, String> {
