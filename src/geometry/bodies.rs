@@ -195,6 +195,24 @@ impl Bodies {
         range.fold((f32::INFINITY, 0), nearer).1
     }
 
+    /// Around each body that has a surface a ball: which body, its middle and its radius.
+    pub fn balls(&self) -> Vec<(usize, Vec3, f32)> {
+        let mut balls = Vec::new();
+        let mut first = 0;
+        for of in self.body.pixels().chunk_by(|a, b| a == b) {
+            let corners = &self.corners.pixels()[3 * first..3 * (first + of.len())];
+            first += of.len();
+            let (low, high) =
+                corners.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+            let middle = 0.5 * (low + high);
+            let radius = corners.iter().map(|p| p.distance(middle)).fold(0.0, f32::max);
+            if middle.is_finite() && radius > 0.0 && radius.is_finite() {
+                balls.push((of[0] as usize, middle, radius));
+            }
+        }
+        balls
+    }
+
     /// The probes of one body, and the square of its half diagonal.
     pub fn probes_of(&self, body: u32) -> (std::ops::Range<usize>, f32) {
         let all = self.probes.body.pixels();
@@ -267,6 +285,11 @@ mod tests {
         assert_eq!(bodies.owner(hit.id).0, 1);
         let probe = bodies.nearest_probe(hit.id, to * hit.distance, to);
         assert!(bodies.probes().points.pixels()[probe].distance(to * hit.distance) < 0.12);
+        let balls = bodies.balls();
+        assert_eq!(balls.len(), 2);
+        assert!(
+            balls[1].0 == 1 && balls[1].1.distance(Vec3::new(1.0, 0.0, -3.0)) < 1e-3 && (balls[1].2 - 0.5).abs() < 1e-3
+        );
         assert!(bodies.between(Vec3::ZERO, to * 4.0) && !bodies.between(Vec3::ZERO, to * 2.6));
         assert!(!Bodies::default().between(Vec3::ZERO, to));
     }

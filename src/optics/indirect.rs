@@ -13,6 +13,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::contact::{Contact, Past};
 use super::estimate::{BATCHES, mean, pooled, stream, tiles};
 use super::random::Points2;
 use crate::geometry::{Grid, SceneMesh, cosine_direction};
@@ -30,6 +31,8 @@ pub struct Transport {
     areas: Plane<f32>,
     /// Probes of bodies: as many receivers after those of the grid, and as many pixels after those of the picture.
     probes: usize,
+    /// What pixels near bodies see of these.
+    contact: Contact,
 }
 
 const MISS: u32 = u32::MAX;
@@ -37,12 +40,12 @@ const MISS: u32 = u32::MAX;
 impl Transport {
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
-        self.hits.bytes() + self.nearest.bytes() + self.areas.bytes()
+        self.hits.bytes() + self.nearest.bytes() + self.areas.bytes() + self.contact.bytes()
     }
 
     /// Number of rays traced.
     pub fn rays(&self) -> u64 {
-        self.hits.len() as u64
+        self.hits.len() as u64 + self.contact.rays()
     }
 
     /// With at most `rays` of the rays of each receiver, spread over all batches: for estimates over many receivers, which need fewer.
@@ -58,6 +61,7 @@ impl Transport {
             nearest: self.nearest.clone(),
             areas: self.areas.clone(),
             probes: self.probes,
+            contact: self.contact.clone(),
         }
     }
 
@@ -77,6 +81,14 @@ impl Transport {
             Some(probe) => self.grid.len() + probe,
             None => self.nearest.pixels()[pixel] as usize,
         }
+    }
+
+    /// Mean of a value of the receivers, by area.
+    fn mean(&self, value: &dyn Fn(usize) -> Vec3) -> Vec3 {
+        let areas = self.areas.pixels();
+        let area: f64 = areas.iter().map(|&a| f64::from(a)).sum();
+        let sum: glam::DVec3 = (0..areas.len()).map(|i| value(i).as_dvec3() * f64::from(areas[i])).sum();
+        if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
     }
 
     /// Probes of bodies in the room.
@@ -100,16 +112,39 @@ impl Transport {
     }
 
     /// [`Transport::ambient`] where bodies, whose probes have this albedo, stand in the way: in place of what they hide they show
-    /// what they reflect of it.
-    pub fn ambient_around(&self, albedo: &[Vec3]) -> Vec<Vec3> {
+    /// what they reflect of it. On all pixels, and on the probes.
+    pub fn ambient_around(&self, points: &Points, normal: &Normal, albedo: &[Vec3]) -> (Plane<Vec3>, Vec<Vec3>) {
         let all = self.ambient();
+        let (_, on_probes) = all.split_at(self.grid.len());
+        let past = self.past(|_| Vec3::splat(0.2), Vec3::ONE);
+        let shown = |probe: usize| albedo[probe] * on_probes[probe];
+        let around: Vec<Vec3> = (0..self.areas.len()).map(|i| past[i].light + self.of_bodies(i, shown)).collect();
+        let mut on_pixels = self.grid.upsample(points, normal, &around[..self.grid.len()]);
+        self.contact.refine((&self.grid, points, normal), &mut on_pixels, &past, shown);
+        (on_pixels, around[self.grid.len()..].to_vec())
+    }
+
+    /// What reaches each receiver past all bodies when a pixel shows `shown` and the unseen part `ambient`.
+    fn past(&self, shown: impl Fn(usize) -> Vec3 + Sync, ambient: Vec3) -> Vec<Past> {
         let pixels = self.nearest.len();
-        let shading = |(row, first): (&[u32], &Vec3)| {
-            let probe = |hit: u32| (hit != MISS).then(|| (hit as usize).checked_sub(pixels)).flatten();
-            let shown = |probe: usize| albedo[probe] * all[self.grid.len() + probe] - Vec3::splat(0.2);
-            *first + row.iter().filter_map(|&hit| probe(hit)).map(shown).sum::<Vec3>() / row.len() as f32
+        let row = |row: &[u32]| {
+            let open = row.iter().map(|&hit| if hit == MISS { None } else { Some(hit as usize) });
+            let (light, hidden) = open.fold((Vec3::ZERO, 0.0), |(light, hidden), hit| match hit {
+                None => (light + ambient, hidden),
+                Some(pixel) if pixel < pixels => (light + shown(pixel), hidden),
+                Some(_) => (light, hidden + 1.0),
+            });
+            Past { light: light / row.len() as f32, hidden: hidden / row.len() as f32 }
         };
-        self.hits.pixels().chunks(self.hits.width().max(1)).zip(&all).map(shading).collect()
+        self.hits.pixels().par_chunks(self.hits.width().max(1)).with_min_len(64).map(row).collect()
+    }
+
+    /// What a receiver sees of bodies whose probes show this.
+    fn of_bodies(&self, receiver: usize, shown: impl Fn(usize) -> Vec3) -> Vec3 {
+        let width = self.hits.width();
+        let row = &self.hits.pixels()[receiver * width..(receiver + 1) * width];
+        let probe = |&hit: &u32| (hit != MISS).then(|| (hit as usize).checked_sub(self.nearest.len())).flatten();
+        row.iter().filter_map(probe).map(shown).sum::<Vec3>() / width as f32
     }
 }
 
@@ -171,6 +206,7 @@ pub fn trace_bounces(
         nearest: Plane::new(width, height, nearest),
         areas: Plane::new(rows.len(), 1, areas),
         probes: probes.len(),
+        contact: Contact::new(mesh, points, normal, seed),
         grid,
     }
 }
@@ -226,8 +262,21 @@ pub fn indirect(
         let variances: Vec<Option<f64>> = tile.pixels.iter().map(|&i| Some(variance(i))).collect();
         tile.pixels.iter().zip(pooled(&tile, &variances)).for_each(|(&i, error)| errors[i] = error as f32);
     }
+    let mut shading = up.map(|batches| whole(&batches));
+    if !transport.contact.is_empty() && bounces.count > 0 {
+        let total: Vec<Vec3> = receivers.iter().map(whole).collect();
+        let reflects = reflectances(albedo, probed.albedo);
+        let shows = |p: usize| reflects[p] * (Vec3::splat(arrives(p)) + total[transport.nearest(p)]);
+        let past = transport.past(shows, bounces.unseen * transport.mean(&|i| shows(transport.pixel(i))));
+        transport.contact.refine((grid, points, normal), &mut shading, &past, |probe| shows(pixels + probe));
+    }
     let probes = receivers[grid.len()..].iter().map(whole).collect();
-    (Shading(up.map(|batches| whole(&batches))), nearest.map(|i| errors[i as usize]), probes)
+    (Shading(shading), nearest.map(|i| errors[i as usize]), probes)
+}
+
+/// Albedos of pixels and probes; one of one would never come to rest.
+fn reflectances(albedo: &Albedo, probes: &[Vec3]) -> Vec<Vec3> {
+    albedo.0.pixels().iter().chain(probes).map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect()
 }
 
 /// Indirect shading of one lobe on the receivers alone, in a room without bodies; `direct` is its shadowed direct shading at a
@@ -254,19 +303,12 @@ fn gather(
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
 ) -> Vec<[Vec3; BATCHES]> {
-    let areas = &transport.areas;
-    let receivers = areas.len();
+    let receivers = transport.areas.len();
     if bounces.count == 0 {
         return vec![[Vec3::ZERO; BATCHES]; receivers];
     }
-    // An albedo of one would never come to rest.
-    let reflects: Vec<Vec3> =
-        albedo.0.pixels().iter().chain(probes).map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect();
-    let area: f64 = areas.pixels().iter().map(|&a| f64::from(a)).sum();
-    let mean_of = |value: &dyn Fn(usize) -> Vec3| -> Vec3 {
-        let sum: glam::DVec3 = (0..receivers).map(|i| value(i).as_dvec3() * f64::from(areas.pixels()[i])).sum();
-        if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
-    };
+    let reflects = reflectances(albedo, probes);
+    let mean_of = |value: &dyn Fn(usize) -> Vec3| transport.mean(value);
     let mean_albedo = mean_of(&|i| reflects[transport.pixel(i)]);
     // There are several rays to a pixel: what all batches see alike is made once for all of them.
     let first: Vec<Vec3> = reflects.iter().enumerate().map(|(p, reflect)| reflect * Vec3::splat(direct(p))).collect();

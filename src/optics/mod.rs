@@ -3,6 +3,7 @@
 mod candidates;
 mod chamfer;
 mod conditioning;
+mod contact;
 mod daylight;
 mod direct;
 mod emitter;

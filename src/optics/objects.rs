@@ -98,8 +98,7 @@ mod tests {
         let (_, mesh, points, normal) = wall(false);
         let mesh = mesh.with_bodies(ball(Vec3::new(0.0, 0.0, -2.5), 0.3));
         let transport = trace_bounces(&mesh, &points, &normal, 8, 64, 0);
-        let ambient = transport.ambient_around(&vec![Vec3::ONE; 400]);
-        let probes = &ambient[transport.grid().len()..];
+        let (_, probes) = transport.ambient_around(&points, &normal, &[Vec3::ONE; 400]);
         assert_eq!(probes.len(), 400);
         assert!(probes.iter().all(|a| (*a - Vec3::ONE).abs().max_element() < 1e-6), "nothing stands around it");
 
@@ -118,20 +117,48 @@ mod tests {
         }
     }
 
-    /// The wall beside a ball sees less of an even ambient, and what it loses is what the ball hides.
+    /// The wall beside a ball, or behind one that touches it, sees less of an even ambient, and what it loses is what the ball hides: of
+    /// the cosine-weighted hemisphere what a sphere would send there. Close to the ball every pixel knows, farther off the receivers do.
     #[test]
     fn a_ball_hides_its_share_of_the_ambient() {
         let (_, bare, points, normal) = wall(true);
-        let center = Vec3::new(0.0, 0.0, -3.4);
-        let transports = [&bare, &bare.with_bodies(ball(center, 0.39))]
-            .map(|mesh| trace_bounces(mesh, &points, &normal, 8, 1024, 0));
-        let [before, after] = [transports[0].ambient(), transports[1].ambient_around(&[Vec3::ZERO; 400])];
-        let grid = transports[0].grid();
-        for (i, (was, is)) in before.iter().zip(&after).enumerate() {
-            // A sphere hides of the cosine-weighted hemisphere what it would send there.
-            let p = points.0.pixels()[grid.pixel(i)];
-            let hidden = sphere_irradiance((center - p).as_dvec3(), 0.39, glam::DVec3::Z) as f32;
-            assert!((was.x - is.x - hidden).abs() < 0.05, "at {p}: {was} - {is} against {hidden}");
+        for center in [Vec3::new(0.0, 0.0, -3.4), Vec3::new(0.1, 0.0, -3.61)] {
+            let transports = [&bare, &bare.with_bodies(ball(center, 0.39))]
+                .map(|mesh| trace_bounces(mesh, &points, &normal, 8, 1024, 0));
+            let was = transports[0].grid().upsample(&points, &normal, &transports[0].ambient());
+            let (is, _) = transports[1].ambient_around(&points, &normal, &[Vec3::ZERO; 400]);
+            let (mut near, mut sum) = (0, 0.0);
+            for (i, (was, is)) in was.pixels().iter().zip(is.pixels()).enumerate() {
+                let p = points.0.pixels()[i];
+                let hidden = sphere_irradiance((center - p).as_dvec3(), 0.39, glam::DVec3::Z) as f32;
+                let off = (was.x - is.x - hidden).abs();
+                let close = p.distance(center) < 2.0 * 0.39;
+                assert!(off < if close { 0.03 } else { 0.06 }, "at {p}: {was} - {is} against {hidden}");
+                if close {
+                    near += 1;
+                    sum += off;
+                }
+            }
+            let mean = sum / near as f32;
+            assert!(near > 500 && mean < 1e-3, "{near} pixels close to it, {mean} off on the mean");
+        }
+    }
+
+    /// Furnace: where a ball touches a wall of its own albedo and direct light, neither is seen to touch.
+    #[test]
+    fn a_furnace_has_no_contact_shadow() {
+        let (_, mesh, points, normal) = wall(true);
+        let mesh = mesh.with_bodies(ball(Vec3::new(0.0, 0.0, -3.61), 0.39));
+        let transport = trace_bounces(&mesh, &points, &normal, 8, 64, 0);
+        let albedo = Vec3::new(0.5, 0.2, 0.8);
+        let (direct, albedos) = (Plane::filled(160, 120, 1.0), vec![albedo; 400]);
+        let probed = Probed { albedo: &albedos, direct: &[1.0; 400] };
+        let room = Albedo(Plane::filled(160, 120, albedo));
+        let bounces = Bounces { count: 4, unseen: 1.0 };
+        let (Shading(wall), ..) = indirect(&transport, &points, &normal, &room, &direct, probed, bounces);
+        let want = albedo / (Vec3::ONE - albedo);
+        for (e, p) in wall.pixels().iter().zip(points.0.pixels()) {
+            assert!((*e / want - Vec3::ONE).abs().max_element() < 0.01, "at {p}: {e} against {want}");
         }
     }
 }

@@ -46,7 +46,7 @@ ports! {
 
 impl Node for OccludeRest {
     const KIND: &'static str = "OccludeRest";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = OccludeRestIn;
     type Out = OccludeRestOut;
 
@@ -58,15 +58,14 @@ impl Node for OccludeRest {
         super::same_size("points", points.0.size(), "rest", rest.0.size())?;
         let grid = before.grid();
         let was = grid.upsample(&points, &normal, &before.ambient());
-        let ambient = after.ambient_around(objects.probe_albedo.pixels());
-        let is = grid.upsample(&points, &normal, &ambient[..grid.len()]);
+        let (is, on_probes) = after.ambient_around(&points, &normal, objects.probe_albedo.pixels());
         let sum = |plane: &Plane<Vec3>| plane.pixels().iter().map(|v| v.as_dvec3()).sum::<DVec3>();
         // The rest is one radiance times the ambient.
         let radiance = (sum(&rest.0) / sum(&was).max(DVec3::splat(1e-30))).as_vec3();
         let left = |p: usize| rest.0.pixels()[p] * is.pixels()[p] / was.pixels()[p].max(Vec3::splat(1e-6));
         let (w, h) = rest.0.size();
         let left = Shading(Plane::new(w, h, (0..w * h).map(left).collect()));
-        let samples = (0..objects.points.len()).map(|s| radiance * objects.from_probes(s, &ambient[grid.len()..]));
+        let samples = (0..objects.points.len()).map(|s| radiance * objects.from_probes(s, &on_probes));
         let shown = Picture(objects.diffuse(&samples.collect::<Vec<_>>()));
         Ok(OccludeRestOut { rest: Arc::new(left), shown: Arc::new(shown) })
     }

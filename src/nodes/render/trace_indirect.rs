@@ -48,7 +48,7 @@ ports! {
 
 impl Node for TraceIndirect {
     const KIND: &'static str = "TraceIndirect";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = TraceIndirectIn;
     type Out = TraceIndirectOut;
 

@@ -9,7 +9,8 @@ use crate::optics;
 use crate::{params, ports};
 
 params! {
-    /// Cosine-distributed rays from a coarse grid of receivers, and the pixels they meet, for `TraceIndirect`.
+    /// Cosine-distributed rays from a coarse grid of receivers, and the pixels they meet, for `TraceIndirect`. Around inserted bodies
+    /// every pixel looks at these by itself.
     pub struct Transport {
         /// Every which pixel, along each axis, is a receiver, 1..64.
         stride: u32 = 4,
@@ -40,7 +41,7 @@ ports! {
 
 impl Node for Transport {
     const KIND: &'static str = "Transport";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = TransportIn;
     type Out = TransportOut;
 
