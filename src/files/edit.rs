@@ -81,9 +81,16 @@ fn may_reflect(object: &Raw) -> bool {
         let after = text.split_once(name).and_then(|(_, after)| after.trim_start().strip_prefix(':'));
         after.map(|after| after.trim_start().split([',', ')', ' ', '\n']).next().and_then(|n| n.parse::<f32>().ok()))
     };
-    let of_file = [".gltf", ".glb"].iter().any(|ending| text.to_ascii_lowercase().contains(ending));
-    if of_file && !text.contains("material") {
-        return true;
+    if !text.contains("material") {
+        let of_file = |ending: &str| text.split('"').find(|part| part.to_ascii_lowercase().ends_with(ending));
+        // Of an OBJ with a library of materials these may be shiny.
+        let library = |name: &str| {
+            let bytes = std::fs::read(object.origin.source.folder().join(name));
+            bytes.is_ok_and(|bytes| String::from_utf8_lossy(&bytes).contains("mtllib"))
+        };
+        if of_file(".gltf").is_some() || of_file(".glb").is_some() || of_file(".obj").is_some_and(library) {
+            return true;
+        }
     }
     // What is no number may change over time.
     number("roughness").is_some_and(|n| n.is_none_or(|n| n < 1.0)) || number("metallic").is_some_and(|n| n != Some(0.0))

@@ -46,7 +46,11 @@ impl Body {
         let lift = if smooth { mix(&|k| normals[k] * (on - corners[k]).dot(normals[k]).min(0.0)) } else { Vec3::ZERO };
         let uvs = index.map(|i| self.model.uvs[i]);
         let uv: Vec2 = (0..3).map(|k| uvs[k] * weights[k]).sum();
-        Place { point: on - lift, normal, flat, material: self.material(triangle, uv) }
+        let mut material = self.material(triangle, uv);
+        if self.material.is_none() && !self.model.colours.is_empty() {
+            material.albedo = mix(&|k| self.model.colours[index[k]]);
+        }
+        Place { point: on - lift, normal, flat, material }
     }
 
     fn material(&self, triangle: usize, uv: Vec2) -> Material {

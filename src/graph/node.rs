@@ -86,6 +86,12 @@ impl File {
         place.is_file().then(|| std::fs::read(place).ok())?
     }
 
+    /// The file of this name in the same folder.
+    pub fn beside(&self, name: &str) -> File {
+        let path = Path::new(&self.path).with_file_name(name).to_string_lossy().into_owned();
+        File { path, base: self.base.clone() }
+    }
+
     /// Where the file lies.
     pub fn location(&self) -> PathBuf {
         self.base.as_deref().unwrap_or(Path::new("")).join(&self.path)

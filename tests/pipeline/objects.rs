@@ -1,5 +1,10 @@
 //! Objects that are odd: a picture or a clear error, and soon.
 
+use std::sync::Arc;
+
+use glam::Vec3;
+use relight::geometry::Objects;
+
 use crate::bad_input::{check, room};
 use crate::project::*;
 
@@ -86,6 +91,36 @@ fn models_of_every_kind() {
     model("a.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 2, &["a.obj", "finite", "vertex 0"]);
     let flat = BOX.replace("4 3 2 1 0", "4 3 3 3 3");
     model("a.ply", flat.as_bytes(), 0, &["warning", "2 of 12 triangles have no area"]);
+}
+
+/// A library of materials is part of its model: another one is another object; without one, or a picture, there is a warning.
+#[test]
+fn an_obj_comes_with_its_library() {
+    let triangle = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
+    let folder = place(r#"Mesh(path: "a.obj", at: Pixel(x: 20, y: 15), height: 0.6)"#);
+    folder.write("a.obj", triangle);
+    let albedo = || {
+        let graph = load(&root().join("graphs/physics.ron"), &folder.path(""), &folder.path("edit.ron"));
+        let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
+        let report = run(shared_engine(), &graph, &["objects.objects"]);
+        let objects: Arc<Objects> = one(&report, "objects.objects");
+        let middle = (0..objects.cover.len()).find(|&i| objects.cover.pixels()[i] == 1.0).expect("it is seen");
+        (objects.albedo.pixels()[middle], objects.gloss.pixels()[middle])
+    };
+    check(&folder, "no library", 0, &["warning", "a.mtl", "is not known"]);
+    assert_eq!(albedo(), (Vec3::splat(0.7), Vec3::new(1.0, 0.5, 0.0)));
+    for (kd, rough) in [(Vec3::new(0.5, 0.25, 0.125), 0.5), (Vec3::new(0.125, 0.25, 0.5), 1.0)] {
+        let ks = if rough < 1.0 { 0.5 } else { 0.0 };
+        folder.write("a.mtl", format!("newmtl m\nKd {} {} {}\nKs {ks} {ks} {ks}\nNs 30\n", kd.x, kd.y, kd.z));
+        let (colour, gloss) = albedo();
+        assert!((colour - kd).abs().max_element() < 1e-5 && (gloss.x - rough).abs() < 1e-5, "{colour} {gloss}");
+    }
+    folder.write("a.mtl", "newmtl m\nKd 0.5 0.5 0.5\nmap_Kd gone.png\nd 0.5\n");
+    check(&folder, "no picture", 0, &["warning", "gone.png", "map_Kd is not used", "not used: d"]);
+    folder.write("gone.png", "this is no picture");
+    check(&folder, "a bad picture", 2, &["a.obj", "gone.png"]);
+    folder.write("a.mtl", "newmtl m\nKd one two three\n");
+    check(&folder, "a bad library", 0, &["warning", "wanted a sound material library, a.mtl"]);
 }
 
 /// The same files as lamps.

@@ -6,7 +6,7 @@ use base64::Engine;
 use glam::{Mat3, Mat4, Vec2, Vec3};
 use gltf::mesh::Mode;
 
-use super::{Material, Model, Skin};
+use super::{Material, Model, Part, Skin};
 use crate::image::{Plane, Source, Transfer, read_photo};
 
 /// The files that a `.gltf` names, as it names them, percent-decoded; none when it cannot be read.
@@ -29,8 +29,6 @@ pub fn parts(bytes: &[u8]) -> Vec<String> {
 fn decoded(uri: &str) -> String {
     percent_encoding::percent_decode_str(uri).decode_utf8_lossy().into_owned()
 }
-
-type Part<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
 
 /// The bytes of a `data:` address or of a file.
 fn content(uri: &str, part: Part) -> Result<Vec<u8>, String> {

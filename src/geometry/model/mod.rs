@@ -11,7 +11,36 @@ use glam::{Vec2, Vec3};
 
 use crate::image::Plane;
 
-pub use gltf::parts;
+/// Gives the bytes of a file that a model names.
+type Part<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
+
+/// The files that a model of this name and content names, as it names them. Of an OBJ, whose libraries and pictures often stay behind, those
+/// that `beside` has.
+pub fn parts(
+    name: &str,
+    content: impl FnOnce() -> Option<Vec<u8>>,
+    beside: &dyn Fn(&str) -> Option<Vec<u8>>,
+) -> Vec<String> {
+    let ending = ending(name);
+    if !matches!(&*ending, "gltf" | "obj") {
+        return Vec::new();
+    }
+    let Some(bytes) = content() else { return Vec::new() };
+    if ending == "gltf" {
+        return gltf::parts(&bytes);
+    }
+    let mut names = obj::libraries(&bytes);
+    let pictures = |library: &String| beside(library).map_or(Vec::new(), |bytes| obj::pictures(&bytes));
+    names.extend(names.iter().flat_map(pictures).collect::<Vec<_>>());
+    names.retain(|name| beside(name).is_some());
+    names.sort();
+    names.dedup();
+    names
+}
+
+fn ending(name: &str) -> String {
+    Path::new(name).extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
+}
 
 /// What a surface is made of: diffuse light plus GGX reflection, as in Karis, "Real Shading in Unreal Engine 4" (2013).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,6 +110,8 @@ pub struct Model {
     pub normals: Vec<Vec3>,
     /// Of each position; zero where the file has none.
     pub uvs: Vec<Vec2>,
+    /// Albedo of each position, linear Rec.709; empty where the file has none.
+    pub colours: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
     /// Which skin each triangle has; empty where the file has none.
     pub skin: Vec<u32>,
@@ -93,7 +124,7 @@ pub struct Model {
 const MOST_TRIANGLES: usize = 20_000_000;
 
 impl Model {
-    /// Reads PLY, OBJ, glTF or GLB, told apart by the ending of `name`; `part` gives the bytes of a file that a glTF names.
+    /// Reads PLY, OBJ, glTF or GLB, told apart by the ending of `name`; `part` gives the bytes of a file that a glTF or OBJ names.
     ///
     /// # Errors
     /// What was wanted and what was got, when the file is damaged or holds no triangle.
@@ -102,10 +133,10 @@ impl Model {
         bytes: &[u8],
         part: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
     ) -> Result<Model, String> {
-        let ending = Path::new(name).extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+        let ending = ending(name);
         let mut model = match ending.as_str() {
             "ply" => ply::read(bytes)?,
-            "obj" => obj::read(bytes)?,
+            "obj" => obj::read(bytes, part)?,
             "gltf" | "glb" => gltf::read(bytes, part)?,
             _ => return Err(format!("wanted a model that ends in .ply, .obj, .gltf or .glb, got {ending:?}")),
         };
@@ -173,6 +204,9 @@ impl Model {
         self.normals.resize(count, Vec3::ZERO);
         self.normals.iter_mut().for_each(|n| *n = if n.is_finite() { n.normalize_or_zero() } else { Vec3::ZERO });
         self.uvs.resize(count, Vec2::ZERO);
+        if !self.colours.is_empty() {
+            self.colours.resize(count, Material::PLAIN.albedo);
+        }
         // Relative to the whole: a triangle without area cannot be seen and has no normal.
         let (low, high) = self.bounds();
         let least = 1e-14 * (high - low).length_squared();
@@ -277,6 +311,62 @@ mod tests {
         };
         tetrahedron("f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
         tetrahedron("f 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n");
+    }
+
+    /// Each material of a library on its own triangle; what is not used is told.
+    #[test]
+    fn an_obj_takes_its_library() {
+        let obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\nusemtl red\nf 1/1 2/2 3/3\n\
+            usemtl gold\nf 1/1 2/2 3/3\nusemtl cloth\nf 1/1 2/2 3/3\nusemtl dull\nf 1/1 2/2 3/3\n";
+        let library = "newmtl red\nKd 0.5 0.1 0.02\nKs 0.5 0.5 0.5\nNs 30\nmap_Bump b.png\nd 0.4\n\
+            newmtl gold\nKd 1 0.8 0.3\nPr 0.25\nPm 1\nNs 900\nnewmtl cloth\nKd 0 0 0\nmap_Kd -s 1 1 1 tex/c.png\n\
+            newmtl dull\nKd 0.2 2 nan\nKs 1 1 1\nNs 500\nillum 1\n";
+        let cloth = crate::image::Picture(Plane::filled(2, 2, Vec3::new(0.5, 0.25, 1.0)));
+        let cloth = crate::image::write_png(&cloth, crate::image::Transfer::Srgb, false);
+        let beside = |name: &str| match name {
+            "a.mtl" => Some(library.as_bytes().to_vec()),
+            "tex/c.png" => Some(cloth.clone()),
+            _ => None,
+        };
+        assert_eq!(parts("a.obj", || Some(obj.into()), &beside), ["a.mtl", "tex/c.png"]);
+        assert!(parts("a.obj", || Some(obj.into()), &|_| None).is_empty(), "what is not there is not asked for");
+        let mut part = |name: &str| beside(name).ok_or_else(|| format!("no {name}"));
+        let model = Model::read("a.obj", obj.as_bytes(), &mut part).expect("it is sound");
+        let body = crate::geometry::Body { model, material: None };
+        let made = |triangle: usize| body.at(triangle, Vec3::splat(1.0 / 3.0)).material;
+        assert_eq!(made(0), Material::PLAIN);
+        assert_eq!((made(1).albedo, made(1).metallic), (Vec3::new(0.5, 0.1, 0.02), 0.0));
+        // alpha^2 = 2 / 32.
+        assert!((made(1).roughness - 0.5).abs() < 1e-6, "{}", made(1).roughness);
+        assert_eq!((made(2).roughness, made(2).metallic), (0.25, 1.0));
+        assert!((made(3).albedo - Vec3::new(0.5, 0.25, 1.0)).abs().max_element() < 0.005, "{}", made(3).albedo);
+        assert_eq!((made(4).albedo, made(4).roughness), (Vec3::new(0.2, 1.0, 0.5), 1.0));
+        let told = body.model.warnings.join("\n");
+        assert!(told.contains("\"red\": not used: d, map_Bump") && told.contains("options of map_Kd"), "{told}");
+
+        let alone = read("a.obj", obj.as_bytes()).expect("a library that is not there is no fault");
+        assert!(alone.skins.is_empty() && alone.warnings.len() == 1, "{:?}", alone.warnings);
+    }
+
+    #[test]
+    fn vertices_of_a_ply_have_colours() {
+        let properties = "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n";
+        let quad = QUAD.replace("property float z\n", properties);
+        let (corners, faces) = quad.split_once("end_header\n").expect("it has a header");
+        let coloured: Vec<String> = faces
+            .lines()
+            .enumerate()
+            .map(|(i, line)| match i {
+                0..4 => format!("{line} 255 188 0\n"),
+                _ => format!("{line}\n"),
+            })
+            .collect();
+        let model =
+            read("a.ply", format!("{corners}end_header\n{}", coloured.concat()).as_bytes()).expect("it is sound");
+        let body = crate::geometry::Body { model, material: None };
+        let albedo = body.at(1, Vec3::new(0.2, 0.3, 0.5)).material.albedo;
+        assert!((albedo - Vec3::new(1.0, 0.503, 0.0)).abs().max_element() < 0.002, "sRGB 188 is half: {albedo}");
+        assert!(read("a.ply", QUAD.as_bytes()).expect("it is sound").colours.is_empty());
     }
 
     #[test]

@@ -7,6 +7,7 @@ use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
 use super::{Model, fan};
+use crate::image::Transfer;
 
 /// One element of either kind: a vertex has numbers, a face a list.
 #[derive(Default)]
@@ -14,6 +15,8 @@ struct Element {
     position: Vec3,
     normal: Vec3,
     uv: Vec2,
+    /// Red, green, blue as the file has them, 0..=1 in sRGB.
+    colour: Vec3,
     corners: Vec<u32>,
     /// A corner below zero, or a list of no whole numbers.
     bad: bool,
@@ -50,6 +53,12 @@ impl PropertyAccess for Element {
             Property::Double(v) => v as f32,
             _ => return PropertyAccessResult::Ignored,
         };
+        // Whole numbers fill their type; others are shares already.
+        let whole = match value {
+            Property::UChar(_) => 255.0,
+            Property::UShort(_) => 65535.0,
+            _ => 1.0,
+        };
         let slot = match name {
             "x" => &mut self.position.x,
             "y" => &mut self.position.y,
@@ -59,11 +68,27 @@ impl PropertyAccess for Element {
             "nz" => &mut self.normal.z,
             "u" | "s" | "texture_u" => &mut self.uv.x,
             "v" | "t" | "texture_v" => &mut self.uv.y,
+            "red" | "diffuse_red" => return set(&mut self.colour.x, number / whole),
+            "green" | "diffuse_green" => return set(&mut self.colour.y, number / whole),
+            "blue" | "diffuse_blue" => return set(&mut self.colour.z, number / whole),
             _ => return PropertyAccessResult::Ignored,
         };
         *slot = number;
         PropertyAccessResult::Set
     }
+}
+
+fn set(slot: &mut f32, value: f32) -> PropertyAccessResult {
+    *slot = value;
+    PropertyAccessResult::Set
+}
+
+/// What the colours of vertices are called.
+const COLOURS: [[&str; 3]; 2] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
+
+fn linear(colour: Vec3) -> Vec3 {
+    let share = |c: f32| if c.is_finite() { Transfer::Srgb.decode(c.clamp(0.0, 1.0)) } else { 0.0 };
+    Vec3::from_array(colour.to_array().map(share))
 }
 
 pub fn read(bytes: &[u8]) -> Result<Model, String> {
@@ -83,6 +108,9 @@ pub fn read(bytes: &[u8]) -> Result<Model, String> {
                 model.positions = elements.iter().map(|e| e.position).collect();
                 model.normals = elements.iter().map(|e| e.normal).collect();
                 model.uvs = elements.iter().map(|e| e.uv).collect();
+                if COLOURS.iter().any(|names| names.iter().all(|name| element.properties.contains_key(*name))) {
+                    model.colours = elements.iter().map(|e| linear(e.colour)).collect();
+                }
             }
             "face" => {
                 if let Some(at) = elements.iter().position(|e| e.bad) {

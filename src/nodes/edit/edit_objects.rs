@@ -44,7 +44,7 @@ pub enum ObjectEdit {
         /// In the place of what the file says.
         #[serde(default)]
         material: Option<MaterialEdit>,
-        /// The files that a glTF names; found by themselves.
+        /// The files that the model names; found by themselves.
         #[serde(default)]
         parts: Vec<File>,
     },

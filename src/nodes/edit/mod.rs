@@ -4,8 +4,6 @@ pub mod edit_lights;
 pub mod edit_materials;
 pub mod edit_objects;
 
-use std::path::Path;
-
 use glam::{Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -125,14 +123,12 @@ fn check_size(name: &str, value: f32) -> Result<(), String> {
     if within { Ok(()) } else { Err(format!("{name}: wanted {low:e} to {high:e} metres, got {value}")) }
 }
 
-/// The files that a `.gltf` names, beside it.
+/// The files that a model names, beside it.
 fn named_by(file: &File) -> Vec<File> {
-    let path = Path::new(&file.path);
-    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("gltf")) {
-        return Vec::new();
-    }
-    let beside = |name: &String| File::new(path.with_file_name(name).to_string_lossy());
-    file.peek().map_or(Vec::new(), |bytes| geometry::parts(&bytes).iter().map(beside).collect())
+    let read = |file: File| file.peek();
+    let names = geometry::parts(&file.path, || read(file.clone()), &|name| read(file.beside(name)));
+    // Without a folder: the engine gives them theirs, and notes where they were named.
+    names.iter().map(|name| File::new(file.beside(name).path)).collect()
 }
 
 /// A model; its warnings are told.
@@ -141,8 +137,8 @@ fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeE
     let bad = |message: String| NodeError::BadFile { path: path.location().display().to_string(), message };
     let mut unread = None;
     let mut part = |name: &str| {
-        let wanted = Path::new(&path.path).with_file_name(name);
-        let file = parts.iter().find(|file| Path::new(&file.path) == wanted);
+        let wanted = path.beside(name);
+        let file = parts.iter().find(|file| file.path == wanted.path);
         let read = file.ok_or_else(|| format!("it names {name}, which was not there")).map(|file| ctx.read(file))?;
         read.map_err(|e| {
             let told = e.to_string();
@@ -152,8 +148,8 @@ fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeE
     };
     let model = Model::read(&path.path, &bytes, &mut part);
     let model = match (model, unread) {
-        (Err(_), Some(error)) => return Err(error),
-        (model, _) => model.map_err(bad)?,
+        (_, Some(error)) => return Err(error),
+        (model, None) => model.map_err(bad)?,
     };
     model.warnings.iter().for_each(|warning| ctx.warn(format!("{}: {warning}", path.path)));
     Ok(model)

@@ -34,7 +34,7 @@ pub enum LampShape {
         /// Degrees to the left, seen from above; at 0 its z points to the camera.
         #[serde(default)]
         yaw: f32,
-        /// The files that a glTF names; found by themselves.
+        /// The files that the model names; found by themselves.
         #[serde(default)]
         parts: Vec<File>,
     },
