@@ -3,7 +3,7 @@
 //! `lights`, `materials` and `objects` become the parameters of the same name of the stages `EditLights`,
 //! `EditMaterials` and `EditObjects`, whose types say what may stand in them. A light that the edit inserts becomes a
 //! member of the set `lights`; with objects, every light is one of `object_lights`,
-//! and when one of them may reflect, the set `shiny` has a member.
+//! and when one of them may reflect, the set `shiny` has a member; so has the set `polished` when a surface gets another finish.
 
 use std::path::Path;
 
@@ -43,7 +43,14 @@ pub fn frame(
                 overlay.members.extend(inserted(&entries, scene, &mut faults));
                 ("EditLights", entries.is_empty())
             }
-            "materials" => ("EditMaterials", value.as_list(&mut faults).is_empty()),
+            "materials" => {
+                let entries = value.as_list(&mut faults);
+                if entries.iter().any(has_finish) {
+                    let (set, name) = ("polished".to_owned(), "paint".to_owned());
+                    overlay.members.push(Member { set, name, origin: key.origin.clone() });
+                }
+                ("EditMaterials", entries.is_empty())
+            }
             "objects" => {
                 let entries = value.as_list(&mut faults);
                 objects = (!entries.is_empty()).then(|| (key.origin.clone(), entries.iter().any(may_reflect)));
@@ -62,7 +69,7 @@ pub fn frame(
     }
     // Every light shines on objects.
     if let Some((origin, shiny)) = objects {
-        let made = overlay.members.iter().map(|m| m.name.clone());
+        let made = overlay.members.iter().filter(|m| m.set == "lights").map(|m| m.name.clone());
         let all: Vec<String> = of_scene(scene).map(str::to_owned).chain(made).collect();
         let lit = |name| Member { set: "object_lights".to_owned(), name, origin: origin.clone() };
         overlay.members.extend(all.into_iter().map(lit));
@@ -71,6 +78,12 @@ pub fn frame(
         }
     }
     if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+}
+
+/// Whether an entry of `materials` says how rough a surface is or how much it reflects. The stage tells what is wrong with it.
+fn has_finish(paint: &Raw) -> bool {
+    let fields = paint.as_struct(None, &["region", "albedo", "roughness", "specular", "keep_texture"], &mut Vec::new());
+    fields.iter().any(|(key, _)| ["roughness", "specular"].contains(&key.name.as_str()))
 }
 
 /// Whether an object may be shiny: its entry says so, or leaves it to a file that may. Dull is what has neither a roughness below
@@ -179,6 +192,23 @@ mod tests {
         assert_eq!(members, [("lights", "west"), ("lights", "desk")]);
         assert_eq!(overlay.settings.len(), 1);
         assert_eq!(overlay.settings[0].target, Target::Kind("EditLights".into()));
+    }
+
+    #[test]
+    fn only_a_new_finish_is_polished() {
+        let kinds = ["EditMaterials"];
+        let members = |paint: &str| {
+            let folder = tempfile::tempdir().expect("a temporary folder can be made");
+            let path = folder.path().join("edit.ron");
+            let text = format!("Edit(version: 1, materials: [Paint(region: Mask(\"roughness: 1\"), {paint})])");
+            std::fs::write(&path, text).expect("it can be written to");
+            let overlay = read(&path, None, Some(&kinds)).unwrap_or_else(|faults| panic!("{}", faults[0]));
+            overlay.members.iter().map(|m| format!("{} {}", m.set, m.name)).collect::<Vec<_>>()
+        };
+        assert!(members("albedo: Linear(1, 1, 1), keep_texture: false").is_empty());
+        for paint in ["roughness: 0.2", "albedo: Linear(1, 1, 1), specular: 0.1"] {
+            assert_eq!(members(paint), ["polished paint"]);
+        }
     }
 
     #[test]

@@ -37,13 +37,10 @@ impl<'a> Upsampler<'a> {
             taps.push(y * w + x, 1.0);
             return taps;
         }
-        let fx = (x as f32 + 0.5) * w as f32 / full_w as f32 - 0.5;
-        let fy = (y as f32 + 0.5) * h as f32 / full_h as f32 - 0.5;
+        let (fx, fy) = (place(x, full_w, w), place(y, full_h, h));
         let z = self.full_depth.0.get(x, y);
         let colour = log(self.photo.0.get(x, y));
-        let around = |f: f32, end: usize| ((f.round() as usize).saturating_sub(1), (f.round() as usize + 2).min(end));
-        let ((x0, x1), (y0, y1)) = (around(fx.max(0.0), w), around(fy.max(0.0), h));
-        for (sx, sy) in (y0..y1).flat_map(|sy| (x0..x1).map(move |sx| (sx, sy))) {
+        for (sx, sy) in neighbours((x, y), (full_w, full_h), (w, h)) {
             let near = (1.5 - (sx as f32 - fx).abs()).max(0.0) * (1.5 - (sy as f32 - fy).abs()).max(0.0);
             let i = sy * w + sx;
             let depth = (self.depth.0.pixels()[i] - z) / (DEPTH * z);
@@ -57,6 +54,29 @@ impl<'a> Upsampler<'a> {
     }
 }
 
+/// Where pixel `at` of `full` lies in units of the pixels of `small`, whose centres are whole numbers.
+fn place(at: usize, full: usize, small: usize) -> f32 {
+    (at as f32 + 0.5) * small as f32 / full as f32 - 0.5
+}
+
+/// The pixels of a plane of size `small` that photo pixel `at` may take: nine around it, or itself alone where both sizes are one.
+pub fn neighbours(
+    at: (usize, usize),
+    full: (usize, usize),
+    small: (usize, usize),
+) -> impl Iterator<Item = (usize, usize)> {
+    let range = |at: usize, full: usize, small: usize| {
+        let near = place(at, full, small).max(0.0).round() as usize;
+        near.saturating_sub(1)..(near + 2).min(small)
+    };
+    let (xs, ys) = if full == small {
+        (at.0..at.0 + 1, at.1..at.1 + 1)
+    } else {
+        (range(at.0, full.0, small.0), range(at.1, full.1, small.1))
+    };
+    ys.flat_map(move |y| xs.clone().map(move |x| (x, y)))
+}
+
 /// Working pixels and their weights, which sum to 1.
 pub struct Taps {
     index: [usize; 9],
@@ -68,6 +88,11 @@ impl Taps {
     fn push(&mut self, index: usize, weight: f32) {
         (self.index[self.count], self.weight[self.count]) = (index, weight);
         self.count += 1;
+    }
+
+    /// Indices of working pixels, and their weights.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> + '_ {
+        self.index.iter().copied().zip(self.weight.iter().copied()).take(self.count)
     }
 
     /// Value of a working-size plane.

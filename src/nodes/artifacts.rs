@@ -6,11 +6,11 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{
-    Albedo, Bytes, Coats, Depth, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer,
+    Albedo, Bytes, Coats, Depth, Finish, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer,
 };
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
-use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Reflections, Shape, Transport};
+use crate::optics::{LightKind, Lighting, LocalLobe, Polish, Radiance, Reflections, Shape, Transport};
 
 /// The member that stands for lamps out of view.
 pub const INV_LAMP: &str = "inv_lamp";
@@ -52,10 +52,12 @@ artifacts! {
     UnitIndirect: |i| i.lobes.iter().map(|l| &l.0).chain(&i.probes).map(Plane::bytes).chain(i.stderr.iter().map(Plane::bytes)).sum(),
     Objects: Objects::bytes,
     Reflections: Reflections::bytes,
+    Polish: Polish::bytes,
     ObjectLight: |o| o.albedo.bytes() + o.lobes.iter().chain(&o.probes).map(Plane::bytes).sum::<usize>(),
     Guess: |g| g.shape.bytes() + g.radiance.0.len() * 12,
     Remainder: |r| r.left.bytes(),
     Coats: Coats::bytes,
+    Finish: Finish::bytes,
     Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(),
     LightKind: |_| size_of::<LightKind>(),
     Encoding: |_| size_of::<Encoding>(),

@@ -48,6 +48,7 @@ pub fn registry() -> Registry {
         .with::<render::shade_objects::ShadeObjects>()
         .with::<render::occlude_rest::OccludeRest>()
         .with::<render::insert_specular::InsertSpecular>()
+        .with::<render::paint_specular::PaintSpecular>()
         .with::<render::glow::Glow>()
         .with::<output::compose::Compose>()
         .with::<output::write::Write>()

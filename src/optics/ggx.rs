@@ -32,11 +32,6 @@ impl Ggx {
         sound.then_some(Ggx { normal, view, alpha: (roughness * roughness).clamp(LEAST_ALPHA, 1.0), f0 })
     }
 
-    /// About how many steradians the reflection of one direction fills.
-    pub fn spread(&self) -> f32 {
-        4.0 * PI * self.alpha * self.alpha
-    }
-
     /// Whether it shows single points rather than a blur.
     pub fn is_mirror(&self) -> bool {
         self.alpha <= 1e-3
@@ -51,6 +46,20 @@ impl Ggx {
         cosine / (cosine * (1.0 - k) + k)
     }
 
+    fn distribution(&self, half: Vec3) -> f32 {
+        // 1 - (n.h)^2 by the cross product, which loses nothing near the peak.
+        let sine = self.normal.cross(half).length_squared();
+        let a2 = self.alpha * self.alpha;
+        a2 / (PI * (a2 * (1.0 - sine) + sine).powi(2))
+    }
+
+    /// Density of [`Ggx::sample`] at a direction above the surface, per steradian.
+    pub fn density(&self, light: Vec3) -> f32 {
+        let half = (light + self.view).normalize_or_zero();
+        let vh = self.view.dot(half).max(1e-4);
+        self.distribution(half) * self.normal.dot(half).max(0.0) / (4.0 * vh)
+    }
+
     /// f(view, `light`), per steradian; `light` has unit length.
     pub fn value(&self, light: Vec3) -> Vec3 {
         let (nl, nv) = (self.normal.dot(light), self.normal.dot(self.view));
@@ -58,10 +67,7 @@ impl Ggx {
         if nl <= 0.0 || half == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        // 1 - (n.h)^2 by the cross product, which loses nothing near the peak.
-        let sine = self.normal.cross(half).length_squared();
-        let a2 = self.alpha * self.alpha;
-        let d = a2 / (PI * (a2 * (1.0 - sine) + sine).powi(2));
+        let d = self.distribution(half);
         let g = self.shadowing(nl) * self.shadowing(nv);
         self.fresnel(self.view.dot(half)) * (d * g / (4.0 * nl * nv))
     }
@@ -132,6 +138,27 @@ mod tests {
             });
             let even = even.sum::<f64>() / n as f64;
             assert!((lobe / even - 1.0).abs() < 0.02, "roughness {roughness}: {lobe} against {even}");
+        }
+    }
+
+    #[test]
+    fn the_density_is_that_of_the_samples() {
+        // What the density says of a cap around the peak, by even directions of the cap, is the share of samples that fall into it.
+        for (roughness, cosine) in [(0.4, 0.8), (0.7, 0.5)] {
+            let surface = surface(roughness, cosine);
+            let peak = Vec3::new(-(1.0f32 - cosine * cosine).sqrt(), 0.0, cosine);
+            let (x, y) = peak.any_orthonormal_pair();
+            let (points, n, low) = (Points2::new(3, 0, 0), 60_000, 0.95f32);
+            let inside =
+                (0..n).filter(|&i| surface.sample(points.get(i)).is_some_and(|(l, _)| l.dot(peak) > low)).count();
+            let even = (0..n).map(|i| {
+                let [u, v] = points.get(i).map(|x| x as f32);
+                let (c, (sin, cos)) = (low + (1.0 - low) * u, (TAU * v).sin_cos());
+                f64::from(surface.density(peak * c + (x * cos + y * sin) * (1.0 - c * c).sqrt()))
+            });
+            let want = even.sum::<f64>() / n as f64 * f64::from(TAU * (1.0 - low));
+            let got = inside as f64 / n as f64;
+            assert!((got / want - 1.0).abs() < 0.03, "roughness {roughness}: {got} against {want}");
         }
     }
 

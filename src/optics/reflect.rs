@@ -3,8 +3,9 @@
 //! Each place sends rays distributed like its lobe. A ray that meets the seen room shows the picture's pixel there, whatever an
 //! edit makes of it; one that meets a body shows the body's pixel, if the camera sees it; all others look into the unseen part of
 //! the room. Lights are kept apart, per lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a
-//! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a small light), and the two are
-//! averaged with weights s^2 and (1 - s)^2 over their sum, s = light / (light + lobe) by their solid angles.
+//! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a small light). Each direction counts in
+//! both, with weights p^2 and q^2 over their sum (the power heuristic of Veach and Guibas, SIGGRAPH 1995): p is the density of the
+//! lobe's rays, q one over the solid angle of the light.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -95,6 +96,8 @@ impl Surround<'_> {
 /// A ray that meets its own plane more often than this runs along it.
 const MOST_SKIPPED: usize = 16;
 
+/// A reflection of a light of unit radiance that is less than this is not asked for.
+const LEAST_SEEN: f32 = 1e-6;
 /// Most rays of all pixels together.
 const MOST_RAYS: usize = 4_000_000;
 
@@ -144,7 +147,7 @@ pub fn reflections(
                 if body.meet_from(point, direction).is_some_and(|t| t < end) {
                     light_met = true;
                     for lobe in 0..emitter.lobes() {
-                        let s = by_rays(shape, lobe, point, &surface);
+                        let s = by_rays(shape, lobe, point, &surface)(direction);
                         out.lights[first + lobe] += weight * shape.shown(lobe, direction) * s;
                     }
                 }
@@ -166,22 +169,20 @@ pub fn reflections(
         let mut first = 0;
         for (light, ((_, shape), emitter)) in lights.iter().zip(&emitters).enumerate() {
             for lobe in 0..emitter.lobes() {
-                let s = 1.0 - by_rays(shape, lobe, point, &surface);
-                if s > 1e-3
-                    && let Some(seen) = emitter.seen(lobe, point, normal)
-                {
-                    let points = Points2::new(seed, i as u32, 1 + (3 * light + lobe) as u32);
-                    for sample in (0..count.max(8)).filter_map(|k| seen.sample(&points, k)) {
-                        let direction = (sample.place - point).normalize_or_zero();
-                        let value = surface.value(direction);
-                        if value == Vec3::ZERO {
-                            continue;
-                        }
-                        out.traced += 1;
-                        if !blocked(surround, &face, sample.place, &own) {
-                            let part = s * std::f32::consts::PI * sample.part / count.max(8) as f32;
-                            out.lights[first + lobe] += value * part;
-                        }
+                let by_rays = by_rays(shape, lobe, point, &surface);
+                let Some(seen) = emitter.seen(lobe, point, normal) else { continue };
+                let points = Points2::new(seed, i as u32, 1 + (3 * light + lobe) as u32);
+                let samples = count.max(8);
+                for sample in (0..samples).filter_map(|k| seen.sample(&points, k)) {
+                    let direction = (sample.place - point).normalize_or_zero();
+                    let part = (1.0 - by_rays(direction)) * std::f32::consts::PI * sample.part;
+                    let value = surface.value(direction) * part;
+                    if value.max_element() < LEAST_SEEN {
+                        continue;
+                    }
+                    out.traced += 1;
+                    if !blocked(surround, &face, sample.place, &own) {
+                        out.lights[first + lobe] += value / samples as f32;
                     }
                 }
             }
@@ -216,19 +217,25 @@ struct Pixel {
     traced: u64,
 }
 
-/// The share that the rays of the lobe have in the estimate of a light's reflection.
-fn by_rays(shape: &Shape, lobe: usize, point: Vec3, surface: &Ggx) -> f32 {
+/// By direction, the share that the rays of the lobe have in the estimate of a light's reflection.
+fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> impl Fn(Vec3) -> f32 + 'a {
     // Plates have gaps, so that rays do not meet them.
-    if matches!(shape, Shape::Lamp(super::Lamp::Plates(_))) {
-        return if surface.is_mirror() { 1.0 } else { 0.0 };
+    let plates = matches!(shape, Shape::Lamp(super::Lamp::Plates(_)));
+    let ball = if plates { None } else { shape.ball() };
+    let size = ball.map(|(center, radius)| {
+        let size = std::f32::consts::PI * radius * radius / center.distance_squared(point).max(radius * radius);
+        match shape {
+            Shape::Window(window) => size.min(2.0 * std::f32::consts::PI / window.lobes[lobe].bandwidth.max(0.1)),
+            _ => size,
+        }
+    });
+    let all = plates && surface.is_mirror();
+    move |direction| {
+        let Some(size) = size else { return if all { 1.0 } else { 0.0 } };
+        let p = surface.density(direction) * size;
+        // A sharp lobe's density does not fit into the square of a float.
+        if p > 1e6 { 1.0 } else { p * p / (p * p + 1.0) }
     }
-    let Some((center, radius)) = shape.ball() else { return 0.0 };
-    let mut light = std::f32::consts::PI * radius * radius / center.distance_squared(point).max(radius * radius);
-    if let Shape::Window(window) = shape {
-        light = light.min(2.0 * std::f32::consts::PI / window.lobes[lobe].bandwidth.max(0.1));
-    }
-    let s = light / (light + surface.spread());
-    s * s / (s * s + (1.0 - s) * (1.0 - s))
 }
 
 /// Whether something stands between a place and a light that is not the light itself.

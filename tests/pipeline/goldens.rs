@@ -10,7 +10,7 @@ use glam::Vec3;
 use relight::geometry::{Camera, Model, Objects, SceneMesh};
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
-    Albedo, Coats, Depth, Mask, Normal, Picture, Plane, Points, Roughness, Shading, Transfer, write_png,
+    Albedo, Coats, Depth, Finish, Mask, Normal, Picture, Plane, Points, Roughness, Shading, Transfer, write_png,
 };
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
 use relight::nodes::edit::Colour;
@@ -25,16 +25,17 @@ use relight::nodes::render::{
     glow::{Glow, GlowIn},
     light_objects::{LightObjects, LightObjectsIn},
     mix::{Mix, MixIn},
+    paint_specular::{PaintSpecular, PaintSpecularIn},
     shadow::{Shadow, ShadowIn},
     trace_indirect::{TraceIndirect, TraceIndirectIn},
     transport::{Transport, TransportIn},
 };
 use relight::nodes::scene::mesh::{Mesh, MeshIn};
-use relight::optics::{Lamp, LightKind, Radiance, Shape, Window};
+use relight::optics::{Lamp, LightKind, Polish, Radiance, Shape, Window};
 
 use crate::project::{png, root};
 
-const NAMES: [&str; 20] = [
+const NAMES: [&str; 21] = [
     "mesh",
     "find",
     "retinex",
@@ -46,6 +47,7 @@ const NAMES: [&str; 20] = [
     "mesh_lamp",
     "compose",
     "edit_materials",
+    "polish",
     "objects", // and with networks:
     "mnet",
     "vis_lamp_net",
@@ -392,7 +394,7 @@ fn mesh_lamp() {
 /// The lamp doubled, the window dimmed, a ball of light that lights nothing put in.
 #[test]
 fn compose() {
-    check("compose", composed(Arc::default()));
+    check("compose", composed(Arc::default(), Gather(vec![])));
 }
 
 /// The same with a blue back wall.
@@ -421,10 +423,37 @@ fn edit_materials() {
         roughness: Arc::new(Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8))),
     };
     let out = EditMaterials { materials: vec![wall] }.run(inputs, &Context::default()).expect("everything is sound");
-    check("edit_materials", composed(out.coats));
+    check("edit_materials", composed(out.coats, Gather(vec![])));
 }
 
-fn composed(coats: Arc<Coats>) -> Plane<Vec3> {
+/// The same with a polished floor.
+#[test]
+fn polish() {
+    let room = room();
+    let is_floor = |x, y| room.true_normal.get(x, y).y > 0.9 && room.points.0.get(x, y).y < -0.9;
+    let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(is_floor(x, y))));
+    let mut finish = Finish::default();
+    finish.lay(&floor, [Some(0.15), Some(1.0)], &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)));
+    let shapes: Vec<_> = room.lights.iter().map(|light| (light.id.to_string(), light.shape.clone())).collect();
+    let inputs = PaintSpecularIn {
+        finish: Arc::new(finish),
+        objects: Arc::new(Objects::unseen(&[])),
+        mesh: mesh_of_room(),
+        room: mesh_of_room(),
+        camera: room.camera.clone(),
+        full_depth: room.depth.clone(),
+        points: room.points.clone(),
+        normal: room.normal.clone(),
+        mask: Gather(vec![]),
+        estimated: Gather(shapes.clone()),
+        shape: Gather(shapes.into_iter().chain([("ball".to_string(), ball())]).collect()),
+        lighting: None,
+    };
+    let out = PaintSpecular::default().run(inputs, &Context::default()).expect("everything is sound");
+    check("polish", composed(Arc::default(), Gather(vec![("paint".to_string(), out.polish)])));
+}
+
+fn composed(coats: Arc<Coats>, polish: Gather<Polish>) -> Plane<Vec3> {
     let room = room();
     let (photo, dark) = (Arc::new(room.photo()), Arc::new(Shading(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO))));
     let ball = ball();
@@ -486,6 +515,7 @@ fn composed(coats: Arc<Coats>) -> Plane<Vec3> {
         object: Gather(vec![]),
         object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
         reflected: Gather(vec![]),
+        polish,
     };
     let out = Compose::default().run(inputs, &Context::default()).expect("everything is sound");
     out.picture.0.clone()

@@ -20,6 +20,7 @@ mod objects;
 mod onnx;
 mod page;
 mod planes;
+mod polish;
 mod project;
 mod refine;
 mod sameness;

@@ -68,6 +68,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         object: Gather(vec![]),
         object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
         reflected: Gather(vec![]),
+        polish: Gather(vec![]),
     };
     Compose::default().run(inputs, &Context::default()).expect("everything is sound")
 }
@@ -127,8 +128,10 @@ fn paint_runs_bounces_and_what_follows() {
     };
     assert_eq!((sorted(ran), rays), (sorted(want), 0));
     assert!(painted != bare);
-    // Its roughness is nobody's light: it is only written.
-    assert_eq!(again(&edit("Paint(region: Grow(160, 45), roughness: 0.2)", "")).0, ["repaint", "write"]);
+    // Another finish asks for its own reflection and for nobody's light or bounces.
+    let (ran, rays, polished) = again(&edit("Paint(region: Grow(160, 45), roughness: 0.2)", ""));
+    assert_eq!(ran, ["repaint", "polish[paint]", "compose", "write"]);
+    assert!(rays > 10_000 && polished[0] != bare[0]);
     // A dimmed lamp on a painted wall is a new sum, and no paint at all is the photo from what is known.
     let (dimmed, rays, _) = again(&edit(PAINT, r#""lamp_0": Scale(0.5)"#));
     assert_eq!((dimmed, rays), (["edit", "after", "compose", "write"].map(str::to_owned).to_vec(), 0));

@@ -9,13 +9,13 @@ use super::Colour;
 use crate::geometry::like_surface;
 use crate::graph::{Context, File, Node, NodeError};
 use crate::image::{
-    self, Albedo, Coat, Coats, Depth, Matte, Normal, Picture, Plane, Points, Repaint, Roughness, Source, Specular,
-    Upsampler, matte, resize, same_aspect,
+    self, Albedo, Coat, Coats, DIELECTRIC, Depth, Finish, Matte, Normal, Picture, Plane, Points, Repaint, Roughness,
+    Source, Specular, Upsampler, matte, resize, same_aspect,
 };
 use crate::{params, ports};
 
 params! {
-    /// Paints regions of the photo; with nothing to paint, everything passes through unchanged.
+    /// Paints and polishes regions of the photo; with nothing to paint, everything passes through unchanged.
     ///
     /// What the photo shows of a region is multiplied by new over old albedo, the old one being the mean of `known` there: so the photo tells
     /// how the region is lit. Bounced light is computed with the new albedo; the picture is repainted at the photo's size, by `Compose`.
@@ -100,17 +100,17 @@ ports! {
         specular: Arc<Specular>,
         /// The paint at the photo's size.
         coats: Arc<Coats>,
+        /// New roughness and specular level at the photo's size.
+        finish: Arc<Finish>,
     }
 }
 
 /// Nothing reflects less than that, as far as a photo can tell.
 const LEAST: f32 = 0.01;
-/// Specular level of what nobody says anything of.
-const DIELECTRIC: f32 = 0.5;
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -127,13 +127,14 @@ impl Node for EditMaterials {
 
     fn run(&self, inputs: EditMaterialsIn, ctx: &Context) -> Result<EditMaterialsOut, NodeError> {
         let (width, height) = inputs.small.0.size();
-        let mut coats = Vec::new();
+        let (mut coats, mut finish) = (Vec::new(), Finish::default());
         let mut out = EditMaterialsOut {
             albedo: inputs.albedo.clone(),
             fitted: inputs.fitted.clone(),
             roughness: inputs.roughness.clone(),
             specular: Arc::new(Specular(Plane::filled(width, height, DIELECTRIC))),
             coats: Arc::default(),
+            finish: Arc::default(),
         };
         for (i, edit) in self.materials.iter().enumerate() {
             let MaterialEdit::Paint { region, albedo, roughness, specular, keep_texture } = edit;
@@ -141,6 +142,9 @@ impl Node for EditMaterials {
             let bad = |e: String| NodeError::BadParameter(format!("materials: entry {}: {e}", i + 1));
             let matte = region.matte(&inputs, ctx, bad)?;
             let share = resize(&matte.share, width, height);
+            if roughness.is_some() || specular.is_some() {
+                finish.lay(&matte.share, [*roughness, *specular], &inputs.roughness);
+            }
             if let Some(colour) = albedo {
                 let new = colour.linear().map_err(bad)?;
                 let keep_texture = *keep_texture;
@@ -164,6 +168,7 @@ impl Node for EditMaterials {
             }
         }
         out.coats = Arc::new(Coats(coats));
+        out.finish = Arc::new(finish);
         Ok(out)
     }
 }
@@ -324,6 +329,7 @@ mod tests {
         let out = run(vec![], inputs).expect("it is sound");
         assert!(Arc::ptr_eq(&albedo, &out.albedo) && Arc::ptr_eq(&fitted, &out.fitted));
         assert!(Arc::ptr_eq(&roughness, &out.roughness) && out.coats.0.is_empty());
+        assert_eq!(*out.finish, Finish::default());
     }
 
     #[test]
@@ -371,6 +377,10 @@ mod tests {
             near(out.roughness.0.get(x, 7), mix(0.8, 0.2));
             near(out.specular.0.get(x, 7), mix(0.5, 1.0));
             near(out.albedo.0.get(x, 7).y, mix(0.4, 0.2));
+            let [roughness, specular] = out.finish.gloss.get(x, 7);
+            let is_new = share(x) > 0.0;
+            assert_eq!((roughness, specular), if is_new { (0.2, 1.0) } else { (0.8, 0.5) }, "{x}");
+            assert_eq!(out.finish.share.get(x, 7), share(x));
             near(out.coats.at(x, 7).reflectance(GREY, GREY).x, mix(0.5, 0.25));
         }
     }

@@ -24,7 +24,7 @@ use crate::image::{
     Albedo, Coated, Coats, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, clip_level, distance,
     luminance, ratio, reflected, smooth_step,
 };
-use crate::optics::{LightKind, Mirror, Radiance, Reflections, Shape};
+use crate::optics::{LightKind, Mirror, Polish, Radiance, Reflections, Shape};
 use crate::{params, ports};
 
 /// How a picture is made from shading.
@@ -106,6 +106,8 @@ ports! {
         object_rest: Arc<Picture>,
         /// What shiny objects reflect; nothing without such.
         reflected: Gather<Reflections>,
+        /// What surfaces of new roughness or specular level reflect; nothing without such.
+        polish: Gather<Polish>,
     }
 }
 
@@ -205,8 +207,12 @@ impl Node for Compose {
                 plane.extend(records.iter().skip(k).step_by(stride));
             }
         }
+        let before: Vec<&Mask> = inserted.iter().map(|(_, cover, _)| *cover).collect();
+        for (_, polish) in inputs.polish.iter() {
+            ctx.check_cancelled()?;
+            self.polish(polish, &objects, &before, &inputs, &names, &mut planes)?;
+        }
         if !objects.is_empty() {
-            let before: Vec<&Mask> = inserted.iter().map(|(_, cover, _)| *cover).collect();
             self.cover_with(&objects, &before, &inputs, &names, &mut planes)?;
         }
         let sum = |i: usize| planes.iter().map(|plane| plane[i]).sum::<Vec3>();
@@ -236,18 +242,8 @@ impl Compose {
         let (w, h) = objects.cover.size();
         let width = inputs.photo.0.width();
         let photo = |i: usize| (objects.top + i / w) * width + objects.left + i % w;
-        let mirror = match inputs.reflected.iter().next() {
-            Some((_, of)) => {
-                let room: Vec<usize> = (0..inputs.photo.0.len())
-                    .filter(|&i| inputs.zone.iter().all(|(_, zone)| zone.0.pixels()[i] <= 0.0))
-                    .collect();
-                let lights: Option<Vec<(&str, &[Vec3])>> =
-                    names.iter().map(|id| Some((*id, &inputs.radiance.get(id)?.0[..]))).collect();
-                let mirror = lights.and_then(|lights| Mirror::new(of, planes, &room, &lights, self.unseen));
-                Some(mirror.ok_or_else(|| NodeError::Failed("a light has no reflection or no radiance".into()))?)
-            }
-            None => None,
-        };
+        let reflected = inputs.reflected.iter().next();
+        let mirror = reflected.map(|(_, of)| self.mirror(of, inputs, names, planes)).transpose()?;
         let after: Vec<Vec<Vec3>> = (0..planes.len())
             .map(|layer| {
                 let pixel = |i: usize| {
@@ -267,6 +263,58 @@ impl Compose {
             after.into_iter().enumerate().for_each(|(i, value)| plane[photo(i)] = value);
         }
         Ok(())
+    }
+
+    /// Puts what surfaces of another finish reflect in the place of what they did. Bodies show `shown`; lights stand `before` all, and
+    /// those of the photo are not polished.
+    fn polish(
+        &self,
+        polish: &Polish,
+        shown: &[&Picture],
+        before: &[&Mask],
+        inputs: &ComposeIn,
+        names: &[&str],
+        planes: &mut [Vec<Vec3>],
+    ) -> Result<(), NodeError> {
+        let free = |i: usize| {
+            let light = inputs.zone.iter().any(|(_, zone)| zone.0.pixels()[i] >= 1.0);
+            if light { 0.0 } else { before.iter().map(|light| 1.0 - light.0.pixels()[i]).product::<f32>() }
+        };
+        let mut changes: Vec<Vec<(u32, Vec3)>> = vec![Vec::new(); planes.len()];
+        for part in &polish.0 {
+            let mirror = self.mirror(&part.of, inputs, names, planes)?;
+            let (small, depth) = part.reduced(&inputs.photo, &inputs.full_depth);
+            let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &small, &depth);
+            for (layer, plane) in planes.iter().enumerate() {
+                let object = |i: usize| shown[layer].0.pixels()[i];
+                changes[layer].extend(part.adds(&mirror, &upsampler, layer, plane, object));
+            }
+        }
+        for (plane, changes) in planes.iter_mut().zip(changes) {
+            let mut sums = vec![Vec3::ZERO; plane.len()];
+            changes.into_iter().for_each(|(i, change)| sums[i as usize] += change);
+            for (i, sum) in sums.into_iter().enumerate().filter(|(_, sum)| *sum != Vec3::ZERO) {
+                plane[i] = (plane[i] + sum * free(i)).max(plane[i].min(Vec3::ZERO));
+            }
+        }
+        Ok(())
+    }
+
+    /// What `of` shows of the lights and of the room, whose layers are `planes`.
+    fn mirror<'a>(
+        &self,
+        of: &'a Reflections,
+        inputs: &'a ComposeIn,
+        names: &[&str],
+        planes: &[Vec<Vec3>],
+    ) -> Result<Mirror<'a>, NodeError> {
+        let room: Vec<usize> = (0..inputs.photo.0.len())
+            .filter(|&i| inputs.zone.iter().all(|(_, zone)| zone.0.pixels()[i] <= 0.0))
+            .collect();
+        let lights: Option<Vec<(&str, &[Vec3])>> =
+            names.iter().map(|id| Some((*id, &inputs.radiance.get(id)?.0[..]))).collect();
+        let mirror = lights.and_then(|lights| Mirror::new(of, planes, &room, &lights, self.unseen));
+        mirror.ok_or_else(|| NodeError::Failed("a light has no reflection or no radiance".into()))
     }
 
     fn emitters(&self, inputs: &ComposeIn, names: &[&str]) -> Result<Vec<Emitter>, NodeError> {

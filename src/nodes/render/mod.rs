@@ -8,6 +8,7 @@ pub mod light_net;
 pub mod light_objects;
 pub mod mix;
 pub mod occlude_rest;
+pub mod paint_specular;
 pub mod shade_objects;
 pub mod shadow;
 pub mod shadow_net;

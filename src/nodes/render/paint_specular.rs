@@ -1,0 +1,120 @@
+//! `PaintSpecular`: what surfaces with a new finish reflect.
+
+use std::sync::Arc;
+
+use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::graph::{Context, Gather, Node, NodeError};
+use crate::image::{Depth, Finish, Mask, Normal, Points};
+use crate::optics::{Lighting, Part, Polish, SeenPlaces, Shape, Surround, places, reflections};
+use crate::{params, ports};
+
+params! {
+    /// Finds what regions of new roughness or specular level reflect, as `InsertSpecular` does for objects, and what they reflected before.
+    ///
+    /// The photo holds the old reflection; `Compose` puts the new one in its place. Lobes wider than a working pixel are known at
+    /// working size, narrower ones at the photo's.
+    pub struct PaintSpecular {
+        /// Rays per place, and samples of each light per place, 1..=4096; a mirror takes one, and in all there are up to 4 million.
+        rays: u32 = 32,
+        /// Another seed gives other noise.
+        seed: u64 = 0,
+    }
+}
+
+ports! {
+    pub input PaintSpecularIn {
+        /// New roughness and specular level.
+        finish: Arc<Finish>,
+        /// The objects as they are seen.
+        objects: Arc<Objects>,
+        /// The room with the objects in it.
+        mesh: Arc<SceneMesh>,
+        /// The room without them.
+        room: Arc<SceneMesh>,
+        /// The camera of the photo.
+        camera: Arc<Camera>,
+        /// Planar z at the photo's size.
+        full_depth: Arc<Depth>,
+        /// Points of the seen surface.
+        points: Arc<Points>,
+        /// Their normals.
+        normal: Arc<Normal>,
+        /// Pixels of each visible light, working size.
+        mask: Gather<Mask>,
+        /// The lights as estimated: those whose reflection the photo shows.
+        estimated: Gather<Shape>,
+        /// Every light.
+        shape: Gather<Shape>,
+        /// What arrives at each place.
+        lighting: Option<Arc<Lighting>>,
+    }
+}
+
+ports! {
+    pub output PaintSpecularOut {
+        /// What each pixel reflects, now and before.
+        polish: Arc<Polish>,
+    }
+}
+
+impl Node for PaintSpecular {
+    const KIND: &'static str = "PaintSpecular";
+    const VERSION: u32 = 1;
+    type In = PaintSpecularIn;
+    type Out = PaintSpecularOut;
+
+    fn check(&self) -> Result<(), String> {
+        match self.rays {
+            1..=4096 => Ok(()),
+            n => Err(format!("rays: wanted 1..=4096, got {n}")),
+        }
+    }
+
+    fn run(&self, inputs: PaintSpecularIn, ctx: &Context) -> Result<PaintSpecularOut, NodeError> {
+        let size = inputs.points.0.size();
+        for (id, mask) in inputs.mask.iter() {
+            super::same_size("points", size, id, mask.0.size())?;
+        }
+        super::same_size("mesh", inputs.mesh.size(), "points", size)?;
+        super::same_size("room", inputs.room.size(), "points", size)?;
+        let photo = (inputs.camera.width, inputs.camera.height);
+        super::same_size("full_depth", inputs.full_depth.0.size(), "camera", photo)?;
+        let seen = SeenPlaces {
+            camera: &inputs.camera,
+            full_depth: &inputs.full_depth,
+            points: &inputs.points,
+            normal: &inputs.normal,
+            mesh: &inputs.room,
+        };
+        let (kinds, planes) = places(&inputs.finish, &seen);
+        let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
+        let nobody = Objects::unseen(&[]);
+        let mut parts = Vec::new();
+        for kind in kinds {
+            ctx.check_cancelled()?;
+            let surround = Surround {
+                mesh: if kind.old { &inputs.room } else { &inputs.mesh },
+                objects: if kind.old { &nobody } else { &inputs.objects },
+                camera: &inputs.camera,
+                points: &inputs.points,
+                normal: &inputs.normal,
+                masks: &masks,
+                lighting: inputs.lighting.as_deref(),
+                planes: &planes,
+            };
+            // Of a light that is put in or moved, the photo shows no reflection.
+            let shown =
+                |id: &str, shape: &Shape| !kind.old || inputs.estimated.get(id).is_some_and(|was| **was == *shape);
+            let light = |(id, shape): (&str, &Arc<Shape>)| {
+                (id.to_string(), if shown(id, shape) { Shape::clone(shape) } else { Shape::Absent })
+            };
+            let lights: Vec<(String, Shape)> = inputs.shape.iter().map(light).collect();
+            let face = |i: usize| Some(kind.faces[i]);
+            let (of, rays) =
+                reflections((kind.faces.len(), 1), face, &surround, &lights, self.rays as usize, self.seed);
+            ctx.count_rays(rays);
+            parts.push(Part { old: kind.old, share: kind.share, rows: kind.rows, of });
+        }
+        Ok(PaintSpecularOut { polish: Arc::new(Polish(parts)) })
+    }
+}
