@@ -5,6 +5,9 @@ use std::process::{Command, Stdio};
 
 pub const NAME: &str = "film.mp4";
 const PART: &str = ".film.part.mp4";
+/// Players want 4:2:0, which has no odd sizes; of large pictures most take the colours for Rec. 709 whatever they are.
+const FILTER: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv,\
+                      setparams=colorspace=bt709:color_primaries=bt709:color_trc=iec61966-2-1";
 
 /// Makes `folder/film.mp4` of `picture_0000.png` and the following.
 ///
@@ -16,8 +19,7 @@ pub fn make(folder: &Path, fps: u16, frames: usize) -> Result<PathBuf, String> {
     let mut command = Command::new("ffmpeg");
     command.args(["-nostdin", "-loglevel", "error", "-y", "-framerate", &fps.to_string(), "-start_number", "0", "-i"]);
     command.arg(folder.join("picture_%04d.png"));
-    // Players want 4:2:0, which has no odd sizes.
-    command.args(["-frames:v", &frames.to_string(), "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2", "-pix_fmt", "yuv420p"]);
+    command.args(["-frames:v", &frames.to_string(), "-vf", FILTER, "-pix_fmt", "yuv420p"]);
     let done = command.arg(&part).stdin(Stdio::null()).output().map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => "ffmpeg is not on PATH".to_owned(),
         _ => format!("ffmpeg cannot be started: {e}"),

@@ -10,20 +10,15 @@ use serde::Serialize;
 use super::args::Run;
 use super::load::Pictures;
 use super::progress::FrameProgress;
-use super::report::{self, Row};
+use super::report::{self, Head, Row};
 use super::run::{backend_of, engine_options, exit, results, stop_on_ctrl_c, tell_errors};
 use super::{Exit, Trouble, engine, film, terminal, write};
 
 /// report.json of a sequence.
 #[derive(Serialize)]
 struct Report<'a> {
-    relight: &'static str,
-    graph: String,
-    edit: String,
-    seconds: f64,
-    peak_bytes: Option<u64>,
-    backend: Option<String>,
-    threads: usize,
+    #[serde(flatten)]
+    head: Head,
     frames: Vec<FrameRow<'a>>,
     film: Option<String>,
     warnings: Vec<String>,
@@ -130,7 +125,7 @@ fn tell(args: &Run, pictures: &Pictures, all: &[Done], threads: usize, began: In
         }
     }
     let choice = backend_of(args, &all[0].report)?;
-    let seconds = began.elapsed().as_secs_f64();
+    let backend = choice.as_ref().map(|choice| choice.backend.to_string());
     let frames = all.iter().map(|done| FrameRow {
         frame: done.number,
         seconds: done.seconds,
@@ -140,18 +135,12 @@ fn tell(args: &Run, pictures: &Pictures, all: &[Done], threads: usize, began: In
         nodes: report::rows(&done.report).filter(|row| row.status != Status::Hit).collect(),
     });
     let report = Report {
-        relight: env!("CARGO_PKG_VERSION"),
-        graph: args.graph.display().to_string(),
-        edit: args.edit.display().to_string(),
-        seconds,
-        peak_bytes: report::peak_bytes(),
-        backend: choice.as_ref().map(|choice| choice.backend.to_string()),
-        threads,
+        head: Head::new(&args.graph, &args.edit, began, backend, threads),
         frames: frames.collect(),
         film,
         warnings,
     };
-    let json = serde_json::to_string_pretty(&report).expect("a report holds text and numbers only") + "\n";
+    let json = report::text(&report);
     if !args.verify {
         paths.push(write::file(&args.out, "report.json", json.as_bytes())?);
     }
@@ -162,7 +151,7 @@ fn tell(args: &Run, pictures: &Pictures, all: &[Done], threads: usize, began: In
         eprintln!("error: {what}: made again in frame {}, it came out differently", done.number);
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
-    eprintln!("{made} of {} frames in {seconds:.2} s", pictures.frames.len());
+    eprintln!("{made} of {} frames in {:.2} s", pictures.frames.len(), report.head.seconds);
     if last.report.cancelled() {
         eprintln!("stopped in frame {}; the same command goes on there", last.number);
     }

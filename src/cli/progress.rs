@@ -6,8 +6,6 @@ use std::time::Duration;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use relight::graph::{NodeReport, Observer, Status};
 
-use super::report::word;
-
 /// How often the time left is drawn anew while nothing happens.
 const TICK: Duration = Duration::from_millis(200);
 
@@ -176,8 +174,8 @@ impl Observer for FrameProgress {
 /// A node that is done.
 fn line(report: &NodeReport) -> String {
     match &report.error {
-        Some(error) => format!("{:9} {}: {error}", word(report.status), report.name),
-        None => format!("{:9} {} ({:.3} s)", word(report.status), report.name, report.seconds),
+        Some(error) => format!("{:9} {}: {error}", report.status, report.name),
+        None => format!("{:9} {} ({:.3} s)", report.status, report.name, report.seconds),
     }
 }
 

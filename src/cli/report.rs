@@ -1,20 +1,43 @@
 //! What a run tells: the table on standard error, and report.json.
 
 use std::path::Path;
+use std::time::Instant;
 
 use relight::graph::{Graph, NodeReport, RunReport, Status};
 use serde::Serialize;
 
+/// What every report.json begins with.
 #[derive(Serialize)]
-struct Report<'a> {
+pub struct Head {
     relight: &'static str,
     graph: String,
     edit: String,
-    seconds: f64,
+    /// Wall time since the program began.
+    pub seconds: f64,
     peak_bytes: Option<u64>,
     /// Who computed the networks; nobody where there are none.
-    backend: Option<&'a str>,
+    backend: Option<String>,
     threads: usize,
+}
+
+impl Head {
+    pub fn new(graph: &Path, edit: &Path, began: Instant, backend: Option<String>, threads: usize) -> Head {
+        Head {
+            relight: env!("CARGO_PKG_VERSION"),
+            graph: graph.display().to_string(),
+            edit: edit.display().to_string(),
+            seconds: began.elapsed().as_secs_f64(),
+            peak_bytes: peak_bytes(),
+            backend,
+            threads,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    head: &'a Head,
     nodes: Vec<Row<'a>>,
     warnings: &'a [String],
 }
@@ -38,16 +61,6 @@ pub struct Row<'a> {
     from: Option<Vec<&'a str>>,
 }
 
-/// What the run report cannot know.
-pub struct Process<'a> {
-    pub graph: &'a Path,
-    pub edit: &'a Path,
-    /// Wall time since the program began.
-    pub seconds: f64,
-    pub backend: Option<&'a str>,
-    pub threads: usize,
-}
-
 /// The nodes of a run.
 pub fn rows(run: &RunReport) -> impl Iterator<Item = Row<'_>> {
     run.nodes.iter().map(|node| Row {
@@ -66,22 +79,15 @@ pub fn rows(run: &RunReport) -> impl Iterator<Item = Row<'_>> {
     })
 }
 
-/// report.json as text.
-pub fn json(graph: &Graph, run: &RunReport, warnings: &[String], process: &Process) -> String {
-    let report = Report {
-        relight: env!("CARGO_PKG_VERSION"),
-        graph: process.graph.display().to_string(),
-        edit: process.edit.display().to_string(),
-        seconds: process.seconds,
-        peak_bytes: peak_bytes(),
-        backend: process.backend,
-        threads: process.threads,
-        nodes: rows(run).map(|row| Row { from: Some(graph.takes_from(row.name)), ..row }).collect(),
-        warnings,
-    };
-    let mut text = serde_json::to_string_pretty(&report).expect("a report holds text and numbers only");
-    text.push('\n');
-    text
+/// report.json of one picture.
+pub fn json(head: &Head, graph: &Graph, run: &RunReport, warnings: &[String]) -> String {
+    let nodes = rows(run).map(|row| Row { from: Some(graph.takes_from(row.name)), ..row }).collect();
+    text(&Report { head, nodes, warnings })
+}
+
+/// A report as it is written.
+pub fn text(report: &impl Serialize) -> String {
+    serde_json::to_string_pretty(report).expect("a report holds text and numbers only") + "\n"
 }
 
 /// All warnings of a run, each after the name of its node.
@@ -110,7 +116,7 @@ fn measures(node: &NodeReport) -> String {
     let rays = if node.rays > 0 { node.rays.to_string() } else { "-".into() };
     let stderr = node.stderr.map_or("-".into(), |e| format!("{:.2} %", 100.0 * e));
     let samples = node.samples.map_or("-".into(), |samples| format!("{samples:.1}"));
-    format!("{:9} {seconds:>9} {memory:>8} {rays:>12} {samples:>8} {stderr:>10}", word(node.status))
+    format!("{:9} {seconds:>9} {memory:>8} {rays:>12} {samples:>8} {stderr:>10}", node.status)
 }
 
 /// The one line that sums a run up.
@@ -118,24 +124,14 @@ pub fn summary(run: &RunReport, seconds: f64) -> String {
     let statuses = [Status::Hit, Status::Ran, Status::Failed, Status::Blocked, Status::Cancelled];
     let counts = statuses.into_iter().filter_map(|status| {
         let count = run.nodes.iter().filter(|node| node.status == status).count();
-        (count > 0).then(|| format!("{count} {}", word(status)))
+        (count > 0).then(|| format!("{count} {status}"))
     });
     let counts: Vec<String> = counts.collect();
     format!("{} in {seconds:.2} s", if counts.is_empty() { "nothing to do".into() } else { counts.join(", ") })
 }
 
-pub fn word(status: Status) -> &'static str {
-    match status {
-        Status::Hit => "hit",
-        Status::Ran => "ran",
-        Status::Failed => "failed",
-        Status::Blocked => "blocked",
-        Status::Cancelled => "cancelled",
-    }
-}
-
 /// The largest resident memory of this process, where the system tells it.
-pub fn peak_bytes() -> Option<u64> {
+fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;

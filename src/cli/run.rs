@@ -46,15 +46,8 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     let choice = backend_of(args, &done)?;
     let backend = choice.as_ref().map(|choice| choice.backend.to_string());
 
-    let seconds = began.elapsed().as_secs_f64();
-    let process = report::Process {
-        graph: &args.graph,
-        edit: &args.edit,
-        seconds,
-        backend: backend.as_deref(),
-        threads: engine.threads(),
-    };
-    let json = report::json(&graph, &done, &warnings, &process);
+    let head = report::Head::new(&args.graph, &args.edit, began, backend, engine.threads());
+    let json = report::json(&head, &graph, &done, &warnings);
     if !args.verify {
         paths.push(write::file(&args.out, "report.json", json.as_bytes())?);
     }
@@ -71,7 +64,7 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     for difference in &differences {
         eprintln!("error: {}.{}: made again, it came out differently", difference.node, difference.port);
     }
-    eprintln!("{}", report::summary(&done, seconds));
+    eprintln!("{}", report::summary(&done, head.seconds));
     if args.json {
         write::print(&json)?;
     } else {
