@@ -117,7 +117,7 @@ mod tests {
         let clipped = Mask(Plane::filled(w, h, 0.0));
         let evidence = Evidence::at(&photo, &clipped, &segments, &pixels, 0).over(paint.pixels());
         let layers = [&left, &right].map(|layer| layer.map(Vec3::splat).into_pixels());
-        let columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect();
+        let columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0, pull: 0.0 }).collect();
         let ones = vec![Vec3::ONE; pixels.len()];
         let fit = fit_radiances(&evidence, &columns, 200).with_albedo_of(&evidence.segment, &ones);
         for (got, wanted) in fit.radiance.iter().zip(wanted) {

@@ -24,6 +24,9 @@ pub struct Column<'a> {
     /// Cost of explaining the whole photo by this column, as a share of the photo's weighted energy; 0 for a light that is
     /// seen.
     pub penalty: f64,
+    /// Weight of the guess that it gives as much as each other column, as a share of the photo's weighted energy: it decides what
+    /// the photo leaves open, and weighs against what the photo hardly tells.
+    pub pull: f64,
 }
 
 /// What a fit found, and how it went.
@@ -179,6 +182,9 @@ fn spare(evidence: &Evidence) -> usize {
 pub(super) struct Problem<'a> {
     evidence: &'a Evidence,
     penalty: Vec<f64>,
+    pull: Vec<f64>,
+    /// What each column gives that is pulled, when all give alike.
+    even: f64,
     /// Per channel and pixel.
     photo: [Vec<f64>; 3],
     /// What a pixel counts before the Cauchy weight.
@@ -200,6 +206,8 @@ impl<'a> Problem<'a> {
         Problem {
             evidence,
             penalty: columns.iter().map(|c| c.penalty).collect(),
+            pull: columns.iter().map(|c| c.pull).collect(),
+            even: 1.0 / columns.iter().zip(scale).filter(|(c, s)| c.pull > 0.0 && **s > 0.0).count().max(1) as f64,
             weight: photo.each_ref().map(|photo| photo.iter().map(|i| i.sqrt() / (i + 0.05).powi(2)).collect()),
             photo,
             mean: layer
@@ -235,6 +243,8 @@ impl<'a> Problem<'a> {
             for i in 0..k {
                 b[i] += INERTIA * gram[i * k + i] * w[i][c];
                 gram[i * k + i] *= 1.0 + INERTIA;
+                b[i] += gauge * self.pull[i] * self.even;
+                gram[i * k + i] += gauge * self.pull[i];
                 right[c * k + i] = b[i];
                 all[(c * k + i) * size + c * k..][..k].copy_from_slice(&gram[i * k..][..k]);
             }
@@ -433,7 +443,7 @@ mod tests {
     }
 
     fn columns<'a>(layers: &[&'a [Vec3]]) -> Vec<Column<'a>> {
-        layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect()
+        layers.iter().map(|layer| Column { layer, penalty: 0.0, pull: 0.0 }).collect()
     }
 
     #[test]
@@ -446,6 +456,30 @@ mod tests {
         // The second light is 0.3 off the line of likely colours in log(r / g); the pull draws it half of the way.
         assert!(((ratio - truth) / truth).abs().max_element() < 0.2, "{ratio} against {truth}");
         assert!(fit.loss < 1e-2, "loss {}", fit.loss);
+    }
+
+    #[test]
+    fn what_the_photo_leaves_open_is_shared_evenly_and_what_it_tells_stays() {
+        let (evidence, left, right) = row();
+        // Even inside each segment, so that its albedos take all of it up.
+        let open: Vec<Vec3> = (0..400).map(|i| Vec3::splat([0.2, 1.0, 3.0, 0.5][i / 100])).collect();
+        let mean = |layer: &[Vec3]| layer.iter().map(|v| v.y).sum::<f32>() / 400.0;
+        let shares = |pull: f64, penalty: f64| {
+            let mut columns = columns(&[&left, &right, &open]);
+            columns.iter_mut().for_each(|c| c.pull = pull);
+            columns[2].penalty = penalty;
+            let fit = fit_radiances(&evidence, &columns, 200);
+            let gives: Vec<f32> =
+                fit.radiance.iter().zip([&left, &right, &open]).map(|(w, layer)| w.y * mean(layer)).collect();
+            let all: f32 = gives.iter().sum();
+            [gives[1] / gives[0], gives[2] / all]
+        };
+        let ([ratio, nothing], [pulled, share]) = (shares(0.0, 1e-3), shares(3e-3, 1e-3));
+        assert!(nothing < 1e-3 && (share - 1.0 / 3.0).abs() < 0.15, "share {nothing}, pulled {share}");
+        assert!((pulled / ratio - 1.0).abs() < 0.3, "{pulled} against {ratio}");
+        // A heavier guess weighs against what the photo tells.
+        let [heavy, _] = shares(0.03, 1e-3);
+        assert!(heavy > pulled && heavy < 1.0, "{heavy}");
     }
 
     #[test]

@@ -288,8 +288,8 @@ impl Fit<'_> {
     fn problem(&self, columns: &[Vec<Vec3>]) -> (Problem<'_>, Vec<f64>) {
         let penalties = self.lights.iter().flat_map(|light| light.penalty.iter().copied());
         let mut all: Vec<Column> =
-            columns.iter().zip(penalties).map(|(layer, penalty)| Column { layer, penalty }).collect();
-        all.push(Column { layer: &self.receivers.ambient, penalty: self.search.ambient_penalty });
+            columns.iter().zip(penalties).map(|(layer, penalty)| Column { layer, penalty, pull: 0.0 }).collect();
+        all.push(Column { layer: &self.receivers.ambient, penalty: self.search.ambient_penalty, pull: 0.0 });
         let scale = scales(&all);
         let evidence = &self.receivers.evidence;
         (Problem::new(evidence, &all, &scale, f64::from(evidence.white)), scale)

@@ -39,7 +39,7 @@ impl Row {
     }
 
     fn columns(&self) -> Vec<Column<'_>> {
-        self.layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect()
+        self.layers.iter().map(|layer| Column { layer, penalty: 0.0, pull: 0.0 }).collect()
     }
 
     fn fit(&self) -> RadianceFit {

@@ -21,6 +21,8 @@ params! {
     pub struct FitLights {
         /// Most rounds of the fit; it ends when no light changes by more than 1e-4 of itself. With 0 all lights give the same in the mean.
         turns: usize = 200,
+        /// Weight of the guess that all lights give alike, as a share of the photo's energy: what decides where the photo does not.
+        prior: f64 = 0.03,
         /// Cost of the rest, as a share of the photo's energy.
         rest_cost: f64 = 0.01,
         /// Cost of lights out of view.
@@ -74,7 +76,7 @@ ports! {
 
 impl Node for FitLights {
     const KIND: &'static str = "FitLights";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = FitLightsIn;
     type Out = FitLightsOut;
 
@@ -82,9 +84,12 @@ impl Node for FitLights {
         if self.turns > 10_000 {
             return Err(format!("turns: wanted 0..=10000, got {}", self.turns));
         }
-        for (name, value) in
-            [("rest_cost", self.rest_cost), ("invisible_cost", self.invisible_cost), ("sun_cost", self.sun_cost)]
-        {
+        for (name, value) in [
+            ("prior", self.prior),
+            ("rest_cost", self.rest_cost),
+            ("invisible_cost", self.invisible_cost),
+            ("sun_cost", self.sun_cost),
+        ] {
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(format!("{name}: wanted a number >= 0, got {value}"));
             }
@@ -122,7 +127,10 @@ impl Node for FitLights {
         }
         names.push("the rest".into());
         layers.push((pixels.iter().map(|&p| ambient.pixels()[p]).collect(), self.rest_cost));
-        let columns: Vec<Column> = layers.iter().map(|(layer, cost)| Column { layer, penalty: *cost }).collect();
+        let mut columns: Vec<Column> =
+            layers.iter().map(|(layer, cost)| Column { layer, penalty: *cost, pull: self.prior }).collect();
+        // Nobody expects light that no light explains.
+        columns.last_mut().expect("the rest is one").pull = 0.0;
         let before: Vec<Vec3> = match self.keep_albedo {
             true => vec![Vec3::ONE; pixels.len()],
             false => pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect(),

@@ -278,8 +278,8 @@ impl<'a> Scout<'a> {
 
     /// How badly these layers and the ambient explain the photo: the mean misfit, and what they leave to the ambient.
     fn loss(&self, layers: &[&[Vec3]], turns: usize) -> f64 {
-        let mut columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0 }).collect();
-        columns.push(Column { layer: &self.receivers.ambient, penalty: self.node.ambient_cost });
+        let mut columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0, pull: 0.0 }).collect();
+        columns.push(Column { layer: &self.receivers.ambient, penalty: self.node.ambient_cost, pull: 0.0 });
         let fit = fit_radiances(&self.receivers.evidence, &columns, turns);
         let share =
             |(column, w): (&Column, &Vec3)| -> f64 { column.layer.iter().map(|&u| f64::from(luminance(u * *w))).sum() };
