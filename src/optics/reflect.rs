@@ -275,8 +275,8 @@ fn seen(surround: &Surround, (at, direction): (Vec3, Vec3), pixel: u32) -> Optio
     }
     let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
     let (w, h) = objects.cover.size();
-    let shown =
-        u < w && v < h && objects.cover.get(u, v) > 0.5 && (objects.depth.get(u, v) + at.z).abs() < 0.02 * -at.z;
+    // Of a side that the camera does not see, the one before it stands.
+    let shown = u < w && v < h && objects.cover.get(u, v) > 0.5 && objects.depth.get(u, v) < 1.02 * -at.z;
     shown.then(|| (camera.width * camera.height + v * w + u) as u32)
 }
 

@@ -138,7 +138,7 @@ struct Emitter {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = ComposeIn;
     type Out = ComposeOut;
 
@@ -280,13 +280,22 @@ impl Compose {
             let light = inputs.zone.iter().any(|(_, zone)| zone.0.pixels()[i] >= 1.0);
             if light { 0.0 } else { before.iter().map(|light| 1.0 - light.0.pixels()[i]).product::<f32>() }
         };
+        // Bodies with what they reflect themselves, of the room without polish.
+        let reflected = inputs.reflected.iter().next().filter(|_| !shown.is_empty());
+        let mirror = reflected.map(|(_, of)| self.mirror(of, inputs, names, planes)).transpose()?;
+        let bodies = shown.iter().zip(planes.iter()).enumerate().map(|(layer, (shown, plane))| {
+            let shown = shown.0.pixels();
+            let reflects = |i| mirror.as_ref().map_or(Vec3::ZERO, |m| m.shows(i, layer, plane, |i| shown[i]));
+            (0..shown.len()).into_par_iter().with_min_len(1024).map(|i| shown[i] + reflects(i)).collect()
+        });
+        let bodies: Vec<Vec<Vec3>> = bodies.collect();
         let mut changes: Vec<Vec<(u32, Vec3)>> = vec![Vec::new(); planes.len()];
         for part in &polish.0 {
             let mirror = self.mirror(&part.of, inputs, names, planes)?;
             let (small, depth) = part.reduced(&inputs.photo, &inputs.full_depth);
             let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &small, &depth);
             for (layer, plane) in planes.iter().enumerate() {
-                let object = |i: usize| shown[layer].0.pixels()[i];
+                let object = |i: usize| bodies[layer][i];
                 changes[layer].extend(part.adds(&mirror, &upsampler, layer, plane, object));
             }
         }

@@ -52,7 +52,7 @@ ports! {
 
 impl Node for InsertSpecular {
     const KIND: &'static str = "InsertSpecular";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = InsertSpecularIn;
     type Out = InsertSpecularOut;
 

@@ -59,7 +59,7 @@ ports! {
 
 impl Node for PaintSpecular {
     const KIND: &'static str = "PaintSpecular";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = PaintSpecularIn;
     type Out = PaintSpecularOut;
 
