@@ -295,13 +295,18 @@ impl Flat {
         let label = self.label.pixels()[i].map(usize::from);
         let on_plane = label.and_then(|label| Some((label, self.planes[label].meet(point)?)));
         match on_plane {
-            Some((label, point)) => {
-                Face { point, normal: self.planes[label].normal, albedo: Vec3::ZERO, gloss, plane: Some(label) }
-            }
+            Some((label, point)) => Face {
+                point,
+                normal: self.planes[label].normal,
+                albedo: Vec3::ZERO,
+                gloss,
+                plane: Some(label),
+                bend: None,
+            },
             None => {
                 let normal = self.normal.pixels()[i];
                 let point = point + normal * seen.mesh.offset(point);
-                Face { point, normal, albedo: Vec3::ZERO, gloss, plane: None }
+                Face { point, normal, albedo: Vec3::ZERO, gloss, plane: None, bend: None }
             }
         }
     }

@@ -55,7 +55,34 @@ pub struct Face {
     pub gloss: Vec3,
     /// Which of the surround's planes it lies in, where it is part of the seen room.
     pub plane: Option<usize>,
+    /// What changes across its pixel, where it bends within it.
+    pub bend: Option<Bend>,
 }
+
+/// By how much the place and the normal of a face change from one side of its pixel to the other: to the right, and down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bend {
+    /// Where in the pixel the face itself is, 0..1 along each side.
+    pub at: [f32; 2],
+    pub point: [Vec3; 2],
+    pub normal: [Vec3; 2],
+}
+
+impl Face {
+    /// The surface at a place of its pixel, 0..1 along each side; `None` where it reflects nothing.
+    fn surface(&self, [u, v]: [f64; 2]) -> Option<Ggx> {
+        let (mut point, mut normal) = (self.point, self.normal);
+        if let Some(bend) = &self.bend {
+            let (u, v) = (u as f32 - bend.at[0], v as f32 - bend.at[1]);
+            point += u * bend.point[0] + v * bend.point[1];
+            normal = (normal + u * bend.normal[0] + v * bend.normal[1]).normalize_or(normal);
+        }
+        Ggx::new(normal, -point.normalize_or(Vec3::NEG_Z), self.albedo, self.gloss)
+    }
+}
+
+/// Rays of a mirror that bends within a pixel: one would show a jagged rim.
+const MIRRORED: usize = 16;
 
 /// The room around the places.
 pub struct Surround<'a> {
@@ -98,6 +125,8 @@ const MOST_SKIPPED: usize = 16;
 
 /// A reflection of a light of unit radiance that is less than this is not asked for.
 const LEAST_SEEN: f32 = 1e-6;
+/// The stream of places within a pixel, beyond those of lights.
+const WITHIN: u32 = u32::MAX;
 /// Most rays of all pixels together.
 const MOST_RAYS: usize = 4_000_000;
 
@@ -127,12 +156,23 @@ pub fn reflections(
         };
         let Some(face) = face(i) else { return out };
         let (point, normal) = (face.point, face.normal);
-        let view = -point.normalize_or(Vec3::NEG_Z);
-        let Some(surface) = Ggx::new(normal, view, face.albedo, face.gloss) else { return out };
-        let count = if surface.is_mirror() { 1 } else { rays };
+        let Some(middle) = face.surface([0.5; 2]) else { return out };
+        let count = match (middle.is_mirror(), face.bend) {
+            (true, None) => 1,
+            (true, Some(_)) => rays.min(MIRRORED),
+            (false, _) => rays,
+        };
         let part = 1.0 / count as f32;
         let points = Points2::new(seed, i as u32, 0);
+        // Each ray from a place of its own within the pixel; one that is turned away counts as the middle.
+        let surfaces: Vec<Ggx> = if face.bend.is_some() {
+            let within = Points2::new(seed, i as u32, WITHIN);
+            (0..count).map(|ray| face.surface(within.get(ray)).unwrap_or(middle)).collect()
+        } else {
+            vec![middle]
+        };
         for ray in 0..count {
+            let surface = &surfaces[ray % surfaces.len()];
             let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
             let weight = weight * part;
             let hit = surround.closest(&face, direction);
@@ -147,7 +187,7 @@ pub fn reflections(
                 if body.meet_from(point, direction).is_some_and(|t| t < end) {
                     light_met = true;
                     for lobe in 0..emitter.lobes() {
-                        let s = by_rays(shape, lobe, point, &surface)(direction);
+                        let s = by_rays(shape, lobe, point, surface)(direction);
                         out.lights[first + lobe] += weight * shape.shown(lobe, direction) * s;
                     }
                 }
@@ -169,14 +209,14 @@ pub fn reflections(
         let mut first = 0;
         for (light, ((_, shape), emitter)) in lights.iter().zip(&emitters).enumerate() {
             for lobe in 0..emitter.lobes() {
-                let by_rays = by_rays(shape, lobe, point, &surface);
+                let by_rays: Vec<_> = surfaces.iter().map(|surface| by_rays(shape, lobe, point, surface)).collect();
                 let Some(seen) = emitter.seen(lobe, point, normal) else { continue };
                 let points = Points2::new(seed, i as u32, 1 + (3 * light + lobe) as u32);
                 let samples = count.max(8);
-                for sample in (0..samples).filter_map(|k| seen.sample(&points, k)) {
+                for (k, sample) in (0..samples).filter_map(|k| Some((k % surfaces.len(), seen.sample(&points, k)?))) {
                     let direction = (sample.place - point).normalize_or_zero();
-                    let part = (1.0 - by_rays(direction)) * std::f32::consts::PI * sample.part;
-                    let value = surface.value(direction) * part;
+                    let part = (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.part;
+                    let value = surfaces[k].value(direction) * part;
                     if value.max_element() < LEAST_SEEN {
                         continue;
                     }
@@ -261,7 +301,38 @@ pub fn object_face(objects: &Objects, camera: &Camera, i: usize) -> Option<Face>
         // Half a pixel's footprint above the surface, which is flat between pixels here only.
         camera.pixel_point(objects.left + x, objects.top + y, z) + normal * (0.5 * z / camera.fx)
     };
-    Some(Face { point, normal, albedo: objects.albedo.get(x, y), gloss: objects.gloss.get(x, y), plane: None })
+    Some(Face {
+        point,
+        normal,
+        albedo: objects.albedo.get(x, y),
+        gloss: objects.gloss.get(x, y),
+        plane: None,
+        bend: Some(bend(objects, camera, (x, y))),
+    })
+}
+
+/// How place and normal change across a covered pixel: by the camera, and by the pixels beside it that show the same surface.
+fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> Bend {
+    let (w, h) = objects.cover.size();
+    let (z, normal) = (objects.depth.get(x, y), objects.normal.get(x, y));
+    let beside = |dx: isize, dy: isize| {
+        let (x, y) = (x.checked_add_signed(dx).filter(|x| *x < w)?, y.checked_add_signed(dy).filter(|y| *y < h)?);
+        let other = objects.normal.get(x, y);
+        let alike =
+            objects.cover.get(x, y) > 0.0 && (objects.depth.get(x, y) - z).abs() < 0.05 * z && other.dot(normal) > 0.5;
+        alike.then_some(other)
+    };
+    let change = |dx: isize, dy: isize| match (beside(-dx, -dy), beside(dx, dy)) {
+        (Some(before), Some(after)) => 0.5 * (after - before),
+        (Some(before), None) => normal - before,
+        (None, Some(after)) => after - normal,
+        (None, None) => Vec3::ZERO,
+    };
+    // The ray that met it nearest to the middle of the pixel is seldom in the middle.
+    let own = (objects.step == 1).then(|| camera.project(objects.points.get(x, y))).flatten();
+    let at = own.map_or([0.5; 2], |p| [p.x - (objects.left + x) as f32, p.y - (objects.top + y) as f32]);
+    let at = at.map(|at| at.clamp(0.0, 1.0));
+    Bend { at, point: [Vec3::X * (z / camera.fx), Vec3::NEG_Y * (z / camera.fy)], normal: [change(1, 0), change(0, 1)] }
 }
 
 /// The pixel that shows what a ray meets: of the photo, or after all of them of the objects.
@@ -324,17 +395,22 @@ mod tests {
 
     /// A ball of this roughness, of white metal, before a wall at 4 m; with what it reflects under a lamp.
     fn ball(roughness: f32, lamp: Shape) -> (Objects, Reflections) {
-        let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
-        let points = Points(Plane::from_fn(SIZE.0, SIZE.1, |x, y| camera.pixel_point(x, y, 4.0)));
-        let normal = Normal(Plane::filled(SIZE.0, SIZE.1, Vec3::Z));
+        seen_ball(SIZE, roughness, lamp, true)
+    }
+
+    /// The same in a picture of this size; each pixel with its bend or without.
+    fn seen_ball(size: (usize, usize), roughness: f32, lamp: Shape, bent: bool) -> (Objects, Reflections) {
+        let camera = Camera::from_fov_x(size.0, size.1, 60.0);
+        let points = Points(Plane::from_fn(size.0, size.1, |x, y| camera.pixel_point(x, y, 4.0)));
+        let normal = Normal(Plane::filled(size.0, size.1, Vec3::Z));
         let material = Material { albedo: Vec3::ONE, roughness, specular: 0.5, metallic: 1.0 };
         let center = Vec3::new(0.0, 0.0, -2.0);
         let bodies = [Body::placed(Model::sphere(), Some(material), Mat3::IDENTITY, 0.5, Vec3::ZERO, center)];
         let (solid, materials) = Bodies::new(&bodies, 100);
-        let depth = Depth(Plane::filled(SIZE.0, SIZE.1, 4.0));
+        let depth = Depth(Plane::filled(size.0, size.1, 4.0));
         let drawing = Drawing { supersampling: 2, most: 100_000 };
         let objects = draw(&bodies, (&solid, &materials), &camera, &depth, |_| 0.0, drawing);
-        let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(SIZE.0, SIZE.1, false)).with_bodies(solid);
+        let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(size.0, size.1, false)).with_bodies(solid);
         let surround = Surround {
             mesh: &mesh,
             objects: &objects,
@@ -345,7 +421,10 @@ mod tests {
             lighting: None,
             planes: &[],
         };
-        let face = |i: usize| object_face(&objects, &camera, i);
+        let face = |i: usize| {
+            let face = object_face(&objects, &camera, i)?;
+            Some(Face { bend: face.bend.filter(|_| bent), ..face })
+        };
         let (reflected, _) = reflections(objects.cover.size(), face, &surround, &[("lamp".into(), lamp)], 64, 1);
         (objects, reflected)
     }
@@ -371,12 +450,40 @@ mod tests {
     #[test]
     fn a_lamp_behind_the_camera_is_seen_in_a_mirror_and_blurred_in_a_rough_ball() {
         let lamp = |radius: f32| Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, 2.0), radius });
-        let mirror = middle(&ball(0.0, lamp(0.3)), Vec3::ZERO, 7.0);
+        let mirror = middle(&ball(0.0, lamp(0.8)), Vec3::ZERO, 7.0);
         assert!((mirror - 7.0).abs().max_element() < 0.2, "{mirror}");
         // Head on: f = D(1) F G / 4 with D(1) = 1 / (pi a^2), G = F = 1, times the irradiance L (r / d)^2 pi.
         let alpha = 0.6f32 * 0.6;
         let want = 7.0 * (0.1f32 / 3.5).powi(2) / (4.0 * alpha * alpha);
         let rough = middle(&ball(0.6, lamp(0.1)), Vec3::ZERO, 7.0);
         assert!((rough / want - 1.0).abs().max_element() < 0.1, "{rough} against {want}");
+    }
+
+    /// Lamps in a mirror ball of 20 pixels, against a picture of eight times the size with one ray to a pixel, pixels inside the ball.
+    #[test]
+    fn a_mirror_ball_is_smooth() {
+        let lamp = || Shape::Lamp(Lamp::Sphere { center: Vec3::new(3.0, 2.0, -1.0), radius: 0.7 });
+        let fine = seen_ball((8 * SIZE.0, 8 * SIZE.1), 0.0, lamp(), false);
+        let shown = |(objects, of): &(Objects, Reflections), x: usize, y: usize| {
+            let at = |v: usize, first: usize| v.checked_sub(first);
+            let (u, v) = (at(x, objects.left)?, at(y, objects.top)?);
+            let (w, h) = objects.cover.size();
+            let inside = u < w && v < h && objects.cover.get(u, v) >= 1.0;
+            inside.then(|| of.lights[0].1[0].get(u, v).x)
+        };
+        let error = |bent: bool| {
+            let ball = seen_ball(SIZE, 0.0, lamp(), bent);
+            let (mut off, mut all) = (0.0, 0.0);
+            for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
+                let within = (0..64).map(|i| shown(&fine, 8 * x + i % 8, 8 * y + i / 8));
+                let Some((got, wanted)) = shown(&ball, x, y).zip(within.sum::<Option<f32>>()) else { continue };
+                off += (got - wanted / 64.0).abs();
+                all += wanted / 64.0;
+            }
+            assert!(all > 2.0, "the lamp is seen in the ball: {all}");
+            off / all
+        };
+        let [jagged, smooth] = [false, true].map(error);
+        assert!(smooth < 0.5 * jagged && smooth < 0.15, "{smooth} of the lamp's light is off, {jagged} with one ray");
     }
 }

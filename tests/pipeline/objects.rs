@@ -180,6 +180,27 @@ fn insert_object_changes_the_table_and_leaves_the_ceiling() {
     assert!(change(186, 177) < -1.5, "beside the ball the table gets less light: {}", change(186, 177));
 }
 
+/// A ball before a wall that is painted in the same edit: the wall is as without the ball up to its edge, and its red comes to the ball.
+#[test]
+fn a_painted_wall_colours_the_ball_before_it() {
+    let paint = r##"materials: [ Paint(region: Grow(125, 70), albedo: Srgb("#b02020")) ]"##;
+    let ball = "objects: [ Sphere(radius: 0.25, at: Point(-0.75, 0.1, -4.2)) ]";
+    let picture = |edit: &str| {
+        let graph = physics(&demo(), &format!("Edit(version: 1, {edit})"));
+        png(&written(&run(shared_engine(), &graph, &[]), "picture.png"))
+    };
+    let [painted, object, both] = [paint.to_owned(), ball.to_owned(), format!("{paint}, {ball}")].map(|e| picture(&e));
+    let mean = |of: &image::RgbImage, x: u32, y: u32| {
+        let around = || (y - 1..y + 2).flat_map(|y| (x - 1..x + 2).map(move |x| (x, y)));
+        [0, 1, 2].map(|c| around().map(|(x, y)| f64::from(of.get_pixel(x, y).0[c])).sum::<f64>() / 9.0)
+    };
+    let (wall, shown) = (mean(&painted, 135, 113), mean(&both, 135, 113));
+    let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
+    assert!(apart(wall, shown) < 3.0 && apart(shown, mean(&object, 135, 113)) > 50.0, "{wall:?} {shown:?}");
+    let reddish = |of: &image::RgbImage| mean(of, 113, 113)[0] / mean(of, 113, 113)[1];
+    assert!(reddish(&both) > 1.015 * reddish(&object), "{} {}", reddish(&both), reddish(&object));
+}
+
 /// The balls that ship: one shows bright window and dark furniture side by side, the other a light on its red; what is far from them stays.
 #[test]
 fn mirror_shows_the_room() {

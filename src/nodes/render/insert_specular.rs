@@ -15,7 +15,7 @@ params! {
     /// Where it leaves the seen room, the network's lighting is shown if there is any, split by what each light gives to the
     /// room, else an even surround.
     pub struct InsertSpecular {
-        /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes one, and in all there are up to 4 million.
+        /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes up to 16, and in all there are up to 4 million.
         rays: u32 = 32,
         /// Another seed gives other noise.
         seed: u64 = 0,
@@ -52,7 +52,7 @@ ports! {
 
 impl Node for InsertSpecular {
     const KIND: &'static str = "InsertSpecular";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = InsertSpecularIn;
     type Out = InsertSpecularOut;
 
