@@ -200,7 +200,8 @@ impl<S: Simd> Slabs<S> {
         let zero = f32x8::splat(simd, 0.0);
         let mut slabs = Slabs { simd, side: [0; 3], near: [zero; 3], far: [zero; 3], inverse: [zero; 3] };
         for axis in 0..3 {
-            let backwards = direction[axis] < 0.0;
+            // Of minus zero, too: its inverse is negative.
+            let backwards = direction[axis].is_sign_negative();
             let slack = if backwards { -slack } else { slack };
             slabs.side[axis] = usize::from(backwards);
             slabs.near[axis] = f32x8::splat(simd, origin[axis] + slack);

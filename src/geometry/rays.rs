@@ -364,6 +364,19 @@ mod tests {
     }
 
     #[test]
+    fn minus_zero_is_zero() {
+        let triangles: Triangles = vec![([Vec3::ZERO, Vec3::X, Vec3::Y], 0), ([Vec3::Z, Vec3::X, Vec3::splat(9.0)], 1)];
+        let mesh = RayMesh::new(triangles.iter().copied());
+        let from = Vec3::new(0.2, 0.2, 1.5);
+        let plain = mesh.closest(from, Vec3::NEG_Z);
+        assert!(plain.is_some());
+        for direction in [-Vec3::Z, Vec3::new(-0.0, 0.0, -1.0), Vec3::new(0.0, -0.0, -1.0)] {
+            assert_eq!(mesh.closest(from, direction), plain, "{direction:?}");
+            assert!(mesh.any(from, direction, 2.0, |_| true), "{direction:?}");
+        }
+    }
+
+    #[test]
     fn ten_thousand_equal_triangles_do_not_hang() {
         let triangle = [Vec3::ZERO, Vec3::X, Vec3::Y];
         let mesh = RayMesh::new((0..10_000).rev().map(|id| (triangle, id)));
