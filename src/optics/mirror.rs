@@ -5,52 +5,58 @@ use glam::{DVec3, Vec3};
 use super::reflect::{NOTHING, Reflections, UNSEEN};
 use crate::image::Plane;
 
-/// Reflections over the layers of a picture: one per light, then what no light explains.
-pub struct Mirror<'a> {
-    of: &'a Reflections,
+/// The room around what reflects it.
+#[derive(Clone, Debug)]
+pub struct Around {
     /// Number of photo pixels.
     photo: usize,
-    /// What the unseen part of the room shows, by layer.
+    /// What its unseen part shows, by layer.
     unseen: Vec<Vec3>,
     /// Each layer's share of all light.
     share: Vec<Vec3>,
-    /// The lights themselves: reflection of unit lobes, with their radiances; nothing for the last layer.
-    lights: Vec<Vec<(&'a Plane<Vec3>, Vec3)>>,
 }
 
-impl<'a> Mirror<'a> {
+impl Around {
     /// `planes` hold the layers of the room without objects, `room` the pixels that are no light. The unseen part of the room shows
-    /// `unseen` times their mean. `None` when a light of these `lights`, with their radiances, has no reflection.
-    pub fn new(
-        of: &'a Reflections,
-        planes: &[Vec<Vec3>],
-        room: &[usize],
-        lights: &[(&str, &[Vec3])],
-        unseen: f32,
-    ) -> Option<Mirror<'a>> {
+    /// `unseen` times their mean.
+    pub fn new(planes: &[Vec<Vec3>], room: &[usize], unseen: f32) -> Around {
         let mean = |plane: &Vec<Vec3>| {
             let sum = room.iter().map(|&i| plane[i].as_dvec3()).sum::<DVec3>();
             (sum / room.len().max(1) as f64).as_vec3()
         };
         let means: Vec<Vec3> = planes.iter().map(mean).collect();
         let all = means.iter().sum::<Vec3>().max(Vec3::splat(1e-12));
+        Around {
+            photo: planes.first().map_or(0, Vec::len),
+            share: means.iter().map(|&m| m / all).collect(),
+            unseen: means.iter().map(|&m| m * unseen).collect(),
+        }
+    }
+}
+
+/// Reflections over the layers of a picture: one per light, then what no light explains.
+pub struct Mirror<'a> {
+    of: &'a Reflections,
+    around: Around,
+    /// The lights themselves: reflection of unit lobes, with their radiances; nothing for the last layer.
+    lights: Vec<Vec<(&'a Plane<Vec3>, Vec3)>>,
+}
+
+impl<'a> Mirror<'a> {
+    /// `None` when a light of these `lights`, with their radiances, has no reflection.
+    pub fn new(of: &'a Reflections, around: Around, lights: &[(&str, &[Vec3])]) -> Option<Mirror<'a>> {
         let reflection = |(id, radiance): &(&str, &[Vec3])| {
             let (_, lobes) = of.lights.iter().find(|(name, _)| name == id)?;
             Some(lobes.iter().zip(radiance.iter().copied()).collect())
         };
         let mut lights: Vec<Vec<_>> = lights.iter().map(reflection).collect::<Option<_>>()?;
         lights.push(Vec::new());
-        Some(Mirror {
-            of,
-            photo: planes.first().map_or(0, Vec::len),
-            share: means.iter().map(|&m| m / all).collect(),
-            unseen: means.iter().map(|&m| m * unseen).collect(),
-            lights,
-        })
+        Some(Mirror { of, around, lights })
     }
 
     /// What pixel `i` of the objects reflects of a `layer`, whose room is `plane`, and of which the objects themselves show `object`.
     pub fn shows(&self, i: usize, layer: usize, plane: &[Vec3], object: impl Fn(usize) -> Vec3) -> Vec3 {
+        let Around { photo, unseen, share } = &self.around;
         let rays = self.of.met.width();
         let range = i * rays..(i + 1) * rays;
         let far = self.of.far.pixels()[i];
@@ -59,11 +65,11 @@ impl<'a> Mirror<'a> {
             NOTHING => Vec3::ZERO,
             // Where a network tells what is there, it is in `far`.
             UNSEEN if far != Vec3::ZERO => Vec3::ZERO,
-            UNSEEN => weight * self.unseen[layer],
-            met if (met as usize) < self.photo => weight * plane[met as usize],
-            met => weight * object(met as usize - self.photo),
+            UNSEEN => weight * unseen[layer],
+            met if (met as usize) < *photo => weight * plane[met as usize],
+            met => weight * object(met as usize - photo),
         });
         let lights = self.lights[layer].iter().map(|(lobe, w)| lobe.pixels()[i] * *w);
-        far * self.share[layer] + shown.chain(lights).sum::<Vec3>()
+        far * share[layer] + shown.chain(lights).sum::<Vec3>()
     }
 }

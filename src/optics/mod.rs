@@ -64,7 +64,7 @@ pub use indirect::{Bounces, Probed, Transport, indirect, indirect_at_receivers, 
 pub use light::{LOBES, Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
 pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
 pub use lighting::{Lighting, LocalLobe, local_frame};
-pub use mirror::Mirror;
+pub use mirror::{Around, Mirror};
 pub use model_lamp::{Silhouette, escaping};
 pub use nnls::nnls;
 pub use objects::arriving;

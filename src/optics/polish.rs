@@ -317,7 +317,7 @@ mod tests {
     use super::*;
     use crate::geometry::Objects;
     use crate::image::Roughness;
-    use crate::optics::{Ggx, Lamp, Shape, Surround, reflections};
+    use crate::optics::{Around, Ggx, Lamp, Shape, Surround, reflections};
 
     const SIZE: (usize, usize) = (80, 60);
     const FLOOR: f32 = -1.0;
@@ -379,15 +379,14 @@ mod tests {
             let photo = Picture(Plane::filled(SIZE.0, SIZE.1, Vec3::ONE));
             let mut sums = vec![Vec3::ZERO; plane.len()];
             for kind in kinds {
-                let lights = [("lamp".to_string(), lamp.clone())];
                 let face = |i: usize| Some(kind.faces[i]);
-                let (of, _) = reflections((kind.faces.len(), 1), face, &surround, &lights, 64, 1);
+                let (of, _) = reflections((kind.faces.len(), 1), face, &surround, &[("lamp", &lamp)], 64, 1);
                 let part = Part { old: kind.old, share: kind.share, rows: kind.rows, of };
                 let weights = [Vec3::splat(radiance)];
                 let layers = [plane.to_vec(), vec![Vec3::ZERO; plane.len()]];
                 let all: Vec<usize> = (0..plane.len()).collect();
-                let mirror =
-                    Mirror::new(&part.of, &layers, &all, &[("lamp", &weights)], 0.0).expect("the lamp is there");
+                let around = Around::new(&layers, &all, 0.0);
+                let mirror = Mirror::new(&part.of, around, &[("lamp", &weights)]).expect("the lamp is there");
                 let (small, depth) = part.reduced(&photo, &self.depth);
                 let upsampler = Upsampler::new(&photo, &self.depth, &small, &depth);
                 for (i, change) in part.adds(&mirror, &upsampler, 0, plane, |_| Vec3::ZERO) {

@@ -136,7 +136,7 @@ pub fn reflections(
     (w, h): (usize, usize),
     face: impl Fn(usize) -> Option<Face> + Sync,
     surround: &Surround,
-    lights: &[(String, Shape)],
+    lights: &[(&str, &Shape)],
     rays: usize,
     seed: u64,
 ) -> (Reflections, u64) {
@@ -236,7 +236,7 @@ pub fn reflections(
         let range = first..first + emitter.lobes();
         first = range.end;
         let lobe = |lobe: usize| Plane::new(w, h, pixels.iter().map(|p| p.lights[lobe]).collect());
-        (id.clone(), range.map(lobe).collect())
+        (id.to_string(), range.map(lobe).collect())
     });
     let planes = planes.collect();
     let reflections = Reflections {
@@ -389,7 +389,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Bodies, Body, Drawing, Material, Model, draw};
     use crate::image::Depth;
-    use crate::optics::{Lamp, Mirror};
+    use crate::optics::{Around, Lamp, Mirror};
 
     const SIZE: (usize, usize) = (80, 60);
 
@@ -425,7 +425,7 @@ mod tests {
             let face = object_face(&objects, &camera, i)?;
             Some(Face { bend: face.bend.filter(|_| bent), ..face })
         };
-        let (reflected, _) = reflections(objects.cover.size(), face, &surround, &[("lamp".into(), lamp)], 64, 1);
+        let (reflected, _) = reflections(objects.cover.size(), face, &surround, &[("lamp", &lamp)], 64, 1);
         (objects, reflected)
     }
 
@@ -434,7 +434,8 @@ mod tests {
         let planes = [vec![room; SIZE.0 * SIZE.1], vec![Vec3::ZERO; SIZE.0 * SIZE.1]];
         let all: Vec<usize> = (0..SIZE.0 * SIZE.1).collect();
         let weights = [Vec3::splat(radiance)];
-        let mirror = Mirror::new(of, &planes, &all, &[("lamp", &weights)], 1.0).expect("the lamp is there");
+        let mirror =
+            Mirror::new(of, Around::new(&planes, &all, 1.0), &[("lamp", &weights)]).expect("the lamp is there");
         let (w, h) = objects.cover.size();
         mirror.shows(h / 2 * w + w / 2, 0, &planes[0], |_| Vec3::ZERO)
     }

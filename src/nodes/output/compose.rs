@@ -12,6 +12,8 @@
 //! change. In the light's own pixels A is that of a shade or a pane; elsewhere I / E of the surface around, and the two ways are
 //! blended where saturation and spill begin, so that no rim shows.
 
+mod over;
+
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -24,8 +26,10 @@ use crate::image::{
     Albedo, Coated, Coats, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, clip_level, distance,
     luminance, ratio, reflected, smooth_step,
 };
-use crate::optics::{LightKind, Mirror, Polish, Radiance, Reflections, Shape};
+use crate::optics::{LightKind, Polish, Radiance, Reflections, Shape};
 use crate::{params, ports};
+
+use over::Over;
 
 /// How a picture is made from shading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -207,13 +211,14 @@ impl Node for Compose {
                 plane.extend(records.iter().skip(k).step_by(stride));
             }
         }
-        let before: Vec<&Mask> = inserted.iter().map(|(_, cover, _)| *cover).collect();
+        let lamps: Vec<&Mask> = inserted.iter().map(|(_, cover, _)| *cover).collect();
+        let over = Over { inputs: &inputs, names: &names, objects: &objects, lamps: &lamps, unseen: self.unseen };
         for (_, polish) in inputs.polish.iter() {
             ctx.check_cancelled()?;
-            self.polish(polish, &objects, &before, &inputs, &names, &mut planes)?;
+            over.polish(polish, &mut planes)?;
         }
         if !objects.is_empty() {
-            self.cover_with(&objects, &before, &inputs, &names, &mut planes)?;
+            over.cover(&mut planes)?;
         }
         let sum = |i: usize| planes.iter().map(|plane| plane[i]).sum::<Vec3>();
         let picture: Vec<Vec3> = (0..width * height).into_par_iter().with_min_len(width.max(1)).map(sum).collect();
@@ -228,104 +233,6 @@ impl Node for Compose {
 }
 
 impl Compose {
-    /// Puts what objects show (`shown`: of each light, then of the rest) and reflect over the planes of the photo's size, behind the
-    /// lights that stand `before` them.
-    fn cover_with(
-        &self,
-        shown: &[&Picture],
-        before: &[&Mask],
-        inputs: &ComposeIn,
-        names: &[&str],
-        planes: &mut [Vec<Vec3>],
-    ) -> Result<(), NodeError> {
-        let objects = &inputs.objects;
-        let (w, h) = objects.cover.size();
-        let width = inputs.photo.0.width();
-        let photo = |i: usize| (objects.top + i / w) * width + objects.left + i % w;
-        let reflected = inputs.reflected.iter().next();
-        let mirror = reflected.map(|(_, of)| self.mirror(of, inputs, names, planes)).transpose()?;
-        let after: Vec<Vec<Vec3>> = (0..planes.len())
-            .map(|layer| {
-                let pixel = |i: usize| {
-                    let free: f32 = before.iter().map(|light| 1.0 - light.0.pixels()[photo(i)]).product();
-                    let (share, behind) = (objects.cover.pixels()[i] * free, planes[layer][photo(i)]);
-                    if share <= 0.0 {
-                        return behind;
-                    }
-                    let object = |i: usize| shown[layer].0.pixels()[i];
-                    let reflected = mirror.as_ref().map_or(Vec3::ZERO, |m| m.shows(i, layer, &planes[layer], object));
-                    behind * (1.0 - share) + (shown[layer].0.pixels()[i] + reflected) * share
-                };
-                (0..w * h).into_par_iter().with_min_len(1024).map(pixel).collect()
-            })
-            .collect();
-        for (plane, after) in planes.iter_mut().zip(after) {
-            after.into_iter().enumerate().for_each(|(i, value)| plane[photo(i)] = value);
-        }
-        Ok(())
-    }
-
-    /// Puts what surfaces of another finish reflect in the place of what they did. Bodies show `shown`; lights stand `before` all, and
-    /// those of the photo are not polished.
-    fn polish(
-        &self,
-        polish: &Polish,
-        shown: &[&Picture],
-        before: &[&Mask],
-        inputs: &ComposeIn,
-        names: &[&str],
-        planes: &mut [Vec<Vec3>],
-    ) -> Result<(), NodeError> {
-        let free = |i: usize| {
-            let light = inputs.zone.iter().any(|(_, zone)| zone.0.pixels()[i] >= 1.0);
-            if light { 0.0 } else { before.iter().map(|light| 1.0 - light.0.pixels()[i]).product::<f32>() }
-        };
-        // Bodies with what they reflect themselves, of the room without polish.
-        let reflected = inputs.reflected.iter().next().filter(|_| !shown.is_empty());
-        let mirror = reflected.map(|(_, of)| self.mirror(of, inputs, names, planes)).transpose()?;
-        let bodies = shown.iter().zip(planes.iter()).enumerate().map(|(layer, (shown, plane))| {
-            let shown = shown.0.pixels();
-            let reflects = |i| mirror.as_ref().map_or(Vec3::ZERO, |m| m.shows(i, layer, plane, |i| shown[i]));
-            (0..shown.len()).into_par_iter().with_min_len(1024).map(|i| shown[i] + reflects(i)).collect()
-        });
-        let bodies: Vec<Vec<Vec3>> = bodies.collect();
-        let mut changes: Vec<Vec<(u32, Vec3)>> = vec![Vec::new(); planes.len()];
-        for part in &polish.0 {
-            let mirror = self.mirror(&part.of, inputs, names, planes)?;
-            let (small, depth) = part.reduced(&inputs.photo, &inputs.full_depth);
-            let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &small, &depth);
-            for (layer, plane) in planes.iter().enumerate() {
-                let object = |i: usize| bodies[layer][i];
-                changes[layer].extend(part.adds(&mirror, &upsampler, layer, plane, object));
-            }
-        }
-        for (plane, changes) in planes.iter_mut().zip(changes) {
-            let mut sums = vec![Vec3::ZERO; plane.len()];
-            changes.into_iter().for_each(|(i, change)| sums[i as usize] += change);
-            for (i, sum) in sums.into_iter().enumerate().filter(|(_, sum)| *sum != Vec3::ZERO) {
-                plane[i] = (plane[i] + sum * free(i)).max(plane[i].min(Vec3::ZERO));
-            }
-        }
-        Ok(())
-    }
-
-    /// What `of` shows of the lights and of the room, whose layers are `planes`.
-    fn mirror<'a>(
-        &self,
-        of: &'a Reflections,
-        inputs: &'a ComposeIn,
-        names: &[&str],
-        planes: &[Vec<Vec3>],
-    ) -> Result<Mirror<'a>, NodeError> {
-        let room: Vec<usize> = (0..inputs.photo.0.len())
-            .filter(|&i| inputs.zone.iter().all(|(_, zone)| zone.0.pixels()[i] <= 0.0))
-            .collect();
-        let lights: Option<Vec<(&str, &[Vec3])>> =
-            names.iter().map(|id| Some((*id, &inputs.radiance.get(id)?.0[..]))).collect();
-        let mirror = lights.and_then(|lights| Mirror::new(of, planes, &room, &lights, self.unseen));
-        mirror.ok_or_else(|| NodeError::Failed("a light has no reflection or no radiance".into()))
-    }
-
     fn emitters(&self, inputs: &ComposeIn, names: &[&str]) -> Result<Vec<Emitter>, NodeError> {
         let missing = |id: &str, what: &str| NodeError::Failed(format!("visible light {id:?} has no {what}"));
         let mut emitters = Vec::new();

@@ -69,8 +69,7 @@ impl Node for InsertSpecular {
         }
         super::same_size("mesh", inputs.mesh.size(), "points", inputs.points.0.size())?;
         let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
-        let lights: Vec<(String, Shape)> =
-            inputs.shape.iter().map(|(id, shape)| (id.to_string(), Shape::clone(shape))).collect();
+        let lights: Vec<(&str, &Shape)> = inputs.shape.iter().map(|(id, shape)| (id, &**shape)).collect();
         let objects = &inputs.objects;
         let surround = Surround {
             objects,

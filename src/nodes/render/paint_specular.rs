@@ -103,12 +103,11 @@ impl Node for PaintSpecular {
                 planes: &planes,
             };
             // Of a light that is put in or moved, the photo shows no reflection.
-            let shown =
-                |id: &str, shape: &Shape| !kind.old || inputs.estimated.get(id).is_some_and(|was| **was == *shape);
-            let light = |(id, shape): (&str, &Arc<Shape>)| {
-                (id.to_string(), if shown(id, shape) { Shape::clone(shape) } else { Shape::Absent })
-            };
-            let lights: Vec<(String, Shape)> = inputs.shape.iter().map(light).collect();
+            let lights = inputs.shape.iter().map(|(id, shape)| {
+                let shown = !kind.old || inputs.estimated.get(id).is_some_and(|was| was == shape);
+                (id, if shown { &**shape } else { &Shape::Absent })
+            });
+            let lights: Vec<(&str, &Shape)> = lights.collect();
             let face = |i: usize| Some(kind.faces[i]);
             let (of, rays) =
                 reflections((kind.faces.len(), 1), face, &surround, &lights, self.rays as usize, self.seed);
