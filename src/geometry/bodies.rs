@@ -8,6 +8,7 @@ use std::sync::OnceLock;
 use glam::{Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
+use super::bounds;
 use super::model::{Material, Model, Skin};
 use super::rays::{FAR, RayMesh, RayMeshHit};
 use crate::image::Plane;
@@ -206,8 +207,7 @@ impl Bodies {
         for of in self.body.pixels().chunk_by(|a, b| a == b) {
             let corners = &self.corners.pixels()[3 * first..3 * (first + of.len())];
             first += of.len();
-            let (low, high) =
-                corners.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+            let (low, high) = bounds(corners.iter().copied());
             let middle = 0.5 * (low + high);
             let radius = corners.iter().map(|p| p.distance(middle)).fold(0.0, f32::max);
             if middle.is_finite() && radius > 0.0 && radius.is_finite() {
@@ -222,7 +222,7 @@ impl Bodies {
         let all = self.probes.body.pixels();
         let range = all.partition_point(|&b| b < body)..all.partition_point(|&b| b <= body);
         let points = &self.probes.points.pixels()[range.clone()];
-        let (low, high) = points.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+        let (low, high) = bounds(points.iter().copied());
         (range, 0.25 * (high - low).max(Vec3::ZERO).length_squared())
     }
 }

@@ -29,3 +29,10 @@ pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};
 pub use surface::{Surface, surface};
 pub use up::world_up;
+
+use glam::Vec3;
+
+/// Lowest and highest corner of the box around points; from infinity to minus infinity without any.
+pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
+    points.into_iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+}

@@ -4,6 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::Profile;
+use crate::geometry::bounds;
 
 /// The place, extent and angular form of a light; its strength is a [`Radiance`], one colour per lobe.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -104,8 +105,7 @@ impl Lamp {
     pub fn reach(&self, direction: Vec3) -> f32 {
         let beyond = |points: &mut dyn Iterator<Item = Vec3>| {
             let points: Vec<Vec3> = points.collect();
-            let (low, high) =
-                points.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(l, h), p| (l.min(*p), h.max(*p)));
+            let (low, high) = bounds(points.iter().copied());
             let middle = 0.5 * (low + high);
             points.iter().map(|p| (*p - middle).dot(direction)).fold(0.0, f32::max)
         };
@@ -222,14 +222,9 @@ pub struct Radiance(pub Vec<Vec3>);
 
 /// Where the camera sees a light itself.
 impl Shape {
-    /// Distance along the ray from the origin through `ray`, in lengths of `ray`, to the emitting side of this light; `None`
-    /// when the ray does not meet it. [`Lamp::Plates`] are never met: thinned, they have gaps, and the pixels they come from are
-    /// the lamp's own in the photo.
-    pub fn meet(&self, ray: Vec3) -> Option<f32> {
-        self.meet_from(Vec3::ZERO, ray)
-    }
-
-    /// As [`Shape::meet`], from another origin.
+    /// Distance from `origin` along `ray`, in lengths of `ray`, to the emitting side of this light; `None` when the ray does not
+    /// meet it. [`Lamp::Plates`] are never met: thinned, they have gaps, and the pixels they come from are the lamp's own in the
+    /// photo.
     pub fn meet_from(&self, origin: Vec3, ray: Vec3) -> Option<f32> {
         let rect = |center: Vec3, x: Vec3, y: Vec3| {
             let center = center - origin;
@@ -289,8 +284,7 @@ impl Shape {
     /// A ball (centre, radius) that holds the light; `None` for [`Shape::Absent`] and an empty one.
     pub fn ball(&self) -> Option<(Vec3, f32)> {
         let around = |points: &mut dyn Iterator<Item = Vec3>| {
-            let (low, high) =
-                points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+            let (low, high) = bounds(points);
             low.is_finite().then(|| (0.5 * (low + high), 0.5 * (high - low).length()))
         };
         match self {

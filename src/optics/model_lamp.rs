@@ -55,11 +55,16 @@ fn rays(triangles: impl Iterator<Item = [DVec3; 3]>) -> RayMesh {
     RayMesh::new(triangles.enumerate().map(|(i, t)| (t.map(|p| p.as_vec3()), i as u32)))
 }
 
+/// Lowest and highest corner of the box around points.
+fn bounds<'a>(points: impl Iterator<Item = &'a DVec3>) -> (DVec3, DVec3) {
+    points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), &p| (low.min(p), high.max(p)))
+}
+
 /// Whether no triangle lies before another, to a thousandth of the size: asked of few triangles only.
 pub(super) fn is_convex(corners: &[Vec3], triangles: &[[u32; 3]]) -> bool {
     let triangles = sound(corners, triangles);
     let points = || triangles.iter().flatten();
-    let (low, high) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+    let (low, high) = bounds(points());
     let slack = 1e-3 * (high - low).length();
     let behind = |t: &[DVec3; 3]| {
         let normal = front(t).normalize();
@@ -75,8 +80,7 @@ impl ModelLamp {
             return None;
         }
         let mut order: Vec<Key> = Vec::with_capacity(all.len());
-        let (low, high) =
-            all.iter().flatten().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+        let (low, high) = bounds(all.iter().flatten());
         let unit = NORMAL * (high - low).length();
         for (i, t) in all.iter().enumerate() {
             let (middle, normal) = ((t[0] + t[1] + t[2]) / 3.0, front(t).normalize() * unit);
@@ -138,7 +142,7 @@ fn split(keys: &mut [Key], first: usize, parts: usize, ends: &mut Vec<usize>) {
 impl Cluster {
     fn new(triangles: &[([DVec3; 3], u32)], end: usize) -> Cluster {
         let corners = || triangles.iter().flat_map(|(t, _)| t);
-        let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), &p| (l.min(p), h.max(p)));
+        let (low, high) = bounds(corners());
         let center = 0.5 * (low + high);
         let normal = triangles.iter().map(|(t, _)| front(t)).sum::<DVec3>().normalize_or(DVec3::Y);
         Cluster {

@@ -273,7 +273,7 @@ mod tests {
         fn new(lamp: &Lamp, width: usize, noise: f32) -> Seen {
             let camera = Camera::from_fov_x(width, width * 3 / 4, 60.0);
             let shape = Shape::Lamp(lamp.clone());
-            let met = |x: usize, y: usize| shape.meet(camera.pixel_point(x, y, 1.0));
+            let met = |x: usize, y: usize| shape.meet_from(Vec3::ZERO, camera.pixel_point(x, y, 1.0));
             let depth = Depth(Plane::from_fn(camera.width, camera.height, |x, y| {
                 // The sum of twelve uniform numbers has variance one.
                 let points = Points2::new(5, (y * width + x) as u32, 0);

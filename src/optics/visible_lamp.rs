@@ -188,7 +188,8 @@ mod tests {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         let center = Vec3::new(0.4, 0.3, -2.5);
         let seen = Shape::Lamp(Lamp::Sphere { center, radius: 0.25 });
-        let z = Plane::from_fn(160, 120, |x, y| seen.meet(camera.pixel_point(x, y, 1.0)).unwrap_or(5.0));
+        let z =
+            Plane::from_fn(160, 120, |x, y| seen.meet_from(Vec3::ZERO, camera.pixel_point(x, y, 1.0)).unwrap_or(5.0));
         let made = |form: LampForm| shapes(form, &camera, &z, &z.map(|z| z < 5.0), Vec3::Z);
         let [Shape::Lamp(Lamp::Sphere { center: got, radius })] = made(LampForm::Solid)[..] else { panic!("a sphere") };
         assert!(got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05, "{got} {radius}");

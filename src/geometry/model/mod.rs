@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
+use super::bounds;
 use crate::image::Plane;
 
 /// Gives the bytes of a file that a model names.
@@ -184,8 +185,7 @@ impl Model {
 
     /// Lowest and highest corner of the box around all triangles.
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        let corners = self.triangles.iter().flatten().map(|&i| self.positions[i as usize]);
-        corners.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+        bounds(self.triangles.iter().flatten().map(|&i| self.positions[i as usize]))
     }
 
     fn check(&mut self) -> Result<(), String> {
