@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Ground, Place, check_size, level, named_by, read_model, tall, upright};
+use super::{Ground, Place, check_model, level, model_files, read_model, tall, upright};
 use crate::geometry::{Camera, world_up};
 use crate::graph::{Context, File, Gather, Node, NodeError, Scatter};
 use crate::image::{Depth, Normal, luminance};
@@ -223,12 +223,7 @@ impl LightEdit {
     /// The files that it names.
     fn files(&mut self) -> Vec<&mut File> {
         match self {
-            LightEdit::Lamp { shape: LampShape::Mesh { path, parts, .. }, .. } => {
-                if parts.is_empty() {
-                    *parts = named_by(path);
-                }
-                std::iter::once(path).chain(parts).collect()
-            }
+            LightEdit::Lamp { shape: LampShape::Mesh { path, parts, .. }, .. } => model_files(path, parts).collect(),
             LightEdit::Lamp { ies, .. } => ies.iter_mut().collect(),
             LightEdit::Window { sky: Sky::Env(file), .. } => vec![file],
             _ => Vec::new(),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{Colour, Ground, Place, check_size, named_by, read_model, tall, upright};
+use super::{Colour, Ground, Place, check_model, check_size, model_files, read_model, tall, upright};
 use crate::geometry::{Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, world_up};
 use crate::graph::{Context, File, Node, NodeError};
 use crate::image::{Depth, Normal};
@@ -137,11 +137,7 @@ impl Node for EditObjects {
         let mut files = Vec::new();
         for object in &mut self.objects {
             let ObjectEdit::Mesh { path, parts, .. } = object else { continue };
-            if parts.is_empty() {
-                *parts = named_by(path);
-            }
-            files.push(path);
-            files.extend(parts);
+            files.extend(model_files(path, parts));
         }
         files
     }
@@ -194,10 +190,7 @@ impl ObjectEdit {
     fn check(&self) -> Result<(), String> {
         match self {
             ObjectEdit::Mesh { path, height, material, .. } => {
-                if path.path.is_empty() {
-                    return Err("path: wanted a file, got none".into());
-                }
-                check_size("height", *height)?;
+                check_model(path, *height)?;
                 material.as_ref().map_or(Ok(()), |m| m.material().map(|_| ()))
             }
             ObjectEdit::Sphere { radius, material, .. } => {

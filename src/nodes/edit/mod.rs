@@ -123,6 +123,21 @@ fn check_size(name: &str, value: f32) -> Result<(), String> {
     if within { Ok(()) } else { Err(format!("{name}: wanted {low:e} to {high:e} metres, got {value}")) }
 }
 
+fn check_model(path: &File, height: f32) -> Result<(), String> {
+    if path.path.is_empty() {
+        return Err("path: wanted a file, got none".into());
+    }
+    check_size("height", height)
+}
+
+/// The file of a model and those that it names, which are looked for here.
+fn model_files<'a>(path: &'a mut File, parts: &'a mut Vec<File>) -> impl Iterator<Item = &'a mut File> {
+    if parts.is_empty() {
+        *parts = named_by(path);
+    }
+    std::iter::once(path).chain(parts)
+}
+
 /// The files that a model names, beside it.
 fn named_by(file: &File) -> Vec<File> {
     let read = |file: File| file.peek();

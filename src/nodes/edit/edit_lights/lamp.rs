@@ -3,7 +3,7 @@
 use glam::{Mat3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{EditLightsIn, Place, check_size, level, positive, read_model, tall, upright};
+use super::{EditLightsIn, Place, check_model, level, positive, read_model, tall, upright};
 use crate::graph::{Context, File, NodeError};
 use crate::optics::{Lamp, Profile, ProfileTable, Shape};
 
@@ -52,8 +52,7 @@ impl LampShape {
                 direction("normal", *normal).map(drop)
             }
             LampShape::Box { half, .. } => positive("half", half),
-            LampShape::Mesh { path, .. } if path.path.is_empty() => Err("path: wanted a file, got none".into()),
-            LampShape::Mesh { height, .. } => check_size("height", *height),
+            LampShape::Mesh { path, height, .. } => check_model(path, *height),
         }
     }
 
