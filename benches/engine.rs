@@ -8,8 +8,8 @@ use std::time::Instant;
 use petgraph::graph::DiGraph;
 use petgraph::visit::{Topo, Walker};
 use relight::graph::{
-    Artifact, Cancel, Context, Engine, EngineOptions, Gather, Graph, GraphFile, Node, NodeError, Overlay, Registry,
-    Source, Status,
+    Artifact, CacheFolder, CacheKey, Cancel, Context, Engine, EngineOptions, Gather, Graph, GraphFile, Node, NodeError,
+    Overlay, Registry, Source, Status,
 };
 use relight::{params, ports};
 
@@ -92,8 +92,10 @@ fn time(rounds: usize, mut work: impl FnMut()) -> f64 {
 
 fn main() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let options =
-        |cache: bool| EngineOptions { cache_dir: cache.then(|| folder.path().to_owned()), ..EngineOptions::default() };
+    let options = |cache: bool| {
+        let cache = cache.then(|| CacheFolder::new(folder.path(), CacheKey::new(b"a secret")));
+        EngineOptions { cache, ..EngineOptions::default() }
+    };
     let loading = time(5, || drop(black_box(graph())));
     let graph = graph();
     let wanted = graph.wanted(None).expect("the graph has outputs");

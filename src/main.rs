@@ -1,5 +1,7 @@
 //! `relight`: parse, load, run, report.
 
+#![warn(clippy::print_stderr, clippy::print_stdout)]
+
 mod cli;
 
 use std::process::ExitCode;

@@ -45,6 +45,8 @@ impl Room {
     fn relight(&self, line: &str) -> Output {
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
         command.current_dir(self.folder.path()).args(line.split_whitespace()).env_remove("RELIGHT_LOG");
+        // The cache of whoever runs the tests stays as it is.
+        command.env("HOME", self.path("home")).env_remove("XDG_CACHE_HOME").env_remove("XDG_CONFIG_HOME");
         command.output().expect("the program starts")
     }
 
@@ -142,9 +144,12 @@ fn missing_files_and_folders_are_named() {
     let room = Room::new();
     room.check_refused("check no.ron", "no.ron");
     room.check_refused("check graph.ron", "graph.ron: this graph reads a scene, and none is named\n--scene");
-    room.check_refused("check scene", "scene: wanted a file, got a folder");
+    room.check_refused("check scene", "scene: cannot be read: wanted a regular file, got a folder");
     room.check_refused("check graph.ron no.ron --scene scene", "no.ron");
-    room.check_refused("check graph.ron scene --scene scene", "scene: wanted a file, got a folder");
+    room.check_refused(
+        "check graph.ron scene --scene scene",
+        "scene: cannot be read: wanted a regular file, got a folder",
+    );
     room.check_refused("check graph.ron edit.ron --scene nowhere", "nowhere/scene.ron");
     room.check_refused("check graph.ron edit.ron --scene scene/scene.ron", "wanted a scene folder, got a file");
 }
@@ -277,7 +282,7 @@ fn files_that_a_stage_cannot_use_are_bad_files() {
 fn an_out_that_is_no_folder_is_refused_before_any_work() {
     let room = Room::new();
     room.check_refused(&format!("{RUN} --out edit.ron"), "edit.ron: the folder cannot be made");
-    assert!(!room.path(".relight-cache").exists());
+    assert!(!room.path("home/.cache").exists());
 }
 
 #[test]
@@ -295,9 +300,14 @@ fn a_graph_is_printed_in_each_format() {
 fn the_cache_is_looked_after() {
     let room = Room::new();
     check_runs(&room, RUN, 0);
-    assert!(room.path(".relight-cache").is_dir(), "beside the working directory by default");
+    if cfg!(target_os = "linux") {
+        assert!(room.path("home/.cache/relight/CACHEDIR.TAG").is_file(), "in the user's own cache folder by default");
+        let key = std::fs::metadata(room.path("home/.config/relight/cache.key")).expect("a key was made");
+        let mode = std::os::unix::fs::PermissionsExt::mode(&key.permissions());
+        assert_eq!(mode & 0o777, 0o600);
+    }
     let (out, _) = check_runs(&room, "cache stat", 0);
-    assert!(!out.starts_with("0 entries"), "{out}");
+    assert!(!out.starts_with("0 entries") && out.contains("runs keep to 10 GiB"), "{out}");
     check_runs(&room, "cache verify", 0);
     check_runs(&room, &format!("{RUN} --verify"), 0);
     check_runs(&room, "cache gc --bytes 0", 0);

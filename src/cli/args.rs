@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use relight::graph::Reach;
 use relight::nodes::output::mix_layers::srgb;
 
 /// One indoor photograph in, the same room under other light out.
@@ -81,8 +82,18 @@ pub struct Files {
     /// Gives depth by a network its scale (graphs/depth.ron); two or more at different depths give its span too.
     #[arg(long, value_name = "X,Y,X,Y=METRES", value_parser = known_length)]
     pub known_length: Vec<String>,
+    /// Scene, edit, graph and models may only name files below their own folders: for files of strangers.
+    #[arg(long)]
+    pub confined: bool,
     #[command(flatten)]
     pub networks: Networks,
+}
+
+impl Files {
+    /// The files that those of the run may name.
+    pub fn reach(&self) -> Reach {
+        if self.confined { Reach::OwnFolder } else { Reach::Anywhere }
+    }
 }
 
 /// Where the networks lie, and who computes them.
@@ -119,9 +130,14 @@ pub struct Job {
 
 #[derive(Args)]
 pub struct CacheAt {
-    /// The cache folder; made when it is not there.
-    #[arg(long, value_name = "DIR", default_value = ".relight-cache")]
-    pub cache: PathBuf,
+    /// The cache folder, made when it is not there. Default: `relight` in the user's own cache folder (on Linux
+    /// ~/.cache/relight), shared by all projects. Runs keep a cache to 10 GiB: the results used longest ago are dropped.
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// A file with the secret that signs the entries of a cache which several users share; entries with another signature
+    /// are not used. Default: a key of the user's own, made when first needed (on Linux ~/.config/relight/cache.key).
+    #[arg(long, value_name = "FILE")]
+    pub cache_key: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -129,7 +145,7 @@ pub struct CacheUse {
     #[command(flatten)]
     pub at: CacheAt,
     /// Neither read nor write a cache on disk.
-    #[arg(long, conflicts_with = "cache")]
+    #[arg(long, conflicts_with_all = ["cache", "cache_key"])]
     pub no_cache: bool,
 }
 
@@ -144,6 +160,9 @@ pub struct Run {
     /// The folder for the results; made when it is not there.
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
+    /// Let results replace files that the run reads.
+    #[arg(long)]
+    pub force: bool,
     #[command(flatten)]
     pub cache: CacheUse,
     /// How many threads work; the result is the same for any number. Default: one per core.
@@ -185,6 +204,9 @@ pub struct Mix {
     /// The folder for picture.png and picture.exr, made when it is not there; or the name of one file, by its ending.
     #[arg(long, value_name = "FILE|DIR", default_value = "out/mix")]
     pub out: PathBuf,
+    /// Let results replace the file that is read.
+    #[arg(long)]
+    pub force: bool,
 }
 
 #[derive(Args)]
@@ -203,6 +225,9 @@ pub struct Export {
     /// The USD file, NAME.usda; its texture goes beside it.
     #[arg(long, value_name = "FILE", default_value = "out/room.usda", value_parser = usda)]
     pub out: PathBuf,
+    /// Let results replace files that the run reads.
+    #[arg(long)]
+    pub force: bool,
     #[command(flatten)]
     pub cache: CacheUse,
 }
@@ -235,7 +260,7 @@ pub struct Explain {
     #[command(flatten)]
     pub files: Files,
     #[command(flatten)]
-    pub cache: CacheAt,
+    pub cache: CacheUse,
 }
 
 #[derive(Args)]

@@ -3,12 +3,14 @@
 use std::path::Path;
 
 use relight::graph::{Cancel, Fault, Node};
-use relight::nodes::output::write_usd::{TEXT, WriteUsd};
+use relight::nodes::output::write_usd::{TEXT, TEXTURE, WriteUsd};
 
 use super::args::Export;
+use super::messages::message;
 use super::progress::Progress;
 use super::run::{results, stop_on_ctrl_c};
-use super::{Exit, Stop, Trouble, ended, engine, finished, load::load, options, report, terminal, write};
+use super::write::{self, Output};
+use super::{Exit, Stop, Trouble, ended, engine, finished, load::load, options, report, terminal};
 
 pub fn export(args: &Export, verbose: u8) -> Result<Exit, Trouble> {
     ended(written(args, verbose))
@@ -22,18 +24,34 @@ fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
     };
     let wanted = graph.wanted(Some(&[node.to_owned()]))?;
     let folder = args.out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    write::folder(folder)?; // told before the work, not after it
+    // Told before the work, not after it.
+    let out = Output::of_graph(folder, &graph, args.job.edit.as_deref(), args.force)?;
+    let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
     let progress = Progress::new(verbose > 0, terminal());
-    let done = engine(options(&args.cache))?.run(&graph, &wanted, &cancel, &progress);
+    let done = engine(options)?.run(&graph, &wanted, &cancel, &progress);
     progress.end();
     let done = finished(done)?;
-    report::warnings(&done).iter().for_each(|warning| eprintln!("warning: {warning}"));
-    for (name, bytes) in results(&done).iter().flat_map(|files| &files.0) {
-        let name =
-            if name == TEXT { args.out.file_name().map_or(name.into(), |n| n.to_string_lossy()) } else { name.into() };
-        write::print(&format!("{}\n", write::file(folder, &name, bytes)?.display()))?;
-    }
+    report::warnings(&done).iter().for_each(|warning| message!("warning: {warning}"));
+    let files = results(&done).iter().flat_map(|files| files.0.clone()).collect();
+    write::print_paths(&out.write(&renamed(files, &args.out))?)?;
     Ok(())
+}
+
+/// The files under the name that a person gave the scene; the texture takes its name from it, so that several scenes fit into
+/// one folder.
+fn renamed(files: Vec<(String, Vec<u8>)>, out: &Path) -> Vec<(String, Vec<u8>)> {
+    let text = out.file_name().map_or(TEXT.into(), |name| name.to_string_lossy().into_owned());
+    let texture = format!("{}_albedo.png", text.strip_suffix(".usda").unwrap_or(&text));
+    let rename = |(name, bytes): (String, Vec<u8>)| match &*name {
+        TEXT => {
+            let reference = |texture: &str| format!("@./{texture}@");
+            let usda = String::from_utf8(bytes).expect("USD text is UTF-8");
+            (text.clone(), usda.replace(&reference(TEXTURE), &reference(&texture)).into_bytes())
+        }
+        TEXTURE => (texture.clone(), bytes),
+        _ => (name, bytes),
+    };
+    files.into_iter().map(rename).collect()
 }

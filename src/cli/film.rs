@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 pub const NAME: &str = "film.mp4";
-const PART: &str = ".film.part.mp4";
 /// Players want 4:2:0, which has no odd sizes; of large pictures most take the colours for Rec. 709 whatever they are.
 const FILTER: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv,\
                       setparams=colorspace=bt709:color_primaries=bt709:color_trc=iec61966-2-1";
@@ -15,7 +14,9 @@ const FILTER: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt
 /// Why there is none.
 pub fn make(folder: &Path, fps: u16, frames: usize) -> Result<PathBuf, String> {
     let path = folder.join(NAME);
-    let part = folder.join(PART);
+    // In a folder of its own: a file that lies there already, or a link, is not written to.
+    let scratch = tempfile::Builder::new().prefix(".relight-").tempdir_in(folder).map_err(|e| e.to_string())?;
+    let part = scratch.path().join(NAME);
     let mut command = Command::new("ffmpeg");
     command.args(["-nostdin", "-loglevel", "error", "-y", "-framerate", &fps.to_string(), "-start_number", "0", "-i"]);
     command.arg(folder.join("picture_%04d.png"));
@@ -25,7 +26,6 @@ pub fn make(folder: &Path, fps: u16, frames: usize) -> Result<PathBuf, String> {
         _ => format!("ffmpeg cannot be started: {e}"),
     })?;
     if !done.status.success() {
-        let _ = std::fs::remove_file(&part);
         let told = String::from_utf8_lossy(&done.stderr);
         return Err(format!("ffmpeg failed: {}", told.lines().last().unwrap_or("it told nothing")));
     }

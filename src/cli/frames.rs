@@ -9,10 +9,12 @@ use serde::Serialize;
 
 use super::args::Run;
 use super::load::Pictures;
+use super::messages::message;
 use super::progress::FrameProgress;
 use super::report::{self, Head, Row};
-use super::run::{backend_of, engine_options, exit, results, stop_on_ctrl_c, tell_errors};
-use super::{Exit, Trouble, engine, film, terminal, write};
+use super::run::{backend_of, engine_options, exit, output, results, stop_on_ctrl_c, tell_errors};
+use super::write::{self, Output};
+use super::{Exit, Trouble, engine, film, terminal};
 
 /// report.json of a sequence.
 #[derive(Serialize)]
@@ -56,16 +58,14 @@ impl Done {
 }
 
 pub fn run(args: &Run, pictures: &Pictures, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
-    let engine = engine(engine_options(args))?;
+    let engine = engine(engine_options(args)?)?;
     let wanted = match &args.only {
         Some(only) => Some(vec![only.clone()]),
         None if args.exr || pictures.writers.is_empty() => None,
         None => Some(pictures.writers.clone()),
     };
     pictures.frames[0].graph.wanted(wanted.as_deref())?;
-    if !args.verify {
-        write::folder(&args.out)?;
-    }
+    let out = output(args, &pictures.frames[0].graph)?;
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
     let progress = FrameProgress::new(pictures.frames.len(), verbose > 0, terminal());
@@ -83,12 +83,14 @@ pub fn run(args: &Run, pictures: &Pictures, verbose: u8, began: Instant) -> Resu
             (engine.run(&frame.graph, &needed, &cancel, &progress), Vec::new())
         };
         let mut files = Vec::new();
-        if report.is_complete() && !args.verify {
-            for (name, bytes) in results(&report).iter().flat_map(|files| &files.0) {
-                let name = numbered(name, number);
-                write::file(&args.out, &name, bytes)?;
-                files.push(name);
-            }
+        if report.is_complete()
+            && let Some(out) = &out
+        {
+            let results = results(&report);
+            let named = results.iter().flat_map(|files| &files.0).map(|(name, bytes)| (numbered(name, number), bytes));
+            let named: Vec<_> = named.collect();
+            out.write(&named)?;
+            files.extend(named.into_iter().map(|(name, _)| name));
         }
         let done = Done { number, report, seconds: started.elapsed().as_secs_f64(), files, differences };
         progress.done(number, done.seconds, done.report.with_status(Status::Ran).len());
@@ -99,11 +101,18 @@ pub fn run(args: &Run, pictures: &Pictures, verbose: u8, began: Instant) -> Resu
         }
     }
     progress.end();
-    tell(args, pictures, &all, engine.threads(), began)
+    tell(args, pictures, &all, out.as_ref(), engine.threads(), began)
 }
 
 /// Film, report and what is said at the end.
-fn tell(args: &Run, pictures: &Pictures, all: &[Done], threads: usize, began: Instant) -> Result<Exit, Trouble> {
+fn tell(
+    args: &Run,
+    pictures: &Pictures,
+    all: &[Done],
+    out: Option<&Output>,
+    threads: usize,
+    began: Instant,
+) -> Result<Exit, Trouble> {
     let last = all.last().expect("a sequence has a frame");
     let whole = all.len() == pictures.frames.len() && last.report.is_complete();
     let mut warnings: Vec<String> = Vec::new();
@@ -141,24 +150,24 @@ fn tell(args: &Run, pictures: &Pictures, all: &[Done], threads: usize, began: In
         warnings,
     };
     let json = report::text(&report);
-    if !args.verify {
-        paths.push(write::file(&args.out, "report.json", json.as_bytes())?);
+    if let Some(out) = out {
+        paths.push(out.file("report.json", json.as_bytes())?);
     }
-    eprint!("{}", table(all));
-    report.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    message!("{}", table(all).trim_end());
+    report.warnings.iter().for_each(|warning| message!("warning: {warning}"));
     tell_errors(&last.report);
     for (done, what) in all.iter().flat_map(|done| done.differences.iter().map(move |what| (done, what))) {
-        eprintln!("error: {what}: made again in frame {}, it came out differently", done.number);
+        message!("error: {what}: made again in frame {}, it came out differently", done.number);
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
-    eprintln!("{made} of {} frames in {:.2} s", pictures.frames.len(), report.head.seconds);
+    message!("{made} of {} frames in {:.2} s", pictures.frames.len(), report.head.seconds);
     if last.report.cancelled() {
-        eprintln!("stopped in frame {}; the same command goes on there", last.number);
+        message!("stopped in frame {}; the same command goes on there", last.number);
     }
     if args.json {
         write::print(&json)?;
     } else {
-        write::print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>())?;
+        write::print_paths(&paths)?;
     }
     Ok(exit(&last.report, all.iter().all(|done| done.differences.is_empty())))
 }

@@ -28,7 +28,7 @@ pub struct Frame {
 pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, Vec<Fault>> {
     let parts = Parts::read(graph, files);
     let Some(path) = edit else { return parts.graph(Ok(Overlay::default())) };
-    let first = EditFile::read(path).and_then(|edit| Ok((numbers(&edit, files.frame)?[0], edit)));
+    let first = EditFile::read_within(path, files.reach()).and_then(|edit| Ok((numbers(&edit, files.frame)?[0], edit)));
     let (number, edit) = first.or_else(|faults| parts.refused(faults))?;
     parts.frame(&edit, number)
 }
@@ -39,7 +39,7 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
 /// All faults of all files; where a sequence is at fault only later on, those of the first frame that is.
 pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Vec<Fault>> {
     let parts = Parts::read(graph, files);
-    let all = EditFile::read(edit).and_then(|edit| Ok((numbers(&edit, files.frame)?, edit)));
+    let all = EditFile::read_within(edit, files.reach()).and_then(|edit| Ok((numbers(&edit, files.frame)?, edit)));
     let (numbers, edit) = all.or_else(|faults| parts.refused(faults))?;
     let frame = |number| Ok(Frame { number, graph: parts.frame(&edit, number)? });
     let frames = numbers.into_iter().map(frame).collect::<Result<_, Vec<Fault>>>()?;
@@ -73,12 +73,12 @@ struct Parts {
 impl Parts {
     fn read(graph: &Path, files: &Files) -> Parts {
         let mut faults = Vec::new();
-        let file = keep(GraphFile::read(graph), &mut faults);
+        let file = keep(GraphFile::read_within(graph, files.reach()), &mut faults);
         let folder = files.scene.clone().or_else(|| file.as_ref().and_then(GraphFile::scene));
         // A file that cannot be read must not make the others look wrong: what it would have told stays unchecked.
         let kinds = kinds(file.as_ref());
         let room = match (&folder, &kinds) {
-            (Some(folder), _) => keep(scene::read(folder, kinds.as_deref()), &mut faults),
+            (Some(folder), _) => keep(scene::read_within(folder, kinds.as_deref(), files.reach()), &mut faults),
             (None, Some(kinds)) if scene::STAGES.iter().any(|stage| kinds.contains(stage)) => {
                 let fault = Fault::file(graph, "this graph reads a scene, and none is named");
                 faults.push(fault.help("name its folder with --scene DIR"));

@@ -8,7 +8,9 @@ use relight::graph::{Context, Fault, File, Node, NodeError};
 use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 
 use super::args::Mix;
-use super::{Exit, Trouble, write};
+use super::messages::message;
+use super::write::{self, Output};
+use super::{Exit, Trouble};
 
 pub fn mix(args: &Mix, began: Instant) -> Result<Exit, Trouble> {
     let mut weights = BTreeMap::new();
@@ -17,25 +19,22 @@ pub fn mix(args: &Mix, began: Instant) -> Result<Exit, Trouble> {
             return Err(Fault::file("--set".as_ref(), format!("`{id}` is set twice")).into());
         }
     }
-    let stage = MixLayers { layers: layers(&args.run)?, weights, ..MixLayers::default() };
+    let layers = layers(&args.run)?;
+    let (folder, only) = place(&args.out);
+    let out = Output::new(&folder, [layers.location()], args.force)?;
+    let stage = MixLayers { layers, weights, ..MixLayers::default() };
     stage.check().map_err(|message| Fault::file("--set".as_ref(), message))?;
     // One stage that reads a file: there is nothing to schedule, and nothing worth keeping.
     let context = Context::default();
     let files = stage.run(MixLayersIn {}, &context).map_err(fault)?.files;
-    let (folder, only) = place(&args.out);
-    write::folder(&folder)?;
-    let mut paths = String::new();
-    for (name, bytes) in &files.0 {
-        let name = match &only {
-            None => name.clone(),
-            Some(file) if Path::new(name).extension() == Path::new(file).extension() => file.clone(),
-            Some(_) => continue,
-        };
-        paths.push_str(&format!("{}\n", write::file(&folder, &name, bytes)?.display()));
-    }
-    context.warnings().iter().for_each(|warning| eprintln!("warning: {warning}"));
-    eprintln!("mixed in {:.1} ms", 1e3 * began.elapsed().as_secs_f64());
-    write::print(&paths)?;
+    let named = files.0.iter().filter_map(|(name, bytes)| match &only {
+        None => Some((name.clone(), bytes)),
+        Some(file) => (Path::new(name).extension() == Path::new(file).extension()).then(|| (file.clone(), bytes)),
+    });
+    let paths = out.write(&named.collect::<Vec<_>>())?;
+    context.warnings().iter().for_each(|warning| message!("warning: {warning}"));
+    message!("mixed in {:.1} ms", 1e3 * began.elapsed().as_secs_f64());
+    write::print_paths(&paths)?;
     Ok(Exit::Done)
 }
 

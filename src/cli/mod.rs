@@ -2,11 +2,13 @@
 
 mod args;
 mod bench;
+mod cache;
 mod eval;
 mod export;
 mod film;
 mod frames;
 mod load;
+mod messages;
 mod mix;
 mod networks;
 mod page;
@@ -18,18 +20,21 @@ mod tables;
 mod write;
 
 use std::io::IsTerminal;
+use std::path::Path;
 use std::process::ExitCode;
 
 use relight::files;
-use relight::graph::{DiskCache, EngineOptions, Fault, Planned, RunReport, Status};
+use relight::graph::{EngineOptions, Fault, Planned, RunReport, Status};
 use relight::nodes;
 
-use args::{Cache, CacheAction, CacheAt, CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
+use args::{CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
 pub use args::{Cli, Command};
 pub use bench::bench;
+pub use cache::cache;
 pub use eval::eval;
 pub use export::export;
 use load::{load, load_all};
+use messages::message;
 pub use mix::mix;
 pub use page::report;
 pub use run::run;
@@ -68,7 +73,7 @@ pub struct Trouble(Vec<Fault>);
 impl Trouble {
     /// Shows the faults on standard error.
     pub fn tell(&self) -> Exit {
-        eprint!("{}", files::draw(&self.0, terminal()));
+        messages::raw(&files::draw(&self.0, terminal()));
         Exit::Bad
     }
 }
@@ -114,7 +119,7 @@ fn finished(report: RunReport) -> Result<RunReport, Stop> {
     }
     let failed: Vec<_> = report.nodes.iter().filter(|node| node.status == Status::Failed).collect();
     for node in &failed {
-        eprintln!("error: {}: {}", node.name, node.error.as_deref().unwrap_or_default());
+        message!("error: {}: {}", node.name, node.error.as_deref().unwrap_or_default());
     }
     if report.is_complete() {
         return Ok(report);
@@ -137,15 +142,18 @@ pub fn log(verbose: u8) {
         _ => "relight=trace",
     };
     let filter = EnvFilter::try_from_env("RELIGHT_LOG").unwrap_or_else(|_| EnvFilter::new(level));
-    fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(terminal()).without_time().init();
+    // Without colors, whose escape sequences could not be told from those of strangers.
+    let log = fmt().with_env_filter(filter).with_writer(|| messages::Escaped).with_ansi(false).without_time();
+    log.log_internal_errors(false).init();
 }
 
 pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
     let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
-    let lines = engine(options(&args.cache))?.plan(&graph, &wanted);
+    let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;
+    let lines = engine(options)?.plan(&graph, &wanted);
     if args.json {
-        write::print(&(serde_json::to_string_pretty(&lines).expect("a plan holds text only") + "\n"))?;
+        write::print(&report::text(&lines))?;
         return Ok(Exit::Done);
     }
     let width = lines.iter().map(|line| line.node.chars().count()).max().unwrap_or(0);
@@ -159,7 +167,7 @@ pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
 
 pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
     let graph = load(&args.graph, Some(&args.edit), &args.files)?;
-    let options = EngineOptions { cache_dir: Some(args.cache.cache.clone()), ..EngineOptions::default() };
+    let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
     let answer = engine(options)?.explain(&graph, &args.node)?;
     let mut text = format!("{}: {}: {}\n", answer.node, planned(answer.status), answer.why);
     for (sign, line) in [('-', &answer.old), ('+', &answer.new)] {
@@ -213,32 +221,10 @@ pub fn nodes(args: &Nodes) -> Result<Exit, Trouble> {
     Ok(Exit::Done)
 }
 
-pub fn cache(args: &Cache) -> Result<Exit, Trouble> {
-    let (CacheAction::Stat(CacheAt { cache: folder })
-    | CacheAction::Gc { at: CacheAt { cache: folder }, .. }
-    | CacheAction::Verify(CacheAt { cache: folder })
-    | CacheAction::Clear(CacheAt { cache: folder })) = &args.action;
-    let cache = DiskCache::new(folder);
-    let done = match &args.action {
-        CacheAction::Stat(_) => cache.stat(),
-        CacheAction::Gc { bytes, .. } => cache.gc(bytes.unwrap_or(EngineOptions::default().disk_bytes)),
-        CacheAction::Verify(_) => cache.verify(),
-        CacheAction::Clear(_) => cache.clear(),
-    };
-    let done = done.map_err(|e| Fault::file(folder, format!("the cache cannot be used: {e}")))?;
-    let mut text = format!("{} entries, {:.1} MB in {}", done.entries, done.bytes as f64 * 1e-6, folder.display());
-    if done.removed > 0 {
-        text.push_str(&format!("; removed {}", done.removed));
-    }
-    if done.damaged > 0 {
-        text.push_str(&format!("; damaged {}", done.damaged));
-    }
-    write::print(&(text + "\n"))?;
-    Ok(if done.damaged > 0 { Exit::Failed } else { Exit::Done })
-}
-
-fn options(cache: &CacheUse) -> EngineOptions {
-    EngineOptions { cache_dir: (!cache.no_cache).then(|| cache.at.cache.clone()), ..EngineOptions::default() }
+/// How an engine works on a graph, with the cache that the arguments name.
+fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<EngineOptions, Fault> {
+    let project = cache::project(graph, scene);
+    Ok(EngineOptions { cache: cache::chosen(cache)?, project, ..EngineOptions::default() })
 }
 
 fn engine(options: EngineOptions) -> Result<relight::graph::Engine, Fault> {

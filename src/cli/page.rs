@@ -7,25 +7,28 @@ use relight::graph::{Context, Fault, File, Node};
 use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
 
 use super::args::Report;
+use super::messages::message;
 use super::mix::{fault, layers};
-use super::{Exit, Trouble, write};
+use super::write::{self, Output};
+use super::{Exit, Trouble};
 
 pub fn report(args: &Report, began: Instant) -> Result<Exit, Trouble> {
     if !args.run.is_dir() {
         return Err(Fault::file(&args.run, "wanted the folder that `relight run` wrote to, got none").into());
     }
     let path = page(&args.run, args.long_side)?;
-    eprintln!("written in {:.1} ms", 1e3 * began.elapsed().as_secs_f64());
-    write::print(&format!("{}\n", path.display()))?;
+    message!("written in {:.1} ms", 1e3 * began.elapsed().as_secs_f64());
+    write::print_paths(&[path])?;
     Ok(Exit::Done)
 }
 
 /// Writes the page beside what a run wrote into `folder`.
 pub(super) fn page(folder: &Path, long_side: u32) -> Result<PathBuf, Fault> {
     let report = File::new(folder.join("report.json").to_string_lossy());
-    let stage = WriteReport { layers: layers(folder)?, report, long_side };
+    let layers = layers(folder)?;
+    let out = Output::new(folder, [report.location(), layers.location()], false)?;
+    let stage = WriteReport { layers, report, long_side };
     stage.check().map_err(|message| Fault::file("".as_ref(), message))?;
     let files = stage.run(WriteReportIn {}, &Context::default()).map_err(fault)?.files;
-    let (name, bytes) = files.0.first().expect("the stage makes one file");
-    write::file(folder, name, bytes)
+    Ok(out.write(&files.0)?.remove(0))
 }

@@ -6,6 +6,8 @@ use std::time::Duration;
 use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use relight::graph::{NodeReport, Observer, Status};
 
+use super::messages::message;
+
 /// How often the time left is drawn anew while nothing happens.
 const TICK: Duration = Duration::from_millis(200);
 
@@ -116,7 +118,7 @@ impl FrameProgress {
         }
         if !self.terminal {
             let what = if ran > 0 { format!("{ran} nodes ran in {seconds:.2} s") } else { "known already".to_owned() };
-            eprintln!("frame {number} ({} of {}): {what}{left}", state.done, self.count);
+            message!("frame {number} ({} of {}): {what}{left}", state.done, self.count);
         }
     }
 
@@ -164,8 +166,8 @@ impl Observer for FrameProgress {
         if self.lines && report.status != Status::Hit {
             let line = line(report);
             match &state.bar {
-                Some(bar) => bar.suspend(|| eprintln!("{line}")),
-                None => eprintln!("{line}"),
+                Some(bar) => bar.suspend(|| message!("{line}")),
+                None => message!("{line}"),
             }
         }
     }
@@ -212,8 +214,8 @@ impl Observer for Progress {
         if self.lines {
             let line = line(report);
             match &state.bar {
-                Some(bar) => bar.suspend(|| eprintln!("{line}")),
-                None => eprintln!("{line}"),
+                Some(bar) => bar.suspend(|| message!("{line}")),
+                None => message!("{line}"),
             }
         }
     }

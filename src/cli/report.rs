@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use relight::graph::{Graph, NodeReport, RunReport, Status};
+use relight::graph::{Graph, NodeReport, RunReport, Status, escape_json};
 use serde::Serialize;
 
 /// What every report.json begins with.
@@ -87,7 +87,7 @@ pub fn json(head: &Head, graph: &Graph, run: &RunReport, warnings: &[String]) ->
 
 /// A report as it is written.
 pub fn text(report: &impl Serialize) -> String {
-    serde_json::to_string_pretty(report).expect("a report holds text and numbers only") + "\n"
+    escape_json(&(serde_json::to_string_pretty(report).expect("a report holds text and numbers only") + "\n"))
 }
 
 /// All warnings of a run, each after the name of its node.

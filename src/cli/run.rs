@@ -2,12 +2,14 @@
 
 use std::time::Instant;
 
-use relight::graph::{Cancel, EngineOptions, Fault, PortValue, RunReport, Status, Value};
+use relight::graph::{Cancel, EngineOptions, Fault, Graph, PortValue, RunReport, Status, Value};
 use relight::nodes::artifacts::Files;
 
 use super::args::{LONG_SIDE, Run};
+use super::messages::message;
 use super::progress::Progress;
-use super::{Exit, Trouble, engine, frames, load::load_all, networks, options, page, report, terminal, write};
+use super::write::{self, Output};
+use super::{Exit, Trouble, engine, frames, load::load_all, networks, options, page, report, terminal};
 
 pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     let mut pictures = load_all(&args.graph, &args.edit, &args.files)?;
@@ -20,11 +22,8 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     }
     let graph = pictures.frames.remove(0).graph;
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
-    let engine = engine(engine_options(args))?;
-
-    if !args.verify {
-        write::folder(&args.out)?; // told before the work, not after it
-    }
+    let engine = engine(engine_options(args)?)?;
+    let out = output(args, &graph)?; // told before the work, not after it
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
     let progress = Progress::new(verbose > 0, terminal());
@@ -38,44 +37,51 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
 
     let mut paths = Vec::new();
     let warnings = report::warnings(&done);
-    if !args.verify {
-        for (name, bytes) in results(&done).iter().flat_map(|files| &files.0) {
-            paths.push(write::file(&args.out, name, bytes)?);
-        }
+    if let Some(out) = &out {
+        let results = results(&done);
+        let files = results.iter().flat_map(|files| &files.0).map(|(name, bytes)| (name, bytes));
+        paths.extend(out.write(&files.collect::<Vec<_>>())?);
     }
     let choice = backend_of(args, &done)?;
     let backend = choice.as_ref().map(|choice| choice.backend.to_string());
 
     let head = report::Head::new(&args.graph, &args.edit, began, backend, engine.threads());
     let json = report::json(&head, &graph, &done, &warnings);
-    if !args.verify {
-        paths.push(write::file(&args.out, "report.json", json.as_bytes())?);
+    if let Some(out) = &out {
+        paths.push(out.file("report.json", json.as_bytes())?);
     }
     if args.report && done.is_complete() {
         paths.push(page::page(&args.out, LONG_SIDE)?);
     }
 
-    eprint!("{}", report::table(&done));
+    message!("{}", report::table(&done).trim_end());
     if let Some(choice) = &choice {
-        eprintln!("networks by {}: {}", choice.backend, choice.why);
+        message!("networks by {}: {}", choice.backend, choice.why);
     }
-    warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
+    warnings.iter().for_each(|warning| message!("warning: {warning}"));
     tell_errors(&done);
     for difference in &differences {
-        eprintln!("error: {}.{}: made again, it came out differently", difference.node, difference.port);
+        message!("error: {}.{}: made again, it came out differently", difference.node, difference.port);
     }
-    eprintln!("{}", report::summary(&done, head.seconds));
+    message!("{}", report::summary(&done, head.seconds));
     if args.json {
         write::print(&json)?;
     } else {
-        write::print(&paths.iter().map(|path| format!("{}\n", path.display())).collect::<String>())?;
+        write::print_paths(&paths)?;
     }
     Ok(exit(&done, differences.is_empty()))
 }
 
-pub(super) fn engine_options(args: &Run) -> EngineOptions {
+pub(super) fn engine_options(args: &Run) -> Result<EngineOptions, Fault> {
     let threads = args.threads.map(usize::from);
-    EngineOptions { threads, budget: args.budget, ..options(&args.cache) }
+    let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
+    Ok(EngineOptions { threads, budget: args.budget, ..options })
+}
+
+/// Where the results of a run go; nowhere when it only compares.
+pub(super) fn output(args: &Run, graph: &Graph) -> Result<Option<Output>, Fault> {
+    let output = || Output::of_graph(&args.out, graph, Some(&args.edit), args.force);
+    (!args.verify).then(output).transpose()
 }
 
 /// Who computed the networks of a run; nobody where it needed none.
@@ -93,7 +99,7 @@ pub(super) fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
             std::process::exit(Exit::Interrupted.code().into());
         }
         cancel.cancel();
-        eprintln!("stopping; once more to stop at once");
+        message!("stopping; once more to stop at once");
     };
     ctrlc::set_handler(handler).map_err(|e| Fault::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
 }
@@ -102,7 +108,7 @@ pub(super) fn tell_errors(done: &RunReport) {
     // What is blocked has its cause among the others.
     let failed = done.nodes.iter().filter(|node| node.status != Status::Blocked);
     let errors = failed.filter_map(|node| Some((node, node.error.as_ref()?)));
-    errors.for_each(|(node, error)| eprintln!("error: {}: {error}", node.name));
+    errors.for_each(|(node, error)| message!("error: {}: {error}", node.name));
 }
 
 /// The written files among the outputs.

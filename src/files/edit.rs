@@ -98,8 +98,7 @@ fn may_reflect(object: &Raw) -> bool {
         let of_file = |ending: &str| text.split('"').find(|part| part.to_ascii_lowercase().ends_with(ending));
         // Of an OBJ with a library of materials these may be shiny.
         let library = |name: &str| {
-            let bytes = std::fs::read(object.origin.source.folder().join(name));
-            bytes.is_ok_and(|bytes| String::from_utf8_lossy(&bytes).contains("mtllib"))
+            object.origin.source.file(name).read().is_ok_and(|bytes| String::from_utf8_lossy(&bytes).contains("mtllib"))
         };
         if of_file(".gltf").is_some() || of_file(".glb").is_some() || of_file(".obj").is_some_and(library) {
             return true;

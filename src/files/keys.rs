@@ -12,7 +12,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::graph::{Fault, Raw, Source};
+use crate::graph::{Fault, Raw, Reach, Source};
 
 /// More than a person waits for.
 const MOST_FRAMES: u32 = 100_000;
@@ -51,7 +51,15 @@ impl EditFile {
     /// # Errors
     /// It cannot be read, or not be split into fields.
     pub fn read(path: &Path) -> Result<EditFile, Vec<Fault>> {
-        EditFile::parse(Source::read(path).map_err(|fault| vec![fault])?)
+        EditFile::read_within(path, Reach::Anywhere)
+    }
+
+    /// The same of a file that may name others within `reach` only.
+    ///
+    /// # Errors
+    /// Those of [`EditFile::read`].
+    pub fn read_within(path: &Path, reach: Reach) -> Result<EditFile, Vec<Fault>> {
+        EditFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
     fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Fault>> {
@@ -97,7 +105,7 @@ impl EditFile {
             from = track.place.end;
         }
         text.push_str(&self.source.text[from..]);
-        Source::new(&self.source.path, text)
+        Source::within(&self.source.path, text, self.source.reach)
     }
 }
 

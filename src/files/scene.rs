@@ -10,7 +10,7 @@
 use std::path::Path;
 
 use super::{INVISIBLE, check_light_name, fields};
-use crate::graph::{Fault, Key, Member, Overlay, Raw, Setting, Source, Target};
+use crate::graph::{Fault, Key, Member, Overlay, Raw, Reach, Setting, Source, Target};
 
 /// The stages that take a scene: all of it, or its photo alone.
 pub const STAGES: [&str; 2] = [SCENE, PHOTO];
@@ -41,12 +41,20 @@ const OF_KIND: [(&str, &str); 2] = [("Lamp", "visible_lamps"), ("Window", "visib
 /// # Errors
 /// Every fault of the file that can be known without looking at the files it names.
 pub fn read(folder: &Path, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Fault>> {
+    read_within(folder, kinds, Reach::Anywhere)
+}
+
+/// The same of a scene that may name files within `reach` only.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Result<Overlay, Vec<Fault>> {
     let path = folder.join("scene.ron");
     if folder.is_file() {
         let help = "name the folder, not the file in it";
         return Err(vec![Fault::file(folder, "wanted a scene folder, got a file").help(help)]);
     }
-    let source = Source::read(&path).map_err(|fault| vec![fault])?;
+    let source = Source::read(&path, reach).map_err(|fault| vec![fault])?;
     let mut faults = Vec::new();
     let fields = fields(&source, "Scene", &FIELDS, &mut faults);
     if faults.is_empty() {
@@ -97,7 +105,7 @@ pub fn read(folder: &Path, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Fault>
 /// Those of [`read`].
 pub fn truth(folder: &Path) -> Result<Vec<(Key, Raw)>, Vec<Fault>> {
     read(folder, None)?;
-    let source = Source::read(&folder.join("scene.ron")).map_err(|fault| vec![fault])?;
+    let source = Source::read(&folder.join("scene.ron"), Reach::Anywhere).map_err(|fault| vec![fault])?;
     let mut faults = Vec::new();
     let truth = fields(&source, "Scene", &FIELDS, &mut faults).into_iter().find(|(key, _)| key.name == "truth");
     Ok(truth.map(|(_, value)| known(&value, &mut faults)).unwrap_or_default())

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::bounds;
 use super::model::{Material, Model, Skin};
 use super::rays::{FAR, RayMesh, RayMeshHit};
-use crate::image::Plane;
+use crate::image::{Plane, rule};
 
 /// A model with its place in camera space.
 pub struct Body {
@@ -143,6 +143,18 @@ impl Bodies {
         };
         let corners = Plane::new(3, triangles, corners);
         (Bodies { corners, body: Plane::new(1, triangles, body), probes, rays: OnceLock::new() }, materials)
+    }
+
+    /// Whether all rows have their number of entries.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let Probes { points, normals, body } = &self.probes;
+        rule(self.corners.len() == 3 * self.body.len(), "three corners for each triangle")?;
+        rule(self.corners.is_empty() || self.corners.width() == 3, "three corners a row")?;
+        rule(self.body.pixels().is_sorted(), "the triangles of one body after those of another")?;
+        rule(points.len() == normals.len() && points.len() == body.len(), "a normal and a body for each probe")
     }
 
     pub fn is_empty(&self) -> bool {

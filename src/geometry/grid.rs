@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::image::{Normal, Plane, Points};
+use crate::image::{Normal, Plane, Points, rule};
 
 /// Every `stride`th pixel of a plane, those in the middle of each `stride` x `stride` block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -24,6 +24,14 @@ impl Grid {
     /// The grid over a plane of this size; a `stride` of zero counts as one.
     pub fn new((width, height): (usize, usize), stride: usize) -> Grid {
         Grid { stride: stride.max(1), width, height }
+    }
+
+    /// Whether a grid that was read from disk belongs to a plane of this size.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self, size: (usize, usize)) -> Result<(), String> {
+        rule(self.stride > 0 && (self.width, self.height) == size, "a grid over the plane, with a stride of at least 1")
     }
 
     /// Columns and rows of the grid.

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::bodies::Bodies;
 use super::rays::{FAR, RayMesh};
-use crate::image::{Mask, Plane, Points, STEP};
+use crate::image::{Mask, Plane, Points, STEP, rule};
 
 /// The seen room.
 #[derive(Serialize, Deserialize)]
@@ -102,6 +102,20 @@ impl SceneMesh {
             split(depth, inside)
         });
         SceneMesh { points, cells, noise, focal, bodies: Bodies::default(), rays: OnceLock::new() }
+    }
+
+    /// Whether a mesh that was read from disk has a cell for each point, and sound bodies.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        let (width, height) = self.points.size();
+        // The last row and column have no quads.
+        let inside = |i: usize| i % width + 1 < width && i / width + 1 < height;
+        rule(self.cells.size() == (width, height), "a cell for each point")?;
+        let sound = self.cells.pixels().iter().enumerate().all(|(i, &cell)| cell == 0 || inside(i));
+        rule(sound, "no cell beyond the last row or column")?;
+        self.bodies.check()
     }
 
     /// The same room with these bodies in it, in place of any that it had.

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::bodies::{Body, NORMAL, clearance};
 use super::model::Material;
 use super::{Bodies, Camera};
-use crate::image::{Depth, Plane};
+use crate::image::{Depth, Plane, rule};
 
 /// The seen pixels of all bodies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,6 +100,24 @@ impl Objects {
             probe_albedo: of(&|m| m.albedo),
             probe_gloss: of(&gloss),
         }
+    }
+
+    /// Whether the planes of an object that was read from disk belong together, and samples draw from probes that are there.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        let (pixels, samples, probes) = (self.cover.size(), self.points.size(), self.probe_albedo.len());
+        let of_pixels = [self.depth.size(), self.normal.size(), self.albedo.size(), self.gloss.size()];
+        rule(of_pixels.iter().all(|&size| size == pixels), "planes of one size")?;
+        rule(self.step > 0, "at least one pixel per sample")?;
+        let blocks = (pixels.0.div_ceil(self.step), pixels.1.div_ceil(self.step));
+        rule(samples == blocks, "a sample for each block of pixels")?;
+        rule([self.normals.size(), self.body.size()] == [samples; 2], "a normal and a body for each sample")?;
+        let rows = NEAR * self.points.len();
+        rule(self.near.len() == rows && self.weight.len() == rows, "eight probes for each sample")?;
+        rule(self.near.pixels().iter().all(|&probe| (probe as usize) < probes), "probes that are there")?;
+        rule(self.probe_gloss.len() == probes, "a material for each probe")
     }
 
     /// Whether nothing is seen.

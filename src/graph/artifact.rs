@@ -16,6 +16,14 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     const TYPE: &'static str;
     /// Memory held, in bytes: what the memory cache counts.
     fn bytes(&self) -> usize;
+    /// Whether a value that was read from disk keeps the rules of its type that its form does not: what every user of the type
+    /// relies on without looking, such as indices in range. The engine makes the value again where it does not.
+    ///
+    /// # Errors
+    /// What was wanted and what was got.
+    fn check(&self) -> Result<(), String> {
+        Ok(())
+    }
 }
 
 /// Hands the canonical bytes of an artifact to the second argument.

@@ -28,6 +28,8 @@ pub(super) struct ValueHeader {
     pub digest: [u8; 32],
     /// Memory that the value takes.
     pub memory: u64,
+    /// Length of the canonical bytes, as they are stored.
+    pub length: u64,
 }
 
 impl Header {
@@ -70,7 +72,8 @@ impl Entry {
             let mut push = |member: Option<&String>, value: &Value| {
                 let (member, digest, memory) = (member.cloned(), value.digest().0, value.bytes as u64);
                 let type_name = value.type_name().to_owned();
-                header.values.push(ValueHeader { port: port as u32, member, type_name, digest, memory });
+                let (port, length) = (port as u32, value.length);
+                header.values.push(ValueHeader { port, member, type_name, digest, memory, length });
                 values.push(Some(value.clone()));
             };
             match output {

@@ -83,7 +83,7 @@ impl Context {
     /// The bytes of a file that the node declared in [`super::Node::files`].
     pub fn read(&self, file: &File) -> Result<Vec<u8>, NodeError> {
         let bad = |message: String| NodeError::BadFile { path: file.location().display().to_string(), message };
-        let bytes = std::fs::read(file.location()).map_err(|e| bad(format!("cannot be read: {e}")))?;
+        let bytes = file.read().map_err(|e| bad(format!("cannot be read: {e}")))?;
         if let Some((_, wanted)) = self.digests.iter().find(|(f, _)| f == file)
             && *blake3::hash(&bytes).as_bytes() != wanted.0
         {

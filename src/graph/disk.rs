@@ -1,33 +1,92 @@
 //! The disk cache: one file per result, written beside and renamed, every byte checked when it is read.
 //!
 //! ```text
+//! FOLDER/CACHEDIR.TAG         marks the folder as a cache of this program: nothing is done in a folder without it
 //! FOLDER/entries/ab/cdef...   a result, by its key
 //! FOLDER/tmp/                 results being written; each is locked by its writer
-//! FOLDER/latest               the last key of each node name, for `explain`
+//! FOLDER/latest/0123...       the last key of each node name of one project, for `explain`
 //! ```
-//! A result: magic (8 bytes), length of the header (8, little endian), BLAKE3 of the header (32), the header, then the
-//! values one after the other, each as its length (8) and its bytes. The header holds the digests of the values, so that
-//! it can be read and trusted by itself. Access times are the files' modification times, set when a result is used.
+//! A result: magic (8 bytes), length of the header (8, little endian), BLAKE3 of the header (32), keyed BLAKE3 of the header
+//! (32), the header, then the values one after the other. The header holds lengths and digests of the values, so that it can
+//! be read and trusted by itself. Access times are the files' modification times, set when a result is used.
+//!
+//! A folder may hold what strangers put there. The keyed digest makes an entry of another key a miss; only regular files with
+//! names of the forms above are read or deleted, and no symbolic link within the folder is followed.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, SystemTime};
 
 use super::artifact::digest_of;
 use super::cache::Header;
-use super::{Digest, PortSpec, Value, key};
+use super::{Digest, PortSpec, Value, key, reading};
 
-const MAGIC: &[u8; 8] = b"NODE\0\0\0\x01";
-const PREAMBLE: u64 = 48;
+const MAGIC: &[u8; 8] = b"NODE\0\0\0\x02";
+const PREAMBLE: u64 = 80;
+/// A header holds a key text and a line per value; none comes near this many bytes.
+const MAX_HEADER: u64 = 64 << 20;
 /// A temporary file that nobody holds a lock on is stale after this long: a writer locks it right after making it.
 const STALE: Duration = Duration::from_secs(10);
+
+const TAG: &str = "CACHEDIR.TAG";
+/// The signature of the Cache Directory Tagging Specification (<https://bford.info/cachedir/>), which backup programs know.
+const SIGNATURE: &str = "Signature: 8a477f597d28d172789f06886806bc55\n";
+const OWNER: &str = "# A cache of relight, format ";
+/// Bytes of a tag that are looked at.
+const MAX_TAG: u64 = 4096;
+/// Projects whose last keys are kept.
+const MAX_PROJECTS: usize = 256;
+const MAX_LATEST: u64 = 16 << 20;
+
+/// The secret that a cache's entries are signed with.
+#[derive(Clone)]
+pub struct CacheKey([u8; 32]);
+
+impl CacheKey {
+    /// The key for a secret of any length (BLAKE3's `derive_key`).
+    pub fn new(secret: &[u8]) -> CacheKey {
+        CacheKey(blake3::derive_key("relight 2026-11 signature of cache entries", secret))
+    }
+
+    fn sign(&self, header: &[u8]) -> blake3::Hash {
+        blake3::keyed_hash(&self.0, header)
+    }
+}
+
+impl std::fmt::Debug for CacheKey {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("CacheKey(..)")
+    }
+}
+
+/// A cache folder and how it is used.
+#[derive(Clone, Debug)]
+pub struct CacheFolder {
+    pub path: PathBuf,
+    /// Entries that another key signed count as missing.
+    pub key: CacheKey,
+    /// Whether other users of the machine may read the entries, as the umask allows; else only their owner.
+    pub shared: bool,
+}
+
+impl CacheFolder {
+    /// A folder for one user.
+    pub fn new(path: impl Into<PathBuf>, key: CacheKey) -> CacheFolder {
+        CacheFolder { path: path.into(), key, shared: false }
+    }
+}
 
 /// The results on disk. Several processes may share one folder.
 pub struct DiskCache {
     folder: PathBuf,
+    key: CacheKey,
+    shared: bool,
+    /// The folder was seen to carry the mark.
+    marked: AtomicBool,
     /// Bytes on disk, once they were counted.
     total: Mutex<Option<u64>>,
 }
@@ -42,6 +101,8 @@ pub struct CacheReport {
     pub removed: u64,
     /// Entries whose checksum is wrong; `verify` deletes them.
     pub damaged: u64,
+    /// Entries that `verify` found signed with another key, or belonging to another user: they are not used, and stay.
+    pub foreign: u64,
 }
 
 /// What lies under a key.
@@ -50,6 +111,31 @@ pub(super) enum Found {
     Header(Header),
     /// There was something, but not what was written: what is wrong with it.
     Damaged(String),
+    /// Somebody else's entry, which counts as missing: what it is.
+    Foreign(String),
+}
+
+/// The state of the folder.
+enum Mark {
+    /// Not there yet, or empty.
+    Absent,
+    Ours,
+    /// Of another version of the program.
+    OtherFormat,
+    /// A folder of something else.
+    Missing,
+}
+
+/// Why an entry cannot be used.
+enum Unusable {
+    Damaged(String),
+    Foreign(String),
+}
+
+impl<T: Into<String>> From<T> for Unusable {
+    fn from(damage: T) -> Unusable {
+        Unusable::Damaged(damage.into())
+    }
 }
 
 /// Why a value of a known result cannot be had.
@@ -66,23 +152,125 @@ struct Stored {
 }
 
 impl DiskCache {
-    /// The cache in `folder`, which need not be there yet.
-    pub fn new(folder: impl Into<PathBuf>) -> DiskCache {
-        DiskCache { folder: folder.into(), total: Mutex::new(None) }
+    /// The cache in a folder, which need not be there yet.
+    pub fn new(CacheFolder { path, key, shared }: CacheFolder) -> DiskCache {
+        DiskCache { folder: path, key, shared, marked: AtomicBool::new(false), total: Mutex::new(None) }
     }
 
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
+    fn mark(&self) -> io::Result<Mark> {
+        let read = reading::open_no_follow(&self.folder.join(TAG), MAX_TAG);
+        let text = match read.and_then(|file| reading::read_all(file, MAX_TAG)) {
+            Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                let is_empty = list(&self.folder)?.is_empty() && !self.folder.is_file();
+                return Ok(if is_empty { Mark::Absent } else { Mark::Missing });
+            }
+            Err(e) if matches!(e.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::FileTooLarge) => String::new(),
+            Err(e) if e.kind() == io::ErrorKind::NotADirectory => String::new(),
+            Err(e) => return Err(e),
+        };
+        let format = text.strip_prefix(SIGNATURE).and_then(|rest| rest.strip_prefix(OWNER));
+        Ok(match format.and_then(|format| format.lines().next()) {
+            Some(format) if format == key::FORMAT.to_string() => Mark::Ours,
+            Some(_) => Mark::OtherFormat,
+            None => Mark::Missing,
+        })
+    }
+
+    /// Whether results may be looked for in the folder.
+    fn is_marked(&self) -> bool {
+        self.marked.load(Ordering::Relaxed) || {
+            let marked = matches!(self.mark(), Ok(Mark::Ours));
+            self.marked.store(marked, Ordering::Relaxed);
+            marked
+        }
+    }
+
+    /// Whether files may be deleted in the folder; nothing is there to delete where it is not there.
+    fn check_mark(&self) -> io::Result<()> {
+        match self.mark()? {
+            Mark::Absent | Mark::Ours => Ok(()),
+            Mark::OtherFormat => {
+                Err(io::Error::other("it is the cache of another version of relight; `relight cache clear` empties it"))
+            }
+            Mark::Missing => Err(io::Error::other(format!(
+                "it is not a cache of relight: it has files in it and no {TAG} that says so; name another folder"
+            ))),
+        }
+    }
+
+    /// Makes the folder and its mark where they are not there.
+    fn establish(&self) -> io::Result<()> {
+        if self.is_marked() {
+            return Ok(());
+        }
+        if let Mark::Absent = self.mark()? {
+            let parent = self.folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            fs::create_dir_all(parent)?;
+            let tag = format!(
+                "{SIGNATURE}{OWNER}{}\n# Results that can be made again: this folder may be deleted at any time.\n",
+                key::FORMAT
+            );
+            // At once with its mark, so that no other process finds the folder without it. Where that cannot be, as
+            // for a folder that something is mounted on, the mark is put into the folder.
+            let made = self.builder(0o777).prefix(".relight-cache-").tempdir_in(parent).and_then(|made| {
+                fs::write(made.path().join(TAG), &tag)?;
+                fs::rename(made.path(), &self.folder)
+            });
+            if made.is_err() && matches!(self.mark()?, Mark::Absent) {
+                fs::create_dir_all(&self.folder)?;
+                fs::write(self.folder.join(TAG), &tag)?;
+            }
+        }
+        self.check_mark()?;
+        self.marked.store(true, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// For a temporary file or folder that others may read with this mode where the cache is shared.
+    #[cfg_attr(not(unix), expect(unused_variables, reason = "modes are those of Unix"))]
+    fn builder(&self, mode: u32) -> tempfile::Builder<'static, 'static> {
+        let mut builder = tempfile::Builder::new();
+        #[cfg(unix)]
+        if self.shared {
+            builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(mode)); // less what the umask takes away
+        }
+        builder
+    }
+
+    /// The folder of this name within the cache, made where it is not there.
+    fn folder_of(&self, name: &str) -> io::Result<PathBuf> {
+        let path = self.folder.join(name);
+        if !is_folder(&path) {
+            match fs::create_dir(&path) {
+                Err(e) if e.kind() == io::ErrorKind::AlreadyExists && is_folder(&path) => {}
+                made => made?,
+            }
+        }
+        Ok(path)
+    }
+
     /// Counts entries and bytes.
+    ///
+    /// # Errors
+    /// The folder is not a cache; those of the system.
     pub fn stat(&self) -> io::Result<CacheReport> {
+        self.check_mark()?;
         Ok(sum(&self.entries()?, CacheReport::default()))
     }
 
     /// Deletes the longest unused entries until at most `bytes` are left.
+    ///
+    /// # Errors
+    /// Those of [`DiskCache::stat`].
     pub fn gc(&self, bytes: u64) -> io::Result<CacheReport> {
+        self.check_mark()?;
         self.sweep();
+        self.forget_projects(MAX_PROJECTS)?;
         let mut entries = self.entries()?;
         entries.sort_by(|a, b| (a.used, &a.path).cmp(&(b.used, &b.path)));
         let mut left: u64 = entries.iter().map(|e| e.bytes).sum();
@@ -100,42 +288,67 @@ impl DiskCache {
         Ok(sum(&kept, report))
     }
 
-    /// Reads everything, checks every checksum, deletes what is damaged.
+    /// Reads everything, checks every checksum and signature, deletes what is damaged.
+    ///
+    /// # Errors
+    /// Those of [`DiskCache::stat`].
     pub fn verify(&self) -> io::Result<CacheReport> {
+        self.check_mark()?;
         let mut report = CacheReport::default();
         let mut kept = Vec::new();
         for entry in self.entries()? {
-            if is_sound(&entry.path) {
-                kept.push(entry);
-            } else {
-                report.damaged += 1;
-                report.removed += u64::from(remove(&entry.path)?);
+            match self.check(&entry.path) {
+                Ok(()) => kept.push(entry),
+                Err(Unusable::Foreign(_)) => {
+                    report.foreign += 1;
+                    kept.push(entry);
+                }
+                Err(Unusable::Damaged(_)) => {
+                    report.damaged += 1;
+                    report.removed += u64::from(remove(&entry.path)?);
+                }
             }
         }
         Ok(sum(&kept, report))
     }
 
     /// Deletes everything that the cache made, and nothing else.
+    ///
+    /// # Errors
+    /// Those of [`DiskCache::stat`], but for a cache of another version.
     pub fn clear(&self) -> io::Result<CacheReport> {
+        if !matches!(self.mark()?, Mark::OtherFormat) {
+            self.check_mark()?;
+        }
         let mut report = CacheReport::default();
         for entry in self.entries()? {
             report.removed += u64::from(remove(&entry.path)?);
         }
-        for folder in list(&self.folder.join("entries"))? {
-            let _ = fs::remove_dir(folder);
+        for shelf in self.shelves()? {
+            let _ = fs::remove_dir(shelf);
         }
         self.sweep();
-        remove(&self.folder.join("latest"))?;
+        self.forget_projects(0)?;
+        if matches!(self.mark()?, Mark::OtherFormat) {
+            remove(&self.folder.join(TAG))?;
+        }
         *self.total.lock().expect("nothing panics while it counts") = Some(0);
         Ok(report)
     }
 
+    /// The folders of entries: no links, and of the cache's own names.
+    fn shelves(&self) -> io::Result<Vec<PathBuf>> {
+        let mut shelves = list_folder(&self.folder.join("entries"))?;
+        shelves.retain(|path| is_hex(path, 2) && is_folder(path));
+        Ok(shelves)
+    }
+
     fn entries(&self) -> io::Result<Vec<Stored>> {
         let mut entries = Vec::new();
-        for folder in list(&self.folder.join("entries"))? {
-            for path in list(&folder)? {
+        for shelf in self.shelves()? {
+            for path in list_folder(&shelf)?.into_iter().filter(|path| is_hex(path, 62)) {
                 // Another process may delete it meanwhile.
-                if let Ok(data) = path.metadata()
+                if let Ok(data) = path.symlink_metadata()
                     && data.is_file()
                 {
                     entries.push(Stored { path, bytes: data.len(), used: data.modified()? });
@@ -152,31 +365,32 @@ impl DiskCache {
 
     /// The header under a key; counts as use.
     pub(super) fn header(&self, key: &Digest) -> Found {
-        let mut file = match File::open(self.path(key)) {
-            Ok(file) => file,
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Found::Nothing,
-            Err(e) if e.kind() == io::ErrorKind::NotADirectory => return Found::Nothing,
-            Err(e) => return Found::Damaged(format!("cannot be read: {e}")),
-        };
-        match read_header(&mut file) {
-            Ok((header, _)) if key::digest(&header.key_text) == *key => {
+        if !self.is_marked() {
+            return Found::Nothing;
+        }
+        match open_entry(&self.path(key)).map(|file| file.map(|mut file| (self.read_header(&mut file), file))) {
+            Ok(None) => Found::Nothing,
+            Ok(Some((Ok(header), file))) if key::digest(&header.key_text) == *key => {
                 // Not possible in a read-only folder; then the order of deletion is that of creation.
                 #[expect(clippy::disallowed_methods, reason = "the longest unused entry goes first")]
                 let _ = file.set_modified(SystemTime::now());
                 Found::Header(header)
             }
-            Ok(_) => Found::Damaged("it stands under a key that is not its own".to_owned()),
-            Err(message) => Found::Damaged(message),
+            Ok(Some((Ok(_), _))) => Found::Damaged("it stands under a key that is not its own".to_owned()),
+            Ok(Some((Err(Unusable::Damaged(damage)), _))) | Err(Unusable::Damaged(damage)) => Found::Damaged(damage),
+            Ok(Some((Err(Unusable::Foreign(why)), _))) | Err(Unusable::Foreign(why)) => Found::Foreign(why),
         }
     }
 
-    /// The checked bytes of one value of a result whose header said `digest`.
+    /// The checked bytes of one value of a result whose header gave `digest`.
     pub(super) fn value(&self, key: &Digest, index: usize, port: &PortSpec, digest: Digest) -> Result<Vec<u8>, Loss> {
-        let file = File::open(self.path(key)).map_err(|e| match e.kind() {
-            io::ErrorKind::NotFound => Loss::Gone,
-            _ => Loss::Damaged(format!("cannot be read: {e}")),
-        })?;
-        let bytes = read_value(file, index).map_err(Loss::Damaged)?;
+        let lost = |unusable| match unusable {
+            Unusable::Damaged(damage) => Loss::Damaged(damage),
+            Unusable::Foreign(_) => Loss::Gone,
+        };
+        let mut file = open_entry(&self.path(key)).map_err(lost)?.ok_or(Loss::Gone)?;
+        let header = self.read_header(&mut file).map_err(lost)?;
+        let bytes = read_value(&mut file, &header, index).map_err(|e| Loss::Damaged(e.to_string()))?;
         let whole = digest_of(port.type_name, &bytes) == digest;
         if whole { Ok(bytes) } else { Err(Loss::Damaged(format!("`{}` is not what was stored", port.name))) }
     }
@@ -184,25 +398,23 @@ impl DiskCache {
     /// Writes a result: to a temporary file, synced, then renamed. Older results make room.
     pub(super) fn store(&self, key: &Digest, header: &Header, values: &[Value], limit: u64) -> io::Result<()> {
         let header = postcard::to_stdvec(header).expect("headers hold plain data, which postcard always encodes");
-        let bytes = PREAMBLE + header.len() as u64 + values.iter().map(|v| 8 + v.length).sum::<u64>();
-        if bytes > limit {
+        let bytes = PREAMBLE + header.len() as u64 + values.iter().map(|v| v.length).sum::<u64>();
+        if bytes > limit || header.len() as u64 > MAX_HEADER {
             return Ok(());
         }
+        self.establish()?;
         let path = self.path(key);
-        let tmp = self.folder.join("tmp");
-        if !tmp.is_dir() {
-            fs::create_dir_all(&tmp)?;
-        }
-        fs::create_dir_all(path.parent().expect("an entry lies in a folder"))?;
-        let mut file = tempfile::Builder::new().prefix("new-").tempfile_in(tmp)?;
+        self.folder_of("entries")?;
+        self.folder_of(&format!("entries/{}", &key.to_string()[..2]))?;
+        let mut file = self.builder(0o666).prefix(NEW).tempfile_in(self.folder_of("tmp")?)?;
         // Where the file system knows no locks, age alone tells stale files.
         let _ = file.as_file().try_lock();
         file.write_all(MAGIC)?;
         file.write_all(&(header.len() as u64).to_le_bytes())?;
         file.write_all(blake3::hash(&header).as_bytes())?;
+        file.write_all(self.key.sign(&header).as_bytes())?;
         file.write_all(&header)?;
         for value in values {
-            file.write_all(&value.length.to_le_bytes())?;
             let mut written = Ok(());
             value.encode(|piece| {
                 if written.is_ok() {
@@ -235,13 +447,16 @@ impl DiskCache {
 
     /// Deletes a damaged result.
     pub(super) fn drop_entry(&self, key: &Digest) {
-        let _ = remove(&self.path(key));
+        if self.is_marked() && self.path(key).parent().is_some_and(is_folder) {
+            let _ = remove(&self.path(key));
+        }
     }
 
     /// Deletes temporary files whose writers died.
     fn sweep(&self) {
-        for path in list(&self.folder.join("tmp")).unwrap_or_default() {
-            let Ok(file) = File::open(&path) else { continue };
+        let ours = |path: &PathBuf| [NEW, LATEST].iter().any(|prefix| is_temporary(path, prefix));
+        for path in list_folder(&self.folder.join("tmp")).unwrap_or_default().into_iter().filter(ours) {
+            let Ok(file) = reading::open_no_follow(&path, u64::MAX) else { continue };
             let modified = file.metadata().and_then(|data| data.modified());
             let old = modified.is_ok_and(|m| m.elapsed().is_ok_and(|age| age > STALE));
             if old && !matches!(file.try_lock(), Err(fs::TryLockError::WouldBlock)) {
@@ -250,95 +465,171 @@ impl DiskCache {
         }
     }
 
-    /// The last key of each node name.
-    pub(super) fn latest(&self) -> BTreeMap<String, Digest> {
-        let text = fs::read_to_string(self.folder.join("latest")).unwrap_or_default();
+    /// Deletes the last keys of all projects but the `most` that were used last.
+    fn forget_projects(&self, most: usize) -> io::Result<()> {
+        let mut projects = Vec::new();
+        for path in list_folder(&self.folder.join("latest"))?.into_iter().filter(|path| is_hex(path, 64)) {
+            if let Ok(data) = path.symlink_metadata()
+                && data.is_file()
+            {
+                projects.push((data.modified()?, path));
+            }
+        }
+        projects.sort();
+        let surplus = projects.len().saturating_sub(most);
+        for (_, path) in &projects[..surplus] {
+            remove(path)?;
+        }
+        Ok(())
+    }
+
+    /// The last key of each node name of a project.
+    pub(super) fn latest(&self, project: &str) -> BTreeMap<String, Digest> {
+        let path = self.folder.join("latest").join(key::digest(project).to_string());
+        let read = || reading::read_all(open_entry(&path).ok()??, MAX_LATEST).ok();
+        let bytes = self.is_marked().then(read).flatten().unwrap_or_default();
         let line = |line: &str| {
             let (name, hex) = line.rsplit_once(' ')?;
             Some((name.to_owned(), Digest(*blake3::Hash::from_hex(hex).ok()?.as_bytes())))
         };
-        text.lines().filter_map(line).collect()
+        String::from_utf8_lossy(&bytes).lines().filter_map(line).collect()
     }
 
     /// Lays `keys` over the last keys. Of two processes that do so at once, one may go unheard: `explain` then compares
     /// with the result before.
-    pub(super) fn set_latest(&self, keys: &BTreeMap<String, Digest>) -> io::Result<()> {
-        let mut all = self.latest();
+    pub(super) fn set_latest(&self, project: &str, keys: &BTreeMap<String, Digest>) -> io::Result<()> {
+        let mut all = self.latest(project);
         let before = all.len();
         let changed = keys.iter().filter(|(name, key)| all.insert((*name).clone(), **key) != Some(**key)).count();
         if changed == 0 && all.len() == before {
             return Ok(());
         }
-        let tmp = self.folder.join("tmp");
-        fs::create_dir_all(&tmp)?;
-        let mut file = tempfile::Builder::new().prefix("latest-").tempfile_in(tmp)?;
+        self.establish()?;
+        let mut file = self.builder(0o666).prefix(LATEST).tempfile_in(self.folder_of("tmp")?)?;
         let text: String = all.iter().map(|(name, key)| format!("{name} {key}\n")).collect();
         file.write_all(text.as_bytes())?;
-        file.persist(self.folder.join("latest")).map_err(|e| e.error)?;
+        let path = self.folder_of("latest")?.join(key::digest(project).to_string());
+        file.persist(path).map_err(|e| e.error)?;
+        Ok(())
+    }
+
+    /// The header, and the file at the first byte behind it.
+    fn read_header(&self, file: &mut File) -> Result<Header, Unusable> {
+        let data = file.metadata().map_err(|e| e.to_string())?;
+        let size = data.len();
+        let mut preamble = [0; PREAMBLE as usize];
+        file.read_exact(&mut preamble).map_err(|_| CUT)?;
+        let (magic, rest) = preamble.split_at(8);
+        let (length, digests) = rest.split_at(8);
+        let (checksum, signature) = digests.split_at(32);
+        if magic != MAGIC {
+            return Err("it does not begin as a result does".into());
+        }
+        let length = u64::from_le_bytes(length.try_into().expect("eight bytes"));
+        if length > MAX_HEADER || length > size.saturating_sub(PREAMBLE) {
+            return Err(CUT.into());
+        }
+        let mut bytes = vec![0; length as usize];
+        file.read_exact(&mut bytes).map_err(|_| CUT)?;
+        if blake3::hash(&bytes).as_bytes() != checksum {
+            return Err("its header is damaged".into());
+        }
+        // Compared in constant time, as `blake3::Hash` does.
+        if self.key.sign(&bytes) != *<&[u8; 32]>::try_from(signature).expect("thirty-two bytes") {
+            let owner = owner(&data).map(|user| format!(" and belongs to another user of this machine ({user})"));
+            return Err(Unusable::Foreign(format!("it is signed with another key{}", owner.unwrap_or_default())));
+        }
+        let header: Header = postcard::from_bytes(&bytes).map_err(|e| format!("its header cannot be decoded: {e}"))?;
+        if PREAMBLE + length + header.values.iter().map(|value| value.length).sum::<u64>() != size {
+            return Err("it is not as long as its header says".into());
+        }
+        Ok(header)
+    }
+
+    /// Whether a result is whole, signed and stands under its own key.
+    fn check(&self, path: &Path) -> Result<(), Unusable> {
+        let mut file = open_entry(path)?.ok_or("it is not there")?;
+        let header = self.read_header(&mut file)?;
+        let key = key::digest(&header.key_text).to_string();
+        if !path.ends_with(Path::new(&key[..2]).join(&key[2..])) {
+            return Err("it stands under a key that is not its own".into());
+        }
+        for value in &header.values {
+            let bytes = read_bytes(&mut file, value.length).map_err(|e| e.to_string())?;
+            if digest_of(&value.type_name, &bytes) != Digest(value.digest) {
+                return Err("a value is not what was stored".into());
+            }
+        }
         Ok(())
     }
 }
 
-/// The header, and how many bytes follow it. Never asks for more memory than the file has bytes.
-fn read_header(file: &mut File) -> Result<(Header, u64), String> {
-    let size = file.metadata().map_err(|e| e.to_string())?.len();
-    let mut preamble = [0; PREAMBLE as usize];
-    file.read_exact(&mut preamble).map_err(|_| "it is cut short".to_owned())?;
-    let (magic, rest) = preamble.split_at(8);
-    let (length, checksum) = rest.split_at(8);
-    if magic != MAGIC {
-        return Err("it does not begin as a result does".to_owned());
+/// Temporary files of results, and of last keys.
+const NEW: &str = "new-";
+const LATEST: &str = "latest-";
+const CUT: &str = "it is cut short";
+
+/// Opens an entry; `None` where there is none that the cache could have made.
+fn open_entry(path: &Path) -> Result<Option<File>, Unusable> {
+    if !path.parent().is_some_and(is_folder) {
+        return Ok(None);
     }
-    let length = u64::from_le_bytes(length.try_into().expect("eight bytes"));
-    let left = size.checked_sub(PREAMBLE).and_then(|left| left.checked_sub(length)).ok_or("it is cut short")?;
-    let mut bytes = vec![0; length as usize];
-    file.read_exact(&mut bytes).map_err(|_| "it is cut short".to_owned())?;
-    if blake3::hash(&bytes).as_bytes() != checksum {
-        return Err("its header is damaged".to_owned());
+    match reading::open_no_follow(path, u64::MAX) {
+        Ok(file) => Ok(Some(file)),
+        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::InvalidInput) => Ok(None),
+        Err(e) => match path.symlink_metadata().ok().and_then(|data| owner(&data)) {
+            Some(user) => Err(Unusable::Foreign(format!("it belongs to another user of this machine ({user}): {e}"))),
+            None => Err(format!("cannot be read: {e}").into()),
+        },
     }
-    let header = postcard::from_bytes(&bytes).map_err(|e| format!("its header cannot be decoded: {e}"))?;
-    Ok((header, left))
 }
 
-fn read_value(mut file: File, index: usize) -> Result<Vec<u8>, String> {
-    let (_, mut left) = read_header(&mut file)?;
-    for _ in 0..index {
-        let length = read_length(&mut file, &mut left)?;
-        file.seek(SeekFrom::Current(length as i64)).map_err(|e| e.to_string())?;
-        left -= length;
-    }
-    let length = read_length(&mut file, &mut left)?;
+/// The user that a file belongs to, by number, where that is another one than runs the program.
+#[cfg(unix)]
+fn owner(data: &fs::Metadata) -> Option<u32> {
+    let owner = std::os::unix::fs::MetadataExt::uid(data);
+    (owner != rustix::process::geteuid().as_raw()).then_some(owner)
+}
+
+#[cfg(not(unix))]
+fn owner(_: &fs::Metadata) -> Option<u32> {
+    None
+}
+
+/// One value of a file that stands at the end of its header.
+fn read_value(file: &mut File, header: &Header, index: usize) -> io::Result<Vec<u8>> {
+    let before: u64 = header.values[..index].iter().map(|value| value.length).sum();
+    file.seek(SeekFrom::Current(before as i64))?;
+    read_bytes(file, header.values[index].length)
+}
+
+/// The next bytes of a file that was seen to be long enough.
+fn read_bytes(file: &mut File, length: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::with_capacity(length as usize);
-    file.take(length).read_to_end(&mut bytes).map_err(|e| e.to_string())?;
+    file.take(length).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
 
-/// Whether a result is whole and stands under its own key.
-fn is_sound(path: &Path) -> bool {
-    let sound = || -> Result<bool, String> {
-        let mut file = File::open(path).map_err(|e| e.to_string())?;
-        let (header, mut left) = read_header(&mut file)?;
-        for value in &header.values {
-            let length = read_length(&mut file, &mut left)?;
-            let mut bytes = Vec::with_capacity(length as usize);
-            (&mut file).take(length).read_to_end(&mut bytes).map_err(|e| e.to_string())?;
-            left -= length;
-            if digest_of(&value.type_name, &bytes) != Digest(value.digest) {
-                return Ok(false);
-            }
-        }
-        let key = key::digest(&header.key_text).to_string();
-        Ok(left == 0 && path.ends_with(Path::new(&key[..2]).join(&key[2..])))
-    };
-    sound().unwrap_or(false)
+fn is_folder(path: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|data| data.is_dir())
 }
 
-fn read_length(file: &mut File, left: &mut u64) -> Result<u64, String> {
-    let mut length = [0; 8];
-    file.read_exact(&mut length).map_err(|_| "it is cut short".to_owned())?;
-    let length = u64::from_le_bytes(length);
-    *left = left.checked_sub(8).ok_or("it is cut short")?;
-    if length <= *left { Ok(length) } else { Err("it is cut short".to_owned()) }
+/// Whether a file's name is so many hexadecimal digits, as a digest is written.
+fn is_hex(path: &Path, length: usize) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    name.len() == length && name.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f'))
+}
+
+/// Whether a file is named as `tempfile` names one with this prefix.
+fn is_temporary(path: &Path, prefix: &str) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    let random = name.strip_prefix(prefix).unwrap_or_default();
+    random.len() == 6 && random.bytes().all(|b| b.is_ascii_alphanumeric())
+}
+
+/// [`list`] of a folder that must not be a symbolic link.
+fn list_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    if is_folder(folder) { list(folder) } else { Ok(Vec::new()) }
 }
 
 fn sum(entries: &[Stored], report: CacheReport) -> CacheReport {

@@ -1,12 +1,12 @@
 //! The engine: options, cache, thread pool, and the questions one may ask it.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::cache::Entry;
 use super::context::{Cancel, Shared};
-use super::disk::DiskCache;
+use super::disk::{CacheFolder, DiskCache};
 use super::key::{Why, first_change};
 use super::network::{Graph, Wanted};
 use super::report::{Explanation, Observer, PlanLine, Planned, RunReport, VerifyReport};
@@ -20,7 +20,10 @@ use super::{Digest, key};
 #[derive(Clone, Debug)]
 pub struct EngineOptions {
     /// Where results are kept between runs; `None` keeps them in memory only.
-    pub cache_dir: Option<PathBuf>,
+    pub cache: Option<CacheFolder>,
+    /// A name for what is worked on, such as the scene's folder: a cache keeps the last keys of each, which tell why a node
+    /// has to run again.
+    pub project: String,
     /// Most memory for results that no running node needs.
     pub memory_bytes: u64,
     /// Most disk space for results.
@@ -37,7 +40,8 @@ pub struct EngineOptions {
 impl Default for EngineOptions {
     fn default() -> EngineOptions {
         EngineOptions {
-            cache_dir: None,
+            cache: None,
+            project: String::new(),
             memory_bytes: 1 << 30,
             disk_bytes: 10 << 30,
             threads: None,
@@ -83,8 +87,8 @@ impl Engine {
             .thread_name(|i| format!("stage {i}"))
             .build()
             .map_err(std::io::Error::other)?;
-        let disk = options.cache_dir.map(DiskCache::new);
-        let store = Store::new(options.memory_bytes, disk, options.disk_bytes);
+        let disk = options.cache.map(DiskCache::new);
+        let store = Store::new(options.memory_bytes, disk, options.disk_bytes, options.project);
         Ok(Engine { backend: options.backend, budget: options.budget, pool, store, shared: Shared::default() })
     }
 

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::source::{Fault, Key, Origin, Raw, Source, is_name};
+use super::source::{Fault, Key, Origin, Raw, Reach, Source, is_name};
 
 /// The version of graph files that this program reads.
 const VERSION: u32 = 1;
@@ -15,6 +15,8 @@ const MAX_NODES: usize = 10_000;
 /// A graph file with everything that it extends.
 pub struct GraphFile {
     path: PathBuf,
+    /// This file and those that it extends.
+    pub(super) sources: Vec<PathBuf>,
     scene: Option<PathBuf>,
     pub(super) sets: Vec<SetDecl>,
     pub(super) nodes: Vec<NodeDecl>,
@@ -107,7 +109,12 @@ impl GraphFile {
     /// Reads a graph file and what it extends. Fails only where nothing can be made of them: unreadable, brackets that do
     /// not match, a parent that is not there. All other faults are told by [`GraphFile::resolve`], at once.
     pub fn read(path: &Path) -> Result<GraphFile, Vec<Fault>> {
-        GraphFile::parse(Source::read(path).map_err(|fault| vec![fault])?)
+        GraphFile::read_within(path, Reach::Anywhere)
+    }
+
+    /// The same of a file that may name others within `reach` only.
+    pub fn read_within(path: &Path, reach: Reach) -> Result<GraphFile, Vec<Fault>> {
+        GraphFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
     /// The same from a text; `extends` is looked for beside `source.path`.
@@ -115,9 +122,10 @@ impl GraphFile {
         let mut faults = Vec::new();
         let path = source.path.clone();
         let mut chain = vec![identity(&path)];
-        let mut layers = Vec::new();
+        let (mut layers, mut sources) = (Vec::new(), Vec::new());
         let mut next = Some(source);
         while let Some(source) = next.take() {
+            sources.push(source.path.clone());
             let Some(layer) = parse_layer(&source, &mut faults) else { return Err(faults) };
             if let Some(parent) = &layer.extends {
                 match read_parent(&source, parent, &mut chain) {
@@ -131,7 +139,8 @@ impl GraphFile {
             }
             layers.push(layer);
         }
-        let mut file = GraphFile { path, scene: None, sets: vec![], nodes: vec![], outputs: vec![], faults: vec![] };
+        let mut file =
+            GraphFile { path, sources, scene: None, sets: vec![], nodes: vec![], outputs: vec![], faults: vec![] };
         layers.into_iter().rev().for_each(|layer| file.lay_over(layer, &mut faults));
         file.faults = faults;
         Ok(file)
@@ -193,7 +202,13 @@ impl GraphFile {
     /// it becomes another kind: then nothing of the old one stays.
     fn lay_over(&mut self, layer: Layer, faults: &mut Vec<Fault>) {
         if let Some(scene) = layer.scene {
-            self.scene = Some(scene.origin.source.folder().join(scene.name));
+            let source = &scene.origin.source;
+            let folder = source.folder().join(scene.name);
+            if let Err(e) = source.may_name(&folder) {
+                let fault = Fault::at(&scene.origin, format!("{}: {e}", folder.display()));
+                faults.push(fault.help("name the scene's folder with --scene DIR"));
+            }
+            self.scene = Some(folder);
         }
         for set in layer.sets {
             match self.sets.iter_mut().find(|s| s.name.name == set.name.name) {
@@ -247,7 +262,9 @@ fn read_parent(source: &Source, parent: &Key, chain: &mut Vec<PathBuf>) -> Resul
         return Err(Fault::at(&parent.origin, message));
     }
     chain.push(identity(&path));
-    Source::read(&path).map_err(|fault| {
+    let extended = |e| Fault::at(&parent.origin, format!("{} (extended here): {e}", path.display()));
+    source.may_name(&path).map_err(extended)?;
+    Source::read(&path, source.reach).map_err(|fault| {
         Fault::at(&parent.origin, format!("{} (extended here): {}", fault.path.display(), fault.message))
     })
 }

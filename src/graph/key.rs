@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::Digest;
 
 /// Raised whenever key texts or stored entries change their form: all older entries are then unknown.
-pub(super) const FORMAT: u32 = 2;
+pub(super) const FORMAT: u32 = 3;
 
 /// What stands in place of a file's path.
 pub(super) const FILE: &str = "blake3:";

@@ -6,11 +6,13 @@ mod context;
 mod disk;
 mod draw;
 mod engine;
+mod escape;
 mod file;
 mod key;
 mod lexer;
 mod network;
 mod node;
+mod reading;
 mod registry;
 mod report;
 mod resolve;
@@ -22,16 +24,18 @@ mod take;
 
 pub use artifact::{Artifact, Value};
 pub use context::{Cancel, Context, NodeError};
-pub use disk::{CacheReport, DiskCache};
+pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};
 pub use engine::{Engine, EngineOptions};
+pub use escape::{escape, escape_json, escape_line};
 pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
 pub use network::{Graph, Wanted};
 pub use node::{
     Arity, File, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue, Scatter,
 };
+pub use reading::{MAX_FILE_BYTES, open, read};
 pub use registry::{KindSpec, Registry};
 pub use report::{Difference, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport};
-pub use source::{Fault, Key, Origin, Raw, Source, is_name, nearest};
+pub use source::{Fault, Key, Origin, Raw, Reach, Source, is_name, nearest};
 
 /// A BLAKE3 digest.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -1,11 +1,12 @@
 //! A graph ready to run: one instance per node, or per node and member, and the wires between them.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::registry::AnyNode;
-use super::source::Fault;
+use super::source::{Fault, Raw};
 use super::{Digest, File, PortSpec};
 
 /// A graph that was checked against the registry: running it cannot fail for want of a name, a type or a file.
@@ -14,6 +15,10 @@ pub struct Graph {
     /// Every instance comes after all that it takes from.
     pub(super) instances: Vec<Instance>,
     pub(super) outputs: Vec<String>,
+    /// The graph file and those that it extends.
+    pub(super) sources: Vec<PathBuf>,
+    /// Values that scene, edit and command line give, used or not.
+    pub(super) settings: Vec<Raw>,
 }
 
 pub(super) struct GraphNode {
@@ -99,6 +104,20 @@ impl Instance {
 }
 
 impl Graph {
+    /// The files that a run of this graph reads, and those that its scene and its edit name, whether a stage reads them or not:
+    /// what must not be taken for a result and replaced. Existing files only.
+    pub fn inputs(&self) -> BTreeSet<PathBuf> {
+        let of_nodes = self.nodes.iter().flat_map(|node| node.files.iter().map(|(file, _)| file.location()));
+        let named = self.settings.iter().flat_map(|value| {
+            let folder = value.origin.source.folder();
+            let name = |word: Raw| word.parse::<String>().ok().map(|name| folder.join(name));
+            value.words().into_iter().filter_map(move |(word, _)| name(word))
+        });
+        let texts = self.settings.iter().map(|value| value.origin.source.path.clone());
+        let all = of_nodes.chain(named).chain(texts).chain(self.sources.iter().cloned());
+        all.filter(|path| path.is_file()).collect()
+    }
+
     /// The outputs that the graph file names.
     pub fn outputs(&self) -> &[String] {
         &self.outputs

@@ -33,11 +33,13 @@
 //! }
 //! ```
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
+use super::reading::{self, MAX_FILE_BYTES};
 use super::{Artifact, Context, Digest, NodeError, Value};
 
 /// A stage. `Self` is its parameters, made by [`params!`](crate::params).
@@ -72,24 +74,44 @@ pub struct File {
     /// The folder that a relative path starts from; set by the engine when it reads the parameter, never part of a key.
     #[serde(skip)]
     pub(super) base: Option<PathBuf>,
+    /// The folder that the file must lie in, where the one who names it may name no other; set with `base`.
+    #[serde(skip)]
+    pub(super) within: Option<PathBuf>,
 }
 
 impl File {
     pub fn new(path: impl Into<String>) -> File {
-        File { path: path.into(), base: None }
+        File { path: path.into(), base: None, within: None }
     }
 
     /// The bytes, for a stage that must look into a file to know which others it names; none when it has no folder yet or cannot
     /// be read, which is told when its digest is made.
     pub fn peek(&self) -> Option<Vec<u8>> {
-        let place = self.base.as_ref().map(|_| self.location())?;
-        place.is_file().then(|| std::fs::read(place).ok())?
+        self.base.as_ref().and_then(|_| self.read().ok())
     }
 
-    /// The file of this name in the same folder.
+    /// The bytes of the file: a regular one of at most [`MAX_FILE_BYTES`], in its folder where it is confined to one.
+    ///
+    /// # Errors
+    /// Those of the system, and what was wanted and got.
+    pub fn read(&self) -> io::Result<Vec<u8>> {
+        reading::read_all(self.open()?, MAX_FILE_BYTES)
+    }
+
+    /// The open file, with the checks of [`File::read`].
+    pub(super) fn open(&self) -> io::Result<std::fs::File> {
+        let place = self.location();
+        match &self.within {
+            None => reading::open(&place, MAX_FILE_BYTES),
+            Some(folder) => reading::open(&reading::below(folder, &place)?, MAX_FILE_BYTES),
+        }
+    }
+
+    /// The file of this name in the same folder; of a confined file, in that folder or below it.
     pub fn beside(&self, name: &str) -> File {
         let path = Path::new(&self.path).with_file_name(name).to_string_lossy().into_owned();
-        File { path, base: self.base.clone() }
+        let own_folder = || self.location().parent().unwrap_or(Path::new("")).to_owned();
+        File { path, base: self.base.clone(), within: self.within.as_ref().map(|_| own_folder()) }
     }
 
     /// Where the file lies.
@@ -274,7 +296,11 @@ impl<T: Artifact> InPort for Gather<T> {
 }
 
 fn decode<T: Artifact>(bytes: &[u8], digest: Digest) -> Result<Value, String> {
-    let artifact: T = postcard::from_bytes(bytes).map_err(|e| e.to_string())?;
+    let (artifact, rest) = postcard::take_from_bytes::<T>(bytes).map_err(|e| e.to_string())?;
+    if !rest.is_empty() {
+        return Err(format!("{}: wanted nothing more, got {} bytes", T::TYPE, rest.len()));
+    }
+    artifact.check().map_err(|message| format!("{}: {message}", T::TYPE))?;
     Ok(Value::stored(artifact, digest, bytes.len() as u64))
 }
 

@@ -2,6 +2,7 @@
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+use std::io::Read;
 use std::path::PathBuf;
 
 use petgraph::graph::DiGraph;
@@ -10,7 +11,7 @@ use super::file::{GraphFile, NodeDecl, Overlay, Target, Wire, check_name};
 use super::network::{Feed, Graph, GraphNode, Input, Instance, Take};
 use super::registry::{AnyNode, KindSpec, Registry};
 use super::source::{Fault, Key, MAX_FAULTS, Origin, Raw, holds_non_finite};
-use super::{Arity, Digest, File, PortSpec, key};
+use super::{Arity, Digest, File, MAX_FILE_BYTES, PortSpec, key};
 
 /// Members of each set, in order.
 type Sets = BTreeMap<String, Vec<String>>;
@@ -52,7 +53,8 @@ impl GraphFile {
             return Err(distinct(faults));
         }
         let nodes = built.into_iter().map(|node| node.expect("a node that was not built left a fault")).collect();
-        Ok(self.expand(nodes, &wired, &order, &sets))
+        let settings = overlay.settings.iter().map(|setting| setting.value.clone()).collect();
+        Ok(Graph { settings, ..self.expand(nodes, &wired, &order, &sets) })
     }
 
     fn merged_sets(&self, overlay: &Overlay, faults: &mut Vec<Fault>) -> Sets {
@@ -319,7 +321,8 @@ impl GraphFile {
             }
             nodes[node].instances = start..instances.len();
         }
-        Graph { nodes, instances, outputs: self.outputs.iter().map(|o| o.name.clone()).collect() }
+        let outputs = self.outputs.iter().map(|o| o.name.clone()).collect();
+        Graph { nodes, instances, outputs, sources: self.sources.clone(), settings: Vec::new() }
     }
 }
 
@@ -431,7 +434,7 @@ fn build(
             let known = named_at.len();
             for file in op.files() {
                 if file.base.is_none() && !file.path.is_empty() {
-                    file.base = Some(value.origin.source.folder().to_owned());
+                    value.origin.source.adopt(file);
                     named_at.push((file.clone(), value.origin.clone()));
                 }
             }
@@ -500,26 +503,20 @@ fn set(op: &mut dyn AnyNode, kind: &KindSpec, field: &str, place: &Origin, value
     }
 }
 
-/// Digests of files by place, so that a file that many nodes read is read once.
+/// Digests of files by place and confinement, so that a file that many nodes read is read once.
 #[derive(Default)]
-struct FileDigests(BTreeMap<PathBuf, Result<Digest, String>>);
+struct FileDigests(BTreeMap<(PathBuf, Option<PathBuf>), Result<Digest, String>>);
 
 impl FileDigests {
     fn of(&mut self, file: &File) -> Result<Digest, String> {
         if file.path.is_empty() {
             return Err("wanted a file, and nothing names it".to_owned());
         }
-        let path = file.location();
-        let digest = self.0.entry(path).or_insert_with_key(|path| {
-            let shown = path.display();
-            let cannot = |e: std::io::Error| format!("{shown} cannot be read: {e}");
-            // Anything but a regular file (a pipe, a device) could hang or never end.
-            if !path.metadata().map_err(cannot)?.is_file() {
-                return Err(format!("wanted a file, got {shown}, which is none"));
-            }
+        let digest = self.0.entry((file.location(), file.within.clone())).or_insert_with_key(|(path, _)| {
+            let cannot = |e: std::io::Error| format!("{} cannot be read: {e}", path.display());
             let mut hasher = blake3::Hasher::new();
-            let opened = std::fs::File::open(path).map_err(cannot)?;
-            hasher.update_reader(opened).map_err(cannot)?;
+            let opened = file.open().map_err(cannot)?;
+            hasher.update_reader(opened.take(MAX_FILE_BYTES)).map_err(cannot)?;
             Ok(Digest(*hasher.finalize().as_bytes()))
         });
         digest.clone()

@@ -4,15 +4,14 @@
 //! parsed by itself, so that all faults of a file show in one pass, each with its own caret.
 
 use std::collections::BTreeSet;
-use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
 
-use super::from_ron;
 use super::lexer::{Kind, Token, tokens};
+use super::{File, from_ron, reading};
 
 /// No file that a person writes is larger.
 const MAX_BYTES: u64 = 16 << 20;
@@ -24,42 +23,76 @@ pub(super) const MAX_FAULTS: usize = 50;
 /// Names that a wrong one is compared with.
 const MAX_COMPARED: usize = 1000;
 
+/// The files that a text may name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reach {
+    /// Any that the person who runs the program may read.
+    #[default]
+    Anywhere,
+    /// Those in the folder of the text's own file, or below it, once symbolic links are followed.
+    OwnFolder,
+}
+
 /// A text and the file it came from.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Source {
     /// The file, or what stands for one (`--set`); relative paths in the text start from its folder.
     pub path: PathBuf,
     pub text: String,
+    pub reach: Reach,
 }
 
 impl Source {
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Arc<Source> {
-        Arc::new(Source { path: path.into(), text: text.into() })
+        Source::within(path, text, Reach::Anywhere)
     }
 
-    /// Reads a file of at most 16 MB of UTF-8.
-    pub fn read(path: &Path) -> Result<Arc<Source>, Fault> {
-        let cannot = |e: std::io::Error| Fault::file(path, format!("cannot be read: {e}"));
-        if path.is_dir() {
-            return Err(Fault::file(path, "wanted a file, got a folder"));
-        }
-        let mut bytes = Vec::new();
-        let file = std::fs::File::open(path).map_err(cannot)?;
-        file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(cannot)?;
-        if bytes.len() as u64 > MAX_BYTES {
-            return Err(Fault::file(path, format!("wanted at most {MAX_BYTES} bytes, got more")));
-        }
+    /// A text that may name files within `reach` only.
+    pub fn within(path: impl Into<PathBuf>, text: impl Into<String>, reach: Reach) -> Arc<Source> {
+        Arc::new(Source { path: path.into(), text: text.into(), reach })
+    }
+
+    /// Reads a file of at most 16 MB of UTF-8, which may name files within `reach` only.
+    ///
+    /// # Errors
+    /// It cannot be read, is too large, or holds something else.
+    pub fn read(path: &Path, reach: Reach) -> Result<Arc<Source>, Fault> {
+        let bytes = reading::read(path, MAX_BYTES).map_err(|e| Fault::file(path, format!("cannot be read: {e}")))?;
         let text = String::from_utf8(bytes).map_err(|e| {
             let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
             let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
             Fault::file(path, format!("wanted UTF-8 text, got another byte in line {line}"))
         })?;
-        Ok(Source::new(path, text.strip_prefix('\u{feff}').unwrap_or(&text)))
+        Ok(Source::within(path, text.strip_prefix('\u{feff}').unwrap_or(&text), reach))
     }
 
     /// The folder that relative paths in this text start from.
     pub fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))
+    }
+
+    /// The file that this text names so.
+    pub fn file(&self, name: &str) -> File {
+        let mut file = File::new(name);
+        self.adopt(&mut file);
+        file
+    }
+
+    /// Makes `file` one that this text names: found from its folder, and confined to it where the text is.
+    pub(super) fn adopt(&self, file: &mut File) {
+        file.base = Some(self.folder().to_owned());
+        file.within = (self.reach == Reach::OwnFolder).then(|| self.folder().to_owned());
+    }
+
+    /// Whether this text may name the file or folder at `path`; always where it is not confined.
+    ///
+    /// # Errors
+    /// What was wanted and what was got.
+    pub(super) fn may_name(&self, path: &Path) -> std::io::Result<()> {
+        match self.reach {
+            Reach::Anywhere => Ok(()),
+            Reach::OwnFolder => reading::below(self.folder(), path).map(drop),
+        }
     }
 }
 

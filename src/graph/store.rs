@@ -16,6 +16,10 @@ pub(super) struct Store {
     /// Set once storing failed: a full or read-only disk is told once and not tried again.
     read_only: AtomicBool,
     warnings: Mutex<Vec<String>>,
+    /// Set once entries of somebody else were met: they are told of once.
+    met_foreign: AtomicBool,
+    /// The project whose last keys are kept.
+    project: String,
     latest: Mutex<BTreeMap<Arc<str>, Latest>>,
 }
 
@@ -33,13 +37,15 @@ pub(super) struct Lookup {
 }
 
 impl Store {
-    pub fn new(memory_bytes: u64, disk: Option<DiskCache>, disk_limit: u64) -> Store {
+    pub fn new(memory_bytes: u64, disk: Option<DiskCache>, disk_limit: u64, project: String) -> Store {
         Store {
             memory: Memory::new(memory_bytes),
             disk,
             disk_limit,
             read_only: AtomicBool::new(false),
             warnings: Mutex::default(),
+            met_foreign: AtomicBool::new(false),
+            project,
             latest: Mutex::default(),
         }
     }
@@ -55,6 +61,10 @@ impl Store {
                 let entry = Arc::new(Entry::stored(*key, header));
                 self.memory.put(&entry);
                 return Lookup { entry: Some(entry), damage: None };
+            }
+            Some(Found::Foreign(why)) => {
+                self.warn_of_foreign(&why);
+                return Lookup { entry: None, damage: None };
             }
             Some(Found::Header(_)) => "its ports are not those of the node".to_owned(),
             Some(Found::Damaged(damage)) => damage,
@@ -89,6 +99,23 @@ impl Store {
         decoded
     }
 
+    /// Warns once of entries that somebody else made.
+    fn warn_of_foreign(&self, why: &str) {
+        if let Some(disk) = &self.disk
+            && !self.met_foreign.swap(true, Ordering::Relaxed)
+        {
+            self.warn(format!(
+                "cache {}: an entry is not used, as {why}; the cache may have more of them (`relight cache verify` counts them)",
+                disk.folder().display()
+            ));
+        }
+    }
+
+    fn warn(&self, warning: String) {
+        tracing::warn!("{warning}");
+        self.warnings.lock().expect("nothing panics while it warns").push(warning);
+    }
+
     fn drop_damaged(&self, key: &Digest, node: &str, damage: &str) {
         tracing::warn!(node, %key, damage, "dropped");
         if let Some(disk) = &self.disk {
@@ -110,9 +137,7 @@ impl Store {
             && !self.read_only.swap(true, Ordering::Relaxed)
         {
             let folder = disk.folder().display();
-            let warning = format!("cache {folder}: {e}; the run goes on without storing results");
-            tracing::warn!("{warning}");
-            self.warnings.lock().expect("nothing panics while it warns").push(warning);
+            self.warn(format!("cache {folder}: {e}; the run goes on without storing results"));
         }
     }
 
@@ -125,7 +150,7 @@ impl Store {
     pub fn refresh_latest(&self) {
         let Some(disk) = &self.disk else { return };
         let mut latest = self.latest();
-        for (name, key) in disk.latest() {
+        for (name, key) in disk.latest(&self.project) {
             if latest.get(name.as_str()).map(|l| l.key) != Some(key) {
                 latest.insert(name.into(), Latest { key, header: None });
             }
@@ -150,7 +175,7 @@ impl Store {
         if let Some(disk) = &self.disk
             && !changed.is_empty()
             && !self.read_only.load(Ordering::Relaxed)
-            && let Err(e) = disk.set_latest(&changed)
+            && let Err(e) = disk.set_latest(&self.project, &changed)
         {
             tracing::debug!("the last keys were not written: {e}");
         }
@@ -161,7 +186,7 @@ impl Store {
         let known = self.latest().get(name).cloned()?;
         let from_disk = || match self.disk.as_ref()?.header(&known.key) {
             Found::Header(header) => Some(Arc::new(header)),
-            Found::Nothing | Found::Damaged(_) => None,
+            Found::Nothing | Found::Damaged(_) | Found::Foreign(_) => None,
         };
         Some((known.key, known.header.or_else(from_disk)))
     }

@@ -85,6 +85,15 @@ impl Matte {
 pub struct Coats(pub Vec<Coat>);
 
 impl Coats {
+    /// Whether all coats are of one size.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        let sizes = || self.0.iter().map(|coat| coat.matte.share.size());
+        super::rule(sizes().zip(sizes().skip(1)).all(|(a, b)| a == b), "coats of one size")
+    }
+
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
         self.0.iter().map(|coat| coat.matte.share.bytes() + 16 * coat.matte.rim.len()).sum()

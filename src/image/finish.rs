@@ -26,6 +26,14 @@ impl Default for Finish {
 }
 
 impl Finish {
+    /// Whether both planes of the photo's size have one.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        super::rule(self.share.size() == self.gloss.size(), "share and gloss of one size")
+    }
+
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
         self.share.bytes() + self.gloss.bytes() + self.was.0.bytes()

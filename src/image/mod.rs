@@ -84,6 +84,11 @@ typed_plane! {
     Picture(Vec3),
 }
 
+/// One rule of a value that was read from disk: kept, or told as what was wanted.
+pub fn rule(kept: bool, wanted: &str) -> Result<(), String> {
+    if kept { Ok(()) } else { Err(format!("wanted {wanted}")) }
+}
+
 /// Relative luminance of linear Rec.709.
 pub fn luminance(rgb: Vec3) -> f32 {
     rgb.dot(LUMINANCE)

@@ -17,6 +17,16 @@ pub struct Segments {
     pub count: u32,
 }
 
+impl Segments {
+    /// Whether every label is one of a segment.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        super::rule(self.label.pixels().iter().all(|&label| label < self.count), "labels below the count of segments")
+    }
+}
+
 /// The smallest linear value that is told from black: about the first step of an 8-bit sRGB photo.
 const BLACK: f32 = 0.002;
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{
-    Albedo, Bytes, Coats, Depth, Finish, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer,
+    Albedo, Bytes, Coats, Depth, Finish, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer, rule,
 };
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
@@ -19,50 +19,68 @@ pub const INV_WINDOW: &str = "inv_window";
 /// What no light explains; no light may have this name.
 pub const REST: &str = "rest";
 
+/// The memory that a value of each type holds, and the rules that one must keep which was read from disk.
 macro_rules! artifacts {
-    ($( $ty:ident: $bytes:expr ),* $(,)?) => {$(
+    ($( $ty:ident: $bytes:expr $(, if $check:expr)? );* $(;)?) => {$(
         impl Artifact for $ty {
             const TYPE: &'static str = stringify!($ty);
             fn bytes(&self) -> usize {
                 let size: fn(&$ty) -> usize = $bytes;
                 size(self)
             }
+            $(fn check(&self) -> Result<(), String> {
+                let check: fn(&$ty) -> Result<(), String> = $check;
+                check(self)
+            })?
         }
     )*};
 }
 
 artifacts! {
-    Albedo: |a| a.0.bytes(),
-    Normal: |a| a.0.bytes(),
-    Points: |a| a.0.bytes(),
-    Depth: |a| a.0.bytes(),
-    Roughness: |a| a.0.bytes(),
-    Specular: |a| a.0.bytes(),
-    Shading: |a| a.0.bytes(),
-    Segments: |s| s.label.bytes(),
-    Mask: |a| a.0.bytes(),
-    Picture: |a| a.0.bytes(),
-    Camera: |_| size_of::<Camera>(),
-    SceneMesh: SceneMesh::bytes,
-    Shape: Shape::bytes,
-    Radiance: |r| r.0.len() * 12,
-    Transport: Transport::bytes,
-    UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(),
+    Albedo: |a| a.0.bytes();
+    Normal: |a| a.0.bytes();
+    Points: |a| a.0.bytes();
+    Depth: |a| a.0.bytes(), if |a| rule(a.0.pixels().iter().all(|&z| z > 0.0 && z.is_finite()), "depth above 0");
+    Roughness: |a| a.0.bytes();
+    Specular: |a| a.0.bytes();
+    Shading: |a| a.0.bytes();
+    Segments: |s| s.label.bytes(), if Segments::check;
+    Mask: |a| a.0.bytes();
+    Picture: |a| a.0.bytes();
+    Camera: |_| size_of::<Camera>(), if |c| rule(c.width > 0 && c.height > 0 && c.fx > 0.0 && c.fy > 0.0, "a view");
+    SceneMesh: SceneMesh::bytes, if SceneMesh::check;
+    Shape: Shape::bytes, if Shape::check;
+    Radiance: |r| r.0.len() * 12;
+    Transport: Transport::bytes, if Transport::check;
+    UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(), if |d| lobes(&[&d.lobes, &d.stderr]);
     Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),
-    UnitIndirect: |i| i.lobes.iter().map(|l| &l.0).chain(&i.probes).map(Plane::bytes).chain(i.stderr.iter().map(Plane::bytes)).sum(),
-    Objects: Objects::bytes,
-    Reflections: Reflections::bytes,
-    Polish: Polish::bytes,
+        if |v| lobes(&[&v.lit, &v.stderr, &v.unknown]);
+    UnitIndirect: |i| i.lobes.iter().map(|l| &l.0).chain(&i.probes).map(Plane::bytes).chain(i.stderr.iter().map(Plane::bytes)).sum();
+    Objects: Objects::bytes, if Objects::check;
+    Reflections: Reflections::bytes, if Reflections::check;
+    Polish: Polish::bytes, if Polish::check;
     ObjectLight: |o| o.albedo.bytes() + o.lobes.iter().chain(&o.probes).map(Plane::bytes).sum::<usize>(),
-    Guess: |g| g.shape.bytes() + g.radiance.0.len() * 12,
-    Remainder: |r| r.left.bytes(),
-    Coats: Coats::bytes,
-    Finish: Finish::bytes,
-    Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(),
-    LightKind: |_| size_of::<LightKind>(),
-    Encoding: |_| size_of::<Encoding>(),
-    Scores: |s| s.0.len() * size_of::<Score>(),
+        if |o| rule(o.lobes.len() == o.probes.len(), "probes for each lobe");
+    Guess: |g| g.shape.bytes() + g.radiance.0.len() * 12, if |g| g.shape.check();
+    Remainder: |r| r.left.bytes();
+    Coats: Coats::bytes, if Coats::check;
+    Finish: Finish::bytes, if Finish::check;
+    Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(), if Lighting::check;
+    LightKind: |_| size_of::<LightKind>();
+    Encoding: |_| size_of::<Encoding>();
+    Scores: |s| s.0.len() * size_of::<Score>();
     Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
+        if |f| f.0.iter().try_for_each(|(name, _)| check_file_name(name));
+}
+
+/// Whether there is a plane of one size for each lobe in each list; lists without planes are left out.
+fn lobes(lists: &[&[Plane<f32>]]) -> Result<(), String> {
+    let mut planes = lists.iter().copied().flatten();
+    let size = planes.next().map(Plane::size);
+    rule(planes.all(|plane| Some(plane.size()) == size), "planes of one size")?;
+    let mut counts = lists.iter().map(|list| list.len()).filter(|&count| count > 0);
+    let count = counts.next();
+    rule(counts.all(|other| Some(other) == count), "planes for each lobe")
 }
 
 /// Unshadowed direct shading of one light, per lobe of unit radiance.
@@ -150,7 +168,37 @@ pub struct Score {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scores(pub Vec<Score>);
 
-/// Files to be written, by name.
+/// The sub-folders that files of results may lie in.
+const RESULT_FOLDERS: [&str; 1] = ["masks"];
+/// Names that stand for devices on Windows, whatever ending they have.
+const DEVICES: [&str; 6] = ["con", "prn", "aux", "nul", "com", "lpt"];
+
+/// Whether a file of the results may have this name: one plain name that every system takes, in no folder or in one of
+/// [`RESULT_FOLDERS`].
+///
+/// # Errors
+/// What was wanted and what was got.
+pub fn check_file_name(name: &str) -> Result<(), String> {
+    let (folder, file) = name.split_once('/').map_or((None, name), |(folder, file)| (Some(folder), file));
+    let stem = file.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
+    let is_device = DEVICES.iter().any(|device| match stem.strip_prefix(device) {
+        Some("") => !matches!(*device, "com" | "lpt"),
+        Some(number) => matches!(*device, "com" | "lpt") && number.len() == 1 && number != "0",
+        None => false,
+    });
+    let is_plain = !file.is_empty()
+        && file.len() <= 255
+        && !file.ends_with(['.', ' '])
+        && !file.contains(|c: char| c.is_control() || r#"/\:*?"<>|"#.contains(c))
+        && !is_device;
+    if is_plain && folder.is_none_or(|folder| RESULT_FOLDERS.contains(&folder)) {
+        return Ok(());
+    }
+    let folders = RESULT_FOLDERS.join(", ");
+    Err(format!("wanted the plain name of a file, in no folder or in one of these: {folders}; got {name:?}"))
+}
+
+/// Files to be written, by name; [`check_file_name`] holds for each.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Files(pub Vec<(String, Vec<u8>)>);
 

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::random::Points2;
 use super::sphere::{Cone, sphere_irradiance};
 use crate::geometry::{Grid, SceneMesh, clearance, cosine_direction};
-use crate::image::{Normal, Plane, Points};
+use crate::image::{Normal, Plane, Points, rule};
 
 /// Pixels near bodies, and which probes of these they see.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,6 +82,19 @@ impl Contact {
             probes: Plane::new(width, count, rows.iter().flatten().map(|ray| ray.0).collect()),
             shares: Plane::new(width, count, rows.iter().flatten().map(|ray| ray.1).collect()),
         }
+    }
+
+    /// Whether every pixel and every probe is one of so many.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub(super) fn check(&self, pixels: usize, probes: usize) -> Result<(), String> {
+        let count = self.pixels.len();
+        rule(self.weight.len() == count && self.probes.height() == count, "a weight and a row of rays for each pixel")?;
+        rule(self.probes.size() == self.shares.size(), "a share for each ray")?;
+        rule(self.pixels.pixels().iter().all(|&pixel| (pixel as usize) < pixels), "pixels that are there")?;
+        let met = self.probes.pixels().iter().filter(|&&probe| probe != OPEN);
+        rule({ met }.all(|&probe| (probe as usize) < probes), "probes that are there")
     }
 
     pub fn is_empty(&self) -> bool {

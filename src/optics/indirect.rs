@@ -17,7 +17,7 @@ use super::contact::{Contact, Past};
 use super::estimate::{BATCHES, mean, pooled, stream, tiles};
 use super::random::Points2;
 use crate::geometry::{Grid, SceneMesh, cosine_direction};
-use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance};
+use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance, rule};
 
 /// What each receiver (a point of a coarse grid) sees along its rays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,6 +41,23 @@ impl Transport {
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
         self.hits.bytes() + self.nearest.bytes() + self.areas.bytes() + self.contact.bytes()
+    }
+
+    /// Whether every pixel and receiver that is named is there.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        self.grid.check(self.nearest.size())?;
+        let receivers = self.grid.len().checked_add(self.probes).ok_or("wanted a number of probes that fits")?;
+        let pixels = self.nearest.len() + self.probes;
+        rule(self.hits.height() == receivers && self.areas.len() == receivers, "a row and an area for each receiver")?;
+        rule(self.hits.width() > 0 && self.hits.width().is_multiple_of(BATCHES), "as many rays in each batch")?;
+        let known = |&hit: &u32| hit == MISS || (hit as usize) < pixels;
+        rule(self.hits.pixels().iter().all(known), "rays that meet pixels")?;
+        let known = |&nearest: &u32| (nearest as usize) < self.grid.len();
+        rule(self.nearest.pixels().iter().all(known), "receivers that are there")?;
+        self.contact.check(self.nearest.len(), self.probes)
     }
 
     /// Number of rays traced.

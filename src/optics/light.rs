@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Profile;
 use crate::geometry::bounds;
+use crate::image::rule;
 
 /// The place, extent and angular form of a light; its strength is a [`Radiance`], one colour per lobe.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,6 +19,21 @@ pub enum Shape {
 }
 
 impl Shape {
+    /// Whether the triangles and tables of a light that was read from disk are whole.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        match self {
+            Shape::Lamp(Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles }) => {
+                let known = triangles.iter().flatten().all(|&corner| (corner as usize) < corners.len());
+                rule(known && !triangles.is_empty(), "triangles of corners that are there")
+            }
+            Shape::Lamp(Lamp::Luminaire { profile, .. }) => profile.table.check(),
+            _ => Ok(()),
+        }
+    }
+
     /// How many lobes, and so how many layers and radiances, this light has.
     pub fn lobes(&self) -> usize {
         match self {

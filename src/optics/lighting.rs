@@ -6,6 +6,7 @@ use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::{LightMaps, PHIS, TEXELS, THETAS};
+use crate::image::rule;
 
 /// One spherical Gaussian of radiance: w exp(sharpness (axis . l - 1)), l and `axis` in the frame of the cell.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,6 +27,15 @@ pub struct Lighting {
 }
 
 impl Lighting {
+    /// Whether each cell has as many lobes.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        let cells = self.columns.checked_mul(self.rows).filter(|&cells| cells > 0);
+        rule(cells.is_some_and(|cells| self.lobes.len().is_multiple_of(cells)), "as many lobes for each cell")
+    }
+
     /// The lobes of a cell.
     pub fn cell(&self, column: usize, row: usize) -> &[LocalLobe] {
         let each = self.lobes.len() / (self.columns * self.rows).max(1);

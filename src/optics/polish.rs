@@ -13,7 +13,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{Face, Mirror, Reflections};
 use crate::geometry::{Camera, PlaneFit, SceneMesh};
-use crate::image::{Depth, Finish, Normal, Picture, Plane, Points, STEP, Upsampler, neighbours, resize, resize_depth};
+use crate::image::{
+    Depth, Finish, Normal, Picture, Plane, Points, STEP, Upsampler, neighbours, resize, resize_depth, rule,
+};
 
 /// What new finishes add to a photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,6 +37,19 @@ pub struct Part {
 pub const NO_ROW: u32 = u32::MAX;
 
 impl Polish {
+    /// Whether every row that is named is there.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        self.0.iter().try_for_each(|part| {
+            let count = part.of.met.height();
+            let known = |&row: &u32| row == NO_ROW || (row as usize) < count;
+            rule(part.rows.pixels().iter().all(known), "reflections that are there")?;
+            part.of.check()
+        })
+    }
+
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
         self.0.iter().map(|part| part.share.bytes() + part.rows.bytes() + part.of.bytes()).sum()

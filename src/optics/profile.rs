@@ -8,6 +8,8 @@
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
+use crate::image::rule;
+
 /// Tables with more angles than this are no luminaires.
 const MOST_VALUES: usize = 1 << 20;
 
@@ -44,6 +46,18 @@ impl Profile {
 }
 
 impl ProfileTable {
+    /// Whether there is a share for each pair of angles, and angles ascend.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let cells = self.vertical.len().checked_mul(self.horizontal.len());
+        rule(cells == Some(self.shares.len()), "a share for each pair of angles")?;
+        rule(self.vertical.len() >= 2 && !self.horizontal.is_empty(), "two vertical angles and a horizontal one")?;
+        let ascend = |angles: &[f32]| angles.windows(2).all(|pair| pair[0] < pair[1]);
+        rule(ascend(&self.vertical) && ascend(&self.horizontal), "angles that ascend")
+    }
+
     fn share(&self, v: f64, h: f64) -> f64 {
         let Some((i, s)) = between(&self.vertical, v) else { return 0.0 };
         let (j, t) = between(&self.horizontal, h).unwrap_or((0, 0.0));

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::ggx::Ggx;
 use super::{Emitter, Lighting, Points2, Shape, Silhouette, local_frame};
 use crate::geometry::{Camera, Hit, Objects, SceneMesh, clearance};
-use crate::image::{Mask, Normal, Plane, Points};
+use crate::image::{Mask, Normal, Plane, Points, rule};
 
 /// What places reflect: the pixels of [`Objects`], or those of a painted surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,6 +36,17 @@ pub const UNSEEN: u32 = u32::MAX;
 pub const NOTHING: u32 = u32::MAX - 1;
 
 impl Reflections {
+    /// Whether all planes have their number of rows. The pixels that rays meet are held against the photo's size where they are used.
+    ///
+    /// # Errors
+    /// What was wanted.
+    pub fn check(&self) -> Result<(), String> {
+        rule(self.met.size() == self.weight.size(), "a weight for each ray")?;
+        rule(self.far.len() == self.met.height(), "light from afar for each place")?;
+        let mut lobes = self.lights.iter().flat_map(|(_, lobes)| lobes);
+        rule(lobes.all(|lobe| lobe.len() == self.far.len()), "light of each lobe for each place")
+    }
+
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
         let lights = self.lights.iter().flat_map(|(_, lobes)| lobes).map(Plane::bytes).sum::<usize>();

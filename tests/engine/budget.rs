@@ -18,8 +18,8 @@ const GRAPH: &str = r#"nodes: {
 }, outputs: ["result"]"#;
 
 fn hurried(folder: &std::path::Path, budget: Duration) -> Engine {
-    let cache_dir = Some(folder.to_owned());
-    engine(EngineOptions { cache_dir, threads: Some(2), budget: Some(budget), ..EngineOptions::default() })
+    let cache = Some(cache(folder, b"own"));
+    engine(EngineOptions { cache, threads: Some(2), budget: Some(budget), ..EngineOptions::default() })
 }
 
 fn warnings(report: &RunReport) -> Vec<&str> {

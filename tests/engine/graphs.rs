@@ -337,7 +337,7 @@ fn a_key_holds_everything_that_counts_and_nothing_else() {
     let text = engine.explain(&graph, "reader_name").unwrap().key_text.unwrap();
     let digest = blake3::hash(b"hello").to_hex();
     let wanted = format!(
-        "engine 2\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\nbackend \"test 7\"\n"
+        "engine 3\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\nbackend \"test 7\"\n"
     );
     assert_eq!(text, wanted);
 }

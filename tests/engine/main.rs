@@ -4,5 +4,6 @@ mod budget;
 mod disk;
 mod faults;
 mod graphs;
+mod hostile_cache;
 mod nodes;
 mod random;

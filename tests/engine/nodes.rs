@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use relight::graph::{
-    Artifact, Cancel, Context, Engine, EngineOptions, Fault, File, Gather, Graph, GraphFile, Node, NodeError, Overlay,
-    PortValue, Raw, Registry, RunReport, Scatter, Setting, Source, Status, Target,
+    Artifact, CacheFolder, CacheKey, Cancel, Context, DiskCache, Engine, EngineOptions, Fault, File, Gather, Graph,
+    GraphFile, Node, NodeError, Overlay, PortValue, Raw, Registry, RunReport, Scatter, Setting, Source, Status, Target,
 };
 use relight::{params, ports};
 use serde::{Deserialize, Serialize};
@@ -95,6 +95,23 @@ node!(Split, NoIn, SplitOut, |this, _i, _c| Ok(SplitOut {
     parts: Scatter(this.parts.iter().map(|(m, n)| (m.clone(), Arc::new(Number(*n)))).collect())
 }));
 
+/// A number below ten.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct Digit(pub i64);
+impl Artifact for Digit {
+    const TYPE: &'static str = "Digit";
+    fn bytes(&self) -> usize {
+        8
+    }
+    fn check(&self) -> Result<(), String> {
+        if self.0 < 10 { Ok(()) } else { Err(format!("wanted a number below 10, got {}", self.0)) }
+    }
+}
+
+ports! { pub output DigitOut { digit: Arc<Digit> } }
+params! { /** A number that should be a digit. */ pub struct ToDigit {} }
+node!(ToDigit, OneIn, DigitOut, |_t, i, _c| Ok(DigitOut { digit: Arc::new(Digit(i.number.0)) }));
+
 params! { /** A number as a text. */ pub struct Show {} }
 node!(Show, OneIn, TextOut, |_t, i, _c| Ok(TextOut { text: Arc::new(Text(i.number.0.to_string())) }));
 
@@ -166,6 +183,7 @@ pub fn registry() -> Registry {
         .with::<Pair>()
         .with::<Split>()
         .with::<Show>()
+        .with::<ToDigit>()
         .with::<Fail>()
         .with::<Panic>()
         .with::<Stop>()
@@ -210,7 +228,17 @@ pub fn in_memory() -> Engine {
 }
 
 pub fn on_disk(folder: &std::path::Path) -> Engine {
-    engine(EngineOptions { cache_dir: Some(folder.to_owned()), threads: Some(2), ..EngineOptions::default() })
+    engine(EngineOptions { cache: Some(cache(folder, b"own")), threads: Some(2), ..EngineOptions::default() })
+}
+
+/// A cache whose entries are signed with a secret.
+pub fn cache(folder: &std::path::Path, secret: &[u8]) -> CacheFolder {
+    CacheFolder::new(folder, CacheKey::new(secret))
+}
+
+/// The same for who looks after it.
+pub fn disk_cache(folder: &std::path::Path) -> DiskCache {
+    DiskCache::new(cache(folder, b"own"))
 }
 
 pub fn engine(options: EngineOptions) -> Engine {

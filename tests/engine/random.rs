@@ -50,7 +50,7 @@ proptest! {
     ) {
         let folder = tempfile::tempdir().unwrap();
         let cached = engine(EngineOptions {
-            cache_dir: to_disk.then(|| folder.path().to_owned()),
+            cache: to_disk.then(|| cache(folder.path(), b"own")),
             memory_bytes,
             disk_bytes: 20_000,
             threads: Some(2),

@@ -6,7 +6,8 @@ use std::sync::{Arc, OnceLock};
 
 use relight::files::{EditFile, edit, scene};
 use relight::graph::{
-    Artifact, Cancel, Engine, EngineOptions, Fault, Graph, GraphFile, Overlay, PortValue, RunReport, Status,
+    Artifact, CacheFolder, CacheKey, Cancel, Engine, EngineOptions, Fault, Graph, GraphFile, Overlay, PortValue,
+    RunReport, Status,
 };
 use relight::image::{Picture, Plane, Source, Transfer, read_photo};
 use relight::nodes::{self, artifacts::Files};
@@ -74,7 +75,8 @@ pub fn physics_frame(scene: &Path, edit: &str, frame: u32) -> Graph {
 }
 
 pub fn engine(cache: Option<&Path>) -> Engine {
-    let options = EngineOptions { cache_dir: cache.map(Path::to_owned), ..EngineOptions::default() };
+    let cache = cache.map(|folder| CacheFolder::new(folder, CacheKey::new(b"own")));
+    let options = EngineOptions { cache, ..EngineOptions::default() };
     Engine::new(options).expect("threads can be started")
 }
 
@@ -166,6 +168,8 @@ impl Place {
         });
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
         command.current_dir(self.folder.path()).args(words).env_remove("RELIGHT_LOG");
+        // The cache of whoever runs the tests stays as it is.
+        command.env("HOME", self.path("home")).env_remove("XDG_CACHE_HOME").env_remove("XDG_CONFIG_HOME");
         command
     }
 

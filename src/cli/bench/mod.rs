@@ -11,7 +11,9 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::args::{Bench, Question};
-use super::{Exit, Stop, Trouble, ended, write};
+use super::messages::message;
+use super::write::{self, Output};
+use super::{Exit, Stop, Trouble, ended, report};
 use measure::Point;
 use plot::{Axis, Plot};
 use session::{Session, Set};
@@ -134,7 +136,7 @@ pub fn bench(args: &Bench, began: Instant) -> Result<Exit, Trouble> {
 fn measured(args: &Bench, began: Instant) -> Result<(), Stop> {
     let effort = Effort::new(args);
     let session = Session::new(args)?;
-    write::folder(&args.out)?; // told before the work, not after it
+    let out = Output::new(&args.out, [args.graph.clone()], false)?; // told before the work, not after it
     let asked = |question: Question| args.only.is_empty() || args.only.contains(&question);
     let mut points = Vec::new();
     type Ask = fn(&Session, &Effort) -> Result<Vec<Point>, Stop>;
@@ -158,14 +160,13 @@ fn measured(args: &Bench, began: Instant) -> Result<(), Stop> {
         side: effort.side,
         points: &points,
     };
-    let json = serde_json::to_string_pretty(&report).expect("a report holds text and numbers only") + "\n";
+    let json = report::text(&report);
     let mut files = vec![("bench.json".to_owned(), json.clone()), ("bench.csv".to_owned(), tables::csv(&points))];
     for plot in &PLOTS {
         files.extend(plot.draw(&points).map(|svg| (format!("{}.svg", plot.name), svg)));
     }
-    for (name, text) in files {
-        let path = write::file(&args.out, &name, text.as_bytes())?;
-        eprintln!("{}", path.display());
+    for path in out.write(&files)? {
+        message!("{}", path.display());
     }
     let threads = session.threads();
     let seconds = report.seconds;

@@ -6,6 +6,7 @@ use super::Effort;
 use super::measure::{Estimate, Point, Reference, direct, measure, repeat, shadowed};
 use super::session::{Made, Session, Set};
 use crate::cli::Stop;
+use crate::cli::messages::message;
 
 /// One light and one lobe that reaches what is seen.
 struct Subject {
@@ -131,7 +132,7 @@ fn draw(
 }
 
 fn tell(plot: &str, what: &str) {
-    eprintln!("{plot}: {what}");
+    message!("{plot}: {what}");
 }
 
 /// The lights that the scene shows, or those that it does not when it shows none.

@@ -10,8 +10,10 @@ use relight::nodes::artifacts::Scores;
 use serde::Serialize;
 
 use super::args::Eval;
+use super::messages::message;
 use super::run::stop_on_ctrl_c;
-use super::{Exit, Stop, Trouble, ended, engine, finished, options, report, write};
+use super::write::{self, Output};
+use super::{Exit, Stop, Trouble, ended, engine, finished, options, report};
 use graph::{Rung, Subject};
 
 /// One number, and what was true when it was measured.
@@ -42,9 +44,10 @@ pub fn eval(args: &Eval, began: Instant) -> Result<Exit, Trouble> {
 
 fn measured(args: &Eval, began: Instant) -> Result<(), Stop> {
     let subject = Subject::new(&args.graph, &args.scene, &args.set, &args.networks)?;
-    let options = EngineOptions { threads: args.threads.map(usize::from), ..options(&args.cache) };
+    let options = options(&args.cache, &args.graph, Some(&args.scene))?;
+    let options = EngineOptions { threads: args.threads.map(usize::from), ..options };
     let engine = engine(options)?;
-    write::folder(&args.out)?; // told before the work, not after it
+    let out = Output::new(&args.out, [args.graph.clone()], false)?; // told before the work, not after it
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
 
@@ -59,7 +62,7 @@ fn measured(args: &Eval, began: Instant) -> Result<(), Stop> {
             let graph = subject.graph(rung, edit)?;
             let done = finished(engine.run(&graph, &graph.wanted(Some(&outputs))?, &cancel, &()))?;
             if rung == Rung::default() {
-                report::warnings(&done).iter().for_each(|warning| eprintln!("warning: {warning}"));
+                report::warnings(&done).iter().for_each(|warning| message!("warning: {warning}"));
             }
             for output in &outputs {
                 let Some(PortValue::One(value)) = done.output(output) else { continue };
@@ -72,7 +75,7 @@ fn measured(args: &Eval, began: Instant) -> Result<(), Stop> {
                 }));
             }
         }
-        eprintln!("{:6.1} s  {}", began.elapsed().as_secs_f64(), tables::title(rung, subject.has_depth()));
+        message!("{:6.1} s  {}", began.elapsed().as_secs_f64(), tables::title(rung, subject.has_depth()));
     }
     let report = Report {
         relight: env!("CARGO_PKG_VERSION"),
@@ -83,9 +86,9 @@ fn measured(args: &Eval, began: Instant) -> Result<(), Stop> {
         figures: &figures,
         left_out: &subject.left_out,
     };
-    let json = serde_json::to_string_pretty(&report).expect("a report holds text and numbers only") + "\n";
-    let path = write::file(&args.out, "eval.json", json.as_bytes())?;
-    eprintln!("{}", path.display());
+    let json = report::text(&report);
+    let path = out.file("eval.json", json.as_bytes())?;
+    message!("{}", path.display());
     write::print(&if args.json { json } else { tables::markdown(&figures, &subject) })?;
     Ok(())
 }

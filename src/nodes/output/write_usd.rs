@@ -110,14 +110,14 @@ impl Node for WriteUsd {
         text.push_str("    }\n}\n");
         let albedo = Picture(inputs.albedo.0.clone());
         let png = write_png(&albedo, Transfer::Srgb, false);
-        Ok(WriteUsdOut {
-            files: Arc::new(Files(vec![(TEXT.into(), text.into_bytes()), ("room_albedo.png".into(), png)])),
-        })
+        Ok(WriteUsdOut { files: Arc::new(Files(vec![(TEXT.into(), text.into_bytes()), (TEXTURE.into(), png)])) })
     }
 }
 
 /// The file of USD text.
 pub const TEXT: &str = "room.usda";
+/// Its texture, as the text names it.
+pub const TEXTURE: &str = "room_albedo.png";
 
 const HEAD: &str = r#"#usda 1.0
 (

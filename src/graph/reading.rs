@@ -1,0 +1,133 @@
+//! Reading of files that anybody may have made.
+//!
+//! A scene may name a pipe that nobody writes to, a device without end, or a file larger than the memory. Every file that a
+//! person, a scene, a model or the cache names is therefore opened here: regular files only, and no byte is read of a file
+//! that is larger than its reader takes.
+
+use std::fs::{File, Metadata, OpenOptions};
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+/// The largest file that a stage reads, in bytes (1 GiB): as large as the largest decoded picture.
+pub const MAX_FILE_BYTES: u64 = 1 << 30;
+
+/// Opens a regular file of at most `limit` bytes; a symbolic link is followed.
+///
+/// # Errors
+/// Those of the system; `InvalidInput` for anything but a regular file, `FileTooLarge` above the limit.
+pub fn open(path: &Path, limit: u64) -> io::Result<File> {
+    opened(path, limit, true)
+}
+
+/// [`open`] for a path whose last component must not be a symbolic link.
+pub(super) fn open_no_follow(path: &Path, limit: u64) -> io::Result<File> {
+    opened(path, limit, false)
+}
+
+/// The bytes of a regular file of at most `limit` bytes, also where it grows while it is read.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    read_all(open(path, limit)?, limit)
+}
+
+/// The rest of an open file, at most `limit` bytes.
+pub(super) fn read_all(file: File, limit: u64) -> io::Result<Vec<u8>> {
+    let size = file.metadata()?.len();
+    let mut bytes = Vec::with_capacity(size.min(limit) as usize);
+    file.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit { Err(too_large(bytes.len() as u64, limit)) } else { Ok(bytes) }
+}
+
+/// The real place of `path`, which must lie in `folder` or below it once symbolic links are followed.
+///
+/// # Errors
+/// Those of the system; `PermissionDenied` for a place elsewhere.
+pub(super) fn below(folder: &Path, path: &Path) -> io::Result<PathBuf> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let (folder, place) = (folder.canonicalize()?, path.canonicalize()?);
+    if place.starts_with(&folder) {
+        return Ok(place);
+    }
+    let message = format!("confined: wanted a file below {}, got one outside of it", folder.display());
+    Err(io::Error::new(io::ErrorKind::PermissionDenied, message))
+}
+
+fn opened(path: &Path, limit: u64, follow: bool) -> io::Result<File> {
+    // Before opening, as the opening of a device may do something; after it, as the path may have been exchanged.
+    check(&if follow { path.metadata()? } else { path.symlink_metadata()? }, limit)?;
+    let mut options = OpenOptions::new();
+    options.read(true);
+    #[cfg(unix)]
+    {
+        use rustix::fs::OFlags;
+        use std::os::unix::fs::OpenOptionsExt;
+        // A pipe without a writer would otherwise wait for one.
+        let flags = if follow { OFlags::NONBLOCK } else { OFlags::NONBLOCK | OFlags::NOFOLLOW };
+        options.custom_flags(flags.bits() as i32);
+    }
+    let file = options.open(path)?;
+    check(&file.metadata()?, limit)?;
+    Ok(file)
+}
+
+fn check(data: &Metadata, limit: u64) -> io::Result<()> {
+    if !data.is_file() {
+        let got = if data.is_dir() {
+            "a folder"
+        } else if data.is_symlink() {
+            "a symbolic link"
+        } else {
+            "a pipe, a socket or a device"
+        };
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("wanted a regular file, got {got}")));
+    }
+    if data.len() > limit { Err(too_large(data.len(), limit)) } else { Ok(()) }
+}
+
+fn too_large(got: u64, limit: u64) -> io::Error {
+    io::Error::new(io::ErrorKind::FileTooLarge, format!("wanted at most {limit} bytes, got {got}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(result: io::Result<Vec<u8>>) -> String {
+        result.expect_err("it must be refused").to_string()
+    }
+
+    #[test]
+    fn a_file_above_the_limit_is_refused_by_its_size() {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let path = folder.path().join("a");
+        std::fs::write(&path, [7; 10]).expect("it can be written");
+        assert_eq!(read(&path, 10).expect("it has ten bytes"), [7; 10]);
+        assert_eq!(message(read(&path, 9)), "wanted at most 9 bytes, got 10");
+        // A sparse file of 2^40 bytes: nothing of it is read.
+        std::fs::File::create(&path).and_then(|file| file.set_len(1 << 40)).expect("the file system has sparse files");
+        assert_eq!(
+            message(read(&path, MAX_FILE_BYTES)),
+            format!("wanted at most {} bytes, got {}", 1 << 30, 1u64 << 40)
+        );
+    }
+
+    #[test]
+    fn only_regular_files_are_opened() {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        assert_eq!(message(read(folder.path(), 100)), "wanted a regular file, got a folder");
+        #[cfg(unix)]
+        {
+            let pipe = folder.path().join("pipe");
+            rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, 0o600.into(), 0)
+                .expect("a pipe can be made");
+            assert_eq!(message(read(&pipe, 100)), "wanted a regular file, got a pipe, a socket or a device");
+            let link = folder.path().join("link");
+            std::os::unix::fs::symlink("/dev/zero", &link).expect("a link can be made");
+            assert_eq!(message(read(&link, 100)), "wanted a regular file, got a pipe, a socket or a device");
+            let message = open_no_follow(&link, 100).expect_err("it is a link").to_string();
+            assert_eq!(message, "wanted a regular file, got a symbolic link");
+        }
+    }
+}
