@@ -300,7 +300,8 @@ fn a_graph_is_printed_in_each_format() {
 fn the_cache_is_looked_after() {
     let room = Room::new();
     check_runs(&room, RUN, 0);
-    if cfg!(target_os = "linux") {
+    #[cfg(target_os = "linux")]
+    {
         assert!(room.path("home/.cache/relight/CACHEDIR.TAG").is_file(), "in the user's own cache folder by default");
         let key = std::fs::metadata(room.path("home/.config/relight/cache.key")).expect("a key was made");
         let mode = std::os::unix::fs::PermissionsExt::mode(&key.permissions());

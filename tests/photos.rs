@@ -146,7 +146,13 @@ impl Room {
         let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
         command.arg("run").arg(graph).arg(file).arg("--scene").arg(self.folder.path());
-        command.arg("--cache").arg(at("cache")).arg("--out").arg(&out).env_remove("RELIGHT_LOG");
+        command
+            .arg("--cache")
+            .arg(at("cache"))
+            .arg("--out")
+            .arg(&out)
+            .env_remove("RELIGHT_LOG")
+            .env("HOME", at("home"));
         let output = command.output().expect("the program starts");
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.success(), "{} {edit}: {told}", self.photo.name);

@@ -588,7 +588,7 @@ fn open_entry(path: &Path) -> Result<Option<File>, Unusable> {
 #[cfg(unix)]
 fn owner(data: &fs::Metadata) -> Option<u32> {
     let owner = std::os::unix::fs::MetadataExt::uid(data);
-    (owner != rustix::process::geteuid().as_raw()).then_some(owner)
+    (owner != nix::unistd::geteuid().as_raw()).then_some(owner)
 }
 
 #[cfg(not(unix))]

@@ -61,11 +61,11 @@ fn opened(path: &Path, limit: u64, follow: bool) -> io::Result<File> {
     options.read(true);
     #[cfg(unix)]
     {
-        use rustix::fs::OFlags;
+        use nix::fcntl::OFlag;
         use std::os::unix::fs::OpenOptionsExt;
         // A pipe without a writer would otherwise wait for one.
-        let flags = if follow { OFlags::NONBLOCK } else { OFlags::NONBLOCK | OFlags::NOFOLLOW };
-        options.custom_flags(flags.bits() as i32);
+        let flags = if follow { OFlag::O_NONBLOCK } else { OFlag::O_NONBLOCK | OFlag::O_NOFOLLOW };
+        options.custom_flags(flags.bits());
     }
     let file = options.open(path)?;
     check(&file.metadata()?, limit)?;
@@ -120,8 +120,7 @@ mod tests {
         #[cfg(unix)]
         {
             let pipe = folder.path().join("pipe");
-            rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, 0o600.into(), 0)
-                .expect("a pipe can be made");
+            nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRUSR).expect("a pipe can be made");
             assert_eq!(message(read(&pipe, 100)), "wanted a regular file, got a pipe, a socket or a device");
             let link = folder.path().join("link");
             std::os::unix::fs::symlink("/dev/zero", &link).expect("a link can be made");

@@ -1,7 +1,9 @@
 //! The kinds of nodes that graph files may name, with their types forgotten.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use super::artifact::digest_of;
 use super::{Context, Digest, File, Inputs, Node, NodeError, Outputs, ParamSpec, Params, PortSpec, PortValue, Value};
 
 /// The list of node kinds.
@@ -56,6 +58,22 @@ impl Registry {
 
     pub fn get(&self, kind: &str) -> Option<&KindSpec> {
         self.kinds.iter().find(|k| k.kind == kind)
+    }
+
+    /// The types that the kinds give, each once.
+    pub fn types(&self) -> BTreeSet<&'static str> {
+        self.kinds.iter().flat_map(|kind| &kind.outputs).map(|port| port.type_name).collect()
+    }
+
+    /// A value of a type from its stored form, with the checks of a value that comes from the cache; none for a type that no
+    /// kind gives. The digest is that of the bytes.
+    ///
+    /// # Errors
+    /// What was wanted and what was got.
+    pub fn decode(&self, type_name: &str, bytes: &[u8]) -> Option<Result<Value, String>> {
+        let port = |kind: &KindSpec| kind.outputs.iter().position(|port| port.type_name == type_name);
+        let (kind, port) = self.kinds.iter().find_map(|kind| Some((kind, port(kind)?)))?;
+        Some((kind.make)().decode(port, bytes, digest_of(type_name, bytes)))
     }
 }
 

@@ -185,8 +185,7 @@ fn a_pipe_in_the_place_of_an_entry_or_of_the_mark_is_not_waited_for() {
     let (folder, graph) = filled();
     let pipe = |path: &Path| {
         std::fs::remove_file(path).unwrap();
-        let (at, kind) = (rustix::fs::CWD, rustix::fs::FileType::Fifo);
-        rustix::fs::mknodat(at, path, kind, 0o600.into(), 0).unwrap();
+        nix::unistd::mkfifo(path, nix::sys::stat::Mode::S_IRUSR).unwrap();
     };
     entries(folder.path()).iter().for_each(|path| pipe(path));
     assert_eq!(ran(&run(&on_disk(folder.path()), &graph)), ["n", "x", "t"]);

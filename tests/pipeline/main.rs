@@ -11,6 +11,7 @@ mod extremes;
 mod find_lights;
 mod golden_networks;
 mod goldens;
+mod hostile;
 mod layers;
 mod lights;
 mod materials;
