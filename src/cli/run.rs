@@ -1,6 +1,6 @@
 //! `relight run`.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use relight::graph::{Cancel, EngineOptions, Fault, Graph, PortValue, RunReport, Status, Value};
 use relight::nodes::artifacts::Files;
@@ -91,18 +91,27 @@ pub(super) fn backend_of(args: &Run, done: &RunReport) -> Result<Option<networks
     has_network.then(|| networks::choose(&args.files.networks)).transpose()
 }
 
-/// The first Ctrl-C asks the stages to stop, the second ends the program at once.
+/// The first Ctrl-C asks the stages to stop; the second, or [`PATIENCE`], ends the program at once.
 pub(super) fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
     let cancel = cancel.clone();
     let handler = move || {
+        let end = || std::process::exit(Exit::Interrupted.code().into());
         if cancel.is_cancelled() {
-            std::process::exit(Exit::Interrupted.code().into());
+            end();
         }
         cancel.cancel();
+        std::thread::spawn(move || {
+            std::thread::sleep(PATIENCE);
+            end()
+        });
+        // Only now: standard error may be a pipe that nobody reads.
         message!("stopping; once more to stop at once");
     };
     ctrlc::set_handler(handler).map_err(|e| Fault::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
 }
+
+/// The time that a run has to stop.
+const PATIENCE: Duration = Duration::from_millis(1500);
 
 pub(super) fn tell_errors(done: &RunReport) {
     // What is blocked has its cause among the others.
