@@ -27,6 +27,7 @@ fn main() -> ExitCode {
         Command::Cache(args) => cli::cache(args),
         Command::Bench(args) => cli::bench(args, began),
         Command::Eval(args) => cli::eval(args, began),
+        Command::RunNetwork(limits) => cli::run_network(limits),
     };
     done.unwrap_or_else(|trouble| trouble.tell()).into()
 }

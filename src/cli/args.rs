@@ -60,6 +60,9 @@ pub enum Command {
     Bench(Bench),
     /// Measure what a graph estimates and renders against a scene's truth, and which part loses what.
     Eval(Eval),
+    /// Compute a network that does not ship with relight, for the run that starts this process.
+    #[command(hide = true)]
+    RunNetwork(RunNetwork),
 }
 
 /// The files of a run.
@@ -346,6 +349,14 @@ pub struct Eval {
     /// Print eval.json on standard output instead of the tables.
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Args)]
+pub struct RunNetwork {
+    /// The most memory, in bytes.
+    pub memory_bytes: u64,
+    /// The most processor time, in seconds.
+    pub cpu_seconds: u64,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]

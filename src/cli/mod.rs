@@ -24,7 +24,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use relight::files;
-use relight::graph::{EngineOptions, Fault, Planned, RunReport, Status};
+use relight::graph::{EngineOptions, Fault, Planned, RunReport, Services, Status};
 use relight::nodes;
 
 use args::{CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
@@ -36,6 +36,7 @@ pub use export::export;
 use load::{load, load_all};
 use messages::message;
 pub use mix::mix;
+pub use networks::run_network;
 pub use page::report;
 pub use run::run;
 
@@ -228,7 +229,8 @@ fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<Engin
 }
 
 fn engine(options: EngineOptions) -> Result<relight::graph::Engine, Fault> {
-    relight::graph::Engine::new(options)
+    let services = Services::default().with(networks::untrusted());
+    relight::graph::Engine::new(EngineOptions { services, ..options })
         .map_err(|e| Fault::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
 }
 

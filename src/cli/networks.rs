@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use relight::graph::{Fault, Registry};
-use relight::net::{Backend, find_onnxruntime};
+use relight::net::{Backend, Limits, Sandbox, Untrusted, find_onnxruntime, serve};
 use relight::nodes;
 
-use super::args::{Networks, WhichBackend};
+use super::args::{Networks, RunNetwork, WhichBackend};
+use super::{Exit, Trouble};
 
 /// The parameter of every stage with a network that says who computes it.
 pub const FIELD: &str = "backend";
@@ -22,6 +23,28 @@ fn beside_the_program() -> PathBuf {
     let program = std::env::current_exe().and_then(|path| path.canonicalize()).unwrap_or_default();
     let above = program.ancestors().skip(1).take(4).map(|folder| folder.join("models"));
     above.into_iter().find(|folder| folder.join("mnet.onnx").is_file()).unwrap_or_else(|| "models".into())
+}
+
+/// Networks that do not ship with the program are computed by `relight run-network`, each in its own process.
+pub fn untrusted() -> Untrusted {
+    // The system finds ONNX Runtime and the libraries that it needs by these.
+    let names = ["LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PATH", "SYSTEMROOT"];
+    let environment = names.into_iter().filter_map(|name| Some((name.into(), std::env::var_os(name)?)));
+    Untrusted::Sandboxed(Sandbox {
+        // A program that cannot be found is an error when it is to be started.
+        program: std::env::current_exe().unwrap_or_default(),
+        arguments: vec!["run-network".into()],
+        environment: environment.collect(),
+        limits: Limits::default(),
+    })
+}
+
+/// `relight run-network`.
+pub fn run_network(args: &RunNetwork) -> Result<Exit, Trouble> {
+    let end = || std::process::exit(Exit::Done.code().into());
+    serve(args.memory_bytes, args.cpu_seconds, std::io::stdin(), std::io::stdout().lock(), end)
+        .map_err(|e| Fault::file("run-network".as_ref(), format!("the network cannot be served: {e}")))?;
+    Ok(Exit::Done)
 }
 
 /// Who computes the networks, and why it is that one.

@@ -1,6 +1,6 @@
 //! What a running stage may ask of the engine, and how it fails.
 
-use std::any::Any;
+use std::any::{Any, TypeId};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -54,9 +54,36 @@ pub struct Context {
     meters: Mutex<Meters>,
 }
 
-/// What was made from a file, once, for all nodes of an engine.
+/// Values that a program lends its stages, one of each type. They stand in no key, so results must not depend on them.
 #[derive(Clone, Default)]
-pub(super) struct Shared(Arc<Mutex<BTreeMap<MadeOf, Arc<OnceLock<Made>>>>>);
+pub struct Services(BTreeMap<TypeId, Arc<dyn Any + Send + Sync>>);
+
+impl Services {
+    pub fn with<T: Any + Send + Sync>(mut self, service: T) -> Services {
+        self.0.insert(TypeId::of::<T>(), Arc::new(service));
+        self
+    }
+}
+
+impl std::fmt::Debug for Services {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "{} services", self.0.len())
+    }
+}
+
+/// State that the nodes of an engine share.
+#[derive(Clone, Default)]
+pub(super) struct Shared {
+    services: Services,
+    /// Values made from files, each once.
+    made: Arc<Mutex<BTreeMap<MadeOf, Arc<OnceLock<Made>>>>>,
+}
+
+impl Shared {
+    pub fn new(services: Services) -> Shared {
+        Shared { services, ..Shared::default() }
+    }
+}
 
 /// The digest of the file, and the name of what is made.
 type MadeOf = ([u8; 32], String);
@@ -104,7 +131,7 @@ impl Context {
         let open = || -> Made { Ok(Arc::new(make(self.read(file)?)?)) };
         let made = match digest {
             Some(digest) => {
-                let mut all = self.shared.0.lock().expect("nothing panics while it holds this lock");
+                let mut all = self.shared.made.lock().expect("nothing panics while it holds this lock");
                 let cell = all.entry((digest, name.to_owned())).or_default().clone();
                 drop(all);
                 cell.get_or_init(open).clone()
@@ -113,6 +140,16 @@ impl Context {
             None => open(),
         };
         made?.downcast().map_err(|_| NodeError::Failed(format!("{name}: made twice, as two different types")))
+    }
+
+    /// Returns the value of this type that the program lends ([`super::EngineOptions::services`]).
+    pub fn service<T: Any>(&self) -> Option<&T> {
+        self.shared.services.0.get(&TypeId::of::<T>())?.downcast_ref()
+    }
+
+    /// Returns the flag that cancels the run, for work that outlives a borrow of the context.
+    pub fn cancel(&self) -> Cancel {
+        self.cancel.clone()
     }
 
     /// Stops the stage when the run was cancelled. Call it between rows or passes.

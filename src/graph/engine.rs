@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::cache::Entry;
-use super::context::{Cancel, Shared};
+use super::context::{Cancel, Services, Shared};
 use super::disk::{CacheFolder, DiskCache};
 use super::key::{Why, first_change};
 use super::network::{Graph, Wanted};
@@ -35,6 +35,8 @@ pub struct EngineOptions {
     /// Time for each node that asks for it ([`super::Context::out_of_time`]), from its start. What is cut short by it is used in
     /// the run and not kept; what was kept before, whole, is used as ever.
     pub budget: Option<Duration>,
+    /// Values that stages may ask for ([`super::Context::service`]).
+    pub services: Services,
 }
 
 impl Default for EngineOptions {
@@ -47,6 +49,7 @@ impl Default for EngineOptions {
             threads: None,
             backend: "cpu".to_owned(),
             budget: None,
+            services: Services::default(),
         }
     }
 }
@@ -89,7 +92,8 @@ impl Engine {
             .map_err(std::io::Error::other)?;
         let disk = options.cache.map(DiskCache::new);
         let store = Store::new(options.memory_bytes, disk, options.disk_bytes, options.project);
-        Ok(Engine { backend: options.backend, budget: options.budget, pool, store, shared: Shared::default() })
+        let shared = Shared::new(options.services);
+        Ok(Engine { backend: options.backend, budget: options.budget, pool, store, shared })
     }
 
     pub fn threads(&self) -> usize {

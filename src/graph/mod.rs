@@ -23,7 +23,7 @@ pub mod svg;
 mod take;
 
 pub use artifact::{Artifact, Value};
-pub use context::{Cancel, Context, NodeError};
+pub use context::{Cancel, Context, NodeError, Services};
 pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};
 pub use engine::{Engine, EngineOptions};
 pub use escape::{escape, escape_json, escape_line};

@@ -4,18 +4,25 @@
 //! inputs give the same bits for any number of threads; between backends, results differ by rounding (tests/networks.rs).
 
 pub mod foreign;
+mod guest;
 mod onnxruntime;
 mod planes;
+mod precheck;
 mod rten;
+mod sandbox;
 mod shipped;
 mod tensor;
 pub mod view;
+mod wire;
 
 use serde::{Deserialize, Serialize};
 
+pub use guest::serve;
 pub use onnxruntime::find as find_onnxruntime;
 pub use planes::{Layer, planes_of};
-pub use shipped::{CARDS, check_digest};
+pub use precheck::precheck;
+pub use sandbox::{Limits, Sandbox, Untrusted};
+pub use shipped::{CARDS, ships};
 pub use tensor::Tensor;
 
 /// Who computes a network.
@@ -38,7 +45,7 @@ impl std::fmt::Display for Backend {
 }
 
 /// Why a network gave nothing.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 pub enum NetError {
     /// The file is no network, or one that this backend cannot run.
     #[error("{0}")]
@@ -52,10 +59,33 @@ pub enum NetError {
     /// It could not be computed.
     #[error("{0}")]
     Run(String),
+    /// It takes more memory or time than its child process is allowed.
+    #[error("{0}")]
+    Limit(String),
+    /// Its child process has ended.
+    #[error("{0}")]
+    Ended(String),
+    /// The run was cancelled.
+    #[error("cancelled")]
+    Cancelled,
 }
 
+impl NetError {
+    /// Cuts the message of a process that is not trusted to [`MAX_TEXT`].
+    fn shortened(mut self) -> NetError {
+        use NetError::{Damaged, Ended, Limit, Mismatch, NoBackend, Run};
+        if let Damaged(text) | Mismatch(text) | NoBackend(text) | Run(text) | Limit(text) | Ended(text) = &mut self {
+            text.truncate(text.floor_char_boundary(MAX_TEXT));
+        }
+        self
+    }
+}
+
+/// The longest message of a process that is not trusted, bytes.
+const MAX_TEXT: usize = 1000;
+
 /// An input or output: its name, and its shape as far as it is fixed.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Port {
     pub name: String,
     /// `None` for a dimension, or for all of them, that the file leaves open.
@@ -73,15 +103,17 @@ pub struct Network {
 enum Model {
     Rten(Box<rten::Loaded>),
     OnnxRuntime(Box<onnxruntime::Loaded>),
+    Child(Box<sandbox::Process>),
 }
 
 impl Network {
-    /// A network from the bytes of an ONNX file, computed by at most `threads` threads.
+    /// A network from the bytes of an ONNX file, computed in this process by at most `threads` threads. The file must be
+    /// trusted: a hostile one can abort, hang or fill the process.
     ///
     /// # Errors
     /// `Damaged`, `NoBackend`.
     pub fn load(bytes: Vec<u8>, backend: &Backend, threads: usize) -> Result<Network, NetError> {
-        let doubt = if *backend == Backend::Rten { rten::doubt(&bytes) } else { None };
+        let doubt = doubt(&bytes, backend);
         let (model, inputs, outputs) = match backend {
             Backend::Rten => {
                 let (loaded, inputs, outputs) = rten::Loaded::new(bytes, threads)?;
@@ -93,6 +125,23 @@ impl Network {
             }
         };
         Ok(Network { model, doubt, inputs, outputs })
+    }
+
+    /// The same for a file that may be hostile: a child process with limits computes it, to the same bits. While a call
+    /// waits for the child, it asks `cancelled`.
+    ///
+    /// # Errors
+    /// `Damaged`, `NoBackend`, `Limit`, `Ended`, `Cancelled`.
+    pub fn load_sandboxed(
+        bytes: &[u8],
+        backend: &Backend,
+        threads: usize,
+        sandbox: &Sandbox,
+        cancelled: impl Fn() -> bool + Send + Sync + 'static,
+    ) -> Result<Network, NetError> {
+        precheck(bytes).map_err(NetError::Damaged)?;
+        let (process, inputs, outputs) = sandbox::Process::start(sandbox, bytes, backend, threads, cancelled)?;
+        Ok(Network { model: Model::Child(Box::new(process)), doubt: doubt(bytes, backend), inputs, outputs })
     }
 
     /// Why its results may be wrong on this backend, where they may.
@@ -139,7 +188,8 @@ impl Network {
     /// Computes the outputs of these names from all inputs.
     ///
     /// # Errors
-    /// `Run`; `Mismatch` when an output that is not all finite 32-bit numbers comes out.
+    /// `Run`; `Mismatch` when an output that is not all finite 32-bit numbers comes out; `Limit`, `Ended` or `Cancelled`
+    /// from a child process.
     pub fn run<const N: usize>(
         &self,
         inputs: Vec<(&str, Tensor)>,
@@ -157,6 +207,7 @@ impl Network {
         let got = match &self.model {
             Model::Rten(model) => model.run(inputs, outputs)?,
             Model::OnnxRuntime(model) => model.run(inputs, outputs)?,
+            Model::Child(process) => process.run(inputs, outputs)?,
         };
         for (name, tensor) in outputs.iter().zip(&got) {
             if let Some(wrong) = tensor.data().iter().find(|v| !v.is_finite()) {
@@ -165,6 +216,10 @@ impl Network {
         }
         Ok(got)
     }
+}
+
+fn doubt(bytes: &[u8], backend: &Backend) -> Option<&'static str> {
+    if *backend == Backend::Rten { rten::doubt(bytes) } else { None }
 }
 
 fn shown(port: &Port) -> String {

@@ -1,6 +1,6 @@
 //! Microsoft's ONNX Runtime, where its library is found: the faster backend.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 
 use ort::environment::Environment;
@@ -11,22 +11,33 @@ use ort::value::{Outlet, ValueType};
 use super::{Backend, NetError, Port, Tensor};
 
 /// A process can hold one such library, and never gives it back.
-static LIBRARY: OnceLock<Result<(Environment, String), String>> = OnceLock::new();
+static LIBRARY: OnceLock<Result<Library, String>> = OnceLock::new();
+
+struct Library {
+    path: PathBuf,
+    environment: Environment,
+    build: String,
+}
 
 /// Loads the library at `path`, or, of a bare file name, where the system looks for libraries. A library that is loaded already stays.
 ///
 /// # Errors
 /// What is wrong with the library.
 pub fn find(path: &Path) -> Result<Backend, String> {
-    let open = || -> Result<(Environment, String), String> {
+    let open = || -> Result<Library, String> {
         let builder = ort::init_from(path).map_err(|e| e.to_string())?;
-        let environment = builder.with_name("relight").build().map_err(|e| e.to_string())?;
-        Ok((environment, build(ort::info())))
+        let environment = builder.with_name("relight").with_telemetry(false).build().map_err(|e| e.to_string())?;
+        Ok(Library { path: path.to_owned(), environment, build: build(ort::info()) })
     };
     match LIBRARY.get_or_init(open) {
-        Ok((_, build)) => Ok(Backend::OnnxRuntime(build.clone())),
+        Ok(library) => Ok(Backend::OnnxRuntime(library.build.clone())),
         Err(message) => Err(message.clone()),
     }
+}
+
+/// The path of the loaded library.
+pub fn library() -> Option<PathBuf> {
+    Some(LIBRARY.get()?.as_ref().ok()?.path.clone())
 }
 
 /// The commit that a library was built from; all that it tells where it does not tell that.
@@ -42,7 +53,7 @@ pub struct Loaded {
 
 impl Loaded {
     pub fn new(bytes: &[u8], wanted: &str, threads: usize) -> Result<(Loaded, Vec<Port>, Vec<Port>), NetError> {
-        let Some(Ok((environment, build))) = LIBRARY.get() else {
+        let Some(Ok(Library { environment, build, .. })) = LIBRARY.get() else {
             return Err(NetError::NoBackend(
                 "no ONNX Runtime is loaded: name its library, or use the backend rten".into(),
             ));

@@ -6,7 +6,7 @@ use crate::geometry::Camera;
 use crate::graph::{Context, File, Gather, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture, resize};
 use crate::net::view::{FULL, Geometry, HALF, View, own_half};
-use crate::net::{Backend, Layer, NetError, Network, Tensor, check_digest, planes_of};
+use crate::net::{Backend, Layer, NetError, Network, Tensor, Untrusted, planes_of, precheck, ships};
 use crate::nodes::artifacts::Guess;
 use crate::optics::{Lamp, Lobe, Radiance, Shape, Window};
 
@@ -33,13 +33,37 @@ pub fn network(
     Ok(network)
 }
 
-/// The network of `file`, loaded once for all stages that use it, checked against its digest if it ships with the program.
+/// Returns the network of `file`. One that ships with relight is loaded once for all stages that use it; any other may be
+/// hostile, and is loaded for this stage as the program says ([`Untrusted`]).
 pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Network>, NodeError> {
-    let network = ctx.shared(file, &format!("network by {backend:?}"), |bytes| {
+    let threads = rayon::current_num_threads();
+    let untrusted = ctx.service::<Untrusted>();
+    let refused = |e| refused(file, backend, e);
+    let here = ctx.shared(file, &format!("network by {backend:?}"), |bytes| {
         let name = file.location().file_name().unwrap_or_default().to_string_lossy().into_owned();
-        check_digest(&name, &bytes).map_err(|message| bad(file, message))?;
-        Network::load(bytes, backend, rayon::current_num_threads()).map_err(|e| refused(file, backend, e))
+        if !ships(&name, &bytes).map_err(|message| bad(file, message))? {
+            let Some(Untrusted::InProcess) = untrusted else { return Ok(None) };
+            precheck(&bytes).map_err(|message| refused(NetError::Damaged(message)))?;
+        }
+        let network = Network::load(bytes, backend, threads).map_err(refused)?;
+        Ok(Some(Arc::new(network)))
     })?;
+    let network = match (&*here, untrusted) {
+        (Some(network), _) => network.clone(),
+        (None, Some(Untrusted::Sandboxed(sandbox))) => {
+            let cancel = ctx.cancel();
+            let cancelled = move || cancel.is_cancelled();
+            let bytes = ctx.read(file)?;
+            Arc::new(Network::load_sandboxed(&bytes, backend, threads, sandbox, cancelled).map_err(refused)?)
+        }
+        (None, _) => {
+            return Err(NodeError::Failed(format!(
+                "{}: wanted a network that ships with relight, as this program does not say where others are computed \
+                 (relight::net::Untrusted, a service of the engine)",
+                file.location().display()
+            )));
+        }
+    };
     if let Some(doubt) = network.doubt() {
         ctx.warn(format!("{}: {doubt}", file.path));
     }
@@ -52,7 +76,9 @@ pub fn refused(file: &File, backend: &Backend, error: NetError) -> NodeError {
     match error {
         NetError::NoBackend(message) => NodeError::BadParameter(format!("backend: {message}")),
         NetError::Damaged(message) => bad(file, format!("wanted a network in ONNX that {backend} computes: {message}")),
-        NetError::Mismatch(message) | NetError::Run(message) => bad(file, message),
+        NetError::Mismatch(message) | NetError::Run(message) | NetError::Limit(message) => bad(file, message),
+        NetError::Ended(message) => NodeError::Failed(format!("{}: {message}", file.location().display())),
+        NetError::Cancelled => NodeError::Cancelled,
     }
 }
 
@@ -66,7 +92,10 @@ pub fn computed<const N: usize>(
     inputs: Vec<(&str, Tensor)>,
     outputs: [&str; N],
 ) -> Result<[Tensor; N], NodeError> {
-    network.run(inputs, outputs).map_err(|e| NodeError::Failed(format!("its network: {e}")))
+    network.run(inputs, outputs).map_err(|e| match e {
+        NetError::Cancelled => NodeError::Cancelled,
+        e => NodeError::Failed(format!("its network: {e}")),
+    })
 }
 
 /// The inputs that the networks which estimate lights share.

@@ -18,7 +18,7 @@ fn stored(x: usize, y: usize) -> Vec3 {
 }
 
 /// A scene that names no depth, and a network.
-fn photo(network: impl AsRef<[u8]>) -> Place {
+pub fn photo(network: impl AsRef<[u8]>) -> Place {
     let place = Place::new();
     place.write("scene.ron", r#"Scene(version: 1, photo: "photo.png", camera: FovX(60))"#);
     place.write("photo.png", png_of(SIZE, stored));
@@ -27,7 +27,7 @@ fn photo(network: impl AsRef<[u8]>) -> Place {
 }
 
 /// `Depth` at the photo's own size, so that nothing is resampled.
-const LINE: &str = r#"run GRAPHS/depth.ron EDITS/none.ron --scene . --no-cache --out found --set depth.model="net.onnx" --set depth.side=30
+pub const LINE: &str = r#"run GRAPHS/depth.ron EDITS/none.ron --scene . --no-cache --out found --set depth.model="net.onnx" --set depth.side=30
     --set depth.multiple=1 --set depth.normalisation=None"#;
 
 /// The backends that are there; ONNX Runtime where ORT_DYLIB_PATH names its library.
@@ -58,7 +58,7 @@ fn distance(depth: &Plane<f32>, [x0, y0, x1, y1]: [f32; 4]) -> f32 {
 }
 
 /// Metres: 1 + 4 red + 2 green, [1, 1, height, width].
-fn metric() -> Vec<u8> {
+pub fn metric() -> Vec<u8> {
     Onnx::default().input("rgb", &PHOTO).output("z", &PICTURE).mix("rgb", "z", &[[4.0, 2.0, 0.0]], &[1.0]).file()
 }
 

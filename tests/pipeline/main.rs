@@ -27,3 +27,4 @@ mod refine;
 mod sameness;
 mod scores;
 mod sequence;
+mod untrusted_networks;

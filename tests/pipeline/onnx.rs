@@ -32,6 +32,20 @@ impl Onnx {
         self.node_with(operator, inputs, outputs, &[])
     }
 
+    /// `output` = `input`, by a loop of 2^62 turns.
+    pub fn endless(self, input: &str, output: &str) -> Onnx {
+        let body = Onnx::default().node("Identity", &["on"], &["still_on"]).node("Identity", &["v"], &["same"]);
+        let body = ["turn", "on", "v"].iter().fold(body, |body, name| body.message(11, named(name)));
+        let mut body = body.message(12, named("still_on")).message(12, named("same")).graph;
+        bytes(&mut body, 2, b"body");
+        let mut attribute = Vec::new();
+        bytes(&mut attribute, 1, b"body");
+        bytes(&mut attribute, 6, &body);
+        number(&mut attribute, 20, 5);
+        let turns = self.constant("turns", 7, &[], (1_i64 << 62).to_le_bytes().into()).constant("yes", 9, &[], vec![1]);
+        turns.node_of("Loop", &["turns", "yes", input], &[output], &[attribute])
+    }
+
     /// `output` = `input` at `scales` times its size, by cubic interpolation.
     pub fn cubic(self, input: &str, output: &str, scales: [f32; 4]) -> Onnx {
         let name = format!("{output}_scales");
@@ -86,7 +100,7 @@ impl Onnx {
         model
     }
 
-    fn constant(self, name: &str, kind: u64, shape: &[i64], raw: Vec<u8>) -> Onnx {
+    pub fn constant(self, name: &str, kind: u64, shape: &[i64], raw: Vec<u8>) -> Onnx {
         let mut tensor = Vec::new();
         shape.iter().for_each(|&n| number(&mut tensor, 1, n as u64));
         number(&mut tensor, 2, kind);
@@ -95,10 +109,17 @@ impl Onnx {
         self.message(5, tensor)
     }
 
-    fn message(mut self, field: u64, message: Vec<u8>) -> Onnx {
+    pub fn message(mut self, field: u64, message: Vec<u8>) -> Onnx {
         bytes(&mut self.graph, field, &message);
         self
     }
+}
+
+/// An input or output of a subgraph, of any type.
+fn named(name: &str) -> Vec<u8> {
+    let mut info = Vec::new();
+    bytes(&mut info, 1, name.as_bytes());
+    info
 }
 
 fn value_info(name: &str, shape: &[i64]) -> Vec<u8> {
@@ -121,7 +142,7 @@ fn value_info(name: &str, shape: &[i64]) -> Vec<u8> {
     info
 }
 
-fn varint(out: &mut Vec<u8>, mut value: u64) {
+pub fn varint(out: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         out.push(value as u8 | 0x80);
         value >>= 7;
@@ -129,12 +150,12 @@ fn varint(out: &mut Vec<u8>, mut value: u64) {
     out.push(value as u8);
 }
 
-fn number(out: &mut Vec<u8>, field: u64, value: u64) {
+pub fn number(out: &mut Vec<u8>, field: u64, value: u64) {
     varint(out, field << 3);
     varint(out, value);
 }
 
-fn bytes(out: &mut Vec<u8>, field: u64, value: &[u8]) {
+pub fn bytes(out: &mut Vec<u8>, field: u64, value: &[u8]) {
     varint(out, field << 3 | 2);
     varint(out, value.len() as u64);
     out.extend(value);
