@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use relight::files::{EditFile, edit, scene};
-use relight::graph::{Fault, Graph, GraphFile, Node, Overlay, Raw, Registry, Setting, Source, Target, is_name, to_ron};
+use relight::graph::{
+    Fault, Faults, Graph, GraphFile, Node, Overlay, Raw, Registry, Setting, Source, Target, is_name, to_ron,
+};
 use relight::nodes::output::write_picture::WritePicture;
 
 use super::args::{Files, Networks};
@@ -134,7 +136,7 @@ impl Parts {
                 overlay.settings.extend(self.settings.iter().cloned());
                 file.resolve(&self.registry, &overlay)
             }
-            None => Err(file.faults().to_vec()),
+            None => Err(file.faults()),
         };
         match resolved {
             Ok(graph) if faults.is_empty() => Ok(graph),
@@ -172,7 +174,7 @@ pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<V
 
 /// What `option` says, for every kind of node that has the parameter `field`, whether the graph has nodes of it or not.
 fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> Vec<Setting> {
-    let value = Raw::document(&Source::new(option, text), &mut Vec::new());
+    let value = Raw::document(&Source::new(option, text), &mut Faults::default());
     let value = value.expect("the arguments were made RON when they were read");
     let kinds = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
     let setting = |kind: &str| Setting { target: Target::Kind(kind.into()), field: field.into(), value: value.clone() };
@@ -202,6 +204,8 @@ pub fn setting(text: &str, faults: &mut Vec<Fault>) -> Option<Setting> {
         faults.push(fault.help("for example --set direct.samples=64"));
         return None;
     };
-    let value = Raw::document(&Source::new(format!("--set {node}.{field}"), value), faults)?;
-    Some(Setting { target: Target::Node(node.to_owned()), field: field.to_owned(), value })
+    let mut of_value = Faults::default();
+    let value = Raw::document(&Source::new(format!("--set {node}.{field}"), value), &mut of_value);
+    faults.extend(of_value.into_vec());
+    Some(Setting { target: Target::Node(node.to_owned()), field: field.to_owned(), value: value? })
 }

@@ -6,6 +6,7 @@ mod context;
 mod disk;
 mod draw;
 mod engine;
+mod faults;
 mod file;
 mod key;
 mod lexer;
@@ -24,6 +25,7 @@ pub use artifact::{Artifact, Value};
 pub use context::{Cancel, Context, NodeError};
 pub use disk::{CacheReport, DiskCache};
 pub use engine::{Engine, EngineOptions};
+pub use faults::Faults;
 pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
 pub use network::{Graph, Wanted};
 pub use node::{
@@ -31,7 +33,8 @@ pub use node::{
 };
 pub use registry::{KindSpec, Registry};
 pub use report::{Difference, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport};
-pub use source::{Fault, Key, Origin, Raw, Source, is_name, nearest};
+pub use resolve::Resolved;
+pub use source::{Anchor, Fault, Key, Origin, Raw, Source, is_name, nearest};
 
 /// A BLAKE3 digest.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
