@@ -139,6 +139,28 @@ fn deep_nesting_and_huge_lines_are_refused() {
     room.check_refused("check graph.ron --scene scene", "graph.ron:1:");
 }
 
+/// The graphs of all frames together take some 6 GB.
+#[test]
+fn a_hundred_thousand_frames_are_checked_in_little_memory() {
+    let room = Room::new();
+    let check = |keys: &str| {
+        let edit = format!("Edit(version: 1, frames: 100000, lights: {{ \"lamp_0\": Scale(Keys([{keys}])) }})");
+        room.write("edit.ron", edit);
+        let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
+        let line = format!("ulimit -v {}; exec \"$0\" check \"$1\" edit.ron --scene scene", 1 << 20);
+        let mut command = Command::new("sh");
+        command.current_dir(room.folder.path()).args(["-c", &line, env!("CARGO_BIN_EXE_relight")]).arg(graph);
+        let output = command.output().expect("a shell starts");
+        (output.status.code(), text(&output.stdout), text(&output.stderr))
+    };
+    let (status, told, errors) = check("(0, 1), (99999, 2)");
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(told.starts_with("sound: 100000 frames, "), "{told}");
+    let (status, _, errors) = check("(0, 1), (99998, 1), (99999, -1)");
+    assert_eq!(status, Some(2), "{errors}");
+    assert!(errors.contains("wanted numbers >= 0, got -1") && errors.contains("in frame 99999"), "{errors}");
+}
+
 #[test]
 fn missing_files_and_folders_are_named() {
     let room = Room::new();

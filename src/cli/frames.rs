@@ -2,6 +2,8 @@
 //!
 //! A frame that the cache knows is taken from there and costs next to nothing: so a sequence that was stopped goes on where it was.
 
+use std::collections::BTreeSet;
+use std::ops::Range;
 use std::time::Instant;
 
 use relight::graph::{Cancel, RunReport, Status};
@@ -32,55 +34,78 @@ struct FrameRow<'a> {
     seconds: f64,
     files: &'a [String],
     /// That of the node that wrote it.
-    key: Option<String>,
+    key: Option<&'a str>,
     hits: usize,
     /// All that are no hits.
     nodes: Vec<Row<'a>>,
 }
 
-/// What became of one frame.
+/// The rows of one frame in the table and in report.json.
 struct Done {
     number: u32,
+    /// Without outputs, and without nodes that are hits.
     report: RunReport,
+    hits: usize,
+    /// That of the node that gave the first output.
+    key: Option<String>,
+    warnings: Vec<String>,
     seconds: f64,
     files: Vec<String>,
     differences: Vec<String>,
 }
 
 impl Done {
-    /// The key of the node that gave the first output.
-    fn key(&self) -> Option<String> {
-        let (output, _) = self.report.outputs.first()?;
-        let name = output.split_once('.').map_or(output.as_str(), |(node, _)| node);
-        let node = self.report.nodes.iter().find(|node| node.name == name)?;
-        node.key.map(|key| key.to_string())
+    /// Drops the outputs, which are pictures: a sequence keeps little of a frame.
+    fn new(number: u32, mut report: RunReport, began: Instant, files: Vec<String>, differences: Vec<String>) -> Done {
+        let key = key(&report);
+        let hits = report.with_status(Status::Hit).len();
+        let warnings = report::warnings(&report);
+        report.outputs = Vec::new();
+        report.nodes.retain(|node| node.status != Status::Hit);
+        let seconds = began.elapsed().as_secs_f64();
+        Done { number, report, hits, key, warnings, seconds, files, differences }
     }
 }
 
-pub fn run(args: &Run, pictures: &Pictures, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
+/// The key of the node that gave the first output.
+fn key(report: &RunReport) -> Option<String> {
+    let (output, _) = report.outputs.first()?;
+    let name = output.split_once('.').map_or(output.as_str(), |(node, _)| node);
+    let node = report.nodes.iter().find(|node| node.name == name)?;
+    node.key.map(|key| key.to_string())
+}
+
+pub fn run(
+    args: &Run,
+    pictures: &mut Pictures,
+    numbers: Range<u32>,
+    verbose: u8,
+    began: Instant,
+) -> Result<Exit, Trouble> {
     let engine = engine(engine_options(args)?)?;
     let wanted = match &args.only {
         Some(only) => Some(vec![only.clone()]),
         None if args.exr || pictures.writers.is_empty() => None,
         None => Some(pictures.writers.clone()),
     };
-    pictures.frames[0].graph.wanted(wanted.as_deref())?;
-    let out = output(args, &pictures.frames[0].graph)?;
+    pictures.first.wanted(wanted.as_deref())?;
+    let out = output(args, &pictures.first)?;
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
-    let progress = FrameProgress::new(pictures.frames.len(), verbose > 0, terminal());
+    let progress = FrameProgress::new(numbers.len(), verbose > 0, terminal());
+    let mut backend = None;
     let mut all: Vec<Done> = Vec::new();
-    for frame in &pictures.frames {
+    for number in numbers.clone() {
         let started = Instant::now();
-        let number = frame.number.expect("a sequence has numbered frames");
         progress.frame(number);
-        let needed = frame.graph.wanted(wanted.as_deref())?;
+        let graph = pictures.graph(number)?;
+        let needed = graph.wanted(wanted.as_deref())?;
         let (report, differences) = if args.verify {
-            let verified = engine.verify(&frame.graph, &needed, &cancel, &progress);
+            let verified = engine.verify(&graph, &needed, &cancel, &progress);
             let told = verified.differences.into_iter().map(|d| format!("{}.{}", d.node, d.port));
             (verified.run, told.collect())
         } else {
-            (engine.run(&frame.graph, &needed, &cancel, &progress), Vec::new())
+            (engine.run(&graph, &needed, &cancel, &progress), Vec::new())
         };
         let mut files = Vec::new();
         if report.is_complete()
@@ -92,7 +117,10 @@ pub fn run(args: &Run, pictures: &Pictures, verbose: u8, began: Instant) -> Resu
             out.write(&named)?;
             files.extend(named.into_iter().map(|(name, _)| name));
         }
-        let done = Done { number, report, seconds: started.elapsed().as_secs_f64(), files, differences };
+        if all.is_empty() {
+            backend = backend_of(args, &report)?;
+        }
+        let done = Done::new(number, report, started, files, differences);
         progress.done(number, done.seconds, done.report.with_status(Status::Ran).len());
         let whole = done.report.is_complete();
         all.push(done);
@@ -101,26 +129,17 @@ pub fn run(args: &Run, pictures: &Pictures, verbose: u8, began: Instant) -> Resu
         }
     }
     progress.end();
-    tell(args, pictures, &all, out.as_ref(), engine.threads(), began)
+    let backend = backend.map(|choice| choice.backend.to_string());
+    tell(args, numbers.len(), &all, out.as_ref(), Head::new(&args.graph, &args.edit, began, backend, engine.threads()))
 }
 
 /// Film, report and what is said at the end.
-fn tell(
-    args: &Run,
-    pictures: &Pictures,
-    all: &[Done],
-    out: Option<&Output>,
-    threads: usize,
-    began: Instant,
-) -> Result<Exit, Trouble> {
+fn tell(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, Trouble> {
     let last = all.last().expect("a sequence has a frame");
-    let whole = all.len() == pictures.frames.len() && last.report.is_complete();
-    let mut warnings: Vec<String> = Vec::new();
-    for warning in all.iter().flat_map(|done| report::warnings(&done.report)) {
-        if !warnings.contains(&warning) {
-            warnings.push(warning);
-        }
-    }
+    let whole = all.len() == count && last.report.is_complete();
+    let mut known = BTreeSet::new();
+    let mut warnings: Vec<String> =
+        all.iter().flat_map(|done| &done.warnings).filter(|&warning| known.insert(warning)).cloned().collect();
     let mut paths: Vec<_> = all.iter().flat_map(|done| &done.files).map(|name| args.out.join(name)).collect();
     let has_pictures = all.iter().all(|done| done.files.contains(&numbered("picture.png", done.number)));
     let mut film = None;
@@ -133,22 +152,15 @@ fn tell(
             Err(why) => warnings.push(format!("no {}: {why}", film::NAME)),
         }
     }
-    let choice = backend_of(args, &all[0].report)?;
-    let backend = choice.as_ref().map(|choice| choice.backend.to_string());
     let frames = all.iter().map(|done| FrameRow {
         frame: done.number,
         seconds: done.seconds,
         files: &done.files,
-        key: done.key(),
-        hits: done.report.with_status(Status::Hit).len(),
-        nodes: report::rows(&done.report).filter(|row| row.status != Status::Hit).collect(),
+        key: done.key.as_deref(),
+        hits: done.hits,
+        nodes: report::rows(&done.report).collect(),
     });
-    let report = Report {
-        head: Head::new(&args.graph, &args.edit, began, backend, threads),
-        frames: frames.collect(),
-        film,
-        warnings,
-    };
+    let report = Report { head, frames: frames.collect(), film, warnings };
     let json = report::text(&report);
     if let Some(out) = out {
         paths.push(out.file("report.json", json.as_bytes())?);
@@ -160,7 +172,7 @@ fn tell(
         message!("error: {what}: made again in frame {}, it came out differently", done.number);
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
-    message!("{made} of {} frames in {:.2} s", pictures.frames.len(), report.head.seconds);
+    message!("{made} of {count} frames in {:.2} s", report.head.seconds);
     if last.report.cancelled() {
         message!("stopped in frame {}; the same command goes on there", last.number);
     }
@@ -185,7 +197,7 @@ fn table(all: &[Done]) -> String {
     let mut text = format!("{:>6} {:>9} {:>5} {:>5} {:>12}  ran\n", "frame", "seconds", "hits", "ran", "rays");
     for done in all {
         let ran = done.report.with_status(Status::Ran);
-        let hits = done.report.with_status(Status::Hit).len();
+        let hits = done.hits;
         let rays: u64 = done.report.nodes.iter().map(|node| node.rays).sum();
         // The first frame may run everything: its nodes stand in report.json.
         let names = if ran.len() > MOST_NAMES { format!("{} ..", ran[..MOST_NAMES].join(" ")) } else { ran.join(" ") };
@@ -197,3 +209,38 @@ fn table(all: &[Done]) -> String {
 }
 
 const MOST_NAMES: usize = 12;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use relight::graph::{NodeReport, PortValue};
+
+    #[test]
+    fn a_frame_that_is_done_holds_no_picture_and_no_hit() {
+        let node = |name: &str, status: Status| NodeReport {
+            name: name.into(),
+            kind: "Kind",
+            status,
+            seconds: 0.0,
+            rays: 3,
+            samples: None,
+            stderr: None,
+            bytes: 1,
+            key: None,
+            why: None,
+            warnings: vec![format!("{name} is odd")],
+            notes: vec![],
+            error: None,
+            bad_file: false,
+        };
+        let report = RunReport {
+            nodes: vec![node("room", Status::Hit), node("picture", Status::Ran)],
+            outputs: vec![("picture.files".into(), PortValue::Missing)],
+            ..RunReport::default()
+        };
+        let done = Done::new(7, report, Instant::now(), vec![], vec![]);
+        assert!(done.report.outputs.is_empty());
+        assert_eq!(done.report.nodes.iter().map(|node| node.name.as_str()).collect::<Vec<_>>(), ["picture"]);
+        assert_eq!((done.hits, done.warnings.len()), (1, 2));
+    }
+}

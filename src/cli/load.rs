@@ -1,36 +1,59 @@
 //! Graph, scene, edit and settings into one graph that is ready to run.
 
+use std::ops::Range;
 use std::path::Path;
 
 use relight::files::{EditFile, edit, scene};
-use relight::graph::{Fault, Graph, GraphFile, Node, Overlay, Raw, Registry, Setting, Source, Target, is_name, to_ron};
+use relight::graph::{
+    Fault, Faults, Graph, GraphFile, Node, Overlay, Raw, Registry, Resolved, Setting, Source, Target, is_name, to_ron,
+};
 use relight::nodes::output::write_picture::WritePicture;
 
 use super::args::{Files, Networks};
 use super::networks;
 
-/// The pictures that an edit asks for.
+/// The pictures that an edit asks for. Their graphs are made one at a time, so that memory does not grow with their number.
 pub struct Pictures {
-    /// At least one.
-    pub frames: Vec<Frame>,
+    /// The graph of the first one, which is the only one where there are no `frames`.
+    pub first: Graph,
+    /// The frames of a sequence, at least one; all are sound.
+    pub frames: Option<Range<u32>>,
     /// The nodes of the graph that write a picture and nothing else.
     pub writers: Vec<String>,
+    parts: Parts,
+    edit: EditFile,
+    resolved: Resolved,
 }
 
-/// One of them.
-pub struct Frame {
-    /// Its number in the sequence; none where the edit is one picture.
-    pub number: Option<u32>,
-    pub graph: Graph,
+impl Pictures {
+    /// The graph of one frame.
+    ///
+    /// # Errors
+    /// None but of a frame that is not among `frames`.
+    pub fn graph(&mut self, frame: u32) -> Result<Graph, Vec<Fault>> {
+        let Pictures { parts, edit, resolved, .. } = self;
+        parts.frame(edit, Some(frame), |file, overlay| file.resolve_next(&parts.registry, overlay, resolved))
+    }
+
+    /// The faults of the frames after the first. A frame that is as the one before it is sound with it.
+    fn check_others(&mut self) -> Result<(), Vec<Fault>> {
+        let Pictures { frames, parts, edit, resolved, .. } = self;
+        let mut others =
+            frames.iter().flat_map(|frames| frames.clone().skip(1)).filter(|frame| !edit.stands_still(*frame));
+        others.try_for_each(|frame| {
+            parts.frame(edit, Some(frame), |file, overlay| file.check(&parts.registry, overlay, resolved))
+        })
+    }
 }
 
 /// Reads everything for one picture; all faults of all files come at once. Of a sequence, the frame that `files` names, or the first.
 pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, Vec<Fault>> {
     let parts = Parts::read(graph, files);
-    let Some(path) = edit else { return parts.graph(Ok(Overlay::default())) };
-    let first = EditFile::read_within(path, files.reach()).and_then(|edit| Ok((numbers(&edit, files.frame)?[0], edit)));
-    let (number, edit) = first.or_else(|faults| parts.refused(faults))?;
-    parts.frame(&edit, number)
+    let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
+    let Some(path) = edit else { return parts.with(Ok(Overlay::default()), resolve) };
+    let first = EditFile::read_within(path, files.reach()).and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
+    let (frames, edit) = first.or_else(|faults| parts.refused(faults))?;
+    parts.frame(&edit, frames.map(|frames| frames.start), resolve)
 }
 
 /// Reads everything for each picture of an edit: every frame of a sequence unless `files` names one.
@@ -39,23 +62,27 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
 /// All faults of all files; where a sequence is at fault only later on, those of the first frame that is.
 pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Vec<Fault>> {
     let parts = Parts::read(graph, files);
-    let all = EditFile::read_within(edit, files.reach()).and_then(|edit| Ok((numbers(&edit, files.frame)?, edit)));
-    let (numbers, edit) = all.or_else(|faults| parts.refused(faults))?;
-    let frame = |number| Ok(Frame { number, graph: parts.frame(&edit, number)? });
-    let frames = numbers.into_iter().map(frame).collect::<Result<_, Vec<Fault>>>()?;
+    let all = EditFile::read_within(edit, files.reach()).and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
+    let (frames, edit) = all.or_else(|faults| parts.refused(faults))?;
+    let mut resolved = Resolved::default();
+    let first = parts.frame(&edit, frames.as_ref().map(|frames| frames.start), |file, overlay| {
+        file.resolve_next(&parts.registry, overlay, &mut resolved)
+    })?;
     let nodes = parts.file.iter().flat_map(GraphFile::nodes);
     let writers = nodes.filter(|node| node.kind == WritePicture::KIND).map(|node| node.name.to_owned()).collect();
-    Ok(Pictures { frames, writers })
+    let mut pictures = Pictures { first, frames, writers, parts, edit, resolved };
+    pictures.check_others()?;
+    Ok(pictures)
 }
 
-/// The frames that are asked for; at least one.
-fn numbers(edit: &EditFile, chosen: Option<u32>) -> Result<Vec<Option<u32>>, Vec<Fault>> {
+/// The frames that are asked for, at least one; none where the edit is one picture.
+fn frames(edit: &EditFile, chosen: Option<u32>) -> Result<Option<Range<u32>>, Vec<Fault>> {
     let refused = |message: String| vec![Fault::file("--frame".as_ref(), message)];
     match (edit.frames(), chosen) {
-        (None, None) => Ok(vec![None]),
+        (None, None) => Ok(None),
         (None, Some(_)) => Err(refused("this edit is one picture: it has no `frames`".into())),
-        (Some(frames), None) => Ok((0..frames).map(Some).collect()),
-        (Some(frames), Some(number)) if number < frames => Ok(vec![Some(number)]),
+        (Some(frames), None) => Ok(Some(0..frames)),
+        (Some(frames), Some(number)) if number < frames => Ok(Some(number..number + 1)),
         (Some(frames), Some(number)) => Err(refused(format!("wanted 0..={}, got {number}", frames - 1))),
     }
 }
@@ -108,18 +135,27 @@ impl Parts {
         Parts { file, room, registry, settings, faults }
     }
 
-    /// The graph of one frame of an edit.
-    fn frame(&self, edit: &EditFile, number: Option<u32>) -> Result<Graph, Vec<Fault>> {
+    /// One frame of an edit, by `resolve`.
+    fn frame<T>(
+        &self,
+        edit: &EditFile,
+        number: Option<u32>,
+        resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Fault>>,
+    ) -> Result<T, Vec<Fault>> {
         let change = edit::frame(edit, number.unwrap_or(0), self.room.as_ref(), kinds(self.file.as_ref()).as_deref());
         let told = |fault: Fault| match number {
             Some(number) if number > 0 && fault.help.is_none() => fault.help(format!("in frame {number}")),
             _ => fault,
         };
-        self.graph(change).map_err(|faults| faults.into_iter().map(told).collect())
+        self.with(change, resolve).map_err(|faults| faults.into_iter().map(told).collect())
     }
 
-    /// The graph as changed by an edit; without the edit, all other faults beside its own.
-    fn graph(&self, change: Result<Overlay, Vec<Fault>>) -> Result<Graph, Vec<Fault>> {
+    /// The graph as changed by an edit, by `resolve`; without the edit, all other faults beside its own.
+    fn with<T>(
+        &self,
+        change: Result<Overlay, Vec<Fault>>,
+        resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Fault>>,
+    ) -> Result<T, Vec<Fault>> {
         let mut faults = self.faults.clone();
         let change = keep(change, &mut faults);
         let Some(file) = &self.file else { return Err(faults) };
@@ -132,9 +168,9 @@ impl Parts {
                     overlay.members.extend(layer.members);
                 }
                 overlay.settings.extend(self.settings.iter().cloned());
-                file.resolve(&self.registry, &overlay)
+                resolve(file, &overlay)
             }
-            None => Err(file.faults().to_vec()),
+            None => Err(file.faults()),
         };
         match resolved {
             Ok(graph) if faults.is_empty() => Ok(graph),
@@ -145,7 +181,8 @@ impl Parts {
 
     /// The faults of an edit that cannot be read, and all others.
     fn refused<T>(&self, faults: Vec<Fault>) -> Result<T, Vec<Fault>> {
-        Err(self.graph(Err(faults)).err().expect("a graph with faults is refused"))
+        let refused = self.with(Err(faults), |file, overlay| file.resolve(&self.registry, overlay));
+        Err(refused.err().expect("a graph with faults is refused"))
     }
 }
 
@@ -172,7 +209,7 @@ pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<V
 
 /// What `option` says, for every kind of node that has the parameter `field`, whether the graph has nodes of it or not.
 fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> Vec<Setting> {
-    let value = Raw::document(&Source::new(option, text), &mut Vec::new());
+    let value = Raw::document(&Source::new(option, text), &mut Faults::default());
     let value = value.expect("the arguments were made RON when they were read");
     let kinds = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
     let setting = |kind: &str| Setting { target: Target::Kind(kind.into()), field: field.into(), value: value.clone() };
@@ -202,6 +239,8 @@ pub fn setting(text: &str, faults: &mut Vec<Fault>) -> Option<Setting> {
         faults.push(fault.help("for example --set direct.samples=64"));
         return None;
     };
-    let value = Raw::document(&Source::new(format!("--set {node}.{field}"), value), faults)?;
-    Some(Setting { target: Target::Node(node.to_owned()), field: field.to_owned(), value })
+    let mut of_value = Faults::default();
+    let value = Raw::document(&Source::new(format!("--set {node}.{field}"), value), &mut of_value);
+    faults.extend(of_value.into_vec());
+    Some(Setting { target: Target::Node(node.to_owned()), field: field.to_owned(), value: value? })
 }

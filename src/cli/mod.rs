@@ -183,9 +183,9 @@ pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
 pub fn check(args: &Job) -> Result<Exit, Trouble> {
     let (graph, frames) = match &args.edit {
         Some(edit) => {
-            let mut frames = load_all(&args.graph, edit, &args.files)?.frames;
-            let count = frames.len();
-            (frames.swap_remove(0).graph, if count > 1 { format!("{count} frames, ") } else { String::new() })
+            let pictures = load_all(&args.graph, edit, &args.files)?;
+            let count = pictures.frames.map_or(1, |frames| frames.len());
+            (pictures.first, if count > 1 { format!("{count} frames, ") } else { String::new() })
         }
         None => (load(&args.graph, None, &args.files)?, String::new()),
     };

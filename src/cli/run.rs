@@ -13,14 +13,14 @@ use super::{Exit, Trouble, engine, frames, load::load_all, networks, options, pa
 
 pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     let mut pictures = load_all(&args.graph, &args.edit, &args.files)?;
-    if pictures.frames[0].number.is_some() {
+    if let Some(numbers) = pictures.frames.clone() {
         if args.report {
             let fault = Fault::file(&args.edit, "--report: wanted an edit of one picture, got one of frames");
             return Err(fault.help("with --exr, `relight mix` weights the lights of each frame").into());
         }
-        return frames::run(args, &pictures, verbose, began);
+        return frames::run(args, &mut pictures, numbers, verbose, began);
     }
-    let graph = pictures.frames.remove(0).graph;
+    let graph = pictures.first;
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
     let engine = engine(engine_options(args)?)?;
     let out = output(args, &graph)?; // told before the work, not after it

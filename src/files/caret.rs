@@ -79,12 +79,13 @@ impl Excerpt {
         if after.len() > CONTEXT {
             line.push_str("...");
         }
+        let (line_number, column) = origin.line_column();
         Excerpt {
             name: escape_line(&source.path.display().to_string()),
             text: line,
             place: place_start..place_end,
-            line: 1 + text[..line_start].matches('\n').count(),
-            column: 1 + text[line_start..start].chars().count(),
+            line: line_number,
+            column,
         }
     }
 }

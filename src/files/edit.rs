@@ -5,10 +5,11 @@
 //! member of the set `lights`; with objects, every light is one of `object_lights`,
 //! and when one of them may reflect, the set `shiny` has a member; so has the set `polished` when a surface gets another finish.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::{EditFile, INVISIBLE, check_light_name, fields};
-use crate::graph::{Fault, Key, Member, Overlay, Raw, Setting, Target};
+use crate::graph::{Fault, Faults, Key, Member, Overlay, Raw, Setting, Target};
 
 const FIELDS: [&str; 5] = ["version", "lights", "materials", "objects", "frames"];
 /// An entry that begins so makes a light; any other changes one that is there.
@@ -63,7 +64,7 @@ pub fn frame(
         }
         if kinds.is_some_and(|kinds| !kinds.contains(&stage)) {
             let message = format!("this graph has no {stage} stage, so it cannot change {}", key.name);
-            faults.push(Fault::at(&key.origin, message));
+            faults.push(|| Fault::at(&key.origin, message));
         }
         overlay.settings.push(Setting { target: Target::Kind(stage.to_owned()), field: key.name, value });
     }
@@ -77,13 +78,12 @@ pub fn frame(
             overlay.members.push(Member { set: "shiny".to_owned(), name: "objects".to_owned(), origin });
         }
     }
-    if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+    if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
 }
 
 /// Whether an entry of `materials` says how rough a surface is or how much it reflects. The stage tells what is wrong with it.
 fn has_finish(paint: &Raw) -> bool {
-    let fields = paint.as_struct(None, &["region", "albedo", "roughness", "specular", "keep_texture"], &mut Vec::new());
-    fields.iter().any(|(key, _)| ["roughness", "specular"].contains(&key.name.as_str()))
+    !paint.as_struct(None, &["roughness", "specular"], &mut Faults::ignored()).is_empty()
 }
 
 /// Whether an object may be shiny: its entry says so, or leaves it to a file that may. Dull is what has neither a roughness below
@@ -115,27 +115,23 @@ fn of_scene(scene: Option<&Overlay>) -> impl Iterator<Item = &str> {
 }
 
 /// The lights that an edit makes; what it says of lights that are not there is a fault.
-fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Vec<Fault>) -> Vec<Member> {
+fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Faults) -> Vec<Member> {
     let makes = |value: &Raw| value.variant().is_some_and(|variant| MAKERS.contains(&variant));
-    let present: Vec<&str> = of_scene(scene).collect();
+    let present: BTreeSet<&str> = of_scene(scene).collect();
+    let made = entries.iter().filter(|(_, value)| makes(value)).map(|(key, _)| key.name.as_str());
+    let known: Vec<&str> = of_scene(scene).chain(made).collect();
     let mut members = Vec::new();
-    for (key, value) in entries {
-        if present.contains(&key.name.as_str()) {
-            continue;
-        }
+    for (key, value) in entries.iter().filter(|(key, _)| !present.contains(key.name.as_str())) {
         if makes(value) {
-            match check_light_name(key) {
-                Ok(()) => members.push(Member {
-                    set: "lights".to_owned(),
-                    name: key.name.clone(),
-                    origin: key.origin.clone(),
-                }),
-                Err(fault) => faults.push(fault),
+            if check_light_name(key, faults) {
+                let (name, origin) = (key.name.clone(), key.origin.clone());
+                members.push(Member { set: "lights".to_owned(), name, origin });
             }
         } else if scene.is_some() {
-            let made = entries.iter().filter(|(_, value)| makes(value)).map(|(key, _)| key.name.as_str());
-            let fault = Fault::at(&key.origin, format!("there is no light `{}`", key.name));
-            faults.push(fault.suggest(&key.name, present.iter().copied().chain(made)));
+            faults.push(|| {
+                let fault = Fault::at(&key.origin, format!("there is no light `{}`", key.name));
+                fault.suggest(&key.name, known.iter().copied())
+            });
         }
     }
     members
@@ -222,6 +218,24 @@ mod tests {
             ],
         );
         check_faults("Edit(version: 1, ligths: {})", &["1:18: unknown field `ligths` (did you mean `lights`?)"]);
+    }
+
+    /// Work that grows as the square of the names takes minutes here.
+    #[test]
+    fn two_hundred_thousand_unknown_lights_are_counted() {
+        let all = |value: &str| (0..200_000).map(|i| format!("\"nobody_{i}\": {value},\n")).collect::<String>();
+        let off = format!("Edit(version: 1, lights: {{ {} }})", all("Off"));
+        let faults = edit(&off).err().expect("there are no such lights");
+        assert_eq!(faults[0].message, "there is no light `nobody_0`");
+        assert_eq!(faults[0].help.as_deref(), Some("known: lamp_0, inv_lamp, inv_window"));
+        assert_eq!(faults.len(), 51);
+        assert_eq!(faults[50].message, "and up to 199950 faults more");
+        // Nor does it take work as the product of the lengths of two names.
+        let (long, other) = ("a".repeat(2_000_000), "b".repeat(2_000_000));
+        let faults = edit(&format!("Edit(version: 1, lights: {{ \"{long}\": Lamp(), \"{other}\": Off }})"));
+        assert_eq!(faults.err().expect("there is no such light").len(), 1);
+        let lamps = edit(&format!("Edit(version: 1, lights: {{ {} }})", all("Lamp()"))).expect("they may be made");
+        assert_eq!(lamps.members.len(), 200_000);
     }
 
     #[test]

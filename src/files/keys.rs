@@ -5,17 +5,19 @@
 //! v_a + (v_b - v_a) (k - 0) / (24 - 0); before the first key and after the last one the value stands still. The values of one `Keys` are alike
 //! but for their numbers: `0.5`, `(1, 0.9, 0.8)`, `Point(0, 1.2, -2)`.
 //!
-//! A frame is an edit like any other: its text is that of the file with each `Keys(..)` replaced in its own place, so that a fault is told
-//! where it stands in the file.
+//! A frame is an edit like any other: its text is that of the file with each `Keys(..)` replaced by its value, with anchors that give a
+//! fault its place in the file.
 
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::graph::{Fault, Raw, Reach, Source};
+use crate::graph::{Anchor, Fault, Faults, Raw, Reach, Source, from_ron};
 
 /// More than a person waits for.
 const MOST_FRAMES: u32 = 100_000;
+/// Most bytes of all frames that change, each of which is read and checked: some hundred seconds of work.
+const MOST_TEXT: usize = 1 << 30;
 
 /// An edit file: one edit, or with `frames` one for each frame.
 pub struct EditFile {
@@ -23,12 +25,14 @@ pub struct EditFile {
     frames: Option<u32>,
     tracks: Vec<Track>,
     /// What is wrong with `frames` and `Keys`; told with all else that is wrong with the edit.
-    pub(super) faults: Vec<Fault>,
+    pub(super) faults: Faults,
 }
 
 /// One `Keys(..)`.
 struct Track {
     place: Range<usize>,
+    /// Of its first byte, and of the first one after it.
+    anchors: [Anchor; 2],
     /// By frame, ascending; at least one.
     keys: Vec<Moment>,
 }
@@ -63,28 +67,44 @@ impl EditFile {
     }
 
     fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Fault>> {
-        let mut faults = Vec::new();
-        let Some(document) = Raw::document(&source, &mut faults) else { return Err(faults) };
+        let mut faults = Faults::default();
+        let Some(document) = Raw::document(&source, &mut faults) else { return Err(faults.into_vec()) };
         if !faults.is_empty() {
             // Whoever reads the fields finds them again, and more.
-            return Ok(EditFile { source, frames: None, tracks: Vec::new(), faults: Vec::new() });
+            return Ok(EditFile { source, frames: None, tracks: Vec::new(), faults: Faults::default() });
         }
-        let fields = document.as_struct(None, &["frames"], &mut Vec::new()); // other fields are not looked at here
+        let fields = document.as_struct(None, &["frames"], &mut Faults::ignored()); // other fields are not looked at here
         let frames = fields.first().and_then(|(_, value)| {
             let count = value.parse::<u32>().ok().filter(|count| (1..=MOST_FRAMES).contains(count));
             if count.is_none() {
-                faults.push(value.fault(format!("wanted 1 to {MOST_FRAMES} frames, got `{}`", value.text())));
+                faults.push(|| value.fault(format!("wanted 1 to {MOST_FRAMES} frames, got `{}`", value.short())));
             }
             count
         });
         let keyed = keyed(&document);
         if let (Some(first), true) = (keyed.first(), fields.is_empty()) {
             let message = "`Keys(..)` changes over time, and this edit is one picture";
-            faults.push(Fault::at(&first.variant_origin(), message).help("give the edit `frames: 48,`"));
+            faults.push(|| Fault::at(&first.variant_origin(), message).help("give the edit `frames: 48,`"));
         }
-        let track = |keys: &Raw| track(keys, frames.unwrap_or(MOST_FRAMES), &mut faults);
-        let tracks = keyed.iter().filter_map(track).collect();
-        Ok(EditFile { source, frames, tracks, faults })
+        let mut anchor = Anchor { at: 0, line: 1, column: 1 };
+        let mut tracks = Vec::new();
+        for keys in &keyed {
+            let place = keys.origin.span.clone();
+            let begin = anchor.moved(&source.text, place.start);
+            anchor = begin.moved(&source.text, place.end);
+            let keys = track(keys, frames.unwrap_or(MOST_FRAMES), &mut faults);
+            tracks.extend(keys.map(|keys| Track { place, anchors: [begin, anchor], keys }));
+        }
+        let mut file = EditFile { source, frames, tracks, faults };
+        if let (Some(count), Some((_, value))) = (frames, fields.first()) {
+            let bytes = file.at(0).text.len();
+            if !file.tracks.is_empty() && bytes * count as usize > MOST_TEXT {
+                let most = MOST_TEXT / bytes;
+                let wanted = format!("wanted at most {most} frames of an edit of {bytes} bytes");
+                file.faults.push(|| value.fault(format!("{wanted}, got {count}")));
+            }
+        }
+        Ok(file)
     }
 
     /// How many pictures the edit makes, where it says so.
@@ -97,15 +117,28 @@ impl EditFile {
         if self.tracks.is_empty() {
             return self.source.clone();
         }
-        let mut text = String::with_capacity(self.source.text.len());
+        let mut text = String::new();
+        let mut anchors = Vec::with_capacity(2 * self.tracks.len());
         let mut from = 0;
         for track in &self.tracks {
             text.push_str(&self.source.text[from..track.place.start]);
-            text.push_str(&fitted(track.at(frame), &self.source.text[track.place.clone()]));
+            anchors.push(Anchor { at: text.len(), ..track.anchors[0] });
+            track.write(frame, &mut text);
+            anchors.push(Anchor { at: text.len(), ..track.anchors[1] });
             from = track.place.end;
         }
         text.push_str(&self.source.text[from..]);
-        Source::within(&self.source.path, text, self.source.reach)
+        Arc::new(Source { path: self.source.path.clone(), text, anchors, reach: self.source.reach })
+    }
+
+    /// Whether the edit is in this frame as in the one before it.
+    pub fn stands_still(&self, frame: u32) -> bool {
+        let value = |track: &Track, frame: u32| {
+            let mut text = String::new();
+            track.write(frame, &mut text);
+            text
+        };
+        frame > 0 && self.tracks.iter().all(|track| value(track, frame - 1) == value(track, frame))
     }
 }
 
@@ -125,7 +158,7 @@ fn keyed(value: &Raw) -> Vec<Raw> {
             };
             depth == 0
         };
-        match words[next + 1..].iter().position(closes).filter(|_| begins) {
+        match begins.then(|| words[next + 1..].iter().position(closes)).flatten() {
             Some(length) => {
                 found.push(words[next].0.through(&words[next + 1 + length].0));
                 next += length + 2;
@@ -137,80 +170,82 @@ fn keyed(value: &Raw) -> Vec<Raw> {
 }
 
 /// `Keys([(frame, value), ..])` of an edit with so many frames; `None` left a fault.
-fn track(keys: &Raw, frames: u32, faults: &mut Vec<Fault>) -> Option<Track> {
-    let before = faults.len();
+fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Moment>> {
+    let before = faults.found();
     let what = "wanted `Keys([(frame, value), ..])`";
     let list = keys.as_tuple(faults);
     let [list] = &list[..] else {
-        faults.push(keys.fault(format!("{what}, got {} values", list.len())));
+        faults.push(|| keys.fault(format!("{what}, got {} values", list.len())));
         return None;
     };
     let mut moments: Vec<Moment> = Vec::new();
     let items = list.as_list(faults);
-    if items.is_empty() && faults.len() == before {
-        faults.push(list.fault(format!("{what}, got none")));
+    if items.is_empty() && faults.found() == before {
+        faults.push(|| list.fault(format!("{what}, got none")));
     }
     for item in items {
-        let pair = item.as_tuple(&mut Vec::new());
+        let pair = item.as_tuple(&mut Faults::ignored());
         let [frame, value] = &pair[..] else {
-            faults.push(item.fault(format!("wanted `(frame, value)`, got `{}`", item.text())));
+            faults.push(|| item.fault(format!("wanted `(frame, value)`, got `{}`", item.short())));
             continue;
         };
         let Some(frame) = number_of_frame(frame, frames, moments.last().map(|m| m.frame), faults) else { continue };
-        match words(value) {
-            Err(fault) => faults.push(fault),
-            Ok(words) => match moments.first() {
-                Some(first) if !alike(&first.value, &words) => {
-                    let message = format!(
-                        "wanted a value like that of frame {}, `{}`, but for its numbers, got `{}`",
-                        first.frame,
-                        joined(&first.value),
-                        value.text()
-                    );
-                    faults.push(value.fault(message));
-                }
-                _ => moments.push(Moment { frame, value: words }),
-            },
+        let Some(words) = words(value, faults) else { continue };
+        match moments.first() {
+            Some(first) if !alike(&first.value, &words) => faults.push(|| {
+                let (frame, like, got) = (first.frame, short(&first.value), value.short());
+                value.fault(format!(
+                    "wanted a value like that of frame {frame}, `{like}`, but for its numbers, got `{got}`"
+                ))
+            }),
+            _ => moments.push(Moment { frame, value: words }),
         }
     }
-    (faults.len() == before).then(|| Track { place: keys.origin.span.clone(), keys: moments })
+    (faults.found() == before).then_some(moments)
 }
 
-fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Vec<Fault>) -> Option<u32> {
-    let Ok(frame) = raw.parse::<u32>() else {
-        faults.push(raw.fault(format!("wanted the number of a frame, got `{}`", raw.text())));
-        return None;
-    };
-    let wrong = match last {
-        _ if frame >= frames => {
-            format!("wanted a frame up to {}, the last of {frames}, got {frame}", frames - 1)
-        }
-        Some(last) if frame == last => format!("frame {frame} is given twice"),
-        Some(last) if frame < last => format!("wanted a frame after {last}, got {frame}: keys go up"),
-        _ => return Some(frame),
-    };
-    faults.push(raw.fault(wrong));
+fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Faults) -> Option<u32> {
+    let frame = from_ron::<u32>(raw.text()).ok();
+    if frame.is_some_and(|frame| frame < frames && last.is_none_or(|last| frame > last)) {
+        return frame;
+    }
+    faults.push(|| {
+        let wrong = match (frame, last) {
+            (None, _) => format!("wanted the number of a frame, got `{}`", raw.short()),
+            (Some(frame), _) if frame >= frames => {
+                format!("wanted a frame up to {}, the last of {frames}, got {frame}", frames - 1)
+            }
+            (Some(frame), Some(last)) if frame < last => {
+                format!("wanted a frame after {last}, got {frame}: keys go up")
+            }
+            (Some(frame), _) => format!("frame {frame} is given twice"),
+        };
+        raw.fault(wrong)
+    });
     None
 }
 
-/// The words of a value with at least one number.
-fn words(value: &Raw) -> Result<Vec<Word>, Fault> {
+/// The words of a value with at least one number; `None` left a fault.
+fn words(value: &Raw, faults: &mut Faults) -> Option<Vec<Word>> {
     let mut all = Vec::new();
     for (word, is_number) in value.words() {
         if word.text() == "Keys" {
-            return Err(word.fault("`Keys` may not stand within `Keys`"));
+            faults.push(|| word.fault("`Keys` may not stand within `Keys`"));
+            return None;
         }
-        let number = match is_number.then(|| word.parse::<f64>()) {
-            Some(Err(_)) => return Err(word.fault(format!("wanted a number, got `{}`", word.text()))),
-            number => number.and_then(Result::ok),
-        };
+        let number = is_number.then(|| from_ron::<f64>(word.text()).ok()).flatten();
+        if is_number && number.is_none() {
+            faults.push(|| word.fault(format!("wanted a number, got `{}`", word.short())));
+            return None;
+        }
         all.push(Word { text: word.text().to_owned(), number });
     }
-    if all.iter().any(|word| word.number.is_some()) {
-        Ok(all)
-    } else {
-        Err(value.fault(format!("wanted a value with numbers, which alone change over time, got `{}`", value.text())))
+    if all.iter().all(|word| word.number.is_none()) {
+        let wanted = "wanted a value with numbers, which alone change over time";
+        faults.push(|| value.fault(format!("{wanted}, got `{}`", value.short())));
+        return None;
     }
+    Some(all)
 }
 
 fn alike(a: &[Word], b: &[Word]) -> bool {
@@ -218,26 +253,28 @@ fn alike(a: &[Word], b: &[Word]) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(same)
 }
 
-fn joined(words: &[Word]) -> String {
-    words.iter().map(|word| word.text.as_str()).collect()
+/// The beginning of a value, for messages.
+fn short(words: &[Word]) -> String {
+    words.iter().flat_map(|word| word.text.chars()).take(40).collect()
 }
 
 impl Track {
-    /// The value in one frame.
-    fn at(&self, frame: u32) -> String {
+    /// Adds the value in one frame to `text`.
+    fn write(&self, frame: u32, text: &mut String) {
         let next = self.keys.partition_point(|key| key.frame <= frame);
         let (a, b) = match (next.checked_sub(1).and_then(|at| self.keys.get(at)), self.keys.get(next)) {
             (Some(a), Some(b)) => (a, b),
-            (Some(held), None) | (None, Some(held)) => return joined(&held.value),
+            (Some(held), None) | (None, Some(held)) => (held, held),
             (None, None) => unreachable!("a track has a key"),
         };
-        let t = f64::from(frame - a.frame) / f64::from(b.frame - a.frame);
-        let word = |(a, b): (&Word, &Word)| match (a.number, b.number) {
-            // A key's own value as it is written, so that what stands still keeps its bits.
-            (Some(v), Some(w)) if v != w && t > 0.0 => number(v + (w - v) * t),
-            _ => a.text.clone(),
-        };
-        a.value.iter().zip(&b.value).map(word).collect()
+        let t = f64::from(frame.saturating_sub(a.frame)) / f64::from((b.frame - a.frame).max(1));
+        for (a, b) in a.value.iter().zip(&b.value) {
+            match (a.number, b.number) {
+                // A key's own value as it is written, so that what stands still keeps its bits.
+                (Some(v), Some(w)) if v != w && t > 0.0 => text.push_str(&number(v + (w - v) * t)),
+                _ => text.push_str(&a.text),
+            }
+        }
     }
 }
 
@@ -247,26 +284,10 @@ fn number(value: f64) -> String {
     if value.fract() == 0.0 && value.abs() < 1e9 { format!("{value:.0}") } else { format!("{value:?}") }
 }
 
-/// `value` with blanks and line breaks, so that what follows stands on the line and in the column where it stands after `old`.
-fn fitted(value: String, old: &str) -> String {
-    let (before, last) = old.rsplit_once('\n').map_or((None, old), |(before, last)| (Some(before), last));
-    let mut text = value;
-    match before {
-        Some(before) => {
-            text.extend(std::iter::repeat_n('\n', 1 + before.matches('\n').count()));
-            text.extend(std::iter::repeat_n(' ', last.chars().count()));
-        }
-        None => {
-            let missing = last.chars().count().saturating_sub(text.chars().count());
-            text.extend(std::iter::repeat_n(' ', missing));
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::graph::Origin;
 
     fn edit(text: &str) -> EditFile {
         EditFile::parse(Source::new("edit.ron", text)).unwrap_or_else(|faults| panic!("{}", faults[0]))
@@ -275,7 +296,7 @@ mod tests {
     /// The values of `Keys(keys)` in these frames of 48.
     fn check(keys: &str, wanted: &[(u32, &str)]) {
         let file = edit(&format!("Edit(frames: 48, lights: Keys({keys}))"));
-        assert!(file.faults.is_empty(), "{keys}: {}", file.faults[0]);
+        assert!(file.faults.is_empty(), "{keys}: {:?}", file.faults.into_vec());
         for (frame, value) in wanted {
             let text = &file.at(*frame).text;
             let got = text.strip_prefix("Edit(frames: 48, lights: ").and_then(|t| t.strip_suffix(')'));
@@ -308,17 +329,48 @@ mod tests {
         let text = "Edit(frames: 3, a: Keys([(0, 1), (2, 2)]), b: Keys([ // ü\n  (0, 1), /* Keys(3) */\n  (2, 3),\n]), c: \"Keys([\")";
         let file = edit(text);
         let frame = file.at(1);
-        assert_eq!(frame.text.matches('\n').count(), text.matches('\n').count());
-        let place = |text: &str, what: &str| {
-            let at = text.find(what).expect("it is there");
-            let line = text[..at].rfind('\n').map_or(0, |i| i + 1);
-            (text[..at].matches('\n').count(), text[line..at].chars().count())
+        let place = |source: &Arc<Source>, what: &str| {
+            let at = source.text.find(what).expect("it is there");
+            Origin { source: source.clone(), span: at..at + what.len() }.line_column()
         };
-        for what in [" b:", ", c:"] {
-            assert_eq!(place(&frame.text, what), place(text, what), "{}", frame.text);
+        for what in ["frames", "a:", " b:", ", c:", "Keys([\""] {
+            assert_eq!(place(&frame, what), place(&file.source, what), "{what} in {}", frame.text);
         }
+        // A value stands where its keys begin.
+        assert_eq!((place(&frame, "1.5"), place(&frame, "2, c")), ((1, 20), (1, 47)));
+        assert!(frame.text.len() < 60, "no longer than its values need: {}", frame.text);
         let words: String = frame.text.split_whitespace().collect();
         assert_eq!(words, "Edit(frames:3,a:1.5,b:2,c:\"Keys([\")");
+    }
+
+    /// Work that grows as the square of the keys takes minutes here.
+    #[test]
+    fn many_keys_and_many_frames_are_in_proportion() {
+        let keys = |count: u32| (0..count).map(|i| format!("({i}, {i}),")).collect::<String>();
+        let file = edit(&format!("Edit(frames: 100000, a: Keys([{}]), b: 1)", keys(100_000)));
+        assert!(file.faults.is_empty());
+        assert_eq!(
+            file.at(54_321).text.trim_end(),
+            "Edit(frames: 100000, a: 54321, b: 1)",
+            "no trace of the other keys"
+        );
+        let beyond = edit(&format!("Edit(frames: 2, a: Keys([{}]))", keys(200_000))).faults.into_vec();
+        assert_eq!((beyond.len(), beyond[50].message.as_str()), (51, "and up to 199948 faults more"));
+
+        let large = |frames: u32| {
+            let name = "x".repeat(1 << 20);
+            edit(&format!("Edit(frames: {frames}, a: Keys([(0, 1), (9, 2)]), b: \"{name}\")")).faults.into_vec()
+        };
+        assert_eq!(large(1000), []);
+        assert_eq!(large(1024)[0].message, "wanted at most 1023 frames of an edit of 1048607 bytes, got 1024");
+    }
+
+    #[test]
+    fn a_frame_stands_still_where_no_value_changes() {
+        let file = edit("Edit(frames: 9, a: Keys([(2, 1), (4, 2), (6, 2)]), b: Keys([(0, 7)]))");
+        let still: Vec<u32> = (0..9).filter(|frame| file.stands_still(*frame)).collect();
+        assert_eq!(still, [1, 2, 5, 6, 7, 8]);
+        assert!(still.iter().all(|&frame| file.at(frame).text == file.at(frame - 1).text));
     }
 
     #[test]
@@ -357,7 +409,7 @@ mod tests {
                 let (line, column) = fault.origin.as_ref().expect("it has a place").line_column();
                 format!("{line}:{column}: {}", fault.message)
             };
-            let got: Vec<String> = edit(text).faults.iter().map(told).collect();
+            let got: Vec<String> = edit(text).faults.into_vec().iter().map(told).collect();
             assert_eq!(got, wanted, "{text}");
         }
     }

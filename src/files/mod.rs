@@ -8,7 +8,7 @@ pub mod scene;
 pub use caret::draw;
 pub use keys::EditFile;
 
-use crate::graph::{Fault, Key, Raw, Source, is_name};
+use crate::graph::{Fault, Faults, Key, Raw, Source, is_name};
 
 /// What no light explains has this name in pictures and reports; no light may have it.
 const REST: &str = "rest";
@@ -16,36 +16,38 @@ const REST: &str = "rest";
 const INVISIBLE: [&str; 2] = ["inv_lamp", "inv_window"];
 
 /// The fields of the one value `name(..)` of a file. Its `version` must be there and 1, and is left out.
-fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &mut Vec<Fault>) -> Vec<(Key, Raw)> {
+fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &mut Faults) -> Vec<(Key, Raw)> {
     let Some(document) = Raw::document(source, faults) else { return Vec::new() };
-    let before = faults.len();
+    let before = faults.found();
     let mut fields = document.as_struct(Some(name), known, faults);
     match fields.iter().position(|(key, _)| key.name == "version") {
         Some(index) => {
             let (_, value) = fields.remove(index);
             if value.text() != "1" {
-                faults.push(value.fault(format!("wanted version 1, got {}", value.text())));
+                faults.push(|| value.fault(format!("wanted version 1, got {}", value.short())));
             }
         }
-        None if faults.len() == before => {
+        None if faults.found() == before => {
             let at = document.variant_origin();
-            faults.push(Fault::at(&at, format!("this {name} has no version")).help("write `version: 1,` first"));
+            faults.push(|| Fault::at(&at, format!("this {name} has no version")).help("write `version: 1,` first"));
         }
         None => {}
     }
     fields
 }
 
-/// Whether a new light may have this name.
-fn check_light_name(key: &Key) -> Result<(), Fault> {
+/// Whether a new light may have this name; else it is a fault.
+fn check_light_name(key: &Key, faults: &mut Faults) -> bool {
     let name = &key.name;
-    if name == REST {
-        let message = format!("the name `{REST}` is reserved: it stands for what no light explains");
-        return Err(Fault::at(&key.origin, message));
+    let is_free = name != REST && is_name(name);
+    if !is_free {
+        faults.push(|| {
+            let message = match name == REST {
+                true => format!("the name `{REST}` is reserved: it stands for what no light explains"),
+                false => format!("wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got {name:?}"),
+            };
+            Fault::at(&key.origin, message)
+        });
     }
-    if !is_name(name) {
-        let message = format!("wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got {name:?}");
-        return Err(Fault::at(&key.origin, message));
-    }
-    Ok(())
+    is_free
 }

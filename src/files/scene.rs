@@ -10,7 +10,7 @@
 use std::path::Path;
 
 use super::{INVISIBLE, check_light_name, fields};
-use crate::graph::{Fault, Key, Member, Overlay, Raw, Reach, Setting, Source, Target};
+use crate::graph::{Fault, Faults, Key, Member, Overlay, Raw, Reach, Setting, Source, Target};
 
 /// The stages that take a scene: all of it, or its photo alone.
 pub const STAGES: [&str; 2] = [SCENE, PHOTO];
@@ -55,17 +55,17 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
         return Err(vec![Fault::file(folder, "wanted a scene folder, got a file").help(help)]);
     }
     let source = Source::read(&path, reach).map_err(|fault| vec![fault])?;
-    let mut faults = Vec::new();
+    let mut faults = Faults::default();
     let fields = fields(&source, "Scene", &FIELDS, &mut faults);
     if faults.is_empty() {
         for field in NEEDED {
             if fields.iter().all(|(key, _)| key.name != field) {
-                faults.push(Fault::file(&path, format!("this scene has no `{field}`")));
+                faults.push(|| Fault::file(&path, format!("this scene has no `{field}`")));
             }
         }
         if kinds.is_some_and(|kinds| kinds.contains(&SCENE)) && fields.iter().all(|(key, _)| key.name != "depth") {
             let help = "a network of yours can estimate it: graphs/depth.ron, docs/networks.md";
-            faults.push(Fault::file(&path, "this scene has no `depth`").help(help));
+            faults.push(|| Fault::file(&path, "this scene has no `depth`").help(help));
         }
     }
     let mut overlay = Overlay::default();
@@ -74,9 +74,9 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
             for (light, spec) in value.as_map(&mut faults) {
                 if INVISIBLE.contains(&light.name.as_str()) {
                     let message = format!("the name `{}` is reserved for a light that is not seen", light.name);
-                    faults.push(Fault::at(&light.origin, message));
-                } else if let Err(fault) = check_light_name(&light) {
-                    faults.push(fault);
+                    faults.push(|| Fault::at(&light.origin, message));
+                } else {
+                    check_light_name(&light, &mut faults);
                 }
                 let of_kind = spec.variant().and_then(|kind| OF_KIND.iter().find(|(name, _)| *name == kind));
                 for set in SETS.into_iter().chain(of_kind.map(|(_, set)| *set)) {
@@ -96,7 +96,7 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
             value: value.clone(),
         }));
     }
-    if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+    if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
 }
 
 /// What the `truth` of `folder/scene.ron` names, field by field; nothing where it has none.
@@ -106,19 +106,19 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
 pub fn truth(folder: &Path) -> Result<Vec<(Key, Raw)>, Vec<Fault>> {
     read(folder, None)?;
     let source = Source::read(&folder.join("scene.ron"), Reach::Anywhere).map_err(|fault| vec![fault])?;
-    let mut faults = Vec::new();
+    let mut faults = Faults::default();
     let truth = fields(&source, "Scene", &FIELDS, &mut faults).into_iter().find(|(key, _)| key.name == "truth");
     Ok(truth.map(|(_, value)| known(&value, &mut faults)).unwrap_or_default())
 }
 
 /// The fields of `truth: (lights: "lights.json", ..)`.
-fn known(value: &Raw, faults: &mut Vec<Fault>) -> Vec<(Key, Raw)> {
+fn known(value: &Raw, faults: &mut Faults) -> Vec<(Key, Raw)> {
     let names: Vec<&str> = TRUTH.map(|(field, ..)| field).into_iter().chain(MEASURED.map(|(field, _)| field)).collect();
     value.as_struct(None, &names, faults)
 }
 
 /// What of `truth` goes to stages, for graphs that have them; others do not look at it.
-fn settings(value: &Raw, faults: &mut Vec<Fault>) -> Vec<Setting> {
+fn settings(value: &Raw, faults: &mut Faults) -> Vec<Setting> {
     let mut settings = Vec::new();
     for (key, value) in known(value, faults) {
         if let Some((_, stage, field)) = TRUTH.into_iter().find(|(field, ..)| *field == key.name) {
@@ -127,10 +127,10 @@ fn settings(value: &Raw, faults: &mut Vec<Fault>) -> Vec<Setting> {
         }
         let many = MEASURED.contains(&(key.name.as_str(), true));
         let files = if many { value.as_map(faults).into_iter().map(|(_, file)| file).collect() } else { vec![value] };
-        faults.extend(files.iter().filter(|file| file.parse::<String>().is_err()).map(|file| {
-            let message = format!("`{}` wanted the name of a file in quotes, got `{}`", key.name, file.text());
-            file.fault(message)
-        }));
+        for file in files.iter().filter(|file| file.string().is_none()) {
+            let message = || format!("`{}` wanted the name of a file in quotes, got `{}`", key.name, file.short());
+            faults.push(|| file.fault(message()));
+        }
     }
     settings
 }
@@ -201,6 +201,20 @@ mod tests {
             let faults = truth(folder.path()).expect_err("it is not sound");
             assert_eq!(faults[0].message, wanted);
         }
+    }
+
+    /// Work that grows as the square of the lights takes minutes here.
+    #[test]
+    fn two_hundred_thousand_lights_are_read() {
+        let text = |name: &str| {
+            let lights: String = (0..200_000).map(|i| format!("\"{name}{i}\": Lamp(mask: \"a.png\"),\n")).collect();
+            format!(
+                "Scene(version: 1, photo: \"a.png\", camera: FovX(60), depth: (path: \"d.npy\"), lights: {{ {lights} }})"
+            )
+        };
+        assert_eq!(scene(&text("l")).expect("it is sound").members.len(), 4 * 200_000);
+        let faults = scene(&text("1")).err().expect("no name begins with a digit");
+        assert_eq!((faults.len(), faults[50].message.as_str()), (51, "and up to 199950 faults more"));
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports are looked up later,
 //! by [`GraphFile::resolve`].
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::faults::Faults;
 use super::source::{Fault, Key, Origin, Raw, Reach, Source, is_name};
 
 /// The version of graph files that this program reads.
@@ -22,7 +23,7 @@ pub struct GraphFile {
     pub(super) nodes: Vec<NodeDecl>,
     pub(super) outputs: Vec<Key>,
     /// Faults that do not hinder looking for more: [`GraphFile::resolve`] tells them with its own.
-    pub(super) faults: Vec<Fault>,
+    pub(super) faults: Faults,
 }
 
 /// A set of member names, as the graph file gives it.
@@ -119,30 +120,28 @@ impl GraphFile {
 
     /// The same from a text; `extends` is looked for beside `source.path`.
     pub fn parse(source: Arc<Source>) -> Result<GraphFile, Vec<Fault>> {
-        let mut faults = Vec::new();
+        let mut faults = Faults::default();
         let path = source.path.clone();
         let mut chain = vec![identity(&path)];
         let (mut layers, mut sources) = (Vec::new(), Vec::new());
         let mut next = Some(source);
         while let Some(source) = next.take() {
             sources.push(source.path.clone());
-            let Some(layer) = parse_layer(&source, &mut faults) else { return Err(faults) };
+            let Some(layer) = parse_layer(&source, &mut faults) else { return Err(faults.into_vec()) };
             if let Some(parent) = &layer.extends {
                 match read_parent(&source, parent, &mut chain) {
                     Ok(source) => next = Some(source),
                     // Without the parent, the child would only show faults that are not its own.
                     Err(fault) => {
-                        faults.push(fault);
-                        return Err(faults);
+                        faults.push(|| fault);
+                        return Err(faults.into_vec());
                     }
                 }
             }
             layers.push(layer);
         }
-        let mut file =
-            GraphFile { path, sources, scene: None, sets: vec![], nodes: vec![], outputs: vec![], faults: vec![] };
-        layers.into_iter().rev().for_each(|layer| file.lay_over(layer, &mut faults));
-        file.faults = faults;
+        let mut file = GraphFile { path, sources, scene: None, sets: vec![], nodes: vec![], outputs: vec![], faults };
+        layers.into_iter().rev().for_each(|layer| file.lay_over(layer));
         Ok(file)
     }
 
@@ -151,8 +150,8 @@ impl GraphFile {
     }
 
     /// What is known to be wrong before kinds and ports are looked up; [`GraphFile::resolve`] tells it too.
-    pub fn faults(&self) -> &[Fault] {
-        &self.faults
+    pub fn faults(&self) -> Vec<Fault> {
+        self.faults.clone().into_vec()
     }
 
     /// The scene folder that the graph names, from the folder of the file that names it.
@@ -200,55 +199,63 @@ impl GraphFile {
 
     /// A set of a name that is there already is replaced; outputs are added; a node is changed field by field, unless
     /// it becomes another kind: then nothing of the old one stays.
-    fn lay_over(&mut self, layer: Layer, faults: &mut Vec<Fault>) {
+    fn lay_over(&mut self, layer: Layer) {
         if let Some(scene) = layer.scene {
             let source = &scene.origin.source;
             let folder = source.folder().join(scene.name);
             if let Err(e) = source.may_name(&folder) {
                 let fault = Fault::at(&scene.origin, format!("{}: {e}", folder.display()));
-                faults.push(fault.help("name the scene's folder with --scene DIR"));
+                self.faults.push(|| fault.help("name the scene's folder with --scene DIR"));
             }
             self.scene = Some(folder);
         }
+        let mut known = places(self.sets.iter().map(|set| &set.name));
         for set in layer.sets {
-            match self.sets.iter_mut().find(|s| s.name.name == set.name.name) {
-                Some(old) => *old = set,
-                None => self.sets.push(set),
+            match known.get(&set.name.name) {
+                Some(&old) => self.sets[old] = set,
+                None => {
+                    known.insert(set.name.name.clone(), self.sets.len());
+                    self.sets.push(set);
+                }
             }
         }
+        let mut known = places(self.nodes.iter().map(|node| &node.name));
         for node in layer.nodes {
-            let old = self.nodes.iter_mut().find(|n| n.name.name == node.name.name);
             let same_kind = |old: &NodeDecl| {
                 let names = (old.kind.as_ref().map(|k| &k.name), node.kind.as_ref().map(|k| &k.name));
                 names.1.is_none() || names.0 == names.1
             };
-            match old {
+            match known.get(&node.name.name).map(|&old| &mut self.nodes[old]) {
                 Some(old) if same_kind(old) => old.lay_over(node),
                 Some(old) => *old = node,
                 None => {
                     if node.kind.is_none() {
                         let message = format!("node `{}` has no `op`, and no file above gives it one", node.name.name);
-                        faults.push(Fault::at(&node.name.origin, message));
+                        self.faults.push(|| Fault::at(&node.name.origin, message));
                     }
+                    known.insert(node.name.name.clone(), self.nodes.len());
                     self.nodes.push(node);
                 }
             }
         }
-        for output in layer.outputs {
-            if self.outputs.iter().all(|o| o.name != output.name) {
-                self.outputs.push(output);
-            }
-        }
+        let mut known: BTreeSet<String> = self.outputs.iter().map(|output| output.name.clone()).collect();
+        self.outputs.extend(layer.outputs.into_iter().filter(|output| known.insert(output.name.clone())));
     }
+}
+
+/// The place of each name in its list.
+fn places<'a>(names: impl Iterator<Item = &'a Key>) -> BTreeMap<String, usize> {
+    names.enumerate().map(|(place, key)| (key.name.clone(), place)).collect()
 }
 
 impl NodeDecl {
     fn lay_over(&mut self, child: NodeDecl) {
         self.params.extend(child.params);
         self.each = child.each.or(self.each.take());
+        let known = places(self.wires.iter().map(|wire| &wire.port));
         for wire in child.wires {
-            match self.wires.iter_mut().find(|w| w.port.name == wire.port.name) {
-                Some(old) => *old = wire,
+            match known.get(&wire.port.name) {
+                Some(&old) => self.wires[old] = wire,
                 None => self.wires.push(wire),
             }
         }
@@ -281,7 +288,7 @@ fn show_chain(chain: &[PathBuf], again: &Path) -> String {
     names.map(name).collect::<Vec<_>>().join(" -> ")
 }
 
-fn parse_layer(source: &Arc<Source>, faults: &mut Vec<Fault>) -> Option<Layer> {
+fn parse_layer(source: &Arc<Source>, faults: &mut Faults) -> Option<Layer> {
     let document = Raw::document(source, faults)?;
     let mut layer = Layer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
     let known = ["version", "extends", "scene", "sets", "nodes", "outputs"];
@@ -289,19 +296,19 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Vec<Fault>) -> Option<Layer> {
     let is_graph = document.variant().map_or(document.text().starts_with('('), |name| name == "Graph");
     if is_graph && !fields.iter().any(|(key, _)| key.name == "version") {
         let fault = Fault::at(&document.variant_origin(), "`version` is missing");
-        faults.push(fault.help(format!("begin with `Graph(version: {VERSION},`")));
+        faults.push(|| fault.help(format!("begin with `Graph(version: {VERSION},`")));
     }
     for (key, value) in fields {
         match key.name.as_str() {
             "version" => check_version(&value, faults),
-            "extends" => layer.extends = value.as_key().map_err(|f| faults.push(f)).ok(),
-            "scene" => layer.scene = value.as_key().map_err(|f| faults.push(f)).ok(),
+            "extends" => layer.extends = value.as_key(faults),
+            "scene" => layer.scene = value.as_key(faults),
             "sets" => layer.sets = parse_sets(&value, faults),
             "nodes" => {
                 let mut entries = value.as_map(faults);
                 if let Some((name, _)) = entries.get(MAX_NODES) {
                     let message = format!("wanted at most {MAX_NODES} nodes, got {}", entries.len());
-                    faults.push(Fault::at(&name.origin, message));
+                    faults.push(|| Fault::at(&name.origin, message));
                     entries.truncate(MAX_NODES);
                 }
                 layer.nodes = entries.into_iter().map(|(name, body)| parse_node(name, &body, faults)).collect();
@@ -312,25 +319,25 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Vec<Fault>) -> Option<Layer> {
     Some(layer)
 }
 
-fn check_version(value: &Raw, faults: &mut Vec<Fault>) {
+fn check_version(value: &Raw, faults: &mut Faults) {
     if value.parse::<u32>().ok() != Some(VERSION) {
-        faults.push(value.fault(format!("wanted version {VERSION}, got {}", value.short())));
+        faults.push(|| value.fault(format!("wanted version {VERSION}, got {}", value.short())));
     }
 }
 
-fn parse_sets(value: &Raw, faults: &mut Vec<Fault>) -> Vec<SetDecl> {
+fn parse_sets(value: &Raw, faults: &mut Faults) -> Vec<SetDecl> {
     let mut sets = Vec::new();
     for (name, members) in value.as_map(faults) {
-        check_name(&name, "set", faults);
+        check_name(&name.name, &name.origin, "set", faults);
         let members = names(&members.as_list(faults), faults);
-        members.iter().for_each(|member| check_name(member, "member", faults));
+        members.iter().for_each(|member| check_name(&member.name, &member.origin, "member", faults));
         sets.push(SetDecl { name, members });
     }
     sets
 }
 
-fn parse_node(name: Key, body: &Raw, faults: &mut Vec<Fault>) -> NodeDecl {
-    check_name(&name, "node", faults);
+fn parse_node(name: Key, body: &Raw, faults: &mut Faults) -> NodeDecl {
+    check_name(&name.name, &name.origin, "node", faults);
     let mut node = NodeDecl { name, kind: None, params: vec![], each: None, wires: vec![] };
     for (key, value) in body.as_struct(None, &["op", "each", "in"], faults) {
         match key.name.as_str() {
@@ -339,40 +346,39 @@ fn parse_node(name: Key, body: &Raw, faults: &mut Vec<Fault>) -> NodeDecl {
                     node.kind = Some(Key { name: kind.to_owned(), origin: value.variant_origin() });
                     node.params = value.fields(&format!("`{kind}(parameter: value, ..)`"), faults);
                 }
-                None => faults.push(value.fault(format!("wanted `Kind(..)`, got `{}`", value.short()))),
+                None => faults.push(|| value.fault(format!("wanted `Kind(..)`, got `{}`", value.short()))),
             },
-            "each" => node.each = value.as_key().map_err(|f| faults.push(f)).ok(),
+            "each" => node.each = value.as_key(faults),
             _ => node.wires = value.as_map(faults).into_iter().map(|(port, v)| parse_wire(port, &v, faults)).collect(),
         }
     }
     node
 }
 
-fn parse_wire(port: Key, value: &Raw, faults: &mut Vec<Fault>) -> Wire {
+fn parse_wire(port: Key, value: &Raw, faults: &mut Faults) -> Wire {
     let list = value.text().starts_with('[');
     let from = if list { value.as_list(faults) } else { vec![value.clone()] };
     Wire { port, from: names(&from, faults) }
 }
 
 /// Strings, each given once.
-fn names(values: &[Raw], faults: &mut Vec<Fault>) -> Vec<Key> {
+fn names(values: &[Raw], faults: &mut Faults) -> Vec<Key> {
     let mut keys: Vec<Key> = Vec::new();
     let mut seen = BTreeSet::new();
     for value in values {
-        match value.as_key() {
-            Ok(key) if !seen.insert(key.name.clone()) => {
-                faults.push(value.fault(format!("`{}` is given twice", key.name)));
-            }
-            Ok(key) => keys.push(key),
-            Err(fault) => faults.push(fault),
+        let Some(key) = value.as_key(faults) else { continue };
+        if seen.insert(key.name.clone()) {
+            keys.push(key);
+        } else {
+            faults.push(|| Fault::at(&key.origin, format!("`{}` is given twice", key.name)));
         }
     }
     keys
 }
 
-pub(super) fn check_name(key: &Key, what: &str, faults: &mut Vec<Fault>) {
-    if !is_name(&key.name) {
-        let message = format!("wanted a {what} name of letters, digits and _, letter first, got `{}`", key.name);
-        faults.push(Fault::at(&key.origin, message));
+pub(super) fn check_name(name: &str, origin: &Origin, what: &str, faults: &mut Faults) {
+    if !is_name(name) {
+        let message = || format!("wanted a {what} name of letters, digits and _, letter first, got `{name}`");
+        faults.push(|| Fault::at(origin, message()));
     }
 }

@@ -21,41 +21,60 @@ pub(super) struct Token {
     pub span: Range<usize>,
 }
 
-/// The tokens of `text`, comments left out, or the place and kind of what is never closed.
-pub(super) fn tokens(text: &str) -> Result<Vec<Token>, (Range<usize>, String)> {
-    let mut out = Vec::new();
-    let mut at = 0;
-    while let Some(c) = text[at..].chars().next() {
-        let rest = &text[at..];
-        if c.is_whitespace() {
-            at += c.len_utf8();
-            continue;
+/// The tokens of `text` one after the other, comments left out; last the place and kind of a text that is never closed, if there
+/// is one. Nothing behind the last token that was asked for is looked at.
+pub(super) fn tokens(text: &str) -> Tokens<'_> {
+    Tokens { text, at: 0 }
+}
+
+#[derive(Clone)]
+pub(super) struct Tokens<'a> {
+    text: &'a str,
+    at: usize,
+}
+
+impl Iterator for Tokens<'_> {
+    type Item = Result<Token, (Range<usize>, String)>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let (text, at) = (self.text, self.at);
+            let rest = &text[at..];
+            let c = rest.chars().next()?;
+            let mut never_closed = |length: usize, what: &str| {
+                self.at = text.len();
+                Some(Err((at..at + length, format!("this {what} is never closed"))))
+            };
+            if c.is_whitespace() {
+                self.at += c.len_utf8();
+                continue;
+            }
+            if rest.starts_with("//") {
+                self.at += rest.find('\n').unwrap_or(rest.len());
+                continue;
+            }
+            if rest.starts_with("/*") {
+                let Some(length) = comment(rest) else { return never_closed(2, "comment") };
+                self.at += length;
+                continue;
+            }
+            let (kind, length) = match c {
+                '(' | '[' | '{' => (Kind::Open(c), 1),
+                ')' | ']' | '}' => (Kind::Close(c), 1),
+                ',' => (Kind::Comma, 1),
+                ':' => (Kind::Colon, 1),
+                _ => match quoted(rest) {
+                    Some(Some(length)) => (Kind::Quoted, length),
+                    Some(None) => return never_closed(1, "text"),
+                    None if is_number(rest) => (Kind::Number, number(rest)),
+                    None if c.is_alphabetic() || c == '_' => (Kind::Ident, word(rest)),
+                    None => (Kind::Other, c.len_utf8()),
+                },
+            };
+            self.at += length;
+            return Some(Ok(Token { kind, span: at..self.at }));
         }
-        if rest.starts_with("//") {
-            at += rest.find('\n').unwrap_or(rest.len());
-            continue;
-        }
-        if rest.starts_with("/*") {
-            at += comment(rest).ok_or((at..at + 2, "this comment is never closed".to_owned()))?;
-            continue;
-        }
-        let (kind, length) = match c {
-            '(' | '[' | '{' => (Kind::Open(c), 1),
-            ')' | ']' | '}' => (Kind::Close(c), 1),
-            ',' => (Kind::Comma, 1),
-            ':' => (Kind::Colon, 1),
-            _ => match quoted(rest) {
-                Some(Some(length)) => (Kind::Quoted, length),
-                Some(None) => return Err((at..at + 1, "this text is never closed".to_owned())),
-                None if is_number(rest) => (Kind::Number, number(rest)),
-                None if c.is_alphabetic() || c == '_' => (Kind::Ident, word(rest)),
-                None => (Kind::Other, c.len_utf8()),
-            },
-        };
-        out.push(Token { kind, span: at..at + length });
-        at += length;
     }
-    Ok(out)
 }
 
 /// Length of a nested block comment.

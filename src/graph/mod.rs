@@ -7,6 +7,7 @@ mod disk;
 mod draw;
 mod engine;
 mod escape;
+mod faults;
 mod file;
 mod key;
 mod lexer;
@@ -27,6 +28,7 @@ pub use context::{Cancel, Context, NodeError, Services};
 pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};
 pub use engine::{Engine, EngineOptions};
 pub use escape::{escape, escape_json, escape_line};
+pub use faults::Faults;
 pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
 pub use network::{Graph, Wanted};
 pub use node::{
@@ -35,7 +37,8 @@ pub use node::{
 pub use reading::{MAX_FILE_BYTES, open, read};
 pub use registry::{KindSpec, Registry};
 pub use report::{Difference, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport};
-pub use source::{Fault, Key, Origin, Raw, Reach, Source, is_name, nearest};
+pub use resolve::Resolved;
+pub use source::{Anchor, Fault, Key, Origin, Raw, Reach, Source, is_name, nearest};
 
 /// A BLAKE3 digest.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

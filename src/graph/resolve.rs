@@ -1,91 +1,199 @@
 //! From a graph file, an overlay and the registry to a graph that is ready to run.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
+use std::ffi::OsString;
 use std::io::Read;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use petgraph::graph::DiGraph;
 
-use super::file::{GraphFile, NodeDecl, Overlay, Target, Wire, check_name};
+use super::faults::Faults;
+use super::file::{GraphFile, NodeDecl, Overlay, Setting, Target, Wire, check_name};
 use super::network::{Feed, Graph, GraphNode, Input, Instance, Take};
 use super::registry::{AnyNode, KindSpec, Registry};
-use super::source::{Fault, Key, MAX_FAULTS, Origin, Raw, holds_non_finite};
+use super::source::{Fault, Key, Origin, Raw, holds_non_finite};
 use super::{Arity, Digest, File, MAX_FILE_BYTES, PortSpec, key};
 
-/// Members of each set, in order.
-type Sets = BTreeMap<String, Vec<String>>;
+/// Most instances of nodes and wires between them; a thousand lights come to some ten thousand.
+const MAX_SIZE: usize = 1_000_000;
+
+type Sets = BTreeMap<String, Members>;
+
+/// The members of a set, in order.
+#[derive(Default, PartialEq)]
+struct Members {
+    names: Vec<String>,
+    places: BTreeMap<String, usize>,
+}
+
+impl Members {
+    /// Whether the name is new.
+    fn add(&mut self, name: &str) -> bool {
+        let is_new = !self.places.contains_key(name);
+        if is_new {
+            self.places.insert(name.to_owned(), self.names.len());
+            self.names.push(name.to_owned());
+        }
+        is_new
+    }
+}
 
 /// One end of a wire: a node by its place in the file, and one of its output ports.
-struct End<'a> {
+#[derive(Clone, Copy)]
+struct End {
     node: usize,
     port: usize,
-    named: &'a Key,
 }
 
 /// The wires of one node, by input port; `None` where there is no wire.
-type Wired<'a> = Vec<Option<Vec<End<'a>>>>;
+type Wired = Vec<Option<Vec<End>>>;
+
+/// Results of resolving a graph file that hold for other overlays too: digests of files, and nodes and wires by what they were made of.
+///
+/// With it, a frame of a sequence costs what it changes. It belongs to one graph file and one registry.
+#[derive(Default)]
+pub struct Resolved {
+    digests: FileDigests,
+    nodes: Vec<Option<Built>>,
+    wiring: Option<Wiring>,
+}
+
+struct Wiring {
+    sets: Sets,
+    wired: Vec<Wired>,
+    order: Vec<usize>,
+}
 
 impl GraphFile {
     /// Looks up kinds, ports and files, sets all parameters, and makes one instance per node, or per node and member.
     /// All faults come at once.
     pub fn resolve(&self, registry: &Registry, overlay: &Overlay) -> Result<Graph, Vec<Fault>> {
+        self.resolve_next(registry, overlay, &mut Resolved::default())
+    }
+
+    /// The same for one of many overlays; `before` holds the results of those before it.
+    pub fn resolve_next(
+        &self,
+        registry: &Registry,
+        overlay: &Overlay,
+        before: &mut Resolved,
+    ) -> Result<Graph, Vec<Fault>> {
+        self.check(registry, overlay, before)?;
+        let settings = overlay.settings.iter().map(|setting| setting.value.clone()).collect();
+        Ok(Graph { settings, ..self.expand(before) })
+    }
+
+    /// The faults of [`GraphFile::resolve_next`] without its graph.
+    pub fn check(&self, registry: &Registry, overlay: &Overlay, before: &mut Resolved) -> Result<(), Vec<Fault>> {
         let mut faults = self.faults.clone();
         let sets = self.merged_sets(overlay, &mut faults);
         let kinds: Vec<Option<&KindSpec>> = self.nodes.iter().map(|n| kind_of(n, registry, &mut faults)).collect();
-        self.check_targets(registry, overlay, &mut faults);
+        let places: BTreeMap<&str, usize> = self.node_names().zip(0..).collect();
+        self.check_targets(registry, overlay, &places, &mut faults);
 
-        let mut digests = FileDigests::default();
-        let mut built = Vec::new();
-        for (decl, kind) in self.nodes.iter().zip(&kinds) {
-            built.push(kind.and_then(|kind| build(decl, kind, registry, overlay, &mut digests, &mut faults)));
+        let Resolved { digests, nodes, wiring } = before;
+        let settings = Settings::new(overlay);
+        nodes.resize_with(self.nodes.len(), || None);
+        for ((decl, kind), node) in self.nodes.iter().zip(&kinds).zip(nodes) {
+            let Some(kind) = kind else { continue };
+            let settings = settings.of(kind.kind, &decl.name.name);
+            if !node.as_ref().is_some_and(|built| built.is_made_of(&settings)) {
+                *node = build(decl, kind, registry, &settings, digests, &mut faults);
+            }
         }
-        let mut wired = Vec::new();
-        for (decl, kind) in self.nodes.iter().zip(&kinds) {
-            wired.push(kind.map(|kind| self.wire(decl, kind, &kinds, &sets, &mut faults)).unwrap_or_default());
+        if wiring.as_ref().is_none_or(|known| known.sets != sets) {
+            *wiring = self.wiring(&kinds, &places, sets, &mut faults);
         }
-        let order = self.order(&wired, &mut faults);
-        for output in &self.outputs {
-            self.end(output, &kinds, &mut faults);
-        }
-
-        if !faults.is_empty() {
-            return Err(distinct(faults));
-        }
-        let nodes = built.into_iter().map(|node| node.expect("a node that was not built left a fault")).collect();
-        let settings = overlay.settings.iter().map(|setting| setting.value.clone()).collect();
-        Ok(Graph { settings, ..self.expand(nodes, &wired, &order, &sets) })
+        if faults.is_empty() { Ok(()) } else { Err(faults.into_vec()) }
     }
 
-    fn merged_sets(&self, overlay: &Overlay, faults: &mut Vec<Fault>) -> Sets {
-        let names = |members: &[Key]| members.iter().map(|m| m.name.clone()).collect();
-        let mut sets: Sets = self.sets.iter().map(|s| (s.name.name.clone(), names(&s.members))).collect();
+    /// All wires between nodes. `None` left a fault.
+    fn wiring(
+        &self,
+        kinds: &[Option<&KindSpec>],
+        places: &BTreeMap<&str, usize>,
+        sets: Sets,
+        faults: &mut Faults,
+    ) -> Option<Wiring> {
+        let before = faults.found();
+        if !self.is_small(&sets, |_| 0, faults) {
+            return None;
+        }
+        let mut wired = Vec::new();
+        for (decl, kind) in self.nodes.iter().zip(kinds) {
+            wired.push(kind.map(|kind| self.wire(decl, kind, kinds, places, &sets, faults)).unwrap_or_default());
+        }
+        let order = self.order(&wired, faults);
+        for output in &self.outputs {
+            self.end(output, kinds, places, faults);
+        }
+        if faults.found() > before {
+            return None;
+        }
+        let width = |(port, ends): (&PortSpec, &Option<Vec<End>>)| match port.arity {
+            Arity::Many => ends.iter().flatten().map(|end| self.count(end.node, &sets)).sum(),
+            Arity::One | Arity::Optional => 1,
+        };
+        let wires = |node: usize| kinds[node].map_or(0, |kind| kind.inputs.iter().zip(&wired[node]).map(width).sum());
+        self.is_small(&sets, wires, faults).then_some(Wiring { sets, wired, order })
+    }
+
+    /// The number of instances of a node.
+    fn count(&self, node: usize, sets: &Sets) -> usize {
+        let each = self.nodes[node].each.as_ref();
+        each.map_or(1, |each| sets.get(&each.name).map_or(0, |members| members.names.len()))
+    }
+
+    /// Whether there are few enough instances, each with as many wires as `wires` has for its node; else it is a fault.
+    fn is_small(&self, sets: &Sets, wires: impl Fn(usize) -> usize, faults: &mut Faults) -> bool {
+        let of_node = |node: usize| self.count(node, sets).saturating_mul(1 + wires(node));
+        let size = (0..self.nodes.len()).map(of_node).fold(0, usize::saturating_add);
+        if size > MAX_SIZE {
+            let message = format!("wanted at most {MAX_SIZE} instances of nodes and wires between them, got {size}");
+            let largest = sets.iter().max_by_key(|(_, members)| members.names.len());
+            let help = largest.map(|(set, members)| format!("set `{set}` has {} members", members.names.len()));
+            faults.push(|| Fault { help, ..Fault::file(self.path(), message) });
+        }
+        size <= MAX_SIZE
+    }
+
+    fn merged_sets(&self, overlay: &Overlay, faults: &mut Faults) -> Sets {
+        let mut sets = Sets::new();
+        for set in &self.sets {
+            let members = sets.entry(set.name.name.clone()).or_default();
+            set.members.iter().for_each(|member| _ = members.add(&member.name));
+        }
         for member in &overlay.members {
-            let key = Key { name: member.name.clone(), origin: member.origin.clone() };
-            check_name(&key, "member", faults);
-            if let Some(members) = sets.get_mut(&member.set) {
-                if members.contains(&member.name) {
-                    let message = format!("set `{}` already has a member `{}`", member.set, member.name);
-                    faults.push(Fault::at(&member.origin, message));
-                } else {
-                    members.push(member.name.clone());
-                }
+            check_name(&member.name, &member.origin, "member", faults);
+            if let Some(members) = sets.get_mut(&member.set)
+                && !members.add(&member.name)
+            {
+                let message = format!("set `{}` already has a member `{}`", member.set, member.name);
+                faults.push(|| Fault::at(&member.origin, message));
             }
         }
         sets
     }
 
-    fn check_targets(&self, registry: &Registry, overlay: &Overlay, faults: &mut Vec<Fault>) {
+    fn check_targets(
+        &self,
+        registry: &Registry,
+        overlay: &Overlay,
+        places: &BTreeMap<&str, usize>,
+        faults: &mut Faults,
+    ) {
         for setting in &overlay.settings {
             match &setting.target {
-                Target::Kind(kind) if registry.get(kind).is_none() => {
+                Target::Kind(kind) if registry.get(kind).is_none() => faults.push(|| {
                     let fault = setting.value.fault(format!("there is no kind of node `{kind}`"));
-                    faults.push(fault.suggest(kind, registry.kinds().map(|k| k.kind)));
-                }
-                Target::Node(name) if self.nodes.iter().all(|n| n.name.name != *name) => {
+                    fault.suggest(kind, registry.kinds().map(|k| k.kind))
+                }),
+                Target::Node(name) if !places.contains_key(name.as_str()) => faults.push(|| {
                     let fault = setting.value.fault(format!("the graph has no node `{name}`"));
-                    faults.push(fault.suggest(name, self.node_names()));
-                }
+                    fault.suggest(name, self.node_names())
+                }),
                 _ => {}
             }
         }
@@ -96,59 +204,76 @@ impl GraphFile {
     }
 
     /// Looks up `node` or `node.port`. `None` left a fault, here or at the node's kind.
-    fn end<'a>(&self, named: &'a Key, kinds: &[Option<&KindSpec>], faults: &mut Vec<Fault>) -> Option<End<'a>> {
+    fn end(
+        &self,
+        named: &Key,
+        kinds: &[Option<&KindSpec>],
+        places: &BTreeMap<&str, usize>,
+        faults: &mut Faults,
+    ) -> Option<End> {
         let (node_name, port_name) = match named.name.split_once('.') {
             Some((node, port)) => (node, Some(port)),
             None => (named.name.as_str(), None),
         };
-        let Some(node) = self.nodes.iter().position(|n| n.name.name == node_name) else {
-            let fault = Fault::at(&named.origin, format!("there is no node `{node_name}`"));
-            faults.push(fault.suggest(node_name, self.node_names()));
+        let Some(&node) = places.get(node_name) else {
+            faults.push(|| {
+                let fault = Fault::at(&named.origin, format!("there is no node `{node_name}`"));
+                fault.suggest(node_name, self.node_names())
+            });
             return None;
         };
         let kind = kinds[node]?;
         let list = || kind.outputs.iter().map(|p| format!("{node_name}.{}", p.name)).collect::<Vec<_>>().join(", ");
         let port = match port_name {
-            Some(name) => kind.outputs.iter().position(|p| p.name == name).ok_or_else(|| {
-                let message = format!("node `{node_name}` ({}) has no output `{name}`", kind.kind);
-                Fault::at(&named.origin, message).suggest(name, kind.outputs.iter().map(|p| p.name))
-            }),
-            None if kind.outputs.len() == 1 => Ok(0),
-            None => {
-                let message = format!("node `{node_name}` ({}) has {} outputs", kind.kind, kind.outputs.len());
-                Err(Fault::at(&named.origin, message).help(format!("name one: {}", list())))
-            }
+            Some(name) => kind.outputs.iter().position(|p| p.name == name),
+            None => (kind.outputs.len() == 1).then_some(0),
         };
-        let port = port.map_err(|fault| faults.push(fault)).ok()?;
-        Some(End { node, port, named })
+        if port.is_none() {
+            faults.push(|| match port_name {
+                Some(name) => {
+                    let message = format!("node `{node_name}` ({}) has no output `{name}`", kind.kind);
+                    Fault::at(&named.origin, message).suggest(name, kind.outputs.iter().map(|p| p.name))
+                }
+                None => {
+                    let message = format!("node `{node_name}` ({}) has {} outputs", kind.kind, kind.outputs.len());
+                    Fault::at(&named.origin, message).help(format!("name one: {}", list()))
+                }
+            });
+        }
+        Some(End { node, port: port? })
     }
 
-    fn wire<'a>(
+    fn wire(
         &self,
-        decl: &'a NodeDecl,
+        decl: &NodeDecl,
         kind: &KindSpec,
         kinds: &[Option<&KindSpec>],
+        places: &BTreeMap<&str, usize>,
         sets: &Sets,
-        faults: &mut Vec<Fault>,
-    ) -> Wired<'a> {
+        faults: &mut Faults,
+    ) -> Wired {
         let name = &decl.name.name;
         if let Some(each) = &decl.each {
             if !sets.contains_key(&each.name) {
-                let fault = Fault::at(&each.origin, format!("there is no set `{}`", each.name));
-                faults.push(fault.suggest(&each.name, sets.keys().map(String::as_str)));
+                faults.push(|| {
+                    let fault = Fault::at(&each.origin, format!("there is no set `{}`", each.name));
+                    fault.suggest(&each.name, sets.keys().map(String::as_str))
+                });
             }
             if let Some(port) = kind.outputs.iter().find(|p| p.arity == Arity::Many) {
                 let message =
                     format!("{} gives one `{}` per member by itself, so it has no `each`", kind.kind, port.name);
-                faults.push(Fault::at(&each.origin, message));
+                faults.push(|| Fault::at(&each.origin, message));
             }
         }
         let mut all_known = true;
         for wire in &decl.wires {
             if !kind.inputs.iter().any(|p| p.name == wire.port.name) {
-                let message = format!("node `{name}` ({}) has no input `{}`", kind.kind, wire.port.name);
-                let fault = Fault::at(&wire.port.origin, message);
-                faults.push(fault.suggest(&wire.port.name, kind.inputs.iter().map(|p| p.name)));
+                faults.push(|| {
+                    let message = format!("node `{name}` ({}) has no input `{}`", kind.kind, wire.port.name);
+                    let fault = Fault::at(&wire.port.origin, message);
+                    fault.suggest(&wire.port.name, kind.inputs.iter().map(|p| p.name))
+                });
                 all_known = false;
             }
         }
@@ -162,12 +287,13 @@ impl GraphFile {
                     "node `{name}` ({}): nothing is wired to input `{}` ({})",
                     kind.kind, port.name, port.type_name
                 );
-                faults.push(Fault::at(&decl.name.origin, message));
+                faults.push(|| Fault::at(&decl.name.origin, message));
             }
             let ends = wire.map(|wire| {
-                let ends: Vec<End> = wire.from.iter().filter_map(|from| self.end(from, kinds, faults)).collect();
+                let end = |from| Some((self.end(from, kinds, places, faults)?, from));
+                let ends: Vec<(End, &Key)> = wire.from.iter().filter_map(end).collect();
                 self.check_wire(decl, kind, port, wire, &ends, kinds, sets, faults);
-                ends
+                ends.into_iter().map(|(end, _)| end).collect()
             });
             wired.push(ends);
         }
@@ -182,29 +308,30 @@ impl GraphFile {
         kind: &KindSpec,
         port: &PortSpec,
         wire: &Wire,
-        ends: &[End],
+        ends: &[(End, &Key)],
         kinds: &[Option<&KindSpec>],
         sets: &Sets,
-        faults: &mut Vec<Fault>,
+        faults: &mut Faults,
     ) {
         let input = format!("input `{}` of node `{}` ({})", port.name, decl.name.name, kind.kind);
         if port.arity != Arity::Many
             && let Some(second) = wire.from.get(1)
         {
-            faults.push(Fault::at(&second.origin, format!("{input} wanted one wire, got {}", wire.from.len())));
+            faults.push(|| Fault::at(&second.origin, format!("{input} wanted one wire, got {}", wire.from.len())));
         }
-        let no_members = Vec::new();
-        let members = |each: &Option<Key>| each.as_ref().and_then(|e| sets.get(&e.name)).unwrap_or(&no_members).clone();
-        let mut seen: Vec<String> = Vec::new();
-        for end in ends {
+        let no_members = Members::default();
+        let members = |each: &Option<Key>| each.as_ref().and_then(|e| sets.get(&e.name)).unwrap_or(&no_members);
+        let (mut seen, mut seen_sets) = (BTreeSet::new(), BTreeSet::new());
+        for (at, &(end, named)) in ends.iter().enumerate() {
             let Some(from_kind) = kinds[end.node] else { continue };
             let from = &self.nodes[end.node];
             let from_port = &from_kind.outputs[end.port];
-            let place = &end.named.origin;
+            let place = &named.origin;
             if port.type_name != from_port.type_name {
-                let message =
-                    format!("{input} wanted {}, got {} from `{}`", port.type_name, from_port.type_name, end.named.name);
-                faults.push(Fault::at(place, message));
+                faults.push(|| {
+                    let (wanted, got) = (port.type_name, from_port.type_name);
+                    Fault::at(place, format!("{input} wanted {wanted}, got {got} from `{}`", named.name))
+                });
                 continue;
             }
             let many = match &from.each {
@@ -214,26 +341,28 @@ impl GraphFile {
             match (port.arity, many) {
                 (Arity::Many, None) => {
                     let message = format!("{input} wanted one {} per member, got a single one", port.type_name);
-                    faults.push(Fault::at(place, message));
+                    faults.push(|| Fault::at(place, message));
                 }
                 (Arity::Many, Some(_)) if from.each.is_some() => {
-                    for member in members(&from.each) {
-                        if seen.contains(&member) {
-                            faults.push(Fault::at(place, format!("{input} gets the member `{member}` twice")));
+                    let is_new = seen_sets.insert(from.each.as_ref().map(|each| &each.name));
+                    for member in &members(&from.each).names {
+                        if !(is_new && seen.insert(member)) {
+                            faults.push(|| Fault::at(place, format!("{input} gets the member `{member}` twice")));
                         }
-                        seen.push(member);
                     }
                 }
                 (Arity::One | Arity::Optional, Some(many)) if decl.each.is_none() => {
                     let message = format!("{input} wanted one {}, got {many}", port.type_name);
-                    faults.push(Fault::at(place, message).help("give the node an `each`"));
+                    faults.push(|| Fault::at(place, message).help("give the node an `each`"));
                 }
-                (Arity::One, Some(_)) if from.each.is_some() => {
-                    let there = members(&from.each);
-                    for member in members(&decl.each).iter().filter(|m| !there.contains(m)) {
-                        let message =
-                            format!("{input} wanted one for member `{member}`, `{}` has none", from.name.name);
-                        faults.push(Fault::at(place, message));
+                // Of several wires the first is looked at: that there are several is a fault already.
+                (Arity::One, Some(_)) if from.each.is_some() && at == 0 => {
+                    let there = &members(&from.each).places;
+                    for member in members(&decl.each).names.iter().filter(|member| !there.contains_key(*member)) {
+                        faults.push(|| {
+                            let name = &from.name.name;
+                            Fault::at(place, format!("{input} wanted one for member `{member}`, `{name}` has none"))
+                        });
                     }
                 }
                 _ => {}
@@ -242,7 +371,7 @@ impl GraphFile {
     }
 
     /// Nodes in an order in which each comes after what it takes from, otherwise as declared. Cycles are faults.
-    fn order(&self, wired: &[Wired], faults: &mut Vec<Fault>) -> Vec<usize> {
+    fn order(&self, wired: &[Wired], faults: &mut Faults) -> Vec<usize> {
         let mut graph = DiGraph::<usize, ()>::new();
         let indices: Vec<_> = (0..wired.len()).map(|node| graph.add_node(node)).collect();
         let mut waits = vec![0; wired.len()];
@@ -255,10 +384,13 @@ impl GraphFile {
         for component in petgraph::algo::tarjan_scc(&graph) {
             let first = component.iter().copied().min().expect("a component has a node");
             if component.len() > 1 || graph.contains_edge(first, first) {
-                let names: Vec<&str> =
-                    shortest_loop(&graph, first).iter().map(|&node| self.nodes[node].name.name.as_str()).collect();
-                let message = format!("these nodes wait for each other: {}", names.join(" -> "));
-                faults.push(Fault::at(&self.nodes[graph[first]].name.origin, message));
+                faults.push(|| {
+                    let names =
+                        shortest_loop(&graph, first).into_iter().map(|node| self.nodes[node].name.name.as_str());
+                    let names = names.collect::<Vec<_>>().join(" -> ");
+                    let place = &self.nodes[graph[first]].name.origin;
+                    Fault::at(place, format!("these nodes wait for each other: {names}"))
+                });
             }
         }
         let mut ready: BinaryHeap<_> = (0..wired.len()).filter(|&n| waits[n] == 0).map(Reverse).collect();
@@ -276,14 +408,15 @@ impl GraphFile {
     }
 
     /// One instance per node, or per node and member, and the feeds between them.
-    fn expand(&self, built: Vec<Built>, wired: &[Wired], order: &[usize], sets: &Sets) -> Graph {
-        let members =
-            |node: usize| self.nodes[node].each.as_ref().map(|each| sets.get(&each.name).expect("checked").as_slice());
-        let mut nodes: Vec<GraphNode> = built.into_iter().zip(&self.nodes).map(|(b, decl)| b.into_node(decl)).collect();
+    fn expand(&self, resolved: &Resolved) -> Graph {
+        let Wiring { sets, wired, order } = resolved.wiring.as_ref().expect("it was checked");
+        let members = |node: usize| self.nodes[node].each.as_ref().map(|each| sets.get(&each.name).expect("checked"));
+        let built = resolved.nodes.iter().map(|built| built.as_ref().expect("it was checked"));
+        let mut nodes: Vec<GraphNode> = built.zip(&self.nodes).map(|(built, decl)| built.node(decl)).collect();
         let mut instances: Vec<Instance> = Vec::new();
         for &node in order {
             let start = instances.len();
-            let own: Vec<Option<&String>> = members(node).map_or(vec![None], |m| m.iter().map(Some).collect());
+            let own: Vec<Option<&String>> = members(node).map_or(vec![None], |m| m.names.iter().map(Some).collect());
             for member in own {
                 let inputs = nodes[node].inputs.iter().zip(&wired[node]).map(|(port, ends)| {
                     let ends = ends.as_deref().unwrap_or_default();
@@ -291,7 +424,7 @@ impl GraphFile {
                         let from = &nodes[end.node];
                         let scatters = from.outputs[end.port].arity == Arity::Many;
                         let range = from.instances.clone();
-                        let of_member = |m| members(end.node).and_then(|all| all.iter().position(|n| n == m));
+                        let of_member = |m| members(end.node).and_then(|all| all.places.get(m).copied());
                         let (chosen, take) = match (member, port.arity) {
                             (_, Arity::Many) if scatters => (range, Take::All),
                             (Some(m), Arity::One | Arity::Optional) if scatters => (range, Take::Member(m.clone())),
@@ -326,31 +459,16 @@ impl GraphFile {
     }
 }
 
-fn kind_of<'a>(decl: &NodeDecl, registry: &'a Registry, faults: &mut Vec<Fault>) -> Option<&'a KindSpec> {
+fn kind_of<'a>(decl: &NodeDecl, registry: &'a Registry, faults: &mut Faults) -> Option<&'a KindSpec> {
     let kind = decl.kind.as_ref()?;
     let found = registry.get(&kind.name);
     if found.is_none() {
-        let fault = Fault::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
-        faults.push(fault.suggest(&kind.name, registry.kinds().map(|k| k.kind)));
+        faults.push(|| {
+            let fault = Fault::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
+            fault.suggest(&kind.name, registry.kinds().map(|k| k.kind))
+        });
     }
     found
-}
-
-/// Each fault once: a setting for a kind is tried on every node of it.
-fn distinct(faults: Vec<Fault>) -> Vec<Fault> {
-    let mut distinct: Vec<Fault> = Vec::new();
-    let count = faults.len();
-    for (i, fault) in faults.into_iter().enumerate() {
-        if distinct.len() == MAX_FAULTS {
-            let path = fault.path.clone();
-            distinct.push(Fault::file(&path, format!("and up to {} faults more", count - i)));
-            break;
-        }
-        if !distinct.contains(&fault) {
-            distinct.push(fault);
-        }
-    }
-    distinct
 }
 
 /// The shortest way from `first` back to itself.
@@ -379,8 +497,39 @@ fn shortest_loop(graph: &DiGraph<usize, ()>, first: petgraph::graph::NodeIndex) 
     vec![graph[first]]
 }
 
+/// The settings of an overlay, by their targets.
+struct Settings<'a> {
+    all: &'a [Setting],
+    of_kind: BTreeMap<&'a str, Vec<usize>>,
+    of_node: BTreeMap<&'a str, Vec<usize>>,
+}
+
+impl<'a> Settings<'a> {
+    fn new(overlay: &'a Overlay) -> Settings<'a> {
+        let mut settings = Settings { all: &overlay.settings, of_kind: BTreeMap::new(), of_node: BTreeMap::new() };
+        for (place, setting) in overlay.settings.iter().enumerate() {
+            let (targets, name) = match &setting.target {
+                Target::Kind(kind) => (&mut settings.of_kind, kind),
+                Target::Node(node) => (&mut settings.of_node, node),
+            };
+            targets.entry(name.as_str()).or_default().push(place);
+        }
+        settings
+    }
+
+    /// Those of one node, in order.
+    fn of(&self, kind: &str, node: &str) -> Vec<&'a Setting> {
+        let mut places =
+            [self.of_kind.get(kind), self.of_node.get(node)].into_iter().flatten().flatten().collect::<Vec<_>>();
+        places.sort_unstable();
+        places.into_iter().map(|&place| &self.all[place]).collect()
+    }
+}
+
 /// A node with all its parameters set and its files read.
 struct Built {
+    /// The settings of the overlay that are in it.
+    settings: Vec<(String, Raw)>,
     kind: &'static str,
     op: Box<dyn AnyNode>,
     inputs: Vec<PortSpec>,
@@ -390,10 +539,30 @@ struct Built {
 }
 
 impl Built {
-    fn into_node(self, decl: &NodeDecl) -> GraphNode {
-        let Built { kind, op, inputs, outputs, key_head, files } = self;
-        let each = decl.each.as_ref().map(|e| e.name.clone());
-        GraphNode { name: decl.name.name.clone(), kind, each, op, inputs, outputs, key_head, files, instances: 0..0 }
+    /// Whether it would come out of these settings too: the same texts, and the same folder for files that they name.
+    fn is_made_of(&self, settings: &[&Setting]) -> bool {
+        let same_value = |a: &Origin, b: &Origin| {
+            Arc::ptr_eq(&a.source, &b.source) && a.span == b.span
+                || a.source.path == b.source.path && a.text() == b.text()
+        };
+        let same = |((field, value), setting): (&(String, Raw), &&Setting)| {
+            *field == setting.field && same_value(&value.origin, &setting.value.origin)
+        };
+        self.settings.len() == settings.len() && self.settings.iter().zip(settings).all(same)
+    }
+
+    fn node(&self, decl: &NodeDecl) -> GraphNode {
+        GraphNode {
+            name: decl.name.name.clone(),
+            kind: self.kind,
+            each: decl.each.as_ref().map(|e| e.name.clone()),
+            op: self.op.boxed_clone(),
+            inputs: self.inputs.clone(),
+            outputs: self.outputs.clone(),
+            key_head: self.key_head.clone(),
+            files: self.files.clone(),
+            instances: 0..0,
+        }
     }
 }
 
@@ -401,75 +570,67 @@ fn build(
     decl: &NodeDecl,
     kind: &KindSpec,
     registry: &Registry,
-    overlay: &Overlay,
+    settings: &[&Setting],
     digests: &mut FileDigests,
-    faults: &mut Vec<Fault>,
+    faults: &mut Faults,
 ) -> Option<Built> {
-    let before = faults.len();
+    let before = faults.found();
     let mut sound = true;
     let mut op = (kind.make)();
     for file in op.files().into_iter().filter(|file| !file.path.is_empty()) {
         file.base = Some(registry.library.as_ref().map_or_else(PathBuf::new, |(folder, _)| folder.clone()));
     }
     // Where each parameter was last set, and where each file was named.
-    let mut set_at: BTreeMap<String, Origin> = BTreeMap::new();
-    let mut named_at: Vec<(File, Origin)> = Vec::new();
+    let mut set_at: BTreeMap<&str, &Raw> = BTreeMap::new();
+    let mut named_at: BTreeMap<File, &Origin> = BTreeMap::new();
     let from_file = decl.params.iter().map(|(key, value)| (key.name.as_str(), &key.origin, value));
-    let from_overlay = overlay.settings.iter().filter(|s| match &s.target {
-        Target::Kind(name) => name == kind.kind,
-        Target::Node(name) => *name == decl.name.name,
-    });
-    let from_overlay = from_overlay.map(|s| (s.field.as_str(), &s.value.origin, &s.value));
+    let from_overlay = settings.iter().map(|s| (s.field.as_str(), &s.value.origin, &s.value));
     for (field, place, value) in from_file.chain(from_overlay) {
-        if let Err(fault) = set(&mut *op, kind, field, place, value) {
-            if !faults.iter().any(|told| told.is_inside(&value.origin)) {
-                faults.push(fault);
-            }
+        if !set(&mut *op, kind, field, place, value, faults) {
             sound = false;
             continue;
         }
-        set_at.insert(field.to_owned(), value.origin.clone());
+        set_at.insert(field, value);
         // A file with a folder may name further ones.
-        loop {
-            let known = named_at.len();
+        let mut named = true;
+        while named {
+            named = false;
             for file in op.files() {
                 if file.base.is_none() && !file.path.is_empty() {
                     value.origin.source.adopt(file);
-                    named_at.push((file.clone(), value.origin.clone()));
+                    named_at.insert(file.clone(), &value.origin);
+                    named = true;
                 }
-            }
-            if named_at.len() == known {
-                break;
             }
         }
     }
+    sound &= is_finite(&*op, kind, &set_at, faults);
     if !sound {
         return None;
     }
     let declared = decl.kind.as_ref().map_or(&decl.name.origin, |k| &k.origin);
     if let Err(message) = op.check() {
-        let words = |text: &str| text.split(|c: char| !c.is_alphanumeric() && c != '_').map(str::to_owned).collect();
-        let words: Vec<String> = words(&message);
-        let place = words.iter().find_map(|word| set_at.get(word)).unwrap_or(declared);
-        faults.push(Fault::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
+        let mut words = message.split(|c: char| !c.is_alphanumeric() && c != '_');
+        let place = words.find_map(|word| set_at.get(word)).map_or(declared, |value| &value.origin);
+        faults.push(|| Fault::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
     }
     let files: Vec<File> = op.files().into_iter().map(|file| file.clone()).collect();
     let mut read = Vec::new();
     for file in files {
-        let named = named_at.iter().rev().find(|(f, _)| *f == file).map(|(_, origin)| origin);
         match digests.of(&file) {
             Ok(digest) => read.push((file, digest)),
             // The stage said what it lacks.
-            Err(_) if file.path.is_empty() && faults.len() > before => {}
-            Err(message) => {
+            Err(_) if file.path.is_empty() && faults.found() > before => {}
+            Err(message) => faults.push(|| {
+                let named = named_at.get(&file).copied();
                 let message = format!("node `{}` ({}): {message}", decl.name.name, kind.kind);
                 let fault = Fault::at(named.unwrap_or(declared), message);
                 let help = registry.library.as_ref().filter(|_| named.is_none() && !file.path.is_empty());
-                faults.push(help.into_iter().fold(fault, |fault, (_, help)| fault.help(help)));
-            }
+                help.into_iter().fold(fault, |fault, (_, help)| fault.help(help))
+            }),
         }
     }
-    if faults.len() > before {
+    if faults.found() > before {
         return None;
     }
     let mut anonymous = op.boxed_clone();
@@ -478,41 +639,65 @@ fn build(
     }
     let key_head = key::head(kind.kind, kind.version, &anonymous.values());
     let (inputs, outputs) = (kind.inputs.clone(), kind.outputs.clone());
-    Some(Built { kind: kind.kind, op, inputs, outputs, key_head, files: read })
+    let settings = settings.iter().map(|s| (s.field.clone(), s.value.clone())).collect();
+    Some(Built { settings, kind: kind.kind, op, inputs, outputs, key_head, files: read })
 }
 
-fn set(op: &mut dyn AnyNode, kind: &KindSpec, field: &str, place: &Origin, value: &Raw) -> Result<(), Fault> {
+/// Sets one parameter; `false` where that is a fault.
+fn set(op: &mut dyn AnyNode, kind: &KindSpec, field: &str, place: &Origin, value: &Raw, faults: &mut Faults) -> bool {
     let Some(spec) = kind.params.iter().find(|p| p.name == field) else {
-        let fault = Fault::at(place, format!("{} has no parameter `{field}`", kind.kind));
-        return Err(fault.suggest(field, kind.params.iter().map(|p| p.name)));
+        refuse(value, faults, || {
+            let fault = Fault::at(place, format!("{} has no parameter `{field}`", kind.kind));
+            fault.suggest(field, kind.params.iter().map(|p| p.name))
+        });
+        return false;
     };
-    let wanted = || format!("parameter `{field}` of {} wanted {}", kind.kind, spec.type_name);
-    if let Some(Err(error)) = op.set(field, value.text()) {
+    let Some(Err(error)) = op.set(field, value.text()) else { return true };
+    refuse(value, faults, || {
         // RON takes the `6` of `6.4` for an integer and stumbles over the rest: what was wanted says more.
         let detail = match error.code {
             ron::Error::TrailingCharacters => String::new(),
             _ => format!(": {}", error.code),
         };
-        return Err(Fault { message: format!("{}, got `{}`{detail}", wanted(), value.short()), ..value.locate(error) });
+        let wanted = format!("parameter `{field}` of {} wanted {}", kind.kind, spec.type_name);
+        Fault { message: format!("{wanted}, got `{}`{detail}", value.short()), ..value.locate(error) }
+    });
+    false
+}
+
+/// Whether all parameters are finite. A number too large for single precision is not, which shows once it is set.
+fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, faults: &mut Faults) -> bool {
+    let mut finite = true;
+    for (field, _) in op.values().into_iter().filter(|(_, ron)| holds_non_finite(ron)) {
+        let Some(value) = set_at.get(field) else { continue };
+        finite = false;
+        refuse(value, faults, || {
+            let type_name = kind.params.iter().find(|p| p.name == field).map_or("", |spec| spec.type_name);
+            let wanted = format!("parameter `{field}` of {} wanted {type_name}", kind.kind);
+            value.fault(format!("{wanted} with finite numbers, got `{}`", value.short()))
+        });
     }
-    let is_finite = op.values().iter().all(|(name, ron)| *name != field || !holds_non_finite(ron));
-    if is_finite {
-        Ok(())
-    } else {
-        Err(value.fault(format!("{} with finite numbers, got `{}`", wanted(), value.short())))
+    finite
+}
+
+/// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node of it.
+fn refuse(value: &Raw, faults: &mut Faults, fault: impl FnOnce() -> Fault) {
+    if !faults.kept().iter().any(|told| told.is_inside(&value.origin)) {
+        faults.push(fault);
     }
 }
 
 /// Digests of files by place and confinement, so that a file that many nodes read is read once.
 #[derive(Default)]
-struct FileDigests(BTreeMap<(PathBuf, Option<PathBuf>), Result<Digest, String>>);
+struct FileDigests(BTreeMap<(OsString, Option<PathBuf>), Result<Digest, String>>);
 
 impl FileDigests {
     fn of(&mut self, file: &File) -> Result<Digest, String> {
         if file.path.is_empty() {
             return Err("wanted a file, and nothing names it".to_owned());
         }
-        let digest = self.0.entry((file.location(), file.within.clone())).or_insert_with_key(|(path, _)| {
+        let place = (file.location().into_os_string(), file.within.clone());
+        let digest = self.0.entry(place).or_insert_with_key(|(path, _)| {
             let cannot = |e: std::io::Error| format!("{} cannot be read: {e}", path.display());
             let mut hasher = blake3::Hasher::new();
             let opened = file.open().map_err(cannot)?;

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
 
+use super::faults::Faults;
 use super::lexer::{Kind, Token, tokens};
 use super::{File, from_ron, reading};
 
@@ -17,11 +18,10 @@ use super::{File, from_ron, reading};
 const MAX_BYTES: u64 = 16 << 20;
 /// RON's own parser recurses; beyond this depth a text is refused before it gets there.
 const MAX_DEPTH: usize = 64;
-/// A file that is broken everywhere is not told everything.
-pub(super) const MAX_FAULTS: usize = 50;
-
 /// Names that a wrong one is compared with.
 const MAX_COMPARED: usize = 1000;
+/// Bytes of a name that is compared with others, which takes work as the product of both lengths.
+const LONGEST_COMPARED: usize = 200;
 
 /// The files that a text may name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -40,6 +40,16 @@ pub struct Source {
     pub path: PathBuf,
     pub text: String,
     pub reach: Reach,
+    /// By ascending `at`, for a text that differs from that of its file: where its pieces stand there.
+    pub anchors: Vec<Anchor>,
+}
+
+/// From byte `at` on, a text stands at this line and column of its file, both counted from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Anchor {
+    pub at: usize,
+    pub line: usize,
+    pub column: usize,
 }
 
 impl Source {
@@ -49,7 +59,7 @@ impl Source {
 
     /// A text that may name files within `reach` only.
     pub fn within(path: impl Into<PathBuf>, text: impl Into<String>, reach: Reach) -> Arc<Source> {
-        Arc::new(Source { path: path.into(), text: text.into(), reach })
+        Arc::new(Source { path: path.into(), text: text.into(), reach, anchors: Vec::new() })
     }
 
     /// Reads a file of at most 16 MB of UTF-8, which may name files within `reach` only.
@@ -96,6 +106,20 @@ impl Source {
     }
 }
 
+impl Anchor {
+    /// The same for a later byte of `text`, where no other anchor lies between.
+    pub fn moved(self, text: &str, at: usize) -> Anchor {
+        let between = &text[self.at..at];
+        match between.rfind('\n') {
+            Some(last) => {
+                let line = self.line + between.matches('\n').count();
+                Anchor { at, line, column: 1 + between[last + 1..].chars().count() }
+            }
+            None => Anchor { at, line: self.line, column: self.column + between.chars().count() },
+        }
+    }
+}
+
 /// Where a piece of text stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin {
@@ -109,11 +133,14 @@ impl Origin {
         &self.source.text[self.span.clone()]
     }
 
-    /// Line and column of the first character, from 1, columns in characters.
+    /// Line and column of the first character in the file, from 1, columns in characters. A place past the end counts as the end.
     pub fn line_column(&self) -> (usize, usize) {
-        let before = &self.source.text[..self.span.start];
-        let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-        (1 + before.matches('\n').count(), 1 + before[line_start..].chars().count())
+        let Source { text, anchors, .. } = &*self.source;
+        let start = text.floor_char_boundary(self.span.start.min(text.len()));
+        let before = anchors[..anchors.partition_point(|anchor| anchor.at <= start)].last();
+        let anchor = before.copied().unwrap_or(Anchor { at: 0, line: 1, column: 1 });
+        let Anchor { line, column, .. } = anchor.moved(text, start);
+        (line, column)
     }
 }
 
@@ -158,8 +185,8 @@ impl Fault {
 
     /// The same, with the nearest of `known` as help, or the whole list where it is short and nothing is near.
     pub fn suggest<'a>(self, name: &str, known: impl IntoIterator<Item = &'a str>) -> Fault {
-        let known: Vec<&str> = known.into_iter().collect();
-        match nearest(name, known.iter().copied().take(MAX_COMPARED)) {
+        let known: Vec<&str> = known.into_iter().take(MAX_COMPARED).collect();
+        match nearest(name, known.iter().copied()) {
             Some(near) => self.help(format!("did you mean `{near}`?")),
             None if known.is_empty() => self.help("there are none"),
             None if known.len() <= 12 => self.help(format!("known: {}", known.join(", "))),
@@ -184,10 +211,12 @@ impl std::fmt::Display for Fault {
 
 impl std::error::Error for Fault {}
 
-/// The name most like `name`, if any is like it.
+/// The name most like `name`, if any is like it. A very long one is like no other.
 pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let likeness = |other: &str| strsim::jaro_winkler(&name.to_lowercase(), &other.to_lowercase());
-    let best = known.into_iter().map(|other| (likeness(other), other)).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let known = known.into_iter().filter(|other| other.len().max(name.len()) <= LONGEST_COMPARED);
+    let name = name.to_lowercase();
+    let likeness = |other: &str| strsim::jaro_winkler(&name, &other.to_lowercase());
+    let best = known.map(|other| (likeness(other), other)).max_by(|a, b| a.0.total_cmp(&b.0))?;
     (best.0 >= 0.8).then_some(best.1)
 }
 
@@ -217,16 +246,14 @@ pub struct Raw {
 impl Raw {
     /// The one value of a whole text, after checking all of it: brackets, nesting, no duplicate key, no NaN, no
     /// infinite number. `None` when it cannot be split.
-    pub fn document(source: &Arc<Source>, faults: &mut Vec<Fault>) -> Option<Raw> {
-        let before = faults.len();
+    pub fn document(source: &Arc<Source>, faults: &mut Faults) -> Option<Raw> {
         let whole = Raw { origin: Origin { source: source.clone(), span: 0..source.text.len() } };
         let tokens = whole.tokens(faults)?;
         let sound = check_nesting(&whole, &tokens, faults);
         check_values(&whole, &tokens, faults);
-        faults.truncate(before + MAX_FAULTS);
         let (first, last) = (tokens.first(), tokens.last());
         let Some((first, last)) = first.zip(last) else {
-            faults.push(Fault::file(&source.path, "wanted a RON value, got an empty file"));
+            faults.push(|| Fault::file(&source.path, "wanted a RON value, got an empty file"));
             return None;
         };
         sound.then(|| whole.part(first.span.start..last.span.end))
@@ -242,7 +269,7 @@ impl Raw {
 
     /// The identifier that the value begins with: `Lamp` of `Lamp(radius: 1)`, `Off` of `Off`.
     pub fn variant(&self) -> Option<&str> {
-        let first = tokens(self.text()).ok()?.into_iter().next()?;
+        let first = tokens(self.text()).next()?.ok()?;
         (first.kind == Kind::Ident).then(|| &self.text()[first.span])
     }
 
@@ -250,7 +277,7 @@ impl Raw {
     pub fn words(&self) -> Vec<(Raw, bool)> {
         let base = self.origin.span.start;
         let word = |t: Token| (self.part(base + t.span.start..base + t.span.end), t.kind == Kind::Number);
-        tokens(self.text()).unwrap_or_default().into_iter().map(word).collect()
+        tokens(self.text()).map_while(Result::ok).map(word).collect()
     }
 
     /// From the beginning of this value to the end of `last`, a later one of the same text.
@@ -266,11 +293,11 @@ impl Raw {
 
     /// The fields of `Name(a: .., b: ..)` or `(a: .., b: ..)`. With `name`, another name is a fault; a field that is
     /// not `known` is one too, and is left out.
-    pub fn as_struct(&self, name: Option<&str>, known: &[&str], faults: &mut Vec<Fault>) -> Vec<(Key, Raw)> {
+    pub fn as_struct(&self, name: Option<&str>, known: &[&str], faults: &mut Faults) -> Vec<(Key, Raw)> {
         if let (Some(wanted), Some(got)) = (name, self.variant())
             && wanted != got
         {
-            faults.push(Fault::at(&self.variant_origin(), format!("wanted `{wanted}(..)`, got `{got}`")));
+            faults.push(|| Fault::at(&self.variant_origin(), format!("wanted `{wanted}(..)`, got `{got}`")));
             return Vec::new();
         }
         let what = name.map_or("`(field: value, ..)`".to_owned(), |name| format!("`{name}(field: value, ..)`"));
@@ -278,8 +305,10 @@ impl Raw {
         fields.retain(|(key, _)| {
             let is_known = known.contains(&key.name.as_str());
             if !is_known {
-                let fault = Fault::at(&key.origin, format!("unknown field `{}`", key.name));
-                faults.push(fault.suggest(&key.name, known.iter().copied()));
+                faults.push(|| {
+                    let fault = Fault::at(&key.origin, format!("unknown field `{}`", key.name));
+                    fault.suggest(&key.name, known.iter().copied())
+                });
             }
             is_known
         });
@@ -287,7 +316,7 @@ impl Raw {
     }
 
     /// The fields of `Name(a: .., b: ..)`, whatever they are called; none for a mere `Name`.
-    pub(super) fn fields(&self, what: &str, faults: &mut Vec<Fault>) -> Vec<(Key, Raw)> {
+    pub(super) fn fields(&self, what: &str, faults: &mut Faults) -> Vec<(Key, Raw)> {
         if self.variant().is_some_and(|v| v.len() == self.text().len()) {
             return Vec::new();
         }
@@ -297,32 +326,32 @@ impl Raw {
                 Some((key, value)) if is_word(key.text()) => {
                     fields.push((Key { name: key.text().to_owned(), origin: key.origin }, value));
                 }
-                _ => faults.push(item.fault(format!("wanted {what}, got `{}`", item.short()))),
+                _ => faults.push(|| item.fault(format!("wanted {what}, got `{}`", item.short()))),
             }
         }
         fields
     }
 
     /// The entries of `{ "name": value, .. }`.
-    pub fn as_map(&self, faults: &mut Vec<Fault>) -> Vec<(Key, Raw)> {
+    pub fn as_map(&self, faults: &mut Faults) -> Vec<(Key, Raw)> {
         let what = "`{ \"name\": value, .. }`";
         let mut entries = Vec::new();
         for item in self.items('{', what, faults).unwrap_or_default() {
-            match item.split_key().map(|(key, value)| (key.parse::<String>(), key, value)) {
-                Some((Ok(name), key, value)) => entries.push((Key { name, origin: key.origin }, value)),
-                _ => faults.push(item.fault(format!("wanted {what}, got `{}`", item.short()))),
+            match item.split_key().map(|(key, value)| (key.string(), key, value)) {
+                Some((Some(name), key, value)) => entries.push((Key { name, origin: key.origin }, value)),
+                _ => faults.push(|| item.fault(format!("wanted {what}, got `{}`", item.short()))),
             }
         }
         entries
     }
 
     /// The items of `[a, b, ..]`.
-    pub fn as_list(&self, faults: &mut Vec<Fault>) -> Vec<Raw> {
+    pub fn as_list(&self, faults: &mut Faults) -> Vec<Raw> {
         self.items('[', "a list `[..]`", faults).unwrap_or_default()
     }
 
     /// The items of `(a, b, ..)` or `Name(a, b, ..)`.
-    pub fn as_tuple(&self, faults: &mut Vec<Fault>) -> Vec<Raw> {
+    pub fn as_tuple(&self, faults: &mut Faults) -> Vec<Raw> {
         self.items('(', "`(a, b, ..)`", faults).unwrap_or_default()
     }
 
@@ -331,10 +360,23 @@ impl Raw {
         from_ron(self.text()).map_err(|e| self.locate(e))
     }
 
-    /// A string with its place: how names stand in files.
-    pub fn as_key(&self) -> Result<Key, Fault> {
-        let wrong = |_| self.fault(format!("wanted a name in quotes, got `{}`", self.short()));
-        Ok(Key { name: self.parse::<String>().map_err(wrong)?, origin: self.origin.clone() })
+    /// A string with its place: how names stand in files. `None` left a fault.
+    pub fn as_key(&self, faults: &mut Faults) -> Option<Key> {
+        let name = self.string();
+        if name.is_none() {
+            faults.push(|| self.fault(format!("wanted a name in quotes, got `{}`", self.short())));
+        }
+        Some(Key { name: name?, origin: self.origin.clone() })
+    }
+
+    /// The value of a string, `None` for anything else.
+    pub fn string(&self) -> Option<String> {
+        let text = self.text();
+        let plain = text.strip_prefix('"').and_then(|text| text.strip_suffix('"'));
+        match plain.filter(|text| !text.contains(['"', '\\'])) {
+            Some(plain) => Some(plain.to_owned()),
+            None => text.contains('"').then(|| from_ron(text).ok())?,
+        }
     }
 
     /// Turns RON's own error, whose position counts from the start of this value, into a fault at its token.
@@ -343,14 +385,14 @@ impl Raw {
         let start = error.span.start;
         let line = text.split_inclusive('\n').take(start.line.saturating_sub(1)).map(str::len).sum::<usize>();
         let column = text[line..].char_indices().nth(start.col.saturating_sub(1)).map_or(text.len(), |(i, _)| line + i);
-        let tokens = tokens(text).unwrap_or_default();
-        let token = tokens.iter().rev().find(|t| t.span.start <= column).map_or(0..text.len(), |t| t.span.clone());
+        let before = tokens(text).map_while(Result::ok).take_while(|token| token.span.start <= column);
+        let token = before.last().map_or(0..text.len(), |token| token.span);
         let base = self.origin.span.start;
         self.part(base + token.start..base + token.end).fault(error.code.to_string())
     }
 
     /// The beginning of the text, for messages.
-    pub(super) fn short(&self) -> String {
+    pub fn short(&self) -> String {
         let line = self.text().lines().next().unwrap_or_default();
         let short: String = line.chars().take(40).collect();
         if short.len() < self.text().len() { format!("{short}..") } else { short }
@@ -360,23 +402,24 @@ impl Raw {
         Raw { origin: Origin { source: self.origin.source.clone(), span } }
     }
 
-    fn tokens(&self, faults: &mut Vec<Fault>) -> Option<Vec<Token>> {
+    fn tokens(&self, faults: &mut Faults) -> Option<Vec<Token>> {
         let base = self.origin.span.start;
-        tokens(self.text())
-            .map_err(|(span, message)| {
-                faults.push(self.part(base + span.start..base + span.end).fault(message));
-            })
+        let tokens: Result<Vec<Token>, _> = tokens(self.text()).collect();
+        tokens
+            .map_err(|(span, message)| faults.push(|| self.part(base + span.start..base + span.end).fault(message)))
             .ok()
     }
 
     /// The comma-separated items between the brackets that begin with `open`, after an optional identifier.
-    fn items(&self, open: char, wanted: &str, faults: &mut Vec<Fault>) -> Option<Vec<Raw>> {
+    fn items(&self, open: char, wanted: &str, faults: &mut Faults) -> Option<Vec<Raw>> {
         let tokens = self.tokens(faults)?;
         let skip = usize::from(open == '(' && tokens.first().is_some_and(|t| t.kind == Kind::Ident));
         if tokens.get(skip).map(|t| t.kind) != Some(Kind::Open(open)) {
-            let fault = self.fault(format!("wanted {wanted}, got `{}`", self.short()));
-            let attribute = self.text().starts_with("#!");
-            faults.push(if attribute { fault.help("leave `#![enable(..)]` out") } else { fault });
+            faults.push(|| {
+                let fault = self.fault(format!("wanted {wanted}, got `{}`", self.short()));
+                let attribute = self.text().starts_with("#!");
+                if attribute { fault.help("leave `#![enable(..)]` out") } else { fault }
+            });
             return None;
         }
         let base = self.origin.span.start;
@@ -390,7 +433,7 @@ impl Raw {
                     Some(from) => items.push(self.part(base + from..base + end)),
                     None if !closes => {
                         let place = base + token.span.start..base + token.span.end;
-                        faults.push(self.part(place).fault("wanted a value, got a comma"));
+                        faults.push(|| self.part(place).fault("wanted a value, got a comma"));
                     }
                     None => {}
                 }
@@ -406,7 +449,7 @@ impl Raw {
             if depth == 0 {
                 if let Some(extra) = tokens.get(index + 1) {
                     let place = base + extra.span.start..base + extra.span.end;
-                    faults.push(self.part(place).fault(format!("wanted nothing more after {wanted}")));
+                    faults.push(|| self.part(place).fault(format!("wanted nothing more after {wanted}")));
                 }
                 break;
             }
@@ -416,33 +459,33 @@ impl Raw {
 
     /// `key: value`.
     fn split_key(&self) -> Option<(Raw, Raw)> {
-        let tokens = tokens(self.text()).ok()?;
         let base = self.origin.span.start;
-        let mut depth = 0;
-        for (index, token) in tokens.iter().enumerate() {
+        let (mut depth, mut key_end) = (0, None);
+        let mut tokens = tokens(self.text()).map_while(Result::ok);
+        while let Some(token) = tokens.next() {
             match token.kind {
                 Kind::Open(_) => depth += 1,
                 Kind::Close(_) => depth -= 1,
                 Kind::Colon if depth == 0 => {
-                    let key_end = tokens[..index].last()?.span.end;
-                    let value = tokens.get(index + 1)?.span.start;
-                    return Some((self.part(base..base + key_end), self.part(base + value..self.origin.span.end)));
+                    let value = tokens.next()?.span.start;
+                    return Some((self.part(base..base + key_end?), self.part(base + value..self.origin.span.end)));
                 }
                 _ => {}
             }
+            key_end = Some(token.span.end);
         }
         None
     }
 }
 
 /// Brackets match and stay shallow; whether the text may be split.
-fn check_nesting(whole: &Raw, tokens: &[Token], faults: &mut Vec<Fault>) -> bool {
+fn check_nesting(whole: &Raw, tokens: &[Token], faults: &mut Faults) -> bool {
     let mut open: Vec<(char, &Token)> = Vec::new();
     for token in tokens {
         match token.kind {
             Kind::Open(bracket) if open.len() == MAX_DEPTH => {
                 let message = format!("wanted at most {MAX_DEPTH} levels of brackets, got another `{bracket}`");
-                faults.push(whole.part(token.span.clone()).fault(message));
+                faults.push(|| whole.part(token.span.clone()).fault(message));
                 return false;
             }
             Kind::Open(bracket) => open.push((bracket, token)),
@@ -452,21 +495,20 @@ fn check_nesting(whole: &Raw, tokens: &[Token], faults: &mut Vec<Fault>) -> bool
                     let (line, _) = whole.part(at.span.clone()).origin.line_column();
                     let message =
                         format!("wanted `{}` for the `{opened}` of line {line}, got `{bracket}`", closing(opened));
-                    faults.push(whole.part(token.span.clone()).fault(message));
+                    faults.push(|| whole.part(token.span.clone()).fault(message));
                     return false;
                 }
                 None => {
-                    faults.push(whole.part(token.span.clone()).fault(format!("`{bracket}` closes nothing")));
+                    faults.push(|| whole.part(token.span.clone()).fault(format!("`{bracket}` closes nothing")));
                     return false;
                 }
             },
             _ => {}
         }
     }
-    if let Some((bracket, token)) = open.pop() {
-        faults.push(whole.part(token.span.clone()).fault(format!("`{bracket}` is never closed")));
-    }
-    open.is_empty() && faults.iter().all(|f| !f.message.ends_with("is never closed"))
+    let Some((bracket, token)) = open.pop() else { return true };
+    faults.push(|| whole.part(token.span.clone()).fault(format!("`{bracket}` is never closed")));
+    false
 }
 
 fn closing(open: char) -> char {
@@ -478,42 +520,39 @@ fn closing(open: char) -> char {
 }
 
 /// No number that is not finite, no key twice in the same brackets.
-fn check_values(whole: &Raw, tokens: &[Token], faults: &mut Vec<Fault>) {
+fn check_values(whole: &Raw, tokens: &[Token], faults: &mut Faults) {
     let text = whole.text();
-    let mut keys: Vec<BTreeSet<String>> = vec![BTreeSet::new()];
-    let mut item_start = 0;
+    // Of the brackets that are open: the keys so far, and the first token of an entry whose key has not ended.
+    let mut open: Vec<(BTreeSet<String>, Option<usize>)> = vec![(BTreeSet::new(), Some(0))];
     for (index, token) in tokens.iter().enumerate() {
-        if faults.len() > MAX_FAULTS {
-            return;
-        }
         let part = || whole.part(token.span.clone());
-        match token.kind {
-            Kind::Open(_) => {
-                keys.push(BTreeSet::new());
-                item_start = index + 1;
+        match (token.kind, open.last_mut()) {
+            (Kind::Open(_), _) => {
+                if open.len() > MAX_DEPTH {
+                    return; // that is told already
+                }
+                open.push((BTreeSet::new(), Some(index + 1)));
             }
-            Kind::Close(_) => {
-                keys.pop();
-            }
-            Kind::Comma => item_start = index + 1,
-            Kind::Colon if item_start < index => {
-                let span = tokens[item_start].span.start..tokens[index - 1].span.end;
-                let key = whole.part(span);
-                let name = key.parse::<String>().unwrap_or_else(|_| key.text().to_owned());
-                if let Some(seen) = keys.last_mut()
-                    && !seen.insert(name.clone())
-                {
-                    faults.push(key.fault(format!("`{name}` is given twice")));
+            (Kind::Close(_), _) => drop(open.pop()),
+            (Kind::Comma, Some((_, entry))) => *entry = Some(index + 1),
+            (Kind::Colon, Some((keys, entry))) => {
+                let Some(first) = entry.take().filter(|first| *first < index) else { continue };
+                let key = whole.part(tokens[first].span.start..tokens[index - 1].span.end);
+                let name = key.string().unwrap_or_else(|| key.text().to_owned());
+                if keys.contains(&name) {
+                    faults.push(|| key.fault(format!("`{name}` is given twice")));
+                } else {
+                    keys.insert(name);
                 }
             }
-            Kind::Ident if is_not_finite(&text[token.span.clone()]) => {
-                faults.push(part().fault(format!("wanted a finite number, got {}", &text[token.span.clone()])));
+            (Kind::Ident, _) if is_not_finite(&text[token.span.clone()]) => {
+                faults.push(|| part().fault(format!("wanted a finite number, got {}", &text[token.span.clone()])));
             }
-            Kind::Number => {
+            (Kind::Number, _) => {
                 let number = text[token.span.clone()].replace('_', "");
                 let number = number.trim_end_matches("f32").trim_end_matches("f64");
                 if number.parse::<f64>().is_ok_and(f64::is_infinite) {
-                    faults.push(part().fault(format!("wanted a finite number, got {number}")));
+                    faults.push(|| part().fault(format!("wanted a finite number, got {number}")));
                 }
             }
             _ => {}
@@ -527,5 +566,6 @@ fn is_not_finite(word: &str) -> bool {
 
 /// Whether a value written by [`super::to_ron`] holds a number that is not finite.
 pub(super) fn holds_non_finite(ron: &str) -> bool {
-    tokens(ron).is_ok_and(|tokens| tokens.iter().any(|t| t.kind == Kind::Ident && is_not_finite(&ron[t.span.clone()])))
+    let mut tokens = tokens(ron).map_while(Result::ok);
+    tokens.any(|token| token.kind == Kind::Ident && is_not_finite(&ron[token.span]))
 }

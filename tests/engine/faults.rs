@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Fault, GraphFile, Overlay, Raw, Source};
+use relight::graph::{Fault, Faults, GraphFile, Overlay, Raw, Source};
 
 use crate::nodes::*;
 
@@ -66,6 +66,41 @@ fn a_file_that_is_broken_everywhere_is_told_some_of_it_soon() {
     assert_eq!(found[0].message, "wanted at most 10000 nodes, got 200000");
 }
 
+/// Each text has some 200,000 mistakes. Work that grows as their square takes minutes here, and is seen by that.
+#[test]
+fn two_hundred_thousand_mistakes_are_counted() {
+    const MANY: usize = 200_000;
+    let all = |one: &dyn Fn(usize) -> String| (0..MANY).map(|i| one(i) + ", ").collect::<String>();
+    let nodes = "nodes: { \"c\": (op: Const), \"d\": (op: Const)";
+    let sum = |ends: &str| format!("{nodes}, \"s\": (op: Sum, in: {{ \"numbers\": [{ends}] }}) }}, outputs: [\"s\"]");
+    for (body, first) in [
+        (all(&|i| format!("field_{i}: 1")) + nodes + " }", "unknown field `field_0`"),
+        (format!("{nodes}, \"a\": (op: Const, {}) }}", all(&|i| format!("f_{i}: 1"))), "unknown field `f_0`"),
+        (format!("{nodes}, \"a\": (op: Const({})) }}", all(&|i| format!("p_{i}: 1"))), "Const has no parameter `p_0`"),
+        (format!("{nodes}, \"a\": (op: Const({})) }}", all(&|_| "value: 1".into())), "`value` is given twice"),
+        (sum(&all(&|i| format!("\"node_{i}\""))), "there is no node `node_0`"),
+        (sum(&all(&|i| format!("\"c.p_{i}\""))), "node `c` (Const) has no output `p_0`"),
+        (sum(&all(&|_| "7".into())), "wanted a name in quotes, got `7`"),
+        (sum(&",".repeat(MANY)), "wanted a value, got a comma"),
+        (format!("{nodes} }}, outputs: [{}]", all(&|i| format!("\"o_{i}\""))), "there is no node `o_0`"),
+        (format!("{nodes} }}, sets: {{ {} }}", all(&|i| format!("\"{i}\": []"))), "wanted a set name of"),
+        (format!("{nodes} }}, sets: {{ \"s\": [{}] }}", all(&|i| format!("\"{i}\""))), "wanted a member name of"),
+    ] {
+        let found = faults(Source::new("many.ron", format!("Graph(version: 1, {body})")));
+        assert!(found[0].message.starts_with(first), "wanted {first}, got {}", found[0]);
+        assert_eq!(found.len(), 51, "{first}");
+        let last = found[50].message.strip_prefix("and up to ").and_then(|text| text.strip_suffix(" faults more"));
+        let more: usize = last.and_then(|count| count.parse().ok()).unwrap_or_else(|| panic!("{}", found[50]));
+        assert!((MANY - 51..=MANY).contains(&more), "{first}: {more}");
+    }
+    let found = faults(Source::new("deep.ron", "(".repeat(10 * MANY)));
+    assert_eq!(found.len(), 1);
+    // One key of two million colons, not two million keys that are longer and longer.
+    let found = faults(Source::new("many.ron", format!("Graph(version: 1, nodes: {{ {} }})", ":a".repeat(10 * MANY))));
+    assert_eq!(found.len(), 1);
+    assert!(found[0].message.starts_with("wanted `{ \"name\": value, .. }`"), "{}", found[0]);
+}
+
 #[test]
 fn files_that_are_no_text_are_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -112,7 +147,7 @@ enum Light {
 #[test]
 fn raw_texts_are_split_with_their_places() {
     let text = "Edit(\n  lights: { \"a\": Off, \"b\": Lamp(at: (1, /* , */ 2), name: \"x, y)\"), r#\"c\"#: Lamp(at: (1, true)) },\n  // done,\n  list: [1, (2, 3), [4],], tuple: Keys(1, (2)),\n)";
-    let mut faults = Vec::new();
+    let mut faults = Faults::default();
     let document = Raw::document(&Source::new("e.ron", text), &mut faults).unwrap();
     assert_eq!(document.variant(), Some("Edit"));
     let fields = document.as_struct(Some("Edit"), &["lights", "list", "tuple"], &mut faults);
@@ -128,5 +163,5 @@ fn raw_texts_are_split_with_their_places() {
     let texts = |raws: Vec<Raw>| raws.iter().map(|raw| raw.text().to_owned()).collect::<Vec<_>>();
     assert_eq!(texts(fields[1].1.as_list(&mut faults)), ["1", "(2, 3)", "[4]"]);
     assert_eq!(texts(fields[2].1.as_tuple(&mut faults)), ["1", "(2)"]);
-    assert!(faults.is_empty(), "{}", list(&faults));
+    assert!(faults.is_empty(), "{}", list(&faults.into_vec()));
 }

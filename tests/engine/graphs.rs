@@ -1,7 +1,8 @@
 //! What a graph means: wires, sets, sources of parameters, what runs again and what does not.
 
 use relight::graph::{
-    Cancel, EngineOptions, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw, Source, Status,
+    Cancel, EngineOptions, Faults, Graph, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw, Resolved,
+    Source, Status,
 };
 
 use crate::nodes::*;
@@ -9,7 +10,7 @@ use crate::nodes::*;
 fn members(set: &str, names: &[&str]) -> Overlay {
     let member = |name: &&str| {
         let source = Source::new("scene.ron", format!("\"{name}\""));
-        let origin = Raw::document(&source, &mut vec![]).expect("a value").origin;
+        let origin = Raw::document(&source, &mut Faults::default()).expect("a value").origin;
         Member { set: set.into(), name: name.to_string(), origin }
     };
     Overlay { settings: vec![], members: names.iter().map(member).collect() }
@@ -89,6 +90,90 @@ fn members_come_from_outside_too() {
     assert_eq!(value(&report, "sum"), (4 * 7 + 4) * 7 + 4);
     // e[a], e[b] and e[c] are the same work.
     assert_eq!(ran(&report).len(), 3);
+}
+
+/// Where work grows as the square of the members, this takes minutes.
+#[test]
+fn a_set_may_have_a_hundred_thousand_members() {
+    const MANY: usize = 100_000;
+    let names: Vec<String> = (0..MANY).map(|i| format!("m{i}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let body = r#"sets: { "s": [], "t": [] }, nodes: { "c": (op: Const(value: 3)),
+        "e": (op: Add, each: "s", in: { "number": "c" }), "f": (op: Add, each: "s", in: { "number": "e" }),
+        "sum": (op: Sum, in: { "numbers": "f" }) }, outputs: ["sum"]"#;
+    let mut overlay = members("s", &names);
+    let resolved = graph_with(body, &overlay);
+    assert_eq!(resolved.instances().count(), 2 * MANY + 2);
+    assert_eq!(resolved.takes_from("f[m99999]"), ["e[m99999]"]);
+
+    overlay.members.extend(members("s", &names).members);
+    let twice = try_graph(&format!("Graph(version: 1, {body})"), &overlay).err().expect("each member is there twice");
+    assert_eq!(twice[0].message, "set `s` already has a member `m0`");
+    assert_eq!(twice[50].message, format!("and up to {} faults more", MANY - 50));
+
+    let mut overlay = members("s", &names);
+    overlay.members.extend(members("t", &names[..MANY / 2]).members);
+    let unlike = body.replace(r#""e": (op: Add, each: "s""#, r#""e": (op: Add, each: "t""#);
+    let lacking = try_graph(&format!("Graph(version: 1, {unlike})"), &overlay).err().expect("`t` has half of them");
+    assert_eq!(lacking[0].message, "input `number` of node `f` (Add) wanted one for member `m50000`, `e` has none");
+    assert_eq!(lacking.len(), 51);
+}
+
+#[test]
+fn a_graph_that_its_sets_make_too_large_is_refused() {
+    let names: Vec<String> = (0..2000).map(|i| format!("m{i}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let body = r#"Graph(version: 1, sets: { "s": [] }, nodes: { "c": (op: Const(value: 3)),
+        "e": (op: Add, each: "s", in: { "number": "c" }), "all": (op: Sum, each: "s", in: { "numbers": "e" }) })"#;
+    let told = |members: Overlay| try_graph(body, &members).err().map(|faults| list(&faults));
+    assert_eq!(told(members("s", &names[..900])), None);
+    let wanted = "graphs/test.ron: wanted at most 1000000 instances of nodes and wires between them, got 4006001 \
+        (set `s` has 2000 members)\n";
+    assert_eq!(told(members("s", &names)).as_deref(), Some(wanted));
+}
+
+/// As the frames of a sequence are resolved.
+#[test]
+fn one_overlay_after_the_other_gives_what_each_gives_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.bin"), b"abc").unwrap();
+    let text = r#"Graph(version: 1, sets: { "s": ["x"] }, nodes: { "c": (op: Const(value: 1)), "r": (op: Read(file: "a.bin")),
+        "e": (op: Mixed, each: "s", in: { "a": "c", "b": "r" }), "sum": (op: Sum, in: { "numbers": "e" }) },
+        outputs: ["sum"])"#;
+    let source = Source::new(folder.path().join("graph.ron"), text);
+    let file = GraphFile::parse(source).unwrap_or_else(|faults| panic!("{}", list(&faults)));
+    let keys = |graph: &Graph| {
+        let report = run(&in_memory(), graph);
+        report.nodes.iter().map(|node| (node.name.clone(), node.key)).collect::<Vec<_>>()
+    };
+    let sound = [
+        settings(&["c.value=1"]),
+        settings(&["c.value=2"]),
+        settings(&["c.value=2", "r.limit=5"]),
+        settings(&["r.limit=5", "c.value=2"]),
+        members("s", &["y"]),
+        Overlay::default(),
+        settings(&["Mixed.factor=3.0"]),
+        settings(&["c.value=1"]),
+    ];
+    let mut before = Resolved::default();
+    for (i, overlay) in sound.iter().enumerate() {
+        let next =
+            file.resolve_next(&registry(), overlay, &mut before).unwrap_or_else(|faults| panic!("{}", list(&faults)));
+        let alone = file.resolve(&registry(), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)));
+        assert_eq!(keys(&next), keys(&alone), "overlay {i}");
+        assert!(file.check(&registry(), overlay, &mut before).is_ok());
+        // Faults are those of the overlay by itself too, and leave no trace.
+        for wrong in [settings(&["r.limit=11"]), settings(&["c.value=x"]), members("s", &["x"])] {
+            let got = file.check(&registry(), &wrong, &mut before).expect_err("it is not sound");
+            assert_eq!(Some(got), file.resolve(&registry(), &wrong).err(), "overlay {i}");
+        }
+    }
+    // No file is read a second time.
+    std::fs::remove_file(folder.path().join("a.bin")).unwrap();
+    let last = settings(&["r.limit=7"]);
+    assert!(file.check(&registry(), &last, &mut before).is_ok());
+    assert!(file.resolve(&registry(), &last).is_err());
 }
 
 #[test]

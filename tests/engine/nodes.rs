@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use relight::graph::{
-    Artifact, CacheFolder, CacheKey, Cancel, Context, DiskCache, Engine, EngineOptions, Fault, File, Gather, Graph,
-    GraphFile, Node, NodeError, Overlay, PortValue, Raw, Registry, RunReport, Scatter, Setting, Source, Status, Target,
+    Artifact, CacheFolder, CacheKey, Cancel, Context, DiskCache, Engine, EngineOptions, Fault, Faults, File, Gather,
+    Graph, GraphFile, Node, NodeError, Overlay, PortValue, Raw, Registry, RunReport, Scatter, Setting, Source, Status,
+    Target,
 };
 use relight::{params, ports};
 use serde::{Deserialize, Serialize};
@@ -215,7 +216,7 @@ pub fn setting(path: &str, text: &str) -> Setting {
     let (field, value) = rest.split_once('=').expect("an equals sign");
     let is_kind = target.starts_with(char::is_uppercase);
     let target = if is_kind { Target::Kind(target.into()) } else { Target::Node(target.into()) };
-    let value = Raw::document(&Source::new(path, value), &mut vec![]).expect("a RON value");
+    let value = Raw::document(&Source::new(path, value), &mut Faults::default()).expect("a RON value");
     Setting { target, field: field.into(), value }
 }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use relight::files::{edit, scene};
-use relight::graph::{Fault, Graph, GraphFile, Key, Member, Overlay, Raw, Registry, Setting, Source, Target};
+use relight::graph::{Fault, Faults, Graph, GraphFile, Key, Member, Overlay, Raw, Registry, Setting, Source, Target};
 use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 
 use crate::cli::args::Networks;
@@ -182,22 +182,23 @@ impl Subject {
 
     /// Each light off, all lights out of view off, and the edits that the truth names.
     fn find_edits(&mut self, folder: &Path, file: &GraphFile) -> Result<(), Vec<Fault>> {
-        let mut faults = Vec::new();
+        let mut faults = Faults::default();
         let lights = self.of("pictures").map(|value| value.as_map(&mut faults)).unwrap_or_default();
         let known: Vec<String> =
             self.room.members.iter().filter(|m| m.set == "visible").map(|m| m.name.clone()).collect();
         let invisible = [INV_LAMP, INV_WINDOW];
         for (key, _) in &lights {
             if !known.contains(&key.name) && !invisible.contains(&key.name.as_str()) {
-                let fault = Fault::at(&key.origin, format!("the scene has no light `{}`", key.name));
-                faults.push(fault.suggest(&key.name, known.iter().map(String::as_str).chain(invisible)));
+                faults.push(|| {
+                    let fault = Fault::at(&key.origin, format!("the scene has no light `{}`", key.name));
+                    fault.suggest(&key.name, known.iter().map(String::as_str).chain(invisible))
+                });
             }
         }
         for light in known.iter().filter(|id| lights.iter().all(|(key, _)| key.name != **id)) {
             if let Some(pictures) = self.of("pictures") {
-                faults.push(
-                    pictures.fault(format!("`pictures` has none of the light `{light}`: wanted one of each light")),
-                );
+                let message = format!("`pictures` has none of the light `{light}`: wanted one of each light");
+                faults.push(|| pictures.fault(message));
             }
         }
         let present = |id: &&str| lights.iter().any(|(key, _)| key.name == **id);
@@ -232,13 +233,13 @@ impl Subject {
                         None => self.edits.push(Edit { name, change, truth: vec![("truth", picture)] }),
                     }
                 }
-                Err(new) => faults.extend(new),
+                Err(new) => new.into_iter().for_each(|fault| faults.push(|| fault)),
             }
         }
         if !self.has("pictures") && !self.has("edits") {
             self.left_out.push("edits: the scene's truth has no `pictures`, no `edits`".into());
         }
-        if faults.is_empty() { Ok(()) } else { Err(faults) }
+        if faults.is_empty() { Ok(()) } else { Err(faults.into_vec()) }
     }
 
     /// The person's graph first, then each that has more of the truth, up to all of it.
@@ -417,7 +418,7 @@ const OURS: &str = "relight eval";
 
 /// A value as if it stood in the file `path`; relative paths in it start from there.
 fn raw(text: String, path: &Path) -> Raw {
-    Raw::document(&Source::new(path, text), &mut Vec::new()).expect("we write sound RON")
+    Raw::document(&Source::new(path, text), &mut Faults::default()).expect("we write sound RON")
 }
 
 /// The node of `node.port`.

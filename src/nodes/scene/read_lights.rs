@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::graph::{Context, Fault, File, Gather, Key, Node, NodeError, Raw, Scatter, Source};
+use crate::graph::{Context, Fault, Faults, File, Gather, Key, Node, NodeError, Raw, Scatter, Source};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES};
 use crate::optics::{Lamp, LightKind, Lobe, Radiance, Shape, Window};
 use crate::{params, ports};
@@ -96,33 +96,35 @@ type Light = (Shape, Radiance);
 
 /// The lights `wanted`, in their order. JSON is read as the RON that it is, so that every fault has its place.
 fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>, Vec<Fault>> {
-    let mut faults = Vec::new();
+    let mut faults = Faults::default();
     let document = Raw::document(source, &mut faults);
     let entries = document.map(|document| document.as_map(&mut faults)).unwrap_or_default();
     if !faults.is_empty() {
-        return Err(faults);
+        return Err(faults.into_vec());
     }
     let mut lights = vec![None; wanted.len()];
     for (key, value) in &entries {
         let Some(place) = wanted.iter().position(|(id, _)| *id == key.name) else {
-            let fault = Fault::at(&key.origin, format!("the scene has no light `{}`", key.name));
-            faults.push(fault.suggest(&key.name, wanted.iter().map(|(id, _)| *id)));
+            faults.push(|| {
+                let fault = Fault::at(&key.origin, format!("the scene has no light `{}`", key.name));
+                fault.suggest(&key.name, wanted.iter().map(|(id, _)| *id))
+            });
             continue;
         };
         let (id, kind) = wanted[place];
-        let before = faults.len();
+        let before = faults.found();
         let fields = value.as_map(&mut faults);
-        if faults.len() == before {
+        if faults.found() == before {
             lights[place] = Entry { id, whole: value, fields }.light(kind, &mut faults);
         }
     }
     for (id, _) in wanted.iter().filter(|(id, _)| ![INV_LAMP, INV_WINDOW].contains(id)) {
         if entries.iter().all(|(key, _)| key.name != *id) {
-            faults.push(Fault::file(&source.path, format!("the scene's light `{id}` is not in this file")));
+            faults.push(|| Fault::file(&source.path, format!("the scene's light `{id}` is not in this file")));
         }
     }
     if !faults.is_empty() {
-        return Err(faults);
+        return Err(faults.into_vec());
     }
     Ok(lights.into_iter().map(|light| light.unwrap_or((Shape::Absent, Radiance(vec![])))).collect())
 }
@@ -142,13 +144,13 @@ const MOST_BANDWIDTH: f32 = 1e7;
 const SKEW: f32 = 0.01;
 
 impl Entry<'_> {
-    fn light(&self, wanted: LightKind, faults: &mut Vec<Fault>) -> Option<Light> {
+    fn light(&self, wanted: LightKind, faults: &mut Faults) -> Option<Light> {
         const LAMPS: [&str; 4] = ["Sphere", "Box", "Rect", "Mesh"];
         let kinds = if wanted == LightKind::Window { &["Window"][..] } else { &LAMPS };
         let kind = self.get("kind", &format!("one of {}", kinds.join(", ")), faults, |raw| {
             raw.parse::<String>().ok().filter(|kind| kinds.contains(&kind.as_str()))
         })?;
-        let before = faults.len();
+        let before = faults.found();
         let known: &[&str] = match kind.as_str() {
             "Sphere" => &["kind", "center", "radius", "radiance"],
             "Box" => &["kind", "center", "half_axes", "radiance"],
@@ -158,7 +160,7 @@ impl Entry<'_> {
         };
         self.only(known, faults);
         if kind == "Window" {
-            return self.window(faults).filter(|_| faults.len() == before);
+            return self.window(faults).filter(|_| faults.found() == before);
         }
         let radiance = self.radiance(faults);
         let lamp = match kind.as_str() {
@@ -168,16 +170,16 @@ impl Entry<'_> {
             _ => self.mesh(faults),
         };
         let light = (Shape::Lamp(lamp?), Radiance(vec![radiance?]));
-        (faults.len() == before).then_some(light)
+        (faults.found() == before).then_some(light)
     }
 
-    fn sphere(&self, faults: &mut Vec<Fault>) -> Option<Lamp> {
+    fn sphere(&self, faults: &mut Faults) -> Option<Lamp> {
         let center = self.vector("center", faults);
         let radius = self.get("radius", "a number > 0", faults, |raw| number(raw).filter(|&r| r > 0.0));
         Some(Lamp::Sphere { center: center?, radius: radius? })
     }
 
-    fn cuboid(&self, faults: &mut Vec<Fault>) -> Option<Lamp> {
+    fn cuboid(&self, faults: &mut Faults) -> Option<Lamp> {
         let center = self.vector("center", faults);
         let axes = self.get("half_axes", "three half edges [x, y, z] at right angles", faults, |raw| {
             let axes: [Vec3; 3] = vectors(&raw.parse::<Vec<Vec<f32>>>().ok()?)?.try_into().ok()?;
@@ -188,7 +190,7 @@ impl Entry<'_> {
     }
 
     /// Centre and half edges.
-    fn rect(&self, faults: &mut Vec<Fault>) -> Option<[Vec3; 3]> {
+    fn rect(&self, faults: &mut Faults) -> Option<[Vec3; 3]> {
         let center = self.vector("center", faults);
         let x = self.vector("half_x", faults);
         let wanted = "a half edge [x, y, z] at a right angle to `half_x`";
@@ -197,7 +199,7 @@ impl Entry<'_> {
         Some([center?, x?, y?])
     }
 
-    fn mesh(&self, faults: &mut Vec<Fault>) -> Option<Lamp> {
+    fn mesh(&self, faults: &mut Faults) -> Option<Lamp> {
         let triangles: Vec<Vec<Vec<f32>>> =
             self.get("triangles", "a list of triangles [[x, y, z], [x, y, z], [x, y, z]]", faults, |raw| {
                 raw.parse().ok()
@@ -224,7 +226,7 @@ impl Entry<'_> {
         Some(lamp)
     }
 
-    fn window(&self, faults: &mut Vec<Fault>) -> Option<Light> {
+    fn window(&self, faults: &mut Faults) -> Option<Light> {
         let edges = self.rect(faults);
         let list = self.raw("lobes", "a list of lobes", faults)?;
         let mut lobes: [Option<(Lobe, Vec3)>; 3] = [None; 3];
@@ -270,24 +272,18 @@ impl Entry<'_> {
         Some((Shape::Window(window), radiance))
     }
 
-    fn radiance(&self, faults: &mut Vec<Fault>) -> Option<Vec3> {
+    fn radiance(&self, faults: &mut Faults) -> Option<Vec3> {
         let within = |rgb: &Vec3| rgb.min_element() >= 0.0 && rgb.max_element() <= MOST_RADIANCE;
         let wanted = format!("three numbers 0..={MOST_RADIANCE:e}");
         self.get("radiance", &wanted, faults, |raw| vector(raw).filter(within))
     }
 
-    fn vector(&self, name: &str, faults: &mut Vec<Fault>) -> Option<Vec3> {
+    fn vector(&self, name: &str, faults: &mut Faults) -> Option<Vec3> {
         self.get(name, "three finite numbers [x, y, z]", faults, vector)
     }
 
     /// A field read by `read`, whose `None` is a fault.
-    fn get<T>(
-        &self,
-        name: &str,
-        wanted: &str,
-        faults: &mut Vec<Fault>,
-        read: impl FnOnce(&Raw) -> Option<T>,
-    ) -> Option<T> {
+    fn get<T>(&self, name: &str, wanted: &str, faults: &mut Faults, read: impl FnOnce(&Raw) -> Option<T>) -> Option<T> {
         let value = read(self.raw(name, wanted, faults)?);
         if value.is_none() {
             self.wrong(name, wanted, faults);
@@ -295,30 +291,32 @@ impl Entry<'_> {
         value
     }
 
-    fn raw(&self, name: &str, wanted: &str, faults: &mut Vec<Fault>) -> Option<&Raw> {
+    fn raw(&self, name: &str, wanted: &str, faults: &mut Faults) -> Option<&Raw> {
         let found = self.fields.iter().find(|(key, _)| key.name == name).map(|(_, value)| value);
         if found.is_none() {
             let id = self.id;
-            faults.push(Fault::at(&self.whole.origin, format!("`{id}`: {name}: wanted {wanted}, got none")));
+            faults.push(|| Fault::at(&self.whole.origin, format!("`{id}`: {name}: wanted {wanted}, got none")));
         }
         found
     }
 
     /// The fault of a field that is there.
-    fn wrong(&self, name: &str, wanted: &str, faults: &mut Vec<Fault>) {
+    fn wrong(&self, name: &str, wanted: &str, faults: &mut Faults) {
         let value = self.fields.iter().find(|(key, _)| key.name == name).map_or(self.whole, |(_, value)| value);
         let mut got: String = value.text().chars().take(60).map(|c| if c.is_control() { ' ' } else { c }).collect();
         if got.len() < value.text().len() {
             got.push_str("..");
         }
-        faults.push(value.fault(format!("`{}`: {name}: wanted {wanted}, got {got}", self.id)));
+        faults.push(|| value.fault(format!("`{}`: {name}: wanted {wanted}, got {got}", self.id)));
     }
 
     /// No other fields than these.
-    fn only(&self, known: &[&str], faults: &mut Vec<Fault>) {
+    fn only(&self, known: &[&str], faults: &mut Faults) {
         for (key, _) in self.fields.iter().filter(|(key, _)| !known.contains(&key.name.as_str())) {
-            let fault = Fault::at(&key.origin, format!("`{}`: unknown field `{}`", self.id, key.name));
-            faults.push(fault.suggest(&key.name, known.iter().copied()));
+            faults.push(|| {
+                let fault = Fault::at(&key.origin, format!("`{}`: unknown field `{}`", self.id, key.name));
+                fault.suggest(&key.name, known.iter().copied())
+            });
         }
     }
 }

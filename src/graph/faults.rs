@@ -1,0 +1,66 @@
+//! The faults of one file: the first of them, and the number of the others.
+
+use super::source::Fault;
+
+/// A file that is broken everywhere is not told everything.
+const MAX_FAULTS: usize = 50;
+
+/// Faults in the order in which they are found, each once. The first fifty are kept. The others are counted and never made, so that a
+/// file with a million faults costs little more than reading it.
+#[derive(Clone)]
+pub struct Faults {
+    kept: Vec<Fault>,
+    most: usize,
+    found: usize,
+    /// Faults that found no room; one that is kept already may be among them.
+    left_out: usize,
+}
+
+impl Default for Faults {
+    fn default() -> Faults {
+        Faults { kept: Vec::new(), most: MAX_FAULTS, found: 0, left_out: 0 }
+    }
+}
+
+impl Faults {
+    /// Keeps no fault: for a reader whose faults another one tells.
+    pub fn ignored() -> Faults {
+        Faults { most: 0, ..Faults::default() }
+    }
+
+    /// Adds a fault, which is made only where there is room for it.
+    pub fn push(&mut self, fault: impl FnOnce() -> Fault) {
+        self.found += 1;
+        if self.kept.len() == self.most {
+            self.left_out += 1;
+            return;
+        }
+        let fault = fault();
+        if !self.kept.contains(&fault) {
+            self.kept.push(fault);
+        }
+    }
+
+    /// The number of faults that were pushed; it grows with each.
+    pub fn found(&self) -> usize {
+        self.found
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.found == 0
+    }
+
+    /// The faults that are kept.
+    pub(super) fn kept(&self) -> &[Fault] {
+        &self.kept
+    }
+
+    /// The faults to show; the last one gives the number of those that are left out.
+    pub fn into_vec(mut self) -> Vec<Fault> {
+        if let Some(last) = self.kept.last().filter(|_| self.left_out > 0) {
+            let path = last.path.clone();
+            self.kept.push(Fault::file(&path, format!("and up to {} faults more", self.left_out)));
+        }
+        self.kept
+    }
+}
