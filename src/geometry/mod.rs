@@ -23,7 +23,7 @@ pub use grid::{Grid, cosine_direction};
 pub use known_length::{KnownLength, Metres, metric_depth, relative_depth};
 pub use like_surface::like_surface;
 pub use mesh::{Hit, Own, SceneMesh, Sight};
-pub use model::{Material, Model, Skin, parts};
+pub use model::{Material, Model, Skin, most_triangles, parts};
 pub use objects::{Drawing, Objects, draw};
 pub use plane_fit::PlaneFit;
 pub use rays::{RayMesh, RayMeshHit};

@@ -61,8 +61,8 @@ pub(super) fn read(source: Source) -> Result<ExrFile, ReadError> {
             format!("{} bytes", source.bytes.len()),
         ));
     }
-    if total > super::read::MAX_BYTES {
-        return Err(source.error("size in the header", format!("at most {} bytes", super::read::MAX_BYTES), total));
+    if total > source.most {
+        return Err(source.error("size in the header", format!("at most {} bytes", source.most), total));
     }
     let warnings = warnings(&meta);
     let image = ::exr::prelude::read()

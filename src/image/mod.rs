@@ -22,6 +22,7 @@ mod read;
 mod reflectance;
 mod resample;
 mod segments;
+mod texture;
 mod transfer;
 mod upsample;
 
@@ -49,6 +50,7 @@ pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth
 pub use reflectance::{SATURATION, clip_level, ratio, reflected, smooth_step};
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};
+pub use texture::Texture;
 pub use transfer::Transfer;
 pub use upsample::{Taps, Upsampler, neighbours};
 

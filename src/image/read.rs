@@ -6,7 +6,7 @@
 use std::io::Cursor;
 
 use ::image::metadata::Orientation;
-use ::image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
+use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use glam::Vec3;
 
 use super::{Mask, Picture, Plane, Transfer, exr_read, npy};
@@ -42,11 +42,18 @@ impl ReadError {
 pub struct Source<'a> {
     pub name: &'a str,
     pub bytes: &'a [u8],
+    /// Most bytes of all channels together, decoded.
+    pub(super) most: u64,
 }
 
 impl<'a> Source<'a> {
     pub fn new(name: &'a str, bytes: &'a [u8]) -> Source<'a> {
-        Source { name, bytes }
+        Source { name, bytes, most: MAX_BYTES }
+    }
+
+    /// The same file, of which at most `most` decoded bytes are read.
+    pub(super) fn within(self, most: u64) -> Source<'a> {
+        Source { most: most.min(self.most), ..self }
     }
 
     pub(super) fn error(&self, what: &str, wanted: impl ToString, got: impl ToString) -> ReadError {
@@ -60,8 +67,8 @@ impl<'a> Source<'a> {
         if pixels == 0 {
             return Err(self.error("size in the header", "at least one pixel", got));
         }
-        if pixels > MAX_PIXELS || pixels.saturating_mul(bytes_per_pixel) > MAX_BYTES {
-            let wanted = format!("at most {} megapixels and {} MiB", MAX_PIXELS >> 20, MAX_BYTES >> 20);
+        if pixels > MAX_PIXELS || pixels.saturating_mul(bytes_per_pixel) > self.most {
+            let wanted = format!("at most {} megapixels and {} MiB", MAX_PIXELS >> 20, self.most >> 20);
             return Err(self.error("size in the header", wanted, got));
         }
         if pixels > MAX_PIXELS_PER_BYTE * self.bytes.len() as u64 {
@@ -74,7 +81,7 @@ impl<'a> Source<'a> {
 
 /// A file format, told by its first bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Format {
+pub(super) enum Format {
     Png,
     Jpeg,
     Hdr,
@@ -82,7 +89,7 @@ enum Format {
     Npy,
 }
 
-fn format(source: Source) -> Option<Format> {
+pub(super) fn format(source: Source) -> Option<Format> {
     const SIGNATURES: [(&[u8], Format); 5] = [
         (b"\x89PNG\r\n\x1a\n", Format::Png),
         (b"\xff\xd8\xff", Format::Jpeg),
@@ -123,18 +130,18 @@ pub struct Photo {
 }
 
 /// Stored samples of PNG, JPEG and HDR, interleaved.
-enum Samples {
+pub(super) enum Samples {
     Eight(Vec<u8>),
     Sixteen(Vec<u16>),
     Float(Vec<f32>),
 }
 
-struct Raster {
-    width: usize,
-    height: usize,
+pub(super) struct Raster {
+    pub(super) width: usize,
+    pub(super) height: usize,
     /// 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
-    channels: usize,
-    samples: Samples,
+    pub(super) channels: usize,
+    pub(super) samples: Samples,
 }
 
 impl Raster {
@@ -168,6 +175,20 @@ impl Raster {
         Plane::new(self.width, self.height, values.chunks_exact(self.channels).map(colour).collect())
     }
 
+    /// Whether a pixel has an alpha below the greatest.
+    pub(super) fn is_transparent(&self) -> bool {
+        let channels = self.channels;
+        let any = |below: &dyn Fn(usize) -> bool| {
+            channels.is_multiple_of(2)
+                && (channels - 1..self.width * self.height * channels).step_by(channels).any(below)
+        };
+        match &self.samples {
+            Samples::Eight(values) => any(&|i| values[i] < u8::MAX),
+            Samples::Sixteen(values) => any(&|i| values[i] < u16::MAX),
+            Samples::Float(values) => any(&|i| values[i] < 1.0),
+        }
+    }
+
     /// The alpha channel of interleaved `values`, when there is one.
     fn alpha(&self, values: &[f32]) -> Option<Vec<f32>> {
         self.channels
@@ -176,10 +197,11 @@ impl Raster {
     }
 }
 
-fn decode_raster(source: Source, format: ImageFormat) -> Result<Raster, ReadError> {
+pub(super) fn decode_raster(source: Source, format: ImageFormat) -> Result<Raster, ReadError> {
     let bad = |e: ::image::ImageError| source.error("content", format!("a sound {format:?} file"), e);
     let mut limits = Limits::default();
-    limits.max_alloc = Some(MAX_BYTES);
+    // Beside the pixels, room for tables and metadata.
+    limits.max_alloc = Some(source.most.saturating_add(16 << 20).min(MAX_BYTES));
     let mut reader = ImageReader::with_format(Cursor::new(source.bytes), format);
     reader.limits(limits);
     let mut decoder = reader.into_decoder().map_err(bad)?;
@@ -191,13 +213,18 @@ fn decode_raster(source: Source, format: ImageFormat) -> Result<Raster, ReadErro
     let mut image = DynamicImage::from_decoder(decoder).map_err(bad)?;
     image.apply_orientation(orientation);
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let samples = match colour {
-        ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => Samples::Eight(image.into_bytes()),
-        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
-            Samples::Sixteen(bytemuck::pod_collect_to_vec(image.as_bytes()))
-        }
-        ColorType::Rgb32F | ColorType::Rgba32F => Samples::Float(bytemuck::pod_collect_to_vec(image.as_bytes())),
-        other => return Err(source.error("pixels", "grey or RGB, 8 or 16 bits or float", format!("{other:?}"))),
+    let samples = match image {
+        DynamicImage::ImageLuma8(_)
+        | DynamicImage::ImageLumaA8(_)
+        | DynamicImage::ImageRgb8(_)
+        | DynamicImage::ImageRgba8(_) => Samples::Eight(image.into_bytes()),
+        DynamicImage::ImageLuma16(image) => Samples::Sixteen(image.into_raw()),
+        DynamicImage::ImageLumaA16(image) => Samples::Sixteen(image.into_raw()),
+        DynamicImage::ImageRgb16(image) => Samples::Sixteen(image.into_raw()),
+        DynamicImage::ImageRgba16(image) => Samples::Sixteen(image.into_raw()),
+        DynamicImage::ImageRgb32F(image) => Samples::Float(image.into_raw()),
+        DynamicImage::ImageRgba32F(image) => Samples::Float(image.into_raw()),
+        _ => return Err(source.error("pixels", "grey or RGB, 8 or 16 bits or float", format!("{colour:?}"))),
     };
     let channels = usize::from(colour.channel_count());
     Ok(Raster { width, height, channels, samples })
@@ -223,7 +250,7 @@ pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError
             let raster = decode_raster(source, image_format(kind))?;
             let bits = raster.bits();
             let stored = raster.map(|v| v);
-            if raster.alpha(&stored).is_some_and(|alpha| alpha.iter().any(|&a| a < 1.0)) {
+            if raster.is_transparent() {
                 warnings.push("the photo is transparent in places: its alpha channel is left out".into());
             }
             match bits {
@@ -310,7 +337,7 @@ pub fn read_mask(source: Source) -> Result<Mask, ReadError> {
     })))
 }
 
-fn image_format(format: Format) -> ImageFormat {
+pub(super) fn image_format(format: Format) -> ImageFormat {
     match format {
         Format::Png => ImageFormat::Png,
         Format::Jpeg => ImageFormat::Jpeg,

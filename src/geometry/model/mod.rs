@@ -1,5 +1,6 @@
 //! Models from files: triangles with what they are made of.
 
+mod budget;
 mod gltf;
 mod obj;
 mod ply;
@@ -10,7 +11,13 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3};
 
 use super::bounds;
-use crate::image::Plane;
+use crate::image::Texture;
+
+pub use budget::most_triangles;
+use budget::{Budget, MOST_FILES, Textures};
+
+/// Most characters that are shown of what is wrong with a file: a message may quote a line or name each fault.
+const SHOWN: usize = 400;
 
 /// Gives the bytes of a file that a model names.
 type Part<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
@@ -30,12 +37,19 @@ pub fn parts(
     if ending == "gltf" {
         return gltf::parts(&bytes);
     }
-    let mut names = obj::libraries(&bytes);
+    let mut names = distinct(obj::libraries(&bytes));
     let pictures = |library: &String| beside(library).map_or(Vec::new(), |bytes| obj::pictures(&bytes));
     names.extend(names.iter().flat_map(pictures).collect::<Vec<_>>());
+    names = distinct(names);
     names.retain(|name| beside(name).is_some());
+    names
+}
+
+/// Sorted, without duplicates, and no more than one too many: reading a model that names so many files is an error.
+fn distinct(mut names: Vec<String>) -> Vec<String> {
     names.sort();
     names.dedup();
+    names.truncate(MOST_FILES + 1);
     names
 }
 
@@ -61,9 +75,9 @@ pub struct Material {
 pub struct Skin {
     pub material: Material,
     /// Factor of the albedo over the texture's unit square, rows from the top.
-    pub colour: Option<Arc<Plane<Vec3>>>,
-    /// Factors of roughness (y) and metallic (z).
-    pub gloss: Option<Arc<Plane<Vec3>>>,
+    pub colour: Option<Arc<Texture>>,
+    /// Factors of roughness (y) and metallic (z), stored as linear numbers.
+    pub gloss: Option<Arc<Texture>>,
 }
 
 impl Skin {
@@ -75,10 +89,10 @@ impl Skin {
     pub fn at(&self, uv: Vec2) -> Material {
         let mut material = self.material;
         if let Some(colour) = &self.colour {
-            material.albedo *= texel(colour, uv);
+            material.albedo *= texel(colour, uv, true);
         }
         if let Some(gloss) = &self.gloss {
-            let factor = texel(gloss, uv);
+            let factor = texel(gloss, uv, false);
             material.roughness *= factor.y;
             material.metallic *= factor.z;
         }
@@ -88,8 +102,8 @@ impl Skin {
 }
 
 /// Bilinear, repeated beyond the unit square.
-fn texel(plane: &Plane<Vec3>, uv: Vec2) -> Vec3 {
-    let (w, h) = plane.size();
+fn texel(texture: &Texture, uv: Vec2, srgb: bool) -> Vec3 {
+    let (w, h) = texture.size();
     if w == 0 || h == 0 || !uv.is_finite() {
         return Vec3::ONE;
     }
@@ -97,7 +111,7 @@ fn texel(plane: &Plane<Vec3>, uv: Vec2) -> Vec3 {
     let (x, y) = (at.x.floor(), at.y.floor());
     let pixel = |dx: f32, dy: f32| {
         let wrap = |v: f32, size: usize| (v as isize).rem_euclid(size as isize) as usize;
-        plane.get(wrap(x + dx, w), wrap(y + dy, h))
+        texture.get(wrap(x + dx, w), wrap(y + dy, h), srgb)
     };
     let (fx, fy) = (at.x - x, at.y - y);
     pixel(0.0, 0.0).lerp(pixel(1.0, 0.0), fx).lerp(pixel(0.0, 1.0).lerp(pixel(1.0, 1.0), fx), fy)
@@ -119,28 +133,39 @@ pub struct Model {
     pub skins: Vec<Skin>,
     /// What a person should know of the file.
     pub warnings: Vec<String>,
+    /// Bytes of all files that it was read from.
+    pub file_bytes: usize,
 }
 
-/// Most triangles of a model.
-const MOST_TRIANGLES: usize = 20_000_000;
-
 impl Model {
-    /// Reads PLY, OBJ, glTF or GLB, told apart by the ending of `name`; `part` gives the bytes of a file that a glTF or OBJ names.
+    /// Reads PLY, OBJ, glTF or GLB, told apart by the ending of `name`; `part` gives the bytes of a file that a glTF or OBJ names, and
+    /// is asked once for each.
     ///
     /// # Errors
-    /// What was wanted and what was got, when the file is damaged or holds no triangle.
+    /// What was wanted and what was got, when the file is damaged, holds no triangle, or asks for more memory than its bytes stand for.
     pub fn read(
         name: &str,
         bytes: &[u8],
         part: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
     ) -> Result<Model, String> {
         let ending = ending(name);
+        let (mut file_bytes, mut files) = (bytes.len(), 0);
+        let mut part = |name: &str| {
+            if files == MOST_FILES {
+                return Err(format!("wanted a model that names up to {MOST_FILES} other files, got more"));
+            }
+            let bytes = part(name)?;
+            files += 1;
+            file_bytes += bytes.len();
+            Ok(bytes)
+        };
         let mut model = match ending.as_str() {
             "ply" => ply::read(bytes)?,
-            "obj" => obj::read(bytes, part)?,
-            "gltf" | "glb" => gltf::read(bytes, part)?,
+            "obj" => obj::read(bytes, &mut part)?,
+            "gltf" | "glb" => gltf::read(bytes, &mut part)?,
             _ => return Err(format!("wanted a model that ends in .ply, .obj, .gltf or .glb, got {ending:?}")),
         };
+        model.file_bytes = file_bytes;
         model.check()?;
         Ok(model)
     }
@@ -190,9 +215,6 @@ impl Model {
 
     fn check(&mut self) -> Result<(), String> {
         let (count, all) = (self.positions.len(), self.triangles.len());
-        if all > MOST_TRIANGLES {
-            return Err(format!("wanted up to {MOST_TRIANGLES} triangles, got {all}"));
-        }
         if let Some(at) = self.positions.iter().position(|p| !(p.is_finite() && p.abs().max_element() < 1e15)) {
             return Err(format!("wanted finite numbers, got {} at vertex {at}", self.positions[at]));
         }
@@ -321,7 +343,7 @@ mod tests {
         let library = "newmtl red\nKd 0.5 0.1 0.02\nKs 0.5 0.5 0.5\nNs 30\nmap_Bump b.png\nd 0.4\n\
             newmtl gold\nKd 1 0.8 0.3\nPr 0.25\nPm 1\nNs 900\nnewmtl cloth\nKd 0 0 0\nmap_Kd -s 1 1 1 tex/c.png\n\
             newmtl dull\nKd 0.2 2 nan\nKs 1 1 1\nNs 500\nillum 1\n";
-        let cloth = crate::image::Picture(Plane::filled(2, 2, Vec3::new(0.5, 0.25, 1.0)));
+        let cloth = crate::image::Picture(crate::image::Plane::filled(2, 2, Vec3::new(0.5, 0.25, 1.0)));
         let cloth = crate::image::write_png(&cloth, crate::image::Transfer::Srgb, false);
         let beside = |name: &str| match name {
             "a.mtl" => Some(library.as_bytes().to_vec()),

@@ -1,13 +1,16 @@
 //! Wavefront OBJ with its material libraries.
 
 use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::fmt::Write;
 use std::path::Path;
-use std::sync::Arc;
 
 use glam::{Vec2, Vec3};
 
-use super::{Material, Model, Part, Skin};
-use crate::image::{Plane, Source, Transfer, read_photo};
+use super::{Budget, Material, Model, Part, Skin, Textures};
+
+/// Most materials of all libraries of a model.
+const MOST_MATERIALS: usize = 10_000;
 
 /// The material libraries that an OBJ names.
 pub fn libraries(bytes: &[u8]) -> Vec<String> {
@@ -18,7 +21,8 @@ pub fn libraries(bytes: &[u8]) -> Vec<String> {
 
 /// The pictures that a material library names and that are read.
 pub fn pictures(bytes: &[u8]) -> Vec<String> {
-    let Ok((materials, _)) = tobj::load_mtl_buf(&mut &*bytes) else { return Vec::new() };
+    let Ok(text) = sound_library(bytes, MOST_MATERIALS) else { return Vec::new() };
+    let Ok((materials, _)) = tobj::load_mtl_buf(&mut text.as_bytes()) else { return Vec::new() };
     materials.iter().filter_map(|material| Some(picture(material.diffuse_texture.as_ref()?))).collect()
 }
 
@@ -28,26 +32,92 @@ fn picture(texture: &str) -> String {
     name.unwrap_or_default().replace('\\', "/")
 }
 
+/// The text of a library of at most `most` materials, in which each color has the three numbers that the crate takes for granted: one
+/// stands for all three.
+fn sound_library(bytes: &[u8], most: usize) -> Result<String, String> {
+    let text = std::str::from_utf8(bytes).map_err(|e| e.to_string())?;
+    let (mut whole, mut materials) = (String::with_capacity(text.len()), 0);
+    for (index, line) in text.lines().enumerate() {
+        let words: Vec<&str> = line.split_whitespace().take(4).collect();
+        match words[..] {
+            ["newmtl", ..] => materials += 1,
+            [key @ ("Ka" | "Kd" | "Ks" | "Ke"), grey] => {
+                let _ = writeln!(whole, "{key} {grey} {grey} {grey}");
+                continue;
+            }
+            [key @ ("Ka" | "Kd" | "Ks" | "Ke")] | [key @ ("Ka" | "Kd" | "Ks" | "Ke"), _, _] => {
+                return Err(format!("line {}: wanted one or three numbers after {key}", index + 1));
+            }
+            _ => {}
+        }
+        whole.push_str(line);
+        whole.push('\n');
+    }
+    if materials > most {
+        return Err(format!("wanted up to {MOST_MATERIALS} materials in a model, got at least {materials}"));
+    }
+    Ok(whole)
+}
+
+/// Counts groups and faces before they are read, and holds indices against what the crate computes with.
+fn check(bytes: &[u8]) -> Result<(), String> {
+    let mut budget = Budget::new(bytes.len());
+    let text = String::from_utf8_lossy(bytes);
+    let (mut material, mut open) = ("", false);
+    for (index, line) in text.lines().enumerate() {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("f" | "l") => {
+                let mut corners = 0;
+                for corner in words {
+                    corners += 1;
+                    let far = |i: &str| i.parse::<i64>().is_ok_and(|i| i.unsigned_abs() > u32::MAX.into());
+                    if corner.len() > 10 && corner.split('/').any(far) {
+                        return Err(format!("line {}: wanted indices up to {}, got {corner}", index + 1, u32::MAX));
+                    }
+                }
+                // A point and a line are triangles without area.
+                budget.take(corners, corners.saturating_sub(2).max(1))?;
+                open = true;
+            }
+            Some("o" | "g") if std::mem::take(&mut open) => budget.part()?,
+            Some("usemtl") if std::mem::replace(&mut material, line) != line => budget.part()?,
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
+    let bad = |e: &dyn std::fmt::Display| format!("wanted a sound OBJ file: {e}");
+    check(bytes).map_err(|e| bad(&e))?;
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ..tobj::LoadOptions::default() };
     let mut model = Model::default();
     let (part, warnings) = (RefCell::new(part), RefCell::new(Vec::new()));
+    let (named, materials) = (RefCell::new(BTreeSet::new()), RefCell::new(0));
     let library = |name: &Path| {
         let name = name.to_string_lossy();
+        // A library that is named again is known.
+        if !named.borrow_mut().insert(name.to_string()) {
+            return Ok(Default::default());
+        }
         let found = part.borrow_mut()(&name).and_then(|bytes| {
-            let bad = |e| format!("wanted a sound material library, {name}: {e}");
-            tobj::load_mtl_buf(&mut &*bytes).map_err(bad)
+            let text = sound_library(&bytes, MOST_MATERIALS - *materials.borrow());
+            let read = text.and_then(|text| tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| e.to_string()));
+            read.map_err(|e| format!("wanted a sound material library, {name}: {e}"))
         });
-        Ok(found.unwrap_or_else(|told| {
+        let found = found.unwrap_or_else(|told| {
             warnings.borrow_mut().push(format!("{told}; what it is made of is not known"));
             Default::default()
-        }))
+        });
+        *materials.borrow_mut() += found.0.len();
+        Ok(found)
     };
-    let (meshes, materials) =
-        tobj::load_obj_buf(&mut &*bytes, &options, library).map_err(|e| format!("wanted a sound OBJ file: {e}"))?;
+    let (meshes, materials) = tobj::load_obj_buf(&mut &*bytes, &options, library).map_err(|e| bad(&e))?;
     let (part, mut warnings) = (part.into_inner(), warnings.into_inner());
+    let mut textures = Textures::default();
     for material in &materials.unwrap_or_default() {
-        model.skins.push(skin(material, part, &mut warnings)?);
+        model.skins.push(skin(material, part, &mut textures, &mut warnings)?);
     }
     model.warnings = warnings;
     let plain = model.skins.len() as u32;
@@ -73,7 +143,12 @@ const SAYS_NOTHING: f32 = 0.5;
 
 /// Kd is taken as linear, as Blender writes it, and multiplies map_Kd. The roughness is Pr; else, where there is a highlight, the exponent
 /// Ns of its lobe tells it: alpha = roughness^2 = sqrt(2 / (Ns + 2)) (Walter et al., "Microfacet Models for Refraction", EGSR 2007).
-fn skin(material: &tobj::Material, part: Part, warnings: &mut Vec<String>) -> Result<Skin, String> {
+fn skin(
+    material: &tobj::Material,
+    part: Part,
+    textures: &mut Textures,
+    warnings: &mut Vec<String>,
+) -> Result<Skin, String> {
     let number = |name: &str| material.unknown_param.get(name).and_then(|text| text.trim().parse::<f32>().ok());
     let share = |value: f32| if value.is_finite() { value.clamp(0.0, 1.0) } else { SAYS_NOTHING };
     let colour = |rgb: [f32; 3]| Vec3::from_array(rgb.map(share));
@@ -85,18 +160,16 @@ fn skin(material: &tobj::Material, part: Part, warnings: &mut Vec<String>) -> Re
     let mut texture = None;
     if let Some(of) = &material.diffuse_texture {
         let name = picture(of);
-        match part(&name) {
-            Ok(bytes) => {
-                let read = read_photo(Source::new(&name, &bytes), Transfer::Srgb);
-                let read = read.map_err(|e| format!("{name}: {}", e.message()))?;
-                warnings.extend(read.warnings.iter().map(|w| format!("{name}: {w}")));
-                texture = Some(Arc::<Plane<Vec3>>::new(read.picture.0));
-                // Some programs leave the colour black where there is a picture of it.
-                if albedo == Vec3::ZERO || material.diffuse.is_none() {
-                    albedo = Vec3::ONE;
-                }
+        texture = textures.find(&name);
+        if texture.is_none() {
+            match part(&name) {
+                Ok(bytes) => texture = Some(textures.read(&name, &bytes, warnings)?),
+                Err(told) => warnings.push(format!("material {:?}: {told}; its map_Kd is not used", material.name)),
             }
-            Err(told) => warnings.push(format!("material {:?}: {told}; its map_Kd is not used", material.name)),
+        }
+        // Some programs leave the colour black where there is a picture of it.
+        if texture.is_some() && (albedo == Vec3::ZERO || material.diffuse.is_none()) {
+            albedo = Vec3::ONE;
         }
         if of.starts_with('-') {
             warnings.push(format!("material {:?}: options of map_Kd are not used", material.name));

@@ -4,9 +4,9 @@ use std::io::Cursor;
 
 use glam::{Vec2, Vec3};
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
+use ply_rs_bw::ply::{ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
 
-use super::{Model, fan};
+use super::{Budget, Model, SHOWN, fan};
 use crate::image::Transfer;
 
 /// One element of either kind: a vertex has numbers, a face a list.
@@ -91,34 +91,73 @@ fn linear(colour: Vec3) -> Vec3 {
     Vec3::from_array(colour.to_array().map(share))
 }
 
+/// Elements that are read at a time: a file of one-byte elements would otherwise take 70 times its size.
+const AT_A_TIME: usize = 1 << 16;
+
+/// The least bytes that an element takes.
+fn least(element: &ElementDef, encoding: Encoding) -> usize {
+    let size = |kind: &ScalarType| match kind {
+        ScalarType::Char | ScalarType::UChar => 1,
+        ScalarType::Short | ScalarType::UShort => 2,
+        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
+        ScalarType::Double => 8,
+    };
+    let least = element.properties.values().map(|property| match (encoding, &property.data_type) {
+        // A digit and what parts it from the next.
+        (Encoding::Ascii, _) => 2,
+        (_, PropertyType::Scalar(kind) | PropertyType::List(kind, _)) => size(kind),
+    });
+    // The last line may end without a line end.
+    least.sum::<usize>().saturating_sub(usize::from(encoding == Encoding::Ascii)).max(1)
+}
+
 pub fn read(bytes: &[u8]) -> Result<Model, String> {
-    let bad = |e: &dyn std::fmt::Display| format!("wanted a sound PLY file: {e}");
+    let bad = |e: &dyn std::fmt::Display| {
+        let told: String = e.to_string().chars().take(SHOWN).collect();
+        format!("wanted a sound PLY file: {told}")
+    };
     let mut input = Reader::new(Cursor::new(bytes));
     let parser = Parser::<Element>::new();
     let header = parser.read_header(&mut input).map_err(|e| bad(&e))?;
+    let mut budget = Budget::new(bytes.len());
     let mut model = Model::default();
+    let mut claimed = 0usize;
     for (name, element) in &header.elements {
-        // No element takes less than a byte, so that a count beyond the file is a lie, told before anything is made of it.
-        if element.count > bytes.len() {
+        // A count beyond the file is told before anything is made of it.
+        claimed = claimed.saturating_add(element.count.saturating_mul(least(element, header.encoding)));
+        if claimed > bytes.len() {
             return Err(bad(&format!("{} elements `{name}` in {} bytes", element.count, bytes.len())));
         }
-        let elements = parser.read_payload_for_element(&mut input, element, &header).map_err(|e| bad(&e))?;
-        match name.as_str() {
-            "vertex" => {
-                model.positions = elements.iter().map(|e| e.position).collect();
-                model.normals = elements.iter().map(|e| e.normal).collect();
-                model.uvs = elements.iter().map(|e| e.uv).collect();
-                if COLOURS.iter().any(|names| names.iter().all(|name| element.properties.contains_key(*name))) {
-                    model.colours = elements.iter().map(|e| linear(e.colour)).collect();
+        let coloured = COLOURS.iter().any(|names| names.iter().all(|name| element.properties.contains_key(*name)));
+        if name == "vertex" {
+            budget.take(element.count, 0)?;
+            model.positions.reserve_exact(element.count);
+            model.normals.reserve_exact(element.count);
+            model.uvs.reserve_exact(element.count);
+            model.colours.reserve_exact(if coloured { element.count } else { 0 });
+        }
+        let mut some = element.clone();
+        for first in (0..element.count).step_by(AT_A_TIME) {
+            some.count = AT_A_TIME.min(element.count - first);
+            let elements = parser.read_payload_for_element(&mut input, &some, &header).map_err(|e| bad(&e))?;
+            match name.as_str() {
+                "vertex" => {
+                    model.positions.extend(elements.iter().map(|e| e.position));
+                    model.normals.extend(elements.iter().map(|e| e.normal));
+                    model.uvs.extend(elements.iter().map(|e| e.uv));
+                    if coloured {
+                        model.colours.extend(elements.iter().map(|e| linear(e.colour)));
+                    }
                 }
-            }
-            "face" => {
-                if let Some(at) = elements.iter().position(|e| e.bad) {
-                    return Err(bad(&format!("face {at}: wanted whole numbers from 0")));
+                "face" => {
+                    if let Some(at) = elements.iter().position(|e| e.bad) {
+                        return Err(bad(&format!("face {}: wanted whole numbers from 0", first + at)));
+                    }
+                    budget.take(0, elements.iter().map(|e| e.corners.len().saturating_sub(2)).sum())?;
+                    model.triangles.extend(elements.iter().flat_map(|e| fan(&e.corners)));
                 }
-                model.triangles = elements.iter().flat_map(|e| fan(&e.corners)).collect();
+                _ => {}
             }
-            _ => {}
         }
     }
     Ok(model)

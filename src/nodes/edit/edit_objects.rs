@@ -6,7 +6,9 @@ use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::{Colour, Ground, Place, check_model, check_size, model_files, read_model, tall, upright};
-use crate::geometry::{Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, world_up};
+use crate::geometry::{
+    Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, most_triangles, world_up,
+};
 use crate::graph::{Context, File, Node, NodeError};
 use crate::image::{Depth, Normal};
 use crate::{params, ports};
@@ -148,10 +150,12 @@ impl Node for EditObjects {
             return Ok(EditObjectsOut { mesh, depth, objects: Arc::new(Objects::unseen(&[])) });
         }
         let ground = Ground { camera: &camera, depth: &depth, normal: &normal, up: world_up(&normal) };
-        let mut bodies = Vec::new();
+        let (mut bodies, mut models) = (Vec::new(), Models::default());
         for (i, object) in self.objects.iter().enumerate() {
             ctx.check_cancelled()?;
-            bodies.push(object.body(i, &ground, ctx)?);
+            let again =
+                self.objects[i + 1..].iter().any(|other| other.file().is_some() && other.file() == object.file());
+            bodies.push(object.body(i, again, &ground, &mut models, ctx)?);
         }
         let (solid, materials) = Bodies::new(&bodies, self.probes);
         let drawing = Drawing { supersampling: self.supersampling, most: self.samples };
@@ -171,6 +175,37 @@ impl Node for EditObjects {
             depth: Arc::new(Depth(z)),
             objects: Arc::new(objects),
         })
+    }
+}
+
+/// The models of an edit: each file is read once, and the triangles of all objects stand in proportion to the bytes of their files.
+#[derive(Default)]
+struct Models<'a> {
+    kept: Vec<(&'a File, &'a [File], Model)>,
+    triangles: usize,
+    file_bytes: usize,
+}
+
+impl<'a> Models<'a> {
+    /// The model of a file, which is kept where it is wanted `again`.
+    fn read(&mut self, path: &'a File, parts: &'a [File], again: bool, ctx: &Context) -> Result<Model, NodeError> {
+        let kept = self.kept.iter().position(|(p, named, _)| (*p, *named) == (path, parts));
+        let model = match kept {
+            Some(at) if again => self.kept[at].2.clone(),
+            Some(at) => self.kept.swap_remove(at).2,
+            None => read_model(path, parts, ctx)?,
+        };
+        if again && kept.is_none() {
+            self.kept.push((path, parts, model.clone()));
+        }
+        self.triangles += model.triangles.len();
+        self.file_bytes += model.file_bytes;
+        let most = most_triangles(self.file_bytes);
+        if self.triangles > most {
+            let got = format!("wanted up to {most} triangles of models with {} bytes", self.file_bytes);
+            return Err(NodeError::BadParameter(format!("objects: {got}, got at least {}", self.triangles)));
+        }
+        Ok(model)
     }
 }
 
@@ -200,8 +235,23 @@ impl ObjectEdit {
         }
     }
 
-    /// The object at its place.
-    fn body(&self, number: usize, ground: &Ground, ctx: &Context) -> Result<Body, NodeError> {
+    /// The file of its model.
+    fn file(&self) -> Option<(&File, &[File])> {
+        match self {
+            ObjectEdit::Mesh { path, parts, .. } => Some((path, parts)),
+            ObjectEdit::Sphere { .. } => None,
+        }
+    }
+
+    /// The object at its place; its model is wanted `again` by another one.
+    fn body<'a>(
+        &'a self,
+        number: usize,
+        again: bool,
+        ground: &Ground,
+        models: &mut Models<'a>,
+        ctx: &Context,
+    ) -> Result<Body, NodeError> {
         let failed = |message: String| NodeError::BadParameter(format!("objects: {number}: {message}"));
         match self {
             ObjectEdit::Sphere { radius, at, material } => {
@@ -217,7 +267,7 @@ impl ObjectEdit {
             }
             ObjectEdit::Mesh { path, at, height, yaw, material, parts } => {
                 let material = material.as_ref().map(MaterialEdit::material).transpose().map_err(failed)?;
-                let model = read_model(path, parts, ctx)?;
+                let model = models.read(path, parts, again, ctx)?;
                 let (low, high) = model.bounds();
                 let tall = tall(&model, path)?;
                 let bottom = Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z));
