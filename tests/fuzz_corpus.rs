@@ -41,7 +41,7 @@ macro_rules! replays {
     };
 }
 
-replays!(pictures, planes, ply, obj, gltf, ies, graph, scene, edit, values, entries, report);
+replays!(pictures, planes, ply, obj, gltf, ies, graph, scene, edit, values, entries, report, networks);
 
 #[test]
 fn every_target_is_fuzzed_and_replayed() {

@@ -4,13 +4,12 @@
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, LazyLock, Mutex};
+use std::sync::{LazyLock, Mutex};
 
 use relight::files::{EditFile, draw, edit, scene};
-use relight::geometry::{Camera, Model, Objects, SceneMesh, parts};
-use relight::graph::{Artifact, Context, Digest, DiskCache, Fault, File, GraphFile, Node, OutPort, Overlay, Registry};
+use relight::geometry::{Model, parts};
+use relight::graph::{CacheFolder, CacheKey, Context, DiskCache, Fault, File, GraphFile, Node, Overlay, Registry};
 use relight::image::{self, Transfer};
-use relight::nodes::artifacts::*;
 use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
 use relight::optics::ProfileTable;
@@ -125,65 +124,37 @@ pub fn edit(bytes: &[u8]) {
     }
 }
 
-fn decode<T: Artifact>(bytes: &[u8]) {
-    if let Ok(value) = <Arc<T> as OutPort>::decode(bytes, Digest([0; 32])) {
-        assert!(value.get::<T>().is_some_and(|artifact| artifact.bytes() <= 1 << 30));
-    }
-}
-
-macro_rules! decoders {
-    ($($ty:ty),* $(,)?) => { &[$(decode::<$ty>),*] };
-}
-
-/// Stored values: the first byte chooses the type.
+/// Stored values of all types that travel on wires: the first byte chooses the type.
 pub fn values(bytes: &[u8]) {
-    use relight::image::{Albedo, Coats, Depth, Finish, Normal, Points, Roughness, Segments, Shading, Specular};
-    use relight::optics::{LightKind, Lighting, Polish, Radiance, Reflections, Shape, Transport};
-    const DECODERS: &[fn(&[u8])] = decoders!(
-        Albedo,
-        Normal,
-        Points,
-        Depth,
-        Roughness,
-        Specular,
-        Shading,
-        Segments,
-        Mask,
-        Picture,
-        Camera,
-        SceneMesh,
-        Shape,
-        Radiance,
-        Transport,
-        UnitDirect,
-        Visibility,
-        UnitIndirect,
-        Objects,
-        Reflections,
-        Polish,
-        ObjectLight,
-        Guess,
-        Remainder,
-        Coats,
-        Finish,
-        Lighting,
-        LightKind,
-        Encoding,
-        Scores,
-        Files,
-    );
+    let types = REGISTRY.types();
     let Some((&first, rest)) = bytes.split_first() else { return };
-    DECODERS[usize::from(first) % DECODERS.len()](rest);
+    let name = types.iter().nth(usize::from(first) % types.len()).expect("the index is below the length");
+    let _ = REGISTRY.decode(name, rest).expect("a stage gives this type");
 }
 
-/// An entry of the cache, which is found damaged or sound.
+/// An entry of the cache as it stands; after a first byte that is odd, the header of one, with a sound checksum and signature.
 pub fn entries(bytes: &[u8]) {
     let _one = ONE.lock();
+    let key = CacheKey::new(b"fuzz");
+    let cache = DiskCache::new(CacheFolder::new(FOLDER.path().join("cache"), key.clone()));
+    cache.make().expect("a folder can be made");
     let name = format!("cache/entries/ab/{:062}", 0);
-    file(&name, bytes);
-    let cache = DiskCache::new(FOLDER.path().join("cache"));
+    match bytes.split_first() {
+        Some((first, header)) if first % 2 == 1 => {
+            let length = (header.len() as u64).to_le_bytes();
+            let (checksum, signature) = (blake3::hash(header), key.sign(header));
+            let parts = [&b"NODE\0\0\0\x02"[..], &length, checksum.as_bytes(), signature.as_bytes(), header];
+            file(&name, &parts.concat())
+        }
+        _ => file(&name, bytes),
+    };
     let _ = cache.stat();
     let _ = cache.verify();
+}
+
+/// The check of a network before a loader reads it.
+pub fn networks(bytes: &[u8]) {
+    let _ = relight::net::precheck(bytes);
 }
 
 /// `picture.exr` and, after the last zero, `report.json`, as `relight report` and `relight mix` read them.

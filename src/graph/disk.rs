@@ -52,7 +52,8 @@ impl CacheKey {
         CacheKey(blake3::derive_key("relight 2026-11 signature of cache entries", secret))
     }
 
-    fn sign(&self, header: &[u8]) -> blake3::Hash {
+    /// The signature of the header of an entry.
+    pub fn sign(&self, header: &[u8]) -> blake3::Hash {
         blake3::keyed_hash(&self.0, header)
     }
 }
@@ -204,7 +205,10 @@ impl DiskCache {
     }
 
     /// Makes the folder and its mark where they are not there.
-    fn establish(&self) -> io::Result<()> {
+    ///
+    /// # Errors
+    /// The folder holds something else; those of the system.
+    pub fn make(&self) -> io::Result<()> {
         if self.is_marked() {
             return Ok(());
         }
@@ -402,7 +406,7 @@ impl DiskCache {
         if bytes > limit || header.len() as u64 > MAX_HEADER {
             return Ok(());
         }
-        self.establish()?;
+        self.make()?;
         let path = self.path(key);
         self.folder_of("entries")?;
         self.folder_of(&format!("entries/{}", &key.to_string()[..2]))?;
@@ -504,7 +508,7 @@ impl DiskCache {
         if changed == 0 && all.len() == before {
             return Ok(());
         }
-        self.establish()?;
+        self.make()?;
         let mut file = self.builder(0o666).prefix(LATEST).tempfile_in(self.folder_of("tmp")?)?;
         let text: String = all.iter().map(|(name, key)| format!("{name} {key}\n")).collect();
         file.write_all(text.as_bytes())?;
