@@ -8,8 +8,8 @@ use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// The largest file that a stage reads, in bytes (1 GiB): as large as the largest decoded picture.
-pub const MAX_FILE_BYTES: u64 = 1 << 30;
+/// The largest file that a stage reads, in bytes (2 GiB): the largest networks of ONNX are little smaller.
+pub const MAX_FILE_BYTES: u64 = 2 << 30;
 
 /// Opens a regular file of at most `limit` bytes; a symbolic link is followed.
 ///
@@ -109,7 +109,7 @@ mod tests {
         std::fs::File::create(&path).and_then(|file| file.set_len(1 << 40)).expect("the file system has sparse files");
         assert_eq!(
             message(read(&path, MAX_FILE_BYTES)),
-            format!("wanted at most {} bytes, got {}", 1 << 30, 1u64 << 40)
+            format!("wanted at most {} bytes, got {}", MAX_FILE_BYTES, 1u64 << 40)
         );
     }
 
