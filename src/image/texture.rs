@@ -86,8 +86,8 @@ impl Texture {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Compression, ExrLayers, Picture, Plane, read_photo, write_png};
     use super::*;
+    use crate::image::{Compression, ExrLayers, Picture, Plane, read_photo, write_png};
 
     /// Each texel is bit for bit the pixel that a photo of the same file has.
     #[test]

@@ -38,9 +38,10 @@ pub fn parts(
         return gltf::parts(&bytes);
     }
     let mut names = distinct(obj::libraries(&bytes));
-    let pictures = |library: &String| beside(library).map_or(Vec::new(), |bytes| obj::pictures(&bytes));
-    names.extend(names.iter().flat_map(pictures).collect::<Vec<_>>());
-    names = distinct(names);
+    for library in names.clone() {
+        names.extend(beside(&library).map_or(Vec::new(), |bytes| obj::pictures(&bytes)));
+        names = distinct(names);
+    }
     names.retain(|name| beside(name).is_some());
     names
 }
