@@ -186,6 +186,20 @@ mod tests {
             }
         }
 
+        /// Wherever it begins, it ends at the same weights.
+        #[test]
+        fn the_start_does_not_matter(data in proptest::collection::vec(-1.0f64..1.0, 60), y in proptest::collection::vec(-1.0f64..1.0, 12),
+            start in proptest::collection::vec(-1.0f64..2.0, 5))
+        {
+            let columns: Vec<Vec<f64>> = data.chunks(12).map(<[f64]>::to_vec).collect();
+            let (gram, b) = gram_of(&columns, &y);
+            let start: Vec<f64> = start.iter().map(|v| v.max(0.0)).collect();
+            let (got, want) = (nnls_from(&gram, &b, &start), nnls(&gram, &b));
+            for i in 0..5 {
+                prop_assert!((got[i] - want[i]).abs() < 1e-6, "{got:?} against {want:?}");
+            }
+        }
+
         /// Karush-Kuhn-Tucker: x >= 0, gradient <= 0 where x = 0, gradient = 0 where x > 0.
         #[test]
         fn meets_the_optimality_conditions(data in proptest::collection::vec(-1.0f64..1.0, 60), y in proptest::collection::vec(-1.0f64..1.0, 12)) {

@@ -69,7 +69,7 @@ impl Node for FindLights {
             }
         }
         if !(1..=MOST_LIGHTS).contains(&self.most) {
-            return Err(format!("most: wanted 1..={MOST_LIGHTS}, as many as a scene may have, got {}", self.most));
+            return Err(format!("most: wanted 1..={MOST_LIGHTS}, got {}", self.most));
         }
         Ok(())
     }

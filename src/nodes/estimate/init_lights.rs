@@ -202,8 +202,8 @@ impl Node for InitLights {
         };
         let ids = inputs.mask.iter().map(|(id, _)| id).chain([INV_LAMP, INV_WINDOW]);
         ctx.count_rays(scout.receivers.rays());
-        let (fits, widest) = (scout.fits.into_inner(), scout.widest.into_inner());
-        ctx.note(format!("{fits} fits of candidates, of at most {widest} columns"));
+        let (fits, columns) = (scout.fits.into_inner(), scout.columns.into_inner());
+        ctx.note(format!("{fits} fits of candidates with {columns} columns in all"));
         Ok(InitLightsOut { shape: Scatter(ids.map(shape).collect()) })
     }
 }
@@ -216,9 +216,9 @@ struct Scout<'a> {
     node: &'a InitLights,
     guess: &'a Gather<Guess>,
     receivers: Receivers<'a>,
-    /// Fits done, and the most columns that one of them had.
+    /// Fits done, and the columns of all of them.
     fits: AtomicUsize,
-    widest: AtomicUsize,
+    columns: AtomicUsize,
 }
 
 /// Lights that candidates are fitted beside one by one; more are one column, so that the cost of a candidate is bounded.
@@ -240,7 +240,7 @@ impl<'a> Scout<'a> {
         let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let receivers = Receivers::new(room, masks, usize::MAX);
-        Scout { node, guess: &inputs.guess, receivers, fits: AtomicUsize::new(0), widest: AtomicUsize::new(0) }
+        Scout { node, guess: &inputs.guess, receivers, fits: AtomicUsize::new(0), columns: AtomicUsize::new(0) }
     }
 
     /// Layers of lights as a candidate is fitted beside them: of more than [`APART`] their sum, each with the radiance that it has
@@ -323,7 +323,7 @@ impl<'a> Scout<'a> {
         columns.push(Column { layer: &self.receivers.ambient, penalty: self.node.ambient_cost, pull: 0.0 });
         let fit = fit_radiances(&self.receivers.evidence, &columns, turns);
         self.fits.fetch_add(1, Ordering::Relaxed);
-        self.widest.fetch_max(columns.len(), Ordering::Relaxed);
+        self.columns.fetch_add(columns.len(), Ordering::Relaxed);
         (columns, fit)
     }
 
