@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{
-    Albedo, Bytes, Coats, Depth, Finish, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer,
+    Albedo, Bytes, Coats, Depth, Finish, Layer, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer,
 };
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
@@ -42,6 +42,7 @@ artifacts! {
     Segments: |s| s.label.bytes(),
     Mask: |a| a.0.bytes(),
     Picture: |a| a.0.bytes(),
+    Layer: Layer::bytes,
     Camera: |_| size_of::<Camera>(),
     SceneMesh: SceneMesh::bytes,
     Shape: Shape::bytes,

@@ -26,3 +26,4 @@ mod refine;
 mod sameness;
 mod scores;
 mod sequence;
+mod work;

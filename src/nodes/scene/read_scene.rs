@@ -209,7 +209,7 @@ impl ReadScene {
             self.check_aspect("mask", file, got, full)?;
             ctx.warn(format!("{}: {}, resampled to the photo's {}", file.path, size(got), size(full)));
         }
-        let mask = Mask(image::resize(&mask.0, full.0, full.1));
+        let mask = if got == full { mask } else { Mask(image::resize(&mask.0, full.0, full.1)) };
         let covered = mask.0.pixels().iter().filter(|&&m| m > 0.0).count();
         if covered == 0 {
             return Err(bad(file, "mask: wanted white pixels where the light is, got a black picture".into()));
