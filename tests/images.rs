@@ -269,6 +269,21 @@ fn photos_of_one_pixel_and_one_row() {
     }
 }
 
+fn lamps(count: usize, mask: impl Fn(usize) -> String) -> BTreeMap<String, LightSpec> {
+    (0..count).map(|i| (format!("l{i}"), LightSpec::Lamp { mask: File::new(mask(i)) })).collect()
+}
+
+#[test]
+fn names_for_one_mask_are_not_counted() {
+    let scene = ReadScene {
+        photo: File::new("p.png"),
+        depth: DepthSpec { path: File::new("d.exr"), kind: DepthKind::PlanarZ, scale: 1.0 },
+        lights: lamps(100, |i| format!("m{}.png", i % 32)),
+        ..ReadScene::default()
+    };
+    assert_eq!(scene.check(), Ok(()));
+}
+
 #[test]
 fn parameters_out_of_range_are_named() {
     let wrong = |change: fn(&mut ReadScene), wanted: &str| {
@@ -282,6 +297,10 @@ fn parameters_out_of_range_are_named() {
     wrong(|s| s.exposure = Some(Exposure::Lux(0.0)), "exposure: Lux");
     wrong(|s| s.long_side = 0, "long_side");
     wrong(|s| s.photo.path.clear(), "photo: wanted a file");
+    wrong(
+        |s| s.lights = lamps(33, |i| format!("m{i}.png")),
+        "lights: wanted at most 32 lights with masks of their own, got 33",
+    );
     for id in ["", "0lamp", "a.b", "é", "rest", "inv_lamp"] {
         let text = message(|_, scene| {
             scene.lights.insert(id.into(), LightSpec::Lamp { mask: File::new("m.png") });
@@ -473,11 +492,12 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
     let ids: Vec<(String, usize, usize)> =
         (0..lights).map(|i| (format!("light{i}"), if i == 0 { 3 } else { 1 }, 10 * i)).collect();
     let rest = colours(size, 5).map(|c| 0.1 * c);
-    let layer: Vec<_> = ids.iter().map(|(id, _, n)| (id.clone(), Arc::new(Picture(colours(size, *n))))).collect();
+    let lights: Vec<_> = ids.iter().map(|(id, _, n)| (id.clone(), colours(size, *n))).collect();
     let mut picture = rest.clone();
-    for (_, layer) in &layer {
-        picture.pixels_mut().iter_mut().zip(layer.0.pixels()).for_each(|(p, &l)| *p += l);
+    for (_, layer) in &lights {
+        picture.pixels_mut().iter_mut().zip(layer.pixels()).for_each(|(p, &l)| *p += l);
     }
+    let layer = lights.into_iter().map(|(id, layer)| (id, Arc::new(Layer::new(layer)))).collect();
     let many = |lobes: usize, n: usize| (0..lobes).map(|k| plane(n + k)).collect::<Vec<_>>();
     let direct = ids.iter().map(|(id, lobes, n)| {
         (id.clone(), Arc::new(UnitDirect { lobes: many(*lobes, *n), stderr: many(*lobes, n + 3) }))
@@ -497,7 +517,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         picture: Arc::new(Picture(picture)),
         encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: Some(1200.0), sixteen_bit: false }),
         photo: Some(Arc::new(Picture(colours(size, 6)))),
-        rest: Arc::new(Picture(rest)),
+        rest: Arc::new(Layer::new(rest)),
         direct: Gather(direct.collect()),
         visibility: Gather(visibility.collect()),
         indirect: Gather(indirect.collect()),
@@ -587,8 +607,12 @@ fn small_diagnostics_grow_to_the_photo_and_can_be_left_out() {
 fn what_is_no_number_is_not_written() {
     for (name, bad) in [("picture", f32::NAN), ("light_rest", f32::INFINITY)] {
         let mut inputs = write_inputs((8, 6), (8, 6), 1);
-        let plane = if name == "picture" { &mut inputs.picture } else { &mut inputs.rest };
-        Arc::make_mut(plane).0.set(3, 2, Vec3::new(0.0, bad, 0.0));
+        let mut plane = inputs.picture.0.clone();
+        plane.set(3, 2, Vec3::new(0.0, bad, 0.0));
+        match name {
+            "picture" => inputs.picture = Arc::new(Picture(plane)),
+            _ => inputs.rest = Arc::new(Layer::new(plane)),
+        }
         let error = Write::default().run(inputs, &Context::default()).err().expect("a bug upstream").to_string();
         assert!(error.contains(name) && error.contains("(3, 2)"), "{error}");
     }

@@ -59,10 +59,11 @@ impl Entry {
         Entry { key, header: Arc::new(header), cut_short: false, values }
     }
 
-    /// The same without its values.
-    pub fn hollow(&self) -> Entry {
-        let values = Mutex::new(vec![None; self.header.values.len()]);
-        Entry { key: self.key, header: self.header.clone(), cut_short: self.cut_short, values }
+    /// The same without the values of one port.
+    pub fn without(&self, port: usize) -> Entry {
+        let mut values = self.lock().clone();
+        self.header.port(port).for_each(|i| values[i] = None);
+        Entry { key: self.key, header: self.header.clone(), cut_short: self.cut_short, values: Mutex::new(values) }
     }
 
     /// A result just made: one [`PortValue`] per output port.
@@ -132,6 +133,10 @@ struct Held {
 impl Memory {
     pub fn new(limit: u64) -> Memory {
         Memory { limit, state: Mutex::default() }
+    }
+
+    pub fn limit(&self) -> u64 {
+        self.limit
     }
 
     pub fn get(&self, key: &Digest) -> Option<Arc<Entry>> {

@@ -45,8 +45,10 @@ struct State {
     outcomes: Vec<Option<Outcome>>,
     reports: Vec<Option<NodeReport>>,
     differences: Vec<(usize, Difference)>,
-    /// Per instance, how many may still take its values; at 0 the run lets go of them.
-    uses: Vec<usize>,
+    /// Per instance and output port, how many may still take its values; at 0 the run lets go of them.
+    uses: Vec<Vec<usize>>,
+    /// Per instance, whether it has taken what it takes.
+    served: Vec<bool>,
     held: Vec<u64>,
     held_now: u64,
     peak: u64,
@@ -110,8 +112,14 @@ impl<'a> Run<'a> {
             waits[at] = graph.instances[at].from.len();
             graph.instances[at].from.iter().for_each(|&from| takers[from].push(at));
         }
-        let mut uses: Vec<usize> = takers.iter().map(Vec::len).collect();
-        wanted.outputs.iter().flat_map(|output| &output.instances).for_each(|&at| uses[at] += 1);
+        let ports = |at: usize| graph.nodes[graph.instances[at].node].outputs.len();
+        let mut uses: Vec<Vec<usize>> = (0..count).map(|at| vec![0; ports(at)]).collect();
+        for instance in graph.instances.iter().enumerate().filter(|(at, _)| wanted.needed[*at]).map(|(_, i)| i) {
+            instance.ports().for_each(|(_, feed)| uses[feed.instance][feed.port] += 1);
+        }
+        for output in &wanted.outputs {
+            output.instances.iter().for_each(|&at| uses[at][output.port] += 1);
+        }
         let mut chain = vec![1; count];
         for at in (0..count).rev() {
             chain[at] = 1 + takers[at].iter().map(|&taker| chain[taker]).max().unwrap_or(0);
@@ -125,6 +133,7 @@ impl<'a> Run<'a> {
             reports: vec![None; count],
             differences: Vec::new(),
             uses,
+            served: vec![false; count],
             held: vec![0; count],
             held_now: 0,
             peak: 0,
@@ -198,7 +207,12 @@ impl<'a> Run<'a> {
         }
         // What is compared with a stored result must be as whole as that one.
         let budget = if found.entry.is_none() { self.engine.budget } else { None };
-        match (self.make(&job, budget), found.entry) {
+        let inputs = self.inputs(&job);
+        if !self.verify {
+            // The last taker of a value has it to itself, and may let go of it before it ends.
+            self.lock().serve(self.graph, at);
+        }
+        match (inputs.and_then(|inputs| self.make(&job, inputs, budget)), found.entry) {
             (Err(stop), _) => {
                 let (outcome, report) = self.stopped(at, Some(job.key), stop);
                 self.settle(scope, at, Some(job.key), outcome, report);
@@ -219,10 +233,16 @@ impl<'a> Run<'a> {
                     self.engine.store.keep_in_memory(&made.entry);
                 }
                 let report = self.ran(&job, &made, found.damage.map(Loss::Damaged));
-                self.settle(scope, at, Some(job.key), Outcome::Done(made.entry.clone()), report);
-                // Only now, so that what waits for the values need not wait for the disk.
-                if keep {
+                // What waits for the values need not wait for the disk, unless they are so large that they should not be held for both.
+                let large = self.engine.store.is_large(&made.entry);
+                if keep && large {
                     self.engine.store.keep_on_disk(&made.entry, &made.values);
+                }
+                let Made { entry, values, .. } = made;
+                let values = if large { Vec::new() } else { values };
+                self.settle(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
+                if keep && !large {
+                    self.engine.store.keep_on_disk(&entry, &values);
                 }
             }
         }
@@ -254,9 +274,8 @@ impl<'a> Run<'a> {
         if cancelled { Err(Stop::Cancelled) } else { Ok(Before(before)) }
     }
 
-    /// Runs the stage, within a budget of time where there is one.
-    fn make(&self, job: &Job, budget: Option<Duration>) -> Result<Made, Stop> {
-        let node = self.node(job.at);
+    /// The values that a job takes.
+    fn inputs(&self, job: &Job) -> Result<Vec<PortValue>, Stop> {
         let inputs = job.taken.iter().map(|taken| {
             Ok(match taken {
                 Taken::Missing => PortValue::Missing,
@@ -267,7 +286,12 @@ impl<'a> Run<'a> {
                 }
             })
         });
-        let inputs = inputs.collect::<Result<Vec<_>, Stop>>()?;
+        inputs.collect()
+    }
+
+    /// Runs the stage, within a budget of time where there is one.
+    fn make(&self, job: &Job, inputs: Vec<PortValue>, budget: Option<Duration>) -> Result<Made, Stop> {
+        let node = self.node(job.at);
         if self.cancel.is_cancelled() {
             return Err(Stop::Cancelled);
         }
@@ -327,7 +351,8 @@ impl<'a> Run<'a> {
             _ => return Err(Stop::Blocked(at)),
         };
         // Without a budget: what took the stored result into its key must get that one.
-        let made = self.job(at).and_then(|job| self.make(&job, None).map(|made| (job, made)));
+        let make = |job: Job| self.make(&job, self.inputs(&job)?, None).map(|made| (job, made));
+        let made = self.job(at).and_then(make);
         let (outcome, report, result) = match made {
             Ok((job, made)) => {
                 let mut report = self.ran(&job, &made, Some(loss));
@@ -376,7 +401,7 @@ impl<'a> Run<'a> {
                     freed += 1;
                 }
             }
-            self.graph.instances[at].from.iter().for_each(|&from| state.release(from));
+            state.serve(self.graph, at);
             let flight = landing.and_then(|key| state.flights.insert(key, Flight::Landed(at)));
             (freed, if let Some(Flight::Running(waiting)) = flight { waiting } else { Vec::new() })
         };
@@ -515,15 +540,24 @@ impl<'a> Run<'a> {
 const UNPOISONED: &str = "nothing panics while it holds the state of a run";
 
 impl State {
-    /// One taker of `at` less; after the last one only the header is kept, unless nobody else holds the values.
-    fn release(&mut self, at: usize) {
-        self.uses[at] -= 1;
-        if self.uses[at] == 0
-            && let Some(Outcome::Done(entry)) = &mut self.outcomes[at]
-            && !entry.cut_short
-        {
-            *entry = Arc::new(entry.hollow());
-            self.held_now -= std::mem::take(&mut self.held[at]);
+    /// Instance `at` has taken what it takes. Of ports without another taker only the header is kept, unless nobody else holds the
+    /// values.
+    fn serve(&mut self, graph: &Graph, at: usize) {
+        if std::mem::replace(&mut self.served[at], true) {
+            return;
+        }
+        for (_, feed) in graph.instances[at].ports() {
+            let (from, port) = (feed.instance, feed.port);
+            self.uses[from][port] -= 1;
+            if self.uses[from][port] == 0
+                && let Some(Outcome::Done(entry)) = &mut self.outcomes[from]
+                && !entry.cut_short
+            {
+                *entry = Arc::new(entry.without(port));
+                let bytes = entry.resident();
+                self.held_now = self.held_now - self.held[from] + bytes;
+                self.held[from] = bytes;
+            }
         }
     }
 }

@@ -123,6 +123,11 @@ impl Store {
         }
     }
 
+    /// Whether a result is too large to be kept in memory.
+    pub fn is_large(&self, entry: &Entry) -> bool {
+        entry.resident() > self.memory.limit()
+    }
+
     pub fn keep_in_memory(&self, entry: &Arc<Entry>) {
         self.memory.put(entry);
     }

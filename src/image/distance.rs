@@ -5,9 +5,12 @@ use super::Plane;
 /// Distance of each pixel from `core`, in pixels, to a few per cent: Borgefors' chamfer (1986) with steps 1 and sqrt 2.
 pub fn distance(core: &Plane<bool>) -> Plane<f32> {
     let (w, h) = core.size();
-    let mut away = core.map(|inside| if inside { 0.0 } else { f32::MAX });
+    let mut away = Plane::sparse(w, h, |i| if core.pixels()[i] { 0.0 } else { f32::MAX });
     let diagonal = std::f32::consts::SQRT_2;
     let mut relax = |x: usize, y: usize, steps: [(isize, isize, f32); 4]| {
+        if core.get(x, y) {
+            return;
+        }
         let near = steps.into_iter().filter_map(|(dx, dy, step)| {
             let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
             (x < w && y < h).then(|| away.get(x, y) + step)

@@ -10,6 +10,7 @@ mod fill;
 mod finish;
 mod grid_cut;
 mod grow;
+mod layer;
 mod matte;
 mod measure;
 mod mix;
@@ -36,6 +37,7 @@ pub use fill::fill_along_surfaces;
 pub use finish::{DIELECTRIC, Finish};
 pub use grid_cut::grid_cut;
 pub use grow::{around, grow_through};
+pub use layer::{HalfLayer, Layer};
 pub use matte::matte;
 pub use measure::{
     PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture, square_error,
@@ -45,7 +47,7 @@ pub use npy::read_maps;
 pub use pack::{Packed, pack};
 pub use parts::parts;
 pub use plane::{Bytes, Plane};
-pub use png_write::write_png;
+pub use png_write::{PngSamples, write_png};
 pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_normal, read_photo};
 pub use reflectance::{SATURATION, clip_level, ratio, reflected, smooth_step};
 pub use resample::{fit, resize, same_aspect};

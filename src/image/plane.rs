@@ -22,6 +22,22 @@ impl<T: Copy> Plane<T> {
         Plane { width, height, data }
     }
 
+    /// A plane whose pixel `i`, row by row, is `value(i)`. Zeros are not written: where the system gives out memory as zeros, a part
+    /// of the plane that is all zero takes none.
+    pub fn sparse(width: usize, height: usize, mut value: impl FnMut(usize) -> T) -> Plane<T>
+    where
+        T: Pod,
+    {
+        let mut data = vec![T::zeroed(); width * height];
+        for (i, pixel) in data.iter_mut().enumerate() {
+            let value = value(i);
+            if bytemuck::bytes_of(&value).iter().any(|&byte| byte != 0) {
+                *pixel = value;
+            }
+        }
+        Plane { width, height, data }
+    }
+
     /// A plane whose pixel (x, y) is `value(x, y)`.
     pub fn from_fn(width: usize, height: usize, mut value: impl FnMut(usize, usize) -> T) -> Plane<T> {
         let data = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect();

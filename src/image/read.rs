@@ -153,26 +153,35 @@ impl Raster {
         }
     }
 
-    /// All samples through `f`, which sees integers as shares of their maximum; integers go through a table.
-    fn map(&self, f: impl Fn(f32) -> f32) -> Vec<f32> {
+    /// Hands each pixel's colour and alpha to `take`, row by row: the colour with each sample through `f`, which sees integers as
+    /// shares of their maximum; alpha as it is stored, 1 where there is none. Grey becomes a colour.
+    fn each(&self, f: impl Fn(f32) -> f32, take: impl FnMut(Vec3, f32)) {
         let table = |top: u32| (0..=top).map(|v| f(v as f32 / top as f32)).collect::<Vec<f32>>();
         match &self.samples {
             Samples::Eight(values) => {
                 let table = table(255);
-                values.iter().map(|&v| table[usize::from(v)]).collect()
+                self.pixels(values, |v| table[usize::from(v)], |v| f32::from(v) / 255.0, take);
             }
             Samples::Sixteen(values) => {
                 let table = table(65535);
-                values.iter().map(|&v| table[usize::from(v)]).collect()
+                self.pixels(values, |v| table[usize::from(v)], |v| f32::from(v) / 65535.0, take);
             }
-            Samples::Float(values) => values.iter().map(|&v| f(v)).collect(),
+            Samples::Float(values) => self.pixels(values, f, |v| v, take),
         }
     }
 
-    /// Colours of interleaved `values`; grey becomes a colour, alpha is left out.
-    fn colours(&self, values: &[f32]) -> Plane<Vec3> {
-        let colour = |p: &[f32]| if self.channels < 3 { Vec3::splat(p[0]) } else { Vec3::new(p[0], p[1], p[2]) };
-        Plane::new(self.width, self.height, values.chunks_exact(self.channels).map(colour).collect())
+    fn pixels<S: Copy>(
+        &self,
+        values: &[S],
+        colour: impl Fn(S) -> f32,
+        alpha: impl Fn(S) -> f32,
+        mut take: impl FnMut(Vec3, f32),
+    ) {
+        for p in values.chunks_exact(self.channels) {
+            let rgb = if self.channels < 3 { [p[0]; 3] } else { [p[0], p[1], p[2]] };
+            let alpha = if self.channels.is_multiple_of(2) { alpha(p[self.channels - 1]) } else { 1.0 };
+            take(Vec3::from_array(rgb.map(&colour)), alpha);
+        }
     }
 
     /// Whether a pixel has an alpha below the greatest.
@@ -189,11 +198,28 @@ impl Raster {
         }
     }
 
-    /// The alpha channel of interleaved `values`, when there is one.
-    fn alpha(&self, values: &[f32]) -> Option<Vec<f32>> {
-        self.channels
-            .is_multiple_of(2)
-            .then(|| values.chunks_exact(self.channels).map(|p| p[self.channels - 1]).collect())
+    /// The colours with each sample through `f`.
+    fn colours(&self, f: impl Fn(f32) -> f32) -> Plane<Vec3> {
+        let mut colours = Vec::with_capacity(self.width * self.height);
+        self.each(f, |colour, _| colours.push(colour));
+        Plane::new(self.width, self.height, colours)
+    }
+
+    /// A number per pixel of its stored colour and alpha.
+    fn numbers(&self, f: impl Fn(Vec3, f32) -> f32) -> Plane<f32> {
+        let mut numbers = Plane::filled(self.width, self.height, 0.0);
+        let mut pixels = numbers.pixels_mut().iter_mut();
+        self.each(
+            |v| v,
+            |colour, alpha| {
+                let (number, pixel) = (f(colour, alpha), pixels.next());
+                // Memory is taken where something is written only.
+                if let (true, Some(pixel)) = (number != 0.0, pixel) {
+                    *pixel = number;
+                }
+            },
+        );
+        numbers
     }
 }
 
@@ -249,20 +275,19 @@ pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError
         Some(kind @ (Format::Png | Format::Jpeg | Format::Hdr)) => {
             let raster = decode_raster(source, image_format(kind))?;
             let bits = raster.bits();
-            let stored = raster.map(|v| v);
             if raster.is_transparent() {
                 warnings.push("the photo is transparent in places: its alpha channel is left out".into());
             }
             match bits {
                 Bits::Float => {
-                    let picture = raster.colours(&stored);
+                    let picture = raster.colours(|v| v);
                     let clipped = plateau(&picture);
                     (picture, clipped, bits)
                 }
                 Bits::Eight | Bits::Sixteen => {
                     let top = if bits == Bits::Eight { 253.5 / 255.0 } else { 65534.5 / 65535.0 };
-                    let clipped = raster.colours(&stored).map(|c| if c.max_element() > top { 1.0 } else { 0.0 });
-                    (raster.colours(&raster.map(|v| transfer.decode(v))), clipped, bits)
+                    let clipped = raster.numbers(|c, _| if c.max_element() > top { 1.0 } else { 0.0 });
+                    (raster.colours(|v| transfer.decode(v)), clipped, bits)
                 }
             }
         }
@@ -317,24 +342,18 @@ pub fn read_normal(source: Source) -> Result<Plane<Vec3>, ReadError> {
 /// luminance of the stored numbers times alpha, in 0..1; below 1/16 it is 0 and above 15/16 it is 1, so that the ringing of a
 /// JPEG does not leak.
 pub fn read_mask(source: Source) -> Result<Mask, ReadError> {
-    let (colours, alpha) = match format(source) {
-        Some(Format::Exr) => (exr_read::read(source)?.colours(source)?, None),
-        Some(kind @ (Format::Png | Format::Jpeg)) => {
-            let raster = decode_raster(source, image_format(kind))?;
-            let stored = raster.map(|v| v);
-            (raster.colours(&stored), raster.alpha(&stored))
-        }
-        _ => return Err(not_one_of(source, "a mask: PNG, JPEG or EXR")),
-    };
-    let mut mask = colours.map(|c| c.dot(super::LUMINANCE));
-    if let Some(alpha) = alpha {
-        mask.pixels_mut().iter_mut().zip(alpha).for_each(|(m, a)| *m *= a);
-    }
-    Ok(Mask(mask.map(|m| match m {
+    let share = |c: Vec3, alpha: f32| match c.dot(super::LUMINANCE) * alpha {
         m if m > 15.0 / 16.0 => 1.0,
         m if m >= 1.0 / 16.0 => m,
         _ => 0.0,
-    })))
+    };
+    match format(source) {
+        Some(Format::Exr) => Ok(Mask(exr_read::read(source)?.colours(source)?.map(|c| share(c, 1.0)))),
+        Some(kind @ (Format::Png | Format::Jpeg)) => {
+            Ok(Mask(decode_raster(source, image_format(kind))?.numbers(share)))
+        }
+        _ => Err(not_one_of(source, "a mask: PNG, JPEG or EXR")),
+    }
 }
 
 pub(super) fn image_format(format: Format) -> ImageFormat {

@@ -2,6 +2,8 @@
 
 use std::ops::{Add, Mul};
 
+use bytemuck::Pod;
+
 use super::Plane;
 
 /// The size that fits a longer side of at most `long_side` pixels; never larger than the picture, never below one pixel.
@@ -25,7 +27,7 @@ pub fn same_aspect((aw, ah): (usize, usize), (bw, bh): (usize, usize)) -> bool {
 /// interpolation between pixel centres where it grows.
 pub fn resize<T>(plane: &Plane<T>, width: usize, height: usize) -> Plane<T>
 where
-    T: Copy + Default + Add<Output = T> + Mul<f32, Output = T>,
+    T: Pod + Default + Add<Output = T> + Mul<f32, Output = T>,
 {
     if plane.size() == (width, height) {
         return plane.clone();
@@ -36,7 +38,7 @@ where
     let columns = taps(plane.width(), width);
     let wide = Plane::from_fn(width, plane.height(), |x, y| sum(&columns[x], &|at| plane.get(at, y)));
     let rows = taps(plane.height(), height);
-    Plane::from_fn(width, height, |x, y| sum(&rows[y], &|at| wide.get(x, at)))
+    Plane::sparse(width, height, |i| sum(&rows[i / width], &|at| wide.get(i % width, at)))
 }
 
 /// For each of `to` output pixels along an axis: the input pixels it is made of, and their weights, which sum to 1.

@@ -6,7 +6,8 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::Artifact;
 use crate::image::{
-    Albedo, Bytes, Coats, Depth, Finish, Normal, Plane, Points, Roughness, Segments, Shading, Specular, Transfer, rule,
+    Albedo, Bytes, Coats, Depth, Finish, Layer, Normal, Plane, Points, Roughness, Segments, Shading, Specular,
+    Transfer, rule,
 };
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
@@ -47,6 +48,7 @@ artifacts! {
     Segments: |s| s.label.bytes(), if Segments::check;
     Mask: |a| a.0.bytes();
     Picture: |a| a.0.bytes();
+    Layer: Layer::bytes;
     Camera: |_| size_of::<Camera>(), if |c| rule(c.width > 0 && c.height > 0 && c.fx > 0.0 && c.fy > 0.0, "a view");
     SceneMesh: SceneMesh::bytes, if SceneMesh::check;
     Shape: Shape::bytes, if Shape::check;

@@ -17,6 +17,13 @@ impl Default for Conditioning {
     }
 }
 
+impl Conditioning {
+    /// That of columns two of which are equal.
+    pub fn of_equals(alike: [usize; 2]) -> Conditioning {
+        Conditioning { number: 1e15, alike: Some(alike), correlation: 1.0 }
+    }
+}
+
 /// Conditioning of a k x k Gram matrix, by Jacobi rotations. Columns without weight are left out, and a column times a factor
 /// changes nothing: a light that is 1e6 times weaker is not hard to tell apart for that.
 pub fn conditioning(gram: &[f64], k: usize) -> Conditioning {

@@ -226,7 +226,7 @@ pub struct Lobe {
 pub const LOBES: [&str; 3] = ["sun", "sky", "ground"];
 
 /// What a mask of a visible light shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum LightKind {
     Lamp,
     Window,

@@ -72,7 +72,7 @@ pub use parameters::Freedom;
 pub use polish::{NO_ROW, Part, Places, Polish, SeenPlaces, places};
 pub use polygon::polygon_irradiance;
 pub use profile::{Profile, ProfileTable};
-pub use radiance_fit::{Column, RadianceFit, fit_radiances};
+pub use radiance_fit::{Column, MOST_LIGHTS, RadianceFit, fit_radiances};
 pub use random::Points2;
 pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
 pub use reflect::{Face, NOTHING, Reflections, Surround, UNSEEN, object_face, reflections};

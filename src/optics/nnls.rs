@@ -8,6 +8,12 @@
 /// Karush-Kuhn-Tucker conditions to about 1e-14 of the largest gradient; ties go to the lowest index, so that the answer is
 /// deterministic.
 pub fn nnls(gram: &[f64], b: &[f64]) -> Vec<f64> {
+    nnls_from(gram, b, &vec![0.0; b.len()])
+}
+
+/// The same, begun with the columns free that have weight in `start`, which is >= 0: near the answer a few steps are enough, where
+/// [`nnls`] takes one and a factorisation for each column that has weight.
+pub fn nnls_from(gram: &[f64], b: &[f64], start: &[f64]) -> Vec<f64> {
     let n = b.len();
     assert_eq!(gram.len(), n * n, "the Gram matrix is n x n");
     let shrink = |i: usize| if gram[i * n + i] > 0.0 { 1.0 / gram[i * n + i].sqrt() } else { 0.0 };
@@ -15,8 +21,14 @@ pub fn nnls(gram: &[f64], b: &[f64]) -> Vec<f64> {
     let gram: Vec<f64> = (0..n * n).map(|at| gram[at] * shrink[at / n] * shrink[at % n]).collect();
     let b: Vec<f64> = b.iter().zip(&shrink).map(|(b, s)| b * s).collect();
     let tolerance = 1e-14 * b.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    let mut x = vec![0.0; n];
-    let mut free = vec![false; n];
+    let mut x: Vec<f64> = (0..n).map(|i| if shrink[i] > 0.0 { start[i] / shrink[i] } else { 0.0 }).collect();
+    let mut free: Vec<bool> = x.iter().map(|&x| x > 0.0).collect();
+    match free.contains(&true).then(|| solve_free(&gram, &b, &free)) {
+        Some(Some(z)) => retreat(&gram, &b, &mut free, &mut x, z),
+        // Columns that depend on each other: from nothing.
+        Some(None) => (x, free) = (vec![0.0; n], vec![false; n]),
+        None => {}
+    }
     // What cannot enter as long as the same columns are free.
     let mut barred: Vec<bool> = shrink.iter().map(|&s| s == 0.0).collect();
     // Each pass frees one column; cycling is impossible in exact arithmetic, the bound guards rounding.
@@ -171,6 +183,20 @@ mod tests {
                 // Five random columns of 8 have condition numbers up to some 1e3; squared, 1e-16 x 1e6.
                 let scale = 10f64.powi(powers[i]);
                 prop_assert!((got[i] - want[i]).abs() * scale < 1e-8, "{got:?} against {want:?}");
+            }
+        }
+
+        /// Wherever it begins, it ends at the same weights.
+        #[test]
+        fn the_start_does_not_matter(data in proptest::collection::vec(-1.0f64..1.0, 60), y in proptest::collection::vec(-1.0f64..1.0, 12),
+            start in proptest::collection::vec(-1.0f64..2.0, 5))
+        {
+            let columns: Vec<Vec<f64>> = data.chunks(12).map(<[f64]>::to_vec).collect();
+            let (gram, b) = gram_of(&columns, &y);
+            let start: Vec<f64> = start.iter().map(|v| v.max(0.0)).collect();
+            let (got, want) = (nnls_from(&gram, &b, &start), nnls(&gram, &b));
+            for i in 0..5 {
+                prop_assert!((got[i] - want[i]).abs() < 1e-6, "{got:?} against {want:?}");
             }
         }
 

@@ -16,7 +16,14 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::conditioning::{Conditioning, conditioning};
+use super::nnls::nnls_from;
 use super::{Evidence, nnls};
+
+/// The most lights that a photo is asked for: each costs rays of its own, and a fit grows with the square of their number.
+pub const MOST_LIGHTS: usize = 32;
+
+/// Unknowns up to which each round of a fit solves for them from nothing; more start from the round before.
+const FROM_NOTHING: usize = 99;
 
 /// One light lobe's unit layer on the pixels of an [`Evidence`], and how much it must earn its place.
 pub struct Column<'a> {
@@ -50,6 +57,8 @@ pub struct RadianceFit {
     pub moving: Vec<usize>,
     /// Columns whose layer is black on all of the evidence: nothing is known of them, and their radiance is 0.
     pub dark: Vec<usize>,
+    /// Unknowns per channel: columns that are equal share one, and what it gives.
+    pub unknowns: usize,
     /// Unsaturated pixels beyond one per segment. What a segment's albedo takes up says nothing of the lights: fewer than the
     /// columns that are not dark, less one for the gauge, leave radiances open.
     pub spare: usize,
@@ -95,12 +104,21 @@ pub fn fit_radiances(evidence: &Evidence, columns: &[Column], turns: usize) -> R
 }
 
 fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64) -> RadianceFit {
-    let (n, k) = (evidence.photo.len(), columns.len());
+    let n = evidence.photo.len();
     let white = f64::from(evidence.white);
-    let scale = scales(columns);
-    let lit = scale.iter().filter(|&&s| s > 0.0).count();
+    let alike = alike(columns);
+    let distinct: Vec<&Column> = alike.iter().map(|all| &columns[all[0]]).collect();
+    let counts: Vec<f64> = alike.iter().map(|all| all.len() as f64).collect();
+    let members = |some: &dyn Fn(usize) -> bool| {
+        let mut all: Vec<usize> =
+            (0..alike.len()).filter(|&j| some(j)).flat_map(|j| alike[j].iter().copied()).collect();
+        all.sort_unstable();
+        all
+    };
+    let scale = scales(distinct.iter().copied());
+    let lit: f64 = counts.iter().zip(&scale).map(|(count, &s)| if s > 0.0 { *count } else { 0.0 }).sum();
     let mut fit = RadianceFit {
-        radiance: vec![Vec3::ZERO; k],
+        radiance: vec![Vec3::ZERO; columns.len()],
         albedo: vec![Vec3::ZERO; evidence.segments],
         loss: 0.0,
         loss_before: 0.0,
@@ -108,20 +126,25 @@ fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64
         turns: 0,
         change: 0.0,
         moving: Vec::new(),
-        dark: (0..k).filter(|&j| scale[j] == 0.0).collect(),
+        dark: members(&|j| scale[j] == 0.0),
+        unknowns: distinct.len(),
         spare: spare(evidence),
     };
-    if white == 0.0 || lit == 0 {
+    if white == 0.0 || lit == 0.0 {
         return fit;
     }
-    let problem = Problem::new(evidence, columns, &scale, white);
-    let mut w: Vec<[f64; 3]> = scale.iter().map(|&s| [if s > 0.0 { 1.0 / lit as f64 } else { 0.0 }; 3]).collect();
+    let k = distinct.len();
+    let problem = Problem::shared(evidence, &distinct, counts, &scale, white);
+    // Of equal columns together.
+    let mut w: Vec<[f64; 3]> =
+        scale.iter().zip(&problem.count).map(|(&s, count)| [if s > 0.0 { count / lit } else { 0.0 }; 3]).collect();
     fit.loss_before = (0..3).map(|c| problem.explained(&w, c).1).sum::<f64>() / (3 * n) as f64;
     // A small step is no sign of having arrived: changes are those of a step of the usual share.
     let (mut step, mut way) = (STEP, vec![[0.0; 3]; k]);
+    let mut grams: [Vec<f64>; 3] = Default::default();
     while fit.turns < turns {
         let (last, taken) = (w.clone(), step);
-        fit.conditioning = problem.turn(&mut w, step);
+        grams = problem.turn(&mut w, step);
         fit.turns += 1;
         let moved = w.iter().zip(&last).map(|(w, last)| [0, 1, 2].map(|c| w[c] - last[c])).collect();
         let before = std::mem::replace(&mut way, moved);
@@ -134,10 +157,13 @@ fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64
         });
         let changes: Vec<f64> = changes.collect();
         fit.change = changes.iter().copied().fold(0.0, f64::max);
-        fit.moving = (0..k).filter(|&j| changes[j] > settled).collect();
+        fit.moving = members(&|j| changes[j] > settled);
         if fit.moving.is_empty() {
             break;
         }
+    }
+    if fit.turns > 0 {
+        fit.conditioning = told_apart(&grams, &alike, &scale);
     }
     for c in 0..3 {
         let mean: f64 = w.iter().zip(&problem.mean[c]).map(|(w, mean)| w[c] * mean).sum();
@@ -154,18 +180,49 @@ fn fit_until(evidence: &Evidence, columns: &[Column], turns: usize, settled: f64
         fit.loss += loss / (3 * n) as f64;
         fit.albedo.iter_mut().zip(&albedo).for_each(|(fitted, &a)| fitted[c] = (a * white) as f32);
     }
-    fit.radiance = w.iter().zip(&scale).map(|(w, s)| (DVec3::from_array(*w) * *s).as_vec3()).collect();
+    for (j, all) in alike.iter().enumerate() {
+        let each = (DVec3::from_array(w[j]) * scale[j] / problem.count[j]).as_vec3();
+        all.iter().for_each(|&i| fit.radiance[i] = each);
+    }
     fit
+}
+
+/// Columns that are equal, each list in order, by their first. No photo tells them apart, so that the fit has one unknown for
+/// all of them: a hundred names for one lamp cost as much as one.
+fn alike(columns: &[Column]) -> Vec<Vec<usize>> {
+    let mut alike: Vec<Vec<usize>> = Vec::new();
+    for (i, column) in columns.iter().enumerate() {
+        let equal = |other: &Column| {
+            (other.penalty, other.pull) == (column.penalty, column.pull) && other.layer == column.layer
+        };
+        match alike.iter_mut().find(|all| equal(&columns[all[0]])) {
+            Some(all) => all.push(i),
+            None => alike.push(vec![i]),
+        }
+    }
+    alike
+}
+
+/// How well the columns can be told apart, from the Gram matrices of those that are `alike` together.
+fn told_apart(grams: &[Vec<f64>; 3], alike: &[Vec<usize>], scale: &[f64]) -> Conditioning {
+    if let Some((all, _)) = alike.iter().zip(scale).find(|(all, s)| all.len() > 1 && **s > 0.0) {
+        return Conditioning::of_equals([all[0], all[1]]);
+    }
+    let hardest = grams.iter().fold(Conditioning::default(), |hardest, gram| {
+        let found = conditioning(gram, alike.len());
+        if found.number > hardest.number { found } else { hardest }
+    });
+    Conditioning { alike: hardest.alike.map(|pair| pair.map(|j| alike[j][0])), ..hardest }
 }
 
 /// Factors that bring each column to mean 1, so that the start, the penalty and the tolerances mean the same for each; 0 for a
 /// black one.
-pub(super) fn scales(columns: &[Column]) -> Vec<f64> {
+pub(super) fn scales<'c>(columns: impl Iterator<Item = &'c Column<'c>>) -> Vec<f64> {
     let scale = |c: &Column| {
         let mean = c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>() / (3 * c.layer.len()) as f64;
         if mean > FAINTEST { 1.0 / mean } else { 0.0 }
     };
-    columns.iter().map(scale).collect()
+    columns.map(scale).collect()
 }
 
 /// Unsaturated pixels beyond one per segment.
@@ -183,6 +240,8 @@ pub(super) struct Problem<'a> {
     evidence: &'a Evidence,
     penalty: Vec<f64>,
     pull: Vec<f64>,
+    /// How many equal columns each one stands for.
+    count: Vec<f64>,
     /// What each column gives that is pulled, when all give alike.
     even: f64,
     /// Per channel and pixel.
@@ -197,6 +256,11 @@ pub(super) struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     pub fn new(evidence: &'a Evidence, columns: &[Column], scale: &[f64], white: f64) -> Problem<'a> {
+        Problem::shared(evidence, &columns.iter().collect::<Vec<_>>(), vec![1.0; columns.len()], scale, white)
+    }
+
+    /// The same with columns that stand for `count` equal ones each; their weights are of all of them together.
+    fn shared(evidence: &'a Evidence, columns: &[&Column], count: Vec<f64>, scale: &[f64], white: f64) -> Problem<'a> {
         let (n, k) = (evidence.photo.len(), columns.len());
         let photo = [0, 1, 2].map(|c| evidence.photo.iter().map(|v| f64::from(v[c]) / white).collect::<Vec<f64>>());
         let layer = [0, 1, 2].map(|c| {
@@ -207,7 +271,11 @@ impl<'a> Problem<'a> {
             evidence,
             penalty: columns.iter().map(|c| c.penalty).collect(),
             pull: columns.iter().map(|c| c.pull).collect(),
-            even: 1.0 / columns.iter().zip(scale).filter(|(c, s)| c.pull > 0.0 && **s > 0.0).count().max(1) as f64,
+            even: {
+                let pulled = columns.iter().zip(scale).zip(&count).filter(|((c, s), _)| c.pull > 0.0 && **s > 0.0);
+                1.0 / pulled.map(|(_, count)| count).sum::<f64>().max(1.0)
+            },
+            count,
             weight: photo.each_ref().map(|photo| photo.iter().map(|i| i.sqrt() / (i + 0.05).powi(2)).collect()),
             photo,
             mean: layer
@@ -217,34 +285,31 @@ impl<'a> Problem<'a> {
         }
     }
 
-    /// One round: moves `w` towards what solves the problem linearised at `w`. Says how well that is determined.
-    pub fn turn(&self, w: &mut [[f64; 3]], step: f64) -> Conditioning {
+    /// One round: moves `w` towards what solves the problem linearised at `w`. Returns the Gram matrix of each channel.
+    pub fn turn(&self, w: &mut [[f64; 3]], step: f64) -> [Vec<f64>; 3] {
         let k = w.len();
         // The channels' equations, coupled only by the pull on each light's colour: unknown c k + i is light i in channel c.
         let size = 3 * k;
         let (mut all, mut right) = (vec![0.0; size * size], vec![0.0; size]);
         let mut pulls = vec![0.0; k];
-        let mut hardest = Conditioning::default();
+        let mut grams: [Vec<f64>; 3] = Default::default();
         let channels: Vec<Equations> = (0..3).into_par_iter().map(|c| self.equations(w, c)).collect();
         for (c, Equations { mut gram, mut b, energy }) in channels.into_iter().enumerate() {
             let gauge: f64 = self.weight[c].iter().zip(&self.photo[c]).map(|(weight, i)| weight * i * i).sum();
             for i in 0..k {
-                pulls[i] += COLOUR_PULL / 3.0 * gram[i * k + i];
+                pulls[i] += COLOUR_PULL / 3.0 * gram[i * k + i] / self.count[i];
                 // The gauge, mean shading 1, as one more equation.
                 b[i] += gauge * self.mean[c][i] - 0.5 * energy * self.penalty[i];
                 for j in 0..k {
                     gram[i * k + j] += gauge * self.mean[c][i] * self.mean[c][j];
                 }
             }
-            let found = conditioning(&gram, k);
-            if found.number > hardest.number {
-                hardest = found;
-            }
+            grams[c] = gram.clone();
             for i in 0..k {
                 b[i] += INERTIA * gram[i * k + i] * w[i][c];
                 gram[i * k + i] *= 1.0 + INERTIA;
                 b[i] += gauge * self.pull[i] * self.even;
-                gram[i * k + i] += gauge * self.pull[i];
+                gram[i * k + i] += gauge * self.pull[i] / self.count[i];
                 right[c * k + i] = b[i];
                 all[(c * k + i) * size + c * k..][..k].copy_from_slice(&gram[i * k..][..k]);
             }
@@ -257,14 +322,16 @@ impl<'a> Problem<'a> {
                 all[(c * k + i) * size + e * k + i] += pulls[i] * across;
             }
         }
-        for (i, solved) in nnls(&all, &right).into_iter().enumerate() {
+        let start: Vec<f64> = (0..size).map(|i| w[i % k][i / k]).collect();
+        let solved = if size > FROM_NOTHING { nnls_from(&all, &right, &start) } else { nnls(&all, &right) };
+        for (i, solved) in solved.into_iter().enumerate() {
             let old = &mut w[i % k][i / k];
             *old += step * (solved - *old);
             if solved == 0.0 && *old < OFF {
                 *old = 0.0;
             }
         }
-        hardest
+        grams
     }
 
     pub fn shading(&self, w: &[[f64; 3]], c: usize) -> Vec<f64> {

@@ -1,5 +1,7 @@
 //! The seen room at the receivers of a [`Transport`], where shapes of lights are tried against the photo.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use glam::Vec3;
 
 use super::{Bounces, Evidence, Sampling, ShadowQuality, Shape, Transport, direct, evidence_pixels};
@@ -58,6 +60,7 @@ pub struct Receivers<'a> {
     pub evidence: Evidence,
     /// Shading of the receivers in use by a constant ambient.
     pub ambient: Vec<Vec3>,
+    rays: AtomicU64,
 }
 
 impl<'a> Receivers<'a> {
@@ -78,12 +81,18 @@ impl<'a> Receivers<'a> {
             evidence: Evidence::at(room.photo, room.clipped, room.segments, &pixels, 2),
             ambient: used.iter().map(|&i| ambient[i]).collect(),
             used,
+            rays: AtomicU64::new(0),
         }
     }
 
     /// Point and normal of each receiver in use.
     pub fn places(&self) -> Vec<(Vec3, Vec3)> {
         self.used.iter().map(|&i| (self.points.0.pixels()[i], self.normal.0.pixels()[i])).collect()
+    }
+
+    /// Shadow rays traced so far for layers.
+    pub fn rays(&self) -> u64 {
+        self.rays.load(Ordering::Relaxed)
     }
 
     /// Unit layers of a light, one per lobe; `own` are its pixels, through which its rays pass.
@@ -95,6 +104,7 @@ impl<'a> Receivers<'a> {
         let own = own.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
         let own = own.as_ref().map(|(passes, pixels)| (passes, pixels));
         let shadow = shadow(mesh, &self.points, &self.normal, shape, own, shadows, &|| false);
+        self.rays.fetch_add(shadow.rays, Ordering::Relaxed);
         let layer = |(direct, lit): (&Plane<f32>, &Plane<f32>)| {
             let (direct, lit) = (direct.pixels(), lit.pixels());
             let arrives: Vec<f32> = direct.iter().zip(lit).map(|(direct, lit)| direct * lit).collect();

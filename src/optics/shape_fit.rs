@@ -290,7 +290,7 @@ impl Fit<'_> {
         let mut all: Vec<Column> =
             columns.iter().zip(penalties).map(|(layer, penalty)| Column { layer, penalty, pull: 0.0 }).collect();
         all.push(Column { layer: &self.receivers.ambient, penalty: self.search.ambient_penalty, pull: 0.0 });
-        let scale = scales(&all);
+        let scale = scales(all.iter());
         let evidence = &self.receivers.evidence;
         (Problem::new(evidence, &all, &scale, f64::from(evidence.white)), scale)
     }

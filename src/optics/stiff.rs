@@ -6,6 +6,29 @@ use super::*;
 use crate::optics::evidence::white_level;
 use crate::optics::rows::{Rows, enumerated};
 
+/// A hundred names for one light are one unknown, whose light they share evenly.
+#[test]
+fn equal_columns_are_one_unknown() {
+    let layers = vec![falloff(400, 0.0), falloff(400, 1.0)];
+    let row = row(layers.clone(), &[Vec3::new(0.3, 0.25, 0.2), Vec3::new(0.05, 0.1, 0.15)], 4);
+    let evidence = row.evidence();
+    let plain = |layer| Column { layer, penalty: 0.0, pull: 0.0 };
+    let of = |columns: &[Column]| fit_radiances(&evidence, columns, 60);
+    let one = of(&[plain(&layers[0]), plain(&layers[1])]);
+    let names: Vec<Column> = (0..101).map(|i| plain(&layers[usize::from(i == 50)])).collect();
+    let many = of(&names);
+    assert_eq!((one.unknowns, many.unknowns, many.radiance.len()), (2, 2, 101));
+    assert!(many.radiance.iter().enumerate().all(|(i, w)| i == 50 || *w == many.radiance[0]));
+    let off = |got: Vec3, want: Vec3| ((got - want) / want).abs().max_element();
+    assert!(off(100.0 * many.radiance[0], one.radiance[0]) < 1e-2, "{:?} of {:?}", many.radiance[0], one.radiance[0]);
+    assert!(off(many.radiance[50], one.radiance[1]) < 1e-2, "{:?} of {:?}", many.radiance[50], one.radiance[1]);
+    assert_eq!(many.conditioning.alike, Some([0, 1]));
+    assert!(many.conditioning.number >= 1e15 && one.conditioning.number < 1e6);
+    // Another cost is another column.
+    let dear = Column { penalty: 0.1, ..plain(&layers[0]) };
+    assert_eq!(of(&[plain(&layers[0]), dear]).unknowns, 2);
+}
+
 /// `pixels` in `segments` stretches of paint under lights that fall off from places along the row.
 struct Row {
     layers: Vec<Vec<Vec3>>,

@@ -107,7 +107,7 @@ fn bad_parameters_are_named() {
         ("threshold=1", "threshold: wanted 0.1..=0.95, got 1"),
         ("smoothness=-1", "smoothness: wanted 0..=100, got -1"),
         ("smallest=2", "smallest: wanted 0..=1, got 2"),
-        ("most=0", "most: wanted 1..=100, got 0"),
+        ("most=0", "most: wanted 1..=32, got 0"),
     ] {
         let all = place.check(&format!("{LINE} --set find.{set}"), 2);
         assert!(all.contains(told), "{all}");

@@ -18,14 +18,14 @@ struct Composed {
 /// The layers with `rest` at the end.
 fn composed(edit: &str) -> Composed {
     let report = run(shared_engine(), &physics(&demo(), edit), &COMPOSED);
-    let mut layers = many(&report, COMPOSED[1]);
-    layers.push(("rest".into(), one(&report, COMPOSED[2])));
+    let mut layers = layers(&report);
+    layers.push(("rest".into(), rest(&report)));
     Composed { picture: one(&report, COMPOSED[0]), layers }
 }
 
-/// Largest distance over pixels and channels, relative to the second; below 1e-6 absolute, where nothing is to be seen.
+/// Largest distance over pixels and channels, relative to the second; below 1e-3 absolute, where layers, being halves, lose digits.
 fn worst(pairs: impl Iterator<Item = (Vec3, Vec3)>) -> f32 {
-    pairs.map(|(got, want)| ((got - want).abs() / want.abs().max(Vec3::splat(1e-6))).max_element()).fold(0.0, f32::max)
+    pairs.map(|(got, want)| ((got - want).abs() / want.abs().max(Vec3::splat(1e-3))).max_element()).fold(0.0, f32::max)
 }
 
 fn edits() -> impl Iterator<Item = (String, String)> {
@@ -43,7 +43,7 @@ fn in_memory_the_layers_sum_to_the_picture() {
         let Composed { picture, layers } = composed(&edit);
         let sum = |i: usize| layers.iter().map(|(_, layer)| layer.0.pixels()[i]).sum::<Vec3>();
         let worst = worst(picture.0.pixels().iter().enumerate().map(|(i, &p)| (sum(i), p)));
-        assert!(worst < 1e-5, "{name}: the layers sum to the picture to {worst}");
+        assert!(worst < 1e-3, "{name}: the layers sum to the picture to {worst}");
         let negative = layers.iter().find(|(_, layer)| layer.0.pixels().iter().any(|c| c.min_element() < 0.0));
         assert!(negative.is_none(), "{name}: the layer of {} is negative somewhere", negative.unwrap().0);
     }
@@ -90,7 +90,7 @@ fn each_layer_is_linear_in_its_light() {
             if name == id {
                 let pairs = half.0.pixels().iter().zip(whole.0.pixels()).map(|(&h, &w)| (h, 0.5 * w));
                 let worst = worst(pairs);
-                assert!(worst < 1e-5, "{id}: half the light gives half the layer to {worst}");
+                assert!(worst < 1e-3, "{id}: half the light gives half the layer to {worst}");
             } else {
                 assert!(half == whole, "{id} changed the layer of {name}");
             }

@@ -134,7 +134,7 @@ fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
     let outputs = ["compose.layer", "glow", "edit.shape", "edit.radiance", "fit.radiance", "init.shape"];
     let moved = run_edit(&shipped("move_lamp.ron"), &outputs);
     let off = run_edit(r#"Edit(version: 1, lights: { "lamp_0": Off })"#, &outputs);
-    let layer = |report: &RunReport, id: &str| of::<Picture>(many(report, "compose.layer"), id);
+    let layer = |report: &RunReport, id: &str| of::<Picture>(layers(report), id);
     let cover: Arc<Mask> = of(many(&moved, "glow"), "lamp_0");
     let mask = relight::image::read_mask(relight::image::Source::new(
         "lamp_0.png",

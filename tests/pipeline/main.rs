@@ -28,3 +28,4 @@ mod sameness;
 mod scores;
 mod sequence;
 mod untrusted_networks;
+mod work;

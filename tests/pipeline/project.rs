@@ -9,7 +9,7 @@ use relight::graph::{
     Artifact, CacheFolder, CacheKey, Cancel, Engine, EngineOptions, Fault, Graph, GraphFile, Overlay, PortValue,
     RunReport, Status,
 };
-use relight::image::{Picture, Plane, Source, Transfer, read_photo};
+use relight::image::{Layer, Picture, Plane, Source, Transfer, read_photo};
 use relight::nodes::{self, artifacts::Files};
 
 pub const IDENTITY: &str = "Edit(version: 1)";
@@ -108,6 +108,16 @@ pub fn one<T: Artifact>(report: &RunReport, name: &str) -> Arc<T> {
 pub fn many<T: Artifact>(report: &RunReport, name: &str) -> Vec<(String, Arc<T>)> {
     let Some(PortValue::Many(values)) = report.output(name) else { panic!("{name} gives a value per member") };
     values.iter().map(|(id, value)| (id.clone(), value.get().expect("the output has this type"))).collect()
+}
+
+/// The layers of the lights, in single precision.
+pub fn layers(report: &RunReport) -> Vec<(String, Arc<Picture>)> {
+    many::<Layer>(report, "compose.layer").into_iter().map(|(id, layer)| (id, Arc::new(layer.picture()))).collect()
+}
+
+/// The layer of what no light explains.
+pub fn rest(report: &RunReport) -> Arc<Picture> {
+    Arc::new(one::<Layer>(report, "compose.rest").picture())
 }
 
 pub fn ran(report: &RunReport) -> Vec<&str> {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use relight::image::{Mask, Picture};
+use relight::image::Mask;
 
 use crate::layers::channels;
 use crate::project::*;
@@ -76,8 +76,8 @@ fn nothing_flickers() {
     let frame = |number: u32| {
         let outputs = ["compose.layer", "compose.rest", "glow"];
         let report = run(shared_engine(), &physics_frame(&demo(), MOVING, number), &outputs);
-        let mut layers = many::<Picture>(&report, "compose.layer");
-        layers.push(("rest".into(), one(&report, "compose.rest")));
+        let mut layers = layers(&report);
+        layers.push(("rest".into(), rest(&report)));
         let cover = many::<Mask>(&report, "glow").into_iter().find(|(id, _)| id == "desk").expect("it is drawn").1;
         (layers, cover)
     };

@@ -8,7 +8,7 @@ use glam::Vec3;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Mask, Normal, Picture, Plane, Points, Transfer, annotate, resize, write_png};
 use crate::nodes::artifacts::{Encoding, Files};
-use crate::optics::{LightKind, LightSearch, find_lights};
+use crate::optics::{LightKind, LightSearch, MOST_LIGHTS, find_lights};
 use crate::{params, ports};
 
 params! {
@@ -22,7 +22,7 @@ params! {
         smoothness: f32 = 1.0,
         /// Smallest light as a share of the photo's pixels, 0..=1.
         smallest: f32 = 0.001,
-        /// Most lights, the largest are kept; 1..=100.
+        /// Most lights, the largest are kept; 1..=32.
         most: usize = 16,
     }
 }
@@ -68,8 +68,8 @@ impl Node for FindLights {
                 return Err(format!("{name}: wanted {low}..={high}, got {value}"));
             }
         }
-        if !(1..=100).contains(&self.most) {
-            return Err(format!("most: wanted 1..=100, got {}", self.most));
+        if !(1..=MOST_LIGHTS).contains(&self.most) {
+            return Err(format!("most: wanted 1..={MOST_LIGHTS}, got {}", self.most));
         }
         Ok(())
     }

@@ -76,7 +76,7 @@ ports! {
 
 impl Node for FitLights {
     const KIND: &'static str = "FitLights";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = FitLightsIn;
     type Out = FitLightsOut;
 

@@ -1,6 +1,8 @@
 //! `InitLights`: where the lights are, without a network.
 
+use std::borrow::Cow;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -11,8 +13,8 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments, luminance};
 use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
 use crate::optics::{
-    Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, Receivers, RoomBox, SeenRoom, Shape,
-    Transport, UnitLayer, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
+    Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, RadianceFit, Receivers, RoomBox, SeenRoom,
+    Shape, Transport, UnitLayer, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
 };
 use crate::{params, ports};
 
@@ -21,7 +23,8 @@ params! {
     ///
     /// Each candidate's unit layer, with its own shadow and its own indirect light, is fitted to the photo together with
     /// those of the visible lights and a constant ambient; the one that explains most is kept if it explains enough. A light
-    /// that is not needed is `Absent`. What networks guess of a light is a candidate among the others.
+    /// that is not needed is `Absent`. What networks guess of a light is a candidate among the others. Lights of one kind that mark the
+    /// same pixels have one shape, found once.
     pub struct InitLights {
         /// Whether candidates of our own are tried, too; else guesses only, where there are any.
         dictionary: bool = true,
@@ -120,7 +123,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
@@ -162,7 +165,17 @@ impl Node for InitLights {
         let room = RoomBox::around(&points, &normals);
         let forms = LampForms { form: self.lamps, plates: self.plates, ..LampForms::default() };
         let mut placed: Vec<Placed> = Vec::new();
+        let mut twins: Vec<(&str, usize)> = Vec::new();
         for (id, mask) in inputs.mask.iter() {
+            let is_twin = |light: &Placed| {
+                let same = (inputs.kind.get(light.id), inputs.guess.get(light.id))
+                    == (inputs.kind.get(id), inputs.guess.get(id));
+                same && light.own == Some(&**mask)
+            };
+            if let Some(first) = placed.iter().position(is_twin) {
+                twins.push((id, first));
+                continue;
+            }
             let kind = inputs
                 .kind
                 .get(id)
@@ -180,13 +193,17 @@ impl Node for InitLights {
         }
         let shapes = scout.shapes(&placed);
         let shape = |id: &str| {
-            let found = placed.iter().position(|light| light.id == id).map(|i| shapes[i].clone());
+            let twin = || twins.iter().find(|(twin, _)| *twin == id).map(|(_, first)| *first);
+            let found = placed.iter().position(|light| light.id == id).or_else(twin).map(|i| shapes[i].clone());
             if found.is_none() && [INV_LAMP, INV_WINDOW].contains(&id) {
                 ctx.warn(format!("no {id} is needed to explain the photo; it is left out"));
             }
             (id.to_owned(), Arc::new(found.unwrap_or(Shape::Absent)))
         };
         let ids = inputs.mask.iter().map(|(id, _)| id).chain([INV_LAMP, INV_WINDOW]);
+        ctx.count_rays(scout.receivers.rays());
+        let (fits, columns) = (scout.fits.into_inner(), scout.columns.into_inner());
+        ctx.note(format!("{fits} fits of candidates with {columns} columns in all"));
         Ok(InitLightsOut { shape: Scatter(ids.map(shape).collect()) })
     }
 }
@@ -199,7 +216,13 @@ struct Scout<'a> {
     node: &'a InitLights,
     guess: &'a Gather<Guess>,
     receivers: Receivers<'a>,
+    /// Fits done, and the columns of all of them.
+    fits: AtomicUsize,
+    columns: AtomicUsize,
 }
+
+/// Lights that candidates are fitted beside one by one; more are one column, so that the cost of a candidate is bounded.
+const APART: usize = 16;
 
 /// A light that the photo needs.
 struct Placed<'a> {
@@ -216,7 +239,19 @@ impl<'a> Scout<'a> {
         let InitLightsIn { photo, clipped, points, normal, mesh, albedo, segments, .. } = inputs;
         let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-        Scout { node, guess: &inputs.guess, receivers: Receivers::new(room, masks, usize::MAX) }
+        let receivers = Receivers::new(room, masks, usize::MAX);
+        Scout { node, guess: &inputs.guess, receivers, fits: AtomicUsize::new(0), columns: AtomicUsize::new(0) }
+    }
+
+    /// Layers of lights as a candidate is fitted beside them: of more than [`APART`] their sum, each with the radiance that it has
+    /// among them.
+    fn beside<'b>(&self, layers: Vec<&'b [Vec3]>) -> Vec<Cow<'b, [Vec3]>> {
+        if layers.len() <= APART {
+            return layers.into_iter().map(Cow::Borrowed).collect();
+        }
+        let radiance = self.fit(&layers, self.node.turns).1.radiance;
+        let sum = |p: usize| layers.iter().zip(&radiance).map(|(layer, w)| layer[p] * w).sum::<Vec3>();
+        vec![Cow::Owned((0..self.receivers.ambient.len()).map(sum).collect())]
     }
 
     /// What a light may be: our own candidates, where they are wanted or nothing is guessed of it, and the guess.
@@ -252,8 +287,14 @@ impl<'a> Scout<'a> {
     /// The shapes of the lights: windows of our own with their outlook, of two the one that the photo asks for.
     fn shapes(&self, placed: &[Placed]) -> Vec<Shape> {
         let mut columns: Vec<Vec<Vec<Vec3>>> = placed.iter().map(|light| vec![light.layer.clone()]).collect();
-        let loss = |columns: &[Vec<Vec<Vec3>>]| {
-            self.loss(&columns.iter().flatten().map(Vec::as_slice).collect::<Vec<_>>(), SETTLING)
+        let loss = |columns: &[Vec<Vec<Vec3>>], i: usize| {
+            if columns.len() <= APART {
+                return self.loss(&columns.iter().flatten().map(Vec::as_slice).collect::<Vec<_>>(), SETTLING);
+            }
+            let others = placed.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, light)| light.layer.as_slice());
+            let others = self.beside(others.collect());
+            let own = columns[i].iter().map(Vec::as_slice);
+            self.loss(&others.iter().map(|layer| &**layer).chain(own).collect::<Vec<_>>(), SETTLING)
         };
         let mut shape = |(i, light): (usize, &Placed)| match &light.way {
             Way::Guess(guess) => guess.shape.clone(),
@@ -261,9 +302,9 @@ impl<'a> Scout<'a> {
                 let mut ways = self.node.outlook.through(shape).into_iter();
                 let first = ways.next().expect("there is a way for each shape");
                 ways.fold(first, |plain, rich| {
-                    let before = loss(&columns);
+                    let before = loss(&columns, i);
                     let one = std::mem::replace(&mut columns[i], self.lobes(&rich, light.own));
-                    let after = loss(&columns);
+                    let after = loss(&columns, i);
                     if after < LIKELIER * before {
                         rich
                     } else {
@@ -276,11 +317,19 @@ impl<'a> Scout<'a> {
         placed.iter().enumerate().map(&mut shape).collect()
     }
 
-    /// How badly these layers and the ambient explain the photo: the mean misfit, and what they leave to the ambient.
-    fn loss(&self, layers: &[&[Vec3]], turns: usize) -> f64 {
+    /// The layers and, as the last column, the ambient, fitted to the photo.
+    fn fit<'b>(&'b self, layers: &[&'b [Vec3]], turns: usize) -> (Vec<Column<'b>>, RadianceFit) {
         let mut columns: Vec<Column> = layers.iter().map(|layer| Column { layer, penalty: 0.0, pull: 0.0 }).collect();
         columns.push(Column { layer: &self.receivers.ambient, penalty: self.node.ambient_cost, pull: 0.0 });
         let fit = fit_radiances(&self.receivers.evidence, &columns, turns);
+        self.fits.fetch_add(1, Ordering::Relaxed);
+        self.columns.fetch_add(columns.len(), Ordering::Relaxed);
+        (columns, fit)
+    }
+
+    /// How badly these layers and the ambient explain the photo: the mean misfit, and what they leave to the ambient.
+    fn loss(&self, layers: &[&[Vec3]], turns: usize) -> f64 {
+        let (columns, fit) = self.fit(layers, turns);
         let share =
             |(column, w): (&Column, &Vec3)| -> f64 { column.layer.iter().map(|&u| f64::from(luminance(u * *w))).sum() };
         let shares: Vec<f64> = columns.iter().zip(&fit.radiance).map(share).collect();
@@ -292,10 +341,10 @@ impl<'a> Scout<'a> {
     /// unless another is clearly better.
     fn likeliest<'b>(&self, id: &'b str, ways: Vec<Way>, mask: &'b Mask, placed: &[Placed]) -> Option<Placed<'b>> {
         let only = ways.len() == 1;
+        let others = if only { Vec::new() } else { self.beside(placed.iter().map(|light| &*light.layer).collect()) };
         let tried = ways.into_iter().enumerate().filter_map(|(i, way)| {
             let layer = self.layer(&way, Some(mask))?;
-            let columns: Vec<&[Vec3]> =
-                placed.iter().map(|light| &light.layer).chain([&layer]).map(Vec::as_slice).collect();
+            let columns: Vec<&[Vec3]> = others.iter().map(|other| &**other).chain([&*layer]).collect();
             let loss = if only { 0.0 } else { self.loss(&columns, self.node.turns) * if i == 0 { 0.97 } else { 1.0 } };
             Some((loss, Placed { id, way, own: Some(mask), layer }))
         });
@@ -310,7 +359,8 @@ impl<'a> Scout<'a> {
         camera: &Camera,
         ctx: &Context,
     ) -> Result<Vec<Placed<'static>>, NodeError> {
-        let base: Vec<&[Vec3]> = visible.iter().map(|light| light.layer.as_slice()).collect();
+        let base = self.beside(visible.iter().map(|light| &*light.layer).collect());
+        let base: Vec<&[Vec3]> = base.iter().map(|layer| &**layer).collect();
         let windows = || window_candidates(room, camera).into_iter().map(Shape::Window).collect();
         let lamps = self.ways(INV_LAMP, || lamp_candidates(room, camera));
         let lamp_count = lamps.len();

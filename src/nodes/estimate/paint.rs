@@ -120,7 +120,8 @@ fn zone(mask: &Plane<f32>, kind: LightKind, bloom: f32, photo: &Picture, clipped
         LightKind::Window => (mask.map(|share| share > 0.5), bloom, 0.0),
     };
     let away = distance(&core);
-    Plane::from_fn(w, h, |x, y| {
+    Plane::sparse(w, h, |i| {
+        let (x, y) = (i % w, i / w);
         if mask.get(x, y) > 0.5 && luminance(photo.0.get(x, y)) >= dark {
             1.0
         } else {

@@ -23,8 +23,8 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, Objects};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Coated, Coats, Depth, Mask, Picture, Plane, SATURATION, Shading, Upsampler, clip_level, distance,
-    luminance, ratio, reflected, smooth_step,
+    Albedo, Coated, Coats, Depth, HalfLayer, Layer, Mask, Picture, Plane, SATURATION, Shading, Upsampler, clip_level,
+    distance, luminance, ratio, reflected, smooth_step,
 };
 use crate::optics::{LightKind, Polish, Radiance, Reflections, Shape};
 use crate::{params, ports};
@@ -120,9 +120,9 @@ ports! {
         /// Linear, photo size, not clamped: the sum of all layers.
         picture: Arc<Picture>,
         /// What each light contributes.
-        layer: Scatter<Picture>,
+        layer: Scatter<Layer>,
         /// What no light explains.
-        rest: Arc<Picture>,
+        rest: Arc<Layer>,
     }
 }
 
@@ -142,7 +142,7 @@ struct Emitter {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type In = ComposeIn;
     type Out = ComposeOut;
 
@@ -172,7 +172,6 @@ impl Node for Compose {
         // One record per pixel: each light's contribution, then the rest. Band by band, since the records of a large photo would
         // take as much memory as all its layers.
         let stride = count + 1;
-        let mut planes: Vec<Vec<Vec3>> = (0..stride).map(|_| Vec::with_capacity(width * height)).collect();
         let row = |y: usize, row: &mut [Vec3]| {
             let mut before = Vec::with_capacity(count);
             for (x, record) in row.chunks_exact_mut(stride).enumerate() {
@@ -203,14 +202,43 @@ impl Node for Compose {
             }
         };
         let mut records = vec![Vec3::ZERO; width * BAND.min(height) * stride];
-        for top in (0..height).step_by(BAND) {
-            ctx.check_cancelled()?;
-            let records = &mut records[..width * BAND.min(height - top) * stride];
-            records.par_chunks_mut((width * stride).max(1)).enumerate().for_each(|(y, records)| row(top + y, records));
+        let mut each_band = |take: &mut dyn FnMut(usize, &[Vec3])| -> Result<(), NodeError> {
+            for top in (0..height).step_by(BAND) {
+                ctx.check_cancelled()?;
+                let records = &mut records[..width * BAND.min(height - top) * stride];
+                let rows = records.par_chunks_mut((width * stride).max(1)).enumerate();
+                rows.for_each(|(y, records)| row(top + y, records));
+                take(top * width, records);
+            }
+            Ok(())
+        };
+        let finish = |picture: Vec<Vec3>, layers: Vec<Layer>| {
+            let mut layers = layers.into_iter().map(Arc::new);
+            ComposeOut {
+                picture: Arc::new(Picture(Plane::new(width, height, picture))),
+                layer: Scatter(names.iter().map(|id| id.to_string()).zip(layers.by_ref()).collect()),
+                rest: layers.next().expect("the rest follows the lights"),
+            }
+        };
+        if inputs.polish.iter().next().is_none() && objects.is_empty() {
+            // No pixel looks at another: halves at once, so that no layer is ever in memory as floats.
+            let mut picture = Vec::with_capacity(width * height);
+            let mut layers: Vec<HalfLayer> = (0..stride).map(|_| HalfLayer::new(width, height)).collect();
+            each_band(&mut |at, records| {
+                picture.extend(records.chunks_exact(stride).map(|record| record.iter().sum::<Vec3>()));
+                let layers = layers.par_iter_mut().enumerate();
+                layers.for_each(|(k, layer)| layer.put(at, records.iter().skip(k).step_by(stride).copied()));
+            })?;
+            if let Some(layers) = layers.into_iter().map(HalfLayer::finish).collect() {
+                return Ok(finish(picture, layers));
+            }
+        }
+        let mut planes: Vec<Vec<Vec3>> = (0..stride).map(|_| Vec::with_capacity(width * height)).collect();
+        each_band(&mut |_, records| {
             for (k, plane) in planes.iter_mut().enumerate() {
                 plane.extend(records.iter().skip(k).step_by(stride));
             }
-        }
+        })?;
         let lamps: Vec<&Mask> = inserted.iter().map(|(_, cover, _)| *cover).collect();
         let over = Over { inputs: &inputs, names: &names, objects: &objects, lamps: &lamps, unseen: self.unseen };
         for (_, polish) in inputs.polish.iter() {
@@ -222,13 +250,8 @@ impl Node for Compose {
         }
         let sum = |i: usize| planes.iter().map(|plane| plane[i]).sum::<Vec3>();
         let picture: Vec<Vec3> = (0..width * height).into_par_iter().with_min_len(width.max(1)).map(sum).collect();
-        let mut planes = planes.into_iter().map(|plane| Arc::new(Picture(Plane::new(width, height, plane))));
-        let layers = names.iter().zip(planes.by_ref()).map(|(id, plane)| (id.to_string(), plane)).collect();
-        Ok(ComposeOut {
-            picture: Arc::new(Picture(Plane::new(width, height, picture))),
-            layer: Scatter(layers),
-            rest: planes.next().expect("the rest follows the lights"),
-        })
+        let layers = planes.into_iter().map(|plane| Layer::new(Plane::new(width, height, plane)));
+        Ok(finish(picture, layers.collect()))
     }
 }
 

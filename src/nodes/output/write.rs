@@ -14,10 +14,10 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
-    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Normal, Picture, Plane, Roughness, Specular, resize,
-    resize_depth, write_png,
+    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, Normal, Picture, Plane, PngSamples, Roughness, Specular,
+    resize, resize_depth,
 };
-use crate::nodes::artifacts::{Encoding, Files, UnitDirect, UnitIndirect, Visibility};
+use crate::nodes::artifacts::{Encoding, Files, REST, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::Radiance;
 use crate::{params, ports};
 
@@ -44,9 +44,9 @@ ports! {
         /// The photo, for the layer `photo`: what the picture is compared with.
         photo: Option<Arc<Picture>>,
         /// Each light alone, the photo's size; they and `rest` sum to the picture.
-        layer: Gather<Picture>,
+        layer: Gather<Layer>,
         /// What no light explains.
-        rest: Arc<Picture>,
+        rest: Arc<Layer>,
         /// Unit direct shading of each light.
         direct: Gather<UnitDirect>,
         /// Visibility of each light.
@@ -76,46 +76,71 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = WriteIn;
     type Out = WriteOut;
 
-    fn run(&self, inputs: WriteIn, ctx: &Context) -> Result<WriteOut, NodeError> {
-        let picture = &inputs.picture.0;
-        let size = picture.size();
-        for (name, plane) in pictures(&inputs) {
+    /// Lets go of each plane of the photo's size as soon as its file holds it.
+    fn run(&self, mut inputs: WriteIn, ctx: &Context) -> Result<WriteOut, NodeError> {
+        let size = inputs.picture.0.size();
+        let photo = inputs.photo.iter().map(|photo| ("photo".to_owned(), &photo.0));
+        for (name, plane) in [("picture".to_owned(), &inputs.picture.0)].into_iter().chain(photo) {
             super::same_size(&name, plane.size(), "picture", size)?;
-            if let Some(at) = plane.pixels().iter().position(|c| !c.is_finite()) {
-                let (x, y, got) = (at % size.0, at / size.0, plane.pixels()[at]);
-                return Err(NodeError::Failed(format!("{name}: wanted finite numbers, got {got} at pixel ({x}, {y})")));
-            }
+            finite(&name, size.0, plane.pixels().iter().copied())?;
         }
-        let png = || write_png(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
-        let (png, exr) = rayon::join(png, || self.exr(&inputs, ctx));
-        Ok(WriteOut { files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])) })
+        for (name, layer) in lights(&inputs) {
+            super::same_size(&name, layer.size(), "picture", size)?;
+            finite(&name, size.0, (0..size.0 * size.1).map(|i| layer.get(i)))?;
+        }
+        let mut layers = ExrLayers::new(size.0, size.1);
+        if let Some(photo) = inputs.photo.take() {
+            layers.rgb("photo", &photo.0);
+        }
+        let png = PngSamples::new(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
+        layers.rgb("", &inputs.picture.0);
+        inputs.picture = Arc::new(Picture(Plane::new(0, 0, Vec::new())));
+        // One after the other: both have buffers as large as their files.
+        let png = png.into_file();
+        let exr = self.exr(inputs, layers, size, ctx)?;
+        Ok(WriteOut { files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr)])) })
     }
 }
 
-/// All planes that must have the picture's size, by layer name.
-fn pictures(inputs: &WriteIn) -> impl Iterator<Item = (String, &Plane<Vec3>)> {
-    let lights = inputs.layer.iter().map(|(id, layer)| (format!("light_{id}"), &layer.0));
-    let photo = inputs.photo.iter().map(|photo| ("photo".to_string(), &photo.0));
-    let picture = [("picture".to_string(), &inputs.picture.0), ("light_rest".to_string(), &inputs.rest.0)];
-    picture.into_iter().chain(lights).chain(photo)
+/// Layers by their names in the file.
+fn lights(inputs: &WriteIn) -> impl Iterator<Item = (String, &Arc<Layer>)> {
+    let lights = inputs.layer.iter().map(|(id, layer)| (format!("light_{id}"), layer));
+    [(format!("light_{REST}"), &inputs.rest)].into_iter().chain(lights)
+}
+
+fn finite(name: &str, width: usize, mut colours: impl Iterator<Item = Vec3>) -> Result<(), NodeError> {
+    let mut got = Vec3::ZERO;
+    let at = colours.position(|c| {
+        got = c;
+        !c.is_finite()
+    });
+    at.map_or(Ok(()), |at| {
+        let (x, y) = (at % width, at / width);
+        Err(NodeError::Failed(format!("{name}: wanted finite numbers, got {got} at pixel ({x}, {y})")))
+    })
 }
 
 impl Write {
-    fn exr(&self, inputs: &WriteIn, ctx: &Context) -> Result<Vec<u8>, NodeError> {
-        let (width, height) = inputs.picture.0.size();
-        let mut layers = ExrLayers::new(width, height);
-        layers.rgb("", &inputs.picture.0);
-        layers.half("A", &Plane::filled(width, height, 1.0));
-        for (name, plane) in pictures(inputs).skip(1) {
-            layers.rgb(&name, plane);
+    fn exr(
+        &self,
+        mut inputs: WriteIn,
+        mut layers: ExrLayers,
+        (width, height): (usize, usize),
+        ctx: &Context,
+    ) -> Result<Vec<u8>, NodeError> {
+        layers.opaque();
+        for (name, layer) in lights(&inputs) {
+            layers.layer(&name, layer.clone());
         }
+        let lights = std::mem::replace(&mut inputs.layer, Gather(Vec::new())).0.len();
+        inputs.rest = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
         // A half float has two bytes: R G B A; three for each light, the rest and the photo; albedo, normal, roughness and a
         // float depth; for each light two colours, a shadow, its unknown share and a float error.
-        let bytes = width * height * (8 + 6 * (2 + inputs.layer.0.len()) + 18 + 20 * inputs.radiance.0.len());
+        let bytes = width * height * (8 + 6 * (2 + lights) + 18 + 20 * inputs.radiance.0.len());
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
                 "picture.exr holds no diagnostic layers: it would be {} MiB, the limit is {} MiB",
@@ -123,7 +148,7 @@ impl Write {
                 MAX_EXR_BYTES >> 20
             ));
         } else if self.diagnostics {
-            diagnostics(inputs, &mut layers)?;
+            diagnostics(&inputs, (width, height), &mut layers)?;
         }
         layers.comment(UNITS);
         layers.comment(&super::encoding_line(&inputs.encoding));
@@ -148,8 +173,7 @@ impl Write {
 const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
                      metres; normals: camera space, x right, y up, z backward";
 
-fn diagnostics(inputs: &WriteIn, layers: &mut ExrLayers) -> Result<(), NodeError> {
-    let (width, height) = inputs.picture.0.size();
+fn diagnostics(inputs: &WriteIn, (width, height): (usize, usize), layers: &mut ExrLayers) -> Result<(), NodeError> {
     let colours = |plane: &Plane<Vec3>| resize(plane, width, height);
     let numbers = |plane: &Plane<f32>| resize(plane, width, height);
     layers.rgb("albedo", &colours(&inputs.albedo.0));

@@ -7,7 +7,7 @@
 //! Depth, by `kind` (d the stored number, s the `scale`): planar z = s d; a ray length gives z = s d / |r| with r the ray of
 //! the pixel at planar depth 1; a disparity gives z = s / d.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -18,7 +18,7 @@ use crate::geometry::Camera;
 use crate::graph::{Context, File, Node, NodeError, Scatter};
 use crate::image::{self, Depth, Mask, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
-use crate::optics::LightKind;
+use crate::optics::{LightKind, MOST_LIGHTS};
 use crate::{params, ports};
 
 /// What the numbers of a depth file mean.
@@ -84,7 +84,7 @@ params! {
         camera: CameraSpec = CameraSpec::FovX(60.0),
         /// EXR (channel Z, else Y, else R), 16-bit grey PNG or NPY, in units of `scale` metres.
         depth: DepthSpec = DepthSpec { path: File::default(), kind: DepthKind::PlanarZ, scale: 1.0 },
-        /// The visible lights by name, each with the mask of its pixels: PNG, JPEG or EXR.
+        /// The visible lights by name, each with the mask of its pixels: PNG, JPEG or EXR; at most 32 masks.
         lights: BTreeMap<String, LightSpec> = BTreeMap::new(),
         /// A mask of pixels that are no part of the room.
         ignore: Option<File> = None,
@@ -141,7 +141,17 @@ impl Node for ReadScene {
             return Err("depth.path: wanted a file, got none".into());
         }
         within("depth: scale", self.depth.scale, 1e-9, 1e9)?;
-        self.lights.keys().try_for_each(|id| check_id(id))
+        self.lights.keys().try_for_each(|id| check_id(id))?;
+        let masks: BTreeSet<(LightKind, &File)> =
+            self.lights.values().map(|light| (light.kind(), light.mask())).collect();
+        if masks.len() > MOST_LIGHTS {
+            return Err(format!(
+                "lights: wanted at most {MOST_LIGHTS} lights with masks of their own, got {}; leave out the weakest: what no light \
+                 explains stays in the picture",
+                masks.len()
+            ));
+        }
+        Ok(())
     }
 
     fn files(&mut self) -> Vec<&mut File> {
@@ -199,7 +209,7 @@ impl ReadScene {
             self.check_aspect("mask", file, got, full)?;
             ctx.warn(format!("{}: {}, resampled to the photo's {}", file.path, size(got), size(full)));
         }
-        let mask = Mask(image::resize(&mask.0, full.0, full.1));
+        let mask = if got == full { mask } else { Mask(image::resize(&mask.0, full.0, full.1)) };
         let covered = mask.0.pixels().iter().filter(|&&m| m > 0.0).count();
         if covered == 0 {
             return Err(bad(file, "mask: wanted white pixels where the light is, got a black picture".into()));

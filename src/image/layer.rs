@@ -1,0 +1,133 @@
+//! One light's part of a picture, as `picture.exr` holds it.
+
+use glam::Vec3;
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use serde::{Deserialize, Serialize};
+
+use super::{Picture, Plane};
+
+/// The part of a picture that one light gives, linear, at the photo's size: in half floats, half of the memory, which is what is
+/// written; in single precision where halves cannot hold it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Layer {
+    /// The bits of half floats: red, green, blue.
+    Half(Plane<[u16; 3]>),
+    Float(Plane<Vec3>),
+}
+
+/// Whether half floats hold a layer of this largest magnitude: above 65504 one is infinite, and where all is below 6.1e-5 they lose
+/// digits, and below 6e-8 everything.
+pub(super) fn halves_hold(largest: f32) -> bool {
+    largest <= f16::MAX.to_f32() && !(largest > 0.0 && largest < f16::MIN_POSITIVE.to_f32())
+}
+
+/// Colours that are converted at a time.
+const PIECE: usize = 1024;
+
+impl Layer {
+    pub fn new(plane: Plane<Vec3>) -> Layer {
+        let mut halves = HalfLayer::new(plane.width(), plane.height());
+        halves.put(0, plane.pixels().iter().copied());
+        halves.finish().unwrap_or(Layer::Float(plane))
+    }
+
+    /// (width, height)
+    pub fn size(&self) -> (usize, usize) {
+        match self {
+            Layer::Half(plane) => plane.size(),
+            Layer::Float(plane) => plane.size(),
+        }
+    }
+
+    /// The colour of pixel `i`, row by row.
+    pub fn get(&self, i: usize) -> Vec3 {
+        match self {
+            Layer::Half(plane) => Vec3::from_array(plane.pixels()[i].map(|bits| f16::from_bits(bits).to_f32())),
+            Layer::Float(plane) => plane.pixels()[i],
+        }
+    }
+
+    /// The layer in single precision.
+    pub fn picture(&self) -> Picture {
+        let (width, height) = self.size();
+        Picture(Plane::new(width, height, (0..width * height).map(|i| self.get(i)).collect()))
+    }
+
+    /// Memory held by the pixels, in bytes.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Layer::Half(plane) => plane.bytes(),
+            Layer::Float(plane) => plane.bytes(),
+        }
+    }
+}
+
+/// A layer in the making, black where nothing was put.
+pub struct HalfLayer {
+    plane: Plane<[u16; 3]>,
+    largest: f32,
+}
+
+impl HalfLayer {
+    pub fn new(width: usize, height: usize) -> HalfLayer {
+        HalfLayer { plane: Plane::filled(width, height, [0; 3]), largest: 0.0 }
+    }
+
+    /// Puts colours at the pixels from `at` on. Black is not written, so that a light that gives nothing takes no memory.
+    pub fn put(&mut self, at: usize, mut colours: impl Iterator<Item = Vec3>) {
+        let (mut wide, mut halves) = ([0.0; 3 * PIECE], [f16::ZERO; 3 * PIECE]);
+        for pixels in self.plane.pixels_mut()[at..].chunks_mut(PIECE) {
+            let mut count = 0;
+            for colour in colours.by_ref().take(pixels.len()) {
+                self.largest = self.largest.max(colour.abs().max_element());
+                wide[3 * count..][..3].copy_from_slice(&colour.to_array());
+                count += 1;
+            }
+            if count == 0 {
+                return;
+            }
+            halves[..3 * count].convert_from_f32_slice(&wide[..3 * count]);
+            for (pixel, half) in pixels.iter_mut().zip(halves[..3 * count].chunks_exact(3)) {
+                let bits = [half[0], half[1], half[2]].map(f16::to_bits);
+                if bits != [0; 3] {
+                    *pixel = bits;
+                }
+            }
+        }
+    }
+
+    /// The layer; `None` when halves cannot hold it.
+    pub fn finish(self) -> Option<Layer> {
+        halves_hold(self.largest).then_some(Layer::Half(self.plane))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_layer_keeps_eleven_bits_or_all() {
+        let plane = |scale: f32| Plane::from_fn(50, 41, |x, y| scale * Vec3::new(x as f32, y as f32, 0.1));
+        let half = Layer::new(plane(0.01));
+        assert!(matches!(half, Layer::Half(_)) && half.bytes() == 50 * 41 * 6);
+        for (i, want) in plane(0.01).pixels().iter().enumerate() {
+            assert!((half.get(i) - *want).abs().max_element() <= want.max_element() / 2048.0, "{i}");
+        }
+        for scale in [1e4, 1e-7, f32::INFINITY] {
+            assert!(matches!(Layer::new(plane(scale)), Layer::Float(_)), "{scale}");
+        }
+        assert_eq!(Layer::new(plane(0.0)).picture(), Picture(plane(0.0)));
+    }
+
+    #[test]
+    fn a_layer_made_in_pieces_is_the_same() {
+        let plane = Plane::from_fn(70, 40, |x, y| Vec3::new(x as f32, -(y as f32), 0.5));
+        let mut pieces = HalfLayer::new(70, 40);
+        for (top, rows) in plane.pixels().chunks(70 * 7).enumerate() {
+            pieces.put(top * 70 * 7, rows.iter().copied());
+        }
+        assert_eq!(pieces.finish(), Some(Layer::new(plane)));
+    }
+}
