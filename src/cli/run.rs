@@ -78,7 +78,7 @@ pub(super) fn engine_options(args: &Run) -> Result<EngineOptions, Fault> {
     Ok(EngineOptions { threads, budget: args.budget, ..options })
 }
 
-/// Where the results of a run go; nowhere when it only compares.
+/// The folder for the results of a run; none when it only compares.
 pub(super) fn output(args: &Run, graph: &Graph) -> Result<Option<Output>, Fault> {
     let output = || Output::of_graph(&args.out, graph, Some(&args.edit), args.force);
     (!args.verify).then(output).transpose()

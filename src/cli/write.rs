@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use relight::graph::{Fault, Graph, escape, escape_line};
 use relight::nodes::artifacts::check_file_name;
 
-/// A folder for results, and the files in it that are no results.
+/// A folder for results, and the files that results must not replace.
 pub struct Output {
     folder: PathBuf,
     /// Files that the run reads, each under the names that lead to it.

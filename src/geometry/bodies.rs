@@ -148,7 +148,7 @@ impl Bodies {
     /// Whether all rows have their number of entries.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub(super) fn check(&self) -> Result<(), String> {
         let Probes { points, normals, body } = &self.probes;
         rule(self.corners.len() == 3 * self.body.len(), "three corners for each triangle")?;

@@ -29,7 +29,7 @@ impl Grid {
     /// Whether a grid that was read from disk belongs to a plane of this size.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self, size: (usize, usize)) -> Result<(), String> {
         rule(self.stride > 0 && (self.width, self.height) == size, "a grid over the plane, with a stride of at least 1")
     }

@@ -107,7 +107,7 @@ impl SceneMesh {
     /// Whether a mesh that was read from disk has a cell for each point, and sound bodies.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         let (width, height) = self.points.size();
         // The last row and column have no quads.

@@ -105,7 +105,7 @@ impl Objects {
     /// Whether the planes of an object that was read from disk belong together, and samples draw from probes that are there.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         let (pixels, samples, probes) = (self.cover.size(), self.points.size(), self.probe_albedo.len());
         let of_pixels = [self.depth.size(), self.normal.size(), self.albedo.size(), self.gloss.size()];

@@ -121,7 +121,7 @@ enum Mark {
     /// Not there yet, or empty.
     Absent,
     Ours,
-    /// Of another version of the program.
+    /// A cache by another version of the program.
     OtherFormat,
     /// A folder of something else.
     Missing,

@@ -88,7 +88,7 @@ impl Coats {
     /// Whether all coats are of one size.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         let sizes = || self.0.iter().map(|coat| coat.matte.share.size());
         super::rule(sizes().zip(sizes().skip(1)).all(|(a, b)| a == b), "coats of one size")

@@ -29,7 +29,7 @@ impl Finish {
     /// Whether both planes of the photo's size have one.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         super::rule(self.share.size() == self.gloss.size(), "share and gloss of one size")
     }

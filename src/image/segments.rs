@@ -21,7 +21,7 @@ impl Segments {
     /// Whether every label is one of a segment.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         super::rule(self.label.pixels().iter().all(|&label| label < self.count), "labels below the count of segments")
     }

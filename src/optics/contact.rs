@@ -87,7 +87,7 @@ impl Contact {
     /// Whether every pixel and every probe is one of so many.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub(super) fn check(&self, pixels: usize, probes: usize) -> Result<(), String> {
         let count = self.pixels.len();
         rule(self.weight.len() == count && self.probes.height() == count, "a weight and a row of rays for each pixel")?;

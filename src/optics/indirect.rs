@@ -46,7 +46,7 @@ impl Transport {
     /// Whether every pixel and receiver that is named is there.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         self.grid.check(self.nearest.size())?;
         let receivers = self.grid.len().checked_add(self.probes).ok_or("wanted a number of probes that fits")?;

@@ -22,7 +22,7 @@ impl Shape {
     /// Whether the triangles and tables of a light that was read from disk are whole.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         match self {
             Shape::Lamp(Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles }) => {

@@ -30,7 +30,7 @@ impl Lighting {
     /// Whether each cell has as many lobes.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         let cells = self.columns.checked_mul(self.rows).filter(|&cells| cells > 0);
         rule(cells.is_some_and(|cells| self.lobes.len().is_multiple_of(cells)), "as many lobes for each cell")

@@ -40,7 +40,7 @@ impl Polish {
     /// Whether every row that is named is there.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         self.0.iter().try_for_each(|part| {
             let count = part.of.met.height();

@@ -49,7 +49,7 @@ impl ProfileTable {
     /// Whether there is a share for each pair of angles, and angles ascend.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub(super) fn check(&self) -> Result<(), String> {
         let cells = self.vertical.len().checked_mul(self.horizontal.len());
         rule(cells == Some(self.shares.len()), "a share for each pair of angles")?;

@@ -39,7 +39,7 @@ impl Reflections {
     /// Whether all planes have their number of rows. The pixels that rays meet are held against the photo's size where they are used.
     ///
     /// # Errors
-    /// What was wanted.
+    /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         rule(self.met.size() == self.weight.size(), "a weight for each ray")?;
         rule(self.far.len() == self.met.height(), "light from afar for each place")?;

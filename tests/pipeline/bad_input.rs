@@ -1,7 +1,7 @@
 //! Bad input through the whole command: exit status 2 and a name, or a picture; never a panic, an abort or a hang.
 
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
+use std::process::{Child, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use glam::Vec3;
@@ -52,6 +52,21 @@ pub fn room() -> Place {
 
 const LINE: &str = "run GRAPHS/physics.ron edit.ron --scene . --no-cache";
 
+/// Waits for the end of a program; one that runs for more than a minute is a fault.
+pub fn ended(child: &mut Child, what: &str) -> ExitStatus {
+    let began = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait().expect("it can be waited for") {
+            return status;
+        }
+        if began.elapsed() > Duration::from_secs(60) {
+            child.kill().expect("it can be killed");
+            panic!("{what}: still running after a minute");
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
 /// Runs to an end within time and memory; status and standard error.
 fn run(place: &Place, what: &str) -> (i32, String) {
     let command = place.command(LINE);
@@ -61,17 +76,7 @@ fn run(place: &Place, what: &str) -> (i32, String) {
     shell.arg(command.get_program()).args(command.get_args());
     let told = std::fs::File::create(place.path("told")).expect("a file can be written");
     let mut child = shell.stdout(Stdio::null()).stderr(told).spawn().expect("there is a shell");
-    let began = Instant::now();
-    let status = loop {
-        if let Some(status) = child.try_wait().expect("it can be waited for") {
-            break status;
-        }
-        if began.elapsed() > Duration::from_secs(60) {
-            child.kill().expect("it can be killed");
-            panic!("{what}: still running after a minute");
-        }
-        std::thread::sleep(Duration::from_millis(2));
-    };
+    let status = ended(&mut child, what);
     let told = std::fs::read(place.path("told")).expect("it is there");
     let told = String::from_utf8_lossy(&told).into_owned();
     assert!(!told.contains("panicked"), "{what} told:\n{told}");

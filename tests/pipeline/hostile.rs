@@ -3,11 +3,10 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
-use std::time::{Duration, Instant};
 
 use glam::Vec3;
 
-use crate::bad_input::{png_of, room};
+use crate::bad_input::{self, png_of, room};
 use crate::project::*;
 
 const LINE: &str = "run GRAPHS/physics.ron edit.ron --scene . --no-cache";
@@ -22,17 +21,7 @@ fn ended(place: &Place, line: &str) -> Output {
         .stderr(std::fs::File::create(place.path("told")).expect("a file can be written"))
         .spawn()
         .expect("the program starts");
-    let began = Instant::now();
-    let status = loop {
-        if let Some(status) = child.try_wait().expect("it can be waited for") {
-            break status;
-        }
-        if began.elapsed() > Duration::from_secs(60) {
-            child.kill().expect("it can be killed");
-            panic!("`relight {line}`: still running after a minute");
-        }
-        std::thread::sleep(Duration::from_millis(5));
-    };
+    let status = bad_input::ended(&mut child, line);
     let read = |name: &str| std::fs::read(place.path(name)).expect("it is there");
     Output { status, stdout: read("said"), stderr: read("told") }
 }
