@@ -374,6 +374,7 @@ impl<'a> Run<'a> {
         let mut state = self.lock();
         state.outcomes[at] = Some(outcome);
         state.reports[at] = Some(report);
+        (0..state.uses[at].len()).for_each(|port| state.let_go(at, port));
         result
     }
 
@@ -420,6 +421,8 @@ impl<'a> Run<'a> {
         };
         match outcome.expect("a flight lands after its outcome is known") {
             Outcome::Done(entry) => {
+                // The run may have let go of the first one's values already.
+                let entry = self.engine.store.in_memory(&key).unwrap_or(entry);
                 let report = self.report(at, Status::Hit, Some(&entry));
                 (Outcome::Done(entry), report)
             }
@@ -549,15 +552,19 @@ impl State {
         for (_, feed) in graph.instances[at].ports() {
             let (from, port) = (feed.instance, feed.port);
             self.uses[from][port] -= 1;
-            if self.uses[from][port] == 0
-                && let Some(Outcome::Done(entry)) = &mut self.outcomes[from]
-                && !entry.cut_short
-            {
-                *entry = Arc::new(entry.without(port));
-                let bytes = entry.resident();
-                self.held_now = self.held_now - self.held[from] + bytes;
-                self.held[from] = bytes;
-            }
+            self.let_go(from, port);
+        }
+    }
+
+    fn let_go(&mut self, at: usize, port: usize) {
+        if self.uses[at][port] == 0
+            && let Some(Outcome::Done(entry)) = &mut self.outcomes[at]
+            && !entry.cut_short
+        {
+            *entry = Arc::new(entry.without(port));
+            let bytes = entry.resident();
+            self.held_now = self.held_now - self.held[at] + bytes;
+            self.held[at] = bytes;
         }
     }
 }

@@ -128,6 +128,11 @@ impl Store {
         entry.resident() > self.memory.limit()
     }
 
+    /// The result under `key`, if memory holds it.
+    pub fn in_memory(&self, key: &Digest) -> Option<Arc<Entry>> {
+        self.memory.get(key)
+    }
+
     pub fn keep_in_memory(&self, entry: &Arc<Entry>) {
         self.memory.put(entry);
     }
