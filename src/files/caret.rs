@@ -170,7 +170,7 @@ mod tests {
     fn a_place_of_several_lines_is_marked_on_its_first_and_control_characters_stay_out() {
         let out = drawn("a\u{1b}[31m (b\nc)", 7..12);
         assert!(out.contains("a\\u{1b}[31m (b\n") && !out.contains('\u{1b}'), "{out}");
-        assert!(out.contains("|              ^^"), "{out}");
+        assert!(out.contains("|             ^^"), "{out}");
     }
 
     #[test]

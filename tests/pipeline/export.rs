@@ -190,7 +190,7 @@ fn export_as_a_command() {
     place.write("red.ron", r##"Edit(version: 1, materials: [Paint(region: Grow(160, 45), albedo: Srgb("#c00000"))])"##);
     place.check("export GRAPHS/physics.ron red.ron --scene DEMO --out red/room.usda", 0);
     let texture = |name: &str| png(&std::fs::read(place.path(name)).expect("it was written"));
-    let [old, new] = ["made/room_albedo.png", "red/room_albedo.png"].map(texture);
+    let [old, new] = ["made/living_albedo.png", "red/room_albedo.png"].map(texture);
     let redder = |x: u32, y: u32| {
         let ([r, _, b], [old_r, _, old_b]) = (new.get_pixel(x, y).0, old.get_pixel(x, y).0);
         i32::from(r) - i32::from(b) > i32::from(old_r) - i32::from(old_b) + 60
