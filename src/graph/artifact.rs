@@ -16,6 +16,17 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     const TYPE: &'static str;
     /// Memory held, in bytes: what the memory cache counts.
     fn bytes(&self) -> usize;
+    /// A value from its canonical bytes, which a large one may keep so that it is not held twice.
+    ///
+    /// # Errors
+    /// The bytes are not those of such a value.
+    fn decode(bytes: Vec<u8>) -> Result<Self, String> {
+        match postcard::take_from_bytes(&bytes) {
+            Ok((value, [])) => Ok(value),
+            Ok((_, rest)) => Err(format!("wanted nothing more, got {} bytes", rest.len())),
+            Err(e) => Err(e.to_string()),
+        }
+    }
     /// Whether a value that was read from disk keeps the rules of its type that its form does not: what every user of the type
     /// relies on without looking, such as indices in range. The engine makes the value again where it does not.
     ///

@@ -239,7 +239,7 @@ pub trait Outputs: Sized {
     /// In the order of [`Outputs::ports`].
     fn give(self) -> Vec<PortValue>;
     /// Decodes one stored value of the port at `index` of [`Outputs::ports`], whose `digest` was checked.
-    fn decode(index: usize, bytes: &[u8], digest: Digest) -> Result<Value, String>;
+    fn decode(index: usize, bytes: Vec<u8>, digest: Digest) -> Result<Value, String>;
 }
 
 /// A field type that can be an input port.
@@ -254,7 +254,7 @@ pub trait OutPort: Sized {
     const TYPE: &'static str;
     const ARITY: Arity;
     /// Decodes one stored value of this port's type, whose `digest` was checked.
-    fn decode(bytes: &[u8], digest: Digest) -> Result<Value, String>;
+    fn decode(bytes: Vec<u8>, digest: Digest) -> Result<Value, String>;
     fn give(self) -> PortValue;
 }
 
@@ -295,19 +295,16 @@ impl<T: Artifact> InPort for Gather<T> {
     }
 }
 
-fn decode<T: Artifact>(bytes: &[u8], digest: Digest) -> Result<Value, String> {
-    let (artifact, rest) = postcard::take_from_bytes::<T>(bytes).map_err(|e| e.to_string())?;
-    if !rest.is_empty() {
-        return Err(format!("{}: wanted nothing more, got {} bytes", T::TYPE, rest.len()));
-    }
-    artifact.check().map_err(|message| format!("{}: {message}", T::TYPE))?;
-    Ok(Value::stored(artifact, digest, bytes.len() as u64))
+fn decode<T: Artifact>(bytes: Vec<u8>, digest: Digest) -> Result<Value, String> {
+    let length = bytes.len() as u64;
+    let artifact = T::decode(bytes).and_then(|artifact| artifact.check().map(|()| artifact));
+    Ok(Value::stored(artifact.map_err(|message| format!("{}: {message}", T::TYPE))?, digest, length))
 }
 
 impl<T: Artifact> OutPort for Arc<T> {
     const TYPE: &'static str = T::TYPE;
     const ARITY: Arity = Arity::One;
-    fn decode(bytes: &[u8], digest: Digest) -> Result<Value, String> {
+    fn decode(bytes: Vec<u8>, digest: Digest) -> Result<Value, String> {
         decode::<T>(bytes, digest)
     }
     fn give(self) -> PortValue {
@@ -318,7 +315,7 @@ impl<T: Artifact> OutPort for Arc<T> {
 impl<T: Artifact> OutPort for Scatter<T> {
     const TYPE: &'static str = T::TYPE;
     const ARITY: Arity = Arity::Many;
-    fn decode(bytes: &[u8], digest: Digest) -> Result<Value, String> {
+    fn decode(bytes: Vec<u8>, digest: Digest) -> Result<Value, String> {
         decode::<T>(bytes, digest)
     }
     fn give(self) -> PortValue {
@@ -367,10 +364,10 @@ macro_rules! ports {
             }
             fn decode(
                 index: usize,
-                bytes: &[u8],
+                bytes: Vec<u8>,
                 digest: $crate::graph::Digest,
             ) -> Result<$crate::graph::Value, String> {
-                type Decode = fn(&[u8], $crate::graph::Digest) -> Result<$crate::graph::Value, String>;
+                type Decode = fn(Vec<u8>, $crate::graph::Digest) -> Result<$crate::graph::Value, String>;
                 let ports: &[Decode] = &[$( <$ty as $crate::graph::OutPort>::decode ),*];
                 ports.get(index).ok_or_else(|| format!("there is no output port {index}"))?(bytes, digest)
             }

@@ -73,7 +73,7 @@ impl Registry {
     pub fn decode(&self, type_name: &str, bytes: &[u8]) -> Option<Result<Value, String>> {
         let port = |kind: &KindSpec| kind.outputs.iter().position(|port| port.type_name == type_name);
         let (kind, port) = self.kinds.iter().find_map(|kind| Some((kind, port(kind)?)))?;
-        Some((kind.make)().decode(port, bytes, digest_of(type_name, bytes)))
+        Some((kind.make)().decode(port, bytes.to_vec(), digest_of(type_name, bytes)))
     }
 }
 
@@ -83,7 +83,7 @@ pub(super) trait AnyNode: Send + Sync {
     fn values(&self) -> Vec<(&'static str, String)>;
     fn files(&mut self) -> Vec<&mut File>;
     fn check(&self) -> Result<(), String>;
-    fn decode(&self, port: usize, bytes: &[u8], digest: Digest) -> Result<Value, String>;
+    fn decode(&self, port: usize, bytes: Vec<u8>, digest: Digest) -> Result<Value, String>;
     fn run(&self, inputs: Vec<PortValue>, ctx: &Context) -> Result<Vec<PortValue>, NodeError>;
     fn boxed_clone(&self) -> Box<dyn AnyNode>;
 }
@@ -105,7 +105,7 @@ impl<N: Node> AnyNode for N {
         Node::check(self)
     }
 
-    fn decode(&self, port: usize, bytes: &[u8], digest: Digest) -> Result<Value, String> {
+    fn decode(&self, port: usize, bytes: Vec<u8>, digest: Digest) -> Result<Value, String> {
         N::Out::decode(port, bytes, digest)
     }
 

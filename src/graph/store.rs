@@ -83,7 +83,7 @@ impl Store {
         let (port, digest) = (header.port as usize, Digest(header.digest));
         let disk = self.disk.as_ref().ok_or(Loss::Gone)?;
         let read = disk.value(&entry.key, index, &node.outputs[port], digest);
-        let decoded = read.and_then(|bytes| node.op.decode(port, &bytes, digest).map_err(Loss::Damaged));
+        let decoded = read.and_then(|bytes| node.op.decode(port, bytes, digest).map_err(Loss::Damaged));
         match &decoded {
             Ok(value) => {
                 entry.fill(index, value.clone());

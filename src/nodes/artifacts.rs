@@ -1,5 +1,7 @@
 //! Which types may travel on wires, and the members that every scene has.
 
+use std::ops::Range;
+
 use glam::Vec3;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -22,7 +24,7 @@ pub const REST: &str = "rest";
 
 /// The memory that a value of each type holds, and the rules that one must keep which was read from disk.
 macro_rules! artifacts {
-    ($( $ty:ident: $bytes:expr $(, if $check:expr)? );* $(;)?) => {$(
+    ($( $ty:ident: $bytes:expr $(, if $check:expr)? $(, from $decode:expr)? );* $(;)?) => {$(
         impl Artifact for $ty {
             const TYPE: &'static str = stringify!($ty);
             fn bytes(&self) -> usize {
@@ -32,6 +34,9 @@ macro_rules! artifacts {
             $(fn check(&self) -> Result<(), String> {
                 let check: fn(&$ty) -> Result<(), String> = $check;
                 check(self)
+            })?
+            $(fn decode(bytes: Vec<u8>) -> Result<$ty, String> {
+                $decode(bytes)
             })?
         }
     )*};
@@ -72,7 +77,8 @@ artifacts! {
     Encoding: |_| size_of::<Encoding>();
     Scores: |s| s.0.len() * size_of::<Score>();
     Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
-        if |f| f.0.iter().try_for_each(|(name, _)| check_file_name(name));
+        if |f| f.0.iter().try_for_each(|(name, _)| check_file_name(name)),
+        from Files::from_canonical;
 }
 
 /// Whether there is a plane of one size for each lobe in each list; lists without planes are left out.
@@ -176,7 +182,7 @@ const RESULT_FOLDERS: [&str; 1] = ["masks"];
 const DEVICES: [&str; 6] = ["con", "prn", "aux", "nul", "com", "lpt"];
 
 /// Whether a file of the results may have this name: one plain name that every system takes, in no folder or in one of
-/// [`RESULT_FOLDERS`].
+/// those that stages declare (`masks`).
 ///
 /// # Errors
 /// What was wanted and what was got.
@@ -204,6 +210,33 @@ pub fn check_file_name(name: &str) -> Result<(), String> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Files(pub Vec<(String, Vec<u8>)>);
 
+impl Files {
+    /// Files from their canonical bytes. The largest keeps their buffer: the layers of a large photo take gigabytes.
+    fn from_canonical(mut bytes: Vec<u8>) -> Result<Files, String> {
+        let bad = |e: postcard::Error| e.to_string();
+        let (count, mut rest) = postcard::take_from_bytes::<usize>(&bytes).map_err(bad)?;
+        let mut places = Vec::new();
+        for _ in 0..count {
+            let ((name, Bytes(file)), after) = postcard::take_from_bytes::<(String, Bytes)>(rest).map_err(bad)?;
+            let end = bytes.len() - after.len();
+            places.push((name, end - file.len()..end));
+            rest = after;
+        }
+        rule(rest.is_empty(), "nothing after the files")?;
+        let largest = (0..places.len()).max_by_key(|&i| places[i].1.len());
+        let copy = |(i, (name, place)): (usize, &(String, Range<usize>))| {
+            (name.clone(), if Some(i) == largest { Vec::new() } else { bytes[place.clone()].to_vec() })
+        };
+        let mut files: Vec<(String, Vec<u8>)> = places.iter().enumerate().map(copy).collect();
+        if let Some(i) = largest {
+            bytes.truncate(places[i].1.end);
+            bytes.drain(..places[i].1.start);
+            files[i].1 = bytes;
+        }
+        Ok(Files(files))
+    }
+}
+
 impl Serialize for Files {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(self.0.iter().map(|(name, bytes)| (name, Bytes(bytes))))
@@ -214,5 +247,66 @@ impl<'de> Deserialize<'de> for Files {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Files, D::Error> {
         let files: Vec<(String, Bytes<'de>)> = Deserialize::deserialize(deserializer)?;
         Ok(Files(files.into_iter().map(|(name, bytes)| (name, bytes.0.to_vec())).collect()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_come_back_whichever_is_the_largest() {
+        let lists: [&[(&str, &[u8])]; 4] = [
+            &[],
+            &[("a.png", b"")],
+            &[("a.png", b"short"), ("b.exr", b"much longer"), ("c.ron", b"")],
+            &[("a.png", b"the longest of all"), ("b.exr", b"short")],
+        ];
+        for list in lists {
+            let files = Files(list.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.to_vec())).collect());
+            let bytes = postcard::to_stdvec(&files).expect("it can be encoded");
+            assert_eq!(Files::decode(bytes.clone()).as_ref(), Ok(&files));
+            for cut in 0..bytes.len() {
+                assert!(Files::decode(bytes[..cut].to_vec()).is_err(), "{cut} of {} bytes", bytes.len());
+            }
+            assert!(Files::decode([&bytes[..], b"x"].concat()).is_err());
+        }
+    }
+
+    #[test]
+    fn names_of_results_are_plain() {
+        for name in
+            ["picture.png", "picture_0001.png", "masks/lamp_0.png", "Gr\u{f6}\u{df}e 1.usda", "console.png", "com.png"]
+        {
+            assert_eq!(check_file_name(name), Ok(()), "{name}");
+        }
+        let long = "a".repeat(256);
+        for name in [
+            "",
+            ".",
+            "..",
+            "/",
+            "/etc/passwd",
+            "../x",
+            "masks/../x",
+            "masks/",
+            "other/x",
+            "a/b/c",
+            "a\\b",
+            "C:x",
+            "a\0b",
+            "x\n",
+            "con",
+            "NUL.txt",
+            "com1",
+            "LPT9.png",
+            "masks/aux.png",
+            "x.",
+            "x ",
+            "x?",
+            long.as_str(),
+        ] {
+            assert!(check_file_name(name).is_err(), "{name:?}");
+        }
     }
 }

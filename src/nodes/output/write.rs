@@ -24,6 +24,8 @@ use crate::{params, ports};
 /// Diagnostic layers are left out of files that would hold more bytes than this before compression: they are at the
 /// working size by nature, and at the size of a large photo they only cost space.
 const MAX_EXR_BYTES: usize = 512 << 20;
+/// Up to this size both files are made at once; of a larger photo one after the other, as both have buffers as large as their files.
+const MAX_PIXELS_AT_ONCE: usize = 16 << 20;
 
 params! {
     /// Writes the picture as PNG, and all layers as EXR.
@@ -99,10 +101,13 @@ impl Node for Write {
         let png = PngSamples::new(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
         layers.rgb("", &inputs.picture.0);
         inputs.picture = Arc::new(Picture(Plane::new(0, 0, Vec::new())));
-        // One after the other: both have buffers as large as their files.
-        let png = png.into_file();
-        let exr = self.exr(inputs, layers, size, ctx)?;
-        Ok(WriteOut { files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr)])) })
+        let exr = || self.exr(inputs, layers, size, ctx);
+        let (png, exr) = if size.0 * size.1 > MAX_PIXELS_AT_ONCE {
+            (png.into_file(), exr())
+        } else {
+            rayon::join(|| png.into_file(), exr)
+        };
+        Ok(WriteOut { files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])) })
     }
 }
 
