@@ -88,6 +88,8 @@ pub struct DiskCache {
     shared: bool,
     /// The folder was seen to carry the mark.
     marked: AtomicBool,
+    /// The folders of entries, by first byte of the key, that were seen to be folders and no links.
+    shelves: [AtomicBool; 256],
     /// Bytes on disk, once they were counted.
     total: Mutex<Option<u64>>,
 }
@@ -155,7 +157,14 @@ struct Stored {
 impl DiskCache {
     /// The cache in a folder, which need not be there yet.
     pub fn new(CacheFolder { path, key, shared }: CacheFolder) -> DiskCache {
-        DiskCache { folder: path, key, shared, marked: AtomicBool::new(false), total: Mutex::new(None) }
+        DiskCache {
+            folder: path,
+            key,
+            shared,
+            marked: AtomicBool::new(false),
+            shelves: [const { AtomicBool::new(false) }; 256],
+            total: Mutex::new(None),
+        }
     }
 
     pub fn folder(&self) -> &Path {
@@ -164,14 +173,13 @@ impl DiskCache {
 
     fn mark(&self) -> io::Result<Mark> {
         let read = reading::open_no_follow(&self.folder.join(TAG), MAX_TAG);
-        let text = match read.and_then(|file| reading::read_all(file, MAX_TAG)) {
+        let text = match read.and_then(|(file, _)| reading::read_all(file, MAX_TAG)) {
             Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
             Err(e) if e.kind() == io::ErrorKind::NotFound => {
                 let is_empty = list(&self.folder)?.is_empty() && !self.folder.is_file();
                 return Ok(if is_empty { Mark::Absent } else { Mark::Missing });
             }
-            Err(e) if matches!(e.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::FileTooLarge) => String::new(),
-            Err(e) if e.kind() == io::ErrorKind::NotADirectory => String::new(),
+            Err(e) if is_foreign(&e) || e.kind() == io::ErrorKind::FileTooLarge => String::new(),
             Err(e) => return Err(e),
         };
         let format = text.strip_prefix(SIGNATURE).and_then(|rest| rest.strip_prefix(OWNER));
@@ -367,12 +375,29 @@ impl DiskCache {
         self.folder.join("entries").join(&name[..2]).join(&name[2..])
     }
 
+    /// Whether the folder of a key's entry is there, and is not a link.
+    fn has_shelf(&self, key: &Digest) -> bool {
+        let seen = &self.shelves[usize::from(key.0[0])];
+        seen.load(Ordering::Relaxed) || {
+            let entries = self.folder.join("entries");
+            let is_there = is_folder(&entries) && is_folder(&entries.join(&key.to_string()[..2]));
+            seen.store(is_there, Ordering::Relaxed);
+            is_there
+        }
+    }
+
+    /// The entry of a key; `None` where there is none that the cache could have made.
+    fn open_entry(&self, key: &Digest) -> Result<Option<(File, fs::Metadata)>, Unusable> {
+        if self.has_shelf(key) { open(&self.path(key)) } else { Ok(None) }
+    }
+
     /// The header under a key; counts as use.
     pub(super) fn header(&self, key: &Digest) -> Found {
         if !self.is_marked() {
             return Found::Nothing;
         }
-        match open_entry(&self.path(key)).map(|file| file.map(|mut file| (self.read_header(&mut file), file))) {
+        match self.open_entry(key).map(|entry| entry.map(|(mut file, data)| (self.read_header(&mut file, &data), file)))
+        {
             Ok(None) => Found::Nothing,
             Ok(Some((Ok(header), file))) if key::digest(&header.key_text) == *key => {
                 // Not possible in a read-only folder; then the order of deletion is that of creation.
@@ -392,8 +417,8 @@ impl DiskCache {
             Unusable::Damaged(damage) => Loss::Damaged(damage),
             Unusable::Foreign(_) => Loss::Gone,
         };
-        let mut file = open_entry(&self.path(key)).map_err(lost)?.ok_or(Loss::Gone)?;
-        let header = self.read_header(&mut file).map_err(lost)?;
+        let (mut file, data) = self.open_entry(key).map_err(lost)?.ok_or(Loss::Gone)?;
+        let header = self.read_header(&mut file, &data).map_err(lost)?;
         let bytes = read_value(&mut file, &header, index).map_err(|e| Loss::Damaged(e.to_string()))?;
         let whole = digest_of(port.type_name, &bytes) == digest;
         if whole { Ok(bytes) } else { Err(Loss::Damaged(format!("`{}` is not what was stored", port.name))) }
@@ -408,8 +433,10 @@ impl DiskCache {
         }
         self.make()?;
         let path = self.path(key);
-        self.folder_of("entries")?;
-        self.folder_of(&format!("entries/{}", &key.to_string()[..2]))?;
+        if !self.has_shelf(key) {
+            self.folder_of("entries")?;
+            self.folder_of(&format!("entries/{}", &key.to_string()[..2]))?;
+        }
         let mut file = self.builder(0o666).prefix(NEW).tempfile_in(self.folder_of("tmp")?)?;
         // Where the file system knows no locks, age alone tells stale files.
         let _ = file.as_file().try_lock();
@@ -451,7 +478,7 @@ impl DiskCache {
 
     /// Deletes a damaged result.
     pub(super) fn drop_entry(&self, key: &Digest) {
-        if self.is_marked() && self.path(key).parent().is_some_and(is_folder) {
+        if self.is_marked() && self.has_shelf(key) {
             let _ = remove(&self.path(key));
         }
     }
@@ -460,9 +487,8 @@ impl DiskCache {
     fn sweep(&self) {
         let ours = |path: &PathBuf| [NEW, LATEST].iter().any(|prefix| is_temporary(path, prefix));
         for path in list_folder(&self.folder.join("tmp")).unwrap_or_default().into_iter().filter(ours) {
-            let Ok(file) = reading::open_no_follow(&path, u64::MAX) else { continue };
-            let modified = file.metadata().and_then(|data| data.modified());
-            let old = modified.is_ok_and(|m| m.elapsed().is_ok_and(|age| age > STALE));
+            let Ok((file, data)) = reading::open_no_follow(&path, u64::MAX) else { continue };
+            let old = data.modified().is_ok_and(|m| m.elapsed().is_ok_and(|age| age > STALE));
             if old && !matches!(file.try_lock(), Err(fs::TryLockError::WouldBlock)) {
                 let _ = remove(&path);
             }
@@ -489,9 +515,10 @@ impl DiskCache {
 
     /// The last key of each node name of a project.
     pub(super) fn latest(&self, project: &str) -> BTreeMap<String, Digest> {
-        let path = self.folder.join("latest").join(key::digest(project).to_string());
-        let read = || reading::read_all(open_entry(&path).ok()??, MAX_LATEST).ok();
-        let bytes = self.is_marked().then(read).flatten().unwrap_or_default();
+        let folder = self.folder.join("latest");
+        let path = folder.join(key::digest(project).to_string());
+        let read = || reading::read_all(open(&path).ok()??.0, MAX_LATEST).ok();
+        let bytes = (self.is_marked() && is_folder(&folder)).then(read).flatten().unwrap_or_default();
         let line = |line: &str| {
             let (name, hex) = line.rsplit_once(' ')?;
             Some((name.to_owned(), Digest(*blake3::Hash::from_hex(hex).ok()?.as_bytes())))
@@ -518,8 +545,7 @@ impl DiskCache {
     }
 
     /// The header, and the file at the first byte behind it.
-    fn read_header(&self, file: &mut File) -> Result<Header, Unusable> {
-        let data = file.metadata().map_err(|e| e.to_string())?;
+    fn read_header(&self, file: &mut File, data: &fs::Metadata) -> Result<Header, Unusable> {
         let size = data.len();
         let mut preamble = [0; PREAMBLE as usize];
         file.read_exact(&mut preamble).map_err(|_| CUT)?;
@@ -540,7 +566,7 @@ impl DiskCache {
         }
         // Compared in constant time, as `blake3::Hash` does.
         if self.key.sign(&bytes) != *<&[u8; 32]>::try_from(signature).expect("thirty-two bytes") {
-            let owner = owner(&data).map(|user| format!(" and belongs to another user of this machine ({user})"));
+            let owner = owner(data).map(|user| format!(" and belongs to another user of this machine ({user})"));
             return Err(Unusable::Foreign(format!("it is signed with another key{}", owner.unwrap_or_default())));
         }
         let header: Header = postcard::from_bytes(&bytes).map_err(|e| format!("its header cannot be decoded: {e}"))?;
@@ -552,8 +578,8 @@ impl DiskCache {
 
     /// Whether a result is whole, signed and stands under its own key.
     fn check(&self, path: &Path) -> Result<(), Unusable> {
-        let mut file = open_entry(path)?.ok_or("it is not there")?;
-        let header = self.read_header(&mut file)?;
+        let (mut file, data) = open(path)?.ok_or("it is not there")?;
+        let header = self.read_header(&mut file, &data)?;
         let key = key::digest(&header.key_text).to_string();
         if !path.ends_with(Path::new(&key[..2]).join(&key[2..])) {
             return Err("it stands under a key that is not its own".into());
@@ -573,19 +599,21 @@ const NEW: &str = "new-";
 const LATEST: &str = "latest-";
 const CUT: &str = "it is cut short";
 
-/// Opens an entry; `None` where there is none that the cache could have made.
-fn open_entry(path: &Path) -> Result<Option<File>, Unusable> {
-    if !path.parent().is_some_and(is_folder) {
-        return Ok(None);
-    }
+/// Opens a file of the cache; `None` where there is none that the cache could have made.
+fn open(path: &Path) -> Result<Option<(File, fs::Metadata)>, Unusable> {
     match reading::open_no_follow(path, u64::MAX) {
-        Ok(file) => Ok(Some(file)),
-        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::InvalidInput) => Ok(None),
+        Ok(opened) => Ok(Some(opened)),
+        Err(e) if e.kind() == io::ErrorKind::NotFound || is_foreign(&e) => Ok(None),
         Err(e) => match path.symlink_metadata().ok().and_then(|data| owner(&data)) {
             Some(user) => Err(Unusable::Foreign(format!("it belongs to another user of this machine ({user}): {e}"))),
             None => Err(format!("cannot be read: {e}").into()),
         },
     }
+}
+
+/// Whether something else than a file stands in the place of one: a link, a pipe, a file in the place of a folder.
+fn is_foreign(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::NotADirectory)
 }
 
 /// The user that a file belongs to, by number, where that is another one than runs the program.

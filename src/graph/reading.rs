@@ -16,12 +16,21 @@ pub const MAX_FILE_BYTES: u64 = 2 << 30;
 /// # Errors
 /// Those of the system; `InvalidInput` for anything but a regular file, `FileTooLarge` above the limit.
 pub fn open(path: &Path, limit: u64) -> io::Result<File> {
-    opened(path, limit, true)
+    // Before opening, as the opening of a device may do something.
+    check(&path.metadata()?, limit)?;
+    Ok(opened(path, limit, true)?.0)
 }
 
-/// [`open`] for a path whose last component must not be a symbolic link.
-pub(super) fn open_no_follow(path: &Path, limit: u64) -> io::Result<File> {
-    opened(path, limit, false)
+/// The file and what is known of it, for a path within the cache, whose last component must not be a symbolic link.
+pub(super) fn open_no_follow(path: &Path, limit: u64) -> io::Result<(File, Metadata)> {
+    #[cfg(not(unix))]
+    check(&path.symlink_metadata()?, limit)?;
+    let opened = opened(path, limit, false);
+    #[cfg(unix)]
+    if opened.as_ref().is_err_and(|e| e.raw_os_error() == Some(nix::errno::Errno::ELOOP as i32)) {
+        return Err(not_regular("a symbolic link"));
+    }
+    opened
 }
 
 /// The bytes of a regular file of at most `limit` bytes, also where it grows while it is read.
@@ -54,9 +63,8 @@ pub(super) fn below(folder: &Path, path: &Path) -> io::Result<PathBuf> {
     Err(io::Error::new(io::ErrorKind::PermissionDenied, message))
 }
 
-fn opened(path: &Path, limit: u64, follow: bool) -> io::Result<File> {
-    // Before opening, as the opening of a device may do something; after it, as the path may have been exchanged.
-    check(&if follow { path.metadata()? } else { path.symlink_metadata()? }, limit)?;
+#[cfg_attr(not(unix), expect(unused_variables, reason = "links were seen before"))]
+fn opened(path: &Path, limit: u64, follow: bool) -> io::Result<(File, Metadata)> {
     let mut options = OpenOptions::new();
     options.read(true);
     #[cfg(unix)]
@@ -68,8 +76,9 @@ fn opened(path: &Path, limit: u64, follow: bool) -> io::Result<File> {
         options.custom_flags(flags.bits());
     }
     let file = options.open(path)?;
-    check(&file.metadata()?, limit)?;
-    Ok(file)
+    let data = file.metadata()?;
+    check(&data, limit)?;
+    Ok((file, data))
 }
 
 fn check(data: &Metadata, limit: u64) -> io::Result<()> {
@@ -81,9 +90,13 @@ fn check(data: &Metadata, limit: u64) -> io::Result<()> {
         } else {
             "a pipe, a socket or a device"
         };
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("wanted a regular file, got {got}")));
+        return Err(not_regular(got));
     }
     if data.len() > limit { Err(too_large(data.len(), limit)) } else { Ok(()) }
+}
+
+fn not_regular(got: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, format!("wanted a regular file, got {got}"))
 }
 
 fn too_large(got: u64, limit: u64) -> io::Error {
@@ -125,8 +138,10 @@ mod tests {
             let link = folder.path().join("link");
             std::os::unix::fs::symlink("/dev/zero", &link).expect("a link can be made");
             assert_eq!(message(read(&link, 100)), "wanted a regular file, got a pipe, a socket or a device");
-            let message = open_no_follow(&link, 100).expect_err("it is a link").to_string();
-            assert_eq!(message, "wanted a regular file, got a symbolic link");
+            let error = open_no_follow(&link, 100).expect_err("it is a link");
+            assert_eq!(error.to_string(), "wanted a regular file, got a symbolic link");
+            let error = open_no_follow(&pipe, 100).expect_err("it is a pipe");
+            assert_eq!(error.kind(), io::ErrorKind::InvalidInput);
         }
     }
 }
