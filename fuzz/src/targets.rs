@@ -126,9 +126,9 @@ pub fn edit(bytes: &[u8]) {
 
 /// Stored values of all types that travel on wires: the first byte chooses the type.
 pub fn values(bytes: &[u8]) {
-    let types = REGISTRY.types();
+    static TYPES: LazyLock<Vec<&str>> = LazyLock::new(|| REGISTRY.types().into_iter().collect());
     let Some((&first, rest)) = bytes.split_first() else { return };
-    let name = types.iter().nth(usize::from(first) % types.len()).expect("the index is below the length");
+    let name = TYPES[usize::from(first) % TYPES.len()];
     let _ = REGISTRY.decode(name, rest).expect("a stage gives this type");
 }
 
