@@ -101,18 +101,25 @@ impl Parts {
     fn read(graph: &Path, files: &Files) -> Parts {
         let mut faults = Vec::new();
         let file = keep(GraphFile::read_within(graph, files.reach()), &mut faults);
-        let folder = files.scene.clone().or_else(|| file.as_ref().and_then(GraphFile::scene));
+        let folder = match &files.scene {
+            Some(folder) => Ok(Some(folder.clone())),
+            None => file.as_ref().map_or(Ok(None), GraphFile::scene),
+        };
         // A file that cannot be read must not make the others look wrong: what it would have told stays unchecked.
         let kinds = kinds(file.as_ref());
-        let room = match (&folder, &kinds) {
-            (Some(folder), _) => keep(scene::read_within(folder, kinds.as_deref(), files.reach()), &mut faults),
-            (None, Some(kinds)) if scene::STAGES.iter().any(|stage| kinds.contains(stage)) => {
+        let room = match (folder, &kinds) {
+            (Err(fault), _) => {
+                faults.push(fault);
+                None
+            }
+            (Ok(Some(folder)), _) => keep(scene::read_within(&folder, kinds.as_deref(), files.reach()), &mut faults),
+            (Ok(None), Some(kinds)) if scene::STAGES.iter().any(|stage| kinds.contains(stage)) => {
                 let fault = Fault::file(graph, "this graph reads a scene, and none is named");
                 faults.push(fault.help("name its folder with --scene DIR"));
                 None
             }
-            (None, Some(_)) => Some(Overlay::default()),
-            (None, None) => None,
+            (Ok(None), Some(_)) => Some(Overlay::default()),
+            (Ok(None), None) => None,
         };
         let registry = networks::registry(&files.networks);
         let mut settings = Vec::new();

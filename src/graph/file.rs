@@ -18,7 +18,7 @@ pub struct GraphFile {
     path: PathBuf,
     /// This file and those that it extends.
     pub(super) sources: Vec<PathBuf>,
-    scene: Option<PathBuf>,
+    scene: Option<Key>,
     pub(super) sets: Vec<SetDecl>,
     pub(super) nodes: Vec<NodeDecl>,
     pub(super) outputs: Vec<Key>,
@@ -155,8 +155,17 @@ impl GraphFile {
     }
 
     /// The scene folder that the graph names, from the folder of the file that names it.
-    pub fn scene(&self) -> Option<PathBuf> {
-        self.scene.clone()
+    ///
+    /// # Errors
+    /// A confined file names a folder elsewhere.
+    pub fn scene(&self) -> Result<Option<PathBuf>, Fault> {
+        let Some(Key { name, origin }) = &self.scene else { return Ok(None) };
+        let folder = origin.source.folder().join(name);
+        match origin.source.may_name(&folder) {
+            Ok(()) => Ok(Some(folder)),
+            Err(e) => Err(Fault::at(origin, format!("{}: {e}", folder.display()))
+                .help("name the scene's folder with --scene DIR")),
+        }
     }
 
     pub fn sets(&self) -> impl Iterator<Item = SetInfo<'_>> {
@@ -200,15 +209,7 @@ impl GraphFile {
     /// A set of a name that is there already is replaced; outputs are added; a node is changed field by field, unless
     /// it becomes another kind: then nothing of the old one stays.
     fn lay_over(&mut self, layer: Layer) {
-        if let Some(scene) = layer.scene {
-            let source = &scene.origin.source;
-            let folder = source.folder().join(scene.name);
-            if let Err(e) = source.may_name(&folder) {
-                let fault = Fault::at(&scene.origin, format!("{}: {e}", folder.display()));
-                self.faults.push(|| fault.help("name the scene's folder with --scene DIR"));
-            }
-            self.scene = Some(folder);
-        }
+        self.scene = layer.scene.or(self.scene.take());
         let mut known = places(self.sets.iter().map(|set| &set.name));
         for set in layer.sets {
             match known.get(&set.name.name) {

@@ -225,7 +225,7 @@ fn a_child_lies_over_its_parents() {
         nodes: { "m": (op: Mixed(factor: 3.0)), "d": (op: Add, in: { "number": "m" }) }, outputs: ["d"])"#,
     );
     let file = GraphFile::read(&folder.path().join("leaf.ron")).unwrap_or_else(|f| panic!("{}", list(&f)));
-    assert_eq!(file.scene().unwrap(), folder.path().join("b"));
+    assert_eq!(file.scene().unwrap().unwrap(), folder.path().join("b"));
     assert_eq!(file.sets().next().unwrap().members, ["y", "z"]);
     let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|f| panic!("{}", list(&f)));
     assert_eq!(graph.outputs(), ["m", "d"]);

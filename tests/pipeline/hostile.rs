@@ -344,6 +344,16 @@ fn files_of_strangers_can_be_confined() {
         check(&secret, Some("photo.png"));
     }
 
+    // The scene that a graph names counts as one of its files, unless the person names another.
+    let naming = place();
+    std::fs::create_dir(naming.path("graphs")).expect("a folder can be made");
+    naming.write("graphs/g.ron", r#"Graph(version: 1, extends: "physics.ron", scene: "../scene")"#);
+    std::fs::copy(root().join("graphs/physics.ron"), naming.path("graphs/physics.ron")).expect("it can be copied");
+    naming.check("check graphs/g.ron edit.ron", 0);
+    let told = naming.check("check graphs/g.ron edit.ron --confined", 2);
+    assert!(told.contains("confined: wanted a file below") && told.contains("--scene DIR"), "{told}");
+    naming.check("check graphs/g.ron edit.ron --confined --scene scene", 0);
+
     let extending = place();
     std::fs::create_dir(extending.path("graphs")).expect("a folder can be made");
     std::fs::rename(extending.path("graph.ron"), extending.path("graphs/physics.ron")).expect("it can be renamed");

@@ -13,7 +13,7 @@ fn each_graph_runs_with_each_fitting_edit() {
     let mut fitted = vec![0; edits.len()];
     for graph in ron_files("graphs") {
         let file = relight::graph::GraphFile::read(&graph).unwrap_or_else(|faults| panic!("{}", faults[0]));
-        let scene = file.scene().unwrap_or_else(demo);
+        let scene = file.scene().expect("it is not confined").unwrap_or_else(demo);
         if !scene.is_dir() {
             println!("{}: left out, its scene {} is not here", stem(&graph), scene.display());
             continue;

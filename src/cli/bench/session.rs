@@ -46,7 +46,7 @@ impl Session {
             each: node.each.map(str::to_owned),
         });
         let nodes = nodes.collect();
-        let scene = args.scene.clone().or_else(|| file.scene());
+        let scene = args.scene.clone().map_or_else(|| file.scene(), |scene| Ok(Some(scene)))?;
         let threads = args.threads.map(usize::from);
         let cancel = Cancel::default();
         stop_on_ctrl_c(&cancel)?;
