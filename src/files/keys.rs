@@ -31,7 +31,7 @@ pub struct EditFile {
 /// One `Keys(..)`.
 struct Track {
     place: Range<usize>,
-    /// Of its first byte, and of the first one after it.
+    /// The places of its first byte and of the first byte after it.
     anchors: [Anchor; 2],
     /// By frame, ascending; at least one.
     keys: Vec<Moment>,

@@ -80,7 +80,7 @@ impl Textures {
         self.held.get(name).cloned()
     }
 
-    /// Decodes a texture and keeps it under its name; `warnings` gets what the person should know of it.
+    /// Decodes a texture and keeps it under its name; `warnings` receives the reader's warnings.
     pub fn read(&mut self, name: &str, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Arc<Texture>, String> {
         self.file_bytes += bytes.len() as u64;
         let room = (FREE_TEXELS + TEXELS_PER_BYTE * self.file_bytes).saturating_sub(self.held_bytes);
@@ -200,7 +200,7 @@ mod tests {
         assert!(told("a.gltf", &"{".repeat(600_000)).contains("JSON objects"));
     }
 
-    /// Where all materials of a model have one texture, all of its skins hold the same one.
+    /// Skins of a model share a texture that several of its materials name.
     fn check_shared(skins: &[Skin], count: usize, asked: &[String]) {
         let held: Vec<_> = skins.iter().filter_map(|skin| skin.colour.as_ref()).collect();
         assert_eq!(held.len(), count);

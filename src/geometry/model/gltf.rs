@@ -41,7 +41,7 @@ fn document(bytes: &[u8]) -> Result<(gltf::Document, Option<Vec<u8>>), String> {
         if image.buffer_view.is_none() && image.uri.is_none() {
             return Err(bad(format!("image {index}: wanted a uri or a bufferView, got neither")));
         }
-        // Its content tells what it is.
+        // The content determines the format.
         image.mime_type.get_or_insert_with(|| gltf::json::image::MimeType(String::new()));
     }
     let document = gltf::Document::from_json(json).map_err(bad)?;
@@ -147,7 +147,7 @@ pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
     Ok(model)
 }
 
-/// The texels of a texture, and on the list what a person should know of it.
+/// Reads the texels of a texture; the list receives the reader's warnings.
 type ReadTexture<'a> = &'a mut dyn FnMut(gltf::Texture, &mut Vec<String>) -> Result<Arc<Texture>, String>;
 
 /// What a primitive without material is made of.

@@ -143,7 +143,7 @@ impl Model {
     /// is asked once for each.
     ///
     /// # Errors
-    /// What was wanted and what was got, when the file is damaged, holds no triangle, or asks for more memory than its bytes stand for.
+    /// The file is damaged, holds no triangle, or asks for more memory than its bytes stand for; the message says what was wanted and got.
     pub fn read(
         name: &str,
         bytes: &[u8],
