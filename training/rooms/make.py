@@ -135,14 +135,19 @@ def groups(lit, names):
 def make(seed, library, folder, quality):
     """Renders the room of a seed into `folder`; None when no camera sees anything. `quality`: see SPLITS."""
     import scene as scenes
-    import truth
 
-    photo_passes, passes, direct_passes, texel_samples, clean = quality
     room, rng = layout.make(seed, library)
     lit = scenes.Lit(room)
     found = look(lit, lit.scene({}), room, rng)
-    if found is None:
-        return None
+    about = dict(seed=seed, scene="generated", kind=room.kind, night=bool(room.night), corners=len(room.footprint))
+    return found and record(lit, found, rng, folder, quality, about)
+
+
+def record(lit, found, rng, folder, quality, about):
+    """Renders what is true of a lit room from the view that `look` found into `folder`; None when it is dark there. `about` goes into room.json."""
+    import truth
+
+    photo_passes, passes, direct_passes, texel_samples, clean = quality
     view, planes, seen, hidden = found
     names = names_of(seen, hidden)
     all_on = lit.scene(dict.fromkeys(names))
@@ -207,10 +212,7 @@ def make(seed, library, folder, quality):
     (folder / "room.json").write_text(
         json.dumps(
             dict(
-                seed=seed,
-                kind=room.kind,
-                night=bool(room.night),
-                corners=len(room.footprint),
+                about,
                 gain=gain.tolist(),
                 view=dict(origin=view.origin.tolist(), turn=view.turn.tolist(), fov_x=view.fov_x),
                 names=names,

@@ -1,5 +1,6 @@
 """A room as scenes of Mitsuba 3: what stands there once, and the lights that burn."""
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -86,6 +87,13 @@ class Lit:
                 light |= {f"{lobe}_direction": mi.ScalarPoint3f(d), f"{lobe}_bandwidth": float(b), f"{lobe}_weight": mi.ScalarPoint3f(weight)}
             out["emitter"] = light
         return out
+
+    def materials(self, scene, si):
+        """Albedo and GGX roughness where rays hit; 0.5 and 1 on lights."""
+        known = {s.id(): mi.ShapePtr(s) for s in scene.shapes()}
+        furniture = (si.shape == known["matte"]) | (si.shape == known["gloss"])
+        albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
+        return albedo, dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
 
     def scene(self, burning):
         """With these lights on: {name: the lobes of a window that shine, None for all}."""

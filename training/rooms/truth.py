@@ -123,9 +123,7 @@ def surfaces(lit, scene, view):
     spp = 16
     si, _ = hits(scene, view, WIDTH, spp, 1)
     known = {name: mi.ShapePtr(s) for name, s in shapes_of(scene).items()}
-    furniture = (si.shape == known["matte"]) | (si.shape == known["gloss"])
-    albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
-    rough = dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
+    albedo, rough = lit.materials(scene, si)
     planes = {"albedo": per_pixel(albedo, WIDTH, spp), "rough": per_pixel(rough, WIDTH, spp), "normal": normals(si, view, WIDTH, spp)}
     light, touch = np.zeros((2, HEIGHT, WIDTH), int)
     for k, name in enumerate(names):
