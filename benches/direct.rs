@@ -1,4 +1,4 @@
-//! Direct light with shadows of three lights in scenes/demo (320 x 240): the time until it is right to one per cent.
+//! Direct light with shadows of three lights in tests/scenes/small (320 x 240): the time until it is right to one per cent.
 //!
 //! benches/peers/mitsuba_direct.py runs this beside Mitsuba's `direct` integrator on the same triangles and lights:
 //!
@@ -44,8 +44,8 @@ struct Room {
 
 impl Room {
     fn read() -> Room {
-        let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/demo");
-        let bytes = |name: &str| std::fs::read(demo.join(name)).expect("scenes/demo is part of the project");
+        let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/small");
+        let bytes = |name: &str| std::fs::read(demo.join(name)).expect("tests/scenes/small is part of the project");
         let (depth, _) = image::read_depth(Source::new("depth", &bytes("depth.exr"))).expect("its depth is sound");
         let mask = image::read_mask(Source::new("mask", &bytes("masks/window_0.png"))).expect("its mask is sound");
         let outside = mask.0.map(|share| share > 0.5);

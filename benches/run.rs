@@ -1,4 +1,4 @@
-//! The time of the whole command on scenes/demo (320 x 240): nothing changed, one light's radiance changed, and all of it from
+//! The time of the whole command on tests/scenes/small (320 x 240): nothing changed, one light's radiance changed, and all of it from
 //! an empty cache; beside a process that does nothing and a copy of the written files.
 
 use std::path::Path;
@@ -37,7 +37,7 @@ fn main() {
     };
     let relight = |edit: &Path, cache: &str| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
-        command.arg("run").arg(root.join("graphs/demo.ron")).arg(edit);
+        command.arg("run").arg(root.join("tests/scenes/small.ron")).arg(edit);
         run(command.current_dir(&folder).args(["--out", "out", "--cache", cache]));
     };
     let same = edit(0.5);

@@ -345,7 +345,7 @@ fn the_cache_is_looked_after() {
 fn bench_measures_and_draws() {
     let room = Room::new();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let graph = root.join("graphs/demo.ron");
+    let graph = root.join("tests/scenes/small.ron");
     let line = format!("bench {} --quick --side 40 --out b --json", graph.display());
     let (json, _) = check_runs(&room, &line, 0);
     let json: serde_json::Value = serde_json::from_str(&json).expect("it is JSON");

@@ -5,7 +5,7 @@ cd "$(dirname "$0")/../.."
 cargo build --release
 out=out/accuracy
 mkdir -p $out
-target/release/relight bench graphs/physics.ron --scene scenes/demo --out $out "$@" > $out/tables.md
+target/release/relight bench graphs/physics.ron --scene tests/scenes/small --out $out "$@" > $out/tables.md
 cp $out/*.svg $out/bench.csv docs/accuracy/
 # A table goes between the line that names it and the line that ends it.
 awk '

@@ -336,6 +336,9 @@ pub struct Eval {
     /// Set one parameter of one node, as RON; may be given several times.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
     pub set: Vec<String>,
+    /// Measure the graph as it is, without the steps that replace its parts by the truth.
+    #[arg(long)]
+    pub no_ladder: bool,
     /// The folder for eval.json; made when it is not there.
     #[arg(long, value_name = "DIR", default_value = "out/eval")]
     pub out: PathBuf,

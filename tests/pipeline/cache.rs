@@ -7,7 +7,7 @@ use std::time::Instant;
 use crate::project::*;
 
 /// The demo at a third of its working size: the same stages and files, in a fraction of the time.
-const RUN: &str = "run GRAPHS/demo.ron EDITS/insert_lamp.ron --set scene.long_side=96";
+const RUN: &str = "run DEMO.ron EDITS/insert_lamp.ron --set scene.long_side=96";
 
 /// What a run without any cache gives.
 fn wanted(place: &Place) -> [Vec<u8>; 2] {
@@ -185,7 +185,7 @@ fn several_processes_at_once_are_all_right() {
 #[test]
 fn what_a_budget_cut_short_is_not_kept() {
     let place = Place::new();
-    let line = "GRAPHS/demo.ron EDITS/none.ron --set scene.long_side=96 --only shadow[window_0]";
+    let line = "DEMO.ron EDITS/none.ron --set scene.long_side=96 --only shadow[window_0]";
     let run = |more: &str| place.check(&format!("run {line} --cache cache --out out {more}"), 0);
     let row = |told: &str| {
         let row = told.lines().find(|line| line.starts_with("shadow[window_0]")).expect("the table names it");

@@ -196,7 +196,7 @@ fn lighting_is_scored_on_the_cells_that_are_known() {
 fn bent() -> String {
     let text = std::fs::read_to_string(demo().join("scene.ron")).expect("the demo has one");
     let at = |part: &str| format!("\"{}", demo().join(part).display());
-    ["photo.png", "depth.exr", "masks/", "truth/", "../../edits/"]
+    ["photo.png", "depth.exr", "masks/", "truth/", "edits/"]
         .iter()
         .fold(text, |text, part| text.replace(&format!("\"{part}"), &at(part)))
         .replace("scale: 1.0", "scale: 1.3")

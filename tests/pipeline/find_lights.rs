@@ -10,7 +10,7 @@ use crate::bad_input::{npy, png_of};
 use crate::project::*;
 
 fn graph(scene: &Path) -> Graph {
-    let graph = load(&root().join("graphs/find_lights.ron"), scene, &root().join("edits/none.ron"));
+    let graph = load(&root().join("graphs/find_lights.ron"), scene, &edits().join("none.ron"));
     graph.unwrap_or_else(|faults| panic!("{}", faults[0]))
 }
 

@@ -34,7 +34,7 @@ fn edits() -> impl Iterator<Item = (String, String)> {
         // Tests put edits into folders of their own.
         (stem(&path).to_owned(), text.replace("\"../", &format!("\"{}/", root().display())))
     };
-    ron_files("edits").into_iter().map(read)
+    ron_files(crate::project::edits()).into_iter().map(read)
 }
 
 #[test]

@@ -12,10 +12,6 @@ use relight::optics::{Lamp, Radiance, Shape};
 
 use crate::project::*;
 
-fn shipped(name: &str) -> String {
-    std::fs::read_to_string(root().join("edits").join(name)).expect("the edit is there")
-}
-
 /// A folder with an edit and the files that it names, put together with the demo.
 fn run_files(files: &[(&str, &[u8])], edit: &str, outputs: &[&str]) -> RunReport {
     let place = Place::new();
@@ -67,7 +63,7 @@ fn a_profile_shines_where_its_candela_are() {
     let (_, doubled) = spot(&format!(", flux: {}", 2.0 * lumens));
     let ratio = luminance(doubled) / luminance(radiance);
     assert!((ratio - 2.0).abs() < 1e-3, "the file holds {lumens} lumens, and twice that is {ratio} times the light");
-    let graph = load(&root().join("graphs/physics.ron"), &demo(), &root().join("edits/spot.ron"));
+    let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("spot.ron"));
     let report = run(shared_engine(), &graph.unwrap_or_else(|faults| panic!("{}", faults[0])), &["edit.shape"]);
     let Shape::Lamp(Lamp::Luminaire { center, .. }) = *of::<Shape>(many(&report, "edit.shape"), "spot") else {
         panic!("a profile makes a luminaire")
@@ -115,7 +111,7 @@ fn a_model_lights_the_room_as_the_same_form_does() {
 
 #[test]
 fn the_lantern_shines_and_can_be_moved() {
-    let shipped = shipped("mesh_lamp.ron").replace("../scenes/demo/models/", "");
+    let shipped = shipped("mesh_lamp").replace(&format!("{}/models/", root().join("scenes/demo").display()), "");
     let file = std::fs::read(root().join("scenes/demo/models/lantern.obj")).expect("it ships");
     let report = run_files(&[("lantern.obj", &file)], &shipped, &["edit.shape", "compose.picture", "glow"]);
     let shape = of::<Shape>(many(&report, "edit.shape"), "lantern");
@@ -132,7 +128,7 @@ fn the_lantern_shines_and_can_be_moved() {
 #[test]
 fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
     let outputs = ["compose.layer", "glow", "edit.shape", "edit.radiance", "fit.radiance", "init.shape"];
-    let moved = run_edit(&shipped("move_lamp.ron"), &outputs);
+    let moved = run_edit(&shipped("move_lamp"), &outputs);
     let off = run_edit(r#"Edit(version: 1, lights: { "lamp_0": Off })"#, &outputs);
     let layer = |report: &RunReport, id: &str| of::<Picture>(layers(report), id);
     let cover: Arc<Mask> = of(many(&moved, "glow"), "lamp_0");
@@ -179,7 +175,7 @@ fn what_cannot_be_moved_is_told() {
             "edit.ron",
             format!(r#"Edit(version: 1, lights: {{ "{light}": Move(to: Pixel(x: 900, y: 180)) }})"#),
         );
-        let told = place.check("run GRAPHS/demo.ron edit.ron --cache cache --out out", 2);
+        let told = place.check("run DEMO.ron edit.ron --cache cache --out out", 2);
         assert!(told.contains(wanted), "{told}");
     }
 }
@@ -201,7 +197,7 @@ fn sun_column(report: &RunReport) -> f64 {
 
 #[test]
 fn the_sun_of_a_day_crosses_the_room() {
-    let edit = shipped("sun_day.ron");
+    let edit = shipped("sun_day");
     let outputs = ["edited_direct", "edit.radiance", "edit.shape"];
     let frame = |number: u32| run(shared_engine(), &physics_frame(&demo(), &edit, number), &outputs);
     let first = frame(1);
@@ -309,7 +305,7 @@ fn pictures_that_are_no_sky_are_refused() {
         (lamp.to_owned(), "wanted a photometric file of IES LM-63, got none"),
     ] {
         place.write("edit.ron", format!("Edit(version: 1, lights: {{ {light} }})"));
-        let told = place.check("run GRAPHS/demo.ron edit.ron --cache cache --out out --only edit", 2);
+        let told = place.check("run DEMO.ron edit.ron --cache cache --out out --only edit", 2);
         assert!(told.contains(wanted), "{told}");
     }
 }
@@ -375,7 +371,7 @@ fn extreme_lights_end_in_a_picture_or_a_clear_error() {
         ),
     ] {
         place.write("edit.ron", format!("Edit(version: 1, lights: {{ {light} }})"));
-        let told = place.check("run GRAPHS/demo.ron edit.ron --set scene.long_side=96 --cache cache --out out", status);
+        let told = place.check("run DEMO.ron edit.ron --set scene.long_side=96 --cache cache --out out", status);
         assert!(told.contains(wanted), "{light}: {told}");
     }
 }

@@ -166,7 +166,7 @@ fn lamps_of_every_model() {
 /// The edit that ships: what is far from the objects stays, they are where they belong, and the table loses light beside them.
 #[test]
 fn insert_object_changes_the_table_and_leaves_the_ceiling() {
-    let graph = load(&root().join("graphs/physics.ron"), &demo(), &root().join("edits/insert_object.ron"));
+    let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("insert_object.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let picture = png(&written(&run(shared_engine(), &graph, &[]), "picture.png"));
     let before = photo();
@@ -204,7 +204,7 @@ fn a_painted_wall_colours_the_ball_before_it() {
 /// The balls that ship: one shows bright window and dark furniture side by side, the other a light on its red; what is far from them stays.
 #[test]
 fn mirror_shows_the_room() {
-    let graph = load(&root().join("graphs/demo.ron"), &demo(), &root().join("edits/mirror.ron"));
+    let graph = load(&root().join("graphs/demo.ron"), &demo(), &edits().join("mirror.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let picture = png(&written(&run(shared_engine(), &graph, &[]), "picture.png"));
     let part = |x: std::ops::Range<u32>, y: std::ops::Range<u32>| -> Vec<[u8; 3]> {

@@ -11,7 +11,7 @@ use crate::layers::channels;
 use crate::project::*;
 
 fn planes() -> Graph {
-    let graph = load(&root().join("graphs/planes.ron"), &demo(), &root().join("edits/none.ron"));
+    let graph = load(&root().join("graphs/planes.ron"), &demo(), &edits().join("none.ron"));
     graph.unwrap_or_else(|faults| panic!("{}", faults[0]))
 }
 
@@ -101,7 +101,7 @@ fn the_graph_on_the_page_takes_known_lights() {
     let place = Place::new();
     let physics = root().join("graphs/physics.ron").display().to_string();
     place.write("known.ron", graph.trim_start_matches("ron\n").replace("physics.ron", &physics));
-    let graph = load(&place.path("known.ron"), &demo(), &root().join("edits/lamp_off.ron"));
+    let graph = load(&place.path("known.ron"), &demo(), &edits().join("lamp_off.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let report = run(shared_engine(), &graph, &["edit.radiance"]);
     let radiances = many::<Radiance>(&report, "edit.radiance");
@@ -126,7 +126,7 @@ fn room() -> (Place, String) {
 /// Estimates that are written are the same when they are read: windows to rounding, as their directions are normalized again.
 #[test]
 fn estimates_can_be_read_back() {
-    let graph = load(&root().join("graphs/estimate.ron"), &demo(), &root().join("edits/none.ron"));
+    let graph = load(&root().join("graphs/estimate.ron"), &demo(), &edits().join("none.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let report = run(shared_engine(), &graph, &["estimates.files", "init.shape", "fit.radiance"]);
     let (place, _) = room();
@@ -136,7 +136,7 @@ fn estimates_can_be_read_back() {
     let scene = std::fs::read_to_string(place.path("scene.ron")).expect("it is there");
     let albedo = format!("\"{}\"", demo().join("truth/albedo.exr").display());
     place.write("scene.ron", scene.replace(&albedo, "\"albedo.exr\""));
-    let again = load(&root().join("graphs/planes.ron"), &place.path(""), &root().join("edits/none.ron"));
+    let again = load(&root().join("graphs/planes.ron"), &place.path(""), &edits().join("none.ron"));
     let again = again.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let again = run(shared_engine(), &again, &["known.shape", "known.radiance"]);
     let read: BTreeMap<_, _> = many::<Radiance>(&again, "known.radiance").into_iter().collect();

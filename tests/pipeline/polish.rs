@@ -27,7 +27,7 @@ fn mean(of: &Picture, (left, top): (usize, usize), (w, h): (usize, usize)) -> Ve
 /// The table shows sofa and cushion in their colours, the boards the wall below the window; what is not polished stays to the last bit.
 #[test]
 fn polish_shows_on_what_is_polished() {
-    let graph = load(&root().join("graphs/physics.ron"), &demo(), &root().join("edits/polish.ron"));
+    let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("polish.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let polished: Arc<Picture> = one(&run(shared_engine(), &graph, &["compose.picture"]), "compose.picture");
     let bare = picture(IDENTITY);

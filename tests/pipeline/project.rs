@@ -18,12 +18,56 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
+/// The room of scenes/demo at a quarter of its size, with less in it: 320 x 240 pixels, which the sum of its lights gives exactly.
 pub fn demo() -> PathBuf {
-    root().join("scenes/demo")
+    root().join("tests/scenes/small")
+}
+
+/// A folder with the edits of the project, whose pixels are those of the small room's photo.
+pub fn edits() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("small_edits");
+        std::fs::create_dir_all(&folder).expect("a folder can be made");
+        for path in ron_files("edits") {
+            let name = path.file_name().expect("a file has a name");
+            std::fs::write(folder.join(name), shipped(stem(&path))).expect("a file can be written");
+        }
+        folder
+    })
+}
+
+/// The text of an edit of the project, whose pixels are those of the small room's photo.
+pub fn shipped(name: &str) -> String {
+    let path = root().join("edits").join(name).with_extension("ron");
+    let mut text = std::fs::read_to_string(path).expect("the edit ships");
+    for (marker, numbers) in [("Pixel(", 2), ("Grow(", 2), ("corners: [", 8)] {
+        text = quartered(&text, marker, numbers);
+    }
+    text.replace("../scenes/demo/", &format!("{}/", root().join("scenes/demo").display()))
+}
+
+/// The text with the first numbers after each `marker` divided by four.
+fn quartered(text: &str, marker: &str, numbers: usize) -> String {
+    let mut parts = text.split(marker);
+    let mut out = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        out += marker;
+        let mut rest = part;
+        for _ in 0..numbers {
+            let start = rest.find(|c: char| c.is_ascii_digit()).expect("the marker has numbers");
+            let len = rest[start..].find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len() - start);
+            let number: f64 = rest[start..start + len].parse().expect("it is a number");
+            out += &format!("{}{}", &rest[..start], number / 4.0);
+            rest = &rest[start + len..];
+        }
+        out += rest;
+    }
+    out
 }
 
 /// The RON files of a folder of the project, in the order of their names.
-pub fn ron_files(folder: &str) -> Vec<PathBuf> {
+pub fn ron_files(folder: impl AsRef<Path>) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(root().join(folder)).expect("the project has this folder");
     let paths = entries.map(|entry| entry.expect("it can be listed").path());
     let mut paths: Vec<PathBuf> = paths.filter(|path| path.extension().is_some_and(|e| e == "ron")).collect();
@@ -169,12 +213,18 @@ impl Place {
         std::fs::write(self.path(name), bytes).expect("a file can be written");
     }
 
-    /// The command with the words of `line` as arguments, in this folder; `GRAPHS`, `EDITS` and `DEMO` stand for the project's.
+    /// The command with the words of `line` as arguments, in this folder; `GRAPHS` and `EDITS` stand for the project's, `DEMO` and
+    /// `DEMO.ron` for the small room and the graph that names it.
     pub fn command(&self, line: &str) -> Command {
-        let [graphs, edits] = ["graphs", "edits"].map(|folder| root().join(folder).display().to_string());
+        let known = [
+            ("GRAPHS", root().join("graphs")),
+            ("EDITS", edits().to_owned()),
+            ("DEMO.ron", root().join("tests/scenes/small.ron")),
+            ("DEMO", demo()),
+        ];
         let words = line.split_whitespace().map(|word| {
-            let word = word.replace("GRAPHS", &graphs).replace("EDITS", &edits);
-            word.replace("DEMO", &demo().display().to_string())
+            let stands = |word: String, (name, path): &(&str, PathBuf)| word.replace(name, &path.display().to_string());
+            known.iter().fold(word.to_owned(), stands)
         });
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
         command.current_dir(self.folder.path()).args(words).env_remove("RELIGHT_LOG");

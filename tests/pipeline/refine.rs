@@ -9,7 +9,7 @@ use crate::project::*;
 
 #[test]
 fn refined_lights_explain_the_photo_better_and_keep_what_is_seen() {
-    let graph = load(&root().join("graphs/refined.ron"), &demo(), &root().join("edits/none.ron"));
+    let graph = load(&root().join("graphs/refined.ron"), &demo(), &edits().join("none.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let report = run(shared_engine(), &graph, &["init.shape", "refine.shape", "write.files"]);
     let [start, refined] =

@@ -15,7 +15,7 @@ fn pictures_are_the_same_bits_for_any_threads_and_any_cache() {
     let place = Place::new();
     place.write("edit.ron", EDIT);
     let run = |out: &str, options: &str, status: &str| {
-        let told = place.check(&format!("run GRAPHS/demo.ron edit.ron --out {out} {options}"), 0);
+        let told = place.check(&format!("run DEMO.ron edit.ron --out {out} {options}"), 0);
         assert!(told.contains(status), "{told}");
         place.pictures(out)
     };
@@ -35,5 +35,5 @@ fn pictures_are_the_same_bits_for_any_threads_and_any_cache() {
         }
     }
     // Each stage again from the stored results of another number of threads.
-    place.check("run GRAPHS/demo.ron edit.ron --verify --threads 2 --cache cache_1", 0);
+    place.check("run DEMO.ron edit.ron --verify --threads 2 --cache cache_1", 0);
 }

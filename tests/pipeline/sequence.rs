@@ -59,7 +59,7 @@ fn colours_run_no_layer() {
 /// Other paint sends other light around, so that each light's bounces are summed anew; the rays that gather them are known.
 #[test]
 fn paint_traces_no_ray() {
-    let edit = std::fs::read_to_string(root().join("edits/wall_colour.ron")).expect("it ships");
+    let edit = std::fs::read_to_string(edits().join("wall_colour.ron")).expect("it ships");
     let engine = engine(None);
     run(&engine, &physics_frame(&demo(), &edit, 0), &["picture"]);
     let report = run(&engine, &physics_frame(&demo(), &edit, 24), &["picture"]);
@@ -113,7 +113,7 @@ const SMALL: &str = "--set scene.long_side=96";
 fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     let place = Place::new();
     place.write("edit.ron", MOVING);
-    let line = |out: &str| format!("run GRAPHS/demo.ron edit.ron {SMALL} --cache cache_{out} --out {out}");
+    let line = |out: &str| format!("run DEMO.ron edit.ron {SMALL} --cache cache_{out} --out {out}");
     let told = place.check(&line("out"), 0);
     let out = files(&place.path("out"));
     let names: Vec<String> = (0..8).map(|number| format!("picture_{number:04}.png")).collect();
@@ -137,11 +137,11 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     assert_eq!(frames[2]["files"][0], "picture_0002.png");
 
     // One frame, and the same edit written out, give the same picture.
-    place.check(&format!("run GRAPHS/demo.ron edit.ron {SMALL} --no-cache --frame 1 --out single"), 0);
+    place.check(&format!("run DEMO.ron edit.ron {SMALL} --no-cache --frame 1 --out single"), 0);
     assert_eq!(files(&place.path("single"))[&names[1]], out[&names[1]]);
     let at = "Keys([(0, Point(-0.2, -0.55, -2.94)), (3, Point(0.4, -0.55, -2.94))])";
     place.write("plain.ron", MOVING.replace(at, "Point(0, -0.55, -2.94)").replace("frames: 8, ", ""));
-    place.check(&format!("run GRAPHS/demo.ron plain.ron {SMALL} --no-cache --out plain"), 0);
+    place.check(&format!("run DEMO.ron plain.ron {SMALL} --no-cache --out plain"), 0);
     assert_eq!(files(&place.path("plain"))["picture.png"], out[&names[1]]);
 
     // Killed at any moment, the next run makes what is missing, and no frame twice.
@@ -166,7 +166,7 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
 fn layers_of_frames_are_written_when_asked_for() {
     let place = Place::new();
     place.write("edit.ron", r#"Edit(version: 1, frames: 2, lights: { "lamp_0": Scale(Keys([(0, 1), (1, 0.5)])) })"#);
-    place.check(&format!("run GRAPHS/demo.ron edit.ron {SMALL} --no-cache --exr --out out"), 0);
+    place.check(&format!("run DEMO.ron edit.ron {SMALL} --no-cache --exr --out out"), 0);
     let out = files(&place.path("out"));
     let light = |name: &str| channels(&out[name])["light_lamp_0.R"].clone();
     let (whole, half) = (light("picture_0000.exr"), light("picture_0001.exr"));
@@ -182,7 +182,7 @@ fn a_sequence_becomes_a_film_where_ffmpeg_is() {
     use std::os::unix::fs::PermissionsExt;
     let place = Place::new();
     place.write("edit.ron", r#"Edit(version: 1, frames: 2, lights: { "lamp_0": Scale(Keys([(0, 1), (1, 0.5)])) })"#);
-    let line = format!("run GRAPHS/demo.ron edit.ron {SMALL} --cache cache --out out --fps 12");
+    let line = format!("run DEMO.ron edit.ron {SMALL} --cache cache --out out --fps 12");
     let with = |script: &str| {
         std::fs::create_dir_all(place.path("bin")).expect("a folder can be made");
         place.write("bin/ffmpeg", script);
@@ -208,7 +208,7 @@ fn a_sequence_becomes_a_film_where_ffmpeg_is() {
 fn a_frame_can_be_asked_for() {
     let place = Place::new();
     place.write("edit.ron", MOVING);
-    let line = |more: &str| format!("{more} GRAPHS/demo.ron edit.ron");
+    let line = |more: &str| format!("{more} DEMO.ron edit.ron");
     let printed = |line: &str| {
         let output = place.command(line).output().expect("the program starts");
         check_output(line, &output, 0);
@@ -221,16 +221,16 @@ fn a_frame_can_be_asked_for() {
         let told = place.check(&line(more), 2);
         assert!(told.contains(wanted), "{told}");
     }
-    let told = place.check("plan GRAPHS/demo.ron EDITS/none.ron --frame 1", 2);
+    let told = place.check("plan DEMO.ron EDITS/none.ron --frame 1", 2);
     assert!(told.contains("--frame: this edit is one picture: it has no `frames`"), "{told}");
 
     // The one that ships.
-    assert!(printed("check GRAPHS/demo.ron EDITS/moving_lamp.ron").starts_with("sound: 48 frames, "));
-    place.check(&format!("run GRAPHS/demo.ron EDITS/moving_lamp.ron {SMALL} --frame 24 --no-cache --out ships"), 0);
+    assert!(printed("check DEMO.ron EDITS/moving_lamp.ron").starts_with("sound: 48 frames, "));
+    place.check(&format!("run DEMO.ron EDITS/moving_lamp.ron {SMALL} --frame 24 --no-cache --out ships"), 0);
     assert!(place.path("ships/picture_0024.png").is_file());
 
     // What changes from one frame to the next is one parameter.
-    place.check(&format!("run GRAPHS/demo.ron edit.ron {SMALL} --frame 0 --cache cache --out out"), 0);
-    let told = printed(&format!("explain GRAPHS/demo.ron edit.ron edit --frame 1 {SMALL} --cache cache"));
+    place.check(&format!("run DEMO.ron edit.ron {SMALL} --frame 0 --cache cache --out out"), 0);
+    let told = printed(&format!("explain DEMO.ron edit.ron edit --frame 1 {SMALL} --cache cache"));
     assert!(told.starts_with("edit: run: parameter lights: "), "{told}");
 }

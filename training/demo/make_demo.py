@@ -1,15 +1,21 @@
 """Renders scenes/demo: the photograph, its depth and masks, and the truth per light and per edit.
 
-usage: make_demo.py [--spp 256] [--out scenes/demo] [--threads 1] [--preview FILE.png]
+usage: make_demo.py [--spp 256] [--out scenes/demo] [--threads 1] [--preview FILE.png] [--small]
 
 Path tracing with Mitsuba 3 (variant llvm_ad_rgb; DRJIT_LIBLLVM_PATH names the LLVM library), each light alone in the room, then Open Image
-Denoise with exact albedo and normals. Same seed, versions and thread count give the same files; another thread count sums in another order,
-which moves about one half-float value in a thousand by its last bit."""
+Denoise with exact albedo and normals. The photograph is the sum of the lights at 1280 x 960 through the camera of training/camera; the truth is
+what lens and sensor of that camera would record without clipping, tone curve, noise and JPEG, at 640 x 480. `--small` makes tests/scenes/small:
+the plain room at 320 x 240, its photograph the clipped sum of the truth.
+
+Same seed, versions and thread count give the same files; another thread count sums in another order, which moves about one half-float value in
+a thousand by its last bit."""
 import argparse
+import dataclasses
 import json
 import math
-import os
+import sys
 import time
+from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
@@ -19,9 +25,11 @@ import OpenEXR
 from PIL import Image
 
 mi.set_variant("llvm_ad_rgb")
-import room  # noqa: E402  (the meshes; the variant comes first)
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "camera"))
+import model  # noqa: E402  (the camera; the variant comes first)
+import room  # noqa: E402
 
-WIDTH, HEIGHT, DEPTH, SEED = 320, 240, 12, 1
+DEPTH, SEED = 12, 1
 
 # Radiances are in units of the photo: a white surface under irradiance pi shows 1.
 LAMP = (23.0, 13.9, 6.4)
@@ -30,6 +38,17 @@ SKY = dict(direction=(-0.65, 0.76, 0.0), bandwidth=1.5, radiance=(9.6, 11.4, 13.
 GROUND = dict(direction=(-0.55, -0.835, 0.0), bandwidth=2.5, radiance=(3.0, 2.9, 2.2))
 DESK = dict(center=(0.26, 0.495, -2.50), radius=0.07, radiance=(72.0, 44.0, 20.0))
 EAST = dict(center=(-1.13, 1.56, room.BACK + 0.004), half=(0.40, 0.48), radiance=(6.5, 7.6, 8.8))
+
+CAMERA = model.Camera(
+    softness=0.0005, glare=0.03, glare_slope=0.6, vignetting=0.08, shot_noise=8e-5, read_noise=1e-3, grain=0.0006, saturation=1.25, chroma_blur=0.0012,
+    sharpening=0.3, jpeg_quality=92,
+)
+VASE_MODEL = str(Path(__file__).resolve().parents[2] / "scenes/demo/models/vase.obj")
+
+# What edits/insert_object.ron and edits/paint.ron put in, at pixels of the photo of 1280 x 960.
+BALL = dict(pixel=(712, 704), radius=0.09, albedo="#e8e4da")
+VASE = dict(pixel=(384, 832), height=0.35, albedo="#b4643c")
+PAINT = "#b5563c"
 
 
 class WindowLight(mi.Emitter):
@@ -89,8 +108,9 @@ class WindowLight(mi.Emitter):
 mi.register_emitter("windowlight", WindowLight)
 
 
-def material(name, images):
-    """A Mitsuba material; roughness 0.3 with a specular coat for gloss and walnut, else Lambertian."""
+def material(name, images, rich):
+    """A Mitsuba material: Lambertian but for gloss and walnut, which have a specular coat of roughness 0.3, and the floor of the rich room, which has a
+    weaker one of 0.35."""
     colour = {"type": "mesh_attribute", "name": "vertex_color"}
     if name in images:
         pixels, scale = images[name]
@@ -98,6 +118,8 @@ def material(name, images):
         colour = {"type": "bitmap", "bitmap": mi.Bitmap(pixels.astype(np.float32)), "raw": True, "to_uv": to_uv}
     if name in ("gloss", "walnut"):
         return {"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": 0.3, "specular": 0.5}}
+    if name == "floor" and rich:
+        return {"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": 0.35, "specular": 0.35}}
     return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}}
 
 
@@ -153,14 +175,25 @@ def demo_window():
     return (room.LEFT - room.WINDOW["deep"], (y0 + y1) / 2, (z0 + z1) / 2), (0, 0, -(z1 - z0) / 2), (0, (y1 - y0) / 2, 0)
 
 
+def linear(color):
+    """Linear Rec. 709 of a color as edits write it."""
+    x = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+
+
 class Demo:
-    def __init__(self):
-        images = room.textures()
-        bsdfs = {}
+    """The rich or the plain room, seen in `width` x `height` pixels."""
+
+    def __init__(self, rich, width, height):
+        self.width, self.height = width, height
+        images = room.textures(rich)
         self.static = {}
-        for name, (data, colours) in room.build().items():
-            bsdfs[name] = mi.load_dict(material(name, images))
-            self.static[name] = mesh(name, data, colours, bsdfs[name])
+        for name, (data, colours) in room.build(rich).items():
+            self.static[name] = mesh(name, data, colours, mi.load_dict(material(name, images, rich)))
+            if name == "accent":
+                texels, scale = images[name]
+                paint = texels * linear(PAINT) / texels.mean((0, 1))
+                self.painted = mesh(name, data, None, mi.load_dict(material(name, {name: (paint, scale)}, rich)))
         self.shade_bsdf = mi.load_dict({"type": "twosided", "bsdf": grey([0.80, 0.72, 0.58])})
 
         origin, target = (np.array(room.CAMERA[k], float) for k in ("origin", "target"))
@@ -178,13 +211,20 @@ class Demo:
     def pixel(self, point):
         """Where a world point is seen, in pixels; centres at + 0.5."""
         p, f = self.to_camera(point), self.focal()
-        return (WIDTH / 2 + f * p[0] / -p[2], HEIGHT / 2 - f * p[1] / -p[2])
+        return (self.width / 2 + f * p[0] / -p[2], self.height / 2 - f * p[1] / -p[2])
+
+    def seen(self, pixel):
+        """The world point at a pixel of the photo of 1280 x 960."""
+        f = self.focal() * 1280 / self.width
+        ray = self.basis.T @ np.array([(pixel[0] - 640) / f, (480 - pixel[1]) / f, -1.0])
+        hit = self.scene([]).ray_intersect(mi.Ray3f(mi.Point3f(self.origin), mi.Vector3f(ray / np.linalg.norm(ray))))
+        return np.array(hit.p).ravel()
 
     def focal(self):
-        return 0.5 * WIDTH / math.tan(math.radians(room.CAMERA["fov_x"]) / 2)
+        return 0.5 * self.width / math.tan(math.radians(room.CAMERA["fov_x"]) / 2)
 
     def scene(self, on, extra=()):
-        """The room with the lights named in `on` burning; `extra` names what is added to it: "desk", "east"."""
+        """The room with the lights named in `on` burning; `extra` names what is changed in it: "desk", "east", "paint", "objects"."""
         c = CEILING
         out = {
             "type": "scene",
@@ -193,7 +233,7 @@ class Demo:
                 "fov": room.CAMERA["fov_x"],
                 "near_clip": 0.01,
                 "to_world": mi.ScalarTransform4f().look_at(origin=room.CAMERA["origin"], target=room.CAMERA["target"], up=[0, 1, 0]),
-                "film": {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "pixel_format": "rgb", "component_format": "float32", "rfilter": {"type": "box"}},
+                "film": {"type": "hdrfilm", "width": self.width, "height": self.height, "pixel_format": "rgb", "component_format": "float32", "rfilter": {"type": "box"}},
                 "sampler": {"type": "independent"},
             },
             "lamp_0": mesh("lamp_0", room.shade(), None, self.shade_bsdf, mi.load_dict(area(LAMP)) if "lamp_0" in on else None),
@@ -210,6 +250,14 @@ class Demo:
             (x, y) = EAST["half"]
             uniform = dict(direction=(0, 1, 0), bandwidth=0.0, radiance=EAST["radiance"])
             out["east"] = window(EAST["center"], (x, 0, 0), (0, y, 0), dict(sky=uniform), "east" in on)
+        if "paint" in extra:
+            out["accent"] = self.painted
+        if "objects" in extra:
+            matte = lambda thing: {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(linear(thing["albedo"]))}}
+            center = self.seen(BALL["pixel"]) + (0, BALL["radius"], 0)
+            out["ball"] = {"type": "sphere", "center": list(center), "radius": BALL["radius"], "bsdf": matte(BALL)}
+            stands = mi.ScalarTransform4f().translate(mi.ScalarPoint3f(self.seen(VASE["pixel"]))).scale(VASE["height"])
+            out["vase"] = {"type": "obj", "filename": VASE_MODEL, "to_world": stands, "bsdf": {"type": "twosided", "bsdf": matte(VASE)}}
         return mi.load_dict(out)
 
     def light(self, name, extra, spp, aux):
@@ -217,7 +265,7 @@ class Demo:
         scene = self.scene([name], extra)
         integrator = mi.load_dict({"type": "path", "max_depth": DEPTH, "rr_depth": 6})
         passes = 2 * max(1, spp // 128)
-        halves = [np.zeros((HEIGHT, WIDTH, 3)) for _ in range(2)]
+        halves = [np.zeros((self.height, self.width, 3)) for _ in range(2)]
         for k in range(passes):
             halves[k % 2] += np.array(mi.render(scene, integrator=integrator, spp=spp // passes, seed=SEED + k)) * (2 / passes)
         clean = [denoised(h, aux) for h in halves]
@@ -242,8 +290,8 @@ class Demo:
         f = self.focal()
 
         def shoot(dx, dy):
-            j, i = np.meshgrid(np.arange(WIDTH) + dx, np.arange(HEIGHT) + dy)
-            d = np.stack([(j - WIDTH / 2) / f, (HEIGHT / 2 - i) / f, -np.ones_like(j)], -1).reshape(-1, 3)
+            j, i = np.meshgrid(np.arange(self.width) + dx, np.arange(self.height) + dy)
+            d = np.stack([(j - self.width / 2) / f, (self.height / 2 - i) / f, -np.ones_like(j)], -1).reshape(-1, 3)
             length = np.linalg.norm(d, axis=1)
             ray = mi.Ray3f(mi.Point3f(self.origin), mi.Vector3f(((d / length[:, None]) @ self.basis).T))
             si = scene.ray_intersect(ray)
@@ -253,9 +301,9 @@ class Demo:
             return z, n, {k: np.array(si.shape == v) for k, v in names.items()}
 
         z, n, at_centre = shoot(0.5, 0.5)
-        masks = {k: np.zeros(WIDTH * HEIGHT, bool) for k in names}
+        masks = {k: np.zeros(self.width * self.height, bool) for k in names}
         steps = (np.arange(grid) + 0.5) / grid
-        first = {k: (np.zeros(WIDTH * HEIGHT), np.zeros((WIDTH * HEIGHT, 3))) for k in names}
+        first = {k: (np.zeros(z.shape), np.zeros(n.shape)) for k in names}
         for dy in steps:
             for dx in steps:
                 zs, ns, hit = shoot(dx, dy)
@@ -266,7 +314,8 @@ class Demo:
         for k in names:
             edge = masks[k] & ~at_centre[k]
             z[edge], n[edge] = first[k][0][edge], first[k][1][edge]
-        return z.reshape(HEIGHT, WIDTH), n.reshape(HEIGHT, WIDTH, 3), {k: m.reshape(HEIGHT, WIDTH) for k, m in masks.items()}
+        size = self.height, self.width
+        return z.reshape(size), n.reshape(*size, 3), {k: m.reshape(size) for k, m in masks.items()}
 
 
 def denoised(colour, aux):
@@ -280,13 +329,21 @@ def encode(x):
     return np.where(x <= 0.0031308, x * 12.92, 1.055 * x ** (1 / 2.4) - 0.055)
 
 
+def photograph(path, received):
+    """The JPEG that CAMERA makes of linear light."""
+    received = model.incident(received, CAMERA)
+    noise = np.random.default_rng(SEED).standard_normal(received.shape)
+    stored = np.round(255 * model.develop(received, CAMERA, noise)).astype(np.uint8)
+    Image.fromarray(stored).save(path, quality=CAMERA.jpeg_quality)
+
+
 def png(path, linear):
     Image.fromarray((encode(linear) * 255 + 0.5).astype("uint8")).save(path, optimize=True)
 
 
 def exr(path, **channels):
     header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
-    OpenEXR.File(header, {k: np.ascontiguousarray(v) for k, v in channels.items()}).write(path)
+    OpenEXR.File(header, {k: np.ascontiguousarray(v) for k, v in channels.items()}).write(str(path))
 
 
 def numbers(v):
@@ -339,10 +396,10 @@ def write_lights(path, lights):
         file.write("{\n" + lines + "\n}\n")
 
 
-SCENE = """// A living room of our own, path-traced: training/demo/make_demo.py makes every file here.
+SCENE = """// A living room of our own, path-traced: training/demo/make_demo.py makes every file here{which}.
 Scene(
     version: 1,
-    photo: "photo.png", transfer: Srgb,
+    photo: "{photo}", transfer: Srgb,
     camera: FovX({fov_x}),
     depth: (path: "depth.exr", kind: PlanarZ, scale: 1.0),
     lights: {{
@@ -355,72 +412,124 @@ Scene(
             "lamp_0": "truth/light_lamp_0.exr", "window_0": "truth/light_window_0.exr", "inv_lamp": "truth/light_inv_lamp.exr",
         }},
         edits: {{
-            "../../edits/insert_lamp.ron": "truth/insert_lamp.exr", "../../edits/open_window.ron": "truth/open_window.exr",
+{edits}
         }},
     ),
 )
 """
 
+BASE = ["lamp_0", "window_0", "inv_lamp"]
+# Edit -> what is changed in the room for it.
+EDITS = {"insert_lamp": "desk", "open_window": "east", "paint": "paint", "insert_object": "objects"}
+
+
+def render(demo, names, extra, spp, errors, aux_spp=128, keep=None):
+    """{light: its linear picture, all else dark} in the room with `extra`; the median relative errors go into `errors`. Pictures that lie in the folder
+    `keep` are taken from there."""
+    start, aux, out = time.time(), None, {}
+    for name in names:
+        key = "+".join((name, *(e for e in extra if e != name)))
+        kept = keep and keep / f"{key}_{demo.width}_{spp}.npz"
+        if kept and kept.exists():
+            out[name], errors[key] = (np.load(kept)[k] for k in ("picture", "error"))
+            continue
+        aux = aux or demo.aux(extra, aux_spp)
+        out[name], errors[key] = demo.light(name, extra, spp, aux)
+        if kept:
+            np.savez(kept, picture=out[name], error=errors[key])
+        print(f"{key:20s} mean {out[name].mean():.4f}  median error {errors[key]:.4f}  {time.time() - start:.0f} s", flush=True)
+    return out
+
+
+def total(pictures):
+    return sum(p.astype(np.float32) for p in pictures.values())
+
+
+def look(demo, spp, path):
+    """All lights, lamp, lamp inserted / window, ceiling, window opened / painted, objects, nothing."""
+    shown = lambda names, *extra: render(demo, names, extra, spp, {}, 16)
+    parts = shown(BASE)
+    desk, east = (total(parts) + shown([e], e)[e] for e in ("desk", "east"))
+    paint, objects = (total(shown(BASE, e)) for e in ("paint", "objects"))
+    rows = [total(parts), parts["lamp_0"], desk], [parts["window_0"], parts["inv_lamp"], east], [paint, objects, 0 * paint]
+    png(path, np.vstack([np.hstack(row) for row in rows]))
+
+
+def shortened(x, bits):
+    """Floats rounded to `bits` of the fraction, which then compress well: the relative error is at most 2^-(bits + 1)."""
+    fraction, exponent = np.frexp(np.asarray(x, np.float32))
+    return np.ldexp(np.round(np.ldexp(fraction, bits + 1)), exponent - bits - 1).astype(np.float32)
+
 
 def main():
-    here = os.path.dirname(os.path.abspath(__file__))
+    here = Path(__file__).resolve().parent
     args = argparse.ArgumentParser()
     args.add_argument("--spp", type=int, default=256, help="samples per pixel of each light, at least 2, in an even number of passes")
-    args.add_argument("--out", default=os.path.join(here, "../../scenes/demo"))
-    args.add_argument("--preview", help="only a quick look: all lights, lamp, lamp inserted / window, ceiling, window opened")
+    args.add_argument("--out", type=Path)
+    args.add_argument("--preview", help="only a quick look: pictures of each light and each edit")
+    args.add_argument("--small", action="store_true", help="the plain room at 320 x 240")
     args.add_argument("--threads", type=int, default=1)
+    args.add_argument("--resume", type=Path, help="a folder that keeps the picture of each light, so that a stopped run goes on from there")
     args = args.parse_args()
+    if args.resume:
+        args.resume.mkdir(parents=True, exist_ok=True)
     dr.set_thread_count(args.threads)
-    demo, start, errors = Demo(), time.time(), {}
-
-    def render(names, extra=()):
-        aux = demo.aux(extra, 16 if args.preview else 256)
-        out = {}
-        for name in names:
-            key = "+".join((name, *(e for e in extra if e != name)))
-            out[name], errors[key] = demo.light(name, extra, args.spp, aux)
-            print(f"{key:16s} mean {out[name].mean():.4f}  median error {errors[key]:.4f}  {time.time() - start:.0f} s", flush=True)
-        return out
-
-    base = ["lamp_0", "window_0", "inv_lamp"]
-    parts = {k: v.astype(np.float16) for k, v in render(base).items()}
-    total = sum(v.astype(np.float32) for v in parts.values())
+    rich, errors = not args.small, {}
+    demo = Demo(rich, 640, 480) if rich else Demo(rich, 320, 240)
     if args.preview:
-        desk, east = (total + render([e], (e,))[e] for e in ("desk", "east"))
-        png(args.preview, np.vstack([np.hstack([total, parts["lamp_0"], desk]), np.hstack([parts["window_0"], parts["inv_lamp"], east])]))
-        return
-
-    path = lambda *p: os.path.join(args.out, *p)
+        return look(demo, args.spp, args.preview)
+    out = args.out or here.parents[1] / ("scenes/demo" if rich else "tests/scenes/small")
     for folder in ("masks", "truth"):
-        os.makedirs(path(folder), exist_ok=True)
-    z, normal, masks = demo.geometry()
-    png(path("photo.png"), total)
-    exr(path("depth.exr"), Z=z.astype(np.float32))
-    for name, mask in masks.items():
-        Image.fromarray((mask * 255).astype("uint8")).save(path("masks", f"{name}.png"), optimize=True)
-    open(path("scene.ron"), "w").write(SCENE.format(fov_x=room.CAMERA["fov_x"]))
+        (out / folder).mkdir(parents=True, exist_ok=True)
 
-    for name, picture in parts.items():
-        exr(path("truth", f"light_{name}.exr"), RGB=picture)
-    exr(path("truth", "albedo.exr"), RGB=demo.aux((), 256)[0].astype(np.float16))
-    exr(path("truth", "normal.exr"), RGB=normal.astype(np.float16))
     # Every light again in the changed room, with the same seeds: what the change does not reach keeps its noise, and the difference is clean.
-    for edit, extra in (("insert_lamp", "desk"), ("open_window", "east")):
-        exr(path("truth", f"{edit}.exr"), RGB=sum(render(base + [extra], (extra,)).values()).astype(np.float16))
+    rendered = lambda demo, names, extra, spp, errors: render(demo, names, extra, spp, errors, keep=args.resume)
+    parts = rendered(demo, BASE, (), args.spp, errors)
+    edits = EDITS if rich else dict(list(EDITS.items())[:2])
+    added = lambda extra: [extra] if extra in ("desk", "east") else []
+    changed = {edit: total(rendered(demo, BASE + added(extra), (extra,), args.spp, errors)) for edit, extra in edits.items()}
+    albedo = demo.aux((), 256)[0]
+    z, normal, masks = demo.geometry()
+    lens = lambda picture: picture
+    if rich:
+        full = Demo(rich, 1280, 960)
+        photograph(out / "photo.jpg", total(rendered(full, BASE, (), max(2, args.spp // 4), {})))
+        lens = lambda picture: model.incident(picture, CAMERA)
+        masks, described = full.geometry()[2], describe(full)
+    else:
+        png(out / "photo.png", total({k: v.astype(np.float16) for k, v in parts.items()}))
+        described = describe(demo)
+    stored = (lambda x: shortened(x, 7).astype(np.float16)) if rich else (lambda x: x.astype(np.float16))
+    parts = {k: stored(lens(v)) for k, v in parts.items()}
+    exr(out / "depth.exr", Z=shortened(z, 13) if rich else z.astype(np.float32))
+    for name, mask in masks.items():
+        Image.fromarray((mask * 255).astype("uint8")).save(out / f"masks/{name}.png", optimize=True)
+    places = {edit: "../../edits/" if rich else "edits/" for edit in edits}
+    listed = ",\n".join(f'            "{place}{edit}.ron": "truth/{edit}.exr"' for edit, place in places.items())
+    photo, which = ("photo.jpg", "") if rich else ("photo.png", " by its --small")
+    (out / "scene.ron").write_text(SCENE.format(fov_x=room.CAMERA["fov_x"], photo=photo, which=which, edits=listed + ","))
+    for name, picture in parts.items():
+        exr(out / f"truth/light_{name}.exr", RGB=picture)
+    exr(out / "truth/albedo.exr", RGB=stored(albedo))
+    exr(out / "truth/normal.exr", RGB=(shortened(normal, 6) if rich else normal).astype(np.float16))
+    for edit, picture in changed.items():
+        exr(out / f"truth/{edit}.exr", RGB=stored(lens(picture)))
 
-    lights, edits, up = describe(demo)
-    glow = masks["lamp_0"] | masks["window_0"]
-    share = {k: numbers(np.percentile((v.astype(float).mean(-1) / total.mean(-1))[~glow], (10, 50, 90)).round(3)) for k, v in parts.items()}
+    lights, told, up = described
+    whole = total(parts)
+    glow = demo.geometry()[2]
+    glow = glow["lamp_0"] | glow["window_0"]
+    share = {k: numbers(np.percentile((v.astype(float).mean(-1) / whole.mean(-1))[~glow], (10, 50, 90)).round(3)) for k, v in parts.items()}
     meta = dict(
-        width=WIDTH, height=HEIGHT, fov_x=room.CAMERA["fov_x"], up=numbers(up), visible=["lamp_0", "window_0"], lights=lights, edits=edits,
+        width=demo.width, height=demo.height, fov_x=room.CAMERA["fov_x"], up=numbers(up), visible=["lamp_0", "window_0"], lights=lights, edits=told,
         spp=args.spp, seed=SEED, max_depth=DEPTH, denoised=True,
-        median_relative_error={k: round(v, 5) for k, v in errors.items()},
+        median_relative_error={k: round(float(v), 5) for k, v in errors.items()},
         share_of_light_10_50_90=share,
-        saturated=round(float((total.max(-1) > 1)[~glow].mean()), 4),
+        saturated=round(float((whole.max(-1) > 1)[~glow].mean()), 4),
         versions=dict(mitsuba=mi.__version__, drjit=dr.__version__, oidn=str(mitsuba_oidn.oidn_version()), numpy=np.__version__, variant=mi.variant()),
-    )
-    json.dump(meta, open(path("truth", "meta.json"), "w"), indent=1)
-    write_lights(path("truth", "lights.json"), known(demo, lights))
+    ) | (dict(camera=dataclasses.asdict(CAMERA)) if rich else {})
+    (out / "truth/meta.json").write_text(json.dumps(meta, indent=1))
+    write_lights(out / "truth/lights.json", known(demo, lights))
     print(json.dumps({k: meta[k] for k in ("saturated", "share_of_light_10_50_90", "edits")}, indent=1))
 
 

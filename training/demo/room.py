@@ -1,6 +1,7 @@
 """The demo living room: walls, furniture and lights as meshes, metres, y up, floor at y = 0.
 
-`build()` returns the meshes by material. A material is a texture (name of an array in `TEXTURES`) or "matte" / "gloss", whose meshes carry a colour
+The plain room is that of tests/scenes/small; the rich one, that of scenes/demo, has finer textures and more in it. Lights, camera and furniture stand at
+the same places in both. `build(rich)` returns the meshes by material. A material is a texture (name of an array in `TEXTURES`) or "matte" / "gloss", whose meshes carry a colour
 each; "gloss" has a specular coat of roughness 0.3."""
 import numpy as np
 
@@ -20,23 +21,40 @@ WALNUT = ((0.075, 0.036, 0.018), (0.24, 0.13, 0.065))
 WHITE = (0.78, 0.76, 0.72)
 
 
-def textures():
-    rng = np.random.default_rng(7)
-    return {
-        "floor": (tx.planks(rng, 600, 800, 30, (0.22, 0.125, 0.06), (0.50, 0.33, 0.19)), (1 / 6.0, 1 / 4.5)),
-        "wall": (tx.plaster(rng, 256, 256, (0.72, 0.67, 0.58)), (0.4, 0.4)),
-        "accent": (tx.plaster(rng, 256, 256, (0.36, 0.41, 0.35)), (0.4, 0.4)),
-        "walnut": (tx.wood(rng, 128, 256, *WALNUT), (0.8, 1.6)),
-        "sofa": (tx.weave(rng, 128, 128, (0.46, 0.19, 0.085)), (2.0, 2.0)),
-        "rug": (tx.rug(rng, 240, 320), (1.0, 1.0)),
-        "landscape": (tx.landscape(rng, 128, 176)[::-1], (1.0, 1.0)),
-        "stripes": (tx.stripes(rng, 96, 72), (1.0, 1.0)),
+LINEN = (0.70, 0.63, 0.50)
+
+
+def textures(rich):
+    """(linear reflectance [h, w, 3], repeats per metre along u and v) by material; the rich room's have three times the resolution."""
+    rng, k = np.random.default_rng(7), 3 if rich else 1
+    plain = {
+        "floor": (tx.planks(rng, 600 * k, 800 * k, 30, (0.22, 0.125, 0.06), (0.50, 0.33, 0.19)), (1 / 6.0, 1 / 4.5)),
+        "wall": (tx.plaster(rng, 256 * k, 256 * k, (0.72, 0.67, 0.58)), (0.4, 0.4)),
+        "accent": (tx.plaster(rng, 256 * k, 256 * k, (0.36, 0.41, 0.35)), (0.4, 0.4)),
+        "walnut": (tx.wood(rng, 128 * k, 256 * k, *WALNUT), (0.8, 1.6)),
+        "sofa": (tx.weave(rng, 128 * k, 128 * k, (0.46, 0.19, 0.085)), (2.0, 2.0)),
+        "rug": (tx.rug(rng, 240 * k, 320 * k), (1.0, 1.0)),
+        "landscape": (tx.landscape(rng, 128 * k, 176 * k)[::-1], (1.0, 1.0)),
+        "stripes": (tx.stripes(rng, 96 * k, 72 * k), (1.0, 1.0)),
+    }
+    if not rich:
+        return plain
+    return plain | {
+        "linen": (tx.weave(rng, 256, 256, LINEN), (2.0, 2.0)),
+        "throw": (tx.banded(rng, 256, 256, ((0.60, 0.56, 0.47), (0.16, 0.24, 0.27), (0.60, 0.56, 0.47), (0.42, 0.13, 0.07))), (1 / 0.24, 1 / 0.24)),
+        "cushion": (tx.banded(rng, 192, 192, ((0.66, 0.60, 0.48), (0.12, 0.20, 0.28))), (1 / 0.09, 1 / 0.09)),
+        "wicker": (tx.weave(rng, 48, 48, (0.40, 0.27, 0.14)), (4.0, 4.0)),
+        "cover": (tx.landscape(rng, 96, 128), (1 / 0.30, 1 / 0.22)),
     }
 
 
 class Room:
-    def __init__(self):
-        self.meshes = {}
+    def __init__(self, rich):
+        self.meshes, self.rich = {}, rich
+
+    def cloth(self, texture, mesh, color):
+        """Woven in the rich room, of one color in the plain one."""
+        self.add(texture, mesh) if self.rich else self.add("matte", mesh, color)
 
     def add(self, material, mesh, colour=None):
         colours = None if colour is None else np.broadcast_to(np.asarray(colour, float), mesh[0].shape)
@@ -103,9 +121,8 @@ def curtains(room):
 
         return sheet(f, 120, 24)
 
-    linen = (0.70, 0.63, 0.50)
-    room.add("matte", cloth(z0 - 0.02, BACK + 0.04, 4.5), linen)
-    room.add("matte", cloth(z1 + 0.34, z1 - 0.02, 5.0), linen)
+    room.cloth("linen", cloth(z0 - 0.02, BACK + 0.04, 4.5), LINEN)
+    room.cloth("linen", cloth(z1 + 0.34, z1 - 0.02, 5.0), LINEN)
     room.add("gloss", rod((LEFT + 0.11, y1 + 0.02, BACK + 0.03), (LEFT + 0.11, y1 + 0.02, z1 + 0.45), 0.013), (0.05, 0.04, 0.035))
     room.add("gloss", ball((LEFT + 0.11, y1 + 0.02, z1 + 0.46), 0.028), (0.05, 0.04, 0.035))
 
@@ -127,7 +144,7 @@ def sofa(room):
         for z in (z0 + 0.08, z1 - 0.10):
             room.add("walnut", rod((x, 0, z), (x, 0.14, z), 0.022))
     cushion = box((-0.22, -0.22, -0.075), (0.22, 0.22, 0.075), 0.05, puff=0.62)
-    room.add("matte", moved(cushion, (x0 + 0.43, 0.645, z0 + 0.50), pitch=-22, yaw=14), (0.66, 0.60, 0.48))
+    room.cloth("cushion", moved(cushion, (x0 + 0.43, 0.645, z0 + 0.50), pitch=-22, yaw=14), (0.66, 0.60, 0.48))
     room.add("matte", moved(cushion, (x0 + 0.72, 0.625, z0 + 0.56), pitch=-26, yaw=-8, roll=9), (0.58, 0.34, 0.06))
     room.add("matte", moved(cushion, (x1 - 0.44, 0.64, z0 + 0.51), pitch=-22, yaw=-16, roll=-5), (0.05, 0.16, 0.17))
 
@@ -181,6 +198,11 @@ def shelf(room):
                 return
             colour = tones[rng.integers(len(tones))] * rng.uniform(0.8, 1.15)
             room.add("gloss" if rng.random() < 0.3 else "matte", box((x, y, z1 - 0.03 - d), (x + w - 0.002, y + h, z1 - 0.03), 0.002, 1), colour)
+            if room.rich:  # a label or two on the spine
+                for k in range(1 + int(97 * w * h) % 2):
+                    label = y + h * (0.72 - 0.5 * k)
+                    tone = tones[int(1e4 * w) % len(tones)] if k else (0.62, 0.52, 0.30)
+                    room.add("matte", box((x, label, z1 - 0.031), (x + w - 0.002, label + 0.025, z1 - 0.0295)), tone)
             x += w
 
     a, b = x0 + t + 0.006, x1 - t - 0.006
@@ -249,9 +271,65 @@ def pouf(room):
     room.add("matte", moved(box((-0.15, 0, -0.11), (0.15, 0.028, 0.11), 0.004, 1), (1.40, 0.368, -2.72), yaw=25), (0.62, 0.57, 0.48))
 
 
-def build():
-    room = Room()
-    for part in (shell, window_frame, curtains, sofa, coffee_table, side_table, shelf, pictures, plant, rug, pouf):
+# What only the rich room has.
+
+
+def cornice(room):
+    for low, high in (
+        ((LEFT, HEIGHT - 0.07, BACK), (RIGHT, HEIGHT, BACK + 0.05)),
+        ((LEFT, HEIGHT - 0.07, BACK), (LEFT + 0.05, HEIGHT, FRONT)),
+        ((RIGHT - 0.05, HEIGHT - 0.07, BACK), (RIGHT, HEIGHT, FRONT)),
+    ):
+        room.add("matte", box(low, high, 0.02), WHITE)
+
+
+def throw(room):
+    """A blanket over the left arm of the sofa and a corner of its seat."""
+    path = np.array([(-1.455, 0.20), (-1.452, 0.40), (-1.448, 0.56), (-1.40, 0.620), (-1.335, 0.632), (-1.27, 0.622), (-1.225, 0.575), (-1.20, 0.49), (-1.13, 0.452), (-1.02, 0.456)])
+    at = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+
+    def f(u, v):
+        s = u * at[-1]
+        wave = 0.010 * np.sin(23 * v + 3 * u) * (1 - 0.5 * u)
+        x, y = (np.interp(s, at, path[:, k]) for k in (0, 1))
+        return np.stack([x - wave * (u < 0.5), y + 0.004 + np.abs(wave) * (u >= 0.3), BACK + 0.46 + 0.42 * v + 0.02 * np.sin(9 * u)], -1)
+
+    cloth = sheet(f, 60, 40)
+    room.add("throw", (cloth[0], cloth[1], cloth[2] * [at[-1], 0.42], cloth[3]))
+
+
+def basket(room):
+    x, z = -1.66, -3.05
+    rings = [(0.15, 0.0)] + [(0.15 + 0.055 * t + 0.006 * (k % 2), 0.30 * t) for k, t in enumerate(np.linspace(0.05, 1, 20))]
+    weave = lathe(rings, (x, 0, z), 48)
+    room.add("wicker", weave)
+    room.add("matte", lathe([(0.002, 0.02), (0.14, 0.021)], (x, 0, z)), (0.2, 0.13, 0.07))
+    for k, color in enumerate(((0.58, 0.34, 0.06), (0.62, 0.58, 0.50))):
+        roll = lathe([(0.065, -0.16), (0.07, -0.15), (0.07, 0.15), (0.065, 0.16)], closed=True)
+        room.add("matte", moved(roll, (x - 0.07 + 0.13 * k, 0.27, z), pitch=18 - 40 * k, roll=8), color)
+
+
+def table_things(room):
+    """A magazine and a candle on the coffee table, behind its books and cup."""
+    x, z, top = 0.02, -2.62, 0.41
+    room.add("cover", moved(box((-0.15, 0, -0.11), (0.15, 0.006, 0.11)), (x - 0.02, top, z - 0.24), yaw=-18))
+    room.add("gloss", lathe([(0.036, 0), (0.036, 0.075)], (x + 0.27, top, z - 0.17), closed=True), (0.62, 0.58, 0.50))
+    room.add("matte", rod((x + 0.27, top + 0.07, z - 0.17), (x + 0.272, top + 0.09, z - 0.17), 0.002), (0.05, 0.05, 0.05))
+
+
+def fringe(room):
+    """Tassels at both ends of the rug."""
+    rng = np.random.default_rng(3)
+    for x, out in ((-1.30, -1), (1.26, 1)):
+        for z in np.arange(-3.60, -1.73, 0.022):
+            tip = out * rng.uniform(0.05, 0.07)
+            room.add("matte", rod((x, 0.008, z), (x + tip, 0.004, z + rng.normal(0, 0.006)), 0.004, 5), (0.62, 0.54, 0.43))
+
+
+def build(rich):
+    room = Room(rich)
+    parts = [shell, window_frame, curtains, sofa, coffee_table, side_table, shelf, pictures, plant, rug, pouf]
+    for part in parts + [cornice, throw, basket, table_things, fringe] * rich:
         part(room)
     return room.merged()
 

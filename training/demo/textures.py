@@ -56,6 +56,12 @@ def weave(rng, h, w, colour):
     return np.asarray(colour) * (0.82 + 0.36 * (0.5 * t + 0.5 * noise(rng, h, w, 8, 8)))[..., None]
 
 
+def banded(rng, h, w, colors):
+    """Cloth with bands of these colors across u."""
+    x = np.mgrid[0:h, 0:w][1] * len(colors) // w
+    return np.asarray(colors)[x] * weave(rng, h, w, (1.0, 1.0, 1.0))
+
+
 def rug(rng, h, w):
     """Cream wool with bands of diamonds and a striped border."""
     cream, rust, blue, ochre = (np.array(c) for c in ((0.62, 0.54, 0.43), (0.36, 0.11, 0.06), (0.07, 0.12, 0.20), (0.50, 0.30, 0.09)))

@@ -118,7 +118,7 @@ def main(source, to, without):
     folder.write(
         to,
         float(room.meta["fov_x"]),
-        sum(pictures.values()),
+        folder.stored(sum(pictures.values())),
         room.depth,
         room.albedo,
         masks,
@@ -126,7 +126,6 @@ def main(source, to, without):
         normal=room.normal,
         pictures=pictures,
         edits={name: (f"Edit(version: 1, {text})\n", truth) for name, (text, truth) in changes.items()},
-        stored=True,
     )
 
 

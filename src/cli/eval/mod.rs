@@ -52,7 +52,7 @@ fn measured(args: &Eval, began: Instant) -> Result<(), Stop> {
     stop_on_ctrl_c(&cancel)?;
 
     let mut figures = Vec::new();
-    let rungs = subject.rungs();
+    let rungs = if args.no_ladder { vec![Rung::default()] } else { subject.rungs() };
     for &rung in &rungs {
         let edits = subject.edits.iter().map(|edit| (Some(edit), vec!["score_picture.scores".to_owned()]));
         for (edit, outputs) in [(None, subject.measures(rung))].into_iter().chain(edits) {

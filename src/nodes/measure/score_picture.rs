@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, File, Gather, Node, NodeError};
-use crate::image::{Mask, Picture, Plane, mean_error, pairs, score_picture};
+use crate::image::{self, Mask, Picture, Plane, mean_error, pairs, score_picture};
 use crate::nodes::artifacts::Scores;
 use crate::{params, ports};
 
@@ -15,7 +15,9 @@ params! {
     /// doing nothing, 0 is perfect.
     ///
     /// The photo is the sum of the lights' true pictures where there are such. The truth is a file, or the photo without the
-    /// pictures of some lights.
+    /// pictures of some lights. All is compared at the size of the truth, which may be smaller than the photo. Where a camera
+    /// gave a pixel another value than the sum of the lights, by noise, sharpening or JPEG, the truth is multiplied by the same
+    /// factor; the clipped and the darkest pixels of the photo are left out of this.
     pub struct ScorePicture {
         /// What the edit is called.
         subject: String = String::new(),
@@ -48,12 +50,15 @@ ports! {
     }
 }
 
+/// The light, 1 = white, whose response a photo shows: not lost in noise and below the shoulder of the tone curve.
+const MEASURED: std::ops::RangeInclusive<f32> = 0.02..=0.8;
+
 /// Beyond this share of the photo, the pictures of its lights are not those of this photo.
 const APART: f64 = 0.1;
 
 impl Node for ScorePicture {
     const KIND: &'static str = "ScorePicture";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = ScorePictureIn;
     type Out = ScorePictureOut;
 
@@ -62,19 +67,30 @@ impl Node for ScorePicture {
     }
 
     fn run(&self, inputs: ScorePictureIn, ctx: &Context) -> Result<ScorePictureOut, NodeError> {
-        let size = inputs.photo.0.size();
-        super::same_size("picture", inputs.picture.0.size(), "the photo", size)?;
-        let counted = super::no_light(size, inputs.mask.iter().chain(inputs.cover.iter()))?;
-        let photo = self.photo(&inputs, &counted)?;
-        let truth = match &self.truth {
-            Some(file) => {
-                let truth = super::read(ctx, file)?.0;
-                super::same_size("size", truth.size(), "the photo", size).map_err(|e| NodeError::BadFile {
-                    path: file.location().display().to_string(),
-                    message: e.to_string(),
-                })?;
-                truth
-            }
+        let full = inputs.photo.0.size();
+        super::same_size("picture", inputs.picture.0.size(), "the photo", full)?;
+        let file = self.truth.as_ref().map(|file| super::read(ctx, file).map(|truth| (file, truth.0))).transpose()?;
+        let sum = super::sum(&inputs.light)?;
+        if let Some(sum) = &sum {
+            not_larger("the true pictures of lights", sum.size(), full)?;
+        }
+        if let Some((file, truth)) = &file {
+            let other =
+                sum.as_ref().map_or(Ok(()), |sum| super::same_size("size", truth.size(), "`pictures`", sum.size()));
+            not_larger("size", truth.size(), full).and(other).map_err(|e| NodeError::BadFile {
+                path: file.location().display().to_string(),
+                message: e.to_string(),
+            })?;
+        }
+        let size = sum.as_ref().or(file.as_ref().map(|(_, truth)| truth)).map_or(full, Plane::size);
+        let counted = uncovered(&inputs, full, size)?;
+        let fitted = |picture: &Picture| image::resize(&picture.0, size.0, size.1);
+        let picture = fitted(&inputs.picture);
+        let taken = fitted(&inputs.photo);
+        let response = sum.as_ref().map(|sum| response(&taken, sum));
+        let mut photo = whole_photo(&inputs.light, sum, taken, &counted)?;
+        let mut truth = match file {
+            Some((_, truth)) => truth,
             None => {
                 let mut truth = photo.clone();
                 for id in &self.off {
@@ -86,7 +102,11 @@ impl Node for ScorePicture {
                 truth
             }
         };
-        let score = score_picture(&inputs.picture.0, &truth, &photo, &counted);
+        for (plane, response) in [&mut photo, &mut truth].into_iter().zip([&response; 2]) {
+            let Some(response) = response else { continue };
+            plane.pixels_mut().iter_mut().zip(response.pixels()).for_each(|(light, factor)| *light *= *factor);
+        }
+        let score = score_picture(&picture, &truth, &photo, &counted);
         let figure = |measure: &str, value: Option<f64>| super::score(&self.subject, measure, value);
         Ok(ScorePictureOut {
             scores: super::scores([
@@ -98,24 +118,52 @@ impl Node for ScorePicture {
     }
 }
 
-impl ScorePicture {
-    /// The linear photo: the sum of its lights, if they are known.
-    fn photo(&self, inputs: &ScorePictureIn, counted: &Plane<bool>) -> Result<Plane<Vec3>, NodeError> {
-        let Some(sum) = super::sum(&inputs.light)? else { return Ok(inputs.photo.0.clone()) };
-        super::same_size("the true pictures of lights", sum.size(), "the photo", inputs.photo.0.size())?;
-        let clip = |x: f64| x.clamp(0.0, 1.0);
-        let apart = mean_error(pairs(&sum, &inputs.photo.0, counted), |a, b| (clip(a) - clip(b)).abs());
-        let level = mean_error(pairs(&sum, &inputs.photo.0, counted), |_, b| clip(b));
-        match apart.zip(level) {
-            Some((apart, level)) if apart > APART * level => {
-                let names: Vec<&str> = inputs.light.iter().map(|(id, _)| id).collect();
-                Err(NodeError::Failed(format!(
-                    "the true pictures of {} together are {:.0} % off the photo: wanted one of each light, in the photo's exposure",
-                    names.join(", "),
-                    100.0 * apart / level
-                )))
-            }
-            _ => Ok(sum),
+/// A picture of the truth has the photo's aspect ratio, and at most its size.
+fn not_larger(name: &str, got: (usize, usize), photo: (usize, usize)) -> Result<(), NodeError> {
+    if got.0 <= photo.0 && image::same_aspect(got, photo) {
+        return Ok(());
+    }
+    super::same_size(name, got, "the photo", photo)
+}
+
+/// The pixels of the truth's size whose part of the photo shows no light of the photo or of the edit.
+fn uncovered(inputs: &ScorePictureIn, full: (usize, usize), size: (usize, usize)) -> Result<Plane<bool>, NodeError> {
+    let lit = super::no_light(full, inputs.mask.iter().chain(inputs.cover.iter()))?.map(|none| f32::from(!none));
+    Ok(image::resize(&lit, size.0, size.1).map(|share| share == 0.0))
+}
+
+/// The factor that the camera gives to each pixel's light by its noise, sharpening and JPEG: the photo as `taken` over the `sum` of
+/// the lights where that is in `MEASURED`, and 1 elsewhere.
+fn response(taken: &Plane<Vec3>, sum: &Plane<Vec3>) -> Plane<Vec3> {
+    let factor = |taken: f32, sum: f32| if MEASURED.contains(&sum) { (taken / sum).clamp(0.5, 2.0) } else { 1.0 };
+    let pixels = taken
+        .pixels()
+        .iter()
+        .zip(sum.pixels())
+        .map(|(taken, sum)| Vec3::new(factor(taken.x, sum.x), factor(taken.y, sum.y), factor(taken.z, sum.z)));
+    Plane::new(sum.width(), sum.height(), pixels.collect())
+}
+
+/// The linear photo: the `sum` of the pictures of its lights, if they are known, else the photo as it was `taken`.
+fn whole_photo(
+    light: &Gather<Picture>,
+    sum: Option<Plane<Vec3>>,
+    taken: Plane<Vec3>,
+    counted: &Plane<bool>,
+) -> Result<Plane<Vec3>, NodeError> {
+    let Some(sum) = sum else { return Ok(taken) };
+    let clip = |x: f64| x.clamp(0.0, 1.0);
+    let apart = mean_error(pairs(&sum, &taken, counted), |a, b| (clip(a) - clip(b)).abs());
+    let level = mean_error(pairs(&sum, &taken, counted), |_, b| clip(b));
+    match apart.zip(level) {
+        Some((apart, level)) if apart > APART * level => {
+            let names: Vec<&str> = light.iter().map(|(id, _)| id).collect();
+            Err(NodeError::Failed(format!(
+                "the true pictures of {} together are {:.0} % off the photo: wanted one of each light, in the photo's exposure",
+                names.join(", "),
+                100.0 * apart / level
+            )))
         }
+        _ => Ok(sum),
     }
 }

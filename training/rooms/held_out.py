@@ -1,0 +1,245 @@
+"""The held-out views, the blind test of the program: ten generated rooms and ten views of third-party rooms, which no tuning and no training may see.
+
+    held_out.py make [--out .cache/rooms/held_out] [--samples 64] [--threads 2]
+    held_out.py score [--out ..] [--relight target/release/relight] [--graphs physics indoor networks] [--views NAME..]
+
+`make` renders the views from fixed seeds and goes on where it stopped: pictures by each light alone, and the edits `insert_lamp`, `insert_object` and
+`paint`. The photo is their sum through the camera of training/camera, the depth that of a sensor; the truth is linear, with the lens's glare. `score`
+runs `relight eval` on each view with each graph and prints the mean change error of each kind of edit (1 = doing nothing, 0 = perfect)."""
+
+import argparse
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+sys.path[:0] = [str(HERE.parent / "demo"), str(HERE.parent / "camera")]
+import folder as scene_folder  # noqa: E402
+
+FIRST = 30_000_000  # first seed; no other split reaches it
+VIEWS = 10  # of each kind
+LAMP_RADIUS, BALL_RADIUS = 0.08, 0.15  # m
+LAMP_TEMPERATURE = 2700  # K
+LAMP_SHADING = 0.5  # shading by the inserted lamp at 1 m, in units of the photo's white
+BALL_ALBEDO = 0.75
+PAINTED_SHARE = (0.05, 0.45)  # of the picture
+GRAPHS = ("physics", "indoor", "networks")
+
+
+def names():
+    """{folder: (scene, seed)}; the scene of generated rooms is None."""
+    import people
+
+    out = {f"generated_{k:02d}": (None, FIRST + k) for k in range(VIEWS)}
+    return out | {f"{scene}_{k}": (scene, FIRST + k) for scene in people.SCENES for k in range(VIEWS // len(people.SCENES))}
+
+
+def seen(scene, seed, library):
+    """A room and the view of it; the seeds after it step in where a room has no view."""
+    import make
+    import people
+
+    for again in range(20):
+        found = make.view(seed + 100 * again, library) if scene is None else people.view(scene, seed + 100 * again, library)
+        if found is not None:
+            return found
+    raise RuntimeError(f"{scene} {seed}: no camera sees anything")
+
+
+class Rendered:
+    """The pictures of a view: [240, 320, 3], linear."""
+
+    def __init__(self, view, planes, samples):
+        self.view, self.planes, self.samples = view, planes, samples
+
+    def __call__(self, scene):
+        import truth
+
+        passes = max(1, self.samples // 16)
+        return truth.photo(scene, self.view, self.planes["albedo"], self.planes["normal"], passes)
+
+
+def places(lit, scene, view, planes, rng, radius, lift):
+    """The center (world) of a ball that hangs `lift` metres over a seen surface that faces up, with nothing near; None where there is no such place."""
+    import drjit as dr
+    import mitsuba as mi
+
+    up = planes["normal"] @ view.turn[:, 1] > 0.95
+    good = up & (planes["touch"] == 0) & (planes["depth"] > 1.2) & (planes["depth"] < 5)
+    good[:16] = good[-8:] = good[:, :24] = good[:, -24:] = False
+    rows, columns = np.nonzero(good)
+    for pick in rng.permutation(len(rows))[:60]:
+        y, x = rows[pick], columns[pick]
+        f = 0.5 * planes["depth"].shape[1] / math.tan(math.radians(view.fov_x) / 2)
+        height, width = planes["depth"].shape
+        point = planes["depth"][y, x] * np.array([(x + 0.5 - width / 2) / f, (height / 2 - y - 0.5) / f, -1.0])
+        center = view.turn.T @ point + view.origin + (0, radius + lift, 0)
+        sphere = np.random.default_rng(0).normal(size=(400, 3))
+        sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+        ray = mi.Ray3f(mi.Point3f(*center.tolist()), mi.Vector3f(*sphere.T.astype(np.float32)))
+        near = np.array(scene.ray_intersect_preliminary(ray).t)
+        toward = view.origin - center
+        sight = mi.Ray3f(mi.Point3f(*center.tolist()), mi.Vector3f(*(toward / np.linalg.norm(toward)).tolist()), float(np.linalg.norm(toward)), 0.0, [])
+        if near.min() > 0.97 * radius and not dr.any(scene.ray_test(sight)):
+            return center
+    return None
+
+
+def wall(lit, scene, view, rng):
+    """(key, mask [h, w]) of a surface to paint: the one nearest to a fifth of the picture, upright before others."""
+    import truth
+
+    si, _ = truth.hits(scene, view, truth.WIDTH, 1, 11)
+    key = np.array(lit.key(scene, si)).reshape(truth.HEIGHT, truth.WIDTH)
+    upright = np.abs(np.array(si.n)[1].reshape(key.shape)) < 0.3
+    best = None
+    for number in np.unique(key[key >= 0]):
+        mask = key == number
+        if PAINTED_SHARE[0] <= mask.mean() <= PAINTED_SHARE[1]:
+            worth = abs(mask.mean() - 0.2) + (0 if upright[mask].mean() > 0.8 else 1)
+            best = min(best or (np.inf,), (worth, int(number), mask), key=lambda b: b[0])
+    return best and best[1:]
+
+
+def render(found, to, rng, samples):
+    """Writes the scene of a view and its truth into the folder `to`."""
+    import layout
+    import make
+    import model
+    from colour import hsv
+
+    lit, (view, planes, visible, hidden), _, about = found
+    lights = make.names_of(visible, hidden)
+    rendered = Rendered(view, planes, samples)
+    pictures = {}
+    for name, title in lights.items():
+        pictures[title] = pictures.get(title, 0) + rendered(lit.scene({name: None}))
+    whole, dark = sum(pictures.values()), planes["touch"] == 0
+    camera = model.sample(rng)
+    gain = model.auto_exposure(model.incident(whole, camera), dark)
+    lens = lambda picture: model.incident(picture, camera) * gain
+    linear_gain = gain * np.array(camera.white_balance)
+
+    everything, edits = dict.fromkeys(lights), {}
+    bare = lit.scene({})
+    triple = lambda v: ", ".join(f"{float(x):.6g}" for x in v)
+    center = places(lit, bare, view, planes, rng, LAMP_RADIUS, 0.25)
+    if center is not None:
+        radiance = LAMP_SHADING / LAMP_RADIUS**2 * layout.blackbody(LAMP_TEMPERATURE)
+        emitter = {"type": "area", "radiance": {"type": "rgb", "value": (radiance / linear_gain).tolist()}}
+        lamp = {"type": "sphere", "center": center.tolist(), "radius": LAMP_RADIUS, "emitter": emitter}
+        shape = f'Lamp(shape: Sphere(radius: {LAMP_RADIUS}), at: Point({triple(view.point(center))}), radiance: ({triple(radiance)}))'
+        edits["insert_lamp"] = f'lights: {{ "new": {shape} }}', rendered(lit.scene(everything, extra={"new": lamp}))
+    center = places(lit, bare, view, planes, rng, BALL_RADIUS, 0.0)
+    if center is not None:
+        white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [BALL_ALBEDO] * 3}}
+        ball = {"type": "sphere", "center": center.tolist(), "radius": BALL_RADIUS, "bsdf": white}
+        at = f"at: Point({triple(view.point(center))}), material: (albedo: Linear({triple([BALL_ALBEDO] * 3)}))"
+        edits["insert_object"] = f"objects: [ Sphere(radius: {BALL_RADIUS}, {at}) ]", rendered(lit.scene(everything, extra={"ball": ball}))
+    chosen = wall(lit, bare, view, rng)
+    if chosen:
+        key, mask = chosen
+        color = hsv(rng.random(), rng.uniform(0.3, 0.7), rng.uniform(0.3, 0.7))
+        edits["paint"] = (
+            f'materials: [ Paint(region: Mask("../paint.png"), albedo: Linear({triple(color)})) ]',
+            rendered(lit.repainted(key, color).scene(everything)),
+        )
+        scene_folder.save_mask(to / "paint.png", mask)
+
+    titles = {title: make.describe(lit, view, name, linear_gain) for name, title in lights.items()}
+    masks = {}
+    for k, name in enumerate(planes["names"]):
+        if lights.get(name, "inv_").startswith("inv_"):
+            continue
+        masks[lights[name]] = planes["touch"] == k + 1
+    photo = model.photograph(whole * gain, camera, rng)
+    scene_folder.write(
+        to,
+        view.fov_x,
+        photo.stored,
+        model.sensor_depth(planes["depth"], rng, albedo=planes["albedo"], roughness=planes["rough"]),
+        planes["albedo"],
+        masks,
+        titles,
+        normal=planes["normal"],
+        pictures={title: lens(picture) for title, picture in pictures.items()},
+        edits={name: (f"Edit(version: 1, {text})\n", lens(picture)) for name, (text, picture) in edits.items()},
+        true_depth=planes["depth"],
+    )
+    (to / "room.json").write_text(json.dumps(about | dict(held_out=True, samples=samples), indent=1))
+
+
+def make_all(args):
+    import drjit as dr
+    import make  # noqa: F401  (the variant of Mitsuba comes with it)
+    from assets import Library
+
+    dr.set_thread_count(args.threads)
+    library = Library.load(args.assets).only("held")
+    for name, (scene, seed) in names().items():
+        to = args.out / name
+        if (to / "room.json").exists():
+            continue
+        unfinished = to.with_name(f".{name}")
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir(parents=True)
+        render(seen(scene, seed, library), unfinished, np.random.default_rng(seed), args.samples)
+        os.replace(unfinished, to)
+        print(to, flush=True)
+
+
+def kind(subject):
+    """Kind of edit of a row of eval.json."""
+    for start, name in (("lamp", "lamp off"), ("window", "window off"), ("invisible", "lights out of view off")):
+        if subject.startswith(start) and subject.endswith("off"):
+            return name
+    return subject
+
+
+def score_all(args):
+    views = [args.out / v for v in args.views] if args.views else sorted(p.parent for p in args.out.glob("*/scene.ron"))
+    rows = {}
+    for graph in args.graphs:
+        for view in views:
+            command = [args.relight, "eval", view, "--no-ladder", "--graph", ROOT / f"graphs/{graph}.ron", "--out", args.out / ".eval" / graph / view.name]
+            done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+            if done.returncode:
+                raise RuntimeError(f"{view}: relight gave up with status {done.returncode}:\n{done.stderr}")
+            report = json.loads((args.out / ".eval" / graph / view.name / "eval.json").read_text())
+            side = "generated" if view.name.startswith("generated") else "third-party"
+            for figure in report["figures"]:
+                if figure["measure"] == "change error":
+                    rows.setdefault((graph, side), {}).setdefault(kind(figure["subject"]), []).append(figure["value"])
+            print(f"{graph} {view.name}", file=sys.stderr, flush=True)
+    kinds = ["lamp off", "window off", "lights out of view off", "insert_lamp", "insert_object", "paint"]
+    print("| graph | views | " + " | ".join(kinds) + " | mean of kinds |")
+    print("| --- " * (len(kinds) + 3) + "|")
+    for (graph, side), got in rows.items():
+        means = [np.mean(got[k]) if k in got else np.nan for k in kinds]
+        cells = [f"{m:.3f} ({len(got.get(k, []))})" for k, m in zip(kinds, means)]
+        print(f"| {graph} | {side} | " + " | ".join(cells) + f" | {np.nanmean(means):.3f} |")
+
+
+def main():
+    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask.add_argument("what", choices=("make", "score"))
+    ask.add_argument("--out", type=Path, default=Path(".cache/rooms/held_out"))
+    ask.add_argument("--assets", type=Path, default=Path(".cache/assets"))
+    ask.add_argument("--samples", type=int, default=64)
+    ask.add_argument("--threads", type=int, default=2)
+    ask.add_argument("--relight", type=Path, default=ROOT / "target/release/relight")
+    ask.add_argument("--graphs", nargs="+", default=GRAPHS)
+    ask.add_argument("--views", nargs="+")
+    args = ask.parse_args()
+    (make_all if args.what == "make" else score_all)(args)
+
+
+if __name__ == "__main__":
+    main()
