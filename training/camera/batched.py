@@ -111,6 +111,7 @@ def correlate(noise, grain):
 
 def add_noise(x, noise, shot, read, gains):
     """Returns the pictures with shot and read noise."""
+    gains = gains * torch.tensor(model.SENSOR_GAINS, dtype=x.dtype).view(1, 3, 1, 1)
     return x + torch.sqrt(gains * shot * x.clamp(min=0) + (gains * read) ** 2) * noise
 
 
@@ -172,17 +173,18 @@ def quantize(plane, table):
 
 
 def jpeg(x, quality):
-    """Returns sRGB values, 0 to 1, as JPEG with 4:2:0 chroma would store them; a `quality` of 100 leaves an item as it is."""
+    """Returns sRGB values, 0 to 1, as JPEG would store them; a `quality` of 100 leaves an item as it is."""
     h, w = x.shape[-2:]
+    n = model.chroma_step(w)
     padded = F.pad(x, (0, -w % 16, 0, -h % 16), mode="replicate") - 0.5
     scale = torch.where(quality < 50, 50 / quality, 2 - quality / 50) * min(1, w / model.REFERENCE_WIDTH)
     table = lambda base: (torch.tensor(base, dtype=x.dtype) * scale[:, 0]).clamp(1e-3, 255)
     weights = luma_weights(x)
     y = (padded * weights).sum(1, keepdim=True)
     size = 0.5 / (1 - weights[:, [2, 0]])
-    half = F.avg_pool2d(padded[:, [2, 0]] - y, 2)
-    chroma = quantize(half * size, table(model.JPEG_CHROMA)) / size
-    blue, red = chroma.repeat_interleave(2, -1).repeat_interleave(2, -2).split(1, 1)
+    shared = F.avg_pool2d(padded[:, [2, 0]] - y, n)
+    chroma = quantize(shared * size, table(model.JPEG_CHROMA)) / size
+    blue, red = chroma.repeat_interleave(n, -1).repeat_interleave(n, -2).split(1, 1)
     y = quantize(y, table(model.JPEG_LUMA))
     green = y - (weights[:, :1] * red + weights[:, 2:] * blue) / weights[:, 1:2]
     out = torch.cat([y + red, green, y + blue], 1)[..., :h, :w] + 0.5

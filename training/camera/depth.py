@@ -18,20 +18,20 @@ DETAIL_DEPTH = 0.05  # relative depth above which a step is form, not detail
 
 @dataclass(frozen=True)
 class DepthSensor:
-    """A sensor that measures disparity d = `base` / z. The defaults are the Kinect's: 0.075 m between projector and camera, 580 pixels of focal length and steps of
-    an eighth of a pixel, of 640 (Khoshelham and Elberink 2012; Barron and Malik 2013)."""
+    """A sensor that measures disparity d = `base` / z. The defaults are a structured-light sensor's: 0.075 m between projector and camera and 525 pixels of focal
+    length, of 640. The step is that of the photo `sunlit`, 3.56 mm z^2 at all distances."""
 
     width: int = 640  # pixels of its own map; phones have 256
-    base: float = 0.068  # disparity, share of the width, at one meter
-    step: float = 1 / 8 / 640  # quantization of disparity, share of the width: z^2 step / base meters, 2.9 mm at one meter
+    base: float = 0.0615  # disparity, share of the width, at one meter
+    step: float = 2.19e-4  # quantization of disparity, share of the width: z^2 step / base meters
     noise: float = 0.3  # standard deviation of disparity before quantization, steps
-    bleeding: float = 0.0008  # standard deviation of the displacement with which a pixel reads its neighbor's depth, share of the width
+    bleeding: float = 0.0012  # standard deviation of the displacement with which a pixel reads its neighbor's depth, share of the width
     shadow: float = 1.0  # share of the occluded band beside near things that lacks depth, 0 to 1
     dark: float = 0.04  # albedo below which most readings are missing, 0 to 0.1
     shiny: float = 0.15  # roughness below which most readings are missing, 0 to 0.4
     grazing: float = 0.15  # cosine between normal and ray below which all readings are missing
     nearest: float = 0.5  # meters
-    farthest: float = 8.0  # meters
+    farthest: float = 10.0  # meters
 
 
 @dataclass(frozen=True)
@@ -171,9 +171,9 @@ def ragged_mask(mask, flaws, noise):
 def sample_sensor(rng):
     """Returns a Kinect or, one time of three, the coarse sensor of a phone, whose software leaves few holes."""
     if rng.random() < 1 / 3:
-        return DepthSensor(width=256, step=1 / 4000, noise=0.5, bleeding=0.003, shadow=0.1, dark=0.01, shiny=0.05, grazing=0.05, nearest=0.2, farthest=6.0)
+        return DepthSensor(width=256, step=1 / 4000, noise=0.5, bleeding=0.003, shadow=0.1, dark=0.01, shiny=0.05, grazing=0.05, nearest=0.2)
     strength = np.exp(0.3 * rng.standard_normal(4))
-    return DepthSensor(noise=0.3 * strength[0], bleeding=0.0008 * strength[1], dark=0.04 * strength[2], shiny=0.15 * strength[3])
+    return DepthSensor(noise=0.3 * strength[0], bleeding=0.0012 * strength[1], dark=0.04 * strength[2], shiny=0.15 * strength[3])
 
 
 def sample_network(rng):

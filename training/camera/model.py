@@ -16,6 +16,7 @@ REFERENCE_WIDTH = 640  # pixels; noise and JPEG quality are those of a picture o
 KNEE = 0.8  # linear value below which the tone curve is the identity; the program takes photos for sRGB
 GLARE_WIDTHS = (0.004, 0.012, 0.036, 0.108, 0.324)  # standard deviations of the Gaussians that make up the glare, shares of the width
 SHARPENING_RADIUS = 0.0016  # standard deviation of the unsharp mask, share of the width: one pixel of 640
+SENSOR_GAINS = np.array([2.0, 1.0, 1.6])  # with which a sensor's weak red and blue are brought to green's level in neutral light: they amplify noise
 LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as JPEG has it
 
 # The quantization tables of Annex K of the JPEG standard, for quality 50.
@@ -42,7 +43,7 @@ class Camera:
     exposure: float = 1.0  # gain, 0.1 to 10
     white_balance: tuple = (1.0, 1.0, 1.0)  # gains of red, green and blue, 0.5 to 2
     softness: float = 0.0  # standard deviation of the blur of lens and demosaicing, share of the width, 0 to 0.005
-    glare: float = 0.0  # share of the light that the lens scatters, 0 to 0.1
+    glare: float = 0.0  # share of the light that the lens scatters, 0 to 0.2
     glare_slope: float = 0.5  # exponent, 0 to 1: scattered light falls with distance r as r^-(2 + glare_slope)
     vignetting: float = 0.0  # squared tangent of the angle whose cos^4 is the dimming of the corners, 0 to 0.5
     shot_noise: float = 0.0  # variance per unit of signal, 1 = white, of a pixel of a picture 640 wide, 0 to 0.002
@@ -51,30 +52,31 @@ class Camera:
     saturation: float = 1.0  # linear value at which the sensor clips, stored as white, 1 to 3
     chroma_blur: float = 0.0  # standard deviation, share of the width, 0 to 0.01
     sharpening: float = 0.0  # gain of the unsharp mask, 0 to 2
-    jpeg_quality: int = 100  # quality of libjpeg, 1 to 100, chroma at half resolution; 100 stores the picture without JPEG
+    jpeg_quality: int = 100  # quality of libjpeg for a picture 640 wide, 1 to 100; 100 stores the picture without JPEG
 
 
 # The fitted distribution: medians of log-normal parameters, standard deviations of their logarithms, ranges. `fit.py` prints the statistics behind it.
 FITTED = {
-    "softness": (0.0013, 0.25, 0.0005, 0.003),
-    "glare": (0.03, 0.5, 0.005, 0.1),
-    "vignetting": (0.12, 0.5, 0.0, 0.4),
-    "shot_noise": (1.2e-4, 0.5, 1e-5, 1e-3),
-    "read_noise": (1.5e-3, 0.4, 2e-4, 8e-3),
-    "grain": (0.0012, 0.2, 0.0006, 0.002),
-    "saturation": (1.4, 0.2, 1.0, 2.5),
-    "chroma_blur": (0.0022, 0.25, 0.0008, 0.005),
-    "sharpening": (0.4, 0.6, 0.0, 1.5),
+    "softness": (0.0010, 0.25, 0.0005, 0.003),
+    "glare": (0.06, 0.4, 0.02, 0.15),
+    "vignetting": (0.05, 0.7, 0.0, 0.4),
+    "shot_noise": (2.6e-4, 0.5, 1e-5, 1e-3),
+    "read_noise": (2.2e-3, 0.4, 2e-4, 8e-3),
+    "grain": (0.0016, 0.2, 0.0008, 0.003),
+    "saturation": (1.25, 0.2, 1.0, 2.5),
+    "chroma_blur": (0.0008, 0.25, 0.0003, 0.005),
+    "sharpening": (0.25, 0.6, 0.0, 1.5),
 }
-FITTED_SLOPE = (0.4, 0.8)  # of the glare, uniform
-FITTED_BALANCE = (0.12, 0.12)  # standard deviations of the logarithms of the gains of red and blue
+FITTED_SLOPE = (0.5, 0.9)  # of the glare, uniform
+FITTED_WARMTH, FITTED_TINT = 0.15, 0.05  # standard deviations of logarithms: of red and, inversely, blue; of both against green
 FITTED_QUALITY = (70, 95)  # of JPEG, uniform
 
 
 def sample(rng):
     """Returns a Camera of the fitted distribution, with exposure 1."""
     drawn = {name: float(np.clip(m * np.exp(sd * rng.standard_normal()), low, high)) for name, (m, sd, low, high) in FITTED.items()}
-    red, blue = np.exp(np.array(FITTED_BALANCE) * np.clip(rng.standard_normal(2), -2, 2))
+    warmth, tint = np.array((FITTED_WARMTH, FITTED_TINT)) * np.clip(rng.standard_normal(2), -2, 2)
+    red, blue = np.exp((tint + warmth, tint - warmth))
     quality = int(rng.integers(FITTED_QUALITY[0], FITTED_QUALITY[1] + 1))
     return Camera(white_balance=(float(red), 1.0, float(blue)), glare_slope=float(rng.uniform(*FITTED_SLOPE)), jpeg_quality=quality, **drawn)
 
@@ -192,8 +194,8 @@ def correlate(noise, grain):
 
 
 def add_noise(x, noise, shot, read, gains):
-    """Returns the picture with shot and read noise; white balance amplifies what the sensor adds to a channel."""
-    gains = np.asarray(gains)
+    """Returns the picture with shot and read noise, which the gain of a channel amplifies: SENSOR_GAINS times that of white balance."""
+    gains = SENSOR_GAINS * gains
     return x + np.sqrt(gains * shot * np.maximum(x, 0) + (gains * read) ** 2) * noise
 
 
@@ -249,12 +251,17 @@ def jpeg_scale(quality, width):
     return factor * min(1, width / REFERENCE_WIDTH)
 
 
+def chroma_step(width):
+    """Returns how many pixels share a chroma value in either direction: 2, as 4:2:0 has it, but 1 in a picture half as wide as REFERENCE_WIDTH or less."""
+    return 2 if width > REFERENCE_WIDTH / 2 else 1
+
+
 def decoded(stored, camera):
     """Returns 8-bit sRGB after libjpeg at the camera's quality, as files have it."""
     scale = jpeg_scale(camera.jpeg_quality, stored.shape[1])
     quality = round(50 / scale if scale > 1 else 100 - 50 * scale)
     file = io.BytesIO()
-    Image.fromarray(stored).save(file, "JPEG", quality=int(np.clip(quality, 1, 100)), subsampling="4:2:0")
+    Image.fromarray(stored).save(file, "JPEG", quality=int(np.clip(quality, 1, 100)), subsampling="4:2:0" if chroma_step(stored.shape[1]) == 2 else "4:4:4")
     return np.asarray(Image.open(file).convert("RGB"))
 
 
@@ -274,17 +281,18 @@ def quantize(plane, table):
 
 
 def jpeg(x, quality):
-    """Returns sRGB values, 0 to 1, as JPEG with 4:2:0 chroma would store them: the model that training uses. `decoded` is the real thing."""
+    """Returns sRGB values, 0 to 1, as JPEG would store them: the model that training uses. `decoded` is the real thing."""
     h, w = x.shape[:2]
+    n = chroma_step(w)
     x = np.pad(x, ((0, -h % 16), (0, -w % 16), (0, 0)), mode="edge") - 0.5
     scale = jpeg_scale(quality, w)
     table = lambda base: np.clip(base * scale, 1e-3, 255)
     y = x @ LUMA
     difference = x[..., [2, 0]] - y[..., None]
-    half = difference.reshape(x.shape[0] // 2, 2, x.shape[1] // 2, 2, 2).mean((1, 3))
+    shared = difference.reshape(x.shape[0] // n, n, x.shape[1] // n, n, 2).mean((1, 3))
     size = 0.5 / (1 - LUMA[[2, 0]])  # Cb and Cr in units of the differences of blue and red from luma
-    chroma = [quantize(half[..., k] * size[k], table(JPEG_CHROMA)) / size[k] for k in range(2)]
-    blue, red = (c.repeat(2, 0).repeat(2, 1) for c in chroma)
+    chroma = [quantize(shared[..., k] * size[k], table(JPEG_CHROMA)) / size[k] for k in range(2)]
+    blue, red = (c.repeat(n, 0).repeat(n, 1) for c in chroma)
     y = quantize(y, table(JPEG_LUMA))
     green = y - (LUMA[0] * red + LUMA[2] * blue) / LUMA[1]
     return np.clip(np.stack([y + red, green, y + blue], -1)[:h, :w] + 0.5, 0, 1)
