@@ -1,7 +1,9 @@
-"""The camera of `model.py` and the depth and masks of `depth.py` in torch, for batches [B, C, h, w].
+"""The camera of `model.py` and the depth and masks of `depth.py` in torch, for batches [B, C, h,
+w].
 
-Parameters are the same dataclasses, whose numbers `stack` turns into tensors, one per item. All but the rounding in `displaced` and `steps` is differentiable;
-`quantize` passes gradients straight through its rounding."""
+Parameters are the same dataclasses, whose numbers `stack` turns into tensors, one per item. All but
+the rounding in `displaced` and `steps` is differentiable; `quantize` passes gradients straight
+through its rounding."""
 
 import math
 from dataclasses import fields
@@ -16,7 +18,8 @@ from . import model
 
 
 def stack(items, dtype=torch.float32):
-    """Returns the parameters of several items as one: tensors [B, 1, 1, 1], or [B, 3, 1, 1] of triples. What is an int for all items alike stays an int."""
+    """Returns the parameters of several items as one: tensors [B, 1, 1, 1], or [B, 3, 1, 1] of
+    triples. What is an int for all items alike stays an int."""
     joined = {}
     for field in fields(items[0]):
         values = [getattr(item, field.name) for item in items]
@@ -42,7 +45,8 @@ def incident(x, camera):
 
 
 def develop(received, camera, noise):
-    """Returns the sRGB values, 0 to 1, of the light on the sensors and of standard normal `noise`, before JPEG."""
+    """Returns the sRGB values, 0 to 1, of the light on the sensors and of standard normal `noise`,
+    before JPEG."""
     x = add_noise(received, correlate(noise, camera.grain), camera.shot_noise, camera.read_noise, camera.white_balance)
     x = blur_chroma(clip(x, camera.saturation), camera.chroma_blur)
     return encode(tone(sharpen(x, camera.sharpening), camera.saturation))
@@ -55,7 +59,8 @@ def photograph(linear, camera, noise):
 
 
 def gaussian_matrix(size, sigma):
-    """Returns the matrices [B, 1, size, size] that blur rows of pixels by Gaussians of `sigma` [B, 1, 1, 1] pixels, integrated over each pixel."""
+    """Returns the matrices [B, 1, size, size] that blur rows of pixels by Gaussians of `sigma` [B,
+    1, 1, 1] pixels, integrated over each pixel."""
     at = torch.arange(size, dtype=sigma.dtype)
     scale = 1 / (sigma.clamp(min=1e-6) * math.sqrt(2))
     edges = torch.erf((torch.arange(size + 1, dtype=sigma.dtype) - 0.5) * scale)
@@ -72,7 +77,8 @@ def blurred(x, sigma):
 
 @lru_cache(maxsize=32)
 def glare_matrices(h, w, dtype):
-    """Returns the rows' and columns' matrices of each of the glare's Gaussians, and the plane [h, w] of the light that each keeps in the picture."""
+    """Returns the rows' and columns' matrices of each of the glare's Gaussians, and the plane [h,
+    w] of the light that each keeps in the picture."""
     pairs = [[model.gaussian_matrix(n, sigma * w, False) for n in (h, w)] for sigma in model.GLARE_WIDTHS]
     return [(torch.tensor(a, dtype=dtype), torch.tensor(b, dtype=dtype), torch.tensor(np.outer(a.sum(1), b.sum(1)), dtype=dtype)) for a, b in pairs]
 
@@ -245,8 +251,8 @@ def steps(z, noise, sensor):
 
 
 def sensor_depth(depth, sensor, noise, albedo=None, roughness=None, cosine=None):
-    """Returns the depth [B, 1, h, w] that the sensors measure, NaN where they have no reading. `albedo` and `roughness` are gray planes, `cosine` that between
-    normal and ray."""
+    """Returns the depth [B, 1, h, w] that the sensors measure, NaN where they have no reading.
+    `albedo` and `roughness` are gray planes, `cosine` that between normal and ray."""
     h, w = depth.shape[-2:]
     rows, width = depth_model.map_size(h, w, sensor)
     at = lambda x, i, j: x[..., torch.from_numpy(i)[:, None], torch.from_numpy(j)]

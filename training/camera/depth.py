@@ -1,6 +1,8 @@
-"""Depth as sensors and networks give it, and masks as people draw them, in NumPy; `batched.py` has the same in torch. Planes are [h, w], depth is in meters.
+"""Depth as sensors and networks give it, and masks as people draw them, in NumPy; `batched.py` has
+the same in torch. Planes are [h, w], depth is in meters.
 
-Lengths are shares of the picture's width. Random numbers are inputs; `sensor_noise`, `network_noise` and `mask_noise` draw them."""
+Lengths are shares of the picture's width. Random numbers are inputs; `sensor_noise`,
+`network_noise` and `mask_noise` draw them."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,8 +20,9 @@ DETAIL_DEPTH = 0.05  # relative depth above which a step is form, not detail
 
 @dataclass(frozen=True)
 class DepthSensor:
-    """A sensor that measures disparity d = `base` / z. The defaults are a structured-light sensor's: 0.075 m between projector and camera and 525 pixels of focal
-    length, of 640. The step is that of the photo `sunlit`, 3.56 mm z^2 at all distances."""
+    """A sensor that measures disparity d = `base` / z. The defaults are a structured-light
+    sensor's: 0.075 m between projector and camera and 525 pixels of focal length, of 640. The step
+    is that of the photo `sunlit`, 3.56 mm z^2 at all distances."""
 
     width: int = 640  # pixels of its own map; phones have 256
     base: float = 0.0615  # disparity, share of the width, at one meter
@@ -69,7 +72,8 @@ class MaskNoise(NamedTuple):
 
 
 def map_size(h, w, sensor):
-    """Returns the size of the sensor's own map of a picture [h, w], which no sensor makes larger than the picture."""
+    """Returns the size of the sensor's own map of a picture [h, w], which no sensor makes larger
+    than the picture."""
     width = min(w, sensor.width)
     return round(h * width / w), width
 
@@ -96,8 +100,8 @@ def nearest_rows(size, source):
 
 
 def smooth_matrix(size, grid):
-    """Returns the matrix [size, grid] that interpolates a row of `grid` numbers by Gaussians half a cell wide; the squares of a row add up to 1, so that white
-    noise keeps its variance."""
+    """Returns the matrix [size, grid] that interpolates a row of `grid` numbers by Gaussians half a
+    cell wide; the squares of a row add up to 1, so that white noise keeps its variance."""
     at = (np.arange(size) + 0.5) / size * grid - 0.5
     weights = np.exp(-2 * (at[:, None] - np.arange(grid)) ** 2)
     return weights / np.sqrt((weights**2).sum(1, keepdims=True))
@@ -123,7 +127,8 @@ def bleed(z, shift, sigma):
 
 
 def occluded(z, base):
-    """Returns where the sensor's projector, left of the camera, does not reach: some point further left has a disparity larger by more than its distance."""
+    """Returns where the sensor's projector, left of the camera, does not reach: some point further
+    left has a disparity larger by more than its distance."""
     column = np.arange(z.shape[1]) + base * z.shape[1] / z
     return np.maximum.accumulate(column, 1) > column + 0.5
 
@@ -135,7 +140,8 @@ def steps(z, noise, sensor):
 
 
 def sensor_depth(depth, sensor, noise, albedo=None, roughness=None, cosine=None):
-    """Returns the depth [h, w] that the sensor measures, NaN where it has no reading. `albedo` and `roughness` are gray; `cosine` is that between normal and ray."""
+    """Returns the depth [h, w] that the sensor measures, NaN where it has no reading. `albedo` and
+    `roughness` are gray; `cosine` is that between normal and ray."""
     h, w = depth.shape
     rows, width = map_size(h, w, sensor)
     small = np.ix_(nearest_rows(rows, h), nearest_rows(width, w))
@@ -153,7 +159,8 @@ def sensor_depth(depth, sensor, noise, albedo=None, roughness=None, cosine=None)
 
 
 def network_depth(depth, network, noise):
-    """Returns the depth [h, w] that a network estimates: soft edges, flat detail, a slowly varying scale. `noise` is on the grid SLOW."""
+    """Returns the depth [h, w] that a network estimates: soft edges, flat detail, a slowly varying
+    scale. `noise` is on the grid SLOW."""
     log = -np.log(blurred(1 / depth[..., None], network.softness))
     base = blurred(log, DETAIL_RADIUS)
     detail = log - base
@@ -169,7 +176,8 @@ def ragged_mask(mask, flaws, noise):
 
 
 def sample_sensor(rng):
-    """Returns a Kinect or, one time of three, the coarse sensor of a phone, whose software leaves few holes."""
+    """Returns a Kinect or, one time of three, the coarse sensor of a phone, whose software leaves
+    few holes."""
     if rng.random() < 1 / 3:
         return DepthSensor(width=256, step=1 / 4000, noise=0.5, bleeding=0.003, shadow=0.1, dark=0.01, shiny=0.05, grazing=0.05, nearest=0.2)
     strength = np.exp(0.3 * rng.standard_normal(4))
@@ -177,7 +185,8 @@ def sample_sensor(rng):
 
 
 def sample_network(rng):
-    """Returns a DepthNetwork; none of its constants is fitted, as no photo here has both measured and estimated depth."""
+    """Returns a DepthNetwork; none of its constants is fitted, as no photo here has both measured
+    and estimated depth."""
     return DepthNetwork(scale_error=rng.uniform(0, 0.15), softness=rng.uniform(0.001, 0.008), flattening=rng.uniform(0.2, 0.9))
 
 

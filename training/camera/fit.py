@@ -1,8 +1,12 @@
-"""Statistics of photos beside those of clean pictures before and after the camera: fit.py PHOTOS TRUTH [--draws 4] [--sheet sheet.png]
+"""Statistics of photos beside those of clean pictures before and after the camera.
 
-PHOTOS holds folders with photo.png, depth.exr and masks; TRUTH holds third-party rooms, of which only these statistics are used. The demo of scenes/demo is
-measured too. All pictures are reduced to 320 pixels of width, but for blocks of JPEG, which are those of a picture 600 or more wide. Each row has the median over the
-pictures, then the smallest and the largest; a row is left blank where no picture has what it measures. The constants chosen stand in `model.FITTED` and `depth.py`."""
+usage: fit.py PHOTOS TRUTH [--draws 4] [--sheet sheet.png]
+
+PHOTOS holds folders with photo.png, depth.exr and masks; TRUTH holds third-party rooms, of which
+only these statistics are used. The demo of scenes/demo is measured too. All pictures are reduced to
+320 pixels of width, but for blocks of JPEG, which are those of a picture 600 or more wide. Each row
+has the median over the pictures, then the smallest and the largest; a row is left blank where no
+picture has what it measures. The constants chosen stand in `model.FITTED` and `depth.py`."""
 
 import argparse
 import sys
@@ -31,11 +35,12 @@ def reduced(stored, width=320):
 def distances(points, targets, limit=2000):
     """Returns the distance of each point [n, 2] to the nearest target."""
     targets = targets[:: max(1, len(targets) // limit)].astype(np.float32)
-    return np.concatenate([np.sqrt(((p[:, None] - targets) ** 2).sum(-1).min(1)) for p in np.array_split(points.astype(np.float32), max(1, len(points) // 500))])
+    parts = np.array_split(points.astype(np.float32), max(1, len(points) // 500))
+    return np.concatenate([np.sqrt(((p[:, None] - targets) ** 2).sum(-1).min(1)) for p in parts])
 
 
 def exposure(stored):
-    """Returns percentiles, balance of color and the corners of a picture."""
+    """Returns percentiles of luminance, the balance of colors and the level of the corners."""
     linear = model.decode(stored / 255)
     y, mean = linear @ LUMINANCE, linear.mean((0, 1))
     at = model.corner_distance(*y.shape)
@@ -45,7 +50,8 @@ def exposure(stored):
 
 
 def white(stored):
-    """Returns how much is clipped, how softly, and the excess of luminance around it over that a fifth of the width away."""
+    """Returns the clipped share, the softness of clipping, and the excess of luminance around white
+    over that a fifth of the width away."""
     h, w = stored.shape[:2]
     top, core = stored.max(-1), stored.min(-1) >= 250
     rows = {"one channel clipped, share": (top >= 250).mean(), "all channels clipped, share": core.mean()}
@@ -62,7 +68,8 @@ def white(stored):
 
 
 def noise(stored, block=8):
-    """Returns the noise floor by signal: what a plane leaves of the flattest fifth of the blocks, in linear units of white."""
+    """Returns the noise floor by signal: what a plane leaves of the flattest fifth of the blocks,
+    in linear units of white."""
     linear = model.decode(stored / 255)
     h, w = (n - n % block for n in linear.shape[:2])
     blocks = linear[:h, :w].reshape(h // block, block, w // block, block, 3).swapaxes(1, 2).reshape(-1, block * block, 3)
@@ -84,7 +91,8 @@ def noise(stored, block=8):
 
 
 def sharpness(stored):
-    """Returns the median profile's width and overshoot of strong edges between flat sides, and bandwidths: differences at one pixel over those at four."""
+    """Returns the median profile's width and overshoot of strong edges between flat sides, and
+    bandwidths: differences at one pixel over those at four."""
     gray, profiles = stored @ model.LUMA / 255, []
     for plane in (gray, gray.T):
         step = np.abs(plane[:, 2:] - plane[:, :-2])
@@ -107,7 +115,7 @@ def sharpness(stored):
 
 
 def blocks(stored):
-    """Returns how much rougher a picture is across the borders of JPEG's blocks."""
+    """Returns the ratio of third differences across the borders of JPEG's blocks to those elsewhere."""
     luma = stored @ model.LUMA
     third = np.abs(luma[:, 3:] - 3 * luma[:, 2:-1] + 3 * luma[:, 1:-2] - luma[:, :-3])
     flat = third < 12
@@ -143,7 +151,7 @@ def depth_rows(z, stored):
     if len(widths) > 20:
         rows["pixels between the sides of a step of depth"] = np.mean(widths)
     filled = np.where(known, z, 0)
-    steep = (np.abs(np.diff(filled, axis=1)) > 0.1)[:, :] & known[:, 1:] & known[:, :-1]
+    steep = (np.abs(np.diff(filled, axis=1)) > 0.1) & known[:, 1:] & known[:, :-1]
     if steep.sum() > 50:
         away = distances(np.argwhere(steep), edge_points(stored)) / w
         rows["step of depth to edge of photo, 90 %"] = np.percentile(away, 90)
@@ -151,7 +159,8 @@ def depth_rows(z, stored):
 
 
 def mask_rows(mask, stored):
-    """Returns how far a mask's outline is from edges of the photo, in shares of the width, and by how much it is shifted against them."""
+    """Returns how far a mask's outline is from edges of the photo, in shares of the width, and by
+    how much it is shifted against them."""
     h, w = mask.shape
     outline = mask & ~(np.roll(mask, 1, 0) & np.roll(mask, -1, 0) & np.roll(mask, 1, 1) & np.roll(mask, -1, 1))
     points, edges = np.argwhere(outline), edge_points(stored)
@@ -168,6 +177,7 @@ def mask_rows(mask, stored):
 
 
 def photo_rows(stored):
+    """Returns all rows of a stored picture."""
     small = reduced(stored)
     return exposure(small) | white(small) | noise(small) | sharpness(small) | (blocks(stored) if stored.shape[1] >= 600 else {})
 
@@ -179,7 +189,7 @@ def plane(path):
 
 
 def shrunk(x, width=320):
-    """Returns every so manyth pixel of a plane, `width` wide."""
+    """Returns the nearest pixels of a plane on a grid `width` wide."""
     h = round(x.shape[0] * width / x.shape[1])
     return x[np.ix_(depth.nearest_rows(h, x.shape[0]), depth.nearest_rows(width, x.shape[1]))]
 
@@ -195,17 +205,20 @@ def photographs(folder):
 
 
 def clean(truth):
-    """Yields linear picture, depth, masks, albedo and normal of rooms that are known."""
+    """Yields linear picture, depth, masks and albedo of rooms that are known."""
     for f in sorted(p for p in truth.iterdir() if p.is_dir()):
-        yield sum(read(p) for p in sorted(f.glob("olat_*.exr"))), plane(f / "depth.exr"), [load_mask(m) for m in sorted(f.glob("mask_*_[0-9].png"))], read(f / "albedo.exr")
+        masks = [load_mask(m) for m in sorted(f.glob("mask_*_[0-9].png"))]
+        yield sum(read(p) for p in sorted(f.glob("olat_*.exr"))), plane(f / "depth.exr"), masks, read(f / "albedo.exr")
+    masks = [load_mask(m) for m in sorted((DEMO / "masks").glob("*.png"))]
     lights = sorted((DEMO / "truth").glob("light_*.exr"))
-    yield sum(read(p) for p in lights), plane(DEMO / "depth.exr"), [load_mask(m) for m in sorted((DEMO / "masks").glob("*.png"))], read(DEMO / "truth/albedo.exr")
+    yield sum(read(p) for p in lights), plane(DEMO / "depth.exr"), masks, read(DEMO / "truth/albedo.exr")
 
 
 def enlarged(linear):
     """Returns the picture at twice its size, so that JPEG's blocks are as large as in the photos."""
     h, w = linear.shape[:2]
-    return np.stack([np.asarray(Image.fromarray(c.astype(np.float32)).resize((2 * w, 2 * h), Image.Resampling.BILINEAR)) for c in np.moveaxis(linear, -1, 0)], -1)
+    channels = (Image.fromarray(c.astype(np.float32)) for c in np.moveaxis(linear, -1, 0))
+    return np.stack([np.asarray(c.resize((2 * w, 2 * h), Image.Resampling.BILINEAR)) for c in channels], -1)
 
 
 def table(sides):
@@ -226,7 +239,7 @@ def main(photos, truth, draws, sheet):
     taken = []
     for k, (linear, *_) in enumerate(rooms):
         rng = np.random.default_rng(k)
-        taken += [(k, model.photograph(linear, model.sample(rng), rng).stored) for _ in range(draws)]
+        taken += [model.photograph(linear, model.sample(rng), rng).stored for _ in range(draws)]
     large = [enlarged(linear) for linear, *_ in rooms]
     rng = np.random.default_rng(99)
     with_blocks = [blocks(model.photograph(x, model.sample(rng), rng).stored) for x in large]
@@ -234,7 +247,7 @@ def main(photos, truth, draws, sheet):
         {
             "photos": [photo_rows(stored) for stored, *_ in photos],
             "clean": [photo_rows(p) | blocks(np.round(255 * model.encode(x)).astype(np.uint8)) for p, x in zip(plain, large)],
-            "through the camera": [photo_rows(p) for _, p in taken] + with_blocks,
+            "through the camera": [photo_rows(p) for p in taken] + with_blocks,
         }
     )
     print()
@@ -267,9 +280,11 @@ def main(photos, truth, draws, sheet):
     for thing in (depth.DepthSensor(), depth.DepthNetwork(), depth.MaskFlaws()):
         print(type(thing).__name__, asdict(thing))
     if sheet:
-        row = lambda pictures: np.concatenate([np.asarray(Image.fromarray(p).resize((320, 240))) for p in [*pictures, *[np.zeros((8, 8, 3), np.uint8)] * 8][:8]], 1)
-        shown = [row([stored for stored, *_ in photos]), row(plain), *(row([p for _, p in taken[d::draws]]) for d in range(min(draws, 2)))]
-        Image.fromarray(np.concatenate(shown)).save(sheet)
+        shown = Image.new("RGB", (320 * len(photos), 240 * 4))
+        for row, pictures in enumerate(([stored for stored, *_ in photos], plain, taken[::draws], taken[1::draws])):
+            for column, picture in enumerate(pictures):
+                shown.paste(Image.fromarray(picture).resize((320, 240)), (320 * column, 240 * row))
+        shown.save(sheet)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,11 @@
-"""A camera as NumPy functions of pictures [h, w, 3]: linear radiance in, stored 8-bit sRGB out. `batched.py` is the same camera in torch.
+"""A camera as NumPy functions of pictures [h, w, 3]: linear radiance in, stored 8-bit sRGB out.
+`batched.py` is the same camera in torch.
 
-The stages run in this order: soften, glare, vignette, expose, balance, add_noise, clip, blur_chroma, sharpen, tone, encode, jpeg. The first five are linear, so the
-pictures of a room's lights may go through `incident` one by one and add up to the photo's. Lengths are shares of the picture's width, and noise and JPEG steps are
-those of a picture 640 pixels wide, so a room looks alike at any resolution. Random numbers are inputs of the stages; only `photograph` draws them."""
+The stages run in this order: soften, glare, vignette, expose, balance, add_noise, clip,
+blur_chroma, sharpen, tone, encode, jpeg. The first five are linear, so the pictures of a room's
+lights may go through `incident` one by one and add up to the photo's. Lengths are shares of the
+picture's width, and noise and JPEG steps are those of a picture 640 pixels wide, so a room looks
+alike at any resolution. Random numbers are inputs of the stages; only `photograph` draws them."""
 
 import io
 import math
@@ -38,7 +41,8 @@ JPEG_CHROMA[:4, :4] = [[17, 18, 24, 47], [18, 21, 26, 66], [24, 26, 56, 99], [47
 
 @dataclass(frozen=True)
 class Camera:
-    """The parameters of one camera and its settings. The defaults change nothing but that the picture clips at 1."""
+    """The parameters of one camera and its settings. The defaults change nothing but that the
+    picture clips at 1."""
 
     exposure: float = 1.0  # gain, 0.1 to 10
     white_balance: tuple = (1.0, 1.0, 1.0)  # gains of red, green and blue, 0.5 to 2
@@ -55,17 +59,18 @@ class Camera:
     jpeg_quality: int = 100  # quality of libjpeg for a picture 640 wide, 1 to 100; 100 stores the picture without JPEG
 
 
-# The fitted distribution: medians of log-normal parameters, standard deviations of their logarithms, ranges. `fit.py` prints the statistics behind it.
+# The fitted distribution: medians of log-normal parameters, standard deviations of their logarithms,
+# ranges; and the statistic of the photos that `fit.py` prints and each is chosen by.
 FITTED = {
-    "softness": (0.0010, 0.25, 0.0005, 0.003),
-    "glare": (0.06, 0.4, 0.02, 0.15),
-    "vignetting": (0.05, 0.7, 0.0, 0.4),
-    "shot_noise": (2.6e-4, 0.5, 1e-5, 1e-3),
-    "read_noise": (2.2e-3, 0.4, 2e-4, 8e-3),
-    "grain": (0.0016, 0.2, 0.0008, 0.003),
-    "saturation": (1.25, 0.2, 1.0, 2.5),
-    "chroma_blur": (0.0008, 0.25, 0.0003, 0.005),
-    "sharpening": (0.25, 0.6, 0.0, 1.5),
+    "softness": (0.0010, 0.25, 0.0005, 0.003),  # width of edges
+    "glare": (0.07, 0.4, 0.02, 0.2),  # excess around what is clipped; not told apart from lit walls
+    "vignetting": (0.05, 0.7, 0.0, 0.4),  # not seen in the photos: a guess
+    "shot_noise": (2.6e-4, 0.5, 1e-5, 1e-3),  # noise floor by signal
+    "read_noise": (2.2e-3, 0.4, 2e-4, 8e-3),  # noise floor at 0.01 to 0.05
+    "grain": (0.0016, 0.2, 0.0008, 0.003),  # correlation of the noise
+    "saturation": (1.25, 0.2, 1.0, 2.5),  # pixels just below white
+    "chroma_blur": (0.0021, 0.25, 0.0006, 0.005),  # bandwidth and noise of chroma
+    "sharpening": (0.25, 0.6, 0.0, 1.5),  # no overshoot in the photos reduced to 320 pixels, little at their own size
 }
 FITTED_SLOPE = (0.5, 0.9)  # of the glare, uniform
 FITTED_WARMTH, FITTED_TINT = 0.15, 0.05  # standard deviations of logarithms: of red and, inversely, blue; of both against green
@@ -82,14 +87,16 @@ def sample(rng):
 
 
 class Photo(NamedTuple):
-    """`stored` is [h, w, 3] in 8-bit sRGB. `linear` is the light that the sensor receives, in units of white: without noise, clipping and all that follows."""
+    """`stored` is [h, w, 3] in 8-bit sRGB. `linear` is the light that the sensor receives, in units
+    of white: without noise, clipping and all that follows."""
 
     stored: np.ndarray
     linear: np.ndarray
 
 
 def photograph(linear, camera, rng):
-    """Returns the Photo of linear radiance [h, w, 3]. Its JPEG is libjpeg's (Pillow); `jpeg` models it for training."""
+    """Returns the Photo of linear radiance [h, w, 3]. Its JPEG is libjpeg's (Pillow); `jpeg` models
+    it for training."""
     received = incident(linear, camera)
     noise = rng.standard_normal(received.shape)
     stored = np.round(255 * develop(received, camera, noise)).astype(np.uint8)
@@ -107,7 +114,8 @@ def incident(linear, camera):
 
 
 def develop(received, camera, noise):
-    """Returns the sRGB values, 0 to 1, of the light on the sensor and of standard normal `noise`, before JPEG."""
+    """Returns the sRGB values, 0 to 1, of the light on the sensor and of standard normal `noise`,
+    before JPEG."""
     x = add_noise(received, correlate(noise, camera.grain), camera.shot_noise, camera.read_noise, camera.white_balance)
     x = clip(x, camera.saturation)
     x = blur_chroma(x, camera.chroma_blur)
@@ -116,12 +124,14 @@ def develop(received, camera, noise):
 
 
 def auto_exposure(linear, counted, level=0.95, share=0.98):
-    """Returns the gain that brings a `share` of the `counted` pixels (True where no light is seen) below `level`."""
+    """Returns the gain that brings a `share` of the `counted` pixels (True where no light is seen)
+    below `level`."""
     return level / max(np.quantile(linear.mean(-1)[counted], share), 1e-4)
 
 
 def gaussian_matrix(size, sigma, normalized=True):
-    """Returns the matrix [size, size] that blurs a row of pixels by a Gaussian of `sigma` pixels, integrated over each pixel. `normalized` rows have sum 1."""
+    """Returns the matrix [size, size] that blurs a row of pixels by a Gaussian of `sigma` pixels,
+    integrated over each pixel. `normalized` rows have sum 1."""
     if sigma <= 0:
         return np.eye(size)
     edges = [math.erf((k - 0.5) / (sigma * math.sqrt(2))) for k in range(size + 1)]
@@ -154,8 +164,8 @@ def glare_weights(slope):
 
 
 def glare(x, share, slope):
-    """Returns the picture of which the lens scatters a `share`. Light scattered out of the picture is held back, so the sum over the picture does not change, nor
-    does a uniform picture."""
+    """Returns the picture of which the lens scatters a `share`. Light scattered out of the picture
+    is held back, so the sum over the picture does not change, nor does a uniform picture."""
     h, w = x.shape[:2]
     scattered, kept = np.zeros_like(x), np.zeros((h, w, 1))
     for weight, sigma in zip(glare_weights(slope), GLARE_WIDTHS):
@@ -187,14 +197,16 @@ def balance(x, gains):
 
 
 def correlate(noise, grain):
-    """Returns white standard normal `noise` [h, w, 3] as grain that has unit variance in a picture REFERENCE_WIDTH wide. A pixel of a smaller picture is the mean
-    of several of those, of a larger one a part."""
+    """Returns white standard normal `noise` [h, w, 3] as grain that has unit variance in a picture
+    REFERENCE_WIDTH wide. A pixel of a smaller picture is the mean of several of those, of a larger
+    one a part."""
     taps = gaussian_matrix(65, grain * REFERENCE_WIDTH)[32]
     return blurred(noise, grain) * (noise.shape[1] / REFERENCE_WIDTH / (taps @ taps))
 
 
 def add_noise(x, noise, shot, read, gains):
-    """Returns the picture with shot and read noise, which the gain of a channel amplifies: SENSOR_GAINS times that of white balance."""
+    """Returns the picture with shot and read noise, which the gain of a channel amplifies:
+    SENSOR_GAINS times that of white balance."""
     gains = SENSOR_GAINS * gains
     return x + np.sqrt(gains * shot * np.maximum(x, 0) + (gains * read) ** 2) * noise
 
@@ -205,7 +217,8 @@ def clip(x, saturation):
 
 
 def split(x):
-    """Returns luma [h, w, 1] and the channels' differences from it, both of square roots, near to what the eye and the camera's own filters see."""
+    """Returns luma [h, w, 1] and the channels' differences from it, both of square roots, near to
+    what the eye and the camera's own filters see."""
     root = np.sqrt(np.maximum(x, 0))
     luma = root @ LUMA[:, None]
     return luma, root - luma
@@ -228,7 +241,8 @@ def sharpen(x, gain):
 
 
 def tone(x, saturation):
-    """Returns the picture under a tone curve that is the identity up to KNEE and then bends, with a continuous slope, to reach 1 at `saturation`."""
+    """Returns the picture under a tone curve that is the identity up to KNEE and then bends, with a
+    continuous slope, to reach 1 at `saturation`."""
     power = (saturation - KNEE) / (1 - KNEE)
     left = np.clip((saturation - x) / (saturation - KNEE), 0, 1)
     return np.where(x < KNEE, np.clip(x, 0, 1), 1 - (1 - KNEE) * left**power)
@@ -246,13 +260,15 @@ def decode(x):
 
 
 def jpeg_scale(quality, width):
-    """Returns the factor of the quantization tables: libjpeg's for `quality`, less for a picture narrower than REFERENCE_WIDTH, whose pixels are means of several."""
+    """Returns the factor of the quantization tables: libjpeg's for `quality`, less for a picture
+    narrower than REFERENCE_WIDTH, whose pixels are means of several."""
     factor = 50 / quality if quality < 50 else 2 - quality / 50
     return factor * min(1, width / REFERENCE_WIDTH)
 
 
 def chroma_step(width):
-    """Returns how many pixels share a chroma value in either direction: 2, as 4:2:0 has it, but 1 in a picture half as wide as REFERENCE_WIDTH or less."""
+    """Returns how many pixels share a chroma value in either direction: 2, as 4:2:0 has it, but 1
+    in a picture half as wide as REFERENCE_WIDTH or less."""
     return 2 if width > REFERENCE_WIDTH / 2 else 1
 
 
@@ -261,7 +277,8 @@ def decoded(stored, camera):
     scale = jpeg_scale(camera.jpeg_quality, stored.shape[1])
     quality = round(50 / scale if scale > 1 else 100 - 50 * scale)
     file = io.BytesIO()
-    Image.fromarray(stored).save(file, "JPEG", quality=int(np.clip(quality, 1, 100)), subsampling="4:2:0" if chroma_step(stored.shape[1]) == 2 else "4:4:4")
+    subsampling = "4:2:0" if chroma_step(stored.shape[1]) == 2 else "4:4:4"
+    Image.fromarray(stored).save(file, "JPEG", quality=int(np.clip(quality, 1, 100)), subsampling=subsampling)
     return np.asarray(Image.open(file).convert("RGB"))
 
 
@@ -272,7 +289,8 @@ def cosines():
 
 
 def quantize(plane, table):
-    """Returns a plane [h, w], sides multiples of 8, whose blocks' cosine terms are multiples of `table` of 255."""
+    """Returns a plane [h, w], sides multiples of 8, whose blocks' cosine terms are multiples of
+    `table` of 255."""
     h, w = plane.shape
     transform = cosines()
     terms = transform @ plane.reshape(h // 8, 8, w // 8, 8).swapaxes(1, 2) @ transform.T
@@ -281,7 +299,8 @@ def quantize(plane, table):
 
 
 def jpeg(x, quality):
-    """Returns sRGB values, 0 to 1, as JPEG would store them: the model that training uses. `decoded` is the real thing."""
+    """Returns sRGB values, 0 to 1, as JPEG would store them: the model that training uses.
+    `decoded` is the real thing."""
     h, w = x.shape[:2]
     n = chroma_step(w)
     x = np.pad(x, ((0, -h % 16), (0, -w % 16), (0, 0)), mode="edge") - 0.5

@@ -1,6 +1,9 @@
-"""Takes a photo of a linear picture: photograph.py IN.exr OUT.png|OUT.jpg [--seed N] [--exposure GAIN]
+"""Takes a photo of a linear picture.
 
-The camera is drawn from the fitted distribution by the seed. The exposure is automatic unless given: 98 % of the pixels below 0.95 of white."""
+usage: photograph.py IN.exr OUT.png|OUT.jpg [--seed N] [--exposure GAIN]
+
+The camera is drawn from the fitted distribution by the seed. The exposure is automatic unless
+given: 98 % of the pixels below 0.95 of white."""
 
 import argparse
 import sys

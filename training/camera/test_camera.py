@@ -66,7 +66,8 @@ class Alike(unittest.TestCase):
                 x = [model.encode(p) if stage == "jpeg" else p for p in self.pictures]
                 want = [getattr(model, stage)(p, *(getattr(c, n) for n in names)) for p, c in zip(x, self.cameras)]
                 self.same(want, getattr(batched, stage)(batch(x), *(getattr(self.stacked, n) for n in names)))
-        self.same([model.soften(p, c.softness) for p, c in zip(self.pictures, self.cameras)], batched.blurred(batch(self.pictures), self.stacked.softness))
+        soft = [model.soften(p, c.softness) for p, c in zip(self.pictures, self.cameras)]
+        self.same(soft, batched.blurred(batch(self.pictures), self.stacked.softness))
         self.same([model.encode(p) for p in self.pictures], batched.encode(batch(self.pictures)))
         self.same([model.decode(p / 30) for p in self.pictures], batched.decode(batch(self.pictures) / 30))
 
@@ -80,7 +81,8 @@ class Alike(unittest.TestCase):
             for p, n, c in zip(self.pictures, self.noises, self.cameras)
         ]
         c = self.stacked
-        self.same(want, batched.add_noise(batch(self.pictures), batched.correlate(batch(self.noises), c.grain), c.shot_noise, c.read_noise, c.white_balance))
+        grain = batched.correlate(batch(self.noises), c.grain)
+        self.same(want, batched.add_noise(batch(self.pictures), grain, c.shot_noise, c.read_noise, c.white_balance))
 
     def test_the_whole_camera(self):
         received = [model.incident(p, c) for p, c in zip(self.pictures, self.cameras)]
@@ -106,8 +108,10 @@ class Alike(unittest.TestCase):
 
     def test_depth_of_a_network_and_ragged_masks(self):
         rng = np.random.default_rng(8)
-        z, networks, slow = [scene_depth(1), scene_depth(2)], [depth.sample_network(rng) for _ in range(2)], [depth.network_noise(rng) for _ in range(2)]
-        self.same([depth.network_depth(*item) for item in zip(z, networks, slow)], batched.network_depth(batch(z), batched.stack(networks, torch.float64), batch(slow)))
+        z, networks = [scene_depth(1), scene_depth(2)], [depth.sample_network(rng) for _ in range(2)]
+        slow = [depth.network_noise(rng) for _ in range(2)]
+        want = [depth.network_depth(*item) for item in zip(z, networks, slow)]
+        self.same(want, batched.network_depth(batch(z), batched.stack(networks, torch.float64), batch(slow)))
         masks, flaws = [(x < 2).astype(float) for x in z], [replace(depth.sample_mask(rng), raggedness=0.03) for _ in range(2)]
         noises = [depth.mask_noise(rng) for _ in range(2)]
         noise = depth.MaskNoise(
