@@ -258,7 +258,7 @@ def sensor_depth(depth, sensor, noise, albedo=None, roughness=None, cosine=None)
     at = lambda x, i, j: x[..., torch.from_numpy(i)[:, None], torch.from_numpy(j)]
     small = lambda x: at(x, depth_model.nearest_rows(rows, h), depth_model.nearest_rows(width, w))
     true, patches = small(depth), smooth(noise.patches, rows, width)
-    hole = occluded(true, sensor.base) & (noise.disparity < 6 * sensor.shadow - 3)
+    hole = occluded(true, sensor.shadow * sensor.base)
     for surface, limit in ((albedo, sensor.dark), (roughness, sensor.shiny)):
         if surface is not None:
             hole = hole | (small(surface) < limit * torch.exp(0.5 * patches))

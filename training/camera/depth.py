@@ -29,7 +29,7 @@ class DepthSensor:
     step: float = 2.19e-4  # quantization of disparity, share of the width: z^2 step / base meters
     noise: float = 0.3  # standard deviation of disparity before quantization, steps
     bleeding: float = 0.0012  # standard deviation of the displacement with which a pixel reads its neighbor's depth, share of the width
-    shadow: float = 1.0  # share of the occluded band beside near things that lacks depth, 0 to 1
+    shadow: float = 1.0  # width of the band beside near things that lacks depth, share of the occluded one, 0 to 1
     dark: float = 0.04  # albedo below which most readings are missing, 0 to 0.1
     shiny: float = 0.15  # roughness below which most readings are missing, 0 to 0.4
     grazing: float = 0.15  # cosine between normal and ray below which all readings are missing
@@ -147,7 +147,7 @@ def sensor_depth(depth, sensor, noise, albedo=None, roughness=None, cosine=None)
     small = np.ix_(nearest_rows(rows, h), nearest_rows(width, w))
     true = depth[small]
     patches = smooth(noise.patches, rows, width)
-    hole = occluded(true, sensor.base) & (noise.disparity < 6 * sensor.shadow - 3)
+    hole = occluded(true, sensor.shadow * sensor.base)
     for surface, limit in ((albedo, sensor.dark), (roughness, sensor.shiny)):
         if surface is not None:
             hole |= surface[small] < limit * np.exp(0.5 * patches)

@@ -34,6 +34,6 @@ if __name__ == "__main__":
     a = parser.parse_args()
     picture, rng = read(a.input), np.random.default_rng(a.seed)
     gain = a.exposure or model.auto_exposure(picture, np.ones(picture.shape[:2], bool))
-    camera = replace(model.sample(rng), exposure=gain)
+    camera = replace(model.sample(rng), exposure=float(gain))
     print(camera)
     Image.fromarray(model.photograph(picture, camera, rng).stored).save(a.output, **({"quality": 100} if a.output.endswith(".jpg") else {}))

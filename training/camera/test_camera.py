@@ -93,7 +93,7 @@ class Alike(unittest.TestCase):
     def test_depth_of_a_sensor(self):
         rng = np.random.default_rng(7)
         for width in (640, 32):
-            sensors = [replace(depth.DepthSensor(), width=width), replace(depth.DepthSensor(), width=width, noise=0.6, bleeding=0.02)]
+            sensors = [replace(depth.DepthSensor(), width=width), replace(depth.DepthSensor(), width=width, noise=0.6, bleeding=0.02, shadow=0.4)]
             z = [scene_depth(1), scene_depth(2)]
             noises = [depth.sensor_noise(rng, H, W, s) for s in sensors]
             surface = [rng.random((H, W)) for _ in z]
