@@ -282,4 +282,5 @@ def ragged_mask(mask, flaws, noise):
     """Returns masks [B, 1, h, w], 0 or 1, as drawn."""
     h, w = mask.shape[-2:]
     down, right = (w * (flaws.shift * noise.shift[..., None, None] + flaws.raggedness * smooth(noise.outline, h, w))).split(1, 1)
-    return displaced(mask, down, right) * (smooth(noise.parts, h, w) < flaws.missing)
+    grown = torch.maximum(mask, (blurred(mask, flaws.spill) > depth_model.OUTSIDE).to(mask.dtype))
+    return displaced(grown, down, right) * (smooth(noise.parts, h, w) < flaws.missing)

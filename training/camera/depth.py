@@ -15,6 +15,7 @@ PATCHES = (12, 16)  # grid of the smooth noise that decides which dark or shiny 
 SLOW = (4, 5)  # grid of the scale error of a network's depth, and of the parts that a mask lacks
 OUTLINE = (24, 32)  # grid of the displacement of a mask's outline
 DETAIL_RADIUS = 0.02  # standard deviation of the blur that separates detail from form in a network's depth, share of the width
+OUTSIDE = 0.1587  # a straight edge's value one standard deviation of its blur outside
 DETAIL_DEPTH = 0.05  # relative depth above which a step is form, not detail
 
 
@@ -53,6 +54,7 @@ class MaskFlaws:
     shift: float = 0.003  # standard deviation of the displacement of the whole mask along either axis, share of the width, 0 to 0.01
     raggedness: float = 0.003  # standard deviation of the displacement of the outline, share of the width, 0 to 0.01
     missing: float = 3.0  # threshold, in standard deviations, of the noise beyond which a part is missing, 1 to 3
+    spill: float = 0.0  # distance by which the mask covers what stands beside, as curtains of a window, share of the width, 0 to 0.03
 
 
 class SensorNoise(NamedTuple):
@@ -172,14 +174,15 @@ def ragged_mask(mask, flaws, noise):
     """Returns the mask [h, w], 0 or 1, as drawn: shifted, with a ragged outline, without some parts."""
     h, w = mask.shape
     down, right = (w * (flaws.shift * noise.shift[k] + flaws.raggedness * smooth(noise.outline[k], h, w)) for k in range(2))
-    return displaced(mask, down, right) * (smooth(noise.parts, h, w) < flaws.missing)
+    grown = np.maximum(mask, blurred(mask[..., None], flaws.spill)[..., 0] > OUTSIDE)
+    return displaced(grown, down, right) * (smooth(noise.parts, h, w) < flaws.missing)
 
 
 def sample_sensor(rng):
     """Returns a Kinect or, one time of three, the coarse sensor of a phone, whose software leaves
     few holes."""
     if rng.random() < 1 / 3:
-        return DepthSensor(width=256, step=1 / 4000, noise=0.5, bleeding=0.003, shadow=0.1, dark=0.01, shiny=0.05, grazing=0.05, nearest=0.2)
+        return DepthSensor(width=256, step=1 / 16000, noise=1.0, bleeding=0.003, shadow=0.1, dark=0.01, shiny=0.05, grazing=0.05, nearest=0.2)
     strength = np.exp(0.3 * rng.standard_normal(4))
     return DepthSensor(noise=0.3 * strength[0], bleeding=0.0012 * strength[1], dark=0.04 * strength[2], shiny=0.15 * strength[3])
 
@@ -191,6 +194,8 @@ def sample_network(rng):
 
 
 def sample_mask(rng):
-    """Returns MaskFlaws; a third of masks lack a part."""
-    strength = np.exp(0.4 * rng.standard_normal(2))
-    return MaskFlaws(shift=0.003 * strength[0], raggedness=0.003 * strength[1], missing=1.0 if rng.random() < 1 / 3 else 9.0)
+    """Returns MaskFlaws; a third of masks lack a part, a quarter cover too much."""
+    shift, raggedness = 0.003 * np.exp(0.4 * rng.standard_normal(2))
+    missing = 1.0 if rng.random() < 1 / 3 else 9.0
+    spill = rng.uniform(0.005, 0.02) if rng.random() < 1 / 4 else 0.0
+    return MaskFlaws(shift=float(shift), raggedness=float(raggedness), missing=missing, spill=float(spill))

@@ -112,7 +112,7 @@ class Alike(unittest.TestCase):
         slow = [depth.network_noise(rng) for _ in range(2)]
         want = [depth.network_depth(*item) for item in zip(z, networks, slow)]
         self.same(want, batched.network_depth(batch(z), batched.stack(networks, torch.float64), batch(slow)))
-        masks, flaws = [(x < 2).astype(float) for x in z], [replace(depth.sample_mask(rng), raggedness=0.03) for _ in range(2)]
+        masks, flaws = [(x < 2).astype(float) for x in z], [replace(depth.sample_mask(rng), raggedness=0.03, spill=s) for s in (0.0, 0.05)]
         noises = [depth.mask_noise(rng) for _ in range(2)]
         noise = depth.MaskNoise(
             *(torch.stack([torch.from_numpy(getattr(n, name)) for n in noises]) for name in ("shift", "outline")), batch([n.parts for n in noises])
@@ -248,6 +248,13 @@ class Depth(unittest.TestCase):
     def test_a_mask_without_flaws_is_the_mask(self):
         mask = (scene_depth(0) < 2).astype(float)
         self.assertTrue(np.array_equal(depth.ragged_mask(mask, depth.MaskFlaws(0.0, 0.0, 9.0), depth.mask_noise(np.random.default_rng(0))), mask))
+
+
+    def test_a_mask_that_spills_is_wider_by_that_much(self):
+        mask = np.zeros((H, 200))
+        mask[:, 100:] = 1
+        drawn = depth.ragged_mask(mask, depth.MaskFlaws(0.0, 0.0, 9.0, 0.03), depth.mask_noise(np.random.default_rng(0)))
+        self.assertLessEqual(abs((drawn - mask)[H // 2].sum() - 0.03 * 200), 1)
 
 
 if __name__ == "__main__":
