@@ -1,7 +1,7 @@
-"""Makes rooms: rooms/make.py --split train --count 400 [--first 0] [--step 1] [--out .cache/rooms] [--assets .cache/assets] [--threads 2].
+"""Makes rooms: rooms/make.py --split train --count 400 [--maps] [--first 0] [--step 1] [--out .cache/rooms] [--assets .cache/assets] [--threads 2].
 
 One folder a room, OUT/SPLIT/SEED; one that is complete is left alone, so that a stopped run goes on where it stopped. Same seed, versions and
-number of threads give the same room. `val` and `test` use furniture that `train` never sees. What a folder holds: training/README.md."""
+number of threads give the same room. Each finished room gets a line in OUT/manifest.jsonl (manifest.py). `val` and `test` use furniture that `train` never sees. What a folder holds: training/README.md."""
 
 import argparse
 import json
@@ -11,6 +11,7 @@ import shutil
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,14 +19,29 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "demo"))
 import folder as scene_folder  # noqa: E402
 import layout  # noqa: E402
+import manifest  # noqa: E402
 from assets import Library  # noqa: E402
 
-# First seed; furniture; passes of 16 samples a pixel of the photo and of indirect light, passes of 64 of direct light; samples a texel of the maps (a
-# square number); whether all but the photo is denoised, too.
+
+class Quality(NamedTuple):
+    """How precisely a room is rendered. Numbers of samples are square numbers."""
+
+    photo: int  # passes of the photo
+    indirect: int  # passes of each indirect picture
+    direct: int  # passes of direct light
+    texel: int  # samples of a texel of the maps of incoming radiance; 0: no maps
+    clean: bool  # whether all but the photo is denoised, too; the photo always is
+    photo_samples: int = 16  # of a pixel of the photo (240 x 320) in a pass
+    indirect_samples: int = 16  # of a pixel of an indirect picture (120 x 160) in a pass
+    direct_samples: int = 64  # of a pixel of direct light (120 x 160) in a pass
+    surface_samples: int = 16  # of a pixel of albedo, normal, roughness and masks (240 x 320)
+
+
+# First seed, furniture, quality. A training photo has as many samples at 240 x 320 as 16 a pixel of 120 x 160 are.
 SPLITS = {
-    "train": (0, "train", (1, 1, 1, 9, True)),
-    "val": (10_000_000, "held", (4, 4, 2, 16, True)),
-    "test": (20_000_000, "held", (16, 64, 16, 64, False)),
+    "train": (0, "train", Quality(1, 1, 1, 9, True, 4, 16, 36, 9)),
+    "val": (10_000_000, "held", Quality(4, 4, 2, 16, True)),
+    "test": (20_000_000, "held", Quality(16, 64, 16, 64, False)),
 }
 LEAST = 12  # pixels that a visible light has at least
 PATHS = 5  # most indirect pictures a room
@@ -46,7 +62,7 @@ def cameras(room, rng):
         yield at, math.atan2(tx - x, -(tz - z)), rng.uniform(-0.22, 0.03), rng.uniform(52, 75)
 
 
-def look(lit, scene, room, rng):
+def look(lit, scene, room, rng, samples=16):
     """A camera that sees something, mostly one that sees a light: (view, planes, names of lights seen, names of lights not seen), or None."""
     import truth
 
@@ -58,7 +74,7 @@ def look(lit, scene, room, rng):
         depth = truth.depths(scene, view, 40)
         if np.percentile(depth, 10) < 0.8 or np.percentile(depth, 50) < 1.8 or np.percentile(depth, 95) < 2.4:
             continue
-        planes = truth.surfaces(lit, scene, view)
+        planes = truth.surfaces(lit, scene, view, samples)
         pixels = lambda plane: {name: int((planes[plane] == k + 1).sum()) for k, name in enumerate(planes["names"])}
         seen = [n for n, count in pixels("light").items() if count >= LEAST]
         # A light of a few pixels is neither visible nor invisible: it does not burn.
@@ -78,6 +94,11 @@ def names_of(seen, hidden):
     for kind in ("lamp", "window"):
         out |= {name: f"{kind}_{k}" for k, name in enumerate(n for n in seen if n.startswith(kind))}
     return out | {n: "inv_lamp" if n.startswith("lamp") else "inv_window" for n in hidden}
+
+
+def half(x):
+    """Non-negative values as 16-bit floats."""
+    return np.asarray(np.clip(x, 0, 60000), np.float16)
 
 
 def numbers(value):
@@ -133,12 +154,12 @@ def groups(lit, names):
 
 
 def make(seed, library, folder, quality):
-    """Renders the room of a seed into `folder`; None when no camera sees anything. `quality`: see SPLITS."""
+    """Renders the room of a seed into `folder`; None when no camera sees anything. `quality`: a Quality."""
     import scene as scenes
 
     room, rng = layout.make(seed, library)
     lit = scenes.Lit(room)
-    found = look(lit, lit.scene({}), room, rng)
+    found = look(lit, lit.scene({}), room, rng, Quality(*quality).surface_samples)
     about = dict(seed=seed, scene="generated", kind=room.kind, night=bool(room.night), corners=len(room.footprint))
     return found and record(lit, found, rng, folder, quality, about)
 
@@ -147,11 +168,11 @@ def record(lit, found, rng, folder, quality, about):
     """Renders what is true of a lit room from the view that `look` found into `folder`; None when it is dark there. `about` goes into room.json."""
     import truth
 
-    photo_passes, passes, direct_passes, texel_samples, clean = quality
+    quality = Quality(*quality)
     view, planes, seen, hidden = found
     names = names_of(seen, hidden)
     all_on = lit.scene(dict.fromkeys(names))
-    picture = truth.photo(all_on, view, planes["albedo"], planes["normal"], photo_passes)
+    picture = truth.photo(all_on, view, planes["albedo"], planes["normal"], quality.photo, quality.photo_samples)
     dark = planes["touch"] == 0
     if np.percentile(picture[dark].mean(-1), 98) <= 0:
         return None
@@ -162,7 +183,7 @@ def record(lit, found, rng, folder, quality, about):
     gain = balance * rng.uniform(0.9, 1.0) / np.percentile((picture * balance)[dark].mean(-1), 98)
 
     lights = {title: describe(lit, view, name, gain) for name, title in names.items()}
-    direct, normal = truth.shading(lit, all_on, view, names, direct_passes, clean)
+    direct, normal = truth.shading(lit, all_on, view, names, quality.direct, quality.clean, quality.direct_samples)
     sources, weights = [], []
     for name, title in names.items():
         if name in lit.lamps:
@@ -179,15 +200,17 @@ def record(lit, found, rng, folder, quality, about):
             for s, (source, _) in enumerate(sources):
                 if source == name or (lobes and source in [f"{name}.{n}" for n in lobes]):
                     path_weights[p, s] = weights[s]
-        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, passes, clean) * gain)
-    maps, valid = truth.maps(lit, all_on, view, names, texel_samples)
+        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, quality.indirect, quality.clean, quality.indirect_samples) * gain)
+    lighting = {}
+    if quality.texel:
+        maps, valid = truth.maps(lit, all_on, view, names, quality.texel)
+        lighting = dict(maps=half(maps * gain), maps_valid=valid.astype(np.uint8))
 
     titles = list(lights)
     mask = np.zeros(planes["light"].shape, np.uint8)
     for k, name in enumerate(planes["names"]):
         if name in names:
             mask[planes["light"] == k + 1] = titles.index(names[name]) + 1
-    half = lambda x: np.asarray(np.clip(x, 0, 60000), np.float16)
     np.savez_compressed(
         folder / "truth.npz",
         photo=half(picture * gain),
@@ -204,8 +227,7 @@ def record(lit, found, rng, folder, quality, about):
         paths=np.array(list(parts)),
         path_weights=path_weights.astype(np.float32),
         indirect=half(indirect),
-        maps=half(maps * gain),
-        maps_valid=valid.astype(np.uint8),
+        **lighting,
     )
     masks = {title: mask == k + 1 for k, title in enumerate(titles) if not title.startswith("inv_")}
     scene_folder.write(folder, view.fov_x, picture * gain, planes["depth"], planes["albedo"], masks, lights)
@@ -223,6 +245,20 @@ def record(lit, found, rng, folder, quality, about):
     return folder
 
 
+def finish(folder, render):
+    """Makes OUT/SPLIT/NAME by `render(unfinished folder)`, puts it in place at once and appends its line to OUT/manifest.jsonl; whether a room came out."""
+    unfinished = folder.with_name(f".{folder.name}")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir(parents=True)
+    done = render(unfinished)
+    if done is None:
+        (unfinished / "skipped").write_text("no camera sees anything\n")
+    os.replace(unfinished, folder)
+    if done is not None:
+        manifest.append(folder.parent.parent, folder)
+    return done is not None
+
+
 def main():
     ask = argparse.ArgumentParser(description=__doc__)
     ask.add_argument("--split", choices=SPLITS, default="train")
@@ -232,6 +268,7 @@ def main():
     ask.add_argument("--out", type=Path, default=Path(".cache/rooms"))
     ask.add_argument("--assets", type=Path, default=Path(".cache/assets"))
     ask.add_argument("--threads", type=int, default=2)
+    ask.add_argument("--maps", action="store_true", help="maps of incoming radiance, too, which LightNet alone needs")
     args = ask.parse_args()
     import drjit as dr
     import mitsuba as mi
@@ -239,22 +276,16 @@ def main():
     mi.set_variant("llvm_ad_rgb")
     dr.set_thread_count(args.threads)
     first, split, quality = SPLITS[args.split]
+    quality = quality if args.maps else quality._replace(texel=0)
     library = Library.load(args.assets).only(split)
     for number in range(args.first, args.first + args.count, args.step):
         folder = args.out / args.split / f"{number:06d}"
-        if (folder / "room.json").exists() or (folder / "skipped").exists():
+        if folder.exists():
             continue
         began = time.time()
-        unfinished = folder.with_name(f".{number:06d}")
-        shutil.rmtree(unfinished, ignore_errors=True)
-        shutil.rmtree(folder, ignore_errors=True)
-        unfinished.mkdir(parents=True)
-        done = make(first + number, library, unfinished, quality)
-        if done is None:
-            (unfinished / "skipped").write_text("no camera sees anything\n")
-        os.replace(unfinished, folder)
+        done = finish(folder, lambda to: make(first + number, library, to, quality))
         dr.flush_malloc_cache()
-        print(f"{folder} {'skipped' if done is None else 'made'} in {time.time() - began:.1f} s", flush=True)
+        print(f"{folder} {'made' if done else 'skipped'} in {time.time() - began:.1f} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import numpy as np
 mi.set_variant("llvm_ad_rgb")
 from windowlight import LOBES  # noqa: E402  (the variant comes first)
 
+PADDED = 16  # number of emitters that a scene is padded to
 GLOSSY = 0.9  # GGX roughness below which a surface has a specular coat
 
 
@@ -33,6 +34,30 @@ def rectangle(center, half_x, half_y):
     x, y, c = (np.asarray(v, float) for v in (half_x, half_y, center))
     n = np.cross(x, y)
     return mi.ScalarTransform4f(np.vstack([np.stack([x, y, n / np.linalg.norm(n), c], 1), [0, 0, 0, 1]]))
+
+
+def padding(body, glass, count):
+    """Black emitters of each kind far below the floor, never sampled, that fill `count` emitters up to a multiple of PADDED.
+
+    The compiled kernel of a path tracer depends on the kinds of emitters and on their number; padded scenes share it."""
+    black = {"type": "area", "radiance": {"type": "rgb", "value": 0.0}, "sampling_weight": 0.0}
+    spot = mi.ScalarPoint3f(0, -60, 0)
+    x, y = (0.01, 0, 0), (0, 0, -0.01)
+    pane = {"type": "windowlight", "center": spot, "half_x": mi.ScalarPoint3f(x), "half_y": mi.ScalarPoint3f(y), "sampling_weight": 0.0}
+    for lobe in LOBES:
+        pane |= {f"{lobe}_direction": mi.ScalarPoint3f(0, 1, 0), f"{lobe}_bandwidth": 1.0, f"{lobe}_weight": mi.ScalarPoint3f(0)}
+    place = rectangle(spot, x, y)
+    out = {
+        "pad_sphere": {"type": "sphere", "center": spot, "radius": 0.01, "bsdf": body, "emitter": black},
+        "pad_pane": {"type": "rectangle", "to_world": place, "bsdf": glass, "emitter": pane},
+    }
+    for name, number in (("pad_box", 12), ("pad_shade", 48)):  # triangles of a box and of a lamp shade
+        corners = np.array([[0, -60, 0], [0.01, -60, 0], [0, -60, 0.01]])
+        points = np.concatenate([corners + [0, 0.01 * k, 0] for k in range(number)])
+        out[name] = mesh(name, points, np.arange(3 * number).reshape(-1, 3), body, emitter=mi.load_dict(black))
+    for k in range(1 + -(count + len(out) + 1) % PADDED):
+        out[f"pad_rect{k}"] = {"type": "rectangle", "to_world": place, "bsdf": body, "emitter": black}
+    return out
 
 
 class Lit:
@@ -90,14 +115,16 @@ class Lit:
 
     def materials(self, scene, si):
         """Albedo and GGX roughness where rays hit; 0.5 and 1 on lights."""
-        known = {s.id(): mi.ShapePtr(s) for s in scene.shapes()}
+        known = {s.id(): mi.ShapePtr(s) for s in scene.shapes() if s.id() in self.static}
+        for shape in known.values():
+            dr.make_opaque(shape)  # not a literal in the kernel's code, so that rooms share kernels
         furniture = (si.shape == known["matte"]) | (si.shape == known["gloss"])
         albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
         return albedo, dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
 
     def scene(self, burning):
         """With these lights on: {name: the lobes of a window that shine, None for all}."""
-        out = {"type": "scene"} | self.static
+        out = {"type": "scene"} | self.static | (padding(self.body, self.glass, len(burning)) if burning else {})
         for name in self.lamps:
             out[name] = self.lamp(name, name in burning)
         for name in self.windows:
