@@ -44,22 +44,27 @@ SPLITS = {
     "test": (20_000_000, "held", Quality(16, 64, 16, 64, False)),
 }
 LEAST = 12  # pixels that a visible light has at least
+MOST = 4  # lights that burn at most
+WIDEST = 0.12  # share of the picture that lights fill at most
 PATHS = 5  # most indirect pictures a room
 
 
 def cameras(room, rng):
-    """Places and directions to look from, at head height, into the room."""
+    """Places and directions to look from as people take photos: from a corner or beside a wall along the longer way, nearly level."""
     low, high = room.footprint.min(0), room.footprint.max(0)
-    for _ in range(200):
-        x, z = rng.uniform(low, high)
-        y = rng.uniform(1.1, 1.7)
-        at = np.array([x, y, z])
-        if not room.inside(x, z, 0.3) or any((at > l - 0.25).all() and (at < h + 0.25).all() for l, h in room.taken):
+    walls = list(room.walls())
+    longest = np.linalg.norm(high - low)
+    for _ in range(400):
+        start, along, inward, length = walls[rng.integers(len(walls))]
+        s = rng.choice([rng.uniform(0.3, 1.0), length - rng.uniform(0.3, 1.0), rng.uniform(0, length)])
+        x, z = start + s * along + rng.uniform(0.25, 0.9) * inward
+        at = np.array([x, np.clip(rng.normal(1.42, 0.12), 1.1, 1.75), z])
+        if not room.inside(x, z, 0.22) or any((at > l - 0.25).all() and (at < h + 0.25).all() for l, h in room.taken):
             continue
         tx, tz = rng.uniform(low, high)
-        if math.hypot(tx - x, tz - z) < 1.5:
+        if math.hypot(tx - x, tz - z) < rng.uniform(0.45, 0.8) * longest:
             continue
-        yield at, math.atan2(tx - x, -(tz - z)), rng.uniform(-0.22, 0.03), rng.uniform(52, 75)
+        yield at, math.atan2(tx - x, -(tz - z)), float(np.clip(rng.normal(-0.18, 0.08), -0.4, 0.02)), rng.uniform(54, 70)
 
 
 def look(lit, scene, room, rng, samples=16):
@@ -68,12 +73,14 @@ def look(lit, scene, room, rng, samples=16):
 
     wants_light, found = rng.random() < 0.75, None
     for number, spec in enumerate(cameras(room, rng)):
-        if number == 25:
+        if number == 40:
             break
         view = truth.View(*spec)
         depth = truth.depths(scene, view, 40)
-        if np.percentile(depth, 10) < 0.8 or np.percentile(depth, 50) < 1.8 or np.percentile(depth, 95) < 2.4:
+        if np.percentile(depth, 10) < 1.0 or np.percentile(depth, 50) < 1.9 or np.percentile(depth, 95) < 2.6:
             continue
+        if busy(depth) < BUSY:
+            continue  # bare walls
         planes = truth.surfaces(lit, scene, view, samples)
         pixels = lambda plane: {name: int((planes[plane] == k + 1).sum()) for k, name in enumerate(planes["names"])}
         seen = [n for n, count in pixels("light").items() if count >= LEAST]
@@ -81,11 +88,57 @@ def look(lit, scene, room, rng, samples=16):
         hidden = [n for n, count in pixels("touch").items() if count == 0]
         lamps, windows = ([n for n in hidden if n.startswith(kind)] for kind in ("lamp", "window"))
         kept = [str(rng.choice(some)) for some in (lamps, windows) if some]
+        kept = kept[: max(MOST - len(seen), 0)]
+        if len(seen) > MOST or (planes["touch"] > 0).mean() > WIDEST:
+            continue
         if seen or kept:
             found = found or (view, planes, seen, kept)
         if seen or (found and not wants_light):
             return view, planes, seen, kept
     return found
+
+
+BUSY = 0.07  # least share of pixels of a preview at which depth bends
+
+
+def busy(depth):
+    """Share of pixels at which inverse depth, linear on a plane, bends: edges of furniture."""
+    inverse = 1 / np.maximum(depth, 1e-3)
+    bend = np.abs(np.diff(inverse, 2, axis=0))[:, 1:-1] + np.abs(np.diff(inverse, 2, axis=1))[1:-1]
+    return float((bend > 0.03 * inverse[1:-1, 1:-1]).mean())
+
+
+def contributions(lit, view, names):
+    """Mean radiance that each light alone, with its indirect light, brings to pixels that show no light."""
+    import drjit as dr
+
+    import truth
+
+    out = {}
+    for name in names:
+        scene = lit.scene({name: None})
+        ray, _ = truth.places(view, 80, 9, 9)
+        si = scene.ray_intersect(ray)
+        dark = ~truth.is_light(si, scene, lit) & si.is_valid()
+        got = np.array(dr.select(dark, truth.radiance(scene, ray, 9), 0)).mean(0).reshape(-1, 9).mean(1)
+        out[name] = float(np.minimum(got, np.percentile(got, 99)).mean())  # fireflies of few samples must not decide
+    return out
+
+
+def balance(lit, view, seen, hidden, night, rng):
+    """Scales the lights of a view to shares of the photo's light as in rooms by people, and drops unseen ones that would give nothing: (seen, hidden).
+
+    Photographs of rooms are taken when lamps and windows are comparably bright; with physical powers a window outshines all lamps by day."""
+    given = contributions(lit, view, [*seen, *hidden])
+    most = max(given.values(), default=0)
+    hidden = [n for n in hidden if given[n] > 1e-4 * most]
+    names = [n for n in [*seen, *hidden] if given[n] > 1e-6 * most]
+    if len(names) > 1:
+        for name, share in zip(names, np.maximum(rng.dirichlet(np.full(len(names), 4.0)), 0.04)):
+            if night and name.startswith("window"):
+                share = min(share, 0.1)
+            layout.scale(lit, name, share / given[name] * most)
+    return seen, hidden
 
 
 def names_of(seen, hidden):
@@ -160,8 +213,12 @@ def make(seed, library, folder, quality):
     room, rng = layout.make(seed, library)
     lit = scenes.Lit(room)
     found = look(lit, lit.scene({}), room, rng, Quality(*quality).surface_samples)
+    if found is None:
+        return None
+    view, planes, seen, hidden = found
+    seen, hidden = balance(lit, view, seen, hidden, room.night, rng)
     about = dict(seed=seed, scene="generated", kind=room.kind, night=bool(room.night), corners=len(room.footprint))
-    return found and record(lit, found, rng, folder, quality, about)
+    return record(lit, (view, planes, seen, hidden), rng, folder, quality, about)
 
 
 def record(lit, found, rng, folder, quality, about):
@@ -179,8 +236,8 @@ def record(lit, found, rng, folder, quality, about):
 
     # White balance and exposure, as a camera would; all that is linear in the lights takes the same gain.
     cast = np.array([np.percentile(picture[dark][:, c], 90) for c in range(3)])
-    balance = (cast.mean() / np.maximum(cast, 1e-3 * cast.max())) ** rng.uniform(0.0, 0.8)
-    gain = balance * rng.uniform(0.9, 1.0) / np.percentile((picture * balance)[dark].mean(-1), 98)
+    balance = (cast.mean() / np.maximum(cast, 1e-3 * cast.max())) ** rng.uniform(0.35, 0.95)
+    gain = balance * rng.uniform(0.6, 1.0) / np.percentile((picture * balance)[dark].max(-1), 98)
 
     lights = {title: describe(lit, view, name, gain) for name, title in names.items()}
     direct, normal = truth.shading(lit, all_on, view, names, quality.direct, quality.clean, quality.direct_samples)

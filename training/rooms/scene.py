@@ -5,13 +5,14 @@ import mitsuba as mi
 import numpy as np
 
 mi.set_variant("llvm_ad_rgb")
-from windowlight import LOBES  # noqa: E402  (the variant comes first)
+import patterns  # noqa: E402  (the variant comes first)
+from windowlight import LOBES  # noqa: E402
 
 PADDED = 16  # number of emitters that a scene is padded to
 GLOSSY = 0.9  # GGX roughness below which a surface has a specular coat
 
 
-def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitter=None):
+def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitter=None, pattern=None):
     props = mi.Properties()
     props["mesh_bsdf"] = bsdf
     if emitter is not None:
@@ -20,6 +21,9 @@ def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitt
     if albedo is not None:
         out.add_attribute("face_albedo", 3, np.ascontiguousarray(albedo, np.float32).ravel())
         out.add_attribute("face_rough", 1, np.ascontiguousarray(rough, np.float32).ravel())
+    if pattern is not None:
+        for key, value in zip(("face_second", "face_pattern"), pattern):
+            out.add_attribute(key, 3, np.ascontiguousarray(value, np.float32).ravel())
     params = mi.traverse(out)
     params["vertex_positions"] = np.ascontiguousarray(points, np.float32).ravel()
     params["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
@@ -64,18 +68,19 @@ class Lit:
     """The room of layout.py, in Mitsuba."""
 
     def __init__(self, room):
-        colour = {"type": "mesh_attribute", "name": "face_albedo"}
+        colour = {"type": "pattern"}
         rough = {"type": "mesh_attribute", "name": "face_rough"}
         matte = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}})
         gloss = mi.load_dict({"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": rough, "specular": 0.5}})
         self.body = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.66, 0.58]}}})
         self.glass = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.04, 0.04, 0.04]}})
         points, normals, faces, albedo, roughness = room.merged()
+        second, pattern = room.patterned()
         self.static = {}
         for name, bsdf, keep in (("matte", matte, roughness >= GLOSSY), ("gloss", gloss, roughness < GLOSSY)):
             keep = np.flatnonzero(keep) if keep.any() else np.array([0])
             used, renumbered = np.unique(faces[keep], return_inverse=True)
-            self.static[name] = mesh(name, points[used], renumbered.reshape(-1, 3), bsdf, normals[used], albedo[keep], roughness[keep])
+            self.static[name] = mesh(name, points[used], renumbered.reshape(-1, 3), bsdf, normals[used], albedo[keep], roughness[keep], None, (second[keep], pattern[keep]))
         self.lamps = {f"lamp{k}": lamp for k, lamp in enumerate(room.lamps)}
         self.windows = {f"window{k}": w for k, w in enumerate(room.windows)}
 
@@ -119,7 +124,7 @@ class Lit:
         for shape in known.values():
             dr.make_opaque(shape)  # not a literal in the kernel's code, so that rooms share kernels
         furniture = (si.shape == known["matte"]) | (si.shape == known["gloss"])
-        albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
+        albedo = dr.select(furniture, patterns.albedo(si, furniture), 0.5)
         return albedo, dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
 
     def scene(self, burning):
