@@ -507,7 +507,7 @@ def picture(room, rng):
     reach = w / 2 * np.abs(along3) + h / 2 * up + 0.012 * np.abs(in3)
     if any(o[0] == number and o[1] < s + w / 2 and o[2] > s - w / 2 for o in room.openings) or not room.free(center - reach, center + reach):
         return
-    image = [textures.landscape, textures.stripes, blobs, blobs, lambda r, a, b: textures.weave(r, a, b, hsv(r.random(), 0.8, 0.9))][
+    image = [textures.landscape, textures.stripes, blobs, blobs, lambda r, a, b: textures.weave(r, a, b, hsv(r.random(), 0.4, 0.6))][
         rng.integers(5)
     ](rng, 48, 64)
     image = image * hsv(rng.random(), rng.uniform(0, 0.5), rng.uniform(0.5, 1.0))
@@ -570,7 +570,7 @@ def books(room, rng):
             break
         mesh = shapes.box(low, high)
         corners = mesh[0] @ turn.T + np.array([x, y, z])
-        room.add((corners, mesh[1] @ turn.T, *mesh[2:]), hsv(rng.random(), rng.uniform(0.1, 0.9), rng.uniform(0.05, 0.7)), 0.5)
+        room.add((corners, mesh[1] @ turn.T, *mesh[2:]), hsv(rng.random(), rng.uniform(0, 0.75), rng.uniform(0.04, 0.6)), 0.5)
     room.take((x - 0.12, y, z - 0.12), (x + 0.12, y + 0.25, z + 0.12))
 
 
