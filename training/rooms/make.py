@@ -327,6 +327,7 @@ def main():
     ask.add_argument("--out", type=Path, default=Path(".cache/rooms"))
     ask.add_argument("--assets", type=Path, default=Path(".cache/assets"))
     ask.add_argument("--threads", type=int, default=2)
+    ask.add_argument("--quality", choices=SPLITS, help="render as this split does; by default, as its own")
     ask.add_argument("--maps", action="store_true", help="maps of incoming radiance, too, which LightNet alone needs")
     args = ask.parse_args()
     import drjit as dr
@@ -335,6 +336,7 @@ def main():
     mi.set_variant("llvm_ad_rgb")
     dr.set_thread_count(args.threads)
     first, split, quality = SPLITS[args.split]
+    quality = SPLITS[args.quality][2] if args.quality else quality
     quality = quality if args.maps else quality._replace(texel=0)
     library = Library.load(args.assets).only(split)
     for number in range(args.first, args.first + args.count, args.step):
