@@ -32,7 +32,7 @@ from colour import hsv  # noqa: E402
 from make import LEAST, SPLITS, record  # noqa: E402
 
 SCENES = tuple(people_scenes.SCENES)
-TRIES = 40  # cameras that are looked through in a room
+TRIES = 60  # cameras that are looked through in a room
 MOST = 4  # lights that burn in a view
 
 
@@ -108,20 +108,22 @@ def wall_image(rng, library, place="wall"):
     return texture.albedo() * rng.uniform(0.6, 1.05), texture.size
 
 
-def varied(finish, rng, chance):
-    """A finish with new paint at this chance; textures are kept half of the time, tinted."""
-    image = finish.textured
+def varied(finish, rng):
+    """A finish with new paint in 60 % of the cases; textures are kept half of the time, tinted. Mirrors and dark screens stay, other metals mostly."""
+    image, mean = finish.textured, finish.albedo.reshape(-1, 3).mean()
+    if finish.metal and (mean > 0.85 or rng.random() < 0.7):
+        return replace(finish, rough=0.15 if mean > 0.85 else rng.uniform(0.15, 0.5))
+    if mean < 0.035 and rng.random() < 0.7:
+        return finish
     if image and rng.random() < 0.5:
         finish = replace(finish, albedo=finish.albedo * hsv(rng.random(), rng.uniform(0, 0.35), rng.uniform(0.6, 1.1)))
-    elif image or rng.random() < chance:
-        finish = replace(finish, albedo=color_of_things(rng))
+    elif image or finish.metal or rng.random() < 0.6:
+        finish = replace(finish, albedo=color_of_things(rng), metal=False)
     else:
         finish = replace(finish, albedo=finish.albedo * rng.uniform(0.7, 1.0) + rng.uniform(0, 0.02))
-    if finish.metal:
-        return replace(finish, rough=rng.uniform(0.15, 0.5))
     if finish.rough >= people_scenes.GLOSSY:
         return replace(finish, rough=rng.uniform(0.2, 0.6)) if rng.random() < 0.3 else finish
-    return replace(finish, rough=1.0 if rng.random() < 0.2 else float(np.clip(finish.rough * rng.uniform(0.7, 1.6), 0.15, 0.8)))
+    return replace(finish, rough=1.0 if rng.random() < 0.2 else float(np.clip(finish.rough * rng.uniform(0.7, 1.6), 0.2, 0.8)))
 
 
 def painted(model, rng, library, skip):
@@ -160,7 +162,7 @@ def painted(model, rng, library, skip):
                 finish = replace(finish, albedo=color_of_things(rng))
         else:
             if name not in own or rng.random() < 0.15:
-                own[name] = varied(finish, rng, 0.6)
+                own[name] = varied(finish, rng)
             finish = own[name]
         if finish.textured and image is None:
             image = finish.albedo
@@ -195,18 +197,16 @@ class Lit(scenes.Lit):
         for s in surfaces:
             form = "metal" if s.metal else "gloss" if s.rough[0] < scenes.GLOSSY else "matte"
             groups.setdefault((form, id(s.image) if s.image is not None else None), []).append(s)
-        self.static, self.keep, self.images = {}, {}, {}
+        self.static = {}
         for number, ((form, _), some) in enumerate(sorted(groups.items(), key=lambda g: (g[0][0], g[1][0].key))):
-            name = f"{form}{number}"
-            self.static[name] = self.group(name, form, some)
-            self.keep[name] = np.concatenate([np.full(len(s.faces), s.key) for s in some])
+            self.static[f"{form}{number}"] = self.group(f"{form}{number}", form, some)
 
     def group(self, name, form, some):
         """Mesh of surfaces with one BSDF."""
         color, rough = {"type": "mesh_attribute", "name": "face_albedo"}, {"type": "mesh_attribute", "name": "face_rough"}
         if some[0].image is not None:
             bitmap = mi.Bitmap(np.ascontiguousarray(some[0].image, np.float32))
-            color = self.images[name] = mi.load_dict({"type": "bitmap", "bitmap": bitmap, "raw": True})
+            color = {"type": "bitmap", "bitmap": bitmap, "raw": True}
         if form == "matte":
             bsdf = {"type": "diffuse", "reflectance": color}
         else:
@@ -216,21 +216,29 @@ class Lit(scenes.Lit):
         faces = np.concatenate([s.faces + start for s, start in zip(some, starts)])
         bsdf = mi.load_dict({"type": "twosided", "bsdf": bsdf})
         uv = join("uv") if some[0].image is not None else None
-        return scenes.mesh(name, join("points"), faces, bsdf, join("normals"), join("albedo"), join("rough"), uv=uv)
+        mesh = scenes.mesh(name, join("points"), faces, bsdf, join("normals"), join("albedo"), join("rough"), uv=uv)
+        mesh.add_attribute("face_key", 1, np.repeat([s.key for s in some], [len(s.faces) for s in some]).astype(np.float32))
+        return mesh
+
+    def lookup(self, scene, si, values, other):
+        """`values` of the meshes of `static`, by name, where rays hit them; a table by shape, so that kernels do not depend on their number."""
+        number = lambda shape: dr.reinterpret_array(mi.UInt32, shape)
+        places = {s.id(): int(number(mi.ShapePtr(s))[0]) for s in scene.shapes()}
+        table = np.full(max(places.values(), default=0) + 1, other, np.float32)
+        for name, value in values.items():
+            table[places[name]] = value
+        return dr.gather(mi.Float, mi.Float(table), number(si.shape), si.is_valid())
 
     def materials(self, scene, si):
-        """Albedo and GGX roughness where rays hit; 0.5 and 1 on lights."""
-        known = {s.id(): mi.ShapePtr(s) for s in scene.shapes()}
-        furniture = dr.any([si.shape == known[name] for name in self.static])
-        albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
-        for name, image in self.images.items():
-            there = si.shape == known[name]
-            albedo = dr.select(there, image.eval_3(si, there), albedo)
-        return albedo, dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
+        """Albedo and GGX roughness where rays hit; 0.5 and 1 on lights and on shapes that came in by `extra`."""
+        own = self.lookup(scene, si, dict.fromkeys(self.static, 1.0), 0.0) > 0.5
+        albedo = dr.select(own, si.bsdf().eval_diffuse_reflectance(si, own), 0.5)
+        return albedo, dr.select(own, si.shape.eval_attribute_1("face_rough", si, own), 1.0)
 
-    def keys(self):
-        """Keys by themselves: `keep` holds those of each mesh's faces."""
-        return np.arange(max(s.key for s in self.surfaces) + 1)
+    def key(self, scene, si):
+        """As scene.Lit has it: the number of the part of the scene, or of what was put into it."""
+        own = self.lookup(scene, si, dict.fromkeys(self.static, 1.0), 0.0) > 0.5
+        return mi.Int32(dr.select(own, dr.round(si.shape.eval_attribute_1("face_key", si, own)), -1))
 
     def repainted(self, key, color):
         """`Lit` in which the surface of that key has this plain albedo [3] and is no texture."""
@@ -262,8 +270,9 @@ def sphere(count=40):
     return np.stack([np.sqrt(1 - y * y) * np.cos(turn), y, np.sqrt(1 - y * y) * np.sin(turn)], 1)
 
 
-def cameras(scene, spec, rng):
-    """(position, yaw, pitch, fov_x) at eye height with 0.35 m of air around, mostly along the longer way or towards a corner."""
+def cameras(scene, spec, rng, targets):
+    """(position, yaw, pitch, fov_x) at eye height with 0.35 m of air around: towards one of the points `targets` in half of the cases where there are
+    any, else mostly along the longer way or towards a corner."""
     around = np.linspace(0, 2 * math.pi, 48, endpoint=False)
     level = np.stack([np.sin(around), 0 * around, -np.cos(around)], 1)
     sides = np.concatenate([sphere(), level])
@@ -278,11 +287,14 @@ def cameras(scene, spec, rng):
         # A direction counts by how far one sees in the 50 degrees around it.
         open_ = np.convolve(np.concatenate([far[-3:], far, far[:3]]), np.ones(7) / 7, "valid")
         yaw = rng.choice(around, p=open_**2 / (open_**2).sum()) + rng.normal(0, 0.12)
+        if targets and rng.random() < 0.5:
+            to = targets[rng.integers(len(targets))] - at
+            yaw = math.atan2(to[0], -to[2]) + rng.normal(0, 0.3)
         yield at, yaw, math.radians(rng.uniform(-12, 3)), rng.uniform(50, 75)
 
 
-def varied_view(lit, scene, view):
-    """Whether a view has several surfaces and no plane or surface fills it."""
+def varied_view(lit, scene, spec, model, view):
+    """Whether a view has several surfaces, no plane or surface fills it, and 15 % of it or more is neither wall nor floor nor ceiling."""
     width, count = 64, 64 * 48
     index = dr.arange(mi.UInt32, count)
     ray, _ = view.rays(mi.Float(index % width) + 0.5, mi.Float(index // width) + 0.5, width)
@@ -291,19 +303,32 @@ def varied_view(lit, scene, view):
     _, counts = np.unique(keys[keys >= 0], return_counts=True)
     plane = np.column_stack([np.round(n * 4), np.round((n * p).sum(1) * 5)])
     _, flat = np.unique(plane, axis=0, return_counts=True)
-    return (counts > 0.003 * count).sum() >= 7 and counts.max() < 0.6 * count and flat.max() < 0.5 * count
+    bare = [k for k, name in enumerate(model.finish_of) if name in (*spec.shell, *spec.floors, "closing")]
+    things = (keys >= 0) & ~np.isin(keys, bare)
+    return (counts > 0.003 * count).sum() >= 7 and counts.max() < 0.55 * count and flat.max() < 0.42 * count and things.mean() > 0.15
 
 
-def look(lit, scene, spec, rng):
+def middle(light):
+    """A point in a lamp or a pane."""
+    if isinstance(light, layout.Lamp) and light.kind == "Mesh":
+        return light.place["triangles"].mean((0, 1))
+    return np.asarray(light.place["center"] if isinstance(light, layout.Lamp) else light.center, float)
+
+
+def look(lit, scene, model, rng):
     """As make.look: (view, planes, names of lights seen, names of lights not seen), or None."""
-    wants_light, found, size = rng.random() < 0.75, None, min(spec.walls[2] - spec.walls[0], spec.walls[3] - spec.walls[1])
-    for number, camera in enumerate(cameras(scene, spec, rng)):
+    spec, wants_light, found = model.layout, rng.random() < 0.77, None
+    size = min(spec.walls[2] - spec.walls[0], spec.walls[3] - spec.walls[1])
+    targets = [middle(light) for light in (*lit.lamps.values(), *lit.windows.values())] if wants_light else []
+    for number, camera in enumerate(cameras(scene, spec, rng, targets)):
         if number == TRIES:
             break
         view = truth.View(*camera)
         depth = truth.depths(scene, view, 40)
-        wanted = (0.7, min(1.8, 0.55 * size), min(2.4, 0.8 * size))
-        if not np.isfinite(depth).all() or (np.percentile(depth, (10, 50, 95)) < wanted).any() or not varied_view(lit, scene, view):
+        wanted = (0.7, min(1.1, 0.4 * size), min(1.8, 0.55 * size), min(2.4, 0.8 * size))
+        if not np.isfinite(depth).all() or (np.percentile(depth, (10, 25, 50, 95)) < wanted).any():
+            continue
+        if not varied_view(lit, scene, spec, model, view):
             continue
         planes = truth.surfaces(lit, scene, view)
         pixels = lambda plane: {name: int((planes[plane] == k + 1).sum()) for k, name in enumerate(planes["names"])}
@@ -365,8 +390,7 @@ def scale(lit, name, factor):
 def make(name, seed, library, folder, quality):
     """Renders a view of a scene into `folder`; None when no camera sees anything. `quality`: see make.SPLITS."""
     lit, space, rng = room(name, seed, library)
-    spec = people_scenes.SCENES[name]
-    found = look(lit, lit.scene({}), spec, rng)
+    found = look(lit, lit.scene({}), loaded(name)[0], rng)
     if found is None:
         return None
     view, planes, seen, hidden = found
