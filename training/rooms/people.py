@@ -411,8 +411,8 @@ def main():
     args = ask.parse_args()
     dr.set_thread_count(args.threads)
     library = Library.load(args.assets).only(SPLITS[args.quality][1])
-    for name in SCENES if args.scene == "all" else (args.scene,):
-        for number in range(args.first, args.first + args.count):
+    for number in range(args.first, args.first + args.count):
+        for name in SCENES if args.scene == "all" else (args.scene,):
             folder = args.out / name / f"{number:06d}"
             if (folder / "room.json").exists() or (folder / "skipped").exists():
                 continue

@@ -97,7 +97,7 @@ SCENES = {
         [((1.69, 1.85, -0.195), 1.13, 0.77, (-1, 0), True)],
         ("Walls",),
         ("FloorTiles",),
-        [globe(x, 1.7, -0.62, 0.085, ("FrostedGlass",)) for x in (0.305, -0.7)],
+        [globe(x, 1.645, -0.62, 0.085, ()) for x in (0.305, -0.7)],
         blinds=("None",),
     ),
     "living-room-2": Layout(
