@@ -56,6 +56,7 @@ class Room:
     windows: list = field(default_factory=list)
     openings: list = field(default_factory=list)  # (wall, start, end, sill, top)
     patterns: dict = field(default_factory=dict)  # {place in parts: (kind, length in metres, offset, factor of the second albedo [3])}
+    bare: np.ndarray = None  # faces of `merged` that have no pattern any more
 
     def add(self, mesh, colour, rough=MATTE, pattern=None):
         if pattern is not None:
@@ -85,7 +86,10 @@ class Room:
             kind, length, offset, factor = self.patterns.get(number, (0, 1.0, 0.0, np.ones(3)))
             second.append(np.clip(part[3] * factor, 0.01, 0.92))
             pattern.append(np.broadcast_to(np.array([kind, length, offset], float), (len(part[2]), 3)))
-        return np.concatenate(second), np.concatenate(pattern)
+        second, pattern = np.concatenate(second), np.concatenate(pattern)
+        if self.bare is not None:
+            pattern[self.bare, 0] = PLAIN
+        return second, pattern
 
     def walls(self):
         """(start, along, inward, length) of each, seen from above."""

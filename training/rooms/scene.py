@@ -1,5 +1,7 @@
 """A room as scenes of Mitsuba 3: what stands there once, and the lights that burn."""
 
+import copy
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -12,12 +14,12 @@ PADDED = 16  # number of emitters that a scene is padded to
 GLOSSY = 0.9  # GGX roughness below which a surface has a specular coat
 
 
-def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitter=None, pattern=None):
+def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitter=None, uv=None, pattern=None):
     props = mi.Properties()
     props["mesh_bsdf"] = bsdf
     if emitter is not None:
         props["mesh_emitter"] = emitter
-    out = mi.Mesh(name, len(points), len(faces), has_vertex_normals=normals is not None, has_vertex_texcoords=False, props=props)
+    out = mi.Mesh(name, len(points), len(faces), has_vertex_normals=normals is not None, has_vertex_texcoords=uv is not None, props=props)
     if albedo is not None:
         out.add_attribute("face_albedo", 3, np.ascontiguousarray(albedo, np.float32).ravel())
         out.add_attribute("face_rough", 1, np.ascontiguousarray(rough, np.float32).ravel())
@@ -29,6 +31,8 @@ def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitt
     params["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
     if normals is not None:
         params["vertex_normals"] = np.ascontiguousarray(normals, np.float32).ravel()
+    if uv is not None:
+        params["vertex_texcoords"] = np.ascontiguousarray(uv, np.float32).ravel()
     params.update()
     return out
 
@@ -76,11 +80,21 @@ class Lit:
         self.glass = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.04, 0.04, 0.04]}})
         points, normals, faces, albedo, roughness = room.merged()
         second, pattern = room.patterned()
-        self.static = {}
+        self.room, self.static, self.keep = room, {}, {}
         for name, bsdf, keep in (("matte", matte, roughness >= GLOSSY), ("gloss", gloss, roughness < GLOSSY)):
             keep = np.flatnonzero(keep) if keep.any() else np.array([0])
+            self.keep[name] = keep
             used, renumbered = np.unique(faces[keep], return_inverse=True)
-            self.static[name] = mesh(name, points[used], renumbered.reshape(-1, 3), bsdf, normals[used], albedo[keep], roughness[keep], None, (second[keep], pattern[keep]))
+            self.static[name] = mesh(
+                name,
+                points[used],
+                renumbered.reshape(-1, 3),
+                bsdf,
+                normals[used],
+                albedo[keep],
+                roughness[keep],
+                pattern=(second[keep], pattern[keep]),
+            )
         self.lamps = {f"lamp{k}": lamp for k, lamp in enumerate(room.lamps)}
         self.windows = {f"window{k}": w for k, w in enumerate(room.windows)}
 
@@ -127,9 +141,40 @@ class Lit:
         albedo = dr.select(furniture, patterns.albedo(si, furniture), 0.5)
         return albedo, dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
 
-    def scene(self, burning):
-        """With these lights on: {name: the lobes of a window that shine, None for all}."""
-        out = {"type": "scene"} | self.static | (padding(self.body, self.glass, len(burning)) if burning else {})
+    def keys(self):
+        """Number of the surface of each face: equal for faces of one part of the room that have exactly the same albedo."""
+        part = np.repeat(np.arange(len(self.room.parts)), [len(p[2]) for p in self.room.parts])
+        return np.unique(np.column_stack([part, self.room.merged()[3]]), axis=0, return_inverse=True)[1].ravel()
+
+    def key(self, scene, si):
+        """Integer per hit, equal on one surface (that `repainted` paints as a whole); -1 on lights and where nothing is hit."""
+        keys, out = None, mi.Float(-1)
+        for shape in scene.shapes():
+            if shape.id() in self.keep:
+                if not shape.has_mesh_attributes() or not shape.has_attribute("face_key"):
+                    keys = self.keys() if keys is None else keys
+                    shape.add_attribute("face_key", 1, keys[self.keep[shape.id()]].astype(np.float32))
+                there = si.shape == mi.ShapePtr(shape)
+                out = dr.select(there, si.shape.eval_attribute_1("face_key", si, there), out)
+        return mi.Int32(dr.round(out))
+
+    def repainted(self, key, color):
+        """`Lit` in which the surface of that key has this plain albedo [3]."""
+        keys, start, room = self.keys(), 0, copy.copy(self.room)
+        room.parts = []
+        for points, normals, faces, albedo, rough in self.room.parts:
+            there = keys[start : start + len(faces)] == key
+            room.parts.append((points, normals, faces, np.where(there[:, None], color, albedo), rough))
+            start += len(faces)
+        bare = keys == key
+        room.bare = bare if room.bare is None else room.bare | bare
+        out = type(self)(room)
+        out.lamps, out.windows = self.lamps, self.windows  # which may have been scaled
+        return out
+
+    def scene(self, burning, extra=None):
+        """With these lights on: {name: the lobes of a window that shine, None for all}; `extra` shapes as Mitsuba has them, by name."""
+        out = {"type": "scene"} | self.static | (extra or {}) | (padding(self.body, self.glass, len(burning)) if burning else {})
         for name in self.lamps:
             out[name] = self.lamp(name, name in burning)
         for name in self.windows:
