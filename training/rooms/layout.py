@@ -396,7 +396,7 @@ def grain(rng):
     return WOOD, rng.uniform(0.08, 0.2), rng.random(), rng.uniform(0.2, 0.55) * hsv(0.07, rng.uniform(0, 0.4), 1.0)
 
 
-SMALL = {"ornament", "other", "kitchen_unit"}
+SMALL = {"ornament"}
 SOFT = {"bed", "sofa", "armchair"}
 WOODEN = {"table", "desk", "coffee_table", "bedside", "dresser", "wardrobe", "shelf", "chair", "stool"}
 
@@ -435,8 +435,9 @@ def tint(rng):
     """What the colours of a piece of furniture are multiplied by: many are darker and warmer than in the catalogue."""
     if rng.random() < 0.25:
         return np.ones(3)
-    hue = rng.uniform(0.02, 0.12) if rng.random() < 0.5 else rng.random()
-    return hsv(hue, rng.uniform(0, 0.6), rng.uniform(0.4, 1.2))
+    if rng.random() < 0.7:
+        return hsv(rng.uniform(0.02, 0.12), rng.uniform(0, 0.6), rng.uniform(0.4, 1.2))
+    return hsv(rng.random(), rng.uniform(0, 0.35), rng.uniform(0.4, 1.2))
 
 
 def against_wall(room, rng, model, gap=0.03):
