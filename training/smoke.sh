@@ -34,8 +34,8 @@ began=$SECONDS
 "$python" training/rooms/assets.py
 rooms=$(mktemp -d)
 trap 'rm -rf "$rooms"' EXIT
-"$python" training/rooms/make.py --out "$rooms" --split train --count 2
-"$python" training/rooms/make.py --out "$rooms" --split val --first 5 --count 1 # it has lights of every kind
+"$python" training/rooms/make.py --out "$rooms" --split train --count 2 --maps
+"$python" training/rooms/make.py --out "$rooms" --split val --first 2 --count 1 --maps --quality train # it has lights of every kind
 for split in train val; do
     "$python" training/rooms/pack.py "$rooms/$split"
 done

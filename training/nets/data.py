@@ -3,8 +3,9 @@
 A pack lies beside its split's folder (DIR/train -> DIR/train.pack) and is made again when the samples change. Arrays of a pack, [rows, 120, 160,
 channels], float16 but for depth; one row per room, per source (one lobe of one light) or per path (light whose indirect shading is known):
  room    albedo, normal (unit), rough, depth (m, float32), light (1 at pixels of visible lights), photo (linear radiance),
-         shading (E of all lights), maps [rows, 30, 40, 8, 16, 3], maps_valid [rows, 30, 40], fov_x (degrees);
+         shading (E of all lights), fov_x (degrees);
          at full size, 240 x 320: photo_full, albedo_full, normal_full, rough_full, depth_full (m, float32)
+ map     maps [rows, 30, 40, 8, 16, 3], maps_valid [rows, 30, 40]; one row per room that was made with maps
  light   own (1 at its pixels), form [rows, 36] and surface [rows, 64, 3] (form.py)
  source  direct, shadow, traced, unknown, traced_direct, doubt (a number: how much of the lit picture is unknown), place [rows, 12] (place.py),
          radiance [rows, 3]
@@ -25,10 +26,11 @@ import form
 import place
 from layers import HEIGHT, WIDTH
 
-FORMAT = 6
+FORMAT = 7
 FULL = ["photo", "albedo", "normal", "rough", "depth"]
 KIND = {
-    **dict.fromkeys(["albedo", "normal", "rough", "depth", "light", "photo", "shading", "maps", "maps_valid", "fov_x"], "room"),
+    **dict.fromkeys(["albedo", "normal", "rough", "depth", "light", "photo", "shading", "fov_x"], "room"),
+    **dict.fromkeys(["maps", "maps_valid"], "map"),
     **dict.fromkeys([f"{name}_full" for name in FULL], "room"),
     **dict.fromkeys(["own", "form", "surface"], "light"),
     **dict.fromkeys(["direct", "shadow", "traced", "unknown", "traced_direct", "doubt", "place", "radiance"], "source"),
@@ -77,8 +79,8 @@ def unpack(s, lights):
         "light": blocks(s["light_mask"] > 0).max((1, 3)),
         "photo": half(s["photo"]),
         "shading": np.einsum("shw,sc->hwc", lit, s["source_radiance"]) + indirect.sum(0),
-        "maps": s["maps"],
-        "maps_valid": s["maps_valid"],
+        "maps": s["maps"][None] if "maps" in s else np.zeros((0, 30, 40, 8, 16, 3)),
+        "maps_valid": s["maps_valid"][None] if "maps" in s else np.zeros((0, 30, 40)),
         "fov_x": s["fov_x"],
         **{f"{name}_full": s[name] for name in FULL if name != "depth"},
         "depth_full": full_depth(s["depth"]),
@@ -102,7 +104,8 @@ def pack(samples, folder):
     rows = []
     for path in samples:
         with np.load(path) as s, open(os.path.join(os.path.dirname(path), "lights.json")) as lights:
-            rows.append({"source": list(map(str, s["sources"])), "path": list(map(str, s["paths"])), "light": list(json.load(lights))})
+            names = {"source": list(map(str, s["sources"])), "path": list(map(str, s["paths"]))}
+            rows.append(names | {"light": list(json.load(lights)), "map": ["maps"] * ("maps" in s)})
     total = {"room": len(rows), **{kind: sum(len(r[kind]) for r in rows) for kind in rows[0]}}
     arrays, at = {}, dict.fromkeys(total, 0)
     for path, names in zip(samples, rows):
@@ -135,9 +138,9 @@ def read(index):
 
 class Rooms:
     """The rooms of one split. `get(name, room)` is [channels.., 120, 160] of a room, or that with the room's sources or paths in front.
-    `every`: each such room only."""
+    `every`: each such room only. `maps`: only rooms that have maps of incoming radiance."""
 
-    def __init__(self, split, every=1):
+    def __init__(self, split, every=1, maps=False):
         samples = sorted(glob.glob(f"{split}/*/sample.npz"))
         if not samples:
             raise SystemExit(f"{split}: wanted folders with a sample.npz each, got none")
@@ -154,10 +157,13 @@ class Rooms:
                 shutil.rmtree(folder, ignore_errors=True)
                 os.rename(new, folder)
         rows = read(index)["rows"]
-        self.split, self.names = split, [name for name, _ in stamp[1:]][::every]
-        self.sources, self.paths, self.lights = ([r[kind] for r in rows[::every]] for kind in ("source", "path", "light"))
+        kept = [k for k in range(0, len(rows), every) if not maps or rows[k].get("map")]
+        if not kept:
+            raise SystemExit(f"{split}: wanted rooms with maps of incoming radiance (make.py --maps), got none among {len(rows)}")
+        self.split, self.names = split, [stamp[1 + k][0] for k in kept]
+        self.sources, self.paths, self.lights = ([rows[k][kind] for k in kept] for kind in ("source", "path", "light"))
         starts = {"room": range(len(rows) + 1), **{kind: np.cumsum([0] + [len(r[kind]) for r in rows]) for kind in rows[0]}}
-        self.rows = {k: [slice(int(a), int(b)) for a, b in zip(v, v[1:])][::every] for k, v in starts.items()}
+        self.rows = {name: [slice(int(v[k]), int(v[k + 1])) for k in kept] for name, v in starts.items()}
         self.arrays = {name: np.load(f"{folder}/{name}.npy", mmap_mode="r") for name in KIND}
 
     def __len__(self):
@@ -167,7 +173,7 @@ class Rooms:
         """A float32 tensor, channels before pixels (`maps` stay [30, 40, 8, 16, 3]); `row` picks one of the room's sources, paths or lights."""
         rows = self.rows[KIND[name]][room]
         x = self.arrays[name][rows] if row is None else self.arrays[name][rows.start + row]
-        x = torch.from_numpy(np.array(x[0] if KIND[name] == "room" else x)).float()
+        x = torch.from_numpy(np.array(x[0] if KIND[name] in ("room", "map") else x)).float()
         return x if x.ndim < 3 or x.shape[-1] == WIDTH or name in ("maps", "surface") else x.movedim(-1, -3)
 
     def beside(self, file, room):

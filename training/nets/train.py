@@ -50,7 +50,8 @@ def shipped(net, path):
 def train(name, rooms, every, minutes, steps, seed, out, start, size, base):
     os.makedirs(out, exist_ok=True)
     torch.manual_seed(seed)
-    data, val = Rooms(os.path.join(rooms, "train"), every), Rooms(os.path.join(rooms, "val"))
+    maps = getattr(NETWORKS[name], "needs_maps", False)
+    data, val = Rooms(os.path.join(rooms, "train"), every, maps), Rooms(os.path.join(rooms, "val"), 1, maps)
     net, average = NETWORKS[name](), NETWORKS[name]().eval()
     if start:
         shipped(net, start)

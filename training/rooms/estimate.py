@@ -52,7 +52,7 @@ def main():
     ask.add_argument("folder", type=Path)
     ask.add_argument("--relight", type=Path, default=ROOT / "target/release/relight")
     args = ask.parse_args()
-    for folder in sorted(f.parent for f in args.folder.glob("[0-9]*/sample.npz")):
+    for folder in sorted(f.parent for f in args.folder.glob("[!.]*/sample.npz")):
         if not (folder / "estimates.npz").exists():
             estimate(folder, args.relight)
             print(folder / "estimates.npz", flush=True)

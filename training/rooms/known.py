@@ -22,11 +22,14 @@ def main(room):
         shading[light] = shading.get(light, 0) + (direct.astype(np.float32) * shadow)[..., None] * radiance
     for light, picture in shading.items():
         exr(room / f"direct_{light}.exr", RGB=picture)
-    maps = truth["maps"].astype(np.float32)
-    maps[truth["maps_valid"] == 0] = np.nan
-    np.save(room / "maps.npy", maps)
+    lighting = ""
+    if "maps" in truth:
+        maps = truth["maps"].astype(np.float32)
+        maps[truth["maps_valid"] == 0] = np.nan
+        np.save(room / "maps.npy", maps)
+        lighting = 'lighting: "maps.npy", '
     direct = ", ".join(f'"{light}": "direct_{light}.exr"' for light in shading)
-    more = f'normal: "normal.exr", roughness: "roughness.exr", lighting: "maps.npy", direct: {{ {direct} }}'
+    more = f'normal: "normal.exr", roughness: "roughness.exr", {lighting}direct: {{ {direct} }}'
     (room / "scene.ron").write_text(text.replace('albedo: "albedo.exr"', f'albedo: "albedo.exr", {more}'))
 
 

@@ -1,9 +1,9 @@
 """A furnished room from a seed: metres, y up, floor at y = 0; the camera comes later (see `views.py`).
 
-Surfaces are triangles with one albedo and one GGX roughness each; patterns are fine grids of them. Lamps are convex emitters on stands that do not emit;
+Surfaces are triangles with one albedo and one GGX roughness each; printed pictures are fine grids of them, repeated patterns are those of patterns.py. Lamps are convex emitters on stands that do not emit;
 windows are holes in the walls with a pane at the outer end."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapes
@@ -11,6 +11,7 @@ import textures
 
 from colour import blackbody, hsv
 
+PLAIN, WOOD, STRIPES, CHECK, PLAID, DOTS, CLOUDS, WEAVE = range(8)  # kinds of patterns.py, which needs Mitsuba
 STEP = 0.03  # side of the triangles of a pattern, metres
 MATTE = 1.0
 
@@ -54,8 +55,12 @@ class Room:
     lamps: list = field(default_factory=list)
     windows: list = field(default_factory=list)
     openings: list = field(default_factory=list)  # (wall, start, end, sill, top)
+    patterns: dict = field(default_factory=dict)  # {place in parts: (kind, length in metres, offset, factor of the second albedo [3])}
+    bare: np.ndarray = None  # faces of `merged` that have no pattern any more
 
-    def add(self, mesh, colour, rough=MATTE):
+    def add(self, mesh, colour, rough=MATTE, pattern=None):
+        if pattern is not None:
+            self.patterns[len(self.parts)] = pattern
         points, normals, _, faces = mesh
         self.parts.append(
             (
@@ -73,6 +78,18 @@ class Room:
         starts = np.cumsum([0] + [len(p) for p in points[:-1]])
         faces = np.concatenate([f + start for f, start in zip(faces, starts)])
         return np.concatenate(points), np.concatenate(normals), faces, np.clip(np.concatenate(albedo), 0.01, 0.92), np.concatenate(rough)
+
+    def patterned(self):
+        """Second albedo and (kind, length, offset) of the faces of `merged`."""
+        second, pattern = [], []
+        for number, part in enumerate(self.parts):
+            kind, length, offset, factor = self.patterns.get(number, (0, 1.0, 0.0, np.ones(3)))
+            second.append(np.clip(part[3] * factor, 0.01, 0.92))
+            pattern.append(np.broadcast_to(np.array([kind, length, offset], float), (len(part[2]), 3)))
+        second, pattern = np.concatenate(second), np.concatenate(pattern)
+        if self.bare is not None:
+            pattern[self.bare, 0] = PLAIN
+        return second, pattern
 
     def walls(self):
         """(start, along, inward, length) of each, seen from above."""
@@ -160,13 +177,13 @@ def textured(rng, library, place, gain=1.0):
 # The shell.
 
 
-HALLS = 0.3  # share of the rooms that are large: halls, classrooms, lofts
+HALLS = 0.2  # share of the rooms that are large: halls, classrooms, lofts
 
 
 def footprint(rng, kind, hall=False):
-    w, d = {"bedroom": (3.6, 4.0), "living": (4.6, 5.2), "office": (4.2, 4.6), "kitchen": (3.4, 4.0)}[kind] * rng.uniform(0.8, 1.35, 2)
+    w, d = {"bedroom": (3.6, 4.0), "living": (4.6, 5.2), "office": (4.2, 4.6), "kitchen": (3.4, 4.0)}[kind] * rng.uniform(0.8, 1.3, 2)
     if hall:
-        w, d = (w, d) * rng.uniform(1.4, 2.4, 2)
+        w, d = (w, d) * rng.uniform(1.3, 2.1, 2)
     corners = np.array([[0, 0], [0, d], [w, d], [w, 0]], float)
     if rng.random() < 0.3:  # L-shaped: one corner cut out
         cw, cd = w * rng.uniform(0.25, 0.5), d * rng.uniform(0.25, 0.5)
@@ -178,13 +195,17 @@ def footprint(rng, kind, hall=False):
 
 
 def wall_colour(rng):
-    if rng.random() < 0.5:
-        return hsv(rng.uniform(0.03, 0.18), rng.uniform(0, 0.3), rng.uniform(0.5, 0.82))
-    return hsv(rng.random(), rng.uniform(0.15, 0.7), rng.uniform(0.12, 0.65))
+    kind = rng.random()
+    if kind < 0.72:  # white, cream, beige
+        return hsv(rng.uniform(0.05, 0.13), rng.uniform(0.03, 0.35), rng.uniform(0.55, 0.85))
+    hue = rng.uniform(0.0, 0.17) if rng.random() < 0.6 else rng.random()
+    if kind < 0.92:
+        return hsv(hue, rng.uniform(0.15, 0.5), rng.uniform(0.35, 0.75))
+    return hsv(hue, rng.uniform(0.3, 0.7), rng.uniform(0.12, 0.45))
 
 
 def floor_colour(rng, library):
-    kind = rng.choice(["planks", "texture", "carpet", "tiles"], p=[0.35, 0.35, 0.15, 0.15])
+    kind = rng.choice(["planks", "texture", "carpet", "tiles"], p=[0.45, 0.25, 0.2, 0.1])
     if kind == "texture":
         return textured(rng, library, "floor", rng.uniform(0.4, 1.05)), rng.choice([0.35, 0.6, 1.0])
     if kind == "carpet":
@@ -205,7 +226,9 @@ def shell(room, rng, library):
     edges = ([x - low[0] for x in room.footprint[:, 0]], [high[1] - z for z in room.footprint[:, 1]])
     colour, rough = floor_colour(rng, library)
     room.add(
-        *patch((low[0], 0, high[1]), (1, 0, 0), (0, 0, -1), ticks(size[0], edges[0], STEP), ticks(size[1], edges[1], STEP), colour, outside), rough
+        *patch((low[0], 0, high[1]), (1, 0, 0), (0, 0, -1), ticks(size[0], edges[0], STEP), ticks(size[1], edges[1], STEP), colour, outside),
+        rough,
+        fabric(rng) if rough == MATTE and rng.random() < 0.6 else None,
     )
     ceiling = plain(hsv(rng.random(), rng.uniform(0, 0.05), rng.uniform(0.7, 0.88)))
     up = lambda s, t: ~room.inside(low[0] + s, low[1] + t)
@@ -222,17 +245,14 @@ def shell(room, rng, library):
     )
     paint, skirting = wall_colour(rng), hsv(0.1, rng.uniform(0, 0.3), rng.uniform(0.3, 0.85))
     skirt = rng.choice([0.0, 0.07, 0.1])
+    papered, kind = rng.random() < 0.35, rng.choice([STRIPES, PLAID, DOTS, CLOUDS, CLOUDS])
+    wallpaper = (kind, rng.uniform(0.08, 0.3), rng.random(), hsv(rng.random(), rng.uniform(0, 0.4), rng.uniform(0.45, 0.9)))
     for number, (start, along, _, length) in enumerate(room.walls()):
-        own = paint if rng.random() < 0.75 else wall_colour(rng)
+        own = paint if rng.random() < 0.85 else wall_colour(rng)
         holes = [o[1:] for o in room.openings if o[0] == number]
-        patterned = rng.random() < 0.25
-        if patterned and rng.random() < 0.5:
-            colour = textured(rng, library, "wall")
-        elif patterned:
-            stripes = np.stack([own, own * rng.uniform(0.6, 0.95)])[None]
-            colour = tiled(stripes, (rng.uniform(0.1, 0.5), 1.0))
-        else:
-            colour = plain(own)
+        patterned = rng.random() < 0.1
+        colour = textured(rng, library, "wall") if patterned else plain(own)
+        paper = None if patterned or not papered else wallpaper
         if skirt:
             inner = colour
             colour = lambda s, t, inner=inner: np.where((t < skirt)[..., None], skirting, inner(s, t))
@@ -250,7 +270,8 @@ def shell(room, rng, library):
                 t,
                 lambda a, b, c=colour, l=length: c(l - a, b),
                 lambda a, b, l=length: hole(l - a, b),
-            )
+            ),
+            pattern=paper,
         )
 
 
@@ -260,13 +281,14 @@ def shell(room, rng, library):
 def open_windows(room, rng):
     """Chooses the holes; one to three windows on different walls or side by side."""
     walls = list(room.walls())
-    for _ in range(rng.choice([1, 2, 3], p=[0.5, 0.35, 0.15])):
+    for _ in range(rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2] if room.hall else [0.65, 0.3, 0.05])):
         for _ in range(8):
             number = rng.integers(len(walls))
             length = walls[number][3]
-            width = rng.uniform(0.7, min(2.4 if length < 6 else 5.0, 0.8 * length))
-            sill, top = rng.uniform(0.5, 1.1), room.height - rng.uniform(0.15, 0.5)
-            if rng.random() < 0.15:
+            width = rng.uniform(0.6, min(1.8 if length < 6 else 3.0, 0.7 * length))
+            sill = rng.uniform(0.7, 1.2)
+            top = min(room.height - rng.uniform(0.15, 0.6), sill + rng.uniform(0.8, 1.7))
+            if rng.random() < 0.08:
                 sill = 0.05  # a French window
             start = rng.uniform(0.1 * length, max(0.1 * length, 0.9 * length - width))
             if start + width < length - 0.1 and all(o[0] != number or start + width < o[1] - 0.1 or start > o[2] + 0.1 for o in room.openings):
@@ -298,7 +320,8 @@ def windows(room, rng):
     walls, sunny = list(room.walls()), rng.random() < 0.5
     frame_colour = hsv(rng.uniform(0.05, 0.12), rng.choice([0.0, 0.5]), rng.uniform(0.2, 0.85))
     curtain_colour = hsv(rng.random(), rng.uniform(0, 0.5), rng.uniform(0.25, 0.8))
-    curtained, depth = rng.random() < 0.6, rng.uniform(0.06, 0.25)
+    curtained, depth = rng.random() < 0.35, rng.uniform(0.03, 0.16)
+    cloth_pattern = fabric(rng)
     bare = rng.random() < 0.25  # panes flush with the wall, nothing before them
     if bare:
         curtained, depth = False, 0.01
@@ -331,7 +354,7 @@ def windows(room, rng):
         if not bare:
             for s0, s1, y0, y1 in ((a, a + thick, sill, top), (b - thick, b, sill, top), (a, b, sill, sill + thick), (a, b, top - thick, top)):
                 bar(s0, s1, y0, y1)
-            for k in range(rng.integers(0, 3)):
+            for k in range(rng.integers(0, 2)):
                 s = a + (b - a) * (k + 1) / 3 if rng.random() < 0.5 else (a + b) / 2
                 bar(s - thick / 3, s + thick / 3, sill, top)
             if rng.random() < 0.3:
@@ -342,7 +365,7 @@ def windows(room, rng):
         if curtained:
             hem = sill - 0.1 if rng.random() < 0.3 else 0.04
             for side, outer in ((-1, a - 0.15), (1, b + 0.15)):
-                width = rng.uniform(0.2, 0.45) * (b - a + 0.3) / 1.5 + 0.1
+                width = rng.uniform(0.1, 0.25) * (b - a + 0.3) / 1.5 + 0.12
                 s0 = outer if side < 0 else outer - width
                 folds, deep, phase = rng.integers(4, 9), rng.uniform(0.02, 0.045), rng.uniform(0, 6)
 
@@ -352,12 +375,30 @@ def windows(room, rng):
                         base + (s0 + u * width)[..., None] * along3 + (hem + v * (top + 0.08 - hem))[..., None] * up + (0.09 + wave)[..., None] * in3
                     )
 
-                room.add(shapes.sheet(cloth, 8 * folds, 1), curtain_colour)
+                room.add(shapes.sheet(cloth, 8 * folds, 1), curtain_colour, MATTE, cloth_pattern)
             rail = shapes.rod(at(a - 0.25, top + 0.09, -0.09), at(b + 0.25, top + 0.09, -0.09), 0.012, 8)
             room.add(rail, frame_colour * 0.6, 0.4)
 
 
 # Furniture.
+
+
+def fabric(rng):
+    """A pattern of cloth, as Room.patterns has it, or None for plain cloth."""
+    kind = rng.choice([PLAIN, STRIPES, CHECK, PLAID, DOTS, CLOUDS, WEAVE], p=[0.04, 0.14, 0.08, 0.14, 0.08, 0.27, 0.25])
+    length = rng.uniform(0.02, 0.05) if kind == WEAVE else rng.uniform(0.04, 0.22)
+    factor = rng.uniform(0.3, 0.75) * hsv(rng.random(), rng.uniform(0, 0.5), 1.0)
+    return (kind, length, rng.random(), factor) if kind != PLAIN else None
+
+
+def grain(rng):
+    """Wood."""
+    return WOOD, rng.uniform(0.08, 0.2), rng.random(), rng.uniform(0.2, 0.55) * hsv(0.07, rng.uniform(0, 0.4), 1.0)
+
+
+SMALL = {"ornament"}
+SOFT = {"bed", "sofa", "armchair"}
+WOODEN = {"table", "desk", "coffee_table", "bedside", "dresser", "wardrobe", "shelf", "chair", "stool"}
 
 
 def stand(room, model, yaw, x, z, y=0.0, tint=None, touch=True):
@@ -371,6 +412,14 @@ def stand(room, model, yaw, x, z, y=0.0, tint=None, touch=True):
     turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     points = model.vertices @ turn.T + np.array([x, y, z])
     albedo = np.clip(model.albedo * (1 if tint is None else tint), 0.02, 0.9)
+    # The place decides, so that no caller's random numbers move.
+    own = np.random.default_rng([int(abs(v) * 1e4) for v in (x, z, y)])
+    pattern = fabric(own) if model.cls in SOFT else grain(own) if model.cls in WOODEN and own.random() < 0.85 else None
+    if pattern is None and model.cls in SMALL and own.random() < 0.6:  # prints and labels
+        kind = own.choice([STRIPES, CHECK, PLAID, DOTS, CLOUDS])
+        pattern = kind, own.uniform(0.015, 0.08), own.random(), own.uniform(0.1, 0.7) * hsv(own.random(), own.uniform(0, 0.8), 1.0)
+    if pattern is not None:
+        room.patterns[len(room.parts)] = pattern
     room.parts.append((points, model.normals @ turn.T, model.faces, albedo, model.rough))
     if touch:
         room.take(low, high)
@@ -386,8 +435,9 @@ def tint(rng):
     """What the colours of a piece of furniture are multiplied by: many are darker and warmer than in the catalogue."""
     if rng.random() < 0.25:
         return np.ones(3)
-    hue = rng.uniform(0.02, 0.12) if rng.random() < 0.5 else rng.random()
-    return hsv(hue, rng.uniform(0, 0.7), rng.uniform(0.25, 1.15))
+    if rng.random() < 0.7:
+        return hsv(rng.uniform(0.02, 0.12), rng.uniform(0, 0.6), rng.uniform(0.4, 1.2))
+    return hsv(rng.random(), rng.uniform(0, 0.35), rng.uniform(0.4, 1.2))
 
 
 def against_wall(room, rng, model, gap=0.03):
@@ -442,22 +492,30 @@ def rug(room, rng, at, library):
     room.add((*mesh[:3], mesh[3][keep]), colours[keep])
 
 
+def blobs(rng, h, w):
+    """A print of patches in a few colors."""
+    colors = np.array([hsv(rng.random(), rng.uniform(0, 0.9), rng.uniform(0.02, 0.85)) for _ in range(5)])
+    t = 0.7 * textures.noise(rng, h, w, 5, 6) + 0.3 * textures.noise(rng, h, w, 15, 18)
+    return colors[np.clip((t - 0.2) / 0.6 * 5, 0, 4).astype(int)]
+
+
 def picture(room, rng):
     walls = list(room.walls())
     number = rng.integers(len(walls))
     start, along, inward, length = walls[number]
-    w, h = rng.uniform(0.3, 1.1), rng.uniform(0.3, 0.8)
+    w, h = rng.uniform(0.2, 1.2), rng.uniform(0.2, 0.9)
     if length < w + 0.3:
         return
-    s, y = rng.uniform(w / 2 + 0.1, length - w / 2 - 0.1), rng.uniform(1.3, 1.75)
+    s, y = rng.uniform(w / 2 + 0.1, length - w / 2 - 0.1), rng.uniform(1.2, 1.85)
     along3, in3, up = np.array([along[0], 0, along[1]]), np.array([inward[0], 0, inward[1]]), np.array([0.0, 1, 0])
     center = np.array([start[0], y, start[1]]) + s * along3 + 0.015 * in3
     reach = w / 2 * np.abs(along3) + h / 2 * up + 0.012 * np.abs(in3)
     if any(o[0] == number and o[1] < s + w / 2 and o[2] > s - w / 2 for o in room.openings) or not room.free(center - reach, center + reach):
         return
-    image = [textures.landscape, textures.stripes, lambda r, a, b: textures.noise(r, a, b, 4, 5)[..., None] * hsv(r.random(), 0.8, 0.9)][
-        rng.integers(3)
+    image = [textures.landscape, textures.stripes, blobs, blobs, lambda r, a, b: textures.weave(r, a, b, hsv(r.random(), 0.4, 0.6))][
+        rng.integers(5)
     ](rng, 48, 64)
+    image = image * hsv(rng.random(), rng.uniform(0, 0.5), rng.uniform(0.5, 1.0))
     turn = np.stack([-along3, up, in3], 1)
     frame = shapes.box((-w / 2, -h / 2, -0.012), (w / 2, h / 2, 0.008))
     room.add((frame[0] @ turn.T + center, frame[1] @ turn.T, *frame[2:]), hsv(0.08, rng.uniform(0, 0.6), rng.uniform(0.03, 0.8)), 0.5)
@@ -493,6 +551,32 @@ def place_on_top(room, rng, radius):
         if None not in heights and max(heights) - min(heights) < 0.015:
             return x, max(heights) + 1e-3, z
     return None
+
+
+def books(room, rng):
+    """A row of books that stand, or a pile of them, on a top."""
+    spot = place_on_top(room, rng, 0.12)
+    if spot is None:
+        return
+    x, y, z = spot
+    if not room.free(np.array([x - 0.12, y, z - 0.12]), np.array([x + 0.12, y + 0.25, z + 0.12])):
+        return
+    turned, at, upright = rng.integers(2) * np.pi / 2, 0.0, rng.random() < 0.6
+    c, s = np.cos(turned), np.sin(turned)
+    turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    for _ in range(rng.integers(3, 9)):
+        thick, tall, deep = rng.uniform(0.012, 0.045), rng.uniform(0.17, 0.27), rng.uniform(0.12, 0.18)
+        if upright:
+            low, high = (at - 0.12, 0, -deep / 2), (at + thick - 0.12, tall, deep / 2)
+        else:
+            low, high = (-tall / 2, at, -deep / 2), (tall / 2, at + thick, deep / 2)
+        at += thick + 0.001
+        if at > 0.24:
+            break
+        mesh = shapes.box(low, high)
+        corners = mesh[0] @ turn.T + np.array([x, y, z])
+        room.add((corners, mesh[1] @ turn.T, *mesh[2:]), hsv(rng.random(), rng.uniform(0, 0.75), rng.uniform(0.04, 0.6)), 0.5)
+    room.take((x - 0.12, y, z - 0.12), (x + 0.12, y + 0.25, z + 0.12))
 
 
 def furnish(room, rng, library):
@@ -572,16 +656,18 @@ def furnish(room, rng, library):
         plant = pick(rng, library, "plant")
         if plant is not None and plant.size[1] < 2.0:
             anywhere(room, rng, plant) if rng.random() < 0.3 else against_wall(room, rng, plant)
-    for _ in range(rng.integers(1, 20 if room.hall else 8)):  # anything
+    for _ in range(rng.integers(6, 26) if room.hall else rng.integers(4, 12)):  # anything
         cls = rng.choice(["chair", "stool", "armchair", "other", "table", "coffee_table", "ornament", "ornament"])
         model = pick(rng, library, cls)
         if model is not None and max(model.size) < 2.2:
             anywhere(room, rng, model)
     if rng.random() < 0.3:
         rug(room, rng, room.footprint.mean(0), library)
-    for _ in range(rng.integers(1, 9)):
+    for _ in range(rng.integers(6, 18)):
         picture(room, rng)
-    for _ in range(rng.integers(4, 22)):
+    for _ in range(rng.integers(8, 24)):
+        books(room, rng)
+    for _ in range(rng.integers(20, 60)):
         model = pick(rng, library, "ornament")
         if model is not None and max(model.size) < 0.6:
             spot = place_on_top(room, rng, max(model.size[0], model.size[2]) / 2)
@@ -602,6 +688,15 @@ def flux_to_radiance(rng, lumens, area, kelvin):
     return lumens / (np.pi * area) * blackbody(kelvin)
 
 
+def scale(lit, name, factor):
+    """Makes a light of a lit room (scene.Lit) that much brighter."""
+    if name in lit.lamps:
+        lit.lamps[name] = replace(lit.lamps[name], radiance=lit.lamps[name].radiance * factor)
+    else:
+        window = lit.windows[name]
+        lit.windows[name] = replace(window, lobes=[(n, d, b, np.asarray(w) * factor) for n, d, b, w in window.lobes])
+
+
 def triangles(mesh):
     return mesh[0][mesh[3]]
 
@@ -611,7 +706,7 @@ def area_of(corners):
 
 
 def emitter(room, rng, mesh_or_place, kind, lumens):
-    kelvin = rng.uniform(2400, 3400) if rng.random() < 0.75 else rng.uniform(3400, 6000)
+    kelvin = rng.uniform(2200, 3200) if rng.random() < 0.85 else rng.uniform(3200, 5500)
     if kind == "Mesh":
         corners = triangles(mesh_or_place)
         corners = corners[np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 1e-8]
@@ -743,7 +838,7 @@ def strip(room, rng):
 
 
 def lamps(room, rng):
-    wanted = rng.integers(1 if room.night else 0, 8 if room.hall else 5)
+    wanted = rng.integers(2, 6 if room.hall else 5)
     for _ in range(wanted):
         rng.choice([table_lamp, floor_lamp, pendant, ceiling_lamp, strip], p=[0.32, 0.22, 0.16, 0.2, 0.1])(room, rng)
 

@@ -1,7 +1,7 @@
-"""Makes rooms: rooms/make.py --split train --count 400 [--first 0] [--step 1] [--out .cache/rooms] [--assets .cache/assets] [--threads 2].
+"""Makes rooms: rooms/make.py --split train --count 400 [--maps] [--first 0] [--step 1] [--out .cache/rooms] [--assets .cache/assets] [--threads 2].
 
 One folder a room, OUT/SPLIT/SEED; one that is complete is left alone, so that a stopped run goes on where it stopped. Same seed, versions and
-number of threads give the same room. `val` and `test` use furniture that `train` never sees. What a folder holds: training/README.md."""
+number of threads give the same room. Each finished room gets a line in OUT/manifest.jsonl (manifest.py). `val` and `test` use furniture that `train` never sees. What a folder holds: training/README.md."""
 
 import argparse
 import json
@@ -11,6 +11,7 @@ import shutil
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,58 +19,128 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "demo"))
 import folder as scene_folder  # noqa: E402
 import layout  # noqa: E402
+import manifest  # noqa: E402
 from assets import Library  # noqa: E402
 
-# First seed; furniture; passes of 16 samples a pixel of the photo and of indirect light, passes of 64 of direct light; samples a texel of the maps (a
-# square number); whether all but the photo is denoised, too.
+
+class Quality(NamedTuple):
+    """How precisely a room is rendered. Numbers of samples are square numbers."""
+
+    photo: int  # passes of the photo
+    indirect: int  # passes of each indirect picture
+    direct: int  # passes of direct light
+    texel: int  # samples of a texel of the maps of incoming radiance; 0: no maps
+    clean: bool  # whether all but the photo is denoised, too; the photo always is
+    photo_samples: int = 16  # of a pixel of the photo (240 x 320) in a pass
+    indirect_samples: int = 16  # of a pixel of an indirect picture (120 x 160) in a pass
+    direct_samples: int = 64  # of a pixel of direct light (120 x 160) in a pass
+    surface_samples: int = 16  # of a pixel of albedo, normal, roughness and masks (240 x 320)
+
+
+# First seed, furniture, quality. A training photo has as many samples at 240 x 320 as 16 a pixel of 120 x 160 are.
 SPLITS = {
-    "train": (0, "train", (1, 1, 1, 9, True)),
-    "val": (10_000_000, "held", (4, 4, 2, 16, True)),
-    "test": (20_000_000, "held", (16, 64, 16, 64, False)),
+    "train": (0, "train", Quality(1, 1, 1, 9, True, 4, 9, 36, 9)),
+    "val": (10_000_000, "held", Quality(4, 4, 2, 16, True)),
+    "test": (20_000_000, "held", Quality(16, 64, 16, 64, False)),
 }
 LEAST = 12  # pixels that a visible light has at least
+MOST = 4  # lights that burn at most
+WIDEST = 0.08  # share of the picture that lights fill at most
 PATHS = 5  # most indirect pictures a room
 
 
 def cameras(room, rng):
-    """Places and directions to look from, at head height, into the room."""
+    """Places and directions to look from as people take photos: from a corner or beside a wall along the longer way, nearly level."""
     low, high = room.footprint.min(0), room.footprint.max(0)
-    for _ in range(200):
-        x, z = rng.uniform(low, high)
-        y = rng.uniform(1.1, 1.7)
-        at = np.array([x, y, z])
-        if not room.inside(x, z, 0.3) or any((at > l - 0.25).all() and (at < h + 0.25).all() for l, h in room.taken):
+    walls = list(room.walls())
+    longest = np.linalg.norm(high - low)
+    for _ in range(400):
+        start, along, inward, length = walls[rng.integers(len(walls))]
+        s = rng.choice([rng.uniform(0.3, 1.0), length - rng.uniform(0.3, 1.0), rng.uniform(0, length)])
+        x, z = start + s * along + rng.uniform(0.25, 0.9) * inward
+        at = np.array([x, np.clip(rng.normal(1.42, 0.12), 1.1, 1.75), z])
+        if not room.inside(x, z, 0.22) or any((at > l - 0.25).all() and (at < h + 0.25).all() for l, h in room.taken):
             continue
         tx, tz = rng.uniform(low, high)
-        if math.hypot(tx - x, tz - z) < 1.5:
+        if math.hypot(tx - x, tz - z) < rng.uniform(0.45, 0.8) * longest:
             continue
-        yield at, math.atan2(tx - x, -(tz - z)), rng.uniform(-0.22, 0.03), rng.uniform(52, 75)
+        yield at, math.atan2(tx - x, -(tz - z)), float(np.clip(rng.normal(-0.18, 0.08), -0.4, 0.02)), rng.uniform(54, 70)
 
 
-def look(lit, scene, room, rng):
+def look(lit, scene, room, rng, samples=16):
     """A camera that sees something, mostly one that sees a light: (view, planes, names of lights seen, names of lights not seen), or None."""
     import truth
 
     wants_light, found = rng.random() < 0.75, None
     for number, spec in enumerate(cameras(room, rng)):
-        if number == 25:
+        if number == 40:
             break
         view = truth.View(*spec)
         depth = truth.depths(scene, view, 40)
-        if np.percentile(depth, 10) < 0.8 or np.percentile(depth, 50) < 1.8 or np.percentile(depth, 95) < 2.4:
+        if np.percentile(depth, 10) < 1.0 or np.percentile(depth, 50) < 1.9 or np.percentile(depth, 95) < 2.6:
             continue
-        planes = truth.surfaces(lit, scene, view)
+        if busy(depth) < BUSY:
+            continue  # bare walls
+        if (truth.surfaces(lit, scene, view, 1)["touch"] > 0).mean() > WIDEST:
+            continue
+        planes = truth.surfaces(lit, scene, view, samples)
         pixels = lambda plane: {name: int((planes[plane] == k + 1).sum()) for k, name in enumerate(planes["names"])}
         seen = [n for n, count in pixels("light").items() if count >= LEAST]
         # A light of a few pixels is neither visible nor invisible: it does not burn.
         hidden = [n for n, count in pixels("touch").items() if count == 0]
         lamps, windows = ([n for n in hidden if n.startswith(kind)] for kind in ("lamp", "window"))
         kept = [str(rng.choice(some)) for some in (lamps, windows) if some]
+        kept = kept[: max(MOST - len(seen), 0)]
+        if len(seen) > MOST:
+            continue
         if seen or kept:
             found = found or (view, planes, seen, kept)
         if seen or (found and not wants_light):
             return view, planes, seen, kept
     return found
+
+
+BUSY = 0.07  # least share of pixels of a preview at which depth bends
+
+
+def busy(depth):
+    """Share of pixels at which inverse depth, linear on a plane, bends: edges of furniture."""
+    inverse = 1 / np.maximum(depth, 1e-3)
+    bend = np.abs(np.diff(inverse, 2, axis=0))[:, 1:-1] + np.abs(np.diff(inverse, 2, axis=1))[1:-1]
+    return float((bend > 0.03 * inverse[1:-1, 1:-1]).mean())
+
+
+def contributions(lit, view, names):
+    """Mean radiance that each light alone, with its indirect light, brings to pixels that show no light."""
+    import drjit as dr
+
+    import truth
+
+    out = {}
+    for name in names:
+        scene = lit.scene({name: None})
+        ray, _ = truth.places(view, 40, 16, 9)
+        si = scene.ray_intersect(ray)
+        dark = ~truth.is_light(si, scene, lit) & si.is_valid()
+        got = np.array(dr.select(dark, truth.radiance(scene, ray, 9), 0)).mean(0).reshape(-1, 16).mean(1)
+        out[name] = float(np.minimum(got, np.percentile(got, 99)).mean())  # fireflies of few samples must not decide
+    return out
+
+
+def balance(lit, view, seen, hidden, night, rng):
+    """Scales the lights of a view to shares of the photo's light as in rooms by people, and drops unseen ones that would give nothing: (seen, hidden).
+
+    Photographs of rooms are taken when lamps and windows are comparably bright; with physical powers a window outshines all lamps by day."""
+    given = contributions(lit, view, [*seen, *hidden])
+    most = max(given.values(), default=0)
+    hidden = [n for n in hidden if given[n] > 1e-4 * most]
+    names = [n for n in [*seen, *hidden] if given[n] > 1e-6 * most]
+    if len(names) > 1:
+        for name, share in zip(names, np.maximum(rng.dirichlet(np.full(len(names), 4.0)), 0.04)):
+            if night and name.startswith("window"):
+                share = min(share, 0.1)
+            layout.scale(lit, name, share / given[name] * most)
+    return seen, hidden
 
 
 def names_of(seen, hidden):
@@ -78,6 +149,11 @@ def names_of(seen, hidden):
     for kind in ("lamp", "window"):
         out |= {name: f"{kind}_{k}" for k, name in enumerate(n for n in seen if n.startswith(kind))}
     return out | {n: "inv_lamp" if n.startswith("lamp") else "inv_window" for n in hidden}
+
+
+def half(x):
+    """Non-negative values as 16-bit floats."""
+    return np.asarray(np.clip(x, 0, 60000), np.float16)
 
 
 def numbers(value):
@@ -133,36 +209,40 @@ def groups(lit, names):
 
 
 def make(seed, library, folder, quality):
-    """Renders the room of a seed into `folder`; None when no camera sees anything. `quality`: see SPLITS."""
+    """Renders the room of a seed into `folder`; None when no camera sees anything. `quality`: a Quality."""
     import scene as scenes
 
     room, rng = layout.make(seed, library)
     lit = scenes.Lit(room)
-    found = look(lit, lit.scene({}), room, rng)
+    found = look(lit, lit.scene({}), room, rng, Quality(*quality).surface_samples)
+    if found is None:
+        return None
+    view, planes, seen, hidden = found
+    seen, hidden = balance(lit, view, seen, hidden, room.night, rng)
     about = dict(seed=seed, scene="generated", kind=room.kind, night=bool(room.night), corners=len(room.footprint))
-    return found and record(lit, found, rng, folder, quality, about)
+    return record(lit, (view, planes, seen, hidden), rng, folder, quality, about)
 
 
 def record(lit, found, rng, folder, quality, about):
     """Renders what is true of a lit room from the view that `look` found into `folder`; None when it is dark there. `about` goes into room.json."""
     import truth
 
-    photo_passes, passes, direct_passes, texel_samples, clean = quality
+    quality = Quality(*quality)
     view, planes, seen, hidden = found
     names = names_of(seen, hidden)
     all_on = lit.scene(dict.fromkeys(names))
-    picture = truth.photo(all_on, view, planes["albedo"], planes["normal"], photo_passes)
+    picture = truth.photo(all_on, view, planes["albedo"], planes["normal"], quality.photo, quality.photo_samples)
     dark = planes["touch"] == 0
     if np.percentile(picture[dark].mean(-1), 98) <= 0:
         return None
 
     # White balance and exposure, as a camera would; all that is linear in the lights takes the same gain.
     cast = np.array([np.percentile(picture[dark][:, c], 90) for c in range(3)])
-    balance = (cast.mean() / np.maximum(cast, 1e-3 * cast.max())) ** rng.uniform(0.0, 0.8)
-    gain = balance * rng.uniform(0.9, 1.0) / np.percentile((picture * balance)[dark].mean(-1), 98)
+    balance = (cast.mean() / np.maximum(cast, 1e-3 * cast.max())) ** rng.uniform(0.35, 0.95)
+    gain = balance * rng.uniform(0.6, 1.0) / np.percentile((picture * balance)[dark].max(-1), 98)
 
     lights = {title: describe(lit, view, name, gain) for name, title in names.items()}
-    direct, normal = truth.shading(lit, all_on, view, names, direct_passes, clean)
+    direct, normal = truth.shading(lit, all_on, view, names, quality.direct, quality.clean, quality.direct_samples)
     sources, weights = [], []
     for name, title in names.items():
         if name in lit.lamps:
@@ -179,15 +259,17 @@ def record(lit, found, rng, folder, quality, about):
             for s, (source, _) in enumerate(sources):
                 if source == name or (lobes and source in [f"{name}.{n}" for n in lobes]):
                     path_weights[p, s] = weights[s]
-        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, passes, clean) * gain)
-    maps, valid = truth.maps(lit, all_on, view, names, texel_samples)
+        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, quality.indirect, quality.clean, quality.indirect_samples) * gain)
+    lighting = {}
+    if quality.texel:
+        maps, valid = truth.maps(lit, all_on, view, names, quality.texel)
+        lighting = dict(maps=half(maps * gain), maps_valid=valid.astype(np.uint8))
 
     titles = list(lights)
     mask = np.zeros(planes["light"].shape, np.uint8)
     for k, name in enumerate(planes["names"]):
         if name in names:
             mask[planes["light"] == k + 1] = titles.index(names[name]) + 1
-    half = lambda x: np.asarray(np.clip(x, 0, 60000), np.float16)
     np.savez_compressed(
         folder / "truth.npz",
         photo=half(picture * gain),
@@ -204,8 +286,7 @@ def record(lit, found, rng, folder, quality, about):
         paths=np.array(list(parts)),
         path_weights=path_weights.astype(np.float32),
         indirect=half(indirect),
-        maps=half(maps * gain),
-        maps_valid=valid.astype(np.uint8),
+        **lighting,
     )
     masks = {title: mask == k + 1 for k, title in enumerate(titles) if not title.startswith("inv_")}
     scene_folder.write(folder, view.fov_x, picture * gain, planes["depth"], planes["albedo"], masks, lights)
@@ -223,6 +304,20 @@ def record(lit, found, rng, folder, quality, about):
     return folder
 
 
+def finish(folder, render):
+    """Makes OUT/SPLIT/NAME by `render(unfinished folder)`, puts it in place at once and appends its line to OUT/manifest.jsonl; whether a room came out."""
+    unfinished = folder.with_name(f".{folder.name}")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    unfinished.mkdir(parents=True)
+    done = render(unfinished)
+    if done is None:
+        (unfinished / "skipped").write_text("no camera sees anything\n")
+    os.replace(unfinished, folder)
+    if done is not None:
+        manifest.append(folder.parent.parent, folder)
+    return done is not None
+
+
 def main():
     ask = argparse.ArgumentParser(description=__doc__)
     ask.add_argument("--split", choices=SPLITS, default="train")
@@ -232,6 +327,8 @@ def main():
     ask.add_argument("--out", type=Path, default=Path(".cache/rooms"))
     ask.add_argument("--assets", type=Path, default=Path(".cache/assets"))
     ask.add_argument("--threads", type=int, default=2)
+    ask.add_argument("--quality", choices=SPLITS, help="render as this split does; by default, as its own")
+    ask.add_argument("--maps", action="store_true", help="maps of incoming radiance, too, which LightNet alone needs")
     args = ask.parse_args()
     import drjit as dr
     import mitsuba as mi
@@ -239,22 +336,17 @@ def main():
     mi.set_variant("llvm_ad_rgb")
     dr.set_thread_count(args.threads)
     first, split, quality = SPLITS[args.split]
+    quality = SPLITS[args.quality][2] if args.quality else quality
+    quality = quality if args.maps else quality._replace(texel=0)
     library = Library.load(args.assets).only(split)
     for number in range(args.first, args.first + args.count, args.step):
         folder = args.out / args.split / f"{number:06d}"
-        if (folder / "room.json").exists() or (folder / "skipped").exists():
+        if folder.exists():
             continue
         began = time.time()
-        unfinished = folder.with_name(f".{number:06d}")
-        shutil.rmtree(unfinished, ignore_errors=True)
-        shutil.rmtree(folder, ignore_errors=True)
-        unfinished.mkdir(parents=True)
-        done = make(first + number, library, unfinished, quality)
-        if done is None:
-            (unfinished / "skipped").write_text("no camera sees anything\n")
-        os.replace(unfinished, folder)
+        done = finish(folder, lambda to: make(first + number, library, to, quality))
         dr.flush_malloc_cache()
-        print(f"{folder} {'skipped' if done is None else 'made'} in {time.time() - began:.1f} s", flush=True)
+        print(f"{folder} {'made' if done else 'skipped'} in {time.time() - began:.1f} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -64,17 +64,22 @@ def pack(folder, relight):
     os.replace(unfinished, folder / "sample.npz")
 
 
+def pack_room(folder, relight, keep=False):
+    """Packs a room and removes the program's planes unless they are kept."""
+    pack(folder, relight)
+    if not keep:
+        (folder / "planes.exr").unlink()
+
+
 def main():
     ask = argparse.ArgumentParser(description=__doc__)
     ask.add_argument("folder", type=Path)
     ask.add_argument("--relight", type=Path, default=ROOT / "target/release/relight")
     ask.add_argument("--keep", action="store_true", help="keep planes.exr")
     args = ask.parse_args()
-    for folder in sorted(f.parent for f in args.folder.glob("[0-9]*/truth.npz")):
+    for folder in sorted(f.parent for f in args.folder.glob("[!.]*/truth.npz")):
         if not (folder / "sample.npz").exists():
-            pack(folder, args.relight)
-            if not args.keep:
-                (folder / "planes.exr").unlink()
+            pack_room(folder, args.relight, args.keep)
             print(folder / "sample.npz", flush=True)
 
 

@@ -25,6 +25,7 @@ def rooms(about):
     for folder in args.folders:
         facts = json.loads((folder / "room.json").read_text())
         room, _ = layout.make(facts["seed"], library.only(SPLITS[folder.parent.name][1]))
+        room.patterns = {}
         room.parts = [(*part[:4], np.full(len(part[4]), layout.MATTE)) for part in room.parts]
         for window in room.windows:
             window.lobes = [lobe for lobe in window.lobes if lobe[0] != "sun"]

@@ -1,29 +1,38 @@
 """A room as scenes of Mitsuba 3: what stands there once, and the lights that burn."""
 
+import copy
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 mi.set_variant("llvm_ad_rgb")
-from windowlight import LOBES  # noqa: E402  (the variant comes first)
+import patterns  # noqa: E402  (the variant comes first)
+from windowlight import LOBES  # noqa: E402
 
+PADDED = 16  # number of emitters that a scene is padded to
 GLOSSY = 0.9  # GGX roughness below which a surface has a specular coat
 
 
-def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitter=None):
+def mesh(name, points, faces, bsdf, normals=None, albedo=None, rough=None, emitter=None, uv=None, pattern=None):
     props = mi.Properties()
     props["mesh_bsdf"] = bsdf
     if emitter is not None:
         props["mesh_emitter"] = emitter
-    out = mi.Mesh(name, len(points), len(faces), has_vertex_normals=normals is not None, has_vertex_texcoords=False, props=props)
+    out = mi.Mesh(name, len(points), len(faces), has_vertex_normals=normals is not None, has_vertex_texcoords=uv is not None, props=props)
     if albedo is not None:
         out.add_attribute("face_albedo", 3, np.ascontiguousarray(albedo, np.float32).ravel())
         out.add_attribute("face_rough", 1, np.ascontiguousarray(rough, np.float32).ravel())
+    if pattern is not None:
+        for key, value in zip(("face_second", "face_pattern"), pattern):
+            out.add_attribute(key, 3, np.ascontiguousarray(value, np.float32).ravel())
     params = mi.traverse(out)
     params["vertex_positions"] = np.ascontiguousarray(points, np.float32).ravel()
     params["faces"] = np.ascontiguousarray(faces, np.uint32).ravel()
     if normals is not None:
         params["vertex_normals"] = np.ascontiguousarray(normals, np.float32).ravel()
+    if uv is not None:
+        params["vertex_texcoords"] = np.ascontiguousarray(uv, np.float32).ravel()
     params.update()
     return out
 
@@ -35,22 +44,57 @@ def rectangle(center, half_x, half_y):
     return mi.ScalarTransform4f(np.vstack([np.stack([x, y, n / np.linalg.norm(n), c], 1), [0, 0, 0, 1]]))
 
 
+def padding(body, glass, count):
+    """Black emitters of each kind far below the floor, never sampled, that fill `count` emitters up to a multiple of PADDED.
+
+    The compiled kernel of a path tracer depends on the kinds of emitters and on their number; padded scenes share it."""
+    black = {"type": "area", "radiance": {"type": "rgb", "value": 0.0}, "sampling_weight": 0.0}
+    spot = mi.ScalarPoint3f(0, -60, 0)
+    x, y = (0.01, 0, 0), (0, 0, -0.01)
+    pane = {"type": "windowlight", "center": spot, "half_x": mi.ScalarPoint3f(x), "half_y": mi.ScalarPoint3f(y), "sampling_weight": 0.0}
+    for lobe in LOBES:
+        pane |= {f"{lobe}_direction": mi.ScalarPoint3f(0, 1, 0), f"{lobe}_bandwidth": 1.0, f"{lobe}_weight": mi.ScalarPoint3f(0)}
+    place = rectangle(spot, x, y)
+    out = {
+        "pad_sphere": {"type": "sphere", "center": spot, "radius": 0.01, "bsdf": body, "emitter": black},
+        "pad_pane": {"type": "rectangle", "to_world": place, "bsdf": glass, "emitter": pane},
+    }
+    for name, number in (("pad_box", 12), ("pad_shade", 48)):  # triangles of a box and of a lamp shade
+        corners = np.array([[0, -60, 0], [0.01, -60, 0], [0, -60, 0.01]])
+        points = np.concatenate([corners + [0, 0.01 * k, 0] for k in range(number)])
+        out[name] = mesh(name, points, np.arange(3 * number).reshape(-1, 3), body, emitter=mi.load_dict(black))
+    for k in range(1 + -(count + len(out) + 1) % PADDED):
+        out[f"pad_rect{k}"] = {"type": "rectangle", "to_world": place, "bsdf": body, "emitter": black}
+    return out
+
+
 class Lit:
     """The room of layout.py, in Mitsuba."""
 
     def __init__(self, room):
-        colour = {"type": "mesh_attribute", "name": "face_albedo"}
+        colour = {"type": "pattern"}
         rough = {"type": "mesh_attribute", "name": "face_rough"}
         matte = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}})
         gloss = mi.load_dict({"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": rough, "specular": 0.5}})
         self.body = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.66, 0.58]}}})
         self.glass = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.04, 0.04, 0.04]}})
         points, normals, faces, albedo, roughness = room.merged()
-        self.static = {}
+        second, pattern = room.patterned()
+        self.room, self.static, self.keep = room, {}, {}
         for name, bsdf, keep in (("matte", matte, roughness >= GLOSSY), ("gloss", gloss, roughness < GLOSSY)):
             keep = np.flatnonzero(keep) if keep.any() else np.array([0])
+            self.keep[name] = keep
             used, renumbered = np.unique(faces[keep], return_inverse=True)
-            self.static[name] = mesh(name, points[used], renumbered.reshape(-1, 3), bsdf, normals[used], albedo[keep], roughness[keep])
+            self.static[name] = mesh(
+                name,
+                points[used],
+                renumbered.reshape(-1, 3),
+                bsdf,
+                normals[used],
+                albedo[keep],
+                roughness[keep],
+                pattern=(second[keep], pattern[keep]),
+            )
         self.lamps = {f"lamp{k}": lamp for k, lamp in enumerate(room.lamps)}
         self.windows = {f"window{k}": w for k, w in enumerate(room.windows)}
 
@@ -90,14 +134,47 @@ class Lit:
 
     def materials(self, scene, si):
         """Albedo and GGX roughness where rays hit; 0.5 and 1 on lights."""
-        known = {s.id(): mi.ShapePtr(s) for s in scene.shapes()}
+        known = {s.id(): mi.ShapePtr(s) for s in scene.shapes() if s.id() in self.static}
+        for shape in known.values():
+            dr.make_opaque(shape)  # not a literal in the kernel's code, so that rooms share kernels
         furniture = (si.shape == known["matte"]) | (si.shape == known["gloss"])
-        albedo = dr.select(furniture, si.shape.eval_attribute_3("face_albedo", si, furniture), 0.5)
+        albedo = dr.select(furniture, patterns.albedo(si, furniture), 0.5)
         return albedo, dr.select(furniture, si.shape.eval_attribute_1("face_rough", si, furniture), 1.0)
 
-    def scene(self, burning):
-        """With these lights on: {name: the lobes of a window that shine, None for all}."""
-        out = {"type": "scene"} | self.static
+    def keys(self):
+        """Number of the surface of each face: equal for faces of one part of the room that have exactly the same albedo."""
+        part = np.repeat(np.arange(len(self.room.parts)), [len(p[2]) for p in self.room.parts])
+        return np.unique(np.column_stack([part, self.room.merged()[3]]), axis=0, return_inverse=True)[1].ravel()
+
+    def key(self, scene, si):
+        """Integer per hit, equal on one surface (that `repainted` paints as a whole); -1 on lights and where nothing is hit."""
+        keys, out = None, mi.Float(-1)
+        for shape in scene.shapes():
+            if shape.id() in self.keep:
+                if not shape.has_mesh_attributes() or not shape.has_attribute("face_key"):
+                    keys = self.keys() if keys is None else keys
+                    shape.add_attribute("face_key", 1, keys[self.keep[shape.id()]].astype(np.float32))
+                there = si.shape == mi.ShapePtr(shape)
+                out = dr.select(there, si.shape.eval_attribute_1("face_key", si, there), out)
+        return mi.Int32(dr.round(out))
+
+    def repainted(self, key, color):
+        """`Lit` in which the surface of that key has this plain albedo [3]."""
+        keys, start, room = self.keys(), 0, copy.copy(self.room)
+        room.parts = []
+        for points, normals, faces, albedo, rough in self.room.parts:
+            there = keys[start : start + len(faces)] == key
+            room.parts.append((points, normals, faces, np.where(there[:, None], color, albedo), rough))
+            start += len(faces)
+        bare = keys == key
+        room.bare = bare if room.bare is None else room.bare | bare
+        out = type(self)(room)
+        out.lamps, out.windows = self.lamps, self.windows  # which may have been scaled
+        return out
+
+    def scene(self, burning, extra=None):
+        """With these lights on: {name: the lobes of a window that shine, None for all}; `extra` shapes as Mitsuba has them, by name."""
+        out = {"type": "scene"} | self.static | (extra or {}) | (padding(self.body, self.glass, len(burning)) if burning else {})
         for name in self.lamps:
             out[name] = self.lamp(name, name in burning)
         for name in self.windows:

@@ -1,6 +1,6 @@
-"""Contact sheets: rooms/sheet.py OUT.png FOLDER...
+"""Contact sheets: rooms/sheet.py [--photos] OUT.png FOLDER...
 
-A row a room: photograph, albedo, normal, depth, then for the first sources true unshadowed shading, visibility, and each indirect picture."""
+With --photos, photographs alone, eight in a row: of rooms (truth.npz) or of folders of rooms. Else a row a room: photograph, albedo, normal, depth, then for the first sources true unshadowed shading, visibility, and each indirect picture."""
 
 import sys
 from pathlib import Path
@@ -32,8 +32,19 @@ def row(folder, sources=3, paths=2):
     return np.concatenate([tone(c) for c in cells], 1)
 
 
+def photographs(folders, across=8):
+    """Thumbnails of the photos, 160 x 120, side by side."""
+    cells = [tone(np.load(f / "truth.npz")["photo"].astype(np.float32).reshape(120, 2, 160, 2, 3).mean((1, 3))) for f in folders]
+    cells += [np.zeros_like(cells[0])] * (-len(cells) % across)
+    return np.concatenate([np.concatenate(cells[k : k + across], 1) for k in range(0, len(cells), across)])
+
+
 if __name__ == "__main__":
-    if len(sys.argv) < 3:
+    photos = "--photos" in sys.argv
+    names = [a for a in sys.argv[1:] if a != "--photos"]
+    if len(names) < 2:
         sys.exit(__doc__)
-    rows = [row(Path(f)) for f in sys.argv[2:] if (Path(f) / "truth.npz").exists()]
-    Image.fromarray(np.concatenate(rows)).save(sys.argv[1])
+    rooms = [room for f in map(Path, names[1:]) for room in ([f] if (f / "truth.npz").exists() else sorted(p.parent for p in f.glob("[!.]*/truth.npz")))]
+    if not rooms:
+        sys.exit(f"sheet.py: wanted rooms with truth.npz, got none in {' '.join(names[1:])}")
+    Image.fromarray(photographs(rooms) if photos else np.concatenate([row(f) for f in rooms])).save(names[0])

@@ -14,6 +14,28 @@ WIDTH, HEIGHT = 320, 240
 DEPTH = 8  # bounces followed, as Mitsuba counts
 
 
+def opaque(value):
+    """A number as a variable of a kernel, not a literal in its code: rooms that differ in it share the compiled kernel."""
+    return dr.opaque(mi.Float, float(value))
+
+
+def vector(v):
+    """Three numbers as variables of a kernel."""
+    return mi.Vector3f(*(opaque(c) for c in v))
+
+
+def pointer(shape):
+    """A shape as a variable of a kernel."""
+    out = mi.ShapePtr(shape)
+    dr.make_opaque(out)
+    return out
+
+
+def generator(size, seed):
+    """Random numbers of `size` lanes from a seed."""
+    return mi.PCG32(size=size, initstate=dr.opaque(mi.UInt64, seed))
+
+
 class View:
     """A camera: origin, rows right, up, back of `turn`, field of view in degrees."""
 
@@ -39,18 +61,22 @@ class View:
 
     def rays(self, x, y, width):
         """Rays through places (pixels of a picture of that width, 4:3; first centre at 0.5). Their length per planar z comes second."""
-        f = 0.5 * width / math.tan(math.radians(self.fov_x) / 2)
+        f = opaque(0.5 * width / math.tan(math.radians(self.fov_x) / 2))
         d = mi.Vector3f((x - width / 2) / f, (width * 3 / 8 - y) / f, -1)
         length = dr.norm(d)
-        m = mi.Matrix3f(self.turn.T.tolist())
-        return mi.Ray3f(mi.Point3f(*self.origin.tolist()), m @ (d / length)), length
+        return mi.Ray3f(mi.Point3f(vector(self.origin)), self.matrix(self.turn.T) @ (d / length)), length
+
+    @staticmethod
+    def matrix(rows):
+        """A 3 x 3 matrix as variables of a kernel."""
+        return mi.Matrix3f(*(opaque(c) for c in np.asarray(rows).ravel()))
 
 
 def places(view, width, spp, seed):
     """Rays through a picture of that width, stratified, pixel by pixel `spp` (a square number) each; and the random numbers that go on."""
     side = math.isqrt(spp)
     index = dr.arange(mi.UInt32, width * width * 3 // 4 * spp)
-    rng = mi.PCG32(size=dr.width(index), initstate=seed)
+    rng = generator(dr.width(index), seed)
     pixel, k = index // spp, index % spp
     x = mi.Float(pixel % width) + (mi.Float(k % side) + rng.next_float32()) / side
     y = mi.Float(pixel // width) + (mi.Float(k // side) + rng.next_float32()) / side
@@ -77,9 +103,10 @@ def shapes_of(scene):
 
 def is_light(si, scene, lit):
     """Whether a hit is on a lamp or a pane."""
-    return dr.any(
-        [si.shape == mi.ShapePtr(s) for name, s in shapes_of(scene).items() if name in lit.lamps or name in lit.windows] or [mi.Bool(False)]
-    )
+    lights = [s for name, s in shapes_of(scene).items() if name in lit.lamps or name in lit.windows]
+    # As many comparisons in each room, so that rooms share the kernel.
+    lights += lights[:1] * (-len(lights) % 16)
+    return dr.any([si.shape == pointer(s) for s in lights] or [mi.Bool(False)])
 
 
 def per_pixel(value, width, spp):
@@ -91,7 +118,7 @@ def per_pixel(value, width, spp):
 
 def normals(si, view, width, spp):
     """Mean normals of the pixels, camera space."""
-    mean = per_pixel(mi.Matrix3f(view.turn.tolist()) @ mi.Vector3f(si.sh_frame.n), width, spp)
+    mean = per_pixel(View.matrix(view.turn) @ mi.Vector3f(si.sh_frame.n), width, spp)
     return mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-6)
 
 
@@ -116,13 +143,12 @@ def depths(scene, view, width):
     return (np.array(scene.ray_intersect_preliminary(ray).t) / np.array(length)).reshape(width * 3 // 4, width)
 
 
-def surfaces(lit, scene, view):
+def surfaces(lit, scene, view, spp=16):
     """Planes at full size: albedo, normal, rough, depth (planar z, metres); of lights 0 or 1 + place in `names`: `light` where more than half of a pixel
     is light, `touch` where any is."""
     names = [*lit.lamps, *lit.windows]
-    spp = 16
     si, _ = hits(scene, view, WIDTH, spp, 1)
-    known = {name: mi.ShapePtr(s) for name, s in shapes_of(scene).items()}
+    known = {name: pointer(s) for name, s in shapes_of(scene).items()}
     albedo, rough = lit.materials(scene, si)
     planes = {"albedo": per_pixel(albedo, WIDTH, spp), "rough": per_pixel(rough, WIDTH, spp), "normal": normals(si, view, WIDTH, spp)}
     light, touch = np.zeros((2, HEIGHT, WIDTH), int)
@@ -137,11 +163,12 @@ def light_samples(lit, scene, burning, si, rng):
     """For each source of `burning` one sample a hit: (source, its radiance, point, direction, unit radiance over density, whether it is one)."""
     shapes = shapes_of(scene)
     for name in burning:
+        dr.eval(rng)  # each source then starts from a state in memory and shares the kernel of its kind
         u = mi.Point2f(rng.next_float32(), rng.next_float32())
         if name in lit.lamps:
             colour = lit.lamps[name].radiance
             ds, weight = shapes[name].emitter().sample_direction(si, u)
-            yield name, colour, ds.p, ds.d, weight.x / float(colour[0]), ds.pdf > 0
+            yield name, colour, ds.p, ds.d, weight.x / opaque(colour[0]), ds.pdf > 0
             continue
         w, lobes = lit.windows[name], lit.pane(name)
         pane = Pane(w.center, w.half_x, w.half_y, *zip(*lobes))
@@ -149,6 +176,7 @@ def light_samples(lit, scene, burning, si, rng):
             if max(lobes[k][2]) == 0:
                 continue
             # Half by area, half by the lobe.
+            dr.eval(rng)
             u, pick = mi.Point2f(rng.next_float32(), rng.next_float32()), rng.next_float32() < 0.5
             q0, d0, far0 = pane.sample_area(si.p, u)
             q1, d1, far1, meets = pane.sample_lobe(k, si.p, u)
@@ -239,12 +267,12 @@ def maps(lit, scene, view, burning, spp, seed=4):
     seen there, no light. Light that comes straight from a light is sampled from the light. `spp`, of a texel, is a square number."""
     width, side = 40, math.isqrt(spp)
     index = dr.arange(mi.UInt32, 30 * width * 128 * spp)
-    rng = mi.PCG32(size=dr.width(index), initstate=seed)
+    rng = generator(dr.width(index), seed)
     cell, texel, k = index // (128 * spp), (index // spp) % 128, index % spp
     ray, _ = view.rays(mi.Float(cell % width) + 0.5, mi.Float(cell // width) + 0.5, width)
     si = hit(scene, ray)
     n = mi.Vector3f(si.sh_frame.n)
-    back, up = mi.Vector3f(*view.turn[2].tolist()), mi.Vector3f(*view.turn[1].tolist())
+    back, up = vector(view.turn[2]), vector(view.turn[1])
     pole = dr.select(dr.abs(dr.dot(up, n)) > 0.99, -back, up)
     y = dr.normalize(pole - dr.dot(pole, n) * n)
     x = dr.cross(y, n)
@@ -259,7 +287,7 @@ def maps(lit, scene, view, burning, spp, seed=4):
     samples = 16 * spp  # of each light
     keep = dr.compress(index % (128 * spp) < samples)
     si, n, x, y, cell = (dr.gather(type(v), v, keep) for v in (si, n, x, y, cell))
-    rng = mi.PCG32(size=dr.width(keep), initstate=seed + 1)
+    rng = generator(dr.width(keep), seed + 1)
     for _, colour, point, d, weight, active in light_samples(lit, scene, burning, si, rng):
         height = dr.dot(d, n)
         active &= (height > 0) & ~scene.ray_test(si.spawn_ray_to(point), active & (height > 0))
