@@ -125,7 +125,9 @@ class Lit:
             there = keys[start : start + len(faces)] == key
             room.parts.append((points, normals, faces, np.where(there[:, None], color, albedo), rough))
             start += len(faces)
-        return type(self)(room)
+        out = type(self)(room)
+        out.lamps, out.windows = self.lamps, self.windows
+        return out
 
     def scene(self, burning, extra=None):
         """With these lights on: {name: the lobes of a window that shine, None for all}; `extra` shapes as Mitsuba has them, by name."""
