@@ -34,6 +34,7 @@ from make import LEAST, SPLITS, record  # noqa: E402
 SCENES = tuple(people_scenes.SCENES)
 TRIES = 60  # cameras that are looked through in a room
 MOST = 4  # lights that burn in a view
+DARK = 0.06  # least median of a photo over its 98th percentile
 
 
 @functools.cache
@@ -185,6 +186,16 @@ def added(parts, first):
                 yield Surface(points[used], normals[used], np.zeros((len(used), 2)), index.reshape(-1, 3), color, rough[keep], False, first + number)
 
 
+def one_of_each(surfaces):
+    """A tiny triangle below the floor for each kind of BSDF: kernels depend on which kinds there are, and are compiled once for all rooms so."""
+    low = min(s.points.min() for s in surfaces) - 1
+    points, faces = low + 1e-3 * np.eye(3), np.array([[0, 1, 2]])
+    image = np.full((2, 2, 3), 0.5, np.float32)
+    kinds = ((1.0, False, None), (0.5, False, None), (0.5, True, None), (1.0, False, image), (0.5, False, image))
+    normals, uv, albedo = np.tile([0.0, 1, 0], (3, 1)), np.zeros((3, 2)), np.full((1, 3), 0.5)
+    return [Surface(points, normals, uv, faces, albedo, np.array([rough]), metal, 0, image) for rough, metal, image in kinds]
+
+
 class Lit(scenes.Lit):
     """A third-party room in Mitsuba, with the interface of scene.Lit. Albedo is the base color of the principled BSDF (reflectance at normal incidence of
     metals), the diffuse reflectance of matte surfaces; roughness is GGX, alpha = r^2."""
@@ -194,7 +205,7 @@ class Lit(scenes.Lit):
         self.body = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.66, 0.58]}}})
         self.glass = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.04, 0.04, 0.04]}})
         groups = {}
-        for s in surfaces:
+        for s in surfaces + one_of_each(surfaces):
             form = "metal" if s.metal else "gloss" if s.rough[0] < scenes.GLOSSY else "matte"
             groups.setdefault((form, id(s.image) if s.image is not None else None), []).append(s)
         self.static = {}
@@ -294,7 +305,7 @@ def cameras(scene, spec, rng, targets):
 
 
 def varied_view(lit, scene, spec, model, view):
-    """Whether a view has several surfaces, no plane or surface fills it, and 15 % of it or more is neither wall nor floor nor ceiling."""
+    """Whether a view has several surfaces and edges, no plane or surface fills it, and 15 % or more of it is neither wall nor floor nor ceiling."""
     width, count = 64, 64 * 48
     index = dr.arange(mi.UInt32, count)
     ray, _ = view.rays(mi.Float(index % width) + 0.5, mi.Float(index // width) + 0.5, width)
@@ -305,7 +316,10 @@ def varied_view(lit, scene, spec, model, view):
     _, flat = np.unique(plane, axis=0, return_counts=True)
     bare = [k for k, name in enumerate(model.finish_of) if name in (*spec.shell, *spec.floors, "closing")]
     things = (keys >= 0) & ~np.isin(keys, bare)
-    return (counts > 0.003 * count).sum() >= 7 and counts.max() < 0.55 * count and flat.max() < 0.42 * count and things.mean() > 0.15
+    keys, n = keys.reshape(48, 64), n.reshape(48, 64, 3)
+    edge = lambda a, b: (keys[a] != keys[b]) | (np.abs(n[a] - n[b]).max(-1) > 0.4)
+    edges = edge(np.s_[1:, 1:], np.s_[:-1, 1:]) | edge(np.s_[1:, 1:], np.s_[1:, :-1])
+    return edges.mean() > 0.09 and (counts > 0.003 * count).sum() >= 7 and counts.max() < 0.45 * count and flat.max() < 0.42 * count and things.mean() > 0.15
 
 
 def middle(light):
@@ -346,35 +360,40 @@ def look(lit, scene, model, rng):
     return found
 
 
-def contributions(lit, view, names):
-    """Mean radiance of the pixels that are no light, of each light alone; {name: float}."""
+def pictures(lit, view, names):
+    """Grey picture [48, 64] by each light alone, with indirect light, without pixels that show a light; {name: picture}."""
     out = {}
     for name in names:
         scene = lit.scene({name: None})
         ray, _ = truth.places(view, 64, 16, 9)
         si = scene.ray_intersect(ray)
         dark = ~truth.is_light(si, scene, lit) & si.is_valid()
+        dr.eval(ray, dark)
         got = np.array(dr.select(dark, truth.radiance(scene, ray, 9, 4), 0)).mean(0).reshape(-1, 16).mean(1)
-        # Fireflies of 16 samples must not decide.
-        out[name] = float(np.minimum(got, np.percentile(got, 99)).mean())
+        out[name] = np.minimum(got, np.percentile(got, 99))  # fireflies of 16 samples must not decide
     return out
 
 
 def balance(lit, view, seen, hidden, night, rng):
     """Scales the lights of a view so that the strongest gives 40 to 80 % of its light, as in photographs; 30 % of the views stay as they are where no
-    light gives more than 90 %. Drops unseen lights that give nothing. Returns (seen, hidden)."""
-    given = contributions(lit, view, seen + hidden)
+    light gives more than 90 %. Drops unseen lights that give nothing. Returns (seen, hidden), or None where most of the view stays dark."""
+    alone = pictures(lit, view, seen + hidden)
+    given = {name: float(picture.mean()) for name, picture in alone.items()}
     most = max(given.values())
     hidden = [n for n in hidden if given[n] > 1e-3 * most]
     names = [n for n in seen + hidden if given[n] > 0]
     movable = [n for n in names if not (night and n.startswith("window"))]
-    if len(movable) < 2 or (rng.random() < 0.3 and most < 0.9 * sum(given.values())):
-        return seen, hidden
-    first = rng.permutation(movable)
-    strongest = rng.uniform(0.4, 0.8) if len(movable) > 2 else rng.uniform(0.5, 0.8)
-    rest = rng.dirichlet(np.full(len(first) - 1, 2.0)) * (1 - strongest)
-    for name, share in zip(first, (strongest, *np.minimum(rest, strongest))):
-        scale(lit, str(name), share / given[name] * most)
+    if len(movable) > 1 and not (rng.random() < 0.3 and most < 0.9 * sum(given.values())):
+        first = [str(n) for n in rng.permutation(movable)]
+        strongest = rng.uniform(0.4, 0.8) if len(movable) > 2 else rng.uniform(0.5, 0.8)
+        rest = rng.dirichlet(np.full(len(first) - 1, 2.0)) * (1 - strongest)
+        for name, share in zip(first, (strongest, *np.minimum(rest, strongest))):
+            scale(lit, name, share / given[name] * most)
+            alone[name] = alone[name] * (share / given[name] * most)
+    together = sum(alone[n] for n in seen + hidden)
+    together = together[together > 0]
+    if len(together) < 1500 or np.median(together) < DARK * np.percentile(together, 98):
+        return None
     return seen, hidden
 
 
@@ -388,13 +407,20 @@ def scale(lit, name, factor):
 
 
 def make(name, seed, library, folder, quality):
-    """Renders a view of a scene into `folder`; None when no camera sees anything. `quality`: see make.SPLITS."""
+    """Renders a view of a scene into `folder`; None when no camera sees anything, or only darkness. `quality`: see make.SPLITS."""
     lit, space, rng = room(name, seed, library)
-    found = look(lit, lit.scene({}), loaded(name)[0], rng)
-    if found is None:
+    scene = lit.scene({})
+    for _ in range(3):
+        found = look(lit, scene, loaded(name)[0], rng)
+        if found is None:
+            return None
+        view, planes, seen, hidden = found
+        burning = balance(lit, view, seen, hidden, space.night, rng)
+        if burning is not None:
+            break
+    else:
         return None
-    view, planes, seen, hidden = found
-    seen, hidden = balance(lit, view, seen, hidden, space.night, rng)
+    seen, hidden = burning
     about = dict(seed=seed, scene=name, kind=name, night=bool(space.night), corners=4)
     return record(lit, (view, planes, seen, hidden), rng, folder, quality, about)
 

@@ -206,14 +206,10 @@ def equip(space, model, rng, library, planned):
         new_window(space, rng, sunny)
     furnish(space, rng, library)
     forms = [layout.table_lamp, layout.floor_lamp, layout.pendant, layout.ceiling_lamp, layout.strip]
-    least = 1 if len(space.lamps) + len(space.windows) == 0 or (night_only_windows(space)) else 0
     for _ in range(int(rng.choice([0, 1, 2, 3], p=[0.2, 0.35, 0.3, 0.15]))):
         rng.choice(forms, p=[0.34, 0.24, 0.14, 0.2, 0.08])(space, rng)
     for _ in range(20):
-        if len(space.lamps) >= least and space.lamps + space.windows:
+        # At night a room needs a lamp.
+        if space.lamps or (space.windows and not space.night):
             break
         rng.choice(forms)(space, rng)
-
-
-def night_only_windows(space):
-    return space.night and not space.lamps

@@ -3,6 +3,7 @@
 Original emitters are left out: people_lights.py puts lights where windows and lamps are. Panes of glass are left out, so that light passes; other glass
 is taken for glazed porcelain, as light that glass refracts would reach no shadow ray."""
 
+import os
 import sys
 import tarfile
 import xml.etree.ElementTree as ET
@@ -17,7 +18,7 @@ from colour import linear
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "training/demo"))
-ARCHIVES = ROOT.parent / "shared/data/rooms"
+ARCHIVES = Path(os.environ.get("RELIGHT_ROOMS", ROOT.parent / "shared/data/rooms"))
 CACHE = ROOT / ".cache/people"
 TEXTURE = 512  # most pixels of a texture's longer side
 DENSE = 1500  # triangles above which an untextured shape is simplified, to a sixth, at least this many
