@@ -25,9 +25,9 @@ import OpenEXR
 from PIL import Image
 
 mi.set_variant("llvm_ad_rgb")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "camera"))
-import model  # noqa: E402  (the camera; the variant comes first)
-import room  # noqa: E402
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import room  # noqa: E402  (the variant comes first)
+from camera import model  # noqa: E402
 
 DEPTH, SEED = 12, 1
 

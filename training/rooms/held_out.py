@@ -14,13 +14,14 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(HERE.parent / "demo"), str(HERE.parent / "camera")]
+sys.path[:0] = [str(HERE.parent), str(HERE.parent / "demo")]
 import folder as scene_folder  # noqa: E402
 
 FIRST = 30_000_000  # first seed; no other split reaches it
@@ -47,7 +48,7 @@ def seen(scene, seed, library):
     import people
 
     for again in range(20):
-        found = make.view(seed + 100 * again, library) if scene is None else people.view(scene, seed + 100 * again, library)
+        found = make.find(seed + 100 * again, library) if scene is None else people.find(scene, seed + 100 * again, library)
         if found is not None:
             return found
     raise RuntimeError(f"{scene} {seed}: no camera sees anything")
@@ -66,7 +67,15 @@ class Rendered:
         return truth.photo(scene, self.view, self.planes["albedo"], self.planes["normal"], passes)
 
 
-def places(lit, scene, view, planes, rng, radius, lift):
+def view_rays(view, size):
+    """Camera-space directions [h, w, 3] through the centers of the pixels, of unit depth."""
+    height, width = size
+    f = 0.5 * width / math.tan(math.radians(view.fov_x) / 2)
+    x, y = np.meshgrid((np.arange(width) + 0.5 - width / 2) / f, (height / 2 - np.arange(height) - 0.5) / f)
+    return np.stack([x, y, -np.ones_like(x)], -1)
+
+
+def places(scene, view, planes, rng, radius, lift):
     """The center (world) of a ball that hangs `lift` metres over a seen surface that faces up, with nothing near; None where there is no such place."""
     import drjit as dr
     import mitsuba as mi
@@ -75,11 +84,10 @@ def places(lit, scene, view, planes, rng, radius, lift):
     good = up & (planes["touch"] == 0) & (planes["depth"] > 1.2) & (planes["depth"] < 5)
     good[:16] = good[-8:] = good[:, :24] = good[:, -24:] = False
     rows, columns = np.nonzero(good)
+    rays = view_rays(view, planes["depth"].shape)
     for pick in rng.permutation(len(rows))[:60]:
         y, x = rows[pick], columns[pick]
-        f = 0.5 * planes["depth"].shape[1] / math.tan(math.radians(view.fov_x) / 2)
-        height, width = planes["depth"].shape
-        point = planes["depth"][y, x] * np.array([(x + 0.5 - width / 2) / f, (height / 2 - y - 0.5) / f, -1.0])
+        point = planes["depth"][y, x] * rays[y, x]
         center = view.turn.T @ point + view.origin + (0, radius + lift, 0)
         sphere = np.random.default_rng(0).normal(size=(400, 3))
         sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
@@ -92,27 +100,30 @@ def places(lit, scene, view, planes, rng, radius, lift):
     return None
 
 
-def wall(lit, scene, view, rng):
-    """(key, mask [h, w]) of a surface to paint: the one nearest to a fifth of the picture, upright before others."""
+def wall(lit, scene, view, planes):
+    """(key, mask [h, w]) of a surface to paint: the one nearest to a fifth of the picture; upright and plain ones before others."""
     import truth
 
-    si, _ = truth.hits(scene, view, truth.WIDTH, 1, 11)
-    key = np.array(lit.key(scene, si)).reshape(truth.HEIGHT, truth.WIDTH)
-    upright = np.abs(np.array(si.n)[1].reshape(key.shape)) < 0.3
-    best = None
+    samples = 9
+    si, _ = truth.hits(scene, view, truth.WIDTH, samples, 11)
+    key = np.array(lit.key(scene, si)).reshape(truth.HEIGHT, truth.WIDTH, samples)
+    upright = np.abs(planes["normal"] @ view.turn[:, 1]) < 0.3
+    albedo, best = planes["albedo"].mean(-1), (math.inf,)
     for number in np.unique(key[key >= 0]):
-        mask = key == number
+        mask = (key == number).mean(-1) > 0.5
         if PAINTED_SHARE[0] <= mask.mean() <= PAINTED_SHARE[1]:
-            worth = abs(mask.mean() - 0.2) + (0 if upright[mask].mean() > 0.8 else 1)
-            best = min(best or (np.inf,), (worth, int(number), mask), key=lambda b: b[0])
-    return best and best[1:]
+            patterned = albedo[mask].std() > 0.1 * albedo[mask].mean()
+            cost = abs(mask.mean() - 0.2) + (upright[mask].mean() < 0.8) + patterned
+            best = min(best, (cost, int(number), mask), key=lambda b: b[0])
+    return best[1:] or None
 
 
 def render(found, to, rng, samples):
     """Writes the scene of a view and its truth into the folder `to`."""
     import layout
     import make
-    import model
+    from camera import depth as sensors
+    from camera import model
     from colour import hsv
 
     lit, (view, planes, visible, hidden), _, about = found
@@ -123,27 +134,29 @@ def render(found, to, rng, samples):
         pictures[title] = pictures.get(title, 0) + rendered(lit.scene({name: None}))
     whole, dark = sum(pictures.values()), planes["touch"] == 0
     camera = model.sample(rng)
-    gain = model.auto_exposure(model.incident(whole, camera), dark)
-    lens = lambda picture: model.incident(picture, camera) * gain
-    linear_gain = gain * np.array(camera.white_balance)
+    balance = make.white_balance(whole[dark], rng) * camera.white_balance
+    camera = replace(camera, white_balance=tuple(balance.tolist()))
+    camera = replace(camera, exposure=model.auto_exposure(model.incident(whole, camera), dark))
+    lens = lambda picture: model.incident(picture, camera)
+    gain = camera.exposure * np.array(camera.white_balance)
 
     everything, edits = dict.fromkeys(lights), {}
     bare = lit.scene({})
     triple = lambda v: ", ".join(f"{float(x):.6g}" for x in v)
-    center = places(lit, bare, view, planes, rng, LAMP_RADIUS, 0.25)
+    center = places(bare, view, planes, rng, LAMP_RADIUS, 0.25)
     if center is not None:
         radiance = LAMP_SHADING / LAMP_RADIUS**2 * layout.blackbody(LAMP_TEMPERATURE)
-        emitter = {"type": "area", "radiance": {"type": "rgb", "value": (radiance / linear_gain).tolist()}}
+        emitter = {"type": "area", "radiance": {"type": "rgb", "value": (radiance / gain).tolist()}}
         lamp = {"type": "sphere", "center": center.tolist(), "radius": LAMP_RADIUS, "emitter": emitter}
         shape = f'Lamp(shape: Sphere(radius: {LAMP_RADIUS}), at: Point({triple(view.point(center))}), radiance: ({triple(radiance)}))'
         edits["insert_lamp"] = f'lights: {{ "new": {shape} }}', rendered(lit.scene(everything, extra={"new": lamp}))
-    center = places(lit, bare, view, planes, rng, BALL_RADIUS, 0.0)
+    center = places(bare, view, planes, rng, BALL_RADIUS, 0.0)
     if center is not None:
         white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [BALL_ALBEDO] * 3}}
         ball = {"type": "sphere", "center": center.tolist(), "radius": BALL_RADIUS, "bsdf": white}
         at = f"at: Point({triple(view.point(center))}), material: (albedo: Linear({triple([BALL_ALBEDO] * 3)}))"
         edits["insert_object"] = f"objects: [ Sphere(radius: {BALL_RADIUS}, {at}) ]", rendered(lit.scene(everything, extra={"ball": ball}))
-    chosen = wall(lit, bare, view, rng)
+    chosen = wall(lit, bare, view, planes)
     if chosen:
         key, mask = chosen
         color = hsv(rng.random(), rng.uniform(0.3, 0.7), rng.uniform(0.3, 0.7))
@@ -153,18 +166,22 @@ def render(found, to, rng, samples):
         )
         scene_folder.save_mask(to / "paint.png", mask)
 
-    titles = {title: make.describe(lit, view, name, linear_gain) for name, title in lights.items()}
+    titles = {title: make.describe(lit, view, name, gain) for name, title in lights.items()}
     masks = {}
     for k, name in enumerate(planes["names"]):
         if lights.get(name, "inv_").startswith("inv_"):
             continue
         masks[lights[name]] = planes["touch"] == k + 1
-    photo = model.photograph(whole * gain, camera, rng)
+    photo = model.photograph(whole, camera, rng)
+    sensor = sensors.DepthSensor()
+    noise = sensors.sensor_noise(rng, *planes["depth"].shape, sensor)
+    rays = planes["depth"][..., None] * view_rays(view, planes["depth"].shape)
+    cosine = np.abs((planes["normal"] * rays).sum(-1)) / np.linalg.norm(rays, axis=-1)
     scene_folder.write(
         to,
         view.fov_x,
         photo.stored,
-        model.sensor_depth(planes["depth"], rng, albedo=planes["albedo"], roughness=planes["rough"]),
+        sensors.sensor_depth(planes["depth"], sensor, noise, planes["albedo"].mean(-1), planes["rough"], cosine),
         planes["albedo"],
         masks,
         titles,

@@ -210,17 +210,30 @@ def groups(lit, names):
 
 def make(seed, library, folder, quality):
     """Renders the room of a seed into `folder`; None when no camera sees anything. `quality`: a Quality."""
+    found = find(seed, library, Quality(*quality).surface_samples)
+    return found and record(*found[:3], folder, quality, found[3])
+
+
+def find(seed, library, samples=16):
+    """The room of a seed, lit, and a view of it: (Lit, (view, planes, names of lights seen, of lights not seen), random numbers, what room.json tells);
+    None when no camera sees anything."""
     import scene as scenes
 
     room, rng = layout.make(seed, library)
     lit = scenes.Lit(room)
-    found = look(lit, lit.scene({}), room, rng, Quality(*quality).surface_samples)
+    found = look(lit, lit.scene({}), room, rng, samples)
     if found is None:
         return None
     view, planes, seen, hidden = found
-    seen, hidden = balance(lit, view, seen, hidden, room.night, rng)
+    burning = balance(lit, view, seen, hidden, room.night, rng)
     about = dict(seed=seed, scene="generated", kind=room.kind, night=bool(room.night), corners=len(room.footprint))
-    return record(lit, (view, planes, seen, hidden), rng, folder, quality, about)
+    return lit, (view, planes, *burning), rng, about
+
+
+def white_balance(pixels, rng):
+    """Gains of red, green and blue that take away a part of the color of the brightest tenth of `pixels` [n, 3], as cameras do."""
+    cast = np.percentile(pixels, 90, axis=0)
+    return (cast.mean() / np.maximum(cast, 1e-3 * cast.max())) ** rng.uniform(0.35, 0.95)
 
 
 def record(lit, found, rng, folder, quality, about):
@@ -237,8 +250,7 @@ def record(lit, found, rng, folder, quality, about):
         return None
 
     # White balance and exposure, as a camera would; all that is linear in the lights takes the same gain.
-    cast = np.array([np.percentile(picture[dark][:, c], 90) for c in range(3)])
-    balance = (cast.mean() / np.maximum(cast, 1e-3 * cast.max())) ** rng.uniform(0.35, 0.95)
+    balance = white_balance(picture[dark], rng)
     gain = balance * rng.uniform(0.6, 1.0) / np.percentile((picture * balance)[dark].max(-1), 98)
 
     lights = {title: describe(lit, view, name, gain) for name, title in names.items()}

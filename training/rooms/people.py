@@ -7,8 +7,6 @@ One folder a view, OUT/SCENE/NUMBER, as rooms/make.py makes them; one that is co
 import argparse
 import functools
 import math
-import os
-import shutil
 import sys
 import time
 import zlib
@@ -29,7 +27,7 @@ import textures  # noqa: E402
 import truth  # noqa: E402
 from assets import Library  # noqa: E402
 from colour import hsv  # noqa: E402
-from make import LEAST, SPLITS, record  # noqa: E402
+from make import LEAST, SPLITS, finish, record  # noqa: E402
 
 SCENES = tuple(people_scenes.SCENES)
 TRIES = 60  # cameras that are looked through in a room
@@ -408,6 +406,12 @@ def scale(lit, name, factor):
 
 def make(name, seed, library, folder, quality):
     """Renders a view of a scene into `folder`; None when no camera sees anything, or only darkness. `quality`: see make.SPLITS."""
+    found = find(name, seed, library)
+    return found and record(*found[:3], folder, quality, found[3])
+
+
+def find(name, seed, library):
+    """A scene under the paint and the lights of a seed, and a view of it, as make.find gives them; None when no camera sees anything, or only darkness."""
     lit, space, rng = room(name, seed, library)
     scene = lit.scene({})
     for _ in range(3):
@@ -422,7 +426,7 @@ def make(name, seed, library, folder, quality):
         return None
     seen, hidden = burning
     about = dict(seed=seed, scene=name, kind=name, night=bool(space.night), corners=4)
-    return record(lit, (view, planes, seen, hidden), rng, folder, quality, about)
+    return lit, (view, planes, seen, hidden), rng, about
 
 
 def main():
@@ -440,19 +444,12 @@ def main():
     for number in range(args.first, args.first + args.count):
         for name in SCENES if args.scene == "all" else (args.scene,):
             folder = args.out / name / f"{number:06d}"
-            if (folder / "room.json").exists() or (folder / "skipped").exists():
+            if folder.exists():
                 continue
             began = time.time()
-            unfinished = folder.with_name(f".{number:06d}")
-            shutil.rmtree(unfinished, ignore_errors=True)
-            shutil.rmtree(folder, ignore_errors=True)
-            unfinished.mkdir(parents=True)
-            done = make(name, number, library, unfinished, SPLITS[args.quality][2])
-            if done is None:
-                (unfinished / "skipped").write_text("no camera sees anything\n")
-            os.replace(unfinished, folder)
+            done = finish(folder, lambda to: make(name, number, library, to, SPLITS[args.quality][2]))
             dr.flush_malloc_cache()
-            print(f"{folder} {'skipped' if done is None else 'made'} in {time.time() - began:.1f} s", flush=True)
+            print(f"{folder} {'made' if done else 'skipped'} in {time.time() - began:.1f} s", flush=True)
 
 
 if __name__ == "__main__":
