@@ -1,8 +1,8 @@
-"""A table of what generated rooms, rooms modelled by people and photographs look like, in Markdown: median (10 % .. 90 %) over the pictures of a column.
+"""A table of statistics of generated rooms, third-party rooms and photographs, in Markdown: median (10 % .. 90 %) over the pictures of a column.
 
-usage: measure.py [--column TITLE FOLDER]... [--truth DIR] [--photos DIR] [--count N] [--errors [RELIGHT]]
+usage: measure.py [--column TITLE ROOMS]... [--truth DIR] [--photos DIR] [--count N] [--errors [RELIGHT]]
 
-FOLDER holds rooms of make.py, people.py or farm.py (truth.npz); several --column give as many columns. --truth: rooms of ../shared/truth. --photos:
+ROOMS is a glob pattern of the rooms of make.py, people.py or farm.py (".cache/rooms/train/[0-9]*"); several --column give as many columns. --truth: rooms of ../shared/truth. --photos:
 photographs with depth, one folder each (photo.png or .jpg; depth.npy, .exr or .png). --errors runs the program without networks (graphs/physics.ron)
 on each room and adds its change error for each kind of light switched off (docs/eval.md).
 
@@ -12,6 +12,7 @@ points on the seen surface, rays in cosine-distributed directions are followed i
 surface by more than 0.4 m meets nothing that is seen."""
 
 import argparse
+import glob
 import json
 import subprocess
 import sys
@@ -197,7 +198,7 @@ def change_errors(picture, relight):
             scene_folder.write(to, picture.fov_x, picture.photo, picture.depth, picture.albedo, masks, lights, pictures=picture.pictures)
         else:
             foreign.main(picture.scene, to, None)
-        command = [relight, "eval", to, "--graph", ROOT / "graphs/physics.ron", "--out", Path(place, "out"), "--no-cache", "--threads", 1]
+        command = [relight, "eval", to, "--no-ladder", "--graph", ROOT / "graphs/physics.ron", "--out", Path(place, "out"), "--no-cache", "--threads", 1]
         done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
         if done.returncode:
             print(f"{picture.scene}: relight eval ended with status {done.returncode}: {done.stderr[-300:]}", file=sys.stderr)
@@ -268,15 +269,15 @@ def table(columns):
 
 def main():
     ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    ask.add_argument("--column", nargs=2, action="append", default=[], metavar=("TITLE", "FOLDER"))
+    ask.add_argument("--column", nargs=2, action="append", default=[], metavar=("TITLE", "ROOMS"))
     ask.add_argument("--truth", type=Path)
     ask.add_argument("--photos", type=Path)
-    ask.add_argument("--count", type=int, default=1000, help="rooms of a folder at most")
+    ask.add_argument("--count", type=int, default=1000, help="rooms of a column at most")
     ask.add_argument("--errors", type=Path, nargs="?", const=ROOT / "target/release/relight", help="the program")
     args = ask.parse_args()
-    pictures = {title: [of_room(f.parent) for f in sorted(Path(at).glob("[!.]*/truth.npz"))[: args.count]] for title, at in args.column}
+    pictures = {title: [of_room(Path(f).parent) for f in sorted(glob.glob(f"{at}/truth.npz"))[: args.count]] for title, at in args.column}
     if args.truth:
-        pictures["modelled by people"] = [of_truth(f.parent) for f in sorted(args.truth.glob("*/meta.json"))]
+        pictures["third-party truth"] = [of_truth(f.parent) for f in sorted(args.truth.glob("*/meta.json"))]
     if args.photos:
         pictures["photographs"] = [of_photo(f) for f in sorted(args.photos.iterdir()) if f.is_dir()]
     columns = {}

@@ -1,7 +1,9 @@
-"""Contact sheets: rooms/sheet.py [--photos] OUT.png FOLDER...
+"""Contact sheets: rooms/sheet.py [--photos [--camera]] OUT.png FOLDER...
 
-With --photos, photographs alone, eight in a row: of rooms (truth.npz) or of folders of rooms. Else a row a room: photograph, albedo, normal, depth, then for the first sources true unshadowed shading, visibility, and each indirect picture."""
+A row a room: photograph, albedo, normal, depth, then for the first sources true unshadowed shading, visibility, and each indirect picture. With --photos,
+photographs alone, eight in a row: of rooms (truth.npz), folders of rooms, and real ones (photo.png); --camera takes those of rooms through training/camera."""
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -32,19 +34,38 @@ def row(folder, sources=3, paths=2):
     return np.concatenate([tone(c) for c in cells], 1)
 
 
-def photographs(folders, across=8):
-    """Thumbnails of the photos, 160 x 120, side by side."""
-    cells = [tone(np.load(f / "truth.npz")["photo"].astype(np.float32).reshape(120, 2, 160, 2, 3).mean((1, 3))) for f in folders]
+def photograph(folder, number, camera):
+    """A thumbnail [120, 160, 3], of a room through the camera of a seed where `camera` says so."""
+    if not (folder / "truth.npz").exists():
+        return np.asarray(Image.open(folder / "photo.png").convert("RGB").resize((160, 120), Image.Resampling.BOX))
+    photo = np.load(folder / "truth.npz")["photo"].astype(np.float32)
+    if camera:
+        from camera import model
+
+        rng = np.random.default_rng(number)
+        stored = model.photograph(photo, model.sample(rng), rng).stored
+        return np.asarray(Image.fromarray(stored).resize((160, 120), Image.Resampling.BOX))
+    return tone(photo.reshape(120, 2, 160, 2, 3).mean((1, 3)))
+
+
+def photographs(folders, camera, across=8):
+    """Thumbnails side by side."""
+    cells = [photograph(f, number, camera) for number, f in enumerate(folders)]
     cells += [np.zeros_like(cells[0])] * (-len(cells) % across)
     return np.concatenate([np.concatenate(cells[k : k + across], 1) for k in range(0, len(cells), across)])
 
 
 if __name__ == "__main__":
-    photos = "--photos" in sys.argv
-    names = [a for a in sys.argv[1:] if a != "--photos"]
-    if len(names) < 2:
-        sys.exit(__doc__)
-    rooms = [room for f in map(Path, names[1:]) for room in ([f] if (f / "truth.npz").exists() else sorted(p.parent for p in f.glob("[!.]*/truth.npz")))]
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ask.add_argument("--photos", action="store_true")
+    ask.add_argument("--camera", action="store_true")
+    ask.add_argument("out", type=Path)
+    ask.add_argument("folders", type=Path, nargs="+")
+    args = ask.parse_args()
+    single = lambda f: any((f / name).exists() for name in ("truth.npz", "photo.png"))
+    rooms = [room for f in args.folders for room in ([f] if single(f) else sorted(p for p in f.glob("[!.]*") if single(p)))]
     if not rooms:
-        sys.exit(f"sheet.py: wanted rooms with truth.npz, got none in {' '.join(names[1:])}")
-    Image.fromarray(photographs(rooms) if photos else np.concatenate([row(f) for f in rooms])).save(names[0])
+        sys.exit(f"sheet.py: wanted rooms with truth.npz, got none in {' '.join(map(str, args.folders))}")
+    sheet = photographs(rooms, args.camera) if args.photos else np.concatenate([row(f) for f in rooms])
+    Image.fromarray(sheet).save(args.out)
