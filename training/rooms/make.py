@@ -84,13 +84,7 @@ def look(lit, scene, room, rng, samples=16):
         if (truth.surfaces(lit, scene, view, 1)["touch"] > 0).mean() > WIDEST:
             continue
         planes = truth.surfaces(lit, scene, view, samples)
-        pixels = lambda plane: {name: int((planes[plane] == k + 1).sum()) for k, name in enumerate(planes["names"])}
-        seen = [n for n, count in pixels("light").items() if count >= LEAST]
-        # A light of a few pixels is neither visible nor invisible: it does not burn.
-        hidden = [n for n, count in pixels("touch").items() if count == 0]
-        lamps, windows = ([n for n in hidden if n.startswith(kind)] for kind in ("lamp", "window"))
-        kept = [str(rng.choice(some)) for some in (lamps, windows) if some]
-        kept = kept[: max(MOST - len(seen), 0)]
+        seen, kept = burning(planes, rng)
         if len(seen) > MOST:
             continue
         if seen or kept:
@@ -98,6 +92,17 @@ def look(lit, scene, room, rng, samples=16):
         if seen or (found and not wants_light):
             return view, planes, seen, kept
     return found
+
+
+def burning(planes, rng):
+    """The lights of a view that burn: those seen, and at most one lamp and one window out of view, MOST together where that leaves any out of view."""
+    pixels = lambda plane: {name: int((planes[plane] == k + 1).sum()) for k, name in enumerate(planes["names"])}
+    seen = [n for n, count in pixels("light").items() if count >= LEAST]
+    # A light of a few pixels is neither visible nor invisible: it does not burn.
+    hidden = [n for n, count in pixels("touch").items() if count == 0]
+    lamps, windows = ([n for n in hidden if n.startswith(kind)] for kind in ("lamp", "window"))
+    kept = [str(rng.choice(some)) for some in (lamps, windows) if some]
+    return seen, kept[: max(MOST - len(seen), 0)]
 
 
 BUSY = 0.07  # least share of pixels of a preview at which depth bends
@@ -110,8 +115,8 @@ def busy(depth):
     return float((bend > 0.03 * inverse[1:-1, 1:-1]).mean())
 
 
-def contributions(lit, view, names):
-    """Mean radiance that each light alone, with its indirect light, brings to pixels that show no light."""
+def alone(lit, view, names, width, bounces):
+    """{light: gray picture, flattened, by it alone with its indirect light}, `width` wide, 0 where a light is seen."""
     import drjit as dr
 
     import truth
@@ -119,11 +124,11 @@ def contributions(lit, view, names):
     out = {}
     for name in names:
         scene = lit.scene({name: None})
-        ray, _ = truth.places(view, 40, 16, 9)
+        ray, _ = truth.places(view, width, 16, 9)
         si = scene.ray_intersect(ray)
         dark = ~truth.is_light(si, scene, lit) & si.is_valid()
-        got = np.array(dr.select(dark, truth.radiance(scene, ray, 9), 0)).mean(0).reshape(-1, 16).mean(1)
-        out[name] = float(np.minimum(got, np.percentile(got, 99)).mean())  # fireflies of few samples must not decide
+        got = np.array(dr.select(dark, truth.radiance(scene, ray, 9, bounces), 0)).mean(0).reshape(-1, 16).mean(1)
+        out[name] = np.minimum(got, np.percentile(got, 99))  # fireflies of 16 samples must not decide
     return out
 
 
@@ -131,7 +136,9 @@ def balance(lit, view, seen, hidden, night, rng):
     """Scales the lights of a view to shares of the photo's light as in rooms by people, and drops unseen ones that would give nothing: (seen, hidden).
 
     Photographs of rooms are taken when lamps and windows are comparably bright; with physical powers a window outshines all lamps by day."""
-    given = contributions(lit, view, [*seen, *hidden])
+    import truth
+
+    given = {name: float(picture.mean()) for name, picture in alone(lit, view, [*seen, *hidden], 40, truth.DEPTH).items()}
     most = max(given.values(), default=0)
     hidden = [n for n in hidden if given[n] > 1e-4 * most]
     names = [n for n in [*seen, *hidden] if given[n] > 1e-6 * most]

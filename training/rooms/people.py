@@ -27,11 +27,10 @@ import textures  # noqa: E402
 import truth  # noqa: E402
 from assets import Library  # noqa: E402
 from colour import hsv  # noqa: E402
-from make import LEAST, SPLITS, finish, record  # noqa: E402
+from make import MOST, SPLITS, alone, burning, finish, record  # noqa: E402
 
 SCENES = tuple(people_scenes.SCENES)
 TRIES = 60  # cameras that are looked through in a room
-MOST = 4  # lights that burn in a view
 DARK = 0.06  # least median of a photo over its 98th percentile
 
 
@@ -343,12 +342,7 @@ def look(lit, scene, model, rng):
         if not varied_view(lit, scene, spec, model, view):
             continue
         planes = truth.surfaces(lit, scene, view)
-        pixels = lambda plane: {name: int((planes[plane] == k + 1).sum()) for k, name in enumerate(planes["names"])}
-        seen = [n for n, count in pixels("light").items() if count >= LEAST]
-        hidden = [n for n, count in pixels("touch").items() if count == 0]
-        lamps, windows = ([n for n in hidden if n.startswith(kind)] for kind in ("lamp", "window"))
-        kept = [str(rng.choice(some)) for some in (lamps, windows) if some]
-        kept = kept[: max(MOST - len(seen), 0)]
+        seen, kept = burning(planes, rng)
         # A light that fills the picture leaves no room to see.
         if len(seen) > MOST or (planes["touch"] > 0).mean() > 0.35 or not seen + kept:
             continue
@@ -358,25 +352,11 @@ def look(lit, scene, model, rng):
     return found
 
 
-def pictures(lit, view, names):
-    """Grey picture [48, 64] by each light alone, with indirect light, without pixels that show a light; {name: picture}."""
-    out = {}
-    for name in names:
-        scene = lit.scene({name: None})
-        ray, _ = truth.places(view, 64, 16, 9)
-        si = scene.ray_intersect(ray)
-        dark = ~truth.is_light(si, scene, lit) & si.is_valid()
-        dr.eval(ray, dark)
-        got = np.array(dr.select(dark, truth.radiance(scene, ray, 9, 4), 0)).mean(0).reshape(-1, 16).mean(1)
-        out[name] = np.minimum(got, np.percentile(got, 99))  # fireflies of 16 samples must not decide
-    return out
-
-
 def balance(lit, view, seen, hidden, night, rng):
     """Scales the lights of a view so that the strongest gives 40 to 80 % of its light, as in photographs; 30 % of the views stay as they are where no
     light gives more than 90 %. Drops unseen lights that give nothing. Returns (seen, hidden), or None where most of the view stays dark."""
-    alone = pictures(lit, view, seen + hidden)
-    given = {name: float(picture.mean()) for name, picture in alone.items()}
+    pictures = alone(lit, view, seen + hidden, 64, 4)
+    given = {name: float(picture.mean()) for name, picture in pictures.items()}
     most = max(given.values())
     hidden = [n for n in hidden if given[n] > 1e-3 * most]
     names = [n for n in seen + hidden if given[n] > 0]
@@ -386,22 +366,13 @@ def balance(lit, view, seen, hidden, night, rng):
         strongest = rng.uniform(0.4, 0.8) if len(movable) > 2 else rng.uniform(0.5, 0.8)
         rest = rng.dirichlet(np.full(len(first) - 1, 2.0)) * (1 - strongest)
         for name, share in zip(first, (strongest, *np.minimum(rest, strongest))):
-            scale(lit, name, share / given[name] * most)
-            alone[name] = alone[name] * (share / given[name] * most)
-    together = sum(alone[n] for n in seen + hidden)
+            layout.scale(lit, name, share / given[name] * most)
+            pictures[name] = pictures[name] * (share / given[name] * most)
+    together = sum(pictures[n] for n in seen + hidden)
     together = together[together > 0]
     if len(together) < 1500 or np.median(together) < DARK * np.percentile(together, 98):
         return None
     return seen, hidden
-
-
-def scale(lit, name, factor):
-    """Makes a light that much brighter."""
-    if name in lit.lamps:
-        lit.lamps[name] = replace(lit.lamps[name], radiance=lit.lamps[name].radiance * factor)
-    else:
-        w = lit.windows[name]
-        lit.windows[name] = replace(w, lobes=[(n, d, b, r * factor) for n, d, b, r in w.lobes])
 
 
 def make(name, seed, library, folder, quality):
@@ -419,12 +390,12 @@ def find(name, seed, library):
         if found is None:
             return None
         view, planes, seen, hidden = found
-        burning = balance(lit, view, seen, hidden, space.night, rng)
-        if burning is not None:
+        balanced = balance(lit, view, seen, hidden, space.night, rng)
+        if balanced is not None:
             break
     else:
         return None
-    seen, hidden = burning
+    seen, hidden = balanced
     about = dict(seed=seed, scene=name, kind=name, night=bool(space.night), corners=4)
     return lit, (view, planes, seen, hidden), rng, about
 
