@@ -5,7 +5,8 @@
 
 `make` renders the views from fixed seeds and goes on where it stopped: pictures by each light alone, and the edits `insert_lamp`, `insert_object` and
 `paint`. The photo is their sum through the camera of training/camera, the depth that of a sensor; the truth is linear, with the lens's glare. `score`
-runs `relight eval` on each view with each graph and prints the mean change error of each kind of edit (1 = doing nothing, 0 = perfect)."""
+runs `relight eval` on each view with each graph and prints the mean change error of each kind of edit (1 = doing nothing, 0 = perfect) and, in brackets,
+the number of edits; one that hardly shows is not counted."""
 
 import argparse
 import json
@@ -31,6 +32,7 @@ LAMP_TEMPERATURE = 2700  # K
 LAMP_SHADING = 0.5  # shading by the inserted lamp at 1 m, in units of the photo's white
 BALL_ALBEDO = 0.75
 PAINTED_SHARE = (0.05, 0.45)  # of the picture
+UNSEEN = 40  # dB: an edit that changes the photo by less is not scored
 GRAPHS = ("physics", "indoor", "networks")
 
 
@@ -231,8 +233,9 @@ def score_all(args):
                 raise RuntimeError(f"{view}: relight gave up with status {done.returncode}:\n{done.stderr}")
             report = json.loads((args.out / ".eval" / graph / view.name / "eval.json").read_text())
             side = "generated" if view.name.startswith("generated") else "third-party"
+            seen = {f["subject"]: f["value"] for f in report["figures"] if f["measure"] == "unchanged"}
             for figure in report["figures"]:
-                if figure["measure"] == "change error":
+                if figure["measure"] == "change error" and seen[figure["subject"]] < UNSEEN:
                     rows.setdefault((graph, side), {}).setdefault(kind(figure["subject"]), []).append(figure["value"])
             print(f"{graph} {view.name}", file=sys.stderr, flush=True)
     kinds = ["lamp off", "window off", "lights out of view off", "insert_lamp", "insert_object", "paint"]

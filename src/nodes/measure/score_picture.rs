@@ -17,7 +17,7 @@ params! {
     /// The photo is the sum of the lights' true pictures where there are such. The truth is a file, or the photo without the
     /// pictures of some lights. All is compared at the size of the truth, which may be smaller than the photo. Where a camera
     /// gave a pixel another value than the sum of the lights, by noise, sharpening or JPEG, the truth is multiplied by the same
-    /// factor; the clipped and the darkest pixels of the photo are left out of this.
+    /// factor; so are clipped and dark pixels (below 0.02) if the edit leaves their light as it is to 2 %.
     pub struct ScorePicture {
         /// What the edit is called.
         subject: String = String::new(),
@@ -53,6 +53,9 @@ ports! {
 /// The light, 1 = white, whose response a photo shows: not lost in noise and below the shoulder of the tone curve.
 const MEASURED: std::ops::RangeInclusive<f32> = 0.02..=0.8;
 
+/// The relative difference up to which two pictures show the same light; path-traced ones are denoised to about 1 %.
+const SAME: f32 = 0.02;
+
 /// Beyond this share of the photo, the pictures of its lights are not those of this photo.
 const APART: f64 = 0.1;
 
@@ -87,8 +90,8 @@ impl Node for ScorePicture {
         let fitted = |picture: &Picture| image::resize(&picture.0, size.0, size.1);
         let picture = fitted(&inputs.picture);
         let taken = fitted(&inputs.photo);
-        let response = sum.as_ref().map(|sum| response(&taken, sum));
-        let mut photo = whole_photo(&inputs.light, sum, taken, &counted)?;
+        let lights = sum.clone();
+        let mut photo = whole_photo(&inputs.light, sum, taken.clone(), &counted)?;
         let mut truth = match file {
             Some((_, truth)) => truth,
             None => {
@@ -102,9 +105,11 @@ impl Node for ScorePicture {
                 truth
             }
         };
-        for (plane, response) in [&mut photo, &mut truth].into_iter().zip([&response; 2]) {
-            let Some(response) = response else { continue };
-            plane.pixels_mut().iter_mut().zip(response.pixels()).for_each(|(light, factor)| *light *= *factor);
+        if let Some(sum) = lights {
+            let response = response(&taken, &sum, &truth);
+            for plane in [&mut photo, &mut truth] {
+                plane.pixels_mut().iter_mut().zip(response.pixels()).for_each(|(light, factor)| *light *= *factor);
+            }
         }
         let score = score_picture(&picture, &truth, &photo, &counted);
         let figure = |measure: &str, value: Option<f64>| super::score(&self.subject, measure, value);
@@ -132,16 +137,21 @@ fn uncovered(inputs: &ScorePictureIn, full: (usize, usize), size: (usize, usize)
     Ok(image::resize(&lit, size.0, size.1).map(|share| share == 0.0))
 }
 
-/// The factor that the camera gives to each pixel's light by its noise, sharpening and JPEG: the photo as `taken` over the `sum` of
-/// the lights where that is in `MEASURED`, and 1 elsewhere.
-fn response(taken: &Plane<Vec3>, sum: &Plane<Vec3>) -> Plane<Vec3> {
-    let factor = |taken: f32, sum: f32| if MEASURED.contains(&sum) { (taken / sum).clamp(0.5, 2.0) } else { 1.0 };
-    let pixels = taken
-        .pixels()
-        .iter()
-        .zip(sum.pixels())
-        .map(|(taken, sum)| Vec3::new(factor(taken.x, sum.x), factor(taken.y, sum.y), factor(taken.z, sum.z)));
-    Plane::new(sum.width(), sum.height(), pixels.collect())
+/// The factor that the camera gives to each pixel's light: the photo as `taken` over the `sum` of the lights where that is in
+/// `MEASURED`, or where the edit leaves the light as it is to `SAME`; 1 elsewhere.
+fn response(taken: &Plane<Vec3>, sum: &Plane<Vec3>, truth: &Plane<Vec3>) -> Plane<Vec3> {
+    Plane::from_fn(sum.width(), sum.height(), |x, y| {
+        let [taken, sum, truth] = [taken, sum, truth].map(|plane| plane.get(x, y).to_array());
+        Vec3::from_array([0, 1, 2].map(|c| {
+            if sum[c] > 0.0 && (truth[c] - sum[c]).abs() <= SAME * sum[c] {
+                taken[c] / sum[c]
+            } else if MEASURED.contains(&sum[c]) {
+                (taken[c] / sum[c]).clamp(0.5, 2.0)
+            } else {
+                1.0
+            }
+        }))
+    })
 }
 
 /// The linear photo: the `sum` of the pictures of its lights, if they are known, else the photo as it was `taken`.
