@@ -1,6 +1,6 @@
 """Renders scenes/demo: the photograph, its depth and masks, and the truth per light and per edit.
 
-usage: make_demo.py [--spp 256] [--out scenes/demo] [--threads 1] [--preview FILE.png] [--small]
+usage: make_demo.py [--spp 64] [--out scenes/demo] [--threads 1] [--preview FILE.png] [--small]
 
 Path tracing with Mitsuba 3 (variant llvm_ad_rgb; DRJIT_LIBLLVM_PATH names the LLVM library), each light alone in the room, then Open Image
 Denoise with exact albedo and normals. The photograph is the sum of the lights at 1280 x 960 through the camera of training/camera; the truth is
@@ -464,7 +464,7 @@ def shortened(x, bits):
 def main():
     here = Path(__file__).resolve().parent
     args = argparse.ArgumentParser()
-    args.add_argument("--spp", type=int, default=256, help="samples per pixel of each light, at least 2, in an even number of passes")
+    args.add_argument("--spp", type=int, help="samples per pixel of each light, at least 2; 64, and 256 for the small room")
     args.add_argument("--out", type=Path)
     args.add_argument("--preview", help="only a quick look: pictures of each light and each edit")
     args.add_argument("--small", action="store_true", help="the plain room at 320 x 240")
@@ -475,6 +475,7 @@ def main():
         args.resume.mkdir(parents=True, exist_ok=True)
     dr.set_thread_count(args.threads)
     rich, errors = not args.small, {}
+    args.spp = args.spp or (64 if rich else 256)
     demo = Demo(rich, 640, 480) if rich else Demo(rich, 320, 240)
     if args.preview:
         return look(demo, args.spp, args.preview)
