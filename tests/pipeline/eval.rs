@@ -116,6 +116,28 @@ fn shading(truth: Gather<Picture>) -> ScoreShadingIn {
     }
 }
 
+/// Two pixels of truth for a photo of 4 x 2: the camera stored the left one a tenth too bright, the right one clipped.
+#[test]
+fn pictures_are_scored_at_the_size_of_the_truth_and_as_the_camera_shows_them() {
+    let truth = |left: f32, right: f32| Picture(Plane::from_fn(2, 1, |x, _| Vec3::splat([left, right][x])));
+    let stored = |left: f32| Arc::new(Picture(grey(|i| if i % SIZE.0 < 2 { left } else { 1.0 })));
+    let score = |left: f32| {
+        let inputs = ScorePictureIn {
+            picture: stored(left),
+            photo: stored(0.66),
+            light: gather([("lamp_0", truth(0.4, 3.0)), ("lamp_1", truth(0.2, 0.0))]),
+            mask: gather([]),
+            cover: gather([]),
+        };
+        let stage =
+            ScorePicture { subject: "lamp_1 off".into(), off: vec!["lamp_1".into()], ..ScorePicture::default() };
+        let scores = stage.run(inputs, &Context::default()).expect("the inputs are sound").scores;
+        scores.0.iter().find(|score| score.measure == "change error").expect("there is a change").value
+    };
+    assert!(score(0.44) < 0.01, "the truth has an error of {}", score(0.44));
+    assert!((score(0.66) - 1.0).abs() < 0.01, "the photo has an error of {}", score(0.66));
+}
+
 #[test]
 fn all_shading_is_scored_on_what_tells_it() {
     let run = |inputs| ScoreShading::default().run(inputs, &Context::default());
@@ -258,10 +280,12 @@ fn networks_are_evaluated_where_they_lie() {
     let place = Place::new();
     let (before, _) = bent().split_once("truth:").map(|(a, b)| (a.to_owned(), b.to_owned())).expect("it has one");
     place.write("scene.ron", format!("{before} truth: (albedo: \"{}/truth/albedo.exr\"))", demo().display()));
-    let eval = "eval . --graph GRAPHS/indoor.ron --no-cache --json --backend rten --set scene.long_side=160";
+    let eval =
+        "eval . --graph GRAPHS/indoor.ron --no-ladder --no-cache --json --backend rten --set scene.long_side=160";
     let output = place.command(eval).output().expect("the program starts");
     check_output("eval", &output, 0);
     let all = figures(&output.stdout);
+    assert_eq!(all.keys().collect::<Vec<_>>(), ["000"]);
     let of = |measure: &str| all["000"][&("materials".to_owned(), measure.to_owned())];
     assert!((1e-4..0.1).contains(&of("albedo before the fit")), "what MNet says: {}", of("albedo before the fit"));
     let told = place.check(&eval.replace("--json", "--models nowhere"), 2);
