@@ -276,6 +276,22 @@ fn the_demo_climbs_the_ladder() {
 }
 
 #[test]
+fn the_scene_that_ships_gains_by_each_edit_of_its_truth() {
+    let scene = root().join("scenes/demo");
+    let line = format!("eval {} --graph GRAPHS/physics.ron --no-ladder --no-cache --json", scene.display());
+    let output = Place::new().command(&line).output().expect("the program starts");
+    check_output("eval", &output, 0);
+    let all = &figures(&output.stdout)["000"];
+    let edits: Vec<&String> = all.keys().filter(|(_, measure)| measure == "PSNR").map(|(subject, _)| subject).collect();
+    assert_eq!(edits.len(), 7, "{edits:?}");
+    for edit in edits {
+        let of = |measure: &str| all[&(edit.clone(), measure.to_owned())];
+        assert!(of("PSNR") > of("unchanged") + 3.0, "{edit}: {}, unchanged {}", of("PSNR"), of("unchanged"));
+        assert!(of("change error") < 0.8, "{edit}: {}", of("change error"));
+    }
+}
+
+#[test]
 fn networks_are_evaluated_where_they_lie() {
     let place = Place::new();
     let (before, _) = bent().split_once("truth:").map(|(a, b)| (a.to_owned(), b.to_owned())).expect("it has one");

@@ -3,7 +3,7 @@
 usage: fit.py PHOTOS TRUTH [--draws 4] [--sheet sheet.png]
 
 PHOTOS holds folders with photo.png, depth.exr and masks; TRUTH holds third-party rooms, of which
-only these statistics are used. The demo of scenes/demo is measured too. All pictures are reduced to
+only these statistics are used. The room of tests/scenes/small is measured too. All pictures are reduced to
 320 pixels of width, but for blocks of JPEG, which are those of a picture 600 or more wide. Each row
 has the median over the pictures, then the smallest and the largest; a row is left blank where no
 picture has what it measures. The constants chosen stand in `model.FITTED` and `depth.py`."""
@@ -22,7 +22,7 @@ from camera import depth, model  # noqa: E402
 from camera.photograph import read  # noqa: E402
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-DEMO = Path(__file__).resolve().parents[2] / "scenes/demo"
+SMALL_ROOM = Path(__file__).resolve().parents[2] / "tests/scenes/small"
 SIGNALS = ((0.01, 0.05), (0.05, 0.15), (0.15, 0.35), (0.35, 0.7))  # bins of luminance for noise
 
 
@@ -209,9 +209,9 @@ def clean(truth):
     for f in sorted(p for p in truth.iterdir() if p.is_dir()):
         masks = [load_mask(m) for m in sorted(f.glob("mask_*_[0-9].png"))]
         yield sum(read(p) for p in sorted(f.glob("olat_*.exr"))), plane(f / "depth.exr"), masks, read(f / "albedo.exr")
-    masks = [load_mask(m) for m in sorted((DEMO / "masks").glob("*.png"))]
-    lights = sorted((DEMO / "truth").glob("light_*.exr"))
-    yield sum(read(p) for p in lights), plane(DEMO / "depth.exr"), masks, read(DEMO / "truth/albedo.exr")
+    masks = [load_mask(m) for m in sorted((SMALL_ROOM / "masks").glob("*.png"))]
+    lights = sorted((SMALL_ROOM / "truth").glob("light_*.exr"))
+    yield sum(read(p) for p in lights), plane(SMALL_ROOM / "depth.exr"), masks, read(SMALL_ROOM / "truth/albedo.exr")
 
 
 def enlarged(linear):

@@ -45,7 +45,7 @@ CAMERA = model.Camera(
 )
 VASE_MODEL = str(Path(__file__).resolve().parents[2] / "scenes/demo/models/vase.obj")
 
-# What edits/insert_object.ron and edits/paint.ron put in, at pixels of the photo of 1280 x 960.
+# The objects of edits/insert_object.ron and the paint of edits/paint.ron; pixels are those of the 1280 x 960 photo.
 BALL = dict(pixel=(712, 704), radius=0.09, albedo="#e8e4da")
 VASE = dict(pixel=(384, 832), height=0.35, albedo="#b4643c")
 PAINT = "#b5563c"
@@ -176,9 +176,8 @@ def demo_window():
 
 
 def linear(color):
-    """Linear Rec. 709 of a color as edits write it."""
-    x = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    """Linear Rec. 709 of an sRGB color "#rrggbb"."""
+    return model.decode(np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255)
 
 
 class Demo:
@@ -324,11 +323,6 @@ def denoised(colour, aux):
     return np.maximum(np.array(out), 0)
 
 
-def encode(x):
-    x = np.clip(x, 0, 1)
-    return np.where(x <= 0.0031308, x * 12.92, 1.055 * x ** (1 / 2.4) - 0.055)
-
-
 def photograph(path, received):
     """The JPEG that CAMERA makes of linear light."""
     received = model.incident(received, CAMERA)
@@ -338,7 +332,7 @@ def photograph(path, received):
 
 
 def png(path, linear):
-    Image.fromarray((encode(linear) * 255 + 0.5).astype("uint8")).save(path, optimize=True)
+    Image.fromarray((model.encode(linear) * 255 + 0.5).astype("uint8")).save(path, optimize=True)
 
 
 def exr(path, **channels):
@@ -490,7 +484,8 @@ def main():
     added = lambda extra: [extra] if extra in ("desk", "east") else []
     changed = {edit: total(rendered(demo, BASE + added(extra), (extra,), args.spp, errors)) for edit, extra in edits.items()}
     albedo = demo.aux((), 256)[0]
-    z, normal, masks = demo.geometry()
+    z, normal, seen = demo.geometry()
+    masks = seen
     lens = lambda picture: picture
     if rich:
         full = Demo(rich, 1280, 960)
@@ -518,8 +513,7 @@ def main():
 
     lights, told, up = described
     whole = total(parts)
-    glow = demo.geometry()[2]
-    glow = glow["lamp_0"] | glow["window_0"]
+    glow = seen["lamp_0"] | seen["window_0"]
     share = {k: numbers(np.percentile((v.astype(float).mean(-1) / whole.mean(-1))[~glow], (10, 50, 90)).round(3)) for k, v in parts.items()}
     meta = dict(
         width=demo.width, height=demo.height, fov_x=room.CAMERA["fov_x"], up=numbers(up), visible=["lamp_0", "window_0"], lights=lights, edits=told,

@@ -271,7 +271,7 @@ def pouf(room):
     room.add("matte", moved(box((-0.15, 0, -0.11), (0.15, 0.028, 0.11), 0.004, 1), (1.40, 0.368, -2.72), yaw=25), (0.62, 0.57, 0.48))
 
 
-# What only the rich room has.
+# The rich room has these in addition.
 
 
 def cornice(room):

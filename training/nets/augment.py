@@ -85,7 +85,7 @@ def normals_of(points):
 
 
 def exposed(g, photo, light):
-    """The photo with 98 % of the pixels that are no light below 0.9..1 and the white balance of a camera; and the gain [B, 3, 1, 1]."""
+    """Returns the photos under a random white balance, exposed so that 98 % of the pixels without a light source lie below 0.9..1, and the gains [B, 3, 1, 1]."""
     balance = batched.sampled(g, len(photo)).white_balance
     gains = []
     for x, mask in zip((photo * balance).mean(1), light[:, 0]):

@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 import torch
 
-from data import Rooms
+from data import rooms_of
 from networks import NETWORKS, run_folder, trained
 
 matplotlib.use("Agg")
@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 @torch.no_grad()
 def sheet(name, rooms, split, count, run):
     net, _ = trained(name, run)
-    held_out = Rooms(os.path.join(rooms, split), maps=getattr(net, "needs_maps", False))
+    held_out = rooms_of(net, os.path.join(rooms, split))
     rows = [net.pictures(held_out, room) for room in range(min(count, len(held_out)))]
     width = len(rows[0][1])
     figure, panels = plt.subplots(len(rows), width, figsize=(2.6 * width, 2.1 * len(rows)), layout="constrained", squeeze=False)

@@ -136,6 +136,11 @@ def read(index):
         return json.load(file)
 
 
+def rooms_of(net, split, every=1):
+    """Returns the Rooms that a network is trained and measured on: those with maps of incoming radiance where the network needs them."""
+    return Rooms(split, every, getattr(net, "needs_maps", False))
+
+
 class Rooms:
     """The rooms of one split. `get(name, room)` is [channels.., 120, 160] of a room, or that with the room's sources or paths in front.
     `every`: each such room only. `maps`: only rooms that have maps of incoming radiance."""

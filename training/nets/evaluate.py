@@ -47,11 +47,11 @@ def targets(net, result):
 
 
 def evaluate(name, rooms, split, run):
-    from data import Rooms
+    from data import rooms_of
     from networks import trained
 
     net, about = trained(name, run)
-    held_out, train = (Rooms(os.path.join(rooms, s), maps=getattr(net, "needs_maps", False)) for s in (split, "train"))
+    held_out, train = (rooms_of(net, os.path.join(rooms, s)) for s in (split, "train"))
     result = measure(net, held_out, range(len(held_out)), net.floors(train))
     yardstick = os.path.join(os.path.dirname(os.path.normpath(run)), "squashedindirectnet", "evaluation.json")
     if name == "indirectnet" and os.path.exists(yardstick):

@@ -18,7 +18,7 @@ import onnx
 import onnxruntime
 import torch
 
-from data import Rooms
+from data import rooms_of
 from networks import NETWORKS, run_folder, trained
 
 OPSET = 17
@@ -89,7 +89,7 @@ def keep(folder, name, inputs, outputs):
 def export(name, rooms, run, models, arrays):
     net, about = trained(name, run)
     evaluation = json.load(open(os.path.join(run, "evaluation.json")))
-    held_out = Rooms(os.path.join(rooms, evaluation["split"]), maps=getattr(net, "needs_maps", False))
+    held_out = rooms_of(net, os.path.join(rooms, evaluation["split"]))
     os.makedirs(models, exist_ok=True)
     path = os.path.join(models, f"{name}.onnx")
     shown = next((room for room in range(len(held_out)) if not hasattr(net, "chosen") or net.chosen(held_out, room)), 0)

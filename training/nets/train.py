@@ -20,7 +20,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch: threads tha
 
 import torch
 
-from data import Rooms
+from data import rooms_of
 from evaluate import measure
 from layers import count
 from networks import NETWORKS, run_folder
@@ -50,9 +50,8 @@ def shipped(net, path):
 def train(name, rooms, every, minutes, steps, seed, out, start, size, base):
     os.makedirs(out, exist_ok=True)
     torch.manual_seed(seed)
-    maps = getattr(NETWORKS[name], "needs_maps", False)
-    data, val = Rooms(os.path.join(rooms, "train"), every, maps), Rooms(os.path.join(rooms, "val"), 1, maps)
     net, average = NETWORKS[name](), NETWORKS[name]().eval()
+    data, val = rooms_of(net, os.path.join(rooms, "train"), every), rooms_of(net, os.path.join(rooms, "val"))
     if start:
         shipped(net, start)
     average.load_state_dict(net.state_dict())

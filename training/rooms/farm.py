@@ -23,7 +23,7 @@ ROOT = HERE.parents[1]
 FLOOR = 15e9  # bytes of disk that stay free
 TRIES = 3  # times that the making of a room may fail or be cut off
 WORKER_ROOMS = 50  # rooms until a worker is replaced, as its memory grows
-STOP, LOST, FULL = 0, 3, 4  # exit codes of a worker: told to stop or done; a crash is any other; no disk
+STOP, FULL = 0, 4  # exit codes of a worker: told to stop or done; disk full; any other is a crash
 
 
 def parse_mix(text):

@@ -11,9 +11,6 @@ the number of edits; one that hardly shows is not counted."""
 import argparse
 import json
 import math
-import os
-import shutil
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -21,9 +18,10 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "demo")]
 import folder as scene_folder  # noqa: E402
+from measure import KINDS, kind_of, points_of  # noqa: E402
+from pack import ROOT, evaluate  # noqa: E402
 
 FIRST = 30_000_000  # first seed; no other split reaches it
 VIEWS = 10  # of each kind
@@ -56,29 +54,8 @@ def seen(scene, seed, library):
     raise RuntimeError(f"{scene} {seed}: no camera sees anything")
 
 
-class Rendered:
-    """The pictures of a view: [240, 320, 3], linear."""
-
-    def __init__(self, view, planes, samples):
-        self.view, self.planes, self.samples = view, planes, samples
-
-    def __call__(self, scene):
-        import truth
-
-        passes = max(1, self.samples // 16)
-        return truth.photo(scene, self.view, self.planes["albedo"], self.planes["normal"], passes)
-
-
-def view_rays(view, size):
-    """Camera-space directions [h, w, 3] through the centers of the pixels, of unit depth."""
-    height, width = size
-    f = 0.5 * width / math.tan(math.radians(view.fov_x) / 2)
-    x, y = np.meshgrid((np.arange(width) + 0.5 - width / 2) / f, (height / 2 - np.arange(height) - 0.5) / f)
-    return np.stack([x, y, -np.ones_like(x)], -1)
-
-
 def places(scene, view, planes, rng, radius, lift):
-    """The center (world) of a ball that hangs `lift` metres over a seen surface that faces up, with nothing near; None where there is no such place."""
+    """Returns the world-space center of a ball `lift` metres above a visible horizontal surface, free of other geometry; None if no surface has room for it."""
     import drjit as dr
     import mitsuba as mi
 
@@ -86,11 +63,10 @@ def places(scene, view, planes, rng, radius, lift):
     good = up & (planes["touch"] == 0) & (planes["depth"] > 1.2) & (planes["depth"] < 5)
     good[:16] = good[-8:] = good[:, :24] = good[:, -24:] = False
     rows, columns = np.nonzero(good)
-    rays = view_rays(view, planes["depth"].shape)
+    points = points_of(planes["depth"], view.fov_x)
     for pick in rng.permutation(len(rows))[:60]:
         y, x = rows[pick], columns[pick]
-        point = planes["depth"][y, x] * rays[y, x]
-        center = view.turn.T @ point + view.origin + (0, radius + lift, 0)
+        center = view.turn.T @ points[y, x] + view.origin + (0, radius + lift, 0)
         sphere = np.random.default_rng(0).normal(size=(400, 3))
         sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
         ray = mi.Ray3f(mi.Point3f(*center.tolist()), mi.Vector3f(*sphere.T.astype(np.float32)))
@@ -124,13 +100,14 @@ def render(found, to, rng, samples):
     """Writes the scene of a view and its truth into the folder `to`."""
     import layout
     import make
+    import truth
     from camera import depth as sensors
     from camera import model
     from colour import hsv
 
     lit, (view, planes, visible, hidden), _, about = found
     lights = make.names_of(visible, hidden)
-    rendered = Rendered(view, planes, samples)
+    rendered = lambda scene: truth.photo(scene, view, planes["albedo"], planes["normal"], max(1, samples // 16))
     pictures = {}
     for name, title in lights.items():
         pictures[title] = pictures.get(title, 0) + rendered(lit.scene({name: None}))
@@ -177,8 +154,8 @@ def render(found, to, rng, samples):
     photo = model.photograph(whole, camera, rng)
     sensor = sensors.DepthSensor()
     noise = sensors.sensor_noise(rng, *planes["depth"].shape, sensor)
-    rays = planes["depth"][..., None] * view_rays(view, planes["depth"].shape)
-    cosine = np.abs((planes["normal"] * rays).sum(-1)) / np.linalg.norm(rays, axis=-1)
+    points = points_of(planes["depth"], view.fov_x)
+    cosine = np.abs((planes["normal"] * points).sum(-1)) / np.linalg.norm(points, axis=-1)
     scene_folder.write(
         to,
         view.fov_x,
@@ -193,33 +170,22 @@ def render(found, to, rng, samples):
         true_depth=planes["depth"],
     )
     (to / "room.json").write_text(json.dumps(about | dict(held_out=True, samples=samples), indent=1))
+    return to
 
 
 def make_all(args):
     import drjit as dr
-    import make  # noqa: F401  (the variant of Mitsuba comes with it)
+    import make
     from assets import Library
 
     dr.set_thread_count(args.threads)
     library = Library.load(args.assets).only("held")
     for name, (scene, seed) in names().items():
         to = args.out / name
-        if (to / "room.json").exists():
+        if to.exists():
             continue
-        unfinished = to.with_name(f".{name}")
-        shutil.rmtree(unfinished, ignore_errors=True)
-        unfinished.mkdir(parents=True)
-        render(seen(scene, seed, library), unfinished, np.random.default_rng(seed), args.samples)
-        os.replace(unfinished, to)
+        make.complete(to, lambda folder: render(seen(scene, seed, library), folder, np.random.default_rng(seed), args.samples))
         print(to, flush=True)
-
-
-def kind(subject):
-    """Kind of edit of a row of eval.json."""
-    for start, name in (("lamp", "lamp off"), ("window", "window off"), ("invisible", "lights out of view off")):
-        if subject.startswith(start) and subject.endswith("off"):
-            return name
-    return subject
 
 
 def score_all(args):
@@ -227,18 +193,15 @@ def score_all(args):
     rows = {}
     for graph in args.graphs:
         for view in views:
-            command = [args.relight, "eval", view, "--no-ladder", "--graph", ROOT / f"graphs/{graph}.ron", "--out", args.out / ".eval" / graph / view.name]
-            done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
-            if done.returncode:
-                raise RuntimeError(f"{view}: relight gave up with status {done.returncode}:\n{done.stderr}")
-            report = json.loads((args.out / ".eval" / graph / view.name / "eval.json").read_text())
+            figures = evaluate(args.relight, f"{graph}.ron", view, args.out / ".eval" / graph / view.name)
             side = "generated" if view.name.startswith("generated") else "third-party"
-            seen = {f["subject"]: f["value"] for f in report["figures"] if f["measure"] == "unchanged"}
-            for figure in report["figures"]:
-                if figure["measure"] == "change error" and seen[figure["subject"]] < UNSEEN:
-                    rows.setdefault((graph, side), {}).setdefault(kind(figure["subject"]), []).append(figure["value"])
+            seen = {f["subject"]: f["value"] for f in figures if f["measure"] == "unchanged"}
+            for figure in figures:
+                subject = figure["subject"]
+                if figure["measure"] == "change error" and seen[subject] < UNSEEN:
+                    rows.setdefault((graph, side), {}).setdefault(KINDS.get(kind_of(subject), subject), []).append(figure["value"])
             print(f"{graph} {view.name}", file=sys.stderr, flush=True)
-    kinds = ["lamp off", "window off", "lights out of view off", "insert_lamp", "insert_object", "paint"]
+    kinds = [*KINDS.values(), "insert_lamp", "insert_object", "paint"]
     print("| graph | views | " + " | ".join(kinds) + " | mean of kinds |")
     print("| --- " * (len(kinds) + 3) + "|")
     for (graph, side), got in rows.items():

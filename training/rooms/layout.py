@@ -11,7 +11,7 @@ import textures
 
 from colour import blackbody, hsv
 
-PLAIN, WOOD, STRIPES, CHECK, PLAID, DOTS, CLOUDS, WEAVE = range(8)  # kinds of patterns.py, which needs Mitsuba
+PLAIN, WOOD, STRIPES, CHECK, PLAID, DOTS, CLOUDS, WEAVE = range(8)  # kinds of patterns, which patterns.py draws
 STEP = 0.03  # side of the triangles of a pattern, metres
 MATTE = 1.0
 

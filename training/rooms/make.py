@@ -323,8 +323,8 @@ def record(lit, found, rng, folder, quality, about):
     return folder
 
 
-def finish(folder, render):
-    """Makes OUT/SPLIT/NAME by `render(unfinished folder)`, puts it in place at once and appends its line to OUT/manifest.jsonl; whether a room came out."""
+def complete(folder, render):
+    """Makes a folder by `render(unfinished folder)` and puts it in place at once; returns what `render` returned, None where there is nothing to see."""
     unfinished = folder.with_name(f".{folder.name}")
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir(parents=True)
@@ -332,6 +332,12 @@ def finish(folder, render):
     if done is None:
         (unfinished / "skipped").write_text("no camera sees anything\n")
     os.replace(unfinished, folder)
+    return done
+
+
+def finish(folder, render):
+    """Makes OUT/SPLIT/NAME as `complete` does and appends its line to OUT/manifest.jsonl; whether a room came out."""
+    done = complete(folder, render)
     if done is not None:
         manifest.append(folder.parent.parent, folder)
     return done is not None

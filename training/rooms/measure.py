@@ -14,7 +14,6 @@ surface by more than 0.4 m meets nothing that is seen."""
 import argparse
 import glob
 import json
-import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, field
@@ -24,8 +23,8 @@ import numpy as np
 from PIL import Image
 
 from colour import linear, luminance
+from pack import ROOT, evaluate
 
-ROOT = Path(__file__).resolve().parents[2]
 VISIBLE = 0.05  # share of the photo from which a light counts
 BEHIND = 0.4  # metres by which a ray passes behind a surface without meeting it
 KINDS = {"lamp": "lamp in view off", "window": "window in view off", "invisible": "invisible lights off"}
@@ -33,7 +32,7 @@ KINDS = {"lamp": "lamp in view off", "window": "window in view off", "invisible"
 
 @dataclass
 class Picture:
-    """What a column knows of one picture, at 320 x 240."""
+    """A picture of 320 x 240 pixels and its ground truth, as far as a column has it."""
 
     photo: np.ndarray  # linear, 1 = white
     depth: np.ndarray  # planar z, metres; 0 or not finite: unknown
@@ -198,25 +197,25 @@ def change_errors(picture, relight):
             scene_folder.write(to, picture.fov_x, picture.photo, picture.depth, picture.albedo, masks, lights, pictures=picture.pictures)
         else:
             foreign.main(picture.scene, to, None)
-        command = [relight, "eval", to, "--no-ladder", "--graph", ROOT / "graphs/physics.ron", "--out", Path(place, "out"), "--no-cache", "--threads", 1]
-        done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
-        if done.returncode:
-            print(f"{picture.scene}: relight eval ended with status {done.returncode}: {done.stderr[-300:]}", file=sys.stderr)
+        try:
+            return errors_of(evaluate(relight, "physics.ron", to, Path(place, "out"), "--no-cache", "--threads", 1))
+        except RuntimeError as error:
+            print(error, file=sys.stderr)
             return {}
-        return errors_of(done.stdout)
 
 
-def errors_of(text):
-    """{kind of light: [change errors]} from the table that `relight eval` prints."""
+def kind_of(subject):
+    """Returns the kind of light, of KINDS, that an edit of `relight eval` switches off; None for other edits."""
+    return next((kind for kind in KINDS if subject.startswith(kind) and subject.endswith(" off")), None)
+
+
+def errors_of(figures):
+    """Returns {kind of light: [change errors]} of the figures of `relight eval`."""
     out = {}
-    for line in text.splitlines():
-        cells = [c.strip() for c in line.strip("|").split("|")]
-        if len(cells) == 4 and cells[0].endswith(" off"):
-            kind = next((k for k in KINDS if cells[0].startswith(k)), None)
-            try:
-                out.setdefault(kind, []).append(float(cells[3]))
-            except ValueError:
-                continue
+    for figure in figures:
+        kind = kind_of(figure["subject"])
+        if kind and figure["measure"] == "change error":
+            out.setdefault(kind, []).append(figure["value"])
     return out
 
 

@@ -5,6 +5,7 @@ For each FOLDER/*/truth.npz that has no sample.npz beside it: `relight run graph
 training/README.md."""
 
 import argparse
+import json
 import os
 import subprocess
 from pathlib import Path
@@ -31,9 +32,20 @@ def run(relight, graph, scene, out, *more):
         "1",
         *more,
     ]
+    called(command, scene)
+
+
+def called(command, scene):
+    """Runs the program; a RuntimeError has its message where it fails."""
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(f"{scene}: relight gave up with status {done.returncode}:\n{done.stderr}")
+
+
+def evaluate(relight, graph, scene, out, *more):
+    """Returns the figures of `relight eval` of a graph of the project as it is: dicts with `subject`, `measure` and `value`. `more` arguments for it."""
+    called([relight, "eval", scene, "--no-ladder", "--graph", ROOT / "graphs" / graph, "--out", out, *more], scene)
+    return json.loads((Path(out) / "eval.json").read_text())["figures"]
 
 
 def planes(folder, relight, *more):

@@ -6,7 +6,7 @@ projected along the axis nearest to the normal."""
 import drjit as dr
 import mitsuba as mi
 
-PLAIN, WOOD, STRIPES, CHECK, PLAID, DOTS, CLOUDS, WEAVE = range(8)
+from layout import CHECK, CLOUDS, DOTS, PLAID, STRIPES, WEAVE, WOOD
 
 
 def hashed(x, y):

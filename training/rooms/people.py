@@ -119,7 +119,7 @@ def varied(finish, rng):
         finish = replace(finish, albedo=color_of_things(rng), metal=False)
     else:
         finish = replace(finish, albedo=finish.albedo * rng.uniform(0.7, 1.0) + rng.uniform(0, 0.02))
-    if finish.rough >= people_scenes.GLOSSY:
+    if finish.rough >= scenes.GLOSSY:
         return replace(finish, rough=rng.uniform(0.2, 0.6)) if rng.random() < 0.3 else finish
     return replace(finish, rough=1.0 if rng.random() < 0.2 else float(np.clip(finish.rough * rng.uniform(0.7, 1.6), 0.2, 0.8)))
 
@@ -199,8 +199,7 @@ class Lit(scenes.Lit):
 
     def __init__(self, surfaces, lamps, windows):
         self.surfaces, self.lamps, self.windows = surfaces, lamps, windows
-        self.body = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.66, 0.58]}}})
-        self.glass = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.04, 0.04, 0.04]}})
+        self.body, self.glass = scenes.light_bodies()
         groups = {}
         for s in surfaces + one_of_each(surfaces):
             form = "metal" if s.metal else "gloss" if s.rough[0] < scenes.GLOSSY else "matte"
@@ -249,7 +248,7 @@ class Lit(scenes.Lit):
         return mi.Int32(dr.select(own, dr.round(si.shape.eval_attribute_1("face_key", si, own)), -1))
 
     def repainted(self, key, color):
-        """`Lit` in which the surface of that key has this plain albedo [3] and is no texture."""
+        """Returns a `Lit` in which the surface `key` has the constant albedo `color` [3] in place of its texture."""
         plain = lambda s: replace(s, image=None, metal=False, albedo=np.broadcast_to(np.asarray(color, float), s.albedo.shape))
         return Lit([plain(s) if s.key == key else s for s in self.surfaces], self.lamps, self.windows)
 

@@ -47,10 +47,15 @@ class Space(layout.Room):
                 return
 
 
+def normal(inward):
+    """Returns the unit normal [3] of a window from its horizontal direction (x, z) into the room."""
+    n = np.array([inward[0], 0, inward[1]], float)
+    return n / np.linalg.norm(n)
+
+
 def pane(space, rng, center, half_width, half_height, inward, sunny):
     """Adds a window: half_x cross half_y points into the room."""
-    n = np.array([inward[0], 0, inward[1]], float)
-    n /= np.linalg.norm(n)
+    n = normal(inward)
     half_x = half_width * np.cross(UP, n)
     lobes = layout.outlook(space, rng, n[[0, 2]], sunny)
     space.windows.append(layout.Window(np.asarray(center, float), half_x, half_height * UP, lobes))
@@ -58,8 +63,7 @@ def pane(space, rng, center, half_width, half_height, inward, sunny):
 
 def covered(space, rng, center, half_width, half_height, inward):
     """Closes a window that gives no light: a blind, or dark glass."""
-    n = np.array([inward[0], 0, inward[1]], float)
-    n /= np.linalg.norm(n)
+    n = normal(inward)
     dark = rng.random() < 0.4
     color = np.full(3, 0.03) if dark else hsv(rng.random(), rng.uniform(0, 0.4), rng.uniform(0.3, 0.8))
     space.add(shapes.quad(center, half_width * np.cross(UP, n), half_height * UP), color, 0.3 if dark else 1.0)
@@ -171,7 +175,7 @@ def furnish(space, rng, library):
 
 
 def plan(model, rng, night):
-    """What a room of this seed has, before there is geometry to test: (windows that give light, those that do not, own lamps, BSDFs left out)."""
+    """Draws the lights of a room before its geometry is built: (lit windows, unlit windows, lit lamps of the scene, names of the BSDFs to leave out)."""
     given = model.layout.windows
     some = rng.permutation(len(given))[: rng.integers(0, min(len(given), 2) + 1)] if given else []
     if night and rng.random() < 0.6:

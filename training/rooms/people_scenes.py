@@ -22,7 +22,6 @@ ARCHIVES = Path(os.environ.get("RELIGHT_ROOMS", ROOT.parent / "shared/data/rooms
 CACHE = ROOT / ".cache/people"
 TEXTURE = 512  # most pixels of a texture's longer side
 DENSE = 1500  # triangles above which an untextured shape is simplified, to a sixth, at least this many
-GLOSSY = 0.9  # GGX roughness below which a surface has a specular lobe
 
 
 @dataclass

@@ -68,6 +68,12 @@ def padding(body, glass, count):
     return out
 
 
+def light_bodies():
+    """Returns the BSDFs of lamps and of window panes, which scatter the light that falls on them."""
+    diffuse = lambda albedo: {"type": "diffuse", "reflectance": {"type": "rgb", "value": albedo}}
+    return mi.load_dict({"type": "twosided", "bsdf": diffuse([0.7, 0.66, 0.58])}), mi.load_dict(diffuse([0.04, 0.04, 0.04]))
+
+
 class Lit:
     """The room of layout.py, in Mitsuba."""
 
@@ -76,8 +82,7 @@ class Lit:
         rough = {"type": "mesh_attribute", "name": "face_rough"}
         matte = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}})
         gloss = mi.load_dict({"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": rough, "specular": 0.5}})
-        self.body = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.7, 0.66, 0.58]}}})
-        self.glass = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.04, 0.04, 0.04]}})
+        self.body, self.glass = light_bodies()
         points, normals, faces, albedo, roughness = room.merged()
         second, pattern = room.patterned()
         self.room, self.static, self.keep = room, {}, {}
@@ -159,7 +164,7 @@ class Lit:
         return mi.Int32(dr.round(out))
 
     def repainted(self, key, color):
-        """`Lit` in which the surface of that key has this plain albedo [3]."""
+        """Returns a `Lit` in which the surface `key` has the constant albedo `color` [3] in place of its pattern."""
         keys, start, room = self.keys(), 0, copy.copy(self.room)
         room.parts = []
         for points, normals, faces, albedo, rough in self.room.parts:

@@ -39,10 +39,10 @@ class Measures(unittest.TestCase):
         corner = np.broadcast_to(3 / (1 + np.abs(x)), (240, 320))
         self.assertLess(measure.unseen(corner, 60, rays=64), 0.97)
 
-    def test_the_table_of_relight_eval(self):
-        text = "| | PSNR | unchanged | change error |\n| --- | --- | --- | --- |\n| lamp_0 off | 32.0 | 17.5 | 0.125 |\n"
-        text += "| window_1 off | 26.7 | 15.6 | 0.5 |\n| invisible lights off | 31.5 | 22.0 | 0.25 |\n| mean | 30 | 18 | 0.3 |\n"
-        self.assertEqual(measure.errors_of(text), {"lamp": [0.125], "window": [0.5], "invisible": [0.25]})
+    def test_the_figures_of_relight_eval(self):
+        edits = {"lamp_0 off": (32.0, 0.125), "window_1 off": (26.7, 0.5), "invisible lights off": (31.5, 0.25), "insert_lamp": (30.0, 0.3)}
+        figures = [dict(subject=s, measure=m, value=v) for s, both in edits.items() for m, v in zip(("PSNR", "change error"), both)]
+        self.assertEqual(measure.errors_of(figures), {"lamp": [0.125], "window": [0.5], "invisible": [0.25]})
 
     def test_the_table(self):
         text = measure.table({"a": [{"x": [1.0]}, {"x": [3.0]}], "b": [{"y": [2.0]}]})

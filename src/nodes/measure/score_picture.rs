@@ -90,8 +90,8 @@ impl Node for ScorePicture {
         let fitted = |picture: &Picture| image::resize(&picture.0, size.0, size.1);
         let picture = fitted(&inputs.picture);
         let taken = fitted(&inputs.photo);
-        let lights = sum.clone();
-        let mut photo = whole_photo(&inputs.light, sum, taken.clone(), &counted)?;
+        let is_known = sum.is_some();
+        let mut photo = whole_photo(&inputs.light, sum, &taken, &counted)?;
         let mut truth = match file {
             Some((_, truth)) => truth,
             None => {
@@ -105,8 +105,8 @@ impl Node for ScorePicture {
                 truth
             }
         };
-        if let Some(sum) = lights {
-            let response = response(&taken, &sum, &truth);
+        if is_known {
+            let response = response(&taken, &photo, &truth);
             for plane in [&mut photo, &mut truth] {
                 plane.pixels_mut().iter_mut().zip(response.pixels()).for_each(|(light, factor)| *light *= *factor);
             }
@@ -158,13 +158,13 @@ fn response(taken: &Plane<Vec3>, sum: &Plane<Vec3>, truth: &Plane<Vec3>) -> Plan
 fn whole_photo(
     light: &Gather<Picture>,
     sum: Option<Plane<Vec3>>,
-    taken: Plane<Vec3>,
+    taken: &Plane<Vec3>,
     counted: &Plane<bool>,
 ) -> Result<Plane<Vec3>, NodeError> {
-    let Some(sum) = sum else { return Ok(taken) };
+    let Some(sum) = sum else { return Ok(taken.clone()) };
     let clip = |x: f64| x.clamp(0.0, 1.0);
-    let apart = mean_error(pairs(&sum, &taken, counted), |a, b| (clip(a) - clip(b)).abs());
-    let level = mean_error(pairs(&sum, &taken, counted), |_, b| clip(b));
+    let apart = mean_error(pairs(&sum, taken, counted), |a, b| (clip(a) - clip(b)).abs());
+    let level = mean_error(pairs(&sum, taken, counted), |_, b| clip(b));
     match apart.zip(level) {
         Some((apart, level)) if apart > APART * level => {
             let names: Vec<&str> = light.iter().map(|(id, _)| id).collect();
