@@ -1,34 +1,21 @@
 //! Camera, depth to mesh, and rays.
 
-mod bodies;
-mod bvh8;
+mod bvh;
 mod camera;
-mod facing;
 mod grid;
-mod known_length;
-mod like_surface;
-mod mesh;
-mod model;
 mod objects;
-mod plane_fit;
-mod rays;
-mod surface;
-mod up;
-mod woop;
+mod scene;
 
-pub use bodies::{Bodies, Body, Probes, clearance};
+pub use bvh::{RayMesh, RayMeshHit};
 pub use camera::Camera;
-pub use facing::facing;
 pub use grid::{Grid, cosine_direction};
-pub use known_length::{KnownLength, Metres, metric_depth, relative_depth};
-pub use like_surface::like_surface;
-pub use mesh::{Hit, Own, SceneMesh, Sight};
-pub use model::{Material, Model, Skin, most_triangles, parts};
-pub use objects::{Drawing, Objects, draw};
-pub use plane_fit::PlaneFit;
-pub use rays::{RayMesh, RayMeshHit};
-pub use surface::{Surface, surface};
-pub use up::world_up;
+pub use objects::{
+    Bodies, Body, Drawing, Material, Model, Objects, Probes, Skin, clearance, draw, most_triangles, parts,
+};
+pub use scene::{
+    Hit, KnownLength, Metres, Own, PlaneFit, SceneMesh, Sight, Surface, facing, like_surface, metric_depth,
+    relative_depth, surface, world_up,
+};
 
 use glam::Vec3;
 

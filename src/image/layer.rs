@@ -5,7 +5,7 @@ use half::f16;
 use half::slice::HalfFloatSliceExt;
 use serde::{Deserialize, Serialize};
 
-use super::{Picture, Plane};
+use crate::image::{Picture, Plane};
 
 /// The part of a picture that one light gives, linear, at the photo's size: in half floats, half of the memory, which is what is
 /// written; in single precision where halves cannot hold it.
@@ -18,7 +18,7 @@ pub enum Layer {
 
 /// Whether half floats hold a layer of this largest magnitude: above 65504 one is infinite, and where all is below 6.1e-5 they lose
 /// digits, and below 6e-8 everything.
-pub(super) fn halves_hold(largest: f32) -> bool {
+pub(in crate::image) fn halves_hold(largest: f32) -> bool {
     largest <= f16::MAX.to_f32() && !(largest > 0.0 && largest < f16::MIN_POSITIVE.to_f32())
 }
 

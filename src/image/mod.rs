@@ -1,60 +1,26 @@
 //! Typed planes, their files, and colour.
 
-mod annotate;
-mod coat;
-mod depth;
-mod distance;
-mod exr_read;
-mod exr_write;
-mod fill;
-mod finish;
-mod grid_cut;
-mod grow;
+mod io;
 mod layer;
-mod matte;
-mod measure;
-mod mix;
-mod npy;
-mod pack;
-mod parts;
+mod material;
+mod ops;
 mod plane;
-mod png_write;
-mod read;
-mod reflectance;
-mod resample;
-mod segments;
-mod texture;
 mod transfer;
-mod upsample;
 
-pub use annotate::annotate;
-pub use coat::{Coat, Coated, Coats, Matte, Repaint};
-pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, nearness, resize_depth};
-pub use distance::distance;
-pub use exr_read::{ExrFile, read_layers};
-pub use exr_write::{Compression, ExrLayers};
-pub use fill::fill_along_surfaces;
-pub use finish::{DIELECTRIC, Finish};
-pub use grid_cut::grid_cut;
-pub use grow::{around, grow_through};
-pub use layer::{HalfLayer, Layer};
-pub use matte::matte;
-pub use measure::{
-    PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture, square_error,
+pub use io::{
+    Bits, Compression, ExrFile, ExrLayers, MAX_BYTES, MAX_PIXELS, Photo, PngSamples, ReadError, Source, read_depth,
+    read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
 };
-pub use mix::weighted_sum;
-pub use npy::read_maps;
-pub use pack::{Packed, pack};
-pub use parts::parts;
+pub use layer::{HalfLayer, Layer};
+pub use material::{Coat, Coated, Coats, DIELECTRIC, Finish, Matte, Repaint, Texture};
+pub use ops::{
+    FAR, NEAR, Packed, PictureScore, SATURATION, STEP, Segments, Steps, Taps, Upsampler, annotate, around, clip_level,
+    distance, fill_along_surfaces, fill_holes, fit, grid_cut, grow_through, is_hole, log_error, matte, mean_error,
+    nearness, neighbours, normal_error, pack, pairs, parts, ratio, reflected, resize, resize_depth, retinex,
+    same_aspect, scale_invariant_error, score_picture, segment, smooth_step, square_error, weighted_sum,
+};
 pub use plane::{Bytes, Plane};
-pub use png_write::{PngSamples, write_png};
-pub use read::{Bits, MAX_BYTES, MAX_PIXELS, Photo, ReadError, Source, read_depth, read_mask, read_normal, read_photo};
-pub use reflectance::{SATURATION, clip_level, ratio, reflected, smooth_step};
-pub use resample::{fit, resize, same_aspect};
-pub use segments::{Segments, Steps, retinex, segment};
-pub use texture::Texture;
 pub use transfer::Transfer;
-pub use upsample::{Taps, Upsampler, neighbours};
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};

@@ -4,7 +4,10 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-use super::{Emitter, Lamp, Lobe, Plate, Shape, Window, estimate};
+use {
+    crate::optics::Emitter, crate::optics::Lamp, crate::optics::Lobe, crate::optics::Plate, crate::optics::Shape,
+    crate::optics::Window, crate::optics::transport::estimate,
+};
 
 /// E in closed form, after the samples were held against it: their mean over 200 pixels, within five standard errors and
 /// single-precision rounding.

@@ -1,85 +1,30 @@
 //! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
 
-mod candidates;
-mod chamfer;
-mod conditioning;
-mod contact;
 mod daylight;
-mod direct;
 mod emitter;
-mod estimate;
-mod evidence;
 #[cfg(test)]
 mod extremes;
-mod find_lights;
-mod flux;
-mod gaussian;
-mod ggx;
-mod gradient;
-mod indirect;
-mod light;
-mod light_maps;
-mod lighting;
-mod lobe_irradiance;
-mod mirror;
-mod model_lamp;
+pub mod inverse;
 mod nnls;
-mod objects;
-mod parameters;
-mod plates;
-mod polar;
-mod polish;
-mod polygon;
-mod profile;
-mod radiance_fit;
-mod random;
-mod receivers;
-mod rectangle;
-mod reflect;
+mod reflection;
 #[cfg(test)]
 mod rows;
-mod shadow;
-mod shape_fit;
-mod sky;
-mod sphere;
-mod temperature;
-mod through;
-mod visible_lamp;
-mod window;
+mod sampling;
+mod transport;
 
-pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates};
-pub use chamfer::{SURFACE_POINTS, chamfer, surface_points};
-pub use conditioning::Conditioning;
-pub use daylight::Daylight;
-pub use direct::{Direct, direct};
-pub use emitter::{Emitter, LightSample, Seen};
-pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
-pub use evidence::{Evidence, evidence_pixels};
-pub use find_lights::{FoundLight, LightSearch, find_lights};
-pub use flux::flux;
-pub use gaussian::Gaussian;
-pub use ggx::Ggx;
-pub use gradient::Gradient;
-pub use indirect::{Bounces, Probed, Transport, indirect, indirect_at_receivers, trace_bounces};
-pub use light::{LOBES, Lamp, LightKind, Lobe, Plate, Radiance, Shape, Window};
-pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
-pub use lighting::{Lighting, LocalLobe, local_frame};
-pub use mirror::{Around, Mirror};
-pub use model_lamp::{Silhouette, escaping};
+pub use daylight::{Daylight, Heading, Outlook, black_body, fit_outlook};
+pub use emitter::{
+    Emitter, Gradient, LOBES, Lamp, LightKind, LightSample, Lobe, Plate, Profile, ProfileTable, Radiance, Seen, Shape,
+    Silhouette, Strategy, Window, escaping, flux, sphere_irradiance,
+};
 pub use nnls::nnls;
-pub use objects::arriving;
-pub use parameters::Freedom;
-pub use polish::{NO_ROW, Part, Places, Polish, SeenPlaces, places};
-pub use polygon::polygon_irradiance;
-pub use profile::{Profile, ProfileTable};
-pub use radiance_fit::{Column, MOST_LIGHTS, RadianceFit, fit_radiances};
-pub use random::Points2;
-pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
-pub use reflect::{Face, NOTHING, Reflections, Surround, UNSEEN, object_face, reflections};
-pub use shadow::{Shadow, ShadowQuality, shadow};
-pub use shape_fit::{Bounds, Movable, ShapeFit, ShapeSearch, fit_shapes};
-pub use sky::{Heading, Outlook, fit_outlook};
-pub use sphere::sphere_irradiance;
-pub use temperature::black_body;
-pub use visible_lamp::{LampForm, LampForms};
-pub use window::Strategy;
+pub use reflection::{
+    Around, Face, Ggx, Mirror, NO_ROW, NOTHING, Part, Places, Polish, Reflections, SeenPlaces, Surround, UNSEEN,
+    object_face, places, reflections,
+};
+pub use sampling::{Gaussian, Points2, polygon_irradiance};
+pub use transport::{
+    BATCHES, Bounces, Direct, INTERVAL, LightMaps, Lighting, LocalLobe, PHIS, Probed, Sampling, Shadow, ShadowQuality,
+    TEXELS, THETAS, Transport, arriving, direct, estimate, indirect, indirect_at_receivers, local_frame, shadow,
+    stream, trace_bounces,
+};

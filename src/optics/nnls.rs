@@ -72,7 +72,7 @@ fn retreat(gram: &[f64], b: &[f64], free: &mut [bool], x: &mut Vec<f64>, mut z: 
 }
 
 /// The unconstrained minimum over the free columns by Cholesky; `None` when they are linearly dependent.
-pub(super) fn solve_free(gram: &[f64], b: &[f64], free: &[bool]) -> Option<Vec<f64>> {
+pub(in crate::optics) fn solve_free(gram: &[f64], b: &[f64], free: &[bool]) -> Option<Vec<f64>> {
     let n = b.len();
     let index: Vec<usize> = (0..n).filter(|&i| free[i]).collect();
     let m = index.len();

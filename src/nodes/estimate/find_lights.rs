@@ -8,7 +8,8 @@ use glam::Vec3;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Mask, Normal, Picture, Plane, Points, Transfer, annotate, resize, write_png};
 use crate::nodes::artifacts::{Encoding, Files};
-use crate::optics::{LightKind, LightSearch, MOST_LIGHTS, find_lights};
+use crate::optics::LightKind;
+use crate::optics::inverse::{LightSearch, MOST_LIGHTS, find_lights};
 use crate::{params, ports};
 
 params! {

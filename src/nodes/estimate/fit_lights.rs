@@ -9,14 +9,15 @@ use crate::image::{
     Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, around, fill_along_surfaces, luminance,
 };
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, UnitDirect, UnitIndirect, Visibility};
-use crate::optics::{Column, Conditioning, Evidence, Radiance, RadianceFit, Transport, evidence_pixels, fit_radiances};
+use crate::optics::inverse::{Column, Conditioning, Evidence, RadianceFit, evidence_pixels, fit_radiances};
+use crate::optics::{Radiance, Transport};
 use crate::{params, ports};
 
 params! {
     /// Fits the radiance of every lobe of every light to the photo, together with one albedo per segment.
     ///
     /// The picture is linear in the radiances: non-negative least squares on the unit layers, each with its own shadow and
-    /// its own indirect light, by turns with the albedos (see `optics::fit_radiances`). Saturated pixels are lower bounds.
+    /// its own indirect light, by turns with the albedos (see `optics::inverse::fit_radiances`). Saturated pixels are lower bounds.
     /// A constant ambient, dearer than any light, takes what no light explains: the rest.
     pub struct FitLights {
         /// Most rounds of the fit; it ends when no light changes by more than 1e-4 of itself. With 0 all lights give the same in the mean.

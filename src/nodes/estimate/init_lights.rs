@@ -12,10 +12,11 @@ use crate::geometry::{Camera, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments, luminance};
 use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
-use crate::optics::{
-    Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, RadianceFit, Receivers, RoomBox, SeenRoom,
-    Shape, Transport, UnitLayer, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
+use crate::optics::inverse::{
+    Column, LampForm, LampForms, LayerQuality, RadianceFit, Receivers, RoomBox, SeenRoom, UnitLayer, fit_radiances,
+    lamp_candidates, visible_light, window_candidates,
 };
+use crate::optics::{Bounces, Lamp, LightKind, Shape, Transport, Window};
 use crate::{params, ports};
 
 params! {

@@ -8,10 +8,10 @@ use crate::geometry::{Camera, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
-use crate::optics::{
-    Bounces, Bounds, Freedom, LayerQuality, Movable, Receivers, RoomBox, SeenRoom, Shape, ShapeFit, ShapeSearch,
-    Transport, fit_shapes,
+use crate::optics::inverse::{
+    Bounds, Freedom, LayerQuality, Movable, Receivers, RoomBox, SeenRoom, ShapeFit, ShapeSearch, fit_shapes,
 };
+use crate::optics::{Bounces, Shape, Transport};
 use crate::{params, ports};
 
 params! {
@@ -19,7 +19,7 @@ params! {
     /// and bandwidths of what windows look out on.
     ///
     /// Damped Gauss-Newton on the receivers, radiances and albedos eliminated, Cauchy weights, a prior that pulls to the start; then
-    /// shadows and indirect light are traced again (see `optics::fit_shapes`). A light whose move does not earn its place keeps
+    /// shadows and indirect light are traced again (see `optics::inverse::fit_shapes`). A light whose move does not earn its place keeps
     /// its shape to the bit.
     pub struct RefineLights {
         /// Most times that shadows and indirect light are traced again, 1..=10.

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Mask, mean_error, pairs};
 use crate::nodes::artifacts::{Scores, UnitDirect};
-use crate::optics::{Radiance, Shape, chamfer, surface_points};
+use crate::optics::inverse::{chamfer, surface_points};
+use crate::optics::{Radiance, Shape};
 use crate::{params, ports};
 
 params! {

@@ -18,7 +18,8 @@ use crate::geometry::Camera;
 use crate::graph::{Context, File, Node, NodeError, Scatter};
 use crate::image::{self, Depth, Mask, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
-use crate::optics::{LightKind, MOST_LIGHTS};
+use crate::optics::LightKind;
+use crate::optics::inverse::MOST_LIGHTS;
 use crate::{params, ports};
 
 /// What the numbers of a depth file mean.

@@ -1,0 +1,211 @@
+//! The surface that a pixel belongs to: what hangs together with it, lies in its plane and has its colour.
+//!
+//! Two labels by a minimum cut (Boykov and Jolly, ICCV 2001; Rother, Kolmogorov and Blake, GrabCut, SIGGRAPH 2004, for the turns): a pixel
+//! gains `1 - (c / CHROMA)^2 - (i / INTENSITY)^2 - (p / plane)^2 - (n / NORMAL)^2` by being of the surface, with c and i the distance of its
+//! reflectance in log chromaticity and log intensity, p its distance from the plane and n = 1 - cos of its normal's angle to the
+//! plane's; neighbours of two labels cost the more the less of an edge the picture has there. Of these pixels, those count that are reached from the first one without
+//! crossing an edge; colour and plane are found anew from them.
+
+use glam::Vec3;
+
+use crate::geometry::PlaneFit;
+use crate::image::{Albedo, Normal, Picture, Plane, Points, grid_cut, log_above};
+
+/// Log chromaticity at which a pixel is another paint; wide, as is that of level, for estimated light errs.
+const CHROMA: f32 = 0.5;
+/// Log intensity of reflectance at which it is.
+const INTENSITY: f32 = 1.0;
+/// Log step of the level of the picture between neighbours of which only one is of the surface.
+const EDGE: f32 = 0.3;
+/// The same for log chromaticity, which no shadow changes as much.
+const CHROMA_EDGE: f32 = 0.12;
+/// Distance from the plane, as a share of that from the camera.
+const OFF_PLANE: f32 = 0.03;
+const NORMAL: f32 = 0.3;
+/// Cost of parting two pixels that look alike, in units of what a sure pixel gains.
+const PARTING: f32 = 0.5;
+/// Log step of the picture across which parting costs 1 / e of that.
+const STEP: f32 = 0.12;
+/// Whole numbers for the cut: this is 1.
+const UNIT: f32 = 256.0;
+/// What is this many times the median step is no noise.
+const NOISES: f32 = 5.0;
+/// Rounds in which colour and plane settle.
+const ROUNDS: usize = 4;
+/// Nothing darker is told from black.
+const BLACK: f32 = 0.01;
+
+/// The pixels of the surface at pixel (x, y). All planes have one size.
+pub fn like_surface(
+    (x, y): (usize, usize),
+    photo: &Picture,
+    reflectance: &Albedo,
+    points: &Points,
+    normal: &Normal,
+) -> Plane<bool> {
+    let (w, h) = photo.0.size();
+    let colour = reflectance.0.map(|c| log_above(BLACK, c));
+    let seen = photo.0.map(|c| log_above(0.004, c));
+    let start = y * w + x;
+    let mut found = Plane::from_fn(w, h, |px, py| px.abs_diff(x) <= 2 && py.abs_diff(y) <= 2);
+    let mut surface = (normal.0.pixels()[start], normal.0.pixels()[start].dot(points.0.pixels()[start]));
+    for round in 0..ROUNDS {
+        let members: Vec<usize> = (0..w * h).filter(|&i| found.pixels()[i]).collect();
+        let paint = median(members.iter().map(|&i| colour.pixels()[i]).collect());
+        if round > 0 {
+            let step = members.len().div_ceil(1500);
+            let some = || members.iter().step_by(step);
+            let places: Vec<Vec3> = some().map(|&i| points.0.pixels()[i]).collect();
+            let normals: Vec<Vec3> = some().map(|&i| normal.0.pixels()[i]).collect();
+            if let Some(plane) = PlaneFit::through(&places, &normals, OFF_PLANE) {
+                surface = (plane.normal, plane.offset);
+            }
+        }
+        let gain = |i: usize| {
+            let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
+            let step = colour.pixels()[i] - paint;
+            let level = step.element_sum() / 3.0;
+            let squares = [
+                (step - Vec3::splat(level)).length() / CHROMA,
+                level / INTENSITY,
+                (surface.0.dot(point) - surface.1) / (OFF_PLANE * point.length().max(1e-3)),
+                (1.0 - n.dot(surface.0)) / NORMAL,
+            ];
+            let gain = 1.0 - squares.iter().map(|s| s * s).sum::<f32>();
+            (UNIT * gain.max(-3.0)) as i32
+        };
+        let gain = Plane::new(w, h, (0..w * h).map(|i| if i == start { 1 << 16 } else { gain(i) }).collect());
+        let label = grid_cut(&gain, |x, y, nx, ny| {
+            let step = (seen.get(x, y) - seen.get(nx, ny)).length() / STEP;
+            (UNIT * PARTING * (-step * step).exp()) as i32
+        });
+        let step = |a: usize, b: usize| {
+            let step = seen.pixels()[a] - seen.pixels()[b];
+            let level = step.element_sum() / 3.0;
+            [level.abs(), (step - Vec3::splat(level)).length()]
+        };
+        // Most neighbours on a surface differ by noise alone.
+        let inside = |&i: &usize| label.pixels()[i] && i % w + 1 < w && label.pixels()[i + 1];
+        let steps: Vec<[f32; 2]> = (0..w * h).filter(inside).map(|i| step(i, i + 1)).collect();
+        let usual =
+            median(steps.iter().map(|&[level, chroma]| Vec3::new(level, chroma, 0.0)).chain([Vec3::ZERO]).collect());
+        let (most, most_chroma) = (EDGE.max(NOISES * usual.x), CHROMA_EDGE.max(NOISES * usual.y));
+        found = reached(&label, start, |a, b| {
+            let [level, chroma] = step(a, b);
+            level > most || chroma > most_chroma
+        });
+    }
+    found
+}
+
+/// The pixels of `set` that hang together with `start` without a side that is an edge. The way leads through pixels that have
+/// no edge at all, so that a gap of one pixel in an edge is none.
+fn reached(set: &Plane<bool>, start: usize, is_edge: impl Fn(usize, usize) -> bool) -> Plane<bool> {
+    let (w, h) = set.size();
+    let sides = |i: usize| {
+        let (x, y) = (i % w, i / w);
+        let all =
+            [(x > 0).then(|| i - 1), (x + 1 < w).then(|| i + 1), (y > 0).then(|| i - w), (y + 1 < h).then(|| i + w)];
+        all.into_iter().flatten()
+    };
+    let mut found = Plane::filled(w, h, false);
+    found.pixels_mut()[start] = true;
+    let mut front = vec![start];
+    while let Some(i) = front.pop() {
+        if i != start && sides(i).any(|side| is_edge(i, side)) {
+            continue;
+        }
+        for side in sides(i) {
+            if set.pixels()[side] && !found.pixels()[side] && !is_edge(i, side) {
+                found.pixels_mut()[side] = true;
+                front.push(side);
+            }
+        }
+    }
+    found
+}
+
+/// Channel by channel.
+fn median(mut values: Vec<Vec3>) -> Vec3 {
+    let middle = values.len() / 2;
+    Vec3::from_array([0, 1, 2].map(|c| {
+        let (_, value, _) = values.select_nth_unstable_by(middle, |a, b| a[c].total_cmp(&b[c]));
+        value[c]
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (60, 40);
+
+    /// A back wall that meets a floor in row 30, of one paint; on the wall a framed picture of the wall's colour, before it a post.
+    fn room() -> (Picture, Albedo, Points, Normal) {
+        let (w, h) = SIZE;
+        let post = |x: usize| (40..44).contains(&x);
+        let frame = |x: usize, y: usize| {
+            (10..24).contains(&x) && (6..20).contains(&y) && !((12..22).contains(&x) && (8..18).contains(&y))
+        };
+        let ray = |x: usize, y: usize| Vec3::new(x as f32 - 29.5, 15.0 - y as f32, -50.0) / 50.0;
+        let depth = |x: usize, y: usize| match y {
+            _ if post(x) => 2.0,
+            ..30 => 4.0,
+            _ => 4.0 * 15.0 / (y as f32 - 15.0),
+        };
+        let points = Plane::from_fn(w, h, |x, y| ray(x, y) * depth(x, y));
+        let normal = Plane::from_fn(w, h, |x, y| if y >= 30 && !post(x) { Vec3::Y } else { Vec3::Z });
+        let albedo = Plane::from_fn(w, h, |x, y| Vec3::splat(if frame(x, y) { 0.05 } else { 0.6 }));
+        let photo = Plane::from_fn(w, h, |x, y| albedo.get(x, y) * (1.0 - 0.01 * x as f32));
+        (Picture(photo), Albedo(albedo), Points(points), Normal(normal))
+    }
+
+    #[test]
+    fn a_wall_ends_at_the_floor_at_what_stands_before_it_and_at_what_hangs_on_it() {
+        let (photo, albedo, points, normal) = room();
+        let found = like_surface((30, 10), &photo, &albedo, &points, &normal);
+        for (x, y, inside) in [
+            (30, 10, true),
+            (2, 2, true),
+            (2, 28, true),
+            (17, 12, false),
+            (10, 6, false),
+            (42, 10, false),
+            (30, 36, false),
+        ] {
+            assert_eq!(found.get(x, y), inside, "({x}, {y})");
+        }
+        // The way to the other side of the post is hidden; it is another place of the same wall.
+        assert!(!found.get(50, 10));
+        let floor = like_surface((10, 37), &photo, &albedo, &points, &normal);
+        assert!(floor.get(20, 36) && !floor.get(20, 26));
+    }
+
+    #[test]
+    fn noise_is_no_edge() {
+        let (mut photo, albedo, points, normal) = room();
+        for (i, pixel) in photo.0.pixels_mut().iter_mut().enumerate() {
+            let noise = |c: usize| ((3 * i + c) * 7919 % 1009) as f32 / 1009.0 - 0.5;
+            *pixel *= Vec3::ONE + 0.3 * Vec3::new(noise(0), noise(1), noise(2));
+        }
+        let found = like_surface((30, 10), &photo, &albedo, &points, &normal);
+        let (wall, inside) = (0..30 * SIZE.0)
+            .filter(|i| i % SIZE.0 < 40 && albedo.0.pixels()[*i].x > 0.1)
+            .fold((0, 0), |(all, inside), i| (all + 1, inside + usize::from(found.pixels()[i])));
+        // All but the hundred pixels that the frame holds.
+        assert!(inside + 100 >= wall && inside > 0 && !found.get(17, 12), "{inside} of {wall}");
+    }
+
+    #[test]
+    fn one_pixel_is_a_surface() {
+        let one = |v: Vec3| Plane::filled(1, 1, v);
+        let found = like_surface(
+            (0, 0),
+            &Picture(one(Vec3::ONE)),
+            &Albedo(one(Vec3::ONE)),
+            &Points(one(-Vec3::Z)),
+            &Normal(one(Vec3::Z)),
+        );
+        assert!(found.get(0, 0));
+    }
+}

@@ -1,0 +1,316 @@
+//! Metres from what networks tell of depth, by lengths that a person knows.
+//!
+//! A network for **relative** depth tells q = a / z + b of the planar depth z, where nobody knows a > 0 and b: it was trained by a loss
+//! that is blind to both (MiDaS: Ranftl et al., TPAMI 2022; DPT: Ranftl et al., ICCV 2021; Depth Anything: Yang et al., CVPR and NeurIPS 2024). So
+//!
+//! z = s / (q + t), s = 1 / a, t = -b / a in units of q.
+//!
+//! The **span** is how many times farther the farthest is than the nearest: the depths behind which, and before which, [`TAIL`] of the
+//! pixels lie. It says the same as t, in a number that a person can judge: with e = q_far + t,
+//!
+//! e = (q_near - q_far) / (span - 1).
+//!
+//! One length gives s; two or more give t as well, where they lie at different depths. A network for **metric** depth tells z in metres;
+//! its usual error is one common factor, which a length takes away.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::Camera;
+use crate::image::Plane;
+
+/// Share of the pixels that are taken neither for the nearest nor for the farthest of a room.
+const TAIL: f64 = 0.05;
+/// Nothing is farther than this many times the farthest of the room: what lies there is the view from a window, or nothing at all.
+const BEYOND: f64 = 4.0;
+/// Spans between which lengths may choose.
+const SPANS: (f64, f64) = (1.1, 50.0);
+/// Lengths tell the span when they fit it better than another by at least so much of themselves.
+const TELLING: f64 = 1e-3;
+
+/// Two places in the photo, and how far apart they are in the room.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KnownLength {
+    /// Photo pixels from the left and the top.
+    pub from: [f32; 2],
+    pub to: [f32; 2],
+    pub metres: f32,
+}
+
+/// Depth in metres.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Metres {
+    /// Planar z; zero, negative or not finite where a metric network told no depth.
+    pub depth: Plane<f32>,
+    /// Metres per unit of 1 / (q + t), or of the network's metres.
+    pub scale: f32,
+    /// Of relative depth: the span, as given or as the lengths tell it.
+    pub span: Option<f32>,
+    /// The largest error of a known length, as a share of it.
+    pub misfit: f32,
+}
+
+/// Planar depth from relative depth `told`, of the aspect of the photo whose camera is given.
+///
+/// # Errors
+/// Which known length cannot be used, and why; that there is none; that the network told the same everywhere.
+pub fn relative_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength], span: f32) -> Result<Metres, String> {
+    if known.is_empty() {
+        return Err("known_lengths: relative depth has no scale: wanted a length that you know in the photo, as --known-length X,Y,X,Y=METRES, got none".into());
+    }
+    let rulers = rulers(told, camera, known)?;
+    let (far, near) = (quantile(told, TAIL), quantile(told, 1.0 - TAIL));
+    // An even wall told by a real network varies by more than this; rounding varies by less.
+    if near - far <= 1e-6 * near.abs().max(far.abs()) {
+        return Err(format!("the network tells no depth: wanted numbers that vary, got {near} nearly everywhere"));
+    }
+    let least = |span: f64| (near - far) / (span - 1.0);
+    let depth = |q: f64, span: f64| 1.0 / (q - far + least(span)).max(least(span) / BEYOND);
+    let fit = |span: f64| fit(&rulers, |q| depth(q, span));
+    let span = if known.len() > 1 { best_span(f64::from(span), |span| fit(span).error) } else { f64::from(span) };
+    for (i, ruler) in rulers.iter().enumerate() {
+        if ruler.ends.iter().any(|(_, q)| q - far + least(span) <= least(span) / BEYOND) {
+            return Err(format!(
+                "known_lengths: number {}: an end is farther than the network can tell; wanted one in the room",
+                i + 1
+            ));
+        }
+    }
+    let Fit { scale, misfit, .. } = fit(span);
+    let metres = told.map(|q| (scale * depth(f64::from(q), span)) as f32);
+    Ok(Metres { depth: metres, scale: scale as f32, span: Some(span as f32), misfit: misfit as f32 })
+}
+
+/// Planar depth from what a network takes for metres; without a known length as it is.
+///
+/// # Errors
+/// Which known length cannot be used, and why.
+pub fn metric_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<Metres, String> {
+    if known.is_empty() {
+        return Ok(Metres { depth: told.clone(), scale: 1.0, span: None, misfit: 0.0 });
+    }
+    let rulers = rulers(told, camera, known)?;
+    for (i, ruler) in rulers.iter().enumerate() {
+        if let Some((_, z)) = ruler.ends.iter().find(|(_, z)| *z <= 0.0) {
+            return Err(format!(
+                "known_lengths: number {}: wanted ends where the network tells a depth, got {z} at one",
+                i + 1
+            ));
+        }
+    }
+    let Fit { scale, misfit, .. } = fit(&rulers, |z| z);
+    let depth = told.map(|z| (scale * f64::from(z)) as f32);
+    Ok(Metres { depth, scale: scale as f32, span: None, misfit: misfit as f32 })
+}
+
+/// A known length: the ray of each end at planar depth 1, and what the network tells there.
+struct Ruler {
+    ends: [(DVec3, f64); 2],
+    metres: f64,
+}
+
+fn rulers(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<Vec<Ruler>, String> {
+    let ruler = |(i, length): (usize, &KnownLength)| {
+        let wrong = |what: String| Err(format!("known_lengths: number {}: {what}", i + 1));
+        let &KnownLength { from, to, metres } = length;
+        if !(1e-3..=1e3).contains(&metres) {
+            return wrong(format!("wanted 0.001 to 1000 m, got {metres}"));
+        }
+        for [x, y] in [from, to] {
+            if !camera.contains([x, y].into()) {
+                let (width, height) = (camera.width, camera.height);
+                return wrong(format!("({x}, {y}) is outside the photo, wanted 0..{width} and 0..{height}"));
+            }
+        }
+        if from == to {
+            return wrong(format!("wanted two places, got ({}, {}) twice", from[0], from[1]));
+        }
+        let end = |[x, y]: [f32; 2]| {
+            let pixel = |at: f32, from: usize, to: usize| ((at / from as f32 * to as f32) as usize).min(to - 1);
+            let q = told.get(pixel(x, camera.width, told.width()), pixel(y, camera.height, told.height()));
+            (camera.unproject(x, y, 1.0).as_dvec3(), f64::from(q))
+        };
+        Ok(Ruler { ends: [end(from), end(to)], metres: f64::from(metres) })
+    };
+    known.iter().enumerate().map(ruler).collect()
+}
+
+struct Fit {
+    scale: f64,
+    /// Root mean square of the errors of the lengths, as shares of them.
+    error: f64,
+    /// The largest of them.
+    misfit: f64,
+}
+
+/// The scale s that makes sum (s r - 1)^2 least, r the length at scale 1 over the known one: s = sum r / sum r^2.
+fn fit(rulers: &[Ruler], depth: impl Fn(f64) -> f64) -> Fit {
+    let ratios: Vec<f64> = rulers
+        .iter()
+        .map(|Ruler { ends: [(a, at_a), (b, at_b)], metres }| (*a * depth(*at_a) - *b * depth(*at_b)).length() / metres)
+        .collect();
+    let scale = ratios.iter().sum::<f64>() / ratios.iter().map(|r| r * r).sum::<f64>();
+    let errors = || ratios.iter().map(|r| (scale * r - 1.0).abs());
+    let error = (errors().map(|e| e * e).sum::<f64>() / ratios.len() as f64).sqrt();
+    Fit { scale, error, misfit: errors().fold(0.0, f64::max) }
+}
+
+/// The span of least error: the best of a grid, then golden section around it; `given` where the error hardly depends on it.
+fn best_span(given: f64, error: impl Fn(f64) -> f64) -> f64 {
+    const STEPS: usize = 64;
+    let (low, high) = ((SPANS.0 - 1.0).ln(), (SPANS.1 - 1.0).ln());
+    let span = |u: f64| 1.0 + u.exp();
+    let step = (high - low) / STEPS as f64;
+    let errors = (0..=STEPS).map(|i| low + step * i as f64).map(|u| (u, error(span(u))));
+    let (middle, _) = errors.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a grid has points");
+    let (mut a, mut b) = ((middle - step).max(low), (middle + step).min(high));
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    for _ in 0..60 {
+        let (c, d) = (b - golden * (b - a), a + golden * (b - a));
+        if error(span(c)) < error(span(d)) { b = d } else { a = c }
+    }
+    let best = span(0.5 * (a + b));
+    if error(given) - error(best) < TELLING { given } else { best }
+}
+
+/// The value below which this share of the pixels lies.
+fn quantile(plane: &Plane<f32>, share: f64) -> f64 {
+    let mut values = plane.pixels().to_vec();
+    let at = ((values.len() - 1) as f64 * share).round() as usize;
+    f64::from(*values.select_nth_unstable_by(at, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (64, 48);
+
+    fn camera() -> Camera {
+        Camera::from_fov_x(640, 480, 60.0)
+    }
+
+    /// A floor that runs from 1.5 m to 6 m below a wall at 6 m: 1 / z is linear down the picture.
+    fn room() -> Plane<f32> {
+        Plane::from_fn(
+            SIZE.0,
+            SIZE.1,
+            |_, y| if y < 24 { 6.0 } else { 1.0 / (1.0 / 6.0 + 0.5 * (y - 24) as f32 / 23.0) },
+        )
+    }
+
+    /// The room as a network for relative depth tells it.
+    fn told(a: f32, b: f32) -> Plane<f32> {
+        room().map(|z| a / z + b)
+    }
+
+    /// The true distance between two places of the photo.
+    fn length(from: [f32; 2], to: [f32; 2]) -> KnownLength {
+        let point = |[x, y]: [f32; 2]| camera().unproject(x, y, room().get(x as usize / 10, y as usize / 10));
+        KnownLength { from, to, metres: point(from).distance(point(to)) }
+    }
+
+    fn span_of(depth: &Plane<f32>) -> f32 {
+        (quantile(depth, 1.0 - TAIL) / quantile(depth, TAIL)) as f32
+    }
+
+    fn worst(got: &Plane<f32>) -> f32 {
+        got.pixels().iter().zip(room().pixels()).map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn one_length_and_the_span_give_the_room() {
+        let known = [length([100.0, 50.0], [400.0, 50.0])];
+        for (a, b) in [(1.0, 0.0), (20.0, 3.0), (0.01, -0.5), (500.0, 1000.0)] {
+            let got = relative_depth(&told(a, b), &camera(), &known, span_of(&room())).expect("it can be solved");
+            // Single precision of q, of which b may take digits.
+            assert!(worst(&got.depth) < 1e-4, "{a} {b}: {}", worst(&got.depth));
+            assert!(got.misfit < 1e-6);
+        }
+    }
+
+    #[test]
+    fn the_known_length_comes_out_whatever_the_span() {
+        let known = length([320.0, 100.0], [300.5, 470.0]);
+        for span in [1.2, 2.5, 10.0] {
+            let got = relative_depth(&told(3.0, 1.0), &camera(), &[known], span).expect("it can be solved").depth;
+            let point = |[x, y]: [f32; 2]| camera().unproject(x, y, got.get(x as usize / 10, y as usize / 10));
+            assert!((point(known.from).distance(point(known.to)) / known.metres - 1.0).abs() < 1e-4);
+            assert!((span_of(&got) / span - 1.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn two_lengths_tell_the_span() {
+        let known = [length([100.0, 50.0], [400.0, 50.0]), length([200.0, 460.0], [500.0, 460.0])];
+        let got = relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
+        assert!(worst(&got.depth) < 1e-4 && got.misfit < 1e-5, "{} {}", worst(&got.depth), got.misfit);
+        // On one wall they do not.
+        let known = [length([100.0, 50.0], [400.0, 50.0]), length([100.0, 50.0], [100.0, 150.0])];
+        let got = relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
+        assert_eq!(got.span, Some(2.0));
+        // Lengths that contradict each other are fitted as well as can be, and the misfit says so.
+        let twice = KnownLength { metres: 2.0 * known[0].metres, ..known[0] };
+        let got = relative_depth(&told(3.0, 1.0), &camera(), &[known[0], twice], 2.0).expect("it can be solved");
+        assert!(got.misfit > 0.3);
+    }
+
+    #[test]
+    fn metric_depth_takes_a_common_factor() {
+        let told = room().map(|z| 0.7 * z);
+        let known = [length([100.0, 50.0], [400.0, 50.0])];
+        let got = metric_depth(&told, &camera(), &known).expect("it can be solved");
+        assert!(worst(&got.depth) < 1e-5 && (got.scale * 0.7 - 1.0).abs() < 1e-5);
+        assert_eq!(metric_depth(&told, &camera(), &[]).expect("it needs no length").depth, told);
+    }
+
+    #[test]
+    fn what_is_behind_a_pane_is_held_back() {
+        // A hundredth of the picture shows a sky, at infinity and below it.
+        let mut q = told(3.0, 0.0);
+        (0..30).for_each(|x| q.set(x, 0, -0.5 * x as f32));
+        let known = length([100.0, 150.0], [400.0, 150.0]);
+        let got = relative_depth(&q, &camera(), &[known], 4.0).expect("it can be solved").depth;
+        let farthest = quantile(&got, 1.0 - TAIL) as f32;
+        assert!(got.pixels().iter().all(|&z| z > 0.0 && z <= 4.001 * farthest));
+    }
+
+    #[test]
+    fn lengths_that_cannot_be_are_named() {
+        let sound = length([100.0, 50.0], [400.0, 50.0]);
+        let mut q = told(3.0, 0.0);
+        q.set(0, 0, -50.0);
+        let message =
+            |length: KnownLength| relative_depth(&q, &camera(), &[sound, length], 4.0).expect_err("it is wrong");
+        for (length, wanted) in [
+            (KnownLength { to: sound.from, ..sound }, "number 2: wanted two places, got (100, 50) twice"),
+            (
+                KnownLength { to: [640.0, 1.0], ..sound },
+                "number 2: (640, 1) is outside the photo, wanted 0..640 and 0..480",
+            ),
+            (KnownLength { from: [-0.1, 1.0], ..sound }, "number 2: (-0.1, 1) is outside"),
+            (KnownLength { metres: 0.0, ..sound }, "number 2: wanted 0.001 to 1000 m, got 0"),
+            (KnownLength { from: [5.0, 5.0], ..sound }, "number 2: an end is farther than the network can tell"),
+        ] {
+            assert!(message(length).contains(wanted), "{}", message(length));
+        }
+        assert!(
+            relative_depth(&q, &camera(), &[], 4.0)
+                .expect_err("it has no scale")
+                .contains("--known-length X,Y,X,Y=METRES")
+        );
+        let even = Plane::filled(64, 48, 7.0);
+        assert!(
+            relative_depth(&even, &camera(), &[sound], 4.0)
+                .expect_err("it is even")
+                .contains("got 7 nearly everywhere")
+        );
+        let hole = room().map(|z| if z > 5.0 { 0.0 } else { z });
+        assert!(
+            metric_depth(&hole, &camera(), &[sound])
+                .expect_err("a hole")
+                .contains("wanted ends where the network tells a depth, got 0")
+        );
+    }
+}

@@ -1,0 +1,17 @@
+//! The seen room: depth to points, normals and mesh.
+
+pub(in crate::geometry) mod gravity;
+pub(in crate::geometry) mod grow_region;
+pub(in crate::geometry) mod mesh;
+pub(in crate::geometry) mod metric_scale;
+pub(in crate::geometry) mod orient_normals;
+pub(in crate::geometry) mod plane_fit;
+pub(in crate::geometry) mod surface;
+
+pub use gravity::world_up;
+pub use grow_region::like_surface;
+pub use mesh::{Hit, Own, SceneMesh, Sight};
+pub use metric_scale::{KnownLength, Metres, metric_depth, relative_depth};
+pub use orient_normals::facing;
+pub use plane_fit::PlaneFit;
+pub use surface::{Surface, surface};

@@ -1,0 +1,182 @@
+//! OpenEXR files in.
+
+use std::io::Cursor;
+
+use ::exr::meta::MetaData;
+use ::exr::meta::attribute::Chromaticities;
+use ::exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
+use glam::Vec3;
+
+use super::read::{ReadError, Source};
+use crate::image::Plane;
+
+/// Rec.709 primaries and D65, (x, y) of red, green, blue, white.
+pub(in crate::image) const REC709: [(f32, f32); 4] = [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)];
+
+/// One channel of one part.
+struct Channel {
+    name: String,
+    width: usize,
+    height: usize,
+    samples: FlatSamples,
+}
+
+/// An EXR file as it lies on disk: channels by name.
+pub struct ExrFile {
+    channels: Vec<Channel>,
+    pub(in crate::image) warnings: Vec<String>,
+    comments: String,
+}
+
+/// Reads all channels of a file with layers, as [`crate::image::ExrLayers`] writes them.
+pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
+    match source.bytes.starts_with(b"\x76\x2f\x31\x01") {
+        true => read(source),
+        false => Err(super::read::not_one_of(source, "OpenEXR")),
+    }
+}
+
+/// Reads all full-resolution channels of a file.
+pub(in crate::image) fn read(source: Source) -> Result<ExrFile, ReadError> {
+    let bad = |e: ::exr::error::Error| source.error("content", "a sound OpenEXR file", e);
+    // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes: headers first.
+    let meta = MetaData::read_from_buffered(Cursor::new(source.bytes), false).map_err(bad)?;
+    let mut total = 0u64;
+    let mut chunks = 0u64;
+    for header in &meta.headers {
+        if header.deep {
+            return Err(source.error("content", "flat pixels", "deep data"));
+        }
+        let pixel: u64 = header.channels.list.iter().map(|c| c.sample_type.bytes_per_sample() as u64).sum();
+        let (width, height) = (header.layer_size.width() as u64, header.layer_size.height() as u64);
+        source.check_size(width, height, pixel)?;
+        total = total.saturating_add(width * height * pixel);
+        chunks = chunks.saturating_add(header.chunk_count as u64);
+    }
+    // Every chunk has at least its 8 bytes in the offset table.
+    if chunks > source.bytes.len() as u64 / 8 {
+        return Err(source.error(
+            "content",
+            format!("room for {chunks} chunks"),
+            format!("{} bytes", source.bytes.len()),
+        ));
+    }
+    if total > source.most {
+        return Err(source.error("size in the header", format!("at most {} bytes", source.most), total));
+    }
+    let warnings = warnings(&meta);
+    let image = ::exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .non_parallel()
+        .from_buffered(Cursor::new(source.bytes))
+        .map_err(bad)?;
+    let comments = image.layer_data.iter().find_map(|layer| layer.attributes.comments.as_ref());
+    let comments = comments.map(ToString::to_string).unwrap_or_default();
+    let channels = image
+        .layer_data
+        .into_iter()
+        .flat_map(|layer| {
+            let (width, height) = (layer.size.width(), layer.size.height());
+            layer.channel_data.list.into_iter().map(move |c| Channel {
+                name: c.name.to_string(),
+                width,
+                height,
+                samples: c.sample_data,
+            })
+        })
+        // Subsampled channels (chroma) are of no use here.
+        .filter(|c| c.samples.len() == c.width * c.height)
+        .collect();
+    Ok(ExrFile { channels, warnings, comments })
+}
+
+fn warnings(meta: &MetaData) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let Some(header) = meta.headers.first() else { return warnings };
+    if header.shared_attributes.chromaticities.is_some_and(|c| !is_rec709(&c)) {
+        warnings
+            .push("its chromaticities are not those of Rec.709: its numbers are taken as Rec.709 all the same".into());
+    }
+    if header.data_window() != header.shared_attributes.display_window {
+        warnings.push("its data window is not its display window: the data window is the picture".into());
+    }
+    warnings
+}
+
+fn is_rec709(c: &Chromaticities) -> bool {
+    let near = |got: ::exr::math::Vec2<f32>, (x, y): (f32, f32)| (got.0 - x).abs() < 2e-3 && (got.1 - y).abs() < 2e-3;
+    [c.red, c.green, c.blue, c.white].into_iter().zip(REC709).all(|(got, wanted)| near(got, wanted))
+}
+
+impl ExrFile {
+    fn find(&self, name: &str) -> Option<&Channel> {
+        self.channels.iter().find(|c| c.name == name)
+    }
+
+    fn missing(&self, source: Source, wanted: &str) -> ReadError {
+        let names: Vec<&str> = self.channels.iter().take(20).map(|c| c.name.as_str()).collect();
+        source.error("EXR channels", wanted, if names.is_empty() { "none".into() } else { names.join(" ") })
+    }
+
+    /// R, G, B; or the grey of Y, of Z or of R alone.
+    pub(in crate::image) fn colours(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
+        if let Some(colours) = self.triple(["R", "G", "B"]) {
+            return Ok(colours);
+        }
+        let grey = ["Y", "Z", "R"].into_iter().find_map(|name| self.find(name));
+        let grey = grey.ok_or_else(|| self.missing(source, "R, G and B, or Y, Z or R alone"))?;
+        Ok(grey.plane().map(Vec3::splat))
+    }
+
+    /// X, Y, Z; or R, G, B.
+    pub(in crate::image) fn vectors(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
+        let vectors = [["X", "Y", "Z"], ["R", "G", "B"]].into_iter().find_map(|names| self.triple(names));
+        vectors.ok_or_else(|| self.missing(source, "X, Y and Z, or R, G and B"))
+    }
+
+    /// Names of all channels, `light_lamp_0.R`.
+    pub fn channels(&self) -> impl Iterator<Item = &str> {
+        self.channels.iter().map(|channel| channel.name.as_str())
+    }
+
+    /// The colours of a layer, or of the picture itself when `layer` is empty.
+    pub fn rgb(&self, layer: &str) -> Option<Plane<Vec3>> {
+        let name = |channel: &str| if layer.is_empty() { channel.to_owned() } else { format!("{layer}.{channel}") };
+        self.triple(["R", "G", "B"].map(name).each_ref().map(String::as_str))
+    }
+
+    /// One channel.
+    pub fn number(&self, channel: &str) -> Option<Plane<f32>> {
+        self.find(channel).map(Channel::plane)
+    }
+
+    /// The lines of the `comments` attribute.
+    pub fn comments(&self) -> impl Iterator<Item = &str> {
+        self.comments.lines()
+    }
+
+    /// Three channels of one size.
+    fn triple(&self, names: [&str; 3]) -> Option<Plane<Vec3>> {
+        let [Some(a), Some(b), Some(c)] = names.map(|name| self.find(name)) else { return None };
+        let same = |other: &Channel| (other.width, other.height) == (a.width, a.height);
+        let (y, z) = (b.samples.values_as_f32(), c.samples.values_as_f32());
+        let data = || a.samples.values_as_f32().zip(y).zip(z).map(|((x, y), z)| Vec3::new(x, y, z)).collect();
+        (same(b) && same(c)).then(|| Plane::new(a.width, a.height, data()))
+    }
+
+    /// Z, else Y, else R.
+    pub(in crate::image) fn depth(&self, source: Source) -> Result<Plane<f32>, ReadError> {
+        let depth = ["Z", "Y", "R"].into_iter().find_map(|name| self.find(name));
+        Ok(depth.ok_or_else(|| self.missing(source, "Z, Y or R"))?.plane())
+    }
+}
+
+impl Channel {
+    fn plane(&self) -> Plane<f32> {
+        Plane::new(self.width, self.height, self.samples.values_as_f32().collect())
+    }
+}

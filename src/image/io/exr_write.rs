@@ -1,0 +1,321 @@
+//! Multi-layer OpenEXR files out: one part, channels named `layer.R`, which every viewer groups into layers.
+
+use std::io::Cursor;
+use std::sync::Arc;
+
+use ::exr::math::Vec2;
+use ::exr::meta::attribute::{Chromaticities, Text};
+use ::exr::prelude::Layer as Part;
+use ::exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, LayerAttributes, WritableImage};
+use glam::Vec3;
+use half::f16;
+use half::slice::HalfFloatSliceExt;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::exr_read::REC709;
+use crate::image::layer::halves_hold;
+use crate::image::{Layer, Plane};
+
+/// How the pixels of an EXR file are packed. None of them loses anything.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Compression {
+    None,
+    Rle,
+    Zip,
+    Piz,
+}
+
+/// The channels of an EXR file in the making; all have the file's size.
+pub struct ExrLayers {
+    width: usize,
+    height: usize,
+    channels: Vec<(String, Channel)>,
+    comments: Vec<String>,
+    kept_as_float: Vec<(String, f32)>,
+}
+
+/// The samples of one channel.
+enum Channel {
+    Flat(FlatSamples),
+    /// Red, green or blue of a layer.
+    Of(Arc<Layer>, usize),
+}
+
+const RGB: [&str; 3] = ["R", "G", "B"];
+const XYZ: [&str; 3] = ["X", "Y", "Z"];
+
+impl ExrLayers {
+    pub fn new(width: usize, height: usize) -> ExrLayers {
+        ExrLayers { width, height, channels: Vec::new(), comments: Vec::new(), kept_as_float: Vec::new() }
+    }
+
+    /// A half-float colour layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when `layer` is empty. Like every layer
+    /// of halves it becomes one of floats when halves cannot hold it, see [`ExrLayers::kept_as_float`].
+    pub fn rgb(&mut self, layer: &str, plane: &Plane<Vec3>) {
+        self.halves(layer, RGB, plane);
+    }
+
+    /// [`ExrLayers::rgb`] of a layer that is kept as it is, and let go of as soon as it is written.
+    pub fn layer(&mut self, name: &str, layer: Arc<Layer>) {
+        if let Layer::Float(plane) = &*layer {
+            self.kept_as_float.push((name.into(), largest(plane, |v| v.abs().max_element())));
+        }
+        for (axis, channel) in RGB.into_iter().enumerate() {
+            self.push(&format!("{name}.{channel}"), layer.size(), Channel::Of(layer.clone(), axis));
+        }
+    }
+
+    /// The channel `A`, 1 everywhere.
+    pub fn opaque(&mut self) {
+        let samples = FlatSamples::F16(vec![f16::ONE; self.width * self.height]);
+        self.push("A", (self.width, self.height), Channel::Flat(samples));
+    }
+
+    /// A half-float vector layer: `layer.X`, `layer.Y`, `layer.Z`.
+    pub fn xyz(&mut self, layer: &str, plane: &Plane<Vec3>) {
+        self.halves(layer, XYZ, plane);
+    }
+
+    /// [`ExrLayers::rgb`] in single precision.
+    pub fn float_rgb(&mut self, layer: &str, plane: &Plane<Vec3>) {
+        self.triple(layer, RGB, plane, true);
+    }
+
+    /// [`ExrLayers::xyz`] in single precision.
+    pub fn float_xyz(&mut self, layer: &str, plane: &Plane<Vec3>) {
+        self.triple(layer, XYZ, plane, true);
+    }
+
+    fn halves(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>) {
+        let told = if layer.is_empty() { "RGB" } else { layer };
+        let float = self.needs_float(told, largest(plane, |v| v.abs().max_element()));
+        self.triple(layer, names, plane, float);
+    }
+
+    fn triple(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>, float: bool) {
+        let samples = |axis: usize| samples(plane, |v| v.to_array()[axis], float);
+        let channels: Vec<_> = (0..3).into_par_iter().map(samples).collect();
+        for (name, samples) in names.into_iter().zip(channels) {
+            let name = if layer.is_empty() { name.into() } else { format!("{layer}.{name}") };
+            self.push(&name, plane.size(), Channel::Flat(samples));
+        }
+    }
+
+    /// One half-float channel.
+    pub fn half(&mut self, name: &str, plane: &Plane<f32>) {
+        let float = self.needs_float(name, largest(plane, f32::abs));
+        self.push(name, plane.size(), Channel::Flat(samples(plane, |v| v, float)));
+    }
+
+    fn needs_float(&mut self, layer: &str, largest: f32) -> bool {
+        let float = !halves_hold(largest);
+        if float {
+            self.kept_as_float.push((layer.into(), largest));
+        }
+        float
+    }
+
+    /// The layers that are floats although halves were asked for, each with its largest magnitude: above 65504 a half would be
+    /// infinite, and where all is below 6.1e-5 it would lose digits, and below 6e-8 everything.
+    pub fn kept_as_float(&self) -> &[(String, f32)] {
+        &self.kept_as_float
+    }
+
+    /// One single-precision channel.
+    pub fn float(&mut self, name: &str, plane: &Plane<f32>) {
+        self.push(name, plane.size(), Channel::Flat(FlatSamples::F32(plane.pixels().to_vec())));
+    }
+
+    fn push(&mut self, name: &str, size: (usize, usize), channel: Channel) {
+        assert_eq!(size, (self.width, self.height), "every channel has the size of its file");
+        self.channels.push((name.into(), channel));
+    }
+
+    /// A line of the file's `comments` attribute. (Attributes of our own would be written in the order of a hash map, and
+    /// equal inputs would give other bytes.)
+    pub fn comment(&mut self, line: &str) {
+        self.comments.push(line.into());
+    }
+
+    /// The file. There must be at least one channel, and no two of one name.
+    pub fn write(mut self, compression: Compression) -> Result<Vec<u8>, String> {
+        let failed = |e: ::exr::error::Error| format!("the EXR file cannot be written: {e}");
+        let channels = std::mem::take(&mut self.channels);
+        if compression == Compression::None {
+            return self.uncompressed(channels).map_err(failed);
+        }
+        let bytes: usize = channels.iter().map(|(_, channel)| channel.sample_bytes() * self.width * self.height).sum();
+        let image = self.image(channels.into_iter().map(|(name, channel)| (name, channel.samples())), compression);
+        // Room for everything at once: growing would copy megabytes, again and again.
+        let mut file = Cursor::new(Vec::with_capacity(bytes + bytes / 16));
+        image.write().to_buffered(&mut file).map_err(failed)?;
+        Ok(file.into_inner())
+    }
+
+    fn image(
+        &self,
+        channels: impl Iterator<Item = (String, FlatSamples)>,
+        compression: Compression,
+    ) -> Image<Part<AnyChannels<FlatSamples>>> {
+        let compression = match compression {
+            Compression::None => ::exr::prelude::Compression::Uncompressed,
+            Compression::Rle => ::exr::prelude::Compression::RLE,
+            Compression::Zip => ::exr::prelude::Compression::ZIP16,
+            Compression::Piz => ::exr::prelude::Compression::PIZ,
+        };
+        let encoding = Encoding { compression, ..Encoding::UNCOMPRESSED };
+        let layer_attributes = LayerAttributes {
+            software_name: Some(text(concat!("relight ", env!("CARGO_PKG_VERSION")))),
+            comments: (!self.comments.is_empty()).then(|| text(&self.comments.join("\n"))),
+            ..LayerAttributes::default()
+        };
+        let channels =
+            AnyChannels::sort(channels.map(|(name, samples)| AnyChannel::new(text(&name), samples)).collect());
+        let mut image = Image::from_layer(Part::new((self.width, self.height), layer_attributes, encoding, channels));
+        let [red, green, blue, white] = REC709.map(|(x, y)| Vec2(x, y));
+        image.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
+        image
+    }
+
+    /// A file whose blocks are single rows, each the row of one channel after the other: made channel by channel, so that no channel
+    /// is in memory beside the part of the file that holds it.
+    fn uncompressed(&self, mut channels: Vec<(String, Channel)>) -> ::exr::error::Result<Vec<u8>> {
+        let described = channels.iter().map(|(name, channel)| (name.clone(), channel.described()));
+        let headers = self.image(described, Compression::None).write().infer_meta_data();
+        let mut head = Cursor::new(Vec::new());
+        // The header and an empty table of offsets; the rows are ours.
+        match ::exr::block::write(&mut head, headers, true, |_, _| Err(::exr::error::Error::Aborted)) {
+            Err(::exr::error::Error::Aborted) => {}
+            other => other?,
+        }
+        let head = head.into_inner();
+        let row: usize = channels.iter().map(|(_, channel)| channel.sample_bytes() * self.width).sum();
+        let block = ROW_HEAD + row;
+        let mut file = vec![0; head.len() + block * self.height];
+        let (front, rows) = file.split_at_mut(head.len());
+        front.copy_from_slice(&head);
+        for (y, offset) in front[head.len() - 8 * self.height..].chunks_exact_mut(8).enumerate() {
+            offset.copy_from_slice(&((head.len() + y * block) as u64).to_le_bytes());
+        }
+        for (y, start) in rows.chunks_exact_mut(block).enumerate() {
+            start[..4].copy_from_slice(&(y as i32).to_le_bytes());
+            start[4..ROW_HEAD].copy_from_slice(&(row as i32).to_le_bytes());
+        }
+        channels.sort_by_cached_key(|(name, _)| text(name));
+        let mut at = ROW_HEAD;
+        for (_, channel) in channels {
+            let bytes = channel.sample_bytes() * self.width;
+            let rows = rows.par_chunks_exact_mut(block.max(1)).enumerate();
+            rows.for_each(|(y, start)| channel.row(y * self.width, &mut start[at..at + bytes]));
+            at += bytes;
+        }
+        Ok(file)
+    }
+}
+
+/// A row's number and its length in bytes.
+const ROW_HEAD: usize = 8;
+
+impl Channel {
+    fn sample_bytes(&self) -> usize {
+        match self {
+            Channel::Flat(FlatSamples::F16(_)) => 2,
+            Channel::Flat(FlatSamples::F32(_) | FlatSamples::U32(_)) => 4,
+            Channel::Of(layer, _) => match **layer {
+                Layer::Half(_) => 2,
+                Layer::Float(_) => 4,
+            },
+        }
+    }
+
+    /// No samples, of the same type.
+    fn described(&self) -> FlatSamples {
+        if self.sample_bytes() == 2 { FlatSamples::F16(vec![]) } else { FlatSamples::F32(vec![]) }
+    }
+
+    fn samples(self) -> FlatSamples {
+        match self {
+            Channel::Flat(samples) => samples,
+            Channel::Of(layer, axis) => match &*layer {
+                Layer::Half(plane) => {
+                    FlatSamples::F16(plane.pixels().iter().map(|pixel| f16::from_bits(pixel[axis])).collect())
+                }
+                Layer::Float(plane) => FlatSamples::F32(plane.pixels().iter().map(|pixel| pixel[axis]).collect()),
+            },
+        }
+    }
+
+    /// Writes the samples from pixel `from` on, little endian, over zeros: a black layer takes no memory in the file either.
+    fn row(&self, from: usize, bytes: &mut [u8]) {
+        fn put<T, const N: usize>(bytes: &mut [u8], samples: &[T], stored: impl Fn(&T) -> [u8; N]) {
+            for (bytes, sample) in bytes.chunks_exact_mut(N).zip(samples) {
+                let stored = stored(sample);
+                if stored != [0; N] {
+                    bytes.copy_from_slice(&stored);
+                }
+            }
+        }
+        match self {
+            Channel::Flat(FlatSamples::F16(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
+            Channel::Flat(FlatSamples::F32(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
+            Channel::Flat(FlatSamples::U32(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
+            Channel::Of(layer, axis) => match &**layer {
+                Layer::Half(plane) => put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes()),
+                Layer::Float(plane) => put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes()),
+            },
+        }
+    }
+}
+
+fn largest<T: Copy>(plane: &Plane<T>, magnitude: impl Fn(T) -> f32) -> f32 {
+    plane.pixels().iter().map(|&v| magnitude(v)).fold(0.0, f32::max)
+}
+
+fn samples<T: Copy + Sync>(plane: &Plane<T>, number: impl Fn(T) -> f32, float: bool) -> FlatSamples {
+    if float {
+        return FlatSamples::F32(plane.pixels().iter().map(|&v| number(v)).collect());
+    }
+    let (mut halves, mut wide) = (vec![f16::ZERO; plane.len()], [0.0; 1024]);
+    for (halves, pixels) in halves.chunks_mut(wide.len()).zip(plane.pixels().chunks(wide.len())) {
+        wide.iter_mut().zip(pixels).for_each(|(wide, &v)| *wide = number(v));
+        halves.convert_from_f32_slice(&wide[..pixels.len()]);
+    }
+    FlatSamples::F16(halves)
+}
+
+/// Characters outside Latin-1 cannot stand in an EXR text and become `?`.
+fn text(text: &str) -> Text {
+    let clean: String = text.chars().map(|c| if (c as u32) < 256 { c } else { '?' }).collect();
+    Text::new_or_none(clean).expect("every character is Latin-1")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rows that are written here are the bytes that the crate writes.
+    #[test]
+    fn rows_are_those_of_the_crate() {
+        let plane = Plane::from_fn(37, 23, |x, y| Vec3::new(x as f32 / 3.0, -(y as f32), 0.1));
+        let layers = || {
+            let mut layers = ExrLayers::new(37, 23);
+            layers.rgb("", &plane);
+            layers.opaque();
+            layers.layer("light_b", Arc::new(Layer::new(plane.clone())));
+            layers.layer("light_a", Arc::new(Layer::new(plane.map(|v| 1e6 * v))));
+            layers.xyz("normal", &plane);
+            layers.float("depth.Z", &plane.map(|v| v.x));
+            layers.comment("a line");
+            layers
+        };
+        let mut of_crate = layers();
+        let channels = std::mem::take(&mut of_crate.channels).into_iter();
+        let samples = channels.map(|(name, channel)| (name, channel.samples()));
+        let mut file = Cursor::new(Vec::new());
+        of_crate.image(samples, Compression::None).write().to_buffered(&mut file).expect("the channels are sound");
+        let ours = layers();
+        assert_eq!(ours.kept_as_float().iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["light_a"]);
+        assert!(ours.write(Compression::None).expect("the channels are sound") == file.into_inner());
+    }
+}

@@ -1,0 +1,199 @@
+//! Paint put over what a photo shows.
+//!
+//! What a surface of paint `old` shows is split after the dichromatic model (Shafer, Using Color to Separate Reflection Components,
+//! 1985): its reflectance is `b = d old + s 1 + r`, with d the body (shading that the model misses, and texture without colour), s the
+//! gloss, which has the colour of the light and not of the paint, and r what remains: texture of another colour. d and s minimise
+//! `|r|^2 + GLOSS s^2`, s >= 0: on grey paint, where gloss and body look the same, all is body. The new paint then gives
+//! `d new + s 1 + g r` with `g = new old / (old^2 + NOISE^2)`, Wiener's filter for new / old: what a dark paint hardly shows is noise.
+//! It is linear but for s >= 0, and takes `old` to `new` exactly: where `old` is the mean of a region, `new` becomes its mean.
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::image::{Plane, luminance};
+
+/// Cost of gloss: a body whose colour is further than some ten degrees from grey tells it from texture.
+const GLOSS: f32 = 0.1;
+/// Standard deviation of the noise of an estimated reflectance.
+const NOISE: f32 = 0.02;
+
+/// One paint in the place of another.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Repaint {
+    /// Mean reflectance of the surface as it is, above 0.
+    pub old: Vec3,
+    /// Mean reflectance as it shall be.
+    pub new: Vec3,
+    /// Whether what varies on the surface goes on to vary; else it is one even colour.
+    pub keep_texture: bool,
+}
+
+impl Repaint {
+    /// The reflectance of a place that had `reflectance`: at most 1 and no less than `new` may be, its colour kept.
+    pub fn over(&self, reflectance: Vec3) -> Vec3 {
+        if !self.keep_texture {
+            return self.new;
+        }
+        let painted = self.textured(reflectance);
+        let most = self.new.max_element().max(1.0);
+        painted / (painted.max_element() / most).max(1.0)
+    }
+
+    /// What `light` that came back from the old paint, of unknown cause, is when it comes back from the new one: of any strength.
+    pub fn tint(&self, light: Vec3) -> Vec3 {
+        self.textured(light)
+    }
+
+    fn textured(&self, b: Vec3) -> Vec3 {
+        let (a_a, a_1, one_1) = (self.old.length_squared(), self.old.element_sum(), 3.0 + GLOSS);
+        let (a_b, one_b) = (self.old.dot(b), b.element_sum());
+        let gloss = (a_a * one_b - a_1 * a_b) / (a_a * one_1 - a_1 * a_1);
+        let gloss = gloss.clamp(0.0, b.min_element().max(0.0));
+        let body = (a_b - gloss * a_1) / a_a;
+        let remains = b - body * self.old - Vec3::splat(gloss);
+        let kept = self.new * self.old / (self.old * self.old + NOISE * NOISE);
+        (body * self.new + Vec3::splat(gloss) + kept * remains).max(Vec3::ZERO)
+    }
+}
+
+/// Paint on part of a photo.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Coat {
+    pub paint: Repaint,
+    pub matte: Matte,
+}
+
+/// Which part of each pixel is a surface, and what that surface shows where it is only a part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Matte {
+    /// 0..=1.
+    pub share: Plane<f32>,
+    /// By pixel, row by row: what the surface alone shows in pixels that it shares with another one.
+    pub rim: Vec<(u32, [f32; 3])>,
+}
+
+impl Matte {
+    /// What the surface alone shows at pixel (x, y) of its photo, where that is not what the photo shows.
+    fn own(&self, x: usize, y: usize) -> Option<Vec3> {
+        let at = (y * self.share.width() + x) as u32;
+        self.rim.binary_search_by_key(&at, |(pixel, _)| *pixel).ok().map(|i| Vec3::from_array(self.rim[i].1))
+    }
+}
+
+/// Coats one over the other, the first at the bottom. All have the photo's size.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Coats(pub Vec<Coat>);
+
+impl Coats {
+    /// Whether all coats are of one size.
+    ///
+    /// # Errors
+    /// The rule that is not kept.
+    pub fn check(&self) -> Result<(), String> {
+        let sizes = || self.0.iter().map(|coat| coat.matte.share.size());
+        crate::image::rule(sizes().zip(sizes().skip(1)).all(|(a, b)| a == b), "coats of one size")
+    }
+
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.0.iter().map(|coat| coat.matte.share.bytes() + 16 * coat.matte.rim.len()).sum()
+    }
+
+    /// The coats on pixel (x, y).
+    pub fn at(&self, x: usize, y: usize) -> Coated<'_> {
+        let on = self.0.iter().map(|coat| (coat.matte.share.get(x, y), coat)).filter(|(share, _)| *share > 0.0);
+        Coated(on.map(|(share, coat)| (share, &coat.paint, coat.matte.own(x, y))).collect())
+    }
+}
+
+/// The coats on one pixel: share of the pixel, paint, and what the painted surface alone shows.
+pub struct Coated<'a>(Vec<(f32, &'a Repaint, Option<Vec3>)>);
+
+impl Coated<'_> {
+    pub fn is_bare(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The reflectance of the pixel, which is `bare` without paint and shows `photo`.
+    ///
+    /// In a pixel of two surfaces the painted one takes away its share of what is shown and adds it in its new paint.
+    pub fn reflectance(&self, bare: Vec3, photo: Vec3) -> Vec3 {
+        self.0.iter().fold(bare, |below, &(share, paint, own)| {
+            let per_light = bare / photo.max(Vec3::splat(1e-6));
+            let own = own.map_or(bare, |own| own * per_light);
+            let left = Vec3::ONE - share * own / bare.max(Vec3::splat(1e-6));
+            below * left.max(Vec3::ZERO) + share * paint.over(own)
+        })
+    }
+
+    /// Light of unknown cause that came back from the pixel, `light` without paint. `source` is the colour of what shone on it.
+    pub fn tint(&self, light: Vec3, source: Vec3) -> Vec3 {
+        let source = source / luminance(source).max(1e-9);
+        let white = source.max(Vec3::splat(0.05));
+        self.0.iter().fold(light, |below, &(share, paint, _)| below.lerp(paint.tint(light / white) * white, share))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WALL: Vec3 = Vec3::new(0.5, 0.2, 0.1);
+    const NEW: Vec3 = Vec3::new(0.1, 0.3, 0.6);
+
+    fn paint(old: Vec3, keep_texture: bool) -> Repaint {
+        Repaint { old, new: NEW, keep_texture }
+    }
+
+    #[track_caller]
+    fn check(got: Vec3, want: Vec3, tolerance: f32) {
+        assert!((got - want).abs().max_element() < tolerance, "{got} against {want}");
+    }
+
+    #[test]
+    fn old_becomes_new_and_shading_stays() {
+        for old in [WALL, Vec3::splat(0.4), Vec3::new(0.3, 0.31, 0.33)] {
+            for level in [0.1, 0.5, 1.0, 1.3] {
+                check(paint(old, true).over(level * old), level * NEW, 1e-5);
+                check(paint(old, false).over(level * old), NEW, 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn the_mean_of_a_texture_is_the_new_paint() {
+        let spots = [Vec3::new(0.05, 0.02, -0.01), Vec3::new(-0.08, -0.03, 0.0), Vec3::new(0.03, 0.01, 0.01)];
+        let old = Vec3::splat(0.4);
+        let mean = spots.iter().map(|&spot| paint(old, true).over(old + spot)).sum::<Vec3>() / 3.0;
+        // Wiener's filter takes 0.02^2 / 0.4^2 of the colour of the texture, whose mean is 0.
+        check(mean, NEW, 1e-4);
+    }
+
+    #[test]
+    fn gloss_on_a_colour_keeps_the_colour_of_the_light() {
+        // GLOSS holds back a ninth of it (0.1 of 0.1 + |1|^2 sin^2 = 0.9), which the ratio of blue, 6, makes 0.1; all of it would be 1.
+        let got = paint(WALL, true).over(WALL + Vec3::splat(0.2));
+        check(got, NEW + Vec3::splat(0.2), 0.11);
+    }
+
+    #[test]
+    fn white_spots_do_not_glow() {
+        let got = paint(Vec3::new(0.5, 0.05, 0.02), true).over(Vec3::splat(0.9));
+        assert!(got.max_element() <= 1.0, "{got}");
+    }
+
+    #[test]
+    fn a_shared_pixel_changes_by_its_share() {
+        let (share, other) = (0.3, Vec3::splat(0.8));
+        let photo = share * WALL + (1.0 - share) * other;
+        let plane = Plane::filled(2, 1, share);
+        let matte = Matte { share: plane, rim: vec![(1, WALL.to_array())] };
+        let coats = Coats(vec![Coat { paint: paint(WALL, true), matte }]);
+        // Under even light of 2, reflectance is half of what is shown.
+        let got = coats.at(1, 0).reflectance(photo / 2.0, photo);
+        let want = share * paint(WALL, true).over(WALL / 2.0) + (1.0 - share) * other / 2.0;
+        check(got, want, 1e-5);
+        assert!(Coats::default().at(0, 0).is_bare());
+        check(Coats::default().at(0, 0).reflectance(photo, photo), photo, 0.0001);
+    }
+}

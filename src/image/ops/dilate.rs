@@ -1,0 +1,63 @@
+//! Masks grown.
+
+use crate::image::{Mask, Plane};
+
+/// The pixels of `seed` (above 0.5) and all pixels of `through` (above 0.5) that hang together with them, as far as
+/// twice its longer side beyond its bounding box: the glare around a light that its mask is too small for.
+pub fn grow_through(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
+    assert_eq!(seed.size(), through.size(), "both have one size");
+    let (w, h) = seed.size();
+    let mut grown = seed.map(|share| share > 0.5);
+    let mut front: Vec<usize> = (0..w * h).filter(|&i| grown.pixels()[i]).collect();
+    let range = |value: &dyn Fn(usize) -> usize| {
+        let (low, high) = front.iter().fold((usize::MAX, 0), |(low, high), &i| (low.min(value(i)), high.max(value(i))));
+        (low.min(high), high)
+    };
+    let (x, y) = (range(&|i| i % w), range(&|i| i / w));
+    let reach = 2 * ((x.1 - x.0).max(y.1 - y.0) + 1);
+    let within = |value: usize, (low, high): (usize, usize)| value + reach >= low && value <= high + reach;
+    while let Some(i) = front.pop() {
+        let (cx, cy) = (i % w, i / w);
+        for ny in cy.saturating_sub(1)..(cy + 2).min(h) {
+            for nx in cx.saturating_sub(1)..(cx + 2).min(w) {
+                if !grown.get(nx, ny) && through.get(nx, ny) > 0.5 && within(nx, x) && within(ny, y) {
+                    grown.set(nx, ny, true);
+                    front.push(ny * w + nx);
+                }
+            }
+        }
+    }
+    grown
+}
+
+/// The pixels within `reach` rows and columns of one that some of `masks` marks at all; all masks have this size.
+pub fn around<'a>(masks: impl Iterator<Item = &'a Mask>, (w, h): (usize, usize), reach: usize) -> Plane<bool> {
+    let mut near = Plane::filled(w, h, false);
+    for mask in masks {
+        for i in (0..w * h).filter(|&i| mask.0.pixels()[i] > 0.0) {
+            let (x, y) = (i % w, i / w);
+            for y in y.saturating_sub(reach)..(y + reach + 1).min(h) {
+                near.pixels_mut()[y * w + x.saturating_sub(reach)..y * w + (x + reach + 1).min(w)].fill(true);
+            }
+        }
+    }
+    near
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_follows_what_hangs_together_as_far_as_twice_its_size() {
+        let mut seed = Plane::filled(20, 5, 0.0);
+        (4..7).for_each(|x| seed.set(x, 2, 1.0));
+        let mut through = Plane::from_fn(20, 5, |_, y| if y == 2 { 1.0 } else { 0.0 });
+        through.set(18, 4, 1.0);
+        let grown = grow_through(&seed, &through);
+        for (x, y) in (0..20).flat_map(|x| (0..5).map(move |y| (x, y))) {
+            assert_eq!(grown.get(x, y), y == 2 && (0..13).contains(&x), "({x}, {y})");
+        }
+        assert!(grow_through(&Plane::filled(3, 3, 0.0), &Plane::filled(3, 3, 1.0)).pixels().iter().all(|g| !g));
+    }
+}

@@ -1,0 +1,99 @@
+//! From a mask to the part of each pixel that a surface has.
+//!
+//! A pixel at the edge of a surface shows `I = a W + (1 - a) O`, W what the surface shows beside it and O what its surroundings do.
+//! Where a mask has a hard edge, a is found from the three by least squares, `a = (I - O).(W - O) / |W - O|^2` (the two-colour case of
+//! matting, Smith and Blinn, SIGGRAPH 1996); where W and O look alike, or the mask itself is soft, the mask is believed.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::image::{Matte, Picture, Plane};
+
+/// A mask drawn on a photo of this longer side may be wrong by a pixel.
+const LONG_SIDE: usize = 1000;
+/// Shares nearer to 0 and 1 than this are 0 and 1.
+const WHOLE: f32 = 0.02;
+/// Least difference of W and O, as a share of their sum, that tells how much of a pixel is whose.
+const DIFFERENT: f32 = 0.1;
+
+/// The part of each pixel of `photo` that belongs to the surface that `mask` marks. Both have one size.
+pub fn matte(mask: &Plane<f32>, photo: &Picture) -> Matte {
+    assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
+    let (w, h) = mask.size();
+    let band = w.max(h).div_ceil(LONG_SIDE).max(1);
+    let reach = 2 * band;
+    let around = |x: usize, y: usize, by: usize| {
+        let xs = x.saturating_sub(by)..(x + by + 1).min(w);
+        (y.saturating_sub(by)..(y + by + 1).min(h)).flat_map(move |y| xs.clone().map(move |x| (x, y)))
+    };
+    let whole = |share: f32| !(WHOLE..=1.0 - WHOLE).contains(&share);
+    let at_edge = |x: usize, y: usize| {
+        let own = mask.get(x, y);
+        !whole(own) || around(x, y, band).any(|(x, y)| (mask.get(x, y) > 0.5) != (own > 0.5))
+    };
+    let rows: Vec<Vec<bool>> = (0..h).into_par_iter().map(|y| (0..w).map(|x| at_edge(x, y)).collect()).collect();
+    let edge = Plane::new(w, h, rows.concat());
+
+    let mut share = mask.map(|share| if whole(share) { share.round() } else { share });
+    let mut rim = Vec::new();
+    for i in (0..w * h).filter(|&i| edge.pixels()[i]) {
+        let (x, y) = (i % w, i / w);
+        let mean = |inside: bool| -> Option<Vec3> {
+            let sure = around(x, y, reach).filter(|&(x, y)| !edge.get(x, y) && (mask.get(x, y) > 0.5) == inside);
+            let (sum, count) = sure.fold((Vec3::ZERO, 0.0), |(sum, n), (x, y)| (sum + photo.0.get(x, y), n + 1.0));
+            (count > 0.0).then(|| sum / count)
+        };
+        // A surface too thin to be seen alone is believed to fill its pixels.
+        let Some(own) = mean(true) else { continue };
+        let given = mask.get(x, y);
+        let found =
+            mean(false).filter(|other| whole(given) && { (own - other).length() > DIFFERENT * (own + other).length() });
+        let part = found.map_or(given, |other| {
+            let way = own - other;
+            ((photo.0.get(x, y) - other).dot(way) / way.length_squared()).clamp(0.0, 1.0)
+        });
+        let part = if whole(part) { part.round() } else { part };
+        share.set(x, y, part);
+        if part > 0.0 && part < 1.0 {
+            rim.push((i as u32, own.to_array()));
+        }
+    }
+    Matte { share, rim }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WALL: Vec3 = Vec3::new(0.1, 0.2, 0.3);
+    const THING: Vec3 = Vec3::new(0.9, 0.8, 0.2);
+
+    /// A wall up to column 8.3 of 16.
+    fn photo() -> Picture {
+        Picture(Plane::from_fn(16, 9, |x, _| THING.lerp(WALL, (8.3 - x as f32).clamp(0.0, 1.0))))
+    }
+
+    #[test]
+    fn the_share_of_a_mixed_pixel_is_found_wherever_the_hard_mask_ends() {
+        for end in [8, 9] {
+            let found = matte(&Plane::from_fn(16, 9, |x, _| if x < end { 1.0 } else { 0.0 }), &photo());
+            for x in 0..16 {
+                let want = (8.3 - x as f32).clamp(0.0, 1.0);
+                assert!((found.share.get(x, 4) - want).abs() < 1e-3, "{x}: {}", found.share.get(x, 4));
+            }
+            assert_eq!(found.rim.len(), 9, "one pixel of each row");
+            assert!(found.rim.iter().all(|(i, own)| i % 16 == 8 && Vec3::from_array(*own).distance(WALL) < 1e-5));
+        }
+    }
+
+    #[test]
+    fn what_the_photo_does_not_tell_the_mask_does() {
+        let even = Picture(Plane::filled(16, 9, WALL));
+        let mask = Plane::from_fn(16, 9, |x, y| if x > 4 && y > 2 { 1.0 } else { 0.0 });
+        assert_eq!(matte(&mask, &even).share, mask);
+        let soft = Plane::from_fn(16, 9, |x, _| x as f32 / 15.0);
+        assert_eq!(matte(&soft, &photo()).share, soft);
+        let empty = Plane::filled(16, 9, 0.0);
+        assert_eq!(matte(&empty, &photo()), Matte { share: empty, rim: vec![] });
+    }
+}

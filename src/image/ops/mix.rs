@@ -1,0 +1,31 @@
+//! Sums of pictures.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use crate::image::Plane;
+
+/// sum_k w_k L_k, channel by channel: light adds, so a picture under other radiances is its layers times what each radiance grew by. Terms are
+/// added in their order, whatever the number of threads.
+///
+/// # Panics
+/// There is no layer, or layers differ in size.
+pub fn weighted_sum(layers: &[(&Plane<Vec3>, Vec3)]) -> Plane<Vec3> {
+    let (width, height) = layers.first().expect("a sum has terms").0.size();
+    assert!(layers.iter().all(|(layer, _)| layer.size() == (width, height)), "layers of one picture have one size");
+    let sum = |at: usize| layers.iter().map(|(layer, weight)| layer.pixels()[at] * *weight).sum();
+    Plane::new(width, height, (0..width * height).into_par_iter().map(sum).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_layer_counts_with_its_weight_per_channel() {
+        let a = Plane::new(2, 1, vec![Vec3::new(1.0, 2.0, 4.0), Vec3::ZERO]);
+        let b = Plane::new(2, 1, vec![Vec3::splat(8.0), Vec3::new(0.0, 0.0, 1.0)]);
+        let sum = weighted_sum(&[(&a, Vec3::new(0.5, 1.0, 0.0)), (&b, Vec3::splat(0.25))]);
+        assert_eq!(sum.pixels(), [Vec3::new(2.5, 4.0, 2.0), Vec3::new(0.0, 0.0, 0.25)]);
+    }
+}

@@ -1,0 +1,33 @@
+//! What part of a pixel can be a reflectance.
+
+use glam::Vec3;
+
+use crate::image::{Mask, Picture};
+
+/// Per channel a / b, 1 where both vanish, large but finite where only b does.
+pub fn ratio(a: Vec3, b: Vec3) -> Vec3 {
+    (a + Vec3::splat(1e-9)) / (b + Vec3::splat(1e-9))
+}
+
+/// The part of `photo` over `shading` that is taken for a reflectance: at most 1 in the largest channel, the colour kept, so that
+/// what stays unexplained has the photo's colour and not that of one channel.
+pub fn reflected(photo: Vec3, shading: Vec3) -> Vec3 {
+    let whole = ratio(photo, shading);
+    whole / whole.max_element().max(1.0)
+}
+
+/// 0 up to `from`, 1 from `to` on, without a kink.
+pub fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
+    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// Largest channel from which, and at which wholly, a pixel is that of the strongest lights; of the level at which the photo is
+/// clipped.
+pub const SATURATION: [f32; 2] = [0.75, 0.98];
+
+/// The level at which a photo is clipped: 1 in most, any in a float file, the largest number where it is clipped nowhere.
+pub fn clip_level(photo: &Picture, clipped: &Mask) -> f32 {
+    let all = photo.0.pixels().iter().zip(clipped.0.pixels()).filter(|(_, clipped)| **clipped > 0.5);
+    all.map(|(pixel, _)| pixel.max_element()).reduce(f32::max).unwrap_or(f32::MAX)
+}

@@ -1,0 +1,9 @@
+//! Daylight: sun, sky and ground, and the color of a black body.
+
+pub(in crate::optics) mod black_body;
+pub(in crate::optics) mod sun_and_sky;
+pub(in crate::optics) mod window_model;
+
+pub use black_body::black_body;
+pub use sun_and_sky::Daylight;
+pub use window_model::{Heading, Outlook, fit_outlook};

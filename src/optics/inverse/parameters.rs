@@ -1,0 +1,255 @@
+//! What of a light's shape a photo may correct, each on a scale on which one is a likely error.
+
+use glam::{Quat, Vec3};
+
+use {
+    crate::optics::Gradient, crate::optics::LOBES, crate::optics::Lamp, crate::optics::Plate, crate::optics::Shape,
+    crate::optics::Window,
+};
+
+/// What may change about a light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Freedom {
+    /// Nothing.
+    Fixed,
+    /// A lamp keeps its outline in the photo and may be nearer or farther; a window keeps its frame and may look out on something else.
+    Seen,
+    /// A lamp may be elsewhere and of another size; a window may be elsewhere in its plane, of another size, and look out on something else.
+    Unseen,
+}
+
+/// One degree of freedom of a shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Parameter {
+    /// Logarithm of the distance from the camera and of the size together, of this likely error.
+    Distance(f32),
+    /// Shift of the whole light, this vector long.
+    Shift(Vec3),
+    /// Logarithm of the size about its middle.
+    Size,
+    /// Turn of a lobe's direction about this unit axis.
+    Turn(usize, Vec3),
+    /// log(1 + bandwidth) of a lobe.
+    Bandwidth(usize),
+}
+
+/// Likely error of the distance of a light that is seen, as a share of its radius: depth tells its front, not its middle.
+const DISTANCE: f32 = 0.5;
+
+/// Likely errors of the logarithm of the size, of a direction (radians), and of log(1 + bandwidth).
+const SIZE: f32 = 0.4;
+const TURN: f32 = 0.2;
+const BANDWIDTH: f32 = 1.0;
+
+/// Likely error of the place of a light out of view, as a share of its distance from what it lights.
+const SHIFT: f32 = 0.15;
+
+/// Beyond it a lobe is a direction.
+const MOST_BANDWIDTH: f32 = 1e5;
+
+/// The parameters of a light that has a freedom; `lit` is the middle of what it lights. The axes are those at the present shape.
+pub fn parameters(shape: &Shape, freedom: Freedom, lit: Vec3) -> Vec<Parameter> {
+    let Some((middle, radius)) = shape.ball().filter(|_| freedom != Freedom::Fixed) else { return Vec::new() };
+    let reach = SHIFT * middle.distance(lit);
+    match (shape, freedom) {
+        // A panel that is seen lies in its ceiling.
+        (Shape::Absent, _) | (Shape::Lamp(Lamp::Rect { .. }), Freedom::Seen) => Vec::new(),
+        (Shape::Lamp(_), Freedom::Seen) => vec![Parameter::Distance(DISTANCE * radius / middle.length())],
+        (Shape::Lamp(_), _) => {
+            Vec3::AXES.map(|axis| Parameter::Shift(axis * reach)).into_iter().chain([Parameter::Size]).collect()
+        }
+        (Shape::Window(window), _) => {
+            let place = [window.x, window.y].map(|edge| Parameter::Shift(edge.normalize_or_zero() * reach));
+            let place = place.into_iter().chain([Parameter::Size]).filter(|_| freedom == Freedom::Unseen);
+            let lobe = |k: usize| {
+                let (a, b) = window.lobes[k].direction.any_orthonormal_pair();
+                [Parameter::Turn(k, a), Parameter::Turn(k, b), Parameter::Bandwidth(k)]
+            };
+            place.chain((0..3).flat_map(lobe)).collect()
+        }
+    }
+}
+
+impl Parameter {
+    /// What one step of one likely error does to E of a lobe of `shape`.
+    pub fn rate(&self, shape: &Shape, lobe: usize, gradient: &Gradient) -> f64 {
+        let middle = || shape.ball().map_or(Vec3::ZERO, |(middle, _)| middle).as_dvec3();
+        match self {
+            Parameter::Distance(error) => f64::from(*error) * (gradient.size + gradient.place.dot(middle())),
+            Parameter::Shift(axis) => gradient.place.dot(axis.as_dvec3()),
+            Parameter::Size => f64::from(SIZE) * gradient.size,
+            Parameter::Turn(k, axis) if *k == lobe => f64::from(TURN) * gradient.turn.dot(axis.as_dvec3()),
+            Parameter::Bandwidth(k) if *k == lobe => {
+                f64::from(BANDWIDTH) * gradient.bandwidth * (1.0 + bandwidth(shape, *k))
+            }
+            Parameter::Turn(..) | Parameter::Bandwidth(_) => 0.0,
+        }
+    }
+
+    /// How far `shape` has come from `start` along this parameter, in likely errors.
+    pub fn offset(&self, start: &Shape, shape: &Shape) -> f64 {
+        let (Some((from, before)), Some((to, now))) = (start.ball(), shape.ball()) else { return 0.0 };
+        let offset = match self {
+            Parameter::Distance(error) => (to.length() / from.length()).ln() / error,
+            Parameter::Shift(axis) => (to - from).dot(*axis) / axis.length_squared(),
+            Parameter::Size => (now / before).ln() / SIZE,
+            Parameter::Turn(k, axis) => match (start, shape) {
+                (Shape::Window(start), Shape::Window(window)) => {
+                    let [from, to] = [start, window].map(|window| window.lobes[*k].direction.as_dvec3());
+                    let across = from.cross(to);
+                    let angle = across.length().atan2(from.dot(to));
+                    (angle * across.normalize_or_zero().dot(axis.as_dvec3())) as f32 / TURN
+                }
+                _ => 0.0,
+            },
+            Parameter::Bandwidth(k) => {
+                (((1.0 + bandwidth(shape, *k)) / (1.0 + bandwidth(start, *k))).ln() / f64::from(BANDWIDTH)) as f32
+            }
+        };
+        if offset.is_finite() { f64::from(offset) } else { 0.0 }
+    }
+
+    /// The shape after `step` likely errors.
+    pub fn moved(&self, shape: &Shape, step: f64) -> Shape {
+        let step = step as f32;
+        match self {
+            Parameter::Distance(error) => resized(shape, (error * step).exp(), Vec3::ZERO, Vec3::ZERO),
+            Parameter::Shift(axis) => resized(shape, 1.0, Vec3::ZERO, *axis * step),
+            Parameter::Size => {
+                let middle = shape.ball().map_or(Vec3::ZERO, |(middle, _)| middle);
+                resized(shape, (SIZE * step).exp(), middle, Vec3::ZERO)
+            }
+            Parameter::Turn(k, axis) => with_lobe(shape, |window| {
+                let turned = Quat::from_axis_angle(*axis, TURN * step) * window.lobes[*k].direction;
+                window.lobes[*k].direction = turned.normalize();
+            }),
+            Parameter::Bandwidth(k) => with_lobe(shape, |window| {
+                let grown = ((f64::from(window.lobes[*k].bandwidth)).ln_1p() + f64::from(BANDWIDTH * step)).exp_m1();
+                window.lobes[*k].bandwidth = (grown as f32).clamp(0.0, MOST_BANDWIDTH);
+            }),
+        }
+    }
+
+    /// In a person's words.
+    pub fn name(&self) -> String {
+        match self {
+            Parameter::Distance(_) => "distance".into(),
+            Parameter::Shift(_) => "place".into(),
+            Parameter::Size => "size".into(),
+            Parameter::Turn(k, _) => format!("direction of the {}", LOBES[*k]),
+            Parameter::Bandwidth(k) => format!("bandwidth of the {}", LOBES[*k]),
+        }
+    }
+}
+
+fn bandwidth(shape: &Shape, lobe: usize) -> f64 {
+    if let Shape::Window(window) = shape { f64::from(window.lobes[lobe].bandwidth) } else { 0.0 }
+}
+
+fn with_lobe(shape: &Shape, change: impl Fn(&mut Window)) -> Shape {
+    let mut shape = shape.clone();
+    if let Shape::Window(window) = &mut shape {
+        change(window);
+    }
+    shape
+}
+
+/// The light `factor` times as large about `pivot`, then shifted.
+fn resized(shape: &Shape, factor: f32, pivot: Vec3, shift: Vec3) -> Shape {
+    let place = |p: Vec3| pivot + (p - pivot) * factor + shift;
+    match shape {
+        Shape::Absent => Shape::Absent,
+        Shape::Window(window) => Shape::Window(Window {
+            center: place(window.center),
+            x: window.x * factor,
+            y: window.y * factor,
+            lobes: window.lobes,
+        }),
+        Shape::Lamp(lamp) => Shape::Lamp(match lamp {
+            Lamp::Sphere { center, radius } => Lamp::Sphere { center: place(*center), radius: radius * factor },
+            Lamp::Rect { center, x, y } => Lamp::Rect { center: place(*center), x: *x * factor, y: *y * factor },
+            Lamp::Box { center, axes } => Lamp::Box { center: place(*center), axes: axes.map(|axis| axis * factor) },
+            Lamp::Plates(plates) => {
+                let plate =
+                    |p: &Plate| Plate { point: place(p.point), normal: p.normal, area: p.area * factor * factor };
+                Lamp::Plates(plates.iter().map(plate).collect())
+            }
+            Lamp::Mesh { corners, triangles } => {
+                Lamp::Mesh { corners: corners.iter().map(|p| place(*p)).collect(), triangles: triangles.clone() }
+            }
+            Lamp::Model { corners, triangles } => {
+                Lamp::Model { corners: corners.iter().map(|p| place(*p)).collect(), triangles: triangles.clone() }
+            }
+            Lamp::Luminaire { center, radius, profile } => {
+                Lamp::Luminaire { center: place(*center), radius: radius * factor, profile: profile.clone() }
+            }
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::Emitter;
+
+    fn lights() -> Vec<(Shape, Freedom)> {
+        let (center, x, y) = (Vec3::new(0.3, 0.4, -2.0), Vec3::X * 0.4, Vec3::Y * 0.3);
+        let mut lobes = Window::daylight(Vec3::Z);
+        lobes[0].bandwidth = 100.0;
+        let plates =
+            (0..4).map(|i| Plate { point: center + Vec3::X * i as f32, normal: Vec3::Z, area: 0.01 }).collect();
+        vec![
+            (Shape::Lamp(Lamp::Sphere { center, radius: 0.1 }), Freedom::Seen),
+            (Shape::Lamp(Lamp::Plates(plates)), Freedom::Seen),
+            (Shape::Lamp(Lamp::Box { center, axes: [x, y, Vec3::Z * 0.2] }), Freedom::Unseen),
+            (Shape::Lamp(Lamp::Rect { center, x, y }), Freedom::Unseen),
+            (Shape::Window(Window { center, x, y, lobes }), Freedom::Seen),
+            (Shape::Window(Window { center, x, y, lobes }), Freedom::Unseen),
+        ]
+    }
+
+    #[test]
+    fn rates_agree_with_finite_differences_and_steps_are_counted() {
+        let (point, normal) = (Vec3::new(0.1, -0.5, -0.7), Vec3::new(0.1, 0.5, -1.0).normalize());
+        for (shape, freedom) in lights() {
+            let (pivot, _) = shape.ball().expect("a light");
+            for parameter in parameters(&shape, freedom, Vec3::ZERO) {
+                let h = 1e-2;
+                let [less, more] = [-h, h].map(|step| parameter.moved(&shape, step));
+                let offset = parameter.offset(&shape, &more);
+                assert!((offset / h - 1.0).abs() < 1e-2, "{parameter:?}: {offset}");
+                for lobe in 0..shape.lobes() {
+                    let e = |s: &Shape| f64::from(Emitter::new(s).irradiance(lobe, point, normal).expect("closed"));
+                    let by = (e(&more) - e(&less)) / (2.0 * h);
+                    let got = parameter.rate(&shape, lobe, &Emitter::new(&shape).gradient(lobe, point, normal, pivot));
+                    let tolerance = 1e-2 * got.abs() + 1e-4 * e(&shape) + 1e-9;
+                    assert!((by - got).abs() < tolerance, "{parameter:?} {lobe}: {by} {got}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_seen_keeps_its_outline_and_its_frame() {
+        let panel = Shape::Lamp(Lamp::Rect { center: Vec3::NEG_Z, x: Vec3::X, y: Vec3::Y });
+        assert_eq!(parameters(&panel, Freedom::Seen, Vec3::ZERO), []);
+        for (shape, freedom) in lights() {
+            assert_eq!(parameters(&shape, Freedom::Fixed, Vec3::ZERO), []);
+            for parameter in parameters(&shape, freedom, Vec3::ZERO).into_iter().filter(|_| freedom == Freedom::Seen) {
+                let (from, to) = (shape.ball().unwrap(), parameter.moved(&shape, 2.0).ball().unwrap());
+                // The same cone of directions.
+                assert!((from.0.normalize() - to.0.normalize()).length() < 1e-6);
+                assert!((from.1 / from.0.length() - to.1 / to.0.length()).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn bandwidths_stay_within_bounds() {
+        let (shape, _) = &lights()[4];
+        for step in [-1e3, 1e3] {
+            let Shape::Window(window) = Parameter::Bandwidth(0).moved(shape, step) else { panic!("a window") };
+            assert!((0.0..=MOST_BANDWIDTH).contains(&window.lobes[0].bandwidth));
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! The seen room at the receivers of a [`Transport`], where shapes of lights are tried against the photo.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::Vec3;
+
+use crate::geometry::{Grid, Own, SceneMesh};
+use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments};
+use crate::optics::indirect_at_receivers;
+use crate::optics::transport::shadow;
+use {
+    super::Evidence, super::evidence_pixels, crate::optics::Bounces, crate::optics::Sampling,
+    crate::optics::ShadowQuality, crate::optics::Shape, crate::optics::Transport, crate::optics::transport::direct,
+};
+
+/// A photo and what is known of the room in it; planes of one size.
+#[derive(Clone, Copy)]
+pub struct SeenRoom<'a> {
+    pub photo: &'a Picture,
+    /// Share of saturated pixels.
+    pub clipped: &'a Mask,
+    pub points: &'a Points,
+    pub normal: &'a Normal,
+    pub mesh: &'a SceneMesh,
+    pub transport: &'a Transport,
+    pub albedo: &'a Albedo,
+    pub segments: &'a Segments,
+}
+
+/// How a light's layer is made.
+#[derive(Clone, Copy, Debug)]
+pub struct LayerQuality {
+    /// Shadow rays per receiver and lobe.
+    pub samples: usize,
+    pub bounces: Bounces,
+}
+
+/// Unit layer of one lobe on the receivers in use.
+#[derive(Clone, Debug)]
+pub struct UnitLayer {
+    /// Unshadowed direct shading.
+    pub direct: Vec<f32>,
+    /// The share of it that arrives.
+    pub lit: Vec<f32>,
+    pub indirect: Vec<Vec3>,
+}
+
+impl UnitLayer {
+    /// Shadowed direct and indirect shading together.
+    pub fn sum(&self) -> Vec<Vec3> {
+        let parts = self.direct.iter().zip(&self.lit).zip(&self.indirect);
+        parts.map(|((direct, lit), indirect)| *indirect + Vec3::splat(direct * lit)).collect()
+    }
+}
+
+/// The receivers, and those of them that say something about the lights.
+pub struct Receivers<'a> {
+    room: SeenRoom<'a>,
+    /// All receivers, one row.
+    points: Points,
+    normal: Normal,
+    used: Vec<usize>,
+    /// The photo at the receivers in use.
+    pub evidence: Evidence,
+    /// Shading of the receivers in use by a constant ambient.
+    pub ambient: Vec<Vec3>,
+    rays: AtomicU64,
+}
+
+impl<'a> Receivers<'a> {
+    /// The receivers away from `masks`, which mark lights and what is no part of the room; of more than `most`, every nth.
+    pub fn new<'m>(room: SeenRoom<'a>, masks: impl Iterator<Item = &'m Mask>, most: usize) -> Receivers<'a> {
+        let grid = room.transport.grid();
+        let mut pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), room.photo, room.clipped, masks);
+        pixels = pixels.iter().copied().step_by(pixels.len().div_ceil(most.max(1)).max(1)).collect();
+        let used: Vec<usize> = {
+            let mut next = pixels.iter().peekable();
+            (0..grid.len()).filter(|&i| next.next_if(|&&p| p == grid.pixel(i)).is_some()).collect()
+        };
+        let ambient = room.transport.ambient();
+        Receivers {
+            room,
+            points: Points(at_receivers(grid, &room.points.0)),
+            normal: Normal(at_receivers(grid, &room.normal.0)),
+            evidence: Evidence::at(room.photo, room.clipped, room.segments, &pixels, 2),
+            ambient: used.iter().map(|&i| ambient[i]).collect(),
+            used,
+            rays: AtomicU64::new(0),
+        }
+    }
+
+    /// Point and normal of each receiver in use.
+    pub fn places(&self) -> Vec<(Vec3, Vec3)> {
+        self.used.iter().map(|&i| (self.points.0.pixels()[i], self.normal.0.pixels()[i])).collect()
+    }
+
+    /// Shadow rays traced so far for layers.
+    pub fn rays(&self) -> u64 {
+        self.rays.load(Ordering::Relaxed)
+    }
+
+    /// Unit layers of a light, one per lobe; `own` are its pixels, through which its rays pass.
+    pub fn layers(&self, shape: &Shape, own: Option<&Mask>, quality: LayerQuality) -> Vec<UnitLayer> {
+        let SeenRoom { mesh, transport, albedo, .. } = self.room;
+        let sampling = Sampling::fixed(quality.samples, 0);
+        let shadows = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
+        let direct = direct(&self.points, &self.normal, shape, &sampling, &|| false);
+        let own = own.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
+        let own = own.as_ref().map(|(passes, pixels)| (passes, pixels));
+        let shadow = shadow(mesh, &self.points, &self.normal, shape, own, shadows, &|| false);
+        self.rays.fetch_add(shadow.rays, Ordering::Relaxed);
+        let layer = |(direct, lit): (&Plane<f32>, &Plane<f32>)| {
+            let (direct, lit) = (direct.pixels(), lit.pixels());
+            let arrives: Vec<f32> = direct.iter().zip(lit).map(|(direct, lit)| direct * lit).collect();
+            let at = |pixel| arrives[transport.nearest(pixel)];
+            let indirect = indirect_at_receivers(transport, albedo, at, quality.bounces);
+            UnitLayer {
+                direct: self.used.iter().map(|&i| direct[i]).collect(),
+                lit: self.used.iter().map(|&i| lit[i]).collect(),
+                indirect: self.used.iter().map(|&i| indirect[i]).collect(),
+            }
+        };
+        direct.lobes.iter().zip(&shadow.lit).map(layer).collect()
+    }
+}
+
+/// One row of the receivers' values.
+fn at_receivers<T: Copy>(grid: &Grid, plane: &Plane<T>) -> Plane<T> {
+    Plane::new(grid.len(), 1, (0..grid.len()).map(|i| plane.pixels()[grid.pixel(i)]).collect())
+}

@@ -1,0 +1,11 @@
+//! Specular reflection: the microfacet model, mirrors and edited finishes.
+
+pub(in crate::optics) mod ggx;
+pub(in crate::optics) mod mirror;
+pub(in crate::optics) mod polish;
+pub(in crate::optics) mod reflect;
+
+pub use ggx::Ggx;
+pub use mirror::{Around, Mirror};
+pub use polish::{NO_ROW, Part, Places, Polish, SeenPlaces, places};
+pub use reflect::{Face, NOTHING, Reflections, Surround, UNSEEN, object_face, reflections};

@@ -1,0 +1,531 @@
+//! A new finish on part of the photo: what the surface reflects, in place of what it reflected.
+//!
+//! The photo holds the reflection of the surface as it was. So a layer L of a pixel of which a share s has a new finish becomes
+//! `L + s (R - R0)`, and no less than zero, with R what the new finish reflects of the edited room and R0 what the old one reflects of
+//! the room without the bodies put into it. A light that the photo does not show, put in or moved, has no R0.
+//!
+//! A lobe wider than a working pixel is known at working pixels, or every second one, and brought to the photo's along its edges; a
+//! narrower one at photo pixels. Depth from photos is uneven and a mirror of it would shatter, so what lies in a plane is taken to be flat.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::{Camera, PlaneFit, SceneMesh};
+use crate::image::{
+    Depth, Finish, Normal, Picture, Plane, Points, STEP, Upsampler, neighbours, resize, resize_depth, rule,
+};
+use crate::optics::{Face, Mirror, Reflections};
+
+/// What new finishes add to a photo.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Polish(pub Vec<Part>);
+
+/// Reflections of one kind: of the new finish or the old, known at pixels of one size.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// Whether it is taken away.
+    pub old: bool,
+    /// Part of each photo pixel.
+    pub share: Plane<f32>,
+    /// The row of `of` that each pixel of the part's own size has, or [`NO_ROW`].
+    pub rows: Plane<u32>,
+    pub of: Reflections,
+}
+
+/// Of a pixel without a reflection.
+pub const NO_ROW: u32 = u32::MAX;
+
+impl Polish {
+    /// Whether every row that is named is there.
+    ///
+    /// # Errors
+    /// The rule that is not kept.
+    pub fn check(&self) -> Result<(), String> {
+        self.0.iter().try_for_each(|part| {
+            let count = part.of.met.height();
+            let known = |&row: &u32| row == NO_ROW || (row as usize) < count;
+            rule(part.rows.pixels().iter().all(known), "reflections that are there")?;
+            part.of.check()
+        })
+    }
+
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.0.iter().map(|part| part.share.bytes() + part.rows.bytes() + part.of.bytes()).sum()
+    }
+}
+
+impl Part {
+    /// The weights with which a photo's pixels take those of the part, which have this photo and depth.
+    pub fn reduced(&self, photo: &Picture, depth: &Depth) -> (Picture, Depth) {
+        let (w, h) = self.rows.size();
+        (Picture(resize(&photo.0, w, h)), resize_depth(depth, w, h))
+    }
+
+    /// What the part adds to each photo pixel of a `layer`, whose room is `plane` and of which bodies show `object`. Nothing to the layer
+    /// of a light that an old finish had no reflection of.
+    pub fn adds(
+        &self,
+        mirror: &Mirror,
+        upsampler: &Upsampler,
+        layer: usize,
+        plane: &[Vec3],
+        object: impl Fn(usize) -> Vec3 + Sync,
+    ) -> Vec<(u32, Vec3)> {
+        if self.old && self.of.lights.get(layer).is_some_and(|(_, lobes)| lobes.is_empty()) {
+            return Vec::new();
+        }
+        let count = self.of.met.height();
+        let shown: Vec<Vec3> =
+            (0..count).into_par_iter().with_min_len(256).map(|row| mirror.shows(row, layer, plane, &object)).collect();
+        let sign = if self.old { -1.0 } else { 1.0 };
+        let width = self.share.width();
+        let pixel = |(i, &share): (usize, &f32)| {
+            if share <= 0.0 {
+                return None;
+            }
+            let taps = upsampler.taps(i % width, i / width);
+            let rows = taps.iter().map(|(at, weight)| (self.rows.pixels()[at], weight)).filter(|tap| tap.0 != NO_ROW);
+            let (sum, all) = rows.fold((Vec3::ZERO, 0.0), |(sum, all), (row, weight)| {
+                (sum + shown[row as usize] * weight, all + weight)
+            });
+            (all > 0.0).then(|| (i as u32, sum * (sign * share / all)))
+        };
+        self.share.pixels().par_iter().enumerate().with_min_len(1024).filter_map(pixel).collect()
+    }
+}
+
+/// The seen room, at the photo's size and at working size.
+pub struct SeenPlaces<'a> {
+    /// Of the photo.
+    pub camera: &'a Camera,
+    /// Planar z at the photo's size.
+    pub full_depth: &'a Depth,
+    /// Working size.
+    pub points: &'a Points,
+    pub normal: &'a Normal,
+    pub mesh: &'a SceneMesh,
+}
+
+/// The places of one part, and which photo and part pixels take them.
+pub struct Places {
+    pub old: bool,
+    pub share: Plane<f32>,
+    pub rows: Plane<u32>,
+    pub faces: Vec<Face>,
+}
+
+/// Most places at which narrow lobes are known; with more photo pixels, one stands for several.
+const MOST_NARROW: usize = 1_000_000;
+
+/// The places at which the reflections of a finish are asked for, and the working pixels of the planes that they lie in.
+pub fn places(finish: &Finish, seen: &SeenPlaces) -> (Vec<Places>, Vec<Plane<bool>>) {
+    let (full, small) = (finish.share.size(), seen.points.0.size());
+    if finish.share.is_empty() {
+        return (Vec::new(), Vec::new());
+    }
+    let parts: Vec<(Wanted, (usize, usize))> = [false, true]
+        .into_iter()
+        .flat_map(|old| [Pitch::Photo, Pitch::Working, Pitch::Half].map(|pitch| (old, pitch)))
+        .filter_map(|(old, pitch)| {
+            let wanted = Wanted::new(finish, old, |gloss| Pitch::of(gloss[0], seen, full) == pitch)?;
+            let step = (1..).find(|step| wanted.count.div_ceil(step * step) <= MOST_NARROW).unwrap_or(1);
+            let size = match pitch {
+                Pitch::Photo => (full.0.div_ceil(step).max(small.0), full.1.div_ceil(step).max(small.1)),
+                Pitch::Working => small,
+                Pitch::Half => (small.0.div_ceil(2), small.1.div_ceil(2)),
+            };
+            Some((wanted, size))
+        })
+        .collect();
+    let mut region = Plane::filled(small.0, small.1, false);
+    for (wanted, (w, h)) in &parts {
+        for i in (0..wanted.share.len()).filter(|&i| wanted.share.pixels()[i] > 0.0) {
+            let taken = neighbours((i % full.0, i / full.0), full, (*w, *h));
+            taken.for_each(|(x, y)| region.set(x * small.0 / w, y * small.1 / h, true));
+        }
+    }
+    let flat = Flat::new(&region, seen);
+    (parts.into_iter().map(|(wanted, size)| wanted.places(size, seen, &flat)).collect(), flat.own)
+}
+
+/// How far apart reflections are known.
+#[derive(Clone, Copy, PartialEq)]
+enum Pitch {
+    Photo,
+    Working,
+    /// Every second working pixel.
+    Half,
+}
+
+impl Pitch {
+    /// What shows most of a lobe. Half vectors spread by about a = roughness^2 radians, and on a surface seen at a slant that a light is
+    /// near to they turn by some three pixels a pixel.
+    fn of(roughness: f32, seen: &SeenPlaces, full: (usize, usize)) -> Pitch {
+        let (w, h) = seen.points.0.size();
+        let pixel = full.0 as f32 / (w as f32 * seen.camera.fx);
+        match roughness * roughness {
+            a if a >= 24.0 * pixel => Pitch::Half,
+            a if a >= 2.5 * pixel || full == (w, h) => Pitch::Working,
+            _ => Pitch::Photo,
+        }
+    }
+}
+
+/// One kind of reflection at the photo's pixels.
+struct Wanted {
+    old: bool,
+    share: Plane<f32>,
+    gloss: Plane<[f32; 2]>,
+    count: usize,
+}
+
+impl Wanted {
+    /// Of the photo pixels whose finish changes and whose gloss, old or new, is `chosen`; `None` without any.
+    fn new(finish: &Finish, old: bool, chosen: impl Fn([f32; 2]) -> bool) -> Option<Wanted> {
+        let (w, h) = finish.share.size();
+        let gloss = Plane::from_fn(w, h, |x, y| if old { finish.before(x, y) } else { finish.gloss.get(x, y) });
+        let share = Plane::from_fn(w, h, |x, y| {
+            if finish.changes(x, y) && chosen(gloss.get(x, y)) { finish.share.get(x, y) } else { 0.0 }
+        });
+        let count = share.pixels().iter().filter(|&&share| share > 0.0).count();
+        (count > 0).then_some(Wanted { old, share, gloss, count })
+    }
+
+    /// The places, at pixels of a plane of this size.
+    fn places(self, (w, h): (usize, usize), seen: &SeenPlaces, flat: &Flat) -> Places {
+        let full = self.share.size();
+        let mut sums = vec![([0.0f32; 2], 0.0f32); w * h];
+        for i in (0..self.share.len()).filter(|&i| self.share.pixels()[i] > 0.0) {
+            let (share, gloss) = (self.share.pixels()[i], self.gloss.pixels()[i]);
+            for (x, y) in neighbours((i % full.0, i / full.0), full, (w, h)) {
+                let (sum, all) = &mut sums[y * w + x];
+                sum.iter_mut().zip(gloss).for_each(|(sum, value)| *sum += share * value);
+                *all += share;
+            }
+        }
+        let camera = seen.camera.resized(w, h);
+        let depth = (self.share.size() == (w, h)).then(|| seen.full_depth.clone());
+        let depth = depth.unwrap_or_else(|| resize_depth(seen.full_depth, w, h));
+        let (mut rows, mut faces) = (Plane::filled(w, h, NO_ROW), Vec::new());
+        for (i, (sum, all)) in sums.into_iter().enumerate().filter(|(_, (_, all))| *all > 0.0) {
+            let at = (i % w, i / w);
+            let seen_at = camera.pixel_point(at.0, at.1, depth.0.pixels()[i]);
+            rows.pixels_mut()[i] = faces.len() as u32;
+            faces.push(flat.face((at, (w, h)), seen_at, Vec3::new(sum[0] / all, sum[1] / all, 0.0), seen));
+        }
+        Places { old: self.old, share: self.share, rows, faces }
+    }
+}
+
+/// Of these pixels, those that share no triangle with others: a crease hides what it reflects.
+fn inner(own: &Plane<bool>, points: &Points) -> Plane<bool> {
+    let (w, h) = own.size();
+    Plane::from_fn(w, h, |x, y| {
+        let joined = |u: usize, v: usize| (points.0.get(u, v).z / points.0.get(x, y).z - 1.0).abs() < STEP;
+        let mut around = (y.saturating_sub(1)..(y + 2).min(h))
+            .flat_map(|v| (x.saturating_sub(1)..(x + 2).min(w)).map(move |u| (u, v)));
+        own.get(x, y) && around.all(|(u, v)| own.get(u, v) || !joined(u, v))
+    })
+}
+
+/// The planes of a region.
+struct Flat {
+    planes: Vec<PlaneFit>,
+    /// Which of them a working pixel lies in.
+    label: Plane<Option<u8>>,
+    /// The working pixels of the whole room that lie in each.
+    own: Vec<Plane<bool>>,
+    /// Normals of what lies in none, smoothed.
+    normal: Plane<Vec3>,
+}
+
+/// Distance from a plane, as a share of that from the camera.
+const OFF_PLANE: f32 = 0.03;
+/// Least cosine of a normal to its plane's.
+const ALONG: f32 = 0.85;
+/// Most planes of a region.
+const MOST_PLANES: usize = 4;
+/// Least share of what is left of the region that makes another plane, and fewest working pixels.
+const LEAST: (f32, usize) = (0.3, 30);
+/// Up to this share of a region that lies in none of its planes is taken for noise.
+const UNEVEN: f32 = 0.1;
+/// Working pixels around one whose normals are averaged.
+const REACH: usize = 3;
+
+impl Flat {
+    fn new(region: &Plane<bool>, seen: &SeenPlaces) -> Flat {
+        let (w, h) = region.size();
+        let (points, normals) = (seen.points.0.pixels(), seen.normal.0.pixels());
+        let lies_in = |plane: &PlaneFit, i: usize| {
+            let off = (plane.normal.dot(points[i]) - plane.offset).abs();
+            off < OFF_PLANE * points[i].length() && plane.normal.dot(normals[i]) > ALONG
+        };
+        let mut left: Vec<usize> = (0..w * h).filter(|&i| region.pixels()[i]).collect();
+        let mut flat = Flat {
+            planes: Vec::new(),
+            label: Plane::filled(w, h, None),
+            own: Vec::new(),
+            normal: Plane::filled(w, h, Vec3::Z),
+        };
+        while flat.planes.len() < MOST_PLANES {
+            let some = || left.iter().step_by(left.len().div_ceil(1500).max(1));
+            let (places, ways): (Vec<Vec3>, Vec<Vec3>) = some().map(|&i| (points[i], normals[i])).unzip();
+            let Some(plane) = PlaneFit::through(&places, &ways, OFF_PLANE).filter(|p| p.support > LEAST.0) else {
+                break;
+            };
+            let (own, others): (Vec<usize>, Vec<usize>) = left.iter().partition(|&&i| lies_in(&plane, i));
+            if own.len() < LEAST.1 {
+                break;
+            }
+            own.iter().for_each(|&i| flat.label.pixels_mut()[i] = Some(flat.planes.len() as u8));
+            flat.own.push(inner(&Plane::new(w, h, (0..w * h).map(|i| lies_in(&plane, i)).collect()), seen.points));
+            flat.planes.push(plane);
+            left = others;
+        }
+        let size = region.pixels().iter().filter(|inside| **inside).count();
+        if !flat.planes.is_empty() && left.len() as f32 <= UNEVEN * size as f32 {
+            let off = |plane: &PlaneFit, i: usize| (plane.normal.dot(points[i]) - plane.offset).abs();
+            for i in left.drain(..) {
+                let nearest =
+                    (0..flat.planes.len()).min_by(|&a, &b| off(&flat.planes[a], i).total_cmp(&off(&flat.planes[b], i)));
+                flat.label.pixels_mut()[i] = nearest.map(|plane| plane as u8);
+            }
+        }
+        for i in left {
+            let (x, y) = (i % w, i / w);
+            let around = (y.saturating_sub(REACH)..(y + REACH + 1).min(h))
+                .flat_map(|y| (x.saturating_sub(REACH)..(x + REACH + 1).min(w)).map(move |x| y * w + x));
+            let alike = around.filter(|&j| region.pixels()[j] && (points[j].z / points[i].z - 1.0).abs() < OFF_PLANE);
+            flat.normal.pixels_mut()[i] = alike.map(|j| normals[j]).sum::<Vec3>().normalize_or(normals[i]);
+        }
+        flat
+    }
+
+    /// The face at pixel `at` of a plane of this size, of a surface seen at `point`.
+    fn face(&self, (at, size): ((usize, usize), (usize, usize)), point: Vec3, gloss: Vec3, seen: &SeenPlaces) -> Face {
+        let (w, h) = self.label.size();
+        let i = (at.1 * h / size.1) * w + at.0 * w / size.0;
+        let label = self.label.pixels()[i].map(usize::from);
+        let on_plane = label.and_then(|label| Some((label, self.planes[label].meet(point)?)));
+        match on_plane {
+            Some((label, point)) => Face {
+                point,
+                normal: self.planes[label].normal,
+                albedo: Vec3::ZERO,
+                gloss,
+                plane: Some(label),
+                bend: None,
+            },
+            None => {
+                let normal = self.normal.pixels()[i];
+                let point = point + normal * seen.mesh.offset(point);
+                Face { point, normal, albedo: Vec3::ZERO, gloss, plane: None, bend: None }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Objects;
+    use crate::image::Roughness;
+    use crate::optics::{Around, Ggx, Lamp, Shape, Surround, reflections};
+
+    const SIZE: (usize, usize) = (80, 60);
+    const FLOOR: f32 = -1.0;
+    const WALL: f32 = -4.0;
+
+    /// A floor and a wall, whose depth is wrong by up to this share.
+    struct Room {
+        camera: Camera,
+        depth: Depth,
+        points: Points,
+        normal: Normal,
+        mesh: SceneMesh,
+    }
+
+    fn room(error: f32) -> Room {
+        let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
+        let ray = |x, y| camera.pixel_point(x, y, 1.0);
+        let is_floor = |x, y| ray(x, y).y * -WALL < FLOOR;
+        let wrong = |x: usize, y: usize| 1.0 + error * (((x * 7919 + y * 104_729) % 1009) as f32 / 504.0 - 1.0);
+        let z = |x, y| wrong(x, y) * if is_floor(x, y) { FLOOR / ray(x, y).y } else { -WALL };
+        let depth = Depth(Plane::from_fn(SIZE.0, SIZE.1, z));
+        let points = Points(Plane::from_fn(SIZE.0, SIZE.1, |x, y| camera.pixel_point(x, y, z(x, y))));
+        let tilt = |x: usize, y: usize| error * Vec3::new((x % 3) as f32 - 1.0, 0.0, (y % 3) as f32 - 1.0) * 10.0;
+        let flat = |x, y| if is_floor(x, y) { Vec3::Y } else { Vec3::Z };
+        let normal = Normal(Plane::from_fn(SIZE.0, SIZE.1, |x, y| (flat(x, y) + tilt(x, y)).normalize()));
+        let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(SIZE.0, SIZE.1, false));
+        Room { camera, depth, points, normal, mesh }
+    }
+
+    impl Room {
+        fn is_floor(&self, i: usize) -> bool {
+            self.normal.0.pixels()[i].y > 0.5
+        }
+
+        /// What the floor adds to a layer whose room is `plane`, by photo pixel, with its roughness changed from `old` to `new`.
+        fn adds(&self, [old, new]: [f32; 2], lamp: Shape, radiance: f32, plane: &[Vec3]) -> Vec<Vec3> {
+            let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(self.is_floor(y * SIZE.0 + x))));
+            let mut finish = Finish::default();
+            finish.lay(&floor, [Some(new), None], &Roughness(Plane::filled(SIZE.0, SIZE.1, old)));
+            let seen = SeenPlaces {
+                camera: &self.camera,
+                full_depth: &self.depth,
+                points: &self.points,
+                normal: &self.normal,
+                mesh: &self.mesh,
+            };
+            let (kinds, planes) = places(&finish, &seen);
+            let nobody = Objects::unseen(&[]);
+            let surround = Surround {
+                mesh: &self.mesh,
+                objects: &nobody,
+                camera: &self.camera,
+                points: &self.points,
+                normal: &self.normal,
+                masks: &[],
+                lighting: None,
+                planes: &planes,
+            };
+            let photo = Picture(Plane::filled(SIZE.0, SIZE.1, Vec3::ONE));
+            let mut sums = vec![Vec3::ZERO; plane.len()];
+            for kind in kinds {
+                let face = |i: usize| Some(kind.faces[i]);
+                let (of, _) = reflections((kind.faces.len(), 1), face, &surround, &[("lamp", &lamp)], 64, 1);
+                let part = Part { old: kind.old, share: kind.share, rows: kind.rows, of };
+                let weights = [Vec3::splat(radiance)];
+                let layers = [plane.to_vec(), vec![Vec3::ZERO; plane.len()]];
+                let all: Vec<usize> = (0..plane.len()).collect();
+                let around = Around::new(&layers, &all, 0.0);
+                let mirror = Mirror::new(&part.of, around, &[("lamp", &weights)]).expect("the lamp is there");
+                let (small, depth) = part.reduced(&photo, &self.depth);
+                let upsampler = Upsampler::new(&photo, &self.depth, &small, &depth);
+                for (i, change) in part.adds(&mirror, &upsampler, 0, plane, |_| Vec3::ZERO) {
+                    sums[i as usize] += change;
+                }
+            }
+            sums
+        }
+    }
+
+    const DULL: f32 = 1.0;
+
+    #[test]
+    fn a_mirror_floor_shows_the_wall_at_the_mirrored_pixel() {
+        // What stands for the picture tells its own column and row.
+        let plane: Vec<Vec3> = (0..SIZE.0 * SIZE.1)
+            .map(|i| Vec3::new((i % SIZE.0) as f32 + 0.5, (i / SIZE.0) as f32 + 0.5, 1.0))
+            .collect();
+        for error in [0.0, 0.004] {
+            let room = room(error);
+            let shown = room.adds([DULL, 0.0], Shape::Absent, 0.0, &plane);
+            let mut checked = 0;
+            for i in (0..plane.len()).filter(|&i| room.is_floor(i)) {
+                let way = room.camera.pixel_point(i % SIZE.0, i / SIZE.0, 1.0);
+                let point = way * (FLOOR / way.y);
+                let mirrored = Vec3::new(way.x, -way.y, way.z);
+                let met = point + mirrored * ((WALL - point.z) / mirrored.z);
+                // A crease is cut off by up to a pixel.
+                let Some(at) = room
+                    .camera
+                    .project(met)
+                    .filter(|at| room.camera.contains(*at) && met.y > FLOOR + 0.06 && at.x > 2.0 && at.x < 78.0)
+                else {
+                    continue;
+                };
+                // Schlick's reflectance of a dielectric, 4 % at normal incidence, in Karis' fit of it.
+                let cosine = -way.normalize().y;
+                let want = 0.04 + 0.96 * ((-5.55473 * cosine - 6.98316) * cosine).exp2();
+                assert!((shown[i].z / want - 1.0).abs() < 0.03, "{i}: {} against {want}", shown[i].z);
+                let (x, y) = (shown[i].x / shown[i].z, shown[i].y / shown[i].z);
+                let off = (x - at.x).abs().max((y - at.y).abs());
+                assert!(off < if error > 0.0 { 2.0 } else { 1.2 }, "{i} shows ({x}, {y}), wanted {at}, error {error}");
+                checked += 1;
+            }
+            assert!(checked > 500, "{checked} pixels of the floor mirror seen wall");
+        }
+    }
+
+    #[test]
+    fn a_small_lamp_shines_where_and_as_ggx_says() {
+        let room = room(0.0);
+        let (center, radius, radiance) = (Vec3::new(0.3, -0.4, -3.9), 0.015, 50.0);
+        let lamp = Shape::Lamp(Lamp::Sphere { center, radius });
+        let dark = vec![Vec3::ZERO; SIZE.0 * SIZE.1];
+        for (roughness, tolerance) in [(0.25, 0.06), (0.7, 0.15)] {
+            let shown = room.adds([DULL, roughness], lamp.clone(), radiance, &dark);
+            let want = |i: usize| {
+                let way = room.camera.pixel_point(i % SIZE.0, i / SIZE.0, 1.0);
+                let point = way * (FLOOR / way.y);
+                let gloss = Vec3::new(roughness, 0.5, 0.0);
+                let surface = Ggx::new(Vec3::Y, -point.normalize(), Vec3::ZERO, gloss).expect("it reflects");
+                let light = center - point;
+                let solid_angle = std::f32::consts::PI * radius * radius / light.length_squared();
+                let light = light.normalize();
+                radiance * solid_angle * light.y * surface.value(light).x
+            };
+            let floor = || (0..dark.len()).filter(|&i| room.is_floor(i));
+            let peak = |of: &dyn Fn(usize) -> f32| floor().max_by(|&a, &b| of(a).total_cmp(&of(b))).expect("a floor");
+            let (got, wanted) = (peak(&|i| shown[i].x), peak(&want));
+            let apart = (got % SIZE.0).abs_diff(wanted % SIZE.0).max((got / SIZE.0).abs_diff(wanted / SIZE.0));
+            assert!(apart <= 2, "roughness {roughness}: the peak is {apart} pixels off");
+            for i in floor().filter(|&i| want(i) > 0.5 * want(wanted)) {
+                let (got, want) = (shown[i].x, want(i));
+                // The rougher one is known at every second pixel, at the edge of the floor on one side only.
+                assert!((got / want - 1.0).abs() < tolerance, "roughness {roughness}, pixel {i}: {got} against {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_old_reflection_is_taken_away_and_what_stays_is_not_touched() {
+        let room = room(0.0);
+        let even = vec![Vec3::ONE; SIZE.0 * SIZE.1];
+        let lamp = || Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.3, -0.6, -3.7), radius: 0.1 });
+        let sum = |of: [f32; 2]| room.adds(of, lamp(), 9.0, &even).iter().map(|c| f64::from(c.x)).sum::<f64>();
+        assert_eq!(sum([0.4, 0.4]), 0.0);
+        let (gained, lost) = (sum([DULL, 0.4]), sum([0.4, DULL]));
+        assert!(gained > 0.0 && (gained + lost).abs() < 1e-4 * gained, "{gained} and {lost}");
+    }
+
+    #[test]
+    fn nothing_changed_asks_nothing() {
+        let room = room(0.0);
+        let seen = SeenPlaces {
+            camera: &room.camera,
+            full_depth: &room.depth,
+            points: &room.points,
+            normal: &room.normal,
+            mesh: &room.mesh,
+        };
+        let (kinds, planes) = places(&Finish::default(), &seen);
+        assert!(kinds.is_empty() && planes.is_empty());
+    }
+
+    #[test]
+    fn a_narrow_lobe_is_known_at_photo_pixels_and_a_broad_one_at_every_second_working_pixel() {
+        let room = room(0.0);
+        let full = (2 * SIZE.0, 2 * SIZE.1);
+        let seen = SeenPlaces {
+            camera: &room.camera.resized(full.0, full.1),
+            full_depth: &resize_depth(&room.depth, full.0, full.1),
+            points: &room.points,
+            normal: &room.normal,
+            mesh: &room.mesh,
+        };
+        let lower = Plane::from_fn(full.0, full.1, |_, y| f32::from(u8::from(y >= 100)));
+        for (roughness, size) in [(0.05, full), (0.3, SIZE), (0.7, (SIZE.0 / 2, SIZE.1 / 2))] {
+            let mut finish = Finish::default();
+            finish.lay(&lower, [Some(roughness), None], &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)));
+            let (kinds, _) = places(&finish, &seen);
+            let sizes: Vec<_> = kinds.iter().map(|kind| (kind.old, kind.rows.size())).collect();
+            assert_eq!(sizes, [(false, size), (true, (SIZE.0 / 2, SIZE.1 / 2))], "roughness {roughness}");
+            // The floor is one plane, also at its edge.
+            assert!(kinds.iter().all(|kind| kind.faces.iter().all(|f| f.normal.dot(Vec3::Y) > 0.9999)));
+        }
+    }
+}

@@ -1,0 +1,504 @@
+//! What shiny surfaces reflect: which parts of the picture, how much of each light, and how much of what is not seen.
+//!
+//! Each place sends rays distributed like its lobe. A ray that meets the seen room shows the picture's pixel there, whatever an
+//! edit makes of it; one that meets a body shows the body's pixel, if the camera sees it; all others look into the unseen part of
+//! the room. Lights are kept apart, per lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a
+//! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a small light). Each direction counts in
+//! both, with weights p^2 and q^2 over their sum (the power heuristic of Veach and Guibas, SIGGRAPH 1995): p is the density of the
+//! lobe's rays, q one over the solid angle of the light.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::ggx::Ggx;
+use crate::geometry::{Camera, Hit, Objects, SceneMesh, clearance};
+use crate::image::{Mask, Normal, Plane, Points, rule};
+use {
+    crate::optics::Emitter, crate::optics::Lighting, crate::optics::Points2, crate::optics::Shape,
+    crate::optics::Silhouette, crate::optics::local_frame,
+};
+
+/// What places reflect: the pixels of [`Objects`], or those of a painted surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Reflections {
+    /// One row per place: what each of its rays met. A photo pixel; after all of them a pixel of the objects; or
+    /// [`UNSEEN`] or [`NOTHING`].
+    pub met: Plane<u32>,
+    /// How much of that it shows.
+    pub weight: Plane<Vec3>,
+    /// What arrives from the unseen part of the room, as a network says; zero without it.
+    pub far: Plane<Vec3>,
+    /// Per light, per lobe of unit radiance.
+    pub lights: Vec<(String, Vec<Plane<Vec3>>)>,
+}
+
+/// The unseen part of the room.
+pub const UNSEEN: u32 = u32::MAX;
+/// What is counted elsewhere: a light, or below the surface.
+pub const NOTHING: u32 = u32::MAX - 1;
+
+impl Reflections {
+    /// Whether all planes have their number of rows. The pixels that rays meet are held against the photo's size where they are used.
+    ///
+    /// # Errors
+    /// The rule that is not kept.
+    pub fn check(&self) -> Result<(), String> {
+        rule(self.met.size() == self.weight.size(), "a weight for each ray")?;
+        rule(self.far.len() == self.met.height(), "light from afar for each place")?;
+        let mut lobes = self.lights.iter().flat_map(|(_, lobes)| lobes);
+        rule(lobes.all(|lobe| lobe.len() == self.far.len()), "light of each lobe for each place")
+    }
+
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        let lights = self.lights.iter().flat_map(|(_, lobes)| lobes).map(Plane::bytes).sum::<usize>();
+        self.met.bytes() + self.weight.bytes() + self.far.bytes() + lights
+    }
+}
+
+/// A place whose reflection is asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Face {
+    /// Slightly above the surface.
+    pub point: Vec3,
+    pub normal: Vec3,
+    /// The colour in which a metal reflects.
+    pub albedo: Vec3,
+    /// Roughness, specular, metallic.
+    pub gloss: Vec3,
+    /// Which of the surround's planes it lies in, where it is part of the seen room.
+    pub plane: Option<usize>,
+    /// What changes across its pixel, where it bends within it.
+    pub bend: Option<Bend>,
+}
+
+/// By how much the place and the normal of a face change from one side of its pixel to the other: to the right, and down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bend {
+    /// Where in the pixel the face itself is, 0..1 along each side.
+    pub at: [f32; 2],
+    pub point: [Vec3; 2],
+    pub normal: [Vec3; 2],
+}
+
+impl Face {
+    /// The surface at a place of its pixel, 0..1 along each side; `None` where it reflects nothing.
+    fn surface(&self, [u, v]: [f64; 2]) -> Option<Ggx> {
+        let (mut point, mut normal) = (self.point, self.normal);
+        if let Some(bend) = &self.bend {
+            let (u, v) = (u as f32 - bend.at[0], v as f32 - bend.at[1]);
+            point += u * bend.point[0] + v * bend.point[1];
+            normal = (normal + u * bend.normal[0] + v * bend.normal[1]).normalize_or(normal);
+        }
+        Ggx::new(normal, -point.normalize_or(Vec3::NEG_Z), self.albedo, self.gloss)
+    }
+}
+
+/// Rays of a mirror that bends within a pixel: one would show a jagged rim.
+const MIRRORED: usize = 16;
+
+/// The room around the places.
+pub struct Surround<'a> {
+    /// With the bodies in it.
+    pub mesh: &'a SceneMesh,
+    /// The bodies as they are seen.
+    pub objects: &'a Objects,
+    /// Of the photo.
+    pub camera: &'a Camera,
+    /// Of the seen surface, working size.
+    pub points: &'a Points,
+    pub normal: &'a Normal,
+    /// Pixels of each visible light, working size: they show themselves, as lights.
+    pub masks: &'a [&'a Mask],
+    /// What arrives at each place, by a network.
+    pub lighting: Option<&'a Lighting>,
+    /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not hide what it reflects.
+    pub planes: &'a [Plane<bool>],
+}
+
+impl Surround<'_> {
+    /// The nearest surface along a ray of unit length from a face.
+    fn closest(&self, face: &Face, direction: Vec3) -> Option<Hit> {
+        let plane = face.plane.map(|plane| self.planes[plane].pixels());
+        let mut way = 0.0;
+        for _ in 0..MOST_SKIPPED {
+            let hit = self.mesh.closest(face.point + direction * way, direction)?;
+            let distance = way + hit.distance;
+            if !plane.and_then(|own| own.get(hit.pixel as usize)).is_some_and(|own| *own) {
+                return Some(Hit { distance, ..hit });
+            }
+            way = distance + clearance(face.point + direction * distance);
+        }
+        None
+    }
+}
+
+/// A ray that meets its own plane more often than this runs along it.
+const MOST_SKIPPED: usize = 16;
+
+/// A reflection of a light of unit radiance that is less than this is not asked for.
+const LEAST_SEEN: f32 = 1e-6;
+/// The stream of places within a pixel, beyond those of lights.
+const WITHIN: u32 = u32::MAX;
+/// Most rays of all pixels together.
+const MOST_RAYS: usize = 4_000_000;
+
+/// Reflections of the places of a plane of this size, with `rays` per place and as many samples per lobe of a light; and the number of
+/// rays that were traced.
+pub fn reflections(
+    (w, h): (usize, usize),
+    face: impl Fn(usize) -> Option<Face> + Sync,
+    surround: &Surround,
+    lights: &[(&str, &Shape)],
+    rays: usize,
+    seed: u64,
+) -> (Reflections, u64) {
+    let rays = rays.min(MOST_RAYS / (w * h).max(1)).max(1);
+    let emitters: Vec<Emitter> = lights.iter().map(|(_, shape)| Emitter::new(shape)).collect();
+    let bodies: Vec<Silhouette> = lights.iter().map(|(_, shape)| Silhouette::new(shape)).collect();
+    let own = |pixel: usize| surround.masks.iter().any(|mask| mask.0.pixels()[pixel] > 0.5);
+    let cells = Cells::new(surround);
+    let pixel = |i: usize| -> Pixel {
+        let lobes: usize = emitters.iter().map(Emitter::lobes).sum();
+        let mut out = Pixel {
+            met: vec![NOTHING; rays],
+            weight: vec![Vec3::ZERO; rays],
+            far: Vec3::ZERO,
+            lights: vec![Vec3::ZERO; lobes],
+            traced: 0,
+        };
+        let Some(face) = face(i) else { return out };
+        let (point, normal) = (face.point, face.normal);
+        let Some(middle) = face.surface([0.5; 2]) else { return out };
+        let count = match (middle.is_mirror(), face.bend) {
+            (true, None) => 1,
+            (true, Some(_)) => rays.min(MIRRORED),
+            (false, _) => rays,
+        };
+        let part = 1.0 / count as f32;
+        let points = Points2::new(seed, i as u32, 0);
+        // Each ray from a place of its own within the pixel; one that is turned away counts as the middle.
+        let surfaces: Vec<Ggx> = if face.bend.is_some() {
+            let within = Points2::new(seed, i as u32, WITHIN);
+            (0..count).map(|ray| face.surface(within.get(ray)).unwrap_or(middle)).collect()
+        } else {
+            vec![middle]
+        };
+        for ray in 0..count {
+            let surface = &surfaces[ray % surfaces.len()];
+            let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
+            let weight = weight * part;
+            let hit = surround.closest(&face, direction);
+            out.traced += 1;
+            let is_own =
+                hit.is_some_and(|hit| (hit.pixel as usize) < surround.points.0.len() && own(hit.pixel as usize));
+            let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { 1.2 } else { 1.01 });
+            // Lights first: what is behind one is not seen. One without a closed surface shows in a mirror as in the photo.
+            let mut light_met = is_own && !surface.is_mirror();
+            let mut first = 0;
+            for (((_, shape), emitter), body) in lights.iter().zip(&emitters).zip(&bodies) {
+                if body.meet_from(point, direction).is_some_and(|t| t < end) {
+                    light_met = true;
+                    for lobe in 0..emitter.lobes() {
+                        let s = by_rays(shape, lobe, point, surface)(direction);
+                        out.lights[first + lobe] += weight * shape.shown(lobe, direction) * s;
+                    }
+                }
+                first += emitter.lobes();
+            }
+            if light_met {
+                continue;
+            }
+            out.weight[ray] = weight;
+            out.met[ray] = hit
+                .and_then(|hit| seen(surround, (point + direction * hit.distance, direction), hit.pixel))
+                .unwrap_or(UNSEEN);
+            if out.met[ray] == UNSEEN
+                && let Some(cells) = &cells
+            {
+                out.far += weight * cells.radiance(point, direction);
+            }
+        }
+        let mut first = 0;
+        for (light, ((_, shape), emitter)) in lights.iter().zip(&emitters).enumerate() {
+            for lobe in 0..emitter.lobes() {
+                let by_rays: Vec<_> = surfaces.iter().map(|surface| by_rays(shape, lobe, point, surface)).collect();
+                let Some(seen) = emitter.seen(lobe, point, normal) else { continue };
+                let points = Points2::new(seed, i as u32, 1 + (3 * light + lobe) as u32);
+                let samples = count.max(8);
+                for (k, sample) in (0..samples).filter_map(|k| Some((k % surfaces.len(), seen.sample(&points, k)?))) {
+                    let direction = (sample.place - point).normalize_or_zero();
+                    let part = (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.part;
+                    let value = surfaces[k].value(direction) * part;
+                    if value.max_element() < LEAST_SEEN {
+                        continue;
+                    }
+                    out.traced += 1;
+                    if !blocked(surround, &face, sample.place, &own) {
+                        out.lights[first + lobe] += value / samples as f32;
+                    }
+                }
+            }
+            first += emitter.lobes();
+        }
+        out
+    };
+    let pixels: Vec<Pixel> = (0..w * h).into_par_iter().with_min_len(16).map(pixel).collect();
+    let mut first = 0;
+    let planes = lights.iter().zip(&emitters).map(|((id, _), emitter)| {
+        let range = first..first + emitter.lobes();
+        first = range.end;
+        let lobe = |lobe: usize| Plane::new(w, h, pixels.iter().map(|p| p.lights[lobe]).collect());
+        (id.to_string(), range.map(lobe).collect())
+    });
+    let planes = planes.collect();
+    let reflections = Reflections {
+        met: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.met.iter().copied()).collect()),
+        weight: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.weight.iter().copied()).collect()),
+        far: Plane::new(w, h, pixels.iter().map(|p| p.far).collect()),
+        lights: planes,
+    };
+    (reflections, pixels.iter().map(|p| p.traced).sum())
+}
+
+struct Pixel {
+    met: Vec<u32>,
+    weight: Vec<Vec3>,
+    far: Vec3,
+    lights: Vec<Vec3>,
+    /// Number of rays.
+    traced: u64,
+}
+
+/// By direction, the share that the rays of the lobe have in the estimate of a light's reflection.
+fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> impl Fn(Vec3) -> f32 + 'a {
+    // Plates have gaps, so that rays do not meet them.
+    let plates = matches!(shape, Shape::Lamp(crate::optics::Lamp::Plates(_)));
+    let ball = if plates { None } else { shape.ball() };
+    let size = ball.map(|(center, radius)| {
+        let size = std::f32::consts::PI * radius * radius / center.distance_squared(point).max(radius * radius);
+        match shape {
+            Shape::Window(window) => size.min(2.0 * std::f32::consts::PI / window.lobes[lobe].bandwidth.max(0.1)),
+            _ => size,
+        }
+    });
+    let all = plates && surface.is_mirror();
+    move |direction| {
+        let Some(size) = size else { return if all { 1.0 } else { 0.0 } };
+        let p = surface.density(direction) * size;
+        // A sharp lobe's density does not fit into the square of a float.
+        if p > 1e6 { 1.0 } else { p * p / (p * p + 1.0) }
+    }
+}
+
+/// Whether something stands between a place and a light that is not the light itself.
+fn blocked(surround: &Surround, face: &Face, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
+    let way = light - face.point;
+    let length = way.length();
+    let hit = surround.closest(face, way / length);
+    let near = hit.filter(|hit| hit.distance < 0.999 * length);
+    near.is_some_and(|hit| (hit.pixel as usize) >= surround.points.0.len() || !own(hit.pixel as usize))
+}
+
+/// What is seen at pixel `i` of objects, where they cover it.
+pub fn object_face(objects: &Objects, camera: &Camera, i: usize) -> Option<Face> {
+    let (x, y) = (i % objects.cover.width(), i / objects.cover.width());
+    if objects.cover.get(x, y) <= 0.0 {
+        return None;
+    }
+    let normal = objects.normal.get(x, y);
+    let point = if objects.step == 1 {
+        objects.points.get(x, y)
+    } else {
+        let z = objects.depth.get(x, y);
+        // Half a pixel's footprint above the surface, which is flat between pixels here only.
+        camera.pixel_point(objects.left + x, objects.top + y, z) + normal * (0.5 * z / camera.fx)
+    };
+    Some(Face {
+        point,
+        normal,
+        albedo: objects.albedo.get(x, y),
+        gloss: objects.gloss.get(x, y),
+        plane: None,
+        bend: Some(bend(objects, camera, (x, y))),
+    })
+}
+
+/// How place and normal change across a covered pixel: by the camera, and by the pixels beside it that show the same surface.
+fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> Bend {
+    let (w, h) = objects.cover.size();
+    let (z, normal) = (objects.depth.get(x, y), objects.normal.get(x, y));
+    let beside = |dx: isize, dy: isize| {
+        let (x, y) = (x.checked_add_signed(dx).filter(|x| *x < w)?, y.checked_add_signed(dy).filter(|y| *y < h)?);
+        let other = objects.normal.get(x, y);
+        let alike =
+            objects.cover.get(x, y) > 0.0 && (objects.depth.get(x, y) - z).abs() < 0.05 * z && other.dot(normal) > 0.5;
+        alike.then_some(other)
+    };
+    let change = |dx: isize, dy: isize| match (beside(-dx, -dy), beside(dx, dy)) {
+        (Some(before), Some(after)) => 0.5 * (after - before),
+        (Some(before), None) => normal - before,
+        (None, Some(after)) => after - normal,
+        (None, None) => Vec3::ZERO,
+    };
+    // The ray that met it nearest to the middle of the pixel is seldom in the middle.
+    let own = (objects.step == 1).then(|| camera.project(objects.points.get(x, y))).flatten();
+    let at = own.map_or([0.5; 2], |p| [p.x - (objects.left + x) as f32, p.y - (objects.top + y) as f32]);
+    let at = at.map(|at| at.clamp(0.0, 1.0));
+    Bend { at, point: [Vec3::X * (z / camera.fx), Vec3::NEG_Y * (z / camera.fy)], normal: [change(1, 0), change(0, 1)] }
+}
+
+/// The pixel that shows what a ray meets: of the photo, or after all of them of the objects.
+fn seen(surround: &Surround, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<u32> {
+    let (camera, objects) = (surround.camera, surround.objects);
+    let place = camera.project(at).filter(|p| camera.contains(*p))?;
+    let (x, y) = (place.x as usize, place.y as usize);
+    if let Some(normal) = surround.normal.0.pixels().get(pixel as usize) {
+        // From behind, nobody has seen it.
+        return (normal.dot(direction) < 0.0).then_some((y * camera.width + x) as u32);
+    }
+    let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
+    let (w, h) = objects.cover.size();
+    // Of a side that the camera does not see, the one before it stands.
+    let shown = u < w && v < h && objects.cover.get(u, v) > 0.5 && objects.depth.get(u, v) < 1.02 * -at.z;
+    shown.then(|| (camera.width * camera.height + v * w + u) as u32)
+}
+
+/// A network's lighting, to be asked at places in the room.
+struct Cells<'a> {
+    lighting: &'a Lighting,
+    /// Point and normal at the middle of each cell.
+    places: Vec<(Vec3, Vec3)>,
+}
+
+impl Cells<'_> {
+    fn new<'a>(surround: &'a Surround) -> Option<Cells<'a>> {
+        let lighting = surround.lighting?;
+        let (w, h) = surround.points.0.size();
+        let middle = |i: usize, cells: usize, size: usize| ((2 * i + 1) * size / (2 * cells)).min(size - 1);
+        let place = |i: usize| {
+            let (x, y) =
+                (middle(i % lighting.columns, lighting.columns, w), middle(i / lighting.columns, lighting.rows, h));
+            (surround.points.0.get(x, y), surround.normal.0.get(x, y))
+        };
+        Some(Cells { lighting, places: (0..lighting.columns * lighting.rows).map(place).collect() })
+    }
+
+    /// What arrives at `point` from `direction`: as at the nearest cell whose surface sees that way.
+    fn radiance(&self, point: Vec3, direction: Vec3) -> Vec3 {
+        let sees = |(_, (_, n)): &(usize, &(Vec3, Vec3))| n.dot(direction) > 0.1;
+        let near = self.places.iter().enumerate().filter(sees);
+        let near = near.min_by(|a, b| a.1.0.distance_squared(point).total_cmp(&b.1.0.distance_squared(point)));
+        let Some((i, (_, normal))) = near else { return Vec3::ZERO };
+        let way = local_frame(*normal).transpose() * direction;
+        self.lighting.radiance(i % self.lighting.columns, i / self.lighting.columns, way).max(Vec3::ZERO)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Mat3;
+
+    use super::*;
+    use crate::geometry::{Bodies, Body, Drawing, Material, Model, draw};
+    use crate::image::Depth;
+    use crate::optics::{Around, Lamp, Mirror};
+
+    const SIZE: (usize, usize) = (80, 60);
+
+    /// A ball of this roughness, of white metal, before a wall at 4 m; with what it reflects under a lamp.
+    fn ball(roughness: f32, lamp: Shape) -> (Objects, Reflections) {
+        seen_ball(SIZE, roughness, lamp, true)
+    }
+
+    /// The same in a picture of this size; each pixel with its bend or without.
+    fn seen_ball(size: (usize, usize), roughness: f32, lamp: Shape, bent: bool) -> (Objects, Reflections) {
+        let camera = Camera::from_fov_x(size.0, size.1, 60.0);
+        let points = Points(Plane::from_fn(size.0, size.1, |x, y| camera.pixel_point(x, y, 4.0)));
+        let normal = Normal(Plane::filled(size.0, size.1, Vec3::Z));
+        let material = Material { albedo: Vec3::ONE, roughness, specular: 0.5, metallic: 1.0 };
+        let center = Vec3::new(0.0, 0.0, -2.0);
+        let bodies = [Body::placed(Model::sphere(), Some(material), Mat3::IDENTITY, 0.5, Vec3::ZERO, center)];
+        let (solid, materials) = Bodies::new(&bodies, 100);
+        let depth = Depth(Plane::filled(size.0, size.1, 4.0));
+        let drawing = Drawing { supersampling: 2, most: 100_000 };
+        let objects = draw(&bodies, (&solid, &materials), &camera, &depth, |_| 0.0, drawing);
+        let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(size.0, size.1, false)).with_bodies(solid);
+        let surround = Surround {
+            mesh: &mesh,
+            objects: &objects,
+            camera: &camera,
+            points: &points,
+            normal: &normal,
+            masks: &[],
+            lighting: None,
+            planes: &[],
+        };
+        let face = |i: usize| {
+            let face = object_face(&objects, &camera, i)?;
+            Some(Face { bend: face.bend.filter(|_| bent), ..face })
+        };
+        let (reflected, _) = reflections(objects.cover.size(), face, &surround, &[("lamp", &lamp)], 64, 1);
+        (objects, reflected)
+    }
+
+    /// What the pixel in the middle of the ball shows where the room shows `room` and the lamp has this radiance.
+    fn middle((objects, of): &(Objects, Reflections), room: Vec3, radiance: f32) -> Vec3 {
+        let planes = [vec![room; SIZE.0 * SIZE.1], vec![Vec3::ZERO; SIZE.0 * SIZE.1]];
+        let all: Vec<usize> = (0..SIZE.0 * SIZE.1).collect();
+        let weights = [Vec3::splat(radiance)];
+        let mirror =
+            Mirror::new(of, Around::new(&planes, &all, 1.0), &[("lamp", &weights)]).expect("the lamp is there");
+        let (w, h) = objects.cover.size();
+        mirror.shows(h / 2 * w + w / 2, 0, &planes[0], |_| Vec3::ZERO)
+    }
+
+    #[test]
+    fn a_white_mirror_in_an_even_room_shows_the_room() {
+        for roughness in [0.0, 0.3] {
+            let shown = middle(&ball(roughness, Shape::Absent), Vec3::new(0.5, 0.2, 0.1), 1.0);
+            assert!((shown / Vec3::new(0.5, 0.2, 0.1) - 1.0).abs().max_element() < 0.03, "{roughness}: {shown}");
+        }
+    }
+
+    #[test]
+    fn a_lamp_behind_the_camera_is_seen_in_a_mirror_and_blurred_in_a_rough_ball() {
+        let lamp = |radius: f32| Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, 2.0), radius });
+        let mirror = middle(&ball(0.0, lamp(0.8)), Vec3::ZERO, 7.0);
+        assert!((mirror - 7.0).abs().max_element() < 0.2, "{mirror}");
+        // Head on: f = D(1) F G / 4 with D(1) = 1 / (pi a^2), G = F = 1, times the irradiance L (r / d)^2 pi.
+        let alpha = 0.6f32 * 0.6;
+        let want = 7.0 * (0.1f32 / 3.5).powi(2) / (4.0 * alpha * alpha);
+        let rough = middle(&ball(0.6, lamp(0.1)), Vec3::ZERO, 7.0);
+        assert!((rough / want - 1.0).abs().max_element() < 0.1, "{rough} against {want}");
+    }
+
+    /// Lamps in a mirror ball of 20 pixels, against a picture of eight times the size with one ray to a pixel, pixels inside the ball.
+    #[test]
+    fn a_mirror_ball_is_smooth() {
+        let lamp = || Shape::Lamp(Lamp::Sphere { center: Vec3::new(3.0, 2.0, -1.0), radius: 0.7 });
+        let fine = seen_ball((8 * SIZE.0, 8 * SIZE.1), 0.0, lamp(), false);
+        let shown = |(objects, of): &(Objects, Reflections), x: usize, y: usize| {
+            let at = |v: usize, first: usize| v.checked_sub(first);
+            let (u, v) = (at(x, objects.left)?, at(y, objects.top)?);
+            let (w, h) = objects.cover.size();
+            let inside = u < w && v < h && objects.cover.get(u, v) >= 1.0;
+            inside.then(|| of.lights[0].1[0].get(u, v).x)
+        };
+        let error = |bent: bool| {
+            let ball = seen_ball(SIZE, 0.0, lamp(), bent);
+            let (mut off, mut all) = (0.0, 0.0);
+            for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
+                let within = (0..64).map(|i| shown(&fine, 8 * x + i % 8, 8 * y + i / 8));
+                let Some((got, wanted)) = shown(&ball, x, y).zip(within.sum::<Option<f32>>()) else { continue };
+                off += (got - wanted / 64.0).abs();
+                all += wanted / 64.0;
+            }
+            assert!(all > 2.0, "the lamp is seen in the ball: {all}");
+            off / all
+        };
+        let [jagged, smooth] = [false, true].map(error);
+        assert!(smooth < 0.5 * jagged && smooth < 0.15, "{smooth} of the lamp's light is off, {jagged} with one ray");
+    }
+}

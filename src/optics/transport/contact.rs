@@ -1,0 +1,192 @@
+//! What bodies hide of the hemisphere of the surface close to them, and what they show there.
+//!
+//! The receivers of a [`Transport`](crate::optics::Transport) stand some pixels apart, too far to follow a body down to where it touches what it
+//! stands on. So every pixel near a body asks for itself which share h of its cosine-weighted hemisphere bodies fill, by rays into the
+//! cones around them. With a the light that arrives at the receivers around past all bodies, and k the share that is hidden from those,
+//! a / (1 - k) is what would arrive without bodies, and the pixel gets (1 - h) a / (1 - k) and what its own rays show.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::geometry::{Grid, SceneMesh, clearance, cosine_direction};
+use crate::image::{Normal, Plane, Points, rule};
+use crate::optics::emitter::sphere::{Cone, sphere_irradiance};
+use crate::optics::sampling::random::Points2;
+
+/// Pixels near bodies, and which probes of these they see.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Contact {
+    /// The pixels, one row.
+    pixels: Plane<u32>,
+    /// How much what is found here counts beside what the receivers say, 0..1.
+    weight: Plane<f32>,
+    /// Of each pixel a row: which probe each ray meets, or [`OPEN`].
+    probes: Plane<u32>,
+    /// Its share of the hemisphere.
+    shares: Plane<f32>,
+}
+
+/// A ray that meets no body.
+const OPEN: u32 = u32::MAX;
+/// Rays into the cone of each body.
+const RAYS: usize = 32;
+/// Most rays of one pixel.
+const MOST: usize = 256;
+/// From the middle of a body, in radii of the ball around it: up to the first all counts, from the second on nothing.
+const REACH: [f32; 2] = [2.0, 3.5];
+/// Least open share of a receiver's hemisphere that says anything about what arrives.
+const LEAST: f32 = 0.05;
+
+/// What reaches a receiver past all bodies, and the share of its hemisphere that they hide.
+#[derive(Clone, Copy, Default)]
+pub struct Past {
+    pub light: Vec3,
+    pub hidden: f32,
+}
+
+impl Contact {
+    /// Looks for bodies from all pixels near them; `points` and `normal` have the size of `mesh`. Empty without bodies.
+    pub fn new(mesh: &SceneMesh, points: &Points, normal: &Normal, seed: u64) -> Contact {
+        let balls = mesh.bodies().balls();
+        let near = |pixel: usize| {
+            let far = |&(_, middle, radius): &(usize, Vec3, f32)| points.0.pixels()[pixel].distance(middle) / radius;
+            let far = balls.iter().map(far).fold(f32::INFINITY, f32::min);
+            let t = ((REACH[1] - far) / (REACH[1] - REACH[0])).clamp(0.0, 1.0);
+            t * t * (3.0 - 2.0 * t)
+        };
+        let pixels: Vec<(usize, f32)> = (0..points.0.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|pixel| (pixel, near(pixel)))
+            .filter(|&(pixel, weight)| weight > 0.0 && mesh.in_room(pixel))
+            .collect();
+        let each = (MOST / balls.len().max(1)).clamp(1, RAYS);
+        let count = pixels.len();
+        let rows: Vec<Vec<(u32, f32)>> = pixels
+            .par_iter()
+            .with_min_len(64)
+            .map(|&(pixel, _)| {
+                let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
+                let cones = balls.iter().flat_map(|&ball| {
+                    let random = Points2::new(seed, pixel as u32, ball.0 as u32);
+                    look(mesh, (point, n), ball, random, each)
+                });
+                cones.collect()
+            })
+            .collect();
+        let width = each * balls.len();
+        Contact {
+            pixels: Plane::new(count, 1, pixels.iter().map(|&(pixel, _)| pixel as u32).collect()),
+            weight: Plane::new(count, 1, pixels.iter().map(|&(_, weight)| weight).collect()),
+            probes: Plane::new(width, count, rows.iter().flatten().map(|ray| ray.0).collect()),
+            shares: Plane::new(width, count, rows.iter().flatten().map(|ray| ray.1).collect()),
+        }
+    }
+
+    /// Whether every pixel and every probe is one of so many.
+    ///
+    /// # Errors
+    /// The rule that is not kept.
+    pub(in crate::optics) fn check(&self, pixels: usize, probes: usize) -> Result<(), String> {
+        let count = self.pixels.len();
+        rule(self.weight.len() == count && self.probes.height() == count, "a weight and a row of rays for each pixel")?;
+        rule(self.probes.size() == self.shares.size(), "a share for each ray")?;
+        rule(self.pixels.pixels().iter().all(|&pixel| (pixel as usize) < pixels), "pixels that are there")?;
+        let met = self.probes.pixels().iter().filter(|&&probe| probe != OPEN);
+        rule({ met }.all(|&probe| (probe as usize) < probes), "probes that are there")
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.pixels.is_empty()
+    }
+
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.pixels.bytes() + self.weight.bytes() + self.probes.bytes() + self.shares.bytes()
+    }
+
+    /// Number of rays traced.
+    pub fn rays(&self) -> u64 {
+        self.probes.len() as u64
+    }
+
+    /// Puts what the pixels near bodies find in the place of what the receivers of `grid` say, `all`; `past` is known of those, `shown` of
+    /// each probe.
+    pub fn refine(
+        &self,
+        (grid, points, normal): (&Grid, &Points, &Normal),
+        all: &mut Plane<Vec3>,
+        past: &[Past],
+        shown: impl Fn(usize) -> Vec3 + Sync,
+    ) {
+        let width = self.probes.width();
+        let found = |k: usize| {
+            let pixel = self.pixels.pixels()[k] as usize;
+            let (light, hidden) = grid
+                .neighbours(points, normal, pixel)
+                .iter()
+                .fold((Vec3::ZERO, 0.0), |(light, hidden), &(i, weight)| {
+                    (light + weight * past[i].light, hidden + weight * past[i].hidden)
+                });
+            let rays = k * width..(k + 1) * width;
+            let rays = self.probes.pixels()[rays.clone()].iter().zip(&self.shares.pixels()[rays]);
+            let (seen, filled) = rays
+                .filter(|(probe, _)| **probe != OPEN)
+                .fold((Vec3::ZERO, 0.0), |(seen, filled), (&probe, &share)| {
+                    (seen + share * shown(probe as usize), filled + share)
+                });
+            light * ((1.0 - filled).max(0.0) / (1.0 - hidden).max(LEAST)) + seen
+        };
+        let values: Vec<Vec3> = (0..self.pixels.len()).into_par_iter().with_min_len(256).map(found).collect();
+        for ((&pixel, &weight), value) in self.pixels.pixels().iter().zip(self.weight.pixels()).zip(values) {
+            let slot = &mut all.pixels_mut()[pixel as usize];
+            *slot = slot.lerp(value, weight);
+        }
+    }
+}
+
+/// Rays from a place into the cone of a body: the probe that each meets, where it meets this body before all else, and the share of the
+/// hemisphere that it stands for. Together they stand for what the ball around the body fills.
+fn look(
+    mesh: &SceneMesh,
+    (point, normal): (Vec3, Vec3),
+    (body, middle, radius): (usize, Vec3, f32),
+    random: Points2,
+    rays: usize,
+) -> Vec<(u32, f32)> {
+    let (way, up, size) = ((middle - point).as_dvec3(), normal.as_dvec3(), f64::from(radius));
+    let cone = Cone::new(way, size, up);
+    let (directions, whole): (Vec<(Vec3, f64)>, f64) = match cone {
+        _ if way.length() <= size => ((0..rays).map(|i| (cosine_direction(normal, random.get(i)), 1.0)).collect(), 1.0),
+        None => return vec![(OPEN, 0.0); rays],
+        Some(cone) => {
+            let ray = |i| {
+                let (direction, ..) = cone.sample(random.get(i));
+                (direction.as_vec3(), up.dot(direction).max(0.0))
+            };
+            ((0..rays).map(ray).collect(), sphere_irradiance(way, size, up))
+        }
+    };
+    let sum: f64 = directions.iter().map(|(_, cosine)| cosine).sum();
+    let each = whole / sum.max(1e-9);
+    let found = |(direction, cosine): (Vec3, f64)| match meets(mesh, (point, normal), body, direction) {
+        Some(probe) => (probe as u32, (cosine * each) as f32),
+        None => (OPEN, 0.0),
+    };
+    directions.into_iter().map(found).collect()
+}
+
+/// The probe of a body that is the first thing that a ray from the surface meets.
+fn meets(mesh: &SceneMesh, (point, normal): (Vec3, Vec3), body: usize, direction: Vec3) -> Option<usize> {
+    let bodies = mesh.bodies();
+    // From the surface itself: what lifts rays off uneven depth elsewhere would lift them past the foot of a body.
+    let from = point + normal * clearance(point);
+    let hit = bodies.closest(from, direction).filter(|hit| bodies.owner(hit.id).0 == body)?;
+    let lift = mesh.offset(point);
+    let (from_above, place) = (point + normal * lift, from + direction * hit.distance);
+    // The last of the way lies within what is uneven of the surface that the body stands on.
+    let free = 1.0 - 4.0 * lift / hit.distance;
+    let hidden = free > 0.0 && mesh.surfaces().any(from_above, place - from_above, free, |_| true);
+    (!hidden).then(|| bodies.nearest_probe(hit.id, place, direction))
+}

@@ -1,0 +1,366 @@
+//! Indirect shading by bounces on the seen surface.
+//!
+//! With D the shadowed direct shading of a lobe (irradiance / pi), A the albedo and B = A (D + I) what a surface shows, the
+//! indirect shading is the mean of B over the cosine-distributed rays of a point: I = T A (D + I). The rays do not depend on
+//! the light, so they are traced once ([`trace_bounces`]), and every lobe only sums over what they hit ([`indirect`]). Rays
+//! that hit nothing, or a surface from behind, look into the unseen part of the room; it shows the mean B of what is seen,
+//! by area. All of it is linear in D, with coefficients that are not negative.
+//!
+//! Bodies in the room take part at their [probes](crate::geometry::Probes): each is a receiver of its own, and a ray that meets
+//! a body sees what its nearest probe shows.
+
+use glam::Vec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::contact::{Contact, Past};
+use super::estimate::{BATCHES, mean, pooled, stream, tiles};
+use crate::geometry::{Grid, SceneMesh, cosine_direction};
+use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance, rule};
+use crate::optics::sampling::random::Points2;
+
+/// What each receiver (a point of a coarse grid) sees along its rays.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Transport {
+    grid: Grid,
+    /// One row per receiver, one column per ray, batch after batch: the pixel met, or [`MISS`].
+    hits: Plane<u32>,
+    /// Each pixel's nearest receiver on its own surface.
+    nearest: Plane<u32>,
+    /// Area that each receiver stands for, square metres over focal length squared; zero where there is no room, and for probes.
+    areas: Plane<f32>,
+    /// Probes of bodies: as many receivers after those of the grid, and as many pixels after those of the picture.
+    probes: usize,
+    /// What pixels near bodies see of these.
+    contact: Contact,
+}
+
+const MISS: u32 = u32::MAX;
+
+impl Transport {
+    /// Memory held, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.hits.bytes() + self.nearest.bytes() + self.areas.bytes() + self.contact.bytes()
+    }
+
+    /// Whether every pixel and receiver that is named is there.
+    ///
+    /// # Errors
+    /// The rule that is not kept.
+    pub fn check(&self) -> Result<(), String> {
+        self.grid.check(self.nearest.size())?;
+        let receivers = self.grid.len().checked_add(self.probes).ok_or("wanted a number of probes that fits")?;
+        let pixels = self.nearest.len() + self.probes;
+        rule(self.hits.height() == receivers && self.areas.len() == receivers, "a row and an area for each receiver")?;
+        rule(self.hits.width() > 0 && self.hits.width().is_multiple_of(BATCHES), "as many rays in each batch")?;
+        let known = |&hit: &u32| hit == MISS || (hit as usize) < pixels;
+        rule(self.hits.pixels().iter().all(known), "rays that meet pixels")?;
+        let known = |&nearest: &u32| (nearest as usize) < self.grid.len();
+        rule(self.nearest.pixels().iter().all(known), "receivers that are there")?;
+        self.contact.check(self.nearest.len(), self.probes)
+    }
+
+    /// Number of rays traced.
+    pub fn rays(&self) -> u64 {
+        self.hits.len() as u64 + self.contact.rays()
+    }
+
+    /// With at most `rays` of the rays of each receiver, spread over all batches: for estimates over many receivers, which need fewer.
+    pub fn thinned(&self, rays: usize) -> Transport {
+        let each = self.hits.width() / BATCHES;
+        let step = each.div_ceil((rays / BATCHES).max(1)).max(1);
+        let kept: Vec<usize> =
+            (0..BATCHES).flat_map(|b| (0..each).step_by(step).map(move |ray| b * each + ray)).collect();
+        let hits = Plane::from_fn(kept.len(), self.hits.height(), |ray, receiver| self.hits.get(kept[ray], receiver));
+        Transport {
+            hits,
+            grid: self.grid,
+            nearest: self.nearest.clone(),
+            areas: self.areas.clone(),
+            probes: self.probes,
+            contact: self.contact.clone(),
+        }
+    }
+
+    /// Size of the planes it belongs to.
+    pub fn size(&self) -> (usize, usize) {
+        self.nearest.size()
+    }
+
+    /// The receivers.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// The receiver that is nearest to a pixel on its own surface; a probe is its own.
+    pub fn nearest(&self, pixel: usize) -> usize {
+        match pixel.checked_sub(self.nearest.len()) {
+            Some(probe) => self.grid.len() + probe,
+            None => self.nearest.pixels()[pixel] as usize,
+        }
+    }
+
+    /// Mean of a value of the receivers, by area.
+    fn mean(&self, value: &dyn Fn(usize) -> Vec3) -> Vec3 {
+        let areas = self.areas.pixels();
+        let area: f64 = areas.iter().map(|&a| f64::from(a)).sum();
+        let sum: glam::DVec3 = (0..areas.len()).map(|i| value(i).as_dvec3() * f64::from(areas[i])).sum();
+        if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
+    }
+
+    /// Probes of bodies in the room.
+    pub fn probes(&self) -> usize {
+        self.probes
+    }
+
+    /// The pixel, or after all pixels the probe, that a receiver is.
+    fn pixel(&self, receiver: usize) -> usize {
+        match receiver.checked_sub(self.grid.len()) {
+            Some(probe) => self.nearest.len() + probe,
+            None => self.grid.pixel(receiver),
+        }
+    }
+
+    /// Shading of each receiver by an even ambient of radiance 1 from the unseen part of the room, a fifth of which reaches everywhere.
+    pub fn ambient(&self) -> Vec<Vec3> {
+        let open = |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
+        let shading = |row: &[u32]| Vec3::splat(0.2 + 0.8 * open(row));
+        self.hits.pixels().chunks(self.hits.width().max(1)).map(shading).collect()
+    }
+
+    /// [`Transport::ambient`] where bodies, whose probes have this albedo, stand in the way: in place of what they hide they show
+    /// what they reflect of it. On all pixels, and on the probes.
+    pub fn ambient_around(&self, points: &Points, normal: &Normal, albedo: &[Vec3]) -> (Plane<Vec3>, Vec<Vec3>) {
+        let all = self.ambient();
+        let (_, on_probes) = all.split_at(self.grid.len());
+        let past = self.past(|_| Vec3::splat(0.2), Vec3::ONE);
+        let shown = |probe: usize| albedo[probe] * on_probes[probe];
+        let around: Vec<Vec3> = (0..self.areas.len()).map(|i| past[i].light + self.of_bodies(i, shown)).collect();
+        let mut on_pixels = self.grid.upsample(points, normal, &around[..self.grid.len()]);
+        self.contact.refine((&self.grid, points, normal), &mut on_pixels, &past, shown);
+        (on_pixels, around[self.grid.len()..].to_vec())
+    }
+
+    /// What reaches each receiver past all bodies when a pixel shows `shown` and the unseen part `ambient`.
+    fn past(&self, shown: impl Fn(usize) -> Vec3 + Sync, ambient: Vec3) -> Vec<Past> {
+        let pixels = self.nearest.len();
+        let row = |row: &[u32]| {
+            let open = row.iter().map(|&hit| if hit == MISS { None } else { Some(hit as usize) });
+            let (light, hidden) = open.fold((Vec3::ZERO, 0.0), |(light, hidden), hit| match hit {
+                None => (light + ambient, hidden),
+                Some(pixel) if pixel < pixels => (light + shown(pixel), hidden),
+                Some(_) => (light, hidden + 1.0),
+            });
+            Past { light: light / row.len() as f32, hidden: hidden / row.len() as f32 }
+        };
+        self.hits.pixels().par_chunks(self.hits.width().max(1)).with_min_len(64).map(row).collect()
+    }
+
+    /// What a receiver sees of bodies whose probes show this.
+    fn of_bodies(&self, receiver: usize, shown: impl Fn(usize) -> Vec3) -> Vec3 {
+        let width = self.hits.width();
+        let row = &self.hits.pixels()[receiver * width..(receiver + 1) * width];
+        let probe = |&hit: &u32| (hit != MISS).then(|| (hit as usize).checked_sub(self.nearest.len())).flatten();
+        row.iter().filter_map(probe).map(shown).sum::<Vec3>() / width as f32
+    }
+}
+
+/// Traces `rays` cosine-distributed rays, rounded up to whole batches, from every `stride`th pixel. `points` and `normal` have the size of `mesh`.
+pub fn trace_bounces(
+    mesh: &SceneMesh,
+    points: &Points,
+    normal: &Normal,
+    stride: usize,
+    rays: usize,
+    seed: u64,
+) -> Transport {
+    let (width, height) = points.0.size();
+    let grid = Grid::new((width, height), stride);
+    let probes = mesh.bodies().probes();
+    let each = rays.div_ceil(BATCHES).max(1);
+    let trace = |i: usize| -> Vec<u32> {
+        let (pixel, from, n) = match i.checked_sub(grid.len()) {
+            Some(probe) => (width * height + probe, probes.points.pixels()[probe], probes.normals.pixels()[probe]),
+            None => {
+                let pixel = grid.pixel(i);
+                let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
+                (pixel, point + n * mesh.offset(point), n)
+            }
+        };
+        let look = |random: Points2, ray: usize| {
+            let direction = cosine_direction(n, random.get(ray));
+            let hit = mesh.closest(from, direction)?;
+            // The seen room has one side; a body is met from either.
+            let faces = normal.0.pixels().get(hit.pixel as usize).is_none_or(|n| n.dot(direction) < 0.0);
+            faces.then_some(hit.pixel)
+        };
+        let batch = |batch: usize| (0..each).map(move |ray| (stream(seed, pixel as u32, 0, batch), ray));
+        (0..BATCHES).flat_map(batch).map(|(random, ray)| look(random, ray).unwrap_or(MISS)).collect()
+    };
+    let rows: Vec<Vec<u32>> = (0..grid.len() + probes.len()).into_par_iter().map(trace).collect();
+    let nearest = |pixel: usize| {
+        let best = grid.neighbours(points, normal, pixel).into_iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
+        best.map_or(0, |(i, _)| i as u32)
+    };
+    let nearest = (0..width * height).into_par_iter().with_min_len(width.max(1)).map(nearest).collect();
+    let area = |i: usize| {
+        let pixel = grid.pixel(i);
+        let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
+        // A pixel covers z^2 / f^2 of a plane parallel to the picture; slanted ones are held back, their slant is uncertain.
+        let slant = -n.dot(point) / point.z.abs().max(1e-6);
+        if mesh.in_room(pixel) { point.z * point.z / slant.max(0.1) } else { 0.0 }
+    };
+    // What lies far behind the room (through a doorway, or at a pane that no mask marks) covers large areas and is no part of
+    // its light: no receiver stands for more than a few typical ones.
+    let mut areas: Vec<f32> = (0..grid.len()).map(area).collect();
+    let mut sorted: Vec<f32> = areas.iter().copied().filter(|&a| a > 0.0).collect();
+    sorted.sort_by(f32::total_cmp);
+    let most = 4.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    areas.iter_mut().for_each(|a| *a = a.min(most));
+    areas.resize(rows.len(), 0.0);
+    Transport {
+        hits: Plane::new(each * BATCHES, rows.len(), rows.concat()),
+        nearest: Plane::new(width, height, nearest),
+        areas: Plane::new(rows.len(), 1, areas),
+        probes: probes.len(),
+        contact: Contact::new(mesh, points, normal, seed),
+        grid,
+    }
+}
+
+/// How bounces are summed.
+#[derive(Clone, Copy, Debug)]
+pub struct Bounces {
+    /// Bounces followed one by one; the rest is a geometric series in the mean albedo. With none there is no indirect light.
+    pub count: usize,
+    /// Radiosity of what is unseen, as a multiple of the mean of what is seen.
+    pub unseen: f32,
+}
+
+/// What is known of the probes of bodies under one lobe.
+#[derive(Clone, Copy)]
+pub struct Probed<'a> {
+    pub albedo: &'a [Vec3],
+    /// Shadowed direct shading.
+    pub direct: &'a [f32],
+}
+
+impl Probed<'_> {
+    /// No bodies.
+    pub const NONE: Probed<'static> = Probed { albedo: &[], direct: &[] };
+}
+
+/// Indirect shading of one lobe on all pixels, the standard error of its luminance, and indirect shading of the probes of
+/// bodies; `direct` is its shadowed direct shading.
+///
+/// The error of a receiver is the spread of the batches after the receivers around it were brought together, as part of it is
+/// common to all of them (what the unseen part shows); a pixel has that of its nearest receiver.
+pub fn indirect(
+    transport: &Transport,
+    points: &Points,
+    normal: &Normal,
+    albedo: &Albedo,
+    direct: &Plane<f32>,
+    probed: Probed,
+    bounces: Bounces,
+) -> (Shading, Plane<f32>, Vec<Vec3>) {
+    let Transport { grid, nearest, .. } = transport;
+    let pixels = direct.len();
+    let arrives = |p: usize| if p < pixels { direct.pixels()[p] } else { probed.direct[p - pixels] };
+    let receivers = gather(transport, albedo, probed.albedo, arrives, bounces);
+    let up = grid.spread(points, normal, |neighbours| {
+        neighbours
+            .iter()
+            .fold([Vec3::ZERO; BATCHES], |sum, &(i, weight)| std::array::from_fn(|b| sum[b] + receivers[i][b] * weight))
+    });
+    let variance = |i: usize| mean(&up.pixels()[grid.pixel(i)].map(|b| f64::from(luminance(b)))).1.powi(2);
+    let mut errors = vec![0.0; grid.len()];
+    for tile in tiles::<()>(0, grid.size(), |_| true) {
+        let variances: Vec<Option<f64>> = tile.pixels.iter().map(|&i| Some(variance(i))).collect();
+        tile.pixels.iter().zip(pooled(&tile, &variances)).for_each(|(&i, error)| errors[i] = error as f32);
+    }
+    let mut shading = up.map(|batches| whole(&batches));
+    if !transport.contact.is_empty() && bounces.count > 0 {
+        let total: Vec<Vec3> = receivers.iter().map(whole).collect();
+        let reflects = reflectances(albedo, probed.albedo);
+        let shows = |p: usize| reflects[p] * (Vec3::splat(arrives(p)) + total[transport.nearest(p)]);
+        let past = transport.past(shows, bounces.unseen * transport.mean(&|i| shows(transport.pixel(i))));
+        transport.contact.refine((grid, points, normal), &mut shading, &past, |probe| shows(pixels + probe));
+    }
+    let probes = receivers[grid.len()..].iter().map(whole).collect();
+    (Shading(shading), nearest.map(|i| errors[i as usize]), probes)
+}
+
+/// Albedos of pixels and probes; one of one would never come to rest.
+fn reflectances(albedo: &Albedo, probes: &[Vec3]) -> Vec<Vec3> {
+    albedo.0.pixels().iter().chain(probes).map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect()
+}
+
+/// Indirect shading of one lobe on the receivers alone, in a room without bodies; `direct` is its shadowed direct shading at a
+/// pixel.
+pub fn indirect_at_receivers(
+    transport: &Transport,
+    albedo: &Albedo,
+    direct: impl Fn(usize) -> f32 + Sync,
+    bounces: Bounces,
+) -> Vec<Vec3> {
+    gather(transport, albedo, &[], direct, bounces).iter().map(whole).collect()
+}
+
+fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {
+    batches.iter().sum::<Vec3>() / BATCHES as f32
+}
+
+/// Indirect shading of each receiver by each batch of its rays. The batches go their own ways through all bounces, so that their
+/// spread holds the errors of what the surfaces show as well as those of looking at them.
+fn gather(
+    transport: &Transport,
+    albedo: &Albedo,
+    probes: &[Vec3],
+    direct: impl Fn(usize) -> f32 + Sync,
+    bounces: Bounces,
+) -> Vec<[Vec3; BATCHES]> {
+    let receivers = transport.areas.len();
+    if bounces.count == 0 {
+        return vec![[Vec3::ZERO; BATCHES]; receivers];
+    }
+    let reflects = reflectances(albedo, probes);
+    let mean_of = |value: &dyn Fn(usize) -> Vec3| transport.mean(value);
+    let mean_albedo = mean_of(&|i| reflects[transport.pixel(i)]);
+    // There are several rays to a pixel: what all batches see alike is made once for all of them.
+    let first: Vec<Vec3> = reflects.iter().enumerate().map(|(p, reflect)| reflect * Vec3::splat(direct(p))).collect();
+    let ambient = |shown: &dyn Fn(usize, usize) -> Vec3| -> [Vec3; BATCHES] {
+        std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(transport.pixel(i), b)))
+    };
+    let shown = |pixel: usize, _: usize| first[pixel];
+    let mut last = bounce(transport, shown, ambient(&shown));
+    let mut total = last.clone();
+    let add = |total: &mut [[Vec3; BATCHES]], last: &[[Vec3; BATCHES]], times: Vec3| {
+        let pairs = total.iter_mut().flatten().zip(last.iter().flatten());
+        pairs.for_each(|(sum, add)| *sum += *add * times);
+    };
+    for _ in 1..bounces.count {
+        let shown = |pixel: usize, b: usize| reflects[pixel] * last[transport.nearest(pixel)][b];
+        last = bounce(transport, shown, ambient(&shown));
+        add(&mut total, &last, Vec3::ONE);
+    }
+    // Each further bounce is taken to be the one before times the mean albedo: exact where the albedo is constant.
+    add(&mut total, &last, mean_albedo / (Vec3::ONE - mean_albedo));
+    total
+}
+
+/// One bounce: per receiver and batch, the mean of what its rays meet. A pixel shows `shown` to a batch, what is unseen `ambient`.
+fn bounce(
+    transport: &Transport,
+    shown: impl Fn(usize, usize) -> Vec3 + Sync,
+    ambient: [Vec3; BATCHES],
+) -> Vec<[Vec3; BATCHES]> {
+    let hits = &transport.hits;
+    let each = (hits.width() / BATCHES).max(1);
+    let met = |hit: u32, b: usize| if hit == MISS { ambient[b] } else { shown(hit as usize, b) };
+    let gather = |row: &[u32]| {
+        let batch = |b: usize| row[b * each..(b + 1) * each].iter().map(|&hit| met(hit, b)).sum::<Vec3>();
+        std::array::from_fn(|b| batch(b) / each as f32)
+    };
+    hits.pixels().par_chunks(hits.width().max(1)).with_min_len(64).map(gather).collect()
+}

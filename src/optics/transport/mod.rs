@@ -1,0 +1,18 @@
+//! Light transport: direct light, shadows and bounces.
+
+pub(in crate::optics) mod contact;
+pub(in crate::optics) mod direct;
+pub(in crate::optics) mod estimate;
+pub(in crate::optics) mod indirect;
+pub(in crate::optics) mod light_maps;
+pub(in crate::optics) mod lighting;
+pub(in crate::optics) mod objects;
+pub(in crate::optics) mod shadow;
+
+pub use direct::{Direct, direct};
+pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
+pub use indirect::{Bounces, Probed, Transport, indirect, indirect_at_receivers, trace_bounces};
+pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
+pub use lighting::{Lighting, LocalLobe, local_frame};
+pub use objects::arriving;
+pub use shadow::{Shadow, ShadowQuality, shadow};
