@@ -290,7 +290,7 @@ fn parameters_out_of_range_are_named() {
         let text = message(|_, scene| change(scene));
         assert!(text.contains(wanted), "{text}");
     };
-    wrong(|s| s.camera = CameraSpec::FovX(180.0), "camera: FovX: wanted 1 to 175, got 180");
+    wrong(|s| s.camera = CameraSpec::FovX(180.0), "camera: FovX: wanted 1..=175, got 180");
     wrong(|s| s.camera = CameraSpec::Pinhole { fx: f32::NAN, fy: 1.0, cx: 0.0, cy: 0.0 }, "camera: fx");
     wrong(|s| s.transfer = Transfer::Gamma(0.0), "transfer: Gamma");
     wrong(|s| s.depth.scale = -1.0, "depth: scale");

@@ -289,7 +289,7 @@ fn planes_of_different_size_are_refused_by_name() {
         shape: Arc::new(Shape::Absent),
     };
     let error = Direct::default().run(inputs, &Context::default()).err().unwrap().to_string();
-    assert_eq!(error, "`normal` is 3 x 2, wanted 200 x 150 as `points`");
+    assert_eq!(error, "normal: wanted 200 x 150 pixels as points, got 3 x 2");
     assert!(Shadow { assume_lit: f32::NAN, ..Shadow::default() }.check().is_err());
     assert!(Transport { stride: 0, ..Transport::default() }.check().is_err());
 }

@@ -33,6 +33,18 @@ pub enum Normalisation {
 }
 
 impl Normalisation {
+    /// Checks that colors can be divided by the deviation.
+    ///
+    /// # Errors
+    /// The deviation, if a channel of it is not positive.
+    pub fn check(self) -> Result<(), String> {
+        let [_, deviation] = self.mean_and_deviation();
+        if deviation.cmple(Vec3::ZERO).any() {
+            return Err(format!("normalisation: wanted a positive deviation, got {deviation}"));
+        }
+        Ok(())
+    }
+
     fn mean_and_deviation(self) -> [Vec3; 2] {
         match self {
             Normalisation::ImageNet => [Vec3::new(0.485, 0.456, 0.406), Vec3::new(0.229, 0.224, 0.225)],
@@ -60,23 +72,6 @@ pub struct PhotoInput<'a> {
 }
 
 impl PhotoInput<'_> {
-    /// Ranges of the parameters.
-    ///
-    /// # Errors
-    /// Which one, what was wanted, what was got.
-    pub fn check(&self) -> Result<(), String> {
-        for (name, value, low, high) in [("side", self.side, 8, 4096), ("multiple", self.multiple, 1, 256)] {
-            if !(low..=high).contains(&value) {
-                return Err(format!("{name}: wanted {low}..={high}, got {value}"));
-            }
-        }
-        let [_, deviation] = self.normalisation.mean_and_deviation();
-        if deviation.cmple(Vec3::ZERO).any() {
-            return Err(format!("normalisation: wanted a positive deviation, got {deviation}"));
-        }
-        Ok(())
-    }
-
     /// The name of the network's photo input, and the photo as it takes it.
     ///
     /// # Errors

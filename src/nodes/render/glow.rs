@@ -17,7 +17,7 @@ params! {
     /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels are in the photo.
     pub struct Glow {
         /// Samples per pixel side for smooth edges; 1..=16.
-        supersampling: usize = 4,
+        supersampling: usize = 4, in 1..=16,
     }
 }
 
@@ -46,13 +46,6 @@ impl Node for Glow {
     const VERSION: u32 = 2;
     type In = GlowIn;
     type Out = GlowOut;
-
-    fn check(&self) -> Result<(), String> {
-        match self.supersampling {
-            1..=16 => Ok(()),
-            n => Err(format!("supersampling: wanted 1..=16, got {n}")),
-        }
-    }
 
     fn run(&self, inputs: GlowIn, _: &Context) -> Result<GlowOut, NodeError> {
         let camera = &inputs.camera;
