@@ -21,7 +21,7 @@ const ARROWS: [(&str, &[&str]); 8] = [
 ];
 
 /// What all stages share.
-const SHARED: [&str; 2] = ["artifacts", "learned"];
+const SHARED: [&str; 2] = ["artifacts", "neural"];
 
 /// Words of code -> the folders or files of `src` that may say them.
 const WORDS: [(&str, &[&str]); 16] = [

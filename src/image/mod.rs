@@ -12,12 +12,14 @@ pub use io::{
     read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
 };
 pub use layer::{HalfLayer, Layer};
-pub use material::{Coat, Coated, Coats, DIELECTRIC, Finish, Matte, Repaint, Texture};
+pub use material::{AlphaMatte, DIELECTRIC, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SpecularEdit, Texture};
 pub use ops::{
-    FAR, NEAR, Packed, PictureScore, SATURATION, STEP, Segments, Steps, Taps, Upsampler, annotate, around, clip_level,
-    distance, fill_along_surfaces, fill_holes, fit, grid_cut, grow_through, is_hole, log_error, matte, mean_error,
-    nearness, neighbours, normal_error, pack, pairs, parts, ratio, reflected, resize, resize_depth, retinex,
-    same_aspect, scale_invariant_error, score_picture, segment, smooth_step, square_error, weighted_sum,
+    FAR, GlareMask, GlarePixel, MOST_HEADROOM, NEAR, OwnPixel, Packed, PictureScore, SATURATION, STEP, Segments, Steps,
+    SurfacePixel, Taps, Upsampler, alpha_matte, annotate, clip_level, connected_components, dilate, distance, fit,
+    gain, geodesic_dilate, graph_cut, headroom, inpaint_depth, inpaint_surfaces, is_hole, log_error, mean_error,
+    nearness, neighbours, normal_error, pack, pairs, ratio, reflected, relight_own, relight_physical, relight_ratio,
+    resize, resize_depth, retinex, same_aspect, scale_invariant_error, score_picture, segment, smooth_step,
+    square_error, weighted_sum,
 };
 pub use plane::{Bytes, Plane};
 pub use transfer::Transfer;

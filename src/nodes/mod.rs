@@ -3,8 +3,8 @@
 pub mod artifacts;
 pub mod edit;
 pub mod estimate;
-mod learned;
 pub mod measure;
+mod neural;
 pub mod output;
 pub mod render;
 pub mod scene;
@@ -46,10 +46,10 @@ pub fn registry() -> Registry {
         .with::<render::mix::Mix>()
         .with::<render::light_objects::LightObjects>()
         .with::<render::shade_objects::ShadeObjects>()
-        .with::<render::occlude_rest::OccludeRest>()
+        .with::<render::occlude_residual::OccludeResidual>()
         .with::<render::insert_specular::InsertSpecular>()
-        .with::<render::paint_specular::PaintSpecular>()
-        .with::<render::glow::Glow>()
+        .with::<render::shade_specular_edit::ShadeSpecularEdit>()
+        .with::<render::emitter_mask::EmitterMask>()
         .with::<output::compose::Compose>()
         .with::<output::write::Write>()
         .with::<output::mix_layers::MixLayers>()

@@ -19,8 +19,8 @@ pub use emitter::{
 };
 pub use nnls::nnls;
 pub use reflection::{
-    Around, Face, Ggx, Mirror, NO_ROW, NOTHING, Part, Places, Polish, Reflections, SeenPlaces, Surround, UNSEEN,
-    object_face, places, reflections,
+    Around, Face, Ggx, Mirror, NO_ROW, NOTHING, Part, Places, Reflections, SeenPlaces, SpecularChange, Surround,
+    UNSEEN, object_face, places, reflections,
 };
 pub use sampling::{Gaussian, Points2, polygon_irradiance};
 pub use transport::{

@@ -10,7 +10,8 @@ use glam::Vec3;
 use relight::geometry::{Camera, Model, Objects, SceneMesh};
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
-    Albedo, Coats, Depth, Finish, Mask, Normal, Picture, Plane, Points, Roughness, Shading, Transfer, write_png,
+    Albedo, Depth, Mask, Normal, PaintLayers, Picture, Plane, Points, Roughness, Shading, SpecularEdit, Transfer,
+    write_png,
 };
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
 use relight::nodes::edit::Colour;
@@ -22,16 +23,16 @@ use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMater
 use relight::nodes::output::compose::{Compose, ComposeIn};
 use relight::nodes::render::{
     direct::{Direct, DirectIn},
-    glow::{Glow, GlowIn},
+    emitter_mask::{EmitterMask, EmitterMaskIn},
     light_objects::{LightObjects, LightObjectsIn},
     mix::{Mix, MixIn},
-    paint_specular::{PaintSpecular, PaintSpecularIn},
+    shade_specular_edit::{ShadeSpecularEdit, ShadeSpecularEditIn},
     shadow::{Shadow, ShadowIn},
     trace_indirect::{TraceIndirect, TraceIndirectIn},
     transport::{Transport, TransportIn},
 };
 use relight::nodes::scene::mesh::{Mesh, MeshIn};
-use relight::optics::{Lamp, LightKind, Polish, Radiance, Shape, Window};
+use relight::optics::{Lamp, LightKind, Radiance, Shape, SpecularChange, Window};
 
 use crate::project::{png, root};
 
@@ -359,8 +360,8 @@ fn ball() -> Arc<Shape> {
 
 pub fn cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>) -> Arc<Mask> {
     let (camera, depth) = (room().camera.clone(), room().depth.clone());
-    let inputs = GlowIn { shape: shape.clone(), estimated: estimated.cloned(), camera, depth };
-    Glow::default().run(inputs, &Context::default()).expect("the light is sound").cover
+    let inputs = EmitterMaskIn { shape: shape.clone(), estimated: estimated.cloned(), camera, depth };
+    EmitterMask::default().run(inputs, &Context::default()).expect("the light is sound").cover
 }
 
 #[test]
@@ -432,10 +433,10 @@ fn polish() {
     let room = room();
     let is_floor = |x, y| room.true_normal.get(x, y).y > 0.9 && room.points.0.get(x, y).y < -0.9;
     let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(is_floor(x, y))));
-    let mut finish = Finish::default();
+    let mut finish = SpecularEdit::default();
     finish.lay(&floor, [Some(0.15), Some(1.0)], &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)));
     let shapes: Vec<_> = room.lights.iter().map(|light| (light.id.to_string(), light.shape.clone())).collect();
-    let inputs = PaintSpecularIn {
+    let inputs = ShadeSpecularEditIn {
         finish: Arc::new(finish),
         objects: Arc::new(Objects::unseen(&[])),
         mesh: mesh_of_room(),
@@ -449,11 +450,11 @@ fn polish() {
         shape: Gather(shapes.into_iter().chain([("ball".to_string(), ball())]).collect()),
         lighting: None,
     };
-    let out = PaintSpecular::default().run(inputs, &Context::default()).expect("everything is sound");
+    let out = ShadeSpecularEdit::default().run(inputs, &Context::default()).expect("everything is sound");
     check("polish", composed(Arc::default(), Gather(vec![("paint".to_string(), out.polish)])));
 }
 
-fn composed(coats: Arc<Coats>, polish: Gather<Polish>) -> Plane<Vec3> {
+fn composed(coats: Arc<PaintLayers>, polish: Gather<SpecularChange>) -> Plane<Vec3> {
     let room = room();
     let (photo, dark) = (Arc::new(room.photo()), Arc::new(Shading(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO))));
     let ball = ball();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use relight::geometry::{Camera, Objects};
 use relight::graph::{Context, Gather, Node, Status};
-use relight::image::{Albedo, Coat, Coats, Depth, Mask, Matte, Picture, Plane, Repaint, Shading};
+use relight::image::{Albedo, AlphaMatte, Depth, Mask, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Shading};
 use relight::nodes::output::compose::{Compose, ComposeIn, ComposeOut};
 use relight::optics::{Radiance, Shape};
 
@@ -37,8 +37,8 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
     let photo = Arc::new(Picture(plane(&|x, y| excess * wall(x, y) * shading(x))));
     let none = || Mask(Plane::filled(w, h, 0.0));
     let depth = Arc::new(Depth(Plane::filled(w, h, 2.0)));
-    let paint = Repaint { old: OLD, new: NEW, keep_texture };
-    let matte = Matte { share: Plane::filled(w, h, share), rim: vec![] };
+    let paint = PaintChange { old: OLD, new: NEW, keep_texture };
+    let matte = AlphaMatte { alpha: Plane::filled(w, h, share), boundary: vec![] };
     let radiance = |v: f32| lamp(Radiance(vec![Vec3::splat(v)]));
     let shape = || lamp(Shape::Absent);
     let rest = Arc::new(Shading(plane(&|x, _| 0.1 * shading(x))));
@@ -51,7 +51,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         depth,
         albedo: Arc::new(Albedo(plane(&wall))),
         paint: Arc::new(Albedo(plane(&wall))),
-        coats: Arc::new(Coats(vec![Coat { paint, matte }])),
+        coats: Arc::new(PaintLayers(vec![PaintLayer { paint, matte }])),
         before: light(1.0),
         after: light(factor),
         rest: rest.clone(),

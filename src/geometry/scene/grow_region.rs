@@ -13,7 +13,7 @@
 use glam::Vec3;
 
 use crate::geometry::PlaneFit;
-use crate::image::{Albedo, Normal, Picture, Plane, Points, grid_cut, log_above};
+use crate::image::{Albedo, Normal, Picture, Plane, Points, graph_cut, log_above};
 
 /// Log chromaticity at which a pixel is another paint; wide, as is that of level, for estimated
 /// light errs.
@@ -80,7 +80,7 @@ pub fn like_surface(
             (UNIT * gain.max(-3.0)) as i32
         };
         let gain = Plane::new(w, h, (0..w * h).map(|i| if i == start { 1 << 16 } else { gain(i) }).collect());
-        let label = grid_cut(&gain, |x, y, nx, ny| {
+        let label = graph_cut(&gain, |x, y, nx, ny| {
             let step = (seen.get(x, y) - seen.get(nx, ny)).length() / STEP;
             (UNIT * PARTING * (-step * step).exp()) as i32
         });

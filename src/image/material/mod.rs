@@ -1,9 +1,9 @@
 //! Materials of pixels: paint layers, finishes and textures.
 
-pub(in crate::image) mod coat;
-pub(in crate::image) mod finish;
+pub(in crate::image) mod paint_layer;
+pub(in crate::image) mod specular_edit;
 pub(in crate::image) mod texture;
 
-pub use coat::{Coat, Coated, Coats, Matte, Repaint};
-pub use finish::{DIELECTRIC, Finish};
+pub use paint_layer::{AlphaMatte, PaintChange, PaintLayer, PaintLayers, PaintedPixel};
+pub use specular_edit::{DIELECTRIC, SpecularEdit};
 pub use texture::Texture;

@@ -20,7 +20,7 @@ pub fn is_hole(z: f32) -> bool {
 /// Push-pull: a pyramid of weighted means, then every hole takes the interpolated value of the finest level that knows
 /// one. The means are of 1/z, which is linear over the image of a plane. Readings where `untrusted` is above zero (panes
 /// that show the world outside) keep their own value but fill nothing, unless nothing else is there.
-pub fn fill_holes(metres: &Plane<f32>, untrusted: &Plane<f32>) -> Option<(Depth, Mask)> {
+pub fn inpaint_depth(metres: &Plane<f32>, untrusted: &Plane<f32>) -> Option<(Depth, Mask)> {
     assert_eq!(metres.size(), untrusted.size(), "one trust per reading");
     let holes = metres.map(|z| if is_hole(z) { 1.0 } else { 0.0 });
     let pairs = || metres.pixels().iter().zip(untrusted.pixels());
@@ -150,7 +150,7 @@ mod tests {
         depth.set(5, 5, -1.0);
         depth.set(6, 5, f32::INFINITY);
         depth.set(7, 5, 2e5);
-        let (filled, holes) = fill_holes(&depth, &trusted(&depth)).expect("there are readings");
+        let (filled, holes) = inpaint_depth(&depth, &trusted(&depth)).expect("there are readings");
         assert_eq!(holes.0.pixels().iter().sum::<f32>(), 40.0);
         for y in 0..48 {
             for x in 0..64 {
@@ -164,9 +164,9 @@ mod tests {
     #[test]
     fn one_reading_is_enough_and_none_is_not() {
         let mut depth = Plane::filled(37, 5, 0.0);
-        assert!(fill_holes(&depth, &trusted(&depth)).is_none());
+        assert!(inpaint_depth(&depth, &trusted(&depth)).is_none());
         depth.set(36, 4, 2.5);
-        let (filled, _) = fill_holes(&depth, &trusted(&depth)).expect("there is a reading");
+        let (filled, _) = inpaint_depth(&depth, &trusted(&depth)).expect("there is a reading");
         assert!(filled.0.pixels().iter().all(|&z| (z - 2.5).abs() < 1e-5));
     }
 
@@ -183,7 +183,7 @@ mod tests {
             }
         });
         let pane = Plane::from_fn(32, 32, |x, _| if x >= 18 { 1.0 } else { 0.0 });
-        let (filled, _) = fill_holes(&depth, &pane).expect("there are readings");
+        let (filled, _) = inpaint_depth(&depth, &pane).expect("there are readings");
         assert!((0..18).all(|x| (filled.0.get(x, 16) - 3.0).abs() < 1e-4));
         assert_eq!(filled.0.get(20, 16), 100.0);
     }

@@ -4,7 +4,7 @@ use crate::image::{Mask, Plane};
 
 /// The pixels of `seed` (above 0.5) and all pixels of `through` (above 0.5) that hang together with them, as far as
 /// twice its longer side beyond its bounding box: the glare around a light that its mask is too small for.
-pub fn grow_through(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
+pub fn geodesic_dilate(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
     assert_eq!(seed.size(), through.size(), "both have one size");
     let (w, h) = seed.size();
     let mut grown = seed.map(|share| share > 0.5);
@@ -31,7 +31,7 @@ pub fn grow_through(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
 }
 
 /// The pixels within `reach` rows and columns of one that some of `masks` marks at all; all masks have this size.
-pub fn around<'a>(masks: impl Iterator<Item = &'a Mask>, (w, h): (usize, usize), reach: usize) -> Plane<bool> {
+pub fn dilate<'a>(masks: impl Iterator<Item = &'a Mask>, (w, h): (usize, usize), reach: usize) -> Plane<bool> {
     let mut near = Plane::filled(w, h, false);
     for mask in masks {
         for i in (0..w * h).filter(|&i| mask.0.pixels()[i] > 0.0) {
@@ -54,10 +54,10 @@ mod tests {
         (4..7).for_each(|x| seed.set(x, 2, 1.0));
         let mut through = Plane::from_fn(20, 5, |_, y| if y == 2 { 1.0 } else { 0.0 });
         through.set(18, 4, 1.0);
-        let grown = grow_through(&seed, &through);
+        let grown = geodesic_dilate(&seed, &through);
         for (x, y) in (0..20).flat_map(|x| (0..5).map(move |y| (x, y))) {
             assert_eq!(grown.get(x, y), y == 2 && (0..13).contains(&x), "({x}, {y})");
         }
-        assert!(grow_through(&Plane::filled(3, 3, 0.0), &Plane::filled(3, 3, 1.0)).pixels().iter().all(|g| !g));
+        assert!(geodesic_dilate(&Plane::filled(3, 3, 0.0), &Plane::filled(3, 3, 1.0)).pixels().iter().all(|g| !g));
     }
 }

@@ -17,7 +17,7 @@ const NONE: u8 = 9;
 
 /// The labelling of least energy; of several, that with the fewest pixels labelled true. `gain` holds u_p, and
 /// `weight(x, y, x', y')` gives w_pq >= 0 of two neighbours, the same for both orders. Sums along a path must stay below 2^31.
-pub fn grid_cut(gain: &Plane<i32>, weight: impl Fn(usize, usize, usize, usize) -> i32) -> Plane<bool> {
+pub fn graph_cut(gain: &Plane<i32>, weight: impl Fn(usize, usize, usize, usize) -> i32) -> Plane<bool> {
     let (width, height) = gain.size();
     let mut flow = Flow::new(gain, weight);
     while let Some(meeting) = flow.grow() {
@@ -280,7 +280,7 @@ mod tests {
         fn no_labelling_has_less_energy(w in 1usize..5, h in 1usize..4, seed: u64, most in 1u64..40) {
             let gain = Plane::from_fn(w, h, |x, y| (hash(seed, (90 + 16 * y + x) as u64) % 41) as i32 - 20);
             let weight = random_weight(seed, most);
-            let got = grid_cut(&gain, &weight);
+            let got = graph_cut(&gain, &weight);
             let all = (0u32..1 << (w * h)).map(|bits| Plane::from_fn(w, h, |x, y| bits >> (y * w + x) & 1 == 1));
             let count = |label: &Plane<bool>| label.pixels().iter().filter(|&&l| l).count();
             let best = all.map(|label| (energy(&gain, &weight, &label), count(&label))).min();
@@ -291,10 +291,10 @@ mod tests {
     #[test]
     fn without_weights_each_pixel_decides_and_with_large_ones_their_sum() {
         let gain = Plane::from_fn(9, 7, |x, y| (x * 5 + y * 3) as i32 % 7 - 3);
-        assert_eq!(grid_cut(&gain, |_, _, _, _| 0), gain.map(|g| g > 0));
+        assert_eq!(graph_cut(&gain, |_, _, _, _| 0), gain.map(|g| g > 0));
         let sum: i32 = gain.pixels().iter().sum();
-        assert_eq!(grid_cut(&gain, |_, _, _, _| 1000), gain.map(|_| sum > 0));
-        assert!(grid_cut(&Plane::filled(0, 0, 1), |_, _, _, _| 1).is_empty());
+        assert_eq!(graph_cut(&gain, |_, _, _, _| 1000), gain.map(|_| sum > 0));
+        assert!(graph_cut(&Plane::filled(0, 0, 1), |_, _, _, _| 1).is_empty());
     }
 
     /// A noisy disc comes out as a disc; all of a working picture in well under a second.
@@ -305,7 +305,7 @@ mod tests {
             let noise = (hash(7, (320 * y + x) as u64) % 401) as i32 - 200;
             if inside(x, y) { 80 + noise } else { noise - 80 }
         });
-        let got = grid_cut(&gain, |_, _, _, _| 60);
+        let got = graph_cut(&gain, |_, _, _, _| 60);
         let wrong = got.pixels().iter().enumerate().filter(|&(i, &l)| l != inside(i % 320, i / 320)).count();
         // Half a pixel along the outline of 377; 30 % of all pixels are wrong by themselves.
         assert!(wrong < 188, "{wrong} pixels are wrong");

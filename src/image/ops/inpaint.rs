@@ -8,7 +8,7 @@ use crate::image::{Normal, Plane, Points};
 /// its neighbours on the same surface (alike in depth to 3 %, and in normal); where there is none, of all its neighbours. Then
 /// what was filled is smoothed along the surface, so that an edge at the rim leaves no streak.
 /// All planes have one size. With no known pixel at all nothing changes.
-pub fn fill_along_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points, normal: &Normal) {
+pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points, normal: &Normal) {
     let (w, h) = values.size();
     let same_surface = |i: usize, j: usize| {
         let z = |i: usize| -points.0.pixels()[i].z;
@@ -68,7 +68,7 @@ mod tests {
         let unknown = Plane::from_fn(12, 9, |x, y| (5..9).contains(&x) && (2..7).contains(&y));
         let mut values = Plane::from_fn(12, 9, |x, _| if near(x) { Vec3::X } else { Vec3::Y });
         values.set(6, 4, Vec3::splat(99.0));
-        fill_along_surfaces(&mut values, unknown, &points, &normal);
+        inpaint_surfaces(&mut values, unknown, &points, &normal);
         assert!((5..12).all(|x| (0..9).all(|y| values.get(x, y) == Vec3::Y)));
     }
 
@@ -76,7 +76,7 @@ mod tests {
     fn nothing_known_changes_nothing() {
         let mut values = Plane::filled(3, 2, Vec3::ONE);
         let points = Points(Plane::filled(3, 2, Vec3::NEG_Z));
-        fill_along_surfaces(&mut values, Plane::filled(3, 2, true), &points, &Normal(Plane::filled(3, 2, Vec3::Z)));
+        inpaint_surfaces(&mut values, Plane::filled(3, 2, true), &points, &Normal(Plane::filled(3, 2, Vec3::Z)));
         assert_eq!(values, Plane::filled(3, 2, Vec3::ONE));
     }
 }

@@ -1,35 +1,41 @@
 //! Operations on planes: resampling, segmentation, filling, measures.
 
+pub(in crate::image) mod alpha_matte;
 pub(in crate::image) mod annotate;
 pub(in crate::image) mod connected_components;
 pub(in crate::image) mod depth;
 pub(in crate::image) mod dilate;
 pub(in crate::image) mod distance;
+pub(in crate::image) mod glare_mask;
 pub(in crate::image) mod graph_cut;
 pub(in crate::image) mod inpaint;
-pub(in crate::image) mod matte;
 pub(in crate::image) mod measure;
 pub(in crate::image) mod mix;
 pub(in crate::image) mod pack;
 pub(in crate::image) mod reflectance;
+pub(in crate::image) mod relight;
 pub(in crate::image) mod resample;
 pub(in crate::image) mod segments;
 pub(in crate::image) mod upsample;
 
+pub use alpha_matte::alpha_matte;
 pub use annotate::annotate;
-pub use connected_components::parts;
-pub use depth::{FAR, NEAR, STEP, fill_holes, is_hole, nearness, resize_depth};
-pub use dilate::{around, grow_through};
+pub use connected_components::connected_components;
+pub use depth::{FAR, NEAR, STEP, inpaint_depth, is_hole, nearness, resize_depth};
+pub use dilate::{dilate, geodesic_dilate};
 pub use distance::distance;
-pub use graph_cut::grid_cut;
-pub use inpaint::fill_along_surfaces;
-pub use matte::matte;
+pub use glare_mask::GlareMask;
+pub use graph_cut::graph_cut;
+pub use inpaint::inpaint_surfaces;
 pub use measure::{
     PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture, square_error,
 };
 pub use mix::weighted_sum;
 pub use pack::{Packed, pack};
 pub use reflectance::{SATURATION, clip_level, ratio, reflected, smooth_step};
+pub use relight::{
+    GlarePixel, MOST_HEADROOM, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical, relight_ratio,
+};
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};
 pub use upsample::{Taps, Upsampler, neighbours};

@@ -9,8 +9,8 @@ use super::Colour;
 use crate::geometry::like_surface;
 use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{
-    self, Albedo, Coat, Coats, DIELECTRIC, Depth, Finish, Matte, Normal, Picture, Plane, Points, Repaint, Roughness,
-    Source, Specular, Upsampler, matte, resize, same_aspect,
+    self, Albedo, AlphaMatte, DIELECTRIC, Depth, Normal, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Points,
+    Roughness, Source, Specular, SpecularEdit, Upsampler, alpha_matte, resize, same_aspect,
 };
 use crate::{params, ports};
 
@@ -99,9 +99,9 @@ ports! {
         /// That of a usual dielectric, and new where a region has one.
         specular: Arc<Specular>,
         /// The paint at the photo's size.
-        coats: Arc<Coats>,
+        coats: Arc<PaintLayers>,
         /// New roughness and specular level at the photo's size.
-        finish: Arc<Finish>,
+        finish: Arc<SpecularEdit>,
     }
 }
 
@@ -127,7 +127,7 @@ impl Node for EditMaterials {
 
     fn run(&self, inputs: EditMaterialsIn, ctx: &Context) -> Result<EditMaterialsOut, NodeError> {
         let (width, height) = inputs.small.0.size();
-        let (mut coats, mut finish) = (Vec::new(), Finish::default());
+        let (mut coats, mut finish) = (Vec::new(), SpecularEdit::default());
         let mut out = EditMaterialsOut {
             albedo: inputs.albedo.clone(),
             fitted: inputs.fitted.clone(),
@@ -141,15 +141,15 @@ impl Node for EditMaterials {
             ctx.check_cancelled()?;
             let bad = |e: String| NodeError::BadParameter(format!("materials: entry {}: {e}", i + 1));
             let matte = region.matte(&inputs, ctx, bad)?;
-            let share = resize(&matte.share, width, height);
+            let share = resize(&matte.alpha, width, height);
             if roughness.is_some() || specular.is_some() {
-                finish.lay(&matte.share, [*roughness, *specular], &inputs.roughness);
+                finish.lay(&matte.alpha, [*roughness, *specular], &inputs.roughness);
             }
             if let Some(colour) = albedo {
                 let new = colour.linear().map_err(bad)?;
                 let keep_texture = *keep_texture;
                 for (was, is) in [(&inputs.albedo, &mut out.albedo), (&inputs.fitted, &mut out.fitted)] {
-                    let paint = Repaint { old: mean(&was.0, &share), new, keep_texture };
+                    let paint = PaintChange { old: mean(&was.0, &share), new, keep_texture };
                     *is = Arc::new(Albedo(painted(&is.0, &was.0, &share, paint)));
                 }
                 let (known, old) = (mean(&inputs.known.0, &share), mean(&inputs.paint.0, &share));
@@ -158,7 +158,7 @@ impl Node for EditMaterials {
                     "entry {}: {part:.1} % of the photo, albedo {known:.3} before, {new:.3} after",
                     i + 1
                 ));
-                coats.push(Coat { paint: Repaint { old, new: new * old / known, keep_texture }, matte });
+                coats.push(PaintLayer { paint: PaintChange { old, new: new * old / known, keep_texture }, matte });
             }
             if let Some(new) = roughness {
                 out.roughness = Arc::new(Roughness(mixed(&out.roughness.0, *new, &share)));
@@ -167,7 +167,7 @@ impl Node for EditMaterials {
                 out.specular = Arc::new(Specular(mixed(&out.specular.0, *new, &share)));
             }
         }
-        out.coats = Arc::new(Coats(coats));
+        out.coats = Arc::new(PaintLayers(coats));
         out.finish = Arc::new(finish);
         Ok(out)
     }
@@ -200,7 +200,7 @@ impl Region {
         inputs: &EditMaterialsIn,
         ctx: &Context,
         bad: impl Fn(String) -> NodeError,
-    ) -> Result<Matte, NodeError> {
+    ) -> Result<AlphaMatte, NodeError> {
         let (width, height) = inputs.photo.0.size();
         let mask = match self {
             Region::Mask(file) => mask(file, (width, height), ctx)?,
@@ -212,7 +212,7 @@ impl Region {
                 grown((x as usize, y as usize), inputs)
             }
         };
-        Ok(matte(&mask, &inputs.photo))
+        Ok(alpha_matte(&mask, &inputs.photo))
     }
 }
 
@@ -258,7 +258,7 @@ fn mean(albedo: &Plane<Vec3>, share: &Plane<f32>) -> Vec3 {
 }
 
 /// `below` with `paint` over `bare`, the albedo without any paint, on its share of each pixel.
-fn painted(below: &Plane<Vec3>, bare: &Plane<Vec3>, share: &Plane<f32>, paint: Repaint) -> Plane<Vec3> {
+fn painted(below: &Plane<Vec3>, bare: &Plane<Vec3>, share: &Plane<f32>, paint: PaintChange) -> Plane<Vec3> {
     let (width, height) = below.size();
     let layers = below.pixels().iter().zip(bare.pixels()).zip(share.pixels());
     let over =
@@ -327,7 +327,7 @@ mod tests {
         let out = run(vec![], inputs).expect("it is sound");
         assert!(Arc::ptr_eq(&albedo, &out.albedo) && Arc::ptr_eq(&fitted, &out.fitted));
         assert!(Arc::ptr_eq(&roughness, &out.roughness) && out.coats.0.is_empty());
-        assert_eq!(*out.finish, Finish::default());
+        assert_eq!(*out.finish, SpecularEdit::default());
     }
 
     #[test]
@@ -366,7 +366,7 @@ mod tests {
             keep_texture: true,
         };
         let out = run(vec![edit], wall(GREY, GREY)).expect("it is sound");
-        let share = |x: usize| out.coats.0[0].matte.share.get(x, 7);
+        let share = |x: usize| out.coats.0[0].matte.alpha.get(x, 7);
         assert_eq!((share(3), share(35)), (1.0, 0.0));
         assert!((share(20) - 0.49).abs() < 0.02, "{}", share(20));
         for x in [3, 15, 20, 25, 35] {

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, KnownLength, metric_depth, relative_depth};
 use crate::graph::{Context, File, Node, NodeError};
-use crate::image::{self, Picture, Transfer, fill_holes, fit, resize};
+use crate::image::{self, Picture, Transfer, fit, inpaint_depth, resize};
 use crate::net::Backend;
 use crate::net::foreign::{self, Normalisation, PhotoInput};
-use crate::nodes::learned;
+use crate::nodes::neural;
 use crate::{params, ports};
 
 /// What the numbers of a depth network mean.
@@ -89,8 +89,8 @@ impl Node for Depth {
 
     fn run(&self, inputs: DepthIn, ctx: &Context) -> Result<DepthOut, NodeError> {
         let DepthIn { photo, camera } = inputs;
-        let refused = |e| learned::refused(&self.model, &self.backend, e);
-        let network = learned::loaded(ctx, &self.model, &self.backend)?;
+        let refused = |e| neural::refused(&self.model, &self.backend, e);
+        let network = neural::loaded(ctx, &self.model, &self.backend)?;
         let output = foreign::output(&network, self.output.as_deref()).map_err(refused)?;
         let (input, seen) = self.photo_input().tensor(&network, &photo).map_err(refused)?;
         let [.., height, width] = *seen.shape() else { unreachable!("a photo has rows and columns") };
@@ -113,7 +113,7 @@ impl Node for Depth {
         if metres.misfit > 0.05 {
             ctx.warn(format!("the known lengths do not fit together: one is off by {:.0} %", 100.0 * metres.misfit));
         }
-        let (depth, holes) = fill_holes(&metres.depth, &metres.depth.map(|_| 0.0)).ok_or_else(|| {
+        let (depth, holes) = inpaint_depth(&metres.depth, &metres.depth.map(|_| 0.0)).ok_or_else(|| {
             let file = self.model.location().display().to_string();
             NodeError::BadFile {
                 path: file,

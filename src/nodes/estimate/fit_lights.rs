@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, around, fill_along_surfaces, luminance,
+    Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, dilate, inpaint_surfaces, luminance,
 };
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::inverse::{Column, Conditioning, Evidence, RadianceFit, evidence_pixels, fit_radiances};
@@ -143,8 +143,8 @@ impl Node for FitLights {
         let mut albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
         // Neither a light's own pixels nor saturated ones tell an albedo, nor the seam around them.
         let seam = (w.max(h) / 64).max(2);
-        let unknown = around(masks().chain([&*inputs.clipped]), (w, h), seam);
-        fill_along_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
+        let unknown = dilate(masks().chain([&*inputs.clipped]), (w, h), seam);
+        inpaint_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
         Ok(FitLightsOut { radiance: Scatter(radiance), rest, albedo: Arc::new(Albedo(albedo)) })
     }
 }

@@ -9,7 +9,7 @@ use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture, Roughness, resize};
 use crate::net::view::{Geometry, View};
 use crate::net::{Backend, Layer, planes_of};
-use crate::nodes::learned::{self, FULL_1, FULL_3, FULL_6};
+use crate::nodes::neural::{self, FULL_1, FULL_3, FULL_6};
 use crate::{params, ports};
 
 params! {
@@ -62,14 +62,14 @@ impl Node for MNet {
         let MNetIn { photo, depth, camera, masks } = inputs;
         let (ports, outputs) =
             ([("photo", FULL_3), ("geometry", FULL_6), ("light", FULL_1)], ["albedo", "normal", "rough"]);
-        let network = learned::network(ctx, &self.model, &self.backend, &ports, &outputs)?;
+        let network = neural::network(ctx, &self.model, &self.backend, &ports, &outputs)?;
         let view = View::new(&photo, masks.iter().map(|(_, mask)| &**mask));
         let tensors = vec![
             ("photo", planes_of(&[Layer::Colour(&view.photo)])),
             ("geometry", Geometry::raw(&depth, &camera).tensor()),
             ("light", planes_of(&[Layer::Grey(&view.light)])),
         ];
-        let [albedo, normal, rough] = learned::computed(&network, tensors, outputs)?;
+        let [albedo, normal, rough] = neural::computed(&network, tensors, outputs)?;
         let (width, height) = photo.0.size();
         let normal = facing(resize(&normal.colour(0), width, height), &camera);
         let (least, most) = (Vec3::splat(0.02), Vec3::splat(0.95));

@@ -9,7 +9,7 @@ use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{Albedo, Normal, Picture, Plane, Roughness, Transfer, resize};
 use crate::net::foreign::{self, Channels, Normalisation, PhotoInput};
 use crate::net::{Backend, Tensor};
-use crate::nodes::learned;
+use crate::nodes::neural;
 use crate::{params, ports};
 
 params! {
@@ -104,8 +104,8 @@ impl Node for OnnxMaterials {
     }
 
     fn run(&self, inputs: OnnxMaterialsIn, ctx: &Context) -> Result<OnnxMaterialsOut, NodeError> {
-        let refused = |e| learned::refused(&self.model, &self.backend, e);
-        let network = learned::loaded(ctx, &self.model, &self.backend)?;
+        let refused = |e| neural::refused(&self.model, &self.backend, e);
+        let network = neural::loaded(ctx, &self.model, &self.backend)?;
         let mut outputs: Vec<&str> =
             self.parts().into_iter().filter_map(|(_, part)| Some(part?.output.as_str())).collect();
         outputs.sort_unstable();

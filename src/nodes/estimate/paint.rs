@@ -6,8 +6,8 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Mask, Normal, Picture, Plane, Points, SATURATION, Shading, clip_level, distance, fill_along_surfaces,
-    grow_through, luminance, reflected, smooth_step,
+    Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, SATURATION, Shading, clip_level, inpaint_surfaces,
+    reflected,
 };
 use crate::optics::LightKind;
 use crate::{params, ports};
@@ -51,33 +51,37 @@ ports! {
     pub output PaintOut {
         /// Reflectance, 0..=1, working size.
         paint: Arc<Albedo>,
-        /// How far each photo pixel is the light's own: 1 where it is the light, less in its glare and bloom.
-        zone: Scatter<Mask>,
+        /// The own pixels of each visible light and its glare, photo size.
+        zone: Scatter<GlareMask>,
     }
 }
 
 impl Node for Paint {
     const KIND: &'static str = "Paint";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = PaintIn;
     type Out = PaintOut;
 
     fn run(&self, inputs: PaintIn, _: &Context) -> Result<PaintOut, NodeError> {
         let (full_w, full_h) = inputs.photo.0.size();
         let bloom = self.bloom * full_w.max(full_h) as f32;
-        let mut zones = Vec::new();
+        let mut glare_masks = Vec::new();
         for (id, mask) in inputs.mask.iter() {
             let kind = inputs
                 .kind
                 .get(id)
                 .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
-            zones.push((id.to_string(), Arc::new(Mask(zone(&mask.0, **kind, bloom, &inputs.photo, &inputs.clipped)))));
+            let glare_mask = match **kind {
+                LightKind::Lamp => GlareMask::of_lamp(&mask.0, &inputs.photo, &inputs.clipped, bloom),
+                LightKind::Window => GlareMask::of_window(&mask.0, &inputs.photo, bloom),
+            };
+            glare_masks.push((id.to_string(), Arc::new(glare_mask)));
         }
         let (w, h) = inputs.small.0.size();
         let bright = SATURATION[0] * clip_level(&inputs.photo, &inputs.clipped);
         let mut hidden = inputs.small.0.map(|shown| shown.max_element() > bright);
-        for (_, zone) in &zones {
-            for i in (0..zone.0.len()).filter(|&i| zone.0.pixels()[i] > 0.0) {
+        for (_, glare_mask) in &glare_masks {
+            for i in (0..full_w * full_h).filter(|&i| glare_mask.weight(i) > 0.0) {
                 hidden.set(i % full_w * w / full_w, i / full_w * h / full_h, true);
             }
         }
@@ -86,39 +90,7 @@ impl Node for Paint {
             reflected(inputs.small.0.pixels()[i], lights.sum::<Vec3>() + inputs.rest.0.pixels()[i])
         };
         let mut paint = Plane::new(w, h, (0..w * h).map(reflectance).collect());
-        fill_along_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
-        Ok(PaintOut { paint: Arc::new(Albedo(paint)), zone: Scatter(zones) })
+        inpaint_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
+        Ok(PaintOut { paint: Arc::new(Albedo(paint)), zone: Scatter(glare_masks) })
     }
-}
-
-/// Share of a lamp's brightness below which a pixel of its mask is no part of what shines: feet and stands are often in it.
-const STAND: f32 = 0.3;
-/// A light's own glare: all but its own pixels.
-const GLARE: f32 = 0.999;
-
-/// How far each pixel is the light's own: 1 where it is the light, [`GLARE`] in the saturated pixels around it, falling to 0
-/// in its bloom, whose width is at least `bloom` pixels and, for a lamp, half its own.
-fn zone(mask: &Plane<f32>, kind: LightKind, bloom: f32, photo: &Picture, clipped: &Mask) -> Plane<f32> {
-    let (w, h) = mask.size();
-    let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
-    let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
-    levels.sort_by(f32::total_cmp);
-    let bright = levels.get(levels.len() * 9 / 10).copied().unwrap_or(0.0);
-    let (core, reach, dark) = match kind {
-        LightKind::Lamp => {
-            let core = grow_through(mask, &clipped.0);
-            let area = core.pixels().iter().filter(|inside| **inside).count();
-            (core, bloom.max(0.5 * (area as f32).sqrt()), STAND * bright)
-        }
-        LightKind::Window => (mask.map(|share| share > 0.5), bloom, 0.0),
-    };
-    let away = distance(&core);
-    Plane::sparse(w, h, |i| {
-        let (x, y) = (i % w, i / w);
-        if mask.get(x, y) > 0.5 && luminance(photo.0.get(x, y)) >= dark {
-            1.0
-        } else {
-            GLARE * (1.0 - smooth_step(0.0, reach.max(1.0), away.get(x, y)))
-        }
-    })
 }

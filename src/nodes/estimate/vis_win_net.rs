@@ -1,6 +1,6 @@
 //! `VisWinNet`: a window that the photo shows, by a network.
 
-crate::nodes::learned::light_stage! {
+crate::nodes::neural::light_stage! {
     /// Estimates a window that is seen: a rectangle before sun, sky and ground.
-    VisWinNet, VisWinNetIn, VisWinNetOut: window of "viswinnet.onnx", learned::WINDOW_OUTPUTS, mask
+    VisWinNet, VisWinNetIn, VisWinNetOut: window of "viswinnet.onnx", neural::WINDOW_OUTPUTS, mask
 }

@@ -10,7 +10,7 @@ use crate::image::{Albedo, Depth, Mask, Normal, Plane, Points, Shading, resize};
 use crate::net::view::{Geometry, HALF, seen_half};
 use crate::net::{Backend, Layer, Tensor, planes_of};
 use crate::nodes::artifacts::{Remainder, UnitDirect, UnitIndirect, Visibility};
-use crate::nodes::learned::{self, HALF_1, HALF_3, HALF_6};
+use crate::nodes::neural::{self, HALF_1, HALF_3, HALF_6};
 use crate::optics::{Shape, flux};
 use crate::{params, ports};
 
@@ -87,7 +87,7 @@ impl Node for Indirect {
             });
         }
         let size = points.0.size();
-        let network = learned::network(ctx, &self.model, &self.backend, &PORTS, &["indirect"])?;
+        let network = neural::network(ctx, &self.model, &self.backend, &PORTS, &["indirect"])?;
         let geometry = Geometry::half(&depth, &camera, &normal).tensor();
         let albedo = planes_of(&[Layer::Colour(&resize(&albedo.0, HALF.0, HALF.1))]);
         let light = seen_half(masks.iter().map(|(_, mask)| &**mask));
@@ -113,7 +113,7 @@ impl Node for Indirect {
                 ("left", left.clone()),
                 ("burning", Tensor::new(&[1, 6, 1, 1], burning.clone())),
             ];
-            let [indirect] = learned::computed(&network, tensors, ["indirect"])?;
+            let [indirect] = neural::computed(&network, tensors, ["indirect"])?;
             let cells = resize(&indirect.colour(0), grid.size().0, grid.size().1);
             lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
         }

@@ -9,7 +9,7 @@ use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Plane, Roughness, Shading, resize};
 use crate::net::view::{Geometry, HALF, own_half};
 use crate::net::{Backend, Layer, planes_of};
-use crate::nodes::learned::{self, HALF_1, HALF_3, HALF_6};
+use crate::nodes::neural::{self, HALF_1, HALF_3, HALF_6};
 use crate::optics::{Lighting, LocalLobe, Radiance, Shape};
 use crate::{params, ports};
 
@@ -72,7 +72,7 @@ impl Node for LightNet {
     }
 
     fn run(&self, inputs: LightNetIn, ctx: &Context) -> Result<LightNetOut, NodeError> {
-        let network = learned::network(ctx, &self.model, &self.backend, &PORTS, &OUTPUTS)?;
+        let network = neural::network(ctx, &self.model, &self.backend, &PORTS, &OUTPUTS)?;
         let geometry = Geometry::half(&inputs.depth, &inputs.camera, &inputs.normal);
         let half = |plane: &Plane<Vec3>| resize(plane, HALF.0, HALF.1);
         let mut shading = Plane::filled(HALF.0, HALF.1, Vec3::ZERO);
@@ -102,7 +102,7 @@ impl Node for LightNet {
             ("light", planes_of(&[Layer::Grey(&lights)])),
             ("shading", planes_of(&[Layer::Colour(&shading)])),
         ];
-        let [axis, sharpness, weight] = learned::computed(&network, tensors, OUTPUTS)?;
+        let [axis, sharpness, weight] = neural::computed(&network, tensors, OUTPUTS)?;
         let &[_, count, rows, columns] = sharpness.shape() else {
             return Err(NodeError::Failed(format!("sharpness: wanted four dimensions, got {:?}", sharpness.shape())));
         };

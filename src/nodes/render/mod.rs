@@ -1,15 +1,15 @@
 //! From geometry and lights to unit layers.
 
 pub mod direct;
-pub mod glow;
+pub mod emitter_mask;
 pub mod indirect;
 pub mod insert_specular;
 pub mod light_net;
 pub mod light_objects;
 pub mod mix;
-pub mod occlude_rest;
-pub mod paint_specular;
+pub mod occlude_residual;
 pub mod shade_objects;
+pub mod shade_specular_edit;
 pub mod shadow;
 pub mod shadow_net;
 pub mod trace_indirect;

@@ -10,7 +10,7 @@ use crate::image::{Depth, Normal, Plane, resize};
 use crate::net::view::{Geometry, HALF};
 use crate::net::{Backend, Layer, Tensor, planes_of};
 use crate::nodes::artifacts::{UnitDirect, Visibility};
-use crate::nodes::learned::{self, HALF_5, HALF_6};
+use crate::nodes::neural::{self, HALF_5, HALF_6};
 use crate::optics::{Shape, Window};
 use crate::{params, ports};
 
@@ -78,7 +78,7 @@ impl Node for ShadowNet {
             return Ok(ShadowNetOut { visibility });
         }
         let ports = [("visibility", HALF_5), ("geometry", HALF_6), ("place", &[1, 12, 1, 1][..])];
-        let network = learned::network(ctx, &self.model, &self.backend, &ports, &["shares"])?;
+        let network = neural::network(ctx, &self.model, &self.backend, &ports, &["shares"])?;
         let geometry = Geometry::half(&depth, &camera, &normal).tensor();
         let small = |plane: &Plane<f32>| resize(plane, HALF.0, HALF.1);
         let mut filled = Visibility::clone(&visibility);
@@ -93,7 +93,7 @@ impl Node for ShadowNet {
                 ("geometry", geometry.clone()),
                 ("place", Tensor::new(&[1, 12, 1, 1], place(&shape, lobe))),
             ];
-            let [shares] = learned::computed(&network, tensors, ["shares"])?;
+            let [shares] = neural::computed(&network, tensors, ["shares"])?;
             let (width, height) = traced.size();
             let [lit, instead, doubt] = [0, 1, 2].map(|c| resize(&shares.grey(c), width, height));
             filled.lit[lobe] = Plane::from_fn(width, height, |x, y| {

@@ -243,7 +243,7 @@ impl ReadScene {
             let outside = image::resize(&outside.0, width, height);
             untrusted.pixels_mut().iter_mut().zip(outside.pixels()).for_each(|(u, &m)| *u = u.max(m));
         }
-        let (depth, holes) = image::fill_holes(&metres, &untrusted).ok_or_else(|| {
+        let (depth, holes) = image::inpaint_depth(&metres, &untrusted).ok_or_else(|| {
             let wanted = format!("at least one depth between {} and {} m", image::NEAR, image::FAR);
             bad(file, format!("depth: wanted {wanted}, got holes everywhere; is the scale right?"))
         })?;

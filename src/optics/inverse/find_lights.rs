@@ -1,7 +1,7 @@
 //! Lamps and windows proposed from a photo, and its depth where there is one.
 //!
 //! A light is brighter than what surrounds it and ends sharply; light on a wall fades. So the photo is cut in two at several
-//! levels of brightness (Boykov and Jolly's energy, see [`grid_cut`]): with b the brightness over white and t the level, a pixel
+//! levels of brightness (Boykov and Jolly's energy, see [`graph_cut`]): with b the brightness over white and t the level, a pixel
 //! gains `1 - ln b / ln t` by being a light, 1 at white, 0 at t, and two neighbours of colours c, c' that are parted cost
 //! `smoothness exp(-beta |c - c'|^2) / distance`, 1 / beta twice the mean of |c - c'|^2. The gain falls with t, so the cuts are
 //! nested and their parts form a tree, in which every light is taken at the level where its edge is sharpest: Matas' extremal regions
@@ -11,7 +11,7 @@ use glam::Vec3;
 
 use super::observations::white_level;
 use crate::geometry::world_up;
-use crate::image::{Mask, Normal, Picture, Plane, Points, distance, grid_cut, luminance, parts};
+use crate::image::{Mask, Normal, Picture, Plane, Points, connected_components, distance, graph_cut, luminance};
 use crate::optics::LightKind;
 
 /// What is looked for.
@@ -83,7 +83,7 @@ pub fn find_lights(
     for level in (0..LEVELS as i32).rev() {
         let threshold = 1.0 - (1.0 - search.threshold) * 0.5f32.powi(level);
         let label = view.cut(threshold, search.smoothness);
-        let large = parts(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
+        let large = connected_components(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
         let mut merged = Vec::new();
         for part in large.map(|pixels| view.part(pixels, &label)) {
             let (inner, others) =
@@ -169,7 +169,7 @@ impl<'a> View<'a> {
     /// The pixels that are a light at this level, in thousandths so that the cut is exact.
     fn cut(&self, threshold: f32, smoothness: f32) -> Plane<bool> {
         let gain = self.bright.map(|b| (1000.0 * (1.0 - b.max(1e-6).ln() / threshold.ln()).clamp(-1.0, 1.0)) as i32);
-        grid_cut(&gain, |x, y, nx, ny| {
+        graph_cut(&gain, |x, y, nx, ny| {
             let step = self.shown.get(x, y).distance_squared(self.shown.get(nx, ny));
             let distance = if x == nx || y == ny { 1.0 } else { std::f32::consts::SQRT_2 };
             (1000.0 * smoothness * (-self.beta * step).exp() / distance) as i32

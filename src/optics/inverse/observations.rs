@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::image::{Mask, Picture, Segments, around, luminance};
+use crate::image::{Mask, Picture, Segments, dilate, luminance};
 
 /// A photo on the pixels that take part in a fit.
 pub struct Evidence {
@@ -88,7 +88,7 @@ pub fn evidence_pixels<'a>(
     clipped: &Mask,
     masks: impl Iterator<Item = &'a Mask>,
 ) -> Vec<usize> {
-    let taken = around(masks, photo.0.size(), 2);
+    let taken = dilate(masks, photo.0.size(), 2);
     let mut pixels: Vec<usize> = candidates.filter(|&i| !taken.pixels()[i]).collect();
     let black = BLACK * white_of(photo, clipped);
     pixels.retain(|&i| luminance(photo.0.pixels()[i]) > black);

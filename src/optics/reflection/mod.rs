@@ -7,5 +7,5 @@ pub(in crate::optics) mod reflect;
 
 pub use ggx::Ggx;
 pub use mirror::{Around, Mirror};
-pub use polish::{NO_ROW, Part, Places, Polish, SeenPlaces, places};
+pub use polish::{NO_ROW, Part, Places, SeenPlaces, SpecularChange, places};
 pub use reflect::{Face, NOTHING, Reflections, Surround, UNSEEN, object_face, reflections};

@@ -13,13 +13,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, PlaneFit, SceneMesh};
 use crate::image::{
-    Depth, Finish, Normal, Picture, Plane, Points, STEP, Upsampler, neighbours, resize, resize_depth, rule,
+    Depth, Normal, Picture, Plane, Points, STEP, SpecularEdit, Upsampler, neighbours, resize, resize_depth, rule,
 };
 use crate::optics::{Face, Mirror, Reflections};
 
 /// What new finishes add to a photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Polish(pub Vec<Part>);
+pub struct SpecularChange(pub Vec<Part>);
 
 /// Reflections of one kind: of the new finish or the old, known at pixels of one size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,7 +36,7 @@ pub struct Part {
 /// Of a pixel without a reflection.
 pub const NO_ROW: u32 = u32::MAX;
 
-impl Polish {
+impl SpecularChange {
     /// Whether every row that is named is there.
     ///
     /// # Errors
@@ -120,7 +120,7 @@ pub struct Places {
 const MOST_NARROW: usize = 1_000_000;
 
 /// The places at which the reflections of a finish are asked for, and the working pixels of the planes that they lie in.
-pub fn places(finish: &Finish, seen: &SeenPlaces) -> (Vec<Places>, Vec<Plane<bool>>) {
+pub fn places(finish: &SpecularEdit, seen: &SeenPlaces) -> (Vec<Places>, Vec<Plane<bool>>) {
     let (full, small) = (finish.share.size(), seen.points.0.size());
     if finish.share.is_empty() {
         return (Vec::new(), Vec::new());
@@ -183,7 +183,7 @@ struct Wanted {
 
 impl Wanted {
     /// Of the photo pixels whose finish changes and whose gloss, old or new, is `chosen`; `None` without any.
-    fn new(finish: &Finish, old: bool, chosen: impl Fn([f32; 2]) -> bool) -> Option<Wanted> {
+    fn new(finish: &SpecularEdit, old: bool, chosen: impl Fn([f32; 2]) -> bool) -> Option<Wanted> {
         let (w, h) = finish.share.size();
         let gloss = Plane::from_fn(w, h, |x, y| if old { finish.before(x, y) } else { finish.gloss.get(x, y) });
         let share = Plane::from_fn(w, h, |x, y| {
@@ -370,7 +370,7 @@ mod tests {
         /// What the floor adds to a layer whose room is `plane`, by photo pixel, with its roughness changed from `old` to `new`.
         fn adds(&self, [old, new]: [f32; 2], lamp: Shape, radiance: f32, plane: &[Vec3]) -> Vec<Vec3> {
             let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(self.is_floor(y * SIZE.0 + x))));
-            let mut finish = Finish::default();
+            let mut finish = SpecularEdit::default();
             finish.lay(&floor, [Some(new), None], &Roughness(Plane::filled(SIZE.0, SIZE.1, old)));
             let seen = SeenPlaces {
                 camera: &self.camera,
@@ -502,7 +502,7 @@ mod tests {
             normal: &room.normal,
             mesh: &room.mesh,
         };
-        let (kinds, planes) = places(&Finish::default(), &seen);
+        let (kinds, planes) = places(&SpecularEdit::default(), &seen);
         assert!(kinds.is_empty() && planes.is_empty());
     }
 
@@ -519,7 +519,7 @@ mod tests {
         };
         let lower = Plane::from_fn(full.0, full.1, |_, y| f32::from(u8::from(y >= 100)));
         for (roughness, size) in [(0.05, full), (0.3, SIZE), (0.7, (SIZE.0 / 2, SIZE.1 / 2))] {
-            let mut finish = Finish::default();
+            let mut finish = SpecularEdit::default();
             finish.lay(&lower, [Some(roughness), None], &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)));
             let (kinds, _) = places(&finish, &seen);
             let sizes: Vec<_> = kinds.iter().map(|kind| (kind.old, kind.rows.size())).collect();

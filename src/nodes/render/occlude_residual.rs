@@ -15,11 +15,11 @@ params! {
     ///
     /// The rest is an even ambient from the unseen part of the room, as `FitLights` has it. A body hides its share of the
     /// hemisphere and shows in its place what it reflects. Without bodies the rest passes through.
-    pub struct OccludeRest {}
+    pub struct OccludeResidual {}
 }
 
 ports! {
-    pub input OccludeRestIn {
+    pub input OccludeResidualIn {
         /// Shading that no light explains.
         rest: Arc<Shading>,
         /// What the room sees without bodies.
@@ -36,7 +36,7 @@ ports! {
 }
 
 ports! {
-    pub output OccludeRestOut {
+    pub output OccludeResidualOut {
         /// Shading of the room that no light explains.
         rest: Arc<Shading>,
         /// What the bodies show of such light, in the rectangle of `objects`.
@@ -44,16 +44,16 @@ ports! {
     }
 }
 
-impl Node for OccludeRest {
+impl Node for OccludeResidual {
     const KIND: &'static str = "OccludeRest";
     const VERSION: u32 = 2;
-    type In = OccludeRestIn;
-    type Out = OccludeRestOut;
+    type In = OccludeResidualIn;
+    type Out = OccludeResidualOut;
 
-    fn run(&self, inputs: OccludeRestIn, _: &Context) -> Result<OccludeRestOut, NodeError> {
-        let OccludeRestIn { rest, before, after, points, normal, objects } = inputs;
+    fn run(&self, inputs: OccludeResidualIn, _: &Context) -> Result<OccludeResidualOut, NodeError> {
+        let OccludeResidualIn { rest, before, after, points, normal, objects } = inputs;
         if after.probes() == 0 {
-            return Ok(OccludeRestOut { rest, shown: Arc::new(Picture(Plane::new(0, 0, Vec::new()))) });
+            return Ok(OccludeResidualOut { rest, shown: Arc::new(Picture(Plane::new(0, 0, Vec::new()))) });
         }
         super::same_size("rest", rest.0.size(), "points", points.0.size())?;
         let grid = before.grid();
@@ -67,6 +67,6 @@ impl Node for OccludeRest {
         let left = Shading(Plane::new(w, h, (0..w * h).map(left).collect()));
         let samples = (0..objects.points.len()).map(|s| radiance * objects.from_probes(s, &on_probes));
         let shown = Picture(objects.diffuse(&samples.collect::<Vec<_>>()));
-        Ok(OccludeRestOut { rest: Arc::new(left), shown: Arc::new(shown) })
+        Ok(OccludeResidualOut { rest: Arc::new(left), shown: Arc::new(shown) })
     }
 }

@@ -19,7 +19,7 @@ const NOISE: f32 = 0.02;
 
 /// One paint in the place of another.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Repaint {
+pub struct PaintChange {
     /// Mean reflectance of the surface as it is, above 0.
     pub old: Vec3,
     /// Mean reflectance as it shall be.
@@ -28,7 +28,7 @@ pub struct Repaint {
     pub keep_texture: bool,
 }
 
-impl Repaint {
+impl PaintChange {
     /// The reflectance of a place that had `reflectance`: at most 1 and no less than `new` may be, its colour kept.
     pub fn over(&self, reflectance: Vec3) -> Vec3 {
         if !self.keep_texture {
@@ -58,58 +58,58 @@ impl Repaint {
 
 /// Paint on part of a photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Coat {
-    pub paint: Repaint,
-    pub matte: Matte,
+pub struct PaintLayer {
+    pub paint: PaintChange,
+    pub matte: AlphaMatte,
 }
 
 /// Which part of each pixel is a surface, and what that surface shows where it is only a part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Matte {
+pub struct AlphaMatte {
     /// 0..=1.
-    pub share: Plane<f32>,
+    pub alpha: Plane<f32>,
     /// By pixel, row by row: what the surface alone shows in pixels that it shares with another one.
-    pub rim: Vec<(u32, [f32; 3])>,
+    pub boundary: Vec<(u32, [f32; 3])>,
 }
 
-impl Matte {
+impl AlphaMatte {
     /// What the surface alone shows at pixel (x, y) of its photo, where that is not what the photo shows.
     fn own(&self, x: usize, y: usize) -> Option<Vec3> {
-        let at = (y * self.share.width() + x) as u32;
-        self.rim.binary_search_by_key(&at, |(pixel, _)| *pixel).ok().map(|i| Vec3::from_array(self.rim[i].1))
+        let at = (y * self.alpha.width() + x) as u32;
+        self.boundary.binary_search_by_key(&at, |(pixel, _)| *pixel).ok().map(|i| Vec3::from_array(self.boundary[i].1))
     }
 }
 
-/// Coats one over the other, the first at the bottom. All have the photo's size.
+/// PaintLayers one over the other, the first at the bottom. All have the photo's size.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Coats(pub Vec<Coat>);
+pub struct PaintLayers(pub Vec<PaintLayer>);
 
-impl Coats {
+impl PaintLayers {
     /// Whether all coats are of one size.
     ///
     /// # Errors
     /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
-        let sizes = || self.0.iter().map(|coat| coat.matte.share.size());
+        let sizes = || self.0.iter().map(|coat| coat.matte.alpha.size());
         crate::image::rule(sizes().zip(sizes().skip(1)).all(|(a, b)| a == b), "coats of one size")
     }
 
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
-        self.0.iter().map(|coat| coat.matte.share.bytes() + 16 * coat.matte.rim.len()).sum()
+        self.0.iter().map(|coat| coat.matte.alpha.bytes() + 16 * coat.matte.boundary.len()).sum()
     }
 
     /// The coats on pixel (x, y).
-    pub fn at(&self, x: usize, y: usize) -> Coated<'_> {
-        let on = self.0.iter().map(|coat| (coat.matte.share.get(x, y), coat)).filter(|(share, _)| *share > 0.0);
-        Coated(on.map(|(share, coat)| (share, &coat.paint, coat.matte.own(x, y))).collect())
+    pub fn at(&self, x: usize, y: usize) -> PaintedPixel<'_> {
+        let on = self.0.iter().map(|coat| (coat.matte.alpha.get(x, y), coat)).filter(|(share, _)| *share > 0.0);
+        PaintedPixel(on.map(|(share, coat)| (share, &coat.paint, coat.matte.own(x, y))).collect())
     }
 }
 
 /// The coats on one pixel: share of the pixel, paint, and what the painted surface alone shows.
-pub struct Coated<'a>(Vec<(f32, &'a Repaint, Option<Vec3>)>);
+pub struct PaintedPixel<'a>(Vec<(f32, &'a PaintChange, Option<Vec3>)>);
 
-impl Coated<'_> {
+impl PaintedPixel<'_> {
     pub fn is_bare(&self) -> bool {
         self.0.is_empty()
     }
@@ -141,8 +141,8 @@ mod tests {
     const WALL: Vec3 = Vec3::new(0.5, 0.2, 0.1);
     const NEW: Vec3 = Vec3::new(0.1, 0.3, 0.6);
 
-    fn paint(old: Vec3, keep_texture: bool) -> Repaint {
-        Repaint { old, new: NEW, keep_texture }
+    fn paint(old: Vec3, keep_texture: bool) -> PaintChange {
+        PaintChange { old, new: NEW, keep_texture }
     }
 
     #[track_caller]
@@ -187,13 +187,13 @@ mod tests {
         let (share, other) = (0.3, Vec3::splat(0.8));
         let photo = share * WALL + (1.0 - share) * other;
         let plane = Plane::filled(2, 1, share);
-        let matte = Matte { share: plane, rim: vec![(1, WALL.to_array())] };
-        let coats = Coats(vec![Coat { paint: paint(WALL, true), matte }]);
+        let matte = AlphaMatte { alpha: plane, boundary: vec![(1, WALL.to_array())] };
+        let coats = PaintLayers(vec![PaintLayer { paint: paint(WALL, true), matte }]);
         // Under even light of 2, reflectance is half of what is shown.
         let got = coats.at(1, 0).reflectance(photo / 2.0, photo);
         let want = share * paint(WALL, true).over(WALL / 2.0) + (1.0 - share) * other / 2.0;
         check(got, want, 1e-5);
-        assert!(Coats::default().at(0, 0).is_bare());
-        check(Coats::default().at(0, 0).reflectance(photo, photo), photo, 0.0001);
+        assert!(PaintLayers::default().at(0, 0).is_bare());
+        check(PaintLayers::default().at(0, 0).reflectance(photo, photo), photo, 0.0001);
     }
 }

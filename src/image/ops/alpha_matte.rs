@@ -7,7 +7,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::image::{Matte, Picture, Plane};
+use crate::image::{AlphaMatte, Picture, Plane};
 
 /// A mask drawn on a photo of this longer side may be wrong by a pixel.
 const LONG_SIDE: usize = 1000;
@@ -17,7 +17,7 @@ const WHOLE: f32 = 0.02;
 const DIFFERENT: f32 = 0.1;
 
 /// The part of each pixel of `photo` that belongs to the surface that `mask` marks. Both have one size.
-pub fn matte(mask: &Plane<f32>, photo: &Picture) -> Matte {
+pub fn alpha_matte(mask: &Plane<f32>, photo: &Picture) -> AlphaMatte {
     assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
     let (w, h) = mask.size();
     let band = w.max(h).div_ceil(LONG_SIDE).max(1);
@@ -34,8 +34,8 @@ pub fn matte(mask: &Plane<f32>, photo: &Picture) -> Matte {
     let rows: Vec<Vec<bool>> = (0..h).into_par_iter().map(|y| (0..w).map(|x| at_edge(x, y)).collect()).collect();
     let edge = Plane::new(w, h, rows.concat());
 
-    let mut share = mask.map(|share| if whole(share) { share.round() } else { share });
-    let mut rim = Vec::new();
+    let mut alpha = mask.map(|share| if whole(share) { share.round() } else { share });
+    let mut boundary = Vec::new();
     for i in (0..w * h).filter(|&i| edge.pixels()[i]) {
         let (x, y) = (i % w, i / w);
         let mean = |inside: bool| -> Option<Vec3> {
@@ -53,12 +53,12 @@ pub fn matte(mask: &Plane<f32>, photo: &Picture) -> Matte {
             ((photo.0.get(x, y) - other).dot(way) / way.length_squared()).clamp(0.0, 1.0)
         });
         let part = if whole(part) { part.round() } else { part };
-        share.set(x, y, part);
+        alpha.set(x, y, part);
         if part > 0.0 && part < 1.0 {
-            rim.push((i as u32, own.to_array()));
+            boundary.push((i as u32, own.to_array()));
         }
     }
-    Matte { share, rim }
+    AlphaMatte { alpha, boundary }
 }
 
 #[cfg(test)]
@@ -76,13 +76,13 @@ mod tests {
     #[test]
     fn the_share_of_a_mixed_pixel_is_found_wherever_the_hard_mask_ends() {
         for end in [8, 9] {
-            let found = matte(&Plane::from_fn(16, 9, |x, _| if x < end { 1.0 } else { 0.0 }), &photo());
+            let found = alpha_matte(&Plane::from_fn(16, 9, |x, _| if x < end { 1.0 } else { 0.0 }), &photo());
             for x in 0..16 {
                 let want = (8.3 - x as f32).clamp(0.0, 1.0);
-                assert!((found.share.get(x, 4) - want).abs() < 1e-3, "{x}: {}", found.share.get(x, 4));
+                assert!((found.alpha.get(x, 4) - want).abs() < 1e-3, "{x}: {}", found.alpha.get(x, 4));
             }
-            assert_eq!(found.rim.len(), 9, "one pixel of each row");
-            assert!(found.rim.iter().all(|(i, own)| i % 16 == 8 && Vec3::from_array(*own).distance(WALL) < 1e-5));
+            assert_eq!(found.boundary.len(), 9, "one pixel of each row");
+            assert!(found.boundary.iter().all(|(i, own)| i % 16 == 8 && Vec3::from_array(*own).distance(WALL) < 1e-5));
         }
     }
 
@@ -90,10 +90,10 @@ mod tests {
     fn what_the_photo_does_not_tell_the_mask_does() {
         let even = Picture(Plane::filled(16, 9, WALL));
         let mask = Plane::from_fn(16, 9, |x, y| if x > 4 && y > 2 { 1.0 } else { 0.0 });
-        assert_eq!(matte(&mask, &even).share, mask);
+        assert_eq!(alpha_matte(&mask, &even).alpha, mask);
         let soft = Plane::from_fn(16, 9, |x, _| x as f32 / 15.0);
-        assert_eq!(matte(&soft, &photo()).share, soft);
+        assert_eq!(alpha_matte(&soft, &photo()).alpha, soft);
         let empty = Plane::filled(16, 9, 0.0);
-        assert_eq!(matte(&empty, &photo()), Matte { share: empty, rim: vec![] });
+        assert_eq!(alpha_matte(&empty, &photo()), AlphaMatte { alpha: empty, boundary: vec![] });
     }
 }

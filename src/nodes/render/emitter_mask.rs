@@ -15,14 +15,14 @@ params! {
     /// Draws the body of a light: the share of each photo pixel that shows it, hidden by what stands before it.
     ///
     /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels are in the photo.
-    pub struct Glow {
+    pub struct EmitterMask {
         /// Samples per pixel side for smooth edges; 1..=16.
         supersampling: usize = 4, in 1..=16,
     }
 }
 
 ports! {
-    pub input GlowIn {
+    pub input EmitterMaskIn {
         /// The light.
         shape: Arc<Shape>,
         /// The same light as it was estimated; none for an inserted one.
@@ -35,19 +35,19 @@ ports! {
 }
 
 ports! {
-    pub output GlowOut {
+    pub output EmitterMaskOut {
         /// Share of each pixel covered by the light's body, photo size.
         cover: Arc<Mask>,
     }
 }
 
-impl Node for Glow {
+impl Node for EmitterMask {
     const KIND: &'static str = "Glow";
     const VERSION: u32 = 2;
-    type In = GlowIn;
-    type Out = GlowOut;
+    type In = EmitterMaskIn;
+    type Out = EmitterMaskOut;
 
-    fn run(&self, inputs: GlowIn, _: &Context) -> Result<GlowOut, NodeError> {
+    fn run(&self, inputs: EmitterMaskIn, _: &Context) -> Result<EmitterMaskOut, NodeError> {
         let camera = &inputs.camera;
         let mut cover = Plane::filled(camera.width, camera.height, 0.0f32);
         // Estimated lights are in the photo where they can be seen, and out of view otherwise.
@@ -71,7 +71,7 @@ impl Node for Glow {
                 }
             });
         }
-        Ok(GlowOut { cover: Arc::new(Mask(cover)) })
+        Ok(EmitterMaskOut { cover: Arc::new(Mask(cover)) })
     }
 }
 
@@ -108,13 +108,13 @@ mod tests {
 
     fn cover(shape: Shape, wall: f32) -> Plane<f32> {
         let camera = Camera::from_fov_x(80, 60, 60.0);
-        let inputs = GlowIn {
+        let inputs = EmitterMaskIn {
             shape: Arc::new(shape),
             estimated: None,
             camera: Arc::new(camera),
             depth: Arc::new(Depth(Plane::filled(80, 60, wall))),
         };
-        let glow = Glow::default().run(inputs, &Context::default()).expect("runs");
+        let glow = EmitterMask::default().run(inputs, &Context::default()).expect("runs");
         glow.cover.0.clone()
     }
 

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
-use crate::image::{Depth, Finish, Mask, Normal, Points};
-use crate::optics::{Lighting, Part, Polish, SeenPlaces, Shape, Surround, places, reflections};
+use crate::image::{Depth, Mask, Normal, Points, SpecularEdit};
+use crate::optics::{Lighting, Part, SeenPlaces, Shape, SpecularChange, Surround, places, reflections};
 use crate::{params, ports};
 
 params! {
@@ -13,7 +13,7 @@ params! {
     ///
     /// The photo holds the old reflection; `Compose` puts the new one in its place. Lobes wider than a working pixel are known at
     /// working size, narrower ones at the photo's.
-    pub struct PaintSpecular {
+    pub struct ShadeSpecularEdit {
         /// Rays per place, and samples of each light per place, 1..=4096; a mirror takes one, and in all there are up to 4 million.
         rays: u32 = 32, in 1..=4096,
         /// Another seed gives other noise.
@@ -22,9 +22,9 @@ params! {
 }
 
 ports! {
-    pub input PaintSpecularIn {
+    pub input ShadeSpecularEditIn {
         /// New roughness and specular level.
-        finish: Arc<Finish>,
+        finish: Arc<SpecularEdit>,
         /// The objects as they are seen.
         objects: Arc<Objects>,
         /// The room with the objects in it.
@@ -51,19 +51,19 @@ ports! {
 }
 
 ports! {
-    pub output PaintSpecularOut {
+    pub output ShadeSpecularEditOut {
         /// What each pixel reflects, now and before.
-        polish: Arc<Polish>,
+        polish: Arc<SpecularChange>,
     }
 }
 
-impl Node for PaintSpecular {
+impl Node for ShadeSpecularEdit {
     const KIND: &'static str = "PaintSpecular";
     const VERSION: u32 = 2;
-    type In = PaintSpecularIn;
-    type Out = PaintSpecularOut;
+    type In = ShadeSpecularEditIn;
+    type Out = ShadeSpecularEditOut;
 
-    fn run(&self, inputs: PaintSpecularIn, ctx: &Context) -> Result<PaintSpecularOut, NodeError> {
+    fn run(&self, inputs: ShadeSpecularEditIn, ctx: &Context) -> Result<ShadeSpecularEditOut, NodeError> {
         let size = inputs.points.0.size();
         for (id, mask) in inputs.mask.iter() {
             super::same_size(id, mask.0.size(), "points", size)?;
@@ -107,6 +107,6 @@ impl Node for PaintSpecular {
             ctx.count_rays(rays);
             parts.push(Part { old: kind.old, share: kind.share, rows: kind.rows, of });
         }
-        Ok(PaintSpecularOut { polish: Arc::new(Polish(parts)) })
+        Ok(ShadeSpecularEditOut { polish: Arc::new(SpecularChange(parts)) })
     }
 }

@@ -199,7 +199,7 @@ macro_rules! light_stage {
         use $crate::image::{Albedo, Depth, Mask, Normal, Picture};
         use $crate::net::Backend;
         use $crate::nodes::artifacts::Guess;
-        use $crate::nodes::learned;
+        use $crate::nodes::neural;
 
         $crate::params! {
             $(#[doc = $doc])*
@@ -253,10 +253,10 @@ macro_rules! light_stage {
 
             fn run(&self, inputs: $input, ctx: &Context) -> Result<$output, NodeError> {
                 let $input { photo, depth, camera, normal, albedo, masks $(, $mask)? } = inputs;
-                let network = learned::network(ctx, &self.model, &self.backend, &learned::LIGHT_INPUTS, &$ports)?;
-                let room = learned::LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
+                let network = neural::network(ctx, &self.model, &self.backend, &neural::LIGHT_INPUTS, &$ports)?;
+                let room = neural::LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
                 let own = None $( .or(Some(&*$mask)) )?;
-                let guess = room.$call(&network, own)?.unwrap_or_else(learned::nothing);
+                let guess = room.$call(&network, own)?.unwrap_or_else(neural::nothing);
                 Ok($output { guess: Arc::new(guess) })
             }
         }

@@ -9,7 +9,7 @@ pub const DIELECTRIC: f32 = 0.5;
 
 /// New roughness and specular level of part of a photo; by default of none of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Finish {
+pub struct SpecularEdit {
     /// Part of each photo pixel that has a new finish, 0..=1. No pixels when no surface has one.
     pub share: Plane<f32>,
     /// GGX roughness and specular level there, those of the photo's surface elsewhere.
@@ -18,14 +18,14 @@ pub struct Finish {
     pub was: Roughness,
 }
 
-impl Default for Finish {
-    fn default() -> Finish {
+impl Default for SpecularEdit {
+    fn default() -> SpecularEdit {
         let none = || Plane::new(0, 0, Vec::new());
-        Finish { share: none(), gloss: Plane::new(0, 0, Vec::new()), was: Roughness(none()) }
+        SpecularEdit { share: none(), gloss: Plane::new(0, 0, Vec::new()), was: Roughness(none()) }
     }
 }
 
-impl Finish {
+impl SpecularEdit {
     /// Whether both planes of the photo's size have one.
     ///
     /// # Errors
@@ -55,7 +55,11 @@ impl Finish {
     pub fn lay(&mut self, share: &Plane<f32>, [roughness, specular]: [Option<f32>; 2], was: &Roughness) {
         if self.share.is_empty() {
             let (w, h) = share.size();
-            *self = Finish { share: Plane::filled(w, h, 0.0), gloss: Plane::filled(w, h, [0.0; 2]), was: was.clone() };
+            *self = SpecularEdit {
+                share: Plane::filled(w, h, 0.0),
+                gloss: Plane::filled(w, h, [0.0; 2]),
+                was: was.clone(),
+            };
             self.gloss = Plane::from_fn(w, h, |x, y| self.before(x, y));
         }
         let values = self.share.pixels_mut().iter_mut().zip(self.gloss.pixels_mut()).zip(share.pixels());
@@ -77,7 +81,7 @@ mod tests {
     #[test]
     fn a_shared_pixel_has_its_surface_whole_and_later_ones_lie_over_earlier_ones() {
         let was = Roughness(Plane::new(2, 1, vec![0.6, 0.8]));
-        let mut finish = Finish::default();
+        let mut finish = SpecularEdit::default();
         finish.lay(&Plane::new(4, 1, vec![1.0, 0.3, 0.0, 1.0]), [Some(0.2), None], &was);
         assert_eq!(finish.share.pixels(), [1.0, 0.3, 0.0, 1.0]);
         assert_eq!(finish.gloss.pixels(), [[0.2, 0.5], [0.2, 0.5], [0.8, 0.5], [0.2, 0.5]]);
@@ -89,7 +93,7 @@ mod tests {
     #[test]
     fn what_it_had_is_no_change() {
         let was = Roughness(Plane::new(2, 1, vec![0.6, 0.8]));
-        let mut finish = Finish::default();
+        let mut finish = SpecularEdit::default();
         finish.lay(&Plane::filled(4, 1, 1.0), [Some(0.6), Some(0.5)], &was);
         assert_eq!([0, 1, 2, 3].map(|x| finish.changes(x, 0)), [false, false, true, true]);
     }

@@ -1,0 +1,176 @@
+//! Pixels of a photo that belong to a visible light.
+
+use serde::{Deserialize, Serialize};
+
+use crate::image::{Mask, Picture, Plane, distance, geodesic_dilate, luminance, rule, smooth_step};
+
+/// Fraction of a lamp's brightness below which a pixel of its mask shows no emitter.
+///
+/// Unit: 1. Source: measured on lamps whose masks include feet and stands. A larger value takes more of a shade for a
+/// lit surface.
+const STAND: f32 = 0.3;
+/// Quantile of the luminances in a lamp's mask that counts as the lamp's brightness, in tenths.
+///
+/// Source: taste. A larger value follows highlights of the shade.
+const BRIGHT_TENTHS: usize = 9;
+/// Largest weight of glare; only a light's own pixels have 1.
+///
+/// Unit: 1. Source: taste. A smaller value leaves more of a saturated pixel to the surface.
+const MOST_GLARE: f32 = 0.999;
+/// Least width of a lamp's bloom over the side of a square of the lamp's area.
+///
+/// Unit: 1. Source: measured on photos of lamps. A larger value gives more light around a lamp to that lamp.
+const LAMP_BLOOM: f32 = 0.5;
+
+/// The pixels of a visible light in a photo: its own pixels, and its glare around them.
+///
+/// An own pixel shows the light itself. A pixel of glare shows a surface, and in a fraction of its unexplained light the
+/// scattering of the lens and the sensor.
+///
+/// ```
+/// use glam::Vec3;
+/// use relight::image::{GlareMask, Picture, Plane};
+///
+/// let photo = Picture(Plane::filled(9, 9, Vec3::ONE));
+/// let window = Plane::from_fn(9, 9, |x, _| if x < 3 { 1.0 } else { 0.0 });
+/// let mask = GlareMask::of_window(&window, &photo, 4.0);
+/// assert!(mask.is_own(2) && !mask.is_own(3));
+/// assert!(mask.weight(3) > mask.weight(5) && mask.weight(8) == 0.0);
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GlareMask {
+    /// 1 in own pixels, else 0.
+    own: Plane<u8>,
+    /// Weight of the glare, 0..=[`MOST_GLARE`]; 0 in own pixels.
+    glare: Plane<f32>,
+}
+
+impl GlareMask {
+    /// The pixels of a lamp. All planes have one size.
+    ///
+    /// Glare reaches from the lamp, with the saturated pixels that touch it, over `bloom` pixels or half the lamp's width,
+    /// whichever is more.
+    ///
+    /// # Panics
+    /// `mask`, `photo` and `clipped` differ in size.
+    pub fn of_lamp(mask: &Plane<f32>, photo: &Picture, clipped: &Mask, bloom: f32) -> GlareMask {
+        let core = geodesic_dilate(mask, &clipped.0);
+        let area = core.pixels().iter().filter(|inside| **inside).count();
+        let falloff_radius = bloom.max(LAMP_BLOOM * (area as f32).sqrt());
+        let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
+        let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
+        levels.sort_by(f32::total_cmp);
+        let bright = levels.get(levels.len() * BRIGHT_TENTHS / 10).copied().unwrap_or(0.0);
+        GlareMask::new(mask, photo, &core, falloff_radius, STAND * bright)
+    }
+
+    /// The pixels of a window, whose glare reaches over `bloom` pixels. Both planes have one size.
+    ///
+    /// # Panics
+    /// `mask` and `photo` differ in size.
+    pub fn of_window(mask: &Plane<f32>, photo: &Picture, bloom: f32) -> GlareMask {
+        GlareMask::new(mask, photo, &mask.map(|share| share > 0.5), bloom, 0.0)
+    }
+
+    /// Own pixels are those of `mask` with a luminance of at least `dark`. Glare falls from `core` to zero within
+    /// `falloff_radius` pixels.
+    fn new(mask: &Plane<f32>, photo: &Picture, core: &Plane<bool>, falloff_radius: f32, dark: f32) -> GlareMask {
+        assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
+        let (w, h) = mask.size();
+        let away = distance(core);
+        let own = |i: usize| mask.pixels()[i] > 0.5 && luminance(photo.0.pixels()[i]) >= dark;
+        let falloff = |i: usize| MOST_GLARE * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.pixels()[i]));
+        GlareMask {
+            own: Plane::sparse(w, h, |i| u8::from(own(i))),
+            glare: Plane::sparse(w, h, |i| if own(i) { 0.0 } else { falloff(i) }),
+        }
+    }
+
+    /// Whether pixel `i`, row by row, shows the light itself.
+    pub fn is_own(&self, i: usize) -> bool {
+        self.own.pixels()[i] != 0
+    }
+
+    /// Fraction of pixel `i` that is the light's, 0..=1: 1 in own pixels and nowhere else.
+    pub fn weight(&self, i: usize) -> f32 {
+        if self.is_own(i) { 1.0 } else { self.glare.pixels()[i] }
+    }
+
+    /// (width, height)
+    pub fn size(&self) -> (usize, usize) {
+        self.own.size()
+    }
+
+    /// Memory held by the pixels, in bytes.
+    pub fn bytes(&self) -> usize {
+        self.own.bytes() + self.glare.bytes()
+    }
+
+    /// Checks that both planes have one size and that glare is a weight.
+    ///
+    /// # Errors
+    /// The rule that does not hold.
+    pub fn check(&self) -> Result<(), String> {
+        rule(self.own.size() == self.glare.size(), "own pixels and glare of one size")?;
+        rule(self.glare.pixels().iter().all(|weight| (0.0..1.0).contains(weight)), "glare in 0..1")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn a_lamp_owns_its_bright_pixels_and_its_stand_is_glare() {
+        // A lamp of 4 x 4 pixels on a stand of 2 x 4 that shows a tenth of its light.
+        let in_lamp = |x: usize, y: usize| (8..12).contains(&x) && (4..8).contains(&y);
+        let in_stand = |x: usize, y: usize| (9..11).contains(&x) && (8..12).contains(&y);
+        let mask = Plane::from_fn(20, 16, |x, y| if in_lamp(x, y) || in_stand(x, y) { 1.0 } else { 0.0 });
+        let photo = Picture(Plane::from_fn(20, 16, |x, y| Vec3::splat(if in_lamp(x, y) { 1.0 } else { 0.1 })));
+        let clear = Mask(mask.map(|_| 0.0));
+        let found = GlareMask::of_lamp(&mask, &photo, &clear, 1.0);
+        for (x, y) in (0..16).flat_map(|y| (0..20).map(move |x| (x, y))) {
+            let i = y * 20 + x;
+            assert_eq!(found.is_own(i), in_lamp(x, y), "({x}, {y})");
+            assert_eq!(found.weight(i) == 1.0, in_lamp(x, y), "({x}, {y})");
+        }
+        assert_eq!(found.weight(10 * 20 + 9), MOST_GLARE, "within the mask");
+        // The area is 24 pixels: half the side of its square is 2.45 pixels.
+        assert!(found.weight(5 * 20 + 6) > 0.0 && found.weight(5 * 20 + 5) == 0.0);
+        assert_eq!(found.check(), Ok(()));
+    }
+
+    #[test]
+    fn saturation_that_touches_a_lamp_is_glare() {
+        let mask = Plane::from_fn(30, 5, |x, _| if x < 4 { 1.0 } else { 0.0 });
+        let clipped = Mask(Plane::from_fn(30, 5, |x, _| if x < 9 { 1.0 } else { 0.0 }));
+        let photo = Picture(Plane::filled(30, 5, Vec3::ONE));
+        let found = GlareMask::of_lamp(&mask, &photo, &clipped, 0.0);
+        let row: Vec<f32> = (0..30).map(|x| found.weight(2 * 30 + x)).collect();
+        assert!(row[..4].iter().all(|&w| w == 1.0) && row[4..9].iter().all(|&w| w == MOST_GLARE), "{row:?}");
+        assert!(row[8..].windows(2).all(|pair| pair[1] <= pair[0]) && row[29] == 0.0, "{row:?}");
+    }
+
+    #[test]
+    fn a_dark_window_owns_its_pixels() {
+        let mask = Plane::from_fn(12, 3, |x, _| if x < 6 { 1.0 } else { 0.0 });
+        let photo = Picture(Plane::filled(12, 3, Vec3::ZERO));
+        let found = GlareMask::of_window(&mask, &photo, 3.0);
+        let row: Vec<f32> = (0..12).map(|x| found.weight(x)).collect();
+        assert_eq!(row[..6], [1.0; 6]);
+        // Halfway through the falloff of 3 pixels lies no pixel; a third in, 1 - (3 - 2 / 3) / 9 of the weight is left.
+        assert!((row[6] - MOST_GLARE * (1.0 - 7.0 / 27.0)).abs() < 1e-6, "{row:?}");
+        assert_eq!(row[8..], [0.0; 4]);
+    }
+
+    #[test]
+    fn planes_that_do_not_fit_are_refused() {
+        let mask = |own, glare| GlareMask { own: Plane::filled(2, 1, own), glare: Plane::filled(2, 1, glare) };
+        assert_eq!(mask(1, 0.0).check(), Ok(()));
+        assert!(mask(0, 1.0).check().is_err() && mask(0, -0.1).check().is_err());
+        let sizes = GlareMask { own: Plane::filled(1, 1, 0), glare: Plane::filled(2, 1, 0.0) };
+        assert!(sizes.check().is_err());
+    }
+}

@@ -1,0 +1,79 @@
+//! Unit layers of lights, and estimates of lights.
+
+use glam::Vec3;
+use serde::{Deserialize, Serialize};
+
+use crate::image::{Plane, Shading, rule};
+use crate::optics::{Radiance, Shape};
+
+/// Unshadowed direct shading of one light, per lobe of unit radiance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnitDirect {
+    /// Irradiance / pi, per lobe.
+    pub lobes: Vec<Plane<f32>>,
+    /// Standard error of each, same units; zero where a closed form was used.
+    pub stderr: Vec<Plane<f32>>,
+}
+
+/// Visibility of one light, per lobe: shares of the unshadowed direct shading. Blocked = 1 - lit - unknown.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Visibility {
+    pub lit: Vec<Plane<f32>>,
+    /// Standard error of `lit`.
+    pub stderr: Vec<Plane<f32>>,
+    /// Rays that pass behind a depth edge or leave the seen volume.
+    pub unknown: Vec<Plane<f32>>,
+}
+
+/// Indirect shading (irradiance / pi) of one light, per lobe of unit radiance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UnitIndirect {
+    pub lobes: Vec<Shading>,
+    /// Standard error of each lobe's luminance. All lobes and lights share their rays, so their errors go together.
+    pub stderr: Vec<Plane<f32>>,
+    /// Of the probes of inserted bodies, per lobe, one row; nothing in a room without them.
+    pub probes: Vec<Plane<Vec3>>,
+}
+
+/// Direct light, shadows included, of one light on inserted bodies, per lobe of unit radiance: irradiance / pi.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ObjectLight {
+    /// At the samples of [`Objects`].
+    pub lobes: Vec<Plane<f32>>,
+    /// At the probes, one row.
+    pub probes: Vec<Plane<f32>>,
+    /// What the probes reflect.
+    pub albedo: Plane<Vec3>,
+}
+
+/// What a network says of one light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Guess {
+    pub shape: Shape,
+    pub radiance: Radiance,
+    /// Probability that it burns at all, 0..=1.
+    pub burns: f32,
+    /// Expected error of its direct shading, as a share of that.
+    pub error: f32,
+}
+
+/// What the photo's shading leaves when all direct light is taken away.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Remainder {
+    /// Zero where the photo is white or shows a light.
+    pub left: Plane<Vec3>,
+    /// Mean direct shading.
+    pub direct: Vec3,
+    /// What all lights send, square metres times radiance.
+    pub power: Vec3,
+}
+
+/// Whether there is a plane of one size for each lobe in each list; lists without planes are left out.
+pub(super) fn lobes(lists: &[&[Plane<f32>]]) -> Result<(), String> {
+    let mut planes = lists.iter().copied().flatten();
+    let size = planes.next().map(Plane::size);
+    rule(planes.all(|plane| Some(plane.size()) == size), "planes of one size")?;
+    let mut counts = lists.iter().map(|list| list.len()).filter(|&count| count > 0);
+    let count = counts.next();
+    rule(counts.all(|other| Some(other) == count), "planes for each lobe")
+}

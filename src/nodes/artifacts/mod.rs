@@ -1,0 +1,98 @@
+//! Which types may travel on wires, and the members that every scene has.
+
+mod files;
+mod light;
+mod scores;
+
+use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::graph::{Artifact, NodeError};
+use crate::image::{
+    Albedo, Depth, GlareMask, Layer, Normal, PaintLayers, Plane, Points, Roughness, Segments, Shading, Specular,
+    SpecularEdit, rule,
+};
+pub use crate::image::{Mask, Picture};
+pub use crate::optics::LOBES;
+use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Reflections, Shape, SpecularChange, Transport};
+
+pub use files::{Encoding, Files, check_file_name};
+pub use light::{Guess, ObjectLight, Remainder, UnitDirect, UnitIndirect, Visibility};
+pub use scores::{Score, Scores};
+
+/// The member that stands for lamps out of view.
+pub const INV_LAMP: &str = "inv_lamp";
+/// The member that stands for windows out of view.
+pub const INV_WINDOW: &str = "inv_window";
+/// What no light explains; no light may have this name.
+pub const REST: &str = "rest";
+
+/// Checks that the plane `name` has the size of the plane `reference`, columns and rows.
+///
+/// # Errors
+/// [`NodeError::Failed`] with both sizes.
+pub fn same_size(name: &str, got: (usize, usize), reference: &str, wanted: (usize, usize)) -> Result<(), NodeError> {
+    if got == wanted {
+        return Ok(());
+    }
+    let [got, wanted] = [got, wanted].map(|(width, height)| format!("{width} x {height}"));
+    Err(NodeError::Failed(format!("{name}: wanted {wanted} pixels as {reference}, got {got}")))
+}
+
+/// The memory that a value of each type holds, and the rules that one must keep which was read from disk.
+macro_rules! artifacts {
+    ($( $ty:ident: $bytes:expr $(, if $check:expr)? $(, from $decode:expr)? );* $(;)?) => {$(
+        impl Artifact for $ty {
+            const TYPE: &'static str = stringify!($ty);
+            fn bytes(&self) -> usize {
+                let size: fn(&$ty) -> usize = $bytes;
+                size(self)
+            }
+            $(fn check(&self) -> Result<(), String> {
+                let check: fn(&$ty) -> Result<(), String> = $check;
+                check(self)
+            })?
+            $(fn decode(bytes: Vec<u8>) -> Result<$ty, String> {
+                $decode(bytes)
+            })?
+        }
+    )*};
+}
+
+artifacts! {
+    Albedo: |a| a.0.bytes();
+    Normal: |a| a.0.bytes();
+    Points: |a| a.0.bytes();
+    Depth: |a| a.0.bytes(), if |a| rule(a.0.pixels().iter().all(|&z| z > 0.0 && z.is_finite()), "depth above 0");
+    Roughness: |a| a.0.bytes();
+    Specular: |a| a.0.bytes();
+    Shading: |a| a.0.bytes();
+    Segments: |s| s.label.bytes(), if Segments::check;
+    Mask: |a| a.0.bytes();
+    Picture: |a| a.0.bytes();
+    GlareMask: GlareMask::bytes, if GlareMask::check;
+    Layer: Layer::bytes;
+    Camera: |_| size_of::<Camera>(), if |c| rule(c.width > 0 && c.height > 0 && c.fx > 0.0 && c.fy > 0.0, "a view");
+    SceneMesh: SceneMesh::bytes, if SceneMesh::check;
+    Shape: Shape::bytes, if Shape::check;
+    Radiance: |r| r.0.len() * 12;
+    Transport: Transport::bytes, if Transport::check;
+    UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(), if |d| light::lobes(&[&d.lobes, &d.stderr]);
+    Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),
+        if |v| light::lobes(&[&v.lit, &v.stderr, &v.unknown]);
+    UnitIndirect: |i| i.lobes.iter().map(|l| &l.0).chain(&i.probes).map(Plane::bytes).chain(i.stderr.iter().map(Plane::bytes)).sum();
+    Objects: Objects::bytes, if Objects::check;
+    Reflections: Reflections::bytes, if Reflections::check;
+    SpecularChange: SpecularChange::bytes, if SpecularChange::check;
+    ObjectLight: |o| o.albedo.bytes() + o.lobes.iter().chain(&o.probes).map(Plane::bytes).sum::<usize>(),
+        if |o| rule(o.lobes.len() == o.probes.len(), "probes for each lobe");
+    Guess: |g| g.shape.bytes() + g.radiance.0.len() * 12, if |g| g.shape.check();
+    Remainder: |r| r.left.bytes();
+    PaintLayers: PaintLayers::bytes, if PaintLayers::check;
+    SpecularEdit: SpecularEdit::bytes, if SpecularEdit::check;
+    Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(), if Lighting::check;
+    LightKind: |_| size_of::<LightKind>();
+    Encoding: |_| size_of::<Encoding>();
+    Scores: |s| s.0.len() * size_of::<Score>();
+    Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
+        if |f| f.0.iter().try_for_each(|(name, _)| check_file_name(name)),
+        from Files::from_canonical;
+}

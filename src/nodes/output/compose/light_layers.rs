@@ -1,0 +1,181 @@
+//! The lights as the pixels of the photo need them.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use super::ComposeIn;
+use crate::graph::NodeError;
+use crate::image::{GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain};
+use crate::optics::{LightKind, Radiance, Shape, Window};
+
+/// The lights after the edit, with what the photo and the estimates hold of them.
+pub struct LightLayers<'a> {
+    /// Names, in the order of the layers.
+    pub names: Vec<&'a str>,
+    /// Shading by each light before the edit, working size; `None` for an inserted light.
+    before: Vec<Option<&'a Shading>>,
+    /// Shading by each light after the edit, then the residual, working size.
+    after: Vec<&'a Shading>,
+    /// Lights that the photo shows.
+    emitters: Vec<Emitter<'a>>,
+    /// Lights that are drawn over the photo.
+    pub drawn: Vec<DrawnLight<'a>>,
+}
+
+/// A light that the photo shows.
+pub struct Emitter<'a> {
+    /// Index among the lights.
+    light: usize,
+    /// Its pixels in the photo.
+    pub mask: &'a GlareMask,
+    /// Albedo of its surface when it is off.
+    albedo: f32,
+    shape: &'a Shape,
+    radiance: &'a Radiance,
+    gain: &'a Radiance,
+}
+
+/// A light whose body covers pixels of the photo.
+pub struct DrawnLight<'a> {
+    /// Index among the lights.
+    pub light: usize,
+    /// Coverage of each photo pixel.
+    pub coverage: &'a Mask,
+    pub emission: Emission<'a>,
+}
+
+/// The radiance that a drawn light shows.
+pub enum Emission<'a> {
+    /// By direction.
+    Window(&'a Window, &'a Radiance),
+    /// In all directions.
+    Even(Vec3),
+}
+
+impl<'a> LightLayers<'a> {
+    /// The bundle of all inputs about lights. `lamp_albedo` and `pane_albedo`, 0..=1, belong to lights that are off.
+    ///
+    /// # Errors
+    /// An input that a light needs is not there.
+    pub fn new(inputs: &'a ComposeIn, [lamp_albedo, pane_albedo]: [f32; 2]) -> Result<LightLayers<'a>, NodeError> {
+        let names: Vec<&str> = inputs.after.iter().map(|(id, _)| id).collect();
+        let after = inputs.after.iter().map(|(_, shading)| &**shading).chain([&*inputs.edited_rest]).collect();
+        let before = names.iter().map(|id| inputs.before.get(id).map(|shading| &**shading)).collect();
+        let emitters = emitters(inputs, &names, |kind| match kind {
+            LightKind::Lamp => lamp_albedo,
+            LightKind::Window => pane_albedo,
+        })?;
+        let drawn = drawn(inputs, &names)?;
+        Ok(LightLayers { names, before, after, emitters, drawn })
+    }
+
+    /// Shadings at one pixel of the photo: by each light before the edit, and the record of those after it.
+    pub fn shade(&self, taps: &Taps, before: &mut Vec<Vec3>, record: &mut [Vec3]) {
+        record.iter_mut().zip(&self.after).for_each(|(layer, shading)| *layer = taps.of(&shading.0));
+        before.clear();
+        before.extend(self.before.iter().map(|shading| shading.map_or(Vec3::ZERO, |shading| taps.of(&shading.0))));
+    }
+
+    /// The emitter with the largest weight at photo pixel `i`; `None` where no emitter has one.
+    pub fn emitter(&self, i: usize) -> Option<&Emitter<'a>> {
+        let weights = self.emitters.iter().map(|emitter| (emitter.mask.weight(i), emitter));
+        let largest = weights.reduce(|a, b| if b.0 > a.0 { b } else { a });
+        largest.filter(|(weight, _)| *weight > 0.0).map(|(_, emitter)| emitter)
+    }
+
+    /// Whether photo pixel `i` shows a light itself.
+    pub fn is_own(&self, i: usize) -> bool {
+        self.emitters.iter().any(|emitter| emitter.mask.is_own(i))
+    }
+
+    /// Whether photo pixel `i` is neither a light's own nor in its glare.
+    pub fn is_surface(&self, i: usize) -> bool {
+        self.emitters.iter().all(|emitter| emitter.mask.weight(i) <= 0.0)
+    }
+
+    /// Fraction of photo pixel `i` that no drawn light covers.
+    pub fn uncovered(&self, i: usize) -> f32 {
+        self.drawn.iter().map(|drawn| 1.0 - drawn.coverage.0.pixels()[i]).product()
+    }
+}
+
+impl Emitter<'_> {
+    /// The light at one of its own pixels.
+    pub fn own(&self, ray: Vec3) -> OwnPixel {
+        let (radiance, gain) = self.shown(ray);
+        OwnPixel { light: self.light, albedo: self.albedo, radiance, gain }
+    }
+
+    /// The light at photo pixel `i` of its glare.
+    pub fn glare(&self, i: usize, ray: Vec3) -> GlarePixel {
+        GlarePixel { light: self.light, weight: self.mask.weight(i), gain: self.shown(ray).1 }
+    }
+
+    /// The radiance that the light shows along `ray` as estimated, and its gain.
+    fn shown(&self, ray: Vec3) -> (Vec3, Vec3) {
+        let (w, gains) = (&self.radiance.0, &self.gain.0);
+        // A replaced light may have another number of lobes; it is gone from these pixels.
+        let after: Vec<Vec3> =
+            w.iter().enumerate().map(|(i, &w)| w * gains.get(i).copied().unwrap_or(Vec3::ZERO)).collect();
+        let (old, new): (Vec3, Vec3) = match self.shape {
+            Shape::Absent => return (Vec3::ZERO, Vec3::ONE),
+            Shape::Lamp(_) => (w.iter().sum(), after.iter().sum()),
+            Shape::Window(window) => (window.seen(w, ray), window.seen(&after, ray)),
+        };
+        (old, gain(old, new, gains.first().copied().unwrap_or(Vec3::ZERO)))
+    }
+}
+
+impl Emission<'_> {
+    /// The radiance towards the camera along the ray that `ray` gives.
+    pub fn towards(&self, ray: impl Fn() -> Vec3) -> Vec3 {
+        match self {
+            Emission::Window(window, radiance) => window.seen(&radiance.0, ray()),
+            Emission::Even(shown) => *shown,
+        }
+    }
+}
+
+fn emitters<'a>(
+    inputs: &'a ComposeIn,
+    names: &[&str],
+    albedo: impl Fn(LightKind) -> f32,
+) -> Result<Vec<Emitter<'a>>, NodeError> {
+    let emitter = |(id, mask): (&str, &'a Arc<GlareMask>)| {
+        let missing = |what: &str| NodeError::Failed(format!("visible light {id:?} has no {what}"));
+        let light = names.iter().position(|name| *name == id).ok_or_else(|| missing("layer"))?;
+        Ok(Emitter {
+            light,
+            mask,
+            albedo: albedo(**inputs.kind.get(id).ok_or_else(|| missing("kind"))?),
+            shape: inputs.estimated.get(id).ok_or_else(|| missing("estimate"))?,
+            radiance: inputs.estimated_radiance.get(id).ok_or_else(|| missing("estimated radiance"))?,
+            gain: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
+        })
+    };
+    inputs.zone.iter().map(emitter).collect()
+}
+
+fn drawn<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<DrawnLight<'a>>, NodeError> {
+    let mut drawn = Vec::new();
+    for (light, id) in names.iter().enumerate() {
+        let (Some(coverage), Some(shape), Some(radiance)) =
+            (inputs.cover.get(id), inputs.shape.get(id), inputs.radiance.get(id))
+        else {
+            return Err(NodeError::Failed(format!("light {id:?} has no cover, shape or radiance")));
+        };
+        if coverage.0.pixels().iter().all(|&share| share == 0.0) {
+            continue;
+        }
+        let emission = match &**shape {
+            Shape::Window(window) => Emission::Window(window, radiance),
+            lamp => {
+                let towards = lamp.ball().map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or_zero());
+                Emission::Even(lamp.shown(0, towards) * radiance.0.iter().sum::<Vec3>())
+            }
+        };
+        drawn.push(DrawnLight { light, coverage, emission });
+    }
+    Ok(drawn)
+}

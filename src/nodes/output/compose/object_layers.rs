@@ -1,0 +1,141 @@
+//! The layers of an edit over the surfaces of the photo: inserted objects, and changed specular reflection.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{ComposeIn, LightLayers};
+use crate::graph::NodeError;
+use crate::image::{Picture, Upsampler};
+use crate::optics::{Around, Mirror, Reflections, SpecularChange};
+
+/// Pixels that one task composes at least: fewer cost more to hand out than to compute.
+const TASK: usize = 1024;
+
+/// The objects in front of the room, for planes of the photo's size: of each light, then of the residual.
+pub struct ObjectLayers<'a> {
+    inputs: &'a ComposeIn,
+    lights: &'a LightLayers<'a>,
+    /// Diffuse light of the objects in each plane; empty when the camera sees none.
+    shown: Vec<&'a Picture>,
+    /// Radiance of the unseen part of the room over the mean radiance of the seen part.
+    unseen: f32,
+}
+
+impl<'a> ObjectLayers<'a> {
+    /// The bundle of all inputs about objects.
+    ///
+    /// # Errors
+    /// A light has no picture of the objects, or one of another size.
+    pub fn new(inputs: &'a ComposeIn, lights: &'a LightLayers<'a>, unseen: f32) -> Result<ObjectLayers<'a>, NodeError> {
+        let mut layers = ObjectLayers { inputs, lights, shown: Vec::new(), unseen };
+        if inputs.objects.is_empty() {
+            return Ok(layers);
+        }
+        for id in &lights.names {
+            let shown = inputs.object.get(id);
+            let missing = || NodeError::Failed(format!("light {id:?} has no picture of the objects"));
+            layers.shown.push(shown.ok_or_else(missing)?);
+        }
+        layers.shown.push(&inputs.object_rest);
+        let (w, h) = inputs.objects.cover.size();
+        if let Some(shown) = layers.shown.iter().find(|shown| shown.0.size() != (w, h)) {
+            let got = shown.0.size();
+            let message = format!("a picture of the objects is {} x {}, wanted {w} x {h}", got.0, got.1);
+            return Err(NodeError::Failed(message));
+        }
+        Ok(layers)
+    }
+
+    /// Whether the camera sees no object.
+    pub fn is_empty(&self) -> bool {
+        self.shown.is_empty()
+    }
+
+    /// Composites diffuse light and reflections of the objects over the planes.
+    ///
+    /// # Errors
+    /// A light has no reflection or no radiance.
+    pub fn cover(&self, planes: &mut [Vec<Vec3>]) -> Result<(), NodeError> {
+        let objects = &self.inputs.objects;
+        let (w, h) = objects.cover.size();
+        let width = self.inputs.photo.0.width();
+        let photo = |i: usize| (objects.top + i / w) * width + objects.left + i % w;
+        let mirror = self.reflected().map(|of| self.mirror(of, self.around(planes))).transpose()?;
+        let after: Vec<Vec<Vec3>> = (0..planes.len())
+            .map(|layer| {
+                let pixel = |i: usize| {
+                    let alpha = objects.cover.pixels()[i] * self.lights.uncovered(photo(i));
+                    let behind = planes[layer][photo(i)];
+                    if alpha <= 0.0 {
+                        return behind;
+                    }
+                    behind * (1.0 - alpha) + self.object(mirror.as_ref(), layer, &planes[layer], i) * alpha
+                };
+                (0..w * h).into_par_iter().with_min_len(TASK).map(pixel).collect()
+            })
+            .collect();
+        for (plane, after) in planes.iter_mut().zip(after) {
+            after.into_iter().enumerate().for_each(|(i, value)| plane[photo(i)] = value);
+        }
+        Ok(())
+    }
+
+    /// Replaces the reflection of surfaces with an edited roughness or specular level. Own pixels of lights stay.
+    ///
+    /// # Errors
+    /// A light has no reflection or no radiance.
+    pub fn change_specular(&self, change: &SpecularChange, planes: &mut [Vec<Vec3>]) -> Result<(), NodeError> {
+        let inputs = self.inputs;
+        let around = self.around(planes);
+        // Objects with their own reflection, of the room before this change.
+        let mirror = self.reflected().map(|of| self.mirror(of, around.clone())).transpose()?;
+        let bodies = self.shown.iter().zip(planes.iter()).enumerate().map(|(layer, (shown, plane))| {
+            let object = |i| self.object(mirror.as_ref(), layer, plane, i);
+            (0..shown.0.len()).into_par_iter().with_min_len(TASK).map(object).collect()
+        });
+        let bodies: Vec<Vec<Vec3>> = bodies.collect();
+        let mut changes: Vec<Vec<(u32, Vec3)>> = vec![Vec::new(); planes.len()];
+        for part in &change.0 {
+            let mirror = self.mirror(&part.of, around.clone())?;
+            let (small, depth) = part.reduced(&inputs.photo, &inputs.full_depth);
+            let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &small, &depth);
+            for (layer, plane) in planes.iter().enumerate() {
+                let object = |i: usize| bodies[layer][i];
+                changes[layer].extend(part.adds(&mirror, &upsampler, layer, plane, object));
+            }
+        }
+        for (plane, changes) in planes.iter_mut().zip(changes) {
+            let mut sums = vec![Vec3::ZERO; plane.len()];
+            changes.into_iter().for_each(|(i, change)| sums[i as usize] += change);
+            for (i, sum) in sums.into_iter().enumerate().filter(|(_, sum)| *sum != Vec3::ZERO) {
+                let free = if self.lights.is_own(i) { 0.0 } else { self.lights.uncovered(i) };
+                plane[i] = (plane[i] + sum * free).max(plane[i].min(Vec3::ZERO));
+            }
+        }
+        Ok(())
+    }
+
+    /// Diffuse light and reflection of object pixel `i` in a layer, whose room is `plane`.
+    fn object(&self, mirror: Option<&Mirror>, layer: usize, plane: &[Vec3], i: usize) -> Vec3 {
+        let shown = self.shown[layer].0.pixels();
+        shown[i] + mirror.map_or(Vec3::ZERO, |mirror| mirror.shows(i, layer, plane, |i| shown[i]))
+    }
+
+    /// The reflections of the objects, when the camera sees a shiny one.
+    fn reflected(&self) -> Option<&Reflections> {
+        self.inputs.reflected.iter().next().map(|(_, of)| &**of).filter(|_| !self.is_empty())
+    }
+
+    fn around(&self, planes: &[Vec<Vec3>]) -> Around {
+        let room: Vec<usize> = (0..self.inputs.photo.0.len()).filter(|&i| self.lights.is_surface(i)).collect();
+        Around::new(planes, &room, self.unseen)
+    }
+
+    /// The lights and the room as the places of `of` reflect them.
+    fn mirror<'b>(&'b self, of: &'b Reflections, around: Around) -> Result<Mirror<'b>, NodeError> {
+        let radiance = |id: &&'b str| Some((*id, &self.inputs.radiance.get(id)?.0[..]));
+        let lights: Option<Vec<(&str, &[Vec3])>> = self.lights.names.iter().map(radiance).collect();
+        let mirror = lights.and_then(|lights| Mirror::new(of, around, &lights));
+        mirror.ok_or_else(|| NodeError::Failed("a light has no reflection or no radiance".into()))
+    }
+}
