@@ -24,7 +24,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use relight::files;
-use relight::graph::{EngineOptions, Fault, Planned, RunReport, Services, Status};
+use relight::graph::{EngineOptions, Fault, RunReport, Services, Status};
 use relight::nodes;
 
 use args::{CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
@@ -159,7 +159,7 @@ pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
     }
     let width = lines.iter().map(|line| line.node.chars().count()).max().unwrap_or(0);
     let line = |line: &relight::graph::PlanLine| {
-        let text = format!("{:7}  {:width$}  {}", planned(line.status), line.node, line.why.as_deref().unwrap_or(""));
+        let text = format!("{:7}  {:width$}  {}", line.status, line.node, line.why.as_deref().unwrap_or(""));
         text.trim_end().to_owned() + "\n"
     };
     write::print(&lines.iter().map(line).collect::<String>())?;
@@ -170,7 +170,7 @@ pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
     let graph = load(&args.graph, Some(&args.edit), &args.files)?;
     let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
     let answer = engine(options)?.explain(&graph, &args.node)?;
-    let mut text = format!("{}: {}: {}\n", answer.node, planned(answer.status), answer.why);
+    let mut text = format!("{}: {}: {}\n", answer.node, answer.status, answer.why);
     for (sign, line) in [('-', &answer.old), ('+', &answer.new)] {
         if let Some(line) = line {
             text.push_str(&format!("{sign} {line}\n"));
@@ -232,12 +232,4 @@ fn engine(options: EngineOptions) -> Result<relight::graph::Engine, Fault> {
     let services = Services::default().with(networks::untrusted());
     relight::graph::Engine::new(EngineOptions { services, ..options })
         .map_err(|e| Fault::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
-}
-
-fn planned(status: Planned) -> &'static str {
-    match status {
-        Planned::Hit => "hit",
-        Planned::Run => "run",
-        Planned::Unknown => "unknown",
-    }
 }

@@ -109,9 +109,9 @@ ports! {
         /// What they show of light that no light explains.
         object_rest: Arc<Picture>,
         /// What shiny objects reflect; nothing without such.
-        reflected: Gather<Reflections>,
+        reflected: Option<Arc<Reflections>>,
         /// What surfaces of new roughness or specular level reflect; nothing without such.
-        polish: Gather<Polish>,
+        polish: Option<Arc<Polish>>,
     }
 }
 
@@ -220,7 +220,7 @@ impl Node for Compose {
                 rest: layers.next().expect("the rest follows the lights"),
             }
         };
-        if inputs.polish.iter().next().is_none() && objects.is_empty() {
+        if inputs.polish.is_none() && objects.is_empty() {
             // No pixel looks at another: halves at once, so that no layer is ever in memory as floats.
             let mut picture = Vec::with_capacity(width * height);
             let mut layers: Vec<HalfLayer> = (0..stride).map(|_| HalfLayer::new(width, height)).collect();
@@ -241,7 +241,7 @@ impl Node for Compose {
         })?;
         let lamps: Vec<&Mask> = inserted.iter().map(|(_, cover, _)| *cover).collect();
         let over = Over { inputs: &inputs, names: &names, objects: &objects, lamps: &lamps, unseen: self.unseen };
-        for (_, polish) in inputs.polish.iter() {
+        if let Some(polish) = &inputs.polish {
             ctx.check_cancelled()?;
             over.polish(polish, &mut planes)?;
         }

@@ -93,7 +93,7 @@ impl Over<'_> {
 
     /// What the objects reflect, when they are seen and shiny.
     fn reflected(&self) -> Option<&Reflections> {
-        self.inputs.reflected.iter().next().map(|(_, of)| &**of).filter(|_| !self.objects.is_empty())
+        self.inputs.reflected.as_deref().filter(|_| !self.objects.is_empty())
     }
 
     fn around(&self, planes: &[Vec<Vec3>]) -> Around {
