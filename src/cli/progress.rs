@@ -182,8 +182,8 @@ fn line(report: &NodeReport) -> String {
 }
 
 impl Observer for Progress {
-    fn begin(&self, total: usize) {
-        self.state().to_run = total;
+    fn needs(&self, more: usize) {
+        self.state().to_run += more;
     }
 
     fn started(&self, node: &str) {

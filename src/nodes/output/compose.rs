@@ -112,9 +112,9 @@ ports! {
         /// What they show of light that no light explains.
         object_rest: Arc<Picture>,
         /// What shiny objects reflect; nothing without such.
-        reflected: Gather<Reflections>,
+        reflected: Option<Arc<Reflections>>,
         /// What surfaces of new roughness or specular level reflect; nothing without such.
-        polish: Gather<SpecularChange>,
+        polish: Option<Arc<SpecularChange>>,
     }
 }
 
@@ -141,14 +141,14 @@ impl Node for Compose {
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let pixels = Pixels::new(self.mode, &inputs, &lights);
         ctx.check_cancelled()?;
-        if inputs.polish.iter().next().is_none() && objects.is_empty() {
+        if inputs.polish.is_none() && objects.is_empty() {
             // No pixel depends on another: halves at once, so that no layer is ever in memory as floats.
             if let Some((picture, layers)) = pixels.half_layers(ctx)? {
                 return Ok(output(&lights, size, picture, layers));
             }
         }
         let mut planes = pixels.planes(ctx)?;
-        for (_, change) in inputs.polish.iter() {
+        if let Some(change) = &inputs.polish {
             ctx.check_cancelled()?;
             objects.change_specular(change, &mut planes)?;
         }
