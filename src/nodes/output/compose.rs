@@ -365,7 +365,7 @@ impl Emitter {
         let (seen, new) = match &*self.shape {
             Shape::Absent => return (Vec3::ZERO, Vec3::ONE),
             Shape::Lamp(_) => (w.iter().sum(), after.iter().sum()),
-            Shape::Window(window) => (window.seen(w, ray), window.seen(&after, ray)),
+            Shape::Window(window) => (window.emitted(w, ray), window.emitted(&after, ray)),
         };
         let plain = gain.first().copied().unwrap_or(Vec3::ZERO);
         let gain = Vec3::from_array([0, 1, 2].map(|c| {
@@ -446,11 +446,11 @@ fn inserted<'a>(
         let glow: Box<dyn Fn(usize, usize) -> Vec3 + Sync> = match &**shape {
             Shape::Window(window) => Box::new(move |x, y| {
                 let ray = inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
-                window.seen(&radiance.0, ray)
+                window.emitted(&radiance.0, ray)
             }),
             lamp => {
-                let towards = lamp.ball().map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or_zero());
-                let shown = lamp.shown(0, towards) * radiance.0.iter().sum::<Vec3>();
+                let towards = lamp.bounding_sphere().map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or_zero());
+                let shown = lamp.emission(0, towards) * radiance.0.iter().sum::<Vec3>();
                 Box::new(move |_, _| shown)
             }
         };

@@ -4,10 +4,12 @@ use glam::Vec3;
 
 use crate::image::luminance;
 
-/// Linear Rec.709 colour of a black body at `kelvin`, of luminance 1; 1667 K to 25000 K, nearer ends outside.
+/// Linear Rec.709 colour of a black body at `kelvin`, of luminance 1; 1667 K to 25000 K, nearer
+/// ends outside.
 ///
-/// Chromaticity by the cubic fit of Kim et al. (US patent 7024034, 2002) to the Planckian locus; the white of the photo is
-/// taken as D65, so 6500 K is close to (1, 1, 1). Colours outside Rec.709 (below about 1900 K) lose their negative part.
+/// Chromaticity by the cubic fit of Kim et al. (US patent 7024034, 2002) to the Planckian locus;
+/// the white of the photo is taken as D65, so 6500 K is close to (1, 1, 1). Colours outside Rec.709
+/// (below about 1900 K) lose their negative part.
 pub fn black_body(kelvin: f32) -> Vec3 {
     let t = f64::from(kelvin).clamp(1667.0, 25000.0);
     let (a, b, c) = (1e9 / (t * t * t), 1e6 / (t * t), 1e3 / t);

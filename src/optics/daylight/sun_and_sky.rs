@@ -1,9 +1,12 @@
-//! The clear sky and the sun as functions of the sun's height and the air's turbidity, in luminance and illuminance.
+//! The clear sky and the sun as functions of the sun's height and the air's turbidity, in luminance
+//! and illuminance.
 //!
-//! Sky: Preetham, Shirley and Smits, "A Practical Analytic Model for Daylight", SIGGRAPH 1999. With theta the angle from the zenith, gamma from the sun,
-//! F(theta, gamma) = (1 + A exp(B / cos theta)) (1 + C exp(D gamma) + E cos^2 gamma), luminance Y = Y_z F(theta, gamma) / F(0, theta_s), the chromaticities x and y
-//! likewise; A to E are linear in the turbidity T. Sun: its illuminance above the air, through the Rayleigh and the aerosol extinction of the same paper's
-//! appendix, at one wavelength per channel.
+//! Sky: Preetham, Shirley and Smits, "A Practical Analytic Model for Daylight", SIGGRAPH 1999. With
+//! theta the angle from the zenith, gamma from the sun, F(theta, gamma) = (1 + A exp(B / cos
+//! theta)) (1 + C exp(D gamma) + E cos^2 gamma), luminance Y = Y_z F(theta, gamma) / F(0, theta_s),
+//! the chromaticities x and y likewise; A to E are linear in the turbidity T. Sun: its illuminance
+//! above the air, through the Rayleigh and the aerosol extinction of the same paper's appendix, at
+//! one wavelength per channel.
 
 use std::f64::consts::PI;
 
@@ -44,7 +47,8 @@ impl Daylight {
         black_body(SUN_KELVIN).as_dvec3() * SUN_LUX * DVec3::from_array(through)
     }
 
-    /// Luminance of the sky per channel, cd per square metre, towards unit `l` above the horizon; without the sun's disc.
+    /// Luminance of the sky per channel, cd per square metre, towards unit `l` above the horizon;
+    /// without the sun's disc.
     fn sky(&self, l: DVec3, up: DVec3) -> DVec3 {
         let t = self.turbidity;
         let theta_s = self.sun.dot(up).clamp(0.0, 1.0).acos();
@@ -64,8 +68,9 @@ impl Daylight {
         rgb(x, y, luminance)
     }
 
-    /// All directions in units of the photo, without the sun's disc; below the horizon the earth, which sun and sky light. A white surface
-    /// under `lux` shows 1, so that a luminance of lux / pi does.
+    /// All directions in units of the photo, without the sun's disc; below the horizon the earth,
+    /// which sun and sky light. A white surface under `lux` shows 1, so that a luminance of lux /
+    /// pi does.
     pub fn surrounding(&self, heading: Heading, lux: f64) -> Plane<Vec3> {
         let (up, width) = (heading.up.as_dvec3(), 2 * ROWS);
         let direction = |i: usize| {
@@ -132,8 +137,9 @@ mod tests {
 
     #[test]
     fn the_zenith_is_as_the_paper_has_it() {
-        // Y_z of T = 3 and the sun 60 degrees from the zenith: chi = (4/9 - 1/40) (pi - 2 pi / 3) = 0.43924, tan 0.46995;
-        // (12.1359 - 4.9710) 0.46995 - 0.6465 + 2.4192 = 5.1398 kcd per square metre.
+        // Y_z of T = 3 and the sun 60 degrees from the zenith: chi = (4/9 - 1/40) (pi - 2 pi / 3) =
+        // 0.43924, tan 0.46995; (12.1359 - 4.9710) 0.46995 - 0.6465 + 2.4192 = 5.1398 kcd per
+        // square metre.
         let y = luminance(day(3.0, 30.0).sky(UP, UP).as_vec3());
         assert!((y / 5139.8 - 1.0).abs() < 2e-3, "{y}");
     }
@@ -141,7 +147,8 @@ mod tests {
     #[test]
     fn a_clear_day_is_as_bright_as_clear_days_are() {
         let y = |rgb: DVec3| f64::from(luminance(rgb.as_vec3()));
-        // Direct normal illuminance of clear days: about 80 klx at 35 degrees, over 90 at 60, little at the horizon.
+        // Direct normal illuminance of clear days: about 80 klx at 35 degrees, over 90 at 60,
+        // little at the horizon.
         let sun = |elevation: f64| y(day(3.0, elevation).sun_lux(UP));
         assert!((60e3..95e3).contains(&sun(35.0)), "{}", sun(35.0));
         assert!(sun(60.0) > sun(35.0) && sun(35.0) > sun(10.0) && sun(10.0) > sun(1.0), "it falls towards the horizon");
@@ -149,7 +156,8 @@ mod tests {
         assert!(y(day(8.0, 35.0).sun_lux(UP)) < 0.6 * sun(35.0));
         let low = day(3.0, 4.0).sun_lux(UP);
         assert!(low.x > 1.5 * low.z, "{low}");
-        // Horizontal illuminance by a clear sky alone: 10 to 20 klx as measured; the model's sky is brighter around the sun.
+        // Horizontal illuminance by a clear sky alone: 10 to 20 klx as measured; the model's sky is
+        // brighter around the sun.
         let picture = day(3.0, 40.0).surrounding(Heading { up: Vec3::Y, ahead: Vec3::NEG_Z }, PI);
         let rows = picture.height();
         let lux: f64 = (0..picture.len() / 2)

@@ -1,13 +1,18 @@
-//! What a window looks out on, made of three spherical Gaussians: sun, sky and ground fitted to a surrounding.
+//! What a window looks out on, made of three spherical Gaussians: sun, sky and ground fitted to a
+//! surrounding.
 //!
-//! A surrounding is a picture of all directions, radiance L(l) by direction l. Through a window whose wall faces out along n comes the flux
-//! integral of L(l) max(0, n . l), so that each direction counts with m = (n . l) d omega. The fit is in two steps, since a sun is a thousand times
-//! brighter than its sky and a thousand times smaller.
+//! A surrounding is a picture of all directions, radiance L(l) by direction l. Through a window
+//! whose wall faces out along n comes the flux integral of L(l) max(0, n . l), so that each
+//! direction counts with m = (n . l) d omega. The fit is in two steps, since a sun is a thousand
+//! times brighter than its sky and a thousand times smaller.
 //!
-//! 1. Sun: around the brightest direction, what rises above the ring around it. A lobe of bandwidth b has the mean direction d with
-//!    |mean of l| = coth b - 1/b, from which b follows; its radiance is that of the same flux.
-//! 2. Sky and ground: two broad lobes with least sum of m |L - w1 G1 - w2 G2|^2 over the rest, their radiances w eliminated (non-negative, per
-//!    channel), directions and bandwidths by Levenberg and Marquardt's damped steps; then both are scaled, so that no light is lost or won.
+//! 1. Sun: around the brightest direction, what rises above the ring around it. A lobe of bandwidth
+//!    b has the mean direction d with |mean of l| = coth b - 1/b, from which b follows; its
+//!    radiance is that of the same flux.
+//! 2. Sky and ground: two broad lobes with least sum of m |L - w1 G1 - w2 G2|^2 over the rest,
+//!    their radiances w eliminated (non-negative, per channel), directions and bandwidths by
+//!    Levenberg and Marquardt's damped steps; then both are scaled, so that no light is lost or
+//!    won.
 
 use std::f64::consts::PI;
 
@@ -19,8 +24,8 @@ use crate::optics::{Lobe, nnls};
 
 /// How a picture of a surrounding stands: where up is, and which way its centre looks, level.
 ///
-/// The picture is equirectangular: from left to right a full turn, to the right about the vertical, with `ahead` in the middle; from straight up
-/// in the first row to straight down in the last.
+/// The picture is equirectangular: from left to right a full turn, to the right about the vertical,
+/// with `ahead` in the middle; from straight up in the first row to straight down in the last.
 #[derive(Clone, Copy, Debug)]
 pub struct Heading {
     pub up: Vec3,
@@ -39,12 +44,13 @@ impl Heading {
 
 /// Three lobes in the place of a surrounding.
 #[derive(Clone, Debug)]
-pub struct Outlook {
+pub struct WindowModel {
     /// Sun, sky, ground.
     pub lobes: [Lobe; 3],
     pub radiance: [Vec3; 3],
-    /// The share of the luminous flux through the window that comes from elsewhere than in the surrounding: integral of m |L - lobes| / 2 over
-    /// that of m L; 0 is perfect, 1 has nothing in common. The whole flux is the surrounding's.
+    /// The share of the luminous flux through the window that comes from elsewhere than in the
+    /// surrounding: integral of m |L - lobes| / 2 over that of m L; 0 is perfect, 1 has nothing in
+    /// common. The whole flux is the surrounding's.
     pub misplaced: f64,
 }
 
@@ -70,9 +76,9 @@ const MOST_SUN: f64 = 1e5;
 /// The part of the flux that a sun has at least.
 const SUN_SHARE: f64 = 0.01;
 
-/// Fits sun, sky and ground to the part of `picture` that a window in a wall with the outward normal `outside` shows. Without `has_sun`, sky and
-/// ground take all of it.
-pub fn fit_outlook(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, has_sun: bool) -> Outlook {
+/// Fits sun, sky and ground to the part of `picture` that a window in a wall with the outward
+/// normal `outside` shows. Without `has_sun`, sky and ground take all of it.
+pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, has_sun: bool) -> WindowModel {
     let fine = reduced(picture, picture.width().div_ceil(WIDEST).max(1));
     let normal = outside.as_dvec3();
     let samples = samples(&fine, heading, normal);
@@ -111,14 +117,15 @@ pub fn fit_outlook(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, has_s
     let misplaced = 0.5 * (apart + y(near).abs()) / y(whole).max(f64::MIN_POSITIVE);
     let (sun, sun_radiance) = sun.map_or((daylight, DVec3::ZERO), |sun| (sun.lobe, sun.radiance));
     let radiance = [sun_radiance, factor * sky_radiance, factor * ground_radiance].map(|w| w.as_vec3());
-    Outlook { lobes: [sun, sky, ground], radiance, misplaced }
+    WindowModel { lobes: [sun, sky, ground], radiance, misplaced }
 }
 
 fn value(lobe: &Lobe, l: DVec3) -> f64 {
     (f64::from(lobe.bandwidth) * (lobe.direction.as_dvec3().dot(l) - 1.0)).exp()
 }
 
-/// Means of blocks of `by` x `by` pixels, weighted by the solid angle of their rows; not finite counts as black.
+/// Means of blocks of `by` x `by` pixels, weighted by the solid angle of their rows; not finite
+/// counts as black.
 fn reduced(picture: &Plane<Vec3>, by: usize) -> Plane<Vec3> {
     let (width, height) = (picture.width().div_ceil(by), picture.height().div_ceil(by));
     let row_weight = |y: usize| (PI * (y as f64 + 0.5) / picture.height() as f64).sin();
@@ -197,7 +204,8 @@ fn sun(samples: &[Sample], pixel: f64) -> Option<Sun> {
             return None;
         }
         let mean = moment / sum;
-        // 1 - |mean of l| = 1/b for a sharp lobe; the pixels themselves are that wide: pixel^2 / 12.
+        // 1 - |mean of l| = 1/b for a sharp lobe; the pixels themselves are that wide: pixel^2 /
+        // 12.
         let to_mean = direction + mean;
         let fall =
             (-(2.0 * mean.dot(direction) + mean.length_squared()) / (1.0 + to_mean.length())) - pixel * pixel / 12.0;
@@ -278,7 +286,8 @@ fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let gram: Vec<f64> = columns.iter().flat_map(|a| columns.iter().map(|b| dot(a, b))).collect();
         let slope: Vec<f64> = columns.iter().map(|a| -dot(a, &residual)).collect();
-        // What changes nothing, such as the direction of an even lobe, has no slope either and stays.
+        // What changes nothing, such as the direction of an even lobe, has no slope either and
+        // stays.
         let floor = 1e-12 * (0..6).map(|k| gram[7 * k]).fold(f64::MIN_POSITIVE, f64::max);
         let mut improved = false;
         while damping < 1e8 {
@@ -368,7 +377,7 @@ mod tests {
                 (Lobe { direction: towards(-0.3, -0.8, -0.5), bandwidth: 3.0 }, DVec3::new(1.5, 1.2, 0.8)),
             ];
             let picture = painted(width, |l| wanted.iter().map(|(lobe, w)| *w * value(lobe, l)).sum());
-            let got = fit_outlook(&picture, HEADING, outside, true);
+            let got = fit_window_model(&picture, HEADING, outside, true);
             for (k, (lobe, w)) in wanted.iter().enumerate() {
                 let angle = got.lobes[k].direction.angle_between(lobe.direction).to_degrees();
                 // A sharp lobe is a few pixels wide, and the sky below it slopes.
@@ -385,7 +394,7 @@ mod tests {
 
     #[test]
     fn an_even_sky_has_no_sun() {
-        let got = fit_outlook(&painted(128, |_| DVec3::new(1.0, 2.0, 3.0)), HEADING, Vec3::NEG_Z, true);
+        let got = fit_window_model(&painted(128, |_| DVec3::new(1.0, 2.0, 3.0)), HEADING, Vec3::NEG_Z, true);
         assert_eq!(got.radiance[0], Vec3::ZERO);
         assert!(got.misplaced < 0.02, "{}", got.misplaced);
     }
@@ -399,7 +408,7 @@ mod tests {
             street * (1.5 + (9.0 * l.x).sin() * (7.0 * l.y).cos()) + DVec3::splat(sun)
         };
         let picture = painted(512, patches);
-        let got = fit_outlook(&picture, HEADING, Vec3::NEG_Z, true);
+        let got = fit_window_model(&picture, HEADING, Vec3::NEG_Z, true);
         let through = |radiance: &dyn Fn(DVec3) -> DVec3| -> DVec3 {
             samples(&painted(512, radiance), HEADING, DVec3::NEG_Z).iter().map(|s| s.weight * s.radiance).sum()
         };
@@ -420,7 +429,7 @@ mod tests {
             painted(64, |l| DVec3::splat(if l.z < -0.995 { 1e4 } else { 0.0 })),
         ];
         for picture in &strange {
-            let got = fit_outlook(picture, HEADING, Vec3::NEG_Z, true);
+            let got = fit_window_model(picture, HEADING, Vec3::NEG_Z, true);
             assert!(got.lobes.iter().all(|lobe| lobe.direction.is_normalized() && lobe.bandwidth.is_finite()));
             assert!(got.radiance.iter().all(|w| w.is_finite() && w.min_element() >= 0.0), "{:?}", got.radiance);
             assert!(got.misplaced.is_finite());
