@@ -1,4 +1,5 @@
-//! Stiff and extreme inputs: every answer is finite, not negative, and what a closed form or a limit says.
+//! Stiff and extreme inputs: every answer is finite, not negative, and agrees with a closed form or
+//! a limit.
 
 use std::f64::consts::PI;
 
@@ -7,8 +8,8 @@ use glam::{DVec3, Vec3};
 use crate::optics::transport::estimate;
 use crate::optics::{BoxLamp, Emitter, Lamp, Lobe, MeshLamp, RectLamp, Shape, SphereLamp, Surfel, Window};
 
-/// E in closed form, after the samples were held against it: their mean over 200 pixels, within five standard errors and
-/// single-precision rounding.
+/// The closed form of E, after a comparison with samples: their mean over 200 pixels, within five
+/// standard errors and single-precision rounding.
 fn check(shape: &Shape, lobe: usize, point: Vec3, normal: Vec3) -> f64 {
     let emitter = Emitter::new(shape);
     let exact = f64::from(emitter.irradiance(lobe, point, normal).expect("it has a closed form"));
@@ -59,7 +60,7 @@ fn a_flat_lobe_is_a_lamp_and_a_steep_one_a_direction() {
 }
 
 #[test]
-fn a_micrometre_and_ten_kilometres() {
+fn a_micrometer_and_ten_kilometers() {
     let lamp = |height: f32| rect(Vec3::Z * height, Vec3::NEG_X * 0.5, Vec3::Y * 0.5);
     // It fills the sky but for a ring of elevation 2e-6 and less.
     near(check(&lamp(1e-6), 0, Vec3::ZERO, Vec3::Z), 1.0, 1e-6);
@@ -93,7 +94,7 @@ fn a_micrometre_and_ten_kilometres() {
 
 #[test]
 fn a_tiny_lamp_loses_no_digits_at_any_distance() {
-    // A millimetre at 10 km: 1e-14 steradians.
+    // A millimeter at 10 km: 1e-14 steradians.
     let lamp = rect(Vec3::Z * 1e4, Vec3::NEG_X * 5e-4, Vec3::Y * 5e-4);
     near(check(&lamp, 0, Vec3::ZERO, Vec3::Z), 1e-14 / PI, 1e-5);
     let e = Emitter::new(&window(Vec3::Z * 1e4, 5e-4, Vec3::Z, 1.0)).irradiance(0, Vec3::ZERO, Vec3::Z);
@@ -102,7 +103,8 @@ fn a_tiny_lamp_loses_no_digits_at_any_distance() {
 
 #[test]
 fn a_needle_is_a_line() {
-    // A strip of 1 m by 1 um at 1 m: width / pi times the integral of (1 + x^2)^-2, which is x / 2 (1 + x^2) + atan(x) / 2.
+    // A strip of 1 m by 1 um at 1 m: width / pi times the integral of (1 + x^2)^-2, which is x / 2
+    // (1 + x^2) + atan(x) / 2.
     let line = 0.4 + 0.5f64.atan();
     let wanted = 1e-6 / PI * line;
     near(check(&rect(Vec3::Z, Vec3::NEG_X * 0.5, Vec3::Y * 5e-7), 0, Vec3::ZERO, Vec3::Z), wanted, 1e-6);
@@ -186,7 +188,7 @@ fn around_the_receiver() {
 }
 
 #[test]
-fn what_the_horizon_cuts_is_the_part_above_it() {
+fn the_part_above_the_horizon_counts() {
     // Through the horizon and across the receiver's plane: the part above alone, exactly.
     let wall = |bottom: f32| rect(Vec3::new(0.0, 2.0, 0.5 * (1.0 + bottom)), Vec3::X, Vec3::Z * 0.5 * (1.0 - bottom));
     let half = check(&wall(0.0), 0, Vec3::ZERO, Vec3::Z);
@@ -228,11 +230,11 @@ fn scale_does_not_matter() {
             Shape::Window(Window { center: Vec3::Z * s, x: Vec3::NEG_X * s, y: Vec3::Y * 0.5 * s, lobes }),
         ]
     };
-    for (metre, scaled) in
+    for (meter, scaled) in
         [2f32.powi(-40), 2f32.powi(40)].into_iter().flat_map(|s| shapes(1.0).into_iter().zip(shapes(s)))
     {
-        for lobe in 0..metre.lobes() {
-            near(check(&scaled, lobe, Vec3::ZERO, normal), check(&metre, lobe, Vec3::ZERO, normal), 1e-6);
+        for lobe in 0..meter.lobes() {
+            near(check(&scaled, lobe, Vec3::ZERO, normal), check(&meter, lobe, Vec3::ZERO, normal), 1e-6);
         }
     }
 }

@@ -77,7 +77,7 @@ pub trait Form: Send + Sync {
     fn triangles(&self) -> Vec<[Vec3; 3]>;
 
     /// `count` points spread evenly over the emitting surface, the same for the same form; none
-    /// where there is no surface.
+    /// without a surface.
     fn surface_points(&self, count: usize) -> Vec<Vec3> {
         spread(&self.triangles(), count)
     }

@@ -24,7 +24,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 
 use crate::optics::sampling::gaussian::Gaussian;
-use crate::optics::sampling::lobe_irradiance::{Arc, Overlap, SERIES, p1_p2, p1_p2_of, p2_series};
+use crate::optics::sampling::lobe_irradiance::{Arc, Overlap, POLE, SERIES, p1_p2, p1_p2_of, p2_series};
 use crate::optics::sampling::polygon::{Edge, Outline};
 
 /// The irradiance over pi of one lobe of unit radiance at a receiver, and its derivatives.
@@ -148,7 +148,7 @@ fn integrands(b: f64, t: f64, mean: f64, mean_slope: f64) -> [f64; 5] {
     let (x, y) = (b * t, b * (1.0 - t));
     let e = (-x).exp();
     let [p1, p2] = p1_p2_of(x, e);
-    let (r, r_slope) = if t < 2.0 - 1e-6 {
+    let (r, r_slope) = if t < POLE {
         ((p1 - t * p2 - mean) / (2.0 - t), -(t * p2 + t * t * p2_slope(x, e, p2) + mean_slope) / (2.0 - t))
     } else {
         (0.5 * (mean + e), 0.5 * mean_slope - e)

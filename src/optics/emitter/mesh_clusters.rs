@@ -1,9 +1,9 @@
 //! Meshes whose triangles hide each other: sampling by clusters, occlusion, and the power that
 //! escapes.
 //!
-//! There may be a million triangles, so there is no sum over all: samples go to positions on the
-//! mesh, and those that the mesh itself hides from the receiver count as zero. For little noise a
-//! position is chosen in two steps. Triangles of similar position and normal form up to 512
+//! There may be a million triangles, so that a sum over all is too slow: samples go to positions on
+//! the mesh, and those that the mesh itself hides from the receiver count as zero. For little noise
+//! a position is chosen in two steps. Triangles of similar position and normal form up to 512
 //! clusters; a cluster is chosen by about its irradiance, from its area, distance, and the cosines
 //! at both ends (after Conty and Kulla, "Importance Sampling of Many Lights with Adaptive Tree
 //! Splitting", HPG 2018). A triangle in it is chosen by area.
@@ -332,7 +332,7 @@ mod tests {
         assert!(heights.clone().count() > 0 && heights.clone().all(|y| y > 1.1), "{:?}", heights.collect::<Vec<_>>());
     }
 
-    /// Two unit squares that face each other one metre apart send 0.19982 of their light to each
+    /// Two unit squares that face each other one meter apart send 0.19982 of their light to each
     /// other (Howell, "A Catalog of Radiation Heat Transfer Configuration Factors", C-11).
     #[test]
     fn a_lamp_that_faces_itself_keeps_some_light() {

@@ -29,9 +29,10 @@ pub struct LightSample {
 /// assert!((exact - 0.01).abs() < 1e-6);
 ///
 /// // Samples estimate the same number, and give positions to which shadow rays can go.
-/// let sampler = emitter.sampler_at(0, Vec3::ZERO, Vec3::Y).expect("the globe is above the horizon");
+/// let sampler = emitter.sampler_at(0, Vec3::ZERO, Vec3::Y).expect("it is above the horizon");
 /// let points = Points2::new(0, 0, 0);
-/// let sum: f32 = (0..64).filter_map(|i| sampler.sample(&points, i)).map(|sample| sample.contribution).sum();
+/// let samples = (0..64).filter_map(|i| sampler.sample(&points, i));
+/// let sum: f32 = samples.map(|sample| sample.contribution).sum();
 /// assert!((sum / 64.0 / exact - 1.0).abs() < 1e-2);
 /// ```
 pub struct Emitter {

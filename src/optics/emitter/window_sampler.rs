@@ -278,8 +278,8 @@ mod tests {
     /// Distance of the receiver, its normal, and the lobe's aim in half edges from the window's
     /// center.
     const RECEIVERS: [(&str, f32, Vec3, [f32; 2]); 8] = [
-        ("centred", 1.5, Vec3::Z, [0.0, 0.0]),
-        ("off centre", 1.5, Vec3::new(0.0, 1.0, 0.3), [0.5, 0.4]),
+        ("centered", 1.5, Vec3::Z, [0.0, 0.0]),
+        ("off center", 1.5, Vec3::new(0.0, 1.0, 0.3), [0.5, 0.4]),
         ("on the edge", 1.5, Vec3::new(0.5, 0.0, 1.0), [1.0, 0.3]),
         ("beyond the edge", 1.5, Vec3::Z, [1.2, 0.3]),
         ("near", 0.1, Vec3::new(0.0, 1.0, 0.5), [0.3, 0.2]),

@@ -13,7 +13,8 @@
 //!
 //! With p1(x) = (1 - e^-x) / x and p2(x) = (p1(x) - e^-x) / x:
 //!
-//!   D = p1(2b) - 2 p2(2b) = (coth b - 1/b) (1 - e^-2b) / 2b,   R = (p1(x) - t p2(x) - D) / (2 - t),   H = e^-b p2(-b c).
+//!   D = p1(2b) - 2 p2(2b) = (coth b - 1/b) (1 - e^-2b) / 2b,
+//!   R = (p1(x) - t p2(x) - D) / (2 - t),   H = e^-b p2(-b c).
 //!
 //! For b = 0 both R and H are 1/2 and D is 0: Lambert's formula. Along an edge c = cos(delta)
 //! cos(s), a smooth function of the arc s, which Gauss-Legendre quadrature integrates to the error
@@ -33,6 +34,10 @@ const FAINT: f64 = 18.0;
 /// Argument up to which p2 is computed by its series, whose 11 terms are exact to 64 bits there.
 /// Unit: none.
 pub(in crate::optics) const SERIES: f64 = 0.25;
+
+/// Largest t before R at the pole opposite to the lobe's direction is replaced by its limit. Unit:
+/// none; source: R loses half of its digits there.
+pub(in crate::optics) const POLE: f64 = 2.0 - 1e-6;
 
 /// The overlap of a lobe and an outline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -95,7 +100,7 @@ impl Gaussian {
             let e = (-x).exp();
             let [p1, p2] = p1_p2_of(x, e);
             // At the pole opposite to d: (D - G c) / 2c, both evaluated at c = -1.
-            let r = if t < 2.0 - 1e-6 { (p1 - t * p2 - mean) / (2.0 - t) } else { 0.5 * (mean + e) };
+            let r = if t < POLE { (p1 - t * p2 - mean) / (2.0 - t) } else { 0.5 * (mean + e) };
             let h =
                 if y.abs() > SERIES { ((y - 1.0) * e + (-b).exp()) / (y * y) } else { (-b).exp() * p2_series(-y)[0] };
             [r, h]

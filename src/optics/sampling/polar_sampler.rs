@@ -129,6 +129,17 @@ const MISS: f64 = 0.03;
 /// Least density of a node. Unit: its neighbors' density. A flank between two nodes is not
 /// undersampled.
 const LEAST_OF_NEIGHBOR: f64 = 0.25;
+/// Ratio of two densities below which there is a step between them. Unit: none.
+const STEP: f64 = 0.25;
+/// Fraction of the allowed error in an interval with a step: halving it leaves half of the error,
+/// and one without a step a quarter.
+const ALLOWED_AT_STEP: f64 = 0.25;
+/// Distance of the first and last node from their corners, where the outline is closed. Unit: the
+/// range of azimuth.
+const INSIDE: f64 = 1e-9;
+/// Least height of an edge's great circle over the pole, so that one through the pole has a finite
+/// slope. Unit: none.
+const LEAST_RISE: f64 = 1e-100;
 /// Least and largest [`Node::tilt`]: the fitted line stays above a tenth of its mean.
 const TILT: [f64; 2] = [0.05, 0.95];
 
@@ -161,8 +172,7 @@ impl PolarSampler {
         };
         for (slot, edge) in polar.edges.iter_mut().zip(edges) {
             let rise = edge.inward.dot(pole);
-            // A great circle through the pole: nearly so serves as well.
-            let rise = if rise.abs() < 1e-100 { 1e-100 } else { rise };
+            let rise = if rise.abs() < LEAST_RISE { LEAST_RISE } else { rise };
             *slot = (rise > 0.0, [-edge.inward.dot(x) / rise, -edge.inward.dot(y) / rise]);
         }
         // Between the azimuths of the corners everything is smooth.
@@ -185,7 +195,7 @@ impl PolarSampler {
     fn fit(&mut self, corners: &[f64]) {
         let last = corners.len() - 1;
         // An interval that a corner closes is measured just inside of it.
-        let inside = 1e-9 * (corners[last] - corners[0]);
+        let inside = INSIDE * (corners[last] - corners[0]);
         let mut known = [Slice::default(); 2 * Outline::MOST + 1];
         for (i, &azimuth) in corners.iter().enumerate() {
             let shift = if i == 0 {
@@ -226,8 +236,8 @@ impl PolarSampler {
         let miss = (2.0 / 3.0) * (middle.density - 0.5 * (a.density + b.density)).abs() * (b.azimuth - a.azimuth);
         // Halving an interval with a step in it leaves half of the error, and one without a
         // quarter.
-        let step = a.density.min(b.density) < 0.25 * a.density.max(b.density);
-        let allowed_here = if step { 0.25 * allowed } else { allowed };
+        let step = a.density.min(b.density) < STEP * a.density.max(b.density);
+        let allowed_here = if step { ALLOWED_AT_STEP * allowed } else { allowed };
         // Room is kept for the corners still to come.
         if miss > allowed_here && self.node_count + 2 * Outline::MOST + 3 < NODES {
             let [left, right] = [a, b].map(|end| self.halve(end, middle));

@@ -78,7 +78,7 @@ impl Rectangle {
 /// A uniform sampler of the solid angle of a rectangle at a point: Ureña, Fajardo and King, "An
 /// Area-Preserving Parametrization for Spherical Rectangles", EGSR 2013.
 ///
-/// Where that solid angle is too small to be computed as the difference of four angles, it is
+/// It is uniform over the area instead where that solid angle is too small to be computed as the
 /// uniform over the area.
 pub struct RectangleSampler {
     axes: [DVec3; 3],
