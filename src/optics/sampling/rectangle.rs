@@ -79,7 +79,7 @@ impl Rectangle {
 /// Area-Preserving Parametrization for Spherical Rectangles", EGSR 2013.
 ///
 /// It is uniform over the area instead where that solid angle is too small to be computed as the
-/// uniform over the area.
+/// difference of four angles.
 pub struct RectangleSampler {
     axes: [DVec3; 3],
     /// The rectangle in those axes, seen from the origin: x in x0..x1, y in y0..y1, at z0 < 0.
