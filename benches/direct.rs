@@ -18,7 +18,7 @@ use std::time::Instant;
 use glam::Vec3;
 use relight::geometry::{Camera, SceneMesh, surface};
 use relight::image::{self, Depth, Normal, Plane, Points, Source};
-use relight::optics::{self, Lamp, Lobe, Sampling, ShadowQuality, Shape, Strategy, Window};
+use relight::optics::{self, Lamp, Lobe, RectLamp, Sampling, ShadowQuality, Shape, SphereLamp, Strategy, Window};
 
 /// Two lamps with closed forms out of the picture, and the demo's window two centimeters in front
 /// of its pane. Its first lobe, the only one measured, is uniform: Mitsuba has no other area light.
@@ -27,8 +27,8 @@ fn lights() -> [Shape; 3] {
     let (x, y) = (Vec3::new(0.19208, 0.07372, -0.70041), Vec3::new(0.0, 0.66632, 0.07013));
     let normal = x.cross(y).normalize();
     [
-        Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.7, 0.9, -1.0), radius: 0.12 }),
-        Shape::Lamp(Lamp::Rect { center: Vec3::new(-0.6, 1.1, -1.6), x: Vec3::X * 0.4, y: Vec3::Z * 0.3 }),
+        Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.7, 0.9, -1.0), radius: 0.12 })),
+        Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::new(-0.6, 1.1, -1.6), x: Vec3::X * 0.4, y: Vec3::Z * 0.3 })),
         Shape::Window(Window {
             center: Vec3::new(-2.14265, 0.63961, -4.26194) + 0.02 * normal,
             x,

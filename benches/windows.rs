@@ -8,7 +8,7 @@
 use std::time::Instant;
 
 use glam::{Quat, Vec3};
-use relight::optics::{Emitter, Lamp, Lobe, Plate, Shape, Strategy, Window, estimate};
+use relight::optics::{Emitter, Lamp, Lobe, Shape, Strategy, Surfel, Window, estimate};
 
 /// Distance of the receiver, its normal, and the target of the lobe in half edges from the window's
 /// center.
@@ -65,13 +65,13 @@ fn main() {
     }
     let plate = |i: u8| {
         let (sin, cos) = f32::from(i).sin_cos();
-        Plate {
+        Surfel {
             point: Vec3::new(0.2 * cos, 0.2 * sin, 1.0),
             normal: Vec3::new(-cos, -sin, -1.0).normalize(),
             area: 2e-3,
         }
     };
-    let lamp = Emitter::new(&Shape::Lamp(Lamp::Plates((0..128).map(plate).collect())));
+    let lamp = Emitter::new(&Shape::Lamp(Lamp::Surfels((0..128).map(plate).collect())));
     for height in [0.0, 0.7, 0.95] {
         let ns = closed_form(&lamp, (Vec3::Z * height, Vec3::Z));
         println!("128 plates at {:.2} m: {ns:.0} ns", 1.0 - height);

@@ -13,7 +13,7 @@ use relight::nodes::render::shadow::{Shadow, ShadowIn};
 use relight::nodes::render::trace_indirect::{TraceIndirect, TraceIndirectIn};
 use relight::nodes::render::transport::{Transport, TransportIn};
 use relight::nodes::scene::mesh::{Mesh, MeshIn};
-use relight::optics::{INTERVAL, Lamp, Lobe, Shape, Strategy, Window};
+use relight::optics::{INTERVAL, Lamp, Lobe, Shape, SphereLamp, Strategy, Window};
 
 struct Room {
     points: Arc<Points>,
@@ -96,7 +96,7 @@ fn window(sun: f32) -> Shape {
 }
 
 fn sphere() -> Shape {
-    Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.5, 0.0, 0.0), radius: 0.3 })
+    Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.5, 0.0, 0.0), radius: 0.3 }))
 }
 
 /// How many of the estimates there are, and how many of their intervals hold the truth.

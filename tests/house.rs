@@ -20,6 +20,9 @@ const ARROWS: [(&str, &[&str]); 8] = [
     ("graph", &[]),
 ];
 
+/// Rooms of `src/optics`, each of which may use only those before it.
+const LAYERS: [&str; 6] = ["sampling", "emitter", "daylight", "transport", "reflection", "inverse"];
+
 /// What all stages share.
 const SHARED: [&str; 2] = ["artifacts", "neural"];
 
@@ -241,6 +244,56 @@ fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
         Some(format!("src/{file}:{line}: {}: {why}", path.join("::")))
     });
     faults.collect()
+}
+
+/// Uses of a higher room of `src/optics` in one file, tests apart; `index` is the text of its `mod.rs`, which re-exports names.
+fn wrong_layers(file: &str, text: &str, index: &str) -> Vec<String> {
+    let layer = |room: &str| LAYERS.iter().position(|name| *name == room);
+    let Some(level) = file.strip_prefix("optics/").and_then(|path| layer(path.split('/').next()?)) else {
+        return Vec::new();
+    };
+    let exports = index.split("pub use ").skip(1).filter_map(|part| part.split(';').next()?.split_once("::"));
+    let origin: BTreeMap<&str, usize> = exports
+        .filter_map(|(room, names)| Some((layer(room)?, names)))
+        .flat_map(|(level, names)| names.split(|c| !is_word(c)).map(move |name| (name, level)))
+        .collect();
+    let code = code(text.split("#[cfg(test)]").next().unwrap_or(text));
+    let faults = paths(&code).into_iter().filter_map(|(line, path)| {
+        let ["crate", "optics", used, ..] = path.iter().map(String::as_str).collect::<Vec<_>>()[..] else {
+            return None;
+        };
+        let higher = layer(used).or_else(|| origin.get(used).copied()).is_some_and(|other| other > level);
+        higher.then(|| format!("src/{file}:{line}: {}: `{}` uses a higher room", path.join("::"), LAYERS[level]))
+    });
+    faults.collect()
+}
+
+#[test]
+fn optics_is_layered() {
+    let index = read("src/optics/mod.rs");
+    let files = files_below("src/optics");
+    let wrong = |f: &String| wrong_layers(f.strip_prefix("src/").expect("below src"), &read(f), &index);
+    assert_none(files.iter().flat_map(wrong).collect());
+
+    let index = "pub use sampling::{Gaussian, Lobe};\npub use transport::direct;";
+    let planted = [
+        (
+            "optics/sampling/gaussian.rs",
+            "use crate::optics::emitter::Lobe;",
+            "crate::optics::emitter::Lobe: `sampling`",
+        ),
+        (
+            "optics/emitter/window.rs",
+            "fn f() {}\nuse crate::optics::{Lobe, direct};",
+            "window.rs:2: crate::optics::direct",
+        ),
+    ];
+    for (file, text, wanted) in planted {
+        let faults = wrong_layers(file, text, index);
+        assert!(faults.len() == 1 && faults[0].contains(wanted), "{file}: {text}: got {faults:?}");
+    }
+    let sound = "use crate::optics::Lobe;\n#[cfg(test)]\nmod tests { use crate::optics::direct; }";
+    assert_eq!(wrong_layers("optics/emitter/window.rs", sound, index), Vec::<String>::new());
 }
 
 /// Words of one file that its place forbids.

@@ -15,7 +15,7 @@ use relight::nodes::render::shadow::{Shadow, ShadowIn};
 use relight::nodes::render::trace_indirect::{TraceIndirect, TraceIndirectIn};
 use relight::nodes::render::transport::{Transport, TransportIn};
 use relight::nodes::scene::mesh::{Mesh, MeshIn};
-use relight::optics::{self, Lamp, LightKind, Lobe, Shape, Window, polygon_irradiance};
+use relight::optics::{self, Lamp, LightKind, Lobe, RectLamp, Shape, SphereLamp, Window, polygon_irradiance};
 
 /// A room made ready for any light.
 struct Room {
@@ -109,7 +109,7 @@ fn constant(room: &Room, albedo: Vec3) -> Albedo {
 #[test]
 fn a_small_lamp_casts_a_shadow_where_geometry_says() {
     let room = square_before_wall();
-    let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.3, 0.0, 0.0), radius: 1e-3 });
+    let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.3, 0.0, 0.0), radius: 1e-3 }));
     let visibility = room.shadow(&Shadow { half: false, ..Shadow::default() }, &lamp, None);
     // The square's left edge at x = -0.5 throws its shadow to x = 0.3 + 2 (-0.5 - 0.3) = -1.3 on the wall: column 35. What the
     // camera sees of it reaches to the square, column 50.
@@ -123,7 +123,7 @@ fn a_small_lamp_casts_a_shadow_where_geometry_says() {
 #[test]
 fn a_lamp_behind_the_square_is_unknown_and_counts_as_assumed() {
     let room = square_before_wall();
-    let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, -3.5), radius: 1e-3 });
+    let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, -3.5), radius: 1e-3 }));
     for assume_lit in [0.0, 0.25, 1.0] {
         let visibility = room.shadow(&Shadow { half: false, assume_lit, ..Shadow::default() }, &lamp, None);
         assert_eq!((visibility.unknown[0].get(20, 75), visibility.lit[0].get(20, 75)), (1.0, assume_lit));
@@ -150,7 +150,7 @@ fn no_light_has_no_lobes_and_a_light_does_not_light_itself() {
     let room = square_before_wall();
     assert!(room.direct(&Shape::Absent).lobes.is_empty());
     assert!(room.shadow(&Shadow::default(), &Shape::Absent, None).lit.is_empty());
-    let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.5 });
+    let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.5 }));
     let own = Mask(Plane::from_fn(200, 150, |x, y| f32::from((50..150).contains(&x) && (25..125).contains(&y))));
     let visibility = room.shadow(&Shadow::default(), &lamp, Some(own));
     assert_eq!(visibility.lit[0].get(100, 75), 0.0);
@@ -269,7 +269,7 @@ fn thread_counts_change_no_bit() {
 fn many_stages_may_want_the_rays_at_once() {
     // Two threads, four stages, one mesh that has no hierarchy yet: nobody may wait for himself.
     let room = square_before_wall();
-    let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::ZERO, radius: 0.1 });
+    let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::ZERO, radius: 0.1 }));
     let wanted = room.shadow(&Shadow::default(), &lamp, None);
     let fresh: SceneMesh = postcard::from_bytes(&postcard::to_stdvec(&*room.mesh).unwrap()).unwrap();
     let room = Room { mesh: Arc::new(fresh), ..room };
@@ -329,12 +329,12 @@ fn vector(json: &serde_json::Value) -> Vec3 {
 fn lamp_of(json: &serde_json::Value) -> Option<Shape> {
     let center = vector(&json["center"]);
     match json["kind"].as_str()? {
-        "sphere" => Some(Shape::Lamp(Lamp::Sphere { center, radius: json["radius"].as_f64()? as f32 })),
+        "sphere" => Some(Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: json["radius"].as_f64()? as f32 }))),
         "rect" => {
             let normal = vector(&json["normal"]);
             let x = Vec3::Y.cross(normal).try_normalize()?;
             let half = |i: usize| Some(json["half"][i].as_f64()? as f32);
-            Some(Shape::Lamp(Lamp::Rect { center, x: x * half(0)?, y: normal.cross(x) * half(1)? }))
+            Some(Shape::Lamp(Lamp::Rect(RectLamp { center, x: x * half(0)?, y: normal.cross(x) * half(1)? })))
         }
         _ => None,
     }

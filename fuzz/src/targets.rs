@@ -12,7 +12,7 @@ use relight::graph::{CacheFolder, CacheKey, Context, DiskCache, Fault, File, Gra
 use relight::image::{self, Transfer};
 use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
-use relight::optics::ProfileTable;
+use relight::optics::PhotometricWebTable;
 
 static REGISTRY: LazyLock<Registry> = LazyLock::new(relight::nodes::registry);
 /// The folder of the files that a reader wants as files.
@@ -85,7 +85,7 @@ pub fn gltf(bytes: &[u8]) {
 }
 
 pub fn ies(bytes: &[u8]) {
-    if let Ok((table, lumens)) = ProfileTable::parse(&String::from_utf8_lossy(bytes)) {
+    if let Ok((table, lumens)) = PhotometricWebTable::parse(&String::from_utf8_lossy(bytes)) {
         assert!(lumens.is_finite() && table.bytes() < 1 << 26);
     }
 }

@@ -8,7 +8,7 @@ use crate::image::{Albedo, Depth, Mask, Normal, Picture, resize};
 use crate::net::view::{FULL, Geometry, HALF, View, own_half};
 use crate::net::{Backend, Layer, NetError, Network, Tensor, Untrusted, planes_of, precheck, ships};
 use crate::nodes::artifacts::Guess;
-use crate::optics::{Lamp, Lobe, Radiance, Shape, Window};
+use crate::optics::{BoxLamp, Lamp, Lobe, Radiance, Shape, Window};
 
 /// Shapes of inputs.
 pub const FULL_1: &[usize] = &[1, 1, FULL.1, FULL.0];
@@ -151,7 +151,7 @@ impl LitRoom {
         let Some(inputs) = self.inputs(own, false) else { return Ok(None) };
         let [centre, axes, radiance, confidence] = computed(network, inputs, LAMP_OUTPUTS)?;
         let (centre, axes, radiance) = (centre.vectors(), axes.vectors(), radiance.vectors());
-        let lamp = Lamp::Box { center: centre[0], axes: [axes[0], axes[1], axes[2]] };
+        let lamp = Lamp::Box(BoxLamp { center: centre[0], axes: [axes[0], axes[1], axes[2]] });
         Ok(Some(guess(Shape::Lamp(lamp), radiance, gain, &confidence)))
     }
 

@@ -1,4 +1,7 @@
 //! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
+//!
+//! The rooms are layered: sampling < emitter < daylight < transport < reflection < inverse. A room
+//! uses only those below it; `tests/house.rs` checks that.
 
 mod daylight;
 mod emitter;
@@ -12,17 +15,17 @@ mod rows;
 mod sampling;
 mod transport;
 
-pub use daylight::{Daylight, Heading, Outlook, black_body, fit_outlook};
+pub use daylight::{Daylight, Heading, WindowModel, black_body, fit_window_model};
 pub use emitter::{
-    Emitter, Gradient, LOBES, Lamp, LightKind, LightSample, Lobe, Plate, Profile, ProfileTable, Radiance, Seen, Shape,
-    Silhouette, Strategy, Window, escaping, flux, sphere_irradiance,
+    BoxLamp, Emitter, EmitterSampler, Gradient, LOBES, Lamp, LightKind, LightSample, MeshLamp, PhotometricLamp,
+    PhotometricWeb, PhotometricWebTable, Radiance, RectLamp, Shape, Silhouette, SphereLamp, Strategy, Surfel, Window,
 };
 pub use nnls::nnls;
 pub use reflection::{
     Around, Face, Ggx, Mirror, NO_ROW, NOTHING, Part, Places, Reflections, SeenPlaces, SpecularChange, Surround,
     UNSEEN, object_face, places, reflections,
 };
-pub use sampling::{Gaussian, Points2, polygon_irradiance};
+pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{
     BATCHES, Bounces, Direct, INTERVAL, LightMaps, Lighting, LocalLobe, PHIS, Probed, Sampling, Shadow, ShadowQuality,
     TEXELS, THETAS, Transport, arriving, direct, estimate, indirect, indirect_at_receivers, local_frame, shadow,

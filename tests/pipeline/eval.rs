@@ -12,7 +12,7 @@ use relight::nodes::measure::score_lighting::{ScoreLighting, ScoreLightingIn};
 use relight::nodes::measure::score_lights::{ScoreLights, ScoreLightsIn};
 use relight::nodes::measure::score_picture::{ScorePicture, ScorePictureIn};
 use relight::nodes::measure::score_shading::{ScoreShading, ScoreShadingIn};
-use relight::optics::{Lamp, Lighting, LocalLobe, Radiance, Shape, TEXELS};
+use relight::optics::{Lamp, Lighting, LocalLobe, Radiance, Shape, SphereLamp, TEXELS};
 use serde_json::Value;
 
 use crate::project::*;
@@ -55,7 +55,7 @@ fn check(scores: &Scores, wanted: &[(&str, &str, f64)]) {
 
 #[test]
 fn lights_are_scored_by_place_and_by_what_they_give() {
-    let ball = |x: f32| Shape::Lamp(Lamp::Sphere { center: Vec3::X * x, radius: 1.0 });
+    let ball = |x: f32| Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::X * x, radius: 1.0 }));
     let inputs = ScoreLightsIn {
         shape: gather([("lamp", ball(0.0)), ("inv_lamp", ball(0.0)), ("inv_window", Shape::Absent)]),
         radiance: gather([("lamp", radiance(2.0)), ("inv_lamp", radiance(1.0)), ("inv_window", Radiance(vec![]))]),

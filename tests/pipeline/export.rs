@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use relight::image::Points;
-use relight::optics::{Lamp, Radiance, Shape, flux};
+use relight::optics::{BoxLamp, Lamp, Radiance, RectLamp, Shape, SphereLamp};
 
 use crate::project::*;
 
@@ -92,13 +92,13 @@ fn an_exported_room_is_the_room() {
         let prim = |id: &str| &prims[&format!("Room/Lights/{id}")];
         match &**shape {
             Shape::Absent => assert!(!prims.contains_key(&format!("Room/Lights/{id}")), "{id}"),
-            Shape::Lamp(Lamp::Sphere { center, radius }) => {
+            Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius })) => {
                 let light = prim(id);
                 assert_eq!((light.kind.as_str(), light.numbers("inputs:radius")[0]), ("SphereLight", *radius));
                 assert!(light.frame()[3].abs_diff_eq(*center, 1e-6) && light.radiance().abs_diff_eq(w[0], 1e-4));
             }
-            Shape::Lamp(Lamp::Rect { center, x, y }) => is_rectangle(prim(id), [*center, *x, *y], w[0]),
-            Shape::Lamp(Lamp::Box { center, axes }) => {
+            Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })) => is_rectangle(prim(id), [*center, *x, *y], w[0]),
+            Shape::Lamp(Lamp::Box(BoxLamp { center, axes })) => {
                 for k in 0..6 {
                     let side = prim(&format!("{id}_{k}"));
                     let [_, _, z, place] = side.frame();
@@ -111,7 +111,7 @@ fn an_exported_room_is_the_room() {
             Shape::Window(window) => {
                 let light = prim(id);
                 assert_eq!(light.vectors("relight:radiance"), *w, "the lobes are kept beside it");
-                let sent: Vec3 = (0..3).map(|k| w[k] * flux(shape, k)).sum();
+                let sent: Vec3 = (0..3).map(|k| w[k] * shape.flux(k)).sum();
                 let area = 4.0 * window.x.cross(window.y).length();
                 // A sun of a seen window is a light of its own.
                 let sun = prims.get(&format!("Room/Lights/{id}_sun"));

@@ -14,7 +14,7 @@ use relight::image::{
     write_png,
 };
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
-use relight::nodes::edit::Colour;
+use relight::nodes::edit::Color;
 use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, MaterialEdit, Region};
 use relight::nodes::edit::edit_objects::{EditObjects, EditObjectsIn};
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
@@ -32,7 +32,7 @@ use relight::nodes::render::{
     transport::{Transport, TransportIn},
 };
 use relight::nodes::scene::mesh::{Mesh, MeshIn};
-use relight::optics::{Lamp, LightKind, Radiance, Shape, SpecularChange, Window};
+use relight::optics::{Lamp, LightKind, MeshLamp, Radiance, Shape, SpecularChange, SphereLamp, Window};
 
 use crate::project::{png, root};
 
@@ -193,7 +193,7 @@ pub fn room() -> &'static Room {
         let albedo = Arc::new(Albedo(albedo));
         let inputs = TransportIn { mesh: seen.mesh.clone(), points: seen.points.clone(), normal: seen.normal.clone() };
         let transport = Transport::default().run(inputs, &ctx).expect("the room is sound").transport;
-        let lamp = Shape::Lamp(Lamp::Sphere { center: Vec3::new(-0.5, 0.6, -3.0), radius: 0.12 });
+        let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(-0.5, 0.6, -3.0), radius: 0.12 }));
         let x = Vec3::new(0.0, 0.0, -0.5);
         let window = Window {
             center: Vec3::new(-1.59, 0.4, -2.9),
@@ -355,7 +355,7 @@ fn mix() {
 
 /// Half hidden by the box.
 fn ball() -> Arc<Shape> {
-    Arc::new(Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.2, -0.35, -3.4), radius: 0.3 }))
+    Arc::new(Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.2, -0.35, -3.4), radius: 0.3 })))
 }
 
 pub fn cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>) -> Arc<Mask> {
@@ -375,7 +375,7 @@ fn mesh_lamp() {
     let file = std::fs::read(root().join("scenes/demo/models/lantern.obj")).expect("it ships");
     let model = Model::read("lantern.obj", &file, &mut |_| unreachable!("it names no other")).expect("it is sound");
     let corners = model.positions.into_iter().map(|p| Vec3::new(-0.3, 0.1, -3.1) + 0.7 * p).collect();
-    let shape = Arc::new(Shape::Lamp(Lamp::Model { corners, triangles: model.triangles }));
+    let shape = Arc::new(Shape::Lamp(Lamp::Mesh(MeshLamp::new(corners, model.triangles))));
     let (points, normal) = (room().points.clone(), room().normal.clone());
     let inputs = DirectIn { points: points.clone(), normal: normal.clone(), shape: shape.clone() };
     let direct =
@@ -405,7 +405,7 @@ fn edit_materials() {
     let photo = Arc::new(room.photo());
     let wall = MaterialEdit::Paint {
         region: Region::Grow(32.0, 20.0),
-        albedo: Some(Colour::Srgb("#3c6ec8".into())),
+        albedo: Some(Color::Srgb("#3c6ec8".into())),
         roughness: None,
         specular: None,
         keep_texture: true,

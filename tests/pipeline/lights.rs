@@ -9,7 +9,7 @@ use relight::geometry::Model;
 use relight::graph::RunReport;
 use relight::image::{Mask, Picture, luminance};
 use relight::nodes::artifacts::{UnitDirect, Visibility};
-use relight::optics::{Lamp, Radiance, Shape};
+use relight::optics::{Lamp, MeshLamp, PhotometricLamp, Radiance, Shape};
 
 use crate::project::*;
 
@@ -66,7 +66,9 @@ fn a_profile_shines_where_its_candela_are() {
     assert!((ratio - 2.0).abs() < 1e-3, "the file holds {lumens} lumens, and twice that is {ratio} times the light");
     let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("spot.ron"));
     let report = run(shared_engine(), &graph.unwrap_or_else(|faults| panic!("{}", faults[0])), &["edit.shape"]);
-    let Shape::Lamp(Lamp::Luminaire { center, .. }) = *of::<Shape>(many(&report, "edit.shape"), "spot") else {
+    let Shape::Lamp(Lamp::Photometric(PhotometricLamp { center, .. })) =
+        *of::<Shape>(many(&report, "edit.shape"), "spot")
+    else {
         panic!("a profile makes a luminaire")
     };
     assert!((center - Vec3::new(0.1, 0.7, -2.9)).length() < 1e-6);
@@ -116,9 +118,9 @@ fn the_lantern_shines_and_can_be_moved() {
     let file = std::fs::read(root().join("scenes/demo/models/lantern.obj")).expect("it ships");
     let report = run_files(&[("lantern.obj", &file)], &shipped, &["edit.shape", "compose.picture", "glow"]);
     let shape = of::<Shape>(many(&report, "edit.shape"), "lantern");
-    let (middle, radius) = shape.ball().expect("a lamp");
+    let (middle, radius) = shape.bounding_sphere().expect("a lamp");
     assert!((middle - Vec3::new(0.1, 0.45, -2.9)).length() < 1e-5 && radius < 0.3, "{middle} {radius}");
-    let Shape::Lamp(Lamp::Model { corners, .. }) = &*shape else { panic!("a model") };
+    let Shape::Lamp(Lamp::Mesh(MeshLamp { corners, .. })) = &*shape else { panic!("a model") };
     let height = |sign: f32| corners.iter().map(|p| sign * p.y).fold(f32::NEG_INFINITY, f32::max);
     assert!((height(1.0) + height(-1.0) - 0.32).abs() < 0.01, "the demo's camera is nearly level");
     let cover: Arc<Mask> = of(many(&report, "glow"), "lantern");
@@ -154,13 +156,13 @@ fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
     assert!(own > 100 && glowing > 100, "{own} old pixels, {glowing} of the body at its new place");
     let radiance = |name: &str| of::<Radiance>(many(&moved, name), "lamp_0");
     assert_eq!(radiance("edit.radiance").0, radiance("fit.radiance").0);
-    let middle = |name: &str| of::<Shape>(many(&moved, name), "lamp_0").ball().expect("a lamp").0;
+    let middle = |name: &str| of::<Shape>(many(&moved, name), "lamp_0").bounding_sphere().expect("a lamp").0;
     assert!((middle("edit.shape") - middle("init.shape") - Vec3::new(-1.75, 0.0, 0.0)).length() < 1e-5);
 
     // Onto the seat of the pouffe, which is what is seen there; it stands on it and does not sink in.
     let on = run_edit(r#"Edit(version: 1, lights: { "lamp_0": Move(to: Pixel(x: 278, y: 180)) })"#, &["edit.shape"]);
     let shape = of::<Shape>(many(&on, "edit.shape"), "lamp_0");
-    let (middle, _) = shape.ball().expect("a lamp");
+    let (middle, _) = shape.bounding_sphere().expect("a lamp");
     assert!(middle.z < -1.0 && middle.x > 0.5, "{middle}");
 }
 
@@ -263,7 +265,7 @@ fn a_picture_of_a_sky_becomes_sun_sky_and_ground() {
         let radiance = of::<Radiance>(many(&report, "edit.radiance"), "east").0.clone();
         if more.is_empty() {
             // Well to the left of the sun, above and below the horizon.
-            let shown = [0.7, -0.5].map(|y: f32| window.seen(&radiance, Vec3::new(-0.5, y, -0.7).normalize()));
+            let shown = [0.7, -0.5].map(|y: f32| window.emitted(&radiance, Vec3::new(-0.5, y, -0.7).normalize()));
             assert!(shown[0].z > 1.5 * shown[0].x, "the sky is blue: {}", shown[0]);
             assert!(luminance(shown[0]) > 2.0 * luminance(shown[1]), "the ground is darker: {shown:?}");
         }

@@ -21,7 +21,7 @@ fn refined_lights_explain_the_photo_better_and_keep_what_is_seen() {
                 assert_eq!((a.center, a.x, a.y), (b.center, b.x, b.y), "its frame is seen");
             }
             (Shape::Lamp(_), Shape::Lamp(_)) if id == "lamp_0" => {
-                let [(a, r), (b, s)] = [before, after].map(|shape| shape.ball().expect("a lamp"));
+                let [(a, r), (b, s)] = [before, after].map(|shape| shape.bounding_sphere().expect("a lamp"));
                 assert!(a.normalize().distance(b.normalize()) < 1e-5, "its direction is seen");
                 assert!((r / a.length() - s / b.length()).abs() < 1e-5, "its outline is seen");
             }

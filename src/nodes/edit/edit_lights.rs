@@ -16,7 +16,7 @@ use crate::geometry::{Camera, world_up};
 use crate::graph::{Context, File, Gather, Node, NodeError, Scatter, above, check_range};
 use crate::image::{Depth, Normal, luminance};
 use crate::nodes::artifacts::Encoding;
-use crate::optics::{Radiance, Shape, black_body, escaping};
+use crate::optics::{Radiance, Shape, black_body};
 use crate::{params, ports};
 
 use lamp::LampShape;
@@ -339,7 +339,7 @@ impl EditLights {
             Some(rgb) => Vec3::from_array(*rgb),
             None => {
                 // Flux = pi x area x luminance for a Lambertian surface; a white surface under `lux` has luminance lux / pi and shows 1.
-                let level = flux.unwrap_or(lumens) / (lamp.area() * escaping(&lamp) * self.lux(id, inputs, ctx));
+                let level = flux.unwrap_or(lumens) / (lamp.area() * lamp.escaping() * self.lux(id, inputs, ctx));
                 black_body(temperature.unwrap_or(2700.0)) * level
             }
         };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::Colour;
+use super::Color;
 use crate::geometry::like_surface;
 use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{
@@ -35,7 +35,7 @@ pub enum MaterialEdit {
         region: Region,
         /// Mean albedo of the region afterwards; as it was when not given.
         #[serde(default)]
-        albedo: Option<Colour>,
+        albedo: Option<Color>,
         /// GGX roughness, 0..=1; as it was when not given.
         #[serde(default)]
         roughness: Option<f32>,
@@ -306,7 +306,7 @@ mod tests {
     const NEW: Vec3 = Vec3::new(0.2, 0.4, 0.1);
 
     fn paint(region: Region, colour: Vec3) -> MaterialEdit {
-        let albedo = Some(Colour::Linear(colour.x, colour.y, colour.z));
+        let albedo = Some(Color::Linear(colour.x, colour.y, colour.z));
         MaterialEdit::Paint { region, albedo, roughness: None, specular: None, keep_texture: true }
     }
 
@@ -364,7 +364,7 @@ mod tests {
             mask_file((80, 60), |x, _| if x < 20 { 1.0 } else { (1.0 - (x - 20) as f32 / 40.0).max(0.0) });
         let edit = MaterialEdit::Paint {
             region,
-            albedo: Some(Colour::Linear(0.2, 0.2, 0.2)),
+            albedo: Some(Color::Linear(0.2, 0.2, 0.2)),
             roughness: Some(0.2),
             specular: Some(1.0),
             keep_texture: true,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{Colour, Ground, Place, SIZES, check_model, model_files, read_model, tall, upright};
+use super::{Color, Ground, Place, SIZES, check_model, model_files, read_model, tall, upright};
 use crate::geometry::{
     Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, most_triangles, world_up,
 };
@@ -65,7 +65,7 @@ pub enum ObjectEdit {
 #[serde(deny_unknown_fields, default)]
 pub struct MaterialEdit {
     /// Base colour.
-    albedo: Colour,
+    albedo: Color,
     /// 0 is a mirror, 1 is dull.
     roughness: f32,
     /// Reflection of what is no metal, in units of 8 %.
@@ -76,7 +76,7 @@ pub struct MaterialEdit {
 impl Default for MaterialEdit {
     fn default() -> MaterialEdit {
         let Material { albedo, roughness, specular, metallic } = Material::PLAIN;
-        MaterialEdit { albedo: Colour::Linear(albedo.x, albedo.y, albedo.z), roughness, specular, metallic }
+        MaterialEdit { albedo: Color::Linear(albedo.x, albedo.y, albedo.z), roughness, specular, metallic }
     }
 }
 

@@ -15,18 +15,18 @@ use crate::image::{Depth, Normal, Transfer};
 
 /// An albedo as a person writes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Colour {
+pub enum Color {
     /// As pictures show it: `"#c8642a"`.
     Srgb(String),
     /// Linear Rec.709, 0..=1.
     Linear(f32, f32, f32),
 }
 
-impl Colour {
+impl Color {
     /// Linear Rec.709.
     fn linear(&self) -> Result<Vec3, String> {
         match self {
-            Colour::Srgb(text) => {
+            Color::Srgb(text) => {
                 let digits =
                     text.strip_prefix('#').filter(|d| d.len() == 6 && d.chars().all(|c| c.is_ascii_hexdigit()));
                 let number = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
@@ -34,7 +34,7 @@ impl Colour {
                 let [_, rgb @ ..] = number.to_be_bytes();
                 Ok(Vec3::from_array(rgb.map(|c| Transfer::Srgb.decode(f32::from(c) / 255.0))))
             }
-            &Colour::Linear(r, g, b) => {
+            &Color::Linear(r, g, b) => {
                 check_range("Linear", &[r, g, b], 0.0..=1.0)?;
                 Ok(Vec3::new(r, g, b))
             }

@@ -16,7 +16,7 @@ use crate::optics::inverse::{
     Column, LampForm, LampForms, LayerQuality, RadianceFit, Receivers, RoomBox, SeenRoom, UnitLayer, fit_radiances,
     lamp_candidates, visible_light, window_candidates,
 };
-use crate::optics::{Bounces, Lamp, LightKind, Shape, Transport, Window};
+use crate::optics::{Bounces, Lamp, LightKind, RectLamp, Shape, Transport, Window};
 use crate::{params, ports};
 
 params! {
@@ -70,7 +70,7 @@ impl Outlook {
     fn through(self, shape: &Shape) -> Vec<Shape> {
         let Shape::Window(window) = shape else { return vec![shape.clone()] };
         let &Window { center, x, y, .. } = window;
-        let even = Shape::Lamp(Lamp::Rect { center, x, y });
+        let even = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
         let daylight = |bandwidths: [f32; 3]| {
             let mut window = window.clone();
             window.lobes.iter_mut().zip(bandwidths).for_each(|(lobe, bandwidth)| lobe.bandwidth = bandwidth);
@@ -394,7 +394,7 @@ fn flat(shape: &Shape) -> Option<Lamp> {
     match shape {
         Shape::Absent => None,
         Shape::Lamp(lamp) => Some(lamp.clone()),
-        Shape::Window(Window { center, x, y, .. }) => Some(Lamp::Rect { center: *center, x: *x, y: *y }),
+        Shape::Window(Window { center, x, y, .. }) => Some(Lamp::Rect(RectLamp { center: *center, x: *x, y: *y })),
     }
 }
 
@@ -407,7 +407,7 @@ mod tests {
     fn an_outlook_changes_windows_only() {
         let (center, x, y) = (Vec3::NEG_Z, Vec3::X * 0.5, Vec3::Y);
         let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
-        let lamp = Shape::Lamp(Lamp::Rect { center, x, y });
+        let lamp = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
         let one = |outlook: Outlook, shape: &Shape| outlook.through(shape);
         assert_eq!(one(Outlook::Even, &window), vec![lamp.clone()]);
         let [Shape::Window(seen)] = &one(Outlook::Daylight(7.0, 5.0, 0.0), &window)[..] else { panic!("a window") };

@@ -7,7 +7,7 @@ use glam::Vec3;
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Albedo, Mask, Picture, Plane};
 use crate::nodes::artifacts::{Remainder, UnitDirect, Visibility};
-use crate::optics::{Radiance, Shape, flux};
+use crate::optics::{Radiance, Shape};
 use crate::{params, ports};
 
 params! {
@@ -61,7 +61,7 @@ impl Node for Remains {
             let radiance = inputs.radiance.get(id).ok_or_else(|| missing("radiance"))?;
             let shape = inputs.shape.get(id).ok_or_else(|| missing("shape"))?;
             for (lobe, &w) in radiance.0.iter().enumerate().filter(|(_, w)| **w != Vec3::ZERO) {
-                power += w * flux(shape, lobe);
+                power += w * shape.flux(lobe);
                 let (direct, visible) = (direct.lobes[lobe].pixels(), visibility.lit[lobe].pixels());
                 lit.pixels_mut().iter_mut().enumerate().for_each(|(i, lit)| *lit += w * direct[i] * visible[i]);
             }

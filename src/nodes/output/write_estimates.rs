@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Albedo, Compression, ExrLayers, Normal, Roughness};
 use crate::nodes::artifacts::{Files, LOBES};
-use crate::optics::{Lamp, Plate, Radiance, Shape};
+use crate::optics::{BoxLamp, Lamp, MeshLamp, PhotometricLamp, Radiance, RectLamp, Shape, SphereLamp, Surfel};
 use crate::{params, ports};
 
 params! {
@@ -87,19 +87,20 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
         Shape::Lamp(lamp) => {
             let mut entry = match lamp {
                 // These files have no profiles: a luminaire is the sphere of the same flux.
-                Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. } => {
+                Lamp::Sphere(SphereLamp { center, radius })
+                | Lamp::Photometric(PhotometricLamp { center, radius, .. }) => {
                     json!({ "kind": "Sphere", "center": numbers(*center), "radius": shortest(*radius) })
                 }
-                Lamp::Rect { center, x, y } => {
+                Lamp::Rect(RectLamp { center, x, y }) => {
                     json!({ "kind": "Rect", "center": numbers(*center), "half_x": numbers(*x), "half_y": numbers(*y) })
                 }
-                Lamp::Box { center, axes } => {
+                Lamp::Box(BoxLamp { center, axes }) => {
                     json!({ "kind": "Box", "center": numbers(*center), "half_axes": axes.map(numbers) })
                 }
-                Lamp::Plates(plates) => {
-                    json!({ "kind": "Mesh", "triangles": plates.iter().flat_map(Plate::square).map(|t| t.map(numbers)).collect::<Vec<_>>() })
+                Lamp::Surfels(plates) => {
+                    json!({ "kind": "Mesh", "triangles": plates.iter().flat_map(Surfel::square).map(|t| t.map(numbers)).collect::<Vec<_>>() })
                 }
-                Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles } => {
+                Lamp::Mesh(MeshLamp { corners, triangles, .. }) => {
                     let corner = |&i: &u32| numbers(corners[i as usize]);
                     json!({ "kind": "Mesh", "triangles": triangles.iter().map(|t| t.each_ref().map(corner)).collect::<Vec<_>>() })
                 }

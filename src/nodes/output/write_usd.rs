@@ -16,7 +16,9 @@ use crate::geometry::{Camera, Own, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, above};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Transfer, write_png};
 use crate::nodes::artifacts::Files;
-use crate::optics::{Lamp, Lobe, Plate, Radiance, Shape, Window, flux};
+use crate::optics::{
+    BoxLamp, Lamp, Lobe, MeshLamp, PhotometricLamp, Radiance, RectLamp, Shape, SphereLamp, Surfel, Window,
+};
 use crate::{params, ports};
 
 params! {
@@ -95,7 +97,7 @@ impl Node for WriteUsd {
         text.push_str("    }\n");
         text.push_str(MATERIALS);
         for (id, shape, radiance) in &lights {
-            if let Shape::Lamp(Lamp::Plates(_) | Lamp::Mesh { .. } | Lamp::Model { .. }) = shape {
+            if let Shape::Lamp(Lamp::Surfels(_) | Lamp::Mesh(_)) = shape {
                 let [r, g, b] = radiance[0].to_array();
                 text.push_str(&GLOW.replace("$ID", id).replace("$COLOUR", &format!("({r}, {g}, {b})")));
             }
@@ -227,7 +229,7 @@ impl WriteUsd {
         let area = 4.0 * window.x.cross(window.y).length();
         let lobes = || window.lobes.iter().zip(radiance).enumerate();
         let wide = lobes().filter(|(_, (lobe, w))| !is_sun(lobe, **w));
-        let power: Vec3 = wide.map(|(k, (_, w))| *w * flux(shape, k)).sum();
+        let power: Vec3 = wide.map(|(k, (_, w))| *w * shape.flux(k)).sum();
         let mean = if area > 0.0 { power / (PI * area) } else { Vec3::ZERO };
         let vector = |v: Vec3| format!("({}, {}, {})", v.x, v.y, v.z);
         let list = |items: Vec<String>| format!("[{}]", items.join(", "));
@@ -316,12 +318,12 @@ fn surface(text: &mut String, name: &str, inputs: &WriteUsdIn, faces: &[[u32; 3]
 fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
     match lamp {
         // A profile would be a file of its own beside this one: a luminaire is the sphere of the same flux.
-        Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. } => {
+        Lamp::Sphere(SphereLamp { center, radius }) | Lamp::Photometric(PhotometricLamp { center, radius, .. }) => {
             let more = [format!("float inputs:radius = {radius}")];
             light(text, "SphereLight", id, [Vec3::X, Vec3::Y, Vec3::Z, *center], radiance, false, &more);
         }
-        Lamp::Rect { center, x, y } => rectangle(text, id, [*center, *x, *y], radiance, &[]),
-        Lamp::Box { center, axes: [x, y, z] } => {
+        Lamp::Rect(RectLamp { center, x, y }) => rectangle(text, id, [*center, *x, *y], radiance, &[]),
+        Lamp::Box(BoxLamp { center, axes: [x, y, z] }) => {
             // The other two axes of each side, ordered so that their cross product points outwards.
             let hand = if x.cross(*y).dot(*z) < 0.0 { -1.0 } else { 1.0 };
             let pairs = [(*x, *y * hand, *z), (*y, *z * hand, *x), (*z, *x * hand, *y)];
@@ -330,8 +332,8 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
                 rectangle(text, &format!("{id}_{}", 2 * k + 1), [*center - out, b, a], radiance, &[]);
             }
         }
-        Lamp::Plates(plates) => glowing(text, id, plates.iter().flat_map(Plate::square)),
-        Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles } => {
+        Lamp::Surfels(plates) => glowing(text, id, plates.iter().flat_map(Surfel::square)),
+        Lamp::Mesh(MeshLamp { corners, triangles, .. }) => {
             glowing(text, id, triangles.iter().map(|t| t.map(|corner| corners[corner as usize])));
         }
     }

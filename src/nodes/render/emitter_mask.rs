@@ -65,7 +65,7 @@ impl Node for EmitterMask {
                         let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
                         // Depth is uneven, and a window lies in its wall, a lamp on its table: a little behind still shows.
                         let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
-                        body.meet_from(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
+                        body.intersect(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
                     });
                     *share = hits.count() as f32 * step * step;
                 }
@@ -77,7 +77,7 @@ impl Node for EmitterMask {
 
 /// Pixel rectangle (x0, y0, x1, y1; ends excluded) that holds the light's body, or `None` when it is out of view.
 fn bounds(shape: &Shape, camera: &Camera) -> Option<[usize; 4]> {
-    let (center, reach) = shape.ball()?;
+    let (center, reach) = shape.bounding_sphere()?;
     if -center.z + reach <= 1e-3 {
         return None;
     }
@@ -104,7 +104,7 @@ fn bounds(shape: &Shape, camera: &Camera) -> Option<[usize; 4]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::Lamp;
+    use crate::optics::{Lamp, SphereLamp};
 
     fn cover(shape: Shape, wall: f32) -> Plane<f32> {
         let camera = Camera::from_fov_x(80, 60, 60.0);
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_sphere_covers_its_disc() {
-        let sphere = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.2 });
+        let sphere = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.2 }));
         let got: f32 = cover(sphere.clone(), 5.0).pixels().iter().sum();
         // The outline of a sphere on the axis is a circle of radius f tan(asin(r / d)).
         let f = Camera::from_fov_x(80, 60, 60.0).fx;
@@ -131,9 +131,9 @@ mod tests {
 
     #[test]
     fn lights_behind_or_around_the_camera_are_sound() {
-        let behind = Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, 3.0), radius: 0.5 });
+        let behind = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, 3.0), radius: 0.5 }));
         assert_eq!(cover(behind, 5.0).pixels().iter().sum::<f32>(), 0.0);
-        let around = Shape::Lamp(Lamp::Sphere { center: Vec3::ZERO, radius: 0.5 });
+        let around = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::ZERO, radius: 0.5 }));
         assert!(cover(around, 5.0).pixels().iter().all(|c| (0.0..=1.0).contains(c)));
         assert_eq!(cover(Shape::Absent, 5.0).pixels().iter().sum::<f32>(), 0.0);
     }

@@ -11,7 +11,7 @@ use crate::net::view::{Geometry, HALF, seen_half};
 use crate::net::{Backend, Layer, Tensor, planes_of};
 use crate::nodes::artifacts::{Remainder, UnitDirect, UnitIndirect, Visibility};
 use crate::nodes::neural::{self, HALF_1, HALF_3, HALF_6};
-use crate::optics::{Shape, flux};
+use crate::optics::Shape;
 use crate::{params, ports};
 
 params! {
@@ -109,7 +109,7 @@ impl Node for Indirect {
                 ("albedo", albedo.clone()),
                 ("light", light.clone()),
                 ("direct", planes_of(&[Layer::Grey(&arrives), Layer::Grey(&arrives), Layer::Grey(&arrives)])),
-                ("flux", Tensor::new(&[1, 3, 1, 1], vec![flux(&shape, lobe); 3])),
+                ("flux", Tensor::new(&[1, 3, 1, 1], vec![shape.flux(lobe); 3])),
                 ("left", left.clone()),
                 ("burning", Tensor::new(&[1, 6, 1, 1], burning.clone())),
             ];

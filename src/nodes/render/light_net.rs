@@ -88,7 +88,7 @@ impl Node for LightNet {
                 lights.pixels_mut()[i] = 1.0;
                 shading.pixels_mut()[i] = match (shape.map(|s| &**s), radiance) {
                     (Some(Shape::Window(window)), Some(w)) => {
-                        window.seen(&w.0, geometry.points.pixels()[i].normalize())
+                        window.emitted(&w.0, geometry.points.pixels()[i].normalize())
                     }
                     (_, Some(w)) => w.0.iter().sum(),
                     _ => Vec3::ZERO,

@@ -109,7 +109,7 @@ impl Node for ShadowNet {
 
 /// Centre, half edges of a window, direction to its sun where the lobe is one: 12 numbers, zeros for what there is not.
 fn place(shape: &Shape, lobe: usize) -> Vec<f32> {
-    let center = shape.ball().map_or(Vec3::ZERO, |(center, _)| center);
+    let center = shape.bounding_sphere().map_or(Vec3::ZERO, |(center, _)| center);
     let (x, y, sun) = match shape {
         Shape::Window(Window { x, y, lobes, .. }) => (*x, *y, if lobe == 0 { lobes[0].direction } else { Vec3::ZERO }),
         _ => (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO),

@@ -16,7 +16,7 @@ use glam::Vec3;
 
 use crate::graph::{Context, Fault, Faults, File, Gather, Key, Node, NodeError, Raw, Scatter, Source};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES};
-use crate::optics::{Lamp, LightKind, Lobe, Radiance, Shape, Window};
+use crate::optics::{BoxLamp, Lamp, LightKind, Lobe, MeshLamp, Radiance, RectLamp, Shape, SphereLamp, Window};
 use crate::{params, ports};
 
 params! {
@@ -166,7 +166,7 @@ impl Entry<'_> {
         let lamp = match kind.as_str() {
             "Sphere" => self.sphere(faults),
             "Box" => self.cuboid(faults),
-            "Rect" => self.rect(faults).map(|[center, x, y]| Lamp::Rect { center, x, y }),
+            "Rect" => self.rect(faults).map(|[center, x, y]| Lamp::Rect(RectLamp { center, x, y })),
             _ => self.mesh(faults),
         };
         let light = (Shape::Lamp(lamp?), Radiance(vec![radiance?]));
@@ -176,7 +176,7 @@ impl Entry<'_> {
     fn sphere(&self, faults: &mut Faults) -> Option<Lamp> {
         let center = self.vector("center", faults);
         let radius = self.get("radius", "a number > 0", faults, |raw| number(raw).filter(|&r| r > 0.0));
-        Some(Lamp::Sphere { center: center?, radius: radius? })
+        Some(Lamp::Sphere(SphereLamp { center: center?, radius: radius? }))
     }
 
     fn cuboid(&self, faults: &mut Faults) -> Option<Lamp> {
@@ -186,7 +186,7 @@ impl Entry<'_> {
             let pairs = [(axes[0], axes[1]), (axes[1], axes[2]), (axes[2], axes[0])];
             pairs.into_iter().all(|(a, b)| at_right_angles(a, b)).then_some(axes)
         });
-        Some(Lamp::Box { center: center?, axes: axes? })
+        Some(Lamp::Box(BoxLamp { center: center?, axes: axes? }))
     }
 
     /// Centre and half edges.
@@ -217,7 +217,7 @@ impl Entry<'_> {
         let middle = corners.iter().sum::<Vec3>() / corners.len().max(1) as f32;
         let volume = corners.chunks_exact(3).map(|t| (t[1] - t[0]).cross(t[2] - t[0]).dot(t[0] - middle)).sum::<f32>();
         let triangles = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-        let lamp = Lamp::Mesh { corners, triangles };
+        let lamp = Lamp::Mesh(MeshLamp::without_occlusion(corners, triangles));
         if !(lamp.area() > 0.0 && lamp.area().is_finite()) {
             self.wrong("triangles", "triangles with an area", faults);
         } else if volume < 0.0 {
@@ -382,7 +382,7 @@ mod tests {
         let more = r#", "inv_window": {"kind": "Window", "center": [0, 0, 2], "half_x": [1, 0, 0], "half_y": [0, 1, 0],
             "lobes": [{"name": "ground", "direction": [0, -1, 0], "bandwidth": 0, "radiance": [0, 1e-5, 2E+1]}]}"#;
         let got = lights(LAMP, &pane(SKY), more).expect("it is sound");
-        let sphere = Lamp::Sphere { center: Vec3::new(1.0, 0.5, -3.0), radius: 0.1 };
+        let sphere = Lamp::Sphere(SphereLamp { center: Vec3::new(1.0, 0.5, -3.0), radius: 0.1 });
         assert_eq!(got[0], (Shape::Lamp(sphere), Radiance(vec![Vec3::new(9.0, 8.0, 7.0)])));
         let (Shape::Window(window), radiance) = &got[1] else { panic!("a window") };
         assert_eq!(radiance.0, [Vec3::ZERO, Vec3::new(1.0, 2.0, 3.0), Vec3::ZERO]);
@@ -393,10 +393,13 @@ mod tests {
         let axes = r#"{"kind": "Box", "center": [0, 0, -2], "half_axes": [[1, 0, 0], [0, 2, 0], [0, 0, 3]], "radiance": [1, 1, 1]}"#;
         let got = lights(axes, &pane(SKY), "").expect("it is sound");
         let axes = [Vec3::X, Vec3::Y * 2.0, Vec3::Z * 3.0];
-        assert_eq!(got[0].0, Shape::Lamp(Lamp::Box { center: Vec3::new(0.0, 0.0, -2.0), axes }));
+        assert_eq!(got[0].0, Shape::Lamp(Lamp::Box(BoxLamp { center: Vec3::new(0.0, 0.0, -2.0), axes })));
         let rect = r#"{"kind": "Rect", "center": [0, 1, -2], "half_x": [1, 0, 0], "half_y": [0, 0, 1], "radiance": [1, 1, 1]}"#;
         let got = lights(rect, &pane(SKY), "").expect("it is sound");
-        assert_eq!(got[0].0, Shape::Lamp(Lamp::Rect { center: Vec3::new(0.0, 1.0, -2.0), x: Vec3::X, y: Vec3::Z }));
+        assert_eq!(
+            got[0].0,
+            Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::new(0.0, 1.0, -2.0), x: Vec3::X, y: Vec3::Z }))
+        );
         let got = lights(&tetrahedron(false), &pane(SKY), "").expect("it is sound");
         let Shape::Lamp(lamp) = &got[0].0 else { panic!("a lamp") };
         // Three sides of 1/2 and one of sqrt(3)/2, exact but for rounding.

@@ -1,13 +1,15 @@
-//! The colour of a black body.
+//! The color of a black body.
 
 use glam::Vec3;
 
 use crate::image::luminance;
 
-/// Linear Rec.709 colour of a black body at `kelvin`, of luminance 1; 1667 K to 25000 K, nearer ends outside.
+/// The linear Rec.709 color of a black body at `kelvin`, of luminance 1; 1667 K to 25000 K, nearer
+/// ends outside.
 ///
-/// Chromaticity by the cubic fit of Kim et al. (US patent 7024034, 2002) to the Planckian locus; the white of the photo is
-/// taken as D65, so 6500 K is close to (1, 1, 1). Colours outside Rec.709 (below about 1900 K) lose their negative part.
+/// Chromaticity by the cubic fit of Kim et al. (US patent 7024034, 2002) to the Planckian locus;
+/// the white of the photo is taken as D65, so 6500 K is close to (1, 1, 1). Colors outside Rec.709
+/// (below about 1900 K) lose their negative part.
 pub fn black_body(kelvin: f32) -> Vec3 {
     let t = f64::from(kelvin).clamp(1667.0, 25000.0);
     let (a, b, c) = (1e9 / (t * t * t), 1e6 / (t * t), 1e3 / t);
@@ -45,8 +47,8 @@ mod tests {
         let warm = black_body(2700.0);
         assert!(warm.x > 1.5 && warm.z < 0.4 && warm.x > warm.y && warm.y > warm.z, "{warm}");
         for kelvin in [1000.0, 1667.0, 2222.0, 4000.0, 25000.0, 1e6] {
-            let colour = black_body(kelvin);
-            assert!((luminance(colour) - 1.0).abs() < 1e-5 && colour.min_element() >= 0.0, "{kelvin} K: {colour}");
+            let color = black_body(kelvin);
+            assert!((luminance(color) - 1.0).abs() < 1e-5 && color.min_element() >= 0.0, "{kelvin} K: {color}");
         }
     }
 

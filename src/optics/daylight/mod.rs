@@ -6,4 +6,4 @@ pub(in crate::optics) mod window_model;
 
 pub use black_body::black_body;
 pub use sun_and_sky::Daylight;
-pub use window_model::{Heading, Outlook, fit_outlook};
+pub use window_model::{Heading, WindowModel, fit_window_model};

@@ -1,9 +1,12 @@
-//! The clear sky and the sun as functions of the sun's height and the air's turbidity, in luminance and illuminance.
+//! The clear sky and the sun as functions of the sun's elevation and the air's turbidity, in
+//! luminance and illuminance.
 //!
-//! Sky: Preetham, Shirley and Smits, "A Practical Analytic Model for Daylight", SIGGRAPH 1999. With theta the angle from the zenith, gamma from the sun,
-//! F(theta, gamma) = (1 + A exp(B / cos theta)) (1 + C exp(D gamma) + E cos^2 gamma), luminance Y = Y_z F(theta, gamma) / F(0, theta_s), the chromaticities x and y
-//! likewise; A to E are linear in the turbidity T. Sun: its illuminance above the air, through the Rayleigh and the aerosol extinction of the same paper's
-//! appendix, at one wavelength per channel.
+//! Sky: Preetham, Shirley and Smits, "A Practical Analytic Model for Daylight", SIGGRAPH 1999. With
+//! theta the angle from the zenith, gamma from the sun, F(theta, gamma) = (1 + A exp(B / cos
+//! theta)) (1 + C exp(D gamma) + E cos^2 gamma), luminance Y = Y_z F(theta, gamma) / F(0, theta_s),
+//! the chromaticities x and y likewise; A to E are linear in the turbidity T. Sun: its illuminance
+//! above the air, through the Rayleigh and the aerosol extinction of the same paper's appendix, at
+//! one wavelength per channel.
 
 use std::f64::consts::PI;
 
@@ -13,38 +16,44 @@ use super::window_model::Heading;
 use crate::image::Plane;
 use crate::optics::black_body;
 
-/// A clear day.
+/// A clear sky with the sun in it.
 #[derive(Clone, Copy, Debug)]
 pub struct Daylight {
-    /// 2 is very clear air, 3 clear, 6 haze; the model was fitted from 2 to 10.
+    /// Ratio of the optical thickness of air with haze to that of air alone: 2 is very clear, 3
+    /// clear, 6 haze; the model was fitted from 2 to 10.
     pub turbidity: f64,
-    /// Towards the sun; unit length, above the horizon.
+    /// The direction of the sun: unit length, above the horizon.
     pub sun: DVec3,
 }
 
-/// Rows of the picture that [`Daylight::surrounding`] gives: 1.4 degrees each.
+/// Rows of the picture of [`Daylight::surrounding`]: 1.4 degrees each. Source: taste; effect: the
+/// resolution of the fit.
 const ROWS: usize = 128;
-/// What the earth reflects: grass, soil and pavement, grey.
+/// Albedo of the earth, gray: grass, soil and pavement. Source: taste; effect: the radiance below
+/// the horizon.
 const EARTH: f64 = 0.2;
-/// Illuminance of the sun above the air, lux, and its colour.
+/// Illuminance of the sun above the air, lux. Source: the solar constant.
 const SUN_LUX: f64 = 133_000.0;
+/// Color temperature of the sun above the air, kelvin. Source: its effective temperature.
 const SUN_KELVIN: f32 = 5800.0;
-/// Wavelengths of the channels, micrometres.
+/// Wavelengths of the channels, micrometers. Source: the peaks of the Rec.709 primaries.
 const CHANNELS: [f64; 3] = [0.610, 0.550, 0.465];
 
 impl Daylight {
-    /// Illuminance by the sun alone of a surface that faces it, lux, per channel.
+    /// The illuminance by the sun alone of a surface that faces it, lux, per channel; `up` has unit
+    /// length.
     pub fn sun_lux(&self, up: DVec3) -> DVec3 {
         let zenith = self.sun.dot(up).clamp(-1.0, 1.0).acos();
         let degrees = zenith.to_degrees();
-        // Relative optical mass by Kasten; the formula ends a little below the horizon.
+        // Relative optical mass by Kasten; its denominator is zero a little below the horizon.
         let mass = 1.0 / (zenith.cos().max(0.0) + 0.15 * (93.885 - degrees.min(90.0)).powf(-1.253));
         let beta = 0.046_08 * self.turbidity - 0.045_86;
         let through = CHANNELS.map(|um| (-mass * (0.008_735 * um.powf(-4.08) + beta.max(0.0) * um.powf(-1.3))).exp());
         black_body(SUN_KELVIN).as_dvec3() * SUN_LUX * DVec3::from_array(through)
     }
 
-    /// Luminance of the sky per channel, cd per square metre, towards unit `l` above the horizon; without the sun's disc.
+    /// Luminance of the sky per channel, cd per square metre, towards unit `l` above the horizon;
+    /// without the sun's disc.
     fn sky(&self, l: DVec3, up: DVec3) -> DVec3 {
         let t = self.turbidity;
         let theta_s = self.sun.dot(up).clamp(0.0, 1.0).acos();
@@ -64,8 +73,9 @@ impl Daylight {
         rgb(x, y, luminance)
     }
 
-    /// All directions in units of the photo, without the sun's disc; below the horizon the earth, which sun and sky light. A white surface
-    /// under `lux` shows 1, so that a luminance of lux / pi does.
+    /// The equirectangular picture of all directions in units of the photo, without the sun's disc;
+    /// below the horizon the earth, which sun and sky light. A white surface under `lux` shows 1,
+    /// so that a luminance of lux / pi does.
     pub fn surrounding(&self, heading: Heading, lux: f64) -> Plane<Vec3> {
         let (up, width) = (heading.up.as_dvec3(), 2 * ROWS);
         let direction = |i: usize| {
@@ -82,20 +92,27 @@ impl Daylight {
     }
 }
 
-/// Slope in the turbidity and base of A to E.
+// Slope in the turbidity, and value at 0, of A to E. Source: the paper, appendix A.2.
+
+/// Coefficients of the luminance.
 const LUMINANCE: [[f64; 2]; 5] =
     [[0.1787, -1.4630], [-0.3554, 0.4275], [-0.0227, 5.3251], [0.1206, -2.5771], [-0.0670, 0.3703]];
+/// Coefficients of the chromaticity x.
 const X: [[f64; 2]; 5] =
     [[-0.0193, -0.2592], [-0.0665, 0.0008], [-0.0004, 0.2125], [-0.0641, -0.8989], [-0.0033, 0.0452]];
+/// Coefficients of the chromaticity y.
 const Y: [[f64; 2]; 5] =
     [[-0.0167, -0.2608], [-0.0950, 0.0092], [-0.0079, 0.2102], [-0.0441, -1.6537], [-0.0109, 0.0529]];
 
-/// Chromaticity at the zenith: rows for T^2, T, 1, columns for theta_s^3, theta_s^2, theta_s, 1.
+// Chromaticity at the zenith. Source: the paper, appendix A.2.
+
+/// Coefficients of x: rows for T^2, T, 1, columns for theta_s^3, theta_s^2, theta_s, 1.
 const ZENITH_X: [[f64; 4]; 3] = [
     [0.001_66, -0.003_75, 0.002_09, 0.0],
     [-0.029_03, 0.063_77, -0.032_02, 0.003_94],
     [0.116_93, -0.211_96, 0.060_52, 0.258_86],
 ];
+/// Coefficients of y, as [`ZENITH_X`].
 const ZENITH_Y: [[f64; 4]; 3] = [
     [0.002_75, -0.006_10, 0.003_17, 0.0],
     [-0.042_14, 0.089_70, -0.041_53, 0.005_16],
@@ -107,7 +124,7 @@ fn at_zenith(rows: [[f64; 4]; 3], t: f64, theta: f64) -> f64 {
     (a * t + b) * t + c
 }
 
-/// Linear Rec.709 of a chromaticity and a luminance; what lies outside the gamut is cut off.
+/// The linear Rec.709 color of a chromaticity and a luminance, clipped to 0 outside of the gamut.
 fn rgb(x: f64, y: f64, luminance: f64) -> DVec3 {
     let (x_, z_) = (x / y * luminance, (1.0 - x - y) / y * luminance);
     let rgb = DVec3::new(
@@ -132,8 +149,9 @@ mod tests {
 
     #[test]
     fn the_zenith_is_as_the_paper_has_it() {
-        // Y_z of T = 3 and the sun 60 degrees from the zenith: chi = (4/9 - 1/40) (pi - 2 pi / 3) = 0.43924, tan 0.46995;
-        // (12.1359 - 4.9710) 0.46995 - 0.6465 + 2.4192 = 5.1398 kcd per square metre.
+        // Y_z of T = 3 and the sun 60 degrees from the zenith: chi = (4/9 - 1/40) (pi - 2 pi / 3) =
+        // 0.43924, tan 0.46995; (12.1359 - 4.9710) 0.46995 - 0.6465 + 2.4192 = 5.1398 kcd per
+        // square metre.
         let y = luminance(day(3.0, 30.0).sky(UP, UP).as_vec3());
         assert!((y / 5139.8 - 1.0).abs() < 2e-3, "{y}");
     }
@@ -141,7 +159,8 @@ mod tests {
     #[test]
     fn a_clear_day_is_as_bright_as_clear_days_are() {
         let y = |rgb: DVec3| f64::from(luminance(rgb.as_vec3()));
-        // Direct normal illuminance of clear days: about 80 klx at 35 degrees, over 90 at 60, little at the horizon.
+        // Direct normal illuminance of clear days: about 80 klx at 35 degrees, over 90 at 60,
+        // little at the horizon.
         let sun = |elevation: f64| y(day(3.0, elevation).sun_lux(UP));
         assert!((60e3..95e3).contains(&sun(35.0)), "{}", sun(35.0));
         assert!(sun(60.0) > sun(35.0) && sun(35.0) > sun(10.0) && sun(10.0) > sun(1.0), "it falls towards the horizon");
@@ -149,7 +168,8 @@ mod tests {
         assert!(y(day(8.0, 35.0).sun_lux(UP)) < 0.6 * sun(35.0));
         let low = day(3.0, 4.0).sun_lux(UP);
         assert!(low.x > 1.5 * low.z, "{low}");
-        // Horizontal illuminance by a clear sky alone: 10 to 20 klx as measured; the model's sky is brighter around the sun.
+        // Horizontal illuminance by a clear sky alone: 10 to 20 klx as measured; the model's sky is
+        // brighter around the sun.
         let picture = day(3.0, 40.0).surrounding(Heading { up: Vec3::Y, ahead: Vec3::NEG_Z }, PI);
         let rows = picture.height();
         let lux: f64 = (0..picture.len() / 2)
@@ -166,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_finite_at_its_ends() {
+    fn extremes_are_finite() {
         for turbidity in [1.7, 10.0] {
             for elevation in [0.01, 1.0, 89.99, 90.0] {
                 let picture =

@@ -1,13 +1,18 @@
-//! What a window looks out on, made of three spherical Gaussians: sun, sky and ground fitted to a surrounding.
+//! The surrounding of a window as three spherical Gaussians: sun, sky and ground fitted to a
+//! picture.
 //!
-//! A surrounding is a picture of all directions, radiance L(l) by direction l. Through a window whose wall faces out along n comes the flux
-//! integral of L(l) max(0, n . l), so that each direction counts with m = (n . l) d omega. The fit is in two steps, since a sun is a thousand times
-//! brighter than its sky and a thousand times smaller.
+//! A surrounding is a picture of all directions, radiance L(l) by direction l. Through a window
+//! whose wall faces out along n comes the flux integral of L(l) max(0, n . l), so that each
+//! direction counts with m = (n . l) d omega. The fit is in two steps, since a sun is a thousand
+//! times brighter than its sky and a thousand times smaller.
 //!
-//! 1. Sun: around the brightest direction, what rises above the ring around it. A lobe of bandwidth b has the mean direction d with
-//!    |mean of l| = coth b - 1/b, from which b follows; its radiance is that of the same flux.
-//! 2. Sky and ground: two broad lobes with least sum of m |L - w1 G1 - w2 G2|^2 over the rest, their radiances w eliminated (non-negative, per
-//!    channel), directions and bandwidths by Levenberg and Marquardt's damped steps; then both are scaled, so that no light is lost or won.
+//! 1. Sun: the excess, around the brightest direction, over the radiance of the annulus around it.
+//!    A lobe of bandwidth b has the mean direction d with |mean of l| = coth b - 1/b, from which b
+//!    follows; its radiance is that of the same flux.
+//! 2. Sky and ground: two broad lobes with least sum of m |L - w1 G1 - w2 G2|^2 over the other
+//!    directions. Their radiances w are eliminated (non-negative, per channel); their directions
+//!    and bandwidths come from damped steps (Levenberg and Marquardt). Then both are scaled, so
+//!    that the flux is the surrounding's.
 
 use std::f64::consts::PI;
 
@@ -17,18 +22,20 @@ use crate::image::{Plane, luminance};
 use crate::optics::nnls::solve_free;
 use crate::optics::{Lobe, nnls};
 
-/// How a picture of a surrounding stands: where up is, and which way its centre looks, level.
+/// The orientation of a picture of a surrounding.
 ///
-/// The picture is equirectangular: from left to right a full turn, to the right about the vertical, with `ahead` in the middle; from straight up
-/// in the first row to straight down in the last.
+/// The picture is equirectangular: from left to right a full turn, to the right about the vertical,
+/// with `ahead` in the middle; from straight up in the first row to straight down in the last.
 #[derive(Clone, Copy, Debug)]
 pub struct Heading {
+    /// Unit length.
     pub up: Vec3,
+    /// The direction of the center of the picture: unit length, orthogonal to `up`.
     pub ahead: Vec3,
 }
 
 impl Heading {
-    /// The direction of a place in the picture, both 0..1 from the upper left.
+    /// The unit direction of a position in the picture, `u` and `v` in 0..1 from the upper left.
     pub(in crate::optics) fn direction(&self, u: f64, v: f64) -> DVec3 {
         let (up, ahead) = (self.up.as_dvec3(), self.ahead.as_dvec3());
         let right = ahead.cross(up);
@@ -37,18 +44,22 @@ impl Heading {
     }
 }
 
-/// Three lobes in the place of a surrounding.
+/// Three lobes that stand for a surrounding.
 #[derive(Clone, Debug)]
-pub struct Outlook {
+pub struct WindowModel {
     /// Sun, sky, ground.
     pub lobes: [Lobe; 3],
+    /// Linear RGB in the units of the picture.
     pub radiance: [Vec3; 3],
-    /// The share of the luminous flux through the window that comes from elsewhere than in the surrounding: integral of m |L - lobes| / 2 over
-    /// that of m L; 0 is perfect, 1 has nothing in common. The whole flux is the surrounding's.
+    /// The fraction of the luminous flux through the window with another direction than in the
+    /// surrounding, 0..=1.
+    ///
+    /// It is the integral of m |L - lobes| / 2 over that of m L. The whole flux is the
+    /// surrounding's.
     pub misplaced: f64,
 }
 
-/// A direction of the surrounding.
+/// A direction of the surrounding and its radiance.
 #[derive(Clone, Copy)]
 struct Sample {
     direction: DVec3,
@@ -59,21 +70,56 @@ struct Sample {
     weight: f64,
 }
 
-/// Wider pictures are averaged down to this: 0.35 degrees a pixel.
-const WIDEST: usize = 1024;
-/// Pixels to a side of the tiles that sky and ground are fitted to: 2.8 degrees.
-const TILE: usize = 8;
-/// What is broader than this is no sun.
-const LEAST_SUN: f64 = 30.0;
-/// No lobe is sharper than the sun's disc.
-const MOST_SUN: f64 = 1e5;
-/// The part of the flux that a sun has at least.
-const SUN_SHARE: f64 = 0.01;
+// Constants of the fit. Source: taste, if not named.
 
-/// Fits sun, sky and ground to the part of `picture` that a window in a wall with the outward normal `outside` shows. Without `has_sun`, sky and
-/// ground take all of it.
-pub fn fit_outlook(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, has_sun: bool) -> Outlook {
-    let fine = reduced(picture, picture.width().div_ceil(WIDEST).max(1));
+/// Largest width of a picture, pixels, 0.35 degrees each; wider ones are averaged. Effect: time and
+/// the sun's position.
+const MAX_WIDTH: usize = 1024;
+/// Edge of the tiles to which sky and ground are fitted, pixels, 2.8 degrees. Effect: time.
+const TILE: usize = 8;
+/// Least tiles in the width of a picture.
+const MIN_TILES: usize = 16;
+/// Range of the bandwidth of a sun: a broader peak is a part of the sky, and the sun's disc has
+/// about the largest.
+const SUN_BANDWIDTH: [f64; 2] = [30.0, 1e5];
+/// Least flux of a sun. Unit: the flux of the surrounding.
+const SUN_FLUX: f64 = 0.01;
+/// Angle from the brightest direction within which the sun is sought at first, radians.
+const SUN_RADIUS: f64 = 0.1;
+/// Outer radius of the annulus that shows the sky around the sun. Unit: its inner radius.
+const ANNULUS: f64 = 1.6;
+/// Iterations of the sun's fit, each of which moves and narrows the circle.
+const SUN_ITERATIONS: usize = 16;
+/// Exponent at the boundary of the sun: exp(-8) of its radiance is left there.
+const SUN_EXPONENT: f64 = 8.0;
+/// Least cosine of the sun's radius: 20 degrees.
+const SUN_COSINE: f64 = 0.94;
+/// Bandwidth of the sun's lobe where there is not a sun.
+const NO_SUN_BANDWIDTH: f32 = 1e4;
+/// Range of the bandwidths of sky and ground.
+const BROAD: [f64; 2] = [0.05, 60.0];
+/// Bandwidth of sky and ground at the start of the descent.
+const BROAD_START: f64 = 1.5;
+/// Most steps of the descent.
+const STEPS: usize = 60;
+/// Step of the finite differences, in units of the parameters.
+const DIFFERENCE: f64 = 1e-4;
+/// Longest step of a parameter.
+const LONGEST: f64 = 0.5;
+/// Damping of the descent: at the start, least, and largest, beyond which it ends. Source:
+/// Marquardt's.
+const DAMPING: [f64; 3] = [1e-3, 1e-9, 1e8];
+/// Factors of the damping after a step that lowers the cost, and after one that does not.
+const DAMPING_FACTORS: [f64; 2] = [0.3, 4.0];
+/// Least decrease of the cost that continues the descent. Unit: the cost.
+const LEAST_DECREASE: f64 = 1e-9;
+/// Least curvature of a parameter. Unit: the largest curvature.
+const LEAST_CURVATURE: f64 = 1e-12;
+
+/// The sun, sky and ground fitted to the part of `picture` that a window in a wall with the outward
+/// normal `outside` shows. Without `has_sun`, sky and ground take all of it.
+pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, has_sun: bool) -> WindowModel {
+    let fine = reduced(picture, picture.width().div_ceil(MAX_WIDTH).max(1));
     let normal = outside.as_dvec3();
     let samples = samples(&fine, heading, normal);
     let sun = has_sun.then(|| sun(&samples, PI / fine.height() as f64)).flatten();
@@ -82,43 +128,45 @@ pub fn fit_outlook(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, has_s
         Some(sun) => without(&fine, heading, sun),
         None => fine.clone(),
     };
-    let broad: Vec<Sample> = self::samples(&reduced(&rest, TILE.min(fine.width() / 16).max(1)), heading, normal);
+    let broad: Vec<Sample> = self::samples(&reduced(&rest, TILE.min(fine.width() / MIN_TILES).max(1)), heading, normal);
     let [(sky, sky_radiance), (ground, ground_radiance)] = broad_lobes(&broad, heading.up.as_dvec3(), normal);
-    let daylight = Lobe { direction: sky.direction, bandwidth: 1e4 };
+    let daylight = Lobe { direction: sky.direction, bandwidth: NO_SUN_BANDWIDTH };
     let (inside, sun_flux) = match &sun {
-        Some(sun) => (sun.rim, sun.excess * sun.lobe.direction.as_dvec3().dot(normal).max(0.0)),
+        Some(sun) => (sun.boundary, sun.excess * sun.lobe.direction.as_dvec3().dot(normal).max(0.0)),
         None => (f64::INFINITY, DVec3::ZERO),
     };
     let center = sun.as_ref().map_or(sky.direction, |sun| sun.lobe.direction).as_dvec3();
 
     // Sky and ground carry what the sun does not, per channel: least squares alone lose some of it.
-    let of_broad = |l: DVec3| sky_radiance * value(&sky, l) + ground_radiance * value(&ground, l);
-    let (mut whole, mut of_both) = (DVec3::ZERO, DVec3::ZERO);
+    let from_broad = |l: DVec3| sky_radiance * value(&sky, l) + ground_radiance * value(&ground, l);
+    let (mut whole, mut from_both) = (DVec3::ZERO, DVec3::ZERO);
     for s in &samples {
         whole += s.weight * s.radiance;
-        of_both += s.weight * of_broad(s.direction);
+        from_both += s.weight * from_broad(s.direction);
     }
-    let factor = [0, 1, 2].map(|c| if of_both[c] > 0.0 { ((whole - sun_flux)[c] / of_both[c]).max(0.0) } else { 0.0 });
+    let factor =
+        [0, 1, 2].map(|c| if from_both[c] > 0.0 { ((whole - sun_flux)[c] / from_both[c]).max(0.0) } else { 0.0 });
     let factor = DVec3::from_array(factor);
 
-    // The sun is where it is: it may be smaller than a pixel, so that its pixels count as one.
+    // The sun may be smaller than a pixel, so that its pixels count as one.
     let y = |rgb: DVec3| f64::from(luminance(rgb.as_vec3()));
     let (mut apart, mut near) = (0.0, -sun_flux);
     for s in &samples {
-        let differs = s.weight * (s.radiance - factor * of_broad(s.direction));
+        let differs = s.weight * (s.radiance - factor * from_broad(s.direction));
         if s.direction.dot(center) > inside { near += differs } else { apart += y(differs).abs() }
     }
     let misplaced = 0.5 * (apart + y(near).abs()) / y(whole).max(f64::MIN_POSITIVE);
     let (sun, sun_radiance) = sun.map_or((daylight, DVec3::ZERO), |sun| (sun.lobe, sun.radiance));
     let radiance = [sun_radiance, factor * sky_radiance, factor * ground_radiance].map(|w| w.as_vec3());
-    Outlook { lobes: [sun, sky, ground], radiance, misplaced }
+    WindowModel { lobes: [sun, sky, ground], radiance, misplaced }
 }
 
 fn value(lobe: &Lobe, l: DVec3) -> f64 {
     (f64::from(lobe.bandwidth) * (lobe.direction.as_dvec3().dot(l) - 1.0)).exp()
 }
 
-/// Means of blocks of `by` x `by` pixels, weighted by the solid angle of their rows; not finite counts as black.
+/// Means of blocks of `by` x `by` pixels, weighted by the solid angle of their rows; not finite
+/// counts as black.
 fn reduced(picture: &Plane<Vec3>, by: usize) -> Plane<Vec3> {
     let (width, height) = (picture.width().div_ceil(by), picture.height().div_ceil(by));
     let row_weight = |y: usize| (PI * (y as f64 + 0.5) / picture.height() as f64).sin();
@@ -137,7 +185,7 @@ fn reduced(picture: &Plane<Vec3>, by: usize) -> Plane<Vec3> {
     Plane::new(width, height, (0..width * height).map(|i| block(i % width, i / width)).collect())
 }
 
-/// The directions of a picture that lie before the wall.
+/// The directions of a picture in front of the wall.
 fn samples(picture: &Plane<Vec3>, heading: Heading, outside: DVec3) -> Vec<Sample> {
     let (width, height) = (picture.width() as f64, picture.height() as f64);
     let sample = |(i, pixel): (usize, &Vec3)| {
@@ -156,10 +204,10 @@ struct Sun {
     radiance: DVec3,
     /// Its radiance times its solid angle.
     excess: DVec3,
-    /// Cosine of the angle around it that is the sun's.
-    rim: f64,
-    /// What its sky shows around it.
-    ring: DVec3,
+    /// Cosine of the sun's radius.
+    boundary: f64,
+    /// Radiance of the sky in the annulus around it.
+    annulus: DVec3,
 }
 
 /// The sun among these directions, `pixel` radians apart.
@@ -173,21 +221,21 @@ fn sun(samples: &[Sample], pixel: f64) -> Option<Sun> {
         }
     }
     let peak = peak?;
-    let (mut direction, mut radius, mut bandwidth, mut ring) = (peak.direction, 0.1, 0.0, DVec3::ZERO);
+    let (mut direction, mut radius, mut bandwidth, mut annulus) = (peak.direction, SUN_RADIUS, 0.0, DVec3::ZERO);
     let mut excess = DVec3::ZERO;
-    for _ in 0..16 {
-        let (rim, outer) = (f64::cos(radius), f64::cos(1.6 * radius));
+    for _ in 0..SUN_ITERATIONS {
+        let (boundary, outer) = (f64::cos(radius), f64::cos(ANNULUS * radius));
         let near = samples.iter().map(|s| (s, s.direction.dot(direction))).filter(|(_, cos)| *cos > outer);
         let (mut around, mut around_solid) = (DVec3::ZERO, 0.0);
-        for (s, _) in near.clone().filter(|(_, cos)| *cos <= rim) {
+        for (s, _) in near.clone().filter(|(_, cos)| *cos <= boundary) {
             around += s.radiance * s.solid;
             around_solid += s.solid;
         }
-        ring = if around_solid > 0.0 { around / around_solid } else { DVec3::ZERO };
+        annulus = if around_solid > 0.0 { around / around_solid } else { DVec3::ZERO };
         let (mut moment, mut sum) = (DVec3::ZERO, 0.0);
         excess = DVec3::ZERO;
-        for (s, _) in near.filter(|(_, cos)| *cos > rim) {
-            let rises = (s.radiance - ring).max(DVec3::ZERO) * s.solid;
+        for (s, _) in near.filter(|(_, cos)| *cos > boundary) {
+            let rises = (s.radiance - annulus).max(DVec3::ZERO) * s.solid;
             excess += rises;
             // About the middle found so far, so that no digits are lost.
             moment += y(rises) * (s.direction - direction);
@@ -197,33 +245,33 @@ fn sun(samples: &[Sample], pixel: f64) -> Option<Sun> {
             return None;
         }
         let mean = moment / sum;
-        // 1 - |mean of l| = 1/b for a sharp lobe; the pixels themselves are that wide: pixel^2 / 12.
+        // 1 - |mean of l| = 1/b for a sharp lobe; the pixels themselves are that wide: pixel^2 /
+        // 12.
         let to_mean = direction + mean;
         let fall =
             (-(2.0 * mean.dot(direction) + mean.length_squared()) / (1.0 + to_mean.length())) - pixel * pixel / 12.0;
-        bandwidth = (1.0 / fall.max(1.0 / MOST_SUN)).clamp(1.0, MOST_SUN);
+        bandwidth = (1.0 / fall.max(1.0 / SUN_BANDWIDTH[1])).clamp(1.0, SUN_BANDWIDTH[1]);
         direction = to_mean.normalize();
-        // exp(-8) of its radiance is left at the rim.
-        radius = (1.0 - 8.0 / bandwidth).max(0.94).acos().max(2.0 * pixel);
+        radius = (1.0 - SUN_EXPONENT / bandwidth).max(SUN_COSINE).acos().max(2.0 * pixel);
     }
     let flux: f64 = samples.iter().map(|s| s.solid * y(s.radiance)).sum();
-    if bandwidth < LEAST_SUN || y(excess) < SUN_SHARE * flux {
+    if bandwidth < SUN_BANDWIDTH[0] || y(excess) < SUN_FLUX * flux {
         return None;
     }
     let solid = 2.0 * PI * -(-2.0 * bandwidth).exp_m1() / bandwidth;
     let lobe = Lobe { direction: direction.as_vec3(), bandwidth: bandwidth as f32 };
-    Some(Sun { lobe, radiance: excess / solid, excess, rim: radius.cos(), ring })
+    Some(Sun { lobe, radiance: excess / solid, excess, boundary: radius.cos(), annulus })
 }
 
-/// The surrounding with the sky around the sun in its place.
+/// The surrounding with the sky around the sun in place of the sun.
 fn without(picture: &Plane<Vec3>, heading: Heading, sun: &Sun) -> Plane<Vec3> {
     let (width, height) = (picture.width(), picture.height());
     let center = sun.lobe.direction.as_dvec3();
     let pixel = |i: usize| {
         let (u, v) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        let inside = heading.direction(u / width as f64, v / height as f64).dot(center) > sun.rim;
+        let inside = heading.direction(u / width as f64, v / height as f64).dot(center) > sun.boundary;
         let old = picture.pixels()[i];
-        if inside { old.min(sun.ring.as_vec3()) } else { old }
+        if inside { old.min(sun.annulus.as_vec3()) } else { old }
     };
     Plane::new(width, height, (0..width * height).map(pixel).collect())
 }
@@ -231,15 +279,12 @@ fn without(picture: &Plane<Vec3>, heading: Heading, sun: &Sun) -> Plane<Vec3> {
 /// Directions (on the tangent plane of where they began) and logarithms of bandwidths of two lobes.
 type Form = [f64; 6];
 
-/// Bandwidths of sky and ground.
-const BROAD: [f64; 2] = [0.05, 60.0];
-
 /// The upper and the lower lobe with their radiances.
 fn broad_lobes(samples: &[Sample], up: DVec3, outside: DVec3) -> [(Lobe, DVec3); 2] {
     let towards = |up: DVec3| (up + outside).try_normalize().unwrap_or(outside);
     let starts =
         [[towards(up), towards(-up)], [towards(up * 0.2), towards(-up * 0.2)], [towards(up * 4.0), towards(-up * 0.3)]];
-    let fits = starts.into_iter().map(|start| descend(samples, start, [1.5f64.ln(); 2]));
+    let fits = starts.into_iter().map(|start| descend(samples, start, [BROAD_START.ln(); 2]));
     let best = fits.reduce(|a, b| if b.0 < a.0 { b } else { a }).expect("there are starts").1;
     let radiance = radiances(samples, &best);
     let mut all = [0, 1].map(|k| (best[k], radiance[k]));
@@ -258,46 +303,46 @@ fn lobes(start: &[DVec3; 2], form: &Form) -> [Lobe; 2] {
     })
 }
 
-/// Levenberg-Marquardt from these directions; the cost and the lobes where it ends.
+/// The cost and the lobes at the end of a Levenberg-Marquardt descent from these directions.
 fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f64, [Lobe; 2]) {
     let mut form: Form = [0.0, 0.0, log_bandwidth[0], 0.0, 0.0, log_bandwidth[1]];
     let mut residual = residuals(samples, &lobes(&start, &form));
     let cost = |residual: &[f64]| residual.iter().map(|r| r * r).sum::<f64>();
     let mut best = cost(&residual);
-    let mut damping = 1e-3;
-    for _ in 0..60 {
-        const STEP: f64 = 1e-4;
+    let mut damping = DAMPING[0];
+    for _ in 0..STEPS {
         let columns: Vec<Vec<f64>> = (0..6)
             .map(|k| {
                 let mut moved = form;
-                moved[k] += STEP;
+                moved[k] += DIFFERENCE;
                 let moved = residuals(samples, &lobes(&start, &moved));
-                moved.iter().zip(&residual).map(|(a, b)| (a - b) / STEP).collect()
+                moved.iter().zip(&residual).map(|(a, b)| (a - b) / DIFFERENCE).collect()
             })
             .collect();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let gram: Vec<f64> = columns.iter().flat_map(|a| columns.iter().map(|b| dot(a, b))).collect();
         let slope: Vec<f64> = columns.iter().map(|a| -dot(a, &residual)).collect();
-        // What changes nothing, such as the direction of an even lobe, has no slope either and stays.
-        let floor = 1e-12 * (0..6).map(|k| gram[7 * k]).fold(f64::MIN_POSITIVE, f64::max);
+        // A parameter without effect, such as the direction of a uniform lobe, has a slope of zero
+        // and stays.
+        let floor = LEAST_CURVATURE * (0..6).map(|k| gram[7 * k]).fold(f64::MIN_POSITIVE, f64::max);
         let mut improved = false;
-        while damping < 1e8 {
+        while damping < DAMPING[2] {
             let mut damped = gram.clone();
             (0..6).for_each(|k| damped[7 * k] += damping * gram[7 * k] + floor);
             let Some(step) = solve_free(&damped, &slope, &[true; 6]) else {
-                damping *= 4.0;
+                damping *= DAMPING_FACTORS[1];
                 continue;
             };
-            let moved: Form = std::array::from_fn(|k| form[k] + step[k].clamp(-0.5, 0.5));
+            let moved: Form = std::array::from_fn(|k| form[k] + step[k].clamp(-LONGEST, LONGEST));
             let moved_residual = residuals(samples, &lobes(&start, &moved));
             let now = cost(&moved_residual);
             if now < best {
-                improved = best - now > 1e-9 * best;
+                improved = best - now > LEAST_DECREASE * best;
                 (form, residual, best) = (moved, moved_residual, now);
-                damping = (damping * 0.3).max(1e-9);
+                damping = (damping * DAMPING_FACTORS[0]).max(DAMPING[1]);
                 break;
             }
-            damping *= 4.0;
+            damping *= DAMPING_FACTORS[1];
         }
         if !improved {
             break;
@@ -306,12 +351,12 @@ fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f
     (best, lobes(&start, &form))
 }
 
-/// sqrt(m) (L - w1 G1 - w2 G2), channel by channel, with the best radiances w.
+/// The residuals sqrt(m) (L - w1 G1 - w2 G2), channel by channel, with the best radiances w.
 fn residuals(samples: &[Sample], lobes: &[Lobe; 2]) -> Vec<f64> {
     let w = radiances(samples, lobes);
     let residual = |s: &Sample| {
-        let shown = w[0] * value(&lobes[0], s.direction) + w[1] * value(&lobes[1], s.direction);
-        ((s.radiance - shown) * s.weight.sqrt()).to_array()
+        let modeled = w[0] * value(&lobes[0], s.direction) + w[1] * value(&lobes[1], s.direction);
+        ((s.radiance - modeled) * s.weight.sqrt()).to_array()
     };
     samples.iter().flat_map(residual).collect()
 }
@@ -368,7 +413,7 @@ mod tests {
                 (Lobe { direction: towards(-0.3, -0.8, -0.5), bandwidth: 3.0 }, DVec3::new(1.5, 1.2, 0.8)),
             ];
             let picture = painted(width, |l| wanted.iter().map(|(lobe, w)| *w * value(lobe, l)).sum());
-            let got = fit_outlook(&picture, HEADING, outside, true);
+            let got = fit_window_model(&picture, HEADING, outside, true);
             for (k, (lobe, w)) in wanted.iter().enumerate() {
                 let angle = got.lobes[k].direction.angle_between(lobe.direction).to_degrees();
                 // A sharp lobe is a few pixels wide, and the sky below it slopes.
@@ -385,7 +430,7 @@ mod tests {
 
     #[test]
     fn an_even_sky_has_no_sun() {
-        let got = fit_outlook(&painted(128, |_| DVec3::new(1.0, 2.0, 3.0)), HEADING, Vec3::NEG_Z, true);
+        let got = fit_window_model(&painted(128, |_| DVec3::new(1.0, 2.0, 3.0)), HEADING, Vec3::NEG_Z, true);
         assert_eq!(got.radiance[0], Vec3::ZERO);
         assert!(got.misplaced < 0.02, "{}", got.misplaced);
     }
@@ -399,7 +444,7 @@ mod tests {
             street * (1.5 + (9.0 * l.x).sin() * (7.0 * l.y).cos()) + DVec3::splat(sun)
         };
         let picture = painted(512, patches);
-        let got = fit_outlook(&picture, HEADING, Vec3::NEG_Z, true);
+        let got = fit_window_model(&picture, HEADING, Vec3::NEG_Z, true);
         let through = |radiance: &dyn Fn(DVec3) -> DVec3| -> DVec3 {
             samples(&painted(512, radiance), HEADING, DVec3::NEG_Z).iter().map(|s| s.weight * s.radiance).sum()
         };
@@ -420,7 +465,7 @@ mod tests {
             painted(64, |l| DVec3::splat(if l.z < -0.995 { 1e4 } else { 0.0 })),
         ];
         for picture in &strange {
-            let got = fit_outlook(picture, HEADING, Vec3::NEG_Z, true);
+            let got = fit_window_model(picture, HEADING, Vec3::NEG_Z, true);
             assert!(got.lobes.iter().all(|lobe| lobe.direction.is_normalized() && lobe.bandwidth.is_finite()));
             assert!(got.radiance.iter().all(|w| w.is_finite() && w.min_element() >= 0.0), "{:?}", got.radiance);
             assert!(got.misplaced.is_finite());

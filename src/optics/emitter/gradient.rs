@@ -1,158 +1,77 @@
-//! How the irradiance changes with a light's place, size, direction and bandwidth, in closed form.
+//! The gradient of the irradiance by a light's position, size, direction and bandwidth, in closed
+//! form.
 //!
-//! E = (1/pi) integral over the seen outline of G(l) (n . l). By Reynolds' transport theorem a moving outline changes it by what
-//! its boundary sweeps: with v the velocity of a boundary point x, nu the outward normal of the arc and phi its length,
+//! E = (1/pi) integral over the visible outline of G(l) (n . l). By Reynolds' transport theorem a
+//! moving outline changes it by the integral over the area that its boundary sweeps: with v the
+//! velocity of a boundary point x, nu the outward normal of the arc and phi its length,
 //!
 //!   dE = (1/pi) contour integral of G (n . l) (v . nu) / |x|.
 //!
-//! On an edge x lies in the plane through the receiver, so that v = shift + growth (x - pivot) leaves v . nu = shift . nu - growth
-//! pivot . nu, the same all along it. The horizon adds nothing: there n . l = 0.
+//! On an edge x lies in the plane through the receiver, so that v = shift + growth (x - pivot)
+//! leaves v . nu = shift . nu - growth pivot . nu, the same all along it. The horizon adds nothing:
+//! there n . l = 0.
 //!
-//! A turned lobe is the same as outline and normal turned the other way, and with F = integral of G l (see `lobe_irradiance`)
+//! A turned lobe is the same as outline and normal turned the other way, and with F = integral of G
+//! l (see `lobe_irradiance`)
 //!
 //!   dE / d turn = -(1/pi) (contour integral of G (n . l) (l x nu) + n x F).
 //!
-//! The bandwidth stands in the integrands only: E = n . F / pi is differentiated under the contour integrals, with p1' = -p2 and
-//! p2'(x) = (e^-x - 2 p2) / x.
+//! The bandwidth stands in the integrands only: E = n . F / pi is differentiated under the contour
+//! integrals, with p1' = -p2 and p2'(x) = (e^-x - 2 p2) / x.
 
 use std::f64::consts::{PI, TAU};
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
-use super::{Emitter, NEAR, Surface, plate_square};
-use crate::optics::Plate;
 use crate::optics::sampling::gaussian::Gaussian;
-use crate::optics::sampling::lobe_irradiance::{Arc, Reach, p1_p2, p1_p2_of, p2_series};
+use crate::optics::sampling::lobe_irradiance::{Arc, Overlap, POLE, SERIES, p1_p2, p1_p2_of, p2_series};
 use crate::optics::sampling::polygon::{Edge, Outline};
 
-/// E / L of one lobe at a receiver, and its derivatives.
+/// The irradiance over pi of one lobe of unit radiance at a receiver, and its derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Gradient {
+    /// Irradiance over pi, 0..=1.
     pub value: f64,
-    /// Per metre that the light is shifted.
-    pub place: DVec3,
-    /// Per growth of the logarithm of its lengths, about the pivot.
+    /// Derivative by the position of the light, per metre.
+    pub position: DVec3,
+    /// Derivative by the logarithm of the light's lengths, which grow about the pivot.
     pub size: f64,
-    /// Per radian by which the lobe's direction is turned about each axis.
+    /// Derivative by the rotation of the lobe's direction about each axis, per radian.
     pub turn: DVec3,
-    /// Per unit of bandwidth.
+    /// Derivative by the bandwidth.
     pub bandwidth: f64,
 }
 
 impl Gradient {
-    fn plus(self, other: Gradient) -> Gradient {
+    /// The gradient of a sum.
+    pub(super) fn plus(self, other: Gradient) -> Gradient {
         Gradient {
             value: self.value + other.value,
-            place: self.place + other.place,
+            position: self.position + other.position,
             size: self.size + other.size,
             turn: self.turn + other.turn,
             bandwidth: self.bandwidth + other.bandwidth,
         }
     }
-}
 
-impl Emitter {
-    /// E / L of one lobe and its derivatives; `pivot` is the point about which the light grows. Nothing where nothing arrives.
-    pub fn gradient(&self, lobe: usize, point: Vec3, normal: Vec3, pivot: Vec3) -> Gradient {
-        let (point, normal) = (point.as_dvec3(), normal.as_dvec3());
-        let pivot = pivot.as_dvec3() - point;
-        let outlined = |outline: Outline| lambertian(&outline, normal, pivot);
-        let gradient = match &self.surface {
-            Surface::Nothing => Gradient::default(),
-            Surface::Sphere { center, radius } => sphere(*center - point, *radius, normal, pivot),
-            Surface::Sides(sides) => sides
-                .iter()
-                .filter_map(|side| side.outline(point, normal))
-                .map(outlined)
-                .fold(Gradient::default(), Gradient::plus),
-            Surface::Plates(plates) => {
-                plates.pieces.iter().map(|p| plate(p, point, normal, pivot)).fold(Gradient::default(), Gradient::plus)
-            }
-            Surface::Triangles(triangles) => triangles
-                .pieces
-                .iter()
-                .filter(|t| (t[1] - t[0]).cross(t[2] - t[0]).dot(point - t[0]) > 0.0)
-                .filter_map(|t| Outline::above(&t.map(|corner| corner - point), normal))
-                .map(outlined)
-                .fold(Gradient::default(), Gradient::plus),
-            // Of what an edit puts in, which no fit moves.
-            Surface::Model(_) => Gradient::default(),
-            Surface::Window(opening) => match opening.outline(point, normal) {
-                Some(outline) => opening.lobe(lobe).gradient(&outline, normal, pivot),
-                None => Gradient::default(),
-            },
-        };
-        let Gradient { value, place, size, turn, bandwidth } = gradient;
-        let finite = place.is_finite() && turn.is_finite() && (value + size + bandwidth).is_finite();
-        if finite { gradient } else { Gradient::default() }
+    /// This gradient, or zero if any number is not finite.
+    pub(super) fn or_zero(self) -> Gradient {
+        let Gradient { value, position, size, turn, bandwidth } = self;
+        let finite = position.is_finite() && turn.is_finite() && (value + size + bandwidth).is_finite();
+        if finite { self } else { Gradient::default() }
     }
 }
 
-/// A sphere with its centre relative to the receiver, sigma its half angle, theta the angle of its middle from the normal.
-///
-/// With the rim above the horizon for azimuths within phi, cos(phi) = -cot(sigma) cot(theta), its integral of cos gives
-/// dE / d sigma = 2 sin(sigma) (cos(sigma) cos(theta) phi + sin(sigma) sin(theta) sin(phi)) / pi, and the vector irradiance, half
-/// the contour integral of the inward normal, gives dE / d theta = -sin(sigma) (sin(sigma) sin(theta) phi + cos(sigma) cos(theta)
-/// sin(phi)) / pi.
-fn sphere(center: DVec3, radius: f64, normal: DVec3, pivot: DVec3) -> Gradient {
-    let value = crate::optics::sphere_irradiance(center, radius, normal);
-    if value == 0.0 {
-        return Gradient::default();
-    }
-    let distance = center.length();
-    let axis = center / distance;
-    let sin_sigma = radius / distance;
-    let cos_sigma = (1.0 - sin_sigma * sin_sigma).sqrt();
-    let cos = normal.dot(axis).clamp(-1.0, 1.0);
-    let across = normal - cos * axis;
-    let sin = across.length();
-    let rim = if cos >= sin_sigma { PI } else { (-cos_sigma / sin_sigma * cos / sin).clamp(-1.0, 1.0).acos() };
-    let by_sigma = 2.0 * sin_sigma / PI * (cos_sigma * cos * rim + sin_sigma * sin * rim.sin());
-    let by_theta = -sin_sigma / PI * (sin_sigma * sin * rim + cos_sigma * cos * rim.sin());
-    let towards = across.try_normalize().unwrap_or(DVec3::ZERO);
-    // sin(sigma) = radius / distance; a centre that moves towards the normal lowers theta.
-    let by_distance = -by_sigma * sin_sigma / (distance * cos_sigma);
-    let place = axis * by_distance - towards * (by_theta / distance);
-    let size = by_sigma * sin_sigma / cos_sigma + place.dot(center - pivot);
-    Gradient { value, place, size, ..Gradient::default() }
-}
-
-/// A plate's disc, or near it its square; as `emitter::plate_part`.
-fn plate(plate: &Plate, point: DVec3, normal: DVec3, pivot: DVec3) -> Gradient {
-    let (front, area) = (plate.normal.as_dvec3(), f64::from(plate.area));
-    let d = plate.point.as_dvec3() - point;
-    let (facing, distance_squared) = (-front.dot(d), d.length_squared());
-    if facing <= 0.0 {
-        return Gradient::default();
-    }
-    if distance_squared <= NEAR * NEAR * area {
-        let outline = Outline::above(&plate_square(front, area).map(|corner| d + corner), normal);
-        return outline.map_or(Gradient::default(), |outline| lambertian(&outline, normal, pivot));
-    }
-    let cos = normal.dot(d);
-    if cos <= 0.0 {
-        return Gradient::default();
-    }
-    // E = N A / D with N = cos facing, D = d^2 (pi d^2 + A).
-    let (above, disc) = (cos * facing, PI * distance_squared + area);
-    let below = distance_squared * disc;
-    let by_above = normal * facing - front * cos;
-    let by_below = d * (4.0 * PI * distance_squared + 2.0 * area);
-    let value = above * area / below;
-    let place = (by_above * area - value * by_below) / below;
-    let by_area = above * PI / (disc * disc);
-    Gradient { value, place, size: 2.0 * area * by_area + place.dot(d - pivot), ..Gradient::default() }
-}
-
-/// 1 / |x| on an edge is the dot product of this vector and the direction of x.
+/// The vector whose dot product with the direction of a point x on an edge is 1 / |x|.
 fn inverse_distance(edge: &Edge, first: DVec3, forward: DVec3) -> DVec3 {
     let (start, end) = (1.0 / edge.start.length(), 1.0 / edge.end.length());
     let (sin, cos) = edge.angle.sin_cos();
     first * start + forward * ((end - cos * start) / sin)
 }
 
-/// A moving outline of unit radiance: the contour integrals in closed form.
-fn lambertian(outline: &Outline, normal: DVec3, pivot: DVec3) -> Gradient {
+/// The gradient of a moving outline of unit radiance, for a receiver of unit `normal`, by contour
+/// integrals in closed form.
+pub(super) fn outline_gradient(outline: &Outline, normal: DVec3, pivot: DVec3) -> Gradient {
     let mut gradient = Gradient { value: outline.irradiance(normal), ..Gradient::default() };
     for edge in outline.edges() {
         let first = edge.start.normalize();
@@ -164,7 +83,8 @@ fn lambertian(outline: &Outline, normal: DVec3, pivot: DVec3) -> Gradient {
     gradient
 }
 
-/// Adds what an edge sweeps. `moments` are the integrals of G cos^2, G sin cos and G sin^2 over the arc in the frame of `axes`.
+/// Adds the contribution of the area that an edge sweeps. `moments` are the integrals of G cos^2, G
+/// sin cos and G sin^2 over the arc in the frame of `axes`.
 fn sweep(
     gradient: &mut Gradient,
     edge: &Edge,
@@ -178,111 +98,111 @@ fn sweep(
     let [n0, n1] = axes.map(|axis| axis.dot(normal));
     let [k0, k1] = axes.map(|axis| axis.dot(inverse));
     let swept = (n0 * k0 * cc + (n0 * k1 + n1 * k0) * sc + n1 * k1 * ss) / PI;
-    gradient.place -= swept * edge.inward;
+    gradient.position -= swept * edge.inward;
     gradient.size += swept * pivot.dot(edge.inward);
 }
 
-impl Gaussian {
-    /// [`Gaussian::irradiance`] and its derivatives, the outline moving with what it is cut from.
-    fn gradient(&self, outline: &Outline, normal: DVec3, pivot: DVec3) -> Gradient {
-        let mut gradient = Gradient::default();
-        let reach = self.reach(outline);
-        if reach == Reach::Outside {
-            return gradient;
-        }
-        let (mean, mean_slope) = mean_and_slope(self.bandwidth);
-        // F and its derivative with respect to the bandwidth.
-        let seen = if reach == Reach::Inside { 2.0 * TAU } else { outline.solid_angle() };
-        let [mut whole, mut slope] = [mean, mean_slope].map(|mean| self.direction * (mean * seen));
-        // Contour integral of G (n . l) (l x nu).
-        let mut turned = DVec3::ZERO;
-        for edge in outline.edges().iter().filter(|_| reach == Reach::Across) {
-            let first = edge.start.normalize();
-            let forward = first.cross(edge.inward);
-            let arc = Arc::new(self, edge);
-            let [r, h, r_slope, h_slope, cc, sc, ss] = arc.near(self, |sin_half, cos_half| {
-                let integrands = self.along(arc.rise(sin_half), mean, mean_slope);
-                let (sin, cos) = (2.0 * sin_half * cos_half, 1.0 - 2.0 * sin_half * sin_half);
-                let [r, h, r_slope, h_slope, g] = integrands;
-                [r, h, r_slope, h_slope, g * cos * cos, g * sin * cos, g * sin * sin]
-            });
-            let through = edge.inward.dot(self.direction);
-            let across = edge.inward - through * self.direction;
-            let far = 2.0 * arc.beyond();
-            whole += self.direction * (r * through + mean * far) + across * h;
-            slope += self.direction * (r_slope * through + mean_slope * far) + across * h_slope;
-
-            let (sin, cos) = arc.nearest.sin_cos();
-            let axes = [first * cos + forward * sin, forward * cos - first * sin];
-            sweep(&mut gradient, edge, [first, forward], axes, normal, pivot, [cc, sc, ss]);
-            let [n0, n1] = axes.map(|axis| axis.dot(normal));
-            turned += axes[0] * (n0 * sc + n1 * ss) - axes[1] * (n0 * cc + n1 * sc);
-        }
-        gradient.value = normal.dot(whole).max(0.0) / PI;
-        gradient.turn = -(turned + normal.cross(whole)) / PI;
-        gradient.bandwidth = normal.dot(slope) / PI;
-        gradient
+/// The gradient of [`Gaussian::irradiance`] of `lobe`, the outline moving with the rectangle of
+/// which it is a part.
+pub(super) fn lobe_gradient(lobe: &Gaussian, outline: &Outline, normal: DVec3, pivot: DVec3) -> Gradient {
+    let mut gradient = Gradient::default();
+    let overlap = lobe.overlap(outline);
+    if overlap == Overlap::Disjoint {
+        return gradient;
     }
+    let (mean, mean_slope) = mean_and_slope(lobe.bandwidth);
+    // F and its derivative with respect to the bandwidth.
+    let solid_angle = if overlap == Overlap::Within { 2.0 * TAU } else { outline.solid_angle() };
+    let [mut whole, mut slope] = [mean, mean_slope].map(|mean| lobe.direction * (mean * solid_angle));
+    // Contour integral of G (n . l) (l x nu).
+    let mut turned = DVec3::ZERO;
+    for edge in outline.edges().iter().filter(|_| overlap == Overlap::Partial) {
+        let first = edge.start.normalize();
+        let forward = first.cross(edge.inward);
+        let arc = Arc::new(lobe, edge);
+        let [r, h, r_slope, h_slope, cc, sc, ss] = arc.near(lobe, |sin_half, cos_half| {
+            let [r, h, r_slope, h_slope, g] = integrands(lobe.bandwidth, arc.rise(sin_half), mean, mean_slope);
+            let (sin, cos) = (2.0 * sin_half * cos_half, 1.0 - 2.0 * sin_half * sin_half);
+            [r, h, r_slope, h_slope, g * cos * cos, g * sin * cos, g * sin * sin]
+        });
+        let through = edge.inward.dot(lobe.direction);
+        let across = edge.inward - through * lobe.direction;
+        let far = 2.0 * arc.beyond();
+        whole += lobe.direction * (r * through + mean * far) + across * h;
+        slope += lobe.direction * (r_slope * through + mean_slope * far) + across * h_slope;
 
-    /// R, H, their derivatives with respect to the bandwidth, and G, at 1 - d . l = t.
-    fn along(&self, t: f64, mean: f64, mean_slope: f64) -> [f64; 5] {
-        let b = self.bandwidth;
-        let (x, y) = (b * t, b * (1.0 - t));
-        let e = (-x).exp();
-        let [p1, p2] = p1_p2_of(x, e);
-        let (r, r_slope) = if t < 2.0 - 1e-6 {
-            ((p1 - t * p2 - mean) / (2.0 - t), -(t * p2 + t * t * p2_slope(x, e, p2) + mean_slope) / (2.0 - t))
-        } else {
-            (0.5 * (mean + e), 0.5 * mean_slope - e)
-        };
-        let (h, h_slope) = if y.abs() > 0.25 {
-            let h = ((y - 1.0) * e + (-b).exp()) / (y * y);
-            (h, (e - 2.0 * h) / b - h)
-        } else {
-            let [value, slope] = p2_series(-y).map(|v| v * (-b).exp());
-            (value, -value - (1.0 - t) * slope)
-        };
-        [r, h, r_slope, h_slope, e]
+        let (sin, cos) = arc.nearest.sin_cos();
+        let axes = [first * cos + forward * sin, forward * cos - first * sin];
+        sweep(&mut gradient, edge, [first, forward], axes, normal, pivot, [cc, sc, ss]);
+        let [n0, n1] = axes.map(|axis| axis.dot(normal));
+        turned += axes[0] * (n0 * sc + n1 * ss) - axes[1] * (n0 * cc + n1 * sc);
     }
+    gradient.value = normal.dot(whole).max(0.0) / PI;
+    gradient.turn = -(turned + normal.cross(whole)) / PI;
+    gradient.bandwidth = normal.dot(slope) / PI;
+    gradient
 }
 
-/// D and its derivative with respect to the bandwidth.
+/// The functions R, H, their derivatives with respect to the bandwidth b, and G, at 1 - d . l = t.
+fn integrands(b: f64, t: f64, mean: f64, mean_slope: f64) -> [f64; 5] {
+    let (x, y) = (b * t, b * (1.0 - t));
+    let e = (-x).exp();
+    let [p1, p2] = p1_p2_of(x, e);
+    let (r, r_slope) = if t < POLE {
+        ((p1 - t * p2 - mean) / (2.0 - t), -(t * p2 + t * t * p2_slope(x, e, p2) + mean_slope) / (2.0 - t))
+    } else {
+        (0.5 * (mean + e), 0.5 * mean_slope - e)
+    };
+    let (h, h_slope) = if y.abs() > SERIES {
+        let h = ((y - 1.0) * e + (-b).exp()) / (y * y);
+        (h, (e - 2.0 * h) / b - h)
+    } else {
+        let [value, slope] = p2_series(-y).map(|v| v * (-b).exp());
+        (value, -value - (1.0 - t) * slope)
+    };
+    [r, h, r_slope, h_slope, e]
+}
+
+/// The mean D and its derivative with respect to the bandwidth.
 fn mean_and_slope(b: f64) -> (f64, f64) {
     let [p1, p2] = p1_p2(2.0 * b);
     (p1 - 2.0 * p2, -2.0 * p2 - 4.0 * p2_slope(2.0 * b, (-2.0 * b).exp(), p2))
 }
 
-/// p2'(x), `e` being e^-x.
+/// The derivative p2'(x), `e` being e^-x.
 fn p2_slope(x: f64, e: f64, p2: f64) -> f64 {
-    if x > 0.25 { (e - 2.0 * p2) / x } else { p2_series(x)[1] }
+    if x > SERIES { (e - 2.0 * p2) / x } else { p2_series(x)[1] }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::{Lamp, Lobe, Points2, Shape, Window};
+    use crate::optics::{BoxLamp, Emitter, Lamp, Lobe, Points2, RectLamp, Shape, SphereLamp, Surfel, Window};
+    use glam::Vec3;
 
-    /// The light shifted, grown about `pivot`, its lobes turned by a vector and their bandwidth raised.
+    /// The light shifted, grown about `pivot`, its lobes turned by a vector and their bandwidth
+    /// raised.
     fn moved(shape: &Shape, shift: DVec3, growth: f64, pivot: Vec3, turn: DVec3, bandwidth: f64) -> Shape {
-        let place = |p: Vec3| (shift + pivot.as_dvec3() + (p - pivot).as_dvec3() * growth.exp()).as_vec3();
+        let position = |p: Vec3| (shift + pivot.as_dvec3() + (p - pivot).as_dvec3() * growth.exp()).as_vec3();
         let edge = |e: Vec3| (e.as_dvec3() * growth.exp()).as_vec3();
         match shape {
-            Shape::Lamp(Lamp::Sphere { center, radius }) => {
-                Shape::Lamp(Lamp::Sphere { center: place(*center), radius: radius * growth.exp() as f32 })
+            Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius })) => {
+                let radius = radius * growth.exp() as f32;
+                Shape::Lamp(Lamp::Sphere(SphereLamp { center: position(*center), radius }))
             }
-            Shape::Lamp(Lamp::Rect { center, x, y }) => {
-                Shape::Lamp(Lamp::Rect { center: place(*center), x: edge(*x), y: edge(*y) })
+            Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })) => {
+                Shape::Lamp(Lamp::Rect(RectLamp { center: position(*center), x: edge(*x), y: edge(*y) }))
             }
-            Shape::Lamp(Lamp::Box { center, axes }) => {
-                Shape::Lamp(Lamp::Box { center: place(*center), axes: axes.map(edge) })
+            Shape::Lamp(Lamp::Box(BoxLamp { center, axes })) => {
+                Shape::Lamp(Lamp::Box(BoxLamp { center: position(*center), axes: axes.map(edge) }))
             }
-            Shape::Lamp(Lamp::Plates(plates)) => {
-                let plate = |p: &Plate| Plate {
-                    point: place(p.point),
+            Shape::Lamp(Lamp::Surfels(surfels)) => {
+                let surfel = |p: &Surfel| Surfel {
+                    point: position(p.point),
                     normal: p.normal,
                     area: p.area * (2.0 * growth).exp() as f32,
                 };
-                Shape::Lamp(Lamp::Plates(plates.iter().map(plate).collect()))
+                Shape::Lamp(Lamp::Surfels(surfels.iter().map(surfel).collect()))
             }
             Shape::Window(Window { center, x, y, lobes }) => {
                 let lobe = |l: &Lobe| {
@@ -291,7 +211,7 @@ mod tests {
                     Lobe { direction, bandwidth: (f64::from(l.bandwidth) + bandwidth) as f32 }
                 };
                 Shape::Window(Window {
-                    center: place(*center),
+                    center: position(*center),
                     x: edge(*x),
                     y: edge(*y),
                     lobes: lobes.each_ref().map(lobe),
@@ -301,10 +221,11 @@ mod tests {
         }
     }
 
-    /// Central differences. Steps of 1e-3 of a length lose 1e-6 to curvature and 1e-4 to the single precision of shapes.
+    /// Central differences. Steps of 1e-3 of a length lose 1e-6 to curvature and 1e-4 to the single
+    /// precision of shapes.
     #[track_caller]
     fn check(shape: &Shape, lobe: usize, point: Vec3, normal: Vec3, scale: f64) {
-        let (pivot, _) = shape.ball().expect("a light");
+        let (pivot, _) = shape.bounding_sphere().expect("a light");
         let got = Emitter::new(shape).gradient(lobe, point, normal, pivot);
         let value = |s: &Shape| f64::from(Emitter::new(s).irradiance(lobe, point, normal).expect("a closed form"));
         assert!((got.value - value(shape)).abs() <= 1e-6 * value(shape), "{} {}", got.value, value(shape));
@@ -316,8 +237,8 @@ mod tests {
         let (zero, h) = (DVec3::ZERO, 3e-3 * width.min(0.3) * scale);
         for axis in DVec3::AXES {
             let by = difference(h, &|t| moved(shape, axis * t, 0.0, pivot, zero, 0.0));
-            let tolerance = 2e-2 * (got.place.length() + got.value / scale / width) + 1e-7 / h;
-            assert!((by - got.place.dot(axis)).abs() < tolerance, "place {axis}: {by} {got:?} {shape:?}");
+            let tolerance = 2e-2 * (got.position.length() + got.value / scale / width) + 1e-7 / h;
+            assert!((by - got.position.dot(axis)).abs() < tolerance, "position {axis}: {by} {got:?} {shape:?}");
         }
         let by = difference(h / scale, &|t| moved(shape, zero, t, pivot, zero, 0.0));
         let tolerance = 2e-2 * (got.size.abs() + got.value / width) + 1e-7 / h;
@@ -329,7 +250,7 @@ mod tests {
                 assert!((by - got.turn.dot(axis)).abs() < tolerance, "turn {axis}: {by} {got:?} {shape:?}");
             }
             let h = 1e-2 * (f64::from(window.lobes[lobe].bandwidth) + 0.1);
-            // Below zero there is no bandwidth.
+            // A bandwidth is never below zero.
             let from = if window.lobes[lobe].bandwidth > 0.0 { 0.0 } else { h };
             let by = difference(h, &|t| moved(shape, zero, 0.0, pivot, zero, from + t));
             let tolerance = 1e-2 * (got.bandwidth.abs() + 1e-3 * got.value / h) + 1e-8 / h;
@@ -344,20 +265,20 @@ mod tests {
             let [[a, b], [c, d], [e, f]] = points.map(|p| p.get(i).map(|u| u as f32));
             let normal = Vec3::new(a - 0.5, 1.0, b - 0.5).normalize();
             let point = Vec3::new(0.3 * c, 0.0, -0.2 * d);
-            // Some of them on the horizon; plates of discs and of squares, none between.
+            // Some of them on the horizon; surfels as discs and as squares, none between.
             let center = Vec3::new(2.0 * (e - 0.5), if i % 3 == 0 { 0.1 } else { 1.0 + f }, 1.0);
             let axes = [Vec3::X * 0.3, Vec3::new(0.0, 0.2, 0.1), Vec3::new(0.0, -0.1, 0.2)];
-            let plate = |k: usize| {
+            let surfel = |k: usize| {
                 let normal = Vec3::new((k as f32).sin(), -1.0, -(k as f32 * 2.0).cos().abs()).normalize();
                 let point = center + Vec3::new(0.05 * k as f32, 0.3, 0.02 * k as f32);
-                Plate { point, normal, area: if k.is_multiple_of(2) { 0.001 } else { 0.3 } }
+                Surfel { point, normal, area: if k.is_multiple_of(2) { 0.001 } else { 0.3 } }
             };
             for lamp in [
-                Lamp::Sphere { center, radius: 0.1 + 0.3 * a },
-                Lamp::Rect { center, x: Vec3::X * 0.4, y: Vec3::Z * 0.3 },
-                Lamp::Rect { center, x: Vec3::X * 0.4, y: Vec3::Y * 0.3 },
-                Lamp::Box { center, axes },
-                Lamp::Plates((0..6).map(plate).collect()),
+                Lamp::Sphere(SphereLamp { center, radius: 0.1 + 0.3 * a }),
+                Lamp::Rect(RectLamp { center, x: Vec3::X * 0.4, y: Vec3::Z * 0.3 }),
+                Lamp::Rect(RectLamp { center, x: Vec3::X * 0.4, y: Vec3::Y * 0.3 }),
+                Lamp::Box(BoxLamp { center, axes }),
+                Lamp::Surfels((0..6).map(surfel).collect()),
             ] {
                 check(&Shape::Lamp(lamp), 0, point, normal, 1.0);
             }
@@ -384,13 +305,14 @@ mod tests {
     fn extremes_are_finite() {
         let lobe = |bandwidth| Lobe { direction: Vec3::Z, bandwidth };
         let window = Window { center: Vec3::Z, x: Vec3::NEG_X, y: Vec3::Y, lobes: [0.0, 1e5, 1e7].map(lobe) };
-        let lamps = [0.0, 1e-20, 1.0, 1e20].map(|radius| Shape::Lamp(Lamp::Sphere { center: Vec3::Z, radius }));
+        let lamps =
+            [0.0, 1e-20, 1.0, 1e20].map(|radius| Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::Z, radius })));
         for shape in lamps.into_iter().chain([Shape::Window(window), Shape::Absent]) {
             let emitter = Emitter::new(&shape);
             for point in [Vec3::ZERO, Vec3::Z, Vec3::Z * (1.0 - 1e-6), Vec3::splat(1e10), Vec3::NAN] {
                 for lobe in 0..shape.lobes() {
                     let got = emitter.gradient(lobe, point, Vec3::Z, Vec3::Z);
-                    assert!(got.place.is_finite() && got.turn.is_finite(), "{got:?}");
+                    assert!(got.position.is_finite() && got.turn.is_finite(), "{got:?}");
                     assert!((got.value + got.size + got.bandwidth).is_finite(), "{got:?}");
                 }
             }

@@ -1,8 +1,10 @@
-//! Luminous intensity by direction: the profile of a luminaire, from files of IES LM-63.
+//! The photometric web of a luminaire: its luminous intensity by direction, from files of IES
+//! LM-63.
 //!
-//! A profile is a far field: the luminous intensity I(direction), candela, of a body that is small beside its distance. Its shape is
-//! g = 4 pi I / F with F = integral of I over all directions, the luminous flux, so that g is 1 where light goes evenly everywhere. Type C
-//! photometry: v is the angle from the luminaire's axis, which points down when it hangs, h the angle about it.
+//! A web is a far field: the luminous intensity I(direction), candela, of a body that is small
+//! beside its distance. The relative intensity is g = 4 pi I / F with F = integral of I over all
+//! directions, the luminous flux, so that g is 1 for a body that emits evenly. Type C photometry: v
+//! is the angle from the luminaire's axis, which points down when it hangs, h the angle about it.
 //! Source: ANSI/IES LM-63-02; intensity between the angles of the file is bilinear in them.
 
 use glam::{DVec3, Vec3};
@@ -10,73 +12,89 @@ use serde::{Deserialize, Serialize};
 
 use crate::image::rule;
 
-/// Tables with more angles than this are no luminaires.
-const MOST_VALUES: usize = 1 << 20;
+/// Most values of a table; a file with more is refused before memory is allocated.
+const MAX_VALUES: usize = 1 << 20;
 
-/// A profile and how its luminaire stands.
+/// A table of relative intensity and the orientation of its luminaire.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Profile {
-    /// Where v = 0 points; unit length.
+pub struct PhotometricWeb {
+    /// The direction of v = 0; unit length.
     pub axis: Vec3,
-    /// Where v = 90 degrees, h = 0 points; unit length, across the axis.
+    /// The direction of v = 90 degrees, h = 0; unit length, orthogonal to the axis.
     pub side: Vec3,
-    pub table: ProfileTable,
+    /// The relative intensity by angle.
+    pub table: PhotometricWebTable,
 }
 
-/// g = 4 pi I / F at angles in degrees.
+/// A table of the relative intensity g = 4 pi I / F by angle in degrees.
+///
+/// ```
+/// use relight::optics::PhotometricWebTable;
+///
+/// // 100 cd straight down, 50 at 45 degrees, none from 90, the same all around.
+/// let file = "IESNA91\nTILT=NONE\n1 -1 1 3 1 1 2 0 0 0\n1 1 1\n0 45 90\n0\n100 50 0\n";
+/// let (_, lumens) = PhotometricWebTable::parse(file)?;
+/// assert!((lumens - 228.3).abs() < 0.1);
+/// # Ok::<(), String>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ProfileTable {
+pub struct PhotometricWebTable {
     /// Ascending, at least two.
     vertical: Vec<f32>,
-    /// Ascending from 0 to 360, or a single 0: the same all around.
+    /// Ascending from 0 to 360, or a single 0 for a web that is the same all around.
     horizontal: Vec<f32>,
-    /// By horizontal angle, then by vertical.
-    shares: Vec<f32>,
+    /// Relative intensity, row by row: a row per horizontal angle, a column per vertical one.
+    intensity: Vec<f32>,
 }
 
-impl Profile {
-    /// g in a direction away from the lamp.
-    pub fn share(&self, direction: DVec3) -> f64 {
+impl PhotometricWeb {
+    /// The relative intensity g, 0 or more, in a unit `direction` away from the lamp; 0 outside of
+    /// the table.
+    pub fn relative_intensity(&self, direction: DVec3) -> f64 {
         let (axis, side) = (self.axis.as_dvec3(), self.side.as_dvec3());
         let (along, across, third) = (direction.dot(axis), direction.dot(side), direction.dot(axis.cross(side)));
         let v = across.hypot(third).atan2(along).to_degrees();
         let h = third.atan2(across).to_degrees().rem_euclid(360.0);
-        self.table.share(v, h)
+        self.table.relative_intensity(v, h)
     }
 }
 
-impl ProfileTable {
-    /// Whether there is a share for each pair of angles, and angles ascend.
+impl PhotometricWebTable {
+    /// The consistency of a table that was read from disk: a value for each pair of angles, and
+    /// angles that ascend.
     ///
     /// # Errors
-    /// The rule that is not kept.
+    /// The rule that is broken.
     pub(in crate::optics) fn check(&self) -> Result<(), String> {
         let cells = self.vertical.len().checked_mul(self.horizontal.len());
-        rule(cells == Some(self.shares.len()), "a share for each pair of angles")?;
+        rule(cells == Some(self.intensity.len()), "a share for each pair of angles")?;
         rule(self.vertical.len() >= 2 && !self.horizontal.is_empty(), "two vertical angles and a horizontal one")?;
         let ascend = |angles: &[f32]| angles.windows(2).all(|pair| pair[0] < pair[1]);
         rule(ascend(&self.vertical) && ascend(&self.horizontal), "angles that ascend")
     }
 
-    fn share(&self, v: f64, h: f64) -> f64 {
+    /// The bilinear interpolation at angles in degrees; 0 outside of the table.
+    fn relative_intensity(&self, v: f64, h: f64) -> f64 {
         let Some((i, s)) = between(&self.vertical, v) else { return 0.0 };
         let (j, t) = between(&self.horizontal, h).unwrap_or((0, 0.0));
         let rows = self.horizontal.len();
-        let at = |j: usize, i: usize| f64::from(self.shares[j.min(rows - 1) * self.vertical.len() + i]);
+        let at = |j: usize, i: usize| f64::from(self.intensity[j.min(rows - 1) * self.vertical.len() + i]);
         let row = |j: usize| at(j, i) * (1.0 - s) + at(j, i + 1) * s;
         row(j) * (1.0 - t) + row(j + 1) * t
     }
 
-    /// Memory held, in bytes.
+    /// The memory held, bytes.
     pub fn bytes(&self) -> usize {
-        size_of::<f32>() * (self.vertical.len() + self.horizontal.len() + self.shares.len())
+        size_of::<f32>() * (self.vertical.len() + self.horizontal.len() + self.intensity.len())
     }
 
-    /// Reads an LM-63 file: the table, and the luminous flux that its candela sum to, in lumens.
+    /// The table of an LM-63 file, and the luminous flux to which its candela sum, lumens.
     ///
     /// # Errors
-    /// What was wanted and what was got.
-    pub fn parse(text: &str) -> Result<(ProfileTable, f64), String> {
+    /// A message with the wanted and the given text for a file that is not LM-63, has a tilt in
+    /// another file, is not type C photometry, has more than 2^20 values, angles that do not
+    /// ascend, or candela that are negative or all zero.
+    pub fn parse(text: &str) -> Result<(PhotometricWebTable, f64), String> {
         let (_, after) = text
             .match_indices("TILT=")
             .find(|(at, _)| *at == 0 || text[..*at].ends_with(['\n', '\r']))
@@ -87,7 +105,8 @@ impl ProfileTable {
             Numbers { words: body.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()) };
         match tilt.trim() {
             "NONE" => {}
-            // How output depends on the way the lamp burns: it tells nothing of this luminaire as measured.
+            // The dependence of the output on the tilt of the lamp; the candela below are as
+            // measured, without tilt.
             "INCLUDE" => {
                 numbers.next("lamp to luminaire geometry")?;
                 let count = numbers.count("tilt angles")?;
@@ -106,9 +125,9 @@ impl ProfileTable {
         numbers.many(4, "units and sizes")?;
         scale *= numbers.next("ballast factor")?;
         numbers.many(2, "ballast lamp factor and input watts")?;
-        if verticals < 2 || verticals * horizontals > MOST_VALUES {
+        if verticals < 2 || verticals * horizontals > MAX_VALUES {
             return Err(format!(
-                "wanted at least 2 vertical angles and {MOST_VALUES} values at most, got {verticals} x {horizontals}"
+                "wanted at least 2 vertical angles and {MAX_VALUES} values at most, got {verticals} x {horizontals}"
             ));
         }
         let vertical = ascending(numbers.many(verticals, "vertical angles")?, 180.0, "vertical")?;
@@ -124,17 +143,20 @@ impl ProfileTable {
             return Err(format!("wanted a luminaire that shines, got {flux} lumens"));
         }
         let single = |values: &[f64]| values.iter().map(|value| *value as f32).collect::<Vec<f32>>();
-        let shares: Vec<f64> = candela.iter().map(|value| 4.0 * std::f64::consts::PI * value / flux).collect();
-        let table =
-            ProfileTable { vertical: single(&vertical), horizontal: single(&horizontal), shares: single(&shares) };
-        Ok((table, flux))
+        let intensity: Vec<f64> = candela.iter().map(|value| 4.0 * std::f64::consts::PI * value / flux).collect();
+        let [vertical, horizontal, intensity] = [&vertical, &horizontal, &intensity].map(|values| single(values));
+        Ok((PhotometricWebTable { vertical, horizontal, intensity }, flux))
     }
 }
 
-/// The index of the angle before `at`, and how far `at` is on the way to the next; `None` outside of all.
+/// Tolerance of the first and last angle of a table, degrees. Source: single precision.
+const ANGLE_SLACK: f64 = 1e-4;
+
+/// The index of the angle before `at`, and the fraction of the interval before the next at which
+/// `at` lies; `None` outside.
 fn between(angles: &[f32], at: f64) -> Option<(usize, f64)> {
     let (first, last) = (f64::from(*angles.first()?), f64::from(*angles.last()?));
-    if angles.len() < 2 || !(first - 1e-4..=last + 1e-4).contains(&at) {
+    if angles.len() < 2 || !(first - ANGLE_SLACK..=last + ANGLE_SLACK).contains(&at) {
         return None;
     }
     let next = angles.partition_point(|angle| f64::from(*angle) <= at).clamp(1, angles.len() - 1);
@@ -142,7 +164,7 @@ fn between(angles: &[f32], at: f64) -> Option<(usize, f64)> {
     Some((next - 1, ((at - low) / (high - low)).clamp(0.0, 1.0)))
 }
 
-/// Numbers in words, one after the other.
+/// An iterator over the numbers of a text.
 struct Numbers<I> {
     words: I,
 }
@@ -158,7 +180,7 @@ impl<'a, I: Iterator<Item = &'a str>> Numbers<I> {
 
     fn count(&mut self, what: &str) -> Result<usize, String> {
         let number = self.next(&format!("the number of {what}"))?;
-        let whole = number.fract() == 0.0 && (1.0..=MOST_VALUES as f64).contains(&number);
+        let whole = number.fract() == 0.0 && (1.0..=MAX_VALUES as f64).contains(&number);
         whole.then_some(number as usize).ok_or_else(|| format!("wanted the number of {what}, got {number}"))
     }
 
@@ -183,13 +205,14 @@ fn ascending(angles: Vec<f64>, most: f64, what: &str) -> Result<Vec<f64>, String
     }
 }
 
-/// Horizontal angles from 0 to 360: a file may tell a half or a quarter of a luminaire that is alike on its sides.
+/// The horizontal angles from 0 to 360 and their candela, from a file that may contain a half or a
+/// quarter of a symmetric luminaire.
 fn all_around(given: &[f64], candela: Vec<f64>, verticals: usize) -> Result<(Vec<f64>, Vec<f64>), String> {
     if given.len() == 1 {
         return Ok((vec![0.0], candela));
     }
     let (first, last) = (given[0], given[given.len() - 1]);
-    // What an angle all around stands for in the file.
+    // The angle of the file that stands for an angle in 0..=360.
     let folded: fn(f64) -> f64 = match (first, last) {
         (0.0, 90.0) => |h| {
             let h = h % 180.0;
@@ -236,18 +259,18 @@ fn all_around(given: &[f64], candela: Vec<f64>, verticals: usize) -> Result<(Vec
     Ok((horizontal, rows))
 }
 
-/// The integral of the bilinear table over all directions, in closed form: between two vertical angles, with I = a + b v, the integral of
-/// I sin v is [-(a + b v) cos v + b sin v].
+/// The integral of the bilinear table over all directions, in closed form: between two vertical
+/// angles, with I = a + b v, the integral of I sin v is [-(a + b v) cos v + b sin v].
 fn flux(vertical: &[f64], horizontal: &[f64], candela: &[f64]) -> f64 {
     let row = |j: usize| -> f64 {
         let row = &candela[j * vertical.len()..(j + 1) * vertical.len()];
-        let parts = vertical.windows(2).zip(row.windows(2)).map(|(v, i)| {
+        let contributions = vertical.windows(2).zip(row.windows(2)).map(|(v, i)| {
             let (from, to) = (v[0].to_radians(), v[1].to_radians());
             let b = (i[1] - i[0]) / (to - from);
             let whole = |v: f64, i: f64| -i * v.cos() + b * v.sin();
             whole(to, i[1]) - whole(from, i[0])
         });
-        parts.sum()
+        contributions.sum()
     };
     if horizontal.len() == 1 {
         return 2.0 * std::f64::consts::PI * row(0);
@@ -287,33 +310,38 @@ mod tests {
             [vec![0.0], steps(90.0, 30.0), steps(180.0, 45.0), steps(360.0, 90.0), vec![90.0, 180.0, 270.0]]
         {
             let (table, flux) =
-                ProfileTable::parse(&file(&steps(180.0, 45.0), &horizontal, even)).expect("it is sound");
+                PhotometricWebTable::parse(&file(&steps(180.0, 45.0), &horizontal, even)).expect("it is sound");
             assert!((flux / 1000.0 - 1.0).abs() < 1e-12, "{horizontal:?}: {flux}");
-            assert!((table.share(77.0, 200.0) - 1.0).abs() < 1e-6);
+            assert!((table.relative_intensity(77.0, 200.0) - 1.0).abs() < 1e-6);
         }
-        // A Lambertian disc of 100 cd gives 100 pi lumens; steps of one degree are flat to 4e-5 of it.
+        // A Lambertian disc of 100 cd gives 100 pi lumens; steps of one degree are flat to 4e-5 of
+        // it.
         let disc = |v: f64, _: f64| 100.0 * v.to_radians().cos();
-        let (table, flux) = ProfileTable::parse(&file(&steps(90.0, 1.0), &[0.0], disc)).expect("it is sound");
+        let (table, flux) = PhotometricWebTable::parse(&file(&steps(90.0, 1.0), &[0.0], disc)).expect("it is sound");
         assert!((flux / (100.0 * PI) - 1.0).abs() < 1e-4, "{flux}");
-        assert!((table.share(60.0, 0.0) - 4.0 * 0.5).abs() < 1e-3, "g = 4 cos v");
-        assert_eq!(table.share(91.0, 0.0), 0.0, "nothing where the file tells nothing");
+        assert!((table.relative_intensity(60.0, 0.0) - 4.0 * 0.5).abs() < 1e-3, "g = 4 cos v");
+        assert_eq!(table.relative_intensity(91.0, 0.0), 0.0, "nothing outside of the file's angles");
     }
 
     #[test]
     fn halves_and_quarters_are_unfolded() {
         // Twice as strong along h = 0 as along h = 90.
         let long = |_: f64, h: f64| 1.5 + 0.5 * (2.0 * h).to_radians().cos();
-        let whole = ProfileTable::parse(&file(&[0.0, 90.0], &steps(360.0, 15.0), long)).expect("it is sound");
+        let whole = PhotometricWebTable::parse(&file(&[0.0, 90.0], &steps(360.0, 15.0), long)).expect("it is sound");
         for horizontal in [
             steps(90.0, 15.0),
             steps(180.0, 15.0),
             steps(345.0, 15.0),
             steps(180.0, 15.0).iter().map(|h| h + 90.0).collect(),
         ] {
-            let (table, flux) = ProfileTable::parse(&file(&[0.0, 90.0], &horizontal, long)).expect("it is sound");
+            let (table, flux) =
+                PhotometricWebTable::parse(&file(&[0.0, 90.0], &horizontal, long)).expect("it is sound");
             assert!((flux / whole.1 - 1.0).abs() < 1e-9, "{horizontal:?}");
             for h in [0.0, 20.0, 100.0, 170.0, 260.0, 359.0] {
-                assert!((table.share(45.0, h) - whole.0.share(45.0, h)).abs() < 1e-5, "{horizontal:?} at {h}");
+                assert!(
+                    (table.relative_intensity(45.0, h) - whole.0.relative_intensity(45.0, h)).abs() < 1e-5,
+                    "{horizontal:?} at {h}"
+                );
             }
         }
     }
@@ -321,15 +349,16 @@ mod tests {
     #[test]
     fn a_luminaire_can_be_turned() {
         let half = |_: f64, h: f64| if h < 180.0 { 2.0 } else { 0.0 };
-        let (table, _) = ProfileTable::parse(&file(&[0.0, 180.0], &steps(360.0, 1.0), half)).expect("it is sound");
-        let profile = Profile { axis: Vec3::NEG_Y, side: Vec3::X, table };
+        let (table, _) =
+            PhotometricWebTable::parse(&file(&[0.0, 180.0], &steps(360.0, 1.0), half)).expect("it is sound");
+        let web = PhotometricWeb { axis: Vec3::NEG_Y, side: Vec3::X, table };
         // h grows from `side` towards axis x side = -y x x = z.
-        assert!(profile.share(DVec3::new(0.0, -0.1, 1.0).normalize()) > 1.9);
-        assert_eq!(profile.share(DVec3::new(0.0, -0.1, -1.0).normalize()), 0.0);
+        assert!(web.relative_intensity(DVec3::new(0.0, -0.1, 1.0).normalize()) > 1.9);
+        assert_eq!(web.relative_intensity(DVec3::new(0.0, -0.1, -1.0).normalize()), 0.0);
     }
 
     #[test]
-    fn what_is_wrong_is_told() {
+    fn messages_name_the_fault() {
         let sound = file(&[0.0, 90.0], &[0.0], |_, _| 1.0);
         for (text, wanted) in [
             (String::new(), "there is no line `TILT=`"),
@@ -344,10 +373,10 @@ mod tests {
             (sound.replace("\r\n1 1\r\n", "\r\n0 0\r\n"), "wanted a luminaire that shines, got 0 lumens"),
             (sound.replace("\r\n1 1\r\n", "\r\n1\r\n"), "wanted candela values, got the end of the file"),
         ] {
-            let told = ProfileTable::parse(&text).expect_err("it is not sound");
-            assert!(told.contains(wanted), "wanted {wanted:?}, told {told:?}");
+            let message = PhotometricWebTable::parse(&text).expect_err("it is not sound");
+            assert!(message.contains(wanted), "wanted {wanted:?}, got {message:?}");
         }
         let tilted = sound.replace("TILT=NONE\r\n", "TILT=INCLUDE\r\n1\r\n2\r\n0 90\r\n1 1\r\n");
-        assert!(ProfileTable::parse(&tilted).is_ok());
+        assert!(PhotometricWebTable::parse(&tilted).is_ok());
     }
 }

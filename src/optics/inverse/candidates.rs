@@ -6,7 +6,10 @@ use super::surfels::LampPixels;
 use super::visible_lamp::SeenLamp;
 use crate::geometry::{Camera, PlaneFit};
 use crate::image::{Mask, Normal, Points};
-use {super::LampForms, crate::optics::Lamp, crate::optics::LightKind, crate::optics::Shape, crate::optics::Window};
+use {
+    super::LampForms, crate::optics::Lamp, crate::optics::LightKind, crate::optics::RectLamp, crate::optics::Shape,
+    crate::optics::SphereLamp, crate::optics::Window,
+};
 
 /// The room as a box, as far as it can be told from what is seen; at least 2.4 m high.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,8 +113,9 @@ pub fn lamp_candidates(room: &RoomBox, camera: &Camera) -> Vec<Shape> {
             let across = room.low.x + x * (room.high.x - room.low.x);
             let at = |share: f32| room.turn * Vec3::new(across, room.low.y + share * height, z * depth);
             let half = 0.1 * height;
-            let panel = Lamp::Rect { center: at(0.95), x: room.turn * Vec3::X * half, y: room.turn * Vec3::Z * half };
-            let globe = Lamp::Sphere { center: at(0.85), radius: 0.06 * height };
+            let panel =
+                Lamp::Rect(RectLamp { center: at(0.95), x: room.turn * Vec3::X * half, y: room.turn * Vec3::Z * half });
+            let globe = Lamp::Sphere(SphereLamp { center: at(0.85), radius: 0.06 * height });
             lamps.extend((!in_view(camera, at(0.95))).then_some(Shape::Lamp(panel)));
             lamps.extend((!in_view(camera, at(0.85))).then_some(Shape::Lamp(globe)));
         }
@@ -322,7 +326,8 @@ mod tests {
         let lamps = lamp_candidates(&room, &camera);
         let windows = window_candidates(&room, &camera);
         assert!(lamps.len() > 10 && windows.len() > 5, "{} lamps, {} windows", lamps.len(), windows.len());
-        for center in lamps.iter().filter_map(|l| Some(l.ball()?.0)).chain(windows.iter().map(|w| w.center)) {
+        for center in lamps.iter().filter_map(|l| Some(l.bounding_sphere()?.0)).chain(windows.iter().map(|w| w.center))
+        {
             assert!(!in_view(&camera, center), "{center}");
         }
         for window in windows {

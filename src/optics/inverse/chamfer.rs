@@ -2,8 +2,7 @@
 
 use glam::Vec3;
 
-use crate::optics::emitter::light::rectangle;
-use crate::optics::{Lamp, Plate, Shape};
+use crate::optics::Shape;
 
 /// Points that stand for a light.
 pub const SURFACE_POINTS: usize = 64;
@@ -13,47 +12,7 @@ pub const SURFACE_POINTS: usize = 64;
 /// On a sphere they follow the spiral of the golden angle; elsewhere the additive recurrence of Roberts (2018, "R2") in the
 /// triangles of the surface, each of which has its share by area.
 pub fn surface_points(shape: &Shape) -> Vec<Vec3> {
-    let triangles: Vec<[Vec3; 3]> = match shape {
-        Shape::Absent => return Vec::new(),
-        Shape::Lamp(Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. }) => {
-            return (0..SURFACE_POINTS).map(|k| *center + *radius * spiral(k)).collect();
-        }
-        Shape::Lamp(Lamp::Rect { center, x, y }) => rectangle(*center, *x, *y).to_vec(),
-        Shape::Lamp(Lamp::Box { center, axes }) => {
-            let sides = [(0, 1, 2), (1, 2, 0), (2, 0, 1)].into_iter().flat_map(|(i, j, n)| {
-                [1.0, -1.0].into_iter().flat_map(move |side| rectangle(*center + side * axes[n], axes[i], axes[j]))
-            });
-            sides.collect()
-        }
-        Shape::Lamp(Lamp::Plates(plates)) => plates.iter().flat_map(Plate::square).collect(),
-        Shape::Lamp(Lamp::Mesh { corners, triangles } | Lamp::Model { corners, triangles }) => {
-            triangles.iter().map(|t| t.map(|i| corners[i as usize])).collect()
-        }
-        Shape::Window(window) => rectangle(window.center, window.x, window.y).to_vec(),
-    };
-    let area = |[a, b, c]: &[Vec3; 3]| f64::from((*b - *a).cross(*c - *a).length());
-    let whole: f64 = triangles.iter().map(area).sum();
-    let (mut triangle, mut reached) = (0, triangles.first().map_or(0.0, area));
-    let mut points = Vec::with_capacity(SURFACE_POINTS);
-    for k in 0..SURFACE_POINTS {
-        while reached < (k as f64 + 0.5) / SURFACE_POINTS as f64 * whole && triangle + 1 < triangles.len() {
-            triangle += 1;
-            reached += area(&triangles[triangle]);
-        }
-        let Some(&[a, b, c]) = triangles.get(triangle) else { break };
-        let (u, v) = ((k as f64 * 0.754_877_666_2).fract() as f32, (k as f64 * 0.569_840_291).fract() as f32);
-        let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-        points.push(a + u * (b - a) + v * (c - a));
-    }
-    points
-}
-
-/// The k-th of the points on the unit sphere.
-fn spiral(k: usize) -> Vec3 {
-    let z = 1.0 - (k as f32 + 0.5) / SURFACE_POINTS as f32 * 2.0;
-    let (sin, cos) = (k as f32 * 2.399_963).sin_cos();
-    let r = (1.0 - z * z).sqrt();
-    Vec3::new(r * cos, r * sin, z)
+    shape.surface_points(SURFACE_POINTS)
 }
 
 /// Chamfer distance in metres, as IndoorLightEditing (Li et al., ECCV 2022) has it: the mean over a of the distance to the nearest
@@ -69,10 +28,10 @@ pub fn chamfer(a: &[Vec3], b: &[Vec3]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::Window;
+    use crate::optics::{BoxLamp, Lamp, MeshLamp, RectLamp, SphereLamp, Surfel, Window};
 
     fn sphere(x: f32, radius: f32) -> Shape {
-        Shape::Lamp(Lamp::Sphere { center: Vec3::X * x, radius })
+        Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::X * x, radius }))
     }
 
     fn between(a: &Shape, b: &Shape) -> f64 {
@@ -84,7 +43,7 @@ mod tests {
         let points = surface_points(&sphere(2.0, 0.5));
         assert!(points.iter().all(|p| ((*p - 2.0 * Vec3::X).length() - 0.5).abs() < 1e-6));
         let axes = [Vec3::X, 2.0 * Vec3::Y, 3.0 * Vec3::Z];
-        let cuboid = Lamp::Box { center: Vec3::ONE, axes };
+        let cuboid = Lamp::Box(BoxLamp { center: Vec3::ONE, axes });
         let points = surface_points(&Shape::Lamp(cuboid));
         assert_eq!(points.len(), SURFACE_POINTS);
         for p in &points {
@@ -108,7 +67,7 @@ mod tests {
         let far = between(&sphere(0.0, 0.1), &sphere(10.0, 0.1));
         assert!((far - 2.0 * 9.9).abs() < 0.05, "{far}");
         // Parallel rectangles, the one behind the other.
-        let pane = |z: f32| Shape::Lamp(Lamp::Rect { center: Vec3::Z * z, x: Vec3::X, y: Vec3::Y });
+        let pane = |z: f32| Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z * z, x: Vec3::X, y: Vec3::Y }));
         assert!((between(&pane(0.0), &pane(0.5)) - 1.0).abs() < 1e-4);
         assert_eq!(chamfer(&surface_points(&Shape::Absent), &surface_points(&pane(0.0))), None);
     }
@@ -116,14 +75,14 @@ mod tests {
     #[test]
     fn a_rectangle_is_the_same_in_every_form() {
         let (center, x, y) = (Vec3::new(0.0, 1.0, -3.0), Vec3::X * 0.4, Vec3::Y * 0.4);
-        let rect = Shape::Lamp(Lamp::Rect { center, x, y });
+        let rect = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
         let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
         assert_eq!(surface_points(&rect), surface_points(&window));
-        let triangles = rectangle(center, x, y);
-        let mesh = Lamp::Mesh { corners: triangles.concat(), triangles: vec![[0, 1, 2], [3, 4, 5]] };
+        let triangles = RectLamp { center, x, y }.halves();
+        let mesh = Lamp::Mesh(MeshLamp::without_occlusion(triangles.concat(), vec![[0, 1, 2], [3, 4, 5]]));
         assert_eq!(surface_points(&rect), surface_points(&Shape::Lamp(mesh)));
-        let plate = Plate { point: center, normal: Vec3::Z, area: 0.64 };
+        let plate = Surfel { point: center, normal: Vec3::Z, area: 0.64 };
         // Sides of the same length, turned about the normal as it happens.
-        assert!(between(&rect, &Shape::Lamp(Lamp::Plates(vec![plate]))) < 0.3);
+        assert!(between(&rect, &Shape::Lamp(Lamp::Surfels(vec![plate]))) < 0.3);
     }
 }

@@ -2,10 +2,7 @@
 
 use glam::{Quat, Vec3};
 
-use {
-    crate::optics::Gradient, crate::optics::LOBES, crate::optics::Lamp, crate::optics::Plate, crate::optics::Shape,
-    crate::optics::Window,
-};
+use {crate::optics::Gradient, crate::optics::LOBES, crate::optics::Lamp, crate::optics::Shape, crate::optics::Window};
 
 /// What may change about a light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,11 +46,13 @@ const MOST_BANDWIDTH: f32 = 1e5;
 
 /// The parameters of a light that has a freedom; `lit` is the middle of what it lights. The axes are those at the present shape.
 pub fn parameters(shape: &Shape, freedom: Freedom, lit: Vec3) -> Vec<Parameter> {
-    let Some((middle, radius)) = shape.ball().filter(|_| freedom != Freedom::Fixed) else { return Vec::new() };
+    let Some((middle, radius)) = shape.bounding_sphere().filter(|_| freedom != Freedom::Fixed) else {
+        return Vec::new();
+    };
     let reach = SHIFT * middle.distance(lit);
     match (shape, freedom) {
         // A panel that is seen lies in its ceiling.
-        (Shape::Absent, _) | (Shape::Lamp(Lamp::Rect { .. }), Freedom::Seen) => Vec::new(),
+        (Shape::Absent, _) | (Shape::Lamp(Lamp::Rect(_)), Freedom::Seen) => Vec::new(),
         (Shape::Lamp(_), Freedom::Seen) => vec![Parameter::Distance(DISTANCE * radius / middle.length())],
         (Shape::Lamp(_), _) => {
             Vec3::AXES.map(|axis| Parameter::Shift(axis * reach)).into_iter().chain([Parameter::Size]).collect()
@@ -73,10 +72,10 @@ pub fn parameters(shape: &Shape, freedom: Freedom, lit: Vec3) -> Vec<Parameter> 
 impl Parameter {
     /// What one step of one likely error does to E of a lobe of `shape`.
     pub fn rate(&self, shape: &Shape, lobe: usize, gradient: &Gradient) -> f64 {
-        let middle = || shape.ball().map_or(Vec3::ZERO, |(middle, _)| middle).as_dvec3();
+        let middle = || shape.bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle).as_dvec3();
         match self {
-            Parameter::Distance(error) => f64::from(*error) * (gradient.size + gradient.place.dot(middle())),
-            Parameter::Shift(axis) => gradient.place.dot(axis.as_dvec3()),
+            Parameter::Distance(error) => f64::from(*error) * (gradient.size + gradient.position.dot(middle())),
+            Parameter::Shift(axis) => gradient.position.dot(axis.as_dvec3()),
             Parameter::Size => f64::from(SIZE) * gradient.size,
             Parameter::Turn(k, axis) if *k == lobe => f64::from(TURN) * gradient.turn.dot(axis.as_dvec3()),
             Parameter::Bandwidth(k) if *k == lobe => {
@@ -88,7 +87,9 @@ impl Parameter {
 
     /// How far `shape` has come from `start` along this parameter, in likely errors.
     pub fn offset(&self, start: &Shape, shape: &Shape) -> f64 {
-        let (Some((from, before)), Some((to, now))) = (start.ball(), shape.ball()) else { return 0.0 };
+        let (Some((from, before)), Some((to, now))) = (start.bounding_sphere(), shape.bounding_sphere()) else {
+            return 0.0;
+        };
         let offset = match self {
             Parameter::Distance(error) => (to.length() / from.length()).ln() / error,
             Parameter::Shift(axis) => (to - from).dot(*axis) / axis.length_squared(),
@@ -116,7 +117,7 @@ impl Parameter {
             Parameter::Distance(error) => resized(shape, (error * step).exp(), Vec3::ZERO, Vec3::ZERO),
             Parameter::Shift(axis) => resized(shape, 1.0, Vec3::ZERO, *axis * step),
             Parameter::Size => {
-                let middle = shape.ball().map_or(Vec3::ZERO, |(middle, _)| middle);
+                let middle = shape.bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle);
                 resized(shape, (SIZE * step).exp(), middle, Vec3::ZERO)
             }
             Parameter::Turn(k, axis) => with_lobe(shape, |window| {
@@ -156,53 +157,26 @@ fn with_lobe(shape: &Shape, change: impl Fn(&mut Window)) -> Shape {
 
 /// The light `factor` times as large about `pivot`, then shifted.
 fn resized(shape: &Shape, factor: f32, pivot: Vec3, shift: Vec3) -> Shape {
-    let place = |p: Vec3| pivot + (p - pivot) * factor + shift;
-    match shape {
-        Shape::Absent => Shape::Absent,
-        Shape::Window(window) => Shape::Window(Window {
-            center: place(window.center),
-            x: window.x * factor,
-            y: window.y * factor,
-            lobes: window.lobes,
-        }),
-        Shape::Lamp(lamp) => Shape::Lamp(match lamp {
-            Lamp::Sphere { center, radius } => Lamp::Sphere { center: place(*center), radius: radius * factor },
-            Lamp::Rect { center, x, y } => Lamp::Rect { center: place(*center), x: *x * factor, y: *y * factor },
-            Lamp::Box { center, axes } => Lamp::Box { center: place(*center), axes: axes.map(|axis| axis * factor) },
-            Lamp::Plates(plates) => {
-                let plate =
-                    |p: &Plate| Plate { point: place(p.point), normal: p.normal, area: p.area * factor * factor };
-                Lamp::Plates(plates.iter().map(plate).collect())
-            }
-            Lamp::Mesh { corners, triangles } => {
-                Lamp::Mesh { corners: corners.iter().map(|p| place(*p)).collect(), triangles: triangles.clone() }
-            }
-            Lamp::Model { corners, triangles } => {
-                Lamp::Model { corners: corners.iter().map(|p| place(*p)).collect(), triangles: triangles.clone() }
-            }
-            Lamp::Luminaire { center, radius, profile } => {
-                Lamp::Luminaire { center: place(*center), radius: radius * factor, profile: profile.clone() }
-            }
-        }),
-    }
+    shape.transformed(&|p| pivot + (p - pivot) * factor + shift, factor)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::Emitter;
+    use crate::optics::{BoxLamp, RectLamp, SphereLamp};
+    use crate::optics::{Emitter, Surfel};
 
     fn lights() -> Vec<(Shape, Freedom)> {
         let (center, x, y) = (Vec3::new(0.3, 0.4, -2.0), Vec3::X * 0.4, Vec3::Y * 0.3);
         let mut lobes = Window::daylight(Vec3::Z);
         lobes[0].bandwidth = 100.0;
         let plates =
-            (0..4).map(|i| Plate { point: center + Vec3::X * i as f32, normal: Vec3::Z, area: 0.01 }).collect();
+            (0..4).map(|i| Surfel { point: center + Vec3::X * i as f32, normal: Vec3::Z, area: 0.01 }).collect();
         vec![
-            (Shape::Lamp(Lamp::Sphere { center, radius: 0.1 }), Freedom::Seen),
-            (Shape::Lamp(Lamp::Plates(plates)), Freedom::Seen),
-            (Shape::Lamp(Lamp::Box { center, axes: [x, y, Vec3::Z * 0.2] }), Freedom::Unseen),
-            (Shape::Lamp(Lamp::Rect { center, x, y }), Freedom::Unseen),
+            (Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: 0.1 })), Freedom::Seen),
+            (Shape::Lamp(Lamp::Surfels(plates)), Freedom::Seen),
+            (Shape::Lamp(Lamp::Box(BoxLamp { center, axes: [x, y, Vec3::Z * 0.2] })), Freedom::Unseen),
+            (Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })), Freedom::Unseen),
             (Shape::Window(Window { center, x, y, lobes }), Freedom::Seen),
             (Shape::Window(Window { center, x, y, lobes }), Freedom::Unseen),
         ]
@@ -212,7 +186,7 @@ mod tests {
     fn rates_agree_with_finite_differences_and_steps_are_counted() {
         let (point, normal) = (Vec3::new(0.1, -0.5, -0.7), Vec3::new(0.1, 0.5, -1.0).normalize());
         for (shape, freedom) in lights() {
-            let (pivot, _) = shape.ball().expect("a light");
+            let (pivot, _) = shape.bounding_sphere().expect("a light");
             for parameter in parameters(&shape, freedom, Vec3::ZERO) {
                 let h = 1e-2;
                 let [less, more] = [-h, h].map(|step| parameter.moved(&shape, step));
@@ -231,12 +205,13 @@ mod tests {
 
     #[test]
     fn what_is_seen_keeps_its_outline_and_its_frame() {
-        let panel = Shape::Lamp(Lamp::Rect { center: Vec3::NEG_Z, x: Vec3::X, y: Vec3::Y });
+        let panel = Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::NEG_Z, x: Vec3::X, y: Vec3::Y }));
         assert_eq!(parameters(&panel, Freedom::Seen, Vec3::ZERO), []);
         for (shape, freedom) in lights() {
             assert_eq!(parameters(&shape, Freedom::Fixed, Vec3::ZERO), []);
             for parameter in parameters(&shape, freedom, Vec3::ZERO).into_iter().filter(|_| freedom == Freedom::Seen) {
-                let (from, to) = (shape.ball().unwrap(), parameter.moved(&shape, 2.0).ball().unwrap());
+                let (from, to) =
+                    (shape.bounding_sphere().unwrap(), parameter.moved(&shape, 2.0).bounding_sphere().unwrap());
                 // The same cone of directions.
                 assert!((from.0.normalize() - to.0.normalize()).length() < 1e-6);
                 assert!((from.1 / from.0.length() - to.1 / to.0.length()).abs() < 1e-6);

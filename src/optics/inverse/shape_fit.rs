@@ -102,7 +102,9 @@ const OUTSIDE: f32 = 0.35;
 
 impl Bounds<'_> {
     fn hold(&self, start: &Shape, shape: &Shape, freedom: Freedom) -> bool {
-        let (Some((from, before)), Some((to, now))) = (start.ball(), shape.ball()) else { return true };
+        let (Some((from, before)), Some((to, now))) = (start.bounding_sphere(), shape.bounding_sphere()) else {
+            return true;
+        };
         if !(to.is_finite() && now.is_finite()) {
             return false;
         }
@@ -167,7 +169,7 @@ impl Placed {
     /// Per lobe and parameter, the derivative of its column.
     fn slopes(&self, parameters: &[Parameter], places: &[(Vec3, Vec3)]) -> Vec<Vec<Vec<Vec3>>> {
         let emitter = Emitter::new(&self.shape);
-        let pivot = self.shape.ball().map_or(Vec3::ZERO, |(middle, _)| middle);
+        let pivot = self.shape.bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle);
         let lobe = |lobe: usize| {
             let gradient = |&(point, normal): &(Vec3, Vec3)| emitter.gradient(lobe, point, normal, pivot);
             let gradients: Vec<Gradient> = places.par_iter().with_min_len(64).map(gradient).collect();

@@ -5,7 +5,8 @@ use crate::geometry::SceneMesh;
 use crate::image::{Albedo, Normal as Normals, Picture, Plane, Points, Segments};
 use crate::optics::inverse::SeenRoom;
 use crate::optics::{
-    Bounces, Lamp, Lobe, Probed, Sampling, ShadowQuality, Transport, Window, direct, indirect, shadow, trace_bounces,
+    Bounces, Lamp, Lobe, Probed, RectLamp, Sampling, ShadowQuality, SphereLamp, Transport, Window, direct, indirect,
+    shadow, trace_bounces,
 };
 
 const SIZE: (usize, usize) = (160, 120);
@@ -106,11 +107,11 @@ impl Room {
 }
 
 fn sphere(center: Vec3, radius: f32) -> Shape {
-    Shape::Lamp(Lamp::Sphere { center, radius })
+    Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius }))
 }
 
 fn center(shape: &Shape) -> Vec3 {
-    shape.ball().expect("a light").0
+    shape.bounding_sphere().expect("a light").0
 }
 
 /// A window in the left wall.
@@ -190,6 +191,6 @@ fn nothing_seen_moves_nothing() {
     assert!(room.fit(&black, &[]).shapes.is_empty());
     // A lamp that lights nothing of what is seen.
     let photo = room.photo(&[(lamp, vec![WHITE])]);
-    let away = Shape::Lamp(Lamp::Rect { center: Vec3::Z, x: Vec3::X * 0.1, y: Vec3::Y * 0.1 });
+    let away = Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z, x: Vec3::X * 0.1, y: Vec3::Y * 0.1 }));
     assert_eq!(room.fit(&photo, &[(away.clone(), Freedom::Unseen)]).shapes, [away]);
 }

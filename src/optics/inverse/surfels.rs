@@ -9,7 +9,7 @@ use glam::{Vec2, Vec3};
 
 use crate::geometry::{Camera, PlaneFit};
 use crate::image::{Plane, Points};
-use crate::optics::{Plate, Points2};
+use crate::optics::{Points2, Surfel};
 
 /// The pixels (column, row) of a lamp. `points` are of the camera's size.
 pub(in crate::optics) struct LampPixels<'a> {
@@ -43,18 +43,18 @@ const RING_PARTS: f32 = 8.0;
 
 /// A closed surface: front, ring and back. The plates follow one curve over it, so that neighbours in the list are neighbours
 /// in space. Where the picture's border cuts the lamp it stays open, for there it goes on.
-pub(in crate::optics) fn closed(lamp: &LampPixels, body: Body) -> Vec<Plate> {
+pub(in crate::optics) fn closed(lamp: &LampPixels, body: Body) -> Vec<Surfel> {
     let Some(front) = Front::new(lamp, body) else { return Vec::new() };
     let Front { axis, middle, .. } = front;
-    let mirrored = |plate: &Plate| Plate {
+    let mirrored = |plate: &Surfel| Surfel {
         point: plate.point + axis * (2.0 * (middle - axis.dot(plate.point))),
         normal: plate.normal - axis * (2.0 * axis.dot(plate.normal)),
         area: plate.area,
     };
-    let seen: Vec<Plate> = along_curve(lamp.pixels).into_iter().map(|at| front.plate(at)).collect();
+    let seen: Vec<Surfel> = along_curve(lamp.pixels).into_iter().map(|at| front.plate(at)).collect();
     let ring = outline(lamp.pixels, &front.inside).into_iter().flat_map(|edge| front.ring(&edge));
     let back = seen.iter().rev().map(mirrored);
-    let sound = |p: &Plate| p.point.is_finite() && p.normal.is_finite() && p.area > 0.0 && p.area.is_finite();
+    let sound = |p: &Surfel| p.point.is_finite() && p.normal.is_finite() && p.area > 0.0 && p.area.is_finite();
     seen.iter().copied().chain(ring).chain(back).filter(sound).collect()
 }
 
@@ -88,7 +88,7 @@ impl<'a> Front<'a> {
 
     /// The surface's slope comes from the lamp's own pixels beside this one: so the rises of all plates add up to the height
     /// of the front, with the ring to that of the whole body, and nothing behind the lamp takes part.
-    fn plate(&self, (x, y): (usize, usize)) -> Plate {
+    fn plate(&self, (x, y): (usize, usize)) -> Surfel {
         let camera = self.lamp.camera;
         let point = self.point((x, y));
         let beside = |x: Option<usize>, y: Option<usize>| match (x, y) {
@@ -101,11 +101,11 @@ impl<'a> Front<'a> {
         let right = right.try_normalize().unwrap_or(level(Vec3::X));
         let up = up.try_normalize().unwrap_or(level(Vec3::Y));
         let normal = facing(right.cross(up).normalize_or(-self.axis), point.normalize());
-        Plate { point, normal, area: footprint(camera, point, normal) }
+        Surfel { point, normal, area: footprint(camera, point, normal) }
     }
 
     /// Plates from the front's rim at this piece of the outline to its mirror image.
-    fn ring(&self, edge: &Edge) -> impl Iterator<Item = Plate> + use<> {
+    fn ring(&self, edge: &Edge) -> impl Iterator<Item = Surfel> + use<> {
         let camera = self.lamp.camera;
         let own = self.plate(edge.pixel);
         // The rim is where the plate's own plane ends, half a pixel further out.
@@ -119,7 +119,7 @@ impl<'a> Front<'a> {
         let gap = 2.0 * (self.middle - along);
         let parts = (gap / width.max(1e-9)).ceil().clamp(1.0, RING_PARTS);
         let (axis, height) = (self.axis, gap / parts);
-        (0..parts as usize).map(move |i| Plate {
+        (0..parts as usize).map(move |i| Surfel {
             point: rim + axis * (height * (i as f32 + 0.5)),
             normal,
             area: width * height,
@@ -128,12 +128,12 @@ impl<'a> Front<'a> {
 }
 
 /// A one-sided surface: the lamp's pixels on `plane`, which faces the room.
-pub(in crate::optics) fn flat(lamp: &LampPixels, plane: &PlaneFit) -> Vec<Plate> {
+pub(in crate::optics) fn flat(lamp: &LampPixels, plane: &PlaneFit) -> Vec<Surfel> {
     let camera = lamp.camera;
     let plates = along_curve(lamp.pixels).into_iter().filter_map(|(x, y)| {
         let point = plane.meet(camera.pixel_point(x, y, 1.0))?;
         let area = footprint(camera, point, plane.normal);
-        area.is_finite().then_some(Plate { point, normal: plane.normal, area })
+        area.is_finite().then_some(Surfel { point, normal: plane.normal, area })
     });
     plates.collect()
 }
@@ -144,7 +144,7 @@ pub(in crate::optics) fn flat(lamp: &LampPixels, plane: &PlaneFit) -> Vec<Plate>
 ///
 /// Systematic sampling (Madow 1944) along the list's order, which is a curve over the surface: every stretch of it keeps its
 /// area to one share.
-pub(in crate::optics) fn thin(plates: &[Plate], most: usize, seed: u64) -> Vec<Plate> {
+pub(in crate::optics) fn thin(plates: &[Surfel], most: usize, seed: u64) -> Vec<Surfel> {
     if plates.len() <= most {
         return plates.to_vec();
     }
@@ -158,7 +158,7 @@ pub(in crate::optics) fn thin(plates: &[Plate], most: usize, seed: u64) -> Vec<P
         // Shares are taken at (start + k) share for k = 0..most.
         let until = ((sum / share - start).ceil() as usize).min(most);
         if until > taken {
-            kept.push(Plate { area: ((until - taken) as f64 * share) as f32, ..*plate });
+            kept.push(Surfel { area: ((until - taken) as f64 * share) as f32, ..*plate });
             taken = until;
         }
     }
@@ -259,7 +259,7 @@ mod tests {
     use super::*;
     use crate::geometry::surface;
     use crate::image::Depth;
-    use crate::optics::{Emitter, Lamp, Shape};
+    use crate::optics::{BoxLamp, Emitter, Lamp, RectLamp, Shape, SphereLamp};
 
     /// A lamp before a wall, its points from the depth.
     struct Seen {
@@ -273,7 +273,7 @@ mod tests {
         fn new(lamp: &Lamp, width: usize, noise: f32) -> Seen {
             let camera = Camera::from_fov_x(width, width * 3 / 4, 60.0);
             let shape = Shape::Lamp(lamp.clone());
-            let met = |x: usize, y: usize| shape.meet_from(Vec3::ZERO, camera.pixel_point(x, y, 1.0));
+            let met = |x: usize, y: usize| shape.intersect(Vec3::ZERO, camera.pixel_point(x, y, 1.0));
             let depth = Depth(Plane::from_fn(camera.width, camera.height, |x, y| {
                 // The sum of twelve uniform numbers has variance one.
                 let points = Points2::new(5, (y * width + x) as u32, 0);
@@ -289,23 +289,23 @@ mod tests {
             LampPixels { pixels: &self.pixels, points: &self.points, camera: &self.camera }
         }
 
-        fn closed(&self, center: Vec3, half: f32) -> Vec<Plate> {
+        fn closed(&self, center: Vec3, half: f32) -> Vec<Surfel> {
             closed(&self.pixels(), Body { center, half, seen: true })
         }
     }
 
-    fn area(plates: &[Plate]) -> f32 {
+    fn area(plates: &[Surfel]) -> f32 {
         plates.iter().map(|plate| plate.area).sum()
     }
 
-    fn irradiance(plates: &[Plate], point: Vec3, normal: Vec3) -> f32 {
+    fn irradiance(plates: &[Surfel], point: Vec3, normal: Vec3) -> f32 {
         // In pieces, each few enough for the closed form.
-        let some = plates.chunks(500).map(|some| Emitter::new(&Shape::Lamp(Lamp::Plates(some.to_vec()))));
+        let some = plates.chunks(500).map(|some| Emitter::new(&Shape::Lamp(Lamp::Surfels(some.to_vec()))));
         some.map(|some| some.irradiance(0, point, normal).expect("few enough")).sum()
     }
 
     /// Relative errors of irradiance against `truth`, as (worst, mean), on receivers that face the lamp from all around.
-    fn errors(plates: &[Plate], truth: &Lamp, center: Vec3, distance: f32) -> (f32, f32) {
+    fn errors(plates: &[Surfel], truth: &Lamp, center: Vec3, distance: f32) -> (f32, f32) {
         let whole = Emitter::new(&Shape::Lamp(truth.clone()));
         let errors = (0..100).map(|i| {
             // Fibonacci's sphere.
@@ -321,7 +321,7 @@ mod tests {
     const CENTER: Vec3 = Vec3::new(0.4, 0.3, -2.5);
 
     fn ball() -> Lamp {
-        Lamp::Sphere { center: CENTER, radius: 0.25 }
+        Lamp::Sphere(SphereLamp { center: CENTER, radius: 0.25 })
     }
 
     /// The back of a ball is the mirror image of its front: what is left is the error of pixels. Measured: area within 1.2 %,
@@ -345,7 +345,7 @@ mod tests {
         let plates = Seen::new(&ball(), 160, 0.01).closed(CENTER, 0.25);
         let share = area(&plates) / ball().area();
         assert!((0.97..1.15).contains(&share), "area {share}");
-        let level: Vec<Plate> = plates.iter().map(|p| Plate { area: p.area / share, ..*p }).collect();
+        let level: Vec<Surfel> = plates.iter().map(|p| Surfel { area: p.area / share, ..*p }).collect();
         let (worst, mean) = errors(&level, &ball(), CENTER, 1.5);
         assert!(mean < 0.06 && worst < 0.2, "{worst} {mean}");
     }
@@ -353,8 +353,10 @@ mod tests {
     /// The sides of a box are not seen and not quite perpendicular to the front: 5 % on the mean, more beside it.
     #[test]
     fn a_box_gets_its_unseen_sides() {
-        let lamp =
-            Lamp::Box { center: CENTER, axes: [Vec3::new(0.2, 0.0, 0.2), Vec3::Y * 0.3, Vec3::new(-0.2, 0.0, 0.2)] };
+        let lamp = Lamp::Box(BoxLamp {
+            center: CENTER,
+            axes: [Vec3::new(0.2, 0.0, 0.2), Vec3::Y * 0.3, Vec3::new(-0.2, 0.0, 0.2)],
+        });
         let plates = Seen::new(&lamp, 160, 0.0).closed(CENTER, 0.28);
         let share = area(&plates) / lamp.area();
         assert!((share - 1.0).abs() < 0.04, "area {share}");
@@ -366,7 +368,7 @@ mod tests {
     fn a_panel_is_one_sided_and_as_large_as_it_looks() {
         let (x, z) = (Vec3::X * 0.4, Vec3::Z * 0.5);
         let center = Vec3::new(0.3, 1.0, -3.0);
-        let lamp = Lamp::Rect { center, x, y: z };
+        let lamp = Lamp::Rect(RectLamp { center, x, y: z });
         let seen = Seen::new(&lamp, 320, 0.0);
         let plane = PlaneFit { normal: Vec3::NEG_Y, offset: -1.0, support: 1.0, spread: 0.0 };
         let plates = flat(&seen.pixels(), &plane);
@@ -407,7 +409,7 @@ mod tests {
 
     #[test]
     fn one_large_plate_stands_for_several_shares() {
-        let plate = |area: f32| Plate { point: Vec3::NEG_Z, normal: Vec3::Z, area };
+        let plate = |area: f32| Surfel { point: Vec3::NEG_Z, normal: Vec3::Z, area };
         let few = thin(&[plate(0.1), plate(8.0), plate(0.1), plate(0.1), plate(0.1)], 4, 0);
         assert!((area(&few) - 8.4).abs() < 1e-5 && few.iter().any(|p| p.area > 6.0), "{few:?}");
     }

@@ -7,7 +7,7 @@ use super::candidates::{extent, median};
 use super::surfels::{Body, LampPixels, closed, flat, thin};
 use crate::geometry::PlaneFit;
 use crate::image::Normal;
-use crate::optics::Lamp;
+use crate::optics::{BoxLamp, Lamp, RectLamp, SphereLamp};
 
 /// What kind of surface a visible lamp is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -110,7 +110,7 @@ impl<'a> SeenLamp<'a> {
     fn rect(&self) -> Option<Lamp> {
         let plane = self.panel()?;
         let (center, x, y) = extent(&self.rays, &plane)?;
-        Some(Lamp::Rect { center: center + plane.normal * PROUD, x, y })
+        Some(Lamp::Rect(RectLamp { center: center + plane.normal * PROUD, x, y }))
     }
 
     fn is_long(&self) -> bool {
@@ -139,13 +139,13 @@ impl<'a> SeenLamp<'a> {
             return self.boxed();
         }
         let radius = self.radius();
-        self.rect().unwrap_or(Lamp::Sphere { center: self.center(radius), radius })
+        self.rect().unwrap_or(Lamp::Sphere(SphereLamp { center: self.center(radius), radius }))
     }
 
     fn boxed(&self) -> Lamp {
         let ([long, short], [a, b]) = (self.axes, self.half);
         let a = a.min(self.area / (4.0 * b) * 1.3);
-        let body = Lamp::Box { center: self.center(b), axes: [long * a, short * b, Vec3::NEG_Z * b] };
+        let body = Lamp::Box(BoxLamp { center: self.center(b), axes: [long * a, short * b, Vec3::NEG_Z * b] });
         self.rect().unwrap_or(body)
     }
 
@@ -158,7 +158,7 @@ impl<'a> SeenLamp<'a> {
             }
         };
         let plates = thin(&all, forms.plates, forms.seed);
-        (!plates.is_empty()).then_some(Lamp::Plates(plates))
+        (!plates.is_empty()).then_some(Lamp::Surfels(plates))
     }
 }
 
@@ -171,7 +171,7 @@ mod tests {
     use crate::geometry::Camera;
     use crate::image::{Mask, Plane, Points};
     use crate::optics::inverse::visible_light;
-    use crate::optics::{LightKind, Plate, Shape};
+    use crate::optics::{LightKind, Shape, Surfel};
 
     fn forms(form: LampForm) -> LampForms {
         LampForms { form, ..LampForms::default() }
@@ -188,15 +188,17 @@ mod tests {
     fn a_ball_is_a_sphere_and_a_strip_is_a_box() {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         let center = Vec3::new(0.4, 0.3, -2.5);
-        let seen = Shape::Lamp(Lamp::Sphere { center, radius: 0.25 });
+        let seen = Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: 0.25 }));
         let z =
-            Plane::from_fn(160, 120, |x, y| seen.meet_from(Vec3::ZERO, camera.pixel_point(x, y, 1.0)).unwrap_or(5.0));
+            Plane::from_fn(160, 120, |x, y| seen.intersect(Vec3::ZERO, camera.pixel_point(x, y, 1.0)).unwrap_or(5.0));
         let made = |form: LampForm| shapes(form, &camera, &z, &z.map(|z| z < 5.0), Vec3::Z);
-        let [Shape::Lamp(Lamp::Sphere { center: got, radius })] = made(LampForm::Solid)[..] else { panic!("a sphere") };
+        let [Shape::Lamp(Lamp::Sphere(SphereLamp { center: got, radius }))] = made(LampForm::Solid)[..] else {
+            panic!("a sphere")
+        };
         assert!(got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05, "{got} {radius}");
-        let [Shape::Lamp(Lamp::Box { center: got, .. })] = made(LampForm::Box)[..] else { panic!("a box") };
+        let [Shape::Lamp(Lamp::Box(BoxLamp { center: got, .. }))] = made(LampForm::Box)[..] else { panic!("a box") };
         assert!(got.distance(center) < 0.05, "{got}");
-        let [Shape::Lamp(Lamp::Plates(plates))] = &made(LampForm::Plates)[..] else { panic!("plates") };
+        let [Shape::Lamp(Lamp::Surfels(plates))] = &made(LampForm::Plates)[..] else { panic!("plates") };
         let area: f32 = plates.iter().map(|p| p.area).sum();
         let want = 4.0 * std::f32::consts::PI * 0.0625;
         assert!(plates.len() <= 128 && (area / want - 1.0).abs() < 0.05, "{} plates, {area} {want}", plates.len());
@@ -204,7 +206,7 @@ mod tests {
 
         let strip = Plane::from_fn(160, 120, |x, y| (40..120).contains(&x) && (50..60).contains(&y));
         let shape = shapes(LampForm::Solid, &camera, &strip.map(|s| if s { 2.0 } else { 5.0 }), &strip, Vec3::Z);
-        assert!(matches!(shape[..], [Shape::Lamp(Lamp::Box { .. })]), "{shape:?}");
+        assert!(matches!(shape[..], [Shape::Lamp(Lamp::Box(_))]), "{shape:?}");
     }
 
     #[test]
@@ -215,8 +217,8 @@ mod tests {
         let z = Plane::from_fn(160, 120, |_, y| if height(y) > 0.2 { 1.0 / height(y) } else { 5.0 });
         let mask = Plane::from_fn(160, 120, |x, y| (60..100).contains(&x) && (8..20).contains(&y));
         let made = |form: LampForm| shapes(form, &camera, &z, &mask, Vec3::NEG_Y);
-        assert!(matches!(made(LampForm::Solid)[..], [Shape::Lamp(Lamp::Rect { .. })]));
-        let [Shape::Lamp(Lamp::Plates(plates))] = &made(LampForm::Plates)[..] else { panic!("plates") };
+        assert!(matches!(made(LampForm::Solid)[..], [Shape::Lamp(Lamp::Rect(_))]));
+        let [Shape::Lamp(Lamp::Surfels(plates))] = &made(LampForm::Plates)[..] else { panic!("plates") };
         assert!(plates.iter().all(|p| p.normal == Vec3::NEG_Y && (p.point.y - 0.99).abs() < 1e-3));
         // 40 pixels wide from where row 8 begins to where row 20 does: the integral of (40 / f) z dz.
         let [near, far] = [8.0, 20.0].map(|row| 0.99 * camera.fy / (camera.cy - row));
@@ -231,11 +233,11 @@ mod tests {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         let mask = Plane::from_fn(160, 120, |x, y| (x as f32 - 79.5).hypot(y as f32 - 59.5) < 10.0);
         let made = shapes(LampForm::Plates, &camera, &Plane::filled(160, 120, 3.0), &mask, Vec3::Z);
-        let [Shape::Lamp(Lamp::Plates(plates))] = &made[..] else { panic!("plates") };
+        let [Shape::Lamp(Lamp::Surfels(plates))] = &made[..] else { panic!("plates") };
         // At the depth of the wall, then at that of the lamp.
         let radius = 10.0 / camera.fx * 3.0;
         let radius = radius * (1.0 - radius / 3.0);
-        let depth = |p: &Plate| -p.point.z;
+        let depth = |p: &Surfel| -p.point.z;
         let (near, far) = plates.iter().fold((f32::MAX, 0f32), |(a, b), p| (a.min(depth(p)), b.max(depth(p))));
         assert!((near - (3.0 - 2.0 * radius)).abs() < 0.1 * radius && (far - 3.0).abs() < 0.1 * radius, "{near} {far}");
     }

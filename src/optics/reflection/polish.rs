@@ -332,7 +332,7 @@ mod tests {
     use super::*;
     use crate::geometry::Objects;
     use crate::image::Roughness;
-    use crate::optics::{Around, Ggx, Lamp, Shape, Surround, reflections};
+    use crate::optics::{Around, Ggx, Lamp, Shape, SphereLamp, Surround, reflections};
 
     const SIZE: (usize, usize) = (80, 60);
     const FLOOR: f32 = -1.0;
@@ -454,7 +454,7 @@ mod tests {
     fn a_small_lamp_shines_where_and_as_ggx_says() {
         let room = room(0.0);
         let (center, radius, radiance) = (Vec3::new(0.3, -0.4, -3.9), 0.015, 50.0);
-        let lamp = Shape::Lamp(Lamp::Sphere { center, radius });
+        let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius }));
         let dark = vec![Vec3::ZERO; SIZE.0 * SIZE.1];
         for (roughness, tolerance) in [(0.25, 0.06), (0.7, 0.15)] {
             let shown = room.adds([DULL, roughness], lamp.clone(), radiance, &dark);
@@ -485,7 +485,7 @@ mod tests {
     fn the_old_reflection_is_taken_away_and_what_stays_is_not_touched() {
         let room = room(0.0);
         let even = vec![Vec3::ONE; SIZE.0 * SIZE.1];
-        let lamp = || Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.3, -0.6, -3.7), radius: 0.1 });
+        let lamp = || Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.3, -0.6, -3.7), radius: 0.1 }));
         let sum = |of: [f32; 2]| room.adds(of, lamp(), 9.0, &even).iter().map(|c| f64::from(c.x)).sum::<f64>();
         assert_eq!(sum([0.4, 0.4]), 0.0);
         let (gained, lost) = (sum([DULL, 0.4]), sum([0.4, DULL]));

@@ -198,11 +198,11 @@ pub fn reflections(
             let mut light_met = is_own && !surface.is_mirror();
             let mut first = 0;
             for (((_, shape), emitter), body) in lights.iter().zip(&emitters).zip(&bodies) {
-                if body.meet_from(point, direction).is_some_and(|t| t < end) {
+                if body.intersect(point, direction).is_some_and(|t| t < end) {
                     light_met = true;
                     for lobe in 0..emitter.lobes() {
                         let s = by_rays(shape, lobe, point, surface)(direction);
-                        out.lights[first + lobe] += weight * shape.shown(lobe, direction) * s;
+                        out.lights[first + lobe] += weight * shape.emission(lobe, direction) * s;
                     }
                 }
                 first += emitter.lobes();
@@ -224,18 +224,18 @@ pub fn reflections(
         for (light, ((_, shape), emitter)) in lights.iter().zip(&emitters).enumerate() {
             for lobe in 0..emitter.lobes() {
                 let by_rays: Vec<_> = surfaces.iter().map(|surface| by_rays(shape, lobe, point, surface)).collect();
-                let Some(seen) = emitter.seen(lobe, point, normal) else { continue };
+                let Some(seen) = emitter.sampler_at(lobe, point, normal) else { continue };
                 let points = Points2::new(seed, i as u32, 1 + (3 * light + lobe) as u32);
                 let samples = count.max(8);
                 for (k, sample) in (0..samples).filter_map(|k| Some((k % surfaces.len(), seen.sample(&points, k)?))) {
-                    let direction = (sample.place - point).normalize_or_zero();
-                    let part = (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.part;
+                    let direction = (sample.position - point).normalize_or_zero();
+                    let part = (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.contribution;
                     let value = surfaces[k].value(direction) * part;
                     if value.max_element() < LEAST_SEEN {
                         continue;
                     }
                     out.traced += 1;
-                    if !blocked(surround, &face, sample.place, &own) {
+                    if !blocked(surround, &face, sample.position, &own) {
                         out.lights[first + lobe] += value / samples as f32;
                     }
                 }
@@ -274,8 +274,8 @@ struct Pixel {
 /// By direction, the share that the rays of the lobe have in the estimate of a light's reflection.
 fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> impl Fn(Vec3) -> f32 + 'a {
     // Plates have gaps, so that rays do not meet them.
-    let plates = matches!(shape, Shape::Lamp(crate::optics::Lamp::Plates(_)));
-    let ball = if plates { None } else { shape.ball() };
+    let plates = matches!(shape, Shape::Lamp(crate::optics::Lamp::Surfels(_)));
+    let ball = if plates { None } else { shape.bounding_sphere() };
     let size = ball.map(|(center, radius)| {
         let size = std::f32::consts::PI * radius * radius / center.distance_squared(point).max(radius * radius);
         match shape {
@@ -403,7 +403,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Bodies, Body, Drawing, Material, Model, draw};
     use crate::image::Depth;
-    use crate::optics::{Around, Lamp, Mirror};
+    use crate::optics::{Around, Lamp, Mirror, SphereLamp};
 
     const SIZE: (usize, usize) = (80, 60);
 
@@ -464,7 +464,7 @@ mod tests {
 
     #[test]
     fn a_lamp_behind_the_camera_is_seen_in_a_mirror_and_blurred_in_a_rough_ball() {
-        let lamp = |radius: f32| Shape::Lamp(Lamp::Sphere { center: Vec3::new(0.0, 0.0, 2.0), radius });
+        let lamp = |radius: f32| Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, 2.0), radius }));
         let mirror = middle(&ball(0.0, lamp(0.8)), Vec3::ZERO, 7.0);
         assert!((mirror - 7.0).abs().max_element() < 0.2, "{mirror}");
         // Head on: f = D(1) F G / 4 with D(1) = 1 / (pi a^2), G = F = 1, times the irradiance L (r / d)^2 pi.
@@ -477,7 +477,7 @@ mod tests {
     /// Lamps in a mirror ball of 20 pixels, against a picture of eight times the size with one ray to a pixel, pixels inside the ball.
     #[test]
     fn a_mirror_ball_is_smooth() {
-        let lamp = || Shape::Lamp(Lamp::Sphere { center: Vec3::new(3.0, 2.0, -1.0), radius: 0.7 });
+        let lamp = || Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(3.0, 2.0, -1.0), radius: 0.7 }));
         let fine = seen_ball((8 * SIZE.0, 8 * SIZE.1), 0.0, lamp(), false);
         let shown = |(objects, of): &(Objects, Reflections), x: usize, y: usize| {
             let at = |v: usize, first: usize| v.checked_sub(first);

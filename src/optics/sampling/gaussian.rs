@@ -2,47 +2,69 @@
 
 use std::f64::consts::TAU;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
+use serde::{Deserialize, Serialize};
 
-use crate::optics::Lobe;
+/// A spherical Gaussian of unit weight: G(l) = exp(bandwidth (direction . l - 1)).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lobe {
+    /// The direction of the peak: unit length, from the scene to the light.
+    pub direction: Vec3,
+    /// The sharpness, 0 or more: 0 is uniform, about 1e5 the sun's disc.
+    pub bandwidth: f32,
+}
 
-/// G(l) = exp(bandwidth (direction . l - 1)), in 64 bits: a bandwidth of 1e7 multiplies every rounding error.
+/// A [`Lobe`] in 64 bits, since a bandwidth of 1e7 multiplies every rounding error.
 #[derive(Clone, Copy)]
 pub struct Gaussian {
+    /// Unit length.
     pub(in crate::optics) direction: DVec3,
+    /// 0..=`MAX_BANDWIDTH`.
     pub(in crate::optics) bandwidth: f64,
     /// 1 - exp(-2 bandwidth).
     span: f64,
 }
 
+/// Largest bandwidth; unit: none; source: taste. A lobe of this bandwidth is a direction to all
+/// digits of 64 bits.
+const MAX_BANDWIDTH: f64 = 1e12;
+/// Bandwidth below which a lobe counts as uniform; unit: none; source: the rounding of 64 bits, as
+/// bandwidth / 2 is the relative error.
+pub(in crate::optics) const UNIFORM: f64 = 1e-9;
+
 impl Gaussian {
-    /// A direction without length counts as "up"; a bandwidth below zero or not a number as zero.
+    /// The lobe in 64 bits. A direction without length counts as "up"; a bandwidth below zero or
+    /// not a number as zero.
     pub fn new(lobe: &Lobe) -> Gaussian {
-        let bandwidth = f64::from(lobe.bandwidth).clamp(0.0, 1e12);
+        let bandwidth = f64::from(lobe.bandwidth).clamp(0.0, MAX_BANDWIDTH);
         let bandwidth = if bandwidth.is_nan() { 0.0 } else { bandwidth };
         let direction = lobe.direction.as_dvec3().try_normalize().unwrap_or(DVec3::Y);
         Gaussian { direction, bandwidth, span: -(-2.0 * bandwidth).exp_m1() }
     }
 
-    /// G in the unit direction `l`. d . l - 1 = -|d - l|^2 / 2 loses nothing where the two are close.
+    /// The value of G in the unit direction `l`, 0..=1. d . l - 1 = -|d - l|^2 / 2 loses nothing
+    /// where the two are close.
     pub fn value(&self, l: DVec3) -> f64 {
         (-0.5 * self.bandwidth * (self.direction - l).length_squared()).exp()
     }
 
-    /// Integral of G over all directions: 2 pi (1 - exp(-2 bandwidth)) / bandwidth, steradians.
+    /// The integral of G over all directions: 2 pi (1 - exp(-2 bandwidth)) / bandwidth, steradians.
     pub fn solid_angle(&self) -> f64 {
-        if self.bandwidth < 1e-9 { 2.0 * TAU } else { TAU * self.span / self.bandwidth }
+        if self.bandwidth < UNIFORM { 2.0 * TAU } else { TAU * self.span / self.bandwidth }
     }
 
-    /// Density per steradian of [`Gaussian::sample`] where G has the value `value` (von Mises and Fisher).
+    /// The density, per steradian, of [`Gaussian::sample`] where G is `value` (von Mises and
+    /// Fisher).
     pub fn pdf(&self, value: f64) -> f64 {
         value / self.solid_angle()
     }
 
-    /// A direction with density proportional to G: the cosine is inverted as 1 - cos = -log(1 - u (1 - exp(-2 bandwidth))) /
-    /// bandwidth (Jakob, "Numerically stable sampling of the von Mises-Fisher distribution on S2", 2012).
+    /// A unit direction with density proportional to G, from a point of the unit square.
+    ///
+    /// The cosine is inverted as 1 - cos = -log(1 - u (1 - exp(-2 bandwidth))) / bandwidth (Jakob,
+    /// "Numerically stable sampling of the von Mises-Fisher distribution on S2", 2012).
     pub fn sample(&self, [u, v]: [f64; 2]) -> DVec3 {
-        let t = if self.bandwidth < 1e-9 { 2.0 * u } else { -(-u * self.span).ln_1p() / self.bandwidth };
+        let t = if self.bandwidth < UNIFORM { 2.0 * u } else { -(-u * self.span).ln_1p() / self.bandwidth };
         let t = t.clamp(0.0, 2.0);
         let (x, y) = self.direction.any_orthonormal_pair();
         let (sin_phi, cos_phi) = (TAU * v).sin_cos();
@@ -53,7 +75,6 @@ impl Gaussian {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::Vec3;
 
     fn gaussian(bandwidth: f32) -> Gaussian {
         Gaussian::new(&Lobe { direction: Vec3::new(0.3, -0.5, 0.8).normalize(), bandwidth })
@@ -106,11 +127,11 @@ mod tests {
             let exact = if b < 0.01 { series } else { TAU * (1.0 - (-2.0 * b).exp()) / b };
             assert!((g.solid_angle() / exact - 1.0).abs() < 1e-9, "{bandwidth}: {}", g.solid_angle());
             for u in [0.0, 1e-7, 0.1, 0.5, 0.9, 1.0 - 1e-7] {
-                // The share of the distribution within the sampled angle is u again.
+                // The fraction of the distribution within the sampled angle is u again.
                 let l = g.sample([u, 0.3]);
                 let t = 0.5 * (g.direction - l).length_squared();
-                let share = if b < 1e-9 { 0.5 * t } else { (-b * t).exp_m1() / (-2.0 * b).exp_m1() };
-                assert!((share - u).abs() < 1e-9, "{bandwidth} {u}: {share}");
+                let fraction = if b < 1e-9 { 0.5 * t } else { (-b * t).exp_m1() / (-2.0 * b).exp_m1() };
+                assert!((fraction - u).abs() < 1e-9, "{bandwidth} {u}: {fraction}");
                 // Density times the whole is the value, in the single precision that callers have.
                 assert!((g.pdf(g.value(l)) * g.solid_angle() / (-b * t).exp() - 1.0).abs() < 1e-7);
             }

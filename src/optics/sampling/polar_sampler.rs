@@ -1,35 +1,36 @@
 //! Directions through a polygon with density proportional to a lobe times the cosine.
 //!
-//! In polar coordinates about a pole a convex outline is, for each azimuth phi, one interval of 1 - cos(theta) = t. Along it one
-//! factor of the integrand is exact: e^(-b t) about the lobe's direction, or the cosine itself, 1 - t, about the receiver's
-//! normal. What is left depends little on v, the share of the interval's mass, and is fitted by a line in v; and how much an
-//! azimuth holds is fitted by lines between few azimuths. Both fits are sampled exactly, and each sample's weight repairs what
-//! they miss.
+//! In polar coordinates about a pole a convex outline is, for each azimuth phi, one interval of 1 -
+//! cos(theta) = t. Along it one factor of the integrand is exact: e^(-b t) about the lobe's
+//! direction, or the cosine itself, 1 - t, about the receiver's normal. The other factor depends
+//! little on v, the fraction of the interval's mass, and is fitted by a line in v. The integral
+//! over an azimuth's interval is fitted by lines between few azimuths. Both fits are sampled
+//! exactly, and each sample's weight corrects their error.
 
 use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::gaussian::Gaussian;
+use super::gaussian::{Gaussian, UNIFORM};
+use super::linear::invert_linear;
 use super::polygon::Outline;
-use super::product_sampler::line;
 
-/// What a direction is worth: G(l) cos(theta), or cos(theta) alone.
+/// The integrand, G(l) cos(theta) or cos(theta) alone, and the pole of its polar coordinates.
 #[derive(Clone, Copy)]
 pub enum Product {
-    /// About the lobe's direction; G is exact.
+    /// The pole is the lobe's direction; G is exact.
     AboutLobe(Gaussian, DVec3),
-    /// About the normal; the cosine is exact.
+    /// The pole is the normal; the cosine is exact.
     AboutNormal(Option<Gaussian>, DVec3),
 }
 
 impl Product {
-    /// About the factor that varies more.
-    pub fn of(gaussian: Gaussian, normal: DVec3) -> Product {
+    /// The product about the pole of the factor that varies more.
+    pub fn about_sharper(gaussian: Gaussian, normal: DVec3) -> Product {
         if gaussian.bandwidth > 1.0 {
             Product::AboutLobe(gaussian, normal)
         } else {
-            Product::AboutNormal((gaussian.bandwidth > 1e-9).then_some(gaussian), normal)
+            Product::AboutNormal((gaussian.bandwidth > UNIFORM).then_some(gaussian), normal)
         }
     }
 
@@ -40,7 +41,7 @@ impl Product {
         }
     }
 
-    /// Integral of the exact factor over t in t0..t1.
+    /// The integral of the exact factor over t in t0..t1.
     fn mass(&self, t0: f64, t1: f64) -> f64 {
         match self {
             Product::AboutLobe(gaussian, _) => {
@@ -51,8 +52,8 @@ impl Product {
         }
     }
 
-    /// The t below which the share `v` of that integral lies.
-    fn at(&self, t0: f64, t1: f64, v: f64) -> f64 {
+    /// The t below which the fraction `v` of that integral lies.
+    fn quantile(&self, t0: f64, t1: f64, v: f64) -> f64 {
         let t = match self {
             Product::AboutLobe(gaussian, _) => {
                 let b = gaussian.bandwidth;
@@ -68,7 +69,8 @@ impl Product {
         t.clamp(t0, t1)
     }
 
-    /// [`Product::mass`] and [`Product::at`] a quarter and three quarters, in haste: good enough for a fit.
+    /// [`Product::mass`] and [`Product::quantile`] at 1/4 and 3/4, faster and less exact:
+    /// sufficient for a fit.
     fn quarters(&self, t0: f64, t1: f64) -> (f64, [f64; 2]) {
         match self {
             Product::AboutLobe(gaussian, _) => {
@@ -77,12 +79,12 @@ impl Product {
                 let at = |v: f64| -(e0 + v * (e1 - e0)).ln() / b;
                 ((e0 - e1) / b, [at(0.25).clamp(t0, t1), at(0.75).clamp(t0, t1)])
             }
-            Product::AboutNormal(..) => (self.mass(t0, t1), [self.at(t0, t1, 0.25), self.at(t0, t1, 0.75)]),
+            Product::AboutNormal(..) => (self.mass(t0, t1), [self.quantile(t0, t1, 0.25), self.quantile(t0, t1, 0.75)]),
         }
     }
 
-    /// The other factor.
-    fn rest(&self, direction: DVec3) -> f64 {
+    /// The other factor, which is fitted.
+    fn fitted(&self, direction: DVec3) -> f64 {
         match self {
             Product::AboutLobe(_, normal) => normal.dot(direction).max(0.0),
             Product::AboutNormal(Some(gaussian), _) => gaussian.value(direction),
@@ -91,12 +93,13 @@ impl Product {
     }
 }
 
-/// A polygon ready for sampling.
-pub struct Polar {
+/// A sampler of the integrand over an outline.
+pub struct PolarSampler {
     product: Product,
     /// Pole and two directions across it.
     axes: [DVec3; 3],
-    /// Per edge: whether t ends there (or begins), and cot(theta) of its great circle as a sum of cos(phi) and sin(phi).
+    /// Per edge: true where t ends there (false: begins), and cot(theta) of its great circle as a
+    /// sum of cos(phi) and sin(phi).
     edges: [(bool, [f64; 2]); Outline::MOST],
     edge_count: usize,
     nodes: [Node; NODES],
@@ -109,17 +112,36 @@ struct Node {
     azimuth: f64,
     /// Density over azimuth, not normalised.
     density: f64,
-    /// Density at v = 0 over the sum of that and the density at v = 1.
+    /// Density at v = 0 over the sum of the densities at v = 0 and v = 1.
     tilt: f64,
     /// Integral of the density up to here.
     sum: f64,
 }
 
-const NODES: usize = 32;
+// Constants of the fit. Each changes the noise and the time, and no mean; source: measured with
+// `benches/windows.rs`.
 
-/// By this share of the whole the middle of a stretch may differ from a line between its ends; as the middle becomes a node
-/// too, about a quarter of that is left.
+/// Most nodes of the fit over azimuth.
+const NODES: usize = 32;
+/// Largest error of a line over an interval of azimuth at its middle. Unit: the whole integral. As
+/// the middle becomes a node too, about a quarter of that error is left.
 const MISS: f64 = 0.03;
+/// Least density of a node. Unit: its neighbors' density. A flank between two nodes is not
+/// undersampled.
+const LEAST_OF_NEIGHBOR: f64 = 0.25;
+/// Ratio of two densities below which there is a step between them. Unit: none.
+const STEP: f64 = 0.25;
+/// Fraction of the allowed error in an interval with a step: halving it leaves half of the error,
+/// and one without a step a quarter.
+const ALLOWED_AT_STEP: f64 = 0.25;
+/// Distance of the first and last node from their corners, where the outline is closed. Unit: the
+/// range of azimuth.
+const INSIDE: f64 = 1e-9;
+/// Least height of an edge's great circle over the pole, so that one through the pole has a finite
+/// slope. Unit: none.
+const LEAST_RISE: f64 = 1e-100;
+/// Least and largest [`Node::tilt`]: the fitted line stays above a tenth of its mean.
+const TILT: [f64; 2] = [0.05, 0.95];
 
 /// One azimuth, measured.
 #[derive(Clone, Copy, Default)]
@@ -131,16 +153,16 @@ struct Slice {
     tilt: f64,
 }
 
-impl Polar {
-    /// `None` where nothing arrives from there.
-    pub fn new(outline: &Outline, product: Product) -> Option<Polar> {
+impl PolarSampler {
+    /// The sampler of `product` over `outline`; `None` where the integrand is zero.
+    pub fn new(outline: &Outline, product: Product) -> Option<PolarSampler> {
         let pole = product.pole();
         let edges = outline.edges();
         let center: DVec3 = edges.iter().map(|edge| edge.start.normalize()).sum();
         let towards = (center - pole * pole.dot(center)).try_normalize();
         let x = towards.unwrap_or_else(|| pole.any_orthonormal_vector());
         let y = pole.cross(x);
-        let mut polar = Polar {
+        let mut polar = PolarSampler {
             product,
             axes: [pole, x, y],
             edges: [(false, [0.0; 2]); Outline::MOST],
@@ -150,8 +172,7 @@ impl Polar {
         };
         for (slot, edge) in polar.edges.iter_mut().zip(edges) {
             let rise = edge.inward.dot(pole);
-            // A great circle through the pole: nearly so serves as well.
-            let rise = if rise.abs() < 1e-100 { 1e-100 } else { rise };
+            let rise = if rise.abs() < LEAST_RISE { LEAST_RISE } else { rise };
             *slot = (rise > 0.0, [-edge.inward.dot(x) / rise, -edge.inward.dot(y) / rise]);
         }
         // Between the azimuths of the corners everything is smooth.
@@ -170,11 +191,11 @@ impl Polar {
         (polar.nodes[polar.node_count - 1].sum > 0.0).then_some(polar)
     }
 
-    /// Puts nodes so close that a line between neighbours misses little.
+    /// Places the nodes so close that a line between neighbors has an error of at most [`MISS`].
     fn fit(&mut self, corners: &[f64]) {
         let last = corners.len() - 1;
-        // What a corner closes is measured just inside of it.
-        let inside = 1e-9 * (corners[last] - corners[0]);
+        // An interval that a corner closes is measured just inside of it.
+        let inside = INSIDE * (corners[last] - corners[0]);
         let mut known = [Slice::default(); 2 * Outline::MOST + 1];
         for (i, &azimuth) in corners.iter().enumerate() {
             let shift = if i == 0 {
@@ -197,12 +218,11 @@ impl Polar {
         }
         self.push(known[2 * last]);
         let nodes = &mut self.nodes[..self.node_count];
-        // No density falls below a quarter of its neighbour's, so that a flank between the two is not undersampled.
         let mut before = 0.0;
         for i in 0..nodes.len() {
             let density = nodes[i].density;
             let after = nodes.get(i + 1).map_or(0.0, |node| node.density);
-            nodes[i].density = density.max(0.25 * f64::max(before, after));
+            nodes[i].density = density.max(LEAST_OF_NEIGHBOR * f64::max(before, after));
             before = density;
         }
         for i in 1..nodes.len() {
@@ -211,12 +231,13 @@ impl Polar {
         }
     }
 
-    /// Adds `a` and what is needed up to, but not with, `b`.
+    /// Adds the node `a` and the nodes needed before `b`.
     fn divide(&mut self, [a, middle, b]: [Slice; 3], allowed: f64) {
         let miss = (2.0 / 3.0) * (middle.density - 0.5 * (a.density + b.density)).abs() * (b.azimuth - a.azimuth);
-        // Halving a stretch with a step in it leaves half of the miss, and one without a quarter.
-        let step = a.density.min(b.density) < 0.25 * a.density.max(b.density);
-        let allowed_here = if step { 0.25 * allowed } else { allowed };
+        // Halving an interval with a step in it leaves half of the error, and one without a
+        // quarter.
+        let step = a.density.min(b.density) < STEP * a.density.max(b.density);
+        let allowed_here = if step { ALLOWED_AT_STEP * allowed } else { allowed };
         // Room is kept for the corners still to come.
         if miss > allowed_here && self.node_count + 2 * Outline::MOST + 3 < NODES {
             let [left, right] = [a, b].map(|end| self.halve(end, middle));
@@ -241,7 +262,7 @@ impl Polar {
         self.slice(azimuth, cos, sin)
     }
 
-    /// Half way between two azimuths less than half a turn apart.
+    /// The slice half way between two azimuths less than half a turn apart.
     fn halve(&self, a: Slice, b: Slice) -> Slice {
         let (cos, sin) = (a.cos + b.cos, a.sin + b.sin);
         let length = (cos * cos + sin * sin).sqrt();
@@ -253,17 +274,16 @@ impl Polar {
         let (mut density, mut tilt) = (0.0, 0.5);
         if t1 > t0 {
             let (mass, at) = self.product.quarters(t0, t1);
-            let [a, b] = at.map(|t| self.product.rest(self.direction(t, cos, sin)));
+            let [a, b] = at.map(|t| self.product.fitted(self.direction(t, cos, sin)));
             density = mass * 0.5 * (a + b);
-            // A line through the two places, held above a tenth of its mean.
             if a + b > 0.0 {
-                tilt = ((1.5 * a - 0.5 * b) / (a + b)).clamp(0.05, 0.95);
+                tilt = ((1.5 * a - 0.5 * b) / (a + b)).clamp(TILT[0], TILT[1]);
             }
         }
         Slice { azimuth, cos, sin, density, tilt }
     }
 
-    /// Where the polygon begins and ends at one azimuth.
+    /// The t at which the polygon begins and ends at one azimuth.
     fn interval(&self, cos: f64, sin: f64) -> [f64; 2] {
         // cot(theta) falls from infinity to minus infinity.
         let (mut high, mut low) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -287,26 +307,29 @@ impl Polar {
         (1.0 - t) * pole + (t * (2.0 - t)).max(0.0).sqrt() * (cos * x + sin * y)
     }
 
-    /// A direction, and the integrand there over the density: an unbiased estimate of its integral over the outline.
+    /// A unit direction, and the integrand there over the density, from a point of the unit square.
+    ///
+    /// The quotient is an unbiased estimate of the integral over the outline; `None` counts as
+    /// zero.
     pub fn sample(&self, [u, v]: [f64; 2]) -> Option<(DVec3, f64)> {
         let nodes = &self.nodes[..self.node_count];
         let total = nodes[nodes.len() - 1].sum;
         let target = u * total;
         let i = nodes[1..nodes.len() - 1].partition_point(|node| node.sum <= target);
         let (a, b) = (&nodes[i], &nodes[i + 1]);
-        let share = ((target - a.sum) / (b.sum - a.sum)).clamp(0.0, 1.0);
-        let along = line(share, a.density, b.density);
+        let fraction = ((target - a.sum) / (b.sum - a.sum)).clamp(0.0, 1.0);
+        let along = invert_linear(fraction, a.density, b.density);
         let azimuth = a.azimuth + along * (b.azimuth - a.azimuth);
         let mix = |a: f64, b: f64| a + along * (b - a);
         let tilt = mix(a.tilt, b.tilt);
-        let v = line(v, tilt, 1.0 - tilt);
+        let v = invert_linear(v, tilt, 1.0 - tilt);
         let density = mix(a.density, b.density) * 2.0 * ((1.0 - v) * tilt + v * (1.0 - tilt)) / total;
         let (sin, cos) = azimuth.sin_cos();
         let [t0, t1] = self.interval(cos, sin);
         if !(t1 > t0 && density > 0.0) {
             return None;
         }
-        let direction = self.direction(self.product.at(t0, t1, v), cos, sin);
-        Some((direction, self.product.mass(t0, t1) * self.product.rest(direction) / density))
+        let direction = self.direction(self.product.quantile(t0, t1, v), cos, sin);
+        Some((direction, self.product.mass(t0, t1) * self.product.fitted(direction) / density))
     }
 }

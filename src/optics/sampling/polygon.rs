@@ -1,10 +1,11 @@
-//! Polygons as a receiver sees them: cut at its horizon, their solid angle, and their irradiance in closed form.
+//! Polygons above a receiver's horizon: their solid angle and their irradiance in closed form.
 
 use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-/// The part of a convex polygon that lies above a receiver's horizon. Everything is relative to the receiver.
+/// The part of a convex polygon that lies above a receiver's horizon. Everything is relative to the
+/// receiver.
 #[derive(Clone, Copy)]
 pub struct Outline {
     edges: [Edge; Outline::MOST],
@@ -14,30 +15,36 @@ pub struct Outline {
 /// An arc of a great circle on the receiver's sphere of directions.
 #[derive(Clone, Copy)]
 pub struct Edge {
+    /// The first corner.
     pub start: DVec3,
+    /// The second corner.
     pub end: DVec3,
     /// Unit normal of the plane through receiver and edge; the polygon lies on its positive side.
     pub inward: DVec3,
-    /// The angle seen, 0..pi.
+    /// The angle that the edge subtends, 0..pi.
     pub angle: f64,
 }
 
 impl Outline {
-    /// A convex polygon of four corners gains at most one when a plane cuts it.
+    /// Most corners: a convex polygon of four gains at most one when a plane cuts it.
     pub const MOST: usize = 5;
 
-    /// `corners` (three or four) counter-clockwise as the receiver sees them; `None` when nothing of the polygon is seen above
-    /// the horizon of `normal`.
+    /// The outline of a convex polygon above the horizon of `normal`; `None` where no part of it is
+    /// above.
+    ///
+    /// The `corners`, three or four, are counter-clockwise as the receiver sees them.
     pub fn above(corners: &[DVec3], normal: DVec3) -> Option<Outline> {
         let (above, corners) = clip(corners, normal);
         let nothing = Edge { start: DVec3::ZERO, end: DVec3::ZERO, inward: DVec3::ZERO, angle: 0.0 };
         let mut outline = Outline { edges: [nothing; Outline::MOST], count: 0 };
         for i in 0..corners {
             let (start, end) = (above[i], above[(i + 1) % corners]);
-            // The difference first: the product of two long, nearly equal corners would lose what sets them apart.
+            // The difference first: the product of two long, nearly equal corners would lose their
+            // difference.
             let cross = (end - start).cross(start);
             let length = cross.length();
-            // Seen end on, or the receiver lies on it: no part of the outline.
+            // An edge that is seen end on, or on which the receiver lies, is not a part of the
+            // outline.
             if length > 0.0 && length.is_finite() {
                 let angle = length.atan2(start.dot(end));
                 outline.edges[outline.count] = Edge { start, end, inward: cross / length, angle };
@@ -47,33 +54,40 @@ impl Outline {
         (outline.count > 2).then_some(outline)
     }
 
+    /// The edges in the order of the corners, three to five.
     pub fn edges(&self) -> &[Edge] {
         &self.edges[..self.count]
     }
 
-    /// Steradians.
+    /// The solid angle, steradians.
     pub fn solid_angle(&self) -> f64 {
         let edges = self.edges();
         let triangle = |edge: &Edge| triangle_solid_angle(edges[0].start, edge.start, edge.end);
         edges[1..edges.len() - 1].iter().map(triangle).sum::<f64>().max(0.0)
     }
 
-    /// E / L of uniform radiance. Lambert's formula, Photometria (1760): (1/2 pi) sum over the edges of (angle seen) (normal .
+    /// The irradiance over pi, E / L in 0..=1, of uniform radiance, for a receiver of unit
+    /// `normal`.
+    ///
+    /// Lambert's formula, Photometria (1760): (1/2 pi) sum over the edges of (angle) (normal .
     /// edge's unit normal).
     pub fn irradiance(&self, normal: DVec3) -> f64 {
         (self.edges().iter().map(|edge| edge.angle * edge.inward.dot(normal)).sum::<f64>() / TAU).max(0.0)
     }
 }
 
-/// Steradians, positive for corners counter-clockwise as the receiver sees them. Van Oosterom and Strackee, "The Solid Angle of a
-/// Plane Triangle", IEEE Trans. Biomed. Eng. 30 (1983); it stays exact for small and distant triangles.
+/// The solid angle of a triangle, steradians, positive for corners counter-clockwise as the
+/// receiver sees them.
+///
+/// Van Oosterom and Strackee, "The Solid Angle of a Plane Triangle", IEEE Trans. Biomed. Eng. 30
+/// (1983); it stays exact for small and distant triangles.
 pub fn triangle_solid_angle(a: DVec3, b: DVec3, c: DVec3) -> f64 {
     let (la, lb, lc) = (a.length(), b.length(), c.length());
     let volume = a.dot((c - a).cross(b - a));
     2.0 * volume.atan2(la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb)
 }
 
-/// The corners of the part above the horizon, and how many they are.
+/// The corners of the part above the horizon, and their number.
 fn clip(corners: &[DVec3], normal: DVec3) -> ([DVec3; Outline::MOST], usize) {
     let mut above = [DVec3::ZERO; Outline::MOST];
     let mut count = 0;
@@ -96,10 +110,11 @@ fn clip(corners: &[DVec3], normal: DVec3) -> ([DVec3; Outline::MOST], usize) {
     (above, count)
 }
 
-/// E / L = (1/pi) integral of cos(theta) over the polygon's part above the horizon of `normal`.
+/// The irradiance over pi, E / L = (1/pi) integral of cos(theta) over the polygon's part above the
+/// horizon of `normal`, 0..=1.
 ///
-/// `corners` (three or four, convex, either orientation) are relative to the shaded point. 64-bit because the terms of a small,
-/// distant polygon cancel almost wholly.
+/// `corners` (three or four, convex, either orientation) are relative to the shaded point. 64-bit
+/// because the terms of a small, distant polygon cancel almost wholly.
 pub fn polygon_irradiance(corners: &[DVec3], normal: DVec3) -> f64 {
     let (above, count) = clip(corners, normal);
     let sum: f64 = (0..count)
@@ -107,7 +122,7 @@ pub fn polygon_irradiance(corners: &[DVec3], normal: DVec3) -> f64 {
             let (a, b) = (above[i], above[(i + 1) % count]);
             let cross = a.cross(b - a);
             let length = cross.length();
-            // Seen end on, or the point lies on it: no contribution.
+            // An edge that is seen end on, or on which the point lies, contributes nothing.
             if length > 0.0 { length.atan2(a.dot(b)) * normal.dot(cross) / length } else { 0.0 }
         })
         .sum();
@@ -126,7 +141,8 @@ mod tests {
 
     #[test]
     fn agrees_with_the_textbook_view_factors() {
-        // Howell, A Catalog of Radiation Heat Transfer Configuration Factors, B-3: element parallel to a rectangle.
+        // Howell, A Catalog of Radiation Heat Transfer Configuration Factors, B-3: element parallel
+        // to a rectangle.
         let (a, b, c): (f64, f64, f64) = (0.7, 1.3, 0.9);
         let (x, y) = (a / c, b / c);
         let (rx, ry) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());

@@ -1,46 +1,56 @@
-//! Directions through a rectangle, by the strategy that suits what is seen through it.
+//! Directions through a rectangle, by the sampling technique that suits the lobe behind it and the
+//! receiver's horizon.
 
 use std::f64::consts::PI;
 
 use glam::DVec3;
 
 use super::gaussian::Gaussian;
-use super::lobe_irradiance::Reach;
-use super::polar_sampler::{Polar, Product};
+use super::linear::invert_linear;
+use super::lobe_irradiance::Overlap;
+use super::polar_sampler::{PolarSampler, Product};
 use super::polygon::Outline;
-use super::rectangle::{Rectangle, SeenRectangle};
+use super::rectangle::{Rectangle, RectangleSampler};
 
-/// Samples of G(l) cos(theta), or of cos(theta) alone, through a rectangle.
-pub enum Through {
-    /// The lobe lies wholly within: from the lobe alone.
+/// A sampler of G(l) cos(theta), or of cos(theta) alone, through a rectangle.
+pub enum ProductSampler {
+    /// The lobe alone, which lies wholly within the rectangle.
     Lobe(Gaussian),
-    /// The product is nearly a bilinear function on the rectangle: from that, by Ureña's map. Hart et al., "Practical Product
-    /// Strategy by Fitting and Composing Warps", EGSR 2020.
-    Warped(SeenRectangle, [[f64; 2]; 2], Option<Gaussian>),
-    /// The lobe or the horizon cuts through it.
-    Polar(Box<Polar>),
+    /// The product as a bilinear function on the rectangle, which it nearly is, by Ureña's map.
+    /// Hart et al., "Practical Product Sampling by Fitting and Composing Warps", EGSR 2020.
+    Warped(RectangleSampler, [[f64; 2]; 2], Option<Gaussian>),
+    /// The product in polar coordinates, where the lobe or the horizon cuts through the rectangle.
+    Polar(Box<PolarSampler>),
 }
 
-/// The corners' mean may miss the middle by this much of it.
-const BILINEAR: f64 = 0.5;
+// Constants that choose a technique. Each changes the noise and the time, and no mean.
 
-/// Width over perimeter below which an outline is a slit.
+/// Largest difference between the mean of the corners' values and the middle's that counts as
+/// bilinear. Unit: the middle's value; source: measured with `benches/windows.rs`.
+const BILINEAR: f64 = 0.5;
+/// Least value of a corner that counts as bilinear. Unit: the largest corner's value; source:
+/// measured as above.
+const LEAST_CORNER: f64 = 0.01;
+/// Width over perimeter below which an outline is a slit. Unit: none; source: measured as above.
 const SLIT: f64 = 2e-3;
 
-impl Through {
-    /// `outline` is the rectangle's, as seen from `point`; `None` where nothing arrives.
+impl ProductSampler {
+    /// The sampler for a receiver at `point` with the unit `normal`; `None` where nothing arrives.
+    ///
+    /// `outline` is the rectangle's part above the receiver's horizon. Without a lobe, the radiance
+    /// is uniform.
     pub fn new(
         rectangle: &Rectangle,
         outline: &Outline,
         gaussian: Option<Gaussian>,
         (point, normal): (DVec3, DVec3),
-    ) -> Option<Through> {
+    ) -> Option<ProductSampler> {
         let product = match gaussian {
             None => Product::AboutNormal(None, normal),
-            Some(gaussian) => match gaussian.reach(outline) {
-                Reach::Outside => return None,
-                Reach::Inside => return Some(Through::Lobe(gaussian)),
-                Reach::Across => Product::of(gaussian, normal),
+            Some(gaussian) => match gaussian.overlap(outline) {
+                Overlap::Disjoint => return None,
+                Overlap::Within => return Some(ProductSampler::Lobe(gaussian)),
+                Overlap::Partial => Product::about_sharper(gaussian, normal),
             },
         };
         // In a slit narrower than the lobe nearly all azimuths about the lobe hold next to nothing.
@@ -48,55 +58,52 @@ impl Through {
         let width = 2.0 * outline.solid_angle() / around;
         let spread = gaussian.map_or(1.0, |gaussian| 1.0 / gaussian.bandwidth.max(1.0).sqrt());
         if width < SLIT * around && width < spread {
-            return Some(Through::Warped(rectangle.seen_from(point)?, [[1.0; 2]; 2], gaussian));
+            return Some(ProductSampler::Warped(rectangle.sampler_at(point)?, [[1.0; 2]; 2], gaussian));
         }
         if outline.edges().len() == 4 {
-            let seen = rectangle.seen_from(point)?;
-            let value = |place: DVec3| value(gaussian, normal, place.normalize_or_zero()) / seen.pdf(place);
-            let corners = [0.0, 1.0].map(|v| [0.0, 1.0].map(|u| value(seen.place(u, v))));
+            let uniform = rectangle.sampler_at(point)?;
+            let value = |position: DVec3| value(gaussian, normal, position.normalize_or_zero()) / uniform.pdf(position);
+            let corners = [0.0, 1.0].map(|v| [0.0, 1.0].map(|u| value(uniform.position(u, v))));
             let all = corners.as_flattened();
             let (low, high) = all.iter().fold((f64::INFINITY, 0.0), |(low, high), &c| (c.min(low), c.max(high)));
-            let (mean, middle) = (0.25 * all.iter().sum::<f64>(), value(seen.sample([0.5, 0.5])));
-            if low > 0.01 * high && (mean - middle).abs() < BILINEAR * middle {
-                return Some(Through::Warped(seen, corners, gaussian));
+            let (mean, middle) = (0.25 * all.iter().sum::<f64>(), value(uniform.sample([0.5, 0.5])));
+            if low > LEAST_CORNER * high && (mean - middle).abs() < BILINEAR * middle {
+                return Some(ProductSampler::Warped(uniform, corners, gaussian));
             }
         }
-        Polar::new(outline, product).map(|polar| Through::Polar(Box::new(polar)))
+        PolarSampler::new(outline, product).map(|polar| ProductSampler::Polar(Box::new(polar)))
     }
 
-    /// A place, relative to `point`, and its part of E.
+    /// A position on the rectangle, relative to `point`, and its contribution to E / L, from a
+    /// point of the unit square.
+    ///
+    /// The contribution alone is an unbiased estimate; `None` counts as zero.
     pub fn sample(&self, rectangle: &Rectangle, (point, normal): (DVec3, DVec3), uv: [f64; 2]) -> Option<(DVec3, f64)> {
         match self {
-            Through::Lobe(gaussian) => {
+            ProductSampler::Lobe(gaussian) => {
                 let direction = gaussian.sample(uv);
-                let place = rectangle.meet(point, direction)?;
+                let position = rectangle.intersect(point, direction)?;
                 let cos = normal.dot(direction);
-                (cos > 0.0).then(|| (place, cos * gaussian.solid_angle() / PI))
+                (cos > 0.0).then(|| (position, cos * gaussian.solid_angle() / PI))
             }
-            Through::Warped(seen, [[a, b], [c, d]], gaussian) => {
-                let v = line(uv[1], a + b, c + d);
+            ProductSampler::Warped(uniform, [[a, b], [c, d]], gaussian) => {
+                let v = invert_linear(uv[1], a + b, c + d);
                 let (left, right) = (a + v * (c - a), b + v * (d - b));
-                let u = line(uv[0], left, right);
+                let u = invert_linear(uv[0], left, right);
                 let warp = 4.0 * (left + u * (right - left)) / (a + b + c + d);
-                let place = seen.sample([u, v]);
-                let value = value(*gaussian, normal, place.normalize_or_zero());
-                Some((place, value / (PI * warp * seen.pdf(place))))
+                let position = uniform.sample([u, v]);
+                let value = value(*gaussian, normal, position.normalize_or_zero());
+                Some((position, value / (PI * warp * uniform.pdf(position))))
             }
-            Through::Polar(polar) => {
+            ProductSampler::Polar(polar) => {
                 let (direction, integral) = polar.sample(uv)?;
-                Some((rectangle.through(point, direction)?, integral / PI))
+                Some((rectangle.intersect_plane(point, direction)?, integral / PI))
             }
         }
     }
 }
 
+/// The integrand G(l) cos(theta), 0..=1.
 fn value(gaussian: Option<Gaussian>, normal: DVec3, direction: DVec3) -> f64 {
     normal.dot(direction).max(0.0) * gaussian.map_or(1.0, |gaussian| gaussian.value(direction))
-}
-
-/// Inverts the distribution on 0..1 whose density runs in a line from `a` to `b`.
-pub fn line(u: f64, a: f64, b: f64) -> f64 {
-    let root = (a * a + u * (b * b - a * a)).max(0.0).sqrt();
-    let sum = a + root;
-    if sum > 0.0 { (u * (a + b) / sum).min(1.0) } else { u }
 }

@@ -1,6 +1,8 @@
-//! Random numbers without state: a hash of (seed, pixel, stream) scrambles a low-discrepancy sequence.
+//! Random numbers without state: a hash of (seed, pixel, stream) scrambles a low-discrepancy
+//! sequence.
 
-/// The four-dimensional PCG hash of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020.
+/// The four-dimensional PCG hash of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT
+/// 9(3), 2020.
 fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
     v = v.map(|x| x.wrapping_mul(1664525).wrapping_add(1013904223));
     let mix = |v: &mut [u32; 4]| {
@@ -15,30 +17,33 @@ fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
     v
 }
 
-/// A stream of points in the unit square: the Sobol sequence with Owen scrambling (Burley, "Practical Hash-based Owen
-/// Scrambling", JCGT 9(4), 2020). Each point alone is uniformly distributed, any first 2^k of a stream are evenly spread, and
-/// the streams of different (seed, pixel, stream) are independent of each other.
+/// A stream of points in the unit square: the Sobol sequence with Owen scrambling (Burley,
+/// "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020). Each point alone is uniformly
+/// distributed, any first 2^k of a stream are evenly spread, and the streams of different (seed,
+/// pixel, stream) are independent of each other.
 #[derive(Clone, Copy)]
 pub struct Points2 {
     scramble: u32,
 }
 
-/// Points that one stream has; later ones repeat.
+/// Length of a stream; later points repeat.
 pub const STREAM: usize = 1 << 16;
 
 impl Points2 {
+    /// The stream of these numbers.
     pub fn new(seed: u64, pixel: u32, stream: u32) -> Points2 {
         let [scramble, ..] = pcg4d([seed as u32, (seed >> 32) as u32, pixel, stream]);
         Points2 { scramble }
     }
 
-    /// The `i`th point, both coordinates in [0, 1).
+    /// The `i`th point, both coordinates in 0..1.
     pub fn get(&self, i: usize) -> [f64; 2] {
         self.in_turn(2 * i)
     }
 
-    /// Points of this stream (even `i`) and of a second one in turn: each of both is evenly spread, which every second point
-    /// of one is not.
+    /// The `i`th of the points of this stream (even `i`) and of a second one (odd `i`) in turn.
+    ///
+    /// Each of the two is evenly spread, which every second point of one is not.
     pub fn in_turn(&self, i: usize) -> [f64; 2] {
         // Four axes cost what one does.
         let [x, y, z, w] = sobol_burley::sample_4d((i / 2 % STREAM) as u32, 0, self.scramble);
@@ -85,8 +90,9 @@ mod tests {
 
     #[test]
     fn streams_have_nothing_to_do_with_each_other() {
-        // What neighbouring seeds, pixels and streams have in common: the correlation of their means over 8 points, of which the
-        // standard error over 20,000 pairs is 0.7 %. The mean of f = (x - 1/2) (y - 1/2) is not evened out by the points.
+        // The correlation of the means of neighboring streams over 8 points, of which the standard
+        // error over 20,000 pairs is 0.7 %. The mean of f = (x - 1/2) (y - 1/2) is not evened out
+        // by the points.
         let mean = |seed, pixel, stream| {
             let points = Points2::new(seed, pixel, stream);
             (0..8).map(|i| points.get(i)).map(|[x, y]| (x - 0.5) * (y - 0.5)).sum::<f64>() / 8.0

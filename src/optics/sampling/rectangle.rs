@@ -1,4 +1,4 @@
-//! One-sided rectangles: in front or behind, closed form, and sampling of the solid angle they fill.
+//! One-sided rectangles: irradiance in closed form, and uniform sampling of their solid angle.
 
 use std::f64::consts::TAU;
 
@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3};
 
 use super::polygon::{Outline, triangle_solid_angle};
 
-/// A rectangle that faces the side `normal` points to.
+/// A rectangle that emits to the side of its normal.
 #[derive(Clone, Copy)]
 pub struct Rectangle {
     center: DVec3,
@@ -17,7 +17,8 @@ pub struct Rectangle {
 }
 
 impl Rectangle {
-    /// From half edges; `y` is made orthogonal to `x`. `None` when there is no area, or any number is not finite.
+    /// The rectangle of half edges `x` and `y`, metres, `y` made orthogonal to `x`; `None` without
+    /// area or with a number that is not finite.
     pub fn new(center: Vec3, x: Vec3, y: Vec3) -> Option<Rectangle> {
         let (center, x, y) = (center.as_dvec3(), x.as_dvec3(), y.as_dvec3());
         let y = y - x * (x.dot(y) / x.length_squared());
@@ -25,7 +26,7 @@ impl Rectangle {
         (center.is_finite() && x.is_finite() && y.is_finite()).then_some(Rectangle { center, x, y, normal })
     }
 
-    /// Height of `point` over the emitting side; positive in front.
+    /// The height of `point` over the emitting side, metres; positive in front.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point - self.center)
     }
@@ -34,7 +35,8 @@ impl Rectangle {
         4.0 * self.x.length() * self.y.length()
     }
 
-    /// The rectangle's part above the horizon of `normal`, as seen from `point`; `None` on or behind the rectangle's plane.
+    /// The outline, seen from `point`, of the part above the horizon of `normal`; `None` on or
+    /// behind the rectangle's plane.
     pub fn outline(&self, point: DVec3, normal: DVec3) -> Option<Outline> {
         if self.height(point) <= 0.0 {
             return None;
@@ -43,37 +45,42 @@ impl Rectangle {
         Outline::above(&[d - self.x - self.y, d + self.x - self.y, d + self.x + self.y, d - self.x + self.y], normal)
     }
 
-    /// E / L at `point` with surface normal `normal`; zero on or behind the rectangle's plane.
+    /// The irradiance over pi, E / L in 0..=1, at `point` with the unit `normal`; zero on or behind
+    /// the rectangle's plane.
     pub fn irradiance(&self, point: DVec3, normal: DVec3) -> f64 {
         self.outline(point, normal).map_or(0.0, |outline| outline.irradiance(normal))
     }
 
-    /// Where the ray from `point` along `direction` meets the rectangle's plane from the front, relative to `point`.
-    pub fn through(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
+    /// The intersection of the ray from `point` along `direction` with the rectangle's plane from
+    /// its front, relative to `point`.
+    pub fn intersect_plane(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
         let (height, fall) = (self.height(point), -self.normal.dot(direction));
-        let place = direction * (height / fall);
-        (height > 0.0 && fall > 0.0 && place.is_finite()).then_some(place)
+        let position = direction * (height / fall);
+        (height > 0.0 && fall > 0.0 && position.is_finite()).then_some(position)
     }
 
-    /// Where the ray from `point` along `direction` meets the emitting side, relative to `point`.
-    pub fn meet(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
-        let place = self.through(point, direction)?;
-        let at = point + place - self.center;
+    /// The intersection of the ray from `point` along `direction` with the emitting side, relative
+    /// to `point`.
+    pub fn intersect(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
+        let position = self.intersect_plane(point, direction)?;
+        let at = point + position - self.center;
         let inside = |edge: DVec3| at.dot(edge).abs() <= edge.length_squared();
-        (inside(self.x) && inside(self.y)).then_some(place)
+        (inside(self.x) && inside(self.y)).then_some(position)
     }
 
-    /// The solid angle seen from `point`, ready for sampling; `None` on or behind the plane.
-    pub fn seen_from(&self, point: DVec3) -> Option<SeenRectangle> {
+    /// The sampler of the solid angle at `point`; `None` on or behind the plane.
+    pub fn sampler_at(&self, point: DVec3) -> Option<RectangleSampler> {
         let height = self.height(point);
-        (height > 0.0).then(|| SeenRectangle::new(self, point, height))
+        (height > 0.0).then(|| RectangleSampler::new(self, point, height))
     }
 }
 
-/// A rectangle as seen from a point. Sampling is uniform over its solid angle: Ureña, Fajardo and King, "An Area-Preserving
-/// Parametrization for Spherical Rectangles", EGSR 2013. Where that solid angle is too small to be computed as the
-/// difference of four angles, it is uniform over the area.
-pub struct SeenRectangle {
+/// A uniform sampler of the solid angle of a rectangle at a point: Ureña, Fajardo and King, "An
+/// Area-Preserving Parametrization for Spherical Rectangles", EGSR 2013.
+///
+/// It is uniform over the area instead where that solid angle is too small to be computed as the
+/// difference of four angles.
+pub struct RectangleSampler {
     axes: [DVec3; 3],
     /// The rectangle in those axes, seen from the origin: x in x0..x1, y in y0..y1, at z0 < 0.
     x: [f64; 2],
@@ -86,11 +93,12 @@ pub struct SeenRectangle {
     area: f64,
 }
 
-/// Below this many steradians the four angles have lost half of their 15 digits.
+/// Solid angle below which sampling is by area, steradians. Source: there the four angles have lost
+/// half of their 15 digits.
 const TINY: f64 = 1e-8;
 
-impl SeenRectangle {
-    fn new(rectangle: &Rectangle, point: DVec3, height: f64) -> SeenRectangle {
+impl RectangleSampler {
+    fn new(rectangle: &Rectangle, point: DVec3, height: f64) -> RectangleSampler {
         let (half_x, half_y) = (rectangle.x.length(), rectangle.y.length());
         let axes = [rectangle.x / half_x, rectangle.y / half_y, rectangle.normal];
         let d = rectangle.center - point;
@@ -110,10 +118,10 @@ impl SeenRectangle {
         let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
         let solid_angle = triangle_solid_angle(a, b, c) + triangle_solid_angle(a, c, d);
         let area = if solid_angle > TINY { 0.0 } else { rectangle.area() };
-        SeenRectangle { axes, x, y, z, b: [n[0].z, n[2].z], k, solid_angle, area }
+        RectangleSampler { axes, x, y, z, b: [n[0].z, n[2].z], k, solid_angle, area }
     }
 
-    /// A place on the rectangle, relative to the point it is seen from.
+    /// A position on the rectangle, relative to the receiver, from a point of the unit square.
     pub fn sample(&self, [u, v]: [f64; 2]) -> DVec3 {
         let ([x0, x1], [y0, y1]) = (self.x, self.y);
         let (x, y) = if self.area > 0.0 {
@@ -132,15 +140,17 @@ impl SeenRectangle {
         x * self.axes[0] + y * self.axes[1] + self.z * self.axes[2]
     }
 
-    /// The place at shares `u`, `v` of the edges: where [`SeenRectangle::sample`] puts the corners of the unit square.
-    pub fn place(&self, u: f64, v: f64) -> DVec3 {
-        let at = |[a, b]: [f64; 2], share: f64| a + share * (b - a);
+    /// The position at fractions `u`, `v` of the edges; the corners of the unit square go where
+    /// [`RectangleSampler::sample`] puts them.
+    pub fn position(&self, u: f64, v: f64) -> DVec3 {
+        let at = |[a, b]: [f64; 2], fraction: f64| a + fraction * (b - a);
         at(self.x, u) * self.axes[0] + at(self.y, v) * self.axes[1] + self.z * self.axes[2]
     }
 
-    /// Density per steradian of [`SeenRectangle::sample`] at a place on the rectangle.
-    pub fn pdf(&self, place: DVec3) -> f64 {
-        if self.area > 0.0 { place.length().powi(3) / (self.area * -self.z) } else { 1.0 / self.solid_angle }
+    /// The density, per steradian, of [`RectangleSampler::sample`] at a position on the rectangle,
+    /// relative to the receiver.
+    pub fn pdf(&self, position: DVec3) -> f64 {
+        if self.area > 0.0 { position.length().powi(3) / (self.area * -self.z) } else { 1.0 / self.solid_angle }
     }
 }
 
@@ -157,16 +167,16 @@ mod tests {
             let r = Rectangle::new(Vec3::new(0.4, 1.0, 0.6), Vec3::X * half_x, Vec3::Z * half_y).unwrap();
             assert!(r.height(DVec3::ZERO) > 0.0, "x cross z looks down");
             let normal = DVec3::new(0.1, 0.6, 0.4).normalize();
-            let seen = r.seen_from(DVec3::ZERO).unwrap();
+            let sampler = r.sampler_at(DVec3::ZERO).unwrap();
             let mut sum = 0.0;
             for i in 0..n * n {
                 let uv = [((i % n) as f64 + 0.5) / n as f64, ((i / n) as f64 + 0.5) / n as f64];
-                let place = seen.sample(uv);
+                let position = sampler.sample(uv);
                 assert!(
-                    r.meet(DVec3::ZERO, place.normalize() * 1.000_000_1).is_some()
+                    r.intersect(DVec3::ZERO, position.normalize() * 1.000_000_1).is_some()
                         || uv.iter().any(|u| (u - 0.5).abs() > 0.49)
                 );
-                sum += normal.dot(place.normalize()).max(0.0) / seen.pdf(place);
+                sum += normal.dot(position.normalize()).max(0.0) / sampler.pdf(position);
             }
             let (sampled, exact) = (sum / (n * n) as f64 / PI, r.irradiance(DVec3::ZERO, normal));
             assert!((sampled / exact - 1.0).abs() < 1e-3, "{half_x} {half_y}: {sampled} {exact}");
@@ -179,7 +189,7 @@ mod tests {
         assert!(r.irradiance(DVec3::new(0.0, 0.0, 1.0), -DVec3::Z) > 0.4);
         assert_eq!(r.irradiance(DVec3::new(0.0, 0.0, -1.0), DVec3::Z), 0.0, "behind");
         assert_eq!(r.irradiance(DVec3::new(0.3, 0.3, 0.0), DVec3::Z), 0.0, "on it");
-        assert!(r.seen_from(DVec3::ZERO).is_none());
+        assert!(r.sampler_at(DVec3::ZERO).is_none());
         assert!(Rectangle::new(Vec3::ZERO, Vec3::X, Vec3::X).is_none());
         assert!(Rectangle::new(Vec3::ZERO, Vec3::ZERO, Vec3::Y).is_none());
         assert!(Rectangle::new(Vec3::NAN, Vec3::X, Vec3::Y).is_none());

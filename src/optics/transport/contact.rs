@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Grid, SceneMesh, clearance, cosine_direction};
 use crate::image::{Normal, Plane, Points, rule};
-use crate::optics::emitter::sphere::{Cone, sphere_irradiance};
 use crate::optics::sampling::random::Points2;
+use crate::optics::sampling::sphere::{Cone, sphere_irradiance};
 
 /// Pixels near bodies, and which probes of these they see.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

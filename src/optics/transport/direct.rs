@@ -52,11 +52,11 @@ pub fn direct(
     let base: Vec<(f64, usize)> = exact.iter().map(|exact| (known(exact), width * height)).collect();
     let extend = |tile: &mut Tile<Sums>, range: std::ops::Range<usize>| {
         for (&pixel, sums) in tile.pixels.iter().zip(&mut tile.sums) {
-            let Some(seen) = emitter.seen(tile.lobe, at(pixel).0, at(pixel).1) else { continue };
+            let Some(seen) = emitter.sampler_at(tile.lobe, at(pixel).0, at(pixel).1) else { continue };
             for (batch, sum) in sums.iter_mut().enumerate() {
                 let points = stream(sampling.seed, pixel as u32, tile.lobe, batch);
                 let parts = range.clone().filter_map(|i| seen.sample(&points, i));
-                parts.for_each(|sample| *sum += f64::from(sample.part));
+                parts.for_each(|sample| *sum += f64::from(sample.contribution));
             }
         }
     };

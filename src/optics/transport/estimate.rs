@@ -40,11 +40,11 @@ pub fn estimate(
     seed: u64,
     pixel: u32,
 ) -> (f64, f64) {
-    let Some(seen) = emitter.seen(lobe, point, normal) else { return (0.0, 0.0) };
+    let Some(seen) = emitter.sampler_at(lobe, point, normal) else { return (0.0, 0.0) };
     let batches = std::array::from_fn(|batch| {
         let points = stream(seed, pixel, lobe, batch);
         let parts = (0..each).filter_map(|i| seen.sample(&points, i));
-        parts.map(|sample| f64::from(sample.part)).sum::<f64>() / each.max(1) as f64
+        parts.map(|sample| f64::from(sample.contribution)).sum::<f64>() / each.max(1) as f64
     });
     mean(&batches)
 }

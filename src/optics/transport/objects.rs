@@ -36,7 +36,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Bodies, Body, Camera, Model};
     use crate::image::{Albedo, Shading};
-    use crate::optics::{Bounces, Lamp, Probed, indirect, sphere_irradiance, trace_bounces};
+    use crate::optics::{Bounces, Lamp, Probed, SphereLamp, indirect, sphere_irradiance, trace_bounces};
 
     fn ball(center: Vec3, radius: f32) -> Bodies {
         let body = Body::placed(Model::sphere(), None, Mat3::IDENTITY, radius, Vec3::ZERO, center);
@@ -52,7 +52,7 @@ mod tests {
     }
 
     fn lamp(center: Vec3) -> Shape {
-        Shape::Lamp(Lamp::Sphere { center, radius: 0.01 })
+        Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: 0.01 }))
     }
 
     const SAMPLING: fn() -> Sampling = || Sampling::fixed(16, 1);

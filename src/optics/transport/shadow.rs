@@ -95,16 +95,16 @@ pub fn shadow(
         for (&i, sums) in tile.pixels.iter().zip(&mut tile.sums) {
             let pixel = grid.pixel(i);
             let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
-            let Some(seen) = emitter.seen(tile.lobe, point, n) else { continue };
+            let Some(seen) = emitter.sampler_at(tile.lobe, point, n) else { continue };
             let from = if quality.lifted { point } else { point + n * mesh.offset(point) };
             for (batch, sums) in sums.iter_mut().enumerate() {
                 let stream = stream(quality.sampling.seed, pixel as u32, tile.lobe, batch);
                 for sample in range.clone().filter_map(|i| seen.sample(&stream, i)) {
-                    let part = f64::from(sample.part);
+                    let part = f64::from(sample.contribution);
                     traced += 1;
                     sums.all += part;
-                    match mesh.visibility(from, sample.place, passes) {
-                        Sight::Lit if quality.outside_unknown && !mesh.in_view(sample.place) => sums.unknown += part,
+                    match mesh.visibility(from, sample.position, passes) {
+                        Sight::Lit if quality.outside_unknown && !mesh.in_view(sample.position) => sums.unknown += part,
                         Sight::Lit => sums.lit += part,
                         Sight::Unknown => sums.unknown += part,
                         Sight::Blocked => {}

@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{EditLightsIn, Place, check_model, level, read_model, tall, upright};
 use crate::graph::{Context, File, NodeError, above, check_range};
-use crate::optics::{Lamp, Profile, ProfileTable, Shape};
+use crate::optics::{
+    BoxLamp, Lamp, MeshLamp, PhotometricLamp, PhotometricWeb, PhotometricWebTable, RectLamp, Shape, SphereLamp,
+};
 
 /// The form of an inserted lamp, metres.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,18 +69,18 @@ impl LampShape {
     ) -> Result<Lamp, NodeError> {
         let center = Vec3::ZERO;
         let lamp = match self {
-            LampShape::Sphere { radius } => Lamp::Sphere { center, radius: *radius },
+            LampShape::Sphere { radius } => Lamp::Sphere(SphereLamp { center, radius: *radius }),
             LampShape::Rect { half, normal } => {
                 let normal = Vec3::from_array(*normal).normalize();
                 // `x` level, so that the first half edge runs along the floor.
                 let x = up.cross(normal).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
-                Lamp::Rect { center, x: x * half[0], y: normal.cross(x) * half[1] }
+                Lamp::Rect(RectLamp { center, x: x * half[0], y: normal.cross(x) * half[1] })
             }
             LampShape::Box { half, yaw } => {
                 let (right, ahead) = level(up);
                 let (sin, cos) = yaw.to_radians().sin_cos();
                 let (x, z) = (right * cos + ahead * sin, right * sin - ahead * cos);
-                Lamp::Box { center, axes: [x * half[0], up * half[1], z * half[2]] }
+                Lamp::Box(BoxLamp { center, axes: [x * half[0], up * half[1], z * half[2]] })
             }
             LampShape::Mesh { path, height, yaw, parts } => model(path, parts, upright(up, *yaw), *height, ctx)?,
         };
@@ -86,7 +88,7 @@ impl LampShape {
             LampShape::Sphere { radius } => *radius,
             LampShape::Rect { .. } => 0.0,
             LampShape::Box { half, .. } => half[1],
-            LampShape::Mesh { .. } => lamp.reach(-normal),
+            LampShape::Mesh { .. } => lamp.extent(-normal),
         };
         Ok(lamp.moved(self::center(at, inputs, up, reach).map_err(failed)?))
     }
@@ -114,8 +116,8 @@ fn model(path: &File, parts: &[File], turn: Mat3, height: f32, ctx: &Context) ->
         *slot
     };
     let triangles = model.triangles.iter().map(|t| t.map(&mut of)).collect();
-    let lamp = Lamp::Model { corners, triangles };
-    let middle = Shape::Lamp(lamp.clone()).ball().map_or(Vec3::ZERO, |(middle, _)| middle);
+    let lamp = Lamp::Mesh(MeshLamp::new(corners, triangles));
+    let middle = Shape::Lamp(lamp.clone()).bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle);
     Ok(lamp.moved(-middle))
 }
 
@@ -145,10 +147,13 @@ pub fn luminaire(
     up: Vec3,
     ctx: &Context,
 ) -> Result<(Lamp, f32), NodeError> {
-    let Lamp::Sphere { center, radius } = lamp else { unreachable!("profiles were checked to go with spheres") };
+    let Lamp::Sphere(SphereLamp { center, radius }) = lamp else {
+        unreachable!("profiles were checked to go with spheres")
+    };
     let read = ctx.shared(file, "profile", |bytes| {
         let path = file.location().display().to_string();
-        ProfileTable::parse(&String::from_utf8_lossy(&bytes)).map_err(|message| NodeError::BadFile { path, message })
+        PhotometricWebTable::parse(&String::from_utf8_lossy(&bytes))
+            .map_err(|message| NodeError::BadFile { path, message })
     })?;
     let (table, lumens) = &*read;
     let axis = axis.and_then(|axis| Vec3::from_array(axis).try_normalize()).unwrap_or(-up);
@@ -156,8 +161,8 @@ pub fn luminaire(
     let across = |v: Vec3| (v - axis * v.dot(axis)).try_normalize().filter(|_| v.dot(axis).abs() < 0.999);
     let side = across(right).or_else(|| across(ahead)).unwrap_or_else(|| axis.any_orthonormal_vector());
     let side = Quat::from_axis_angle(axis, turn.to_radians()) * side;
-    let profile = Profile { axis, side, table: table.clone() };
-    Ok((Lamp::Luminaire { center, radius, profile }, *lumens as f32))
+    let profile = PhotometricWeb { axis, side, table: table.clone() };
+    Ok((Lamp::Photometric(PhotometricLamp { center, radius, web: profile }), *lumens as f32))
 }
 
 /// A lamp that is there at another place: `by` metres further, or with its middle at `to`.
@@ -168,7 +173,7 @@ pub fn moved(
     inputs: &EditLightsIn,
     up: Vec3,
 ) -> Result<Lamp, String> {
-    let (lamp, middle) = match (shape, shape.ball()) {
+    let (lamp, middle) = match (shape, shape.bounding_sphere()) {
         (Shape::Lamp(lamp), Some((middle, _))) => (lamp, middle),
         (Shape::Window(_), _) => return Err("Move: wanted a lamp, got a window".into()),
         _ => return Err("Move: there is no such lamp in this room: its photo is explained without it".into()),
@@ -176,7 +181,7 @@ pub fn moved(
     let by = match to {
         None => by.map(Vec3::from_array).unwrap_or_default(),
         // A sphere around it may reach farther down than it does; a lamp is put as low as its own points allow.
-        Some(place) => center(place, inputs, up, |normal| lamp.reach(-normal))? - middle,
+        Some(place) => center(place, inputs, up, |normal| lamp.extent(-normal))? - middle,
     };
     Ok(lamp.moved(by))
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::level;
 use crate::graph::{Context, File, NodeError, above, check_range};
 use crate::image::{Picture, Source, Transfer, read_photo};
-use crate::optics::{Daylight, Heading, Lobe, Radiance, Shape, Window, fit_outlook};
+use crate::optics::{Daylight, Heading, Lobe, Radiance, Shape, Window, fit_window_model};
 
 /// What a window shows above the horizon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -140,7 +140,7 @@ impl Outside<'_> {
             Sky::Env(file) => {
                 let picture = picture(file, ctx)?;
                 let turned = Quat::from_axis_angle(up, -self.yaw.to_radians()) * ahead;
-                let outlook = fit_outlook(&picture.0, Heading { up, ahead: turned }, outside, true);
+                let outlook = fit_window_model(&picture.0, Heading { up, ahead: turned }, outside, true);
                 let told = format!(
                     "light {id:?}: three lobes put {:.0} % of the light of {} through this window elsewhere than the picture has it",
                     100.0 * outlook.misplaced,
@@ -158,7 +158,7 @@ impl Outside<'_> {
                 let sun = self.sun.map_or(up, |sun| sun.direction(up));
                 let day = Daylight { turbidity: f64::from(*turbidity), sun: sun.as_dvec3() };
                 let (lux, heading) = (f64::from(lux()), Heading { up, ahead });
-                let outlook = fit_outlook(&day.surrounding(heading, lux), heading, outside, false);
+                let outlook = fit_window_model(&day.surrounding(heading, lux), heading, outside, false);
                 own_sun = (0.5 * day.sun_lux(up.as_dvec3()) / lux).as_vec3();
                 ctx.note(format!(
                     "light {id:?}: three lobes put {:.0} % of the light of this clear sky through the window elsewhere than the sky has it",

@@ -121,7 +121,7 @@ impl Emitter<'_> {
         let (old, new): (Vec3, Vec3) = match self.shape {
             Shape::Absent => return (Vec3::ZERO, Vec3::ONE),
             Shape::Lamp(_) => (w.iter().sum(), after.iter().sum()),
-            Shape::Window(window) => (window.seen(w, ray), window.seen(&after, ray)),
+            Shape::Window(window) => (window.emitted(w, ray), window.emitted(&after, ray)),
         };
         (old, gain(old, new, gains.first().copied().unwrap_or(Vec3::ZERO)))
     }
@@ -131,7 +131,7 @@ impl Emission<'_> {
     /// The radiance towards the camera along the ray that `ray` gives.
     pub fn towards(&self, ray: impl Fn() -> Vec3) -> Vec3 {
         match self {
-            Emission::Window(window, radiance) => window.seen(&radiance.0, ray()),
+            Emission::Window(window, radiance) => window.emitted(&radiance.0, ray()),
             Emission::Even(shown) => *shown,
         }
     }
@@ -171,8 +171,8 @@ fn drawn<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<DrawnLight<'a>
         let emission = match &**shape {
             Shape::Window(window) => Emission::Window(window, radiance),
             lamp => {
-                let towards = lamp.ball().map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or_zero());
-                Emission::Even(lamp.shown(0, towards) * radiance.0.iter().sum::<Vec3>())
+                let towards = lamp.bounding_sphere().map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or_zero());
+                Emission::Even(lamp.emission(0, towards) * radiance.0.iter().sum::<Vec3>())
             }
         };
         drawn.push(DrawnLight { light, coverage, emission });

@@ -1,14 +1,16 @@
-//! Irradiance from a sphere of uniform radiance, and directions into the cone it fills.
+//! Irradiance from a sphere of uniform radiance, and directions into the cone that it fills.
 
 use std::f64::consts::PI;
 
 use glam::DVec3;
 
-/// E / L = (1/pi) integral of cos(theta) over the sphere's part above the horizon of `normal`.
+/// The irradiance over pi, E / L = (1/pi) integral of cos(theta) over the sphere's part above the
+/// horizon of `normal`, 0..=1.
 ///
-/// `center` is relative to the shaded point. Wholly above the horizon this is sin^2(sigma) cos(theta), with sigma the
-/// half angle under which the sphere is seen; where the horizon cuts it: Snyder, "Area Light Sources for Real-Time
-/// Graphics", MSR-TR-96-11 (1996), as written by Lagarde and de Rousiers, "Moving Frostbite to PBR" (2014). Zero inside.
+/// `center` is relative to the shaded point, metres. Wholly above the horizon this is sin^2(sigma)
+/// cos(theta), with sigma the half angle that the sphere subtends; where the horizon cuts it:
+/// Snyder, "Area Light Sources for Real-Time Graphics", MSR-TR-96-11 (1996), as written by Lagarde
+/// and de Rousiers, "Moving Frostbite to PBR" (2014). Zero inside.
 pub fn sphere_irradiance(center: DVec3, radius: f64, normal: DVec3) -> f64 {
     let distance_squared = center.length_squared();
     let sin2 = radius * radius / distance_squared;
@@ -35,12 +37,14 @@ pub struct Cone {
     axes: [DVec3; 3],
     /// Cosine and sine of the angle between normal and axis.
     incline: [f64; 2],
-    /// 1 - cos from the axis: where the horizon lets the cone begin, and its rim; exact for small cones.
+    /// Least and largest 1 - cos of the angle from the axis: the horizon and the boundary of the
+    /// cone; exact for small cones.
     heights: [f64; 2],
 }
 
 impl Cone {
-    /// `None` when the point (the origin) is inside the sphere, the sphere has no size, or it is below the horizon.
+    /// The cone of a sphere relative to the receiver, lengths in metres; `None` inside the sphere,
+    /// for one without size, or below the horizon of `normal`.
     pub fn new(center: DVec3, radius: f64, normal: DVec3) -> Option<Cone> {
         let distance_squared = center.length_squared();
         let sin2 = radius * radius / distance_squared;
@@ -48,21 +52,23 @@ impl Cone {
             return None;
         }
         let axis = center / distance_squared.sqrt();
-        let rim = sin2 / (1.0 + (1.0 - sin2).sqrt());
+        let boundary = sin2 / (1.0 + (1.0 - sin2).sqrt());
         let cos = normal.dot(axis);
         let across = normal - cos * axis;
         let sin = across.length();
         let up = across.try_normalize().unwrap_or_else(|| axis.any_orthonormal_vector());
-        // With the axis below the horizon, only directions that are at least as far from it as the horizon.
+        // With the axis below the horizon, only directions that are at least as far from it as the
+        // horizon.
         let begin = if cos < 0.0 { cos * cos / (1.0 + sin) } else { 0.0 };
         let axes = [axis, up, axis.cross(up)];
-        (begin < rim).then_some(Cone { center, radius, axes, incline: [cos, sin], heights: [begin, rim] })
+        (begin < boundary).then_some(Cone { center, radius, axes, incline: [cos, sin], heights: [begin, boundary] })
     }
 
-    /// A direction above the horizon, the place on the sphere that is seen there, and one over the density per steradian.
+    /// A direction above the horizon, the position on the sphere in that direction, and one over
+    /// the density per steradian, from a point of the unit square.
     pub fn sample(&self, [u, v]: [f64; 2]) -> (DVec3, DVec3, f64) {
-        let ([begin, rim], [c, s]) = (self.heights, self.incline);
-        let t = begin + u * (rim - begin);
+        let ([begin, boundary], [c, s]) = (self.heights, self.incline);
+        let t = begin + u * (boundary - begin);
         let sin = (t * (2.0 - t)).max(0.0).sqrt();
         // The azimuths with (1 - t) c + sin s cos(phi) > 0.
         let (level, swing) = ((1.0 - t) * c, sin * s);
@@ -72,7 +78,7 @@ impl Cone {
         let direction = (1.0 - t) * axis + sin * (cos_phi * up + sin_phi * third);
         let along = direction.dot(self.center);
         let inside = self.radius * self.radius - (self.center - along * direction).length_squared();
-        (direction, direction * (along - inside.max(0.0).sqrt()), 2.0 * most * (rim - begin))
+        (direction, direction * (along - inside.max(0.0).sqrt()), 2.0 * most * (boundary - begin))
     }
 }
 
@@ -87,7 +93,8 @@ mod tests {
         let touching = 0.4 / (1.0f64 - 0.16).sqrt();
         assert!((at(touching + 1e-6) - at(touching - 1e-6)).abs() < 1e-5);
         assert!(at(-touching - 1e-6) == 0.0 && at(-touching + 1e-6) < 1e-6);
-        // Centre on the horizon, small sphere: a half disc of area pi sigma^2 / 2 whose mean sine is 4 sigma / (3 pi).
+        // Centre on the horizon, small sphere: a half disc of area pi sigma^2 / 2 whose mean sine
+        // is 4 sigma / (3 pi).
         let sigma = 1e-3;
         let half = sphere_irradiance(DVec3::X, sigma, DVec3::Z);
         assert!((half / (2.0 * sigma.powi(3) / (3.0 * PI)) - 1.0).abs() < 1e-3, "{half}");
@@ -102,8 +109,8 @@ mod tests {
             let mut sum = 0.0;
             for i in 0..n * n {
                 let uv = [((i % n) as f64 + 0.5) / n as f64, ((i / n) as f64 + 0.5) / n as f64];
-                let (direction, place, inverse) = cone.sample(uv);
-                assert!(((place - center).length() - 0.5).abs() < 1e-9 && (direction.length() - 1.0).abs() < 1e-12);
+                let (direction, position, inverse) = cone.sample(uv);
+                assert!(((position - center).length() - 0.5).abs() < 1e-9 && (direction.length() - 1.0).abs() < 1e-12);
                 assert!(direction.z > -1e-12, "below the horizon");
                 sum += direction.z * inverse;
             }
