@@ -1,4 +1,5 @@
-//! Stiff and extreme inputs: every answer is finite, not negative, and what a closed form or a limit says.
+//! Stiff and extreme inputs: every answer is finite, not negative, and what a closed form or a
+//! limit says.
 
 use std::f64::consts::PI;
 
@@ -9,8 +10,8 @@ use {
     crate::optics::Window, crate::optics::transport::estimate,
 };
 
-/// E in closed form, after the samples were held against it: their mean over 200 pixels, within five standard errors and
-/// single-precision rounding.
+/// E in closed form, after the samples were held against it: their mean over 200 pixels, within
+/// five standard errors and single-precision rounding.
 fn check(shape: &Shape, lobe: usize, point: Vec3, normal: Vec3) -> f64 {
     let emitter = Emitter::new(shape);
     let exact = f64::from(emitter.irradiance(lobe, point, normal).expect("it has a closed form"));
@@ -104,7 +105,8 @@ fn a_tiny_lamp_loses_no_digits_at_any_distance() {
 
 #[test]
 fn a_needle_is_a_line() {
-    // A strip of 1 m by 1 um at 1 m: width / pi times the integral of (1 + x^2)^-2, which is x / 2 (1 + x^2) + atan(x) / 2.
+    // A strip of 1 m by 1 um at 1 m: width / pi times the integral of (1 + x^2)^-2, which is x / 2
+    // (1 + x^2) + atan(x) / 2.
     let line = 0.4 + 0.5f64.atan();
     let wanted = 1e-6 / PI * line;
     near(check(&rect(Vec3::Z, Vec3::NEG_X * 0.5, Vec3::Y * 5e-7), 0, Vec3::ZERO, Vec3::Z), wanted, 1e-6);

@@ -1,4 +1,4 @@
-//! `Paint`: what the surface reflects, also where a light hides it.
+//! `Paint`: reflectance of the surface, also where a light hides it.
 
 use std::sync::Arc;
 
@@ -42,7 +42,7 @@ ports! {
         rest: Arc<Shading>,
         /// Pixels of each visible light, photo size.
         mask: Gather<Mask>,
-        /// What each visible light is.
+        /// Kind of each visible light.
         kind: Gather<LightKind>,
     }
 }
@@ -51,7 +51,8 @@ ports! {
     pub output PaintOut {
         /// Reflectance, 0..=1, working size.
         paint: Arc<Albedo>,
-        /// How far each photo pixel is the light's own: 1 where it is the light, less in its glare and bloom.
+        /// Weight of the light itself in each photo pixel: 1 where the pixel shows the light, less
+        /// in its glare and bloom.
         zone: Scatter<Mask>,
     }
 }
@@ -72,19 +73,22 @@ impl Node for Paint {
     fn run(&self, inputs: PaintIn, _: &Context) -> Result<PaintOut, NodeError> {
         let (full_w, full_h) = inputs.photo.0.size();
         let bloom = self.bloom * full_w.max(full_h) as f32;
-        let mut zones = Vec::new();
+        let mut glare_masks = Vec::new();
         for (id, mask) in inputs.mask.iter() {
             let kind = inputs
                 .kind
                 .get(id)
                 .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
-            zones.push((id.to_string(), Arc::new(Mask(zone(&mask.0, **kind, bloom, &inputs.photo, &inputs.clipped)))));
+            glare_masks.push((
+                id.to_string(),
+                Arc::new(Mask(glare_mask(&mask.0, **kind, bloom, &inputs.photo, &inputs.clipped))),
+            ));
         }
         let (w, h) = inputs.small.0.size();
         let bright = SATURATION[0] * clip_level(&inputs.photo, &inputs.clipped);
         let mut hidden = inputs.small.0.map(|shown| shown.max_element() > bright);
-        for (_, zone) in &zones {
-            for i in (0..zone.0.len()).filter(|&i| zone.0.pixels()[i] > 0.0) {
+        for (_, glare) in &glare_masks {
+            for i in (0..glare.0.len()).filter(|&i| glare.0.pixels()[i] > 0.0) {
                 hidden.set(i % full_w * w / full_w, i / full_w * h / full_h, true);
             }
         }
@@ -92,40 +96,44 @@ impl Node for Paint {
             let lights = inputs.light.iter().map(|(_, light)| light.0.pixels()[i]);
             reflected(inputs.small.0.pixels()[i], lights.sum::<Vec3>() + inputs.rest.0.pixels()[i])
         };
-        let mut paint = Plane::new(w, h, (0..w * h).map(reflectance).collect());
-        fill_along_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
-        Ok(PaintOut { paint: Arc::new(Albedo(paint)), zone: Scatter(zones) })
+        let mut reflectances = Plane::new(w, h, (0..w * h).map(reflectance).collect());
+        fill_along_surfaces(&mut reflectances, hidden, &inputs.points, &inputs.normal);
+        Ok(PaintOut { paint: Arc::new(Albedo(reflectances)), zone: Scatter(glare_masks) })
     }
 }
 
-/// Share of a lamp's brightness below which a pixel of its mask is no part of what shines: feet and stands are often in it.
-const STAND: f32 = 0.3;
-/// A light's own glare: all but its own pixels.
+/// Fraction of a lamp's brightness below which a pixel of its mask does not shine: feet and stands
+/// are often in it.
+/// Unit: 1; source: taste; effect: larger values give more pixels of a mask to the surface.
+const LEAST_BRIGHTNESS: f32 = 0.3;
+/// Weight of a light in its own glare: below 1, which marks the light's own pixels.
+/// Unit: 1; source: a code that `Compose` reads; effect: none up to this distinction.
 const GLARE: f32 = 0.999;
 
-/// How far each pixel is the light's own: 1 where it is the light, [`GLARE`] in the saturated pixels around it, falling to 0
-/// in its bloom, whose width is at least `bloom` pixels and, for a lamp, half its own.
-fn zone(mask: &Plane<f32>, kind: LightKind, bloom: f32, photo: &Picture, clipped: &Mask) -> Plane<f32> {
+/// Weight of the light itself in each pixel: 1 in its own pixels, [`GLARE`] in the saturated pixels
+/// around it, falling to 0 in its bloom. The bloom is at least `bloom` pixels wide and, for a lamp,
+/// half as wide as the lamp.
+fn glare_mask(mask: &Plane<f32>, kind: LightKind, bloom: f32, photo: &Picture, clipped: &Mask) -> Plane<f32> {
     let (w, h) = mask.size();
     let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
     let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
     levels.sort_by(f32::total_cmp);
     let bright = levels.get(levels.len() * 9 / 10).copied().unwrap_or(0.0);
-    let (core, reach, dark) = match kind {
+    let (body, falloff_radius, dark) = match kind {
         LightKind::Lamp => {
-            let core = grow_through(mask, &clipped.0);
-            let area = core.pixels().iter().filter(|inside| **inside).count();
-            (core, bloom.max(0.5 * (area as f32).sqrt()), STAND * bright)
+            let body = grow_through(mask, &clipped.0);
+            let area = body.pixels().iter().filter(|inside| **inside).count();
+            (body, bloom.max(0.5 * (area as f32).sqrt()), LEAST_BRIGHTNESS * bright)
         }
         LightKind::Window => (mask.map(|share| share > 0.5), bloom, 0.0),
     };
-    let away = distance(&core);
+    let away = distance(&body);
     Plane::sparse(w, h, |i| {
         let (x, y) = (i % w, i / w);
         if mask.get(x, y) > 0.5 && luminance(photo.0.get(x, y)) >= dark {
             1.0
         } else {
-            GLARE * (1.0 - smooth_step(0.0, reach.max(1.0), away.get(x, y)))
+            GLARE * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.get(x, y)))
         }
     })
 }
