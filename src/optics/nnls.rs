@@ -1,18 +1,29 @@
-//! Non-negative least squares on the normal equations, for the few columns that lights make.
+//! Non-negative least squares on the normal equations, for the few columns of the light fit.
 
-/// Minimises `x' G x / 2 - b' x` over `x >= 0`, with `gram` = G symmetric positive semi-definite (row-major, n x n).
+/// Minimizes `x' G x / 2 - b' x` over `x >= 0`, with `gram` = G symmetric positive semi-definite
+/// (row by row, n x n).
 ///
-/// Active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23), on the normal equations as
-/// in Bro and de Jong 1997, each column scaled to unit length: a column times a factor is its weight over that factor, whatever
-/// the factor. A column without weight in G, and one that depends on columns already taken, stays 0. The answer meets the
-/// Karush-Kuhn-Tucker conditions to about 1e-14 of the largest gradient; ties go to the lowest index, so that the answer is
+/// Active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23), on
+/// the normal equations as in Bro and de Jong 1997. Each column is scaled to unit length: a factor
+/// on a column divides its weight, whatever the factor. A column of length 0, and one that depends
+/// on columns already taken, stays 0. The solution meets the Karush-Kuhn-Tucker conditions to about
+/// 1e-14 of the largest gradient. Ties go to the lowest index, so that the solution is
 /// deterministic.
+///
+/// # Panics
+///
+/// When `gram` is not n x n for a `b` of length n.
 pub fn nnls(gram: &[f64], b: &[f64]) -> Vec<f64> {
     nnls_from(gram, b, &vec![0.0; b.len()])
 }
 
-/// The same, begun with the columns free that have weight in `start`, which is >= 0: near the answer a few steps are enough, where
-/// [`nnls`] takes one and a factorisation for each column that has weight.
+/// The same, with the columns free at the start that have weight in `start`, which is >= 0. Near
+/// the solution a few steps are enough, where [`nnls`] takes one and a factorization for each
+/// column that has weight.
+///
+/// # Panics
+///
+/// When `gram` is not n x n, or `start` is shorter than `b`.
 pub fn nnls_from(gram: &[f64], b: &[f64], start: &[f64]) -> Vec<f64> {
     let n = b.len();
     assert_eq!(gram.len(), n * n, "the Gram matrix is n x n");
@@ -25,13 +36,14 @@ pub fn nnls_from(gram: &[f64], b: &[f64], start: &[f64]) -> Vec<f64> {
     let mut free: Vec<bool> = x.iter().map(|&x| x > 0.0).collect();
     match free.contains(&true).then(|| solve_free(&gram, &b, &free)) {
         Some(Some(z)) => retreat(&gram, &b, &mut free, &mut x, z),
-        // Columns that depend on each other: from nothing.
+        // Columns that depend on each other: the cold start.
         Some(None) => (x, free) = (vec![0.0; n], vec![false; n]),
         None => {}
     }
-    // What cannot enter as long as the same columns are free.
+    // Columns that cannot enter as long as the same columns are free.
     let mut barred: Vec<bool> = shrink.iter().map(|&s| s == 0.0).collect();
-    // Each pass frees one column; cycling is impossible in exact arithmetic, the bound guards rounding.
+    // Each pass frees one column; cycling is impossible in exact arithmetic, the bound guards
+    // rounding.
     for _ in 0..6 * n + 6 {
         let gradient = |i: usize| b[i] - (0..n).map(|j| gram[i * n + j] * x[j]).sum::<f64>();
         let entering = (0..n)
@@ -55,7 +67,8 @@ pub fn nnls_from(gram: &[f64], b: &[f64], start: &[f64]) -> Vec<f64> {
     x.iter().zip(&shrink).map(|(x, s)| x * s).collect()
 }
 
-/// Goes from `x` towards `z`, the minimum over the free columns, and gives up those that would become negative on the way.
+/// Moves `x` toward `z`, the minimum over the free columns, and fixes at 0 those that would become
+/// negative on the way.
 fn retreat(gram: &[f64], b: &[f64], free: &mut [bool], x: &mut Vec<f64>, mut z: Vec<f64>) {
     let n = b.len();
     loop {
@@ -71,7 +84,8 @@ fn retreat(gram: &[f64], b: &[f64], free: &mut [bool], x: &mut Vec<f64>, mut z: 
     *x = z;
 }
 
-/// The unconstrained minimum over the free columns by Cholesky; `None` when they are linearly dependent.
+/// The unconstrained minimum over the free columns by Cholesky; `None` when they are linearly
+/// dependent.
 pub(in crate::optics) fn solve_free(gram: &[f64], b: &[f64], free: &[bool]) -> Option<Vec<f64>> {
     let n = b.len();
     let index: Vec<usize> = (0..n).filter(|&i| free[i]).collect();
@@ -154,7 +168,8 @@ mod tests {
         assert!((x[2] - 1e3).abs() < 1e-6, "{x:?}");
     }
 
-    /// Sums in 64 bits lose 1e-16 / d^2 of columns that differ by a share d, which is less than the 6e-8 / d that their 32 bits do.
+    /// Sums in 64 bits lose 1e-16 / d^2 of columns that differ by a share d, which is less than the
+    /// 6e-8 / d that their 32 bits do.
     #[test]
     fn normal_equations_lose_less_than_the_layers_rounding() {
         for d in [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6] {
@@ -170,7 +185,8 @@ mod tests {
     }
 
     proptest! {
-        /// All sets of active bounds, each solved by QR: the same weights, whatever the columns' scales.
+        /// All sets of active bounds, each solved by QR: the same weights, whatever the columns'
+        /// scales.
         #[test]
         fn agrees_with_every_active_set(k in 1usize..=5, data in proptest::collection::vec(-1.0f64..1.0, 40),
             y in proptest::collection::vec(-1.0f64..1.0, 8), powers in proptest::collection::vec(-6i32..=6, 5))
@@ -180,7 +196,8 @@ mod tests {
             let (gram, b) = gram_of(&columns, &y);
             let (got, want) = (nnls(&gram, &b), enumerated(&rows_of(&columns, &y)));
             for i in 0..k {
-                // Five random columns of 8 have condition numbers up to some 1e3; squared, 1e-16 x 1e6.
+                // Five random columns of 8 have condition numbers up to some 1e3; squared, 1e-16 x
+                // 1e6.
                 let scale = 10f64.powi(powers[i]);
                 prop_assert!((got[i] - want[i]).abs() * scale < 1e-8, "{got:?} against {want:?}");
             }

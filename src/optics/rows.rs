@@ -1,9 +1,10 @@
-//! Least squares by rows, slow and obvious: the twin of what is solved by normal equations.
+//! Least squares by rows, slow and obvious: the reference for what is solved by normal equations.
 
 /// A dense system, the right side as the last entry of each row.
 pub type Rows = Vec<Vec<f64>>;
 
-/// Rows of columns `free`, turned by Householder reflections into an upper triangle and what cannot be met.
+/// Columns `free` of the rows, reduced by Householder reflections to an upper triangle and the
+/// residual.
 fn triangle(rows: &Rows, free: &[usize]) -> Rows {
     let right = rows[0].len() - 1;
     let mut a: Rows = rows.iter().map(|row| free.iter().chain([&right]).map(|&j| row[j]).collect()).collect();
@@ -31,7 +32,8 @@ fn least_squares(rows: &Rows, free: &[usize]) -> Vec<f64> {
     x
 }
 
-/// Non-negative least squares: of all sets of columns that may be above 0, the feasible one of least misfit.
+/// Non-negative least squares: of all sets of columns that may be above 0, the feasible one of
+/// least misfit.
 pub fn enumerated(rows: &Rows) -> Vec<f64> {
     let k = rows[0].len() - 1;
     let all: Vec<usize> = (0..k).collect();

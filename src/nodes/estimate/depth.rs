@@ -1,4 +1,4 @@
-//! `Depth`: depth by a network that a person brings, in metres by lengths that a person knows.
+//! `Depth`: depth by a third-party network, in meters by known lengths.
 
 use std::ops::Bound;
 use std::sync::Arc;
@@ -13,13 +13,14 @@ use crate::net::foreign::{self, Normalisation, PhotoInput};
 use crate::nodes::neural;
 use crate::{params, ports};
 
-/// What the numbers of a depth network mean.
+/// Meaning of the numbers of a depth network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DepthOutput {
     /// a / z + b with unknown a and b, larger is nearer: MiDaS, DPT, Depth Anything V1 and V2.
     #[default]
     Relative,
-    /// Planar z in metres, or in another unit that a known length mends: Depth Anything's metric ones, ZoeDepth.
+    /// Planar z in meters, or in another unit that a known length corrects: Depth Anything's metric
+    /// ones, ZoeDepth.
     Metric,
 }
 
@@ -65,7 +66,8 @@ ports! {
 
 ports! {
     pub output DepthOut {
-        /// Planar z in metres, holes filled; the photo's aspect, and on the longer side as many pixels as the network gave, at most the photo's.
+        /// Planar z in meters, holes filled; the photo's aspect, and on the longer side as many
+        /// pixels as the network gave, at most the photo's.
         depth: Arc<image::Depth>,
     }
 }

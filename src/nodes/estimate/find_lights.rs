@@ -1,4 +1,5 @@
-//! `FindLights`: masks of lamps and windows to be looked at, corrected by hand and named in the scene.
+//! `FindLights`: proposed masks of lamps and windows, to be corrected by hand and named in the
+//! scene.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -32,13 +33,14 @@ ports! {
     pub input FindLightsIn {
         /// The photo that the masks are for.
         photo: Arc<Picture>,
-        /// How it is stored, for the overview.
+        /// Its encoding, for the overview.
         encoding: Arc<Encoding>,
         /// The photo at working size, linear.
         small: Arc<Picture>,
         /// Share of saturated pixels, working size.
         clipped: Arc<Mask>,
-        /// Points at working size; with `normal`, these tell lamps before a wall from windows in it, and tables from both.
+        /// Points at working size; with `normal`, they separate lamps before a wall from windows in
+        /// it, and tables from both.
         points: Option<Arc<Points>>,
         /// Normals at working size.
         normal: Option<Arc<Normal>>,
@@ -47,8 +49,9 @@ ports! {
 
 ports! {
     pub output FindLightsOut {
-        /// `masks/lamp_0.png`, `masks/window_0.png`, .., white on black at the photo's size, the largest of a kind first;
-        /// `found.png`, the photo with outlines and names; `scene_lights.ron`, the scene's `lights`.
+        /// `masks/lamp_0.png`, `masks/window_0.png`, .., white on black at the photo's size, the
+        /// largest of a kind first; `found.png`, the photo with outlines and names;
+        /// `scene_lights.ron`, the scene's `lights`.
         files: Arc<Files>,
     }
 }

@@ -1,15 +1,15 @@
-//! `FitLights`: how bright the lights are.
+//! `FitLights`: radiances of the lights, and albedos of the segments.
 
 use std::sync::Arc;
 
 use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{
-    Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, dilate, inpaint_surfaces, luminance,
+use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, dilate, inpaint_surfaces};
+use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, REST, UnitDirect, UnitIndirect, Visibility};
+use crate::optics::inverse::{
+    Column, Conditioning, LightPrior, Observations, RadianceFit, Role, fit_radiances, observed_pixels,
 };
-use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, UnitDirect, UnitIndirect, Visibility};
-use crate::optics::inverse::{Column, Conditioning, Evidence, RadianceFit, evidence_pixels, fit_radiances};
 use crate::optics::{Radiance, Transport};
 use crate::{params, ports};
 
@@ -49,9 +49,10 @@ ports! {
         albedo: Arc<Albedo>,
         /// Pixels of one material.
         segments: Arc<Segments>,
-        /// What the receivers see; those that look out of the seen room get the most ambient light.
+        /// Rays from the receivers into the room; receivers that look out of the visible room get
+        /// the most ambient light.
         transport: Arc<Transport>,
-        /// Pixels that are no part of the room.
+        /// Pixels that are not part of the room.
         ignore: Arc<Mask>,
         /// Pixels of each visible light.
         mask: Gather<Mask>,
@@ -70,7 +71,8 @@ ports! {
         radiance: Scatter<Radiance>,
         /// Shading that no light explains.
         rest: Arc<Shading>,
-        /// One albedo per segment, fitted with the lights; lights' own pixels take that of their surroundings.
+        /// One albedo per segment, fitted with the lights; lights' own pixels take that of their
+        /// surroundings.
         albedo: Arc<Albedo>,
     }
 }
@@ -86,150 +88,236 @@ impl Node for FitLights {
         let masks = || inputs.mask.iter().map(|(_, mask)| &**mask);
         let receivers: Vec<usize> = (0..grid.len()).map(|i| grid.pixel(i)).collect();
         let pixels =
-            evidence_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
-        let at = |picture: &Picture| Evidence::at(picture, &inputs.clipped, &inputs.segments, &pixels, 2);
-        let mut evidence = at(&inputs.photo);
+            observed_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
+        let at = |picture: &Picture| Observations::at(picture, &inputs.clipped, &inputs.segments, &pixels, 2);
+        let mut observations = at(&inputs.photo);
         if self.keep_albedo {
-            evidence = evidence.over(&at(&Picture(inputs.albedo.0.clone())).photo);
+            observations = observations.over(&at(&Picture(inputs.albedo.0.clone())).photo);
         }
 
         let ambient = grid.upsample(&inputs.points, &inputs.normal, &inputs.transport.ambient());
-        let (mut names, mut layers): (Vec<String>, Vec<(Vec<Vec3>, f64)>) = Default::default();
-        for (id, direct) in inputs.direct.iter() {
-            let (Some(visibility), Some(indirect)) = (inputs.visibility.get(id), inputs.indirect.get(id)) else {
-                return Err(NodeError::Failed(format!("light {id:?} has no visibility or no indirect shading")));
-            };
-            let cost = if [INV_LAMP, INV_WINDOW].contains(&id) { self.invisible_cost } else { 0.0 };
-            for (lobe, e) in direct.lobes.iter().enumerate() {
-                // Of the lobes of a window the first is the sun.
-                let cost = if direct.lobes.len() == 3 && lobe == 0 { self.sun_cost } else { cost };
-                let (lit, bounced) = (&visibility.lit[lobe], &indirect.lobes[lobe].0);
-                let layer = |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
-                layers.push((pixels.iter().map(layer).collect(), cost));
-                names.push(if direct.lobes.len() == 3 { format!("{id} ({})", LOBES[lobe]) } else { id.into() });
-            }
-        }
-        names.push("the rest".into());
-        layers.push((pixels.iter().map(|&p| ambient.pixels()[p]).collect(), self.rest_cost));
-        let mut columns: Vec<Column> =
-            layers.iter().map(|(layer, cost)| Column { layer, penalty: *cost, pull: self.prior }).collect();
-        // Nobody expects light that no light explains.
-        columns.last_mut().expect("the rest is one").pull = 0.0;
+        let mut lobes = unit_lobes(&inputs, &pixels)?;
+        let layer = pixels.iter().map(|&p| ambient.pixels()[p]).collect();
+        lobes.push(UnitLobe { light: REST, lobe: None, role: Role::Ambient, layer });
+        let columns: Vec<Column> = lobes.iter().map(|lobe| Column::new(lobe.role, &lobe.layer)).collect();
         let before: Vec<Vec3> = match self.keep_albedo {
             true => vec![Vec3::ONE; pixels.len()],
             false => pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect(),
         };
-        let fit = fit_radiances(&evidence, &columns, self.turns).with_albedo_of(&evidence.segment, &before);
+        let prior = LightPrior {
+            out_of_view: self.invisible_cost,
+            sun: self.sun_cost,
+            ambient: self.rest_cost,
+            tikhonov_weight: self.prior,
+            // No candidates are compared.
+            residual_weight: 0.0,
+        };
+        let fit = fit_radiances(&observations, &columns, &prior, self.turns);
+        let fit = fit.with_albedo_of(&observations.segment, &before);
+        FitReport { lobes: &lobes, columns: &columns, fit: &fit, observations: &observations }.send(ctx);
 
         let mut weights = fit.radiance.iter().copied();
         let radiance = inputs.direct.iter().map(|(id, direct)| {
             (id.to_string(), Arc::new(Radiance(weights.by_ref().take(direct.lobes.len()).collect())))
         });
-        let radiance: Vec<_> = radiance.collect();
-        let rest_radiance = fit.radiance.last().copied().unwrap_or(Vec3::ZERO);
-        tell(&names, &layers, &fit, &evidence, ctx);
-
-        let rest = Arc::new(Shading(ambient.map(|a| a * rest_radiance)));
-        if self.keep_albedo {
-            return Ok(FitLightsOut { radiance: Scatter(radiance), rest, albedo: inputs.albedo });
-        }
-        let known = mark(&pixels, &inputs.segments, fit.albedo.len());
-        let fitted = |p: usize| {
-            let s = inputs.segments.label.pixels()[p] as usize;
-            let albedo = if known[s] { fit.albedo[s] } else { inputs.albedo.0.pixels()[p] };
-            albedo.clamp(Vec3::splat(0.02), Vec3::splat(0.95))
+        let radiance = Scatter(radiance.collect());
+        let ambient_radiance = fit.radiance.last().copied().unwrap_or(Vec3::ZERO);
+        let rest = Arc::new(Shading(ambient.map(|a| a * ambient_radiance)));
+        let albedo = match self.keep_albedo {
+            true => Arc::clone(&inputs.albedo),
+            false => Arc::new(Albedo(segment_albedo(&inputs, &pixels, &fit))),
         };
-        let (w, h) = inputs.photo.0.size();
-        let mut albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
-        // Neither a light's own pixels nor saturated ones tell an albedo, nor the seam around them.
-        let seam = (w.max(h) / 64).max(2);
-        let unknown = dilate(masks().chain([&*inputs.clipped]), (w, h), seam);
-        inpaint_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
-        Ok(FitLightsOut { radiance: Scatter(radiance), rest, albedo: Arc::new(Albedo(albedo)) })
+        Ok(FitLightsOut { radiance, rest, albedo })
     }
 }
 
-/// Condition number above which the two lights that look most alike are named. They then differ by less than two percent of the
-/// photo, which is what a model of a room is right to.
-const ALIKE: f64 = 1e4;
+/// Least and largest albedo that a fit returns: what lies outside is an error of the fit.
+/// Unit: 1; source: measured albedos of indoor paints; effect: edits stay finite.
+const ALBEDO_RANGE: [f32; 2] = [0.02, 0.95];
 
-/// Says how good the fit is where a person should know. `names` are those of the columns, the rest last.
-fn tell(names: &[String], layers: &[(Vec<Vec3>, f64)], fit: &RadianceFit, evidence: &Evidence, ctx: &Context) {
-    let pixels = evidence.photo.len();
-    let named = |columns: &[usize]| columns.iter().map(|&k| names[k].as_str()).collect::<Vec<_>>().join(", ");
-    if pixels == 0 {
-        ctx.warn(
-            "the photo is black wherever it could tell of the lights (their own pixels and those of no part of the room apart): \
-             every radiance is 0",
-        );
-        return;
-    }
-    let rest = names.len() - 1;
-    let lit = (0..rest).filter(|k| !fit.dark.contains(k)).count();
-    if lit == 0 {
-        ctx.warn("no light reaches what the photo shows: all of its light stays as `rest`");
-    }
-    // A window without sun is nothing to tell: only a light none of whose lobes reaches anything is.
-    let light = |k: usize| names[k].split(" (").next().unwrap_or_default();
-    let whole = |k: &usize| (0..rest).filter(|&j| light(j) == light(*k)).all(|j| fit.dark.contains(&j));
-    let mut dark: Vec<&str> = fit.dark.iter().filter(|&&k| k < rest).filter(|k| whole(k)).map(|&k| light(k)).collect();
-    dark.dedup();
-    if lit > 0 && !dark.is_empty() {
-        ctx.warn(format!("nothing that the photo shows is lit by {}: radiance 0", dark.join(", ")));
-    }
-    let clipped = evidence.saturated.iter().filter(|&&s| s).count();
-    if clipped == pixels {
-        ctx.warn("the photo is saturated wherever it could tell of the lights: all radiances are lower bounds, shared by guess");
-    } else if 2 * clipped > pixels {
-        ctx.warn(format!("{clipped} of {pixels} places are saturated: radiances are lower bounds"));
-    }
-    let wanted = (names.len() - fit.dark.len()).saturating_sub(1);
-    let few = lit > 0 && fit.spare < wanted;
-    if few && clipped < pixels {
-        ctx.warn(format!(
-            "{} unsaturated places of the photo, of which the colours of its surfaces take up all but {}, say too little to \
-             share the light among {lit} lobes (wanted {wanted}): the radiances are not determined",
-            pixels - clipped,
-            fit.spare
-        ));
-    }
-    let share = |k: usize| -> f64 { layers[k].0.iter().map(|u| f64::from(luminance(*u * fit.radiance[k]))).sum() };
-    let total: f64 = (0..names.len()).map(share).sum();
-    let unexplained = if total > 0.0 { share(rest) / total } else { 0.0 };
-    if unexplained > 0.3 && lit > 0 {
-        ctx.warn(format!("{:.0} % of the light is explained by no light; it stays as `rest`", 100.0 * unexplained));
-    }
-    let Conditioning { number, alike, correlation } = fit.conditioning;
-    if let Some(pair) = alike.filter(|_| number > ALIKE && !few) {
-        ctx.warn(format!(
-            "the photo hardly tells {} and {} apart (condition number {number:.1e}, correlation {correlation:.5}): what \
-             one of them gives may be the other's",
-            names[pair[0]], names[pair[1]]
-        ));
-    }
-    if !fit.moving.is_empty() && !few {
-        ctx.warn(format!(
-            "the fit did not settle: after {} turns (parameter `turns`) a light still changes by {:.1} %: {}",
-            fit.turns,
-            100.0 * fit.change,
-            named(&fit.moving)
-        ));
-    }
-    let hardest =
-        alike.map_or(String::new(), |[a, b]| format!(", {} and {} hardest to tell apart", names[a], names[b]));
-    ctx.note(format!(
-        "{} turns, last change {:.1e}, misfit {:.4} -> {:.4}, condition number {number:.1e}{hardest}, rest {:.1} %",
-        fit.turns,
-        fit.change,
-        fit.loss_before,
-        fit.loss,
-        100.0 * unexplained
-    ));
+/// Fraction of the picture's longer side around lights and saturated pixels in which the albedo is
+/// filled from around.
+/// Unit: 1; source: taste; effect: larger values hide more glare, and more paint.
+const SEAM: usize = 64;
+
+/// Albedo of each pixel: that of its segment where the fit saw it, else that before the fit;
+/// lights' own pixels, saturated ones and the seam around them take that of their surroundings.
+fn segment_albedo(inputs: &FitLightsIn, pixels: &[usize], fit: &RadianceFit) -> Plane<Vec3> {
+    let label = inputs.segments.label.pixels();
+    let mut known = vec![false; fit.albedo.len()];
+    pixels.iter().for_each(|&p| known[label[p] as usize] = true);
+    let [least, most] = ALBEDO_RANGE.map(Vec3::splat);
+    let fitted = |p: usize| {
+        let s = label[p] as usize;
+        let albedo = if known[s] { fit.albedo[s] } else { inputs.albedo.0.pixels()[p] };
+        albedo.clamp(least, most)
+    };
+    let (w, h) = inputs.photo.0.size();
+    let mut albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
+    let masks = inputs.mask.iter().map(|(_, mask)| &**mask);
+    let unknown = dilate(masks.chain([&*inputs.clipped]), (w, h), (w.max(h) / SEAM).max(2));
+    inpaint_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
+    albedo
 }
 
-/// Which segments the fit saw.
-fn mark(pixels: &[usize], segments: &Segments, count: usize) -> Vec<bool> {
-    let mut known = vec![false; count];
-    pixels.iter().for_each(|&p| known[segments.label.pixels()[p] as usize] = true);
-    known
+/// Unit layer of one lobe of one light on the observed pixels.
+struct UnitLobe<'a> {
+    light: &'a str,
+    /// Index of the lobe in [`LOBES`]; `None` for a light of one lobe.
+    lobe: Option<usize>,
+    role: Role,
+    layer: Vec<Vec3>,
+}
+
+impl UnitLobe<'_> {
+    /// Name in a message.
+    fn name(&self) -> String {
+        match (self.role, self.lobe) {
+            (Role::Ambient, _) => "the rest".to_owned(),
+            (_, Some(lobe)) => format!("{} ({})", self.light, LOBES[lobe]),
+            (_, None) => self.light.to_owned(),
+        }
+    }
+}
+
+/// The lobes of all lights, in the order of the port `direct`.
+fn unit_lobes<'a>(inputs: &'a FitLightsIn, pixels: &[usize]) -> Result<Vec<UnitLobe<'a>>, NodeError> {
+    let mut lobes = Vec::new();
+    for (light, direct) in inputs.direct.iter() {
+        let (Some(visibility), Some(indirect)) = (inputs.visibility.get(light), inputs.indirect.get(light)) else {
+            return Err(NodeError::Failed(format!("light {light:?} has no visibility or no indirect shading")));
+        };
+        let in_view = ![INV_LAMP, INV_WINDOW].contains(&light);
+        let is_window = direct.lobes.len() == LOBES.len();
+        for (lobe, e) in direct.lobes.iter().enumerate() {
+            let (lit, bounced) = (&visibility.lit[lobe], &indirect.lobes[lobe].0);
+            let layer = |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
+            let role = match in_view {
+                _ if is_window && lobe == 0 => Role::Sun,
+                true => Role::Visible,
+                false => Role::OutOfView,
+            };
+            let layer = pixels.iter().map(layer).collect();
+            lobes.push(UnitLobe { light, lobe: is_window.then_some(lobe), role, layer });
+        }
+    }
+    Ok(lobes)
+}
+
+/// Condition number above which the two most correlated lights are named. They then differ by less
+/// than two percent of the photo, which is the accuracy of a model of a room.
+/// Unit: 1; source: measured; effect: larger values warn less often.
+const MOST_CONDITION: f64 = 1e4;
+
+/// Residual fraction of the light above which a person is warned.
+/// Unit: 1; source: taste; effect: larger values warn less often.
+const MOST_RESIDUAL: f64 = 0.3;
+
+/// Quality of a fit, for the person who runs it.
+struct FitReport<'a> {
+    /// The last one is the ambient.
+    lobes: &'a [UnitLobe<'a>],
+    columns: &'a [Column<'a>],
+    fit: &'a RadianceFit,
+    observations: &'a Observations,
+}
+
+impl FitReport<'_> {
+    /// Sends warnings and a note.
+    fn send(&self, ctx: &Context) {
+        let pixels = self.observations.photo.len();
+        if pixels == 0 {
+            ctx.warn(
+                "the photo is black wherever it could tell of the lights (their own pixels and those of no part of the room apart): \
+                 every radiance is 0",
+            );
+            return;
+        }
+        let lights = self.lobes.len() - 1;
+        let lit = (0..lights).filter(|k| !self.fit.dark.contains(k)).count();
+        self.warn_of_dark_lights(lit, ctx);
+        let is_undetermined = self.warn_of_few_pixels(lit, ctx);
+        let (residual, total) = self.fit.residual_and_total(self.columns);
+        let residual = if total > 0.0 { residual / total } else { 0.0 };
+        if residual > MOST_RESIDUAL && lit > 0 {
+            ctx.warn(format!("{:.0} % of the light is explained by no light; it stays as `rest`", 100.0 * residual));
+        }
+        if !is_undetermined {
+            self.warn_of_uncertain_lights(ctx);
+        }
+        let Conditioning { number, most_correlated, .. } = self.fit.conditioning;
+        let hardest = most_correlated.map_or(String::new(), |[a, b]| {
+            format!(", {} and {} hardest to tell apart", self.lobes[a].name(), self.lobes[b].name())
+        });
+        ctx.note(format!(
+            "{} turns, last change {:.1e}, misfit {:.4} -> {:.4}, condition number {number:.1e}{hardest}, rest {:.1} %",
+            self.fit.iterations,
+            self.fit.change,
+            self.fit.loss_before,
+            self.fit.loss,
+            100.0 * residual
+        ));
+    }
+
+    /// Warns of lights none of whose lobes reaches the observed pixels. A window without sun is not
+    /// worth a warning.
+    fn warn_of_dark_lights(&self, lit: usize, ctx: &Context) {
+        if lit == 0 {
+            ctx.warn("no light reaches what the photo shows: all of its light stays as `rest`");
+            return;
+        }
+        let lobes = || self.lobes.iter().enumerate().filter(|(_, lobe)| lobe.role != Role::Ambient);
+        let is_dark =
+            |light: &str| lobes().filter(|(_, lobe)| lobe.light == light).all(|(k, _)| self.fit.dark.contains(&k));
+        let mut dark: Vec<&str> = lobes().map(|(_, lobe)| lobe.light).filter(|light| is_dark(light)).collect();
+        dark.dedup();
+        if !dark.is_empty() {
+            ctx.warn(format!("nothing that the photo shows is lit by {}: radiance 0", dark.join(", ")));
+        }
+    }
+
+    /// Warns of saturation, and of fewer unsaturated pixels than unknowns; returns whether the
+    /// latter leave radiances open.
+    fn warn_of_few_pixels(&self, lit: usize, ctx: &Context) -> bool {
+        let pixels = self.observations.photo.len();
+        let clipped = self.observations.saturated.iter().filter(|&&s| s).count();
+        if clipped == pixels {
+            ctx.warn("the photo is saturated wherever it could tell of the lights: all radiances are lower bounds, shared by guess");
+        } else if 2 * clipped > pixels {
+            ctx.warn(format!("{clipped} of {pixels} places are saturated: radiances are lower bounds"));
+        }
+        let wanted = (self.lobes.len() - self.fit.dark.len()).saturating_sub(1);
+        let is_undetermined = lit > 0 && self.fit.degrees_of_freedom < wanted;
+        if is_undetermined && clipped < pixels {
+            ctx.warn(format!(
+                "{} unsaturated places of the photo, of which the colours of its surfaces take up all but {}, say too little to \
+                 share the light among {lit} lobes (wanted {wanted}): the radiances are not determined",
+                pixels - clipped,
+                self.fit.degrees_of_freedom
+            ));
+        }
+        is_undetermined
+    }
+
+    /// Warns of lights that look alike, and of those that have not converged.
+    fn warn_of_uncertain_lights(&self, ctx: &Context) {
+        let Conditioning { number, most_correlated, correlation } = self.fit.conditioning;
+        if let Some([a, b]) = most_correlated.filter(|_| number > MOST_CONDITION) {
+            ctx.warn(format!(
+                "the photo hardly tells {} and {} apart (condition number {number:.1e}, correlation {correlation:.5}): what \
+                 one of them gives may be the other's",
+                self.lobes[a].name(),
+                self.lobes[b].name()
+            ));
+        }
+        if !self.fit.unsettled.is_empty() {
+            let names: Vec<String> = self.fit.unsettled.iter().map(|&k| self.lobes[k].name()).collect();
+            ctx.warn(format!(
+                "the fit did not settle: after {} turns (parameter `turns`) a light still changes by {:.1} %: {}",
+                self.fit.iterations,
+                100.0 * self.fit.change,
+                names.join(", ")
+            ));
+        }
+    }
 }

@@ -165,7 +165,7 @@ impl OnnxMaterials {
     }
 }
 
-/// What a port gives in the place of an output, which must have the photo's size.
+/// The value of a port that replaces an output; it must have the photo's size.
 fn given<T>(
     name: &str,
     value: Option<Arc<T>>,

@@ -1,4 +1,4 @@
-//! `RefineLights`: where the lights are, as exactly as the photo tells.
+//! `RefineLights`: shapes of the lights, refined by the photo.
 
 use std::sync::Arc;
 
@@ -9,7 +9,8 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use crate::optics::inverse::{
-    Bounds, Freedom, LayerQuality, Movable, Receivers, RoomBox, SeenRoom, ShapeFit, ShapeSearch, fit_shapes,
+    Bounds, DegreesOfFreedom, LayerQuality, LightPrior, LightVariable, Receivers, RoomBox, SeenRoom, ShapeFit,
+    ShapeSearch, fit_shapes,
 };
 use crate::optics::{Bounces, Shape, Transport};
 use crate::{params, ports};
@@ -55,15 +56,15 @@ ports! {
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// What casts shadows.
+        /// The mesh of the room, which casts shadows.
         mesh: Arc<SceneMesh>,
-        /// What the receivers see.
+        /// Rays from the receivers into the room.
         transport: Arc<Transport>,
         /// Albedo, for the indirect light.
         albedo: Arc<Albedo>,
         /// Pixels of one material.
         segments: Arc<Segments>,
-        /// Pixels that are no part of the room.
+        /// Pixels that are not part of the room.
         ignore: Arc<Mask>,
         /// Pixels of each visible light.
         mask: Gather<Mask>,
@@ -91,20 +92,27 @@ impl Node for RefineLights {
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let receivers = Receivers::new(room, masks, self.places);
         ctx.check_cancelled()?;
-        let (names, lights): (Vec<&str>, Vec<Movable>) =
-            inputs.shape.iter().map(|(id, s)| (id, self.movable(id, s, &inputs))).unzip();
-        let (places, normals): (Vec<Vec3>, Vec<Vec3>) = receivers.places().into_iter().unzip();
+        let (names, lights): (Vec<&str>, Vec<LightVariable>) =
+            inputs.shape.iter().map(|(id, s)| (id, light_variable(id, s, &inputs))).unzip();
+        let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = receivers.positions().into_iter().unzip();
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
-        let bounds = Bounds { camera: &camera, room: RoomBox::around(&places, &normals) };
+        let bounds = Bounds { camera: &camera, room: RoomBox::around(&positions, &normals) };
         let search = ShapeSearch {
             quality: LayerQuality { samples: self.samples, bounces: Bounces { count: 1, unseen: self.unseen } },
             rounds: self.rounds,
             steps: self.steps,
-            worth: self.worth,
-            ambient_penalty: self.rest_cost,
+            min_gain: self.worth,
+            prior: LightPrior {
+                out_of_view: self.invisible_cost,
+                sun: self.sun_cost,
+                ambient: self.rest_cost,
+                // The loss of two shapes is compared: a guess of the radiances has no part in it.
+                tikhonov_weight: 0.0,
+                residual_weight: 0.0,
+            },
         };
         let fit = fit_shapes(&receivers, &lights, &bounds, &search);
-        tell(&names, &fit, ctx);
+        report(&names, &fit, ctx);
         let given = inputs.shape.iter().zip(fit.shapes).map(|((id, given), found)| {
             (id.to_string(), if found == **given { Arc::clone(given) } else { Arc::new(found) })
         });
@@ -112,24 +120,23 @@ impl Node for RefineLights {
     }
 }
 
-impl RefineLights {
-    fn movable<'a>(&self, id: &str, shape: &Shape, inputs: &'a RefineLightsIn) -> Movable<'a> {
-        let unseen = [INV_LAMP, INV_WINDOW].contains(&id);
-        let cost = if unseen { self.invisible_cost } else { 0.0 };
-        let lobe = |lobe: usize| if shape.lobes() == 3 && lobe == 0 { self.sun_cost } else { cost };
-        Movable {
-            shape: shape.clone(),
-            own: inputs.mask.get(id).map(|mask| &**mask),
-            freedom: if unseen { Freedom::Unseen } else { Freedom::Seen },
-            penalty: (0..shape.lobes()).map(lobe).collect(),
-        }
+/// The light's shape with its degrees of freedom: those of a light out of view for `inv_lamp` and
+/// `inv_window`.
+fn light_variable<'a>(id: &str, shape: &Shape, inputs: &'a RefineLightsIn) -> LightVariable<'a> {
+    let in_view = ![INV_LAMP, INV_WINDOW].contains(&id);
+    LightVariable {
+        shape: shape.clone(),
+        mask: inputs.mask.get(id).map(|mask| &**mask),
+        freedom: if in_view { DegreesOfFreedom::InView } else { DegreesOfFreedom::OutOfView },
+        in_view,
     }
 }
 
-/// Condition number above which the two parameters that look most alike are named.
-const ALIKE: f64 = 1e4;
+/// Condition number above which the two most correlated parameters are named.
+/// Unit: 1; source: measured; effect: larger values name fewer.
+const MOST_CONDITION: f64 = 1e4;
 
-fn tell(names: &[&str], fit: &ShapeFit, ctx: &Context) {
+fn report(names: &[&str], fit: &ShapeFit, ctx: &Context) {
     let parameter = |i: usize| {
         let (light, name) = &fit.parameters[i];
         format!("{} of {}", name, names[*light])
@@ -138,13 +145,16 @@ fn tell(names: &[&str], fit: &ShapeFit, ctx: &Context) {
     let moves = names.iter().zip(&fit.saved).filter(|(_, saved)| **saved > 0.0);
     let moves: Vec<String> = moves.map(|(name, saved)| format!("{name} saves {:.1} %", 100.0 * saved)).collect();
     let moves = if moves.is_empty() { "every light stays".to_owned() } else { format!("moved: {}", moves.join(", ")) };
-    let mut untold: Vec<String> = fit.untold.iter().map(|&i| parameter(i)).collect();
-    untold.dedup();
-    let untold =
-        if untold.is_empty() { String::new() } else { format!("; the photo does not tell the {}", untold.join(", ")) };
+    let mut undetermined: Vec<String> = fit.underdetermined.iter().map(|&i| parameter(i)).collect();
+    undetermined.dedup();
+    let undetermined = if undetermined.is_empty() {
+        String::new()
+    } else {
+        format!("; the photo does not tell the {}", undetermined.join(", "))
+    };
     let number = fit.conditioning.number;
-    ctx.note(format!("misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{untold}"));
-    if let Some([a, b]) = fit.conditioning.alike.filter(|_| number > ALIKE) {
+    ctx.note(format!("misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{undetermined}"));
+    if let Some([a, b]) = fit.conditioning.most_correlated.filter(|_| number > MOST_CONDITION) {
         ctx.note(format!("the photo hardly tells the {} from the {}", parameter(a), parameter(b)));
     }
 }

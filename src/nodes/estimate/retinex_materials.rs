@@ -41,7 +41,7 @@ ports! {
         albedo: Arc<Albedo>,
         /// Constant.
         roughness: Arc<Roughness>,
-        /// Which pixels share an albedo.
+        /// Label of each pixel: pixels of one label share an albedo.
         segments: Arc<Segments>,
     }
 }

@@ -1,22 +1,24 @@
-//! How far the surface of one light is from that of another.
+//! Chamfer distance between the surfaces of two lights.
 
 use glam::Vec3;
 
 use crate::optics::Shape;
 
-/// Points that stand for a light.
+/// Number of points that stand for a light.
 pub const SURFACE_POINTS: usize = 64;
 
-/// Points spread evenly over what shines, the same for the same light; none for a light that is absent.
+/// Points spread evenly over the emitting surface, in the unit of the shape: [`SURFACE_POINTS`] of
+/// them, the same for the same light; none for an absent light.
 ///
-/// On a sphere they follow the spiral of the golden angle; elsewhere the additive recurrence of Roberts (2018, "R2") in the
-/// triangles of the surface, each of which has its share by area.
+/// On a sphere they follow the spiral of the golden angle; elsewhere the additive recurrence of
+/// Roberts (2018, "R2") in the triangles of the surface, in proportion to area.
 pub fn surface_points(shape: &Shape) -> Vec<Vec3> {
     shape.surface_points(SURFACE_POINTS)
 }
 
-/// Chamfer distance in metres, as IndoorLightEditing (Li et al., ECCV 2022) has it: the mean over a of the distance to the nearest
-/// of b, plus that over b, a distance being sqrt(d^2 + 1e-6). `None` when there are no points on one side.
+/// Chamfer distance in meters, as defined by IndoorLightEditing (Li et al., ECCV 2022): the mean
+/// over a of the distance to the nearest of b, plus that over b, a distance being sqrt(d^2 + 1e-6).
+/// `None` when one side has no points.
 pub fn chamfer(a: &[Vec3], b: &[Vec3]) -> Option<f64> {
     let one_way = |a: &[Vec3], b: &[Vec3]| {
         let nearest = |p: &Vec3| b.iter().map(|q| f64::from(p.distance_squared(*q))).fold(f64::INFINITY, f64::min);
@@ -50,7 +52,7 @@ mod tests {
             let on = ((*p - Vec3::ONE) / Vec3::new(1.0, 2.0, 3.0)).abs();
             assert!((on.max_element() - 1.0).abs() < 1e-6, "{p}");
         }
-        // The two sides across x have 48 of 88 square metres.
+        // The two sides across x have 48 of 88 square meters.
         let across = points.iter().filter(|p| ((p.x - 1.0).abs() - 1.0).abs() < 1e-6).count() as f32;
         assert!((across / points.len() as f32 - 48.0 / 88.0).abs() < 0.05, "{across}");
         let middle = points.iter().sum::<Vec3>() / points.len() as f32 - Vec3::ONE;
@@ -61,9 +63,11 @@ mod tests {
     fn distances_by_hand() {
         // The same light: both ways the root of 1e-6.
         assert!((between(&sphere(0.0, 0.1), &sphere(0.0, 0.1)) - 2e-3).abs() < 1e-6);
-        // Concentric spheres: each way the difference of the radii, as their points lie on the same rays.
+        // Concentric spheres: each way the difference of the radii, as their points lie on the same
+        // rays.
         assert!((between(&sphere(0.0, 1.0), &sphere(0.0, 3.0)) - 4.0).abs() < 1e-3);
-        // Far apart: from the nearest points of the other, so the distance of the centres, less about a radius each way.
+        // Far apart: from the nearest points of the other, so the distance of the centers, less
+        // about a radius each way.
         let far = between(&sphere(0.0, 0.1), &sphere(10.0, 0.1));
         assert!((far - 2.0 * 9.9).abs() < 0.05, "{far}");
         // Parallel rectangles, the one behind the other.

@@ -1,31 +1,35 @@
-//! How well lights can be told apart.
+//! Conditioning of a fit: the condition number of its columns, and the two that are hardest to
+//! distinguish.
 
-/// Condition number of a symmetric positive semi-definite matrix after scaling each column to unit length, and what it is due to.
+/// Condition number of a symmetric positive semi-definite matrix whose columns are scaled to unit
+/// length, and its cause.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conditioning {
-    /// Largest over smallest eigenvalue, at most 1e15; 1 when nothing is there.
+    /// Largest over smallest eigenvalue, 1..=1e15; 1 for fewer than two columns.
     pub number: f64,
-    /// The two columns that share most of the weakest direction, lower index first: moving light between them changes least.
-    pub alike: Option<[usize; 2]>,
-    /// Cosine between these two.
+    /// The two columns of largest weight in the weakest direction, lower index first: moving light
+    /// between them changes the photo least.
+    pub most_correlated: Option<[usize; 2]>,
+    /// Cosine between these two, -1..=1.
     pub correlation: f64,
 }
 
 impl Default for Conditioning {
     fn default() -> Conditioning {
-        Conditioning { number: 1.0, alike: None, correlation: 0.0 }
+        Conditioning { number: 1.0, most_correlated: None, correlation: 0.0 }
     }
 }
 
 impl Conditioning {
-    /// That of columns two of which are equal.
-    pub fn of_equals(alike: [usize; 2]) -> Conditioning {
-        Conditioning { number: 1e15, alike: Some(alike), correlation: 1.0 }
+    /// Conditioning of columns of which these two are equal.
+    pub fn of_equals(most_correlated: [usize; 2]) -> Conditioning {
+        Conditioning { number: 1e15, most_correlated: Some(most_correlated), correlation: 1.0 }
     }
 }
 
-/// Conditioning of a k x k Gram matrix, by Jacobi rotations. Columns without weight are left out, and a column times a factor
-/// changes nothing: a light that is 1e6 times weaker is not hard to tell apart for that.
+/// Conditioning of a k x k Gram matrix, row by row, by Jacobi rotations. Columns of length 0 are
+/// left out. A factor on a column changes nothing: a light that is 1e6 times weaker is not harder
+/// to distinguish.
 pub fn conditioning(gram: &[f64], k: usize) -> Conditioning {
     let used: Vec<usize> = (0..k).filter(|&i| gram[i * k + i] > 0.0).collect();
     let m = used.len();
@@ -63,7 +67,7 @@ pub fn conditioning(gram: &[f64], k: usize) -> Conditioning {
     let [i, j] = [used[order[0].min(order[1])], used[order[0].max(order[1])]];
     Conditioning {
         number: strongest / eigenvalue(weakest).max(1e-15 * strongest),
-        alike: Some([i, j]),
+        most_correlated: Some([i, j]),
         correlation: cosine(i, j),
     }
 }
@@ -79,7 +83,7 @@ mod tests {
         for s in [1e-9, 1.0, 1e9] {
             let got = conditioning(&[4.0, 2.0 * 3.0 * c * s, 2.0 * 3.0 * c * s, 9.0 * s * s], 2);
             assert!((got.number - (1.0 + c) / (1.0 - c)).abs() < 1e-9, "{got:?}");
-            assert!(got.alike == Some([0, 1]) && (got.correlation - c).abs() < 1e-12, "{got:?}");
+            assert!(got.most_correlated == Some([0, 1]) && (got.correlation - c).abs() < 1e-12, "{got:?}");
         }
     }
 
@@ -92,7 +96,7 @@ mod tests {
             gram[i * 4 + j] = g;
         }
         let got = conditioning(&gram, 4);
-        assert_eq!(got.alike, Some([1, 3]));
+        assert_eq!(got.most_correlated, Some([1, 3]));
         assert!((got.number * 1e-6 / (1.0 + near) - 1.0).abs() < 1e-9, "{got:?}");
     }
 
@@ -101,6 +105,6 @@ mod tests {
         assert_eq!(conditioning(&[], 0), Conditioning::default());
         assert_eq!(conditioning(&[0.0, 0.0, 0.0, 2.0], 2), Conditioning::default());
         let equal = conditioning(&[1.0; 4], 2);
-        assert!((1e14..=1e15).contains(&equal.number) && equal.alike == Some([0, 1]), "{equal:?}");
+        assert!((1e14..=1e15).contains(&equal.number) && equal.most_correlated == Some([0, 1]), "{equal:?}");
     }
 }

@@ -1,11 +1,12 @@
-//! Lamps and windows proposed from a photo, and its depth where there is one.
+//! Proposals for lamps and windows, from a photo and its depth where there is one.
 //!
-//! A light is brighter than what surrounds it and ends sharply; light on a wall fades. So the photo is cut in two at several
-//! levels of brightness (Boykov and Jolly's energy, see [`graph_cut`]): with b the brightness over white and t the level, a pixel
-//! gains `1 - ln b / ln t` by being a light, 1 at white, 0 at t, and two neighbours of colours c, c' that are parted cost
-//! `smoothness exp(-beta |c - c'|^2) / distance`, 1 / beta twice the mean of |c - c'|^2. The gain falls with t, so the cuts are
-//! nested and their parts form a tree, in which every light is taken at the level where its edge is sharpest: Matas' extremal regions
-//! (BMVC 2002) with edges instead of stability.
+//! A light is brighter than its surroundings and ends sharply; light on a wall fades. So the photo
+//! is cut in two at several levels of brightness (Boykov and Jolly's energy, see [`graph_cut`]).
+//! With b the brightness over white and t the level, a pixel gains `1 - ln b / ln t` by being a
+//! light: 1 at white, 0 at t. Two neighbors of colors c, c' that are separated cost `smoothness
+//! exp(-beta |c - c'|^2) / distance`, 1 / beta twice the mean of |c - c'|^2. The gain falls with t,
+//! so the cuts are nested and their regions form a tree, in which every light is taken at the level
+//! of its sharpest edge: Matas' extremal regions (BMVC 2002) with edges instead of stability.
 
 use glam::Vec3;
 
@@ -14,56 +15,84 @@ use crate::geometry::world_up;
 use crate::image::{Mask, Normal, Picture, Plane, Points, connected_components, distance, graph_cut, luminance};
 use crate::optics::LightKind;
 
-/// What is looked for.
+/// Settings of [`find_lights`].
 #[derive(Clone, Copy, Debug)]
 pub struct LightSearch {
-    /// Brightness of the dimmest light, as a share of the photo's white; between 0 and 1.
+    /// Brightness of the dimmest light, as a fraction of the photo's white, in 0..1.
     pub threshold: f32,
-    /// What an edge along the outline costs, in units of what a white pixel gains.
+    /// Cost of an edge along the outline, in units of the gain of a white pixel; >= 0.
     pub smoothness: f32,
-    /// Pixels of the smallest light, as a share of the photo.
+    /// Pixels of the smallest light, as a fraction of the photo, 0..=1.
     pub smallest: f32,
-    /// The most lights; larger ones first.
+    /// Most lights; larger ones first.
     pub most: usize,
 }
 
-/// A light that was found.
+/// A proposed light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundLight {
     pub kind: LightKind,
-    /// Its pixels.
+    /// Its pixels, of the photo's size.
     pub mask: Plane<bool>,
-    /// How many there are.
+    /// Number of its pixels.
     pub area: usize,
-    /// Its brightness just inside its edge over that just outside, medians of the least channel.
+    /// Brightness just inside its edge over that just outside, medians of the least channel.
     pub contrast: f32,
 }
 
-/// Levels between the threshold and white, each half as far from white as the one before: the last lies 1.6 % below it for the
-/// threshold of 0.75, two steps of 8 bits.
+/// Levels between the threshold and white, each half as far from white as the one before: the last
+/// lies 1.6 % below it for the threshold of 0.75, two steps of 8 bits.
+/// Unit: levels; source: measured (docs/find-lights.md); effect: more find sharper outlines.
 const LEVELS: usize = 5;
-/// Brightness inside over outside below which an edge is that of light on a surface: the median along the outline, and for three
-/// quarters of it.
+/// Brightness inside over outside below which an edge is that of light on a surface: the median
+/// along the outline, and for three quarters of it.
+/// Unit: 1; source: measured (docs/find-lights.md); effect: larger values propose fewer lights.
 const CONTRAST: [f32; 2] = [1.28, 1.22];
-/// A level is left for a higher one when that sharpens the contrast's logarithm by this factor.
-const SHARPER: f32 = 1.15;
-/// Share of the pixels that must be white in all channels, or bluer than all else.
+/// Factor by which a higher level must raise the logarithm of the contrast to be taken.
+/// Unit: 1; source: measured; effect: larger values keep lower levels, and larger masks.
+const CONTRAST_FACTOR: f32 = 1.15;
+/// Fraction of the pixels that must be white in all channels, or of the color of daylight.
+/// Unit: 1; source: measured; effect: larger values propose fewer lights.
 const EMITTING: f32 = 0.15;
-/// All channels of white, as a share of it.
+/// Least channel of white. Unit: fraction of white; source: measured; effect: larger values propose
+/// fewer lights.
 const WHITE: f32 = 0.93;
-/// log(blue / red) of daylight beside the photo's neutral.
+/// log(blue / red) of daylight above the photo's neutral.
+/// Unit: 1; source: measured; effect: larger values find fewer windows.
 const DAYLIGHT: f32 = 0.1;
-/// What faces further up than this cosine is a floor, a table or a bed.
-const FACES_UP: f32 = 0.5;
-/// What lies lower than this below the camera, metres, is no lamp and no window.
-const LOW: f32 = 0.8;
-/// Parts of windows that are this near, as a share of the longer side, are panes of one.
+/// Cosine between the upward direction and the median normal above which a surface is a floor, a
+/// table or a bed.
+/// Unit: 1; source: measured; effect: smaller values propose fewer lights.
+const MOST_UPWARD: f32 = 0.5;
+/// Distance below the camera beyond which there are neither lamps nor windows.
+/// Unit: meters; source: taste; effect: smaller values propose fewer lights.
+const MOST_BELOW: f32 = 0.8;
+/// Largest distance between panes of one window.
+/// Unit: fraction of the longer side; source: measured; effect: larger values join more.
 const MUNTIN: f32 = 0.015;
-/// Pixels around a part that are looked at.
-const REACH: usize = 6;
+/// Radius around a region in which its surroundings are measured. Unit: pixels; source: the annuli
+/// in `region`.
+const CONTEXT_RADIUS: usize = 6;
 
-/// Lights in `photo` (linear, with the share of each pixel that is `clipped`), the largest first. `room` holds the points and
-/// normals of its pixels. Empty where nothing stands out, as in a photo of one colour.
+/// Votes of a window: each is 0 at the first value and 1 at the second, clamped to -1..1. Depth of
+/// the region over that of its surroundings; log of the contrast of its frame; fraction of its
+/// bounding box; fraction of daylight.
+/// Unit: 1; source: measured (docs/find-lights.md); effect: lamp or window.
+const FLUSH_VOTE: [f32; 2] = [0.98, 1.0];
+const FRAME_VOTE: [f32; 2] = [0.35, 0.5];
+const RECTANGLE_VOTE: [f32; 2] = [0.7, 0.8];
+const DAYLIGHT_VOTE: [f32; 2] = [0.0, 0.2];
+
+/// Flush vote of a photo without depth, and weight of the rectangle's vote.
+/// Unit: 1; source: taste; effect: lamp or window.
+const UNKNOWN_FLUSH: f32 = 0.5;
+const RECTANGLE_WEIGHT: f32 = 0.5;
+
+/// Proposes the lights in `photo` (linear, with the `clipped` fraction of each pixel), the largest
+/// first.
+///
+/// All planes are of one size. `room` holds the points (meters, camera space) and unit normals of
+/// its pixels. The result is empty where nothing stands out, as in a photo of one color.
 pub fn find_lights(
     photo: &Picture,
     clipped: &Mask,
@@ -75,34 +104,34 @@ pub fn find_lights(
     if white <= 0.0 {
         return Vec::new();
     }
-    let view = View::new(photo.0.map(|pixel| (pixel / white).clamp(Vec3::ZERO, Vec3::ONE)), room);
-    let (w, h) = view.photo.size();
+    let cues = Cues::new(photo.0.map(|pixel| (pixel / white).clamp(Vec3::ZERO, Vec3::ONE)), room);
+    let (w, h) = cues.photo.size();
     let smallest = (search.smallest * (w * h) as f32).max(1.0) as usize;
 
-    let mut kept: Vec<Part> = Vec::new();
+    let mut kept: Vec<Region> = Vec::new();
     for level in (0..LEVELS as i32).rev() {
         let threshold = 1.0 - (1.0 - search.threshold) * 0.5f32.powi(level);
-        let label = view.cut(threshold, search.smoothness);
+        let label = cues.cut(threshold, search.smoothness);
         let large = connected_components(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
         let mut merged = Vec::new();
-        for part in large.map(|pixels| view.part(pixels, &label)) {
+        for region in large.map(|pixels| cues.region(pixels, &label)) {
             let (inner, others) =
-                kept.into_iter().partition(|inner: &Part| part.pixels.binary_search(&inner.pixels[0]).is_ok());
+                kept.into_iter().partition(|inner: &Region| region.pixels.binary_search(&inner.pixels[0]).is_ok());
             kept = others;
             let sharpest = inner.iter().map(|inner| inner.contrast.ln()).fold(0.0, f32::max);
-            let own = if view.emits(&part) { part.contrast.ln() } else { 0.0 };
-            if SHARPER * own > sharpest { merged.push(part) } else { merged.extend(inner) }
+            let contrast = if cues.emits(&region) { region.contrast.ln() } else { 0.0 };
+            if CONTRAST_FACTOR * contrast > sharpest { merged.push(region) } else { merged.extend(inner) }
         }
         kept = merged;
     }
-    let (windows, lamps): (Vec<Part>, Vec<Part>) = kept.into_iter().partition(|part| view.is_window(part));
-    let windows = join(windows, (w, h)).into_iter().map(|part| (LightKind::Window, part));
-    let mut found: Vec<_> = windows.chain(lamps.into_iter().map(|part| (LightKind::Lamp, part))).collect();
-    found.sort_by_key(|(_, part)| std::cmp::Reverse(part.pixels.len()));
+    let (windows, lamps): (Vec<Region>, Vec<Region>) = kept.into_iter().partition(|region| cues.is_window(region));
+    let windows = join(windows, (w, h)).into_iter().map(|region| (LightKind::Window, region));
+    let mut found: Vec<_> = windows.chain(lamps.into_iter().map(|region| (LightKind::Lamp, region))).collect();
+    found.sort_by_key(|(_, region)| std::cmp::Reverse(region.pixels.len()));
     found.truncate(search.most);
-    let light = |(kind, part): (LightKind, Part)| {
-        let (area, contrast) = (part.pixels.len(), part.contrast);
-        FoundLight { kind, mask: mask(&part.pixels, (w, h)), area, contrast }
+    let light = |(kind, region): (LightKind, Region)| {
+        let (area, contrast) = (region.pixels.len(), region.contrast);
+        FoundLight { kind, mask: mask(&region.pixels, (w, h)), area, contrast }
     };
     found.into_iter().map(light).collect()
 }
@@ -113,39 +142,42 @@ fn mask(pixels: &[usize], (w, h): (usize, usize)) -> Plane<bool> {
     mask
 }
 
-/// A part of a cut.
-struct Part {
+/// A connected region of a cut.
+struct Region {
     pixels: Vec<usize>,
-    /// Share of its bounding box.
+    /// Fraction of its bounding box that it covers.
     fill: f32,
     /// Pixels up to four away from it.
     around: Vec<usize>,
-    /// Inside over outside, in the least channel: its median along the outline, and that which three quarters reach.
+    /// Brightness inside over outside, in the least channel: its median along the outline, and the
+    /// value that three quarters reach.
     contrast: f32,
     least_contrast: f32,
     /// The same in brightness, for three quarters.
     frame: f32,
 }
 
-/// The photo over its white, and what is known of it.
-struct View<'a> {
+/// The photo over its white, and quantities derived from it.
+struct Cues<'a> {
     photo: Plane<Vec3>,
-    /// Luminance, or blue where that is more: daylight is bright in it, and nothing in a room reflects so.
+    /// Luminance, or blue if that is more: daylight is bright in it, and no surface in a room
+    /// reflects so.
     bright: Plane<f32>,
-    /// The least channel: white where all are, so that the warm light around a lamp is less than the lamp.
+    /// The least channel: white where all are, so that the warm light around a lamp is below the
+    /// lamp.
     least: Plane<f32>,
     /// log(blue / red) of the median pixel.
     neutral: f32,
-    /// The photo as it is shown, and beta of the cost of its edges.
+    /// The display-encoded photo, and beta of the cost of its edges.
     shown: Plane<Vec3>,
     beta: f32,
-    /// Points, normals, and the direction upwards.
+    /// Points, normals, and the upward direction.
     room: Option<(&'a Points, &'a Normal, Vec3)>,
 }
 
-impl<'a> View<'a> {
-    fn new(photo: Plane<Vec3>, room: Option<(&'a Points, &'a Normal)>) -> View<'a> {
-        // A square root stands for the curve of a display.
+impl<'a> Cues<'a> {
+    fn new(photo: Plane<Vec3>, room: Option<(&'a Points, &'a Normal)>) -> Cues<'a> {
+        // A square root approximates the curve of a display.
         let shown = photo.map(|c| Vec3::new(c.x.sqrt(), c.y.sqrt(), c.z.sqrt()));
         let (w, h) = photo.size();
         let (mut sum, mut count) = (0.0f64, 0.0f64);
@@ -155,7 +187,7 @@ impl<'a> View<'a> {
                 count += 1.0;
             }
         }
-        View {
+        Cues {
             bright: photo.map(|c| luminance(c).max(c.z)),
             least: photo.map(Vec3::min_element),
             neutral: quantile(photo.pixels().iter().map(|&c| hue(c)), 0.5),
@@ -166,7 +198,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// The pixels that are a light at this level, in thousandths so that the cut is exact.
+    /// Pixels that are a light at this level; gains are in thousandths so that the cut is exact.
     fn cut(&self, threshold: f32, smoothness: f32) -> Plane<bool> {
         let gain = self.bright.map(|b| (1000.0 * (1.0 - b.max(1e-6).ln() / threshold.ln()).clamp(-1.0, 1.0)) as i32);
         graph_cut(&gain, |x, y, nx, ny| {
@@ -176,17 +208,18 @@ impl<'a> View<'a> {
         })
     }
 
-    /// A part of `label`; what surrounds it is what no part covers.
-    fn part(&self, pixels: Vec<usize>, label: &Plane<bool>) -> Part {
+    /// The region of these pixels; its surroundings are the pixels outside of `label`.
+    fn region(&self, pixels: Vec<usize>, label: &Plane<bool>) -> Region {
         let (w, h) = self.photo.size();
         let extent = |value: &dyn Fn(usize) -> usize| {
             let ends = |(least, most): (usize, usize), &i: &usize| (least.min(value(i)), most.max(value(i)));
             pixels.iter().fold((usize::MAX, 0), ends)
         };
         let ((left, right), (top, bottom)) = (extent(&|i| i % w), extent(&|i| i / w));
-        // Only what is near is looked at, so that many small parts cost no more than a large one.
-        let (x0, x1) = (left.saturating_sub(REACH), (right + REACH + 1).min(w));
-        let (y0, y1) = (top.saturating_sub(REACH), (bottom + REACH + 1).min(h));
+        // Only a window around it is processed, so that many small regions cost no more than a
+        // large one.
+        let (x0, x1) = (left.saturating_sub(CONTEXT_RADIUS), (right + CONTEXT_RADIUS + 1).min(w));
+        let (y0, y1) = (top.saturating_sub(CONTEXT_RADIUS), (bottom + CONTEXT_RADIUS + 1).min(h));
         let mut inside = Plane::filled(x1 - x0, y1 - y0, false);
         pixels.iter().for_each(|&i| inside.set(i % w - x0, i / w - y0, true));
         let (away, into) = (distance(&inside), distance(&inside.map(|inside| !inside)));
@@ -195,16 +228,16 @@ impl<'a> View<'a> {
             near.map(|i| (y0 + i / (x1 - x0)) * w + x0 + i % (x1 - x0)).collect()
         };
         // The pixels on either side of the edge itself are mixtures.
-        let mut ring = within(&away, 1.2, 3.0);
-        ring.retain(|&i| !label.pixels()[i]);
-        let rim = within(&into, 1.0, 3.0);
-        let contrast = |plane: &Plane<f32>, share: f32| {
-            let inside = quantile(rim.iter().map(|&i| plane.pixels()[i]), 0.5);
-            let outside = quantile(ring.iter().map(|&i| plane.pixels()[i]), share);
-            // What covers the photo stands out from nothing.
-            if ring.is_empty() { 0.0 } else { inside / outside.max(0.01) }
+        let mut annulus = within(&away, 1.2, 3.0);
+        annulus.retain(|&i| !label.pixels()[i]);
+        let boundary = within(&into, 1.0, 3.0);
+        let contrast = |plane: &Plane<f32>, fraction: f32| {
+            let inside = quantile(boundary.iter().map(|&i| plane.pixels()[i]), 0.5);
+            let outside = quantile(annulus.iter().map(|&i| plane.pixels()[i]), fraction);
+            // A region that covers the photo stands out from nothing.
+            if annulus.is_empty() { 0.0 } else { inside / outside.max(0.01) }
         };
-        Part {
+        Region {
             contrast: contrast(&self.least, 0.5),
             least_contrast: contrast(&self.least, 0.75),
             frame: contrast(&self.bright, 0.75),
@@ -214,70 +247,79 @@ impl<'a> View<'a> {
         }
     }
 
-    fn share(&self, part: &Part, test: impl Fn(usize) -> bool) -> f32 {
-        part.pixels.iter().filter(|&&i| test(i)).count() as f32 / part.pixels.len() as f32
+    fn fraction(&self, region: &Region, test: impl Fn(usize) -> bool) -> f32 {
+        region.pixels.iter().filter(|&&i| test(i)).count() as f32 / region.pixels.len() as f32
     }
 
-    fn daylight(&self, part: &Part) -> f32 {
-        self.share(part, |i| hue(self.photo.pixels()[i]) > DAYLIGHT + self.neutral.max(0.0))
+    fn daylight(&self, region: &Region) -> f32 {
+        self.fraction(region, |i| hue(self.photo.pixels()[i]) > DAYLIGHT + self.neutral.max(0.0))
     }
 
-    /// Whether a part may be a light: sharp, as white or blue as its photo goes, and nowhere that only a lit thing can be.
-    fn emits(&self, part: &Part) -> bool {
-        let sharp = part.contrast > CONTRAST[0] && part.least_contrast > CONTRAST[1];
-        let white = self.share(part, |i| self.least.pixels()[i] > WHITE);
+    /// Returns whether a region may be a light: it is sharp, as white or as blue as the photo gets,
+    /// and not on a floor or table.
+    fn emits(&self, region: &Region) -> bool {
+        let sharp = region.contrast > CONTRAST[0] && region.least_contrast > CONTRAST[1];
+        let white = self.fraction(region, |i| self.least.pixels()[i] > WHITE);
         let placed = self.room.is_none_or(|(points, normal, up)| {
-            let median = |plane: &Plane<Vec3>| quantile(part.pixels.iter().map(|&i| plane.pixels()[i].dot(up)), 0.5);
-            median(&normal.0) < FACES_UP && median(&points.0) > -LOW
+            let median = |plane: &Plane<Vec3>| quantile(region.pixels.iter().map(|&i| plane.pixels()[i].dot(up)), 0.5);
+            median(&normal.0) < MOST_UPWARD && median(&points.0) > -MOST_BELOW
         });
-        sharp && placed && white.max(self.daylight(part)) > EMITTING
+        sharp && placed && white.max(self.daylight(region)) > EMITTING
     }
 
-    /// Votes of a window against a lamp, each about -1..1: in the plane of what surrounds it, not before it; in a frame, not
-    /// in its own glow; a rectangle; daylight. A warm glow on a wall lies in its plane too, so that one vote is not enough.
-    fn is_window(&self, part: &Part) -> bool {
-        let vote = |value: f32, zero: f32, one: f32| ((value - zero) / (one - zero)).clamp(-1.0, 1.0);
-        let flush = self.room.map_or(0.5, |(points, ..)| {
-            let depth = |pixels: &[usize], share| quantile(pixels.iter().map(|&i| -points.0.pixels()[i].z), share);
-            // Before two thirds of it: a lamp may touch its table, and the wall of a window may recede.
-            vote(depth(&part.pixels, 0.5) / depth(&part.around, 0.35), 0.98, 1.0)
+    /// Returns whether a region is a window, by votes of about -1..1 each: it lies in the plane of
+    /// its surroundings, not before it; in a frame, not in its own glow; it is a rectangle; it has
+    /// daylight. A warm glow on a wall lies in its plane too, so that one vote is not enough.
+    fn is_window(&self, region: &Region) -> bool {
+        let vote = |value: f32, [zero, one]: [f32; 2]| ((value - zero) / (one - zero)).clamp(-1.0, 1.0);
+        let flush = self.room.map_or(UNKNOWN_FLUSH, |(points, ..)| {
+            let depth =
+                |pixels: &[usize], fraction| quantile(pixels.iter().map(|&i| -points.0.pixels()[i].z), fraction);
+            // Before two thirds of it: a lamp may touch its table, and the wall of a window may
+            // recede.
+            vote(depth(&region.pixels, 0.5) / depth(&region.around, 0.35), FLUSH_VOTE)
         });
-        let frame = vote(part.frame.ln(), 0.35, 0.5);
-        flush + frame + 0.5 * vote(part.fill, 0.7, 0.8) + vote(self.daylight(part), 0.0, 0.2) > 1.0
+        let frame = vote(region.frame.ln(), FRAME_VOTE);
+        flush
+            + frame
+            + RECTANGLE_WEIGHT * vote(region.fill, RECTANGLE_VOTE)
+            + vote(self.daylight(region), DAYLIGHT_VOTE)
+            > 1.0
     }
 }
 
-/// log(blue / red), tame in the dark.
+/// log(blue / red), bounded in the dark.
 fn hue(colour: Vec3) -> f32 {
     ((colour.z + 0.01) / (colour.x + 0.01)).ln()
 }
 
-/// The value that this share of all lies below; 0 of none.
-fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
+/// The quantile `fraction` of the values; 0 of none.
+fn quantile(values: impl Iterator<Item = f32>, fraction: f32) -> f32 {
     let mut values: Vec<f32> = values.collect();
     if values.is_empty() {
         return 0.0;
     }
-    let at = ((share * values.len() as f32) as usize).min(values.len() - 1);
+    let at = ((fraction * values.len() as f32) as usize).min(values.len() - 1);
     *values.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
-/// Parts that come within [`MUNTIN`] of each other in a picture of this size as one, with the contrast of the largest.
-fn join(parts: Vec<Part>, size: (usize, usize)) -> Vec<Part> {
+/// Joins regions within [`MUNTIN`] of each other in a picture of this size, with the contrast of
+/// the largest.
+fn join(parts: Vec<Region>, size: (usize, usize)) -> Vec<Region> {
     let reach = MUNTIN * size.0.max(size.1) as f32;
-    let mut joined: Vec<Part> = Vec::new();
-    for mut part in parts {
-        let away = distance(&mask(&part.pixels, size));
-        let is_near = |other: &Part| other.pixels.iter().any(|&i| away.pixels()[i] <= reach);
+    let mut joined: Vec<Region> = Vec::new();
+    for mut region in parts {
+        let away = distance(&mask(&region.pixels, size));
+        let is_near = |other: &Region| other.pixels.iter().any(|&i| away.pixels()[i] <= reach);
         let (near, others) = joined.into_iter().partition(is_near);
         joined = others;
         for mut other in near {
-            if other.pixels.len() > part.pixels.len() {
-                std::mem::swap(&mut part, &mut other);
+            if other.pixels.len() > region.pixels.len() {
+                std::mem::swap(&mut region, &mut other);
             }
-            part.pixels.extend(other.pixels);
+            region.pixels.extend(other.pixels);
         }
-        joined.push(part);
+        joined.push(region);
     }
     joined
 }
@@ -290,7 +332,8 @@ mod tests {
     const SEARCH: LightSearch = LightSearch { threshold: 0.75, smoothness: 1.0, smallest: 0.001, most: 16 };
     const SIZE: (usize, usize) = (160, 120);
 
-    /// The value of `value` clipped at 1, with noise of a few steps of 8 bits, and where it is clipped.
+    /// The value of `value` clipped at 1, with noise of a few steps of 8 bits, and where it is
+    /// clipped.
     fn photo(value: impl Fn(usize, usize) -> Vec3) -> (Picture, Mask) {
         let noise = |x: usize, y: usize| ((x * 7919 + y * 104_729) % 13) as f32 / 13.0 - 0.5;
         let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| (value(x, y) * (1.0 + 0.02 * noise(x, y))).min(Vec3::ONE));
@@ -378,7 +421,7 @@ mod tests {
         assert_eq!(overlap(&found[0].mask, disc), 1.0);
     }
 
-    /// Two white rectangles, one in the wall and one half a metre before it, and a bright table.
+    /// Two white rectangles, one in the wall and one half a meter before it, and a bright table.
     #[test]
     fn depth_tells_a_shade_from_a_pane_and_a_table_from_both() {
         let shade = |x: usize, y: usize| (20..50).contains(&x) && (30..55).contains(&y);

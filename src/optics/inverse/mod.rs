@@ -1,24 +1,35 @@
 //! Inverse rendering: lights and albedos estimated from a photo. Nothing else in `optics` uses it.
 
+pub(in crate::optics) mod candidate_search;
 pub(in crate::optics) mod candidates;
 pub(in crate::optics) mod chamfer;
 pub(in crate::optics) mod conditioning;
 pub(in crate::optics) mod find_lights;
+pub(in crate::optics) mod fit_problem;
+pub(in crate::optics) mod light_prior;
+pub(in crate::optics) mod mask_pixels;
 pub(in crate::optics) mod observations;
 pub(in crate::optics) mod parameters;
 pub(in crate::optics) mod radiance_fit;
 pub(in crate::optics) mod receivers;
+pub(in crate::optics) mod room_box;
 pub(in crate::optics) mod shape_fit;
 pub(in crate::optics) mod surfels;
 pub(in crate::optics) mod visible_lamp;
+pub(in crate::optics) mod visible_light;
+pub(in crate::optics) mod visible_window;
 
-pub use candidates::{RoomBox, lamp_candidates, visible_light, window_candidates};
+pub use candidate_search::{Accepted, Candidate, CandidateSearch, CandidateSettings};
+pub use candidates::{lamp_candidates, window_candidates};
 pub use chamfer::{SURFACE_POINTS, chamfer, surface_points};
 pub use conditioning::Conditioning;
 pub use find_lights::{FoundLight, LightSearch, find_lights};
-pub use observations::{Evidence, evidence_pixels};
-pub use parameters::Freedom;
-pub use radiance_fit::{Column, MOST_LIGHTS, RadianceFit, fit_radiances};
+pub use light_prior::{Column, LightPrior, Role};
+pub use observations::{Observations, observed_pixels};
+pub use parameters::DegreesOfFreedom;
+pub use radiance_fit::{MOST_LIGHTS, RadianceFit, fit_radiances};
 pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
-pub use shape_fit::{Bounds, Movable, ShapeFit, ShapeSearch, fit_shapes};
+pub use room_box::RoomBox;
+pub use shape_fit::{Bounds, LightVariable, ShapeFit, ShapeSearch, fit_shapes};
 pub use visible_lamp::{LampForm, LampForms};
+pub use visible_light::visible_light;

@@ -1,76 +1,86 @@
-//! What of a light's shape a photo may correct, each on a scale on which one is a likely error.
+//! Free parameters of a light's shape, each in units of its likely error.
 
 use glam::{Quat, Vec3};
 
-use {crate::optics::Gradient, crate::optics::LOBES, crate::optics::Lamp, crate::optics::Shape, crate::optics::Window};
+use crate::optics::{Gradient, LOBES, Lamp, Shape, Window};
 
-/// What may change about a light.
+/// Degrees of freedom of a light's shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Freedom {
-    /// Nothing.
+pub enum DegreesOfFreedom {
+    /// The shape is known.
     Fixed,
-    /// A lamp keeps its outline in the photo and may be nearer or farther; a window keeps its frame and may look out on something else.
-    Seen,
-    /// A lamp may be elsewhere and of another size; a window may be elsewhere in its plane, of another size, and look out on something else.
-    Unseen,
+    /// A lamp keeps its outline in the photo and may be nearer or farther. A window keeps its
+    /// frame, and its lobes may change.
+    InView,
+    /// A lamp may have another position and size. A window may have another position in its plane,
+    /// another size and other lobes.
+    OutOfView,
 }
 
 /// One degree of freedom of a shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Parameter {
-    /// Logarithm of the distance from the camera and of the size together, of this likely error.
+    /// Logarithm of the distance from the camera and of the size together; its likely error.
     Distance(f32),
-    /// Shift of the whole light, this vector long.
+    /// Translation of the whole light; the vector is one likely error long.
     Shift(Vec3),
     /// Logarithm of the size about its middle.
     Size,
-    /// Turn of a lobe's direction about this unit axis.
+    /// Rotation of a lobe's direction about this unit axis.
     Turn(usize, Vec3),
     /// log(1 + bandwidth) of a lobe.
     Bandwidth(usize),
 }
 
-/// Likely error of the distance of a light that is seen, as a share of its radius: depth tells its front, not its middle.
+/// Likely error of the distance of a visible lamp: the depth is that of its front, not of its
+/// middle.
+/// Unit: radii; source: taste; effect: larger values let lamps move farther.
 const DISTANCE: f32 = 0.5;
 
-/// Likely errors of the logarithm of the size, of a direction (radians), and of log(1 + bandwidth).
+/// Likely errors of the logarithm of the size, of a direction, and of log(1 + bandwidth).
+/// Unit: 1, radians, 1; source: taste; effect: larger values let lights change more.
 const SIZE: f32 = 0.4;
 const TURN: f32 = 0.2;
 const BANDWIDTH: f32 = 1.0;
 
-/// Likely error of the place of a light out of view, as a share of its distance from what it lights.
+/// Likely error of the position of a light out of view.
+/// Unit: fraction of its distance from the receivers; source: taste; effect: larger values let
+/// lights move farther.
 const SHIFT: f32 = 0.15;
 
-/// Beyond it a lobe is a direction.
+/// Largest bandwidth: a lobe beyond it is a direction.
+/// Unit: 1; source: the sun's disc is about 1e5; effect: bounds the search.
 const MOST_BANDWIDTH: f32 = 1e5;
 
-/// The parameters of a light that has a freedom; `lit` is the middle of what it lights. The axes are those at the present shape.
-pub fn parameters(shape: &Shape, freedom: Freedom, lit: Vec3) -> Vec<Parameter> {
-    let Some((middle, radius)) = shape.bounding_sphere().filter(|_| freedom != Freedom::Fixed) else {
+/// Parameters of a light with these degrees of freedom. `lit` is the mean position of the
+/// receivers, meters, camera space. The axes are those of the present shape.
+pub fn parameters(shape: &Shape, freedom: DegreesOfFreedom, lit: Vec3) -> Vec<Parameter> {
+    let Some((middle, radius)) = shape.bounding_sphere().filter(|_| freedom != DegreesOfFreedom::Fixed) else {
         return Vec::new();
     };
     let reach = SHIFT * middle.distance(lit);
     match (shape, freedom) {
-        // A panel that is seen lies in its ceiling.
-        (Shape::Absent, _) | (Shape::Lamp(Lamp::Rect(_)), Freedom::Seen) => Vec::new(),
-        (Shape::Lamp(_), Freedom::Seen) => vec![Parameter::Distance(DISTANCE * radius / middle.length())],
+        // A visible panel lies in its ceiling.
+        (Shape::Absent, _) | (Shape::Lamp(Lamp::Rect(_)), DegreesOfFreedom::InView) => Vec::new(),
+        (Shape::Lamp(_), DegreesOfFreedom::InView) => vec![Parameter::Distance(DISTANCE * radius / middle.length())],
         (Shape::Lamp(_), _) => {
             Vec3::AXES.map(|axis| Parameter::Shift(axis * reach)).into_iter().chain([Parameter::Size]).collect()
         }
         (Shape::Window(window), _) => {
-            let place = [window.x, window.y].map(|edge| Parameter::Shift(edge.normalize_or_zero() * reach));
-            let place = place.into_iter().chain([Parameter::Size]).filter(|_| freedom == Freedom::Unseen);
+            let position = [window.x, window.y].map(|edge| Parameter::Shift(edge.normalize_or_zero() * reach));
+            let position =
+                position.into_iter().chain([Parameter::Size]).filter(|_| freedom == DegreesOfFreedom::OutOfView);
             let lobe = |k: usize| {
                 let (a, b) = window.lobes[k].direction.any_orthonormal_pair();
                 [Parameter::Turn(k, a), Parameter::Turn(k, b), Parameter::Bandwidth(k)]
             };
-            place.chain((0..3).flat_map(lobe)).collect()
+            position.chain((0..3).flat_map(lobe)).collect()
         }
     }
 }
 
 impl Parameter {
-    /// What one step of one likely error does to E of a lobe of `shape`.
+    /// Derivative of the irradiance E of a lobe of `shape`, per likely error of this parameter.
     pub fn rate(&self, shape: &Shape, lobe: usize, gradient: &Gradient) -> f64 {
         let middle = || shape.bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle).as_dvec3();
         match self {
@@ -85,7 +95,8 @@ impl Parameter {
         }
     }
 
-    /// How far `shape` has come from `start` along this parameter, in likely errors.
+    /// Offset of `shape` from `start` along this parameter, in likely errors; 0 where it is
+    /// undefined.
     pub fn offset(&self, start: &Shape, shape: &Shape) -> f64 {
         let (Some((from, before)), Some((to, now))) = (start.bounding_sphere(), shape.bounding_sphere()) else {
             return 0.0;
@@ -110,7 +121,7 @@ impl Parameter {
         if offset.is_finite() { f64::from(offset) } else { 0.0 }
     }
 
-    /// The shape after `step` likely errors.
+    /// The shape after a step of `step` likely errors.
     pub fn moved(&self, shape: &Shape, step: f64) -> Shape {
         let step = step as f32;
         match self {
@@ -131,7 +142,7 @@ impl Parameter {
         }
     }
 
-    /// In a person's words.
+    /// Name of the parameter in messages.
     pub fn name(&self) -> String {
         match self {
             Parameter::Distance(_) => "distance".into(),
@@ -155,7 +166,7 @@ fn with_lobe(shape: &Shape, change: impl Fn(&mut Window)) -> Shape {
     shape
 }
 
-/// The light `factor` times as large about `pivot`, then shifted.
+/// The light scaled by `factor` about `pivot`, then translated by `shift` (meters).
 fn resized(shape: &Shape, factor: f32, pivot: Vec3, shift: Vec3) -> Shape {
     shape.transformed(&|p| pivot + (p - pivot) * factor + shift, factor)
 }
@@ -166,19 +177,19 @@ mod tests {
     use crate::optics::{BoxLamp, RectLamp, SphereLamp};
     use crate::optics::{Emitter, Surfel};
 
-    fn lights() -> Vec<(Shape, Freedom)> {
+    fn lights() -> Vec<(Shape, DegreesOfFreedom)> {
         let (center, x, y) = (Vec3::new(0.3, 0.4, -2.0), Vec3::X * 0.4, Vec3::Y * 0.3);
         let mut lobes = Window::daylight(Vec3::Z);
         lobes[0].bandwidth = 100.0;
         let plates =
             (0..4).map(|i| Surfel { point: center + Vec3::X * i as f32, normal: Vec3::Z, area: 0.01 }).collect();
         vec![
-            (Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: 0.1 })), Freedom::Seen),
-            (Shape::Lamp(Lamp::Surfels(plates)), Freedom::Seen),
-            (Shape::Lamp(Lamp::Box(BoxLamp { center, axes: [x, y, Vec3::Z * 0.2] })), Freedom::Unseen),
-            (Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })), Freedom::Unseen),
-            (Shape::Window(Window { center, x, y, lobes }), Freedom::Seen),
-            (Shape::Window(Window { center, x, y, lobes }), Freedom::Unseen),
+            (Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: 0.1 })), DegreesOfFreedom::InView),
+            (Shape::Lamp(Lamp::Surfels(plates)), DegreesOfFreedom::InView),
+            (Shape::Lamp(Lamp::Box(BoxLamp { center, axes: [x, y, Vec3::Z * 0.2] })), DegreesOfFreedom::OutOfView),
+            (Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })), DegreesOfFreedom::OutOfView),
+            (Shape::Window(Window { center, x, y, lobes }), DegreesOfFreedom::InView),
+            (Shape::Window(Window { center, x, y, lobes }), DegreesOfFreedom::OutOfView),
         ]
     }
 
@@ -206,10 +217,12 @@ mod tests {
     #[test]
     fn what_is_seen_keeps_its_outline_and_its_frame() {
         let panel = Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::NEG_Z, x: Vec3::X, y: Vec3::Y }));
-        assert_eq!(parameters(&panel, Freedom::Seen, Vec3::ZERO), []);
+        assert_eq!(parameters(&panel, DegreesOfFreedom::InView, Vec3::ZERO), []);
         for (shape, freedom) in lights() {
-            assert_eq!(parameters(&shape, Freedom::Fixed, Vec3::ZERO), []);
-            for parameter in parameters(&shape, freedom, Vec3::ZERO).into_iter().filter(|_| freedom == Freedom::Seen) {
+            assert_eq!(parameters(&shape, DegreesOfFreedom::Fixed, Vec3::ZERO), []);
+            for parameter in
+                parameters(&shape, freedom, Vec3::ZERO).into_iter().filter(|_| freedom == DegreesOfFreedom::InView)
+            {
                 let (from, to) =
                     (shape.bounding_sphere().unwrap(), parameter.moved(&shape, 2.0).bounding_sphere().unwrap());
                 // The same cone of directions.

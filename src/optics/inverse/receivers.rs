@@ -1,23 +1,21 @@
-//! The seen room at the receivers of a [`Transport`], where shapes of lights are tried against the photo.
+//! The visible room at the receivers of a [`Transport`], where shapes of lights are compared with
+//! the photo.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::Vec3;
 
+use super::{Observations, observed_pixels};
 use crate::geometry::{Grid, Own, SceneMesh};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments};
-use crate::optics::indirect_at_receivers;
-use crate::optics::transport::shadow;
-use {
-    super::Evidence, super::evidence_pixels, crate::optics::Bounces, crate::optics::Sampling,
-    crate::optics::ShadowQuality, crate::optics::Shape, crate::optics::Transport, crate::optics::transport::direct,
-};
+use crate::optics::transport::{direct, shadow};
+use crate::optics::{Bounces, Sampling, ShadowQuality, Shape, Transport, indirect_at_receivers};
 
-/// A photo and what is known of the room in it; planes of one size.
+/// A photo and the reconstruction of its room; all planes are of one size.
 #[derive(Clone, Copy)]
 pub struct SeenRoom<'a> {
     pub photo: &'a Picture,
-    /// Share of saturated pixels.
+    /// Fraction of saturated pixels, 0..=1.
     pub clipped: &'a Mask,
     pub points: &'a Points,
     pub normal: &'a Normal,
@@ -27,7 +25,7 @@ pub struct SeenRoom<'a> {
     pub segments: &'a Segments,
 }
 
-/// How a light's layer is made.
+/// Quality of a light's layer.
 #[derive(Clone, Copy, Debug)]
 pub struct LayerQuality {
     /// Shadow rays per receiver and lobe.
@@ -35,43 +33,44 @@ pub struct LayerQuality {
     pub bounces: Bounces,
 }
 
-/// Unit layer of one lobe on the receivers in use.
+/// Unit layer of one lobe on the receivers in use: irradiance / pi per unit radiance.
 #[derive(Clone, Debug)]
 pub struct UnitLayer {
     /// Unshadowed direct shading.
     pub direct: Vec<f32>,
-    /// The share of it that arrives.
+    /// Visible fraction of it, 0..=1.
     pub lit: Vec<f32>,
     pub indirect: Vec<Vec3>,
 }
 
 impl UnitLayer {
-    /// Shadowed direct and indirect shading together.
+    /// Shading per receiver: shadowed direct plus indirect.
     pub fn sum(&self) -> Vec<Vec3> {
         let parts = self.direct.iter().zip(&self.lit).zip(&self.indirect);
         parts.map(|((direct, lit), indirect)| *indirect + Vec3::splat(direct * lit)).collect()
     }
 }
 
-/// The receivers, and those of them that say something about the lights.
+/// Receivers of the room, and those of them that constrain the lights ("in use").
 pub struct Receivers<'a> {
     room: SeenRoom<'a>,
-    /// All receivers, one row.
+    /// Points of all receivers, one row.
     points: Points,
     normal: Normal,
     used: Vec<usize>,
     /// The photo at the receivers in use.
-    pub evidence: Evidence,
-    /// Shading of the receivers in use by a constant ambient.
+    pub observations: Observations,
+    /// Shading of the receivers in use by a constant ambient of radiance 1.
     pub ambient: Vec<Vec3>,
     rays: AtomicU64,
 }
 
 impl<'a> Receivers<'a> {
-    /// The receivers away from `masks`, which mark lights and what is no part of the room; of more than `most`, every nth.
+    /// Receivers away from `masks`, which mark lights and what is not part of the room. If there
+    /// are more than `most`, every nth is used.
     pub fn new<'m>(room: SeenRoom<'a>, masks: impl Iterator<Item = &'m Mask>, most: usize) -> Receivers<'a> {
         let grid = room.transport.grid();
-        let mut pixels = evidence_pixels((0..grid.len()).map(|i| grid.pixel(i)), room.photo, room.clipped, masks);
+        let mut pixels = observed_pixels((0..grid.len()).map(|i| grid.pixel(i)), room.photo, room.clipped, masks);
         pixels = pixels.iter().copied().step_by(pixels.len().div_ceil(most.max(1)).max(1)).collect();
         let used: Vec<usize> = {
             let mut next = pixels.iter().peekable();
@@ -82,32 +81,32 @@ impl<'a> Receivers<'a> {
             room,
             points: Points(at_receivers(grid, &room.points.0)),
             normal: Normal(at_receivers(grid, &room.normal.0)),
-            evidence: Evidence::at(room.photo, room.clipped, room.segments, &pixels, 2),
+            observations: Observations::at(room.photo, room.clipped, room.segments, &pixels, 2),
             ambient: used.iter().map(|&i| ambient[i]).collect(),
             used,
             rays: AtomicU64::new(0),
         }
     }
 
-    /// Point and normal of each receiver in use.
-    pub fn places(&self) -> Vec<(Vec3, Vec3)> {
+    /// Point (meters, camera space) and unit normal of each receiver in use.
+    pub fn positions(&self) -> Vec<(Vec3, Vec3)> {
         self.used.iter().map(|&i| (self.points.0.pixels()[i], self.normal.0.pixels()[i])).collect()
     }
 
-    /// Shadow rays traced so far for layers.
+    /// Number of shadow rays traced so far for layers.
     pub fn rays(&self) -> u64 {
         self.rays.load(Ordering::Relaxed)
     }
 
-    /// Unit layers of a light, one per lobe; `own` are its pixels, through which its rays pass.
-    pub fn layers(&self, shape: &Shape, own: Option<&Mask>, quality: LayerQuality) -> Vec<UnitLayer> {
+    /// Unit layers of a light, one per lobe. `light` marks its pixels, through which its rays pass.
+    pub fn layers(&self, shape: &Shape, light: Option<&Mask>, quality: LayerQuality) -> Vec<UnitLayer> {
         let SeenRoom { mesh, transport, albedo, .. } = self.room;
         let sampling = Sampling::fixed(quality.samples, 0);
         let shadows = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
         let direct = direct(&self.points, &self.normal, shape, &sampling, &|| false);
-        let own = own.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
-        let own = own.as_ref().map(|(passes, pixels)| (passes, pixels));
-        let shadow = shadow(mesh, &self.points, &self.normal, shape, own, shadows, &|| false);
+        let light = light.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
+        let light = light.as_ref().map(|(passes, pixels)| (passes, pixels));
+        let shadow = shadow(mesh, &self.points, &self.normal, shape, light, shadows, &|| false);
         self.rays.fetch_add(shadow.rays, Ordering::Relaxed);
         let layer = |(direct, lit): (&Plane<f32>, &Plane<f32>)| {
             let (direct, lit) = (direct.pixels(), lit.pixels());
@@ -124,7 +123,7 @@ impl<'a> Receivers<'a> {
     }
 }
 
-/// One row of the receivers' values.
+/// Values of a plane at the receivers, one row.
 fn at_receivers<T: Copy>(grid: &Grid, plane: &Plane<T>) -> Plane<T> {
     Plane::new(grid.len(), 1, (0..grid.len()).map(|i| plane.pixels()[grid.pixel(i)]).collect())
 }

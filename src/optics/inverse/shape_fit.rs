@@ -1,107 +1,116 @@
-//! Where lights are, to what the photo tells: shapes, radiances and albedos that explain it together.
+//! Fit of shapes, radiances and albedos together.
 //!
-//! The photo is `I_p = A_s(p) sum_k w_k u_k(p; theta)`, as in `radiance_fit`, with the unit layer of a lobe
-//! `u = V E(theta) + J S(theta) / S(start)`: visibility V and the form of the indirect light J are held, the indirect light grows with
-//! the light that arrives in the mean, S = sum over p of V E. Its derivatives are closed forms. Radiances and albedos are
-//! eliminated (variable projection, Golub and Pereyra 1973): with Z and W the derivatives of the model with respect to theta and w
-//! that are left when the albedos have answered, a step solves
+//! The photo is `I_p = A_s(p) sum_k w_k u_k(p; theta)`, as in `radiance_fit`, with the unit layer
+//! of a lobe `u = V E(theta) + J S(theta) / S(start)`. Visibility V and the form of the indirect
+//! light J are held; the indirect light grows with the mean of the arriving light, S = sum over p
+//! of V E. Its derivatives are closed forms. Radiances and albedos are eliminated (variable
+//! projection, Golub and Pereyra 1973): with Z and W the derivatives of the model with respect to
+//! theta and w after the albedos are eliminated, a step solves
 //!
 //!   (Z'Z - Z'W (W'W)^-1 W'Z + P + damping) step = Z'r - P offset,
 //!
-//! under Cauchy weights, with the prior P pulling to the start (Levenberg 1944, Marquardt 1963). Steps that do not lower the loss
-//! are shortened. Then shadows and bounces are traced again where the lights are now, and what they say decides: a light that
-//! does not earn its move goes back to where it was.
+//! under Cauchy weights, with the prior P centered at the start (Levenberg 1944, Marquardt 1963).
+//! Steps that do not lower the loss are shortened. Then shadows and bounces are traced again at the
+//! new shapes, and their loss decides: a light whose move gains too little returns to its start.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::candidates::in_view;
 use super::conditioning::{Conditioning, conditioning};
-use super::parameters::{Freedom, Parameter, parameters};
-use super::radiance_fit::{Problem, STEP, scales};
+use super::fit_problem::{Problem, STEP_FRACTION, scales};
+use super::parameters::{DegreesOfFreedom, Parameter, parameters};
+use super::{Column, LayerQuality, LightPrior, Receivers, Role, RoomBox, UnitLayer};
 use crate::geometry::Camera;
 use crate::image::Mask;
 use crate::optics::nnls::solve_free;
-use {
-    super::Column, super::LayerQuality, super::Receivers, super::RoomBox, super::UnitLayer, crate::optics::Emitter,
-    crate::optics::Gradient, crate::optics::Shape,
-};
+use crate::optics::{Emitter, Gradient, Shape};
 
-/// A light whose shape may be refined.
-pub struct Movable<'a> {
+/// A light whose shape is a variable of the fit.
+pub struct LightVariable<'a> {
     pub shape: Shape,
-    /// Its pixels, if it is seen; of the photo's size.
-    pub own: Option<&'a Mask>,
-    pub freedom: Freedom,
-    /// Per lobe, as [`Column::penalty`].
-    pub penalty: Vec<f64>,
+    /// Its pixels, if it is visible; of the photo's size.
+    pub mask: Option<&'a Mask>,
+    pub freedom: DegreesOfFreedom,
+    /// True if the photo shows it; it selects the [`Role`] of its lobes.
+    pub in_view: bool,
 }
 
-/// What lights must not leave.
+/// Bounds of the lights' positions.
 pub struct Bounds<'a> {
     pub camera: &'a Camera,
     pub room: Option<RoomBox>,
 }
 
-/// How shapes are fitted.
+/// Settings of [`fit_shapes`].
 #[derive(Clone, Copy, Debug)]
 pub struct ShapeSearch {
     pub quality: LayerQuality,
     /// Most times that shadows and bounces are traced again.
     pub rounds: usize,
-    /// Most steps tried between.
+    /// Most steps between two of these.
     pub steps: usize,
-    /// Share of the loss that the move of a light must save.
-    pub worth: f64,
-    /// Cost of the constant ambient, as [`Column::penalty`].
-    pub ambient_penalty: f64,
+    /// Fraction of the first loss that the move of a light must save, in 0..1.
+    pub min_gain: f64,
+    /// Prior of the radiances.
+    pub prior: LightPrior,
 }
 
-/// What was found.
+/// Result of [`fit_shapes`].
 #[derive(Clone, Debug)]
 pub struct ShapeFit {
-    /// One per light; where it did not earn a move, what was given, to the bit.
+    /// One shape per light; a light whose move gained too little keeps its shape to the bit.
     pub shapes: Vec<Shape>,
-    /// What the loss would grow by if each light alone went back, as a share of the first loss; 0 where it stays.
+    /// Increase of the loss if each light alone returned to its start, as a fraction of the first
+    /// loss; 0 where it stays.
     pub saved: Vec<f64>,
-    /// Robust misfit and penalties, as a share of the photo's energy, before and after.
+    /// Robust misfit and L1 costs, as a fraction of the photo's energy, before and after.
     pub loss: [f64; 2],
-    /// The light and name of each parameter.
+    /// Index of the light, and name, of each parameter.
     pub parameters: Vec<(usize, String)>,
-    /// How well the parameters can be told apart, where the lights started.
+    /// Conditioning of the parameters, at the first shapes.
     pub conditioning: Conditioning,
-    /// Parameters of which the photo tells less than the prior knows.
-    pub untold: Vec<usize>,
+    /// Parameters whose data curvature is below the prior's.
+    pub underdetermined: Vec<usize>,
 }
 
-/// What it costs to move a parameter by its likely error, as a share of the first loss. What the model cannot explain lies in
-/// patches, and a light that starts right can lower it by several percent: it must not be led astray for that.
-const PRIOR: f64 = 0.05;
+/// Cost of moving a parameter by its likely error. Model errors lie in patches, and a light that
+/// starts right can lower them by several percent: the prior prevents that move.
+/// Unit: fraction of the first loss; source: measured on `tests/scenes/small`; effect: larger
+/// values move lights less.
+const PRIOR_WEIGHT: f64 = 0.05;
 
-/// A loss below it (of 3 % of the photo's light) is that of the rays' own noise: it counts as this much.
-const FLOOR: f64 = 1e-3;
+/// Least loss by which moves are measured: smaller ones (3 % of the photo's light) are noise of the
+/// rays.
+/// Unit: fraction of the photo's energy; source: measured; effect: larger values move lights less.
+const NOISE_LOSS: f64 = 1e-3;
 
-/// Longest step of a parameter, in likely errors: derivatives hold no farther.
-const LONGEST: f64 = 1.0;
+/// Longest step of a parameter: derivatives hold no farther.
+/// Unit: likely errors; source: taste; effect: larger values converge faster or fail.
+const LONGEST_STEP: f64 = 1.0;
 
-/// Turns of the radiances from an even start, and from where they were before a step.
-const FIRST_TURNS: usize = 16;
-const TURNS: usize = 4;
+/// Iterations of the radiances from an equal start, and from the last radiances after a step.
+/// Unit: iterations; source: measured; effect: more are slower and more exact.
+const COLD_ITERATIONS: usize = 16;
+const WARM_ITERATIONS: usize = 4;
 
-/// Damping at first, its factors after a good and a bad step, and where it ends.
+/// Damping at first, its factors after a good and a bad step, and its end.
+/// Unit: 1; source: Marquardt 1963; effect: speed of convergence.
 const DAMPING: [f64; 4] = [0.03, 0.2, 5.0, 1e4];
 
-/// Steps that save less of the loss are the last ones.
-const SETTLED: f64 = 1e-3;
+/// Relative gain of a step below which the descent ends.
+/// Unit: fraction of the loss; source: taste; effect: smaller values take more steps.
+const LEAST_GAIN: f64 = 1e-3;
 
-/// How far a light may come: ratio of distances of one that is seen, of sizes of one that is not, and how far out of the room
-/// (as a share of it, see [`RoomBox::outside`]) unless it started there.
-const NEARER: f32 = 1.6;
-const LARGER: f32 = 3.0;
-const OUTSIDE: f32 = 0.35;
+/// Bounds of a light's move: ratio of distances of a visible light, ratio of sizes of one out of
+/// view, and distance outside of the room (see [`RoomBox::outside`]) unless it started there.
+/// Unit: 1, 1, fraction of the room; source: taste; effect: larger values let lights move farther.
+const MOST_DISTANCE_RATIO: f32 = 1.6;
+const MOST_SIZE_RATIO: f32 = 3.0;
+const MOST_OUTSIDE: f32 = 0.35;
 
 impl Bounds<'_> {
-    fn hold(&self, start: &Shape, shape: &Shape, freedom: Freedom) -> bool {
+    fn hold(&self, start: &Shape, shape: &Shape, freedom: DegreesOfFreedom) -> bool {
         let (Some((from, before)), Some((to, now))) = (start.bounding_sphere(), shape.bounding_sphere()) else {
             return true;
         };
@@ -109,55 +118,55 @@ impl Bounds<'_> {
             return false;
         }
         let within = |ratio: f32, most: f32| (1.0 / most..=most).contains(&ratio);
-        // Sun, sky and ground are seen from inside, if they were.
+        // Sun, sky and ground shine from outside, if they did at the start.
         let outside = |shape: &Shape| match shape {
             Shape::Window(w) => w.lobes.each_ref().map(|lobe| lobe.direction.dot(w.x.cross(w.y)) < 0.0),
             _ => [true; 3],
         };
         let through = outside(start).iter().zip(outside(shape)).all(|(before, now)| now || !before);
-        let placed = match freedom {
-            Freedom::Fixed => true,
-            Freedom::Seen => within(to.length() / from.length(), NEARER),
-            Freedom::Unseen => {
+        let traced = match freedom {
+            DegreesOfFreedom::Fixed => true,
+            DegreesOfFreedom::InView => within(to.length() / from.length(), MOST_DISTANCE_RATIO),
+            DegreesOfFreedom::OutOfView => {
                 let out = |p: Vec3| self.room.as_ref().map_or(0.0, |room| room.outside(p));
                 let hidden = in_view(self.camera, from) || !in_view(self.camera, to);
                 let same_side = (from.z < 0.0) == (to.z < 0.0);
-                hidden && same_side && out(to) <= out(from).max(OUTSIDE) && within(now / before, LARGER)
+                hidden && same_side && out(to) <= out(from).max(MOST_OUTSIDE) && within(now / before, MOST_SIZE_RATIO)
             }
         };
-        through && placed
+        through && traced
     }
 }
 
-/// A light with its layers traced.
+/// A light with its traced layers.
 #[derive(Clone)]
-struct Placed {
+struct TracedLight {
     shape: Shape,
     layers: Vec<UnitLayer>,
     columns: Vec<Vec<Vec3>>,
 }
 
-impl Placed {
-    fn new(shape: Shape, layers: Vec<UnitLayer>) -> Placed {
-        Placed { columns: layers.iter().map(UnitLayer::sum).collect(), shape, layers }
+impl TracedLight {
+    fn new(shape: Shape, layers: Vec<UnitLayer>) -> TracedLight {
+        TracedLight { columns: layers.iter().map(UnitLayer::sum).collect(), shape, layers }
     }
 
-    /// Light that arrives of a lobe, summed over the receivers.
+    /// Arriving light of a lobe, summed over the receivers.
     fn arriving(&self, lobe: usize, direct: impl Iterator<Item = f64>) -> f64 {
         direct.zip(&self.layers[lobe].lit).map(|(e, lit)| e * f64::from(*lit)).sum()
     }
 
-    fn arriving_here(&self, lobe: usize) -> f64 {
+    fn arriving_now(&self, lobe: usize) -> f64 {
         self.arriving(lobe, self.layers[lobe].direct.iter().map(|&e| f64::from(e)))
     }
 
-    /// The columns for another shape, as far as they can be told without rays.
-    fn columns_of(&self, shape: &Shape, places: &[(Vec3, Vec3)]) -> Vec<Vec<Vec3>> {
+    /// Columns of another shape, without new rays.
+    fn columns_of(&self, shape: &Shape, positions: &[(Vec3, Vec3)]) -> Vec<Vec<Vec3>> {
         let emitter = Emitter::new(shape);
         let column = |lobe: usize| {
             let closed = |&(point, normal): &(Vec3, Vec3)| emitter.irradiance(lobe, point, normal).unwrap_or(0.0);
-            let direct: Vec<f32> = places.par_iter().with_min_len(64).map(closed).collect();
-            let here = self.arriving_here(lobe);
+            let direct: Vec<f32> = positions.par_iter().with_min_len(64).map(closed).collect();
+            let here = self.arriving_now(lobe);
             let arriving = self.arriving(lobe, direct.iter().map(|&e| f64::from(e)));
             let growth = if here > 0.0 { (arriving / here) as f32 } else { 0.0 };
             let UnitLayer { lit, indirect, .. } = &self.layers[lobe];
@@ -166,14 +175,14 @@ impl Placed {
         (0..self.layers.len()).map(column).collect()
     }
 
-    /// Per lobe and parameter, the derivative of its column.
-    fn slopes(&self, parameters: &[Parameter], places: &[(Vec3, Vec3)]) -> Vec<Vec<Vec<Vec3>>> {
+    /// Derivative of each lobe's column, per parameter.
+    fn slopes(&self, parameters: &[Parameter], positions: &[(Vec3, Vec3)]) -> Vec<Vec<Vec<Vec3>>> {
         let emitter = Emitter::new(&self.shape);
         let pivot = self.shape.bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle);
         let lobe = |lobe: usize| {
             let gradient = |&(point, normal): &(Vec3, Vec3)| emitter.gradient(lobe, point, normal, pivot);
-            let gradients: Vec<Gradient> = places.par_iter().with_min_len(64).map(gradient).collect();
-            let here = self.arriving_here(lobe);
+            let gradients: Vec<Gradient> = positions.par_iter().with_min_len(64).map(gradient).collect();
+            let here = self.arriving_now(lobe);
             let UnitLayer { lit, indirect, .. } = &self.layers[lobe];
             let slope = |parameter: &Parameter| {
                 let direct: Vec<f64> = gradients.iter().map(|g| parameter.rate(&self.shape, lobe, g)).collect();
@@ -187,121 +196,126 @@ impl Placed {
     }
 }
 
-/// Radiances for some columns, and the loss that they leave.
+/// Radiances of some columns, and their loss.
 #[derive(Clone)]
-struct Explained {
+struct RadianceSolution {
     radiance: Vec<DVec3>,
     loss: f64,
 }
 
 struct Fit<'a> {
     receivers: &'a Receivers<'a>,
-    lights: &'a [Movable<'a>],
+    lights: &'a [LightVariable<'a>],
     search: &'a ShapeSearch,
-    places: Vec<(Vec3, Vec3)>,
-    /// The middle of the places.
+    positions: Vec<(Vec3, Vec3)>,
+    /// Mean position of the receivers.
     lit: Vec3,
-    /// Weight of the prior, as a share of the photo's energy.
-    prior: f64,
+    /// Weight of the prior of shapes, as a fraction of the photo's energy.
+    prior_weight: f64,
 }
 
-/// Normal equations of the parameters, radiances and albedos eliminated; the photo's energy is 1.
-struct Normal {
+/// Normal equations of the parameters, with radiances and albedos eliminated; the photo's energy is
+/// 1.
+struct NormalEquations {
     gram: Vec<f64>,
     right: Vec<f64>,
 }
 
-/// Refines the shapes of lights. What is given comes back where the photo is black or has nothing to tell.
-pub fn fit_shapes(receivers: &Receivers, lights: &[Movable], bounds: &Bounds, search: &ShapeSearch) -> ShapeFit {
-    let places = receivers.places();
-    let lit = places.iter().map(|(point, _)| *point).sum::<Vec3>() / places.len().max(1) as f32;
-    let mut fit = Fit { receivers, lights, search, places, lit, prior: 0.0 };
-    let trace =
-        |light: &Movable, shape: &Shape| Placed::new(shape.clone(), receivers.layers(shape, light.own, search.quality));
-    let start: Vec<Placed> = lights.iter().map(|light| trace(light, &light.shape)).collect();
+/// Refines the shapes of lights. All shapes are returned as given where the photo is black or no
+/// receiver is in use.
+pub fn fit_shapes(receivers: &Receivers, lights: &[LightVariable], bounds: &Bounds, search: &ShapeSearch) -> ShapeFit {
+    let positions = receivers.positions();
+    let lit = positions.iter().map(|(point, _)| *point).sum::<Vec3>() / positions.len().max(1) as f32;
+    let mut fit = Fit { receivers, lights, search, positions, lit, prior_weight: 0.0 };
+    let trace = |light: &LightVariable, shape: &Shape| {
+        TracedLight::new(shape.clone(), receivers.layers(shape, light.mask, search.quality))
+    };
+    let start: Vec<TracedLight> = lights.iter().map(|light| trace(light, &light.shape)).collect();
     let mut found = ShapeFit {
         shapes: lights.iter().map(|light| light.shape.clone()).collect(),
         saved: vec![0.0; lights.len()],
         loss: [0.0; 2],
         parameters: Vec::new(),
         conditioning: Conditioning::default(),
-        untold: Vec::new(),
+        underdetermined: Vec::new(),
     };
-    if receivers.evidence.photo.is_empty() || receivers.evidence.white == 0.0 {
+    if receivers.observations.photo.is_empty() || receivers.observations.white == 0.0 {
         return found;
     }
-    let mut now = fit.explain(&columns_of(&start), None, FIRST_TURNS);
+    let mut now = fit.solve_radiances(&columns_of(&start), None, COLD_ITERATIONS);
     found.loss = [now.loss; 2];
-    let large = now.loss.max(FLOOR);
-    fit.prior = PRIOR * large;
-    let mut placed = start.clone();
+    let large = now.loss.max(NOISE_LOSS);
+    fit.prior_weight = PRIOR_WEIGHT * large;
+    let mut traced = start.clone();
     for round in 0..search.rounds {
-        let free = fit.parameters(&placed);
-        let normal = fit.normal(&placed, &free, &now);
+        let free = fit.parameters(&traced);
+        let normal = fit.normal(&traced, &free, &now);
         if round == 0 {
             let n = free.len();
             found.conditioning = conditioning(&normal.gram, n);
-            found.untold = (0..n).filter(|i| normal.gram[i * n + i] < fit.prior).collect();
+            found.underdetermined = (0..n).filter(|i| normal.gram[i * n + i] < fit.prior_weight).collect();
             found.parameters = free.iter().map(|(light, parameter)| (*light, parameter.name())).collect();
         }
-        let (shapes, stepped) = fit.descend(&placed, &now, (free, normal), bounds);
-        let moved: Vec<usize> = (0..lights.len()).filter(|&i| shapes[i] != placed[i].shape).collect();
+        let (shapes, stepped) = fit.descend(&traced, &now, (free, normal), bounds);
+        let moved: Vec<usize> = (0..lights.len()).filter(|&i| shapes[i] != traced[i].shape).collect();
         if moved.is_empty() {
             break;
         }
-        let mut tried = placed.clone();
+        let mut tried = traced.clone();
         moved.iter().for_each(|&i| tried[i] = trace(&lights[i], &shapes[i]));
-        let mut after = fit.explain(&columns_of(&tried), Some(&stepped.radiance), TURNS);
-        // Each light by itself: what the rays say may be good for one move and bad for another.
+        let mut after = fit.solve_radiances(&columns_of(&tried), Some(&stepped.radiance), WARM_ITERATIONS);
+        // Each light by itself: the new shadows may confirm one move and refute another.
         let mut saved = vec![0.0; lights.len()];
         for i in 0..lights.len() {
             if tried[i].shape == lights[i].shape {
                 continue;
             }
-            let with = fit.whole(&after, &tried);
+            let with = fit.penalized_loss(&after, &tried);
             let moved = std::mem::replace(&mut tried[i], start[i].clone());
-            let without = fit.explain(&columns_of(&tried), Some(&after.radiance), TURNS);
-            let share = (fit.whole(&without, &tried) - with) / large;
-            if share < search.worth {
+            let without = fit.solve_radiances(&columns_of(&tried), Some(&after.radiance), WARM_ITERATIONS);
+            let share = (fit.penalized_loss(&without, &tried) - with) / large;
+            if share < search.min_gain {
                 after = without;
             } else {
                 (tried[i], saved[i]) = (moved, share);
             }
         }
-        if fit.whole(&after, &tried) >= fit.whole(&now, &placed) {
+        if fit.penalized_loss(&after, &tried) >= fit.penalized_loss(&now, &traced) {
             break;
         }
-        (placed, now, found.saved) = (tried, after, saved);
+        (traced, now, found.saved) = (tried, after, saved);
         found.loss[1] = now.loss;
     }
-    found.shapes = placed.into_iter().map(|light| light.shape).collect();
+    found.shapes = traced.into_iter().map(|light| light.shape).collect();
     found
 }
 
-fn columns_of(lights: &[Placed]) -> Vec<Vec<Vec3>> {
+fn columns_of(lights: &[TracedLight]) -> Vec<Vec<Vec3>> {
     lights.iter().flat_map(|light| light.columns.iter().cloned()).collect()
 }
 
 impl Fit<'_> {
-    fn parameters(&self, placed: &[Placed]) -> Vec<(usize, Parameter)> {
-        let of = |(i, light): (usize, &Placed)| {
+    fn parameters(&self, traced: &[TracedLight]) -> Vec<(usize, Parameter)> {
+        let of = |(i, light): (usize, &TracedLight)| {
             parameters(&light.shape, self.lights[i].freedom, self.lit).into_iter().map(move |p| (i, p))
         };
-        placed.iter().enumerate().flat_map(of).collect()
+        traced.iter().enumerate().flat_map(of).collect()
     }
 
     fn problem(&self, columns: &[Vec<Vec3>]) -> (Problem<'_>, Vec<f64>) {
-        let penalties = self.lights.iter().flat_map(|light| light.penalty.iter().copied());
-        let mut all: Vec<Column> =
-            columns.iter().zip(penalties).map(|(layer, penalty)| Column { layer, penalty, pull: 0.0 }).collect();
-        all.push(Column { layer: &self.receivers.ambient, penalty: self.search.ambient_penalty, pull: 0.0 });
+        let roles = self
+            .lights
+            .iter()
+            .flat_map(|light| (0..light.shape.lobes()).map(|lobe| Role::of_lobe(&light.shape, lobe, light.in_view)));
+        let mut all: Vec<Column> = columns.iter().zip(roles).map(|(layer, role)| Column::new(role, layer)).collect();
+        all.push(Column::new(Role::Ambient, &self.receivers.ambient));
         let scale = scales(all.iter());
-        let evidence = &self.receivers.evidence;
-        (Problem::new(evidence, &all, &scale, f64::from(evidence.white)), scale)
+        let observations = &self.receivers.observations;
+        (Problem::new(observations, &all, &scale, &self.search.prior, f64::from(observations.white)), scale)
     }
 
-    /// Radiances of the lobes and the ambient, from `start` or an even share.
-    fn explain(&self, columns: &[Vec<Vec3>], start: Option<&[DVec3]>, turns: usize) -> Explained {
+    /// Radiances of the lobes and the ambient, from `start` or from equal contributions.
+    fn solve_radiances(&self, columns: &[Vec<Vec3>], start: Option<&[DVec3]>, iterations: usize) -> RadianceSolution {
         let (problem, scale) = self.problem(columns);
         let lit = scale.iter().filter(|s| **s > 0.0).count().max(1);
         let share = |k: usize, s: f64| match start {
@@ -310,28 +324,28 @@ impl Fit<'_> {
             None => DVec3::splat(1.0 / lit as f64),
         };
         let mut w: Vec<[f64; 3]> = scale.iter().enumerate().map(|(k, &s)| share(k, s).to_array()).collect();
-        for _ in 0..turns {
-            problem.turn(&mut w, STEP);
+        for _ in 0..iterations {
+            problem.iterate(&mut w, STEP_FRACTION);
         }
         let radiance = w.iter().zip(&scale).map(|(w, s)| DVec3::from_array(*w) * *s).collect();
-        Explained { radiance, loss: problem.objective(&w) }
+        RadianceSolution { radiance, loss: problem.objective(&w) }
     }
 
-    /// The loss together with what the prior takes for the way from the start.
-    fn whole(&self, explained: &Explained, placed: &[Placed]) -> f64 {
-        explained.loss + self.pull(placed.iter().map(|light| &light.shape))
+    /// Loss and prior cost of the shapes.
+    fn penalized_loss(&self, solution: &RadianceSolution, traced: &[TracedLight]) -> f64 {
+        solution.loss + self.prior_cost(traced.iter().map(|light| &light.shape))
     }
 
-    fn pull<'s>(&self, shapes: impl Iterator<Item = &'s Shape>) -> f64 {
-        let of = |(light, shape): (&Movable, &'s Shape)| -> f64 {
+    fn prior_cost<'s>(&self, shapes: impl Iterator<Item = &'s Shape>) -> f64 {
+        let of = |(light, shape): (&LightVariable, &'s Shape)| -> f64 {
             let free = parameters(shape, light.freedom, self.lit);
             free.iter().map(|parameter| parameter.offset(&light.shape, shape).powi(2)).sum()
         };
-        self.prior * self.lights.iter().zip(shapes).map(of).sum::<f64>()
+        self.prior_weight * self.lights.iter().zip(shapes).map(of).sum::<f64>()
     }
 
-    fn normal(&self, placed: &[Placed], free: &[(usize, Parameter)], now: &Explained) -> Normal {
-        let columns = columns_of(placed);
+    fn normal(&self, traced: &[TracedLight], free: &[(usize, Parameter)], now: &RadianceSolution) -> NormalEquations {
+        let columns = columns_of(traced);
         let (problem, scale) = self.problem(&columns);
         let w: Vec<[f64; 3]> = now
             .radiance
@@ -339,33 +353,34 @@ impl Fit<'_> {
             .zip(&scale)
             .map(|(w, s)| if *s > 0.0 { (*w / *s).to_array() } else { [0.0; 3] })
             .collect();
-        // Per parameter, the derivative of the shading with the radiances as they are.
+        // Per parameter, the derivative of the shading at the present radiances.
         let mut slopes: Vec<Vec<DVec3>> = Vec::new();
         let mut first = 0;
-        for (i, light) in placed.iter().enumerate() {
+        for (i, light) in traced.iter().enumerate() {
             let own: Vec<Parameter> = free.iter().filter(|(j, _)| *j == i).map(|(_, p)| *p).collect();
-            let lobes = if own.is_empty() { Vec::new() } else { light.slopes(&own, &self.places) };
+            let lobes = if own.is_empty() { Vec::new() } else { light.slopes(&own, &self.positions) };
             for parameter in 0..own.len() {
                 let sum = |p: usize| {
                     let parts = lobes.iter().enumerate();
                     parts.map(|(k, lobe)| now.radiance[first + k] * lobe[parameter][p].as_dvec3()).sum()
                 };
-                slopes.push((0..self.places.len()).map(sum).collect());
+                slopes.push((0..self.positions.len()).map(sum).collect());
             }
             first += light.layers.len();
         }
-        let channels: Vec<Normal> = (0..3).into_par_iter().map(|c| self.channel(&problem, &w, &slopes, c)).collect();
+        let channels: Vec<NormalEquations> =
+            (0..3).into_par_iter().map(|c| self.channel(&problem, &w, &slopes, c)).collect();
         let energy = problem.energy();
-        let sum = |of: fn(&Normal) -> &Vec<f64>| -> Vec<f64> {
+        let sum = |of: fn(&NormalEquations) -> &Vec<f64>| -> Vec<f64> {
             let mut sums = vec![0.0; of(&channels[0]).len()];
             channels.iter().for_each(|channel| sums.iter_mut().zip(of(channel)).for_each(|(s, v)| *s += v / energy));
             sums
         };
-        Normal { gram: sum(|normal| &normal.gram), right: sum(|normal| &normal.right) }
+        NormalEquations { gram: sum(|normal| &normal.gram), right: sum(|normal| &normal.right) }
     }
 
-    fn channel(&self, problem: &Problem, w: &[[f64; 3]], slopes: &[Vec<DVec3>], c: usize) -> Normal {
-        let (segment, segments) = (&self.receivers.evidence.segment, self.receivers.evidence.segments);
+    fn channel(&self, problem: &Problem, w: &[[f64; 3]], slopes: &[Vec<DVec3>], c: usize) -> NormalEquations {
+        let (segment, segments) = (&self.receivers.observations.segment, self.receivers.observations.segments);
         let (columns, n) = (w.len(), slopes.len());
         // A light that is off stays off.
         let on: Vec<usize> = (0..columns).filter(|&k| w[k][c] > 0.0).collect();
@@ -399,7 +414,8 @@ impl Fit<'_> {
             }
         }
         let at = |i: usize, j: usize| all[i.max(j) * size + i.min(j)];
-        // Radiances answer: the Schur complement. The gauge leaves their equations without one answer, and a ridge takes the smallest.
+        // Elimination of the radiances: the Schur complement. The gauge makes their equations
+        // singular, and a ridge selects the smallest solution.
         let m = on.len();
         let lights: Vec<f64> = (0..m * m)
             .map(|ij| (ij / m, ij % m))
@@ -415,21 +431,22 @@ impl Fit<'_> {
             .map(|ij| (ij / n, ij % n))
             .map(|(i, j)| at(i, j) - (0..m).map(|k| at(n + k, i) * answers[j][k]).sum::<f64>());
         let gram: Vec<f64> = gram.collect();
-        Normal { gram, right }
+        NormalEquations { gram, right }
     }
 
-    /// Damped steps with visibility and the form of the indirect light held, and what they lead to.
+    /// Damped steps with visibility and the form of the indirect light held; returns the shapes and
+    /// their radiances.
     fn descend(
         &self,
-        placed: &[Placed],
-        now: &Explained,
-        (mut free, mut normal): (Vec<(usize, Parameter)>, Normal),
+        traced: &[TracedLight],
+        now: &RadianceSolution,
+        (mut free, mut normal): (Vec<(usize, Parameter)>, NormalEquations),
         bounds: &Bounds,
-    ) -> (Vec<Shape>, Explained) {
-        let mut shapes: Vec<Shape> = placed.iter().map(|light| light.shape.clone()).collect();
-        let mut here = placed.to_vec();
+    ) -> (Vec<Shape>, RadianceSolution) {
+        let mut shapes: Vec<Shape> = traced.iter().map(|light| light.shape.clone()).collect();
+        let mut here = traced.to_vec();
         let mut best = now.clone();
-        let mut lowest = self.whole(now, placed);
+        let mut lowest = self.penalized_loss(now, traced);
         let [mut damping, good, bad, end] = DAMPING;
         for _ in 0..self.search.steps {
             let n = free.len();
@@ -437,31 +454,31 @@ impl Fit<'_> {
                 let (light, parameter) = &free[i];
                 parameter.offset(&self.lights[*light].shape, &shapes[*light])
             };
-            let right: Vec<f64> = (0..n).map(|i| normal.right[i] - self.prior * offset(i)).collect();
+            let right: Vec<f64> = (0..n).map(|i| normal.right[i] - self.prior_weight * offset(i)).collect();
             let mut gram = normal.gram.clone();
             for i in 0..n {
-                gram[i * n + i] += self.prior + damping * (gram[i * n + i].max(0.0) + self.prior);
+                gram[i * n + i] += self.prior_weight + damping * (gram[i * n + i].max(0.0) + self.prior_weight);
             }
             let Some(step) = solve_free(&gram, &right, &vec![true; n]) else { break };
-            let longest = step.iter().fold(LONGEST, |longest, s| longest.max(s.abs()));
+            let longest = step.iter().fold(LONGEST_STEP, |longest, s| longest.max(s.abs()));
             let mut tried = shapes.clone();
             for ((light, parameter), step) in free.iter().zip(&step) {
-                tried[*light] = parameter.moved(&tried[*light], step * LONGEST / longest);
+                tried[*light] = parameter.moved(&tried[*light], step * LONGEST_STEP / longest);
             }
             for (i, light) in self.lights.iter().enumerate() {
                 if !bounds.hold(&light.shape, &tried[i], light.freedom) {
                     tried[i] = shapes[i].clone();
                 }
             }
-            let columns: Vec<Vec<Vec3>> = placed
+            let columns: Vec<Vec<Vec3>> = traced
                 .iter()
                 .zip(&tried)
                 .flat_map(|(light, shape)| {
-                    if *shape == light.shape { light.columns.clone() } else { light.columns_of(shape, &self.places) }
+                    if *shape == light.shape { light.columns.clone() } else { light.columns_of(shape, &self.positions) }
                 })
                 .collect();
-            let after = self.explain(&columns, Some(&best.radiance), TURNS);
-            let loss = after.loss + self.pull(tried.iter());
+            let after = self.solve_radiances(&columns, Some(&best.radiance), WARM_ITERATIONS);
+            let loss = after.loss + self.prior_cost(tried.iter());
             if loss >= lowest || !loss.is_finite() {
                 damping *= bad;
                 if damping > end {
@@ -471,7 +488,7 @@ impl Fit<'_> {
             }
             let gain = (lowest - loss) / lowest;
             (shapes, best, lowest) = (tried, after, loss);
-            if gain < SETTLED {
+            if gain < LEAST_GAIN {
                 break;
             }
             damping *= good;

@@ -31,7 +31,8 @@ impl Room {
             (Vec3::new(-2.0, -1.2, -4.0), Vec3::new(2.0, 1.3, 9.0), -1.0),
             (Vec3::new(0.2, -1.3, -3.2), Vec3::new(0.8, -0.5, -2.6), 1.0),
         ];
-        // The nearest side along a ray, its normal and its number: of the room the far ones, of the block the near ones.
+        // The nearest side along a ray, its normal and its number: of the room the far ones, of the
+        // block the near ones.
         let met = |ray: Vec3| {
             let hit = |side: u32| {
                 let (low, high, out) = boxes[side as usize / 6];
@@ -84,23 +85,23 @@ impl Room {
         Picture(Plane::from_fn(SIZE.0, SIZE.1, |x, y| sum.get(x, y) * self.albedo.0.get(x, y)))
     }
 
-    fn fit(&self, photo: &Picture, lights: &[(Shape, Freedom)]) -> ShapeFit {
+    fn fit(&self, photo: &Picture, lights: &[(Shape, DegreesOfFreedom)]) -> ShapeFit {
         let Room { points, normal, mesh, transport, albedo, segments, dark, camera } = self;
         let room = SeenRoom { photo, clipped: dark, points, normal, mesh, transport, albedo, segments };
         let receivers = Receivers::new(room, std::iter::empty(), usize::MAX);
-        let movable = |(shape, freedom): &(Shape, Freedom)| Movable {
+        let movable = |(shape, freedom): &(Shape, DegreesOfFreedom)| LightVariable {
             shape: shape.clone(),
-            own: None,
+            mask: None,
             freedom: *freedom,
-            penalty: vec![0.0; shape.lobes()],
+            in_view: *freedom == DegreesOfFreedom::InView,
         };
-        let lights: Vec<Movable> = lights.iter().map(movable).collect();
+        let lights: Vec<LightVariable> = lights.iter().map(movable).collect();
         let search = ShapeSearch {
             quality: LayerQuality { samples: 16, bounces: Bounces { count: 2, unseen: 0.5 } },
             rounds: 4,
             steps: 10,
-            worth: 0.02,
-            ambient_penalty: 0.01,
+            min_gain: 0.02,
+            prior: LightPrior { ambient: 0.01, ..LightPrior::default() },
         };
         fit_shapes(&receivers, &lights, &Bounds { camera, room: None }, &search)
     }
@@ -130,8 +131,8 @@ fn lamps_come_back() {
     let photo = room.photo(&[(sphere(seen, 0.12), vec![WHITE]), (sphere(unseen, 0.2), vec![WHITE * 2.0])]);
     // The unseen one starts 0.4 m off; the prior keeps a third of it.
     let start = [
-        (sphere(seen * 1.02, 0.12 * 1.02), Freedom::Seen),
-        (sphere(unseen + Vec3::new(-0.3, 0.1, 0.25), 0.2), Freedom::Unseen),
+        (sphere(seen * 1.02, 0.12 * 1.02), DegreesOfFreedom::InView),
+        (sphere(unseen + Vec3::new(-0.3, 0.1, 0.25), 0.2), DegreesOfFreedom::OutOfView),
     ];
     let fit = room.fit(&photo, &start);
     assert!(center(&fit.shapes[0]).distance(seen) < 0.5 * 0.02 * seen.length(), "{fit:?}");
@@ -149,10 +150,11 @@ fn what_a_window_looks_out_on_comes_back() {
     let photo = room.photo(&[(truth, vec![WHITE * 1000.0, WHITE * 0.5, WHITE * 0.2])]);
     let start =
         window([(sun + Vec3::new(0.0, 0.01, -0.01), 1e4), (sky + Vec3::new(0.0, -0.3, 0.2), 1.5), (ground, 1.5)]);
-    let fit = room.fit(&photo, &[(start, Freedom::Seen)]);
+    let fit = room.fit(&photo, &[(start, DegreesOfFreedom::InView)]);
     let Shape::Window(found) = &fit.shapes[0] else { panic!("a window") };
     let off = |k: usize, truth: Vec3| found.lobes[k].direction.angle_between(truth);
-    // The sun started a lobe's width off, the sky 0.26 rad; it is broad, and a broader one in between looks much the same.
+    // The sun started a lobe's width off, the sky 0.26 rad; it is broad, and a broader one in
+    // between looks much the same.
     assert!(off(0, sun.normalize()) < 0.003, "{fit:?}");
     assert!(off(1, sky.normalize()) < 0.18, "{fit:?}");
     assert!(fit.loss[1] < 0.75 * fit.loss[0], "{fit:?}");
@@ -163,8 +165,8 @@ fn what_is_right_stays_to_the_bit() {
     let room = Room::new();
     let lamp = sphere(Vec3::new(0.8, 1.0, 0.3), 0.2);
     let photo = room.photo(&[(lamp.clone(), vec![WHITE])]);
-    for freedom in [Freedom::Seen, Freedom::Unseen, Freedom::Fixed] {
-        let fit = room.fit(&photo, &[(lamp.clone(), freedom), (Shape::Absent, Freedom::Unseen)]);
+    for freedom in [DegreesOfFreedom::InView, DegreesOfFreedom::OutOfView, DegreesOfFreedom::Fixed] {
+        let fit = room.fit(&photo, &[(lamp.clone(), freedom), (Shape::Absent, DegreesOfFreedom::OutOfView)]);
         assert_eq!(fit.shapes, [lamp.clone(), Shape::Absent]);
         assert_eq!(fit.saved, [0.0; 2]);
     }
@@ -176,8 +178,8 @@ fn lights_in_one_place_are_told_and_finite() {
     let lamp = sphere(Vec3::new(0.8, 1.0, 0.3), 0.2);
     let photo = room.photo(&[(lamp.clone(), vec![WHITE])]);
     let start = Parameter::Shift(Vec3::X * 0.3).moved(&lamp, -1.0);
-    let fit = room.fit(&photo, &[(start.clone(), Freedom::Unseen), (start, Freedom::Unseen)]);
-    assert!(fit.conditioning.number > 1e6 && fit.conditioning.alike.is_some(), "{fit:?}");
+    let fit = room.fit(&photo, &[(start.clone(), DegreesOfFreedom::OutOfView), (start, DegreesOfFreedom::OutOfView)]);
+    assert!(fit.conditioning.number > 1e6 && fit.conditioning.most_correlated.is_some(), "{fit:?}");
     assert!(fit.shapes.iter().all(|shape| center(shape).is_finite()), "{fit:?}");
     assert!(fit.loss[1] <= fit.loss[0], "{fit:?}");
 }
@@ -187,10 +189,10 @@ fn nothing_seen_moves_nothing() {
     let room = Room::new();
     let lamp = sphere(Vec3::new(0.8, 1.0, 0.3), 0.2);
     let black = Picture(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO));
-    assert_eq!(room.fit(&black, &[(lamp.clone(), Freedom::Unseen)]).shapes[0], lamp);
+    assert_eq!(room.fit(&black, &[(lamp.clone(), DegreesOfFreedom::OutOfView)]).shapes[0], lamp);
     assert!(room.fit(&black, &[]).shapes.is_empty());
     // A lamp that lights nothing of what is seen.
     let photo = room.photo(&[(lamp, vec![WHITE])]);
     let away = Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z, x: Vec3::X * 0.1, y: Vec3::Y * 0.1 }));
-    assert_eq!(room.fit(&photo, &[(away.clone(), Freedom::Unseen)]).shapes, [away]);
+    assert_eq!(room.fit(&photo, &[(away.clone(), DegreesOfFreedom::OutOfView)]).shapes, [away]);
 }

@@ -1,8 +1,9 @@
-//! Stiff cases of the fit, and the same fit by other means: albedos and radiances simply in turns, nothing projected; rows
-//! instead of normal equations, Householder's QR instead of Cholesky, every set of active bounds instead of Lawson and Hanson's
-//! path.
+//! Stiff cases of the fit, and the same fit by other means: albedos and radiances simply in turns,
+//! nothing projected; rows instead of normal equations, Householder's QR instead of Cholesky, every
+//! set of active bounds instead of Lawson and Hanson's path.
 
 use super::*;
+use crate::optics::inverse::fit_problem::{COLOR_WEIGHT, likely_color};
 use crate::optics::inverse::observations::white_level;
 use crate::optics::rows::{Rows, enumerated};
 
@@ -11,9 +12,10 @@ use crate::optics::rows::{Rows, enumerated};
 fn equal_columns_are_one_unknown() {
     let layers = vec![falloff(400, 0.0), falloff(400, 1.0)];
     let row = row(layers.clone(), &[Vec3::new(0.3, 0.25, 0.2), Vec3::new(0.05, 0.1, 0.15)], 4);
-    let evidence = row.evidence();
-    let plain = |layer| Column { layer, penalty: 0.0, pull: 0.0 };
-    let of = |columns: &[Column]| fit_radiances(&evidence, columns, 60);
+    let observations = row.observations();
+    let plain = |layer| Column::new(Role::Visible, layer);
+    let prior = LightPrior { sun: 0.1, ..LightPrior::default() };
+    let of = |columns: &[Column]| fit_radiances(&observations, columns, &prior, 60);
     let one = of(&[plain(&layers[0]), plain(&layers[1])]);
     let names: Vec<Column> = (0..101).map(|i| plain(&layers[usize::from(i == 50)])).collect();
     let many = of(&names);
@@ -22,10 +24,10 @@ fn equal_columns_are_one_unknown() {
     let off = |got: Vec3, want: Vec3| ((got - want) / want).abs().max_element();
     assert!(off(100.0 * many.radiance[0], one.radiance[0]) < 1e-2, "{:?} of {:?}", many.radiance[0], one.radiance[0]);
     assert!(off(many.radiance[50], one.radiance[1]) < 1e-2, "{:?} of {:?}", many.radiance[50], one.radiance[1]);
-    assert_eq!(many.conditioning.alike, Some([0, 1]));
+    assert_eq!(many.conditioning.most_correlated, Some([0, 1]));
     assert!(many.conditioning.number >= 1e15 && one.conditioning.number < 1e6);
     // Another cost is another column.
-    let dear = Column { penalty: 0.1, ..plain(&layers[0]) };
+    let dear = Column::new(Role::Sun, &layers[0]);
     assert_eq!(of(&[plain(&layers[0]), dear]).unknowns, 2);
 }
 
@@ -50,9 +52,9 @@ fn row(layers: Vec<Vec<Vec3>>, radiance: &[Vec3], segments: usize) -> Row {
 }
 
 impl Row {
-    fn evidence(&self) -> Evidence {
+    fn observations(&self) -> Observations {
         let segments = self.segment.iter().max().map_or(0, |s| *s as usize + 1);
-        Evidence {
+        Observations {
             photo: self.photo.clone(),
             segment: self.segment.clone(),
             segments,
@@ -62,25 +64,25 @@ impl Row {
     }
 
     fn columns(&self) -> Vec<Column<'_>> {
-        self.layers.iter().map(|layer| Column { layer, penalty: 0.0, pull: 0.0 }).collect()
+        self.layers.iter().map(|layer| Column::new(Role::Visible, layer)).collect()
     }
 
     fn fit(&self) -> RadianceFit {
-        fit_until(&self.evidence(), &self.columns(), 400, 1e-13)
+        fit_until(&self.observations(), &self.columns(), &LightPrior::default(), 400, 1e-13)
     }
 }
 
 /// The radiances that [`fit_radiances`] settles at, without penalties and saturation.
-fn twin(row: &Row, turns: usize) -> Vec<[f64; 3]> {
+fn twin(row: &Row, iterations: usize) -> Vec<[f64; 3]> {
     let (n, k) = (row.photo.len(), row.layers.len());
-    let segments = row.evidence().segments;
-    let white = f64::from(row.evidence().white);
+    let segments = row.observations().segments;
+    let white = f64::from(row.observations().white);
     let sum_of = |j: usize, c: usize| row.layers[j].iter().map(|v| f64::from(v[c])).sum::<f64>();
     let means: Vec<f64> = (0..k).map(|j| (sum_of(j, 0) + sum_of(j, 1) + sum_of(j, 2)) / (3 * n) as f64).collect();
     let mut w = vec![[1.0 / k as f64; 3]; k];
-    for _ in 0..turns {
+    for _ in 0..iterations {
         let mut rows: Rows = Vec::new();
-        let mut pulls = vec![0.0; k];
+        let mut color_weights = vec![0.0; k];
         for c in 0..3 {
             let mut push = |entries: &dyn Fn(usize) -> f64, right: f64| {
                 let mut line = vec![0.0; 3 * k + 1];
@@ -101,31 +103,31 @@ fn twin(row: &Row, turns: usize) -> Vec<[f64; 3]> {
                 let weight = |p: usize| base(p) / (1.0 + (residual(p) / (0.15 * photo(p) + 0.01)).powi(2));
                 own.iter().for_each(|&p| push(&|j| weight(p).sqrt() * albedo * u(j, p), weight(p).sqrt() * photo(p)));
                 let norm = sum(&|p| weight(p) * shading(p).powi(2));
-                for (j, pull) in pulls.iter_mut().enumerate() {
+                for (j, weight_of) in color_weights.iter_mut().enumerate() {
                     let along = sum(&|p| weight(p) * u(j, p) * shading(p)) / norm;
                     let left = sum(&|p| weight(p) * (albedo * (u(j, p) - along * shading(p))).powi(2));
-                    *pull += COLOUR_PULL / 3.0 * left;
+                    *weight_of += COLOR_WEIGHT / 3.0 * left;
                 }
             }
             push(&|j| energy.sqrt() * sum_of(j, c) / means[j] / n as f64, energy.sqrt());
         }
-        for (j, pull) in pulls.iter().enumerate() {
-            let d = likely_colour(w[j]);
+        for (j, weight_of) in color_weights.iter().enumerate() {
+            let d = likely_color(w[j]);
             for c in 0..3 {
                 let mut line = vec![0.0; 3 * k + 1];
-                (0..3).for_each(|e| line[e * k + j] = pull.sqrt() * (f64::from(u8::from(c == e)) - d[c] * d[e]));
+                (0..3).for_each(|e| line[e * k + j] = weight_of.sqrt() * (f64::from(u8::from(c == e)) - d[c] * d[e]));
                 rows.push(line);
             }
         }
         for (i, x) in enumerated(&rows).into_iter().enumerate() {
-            w[i % k][i / k] += STEP * (x - w[i % k][i / k]);
+            w[i % k][i / k] += STEP_FRACTION * (x - w[i % k][i / k]);
         }
     }
     for c in 0..3 {
         let mean: f64 = (0..k).map(|j| w[j][c] * sum_of(j, c) / means[j] / n as f64).sum();
         w.iter_mut().for_each(|v| v[c] /= mean);
     }
-    w.iter().zip(&means).map(|(w, mean)| w.map(|v| v.max(PUREST * w[0].max(w[1]).max(w[2])) / mean)).collect()
+    w.iter().zip(&means).map(|(w, mean)| w.map(|v| v.max(LEAST_CHANNEL * w[0].max(w[1]).max(w[2])) / mean)).collect()
 }
 
 /// Largest relative difference of a light's radiances from the twin's.
@@ -147,7 +149,7 @@ fn lights_that_differ_agree_with_the_twin() {
     let row = three();
     let fit = row.fit();
     let off = distance(&fit, &twin(&row, 600));
-    assert!(off < 1e-6 && fit.moving.is_empty(), "{off:e} {fit:?}");
+    assert!(off < 1e-6 && fit.unsettled.is_empty(), "{off:e} {fit:?}");
 }
 
 /// A light that gives nothing must end at the bound, and the others where they were without it.
@@ -156,7 +158,7 @@ fn a_light_at_its_bound_agrees_with_the_twin() {
     let Row { layers, segment, .. } = three();
     let row = Row { photo: row(layers.clone(), &[W[0], Vec3::ZERO, W[2]], 3).photo, layers, segment };
     let (fit, twin) = (row.fit(), twin(&row, 600));
-    // The pull on the colours of the other two leaves it a ten-thousandth in blue.
+    // The pull on the colors of the other two leaves it a ten-thousandth in blue.
     assert!(fit.radiance[1].max_element() < 1e-4, "{fit:?}");
     for i in [0, 2] {
         for (c, want) in twin[i].into_iter().enumerate() {
@@ -166,31 +168,34 @@ fn a_light_at_its_bound_agrees_with_the_twin() {
     }
 }
 
-/// Lights a thousandth of the row apart: their shares cannot be known, their sum can, and the fit says which two they are.
+/// Lights a thousandth of the row apart: their shares cannot be known, their sum can, and the fit
+/// says which two they are.
 #[test]
 fn nearly_equal_lights_are_named_and_their_sum_is_found() {
     let near = row(vec![falloff(60, 0.0), falloff(60, 1e-3), falloff(60, 1.0)], &W, 3);
-    let fit = fit_radiances(&near.evidence(), &near.columns(), 200);
-    assert_eq!(fit.conditioning.alike, Some([0, 1]));
+    let fit = fit_radiances(&near.observations(), &near.columns(), &LightPrior::default(), 200);
+    assert_eq!(fit.conditioning.most_correlated, Some([0, 1]));
     assert!(fit.conditioning.number > 1e6 && fit.conditioning.correlation > 0.99999, "{:?}", fit.conditioning);
     let share = (fit.radiance[0] + fit.radiance[1]) / fit.radiance[2];
     let truth = (W[0] + W[1]) / W[2];
-    // The pull towards likely colours moves light between the two and the third by some percent.
+    // The pull towards likely colors moves light between the two and the third by some percent.
     assert!(((share - truth) / truth).abs().max_element() < 0.05, "{share} against {truth}");
 }
 
-/// Nothing tells equal lights apart: half each is as good as any share, and does not depend on the last bit.
+/// Nothing distinguishes equal lights: half each is as good as any share, and does not depend on the
+/// last bit.
 #[test]
 fn equal_lights_share_equally() {
     let equal = row(vec![falloff(60, 0.0), falloff(60, 0.0), falloff(60, 1.0)], &W, 3);
-    let fit = fit_radiances(&equal.evidence(), &equal.columns(), 200);
+    let fit = fit_radiances(&equal.observations(), &equal.columns(), &LightPrior::default(), 200);
     let off = ((fit.radiance[0] - fit.radiance[1]) / fit.radiance[0]).abs().max_element();
     // As near as a fit of ten turns to 1e-4 can be.
-    assert!(off < 1e-3 && fit.moving.is_empty(), "{fit:?}");
-    assert!(fit.conditioning.number > 1e12 && fit.conditioning.alike == Some([0, 1]), "{fit:?}");
+    assert!(off < 1e-3 && fit.unsettled.is_empty(), "{fit:?}");
+    assert!(fit.conditioning.number > 1e12 && fit.conditioning.most_correlated == Some([0, 1]), "{fit:?}");
 }
 
-/// A far or tiny lamp has a layer 1e6 times (or 1e20 times) smaller: its radiance is that much larger, and nothing else changes.
+/// A far or tiny lamp has a layer 1e6 times (or 1e20 times) smaller: its radiance is that much
+/// larger, and nothing else changes.
 #[test]
 fn a_small_layer_is_not_taken_for_a_bad_one() {
     let plain = three().fit();
@@ -207,8 +212,9 @@ fn a_small_layer_is_not_taken_for_a_bad_one() {
     }
 }
 
-/// One light gives 1e6 times less than the other. The photo's 32 bits (6e-8) leave one digit of it: the strong light is right,
-/// the weak one no larger than it is by more than that and the pull on its colour, and both are the twin's.
+/// One light gives 1e6 times less than the other. The photo's 32 bits (6e-8) leave one digit of it:
+/// the strong light is right, the weak one no larger than it is by more than that and the pull on
+/// its color, and both are the twin's.
 #[test]
 fn a_light_a_million_times_weaker_is_found_as_the_twin_finds_it() {
     let weak = row(vec![falloff(60, 0.0), falloff(60, 1.0)], &[W[0], W[0] * 1e-6], 2);
@@ -223,16 +229,19 @@ fn a_light_a_million_times_weaker_is_found_as_the_twin_finds_it() {
     }
 }
 
-/// All is relative to the photo's white: another exposure is another scale of the radiances, and no other fit.
+/// All is relative to the photo's white: another exposure is another scale of the radiances, and no
+/// other fit.
 #[test]
 fn radiances_scale_with_the_photo() {
     let albedo = vec![Vec3::splat(0.5); 60];
     let plain = three();
-    let plain_fit = fit_radiances(&plain.evidence(), &plain.columns(), 200).with_albedo_of(&plain.segment, &albedo);
+    let plain_fit = fit_radiances(&plain.observations(), &plain.columns(), &LightPrior::default(), 200)
+        .with_albedo_of(&plain.segment, &albedo);
     for factor in [1e-6, 1e6] {
         let mut scaled = three();
         scaled.photo.iter_mut().for_each(|v| *v *= factor);
-        let fit = fit_radiances(&scaled.evidence(), &scaled.columns(), 200).with_albedo_of(&scaled.segment, &albedo);
+        let fit = fit_radiances(&scaled.observations(), &scaled.columns(), &LightPrior::default(), 200)
+            .with_albedo_of(&scaled.segment, &albedo);
         for (got, want) in fit.radiance.iter().zip(&plain_fit.radiance) {
             let off = ((*got / factor - *want) / *want).abs().max_element();
             assert!(off < 1e-4, "{factor:e}: {got} against {want}");
@@ -257,24 +266,25 @@ fn nothing_to_go_by_is_zero_and_told() {
     black.photo = vec![Vec3::ZERO; 60];
     let fit = black.fit();
     sound(&fit);
-    assert!(fit.radiance == [Vec3::ZERO; 3] && fit.turns == 0, "{fit:?}");
-    // Where all is saturated any light that is bright enough will do, and none of its pixels is left to tell them apart.
-    let mut white = three().evidence();
+    assert!(fit.radiance == [Vec3::ZERO; 3] && fit.iterations == 0, "{fit:?}");
+    // Where all is saturated any light that is bright enough will do, and none of its pixels is
+    // left to distinguish them.
+    let mut white = three().observations();
     white.photo = vec![Vec3::ONE; 60];
     white.saturated = vec![true; 60];
-    let fit = fit_radiances(&white, &three().columns(), 200);
+    let fit = fit_radiances(&white, &three().columns(), &LightPrior::default(), 200);
     sound(&fit);
-    assert!(fit.spare == 0 && fit.radiance.iter().all(|w| w.min_element() > 0.0), "{fit:?}");
+    assert!(fit.degrees_of_freedom == 0 && fit.radiance.iter().all(|w| w.min_element() > 0.0), "{fit:?}");
     // Two pixels of one segment under three lights: one number for two ratios.
     let few = row(vec![falloff(2, 0.0), falloff(2, 0.3), falloff(2, 1.0)], &W, 1);
-    let fit = fit_radiances(&few.evidence(), &few.columns(), 200);
+    let fit = fit_radiances(&few.observations(), &few.columns(), &LightPrior::default(), 200);
     sound(&fit);
-    assert_eq!(fit.spare, 1);
+    assert_eq!(fit.degrees_of_freedom, 1);
 }
 
 #[test]
 fn a_fit_cut_short_names_what_still_moves() {
     let row = three();
-    let fit = fit_radiances(&row.evidence(), &row.columns(), 1);
-    assert!(fit.turns == 1 && fit.moving == [0, 1, 2] && fit.change > SETTLED, "{fit:?}");
+    let fit = fit_radiances(&row.observations(), &row.columns(), &LightPrior::default(), 1);
+    assert!(fit.iterations == 1 && fit.unsettled == [0, 1, 2] && fit.change > TOLERANCE, "{fit:?}");
 }

@@ -1,0 +1,333 @@
+//! Least-squares problem of the light fit, in 64 bits: the photo in units of its white, layers of
+//! mean 1.
+//!
+//! `RadianceFit` and `ShapeFit` share it: residuals, albedos, weights and prior terms are computed
+//! here only.
+
+use rayon::prelude::*;
+
+use super::{Column, LightPrior, Observations};
+use crate::optics::nnls::{nnls, nnls_from};
+
+/// Standard deviation of the model error as a fraction of a pixel's value.
+/// Unit: 1; source: taste, measured on the rooms of docs/accuracy.md; effect: larger values trust
+/// bright pixels less.
+const RELATIVE_ERROR: f64 = 0.15;
+
+/// Floor of that standard deviation, about two 8-bit steps.
+/// Unit: fraction of white; source: quantization of 8-bit photos; effect: larger values trust dark
+/// pixels less.
+const ERROR_FLOOR: f64 = 0.01;
+
+/// Offset in the weight `sqrt(I) / (I + offset)^2` of a pixel of value I.
+/// Unit: fraction of white; source: taste; effect: larger values move weight from dark to bright
+/// pixels.
+const WEIGHT_OFFSET: f64 = 0.05;
+
+/// Weight of a radiance's distance from the likely colors (daylight and bulbs), relative to the
+/// data.
+/// Unit: 1; source: measured on the rooms of docs/accuracy.md; effect: larger values make lights
+/// less colorful.
+pub(super) const COLOR_WEIGHT: f64 = 0.3;
+
+/// Weight of staying at the last iterate, relative to the data: lights that look the same
+/// share equally.
+/// Unit: 1; source: numerical; effect: columns that differ by more than 1e-4 do not feel it.
+const PROXIMAL_WEIGHT: f64 = 1e-9;
+
+/// Contribution to the mean shading below which a light is off.
+/// Unit: fraction of the mean shading; source: numerical; effect: radiances in 1e6 : 1 remain
+/// distinguishable from off.
+pub(super) const OFF: f64 = 1e-9;
+
+/// Mean of a layer below which it is black.
+/// Unit: shading per unit radiance; source: range of f32; effect: radiances up to 1e30 times white
+/// are finite.
+const BLACK_LAYER: f64 = 1e-30;
+
+/// Least albedo of a segment.
+/// Unit: 1; source: numerical; effect: a segment's shading stays finite.
+const LEAST_ALBEDO: f64 = 1e-3;
+
+/// Unknowns up to which each iteration starts its active set from nothing; larger problems start
+/// from the last iterate.
+/// Unit: unknowns of all channels; source: measured time; effect: speed.
+const COLD_START_UNKNOWNS: usize = 99;
+
+/// Largest fraction of each computed step that is taken: weights and projection belong to the last
+/// iterate, and full steps overshoot. Unit: 1; source: measured; effect: larger values converge
+/// faster or oscillate.
+pub(super) const STEP_FRACTION: f64 = 0.7;
+
+/// Expected model error of a pixel, in units of white.
+fn sigma(value: f64) -> f64 {
+    RELATIVE_ERROR * value + ERROR_FLOOR
+}
+
+/// Factors that bring each column to mean 1, so that start, prior and tolerances have the same unit
+/// for each; 0 for a black one.
+pub(super) fn scales<'c>(columns: impl Iterator<Item = &'c Column<'c>>) -> Vec<f64> {
+    let scale = |c: &Column| {
+        let mean = c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>() / (3 * c.layer.len()) as f64;
+        if mean > BLACK_LAYER { 1.0 / mean } else { 0.0 }
+    };
+    columns.map(scale).collect()
+}
+
+/// The data of one fit. Weights `w` of its methods have one entry per column and channel, in units
+/// of mean shading.
+pub(super) struct Problem<'a> {
+    observations: &'a Observations,
+    l1_weight: Vec<f64>,
+    tikhonov_weight: Vec<f64>,
+    /// Number of equal columns that each column stands for.
+    pub count: Vec<f64>,
+    /// Contribution of each column under the guess that all contribute equally.
+    equal_share: f64,
+    /// Per channel and pixel.
+    photo: [Vec<f64>; 3],
+    /// Weight of each pixel before the Cauchy weight, per channel.
+    weight: [Vec<f64>; 3],
+    /// Per channel, one row of all columns per pixel.
+    pub layer: [Vec<f64>; 3],
+    /// Mean of each column, per channel.
+    pub mean: [Vec<f64>; 3],
+}
+
+impl<'a> Problem<'a> {
+    /// The problem of `columns`, multiplied with `scale`, for a photo of this `white` > 0.
+    pub fn new(
+        observations: &'a Observations,
+        columns: &[Column],
+        scale: &[f64],
+        prior: &LightPrior,
+        white: f64,
+    ) -> Problem<'a> {
+        let columns: Vec<&Column> = columns.iter().collect();
+        let count = vec![1.0; columns.len()];
+        Problem::shared(observations, &columns, count, scale, prior, white)
+    }
+
+    /// The same with columns that stand for `count` equal ones each. Their weights are sums over
+    /// the equal columns.
+    pub fn shared(
+        observations: &'a Observations,
+        columns: &[&Column],
+        count: Vec<f64>,
+        scale: &[f64],
+        prior: &LightPrior,
+        white: f64,
+    ) -> Problem<'a> {
+        let (n, k) = (observations.photo.len(), columns.len());
+        let photo = [0, 1, 2].map(|c| observations.photo.iter().map(|v| f64::from(v[c]) / white).collect::<Vec<f64>>());
+        let layer = [0, 1, 2].map(|c| {
+            let rows = (0..n).flat_map(|p| columns.iter().zip(scale).map(move |(j, s)| f64::from(j.layer[p][c]) * s));
+            rows.collect::<Vec<f64>>()
+        });
+        let tikhonov_weight: Vec<f64> = columns.iter().map(|c| prior.tikhonov_weight(c.role)).collect();
+        let guessed = tikhonov_weight.iter().zip(scale).zip(&count).filter(|((t, s), _)| **t > 0.0 && **s > 0.0);
+        let equal_share = 1.0 / guessed.map(|(_, count)| count).sum::<f64>().max(1.0);
+        let weight = |i: &f64| i.sqrt() / (i + WEIGHT_OFFSET).powi(2);
+        Problem {
+            observations,
+            l1_weight: columns.iter().map(|c| prior.l1_weight(c.role)).collect(),
+            tikhonov_weight,
+            count,
+            equal_share,
+            weight: photo.each_ref().map(|photo| photo.iter().map(weight).collect()),
+            photo,
+            mean: layer
+                .each_ref()
+                .map(|layer| (0..k).map(|j| layer.iter().skip(j).step_by(k).sum::<f64>() / n as f64).collect()),
+            layer,
+        }
+    }
+
+    /// One iteration: moves `w` by the fraction `step` towards the solution of the problem
+    /// linearized at `w`. Returns the Gram matrix of each channel, k x k, row by row.
+    pub fn iterate(&self, w: &mut [[f64; 3]], step: f64) -> [Vec<f64>; 3] {
+        let k = w.len();
+        // The channels' equations, coupled only by the prior of colors: unknown c k + i is light i
+        // in channel c.
+        let size = 3 * k;
+        let (mut all, mut right) = (vec![0.0; size * size], vec![0.0; size]);
+        let mut color_weights = vec![0.0; k];
+        let mut grams: [Vec<f64>; 3] = Default::default();
+        let channels: Vec<Equations> = (0..3).into_par_iter().map(|c| self.equations(w, c)).collect();
+        for (c, Equations { mut gram, mut b, energy }) in channels.into_iter().enumerate() {
+            let gauge: f64 = self.weight[c].iter().zip(&self.photo[c]).map(|(weight, i)| weight * i * i).sum();
+            for i in 0..k {
+                color_weights[i] += COLOR_WEIGHT / 3.0 * gram[i * k + i] / self.count[i];
+                // The gauge, mean shading 1, as one more equation.
+                b[i] += gauge * self.mean[c][i] - 0.5 * energy * self.l1_weight[i];
+                for j in 0..k {
+                    gram[i * k + j] += gauge * self.mean[c][i] * self.mean[c][j];
+                }
+            }
+            grams[c] = gram.clone();
+            for i in 0..k {
+                b[i] += PROXIMAL_WEIGHT * gram[i * k + i] * w[i][c];
+                gram[i * k + i] *= 1.0 + PROXIMAL_WEIGHT;
+                b[i] += gauge * self.tikhonov_weight[i] * self.equal_share;
+                gram[i * k + i] += gauge * self.tikhonov_weight[i] / self.count[i];
+                right[c * k + i] = b[i];
+                all[(c * k + i) * size + c * k..][..k].copy_from_slice(&gram[i * k..][..k]);
+            }
+        }
+        for i in 0..k {
+            // |w - d (d . w)|^2 with d the likely color: the distance across d costs, the length along d does not.
+            let d = likely_color(w[i]);
+            for (c, e) in (0..9).map(|n| (n / 3, n % 3)) {
+                let across = f64::from(u8::from(c == e)) - d[c] * d[e];
+                all[(c * k + i) * size + e * k + i] += color_weights[i] * across;
+            }
+        }
+        let start: Vec<f64> = (0..size).map(|i| w[i % k][i / k]).collect();
+        let solved = if size > COLD_START_UNKNOWNS { nnls_from(&all, &right, &start) } else { nnls(&all, &right) };
+        for (i, solved) in solved.into_iter().enumerate() {
+            let old = &mut w[i % k][i / k];
+            *old += step * (solved - *old);
+            if solved == 0.0 && *old < OFF {
+                *old = 0.0;
+            }
+        }
+        grams
+    }
+
+    /// Shading of each pixel in channel `c`.
+    pub fn shading(&self, w: &[[f64; 3]], c: usize) -> Vec<f64> {
+        self.layer[c].chunks_exact(w.len()).map(|row| row.iter().zip(w).map(|(u, w)| u * w[c]).sum()).collect()
+    }
+
+    /// Residual of each pixel and its weight; both are 0 where a saturated pixel may be as bright
+    /// as the model.
+    pub fn residuals(&self, albedo: &[f64], shading: &[f64], c: usize) -> (Vec<f64>, Vec<f64>) {
+        let Observations { segment, saturated, .. } = self.observations;
+        let both = (0..shading.len()).map(|p| {
+            let (wanted, model) = (self.photo[c][p], albedo[segment[p] as usize] * shading[p]);
+            if saturated[p] && model >= wanted {
+                return (0.0, 0.0);
+            }
+            let residual = wanted - model;
+            (residual, self.weight[c][p] / (1.0 + (residual / sigma(wanted)).powi(2)))
+        });
+        both.unzip()
+    }
+
+    /// Gram matrix and right side of the step from `w`, with the albedos eliminated: what a light
+    /// changes along the shading of a segment is absorbed by its albedo (variable projection, Golub
+    /// and Pereyra 1973, linearized). Each column is projected before it is multiplied: the
+    /// difference of two large products would cancel what distinguishes similar lights.
+    fn equations(&self, w: &[[f64; 3]], c: usize) -> Equations {
+        let (k, segment) = (w.len(), &self.observations.segment);
+        let shading = self.shading(w, c);
+        let albedo = self.albedo(&shading, c);
+        let (residual, weight) = self.residuals(&albedo, &shading, c);
+        let rows = || self.layer[c].chunks_exact(k).enumerate();
+        let mut norm = vec![0.0; self.observations.segments];
+        let mut along = vec![0.0; self.observations.segments * k];
+        for (p, row) in rows() {
+            let s = segment[p] as usize;
+            norm[s] += weight[p] * shading[p] * shading[p];
+            let along = &mut along[s * k..][..k];
+            along.iter_mut().zip(row).for_each(|(a, u)| *a += weight[p] * u * shading[p]);
+        }
+        for (along, norm) in along.chunks_exact_mut(k).zip(&norm) {
+            along.iter_mut().for_each(|a| *a = if *norm > 0.0 { *a / norm } else { 0.0 });
+        }
+        let (mut gram, mut b) = (vec![0.0; k * k], vec![0.0; k]);
+        let mut v = vec![0.0; k];
+        for (p, row) in rows() {
+            let s = segment[p] as usize;
+            for i in 0..k {
+                v[i] = albedo[s] * (row[i] - along[s * k + i] * shading[p]);
+                b[i] += weight[p] * albedo[s] * row[i] * residual[p];
+                for j in 0..=i {
+                    gram[i * k + j] += weight[p] * v[i] * v[j];
+                }
+            }
+        }
+        for i in 0..k {
+            for j in 0..i {
+                gram[j * k + i] = gram[i * k + j];
+            }
+        }
+        for i in 0..k {
+            b[i] += (0..k).map(|j| gram[i * k + j] * w[j][c]).sum::<f64>();
+        }
+        let energy = weight.iter().zip(&self.photo[c]).map(|(weight, i)| weight * i * i).sum();
+        Equations { gram, b, energy }
+    }
+
+    /// Least-squares albedo of each segment under this shading: sum(w I E) / sum(w E^2) over its
+    /// unsaturated pixels.
+    pub fn albedo(&self, shading: &[f64], c: usize) -> Vec<f64> {
+        let mut top = vec![0.0; self.observations.segments];
+        let mut bottom = vec![0.0; self.observations.segments];
+        for p in (0..shading.len()).filter(|&p| !self.observations.saturated[p]) {
+            let (s, weight) = (self.observations.segment[p] as usize, self.weight[c][p]);
+            top[s] += weight * self.photo[c][p] * shading[p];
+            bottom[s] += weight * shading[p] * shading[p];
+        }
+        // A segment that is clipped everywhere, or in full shadow, is taken as white: it does not
+        // constrain the lights.
+        top.iter().zip(&bottom).map(|(t, b)| if *b > 0.0 { (t / b).max(LEAST_ALBEDO) } else { 1.0 }).collect()
+    }
+
+    /// Weighted energy of the photo, summed over pixels and channels.
+    pub fn energy(&self) -> f64 {
+        let channel = |c: usize| -> f64 { self.weight[c].iter().zip(&self.photo[c]).map(|(w, i)| w * i * i).sum() };
+        (0..3).map(channel).sum()
+    }
+
+    /// The objective of the iterations without the Tikhonov and color terms: the weighted sum of
+    /// the Cauchy losses sigma^2 log(1 + r^2) and the L1 costs, as a fraction of the photo's
+    /// weighted energy.
+    pub fn objective(&self, w: &[[f64; 3]]) -> f64 {
+        let energy = self.energy();
+        let channel = |c: usize| -> f64 {
+            let shading = self.shading(w, c);
+            let (residual, _) = self.residuals(&self.albedo(&shading, c), &shading, c);
+            let cauchy = |p: usize| {
+                let sigma = sigma(self.photo[c][p]);
+                self.weight[c][p] * sigma * sigma * (residual[p] / sigma).powi(2).ln_1p()
+            };
+            (0..residual.len()).map(cauchy).sum()
+        };
+        let misfit: f64 = (0..3).map(channel).sum();
+        let cost: f64 = self.l1_weight.iter().zip(w).map(|(l1, w)| l1 * w.iter().sum::<f64>() / 3.0).sum();
+        if energy > 0.0 { misfit / energy + cost } else { cost }
+    }
+
+    /// Albedos of one channel, and the sum of log(1 + r^2) over the pixels.
+    pub fn explained(&self, w: &[[f64; 3]], c: usize) -> (Vec<f64>, f64) {
+        let shading = self.shading(w, c);
+        let albedo = self.albedo(&shading, c);
+        let (residual, _) = self.residuals(&albedo, &shading, c);
+        let misfit = residual.iter().zip(&self.photo[c]).map(|(r, &wanted)| (r / sigma(wanted)).powi(2).ln_1p());
+        (albedo, misfit.sum())
+    }
+}
+
+/// Normal equations `gram w = b` of one channel, and the photo's weighted energy.
+struct Equations {
+    gram: Vec<f64>,
+    b: Vec<f64>,
+    energy: f64,
+}
+
+/// The color nearest to `w` that daylight or a bulb may have, of unit length, in the gauge in which
+/// the mean light is white.
+///
+/// Black bodies lie near the line log(r / g, b / g) = t (0.55, -0.835): 2700 K is at t = 1.7 from
+/// 6500 K. The same holds for their ratios, and so in any white balance.
+pub(super) fn likely_color(w: [f64; 3]) -> [f64; 3] {
+    const WARM: [f64; 3] = [0.55, 0.0, -0.835];
+    const MOST: f64 = 1.5;
+    let floor = 0.02 * w.iter().sum::<f64>() + 1e-12;
+    let [r, g, b] = w.map(|v| v.max(floor).ln());
+    let t = (WARM[0] * (r - g) + WARM[2] * (b - g)).clamp(-MOST, MOST);
+    let color = WARM.map(|v| (v * t).exp());
+    let length = color.iter().map(|v| v * v).sum::<f64>().sqrt();
+    color.map(|v| v / length)
+}
