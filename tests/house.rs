@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Room of `src` -> the rooms that it may use.
-const ARROWS: [(&str, &[&str]); 8] = [
+const ARROWS: [(&str, &[&str]); 9] = [
     ("cli", &["files", "nodes", "graph", "net"]),
     ("files", &["graph"]),
-    ("nodes", &["graph", "image", "optics", "geometry", "net"]),
+    ("nodes", &["graph", "formats", "image", "optics", "geometry", "net"]),
+    ("formats", &["image", "optics", "geometry"]),
     ("net", &["geometry", "image"]),
     ("optics", &["geometry", "image"]),
     ("geometry", &["image"]),

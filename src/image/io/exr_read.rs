@@ -7,7 +7,7 @@ use ::exr::meta::attribute::Chromaticities;
 use ::exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
 use glam::Vec3;
 
-use super::read::{ReadError, Source};
+use super::source::{ReadError, Source, not_one_of};
 use crate::image::Plane;
 
 /// Rec.709 primaries and D65, (x, y) of red, green, blue, white.
@@ -32,7 +32,7 @@ pub struct ExrFile {
 pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
     match source.bytes.starts_with(b"\x76\x2f\x31\x01") {
         true => read(source),
-        false => Err(super::read::not_one_of(source, "OpenEXR")),
+        false => Err(not_one_of(source, "OpenEXR")),
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use npyz::{NpyFile, NpyHeader, Order};
 
-use super::read::{ReadError, Source};
+use super::source::{ReadError, Source};
 use crate::image::Plane;
 
 /// Bytes of magic, version and length before the header's text.

@@ -4,9 +4,8 @@ use glam::Vec3;
 
 use crate::image::Transfer;
 use crate::image::io::exr_read;
-use crate::image::io::read::{
-    Format, Raster, ReadError, Samples, Source, decode_raster, format, image_format, not_one_of,
-};
+use crate::image::io::raster::{Raster, Samples, decode_raster, image_format};
+use crate::image::io::source::{Format, ReadError, Source, format, not_one_of};
 
 /// A texture in the samples of its file: one to four bytes a texel where the file has 8 bits, decoded at look-up.
 pub struct Texture {
