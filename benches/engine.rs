@@ -26,8 +26,11 @@ ports! { pub input None0 {} }
 ports! { pub input Two { a: Arc<Number>, b: Arc<Number> } }
 ports! { pub input Many { all: Gather<Number> } }
 ports! { pub output One { number: Arc<Number> } }
-params! { /** A number. */ pub struct Const { value: i64 = 0 } }
-params! { /** A sum. */ pub struct Add { scale: f64 = 1.0, samples: u32 = 16, seed: u64 = 0 } }
+params! { /** A number. */ pub struct Const { /** The number. */ value: i64 = 0 } }
+params! { /** A sum. */ pub struct Add {
+/** Not used. */ scale: f64 = 1.0,
+/** Not used. */ samples: u32 = 16,
+/** Not used. */ seed: u64 = 0 } }
 params! { /** A sum of all. */ pub struct Sum {} }
 
 fn number(n: i64) -> Result<One, NodeError> {

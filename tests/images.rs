@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::Vec3;
+use needs::needs;
 use rayon::prelude::*;
 use relight::geometry::Camera;
 use relight::graph::{Context, File, Gather, Node, NodeError, from_ron};
@@ -290,7 +291,7 @@ fn parameters_out_of_range_are_named() {
         let text = message(|_, scene| change(scene));
         assert!(text.contains(wanted), "{text}");
     };
-    wrong(|s| s.camera = CameraSpec::FovX(180.0), "camera: FovX: wanted 1 to 175, got 180");
+    wrong(|s| s.camera = CameraSpec::FovX(180.0), "camera: FovX: wanted 1..=175, got 180");
     wrong(|s| s.camera = CameraSpec::Pinhole { fx: f32::NAN, fy: 1.0, cx: 0.0, cy: 0.0 }, "camera: fx");
     wrong(|s| s.transfer = Transfer::Gamma(0.0), "transfer: Gamma");
     wrong(|s| s.depth.scale = -1.0, "depth: scale");
@@ -627,13 +628,10 @@ fn a_16_bit_photo_gives_a_16_bit_picture() {
     assert_eq!(photo.bits, Bits::Sixteen);
 }
 
+#[needs("../shared/data/photos")]
 #[test]
 fn real_photos_are_read() {
     let photos = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/photos");
-    if !photos.is_dir() {
-        eprintln!("skipped: {} is not there", photos.display());
-        return;
-    }
     for dir in fs::read_dir(&photos).expect("a folder").map(|entry| entry.expect("an entry").path()) {
         let masks = dir.join("masks");
         let mut scene = ReadScene {
@@ -739,16 +737,13 @@ fn our_own_museum_of_bad_pictures() {
     }
 }
 
+#[needs("../shared/data/corpora")]
 #[test]
 fn every_file_of_the_corpora_is_read_or_refused() {
     let corpora = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/corpora");
     // Archive, and how many files its README promises at least.
     for (archive, promised) in [("openexr_damaged", 186), ("pngsuite", 175), ("zune_fuzz", 2670), ("valid_odd", 70)] {
         let packed = corpora.join(format!("{archive}.tar.xz"));
-        if !packed.is_file() {
-            eprintln!("skipped: {} is not there", packed.display());
-            continue;
-        }
         let dir = tempfile::tempdir().expect("a temporary folder");
         let unpacked = dir.path().join("files");
         fs::create_dir(&unpacked).expect("writable");

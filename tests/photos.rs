@@ -9,6 +9,7 @@ use std::process::Command;
 
 use exr::prelude::read_all_flat_layers_from_file;
 use image::{GrayImage, RgbImage, imageops};
+use needs::needs;
 
 /// A photograph, and where in it things stand; pixels of the photo.
 struct Photo {
@@ -83,13 +84,8 @@ const PHOTOS: &[Photo] = &[
     },
 ];
 
-fn data() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/photos");
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("skipped: {} is not there", folder.display());
-    None
+fn data() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/photos")
 }
 
 /// A scene folder in a temporary folder, with a cache of its own.
@@ -260,12 +256,12 @@ fn check_layers(name: &str, relit: &Relit) {
     }
 }
 
+#[needs("../shared/data/photos")]
 #[test]
 fn photos_are_relit_soundly() {
-    let Some(data) = data() else { return };
     let mut faults = Vec::new();
     for (i, photo) in PHOTOS.iter().enumerate() {
-        let room = Room::new(&data, photo);
+        let room = Room::new(&data(), photo);
         let same = room.relight("none", "");
         let changed = count(&room, &same, |_, _| true, |a, b| (a - b).abs() > 1);
         assert_eq!(changed, 0, "{}: an edit that says nothing changes pixels", photo.name);
@@ -309,12 +305,11 @@ fn photos_are_relit_soundly() {
 #[test]
 #[ignore = "writes pictures to look at"]
 fn sheets() {
-    let Some(data) = data() else { return };
     let target = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/photos");
     std::fs::create_dir_all(&target).expect("a folder can be made");
     let wanted = std::env::var("PHOTO").unwrap_or_default();
     for photo in PHOTOS.iter().filter(|photo| photo.name.contains(&wanted)) {
-        let room = Room::new(&data, photo);
+        let room = Room::new(&data(), photo);
         let tile = |picture: &RgbImage| imageops::resize(picture, 480, 360, imageops::FilterType::CatmullRom);
         let cut = |picture: &RgbImage, [x0, y0, x1, y1]: [u32; 4]| {
             let (x1, y1) = (x1.min(picture.width()), y1.min(picture.height()));

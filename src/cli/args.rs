@@ -1,69 +1,11 @@
-//! The arguments, declared once: the help text is made from here.
+//! The arguments of each command; the help texts are their doc comments.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 use relight::graph::Reach;
 use relight::nodes::output::mix_layers::srgb;
-
-/// One indoor photograph in, the same room under other light out.
-///
-/// A graph file describes the pipeline, a scene folder holds the photograph with its depth and masks, an edit file says
-/// what shall change. Results are kept in a cache, so that only what an edit changes is computed again.
-#[derive(Parser)]
-#[command(name = "relight", version, after_help = EXAMPLES, max_term_width = 100)]
-pub struct Cli {
-    #[command(subcommand)]
-    pub command: Command,
-    /// Tell more on standard error: one line per node (-v), what the engine does (-vv), everything (-vvv).
-    ///
-    /// The environment variable RELIGHT_LOG takes a tracing filter, such as `relight=debug`, and wins over this.
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    pub verbose: u8,
-}
-
-const EXAMPLES: &str = "\
-Example: switch a lamp off in the scene that ships with relight
-  relight check graphs/demo.ron edits/lamp_off.ron   # are the files right? computes nothing
-  relight plan  graphs/demo.ron edits/lamp_off.ron   # what would run, what is in the cache
-  relight run   graphs/demo.ron edits/lamp_off.ron   # writes out/picture.png and more
-
-A photograph of your own: put scene.ron beside it (docs/files.md), then
-  relight run graphs/indoor.ron edits/none.ron --scene my_room --out my_room/out
-
-Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted.";
-
-#[derive(Subcommand)]
-pub enum Command {
-    /// Relight: compute what the edit changes and write the pictures.
-    Run(Run),
-    /// Weight the lights of a finished run anew, in milliseconds: dim, brighten, colour.
-    Mix(Mix),
-    /// Write report.html of a finished run: before and after, a slider per light, what ran and why.
-    Report(Report),
-    /// Write the room as USD, for Blender and others: seen surface, albedo, camera, lights as the edit leaves them.
-    Export(Export),
-    /// Show what `run` would do: taken from the cache, run, or unknown until something upstream has run.
-    Plan(Plan),
-    /// Tell why a node would run again: the first line of its key that differs.
-    Explain(Explain),
-    /// Check the files and report every fault; computes nothing.
-    Check(Job),
-    /// Print the graph as it stands with scene and edit, for a drawing program.
-    Graph(Graph),
-    /// Print the reference of all stages, or of one.
-    Nodes(Nodes),
-    /// Look after the cache.
-    Cache(Cache),
-    /// Measure error against run time: sampling strategies, shadows, whole pictures.
-    Bench(Bench),
-    /// Measure what a graph estimates and renders against a scene's truth, and which part loses what.
-    Eval(Eval),
-    /// Compute a network that does not ship with relight, for the run that starts this process.
-    #[command(hide = true)]
-    RunNetwork(RunNetwork),
-}
 
 /// The files of a run.
 #[derive(Args, Default)]
@@ -292,86 +234,11 @@ pub struct Nodes {
 }
 
 #[derive(Args)]
-pub struct Bench {
-    /// The graph file.
-    #[arg(default_value = "graphs/demo.ron")]
-    pub graph: PathBuf,
-    /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
-    #[arg(long, value_name = "DIR")]
-    pub scene: Option<PathBuf>,
-    /// Set one parameter of one node, as RON; may be given several times.
-    #[arg(long, value_name = "NODE.PARAM=VALUE")]
-    pub set: Vec<String>,
-    /// The folder for bench.json, bench.csv and the plots; made when it is not there.
-    #[arg(long, value_name = "DIR", default_value = "out/bench")]
-    pub out: PathBuf,
-    /// Samples per pixel at which estimators are measured; each has at least four, one per batch.
-    #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "4,16,64,256,1024,4096",
-          value_parser = clap::value_parser!(u32).range(1..=4096))]
-    pub samples: Vec<u32>,
-    /// Longer side, in pixels, of the pictures on which single estimators are measured; whole pictures keep the graph's size.
-    #[arg(long, value_name = "PIXELS", default_value_t = 64, value_parser = clap::value_parser!(u32).range(8..=4096))]
-    pub side: u32,
-    /// Ask these questions only.
-    #[arg(long, value_enum, value_name = "QUESTION,..", value_delimiter = ',')]
-    pub only: Vec<Question>,
-    /// Little of each, and whole pictures of `--side` too. Tells that it works, not how well.
-    #[arg(long)]
-    pub quick: bool,
-    /// How many threads work. Default: one per core.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
-    /// Print bench.json on standard output instead of the tables.
-    #[arg(long)]
-    pub json: bool,
-}
-
-#[derive(Args)]
-pub struct Eval {
-    /// The scene: a folder with a scene.ron that names its `truth`.
-    pub scene: PathBuf,
-    /// The graph file.
-    #[arg(long, value_name = "GRAPH", default_value = "graphs/indoor.ron")]
-    pub graph: PathBuf,
-    /// Set one parameter of one node, as RON; may be given several times.
-    #[arg(long, value_name = "NODE.PARAM=VALUE")]
-    pub set: Vec<String>,
-    /// Measure the graph as it is, without the steps that replace its parts by the truth.
-    #[arg(long)]
-    pub no_ladder: bool,
-    /// The folder for eval.json; made when it is not there.
-    #[arg(long, value_name = "DIR", default_value = "out/eval")]
-    pub out: PathBuf,
-    #[command(flatten)]
-    pub networks: Networks,
-    #[command(flatten)]
-    pub cache: CacheUse,
-    /// How many threads work. Default: one per core.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
-    /// Print eval.json on standard output instead of the tables.
-    #[arg(long)]
-    pub json: bool,
-}
-
-#[derive(Args)]
 pub struct RunNetwork {
     /// The most memory, in bytes.
     pub memory_bytes: u64,
     /// The most processor time, in seconds.
     pub cpu_seconds: u64,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Question {
-    /// Every sampling strategy for windows, by lobe.
-    Strategies,
-    /// The same by bandwidth of the lobe.
-    Bandwidths,
-    /// Direct light with its shadow: fixed numbers of samples against adaptive sampling.
-    Shadows,
-    /// Whole pictures against truth and against their own limit.
-    Pipeline,
 }
 
 #[derive(Args)]

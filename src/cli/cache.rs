@@ -7,14 +7,15 @@ use etcetera::BaseStrategy;
 use relight::graph::{self, CacheFolder, CacheKey, DiskCache, EngineOptions, Fault};
 
 use super::args::{Cache, CacheAction, CacheAt, CacheUse};
+use super::exit::{CliError, Exit};
 use super::messages::message;
-use super::{Exit, Trouble, write};
+use super::write;
 
 /// The shortest secret that is taken for a key, in bytes: 128 bits.
 const LEAST_SECRET: usize = 16;
 const MOST_SECRET: u64 = 4096;
 
-pub fn cache(args: &Cache) -> Result<Exit, Trouble> {
+pub fn cache(args: &Cache) -> Result<Exit, CliError> {
     let (CacheAction::Stat(at) | CacheAction::Gc { at, .. } | CacheAction::Verify(at) | CacheAction::Clear(at)) =
         &args.action;
     let folder = folder(at)?;

@@ -6,13 +6,16 @@ use relight::graph::{Cancel, Fault, Node};
 use relight::nodes::output::write_usd::{TEXT, TEXTURE, WriteUsd};
 
 use super::args::Export;
-use super::messages::message;
+use super::engine::{engine, finished, options, stop_on_ctrl_c};
+use super::exit::{CliError, Exit, Stop, ended};
+use super::load::load;
+use super::messages::{message, terminal};
 use super::progress::Progress;
-use super::run::{results, stop_on_ctrl_c};
+use super::report;
+use super::results::results;
 use super::write::{self, Output};
-use super::{Exit, Stop, Trouble, ended, engine, finished, load::load, options, report, terminal};
 
-pub fn export(args: &Export, verbose: u8) -> Result<Exit, Trouble> {
+pub fn export(args: &Export, verbose: u8) -> Result<Exit, CliError> {
     ended(written(args, verbose))
 }
 

@@ -10,13 +10,15 @@ use relight::graph::{Cancel, RunReport, Status};
 use serde::Serialize;
 
 use super::args::Run;
+use super::engine::{engine, report_errors, stop_on_ctrl_c};
+use super::exit::{CliError, Exit};
+use super::film;
 use super::load::Pictures;
-use super::messages::message;
+use super::messages::{message, terminal};
 use super::progress::FrameProgress;
 use super::report::{self, Head, Row};
-use super::run::{backend_of, engine_options, exit, output, results, stop_on_ctrl_c, tell_errors};
+use super::results::{backend_of, engine_options, output, results};
 use super::write::{self, Output};
-use super::{Exit, Trouble, engine, film, terminal};
 
 /// report.json of a sequence.
 #[derive(Serialize)]
@@ -81,7 +83,7 @@ pub fn run(
     numbers: Range<u32>,
     verbose: u8,
     began: Instant,
-) -> Result<Exit, Trouble> {
+) -> Result<Exit, CliError> {
     let engine = engine(engine_options(args)?)?;
     let wanted = match &args.only {
         Some(only) => Some(vec![only.clone()]),
@@ -130,11 +132,17 @@ pub fn run(
     }
     progress.end();
     let backend = backend.map(|choice| choice.backend.to_string());
-    tell(args, numbers.len(), &all, out.as_ref(), Head::new(&args.graph, &args.edit, began, backend, engine.threads()))
+    summarize(
+        args,
+        numbers.len(),
+        &all,
+        out.as_ref(),
+        Head::new(&args.graph, &args.edit, began, backend, engine.threads()),
+    )
 }
 
 /// Film, report and what is said at the end.
-fn tell(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, Trouble> {
+fn summarize(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, CliError> {
     let last = all.last().expect("a sequence has a frame");
     let whole = all.len() == count && last.report.is_complete();
     let mut known = BTreeSet::new();
@@ -167,7 +175,7 @@ fn tell(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head
     }
     message!("{}", table(all).trim_end());
     report.warnings.iter().for_each(|warning| message!("warning: {warning}"));
-    tell_errors(&last.report);
+    report_errors(&last.report);
     for (done, what) in all.iter().flat_map(|done| done.differences.iter().map(move |what| (done, what))) {
         message!("error: {what}: made again in frame {}, it came out differently", done.number);
     }
@@ -181,7 +189,7 @@ fn tell(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head
     } else {
         write::print_paths(&paths)?;
     }
-    Ok(exit(&last.report, all.iter().all(|done| done.differences.is_empty())))
+    Ok(Exit::of(&last.report).and(all.iter().all(|done| done.differences.is_empty())))
 }
 
 /// `picture.png` -> `picture_0012.png`

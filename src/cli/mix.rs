@@ -8,11 +8,11 @@ use relight::graph::{Context, Fault, File, Node, NodeError};
 use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 
 use super::args::Mix;
+use super::exit::{CliError, Exit};
 use super::messages::message;
 use super::write::{self, Output};
-use super::{Exit, Trouble};
 
-pub fn mix(args: &Mix, began: Instant) -> Result<Exit, Trouble> {
+pub fn mix(args: &Mix, began: Instant) -> Result<Exit, CliError> {
     let mut weights = BTreeMap::new();
     for (id, weight) in &args.set {
         if weights.insert(id.clone(), *weight).is_some() {

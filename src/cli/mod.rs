@@ -1,243 +1,114 @@
-//! The command line: arguments, exit status, and what a person sees.
+//! The command line: arguments, exit status, and all messages.
 
 mod args;
-mod bench;
 mod cache;
-mod eval;
+mod engine;
+mod exit;
 mod export;
 mod film;
 mod frames;
+mod inspect;
+#[cfg(feature = "lab")]
+mod lab;
 mod load;
 mod messages;
 mod mix;
 mod networks;
 mod page;
+mod picture;
 mod progress;
 mod reference;
 mod report;
+mod results;
 mod run;
-mod tables;
 mod write;
 
-use std::io::IsTerminal;
-use std::path::Path;
 use std::process::ExitCode;
+use std::time::Instant;
 
-use relight::files;
-use relight::graph::{EngineOptions, Fault, Planned, RunReport, Services, Status};
-use relight::nodes;
+use clap::{Parser, Subcommand};
 
-use args::{CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
-pub use args::{Cli, Command};
-pub use bench::bench;
-pub use cache::cache;
-pub use eval::eval;
-pub use export::export;
-use load::{load, load_all};
-use messages::message;
-pub use mix::mix;
-pub use networks::run_network;
-pub use page::report;
-pub use run::run;
-
-/// How the program ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Exit {
-    Done,
-    /// A stage failed, or `--verify` or `cache verify` found something wrong.
-    Failed,
-    /// Bad arguments or files.
-    Bad,
-    Interrupted,
+/// One indoor photograph in, the same room under other light out.
+///
+/// A graph file describes the pipeline, a scene folder holds the photograph with its depth and masks, an edit file says
+/// what shall change. Results are kept in a cache, so that only what an edit changes is computed again.
+#[derive(Parser)]
+#[command(name = "relight", version, after_help = EXAMPLES, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Tell more on standard error: one line per node (-v), what the engine does (-vv), everything (-vvv).
+    ///
+    /// The environment variable RELIGHT_LOG takes a tracing filter, such as `relight=debug`, and wins over this.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
 }
 
-impl From<Exit> for ExitCode {
-    fn from(exit: Exit) -> ExitCode {
-        ExitCode::from(exit.code())
-    }
+const EXAMPLES: &str = "\
+Example: switch a lamp off in the scene that ships with relight
+  relight check graphs/demo.ron edits/lamp_off.ron   # are the files right? computes nothing
+  relight plan  graphs/demo.ron edits/lamp_off.ron   # what would run, what is in the cache
+  relight run   graphs/demo.ron edits/lamp_off.ron   # writes out/picture.png and more
+
+A photograph of your own: put scene.ron beside it (docs/files.md), then
+  relight run graphs/indoor.ron edits/none.ron --scene my_room --out my_room/out
+
+Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted.";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Relight: compute what the edit changes and write the pictures.
+    Run(args::Run),
+    /// Weight the lights of a finished run anew, in milliseconds: dim, brighten, colour.
+    Mix(args::Mix),
+    /// Write report.html of a finished run: before and after, a slider per light, what ran and why.
+    Report(args::Report),
+    /// Write the room as USD, for Blender and others: seen surface, albedo, camera, lights as the edit leaves them.
+    Export(args::Export),
+    /// Show what `run` would do: taken from the cache, run, or unknown until something upstream has run.
+    Plan(args::Plan),
+    /// Tell why a node would run again: the first line of its key that differs.
+    Explain(args::Explain),
+    /// Check the files and report every fault; computes nothing.
+    Check(args::Job),
+    /// Print the graph as it stands with scene and edit, for a drawing program.
+    Graph(args::Graph),
+    /// Print the reference of all stages, or of one.
+    Nodes(args::Nodes),
+    /// Look after the cache.
+    Cache(args::Cache),
+    /// Measure error against run time: sampling strategies, shadows, whole pictures.
+    #[cfg(feature = "lab")]
+    Bench(lab::Bench),
+    /// Measure what a graph estimates and renders against a scene's truth, and which part loses what.
+    #[cfg(feature = "lab")]
+    Eval(lab::Eval),
+    /// Compute a network that does not ship with relight, for the run that starts this process.
+    #[command(hide = true)]
+    RunNetwork(args::RunNetwork),
 }
 
-impl Exit {
-    pub fn code(self) -> u8 {
-        match self {
-            Exit::Done => 0,
-            Exit::Failed => 1,
-            Exit::Bad => 2,
-            Exit::Interrupted => 130,
-        }
-    }
-}
-
-/// What keeps a command from its work; always [`Exit::Bad`].
-pub struct Trouble(Vec<Fault>);
-
-impl Trouble {
-    /// Shows the faults on standard error.
-    pub fn tell(&self) -> Exit {
-        messages::raw(&files::draw(&self.0, terminal()));
-        Exit::Bad
-    }
-}
-
-impl From<Vec<Fault>> for Trouble {
-    fn from(faults: Vec<Fault>) -> Trouble {
-        Trouble(faults)
-    }
-}
-
-impl From<Fault> for Trouble {
-    fn from(fault: Fault) -> Trouble {
-        Trouble(vec![fault])
-    }
-}
-
-/// Why a measurement ends early.
-pub enum Stop {
-    Trouble(Trouble),
-    /// A stage failed, or a person has interrupted.
-    Ended(Exit),
-}
-
-impl<T: Into<Trouble>> From<T> for Stop {
-    fn from(trouble: T) -> Stop {
-        Stop::Trouble(trouble.into())
-    }
-}
-
-/// How a measurement ended.
-fn ended(measured: Result<(), Stop>) -> Result<Exit, Trouble> {
-    match measured {
-        Ok(()) => Ok(Exit::Done),
-        Err(Stop::Ended(exit)) => Ok(exit),
-        Err(Stop::Trouble(trouble)) => Err(trouble),
-    }
-}
-
-/// A run that a measurement needs whole: tells what failed.
-fn finished(report: RunReport) -> Result<RunReport, Stop> {
-    if report.cancelled() {
-        return Err(Stop::Ended(Exit::Interrupted));
-    }
-    let failed: Vec<_> = report.nodes.iter().filter(|node| node.status == Status::Failed).collect();
-    for node in &failed {
-        message!("error: {}: {}", node.name, node.error.as_deref().unwrap_or_default());
-    }
-    if report.is_complete() {
-        return Ok(report);
-    }
-    Err(Stop::Ended(if failed.iter().all(|node| node.bad_file) { Exit::Bad } else { Exit::Failed }))
-}
-
-/// Whether a person watches standard error, who likes colours there.
-fn terminal() -> bool {
-    std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
-}
-
-/// Sends the log to standard error.
-pub fn log(verbose: u8) {
-    use tracing_subscriber::{EnvFilter, fmt};
-    // The engine's warnings stand in the run's report, and are shown from there.
-    let level = match verbose {
-        0 | 1 => "relight=error",
-        2 => "relight=debug",
-        _ => "relight=trace",
+/// Parses the arguments, runs the command and returns its exit status.
+pub fn main() -> ExitCode {
+    let began = Instant::now();
+    let Cli { command, verbose } = Cli::parse();
+    messages::log(verbose);
+    let outcome = match &command {
+        Command::Run(args) => run::run(args, verbose, began),
+        Command::Mix(args) => mix::mix(args, began),
+        Command::Report(args) => page::report(args, began),
+        Command::Export(args) => export::export(args, verbose),
+        Command::Plan(args) => inspect::plan(args),
+        Command::Explain(args) => inspect::explain(args),
+        Command::Check(args) => inspect::check(args),
+        Command::Graph(args) => inspect::graph(args),
+        Command::Nodes(args) => inspect::nodes(args),
+        Command::Cache(args) => cache::cache(args),
+        #[cfg(feature = "lab")]
+        Command::Bench(args) => lab::bench(args, began),
+        #[cfg(feature = "lab")]
+        Command::Eval(args) => lab::eval(args, began),
+        Command::RunNetwork(limits) => networks::run_network(limits),
     };
-    let filter = EnvFilter::try_from_env("RELIGHT_LOG").unwrap_or_else(|_| EnvFilter::new(level));
-    // Without colors, whose escape sequences could not be told from those of strangers.
-    let log = fmt().with_env_filter(filter).with_writer(|| messages::Escaped).with_ansi(false).without_time();
-    log.log_internal_errors(false).init();
-}
-
-pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
-    let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
-    let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
-    let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;
-    let lines = engine(options)?.plan(&graph, &wanted);
-    if args.json {
-        write::print(&report::text(&lines))?;
-        return Ok(Exit::Done);
-    }
-    let width = lines.iter().map(|line| line.node.chars().count()).max().unwrap_or(0);
-    let line = |line: &relight::graph::PlanLine| {
-        let text = format!("{:7}  {:width$}  {}", planned(line.status), line.node, line.why.as_deref().unwrap_or(""));
-        text.trim_end().to_owned() + "\n"
-    };
-    write::print(&lines.iter().map(line).collect::<String>())?;
-    Ok(Exit::Done)
-}
-
-pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
-    let graph = load(&args.graph, Some(&args.edit), &args.files)?;
-    let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
-    let answer = engine(options)?.explain(&graph, &args.node)?;
-    let mut text = format!("{}: {}: {}\n", answer.node, planned(answer.status), answer.why);
-    for (sign, line) in [('-', &answer.old), ('+', &answer.new)] {
-        if let Some(line) = line {
-            text.push_str(&format!("{sign} {line}\n"));
-        }
-    }
-    write::print(&text)?;
-    Ok(Exit::Done)
-}
-
-pub fn check(args: &Job) -> Result<Exit, Trouble> {
-    let (graph, frames) = match &args.edit {
-        Some(edit) => {
-            let pictures = load_all(&args.graph, edit, &args.files)?;
-            let count = pictures.frames.map_or(1, |frames| frames.len());
-            (pictures.first, if count > 1 { format!("{count} frames, ") } else { String::new() })
-        }
-        None => (load(&args.graph, None, &args.files)?, String::new()),
-    };
-    let nodes = graph.instances().count();
-    write::print(&format!("sound: {frames}{nodes} nodes, outputs {}\n", graph.outputs().join(" ")))?;
-    Ok(Exit::Done)
-}
-
-pub fn graph(args: &Graph) -> Result<Exit, Trouble> {
-    let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
-    write::print(&match args.format {
-        Format::Dot => graph.to_dot(None),
-        Format::Mermaid => graph.to_mermaid(None),
-        Format::Svg => graph.to_svg(None),
-        Format::Json => graph.to_json(None),
-    })?;
-    Ok(Exit::Done)
-}
-
-pub fn nodes(args: &Nodes) -> Result<Exit, Trouble> {
-    let registry = nodes::registry();
-    let text = match &args.kind {
-        _ if args.markdown => reference::page(&registry),
-        None => reference::list(&registry),
-        Some(kind) => {
-            let spec = registry.get(kind).ok_or_else(|| {
-                let fault = Fault::file("".as_ref(), format!("there is no stage `{kind}`"));
-                fault.suggest(kind, registry.kinds().map(|spec| spec.kind))
-            })?;
-            reference::section(spec)
-        }
-    };
-    write::print(&text)?;
-    Ok(Exit::Done)
-}
-
-/// How an engine works on a graph, with the cache that the arguments name.
-fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<EngineOptions, Fault> {
-    let project = cache::project(graph, scene);
-    Ok(EngineOptions { cache: cache::chosen(cache)?, project, ..EngineOptions::default() })
-}
-
-fn engine(options: EngineOptions) -> Result<relight::graph::Engine, Fault> {
-    let services = Services::default().with(networks::untrusted());
-    relight::graph::Engine::new(EngineOptions { services, ..options })
-        .map_err(|e| Fault::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
-}
-
-fn planned(status: Planned) -> &'static str {
-    match status {
-        Planned::Hit => "hit",
-        Planned::Run => "run",
-        Planned::Unknown => "unknown",
-    }
+    outcome.unwrap_or_else(|error| error.report()).into()
 }

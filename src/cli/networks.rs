@@ -7,7 +7,7 @@ use relight::net::{Backend, Limits, Sandbox, Untrusted, find_onnxruntime, serve}
 use relight::nodes;
 
 use super::args::{Networks, RunNetwork, WhichBackend};
-use super::{Exit, Trouble};
+use super::exit::{CliError, Exit};
 
 /// The parameter of every stage with a network that says who computes it.
 pub const FIELD: &str = "backend";
@@ -40,7 +40,7 @@ pub fn untrusted() -> Untrusted {
 }
 
 /// `relight run-network`.
-pub fn run_network(args: &RunNetwork) -> Result<Exit, Trouble> {
+pub fn run_network(args: &RunNetwork) -> Result<Exit, CliError> {
     let end = || std::process::exit(Exit::Done.code().into());
     serve(args.memory_bytes, args.cpu_seconds, std::io::stdin(), std::io::stdout().lock(), end)
         .map_err(|e| Fault::file("run-network".as_ref(), format!("the network cannot be served: {e}")))?;

@@ -7,12 +7,12 @@ use relight::graph::{Context, Fault, File, Node};
 use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
 
 use super::args::Report;
+use super::exit::{CliError, Exit};
 use super::messages::message;
 use super::mix::{fault, layers};
 use super::write::{self, Output};
-use super::{Exit, Trouble};
 
-pub fn report(args: &Report, began: Instant) -> Result<Exit, Trouble> {
+pub fn report(args: &Report, began: Instant) -> Result<Exit, CliError> {
     if !args.run.is_dir() {
         return Err(Fault::file(&args.run, "wanted the folder that `relight run` wrote to, got none").into());
     }

@@ -11,6 +11,7 @@ pub fn list(registry: &Registry) -> String {
 /// docs/nodes.md.
 pub fn page(registry: &Registry) -> String {
     let mut text = String::from("# The stages\n\nMade by `relight nodes --markdown` from the code; do not edit.\n");
+    text.push_str("A range `a..=b` includes `b`, `a..b` does not; NaN and infinity lie in none.\n");
     for spec in registry.kinds() {
         text.push('\n');
         text.push_str(&section(spec));
@@ -22,7 +23,8 @@ pub fn page(registry: &Registry) -> String {
 pub fn section(spec: &KindSpec) -> String {
     let mut text = format!("## {}\n\n{}\n", spec.kind, lines(spec.doc).join("\n"));
     let params = spec.params.iter().map(|param| {
-        let head = format!("`{}`: {}, default `{}`", param.name, param.type_name, param.default);
+        let range = param.range.as_ref().map_or(String::new(), |range| format!(", range {range}"));
+        let head = format!("`{}`: {}{range}, default `{}`", param.name, param.type_name, param.default);
         item(&head, param.doc)
     });
     let inputs = spec.inputs.iter().map(|port| item(&port_head(port, "every member's", "may be missing"), port.doc));

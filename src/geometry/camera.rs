@@ -3,7 +3,8 @@
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// A pinhole camera for a plane of `width` x `height` pixels. Pixel (j, i) has its centre at (j + 0.5, i + 0.5).
+/// A pinhole camera for a plane of `width` x `height` pixels. Pixel (j, i) has its centre at
+/// (j + 0.5, i + 0.5).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     pub width: usize,

@@ -12,12 +12,12 @@ use crate::image::{Normal, Plane, Points, rule};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Grid {
     stride: usize,
-    /// Of the whole plane.
+    /// Size of the whole plane, pixels.
     width: usize,
     height: usize,
 }
 
-/// How many of a pixel's neighbours on the grid it draws from, along each axis.
+/// Number of grid neighbors that a pixel interpolates, along each axis.
 const REACH: usize = 4;
 
 impl Grid {
@@ -54,8 +54,9 @@ impl Grid {
         at(i / columns, self.height) * self.width + at(i % columns, self.width)
     }
 
-    /// Grid points around `pixel` with weights that sum to one: near in the picture, on the same plane in space (a joint
-    /// bilateral filter, Kopf et al. 2007, whose range is the distance from the tangent plane, and the normal).
+    /// Grid points around `pixel` with weights that sum to one: near in the picture, on the same
+    /// plane in space (a joint bilateral filter, Kopf et al. 2007, whose range is the distance from
+    /// the tangent plane, and the normal).
     pub fn neighbours(&self, points: &Points, normal: &Normal, pixel: usize) -> [(usize, f32); REACH * REACH] {
         let (columns, rows) = self.size();
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
@@ -88,7 +89,7 @@ impl Grid {
         found.map(|(i, weight)| (i, weight / total))
     }
 
-    /// What `value` makes, for each pixel, of the grid points that it draws from and their weights, which sum to one.
+    /// A plane of `value` of each pixel's grid neighbors and their weights, which sum to one.
     pub fn spread<T: Copy + Send>(
         &self,
         points: &Points,
@@ -141,7 +142,8 @@ mod tests {
             assert!(up[0].pixels().iter().all(|v| (v - 3.0).abs() < 1e-5));
             if stride <= 4 {
                 let wanted = |i: usize| if i % 33 < 17 { 1.0 } else { 5.0 };
-                // The edge lies 2 m away in depth, a hundred tolerances: one in a hundred million, and the constant 1e-4.
+                // The edge lies 2 m away in depth, a hundred tolerances: one in a hundred million,
+                // and the constant 1e-4.
                 assert!(up[1].pixels().iter().enumerate().all(|(i, v)| (v - wanted(i)).abs() < 0.02), "{stride}");
             }
         }

@@ -13,6 +13,7 @@ mod key;
 mod lexer;
 mod network;
 mod node;
+mod range;
 mod reading;
 mod registry;
 mod report;
@@ -34,6 +35,7 @@ pub use network::{Graph, Wanted};
 pub use node::{
     Arity, File, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue, Scatter,
 };
+pub use range::{Number, Ranged, above, check_range, range_text};
 pub use reading::{MAX_FILE_BYTES, open, read};
 pub use registry::{KindSpec, Registry};
 pub use report::{Difference, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport};

@@ -15,8 +15,8 @@
 //! params! {
 //!     /// Multiplies a number.
 //!     pub struct Times {
-//!         /// The factor, any finite number.
-//!         by: f64 = 2.0,
+//!         /// Factor of the product.
+//!         by: f64 = 2.0, in -1e6..=1e6,
 //!     }
 //! }
 //! ports! { pub input TimesIn { /** The number to multiply. */ number: Arc<Number> } }
@@ -51,8 +51,20 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
     type In: Inputs;
     type Out: Outputs;
 
-    /// Ranges that the types cannot express. The message names the parameter, what was wanted and what was got.
+    /// Checks the parameters: their declared ranges, then [`Node::check_consistency`], which a stage overrides instead of this.
+    ///
+    /// # Errors
+    /// The parameter, the wanted range, the value: `worth: wanted 0..1, got 1.5`.
     fn check(&self) -> Result<(), String> {
+        self.check_ranges()?;
+        self.check_consistency()
+    }
+
+    /// Checks what no range expresses: relations between parameters, and fields of nested types.
+    ///
+    /// # Errors
+    /// A message that begins with the name of the parameter, by which its place in the file is found.
+    fn check_consistency(&self) -> Result<(), String> {
         Ok(())
     }
 
@@ -127,6 +139,8 @@ pub struct ParamSpec {
     pub type_name: &'static str,
     /// The default as RON.
     pub default: String,
+    /// The declared range, such as `0..=1`.
+    pub range: Option<String>,
     pub doc: &'static str,
 }
 
@@ -134,22 +148,33 @@ pub struct ParamSpec {
 pub trait Params: Default {
     const DOC: &'static str;
     fn params() -> Vec<ParamSpec>;
+    /// Checks every parameter against its declared range, in the order of declaration.
+    ///
+    /// # Errors
+    /// The first parameter outside its range, with the range and the value.
+    fn check_ranges(&self) -> Result<(), String>;
     /// Sets one parameter from its RON text; `None` when there is no parameter of that name.
     fn set(&mut self, name: &str, ron: &str) -> Option<Result<(), ron::error::SpannedError>>;
     /// Every parameter with its value as RON, in the order of declaration.
     fn values(&self) -> Vec<(&'static str, String)>;
 }
 
-/// Declares the parameters of a stage, once: fields, types, defaults, documentation.
+/// Declares the parameters of a stage, once: fields, types, defaults, ranges, documentation.
+///
+/// A field is `/// Documentation.` and `name: type = default,`. A numeric one, or a group of numbers ([`Ranged`](crate::graph::Ranged)),
+/// may add its range: `name: f32 = 0.5, in 0.0..=1.0,`. Any [`RangeBounds`](std::ops::RangeBounds) will do, and
+/// [`above`](crate::graph::above) is the range without its lower bound. The engine refuses numbers outside, NaN and infinity.
 #[macro_export]
 macro_rules! params {
+    (@range $ty:ty) => { None };
+    (@range $ty:ty, $range:expr) => { Some($crate::graph::range_text::<$ty>(&$range)) };
     ($(#[doc = $doc:literal])* $vis:vis struct $name:ident {
-        $( $(#[doc = $field_doc:literal])* $field:ident : $ty:ty = $default:expr ),* $(,)?
+        $( $(#[doc = $field_doc:literal])+ $field:ident : $ty:ty = $default:expr $(, in $range:expr)? ),* $(,)?
     }) => {
         $(#[doc = $doc])*
         #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
         #[serde(deny_unknown_fields, default)]
-        $vis struct $name { $( $(#[doc = $field_doc])* pub $field: $ty ),* }
+        $vis struct $name { $( $(#[doc = $field_doc])+ pub $field: $ty ),* }
 
         impl Default for $name {
             fn default() -> Self { Self { $( $field: $default ),* } }
@@ -164,8 +189,13 @@ macro_rules! params {
                     name: stringify!($field),
                     type_name: stringify!($ty),
                     default: $crate::graph::to_ron(&defaults.$field),
+                    range: $crate::params!(@range $ty $(, $range)?),
                     doc: concat!($($field_doc, "\n",)* ""),
                 } ),*]
+            }
+            fn check_ranges(&self) -> Result<(), String> {
+                $( $( $crate::graph::check_range(stringify!($field), &self.$field, $range)?; )? )*
+                Ok(())
             }
             #[allow(unused_variables, reason = "a stage may have no parameters")]
             fn set(&mut self, name: &str, ron: &str) -> Option<Result<(), ron::error::SpannedError>> {

@@ -1,5 +1,7 @@
 //! How stored numbers encode linear light.
 
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Serialize};
 
 /// How a photo's numbers encode linear light. Both sides are 0..1 for what a display shows; larger values pass through
@@ -15,6 +17,9 @@ pub enum Transfer {
 }
 
 impl Transfer {
+    /// Exponents that a parameter may name.
+    pub const GAMMA: RangeInclusive<f32> = 0.1..=10.0;
+
     /// From a stored number to linear light.
     pub fn decode(self, value: f32) -> f32 {
         let v = value.abs();

@@ -1,7 +1,8 @@
 //! Networks by other people: how they take a photo, and which of what they give is meant.
 //!
-//! A photo input is [1, 3, height, width], red first. Where the file leaves the size open, the photo is brought to a shorter side of `side` pixels and
-//! each side rounded to a multiple of the network's patches. What is published:
+//! A photo input is [1, 3, height, width], red first. Where the file leaves the size open, the
+//! photo is brought to a shorter side of `side` pixels and each side rounded to a multiple of the
+//! network's patches. What is published:
 //!
 //! | networks | side, multiple | normalisation | source |
 //! | --- | --- | --- | --- |
@@ -17,11 +18,13 @@ use serde::{Deserialize, Serialize};
 use super::{Layer, NetError, Network, Port, Tensor, planes_of, shown};
 use crate::image::{Picture, Plane, Transfer, resize};
 
-/// What is done to the encoded colours 0..=1 before a network sees them: (colour - mean) / deviation, per channel.
+/// Normalization of the encoded colors 0..=1 for a network: (colour - mean) / deviation, per
+/// channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Normalisation {
-    /// Mean (0.485, 0.456, 0.406), deviation (0.229, 0.224, 0.225): those of the pictures of ImageNet.
+    /// Mean (0.485, 0.456, 0.406), deviation (0.229, 0.224, 0.225): those of the pictures of
+    /// ImageNet.
     #[default]
     ImageNet,
     /// Mean and deviation 0.5: colours become -1..=1.
@@ -33,6 +36,18 @@ pub enum Normalisation {
 }
 
 impl Normalisation {
+    /// Checks that colors can be divided by the deviation.
+    ///
+    /// # Errors
+    /// The deviation, if a channel of it is not positive.
+    pub fn check(self) -> Result<(), String> {
+        let [_, deviation] = self.mean_and_deviation();
+        if deviation.cmple(Vec3::ZERO).any() {
+            return Err(format!("normalisation: wanted a positive deviation, got {deviation}"));
+        }
+        Ok(())
+    }
+
     fn mean_and_deviation(self) -> [Vec3; 2] {
         match self {
             Normalisation::ImageNet => [Vec3::new(0.485, 0.456, 0.406), Vec3::new(0.229, 0.224, 0.225)],
@@ -46,37 +61,20 @@ impl Normalisation {
 /// The largest picture that a network is shown.
 const MAX_PIXELS: usize = 16 << 20;
 
-/// How a network takes a photo.
+/// The form in which a network takes a photo.
 pub struct PhotoInput<'a> {
     /// The input's name; `None` for the only one.
     pub name: Option<&'a str>,
     /// The photo's shorter side, pixels, where the file leaves it open.
     pub side: u32,
-    /// What each side is a multiple of, where the file leaves it open.
+    /// The number that each side is a multiple of, where the file leaves it open.
     pub multiple: u32,
-    /// How the colours that it was trained on encode light.
+    /// The transfer function of the pictures that it was trained on.
     pub transfer: Transfer,
     pub normalisation: Normalisation,
 }
 
 impl PhotoInput<'_> {
-    /// Ranges of the parameters.
-    ///
-    /// # Errors
-    /// Which one, what was wanted, what was got.
-    pub fn check(&self) -> Result<(), String> {
-        for (name, value, low, high) in [("side", self.side, 8, 4096), ("multiple", self.multiple, 1, 256)] {
-            if !(low..=high).contains(&value) {
-                return Err(format!("{name}: wanted {low}..={high}, got {value}"));
-            }
-        }
-        let [_, deviation] = self.normalisation.mean_and_deviation();
-        if deviation.cmple(Vec3::ZERO).any() {
-            return Err(format!("normalisation: wanted a positive deviation, got {deviation}"));
-        }
-        Ok(())
-    }
-
     /// The name of the network's photo input, and the photo as it takes it.
     ///
     /// # Errors
@@ -156,8 +154,8 @@ pub fn output<'a>(network: &'a Network, name: Option<&'a str>) -> Result<&'a str
     }
 }
 
-/// Whether what came out of `name` are pictures with at least so many channels: [.., channels, height, width], of one channel [.., height, width] too,
-/// all dimensions before these 1.
+/// Whether what came out of `name` are pictures with at least so many channels: [.., channels,
+/// height, width], of one channel [.., height, width] too, all dimensions before these 1.
 ///
 /// # Errors
 /// `Mismatch`.
@@ -201,7 +199,7 @@ impl Channels {
     /// Whether the range is one.
     ///
     /// # Errors
-    /// What was wanted, what was got.
+    /// The message names what was wanted and what was got.
     pub fn check(&self) -> Result<(), String> {
         let (low, high) = self.range;
         if low < high { Ok(()) } else { Err(format!("range: wanted the lower number first, got ({low}, {high})")) }
@@ -250,7 +248,8 @@ mod tests {
 
     #[test]
     fn an_open_size_is_that_of_the_published_code() {
-        // 640 x 480: Depth Anything takes 686 x 518 (686 = 49 patches, 690.7 before rounding), DPT 512 x 384.
+        // 640 x 480: Depth Anything takes 686 x 518 (686 = 49 patches, 690.7 before rounding), DPT
+        // 512 x 384.
         let open = port(Some(&[None, Some(3), None, None]));
         assert_eq!(input(518, 14).size(&open, (640, 480)), Ok((686, 518)));
         assert_eq!(input(384, 32).size(&port(None), (640, 480)), Ok((512, 384)));

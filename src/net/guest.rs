@@ -1,4 +1,5 @@
-//! A network in a child process with limits: the child's side. It limits itself, then loads and computes on request.
+//! A network in a child process with limits: the child's side. It limits itself, then loads and
+//! computes on request.
 
 use std::io::{BufReader, Read, Result, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,11 +14,12 @@ enum Work {
     Run { names: Vec<String>, inputs: Vec<Tensor>, outputs: Vec<String> },
 }
 
-/// Serves the program that started this process until that closes `input` or ends. Then another thread calls `end`, which
-/// must end the process.
+/// Serves the program that started this process until that closes `input` or ends. Then another
+/// thread calls `end`, which must end the process.
 ///
-/// `main` calls this before it opens a file: on Unix, all files but the three standard ones are closed, and the process
-/// is limited to `memory_bytes` of memory and `cpu_seconds` of processor time.
+/// `main` calls this before it opens a file: on Unix, all files but the three standard ones are
+/// closed, and the process is limited to `memory_bytes` of memory and `cpu_seconds` of processor
+/// time.
 ///
 /// # Errors
 /// A limit cannot be set, or an answer cannot be written.
@@ -33,7 +35,8 @@ pub fn serve(
     #[cfg(not(unix))]
     let _ = (memory_bytes, cpu_seconds);
     let (send, work) = mpsc::channel();
-    // This thread reads while the network computes, and so notices at once that the program is gone.
+    // This thread reads while the network computes, and so notices at once that the program is
+    // gone.
     std::thread::spawn(move || {
         let mut input = BufReader::new(input);
         while read_work(&mut input).is_ok_and(|work| send.send(work).is_ok()) {}
@@ -98,7 +101,8 @@ fn compute(
     computed.unwrap_or_else(|_| Err(NetError::Run("computing it panicked".into())))
 }
 
-/// Address space for the program itself, its libraries, the stacks of its threads and the allocator's reserves, bytes.
+/// Address space for the program itself, its libraries, the stacks of its threads and the
+/// allocator's reserves, bytes.
 #[cfg(target_os = "linux")]
 const ROOM: u64 = 1 << 30;
 /// The most open files; ONNX Runtime opens some while it is loaded.
@@ -108,7 +112,8 @@ const FILES: u64 = 64;
 #[cfg(unix)]
 fn confine(memory_bytes: u64, cpu_seconds: u64) -> Result<()> {
     use nix::sys::resource::{Resource, getrlimit, setrlimit};
-    // Files that the program had inherited and not marked, or that a library of it opened so, were passed on.
+    // Files that the program had inherited and not marked, or that a library of it opened so, were
+    // passed on.
     let open: Vec<i32> =
         std::fs::read_dir("/dev/fd")?.filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok()).collect();
     for file in open.into_iter().filter(|file| *file > 2) {

@@ -1,7 +1,8 @@
 //! Networks behind one function: ONNX in, planes in, planes out, whichever backend computes them.
 //!
-//! [`Backend::Rten`] is always there; [`Backend::OnnxRuntime`] once [`find_onnxruntime`] has loaded its library. On one backend, the same
-//! inputs give the same bits for any number of threads; between backends, results differ by rounding (tests/networks.rs).
+//! [`Backend::Rten`] is always there; [`Backend::OnnxRuntime`] once [`find_onnxruntime`] has loaded
+//! its library. On one backend, the same inputs give the same bits for any number of threads;
+//! between backends, results differ by rounding (tests/networks.rs).
 
 pub mod foreign;
 mod guest;
@@ -25,13 +26,14 @@ pub use sandbox::{Limits, Sandbox, Untrusted};
 pub use shipped::{CARDS, ships};
 pub use tensor::Tensor;
 
-/// Who computes a network.
+/// The library that computes a network.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Backend {
     /// In pure Rust, part of this program.
     #[default]
     Rten,
-    /// A library of Microsoft's ONNX Runtime found at the start; the text names its build, as builds may differ in rounding.
+    /// A library of Microsoft's ONNX Runtime found at the start; the text names its build, as
+    /// builds may differ in rounding.
     OnnxRuntime(String),
 }
 
@@ -47,7 +49,7 @@ impl std::fmt::Display for Backend {
 /// Why a network gave nothing.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 pub enum NetError {
-    /// The file is no network, or one that this backend cannot run.
+    /// The file is not a network, or one that this backend cannot run.
     #[error("{0}")]
     Damaged(String),
     /// Its inputs or outputs are others than those that are asked for.
@@ -107,8 +109,8 @@ enum Model {
 }
 
 impl Network {
-    /// A network from the bytes of an ONNX file, computed in this process by at most `threads` threads. The file must be
-    /// trusted: a hostile one can abort, hang or fill the process.
+    /// A network from the bytes of an ONNX file, computed in this process by at most `threads`
+    /// threads. The file must be trusted: a hostile one can abort, hang or fill the process.
     ///
     /// # Errors
     /// `Damaged`, `NoBackend`.
@@ -127,8 +129,8 @@ impl Network {
         Ok(Network { model, doubt, inputs, outputs })
     }
 
-    /// The same for a file that may be hostile: a child process with limits computes it, to the same bits. While a call
-    /// waits for the child, it asks `cancelled`.
+    /// The same for a file that may be hostile: a child process with limits computes it, to the
+    /// same bits. While a call waits for the child, it asks `cancelled`.
     ///
     /// # Errors
     /// `Damaged`, `NoBackend`, `Limit`, `Ended`, `Cancelled`.
@@ -160,7 +162,7 @@ impl Network {
     /// Whether these are its inputs and among its outputs, by name and shape.
     ///
     /// # Errors
-    /// `Mismatch`, which tells the first that is not.
+    /// `Mismatch`, which names the first that is not.
     pub fn expect(&self, inputs: &[(&str, &[usize])], outputs: &[&str]) -> Result<(), NetError> {
         let names = |ports: &[Port]| ports.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
         for (name, wanted) in inputs {
@@ -188,8 +190,8 @@ impl Network {
     /// Computes the outputs of these names from all inputs.
     ///
     /// # Errors
-    /// `Run`; `Mismatch` when an output that is not all finite 32-bit numbers comes out; `Limit`, `Ended` or `Cancelled`
-    /// from a child process.
+    /// `Run`; `Mismatch` when an output that is not all finite 32-bit numbers comes out; `Limit`,
+    /// `Ended` or `Cancelled` from a child process.
     pub fn run<const N: usize>(
         &self,
         inputs: Vec<(&str, Tensor)>,

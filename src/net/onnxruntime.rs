@@ -19,10 +19,11 @@ struct Library {
     build: String,
 }
 
-/// Loads the library at `path`, or, of a bare file name, where the system looks for libraries. A library that is loaded already stays.
+/// Loads the library at `path`, or, of a bare file name, where the system looks for libraries. A
+/// library that is loaded already stays.
 ///
 /// # Errors
-/// What is wrong with the library.
+/// The reason why the library cannot be used.
 pub fn find(path: &Path) -> Result<Backend, String> {
     let open = || -> Result<Library, String> {
         let builder = ort::init_from(path).map_err(|e| e.to_string())?;
@@ -40,7 +41,7 @@ pub fn library() -> Option<PathBuf> {
     Some(LIBRARY.get()?.as_ref().ok()?.path.clone())
 }
 
-/// The commit that a library was built from; all that it tells where it does not tell that.
+/// The commit that a library was built from; its whole build string where that names none.
 fn build(info: &str) -> String {
     let commit = info.split("git-commit-id=").nth(1).and_then(|rest| rest.split([',', ' ']).next());
     commit.filter(|commit| !commit.is_empty()).unwrap_or(info).to_owned()
@@ -67,7 +68,8 @@ impl Loaded {
             Session::builder(environment)?
                 .with_optimization_level(GraphOptimizationLevel::All)?
                 .with_intra_threads(threads)?
-                // Threads that wait by spinning would take the processor from the rays that are traced beside.
+                // Threads that wait by spinning would take the processor from the rays that are
+                // traced beside.
                 .with_intra_op_spinning(false)?
                 .commit_from_memory(bytes)
         };

@@ -1,5 +1,6 @@
-//! A cheap check of a network's file before a loader reads it. It refuses files on which loaders abort or hang: lengths
-//! beyond the end of the file, deep nesting, constants that are larger than their bytes, constants in other files.
+//! A cheap check of a network's file before a loader reads it. It refuses files on which loaders
+//! abort or hang: lengths beyond the end of the file, deep nesting, constants that are larger than
+//! their bytes, constants in other files.
 //!
 //! The work is linear in the bytes, and nothing is allocated. Field numbers are those of onnx.proto
 //! (github.com/onnx/onnx). rten's own reader of protocol buffers cannot be used: it is what hangs.
@@ -56,7 +57,7 @@ fn inner(message: Message, field: u64) -> Option<Message> {
 /// Checks whether `bytes` may be given to a loader of ONNX.
 ///
 /// # Errors
-/// The message says what was wanted and what was got.
+/// The message names what was wanted and what was got.
 pub fn precheck(bytes: &[u8]) -> Result<(), String> {
     if bytes.len() > MAX_BYTES {
         return Err(format!("wanted at most {MAX_BYTES} bytes, got {}", bytes.len()));

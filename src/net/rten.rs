@@ -8,7 +8,7 @@ use rten_tensor::prelude::*;
 
 use super::{NetError, Port, Tensor};
 
-/// What rten is known to compute otherwise than ONNX says, where the bytes of the file ask for it.
+/// An operator of the file that rten computes otherwise than ONNX specifies, if there is one.
 pub fn doubt(bytes: &[u8]) -> Option<&'static str> {
     // The field `s` (4, a text of 5 bytes) of an attribute, as `mode` of Resize.
     let cubic = bytes.windows(7).any(|window| window == b"\x22\x05cubic");
@@ -22,7 +22,8 @@ pub struct Loaded {
 
 impl Loaded {
     pub fn new(bytes: Vec<u8>, threads: usize) -> Result<(Loaded, Vec<Port>, Vec<Port>), NetError> {
-        // On a thread of its own: one of the engine's, waiting for rten's pool inside, could take up a stage that waits for this network.
+        // On a thread of its own: one of the engine's, waiting for rten's pool inside, could take
+        // up a stage that waits for this network.
         let load = std::thread::scope(|scope| scope.spawn(|| Model::load(bytes)).join());
         let model = match load {
             Ok(model) => model.map_err(|e| NetError::Damaged(e.to_string()))?,

@@ -1,7 +1,8 @@
-//! A network in a child process with limits: the program's side. The child's side is [`super::guest`].
+//! A network in a child process with limits: the program's side. The child's side is
+//! [`super::guest`].
 //!
-//! The child is not trusted: its answers are held against limits, its time is limited from here, and its standard error
-//! is read only to recognize a failed allocation.
+//! The child is not trusted: its answers are held against limits, its time is limited from here,
+//! and its standard error is read only to recognize a failed allocation.
 
 use std::ffi::OsString;
 use std::io::{Read, Write};
@@ -14,17 +15,19 @@ use std::time::{Duration, Instant};
 use super::wire::{self, Request, read_head, read_tensors, write_head, write_numbers};
 use super::{Backend, NetError, Port, Tensor, onnxruntime};
 
-/// The process that computes networks which do not ship with relight. An engine lends it to its stages as a service;
-/// without it, stages refuse such networks.
+/// The process that computes networks which do not ship with relight. An engine lends it to its
+/// stages as a service; without it, stages refuse such networks.
 #[derive(Clone, Debug)]
 pub enum Untrusted {
-    /// This process, which a hostile file can abort, hang or fill: for programs that know their networks.
+    /// This process, which a hostile file can abort, hang or fill: for programs that trust their
+    /// networks.
     InProcess,
     /// A child process for each.
     Sandboxed(Sandbox),
 }
 
-/// The command that starts a child process: `program arguments.. MEMORY_BYTES CPU_SECONDS`. It must call [`super::serve`].
+/// The command that starts a child process: `program arguments.. MEMORY_BYTES CPU_SECONDS`. It must
+/// call [`super::serve`].
 #[derive(Clone, Debug)]
 pub struct Sandbox {
     pub program: PathBuf,
@@ -116,8 +119,8 @@ impl Process {
         })
     }
 
-    /// Exchanges messages with the child on a thread of its own, so that this thread can end the exchange: it kills the
-    /// child, which closes the pipes.
+    /// Exchanges messages with the child on a thread of its own, so that this thread can end the
+    /// exchange: it kills the child, which closes the pipes.
     fn ask<T: Send>(
         &self,
         doing: &str,
@@ -181,7 +184,8 @@ impl Process {
     }
 }
 
-/// Returns the exit status of a child that has closed its pipes; one that stays is killed after a second.
+/// Returns the exit status of a child that has closed its pipes; one that stays is killed after a
+/// second.
 fn ended(child: &mut Child) -> std::io::Result<ExitStatus> {
     for _ in 0..50 {
         if let Some(status) = child.try_wait()? {

@@ -1,4 +1,5 @@
-//! The networks that ship with the program, in `models/`: a file of one of these names is that network, or an error.
+//! The networks that ship with the program, in `models/`: a file of one of these names is that
+//! network, or an error.
 
 use sha2::{Digest, Sha256};
 
@@ -14,10 +15,11 @@ pub const CARDS: [(&str, &str); 8] = [
     ("lightnet.onnx", include_str!("../../models/lightnet.md")),
 ];
 
-/// Tests whether `bytes` are one of the networks that ship. A file under one of their names must be that network.
+/// Tests whether `bytes` are one of the networks that ship. A file under one of their names must be
+/// that network.
 ///
 /// # Errors
-/// The message says what is wrong and how to mend it.
+/// The message names the fault and its remedy.
 pub fn ships(file_name: &str, bytes: &[u8]) -> Result<bool, String> {
     let got: String = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
     let wanted = CARDS.iter().find(|(name, _)| *name == file_name).and_then(|(_, card)| digest_of(card));

@@ -1,4 +1,4 @@
-//! What goes into a network and comes out.
+//! Tensors: inputs and outputs of networks.
 
 /// 32-bit numbers in row-major order.
 #[derive(Clone, Debug, PartialEq)]
@@ -8,7 +8,7 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// A tensor over `data`, which holds as many numbers as `shape` says.
+    /// A tensor over `data`, whose length is the product of `shape`.
     pub fn new(shape: &[usize], data: Vec<f32>) -> Tensor {
         assert_eq!(data.len(), shape.iter().product::<usize>(), "a tensor holds as many numbers as its shape says");
         Tensor { shape: shape.to_vec(), data }

@@ -1,4 +1,5 @@
-//! The room as the networks take it: planes of one size, exposure and scale as they were trained with.
+//! The room as the networks take it: planes of one size, exposure and scale as they were trained
+//! with.
 
 use glam::Vec3;
 
@@ -14,11 +15,11 @@ pub const HALF: (usize, usize) = (160, 120);
 /// Level of the brightest pixels but 2 %, those of visible lights apart.
 const EXPOSURE: f32 = 0.95;
 
-/// A photo in the exposure that the networks know, and the pixels of its lights.
+/// A photo in the exposure that the networks expect, and the pixels of its lights.
 pub struct View {
     /// Clipped at 1; [`FULL`].
     pub photo: Plane<Vec3>,
-    /// What the photo was multiplied with: radiances of networks are as many times those of the photo.
+    /// Gain of the photo: the networks' radiances are in units of the photo times this gain.
     pub gain: f32,
     /// 1 at pixels of visible lights, else 0; [`FULL`].
     pub light: Plane<f32>,
@@ -88,7 +89,8 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// As MNet takes it: points of the depth at [`FULL`], normals from their central differences.
+    /// The geometry that MNet takes: points of the depth at [`FULL`], normals from their central
+    /// differences.
     pub fn raw(depth: &Depth, camera: &Camera) -> Geometry {
         let camera = camera.resized(FULL.0, FULL.1);
         let depth = resize_depth(depth, FULL.0, FULL.1);
@@ -104,7 +106,7 @@ impl Geometry {
         Geometry { normal, points }
     }
 
-    /// As the other networks take it: [`HALF`], with normals known from elsewhere.
+    /// The geometry that the other networks take: [`HALF`], with given normals.
     pub fn half(depth: &Depth, camera: &Camera, normal: &Normal) -> Geometry {
         let camera = camera.resized(HALF.0, HALF.1);
         let depth = resize(&resize_depth(depth, FULL.0, FULL.1).0, HALF.0, HALF.1);
@@ -119,8 +121,9 @@ impl Geometry {
     }
 }
 
-/// Where a visible light is by mask and depth, [`HALF`]: centre (m) and half extents across the view (m). Depth is the median over the mask;
-/// of a window that over a ring of two pixels around it, as depth of a pane may be that of the view outside. `None` for an empty mask.
+/// The position of a visible light by mask and depth, [`HALF`]: center (m) and half extents across
+/// the view (m). Depth is the median over the mask; of a window that over a ring of two pixels
+/// around it, as depth of a pane may be that of the view outside. `None` for an empty mask.
 pub fn start(points: &Plane<Vec3>, own: &Plane<f32>, light: &Plane<f32>, is_window: bool) -> Option<[f32; 5]> {
     let (width, height) = points.size();
     let inside: Vec<Vec3> =

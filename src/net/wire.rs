@@ -1,5 +1,5 @@
-//! Messages between a program and the child process that holds a network: a head, its length before it, then the bytes
-//! that the head announces.
+//! Messages between a program and the child process that holds a network: a head, its length before
+//! it, then the bytes that the head announces.
 //!
 //! Each length is held against a limit before anything is allocated.
 

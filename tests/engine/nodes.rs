@@ -58,23 +58,25 @@ macro_rules! node {
     };
 }
 
-params! { /** A number. */ pub struct Const { value: i64 = 0 } }
+params! { /** A number. */ pub struct Const { /** The number. */ value: i64 = 0 } }
 node!(Const, NoIn, NumberOut, |this, _i, _c| number(this.value));
 
-params! { /** A number plus a number. */ pub struct Add { plus: i64 = 1 } }
+params! { /** A number plus a number. */ pub struct Add { /** The summand. */ plus: i64 = 1 } }
 node!(Add, OneIn, NumberOut, |this, i, _c| number(i.number.0.wrapping_add(this.plus)));
 
-params! { /** A number times a number. */ pub struct Times { by: i64 = 1 } }
+params! { /** A number times a number. */ pub struct Times { /** The factor. */ by: i64 = 1 } }
 node!(Times, OneIn, NumberOut, |this, i, _c| number(i.number.0.wrapping_mul(this.by)));
 
-params! { /** Counts its rounds, as many as there is time for. */ pub struct Patient { rounds: i64 = 1 } }
+params! { /** Counts its rounds, as many as there is time for. */ pub struct Patient { /** Wanted rounds. */ rounds: i64 = 1 } }
 node!(Patient, OneIn, NumberOut, |this, _i, ctx| {
     ctx.set_stderr(0.5);
     let done = (0..this.rounds).take_while(|_| !ctx.out_of_time()).count();
     number(done as i64)
 });
 
-params! { /** Two numbers, mixed so that their order counts. */ pub struct Mixed { factor: f64 = 1.0, note: Option<String> = None } }
+params! { /** Two numbers, mixed so that their order counts. */ pub struct Mixed {
+/** A factor. */ factor: f64 = 1.0,
+/** A remark. */ note: Option<String> = None } }
 node!(Mixed, TwoIn, NumberOut, |_t, i, _c| number(i.a.0.wrapping_mul(31).wrapping_add(i.b.0)));
 
 params! { /** A number, and perhaps another. */ pub struct Maybe {} }
@@ -91,7 +93,7 @@ node!(Pair, OneIn, PairOut, |_t, i, _c| Ok(PairOut {
     ones: Arc::new(Number(i.number.0 % 10))
 }));
 
-params! { /** One number per member. */ pub struct Split { parts: Vec<(String, i64)> = vec![] } }
+params! { /** One number per member. */ pub struct Split { /** Members and their numbers. */ parts: Vec<(String, i64)> = vec![] } }
 node!(Split, NoIn, SplitOut, |this, _i, _c| Ok(SplitOut {
     parts: Scatter(this.parts.iter().map(|(m, n)| (m.clone(), Arc::new(Number(*n)))).collect())
 }));
@@ -116,7 +118,7 @@ node!(ToDigit, OneIn, DigitOut, |_t, i, _c| Ok(DigitOut { digit: Arc::new(Digit(
 params! { /** A number as a text. */ pub struct Show {} }
 node!(Show, OneIn, TextOut, |_t, i, _c| Ok(TextOut { text: Arc::new(Text(i.number.0.to_string())) }));
 
-params! { /** Fails. */ pub struct Fail { message: String = "on purpose".into() } }
+params! { /** Fails. */ pub struct Fail { /** Of the failure. */ message: String = "on purpose".into() } }
 node!(Fail, OneIn, NumberOut, |this, _i, _c| Err(NodeError::Failed(this.message.clone())));
 
 params! { /** Panics. */ pub struct Panic {} }
@@ -132,8 +134,10 @@ node!(Stop, OneIn, NumberOut, |_t, i, ctx| {
 params! { /** Gives another number every time, which no stage may. */ pub struct Impure {} }
 node!(Impure, OneIn, NumberOut, |_t, i, _c| number(i.number.0 + CALLS.fetch_add(1, Ordering::Relaxed)));
 
-params! { /** Splits work over threads, counts rays, warns. */ pub struct Busy { work: u64 = 1000, note: bool = false,
-scale: f32 = 1.0 } }
+params! { /** Splits work over threads, counts rays, warns. */ pub struct Busy {
+/** Numbers. */ work: u64 = 1000,
+/** Whether it warns. */ note: bool = false,
+/** Not used. */ scale: f32 = 1.0 } }
 node!(Busy, OneIn, NumberOut, |this, i, ctx| {
     use rayon::prelude::*;
     let sum: u64 = (0..this.work)
@@ -148,15 +152,14 @@ node!(Busy, OneIn, NumberOut, |this, i, ctx| {
     number(sum as i64)
 });
 
-params! { /** The length of a file, times its first byte. */ pub struct Read { file: File = File::default(), limit: u32 = 10 } }
+params! { /** The length of a file, times its first byte. */ pub struct Read {
+/** The file. */ file: File = File::default(),
+/** Not used. */ limit: u32 = 10, in 0..=10 } }
 impl Node for Read {
     const KIND: &'static str = "Read";
     const VERSION: u32 = 1;
     type In = NoIn;
     type Out = NumberOut;
-    fn check(&self) -> Result<(), String> {
-        if self.limit <= 10 { Ok(()) } else { Err(format!("limit: wanted at most 10, got {}", self.limit)) }
-    }
     fn files(&mut self) -> Vec<&mut File> {
         vec![&mut self.file]
     }

@@ -277,12 +277,7 @@ fn networks_that_cannot_be_used_are_named() {
             "--known-length 4,4,9,9",
             &["wanted two pixels and the metres between them, as `212,80,212,395=2.03`"],
         ),
-        (
-            "span",
-            sound.clone(),
-            "--set depth.span=1",
-            &["--set depth.span", "span: wanted above 1, at most 1000, got 1"],
-        ),
+        ("span", sound.clone(), "--set depth.span=1", &["--set depth.span", "span: wanted > 1 and <= 1000, got 1"]),
         ("side", sound.clone(), "--set depth.side=7", &["side: wanted 8..=4096, got 7"]),
         (
             "deviation",

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
-use std::time::Instant;
+use std::time::Duration;
 
 use crate::project::*;
 
@@ -45,37 +45,44 @@ fn random(seed: u64) -> u64 {
     z ^ (z >> 31)
 }
 
+/// How many results lie in a cache that a run may be writing to.
+fn kept(cache: &Path) -> usize {
+    let list = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    list(&cache.join("entries")).map(|folder| list(&folder).count()).sum()
+}
+
 #[test]
 fn after_a_kill_at_any_moment_the_next_run_is_right() {
     let place = Place::new();
     let wanted = wanted(&place);
-    let began = Instant::now();
     check_right(&place, "whole", &wanted);
-    let mut whole = began.elapsed();
-    let mut cut = 0;
-    for round in 0..36 {
-        // Two kills on one cache, then a run to the end; then all of it again.
-        if round % 3 == 2 {
-            check_right(&place, "cache", &wanted);
-            place.check("cache verify --cache cache", 0);
-            place.check("cache clear --cache cache", 0);
-            continue;
+    let whole = kept(&place.path("whole")) as u64;
+    let cache = place.path("cache");
+    let (mut kills, mut chance) = (0, (0..).map(random));
+    let mut chance = || chance.next().expect("there is no end of numbers");
+    while kills < 24 {
+        // Two kills on one cache, then a run to the end; then all of it again. A kill falls when a random part of the results is
+        // kept, and up to 20 ms later.
+        let (first, second) = (chance() % (whole / 2), whole / 2 + chance() % (whole / 2));
+        for part in [first, second] {
+            let mut child = start(&place, &format!("{RUN} --cache cache --out torn"));
+            while (kept(&cache) as u64) < part && child.try_wait().expect("it can be looked at").is_none() {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            std::thread::sleep(Duration::from_millis(chance() % 20));
+            child.kill().expect("it can be killed");
+            // One that came to its end before is tried again.
+            kills += u32::from(!child.wait().expect("it ends").success());
+            // What a killed run wrote is whole or not there.
+            for (name, wanted) in ["picture.png", "picture.exr"].iter().zip(&wanted) {
+                let torn = std::fs::read(place.path("torn").join(name));
+                assert!(torn.is_err() || torn.is_ok_and(|bytes| bytes == *wanted), "{name} is torn");
+            }
         }
-        let mut child = start(&place, &format!("{RUN} --cache cache --out torn"));
-        std::thread::sleep(whole.mul_f64((random(round) % 1000) as f64 / 1000.0));
-        child.kill().expect("it can be killed");
-        if child.wait().expect("it ends").success() {
-            whole = whole.mul_f64(0.8); // the machine has more time for us than at first
-        } else {
-            cut += 1;
-        }
-        // What a killed run wrote is whole or not there.
-        for (name, wanted) in ["picture.png", "picture.exr"].iter().zip(&wanted) {
-            let torn = std::fs::read(place.path("torn").join(name));
-            assert!(torn.is_err() || torn.is_ok_and(|bytes| bytes == *wanted), "{name} is torn");
-        }
+        check_right(&place, "cache", &wanted);
+        place.check("cache verify --cache cache", 0);
+        place.check("cache clear --cache cache", 0);
     }
-    assert!(cut >= 12, "only {cut} of 24 were killed before they ended");
 }
 
 #[test]

@@ -63,8 +63,12 @@ fn mnet() {
         let inputs =
             MNetIn { photo: photo(), depth: room().depth.clone(), camera: room().camera.clone(), masks: masks() };
         let out = MNet { model: model("mnet.onnx"), backend }.run(inputs, &Context::default()).expect("it runs");
-        let facing = out.normal.0.pixels().iter().all(|n| n.z > -0.9 && (n.length() - 1.0).abs() < 1e-5);
-        assert!(facing, "normals have unit length");
+        for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
+            let n = out.normal.0.get(x, y);
+            assert!((n.length() - 1.0).abs() < 1e-5, "({x}, {y}): a normal has unit length, got {n}");
+            let away = n.dot(room().camera.pixel_point(x, y, 1.0));
+            assert!(away <= 0.0, "({x}, {y}): a normal faces the camera, got {n}");
+        }
         Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
             let (a, r) = (out.albedo.0.get(x, y), out.roughness.0.get(x, y));
             Vec3::new(a.x, a.y, r)

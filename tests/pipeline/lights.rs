@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use glam::Vec3;
+use needs::needs;
 use relight::geometry::Model;
 use relight::graph::RunReport;
 use relight::image::{Mask, Picture, luminance};
@@ -311,13 +312,10 @@ fn pictures_that_are_no_sky_are_refused() {
 }
 
 /// Photographed skies, which may not be given away.
+#[needs("../shared/data/hdri")]
 #[test]
 fn photographed_skies_keep_their_light() {
-    let folder = root().join("../shared/data/hdri");
-    let Ok(entries) = std::fs::read_dir(&folder) else {
-        println!("skipped: {} is not there", folder.display());
-        return;
-    };
+    let entries = std::fs::read_dir(root().join("../shared/data/hdri")).expect("the folder can be listed");
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("it can be listed").path()).collect();
     paths.retain(|path: &PathBuf| path.extension().is_some_and(|e| e == "hdr"));
     paths.sort();

@@ -268,4 +268,11 @@ fn a_million_triangles_take_seconds() {
     let place = place(r#"Mesh(path: "ball.ply", at: Pixel(x: 20, y: 20), height: 0.5)"#);
     place.write("ball.ply", bytes);
     check(&place, "a million triangles", 0, &[]);
+    let report = std::fs::read(place.path("out/report.json")).expect("the run wrote its report");
+    let report: serde_json::Value = serde_json::from_slice(&report).expect("it is JSON");
+    let nodes = report["nodes"].as_array().expect("the report lists nodes");
+    let objects = nodes.iter().find(|node| node["name"] == "objects").expect("objects were read");
+    let seconds = objects["seconds"].as_f64().expect("a number");
+    // On two idle cores it takes about one; a step that is not linear in the triangles would take many minutes.
+    assert!(seconds < 20.0, "{seconds} s to read and place the triangles");
 }

@@ -1,8 +1,9 @@
 //! A bounding volume hierarchy whose nodes have up to eight children, tested at once.
 //!
-//! obvhs builds a binary hierarchy; it is collapsed so that the boxes left have the least area in all, which is what a random
-//! ray is expected to test (the dynamic programme of Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs
-//! Through Compressed Wide BVHs", HPG 2017, section 4.2).
+//! obvhs builds a binary hierarchy; it is collapsed so that the boxes left have the least area in
+//! all, which is what a random ray is expected to test (the dynamic programme of Ylitie, Karras and
+//! Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017,
+//! section 4.2).
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -15,11 +16,13 @@ use obvhs::triangle::Triangle;
 
 use super::watertight_triangle::Packet;
 
-/// Splitting large triangles is what long slivers (curtains, slanted surfaces) gain most from; a slower build beyond that
-/// gains less on the rays of a picture than it costs. What becomes a packet is decided here, not by the builder.
+/// Splitting large triangles is what long slivers (curtains, slanted surfaces) gain most from; a
+/// slower build beyond that gains less on the rays of a picture than it costs. What becomes a
+/// packet is decided here, not by the builder.
 const BUILD: BvhBuildParams = BvhBuildParams { pre_split: true, max_prims_per_leaf: 1, ..BvhBuildParams::fast_build() };
 
-/// Children that may wait for their turn on the stack of an ordinary hierarchy; a deeper one gets a stack of its own size.
+/// Children that may wait for their turn on the stack of an ordinary hierarchy; a deeper one gets a
+/// stack of its own size.
 const WAITING: usize = 128;
 
 /// Set in the number of a packet, clear in that of a node.
@@ -39,12 +42,12 @@ pub struct Bvh8 {
     packets: Vec<Packet>,
     /// The largest absolute coordinate.
     extent: f32,
-    /// How many children can wait at most.
+    /// Largest number of children on the stack.
     waiting: usize,
 }
 
 impl Bvh8 {
-    /// Of triangles with finite corners.
+    /// Builds the hierarchy of triangles with finite corners.
     pub fn new(triangles: &[([Vec3; 3], u32)]) -> Bvh8 {
         let extent = triangles.iter().flat_map(|t| t.0).map(|p| p.abs().max_element()).fold(0.0, f32::max);
         let mut bvh = Bvh8 { nodes: Vec::new(), packets: Vec::new(), extent, waiting: 0 };
@@ -63,7 +66,8 @@ impl Bvh8 {
 
     fn collapse(&mut self, binary: &Bvh2, triangles: &[([Vec3; 3], u32)]) {
         let costs = Costs::new(binary);
-        // What a child of the binary hierarchy becomes, where that shall be written, and how many wait beside it.
+        // What a child of the binary hierarchy becomes, where that shall be written, and how many
+        // wait beside it.
         let mut todo = vec![(0, None, 0)];
         while let Some((at, place, beside)) = todo.pop() {
             let mut children = if place.is_none() && costs.is_packet(0) { vec![0] } else { costs.children(binary, at) };
@@ -95,8 +99,9 @@ impl Bvh8 {
         }
     }
 
-    /// Brings a child closer while its siblings are sorted and entered. Rays spend most of their time waiting for memory; there
-    /// is no safe prefetch, but nothing waits for a read whose value is not used.
+    /// Brings a child closer while its siblings are sorted and entered. Rays spend most of their
+    /// time waiting for memory; there is no safe prefetch, but nothing waits for a read whose value
+    /// is not used.
     #[inline(always)]
     fn fetch(&self, child: u32) {
         if child & PACKET != 0 {
@@ -106,9 +111,10 @@ impl Bvh8 {
         }
     }
 
-    /// Hands the packets near the ray to `meet`, which is told how far the ray still goes, in units of the direction, and says
-    /// how far it goes from there; a negative answer ends the walk. With `NEAREST_FIRST`, nearer boxes are entered first.
-    /// Origin and direction are finite, the direction is not zero.
+    /// Passes the packets near the ray to `meet`, with the length of the ray in units of the
+    /// direction; `meet` returns its length from there; a negative answer ends the walk. With
+    /// `NEAREST_FIRST`, nearer boxes are entered first. Origin and direction are finite, the
+    /// direction is not zero.
     #[inline(always)]
     pub fn walk<S: Simd, const NEAREST_FIRST: bool>(
         &self,
@@ -181,7 +187,8 @@ impl Bvh8 {
     }
 }
 
-/// A ray against the boxes of a node. On each axis it enters through one plane and leaves through the other, as its sign says.
+/// A ray against the boxes of a node. On each axis it enters through one plane and leaves through
+/// the other, by its sign.
 struct Slabs<S: Simd> {
     simd: S,
     /// The side through which the ray enters.
@@ -194,8 +201,9 @@ struct Slabs<S: Simd> {
 impl<S: Simd> Slabs<S> {
     #[inline(always)]
     fn new(simd: S, origin: Vec3, direction: Vec3, extent: f32) -> Slabs<S> {
-        // What is rounded, here and in the triangle test, is at most the distance of origin and corner along an axis. Entering
-        // from a little behind and leaving from a little ahead makes every box larger by some ten times the error.
+        // What is rounded, here and in the triangle test, is at most the distance of origin and
+        // corner along an axis. Entering from a little behind and leaving from a little ahead makes
+        // every box larger by some ten times the error.
         let slack = 2e-6 * (extent + origin.abs().max_element());
         let zero = f32x8::splat(simd, 0.0);
         let mut slabs = Slabs { simd, side: [0; 3], near: [zero; 3], far: [zero; 3], inverse: [zero; 3] };
@@ -212,7 +220,7 @@ impl<S: Simd> Slabs<S> {
         slabs
     }
 
-    /// Where the ray crosses a plane of each box.
+    /// The distance at which the ray crosses a plane of each box.
     #[inline(always)]
     fn cross(&self, planes: &[f32; 8], origin: f32x8<S>, axis: usize) -> f32x8<S> {
         (f32x8::simd_from(self.simd, *planes) - origin) * self.inverse[axis]
@@ -228,7 +236,8 @@ impl<S: Simd> Slabs<S> {
         self.cross(&node.planes[axis][1 - (self.side[axis] & 1)], self.far[axis], axis)
     }
 
-    /// Which boxes the ray is in somewhere in 0..=`limit`, a bit each, and where it enters them.
+    /// The boxes that the ray crosses within 0..=`limit`, a bit each, and the distances at which it
+    /// enters them.
     #[inline(always)]
     fn enter(&self, node: &Node, limit: f32) -> (u64, [f32; 8]) {
         let (zero, limit) = (f32x8::splat(self.simd, 0.0), f32x8::splat(self.simd, limit));
@@ -255,7 +264,7 @@ fn triangles_below(binary: &Bvh2, at: u32) -> Vec<u32> {
     inside
 }
 
-/// What the nodes of a binary hierarchy become.
+/// The collapse of a binary hierarchy into wide nodes, at least cost.
 struct Costs {
     /// By node the least area of boxes in and below it, shown as at most 1, 2, .. 8 children.
     areas: Vec<[f32; 8]>,

@@ -10,14 +10,15 @@ use super::watertight_triangle::Turned;
 /// Beyond this many metres nothing is part of a room; it also keeps products of coordinates finite.
 pub const FAR: f32 = 1e4;
 
-/// Triangles that rays can be traced against. Neighbours leave no gap, and results are the same on every processor.
+/// Triangles that rays can be traced against. Neighbours leave no gap, and results are the same on
+/// every processor.
 pub struct RayMesh {
     bvh: Bvh8,
-    /// What the processor can do.
+    /// The processor's instruction set.
     level: Level,
 }
 
-/// Where a ray meets a triangle.
+/// The intersection of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayMeshHit {
     /// The caller's number of the triangle.
@@ -27,8 +28,9 @@ pub struct RayMeshHit {
 }
 
 impl RayMesh {
-    /// Builds the hierarchy. Triangles without area or with a corner beyond `FAR` (or not a number) are left out, and so
-    /// are repetitions: many equal boxes would slow the build down beyond measure.
+    /// Builds the hierarchy. Triangles without area or with a corner beyond `FAR` (or not a number)
+    /// are left out, and so are repetitions: many equal boxes would slow the build down beyond
+    /// measure.
     pub fn new(triangles: impl IntoIterator<Item = ([Vec3; 3], u32)>) -> RayMesh {
         let mut kept: Vec<([Vec3; 3], u32)> = triangles
             .into_iter()
@@ -56,8 +58,8 @@ impl RayMesh {
         dispatch!(self.level, simd => closest_hit(simd, &self.bvh, origin, direction))
     }
 
-    /// Whether `stops` says yes to any triangle hit within (0, `limit`); asked in no particular order, never again after
-    /// its first yes.
+    /// Whether `stops` returns true for any triangle hit within (0, `limit`); asked in no
+    /// particular order, never again after its first yes.
     pub fn any(&self, origin: Vec3, direction: Vec3, limit: f32, stops: impl Fn(u32) -> bool) -> bool {
         if !usable(origin, direction) || limit.is_nan() || limit <= 0.0 {
             return false;
@@ -167,7 +169,7 @@ mod tests {
         hits.min_by(|a, b| a.distance.total_cmp(&b.distance).then(a.id.cmp(&b.id)))
     }
 
-    /// What this processor can do, least first.
+    /// The instruction sets of this processor, the smallest first.
     fn levels() -> Vec<Level> {
         let best = Level::new();
         #[cfg(target_arch = "x86_64")]
@@ -177,8 +179,8 @@ mod tests {
         [Level::baseline()].into_iter().chain(between.into_iter().flatten()).chain([best]).collect()
     }
 
-    /// Whether the ray runs in the plane of the triangle, to rounding, and still seems to hit it: such a hit can lie far away
-    /// from the triangle, where no box is entered.
+    /// Whether the ray runs in the plane of the triangle, to rounding, and still seems to hit it:
+    /// such a hit can lie far away from the triangle, where no box is entered.
     fn in_doubt(corners: &[Vec3; 3], origin: Vec3, direction: Vec3) -> bool {
         let [a, b, c] = corners.map(|corner| (corner - origin).as_dvec3());
         let normal = (b - a).cross(c - a);
@@ -186,7 +188,8 @@ mod tests {
         along(direction.as_dvec3()) && along(a) && slow_distance(corners, origin, direction).is_finite()
     }
 
-    /// Holds one ray against the twin, bit for bit, with every instruction set there is. One in doubt is let go.
+    /// Holds one ray against the twin, bit for bit, with every instruction set there is. One in
+    /// doubt is let go.
     fn check(mesh: &mut RayMesh, triangles: &Triangles, origin: Vec3, direction: Vec3) {
         if triangles.iter().any(|(corners, _)| in_doubt(corners, origin, direction)) {
             return;
@@ -268,7 +271,8 @@ mod tests {
             let mut mesh = RayMesh::new(triangles.iter().copied());
             for (pixel, from) in rays {
                 let vertex = camera.pixel_point(pixel % 12, pixel / 12, depths[pixel]);
-                // Through a vertex from the camera and from elsewhere, away from it, through the middle of an edge, along an axis.
+                // Through a vertex from the camera and from elsewhere, away from it, through the
+                // middle of an edge, along an axis.
                 let next = camera.pixel_point((pixel + 1) % 12, pixel / 12, depths[pixel / 12 * 12 + (pixel + 1) % 12]);
                 let middle = 0.5 * (vertex + next);
                 for (origin, direction) in [(Vec3::ZERO, vertex), (from, vertex - from), (vertex, from), (from, middle - from)] {
@@ -315,7 +319,8 @@ mod tests {
         }
     }
 
-    /// A sensor's view of steps and slants. Rays through pixel centres are rays through vertices, where six triangles meet.
+    /// A sensor's view of steps and slants. Rays through pixel centres are rays through vertices,
+    /// where six triangles meet.
     #[test]
     fn a_closed_mesh_lets_no_ray_through() {
         let camera = Camera::from_fov_x(320, 240, 60.0);

@@ -1,9 +1,10 @@
 //! Rays against triangles, eight at once, without gaps between neighbours.
 //!
-//! The test is that of Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013. The ray is turned and
-//! sheared into the z axis; a triangle is hit when the origin lies on the same side of its three edges. Two triangles see
-//! their shared edge with exactly opposite signs, because a product of two numbers rounds the same whoever asks. A fused
-//! multiply-add would break that, and would make the result depend on the processor: there is none here.
+//! The test is that of Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1),
+//! 2013. The ray is turned and sheared into the z axis; a triangle is hit when the origin lies on
+//! the same side of its three edges. Two triangles see their shared edge with exactly opposite
+//! signs, because a product of two numbers rounds the same whoever asks. A fused multiply-add would
+//! break that, and would make the result depend on the processor: there is none here.
 
 use std::hint::black_box;
 
@@ -20,7 +21,7 @@ pub struct Packet {
 }
 
 impl Packet {
-    /// Of the first eight triangles given.
+    /// Packs the first eight triangles.
     pub fn new(triangles: impl IntoIterator<Item = ([Vec3; 3], u32)>) -> Packet {
         let mut packet = Packet { corners: [[[f32::NAN; 8]; 3]; 3], ids: [u32::MAX; 8] };
         for (lane, (corners, id)) in triangles.into_iter().take(8).enumerate() {
@@ -79,8 +80,9 @@ impl<S: Simd> Turned<S> {
         ]
     }
 
-    /// Which triangles are met within (0, `limit`], a bit each, and at which multiple of the direction. A triangle
-    /// seen edge on is not met unless rounding says so, nor is anything when numbers overflow: then the distance is not a number.
+    /// The triangles hit within (0, `limit`], a bit each, and their distances in units of the
+    /// direction. A triangle seen edge on is not hit but by rounding, nor is anything when numbers
+    /// overflow: then the distance is not a number.
     #[inline(always)]
     pub fn hits(&self, packet: &Packet, limit: f32) -> (u64, [f32; 8]) {
         let [a, b, c] = [&packet.corners[0], &packet.corners[1], &packet.corners[2]];

@@ -1,7 +1,8 @@
-//! Bodies in the room: models that were given a place, as triangles that rays meet, and probes on their surfaces.
+//! Bodies in the room: models that were given a place, as triangles that rays meet, and probes on
+//! their surfaces.
 //!
-//! A bounce that meets a body needs to know what the body shows there, seen by the camera or not. That is known at its
-//! **probes**: places spread evenly over its whole surface.
+//! A bounce that meets a body needs the body's radiance there, seen by the camera or not. That is
+//! computed at its **probes**: places spread evenly over its whole surface.
 
 use std::sync::OnceLock;
 
@@ -16,12 +17,13 @@ use crate::image::{Plane, rule};
 /// A model with its place in camera space.
 pub struct Body {
     pub model: Model,
-    /// In the place of what the file says.
+    /// Replaces the material of the file.
     pub material: Option<Material>,
 }
 
 impl Body {
-    /// Turns the model by `turn`, makes it `scale` times as large and moves it: p -> turn (p - from) scale + to.
+    /// Turns the model by `turn`, makes it `scale` times as large and moves it: p -> turn
+    /// (p - from) scale + to.
     pub fn placed(mut model: Model, material: Option<Material>, turn: Mat3, scale: f32, from: Vec3, to: Vec3) -> Body {
         model.positions.iter_mut().for_each(|p| *p = turn * (*p - from) * scale + to);
         model.normals.iter_mut().for_each(|n| *n = turn * *n);
@@ -42,8 +44,9 @@ impl Body {
         let smooth = normals.iter().all(|n| *n != Vec3::ZERO);
         let normal = if smooth { mix(&|k| normals[k]).normalize_or(flat) } else { flat };
         let on = mix(&|k| corners[k]);
-        // Where a smooth surface is made of flat triangles, places on them lie below it, and rays that start there would meet
-        // their neighbours (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II, 2021).
+        // Where a smooth surface is made of flat triangles, places on them lie below it, and rays
+        // that start there would meet their neighbours (Hanika, "Hacking the Shadow Terminator",
+        // Ray Tracing Gems II, 2021).
         let lift = if smooth { mix(&|k| normals[k] * (on - corners[k]).dot(normals[k]).min(0.0)) } else { Vec3::ZERO };
         let uvs = index.map(|i| self.model.uvs[i]);
         let uv: Vec2 = (0..3).map(|k| uvs[k] * weights[k]).sum();
@@ -68,14 +71,16 @@ impl Material {
 /// A place on a body.
 pub struct Place {
     pub point: Vec3,
-    /// Of the surface that the triangles stand for, towards the outside.
+    /// The shading normal: of the smooth surface that the triangles approximate, towards the
+    /// outside.
     pub normal: Vec3,
-    /// Of the triangle itself.
+    /// The geometric normal of the triangle.
     pub flat: Vec3,
     pub material: Material,
 }
 
-/// How far above a body rays start from `point`: far more than rounding, far less than any body that can be seen.
+/// The distance above a body at which rays start, metres: far more than rounding, far less than any
+/// body that can be seen.
 pub fn clearance(point: Vec3) -> f32 {
     2e-5 * point.length().max(1e-3)
 }
@@ -86,7 +91,7 @@ pub struct Probes {
     /// One row.
     pub points: Plane<Vec3>,
     pub normals: Plane<Vec3>,
-    /// Which body each is on.
+    /// The body of each probe.
     pub body: Plane<u32>,
 }
 
@@ -105,7 +110,7 @@ impl Probes {
 pub struct Bodies {
     /// Three corners a row.
     corners: Plane<Vec3>,
-    /// Which body each triangle belongs to.
+    /// The body of each triangle.
     body: Plane<u32>,
     probes: Probes,
     #[serde(skip)]
@@ -198,7 +203,7 @@ impl Bodies {
         !self.is_empty() && self.rays().any(from, to - from, 0.999, |_| true)
     }
 
-    /// The probe that tells best what triangle `id` shows at `place` to a ray along `direction`.
+    /// The probe that represents triangle `id` best at `place` for a ray along `direction`.
     pub fn nearest_probe(&self, id: u32, place: Vec3, direction: Vec3) -> usize {
         let [a, b, c] = self.triangle(id);
         let normal = (b - a).cross(c - a).normalize_or_zero();
@@ -239,7 +244,8 @@ impl Bodies {
     }
 }
 
-/// How much a right angle between normals sets two places apart, in squares of half the body's diagonal.
+/// Distance that a right angle between two normals counts for, in squares of half the body's
+/// diagonal.
 pub(in crate::geometry) const NORMAL: f32 = 2.0;
 
 /// `count` places on a body, evenly by area: a triangle and the weights of its corners.
@@ -262,7 +268,8 @@ fn spread(body: &Body, count: usize) -> Vec<(usize, Vec3)> {
     let place = |i: usize| {
         let target = (i as f64 + 0.5) / count as f64 * whole;
         let triangle = sums.partition_point(|&sum| sum <= target).min(sums.len() - 1);
-        // The plastic sequence: Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018.
+        // The plastic sequence: Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences",
+        // 2018.
         let (u, v) = ((0.5 + 0.754_877_67 * i as f64).fract(), (0.5 + 0.569_840_29 * i as f64).fract());
         let (root, v) = (u.sqrt() as f32, v as f32);
         (triangle, Vec3::new(1.0 - root, root * (1.0 - v), root * v))

@@ -1,9 +1,11 @@
-//! What the camera sees of bodies: their pixels in the photo, and the places whose light is asked for.
+//! Bodies as the camera sees them: their pixels in the photo, and the samples at which light is
+//! computed.
 //!
-//! Within the rectangle around all that is seen, each photo pixel has a share that bodies cover and what they show of
-//! themselves there. Light is asked for at **samples**: one for each pixel, or in large photos for each block of `step` x
-//! `step` of them. A sample is a place that is really seen; in blocks where nothing is, it repeats the nearest one, so that
-//! samples can be filtered like a picture.
+//! Within the rectangle around all that is seen, each photo pixel has a share that bodies cover and
+//! what they show of themselves there. Light is asked for at **samples**: one for each pixel, or in
+//! large photos for each block of `step` x `step` of them. A sample is a place that is really seen;
+//! in blocks where nothing is, it repeats the nearest one, so that samples can be filtered like a
+//! picture.
 
 use std::ops::Range;
 
@@ -37,12 +39,13 @@ pub struct Objects {
     /// The samples, slightly above the surface.
     pub points: Plane<Vec3>,
     pub normals: Plane<Vec3>,
-    /// Which body each sample is on.
+    /// The body of each sample.
     pub body: Plane<u32>,
-    /// The probes that each sample draws from, eight of each, one row for a sample, and their weights, which sum to 1.
+    /// The probes that each sample draws from, eight of each, one row for a sample, and their
+    /// weights, which sum to 1.
     pub near: Plane<u32>,
     pub weight: Plane<f32>,
-    /// What the probes are made of: base colour; roughness, specular, metallic.
+    /// Materials of the probes: base color; roughness, specular, metallic.
     pub probe_albedo: Plane<Vec3>,
     pub probe_gloss: Plane<Vec3>,
 }
@@ -63,7 +66,7 @@ pub struct Drawing {
 #[derive(Clone, Copy)]
 struct Shown {
     cover: f32,
-    /// Of the ray nearest to the pixel's middle that meets a body.
+    /// The hit of the ray nearest to the pixel's center.
     point: Vec3,
     normal: Vec3,
     flat: Vec3,
@@ -102,7 +105,8 @@ impl Objects {
         }
     }
 
-    /// Whether the planes of an object that was read from disk belong together, and samples draw from probes that are there.
+    /// Whether the planes of an object that was read from disk belong together, and samples draw
+    /// from probes that are there.
     ///
     /// # Errors
     /// The rule that is not kept.
@@ -130,8 +134,8 @@ impl Objects {
         (self.cover.len() * 44) + self.points.len() * (28 + 8 * NEAR) + 24 * self.probe_albedo.len()
     }
 
-    /// The samples that pixel (x, y) of the rectangle draws from, and their weights, which sum to 1: near in the picture, of the
-    /// same surface.
+    /// The samples that pixel (x, y) of the rectangle draws from, and their weights, which sum to
+    /// 1: near in the picture, of the same surface.
     pub fn taps(&self, x: usize, y: usize) -> ([(usize, f32); 9], usize) {
         let mut taps = [(0, 0.0); 9];
         let (w, h) = self.points.size();
@@ -160,7 +164,8 @@ impl Objects {
         (taps, count)
     }
 
-    /// What bodies show of diffuse light (irradiance / pi) that is known at their samples: base colour x (1 - metallic) x light.
+    /// Diffuse radiance of the bodies, from the irradiance / pi at their samples:
+    /// base color x (1 - metallic) x irradiance / pi.
     pub fn diffuse(&self, samples: &[Vec3]) -> Plane<Vec3> {
         let (w, h) = self.cover.size();
         let pixel = |i: usize| {
@@ -174,7 +179,7 @@ impl Objects {
         Plane::new(w, h, (0..w * h).into_par_iter().with_min_len(1024).map(pixel).collect())
     }
 
-    /// What the probes say at a sample.
+    /// The weighted mean of probe values at a sample.
     pub fn from_probes(&self, sample: usize, values: &[Vec3]) -> Vec3 {
         let range = sample * NEAR..(sample + 1) * NEAR;
         let taps = self.near.pixels()[range.clone()].iter().zip(&self.weight.pixels()[range]);
@@ -182,8 +187,8 @@ impl Objects {
     }
 }
 
-/// Draws `bodies` (and their triangles, `solid`) as `camera` sees them before and behind what has `depth`; `error` says by how
-/// much a depth may be wrong.
+/// Draws `bodies` (and their triangles, `solid`) as `camera` sees them before and behind what has
+/// `depth`; `error` is the possible error of a depth, metres.
 pub fn draw(
     bodies: &[Body],
     (solid, materials): (&Bodies, &[Material]),
@@ -255,7 +260,8 @@ fn rectangle(bodies: &[Body], camera: &Camera) -> Option<(Range<usize>, Range<us
             let corner = Vec3::from_array([0, 1, 2].map(|k| if i >> k & 1 == 0 { near[k] } else { far[k] }));
             match camera.project(corner) {
                 Some(at) => (low, high) = (low.min(at), high.max(at)),
-                // What lies wholly behind the camera is not seen; what reaches there may be anywhere.
+                // What lies wholly behind the camera is not seen; what reaches there may be
+                // anywhere.
                 None if near.z >= 0.0 => {}
                 None => (low, high) = (Vec2::ZERO, Vec2::new(camera.width as f32, camera.height as f32)),
             }
@@ -285,7 +291,8 @@ fn trimmed(columns: Range<usize>, rows: Range<usize>, seen: Vec<Option<Shown>>) 
     Some((columns.start + low.0..columns.start + high.0, rows.start + low.1..rows.start + high.1, kept))
 }
 
-/// What one pixel shows of bodies up to the depth `limit`. Four rays first; all of them where those disagree.
+/// The bodies in one pixel, up to the depth `limit`. Four rays first; all of them where those
+/// disagree.
 fn pixel(
     bodies: &[Body],
     solid: &Bodies,
@@ -326,7 +333,8 @@ fn pixel(
     let view = -at.point.normalize_or(Vec3::NEG_Z);
     let turn = |n: Vec3, by: Vec3| if by.dot(view) < 0.0 { -n } else { n };
     let (flat, normal) = (turn(at.flat, at.flat), turn(at.normal, at.flat));
-    // Smooth normals may face away from the camera at an outline, where the surface itself does not.
+    // Smooth normals may face away from the camera at an outline, where the surface itself does
+    // not.
     let away = (LEAST_FACING - normal.dot(view)).max(0.0);
     Some(Shown {
         cover: count / rays.len() as f32,
@@ -380,8 +388,8 @@ fn filled(mut samples: Vec<Option<Shown>>, width: usize) -> Vec<Shown> {
     samples.into_iter().flatten().collect()
 }
 
-/// The probes that a place on a body draws from: its nearest, by distance and normal, with weights that fall to zero at the
-/// first that is left out, so that none comes or goes with a step.
+/// The probes that a place on a body draws from: its nearest, by distance and normal, with weights
+/// that fall to zero at the first that is left out, so that none comes or goes with a step.
 fn nearest(solid: &Bodies, body: u32, point: Vec3, normal: Vec3) -> [(u32, f32); NEAR] {
     let (range, size) = solid.probes_of(body);
     let probes = solid.probes();

@@ -1,22 +1,24 @@
-//! Which way is up, when the camera looks up or down.
+//! The direction of gravity for a camera that looks up or down.
 
 use glam::Vec3;
 
 use crate::image::Normal;
 
-/// Normals looked at: as many as tell the direction to a fraction of a degree.
+/// Number of normals sampled: enough for a fraction of a degree.
 const LOOKED_AT: usize = 2000;
-/// Degrees off a wall's or floor's direction at which a normal says nothing; wide enough for the noise of a depth camera.
+/// Angle from a wall's or floor's direction beyond which a normal gets no weight, degrees; wide
+/// enough for the noise of a depth camera.
 const TOLERANCE: f32 = 10.0;
-/// Largest pitch that is looked for, degrees.
+/// Largest pitch of the search, degrees.
 const MOST: f32 = 35.0;
 
-/// The world's up in camera space, for a camera that may be pitched but is not rolled: the unit direction across x that floors and
-/// ceilings face and walls are orthogonal to.
+/// The world's up in camera space, for a camera that may be pitched but is not rolled: the unit
+/// direction across x that floors and ceilings face and walls are orthogonal to.
 ///
-/// The pitch that most normals agree with: each counts 1 - (a / 10 degrees)^2, a being its angle to that direction or to the
-/// plane across it. A roll is not looked for: a bed or a roof that slopes sideways would pass for one, and photos are held level.
-/// Exactly +y when less than 30 % of the normals' weight agrees with any pitch, or hardly more than with none.
+/// The pitch that most normals agree with: each counts 1 - (a / 10 degrees)^2, a being its angle to
+/// that direction or to the plane across it. A roll is not looked for: a bed or a roof that slopes
+/// sideways would pass for one, and photos are held level. Exactly +y when less than 30 % of the
+/// normals' weight agrees with any pitch, or hardly more than with none.
 pub fn world_up(normal: &Normal) -> Vec3 {
     let pixels = normal.0.pixels();
     let normals: Vec<Vec3> = pixels.iter().step_by(pixels.len().div_ceil(LOOKED_AT).max(1)).copied().collect();
@@ -26,7 +28,7 @@ pub fn world_up(normal: &Normal) -> Vec3 {
     let off = |up: Vec3, n: Vec3| n.dot(up).abs().min(n.cross(up).length());
     let score = |degrees: f32| -> f32 {
         let up = direction(degrees);
-        // A wall that faces the camera cannot tell a pitch from its own lean: of equals, the least pitch.
+        // A wall that faces the camera does not determine the pitch: of equals, the smallest.
         let prior = 0.9 + 0.1 * up.y;
         prior * normals.iter().map(|&n| (1.0 - (off(up, n) / reach).powi(2)).max(0.0)).sum::<f32>()
     };
@@ -44,7 +46,8 @@ mod tests {
     use crate::image::Plane;
     use glam::Mat3;
 
-    /// Normals of a room whose up is `up`: counts of floor, back wall, side wall and clutter, with `noise` on each.
+    /// Normals of a room whose up is `up`: counts of floor, back wall, side wall and clutter, with
+    /// `noise` on each.
     fn room(up: Vec3, counts: [usize; 4], noise: f32) -> Normal {
         let back = (Vec3::new(0.3, 0.0, 1.0) - up * up.z).normalize();
         let back = (back - up * up.dot(back)).normalize();

@@ -1,17 +1,22 @@
-//! The surface that a pixel belongs to: what hangs together with it, lies in its plane and has its colour.
+//! The surface that a pixel belongs to: what hangs together with it, lies in its plane and has its
+//! colour.
 //!
-//! Two labels by a minimum cut (Boykov and Jolly, ICCV 2001; Rother, Kolmogorov and Blake, GrabCut, SIGGRAPH 2004, for the turns): a pixel
-//! gains `1 - (c / CHROMA)^2 - (i / INTENSITY)^2 - (p / plane)^2 - (n / NORMAL)^2` by being of the surface, with c and i the distance of its
-//! reflectance in log chromaticity and log intensity, p its distance from the plane and n = 1 - cos of its normal's angle to the
-//! plane's; neighbours of two labels cost the more the less of an edge the picture has there. Of these pixels, those count that are reached from the first one without
-//! crossing an edge; colour and plane are found anew from them.
+//! Two labels by a minimum cut (Boykov and Jolly, ICCV 2001; Rother, Kolmogorov and Blake, GrabCut,
+//! SIGGRAPH 2004, for the turns): a pixel gains
+//! `1 - (c / CHROMA)^2 - (i / INTENSITY)^2 - (p / plane)^2 - (n / NORMAL)^2` by being of the
+//! surface, with c and i the distance of its reflectance in log chromaticity and log intensity, p
+//! its distance from the plane and n = 1 - cos of its normal's angle to the plane's; neighbours of
+//! two labels cost the more the less of an edge the picture has there. Of these pixels, those count
+//! that are reached from the first one without crossing an edge; colour and plane are found anew
+//! from them.
 
 use glam::Vec3;
 
 use crate::geometry::PlaneFit;
 use crate::image::{Albedo, Normal, Picture, Plane, Points, graph_cut, log_above};
 
-/// Log chromaticity at which a pixel is another paint; wide, as is that of level, for estimated light errs.
+/// Log chromaticity at which a pixel is another paint; wide, as is that of level, for estimated
+/// light errs.
 const CHROMA: f32 = 0.5;
 /// Log intensity of reflectance at which it is.
 const INTENSITY: f32 = 1.0;
@@ -28,11 +33,11 @@ const PARTING: f32 = 0.5;
 const STEP: f32 = 0.12;
 /// Whole numbers for the cut: this is 1.
 const UNIT: f32 = 256.0;
-/// What is this many times the median step is no noise.
+/// A step of this many times the median is not noise.
 const NOISES: f32 = 5.0;
 /// Rounds in which colour and plane settle.
 const ROUNDS: usize = 4;
-/// Nothing darker is told from black.
+/// Least reflectance; darker values count as this.
 const BLACK: f32 = 0.01;
 
 /// The pixels of the surface at pixel (x, y). All planes have one size.
@@ -98,8 +103,8 @@ pub fn like_surface(
     found
 }
 
-/// The pixels of `set` that hang together with `start` without a side that is an edge. The way leads through pixels that have
-/// no edge at all, so that a gap of one pixel in an edge is none.
+/// The pixels of `set` that hang together with `start` without a side that is an edge. The way
+/// leads through pixels that have no edge at all, so that a gap of one pixel in an edge is none.
 fn reached(set: &Plane<bool>, start: usize, is_edge: impl Fn(usize, usize) -> bool) -> Plane<bool> {
     let (w, h) = set.size();
     let sides = |i: usize| {
@@ -140,7 +145,8 @@ mod tests {
 
     const SIZE: (usize, usize) = (60, 40);
 
-    /// A back wall that meets a floor in row 30, of one paint; on the wall a framed picture of the wall's colour, before it a post.
+    /// A back wall that meets a floor in row 30, of one paint; on the wall a framed picture of the
+    /// wall's colour, before it a post.
     fn room() -> (Picture, Albedo, Points, Normal) {
         let (w, h) = SIZE;
         let post = |x: usize| (40..44).contains(&x);

@@ -1,18 +1,20 @@
-//! The seen room as triangles, and what rays through it can say.
+//! The seen room as triangles, and the visibility along rays through it.
 //!
-//! Vertices are the pixel centres on the surface. Between four neighbouring pixels lie two triangles, split along the
-//! diagonal that keeps more of them; no triangle spans a depth step. A triangle that does is kept as a **curtain**: it is no
-//! surface, but whoever passes it goes behind a depth edge, where the camera saw nothing. Pixels that are no part of the
-//! room (panes, whatever `ignore` covers) have neither.
+//! Vertices are the pixel centres on the surface. Between four neighbouring pixels lie two
+//! triangles, split along the diagonal that keeps more of them; no triangle spans a depth step. A
+//! triangle that does is kept as a **curtain**: not a surface, but a ray that crosses it goes
+//! behind a depth edge, where the camera saw nothing. Pixels outside the room (panes, whatever
+//! `ignore` covers) have neither.
 //!
 //! Bodies that an edit puts into the room are solid triangles of their own, without curtains.
 //!
 //! A ray has three outcomes:
 //! - **blocked**: it meets a triangle;
 //! - **unknown**: it meets no triangle but a curtain;
-//! - **lit**: it meets neither. The view frustum is convex, so such a ray runs through seen, empty space until it reaches its
-//!   end, leaves through a pane, or leaves the frustum; what it crosses outside the frustum is taken to be empty. (Whoever
-//!   must know that it was not seen asks whether its end is [in view](SceneMesh::in_view).)
+//! - **lit**: it meets neither. The view frustum is convex, so such a ray runs through seen, empty
+//!   space until it reaches its end, leaves through a pane, or leaves the frustum; space outside
+//!   the frustum counts as empty. (A caller for whom it is unseen checks whether the end is
+//!   [in view](SceneMesh::in_view).)
 
 use std::sync::OnceLock;
 
@@ -27,15 +29,16 @@ use crate::image::{Mask, Plane, Points, STEP, rule};
 #[derive(Serialize, Deserialize)]
 pub struct SceneMesh {
     points: Plane<Vec3>,
-    /// How the quad right of and below each pixel is split: see [`Cell`].
+    /// The split of the quad right of and below each pixel: see [`Cell`].
     cells: Plane<u8>,
     /// Standard deviation of the inverse depth, 1/m.
     noise: f32,
     /// Pixels per unit of tan(angle) of the camera.
     focal: f32,
-    /// What an edit puts into the room.
+    /// Bodies that an edit puts into the room.
     bodies: Bodies,
-    /// Surfaces and curtains apart: a blocked ray need not look at the long, overlapping curtains at all.
+    /// Surfaces and curtains apart: a blocked ray need not look at the long, overlapping curtains
+    /// at all.
     #[serde(skip)]
     rays: OnceLock<[RayMesh; 2]>,
 }
@@ -50,7 +53,7 @@ impl Cell {
     const CURTAIN: [u8; 2] = [8, 16];
 }
 
-/// What a ray between two points meets.
+/// The visibility between two points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
     Lit,
@@ -61,18 +64,20 @@ pub enum Sight {
 /// The nearest surface that a ray meets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Index (row by row) of the pixel nearest to the place met; after all pixels come the probes of the bodies.
+    /// Index (row by row) of the pixel nearest to the place met; after all pixels come the probes
+    /// of the bodies.
     pub pixel: u32,
     /// Metres.
     pub distance: f32,
 }
 
-/// Pixels whose triangles and curtains let rays pass: a light is no obstacle to its own light.
+/// Pixels whose triangles and curtains let rays pass: a light does not shadow itself.
 pub struct Own(Vec<bool>);
 
 impl Own {
-    /// The pixels where `mask` exceeds one half and those beside them: a triangle at the rim of a lamp is lamp, and masks
-    /// tend to be too small rather than too large. The mask has the size of the mesh.
+    /// The pixels where `mask` exceeds one half and those beside them: a triangle at the rim of a
+    /// lamp is lamp, and masks tend to be too small rather than too large. The mask has the size of
+    /// the mesh.
     pub fn new(mask: &Mask) -> Own {
         let (width, height) = mask.0.size();
         let inside = |x: usize, y: usize| {
@@ -84,8 +89,9 @@ impl Own {
 }
 
 impl SceneMesh {
-    /// Builds the mesh over `points` as seen by a camera of focal length `focal` pixels; pixels where `outside` is true are
-    /// no part of the room. `noise` is the standard deviation of the inverse depth (1/m), from which ray offsets follow.
+    /// Builds the mesh over `points` as seen by a camera of focal length `focal` pixels; pixels
+    /// where `outside` is true are not part of the room. `noise` is the standard deviation of the
+    /// inverse depth (1/m), from which ray offsets follow.
     pub fn new(points: &Points, focal: f32, noise: f32, outside: &Plane<bool>) -> SceneMesh {
         let points = points.0.clone();
         let (width, height) = points.size();
@@ -124,7 +130,7 @@ impl SceneMesh {
         SceneMesh { points, cells, noise: self.noise, focal: self.focal, bodies, rays: OnceLock::new() }
     }
 
-    /// What an edit put into the room.
+    /// Bodies that an edit put into the room.
     pub fn bodies(&self) -> &Bodies {
         &self.bodies
     }
@@ -155,7 +161,8 @@ impl SceneMesh {
         })
     }
 
-    /// Pixels at the corners of each surface triangle, counter-clockwise as the camera sees it, and its number.
+    /// Pixels at the corners of each surface triangle, counter-clockwise as the camera sees it, and
+    /// its number.
     pub fn faces(&self) -> impl Iterator<Item = ([u32; 3], u32)> {
         self.triangles(Cell::SURFACE).map(|(_, id)| (self.corner_pixels(id).map(|pixel| pixel as u32), id))
     }
@@ -177,7 +184,8 @@ impl SceneMesh {
         })
     }
 
-    /// The surface, for rays of one's own; the first caller builds the hierarchy. Numbers are 2 x pixel + half.
+    /// The surface, for rays of one's own; the first caller builds the hierarchy. Numbers are 2 x
+    /// pixel + half.
     pub fn surfaces(&self) -> &RayMesh {
         &self.rays()[0]
     }
@@ -203,18 +211,19 @@ impl SceneMesh {
         3.0 * self.noise * z * z
     }
 
-    /// How far above the surface a ray must start so that it does not meet its own surface, metres: half a pixel's footprint
-    /// (the mesh is flat between pixel centres, the surface need not be) plus three standard deviations of the depth, which
-    /// is what smoothing leaves at most.
+    /// Offset of a ray's origin above the surface that avoids self-intersection, metres: half a
+    /// pixel's footprint (the mesh is flat between pixel centres, the surface need not be) plus
+    /// three standard deviations of the depth, which is what smoothing leaves at most.
     pub fn offset(&self, point: Vec3) -> f32 {
         let z = (-point.z).max(0.0);
         0.5 * z / self.focal + self.depth_error(z)
     }
 
-    /// What lies between `from` and `to`; triangles of `own` pixels let the ray pass.
+    /// The visibility between `from` and `to`; triangles of `own` pixels let the ray pass.
     pub fn visibility(&self, from: Vec3, to: Vec3, own: Option<&Own>) -> Sight {
         let stops = |id: u32| own.is_none_or(|own| !self.touches(id, own));
-        // The last thousandth is left out: a light that lies on a seen surface is not blocked by it.
+        // The last thousandth is left out: a light that lies on a seen surface is not blocked by
+        // it.
         let meets = |mesh: &RayMesh| mesh.any(from, to - from, 0.999, stops);
         let [surfaces, curtains] = self.rays();
         if meets(surfaces) || self.bodies.between(from, to) {
@@ -254,9 +263,10 @@ impl SceneMesh {
     }
 }
 
-/// Runs `work`, which uses rayon, on one thread of its own. A caller that waits for it inside a lock must not help out with
-/// other jobs of its own pool meanwhile, as rayon does: one of them could come for the same lock. One thread, because the
-/// hierarchy that obvhs builds depends on how many there are.
+/// Runs `work`, which uses rayon, on one thread of its own. A caller that waits for it inside a
+/// lock must not help out with other jobs of its own pool meanwhile, as rayon does: one of them
+/// could come for the same lock. One thread, because the hierarchy that obvhs builds depends on how
+/// many there are.
 pub(in crate::geometry) fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     let run = || match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
         Ok(pool) => pool.install(work),
@@ -294,7 +304,8 @@ fn split(depth: impl Fn(usize) -> f32, inside: impl Fn(&usize) -> bool) -> u8 {
     };
     let surfaces = |cell: u8| (cell & (Cell::SURFACE[0] | Cell::SURFACE[1])).count_ones();
     let (falling, rising) = (along(0), along(Cell::RISING));
-    // Of equally good diagonals the one with the smaller depth difference follows the surface better.
+    // Of equally good diagonals the one with the smaller depth difference follows the surface
+    // better.
     let flatter = (depth(1) - depth(2)).abs() < (depth(0) - depth(3)).abs();
     if surfaces(rising) > surfaces(falling) || (surfaces(rising) == surfaces(falling) && flatter) {
         rising
@@ -354,7 +365,8 @@ mod tests {
     #[test]
     fn steps_tear_slopes_hold_and_panes_are_holes() {
         let (_, torn) = square_before_wall();
-        // 20 x 20 pixels: a ring of 21^2 - 19^2 quads, four of which keep the corner triangle on the wall.
+        // 20 x 20 pixels: a ring of 21^2 - 19^2 quads, four of which keep the corner triangle on
+        // the wall.
         assert_eq!(torn.counts(), (2 * 79 * 59 - 2 * 80 + 4, 2 * 80 - 4));
         let camera = Camera::from_fov_x(8, 6, 60.0);
         let steep = mesh(&camera, |_, _| false, |x, y| 1.11f32.powi((x + y) as i32));

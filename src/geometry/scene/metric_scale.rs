@@ -1,17 +1,20 @@
-//! Metres from what networks tell of depth, by lengths that a person knows.
+//! Metric depth from the output of depth networks and known lengths.
 //!
-//! A network for **relative** depth tells q = a / z + b of the planar depth z, where nobody knows a > 0 and b: it was trained by a loss
-//! that is blind to both (MiDaS: Ranftl et al., TPAMI 2022; DPT: Ranftl et al., ICCV 2021; Depth Anything: Yang et al., CVPR and NeurIPS 2024). So
+//! A network for **relative** depth returns q = a / z + b of the planar depth z with unknown a > 0
+//! and b: its training loss is invariant to both (MiDaS: Ranftl et al., TPAMI 2022; DPT: Ranftl et
+//! al., ICCV 2021; Depth Anything: Yang et al., CVPR and NeurIPS 2024). So
 //!
 //! z = s / (q + t), s = 1 / a, t = -b / a in units of q.
 //!
-//! The **span** is how many times farther the farthest is than the nearest: the depths behind which, and before which, [`TAIL`] of the
-//! pixels lie. It says the same as t, in a number that a person can judge: with e = q_far + t,
+//! The **span** is how many times farther the farthest is than the nearest: the depths behind
+//! which, and before which, [`TAIL`] of the pixels lie. It is equivalent to t, and a person can
+//! judge it: with e = q_far + t,
 //!
 //! e = (q_near - q_far) / (span - 1).
 //!
-//! One length gives s; two or more give t as well, where they lie at different depths. A network for **metric** depth tells z in metres;
-//! its usual error is one common factor, which a length takes away.
+//! One length gives s; two or more give t as well, where they lie at different depths. A network
+//! for **metric** depth returns z in metres; its usual error is one common factor, which a known
+//! length removes.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -21,11 +24,12 @@ use crate::image::Plane;
 
 /// Share of the pixels that are taken neither for the nearest nor for the farthest of a room.
 const TAIL: f64 = 0.05;
-/// Nothing is farther than this many times the farthest of the room: what lies there is the view from a window, or nothing at all.
+/// Nothing is farther than this many times the farthest of the room: what lies there is the view
+/// from a window, or nothing at all.
 const BEYOND: f64 = 4.0;
 /// Spans between which lengths may choose.
 const SPANS: (f64, f64) = (1.1, 50.0);
-/// Lengths tell the span when they fit it better than another by at least so much of themselves.
+/// Least gain of the fit, as a fraction of the lengths, at which they determine the span.
 const TELLING: f64 = 1e-3;
 
 /// Two places in the photo, and how far apart they are in the room.
@@ -41,11 +45,11 @@ pub struct KnownLength {
 /// Depth in metres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metres {
-    /// Planar z; zero, negative or not finite where a metric network told no depth.
+    /// Planar z; zero, negative or not finite where a metric network returned no depth.
     pub depth: Plane<f32>,
     /// Metres per unit of 1 / (q + t), or of the network's metres.
     pub scale: f32,
-    /// Of relative depth: the span, as given or as the lengths tell it.
+    /// The span of relative depth, as given or as determined by the lengths.
     pub span: Option<f32>,
     /// The largest error of a known length, as a share of it.
     pub misfit: f32,
@@ -54,14 +58,15 @@ pub struct Metres {
 /// Planar depth from relative depth `told`, of the aspect of the photo whose camera is given.
 ///
 /// # Errors
-/// Which known length cannot be used, and why; that there is none; that the network told the same everywhere.
+/// The known length that cannot be used, and the reason; none given; a network output without
+/// variation.
 pub fn relative_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength], span: f32) -> Result<Metres, String> {
     if known.is_empty() {
         return Err("known_lengths: relative depth has no scale: wanted a length that you know in the photo, as --known-length X,Y,X,Y=METRES, got none".into());
     }
     let rulers = rulers(told, camera, known)?;
     let (far, near) = (quantile(told, TAIL), quantile(told, 1.0 - TAIL));
-    // An even wall told by a real network varies by more than this; rounding varies by less.
+    // A real network's output on an even wall varies by more than this; rounding varies by less.
     if near - far <= 1e-6 * near.abs().max(far.abs()) {
         return Err(format!("the network tells no depth: wanted numbers that vary, got {near} nearly everywhere"));
     }
@@ -82,10 +87,10 @@ pub fn relative_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength],
     Ok(Metres { depth: metres, scale: scale as f32, span: Some(span as f32), misfit: misfit as f32 })
 }
 
-/// Planar depth from what a network takes for metres; without a known length as it is.
+/// Planar depth from the output of a metric network; unchanged without a known length.
 ///
 /// # Errors
-/// Which known length cannot be used, and why.
+/// The known length that cannot be used, and the reason.
 pub fn metric_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<Metres, String> {
     if known.is_empty() {
         return Ok(Metres { depth: told.clone(), scale: 1.0, span: None, misfit: 0.0 });
@@ -104,7 +109,7 @@ pub fn metric_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -
     Ok(Metres { depth, scale: scale as f32, span: None, misfit: misfit as f32 })
 }
 
-/// A known length: the ray of each end at planar depth 1, and what the network tells there.
+/// A known length: the ray of each end at planar depth 1, and the network's output there.
 struct Ruler {
     ends: [(DVec3, f64); 2],
     metres: f64,
@@ -144,7 +149,8 @@ struct Fit {
     misfit: f64,
 }
 
-/// The scale s that makes sum (s r - 1)^2 least, r the length at scale 1 over the known one: s = sum r / sum r^2.
+/// The scale s that makes sum (s r - 1)^2 least, r the length at scale 1 over the known one:
+/// s = sum r / sum r^2.
 fn fit(rulers: &[Ruler], depth: impl Fn(f64) -> f64) -> Fit {
     let ratios: Vec<f64> = rulers
         .iter()
@@ -156,7 +162,8 @@ fn fit(rulers: &[Ruler], depth: impl Fn(f64) -> f64) -> Fit {
     Fit { scale, error, misfit: errors().fold(0.0, f64::max) }
 }
 
-/// The span of least error: the best of a grid, then golden section around it; `given` where the error hardly depends on it.
+/// The span of least error: the best of a grid, then golden section around it; `given` where the
+/// error hardly depends on it.
 fn best_span(given: f64, error: impl Fn(f64) -> f64) -> f64 {
     const STEPS: usize = 64;
     let (low, high) = ((SPANS.0 - 1.0).ln(), (SPANS.1 - 1.0).ln());
@@ -200,7 +207,7 @@ mod tests {
         )
     }
 
-    /// The room as a network for relative depth tells it.
+    /// The room as the output of a network for relative depth.
     fn told(a: f32, b: f32) -> Plane<f32> {
         room().map(|z| a / z + b)
     }
@@ -250,7 +257,7 @@ mod tests {
         let known = [length([100.0, 50.0], [400.0, 50.0]), length([100.0, 50.0], [100.0, 150.0])];
         let got = relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
         assert_eq!(got.span, Some(2.0));
-        // Lengths that contradict each other are fitted as well as can be, and the misfit says so.
+        // Lengths that contradict each other are fitted as well as can be, with a large misfit.
         let twice = KnownLength { metres: 2.0 * known[0].metres, ..known[0] };
         let got = relative_depth(&told(3.0, 1.0), &camera(), &[known[0], twice], 2.0).expect("it can be solved");
         assert!(got.misfit > 0.3);

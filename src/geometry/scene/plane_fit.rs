@@ -14,11 +14,13 @@ pub struct PlaneFit {
 }
 
 impl PlaneFit {
-    /// The plane that most of `points` lie on, to `tolerance` times their distance from the camera; `normals` belong to the
-    /// points. `None` for fewer than three points or when no three of them span a plane.
+    /// The plane that most of `points` lie on, to `tolerance` times their distance from the camera;
+    /// `normals` belong to the points. `None` for fewer than three points or when no three of them
+    /// span a plane.
     ///
-    /// Random sample consensus (Fischler and Bolles 1981) over the points' own planes, taken at even steps instead of at
-    /// random, so that the same points give the same plane; then the mean of the supporters.
+    /// Random sample consensus (Fischler and Bolles 1981) over the points' own planes, taken at
+    /// even steps instead of at random, so that the same points give the same plane; then the mean
+    /// of the supporters.
     pub fn through(points: &[Vec3], normals: &[Vec3], tolerance: f32) -> Option<PlaneFit> {
         if points.len() < 3 {
             return None;
@@ -55,7 +57,8 @@ impl PlaneFit {
         })
     }
 
-    /// Where the ray from the camera through `direction` meets the plane, or `None` when it does not, in front of the camera.
+    /// The intersection of the ray from the camera along `direction` with the plane, in front of
+    /// the camera; `None` without one.
     pub fn meet(&self, direction: Vec3) -> Option<Vec3> {
         let t = self.offset / self.normal.dot(direction);
         (t.is_finite() && t > 0.0).then(|| direction * t)

@@ -1,13 +1,16 @@
 //! Points and normals from a depth map that may be noisy.
 //!
-//! On a plane n . P = d seen by a pinhole camera, the inverse depth w = 1/z is affine in the picture: with P = z (u, v, -1),
+//! On a plane n . P = d seen by a pinhole camera, the inverse depth w = 1/z is affine in the
+//! picture: with P = z (u, v, -1),
 //!
-//! w(u, v) = (n_x u + n_y v - n_z) / d,  so  n is along (-dw/du, -dw/dv, w - u dw/du - v dw/dv), facing the camera.
+//! w(u, v) = (n_x u + n_y v - n_z) / d,  so  n is along (-dw/du, -dw/dv, w - u dw/du - v dw/dv),
+//! facing the camera.
 //!
-//! Planes are therefore fitted to w, where the error of a disparity sensor is also uniform (its steps in z grow with z^2).
-//! Two passes: a robust fit around every pixel, whose radius grows with the noise; then each pixel takes the planes of the
-//! neighbouring fits that predict its own depth, the better fits counting more. Beside a crease these are the planes of its
-//! own side, so that creases stay sharp at any radius.
+//! Planes are therefore fitted to w, where the error of a disparity sensor is also uniform (its
+//! steps in z grow with z^2). Two passes: a robust fit around every pixel, whose radius grows with
+//! the noise; then each pixel takes the planes of the neighbouring fits that predict its own depth,
+//! the better fits counting more. Beside a crease these are the planes of its own side, so that
+//! creases stay sharp at any radius.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -15,19 +18,22 @@ use rayon::prelude::*;
 use crate::geometry::Camera;
 use crate::image::{Depth, Normal, Plane, Points};
 
-/// What a depth map says about the seen surface.
+/// The seen surface, estimated from a depth map.
 pub struct Surface {
-    /// Pixel centres on the surface; noise is smoothed away within its own size, exact depth is left exact.
+    /// Pixel centres on the surface; noise is smoothed away within its own size, exact depth is
+    /// left exact.
     pub points: Points,
     /// Unit length, facing the camera.
     pub normal: Normal,
-    /// Standard deviation of the inverse depth, 1/m: the depth of a point at z is uncertain by noise z^2.
+    /// Standard deviation of the inverse depth, 1/m: the depth of a point at z is uncertain by
+    /// noise z^2.
     pub noise: f32,
 }
 
 /// A radius above this costs more than it gains at working size.
 const MAX_RADIUS: usize = 8;
-/// Residuals below this share of the inverse depth are rounding or slight curvature, not another surface.
+/// Residuals below this share of the inverse depth are rounding or slight curvature, not another
+/// surface.
 const FLATNESS: f32 = 2e-4;
 
 /// w = at + dx . (x - x0) + dy . (y - y0) around pixel (x0, y0), and how well it fits.
@@ -64,8 +70,9 @@ fn per_pixel<T: Send>(width: usize, height: usize, value: impl Fn(usize, usize) 
     (0..width * height).into_par_iter().with_min_len(width.max(1)).map(|i| value(i % width, i / width)).collect()
 }
 
-/// Standard deviation of the inverse depth, from second differences: zero on planes, sqrt(6) sigma under noise. The median
-/// passes over edges and creases; the largest of three strides sees the steps of a quantised map too.
+/// Standard deviation of the inverse depth, from second differences: zero on planes, sqrt(6) sigma
+/// under noise. The median passes over edges and creases; the largest of three strides sees the
+/// steps of a quantised map too.
 fn inverse_depth_noise(w: &Plane<f32>) -> f32 {
     let (width, height) = w.size();
     let median = |stride: usize| {
@@ -85,12 +92,13 @@ fn inverse_depth_noise(w: &Plane<f32>) -> f32 {
     };
     let largest = [1, 2, 4].into_iter().map(median).fold(0.0, f32::max);
     let sigma = largest / (0.6745 * 6f32.sqrt());
-    // Rounding of 32-bit depth is no noise.
+    // Rounding of 32-bit depth is not noise.
     if sigma.is_finite() && sigma > 1e-5 { sigma } else { 0.0 }
 }
 
-/// The slope of a fit over a (2r+1)^2 window is uncertain by sigma / (1.15 r^2) per pixel, the normal by f z times that:
-/// this radius keeps it below about 0.03, were the noise of neighbouring pixels independent.
+/// The slope of a fit over a (2r+1)^2 window is uncertain by sigma / (1.15 r^2) per pixel, the
+/// normal by f z times that: this radius keeps it below about 0.03, were the noise of neighbouring
+/// pixels independent.
 fn radius(focal: f32, noise: f32, w: f32) -> usize {
     ((30.0 * focal * noise / w).sqrt().ceil() as usize).clamp(1, MAX_RADIUS)
 }
@@ -99,7 +107,8 @@ fn window(center: usize, radius: usize, size: usize) -> std::ops::Range<usize> {
     center.saturating_sub(radius)..(center + radius + 1).min(size)
 }
 
-/// A robust plane around one pixel: least squares, then twice again with Cauchy weights on the residuals.
+/// A robust plane around one pixel: least squares, then twice again with Cauchy weights on the
+/// residuals.
 fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) -> Fit {
     let (width, height) = inverse.size();
     let center = inverse.get(x0, y0);
@@ -172,7 +181,8 @@ fn vote(w: &Plane<f32>, fits: &[Fit], camera: &Camera, x0: usize, y0: usize, rad
     }
 }
 
-/// The normal of the plane with inverse depth `w` at pixel (x, y) and the slopes of `fit`, turned to the camera.
+/// The normal of the plane with inverse depth `w` at pixel (x, y) and the slopes of `fit`, turned
+/// to the camera.
 fn plane_normal(w: f32, fit: &Fit, camera: &Camera, x: usize, y: usize) -> Vec3 {
     let u = (x as f32 + 0.5 - camera.cx) / camera.fx;
     let v = (camera.cy - y as f32 - 0.5) / camera.fy;

@@ -5,7 +5,7 @@ mod light;
 mod scores;
 
 use crate::geometry::{Camera, Objects, SceneMesh};
-use crate::graph::Artifact;
+use crate::graph::{Artifact, NodeError};
 use crate::image::{
     Albedo, Depth, GlareMask, Layer, Normal, PaintLayers, Plane, Points, Roughness, Segments, Shading, Specular,
     SpecularEdit, rule,
@@ -24,6 +24,18 @@ pub const INV_LAMP: &str = "inv_lamp";
 pub const INV_WINDOW: &str = "inv_window";
 /// What no light explains; no light may have this name.
 pub const REST: &str = "rest";
+
+/// Checks that the plane `name` has the size of the plane `reference`, columns and rows.
+///
+/// # Errors
+/// [`NodeError::Failed`] with both sizes.
+pub fn same_size(name: &str, got: (usize, usize), reference: &str, wanted: (usize, usize)) -> Result<(), NodeError> {
+    if got == wanted {
+        return Ok(());
+    }
+    let [got, wanted] = [got, wanted].map(|(width, height)| format!("{width} x {height}"));
+    Err(NodeError::Failed(format!("{name}: wanted {wanted} pixels as {reference}, got {got}")))
+}
 
 /// The memory that a value of each type holds, and the rules that one must keep which was read from disk.
 macro_rules! artifacts {

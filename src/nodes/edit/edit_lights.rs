@@ -5,6 +5,7 @@ mod sky;
 mod window;
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Ground, Place, check_model, level, model_files, read_model, tall, upright};
 use crate::geometry::{Camera, world_up};
-use crate::graph::{Context, File, Gather, Node, NodeError, Scatter};
+use crate::graph::{Context, File, Gather, Node, NodeError, Scatter, above, check_range};
 use crate::image::{Depth, Normal, luminance};
 use crate::nodes::artifacts::Encoding;
 use crate::optics::{Radiance, Shape, black_body, escaping};
@@ -28,7 +29,7 @@ params! {
         /// `Lamp(..)`, `Window(..)`.
         lights: BTreeMap<String, LightEdit> = BTreeMap::new(),
         /// Illuminance in lux at which a white surface shows 1.0, for fluxes in lumens, when the scene does not say.
-        assumed_lux: f32 = 300.0,
+        assumed_lux: f32 = 300.0, in above(0.0),
     }
 }
 
@@ -143,10 +144,7 @@ impl Node for EditLights {
     type In = EditLightsIn;
     type Out = EditLightsOut;
 
-    fn check(&self) -> Result<(), String> {
-        if !(self.assumed_lux > 0.0 && self.assumed_lux.is_finite()) {
-            return Err(format!("assumed_lux: wanted a positive number, got {}", self.assumed_lux));
-        }
+    fn check_consistency(&self) -> Result<(), String> {
         self.lights.iter().try_for_each(|(id, edit)| edit.check().map_err(|e| format!("lights: {id:?}: {e}")))
     }
 
@@ -219,6 +217,9 @@ impl Node for EditLights {
 /// Brightest light that leaves room in single precision for sums of many.
 const MOST_RADIANCE: f32 = 1e30;
 
+/// Temperatures of a black body, kelvin.
+const KELVIN: RangeInclusive<f32> = 1000.0..=40_000.0;
+
 impl LightEdit {
     /// The files that it names.
     fn files(&mut self) -> Vec<&mut File> {
@@ -231,16 +232,12 @@ impl LightEdit {
     }
 
     fn check(&self) -> Result<(), String> {
-        let kelvin = |t: f32| match (1000.0..=40000.0).contains(&t) {
-            true => Ok(()),
-            false => Err(format!("temperature: wanted 1000..=40000 K, got {t}")),
-        };
         match self {
             LightEdit::Off => Ok(()),
-            LightEdit::Scale(s) => not_negative("Scale", &[*s]),
-            LightEdit::Temperature(t) => kelvin(*t),
+            LightEdit::Scale(s) => check_range("Scale", s, 0.0..),
+            LightEdit::Temperature(t) => check_range("temperature (K)", t, KELVIN),
             LightEdit::Color(r, g, b) => {
-                not_negative("Color", &[*r, *g, *b])?;
+                check_range("Color", &[*r, *g, *b], 0.0..)?;
                 if r + g + b > 0.0 { Ok(()) } else { Err("Color: wanted a colour, got black; use Off".into()) }
             }
             LightEdit::Move { by, to } => match (by, to) {
@@ -250,7 +247,7 @@ impl LightEdit {
             },
             LightEdit::Lamp { shape, at: _, flux, radiance, temperature, ies, axis, turn } => {
                 shape.check()?;
-                temperature.map_or(Ok(()), kelvin)?;
+                check_range("temperature (K)", temperature, KELVIN)?;
                 axis.map_or(Ok(()), |axis| lamp::direction("axis", axis).map(drop))?;
                 match (ies, shape) {
                     (Some(_), LampShape::Sphere { .. }) => {}
@@ -263,8 +260,8 @@ impl LightEdit {
                     (None, _) => {}
                 }
                 match (flux, radiance) {
-                    (Some(flux), None) => not_negative("flux", &[*flux]),
-                    (None, Some(radiance)) if temperature.is_none() => not_negative("radiance", radiance),
+                    (Some(flux), None) => check_range("flux (lumens)", flux, 0.0..),
+                    (None, Some(radiance)) if temperature.is_none() => check_range("radiance", radiance, 0.0..),
                     (None, Some(_)) => Err("temperature goes with flux; radiance has its own colour".into()),
                     (None, None) if ies.is_some() => Ok(()),
                     (None, None) => Err("wanted flux (lumens) or radiance (r, g, b)".into()),
@@ -359,20 +356,6 @@ impl EditLights {
             ctx.warn(format!("light {id:?}: the scene gives no exposure; white is taken to show 1.0 at {lux} lux"));
             lux
         })
-    }
-}
-
-fn not_negative(name: &str, values: &[f32]) -> Result<(), String> {
-    match values.iter().find(|v| !(**v >= 0.0 && v.is_finite())) {
-        Some(v) => Err(format!("{name}: wanted numbers >= 0, got {v}")),
-        None => Ok(()),
-    }
-}
-
-fn positive(name: &str, values: &[f32]) -> Result<(), String> {
-    match values.iter().find(|v| !(**v > 0.0 && v.is_finite())) {
-        Some(v) => Err(format!("{name}: wanted numbers > 0, got {v}")),
-        None => Ok(()),
     }
 }
 

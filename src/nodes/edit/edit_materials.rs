@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Colour;
 use crate::geometry::like_surface;
-use crate::graph::{Context, File, Node, NodeError};
+use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{
     self, Albedo, AlphaMatte, DIELECTRIC, Depth, Normal, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Points,
     Roughness, Source, Specular, SpecularEdit, Upsampler, alpha_matte, resize, same_aspect,
@@ -114,7 +114,7 @@ impl Node for EditMaterials {
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         let entry =
             |(i, edit): (usize, &MaterialEdit)| edit.check().map_err(|e| format!("materials: entry {}: {e}", i + 1));
         self.materials.iter().enumerate().try_for_each(entry)
@@ -188,9 +188,7 @@ impl MaterialEdit {
             colour.linear().map_err(|e| format!("albedo: {e}"))?;
         }
         for (name, value) in [("roughness", roughness), ("specular", specular)] {
-            if let Some(value) = value.filter(|value| !(0.0..=1.0).contains(value)) {
-                return Err(format!("{name}: wanted 0..=1, got {value}"));
-            }
+            check_range(name, value, 0.0..=1.0)?;
         }
         Ok(())
     }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{Colour, Ground, Place, check_model, check_size, model_files, read_model, tall, upright};
+use super::{Colour, Ground, Place, SIZES, check_model, model_files, read_model, tall, upright};
 use crate::geometry::{
     Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, most_triangles, world_up,
 };
-use crate::graph::{Context, File, Node, NodeError};
+use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{Depth, Normal};
 use crate::{params, ports};
 
@@ -21,11 +21,11 @@ params! {
         /// specular: 0.5, metallic: 0)`.
         objects: Vec<ObjectEdit> = Vec::new(),
         /// Rays per pixel side for smooth edges, 1..=16.
-        supersampling: usize = 4,
+        supersampling: usize = 4, in 1..=16,
         /// Most places that the camera sees at which light is asked for, 1..=10000000; in a large photo one stands for several pixels.
-        samples: usize = 60_000,
+        samples: usize = 60_000, in 1..=10_000_000,
         /// Places on each object at which what it bounces is asked for, 16..=10000.
-        probes: usize = 400,
+        probes: usize = 400, in 16..=10_000,
     }
 }
 
@@ -83,9 +83,7 @@ impl Default for MaterialEdit {
 impl MaterialEdit {
     fn material(&self) -> Result<Material, String> {
         for (name, value) in [("roughness", self.roughness), ("specular", self.specular), ("metallic", self.metallic)] {
-            if !(0.0..=1.0).contains(&value) {
-                return Err(format!("{name}: wanted 0..=1, got {value}"));
-            }
+            check_range(name, &value, 0.0..=1.0)?;
         }
         let albedo = self.albedo.linear().map_err(|e| format!("albedo: {e}"))?;
         Ok(Material { albedo, roughness: self.roughness, specular: self.specular, metallic: self.metallic })
@@ -122,16 +120,7 @@ impl Node for EditObjects {
     type In = EditObjectsIn;
     type Out = EditObjectsOut;
 
-    fn check(&self) -> Result<(), String> {
-        for (name, value, low, high) in [
-            ("supersampling", self.supersampling, 1, 16),
-            ("samples", self.samples, 1, 10_000_000),
-            ("probes", self.probes, 16, 10_000),
-        ] {
-            if !(low..=high).contains(&value) {
-                return Err(format!("{name}: wanted {low}..={high}, got {value}"));
-            }
-        }
+    fn check_consistency(&self) -> Result<(), String> {
         self.objects.iter().enumerate().try_for_each(|(i, o)| o.check().map_err(|e| format!("objects: {i}: {e}")))
     }
 
@@ -229,7 +218,7 @@ impl ObjectEdit {
                 material.as_ref().map_or(Ok(()), |m| m.material().map(|_| ()))
             }
             ObjectEdit::Sphere { radius, material, .. } => {
-                check_size("radius", *radius)?;
+                check_range("radius (metres)", radius, SIZES)?;
                 material.material().map(|_| ())
             }
         }

@@ -4,11 +4,13 @@ pub mod edit_lights;
 pub mod edit_materials;
 pub mod edit_objects;
 
+use std::ops::RangeInclusive;
+
 use glam::{Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{self, Camera, Model, PlaneFit};
-use crate::graph::{Context, File, NodeError};
+use crate::graph::{Context, File, NodeError, check_range};
 use crate::image::{Depth, Normal, Transfer};
 
 /// An albedo as a person writes it.
@@ -33,9 +35,8 @@ impl Colour {
                 Ok(Vec3::from_array(rgb.map(|c| Transfer::Srgb.decode(f32::from(c) / 255.0))))
             }
             &Colour::Linear(r, g, b) => {
-                let colour = Vec3::new(r, g, b);
-                let within = colour.cmpge(Vec3::ZERO).all() && colour.cmple(Vec3::ONE).all();
-                if within { Ok(colour) } else { Err(format!("Linear: wanted 0..=1 per channel, got ({r}, {g}, {b})")) }
+                check_range("Linear", &[r, g, b], 0.0..=1.0)?;
+                Ok(Vec3::new(r, g, b))
             }
         }
     }
@@ -114,20 +115,14 @@ pub fn level(up: Vec3) -> (Vec3, Vec3) {
     (right, up.cross(right))
 }
 
-/// Smallest and largest of what is put into a room, metres.
-const SIZES: [f32; 2] = [1e-4, 1e3];
-
-fn check_size(name: &str, value: f32) -> Result<(), String> {
-    let [low, high] = SIZES;
-    let within = (low..=high).contains(&value);
-    if within { Ok(()) } else { Err(format!("{name}: wanted {low:e} to {high:e} metres, got {value}")) }
-}
+/// Sizes of an object or a lamp in a room, metres.
+const SIZES: RangeInclusive<f32> = 1e-4..=1e3;
 
 fn check_model(path: &File, height: f32) -> Result<(), String> {
     if path.path.is_empty() {
         return Err("path: wanted a file, got none".into());
     }
-    check_size("height", height)
+    check_range("height (metres)", &height, SIZES)
 }
 
 /// The file of a model and those that it names, which are looked for here.

@@ -1,5 +1,6 @@
 //! `Depth`: depth by a network that a person brings, in metres by lengths that a person knows.
 
+use std::ops::Bound;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -37,9 +38,9 @@ params! {
         /// The name of its output; needed where it has several.
         output: Option<String> = None,
         /// The photo's shorter side as the network sees it, pixels, 8..=4096; where the file fixes a size, that one.
-        side: u32 = 518,
+        side: u32 = 518, in 8..=4096,
         /// What each side is a multiple of, 1..=256: 14 for Depth Anything, 32 for DPT and MiDaS.
-        multiple: u32 = 14,
+        multiple: u32 = 14, in 1..=256,
         /// What is done to the sRGB colours 0..=1: ImageNet (MiDaS 2, Depth Anything), Half (DPT), None, or Custom(mean, deviation).
         normalisation: Normalisation = Normalisation::ImageNet,
         /// What its numbers mean: Relative (a / z + b) or Metric (z in metres).
@@ -49,7 +50,7 @@ params! {
         known_lengths: Vec<KnownLength> = vec![],
         /// Of relative depth with one known length: how many times farther than the nearest the farthest is, 5 % of the pixels at each end
         /// left out; above 1, at most 1000. In twelve rooms it was 1.7 to 4.5, their median is the default.
-        span: f32 = 2.5,
+        span: f32 = 2.5, in (Bound::Excluded(1.0), Bound::Included(1000.0)),
     }
 }
 
@@ -75,16 +76,11 @@ impl Node for Depth {
     type In = DepthIn;
     type Out = DepthOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         if self.model.path.is_empty() {
             return Err("model: wanted the file of a network, got none; none for depth ships with relight".into());
         }
-        self.photo_input().check()?;
-        if self.span > 1.0 && self.span <= 1000.0 {
-            Ok(())
-        } else {
-            Err(format!("span: wanted above 1, at most 1000, got {}", self.span))
-        }
+        self.normalisation.check()
     }
 
     fn files(&mut self) -> Vec<&mut File> {

@@ -18,13 +18,13 @@ params! {
     /// put `scene_lights.ron` into the scene (docs/find-lights.md).
     pub struct FindLights {
         /// Brightness of the dimmest light as a share of the photo's white, 0.1..=0.95.
-        threshold: f32 = 0.75,
+        threshold: f32 = 0.75, in 0.1..=0.95,
         /// How much a smooth outline counts against the brightness of single pixels, 0..=100.
-        smoothness: f32 = 1.0,
+        smoothness: f32 = 1.0, in 0.0..=100.0,
         /// Smallest light as a share of the photo's pixels, 0..=1.
-        smallest: f32 = 0.001,
+        smallest: f32 = 0.001, in 0.0..=1.0,
         /// Most lights, the largest are kept; 1..=32.
-        most: usize = 16,
+        most: usize = 16, in 1..=MOST_LIGHTS,
     }
 }
 
@@ -58,22 +58,6 @@ impl Node for FindLights {
     const VERSION: u32 = 1;
     type In = FindLightsIn;
     type Out = FindLightsOut;
-
-    fn check(&self) -> Result<(), String> {
-        for (name, value, low, high) in [
-            ("threshold", self.threshold, 0.1, 0.95),
-            ("smoothness", self.smoothness, 0.0, 100.0),
-            ("smallest", self.smallest, 0.0, 1.0),
-        ] {
-            if !(low..=high).contains(&value) {
-                return Err(format!("{name}: wanted {low}..={high}, got {value}"));
-            }
-        }
-        if !(1..=MOST_LIGHTS).contains(&self.most) {
-            return Err(format!("most: wanted 1..={MOST_LIGHTS}, got {}", self.most));
-        }
-        Ok(())
-    }
 
     fn run(&self, inputs: FindLightsIn, ctx: &Context) -> Result<FindLightsOut, NodeError> {
         let size = inputs.small.0.size();

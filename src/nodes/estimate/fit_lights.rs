@@ -21,15 +21,15 @@ params! {
     /// A constant ambient, dearer than any light, takes what no light explains: the rest.
     pub struct FitLights {
         /// Most rounds of the fit; it ends when no light changes by more than 1e-4 of itself. With 0 all lights give the same in the mean.
-        turns: usize = 200,
+        turns: usize = 200, in 0..=10_000,
         /// Weight of the guess that all lights give alike, as a share of the photo's energy: what decides where the photo does not.
-        prior: f64 = 0.03,
+        prior: f64 = 0.03, in 0.0..,
         /// Cost of the rest, as a share of the photo's energy.
-        rest_cost: f64 = 0.01,
+        rest_cost: f64 = 0.01, in 0.0..,
         /// Cost of lights out of view.
-        invisible_cost: f64 = 0.005,
+        invisible_cost: f64 = 0.005, in 0.0..,
         /// Cost of the sun in a window.
-        sun_cost: f64 = 0.05,
+        sun_cost: f64 = 0.05, in 0.0..,
         /// The albedo is known: it stays as it comes, pixel by pixel, and only radiances are fitted.
         keep_albedo: bool = false,
     }
@@ -80,23 +80,6 @@ impl Node for FitLights {
     const VERSION: u32 = 5;
     type In = FitLightsIn;
     type Out = FitLightsOut;
-
-    fn check(&self) -> Result<(), String> {
-        if self.turns > 10_000 {
-            return Err(format!("turns: wanted 0..=10000, got {}", self.turns));
-        }
-        for (name, value) in [
-            ("prior", self.prior),
-            ("rest_cost", self.rest_cost),
-            ("invisible_cost", self.invisible_cost),
-            ("sun_cost", self.sun_cost),
-        ] {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(format!("{name}: wanted a number >= 0, got {value}"));
-            }
-        }
-        Ok(())
-    }
 
     fn run(&self, inputs: FitLightsIn, ctx: &Context) -> Result<FitLightsOut, NodeError> {
         let grid = inputs.transport.grid();

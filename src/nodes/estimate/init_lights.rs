@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, SceneMesh};
-use crate::graph::{Context, Gather, Node, NodeError, Scatter};
+use crate::graph::{Context, Gather, Node, NodeError, Scatter, check_range};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments, luminance};
 use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
 use crate::optics::inverse::{
@@ -30,23 +30,23 @@ params! {
         /// Whether candidates of our own are tried, too; else guesses only, where there are any.
         dictionary: bool = true,
         /// Share of the unexplained part that a light out of view must explain; 0..1.
-        worth: f32 = 0.08,
+        worth: f32 = 0.08, in 0.0..1.0,
         /// Shadow rays per receiver and light.
-        samples: usize = 4,
+        samples: usize = 4, in 1..=1024,
         /// Most rays per receiver for the indirect light of what is tried, of those that `transport` has; at least 4.
-        rays: usize = 32,
+        rays: usize = 32, in 4..,
         /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
-        unseen: f32 = 0.5,
+        unseen: f32 = 0.5, in 0.0..=1.0,
         /// Cost of the constant ambient, as a share of the photo's energy: what a light can explain is the light's.
-        ambient_cost: f64 = 0.01,
+        ambient_cost: f64 = 0.01, in 0.0..,
         /// Rounds of the fit per candidate.
-        turns: usize = 8,
+        turns: usize = 8, in 1..=1000,
         /// Shape of visible lamps that are no ceiling panels: `Solid` (a ball, or a box when the outline is long), `Box`, `Plates`
         /// (the seen surface, its mirror image and the ring between them), or `Likeliest` (`Solid`, unless `Plates` explain the
         /// photo better by 3 %).
         lamps: LampForm = LampForm::Solid,
         /// Most plates that a lamp of them has; 1..=512.
-        plates: usize = 128,
+        plates: usize = 128, in 1..=512,
         /// What windows look out on: `Daylight(sun, sky, ground)`, three lobes of these bandwidths, each >= 0; `Even`, the same
         /// radiance everywhere, which is one lobe; or `Likeliest(sun, sky, ground)`, each window the former if that explains
         /// the photo better by 5 %, else the latter.
@@ -128,34 +128,13 @@ impl Node for InitLights {
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
-    fn check(&self) -> Result<(), String> {
-        if !(0.0..1.0).contains(&self.worth) {
-            return Err(format!("worth: wanted 0..1, got {}", self.worth));
+    fn check_consistency(&self) -> Result<(), String> {
+        match self.outlook {
+            Outlook::Daylight(sun, sky, ground) | Outlook::Likeliest(sun, sky, ground) => {
+                check_range("outlook", &[sun, sky, ground], 0.0..)
+            }
+            Outlook::Even => Ok(()),
         }
-        if !(1..=1024).contains(&self.samples) {
-            return Err(format!("samples: wanted 1..=1024, got {}", self.samples));
-        }
-        if self.rays < 4 {
-            return Err(format!("rays: wanted at least 4, got {}", self.rays));
-        }
-        if !(0.0..=1.0).contains(&self.unseen) {
-            return Err(format!("unseen: wanted 0..=1, got {}", self.unseen));
-        }
-        if !(1..=1000).contains(&self.turns) {
-            return Err(format!("turns: wanted 1..=1000, got {}", self.turns));
-        }
-        if !(1..=512).contains(&self.plates) {
-            return Err(format!("plates: wanted 1..=512, got {}", self.plates));
-        }
-        if !(self.ambient_cost >= 0.0 && self.ambient_cost.is_finite()) {
-            return Err(format!("ambient_cost: wanted a number >= 0, got {}", self.ambient_cost));
-        }
-        if let Outlook::Daylight(sun, sky, ground) | Outlook::Likeliest(sun, sky, ground) = self.outlook
-            && let Some(wrong) = [sun, sky, ground].into_iter().find(|b| !(*b >= 0.0 && b.is_finite()))
-        {
-            return Err(format!("outlook: wanted bandwidths >= 0, got {wrong}"));
-        }
-        Ok(())
     }
 
     fn run(&self, inputs: InitLightsIn, ctx: &Context) -> Result<InitLightsOut, NodeError> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::geometry::{Camera, facing};
-use crate::graph::{Context, File, Node, NodeError};
+use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{Albedo, Normal, Picture, Plane, Roughness, Transfer, resize};
 use crate::net::foreign::{self, Channels, Normalisation, PhotoInput};
 use crate::net::{Backend, Tensor};
@@ -25,9 +25,9 @@ params! {
         /// The name of its input; not needed, as it has one.
         input: Option<String> = None,
         /// The photo's shorter side as the network sees it, pixels, 8..=4096; where the file fixes a size, that one.
-        side: u32 = 240,
+        side: u32 = 240, in 8..=4096,
         /// What each side is a multiple of, 1..=256.
-        multiple: u32 = 32,
+        multiple: u32 = 32, in 1..=256,
         /// How the photo that it wants encodes light: Srgb, Gamma(2.2) or Linear.
         transfer: Transfer = Transfer::Srgb,
         /// What is done to these colours 0..=1: ImageNet, Half, None, or Custom(mean, deviation).
@@ -77,11 +77,11 @@ impl Node for OnnxMaterials {
     type In = OnnxMaterialsIn;
     type Out = OnnxMaterialsOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         if self.model.path.is_empty() {
             return Err("model: wanted the file of a network, got none".into());
         }
-        self.photo_input().check()?;
+        self.normalisation.check()?;
         let parts = self.parts();
         if parts.iter().all(|(_, part)| part.is_none()) {
             return Err("wanted the name of an output for `albedo`, `normal` or `roughness`, got none".into());
@@ -94,9 +94,7 @@ impl Node for OnnxMaterials {
             return Err(format!("normal_signs: wanted 1 or -1 each, got ({x}, {y}, {z})"));
         }
         match self.albedo_transfer {
-            Transfer::Gamma(gamma) if !(0.1..=10.0).contains(&gamma) => {
-                Err(format!("albedo_transfer: Gamma: wanted 0.1 to 10, got {gamma}"))
-            }
+            Transfer::Gamma(gamma) => check_range("albedo_transfer: Gamma", &gamma, Transfer::GAMMA),
             _ => Ok(()),
         }
     }

@@ -20,7 +20,7 @@ params! {
     pub struct Paint {
         /// Least width of the bloom around a visible light, as a share of the photo's longer side, within which unexplained
         /// light is the light's own; a lamp's bloom is at least half as wide as the lamp. 0..=0.1.
-        bloom: f32 = 0.01,
+        bloom: f32 = 0.01, in 0.0..=0.1,
     }
 }
 
@@ -61,13 +61,6 @@ impl Node for Paint {
     const VERSION: u32 = 3;
     type In = PaintIn;
     type Out = PaintOut;
-
-    fn check(&self) -> Result<(), String> {
-        match self.bloom {
-            b if (0.0..=0.1).contains(&b) => Ok(()),
-            b => Err(format!("bloom: wanted 0..=0.1, got {b}")),
-        }
-    }
 
     fn run(&self, inputs: PaintIn, _: &Context) -> Result<PaintOut, NodeError> {
         let (full_w, full_h) = inputs.photo.0.size();

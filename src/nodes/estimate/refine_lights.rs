@@ -23,23 +23,23 @@ params! {
     /// its shape to the bit.
     pub struct RefineLights {
         /// Most times that shadows and indirect light are traced again, 1..=10.
-        rounds: usize = 2,
+        rounds: usize = 2, in 1..=10,
         /// Most steps between, 1..=100.
-        steps: usize = 6,
+        steps: usize = 6, in 1..=100,
         /// Share of the misfit that the move of a light must save; 0..1.
-        worth: f64 = 0.05,
+        worth: f64 = 0.05, in 0.0..1.0,
         /// Receivers that take part, 1..=100000.
-        places: usize = 1000,
+        places: usize = 1000, in 1..=100_000,
         /// Shadow rays per receiver and lobe, 1..=1024.
-        samples: usize = 4,
+        samples: usize = 4, in 1..=1024,
         /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
-        unseen: f32 = 0.5,
+        unseen: f32 = 0.5, in 0.0..=1.0,
         /// Cost of the constant ambient, as in `FitLights`.
-        rest_cost: f64 = 0.01,
+        rest_cost: f64 = 0.01, in 0.0..,
         /// Cost of lights out of view, as in `FitLights`.
-        invisible_cost: f64 = 0.005,
+        invisible_cost: f64 = 0.005, in 0.0..,
         /// Cost of the sun in a window, as in `FitLights`.
-        sun_cost: f64 = 0.05,
+        sun_cost: f64 = 0.05, in 0.0..,
     }
 }
 
@@ -84,34 +84,6 @@ impl Node for RefineLights {
     const VERSION: u32 = 1;
     type In = RefineLightsIn;
     type Out = RefineLightsOut;
-
-    fn check(&self) -> Result<(), String> {
-        let counts = [
-            ("rounds", self.rounds, 10),
-            ("steps", self.steps, 100),
-            ("places", self.places, 100_000),
-            ("samples", self.samples, 1024),
-        ];
-        for (name, value, most) in counts {
-            if !(1..=most).contains(&value) {
-                return Err(format!("{name}: wanted 1..={most}, got {value}"));
-            }
-        }
-        if !(0.0..1.0).contains(&self.worth) {
-            return Err(format!("worth: wanted 0..1, got {}", self.worth));
-        }
-        if !(0.0..=1.0).contains(&self.unseen) {
-            return Err(format!("unseen: wanted 0..=1, got {}", self.unseen));
-        }
-        for (name, value) in
-            [("rest_cost", self.rest_cost), ("invisible_cost", self.invisible_cost), ("sun_cost", self.sun_cost)]
-        {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(format!("{name}: wanted a number >= 0, got {value}"));
-            }
-        }
-        Ok(())
-    }
 
     fn run(&self, inputs: RefineLightsIn, ctx: &Context) -> Result<RefineLightsOut, NodeError> {
         let RefineLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = &inputs;
@@ -190,7 +162,7 @@ mod tests {
             (RefineLights { places: 0, ..node.clone() }, "places: wanted 1..=100000, got 0"),
             (RefineLights { worth: 1.0, ..node.clone() }, "worth: wanted 0..1, got 1"),
             (RefineLights { unseen: f32::NAN, ..node.clone() }, "unseen: wanted 0..=1, got NaN"),
-            (RefineLights { sun_cost: -1.0, ..node.clone() }, "sun_cost: wanted a number >= 0, got -1"),
+            (RefineLights { sun_cost: -1.0, ..node.clone() }, "sun_cost: wanted >= 0, got -1"),
         ] {
             assert_eq!(bad.check(), Err(wanted.to_owned()));
         }

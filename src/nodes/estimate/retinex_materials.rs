@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::graph::{Context, Node, NodeError};
+use crate::graph::{Context, Node, NodeError, above};
 use crate::image::{Albedo, Normal, Picture, Roughness, Segments, Steps, retinex, segment};
 use crate::{params, ports};
 
@@ -14,15 +14,15 @@ params! {
     /// balance is trusted. Roughness cannot be told from one photo this way: it is a constant.
     pub struct RetinexMaterials {
         /// Side of the blocks that are compared, working pixels; 1..=16.
-        stride: usize = 4,
+        stride: usize = 4, in 1..=16,
         /// Step of log chromaticity that separates materials.
-        chroma_step: f32 = 0.06,
+        chroma_step: f32 = 0.06, in above(0.0),
         /// Step of log intensity that separates materials.
-        intensity_step: f32 = 0.12,
+        intensity_step: f32 = 0.12, in above(0.0),
         /// Albedo luminance given to the 90th percentile of the room: most rooms have white walls or ceilings.
-        bright: f32 = 0.75,
+        bright: f32 = 0.75, in above(0.0),
         /// Roughness given to everything; 0..=1.
-        roughness: f32 = 0.8,
+        roughness: f32 = 0.8, in 0.0..=1.0,
     }
 }
 
@@ -51,23 +51,6 @@ impl Node for RetinexMaterials {
     const VERSION: u32 = 1;
     type In = RetinexMaterialsIn;
     type Out = RetinexMaterialsOut;
-
-    fn check(&self) -> Result<(), String> {
-        if !(1..=16).contains(&self.stride) {
-            return Err(format!("stride: wanted 1..=16, got {}", self.stride));
-        }
-        for (name, value) in
-            [("chroma_step", self.chroma_step), ("intensity_step", self.intensity_step), ("bright", self.bright)]
-        {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(format!("{name}: wanted a positive number, got {value}"));
-            }
-        }
-        if !(0.0..=1.0).contains(&self.roughness) {
-            return Err(format!("roughness: wanted 0..=1, got {}", self.roughness));
-        }
-        Ok(())
-    }
 
     fn run(&self, inputs: RetinexMaterialsIn, _: &Context) -> Result<RetinexMaterialsOut, NodeError> {
         let steps = Steps { chroma: self.chroma_step, intensity: self.intensity_step };

@@ -14,17 +14,8 @@ use glam::Vec3;
 
 use crate::graph::{Context, File, Gather, NodeError};
 use crate::image::{self, Mask, Picture, Plane, Source, Transfer, read_photo};
-use crate::nodes::artifacts::{Score, Scores, UnitDirect};
+use crate::nodes::artifacts::{Score, Scores, UnitDirect, same_size};
 use crate::optics::Radiance;
-
-/// Two planes of one stage must be of one size.
-fn same_size(name: &str, got: (usize, usize), other: &str, wanted: (usize, usize)) -> Result<(), NodeError> {
-    if got == wanted {
-        return Ok(());
-    }
-    let [got, wanted] = [got, wanted].map(|(width, height)| format!("{width} x {height}"));
-    Err(NodeError::Failed(format!("{name}: wanted {wanted} pixels as {other}, got {got}")))
-}
 
 /// A linear picture.
 fn read(ctx: &Context, file: &File) -> Result<Picture, NodeError> {

@@ -18,7 +18,7 @@ params! {
     /// unshadowed shading of the true light, where that exceeds `faint` of its mean.
     pub struct ScoreDirect {
         /// Where a light gives less than this share of its mean, its shadow is not measured; 0..1.
-        faint: f32 = 0.01,
+        faint: f32 = 0.01, in 0.0..1.0,
     }
 }
 
@@ -53,10 +53,6 @@ impl Node for ScoreDirect {
     const VERSION: u32 = 1;
     type In = ScoreDirectIn;
     type Out = ScoreDirectOut;
-
-    fn check(&self) -> Result<(), String> {
-        if (0.0..1.0).contains(&self.faint) { Ok(()) } else { Err(format!("faint: wanted 0..1, got {}", self.faint)) }
-    }
 
     fn run(&self, inputs: ScoreDirectIn, _: &Context) -> Result<ScoreDirectOut, NodeError> {
         let size = |direct: &UnitDirect| direct.lobes.first().map(|lobe| lobe.size());

@@ -36,7 +36,7 @@ impl Node for ScoreLighting {
     type In = ScoreLightingIn;
     type Out = ScoreLightingOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         if self.truth.path.is_empty() {
             return Err("truth: wanted a file, got none; a scene names it as `truth: (lighting: \"maps.npy\")`".into());
         }

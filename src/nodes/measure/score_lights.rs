@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::graph::{Context, Gather, Node, NodeError};
+use crate::graph::{Context, Gather, Node, NodeError, above};
 use crate::image::{Mask, mean_error, pairs};
 use crate::nodes::artifacts::{Scores, UnitDirect};
 use crate::optics::inverse::{chamfer, surface_points};
@@ -16,7 +16,7 @@ params! {
     /// unshadowed direct shading, cut at `bright`, over channels and pixels that show no light; where one of the two is there.
     pub struct ScoreLights {
         /// Shading beyond what a photo shows, > 0.
-        bright: f32 = 10.0,
+        bright: f32 = 10.0, in above(0.0),
     }
 }
 
@@ -51,10 +51,6 @@ impl Node for ScoreLights {
     const VERSION: u32 = 1;
     type In = ScoreLightsIn;
     type Out = ScoreLightsOut;
-
-    fn check(&self) -> Result<(), String> {
-        if self.bright > 0.0 { Ok(()) } else { Err(format!("bright: wanted a number > 0, got {}", self.bright)) }
-    }
 
     fn run(&self, inputs: ScoreLightsIn, _: &Context) -> Result<ScoreLightsOut, NodeError> {
         let mut list = Vec::new();

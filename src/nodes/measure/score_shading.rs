@@ -17,7 +17,7 @@ params! {
     /// at pixels that show no light and whose albedo exceeds `least_albedo` in every channel; what shines there by gloss is in it too.
     pub struct ScoreShading {
         /// Darker surfaces say little of what falls on them; 0..1.
-        least_albedo: f32 = 0.05,
+        least_albedo: f32 = 0.05, in 0.0..1.0,
     }
 }
 
@@ -52,14 +52,6 @@ impl Node for ScoreShading {
     const VERSION: u32 = 1;
     type In = ScoreShadingIn;
     type Out = ScoreShadingOut;
-
-    fn check(&self) -> Result<(), String> {
-        if (0.0..1.0).contains(&self.least_albedo) {
-            Ok(())
-        } else {
-            Err(format!("least_albedo: wanted 0..1, got {}", self.least_albedo))
-        }
-    }
 
     fn run(&self, inputs: ScoreShadingIn, _: &Context) -> Result<ScoreShadingOut, NodeError> {
         let size = inputs.rest.0.size();

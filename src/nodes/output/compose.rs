@@ -52,12 +52,12 @@ params! {
         /// `Ratio` or `Physical`.
         mode: Mode = Mode::Ratio,
         /// Albedo shown by the surface of a lamp that is switched off; 0..=1.
-        lamp_albedo: f32 = 0.5,
+        lamp_albedo: f32 = 0.5, in 0.0..=1.0,
         /// Albedo shown by the pane of a window that is switched off; 0..=1.
-        pane_albedo: f32 = 0.05,
+        pane_albedo: f32 = 0.05, in 0.0..=1.0,
         /// What objects reflect of the unseen part of the room, as a multiple of the mean of what is seen, 0..=1; where a network
         /// says what arrives from there, that counts.
-        unseen: f32 = 0.5,
+        unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }
 
@@ -134,17 +134,6 @@ impl Node for Compose {
     const VERSION: u32 = 8;
     type In = ComposeIn;
     type Out = ComposeOut;
-
-    fn check(&self) -> Result<(), String> {
-        for (name, value) in
-            [("lamp_albedo", self.lamp_albedo), ("pane_albedo", self.pane_albedo), ("unseen", self.unseen)]
-        {
-            if !(0.0..=1.0).contains(&value) {
-                return Err(format!("{name}: wanted 0..=1, got {value}"));
-            }
-        }
-        Ok(())
-    }
 
     fn run(&self, inputs: ComposeIn, ctx: &Context) -> Result<ComposeOut, NodeError> {
         let size = inputs.photo.0.size();

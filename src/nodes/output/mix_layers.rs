@@ -21,7 +21,7 @@ params! {
         /// The `picture.exr` of a run.
         layers: File = File::default(),
         /// What each light is multiplied by, linear (r, g, b), 0 or more; a light that is not named stays as it is.
-        weights: BTreeMap<String, [f32; 3]> = BTreeMap::new(),
+        weights: BTreeMap<String, [f32; 3]> = BTreeMap::new(), in 0.0..,
         /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
         compression: Compression = Compression::None,
     }
@@ -40,14 +40,6 @@ impl Node for MixLayers {
     const VERSION: u32 = 1;
     type In = MixLayersIn;
     type Out = MixLayersOut;
-
-    fn check(&self) -> Result<(), String> {
-        let bad = |(id, weight): (&String, &[f32; 3])| {
-            let bad = weight.iter().any(|w| !(w.is_finite() && *w >= 0.0));
-            bad.then(|| format!("weights: {id:?}: wanted finite numbers, 0 or more, got {weight:?}"))
-        };
-        self.weights.iter().find_map(bad).map_or(Ok(()), Err)
-    }
 
     fn files(&mut self) -> Vec<&mut File> {
         vec![&mut self.layers]

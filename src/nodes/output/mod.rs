@@ -14,15 +14,7 @@ use glam::Vec3;
 
 use crate::graph::{Context, File, NodeError};
 use crate::image::{ExrFile, Plane, Source, Transfer, read_layers};
-use crate::nodes::artifacts::{Encoding, REST};
-
-/// A plane that is written must have the size of another.
-fn same_size(name: &str, got: (usize, usize), other: &str, wanted: (usize, usize)) -> Result<(), NodeError> {
-    if got == wanted {
-        return Ok(());
-    }
-    Err(NodeError::Failed(format!("{name}: wanted the {other}'s {wanted:?} pixels, got {got:?}")))
-}
+use crate::nodes::artifacts::{Encoding, REST, same_size};
 
 /// What `picture.exr` says in its comments of the encoding of `picture.png`.
 fn encoding_line(encoding: &Encoding) -> String {

@@ -49,7 +49,7 @@ impl Node for WritePlanes {
     type In = WritePlanesIn;
     type Out = WritePlanesOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
         let stem = self.name.strip_suffix(".exr").unwrap_or_default();
         if stem.is_empty() || stem.starts_with('.') || !stem.chars().all(plain) {
@@ -148,6 +148,6 @@ mod tests {
         assert_eq!(message(1, (4, 3), vec![]), "light a: wanted visibility and indirect, as direct, got none");
         let dark = crate::image::Shading(Plane::filled(4, 3, glam::Vec3::ZERO));
         let dark = vec![("a".into(), Arc::new(UnitIndirect { lobes: vec![dark], stderr: vec![], probes: vec![] }))];
-        assert_eq!(message(1, (3, 4), dark), "direct_a_0: wanted the depth's (4, 3) pixels, got (3, 4)");
+        assert_eq!(message(1, (3, 4), dark), "direct_a_0: wanted 4 x 3 pixels as depth, got 3 x 4");
     }
 }

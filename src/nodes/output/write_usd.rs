@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::formats::{UsdLight, UsdRoom};
 use crate::geometry::{Camera, SceneMesh};
-use crate::graph::{Context, Gather, Node, NodeError};
+use crate::graph::{Context, Gather, Node, NodeError, above};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Transfer, write_png};
 use crate::nodes::artifacts::Files;
 use crate::optics::{Radiance, Shape};
@@ -14,7 +14,7 @@ params! {
     /// Writes the seen room, its lights and the camera as USD, for Blender and others; docs/export.md tells what is lost. What `relight export` runs.
     pub struct WriteUsd {
         /// A lobe of a seen window of at least this bandwidth is written as a distant light, so that the sun falls where it falls; more than 0.
-        sun: f32 = 100.0,
+        sun: f32 = 100.0, in above(0.0),
     }
 }
 
@@ -50,13 +50,6 @@ impl Node for WriteUsd {
     const VERSION: u32 = 1;
     type In = WriteUsdIn;
     type Out = WriteUsdOut;
-
-    fn check(&self) -> Result<(), String> {
-        match self.sun > 0.0 {
-            true => Ok(()),
-            false => Err(format!("sun: wanted more than 0, got {}", self.sun)),
-        }
-    }
 
     fn run(&self, inputs: WriteUsdIn, _: &Context) -> Result<WriteUsdOut, NodeError> {
         let size = inputs.points.0.size();

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::SAMPLES;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Normal, Points};
 use crate::nodes::artifacts::UnitDirect;
@@ -15,12 +16,12 @@ params! {
     /// spheres, rectangles and boxes, and for plates and convex meshes up to 512 pieces; windows and larger lamps are sampled.
     pub struct Direct {
         /// Samples per pixel and lobe where there is no closed form, 1..65536; with a target, the least.
-        samples: u32 = 32,
+        samples: u32 = 32, in SAMPLES,
         /// Mean standard error over the mean shading of the lobe that is good enough, 0..1; each tile of 16 x 16 pixels takes more
         /// samples until it gets there. 0 takes `samples` everywhere.
-        target_error: f32 = 0.0,
+        target_error: f32 = 0.0, in 0.0..1.0,
         /// The most samples per pixel and lobe, with a target, 1..65536.
-        max_samples: u32 = 4096,
+        max_samples: u32 = 4096, in SAMPLES,
         /// Another seed gives other noise.
         seed: u64 = 0,
         /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
@@ -53,12 +54,8 @@ impl Node for Direct {
     type In = DirectIn;
     type Out = DirectOut;
 
-    fn check(&self) -> Result<(), String> {
-        super::check_sampling(self.samples, self.target_error, self.max_samples)
-    }
-
     fn run(&self, inputs: DirectIn, ctx: &Context) -> Result<DirectOut, NodeError> {
-        super::same_size("points", inputs.points.0.size(), "normal", inputs.normal.0.size())?;
+        super::same_size("normal", inputs.normal.0.size(), "points", inputs.points.0.size())?;
         let sampling =
             super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed);
         let stop = || ctx.out_of_time();

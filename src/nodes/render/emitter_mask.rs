@@ -17,7 +17,7 @@ params! {
     /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels are in the photo.
     pub struct EmitterMask {
         /// Samples per pixel side for smooth edges; 1..=16.
-        supersampling: usize = 4,
+        supersampling: usize = 4, in 1..=16,
     }
 }
 
@@ -46,13 +46,6 @@ impl Node for EmitterMask {
     const VERSION: u32 = 2;
     type In = EmitterMaskIn;
     type Out = EmitterMaskOut;
-
-    fn check(&self) -> Result<(), String> {
-        match self.supersampling {
-            1..=16 => Ok(()),
-            n => Err(format!("supersampling: wanted 1..=16, got {n}")),
-        }
-    }
 
     fn run(&self, inputs: EmitterMaskIn, _: &Context) -> Result<EmitterMaskOut, NodeError> {
         let camera = &inputs.camera;

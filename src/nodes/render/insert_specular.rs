@@ -16,7 +16,7 @@ params! {
     /// room, else an even surround.
     pub struct InsertSpecular {
         /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes up to 16, and in all there are up to 4 million.
-        rays: u32 = 32,
+        rays: u32 = 32, in 1..=4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
     }
@@ -56,18 +56,11 @@ impl Node for InsertSpecular {
     type In = InsertSpecularIn;
     type Out = InsertSpecularOut;
 
-    fn check(&self) -> Result<(), String> {
-        match self.rays {
-            1..=4096 => Ok(()),
-            n => Err(format!("rays: wanted 1..=4096, got {n}")),
-        }
-    }
-
     fn run(&self, inputs: InsertSpecularIn, ctx: &Context) -> Result<InsertSpecularOut, NodeError> {
         for (id, mask) in inputs.mask.iter() {
-            super::same_size("points", inputs.points.0.size(), id, mask.0.size())?;
+            super::same_size(id, mask.0.size(), "points", inputs.points.0.size())?;
         }
-        super::same_size("mesh", inputs.mesh.size(), "points", inputs.points.0.size())?;
+        super::same_size("points", inputs.points.0.size(), "mesh", inputs.mesh.size())?;
         let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
         let lights: Vec<(&str, &Shape)> = inputs.shape.iter().map(|(id, shape)| (id, &**shape)).collect();
         let objects = &inputs.objects;

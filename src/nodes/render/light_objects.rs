@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::SAMPLES;
 use crate::geometry::{Objects, SceneMesh};
 use crate::graph::{Context, Node, NodeError};
 use crate::nodes::artifacts::ObjectLight;
@@ -14,7 +15,7 @@ params! {
     /// Asked at the samples that the camera sees, and at probes all over the bodies, for what they bounce.
     pub struct LightObjects {
         /// Shadow rays per traced place and lobe, 1..65536; samples of what has no closed form.
-        samples: u32 = 16,
+        samples: u32 = 16, in SAMPLES,
         /// Another seed gives other noise.
         seed: u64 = 0,
     }
@@ -43,13 +44,6 @@ impl Node for LightObjects {
     const VERSION: u32 = 1;
     type In = LightObjectsIn;
     type Out = LightObjectsOut;
-
-    fn check(&self) -> Result<(), String> {
-        match self.samples {
-            1..=65536 => Ok(()),
-            n => Err(format!("samples: wanted 1..65536, got {n}")),
-        }
-    }
 
     fn run(&self, inputs: LightObjectsIn, ctx: &Context) -> Result<LightObjectsOut, NodeError> {
         let LightObjectsIn { objects, mesh, shape } = inputs;

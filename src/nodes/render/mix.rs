@@ -56,7 +56,7 @@ impl Node for Mix {
             let indirect = inputs.indirect.get(id).ok_or_else(|| missing("indirect shading"))?;
             let planes = direct.lobes.iter().chain(&visibility.lit).map(Plane::size);
             for got in planes.chain(indirect.lobes.iter().map(|lobe| lobe.0.size())) {
-                super::same_size("camera", size, id, got)?;
+                super::same_size(id, got, "camera", size)?;
             }
             light.push((id.to_string(), Arc::new(shading(size, direct, visibility, indirect, radiance))));
         }

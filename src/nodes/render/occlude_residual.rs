@@ -55,7 +55,7 @@ impl Node for OccludeResidual {
         if after.probes() == 0 {
             return Ok(OccludeResidualOut { rest, shown: Arc::new(Picture(Plane::new(0, 0, Vec::new()))) });
         }
-        super::same_size("points", points.0.size(), "rest", rest.0.size())?;
+        super::same_size("rest", rest.0.size(), "points", points.0.size())?;
         let grid = before.grid();
         let was = grid.upsample(&points, &normal, &before.ambient());
         let (is, on_probes) = after.ambient_around(&points, &normal, objects.probe_albedo.pixels());

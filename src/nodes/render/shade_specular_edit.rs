@@ -15,7 +15,7 @@ params! {
     /// working size, narrower ones at the photo's.
     pub struct ShadeSpecularEdit {
         /// Rays per place, and samples of each light per place, 1..=4096; a mirror takes one, and in all there are up to 4 million.
-        rays: u32 = 32,
+        rays: u32 = 32, in 1..=4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
     }
@@ -63,22 +63,15 @@ impl Node for ShadeSpecularEdit {
     type In = ShadeSpecularEditIn;
     type Out = ShadeSpecularEditOut;
 
-    fn check(&self) -> Result<(), String> {
-        match self.rays {
-            1..=4096 => Ok(()),
-            n => Err(format!("rays: wanted 1..=4096, got {n}")),
-        }
-    }
-
     fn run(&self, inputs: ShadeSpecularEditIn, ctx: &Context) -> Result<ShadeSpecularEditOut, NodeError> {
         let size = inputs.points.0.size();
         for (id, mask) in inputs.mask.iter() {
-            super::same_size("points", size, id, mask.0.size())?;
+            super::same_size(id, mask.0.size(), "points", size)?;
         }
-        super::same_size("mesh", inputs.mesh.size(), "points", size)?;
-        super::same_size("room", inputs.room.size(), "points", size)?;
+        super::same_size("points", size, "mesh", inputs.mesh.size())?;
+        super::same_size("points", size, "room", inputs.room.size())?;
         let photo = (inputs.camera.width, inputs.camera.height);
-        super::same_size("full_depth", inputs.full_depth.0.size(), "camera", photo)?;
+        super::same_size("camera", photo, "full_depth", inputs.full_depth.0.size())?;
         let seen = SeenPlaces {
             camera: &inputs.camera,
             full_depth: &inputs.full_depth,

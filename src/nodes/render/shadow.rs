@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::SAMPLES;
 use crate::geometry::{Own, SceneMesh};
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
@@ -17,12 +18,12 @@ params! {
     /// `unknown` holds the unknown share itself.
     pub struct Shadow {
         /// Rays per traced pixel and lobe, 1..65536; with a target, the least.
-        samples: u32 = 8,
+        samples: u32 = 8, in SAMPLES,
         /// Mean standard error over mean, of the shadowed shading of the lobe, that is good enough, 0..1; each tile of 16 x 16
         /// traced pixels casts more rays until it gets there. 0 casts `samples` everywhere.
-        target_error: f32 = 0.0,
+        target_error: f32 = 0.0, in 0.0..1.0,
         /// The most rays per traced pixel and lobe, with a target, 1..65536.
-        max_samples: u32 = 4096,
+        max_samples: u32 = 4096, in SAMPLES,
         /// Another seed gives other noise.
         seed: u64 = 0,
         /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
@@ -31,7 +32,7 @@ params! {
         /// Trace every second pixel along each axis and bring the result to all of them along the surfaces.
         half: bool = true,
         /// The share of unknown rays that counts as lit, 0..1.
-        assume_lit: f32 = 1.0,
+        assume_lit: f32 = 1.0, in 0.0..=1.0,
         /// Whether rays that leave the view unblocked are unknown, as nobody saw what stands there; else they are lit.
         outside_unknown: bool = false,
         /// One visibility for all lobes of a window, to compare: the mean over its lobes, weighted by the direct shading of each at unit
@@ -68,18 +69,10 @@ impl Node for Shadow {
     type In = ShadowIn;
     type Out = ShadowOut;
 
-    fn check(&self) -> Result<(), String> {
-        super::check_sampling(self.samples, self.target_error, self.max_samples)?;
-        if !(0.0..=1.0).contains(&self.assume_lit) {
-            return Err(format!("assume_lit: wanted 0..1, got {}", self.assume_lit));
-        }
-        Ok(())
-    }
-
     fn run(&self, inputs: ShadowIn, ctx: &Context) -> Result<ShadowOut, NodeError> {
-        super::same_size("points", inputs.points.0.size(), "normal", inputs.normal.0.size())?;
+        super::same_size("normal", inputs.normal.0.size(), "points", inputs.points.0.size())?;
         if let Some(mask) = &inputs.mask {
-            super::same_size("mesh", inputs.mesh.size(), "mask", mask.0.size())?;
+            super::same_size("mask", mask.0.size(), "mesh", inputs.mesh.size())?;
         }
         let quality = ShadowQuality {
             sampling: super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed),

@@ -13,10 +13,10 @@ params! {
     /// what is unseen. Exactly linear in the light, never negative, traces no ray.
     pub struct TraceIndirect {
         /// Bounces followed one by one, 0..=64; the rest is a geometric series in the mean albedo. With 0 there is no indirect light.
-        bounces: u32 = 4,
+        bounces: u32 = 4, in 0..=64,
         /// Radiosity of what is unseen, as a multiple of the mean of what is seen, 0..1. One would make a closed room of the
         /// unseen part; a half allows for doors, panes and for a photo that shows the brighter half.
-        unseen: f32 = 0.5,
+        unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }
 
@@ -52,23 +52,12 @@ impl Node for TraceIndirect {
     type In = TraceIndirectIn;
     type Out = TraceIndirectOut;
 
-    fn check(&self) -> Result<(), String> {
-        if self.bounces > 64 {
-            return Err(format!("bounces: wanted 0..=64, got {}", self.bounces));
-        }
-        // A multiple above one could make every bounce brighter than the one before.
-        if !(0.0..=1.0).contains(&self.unseen) {
-            return Err(format!("unseen: wanted 0..1, got {}", self.unseen));
-        }
-        Ok(())
-    }
-
     fn run(&self, inputs: TraceIndirectIn, ctx: &Context) -> Result<TraceIndirectOut, NodeError> {
         let TraceIndirectIn { transport, points, normal, albedo, direct, visibility, objects } = inputs;
         let size = transport.size();
-        super::same_size("transport", size, "points", points.0.size())?;
-        super::same_size("transport", size, "normal", normal.0.size())?;
-        super::same_size("transport", size, "albedo", albedo.0.size())?;
+        super::same_size("points", points.0.size(), "transport", size)?;
+        super::same_size("normal", normal.0.size(), "transport", size)?;
+        super::same_size("albedo", albedo.0.size(), "transport", size)?;
         if direct.lobes.len() != visibility.lit.len() {
             let (wanted, got) = (direct.lobes.len(), visibility.lit.len());
             return Err(NodeError::Failed(format!("`visibility` has {got} lobes, wanted {wanted} as `direct`")));
@@ -87,8 +76,8 @@ impl Node for TraceIndirect {
         }
         let lobe = |(lobe, (direct, lit)): (usize, (&Plane<f32>, &Plane<f32>))| {
             ctx.check_cancelled()?;
-            super::same_size("transport", size, "direct", direct.size())?;
-            super::same_size("transport", size, "visibility", lit.size())?;
+            super::same_size("direct", direct.size(), "transport", size)?;
+            super::same_size("visibility", lit.size(), "transport", size)?;
             let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
             let arrives = Plane::new(size.0, size.1, arrives);
             Ok(optics::indirect(&transport, &points, &normal, &albedo, &arrives, probed(lobe), bounces))

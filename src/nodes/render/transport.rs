@@ -13,9 +13,9 @@ params! {
     /// every pixel looks at these by itself.
     pub struct Transport {
         /// Every which pixel, along each axis, is a receiver, 1..64.
-        stride: u32 = 4,
+        stride: u32 = 4, in 1..=64,
         /// Rays per receiver, 1..4096, rounded up to four equal batches, whose spread tells the error.
-        rays: u32 = 128,
+        rays: u32 = 128, in 1..=4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
     }
@@ -45,17 +45,9 @@ impl Node for Transport {
     type In = TransportIn;
     type Out = TransportOut;
 
-    fn check(&self) -> Result<(), String> {
-        let within = |name: &str, value: u32, most: u32| {
-            if (1..=most).contains(&value) { Ok(()) } else { Err(format!("{name}: wanted 1..{most}, got {value}")) }
-        };
-        within("stride", self.stride, 64)?;
-        within("rays", self.rays, 4096)
-    }
-
     fn run(&self, inputs: TransportIn, ctx: &Context) -> Result<TransportOut, NodeError> {
-        super::same_size("mesh", inputs.mesh.size(), "points", inputs.points.0.size())?;
-        super::same_size("mesh", inputs.mesh.size(), "normal", inputs.normal.0.size())?;
+        super::same_size("points", inputs.points.0.size(), "mesh", inputs.mesh.size())?;
+        super::same_size("normal", inputs.normal.0.size(), "mesh", inputs.mesh.size())?;
         ctx.check_cancelled()?;
         let (stride, rays) = (self.stride as usize, self.rays as usize);
         let transport = optics::trace_bounces(&inputs.mesh, &inputs.points, &inputs.normal, stride, rays, self.seed);

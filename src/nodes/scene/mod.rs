@@ -9,7 +9,7 @@ pub mod read_scene;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Camera;
-use crate::graph::{Context, File, NodeError};
+use crate::graph::{Context, File, NodeError, check_range};
 use crate::image::{self, Bits, Mask, Picture, ReadError, Source, Transfer};
 use crate::nodes::artifacts::Encoding;
 
@@ -58,22 +58,21 @@ impl Shot<'_> {
             return Err("photo: wanted a file, got none".into());
         }
         if let Transfer::Gamma(gamma) = self.transfer {
-            within("transfer: Gamma", gamma, 0.1, 10.0)?;
+            check_range("transfer: Gamma", &gamma, Transfer::GAMMA)?;
         }
         match self.camera {
-            CameraSpec::FovX(degrees) => within("camera: FovX", degrees, 1.0, 175.0)?,
+            CameraSpec::FovX(degrees) => check_range("camera: FovX", &degrees, 1.0..=175.0)?,
             CameraSpec::Pinhole { fx, fy, cx, cy } => {
-                within("camera: fx", fx, 1e-3, 1e6)?;
-                within("camera: fy", fy, 1e-3, 1e6)?;
-                within("camera: cx", cx, -1e6, 1e6)?;
-                within("camera: cy", cy, -1e6, 1e6)?;
+                for (name, focal) in [("camera: fx", fx), ("camera: fy", fy)] {
+                    check_range(name, &focal, 1e-3..=1e6)?;
+                }
+                for (name, center) in [("camera: cx", cx), ("camera: cy", cy)] {
+                    check_range(name, &center, -1e6..=1e6)?;
+                }
             }
         }
         if let Some(Exposure::Lux(lux)) = self.exposure {
-            within("exposure: Lux", lux, 1e-6, 1e9)?;
-        }
-        if self.long_side == 0 {
-            return Err("long_side: wanted at least 1, got 0".into());
+            check_range("exposure: Lux", &lux, 1e-6..=1e9)?;
         }
         Ok(())
     }
@@ -98,10 +97,6 @@ impl Shot<'_> {
             },
         })
     }
-}
-
-fn within(name: &str, value: f32, low: f32, high: f32) -> Result<(), String> {
-    if (low..=high).contains(&value) { Ok(()) } else { Err(format!("{name}: wanted {low} to {high}, got {value}")) }
 }
 
 /// A picture file through one of the readers of `image`.

@@ -53,7 +53,7 @@ impl Node for ReadLights {
     type In = ReadLightsIn;
     type Out = ReadLightsOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         if self.path.path.is_empty() {
             return Err("path: wanted a file, got none; a scene names it as `truth: (lights: \"lights.json\")`".into());
         }

@@ -22,7 +22,7 @@ params! {
         /// GGX roughness in 0..=1: EXR (Y), or PNG or JPEG whose numbers are taken as they are; of colours, the green.
         roughness: Option<File> = None,
         /// Roughness given to everything when there is no file; 0..=1.
-        rough: f32 = 0.8,
+        rough: f32 = 0.8, in 0.0..=1.0,
     }
 }
 
@@ -52,12 +52,9 @@ impl Node for ReadMaterials {
     type In = ReadMaterialsIn;
     type Out = ReadMaterialsOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         if self.albedo.path.is_empty() {
             return Err("albedo: wanted a file, got none; a scene names it as `truth: (albedo: \"albedo.exr\")`".into());
-        }
-        if !(0.0..=1.0).contains(&self.rough) {
-            return Err(format!("rough: wanted 0..=1, got {}", self.rough));
         }
         Ok(())
     }

@@ -21,7 +21,7 @@ params! {
         /// The illuminance at which white shows 1: Lux(value).
         exposure: Option<Exposure> = None,
         /// The longer side of the working size in pixels, at least 1; a smaller photo is not enlarged.
-        long_side: u32 = 320,
+        long_side: u32 = 320, in 1..,
     }
 }
 
@@ -47,7 +47,7 @@ impl Node for ReadPhoto {
     type In = ReadPhotoIn;
     type Out = ReadPhotoOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         self.shot().check()
     }
 

@@ -13,9 +13,9 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{CameraSpec, Exposure, Photograph, Shot, bad, open, size, warn, within};
+use super::{CameraSpec, Exposure, Photograph, Shot, bad, open, size, warn};
 use crate::geometry::Camera;
-use crate::graph::{Context, File, Node, NodeError, Scatter};
+use crate::graph::{Context, File, Node, NodeError, Scatter, check_range};
 use crate::image::{self, Depth, Mask, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
 use crate::optics::LightKind;
@@ -92,7 +92,7 @@ params! {
         /// The illuminance at which white shows 1: Lux(value).
         exposure: Option<Exposure> = None,
         /// The longer side of the working size in pixels, at least 1; a smaller photo is not enlarged.
-        long_side: u32 = 320,
+        long_side: u32 = 320, in 1..,
     }
 }
 
@@ -136,12 +136,12 @@ impl Node for ReadScene {
     type In = ReadSceneIn;
     type Out = ReadSceneOut;
 
-    fn check(&self) -> Result<(), String> {
+    fn check_consistency(&self) -> Result<(), String> {
         self.shot().check()?;
         if self.depth.path.path.is_empty() {
             return Err("depth.path: wanted a file, got none".into());
         }
-        within("depth: scale", self.depth.scale, 1e-9, 1e9)?;
+        check_range("depth: scale", &self.depth.scale, 1e-9..=1e9)?;
         self.lights.keys().try_for_each(|id| check_id(id))?;
         let masks: BTreeSet<(LightKind, &File)> =
             self.lights.values().map(|light| (light.kind(), light.mask())).collect();

@@ -1,7 +1,8 @@
 //! Limits of a model: its memory stands in proportion to the bytes of its files.
 //!
-//! A glTF may repeat a mesh in many nodes, and an accessor of zeros or a texture of one color takes hardly a byte, so that a small
-//! file could ask for any amount of memory. Every count is held against these limits before anything is allocated for it.
+//! A glTF may repeat a mesh in many nodes, and an accessor of zeros or a texture of one color takes
+//! hardly a byte, so that a small file could ask for any amount of memory. Every count is held
+//! against these limits before anything is allocated for it.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,15 +11,16 @@ use crate::image::{Source, Texture};
 
 /// Most triangles of a model.
 const MOST_TRIANGLES: usize = 20_000_000;
-/// Triangles that a model of any size may have, and the bytes that each further one takes: a strip of 16-bit indices has two.
+/// Triangles that a model of any size may have, and the bytes that each further one takes: a strip
+/// of 16-bit indices has two.
 const FREE_TRIANGLES: usize = 2_000_000;
 const BYTES_PER_TRIANGLE: usize = 2;
 /// Most instances of parts of meshes in a glTF, and most groups of faces in an OBJ.
 const MOST_PARTS: usize = 1_000_000;
 /// Most other files that a model names.
 pub const MOST_FILES: usize = 1000;
-/// Decoded bytes that the textures of any model may take, two of 8192 x 8192 texels, and further ones for each byte of their files:
-/// a JPEG of good quality decodes to about 20.
+/// Decoded bytes that the textures of any model may take, two of 8192 x 8192 texels, and further
+/// ones for each byte of their files: a JPEG of good quality decodes to about 20.
 const FREE_TEXELS: u64 = 448 << 20;
 const TEXELS_PER_BYTE: u64 = 32;
 
@@ -121,7 +123,8 @@ mod tests {
     const TRIANGLE: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     const PLAIN: &str = r#"{"attributes": {"POSITION": 0}}"#;
 
-    /// Reads a model beside whose file lie a triangle and a texture; with the names that were asked for.
+    /// Reads a model beside whose file lie a triangle and a texture; with the names that were asked
+    /// for.
     fn read(name: &str, text: &str, library: &str) -> (Result<Model, String>, Vec<String>) {
         let mut asked = Vec::new();
         let model = Model::read(name, text.as_bytes(), &mut |name| {
@@ -152,7 +155,8 @@ mod tests {
         );
     }
 
-    /// Reason: normals and texture coordinates were read to the end of their accessors, however many positions there are.
+    /// Reason: normals and texture coordinates were read to the end of their accessors, however
+    /// many positions there are.
     #[test]
     fn normals_of_no_position_are_not_read() {
         let accessor = r#", {"componentType": 5126, "count": 4000000000, "type": "VEC3",
@@ -225,7 +229,8 @@ mod tests {
         check_shared(&model.expect("it is sound").skins, 8, &asked);
     }
 
-    /// Reason: a library that is named ten thousand times was read as often, and its materials were kept as often.
+    /// Reason: a library that is named ten thousand times was read as often, and its materials were
+    /// kept as often.
     #[test]
     fn a_file_that_is_named_often_is_read_once() {
         let obj = format!("{}v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n", "mtllib a.mtl\n".repeat(10_000));
@@ -269,7 +274,8 @@ mod tests {
         assert_eq!(textures.held_bytes, FREE_TEXELS);
     }
 
-    /// Reason: this index, times three and two more, is 1 in 64 bits; what the crate then looked up was not there.
+    /// Reason: this index, times three and two more, is 1 in 64 bits; what the crate then looked up
+    /// was not there.
     #[test]
     fn obj_indices_beyond_all_reason_are_told() {
         let told = told("a.obj", "v 0 0 0\nvn 0 0 1\nf 1//6148914691236517206 1//1 1//1\n");

@@ -14,14 +14,16 @@ use gltf::mesh::{Mode, Semantic};
 use super::{Budget, Material, Model, Part, SHOWN, Skin, Textures};
 use crate::image::Texture;
 
-/// Most objects in the JSON of a glTF; each takes some 500 bytes in memory, also where it is two in the file.
+/// Most objects in the JSON of a glTF; each takes some 500 bytes in memory, also where it is two in
+/// the file.
 const MOST_OBJECTS: usize = 500_000;
 fn bad(e: impl std::fmt::Display) -> String {
     let told: String = e.to_string().chars().take(SHOWN).collect();
     format!("wanted a sound glTF file: {told}")
 }
 
-/// The JSON and the binary chunk of a file: checked, so that the crate's accessors do not panic on it.
+/// The JSON and the binary chunk of a file: checked, so that the crate's accessors do not panic on
+/// it.
 fn document(bytes: &[u8]) -> Result<(gltf::Document, Option<Vec<u8>>), String> {
     let glb = if bytes.starts_with(b"glTF") { Some(gltf::Glb::from_slice(bytes).map_err(bad)?) } else { None };
     let json = glb.as_ref().map_or(bytes, |glb| &glb.json);
@@ -150,7 +152,7 @@ pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
 /// Reads the texels of a texture; the list receives the reader's warnings.
 type ReadTexture<'a> = &'a mut dyn FnMut(gltf::Texture, &mut Vec<String>) -> Result<Arc<Texture>, String>;
 
-/// What a primitive without material is made of.
+/// The material of a primitive without one.
 const PLAIN: Material = Material { albedo: Vec3::splat(0.8), roughness: 1.0, specular: 0.5, metallic: 0.0 };
 
 fn skin(material: &gltf::Material, texture: ReadTexture, warnings: &mut Vec<String>) -> Result<Skin, String> {
@@ -168,8 +170,8 @@ fn skin(material: &gltf::Material, texture: ReadTexture, warnings: &mut Vec<Stri
     Ok(Skin { material: plain, colour, gloss })
 }
 
-/// Holds an accessor against the types that it may have, and the steps between its items against their size: the crate takes both
-/// as sound.
+/// Holds an accessor against the types that it may have, and the steps between its items against
+/// their size: the crate takes both as sound.
 fn check(name: &str, accessor: &Accessor, dimensions: Dimensions, types: &[DataType]) -> Result<(), String> {
     let got = (accessor.dimensions(), accessor.data_type());
     if got.0 != dimensions || !types.contains(&got.1) {

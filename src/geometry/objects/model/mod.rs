@@ -16,14 +16,15 @@ use crate::image::Texture;
 pub use budget::most_triangles;
 use budget::{Budget, MOST_FILES, Textures};
 
-/// Most characters that are shown of what is wrong with a file: a message may quote a line or name each fault.
+/// Most characters that are shown of what is wrong with a file: a message may quote a line or name
+/// each fault.
 const SHOWN: usize = 400;
 
 /// Gives the bytes of a file that a model names.
 type Part<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
 
-/// The files that a model of this name and content names, as it names them. Of an OBJ, whose libraries and pictures often stay behind, those
-/// that `beside` has.
+/// The files that a model of this name and content names, as it names them. Of an OBJ, whose
+/// libraries and pictures often stay behind, those that `beside` has.
 pub fn parts(
     name: &str,
     content: impl FnOnce() -> Option<Vec<u8>>,
@@ -46,7 +47,8 @@ pub fn parts(
     names
 }
 
-/// Sorted, without duplicates, and no more than one too many: reading a model that names so many files is an error.
+/// Sorted, without duplicates, and no more than one too many: reading a model that names so many
+/// files is an error.
 fn distinct(mut names: Vec<String>) -> Vec<String> {
     names.sort();
     names.dedup();
@@ -58,14 +60,16 @@ fn ending(name: &str) -> String {
     Path::new(name).extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
-/// What a surface is made of: diffuse light plus GGX reflection, as in Karis, "Real Shading in Unreal Engine 4" (2013).
+/// Parameters of a surface's BRDF: a diffuse and a GGX lobe, as in Karis, "Real Shading in Unreal
+/// Engine 4" (2013).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Base colour, linear Rec.709, 0..=1: the diffuse albedo, or of a metal the colour of its reflection.
+    /// Base colour, linear Rec.709, 0..=1: the diffuse albedo, or of a metal the colour of its
+    /// reflection.
     pub albedo: Vec3,
     /// 0 is a mirror, 1 has no highlight to speak of.
     pub roughness: f32,
-    /// Reflection at normal incidence of what is no metal, in units of 8 %.
+    /// Reflectance of a dielectric at normal incidence, in units of 8 %.
     pub specular: f32,
     /// 0 or 1; between them, a mixture.
     pub metallic: f32,
@@ -122,28 +126,29 @@ fn texel(texture: &Texture, uv: Vec2, srgb: bool) -> Vec3 {
 #[derive(Clone, Debug, Default)]
 pub struct Model {
     pub positions: Vec<Vec3>,
-    /// Of each position, towards the outside; zero where the file has none.
+    /// Normals by position, towards the outside; zero where the file has none.
     pub normals: Vec<Vec3>,
-    /// Of each position; zero where the file has none.
+    /// Texture coordinates by position; zero where the file has none.
     pub uvs: Vec<Vec2>,
     /// Albedo of each position, linear Rec.709; empty where the file has none.
     pub colours: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
-    /// Which skin each triangle has; empty where the file has none.
+    /// The skin of each triangle; empty where the file has none.
     pub skin: Vec<u32>,
     pub skins: Vec<Skin>,
-    /// What a person should know of the file.
+    /// Warnings about the file, for a person.
     pub warnings: Vec<String>,
     /// Bytes of all files that it was read from.
     pub file_bytes: usize,
 }
 
 impl Model {
-    /// Reads PLY, OBJ, glTF or GLB, told apart by the ending of `name`; `part` gives the bytes of a file that a glTF or OBJ names, and
-    /// is asked once for each.
+    /// Reads PLY, OBJ, glTF or GLB, by the extension of `name`; `part` gives the bytes of a file
+    /// that a glTF or OBJ names, and is asked once for each.
     ///
     /// # Errors
-    /// The file is damaged, holds no triangle, or asks for more memory than its bytes stand for; the message says what was wanted and got.
+    /// The file is damaged, holds no triangle, or asks for more memory than its bytes stand for;
+    /// the message says what was wanted and got.
     pub fn read(
         name: &str,
         bytes: &[u8],
@@ -252,8 +257,8 @@ impl Model {
         Ok(())
     }
 
-    /// Triangles of which the outside is not known by normals get it from the whole: a closed body turned inside out has a
-    /// negative volume.
+    /// Triangles of which the outside is not known by normals get it from the whole: a closed body
+    /// turned inside out has a negative volume.
     fn turn_outwards(&mut self) {
         let (low, high) = self.bounds();
         let middle = (0.5 * (low + high)).as_dvec3();
@@ -268,7 +273,7 @@ impl Model {
         if volume < 0.0 {
             self.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
-        // Where there are normals they know better, triangle by triangle.
+        // The file's normals, where it has any, decide for each triangle.
         for t in &mut self.triangles {
             let [a, b, c] = t.map(|i| self.positions[i as usize]);
             let told: Vec3 = t.iter().map(|&i| self.normals[i as usize]).sum();
@@ -336,7 +341,7 @@ mod tests {
         tetrahedron("f 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n");
     }
 
-    /// Each material of a library on its own triangle; what is not used is told.
+    /// Each material of a library on its own triangle; unused properties give a warning.
     #[test]
     fn an_obj_takes_its_library() {
         let obj = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\nusemtl red\nf 1/1 2/2 3/3\n\

@@ -26,14 +26,15 @@ pub fn pictures(bytes: &[u8]) -> Vec<String> {
     materials.iter().filter_map(|material| Some(picture(material.diffuse_texture.as_ref()?))).collect()
 }
 
-/// The name at the end of a texture's options; on some systems folders are set apart by other signs.
+/// The name at the end of a texture's options; on some systems folders are set apart by other
+/// signs.
 fn picture(texture: &str) -> String {
     let name = if texture.starts_with('-') { texture.rsplit(char::is_whitespace).next() } else { Some(texture) };
     name.unwrap_or_default().replace('\\', "/")
 }
 
-/// The text of a library of at most `most` materials, in which each color has the three numbers that the crate takes for granted: one
-/// stands for all three.
+/// The text of a library of at most `most` materials, in which each color has the three numbers
+/// that the crate takes for granted: one stands for all three.
 fn sound_library(bytes: &[u8], most: usize) -> Result<String, String> {
     let text = std::str::from_utf8(bytes).map_err(|e| e.to_string())?;
     let (mut whole, mut materials) = (String::with_capacity(text.len()), 0);
@@ -59,7 +60,8 @@ fn sound_library(bytes: &[u8], most: usize) -> Result<String, String> {
     Ok(whole)
 }
 
-/// Counts groups and faces before they are read, and holds indices against what the crate computes with.
+/// Counts groups and faces before they are read, and holds indices against what the crate computes
+/// with.
 fn check(bytes: &[u8]) -> Result<(), String> {
     let mut budget = Budget::new(bytes.len());
     let text = String::from_utf8_lossy(bytes);
@@ -138,11 +140,13 @@ pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
     Ok(model)
 }
 
-/// What no part of a material says.
+/// The default of a material's missing properties.
 const SAYS_NOTHING: f32 = 0.5;
 
-/// Kd is taken as linear, as Blender writes it, and multiplies map_Kd. The roughness is Pr; else, where there is a highlight, the exponent
-/// Ns of its lobe tells it: alpha = roughness^2 = sqrt(2 / (Ns + 2)) (Walter et al., "Microfacet Models for Refraction", EGSR 2007).
+/// Kd is taken as linear, as Blender writes it, and multiplies map_Kd. The roughness is Pr; else,
+/// where there is a highlight, the exponent The exponent Ns of its lobe gives the roughness:
+/// alpha = roughness^2 = sqrt(2 / (Ns + 2)) (Walter et al., "Microfacet Models for Refraction",
+/// EGSR 2007).
 fn skin(
     material: &tobj::Material,
     part: Part,

@@ -83,7 +83,7 @@ fn set(slot: &mut f32, value: f32) -> PropertyAccessResult {
     PropertyAccessResult::Set
 }
 
-/// What the colours of vertices are called.
+/// Property names of vertex colors.
 const COLOURS: [[&str; 3]; 2] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
 
 fn linear(colour: Vec3) -> Vec3 {
@@ -91,7 +91,8 @@ fn linear(colour: Vec3) -> Vec3 {
     Vec3::from_array(colour.to_array().map(share))
 }
 
-/// Elements that are read at a time: a file of one-byte elements would otherwise take 70 times its size.
+/// Elements that are read at a time: a file of one-byte elements would otherwise take 70 times its
+/// size.
 const AT_A_TIME: usize = 1 << 16;
 
 /// The least bytes that an element takes.
@@ -123,7 +124,7 @@ pub fn read(bytes: &[u8]) -> Result<Model, String> {
     let mut model = Model::default();
     let mut claimed = 0usize;
     for (name, element) in &header.elements {
-        // A count beyond the file is told before anything is made of it.
+        // A count beyond the file's end is an error before anything is allocated.
         claimed = claimed.saturating_add(element.count.saturating_mul(least(element, header.encoding)));
         if claimed > bytes.len() {
             return Err(bad(&format!("{} elements `{name}` in {} bytes", element.count, bytes.len())));

@@ -3,8 +3,8 @@
 use glam::{Mat3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{EditLightsIn, Place, check_model, level, positive, read_model, tall, upright};
-use crate::graph::{Context, File, NodeError};
+use super::{EditLightsIn, Place, check_model, level, read_model, tall, upright};
+use crate::graph::{Context, File, NodeError, above, check_range};
 use crate::optics::{Lamp, Profile, ProfileTable, Shape};
 
 /// The form of an inserted lamp, metres.
@@ -46,12 +46,12 @@ const MOST_TRIANGLES: usize = 1_000_000;
 impl LampShape {
     pub fn check(&self) -> Result<(), String> {
         match self {
-            LampShape::Sphere { radius } => positive("radius", &[*radius]),
+            LampShape::Sphere { radius } => check_range("radius (metres)", radius, above(0.0)),
             LampShape::Rect { half, normal } => {
-                positive("half", half)?;
+                check_range("half (metres)", half, above(0.0))?;
                 direction("normal", *normal).map(drop)
             }
-            LampShape::Box { half, .. } => positive("half", half),
+            LampShape::Box { half, .. } => check_range("half (metres)", half, above(0.0)),
             LampShape::Mesh { path, height, .. } => check_model(path, *height),
         }
     }

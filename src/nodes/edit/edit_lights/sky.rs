@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{level, not_negative};
-use crate::graph::{Context, File, NodeError};
+use super::level;
+use crate::graph::{Context, File, NodeError, above, check_range};
 use crate::image::{Picture, Source, Transfer, read_photo};
 use crate::optics::{Daylight, Heading, Lobe, Radiance, Shape, Window, fit_outlook};
 
@@ -87,37 +87,30 @@ pub struct Outside<'a> {
 impl Outside<'_> {
     pub fn check(&self) -> Result<(), String> {
         match self.sky {
-            Sky::Radiance(r, g, b) => not_negative("sky", &[*r, *g, *b])?,
+            Sky::Radiance(r, g, b) => check_range("sky", &[*r, *g, *b], 0.0..)?,
             Sky::Env(_) => {}
             Sky::Turbidity(turbidity) => {
-                if !(1.7..=10.0).contains(turbidity) {
-                    return Err(format!("sky: wanted a turbidity of 1.7..=10, got {turbidity}"));
-                }
+                check_range("sky: turbidity", turbidity, 1.7..=10.0)?;
                 match self.sun {
-                    Some(Sun::Direction { elevation, .. }) if *elevation > 0.0 => {}
                     Some(Sun::Direction { elevation, .. }) => {
-                        return Err(format!(
-                            "sun elevation: wanted more than 0 degrees for a clear sky, got {elevation}"
-                        ));
+                        check_range("sun elevation (degrees) of a clear sky", elevation, above(0.0))?;
                     }
                     None => return Err("sky: Turbidity needs `sun: Direction(azimuth: .., elevation: ..)`".into()),
                 }
             }
         }
-        not_negative("scale", &[self.scale])?;
+        check_range("scale", &self.scale, 0.0..)?;
         if !matches!(self.sky, Sky::Env(_)) && self.yaw != 0.0 {
             return Err("yaw turns a picture of the sky: it goes with sky: Env(..)".into());
         }
         if matches!(self.sky, Sky::Radiance(..)) && self.scale != 1.0 {
             return Err("scale goes with sky: Env(..) or Turbidity(..); a Radiance is told as it is".into());
         }
-        not_negative("ground", &self.ground.map_or(Vec3::ZERO, Half::rgb).to_array())?;
+        check_range("ground", &self.ground.map(|ground| ground.rgb().to_array()), 0.0..)?;
         if let Some(Sun::Direction { elevation, radiance, bandwidth, .. }) = self.sun {
-            not_negative("sun radiance", &radiance.unwrap_or_default())?;
-            not_negative("sun bandwidth", &[*bandwidth])?;
-            if !(-90.0..=90.0).contains(elevation) {
-                return Err(format!("sun elevation: wanted -90..=90 degrees, got {elevation}"));
-            }
+            check_range("sun radiance", radiance, 0.0..)?;
+            check_range("sun bandwidth", bandwidth, 0.0..)?;
+            check_range("sun elevation (degrees)", elevation, -90.0..=90.0)?;
         }
         Ok(())
     }

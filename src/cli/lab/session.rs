@@ -1,4 +1,4 @@
-//! A graph whose parameters are set again and again, run on one engine that keeps what stays the same.
+//! A graph that runs under changing parameters, on one engine that keeps all unchanged results.
 
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -6,29 +6,33 @@ use std::sync::Arc;
 
 use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Value};
 
-use crate::cli::args::{Bench, Files};
-use crate::cli::{Stop, engine, finished, load::load, run::stop_on_ctrl_c};
+use relight_lab::bench::Setting;
 
-/// One parameter of all stages of a kind, as RON.
-pub type Set = (&'static str, &'static str, String);
+use super::Bench;
+use crate::cli::args::Files;
+use crate::cli::engine::{engine, finished, stop_on_ctrl_c};
+use crate::cli::exit::Stop;
+use crate::cli::load::load;
 
-/// A result, with the wall time and the rays of the node that made it.
+/// A result, with the wall time and the number of rays of its node or run.
 pub struct Made<T> {
     pub value: Arc<T>,
     pub seconds: f64,
     pub rays: u64,
 }
 
+/// A node of the graph file: its name, its kind, and its set where there is an instance per member.
 struct NodeOf {
     name: String,
     kind: String,
     each: Option<String>,
 }
 
+/// A graph on a scene, and the engine that runs it.
 pub struct Session {
     graph: PathBuf,
     scene: Option<PathBuf>,
-    /// What the person set.
+    /// Settings of the command line.
     set: Vec<String>,
     nodes: Vec<NodeOf>,
     engine: Engine,
@@ -38,6 +42,10 @@ pub struct Session {
 }
 
 impl Session {
+    /// Reads the graph and starts an engine without a disk cache; Ctrl-C stops its runs.
+    ///
+    /// # Errors
+    /// The graph cannot be read, or the engine cannot be started.
     pub fn new(args: &Bench) -> Result<Session, Stop> {
         let file = GraphFile::read(&args.graph)?;
         let nodes = file.nodes().map(|node| NodeOf {
@@ -63,18 +71,24 @@ impl Session {
         self.engine.threads()
     }
 
-    /// A seed that was not used before: a result that is there already would tell no time.
+    /// A seed that was not used before: a result that the engine has already would have no run time.
     pub fn seed(&self) -> u64 {
         self.seed.replace(self.seed.get() + 1)
     }
 
-    /// The first node of a kind.
+    /// The name of the first node of a kind.
+    ///
+    /// # Errors
+    /// The graph has none.
     pub fn node(&self, kind: &str) -> Result<&str, Stop> {
         let node = self.nodes.iter().find(|node| node.kind == kind);
         Ok(&node.ok_or_else(|| self.lacks(kind, ""))?.name)
     }
 
-    /// The stages that make the direct shading and the shadows of each light of one set.
+    /// The names of the nodes `Direct` and `Shadow` of one set of lights.
+    ///
+    /// # Errors
+    /// The graph has none.
     pub fn layers(&self) -> Result<(&str, &str), Stop> {
         let direct = self.nodes.iter().find(|node| node.kind == "Direct" && node.each.is_some());
         let direct = direct.ok_or_else(|| self.lacks("Direct", " of each light"))?;
@@ -86,22 +100,31 @@ impl Session {
         Fault::file(&self.graph, format!("wanted a graph with a stage {kind}{which}, got none"))
     }
 
-    /// The members of a node that there is once per light.
+    /// The members of a node that has one instance per light.
+    ///
+    /// # Errors
+    /// Those of the graph.
     pub fn members(&self, node: &str) -> Result<Vec<String>, Stop> {
         let graph = load(&self.graph, None, &self.files(&[]))?;
         let member = |name: &str| Some(name.strip_prefix(node)?.strip_prefix('[')?.strip_suffix(']')?.to_owned());
         Ok(graph.instances().filter_map(member).collect())
     }
 
-    /// One output, and what its node took.
-    pub fn make<T: Artifact>(&self, node: &str, port: &str, sets: &[Set]) -> Result<Made<T>, Stop> {
+    /// One output, with the cost of its node.
+    ///
+    /// # Errors
+    /// Those of the graph and its run.
+    pub fn make<T: Artifact>(&self, node: &str, port: &str, settings: &[Setting]) -> Result<Made<T>, Stop> {
         let output = format!("{node}.{port}");
-        let report = self.run(&self.engine, sets, std::slice::from_ref(&output))?;
+        let report = self.run(&self.engine, settings, std::slice::from_ref(&output))?;
         let of_node = report.nodes.iter().find(|n| n.name == node).expect("a node that gave its output is reported");
         Ok(Made { value: self.one(&report, &output)?, seconds: of_node.seconds, rays: of_node.rays })
     }
 
-    /// The members' values of an output.
+    /// The values of an output, member by member.
+    ///
+    /// # Errors
+    /// Those of the graph and its run.
     pub fn members_of<T: Artifact>(&self, node: &str, port: &str) -> Result<Vec<Arc<T>>, Stop> {
         let output = format!("{node}.{port}");
         let report = self.run(&self.engine, &[], std::slice::from_ref(&output))?;
@@ -111,12 +134,20 @@ impl Session {
         })
     }
 
-    /// An output under each of some settings, on an engine that knows nothing yet; the seconds are those of the whole run.
-    pub fn make_anew<T: Artifact>(&self, node: &str, port: &str, ways: &[Vec<Set>]) -> Result<Vec<Made<T>>, Stop> {
+    /// One output under each group of settings, on a new engine; the seconds are those of whole runs.
+    ///
+    /// # Errors
+    /// Those of the graph and its runs.
+    pub fn make_anew<T: Artifact>(
+        &self,
+        node: &str,
+        port: &str,
+        settings: &[Vec<Setting>],
+    ) -> Result<Vec<Made<T>>, Stop> {
         let fresh = engine(EngineOptions { threads: self.threads, ..EngineOptions::default() })?;
         let output = format!("{node}.{port}");
-        let made = ways.iter().map(|sets| {
-            let report = self.run(&fresh, sets, std::slice::from_ref(&output))?;
+        let made = settings.iter().map(|group| {
+            let report = self.run(&fresh, group, std::slice::from_ref(&output))?;
             let value = self.one(&report, &output)?;
             Ok(Made { value, seconds: report.seconds, rays: report.nodes.iter().map(|node| node.rays).sum() })
         });
@@ -131,17 +162,17 @@ impl Session {
         Ok(value.ok_or_else(|| Fault::file(&self.graph, format!("`{output}` is not what bench can measure")))?)
     }
 
-    fn files(&self, sets: &[Set]) -> Files {
+    fn files(&self, settings: &[Setting]) -> Files {
         let mut set = self.set.clone();
-        for (kind, field, value) in sets {
+        for (kind, field, value) in settings {
             let named = self.nodes.iter().filter(|node| node.kind == *kind);
             set.extend(named.map(|node| format!("{}.{field}={value}", node.name)));
         }
         Files { scene: self.scene.clone(), set, ..Files::default() }
     }
 
-    fn run(&self, engine: &Engine, sets: &[Set], wanted: &[String]) -> Result<RunReport, Stop> {
-        let graph = load(&self.graph, None, &self.files(sets))?;
+    fn run(&self, engine: &Engine, settings: &[Setting], wanted: &[String]) -> Result<RunReport, Stop> {
+        let graph = load(&self.graph, None, &self.files(settings))?;
         finished(engine.run(&graph, &graph.wanted(Some(wanted))?, &self.cancel, &()))
     }
 }

@@ -1,10 +1,12 @@
-//! The graph that is evaluated: the person's, with stages that read the truth and measure, and parts replaced by the truth.
+//! The graph under evaluation: the user's, with stages that read the truth and score, and with parts
+//! replaced by the truth.
 
 use std::path::{Path, PathBuf};
 
 use relight::files::{edit, scene};
 use relight::graph::{Fault, Faults, Graph, GraphFile, Key, Member, Overlay, Raw, Registry, Setting, Source, Target};
 use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW};
+use relight_lab::eval::Substitution;
 
 use crate::cli::args::Networks;
 use crate::cli::load::{backend, setting};
@@ -63,14 +65,6 @@ const PICTURE: &str = r#"
     }),
 "#;
 
-/// Which parts are replaced by the truth.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Rung {
-    pub depth: bool,
-    pub lights: bool,
-    pub materials: bool,
-}
-
 /// An edit whose true picture is known.
 pub struct Edit {
     pub name: String,
@@ -100,7 +94,7 @@ struct Ends {
 }
 
 /// A graph, a scene with truth, and what can be measured of them.
-pub struct Subject {
+pub struct EvalTarget {
     registry: Registry,
     graph: PathBuf,
     room: Overlay,
@@ -111,8 +105,8 @@ pub struct Subject {
     pub left_out: Vec<String>,
 }
 
-impl Subject {
-    pub fn new(graph: &Path, folder: &Path, set: &[String], networks: &Networks) -> Result<Subject, Vec<Fault>> {
+impl EvalTarget {
+    pub fn new(graph: &Path, folder: &Path, set: &[String], networks: &Networks) -> Result<EvalTarget, Vec<Fault>> {
         let file = GraphFile::read(graph)?;
         let truth = scene::truth(folder)?;
         let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
@@ -126,14 +120,14 @@ impl Subject {
         }
         let ends = Ends::of(&file, graph).map_err(|fault| vec![fault])?;
         let (graph, edits, left_out) = (graph.to_owned(), Vec::new(), Vec::new());
-        let mut subject = Subject { registry, graph, room, truth, ends, edits, left_out };
-        subject.missing();
-        subject.find_edits(folder, &file)?;
-        if subject.truth.is_empty() {
+        let mut target = EvalTarget { registry, graph, room, truth, ends, edits, left_out };
+        target.list_missing();
+        target.find_edits(folder, &file)?;
+        if target.truth.is_empty() {
             let fault = Fault::file(&folder.join("scene.ron"), "wanted a scene with a `truth`, got none");
             return Err(vec![fault.help("docs/eval.md tells what may stand there")]);
         }
-        Ok(subject)
+        Ok(target)
     }
 
     /// What `truth` names in this field.
@@ -155,11 +149,11 @@ impl Subject {
     }
 
     /// Tells what is not measured for want of truth or stages.
-    fn missing(&mut self) {
+    fn list_missing(&mut self) {
         let lacks = |field: &'static str| (!self.has(field)).then_some(field);
         let rows: [(&str, Vec<Option<&str>>); 7] = [
-            ("Chamfer and E_j; true lights in the ladder", vec![lacks("lights")]),
-            ("materials and E; true materials in the ladder", vec![lacks("albedo")]),
+            ("Chamfer and E_j; true lights in the ablation", vec![lacks("lights")]),
+            ("materials and E; true materials in the ablation", vec![lacks("albedo")]),
             ("normal", vec![lacks("albedo"), lacks("normal")]),
             ("roughness", vec![lacks("albedo"), lacks("roughness")]),
             ("E_d and shadow", vec![lacks("direct"), lacks("lights")]),
@@ -242,24 +236,16 @@ impl Subject {
         if faults.is_empty() { Ok(()) } else { Err(faults.into_vec()) }
     }
 
-    /// The person's graph first, then each that has more of the truth, up to all of it.
-    pub fn rungs(&self) -> Vec<Rung> {
-        let parts = [self.has("depth"), self.has("lights"), self.has("albedo")];
-        let rung = |n: usize| [n & 4 != 0, n & 2 != 0, n & 1 != 0];
-        let possible = (0..8).map(rung).filter(|rung| rung.iter().zip(parts).all(|(wanted, there)| !wanted || there));
-        possible.map(|[depth, lights, materials]| Rung { depth, lights, materials }).collect()
+    /// The parts whose truth is known.
+    pub fn known(&self) -> Substitution {
+        Substitution { depth: self.has("depth"), lights: self.has("lights"), materials: self.has("albedo") }
     }
 
-    /// Whether the rungs know true depth from estimated.
-    pub fn has_depth(&self) -> bool {
-        self.has("depth")
-    }
-
-    /// The outputs that measure a rung without any edit.
-    pub fn measures(&self, rung: Rung) -> Vec<String> {
+    /// The outputs with scores under a substitution, without any edit.
+    pub fn measures(&self, substitution: Substitution) -> Vec<String> {
         let nodes = [
-            ("score_lights", self.has("lights") && !rung.lights),
-            ("score_materials", self.has("albedo") && !rung.materials),
+            ("score_lights", self.has("lights") && !substitution.lights),
+            ("score_materials", self.has("albedo") && !substitution.materials),
             ("score_shading", self.has("albedo")),
             ("score_direct", self.direct()),
             ("score_lighting", self.lighting()),
@@ -267,8 +253,8 @@ impl Subject {
         nodes.iter().filter(|(_, asked)| *asked).map(|(name, _)| format!("{name}.scores")).collect()
     }
 
-    /// The graph of a rung under an edit, ready to run.
-    pub fn graph(&self, rung: Rung, edit: Option<&Edit>) -> Result<Graph, Vec<Fault>> {
+    /// The graph under a substitution and an edit, ready to run.
+    pub fn graph(&self, substitution: Substitution, edit: Option<&Edit>) -> Result<Graph, Vec<Fault>> {
         let text =
             format!("Graph(version: 1, extends: {:?}, nodes: {{{}}})", self.graph.display().to_string(), self.stages());
         let mut file = GraphFile::parse(Source::new(OURS, text))?;
@@ -286,7 +272,7 @@ impl Subject {
             let value = raw(format!("(path: {})", depth.text()), &depth.origin.source.path);
             set(node("true_scene"), "depth", &value);
         }
-        if rung.depth {
+        if substitution.depth {
             file.redirect(&ends.depth, "true_scene.depth");
             file.redirect(&ends.full_depth, "true_scene.full_depth");
         }
@@ -299,7 +285,7 @@ impl Subject {
         if let Some(maps) = self.of("lighting").filter(|_| self.lighting()) {
             set(node("score_lighting"), "truth", maps);
         }
-        if rung.lights {
+        if substitution.lights {
             file.redirect(&ends.shapes, "true_lights.shape");
             file.redirect(&ends.radiances, "true_lights.radiance");
             if let Some(fit) = &ends.fit {
@@ -307,7 +293,7 @@ impl Subject {
                 set(node(fit), "rest_cost", &ours("1e9".into()));
             }
         }
-        if rung.materials {
+        if substitution.materials {
             file.redirect(&ends.albedo, "true_materials.albedo");
             if let Some(first) = &ends.first {
                 file.redirect(first, "true_materials.albedo");

@@ -1,11 +1,11 @@
 //! The results as CSV, and as the Markdown tables of docs/accuracy.md, each under a line that names it.
 
-use super::measure::{EXACT, Point, slope};
-use super::questions::ADAPTIVE;
-use crate::cli::tables::{distinct, table};
+use super::error::{EXACT, Point, slope};
+use super::lights::ADAPTIVE;
+use crate::table::{distinct, table};
 
-/// One line per mark.
-pub fn csv(points: &[Point]) -> String {
+/// Formats one line per mark, under a head.
+pub(super) fn csv(points: &[Point]) -> String {
     let mut text = String::from("plot,subject,series,samples,target,bandwidth,seconds,rays,error,claimed\n");
     for p in points {
         let some = |x: Option<f64>| x.map_or(String::new(), |x| x.to_string());
@@ -26,7 +26,8 @@ pub fn csv(points: &[Point]) -> String {
     text
 }
 
-pub fn markdown(points: &[Point]) -> String {
+/// Formats all tables that have a row.
+pub(super) fn markdown(points: &[Point]) -> String {
     let of = |plot: &str| -> Vec<&Point> { points.iter().filter(|p| p.plot == plot).collect() };
     let tables = [
         ("slopes", slopes(&of("strategies"))),
@@ -43,7 +44,7 @@ pub fn markdown(points: &[Point]) -> String {
     shown.map(|(name, text)| format!("<!-- table: {name} -->\n{text}\n")).collect()
 }
 
-/// A table of one cell per subject and series.
+/// A table with a cell per subject and series.
 fn by_subject(points: &[&Point], series: &[String], cell: impl Fn(&[&Point]) -> String) -> String {
     let head: Vec<String> = [String::new()].into_iter().chain(series.iter().cloned()).collect();
     let rows = distinct(points.iter().map(|p| p.subject.clone())).into_iter().map(|subject| {
@@ -57,7 +58,7 @@ fn by_subject(points: &[&Point], series: &[String], cell: impl Fn(&[&Point]) -> 
     table(&head, rows.collect())
 }
 
-/// Exponent of the error's fall with the number of samples.
+/// Exponent of the error as a power of the number of samples.
 fn slopes(points: &[&Point]) -> String {
     let sampled: Vec<&Point> = points.iter().copied().filter(|p| p.samples.is_some()).collect();
     let series = distinct(sampled.iter().map(|p| p.series.clone()));
@@ -74,7 +75,7 @@ fn power(x: f64) -> String {
     if x < 1000.0 { format!("{x}") } else { format!("{x:e}") }
 }
 
-/// A table of one cell per bandwidth and series.
+/// A table with a cell per bandwidth and series.
 fn by_bandwidth(points: &[&Point], series: &[String], cell: impl Fn(&Point, &[&Point]) -> String) -> String {
     let head: Vec<String> = ["", "bandwidth"].map(str::to_owned).into_iter().chain(series.iter().cloned()).collect();
     let lines = distinct(points.iter().filter_map(|p| Some((p.subject.clone(), p.bandwidth?))));
@@ -93,7 +94,7 @@ fn bandwidths(points: &[&Point]) -> String {
     by_bandwidth(points, &distinct(points.iter().map(|p| p.series.clone())), |point, _| percent(point.error))
 }
 
-/// What each way costs over the better of the two that take one distribution only.
+/// Cost of each strategy over the smaller cost of area and lobe alone.
 fn ratios(points: &[&Point], cost: fn(&Point) -> f64) -> String {
     let single = ["area only", "lobe only"];
     let series = distinct(points.iter().map(|p| p.series.clone()));
@@ -107,7 +108,7 @@ fn ratios(points: &[&Point], cost: fn(&Point) -> f64) -> String {
     })
 }
 
-/// Claimed over measured error of our own estimators.
+/// Claimed over measured error of the default strategy.
 fn calibration(points: &[Point]) -> String {
     let own = |p: &&Point| ["ours", ADAPTIVE].contains(&p.series.as_str());
     let points: Vec<&Point> = points.iter().filter(own).filter(|p| p.plot != "bandwidths" && p.error > EXACT).collect();
@@ -124,7 +125,7 @@ fn calibration(points: &[Point]) -> String {
     table(&head, rows.collect())
 }
 
-/// What a target gave, and what a fixed number of samples takes for the same error.
+/// Error and time of adaptive sampling, and the time of a fixed number of samples at the same error.
 fn adaptive(points: &[&Point]) -> String {
     let head = ["", "asked for", "error", "claimed", "seconds", "seconds of a fixed number for this error", "gain"];
     let rows = points.iter().filter(|p| p.series == ADAPTIVE).map(|p| {
@@ -143,7 +144,8 @@ fn adaptive(points: &[&Point]) -> String {
     table(&head.map(str::to_owned), rows.collect())
 }
 
-/// Time for an error between two marks (error, seconds), along a straight line in the logarithms; `None` outside them.
+/// Time for an error between two marks (error, seconds), by linear interpolation of the logarithms;
+/// `None` outside all marks.
 fn seconds_for(error: f64, marks: &[(f64, f64)]) -> Option<f64> {
     marks.windows(2).find_map(|pair| {
         let [(e0, s0), (e1, s1)] = [pair[0], pair[1]];
@@ -152,7 +154,7 @@ fn seconds_for(error: f64, marks: &[(f64, f64)]) -> Option<f64> {
     })
 }
 
-/// One row per way to make a picture, one column per edit.
+/// A row per pipeline and size, a column per edit.
 fn pictures(points: &[&Point]) -> String {
     let subjects = distinct(points.iter().map(|p| p.subject.clone()));
     let fixed = ["", "samples or target", "seconds"].map(str::to_owned);
@@ -175,7 +177,7 @@ fn pictures(points: &[&Point]) -> String {
     table(&head, rows.collect())
 }
 
-/// Three digits.
+/// A share in percent with three significant digits.
 fn percent(x: f64) -> String {
     if x < EXACT {
         return "exact".to_owned();

@@ -5,28 +5,72 @@ use plotters::coord::combinators::{BindKeyPoints, IntoLogRange};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::measure::{EXACT, Point};
-use super::questions::{ADAPTIVE, STRATEGIES};
+use super::error::{EXACT, Point};
+use super::lights::{ADAPTIVE, STRATEGIES};
+use crate::table::distinct;
 
-/// What a plot shows.
-pub struct Plot {
-    pub name: &'static str,
-    pub title: &'static str,
-    pub x: Axis,
-    pub y: &'static str,
+/// A plot: its file without the ending, its title and its axes.
+struct Plot {
+    name: &'static str,
+    title: &'static str,
+    x: Axis,
+    y: &'static str,
 }
 
-pub enum Axis {
+/// A quantity along x.
+enum Axis {
+    /// Wall time of the named work.
     Seconds(&'static str),
     Bandwidth,
+}
+
+const PLOTS: [Plot; 5] = [
+    Plot {
+        name: "strategies",
+        title: "Direct light of a window, unshadowed: error against time",
+        x: Axis::Seconds("time of Direct"),
+        y: "relative error",
+    },
+    Plot {
+        name: "bandwidths",
+        title: "Direct light of a window: error against bandwidth at equal samples",
+        x: Axis::Bandwidth,
+        y: "relative error",
+    },
+    Plot {
+        name: "shadows",
+        title: "Direct light with its shadow: error against time",
+        x: Axis::Seconds("time of Direct and Shadow"),
+        y: "relative error",
+    },
+    Plot {
+        name: "pipeline",
+        title: "Whole pictures against truth: error of the change against time",
+        x: Axis::Seconds("time of a run from nothing"),
+        y: "error of the change",
+    },
+    Plot {
+        name: "noise",
+        title: "Whole pictures against their own limit: difference against time",
+        x: Axis::Seconds("time of a run from nothing"),
+        y: "mean difference",
+    },
+];
+
+/// Draws every plot that has a mark: names and SVG texts of the files.
+pub(super) fn draw_all(points: &[Point]) -> Vec<(String, String)> {
+    let file = |plot: &Plot| Some((format!("{}.svg", plot.name), plot.draw(points)?));
+    PLOTS.iter().filter_map(file).collect()
 }
 
 const PANEL: (i32, i32) = (430, 330);
 const COLUMNS: i32 = 2;
 const HEAD: i32 = 40;
 const LEGEND_ROW: i32 = 24;
+/// Invariant of every drawing call: writing to a string does not fail.
+const SOUND: &str = "an SVG in memory can be written";
 
-/// Distinguishable by people who see colours differently (Okabe and Ito 2008); the markers differ too.
+/// A palette for color-blind readers (Okabe and Ito 2008); the markers differ too.
 const COLORS: [RGBColor; 8] = [
     RGBColor(213, 94, 0),
     RGBColor(0, 114, 178),
@@ -47,19 +91,14 @@ impl Plot {
     }
 
     /// The plot as SVG; `None` when no mark belongs to it.
-    pub fn draw(&self, points: &[Point]) -> Option<String> {
+    fn draw(&self, points: &[Point]) -> Option<String> {
         let of_plot = points.iter().filter(|point| point.plot == self.name && point.error > EXACT);
         let marks: Vec<(&Point, f64)> = of_plot.filter_map(|point| Some((point, self.x(point)?))).collect();
-        let subjects = distinct(marks.iter().map(|(point, _)| point.subject.as_str()));
-        let mut series = distinct(marks.iter().map(|(point, _)| point.series.as_str()));
-        // A strategy has the same colour in every plot, and ours lies on top.
-        let strategies: Vec<&str> = STRATEGIES.iter().map(|(_, name, _)| *name).chain([ADAPTIVE]).collect();
-        let place = |name: &str| strategies.iter().position(|s| *s == name);
-        series.sort_by_key(|name| place(name));
-        let styles: Vec<usize> = series.iter().enumerate().map(|(k, name)| place(name).unwrap_or(k)).collect();
         if marks.is_empty() {
             return None;
         }
+        let subjects = distinct(marks.iter().map(|(point, _)| point.subject.as_str()));
+        let series = styled(distinct(marks.iter().map(|(point, _)| point.series.as_str())));
         let columns = COLUMNS.min(subjects.len() as i32);
         let rows = (subjects.len() as i32 + columns - 1) / columns;
         let legend_columns = 3.min(series.len() as i32).max(1);
@@ -68,33 +107,23 @@ impl Plot {
         let size = (width as u32, (HEAD + rows * PANEL.1 + legend_rows * LEGEND_ROW + 12) as u32);
         let mut svg = String::new();
         let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        // Strings do not fail to be written to.
-        let sound = "an SVG in memory can be written";
-        root.fill(&WHITE).expect(sound);
+        root.fill(&WHITE).expect(SOUND);
         let title = text(17).pos(Pos::new(HPos::Center, VPos::Center));
-        root.draw(&Text::new(self.title, (width / 2, HEAD / 2), title)).expect(sound);
+        root.draw(&Text::new(self.title, (width / 2, HEAD / 2), title)).expect(SOUND);
         let (_, below) = root.split_vertically(HEAD);
         let (panels, legend) = below.split_vertically(rows * PANEL.1);
-        // One range for all panels, so that they can be compared.
+        // All panels share their ranges, so that they can be compared.
         let x = labels(marks.iter().map(|(_, x)| *x));
         let y = labels(marks.iter().map(|(point, _)| point.error));
         for (area, subject) in panels.split_evenly((rows as usize, columns as usize)).iter().zip(&subjects) {
             let of_panel: Vec<_> = marks.iter().filter(|(point, _)| point.subject == *subject).collect();
-            let lines = series.iter().zip(&styles).map(|(name, &style)| {
-                let of_line = of_panel.iter().filter(|(point, _)| point.series == *name);
+            let lines = series.iter().map(|&(style, name)| {
+                let of_line = of_panel.iter().filter(|(point, _)| point.series == name);
                 (style, of_line.map(|(point, x)| (*x, point.error)).collect())
             });
             self.panel(area, subject, (&x, &y), lines.collect());
         }
-        let across = width / legend_columns;
-        for (k, (name, &style)) in series.iter().zip(&styles).enumerate() {
-            let at = (k as i32 % legend_columns * across + 40, k as i32 / legend_columns * LEGEND_ROW + LEGEND_ROW / 2);
-            let line = PathElement::new(vec![(at.0, at.1), (at.0 + 34, at.1)], stroke(style));
-            legend.draw(&line).expect(sound);
-            legend.draw(&marker(style, (at.0 + 17, at.1))).expect(sound);
-            let style = text(14).pos(Pos::new(HPos::Left, VPos::Center));
-            legend.draw(&Text::new(name.to_string(), (at.0 + 42, at.1), style)).expect(sound);
-        }
+        draw_legend(&legend, &series, (legend_columns, width / legend_columns));
         drop((root, below, panels, legend));
         Some(svg)
     }
@@ -106,7 +135,6 @@ impl Plot {
         (x, y): (&[f64], &[f64]),
         lines: Vec<(usize, Vec<(f64, f64)>)>,
     ) {
-        let sound = "an SVG in memory can be written";
         let mut chart = ChartBuilder::on(area)
             .caption(subject, text(15))
             .margin_right(22)
@@ -118,7 +146,7 @@ impl Plot {
                 (x[0]..x[x.len() - 1]).log_scale().with_key_points(x.to_vec()),
                 (y[0]..y[y.len() - 1]).log_scale().with_key_points(y.to_vec()),
             )
-            .expect(sound);
+            .expect(SOUND);
         let name = match self.x {
             Axis::Seconds(name) => name,
             Axis::Bandwidth => "bandwidth of the lobe",
@@ -138,11 +166,32 @@ impl Plot {
             })
             .y_label_formatter(&|y| percent(*y))
             .draw()
-            .expect(sound);
+            .expect(SOUND);
         for (k, marks) in lines {
-            chart.draw_series([PathElement::new(marks.clone(), stroke(k))]).expect(sound);
-            chart.draw_series(marks.into_iter().map(|at| marker(k, at))).expect(sound);
+            chart.draw_series([PathElement::new(marks.clone(), stroke(k))]).expect(SOUND);
+            chart.draw_series(marks.into_iter().map(|at| marker(k, at))).expect(SOUND);
         }
+    }
+}
+
+/// Series with their style numbers, in drawing order. A strategy has the same color in every plot, and
+/// the default one is drawn last.
+fn styled(mut series: Vec<&str>) -> Vec<(usize, &str)> {
+    let strategies: Vec<&str> = STRATEGIES.iter().map(|(_, name, _)| *name).chain([ADAPTIVE]).collect();
+    let place = |name: &str| strategies.iter().position(|s| *s == name);
+    series.sort_by_key(|name| place(name));
+    series.into_iter().enumerate().map(|(k, name)| (place(name).unwrap_or(k), name)).collect()
+}
+
+/// Draws the legend in rows of `columns`, each `across` pixels wide.
+fn draw_legend(area: &DrawingArea<SVGBackend, Shift>, series: &[(usize, &str)], (columns, across): (i32, i32)) {
+    for (k, &(style, name)) in series.iter().enumerate() {
+        let at = (k as i32 % columns * across + 40, k as i32 / columns * LEGEND_ROW + LEGEND_ROW / 2);
+        let line = PathElement::new(vec![(at.0, at.1), (at.0 + 34, at.1)], stroke(style));
+        area.draw(&line).expect(SOUND);
+        area.draw(&marker(style, (at.0 + 17, at.1))).expect(SOUND);
+        let style = text(14).pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw(&Text::new(name.to_string(), (at.0 + 42, at.1), style)).expect(SOUND);
     }
 }
 
@@ -154,7 +203,7 @@ fn stroke(k: usize) -> ShapeStyle {
     COLORS[k % COLORS.len()].stroke_width(2)
 }
 
-/// The mark of a series: the forms go round at another pace than the colours.
+/// The marker of a series; forms repeat with another period than colors.
 fn marker<'svg, C>(k: usize, at: C) -> DynElement<'static, SVGBackend<'svg>, C>
 where
     C: Clone + 'static,
@@ -168,19 +217,8 @@ where
     }
 }
 
-/// In the order in which they come.
-fn distinct<'a>(names: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
-    let mut all = Vec::new();
-    for name in names {
-        if !all.contains(&name) {
-            all.push(name);
-        }
-    }
-    all
-}
-
-/// The labels of an axis that holds all values: powers of ten, or for a short axis 1, 2 and 5 of them. The first and the last
-/// are its ends.
+/// Labels of an axis that contains all values: powers of ten, on a short axis with their multiples by
+/// 2 and 5. The first and the last are the ends of the axis.
 fn labels(values: impl Iterator<Item = f64> + Clone) -> Vec<f64> {
     let (low, high) = (values.clone().fold(f64::INFINITY, f64::min), values.fold(0.0, f64::max));
     let steps: &[f64] = if high / low > 100.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
@@ -212,7 +250,7 @@ fn power(x: f64) -> String {
     }
 }
 
-/// One digit, without the noise of its making.
+/// A number with one significant digit.
 fn short(x: f64) -> String {
     let digits = (-(x.log10() + 1e-9).floor()).max(0.0) as usize;
     format!("{x:.digits$}")

@@ -1,82 +1,74 @@
-//! What is measured: errors against a converged reference, with the time they took.
+//! Errors of estimates against a converged reference, with their run times.
 
-use relight::nodes::artifacts::{UnitDirect, Visibility};
 use serde::Serialize;
 
-use super::session::{Session, Set};
-use crate::cli::Stop;
-
-/// Relative errors below this are those of single precision.
-pub const EXACT: f64 = 1e-6;
+/// Relative error below which an estimate is exact to single precision.
+pub(super) const EXACT: f64 = 1e-6;
 
 /// One mark of a plot.
 #[derive(Clone, Debug, Serialize)]
 pub struct Point {
     pub plot: &'static str,
-    /// The light and the lobe, or the edit: a panel of the plot.
+    /// Light and lobe, or edit: a panel of the plot.
     pub subject: String,
-    /// The estimator: a line of the panel.
+    /// Estimator: a line of the panel.
     pub series: String,
-    /// Samples per pixel that were asked for; none where the error is what was asked for.
+    /// Requested samples per pixel; none where an error was requested.
     pub samples: Option<u32>,
-    /// Relative standard error that was asked for.
+    /// Requested relative standard error.
     pub target: Option<f64>,
-    /// Bandwidth of the lobe, where that is what varies.
+    /// Bandwidth of the lobe, where that varies.
     pub bandwidth: Option<f64>,
-    /// Wall time: of the stages that make the subject, or of the whole run.
+    /// Wall time of the stages that estimate the subject, or of the whole run.
     pub seconds: f64,
     pub rays: u64,
-    /// Relative error; see docs/accuracy.md for each plot.
+    /// Relative error; docs/accuracy.md defines it for each plot.
     pub error: f64,
-    /// What the stages themselves say that the error is, in the same measure.
+    /// Relative error by the stages' own standard errors.
     pub claimed: Option<f64>,
 }
 
-/// One light's shading by unit radiance, per lobe, with its standard error, and what it took.
+/// An estimated quantity of one lobe, with its standard error; one value per pixel each.
+pub struct Layer {
+    pub value: Vec<f32>,
+    pub stderr: Vec<f32>,
+}
+
+/// Layers of one light, per lobe of unit radiance, and their cost.
 pub struct Estimate {
-    pub lobes: Vec<[Vec<f32>; 2]>,
+    pub lobes: Vec<Layer>,
     pub seconds: f64,
     pub rays: u64,
 }
 
-/// Unshadowed direct shading of a light.
-pub fn direct(session: &Session, light: &str, sets: &[Set]) -> Result<Estimate, Stop> {
-    let (direct, _) = session.layers()?;
-    let made = session.make::<UnitDirect>(&format!("{direct}[{light}]"), "direct", sets)?;
-    let lobes = made.value.lobes.iter().zip(&made.value.stderr);
-    let lobes = lobes.map(|(e, sd)| [e.pixels().to_vec(), sd.pixels().to_vec()]).collect();
-    Ok(Estimate { lobes, seconds: made.seconds, rays: made.rays })
-}
-
-/// Direct shading of a light with its shadow.
-pub fn shadowed(session: &Session, light: &str, sets: &[Set]) -> Result<Estimate, Stop> {
-    let Estimate { mut lobes, seconds, rays } = direct(session, light, sets)?;
-    let (_, shadow) = session.layers()?;
-    let made = session.make::<Visibility>(&format!("{shadow}[{light}]"), "visibility", sets)?;
-    let visibility = made.value.lit.iter().zip(&made.value.stderr);
-    for ([e, sd], (v, sd_v)) in lobes.iter_mut().zip(visibility) {
-        for ((e, sd), (&v, &sd_v)) in e.iter_mut().zip(sd).zip(v.pixels().iter().zip(sd_v.pixels())) {
-            (*e, *sd) = (*e * v, (*sd * v).hypot(*e * sd_v));
+impl Estimate {
+    /// The product with a visibility of the same lobes; standard errors add in quadrature.
+    pub fn shadowed(mut self, visibility: Estimate) -> Estimate {
+        for (e, v) in self.lobes.iter_mut().zip(visibility.lobes) {
+            let visible = v.value.iter().zip(v.stderr);
+            for ((e, sd), (&v, sd_v)) in e.value.iter_mut().zip(&mut e.stderr).zip(visible) {
+                (*e, *sd) = (*e * v, (*sd * v).hypot(*e * sd_v));
+            }
         }
+        Estimate { seconds: self.seconds + visibility.seconds, rays: self.rays + visibility.rays, ..self }
     }
-    Ok(Estimate { lobes, seconds: seconds + made.seconds, rays: rays + made.rays })
 }
 
 /// The mean of independent estimates of a lobe.
-pub struct Reference {
-    pub mean: Vec<f64>,
-    /// Mean over the pixels of the variance that is left in `mean`.
+pub(super) struct Reference {
+    mean: Vec<f64>,
+    /// Variance of `mean`, averaged over the pixels.
     variance: f64,
 }
 
 impl Reference {
-    /// Of every lobe, from estimates that differ in their seed.
+    /// One reference per lobe, from estimates that differ in their seed.
     pub fn of(estimates: &[Estimate]) -> Vec<Reference> {
         let n = estimates.len() as f64;
         let lobes = estimates.first().map_or(0, |e| e.lobes.len());
         let lobe = |k: usize| {
-            let at = |i: usize| estimates.iter().map(move |e| f64::from(e.lobes[k][0][i]));
-            let pixels = estimates[0].lobes[k][0].len();
+            let at = |i: usize| estimates.iter().map(move |e| f64::from(e.lobes[k].value[i]));
+            let pixels = estimates[0].lobes[k].value.len();
             let mean: Vec<f64> = (0..pixels).map(|i| at(i).sum::<f64>() / n).collect();
             let squares: f64 = (0..pixels).map(|i| at(i).map(|x| (x - mean[i]).powi(2)).sum::<f64>()).sum();
             Reference { variance: squares / (n * (n - 1.0).max(1.0) * pixels.max(1) as f64), mean }
@@ -89,13 +81,14 @@ impl Reference {
         self.mean.iter().sum::<f64>() / self.mean.len().max(1) as f64
     }
 
-    /// Whether the lobe reaches anything that is seen.
+    /// Whether the lobe reaches any pixel.
     pub fn shines(&self) -> bool {
         self.level() > 1e-12
     }
 
-    /// Mean square error of an estimate, without the part that is the reference's own; and that which it claims.
-    fn squares(&self, [value, stderr]: &[Vec<f32>; 2]) -> [f64; 2] {
+    /// Mean square error of an estimate less the variance of the reference, and the mean of its own
+    /// variances.
+    fn squares(&self, Layer { value, stderr }: &Layer) -> [f64; 2] {
         let n = self.mean.len().max(1) as f64;
         let error: f64 = value.iter().zip(&self.mean).map(|(&x, mean)| (f64::from(x) - mean).powi(2)).sum();
         let claimed: f64 = stderr.iter().map(|&sd| f64::from(sd).powi(2)).sum();
@@ -103,20 +96,24 @@ impl Reference {
     }
 }
 
-/// A lobe of some repeated estimates against its reference.
-pub struct Measured {
+/// The error of repeated estimates of a lobe against its reference.
+pub(super) struct Measured {
     /// Root of the mean square error over the mean of the reference.
     pub error: f64,
+    /// The same by the estimates' own standard errors.
     pub claimed: f64,
-    /// Of the fastest repetition: other work only ever adds.
+    /// Wall time of the fastest repetition: other work on the machine only ever adds.
     pub seconds: f64,
     pub rays: u64,
 }
 
 const MOST_REPEATS: usize = 24;
 
-/// Repeats an estimate with new seeds while that takes less than `within` seconds in all.
-pub fn repeat(within: f64, mut estimate: impl FnMut() -> Result<Estimate, Stop>) -> Result<Vec<Estimate>, Stop> {
+/// Repeats an estimate with new seeds while the sum of their times is below `within` seconds.
+///
+/// # Errors
+/// Those of `estimate`.
+pub(super) fn repeat<E>(within: f64, mut estimate: impl FnMut() -> Result<Estimate, E>) -> Result<Vec<Estimate>, E> {
     let mut all = vec![estimate()?];
     while all.len() < MOST_REPEATS && all.iter().map(|e| e.seconds).sum::<f64>() < within {
         all.push(estimate()?);
@@ -124,7 +121,8 @@ pub fn repeat(within: f64, mut estimate: impl FnMut() -> Result<Estimate, Stop>)
     Ok(all)
 }
 
-pub fn measure(estimates: &[Estimate], lobe: usize, reference: &Reference) -> Measured {
+/// Measures repeated estimates of one lobe.
+pub(super) fn measure(estimates: &[Estimate], lobe: usize, reference: &Reference) -> Measured {
     let n = estimates.len() as f64;
     let squares: Vec<[f64; 2]> = estimates.iter().map(|e| reference.squares(&e.lobes[lobe])).collect();
     let [error, claimed] = [0, 1].map(|k| {
@@ -135,8 +133,9 @@ pub fn measure(estimates: &[Estimate], lobe: usize, reference: &Reference) -> Me
     Measured { error, claimed, seconds, rays: estimates[0].rays }
 }
 
-/// Exponent p of the power law y = c x^p that lies nearest in the logarithms; `None` for fewer than two marks.
-pub fn slope(marks: &[(f64, f64)]) -> Option<f64> {
+/// Exponent p of the power law y = c x^p by least squares in the logarithms; `None` for fewer than
+/// two marks.
+pub(super) fn slope(marks: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> =
         marks.iter().filter(|(x, y)| *x > 0.0 && *y > 0.0).map(|(x, y)| (x.ln(), y.ln())).collect();
     let n = logs.len() as f64;
@@ -157,7 +156,7 @@ mod tests {
         assert_eq!(slope(&marks[..1]), None);
     }
 
-    /// Estimates whose error is known: the truth is 1, each is off by plus or minus `off`.
+    /// An estimate of known error: the truth is 1, each pixel deviates by plus or minus `off`.
     fn estimate(pixels: usize, seed: usize, off: f32) -> Estimate {
         // The mixing step of SplitMix64: its bits are as good as independent.
         let sign = |i: usize| {
@@ -168,11 +167,22 @@ mod tests {
             if (x >> 63) == 0 { 1.0 } else { -1.0 }
         };
         let value = (0..pixels).map(|i| 1.0 + off * sign(i)).collect();
-        Estimate { lobes: vec![[value, vec![off; pixels]]], seconds: 1.0, rays: 0 }
+        Estimate { lobes: vec![Layer { value, stderr: vec![off; pixels] }], seconds: 1.0, rays: 0 }
     }
 
     #[test]
-    fn the_error_of_the_reference_is_taken_off() {
+    fn standard_errors_of_a_product_add_in_quadrature() {
+        let layer = |value: f32, stderr: f32| Layer { value: vec![value], stderr: vec![stderr] };
+        let light = Estimate { lobes: vec![layer(2.0, 0.3)], seconds: 1.0, rays: 5 };
+        let visibility = Estimate { lobes: vec![layer(0.5, 0.1)], seconds: 0.5, rays: 7 };
+        let product = light.shadowed(visibility);
+        // sd = sqrt((0.3 * 0.5)^2 + (2.0 * 0.1)^2) = 0.25
+        assert_eq!((product.lobes[0].value[0], product.rays, product.seconds), (1.0, 12, 1.5));
+        assert!((product.lobes[0].stderr[0] - 0.25).abs() < 1e-6, "{}", product.lobes[0].stderr[0]);
+    }
+
+    #[test]
+    fn the_error_of_the_reference_is_subtracted() {
         let pixels = 20_000;
         let references: Vec<Estimate> = (0..4).map(|seed| estimate(pixels, seed, 0.2)).collect();
         let reference = &Reference::of(&references)[0];

@@ -1,0 +1,112 @@
+//! The commands that compute no picture: `plan`, `explain`, `check`, `graph` and `nodes`.
+
+use relight::graph::{Fault, PlanLine, Planned};
+use relight::nodes as stages;
+
+use super::args::{Explain, Format, Graph, Job, Nodes, Plan};
+use super::engine::{engine, options};
+use super::exit::{CliError, Exit};
+use super::load::{load, load_all};
+use super::{reference, report, write};
+
+/// Runs `relight plan`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
+pub fn plan(args: &Plan) -> Result<Exit, CliError> {
+    let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
+    let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
+    let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;
+    let lines = engine(options)?.plan(&graph, &wanted);
+    if args.json {
+        write::print(&report::text(&lines))?;
+        return Ok(Exit::Done);
+    }
+    let width = lines.iter().map(|line| line.node.chars().count()).max().unwrap_or(0);
+    let line = |line: &PlanLine| {
+        let text = format!("{:7}  {:width$}  {}", planned(line.status), line.node, line.why.as_deref().unwrap_or(""));
+        text.trim_end().to_owned() + "\n"
+    };
+    write::print(&lines.iter().map(line).collect::<String>())?;
+    Ok(Exit::Done)
+}
+
+/// Runs `relight explain`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
+pub fn explain(args: &Explain) -> Result<Exit, CliError> {
+    let graph = load(&args.graph, Some(&args.edit), &args.files)?;
+    let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
+    let answer = engine(options)?.explain(&graph, &args.node)?;
+    let mut text = format!("{}: {}: {}\n", answer.node, planned(answer.status), answer.why);
+    for (sign, line) in [('-', &answer.old), ('+', &answer.new)] {
+        if let Some(line) = line {
+            text.push_str(&format!("{sign} {line}\n"));
+        }
+    }
+    write::print(&text)?;
+    Ok(Exit::Done)
+}
+
+/// Runs `relight check`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
+pub fn check(args: &Job) -> Result<Exit, CliError> {
+    let (graph, frames) = match &args.edit {
+        Some(edit) => {
+            let pictures = load_all(&args.graph, edit, &args.files)?;
+            let count = pictures.frames.map_or(1, |frames| frames.len());
+            (pictures.first, if count > 1 { format!("{count} frames, ") } else { String::new() })
+        }
+        None => (load(&args.graph, None, &args.files)?, String::new()),
+    };
+    let nodes = graph.instances().count();
+    write::print(&format!("sound: {frames}{nodes} nodes, outputs {}\n", graph.outputs().join(" ")))?;
+    Ok(Exit::Done)
+}
+
+/// Runs `relight graph`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
+pub fn graph(args: &Graph) -> Result<Exit, CliError> {
+    let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
+    write::print(&match args.format {
+        Format::Dot => graph.to_dot(None),
+        Format::Mermaid => graph.to_mermaid(None),
+        Format::Svg => graph.to_svg(None),
+        Format::Json => graph.to_json(None),
+    })?;
+    Ok(Exit::Done)
+}
+
+/// Runs `relight nodes`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
+pub fn nodes(args: &Nodes) -> Result<Exit, CliError> {
+    let registry = stages::registry();
+    let text = match &args.kind {
+        _ if args.markdown => reference::page(&registry),
+        None => reference::list(&registry),
+        Some(kind) => {
+            let spec = registry.get(kind).ok_or_else(|| {
+                let fault = Fault::file("".as_ref(), format!("there is no stage `{kind}`"));
+                fault.suggest(kind, registry.kinds().map(|spec| spec.kind))
+            })?;
+            reference::section(spec)
+        }
+    };
+    write::print(&text)?;
+    Ok(Exit::Done)
+}
+
+fn planned(status: Planned) -> &'static str {
+    match status {
+        Planned::Hit => "hit",
+        Planned::Run => "run",
+        Planned::Unknown => "unknown",
+    }
+}

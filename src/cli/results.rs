@@ -1,0 +1,49 @@
+//! The results of `relight run`: where they go, and who computed them.
+
+use std::sync::Arc;
+
+use relight::graph::{EngineOptions, Fault, Graph, PortValue, RunReport, Value};
+use relight::nodes::artifacts::Files;
+
+use super::args::Run;
+use super::write::Output;
+use super::{engine, networks};
+
+/// Options of the engine for a run.
+///
+/// # Errors
+/// A named key file cannot be used.
+pub fn engine_options(args: &Run) -> Result<EngineOptions, Fault> {
+    let threads = args.threads.map(usize::from);
+    let options = engine::options(&args.cache, &args.graph, args.files.scene.as_deref())?;
+    Ok(EngineOptions { threads, budget: args.budget, ..options })
+}
+
+/// The folder for the results of a run; none with `--verify`, which only compares.
+///
+/// # Errors
+/// The folder cannot be made.
+pub fn output(args: &Run, graph: &Graph) -> Result<Option<Output>, Fault> {
+    let output = || Output::of_graph(&args.out, graph, Some(&args.edit), args.force);
+    (!args.verify).then(output).transpose()
+}
+
+/// The backend of the networks of a run; none where no node has a network.
+///
+/// # Errors
+/// A named library cannot be used.
+pub fn backend_of(args: &Run, run: &RunReport) -> Result<Option<networks::Choice>, Fault> {
+    let registry = networks::registry(&args.files.networks);
+    let has_network = run.nodes.iter().any(|node| networks::has_network(&registry, node.kind));
+    has_network.then(|| networks::choose(&args.files.networks)).transpose()
+}
+
+/// The files among the outputs of a run.
+pub fn results(run: &RunReport) -> Vec<Arc<Files>> {
+    let values = run.outputs.iter().flat_map(|(_, value)| match value {
+        PortValue::One(value) => vec![value],
+        PortValue::Many(values) => values.iter().map(|(_, value)| value).collect(),
+        PortValue::Missing => Vec::new(),
+    });
+    values.filter_map(Value::get).collect()
+}

@@ -1,0 +1,35 @@
+//! A graph file, a scene and an edit, resolved into one graph.
+
+use std::path::Path;
+
+use super::{EditFile, edit, scene};
+use crate::graph::{Fault, Graph, GraphFile, Overlay, Registry};
+
+/// Reads a graph file, the scene folder and the edit file, and resolves them against the stages of
+/// `registry`. Of a sequence, the first frame.
+///
+/// # Errors
+/// All faults of the first file that has any, each with file, line and column.
+pub fn load(graph: &Path, scene: &Path, edit: &Path, registry: &Registry) -> Result<Graph, Vec<Fault>> {
+    load_frame(graph, scene, edit, 0, registry)
+}
+
+/// Reads the same for frame `frame`, from 0, of an edit that is a sequence.
+///
+/// # Errors
+/// Those of [`load`].
+pub fn load_frame(
+    graph: &Path,
+    scene: &Path,
+    edit: &Path,
+    frame: u32,
+    registry: &Registry,
+) -> Result<Graph, Vec<Fault>> {
+    let file = GraphFile::read(graph)?;
+    let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
+    let room = scene::read(scene, Some(&kinds))?;
+    let change = edit::frame(&EditFile::read(edit)?, frame, Some(&room), Some(&kinds))?;
+    let settings = room.settings.into_iter().chain(change.settings).collect();
+    let members = room.members.into_iter().chain(change.members).collect();
+    file.resolve(registry, &Overlay { settings, members })
+}
