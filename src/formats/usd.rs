@@ -1,10 +1,11 @@
 //! USD text: the seen surface, the camera and UsdLux lights.
 //!
-//! A light of radiance L is a UsdLux light of `intensity` x `color` = L with `normalize` off. No light of UsdLux has the three lobes of
-//! a window: a window becomes a rectangle of the same power into the room, L = sum_k w_k F_k / (pi S), where F_k is the power of
-//! lobe k per unit radiance and S the area. A narrow lobe of a window whose pane is a hole in the surface becomes a distant light of
-//! the irradiance w (2 pi / lambda) (1 - exp(-2 lambda)), and of the disc whose second moment is the lobe's, half angle
-//! 2 / sqrt(lambda).
+//! A light of radiance L is a UsdLux light of `intensity` x `color` = L with `normalize` off. No
+//! light of UsdLux has the three lobes of a window: a window becomes a rectangle of the same power
+//! into the room, L = sum_k w_k F_k / (pi S), where F_k is the power of lobe k per unit radiance
+//! and S the area. A narrow lobe of a window whose pane is a hole in the surface becomes a distant
+//! light of the irradiance w (2 pi / lambda) (1 - exp(-2 lambda)), and of the disc whose second
+//! moment is the lobe's, half angle 2 / sqrt(lambda).
 
 use std::f32::consts::{PI, TAU};
 use std::fmt::Write as _;
@@ -102,7 +103,7 @@ const EMISSIVE: &str = r#"
             {
                 uniform token info:id = "UsdPreviewSurface"
                 color3f inputs:diffuseColor = (0, 0, 0)
-                color3f inputs:emissiveColor = $COLOUR
+                color3f inputs:emissiveColor = $COLOR
                 float inputs:ior = 1
                 float inputs:roughness = 1
                 token outputs:surface
@@ -134,14 +135,15 @@ impl UsdRoom<'_> {
             if let Shape::Lamp(Lamp::Plates(_) | Lamp::Mesh { .. } | Lamp::Model { .. }) = light.shape {
                 let [r, g, b] = light.radiance[0].to_array();
                 let color = format!("({r}, {g}, {b})");
-                text.push_str(&EMISSIVE.replace("$ID", light.id).replace("$COLOUR", &color));
+                text.push_str(&EMISSIVE.replace("$ID", light.id).replace("$COLOR", &color));
             }
         }
         text.push_str("    }\n}\n");
         text
     }
 
-    /// The seen surface; and apart from it, hidden, the surface of each lamp that burns, which would block its light.
+    /// The seen surface; and apart from it, hidden, the surface of each lamp that burns, which
+    /// would block its light.
     fn surfaces(&self, text: &mut String) {
         let burns = |id: &str| {
             let light = self.lights.iter().find(|light| light.id == id);
@@ -204,7 +206,8 @@ impl UsdRoom<'_> {
     }
 }
 
-/// Only the ratios of lengths and apertures count; 36 is the width of a photographer's film in millimetres.
+/// Only the ratios of lengths and apertures count; 36 is the width of a photographer's film in
+/// millimeters.
 fn camera(text: &mut String, camera: &Camera) {
     let (width, height) = (camera.width as f32, camera.height as f32);
     let focal = 36.0 * camera.fx / width;
@@ -263,7 +266,7 @@ fn surface(text: &mut String, name: &str, room: &UsdRoom, faces: &[[u32; 3]], vi
     list("int[] faceVertexCounts = ", &mut faces.iter().map(|_| "3".into()), "");
     list("int[] faceVertexIndices = ", &mut faces.iter().flatten().map(|&corner| at(corner).to_string()), "");
     let vector = |v: Vec3, digits: usize| format!("({:.digits$}, {:.digits$}, {:.digits$})", v.x, v.y, v.z);
-    // A tenth of a millimetre, a twentieth of a degree, a hundredth of a pixel.
+    // A tenth of a millimeter, a twentieth of a degree, a hundredth of a pixel.
     let points = room.points.0.pixels();
     list("point3f[] points = ", &mut corners.iter().map(|&corner| vector(points[corner], 4)), "");
     let normals = room.normal.0.pixels();
@@ -280,7 +283,8 @@ fn surface(text: &mut String, name: &str, room: &UsdRoom, faces: &[[u32; 3]], vi
 /// A lamp as lights of UsdLux, or as a mesh of an emissive material.
 fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
     match lamp {
-        // A profile would be a file of its own beside this one: a luminaire is the sphere of the same flux.
+        // A profile would be a file of its own beside this one: a luminaire is the sphere of the
+        // same flux.
         Lamp::Sphere { center, radius } | Lamp::Luminaire { center, radius, .. } => {
             let more = [format!("float inputs:radius = {radius}")];
             distant_or_area(text, "SphereLight", id, [Vec3::X, Vec3::Y, Vec3::Z, *center], radiance, false, &more);
@@ -302,7 +306,8 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
     }
 }
 
-/// A rectangle of half edges `x` and `y` that emits to the side of their cross product. UsdLux lights emit along their own -z.
+/// A rectangle of half edges `x` and `y` that emits to the side of their cross product. UsdLux
+/// lights emit along their own -z.
 fn rectangle(text: &mut String, id: &str, [center, x, y]: [Vec3; 3], radiance: Vec3, more: &[String]) {
     let sides =
         [format!("float inputs:width = {}", 2.0 * x.length()), format!("float inputs:height = {}", 2.0 * y.length())];
@@ -321,12 +326,12 @@ fn distant_or_area(
     more: &[String],
 ) {
     let intensity = radiance.max_element();
-    let colour = if intensity > 0.0 { radiance / intensity } else { Vec3::ONE };
+    let color = if intensity > 0.0 { radiance / intensity } else { Vec3::ONE };
     let row = |v: Vec3, last: u32| format!("({}, {}, {}, {last})", v.x, v.y, v.z);
     let [x, y, z, place] = frame;
     write!(text, "        def {kind} \"{id}\"\n        {{\n").expect("writing to a string");
     let mut put = |entry: &str| line(text, &format!("    {entry}"));
-    put(&format!("color3f inputs:color = ({}, {}, {})", colour.x, colour.y, colour.z));
+    put(&format!("color3f inputs:color = ({}, {}, {})", color.x, color.y, color.z));
     put(&format!("float inputs:intensity = {intensity}"));
     put(&format!("bool inputs:normalize = {}", u32::from(normalize)));
     more.iter().for_each(|entry| put(entry));

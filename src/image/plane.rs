@@ -22,8 +22,8 @@ impl<T: Copy> Plane<T> {
         Plane { width, height, data }
     }
 
-    /// A plane whose pixel `i`, row by row, is `value(i)`. Zeros are not written: where the system gives out memory as zeros, a part
-    /// of the plane that is all zero takes none.
+    /// A plane whose pixel `i`, row by row, is `value(i)`. Zeros are not written: where the system
+    /// gives out memory as zeros, a part of the plane that is all zero takes none.
     pub fn sparse(width: usize, height: usize, mut value: impl FnMut(usize) -> T) -> Plane<T>
     where
         T: Pod,

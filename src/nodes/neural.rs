@@ -43,8 +43,9 @@ pub fn network(
     Ok(network)
 }
 
-/// Returns the network of `file`. A network that ships with relight is loaded once for all stages that use it; any other may be
-/// hostile, and is loaded for this stage by the service of the program ([`Untrusted`]).
+/// Returns the network of `file`. A network that ships with relight is loaded once for all stages
+/// that use it; any other may be hostile, and is loaded for this stage by the service of the
+/// program ([`Untrusted`]).
 ///
 /// # Errors
 /// The file cannot be read, or its network cannot be loaded.
@@ -135,7 +136,8 @@ pub struct SeenRoom<'a> {
 }
 
 impl SeenRoom<'_> {
-    /// Estimates a lamp: a box of one radiance. `own` marks its pixels; `None` for the lamp out of view.
+    /// Estimates a lamp: a box of one radiance. `own` marks its pixels; `None` for the lamp out of
+    /// view.
     ///
     /// # Errors
     /// The network cannot be loaded, or does not fit, or fails.
@@ -144,7 +146,8 @@ impl SeenRoom<'_> {
         Ok(LitRoom::new(self).lamp(&network, own)?.unwrap_or_else(nothing))
     }
 
-    /// Estimates a window: a rectangle with three lobes. `own` marks its pixels; `None` for the window out of view.
+    /// Estimates a window: a rectangle with three lobes. `own` marks its pixels; `None` for the
+    /// window out of view.
     ///
     /// # Errors
     /// As [`SeenRoom::lamp`].
@@ -177,8 +180,8 @@ impl LitRoom {
         }
     }
 
-    /// The inputs for the light whose pixels are `own`; `None` for a light without a pixel at this size. Without a mask, those
-    /// for the light out of view.
+    /// The inputs for the light whose pixels are `own`; `None` for a light without a pixel at this
+    /// size. Without a mask, those for the light out of view.
     fn inputs(self, own: Option<&Mask>, is_window: bool) -> Option<Vec<(&'static str, Tensor)>> {
         let light = self.view.half_light();
         let (own, start) = match own {
@@ -208,7 +211,8 @@ impl LitRoom {
         Ok(Some(guess(Shape::Lamp(lamp), radiance, gain, &confidence)))
     }
 
-    /// The output of a network for windows: a rectangle with three lobes. Radiances are in units of the photo.
+    /// The output of a network for windows: a rectangle with three lobes. Radiances are in units of
+    /// the photo.
     fn window(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
         let gain = self.view.gain;
         let Some(inputs) = self.inputs(own, true) else { return Ok(None) };

@@ -14,7 +14,7 @@ use relight::image::{
     write_png,
 };
 use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
-use relight::nodes::edit::Colour;
+use relight::nodes::edit::Color;
 use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, MaterialEdit, Region};
 use relight::nodes::edit::edit_objects::{EditObjects, EditObjectsIn};
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
@@ -405,7 +405,7 @@ fn edit_materials() {
     let photo = Arc::new(room.photo());
     let wall = MaterialEdit::Paint {
         region: Region::Grow(32.0, 20.0),
-        albedo: Some(Colour::Srgb("#3c6ec8".into())),
+        albedo: Some(Color::Srgb("#3c6ec8".into())),
         roughness: None,
         specular: None,
         keep_texture: true,

@@ -9,7 +9,7 @@ use glam::Vec3;
 use super::source::{Format, MAX_BYTES, ReadError, Source};
 use crate::image::Plane;
 
-/// How finely a file stores a sample; decides the rule of saturation.
+/// The precision of a file's samples; it decides the rule of saturation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bits {
     Eight,
@@ -27,7 +27,7 @@ pub(in crate::image) enum Samples {
 pub(in crate::image) struct Raster {
     pub(in crate::image) width: usize,
     pub(in crate::image) height: usize,
-    /// 1 grey, 2 grey and alpha, 3 colour, 4 colour and alpha.
+    /// 1 gray, 2 gray and alpha, 3 color, 4 color and alpha.
     pub(in crate::image) channels: usize,
     pub(in crate::image) samples: Samples,
 }
@@ -41,8 +41,9 @@ impl Raster {
         }
     }
 
-    /// Hands each pixel's colour and alpha to `take`, row by row: the colour with each sample through `f`, which sees integers as
-    /// shares of their maximum; alpha as it is stored, 1 where there is none. Grey becomes a colour.
+    /// Hands each pixel's color and alpha to `take`, row by row: the color with each sample
+    /// through `f`, which sees integers as shares of their maximum; alpha as it is stored, 1 where
+    /// there is none. Gray becomes a color.
     fn each(&self, f: impl Fn(f32) -> f32, take: impl FnMut(Vec3, f32)) {
         let table = |top: u32| (0..=top).map(|v| f(v as f32 / top as f32)).collect::<Vec<f32>>();
         match &self.samples {
@@ -61,18 +62,18 @@ impl Raster {
     fn pixels<S: Copy>(
         &self,
         values: &[S],
-        colour: impl Fn(S) -> f32,
+        color: impl Fn(S) -> f32,
         alpha: impl Fn(S) -> f32,
         mut take: impl FnMut(Vec3, f32),
     ) {
         for p in values.chunks_exact(self.channels) {
             let rgb = if self.channels < 3 { [p[0]; 3] } else { [p[0], p[1], p[2]] };
             let alpha = if self.channels.is_multiple_of(2) { alpha(p[self.channels - 1]) } else { 1.0 };
-            take(Vec3::from_array(rgb.map(&colour)), alpha);
+            take(Vec3::from_array(rgb.map(&color)), alpha);
         }
     }
 
-    /// Whether a pixel has an alpha below the greatest.
+    /// A pixel has an alpha below the largest.
     pub(in crate::image) fn is_transparent(&self) -> bool {
         let channels = self.channels;
         let any = |below: &dyn Fn(usize) -> bool| {
@@ -86,21 +87,21 @@ impl Raster {
         }
     }
 
-    /// The colours with each sample through `f`.
-    pub(in crate::image) fn colours(&self, f: impl Fn(f32) -> f32) -> Plane<Vec3> {
-        let mut colours = Vec::with_capacity(self.width * self.height);
-        self.each(f, |colour, _| colours.push(colour));
-        Plane::new(self.width, self.height, colours)
+    /// The colors with each sample through `f`.
+    pub(in crate::image) fn colors(&self, f: impl Fn(f32) -> f32) -> Plane<Vec3> {
+        let mut colors = Vec::with_capacity(self.width * self.height);
+        self.each(f, |color, _| colors.push(color));
+        Plane::new(self.width, self.height, colors)
     }
 
-    /// A number per pixel of its stored colour and alpha.
+    /// A number per pixel of its stored color and alpha.
     pub(in crate::image) fn numbers(&self, f: impl Fn(Vec3, f32) -> f32) -> Plane<f32> {
         let mut numbers = Plane::filled(self.width, self.height, 0.0);
         let mut pixels = numbers.pixels_mut().iter_mut();
         self.each(
             |v| v,
-            |colour, alpha| {
-                let (number, pixel) = (f(colour, alpha), pixels.next());
+            |color, alpha| {
+                let (number, pixel) = (f(color, alpha), pixels.next());
                 // Memory is taken where something is written only.
                 if let (true, Some(pixel)) = (number != 0.0, pixel) {
                     *pixel = number;
@@ -119,11 +120,11 @@ pub(in crate::image) fn decode_raster(source: Source, format: ImageFormat) -> Re
     let mut reader = ImageReader::with_format(Cursor::new(source.bytes), format);
     reader.limits(limits);
     let mut decoder = reader.into_decoder().map_err(bad)?;
-    // Damaged metadata is no reason to refuse sound pixels.
+    // Sound pixels are kept beside damaged metadata.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let (width, height) = decoder.dimensions();
-    let colour = decoder.color_type();
-    source.check_size(width.into(), height.into(), colour.bytes_per_pixel().into())?;
+    let color = decoder.color_type();
+    source.check_size(width.into(), height.into(), color.bytes_per_pixel().into())?;
     let mut image = DynamicImage::from_decoder(decoder).map_err(bad)?;
     image.apply_orientation(orientation);
     let (width, height) = (image.width() as usize, image.height() as usize);
@@ -138,9 +139,9 @@ pub(in crate::image) fn decode_raster(source: Source, format: ImageFormat) -> Re
         DynamicImage::ImageRgba16(image) => Samples::Sixteen(image.into_raw()),
         DynamicImage::ImageRgb32F(image) => Samples::Float(image.into_raw()),
         DynamicImage::ImageRgba32F(image) => Samples::Float(image.into_raw()),
-        _ => return Err(source.error("pixels", "grey or RGB, 8 or 16 bits or float", format!("{colour:?}"))),
+        _ => return Err(source.error("pixels", "grey or RGB, 8 or 16 bits or float", format!("{color:?}"))),
     };
-    let channels = usize::from(colour.channel_count());
+    let channels = usize::from(color.channel_count());
     Ok(Raster { width, height, channels, samples })
 }
 

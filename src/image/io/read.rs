@@ -16,23 +16,24 @@ pub struct Photo {
     /// 1 where a channel is saturated, else 0.
     pub clipped: Mask,
     pub bits: Bits,
-    /// What the person should know although it is no error.
+    /// Messages for the person that are not errors.
     pub warnings: Vec<String>,
 }
 
-/// Reads a photo: PNG (8 or 16 bits, grey, RGB, palette; alpha is left out with a warning), JPEG, HDR, EXR (R, G, B, or
-/// Y, or R alone). A photo that carries an EXIF orientation is turned upright. HDR and EXR are linear by their format; `transfer` applies to the others.
+/// Reads a photo: PNG (8 or 16 bits, gray, RGB, palette; alpha is left out with a warning), JPEG,
+/// HDR, EXR (R, G, B, or Y, or R alone). A photo that carries an EXIF orientation is turned
+/// upright. HDR and EXR are linear by their format; `transfer` applies to the others.
 ///
-/// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float file, within 0.1 % of
-/// the file's maximum, if that maximum is a plateau: at least 16 pixels, at least 0.01 % and at most half of all.
-/// Non-finite numbers are an error.
+/// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float
+/// file, within 0.1 % of the file's maximum, if that maximum is a plateau: at least 16 pixels, at
+/// least 0.01 % and at most half of all. Non-finite numbers are an error.
 pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError> {
     let mut warnings = Vec::new();
     let (picture, clipped, bits) = match format(source) {
         Some(Format::Exr) => {
             let file = exr_read::read(source)?;
             warnings.extend(file.warnings.iter().cloned());
-            let picture = file.colours(source)?;
+            let picture = file.colors(source)?;
             let clipped = plateau(&picture);
             (picture, clipped, Bits::Float)
         }
@@ -44,14 +45,14 @@ pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError
             }
             match bits {
                 Bits::Float => {
-                    let picture = raster.colours(|v| v);
+                    let picture = raster.colors(|v| v);
                     let clipped = plateau(&picture);
                     (picture, clipped, bits)
                 }
                 Bits::Eight | Bits::Sixteen => {
                     let top = if bits == Bits::Eight { 253.5 / 255.0 } else { 65534.5 / 65535.0 };
                     let clipped = raster.numbers(|c, _| if c.max_element() > top { 1.0 } else { 0.0 });
-                    (raster.colours(|v| transfer.decode(v)), clipped, bits)
+                    (raster.colors(|v| transfer.decode(v)), clipped, bits)
                 }
             }
         }
@@ -64,8 +65,8 @@ pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError
     Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, warnings })
 }
 
-/// Reads depth as stored, without scale: EXR (channel Z, else Y, else R), 16-bit grey PNG, NPY. 0, negative and
-/// non-finite numbers are passed on.
+/// Reads depth as stored, without scale: EXR (channel Z, else Y, else R), 16-bit gray PNG, NPY. 0,
+/// negative and non-finite numbers are passed on.
 pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError> {
     const WANTED: &str = "depth: EXR, 16-bit grey PNG or NPY";
     match format(source) {
@@ -91,7 +92,8 @@ pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError
     }
 }
 
-/// Reads directions: EXR with channels X, Y, Z, else R, G, B, of any length. Non-finite numbers become zero.
+/// Reads directions: EXR with channels X, Y, Z, else R, G, B, of any length. Non-finite numbers
+/// become zero.
 pub fn read_normal(source: Source) -> Result<Plane<Vec3>, ReadError> {
     match format(source) {
         Some(Format::Exr) => {
@@ -102,9 +104,9 @@ pub fn read_normal(source: Source) -> Result<Plane<Vec3>, ReadError> {
     }
 }
 
-/// Reads a mask: PNG, JPEG or EXR of any bit depth. The value is the share of the pixel that is covered: the Rec.709
-/// luminance of the stored numbers times alpha, in 0..1; below 1/16 it is 0 and above 15/16 it is 1, so that the ringing of a
-/// JPEG does not leak.
+/// Reads a mask: PNG, JPEG or EXR of any bit depth. The value is the share of the pixel that is
+/// covered: the Rec.709 luminance of the stored numbers times alpha, in 0..1; below 1/16 it is 0
+/// and above 15/16 it is 1, so that the ringing of a JPEG does not leak.
 pub fn read_mask(source: Source) -> Result<Mask, ReadError> {
     let share = |c: Vec3, alpha: f32| match c.dot(crate::image::LUMINANCE) * alpha {
         m if m > 15.0 / 16.0 => 1.0,
@@ -112,7 +114,7 @@ pub fn read_mask(source: Source) -> Result<Mask, ReadError> {
         _ => 0.0,
     };
     match format(source) {
-        Some(Format::Exr) => Ok(Mask(exr_read::read(source)?.colours(source)?.map(|c| share(c, 1.0)))),
+        Some(Format::Exr) => Ok(Mask(exr_read::read(source)?.colors(source)?.map(|c| share(c, 1.0)))),
         Some(kind @ (Format::Png | Format::Jpeg)) => {
             Ok(Mask(decode_raster(source, image_format(kind))?.numbers(share)))
         }

@@ -1,13 +1,15 @@
-//! Bytes of picture files, their formats and their limits. Content determines a format, never a name.
+//! Bytes of picture files, their formats and their limits. Content determines a format, never a
+//! name.
 //!
-//! Nothing here trusts a file: sizes are read and held against [`MAX_PIXELS`], [`MAX_BYTES`] and the length of the file
-//! before anything is allocated for them.
+//! Nothing here trusts a file: sizes are read and held against [`MAX_PIXELS`], [`MAX_BYTES`] and
+//! the length of the file before anything is allocated for them.
 
 /// The largest picture that is read: 64 megapixels.
 pub const MAX_PIXELS: u64 = 64 << 20;
 /// The largest decoded size, all channels of the file together: 1 GiB.
 pub const MAX_BYTES: u64 = 1 << 30;
-/// No format here can hold more pixels in a byte: deflate packs 1032 bytes into one, PNG eight pixels into a byte.
+/// No format here can hold more pixels in a byte: deflate packs 1032 bytes into one, PNG eight
+/// pixels into a byte.
 const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
 
 /// Why a picture file cannot be used.
@@ -71,7 +73,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// A file format, told by its first bytes.
+/// A file format; the first bytes determine it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::image) enum Format {
     Png,

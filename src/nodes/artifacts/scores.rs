@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 /// One figure of how good something is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// A light, an edit, `all lights`, `materials`.
+    /// The thing measured: a light, an edit, `all lights`, `materials`.
     pub subject: String,
-    /// As the stage that measured calls it; docs/eval.md tells each.
+    /// Name of the measure; docs/eval.md defines each.
     pub measure: String,
     pub value: f64,
 }

@@ -11,13 +11,16 @@ use crate::nodes::neural::SeenRoom;
 use crate::{params, ports};
 
 params! {
-    /// Estimates the lamp that is not seen: a box that shines with one radiance, next to none where there is no such lamp.
+    /// Estimates the lamp that is not seen: a box that shines with one radiance, next to none where
+    /// there is no such lamp.
     ///
-    /// A start for a fit, as good as the room is like those that it was trained on (the card beside the network tells).
+    /// A start for a fit, as good as the room is like those that it was trained on (the card beside
+    /// the network tells).
     pub struct InvLampNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("invlampnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
+        /// sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }

@@ -11,13 +11,16 @@ use crate::nodes::neural::SeenRoom;
 use crate::{params, ports};
 
 params! {
-    /// Estimates the window that is not seen: a rectangle before sun, sky and ground, of next to no radiance where there is no such window.
+    /// Estimates the window that is not seen: a rectangle before sun, sky and ground, of next to no
+    /// radiance where there is no such window.
     ///
-    /// A start for a fit, as good as the room is like those that it was trained on (the card beside the network tells).
+    /// A start for a fit, as good as the room is like those that it was trained on (the card beside
+    /// the network tells).
     pub struct InvWinNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("invwinnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
+        /// sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }

@@ -13,11 +13,13 @@ use crate::{params, ports};
 params! {
     /// Estimates a window that is seen: a rectangle before sun, sky and ground.
     ///
-    /// A start for a fit, as good as the room is like those that it was trained on (the card beside the network tells).
+    /// A start for a fit, as good as the room is like those that it was trained on (the card beside
+    /// the network tells).
     pub struct VisWinNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("viswinnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
+        /// sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }

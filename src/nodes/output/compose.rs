@@ -1,18 +1,21 @@
 //! `Compose`: from shading to a picture, and to one picture per light.
 //!
-//! Away from lights, a pixel I of the photo under the shading E = sum E_k + R, with the residual R that no light explains, becomes
-//! `sum B E'_k + B R' + U` after an edit. In the mode `Ratio`, the reflectance B is I / E, at most 1, and U = I - B E is unexplained
-//! light (a highlight, an unseen sun), which stays and is part of the residual layer. So the identity edit gives the photo back,
-//! texture and resolution survive, and each term is linear in its light's radiance. In the mode `Physical`, B is the estimated
-//! albedo and U = 0.
+//! Away from lights, a pixel I of the photo under the shading E = sum E_k + R, with the residual R
+//! that no light explains, becomes `sum B E'_k + B R' + U` after an edit. In the mode `Ratio`, the
+//! reflectance B is I / E, at most 1, and U = I - B E is unexplained light (a highlight, an unseen
+//! sun), which stays and is part of the residual layer. So the identity edit gives the photo back,
+//! texture and resolution survive, and each term is linear in its light's radiance. In the mode
+//! `Physical`, B is the estimated albedo and U = 0.
 //!
-//! Some pixels belong to one light: those that show it, those of its glare, and those that it saturates, where I / E does not
-//! determine the surface. There the photo is the surface under all other lights, and a remainder that goes with the light:
-//! I = B (E - E_k) + G with B = min(A, I / (E - E_k)). In the light's own pixels A is the albedo of a shade or a pane, elsewhere I / E
-//! of the surface around. Both ways are blended where saturation and glare begin, so that no boundary shows.
+//! Some pixels belong to one light: those that show it, those of its glare, and those that it
+//! saturates, where I / E does not determine the surface. There the photo is the surface under all
+//! other lights, and a remainder that goes with the light: I = B (E - E_k) + G with B = min(A, I /
+//! (E - E_k)). In the light's own pixels A is the albedo of a shade or a pane, elsewhere I / E of
+//! the surface around. Both ways are blended where saturation and glare begin, so that no boundary
+//! shows.
 //!
-//! `src/image/ops/relight.rs` has these equations for one pixel. [`LightLayers`] and [`ObjectLayers`] are the inputs as one pixel
-//! needs them, [`Pixels`] visits all pixels.
+//! `src/image/ops/relight.rs` has these equations for one pixel. [`LightLayers`] and
+//! [`ObjectLayers`] are the inputs as one pixel needs them, [`Pixels`] visits all pixels.
 
 mod light_layers;
 mod object_layers;
@@ -34,20 +37,20 @@ use light_layers::LightLayers;
 use object_layers::ObjectLayers;
 use pixels::Pixels;
 
-/// How a picture is made from shading.
+/// Model of the reflectance of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
-    /// The photo times the ratio of shadings: keeps all texture.
+    /// Photo over shading: keeps all texture.
     Ratio,
-    /// Estimated albedo times shading.
+    /// The estimated albedo.
     Physical,
 }
 
 params! {
     /// Puts the edited shading onto the photo, at the photo's own size.
     ///
-    /// Shading is brought to the photo's size by joint bilateral upsampling against depth and colour; the photo's pixels are
-    /// never resampled.
+    /// Shading is brought to the photo's size by joint bilateral upsampling against depth and
+    /// color; the photo's pixels are never resampled.
     pub struct Compose {
         /// `Ratio` or `Physical`.
         mode: Mode = Mode::Ratio,
@@ -55,8 +58,8 @@ params! {
         lamp_albedo: f32 = 0.5, in 0.0..=1.0,
         /// Albedo shown by the pane of a window that is switched off; 0..=1.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
-        /// What objects reflect of the unseen part of the room, as a multiple of the mean of what is seen, 0..=1; where a network
-        /// says what arrives from there, that counts.
+        /// Radiance of the unseen part of the room in reflections, as a multiple of the mean of the
+        /// seen part, 0..=1. The lighting of a network takes its place where there is one.
         unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }
@@ -85,13 +88,13 @@ ports! {
         before: Gather<Shading>,
         /// Shading by each light after the edit, working size.
         after: Gather<Shading>,
-        /// Shading that no light explains, working size.
+        /// Residual shading, which no light explains, working size.
         rest: Arc<Shading>,
-        /// The same after the edit.
+        /// Residual shading after the edit.
         edited_rest: Arc<Shading>,
         /// The own pixels of each visible light and its glare, photo size.
         zone: Gather<GlareMask>,
-        /// What each visible light is.
+        /// The kind of each visible light.
         kind: Gather<LightKind>,
         /// The lights as estimated.
         estimated: Gather<Shape>,
@@ -107,13 +110,14 @@ ports! {
         cover: Gather<Mask>,
         /// Inserted objects as they are seen.
         objects: Arc<Objects>,
-        /// What they show of each light.
+        /// Their diffuse reflection of each light.
         object: Gather<Picture>,
-        /// What they show of light that no light explains.
+        /// Their diffuse reflection of the residual.
         object_rest: Arc<Picture>,
-        /// What shiny objects reflect; nothing without such.
+        /// The specular reflection of shiny objects; empty without them.
         reflected: Gather<Reflections>,
-        /// What surfaces of new roughness or specular level reflect; nothing without such.
+        /// The change of specular reflection of surfaces with an edited roughness or specular
+        /// level; empty without them.
         polish: Gather<SpecularChange>,
     }
 }
@@ -122,9 +126,9 @@ ports! {
     pub output ComposeOut {
         /// Linear, photo size, not clamped: the sum of all layers.
         picture: Arc<Picture>,
-        /// What each light contributes.
+        /// The contribution of each light.
         layer: Scatter<Layer>,
-        /// What no light explains.
+        /// The residual, which no light explains.
         rest: Arc<Layer>,
     }
 }
@@ -142,7 +146,8 @@ impl Node for Compose {
         let pixels = Pixels::new(self.mode, &inputs, &lights);
         ctx.check_cancelled()?;
         if inputs.polish.iter().next().is_none() && objects.is_empty() {
-            // No pixel depends on another: halves at once, so that no layer is ever in memory as floats.
+            // No pixel depends on another: halves at once, so that no layer is ever in memory as
+            // floats.
             if let Some((picture, layers)) = pixels.half_layers(ctx)? {
                 return Ok(output(&lights, size, picture, layers));
             }

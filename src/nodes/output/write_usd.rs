@@ -11,9 +11,11 @@ use crate::optics::{Radiance, Shape};
 use crate::{params, ports};
 
 params! {
-    /// Writes the seen room, its lights and the camera as USD, for Blender and others; docs/export.md tells what is lost. What `relight export` runs.
+    /// Writes the seen room, its lights and the camera as USD, for Blender and others;
+    /// docs/export.md lists what is lost. `relight export` runs it.
     pub struct WriteUsd {
-        /// A lobe of a seen window of at least this bandwidth is written as a distant light, so that the sun falls where it falls; more than 0.
+        /// A lobe of a seen window of at least this bandwidth is written as a distant light, so
+        /// that the sun falls where it falls; more than 0.
         sun: f32 = 100.0, in above(0.0),
     }
 }
@@ -22,7 +24,7 @@ ports! {
     pub input WriteUsdIn {
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Pixel centres on the surface.
+        /// Pixel centers on the surface.
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
