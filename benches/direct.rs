@@ -1,13 +1,16 @@
-//! Direct light with shadows of three lights in tests/scenes/small (320 x 240): the time until it is right to one per cent.
+//! Run time of shadowed direct light of three lights in tests/scenes/small (320 x 240) at an error
+//! of 1 %.
 //!
-//! benches/peers/mitsuba_direct.py runs this beside Mitsuba's `direct` integrator on the same triangles and lights:
+//! benches/peers/mitsuba_direct.py runs this beside Mitsuba's `direct` integrator on the same
+//! triangles and lights:
 //!
 //! - `direct FOLDER prepare` writes the surface and the lights for both;
-//! - `direct run SAMPLES` tells the time and the error in a line of JSON;
-//! - without arguments there is a table of our own.
+//! - `direct run SAMPLES` prints the time and the error as a line of JSON;
+//! - without arguments, a table of this renderer alone is printed.
 //!
-//! The error is the mean absolute error of the sum of the lights as a share of the mean, from two runs with different random
-//! numbers, whose difference is sqrt(2) times it. That nothing is biased is the matter of tests/agreement.rs.
+//! The error is the mean absolute error of the sum of the lights as a share of the mean, from two
+//! runs with different random numbers, whose difference is sqrt(2) times it. tests/agreement.rs
+//! tests for bias.
 
 use std::path::Path;
 use std::time::Instant;
@@ -17,8 +20,8 @@ use relight::geometry::{Camera, SceneMesh, surface};
 use relight::image::{self, Depth, Normal, Plane, Points, Source};
 use relight::optics::{self, Lamp, Lobe, Sampling, ShadowQuality, Shape, Strategy, Window};
 
-/// A lamp of each closed form out of the picture, and the demo's window two centimetres before its pane. Its first lobe, which
-/// alone is looked at, is uniform: Mitsuba has no other area light.
+/// Two lamps with closed forms out of the picture, and the demo's window two centimeters in front
+/// of its pane. Its first lobe, the only one measured, is uniform: Mitsuba has no other area light.
 fn lights() -> [Shape; 3] {
     let lobe = |bandwidth| Lobe { direction: Vec3::NEG_X, bandwidth };
     let (x, y) = (Vec3::new(0.19208, 0.07372, -0.70041), Vec3::new(0.0, 0.66632, 0.07013));
@@ -56,17 +59,17 @@ impl Room {
         Room { points: seen.points, normal: seen.normal, mesh, outside }
     }
 
-    /// Shadowed direct shading by one light's first lobe, unit radiance. The one place that calls what is measured.
+    /// Shadowed direct shading by one light's first lobe of unit radiance: the measured code.
     fn shade(&self, shape: &Shape, sampling: Sampling) -> Plane<f32> {
         let direct = optics::direct(&self.points, &self.normal, shape, &sampling, &|| false);
-        // Mitsuba has no curtains: what passes behind a depth edge is lit.
+        // Mitsuba has no unknown rays: a ray that passes behind a depth edge is lit.
         let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
         let shadow = optics::shadow(&self.mesh, &self.points, &self.normal, shape, None, quality, &|| false);
         let products = direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(e, lit)| e * lit);
         Plane::new(self.points.0.width(), self.points.0.height(), products.collect())
     }
 
-    /// Pixels that take part.
+    /// Whether each pixel counts.
     fn inside(&self) -> impl Iterator<Item = usize> {
         (0..self.outside.len()).filter(|&i| self.mesh.in_room(i))
     }
@@ -82,7 +85,7 @@ fn scaled(room: &Room) -> Vec<(Shape, f32)> {
     lights().map(|shape| (shape.clone(), radiance(&shape))).to_vec()
 }
 
-/// Writes what the other renderer needs.
+/// Writes the surface and the lights for the other renderer.
 fn prepare(room: &Room, folder: &Path) {
     let (width, height) = room.points.0.size();
     let vectors = |plane: &Plane<Vec3>| plane.pixels().iter().flat_map(|v| v.to_array()).collect::<Vec<f32>>();
@@ -102,7 +105,8 @@ fn prepare(room: &Room, folder: &Path) {
     std::fs::write(folder.join("lights.json"), text.to_string()).expect("the folder takes files");
 }
 
-/// Processor time of this process in seconds, where /proc tells it: on a busy machine it says more than a clock.
+/// Processor time of this process in seconds, on systems with /proc: on a busy machine it scatters
+/// less than wall time.
 fn processor() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
@@ -111,7 +115,7 @@ fn processor() -> f64 {
         / 100.0
 }
 
-/// From `64`, so many samples of each light everywhere, or from `1%`, that target error of each light.
+/// Sampling from an argument: `64` is a fixed number of samples per light, `1%` a target error.
 fn sampling(effort: &str, seed: u64) -> Sampling {
     match effort.strip_suffix('%') {
         None => Sampling::fixed(effort.parse().expect("a number of samples"), seed),
@@ -122,7 +126,7 @@ fn sampling(effort: &str, seed: u64) -> Sampling {
     }
 }
 
-/// Seconds of one run by the clock and of processors, and its error.
+/// Wall time and processor time of one run in seconds, and its error.
 fn run(room: &Room, lights: &[(Shape, f32)], effort: &str) -> [f64; 3] {
     let (began, before) = (Instant::now(), processor());
     let runs = [1, 2].map(|seed| {

@@ -1,5 +1,6 @@
-//! Milliseconds to load and to run each network of models/ on a room of tests/parity: rten, and beside it ONNX Runtime where `ORT_DYLIB_PATH`
-//! names its library, and PyTorch where `RELIGHT_TORCH` names a Python that has it (benches/peers/torch_networks.py). They take turns.
+//! Milliseconds to load and to run each network of models/ on a room of tests/parity: rten, and
+//! beside it ONNX Runtime where `ORT_DYLIB_PATH` names its library, and PyTorch where
+//! `RELIGHT_TORCH` names a Python that has it (benches/peers/torch_networks.py). They take turns.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -18,7 +19,7 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// An input of a network as its training left it; one that networks share has no network in its name.
+/// An input of a network, written by its training; the name of a shared input contains no network.
 fn input(network: &str, name: &str) -> Tensor {
     let own = root().join(format!("tests/parity/{network}.{name}.npy"));
     let path = if own.exists() { own } else { root().join(format!("tests/parity/{name}.npy")) };

@@ -1,9 +1,10 @@
-//! Rays per second on a depth mesh of a furnished room, beside another library where one is given: benches/peers/README.md.
+//! Rays per second on a depth mesh of a furnished room, beside another library where one is given:
+//! benches/peers/README.md.
 //!
 //!     cargo bench --bench rays -- [PEER]
 //!
-//! One thread, rays one by one. Sides alternate after every few milliseconds, and of each such piece the best round counts:
-//! other work only ever adds.
+//! One thread, rays one by one. Sides alternate after every few milliseconds, and of each such
+//! piece the best round counts: other work only ever adds.
 
 use std::hint::black_box;
 use std::io::{BufRead, BufReader, Write};
@@ -17,10 +18,10 @@ use relight::geometry::{Camera, RayMesh, cosine_direction};
 
 const ROUNDS: usize = 25;
 const RAYS: usize = 100_000;
-/// Rays after which the next side has its turn.
+/// Number of rays after which the other side takes its turn.
 const PIECE: usize = 5000;
 
-/// Numbers in 0..1 that are the same everywhere (xorshift, Marsaglia 2003).
+/// Numbers in 0..1, identical on every machine (xorshift, Marsaglia 2003).
 struct Random(u64);
 
 impl Random {
@@ -32,7 +33,8 @@ impl Random {
     }
 }
 
-/// How far along `direction` the room seen from the origin goes: walls, boxes for furniture and two balls, metres.
+/// Distance in meters from the origin to the room along `direction`: walls, boxes for furniture and
+/// two balls.
 fn room(direction: Vec3) -> f32 {
     let boxes = [
         [[-2.6, -1.4, -5.5], [-1.6, 0.6, -4.0]],
@@ -62,7 +64,7 @@ fn room(direction: Vec3) -> f32 {
     boxes.into_iter().chain(balls).fold(walls, f32::min)
 }
 
-/// Every pixel's point and all triangles between them, slivers across depth steps as well.
+/// The point of every pixel, and all triangles between them, with slivers across depth steps.
 struct Mesh {
     points: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
@@ -101,7 +103,7 @@ impl Mesh {
     }
 }
 
-/// Rays that are asked the same question: origin, direction, limit.
+/// Rays of one query: origin, direction and limit of each.
 struct Set {
     name: &'static str,
     closest: bool,
@@ -161,14 +163,14 @@ fn write(path: &Path, head: [usize; 2], floats: impl Iterator<Item = f32>, whole
     std::fs::write(path, bytes).expect("temporary folders take files");
 }
 
-/// Another library: see benches/peers/embree.cpp for what is said.
+/// Another library; benches/peers/embree.cpp documents the protocol.
 struct Peer {
     child: Child,
     answers: BufReader<ChildStdout>,
 }
 
 impl Peer {
-    /// And what it says first.
+    /// Starts the library; returns its first line too.
     fn new(program: &str, mode: &str, files: &[PathBuf]) -> (Peer, String) {
         let mut command = Command::new(program);
         let child = command.arg(mode).args(files).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
@@ -207,7 +209,8 @@ impl Drop for Peer {
     }
 }
 
-/// Rays on which one side misses what the other hits, and rays that both hit at distances further apart than rounding explains.
+/// Number of rays that one side misses and the other hits, and of rays whose distances differ by
+/// more than rounding.
 fn disagree(ours: &[(u32, f32)], theirs: &[(u32, f32)]) -> [usize; 3] {
     let hit = |side: &(u32, f32)| side.0 != u32::MAX;
     let pairs = || ours.iter().zip(theirs);
@@ -223,7 +226,7 @@ fn measure(height: usize, width: usize, program: Option<&str>) {
     let (mut random, camera) = (Random(88172645463325252), Camera::from_fov_x(width, height, 60.0));
     let mesh = Mesh::new(&camera, &mut random);
     let sets = Set::all(&camera, &mesh, &mut random);
-    // As the library builds it: on one thread.
+    // On one thread, like the rays.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let build = |_| {
         let began = Instant::now();

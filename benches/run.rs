@@ -1,5 +1,5 @@
-//! The time of the whole command on tests/scenes/small (320 x 240): nothing changed, one light's radiance changed, and all of it from
-//! an empty cache; beside a process that does nothing and a copy of the written files.
+//! Run time of the whole command on tests/scenes/small (320 x 240): no change, one light's radiance
+//! changed, and an empty cache; beside an empty process and a copy of the written files.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -8,7 +8,8 @@ use std::time::Instant;
 const ROUNDS: usize = 15;
 const COLD_ROUNDS: usize = 5;
 
-/// Milliseconds: the least and the middle of some rounds. Other work only ever adds, so the least tells most.
+/// Minimum and median of some rounds in milliseconds. Other work on the machine only ever adds, so
+/// the minimum is the better estimate.
 fn time(rounds: usize, mut work: impl FnMut(usize)) -> [f64; 2] {
     let mut times: Vec<f64> = (0..rounds)
         .map(|round| {

@@ -1,15 +1,17 @@
-//! Variance and cost of each way to sample a window: `cargo bench --bench windows`.
+//! Variance and cost of each sampling strategy for windows: `cargo bench --bench windows`.
 //!
-//! Per place and bandwidth: the relative standard deviation of 16 samples for each strategy, the variance of `Best` over that
-//! of the better of `Area` and `Lobe`, and the nanoseconds for a receiver and for each sample, last for the closed form. At the
-//! end the closed form of a lamp of 128 plates.
+//! Per place and bandwidth: the relative standard deviation of 16 samples for each strategy, the
+//! variance of `Best` over that of the better of `Area` and `Lobe`, and the nanoseconds for a
+//! receiver and for each sample, last for the closed form. The closed form of a lamp of 128 plates
+//! comes at the end.
 
 use std::time::Instant;
 
 use glam::{Quat, Vec3};
 use relight::optics::{Emitter, Lamp, Lobe, Plate, Shape, Strategy, Window, estimate};
 
-/// Distance of the receiver, its normal, and where the lobe is aimed in half edges from the window's middle.
+/// Distance of the receiver, its normal, and the target of the lobe in half edges from the window's
+/// center.
 const PLACES: [(&str, f32, Vec3, [f32; 2]); 8] = [
     ("centred", 1.5, Vec3::Z, [0.0, 0.0]),
     ("off centre", 1.5, Vec3::new(0.0, 1.0, 0.3), [0.5, 0.4]),
@@ -43,7 +45,7 @@ fn main() {
             let variance = emitters.each_ref().map(|emitter| run(emitter, 4, 4000));
             let row = variance.map(|v| format!("{:17.2e}", v.sqrt())).join("");
             println!("{name:17}{bandwidth:9}{row}   {:8.4}", variance[6] / variance[0].min(variance[1]));
-            // The least of many short runs: what nothing else on the machine disturbed.
+            // The minimum of many short runs, which other work disturbs least.
             let least = |emitter: &Emitter, each: usize, pixels: u32| {
                 let time = |_| {
                     let start = Instant::now();
@@ -76,7 +78,7 @@ fn main() {
     }
 }
 
-/// Nanoseconds; the least of many short runs.
+/// Time in nanoseconds: the minimum of many short runs.
 fn closed_form(emitter: &Emitter, (point, normal): (Vec3, Vec3)) -> f64 {
     let time = |_| {
         let start = Instant::now();

@@ -13,21 +13,27 @@ pub struct Files {
     /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
     #[arg(long, value_name = "DIR")]
     pub scene: Option<PathBuf>,
-    /// One frame, from 0, of an edit with `frames`. Default: all of them where pictures are made, else the first.
+    /// One frame, from 0, of an edit with `frames`. Default: all frames for `run` and `check`, else
+    /// the first.
     #[arg(long, value_name = "N")]
     pub frame: Option<u32>,
-    /// Set one parameter of one node, as RON; may be given several times, and wins over graph, scene and edit.
+    /// Set one parameter of one node, as RON; may be given several times, and wins over graph,
+    /// scene and edit.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
     pub set: Vec<String>,
-    /// The standard error to reach, as `1%` or `0.01`: sets the parameter `target_error` of every node that has it.
+    /// The standard error to reach, as `1%` or `0.01`: sets the parameter `target_error` of every
+    /// node that has it.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub target_error: Option<f32>,
-    /// Two pixels of the photo and the metres between them in the room, as `212,80,212,395=2.03`; may be given several times.
+    /// Two pixels of the photo and the distance between them in meters, as `212,80,212,395=2.03`;
+    /// may be given several times.
     ///
-    /// Gives depth by a network its scale (graphs/depth.ron); two or more at different depths give its span too.
+    /// Determines the metric scale of a network's depth (graphs/depth.ron); two or more at
+    /// different depths determine its offset too.
     #[arg(long, value_name = "X,Y,X,Y=METRES", value_parser = known_length)]
     pub known_length: Vec<String>,
-    /// Scene, edit, graph and models may only name files below their own folders: for files of strangers.
+    /// Let scene, edit, graph and models name files below their own folders only: for untrusted
+    /// files.
     #[arg(long)]
     pub confined: bool,
     #[command(flatten)]
@@ -35,22 +41,24 @@ pub struct Files {
 }
 
 impl Files {
-    /// The files that those of the run may name.
+    /// The files that the files of the run may name.
     pub fn reach(&self) -> Reach {
         if self.confined { Reach::OwnFolder } else { Reach::Anywhere }
     }
 }
 
-/// Where the networks lie, and who computes them.
+/// The folder and the backend of the networks.
 #[derive(Args, Clone, Default)]
 pub struct Networks {
     /// The folder of the networks. Default: `models` beside the program, or in a folder above it.
     #[arg(long, value_name = "DIR")]
     pub models: Option<PathBuf>,
-    /// Who computes the networks: `ort` is ONNX Runtime, `rten` is part of this program, `auto` takes ONNX Runtime where its library is found.
+    /// The backend of the networks: `ort` is ONNX Runtime, `rten` is part of this program, `auto`
+    /// uses ONNX Runtime where its library is found.
     #[arg(long, value_enum, default_value_t)]
     pub backend: WhichBackend,
-    /// The library of ONNX Runtime (libonnxruntime.so, .dylib, .dll); else that of the environment variable ORT_DYLIB_PATH, else the system's.
+    /// The library of ONNX Runtime (libonnxruntime.so, .dylib, .dll). Default: that of the
+    /// environment variable ORT_DYLIB_PATH, else the system's.
     #[arg(long, value_name = "PATH")]
     pub onnxruntime: Option<PathBuf>,
 }
@@ -75,12 +83,14 @@ pub struct Job {
 
 #[derive(Args)]
 pub struct CacheAt {
-    /// The cache folder, made when it is not there. Default: `relight` in the user's own cache folder (on Linux
-    /// ~/.cache/relight), shared by all projects. Runs keep a cache to 10 GiB: the results used longest ago are dropped.
+    /// The cache folder, made when it is not there. Default: `relight` in the user's own cache
+    /// folder (on Linux ~/.cache/relight), shared by all projects. Runs limit a cache to 10 GiB:
+    /// the least recently used results are dropped.
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// A file with the secret that signs the entries of a cache which several users share; entries with another signature
-    /// are not used. Default: a key of the user's own, made when first needed (on Linux ~/.config/relight/cache.key).
+    /// A file with the secret that signs the entries of a cache which several users share; entries
+    /// with another signature are not used. Default: a key of the user's own, made when first
+    /// needed (on Linux ~/.config/relight/cache.key).
     #[arg(long, value_name = "FILE")]
     pub cache_key: Option<PathBuf>,
 }
@@ -110,21 +120,22 @@ pub struct Run {
     pub force: bool,
     #[command(flatten)]
     pub cache: CacheUse,
-    /// How many threads work; the result is the same for any number. Default: one per core.
+    /// Number of worker threads; the result is the same for any number. Default: one per core.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Time for each light's direct light and each light's shadow, as `500ms`, `2s` or `1min`; it stops with what it has then.
+    /// Time limit for each light's direct light and each light's shadow, as `500ms`, `2s` or
+    /// `1min`.
     ///
-    /// What is cut short is used for this run's pictures and not kept in the cache.
+    /// A result that is cut short serves the pictures of this run; the cache does not keep it.
     #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "verify")]
     pub budget: Option<Duration>,
-    /// Evaluate this node, or this member of a set such as `direct[lamp_0]`, and what it needs, and nothing else.
+    /// Evaluate this node, or this member of a set such as `direct[lamp_0]`, and its inputs only.
     #[arg(long, value_name = "NODE")]
     pub only: Option<String>,
-    /// Of a sequence, write picture.exr with all layers for each frame too.
+    /// Write picture.exr with all layers for each frame of a sequence too.
     #[arg(long)]
     pub exr: bool,
-    /// Frames per second of film.mp4, which a whole sequence becomes where ffmpeg is on PATH.
+    /// Frames per second of film.mp4, which is made of a whole sequence where ffmpeg is on PATH.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=240))]
     pub fps: u16,
     /// Print report.json on standard output instead of the paths written.
@@ -142,11 +153,12 @@ pub struct Run {
 pub struct Mix {
     /// The folder that `relight run` wrote to (its --out), or a picture.exr.
     pub run: PathBuf,
-    /// What a light is multiplied by, in linear light: `0.5`, `2,1,0.5` (red, green, blue), `#ffd0a0` (an sRGB colour) or `0.5*#ffd0a0`; may
-    /// be given once for each light.
+    /// The factor of a light, in linear light: `0.5`, `2,1,0.5` (red, green, blue), `#ffd0a0` (an
+    /// sRGB color) or `0.5*#ffd0a0`; may be given once for each light.
     #[arg(long, value_name = "LIGHT=WEIGHT", value_parser = weight)]
     pub set: Vec<(String, [f32; 3])>,
-    /// The folder for picture.png and picture.exr, made when it is not there; or the name of one file, by its ending.
+    /// The folder for picture.png and picture.exr, made when it is not there; or one file, NAME.png
+    /// or NAME.exr.
     #[arg(long, value_name = "FILE|DIR", default_value = "out/mix")]
     pub out: PathBuf,
     /// Let results replace the file that is read.
@@ -177,7 +189,7 @@ pub struct Export {
     pub cache: CacheUse,
 }
 
-/// What a page shows of a large photo when nobody says more.
+/// Default longest side, in pixels, of the pictures in a page.
 pub const LONG_SIDE: u32 = 640;
 
 #[derive(Args)]
@@ -186,7 +198,7 @@ pub struct Plan {
     pub job: Job,
     #[command(flatten)]
     pub cache: CacheUse,
-    /// Plan for this node and what it needs, and nothing else.
+    /// Plan for this node and its inputs only.
     #[arg(long, value_name = "NODE")]
     pub only: Option<String>,
     /// Print the plan as JSON.
@@ -249,13 +261,14 @@ pub struct Cache {
 
 #[derive(Subcommand)]
 pub enum CacheAction {
-    /// How many entries, how many bytes.
+    /// Print the number of entries and of bytes.
     Stat(CacheAt),
-    /// Drop the entries used longest ago until the cache keeps to its size, and what crashed runs left behind.
+    /// Drop the least recently used entries until the cache fits its size, and remainders of
+    /// crashed runs.
     Gc {
         #[command(flatten)]
         at: CacheAt,
-        /// The size to keep to, in bytes; the size that runs keep to when not given.
+        /// The size limit in bytes. Default: the limit of runs.
         #[arg(long)]
         bytes: Option<u64>,
     },
@@ -276,17 +289,17 @@ fn share(text: &str) -> Result<f32, String> {
 fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
     let number = |text: &str| text.trim().parse::<f32>().ok().filter(|number| number.is_finite() && *number >= 0.0);
     let parts = text.split_once('=').and_then(|(id, value)| {
-        let (factor, colour) = value.rsplit_once('*').unwrap_or(("1", value));
+        let (factor, color) = value.rsplit_once('*').unwrap_or(("1", value));
         let factor = number(factor)?;
-        let colour = match colour.trim().strip_prefix('#') {
+        let color = match color.trim().strip_prefix('#') {
             Some(digits) => srgb(digits)?,
-            None => match colour.split(',').map(number).collect::<Option<Vec<f32>>>()?[..] {
+            None => match color.split(',').map(number).collect::<Option<Vec<f32>>>()?[..] {
                 [grey] => [grey; 3],
                 [r, g, b] => [r, g, b],
                 _ => return None,
             },
         };
-        Some((id.trim().to_owned(), colour.map(|channel| factor * channel)))
+        Some((id.trim().to_owned(), color.map(|channel| factor * channel)))
     });
     let finite = parts.filter(|(id, weight)| !id.is_empty() && weight.iter().all(|w| w.is_finite()));
     finite
@@ -303,13 +316,13 @@ fn usda(text: &str) -> Result<PathBuf, String> {
 /// `212,80,212,395=2.03`, as RON.
 fn known_length(text: &str) -> Result<String, String> {
     let number = |text: &str| text.trim().parse::<f32>().ok().filter(|number| number.is_finite());
-    let parts = text.split_once('=').and_then(|(pixels, metres)| {
+    let parts = text.split_once('=').and_then(|(pixels, meters)| {
         let pixels = pixels.split(',').map(number).collect::<Option<Vec<f32>>>()?;
-        Some((<[f32; 4]>::try_from(pixels).ok()?, number(metres.trim().trim_end_matches('m'))?))
+        Some((<[f32; 4]>::try_from(pixels).ok()?, number(meters.trim().trim_end_matches('m'))?))
     });
-    let ([ax, ay, bx, by], metres) =
+    let ([ax, ay, bx, by], meters) =
         parts.ok_or("wanted two pixels and the metres between them, as `212,80,212,395=2.03`")?;
-    Ok(format!("(from: ({ax:?}, {ay:?}), to: ({bx:?}, {by:?}), metres: {metres:?})"))
+    Ok(format!("(from: ({ax:?}, {ay:?}), to: ({bx:?}, {by:?}), metres: {meters:?})"))
 }
 
 /// `500ms`, `2s`, `1.5min`.

@@ -1,4 +1,4 @@
-//! The cache of the person who runs the program: where it lies, the key of its entries, and `relight cache`.
+//! The user's cache: its folder, the key that signs its entries, and `relight cache`.
 
 use std::io::Write;
 use std::path::Path;
@@ -11,10 +11,14 @@ use super::exit::{CliError, Exit};
 use super::messages::message;
 use super::write;
 
-/// The shortest secret that is taken for a key, in bytes: 128 bits.
+/// The length of the shortest secret, in bytes: 128 bits.
 const LEAST_SECRET: usize = 16;
 const MOST_SECRET: u64 = 4096;
 
+/// Runs `relight cache`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
 pub fn cache(args: &Cache) -> Result<Exit, CliError> {
     let (CacheAction::Stat(at) | CacheAction::Gc { at, .. } | CacheAction::Verify(at) | CacheAction::Clear(at)) =
         &args.action;
@@ -46,10 +50,10 @@ pub fn cache(args: &Cache) -> Result<Exit, CliError> {
     Ok(if done.damaged > 0 { Exit::Failed } else { Exit::Done })
 }
 
-/// The cache that a run uses, if any. Without a key a run works without a cache on disk, and says so.
+/// The cache of a run, if any. Without a key, a run has no cache on disk, and a message says so.
 ///
 /// # Errors
-/// A key file that the person named cannot be used.
+/// A named key file cannot be used.
 pub fn chosen(args: &CacheUse) -> Result<Option<CacheFolder>, Fault> {
     if args.no_cache {
         return Ok(None);
@@ -81,7 +85,7 @@ fn folder(at: &CacheAt) -> Result<CacheFolder, Fault> {
     Ok(CacheFolder { path, key: CacheKey::new(&secret), shared: at.cache_key.is_some() })
 }
 
-/// The secret in a file that the person named.
+/// The secret in a named file.
 fn named_secret(file: &Path) -> Result<Vec<u8>, Fault> {
     let bytes = graph::read(file, MOST_SECRET).map_err(|e| Fault::file(file, format!("cannot be read: {e}")))?;
     let secret = bytes.trim_ascii();
@@ -121,7 +125,7 @@ fn own_secret(folder: &Path) -> Result<Vec<u8>, Fault> {
     named_secret(&file)
 }
 
-/// A name for what is worked on: the last keys of each graph and scene are kept apart.
+/// The name of a project: the cache keeps the last keys of each graph and scene apart.
 pub fn project(graph: &Path, scene: Option<&Path>) -> String {
     let place = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned()).display().to_string();
     let parts: [Option<&Path>; 2] = [Some(graph), scene];

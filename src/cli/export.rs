@@ -15,6 +15,10 @@ use super::report;
 use super::results::results;
 use super::write::{self, Output};
 
+/// Runs `relight export`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
 pub fn export(args: &Export, verbose: u8) -> Result<Exit, CliError> {
     ended(written(args, verbose))
 }
@@ -42,7 +46,7 @@ fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
     Ok(())
 }
 
-/// The files under the name that a person gave the scene; the texture takes its name from it, so that several scenes fit into
+/// Renames the files after `out`: NAME.usda and NAME_albedo.png, so that several scenes fit into
 /// one folder.
 fn renamed(files: Vec<(String, Vec<u8>)>, out: &Path) -> Vec<(String, Vec<u8>)> {
     let text = out.file_name().map_or(TEXT.into(), |name| name.to_string_lossy().into_owned());

@@ -4,14 +4,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 pub const NAME: &str = "film.mp4";
-/// Players want 4:2:0, which has no odd sizes; of large pictures most take the colours for Rec. 709 whatever they are.
+/// Players require 4:2:0, which has no odd sizes; most assume Rec. 709 for large pictures, whatever
+/// the file declares.
 const FILTER: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv,\
                       setparams=colorspace=bt709:color_primaries=bt709:color_trc=iec61966-2-1";
 
 /// Makes `folder/film.mp4` of `picture_0000.png` and the following.
 ///
 /// # Errors
-/// Why there is none.
+/// The reason why there is no film.
 pub fn make(folder: &Path, fps: u16, frames: usize) -> Result<PathBuf, String> {
     let path = folder.join(NAME);
     // In a folder of its own: a file that lies there already, or a link, is not written to.
@@ -26,8 +27,8 @@ pub fn make(folder: &Path, fps: u16, frames: usize) -> Result<PathBuf, String> {
         _ => format!("ffmpeg cannot be started: {e}"),
     })?;
     if !done.status.success() {
-        let told = String::from_utf8_lossy(&done.stderr);
-        return Err(format!("ffmpeg failed: {}", told.lines().last().unwrap_or("it told nothing")));
+        let errors = String::from_utf8_lossy(&done.stderr);
+        return Err(format!("ffmpeg failed: {}", errors.lines().last().unwrap_or("without a message")));
     }
     std::fs::rename(&part, &path).map_err(|e| format!("{} cannot be written: {e}", path.display()))?;
     Ok(path)

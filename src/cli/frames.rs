@@ -1,6 +1,7 @@
-//! `relight run` of an edit with `frames`: one picture after the other by one engine, so that each runs only what it changes.
+//! `relight run` of an edit with `frames`: one engine renders one frame after the other, so that
+//! each computes only its changes.
 //!
-//! A frame that the cache knows is taken from there and costs next to nothing: so a sequence that was stopped goes on where it was.
+//! A frame in the cache costs next to nothing, so a sequence that was stopped continues there.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -35,20 +36,20 @@ struct FrameRow<'a> {
     frame: u32,
     seconds: f64,
     files: &'a [String],
-    /// That of the node that wrote it.
+    /// The key of the node that wrote the frame.
     key: Option<&'a str>,
     hits: usize,
-    /// All that are no hits.
+    /// All nodes that are not hits.
     nodes: Vec<Row<'a>>,
 }
 
-/// The rows of one frame in the table and in report.json.
+/// A finished frame: its row in the table and in report.json.
 struct Done {
     number: u32,
     /// Without outputs, and without nodes that are hits.
     report: RunReport,
     hits: usize,
-    /// That of the node that gave the first output.
+    /// The key of the node that gave the first output.
     key: Option<String>,
     warnings: Vec<String>,
     seconds: f64,
@@ -77,6 +78,11 @@ fn key(report: &RunReport) -> Option<String> {
     node.key.map(|key| key.to_string())
 }
 
+/// Runs or verifies the frames `numbers`, writes their files and shows the report. A frame that fails
+/// ends the sequence.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
 pub fn run(
     args: &Run,
     pictures: &mut Pictures,
@@ -104,8 +110,8 @@ pub fn run(
         let needed = graph.wanted(wanted.as_deref())?;
         let (report, differences) = if args.verify {
             let verified = engine.verify(&graph, &needed, &cancel, &progress);
-            let told = verified.differences.into_iter().map(|d| format!("{}.{}", d.node, d.port));
-            (verified.run, told.collect())
+            let differences = verified.differences.into_iter().map(|d| format!("{}.{}", d.node, d.port));
+            (verified.run, differences.collect())
         } else {
             (engine.run(&graph, &needed, &cancel, &progress), Vec::new())
         };
@@ -141,7 +147,7 @@ pub fn run(
     )
 }
 
-/// Film, report and what is said at the end.
+/// Makes the film, writes report.json and shows the table.
 fn summarize(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, CliError> {
     let last = all.last().expect("a sequence has a frame");
     let whole = all.len() == count && last.report.is_complete();
@@ -200,7 +206,7 @@ fn numbered(name: &str, number: u32) -> String {
     }
 }
 
-/// One line per frame: how long it took, and what ran.
+/// One line per frame: its time, and the nodes that ran.
 fn table(all: &[Done]) -> String {
     let mut text = format!("{:>6} {:>9} {:>5} {:>5} {:>12}  ran\n", "frame", "seconds", "hits", "ran", "rays");
     for done in all {

@@ -1,6 +1,6 @@
 //! The commands that compute no picture: `plan`, `explain`, `check`, `graph` and `nodes`.
 
-use relight::graph::{Fault, PlanLine, Planned};
+use relight::graph::{Fault, PlanLine};
 use relight::nodes as stages;
 
 use super::args::{Explain, Format, Graph, Job, Nodes, Plan};
@@ -24,7 +24,7 @@ pub fn plan(args: &Plan) -> Result<Exit, CliError> {
     }
     let width = lines.iter().map(|line| line.node.chars().count()).max().unwrap_or(0);
     let line = |line: &PlanLine| {
-        let text = format!("{:7}  {:width$}  {}", planned(line.status), line.node, line.why.as_deref().unwrap_or(""));
+        let text = format!("{:7}  {:width$}  {}", line.status, line.node, line.why.as_deref().unwrap_or(""));
         text.trim_end().to_owned() + "\n"
     };
     write::print(&lines.iter().map(line).collect::<String>())?;
@@ -39,7 +39,7 @@ pub fn explain(args: &Explain) -> Result<Exit, CliError> {
     let graph = load(&args.graph, Some(&args.edit), &args.files)?;
     let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
     let answer = engine(options)?.explain(&graph, &args.node)?;
-    let mut text = format!("{}: {}: {}\n", answer.node, planned(answer.status), answer.why);
+    let mut text = format!("{}: {}: {}\n", answer.node, answer.status, answer.why);
     for (sign, line) in [('-', &answer.old), ('+', &answer.new)] {
         if let Some(line) = line {
             text.push_str(&format!("{sign} {line}\n"));
@@ -101,12 +101,4 @@ pub fn nodes(args: &Nodes) -> Result<Exit, CliError> {
     };
     write::print(&text)?;
     Ok(Exit::Done)
-}
-
-fn planned(status: Planned) -> &'static str {
-    match status {
-        Planned::Hit => "hit",
-        Planned::Run => "run",
-        Planned::Unknown => "unknown",
-    }
 }

@@ -12,9 +12,10 @@ use relight::nodes::output::write_picture::WritePicture;
 use super::args::{Files, Networks};
 use super::networks;
 
-/// The pictures that an edit asks for. Their graphs are made one at a time, so that memory does not grow with their number.
+/// The pictures of an edit. Their graphs are resolved one at a time, so that memory does not grow
+/// with their number.
 pub struct Pictures {
-    /// The graph of the first one, which is the only one where there are no `frames`.
+    /// The graph of the first picture, the only one of an edit without `frames`.
     pub first: Graph,
     /// The frames of a sequence, at least one; all are sound.
     pub frames: Option<Range<u32>>,
@@ -29,13 +30,13 @@ impl Pictures {
     /// The graph of one frame.
     ///
     /// # Errors
-    /// None but of a frame that is not among `frames`.
+    /// The frame is not among `frames`.
     pub fn graph(&mut self, frame: u32) -> Result<Graph, Vec<Fault>> {
         let Pictures { parts, edit, resolved, .. } = self;
         parts.frame(edit, Some(frame), |file, overlay| file.resolve_next(&parts.registry, overlay, resolved))
     }
 
-    /// The faults of the frames after the first. A frame that is as the one before it is sound with it.
+    /// Checks the frames after the first. A frame that equals the one before it needs no check.
     fn check_others(&mut self) -> Result<(), Vec<Fault>> {
         let Pictures { frames, parts, edit, resolved, .. } = self;
         let mut others =
@@ -46,7 +47,10 @@ impl Pictures {
     }
 }
 
-/// Reads everything for one picture; all faults of all files come at once. Of a sequence, the frame that `files` names, or the first.
+/// Reads all files of one picture: of a sequence, the frame that `files` names, or the first.
+///
+/// # Errors
+/// All faults of all files.
 pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, Vec<Fault>> {
     let parts = Parts::read(graph, files);
     let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
@@ -56,10 +60,10 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
     parts.frame(&edit, frames.map(|frames| frames.start), resolve)
 }
 
-/// Reads everything for each picture of an edit: every frame of a sequence unless `files` names one.
+/// Reads all files of each picture of an edit: every frame of a sequence unless `files` names one.
 ///
 /// # Errors
-/// All faults of all files; where a sequence is at fault only later on, those of the first frame that is.
+/// All faults of all files; of a sequence, those of the first frame that has any.
 pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Vec<Fault>> {
     let parts = Parts::read(graph, files);
     let all = EditFile::read_within(edit, files.reach()).and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
@@ -75,7 +79,7 @@ pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Ve
     Ok(pictures)
 }
 
-/// The frames that are asked for, at least one; none where the edit is one picture.
+/// The requested frames, at least one; none where the edit is one picture.
 fn frames(edit: &EditFile, chosen: Option<u32>) -> Result<Option<Range<u32>>, Vec<Fault>> {
     let refused = |message: String| vec![Fault::file("--frame".as_ref(), message)];
     match (edit.frames(), chosen) {
@@ -87,12 +91,12 @@ fn frames(edit: &EditFile, chosen: Option<u32>) -> Result<Option<Range<u32>>, Ve
     }
 }
 
-/// All that makes a graph but the edit.
+/// All inputs of a graph except the edit.
 struct Parts {
     file: Option<GraphFile>,
     room: Option<Overlay>,
     registry: Registry,
-    /// Those of the command line, that win over the edit's.
+    /// Settings of the command line, which win over the edit's.
     settings: Vec<Setting>,
     faults: Vec<Fault>,
 }
@@ -105,7 +109,7 @@ impl Parts {
             Some(folder) => Ok(Some(folder.clone())),
             None => file.as_ref().map_or(Ok(None), GraphFile::scene),
         };
-        // A file that cannot be read must not make the others look wrong: what it would have told stays unchecked.
+        // An unreadable file must not make the others look wrong: checks that need it are skipped.
         let kinds = kinds(file.as_ref());
         let room = match (folder, &kinds) {
             (Err(fault), _) => {
@@ -142,7 +146,7 @@ impl Parts {
         Parts { file, room, registry, settings, faults }
     }
 
-    /// One frame of an edit, by `resolve`.
+    /// Resolves one frame of an edit.
     fn frame<T>(
         &self,
         edit: &EditFile,
@@ -150,14 +154,15 @@ impl Parts {
         resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Fault>>,
     ) -> Result<T, Vec<Fault>> {
         let change = edit::frame(edit, number.unwrap_or(0), self.room.as_ref(), kinds(self.file.as_ref()).as_deref());
-        let told = |fault: Fault| match number {
+        let numbered = |fault: Fault| match number {
             Some(number) if number > 0 && fault.help.is_none() => fault.help(format!("in frame {number}")),
             _ => fault,
         };
-        self.with(change, resolve).map_err(|faults| faults.into_iter().map(told).collect())
+        self.with(change, resolve).map_err(|faults| faults.into_iter().map(numbered).collect())
     }
 
-    /// The graph as changed by an edit, by `resolve`; without the edit, all other faults beside its own.
+    /// Resolves the graph with an edit; where the edit has faults, returns all other faults beside
+    /// its own.
     fn with<T>(
         &self,
         change: Result<Overlay, Vec<Fault>>,
@@ -166,7 +171,7 @@ impl Parts {
         let mut faults = self.faults.clone();
         let change = keep(change, &mut faults);
         let Some(file) = &self.file else { return Err(faults) };
-        // Without its scene, a graph would only show that it lacks one.
+        // Without its scene, a graph would only report that it has none.
         let resolved = match &self.room {
             Some(room) => {
                 let mut overlay = room.clone();
@@ -202,10 +207,10 @@ fn keep<T>(result: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> 
     result.map_err(|new| faults.extend(new)).ok()
 }
 
-/// Who computes the networks, if nodes of `kinds` have any.
+/// Settings of the backend, where nodes of `kinds` have networks.
 ///
 /// # Errors
-/// A library that a person named, or asked for, and that cannot be used.
+/// A library that the arguments name or require cannot be used.
 pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<Vec<Setting>, Fault> {
     if !kinds.iter().any(|kind| networks::has_network(registry, kind)) {
         return Ok(Vec::new());
@@ -214,7 +219,7 @@ pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<V
     Ok(everywhere(registry, "--backend", networks::FIELD, backend))
 }
 
-/// What `option` says, for every kind of node that has the parameter `field`, whether the graph has nodes of it or not.
+/// The value of `option` for every kind of node with the parameter `field`, in the graph or not.
 fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> Vec<Setting> {
     let value = Raw::document(&Source::new(option, text), &mut Faults::default());
     let value = value.expect("the arguments were made RON when they were read");
@@ -223,7 +228,7 @@ fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> V
     kinds.map(|spec| setting(spec.kind)).collect()
 }
 
-/// `--known-length`: for every kind of node that has such a parameter.
+/// Settings of `--known-length`, for every kind of node with such a parameter.
 ///
 /// # Errors
 /// The graph has nodes of `kinds` only, and none of these.

@@ -1,7 +1,7 @@
-//! Messages for the person at the terminal.
+//! Messages for the user at the terminal.
 //!
-//! Texts of files, file names and texts of networks stand in messages, so each passes through [`escape`]. A standard error that
-//! is full or closed loses the message and nothing else.
+//! Messages contain texts of files, file names and texts of networks, so each passes through
+//! [`escape`]. A standard error that is full or closed loses the message and nothing else.
 
 use std::fmt::Arguments;
 use std::io::{self, IsTerminal, Write};
@@ -19,7 +19,8 @@ pub fn line(text: Arguments) {
     let _ = Escaped.write_all(format!("{text}\n").as_bytes());
 }
 
-/// Writes a text to standard error that holds escape sequences of our own, such as colors, and is escaped already.
+/// Writes a text to standard error that is escaped already and may contain our own escape
+/// sequences, such as colors.
 pub fn raw(text: &str) {
     let _ = io::stderr().lock().write_all(text.as_bytes());
 }

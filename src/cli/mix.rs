@@ -12,6 +12,10 @@ use super::exit::{CliError, Exit};
 use super::messages::message;
 use super::write::{self, Output};
 
+/// Runs `relight mix`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
 pub fn mix(args: &Mix, began: Instant) -> Result<Exit, CliError> {
     let mut weights = BTreeMap::new();
     for (id, weight) in &args.set {
@@ -38,7 +42,7 @@ pub fn mix(args: &Mix, began: Instant) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// The layers of a run: those of its folder, or a file of its own, as a frame of a sequence is.
+/// The layers of a run: those of its folder, or a file, as for a frame of a sequence.
 pub(super) fn layers(run: &Path) -> Result<File, Fault> {
     let path = if run.is_dir() { run.join("picture.exr") } else { run.to_owned() };
     if !path.is_file() {
@@ -51,7 +55,7 @@ pub(super) fn layers(run: &Path) -> Result<File, Fault> {
     Ok(File::new(path.to_string_lossy()))
 }
 
-/// The folder, and the name of the one file that is wanted there.
+/// The folder, and the name of the file where `--out` names one.
 fn place(out: &Path) -> (PathBuf, Option<String>) {
     match out.extension().and_then(|e| e.to_str()) {
         Some("png" | "exr") if !out.is_dir() => {
@@ -63,7 +67,7 @@ fn place(out: &Path) -> (PathBuf, Option<String>) {
     }
 }
 
-/// How a stage that was run by itself has failed.
+/// The fault of a stage that ran without an engine.
 pub(super) fn fault(error: NodeError) -> Fault {
     match error {
         NodeError::BadFile { path, message } => Fault::file(path.as_ref(), message),

@@ -30,24 +30,27 @@ use clap::{Parser, Subcommand};
 
 /// One indoor photograph in, the same room under other light out.
 ///
-/// A graph file describes the pipeline, a scene folder holds the photograph with its depth and masks, an edit file says
-/// what shall change. Results are kept in a cache, so that only what an edit changes is computed again.
+/// A graph file describes the pipeline, a scene folder contains the photograph with its depth and
+/// masks, an edit file lists the changes. A cache keeps all results, so that a run computes only
+/// the consequences of its edit.
 #[derive(Parser)]
 #[command(name = "relight", version, after_help = EXAMPLES, max_term_width = 100)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Tell more on standard error: one line per node (-v), what the engine does (-vv), everything (-vvv).
+    /// Write more to standard error: one line per node (-v), steps of the engine (-vv), everything
+    /// (-vvv).
     ///
-    /// The environment variable RELIGHT_LOG takes a tracing filter, such as `relight=debug`, and wins over this.
+    /// The environment variable RELIGHT_LOG takes a tracing filter, such as `relight=debug`, and
+    /// wins over this.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
 }
 
 const EXAMPLES: &str = "\
 Example: switch a lamp off in the scene that ships with relight
-  relight check graphs/demo.ron edits/lamp_off.ron   # are the files right? computes nothing
-  relight plan  graphs/demo.ron edits/lamp_off.ron   # what would run, what is in the cache
+  relight check graphs/demo.ron edits/lamp_off.ron   # checks the files; computes nothing
+  relight plan  graphs/demo.ron edits/lamp_off.ron   # lists the nodes that would run, and hits
   relight run   graphs/demo.ron edits/lamp_off.ron   # writes out/picture.png and more
 
 A photograph of your own: put scene.ron beside it (docs/files.md), then
@@ -57,33 +60,36 @@ Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted
 
 #[derive(Subcommand)]
 enum Command {
-    /// Relight: compute what the edit changes and write the pictures.
+    /// Relight: compute the consequences of an edit and write the pictures.
     Run(args::Run),
-    /// Weight the lights of a finished run anew, in milliseconds: dim, brighten, colour.
+    /// Reweight the lights of a finished run in milliseconds: dim, brighten, tint.
     Mix(args::Mix),
-    /// Write report.html of a finished run: before and after, a slider per light, what ran and why.
+    /// Write report.html of a finished run: before and after, a slider per light, the nodes that
+    /// ran.
     Report(args::Report),
-    /// Write the room as USD, for Blender and others: seen surface, albedo, camera, lights as the edit leaves them.
+    /// Write the room as USD, for Blender and others: visible surface, albedo, camera, edited
+    /// lights.
     Export(args::Export),
-    /// Show what `run` would do: taken from the cache, run, or unknown until something upstream has run.
+    /// Show the state of each node before a run: hit, run, or unknown until its inputs have run.
     Plan(args::Plan),
-    /// Tell why a node would run again: the first line of its key that differs.
+    /// Explain why a node would run again: the first line of its key that differs.
     Explain(args::Explain),
-    /// Check the files and report every fault; computes nothing.
+    /// Check the files and report every fault; compute nothing.
     Check(args::Job),
-    /// Print the graph as it stands with scene and edit, for a drawing program.
+    /// Print the graph with scene and edit applied, for a drawing program.
     Graph(args::Graph),
     /// Print the reference of all stages, or of one.
     Nodes(args::Nodes),
-    /// Look after the cache.
+    /// Count, shrink, verify or empty the cache.
     Cache(args::Cache),
     /// Measure error against run time: sampling strategies, shadows, whole pictures.
     #[cfg(feature = "lab")]
     Bench(lab::Bench),
-    /// Measure what a graph estimates and renders against a scene's truth, and which part loses what.
+    /// Measure estimates and pictures against a scene's truth, with an ablation of the graph's
+    /// parts.
     #[cfg(feature = "lab")]
     Eval(lab::Eval),
-    /// Compute a network that does not ship with relight, for the run that starts this process.
+    /// Compute a third-party network for the run that starts this process.
     #[command(hide = true)]
     RunNetwork(args::RunNetwork),
 }

@@ -1,4 +1,4 @@
-//! Where the networks lie, and who computes them.
+//! The folder and the backend of the networks.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use relight::nodes;
 use super::args::{Networks, RunNetwork, WhichBackend};
 use super::exit::{CliError, Exit};
 
-/// The parameter of every stage with a network that says who computes it.
+/// The parameter that selects the backend, of every stage with a network.
 pub const FIELD: &str = "backend";
 const HELP: &str = "the networks ship in the folder models/: keep it beside the program, or name it with --models DIR";
 
@@ -18,14 +18,16 @@ pub fn registry(args: &Networks) -> Registry {
     nodes::registry().with_library(args.models.clone().unwrap_or_else(beside_the_program), HELP)
 }
 
-/// The folder `models` beside the program or in a folder above it, as in a checkout; else that of the working directory.
+/// The folder `models` beside the program or in a folder above it, as in a checkout; else that of
+/// the working directory.
 fn beside_the_program() -> PathBuf {
     let program = std::env::current_exe().and_then(|path| path.canonicalize()).unwrap_or_default();
     let above = program.ancestors().skip(1).take(4).map(|folder| folder.join("models"));
     above.into_iter().find(|folder| folder.join("mnet.onnx").is_file()).unwrap_or_else(|| "models".into())
 }
 
-/// Networks that do not ship with the program are computed by `relight run-network`, each in its own process.
+/// The service that computes third-party networks by `relight run-network`, each in its own
+/// process.
 pub fn untrusted() -> Untrusted {
     // The system finds ONNX Runtime and the libraries that it needs by these.
     let names = ["LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PATH", "SYSTEMROOT"];
@@ -47,16 +49,16 @@ pub fn run_network(args: &RunNetwork) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// Who computes the networks, and why it is that one.
+/// The backend of the networks, and the reason for it.
 pub struct Choice {
     pub backend: Backend,
     pub why: String,
 }
 
-/// Looks for ONNX Runtime unless rten is asked for.
+/// Chooses the backend; searches ONNX Runtime unless the arguments name rten.
 ///
 /// # Errors
-/// A library that a person named, or asked for, and that cannot be used.
+/// A library that the arguments name or require cannot be used.
 pub fn choose(args: &Networks) -> Result<Choice, Fault> {
     let named = args.onnxruntime.clone().map(|path| (path, "--onnxruntime"));
     let variable = || std::env::var_os("ORT_DYLIB_PATH").filter(|v| !v.is_empty());

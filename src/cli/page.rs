@@ -12,6 +12,10 @@ use super::messages::message;
 use super::mix::{fault, layers};
 use super::write::{self, Output};
 
+/// Runs `relight report`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
 pub fn report(args: &Report, began: Instant) -> Result<Exit, CliError> {
     if !args.run.is_dir() {
         return Err(Fault::file(&args.run, "wanted the folder that `relight run` wrote to, got none").into());
@@ -22,7 +26,7 @@ pub fn report(args: &Report, began: Instant) -> Result<Exit, CliError> {
     Ok(Exit::Done)
 }
 
-/// Writes the page beside what a run wrote into `folder`.
+/// Writes report.html into `folder`, which contains the files of a run.
 pub(super) fn page(folder: &Path, long_side: u32) -> Result<PathBuf, Fault> {
     let report = File::new(folder.join("report.json").to_string_lossy());
     let layers = layers(folder)?;

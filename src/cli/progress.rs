@@ -1,4 +1,4 @@
-//! What a person sees while a run works: a bar with the time left on a terminal, plain lines elsewhere.
+//! Progress of a run: a bar with the time left on a terminal, plain lines elsewhere.
 
 use std::sync::Mutex;
 use std::time::Duration;
@@ -8,11 +8,11 @@ use relight::graph::{NodeReport, Observer, Status};
 
 use super::messages::message;
 
-/// How often the time left is drawn anew while nothing happens.
+/// Interval between updates of the time left while no node ends.
 const TICK: Duration = Duration::from_millis(200);
 
 pub struct Progress {
-    /// A line per node as it is done.
+    /// Whether each finished node gets a line.
     lines: bool,
     terminal: bool,
     state: Mutex<State>,
@@ -21,7 +21,7 @@ pub struct Progress {
 #[derive(Default)]
 struct State {
     bar: Option<ProgressBar>,
-    /// Nodes that are no hits, as far as is known.
+    /// Number of nodes that are not hits, as far as known.
     to_run: usize,
     done: usize,
     working: Vec<String>,
@@ -32,7 +32,7 @@ impl Progress {
         Progress { lines, terminal, state: Mutex::default() }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn end(&self) {
         if let Some(bar) = self.state().bar.take() {
             bar.finish_and_clear();
@@ -68,7 +68,7 @@ fn style(what: &str, left: &str) -> ProgressStyle {
 
 /// Progress of a sequence: a bar over its frames on a terminal, a line per frame elsewhere.
 pub struct FrameProgress {
-    /// A line per node that runs.
+    /// Whether each node that ran gets a line.
     lines: bool,
     terminal: bool,
     count: usize,
@@ -79,7 +79,7 @@ pub struct FrameProgress {
 struct FrameState {
     bar: Option<ProgressBar>,
     done: usize,
-    /// Seconds of each frame in which something ran.
+    /// Seconds of each frame for which a node ran.
     made: Vec<f64>,
     frame: u32,
     working: Vec<String>,
@@ -96,7 +96,7 @@ impl FrameProgress {
         FrameProgress { lines, terminal, count, state: Mutex::new(FrameState { bar, ..FrameState::default() }) }
     }
 
-    /// Work on this frame begins.
+    /// Starts a frame.
     pub fn frame(&self, number: u32) {
         let mut state = self.state();
         state.frame = number;
@@ -104,7 +104,7 @@ impl FrameProgress {
         state.draw();
     }
 
-    /// That frame is done, and so many nodes ran for it.
+    /// Frame `number` is done, after `ran` nodes ran for it.
     pub fn done(&self, number: u32, seconds: f64, ran: usize) {
         let mut state = self.state();
         state.done += 1;
@@ -140,7 +140,8 @@ impl FrameState {
         }
     }
 
-    /// The frames to come take as long as those that were made; the first one of these, which makes what all share, tells nothing.
+    /// Time left, from the mean time of computed frames. The first of them is left out: it computes
+    /// the shared results.
     fn left(&self, count: usize) -> Option<Duration> {
         let usual = if self.made.len() > 1 { &self.made[1..] } else { &self.made[..] };
         let to_come = count - self.done;
@@ -173,7 +174,7 @@ impl Observer for FrameProgress {
     }
 }
 
-/// A node that is done.
+/// The line of a finished node.
 fn line(report: &NodeReport) -> String {
     match &report.error {
         Some(error) => format!("{:9} {}: {error}", report.status, report.name),
@@ -182,14 +183,14 @@ fn line(report: &NodeReport) -> String {
 }
 
 impl Observer for Progress {
-    fn begin(&self, total: usize) {
-        self.state().to_run = total;
+    fn needs(&self, more: usize) {
+        self.state().to_run += more;
     }
 
     fn started(&self, node: &str) {
         let mut state = self.state();
         state.working.push(node.to_owned());
-        // Made only now: a run that finds everything in its cache draws no bar.
+        // Created late, so that a run of hits alone draws no bar.
         if self.terminal && state.bar.is_none() {
             state.bar = Some(bar());
         }
@@ -198,7 +199,8 @@ impl Observer for Progress {
 
     fn finished(&self, report: &NodeReport) {
         let mut state = self.state();
-        // A hit takes no time and tells nothing of the time left. One that is made again after all is done a second time.
+        // A hit takes no time and does not count. A node that is computed again after a hit is done
+        // twice.
         if report.status == Status::Hit {
             state.to_run = state.to_run.saturating_sub(1);
         } else {

@@ -1,4 +1,4 @@
-//! The reference of the stages, made from what they declare: readable on a terminal, and Markdown.
+//! The reference of the stages, from their declarations: plain text and Markdown in one.
 
 use relight::graph::{Arity, KindSpec, PortSpec, Registry};
 

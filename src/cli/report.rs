@@ -1,4 +1,4 @@
-//! What a run tells: the table on standard error, and report.json.
+//! The report of a run: the table on standard error, and report.json.
 
 use std::path::Path;
 use std::time::Instant;
@@ -6,7 +6,7 @@ use std::time::Instant;
 use relight::graph::{Graph, NodeReport, RunReport, Status, escape_json};
 use serde::Serialize;
 
-/// What every report.json begins with.
+/// The first fields of every report.json.
 #[derive(Serialize)]
 pub struct Head {
     relight: &'static str,
@@ -15,7 +15,7 @@ pub struct Head {
     /// Wall time since the program began.
     pub seconds: f64,
     peak_bytes: Option<u64>,
-    /// Who computed the networks; nobody where there are none.
+    /// Backend of the networks; none where there are no networks.
     backend: Option<String>,
     threads: usize,
 }
@@ -56,7 +56,7 @@ pub struct Row<'a> {
     key: Option<String>,
     why: Option<&'a str>,
     notes: &'a [String],
-    /// What it takes from, where that is told.
+    /// Nodes that give its inputs; left out in the report of a sequence.
     #[serde(skip_serializing_if = "Option::is_none")]
     from: Option<Vec<&'a str>>,
 }
@@ -96,7 +96,7 @@ pub fn warnings(run: &RunReport) -> Vec<String> {
     of_nodes.chain(run.warnings.iter().cloned()).collect()
 }
 
-/// The table that every run ends with.
+/// The table at the end of every run.
 pub fn table(run: &RunReport) -> String {
     let width = run.nodes.iter().map(|node| node.name.chars().count()).max().unwrap_or(0).max(4);
     let (status, seconds, memory, rays, samples, error) = ("status", "seconds", "MB", "rays", "samples", "std error");
@@ -108,7 +108,8 @@ pub fn table(run: &RunReport) -> String {
     text
 }
 
-/// Status, seconds, memory of the results, rays, mean samples and standard error, as they stand in the table.
+/// Status, seconds, memory of the results, rays, mean samples and standard error: a row of the
+/// table.
 fn measures(node: &NodeReport) -> String {
     let ran = matches!(node.status, Status::Ran | Status::Failed);
     let seconds = if ran { format!("{:.3}", node.seconds) } else { "-".into() };
@@ -119,7 +120,7 @@ fn measures(node: &NodeReport) -> String {
     format!("{:9} {seconds:>9} {memory:>8} {rays:>12} {samples:>8} {stderr:>10}", node.status)
 }
 
-/// The one line that sums a run up.
+/// The line that summarizes a run.
 pub fn summary(run: &RunReport, seconds: f64) -> String {
     let statuses = [Status::Hit, Status::Ran, Status::Failed, Status::Blocked, Status::Cancelled];
     let counts = statuses.into_iter().filter_map(|status| {
@@ -130,7 +131,7 @@ pub fn summary(run: &RunReport, seconds: f64) -> String {
     format!("{} in {seconds:.2} s", if counts.is_empty() { "nothing to do".into() } else { counts.join(", ") })
 }
 
-/// The largest resident memory of this process, where the system tells it.
+/// The largest resident memory of this process in bytes, on systems that report it.
 fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -26,7 +26,7 @@ impl Output {
         Ok(Output { folder: folder.to_owned(), inputs })
     }
 
-    /// The folder for what a graph makes of files, of which it replaces none.
+    /// Makes a folder for the results of a graph; they replace none of its input files.
     ///
     /// # Errors
     /// The folder cannot be made.
@@ -34,11 +34,12 @@ impl Output {
         Output::new(folder, graph.inputs().into_iter().chain(edit.map(Path::to_owned)), force)
     }
 
-    /// Writes files, each whole or not at all, with the sub-folders in their names; leaves a file that holds these bytes already
-    /// untouched. Nothing is written when one of the names cannot be.
+    /// Writes files, each whole or not at all, with the sub-folders in their names. A file with the
+    /// same bytes stays untouched; where one name is refused, no file is written.
     ///
     /// # Errors
-    /// A name is not that of a result, or is that of a file that the run reads; those of the system.
+    /// A name that is not valid for a result, or of a file that the run reads; errors of the
+    /// system.
     pub fn write(&self, files: &[(impl AsRef<str>, impl AsRef<[u8]>)]) -> Result<Vec<PathBuf>, Fault> {
         for (name, bytes) in files {
             self.check(name.as_ref(), bytes.as_ref())?;
@@ -80,7 +81,7 @@ impl Output {
         }
         let mut builder = tempfile::Builder::new();
         #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // the umask takes away what it should
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
         let mut temporary = builder.prefix(".relight-").tempfile_in(&self.folder).map_err(cannot)?;
         temporary.write_all(bytes).map_err(cannot)?;
         path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(cannot)?;
@@ -89,14 +90,16 @@ impl Output {
     }
 }
 
-/// The names under which a file is known: with the links to its folder followed, and with all links followed.
+/// The canonical names of a file: with the links to its folder resolved, and with all links
+/// resolved.
 fn names(path: &Path) -> Vec<PathBuf> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let own = folder.canonicalize().ok().zip(path.file_name()).map(|(folder, name)| folder.join(name));
     own.into_iter().chain(path.canonicalize()).collect()
 }
 
-/// Compared piece by piece: two pictures of one size differ early.
+/// Whether a file contains these bytes. The comparison goes piece by piece, as two pictures of one
+/// size differ early.
 fn holds(path: &Path, bytes: &[u8]) -> bool {
     let Ok(mut file) = File::open(path) else { return false };
     if !file.metadata().is_ok_and(|m| m.is_file() && m.len() == bytes.len() as u64) {
@@ -111,7 +114,11 @@ fn holds(path: &Path, bytes: &[u8]) -> bool {
 
 const COMPARED: usize = 64 << 10;
 
-/// Puts a result on standard output, escaped as messages are. A reader that has gone away (`| head`) is not a fault.
+/// Prints a result on standard output, escaped like messages. A closed reader (`| head`) is not a
+/// fault.
+///
+/// # Errors
+/// Standard output cannot be written.
 pub fn print(text: &str) -> Result<(), Fault> {
     let mut out = std::io::stdout().lock();
     match out.write_all(escape(text).as_bytes()).and_then(|()| out.flush()) {
@@ -122,7 +129,10 @@ pub fn print(text: &str) -> Result<(), Fault> {
     }
 }
 
-/// Puts the paths of written files on standard output, one a line.
+/// Prints the paths of written files on standard output, one per line.
+///
+/// # Errors
+/// Those of [`print`].
 pub fn print_paths(paths: &[PathBuf]) -> Result<(), Fault> {
     print(&paths.iter().map(|path| format!("{}\n", escape_line(&path.display().to_string()))).collect::<String>())
 }

@@ -1,9 +1,8 @@
 //! An edit file: what shall change.
 //!
 //! `lights`, `materials` and `objects` become the parameters of the same name of the stages `EditLights`,
-//! `EditMaterials` and `EditObjects`, whose types say what may stand in them. A light that the edit inserts becomes a
-//! member of the set `lights`; with objects, every light is one of `object_lights`,
-//! and when one of them may reflect, the set `shiny` has a member; so has the set `polished` when a surface gets another finish.
+//! `EditMaterials` and `EditObjects`, whose types determine what may stand in them. A light that the edit inserts becomes
+//! a member of the set `lights`.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -36,7 +35,6 @@ pub fn frame(
 ) -> Result<Overlay, Vec<Fault>> {
     let mut faults = edit.faults.clone();
     let mut overlay = Overlay::default();
-    let mut objects = None;
     for (key, value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
         let (stage, is_empty) = match key.name.as_str() {
             "lights" => {
@@ -44,19 +42,8 @@ pub fn frame(
                 overlay.members.extend(inserted(&entries, scene, &mut faults));
                 ("EditLights", entries.is_empty())
             }
-            "materials" => {
-                let entries = value.as_list(&mut faults);
-                if entries.iter().any(has_finish) {
-                    let (set, name) = ("polished".to_owned(), "paint".to_owned());
-                    overlay.members.push(Member { set, name, origin: key.origin.clone() });
-                }
-                ("EditMaterials", entries.is_empty())
-            }
-            "objects" => {
-                let entries = value.as_list(&mut faults);
-                objects = (!entries.is_empty()).then(|| (key.origin.clone(), entries.iter().any(may_reflect)));
-                ("EditObjects", entries.is_empty())
-            }
+            "materials" => ("EditMaterials", value.as_list(&mut faults).is_empty()),
+            "objects" => ("EditObjects", value.as_list(&mut faults).is_empty()),
             _ => continue, // `frames`: the file has been read by it
         };
         if is_empty {
@@ -68,44 +55,7 @@ pub fn frame(
         }
         overlay.settings.push(Setting { target: Target::Kind(stage.to_owned()), field: key.name, value });
     }
-    // Every light shines on objects.
-    if let Some((origin, shiny)) = objects {
-        let made = overlay.members.iter().filter(|m| m.set == "lights").map(|m| m.name.clone());
-        let all: Vec<String> = of_scene(scene).map(str::to_owned).chain(made).collect();
-        let lit = |name| Member { set: "object_lights".to_owned(), name, origin: origin.clone() };
-        overlay.members.extend(all.into_iter().map(lit));
-        if shiny {
-            overlay.members.push(Member { set: "shiny".to_owned(), name: "objects".to_owned(), origin });
-        }
-    }
     if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
-}
-
-/// Whether an entry of `materials` says how rough a surface is or how much it reflects. The stage tells what is wrong with it.
-fn has_finish(paint: &Raw) -> bool {
-    !paint.as_struct(None, &["roughness", "specular"], &mut Faults::ignored()).is_empty()
-}
-
-/// Whether an object may be shiny: its entry says so, or leaves it to a file that may. Dull is what has neither a roughness below
-/// one nor metal in it.
-fn may_reflect(object: &Raw) -> bool {
-    let text = object.text();
-    let number = |name: &str| {
-        let after = text.split_once(name).and_then(|(_, after)| after.trim_start().strip_prefix(':'));
-        after.map(|after| after.trim_start().split([',', ')', ' ', '\n']).next().and_then(|n| n.parse::<f32>().ok()))
-    };
-    if !text.contains("material") {
-        let of_file = |ending: &str| text.split('"').find(|part| part.to_ascii_lowercase().ends_with(ending));
-        // Of an OBJ with a library of materials these may be shiny.
-        let library = |name: &str| {
-            object.origin.source.file(name).read().is_ok_and(|bytes| String::from_utf8_lossy(&bytes).contains("mtllib"))
-        };
-        if of_file(".gltf").is_some() || of_file(".glb").is_some() || of_file(".obj").is_some_and(library) {
-            return true;
-        }
-    }
-    // What is no number may change over time.
-    number("roughness").is_some_and(|n| n.is_none_or(|n| n < 1.0)) || number("metallic").is_some_and(|n| n != Some(0.0))
 }
 
 /// The lights that are there before the edit.
@@ -190,20 +140,17 @@ mod tests {
     }
 
     #[test]
-    fn only_a_new_finish_is_polished() {
-        let kinds = ["EditMaterials"];
-        let members = |paint: &str| {
-            let folder = tempfile::tempdir().expect("a temporary folder can be made");
-            let path = folder.path().join("edit.ron");
-            let text = format!("Edit(version: 1, materials: [Paint(region: Mask(\"roughness: 1\"), {paint})])");
-            std::fs::write(&path, text).expect("it can be written to");
-            let overlay = read(&path, None, Some(&kinds)).unwrap_or_else(|faults| panic!("{}", faults[0]));
-            overlay.members.iter().map(|m| format!("{} {}", m.set, m.name)).collect::<Vec<_>>()
-        };
-        assert!(members("albedo: Linear(1, 1, 1), keep_texture: false").is_empty());
-        for paint in ["roughness: 0.2", "albedo: Linear(1, 1, 1), specular: 0.1"] {
-            assert_eq!(members(paint), ["polished paint"]);
-        }
+    fn objects_and_materials_are_left_to_their_stages() {
+        let kinds = ["EditMaterials", "EditObjects"];
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let path = folder.path().join("edit.ron");
+        let text = r#"Edit(version: 1, // roughness: 0.1
+            objects: [Mesh(path: "materials/chair.obj", at: Pixel(x: 1, y: 1), height: 1)],
+            materials: [Paint(region: Mask("roughness: 1"), roughness: 0.2)])"#;
+        std::fs::write(&path, text).expect("it can be written to");
+        let overlay = read(&path, None, Some(&kinds)).unwrap_or_else(|faults| panic!("{}", faults[0]));
+        assert!(overlay.members.is_empty());
+        assert_eq!(overlay.settings.iter().map(|s| s.field.as_str()).collect::<Vec<_>>(), ["objects", "materials"]);
     }
 
     #[test]

@@ -37,6 +37,17 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     }
 }
 
+/// The value of an output of type `bool` that is true; a false one has none.
+#[derive(Serialize, serde::Deserialize)]
+pub(super) struct Flag;
+
+impl Artifact for Flag {
+    const TYPE: &'static str = "Flag";
+    fn bytes(&self) -> usize {
+        0
+    }
+}
+
 /// Hands the canonical bytes of an artifact to the second argument.
 type Encode = fn(&(dyn Any + Send + Sync), &mut dyn FnMut(&[u8]));
 

@@ -87,6 +87,8 @@ pub(super) struct NodeDecl {
     pub kind: Option<Key>,
     pub params: Vec<(Key, Raw)>,
     pub each: Option<Key>,
+    /// The output that must be there for the node to run.
+    pub when: Option<Key>,
     pub wires: Vec<Wire>,
 }
 
@@ -202,8 +204,10 @@ impl GraphFile {
             (Some((node, _)), None) => b == node,
             _ => a == b,
         };
-        let wires = self.nodes.iter_mut().flat_map(|node| &mut node.wires).flat_map(|wire| &mut wire.from);
-        wires.filter(|end| same(&end.name, from)).for_each(|end| to.clone_into(&mut end.name));
+        for node in &mut self.nodes {
+            let ends = node.wires.iter_mut().flat_map(|wire| &mut wire.from).chain(&mut node.when);
+            ends.filter(|end| same(&end.name, from)).for_each(|end| to.clone_into(&mut end.name));
+        }
     }
 
     /// A set of a name that is there already is replaced; outputs are added; a node is changed field by field, unless
@@ -253,6 +257,7 @@ impl NodeDecl {
     fn lay_over(&mut self, child: NodeDecl) {
         self.params.extend(child.params);
         self.each = child.each.or(self.each.take());
+        self.when = child.when.or(self.when.take());
         let known = places(self.wires.iter().map(|wire| &wire.port));
         for wire in child.wires {
             match known.get(&wire.port.name) {
@@ -339,8 +344,8 @@ fn parse_sets(value: &Raw, faults: &mut Faults) -> Vec<SetDecl> {
 
 fn parse_node(name: Key, body: &Raw, faults: &mut Faults) -> NodeDecl {
     check_name(&name.name, &name.origin, "node", faults);
-    let mut node = NodeDecl { name, kind: None, params: vec![], each: None, wires: vec![] };
-    for (key, value) in body.as_struct(None, &["op", "each", "in"], faults) {
+    let mut node = NodeDecl { name, kind: None, params: vec![], each: None, when: None, wires: vec![] };
+    for (key, value) in body.as_struct(None, &["op", "each", "when", "in"], faults) {
         match key.name.as_str() {
             "op" => match value.variant() {
                 Some(kind) => {
@@ -350,6 +355,7 @@ fn parse_node(name: Key, body: &Raw, faults: &mut Faults) -> NodeDecl {
                 None => faults.push(|| value.fault(format!("wanted `Kind(..)`, got `{}`", value.short()))),
             },
             "each" => node.each = value.as_key(faults),
+            "when" => node.when = value.as_key(faults),
             _ => node.wires = value.as_map(faults).into_iter().map(|(port, v)| parse_wire(port, &v, faults)).collect(),
         }
     }

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::Digest;
 
 /// Raised whenever key texts or stored entries change their form: all older entries are then unknown.
-pub(super) const FORMAT: u32 = 3;
+pub(super) const FORMAT: u32 = 4;
 
 /// What stands in place of a file's path.
 pub(super) const FILE: &str = "blake3:";
@@ -36,10 +36,6 @@ pub(super) fn missing_line(text: &mut String, port: &str) {
 /// A gather port, before its members: so that an empty one stands in the text as well.
 pub(super) fn gather_line(text: &mut String, port: &str, members: usize) {
     writeln!(text, "input {port}: {members} members").expect("writing to a string");
-}
-
-pub(super) fn backend_line(text: &mut String, backend: &str) {
-    writeln!(text, "backend {backend:?}").expect("writing to a string");
 }
 
 pub(super) fn digest(text: &str) -> Digest {

@@ -41,7 +41,12 @@ pub(super) struct Instance {
     pub member: Option<String>,
     /// One per input port of the node.
     pub inputs: Vec<Input>,
-    /// The instances that it takes from, each once, ascending.
+    /// The output that must have a value; without one, the instance is not run.
+    pub when: Option<Feed>,
+    /// The instances that decide whether it runs, each once, ascending: that of `when`, and those behind inputs that it
+    /// needs which may not be run themselves. Nothing else is asked for on its behalf before they are known.
+    pub conditions: Vec<usize>,
+    /// The instances that it takes from and those of `conditions`, each once, ascending.
     pub from: Vec<usize>,
 }
 
@@ -73,7 +78,7 @@ pub(super) enum Take {
 #[derive(Clone)]
 pub struct Wanted {
     pub(super) outputs: Vec<WantedOutput>,
-    /// Per instance, whether it is needed.
+    /// Per instance, whether it may be needed; which of them are depends on conditions.
     pub(super) needed: Vec<bool>,
 }
 
@@ -100,6 +105,15 @@ impl Instance {
     /// Everything it takes, with the index of the input port.
     pub fn ports(&self) -> impl Iterator<Item = (usize, &Feed)> {
         self.inputs.iter().enumerate().flat_map(|(port, input)| input.feeds().iter().map(move |feed| (port, feed)))
+    }
+}
+
+impl Wanted {
+    /// Per instance, whether it is wanted itself.
+    pub(super) fn is_root(&self, instances: usize) -> Vec<bool> {
+        let mut roots = vec![false; instances];
+        self.outputs.iter().flat_map(|output| &output.instances).for_each(|&at| roots[at] = true);
+        roots
     }
 }
 
@@ -173,6 +187,13 @@ impl Graph {
         }
         let known = self.nodes.iter().map(|n| n.name.as_str()).chain(self.instances());
         Err(Fault::file(Path::new(""), format!("the graph has no node `{name}`")).suggest(name, known))
+    }
+
+    /// The output that decides whether an instance runs, as `node.port`.
+    pub(super) fn condition(&self, instance: usize) -> Option<String> {
+        let Feed { instance, port, .. } = self.instances[instance].when.as_ref()?;
+        let node = &self.nodes[self.instances[*instance].node];
+        Some(format!("{}.{}", self.instances[*instance].name, node.outputs[*port].name))
     }
 
     /// Marks all that `instance` takes from. Iterative, because graphs may be long chains.

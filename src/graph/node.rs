@@ -39,6 +39,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
+use super::artifact::Flag;
 use super::reading::{self, MAX_FILE_BYTES};
 use super::{Artifact, Context, Digest, NodeError, Value};
 
@@ -216,7 +217,7 @@ macro_rules! params {
 pub enum Arity {
     /// `Arc<T>`: exactly one value.
     One,
-    /// `Option<Arc<T>>`: a wire may be missing, or the member may have no value there.
+    /// `Option<Arc<T>>` on an input: a wire may be missing, or the member may have no value there. `bool` on an output.
     Optional,
     /// [`Gather`] on an input: all members in member order. [`Scatter`] on an output: one value per member.
     Many,
@@ -342,6 +343,18 @@ impl<T: Artifact> OutPort for Arc<T> {
     }
 }
 
+/// A condition for nodes with `when`: a true one is a value, a false one is missing.
+impl OutPort for bool {
+    const TYPE: &'static str = Flag::TYPE;
+    const ARITY: Arity = Arity::Optional;
+    fn decode(bytes: Vec<u8>, digest: Digest) -> Result<Value, String> {
+        decode::<Flag>(bytes, digest)
+    }
+    fn give(self) -> PortValue {
+        if self { PortValue::One(Value::new(Arc::new(Flag))) } else { PortValue::Missing }
+    }
+}
+
 impl<T: Artifact> OutPort for Scatter<T> {
     const TYPE: &'static str = T::TYPE;
     const ARITY: Arity = Arity::Many;
@@ -355,8 +368,9 @@ impl<T: Artifact> OutPort for Scatter<T> {
 
 /// Declares the input or output ports of a stage, once, as the fields of a struct.
 ///
-/// Input fields are `Arc<T>`, `Option<Arc<T>>` or [`Gather<T>`](crate::graph::Gather); output fields are `Arc<T>` or
-/// [`Scatter<T>`](crate::graph::Scatter); every `T` is an [`Artifact`](crate::graph::Artifact).
+/// Input fields are `Arc<T>`, `Option<Arc<T>>` or [`Gather<T>`](crate::graph::Gather); output fields are `Arc<T>`,
+/// [`Scatter<T>`](crate::graph::Scatter) or, for a condition, `bool`; every `T` is an
+/// [`Artifact`](crate::graph::Artifact).
 #[macro_export]
 macro_rules! ports {
     ($vis:vis input $name:ident { $( $(#[doc = $doc:literal])* $field:ident : $ty:ty ),* $(,)? }) => {

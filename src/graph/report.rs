@@ -98,8 +98,8 @@ impl RunReport {
 
 /// Watches a run. Calls come from any thread.
 pub trait Observer: Sync {
-    /// Once, before any work: how many nodes the run needs.
-    fn begin(&self, _total: usize) {}
+    /// The run needs so many nodes more: once before any work, and again when a condition turns out to hold.
+    fn needs(&self, _more: usize) {}
     /// A node's stage begins to work; not called for hits.
     fn started(&self, _node: &str) {}
     /// A node is done. Called again for a hit whose stored values turn out to be damaged when they are needed.
@@ -116,6 +116,8 @@ pub enum Planned {
     Run,
     /// Depends on what something upstream gives, that has to run first.
     Unknown,
+    /// Its condition does not hold.
+    Skip,
 }
 
 impl std::fmt::Display for Planned {
@@ -124,6 +126,7 @@ impl std::fmt::Display for Planned {
             Planned::Hit => "hit",
             Planned::Run => "run",
             Planned::Unknown => "unknown",
+            Planned::Skip => "skip",
         })
     }
 }

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use petgraph::graph::DiGraph;
 
+use super::artifact::{Artifact, Flag};
 use super::faults::Faults;
 use super::file::{GraphFile, NodeDecl, Overlay, Setting, Target, Wire, check_name};
 use super::network::{Feed, Graph, GraphNode, Input, Instance, Take};
@@ -47,8 +48,19 @@ struct End {
     port: usize,
 }
 
-/// The wires of one node, by input port; `None` where there is no wire.
-type Wired = Vec<Option<Vec<End>>>;
+/// The wires of one node.
+#[derive(Default)]
+struct Wired {
+    /// By input port; `None` where there is no wire.
+    ports: Vec<Option<Vec<End>>>,
+    when: Option<End>,
+}
+
+impl Wired {
+    fn ends(&self) -> impl Iterator<Item = &End> {
+        self.ports.iter().flatten().flatten().chain(&self.when)
+    }
+}
 
 /// Results of resolving a graph file that hold for other overlays too: digests of files, and nodes and wires by what they were made of.
 ///
@@ -136,7 +148,8 @@ impl GraphFile {
             Arity::Many => ends.iter().flatten().map(|end| self.count(end.node, &sets)).sum(),
             Arity::One | Arity::Optional => 1,
         };
-        let wires = |node: usize| kinds[node].map_or(0, |kind| kind.inputs.iter().zip(&wired[node]).map(width).sum());
+        let wires =
+            |node: usize| kinds[node].map_or(0, |kind| kind.inputs.iter().zip(&wired[node].ports).map(width).sum());
         self.is_small(&sets, wires, faults).then_some(Wiring { sets, wired, order })
     }
 
@@ -277,7 +290,7 @@ impl GraphFile {
                 all_known = false;
             }
         }
-        let mut wired = Vec::new();
+        let mut wired = Wired { ports: Vec::new(), when: self.when(decl, kind, kinds, places, sets, faults) };
         for port in &kind.inputs {
             let wire = decl.wires.iter().find(|w| w.port.name == port.name);
             let empty = wire.is_none_or(|w| w.from.is_empty());
@@ -295,9 +308,27 @@ impl GraphFile {
                 self.check_wire(decl, kind, port, wire, &ends, kinds, sets, faults);
                 ends.into_iter().map(|(end, _)| end).collect()
             });
-            wired.push(ends);
+            wired.ports.push(ends);
         }
         wired
+    }
+
+    /// The output that decides whether a node runs. `None` left a fault, or there is none.
+    fn when(
+        &self,
+        decl: &NodeDecl,
+        kind: &KindSpec,
+        kinds: &[Option<&KindSpec>],
+        places: &BTreeMap<&str, usize>,
+        sets: &Sets,
+        faults: &mut Faults,
+    ) -> Option<End> {
+        let named = decl.when.as_ref()?;
+        let end = self.end(named, kinds, places, faults)?;
+        let port = PortSpec { name: "when", type_name: Flag::TYPE, arity: Arity::One, doc: "" };
+        let wire = Wire { port: named.clone(), from: vec![named.clone()] };
+        self.check_wire(decl, kind, &port, &wire, &[(end, named)], kinds, sets, faults);
+        Some(end)
     }
 
     /// Types and arity of the wires to one port.
@@ -376,7 +407,7 @@ impl GraphFile {
         let indices: Vec<_> = (0..wired.len()).map(|node| graph.add_node(node)).collect();
         let mut waits = vec![0; wired.len()];
         for (to, ports) in wired.iter().enumerate() {
-            for end in ports.iter().flatten().flatten() {
+            for end in ports.ends() {
                 graph.add_edge(indices[end.node], indices[to], ());
                 waits[to] += 1;
             }
@@ -418,45 +449,76 @@ impl GraphFile {
             let start = instances.len();
             let own: Vec<Option<&String>> = members(node).map_or(vec![None], |m| m.names.iter().map(Some).collect());
             for member in own {
-                let inputs = nodes[node].inputs.iter().zip(&wired[node]).map(|(port, ends)| {
+                let feeds = |end: &End, arity: Arity| {
+                    let own_place = |m: &String| members(end.node).and_then(|all| all.places.get(m).copied());
+                    feeds(&nodes[end.node], end.port, arity, member, own_place)
+                };
+                let inputs = nodes[node].inputs.iter().zip(&wired[node].ports).map(|(port, ends)| {
                     let ends = ends.as_deref().unwrap_or_default();
-                    let feeds = ends.iter().flat_map(|end| {
-                        let from = &nodes[end.node];
-                        let scatters = from.outputs[end.port].arity == Arity::Many;
-                        let range = from.instances.clone();
-                        let of_member = |m| members(end.node).and_then(|all| all.places.get(m).copied());
-                        let (chosen, take) = match (member, port.arity) {
-                            (_, Arity::Many) if scatters => (range, Take::All),
-                            (Some(m), Arity::One | Arity::Optional) if scatters => (range, Take::Member(m.clone())),
-                            (Some(m), Arity::One | Arity::Optional) if from.each.is_some() => {
-                                let own = of_member(m).map_or(0..0, |at| range.start + at..range.start + at + 1);
-                                (own, Take::Whole)
-                            }
-                            _ => (range, Take::Whole),
-                        };
-                        chosen.map(move |instance| Feed { instance, port: end.port, take: take.clone() })
-                    });
-                    let mut feeds: Vec<Feed> = feeds.collect();
+                    let mut feeds: Vec<Feed> = ends.iter().flat_map(|end| feeds(end, port.arity)).collect();
                     match port.arity {
                         Arity::Many => Input::Many(feeds),
                         _ => feeds.pop().map_or(Input::Missing, Input::One),
                     }
                 });
                 let inputs: Vec<Input> = inputs.collect();
-                let mut from: Vec<usize> = inputs.iter().flat_map(Input::feeds).map(|feed| feed.instance).collect();
-                from.sort_unstable();
-                from.dedup();
-                let name = match member {
-                    Some(member) => format!("{}[{member}]", nodes[node].name),
-                    None => nodes[node].name.clone(),
-                };
-                instances.push(Instance { name: name.into(), node, member: member.cloned(), inputs, from });
+                let when = wired[node].when.and_then(|end| feeds(&end, Arity::One).pop());
+                instances.push(instance(&nodes[node], node, member, inputs, when, &instances));
             }
             nodes[node].instances = start..instances.len();
         }
         let outputs = self.outputs.iter().map(|o| o.name.clone()).collect();
         Graph { nodes, instances, outputs, sources: self.sources.clone(), settings: Vec::new() }
     }
+}
+
+/// The feeds of one wire from `port` of the node `from` to an input of `arity`, of the instance of `member`; `own_place` gives the place
+/// of a member in the set of `from`.
+fn feeds(
+    from: &GraphNode,
+    port: usize,
+    arity: Arity,
+    member: Option<&String>,
+    own_place: impl Fn(&String) -> Option<usize>,
+) -> Vec<Feed> {
+    let scatters = from.outputs[port].arity == Arity::Many;
+    let range = from.instances.clone();
+    let (chosen, take) = match (member, arity) {
+        (_, Arity::Many) if scatters => (range, Take::All),
+        (Some(m), Arity::One | Arity::Optional) if scatters => (range, Take::Member(m.clone())),
+        (Some(m), Arity::One | Arity::Optional) if from.each.is_some() => {
+            (own_place(m).map_or(0..0, |at| range.start + at..range.start + at + 1), Take::Whole)
+        }
+        _ => (range, Take::Whole),
+    };
+    chosen.map(|instance| Feed { instance, port, take: take.clone() }).collect()
+}
+
+/// The instance of `member` of the node at `place`; `before` are those that it may take from.
+fn instance(
+    node: &GraphNode,
+    place: usize,
+    member: Option<&String>,
+    inputs: Vec<Input>,
+    when: Option<Feed>,
+    before: &[Instance],
+) -> Instance {
+    let needed = node.inputs.iter().zip(&inputs).filter(|(port, _)| port.arity == Arity::One);
+    let needed = needed.flat_map(|(_, input)| input.feeds()).map(|feed| feed.instance);
+    let conditions = needed.filter(|&from| !before[from].conditions.is_empty());
+    let conditions = sorted(conditions.chain(when.iter().map(|when| when.instance)));
+    let from = inputs.iter().flat_map(Input::feeds).map(|feed| feed.instance);
+    let from = sorted(from.chain(conditions.iter().copied()));
+    let name = member.map_or_else(|| node.name.clone(), |member| format!("{}[{member}]", node.name));
+    Instance { name: name.into(), node: place, member: member.cloned(), inputs, when, conditions, from }
+}
+
+/// Each once, ascending.
+fn sorted(instances: impl Iterator<Item = usize>) -> Vec<usize> {
+    let mut all: Vec<usize> = instances.collect();
+    all.sort_unstable();
+    all.dedup();
+    all
 }
 
 fn kind_of<'a>(decl: &NodeDecl, registry: &'a Registry, faults: &mut Faults) -> Option<&'a KindSpec> {

@@ -11,30 +11,45 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use super::cache::{Entry, Header};
-use super::context::{Cancel, Context, NodeError};
+use super::context::{Cancel, Context, NodeError, Shared};
 use super::disk::Loss;
-use super::engine::{Engine, STORED_NO_MORE};
 use super::network::{Graph, GraphNode, Wanted};
 use super::report::{Difference, NodeReport, Observer, RunReport, Status};
 use super::source::is_name;
-use super::take::{Before, Slot, Taken, key_text, taken};
+use super::store::{STORED_NO_MORE, Store};
+use super::take::{Before, Slot, Taken, holds, key_text, taken};
 use super::{Digest, PortValue, Value, key};
 
-pub(super) struct Run<'a> {
-    engine: &'a Engine,
-    graph: &'a Graph,
-    wanted: &'a Wanted,
-    cancel: &'a Cancel,
-    observer: &'a dyn Observer,
+/// What a run is made of.
+#[derive(Clone, Copy)]
+pub(super) struct RunOptions<'a> {
+    pub store: &'a Store,
+    pub shared: &'a Shared,
+    /// Time for each node that asks for it.
+    pub budget: Option<Duration>,
+    pub graph: &'a Graph,
+    pub wanted: &'a Wanted,
+    pub cancel: &'a Cancel,
+    pub observer: &'a dyn Observer,
     /// Make every hit again and compare.
-    verify: bool,
-    /// Per instance, the needed instances that take from it, and the length of the longest chain that begins there.
-    takers: Vec<Vec<usize>>,
-    chain: Vec<u32>,
-    state: Mutex<State>,
+    pub verify: bool,
 }
 
-struct State {
+pub(super) struct Run<'a> {
+    options: RunOptions<'a>,
+    state: Mutex<State<'a>>,
+}
+
+struct State<'a> {
+    graph: &'a Graph,
+    /// Per instance, the length of the longest chain of instances that begins there.
+    chain: Vec<u32>,
+    /// Per instance, whether its result is asked for, and how far its inputs are.
+    asked: Vec<Asked>,
+    /// Per instance, how many others may still ask for its result, wanting it counted as one.
+    hopes: Vec<usize>,
+    /// Per instance, those that wait for it.
+    waiting: Vec<Vec<usize>>,
     /// Per instance, how many results it still waits for.
     waits: Vec<usize>,
     /// By length of chain, then the earlier instance first.
@@ -54,6 +69,25 @@ struct State {
     peak: u64,
 }
 
+/// How far an instance is on its way to work.
+#[derive(Clone, Copy, PartialEq)]
+enum Asked {
+    /// Nothing needs its result so far.
+    No,
+    /// It waits for its conditions.
+    Conditions,
+    /// It waits for all that it takes.
+    Inputs,
+}
+
+/// What happened to an instance.
+enum Event {
+    Asked,
+    /// What it waited for is settled.
+    Ready,
+    Settled,
+}
+
 enum Flight {
     /// In the air; these wait for it.
     Running(Vec<usize>),
@@ -68,6 +102,8 @@ enum Outcome {
     /// By this instance, that failed.
     Blocked(usize),
     Cancelled,
+    /// Not run and not reported, as a condition does not hold.
+    Skipped,
 }
 
 /// Why a node gave no result.
@@ -97,80 +133,47 @@ struct Made {
 }
 
 impl<'a> Run<'a> {
-    pub fn new(
-        engine: &'a Engine,
-        graph: &'a Graph,
-        wanted: &'a Wanted,
-        cancel: &'a Cancel,
-        observer: &'a dyn Observer,
-        verify: bool,
-    ) -> Run<'a> {
-        let count = graph.instances.len();
-        let mut takers = vec![Vec::new(); count];
-        let mut waits = vec![0; count];
-        for at in (0..count).filter(|&at| wanted.needed[at]) {
-            waits[at] = graph.instances[at].from.len();
-            graph.instances[at].from.iter().for_each(|&from| takers[from].push(at));
-        }
-        let ports = |at: usize| graph.nodes[graph.instances[at].node].outputs.len();
-        let mut uses: Vec<Vec<usize>> = (0..count).map(|at| vec![0; ports(at)]).collect();
-        for instance in graph.instances.iter().enumerate().filter(|(at, _)| wanted.needed[*at]).map(|(_, i)| i) {
-            instance.ports().for_each(|(_, feed)| uses[feed.instance][feed.port] += 1);
-        }
-        for output in &wanted.outputs {
-            output.instances.iter().for_each(|&at| uses[at][output.port] += 1);
-        }
-        let mut chain = vec![1; count];
-        for at in (0..count).rev() {
-            chain[at] = 1 + takers[at].iter().map(|&taker| chain[taker]).max().unwrap_or(0);
-        }
-        let ready = (0..count).filter(|&at| wanted.needed[at] && waits[at] == 0);
-        let state = State {
-            ready: ready.map(|at| (chain[at], Reverse(at))).collect(),
-            waits,
-            flights: Default::default(),
-            outcomes: vec![None; count],
-            reports: vec![None; count],
-            differences: Vec::new(),
-            uses,
-            served: vec![false; count],
-            held: vec![0; count],
-            held_now: 0,
-            peak: 0,
-        };
-        Run { engine, graph, wanted, cancel, observer, verify, takers, chain, state: Mutex::new(state) }
+    pub fn new(options: RunOptions<'a>) -> Run<'a> {
+        Run { options, state: Mutex::new(State::new(options.graph, options.wanted)) }
     }
 
     /// Runs to the end, on the threads of the pool that this is called on.
     pub fn go(self) -> (RunReport, Vec<Difference>) {
         #[expect(clippy::disallowed_methods, reason = "times the run for its report")]
         let began = Instant::now();
-        self.observer.begin(self.wanted.needed.iter().filter(|&&needed| needed).count());
-        self.engine.store.refresh_latest();
-        rayon::scope(|scope| self.spawn(scope, self.lock().ready.len()));
+        let Run { options: RunOptions { store, graph, wanted, .. }, .. } = self;
+        store.refresh_latest();
+        let wanted_itself = wanted.is_root(graph.instances.len());
+        let first = (0..wanted_itself.len()).filter(|&at| wanted_itself[at]).map(|at| (at, Event::Asked));
+        rayon::scope(|scope| self.follow(scope, first.collect()));
         let outputs = self.outputs();
         let state = self.state.into_inner().expect(UNPOISONED);
-        let done = self.graph.instances.iter().zip(&state.outcomes).filter_map(|(instance, outcome)| match outcome {
+        let done = graph.instances.iter().zip(&state.outcomes).filter_map(|(instance, outcome)| match outcome {
             Some(Outcome::Done(entry)) if !entry.cut_short => {
                 Some((instance.name.clone(), entry.header.clone(), entry.key))
             }
             _ => None,
         });
-        self.engine.store.set_latest(done);
+        store.set_latest(done);
         let mut differences = state.differences;
         differences.sort_by_key(|(at, _)| *at);
         let report = RunReport {
             nodes: state.reports.into_iter().flatten().collect(),
             outputs,
-            warnings: self.engine.store.take_warnings(),
+            warnings: store.take_warnings(),
             peak_bytes: state.peak,
             seconds: began.elapsed().as_secs_f64(),
         };
         (report, differences.into_iter().map(|(_, difference)| difference).collect())
     }
 
-    fn spawn<'s>(&'s self, scope: &rayon::Scope<'s>, workers: usize) {
-        (0..workers).for_each(|_| scope.spawn(|scope| self.work(scope)));
+    /// Acts on events, and starts a worker for each instance that they make ready.
+    fn follow<'s>(&'s self, scope: &rayon::Scope<'s>, events: Vec<(usize, Event)>) {
+        let (ready, more) = self.lock().follow(events);
+        if more > 0 {
+            self.options.observer.needs(more);
+        }
+        (0..ready).for_each(|_| scope.spawn(|scope| self.work(scope)));
     }
 
     /// Takes up the most urgent of the nodes that are ready. There is a worker for each of them.
@@ -200,17 +203,17 @@ impl<'a> Run<'a> {
         }
 
         let node = self.node(at);
-        let found = self.engine.store.find(&job.key, node);
-        if let (Some(entry), false) = (&found.entry, self.verify) {
+        let found = self.options.store.find(&job.key, node);
+        if let (Some(entry), false) = (&found.entry, self.options.verify) {
             let report = self.report(at, Status::Hit, Some(entry));
             return self.settle(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
         }
         // What is compared with a stored result must be as whole as that one.
-        let budget = if found.entry.is_none() { self.engine.budget } else { None };
+        let budget = if found.entry.is_none() { self.options.budget } else { None };
         let inputs = self.inputs(&job);
-        if !self.verify {
+        if !self.options.verify {
             // The last taker of a value has it to itself, and may let go of it before it ends.
-            self.lock().serve(self.graph, at);
+            self.lock().serve(at);
         }
         match (inputs.and_then(|inputs| self.make(&job, inputs, budget)), found.entry) {
             (Err(stop), _) => {
@@ -230,19 +233,19 @@ impl<'a> Run<'a> {
             (Ok(made), None) => {
                 let keep = !made.entry.cut_short;
                 if keep {
-                    self.engine.store.keep_in_memory(&made.entry);
+                    self.options.store.keep_in_memory(&made.entry);
                 }
                 let report = self.ran(&job, &made, found.damage.map(Loss::Damaged));
                 // What waits for the values need not wait for the disk, unless they are so large that they should not be held for both.
-                let large = self.engine.store.is_large(&made.entry);
+                let large = self.options.store.is_large(&made.entry);
                 if keep && large {
-                    self.engine.store.keep_on_disk(&made.entry, &made.values);
+                    self.options.store.keep_on_disk(&made.entry, &made.values);
                 }
                 let Made { entry, values, .. } = made;
                 let values = if large { Vec::new() } else { values };
                 self.settle(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
                 if keep && !large {
-                    self.engine.store.keep_on_disk(&entry, &values);
+                    self.options.store.keep_on_disk(&entry, &values);
                 }
             }
         }
@@ -250,12 +253,12 @@ impl<'a> Run<'a> {
 
     /// What the node takes, and its key.
     fn job(&self, at: usize) -> Result<Job, Stop> {
-        if self.cancel.is_cancelled() {
+        if self.options.cancel.is_cancelled() {
             return Err(Stop::Cancelled);
         }
         let before = self.before(at)?;
-        let taken = taken(self.graph, at, &before).map_err(Stop::Failed)?;
-        let text = key_text(self.graph, at, &taken, &before, self.engine.backend());
+        let taken = taken(self.graph(), at, &before).map_err(Stop::Failed)?;
+        let text = key_text(self.graph(), at, &taken, &before);
         Ok(Job { at, key: key::digest(&text), text, taken })
     }
 
@@ -263,9 +266,13 @@ impl<'a> Run<'a> {
         let state = self.lock();
         let mut before = Vec::new();
         let mut cancelled = false;
-        for &from in &self.graph.instances[at].from {
-            match state.outcomes[from].as_ref().expect("a node is ready when all that it takes from has settled") {
-                Outcome::Done(entry) => before.push((from, entry.clone())),
+        // Only where a condition came to nothing is not all settled that it takes from.
+        let settled =
+            self.graph().instances[at].from.iter().filter_map(|&from| Some((from, state.outcomes[from].as_ref()?)));
+        for (from, outcome) in settled {
+            match outcome {
+                Outcome::Done(entry) => before.push((from, Some(entry.clone()))),
+                Outcome::Skipped => before.push((from, None)),
                 Outcome::Failed => return Err(Stop::Blocked(from)),
                 Outcome::Blocked(cause) => return Err(Stop::Blocked(*cause)),
                 Outcome::Cancelled => cancelled = true,
@@ -292,14 +299,14 @@ impl<'a> Run<'a> {
     /// Runs the stage, within a budget of time where there is one.
     fn make(&self, job: &Job, inputs: Vec<PortValue>, budget: Option<Duration>) -> Result<Made, Stop> {
         let node = self.node(job.at);
-        if self.cancel.is_cancelled() {
+        if self.options.cancel.is_cancelled() {
             return Err(Stop::Cancelled);
         }
-        self.observer.started(&self.graph.instances[job.at].name);
+        self.options.observer.started(&self.graph().instances[job.at].name);
         #[expect(clippy::disallowed_methods, reason = "times the node for its report and its budget")]
         let began = Instant::now();
         let deadline = budget.and_then(|budget| began.checked_add(budget));
-        let ctx = Context::new(self.cancel.clone(), node.files.clone(), self.engine.shared.clone(), deadline);
+        let ctx = Context::new(self.options.cancel.clone(), node.files.clone(), self.options.shared.clone(), deadline);
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,
             Ok(Err(NodeError::Cancelled)) => return Err(Stop::Cancelled),
@@ -329,7 +336,7 @@ impl<'a> Run<'a> {
         let Some(Outcome::Done(entry)) = self.lock().outcomes[slot.instance].clone() else {
             return Err(Stop::Blocked(slot.instance));
         };
-        let loss = match self.engine.store.value(&entry, slot.index, self.node(slot.instance)) {
+        let loss = match self.options.store.value(&entry, slot.index, self.node(slot.instance)) {
             Ok(value) => {
                 self.hold(slot.instance, &entry);
                 return Ok(value);
@@ -340,7 +347,7 @@ impl<'a> Run<'a> {
         let made = self.make_again(slot.instance, loss)?;
         let index = made.header.port(wanted.port as usize).find(|&i| made.header.values[i].member == wanted.member);
         index.and_then(|i| made.value(i)).ok_or_else(|| {
-            Stop::Failed(format!("{} gave other members than before", self.graph.instances[slot.instance].name))
+            Stop::Failed(format!("{} gave other members than before", self.graph().instances[slot.instance].name))
         })
     }
 
@@ -360,8 +367,8 @@ impl<'a> Run<'a> {
                 if digests(&stored.header) != digests(&made.entry.header) {
                     report.warnings.push(format!("a bug in {}: the same key gave another result", report.kind));
                 }
-                self.engine.store.keep_in_memory(&made.entry);
-                self.engine.store.keep_on_disk(&made.entry, &made.values);
+                self.options.store.keep_in_memory(&made.entry);
+                self.options.store.keep_on_disk(&made.entry, &made.values);
                 (Outcome::Done(made.entry.clone()), report, Ok(made.entry))
             }
             Err(stop) => {
@@ -370,7 +377,7 @@ impl<'a> Run<'a> {
                 (outcome, report, Err(stop))
             }
         };
-        self.observer.finished(&report);
+        self.options.observer.finished(&report);
         let mut state = self.lock();
         state.outcomes[at] = Some(outcome);
         state.reports[at] = Some(report);
@@ -389,24 +396,15 @@ impl<'a> Run<'a> {
     ) {
         let NodeReport { name, status, why, error, .. } = &report;
         tracing::debug!(node = %name, ?status, why = why.as_deref(), error = error.as_deref(), "settled");
-        self.observer.finished(&report);
-        let (freed, alike) = {
+        self.options.observer.finished(&report);
+        let alike = {
             let state = &mut *self.lock();
             state.outcomes[at] = Some(outcome);
             state.reports[at] = Some(report);
-            let mut freed = 0;
-            for &taker in &self.takers[at] {
-                state.waits[taker] -= 1;
-                if state.waits[taker] == 0 {
-                    state.ready.push((self.chain[taker], Reverse(taker)));
-                    freed += 1;
-                }
-            }
-            state.serve(self.graph, at);
             let flight = landing.and_then(|key| state.flights.insert(key, Flight::Landed(at)));
-            (freed, if let Some(Flight::Running(waiting)) = flight { waiting } else { Vec::new() })
+            if let Some(Flight::Running(waiting)) = flight { waiting } else { Vec::new() }
         };
-        self.spawn(scope, freed);
+        self.follow(scope, vec![(at, Event::Settled)]);
         for other in alike {
             let (outcome, report) = self.like(other, at, landing.expect("only a flight has others waiting for it"));
             self.settle(scope, other, None, outcome, report);
@@ -422,7 +420,7 @@ impl<'a> Run<'a> {
         match outcome.expect("a flight lands after its outcome is known") {
             Outcome::Done(entry) => {
                 // The run may have let go of the first one's values already.
-                let entry = self.engine.store.in_memory(&key).unwrap_or(entry);
+                let entry = self.options.store.in_memory(&key).unwrap_or(entry);
                 let report = self.report(at, Status::Hit, Some(&entry));
                 (Outcome::Done(entry), report)
             }
@@ -434,6 +432,7 @@ impl<'a> Run<'a> {
             }
             Outcome::Blocked(cause) => self.stopped(at, Some(key), Stop::Blocked(cause)),
             Outcome::Cancelled => self.stopped(at, Some(key), Stop::Cancelled),
+            Outcome::Skipped => unreachable!("what is skipped has no key"),
         }
     }
 
@@ -442,7 +441,7 @@ impl<'a> Run<'a> {
         let (outcome, status, error) = match stop {
             Stop::Failed(message) | Stop::BadFile(message) => (Outcome::Failed, Status::Failed, Some(message)),
             Stop::Blocked(cause) => {
-                let message = format!("needs {}, which failed", self.graph.instances[cause].name);
+                let message = format!("needs {}, which failed", self.graph().instances[cause].name);
                 (Outcome::Blocked(cause), Status::Blocked, Some(message))
             }
             Stop::Cancelled => (Outcome::Cancelled, Status::Cancelled, None),
@@ -461,14 +460,14 @@ impl<'a> Run<'a> {
                 "its stored result was damaged".to_owned()
             }
             Some(Loss::Gone) => STORED_NO_MORE.to_owned(),
-            None => self.engine.why(&report.name, &job.key, &job.text).why,
+            None => self.options.store.why(&report.name, &job.key, &job.text).why,
         };
         NodeReport { why: Some(why), ..report }
     }
 
     fn report(&self, at: usize, status: Status, entry: Option<&Arc<Entry>>) -> NodeReport {
         NodeReport {
-            name: self.graph.instances[at].name.to_string(),
+            name: self.graph().instances[at].name.to_string(),
             kind: self.node(at).kind,
             status,
             seconds: 0.0,
@@ -496,7 +495,7 @@ impl<'a> Run<'a> {
             if was != is {
                 let port = node.outputs[value.port as usize].name;
                 let port = value.member.as_ref().map_or(port.to_owned(), |member| format!("{port}[{member}]"));
-                let name = self.graph.instances[at].name.to_string();
+                let name = self.graph().instances[at].name.to_string();
                 self.lock().differences.push((at, Difference { node: name, port, stored: was, computed: is }));
             }
         }
@@ -507,19 +506,25 @@ impl<'a> Run<'a> {
         let output = |output: &super::network::WantedOutput| {
             let mut all = Vec::new();
             let node = self.node(*output.instances.first()?);
+            let mut any = false;
             for &at in &output.instances {
-                let Some(Outcome::Done(entry)) = self.lock().outcomes[at].clone() else { return None };
+                let entry = match self.lock().outcomes[at].clone()? {
+                    Outcome::Done(entry) => entry,
+                    Outcome::Skipped => continue,
+                    Outcome::Failed | Outcome::Blocked(_) | Outcome::Cancelled => return None,
+                };
+                any = true;
                 for index in entry.header.port(output.port) {
-                    let own = self.graph.instances[at].member.clone();
+                    let own = self.graph().instances[at].member.clone();
                     let member = if output.by_member { own } else { entry.header.values[index].member.clone() };
                     all.push((member.unwrap_or_default(), self.value(Slot { instance: at, index }).ok()?));
                 }
             }
             let many = output.by_member || node.outputs[output.port].arity == super::Arity::Many;
-            let value = if many { PortValue::Many(all) } else { PortValue::One(all.pop()?.1) };
+            let value = if many { any.then_some(PortValue::Many(all))? } else { PortValue::One(all.pop()?.1) };
             Some((output.name.clone(), value))
         };
-        self.wanted.outputs.iter().filter_map(output).collect()
+        self.options.wanted.outputs.iter().filter_map(output).collect()
     }
 
     /// Counts what the run holds of a result.
@@ -531,25 +536,151 @@ impl<'a> Run<'a> {
         state.peak = state.peak.max(state.held_now);
     }
 
-    fn node(&self, at: usize) -> &'a GraphNode {
-        &self.graph.nodes[self.graph.instances[at].node]
+    fn graph(&self) -> &'a Graph {
+        self.options.graph
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn node(&self, at: usize) -> &'a GraphNode {
+        &self.graph().nodes[self.graph().instances[at].node]
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State<'a>> {
         self.state.lock().expect(UNPOISONED)
     }
 }
 
 const UNPOISONED: &str = "nothing panics while it holds the state of a run";
 
-impl State {
+impl<'a> State<'a> {
+    fn new(graph: &'a Graph, wanted: &Wanted) -> State<'a> {
+        let count = graph.instances.len();
+        let needed = || (0..count).filter(|&at| wanted.needed[at]);
+        let mut hopes: Vec<usize> = wanted.is_root(count).into_iter().map(usize::from).collect();
+        let ports = |at: usize| graph.nodes[graph.instances[at].node].outputs.len();
+        let mut uses: Vec<Vec<usize>> = (0..count).map(|at| vec![0; ports(at)]).collect();
+        let mut chain = vec![1; count];
+        for at in needed().rev() {
+            let instance = &graph.instances[at];
+            for &from in &instance.from {
+                hopes[from] += 1;
+                chain[from] = chain[from].max(1 + chain[at]);
+            }
+            instance.ports().for_each(|(_, feed)| uses[feed.instance][feed.port] += 1);
+        }
+        for output in &wanted.outputs {
+            output.instances.iter().for_each(|&at| uses[at][output.port] += 1);
+        }
+        State {
+            graph,
+            chain,
+            asked: vec![Asked::No; count],
+            hopes,
+            waiting: vec![Vec::new(); count],
+            waits: vec![0; count],
+            ready: BinaryHeap::new(),
+            flights: Default::default(),
+            outcomes: vec![None; count],
+            reports: vec![None; count],
+            differences: Vec::new(),
+            uses,
+            served: vec![false; count],
+            held: vec![0; count],
+            held_now: 0,
+            peak: 0,
+        }
+    }
+
+    /// Acts on events; the number of instances that are ready for work now, and of those that are known now to be needed.
+    fn follow(&mut self, mut events: Vec<(usize, Event)>) -> (usize, usize) {
+        let (mut ready, mut needed) = (0, 0);
+        while let Some((at, event)) = events.pop() {
+            let instance = &self.graph.instances[at];
+            match (event, self.asked[at]) {
+                (Event::Asked, Asked::No) => {
+                    self.asked[at] = Asked::Conditions;
+                    self.wait(at, &instance.conditions, &mut events);
+                }
+                (Event::Asked, Asked::Conditions | Asked::Inputs) => {}
+                (Event::Ready, Asked::Conditions) => {
+                    let (skip, fail) = self.conditions(at);
+                    if skip && !fail {
+                        self.outcomes[at] = Some(Outcome::Skipped);
+                        events.push((at, Event::Settled));
+                        continue;
+                    }
+                    needed += 1;
+                    self.asked[at] = Asked::Inputs;
+                    // After a failure nothing more is asked for: the worker finds it and reports.
+                    self.wait(at, if fail { &[] } else { &instance.from }, &mut events);
+                }
+                (Event::Ready, _) => {
+                    self.ready.push((self.chain[at], Reverse(at)));
+                    ready += 1;
+                }
+                (Event::Settled, _) => {
+                    for waiting in std::mem::take(&mut self.waiting[at]) {
+                        self.waits[waiting] -= 1;
+                        if self.waits[waiting] == 0 {
+                            events.push((waiting, Event::Ready));
+                        }
+                    }
+                    self.leave(at);
+                }
+            }
+        }
+        (ready, needed)
+    }
+
+    /// Lets `at` wait for those of `others` that are not settled, and asks for them.
+    fn wait(&mut self, at: usize, others: &[usize], events: &mut Vec<(usize, Event)>) {
+        for &other in others.iter().filter(|&&other| self.outcomes[other].is_none()) {
+            self.waiting[other].push(at);
+            self.waits[at] += 1;
+            events.push((other, Event::Asked));
+        }
+        if self.waits[at] == 0 {
+            events.push((at, Event::Ready));
+        }
+    }
+
+    /// Whether a condition of `at` does not hold, and whether one has failed. All of them are settled.
+    fn conditions(&self, at: usize) -> (bool, bool) {
+        let instance = &self.graph.instances[at];
+        let (mut skip, mut fail) = (false, false);
+        for &condition in &instance.conditions {
+            match self.outcomes[condition].as_ref().expect("conditions are settled before they are looked at") {
+                Outcome::Done(entry) => {
+                    let when = instance.when.as_ref().filter(|when| when.instance == condition);
+                    skip |= when.is_some_and(|when| !holds(when, &entry.header));
+                }
+                Outcome::Skipped => skip = true,
+                Outcome::Failed | Outcome::Blocked(_) | Outcome::Cancelled => fail = true,
+            }
+        }
+        (skip, fail)
+    }
+
+    /// Instance `at` will take nothing more. What nobody else may ask for takes nothing either.
+    fn leave(&mut self, at: usize) {
+        let mut leaving = vec![at];
+        while let Some(at) = leaving.pop() {
+            self.serve(at);
+            for &from in &self.graph.instances[at].from {
+                self.hopes[from] -= 1;
+                if self.hopes[from] == 0 && self.asked[from] == Asked::No {
+                    leaving.push(from);
+                }
+            }
+        }
+    }
+
     /// Instance `at` has taken what it takes. Of ports without another taker only the header is kept, unless nobody else holds the
     /// values.
-    fn serve(&mut self, graph: &Graph, at: usize) {
+    fn serve(&mut self, at: usize) {
         if std::mem::replace(&mut self.served[at], true) {
             return;
         }
-        for (_, feed) in graph.instances[at].ports() {
+        for (_, feed) in self.graph.instances[at].ports() {
             let (from, port) = (feed.instance, feed.port);
             self.uses[from][port] -= 1;
             self.let_go(from, port);

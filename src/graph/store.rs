@@ -6,8 +6,12 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use super::cache::{Entry, Header, Memory};
 use super::disk::{DiskCache, Found, Loss};
+use super::key::{Why, first_change};
 use super::network::GraphNode;
 use super::{Digest, Value};
+
+/// Why a node runs again whose key is the last one of its name.
+pub(super) const STORED_NO_MORE: &str = "its result is stored no more";
 
 pub(super) struct Store {
     memory: Memory,
@@ -192,13 +196,25 @@ impl Store {
     }
 
     /// The last key of this node name and what was stored under it, where that is still known.
-    pub fn last_key(&self, name: &str) -> Option<(Digest, Option<Arc<Header>>)> {
+    fn last_key(&self, name: &str) -> Option<(Digest, Option<Arc<Header>>)> {
         let known = self.latest().get(name).cloned()?;
         let from_disk = || match self.disk.as_ref()?.header(&known.key) {
             Found::Header(header) => Some(Arc::new(header)),
             Found::Nothing | Found::Damaged(_) | Found::Foreign(_) => None,
         };
         Some((known.key, known.header.or_else(from_disk)))
+    }
+
+    /// Why a node that has no result under its key has none.
+    pub fn why(&self, name: &str, key: &Digest, text: &str) -> Why {
+        match self.last_key(name) {
+            None => Why::plain("new"),
+            Some((last, _)) if last == *key => Why::plain(STORED_NO_MORE),
+            Some((_, None)) => Why::plain("changed, and its last key is stored no more"),
+            Some((_, Some(header))) => {
+                first_change(&header.key_text, text).unwrap_or_else(|| Why::plain("its key is written differently"))
+            }
+        }
     }
 
     fn latest(&self) -> MutexGuard<'_, BTreeMap<Arc<str>, Latest>> {
@@ -208,13 +224,16 @@ impl Store {
 
 /// Whether a stored result has the output ports of `node`: a stage may have got others without a new version.
 fn fits(header: &Header, node: &GraphNode) -> bool {
-    use super::Arity::Many;
+    use super::Arity::{Many, One, Optional};
     let ports_exist = header.values.iter().all(|value| {
         node.outputs
             .get(value.port as usize)
             .is_some_and(|port| port.type_name == value.type_name && (port.arity == Many) == value.member.is_some())
     });
-    let ones_are_there =
-        node.outputs.iter().enumerate().all(|(i, port)| port.arity == Many || header.port(i).count() == 1);
-    ports_exist && ones_are_there
+    let counts_are_right = node.outputs.iter().enumerate().all(|(i, port)| match port.arity {
+        One => header.port(i).count() == 1,
+        Optional => header.port(i).count() <= 1,
+        Many => true,
+    });
+    ports_exist && counts_are_right
 }

@@ -20,14 +20,20 @@ pub(super) enum Taken {
     Many(Vec<(String, Slot)>),
 }
 
-/// The results that an instance takes from, by instance.
-pub(super) struct Before(pub Vec<(usize, Arc<Entry>)>);
+/// The results that an instance takes from, by instance; none of one that its conditions left out.
+pub(super) struct Before(pub Vec<(usize, Option<Arc<Entry>>)>);
 
 impl Before {
-    fn header(&self, instance: usize) -> &Header {
+    fn header(&self, instance: usize) -> Option<&Header> {
         let entry = self.0.iter().find(|(at, _)| *at == instance);
-        &entry.expect("the results of all instances that it takes from are gathered first").1.header
+        let (_, entry) = entry.expect("the results of all instances that it takes from are gathered first");
+        entry.as_ref().map(|entry| &*entry.header)
     }
+}
+
+/// Whether the condition `when` holds by the result of its instance.
+pub(super) fn holds(when: &Feed, result: &Header) -> bool {
+    result.port(when.port).next().is_some()
 }
 
 /// What instance `at` takes, port by port.
@@ -39,7 +45,7 @@ pub(super) fn taken(graph: &Graph, at: usize, before: &Before) -> Result<Vec<Tak
         let mut many = Vec::new();
         let mut one = Taken::Missing;
         for feed in input.feeds() {
-            let from = before.header(feed.instance);
+            let Some(from) = before.header(feed.instance) else { continue };
             let slot = |index| Slot { instance: feed.instance, index };
             let name = |index: usize| from.values[index].member.clone().unwrap_or_default();
             match (&feed.take, input) {
@@ -82,11 +88,14 @@ fn no_member(graph: &Graph, port: &PortSpec, feed: &Feed, member: &str, from: &H
 }
 
 /// The key text of instance `at`, from what it takes.
-pub(super) fn key_text(graph: &Graph, at: usize, taken: &[Taken], before: &Before, backend: &str) -> String {
+pub(super) fn key_text(graph: &Graph, at: usize, taken: &[Taken], before: &Before) -> String {
     let node = &graph.nodes[graph.instances[at].node];
     let mut text = String::with_capacity(node.key_head.len() + 100 * (taken.len() + 1));
     text.push_str(&node.key_head);
-    let digest = |slot: &Slot| Digest(before.header(slot.instance).values[slot.index].digest);
+    let digest = |slot: &Slot| {
+        let header = before.header(slot.instance).expect("a slot stands in a result");
+        Digest(header.values[slot.index].digest)
+    };
     for (port, taken) in node.inputs.iter().zip(taken) {
         match taken {
             Taken::Missing => key::missing_line(&mut text, port.name),
@@ -99,6 +108,5 @@ pub(super) fn key_text(graph: &Graph, at: usize, taken: &[Taken], before: &Befor
             }
         }
     }
-    key::backend_line(&mut text, backend);
     text
 }

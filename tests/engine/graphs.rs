@@ -418,12 +418,10 @@ fn a_key_holds_everything_that_counts_and_nothing_else() {
     let file =
         GraphFile::parse(Source::new(folder.path().join("g.ron"), text)).unwrap_or_else(|f| panic!("{}", list(&f)));
     let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|f| panic!("{}", list(&f)));
-    let engine = engine(EngineOptions { backend: "test 7".into(), threads: Some(3), ..EngineOptions::default() });
+    let engine = engine(EngineOptions { threads: Some(3), ..EngineOptions::default() });
     let text = engine.explain(&graph, "reader_name").unwrap().key_text.unwrap();
     let digest = blake3::hash(b"hello").to_hex();
-    let wanted = format!(
-        "engine 3\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\nbackend \"test 7\"\n"
-    );
+    let wanted = format!("engine 4\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\n");
     assert_eq!(text, wanted);
 }
 
@@ -472,8 +470,8 @@ fn reports_tell_rays_errors_warnings_also_of_hits() {
     #[derive(Default)]
     struct Log(std::sync::Mutex<Vec<String>>);
     impl Observer for Log {
-        fn begin(&self, total: usize) {
-            self.0.lock().unwrap().push(format!("{total} nodes"));
+        fn needs(&self, more: usize) {
+            self.0.lock().unwrap().push(format!("{more} nodes"));
         }
         fn started(&self, node: &str) {
             self.0.lock().unwrap().push(format!("{node} started"));

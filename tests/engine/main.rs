@@ -1,6 +1,7 @@
 //! The engine, on stages that only add.
 
 mod budget;
+mod conditions;
 mod disk;
 mod faults;
 mod graphs;

@@ -36,6 +36,7 @@ ports! { pub input MaybeIn { number: Arc<Number>, more: Option<Arc<Number>> } }
 ports! { pub input ManyIn { numbers: Gather<Number> } }
 ports! { pub output NumberOut { number: Arc<Number> } }
 ports! { pub output PairOut { tens: Arc<Number>, ones: Arc<Number> } }
+ports! { pub output SignOut { number: Arc<Number>, positive: bool } }
 ports! { pub output SplitOut { parts: Scatter<Number> } }
 ports! { pub output TextOut { text: Arc<Text> } }
 
@@ -92,6 +93,9 @@ node!(Pair, OneIn, PairOut, |_t, i, _c| Ok(PairOut {
     tens: Arc::new(Number(i.number.0 / 10)),
     ones: Arc::new(Number(i.number.0 % 10))
 }));
+
+params! { /** A number, and whether it is positive. */ pub struct Sign {} }
+node!(Sign, OneIn, SignOut, |_t, i, _c| Ok(SignOut { positive: i.number.0 > 0, number: i.number }));
 
 params! { /** One number per member. */ pub struct Split { /** Members and their numbers. */ parts: Vec<(String, i64)> = vec![] } }
 node!(Split, NoIn, SplitOut, |this, _i, _c| Ok(SplitOut {
@@ -185,6 +189,7 @@ pub fn registry() -> Registry {
         .with::<Maybe>()
         .with::<Sum>()
         .with::<Pair>()
+        .with::<Sign>()
         .with::<Split>()
         .with::<Show>()
         .with::<ToDigit>()

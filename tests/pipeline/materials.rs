@@ -67,8 +67,8 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         objects: Arc::new(Objects::unseen(&[])),
         object: Gather(vec![]),
         object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
-        reflected: Gather(vec![]),
-        polish: Gather(vec![]),
+        reflected: None,
+        polish: None,
     };
     Compose::default().run(inputs, &Context::default()).expect("everything is sound")
 }
@@ -133,7 +133,7 @@ fn paint_runs_bounces_and_what_follows() {
     assert!(painted != bare);
     // Another finish asks for its own reflection and for nobody's light or bounces.
     let (ran, rays, polished) = again(&edit("Paint(region: Grow(160, 45), roughness: 0.2)", ""));
-    assert_eq!(ran, ["repaint", "polish[paint]", "compose", "write"]);
+    assert_eq!(ran, ["repaint", "polish", "compose", "write"]);
     assert!(rays > 10_000 && polished[0] != bare[0]);
     // A dimmed lamp on a painted wall is a new sum, and no paint at all is the photo from what is known.
     let (dimmed, rays, _) = again(&edit(PAINT, r#""lamp_0": Scale(0.5)"#));

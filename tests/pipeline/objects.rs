@@ -93,6 +93,35 @@ fn models_of_every_kind() {
     model("a.ply", flat.as_bytes(), 0, &["warning", "2 of 12 triangles have no area"]);
 }
 
+/// A material decides whether an object reflects: neither names of files nor comments of the edit do.
+#[test]
+fn only_shiny_objects_run_insert_specular() {
+    let stands = "at: Pixel(x: 20, y: 15), height: 0.3";
+    let mesh = |material: &str| format!(r#"Mesh(path: "materials/chair.gltf", {stands}{material})"#);
+    let ball = |material: &str| format!("Sphere(radius: 0.1, at: Pixel(x: 20, y: 15){material})");
+    let dull = gltf(3, TRIANGLE);
+    let shiny = dull.replace(r#""roughnessFactor": 1"#, r#""roughnessFactor": 0.3"#);
+    for (edit, model, wanted) in [
+        (mesh(""), &dull, false),
+        (mesh(""), &shiny, true),
+        (mesh(", material: (roughness: 1)"), &shiny, false),
+        (mesh(", material: (metallic: 1)"), &dull, true),
+        (ball(" /* roughness: 0.1, metallic: 1 */"), &dull, false),
+        (ball(", material: (roughness: 1.0, metallic: 0.0)"), &dull, false),
+        (ball(", material: (roughness: 0.9)"), &dull, true),
+        (format!("{}, {}", ball(""), ball(", material: (metallic: 0.5)")), &dull, true),
+    ] {
+        let place = place(&edit);
+        std::fs::create_dir(place.path("materials")).expect("a folder can be made");
+        place.write("materials/chair.gltf", model);
+        let graph = load(&root().join("graphs/physics.ron"), &place.path(""), &place.path("edit.ron"));
+        let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
+        let report = run(shared_engine(), &graph, &["reflected"]);
+        assert!(report.is_complete());
+        assert_eq!(report.nodes.iter().any(|node| node.kind == "InsertSpecular"), wanted, "{edit}");
+    }
+}
+
 /// A library of materials is part of its model: another one is another object; without one, or a picture, there is a warning.
 #[test]
 fn an_obj_comes_with_its_library() {

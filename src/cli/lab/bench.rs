@@ -5,7 +5,7 @@ use std::time::Instant;
 use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW, Mask, Picture, UnitDirect, Visibility};
 use relight_lab::bench::{self as lab, Estimate, Layer, Light, Renderer, Setting, Truth};
 
-use super::Bench;
+use super::args::Bench;
 use super::session::{Made, Session};
 use crate::cli::exit::{CliError, Exit, Stop, ended};
 use crate::cli::messages::message;

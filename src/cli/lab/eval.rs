@@ -6,7 +6,7 @@ use relight::graph::{Cancel, EngineOptions, PortValue, Value};
 use relight::nodes::artifacts::Scores;
 use relight_lab::eval::{Figure, Report, Substitution};
 
-use super::Eval;
+use super::args::Eval;
 use super::target::EvalTarget;
 use crate::cli::engine::{engine, finished, options, stop_on_ctrl_c};
 use crate::cli::exit::{CliError, Exit, Stop, ended};

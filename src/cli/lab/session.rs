@@ -8,7 +8,7 @@ use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, 
 
 use relight_lab::bench::Setting;
 
-use super::Bench;
+use super::args::Bench;
 use crate::cli::args::Files;
 use crate::cli::engine::{engine, finished, stop_on_ctrl_c};
 use crate::cli::exit::Stop;
@@ -71,7 +71,8 @@ impl Session {
         self.engine.threads()
     }
 
-    /// A seed that was not used before: a result that the engine has already would have no run time.
+    /// A seed that was not used before: a result that the engine has already would have no run
+    /// time.
     pub fn seed(&self) -> u64 {
         self.seed.replace(self.seed.get() + 1)
     }
@@ -134,7 +135,8 @@ impl Session {
         })
     }
 
-    /// One output under each group of settings, on a new engine; the seconds are those of whole runs.
+    /// One output under each group of settings, on a new engine; the seconds are those of whole
+    /// runs.
     ///
     /// # Errors
     /// Those of the graph and its runs.

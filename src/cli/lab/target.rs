@@ -1,5 +1,5 @@
-//! The graph under evaluation: the user's, with stages that read the truth and score, and with parts
-//! replaced by the truth.
+//! The graph under evaluation: the user's, with stages that read the truth and score, and with
+//! parts replaced by the truth.
 
 use std::path::{Path, PathBuf};
 
@@ -65,7 +65,7 @@ const PICTURE: &str = r#"
     }),
 "#;
 
-/// An edit whose true picture is known.
+/// An edit with a true picture.
 pub struct Edit {
     pub name: String,
     change: Overlay,
@@ -73,7 +73,7 @@ pub struct Edit {
     truth: Vec<(&'static str, Raw)>,
 }
 
-/// Where the person's graph has what is measured: outputs as `node.port`.
+/// The measured outputs of the user's graph, as `node.port`.
 struct Ends {
     scene: String,
     depth: String,
@@ -93,7 +93,7 @@ struct Ends {
     lighting: bool,
 }
 
-/// A graph, a scene with truth, and what can be measured of them.
+/// A graph, a scene with truth, and their measures.
 pub struct EvalTarget {
     registry: Registry,
     graph: PathBuf,
@@ -101,7 +101,7 @@ pub struct EvalTarget {
     truth: Vec<(Key, Raw)>,
     ends: Ends,
     pub edits: Vec<Edit>,
-    /// What is not measured, and why.
+    /// Measures that are missing, each with its reason.
     pub left_out: Vec<String>,
 }
 
@@ -125,12 +125,12 @@ impl EvalTarget {
         target.find_edits(folder, &file)?;
         if target.truth.is_empty() {
             let fault = Fault::file(&folder.join("scene.ron"), "wanted a scene with a `truth`, got none");
-            return Err(vec![fault.help("docs/eval.md tells what may stand there")]);
+            return Err(vec![fault.help("docs/eval.md lists its fields")]);
         }
         Ok(target)
     }
 
-    /// What `truth` names in this field.
+    /// The value of a field of `truth`.
     fn of(&self, field: &str) -> Option<&Raw> {
         self.truth.iter().find(|(key, _)| key.name == field).map(|(_, value)| value)
     }
@@ -148,7 +148,7 @@ impl EvalTarget {
         self.has("lighting") && self.ends.lighting
     }
 
-    /// Tells what is not measured for want of truth or stages.
+    /// Lists the measures without truth or without stages.
     fn list_missing(&mut self) {
         let lacks = |field: &'static str| (!self.has(field)).then_some(field);
         let rows: [(&str, Vec<Option<&str>>); 7] = [
@@ -174,7 +174,8 @@ impl EvalTarget {
         }
     }
 
-    /// Each light off, all lights out of view off, and the edits that the truth names.
+    /// Collects the edits: each light off, all lights out of view off, and those that the truth
+    /// names.
     fn find_edits(&mut self, folder: &Path, file: &GraphFile) -> Result<(), Vec<Fault>> {
         let mut faults = Faults::default();
         let lights = self.of("pictures").map(|value| value.as_map(&mut faults)).unwrap_or_default();
@@ -289,7 +290,7 @@ impl EvalTarget {
             file.redirect(&ends.shapes, "true_lights.shape");
             file.redirect(&ends.radiances, "true_lights.radiance");
             if let Some(fit) = &ends.fit {
-                // True lights are all the light that there is: nothing is left for the rest.
+                // True lights emit all light of the room, so the residual is zero.
                 set(node(fit), "rest_cost", &ours("1e9".into()));
             }
         }
@@ -298,7 +299,7 @@ impl EvalTarget {
             if let Some(first) = &ends.first {
                 file.redirect(first, "true_materials.albedo");
             }
-            // Normals count as materials where the stage that gives albedo gives them too; else they belong to the depth.
+            // Normals belong to the materials where the same stage gives albedo; else to the depth.
             let own = |end: &&String| ends.first.as_ref().is_some_and(|first| node_of(first) == node_of(end));
             if let Some(normal) = ends.normal.as_ref().filter(own).filter(|_| self.has("normal")) {
                 file.redirect(normal, "true_materials.normal");
@@ -320,7 +321,7 @@ impl EvalTarget {
         file.resolve(&self.registry, &Overlay { settings, members })
     }
 
-    /// The stages that know the truth, as the body of `nodes`.
+    /// The stages that read the truth and score, as the body of `nodes`.
     fn stages(&self) -> String {
         let ends = &self.ends;
         let has_normal = self.has("albedo") && self.has("normal");
@@ -399,10 +400,11 @@ impl Ends {
     }
 }
 
-/// What we write ourselves, where its file stands in messages: in no folder, so that paths start from the working directory.
+/// The file name of generated text in messages. It has no folder, so paths start from the working
+/// directory.
 const OURS: &str = "relight eval";
 
-/// A value as if it stood in the file `path`; relative paths in it start from there.
+/// A value as if read from the file `path`; relative paths in it start from there.
 fn raw(text: String, path: &Path) -> Raw {
     Raw::document(&Source::new(path, text), &mut Faults::default()).expect("we write sound RON")
 }

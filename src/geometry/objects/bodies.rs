@@ -30,6 +30,15 @@ impl Body {
         Body { model, material }
     }
 
+    /// Whether part of the body reflects: it has a roughness below 1, or metal in it.
+    pub fn is_shiny(&self) -> bool {
+        let shiny = |material: &Material| material.roughness < 1.0 || material.metallic > 0.0;
+        match &self.material {
+            Some(material) => shiny(material),
+            None => self.model.skins.iter().any(|skin| skin.gloss.is_some() || shiny(&skin.material)),
+        }
+    }
+
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.model.triangles[triangle].map(|i| self.model.positions[i as usize])
     }

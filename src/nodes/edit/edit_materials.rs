@@ -105,6 +105,8 @@ ports! {
         coats: Arc<PaintLayers>,
         /// New roughness and specular level at the photo's size.
         finish: Arc<SpecularEdit>,
+        /// Whether a region has a new roughness or specular level.
+        polished: bool,
     }
 }
 
@@ -114,7 +116,7 @@ const LEAST: f32 = 0.01;
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -139,6 +141,7 @@ impl Node for EditMaterials {
             specular: Arc::new(Specular(Plane::filled(width, height, DIELECTRIC))),
             coats: Arc::default(),
             finish: Arc::default(),
+            polished: false,
         };
         for (i, edit) in self.materials.iter().enumerate() {
             let MaterialEdit::Paint { region, albedo, roughness, specular, keep_texture } = edit;
@@ -148,6 +151,7 @@ impl Node for EditMaterials {
             let share = resize(&matte.alpha, width, height);
             if roughness.is_some() || specular.is_some() {
                 finish.lay(&matte.alpha, [*roughness, *specular], &inputs.roughness);
+                out.polished = true;
             }
             if let Some(color) = albedo {
                 let new = color.linear().map_err(bad)?;

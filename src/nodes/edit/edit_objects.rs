@@ -113,12 +113,16 @@ ports! {
         depth: Arc<Depth>,
         /// The objects as they are seen.
         objects: Arc<Objects>,
+        /// Whether there are objects.
+        present: bool,
+        /// Whether an object has a roughness below 1 or metal in it.
+        shiny: bool,
     }
 }
 
 impl Node for EditObjects {
     const KIND: &'static str = "EditObjects";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = EditObjectsIn;
     type Out = EditObjectsOut;
 
@@ -138,7 +142,8 @@ impl Node for EditObjects {
     fn run(&self, inputs: EditObjectsIn, ctx: &Context) -> Result<EditObjectsOut, NodeError> {
         let EditObjectsIn { camera, depth, normal, mesh } = inputs;
         if self.objects.is_empty() {
-            return Ok(EditObjectsOut { mesh, depth, objects: Arc::new(Objects::unseen(&[])) });
+            let objects = Arc::new(Objects::unseen(&[]));
+            return Ok(EditObjectsOut { mesh, depth, objects, present: false, shiny: false });
         }
         let ground = Ground { camera: &camera, depth: &depth, normal: &normal, up: world_up(&normal) };
         let (mut bodies, mut models) = (Vec::new(), Models::default());
@@ -165,6 +170,8 @@ impl Node for EditObjects {
             mesh: Arc::new(mesh.with_bodies(solid)),
             depth: Arc::new(Depth(z)),
             objects: Arc::new(objects),
+            present: true,
+            shiny: bodies.iter().any(Body::is_shiny),
         })
     }
 }

@@ -115,10 +115,10 @@ ports! {
         /// Their diffuse reflection of the residual.
         object_rest: Arc<Picture>,
         /// The specular reflection of shiny objects; empty without them.
-        reflected: Gather<Reflections>,
+        reflected: Option<Arc<Reflections>>,
         /// The change of specular reflection of surfaces with an edited roughness or specular
         /// level; empty without them.
-        polish: Gather<SpecularChange>,
+        polish: Option<Arc<SpecularChange>>,
     }
 }
 
@@ -145,7 +145,7 @@ impl Node for Compose {
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let pixels = Pixels::new(self.mode, &inputs, &lights);
         ctx.check_cancelled()?;
-        if inputs.polish.iter().next().is_none() && objects.is_empty() {
+        if inputs.polish.is_none() && objects.is_empty() {
             // No pixel depends on another: halves at once, so that no layer is ever in memory as
             // floats.
             if let Some((picture, layers)) = pixels.half_layers(ctx)? {
@@ -153,7 +153,7 @@ impl Node for Compose {
             }
         }
         let mut planes = pixels.planes(ctx)?;
-        for (_, change) in inputs.polish.iter() {
+        if let Some(change) = &inputs.polish {
             ctx.check_cancelled()?;
             objects.change_specular(change, &mut planes)?;
         }

@@ -187,7 +187,8 @@ mod tests {
         let references: Vec<Estimate> = (0..4).map(|seed| estimate(pixels, seed, 0.2)).collect();
         let reference = &Reference::of(&references)[0];
         let measured = measure(&[estimate(pixels, 9, 0.2)], 0, reference);
-        // Without the correction it would be 0.2 sqrt(1 + 1/4) = 0.224; 20,000 signs scatter by about 1 %.
+        // Without the correction it would be 0.2 sqrt(1 + 1/4) = 0.224; 20,000 signs scatter by
+        // about 1 %.
         assert!((measured.error - 0.2).abs() < 0.006, "{}", measured.error);
         assert!((measured.claimed - 0.2).abs() < 0.002, "{}", measured.claimed);
     }

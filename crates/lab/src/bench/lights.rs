@@ -147,7 +147,8 @@ pub(super) fn strategies<R: Renderer>(renderer: &R, effort: &Effort) -> Result<V
     Ok(points)
 }
 
-/// Error of every strategy against the bandwidth of the lobe, for the first window, without and with its shadow.
+/// Error of every strategy against the bandwidth of the lobe, for the first window, without and
+/// with its shadow.
 pub(super) fn bandwidths<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<Point>, R::Error> {
     let Some(light) = windows(renderer, effort)?.into_iter().next() else { return Ok(Vec::new()) };
     let mut points = Vec::new();

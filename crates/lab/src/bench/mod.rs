@@ -59,8 +59,8 @@ pub trait Renderer {
     /// Reads the ground truth; without any, `lights` is empty.
     fn truth(&self) -> Result<Truth, Self::Error>;
 
-    /// Renders edited pictures under one group of settings after the other, from an empty cache: the
-    /// first one computes everything, each later one finds what its settings leave as it is.
+    /// Renders edited pictures under one group of settings after the other, from an empty cache:
+    /// the first one computes everything, each later one finds what its settings leave as it is.
     fn pictures(&self, settings: &[Vec<Setting>]) -> Result<Vec<Picture>, Self::Error>;
 
     /// Shows one line of progress.
@@ -87,13 +87,15 @@ pub struct Options {
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_value = "4,16,64,256,1024,4096",
           value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub samples: Vec<u32>,
-    /// Longer side, in pixels, of the pictures on which single estimators are measured; whole pictures keep the graph's size.
+    /// Longer side, in pixels, of the pictures on which single estimators are measured; whole
+    /// pictures keep the graph's size.
     #[arg(long, value_name = "PIXELS", default_value_t = 64, value_parser = clap::value_parser!(u32).range(8..=4096))]
     pub side: u32,
     /// Run these experiments only.
     #[arg(long, value_enum, value_name = "QUESTION,..", value_delimiter = ',')]
     pub only: Vec<Question>,
-    /// Run a short version of each, with whole pictures of `--side` too: a check that it works, not a measurement.
+    /// Run a short version of each, with whole pictures of `--side` too: a check that it works, not
+    /// a measurement.
     #[arg(long)]
     pub quick: bool,
 }

@@ -174,8 +174,8 @@ impl Plot {
     }
 }
 
-/// Series with their style numbers, in drawing order. A strategy has the same color in every plot, and
-/// the default one is drawn last.
+/// Series with their style numbers, in drawing order. A strategy has the same color in every plot,
+/// and the default one is drawn last.
 fn styled(mut series: Vec<&str>) -> Vec<(usize, &str)> {
     let strategies: Vec<&str> = STRATEGIES.iter().map(|(_, name, _)| *name).chain([ADAPTIVE]).collect();
     let place = |name: &str| strategies.iter().position(|s| *s == name);
@@ -217,8 +217,8 @@ where
     }
 }
 
-/// Labels of an axis that contains all values: powers of ten, on a short axis with their multiples by
-/// 2 and 5. The first and the last are the ends of the axis.
+/// Labels of an axis that contains all values: powers of ten, on a short axis with their multiples
+/// by 2 and 5. The first and the last are the ends of the axis.
 fn labels(values: impl Iterator<Item = f64> + Clone) -> Vec<f64> {
     let (low, high) = (values.clone().fold(f64::INFINITY, f64::min), values.fold(0.0, f64::max));
     let steps: &[f64] = if high / low > 100.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };

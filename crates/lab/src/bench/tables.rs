@@ -1,4 +1,5 @@
-//! The results as CSV, and as the Markdown tables of docs/accuracy.md, each under a line that names it.
+//! The results as CSV, and as the Markdown tables of docs/accuracy.md, each under a line that names
+//! it.
 
 use super::error::{EXACT, Point, slope};
 use super::lights::ADAPTIVE;
@@ -125,7 +126,8 @@ fn calibration(points: &[Point]) -> String {
     table(&head, rows.collect())
 }
 
-/// Error and time of adaptive sampling, and the time of a fixed number of samples at the same error.
+/// Error and time of adaptive sampling, and the time of a fixed number of samples at the same
+/// error.
 fn adaptive(points: &[&Point]) -> String {
     let head = ["", "asked for", "error", "claimed", "seconds", "seconds of a fixed number for this error", "gain"];
     let rows = points.iter().filter(|p| p.series == ADAPTIVE).map(|p| {

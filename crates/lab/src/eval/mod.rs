@@ -13,8 +13,8 @@ pub struct Substitution {
 }
 
 impl Substitution {
-    /// All substitutions within `known`, the parts whose truth is known; the one without any first, the
-    /// one of all parts last.
+    /// All substitutions within `known`, the parts whose truth is known; the one without any first,
+    /// the one of all parts last.
     pub fn all(known: Substitution) -> Vec<Substitution> {
         let one = |n: usize| Substitution { depth: n & 4 != 0, lights: n & 2 != 0, materials: n & 1 != 0 };
         let possible = |s: &Substitution| {
@@ -23,7 +23,8 @@ impl Substitution {
         (0..8).map(one).filter(possible).collect()
     }
 
-    /// A line that names the source of each part; without true depth (`has_depth`), the depth is given.
+    /// A line that names the source of each part; without true depth (`has_depth`), the depth is
+    /// given.
     pub fn title(self, has_depth: bool) -> String {
         let depth = if has_depth { name(self.depth) } else { "given" };
         format!("{depth} depth, {} lights, {} materials", name(self.lights), name(self.materials))

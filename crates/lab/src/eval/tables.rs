@@ -22,8 +22,8 @@ pub(super) fn markdown(figures: &[Figure]) -> String {
     shown.map(|(name, text)| format!("<!-- table: {name} -->\n{text}\n")).collect()
 }
 
-/// A row per subject and a column per measure, those with true depth beside the others; a row of means
-/// where there are several rows.
+/// A row per subject and a column per measure, those with true depth beside the others; a row of
+/// means where there are several rows.
 fn pivot(figures: &[&Figure]) -> String {
     let columns = distinct(figures.iter().map(|f| (f.measure.clone(), f.substitution.depth)));
     let subjects = distinct(figures.iter().map(|f| f.subject.clone()));

@@ -126,7 +126,7 @@ impl<'a> ObjectLayers<'a> {
 
     /// The reflections of the objects, when the camera sees a shiny one.
     fn reflected(&self) -> Option<&Reflections> {
-        self.inputs.reflected.iter().next().map(|(_, of)| &**of).filter(|_| !self.is_empty())
+        self.inputs.reflected.as_deref().filter(|_| !self.is_empty())
     }
 
     fn around(&self, planes: &[Vec<Vec3>]) -> Around {
