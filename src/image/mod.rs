@@ -12,7 +12,9 @@ pub use io::{
     read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
 };
 pub use layer::{HalfLayer, Layer};
-pub use material::{AlphaMatte, DIELECTRIC, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SpecularEdit, Texture};
+pub use material::{
+    AlphaMatte, DIELECTRIC, Gloss, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SpecularEdit, Texture,
+};
 pub use ops::{
     FAR, GlareMask, GlarePixel, MOST_HEADROOM, NEAR, OwnPixel, Packed, PictureScore, SATURATION, STEP, Segments, Steps,
     SurfacePixel, Taps, Upsampler, alpha_matte, annotate, clip_level, connected_components, dilate, distance, fit,

@@ -6,9 +6,9 @@
 //! of the light and not of the paint, and r what remains: texture of another color. d and s
 //! minimize `|r|^2 + GLOSS s^2`, s >= 0: on gray paint, where gloss and body look the same, all is
 //! body. The new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + NOISE^2)`,
-//! Wiener's filter for new / old: what a dark paint hardly shows is noise. It is linear but for s
-//! >= 0, and takes `old` to `new` exactly: where `old` is the mean of a region, `new` becomes its
-//! mean.
+//! Wiener's filter for new / old: what a dark paint hardly shows is noise. Except for the
+//! bound of s it is linear, and takes `old` to `new` exactly: where `old` is the mean of a region,
+//! `new` becomes its mean.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
