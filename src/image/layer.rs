@@ -28,6 +28,7 @@ pub(in crate::image) fn halves_hold(largest: f32) -> bool {
 const PIECE: usize = 1024;
 
 impl Layer {
+    /// The layer of linear colors: in half floats where they hold it.
     pub fn new(plane: Plane<Vec3>) -> Layer {
         let mut halves = HalfLayer::new(plane.width(), plane.height());
         halves.put(0, plane.pixels().iter().copied());
@@ -72,6 +73,7 @@ pub struct HalfLayer {
 }
 
 impl HalfLayer {
+    /// A black layer.
     pub fn new(width: usize, height: usize) -> HalfLayer {
         HalfLayer { plane: Plane::filled(width, height, [0; 3]), largest: 0.0 }
     }

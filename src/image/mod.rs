@@ -33,7 +33,10 @@ macro_rules! typed_plane {
     ($( $(#[$doc:meta])* $name:ident($pixel:ty) ),* $(,)?) => {$(
         $(#[$doc])*
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-        pub struct $name(pub Plane<$pixel>);
+        pub struct $name(
+            /// The pixels.
+            pub Plane<$pixel>,
+        );
     )*};
 }
 

@@ -29,6 +29,9 @@ pub struct ExrFile {
 }
 
 /// Reads all channels of a file with layers, as [`crate::image::ExrLayers`] writes them.
+///
+/// # Errors
+/// The file is not OpenEXR, is damaged or too large.
 pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
     match source.bytes.starts_with(b"\x76\x2f\x31\x01") {
         true => read(source),

@@ -28,6 +28,19 @@ pub enum Compression {
 }
 
 /// The channels of an EXR file in the making; all have the file's size.
+///
+/// ```
+/// use glam::Vec3;
+/// use relight::image::{Compression, ExrLayers, Plane, Source, read_layers};
+///
+/// let lamp = Plane::filled(2, 1, Vec3::new(0.5, 0.25, 0.0));
+/// let mut layers = ExrLayers::new(2, 1);
+/// layers.rgb("light_lamp_0", &lamp);
+/// let bytes = layers.write(Compression::Zip)?;
+/// let file = read_layers(Source::new("picture.exr", &bytes)).map_err(|e| e.to_string())?;
+/// assert_eq!(file.rgb("light_lamp_0"), Some(lamp));
+/// # Ok::<(), String>(())
+/// ```
 pub struct ExrLayers {
     width: usize,
     height: usize,
@@ -47,6 +60,7 @@ const RGB: [&str; 3] = ["R", "G", "B"];
 const XYZ: [&str; 3] = ["X", "Y", "Z"];
 
 impl ExrLayers {
+    /// A file of `width` x `height` pixels without channels.
     pub fn new(width: usize, height: usize) -> ExrLayers {
         ExrLayers { width, height, channels: Vec::new(), comments: Vec::new(), kept_as_float: Vec::new() }
     }

@@ -45,6 +45,7 @@ impl PngSamples {
         PngSamples { width, height, bytes, sixteen_bit }
     }
 
+    /// The bytes of the PNG file.
     pub fn into_file(self) -> Vec<u8> {
         let color = if self.sixteen_bit { ExtendedColorType::Rgb16 } else { ExtendedColorType::Rgb8 };
         let mut file = Cursor::new(Vec::new());

@@ -15,6 +15,7 @@ pub struct Photo {
     pub picture: Picture,
     /// 1 where a channel is saturated, else 0.
     pub clipped: Mask,
+    /// Precision of the file's samples.
     pub bits: Bits,
     /// Messages for the person that are not errors.
     pub warnings: Vec<String>,
@@ -27,6 +28,22 @@ pub struct Photo {
 /// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float
 /// file, within 0.1 % of the file's maximum, if that maximum is a plateau: at least 16 pixels, at
 /// least 0.01 % and at most half of all. Non-finite numbers are an error.
+///
+/// ```
+/// use glam::Vec3;
+/// use relight::image::{Picture, Plane, Source, Transfer, read_photo, write_png};
+///
+/// let gray = Picture(Plane::filled(4, 3, Vec3::splat(0.5)));
+/// let bytes = write_png(&gray, Transfer::Srgb, false);
+/// let photo = read_photo(Source::new("gray.png", &bytes), Transfer::Srgb)?;
+/// assert_eq!(photo.picture.0.size(), (4, 3));
+/// assert!((photo.picture.0.get(0, 0).x - 0.5).abs() < 0.005);
+/// assert_eq!(photo.clipped.0.get(0, 0), 0.0);
+/// # Ok::<(), relight::image::ReadError>(())
+/// ```
+///
+/// # Errors
+/// The file is not one of these, is damaged or too large, or holds numbers that are not finite.
 pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError> {
     let mut warnings = Vec::new();
     let (picture, clipped, bits) = match format(source) {
@@ -67,6 +84,9 @@ pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError
 
 /// Reads depth as stored, without scale: EXR (channel Z, else Y, else R), 16-bit gray PNG, NPY. 0,
 /// negative and non-finite numbers are passed on.
+///
+/// # Errors
+/// The file is not one of these, is damaged or too large.
 pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError> {
     const WANTED: &str = "depth: EXR, 16-bit grey PNG or NPY";
     match format(source) {
@@ -94,6 +114,9 @@ pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError
 
 /// Reads directions: EXR with channels X, Y, Z, else R, G, B, of any length. Non-finite numbers
 /// become zero.
+///
+/// # Errors
+/// The file is not one of these, is damaged or too large, or has other channels.
 pub fn read_normal(source: Source) -> Result<Plane<Vec3>, ReadError> {
     match format(source) {
         Some(Format::Exr) => {
@@ -107,6 +130,9 @@ pub fn read_normal(source: Source) -> Result<Plane<Vec3>, ReadError> {
 /// Reads a mask: PNG, JPEG or EXR of any bit depth. The value is the share of the pixel that is
 /// covered: the Rec.709 luminance of the stored numbers times alpha, in 0..1; below 1/16 it is 0
 /// and above 15/16 it is 1, so that the ringing of a JPEG does not leak.
+///
+/// # Errors
+/// The file is not one of these, is damaged or too large.
 pub fn read_mask(source: Source) -> Result<Mask, ReadError> {
     let share = |c: Vec3, alpha: f32| match c.dot(crate::image::LUMINANCE) * alpha {
         m if m > 15.0 / 16.0 => 1.0,

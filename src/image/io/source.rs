@@ -20,7 +20,9 @@ pub struct ReadError {
     pub file: String,
     /// The part or property at fault.
     pub what: String,
+    /// The rule.
     pub wanted: String,
+    /// The content of the file.
     pub got: String,
 }
 
@@ -34,13 +36,16 @@ impl ReadError {
 /// The bytes of a file and the name it has in messages.
 #[derive(Clone, Copy)]
 pub struct Source<'a> {
+    /// The name in messages.
     pub name: &'a str,
+    /// The whole file.
     pub bytes: &'a [u8],
     /// Most bytes of all channels together, decoded.
     pub(in crate::image) most: u64,
 }
 
 impl<'a> Source<'a> {
+    /// A file, of which at most [`MAX_BYTES`] decoded bytes are read.
     pub fn new(name: &'a str, bytes: &'a [u8]) -> Source<'a> {
         Source { name, bytes, most: MAX_BYTES }
     }

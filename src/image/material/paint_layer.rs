@@ -66,7 +66,9 @@ impl PaintChange {
 /// One paint change on a region of a photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PaintLayer {
+    /// The change of paint.
     pub paint: PaintChange,
+    /// The region.
     pub matte: AlphaMatte,
 }
 

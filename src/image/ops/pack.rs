@@ -15,6 +15,7 @@ use crate::image::Plane;
 /// each number the difference from the number before it (the first from 0), modulo 2^16, as
 /// neighbors differ little; first all low bytes, then all high bytes.
 pub struct Packed {
+    /// The packed halves.
     pub bytes: Vec<u8>,
     /// A stored half times this is the number. A power of two, so that nothing is lost to it.
     pub scale: f32,

@@ -14,7 +14,9 @@ use crate::image::{Albedo, Normal, Picture, Plane, log_above};
 /// The segment of each pixel, numbered from 0 without gaps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Segments {
+    /// Segment of each pixel, 0..`count`.
     pub label: Plane<u32>,
+    /// Number of segments.
     pub count: u32,
 }
 

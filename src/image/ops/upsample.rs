@@ -25,6 +25,10 @@ const DEPTH: f32 = 0.05;
 const COLOR: f32 = 0.5;
 
 impl<'a> Upsampler<'a> {
+    /// The upsampler from `small` and `depth`, of the working size, to `photo` and `full_depth`.
+    ///
+    /// # Panics
+    /// A picture and its depth differ in size.
     pub fn new(photo: &'a Picture, full_depth: &'a Depth, small: &'a Picture, depth: &'a Depth) -> Upsampler<'a> {
         assert_eq!(photo.0.size(), full_depth.0.size(), "depth at the photo's size");
         assert_eq!(small.0.size(), depth.0.size(), "depth at working size");

@@ -9,9 +9,11 @@ use crate::image::{Bytes, Transfer, rule};
 /// Encoding of the photo, for results of the same encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Encoding {
+    /// Transfer function of the samples.
     pub transfer: Transfer,
     /// Illuminance in lux at which a white surface shows 1; `None` when the scene does not give it.
     pub lux: Option<f32>,
+    /// Samples have 16 bits, else 8.
     pub sixteen_bit: bool,
 }
 

@@ -19,6 +19,7 @@ pub struct UnitDirect {
 /// unknown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Visibility {
+    /// Lit fraction, per lobe.
     pub lit: Vec<Plane<f32>>,
     /// Standard error of `lit`.
     pub stderr: Vec<Plane<f32>>,
@@ -29,6 +30,7 @@ pub struct Visibility {
 /// Indirect shading (irradiance / pi) of one light, per lobe of unit radiance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnitIndirect {
+    /// Irradiance / pi, per lobe.
     pub lobes: Vec<Shading>,
     /// Standard error of each lobe's luminance. All lobes and lights share their rays, so their
     /// errors go together.
@@ -52,7 +54,9 @@ pub struct ObjectLight {
 /// The estimate of one light by a network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Guess {
+    /// Its shape; [`Shape::Absent`] without an estimate.
     pub shape: Shape,
+    /// Its radiance, one color per lobe, in units of the photo.
     pub radiance: Radiance,
     /// Probability that it burns at all, 0..=1.
     pub burns: f32,

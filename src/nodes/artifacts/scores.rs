@@ -9,6 +9,7 @@ pub struct Score {
     pub subject: String,
     /// Name of the measure; docs/eval.md defines each.
     pub measure: String,
+    /// The figure, in the unit of its measure.
     pub value: f64,
 }
 

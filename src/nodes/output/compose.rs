@@ -182,3 +182,89 @@ fn output(
         rest: Arc::new(residual),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: (usize, usize) = (12, 4);
+    const WALL: Vec3 = Vec3::new(0.5, 0.4, 0.2);
+    const ALBEDO: Vec3 = Vec3::new(0.3, 0.6, 0.1);
+    const LAMP: Vec3 = Vec3::new(0.6, 0.5, 0.4);
+    const RESIDUAL: Vec3 = Vec3::splat(0.1);
+
+    /// A wall under one lamp, in the photo at x < 3, that the edit multiplies by `factor`.
+    fn inputs(factor: f32) -> ComposeIn {
+        let plane = |value: Vec3| Plane::filled(SIZE.0, SIZE.1, value);
+        let number = |value: f32| Plane::filled(SIZE.0, SIZE.1, value);
+        fn lamp<T>(value: T) -> Gather<T> {
+            Gather(vec![("lamp".to_owned(), Arc::new(value))])
+        }
+        let photo = Picture(plane(WALL * (LAMP + RESIDUAL)));
+        let mask = Plane::from_fn(SIZE.0, SIZE.1, |x, _| if x < 3 { 1.0 } else { 0.0 });
+        let zone = GlareMask::of_window(&mask, &photo, 4.0);
+        let (photo, depth) = (Arc::new(photo), Arc::new(Depth(number(2.0))));
+        let shape = || lamp(Shape::Lamp(crate::optics::Lamp::Sphere { center: Vec3::NEG_Z, radius: 0.1 }));
+        let radiance = |value: f32| lamp(Radiance(vec![Vec3::splat(value)]));
+        ComposeIn {
+            photo: photo.clone(),
+            clipped: Arc::new(Mask(number(0.0))),
+            camera: Arc::new(Camera::from_fov_x(SIZE.0, SIZE.1, 60.0)),
+            full_depth: depth.clone(),
+            small: photo,
+            depth,
+            albedo: Arc::new(Albedo(plane(ALBEDO))),
+            paint: Arc::new(Albedo(plane(WALL))),
+            coats: Arc::default(),
+            before: lamp(Shading(plane(LAMP))),
+            after: lamp(Shading(plane(factor * LAMP))),
+            rest: Arc::new(Shading(plane(RESIDUAL))),
+            edited_rest: Arc::new(Shading(plane(RESIDUAL))),
+            zone: lamp(zone),
+            kind: lamp(LightKind::Lamp),
+            estimated: shape(),
+            estimated_radiance: radiance(1.0),
+            shape: shape(),
+            radiance: radiance(factor),
+            gain: radiance(factor),
+            cover: lamp(Mask(number(0.0))),
+            objects: Arc::new(Objects::unseen(&[])),
+            object: Gather(vec![]),
+            object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+            reflected: None,
+            polish: None,
+        }
+    }
+
+    #[track_caller]
+    fn check(stage: &Compose, factor: f32, want: impl Fn(usize) -> Vec3) {
+        let out = stage.run(inputs(factor), &Context::default()).expect("everything is there");
+        for i in 0..SIZE.0 * SIZE.1 {
+            let (got, want) = (out.picture.0.pixels()[i], want(i % SIZE.0));
+            assert!((got - want).abs().max_element() < 1e-5, "column {}: {got} against {want}", i % SIZE.0);
+            // Layers are half floats.
+            let sum = out.layer.0[0].1.get(i) + out.rest.get(i);
+            assert!((sum - got).abs().max_element() < 1e-3, "column {}: {sum} of {got}", i % SIZE.0);
+        }
+    }
+
+    #[test]
+    fn the_identity_gives_the_photo_back_and_off_leaves_the_lamps_surface() {
+        let stage = Compose { lamp_albedo: 0.25, ..Compose::default() };
+        check(&stage, 1.0, |_| WALL * (LAMP + RESIDUAL));
+        // In own pixels, the photo over all other light is above the lamp's albedo.
+        check(&stage, 0.0, |x| if x < 3 { Vec3::splat(0.25) * RESIDUAL } else { WALL * RESIDUAL });
+    }
+
+    #[test]
+    fn physical_shows_the_estimated_albedo_and_own_pixels_stay() {
+        let stage = Compose { mode: Mode::Physical, ..Compose::default() };
+        for factor in [1.0, 0.5] {
+            let own = |factor: f32| {
+                let surface = 0.5 * RESIDUAL;
+                surface + factor * (WALL * (LAMP + RESIDUAL) - surface)
+            };
+            check(&stage, factor, |x| if x < 3 { own(factor) } else { ALBEDO * (factor * LAMP + RESIDUAL) });
+        }
+    }
+}

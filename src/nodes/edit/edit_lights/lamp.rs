@@ -44,6 +44,10 @@ pub enum LampShape {
 const MOST_TRIANGLES: usize = 1_000_000;
 
 impl LampShape {
+    /// Checks the numbers of the shape.
+    ///
+    /// # Errors
+    /// The first number that is out of range.
     pub fn check(&self) -> Result<(), String> {
         match self {
             LampShape::Sphere { radius } => check_range("radius (metres)", radius, above(0.0)),
@@ -119,6 +123,10 @@ fn model(path: &File, parts: &[File], turn: Mat3, height: f32, ctx: &Context) ->
     Ok(lamp.moved(-middle))
 }
 
+/// The unit vector along `direction`.
+///
+/// # Errors
+/// The vector, called `name`, has no direction.
 pub fn direction(name: &str, direction: [f32; 3]) -> Result<Vec3, String> {
     let unit = Vec3::from_array(direction).try_normalize();
     unit.ok_or_else(|| format!("{name}: wanted a direction, got {direction:?}"))

@@ -80,14 +80,23 @@ impl Sun {
 
 /// All that a window looks out on.
 pub struct Outside<'a> {
+    /// Above the horizon, or everywhere.
     pub sky: &'a Sky,
+    /// Below the horizon.
     pub ground: Option<&'a Half>,
+    /// The sun.
     pub sun: Option<&'a Sun>,
+    /// Turn of a picture of the sky to the right of the view, degrees.
     pub yaw: f32,
+    /// Factor of the radiance of a picture or a clear sky.
     pub scale: f32,
 }
 
 impl Outside<'_> {
+    /// Checks all numbers, and that its parts go together.
+    ///
+    /// # Errors
+    /// The first rule that does not hold.
     pub fn check(&self) -> Result<(), String> {
         match self.sky {
             Sky::Radiance(r, g, b) => check_range("sky", &[*r, *g, *b], 0.0..)?,

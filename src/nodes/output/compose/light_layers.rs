@@ -42,6 +42,7 @@ pub struct DrawnLight<'a> {
     pub light: usize,
     /// Coverage of each photo pixel.
     pub coverage: &'a Mask,
+    /// Its radiance.
     pub emission: Emission<'a>,
 }
 

@@ -32,6 +32,7 @@ pub struct Pixels<'a> {
 }
 
 impl<'a> Pixels<'a> {
+    /// The pixels of `inputs`, whose bundle of lights is `lights`.
     pub fn new(mode: Mode, inputs: &'a ComposeIn, lights: &'a LightLayers<'a>) -> Pixels<'a> {
         Pixels {
             mode,
