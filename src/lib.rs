@@ -4,6 +4,7 @@
 #![warn(clippy::unwrap_used)]
 
 pub mod files;
+mod formats;
 pub mod geometry;
 pub mod graph;
 pub mod image;

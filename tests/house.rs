@@ -9,10 +9,11 @@ use std::process::Command;
 use needs::needs;
 
 /// Room of `src` -> the rooms that it may use.
-const ARROWS: [(&str, &[&str]); 8] = [
+const ARROWS: [(&str, &[&str]); 9] = [
     ("cli", &["files", "nodes", "graph", "net"]),
     ("files", &["graph"]),
-    ("nodes", &["graph", "image", "optics", "geometry", "net"]),
+    ("nodes", &["graph", "formats", "image", "optics", "geometry", "net"]),
+    ("formats", &["image", "optics", "geometry"]),
     ("net", &["geometry", "image"]),
     ("optics", &["geometry", "image"]),
     ("geometry", &["image"]),

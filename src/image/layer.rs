@@ -1,4 +1,4 @@
-//! One light's part of a picture, as `picture.exr` holds it.
+//! The contribution of one light to a picture, as `picture.exr` holds it.
 
 use glam::Vec3;
 use half::f16;
@@ -7,25 +7,28 @@ use serde::{Deserialize, Serialize};
 
 use crate::image::{Picture, Plane};
 
-/// The part of a picture that one light gives, linear, at the photo's size: in half floats, half of the memory, which is what is
-/// written; in single precision where halves cannot hold it.
+/// The contribution of one light to a picture, linear, at the photo's size: in half floats, which
+/// take half of the memory and are what is written; in single precision where halves cannot hold
+/// it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Layer {
     /// The bits of half floats: red, green, blue.
     Half(Plane<[u16; 3]>),
+    /// Linear colors.
     Float(Plane<Vec3>),
 }
 
-/// Whether half floats hold a layer of this largest magnitude: above 65504 one is infinite, and where all is below 6.1e-5 they lose
-/// digits, and below 6e-8 everything.
+/// Half floats hold a layer of this largest magnitude: above 65504 one is infinite, and where all
+/// is below 6.1e-5 they lose digits, and below 6e-8 everything.
 pub(in crate::image) fn halves_hold(largest: f32) -> bool {
     largest <= f16::MAX.to_f32() && !(largest > 0.0 && largest < f16::MIN_POSITIVE.to_f32())
 }
 
-/// Colours that are converted at a time.
+/// Colors that are converted at a time.
 const PIECE: usize = 1024;
 
 impl Layer {
+    /// The layer of linear colors: in half floats where they hold it.
     pub fn new(plane: Plane<Vec3>) -> Layer {
         let mut halves = HalfLayer::new(plane.width(), plane.height());
         halves.put(0, plane.pixels().iter().copied());
@@ -40,7 +43,7 @@ impl Layer {
         }
     }
 
-    /// The colour of pixel `i`, row by row.
+    /// The color of pixel `i`, row by row.
     pub fn get(&self, i: usize) -> Vec3 {
         match self {
             Layer::Half(plane) => Vec3::from_array(plane.pixels()[i].map(|bits| f16::from_bits(bits).to_f32())),
@@ -70,18 +73,20 @@ pub struct HalfLayer {
 }
 
 impl HalfLayer {
+    /// A black layer.
     pub fn new(width: usize, height: usize) -> HalfLayer {
         HalfLayer { plane: Plane::filled(width, height, [0; 3]), largest: 0.0 }
     }
 
-    /// Puts colours at the pixels from `at` on. Black is not written, so that a light that gives nothing takes no memory.
-    pub fn put(&mut self, at: usize, mut colours: impl Iterator<Item = Vec3>) {
+    /// Puts colors at the pixels from `at` on. Black is not written, so that a light that gives
+    /// nothing takes no memory.
+    pub fn put(&mut self, at: usize, mut colors: impl Iterator<Item = Vec3>) {
         let (mut wide, mut halves) = ([0.0; 3 * PIECE], [f16::ZERO; 3 * PIECE]);
         for pixels in self.plane.pixels_mut()[at..].chunks_mut(PIECE) {
             let mut count = 0;
-            for colour in colours.by_ref().take(pixels.len()) {
-                self.largest = self.largest.max(colour.abs().max_element());
-                wide[3 * count..][..3].copy_from_slice(&colour.to_array());
+            for color in colors.by_ref().take(pixels.len()) {
+                self.largest = self.largest.max(color.abs().max_element());
+                wide[3 * count..][..3].copy_from_slice(&color.to_array());
                 count += 1;
             }
             if count == 0 {

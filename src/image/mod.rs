@@ -1,4 +1,4 @@
-//! Typed planes, their files, and colour.
+//! Typed planes, their files, and color.
 
 mod io;
 mod layer;
@@ -12,7 +12,9 @@ pub use io::{
     read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
 };
 pub use layer::{HalfLayer, Layer};
-pub use material::{AlphaMatte, DIELECTRIC, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SpecularEdit, Texture};
+pub use material::{
+    AlphaMatte, DIELECTRIC, Gloss, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SpecularEdit, Texture,
+};
 pub use ops::{
     FAR, GlareMask, GlarePixel, MOST_HEADROOM, NEAR, OwnPixel, Packed, PictureScore, SATURATION, STEP, Segments, Steps,
     SurfacePixel, Taps, Upsampler, alpha_matte, annotate, clip_level, connected_components, dilate, distance, fit,
@@ -31,7 +33,10 @@ macro_rules! typed_plane {
     ($( $(#[$doc:meta])* $name:ident($pixel:ty) ),* $(,)?) => {$(
         $(#[$doc])*
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-        pub struct $name(pub Plane<$pixel>);
+        pub struct $name(
+            /// The pixels.
+            pub Plane<$pixel>,
+        );
     )*};
 }
 
@@ -40,15 +45,15 @@ typed_plane! {
     Albedo(Vec3),
     /// Unit normals in camera space, facing the camera.
     Normal(Vec3),
-    /// Points in camera space, metres; x right, y up, looking along -z.
+    /// Points in camera space, meters; x right, y up, looking along -z.
     Points(Vec3),
-    /// Planar z in metres, positive and finite: holes are filled before a plane becomes a `Depth`.
+    /// Planar z in meters, positive and finite: holes are filled before a plane becomes a `Depth`.
     Depth(f32),
     /// GGX roughness in 0..1.
     Roughness(f32),
     /// Specular level in 0..1, of which 0.08 is reflected straight back: 0.5 is a usual dielectric.
     Specular(f32),
-    /// Irradiance / pi per colour channel, so that a diffuse surface shows albedo x shading.
+    /// Irradiance / pi per color channel, so that a diffuse surface shows albedo x shading.
     Shading(Vec3),
     /// A share of each pixel, in 0..1.
     Mask(f32),
@@ -56,7 +61,10 @@ typed_plane! {
     Picture(Vec3),
 }
 
-/// One rule of a value that was read from disk: kept, or told as what was wanted.
+/// One rule of a value that was read from disk.
+///
+/// # Errors
+/// The rule does not hold; the message names it.
 pub fn rule(kept: bool, wanted: &str) -> Result<(), String> {
     if kept { Ok(()) } else { Err(format!("wanted {wanted}")) }
 }

@@ -4,6 +4,15 @@ use bytemuck::Pod;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// A row-major plane of `width` x `height` pixels; row 0 is the top of the picture.
+///
+/// ```
+/// use relight::image::Plane;
+///
+/// let ramp = Plane::from_fn(4, 2, |x, _| x as f32);
+/// assert_eq!(ramp.size(), (4, 2));
+/// assert_eq!(ramp.get(3, 1), 3.0);
+/// assert_eq!(ramp.map(|v| 2.0 * v).pixels()[1], 2.0);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plane<T> {
     width: usize,
@@ -12,18 +21,22 @@ pub struct Plane<T> {
 }
 
 impl<T: Copy> Plane<T> {
+    /// A plane of one value.
     pub fn filled(width: usize, height: usize, value: T) -> Plane<T> {
         Plane { width, height, data: vec![value; width * height] }
     }
 
     /// A plane over `data`, which holds `width * height` pixels, row by row.
+    ///
+    /// # Panics
+    /// `data` has another length.
     pub fn new(width: usize, height: usize, data: Vec<T>) -> Plane<T> {
         assert_eq!(data.len(), width * height, "a plane holds width x height pixels");
         Plane { width, height, data }
     }
 
-    /// A plane whose pixel `i`, row by row, is `value(i)`. Zeros are not written: where the system gives out memory as zeros, a part
-    /// of the plane that is all zero takes none.
+    /// A plane whose pixel `i`, row by row, is `value(i)`. Zeros are not written: where the system
+    /// gives out memory as zeros, a part of the plane that is all zero takes none.
     pub fn sparse(width: usize, height: usize, mut value: impl FnMut(usize) -> T) -> Plane<T>
     where
         T: Pod,
@@ -44,10 +57,12 @@ impl<T: Copy> Plane<T> {
         Plane { width, height, data }
     }
 
+    /// Number of columns.
     pub fn width(&self) -> usize {
         self.width
     }
 
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.height
     }
@@ -57,18 +72,28 @@ impl<T: Copy> Plane<T> {
         (self.width, self.height)
     }
 
+    /// Number of pixels.
     pub fn len(&self) -> usize {
         self.data.len()
     }
 
+    /// The plane has no pixel.
     pub fn is_empty(&self) -> bool {
         self.data.is_empty()
     }
 
+    /// The pixel in column `x` of row `y`.
+    ///
+    /// # Panics
+    /// The index `y * width + x` is outside the plane.
     pub fn get(&self, x: usize, y: usize) -> T {
         self.data[y * self.width + x]
     }
 
+    /// Sets the pixel in column `x` of row `y`.
+    ///
+    /// # Panics
+    /// As [`Plane::get`].
     pub fn set(&mut self, x: usize, y: usize, value: T) {
         self.data[y * self.width + x] = value;
     }
@@ -78,14 +103,17 @@ impl<T: Copy> Plane<T> {
         &self.data
     }
 
+    /// All pixels, row by row.
     pub fn pixels_mut(&mut self) -> &mut [T] {
         &mut self.data
     }
 
+    /// All pixels, row by row.
     pub fn into_pixels(self) -> Vec<T> {
         self.data
     }
 
+    /// The plane of `f` of each pixel, taken row by row.
     pub fn map<U: Copy>(&self, f: impl FnMut(T) -> U) -> Plane<U> {
         Plane { width: self.width, height: self.height, data: self.data.iter().copied().map(f).collect() }
     }

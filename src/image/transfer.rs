@@ -1,11 +1,12 @@
-//! How stored numbers encode linear light.
+//! Transfer functions between stored numbers and linear light.
 
 use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-/// How a photo's numbers encode linear light. Both sides are 0..1 for what a display shows; larger values pass through
-/// the same curve, and negative ones are mirrored, so that decoding and encoding are inverse everywhere.
+/// Transfer function of a photo. Both sides are 0..1 within a display's range; larger values pass
+/// through the same curve, and negative ones are mirrored, so that decoding and encoding are
+/// inverse everywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Transfer {
     /// The piecewise curve of IEC 61966-2-1.
@@ -69,8 +70,8 @@ mod tests {
             for step in -2000..=4000 {
                 let value = step as f32 / 1000.0;
                 let back = transfer.encode(transfer.decode(value));
-                // Two powf of relative error 1e-7 each, the exponent 2.4 times it; the published constants of the
-                // sRGB join leave a step of 3e-8.
+                // Two powf of relative error 1e-7 each, the exponent 2.4 times it; the published
+                // constants of the sRGB join leave a step of 3e-8.
                 assert!((back - value).abs() <= 2e-6 * value.abs().max(0.1), "{transfer:?} {value} {back}");
             }
         }

@@ -1,4 +1,4 @@
-//! What stages with a network have in common: the file, the backend, the room as networks take it.
+//! The shared parts of stages with a network: its file, its backend, and the room as its inputs.
 
 use std::sync::Arc;
 
@@ -10,17 +10,27 @@ use crate::net::{Backend, Layer, NetError, Network, Tensor, Untrusted, planes_of
 use crate::nodes::artifacts::Guess;
 use crate::optics::{BoxLamp, Lamp, Lobe, Radiance, Shape, Window};
 
-/// Shapes of inputs.
+/// One plane at full size: (batch, channels, height, width), as of all shapes here.
 pub const FULL_1: &[usize] = &[1, 1, FULL.1, FULL.0];
+/// Three planes at full size.
 pub const FULL_3: &[usize] = &[1, 3, FULL.1, FULL.0];
+/// Six planes at full size.
 pub const FULL_6: &[usize] = &[1, 6, FULL.1, FULL.0];
+/// One plane at half size.
 pub const HALF_1: &[usize] = &[1, 1, HALF.1, HALF.0];
+/// Two planes at half size.
 pub const HALF_2: &[usize] = &[1, 2, HALF.1, HALF.0];
+/// Three planes at half size.
 pub const HALF_3: &[usize] = &[1, 3, HALF.1, HALF.0];
+/// Five planes at half size.
 pub const HALF_5: &[usize] = &[1, 5, HALF.1, HALF.0];
+/// Six planes at half size.
 pub const HALF_6: &[usize] = &[1, 6, HALF.1, HALF.0];
 
-/// The network of `file`, checked against the inputs and outputs that the stage knows.
+/// The network of `file`, checked against the inputs and outputs that a stage expects.
+///
+/// # Errors
+/// The file cannot be read, or its network cannot be loaded or does not fit.
 pub fn network(
     ctx: &Context,
     file: &File,
@@ -33,8 +43,12 @@ pub fn network(
     Ok(network)
 }
 
-/// Returns the network of `file`. One that ships with relight is loaded once for all stages that use it; any other may be
-/// hostile, and is loaded for this stage as the program says ([`Untrusted`]).
+/// Returns the network of `file`. A network that ships with relight is loaded once for all stages
+/// that use it; any other may be hostile, and is loaded for this stage by the service of the
+/// program ([`Untrusted`]).
+///
+/// # Errors
+/// The file cannot be read, or its network cannot be loaded.
 pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Network>, NodeError> {
     let threads = rayon::current_num_threads();
     let untrusted = ctx.service::<Untrusted>();
@@ -71,7 +85,7 @@ pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Netwo
     Ok(network)
 }
 
-/// What is wrong with the network of `file`.
+/// The error of a stage whose network, from `file`, failed with `error`.
 pub fn refused(file: &File, backend: &Backend, error: NetError) -> NodeError {
     match error {
         NetError::NoBackend(message) => NodeError::BadParameter(format!("backend: {message}")),
@@ -86,7 +100,10 @@ fn bad(file: &File, message: String) -> NodeError {
     NodeError::BadFile { path: file.location().display().to_string(), message }
 }
 
-/// What a network made of its inputs.
+/// The outputs of a network.
+///
+/// # Errors
+/// The network fails, or the run is cancelled.
 pub fn computed<const N: usize>(
     network: &Network,
     inputs: Vec<(&str, Tensor)>,
@@ -99,25 +116,63 @@ pub fn computed<const N: usize>(
 }
 
 /// The inputs that the networks which estimate lights share.
-pub const LIGHT_INPUTS: [(&str, &[usize]); 5] =
+const LIGHT_INPUTS: [(&str, &[usize]); 5] =
     [("photo", HALF_3), ("geometry", HALF_6), ("albedo", HALF_3), ("lights", HALF_2), ("start", &[1, 5, 1, 1])];
 
-/// The room before the networks that estimate lights.
-pub struct LitRoom {
+/// The room of a stage that estimates a light.
+pub struct SeenRoom<'a> {
+    /// The linear photo.
+    pub photo: &'a Picture,
+    /// Planar z.
+    pub depth: &'a Depth,
+    /// The camera of the photo.
+    pub camera: &'a Camera,
+    /// Normals of the seen surface.
+    pub normal: &'a Normal,
+    /// Albedo.
+    pub albedo: &'a Albedo,
+    /// Pixels of each visible light.
+    pub masks: &'a Gather<Mask>,
+}
+
+impl SeenRoom<'_> {
+    /// Estimates a lamp: a box of one radiance. `own` marks its pixels; `None` for the lamp out of
+    /// view.
+    ///
+    /// # Errors
+    /// The network cannot be loaded, or does not fit, or fails.
+    pub fn lamp(&self, ctx: &Context, model: &File, backend: &Backend, own: Option<&Mask>) -> Result<Guess, NodeError> {
+        let network = network(ctx, model, backend, &LIGHT_INPUTS, &LAMP_OUTPUTS)?;
+        Ok(LitRoom::new(self).lamp(&network, own)?.unwrap_or_else(nothing))
+    }
+
+    /// Estimates a window: a rectangle with three lobes. `own` marks its pixels; `None` for the
+    /// window out of view.
+    ///
+    /// # Errors
+    /// As [`SeenRoom::lamp`].
+    pub fn window(
+        &self,
+        ctx: &Context,
+        model: &File,
+        backend: &Backend,
+        own: Option<&Mask>,
+    ) -> Result<Guess, NodeError> {
+        let network = network(ctx, model, backend, &LIGHT_INPUTS, &WINDOW_OUTPUTS)?;
+        Ok(LitRoom::new(self).window(&network, own)?.unwrap_or_else(nothing))
+    }
+}
+
+/// The room at the size of the networks that estimate lights.
+struct LitRoom {
     view: View,
     geometry: Geometry,
     albedo: Tensor,
 }
 
 impl LitRoom {
-    pub fn new(
-        photo: &Picture,
-        depth: &Depth,
-        camera: &Camera,
-        normal: &Normal,
-        albedo: &Albedo,
-        masks: &Gather<Mask>,
-    ) -> LitRoom {
+    fn new(room: &SeenRoom) -> LitRoom {
+        let SeenRoom { photo, depth, camera, normal, albedo, masks } = room;
         LitRoom {
             view: View::new(photo, masks.iter().map(|(_, mask)| &**mask)),
             geometry: Geometry::half(depth, camera, normal),
@@ -125,7 +180,8 @@ impl LitRoom {
         }
     }
 
-    /// The inputs for the light whose pixels are `own`; `None` for one that has none at this size. Without a mask, for the light that is not seen.
+    /// The inputs for the light whose pixels are `own`; `None` for a light without a pixel at this
+    /// size. Without a mask, those for the light out of view.
     fn inputs(self, own: Option<&Mask>, is_window: bool) -> Option<Vec<(&'static str, Tensor)>> {
         let light = self.view.half_light();
         let (own, start) = match own {
@@ -145,8 +201,8 @@ impl LitRoom {
         ])
     }
 
-    /// What a network for lamps says: a box. Radiances are in units of the photo.
-    pub fn lamp(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
+    /// The output of a network for lamps: a box. Radiances are in units of the photo.
+    fn lamp(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
         let gain = self.view.gain;
         let Some(inputs) = self.inputs(own, false) else { return Ok(None) };
         let [centre, axes, radiance, confidence] = computed(network, inputs, LAMP_OUTPUTS)?;
@@ -155,8 +211,9 @@ impl LitRoom {
         Ok(Some(guess(Shape::Lamp(lamp), radiance, gain, &confidence)))
     }
 
-    /// What a network for windows says: a rectangle before three lobes. Radiances are in units of the photo.
-    pub fn window(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
+    /// The output of a network for windows: a rectangle with three lobes. Radiances are in units of
+    /// the photo.
+    fn window(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
         let gain = self.view.gain;
         let Some(inputs) = self.inputs(own, true) else { return Ok(None) };
         let [centre, x, y, directions, bandwidths, radiance, confidence] = computed(network, inputs, WINDOW_OUTPUTS)?;
@@ -172,94 +229,15 @@ impl LitRoom {
     }
 }
 
-pub const LAMP_OUTPUTS: [&str; 4] = ["centre", "axes", "radiance", "confidence"];
-pub const WINDOW_OUTPUTS: [&str; 7] =
-    ["centre", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"];
+const LAMP_OUTPUTS: [&str; 4] = ["centre", "axes", "radiance", "confidence"];
+const WINDOW_OUTPUTS: [&str; 7] = ["centre", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"];
 
 fn guess(shape: Shape, radiance: Vec<glam::Vec3>, gain: f32, confidence: &Tensor) -> Guess {
     let radiance = Radiance(radiance.into_iter().map(|w| w / gain).collect());
     Guess { shape, radiance, burns: confidence.data()[0], error: confidence.data()[1] }
 }
 
-/// What is guessed of a light that has no pixel at the size of networks: nothing.
-pub fn nothing() -> Guess {
+/// The estimate of a light without a pixel at the size of networks.
+fn nothing() -> Guess {
     Guess { shape: Shape::Absent, radiance: Radiance(vec![]), burns: 0.0, error: 0.0 }
 }
-
-/// Declares a stage that estimates one light by a network: parameters, ports, run. `mask` is there for a light that the photo shows.
-macro_rules! light_stage {
-    (
-        $(#[doc = $doc:literal])*
-        $stage:ident, $input:ident, $output:ident: $call:ident of $model:literal, $ports:expr $(, $mask:ident)?
-    ) => {
-        use std::sync::Arc;
-
-        use $crate::geometry::Camera;
-        use $crate::graph::{Context, File, Gather, Node, NodeError};
-        use $crate::image::{Albedo, Depth, Mask, Normal, Picture};
-        use $crate::net::Backend;
-        use $crate::nodes::artifacts::Guess;
-        use $crate::nodes::neural;
-
-        $crate::params! {
-            $(#[doc = $doc])*
-            ///
-            /// A start for a fit, as good as the room is like those that it was trained on (the card beside the network tells).
-            pub struct $stage {
-                /// The network, ONNX with the inputs and outputs that its card in models/ names.
-                model: File = File::new($model),
-                /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
-                backend: Backend = Backend::Rten,
-            }
-        }
-
-        $crate::ports! {
-            pub input $input {
-                /// The linear photo.
-                photo: Arc<Picture>,
-                /// Planar z.
-                depth: Arc<Depth>,
-                /// The camera; brought to the network's size.
-                camera: Arc<Camera>,
-                /// Normals of the seen surface.
-                normal: Arc<Normal>,
-                /// Albedo.
-                albedo: Arc<Albedo>,
-                /// Pixels of each visible light.
-                masks: Gather<Mask>,
-                $(
-                    /// The pixels of this light.
-                    $mask: Arc<Mask>,
-                )?
-            }
-        }
-
-        $crate::ports! {
-            pub output $output {
-                /// The light; nothing where it has no pixel at the network's size.
-                guess: Arc<Guess>,
-            }
-        }
-
-        impl Node for $stage {
-            const KIND: &'static str = stringify!($stage);
-            const VERSION: u32 = 1;
-            type In = $input;
-            type Out = $output;
-
-            fn files(&mut self) -> Vec<&mut File> {
-                vec![&mut self.model]
-            }
-
-            fn run(&self, inputs: $input, ctx: &Context) -> Result<$output, NodeError> {
-                let $input { photo, depth, camera, normal, albedo, masks $(, $mask)? } = inputs;
-                let network = neural::network(ctx, &self.model, &self.backend, &neural::LIGHT_INPUTS, &$ports)?;
-                let room = neural::LitRoom::new(&photo, &depth, &camera, &normal, &albedo, &masks);
-                let own = None $( .or(Some(&*$mask)) )?;
-                let guess = room.$call(&network, own)?.unwrap_or_else(neural::nothing);
-                Ok($output { guess: Arc::new(guess) })
-            }
-        }
-    };
-}
-pub(super) use light_stage;

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use relight::geometry::Objects;
+use relight::image::Gloss;
 
 use crate::bad_input::{check, room};
 use crate::project::*;
@@ -137,12 +138,15 @@ fn an_obj_comes_with_its_library() {
         (objects.albedo.pixels()[middle], objects.gloss.pixels()[middle])
     };
     check(&folder, "no library", 0, &["warning", "a.mtl", "is not known"]);
-    assert_eq!(albedo(), (Vec3::splat(0.7), Vec3::new(1.0, 0.5, 0.0)));
+    assert_eq!(albedo(), (Vec3::splat(0.7), Gloss { roughness: 1.0, specular: 0.5, metallic: 0.0 }));
     for (kd, rough) in [(Vec3::new(0.5, 0.25, 0.125), 0.5), (Vec3::new(0.125, 0.25, 0.5), 1.0)] {
         let ks = if rough < 1.0 { 0.5 } else { 0.0 };
         folder.write("a.mtl", format!("newmtl m\nKd {} {} {}\nKs {ks} {ks} {ks}\nNs 30\n", kd.x, kd.y, kd.z));
         let (colour, gloss) = albedo();
-        assert!((colour - kd).abs().max_element() < 1e-5 && (gloss.x - rough).abs() < 1e-5, "{colour} {gloss}");
+        assert!(
+            (colour - kd).abs().max_element() < 1e-5 && (gloss.roughness - rough).abs() < 1e-5,
+            "{colour} {gloss:?}"
+        );
     }
     folder.write("a.mtl", "newmtl m\nKd 0.5 0.5 0.5\nmap_Kd gone.png\nd 0.5\n");
     check(&folder, "no picture", 0, &["warning", "gone.png", "map_Kd is not used", "not used: d"]);

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::bodies::{Body, NORMAL, clearance};
 use super::model::Material;
 use crate::geometry::{Bodies, Camera};
-use crate::image::{Depth, Plane, rule};
+use crate::image::{Depth, Gloss, Plane, rule};
 
 /// The seen pixels of all bodies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,7 +33,7 @@ pub struct Objects {
     /// Base colour.
     pub albedo: Plane<Vec3>,
     /// Roughness, specular, metallic.
-    pub gloss: Plane<Vec3>,
+    pub gloss: Plane<Gloss>,
     /// Pixels per sample along each axis.
     pub step: usize,
     /// The samples, slightly above the surface.
@@ -47,7 +47,7 @@ pub struct Objects {
     pub weight: Plane<f32>,
     /// Materials of the probes: base color; roughness, specular, metallic.
     pub probe_albedo: Plane<Vec3>,
-    pub probe_gloss: Plane<Vec3>,
+    pub probe_gloss: Plane<Gloss>,
 }
 
 /// Probes that a sample draws from.
@@ -73,11 +73,11 @@ struct Shown {
     body: u32,
     /// Means over all rays that meet one.
     albedo: Vec3,
-    gloss: Vec3,
+    gloss: Gloss,
 }
 
-fn gloss(material: &Material) -> Vec3 {
-    Vec3::new(material.roughness, material.specular, material.metallic)
+fn gloss(material: &Material) -> Gloss {
+    Gloss { roughness: material.roughness, specular: material.specular, metallic: material.metallic }
 }
 
 impl Objects {
@@ -85,7 +85,6 @@ impl Objects {
     pub fn unseen(materials: &[Material]) -> Objects {
         let none = || Plane::new(0, 0, Vec::new());
         let flat = || Plane::new(0, 0, Vec::new());
-        let of = |of: &dyn Fn(&Material) -> Vec3| Plane::new(materials.len(), 1, materials.iter().map(of).collect());
         Objects {
             left: 0,
             top: 0,
@@ -93,15 +92,15 @@ impl Objects {
             depth: flat(),
             normal: none(),
             albedo: none(),
-            gloss: none(),
+            gloss: Plane::new(0, 0, Vec::new()),
             step: 1,
             points: none(),
             normals: none(),
             body: Plane::new(0, 0, Vec::new()),
             near: Plane::new(0, 0, Vec::new()),
             weight: flat(),
-            probe_albedo: of(&|m| m.albedo),
-            probe_gloss: of(&gloss),
+            probe_albedo: Plane::new(materials.len(), 1, materials.iter().map(|m| m.albedo).collect()),
+            probe_gloss: Plane::new(materials.len(), 1, materials.iter().map(gloss).collect()),
         }
     }
 
@@ -174,7 +173,7 @@ impl Objects {
             }
             let (taps, count) = self.taps(i % w, i / w);
             let shading: Vec3 = taps[..count].iter().map(|&(sample, weight)| samples[sample] * weight).sum();
-            self.albedo.pixels()[i] * (1.0 - self.gloss.pixels()[i].z) * shading
+            self.albedo.pixels()[i] * (1.0 - self.gloss.pixels()[i].metallic) * shading
         };
         Plane::new(w, h, (0..w * h).into_par_iter().with_min_len(1024).map(pixel).collect())
     }
@@ -240,7 +239,7 @@ pub fn draw(
         depth: number(&|s| -s.point.z),
         normal: plane(&|s| s.normal),
         albedo: plane(&|s| s.albedo),
-        gloss: plane(&|s| s.gloss),
+        gloss: Plane::new(w, h, seen.iter().map(|s| s.as_ref().map_or(Gloss::default(), |s| s.gloss)).collect()),
         step,
         points: Plane::new(sw, sh, points),
         normals: Plane::new(sw, sh, normals),
@@ -323,7 +322,7 @@ fn pixel(
         (body, bodies[body].at(triangle, weights(solid.triangle(id), point)))
     };
     let count = hits().count() as f32;
-    let (mut albedo, mut shine) = (Vec3::ZERO, Vec3::ZERO);
+    let (mut albedo, mut shine) = (Vec3::ZERO, Gloss::default());
     for (_, hit) in hits() {
         let material = place(hit).1.material;
         albedo += material.albedo / count;

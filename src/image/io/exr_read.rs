@@ -7,7 +7,7 @@ use ::exr::meta::attribute::Chromaticities;
 use ::exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
 use glam::Vec3;
 
-use super::read::{ReadError, Source};
+use super::source::{ReadError, Source, not_one_of};
 use crate::image::Plane;
 
 /// Rec.709 primaries and D65, (x, y) of red, green, blue, white.
@@ -29,17 +29,21 @@ pub struct ExrFile {
 }
 
 /// Reads all channels of a file with layers, as [`crate::image::ExrLayers`] writes them.
+///
+/// # Errors
+/// The file is not OpenEXR, is damaged or too large.
 pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
     match source.bytes.starts_with(b"\x76\x2f\x31\x01") {
         true => read(source),
-        false => Err(super::read::not_one_of(source, "OpenEXR")),
+        false => Err(not_one_of(source, "OpenEXR")),
     }
 }
 
 /// Reads all full-resolution channels of a file.
 pub(in crate::image) fn read(source: Source) -> Result<ExrFile, ReadError> {
     let bad = |e: ::exr::error::Error| source.error("content", "a sound OpenEXR file", e);
-    // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes: headers first.
+    // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes:
+    // headers first.
     let meta = MetaData::read_from_buffered(Cursor::new(source.bytes), false).map_err(bad)?;
     let mut total = 0u64;
     let mut chunks = 0u64;
@@ -122,14 +126,14 @@ impl ExrFile {
         source.error("EXR channels", wanted, if names.is_empty() { "none".into() } else { names.join(" ") })
     }
 
-    /// R, G, B; or the grey of Y, of Z or of R alone.
-    pub(in crate::image) fn colours(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
-        if let Some(colours) = self.triple(["R", "G", "B"]) {
-            return Ok(colours);
+    /// R, G, B; or the gray of Y, of Z or of R alone.
+    pub(in crate::image) fn colors(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
+        if let Some(colors) = self.triple(["R", "G", "B"]) {
+            return Ok(colors);
         }
-        let grey = ["Y", "Z", "R"].into_iter().find_map(|name| self.find(name));
-        let grey = grey.ok_or_else(|| self.missing(source, "R, G and B, or Y, Z or R alone"))?;
-        Ok(grey.plane().map(Vec3::splat))
+        let gray = ["Y", "Z", "R"].into_iter().find_map(|name| self.find(name));
+        let gray = gray.ok_or_else(|| self.missing(source, "R, G and B, or Y, Z or R alone"))?;
+        Ok(gray.plane().map(Vec3::splat))
     }
 
     /// X, Y, Z; or R, G, B.
@@ -143,7 +147,7 @@ impl ExrFile {
         self.channels.iter().map(|channel| channel.name.as_str())
     }
 
-    /// The colours of a layer, or of the picture itself when `layer` is empty.
+    /// The colors of a layer, or of the picture itself when `layer` is empty.
     pub fn rgb(&self, layer: &str) -> Option<Plane<Vec3>> {
         let name = |channel: &str| if layer.is_empty() { channel.to_owned() } else { format!("{layer}.{channel}") };
         self.triple(["R", "G", "B"].map(name).each_ref().map(String::as_str))

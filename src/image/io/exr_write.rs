@@ -1,4 +1,5 @@
-//! Multi-layer OpenEXR files out: one part, channels named `layer.R`, which every viewer groups into layers.
+//! Multi-layer OpenEXR files out: one part, channels named `layer.R`, which every viewer groups
+//! into layers.
 
 use std::io::Cursor;
 use std::sync::Arc;
@@ -17,7 +18,7 @@ use super::exr_read::REC709;
 use crate::image::layer::halves_hold;
 use crate::image::{Layer, Plane};
 
-/// How the pixels of an EXR file are packed. None of them loses anything.
+/// Compression of the pixels of an EXR file; all are lossless.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Compression {
     None,
@@ -27,6 +28,19 @@ pub enum Compression {
 }
 
 /// The channels of an EXR file in the making; all have the file's size.
+///
+/// ```
+/// use glam::Vec3;
+/// use relight::image::{Compression, ExrLayers, Plane, Source, read_layers};
+///
+/// let lamp = Plane::filled(2, 1, Vec3::new(0.5, 0.25, 0.0));
+/// let mut layers = ExrLayers::new(2, 1);
+/// layers.rgb("light_lamp_0", &lamp);
+/// let bytes = layers.write(Compression::Zip)?;
+/// let file = read_layers(Source::new("picture.exr", &bytes)).map_err(|e| e.to_string())?;
+/// assert_eq!(file.rgb("light_lamp_0"), Some(lamp));
+/// # Ok::<(), String>(())
+/// ```
 pub struct ExrLayers {
     width: usize,
     height: usize,
@@ -46,12 +60,14 @@ const RGB: [&str; 3] = ["R", "G", "B"];
 const XYZ: [&str; 3] = ["X", "Y", "Z"];
 
 impl ExrLayers {
+    /// A file of `width` x `height` pixels without channels.
     pub fn new(width: usize, height: usize) -> ExrLayers {
         ExrLayers { width, height, channels: Vec::new(), comments: Vec::new(), kept_as_float: Vec::new() }
     }
 
-    /// A half-float colour layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when `layer` is empty. Like every layer
-    /// of halves it becomes one of floats when halves cannot hold it, see [`ExrLayers::kept_as_float`].
+    /// A half-float color layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when
+    /// `layer` is empty. Like every layer of halves it becomes one of floats when halves cannot
+    /// hold it, see [`ExrLayers::kept_as_float`].
     pub fn rgb(&mut self, layer: &str, plane: &Plane<Vec3>) {
         self.halves(layer, RGB, plane);
     }
@@ -116,8 +132,9 @@ impl ExrLayers {
         float
     }
 
-    /// The layers that are floats although halves were asked for, each with its largest magnitude: above 65504 a half would be
-    /// infinite, and where all is below 6.1e-5 it would lose digits, and below 6e-8 everything.
+    /// The layers that are floats although halves were asked for, each with its largest magnitude:
+    /// above 65504 a half would be infinite, and where all is below 6.1e-5 it would lose digits,
+    /// and below 6e-8 everything.
     pub fn kept_as_float(&self) -> &[(String, f32)] {
         &self.kept_as_float
     }
@@ -132,8 +149,8 @@ impl ExrLayers {
         self.channels.push((name.into(), channel));
     }
 
-    /// A line of the file's `comments` attribute. (Attributes of our own would be written in the order of a hash map, and
-    /// equal inputs would give other bytes.)
+    /// A line of the file's `comments` attribute. (Attributes of our own would be written in the
+    /// order of a hash map, and equal inputs would give other bytes.)
     pub fn comment(&mut self, line: &str) {
         self.comments.push(line.into());
     }
@@ -178,8 +195,9 @@ impl ExrLayers {
         image
     }
 
-    /// A file whose blocks are single rows, each the row of one channel after the other: made channel by channel, so that no channel
-    /// is in memory beside the part of the file that holds it.
+    /// A file whose blocks are single rows, each the row of one channel after the other: made
+    /// channel by channel, so that no channel is in memory beside the part of the file that holds
+    /// it.
     fn uncompressed(&self, mut channels: Vec<(String, Channel)>) -> ::exr::error::Result<Vec<u8>> {
         let described = channels.iter().map(|(name, channel)| (name.clone(), channel.described()));
         let headers = self.image(described, Compression::None).write().infer_meta_data();
@@ -246,7 +264,8 @@ impl Channel {
         }
     }
 
-    /// Writes the samples from pixel `from` on, little endian, over zeros: a black layer takes no memory in the file either.
+    /// Writes the samples from pixel `from` on, little endian, over zeros: a black layer takes no
+    /// memory in the file either.
     fn row(&self, from: usize, bytes: &mut [u8]) {
         fn put<T, const N: usize>(bytes: &mut [u8], samples: &[T], stored: impl Fn(&T) -> [u8; N]) {
             for (bytes, sample) in bytes.chunks_exact_mut(N).zip(samples) {

@@ -3,12 +3,13 @@
 use glam::Vec3;
 use npyz::{NpyFile, NpyHeader, Order};
 
-use super::read::{ReadError, Source};
+use super::source::{ReadError, Source};
 use crate::image::Plane;
 
 /// Bytes of magic, version and length before the header's text.
 const PREFIX: usize = 12;
-/// A 2-D array needs about 120 bytes of header; longer ones are refused because the parser recurses on brackets.
+/// A 2-D array needs about 120 bytes of header; longer ones are refused because the parser recurses
+/// on brackets.
 const MAX_HEADER: usize = 1024;
 
 /// The header of an array in C order, and the bytes behind it.
@@ -32,11 +33,11 @@ fn header<'a>(source: Source<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError> {
     Ok((header, data))
 }
 
-/// Maps over directions for each cell of a grid, [rows, columns, `directions`, 3] of f32: rows, columns, and the colours, the last axes
-/// fastest. Numbers that are not finite are passed on.
+/// Maps over directions for each cell of a grid, [rows, columns, `directions`, 3] of f32: rows,
+/// columns, and the colors, the last axes fastest. Numbers that are not finite are passed on.
 ///
 /// # Errors
-/// What the file holds instead.
+/// The file does not hold such an array.
 pub fn read_maps(source: Source, directions: [usize; 2]) -> Result<(usize, usize, Vec<Vec3>), ReadError> {
     if !source.bytes.starts_with(b"\x93NUMPY") {
         return Err(source.error("file format", "maps of directions: NPY", "another one"));
@@ -60,8 +61,8 @@ pub fn read_maps(source: Source, directions: [usize; 2]) -> Result<(usize, usize
     let cut = |e: std::io::Error| source.error("NPY data", format!("{rows} x {columns} maps"), e);
     let values = file.try_data::<f32>().map_err(|_| source.error("NPY numbers", "f4", dtype))?;
     let values: Vec<f32> = values.collect::<Result<_, _>>().map_err(cut)?;
-    let colours = values.chunks_exact(3).map(|c| Vec3::new(c[0], c[1], c[2])).collect();
-    Ok((rows as usize, columns as usize, colours))
+    let colors = values.chunks_exact(3).map(|c| Vec3::new(c[0], c[1], c[2])).collect();
+    Ok((rows as usize, columns as usize, colors))
 }
 
 /// A 2-D array in C order of f32, f64 or u16, as f32.

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use crate::image::{Picture, Transfer};
 
-/// A picture as PNG, in 8 or 16 bits, through `transfer`; light outside 0..1 of the encoded range is clipped.
-/// Every pixel must be finite.
+/// A picture as PNG, in 8 or 16 bits, through `transfer`; light outside 0..1 of the encoded range
+/// is clipped. Every pixel must be finite.
 pub fn write_png(picture: &Picture, transfer: Transfer, sixteen_bit: bool) -> Vec<u8> {
     PngSamples::new(picture, transfer, sixteen_bit).into_file()
 }
@@ -33,23 +33,24 @@ impl PngSamples {
         let mut bytes = vec![0; size * picture.0.len()];
         let pixels = bytes.par_chunks_mut(size * width.max(1)).zip(picture.0.pixels().par_chunks(width.max(1)));
         pixels.for_each(|(bytes, row)| {
-            for (bytes, colour) in bytes.chunks_exact_mut(size).zip(row) {
-                let colour = colour.to_array().map(stored);
+            for (bytes, color) in bytes.chunks_exact_mut(size).zip(row) {
+                let color = color.to_array().map(stored);
                 if sixteen_bit {
-                    bytes.copy_from_slice(bytemuck::bytes_of(&colour.map(|v| v as u16)));
+                    bytes.copy_from_slice(bytemuck::bytes_of(&color.map(|v| v as u16)));
                 } else {
-                    bytes.copy_from_slice(&colour.map(|v| v as u8));
+                    bytes.copy_from_slice(&color.map(|v| v as u8));
                 }
             }
         });
         PngSamples { width, height, bytes, sixteen_bit }
     }
 
+    /// The bytes of the PNG file.
     pub fn into_file(self) -> Vec<u8> {
-        let colour = if self.sixteen_bit { ExtendedColorType::Rgb16 } else { ExtendedColorType::Rgb8 };
+        let color = if self.sixteen_bit { ExtendedColorType::Rgb16 } else { ExtendedColorType::Rgb8 };
         let mut file = Cursor::new(Vec::new());
         PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
-            .write_image(&self.bytes, self.width as u32, self.height as u32, colour)
+            .write_image(&self.bytes, self.width as u32, self.height as u32, color)
             .expect("the buffer has the size of the picture, and writing to memory does not fail");
         file.into_inner()
     }

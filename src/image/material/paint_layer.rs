@@ -1,35 +1,41 @@
-//! Paint put over what a photo shows.
+//! Paint layers over a photo.
 //!
-//! What a surface of paint `old` shows is split after the dichromatic model (Shafer, Using Color to Separate Reflection Components,
-//! 1985): its reflectance is `b = d old + s 1 + r`, with d the body (shading that the model misses, and texture without colour), s the
-//! gloss, which has the colour of the light and not of the paint, and r what remains: texture of another colour. d and s minimise
-//! `|r|^2 + GLOSS s^2`, s >= 0: on grey paint, where gloss and body look the same, all is body. The new paint then gives
-//! `d new + s 1 + g r` with `g = new old / (old^2 + NOISE^2)`, Wiener's filter for new / old: what a dark paint hardly shows is noise.
-//! It is linear but for s >= 0, and takes `old` to `new` exactly: where `old` is the mean of a region, `new` becomes its mean.
+//! The color of a surface of paint `old` is split by the dichromatic model (Shafer, Using Color to
+//! Separate Reflection Components, 1985): its reflectance is `b = d old + s 1 + r`, with d the body
+//! (shading that the model misses, and texture without color), s the gloss, which has the color
+//! of the light and not of the paint, and r what remains: texture of another color. d and s
+//! minimize `|r|^2 + GLOSS s^2`, s >= 0: on gray paint, where gloss and body look the same, all is
+//! body. The new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + NOISE^2)`,
+//! Wiener's filter for new / old: what a dark paint hardly shows is noise. Except for the
+//! bound of s it is linear, and takes `old` to `new` exactly: where `old` is the mean of a region,
+//! `new` becomes its mean.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Plane, luminance};
 
-/// Cost of gloss: a body whose colour is further than some ten degrees from grey tells it from texture.
+/// Cost of gloss. Unit: 1. Source: taste: gloss is separable from a body color some ten degrees off
+/// gray. More leaves gloss in the body.
 const GLOSS: f32 = 0.1;
-/// Standard deviation of the noise of an estimated reflectance.
+/// Standard deviation of the noise of an estimated reflectance. Unit: 1. Source: taste. More
+/// removes texture of dark paint.
 const NOISE: f32 = 0.02;
 
-/// One paint in the place of another.
+/// One paint in place of another.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PaintChange {
     /// Mean reflectance of the surface as it is, above 0.
     pub old: Vec3,
     /// Mean reflectance as it shall be.
     pub new: Vec3,
-    /// Whether what varies on the surface goes on to vary; else it is one even colour.
+    /// Keeps the texture of the surface; else the new paint is even.
     pub keep_texture: bool,
 }
 
 impl PaintChange {
-    /// The reflectance of a place that had `reflectance`: at most 1 and no less than `new` may be, its colour kept.
+    /// The reflectance after the change: at most 1, or the largest channel of `new`, with its color
+    /// kept.
     pub fn over(&self, reflectance: Vec3) -> Vec3 {
         if !self.keep_texture {
             return self.new;
@@ -39,7 +45,8 @@ impl PaintChange {
         painted / (painted.max_element() / most).max(1.0)
     }
 
-    /// What `light` that came back from the old paint, of unknown cause, is when it comes back from the new one: of any strength.
+    /// Unexplained light of the old paint, as the new paint reflects it: 0 or more, without an
+    /// upper limit.
     pub fn tint(&self, light: Vec3) -> Vec3 {
         self.textured(light)
     }
@@ -56,24 +63,28 @@ impl PaintChange {
     }
 }
 
-/// Paint on part of a photo.
+/// One paint change on a region of a photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PaintLayer {
+    /// The change of paint.
     pub paint: PaintChange,
+    /// The region.
     pub matte: AlphaMatte,
 }
 
-/// Which part of each pixel is a surface, and what that surface shows where it is only a part.
+/// The fraction of each pixel that belongs to a surface, and the color of that surface in mixed
+/// pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AlphaMatte {
-    /// 0..=1.
+    /// Fraction of each pixel, 0..=1.
     pub alpha: Plane<f32>,
-    /// By pixel, row by row: what the surface alone shows in pixels that it shares with another one.
+    /// Color of the surface alone in each mixed pixel: pixel index, row by row, in rising order,
+    /// and linear color.
     pub boundary: Vec<(u32, [f32; 3])>,
 }
 
 impl AlphaMatte {
-    /// What the surface alone shows at pixel (x, y) of its photo, where that is not what the photo shows.
+    /// Color of the surface alone at pixel (x, y), where the pixel is mixed.
     fn own(&self, x: usize, y: usize) -> Option<Vec3> {
         let at = (y * self.alpha.width() + x) as u32;
         self.boundary.binary_search_by_key(&at, |(pixel, _)| *pixel).ok().map(|i| Vec3::from_array(self.boundary[i].1))
@@ -85,10 +96,10 @@ impl AlphaMatte {
 pub struct PaintLayers(pub Vec<PaintLayer>);
 
 impl PaintLayers {
-    /// Whether all coats are of one size.
+    /// Checks that all layers have one size.
     ///
     /// # Errors
-    /// The rule that is not kept.
+    /// The rule that does not hold.
     pub fn check(&self) -> Result<(), String> {
         let sizes = || self.0.iter().map(|coat| coat.matte.alpha.size());
         crate::image::rule(sizes().zip(sizes().skip(1)).all(|(a, b)| a == b), "coats of one size")
@@ -99,24 +110,27 @@ impl PaintLayers {
         self.0.iter().map(|coat| coat.matte.alpha.bytes() + 16 * coat.matte.boundary.len()).sum()
     }
 
-    /// The coats on pixel (x, y).
+    /// The layers on pixel (x, y).
     pub fn at(&self, x: usize, y: usize) -> PaintedPixel<'_> {
         let on = self.0.iter().map(|coat| (coat.matte.alpha.get(x, y), coat)).filter(|(share, _)| *share > 0.0);
         PaintedPixel(on.map(|(share, coat)| (share, &coat.paint, coat.matte.own(x, y))).collect())
     }
 }
 
-/// The coats on one pixel: share of the pixel, paint, and what the painted surface alone shows.
+/// The paint layers on one pixel: fraction of the pixel, paint, and color of the painted surface
+/// alone.
 pub struct PaintedPixel<'a>(Vec<(f32, &'a PaintChange, Option<Vec3>)>);
 
 impl PaintedPixel<'_> {
+    /// No layer covers the pixel.
     pub fn is_bare(&self) -> bool {
         self.0.is_empty()
     }
 
     /// The reflectance of the pixel, which is `bare` without paint and shows `photo`.
     ///
-    /// In a pixel of two surfaces the painted one takes away its share of what is shown and adds it in its new paint.
+    /// In a pixel of two surfaces the painted one takes away its share of what is shown and adds it
+    /// in its new paint.
     pub fn reflectance(&self, bare: Vec3, photo: Vec3) -> Vec3 {
         self.0.iter().fold(bare, |below, &(share, paint, own)| {
             let per_light = bare / photo.max(Vec3::splat(1e-6));
@@ -126,7 +140,8 @@ impl PaintedPixel<'_> {
         })
     }
 
-    /// Light of unknown cause that came back from the pixel, `light` without paint. `source` is the colour of what shone on it.
+    /// Light of unknown cause that came back from the pixel, `light` without paint. `source` is the
+    /// color of what shone on it.
     pub fn tint(&self, light: Vec3, source: Vec3) -> Vec3 {
         let source = source / luminance(source).max(1e-9);
         let white = source.max(Vec3::splat(0.05));
@@ -165,13 +180,14 @@ mod tests {
         let spots = [Vec3::new(0.05, 0.02, -0.01), Vec3::new(-0.08, -0.03, 0.0), Vec3::new(0.03, 0.01, 0.01)];
         let old = Vec3::splat(0.4);
         let mean = spots.iter().map(|&spot| paint(old, true).over(old + spot)).sum::<Vec3>() / 3.0;
-        // Wiener's filter takes 0.02^2 / 0.4^2 of the colour of the texture, whose mean is 0.
+        // Wiener's filter takes 0.02^2 / 0.4^2 of the color of the texture, whose mean is 0.
         check(mean, NEW, 1e-4);
     }
 
     #[test]
-    fn gloss_on_a_colour_keeps_the_colour_of_the_light() {
-        // GLOSS holds back a ninth of it (0.1 of 0.1 + |1|^2 sin^2 = 0.9), which the ratio of blue, 6, makes 0.1; all of it would be 1.
+    fn gloss_on_a_color_keeps_the_color_of_the_light() {
+        // GLOSS holds back a ninth of it (0.1 of 0.1 + |1|^2 sin^2 = 0.9), which the ratio of blue,
+        // 6, makes 0.1; all of it would be 1.
         let got = paint(WALL, true).over(WALL + Vec3::splat(0.2));
         check(got, NEW + Vec3::splat(0.2), 0.11);
     }

@@ -1,20 +1,21 @@
-//! How smooth the parts of a photo shall be.
+//! Edits of roughness and specular level.
 
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Plane, Roughness};
 
-/// Specular level of a usual dielectric: that of whatever nobody says anything of.
+/// Specular level of a usual dielectric (index of refraction 1.5), the default of every surface.
 pub const DIELECTRIC: f32 = 0.5;
 
-/// New roughness and specular level of part of a photo; by default of none of it.
+/// New roughness and specular level of parts of a photo; by default of none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SpecularEdit {
-    /// Part of each photo pixel that has a new finish, 0..=1. No pixels when no surface has one.
+    /// Fraction of each photo pixel that is edited, 0..=1; empty without any edit.
     pub share: Plane<f32>,
-    /// GGX roughness and specular level there, those of the photo's surface elsewhere.
+    /// GGX roughness and specular level after the edit, each 0..=1; unchanged where the fraction is
+    /// 0.
     pub gloss: Plane<[f32; 2]>,
-    /// Roughness of what the photo shows, working size.
+    /// GGX roughness before the edit, 0..=1, working size.
     pub was: Roughness,
 }
 
@@ -26,10 +27,10 @@ impl Default for SpecularEdit {
 }
 
 impl SpecularEdit {
-    /// Whether both planes of the photo's size have one.
+    /// Checks that both planes of the photo's size have one size.
     ///
     /// # Errors
-    /// The rule that is not kept.
+    /// The rule that does not hold.
     pub fn check(&self) -> Result<(), String> {
         crate::image::rule(self.share.size() == self.gloss.size(), "share and gloss of one size")
     }
@@ -39,19 +40,19 @@ impl SpecularEdit {
         self.share.bytes() + self.gloss.bytes() + self.was.0.bytes()
     }
 
-    /// What the photo's surface has at a pixel of the photo.
+    /// Roughness and specular level at photo pixel (x, y) before the edit.
     pub fn before(&self, x: usize, y: usize) -> [f32; 2] {
         let ((w, h), (full_w, full_h)) = (self.was.0.size(), self.share.size());
         [self.was.0.get(x * w / full_w, y * h / full_h), DIELECTRIC]
     }
 
-    /// Whether a photo pixel has a finish other than it had.
+    /// The edit changes photo pixel (x, y).
     pub fn changes(&self, x: usize, y: usize) -> bool {
         self.share.get(x, y) > 0.0 && self.gloss.get(x, y) != self.before(x, y)
     }
 
-    /// Gives what `share`, of the photo's size, marks another finish, over the finishes that are there; what is `None` stays. `was` is the
-    /// roughness of what the photo shows.
+    /// Lays new values over those that are there, on the fraction `share` of each photo pixel;
+    /// `None` keeps a value. `was` is the roughness before the edit.
     pub fn lay(&mut self, share: &Plane<f32>, [roughness, specular]: [Option<f32>; 2], was: &Roughness) {
         if self.share.is_empty() {
             let (w, h) = share.size();
@@ -64,7 +65,8 @@ impl SpecularEdit {
         }
         let values = self.share.pixels_mut().iter_mut().zip(self.gloss.pixels_mut()).zip(share.pixels());
         for ((covered, gloss), &share) in values.filter(|(_, share)| **share > 0.0) {
-            // In a pixel that it shares with the photo's surface, the new one has its own finish, not a mean.
+            // In a pixel that it shares with the photo's surface, the new one has its own finish,
+            // not a mean.
             let part = if *covered > 0.0 { share } else { 1.0 };
             for (value, new) in gloss.iter_mut().zip([roughness, specular]) {
                 *value = new.map_or(*value, |new| if part < 1.0 { *value + part * (new - *value) } else { new });

@@ -1,14 +1,15 @@
-//! Textures: pictures of which single texels are looked up, held in memory as their files store them.
+//! Textures: pictures of which single texels are looked up, held in memory as their files store
+//! them.
 
 use glam::Vec3;
 
 use crate::image::Transfer;
 use crate::image::io::exr_read;
-use crate::image::io::read::{
-    Format, Raster, ReadError, Samples, Source, decode_raster, format, image_format, not_one_of,
-};
+use crate::image::io::raster::{Raster, Samples, decode_raster, image_format};
+use crate::image::io::source::{Format, ReadError, Source, format, not_one_of};
 
-/// A texture in the samples of its file: one to four bytes a texel where the file has 8 bits, decoded at look-up.
+/// A texture in the samples of its file: one to four bytes a texel where the file has 8 bits,
+/// decoded at look-up.
 pub struct Texture {
     raster: Raster,
     /// Linear light of each 8-bit sRGB sample; empty for other samples.
@@ -22,10 +23,11 @@ impl std::fmt::Debug for Texture {
 }
 
 impl Texture {
-    /// Reads PNG, JPEG, HDR or EXR, and returns what the person should know although it is not an error.
+    /// Reads PNG, JPEG, HDR or EXR, and returns messages for the person that are not errors.
     ///
     /// # Errors
-    /// As [`crate::image::read_photo`], and when the decoded texture takes more than `most` bytes: told by its header.
+    /// As [`crate::image::read_photo`], and when the header announces more than `most` decoded
+    /// bytes.
     pub fn read(source: Source, most: u64) -> Result<(Texture, Vec<String>), ReadError> {
         let source = source.within(most);
         let mut warnings = Vec::new();
@@ -34,7 +36,7 @@ impl Texture {
                 // The file's own channels are in memory beside the three that are kept.
                 let file = exr_read::read(source.within(most / 3))?;
                 warnings.extend(file.warnings.iter().cloned());
-                let picture = file.colours(source)?;
+                let picture = file.colors(source)?;
                 let (width, height) = picture.size();
                 let samples = picture.pixels().iter().flat_map(|c| c.to_array()).collect();
                 Raster { width, height, channels: 3, samples: Samples::Float(samples) }
@@ -72,7 +74,8 @@ impl Texture {
         }
     }
 
-    /// The texel at (x, y): as sRGB decoded to linear light, or as the file stores it. Samples of float files are linear either way.
+    /// The texel at (x, y): as sRGB decoded to linear light, or as the file stores it. Samples of
+    /// float files are linear either way.
     pub fn get(&self, x: usize, y: usize, srgb: bool) -> Vec3 {
         let channels = self.raster.channels;
         let first = (y * self.raster.width + x) * channels;

@@ -1,22 +1,29 @@
-//! From a mask to the part of each pixel that a surface has.
+//! Alpha mattes: the fraction of each pixel that belongs to a masked surface.
 //!
-//! A pixel at the edge of a surface shows `I = a W + (1 - a) O`, W what the surface shows beside it and O what its surroundings do.
-//! Where a mask has a hard edge, a is found from the three by least squares, `a = (I - O).(W - O) / |W - O|^2` (the two-colour case of
-//! matting, Smith and Blinn, SIGGRAPH 1996); where W and O look alike, or the mask itself is soft, the mask is believed.
+//! A pixel at the edge of a surface shows `I = a W + (1 - a) O`, W what the surface shows beside it
+//! and O what its surroundings do. At a hard edge of a mask, a is found from the three by least
+//! squares, `a = (I - O).(W - O) / |W - O|^2` (the two-color case of matting, Smith and Blinn,
+//! SIGGRAPH 1996); where W and O look alike, or the mask itself is soft, the mask is believed.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::image::{AlphaMatte, Picture, Plane};
 
-/// A mask drawn on a photo of this longer side may be wrong by a pixel.
+/// Longer side, in pixels, of a photo whose masks are drawn to one pixel. Source: taste. A smaller
+/// value widens the band of estimated alpha.
 const LONG_SIDE: usize = 1000;
-/// Shares nearer to 0 and 1 than this are 0 and 1.
+/// Distance from 0 and 1 within which an alpha is rounded.
+///
+/// Unit: 1. Source: taste. A larger value leaves fewer mixed pixels.
 const WHOLE: f32 = 0.02;
-/// Least difference of W and O, as a share of their sum, that tells how much of a pixel is whose.
+/// Least |W - O| over |W + O| that determines a.
+///
+/// Unit: 1. Source: taste. A smaller value trusts noise, a larger one the mask.
 const DIFFERENT: f32 = 0.1;
 
-/// The part of each pixel of `photo` that belongs to the surface that `mask` marks. Both have one size.
+/// The part of each pixel of `photo` that belongs to the surface that `mask` marks. Both have one
+/// size.
 pub fn alpha_matte(mask: &Plane<f32>, photo: &Picture) -> AlphaMatte {
     assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
     let (w, h) = mask.size();

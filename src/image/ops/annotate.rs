@@ -4,9 +4,10 @@ use glam::Vec3;
 
 use crate::image::Plane;
 
-/// Draws the inner edge of `mask`, which has the picture's size, and `name` above it; both grow with the picture. Of a name, small
-/// letters of `GLYPHS`, digits and `_` are drawn, others left blank.
-pub fn annotate(picture: &mut Plane<Vec3>, mask: &Plane<bool>, name: &str, colour: Vec3) {
+/// Draws the inner edge of `mask`, which has the picture's size, and `name` above it; both grow
+/// with the picture. Of a name, small letters of `GLYPHS`, digits and `_` are drawn, others left
+/// blank.
+pub fn annotate(picture: &mut Plane<Vec3>, mask: &Plane<bool>, name: &str, color: Vec3) {
     let (w, h) = picture.size();
     assert_eq!(mask.size(), (w, h), "mask and picture have one size");
     let scale = (w.max(h) / 320).max(1);
@@ -19,7 +20,7 @@ pub fn annotate(picture: &mut Plane<Vec3>, mask: &Plane<bool>, name: &str, colou
     for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| mask.get(x, y)) {
         (left, top) = (left.min(x), top.min(y));
         if [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].iter().any(|&(dx, dy)| outside(x, y, dx, dy)) {
-            picture.set(x, y, colour);
+            picture.set(x, y, color);
         }
     }
     if left == w {
@@ -32,7 +33,7 @@ pub fn annotate(picture: &mut Plane<Vec3>, mask: &Plane<bool>, name: &str, colou
         let (column, row) = (x / scale, y / scale);
         let letter = name.as_bytes().get(column.wrapping_sub(1) / 6).copied();
         let dot = column > 0 && row > 0 && letter.is_some_and(|letter| lit(letter, (column - 1) % 6, row - 1));
-        picture.set(left + x, top + y, if dot { colour } else { Vec3::ZERO });
+        picture.set(left + x, top + y, if dot { color } else { Vec3::ZERO });
     }
 }
 

@@ -1,9 +1,9 @@
-//! What hangs together.
+//! Connected components of a set of pixels.
 
 use crate::image::Plane;
 
-/// The parts of `set` that hang together over sides and corners, as pixel indices from small to large, in the order of their first
-/// pixels.
+/// The 8-connected components of `set`: pixel indices in rising order, components in the order of
+/// their first pixels.
 pub fn connected_components(set: &Plane<bool>) -> Vec<Vec<usize>> {
     let (w, h) = set.size();
     let mut left = set.clone();

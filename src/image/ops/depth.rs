@@ -1,25 +1,30 @@
-//! Depth: what is a hole, how holes are filled, and other sizes without averaging across a depth step.
+//! Depth: what is a hole, how holes are filled, and other sizes without averaging across a depth
+//! step.
 
 use crate::image::{Depth, Mask, Plane};
 
-/// Nearer than this, or further than [`FAR`], is no reading of an indoor depth sensor or renderer, but a hole. Metres.
+/// Least depth that an indoor sensor or renderer gives, meters; less is a hole.
 pub const NEAR: f32 = 1e-4;
+/// Largest depth that an indoor sensor or renderer gives, meters; more is a hole.
 pub const FAR: f32 = 1e5;
 
-/// Neighbours whose depths differ by more than this share of the nearer one lie on different surfaces.
+/// Neighbors whose depths differ by more than this share of the nearer one lie on different
+/// surfaces.
 pub const STEP: f32 = 0.12;
 
-/// Whether a planar depth in metres is no reading: zero, negative, NaN, infinite, or absurd.
+/// A planar depth in meters is a hole: zero, negative, NaN, infinite, or outside
+/// [`NEAR`]..=[`FAR`].
 pub fn is_hole(z: f32) -> bool {
     !(NEAR..=FAR).contains(&z)
 }
 
-/// Fills holes from the readings around them; `None` when there is no reading at all. Readings stay as they are. The
-/// mask is 1 at holes.
+/// Fills holes from the readings around them; `None` without any reading. Readings stay as they
+/// are. The mask is 1 at holes.
 ///
-/// Push-pull: a pyramid of weighted means, then every hole takes the interpolated value of the finest level that knows
-/// one. The means are of 1/z, which is linear over the image of a plane. Readings where `untrusted` is above zero (panes
-/// that show the world outside) keep their own value but fill nothing, unless nothing else is there.
+/// Push-pull: a pyramid of weighted means, then every hole takes the interpolated value of the
+/// finest level that has one. The means are of 1/z, which is linear over the image of a plane.
+/// Readings where `untrusted` is above zero (panes that show the world outside) keep their own
+/// value but fill nothing, unless nothing else is there.
 pub fn inpaint_depth(metres: &Plane<f32>, untrusted: &Plane<f32>) -> Option<(Depth, Mask)> {
     assert_eq!(metres.size(), untrusted.size(), "one trust per reading");
     let holes = metres.map(|z| if is_hole(z) { 1.0 } else { 0.0 });
@@ -59,9 +64,10 @@ fn push_pull(level: &Plane<(f32, f32)>) -> Plane<f32> {
     })
 }
 
-/// The half-size plane, interpolated at the centre of pixel (x, y) of the full size.
+/// The half-size plane, interpolated at the center of pixel (x, y) of the full size.
 fn between(half: &Plane<f32>, x: usize, y: usize) -> f32 {
-    // A full-size centre lies a quarter of a half-size pixel from the nearest centre: weights 3/4 and 1/4.
+    // A full-size center lies a quarter of a half-size pixel from the nearest center: weights 3/4
+    // and 1/4.
     let near_far = |at: usize, n: usize| {
         let near = at / 2;
         let far = if at.is_multiple_of(2) { near.saturating_sub(1) } else { (near + 1).min(n - 1) };
@@ -72,8 +78,9 @@ fn between(half: &Plane<f32>, x: usize, y: usize) -> f32 {
     0.75 * row(y0) + 0.25 * row(y1)
 }
 
-/// Depth in another size: the median of the footprint where it shrinks; where it grows, linear between readings of one
-/// surface and the nearest reading at a step. No value lies between two surfaces.
+/// Depth in another size: the median of the footprint where it shrinks; where it grows, linear
+/// between readings of one surface and the nearest reading at a step. No value lies between two
+/// surfaces.
 pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
     let plane = &depth.0;
     if plane.size() == (width, height) {
@@ -81,7 +88,7 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
     }
     let (rx, ry) = (plane.width() as f64 / width as f64, plane.height() as f64 / height as f64);
     if rx >= 1.0 && ry >= 1.0 {
-        // Pixels whose centres lie in the footprint; a footprint of at least a pixel holds one.
+        // Pixels whose centers lie in the footprint; a footprint of at least a pixel holds one.
         let range = |i: usize, ratio: f64, n: usize| {
             let edge = |at: usize| ((at as f64 * ratio - 0.5).ceil() as usize).min(n);
             edge(i)..edge(i + 1)
@@ -114,14 +121,16 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
     }))
 }
 
-/// 1 / z, from 0 at the farthest to 1 at the nearest: what moves most as the eye moves is brightest.
+/// 1 / z, from 0 at the farthest to 1 at the nearest: what moves most as the eye moves is
+/// brightest.
 pub fn nearness(depth: &Depth) -> Plane<f32> {
     let inverse = depth.0.map(|z| 1.0 / z);
     let (low, high) = inverse.pixels().iter().fold((f32::MAX, 0.0f32), |(low, high), &q| (low.min(q), high.max(q)));
     inverse.map(|q| (q - low) / (high - low).max(f32::MIN_POSITIVE))
 }
 
-/// The middle value; of two middle values their mean, or the nearer one when a step lies between them.
+/// The middle value; of two middle values their mean, or the nearer one when a step lies between
+/// them.
 fn median(values: &mut [f32]) -> f32 {
     values.sort_unstable_by(f32::total_cmp);
     let (low, high) = (values[(values.len() - 1) / 2], values[values.len() / 2]);
@@ -154,7 +163,7 @@ mod tests {
         assert_eq!(holes.0.pixels().iter().sum::<f32>(), 40.0);
         for y in 0..48 {
             for x in 0..64 {
-                // The pyramid's cells are not centred on the hole: 2 % of the wall's depth.
+                // The pyramid's cells are not centerd on the hole: 2 % of the wall's depth.
                 let (got, wanted) = (filled.0.get(x, y), wall(x));
                 assert!((got - wanted).abs() < 0.02 * wanted, "({x}, {y}): {got}, wanted {wanted}");
             }

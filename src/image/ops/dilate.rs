@@ -1,9 +1,13 @@
-//! Masks grown.
+//! Dilation of masks.
 
 use crate::image::{Mask, Plane};
 
-/// The pixels of `seed` (above 0.5) and all pixels of `through` (above 0.5) that hang together with them, as far as
-/// twice its longer side beyond its bounding box: the glare around a light that its mask is too small for.
+/// The geodesic dilation of `seed` (above 0.5) within `through` (above 0.5): all pixels that are
+/// 8-connected with the seed, up to twice its longer side beyond its bounding box. It finds the
+/// saturated pixels around a light whose mask is too small.
+///
+/// # Panics
+/// The planes differ in size.
 pub fn geodesic_dilate(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
     assert_eq!(seed.size(), through.size(), "both have one size");
     let (w, h) = seed.size();
@@ -30,7 +34,8 @@ pub fn geodesic_dilate(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
     grown
 }
 
-/// The pixels within `reach` rows and columns of one that some of `masks` marks at all; all masks have this size.
+/// The dilation of the union of `masks` (above 0) by a square: the pixels within `reach` rows and
+/// columns of it. All masks have the size that is given.
 pub fn dilate<'a>(masks: impl Iterator<Item = &'a Mask>, (w, h): (usize, usize), reach: usize) -> Plane<bool> {
     let mut near = Plane::filled(w, h, false);
     for mask in masks {

@@ -2,7 +2,8 @@
 
 use crate::image::Plane;
 
-/// Distance of each pixel from `core`, in pixels, to a few per cent: Borgefors' chamfer (1986) with steps 1 and sqrt 2.
+/// Distance of each pixel from `core`, in pixels, to a few per cent: Borgefors' chamfer (1986) with
+/// steps 1 and sqrt 2.
 pub fn distance(core: &Plane<bool>) -> Plane<f32> {
     let (w, h) = core.size();
     let mut away = Plane::sparse(w, h, |i| if core.pixels()[i] { 0.0 } else { f32::MAX });
@@ -38,7 +39,8 @@ mod tests {
         let away = distance(&core);
         for (x, y) in (0..40).flat_map(|x| (0..30).map(move |y| (x, y))) {
             let exact = (x as f32 - 12.0).hypot(y as f32 - 9.0);
-            // The octagon of the chamfer lies at most 1 / cos(22.5 degrees) = 1.082 outside the circle.
+            // The octagon of the chamfer lies at most 1 / cos(22.5 degrees) = 1.082 outside the
+            // circle.
             assert!(away.get(x, y) >= exact - 1e-3 && away.get(x, y) <= 1.083 * exact + 1e-3, "({x}, {y})");
         }
         assert!(distance(&Plane::filled(3, 3, false)).pixels().iter().all(|d| *d > 1e30));

@@ -6,8 +6,8 @@ use crate::image::{Mask, Picture, Plane, distance, geodesic_dilate, luminance, r
 
 /// Fraction of a lamp's brightness below which a pixel of its mask shows no emitter.
 ///
-/// Unit: 1. Source: measured on lamps whose masks include feet and stands. A larger value takes more of a shade for a
-/// lit surface.
+/// Unit: 1. Source: measured on lamps whose masks include feet and stands. A larger value takes
+/// more of a shade for a lit surface.
 const STAND: f32 = 0.3;
 /// Quantile of the luminances in a lamp's mask that counts as the lamp's brightness, in tenths.
 ///
@@ -19,13 +19,14 @@ const BRIGHT_TENTHS: usize = 9;
 const MOST_GLARE: f32 = 0.999;
 /// Least width of a lamp's bloom over the side of a square of the lamp's area.
 ///
-/// Unit: 1. Source: measured on photos of lamps. A larger value gives more light around a lamp to that lamp.
+/// Unit: 1. Source: measured on photos of lamps. A larger value gives more light around a lamp to
+/// that lamp.
 const LAMP_BLOOM: f32 = 0.5;
 
 /// The pixels of a visible light in a photo: its own pixels, and its glare around them.
 ///
-/// An own pixel shows the light itself. A pixel of glare shows a surface, and in a fraction of its unexplained light the
-/// scattering of the lens and the sensor.
+/// An own pixel shows the light itself. A pixel of glare shows a surface, and in a fraction of its
+/// unexplained light the scattering of the lens and the sensor.
 ///
 /// ```
 /// use glam::Vec3;
@@ -48,8 +49,8 @@ pub struct GlareMask {
 impl GlareMask {
     /// The pixels of a lamp. All planes have one size.
     ///
-    /// Glare reaches from the lamp, with the saturated pixels that touch it, over `bloom` pixels or half the lamp's width,
-    /// whichever is more.
+    /// Glare reaches from the lamp, with the saturated pixels that touch it, over `bloom` pixels or
+    /// half the lamp's width, whichever is more.
     ///
     /// # Panics
     /// `mask`, `photo` and `clipped` differ in size.
@@ -72,8 +73,8 @@ impl GlareMask {
         GlareMask::new(mask, photo, &mask.map(|share| share > 0.5), bloom, 0.0)
     }
 
-    /// Own pixels are those of `mask` with a luminance of at least `dark`. Glare falls from `core` to zero within
-    /// `falloff_radius` pixels.
+    /// Own pixels are those of `mask` with a luminance of at least `dark`. Glare falls from `core`
+    /// to zero within `falloff_radius` pixels.
     fn new(mask: &Plane<f32>, photo: &Picture, core: &Plane<bool>, falloff_radius: f32, dark: f32) -> GlareMask {
         assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
         let (w, h) = mask.size();
@@ -86,7 +87,7 @@ impl GlareMask {
         }
     }
 
-    /// Whether pixel `i`, row by row, shows the light itself.
+    /// Pixel `i`, row by row, shows the light itself.
     pub fn is_own(&self, i: usize) -> bool {
         self.own.pixels()[i] != 0
     }
@@ -160,7 +161,8 @@ mod tests {
         let found = GlareMask::of_window(&mask, &photo, 3.0);
         let row: Vec<f32> = (0..12).map(|x| found.weight(x)).collect();
         assert_eq!(row[..6], [1.0; 6]);
-        // Halfway through the falloff of 3 pixels lies no pixel; a third in, 1 - (3 - 2 / 3) / 9 of the weight is left.
+        // Halfway through the falloff of 3 pixels lies no pixel; a third in, 1 - (3 - 2 / 3) / 9 of
+        // the weight is left.
         assert!((row[6] - MOST_GLARE * (1.0 - 7.0 / 27.0)).abs() < 1e-6, "{row:?}");
         assert_eq!(row[8..], [0.0; 4]);
     }

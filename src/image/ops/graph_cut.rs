@@ -1,22 +1,25 @@
 //! Two labels on a picture by a minimum cut.
 //!
-//! Boykov and Jolly (ICCV 2001): labels x_p in {0, 1} that minimise `sum_p u_p [x_p = 0] + sum_pq w_pq [x_p != x_q]`, where u_p
-//! is what it gains to label a pixel 1 (negative: what it costs) and the pairs are 8-neighbours, are the source's side of a
-//! minimum cut. Found by the maximum flow of Boykov and Kolmogorov (PAMI 2004): two trees grow from the terminals, each path
-//! where they touch is saturated, and what that tears off is adopted again. Whole numbers: no rounding, no tie that depends on it.
+//! Boykov and Jolly (ICCV 2001): labels x_p in {0, 1} that minimize `sum_p u_p [x_p = 0] + sum_pq
+//! w_pq [x_p != x_q]`, where u_p is what it gains to label a pixel 1 (negative: what it costs) and
+//! the pairs are 8-neighbors, are the source's side of a minimum cut. Found by the maximum flow of
+//! Boykov and Kolmogorov (PAMI 2004): two trees grow from the terminals, each path where they touch
+//! is saturated, and what that tears off is adopted again. Whole numbers: no rounding, no tie that
+//! depends on it.
 
 use std::collections::VecDeque;
 
 use crate::image::Plane;
 
-/// Steps to the eight neighbours, each beside its reverse: that of direction d is d ^ 1.
+/// Steps to the eight neighbors, each beside its reverse: that of direction d is d ^ 1.
 const STEPS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (-1, 1), (1, -1)];
 /// Parents that are no direction: the terminal itself, and none.
 const TERMINAL: u8 = 8;
 const NONE: u8 = 9;
 
-/// The labelling of least energy; of several, that with the fewest pixels labelled true. `gain` holds u_p, and
-/// `weight(x, y, x', y')` gives w_pq >= 0 of two neighbours, the same for both orders. Sums along a path must stay below 2^31.
+/// The labelling of least energy; of several, that with the fewest pixels labelled true. `gain`
+/// holds u_p, and `weight(x, y, x', y')` gives w_pq >= 0 of two neighbors, the same for both
+/// orders. Sums along a path must stay below 2^31.
 pub fn graph_cut(gain: &Plane<i32>, weight: impl Fn(usize, usize, usize, usize) -> i32) -> Plane<bool> {
     let (width, height) = gain.size();
     let mut flow = Flow::new(gain, weight);
@@ -36,7 +39,7 @@ enum Side {
 struct Flow {
     width: usize,
     height: usize,
-    /// Residual capacity from each pixel to its eight neighbours.
+    /// Residual capacity from each pixel to its eight neighbors.
     left: Vec<[i32; 8]>,
     /// Residual capacity from the source (positive) or to the sink (negative).
     terminal: Vec<i32>,
@@ -46,7 +49,8 @@ struct Flow {
     /// Pixels at the front of their tree.
     active: VecDeque<usize>,
     orphans: VecDeque<usize>,
-    /// Steps to the terminal, as found in round `seen`: an upper bound that keeps searches for a root short.
+    /// Steps to the terminal, as found in round `seen`: an upper bound that keeps searches for a
+    /// root short.
     steps: Vec<u32>,
     seen: Vec<u32>,
     round: u32,
@@ -93,12 +97,13 @@ impl Flow {
         (x < self.width && y < self.height).then(|| y * self.width + x)
     }
 
-    /// The neighbour in the direction of a parent or of an arc with capacity, which is there.
+    /// The neighbor in the direction of a parent or of an arc with capacity, which is there.
     fn along(&self, i: usize, d: u8) -> usize {
         self.neighbour(i, d).expect("parents and arcs with capacity lie in the picture")
     }
 
-    /// Capacity by which `i` can hang below its neighbour `j` in direction `d`, in the tree of this side.
+    /// Capacity by which `i` can hang below its neighbor `j` in direction `d`, in the tree of this
+    /// side.
     fn feeds(&self, side: Side, i: usize, j: usize, d: u8) -> i32 {
         match side {
             Side::Source => self.left[j][(d ^ 1) as usize],
@@ -106,7 +111,8 @@ impl Flow {
         }
     }
 
-    /// Lets the trees grow until they touch: (pixel of the source's tree, direction to one of the sink's).
+    /// Lets the trees grow until they touch: (pixel of the source's tree, direction to one of the
+    /// sink's).
     fn grow(&mut self) -> Option<(usize, u8)> {
         while let Some(&i) = self.active.front() {
             if let Some(side) = self.tree[i] {

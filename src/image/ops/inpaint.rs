@@ -1,13 +1,14 @@
-//! Unknown pixels filled from known ones.
+//! Inpainting of unknown pixels from known ones.
 
 use glam::Vec3;
 
 use crate::image::{Normal, Plane, Points};
 
-/// Gives the pixels where `unknown` holds the values of known ones around them: from the edge inwards, each pixel takes the mean of
-/// its neighbours on the same surface (alike in depth to 3 %, and in normal); where there is none, of all its neighbours. Then
-/// what was filled is smoothed along the surface, so that an edge at the rim leaves no streak.
-/// All planes have one size. With no known pixel at all nothing changes.
+/// Inpaints the pixels where `unknown` holds from known ones around them: from the edge inwards,
+/// each pixel takes the mean of its neighbors on the same surface (alike in depth to 3 %, and in
+/// normal); where there is none, of all its neighbors. Then what was filled is smoothed along the
+/// surface, so that an edge at the boundary leaves no streak. All planes have one size. With no
+/// known pixel at all nothing changes.
 pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points, normal: &Normal) {
     let (w, h) = values.size();
     let same_surface = |i: usize, j: usize| {

@@ -1,10 +1,11 @@
-//! How far pictures and planes are from the truth. Sums in 64 bits and a fixed order.
+//! Errors of pictures and planes against the truth. Sums are in 64 bits and a fixed order.
 
 use glam::Vec3;
 
 use crate::image::{Normal, Plane, Transfer};
 
-/// Numbers as they came out beside those that are true, channel by channel, of the pixels that are `counted`.
+/// Numbers as they came out beside those that are true, channel by channel, of the pixels that are
+/// `counted`.
 pub fn pairs<'a>(
     got: &'a Plane<Vec3>,
     truth: &'a Plane<Vec3>,
@@ -27,7 +28,8 @@ pub fn square_error(pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
     mean_error(pairs, |got, truth| (got - truth).powi(2))
 }
 
-/// Mean of (s got - truth)^2 with the s that makes it least, s = sum got truth / sum got^2: what no common level mends.
+/// Mean of (s got - truth)^2 with the s that makes it least, s = sum got truth / sum got^2: what no
+/// common level mends.
 pub fn scale_invariant_error(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
     let (cross, square) = pairs.clone().fold((0.0, 0.0), |(c, s), (got, truth)| (c + got * truth, s + got * got));
     let level = if square > 0.0 { cross / square } else { 0.0 };
@@ -54,13 +56,13 @@ pub struct PictureScore {
     pub psnr: f64,
     /// That of the photo, as if nothing had been done.
     pub unchanged: f64,
-    /// sum |got - truth| / sum |truth - photo| in linear light clipped to 0..=1: 0 is perfect, 1 is doing nothing; `None`
-    /// where the truth is the photo.
+    /// sum |got - truth| / sum |truth - photo| in linear light clipped to 0..=1: 0 is perfect, 1 is
+    /// doing nothing; `None` where the truth is the photo.
     pub change: Option<f64>,
 }
 
-/// Scores a linear picture, seen as the 8-bit sRGB that it becomes, by the linear truth and the linear photo, on the pixels
-/// that are `counted`; `None` when there is none.
+/// Scores a linear picture, seen as the 8-bit sRGB that it becomes, by the linear truth and the
+/// linear photo, on the pixels that are `counted`; `None` when there is none.
 pub fn score_picture(
     got: &Plane<Vec3>,
     truth: &Plane<Vec3>,

@@ -5,11 +5,12 @@ use rayon::prelude::*;
 
 use crate::image::Plane;
 
-/// sum_k w_k L_k, channel by channel: light adds, so a picture under other radiances is its layers times what each radiance grew by. Terms are
-/// added in their order, whatever the number of threads.
+/// sum_k w_k L_k, channel by channel: light adds, so a picture under other radiances is its layers
+/// times what each radiance grew by. Terms are added in their order, whatever the number of
+/// threads.
 ///
 /// # Panics
-/// There is no layer, or layers differ in size.
+/// `layers` is empty, or layers differ in size.
 pub fn weighted_sum(layers: &[(&Plane<Vec3>, Vec3)]) -> Plane<Vec3> {
     let (width, height) = layers.first().expect("a sum has terms").0.size();
     assert!(layers.iter().all(|(layer, _)| layer.size() == (width, height)), "layers of one picture have one size");

@@ -9,17 +9,20 @@ use half::f16;
 
 use crate::image::Plane;
 
-/// A colour plane as zlib-packed halves.
+/// A color plane as zlib-packed halves.
 ///
-/// Unpacked there are 2 x 3 x pixels bytes: red, green and blue one after the other, row by row; of each number the difference from the number before
-/// it (the first from 0), modulo 2^16, as neighbours differ little; first all low bytes, then all high bytes.
+/// Unpacked there are 2 x 3 x pixels bytes: red, green and blue one after the other, row by row; of
+/// each number the difference from the number before it (the first from 0), modulo 2^16, as
+/// neighbors differ little; first all low bytes, then all high bytes.
 pub struct Packed {
+    /// The packed halves.
     pub bytes: Vec<u8>,
     /// A stored half times this is the number. A power of two, so that nothing is lost to it.
     pub scale: f32,
 }
 
-/// Packs a plane of finite numbers. The scale puts the largest magnitude below 2^14: halves keep 11 bits of what is up to 2^28 times smaller.
+/// Packs a plane of finite numbers. The scale puts the largest magnitude below 2^14: halves keep 11
+/// bits of what is up to 2^28 times smaller.
 pub fn pack(plane: &Plane<Vec3>) -> Packed {
     let largest = plane.pixels().iter().map(|c| c.abs().max_element()).fold(0.0, f32::max);
     // A double holds the power of two of any single, subnormal or not, and its inverse.

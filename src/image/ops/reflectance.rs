@@ -1,4 +1,4 @@
-//! What part of a pixel can be a reflectance.
+//! The reflectance of a pixel, and the saturation of a photo.
 
 use glam::Vec3;
 
@@ -9,8 +9,9 @@ pub fn ratio(a: Vec3, b: Vec3) -> Vec3 {
     (a + Vec3::splat(1e-9)) / (b + Vec3::splat(1e-9))
 }
 
-/// The part of `photo` over `shading` that is taken for a reflectance: at most 1 in the largest channel, the colour kept, so that
-/// what stays unexplained has the photo's colour and not that of one channel.
+/// The part of `photo` over `shading` that is taken for a reflectance: at most 1 in the largest
+/// channel, the color kept, so that what stays unexplained has the photo's color and not that of
+/// one channel.
 pub fn reflected(photo: Vec3, shading: Vec3) -> Vec3 {
     let whole = ratio(photo, shading);
     whole / whole.max_element().max(1.0)
@@ -22,11 +23,14 @@ pub fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Largest channel from which, and at which wholly, a pixel is that of the strongest lights; of the level at which the photo is
-/// clipped.
+/// Largest channel, over the level at which the photo is clipped, from which and to which a pixel
+/// fades into the split for its strongest lights.
+///
+/// Unit: 1. Source: taste. Lower values take more bright surfaces for glare.
 pub const SATURATION: [f32; 2] = [0.75, 0.98];
 
-/// The level at which a photo is clipped: 1 in most, any in a float file, the largest number where it is clipped nowhere.
+/// The level at which a photo is clipped: 1 in most, any in a float file, the largest number where
+/// it is clipped nowhere.
 pub fn clip_level(photo: &Picture, clipped: &Mask) -> f32 {
     let all = photo.0.pixels().iter().zip(clipped.0.pixels()).filter(|(_, clipped)| **clipped > 0.5);
     all.map(|(pixel, _)| pixel.max_element()).reduce(f32::max).unwrap_or(f32::MAX)

@@ -1,8 +1,9 @@
 //! One pixel of a relit picture, from the photo and the shadings before and after an edit.
 //!
-//! Shadings are irradiance / pi, per channel, so that a diffuse surface shows reflectance x shading. A `record` holds the
-//! shading of the pixel by each light after the edit, then the residual, the shading that no light explains. The functions
-//! turn it in place into the contribution of each light to the picture, then that of the residual. Colors are linear, in
+//! Shadings are irradiance / pi, per channel, so that a diffuse surface shows reflectance x
+//! shading. A `record` holds the shading of the pixel by each light after the edit, then the
+//! residual, the shading that no light explains. The functions turn it in place into the
+//! contribution of each light to the picture, then that of the residual. Colors are linear, in
 //! units of the photo.
 
 use glam::Vec3;
@@ -11,7 +12,8 @@ use crate::image::{PaintedPixel, SATURATION, luminance, ratio, reflected, smooth
 
 /// Level from which a channel counts as saturated, over the level at which the photo is clipped.
 ///
-/// Unit: 1. Source: 254 of 255 in sRGB. A smaller value lets more channels become brighter than the photo.
+/// Unit: 1. Source: 254 of 255 in sRGB. A smaller value lets more channels become brighter than the
+/// photo.
 const WHITE: f32 = 0.991;
 /// Largest value of a saturated channel over what the photo shows.
 ///
@@ -19,11 +21,13 @@ const WHITE: f32 = 0.991;
 pub const MOST_HEADROOM: f32 = 4.0;
 /// Growth of the headroom per pixel of distance from the edge of the saturated region.
 ///
-/// Unit: 1 / pixel. Source: taste. A larger value makes a step at that edge, a smaller one leaves small highlights white.
+/// Unit: 1 / pixel. Source: taste. A larger value makes a step at that edge, a smaller one leaves
+/// small highlights white.
 const HEADROOM_GROWTH: f32 = 0.15;
 /// Luminance, over that of the strongest light, at which a light begins to own a saturated pixel.
 ///
-/// Unit: 1. Source: taste. A larger value gives a pixel to fewer lights, and noise moves it between them.
+/// Unit: 1. Source: taste. A larger value gives a pixel to fewer lights, and noise moves it between
+/// them.
 const RIVAL: f32 = 0.5;
 /// Shading below which a gain is not defined and is taken for 1.
 const DARK: f32 = 1e-9;
@@ -42,7 +46,8 @@ pub struct SurfacePixel<'a> {
     pub painted: PaintedPixel<'a>,
     /// Level at which the photo is clipped.
     pub white: f32,
-    /// Factor by which a saturated channel may exceed the photo, 1..=[`MOST_HEADROOM`]; [`headroom`] gives it.
+    /// Factor by which a saturated channel may exceed the photo, 1..=[`MOST_HEADROOM`];
+    /// [`headroom`] gives it.
     pub headroom: f32,
 }
 
@@ -78,15 +83,17 @@ struct Dominant {
     gain: Vec3,
 }
 
-/// Factor by which a saturated channel may exceed the photo, `away` pixels inside the edge of the saturated region.
+/// Factor by which a saturated channel may exceed the photo, `away` pixels inside the edge of the
+/// saturated region.
 pub fn headroom(away: f32) -> f32 {
     (1.0 + HEADROOM_GROWTH * away).min(MOST_HEADROOM)
 }
 
 /// Turns a record into contributions at a pixel that shows a light itself.
 ///
-/// With the photo I, the shading E before the edit and E_k that of this light, the surface of albedo A reflects
-/// `B (E - E_k)` with `B = min(A, I / (E - E_k))`. The remainder is emitted, and goes with the gain.
+/// With the photo I, the shading E before the edit and E_k that of this light, the surface of
+/// albedo A reflects `B (E - E_k)` with `B = min(A, I / (E - E_k))`. The remainder is emitted, and
+/// goes with the gain.
 pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
     let shading = before.iter().sum::<Vec3>() + surface.residual;
     let shown = unclip(surface.photo, surface.white, own.radiance, MOST_HEADROOM);
@@ -104,9 +111,10 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 
 /// Turns a record into contributions by the ratio of photo and shading.
 ///
-/// With the reflectance B = I / E, at most 1, each light contributes `B E'_k`, and the residual also the unexplained light
-/// `I - B E`. Near saturation, and in the glare of a light, the pixel is blended with its split for the lights that dominate
-/// it: there I / E does not determine the surface.
+/// With the reflectance B = I / E, at most 1, each light contributes `B E'_k`, and the residual
+/// also the unexplained light `I - B E`. Near saturation, and in the glare of a light, the pixel is
+/// blended with its split for the lights that dominate it: there I / E does not determine the
+/// surface.
 pub fn relight_ratio(surface: &SurfacePixel, glare: Option<GlarePixel>, before: &[Vec3], record: &mut [Vec3]) {
     let SurfacePixel { photo, residual, painted, white, .. } = surface;
     let shading = before.iter().sum::<Vec3>() + *residual;
@@ -139,16 +147,17 @@ pub fn relight_ratio(surface: &SurfacePixel, glare: Option<GlarePixel>, before: 
     }
 }
 
-/// The split of a pixel that one light dominates: the reflectance of the surface, at most `albedo`, under the shading by all
-/// `others`, and the remainder of the pixel, 0 or more.
+/// The split of a pixel that one light dominates: the reflectance of the surface, at most `albedo`,
+/// under the shading by all `others`, and the remainder of the pixel, 0 or more.
 fn split(shown: Vec3, others: Vec3, albedo: Vec3) -> (Vec3, Vec3) {
     let others = others.max(Vec3::ZERO);
     let reflectance = ratio(shown, others).min(albedo);
     (reflectance, (shown - reflectance * others).max(Vec3::ZERO))
 }
 
-/// The lights that dominate a pixel. A light with [`RIVAL`] of the strongest light's luminance has no fraction, and fractions
-/// rise smoothly from there: a little noise must not move a pixel from one light to another.
+/// The lights that dominate a pixel. A light with [`RIVAL`] of the strongest light's luminance has
+/// no fraction, and fractions rise smoothly from there: a little noise must not move a pixel from
+/// one light to another.
 fn dominant(before: &[Vec3], after: &[Vec3]) -> Vec<Dominant> {
     let most = before.iter().map(|light| luminance(*light)).fold(0.0, f32::max);
     let parts: Vec<f32> = before.iter().map(|light| smooth_step(RIVAL * most, most, luminance(*light))).collect();
@@ -168,7 +177,8 @@ pub fn gain(before: Vec3, after: Vec3, otherwise: Vec3) -> Vec3 {
     Vec3::new(channel(0), channel(1), channel(2))
 }
 
-/// The photo with saturated channels raised to those of `model`, by at most the factor `headroom`; others stay.
+/// The photo with saturated channels raised to those of `model`, by at most the factor `headroom`;
+/// others stay.
 fn unclip(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
     Vec3::select(photo.cmpge(Vec3::splat(WHITE * white)), photo.max(model.min(headroom * photo)), photo)
 }
@@ -231,7 +241,8 @@ mod tests {
         near(record[0], 0.6 * WALL * 0.5 * LAMP);
         near(record[1], 0.6 * WALL * WINDOW);
         near(record[2], 0.6 * WALL * RESIDUAL);
-        // A reflectance above 1 is not one: twice the shading is a white surface and as much unexplained light.
+        // A reflectance above 1 is not one: twice the shading is a white surface and as much
+        // unexplained light.
         let dim = 0.2 * shading;
         let mut record = [Vec3::ZERO, 0.2 * WINDOW, Vec3::ZERO];
         let dark = SurfacePixel { residual: Vec3::ZERO, ..surface(2.0 * (dim - 0.2 * RESIDUAL), &bare) };
@@ -288,7 +299,8 @@ mod tests {
         let mut record = [Vec3::ZERO, WINDOW, RESIDUAL];
         relight_own(&surface(Vec3::ONE, &bare), &own, &[LAMP, WINDOW], &mut record);
         near(sum(&record), 0.5 * (WINDOW + RESIDUAL));
-        // Burning on, saturated channels show the model's radiance, but two stops above white at most.
+        // Burning on, saturated channels show the model's radiance, but two stops above white at
+        // most.
         let on = OwnPixel { gain: Vec3::ONE, ..own };
         for (radiance, want) in [(0.5, 1.0), (3.0, 3.0), (9.0, MOST_HEADROOM)] {
             let mut record = [LAMP, WINDOW, RESIDUAL];

@@ -6,7 +6,8 @@ use bytemuck::Pod;
 
 use crate::image::Plane;
 
-/// The size that fits a longer side of at most `long_side` pixels; never larger than the picture, never below one pixel.
+/// The size that fits a longer side of at most `long_side` pixels; never larger than the picture,
+/// never below one pixel.
 pub fn fit(width: usize, height: usize, long_side: usize) -> (usize, usize) {
     let long = width.max(height);
     if long <= long_side {
@@ -16,15 +17,16 @@ pub fn fit(width: usize, height: usize, long_side: usize) -> (usize, usize) {
     (scale(width), scale(height))
 }
 
-/// Whether two sizes have the same aspect ratio to 2 %; a side may also differ by the rounding of half a pixel.
+/// Two sizes have the same aspect ratio to 2 %; a side may also differ by the rounding of half a
+/// pixel.
 pub fn same_aspect((aw, ah): (usize, usize), (bw, bh): (usize, usize)) -> bool {
     let (cross_a, cross_b) = (aw as f64 * bh as f64, bw as f64 * ah as f64);
     let rounding = 0.5 * (aw.max(ah).max(bw).max(bh)) as f64;
     (cross_a - cross_b).abs() <= (0.02 * cross_a.max(cross_b)).max(rounding)
 }
 
-/// The picture in another size, each axis by itself: the area average where it shrinks (the mean is conserved), linear
-/// interpolation between pixel centres where it grows.
+/// The picture in another size, each axis by itself: the area average where it shrinks (the mean is
+/// conserved), linear interpolation between pixel centers where it grows.
 pub fn resize<T>(plane: &Plane<T>, width: usize, height: usize) -> Plane<T>
 where
     T: Pod + Default + Add<Output = T> + Mul<f32, Output = T>,
@@ -41,7 +43,8 @@ where
     Plane::sparse(width, height, |i| sum(&rows[i / width], &|at| wide.get(i % width, at)))
 }
 
-/// For each of `to` output pixels along an axis: the input pixels it is made of, and their weights, which sum to 1.
+/// For each of `to` output pixels along an axis: the input pixels it is made of, and their weights,
+/// which sum to 1.
 fn taps(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
     let ratio = from as f64 / to as f64;
     if to <= from {
@@ -89,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn growing_keeps_a_ramp_between_the_outer_centres() {
+    fn growing_keeps_a_ramp_between_the_outer_centers() {
         let plane = Plane::from_fn(8, 1, |x, _| x as f32 + 0.5);
         let wide = resize(&plane, 32, 1);
         for x in 2..30 {

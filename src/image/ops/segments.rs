@@ -1,9 +1,10 @@
-//! Surfaces of one material, from a photo alone: the classical colour Retinex on regions.
+//! Surfaces of one material, from a photo alone: the classical color Retinex on regions.
 //!
-//! Retinex (Land and McCann 1971; the colour form of Grosse et al., ICCV 2009): shading varies slowly and is nearly
-//! grey, so a sharp step of intensity or a change of chromaticity between neighbours is a change of albedo. Here pixels
-//! that no such step separates form a segment of one albedo, and the albedos of segments are found together, in the
-//! logarithm, from the steps along their borders.
+//! Retinex (Land and McCann 1971; the color form of Grosse et al., ICCV 2009): shading varies
+//! slowly and is nearly gray, so a sharp step of intensity or a change of chromaticity between
+//! neighbors is a change of albedo. Here pixels that no such step separates form a segment of one
+//! albedo, and the albedos of segments are found together, in the logarithm, from the steps along
+//! their borders.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -13,15 +14,17 @@ use crate::image::{Albedo, Normal, Picture, Plane, log_above};
 /// The segment of each pixel, numbered from 0 without gaps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Segments {
+    /// Segment of each pixel, 0..`count`.
     pub label: Plane<u32>,
+    /// Number of segments.
     pub count: u32,
 }
 
 impl Segments {
-    /// Whether every label is one of a segment.
+    /// Checks that every label is below the number of segments.
     ///
     /// # Errors
-    /// The rule that is not kept.
+    /// The rule that does not hold.
     pub fn check(&self) -> Result<(), String> {
         crate::image::rule(
             self.label.pixels().iter().all(|&label| label < self.count),
@@ -30,10 +33,10 @@ impl Segments {
     }
 }
 
-/// The smallest linear value that is told from black: about the first step of an 8-bit sRGB photo.
+/// The smallest linear value that differs from black: about the first step of an 8-bit sRGB photo.
 const BLACK: f32 = 0.002;
 
-/// What counts as a step between neighbouring cells.
+/// Least steps between neighboring cells that separate segments.
 #[derive(Clone, Copy, Debug)]
 pub struct Steps {
     /// Change of log chromaticity (natural logarithm, Euclidean).
@@ -43,7 +46,8 @@ pub struct Steps {
 }
 
 impl Picture {
-    /// Means over blocks of `stride` x `stride` pixels; the last row and column of blocks may be cut short.
+    /// Means over blocks of `stride` x `stride` pixels; the last row and column of blocks may be
+    /// cut short.
     pub fn blocks(&self, stride: usize) -> Picture {
         let (w, h) = self.0.size();
         Picture(Plane::from_fn(w.div_ceil(stride), h.div_ceil(stride), |bx, by| {
@@ -62,7 +66,7 @@ fn chroma(log: Vec3) -> Vec3 {
     log - Vec3::splat(log.element_sum() / 3.0)
 }
 
-/// Pairs of 4-neighbours of a `w` x `h` grid, as indices.
+/// Pairs of 4-neighbors of a `w` x `h` grid, as indices.
 fn neighbours(w: usize, h: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..w * h).flat_map(move |i| {
         let right = (i % w + 1 < w).then_some((i, i + 1));
@@ -71,8 +75,8 @@ fn neighbours(w: usize, h: usize) -> impl Iterator<Item = (usize, usize)> {
     })
 }
 
-/// Segments of a photo: cells of `stride` x `stride` pixels that no step separates are joined, then each pixel takes the
-/// cell, of the nine around it, whose colour is nearest.
+/// Segments of a photo: cells of `stride` x `stride` pixels that no step separates are joined, then
+/// each pixel takes the cell, of the nine around it, whose color is nearest.
 pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
     let cells = photo.blocks(stride).0;
     let (w, h) = cells.size();
@@ -107,12 +111,12 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
     }
     let label = Plane::from_fn(photo.0.width(), photo.0.height(), |x, y| {
         let (cx, cy) = (x / stride, y / stride);
-        let colour = log_rgb(photo.0.get(x, y));
+        let color = log_rgb(photo.0.get(x, y));
         let (mut best, mut distance) = (cell_label[cy * w + cx], f32::INFINITY);
         for ny in cy.saturating_sub(1)..(cy + 2).min(h) {
             for nx in cx.saturating_sub(1)..(cx + 2).min(w) {
-                // The own cell is preferred at equal colour.
-                let d = (log[ny * w + nx] - colour).length() + if (nx, ny) == (cx, cy) { 0.0 } else { 0.02 };
+                // The own cell is preferred at equal color.
+                let d = (log[ny * w + nx] - color).length() + if (nx, ny) == (cx, cy) { 0.0 } else { 0.02 };
                 if d < distance {
                     (best, distance) = (cell_label[ny * w + nx], d);
                 }
@@ -125,12 +129,13 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
 
 /// One albedo per segment.
 ///
-/// With a the log albedo of a segment and I the photo, minimises over all a, per channel,
-/// `sum w_pq (a_s(p) - a_s(q) - (log I_p - log I_q))^2 + sum v_pq (a_s(p) - a_s(q))^2 + anchor`,
-/// over neighbours p, q in different segments. On a smooth surface (equal normals) shading is continuous and the step is
-/// albedo: w = 1. Across a crease shading jumps: w is small, and surfaces of like chromaticity are taken for the same
-/// material: v > 0. Then the shading's mean chromaticity is made grey (the photo's white balance is trusted) and the 90th
-/// percentile of albedo luminance becomes `bright`.
+/// With a the log albedo of a segment and I the photo, minimizes over all a, per channel, `sum w_pq
+/// (a_s(p) - a_s(q) - (log I_p - log I_q))^2 + sum v_pq (a_s(p) - a_s(q))^2 + anchor`, over
+/// neighbors p, q in different segments. On a smooth surface (equal normals) shading is continuous
+/// and the step is albedo: w = 1. Across a crease shading jumps: w is small, and surfaces of like
+/// chromaticity are taken for the same material: v > 0. Then the shading's mean chromaticity is
+/// made gray (the photo's white balance is trusted) and the 90th percentile of albedo luminance
+/// becomes `bright`.
 pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: usize, bright: f32) -> Albedo {
     let cells = photo.blocks(stride).0;
     let (w, h) = cells.size();
@@ -165,7 +170,7 @@ pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: us
             }
         }
     }
-    // Start from the photo's own mean colour; a weak anchor to it keeps islands finite.
+    // Start from the photo's own mean color; a weak anchor to it keeps islands finite.
     let mut sum = vec![Vec3::ZERO; count];
     let mut cells_of = vec![0.0f32; count];
     for i in 0..w * h {
@@ -187,7 +192,7 @@ pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: us
             a[s] = value / weight;
         }
     }
-    // log shading = log photo - log albedo: its mean is made grey.
+    // log shading = log photo - log albedo: its mean is made gray.
     let shading = (0..w * h).map(|i| log[i] - a[label(i)]).sum::<Vec3>() / (w * h).max(1) as f32;
     let exp = |v: Vec3| Vec3::new(v.x.exp(), v.y.exp(), v.z.exp());
     let mut albedo: Vec<Vec3> = a.iter().map(|&v| exp(v + chroma(shading))).collect();
@@ -230,7 +235,8 @@ mod tests {
         let albedo = retinex(&photo, &normal, &segment(&photo, 4, STEPS), 4, 0.8).0;
         let ratio = albedo.get(10, 10) / albedo.get(50, 10);
         let truth = Vec3::new(0.8 / 0.6, 4.0, 8.0);
-        // The border step also holds one cell of the gradient (4 / 64 x 0.6 / 0.7 = 5 %), and the anchor pulls a little.
+        // The border step also holds one cell of the gradient (4 / 64 x 0.6 / 0.7 = 5 %), and the
+        // anchor pulls a little.
         assert!(((ratio - truth) / truth).abs().max_element() < 0.1, "{ratio} against {truth}");
     }
 

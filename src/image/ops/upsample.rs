@@ -1,14 +1,15 @@
-//! Joint bilateral upsampling: shading at working size brought to the photo's size without crossing edges.
+//! Joint bilateral upsampling: shading at working size brought to the photo's size without crossing
+//! edges.
 
 use glam::Vec3;
 
 use crate::image::{Depth, Picture, Plane, log_above};
 
-/// Weights from each photo pixel to working pixels, found on demand from depth and colour.
+/// Weights from each photo pixel to working pixels, found on demand from depth and color.
 ///
-/// Kopf et al., Joint Bilateral Upsampling, SIGGRAPH 2007: a photo pixel takes the mean of the nine working pixels around
-/// it, weighted by closeness in the plane (a tent of 1.5 working pixels), in depth (5 % of it) and in log colour.
-/// Where both planes have one size it is the identity.
+/// Kopf et al., Joint Bilateral Upsampling, SIGGRAPH 2007: a photo pixel takes the mean of the nine
+/// working pixels around it, weighted by closeness in the plane (a tent of 1.5 working pixels), in
+/// depth (5 % of it) and in log color. With both planes of one size, it is the identity.
 pub struct Upsampler<'a> {
     photo: &'a Picture,
     full_depth: &'a Depth,
@@ -16,12 +17,18 @@ pub struct Upsampler<'a> {
     depth: &'a Depth,
 }
 
-/// Relative depth difference at which a neighbour counts e^-1.
+/// Relative depth difference at which a neighbor's weight is 1 / e. Source: taste; more blurs
+/// shading over steps.
 const DEPTH: f32 = 0.05;
-/// Difference of log colour at which a neighbour counts e^-1; wide enough for texture, which is no edge of shading.
-const COLOUR: f32 = 0.5;
+/// Difference of log color at which a neighbor's weight is 1 / e. Source: taste; wide enough for
+/// texture, which is not an edge of shading.
+const COLOR: f32 = 0.5;
 
 impl<'a> Upsampler<'a> {
+    /// The upsampler from `small` and `depth`, of the working size, to `photo` and `full_depth`.
+    ///
+    /// # Panics
+    /// A picture and its depth differ in size.
     pub fn new(photo: &'a Picture, full_depth: &'a Depth, small: &'a Picture, depth: &'a Depth) -> Upsampler<'a> {
         assert_eq!(photo.0.size(), full_depth.0.size(), "depth at the photo's size");
         assert_eq!(small.0.size(), depth.0.size(), "depth at working size");
@@ -39,14 +46,14 @@ impl<'a> Upsampler<'a> {
         }
         let (fx, fy) = (place(x, full_w, w), place(y, full_h, h));
         let z = self.full_depth.0.get(x, y);
-        let colour = log(self.photo.0.get(x, y));
+        let color = log(self.photo.0.get(x, y));
         for (sx, sy) in neighbours((x, y), (full_w, full_h), (w, h)) {
             let near = (1.5 - (sx as f32 - fx).abs()).max(0.0) * (1.5 - (sy as f32 - fy).abs()).max(0.0);
             let i = sy * w + sx;
             let depth = (self.depth.0.pixels()[i] - z) / (DEPTH * z);
-            let colour = (log(self.small.0.pixels()[i]) - colour).length_squared() / (COLOUR * COLOUR);
-            // The floor keeps a pixel that is like none of its neighbours on their plain mean.
-            taps.push(i, near * ((-depth * depth - colour).exp() + 1e-6));
+            let color = (log(self.small.0.pixels()[i]) - color).length_squared() / (COLOR * COLOR);
+            // The floor keeps a pixel that is like none of its neighbors on their plain mean.
+            taps.push(i, near * ((-depth * depth - color).exp() + 1e-6));
         }
         let sum: f32 = taps.weight.iter().sum();
         taps.weight.iter_mut().for_each(|weight| *weight /= sum);
@@ -54,12 +61,14 @@ impl<'a> Upsampler<'a> {
     }
 }
 
-/// Where pixel `at` of `full` lies in units of the pixels of `small`, whose centres are whole numbers.
+/// The position of pixel `at` of `full` in units of the pixels of `small`, whose centers are whole
+/// numbers.
 fn place(at: usize, full: usize, small: usize) -> f32 {
     (at as f32 + 0.5) * small as f32 / full as f32 - 0.5
 }
 
-/// The pixels of a plane of size `small` that photo pixel `at` may take: nine around it, or itself alone where both sizes are one.
+/// The pixels of a plane of size `small` that photo pixel `at` may take: nine around it, or itself
+/// alone where both sizes are one.
 pub fn neighbours(
     at: (usize, usize),
     full: (usize, usize),

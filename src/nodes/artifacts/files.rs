@@ -6,12 +6,14 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::image::{Bytes, Transfer, rule};
 
-/// How the photo was stored, so that the result can be stored alike.
+/// Encoding of the photo, for results of the same encoding.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Encoding {
+    /// Transfer function of the samples.
     pub transfer: Transfer,
-    /// Illuminance in lux at which a white surface shows 1; unknown when the scene does not say.
+    /// Illuminance in lux at which a white surface shows 1; `None` when the scene does not give it.
     pub lux: Option<f32>,
+    /// Samples have 16 bits, else 8.
     pub sixteen_bit: bool,
 }
 
@@ -20,11 +22,11 @@ const RESULT_FOLDERS: [&str; 1] = ["masks"];
 /// Names that stand for devices on Windows, whatever ending they have.
 const DEVICES: [&str; 6] = ["con", "prn", "aux", "nul", "com", "lpt"];
 
-/// Whether a file of the results may have this name: one plain name that every system takes, in no folder or in one of
-/// those that stages declare (`masks`).
+/// Checks the name of a file of the results: one plain name that every system takes, in no folder
+/// or in one of those that stages declare (`masks`).
 ///
 /// # Errors
-/// What was wanted and what was got.
+/// The name is not one of these.
 pub fn check_file_name(name: &str) -> Result<(), String> {
     let (folder, file) = name.split_once('/').map_or((None, name), |(folder, file)| (Some(folder), file));
     let stem = file.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
@@ -50,7 +52,8 @@ pub fn check_file_name(name: &str) -> Result<(), String> {
 pub struct Files(pub Vec<(String, Vec<u8>)>);
 
 impl Files {
-    /// Files from their canonical bytes. The largest keeps their buffer: the layers of a large photo take gigabytes.
+    /// Files from their canonical bytes. The largest keeps their buffer: the layers of a large
+    /// photo take gigabytes.
     pub(super) fn from_canonical(mut bytes: Vec<u8>) -> Result<Files, String> {
         let bad = |e: postcard::Error| e.to_string();
         let (count, mut rest) = postcard::take_from_bytes::<usize>(&bytes).map_err(bad)?;

@@ -15,9 +15,11 @@ pub struct UnitDirect {
     pub stderr: Vec<Plane<f32>>,
 }
 
-/// Visibility of one light, per lobe: shares of the unshadowed direct shading. Blocked = 1 - lit - unknown.
+/// Visibility of one light, per lobe: shares of the unshadowed direct shading. Blocked = 1 - lit -
+/// unknown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Visibility {
+    /// Lit fraction, per lobe.
     pub lit: Vec<Plane<f32>>,
     /// Standard error of `lit`.
     pub stderr: Vec<Plane<f32>>,
@@ -28,28 +30,33 @@ pub struct Visibility {
 /// Indirect shading (irradiance / pi) of one light, per lobe of unit radiance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnitIndirect {
+    /// Irradiance / pi, per lobe.
     pub lobes: Vec<Shading>,
-    /// Standard error of each lobe's luminance. All lobes and lights share their rays, so their errors go together.
+    /// Standard error of each lobe's luminance. All lobes and lights share their rays, so their
+    /// errors go together.
     pub stderr: Vec<Plane<f32>>,
-    /// Of the probes of inserted bodies, per lobe, one row; nothing in a room without them.
+    /// The same at the probes of inserted bodies, per lobe, one row; empty without bodies.
     pub probes: Vec<Plane<Vec3>>,
 }
 
-/// Direct light, shadows included, of one light on inserted bodies, per lobe of unit radiance: irradiance / pi.
+/// Direct light, shadows included, of one light on inserted bodies, per lobe of unit radiance:
+/// irradiance / pi.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectLight {
     /// At the samples of [`Objects`].
     pub lobes: Vec<Plane<f32>>,
     /// At the probes, one row.
     pub probes: Vec<Plane<f32>>,
-    /// What the probes reflect.
+    /// Albedo at the probes.
     pub albedo: Plane<Vec3>,
 }
 
-/// What a network says of one light.
+/// The estimate of one light by a network.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Guess {
+    /// Its shape; [`Shape::Absent`] without an estimate.
     pub shape: Shape,
+    /// Its radiance, one color per lobe, in units of the photo.
     pub radiance: Radiance,
     /// Probability that it burns at all, 0..=1.
     pub burns: f32,
@@ -57,18 +64,19 @@ pub struct Guess {
     pub error: f32,
 }
 
-/// What the photo's shading leaves when all direct light is taken away.
+/// Photo shading minus direct light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Remainder {
     /// Zero where the photo is white or shows a light.
     pub left: Plane<Vec3>,
     /// Mean direct shading.
     pub direct: Vec3,
-    /// What all lights send, square metres times radiance.
+    /// Power of all lights, square meters times radiance.
     pub power: Vec3,
 }
 
-/// Whether there is a plane of one size for each lobe in each list; lists without planes are left out.
+/// Checks that each list has one plane per lobe, all of one size; lists without planes are left
+/// out.
 pub(super) fn lobes(lists: &[&[Plane<f32>]]) -> Result<(), String> {
     let mut planes = lists.iter().copied().flatten();
     let size = planes.next().map(Plane::size);

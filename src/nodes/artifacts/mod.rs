@@ -1,4 +1,4 @@
-//! Which types may travel on wires, and the members that every scene has.
+//! Artifacts: the types of the wires, and the members of every scene.
 
 mod files;
 mod light;
@@ -22,7 +22,7 @@ pub use scores::{Score, Scores};
 pub const INV_LAMP: &str = "inv_lamp";
 /// The member that stands for windows out of view.
 pub const INV_WINDOW: &str = "inv_window";
-/// What no light explains; no light may have this name.
+/// Name of the residual layer, which no light explains; reserved among lights.
 pub const REST: &str = "rest";
 
 /// Checks that the plane `name` has the size of the plane `reference`, columns and rows.
@@ -37,7 +37,8 @@ pub fn same_size(name: &str, got: (usize, usize), reference: &str, wanted: (usiz
     Err(NodeError::Failed(format!("{name}: wanted {wanted} pixels as {reference}, got {got}")))
 }
 
-/// The memory that a value of each type holds, and the rules that one must keep which was read from disk.
+/// The memory that a value of each type holds, and the rules that one must keep which was read from
+/// disk.
 macro_rules! artifacts {
     ($( $ty:ident: $bytes:expr $(, if $check:expr)? $(, from $decode:expr)? );* $(;)?) => {$(
         impl Artifact for $ty {

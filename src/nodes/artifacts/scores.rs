@@ -5,10 +5,11 @@ use serde::{Deserialize, Serialize};
 /// One figure of how good something is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// A light, an edit, `all lights`, `materials`.
+    /// The thing measured: a light, an edit, `all lights`, `materials`.
     pub subject: String,
-    /// As the stage that measured calls it; docs/eval.md tells each.
+    /// Name of the measure; docs/eval.md defines each.
     pub measure: String,
+    /// The figure, in the unit of its measure.
     pub value: f64,
 }
 

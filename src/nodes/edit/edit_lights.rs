@@ -1,4 +1,4 @@
-//! `EditLights`: lights switched, dimmed, coloured, moved, and new ones.
+//! `EditLights`: lights switched, dimmed, colored, moved, and new ones.
 
 mod lamp;
 mod sky;
@@ -25,10 +25,11 @@ use sky::{Half, Outside, Sky, Sun};
 params! {
     /// Changes lights and adds new ones; lights that the edit does not name pass through unchanged.
     pub struct EditLights {
-        /// What happens to each named light: `Off`, `Scale(0.4)`, `Temperature(2700)`, `Color(1, 0.8, 0.6)`, `Move(..)`,
-        /// `Lamp(..)`, `Window(..)`.
+        /// Edit of each named light: `Off`, `Scale(0.4)`, `Temperature(2700)`, `Color(1, 0.8,
+        /// 0.6)`, `Move(..)`, `Lamp(..)`, `Window(..)`.
         lights: BTreeMap<String, LightEdit> = BTreeMap::new(),
-        /// Illuminance in lux at which a white surface shows 1.0, for fluxes in lumens, when the scene does not say.
+        /// Illuminance in lux at which a white surface shows 1.0, for fluxes in lumens, when the
+        /// scene does not give it.
         assumed_lux: f32 = 300.0, in above(0.0),
     }
 }
@@ -41,16 +42,17 @@ pub enum LightEdit {
     Off,
     /// Radiance times a factor >= 0.
     Scale(f32),
-    /// The colour of a black body, 1000..=40000 K, at unchanged luminance.
+    /// The color of a black body, 1000..=40000 K, at unchanged luminance.
     Temperature(f32),
-    /// This linear RGB colour, at unchanged luminance.
+    /// This linear RGB color, at unchanged luminance.
     Color(f32, f32, f32),
-    /// A lamp that is there at another place, with its form and its radiance; what it hid shows its surface.
+    /// A lamp that is there at another place, with its form and its radiance; what it hid shows its
+    /// surface.
     Move {
-        /// Metres, camera space. Either this or `to`.
+        /// Meters, camera space. Either this or `to`.
         #[serde(default)]
         by: Option<[f32; 3]>,
-        /// Where its middle goes.
+        /// New position of its middle.
         #[serde(default)]
         to: Option<Place>,
     },
@@ -64,13 +66,14 @@ pub enum LightEdit {
         /// Linear RGB in units of the photo: what the lamp itself would show.
         #[serde(default)]
         radiance: Option<[f32; 3]>,
-        /// Kelvin; the colour of `flux`, 2700 when not given.
+        /// Kelvin; the color of `flux`, 2700 when not given.
         #[serde(default)]
         temperature: Option<f32>,
-        /// A photometric file of IES LM-63: how a small sphere shines by direction, and without `flux` how much.
+        /// A photometric file of IES LM-63: how a small sphere shines by direction, and without
+        /// `flux` how much.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         ies: Option<File>,
-        /// Where the profile's angle 0 points, camera space; down when not given.
+        /// Direction of the profile's angle 0, camera space; down when not given.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         axis: Option<[f32; 3]>,
         /// Degrees that the profile is turned about its axis.
@@ -81,7 +84,7 @@ pub enum LightEdit {
     Window {
         /// Its four corners in photo pixels, in order around it.
         corners: Vec<[f32; 2]>,
-        /// What it shows: the same everywhere when `ground` is not given, else the upper part.
+        /// Radiance of the window: everywhere without `ground`, else above the horizon.
         #[serde(default)]
         sky: Sky,
         /// The lower part of what it shows.
@@ -92,7 +95,7 @@ pub enum LightEdit {
         /// Degrees to the right by which the middle of a picture of the sky lies from the view.
         #[serde(default, skip_serializing_if = "is_zero")]
         yaw: f32,
-        /// What the radiance of a picture or of a clear sky is multiplied by.
+        /// Factor of the radiance of a picture or of a clear sky.
         #[serde(default = "one", skip_serializing_if = "is_one")]
         scale: f32,
     },
@@ -133,7 +136,8 @@ ports! {
         shape: Scatter<Shape>,
         /// Radiance of every light after the edit.
         radiance: Scatter<Radiance>,
-        /// Radiance after over radiance before, per lobe and channel: what a visible light's own pixels change by.
+        /// Radiance after over radiance before, per lobe and channel: what a visible light's own
+        /// pixels change by.
         gain: Scatter<Radiance>,
     }
 }
@@ -180,7 +184,8 @@ impl Node for EditLights {
             }
             let new: Vec<Vec3> = old.iter().map(|&w| edit.map_or(w, |e| e.applied(w))).collect();
             let gain = old.iter().zip(&new).map(|(&old, &new)| {
-                // A light that the fit gave nothing still shows in its own pixels: there its colour is taken as grey.
+                // A light that the fit gave nothing still shows in its own pixels: there its color
+                // is taken as gray.
                 let (old, new) = if old.max_element() > 0.0 {
                     (old, new)
                 } else {
@@ -282,8 +287,8 @@ impl LightEdit {
             LightEdit::Scale(factor) => radiance * factor,
             LightEdit::Temperature(kelvin) => black_body(kelvin) * luminance(radiance),
             LightEdit::Color(r, g, b) => {
-                let colour = Vec3::new(r, g, b);
-                colour / luminance(colour) * luminance(radiance)
+                let color = Vec3::new(r, g, b);
+                color / luminance(color) * luminance(radiance)
             }
             LightEdit::Move { .. } | LightEdit::Lamp { .. } | LightEdit::Window { .. } => radiance,
         }
@@ -291,7 +296,8 @@ impl LightEdit {
 }
 
 impl EditLights {
-    /// The light that an edit makes, of the one that is there or new, or `None` when it only changes one.
+    /// The light that an edit makes, of the one that is there or new, or `None` when it only
+    /// changes one.
     fn made(
         &self,
         id: &str,
@@ -338,7 +344,8 @@ impl EditLights {
         let radiance = match radiance {
             Some(rgb) => Vec3::from_array(*rgb),
             None => {
-                // Flux = pi x area x luminance for a Lambertian surface; a white surface under `lux` has luminance lux / pi and shows 1.
+                // Flux = pi x area x luminance for a Lambertian surface; a white surface under
+                // `lux` has luminance lux / pi and shows 1.
                 let level = flux.unwrap_or(lumens) / (lamp.area() * lamp.escaping() * self.lux(id, inputs, ctx));
                 black_body(temperature.unwrap_or(2700.0)) * level
             }

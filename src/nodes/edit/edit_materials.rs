@@ -15,13 +15,16 @@ use crate::image::{
 use crate::{params, ports};
 
 params! {
-    /// Paints and polishes regions of the photo; with nothing to paint, everything passes through unchanged.
+    /// Paints and polishes regions of the photo; with nothing to paint, everything passes through
+    /// unchanged.
     ///
-    /// What the photo shows of a region is multiplied by new over old albedo, the old one being the mean of `known` there: so the photo tells
-    /// how the region is lit. Bounced light is computed with the new albedo; the picture is repainted at the photo's size, by `Compose`.
+    /// The photo of a region is multiplied by new over old albedo, where the old one is the mean of
+    /// `known` there: so the photo determines the lighting of the region. Bounced light is computed
+    /// with the new albedo; the picture is repainted at the photo's size, by `Compose`.
     pub struct EditMaterials {
-        /// In order, later ones over earlier ones: `Paint(region: Mask("wall.png") | Grow(x, y), albedo: Srgb("#c8642a") |
-        /// Linear(r, g, b), roughness: 0.6, specular: 0.5, keep_texture: true)`.
+        /// In order, later ones over earlier ones: `Paint(region: Mask("wall.png") | Grow(x, y),
+        /// albedo: Srgb("#c8642a") | Linear(r, g, b), roughness: 0.6, specular: 0.5, keep_texture:
+        /// true)`.
         materials: Vec<MaterialEdit> = Vec::new(),
     }
 }
@@ -42,7 +45,7 @@ pub enum MaterialEdit {
         /// Specular level, 0..=1, of which 0.08 is reflected straight back.
         #[serde(default)]
         specular: Option<f32>,
-        /// Whether texture and unevenness that the photo shows stay visible under the new paint.
+        /// Texture and unevenness of the photo stay visible under the new paint.
         #[serde(default = "yes")]
         keep_texture: bool,
     },
@@ -77,7 +80,7 @@ ports! {
         normal: Arc<Normal>,
         /// Photo over shading, filled in where a light hides it, working size.
         paint: Arc<Albedo>,
-        /// Albedo as the photo alone tells it, working size: what the old paint is taken for.
+        /// Albedo estimated from the photo alone, working size: the old paint.
         known: Arc<Albedo>,
         /// Albedo that bounces light, working size.
         albedo: Arc<Albedo>,
@@ -107,7 +110,8 @@ ports! {
     }
 }
 
-/// Nothing reflects less than that, as far as a photo can tell.
+/// Least mean reflectance of a region. Unit: 1. Source: the noise of photos. Less makes paint of
+/// dark regions noisy.
 const LEAST: f32 = 0.01;
 
 impl Node for EditMaterials {
@@ -149,8 +153,8 @@ impl Node for EditMaterials {
                 finish.lay(&matte.alpha, [*roughness, *specular], &inputs.roughness);
                 out.polished = true;
             }
-            if let Some(colour) = albedo {
-                let new = colour.linear().map_err(bad)?;
+            if let Some(color) = albedo {
+                let new = color.linear().map_err(bad)?;
                 let keep_texture = *keep_texture;
                 for (was, is) in [(&inputs.albedo, &mut out.albedo), (&inputs.fitted, &mut out.fitted)] {
                     let paint = PaintChange { old: mean(&was.0, &share), new, keep_texture };
@@ -188,8 +192,8 @@ impl MaterialEdit {
         if albedo.is_none() && roughness.is_none() && specular.is_none() {
             return Err("wanted at least one of albedo, roughness and specular, got none".into());
         }
-        if let Some(colour) = albedo {
-            colour.linear().map_err(|e| format!("albedo: {e}"))?;
+        if let Some(color) = albedo {
+            color.linear().map_err(|e| format!("albedo: {e}"))?;
         }
         for (name, value) in [("roughness", roughness), ("specular", specular)] {
             check_range(name, value, 0.0..=1.0)?;
@@ -239,7 +243,8 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
     Ok(resize(&mask, pw, ph))
 }
 
-/// The surface around a photo pixel, found at working size and brought to the photo's along its edges.
+/// The surface around a photo pixel, found at working size and brought to the photo's along its
+/// edges.
 fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
@@ -276,8 +281,8 @@ mod tests {
 
     const SIZE: (usize, usize) = (40, 30);
 
-    /// A wall at 3 m, left half of `left` and right half of `right` paint, under light that fades from left to right. The albedo that is
-    /// known of it is four fifths of what photo over shading says.
+    /// A wall at 3 m, left half of `left` and right half of `right` paint, under light that fades
+    /// from left to right. The albedo that is known is four fifths of photo over shading.
     fn wall(left: Vec3, right: Vec3) -> EditMaterialsIn {
         let (w, h) = SIZE;
         let paint = Plane::from_fn(w, h, |x, _| if x < w / 2 { left } else { right });
@@ -305,8 +310,8 @@ mod tests {
     const RED: Vec3 = Vec3::new(0.5, 0.1, 0.1);
     const NEW: Vec3 = Vec3::new(0.2, 0.4, 0.1);
 
-    fn paint(region: Region, colour: Vec3) -> MaterialEdit {
-        let albedo = Some(Color::Linear(colour.x, colour.y, colour.z));
+    fn paint(region: Region, color: Vec3) -> MaterialEdit {
+        let albedo = Some(Color::Linear(color.x, color.y, color.z));
         MaterialEdit::Paint { region, albedo, roughness: None, specular: None, keep_texture: true }
     }
 
@@ -343,7 +348,7 @@ mod tests {
             // Light fades: beside the edge, a hundredth of it is taken for the other paint.
             assert!((got - want).abs().max_element() < 0.01, "({x}, {y}): {got} against {want}");
         }
-        // The photo shows a fifth more than the albedo says, and goes on to.
+        // The photo is a fifth brighter than by its albedo, and stays so.
         let coat = &out.coats.0[0];
         assert!((coat.paint.over(GREY) - NEW / 0.8).abs().max_element() < 1e-4, "{}", coat.paint.over(GREY));
         assert!(out.coats.at(5, 5).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);

@@ -16,13 +16,14 @@ use crate::{params, ports};
 params! {
     /// Puts models and spheres into the room; without any, the room passes through unchanged.
     pub struct EditObjects {
-        /// `Mesh(path: "bunny.ply", at: Pixel(x: 150, y: 170), height: 0.3, yaw: 30, material: (..))` or
-        /// `Sphere(radius: 0.15, at: Point(0, -1, -2), material: (..))`, with a material `(albedo: Srgb("#d0d0d0"), roughness: 1,
-        /// specular: 0.5, metallic: 0)`.
+        /// `Mesh(path: "bunny.ply", at: Pixel(x: 150, y: 170), height: 0.3, yaw: 30, material:
+        /// (..))` or `Sphere(radius: 0.15, at: Point(0, -1, -2), material: (..))`, with a material
+        /// `(albedo: Srgb("#d0d0d0"), roughness: 1, specular: 0.5, metallic: 0)`.
         objects: Vec<ObjectEdit> = Vec::new(),
         /// Rays per pixel side for smooth edges, 1..=16.
         supersampling: usize = 4, in 1..=16,
-        /// Most places that the camera sees at which light is asked for, 1..=10000000; in a large photo one stands for several pixels.
+        /// Most places that the camera sees at which light is asked for, 1..=10000000; in a large
+        /// photo one stands for several pixels.
         samples: usize = 60_000, in 1..=10_000_000,
         /// Places on each object at which what it bounces is asked for, 16..=10000.
         probes: usize = 400, in 16..=10_000,
@@ -38,12 +39,12 @@ pub enum ObjectEdit {
         /// PLY, OBJ, glTF or GLB.
         path: File,
         at: Place,
-        /// Metres from its lowest to its highest point.
+        /// Meters from its lowest to its highest point.
         height: f32,
         /// Degrees to the left, seen from above; at 0 its z points to the camera.
         #[serde(default)]
         yaw: f32,
-        /// In the place of what the file says.
+        /// Replaces the material of the file.
         #[serde(default)]
         material: Option<MaterialEdit>,
         /// The files that the model names; found by themselves.
@@ -51,25 +52,26 @@ pub enum ObjectEdit {
         parts: Vec<File>,
     },
     Sphere {
-        /// Metres.
+        /// Meters.
         radius: f32,
-        /// Its centre, or the pixel that it stands on.
+        /// Its center, or the pixel that it stands on.
         at: Place,
         #[serde(default)]
         material: MaterialEdit,
     },
 }
 
-/// What an object is made of.
+/// Material of an object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MaterialEdit {
-    /// Base colour.
+    /// Base color.
     albedo: Color,
     /// 0 is a mirror, 1 is dull.
     roughness: f32,
-    /// Reflection of what is no metal, in units of 8 %.
+    /// Specular level, 0..=1: reflectance of a dielectric at normal incidence, in units of 8 %.
     specular: f32,
+    /// 0 is a dielectric, 1 a metal.
     metallic: f32,
 }
 
@@ -174,7 +176,8 @@ impl Node for EditObjects {
     }
 }
 
-/// The models of an edit: each file is read once, and the triangles of all objects stand in proportion to the bytes of their files.
+/// The models of an edit: each file is read once, and the triangles of all objects stand in
+/// proportion to the bytes of their files.
 #[derive(Default)]
 struct Models<'a> {
     kept: Vec<(&'a File, &'a [File], Model)>,

@@ -1,4 +1,4 @@
-//! What an edit changes.
+//! Stages that apply an edit: lights, materials, objects.
 
 pub mod edit_lights;
 pub mod edit_materials;
@@ -42,29 +42,30 @@ impl Color {
     }
 }
 
-/// Where something stands.
+/// Position of an inserted light or object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Place {
-    /// On the surface seen at a photo pixel. The centre of a lamp is `lift` metres above it along its normal, at least so far that
-    /// the lamp does not sink in; an object stands `lift` metres above it.
+    /// On the surface seen at a photo pixel. The center of a lamp is `lift` meters above it along
+    /// its normal, at least so far that the lamp does not sink in; an object stands `lift` meters
+    /// above it.
     Pixel {
         x: f32,
         y: f32,
         #[serde(default)]
         lift: f32,
     },
-    /// Camera space, metres.
+    /// Camera space, meters.
     Point(f32, f32, f32),
 }
 
 /// The seen surface, to stand things on.
 pub struct Ground<'a> {
-    /// Of the photo.
+    /// The camera of the photo.
     pub camera: &'a Camera,
-    /// At the photo's size.
+    /// Planar z at the photo's size.
     pub depth: &'a Depth,
-    /// At any size.
+    /// Normals at any size.
     pub normal: &'a Normal,
     /// The world's up.
     pub up: Vec3,
@@ -91,8 +92,9 @@ impl Ground<'_> {
         Ok((camera.unproject(x, y, self.depth.0.get(x as usize, y as usize)), normal))
     }
 
-    /// The place on the surface seen at a photo pixel, and the surface's normal: on the plane through what is around it, since depth
-    /// may come in steps. What is level to 20 degrees counts as level.
+    /// The place on the surface seen at a photo pixel, and the surface's normal: on the plane
+    /// through what is around it, since depth may come in steps. What is level to 20 degrees counts
+    /// as level.
     pub fn foot(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
         let (own, own_normal) = self.seen(x, y)?;
         let camera = self.camera;
@@ -115,7 +117,7 @@ pub fn level(up: Vec3) -> (Vec3, Vec3) {
     (right, up.cross(right))
 }
 
-/// Sizes of an object or a lamp in a room, metres.
+/// Sizes of an object or a lamp in a room, meters.
 const SIZES: RangeInclusive<f32> = 1e-4..=1e3;
 
 fn check_model(path: &File, height: f32) -> Result<(), String> {
@@ -141,7 +143,7 @@ fn named_by(file: &File) -> Vec<File> {
     names.iter().map(|name| File::new(file.beside(name).path)).collect()
 }
 
-/// A model; its warnings are told.
+/// A model; its warnings go to the person.
 fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeError> {
     let bytes = ctx.read(path)?;
     let bad = |message: String| NodeError::BadFile { path: path.location().display().to_string(), message };
@@ -165,7 +167,7 @@ fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeE
     Ok(model)
 }
 
-/// How high a model is in its own units.
+/// Height of a model in its own units.
 fn tall(model: &Model, path: &File) -> Result<f32, NodeError> {
     let (low, high) = model.bounds();
     let tall = high.y - low.y;
@@ -176,7 +178,8 @@ fn tall(model: &Model, path: &File) -> Result<f32, NodeError> {
     Ok(tall)
 }
 
-/// Sets a model upright, its z to the camera, and turns it by `yaw` degrees to the left, seen from above.
+/// Sets a model upright, its z to the camera, and turns it by `yaw` degrees to the left, seen from
+/// above.
 fn upright(up: Vec3, yaw: f32) -> Mat3 {
     let (right, ahead) = level(up);
     Mat3::from_cols(right, up, -ahead) * Mat3::from_rotation_y(yaw.to_radians())

@@ -1,6 +1,68 @@
 //! `InvLampNet`: the lamp that the photo does not show, by a network.
 
-crate::nodes::neural::light_stage! {
-    /// Estimates the lamp that is not seen: a box that shines with one radiance, next to none where there is no such lamp.
-    InvLampNet, InvLampNetIn, InvLampNetOut: lamp of "invlampnet.onnx", neural::LAMP_OUTPUTS
+use std::sync::Arc;
+
+use crate::geometry::Camera;
+use crate::graph::{Context, File, Gather, Node, NodeError};
+use crate::image::{Albedo, Depth, Mask, Normal, Picture};
+use crate::net::Backend;
+use crate::nodes::artifacts::Guess;
+use crate::nodes::neural::SeenRoom;
+use crate::{params, ports};
+
+params! {
+    /// Estimates the lamp that is not seen: a box that shines with one radiance, next to none where
+    /// there is no such lamp.
+    ///
+    /// A start for a fit, as good as the room is like those that it was trained on (the card beside
+    /// the network tells).
+    pub struct InvLampNet {
+        /// The network, ONNX with the inputs and outputs that its card in models/ names.
+        model: File = File::new("invlampnet.onnx"),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
+        /// sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+    }
+}
+
+ports! {
+    pub input InvLampNetIn {
+        /// The linear photo.
+        photo: Arc<Picture>,
+        /// Planar z.
+        depth: Arc<Depth>,
+        /// The camera; brought to the network's size.
+        camera: Arc<Camera>,
+        /// Normals of the seen surface.
+        normal: Arc<Normal>,
+        /// Albedo.
+        albedo: Arc<Albedo>,
+        /// Pixels of each visible light.
+        masks: Gather<Mask>,
+    }
+}
+
+ports! {
+    pub output InvLampNetOut {
+        /// The light; nothing where it has no pixel at the network's size.
+        guess: Arc<Guess>,
+    }
+}
+
+impl Node for InvLampNet {
+    const KIND: &'static str = "InvLampNet";
+    const VERSION: u32 = 1;
+    type In = InvLampNetIn;
+    type Out = InvLampNetOut;
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: InvLampNetIn, ctx: &Context) -> Result<InvLampNetOut, NodeError> {
+        let InvLampNetIn { photo, depth, camera, normal, albedo, masks } = &inputs;
+        let room = SeenRoom { photo, depth, camera, normal, albedo, masks };
+        let guess = room.lamp(ctx, &self.model, &self.backend, None)?;
+        Ok(InvLampNetOut { guess: Arc::new(guess) })
+    }
 }

@@ -1,6 +1,69 @@
 //! `VisLampNet`: a lamp that the photo shows, by a network.
 
-crate::nodes::neural::light_stage! {
+use std::sync::Arc;
+
+use crate::geometry::Camera;
+use crate::graph::{Context, File, Gather, Node, NodeError};
+use crate::image::{Albedo, Depth, Mask, Normal, Picture};
+use crate::net::Backend;
+use crate::nodes::artifacts::Guess;
+use crate::nodes::neural::SeenRoom;
+use crate::{params, ports};
+
+params! {
     /// Estimates a lamp that is seen: a box that shines with one radiance.
-    VisLampNet, VisLampNetIn, VisLampNetOut: lamp of "vislampnet.onnx", neural::LAMP_OUTPUTS, mask
+    ///
+    /// A start for a fit, as good as the room is like those that it was trained on (the card beside
+    /// the network tells).
+    pub struct VisLampNet {
+        /// The network, ONNX with the inputs and outputs that its card in models/ names.
+        model: File = File::new("vislampnet.onnx"),
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
+        /// sets it (`--backend`).
+        backend: Backend = Backend::Rten,
+    }
+}
+
+ports! {
+    pub input VisLampNetIn {
+        /// The linear photo.
+        photo: Arc<Picture>,
+        /// Planar z.
+        depth: Arc<Depth>,
+        /// The camera; brought to the network's size.
+        camera: Arc<Camera>,
+        /// Normals of the seen surface.
+        normal: Arc<Normal>,
+        /// Albedo.
+        albedo: Arc<Albedo>,
+        /// Pixels of each visible light.
+        masks: Gather<Mask>,
+        /// The pixels of this light.
+        mask: Arc<Mask>,
+    }
+}
+
+ports! {
+    pub output VisLampNetOut {
+        /// The light; nothing where it has no pixel at the network's size.
+        guess: Arc<Guess>,
+    }
+}
+
+impl Node for VisLampNet {
+    const KIND: &'static str = "VisLampNet";
+    const VERSION: u32 = 1;
+    type In = VisLampNetIn;
+    type Out = VisLampNetOut;
+
+    fn files(&mut self) -> Vec<&mut File> {
+        vec![&mut self.model]
+    }
+
+    fn run(&self, inputs: VisLampNetIn, ctx: &Context) -> Result<VisLampNetOut, NodeError> {
+        let VisLampNetIn { photo, depth, camera, normal, albedo, masks, mask } = &inputs;
+        let room = SeenRoom { photo, depth, camera, normal, albedo, masks };
+        let guess = room.lamp(ctx, &self.model, &self.backend, Some(mask))?;
+        Ok(VisLampNetOut { guess: Arc::new(guess) })
+    }
 }

@@ -1,18 +1,21 @@
 //! `Compose`: from shading to a picture, and to one picture per light.
 //!
-//! Away from lights, a pixel I of the photo under the shading E = sum E_k + R, with the residual R that no light explains, becomes
-//! `sum B E'_k + B R' + U` after an edit. In the mode `Ratio`, the reflectance B is I / E, at most 1, and U = I - B E is unexplained
-//! light (a highlight, an unseen sun), which stays and is part of the residual layer. So the identity edit gives the photo back,
-//! texture and resolution survive, and each term is linear in its light's radiance. In the mode `Physical`, B is the estimated
-//! albedo and U = 0.
+//! Away from lights, a pixel I of the photo under the shading E = sum E_k + R, with the residual R
+//! that no light explains, becomes `sum B E'_k + B R' + U` after an edit. In the mode `Ratio`, the
+//! reflectance B is I / E, at most 1, and U = I - B E is unexplained light (a highlight, an unseen
+//! sun), which stays and is part of the residual layer. So the identity edit gives the photo back,
+//! texture and resolution survive, and each term is linear in its light's radiance. In the mode
+//! `Physical`, B is the estimated albedo and U = 0.
 //!
-//! Some pixels belong to one light: those that show it, those of its glare, and those that it saturates, where I / E does not
-//! determine the surface. There the photo is the surface under all other lights, and a remainder that goes with the light:
-//! I = B (E - E_k) + G with B = min(A, I / (E - E_k)). In the light's own pixels A is the albedo of a shade or a pane, elsewhere I / E
-//! of the surface around. Both ways are blended where saturation and glare begin, so that no boundary shows.
+//! Some pixels belong to one light: those that show it, those of its glare, and those that it
+//! saturates, where I / E does not determine the surface. There the photo is the surface under all
+//! other lights, and a remainder that goes with the light: I = B (E - E_k) + G with B = min(A, I /
+//! (E - E_k)). In the light's own pixels A is the albedo of a shade or a pane, elsewhere I / E of
+//! the surface around. Both ways are blended where saturation and glare begin, so that no boundary
+//! shows.
 //!
-//! `src/image/ops/relight.rs` has these equations for one pixel. [`LightLayers`] and [`ObjectLayers`] are the inputs as one pixel
-//! needs them, [`Pixels`] visits all pixels.
+//! `src/image/ops/relight.rs` has these equations for one pixel. [`LightLayers`] and
+//! [`ObjectLayers`] are the inputs as one pixel needs them, [`Pixels`] visits all pixels.
 
 mod light_layers;
 mod object_layers;
@@ -34,20 +37,20 @@ use light_layers::LightLayers;
 use object_layers::ObjectLayers;
 use pixels::Pixels;
 
-/// How a picture is made from shading.
+/// Model of the reflectance of a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
-    /// The photo times the ratio of shadings: keeps all texture.
+    /// Photo over shading: keeps all texture.
     Ratio,
-    /// Estimated albedo times shading.
+    /// The estimated albedo.
     Physical,
 }
 
 params! {
     /// Puts the edited shading onto the photo, at the photo's own size.
     ///
-    /// Shading is brought to the photo's size by joint bilateral upsampling against depth and colour; the photo's pixels are
-    /// never resampled.
+    /// Shading is brought to the photo's size by joint bilateral upsampling against depth and
+    /// color; the photo's pixels are never resampled.
     pub struct Compose {
         /// `Ratio` or `Physical`.
         mode: Mode = Mode::Ratio,
@@ -55,8 +58,8 @@ params! {
         lamp_albedo: f32 = 0.5, in 0.0..=1.0,
         /// Albedo shown by the pane of a window that is switched off; 0..=1.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
-        /// What objects reflect of the unseen part of the room, as a multiple of the mean of what is seen, 0..=1; where a network
-        /// says what arrives from there, that counts.
+        /// Radiance of the unseen part of the room in reflections, as a multiple of the mean of the
+        /// seen part, 0..=1. The lighting of a network takes its place where there is one.
         unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }
@@ -85,13 +88,13 @@ ports! {
         before: Gather<Shading>,
         /// Shading by each light after the edit, working size.
         after: Gather<Shading>,
-        /// Shading that no light explains, working size.
+        /// Residual shading, which no light explains, working size.
         rest: Arc<Shading>,
-        /// The same after the edit.
+        /// Residual shading after the edit.
         edited_rest: Arc<Shading>,
         /// The own pixels of each visible light and its glare, photo size.
         zone: Gather<GlareMask>,
-        /// What each visible light is.
+        /// The kind of each visible light.
         kind: Gather<LightKind>,
         /// The lights as estimated.
         estimated: Gather<Shape>,
@@ -107,13 +110,14 @@ ports! {
         cover: Gather<Mask>,
         /// Inserted objects as they are seen.
         objects: Arc<Objects>,
-        /// What they show of each light.
+        /// Their diffuse reflection of each light.
         object: Gather<Picture>,
-        /// What they show of light that no light explains.
+        /// Their diffuse reflection of the residual.
         object_rest: Arc<Picture>,
-        /// What shiny objects reflect; nothing without such.
+        /// The specular reflection of shiny objects; empty without them.
         reflected: Option<Arc<Reflections>>,
-        /// What surfaces of new roughness or specular level reflect; nothing without such.
+        /// The change of specular reflection of surfaces with an edited roughness or specular
+        /// level; empty without them.
         polish: Option<Arc<SpecularChange>>,
     }
 }
@@ -122,9 +126,9 @@ ports! {
     pub output ComposeOut {
         /// Linear, photo size, not clamped: the sum of all layers.
         picture: Arc<Picture>,
-        /// What each light contributes.
+        /// The contribution of each light.
         layer: Scatter<Layer>,
-        /// What no light explains.
+        /// The residual, which no light explains.
         rest: Arc<Layer>,
     }
 }
@@ -142,7 +146,8 @@ impl Node for Compose {
         let pixels = Pixels::new(self.mode, &inputs, &lights);
         ctx.check_cancelled()?;
         if inputs.polish.is_none() && objects.is_empty() {
-            // No pixel depends on another: halves at once, so that no layer is ever in memory as floats.
+            // No pixel depends on another: halves at once, so that no layer is ever in memory as
+            // floats.
             if let Some((picture, layers)) = pixels.half_layers(ctx)? {
                 return Ok(output(&lights, size, picture, layers));
             }
@@ -175,5 +180,92 @@ fn output(
         picture: Arc::new(Picture(Plane::new(width, height, picture))),
         layer: Scatter(names.zip(layers.into_iter().map(Arc::new)).collect()),
         rest: Arc::new(residual),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::SphereLamp;
+
+    const SIZE: (usize, usize) = (12, 4);
+    const WALL: Vec3 = Vec3::new(0.5, 0.4, 0.2);
+    const ALBEDO: Vec3 = Vec3::new(0.3, 0.6, 0.1);
+    const LAMP: Vec3 = Vec3::new(0.6, 0.5, 0.4);
+    const RESIDUAL: Vec3 = Vec3::splat(0.1);
+
+    /// A wall under one lamp, in the photo at x < 3, that the edit multiplies by `factor`.
+    fn inputs(factor: f32) -> ComposeIn {
+        let plane = |value: Vec3| Plane::filled(SIZE.0, SIZE.1, value);
+        let number = |value: f32| Plane::filled(SIZE.0, SIZE.1, value);
+        fn lamp<T>(value: T) -> Gather<T> {
+            Gather(vec![("lamp".to_owned(), Arc::new(value))])
+        }
+        let photo = Picture(plane(WALL * (LAMP + RESIDUAL)));
+        let mask = Plane::from_fn(SIZE.0, SIZE.1, |x, _| if x < 3 { 1.0 } else { 0.0 });
+        let zone = GlareMask::of_window(&mask, &photo, 4.0);
+        let (photo, depth) = (Arc::new(photo), Arc::new(Depth(number(2.0))));
+        let shape = || lamp(Shape::Lamp(crate::optics::Lamp::Sphere(SphereLamp { center: Vec3::NEG_Z, radius: 0.1 })));
+        let radiance = |value: f32| lamp(Radiance(vec![Vec3::splat(value)]));
+        ComposeIn {
+            photo: photo.clone(),
+            clipped: Arc::new(Mask(number(0.0))),
+            camera: Arc::new(Camera::from_fov_x(SIZE.0, SIZE.1, 60.0)),
+            full_depth: depth.clone(),
+            small: photo,
+            depth,
+            albedo: Arc::new(Albedo(plane(ALBEDO))),
+            paint: Arc::new(Albedo(plane(WALL))),
+            coats: Arc::default(),
+            before: lamp(Shading(plane(LAMP))),
+            after: lamp(Shading(plane(factor * LAMP))),
+            rest: Arc::new(Shading(plane(RESIDUAL))),
+            edited_rest: Arc::new(Shading(plane(RESIDUAL))),
+            zone: lamp(zone),
+            kind: lamp(LightKind::Lamp),
+            estimated: shape(),
+            estimated_radiance: radiance(1.0),
+            shape: shape(),
+            radiance: radiance(factor),
+            gain: radiance(factor),
+            cover: lamp(Mask(number(0.0))),
+            objects: Arc::new(Objects::unseen(&[])),
+            object: Gather(vec![]),
+            object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+            reflected: None,
+            polish: None,
+        }
+    }
+
+    #[track_caller]
+    fn check(stage: &Compose, factor: f32, want: impl Fn(usize) -> Vec3) {
+        let out = stage.run(inputs(factor), &Context::default()).expect("everything is there");
+        for i in 0..SIZE.0 * SIZE.1 {
+            let (got, want) = (out.picture.0.pixels()[i], want(i % SIZE.0));
+            assert!((got - want).abs().max_element() < 1e-5, "column {}: {got} against {want}", i % SIZE.0);
+            // Layers are half floats.
+            let sum = out.layer.0[0].1.get(i) + out.rest.get(i);
+            assert!((sum - got).abs().max_element() < 1e-3, "column {}: {sum} of {got}", i % SIZE.0);
+        }
+    }
+
+    #[test]
+    fn the_identity_gives_the_photo_back_and_off_leaves_the_lamps_surface() {
+        let stage = Compose { lamp_albedo: 0.25, ..Compose::default() };
+        check(&stage, 1.0, |_| WALL * (LAMP + RESIDUAL));
+        // In own pixels, the photo over all other light is above the lamp's albedo.
+        check(&stage, 0.0, |x| if x < 3 { Vec3::splat(0.25) * RESIDUAL } else { WALL * RESIDUAL });
+    }
+
+    #[test]
+    fn physical_shows_the_estimated_albedo_and_own_pixels_stay() {
+        let stage = Compose { mode: Mode::Physical, ..Compose::default() };
+        for factor in [1.0, 0.5] {
+            let own = |factor: f32| {
+                let surface = 0.5 * RESIDUAL;
+                surface + factor * (WALL * (LAMP + RESIDUAL) - surface)
+            };
+            check(&stage, factor, |x| if x < 3 { own(factor) } else { ALBEDO * (factor * LAMP + RESIDUAL) });
+        }
     }
 }

@@ -1,8 +1,8 @@
-//! MixLayers: the picture of a finished run with its lights dimmed, coloured or brightened.
+//! MixLayers: the picture of a finished run with its lights dimmed, colored or brightened.
 //!
-//! picture = light_rest + sum_i w_i light_i, per channel in linear light, w_i being what light i's radiance is multiplied by: the layers of
-//! `picture.exr` hold each light's share of the picture, direct, indirect and its own pixels, and every one of them is linear in
-//! its radiance.
+//! picture = light_rest + sum_i w_i light_i, per channel in linear light, w_i being what light i's
+//! radiance is multiplied by: the layers of `picture.exr` hold each light's share of the picture,
+//! direct, indirect and its own pixels, and every one of them is linear in its radiance.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -16,13 +16,14 @@ use crate::nodes::artifacts::{Files, REST};
 use crate::{params, ports};
 
 params! {
-    /// Weights the light layers that `Write` wrote, and writes the picture that they make. What `relight mix` runs.
+    /// Weights the light layers that `Write` wrote, and writes the picture that they make. What
+    /// `relight mix` runs.
     pub struct MixLayers {
         /// The `picture.exr` of a run.
         layers: File = File::default(),
-        /// What each light is multiplied by, linear (r, g, b), 0 or more; a light that is not named stays as it is.
+        /// Factor of each light, linear (r, g, b), 0 or more; a light without one stays as it is.
         weights: BTreeMap<String, [f32; 3]> = BTreeMap::new(), in 0.0..,
-        /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
+        /// Compression of picture.exr: None, Rle, Zip or Piz. All are lossless.
         compression: Compression = Compression::None,
     }
 }
@@ -30,7 +31,8 @@ params! {
 ports! { pub input MixLayersIn {} }
 ports! {
     pub output MixLayersOut {
-        /// `picture.png`, encoded as the photo is, and `picture.exr`, the picture and its light layers.
+        /// `picture.png`, encoded as the photo is, and `picture.exr`, the picture and its light
+        /// layers.
         files: Arc<Files>,
     }
 }
@@ -86,7 +88,7 @@ impl Node for MixLayers {
     }
 }
 
-/// Six hexadecimal digits, as people name colours, in linear light.
+/// Six hexadecimal digits, as people name colors, in linear light.
 pub fn srgb(digits: &str) -> Option<[f32; 3]> {
     if digits.len() != 6 || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return None;

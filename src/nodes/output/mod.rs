@@ -16,7 +16,7 @@ use crate::graph::{Context, File, NodeError};
 use crate::image::{ExrFile, Plane, Source, Transfer, read_layers};
 use crate::nodes::artifacts::{Encoding, REST, same_size};
 
-/// What `picture.exr` says in its comments of the encoding of `picture.png`.
+/// The line of the comments of `picture.exr` with the encoding of `picture.png`.
 fn encoding_line(encoding: &Encoding) -> String {
     let bits = if encoding.sixteen_bit { 16 } else { 8 };
     format!("{ENCODING}{:?}, {bits} bits", encoding.transfer)
@@ -24,12 +24,12 @@ fn encoding_line(encoding: &Encoding) -> String {
 
 const ENCODING: &str = "encoding: ";
 
-/// What the layers of a `picture.exr` hold.
+/// The layers of a `picture.exr`.
 struct Run {
     encoding: Encoding,
     /// By name.
     lights: Vec<(String, Plane<Vec3>)>,
-    /// What no light explains.
+    /// The residual, which no light explains.
     rest: Plane<Vec3>,
     file: ExrFile,
 }

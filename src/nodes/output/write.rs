@@ -1,12 +1,15 @@
-//! Write: the relit picture as `picture.png`, and everything that it is made of as layers of `picture.exr`.
+//! Write: the relit picture as `picture.png`, and everything that it is made of as layers of
+//! `picture.exr`.
 //!
-//! Layers of light i with lobes k, radiance w_k, unit direct shading D_k, lit share V_k, unit indirect shading I_k:
-//! `direct_i` = sum_k w_k D_k V_k; `indirect_i` = sum_k w_k I_k; `shadow_i` = sum_k Y(w_k) V_k / sum_k Y(w_k), Y the luminance,
-//! and the plain mean of V_k when the light is off; `unknown_i` is the same mean of the shares of which the photo does not tell whether they
-//! are lit. `stderr_i` is the standard error of the luminance of `direct_i` + `indirect_i`:
-//! sqrt(sum_k Y(w_k)^2 ((s(D_k) V_k)^2 + (D_k s(V_k))^2) + (sum_k Y(w_k) s(I_k))^2), s being the standard errors of the layers. Lobes
-//! have random numbers of their own, and the lit share, being a ratio, errs by itself; but all lobes share the rays of the
-//! indirect light, so that its errors go together.
+//! Layers of light i with lobes k, radiance w_k, unit direct shading D_k, lit share V_k, unit
+//! indirect shading I_k: `direct_i` = sum_k w_k D_k V_k; `indirect_i` = sum_k w_k I_k; `shadow_i` =
+//! sum_k Y(w_k) V_k / sum_k Y(w_k), Y the luminance, and the plain mean of V_k when the light is
+//! off; `unknown_i` is the same mean of the shares whose visibility the photo does not determine.
+//! `stderr_i` is the standard error of the luminance of `direct_i` + `indirect_i`: sqrt(sum_k
+//! Y(w_k)^2 ((s(D_k) V_k)^2 + (D_k s(V_k))^2) + (sum_k Y(w_k) s(I_k))^2), s being the standard
+//! errors of the layers. Lobes have random numbers of their own, and the lit share, being a ratio,
+//! errs by itself; but all lobes share the rays of the indirect light, so that its errors go
+//! together.
 
 use std::sync::Arc;
 
@@ -21,18 +24,19 @@ use crate::nodes::artifacts::{Encoding, Files, REST, UnitDirect, UnitIndirect, V
 use crate::optics::Radiance;
 use crate::{params, ports};
 
-/// Diagnostic layers are left out of files that would hold more bytes than this before compression: they are at the
-/// working size by nature, and at the size of a large photo they only cost space.
+/// Diagnostic layers are left out of files that would hold more bytes than this before compression:
+/// they are at the working size by nature, and at the size of a large photo they only cost space.
 const MAX_EXR_BYTES: usize = 512 << 20;
-/// Up to this size both files are made at once; of a larger photo one after the other, as both have buffers as large as their files.
+/// Up to this size both files are made at once; of a larger photo one after the other, as both have
+/// buffers as large as their files.
 const MAX_PIXELS_AT_ONCE: usize = 16 << 20;
 
 params! {
     /// Writes the picture as PNG, and all layers as EXR.
     pub struct Write {
-        /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
+        /// Compression of picture.exr: None, Rle, Zip or Piz. All are lossless.
         compression: Compression = Compression::None,
-        /// Whether picture.exr holds more than the picture and its light layers.
+        /// Diagnostic layers are part of picture.exr, beside the picture and its light layers.
         diagnostics: bool = true,
     }
 }
@@ -41,13 +45,13 @@ ports! {
     pub input WriteIn {
         /// The picture: the photo's size, linear, not clamped.
         picture: Arc<Picture>,
-        /// How the photo was stored.
+        /// Encoding of the photo.
         encoding: Arc<Encoding>,
         /// The photo, for the layer `photo`: what the picture is compared with.
         photo: Option<Arc<Picture>>,
         /// Each light alone, the photo's size; they and `rest` sum to the picture.
         layer: Gather<Layer>,
-        /// What no light explains.
+        /// The residual, which no light explains.
         rest: Arc<Layer>,
         /// Unit direct shading of each light.
         direct: Gather<UnitDirect>,
@@ -55,7 +59,7 @@ ports! {
         visibility: Gather<Visibility>,
         /// Unit indirect shading of each light.
         indirect: Gather<UnitIndirect>,
-        /// Radiance of each light, one colour per lobe.
+        /// Radiance of each light, one color per lobe.
         radiance: Gather<Radiance>,
         /// Albedo.
         albedo: Arc<Albedo>,
@@ -117,9 +121,9 @@ fn lights(inputs: &WriteIn) -> impl Iterator<Item = (String, &Arc<Layer>)> {
     [(format!("light_{REST}"), &inputs.rest)].into_iter().chain(lights)
 }
 
-fn finite(name: &str, width: usize, mut colours: impl Iterator<Item = Vec3>) -> Result<(), NodeError> {
+fn finite(name: &str, width: usize, mut colors: impl Iterator<Item = Vec3>) -> Result<(), NodeError> {
     let mut got = Vec3::ZERO;
-    let at = colours.position(|c| {
+    let at = colors.position(|c| {
         got = c;
         !c.is_finite()
     });
@@ -143,8 +147,9 @@ impl Write {
         }
         let lights = std::mem::replace(&mut inputs.layer, Gather(Vec::new())).0.len();
         inputs.rest = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
-        // A half float has two bytes: R G B A; three for each light, the rest and the photo; albedo, normal, roughness and a
-        // float depth; for each light two colours, a shadow, its unknown share and a float error.
+        // A half float has two bytes: R G B A; three for each light, the rest and the photo;
+        // albedo, normal, roughness and a float depth; for each light two colors, a shadow, its
+        // unknown share and a float error.
         let bytes = width * height * (8 + 6 * (2 + lights) + 18 + 20 * inputs.radiance.0.len());
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
@@ -179,10 +184,10 @@ const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direc
                      metres; normals: camera space, x right, y up, z backward";
 
 fn diagnostics(inputs: &WriteIn, (width, height): (usize, usize), layers: &mut ExrLayers) -> Result<(), NodeError> {
-    let colours = |plane: &Plane<Vec3>| resize(plane, width, height);
+    let colors = |plane: &Plane<Vec3>| resize(plane, width, height);
     let numbers = |plane: &Plane<f32>| resize(plane, width, height);
-    layers.rgb("albedo", &colours(&inputs.albedo.0));
-    layers.xyz("normal", &colours(&inputs.normal.0).map(Vec3::normalize_or_zero));
+    layers.rgb("albedo", &colors(&inputs.albedo.0));
+    layers.xyz("normal", &colors(&inputs.normal.0).map(Vec3::normalize_or_zero));
     layers.half("rough.Y", &numbers(&inputs.roughness.0));
     let uneven = |plane: &&Arc<Specular>| plane.0.pixels().windows(2).any(|pair| pair[0] != pair[1]);
     if let Some(specular) = inputs.specular.as_ref().filter(uneven) {
@@ -197,7 +202,7 @@ fn diagnostics(inputs: &WriteIn, (width, height): (usize, usize), layers: &mut E
             let lobes = [&direct.lobes, &direct.stderr, &visibility.lit, &visibility.stderr, &visibility.unknown];
             check_lobes(id, radiance, &lobes.map(|planes| planes.len()))?;
             check_sizes(id, lobes.into_iter().flatten())?;
-            layers.rgb(&format!("direct_{id}"), &colours(&lit_sum(radiance, direct, visibility)));
+            layers.rgb(&format!("direct_{id}"), &colors(&lit_sum(radiance, direct, visibility)));
             layers.half(&format!("shadow_{id}.Y"), &numbers(&mean_share(radiance, &visibility.lit)));
             layers.half(&format!("unknown_{id}.Y"), &numbers(&mean_share(radiance, &visibility.unknown)));
         }
@@ -206,7 +211,7 @@ fn diagnostics(inputs: &WriteIn, (width, height): (usize, usize), layers: &mut E
             check_lobes(id, radiance, &[indirect.lobes.len(), indirect.stderr.len()])?;
             check_sizes(id, indirect.lobes.iter().map(|lobe| &lobe.0))?;
             check_sizes(id, indirect.stderr.iter())?;
-            layers.rgb(&format!("indirect_{id}"), &colours(&indirect_sum(radiance, indirect)));
+            layers.rgb(&format!("indirect_{id}"), &colors(&indirect_sum(radiance, indirect)));
         }
         if let (Some(direct), Some(visibility), Some(indirect)) = (direct, visibility, indirect)
             && !direct.lobes.is_empty()
@@ -274,7 +279,7 @@ fn standard_error(
     indirect: &UnitIndirect,
 ) -> Plane<f32> {
     let (width, height) = direct.stderr[0].size();
-    // In 64 bits: the square of a radiance of 1e20 is no 32-bit number.
+    // In 64 bits: the square of a radiance of 1e20 overflows 32 bits.
     let luminances: Vec<f64> = radiance.0.iter().map(|w| f64::from(w.dot(LUMINANCE))).collect();
     let error = |p: usize| {
         let at = |planes: &[Plane<f32>], k: usize| f64::from(planes[k].pixels()[p]);

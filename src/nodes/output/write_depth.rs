@@ -16,13 +16,14 @@ params! {
 
 ports! {
     pub input WriteDepthIn {
-        /// Planar z in metres.
+        /// Planar z in meters.
         depth: Arc<Depth>,
     }
 }
 ports! {
     pub output WriteDepthOut {
-        /// `depth.exr`, 32-bit floats in channel Z; `depth.png`, 1 / z from the farthest to the nearest.
+        /// `depth.exr`, 32-bit floats in channel Z; `depth.png`, 1 / z from the farthest to the
+        /// nearest.
         files: Arc<Files>,
     }
 }

@@ -1,4 +1,5 @@
-//! WriteEstimates: what a run takes the room for, as files that `ReadLights` and `ReadMaterials` read back.
+//! WriteEstimates: what a run takes the room for, as files that `ReadLights` and `ReadMaterials`
+//! read back.
 
 use std::sync::Arc;
 
@@ -12,16 +13,17 @@ use crate::optics::{BoxLamp, Lamp, MeshLamp, PhotometricLamp, Radiance, RectLamp
 use crate::{params, ports};
 
 params! {
-    /// Writes the estimated room as a scene's `truth` names it: `lights.json`, which `ReadLights` reads, and `albedo.exr`,
-    /// `normal.exr` and `roughness.exr`, which `ReadMaterials` reads. To measure estimates, to mend them by hand, to hold them fixed.
+    /// Writes the estimated room as a scene's `truth` names it: `lights.json`, which `ReadLights`
+    /// reads, and `albedo.exr`, `normal.exr` and `roughness.exr`, which `ReadMaterials` reads. To
+    /// measure estimates, to mend them by hand, to hold them fixed.
     pub struct WriteEstimates {}
 }
 
 ports! {
     pub input WriteEstimatesIn {
-        /// Where the lights are.
+        /// The shapes of the lights.
         shape: Gather<Shape>,
-        /// How bright they are.
+        /// The radiances of the lights.
         radiance: Gather<Radiance>,
         /// Albedo, working size.
         albedo: Arc<Albedo>,
@@ -123,7 +125,8 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
     })
 }
 
-/// The double that is written with the fewest digits of those that are this number in single precision.
+/// The double that is written with the fewest digits of those that are this number in single
+/// precision.
 fn shortest(x: f32) -> f64 {
     x.to_string().parse().unwrap_or(f64::from(x))
 }

@@ -8,7 +8,8 @@ use crate::nodes::artifacts::{Encoding, Files};
 use crate::{params, ports};
 
 params! {
-    /// Writes the picture as PNG and nothing else: the same `picture.png` as `Write` gives, without its layers.
+    /// Writes the picture as PNG and nothing else: the same `picture.png` as `Write` gives, without
+    /// its layers.
     pub struct WritePicture {}
 }
 
@@ -16,7 +17,7 @@ ports! {
     pub input WritePictureIn {
         /// The picture: the photo's size, linear, not clamped.
         picture: Arc<Picture>,
-        /// How the photo was stored.
+        /// Encoding of the photo.
         encoding: Arc<Encoding>,
     }
 }

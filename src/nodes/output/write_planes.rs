@@ -1,8 +1,10 @@
-//! WritePlanes: the unit layers of every light as one EXR file at working size, for whoever trains or measures on them.
+//! WritePlanes: the unit layers of every light as one EXR file at working size, for whoever trains
+//! or measures on them.
 //!
-//! Channels, all of 32 bits, for lobe k = 0.. of each light: `direct_<light>_<k>.Y` is the unshadowed shading of unit radiance,
-//! `lit_<light>_<k>.Y` the share of it that arrives, `unknown_<light>_<k>.Y` the share that no ray could tell,
-//! `indirect_<light>_<k>.{R,G,B}` the indirect shading; and `normal.{X,Y,Z}`, `depth.Z`. A light that is absent has none.
+//! Channels, all of 32 bits, for lobe k = 0.. of each light: `direct_<light>_<k>.Y` is the
+//! unshadowed shading of unit radiance, `lit_<light>_<k>.Y` the share of it that arrives,
+//! `unknown_<light>_<k>.Y` the share that no ray determines, `indirect_<light>_<k>.{R,G,B}` the
+//! indirect shading; and `normal.{X,Y,Z}`, `depth.Z`. A light that is absent has none.
 
 use std::sync::Arc;
 
@@ -12,12 +14,13 @@ use crate::nodes::artifacts::{Files, UnitDirect, UnitIndirect, Visibility};
 use crate::{params, ports};
 
 params! {
-    /// Writes what each lobe of each light does with unit radiance, as EXR at working size: `direct_<light>_<k>.Y`,
-    /// `lit_<light>_<k>.Y`, `unknown_<light>_<k>.Y`, `indirect_<light>_<k>.RGB`, `normal.XYZ` and `depth.Z`, all 32-bit floats.
+    /// Writes what each lobe of each light does with unit radiance, as EXR at working size:
+    /// `direct_<light>_<k>.Y`, `lit_<light>_<k>.Y`, `unknown_<light>_<k>.Y`,
+    /// `indirect_<light>_<k>.RGB`, `normal.XYZ` and `depth.Z`, all 32-bit floats.
     pub struct WritePlanes {
         /// The file's name, without a folder, ending in `.exr`.
         name: String = "planes.exr".into(),
-        /// How the file is packed: None, Rle, Zip or Piz. All are lossless.
+        /// Compression of the file: None, Rle, Zip or Piz. All are lossless.
         compression: Compression = Compression::None,
     }
 }

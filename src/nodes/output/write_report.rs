@@ -1,6 +1,7 @@
 //! WriteReport: a finished run as one page for a browser, with its lights on sliders.
 //!
-//! The page sums the light layers as `MixLayers` does, linear, and encodes the sum as the photo is encoded. Nothing in it comes from elsewhere.
+//! The page sums the light layers as `MixLayers` does, linear, and encodes the sum as the photo is
+//! encoded. Nothing in it comes from elsewhere.
 
 use std::sync::Arc;
 
@@ -19,14 +20,15 @@ use crate::nodes::artifacts::Files;
 use crate::{params, ports};
 
 params! {
-    /// Writes `report.html` of a finished run: before and after, a slider and a colour for each light, shadows and errors, what ran and why. What
-    /// `relight report` runs.
+    /// Writes `report.html` of a finished run: before and after, a slider and a color for each
+    /// light, shadows and errors, what ran and why. What `relight report` runs.
     pub struct WriteReport {
         /// The `picture.exr` of a run.
         layers: File = File::default(),
         /// The `report.json` of the same run.
         report: File = File::default(),
-        /// Longest side of the pictures in the page, in pixels, 1..=4096; a larger picture is brought down to it, light by light.
+        /// Longest side of the pictures in the page, in pixels, 1..=4096; a larger picture is
+        /// brought down to it, light by light.
         long_side: u32 = 640, in 1..=4096,
     }
 }
@@ -42,7 +44,7 @@ ports! {
 /// Longest side of what is only looked at.
 const SMALL: usize = 320;
 
-/// What the drawing of the graph needs of report.json; the page itself reads the rest.
+/// The fields of report.json for the drawing of the graph; the page itself reads the others.
 #[derive(Deserialize)]
 struct Report {
     edit: String,
@@ -122,7 +124,8 @@ fn drawn(row: Row) -> Drawn {
     Drawn { name: row.name, kind: row.kind, status: Some(row.status), seconds: row.seconds, from: row.from }
 }
 
-/// Shadow, unknown share and standard error of a light, where the run wrote them: small pictures, and what they are on average.
+/// Shadow, unknown share and standard error of a light, where the run wrote them: small pictures,
+/// and what they are on average.
 fn diagnostics(id: &str, file: &ExrFile, entry: &mut Value) {
     let small = |name: &str| {
         let plane = file.number(&format!("{name}_{id}.Y"))?;

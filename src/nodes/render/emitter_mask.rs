@@ -1,4 +1,4 @@
-//! `Glow`: where a light itself is in the picture.
+//! `Glow`: the pixels of the picture that show a light itself.
 
 use std::sync::Arc;
 
@@ -12,9 +12,11 @@ use crate::optics::{Shape, Silhouette};
 use crate::{params, ports};
 
 params! {
-    /// Draws the body of a light: the share of each photo pixel that shows it, hidden by what stands before it.
+    /// Draws the mask of a light's body: its coverage of each photo pixel, less what stands before
+    /// it.
     ///
-    /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels are in the photo.
+    /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels
+    /// are in the photo.
     pub struct EmitterMask {
         /// Samples per pixel side for smooth edges; 1..=16.
         supersampling: usize = 4, in 1..=16,
@@ -36,7 +38,7 @@ ports! {
 
 ports! {
     pub output EmitterMaskOut {
-        /// Share of each pixel covered by the light's body, photo size.
+        /// Coverage of each pixel by the light's body, 0..=1, photo size.
         cover: Arc<Mask>,
     }
 }
@@ -63,7 +65,8 @@ impl Node for EmitterMask {
                     let hits = (0..n * n).filter(|i| {
                         let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
                         let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
-                        // Depth is uneven, and a window lies in its wall, a lamp on its table: a little behind still shows.
+                        // Depth is uneven, and a window lies in its wall, a lamp on its table: a
+                        // little behind still shows.
                         let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
                         body.intersect(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
                     });
@@ -75,7 +78,8 @@ impl Node for EmitterMask {
     }
 }
 
-/// Pixel rectangle (x0, y0, x1, y1; ends excluded) that holds the light's body, or `None` when it is out of view.
+/// Pixel rectangle (x0, y0, x1, y1; ends excluded) that holds the light's body, or `None` when it
+/// is out of view.
 fn bounds(shape: &Shape, camera: &Camera) -> Option<[usize; 4]> {
     let (center, reach) = shape.bounding_sphere()?;
     if -center.z + reach <= 1e-3 {

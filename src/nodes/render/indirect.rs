@@ -15,14 +15,17 @@ use crate::optics::Shape;
 use crate::{params, ports};
 
 params! {
-    /// Indirect shading of one light, per lobe of unit radiance, by a network that is linear and non-negative in the light.
+    /// Indirect shading of one light, per lobe of unit radiance, by a network that is linear and
+    /// non-negative in the light.
     ///
-    /// I(a E1 + b E2) = a I(E1) + b I(E2) to rounding: gates from geometry and albedo, no bias and no activation on the light's own path
-    /// (models/indirectnet.md). So one light's indirect picture is its own, and relighting is a sum.
+    /// I(a E1 + b E2) = a I(E1) + b I(E2) to rounding: gates from geometry and albedo, no bias and
+    /// no activation on the light's own path (models/indirectnet.md). So one light's indirect
+    /// picture is its own, and relighting is a sum.
     pub struct Indirect {
         /// The network, ONNX with the inputs and outputs that models/indirectnet.md names.
         model: File = File::new("indirectnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
+        /// sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }
@@ -45,9 +48,10 @@ ports! {
         shape: Arc<Shape>,
         /// Its unshadowed unit shading.
         direct: Arc<UnitDirect>,
-        /// Which share of it arrives.
+        /// The lit fraction of it.
         visibility: Arc<Visibility>,
-        /// What the photo leaves for indirect light; without it, what is unseen is as bright as in most rooms.
+        /// Photo shading minus direct light; without it, the unseen part is as bright as in most
+        /// rooms.
         remainder: Option<Arc<Remainder>>,
     }
 }
@@ -97,7 +101,8 @@ impl Node for Indirect {
         };
         let burning: Vec<f32> = burning.iter().flat_map(|v| v.to_array()).collect();
         let (light, left) = (planes_of(&[Layer::Grey(&light)]), planes_of(&[Layer::Colour(&left)]));
-        // Cells lie between the pixels that a grid of two takes; half a pixel is little beside their size.
+        // Cells lie between the pixels that a grid of two takes; half a pixel is little beside
+        // their size.
         let grid = Grid::new(size, (size.0.div_ceil(HALF.0)).max(1));
         let mut lobes = Vec::new();
         for (lobe, (direct, lit)) in direct.lobes.iter().zip(&visibility.lit).enumerate() {

@@ -1,4 +1,4 @@
-//! `InsertSpecular`: what shiny objects reflect.
+//! `InsertSpecular`: the specular reflection of shiny objects.
 
 use std::sync::Arc;
 
@@ -9,13 +9,16 @@ use crate::optics::{Lighting, Reflections, Shape, Surround, object_face, reflect
 use crate::{params, ports};
 
 params! {
-    /// Finds what shiny objects reflect, by GGX in Karis' form: pixels of the picture, lights, and what the photo does not show.
+    /// Finds the specular reflection of shiny objects, by GGX in Karis' form: pixels of the
+    /// picture, lights, and what the photo does not show.
     ///
-    /// A reflected ray that meets the seen room shows the edited picture there, so each light's reflection is in that light's layer.
-    /// Where it leaves the seen room, the network's lighting is shown if there is any, split by what each light gives to the
-    /// room, else an even surround.
+    /// A reflected ray that meets the seen room shows the edited picture there, so each light's
+    /// reflection is in that light's layer. A ray that leaves the seen room shows the network's
+    /// lighting, split by the contribution of each light to the room; without a network, an even
+    /// surround.
     pub struct InsertSpecular {
-        /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes up to 16, and in all there are up to 4 million.
+        /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes up to 16,
+        /// and in all there are up to 4 million.
         rays: u32 = 32, in 1..=4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
@@ -38,14 +41,14 @@ ports! {
         mask: Gather<Mask>,
         /// Every light.
         shape: Gather<Shape>,
-        /// What arrives at each place.
+        /// Incident radiance at each position of a grid.
         lighting: Option<Arc<Lighting>>,
     }
 }
 
 ports! {
     pub output InsertSpecularOut {
-        /// What each pixel of the objects reflects.
+        /// The specular reflection of each pixel of the objects.
         reflected: Arc<Reflections>,
     }
 }

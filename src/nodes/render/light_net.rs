@@ -14,13 +14,15 @@ use crate::optics::{Lighting, LocalLobe, Radiance, Shape};
 use crate::{params, ports};
 
 params! {
-    /// Estimates the incoming radiance at each place of the picture as 12 spherical Gaussians, on a grid of 40 x 30 cells.
+    /// Estimates the incoming radiance at each place of the picture as 12 spherical Gaussians, on a
+    /// grid of 40 x 30 cells.
     ///
     /// Only what is shiny, or asks for it, needs it. Twice the light gives twice the radiance.
     pub struct LightNet {
         /// The network, ONNX with the inputs and outputs that models/lightnet.md names.
         model: File = File::new("lightnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
+        /// sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }

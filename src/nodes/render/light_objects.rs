@@ -10,9 +10,11 @@ use crate::optics::{Sampling, Shape, arriving};
 use crate::{params, ports};
 
 params! {
-    /// Direct light of one light on inserted bodies, per lobe of unit radiance, with the shadows that room and bodies cast on them.
+    /// Direct light of one light on inserted bodies, per lobe of unit radiance, with the shadows
+    /// that room and bodies cast on them.
     ///
-    /// Asked at the samples that the camera sees, and at probes all over the bodies, for what they bounce.
+    /// Asked at the samples that the camera sees, and at probes all over the bodies, for what they
+    /// bounce.
     pub struct LightObjects {
         /// Shadow rays per traced place and lobe, 1..65536; samples of what has no closed form.
         samples: u32 = 16, in SAMPLES,
@@ -34,7 +36,7 @@ ports! {
 
 ports! {
     pub output LightObjectsOut {
-        /// What arrives at samples and probes.
+        /// Direct light at samples and probes.
         light: Arc<ObjectLight>,
     }
 }
@@ -49,7 +51,8 @@ impl Node for LightObjects {
         let LightObjectsIn { objects, mesh, shape } = inputs;
         let stop = || ctx.out_of_time();
         let sampling = Sampling::fixed(self.samples as usize, self.seed);
-        // The camera sees smooth surfaces: every second sample along each axis, and the rest from around.
+        // The camera sees smooth surfaces: every second sample along each axis, and the rest from
+        // around.
         let (lobes, rays) = arriving(&mesh, &objects.points, &objects.normals, &shape, (sampling, 2), &stop);
         ctx.check_cancelled()?;
         let probes = mesh.bodies().probes();

@@ -12,15 +12,16 @@ use crate::optics::Radiance;
 use crate::{params, ports};
 
 params! {
-    /// Weights each light's unit layers by its radiance: E = sum over lobes of w (direct x lit + indirect), per channel.
+    /// Weights each light's unit layers by its radiance: E = sum over lobes of w (direct x lit +
+    /// indirect), per channel.
     ///
-    /// Linear in the radiances, so that switching, dimming or colouring a light is this sum alone.
+    /// Linear in the radiances, so that switching, dimming or coloring a light is this sum alone.
     pub struct Mix {}
 }
 
 ports! {
     pub input MixIn {
-        /// The camera at working size; tells how large shading is where there is no light at all.
+        /// The camera at working size; it gives the size of the shading without any light.
         camera: Arc<Camera>,
         /// Unshadowed unit shading of each light.
         direct: Gather<UnitDirect>,

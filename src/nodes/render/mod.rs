@@ -24,7 +24,7 @@ use crate::optics::{Sampling, Strategy};
 /// Samples per pixel and lobe.
 const SAMPLES: RangeInclusive<u32> = 1..=65_536;
 
-/// How samples are taken, the first round of a run with a budget being the smallest that there is.
+/// Sampling of a stage. The first round of a run with a budget is the smallest possible.
 fn sampling(
     ctx: &Context,
     strategy: Strategy,

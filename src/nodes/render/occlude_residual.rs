@@ -1,4 +1,4 @@
-//! `OccludeRest`: the light that no lamp or window explains, around inserted bodies and on them.
+//! `OccludeRest`: the residual light around inserted bodies and on them.
 
 use std::sync::Arc;
 
@@ -11,10 +11,11 @@ use crate::optics::Transport;
 use crate::{params, ports};
 
 params! {
-    /// What is left of the unexplained light where bodies stand in its way, and what they show of it.
+    /// The residual light that bodies leave of the room's, and their reflection of it.
     ///
-    /// The rest is an even ambient from the unseen part of the room, as `FitLights` has it. A body hides its share of the
-    /// hemisphere and shows in its place what it reflects. Without bodies the rest passes through.
+    /// The rest is an even ambient from the unseen part of the room, as `FitLights` has it. A body
+    /// hides its share of the hemisphere and shows in its place what it reflects. Without bodies
+    /// the rest passes through.
     pub struct OccludeResidual {}
 }
 
@@ -22,9 +23,9 @@ ports! {
     pub input OccludeResidualIn {
         /// Shading that no light explains.
         rest: Arc<Shading>,
-        /// What the room sees without bodies.
+        /// Transport of the room without bodies.
         before: Arc<Transport>,
-        /// What it sees with them.
+        /// Transport of the room with bodies.
         after: Arc<Transport>,
         /// The surface points.
         points: Arc<Points>,
@@ -39,7 +40,7 @@ ports! {
     pub output OccludeResidualOut {
         /// Shading of the room that no light explains.
         rest: Arc<Shading>,
-        /// What the bodies show of such light, in the rectangle of `objects`.
+        /// Diffuse reflection of the residual by the bodies, in the rectangle of `objects`.
         shown: Arc<Picture>,
     }
 }

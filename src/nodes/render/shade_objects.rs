@@ -1,4 +1,4 @@
-//! `ShadeObjects`: what inserted bodies show of one light.
+//! `ShadeObjects`: the diffuse reflection of one light by inserted bodies.
 
 use std::sync::Arc;
 
@@ -13,7 +13,8 @@ use crate::optics::Radiance;
 use crate::{params, ports};
 
 params! {
-    /// The diffuse light of one light on inserted bodies: base colour x (1 - metallic) x (direct + indirect), per channel.
+    /// The diffuse light of one light on inserted bodies: base color x (1 - metallic) x (direct +
+    /// indirect), per channel.
     ///
     /// Linear in the light's radiance, and traces no ray.
     pub struct ShadeObjects {}
@@ -34,7 +35,7 @@ ports! {
 
 ports! {
     pub output ShadeObjectsOut {
-        /// What the bodies show, in the rectangle of `objects`.
+        /// Diffuse reflection of the bodies, in the rectangle of `objects`.
         shown: Arc<Picture>,
     }
 }

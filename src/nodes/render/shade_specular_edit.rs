@@ -1,4 +1,4 @@
-//! `PaintSpecular`: what surfaces with a new finish reflect.
+//! `PaintSpecular`: the specular reflection of surfaces with an edited roughness or specular level.
 
 use std::sync::Arc;
 
@@ -9,12 +9,14 @@ use crate::optics::{Lighting, Part, SeenPlaces, Shape, SpecularChange, Surround,
 use crate::{params, ports};
 
 params! {
-    /// Finds what regions of new roughness or specular level reflect, as `InsertSpecular` does for objects, and what they reflected before.
+    /// Finds the specular reflection of regions of new roughness or specular level, as
+    /// `InsertSpecular` does for objects, and that before the edit.
     ///
-    /// The photo holds the old reflection; `Compose` puts the new one in its place. Lobes wider than a working pixel are known at
-    /// working size, narrower ones at the photo's.
+    /// The photo holds the old reflection; `Compose` puts the new one in its place. Lobes wider
+    /// than a working pixel are known at working size, narrower ones at the photo's.
     pub struct ShadeSpecularEdit {
-        /// Rays per place, and samples of each light per place, 1..=4096; a mirror takes one, and in all there are up to 4 million.
+        /// Rays per place, and samples of each light per place, 1..=4096; a mirror takes one, and
+        /// in all there are up to 4 million.
         rays: u32 = 32, in 1..=4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
@@ -45,14 +47,14 @@ ports! {
         estimated: Gather<Shape>,
         /// Every light.
         shape: Gather<Shape>,
-        /// What arrives at each place.
+        /// Incident radiance at each position of a grid.
         lighting: Option<Arc<Lighting>>,
     }
 }
 
 ports! {
     pub output ShadeSpecularEditOut {
-        /// What each pixel reflects, now and before.
+        /// Specular reflection of each pixel, after and before the edit.
         polish: Arc<SpecularChange>,
     }
 }

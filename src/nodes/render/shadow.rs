@@ -13,30 +13,34 @@ use crate::{params, ports};
 params! {
     /// Visibility of one light, per lobe, by rays to the samples that direct shading is made of.
     ///
-    /// A ray is blocked by the seen surface, unknown where it passes behind a depth edge, lit otherwise; what lies outside
-    /// the view is taken to be empty, or with `outside_unknown` to be unknown. `lit` holds the share seen to be lit plus `assume_lit` times the unknown share;
+    /// A ray is blocked by the seen surface, unknown where it passes behind a depth edge, lit
+    /// otherwise; what lies outside the view is taken to be empty, or with `outside_unknown` to be
+    /// unknown. `lit` holds the share seen to be lit plus `assume_lit` times the unknown share;
     /// `unknown` holds the unknown share itself.
     pub struct Shadow {
         /// Rays per traced pixel and lobe, 1..65536; with a target, the least.
         samples: u32 = 8, in SAMPLES,
-        /// Mean standard error over mean, of the shadowed shading of the lobe, that is good enough, 0..1; each tile of 16 x 16
-        /// traced pixels casts more rays until it gets there. 0 casts `samples` everywhere.
+        /// Mean standard error over mean, of the shadowed shading of the lobe, that is good enough,
+        /// 0..1; each tile of 16 x 16 traced pixels casts more rays until it gets there. 0 casts
+        /// `samples` everywhere.
         target_error: f32 = 0.0, in 0.0..1.0,
         /// The most rays per traced pixel and lobe, with a target, 1..65536.
         max_samples: u32 = 4096, in SAMPLES,
         /// Another seed gives other noise.
         seed: u64 = 0,
-        /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
-        /// `PowerOneSample`.
+        /// Strategy of the samples of a window: `Best`, or, to compare, `Area`, `Lobe`, `Balance`,
+        /// `BalanceOneSample`, `Power`, `PowerOneSample`.
         sampling: Strategy = Strategy::Best,
-        /// Trace every second pixel along each axis and bring the result to all of them along the surfaces.
+        /// Trace every second pixel along each axis and bring the result to all of them along the
+        /// surfaces.
         half: bool = true,
         /// The share of unknown rays that counts as lit, 0..1.
         assume_lit: f32 = 1.0, in 0.0..=1.0,
-        /// Whether rays that leave the view unblocked are unknown, as nobody saw what stands there; else they are lit.
+        /// Rays that leave the view unblocked are unknown, as the photo does not show what stands
+        /// there; else they are lit.
         outside_unknown: bool = false,
-        /// One visibility for all lobes of a window, to compare: the mean over its lobes, weighted by the direct shading of each at unit
-        /// radiance. Sun and sky then cast the same shadow.
+        /// One visibility for all lobes of a window, to compare: the mean over its lobes, weighted
+        /// by the direct shading of each at unit radiance. Sun and sky then cast the same shadow.
         average: bool = false,
     }
 }
@@ -47,7 +51,7 @@ ports! {
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// What casts the shadows.
+        /// The surfaces that cast the shadows.
         mesh: Arc<SceneMesh>,
         /// The light.
         shape: Arc<Shape>,

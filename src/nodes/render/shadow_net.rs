@@ -1,4 +1,4 @@
-//! `ShadowNet`: visibility behind what the photo does not show, by a network.
+//! `ShadowNet`: visibility through the unseen part of the room, by a network.
 
 use std::sync::Arc;
 
@@ -15,16 +15,20 @@ use crate::optics::{Shape, Window};
 use crate::{params, ports};
 
 params! {
-    /// Tells how much of what rays do not know is lit: V = traced - unknown + unknown x network, per lobe.
+    /// Estimates the lit fraction of unknown rays: V = traced - unknown + unknown x network, per
+    /// lobe.
     ///
-    /// Takes the visibility of `Shadow` with `outside_unknown`, in which unknown rays count as lit. Where no ray is unknown the traced value
-    /// stands, and a light without unknown rays needs no network.
+    /// Takes the visibility of `Shadow` with `outside_unknown`, in which unknown rays count as lit.
+    /// Where no ray is unknown the traced value stands, and a light without unknown rays needs no
+    /// network.
     pub struct ShadowNet {
         /// The network, ONNX with the inputs and outputs that models/shadownet.md names.
         model: File = File::new("shadownet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
+        /// sets it (`--backend`).
         backend: Backend = Backend::Rten,
-        /// Whether the network may also mend what rays through the depth mesh take for known (thin things, edges).
+        /// Lets the network also correct rays that the depth mesh takes for known (thin things,
+        /// edges).
         everywhere: bool = false,
     }
 }
@@ -53,7 +57,8 @@ ports! {
     }
 }
 
-/// Mean unknown share of a lobe's direct shading below which no network is asked: rays that graze edges are not worth it.
+/// Mean unknown share of a lobe's direct shading below which no network is asked: rays that graze
+/// edges are not worth it.
 const LITTLE: f64 = 1e-3;
 
 impl Node for ShadowNet {
@@ -85,7 +90,8 @@ impl Node for ShadowNet {
         for lobe in asked {
             ctx.check_cancelled()?;
             let (traced, unknown) = (&visibility.lit[lobe], &visibility.unknown[lobe]);
-            // What the photo leaves for a light hangs on all others; without it the network was trained as well.
+            // What the photo leaves for a light hangs on all others; without it the network was
+            // trained as well.
             let unseen = Plane::filled(HALF.0, HALF.1, 0.0);
             let planes = [small(traced), small(unknown), small(&direct.lobes[lobe]), unseen.clone(), unseen];
             let tensors = vec![
@@ -107,7 +113,8 @@ impl Node for ShadowNet {
     }
 }
 
-/// Centre, half edges of a window, direction to its sun where the lobe is one: 12 numbers, zeros for what there is not.
+/// Center, half edges of a window, direction to its sun where the lobe is one: 12 numbers, zeros
+/// for what there is not.
 fn place(shape: &Shape, lobe: usize) -> Vec<f32> {
     let center = shape.bounding_sphere().map_or(Vec3::ZERO, |(center, _)| center);
     let (x, y, sun) = match shape {

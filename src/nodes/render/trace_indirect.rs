@@ -9,20 +9,23 @@ use crate::optics::{self, Bounces, Probed};
 use crate::{params, ports};
 
 params! {
-    /// Indirect shading of one light, per lobe of unit radiance: bounces over the rays of `Transport`, a constant ambient for
-    /// what is unseen. Exactly linear in the light, never negative, traces no ray.
+    /// Indirect shading of one light, per lobe of unit radiance: bounces over the rays of
+    /// `Transport`, a constant ambient for what is unseen. Exactly linear in the light, never
+    /// negative, traces no ray.
     pub struct TraceIndirect {
-        /// Bounces followed one by one, 0..=64; the rest is a geometric series in the mean albedo. With 0 there is no indirect light.
+        /// Bounces followed one by one, 0..=64; the remaining ones are a geometric series in the
+        /// mean albedo. With 0, indirect light is zero.
         bounces: u32 = 4, in 0..=64,
-        /// Radiosity of what is unseen, as a multiple of the mean of what is seen, 0..1. One would make a closed room of the
-        /// unseen part; a half allows for doors, panes and for a photo that shows the brighter half.
+        /// Radiosity of what is unseen, as a multiple of the mean of what is seen, 0..1. One would
+        /// make a closed room of the unseen part; a half allows for doors, panes and for a photo
+        /// that shows the brighter half.
         unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }
 
 ports! {
     pub input TraceIndirectIn {
-        /// What each part of the room sees.
+        /// The hits of the gathering rays of each receiver.
         transport: Arc<optics::Transport>,
         /// The surface points.
         points: Arc<Points>,
@@ -32,7 +35,7 @@ ports! {
         albedo: Arc<Albedo>,
         /// Unshadowed direct shading per lobe.
         direct: Arc<UnitDirect>,
-        /// Which share of it arrives.
+        /// The lit fraction of it.
         visibility: Arc<Visibility>,
         /// The light's direct light on inserted bodies, which then take part.
         objects: Option<Arc<ObjectLight>>,

@@ -9,12 +9,12 @@ use crate::optics;
 use crate::{params, ports};
 
 params! {
-    /// Cosine-distributed rays from a coarse grid of receivers, and the pixels they meet, for `TraceIndirect`. Around inserted bodies
-    /// every pixel looks at these by itself.
+    /// Cosine-distributed rays from a coarse grid of receivers, and the pixels they meet, for
+    /// `TraceIndirect`. Around inserted bodies every pixel looks at these by itself.
     pub struct Transport {
         /// Every which pixel, along each axis, is a receiver, 1..64.
         stride: u32 = 4, in 1..=64,
-        /// Rays per receiver, 1..4096, rounded up to four equal batches, whose spread tells the error.
+        /// Rays per receiver, 1..4096, rounded up to four equal batches, whose spread is the error.
         rays: u32 = 128, in 1..=4096,
         /// Another seed gives other noise.
         seed: u64 = 0,
@@ -34,7 +34,7 @@ ports! {
 
 ports! {
     pub output TransportOut {
-        /// What each receiver sees.
+        /// The hits of the gathering rays of each receiver.
         transport: Arc<optics::Transport>,
     }
 }

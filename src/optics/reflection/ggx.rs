@@ -8,6 +8,8 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
+use crate::image::Gloss;
+
 /// A rough reflecting surface as seen from one side.
 #[derive(Clone, Copy, Debug)]
 pub struct Ggx {
@@ -23,9 +25,9 @@ pub struct Ggx {
 const LEAST_ALPHA: f32 = 1e-4;
 
 impl Ggx {
-    /// `gloss` is roughness, specular, metallic. `None` where nothing is reflected: dull, or seen from behind.
-    pub fn new(normal: Vec3, view: Vec3, albedo: Vec3, gloss: Vec3) -> Option<Ggx> {
-        let (roughness, specular, metallic) = (gloss.x, gloss.y, gloss.z);
+    /// `None` where nothing is reflected: dull, or seen from behind.
+    pub fn new(normal: Vec3, view: Vec3, albedo: Vec3, gloss: Gloss) -> Option<Ggx> {
+        let Gloss { roughness, specular, metallic } = gloss;
         let f0 = Vec3::splat(0.08 * specular * (1.0 - metallic)) + albedo * metallic;
         let dull = roughness >= 1.0 && metallic <= 0.0;
         let sound = !dull && f0.max_element() > 0.0 && normal.dot(view) > 0.0;
@@ -98,7 +100,7 @@ mod tests {
 
     fn surface(roughness: f32, cosine: f32) -> Ggx {
         let view = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
-        Ggx::new(Vec3::Z, view, Vec3::ONE, Vec3::new(roughness, 0.5, 1.0)).expect("it reflects")
+        Ggx::new(Vec3::Z, view, Vec3::ONE, Gloss { roughness, specular: 0.5, metallic: 1.0 }).expect("it reflects")
     }
 
     #[test]
@@ -166,8 +168,12 @@ mod tests {
     fn a_mirror_looks_along_the_reflected_ray() {
         let (light, weight) = surface(0.0, 0.6).sample([0.3, 0.7]).expect("it is above the surface");
         assert!(light.distance(Vec3::new(-0.8, 0.0, 0.6)) < 1e-3 && (weight.x - 1.0).abs() < 1e-3, "{light} {weight}");
-        let glass = Ggx::new(Vec3::Z, Vec3::Z, Vec3::ONE, Vec3::new(0.0, 0.5, 0.0)).expect("it reflects");
+        let glass = Ggx::new(Vec3::Z, Vec3::Z, Vec3::ONE, Gloss { roughness: 0.0, specular: 0.5, metallic: 0.0 })
+            .expect("it reflects");
         assert!((glass.sample([0.0, 0.0]).expect("straight back").1.x - 0.04).abs() < 1e-3, "4 % at normal incidence");
-        assert!(Ggx::new(Vec3::Z, Vec3::Z, Vec3::ONE, Vec3::new(1.0, 0.5, 0.0)).is_none(), "dull");
+        assert!(
+            Ggx::new(Vec3::Z, Vec3::Z, Vec3::ONE, Gloss { roughness: 1.0, specular: 0.5, metallic: 0.0 }).is_none(),
+            "dull"
+        );
     }
 }

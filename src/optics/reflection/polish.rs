@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, PlaneFit, SceneMesh};
 use crate::image::{
-    Depth, Normal, Picture, Plane, Points, STEP, SpecularEdit, Upsampler, neighbours, resize, resize_depth, rule,
+    Depth, Gloss, Normal, Picture, Plane, Points, STEP, SpecularEdit, Upsampler, neighbours, resize, resize_depth, rule,
 };
 use crate::optics::{Face, Mirror, Reflections};
 
@@ -213,7 +213,8 @@ impl Wanted {
             let at = (i % w, i / w);
             let seen_at = camera.pixel_point(at.0, at.1, depth.0.pixels()[i]);
             rows.pixels_mut()[i] = faces.len() as u32;
-            faces.push(flat.face((at, (w, h)), seen_at, Vec3::new(sum[0] / all, sum[1] / all, 0.0), seen));
+            let gloss = Gloss { roughness: sum[0] / all, specular: sum[1] / all, metallic: 0.0 };
+            faces.push(flat.face((at, (w, h)), seen_at, gloss, seen));
         }
         Places { old: self.old, share: self.share, rows, faces }
     }
@@ -304,7 +305,7 @@ impl Flat {
     }
 
     /// The face at pixel `at` of a plane of this size, of a surface seen at `point`.
-    fn face(&self, (at, size): ((usize, usize), (usize, usize)), point: Vec3, gloss: Vec3, seen: &SeenPlaces) -> Face {
+    fn face(&self, (at, size): ((usize, usize), (usize, usize)), point: Vec3, gloss: Gloss, seen: &SeenPlaces) -> Face {
         let (w, h) = self.label.size();
         let i = (at.1 * h / size.1) * w + at.0 * w / size.0;
         let label = self.label.pixels()[i].map(usize::from);
@@ -461,7 +462,7 @@ mod tests {
             let want = |i: usize| {
                 let way = room.camera.pixel_point(i % SIZE.0, i / SIZE.0, 1.0);
                 let point = way * (FLOOR / way.y);
-                let gloss = Vec3::new(roughness, 0.5, 0.0);
+                let gloss = Gloss { roughness, specular: 0.5, metallic: 0.0 };
                 let surface = Ggx::new(Vec3::Y, -point.normalize(), Vec3::ZERO, gloss).expect("it reflects");
                 let light = center - point;
                 let solid_angle = std::f32::consts::PI * radius * radius / light.length_squared();

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ggx::Ggx;
 use crate::geometry::{Camera, Hit, Objects, SceneMesh, clearance};
-use crate::image::{Mask, Normal, Plane, Points, rule};
+use crate::image::{Gloss, Mask, Normal, Plane, Points, rule};
 use {
     crate::optics::Emitter, crate::optics::Lighting, crate::optics::Points2, crate::optics::Shape,
     crate::optics::Silhouette, crate::optics::local_frame,
@@ -65,8 +65,8 @@ pub struct Face {
     pub normal: Vec3,
     /// The colour in which a metal reflects.
     pub albedo: Vec3,
-    /// Roughness, specular, metallic.
-    pub gloss: Vec3,
+    /// Roughness, specular level, metallic.
+    pub gloss: Gloss,
     /// Which of the surround's planes it lies in, where it is part of the seen room.
     pub plane: Option<usize>,
     /// What changes across its pixel, where it bends within it.

@@ -9,7 +9,7 @@ use crate::optics::{
     BoxLamp, Lamp, MeshLamp, PhotometricLamp, PhotometricWeb, PhotometricWebTable, RectLamp, Shape, SphereLamp,
 };
 
-/// The form of an inserted lamp, metres.
+/// The form of an inserted lamp, meters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum LampShape {
@@ -31,7 +31,7 @@ pub enum LampShape {
     Mesh {
         /// PLY, OBJ, glTF or GLB.
         path: File,
-        /// Metres from its lowest to its highest point.
+        /// Meters from its lowest to its highest point.
         height: f32,
         /// Degrees to the left, seen from above; at 0 its z points to the camera.
         #[serde(default)]
@@ -46,6 +46,10 @@ pub enum LampShape {
 const MOST_TRIANGLES: usize = 1_000_000;
 
 impl LampShape {
+    /// Checks the numbers of the shape.
+    ///
+    /// # Errors
+    /// The first number that is out of range.
     pub fn check(&self) -> Result<(), String> {
         match self {
             LampShape::Sphere { radius } => check_range("radius (metres)", radius, above(0.0)),
@@ -121,12 +125,16 @@ fn model(path: &File, parts: &[File], turn: Mat3, height: f32, ctx: &Context) ->
     Ok(lamp.moved(-middle))
 }
 
+/// The unit vector along `direction`.
+///
+/// # Errors
+/// The vector, called `name`, has no direction.
 pub fn direction(name: &str, direction: [f32; 3]) -> Result<Vec3, String> {
     let unit = Vec3::from_array(direction).try_normalize();
     unit.ok_or_else(|| format!("{name}: wanted a direction, got {direction:?}"))
 }
 
-/// Where a lamp's centre is; on a surface at least as far from it as it reaches towards it, against its normal.
+/// Center of a lamp; on a surface, at least as far from it as the lamp reaches against its normal.
 fn center(at: &Place, inputs: &EditLightsIn, up: Vec3, reach: impl Fn(Vec3) -> f32) -> Result<Vec3, String> {
     match *at {
         Place::Point(x, y, z) => Ok(Vec3::new(x, y, z)),
@@ -137,8 +145,9 @@ fn center(at: &Place, inputs: &EditLightsIn, up: Vec3, reach: impl Fn(Vec3) -> f
     }
 }
 
-/// A sphere that shines by the profile in `file`, and the lumens that the file gives it. Where the profile has its 0, it points along `axis`,
-/// or down; its second angle begins at the right of the view and is turned by `turn` degrees.
+/// A sphere that shines by the profile in `file`, and the lumens that the file gives it. Where the
+/// profile has its 0, it points along `axis`, or down; its second angle begins at the right of the
+/// view and is turned by `turn` degrees.
 pub fn luminaire(
     lamp: Lamp,
     file: &File,
@@ -165,7 +174,7 @@ pub fn luminaire(
     Ok((Lamp::Photometric(PhotometricLamp { center, radius, web: profile }), *lumens as f32))
 }
 
-/// A lamp that is there at another place: `by` metres further, or with its middle at `to`.
+/// A lamp that is there at another place: `by` meters further, or with its middle at `to`.
 pub fn moved(
     shape: &Shape,
     by: Option<[f32; 3]>,
@@ -180,7 +189,8 @@ pub fn moved(
     };
     let by = match to {
         None => by.map(Vec3::from_array).unwrap_or_default(),
-        // A sphere around it may reach farther down than it does; a lamp is put as low as its own points allow.
+        // A sphere around it may reach farther down than it does; a lamp is put as low as its own
+        // points allow.
         Some(place) => center(place, inputs, up, |normal| lamp.extent(-normal))? - middle,
     };
     Ok(lamp.moved(by))

@@ -1,4 +1,4 @@
-//! What a window that an edit opens looks out on.
+//! The sky, ground and sun of a window that an edit opens.
 
 use std::sync::Arc;
 
@@ -10,15 +10,17 @@ use crate::graph::{Context, File, NodeError, above, check_range};
 use crate::image::{Picture, Source, Transfer, read_photo};
 use crate::optics::{Daylight, Heading, Lobe, Radiance, Shape, Window, fit_window_model};
 
-/// What a window shows above the horizon.
+/// Radiance of a window above the horizon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Sky {
     /// Linear RGB in units of the photo.
     Radiance(f32, f32, f32),
-    /// A picture of all directions, equirectangular: HDR or EXR, its values in units of the photo. It holds sky, ground and sun.
+    /// A picture of all directions, equirectangular: HDR or EXR, its values in units of the photo.
+    /// It holds sky, ground and sun.
     Env(File),
-    /// A clear sky over grey earth, 1.7..=10: 2 is very clear air, 6 haze. Needs a `sun`, for its height.
+    /// A clear sky over gray earth, 1.7..=10: 2 is very clear air, 6 haze. Needs a `sun`, for its
+    /// height.
     Turbidity(f32),
 }
 
@@ -29,7 +31,7 @@ impl Default for Sky {
     }
 }
 
-/// What it shows below.
+/// Radiance of a window below the horizon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum Half {
@@ -52,7 +54,8 @@ pub enum Sun {
     Direction {
         azimuth: f32,
         elevation: f32,
-        /// Peak radiance; when not given, that of the sky's own sun, or where it has none such that a white surface facing the sun shows 3.
+        /// Peak radiance; when not given, that of the sky's own sun, or where it has none such that
+        /// a white surface facing the sun shows 3.
         #[serde(default)]
         radiance: Option<[f32; 3]>,
         /// 1e4 is a sun of about one degree.
@@ -77,14 +80,23 @@ impl Sun {
 
 /// All that a window looks out on.
 pub struct Outside<'a> {
+    /// Above the horizon, or everywhere.
     pub sky: &'a Sky,
+    /// Below the horizon.
     pub ground: Option<&'a Half>,
+    /// The sun.
     pub sun: Option<&'a Sun>,
+    /// Turn of a picture of the sky to the right of the view, degrees.
     pub yaw: f32,
+    /// Factor of the radiance of a picture or a clear sky.
     pub scale: f32,
 }
 
 impl Outside<'_> {
+    /// Checks all numbers, and that its parts go together.
+    ///
+    /// # Errors
+    /// The first rule that does not hold.
     pub fn check(&self) -> Result<(), String> {
         match self.sky {
             Sky::Radiance(r, g, b) => check_range("sky", &[*r, *g, *b], 0.0..)?,
@@ -115,8 +127,9 @@ impl Outside<'_> {
         Ok(())
     }
 
-    /// `window` before these surroundings, and the radiances of its lobes. A sky of one radiance alone is even, without horizon; sky and
-    /// ground are broad lobes above and below what lies straight outside. `lux` is the illuminance at which white shows 1.
+    /// `window` before these surroundings, and the radiances of its lobes. A sky of one radiance
+    /// alone is even, without horizon; sky and ground are broad lobes above and below what lies
+    /// straight outside. `lux` is the illuminance at which white shows 1.
     pub fn through(
         &self,
         id: &str,
@@ -129,7 +142,8 @@ impl Outside<'_> {
         let towards = |up: Vec3| (up + outside).try_normalize().unwrap_or(outside);
         let broad = |up: Vec3, bandwidth: f32| Lobe { direction: towards(up), bandwidth };
         let ahead = level(up).1;
-        // Weight of the sky's own sun by unit of bandwidth: a lobe of bandwidth b and weight w gives a facing white surface 2 w / b.
+        // Weight of the sky's own sun by unit of bandwidth: a lobe of bandwidth b and weight w
+        // gives a facing white surface 2 w / b.
         let mut own_sun = Vec3::ZERO;
         let (mut lobes, mut radiance) = match self.sky {
             Sky::Radiance(r, g, b) => {
@@ -183,7 +197,7 @@ impl Outside<'_> {
     }
 }
 
-/// Of a picture whose light three lobes put elsewhere to this share, they are no likeness.
+/// Least fraction of a picture's light in other directions than its three lobes for a warning.
 const MUCH: f64 = 0.4;
 
 /// A picture of all directions; decoded once for all frames.

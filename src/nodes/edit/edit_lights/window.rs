@@ -25,8 +25,9 @@ pub fn convex(corners: &[[f32; 2]]) -> Result<[Vec2; 4], String> {
     }
 }
 
-/// The rectangle on the wall seen between four pixel corners. A wall within 12 degrees of upright is upright,
-/// and a window in it whose sides are drawn within 20 degrees of upright stands upright.
+/// The rectangle on the wall seen between four pixel corners. A wall within 12 degrees of upright
+/// is upright, and a window in it whose sides are drawn within 20 degrees of upright stands
+/// upright.
 pub fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<Window, String> {
     let camera = &inputs.camera;
     let corner = convex(corners)?;

@@ -42,6 +42,7 @@ pub struct DrawnLight<'a> {
     pub light: usize,
     /// Coverage of each photo pixel.
     pub coverage: &'a Mask,
+    /// Its radiance.
     pub emission: Emission<'a>,
 }
 
@@ -54,7 +55,8 @@ pub enum Emission<'a> {
 }
 
 impl<'a> LightLayers<'a> {
-    /// The bundle of all inputs about lights. `lamp_albedo` and `pane_albedo`, 0..=1, belong to lights that are off.
+    /// The bundle of all inputs about lights. `lamp_albedo` and `pane_albedo`, 0..=1, belong to
+    /// lights that are off.
     ///
     /// # Errors
     /// An input that a light needs is not there.
@@ -70,7 +72,8 @@ impl<'a> LightLayers<'a> {
         Ok(LightLayers { names, before, after, emitters, drawn })
     }
 
-    /// Shadings at one pixel of the photo: by each light before the edit, and the record of those after it.
+    /// Shadings at one pixel of the photo: by each light before the edit, and the record of those
+    /// after it.
     pub fn shade(&self, taps: &Taps, before: &mut Vec<Vec3>, record: &mut [Vec3]) {
         record.iter_mut().zip(&self.after).for_each(|(layer, shading)| *layer = taps.of(&shading.0));
         before.clear();
@@ -84,12 +87,12 @@ impl<'a> LightLayers<'a> {
         largest.filter(|(weight, _)| *weight > 0.0).map(|(_, emitter)| emitter)
     }
 
-    /// Whether photo pixel `i` shows a light itself.
+    /// Photo pixel `i` shows a light itself.
     pub fn is_own(&self, i: usize) -> bool {
         self.emitters.iter().any(|emitter| emitter.mask.is_own(i))
     }
 
-    /// Whether photo pixel `i` is neither a light's own nor in its glare.
+    /// Photo pixel `i` is neither a light's own nor in its glare.
     pub fn is_surface(&self, i: usize) -> bool {
         self.emitters.iter().all(|emitter| emitter.mask.weight(i) <= 0.0)
     }

@@ -1,4 +1,5 @@
-//! The layers of an edit over the surfaces of the photo: inserted objects, and changed specular reflection.
+//! The layers of an edit over the surfaces of the photo: inserted objects, and changed specular
+//! reflection.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -11,7 +12,8 @@ use crate::optics::{Around, Mirror, Reflections, SpecularChange};
 /// Pixels that one task composes at least: fewer cost more to hand out than to compute.
 const TASK: usize = 1024;
 
-/// The objects in front of the room, for planes of the photo's size: of each light, then of the residual.
+/// The objects in front of the room, for planes of the photo's size: of each light, then of the
+/// residual.
 pub struct ObjectLayers<'a> {
     inputs: &'a ComposeIn,
     lights: &'a LightLayers<'a>,
@@ -46,7 +48,7 @@ impl<'a> ObjectLayers<'a> {
         Ok(layers)
     }
 
-    /// Whether the camera sees no object.
+    /// The camera sees no object.
     pub fn is_empty(&self) -> bool {
         self.shown.is_empty()
     }
@@ -80,7 +82,8 @@ impl<'a> ObjectLayers<'a> {
         Ok(())
     }
 
-    /// Replaces the reflection of surfaces with an edited roughness or specular level. Own pixels of lights stay.
+    /// Replaces the reflection of surfaces with an edited roughness or specular level. Own pixels
+    /// of lights stay.
     ///
     /// # Errors
     /// A light has no reflection or no radiance.

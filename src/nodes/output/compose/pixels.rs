@@ -18,7 +18,8 @@ const BAND: usize = 64;
 /// A picture, row by row, and its layers.
 pub type Layered = (Vec<Vec3>, Vec<Layer>);
 
-/// The pixels of the photo, each with one record: the contribution of each light, then that of the residual.
+/// The pixels of the photo, each with one record: the contribution of each light, then that of the
+/// residual.
 pub struct Pixels<'a> {
     mode: Mode,
     inputs: &'a ComposeIn,
@@ -31,6 +32,7 @@ pub struct Pixels<'a> {
 }
 
 impl<'a> Pixels<'a> {
+    /// The pixels of `inputs`, whose bundle of lights is `lights`.
     pub fn new(mode: Mode, inputs: &'a ComposeIn, lights: &'a LightLayers<'a>) -> Pixels<'a> {
         Pixels {
             mode,

@@ -1,0 +1,109 @@
+//! Bytes of picture files, their formats and their limits. Content determines a format, never a
+//! name.
+//!
+//! Nothing here trusts a file: sizes are read and held against [`MAX_PIXELS`], [`MAX_BYTES`] and
+//! the length of the file before anything is allocated for them.
+
+/// The largest picture that is read: 64 megapixels.
+pub const MAX_PIXELS: u64 = 64 << 20;
+/// The largest decoded size, all channels of the file together: 1 GiB.
+pub const MAX_BYTES: u64 = 1 << 30;
+/// No format here can hold more pixels in a byte: deflate packs 1032 bytes into one, PNG eight
+/// pixels into a byte.
+const MAX_PIXELS_PER_BYTE: u64 = 8 * 1032;
+
+/// Why a picture file cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{file}: {what}: wanted {wanted}, got {got}")]
+pub struct ReadError {
+    /// The file, as its caller named it.
+    pub file: String,
+    /// The part or property at fault.
+    pub what: String,
+    /// The rule.
+    pub wanted: String,
+    /// The content of the file.
+    pub got: String,
+}
+
+impl ReadError {
+    /// The error without the file's name.
+    pub fn message(&self) -> String {
+        format!("{}: wanted {}, got {}", self.what, self.wanted, self.got)
+    }
+}
+
+/// The bytes of a file and the name it has in messages.
+#[derive(Clone, Copy)]
+pub struct Source<'a> {
+    /// The name in messages.
+    pub name: &'a str,
+    /// The whole file.
+    pub bytes: &'a [u8],
+    /// Most bytes of all channels together, decoded.
+    pub(in crate::image) most: u64,
+}
+
+impl<'a> Source<'a> {
+    /// A file, of which at most [`MAX_BYTES`] decoded bytes are read.
+    pub fn new(name: &'a str, bytes: &'a [u8]) -> Source<'a> {
+        Source { name, bytes, most: MAX_BYTES }
+    }
+
+    /// The same file, of which at most `most` decoded bytes are read.
+    pub(in crate::image) fn within(self, most: u64) -> Source<'a> {
+        Source { most: most.min(self.most), ..self }
+    }
+
+    pub(in crate::image) fn error(&self, what: &str, wanted: impl ToString, got: impl ToString) -> ReadError {
+        ReadError { file: self.name.into(), what: what.into(), wanted: wanted.to_string(), got: got.to_string() }
+    }
+
+    /// Holds a size from a header against the caps, before anything is allocated for it.
+    pub(in crate::image) fn check_size(&self, width: u64, height: u64, bytes_per_pixel: u64) -> Result<(), ReadError> {
+        let pixels = width.saturating_mul(height);
+        let got = format!("{width} x {height} at {bytes_per_pixel} bytes a pixel");
+        if pixels == 0 {
+            return Err(self.error("size in the header", "at least one pixel", got));
+        }
+        if pixels > MAX_PIXELS || pixels.saturating_mul(bytes_per_pixel) > self.most {
+            let wanted = format!("at most {} megapixels and {} MiB", MAX_PIXELS >> 20, self.most >> 20);
+            return Err(self.error("size in the header", wanted, got));
+        }
+        if pixels > MAX_PIXELS_PER_BYTE * self.bytes.len() as u64 {
+            let wanted = format!("no more pixels than a file of {} bytes can hold", self.bytes.len());
+            return Err(self.error("size in the header", wanted, got));
+        }
+        Ok(())
+    }
+}
+
+/// A file format; the first bytes determine it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::image) enum Format {
+    Png,
+    Jpeg,
+    Hdr,
+    Exr,
+    Npy,
+}
+
+pub(in crate::image) fn format(source: Source) -> Option<Format> {
+    const SIGNATURES: [(&[u8], Format); 5] = [
+        (b"\x89PNG\r\n\x1a\n", Format::Png),
+        (b"\xff\xd8\xff", Format::Jpeg),
+        (b"#?", Format::Hdr),
+        (b"\x76\x2f\x31\x01", Format::Exr),
+        (b"\x93NUMPY", Format::Npy),
+    ];
+    SIGNATURES.iter().find(|(start, _)| source.bytes.starts_with(start)).map(|&(_, format)| format)
+}
+
+pub(in crate::image) fn not_one_of(source: Source, wanted: &str) -> ReadError {
+    let got = match format(source) {
+        Some(format) => format!("{format:?}"),
+        None if source.bytes.is_empty() => "an empty file".into(),
+        None => format!("an unknown format (first bytes {:02x?})", &source.bytes[..source.bytes.len().min(8)]),
+    };
+    source.error("file format", wanted, got)
+}
