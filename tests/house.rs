@@ -431,25 +431,6 @@ fn the_repository_is_small() {
     assert_eq!(too_large(&planted).len(), 2, "the picture, and the scenes together");
 }
 
-/// Graphs and edits that no test names, as `lamp_off.ron` or `"lamp_off"`.
-fn untested(files: &[String], tests: &str) -> Vec<String> {
-    let named = |path: &&String| {
-        let file = path.rsplit('/').next().expect("a path has a last part");
-        tests.contains(file) || tests.contains(&format!("\"{}\"", file.trim_end_matches(".ron")))
-    };
-    files.iter().filter(|path| !named(path)).map(|path| format!("{path}: no test names it")).collect()
-}
-
-#[test]
-fn every_graph_and_edit_is_tested() {
-    let tests = files_below("tests").into_iter().filter(|f| f.ends_with(".rs") && f != "tests/house.rs");
-    let tests: String = tests.map(|f| read(&f)).collect();
-    assert_none(untested(&[files_below("graphs"), files_below("edits")].concat(), &tests));
-
-    let files = ["edits/dusk.ron", "edits/dawn.ron", "edits/noon.ron"].map(str::to_owned);
-    assert_eq!(untested(&files, r#"["dusk"] edits/noon.ron"#), ["edits/dawn.ron: no test names it"]);
-}
-
 /// Heading -> anchor, as GitHub makes it.
 fn anchor(heading: &str) -> String {
     let kept = heading.trim().to_lowercase();

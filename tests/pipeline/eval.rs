@@ -226,7 +226,7 @@ fn bent() -> String {
 }
 
 /// rung as `depth lights materials`, 1 where true -> subject, measure -> value.
-fn figures(json: &[u8]) -> BTreeMap<String, BTreeMap<(String, String), f64>> {
+pub fn figures(json: &[u8]) -> BTreeMap<String, BTreeMap<(String, String), f64>> {
     let report: Value = serde_json::from_slice(json).expect("it is JSON");
     let mut all: BTreeMap<String, BTreeMap<(String, String), f64>> = BTreeMap::new();
     for figure in report["figures"].as_array().expect("a list") {
@@ -273,22 +273,6 @@ fn the_demo_climbs_the_ladder() {
     }
     assert!((2.0..15.0).contains(&of("100", "materials", "normal")));
     assert!(of("100", "materials", "albedo") < of("100", "materials", "albedo before the fit"));
-}
-
-#[test]
-fn the_scene_that_ships_gains_by_each_edit_of_its_truth() {
-    let scene = root().join("scenes/demo");
-    let line = format!("eval {} --graph GRAPHS/physics.ron --no-ladder --no-cache --json", scene.display());
-    let output = Place::new().command(&line).output().expect("the program starts");
-    check_output("eval", &output, 0);
-    let all = &figures(&output.stdout)["000"];
-    let edits: Vec<&String> = all.keys().filter(|(_, measure)| measure == "PSNR").map(|(subject, _)| subject).collect();
-    assert_eq!(edits.len(), 7, "{edits:?}");
-    for edit in edits {
-        let of = |measure: &str| all[&(edit.clone(), measure.to_owned())];
-        assert!(of("PSNR") > of("unchanged") + 3.0, "{edit}: {}, unchanged {}", of("PSNR"), of("unchanged"));
-        assert!(of("change error") < 0.8, "{edit}: {}", of("change error"));
-    }
 }
 
 #[test]

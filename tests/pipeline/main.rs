@@ -24,6 +24,7 @@ mod planes;
 mod polish;
 mod project;
 mod refine;
+mod rooms;
 mod sameness;
 mod scores;
 mod sequence;
