@@ -10,7 +10,7 @@ use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, REST, UnitDirect, Uni
 use crate::optics::inverse::{
     Column, Conditioning, LightPrior, Observations, RadianceFit, Role, fit_radiances, observed_pixels,
 };
-use crate::optics::{Radiance, Transport};
+use crate::optics::{Radiance, Shape, Transport};
 use crate::{params, ports};
 
 params! {
@@ -56,6 +56,8 @@ ports! {
         ignore: Arc<Mask>,
         /// Pixels of each visible light.
         mask: Gather<Mask>,
+        /// Shape of each light, which determines the roles of its lobes.
+        shape: Gather<Shape>,
         /// Unit direct shading of each light.
         direct: Gather<UnitDirect>,
         /// Visibility of each light.
@@ -188,15 +190,13 @@ fn unit_lobes<'a>(inputs: &'a FitLightsIn, pixels: &[usize]) -> Result<Vec<UnitL
             return Err(NodeError::Failed(format!("light {light:?} has no visibility or no indirect shading")));
         };
         let in_view = ![INV_LAMP, INV_WINDOW].contains(&light);
-        let is_window = direct.lobes.len() == LOBES.len();
+        let shape = inputs.shape.get(light);
+        let shape = shape.ok_or_else(|| NodeError::Failed(format!("light {light:?} has no shape")))?;
+        let is_window = matches!(**shape, Shape::Window(_));
         for (lobe, e) in direct.lobes.iter().enumerate() {
             let (lit, bounced) = (&visibility.lit[lobe], &indirect.lobes[lobe].0);
             let layer = |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
-            let role = match in_view {
-                _ if is_window && lobe == 0 => Role::Sun,
-                true => Role::Visible,
-                false => Role::OutOfView,
-            };
+            let role = Role::of_lobe(shape, lobe, in_view);
             let layer = pixels.iter().map(layer).collect();
             lobes.push(UnitLobe { light, lobe: is_window.then_some(lobe), role, layer });
         }
