@@ -10,3 +10,4 @@ pub mod image;
 pub mod net;
 pub mod nodes;
 pub mod optics;
+pub mod tuning;

@@ -7,14 +7,15 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Room of `src` -> the rooms that it may use.
-const ARROWS: [(&str, &[&str]); 8] = [
-    ("cli", &["files", "nodes", "graph", "net"]),
+const ARROWS: [(&str, &[&str]); 9] = [
+    ("cli", &["files", "nodes", "graph", "net", "tuning"]),
     ("files", &["graph"]),
-    ("nodes", &["graph", "image", "optics", "geometry", "net"]),
-    ("net", &["geometry", "image"]),
-    ("optics", &["geometry", "image"]),
-    ("geometry", &["image"]),
-    ("image", &[]),
+    ("nodes", &["graph", "image", "optics", "geometry", "net", "tuning"]),
+    ("net", &["geometry", "image", "tuning"]),
+    ("optics", &["geometry", "image", "tuning"]),
+    ("geometry", &["image", "tuning"]),
+    ("image", &["tuning"]),
+    ("tuning", &[]),
     ("graph", &[]),
 ];
 

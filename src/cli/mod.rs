@@ -209,6 +209,7 @@ pub fn nodes(args: &Nodes) -> Result<Exit, Trouble> {
     let registry = nodes::registry();
     let text = match &args.kind {
         _ if args.markdown => reference::page(&registry),
+        _ if args.tuning => reference::tuning(&nodes::tuning()),
         None => reference::list(&registry),
         Some(kind) => {
             let spec = registry.get(kind).ok_or_else(|| {

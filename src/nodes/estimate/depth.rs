@@ -11,6 +11,7 @@ use crate::image::{self, Picture, Transfer, fill_holes, fit, resize};
 use crate::net::Backend;
 use crate::net::foreign::{self, Normalisation, PhotoInput};
 use crate::nodes::learned;
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 /// What the numbers of a depth network mean.
@@ -110,7 +111,7 @@ impl Node for Depth {
         let metres = metres.map_err(NodeError::BadParameter)?;
         let span = metres.span.map(|span| format!(", span {span:.2}")).unwrap_or_default();
         ctx.note(format!("seen at {width} x {height}, scale {:.4}{span}", metres.scale));
-        if metres.misfit > 0.05 {
+        if metres.misfit > TUNING.max_misfit {
             ctx.warn(format!("the known lengths do not fit together: one is off by {:.0} %", 100.0 * metres.misfit));
         }
         let (depth, holes) = fill_holes(&metres.depth, &metres.depth.map(|_| 0.0)).ok_or_else(|| {
@@ -121,13 +122,23 @@ impl Node for Depth {
             }
         })?;
         let share = holes.0.pixels().iter().sum::<f32>() / holes.0.len() as f32;
-        if share > 0.1 {
+        if share > TUNING.max_holes {
             ctx.warn(format!(
                 "{:.0} % of the pixels have no positive depth; they are filled from the rest",
                 100.0 * share
             ));
         }
         Ok(DepthOut { depth: Arc::new(depth) })
+    }
+}
+
+tuning! {
+    /// Constants of `Depth`.
+    pub const TUNING: DepthTuning {
+        /// Greatest relative error of a known length without a warning.
+        max_misfit: f32 = 0.05, unit "fraction", source Taste, effect "a larger value warns less often; no depth changes";
+        /// Greatest fraction of pixels without a positive depth without a warning.
+        max_holes: f32 = 0.1, unit "fraction", source Taste, effect "a larger value warns less often; no depth changes";
     }
 }
 

@@ -10,6 +10,7 @@ use crate::image::{
 };
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::{Column, Conditioning, Evidence, Radiance, RadianceFit, Transport, evidence_pixels, fit_radiances};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -136,21 +137,30 @@ impl Node for FitLights {
         let fitted = |p: usize| {
             let s = inputs.segments.label.pixels()[p] as usize;
             let albedo = if known[s] { fit.albedo[s] } else { inputs.albedo.0.pixels()[p] };
-            albedo.clamp(Vec3::splat(0.02), Vec3::splat(0.95))
+            albedo.clamp(Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo))
         };
         let (w, h) = inputs.photo.0.size();
         let mut albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
         // Neither a light's own pixels nor saturated ones tell an albedo, nor the seam around them.
-        let seam = (w.max(h) / 64).max(2);
+        let seam = (w.max(h) / TUNING.boundary_parts).max(TUNING.min_boundary);
         let unknown = around(masks().chain([&*inputs.clipped]), (w, h), seam);
         fill_along_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
         Ok(FitLightsOut { radiance: Scatter(radiance), rest, albedo: Arc::new(Albedo(albedo)) })
     }
 }
 
-/// Condition number above which the two lights that look most alike are named. They then differ by less than two percent of the
-/// photo, which is what a model of a room is right to.
-const ALIKE: f64 = 1e4;
+tuning! {
+    /// Constants of `FitLights`.
+    pub const TUNING: FitLightsTuning {
+        /// Greatest fraction of the light that may stay unexplained without a warning.
+        max_residual: f64 = 0.3, unit "fraction", source Taste, effect "a larger value warns less often; no estimate changes";
+        /// Parts of the photo's longer side, one of which is the width of the boundary around lights and
+        /// saturated pixels, where albedo is filled in.
+        boundary_parts: usize = 64, unit "1", source Taste, effect "a larger value keeps more albedo close to lights";
+        /// Least width of that boundary.
+        min_boundary: usize = 2, unit "working pixels", source Taste, effect "a larger value fills in more around lights";
+    }
+}
 
 /// Says how good the fit is where a person should know. `names` are those of the columns, the rest last.
 fn tell(names: &[String], layers: &[(Vec<Vec3>, f64)], fit: &RadianceFit, evidence: &Evidence, ctx: &Context) {
@@ -195,11 +205,11 @@ fn tell(names: &[String], layers: &[(Vec<Vec3>, f64)], fit: &RadianceFit, eviden
     let share = |k: usize| -> f64 { layers[k].0.iter().map(|u| f64::from(luminance(*u * fit.radiance[k]))).sum() };
     let total: f64 = (0..names.len()).map(share).sum();
     let unexplained = if total > 0.0 { share(rest) / total } else { 0.0 };
-    if unexplained > 0.3 && lit > 0 {
+    if unexplained > TUNING.max_residual && lit > 0 {
         ctx.warn(format!("{:.0} % of the light is explained by no light; it stays as `rest`", 100.0 * unexplained));
     }
     let Conditioning { number, alike, correlation } = fit.conditioning;
-    if let Some(pair) = alike.filter(|_| number > ALIKE && !few) {
+    if let Some(pair) = alike.filter(|_| number > super::TUNING.confused_condition && !few) {
         ctx.warn(format!(
             "the photo hardly tells {} and {} apart (condition number {number:.1e}, correlation {correlation:.5}): what \
              one of them gives may be the other's",

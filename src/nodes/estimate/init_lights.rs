@@ -16,6 +16,7 @@ use crate::optics::{
     Bounces, Column, Lamp, LampForm, LampForms, LayerQuality, LightKind, RadianceFit, Receivers, RoomBox, SeenRoom,
     Shape, Transport, UnitLayer, Window, fit_radiances, lamp_candidates, visible_light, window_candidates,
 };
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -187,8 +188,29 @@ impl Node for InitLights {
     }
 }
 
-/// Misfit that counts as much as a photo explained by the ambient alone: an ambient is no light source.
-const AMBIENT_LOSS: f64 = 0.3;
+tuning! {
+    /// Constants of the candidate search of `InitLights`.
+    pub const TUNING: InitLightsTuning {
+        /// Loss of a photo that the ambient alone explains, as an ambient is not a light source.
+        ambient_loss: f64 = 0.3,
+            unit "mean misfit", source Taste, effect "a larger value prefers candidates that replace more of the ambient";
+        /// Upper bound of the lights with a column each beside a candidate; more are summed into one column.
+        max_columns: usize = 16,
+            unit "lights", source Taste, effect "a larger value costs more time in scenes with many lights";
+        /// Factor of the first shape's loss among the shapes of a visible light.
+        first_shape_loss: f64 = 0.97,
+            unit "1", source Taste, effect "a smaller value keeps the first shape (`Solid`) more often";
+        /// Greatest ratio of losses at which a window gets lobes for sun, sky and ground.
+        max_window_loss: f64 = 0.95,
+            unit "1", source Measured("docs/estimation.md"), effect "a larger value gives more windows three lobes";
+        /// Iterations of the fits whose losses decide a window's lobes, as more lobes converge more slowly.
+        window_iterations: usize = 60,
+            unit "iterations", source Taste, effect "a smaller value prefers windows of one lobe";
+        /// Bounces of the indirect light of a candidate.
+        bounces: usize = 2,
+            unit "bounces", source Taste, effect "a larger value costs more time";
+    }
+}
 
 /// The photo and the seen room on the receivers that take part, and how candidates are tried on them.
 struct Scout<'a> {
@@ -199,9 +221,6 @@ struct Scout<'a> {
     fits: AtomicUsize,
     columns: AtomicUsize,
 }
-
-/// Lights that candidates are fitted beside one by one; more are one column, so that the cost of a candidate is bounded.
-const APART: usize = 16;
 
 /// A light that the photo needs.
 struct Placed<'a> {
@@ -222,10 +241,10 @@ impl<'a> Scout<'a> {
         Scout { node, guess: &inputs.guess, receivers, fits: AtomicUsize::new(0), columns: AtomicUsize::new(0) }
     }
 
-    /// Layers of lights as a candidate is fitted beside them: of more than [`APART`] their sum, each with the radiance that it has
+    /// Layers of lights as a candidate is fitted beside them: of more than [`InitLightsTuning::max_columns`] their sum, each with the radiance that it has
     /// among them.
     fn beside<'b>(&self, layers: Vec<&'b [Vec3]>) -> Vec<Cow<'b, [Vec3]>> {
-        if layers.len() <= APART {
+        if layers.len() <= TUNING.max_columns {
             return layers.into_iter().map(Cow::Borrowed).collect();
         }
         let radiance = self.fit(&layers, self.node.turns).1.radiance;
@@ -242,7 +261,7 @@ impl<'a> Scout<'a> {
 
     /// Unit layers of the lobes on the receivers in use: shadowed direct and indirect light.
     fn lobes(&self, shape: &Shape, own: Option<&Mask>) -> Vec<Vec<Vec3>> {
-        let bounces = Bounces { count: 2, unseen: self.node.unseen };
+        let bounces = Bounces { count: TUNING.bounces, unseen: self.node.unseen };
         let layers = self.receivers.layers(shape, own, LayerQuality { samples: self.node.samples, bounces });
         layers.iter().map(UnitLayer::sum).collect()
     }
@@ -267,13 +286,14 @@ impl<'a> Scout<'a> {
     fn shapes(&self, placed: &[Placed]) -> Vec<Shape> {
         let mut columns: Vec<Vec<Vec<Vec3>>> = placed.iter().map(|light| vec![light.layer.clone()]).collect();
         let loss = |columns: &[Vec<Vec<Vec3>>], i: usize| {
-            if columns.len() <= APART {
-                return self.loss(&columns.iter().flatten().map(Vec::as_slice).collect::<Vec<_>>(), SETTLING);
+            if columns.len() <= TUNING.max_columns {
+                return self
+                    .loss(&columns.iter().flatten().map(Vec::as_slice).collect::<Vec<_>>(), TUNING.window_iterations);
             }
             let others = placed.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, light)| light.layer.as_slice());
             let others = self.beside(others.collect());
             let own = columns[i].iter().map(Vec::as_slice);
-            self.loss(&others.iter().map(|layer| &**layer).chain(own).collect::<Vec<_>>(), SETTLING)
+            self.loss(&others.iter().map(|layer| &**layer).chain(own).collect::<Vec<_>>(), TUNING.window_iterations)
         };
         let mut shape = |(i, light): (usize, &Placed)| match &light.way {
             Way::Guess(guess) => guess.shape.clone(),
@@ -284,7 +304,7 @@ impl<'a> Scout<'a> {
                     let before = loss(&columns, i);
                     let one = std::mem::replace(&mut columns[i], self.lobes(&rich, light.own));
                     let after = loss(&columns, i);
-                    if after < LIKELIER * before {
+                    if after < TUNING.max_window_loss * before {
                         rich
                     } else {
                         columns[i] = one;
@@ -313,7 +333,7 @@ impl<'a> Scout<'a> {
             |(column, w): (&Column, &Vec3)| -> f64 { column.layer.iter().map(|&u| f64::from(luminance(u * *w))).sum() };
         let shares: Vec<f64> = columns.iter().zip(&fit.radiance).map(share).collect();
         let total: f64 = shares.iter().sum();
-        fit.loss + if total > 0.0 { AMBIENT_LOSS * shares[shares.len() - 1] / total } else { 0.0 }
+        fit.loss + if total > 0.0 { TUNING.ambient_loss * shares[shares.len() - 1] / total } else { 0.0 }
     }
 
     /// Of several shapes for one visible light, the one that fits best beside the lights already placed; the first is kept
@@ -324,7 +344,11 @@ impl<'a> Scout<'a> {
         let tried = ways.into_iter().enumerate().filter_map(|(i, way)| {
             let layer = self.layer(&way, Some(mask))?;
             let columns: Vec<&[Vec3]> = others.iter().map(|other| &**other).chain([&*layer]).collect();
-            let loss = if only { 0.0 } else { self.loss(&columns, self.node.turns) * if i == 0 { 0.97 } else { 1.0 } };
+            let loss = if only {
+                0.0
+            } else {
+                self.loss(&columns, self.node.turns) * if i == 0 { TUNING.first_shape_loss } else { 1.0 }
+            };
             Some((loss, Placed { id, way, own: Some(mask), layer }))
         });
         Some(tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?.1)
@@ -375,11 +399,6 @@ impl<'a> Scout<'a> {
         Ok(found.into_iter().map(light).collect())
     }
 }
-
-/// A window gets lobes of its own for sun, sky and ground where that leaves less than this share of the misfit.
-const LIKELIER: f64 = 0.95;
-/// Rounds of a fit whose misfit is compared with that of one with other numbers of lobes: more lobes take longer to settle.
-const SETTLING: usize = 60;
 
 /// A light that may be the one.
 #[derive(Clone)]

@@ -1,6 +1,7 @@
 //! `InvLampNet`: the lamp that the photo does not show, by a network.
 
 crate::nodes::learned::light_stage! {
-    /// Estimates the lamp that is not seen: a box that shines with one radiance, next to none where there is no such lamp.
+    /// Estimates the lamp out of view by a network: a box of constant radiance, near zero if there is no
+    /// such lamp.
     InvLampNet, InvLampNetIn, InvLampNetOut: lamp of "invlampnet.onnx", learned::LAMP_OUTPUTS
 }

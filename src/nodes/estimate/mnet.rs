@@ -72,7 +72,7 @@ impl Node for MNet {
         let [albedo, normal, rough] = learned::computed(&network, tensors, outputs)?;
         let (width, height) = photo.0.size();
         let normal = facing(resize(&normal.colour(0), width, height), &camera);
-        let (least, most) = (Vec3::splat(0.02), Vec3::splat(0.95));
+        let (least, most) = (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
         Ok(MNetOut {
             albedo: Arc::new(Albedo(resize(&albedo.colour(0), width, height).map(|a| a.clamp(least, most)))),
             normal: Arc::new(normal),

@@ -153,7 +153,7 @@ impl OnnxMaterials {
 
     fn read_albedo(&self, shares: &Plane<Vec3>, size: (usize, usize)) -> Albedo {
         let linear = |c: Vec3| Vec3::from_array(c.to_array().map(|c| self.albedo_transfer.decode(c)));
-        let (least, most) = (Vec3::splat(0.02), Vec3::splat(0.95));
+        let (least, most) = (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
         Albedo(resize(&shares.map(linear), size.0, size.1).map(|a| a.clamp(least, most)))
     }
 

@@ -10,6 +10,7 @@ use crate::image::{
     grow_through, luminance, reflected, smooth_step,
 };
 use crate::optics::LightKind;
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -91,8 +92,18 @@ impl Node for Paint {
     }
 }
 
-/// Share of a lamp's brightness below which a pixel of its mask is no part of what shines: feet and stands are often in it.
-const STAND: f32 = 0.3;
+tuning! {
+    /// Constants of `Paint`.
+    pub const TUNING: PaintTuning {
+        /// Least luminance of a lamp's own pixels. A mask often includes the lamp's foot or stand.
+        min_emission: f32 = 0.3,
+            unit "fraction of the lamp's luminance", source Taste, effect "a smaller value counts feet and stands as emitters";
+        /// Least width of a lamp's bloom.
+        bloom_width: f32 = 0.5,
+            unit "fraction of the lamp's width", source Taste, effect "a larger value gives more residual light to the lamp";
+    }
+}
+
 /// A light's own glare: all but its own pixels.
 const GLARE: f32 = 0.999;
 
@@ -108,7 +119,7 @@ fn zone(mask: &Plane<f32>, kind: LightKind, bloom: f32, photo: &Picture, clipped
         LightKind::Lamp => {
             let core = grow_through(mask, &clipped.0);
             let area = core.pixels().iter().filter(|inside| **inside).count();
-            (core, bloom.max(0.5 * (area as f32).sqrt()), STAND * bright)
+            (core, bloom.max(TUNING.bloom_width * (area as f32).sqrt()), TUNING.min_emission * bright)
         }
         LightKind::Window => (mask.map(|share| share > 0.5), bloom, 0.0),
     };

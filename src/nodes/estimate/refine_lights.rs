@@ -126,9 +126,6 @@ impl RefineLights {
     }
 }
 
-/// Condition number above which the two parameters that look most alike are named.
-const ALIKE: f64 = 1e4;
-
 fn tell(names: &[&str], fit: &ShapeFit, ctx: &Context) {
     let parameter = |i: usize| {
         let (light, name) = &fit.parameters[i];
@@ -144,7 +141,7 @@ fn tell(names: &[&str], fit: &ShapeFit, ctx: &Context) {
         if untold.is_empty() { String::new() } else { format!("; the photo does not tell the {}", untold.join(", ")) };
     let number = fit.conditioning.number;
     ctx.note(format!("misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{untold}"));
-    if let Some([a, b]) = fit.conditioning.alike.filter(|_| number > ALIKE) {
+    if let Some([a, b]) = fit.conditioning.alike.filter(|_| number > super::TUNING.confused_condition) {
         ctx.note(format!("the photo hardly tells the {} from the {}", parameter(a), parameter(b)));
     }
 }

@@ -8,6 +8,7 @@ use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Albedo, Mask, Picture, Plane};
 use crate::nodes::artifacts::{Remainder, UnitDirect, Visibility};
 use crate::optics::{Radiance, Shape, flux};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -71,10 +72,18 @@ impl Node for Remains {
             hidden.pixels_mut().iter_mut().zip(mask.0.pixels()).for_each(|(hidden, share)| *hidden |= *share > 0.0);
         }
         let left = Plane::from_fn(width, height, |x, y| {
-            let albedo = inputs.albedo.0.get(x, y).max(Vec3::splat(0.03));
+            let albedo = inputs.albedo.0.get(x, y).max(Vec3::splat(TUNING.min_albedo));
             if hidden.get(x, y) { Vec3::ZERO } else { inputs.photo.0.get(x, y) / albedo - lit.get(x, y) }
         });
         let mean = lit.pixels().iter().sum::<Vec3>() / lit.len().max(1) as f32;
         Ok(RemainsOut { remainder: Arc::new(Remainder { left, direct: mean, power }) })
+    }
+}
+
+tuning! {
+    /// Constants of `Remains`.
+    pub const TUNING: RemainsTuning {
+        /// Least albedo by which the photo is divided.
+        min_albedo: f32 = 0.03, unit "albedo", source Taste, effect "a smaller value amplifies the noise of dark surfaces";
     }
 }

@@ -27,6 +27,7 @@ use crate::image::{
     distance, luminance, ratio, reflected, smooth_step,
 };
 use crate::optics::{LightKind, Polish, Radiance, Reflections, Shape};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 use over::Over;
@@ -126,8 +127,26 @@ ports! {
     }
 }
 
-/// Rows that are composed at a time.
-const BAND: usize = 64;
+tuning! {
+    /// Constants of `Compose`.
+    pub const TUNING: ComposeTuning {
+        /// Rows that are composed at a time.
+        band: usize = 64, unit "pixels", source Taste, effect "a larger value takes more memory; no pixel changes";
+        /// Level at which a channel counts as saturated: 254 of 255 in sRGB.
+        saturated: f32 = 0.991,
+            unit "fraction of the clip level", source Derived("sRGB"), effect "a smaller value brightens pixels that are not clipped";
+        /// Greatest value of a saturated channel: two stops.
+        max_headroom: f32 = 4.0,
+            unit "ratio to the photo", source Taste, effect "a larger value lets saturated pixels get brighter";
+        /// Growth of the greatest value of a saturated pixel with its distance from the edge of the
+        /// saturated region, so that there is no step at the edge.
+        headroom_slope: f32 = 0.15,
+            unit "1/pixel", source Taste, effect "a larger value shows an edge around saturated regions";
+        /// Least contribution of a light that owns a part of a saturated pixel.
+        min_contribution: f32 = 0.5,
+            unit "fraction of the strongest light's", source Taste, effect "a smaller value divides pixels among more lights";
+    }
+}
 
 /// A visible light whose pixels are in the photo.
 struct Emitter {
@@ -178,7 +197,7 @@ impl Node for Compose {
                     paint: at(&inputs.paint.0),
                     coated: inputs.coats.at(x, y),
                     white,
-                    headroom: (1.0 + HEADROOM * depth_of_white.get(x, y)).min(MOST),
+                    headroom: (1.0 + TUNING.headroom_slope * depth_of_white.get(x, y)).min(TUNING.max_headroom),
                 };
                 self.pixel(&inputs, &emitters, (x, y), &before, surface, record);
                 for (light, cover, glow) in &inserted {
@@ -190,11 +209,11 @@ impl Node for Compose {
                 }
             }
         };
-        let mut records = vec![Vec3::ZERO; width * BAND.min(height) * stride];
+        let mut records = vec![Vec3::ZERO; width * TUNING.band.min(height) * stride];
         let mut each_band = |take: &mut dyn FnMut(usize, &[Vec3])| -> Result<(), NodeError> {
-            for top in (0..height).step_by(BAND) {
+            for top in (0..height).step_by(TUNING.band) {
                 ctx.check_cancelled()?;
-                let records = &mut records[..width * BAND.min(height - top) * stride];
+                let records = &mut records[..width * TUNING.band.min(height - top) * stride];
                 let rows = records.par_chunks_mut((width * stride).max(1)).enumerate();
                 rows.for_each(|(y, records)| row(top + y, records));
                 take(top * width, records);
@@ -280,7 +299,7 @@ impl Compose {
         let nearest = emitters.iter().map(|e| (e.zone.0.get(x, y), e)).reduce(|a, b| if b.0 > a.0 { b } else { a });
         if let Some((1.0, emitter)) = nearest {
             let (seen, gain) = emitter.seen(ray());
-            let shown = unclipped(photo, white, seen, MOST);
+            let shown = unclipped(photo, white, seen, TUNING.max_headroom);
             let others = shading - before[emitter.light];
             let (reflectance, remainder) = owned(shown, others, Vec3::splat(emitter.fill));
             record.iter_mut().for_each(|layer| *layer *= reflectance);
@@ -333,7 +352,8 @@ fn owned(shown: Vec3, others: Vec3, albedo: Vec3) -> (Vec3, Vec3) {
 /// part, and the parts go up from there: a little noise must not give a pixel from one light to another.
 fn strongest(before: &[Vec3], after: &[Vec3]) -> Vec<(f32, usize, Vec3)> {
     let most = before.iter().map(|light| luminance(*light)).fold(0.0, f32::max);
-    let parts: Vec<f32> = before.iter().map(|light| smooth_step(0.5 * most, most, luminance(*light))).collect();
+    let parts: Vec<f32> =
+        before.iter().map(|light| smooth_step(TUNING.min_contribution * most, most, luminance(*light))).collect();
     let sum = parts.iter().sum::<f32>();
     let all = parts.into_iter().enumerate().filter(|(_, part)| *part > 0.0);
     all.map(|(k, part)| (part / sum, k, gain_of(before[k], after[k]))).collect()
@@ -381,18 +401,9 @@ struct Surface<'a> {
     headroom: f32,
 }
 
-/// A channel that counts as saturated, of the level at which the photo is clipped: 254 of 255 in sRGB.
-const WHITE: f32 = 0.991;
-
-/// Most that a saturated channel may show, in whites: two stops.
-const MOST: f32 = 4.0;
-
-/// Growth of what a saturated pixel may show per pixel of distance from the edge of the white: no step at that edge.
-const HEADROOM: f32 = 0.15;
-
 /// What a pixel shows when saturated channels are as bright as the model says, within `headroom`; others are as they are.
 fn unclipped(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
-    Vec3::select(photo.cmpge(Vec3::splat(WHITE * white)), photo.max(model.min(headroom * photo)), photo)
+    Vec3::select(photo.cmpge(Vec3::splat(TUNING.saturated * white)), photo.max(model.min(headroom * photo)), photo)
 }
 
 /// What objects show of each light, in the order of `names`, then of the rest; nothing when none is seen.
