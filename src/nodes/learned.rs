@@ -204,11 +204,13 @@ macro_rules! light_stage {
         $crate::params! {
             $(#[doc = $doc])*
             ///
-            /// A start for a fit, as good as the room is like those that it was trained on (the card beside the network tells).
+            /// The estimate is a start for a fit. Its error is lowest in rooms like those of the training data,
+            /// which the card beside the network describes.
             pub struct $stage {
-                /// The network, ONNX with the inputs and outputs that its card in models/ names.
+                /// The network, ONNX with the inputs and outputs of its card in models/.
                 model: File = File::new($model),
-                /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+                /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded. The
+                /// command sets it (`--backend`).
                 backend: Backend = Backend::Rten,
             }
         }
@@ -217,9 +219,9 @@ macro_rules! light_stage {
             pub input $input {
                 /// The linear photo.
                 photo: Arc<Picture>,
-                /// Planar z.
+                /// Planar depth.
                 depth: Arc<Depth>,
-                /// The camera; brought to the network's size.
+                /// The camera; resized to the network's input.
                 camera: Arc<Camera>,
                 /// Normals of the seen surface.
                 normal: Arc<Normal>,
@@ -236,7 +238,7 @@ macro_rules! light_stage {
 
         $crate::ports! {
             pub output $output {
-                /// The light; nothing where it has no pixel at the network's size.
+                /// The estimated light; absent if it has no pixel at the network's size.
                 guess: Arc<Guess>,
             }
         }

@@ -23,12 +23,14 @@ use lamp::LampShape;
 use sky::{Half, Outside, Sky, Sun};
 
 params! {
-    /// Changes lights and adds new ones; lights that the edit does not name pass through unchanged.
+    /// Changes the lights that the edit names and adds new ones; all other lights pass through
+    /// unchanged.
     pub struct EditLights {
-        /// What happens to each named light: `Off`, `Scale(0.4)`, `Temperature(2700)`, `Color(1, 0.8, 0.6)`, `Move(..)`,
-        /// `Lamp(..)`, `Window(..)`.
+        /// Edits by light: `Off`, `Scale(0.4)`, `Temperature(2700)`, `Color(1, 0.8, 0.6)`,
+        /// `Move(..)`, `Lamp(..)`, `Window(..)`. docs/edits-lights.md describes each.
         lights: BTreeMap<String, LightEdit> = BTreeMap::new(),
-        /// Illuminance in lux at which a white surface shows 1.0, for fluxes in lumens, when the scene does not say.
+        /// Illuminance in lux at which a white surface has the value 1, for a luminous flux in
+        /// lumens in a scene without `exposure`.
         assumed_lux: f32 = 300.0, in above(0.0),
     }
 }
@@ -114,11 +116,11 @@ ports! {
     pub input EditLightsIn {
         /// The estimated lights.
         shapes: Gather<Shape>,
-        /// Their radiances.
+        /// The radiances of the estimated lights.
         radiances: Gather<Radiance>,
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size, for places given as pixels.
+        /// Planar depth at the photo's size, for positions that are given as pixels.
         depth: Arc<Depth>,
         /// Normals, at any size.
         normal: Arc<Normal>,
@@ -129,11 +131,12 @@ ports! {
 
 ports! {
     pub output EditLightsOut {
-        /// Place, extent and direction of every light after the edit.
+        /// The position, extent and emission of every light after the edit.
         shape: Scatter<Shape>,
-        /// Radiance of every light after the edit.
+        /// The radiance of every light after the edit.
         radiance: Scatter<Radiance>,
-        /// Radiance after over radiance before, per lobe and channel: what a visible light's own pixels change by.
+        /// Ratio of the radiance after the edit to that before, per lobe and channel. A visible
+        /// light's own pixels change by it.
         gain: Scatter<Radiance>,
     }
 }

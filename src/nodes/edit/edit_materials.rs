@@ -15,13 +15,17 @@ use crate::image::{
 use crate::{params, ports};
 
 params! {
-    /// Paints and polishes regions of the photo; with nothing to paint, everything passes through unchanged.
+    /// Repaints regions of the photo and changes their gloss; without entries, everything passes
+    /// through unchanged.
     ///
-    /// What the photo shows of a region is multiplied by new over old albedo, the old one being the mean of `known` there: so the photo tells
-    /// how the region is lit. Bounced light is computed with the new albedo; the picture is repainted at the photo's size, by `Compose`.
+    /// The photo's pixels of a region are multiplied by the ratio of the new albedo to the old one,
+    /// which is the mean of `known` in the region. So the region keeps the light that the photo
+    /// shows. Bounced light is computed with the new albedo; `Compose` repaints the picture at the
+    /// photo's size.
     pub struct EditMaterials {
-        /// In order, later ones over earlier ones: `Paint(region: Mask("wall.png") | Grow(x, y), albedo: Srgb("#c8642a") |
-        /// Linear(r, g, b), roughness: 0.6, specular: 0.5, keep_texture: true)`.
+        /// The entries in order, later ones over earlier ones: `Paint(region: Mask("wall.png") |
+        /// Grow(x, y), albedo: Srgb("#c8642a") | Linear(r, g, b), roughness: 0.6, specular: 0.5,
+        /// keep_texture: true)`.
         materials: Vec<MaterialEdit> = Vec::new(),
     }
 }
@@ -65,42 +69,44 @@ ports! {
     pub input EditMaterialsIn {
         /// The linear photo.
         photo: Arc<Picture>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
         /// The photo at working size.
         small: Arc<Picture>,
-        /// Planar z at working size.
+        /// Planar depth at working size.
         depth: Arc<Depth>,
         /// Points of the seen surface, working size.
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// Photo over shading, filled in where a light hides it, working size.
+        /// Reflectance at working size: photo over shading, filled in under lights.
         paint: Arc<Albedo>,
-        /// Albedo as the photo alone tells it, working size: what the old paint is taken for.
+        /// Albedo as estimated from the photo alone, working size; it gives the old albedo of a
+        /// region.
         known: Arc<Albedo>,
-        /// Albedo that bounces light, working size.
+        /// Albedo for bounced light, working size.
         albedo: Arc<Albedo>,
         /// Albedo after the fit, working size.
         fitted: Arc<Albedo>,
-        /// Working size.
+        /// Roughness at working size.
         roughness: Arc<Roughness>,
     }
 }
 
 ports! {
     pub output EditMaterialsOut {
-        /// As `albedo`, painted.
+        /// `albedo` with the regions repainted.
         albedo: Arc<Albedo>,
-        /// As `fitted`, painted.
+        /// `fitted` with the regions repainted.
         fitted: Arc<Albedo>,
-        /// As it came, and new where a region has one.
+        /// The input, with the new roughness of the regions that have one.
         roughness: Arc<Roughness>,
-        /// That of a usual dielectric, and new where a region has one.
+        /// Specular level: that of a usual dielectric, and the new one of the regions that have
+        /// one.
         specular: Arc<Specular>,
-        /// The paint at the photo's size.
+        /// The paint layers at the photo's size.
         coats: Arc<Coats>,
-        /// New roughness and specular level at the photo's size.
+        /// The new roughness and specular level at the photo's size.
         finish: Arc<Finish>,
     }
 }

@@ -14,23 +14,28 @@ use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
-    /// Fits the radiance of every lobe of every light to the photo, together with one albedo per segment.
+    /// Fits the radiance of every lobe of every light to the photo, together with one albedo per
+    /// segment.
     ///
-    /// The picture is linear in the radiances: non-negative least squares on the unit layers, each with its own shadow and
-    /// its own indirect light, by turns with the albedos (see `optics::fit_radiances`). Saturated pixels are lower bounds.
-    /// A constant ambient, dearer than any light, takes what no light explains: the rest.
+    /// The picture is linear in the radiances. The fit alternates between non-negative least
+    /// squares on the unit layers, each with its shadows and its indirect light, and the albedos
+    /// (`optics::fit_radiances`). Saturated pixels are lower bounds. A constant ambient layer with
+    /// a cost of its own takes the residual that no light explains.
     pub struct FitLights {
-        /// Most rounds of the fit; it ends when no light changes by more than 1e-4 of itself. With 0 all lights give the same in the mean.
+        /// Upper bound of the iterations. The fit ends earlier when no light changes by more than
+        /// 1e-4 of itself. With 0, all lights give the same mean shading.
         turns: usize = 200, in 0..=10_000,
-        /// Weight of the guess that all lights give alike, as a share of the photo's energy: what decides where the photo does not.
+        /// Weight of the prior that all lights give the same mean shading, as a fraction of the
+        /// photo's energy. It decides where the photo does not.
         prior: f64 = 0.03, in 0.0..,
-        /// Cost of the rest, as a share of the photo's energy.
+        /// Cost of the ambient residual, as a fraction of the photo's energy.
         rest_cost: f64 = 0.01, in 0.0..,
-        /// Cost of lights out of view.
+        /// Cost of lights out of view, as a fraction of the photo's energy.
         invisible_cost: f64 = 0.005, in 0.0..,
-        /// Cost of the sun in a window.
+        /// Cost of the sun in a window, as a fraction of the photo's energy.
         sun_cost: f64 = 0.05, in 0.0..,
-        /// The albedo is known: it stays as it comes, pixel by pixel, and only radiances are fitted.
+        /// Whether the input albedo is exact: then it stays as it is, per pixel, and the fit has
+        /// only the radiances as unknowns.
         keep_albedo: bool = false,
     }
 }
@@ -39,19 +44,20 @@ ports! {
     pub input FitLightsIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// Share of saturated pixels.
+        /// Fraction of saturated pixels.
         clipped: Arc<Mask>,
         /// Points of the seen surface.
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// Albedo before the fit; its mean level is kept.
+        /// Albedo before the fit, whose mean level the fit keeps.
         albedo: Arc<Albedo>,
-        /// Pixels of one material.
+        /// Segments of one material each.
         segments: Arc<Segments>,
-        /// What the receivers see; those that look out of the seen room get the most ambient light.
+        /// Rays of the receivers. A receiver whose rays leave the seen room gets the most ambient
+        /// light.
         transport: Arc<Transport>,
-        /// Pixels that are no part of the room.
+        /// Pixels that are not part of the room.
         ignore: Arc<Mask>,
         /// Pixels of each visible light.
         mask: Gather<Mask>,
@@ -68,9 +74,10 @@ ports! {
     pub output FitLightsOut {
         /// Radiance of each light, per lobe.
         radiance: Scatter<Radiance>,
-        /// Shading that no light explains.
+        /// Residual shading, which no light explains.
         rest: Arc<Shading>,
-        /// One albedo per segment, fitted with the lights; lights' own pixels take that of their surroundings.
+        /// One albedo per segment, fitted with the lights. A light's own pixels get the albedo of
+        /// their surroundings.
         albedo: Arc<Albedo>,
     }
 }

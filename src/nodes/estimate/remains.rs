@@ -12,9 +12,11 @@ use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
-    /// Takes all direct light from the photo's shading: what is left is indirect light, and tells how bright the unseen part of the room is.
+    /// Subtracts all direct light from the photo's shading. The residual is indirect light, which
+    /// determines the brightness of the unseen part of the room.
     ///
-    /// left = photo / albedo - sum of w x direct x visibility, zero where the photo is white or shows a light.
+    /// residual = photo / albedo - sum of w x direct x visibility, and zero where the photo is
+    /// saturated or shows a light.
     pub struct Remains {}
 }
 
@@ -22,15 +24,15 @@ ports! {
     pub input RemainsIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// Share of saturated pixels.
+        /// Fraction of saturated pixels.
         clipped: Arc<Mask>,
         /// Albedo.
         albedo: Arc<Albedo>,
         /// Pixels of each visible light.
         masks: Gather<Mask>,
-        /// Every light as estimated.
+        /// Every estimated light.
         shape: Gather<Shape>,
-        /// Its radiance, as far as it is known before the fit.
+        /// Its radiance, as estimated before the fit.
         radiance: Gather<Radiance>,
         /// Its unshadowed unit shading.
         direct: Gather<UnitDirect>,
@@ -41,7 +43,7 @@ ports! {
 
 ports! {
     pub output RemainsOut {
-        /// What is left, and what burns.
+        /// The residual shading, and the power of the lights.
         remainder: Arc<Remainder>,
     }
 }

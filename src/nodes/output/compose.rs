@@ -44,17 +44,18 @@ pub enum Mode {
 params! {
     /// Puts the edited shading onto the photo, at the photo's own size.
     ///
-    /// Shading is brought to the photo's size by joint bilateral upsampling against depth and colour; the photo's pixels are
-    /// never resampled.
+    /// Shading is upsampled to the photo's size by a joint bilateral filter on depth and color; the
+    /// photo's pixels are never resampled.
     pub struct Compose {
-        /// `Ratio` or `Physical`.
+        /// `Ratio`, which multiplies the photo by new over old shading, or `Physical`, which
+        /// multiplies the albedo by the new shading.
         mode: Mode = Mode::Ratio,
-        /// Albedo shown by the surface of a lamp that is switched off; 0..=1.
+        /// Albedo of the surface of a lamp that is switched off.
         lamp_albedo: f32 = 0.5, in 0.0..=1.0,
-        /// Albedo shown by the pane of a window that is switched off; 0..=1.
+        /// Albedo of the pane of a window that is switched off.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
-        /// What objects reflect of the unseen part of the room, as a multiple of the mean of what is seen, 0..=1; where a network
-        /// says what arrives from there, that counts.
+        /// Reflected radiance of the unseen part of the room, as a multiple of the mean of the seen
+        /// part. A network's lighting takes precedence.
         unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }
@@ -63,35 +64,36 @@ ports! {
     pub input ComposeIn {
         /// The linear photo.
         photo: Arc<Picture>,
-        /// 1 where the photo is saturated.
+        /// Mask of saturated pixels, 1 where the photo is saturated.
         clipped: Arc<Mask>,
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
         /// The photo at working size.
         small: Arc<Picture>,
-        /// Planar z at working size.
+        /// Planar depth at working size.
         depth: Arc<Depth>,
         /// Estimated albedo, working size.
         albedo: Arc<Albedo>,
-        /// Photo over shading, filled in where a light hides it, working size.
+        /// Reflectance at working size: photo over shading, filled in under lights.
         paint: Arc<Albedo>,
-        /// Paint that the edit puts over it, photo size.
+        /// Paint layers of the edit, photo size.
         coats: Arc<Coats>,
         /// Shading by each light as estimated, working size.
         before: Gather<Shading>,
         /// Shading by each light after the edit, working size.
         after: Gather<Shading>,
-        /// Shading that no light explains, working size.
+        /// Residual shading, which no light explains, working size.
         rest: Arc<Shading>,
-        /// The same after the edit.
+        /// The residual shading after the edit.
         edited_rest: Arc<Shading>,
-        /// How far each photo pixel is a visible light's own: 1 where it is the light, less in its glare and bloom.
+        /// Weight with which each photo pixel belongs to a visible light: 1 in its own pixels, less
+        /// in its glare and bloom.
         zone: Gather<Mask>,
-        /// What each visible light is.
+        /// Kind of each visible light.
         kind: Gather<LightKind>,
-        /// The lights as estimated.
+        /// The estimated lights.
         estimated: Gather<Shape>,
         /// Their radiances.
         estimated_radiance: Gather<Radiance>,
@@ -99,30 +101,30 @@ ports! {
         shape: Gather<Shape>,
         /// Their radiances.
         radiance: Gather<Radiance>,
-        /// Radiance after over before.
+        /// Ratio of the radiance after the edit to that before.
         gain: Gather<Radiance>,
-        /// Pixels covered by the bodies of inserted lights, photo size.
+        /// Coverage by the bodies of inserted lights, photo size.
         cover: Gather<Mask>,
-        /// Inserted objects as they are seen.
+        /// The visible inserted objects.
         objects: Arc<Objects>,
-        /// What they show of each light.
+        /// Pictures of the objects under each light.
         object: Gather<Picture>,
-        /// What they show of light that no light explains.
+        /// Picture of the objects under residual light.
         object_rest: Arc<Picture>,
-        /// What shiny objects reflect; nothing without such.
+        /// Reflections on shiny objects; empty without such objects.
         reflected: Gather<Reflections>,
-        /// What surfaces of new roughness or specular level reflect; nothing without such.
+        /// Reflections on surfaces of new roughness or specular level; empty without such surfaces.
         polish: Gather<Polish>,
     }
 }
 
 ports! {
     pub output ComposeOut {
-        /// Linear, photo size, not clamped: the sum of all layers.
+        /// The linear picture at the photo's size, not clamped: the sum of all layers.
         picture: Arc<Picture>,
-        /// What each light contributes.
+        /// The contribution of each light.
         layer: Scatter<Layer>,
-        /// What no light explains.
+        /// The contribution of the residual, which no light explains.
         rest: Arc<Layer>,
     }
 }

@@ -16,13 +16,14 @@ use crate::nodes::artifacts::{Files, REST};
 use crate::{params, ports};
 
 params! {
-    /// Weights the light layers that `Write` wrote, and writes the picture that they make. What `relight mix` runs.
+    /// Weights the light layers that `Write` wrote, and writes the picture of their sum. `relight
+    /// mix` runs it.
     pub struct MixLayers {
         /// The `picture.exr` of a run.
         layers: File = File::default(),
-        /// What each light is multiplied by, linear (r, g, b), 0 or more; a light that is not named stays as it is.
+        /// Factors of each light, linear (r, g, b); a light without an entry stays as it is.
         weights: BTreeMap<String, [f32; 3]> = BTreeMap::new(), in 0.0..,
-        /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
+        /// Compression of picture.exr: None, Rle, Zip or Piz. All are lossless.
         compression: Compression = Compression::None,
     }
 }
@@ -30,7 +31,8 @@ params! {
 ports! { pub input MixLayersIn {} }
 ports! {
     pub output MixLayersOut {
-        /// `picture.png`, encoded as the photo is, and `picture.exr`, the picture and its light layers.
+        /// `picture.png`, encoded like the photo, and `picture.exr`, the picture and its light
+        /// layers.
         files: Arc<Files>,
     }
 }

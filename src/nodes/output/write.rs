@@ -30,24 +30,24 @@ const MAX_PIXELS_AT_ONCE: usize = 16 << 20;
 params! {
     /// Writes the picture as PNG, and all layers as EXR.
     pub struct Write {
-        /// How picture.exr is packed: None, Rle, Zip or Piz. All are lossless.
+        /// Compression of picture.exr: None, Rle, Zip or Piz. All are lossless.
         compression: Compression = Compression::None,
-        /// Whether picture.exr holds more than the picture and its light layers.
+        /// Whether picture.exr contains more than the picture and its light layers.
         diagnostics: bool = true,
     }
 }
 
 ports! {
     pub input WriteIn {
-        /// The picture: the photo's size, linear, not clamped.
+        /// The linear picture at the photo's size, not clamped.
         picture: Arc<Picture>,
-        /// How the photo was stored.
+        /// Encoding of the photo.
         encoding: Arc<Encoding>,
-        /// The photo, for the layer `photo`: what the picture is compared with.
+        /// The photo, for the layer `photo`, with which the picture is compared.
         photo: Option<Arc<Picture>>,
-        /// Each light alone, the photo's size; they and `rest` sum to the picture.
+        /// The layer of each light, the photo's size; they and `rest` sum to the picture.
         layer: Gather<Layer>,
-        /// What no light explains.
+        /// The layer that no light explains.
         rest: Arc<Layer>,
         /// Unit direct shading of each light.
         direct: Gather<UnitDirect>,
@@ -55,7 +55,7 @@ ports! {
         visibility: Gather<Visibility>,
         /// Unit indirect shading of each light.
         indirect: Gather<UnitIndirect>,
-        /// Radiance of each light, one colour per lobe.
+        /// Radiance of each light, one color per lobe.
         radiance: Gather<Radiance>,
         /// Albedo.
         albedo: Arc<Albedo>,
@@ -63,7 +63,7 @@ ports! {
         normal: Arc<Normal>,
         /// Roughness.
         roughness: Arc<Roughness>,
-        /// Specular level; written where it is not everywhere the same.
+        /// Specular level; written if it is not constant.
         specular: Option<Arc<Specular>>,
         /// Depth.
         depth: Arc<Depth>,
@@ -71,7 +71,7 @@ ports! {
 }
 ports! {
     pub output WriteOut {
-        /// picture.png and picture.exr.
+        /// `picture.png` and `picture.exr`.
         files: Arc<Files>,
     }
 }

@@ -12,16 +12,19 @@ use crate::optics::{Lamp, Plate, Radiance, Shape};
 use crate::{params, ports};
 
 params! {
-    /// Writes the estimated room as a scene's `truth` names it: `lights.json`, which `ReadLights` reads, and `albedo.exr`,
-    /// `normal.exr` and `roughness.exr`, which `ReadMaterials` reads. To measure estimates, to mend them by hand, to hold them fixed.
+    /// Writes the estimated room as the files of a scene's `truth`: `lights.json`, which
+    /// `ReadLights` reads, and `albedo.exr`, `normal.exr` and `roughness.exr`, which
+    /// `ReadMaterials` reads.
+    ///
+    /// The files serve to measure estimates, to correct them by hand, and to keep them fixed.
     pub struct WriteEstimates {}
 }
 
 ports! {
     pub input WriteEstimatesIn {
-        /// Where the lights are.
+        /// The shapes of the lights.
         shape: Gather<Shape>,
-        /// How bright they are.
+        /// Their radiances.
         radiance: Gather<Radiance>,
         /// Albedo, working size.
         albedo: Arc<Albedo>,

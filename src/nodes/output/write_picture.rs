@@ -8,22 +8,23 @@ use crate::nodes::artifacts::{Encoding, Files};
 use crate::{params, ports};
 
 params! {
-    /// Writes the picture as PNG and nothing else: the same `picture.png` as `Write` gives, without its layers.
+    /// Writes the picture as PNG and nothing else: the same `picture.png` as that of `Write`,
+    /// without its layers.
     pub struct WritePicture {}
 }
 
 ports! {
     pub input WritePictureIn {
-        /// The picture: the photo's size, linear, not clamped.
+        /// The linear picture at the photo's size, not clamped.
         picture: Arc<Picture>,
-        /// How the photo was stored.
+        /// Encoding of the photo.
         encoding: Arc<Encoding>,
     }
 }
 
 ports! {
     pub output WritePictureOut {
-        /// picture.png.
+        /// `picture.png`.
         files: Arc<Files>,
     }
 }

@@ -12,12 +12,13 @@ use crate::nodes::artifacts::{Files, UnitDirect, UnitIndirect, Visibility};
 use crate::{params, ports};
 
 params! {
-    /// Writes what each lobe of each light does with unit radiance, as EXR at working size: `direct_<light>_<k>.Y`,
-    /// `lit_<light>_<k>.Y`, `unknown_<light>_<k>.Y`, `indirect_<light>_<k>.RGB`, `normal.XYZ` and `depth.Z`, all 32-bit floats.
+    /// Writes the unit layers of each lobe of each light as EXR at working size:
+    /// `direct_<light>_<k>.Y`, `lit_<light>_<k>.Y`, `unknown_<light>_<k>.Y`,
+    /// `indirect_<light>_<k>.RGB`, `normal.XYZ` and `depth.Z`, all 32-bit floats.
     pub struct WritePlanes {
         /// The file's name, without a folder, ending in `.exr`.
         name: String = "planes.exr".into(),
-        /// How the file is packed: None, Rle, Zip or Piz. All are lossless.
+        /// Compression of the file: None, Rle, Zip or Piz. All are lossless.
         compression: Compression = Compression::None,
     }
 }

@@ -19,14 +19,15 @@ use crate::nodes::artifacts::Files;
 use crate::{params, ports};
 
 params! {
-    /// Writes `report.html` of a finished run: before and after, a slider and a colour for each light, shadows and errors, what ran and why. What
-    /// `relight report` runs.
+    /// Writes `report.html` of a finished run: before and after, a slider and a color for each
+    /// light, shadows and errors, the nodes and the reasons why they ran. `relight report` runs it.
     pub struct WriteReport {
         /// The `picture.exr` of a run.
         layers: File = File::default(),
         /// The `report.json` of the same run.
         report: File = File::default(),
-        /// Longest side of the pictures in the page, in pixels, 1..=4096; a larger picture is brought down to it, light by light.
+        /// Upper bound of the longest side of the page's pictures, pixels. A larger picture is
+        /// reduced, light by light.
         long_side: u32 = 640, in 1..=4096,
     }
 }

@@ -20,9 +20,11 @@ use crate::optics::{Lamp, Lobe, Plate, Radiance, Shape, Window, flux};
 use crate::{params, ports};
 
 params! {
-    /// Writes the seen room, its lights and the camera as USD, for Blender and others; docs/export.md tells what is lost. What `relight export` runs.
+    /// Writes the seen room, its lights and the camera as USD, for Blender and other programs.
+    /// docs/export.md lists the losses. `relight export` runs it.
     pub struct WriteUsd {
-        /// A lobe of a seen window of at least this bandwidth is written as a distant light, so that the sun falls where it falls; more than 0.
+        /// Least bandwidth at which a lobe of a visible window is written as a distant light, which
+        /// keeps its sunlit areas in place.
         sun: f32 = 100.0, in above(0.0),
     }
 }
@@ -31,7 +33,7 @@ ports! {
     pub input WriteUsdIn {
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Pixel centres on the surface.
+        /// Surface points at pixel centers.
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,

@@ -10,22 +10,24 @@ use crate::optics::{self, Shape, Strategy};
 use crate::{params, ports};
 
 params! {
-    /// Unshadowed direct shading of one light, per lobe of unit radiance.
+    /// Computes the unshadowed direct shading of one light, per lobe of unit radiance.
     ///
-    /// E = (1/pi) integral of L cos(theta) over the directions in which the light is seen, cut at the horizon. Exact for
-    /// spheres, rectangles and boxes, and for plates and convex meshes up to 512 pieces; windows and larger lamps are sampled.
+    /// E = (1/pi) integral of L cos(theta) over the directions towards the light, clipped at the
+    /// horizon. The result is exact for spheres, rectangles and boxes, and for plates and convex
+    /// meshes up to 512 pieces; windows and larger lamps are sampled.
     pub struct Direct {
-        /// Samples per pixel and lobe where there is no closed form, 1..65536; with a target, the least.
+        /// Samples per pixel and lobe where there is no closed form; with a target, the least
+        /// number.
         samples: u32 = 32, in SAMPLES,
-        /// Mean standard error over the mean shading of the lobe that is good enough, 0..1; each tile of 16 x 16 pixels takes more
-        /// samples until it gets there. 0 takes `samples` everywhere.
+        /// Target of the mean standard error over the mean shading of the lobe. Each tile of 16 x
+        /// 16 pixels takes more samples until it reaches the target; 0 takes `samples` everywhere.
         target_error: f32 = 0.0, in 0.0..1.0,
-        /// The most samples per pixel and lobe, with a target, 1..65536.
+        /// Upper bound of the samples per pixel and lobe, with a target.
         max_samples: u32 = 4096, in SAMPLES,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
-        /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
-        /// `PowerOneSample`.
+        /// Sampling strategy of windows: `Best`, or, for comparisons, `Area`, `Lobe`, `Balance`,
+        /// `BalanceOneSample`, `Power`, `PowerOneSample`.
         sampling: Strategy = Strategy::Best,
     }
 }

@@ -12,11 +12,12 @@ use crate::optics::{Shape, Silhouette};
 use crate::{params, ports};
 
 params! {
-    /// Draws the body of a light: the share of each photo pixel that shows it, hidden by what stands before it.
+    /// Renders the body of a light: the coverage of each photo pixel by it, behind its occluders.
     ///
-    /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels are in the photo.
+    /// A light that the scene's masks show, and that was not replaced, is not rendered: its pixels
+    /// are in the photo.
     pub struct Glow {
-        /// Samples per pixel side for smooth edges; 1..=16.
+        /// Samples per pixel along each axis, for antialiased edges.
         supersampling: usize = 4, in 1..=16,
     }
 }
@@ -25,18 +26,18 @@ ports! {
     pub input GlowIn {
         /// The light.
         shape: Arc<Shape>,
-        /// The same light as it was estimated; none for an inserted one.
+        /// The same light as estimated; missing for an inserted one.
         estimated: Option<Arc<Shape>>,
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         depth: Arc<Depth>,
     }
 }
 
 ports! {
     pub output GlowOut {
-        /// Share of each pixel covered by the light's body, photo size.
+        /// Coverage of each pixel by the light's body, photo size.
         cover: Arc<Mask>,
     }
 }

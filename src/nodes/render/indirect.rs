@@ -15,21 +15,24 @@ use crate::optics::{Shape, flux};
 use crate::{params, ports};
 
 params! {
-    /// Indirect shading of one light, per lobe of unit radiance, by a network that is linear and non-negative in the light.
+    /// Computes the indirect shading of one light, per lobe of unit radiance, by a network that is
+    /// linear and non-negative in the light.
     ///
-    /// I(a E1 + b E2) = a I(E1) + b I(E2) to rounding: gates from geometry and albedo, no bias and no activation on the light's own path
-    /// (models/indirectnet.md). So one light's indirect picture is its own, and relighting is a sum.
+    /// I(a E1 + b E2) = a I(E1) + b I(E2) to rounding: gates from geometry and albedo, no bias and
+    /// no activation on the light's own path (models/indirectnet.md). So each light has an indirect
+    /// picture of its own, and relighting is a sum.
     pub struct Indirect {
-        /// The network, ONNX with the inputs and outputs that models/indirectnet.md names.
+        /// The network, ONNX with the inputs and outputs of models/indirectnet.md.
         model: File = File::new("indirectnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded. The
+        /// command sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }
 
 ports! {
     pub input IndirectIn {
-        /// Planar z.
+        /// Planar depth.
         depth: Arc<Depth>,
         /// The camera.
         camera: Arc<Camera>,
@@ -45,16 +48,17 @@ ports! {
         shape: Arc<Shape>,
         /// Its unshadowed unit shading.
         direct: Arc<UnitDirect>,
-        /// Which share of it arrives.
+        /// Its visibility.
         visibility: Arc<Visibility>,
-        /// What the photo leaves for indirect light; without it, what is unseen is as bright as in most rooms.
+        /// Residual of the photo's shading; without it, the unseen part of the room is as bright as
+        /// in most rooms.
         remainder: Option<Arc<Remainder>>,
     }
 }
 
 ports! {
     pub output IndirectOut {
-        /// Indirect shading per lobe; its standard error is not known.
+        /// Indirect shading per lobe; its standard error is unknown.
         indirect: Arc<UnitIndirect>,
     }
 }

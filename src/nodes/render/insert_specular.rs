@@ -9,22 +9,25 @@ use crate::optics::{Lighting, Reflections, Shape, Surround, object_face, reflect
 use crate::{params, ports};
 
 params! {
-    /// Finds what shiny objects reflect, by GGX in Karis' form: pixels of the picture, lights, and what the photo does not show.
+    /// Computes the reflections on shiny objects, by GGX in Karis' form: pixels of the picture,
+    /// lights, and the unseen part of the room.
     ///
-    /// A reflected ray that meets the seen room shows the edited picture there, so each light's reflection is in that light's layer.
-    /// Where it leaves the seen room, the network's lighting is shown if there is any, split by what each light gives to the
-    /// room, else an even surround.
+    /// A reflected ray that hits the seen room takes the edited picture there, so each light's
+    /// reflection is in that light's layer. A ray that leaves the seen room takes the network's
+    /// lighting, if there is any, split by each light's contribution to the room, else a constant
+    /// environment.
     pub struct InsertSpecular {
-        /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes up to 16, and in all there are up to 4 million.
+        /// Rays per pixel, and samples of each light per pixel. A mirror takes at most 16, and the
+        /// total is at most 4 million.
         rays: u32 = 32, in 1..=4096,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
     }
 }
 
 ports! {
     pub input InsertSpecularIn {
-        /// The objects as they are seen.
+        /// The visible objects.
         objects: Arc<Objects>,
         /// The room with the objects in it.
         mesh: Arc<SceneMesh>,
@@ -38,14 +41,14 @@ ports! {
         mask: Gather<Mask>,
         /// Every light.
         shape: Gather<Shape>,
-        /// What arrives at each place.
+        /// Incoming radiance at each surface point.
         lighting: Option<Arc<Lighting>>,
     }
 }
 
 ports! {
     pub output InsertSpecularOut {
-        /// What each pixel of the objects reflects.
+        /// The reflection at each pixel of the objects.
         reflected: Arc<Reflections>,
     }
 }

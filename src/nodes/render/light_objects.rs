@@ -10,22 +10,24 @@ use crate::optics::{Sampling, Shape, arriving};
 use crate::{params, ports};
 
 params! {
-    /// Direct light of one light on inserted bodies, per lobe of unit radiance, with the shadows that room and bodies cast on them.
+    /// Computes the direct light of one light on inserted objects, per lobe of unit radiance, with
+    /// the shadows of the room and the objects.
     ///
-    /// Asked at the samples that the camera sees, and at probes all over the bodies, for what they bounce.
+    /// The receivers are the visible surface samples, and the light probes on the objects, which
+    /// gather the light that they reflect.
     pub struct LightObjects {
-        /// Shadow rays per traced place and lobe, 1..65536; samples of what has no closed form.
+        /// Shadow rays per receiver and lobe; samples of lights without a closed form.
         samples: u32 = 16, in SAMPLES,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
     }
 }
 
 ports! {
     pub input LightObjectsIn {
-        /// The bodies as they are seen.
+        /// The visible objects.
         objects: Arc<Objects>,
-        /// The room with the bodies in it.
+        /// The room with the objects in it.
         mesh: Arc<SceneMesh>,
         /// The light.
         shape: Arc<Shape>,
@@ -34,7 +36,7 @@ ports! {
 
 ports! {
     pub output LightObjectsOut {
-        /// What arrives at samples and probes.
+        /// Direct light at samples and probes.
         light: Arc<ObjectLight>,
     }
 }

@@ -12,15 +12,18 @@ use crate::optics::Radiance;
 use crate::{params, ports};
 
 params! {
-    /// Weights each light's unit layers by its radiance: E = sum over lobes of w (direct x lit + indirect), per channel.
+    /// Sums each light's unit layers, weighted by its radiance: E = sum over lobes of w (direct x
+    /// lit + indirect), per channel.
     ///
-    /// Linear in the radiances, so that switching, dimming or colouring a light is this sum alone.
+    /// The sum is linear in the radiances, so that switching, dimming or coloring a light is this
+    /// sum alone.
     pub struct Mix {}
 }
 
 ports! {
     pub input MixIn {
-        /// The camera at working size; tells how large shading is where there is no light at all.
+        /// The camera at working size, which gives the size of the shading in a room without
+        /// lights.
         camera: Arc<Camera>,
         /// Unshadowed unit shading of each light.
         direct: Gather<UnitDirect>,

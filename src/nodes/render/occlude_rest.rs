@@ -11,35 +11,37 @@ use crate::optics::Transport;
 use crate::{params, ports};
 
 params! {
-    /// What is left of the unexplained light where bodies stand in its way, and what they show of it.
+    /// Occludes the residual light, which no lamp or window explains, by inserted objects, and
+    /// computes their reflection of it.
     ///
-    /// The rest is an even ambient from the unseen part of the room, as `FitLights` has it. A body hides its share of the
-    /// hemisphere and shows in its place what it reflects. Without bodies the rest passes through.
+    /// The residual is a constant ambient from the unseen part of the room, as `FitLights` has it.
+    /// An object hides its fraction of the hemisphere, and its own reflection takes that place.
+    /// Without objects the residual passes through.
     pub struct OccludeRest {}
 }
 
 ports! {
     pub input OccludeRestIn {
-        /// Shading that no light explains.
+        /// Residual shading, which no light explains.
         rest: Arc<Shading>,
-        /// What the room sees without bodies.
+        /// Rays of the room without objects.
         before: Arc<Transport>,
-        /// What it sees with them.
+        /// Rays of the room with them.
         after: Arc<Transport>,
         /// The surface points.
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// The bodies as they are seen.
+        /// The visible objects.
         objects: Arc<Objects>,
     }
 }
 
 ports! {
     pub output OccludeRestOut {
-        /// Shading of the room that no light explains.
+        /// Residual shading of the room with the objects.
         rest: Arc<Shading>,
-        /// What the bodies show of such light, in the rectangle of `objects`.
+        /// Picture of the objects under residual light, in the rectangle of `objects`.
         shown: Arc<Picture>,
     }
 }

@@ -9,14 +9,16 @@ use crate::optics::{Lighting, Part, Polish, SeenPlaces, Shape, Surround, places,
 use crate::{params, ports};
 
 params! {
-    /// Finds what regions of new roughness or specular level reflect, as `InsertSpecular` does for objects, and what they reflected before.
+    /// Computes the reflections on regions of new roughness or specular level, as `InsertSpecular`
+    /// does for objects, and the reflections before the edit.
     ///
-    /// The photo holds the old reflection; `Compose` puts the new one in its place. Lobes wider than a working pixel are known at
-    /// working size, narrower ones at the photo's.
+    /// The photo contains the old reflection; `Compose` replaces it by the new one. Lobes wider
+    /// than a working pixel are computed at working size, narrower ones at the photo's.
     pub struct PaintSpecular {
-        /// Rays per place, and samples of each light per place, 1..=4096; a mirror takes one, and in all there are up to 4 million.
+        /// Rays per surface point, and samples of each light per point. A mirror takes one, and the
+        /// total is at most 4 million.
         rays: u32 = 32, in 1..=4096,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
     }
 }
@@ -25,7 +27,7 @@ ports! {
     pub input PaintSpecularIn {
         /// New roughness and specular level.
         finish: Arc<Finish>,
-        /// The objects as they are seen.
+        /// The visible objects.
         objects: Arc<Objects>,
         /// The room with the objects in it.
         mesh: Arc<SceneMesh>,
@@ -33,7 +35,7 @@ ports! {
         room: Arc<SceneMesh>,
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
         /// Points of the seen surface.
         points: Arc<Points>,
@@ -41,18 +43,18 @@ ports! {
         normal: Arc<Normal>,
         /// Pixels of each visible light, working size.
         mask: Gather<Mask>,
-        /// The lights as estimated: those whose reflection the photo shows.
+        /// The estimated lights, whose reflections the photo shows.
         estimated: Gather<Shape>,
         /// Every light.
         shape: Gather<Shape>,
-        /// What arrives at each place.
+        /// Incoming radiance at each surface point.
         lighting: Option<Arc<Lighting>>,
     }
 }
 
 ports! {
     pub output PaintSpecularOut {
-        /// What each pixel reflects, now and before.
+        /// The reflection at each pixel, after the edit and before.
         polish: Arc<Polish>,
     }
 }

@@ -11,32 +11,38 @@ use crate::optics::{self, ShadowQuality, Shape, Strategy};
 use crate::{params, ports};
 
 params! {
-    /// Visibility of one light, per lobe, by rays to the samples that direct shading is made of.
+    /// Computes the visibility of one light, per lobe, by rays to the samples of its direct
+    /// shading.
     ///
-    /// A ray is blocked by the seen surface, unknown where it passes behind a depth edge, lit otherwise; what lies outside
-    /// the view is taken to be empty, or with `outside_unknown` to be unknown. `lit` holds the share seen to be lit plus `assume_lit` times the unknown share;
-    /// `unknown` holds the unknown share itself.
+    /// A ray is blocked by the seen surface, unknown where it passes behind a depth edge, and lit
+    /// otherwise. The space outside the view is empty, or unknown with `outside_unknown`. `lit`
+    /// contains the lit fraction plus `assume_lit` times the unknown fraction; `unknown` contains
+    /// the unknown fraction itself.
     pub struct Shadow {
-        /// Rays per traced pixel and lobe, 1..65536; with a target, the least.
+        /// Rays per traced pixel and lobe; with a target, the least number.
         samples: u32 = 8, in SAMPLES,
-        /// Mean standard error over mean, of the shadowed shading of the lobe, that is good enough, 0..1; each tile of 16 x 16
-        /// traced pixels casts more rays until it gets there. 0 casts `samples` everywhere.
+        /// Target of the mean standard error over the mean of the shadowed shading of the lobe.
+        /// Each tile of 16 x 16 traced pixels casts more rays until it reaches the target; 0 casts
+        /// `samples` everywhere.
         target_error: f32 = 0.0, in 0.0..1.0,
-        /// The most rays per traced pixel and lobe, with a target, 1..65536.
+        /// Upper bound of the rays per traced pixel and lobe, with a target.
         max_samples: u32 = 4096, in SAMPLES,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
-        /// Where the samples of a window come from: `Best`, or, to compare, `Area`, `Lobe`, `Balance`, `BalanceOneSample`, `Power`,
-        /// `PowerOneSample`.
+        /// Sampling strategy of windows: `Best`, or, for comparisons, `Area`, `Lobe`, `Balance`,
+        /// `BalanceOneSample`, `Power`, `PowerOneSample`.
         sampling: Strategy = Strategy::Best,
-        /// Trace every second pixel along each axis and bring the result to all of them along the surfaces.
+        /// Whether every second pixel along each axis is traced and the result upsampled along the
+        /// surfaces.
         half: bool = true,
-        /// The share of unknown rays that counts as lit, 0..1.
+        /// Fraction of the unknown rays that counts as lit.
         assume_lit: f32 = 1.0, in 0.0..=1.0,
-        /// Whether rays that leave the view unblocked are unknown, as nobody saw what stands there; else they are lit.
+        /// Whether rays that leave the view unblocked are unknown, as the photo does not show the
+        /// space there; else they are lit.
         outside_unknown: bool = false,
-        /// One visibility for all lobes of a window, to compare: the mean over its lobes, weighted by the direct shading of each at unit
-        /// radiance. Sun and sky then cast the same shadow.
+        /// Whether all lobes of a window share one visibility, for comparisons: the mean over its
+        /// lobes, weighted by the direct shading of each at unit radiance. Sun and sky then cast
+        /// the same shadow.
         average: bool = false,
     }
 }
@@ -58,7 +64,7 @@ ports! {
 
 ports! {
     pub output ShadowOut {
-        /// Lit share, its standard error and unknown share per lobe.
+        /// Lit fraction, its standard error and unknown fraction per lobe.
         visibility: Arc<Visibility>,
     }
 }

@@ -15,23 +15,27 @@ use crate::optics::{Shape, Window};
 use crate::{params, ports};
 
 params! {
-    /// Tells how much of what rays do not know is lit: V = traced - unknown + unknown x network, per lobe.
+    /// Estimates the lit fraction of unknown shadow rays by a network: V = traced - unknown +
+    /// unknown x network, per lobe.
     ///
-    /// Takes the visibility of `Shadow` with `outside_unknown`, in which unknown rays count as lit. Where no ray is unknown the traced value
-    /// stands, and a light without unknown rays needs no network.
+    /// The input is the visibility of `Shadow` with `outside_unknown`, in which unknown rays count
+    /// as lit. Where no ray is unknown the traced value stays, and a light without unknown rays
+    /// needs no network.
     pub struct ShadowNet {
-        /// The network, ONNX with the inputs and outputs that models/shadownet.md names.
+        /// The network, ONNX with the inputs and outputs of models/shadownet.md.
         model: File = File::new("shadownet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded. The
+        /// command sets it (`--backend`).
         backend: Backend = Backend::Rten,
-        /// Whether the network may also mend what rays through the depth mesh take for known (thin things, edges).
+        /// Whether the network may also correct visibility that rays through the depth mesh
+        /// determine (thin objects, edges).
         everywhere: bool = false,
     }
 }
 
 ports! {
     pub input ShadowNetIn {
-        /// Planar z.
+        /// Planar depth.
         depth: Arc<Depth>,
         /// The camera.
         camera: Arc<Camera>,
@@ -41,14 +45,14 @@ ports! {
         shape: Arc<Shape>,
         /// Its unshadowed unit shading.
         direct: Arc<UnitDirect>,
-        /// Its visibility by rays, unknown ones counted as lit.
+        /// Its traced visibility, in which unknown rays count as lit.
         visibility: Arc<Visibility>,
     }
 }
 
 ports! {
     pub output ShadowNetOut {
-        /// The same with the network's answer where rays have none; `unknown` stays as it was.
+        /// The visibility with the network's estimate for unknown rays; `unknown` stays as it was.
         visibility: Arc<Visibility>,
     }
 }

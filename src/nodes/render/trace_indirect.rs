@@ -9,20 +9,24 @@ use crate::optics::{self, Bounces, Probed};
 use crate::{params, ports};
 
 params! {
-    /// Indirect shading of one light, per lobe of unit radiance: bounces over the rays of `Transport`, a constant ambient for
-    /// what is unseen. Exactly linear in the light, never negative, traces no ray.
+    /// Computes the indirect shading of one light, per lobe of unit radiance: bounces over the rays
+    /// of `Transport`, and a constant ambient for the unseen part of the room.
+    ///
+    /// The result is exactly linear in the light and never negative, and no ray is traced.
     pub struct TraceIndirect {
-        /// Bounces followed one by one, 0..=64; the rest is a geometric series in the mean albedo. With 0 there is no indirect light.
+        /// Bounces that are computed one by one; the others are a geometric series in the mean
+        /// albedo. With 0 there is no indirect light.
         bounces: u32 = 4, in 0..=64,
-        /// Radiosity of what is unseen, as a multiple of the mean of what is seen, 0..1. One would make a closed room of the
-        /// unseen part; a half allows for doors, panes and for a photo that shows the brighter half.
+        /// Radiosity of the unseen part of the room, as a multiple of the mean of the seen part.
+        /// With 1, the unseen part would close the room; 0.5 allows for doors, panes and photos
+        /// that show the brighter half.
         unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }
 
 ports! {
     pub input TraceIndirectIn {
-        /// What each part of the room sees.
+        /// Rays of each receiver.
         transport: Arc<optics::Transport>,
         /// The surface points.
         points: Arc<Points>,
@@ -32,9 +36,9 @@ ports! {
         albedo: Arc<Albedo>,
         /// Unshadowed direct shading per lobe.
         direct: Arc<UnitDirect>,
-        /// Which share of it arrives.
+        /// Its visibility per lobe.
         visibility: Arc<Visibility>,
-        /// The light's direct light on inserted bodies, which then take part.
+        /// The light's direct light on inserted objects, which then take part.
         objects: Option<Arc<ObjectLight>>,
     }
 }

@@ -9,14 +9,18 @@ use crate::optics;
 use crate::{params, ports};
 
 params! {
-    /// Cosine-distributed rays from a coarse grid of receivers, and the pixels they meet, for `TraceIndirect`. Around inserted bodies
-    /// every pixel looks at these by itself.
+    /// Traces cosine-distributed rays from a coarse grid of receivers to the pixels that they hit,
+    /// for `TraceIndirect`.
+    ///
+    /// The rays depend on no light, so that they are traced once. Around inserted objects every
+    /// pixel has rays of its own to them.
     pub struct Transport {
-        /// Every which pixel, along each axis, is a receiver, 1..64.
+        /// Distance of the receivers along each axis, pixels.
         stride: u32 = 4, in 1..=64,
-        /// Rays per receiver, 1..4096, rounded up to four equal batches, whose spread tells the error.
+        /// Rays per receiver, rounded up to four equal batches, whose spread gives the standard
+        /// error.
         rays: u32 = 128, in 1..=4096,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
     }
 }
@@ -34,7 +38,7 @@ ports! {
 
 ports! {
     pub output TransportOut {
-        /// What each receiver sees.
+        /// The rays of each receiver.
         transport: Arc<optics::Transport>,
     }
 }
