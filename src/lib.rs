@@ -11,3 +11,4 @@ pub mod image;
 pub mod net;
 pub mod nodes;
 pub mod optics;
+pub mod tuning;

@@ -9,15 +9,16 @@ use std::process::Command;
 use needs::needs;
 
 /// Room of `src` -> the rooms that it may use.
-const ARROWS: [(&str, &[&str]); 9] = [
-    ("cli", &["files", "nodes", "graph", "net"]),
+const ARROWS: [(&str, &[&str]); 10] = [
+    ("cli", &["files", "nodes", "graph", "net", "tuning"]),
     ("files", &["graph"]),
-    ("nodes", &["graph", "formats", "image", "optics", "geometry", "net"]),
+    ("nodes", &["graph", "formats", "image", "optics", "geometry", "net", "tuning"]),
     ("formats", &["image", "optics", "geometry"]),
-    ("net", &["geometry", "image"]),
-    ("optics", &["geometry", "image"]),
-    ("geometry", &["image"]),
-    ("image", &[]),
+    ("net", &["geometry", "image", "tuning"]),
+    ("optics", &["geometry", "image", "tuning"]),
+    ("geometry", &["image", "tuning"]),
+    ("image", &["tuning"]),
+    ("tuning", &[]),
     ("graph", &[]),
 ];
 

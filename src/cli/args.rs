@@ -243,6 +243,9 @@ pub struct Nodes {
     /// The whole reference as Markdown: docs/nodes.md is made from it.
     #[arg(long, conflicts_with = "kind")]
     pub markdown: bool,
+    /// The constants of all algorithms as Markdown: docs/tuning.md is made from it.
+    #[arg(long, conflicts_with_all = ["kind", "markdown"])]
+    pub tuning: bool,
 }
 
 #[derive(Args)]

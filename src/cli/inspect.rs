@@ -90,6 +90,7 @@ pub fn nodes(args: &Nodes) -> Result<Exit, CliError> {
     let registry = stages::registry();
     let text = match &args.kind {
         _ if args.markdown => reference::page(&registry),
+        _ if args.tuning => reference::tuning(&relight::nodes::tuning()),
         None => reference::list(&registry),
         Some(kind) => {
             let spec = registry.get(kind).ok_or_else(|| {

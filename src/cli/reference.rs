@@ -1,6 +1,7 @@
 //! The reference of the stages, from their declarations: plain text and Markdown in one.
 
 use relight::graph::{Arity, KindSpec, PortSpec, Registry};
+use relight::tuning::Table;
 
 /// One line per stage.
 pub fn list(registry: &Registry) -> String {
@@ -15,6 +16,22 @@ pub fn page(registry: &Registry) -> String {
     for spec in registry.kinds() {
         text.push('\n');
         text.push_str(&section(spec));
+    }
+    text
+}
+
+/// docs/tuning.md.
+pub fn tuning(tables: &[Table]) -> String {
+    let mut text = String::from("# The constants\n\nMade by `relight nodes --tuning` from the code; do not edit.\n");
+    text.push_str("These numbers decide an algorithm and are not parameters of a stage. A source is a paper, a ");
+    text.push_str("measurement,\na derivation, or taste: a choice by eye, which nothing has measured.\n");
+    for table in tables {
+        text.push_str(&format!("\n## {}\n\n{}\n\n", table.name, lines(table.doc).join("\n")));
+        for constant in &table.constants {
+            let head = format!("`{}` = `{}`, unit: {}", constant.name, constant.value, constant.unit);
+            text.push_str(&item(&head, constant.doc));
+            text.push_str(&format!("  Source: {}. Effect: {}.\n", constant.source, constant.effect));
+        }
     }
     text
 }

@@ -1,4 +1,4 @@
-//! The stages, in the order of the paper: the list, and nothing else.
+//! The stages and their constants, in the order of the paper: the lists, and nothing else.
 
 pub mod artifacts;
 pub mod edit;
@@ -10,6 +10,7 @@ pub mod render;
 pub mod scene;
 
 use crate::graph::Registry;
+use crate::tuning::Table;
 
 /// All stages.
 pub fn registry() -> Registry {
@@ -66,4 +67,13 @@ pub fn registry() -> Registry {
         .with::<measure::score_lighting::ScoreLighting>()
         .with::<measure::score_materials::ScoreMaterials>()
         .with::<measure::score_picture::ScorePicture>()
+}
+
+/// All constants that decide an algorithm, in the order of the stages.
+pub fn tuning() -> Vec<Table> {
+    vec![
+        estimate::EstimateTuning::table(),
+        estimate::depth::DepthTuning::table(),
+        estimate::remains::RemainsTuning::table(),
+    ]
 }

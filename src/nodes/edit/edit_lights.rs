@@ -23,7 +23,8 @@ use lamp::LampShape;
 use sky::{Half, Outside, Sky, Sun};
 
 params! {
-    /// Changes lights and adds new ones; lights that the edit does not name pass through unchanged.
+    /// Changes the lights that the edit names and adds new ones; all other lights pass through
+    /// unchanged.
     pub struct EditLights {
         /// Edit of each named light: `Off`, `Scale(0.4)`, `Temperature(2700)`, `Color(1, 0.8,
         /// 0.6)`, `Move(..)`, `Lamp(..)`, `Window(..)`.
@@ -117,11 +118,11 @@ ports! {
     pub input EditLightsIn {
         /// The estimated lights.
         shapes: Gather<Shape>,
-        /// Their radiances.
+        /// The radiances of the estimated lights.
         radiances: Gather<Radiance>,
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size, for places given as pixels.
+        /// Planar depth at the photo's size, for positions that are given as pixels.
         depth: Arc<Depth>,
         /// Normals, at any size.
         normal: Arc<Normal>,
@@ -132,9 +133,9 @@ ports! {
 
 ports! {
     pub output EditLightsOut {
-        /// Place, extent and direction of every light after the edit.
+        /// The position, extent and emission of every light after the edit.
         shape: Scatter<Shape>,
-        /// Radiance of every light after the edit.
+        /// The radiance of every light after the edit.
         radiance: Scatter<Radiance>,
         /// Radiance after over radiance before, per lobe and channel: what a visible light's own
         /// pixels change by.
@@ -144,7 +145,7 @@ ports! {
 
 impl Node for EditLights {
     const KIND: &'static str = "EditLights";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = EditLightsIn;
     type Out = EditLightsOut;
 

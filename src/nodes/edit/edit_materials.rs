@@ -68,38 +68,39 @@ ports! {
     pub input EditMaterialsIn {
         /// The linear photo.
         photo: Arc<Picture>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
         /// The photo at working size.
         small: Arc<Picture>,
-        /// Planar z at working size.
+        /// Planar depth at working size.
         depth: Arc<Depth>,
         /// Points of the seen surface, working size.
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// Photo over shading, filled in where a light hides it, working size.
+        /// Reflectance at working size: photo over shading, filled in under lights.
         paint: Arc<Albedo>,
         /// Albedo estimated from the photo alone, working size: the old paint.
         known: Arc<Albedo>,
-        /// Albedo that bounces light, working size.
+        /// Albedo for bounced light, working size.
         albedo: Arc<Albedo>,
         /// Albedo after the fit, working size.
         fitted: Arc<Albedo>,
-        /// Working size.
+        /// Roughness at working size.
         roughness: Arc<Roughness>,
     }
 }
 
 ports! {
     pub output EditMaterialsOut {
-        /// As `albedo`, painted.
+        /// `albedo` with the regions repainted.
         albedo: Arc<Albedo>,
-        /// As `fitted`, painted.
+        /// `fitted` with the regions repainted.
         fitted: Arc<Albedo>,
-        /// As it came, and new where a region has one.
+        /// The input, with the new roughness of the regions that have one.
         roughness: Arc<Roughness>,
-        /// That of a usual dielectric, and new where a region has one.
+        /// Specular level: that of a usual dielectric, and the new one of the regions that have
+        /// one.
         specular: Arc<Specular>,
         /// The paint at the photo's size.
         coats: Arc<PaintLayers>,

@@ -14,18 +14,20 @@ use crate::image::{Depth, Normal};
 use crate::{params, ports};
 
 params! {
-    /// Puts models and spheres into the room; without any, the room passes through unchanged.
+    /// Inserts models and spheres into the room; without objects, the room passes through
+    /// unchanged.
     pub struct EditObjects {
         /// `Mesh(path: "bunny.ply", at: Pixel(x: 150, y: 170), height: 0.3, yaw: 30, material:
         /// (..))` or `Sphere(radius: 0.15, at: Point(0, -1, -2), material: (..))`, with a material
         /// `(albedo: Srgb("#d0d0d0"), roughness: 1, specular: 0.5, metallic: 0)`.
         objects: Vec<ObjectEdit> = Vec::new(),
-        /// Rays per pixel side for smooth edges, 1..=16.
+        /// Primary rays per pixel along each axis, for antialiased edges.
         supersampling: usize = 4, in 1..=16,
         /// Most places that the camera sees at which light is asked for, 1..=10000000; in a large
         /// photo one stands for several pixels.
         samples: usize = 60_000, in 1..=10_000_000,
-        /// Places on each object at which what it bounces is asked for, 16..=10000.
+        /// Light probes on each object, which gather the light that the object reflects onto the
+        /// room.
         probes: usize = 400, in 16..=10_000,
     }
 }
@@ -96,7 +98,7 @@ ports! {
     pub input EditObjectsIn {
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         depth: Arc<Depth>,
         /// Normals, at any size.
         normal: Arc<Normal>,
@@ -109,9 +111,9 @@ ports! {
     pub output EditObjectsOut {
         /// The room with all objects in it.
         mesh: Arc<SceneMesh>,
-        /// Planar z of room and objects at the photo's size.
+        /// Planar depth of the room and the objects at the photo's size.
         depth: Arc<Depth>,
-        /// The objects as they are seen.
+        /// The visible objects: samples, coverage, materials.
         objects: Arc<Objects>,
         /// Whether there are objects.
         present: bool,

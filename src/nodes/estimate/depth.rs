@@ -1,4 +1,4 @@
-//! `Depth`: depth by a third-party network, in meters by known lengths.
+//! `Depth`: depth by a network that a person brings, in metres by lengths that a person knows.
 
 use std::ops::Bound;
 use std::sync::Arc;
@@ -11,53 +11,60 @@ use crate::image::{self, Picture, Transfer, fit, inpaint_depth, resize};
 use crate::net::Backend;
 use crate::net::foreign::{self, Normalisation, PhotoInput};
 use crate::nodes::neural;
+use crate::tuning::tuning;
 use crate::{params, ports};
 
-/// Meaning of the numbers of a depth network.
+/// What the numbers of a depth network mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DepthOutput {
     /// a / z + b with unknown a and b, larger is nearer: MiDaS, DPT, Depth Anything V1 and V2.
     #[default]
     Relative,
-    /// Planar z in meters, or in another unit that a known length corrects: Depth Anything's metric
-    /// ones, ZoeDepth.
+    /// Planar z in metres, or in another unit that a known length mends: Depth Anything's metric ones, ZoeDepth.
     Metric,
 }
 
 params! {
-    /// Estimates depth from the photo alone by any ONNX network for monocular depth, such as DPT or Depth Anything.
+    /// Estimates depth from the photo by any ONNX network for monocular depth, such as DPT or Depth
+    /// Anything.
     ///
-    /// The network takes one photo [1, 3, height, width] and gives one picture, [1, height, width] or [1, 1, height, width]; docs/networks.md
-    /// tells which settings belong to which. Relative depth becomes metres by lengths that a person knows in the photo.
+    /// The network takes one photo [1, 3, height, width] and returns one picture, [1, height,
+    /// width] or [1, 1, height, width]. docs/networks.md lists the settings of published networks.
+    /// Known lengths in the photo scale relative depth to meters.
     pub struct Depth {
-        /// The network, an ONNX file; none ships with the program.
+        /// The network, an ONNX file. None ships with the program.
         model: File = File::default(),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded. The
+        /// command sets it (`--backend`).
         backend: Backend = Backend::Rten,
-        /// The name of its input; not needed, as it has one.
+        /// Name of the network's input; optional, as the network has one input.
         input: Option<String> = None,
-        /// The name of its output; needed where it has several.
+        /// Name of the network's output; required if the network has several.
         output: Option<String> = None,
-        /// The photo's shorter side as the network sees it, pixels, 8..=4096; where the file fixes a size, that one.
+        /// Shorter side of the photo as the network takes it, pixels. A size that the file fixes
+        /// takes precedence.
         side: u32 = 518, in 8..=4096,
-        /// What each side is a multiple of, 1..=256: 14 for Depth Anything, 32 for DPT and MiDaS.
+        /// Divisor of each side, pixels: 14 for Depth Anything, 32 for DPT and MiDaS.
         multiple: u32 = 14, in 1..=256,
-        /// What is done to the sRGB colours 0..=1: ImageNet (MiDaS 2, Depth Anything), Half (DPT), None, or Custom(mean, deviation).
+        /// Normalization of the sRGB values 0..=1: ImageNet (MiDaS 2, Depth Anything), Half (DPT),
+        /// None, or Custom(mean, deviation).
         normalisation: Normalisation = Normalisation::ImageNet,
-        /// What its numbers mean: Relative (a / z + b) or Metric (z in metres).
+        /// Meaning of the network's values: Relative (a / z + b) or Metric (z in meters).
         kind: DepthOutput = DepthOutput::Relative,
-        /// Lengths in the photo: [(from: (x, y), to: (x, y), metres: 2.03), ..], pixels of the photo; the command sets them (`--known-length`).
-        /// Relative depth needs one; two at different depths give the span too. Metric depth is scaled to them.
+        /// Known lengths in the photo: [(from: (x, y), to: (x, y), metres: 2.03), ..], in pixels of
+        /// the photo. The command sets them (`--known-length`). Relative depth requires one; two at
+        /// different depths determine the span too. Metric depth is scaled to them.
         known_lengths: Vec<KnownLength> = vec![],
-        /// Of relative depth with one known length: how many times farther than the nearest the farthest is, 5 % of the pixels at each end
-        /// left out; above 1, at most 1000. In twelve rooms it was 1.7 to 4.5, their median is the default.
+        /// Ratio of the farthest to the nearest depth for relative depth with one known length,
+        /// without 5 % of the pixels at each end. In twelve rooms it was 1.7 to 4.5; their median
+        /// is the default.
         span: f32 = 2.5, in (Bound::Excluded(1.0), Bound::Included(1000.0)),
     }
 }
 
 ports! {
     pub input DepthIn {
-        /// The linear photo, its own size.
+        /// The linear photo at its own size.
         photo: Arc<Picture>,
         /// Its camera.
         camera: Arc<Camera>,
@@ -66,8 +73,8 @@ ports! {
 
 ports! {
     pub output DepthOut {
-        /// Planar z in meters, holes filled; the photo's aspect, and on the longer side as many
-        /// pixels as the network gave, at most the photo's.
+        /// Planar depth in meters, holes filled. It has the photo's aspect ratio; its longer side
+        /// has as many pixels as the network's output, at most the photo's.
         depth: Arc<image::Depth>,
     }
 }
@@ -112,7 +119,7 @@ impl Node for Depth {
         let metres = metres.map_err(NodeError::BadParameter)?;
         let span = metres.span.map(|span| format!(", span {span:.2}")).unwrap_or_default();
         ctx.note(format!("seen at {width} x {height}, scale {:.4}{span}", metres.scale));
-        if metres.misfit > 0.05 {
+        if metres.misfit > TUNING.max_misfit {
             ctx.warn(format!("the known lengths do not fit together: one is off by {:.0} %", 100.0 * metres.misfit));
         }
         let (depth, holes) = inpaint_depth(&metres.depth, &metres.depth.map(|_| 0.0)).ok_or_else(|| {
@@ -123,13 +130,23 @@ impl Node for Depth {
             }
         })?;
         let share = holes.0.pixels().iter().sum::<f32>() / holes.0.len() as f32;
-        if share > 0.1 {
+        if share > TUNING.max_holes {
             ctx.warn(format!(
                 "{:.0} % of the pixels have no positive depth; they are filled from the rest",
                 100.0 * share
             ));
         }
         Ok(DepthOut { depth: Arc::new(depth) })
+    }
+}
+
+tuning! {
+    /// Constants of `Depth`.
+    pub const TUNING: DepthTuning {
+        /// Greatest relative error of a known length without a warning.
+        max_misfit: f32 = 0.05, unit "fraction", source Taste, effect "a larger value warns less often; no depth changes";
+        /// Greatest fraction of pixels without a positive depth without a warning.
+        max_holes: f32 = 0.1, unit "fraction", source Taste, effect "a larger value warns less often; no depth changes";
     }
 }
 

@@ -14,30 +14,33 @@ use crate::optics::inverse::{LightSearch, MOST_LIGHTS, find_lights};
 use crate::{params, ports};
 
 params! {
-    /// Proposes a mask for each lamp and window in view: what is bright, ends sharply, and is no floor, table or bed. Lit walls and
-    /// white things under a near lamp can pass for lights, and a lamp may come with its glare: look at `found.png`, correct, and
-    /// put `scene_lights.ron` into the scene (docs/find-lights.md).
+    /// Proposes a mask for each visible lamp and window: a bright region with a sharp edge that is
+    /// not a floor, a table or a bed.
+    ///
+    /// Lit walls and white objects under a near lamp can be false positives, and the mask of a lamp
+    /// may include its glare. Check `found.png`, correct the masks, and add `scene_lights.ron` to
+    /// the scene (docs/find-lights.md).
     pub struct FindLights {
-        /// Brightness of the dimmest light as a share of the photo's white, 0.1..=0.95.
+        /// Least brightness of a light, as a fraction of the photo's white.
         threshold: f32 = 0.75, in 0.1..=0.95,
-        /// How much a smooth outline counts against the brightness of single pixels, 0..=100.
+        /// Weight of a smooth outline against the brightness of single pixels in the graph cut.
         smoothness: f32 = 1.0, in 0.0..=100.0,
-        /// Smallest light as a share of the photo's pixels, 0..=1.
+        /// Least area of a light, as a fraction of the photo's pixels.
         smallest: f32 = 0.001, in 0.0..=1.0,
-        /// Most lights, the largest are kept; 1..=32.
+        /// Upper bound of the lights; the largest are kept.
         most: usize = 16, in 1..=MOST_LIGHTS,
     }
 }
 
 ports! {
     pub input FindLightsIn {
-        /// The photo that the masks are for.
+        /// The photo at the size of the masks.
         photo: Arc<Picture>,
         /// Its encoding, for the overview.
         encoding: Arc<Encoding>,
         /// The photo at working size, linear.
         small: Arc<Picture>,
-        /// Share of saturated pixels, working size.
+        /// Fraction of saturated pixels, working size.
         clipped: Arc<Mask>,
         /// Points at working size; with `normal`, they separate lamps before a wall from windows in
         /// it, and tables from both.

@@ -14,23 +14,27 @@ use crate::optics::{Radiance, Shape, Transport};
 use crate::{params, ports};
 
 params! {
-    /// Fits the radiance of every lobe of every light to the photo, together with one albedo per segment.
+    /// Fits the radiance of every lobe of every light to the photo, together with one albedo per
+    /// segment.
     ///
     /// The picture is linear in the radiances: non-negative least squares on the unit layers, each with its own shadow and
     /// its own indirect light, by turns with the albedos (see `optics::inverse::fit_radiances`). Saturated pixels are lower bounds.
     /// A constant ambient, dearer than any light, takes what no light explains: the rest.
     pub struct FitLights {
-        /// Most rounds of the fit; it ends when no light changes by more than 1e-4 of itself. With 0 all lights give the same in the mean.
+        /// Upper bound of the iterations. The fit ends earlier when no light changes by more than
+        /// 1e-4 of itself. With 0, all lights give the same mean shading.
         turns: usize = 200, in 0..=10_000,
-        /// Weight of the guess that all lights give alike, as a share of the photo's energy: what decides where the photo does not.
+        /// Weight of the prior that all lights give the same mean shading, as a fraction of the
+        /// photo's energy. It decides where the photo does not.
         prior: f64 = 0.03, in 0.0..,
-        /// Cost of the rest, as a share of the photo's energy.
+        /// Cost of the ambient residual, as a fraction of the photo's energy.
         rest_cost: f64 = 0.01, in 0.0..,
-        /// Cost of lights out of view.
+        /// Cost of lights out of view, as a fraction of the photo's energy.
         invisible_cost: f64 = 0.005, in 0.0..,
-        /// Cost of the sun in a window.
+        /// Cost of the sun in a window, as a fraction of the photo's energy.
         sun_cost: f64 = 0.05, in 0.0..,
-        /// The albedo is known: it stays as it comes, pixel by pixel, and only radiances are fitted.
+        /// Whether the input albedo is exact: then it stays as it is, per pixel, and the fit has
+        /// only the radiances as unknowns.
         keep_albedo: bool = false,
     }
 }
@@ -39,15 +43,15 @@ ports! {
     pub input FitLightsIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// Share of saturated pixels.
+        /// Fraction of saturated pixels.
         clipped: Arc<Mask>,
         /// Points of the seen surface.
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// Albedo before the fit; its mean level is kept.
+        /// Albedo before the fit, whose mean level the fit keeps.
         albedo: Arc<Albedo>,
-        /// Pixels of one material.
+        /// Segments of one material each.
         segments: Arc<Segments>,
         /// Rays from the receivers into the room; receivers that look out of the visible room get
         /// the most ambient light.
@@ -71,7 +75,7 @@ ports! {
     pub output FitLightsOut {
         /// Radiance of each light, per lobe.
         radiance: Scatter<Radiance>,
-        /// Shading that no light explains.
+        /// Residual shading, which no light explains.
         rest: Arc<Shading>,
         /// One albedo per segment, fitted with the lights; lights' own pixels take that of their
         /// surroundings.

@@ -17,36 +17,41 @@ use crate::optics::{Bounces, Lamp, LightKind, RectLamp, Shape, Transport, Window
 use crate::{params, ports};
 
 params! {
-    /// Places the lights: visible ones from their pixels and the depth, one lamp and one window out of view from a dictionary.
+    /// Estimates the shapes of the lights: visible ones from their pixels and the depth, one lamp
+    /// and one window out of view from a dictionary of candidates.
     ///
-    /// Each candidate's unit layer, with its own shadow and its own indirect light, is fitted to the photo together with
-    /// those of the visible lights and a constant ambient; the one that explains most is kept if it explains enough. A light
-    /// that is not needed is `Absent`. What networks guess of a light is a candidate among the others. Lights of one kind that mark the
-    /// same pixels have one shape, found once.
+    /// The unit layer of each candidate, with shadows and indirect light, is fitted to the photo
+    /// together with those of the visible lights and a constant ambient. The candidate with the
+    /// least loss is kept if it saves enough. A light that is not needed is `Absent`. A network's
+    /// guess is one of the candidates. Lights of one kind with the same mask have one shape, which
+    /// is estimated once.
     pub struct InitLights {
-        /// Whether candidates of our own are tried, too; else guesses only, where there are any.
+        /// Whether the dictionary's candidates are tried; if not, only the networks' guesses are,
+        /// where there are any.
         dictionary: bool = true,
-        /// Share of the unexplained part that a light out of view must explain; 0..1.
+        /// Least fraction of the loss that a light out of view must save.
         worth: f32 = 0.08, in 0.0..1.0,
         /// Shadow rays per receiver and light.
         samples: usize = 4, in 1..=1024,
-        /// Most rays per receiver for the indirect light of what is tried, of those that `transport` has; at least 4.
+        /// Upper bound of the rays per receiver for the indirect light of a candidate, of those
+        /// that `transport` has.
         rays: usize = 32, in 4..,
-        /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
+        /// Radiosity of the unseen part of the room, as a multiple of the mean of the seen part.
         unseen: f32 = 0.5, in 0.0..=1.0,
-        /// Cost of the constant ambient, as a share of the photo's energy: what a light can explain is the light's.
+        /// Cost of the constant ambient, as a fraction of the photo's energy. It makes lights
+        /// preferable to the ambient.
         ambient_cost: f64 = 0.01, in 0.0..,
-        /// Rounds of the fit per candidate.
+        /// Iterations of the fit per candidate.
         turns: usize = 8, in 1..=1000,
-        /// Shape of visible lamps that are no ceiling panels: `Solid` (a ball, or a box when the outline is long), `Box`, `Plates`
-        /// (the seen surface, its mirror image and the ring between them), or `Likeliest` (`Solid`, unless `Plates` explain the
-        /// photo better by 3 %).
+        /// Shape of visible lamps that are not ceiling panels: `Solid` (a sphere, or a box if the
+        /// outline is long), `Box`, `Plates` (the seen surface, its mirror image and the ring
+        /// between them), or `Likeliest` (`Solid`, unless `Plates` have a loss lower by 3 %).
         lamps: LampForm = LampForm::Solid,
-        /// Most plates that a lamp of them has; 1..=512.
+        /// Upper bound of the plates of a lamp.
         plates: usize = 128, in 1..=512,
-        /// What windows look out on: `Daylight(sun, sky, ground)`, three lobes of these bandwidths, each >= 0; `Even`, the same
-        /// radiance everywhere, which is one lobe; or `Likeliest(sun, sky, ground)`, each window the former if that explains
-        /// the photo better by 5 %, else the latter.
+        /// Emission of windows: `Daylight(sun, sky, ground)`, three lobes of these bandwidths, each
+        /// >= 0; `Even`, constant radiance, which is one lobe; or `Likeliest(sun, sky, ground)`,
+        /// per window the former if its loss is lower by 5 %, else the latter.
         outlook: Outlook = Outlook::Likeliest(1e4, 1.5, 1.5),
     }
 }
@@ -87,7 +92,7 @@ ports! {
     pub input InitLightsIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// Share of saturated pixels.
+        /// Fraction of saturated pixels.
         clipped: Arc<Mask>,
         /// The camera at working size.
         camera: Arc<Camera>,
@@ -101,7 +106,7 @@ ports! {
         transport: Arc<Transport>,
         /// Albedo, for the indirect light.
         albedo: Arc<Albedo>,
-        /// Pixels of one material.
+        /// Segments of one material each.
         segments: Arc<Segments>,
         /// Pixels that are not part of the room.
         ignore: Arc<Mask>,
@@ -116,7 +121,7 @@ ports! {
 
 ports! {
     pub output InitLightsOut {
-        /// Every visible light, `inv_lamp` and `inv_window`.
+        /// The shape of every visible light, of `inv_lamp` and of `inv_window`.
         shape: Scatter<Shape>,
     }
 }

@@ -13,13 +13,16 @@ use crate::nodes::neural::{self, FULL_1, FULL_3, FULL_6};
 use crate::{params, ports};
 
 params! {
-    /// Estimates albedo, normal and roughness of every pixel from a photo and its depth.
+    /// Estimates albedo, normal and roughness of every pixel from a photo and its depth by a
+    /// network.
     ///
-    /// Works at 320 x 240, to which the photo is brought; an aspect ratio far from 4:3 is outside of what it was trained on.
+    /// The network works at 320 x 240, to which the photo is resized. An aspect ratio far from 4:3
+    /// lies outside its training data.
     pub struct MNet {
-        /// The network, ONNX with the inputs and outputs that models/mnet.md names.
+        /// The network, ONNX with the inputs and outputs of models/mnet.md.
         model: File = File::new("mnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded. The
+        /// command sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }
@@ -28,9 +31,9 @@ ports! {
     pub input MNetIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// Planar z.
+        /// Planar depth.
         depth: Arc<Depth>,
-        /// The camera; brought to the network's size.
+        /// The camera; resized to the network's input.
         camera: Arc<Camera>,
         /// Pixels of each visible light.
         masks: Gather<Mask>,
@@ -39,11 +42,11 @@ ports! {
 
 ports! {
     pub output MNetOut {
-        /// 0.02..=0.95, the photo's size.
+        /// Albedo in 0.02..=0.95, the photo's size.
         albedo: Arc<Albedo>,
         /// Unit length, facing the camera, the photo's size.
         normal: Arc<Normal>,
-        /// 0..=1, the photo's size.
+        /// Roughness in 0..=1, the photo's size.
         roughness: Arc<Roughness>,
     }
 }
@@ -72,7 +75,7 @@ impl Node for MNet {
         let [albedo, normal, rough] = neural::computed(&network, tensors, outputs)?;
         let (width, height) = photo.0.size();
         let normal = facing(resize(&normal.colour(0), width, height), &camera);
-        let (least, most) = (Vec3::splat(0.02), Vec3::splat(0.95));
+        let (least, most) = (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
         Ok(MNetOut {
             albedo: Arc::new(Albedo(resize(&albedo.colour(0), width, height).map(|a| a.clamp(least, most)))),
             normal: Arc::new(normal),

@@ -14,3 +14,21 @@ pub mod remains;
 pub mod retinex_materials;
 pub mod vis_lamp_net;
 pub mod vis_win_net;
+
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants that several estimating stages share.
+    pub const TUNING: EstimateTuning {
+        /// Condition number of a fit above which its two most correlated unknowns are reported.
+        confused_condition: f64 = 1e4,
+            unit "1", source Derived("the two then differ by less than 2 % of the photo, the accuracy of a room's model"),
+            effect "a larger value reports fewer pairs; no estimate changes";
+        /// Least estimated albedo.
+        min_albedo: f32 = 0.02,
+            unit "albedo", source Taste, effect "a smaller value lets dark surfaces take very bright shading";
+        /// Greatest estimated albedo.
+        max_albedo: f32 = 0.95,
+            unit "albedo", source Taste, effect "a larger value lets indirect light converge more slowly";
+    }
+}

@@ -13,32 +13,37 @@ use crate::nodes::neural;
 use crate::{params, ports};
 
 params! {
-    /// Puts any ONNX network for albedo, normals or roughness in the place of MNet.
+    /// Estimates albedo, normals or roughness by a third-party ONNX network, in the place of MNet.
     ///
-    /// The network takes one photo [1, 3, height, width]; docs/networks.md has a worked example. What it does not tell comes from the ports
-    /// `albedo`, `normal` and `roughness`.
+    /// The network takes one photo [1, 3, height, width]; docs/networks.md has a worked example.
+    /// Planes that it does not estimate come from the ports `albedo`, `normal` and `roughness`.
     pub struct OnnxMaterials {
-        /// The network, an ONNX file; none ships with the program.
+        /// The network, an ONNX file. None ships with the program.
         model: File = File::default(),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command sets it (`--backend`).
+        /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded. The
+        /// command sets it (`--backend`).
         backend: Backend = Backend::Rten,
-        /// The name of its input; not needed, as it has one.
+        /// Name of the network's input; optional, as the network has one input.
         input: Option<String> = None,
-        /// The photo's shorter side as the network sees it, pixels, 8..=4096; where the file fixes a size, that one.
+        /// Shorter side of the photo as the network takes it, pixels. A size that the file fixes
+        /// takes precedence.
         side: u32 = 240, in 8..=4096,
-        /// What each side is a multiple of, 1..=256.
+        /// Divisor of each side, pixels.
         multiple: u32 = 32, in 1..=256,
-        /// How the photo that it wants encodes light: Srgb, Gamma(2.2) or Linear.
+        /// Transfer function of the network's input: Srgb, Gamma(2.2) or Linear.
         transfer: Transfer = Transfer::Srgb,
-        /// What is done to these colours 0..=1: ImageNet, Half, None, or Custom(mean, deviation).
+        /// Normalization of the encoded values 0..=1: ImageNet, Half, None, or Custom(mean,
+        /// deviation).
         normalisation: Normalisation = Normalisation::None,
-        /// Three channels of albedo: (output: "name", first: channel, range: (what means 0, what means 1)).
+        /// Three channels of albedo: (output: "name", first: channel, range: (value of 0, value of
+        /// 1)).
         albedo: Option<Channels> = None,
-        /// How they encode reflectance.
+        /// Transfer function of the albedo channels.
         albedo_transfer: Transfer = Transfer::Linear,
-        /// Three channels of the normal's x, y and z, of any length; `range` tells what means -1 and 1: (0, 1) for colours, (-1, 1) for numbers.
+        /// Three channels of the normal's x, y and z, of any length. `range` has the values of -1
+        /// and 1: (0, 1) for colors, (-1, 1) for numbers.
         normal: Option<Channels> = None,
-        /// What its axes are multiplied with to be x right, y up, z towards the camera: each 1 or -1.
+        /// Signs, each 1 or -1, that make the axes x right, y up, z towards the camera.
         normal_signs: (f32, f32, f32) = (1.0, 1.0, 1.0),
         /// One channel of roughness.
         roughness: Option<Channels> = None,
@@ -49,24 +54,24 @@ ports! {
     pub input OnnxMaterialsIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// The camera, which normals face.
+        /// The camera, which the normals face.
         camera: Arc<Camera>,
-        /// Albedo where the network tells none.
+        /// Albedo, if the network estimates none.
         albedo: Option<Arc<Albedo>>,
-        /// Normals where it tells none.
+        /// Normals, if the network estimates none.
         normal: Option<Arc<Normal>>,
-        /// Roughness where it tells none.
+        /// Roughness, if the network estimates none.
         roughness: Option<Arc<Roughness>>,
     }
 }
 
 ports! {
     pub output OnnxMaterialsOut {
-        /// 0.02..=0.95, the photo's size.
+        /// Albedo in 0.02..=0.95, the photo's size.
         albedo: Arc<Albedo>,
         /// Unit length, facing the camera, the photo's size.
         normal: Arc<Normal>,
-        /// 0..=1, the photo's size.
+        /// Roughness in 0..=1, the photo's size.
         roughness: Arc<Roughness>,
     }
 }
@@ -153,7 +158,7 @@ impl OnnxMaterials {
 
     fn read_albedo(&self, shares: &Plane<Vec3>, size: (usize, usize)) -> Albedo {
         let linear = |c: Vec3| Vec3::from_array(c.to_array().map(|c| self.albedo_transfer.decode(c)));
-        let (least, most) = (Vec3::splat(0.02), Vec3::splat(0.95));
+        let (least, most) = (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
         Albedo(resize(&shares.map(linear), size.0, size.1).map(|a| a.clamp(least, most)))
     }
 

@@ -13,13 +13,16 @@ use crate::optics::LightKind;
 use crate::{params, ports};
 
 params! {
-    /// Marks how far pixels are a visible light's own, and finds the reflectance of the surface, under lights and saturation too.
+    /// Marks the pixels of each visible light and its glare, and estimates the reflectance of the
+    /// surface, also under lights and saturation.
     ///
-    /// Reflectance is photo over shading; where a light or saturation hides the surface it is that of the surface around, so
-    /// that nothing changes at the edge. No edit of a light changes any of it.
+    /// Reflectance is photo over shading. Where a light or saturation hides the surface, it is
+    /// filled in from the surroundings, so that there is no edge. No edit of a light changes the
+    /// result.
     pub struct Paint {
-        /// Least width of the bloom around a visible light, as a share of the photo's longer side, within which unexplained
-        /// light is the light's own; a lamp's bloom is at least half as wide as the lamp. 0..=0.1.
+        /// Least width of the bloom around a visible light, as a fraction of the photo's longer
+        /// side. Within it, residual light belongs to the light. A lamp's bloom is at least half as
+        /// wide as the lamp.
         bloom: f32 = 0.01, in 0.0..=0.1,
     }
 }
@@ -36,20 +39,20 @@ ports! {
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// Shading by each light as estimated, working size.
+        /// Shading by each estimated light, working size.
         light: Gather<Shading>,
-        /// Shading that no light explains, working size.
+        /// Residual shading, which no light explains, working size.
         rest: Arc<Shading>,
         /// Pixels of each visible light, photo size.
         mask: Gather<Mask>,
-        /// What each visible light is.
+        /// Kind of each visible light.
         kind: Gather<LightKind>,
     }
 }
 
 ports! {
     pub output PaintOut {
-        /// Reflectance, 0..=1, working size.
+        /// Reflectance in 0..=1, working size.
         paint: Arc<Albedo>,
         /// The own pixels of each visible light and its glare, photo size.
         zone: Scatter<GlareMask>,

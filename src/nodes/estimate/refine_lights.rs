@@ -16,24 +16,24 @@ use crate::optics::{Bounces, Shape, Transport};
 use crate::{params, ports};
 
 params! {
-    /// Moves lights to where they explain the photo best: how far a visible lamp is, place and size of lights out of view, directions
-    /// and bandwidths of what windows look out on.
+    /// Moves lights to lower the loss: the distance of visible lamps, position and size of lights
+    /// out of view, directions and bandwidths of window lobes.
     ///
     /// Damped Gauss-Newton on the receivers, radiances and albedos eliminated, Cauchy weights, a prior that pulls to the start; then
     /// shadows and indirect light are traced again (see `optics::inverse::fit_shapes`). A light whose move does not earn its place keeps
     /// its shape to the bit.
     pub struct RefineLights {
-        /// Most times that shadows and indirect light are traced again, 1..=10.
+        /// Upper bound of the rounds, in each of which shadows and indirect light are traced again.
         rounds: usize = 2, in 1..=10,
-        /// Most steps between, 1..=100.
+        /// Upper bound of the Gauss-Newton steps per round.
         steps: usize = 6, in 1..=100,
-        /// Share of the misfit that the move of a light must save; 0..1.
+        /// Least fraction of the loss that the move of a light must save.
         worth: f64 = 0.05, in 0.0..1.0,
-        /// Receivers that take part, 1..=100000.
+        /// Upper bound of the receivers.
         places: usize = 1000, in 1..=100_000,
-        /// Shadow rays per receiver and lobe, 1..=1024.
+        /// Shadow rays per receiver and lobe.
         samples: usize = 4, in 1..=1024,
-        /// Radiosity of what is unseen, as a multiple of the mean of what is seen; 0..=1.
+        /// Radiosity of the unseen part of the room, as a multiple of the mean of the seen part.
         unseen: f32 = 0.5, in 0.0..=1.0,
         /// Cost of the constant ambient, as in `FitLights`.
         rest_cost: f64 = 0.01, in 0.0..,
@@ -48,7 +48,7 @@ ports! {
     pub input RefineLightsIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// Share of saturated pixels.
+        /// Fraction of saturated pixels.
         clipped: Arc<Mask>,
         /// The camera at working size.
         camera: Arc<Camera>,
@@ -62,20 +62,20 @@ ports! {
         transport: Arc<Transport>,
         /// Albedo, for the indirect light.
         albedo: Arc<Albedo>,
-        /// Pixels of one material.
+        /// Segments of one material each.
         segments: Arc<Segments>,
         /// Pixels that are not part of the room.
         ignore: Arc<Mask>,
         /// Pixels of each visible light.
         mask: Gather<Mask>,
-        /// Every visible light, `inv_lamp` and `inv_window`.
+        /// The shape of every visible light, of `inv_lamp` and of `inv_window`.
         shape: Gather<Shape>,
     }
 }
 
 ports! {
     pub output RefineLightsOut {
-        /// The same lights.
+        /// The shapes of the same lights.
         shape: Scatter<Shape>,
     }
 }

@@ -1,4 +1,4 @@
-//! `Remains`: the photo's shading minus all direct light.
+//! `Remains`: what the photo leaves for indirect light.
 
 use std::sync::Arc;
 
@@ -8,12 +8,15 @@ use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Albedo, Mask, Picture, Plane};
 use crate::nodes::artifacts::{Remainder, UnitDirect, Visibility};
 use crate::optics::{Radiance, Shape};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
-    /// Takes all direct light from the photo's shading: what is left is indirect light, and tells how bright the unseen part of the room is.
+    /// Subtracts all direct light from the photo's shading. The residual is indirect light, which
+    /// determines the brightness of the unseen part of the room.
     ///
-    /// left = photo / albedo - sum of w x direct x visibility, zero where the photo is white or shows a light.
+    /// residual = photo / albedo - sum of w x direct x visibility, and zero where the photo is
+    /// saturated or shows a light.
     pub struct Remains {}
 }
 
@@ -21,15 +24,15 @@ ports! {
     pub input RemainsIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// Share of saturated pixels.
+        /// Fraction of saturated pixels.
         clipped: Arc<Mask>,
         /// Albedo.
         albedo: Arc<Albedo>,
         /// Pixels of each visible light.
         masks: Gather<Mask>,
-        /// Every light as estimated.
+        /// Every estimated light.
         shape: Gather<Shape>,
-        /// Its radiance, as far as it is known before the fit.
+        /// Its radiance, as estimated before the fit.
         radiance: Gather<Radiance>,
         /// Its unshadowed unit shading.
         direct: Gather<UnitDirect>,
@@ -40,7 +43,7 @@ ports! {
 
 ports! {
     pub output RemainsOut {
-        /// Residual shading, and the power of the lights that are on.
+        /// The residual shading, and the power of the lights.
         remainder: Arc<Remainder>,
     }
 }
@@ -70,15 +73,19 @@ impl Node for Remains {
         for (_, mask) in inputs.masks.iter() {
             hidden.pixels_mut().iter_mut().zip(mask.0.pixels()).for_each(|(hidden, share)| *hidden |= *share > 0.0);
         }
-        let residual = Plane::from_fn(width, height, |x, y| {
-            let albedo = inputs.albedo.0.get(x, y).max(Vec3::splat(LEAST_ALBEDO));
+        let left = Plane::from_fn(width, height, |x, y| {
+            let albedo = inputs.albedo.0.get(x, y).max(Vec3::splat(TUNING.min_albedo));
             if hidden.get(x, y) { Vec3::ZERO } else { inputs.photo.0.get(x, y) / albedo - lit.get(x, y) }
         });
         let mean = lit.pixels().iter().sum::<Vec3>() / lit.len().max(1) as f32;
-        Ok(RemainsOut { remainder: Arc::new(Remainder { left: residual, direct: mean, power }) })
+        Ok(RemainsOut { remainder: Arc::new(Remainder { left, direct: mean, power }) })
     }
 }
 
-/// Albedo below which the photo is divided by this value: darker surfaces reflect more noise than signal.
-/// Unit: 1; source: taste; effect: larger values darken the residual of dark surfaces.
-const LEAST_ALBEDO: f32 = 0.03;
+tuning! {
+    /// Constants of `Remains`.
+    pub const TUNING: RemainsTuning {
+        /// Least albedo by which the photo is divided.
+        min_albedo: f32 = 0.03, unit "albedo", source Taste, effect "a smaller value amplifies the noise of dark surfaces";
+    }
+}

@@ -7,21 +7,24 @@ use crate::image::{Albedo, Normal, Picture, Roughness, Segments, Steps, retinex,
 use crate::{params, ports};
 
 params! {
-    /// Splits a photo into segments of one albedo each, by colour Retinex.
+    /// Segments a photo into regions of one albedo each by color Retinex, without a network: the
+    /// baseline for learned estimates.
     ///
-    /// Neighbouring blocks of pixels with no sharp step of intensity or chromaticity between them form a segment; the
-    /// albedos of segments follow from the steps along their borders (Grosse et al., ICCV 2009, on regions). The photo's white
-    /// balance is trusted. Roughness cannot be told from one photo this way: it is a constant.
+    /// Neighboring blocks of pixels without a sharp step of intensity or chromaticity between them
+    /// form a segment. The albedos of segments follow from the steps along their boundaries (Grosse
+    /// et al., ICCV 2009, on regions). The photo's white balance is trusted. Roughness is a
+    /// constant, as one photo does not determine it this way.
     pub struct RetinexMaterials {
-        /// Side of the blocks that are compared, working pixels; 1..=16.
+        /// Side of the compared blocks, working pixels.
         stride: usize = 4, in 1..=16,
-        /// Step of log chromaticity that separates materials.
+        /// Step of log chromaticity that separates two materials.
         chroma_step: f32 = 0.06, in above(0.0),
-        /// Step of log intensity that separates materials.
+        /// Step of log intensity that separates two materials.
         intensity_step: f32 = 0.12, in above(0.0),
-        /// Albedo luminance given to the 90th percentile of the room: most rooms have white walls or ceilings.
+        /// Luminance of the albedo at the 90th percentile of the room, as most rooms have white
+        /// walls or ceilings.
         bright: f32 = 0.75, in above(0.0),
-        /// Roughness given to everything; 0..=1.
+        /// Roughness of every pixel.
         roughness: f32 = 0.8, in 0.0..=1.0,
     }
 }
@@ -30,16 +33,16 @@ ports! {
     pub input RetinexMaterialsIn {
         /// The linear photo at working size.
         photo: Arc<Picture>,
-        /// Tells creases, where shading may jump, from paint.
+        /// Normals, which separate creases, where shading may jump, from paint.
         normal: Arc<Normal>,
     }
 }
 
 ports! {
     pub output RetinexMaterialsOut {
-        /// One albedo per segment, 0.02..=0.95.
+        /// One albedo per segment, in 0.02..=0.95.
         albedo: Arc<Albedo>,
-        /// Constant.
+        /// Constant roughness.
         roughness: Arc<Roughness>,
         /// Label of each pixel: pixels of one label share an albedo.
         segments: Arc<Segments>,

@@ -8,9 +8,10 @@ use crate::image::Picture;
 use crate::{params, ports};
 
 params! {
-    /// Reads pictures of one size: what a path tracer or a camera shows of single lights, to measure against.
+    /// Reads pictures of one size: renderings or photographs under single lights, as the truth of
+    /// measurements.
     pub struct ReadPictures {
-        /// Name -> EXR or HDR (linear Rec.709), or PNG or JPEG (sRGB).
+        /// The files by name: EXR or HDR (linear Rec.709), or PNG or JPEG (sRGB).
         files: BTreeMap<String, File> = BTreeMap::new(),
     }
 }
@@ -18,7 +19,7 @@ params! {
 ports! { pub input ReadPicturesIn {} }
 ports! {
     pub output ReadPicturesOut {
-        /// Linear, by name.
+        /// The linear pictures by name.
         picture: Scatter<Picture>,
     }
 }

@@ -11,30 +11,33 @@ use crate::optics::Radiance;
 use crate::{params, ports};
 
 params! {
-    /// `E_d` and `shadow`, as IndoorLightEditing (Li et al., ECCV 2022) has them, of pixels that show no light.
+    /// Measures `E_d` and `shadow` as IndoorLightEditing (Li et al., ECCV 2022) defines them, on
+    /// pixels that show no light.
     ///
-    /// `E_d`: mean squared difference of log(1 + direct shading), shadows included, of all lights together. `shadow`, per light: mean
-    /// squared error of the share of luminance that arrives, after least-squares scaling; the true share is true direct shading over the
-    /// unshadowed shading of the true light, where that exceeds `faint` of its mean.
+    /// `E_d` is the mean squared difference of log(1 + direct shading), shadows included, of all
+    /// lights together. `shadow`, per light, is the mean squared error of the visibility of
+    /// luminance after least-squares scaling. The true visibility is the ratio of the true direct
+    /// shading to the unshadowed shading of the true light, where that exceeds `faint` of its mean.
     pub struct ScoreDirect {
-        /// Where a light gives less than this share of its mean, its shadow is not measured; 0..1.
+        /// Least unshadowed shading at which a light's shadow is measured, as a fraction of its
+        /// mean.
         faint: f32 = 0.01, in 0.0..1.0,
     }
 }
 
 ports! {
     pub input ScoreDirectIn {
-        /// Unit direct shading of each light as estimated.
+        /// Unit direct shading of each estimated light.
         direct: Gather<UnitDirect>,
-        /// Visibility of each.
+        /// Visibility of each estimated light.
         visibility: Gather<Visibility>,
-        /// Their radiances.
+        /// Radiance of each estimated light.
         radiance: Gather<Radiance>,
         /// True direct shading (irradiance / pi) of each light, shadows included.
         truth: Gather<Picture>,
         /// Unit direct shading of the true lights.
         true_direct: Gather<UnitDirect>,
-        /// Their radiances.
+        /// Radiances of the true lights.
         true_radiance: Gather<Radiance>,
         /// Pixels of each visible light.
         mask: Gather<Mask>,

@@ -9,23 +9,24 @@ use crate::optics::{LightMaps, Lighting, PHIS, THETAS};
 use crate::{params, ports};
 
 params! {
-    /// `lighting`: mean squared difference of log(1 + radiance) over hemispheres, as IndoorLightEditing (Li et al., ECCV 2022) has it.
+    /// Measures `lighting`: the mean squared difference of log(1 + radiance) over hemispheres, as
+    /// IndoorLightEditing (Li et al., ECCV 2022) defines it.
     pub struct ScoreLighting {
-        /// The truth: NPY, 32-bit floats [rows, columns, 8, 16, 3]; NaN where it is not known.
+        /// The truth: NPY, 32-bit floats [rows, columns, 8, 16, 3], with NaN where it is unknown.
         truth: File = File::default(),
     }
 }
 
 ports! {
     pub input ScoreLightingIn {
-        /// Estimated.
+        /// The estimated lighting.
         lighting: Arc<Lighting>,
     }
 }
 
 ports! {
     pub output ScoreLightingOut {
-        /// `lighting` of `all lights`.
+        /// The score `lighting` of `all lights`.
         scores: Arc<Scores>,
     }
 }

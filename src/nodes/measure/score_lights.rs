@@ -10,25 +10,28 @@ use crate::optics::{Radiance, Shape};
 use crate::{params, ports};
 
 params! {
-    /// Measures each light against the true one of its name, as IndoorLightEditing (Li et al., ECCV 2022) does.
+    /// Measures each light against the true light of the same name, as IndoorLightEditing (Li et
+    /// al., ECCV 2022) does.
     ///
-    /// `Chamfer`, metres: 64 points on each surface, both ways; where both lights are there. `E_j`: mean absolute difference of the
-    /// unshadowed direct shading, cut at `bright`, over channels and pixels that show no light; where one of the two is there.
+    /// `Chamfer` is the distance in meters between 64 points on each surface, both ways, if both
+    /// lights exist. `E_j` is the mean absolute difference of the unshadowed direct shading,
+    /// clamped at `bright`, over channels and over pixels that show no light, if one of the two
+    /// exists.
     pub struct ScoreLights {
-        /// Shading beyond what a photo shows, > 0.
+        /// Clamp of the shading, above all that a photo shows.
         bright: f32 = 10.0, in above(0.0),
     }
 }
 
 ports! {
     pub input ScoreLightsIn {
-        /// The lights as estimated.
+        /// The estimated lights.
         shape: Gather<Shape>,
         /// Their radiances.
         radiance: Gather<Radiance>,
         /// Their unit shading of the true surface.
         direct: Gather<UnitDirect>,
-        /// The lights as they are.
+        /// The true lights.
         true_shape: Gather<Shape>,
         /// Their radiances.
         true_radiance: Gather<Radiance>,
@@ -41,7 +44,7 @@ ports! {
 
 ports! {
     pub output ScoreLightsOut {
-        /// `Chamfer` and `E_j` of each light.
+        /// The scores `Chamfer` and `E_j` of each light.
         scores: Arc<Scores>,
     }
 }

@@ -10,27 +10,29 @@ use crate::nodes::artifacts::Scores;
 use crate::{params, ports};
 
 params! {
-    /// Measures materials at pixels that show no light: `albedo`, mean squared error after one least-squares level of the whole
-    /// picture; `albedo before the fit`, the same before radiances were fitted; `normal`, mean angle in degrees; `roughness`, mean
-    /// squared error.
+    /// Measures materials on pixels that show no light.
+    ///
+    /// `albedo` is the mean squared error after one least-squares scale for the whole picture;
+    /// `albedo before the fit` is the same before radiances were fitted; `normal` is the mean angle
+    /// in degrees; `roughness` is the mean squared error.
     pub struct ScoreMaterials {}
 }
 
 ports! {
     pub input ScoreMaterialsIn {
-        /// As the picture is made from.
+        /// Estimated albedo, as `Compose` takes it.
         albedo: Arc<Albedo>,
-        /// As the fit of the lights takes it.
+        /// Estimated albedo, as the fit of the lights takes it.
         first: Option<Arc<Albedo>>,
-        /// Estimated.
+        /// Estimated normals.
         normal: Option<Arc<Normal>>,
-        /// Estimated.
+        /// Estimated roughness.
         roughness: Option<Arc<Roughness>>,
-        /// The truth.
+        /// True albedo.
         true_albedo: Arc<Albedo>,
-        /// The truth.
+        /// True normals.
         true_normal: Option<Arc<Normal>>,
-        /// The truth.
+        /// True roughness.
         true_roughness: Option<Arc<Roughness>>,
         /// Pixels of each visible light.
         mask: Gather<Mask>,
@@ -39,7 +41,7 @@ ports! {
 
 ports! {
     pub output ScoreMaterialsOut {
-        /// Of `materials`.
+        /// The scores of `materials`.
         scores: Arc<Scores>,
     }
 }

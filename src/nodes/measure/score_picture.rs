@@ -10,31 +10,35 @@ use crate::nodes::artifacts::Scores;
 use crate::{params, ports};
 
 params! {
-    /// Scores an edit, on pixels that show no light of the photo or of the edit: `PSNR` of the 8-bit picture in dB, that of the
-    /// photo as it is (`unchanged`), and `change error`: sum |got - truth| / sum |truth - photo| in linear light clipped to 0..=1; 1 is
-    /// doing nothing, 0 is perfect.
+    /// Measures an edited picture against the truth, on pixels that show no light of the photo or
+    /// of the edit.
     ///
-    /// The photo is the sum of the lights' true pictures where there are such. The truth is a file, or the photo without the
-    /// pictures of some lights. All is compared at the size of the truth, which may be smaller than the photo. Where a camera
-    /// gave a pixel another value than the sum of the lights, by noise, sharpening or JPEG, the truth is multiplied by the same
-    /// factor; so are clipped and dark pixels (below 0.02) if the edit leaves their light as it is to 2 %.
+    /// `PSNR` is that of the 8-bit picture in dB; `unchanged` is the `PSNR` of the photo itself.
+    /// `change error` is sum |got - truth| / sum |truth - photo| in linear light clipped to 0..=1:
+    /// 1 for the unchanged photo, 0 for a perfect edit.
+    ///
+    /// The photo is the sum of the lights' true pictures, if they are given. The truth is a file,
+    /// or the photo minus the pictures of some lights. All pictures are compared at the size of the
+    /// truth, which may be smaller than the photo. Where a camera recorded another value than the
+    /// sum of the lights, by noise, sharpening or JPEG, the truth is multiplied by the same ratio.
+    /// The same holds for clipped and dark pixels (below 0.02) whose light the edit keeps to 2 %.
     pub struct ScorePicture {
-        /// What the edit is called.
+        /// Name of the edit in the scores.
         subject: String = String::new(),
         /// The true picture: EXR or HDR (linear, in the photo's exposure), PNG or JPEG (sRGB).
         truth: Option<File> = None,
-        /// The lights that are off in the truth.
+        /// Lights that are switched off in the truth.
         off: Vec<String> = Vec::new(),
     }
 }
 
 ports! {
     pub input ScorePictureIn {
-        /// The relit picture, linear.
+        /// The edited picture, linear.
         picture: Arc<Picture>,
         /// The photo, linear.
         photo: Arc<Picture>,
-        /// True pictures by each light alone; their sum is the photo.
+        /// True pictures by each light alone, which sum to the photo.
         light: Gather<Picture>,
         /// Pixels of each visible light, photo size.
         mask: Gather<Mask>,
@@ -45,7 +49,7 @@ ports! {
 
 ports! {
     pub output ScorePictureOut {
-        /// `PSNR`, `unchanged` and `change error` of `subject`.
+        /// The scores `PSNR`, `unchanged` and `change error` of `subject`.
         scores: Arc<Scores>,
     }
 }

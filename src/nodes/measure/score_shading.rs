@@ -10,28 +10,29 @@ use crate::nodes::artifacts::Scores;
 use crate::{params, ports};
 
 params! {
-    /// `E`: mean squared difference of log(1 + shading), as IndoorLightEditing (Li et al., ECCV 2022) has it, of all lights
-    /// together with all their indirect light.
+    /// Measures `E`: the mean squared difference of log(1 + shading) of all lights with all
+    /// indirect light, as IndoorLightEditing (Li et al., ECCV 2022) defines it.
     ///
-    /// The true shading is the sum of the lights' true pictures, or else the photo where it is not saturated, over the true albedo,
-    /// at pixels that show no light and whose albedo exceeds `least_albedo` in every channel; what shines there by gloss is in it too.
+    /// The true shading is the sum of the lights' true pictures, or else the photo where it is not
+    /// saturated, over the true albedo. It is measured on pixels that show no light and whose
+    /// albedo exceeds `least_albedo` in every channel; it includes specular reflection.
     pub struct ScoreShading {
-        /// Darker surfaces say little of what falls on them; 0..1.
+        /// Least albedo of the measured pixels, as darker surfaces hardly determine their shading.
         least_albedo: f32 = 0.05, in 0.0..1.0,
     }
 }
 
 ports! {
     pub input ScoreShadingIn {
-        /// Shading by each light as estimated.
+        /// Shading by each estimated light.
         light: Gather<Shading>,
-        /// Shading that no light explains.
+        /// Residual shading, which no light explains.
         rest: Arc<Shading>,
         /// The linear photo, working size.
         photo: Arc<Picture>,
-        /// Share of saturated pixels.
+        /// Fraction of saturated pixels.
         clipped: Arc<Mask>,
-        /// True pictures by each light alone, if there are such; their sum is the photo.
+        /// True pictures by each light alone, if there are any; they sum to the photo.
         truth: Gather<Picture>,
         /// True albedo.
         albedo: Arc<Albedo>,
@@ -42,7 +43,7 @@ ports! {
 
 ports! {
     pub output ScoreShadingOut {
-        /// `E` of `all lights`.
+        /// The score `E` of `all lights`.
         scores: Arc<Scores>,
     }
 }

@@ -52,11 +52,12 @@ params! {
     /// Shading is brought to the photo's size by joint bilateral upsampling against depth and
     /// color; the photo's pixels are never resampled.
     pub struct Compose {
-        /// `Ratio` or `Physical`.
+        /// `Ratio`, which multiplies the photo by new over old shading, or `Physical`, which
+        /// multiplies the albedo by the new shading.
         mode: Mode = Mode::Ratio,
-        /// Albedo shown by the surface of a lamp that is switched off; 0..=1.
+        /// Albedo of the surface of a lamp that is switched off.
         lamp_albedo: f32 = 0.5, in 0.0..=1.0,
-        /// Albedo shown by the pane of a window that is switched off; 0..=1.
+        /// Albedo of the pane of a window that is switched off.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
         /// Radiance of the unseen part of the room in reflections, as a multiple of the mean of the
         /// seen part, 0..=1. The lighting of a network takes its place where there is one.
@@ -68,19 +69,19 @@ ports! {
     pub input ComposeIn {
         /// The linear photo.
         photo: Arc<Picture>,
-        /// 1 where the photo is saturated.
+        /// Mask of saturated pixels, 1 where the photo is saturated.
         clipped: Arc<Mask>,
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
         /// The photo at working size.
         small: Arc<Picture>,
-        /// Planar z at working size.
+        /// Planar depth at working size.
         depth: Arc<Depth>,
         /// Estimated albedo, working size.
         albedo: Arc<Albedo>,
-        /// Photo over shading, filled in where a light hides it, working size.
+        /// Reflectance at working size: photo over shading, filled in under lights.
         paint: Arc<Albedo>,
         /// Paint that the edit puts over it, photo size.
         coats: Arc<PaintLayers>,
@@ -96,7 +97,7 @@ ports! {
         zone: Gather<GlareMask>,
         /// The kind of each visible light.
         kind: Gather<LightKind>,
-        /// The lights as estimated.
+        /// The estimated lights.
         estimated: Gather<Shape>,
         /// Their radiances.
         estimated_radiance: Gather<Radiance>,
@@ -104,11 +105,11 @@ ports! {
         shape: Gather<Shape>,
         /// Their radiances.
         radiance: Gather<Radiance>,
-        /// Radiance after over before.
+        /// Ratio of the radiance after the edit to that before.
         gain: Gather<Radiance>,
-        /// Pixels covered by the bodies of inserted lights, photo size.
+        /// Coverage by the bodies of inserted lights, photo size.
         cover: Gather<Mask>,
-        /// Inserted objects as they are seen.
+        /// The visible inserted objects.
         objects: Arc<Objects>,
         /// Their diffuse reflection of each light.
         object: Gather<Picture>,
@@ -124,7 +125,7 @@ ports! {
 
 ports! {
     pub output ComposeOut {
-        /// Linear, photo size, not clamped: the sum of all layers.
+        /// The linear picture at the photo's size, not clamped: the sum of all layers.
         picture: Arc<Picture>,
         /// The contribution of each light.
         layer: Scatter<Layer>,

@@ -43,13 +43,13 @@ params! {
 
 ports! {
     pub input WriteIn {
-        /// The picture: the photo's size, linear, not clamped.
+        /// The linear picture at the photo's size, not clamped.
         picture: Arc<Picture>,
         /// Encoding of the photo.
         encoding: Arc<Encoding>,
-        /// The photo, for the layer `photo`: what the picture is compared with.
+        /// The photo, for the layer `photo`, with which the picture is compared.
         photo: Option<Arc<Picture>>,
-        /// Each light alone, the photo's size; they and `rest` sum to the picture.
+        /// The layer of each light, the photo's size; they and `rest` sum to the picture.
         layer: Gather<Layer>,
         /// The residual, which no light explains.
         rest: Arc<Layer>,
@@ -67,7 +67,7 @@ ports! {
         normal: Arc<Normal>,
         /// Roughness.
         roughness: Arc<Roughness>,
-        /// Specular level; written where it is not everywhere the same.
+        /// Specular level; written if it is not constant.
         specular: Option<Arc<Specular>>,
         /// Depth.
         depth: Arc<Depth>,
@@ -75,7 +75,7 @@ ports! {
 }
 ports! {
     pub output WriteOut {
-        /// picture.png and picture.exr.
+        /// `picture.png` and `picture.exr`.
         files: Arc<Files>,
     }
 }

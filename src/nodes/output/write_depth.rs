@@ -10,7 +10,8 @@ use crate::nodes::artifacts::Files;
 use crate::{params, ports};
 
 params! {
-    /// Writes depth as a scene reads it, and a picture of it: white is near, black is far.
+    /// Writes depth in the form that a scene reads, and a picture of it: white is near, black is
+    /// far.
     pub struct WriteDepth {}
 }
 

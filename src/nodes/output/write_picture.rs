@@ -15,7 +15,7 @@ params! {
 
 ports! {
     pub input WritePictureIn {
-        /// The picture: the photo's size, linear, not clamped.
+        /// The linear picture at the photo's size, not clamped.
         picture: Arc<Picture>,
         /// Encoding of the photo.
         encoding: Arc<Encoding>,
@@ -24,7 +24,7 @@ ports! {
 
 ports! {
     pub output WritePictureOut {
-        /// picture.png.
+        /// `picture.png`.
         files: Arc<Files>,
     }
 }

@@ -10,7 +10,7 @@ use crate::optics::{self, Shape, Strategy};
 use crate::{params, ports};
 
 params! {
-    /// Unshadowed direct shading of one light, per lobe of unit radiance.
+    /// Computes the unshadowed direct shading of one light, per lobe of unit radiance.
     ///
     /// E = (1/pi) integral of L cos(theta) over the directions in which the light is seen, cut at
     /// the horizon. Exact for spheres, rectangles and boxes, and for plates and convex meshes up to
@@ -22,9 +22,9 @@ params! {
         /// tile of 16 x 16 pixels takes more samples until it gets there. 0 takes `samples`
         /// everywhere.
         target_error: f32 = 0.0, in 0.0..1.0,
-        /// The most samples per pixel and lobe, with a target, 1..65536.
+        /// Upper bound of the samples per pixel and lobe, with a target.
         max_samples: u32 = 4096, in SAMPLES,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
         /// Strategy of the samples of a window: `Best`, or, to compare, `Area`, `Lobe`, `Balance`,
         /// `BalanceOneSample`, `Power`, `PowerOneSample`.

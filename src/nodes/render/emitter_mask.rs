@@ -27,11 +27,11 @@ ports! {
     pub input EmitterMaskIn {
         /// The light.
         shape: Arc<Shape>,
-        /// The same light as it was estimated; none for an inserted one.
+        /// The same light as estimated; missing for an inserted one.
         estimated: Option<Arc<Shape>>,
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         depth: Arc<Depth>,
     }
 }

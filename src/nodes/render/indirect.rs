@@ -22,7 +22,7 @@ params! {
     /// no activation on the light's own path (models/indirectnet.md). So one light's indirect
     /// picture is its own, and relighting is a sum.
     pub struct Indirect {
-        /// The network, ONNX with the inputs and outputs that models/indirectnet.md names.
+        /// The network, ONNX with the inputs and outputs of models/indirectnet.md.
         model: File = File::new("indirectnet.onnx"),
         /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
         /// sets it (`--backend`).
@@ -32,7 +32,7 @@ params! {
 
 ports! {
     pub input IndirectIn {
-        /// Planar z.
+        /// Planar depth.
         depth: Arc<Depth>,
         /// The camera.
         camera: Arc<Camera>,
@@ -58,7 +58,7 @@ ports! {
 
 ports! {
     pub output IndirectOut {
-        /// Indirect shading per lobe; its standard error is not known.
+        /// Indirect shading per lobe; its standard error is unknown.
         indirect: Arc<UnitIndirect>,
     }
 }

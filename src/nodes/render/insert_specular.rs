@@ -20,14 +20,14 @@ params! {
         /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes up to 16,
         /// and in all there are up to 4 million.
         rays: u32 = 32, in 1..=4096,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
     }
 }
 
 ports! {
     pub input InsertSpecularIn {
-        /// The objects as they are seen.
+        /// The visible objects.
         objects: Arc<Objects>,
         /// The room with the objects in it.
         mesh: Arc<SceneMesh>,

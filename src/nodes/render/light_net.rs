@@ -17,9 +17,10 @@ params! {
     /// Estimates the incoming radiance at each place of the picture as 12 spherical Gaussians, on a
     /// grid of 40 x 30 cells.
     ///
-    /// Only what is shiny, or asks for it, needs it. Twice the light gives twice the radiance.
+    /// Only shiny objects, and stages that ask for it, need it. Twice the light gives twice the
+    /// radiance.
     pub struct LightNet {
-        /// The network, ONNX with the inputs and outputs that models/lightnet.md names.
+        /// The network, ONNX with the inputs and outputs of models/lightnet.md.
         model: File = File::new("lightnet.onnx"),
         /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
         /// sets it (`--backend`).
@@ -29,7 +30,7 @@ params! {
 
 ports! {
     pub input LightNetIn {
-        /// Planar z.
+        /// Planar depth.
         depth: Arc<Depth>,
         /// The camera.
         camera: Arc<Camera>,
@@ -47,7 +48,7 @@ ports! {
         radiance: Gather<Radiance>,
         /// Shading by each light.
         light: Gather<Shading>,
-        /// Shading that no light explains.
+        /// Residual shading, which no light explains.
         rest: Option<Arc<Shading>>,
     }
 }

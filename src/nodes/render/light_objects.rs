@@ -16,18 +16,18 @@ params! {
     /// Asked at the samples that the camera sees, and at probes all over the bodies, for what they
     /// bounce.
     pub struct LightObjects {
-        /// Shadow rays per traced place and lobe, 1..65536; samples of what has no closed form.
+        /// Shadow rays per receiver and lobe; samples of lights without a closed form.
         samples: u32 = 16, in SAMPLES,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
     }
 }
 
 ports! {
     pub input LightObjectsIn {
-        /// The bodies as they are seen.
+        /// The visible objects.
         objects: Arc<Objects>,
-        /// The room with the bodies in it.
+        /// The room with the objects in it.
         mesh: Arc<SceneMesh>,
         /// The light.
         shape: Arc<Shape>,

@@ -31,7 +31,7 @@ ports! {
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
-        /// The bodies as they are seen.
+        /// The visible objects.
         objects: Arc<Objects>,
     }
 }

@@ -16,17 +16,17 @@ params! {
     /// The diffuse light of one light on inserted bodies: base color x (1 - metallic) x (direct +
     /// indirect), per channel.
     ///
-    /// Linear in the light's radiance, and traces no ray.
+    /// The result is linear in the light's radiance, and no ray is traced.
     pub struct ShadeObjects {}
 }
 
 ports! {
     pub input ShadeObjectsIn {
-        /// The bodies as they are seen.
+        /// The visible objects.
         objects: Arc<Objects>,
-        /// The light's direct light on them.
+        /// Direct light of the light on them.
         light: Arc<ObjectLight>,
-        /// The light's unit indirect shading, of their probes as well.
+        /// Unit indirect shading of the light, including that of their probes.
         indirect: Arc<UnitIndirect>,
         /// The light's radiance.
         radiance: Arc<Radiance>,

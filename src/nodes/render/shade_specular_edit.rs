@@ -18,7 +18,7 @@ params! {
         /// Rays per place, and samples of each light per place, 1..=4096; a mirror takes one, and
         /// in all there are up to 4 million.
         rays: u32 = 32, in 1..=4096,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
     }
 }
@@ -35,7 +35,7 @@ ports! {
         room: Arc<SceneMesh>,
         /// The camera of the photo.
         camera: Arc<Camera>,
-        /// Planar z at the photo's size.
+        /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
         /// Points of the seen surface.
         points: Arc<Points>,
@@ -43,7 +43,7 @@ ports! {
         normal: Arc<Normal>,
         /// Pixels of each visible light, working size.
         mask: Gather<Mask>,
-        /// The lights as estimated: those whose reflection the photo shows.
+        /// The estimated lights, whose reflections the photo shows.
         estimated: Gather<Shape>,
         /// Every light.
         shape: Gather<Shape>,

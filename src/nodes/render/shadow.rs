@@ -11,22 +11,23 @@ use crate::optics::{self, ShadowQuality, Shape, Strategy};
 use crate::{params, ports};
 
 params! {
-    /// Visibility of one light, per lobe, by rays to the samples that direct shading is made of.
+    /// Computes the visibility of one light, per lobe, by rays to the samples of its direct
+    /// shading.
     ///
     /// A ray is blocked by the seen surface, unknown where it passes behind a depth edge, lit
     /// otherwise; what lies outside the view is taken to be empty, or with `outside_unknown` to be
     /// unknown. `lit` holds the share seen to be lit plus `assume_lit` times the unknown share;
     /// `unknown` holds the unknown share itself.
     pub struct Shadow {
-        /// Rays per traced pixel and lobe, 1..65536; with a target, the least.
+        /// Rays per traced pixel and lobe; with a target, the least number.
         samples: u32 = 8, in SAMPLES,
         /// Mean standard error over mean, of the shadowed shading of the lobe, that is good enough,
         /// 0..1; each tile of 16 x 16 traced pixels casts more rays until it gets there. 0 casts
         /// `samples` everywhere.
         target_error: f32 = 0.0, in 0.0..1.0,
-        /// The most rays per traced pixel and lobe, with a target, 1..65536.
+        /// Upper bound of the rays per traced pixel and lobe, with a target.
         max_samples: u32 = 4096, in SAMPLES,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
         /// Strategy of the samples of a window: `Best`, or, to compare, `Area`, `Lobe`, `Balance`,
         /// `BalanceOneSample`, `Power`, `PowerOneSample`.
@@ -34,7 +35,7 @@ params! {
         /// Trace every second pixel along each axis and bring the result to all of them along the
         /// surfaces.
         half: bool = true,
-        /// The share of unknown rays that counts as lit, 0..1.
+        /// Fraction of the unknown rays that counts as lit.
         assume_lit: f32 = 1.0, in 0.0..=1.0,
         /// Rays that leave the view unblocked are unknown, as the photo does not show what stands
         /// there; else they are lit.
@@ -62,7 +63,7 @@ ports! {
 
 ports! {
     pub output ShadowOut {
-        /// Lit share, its standard error and unknown share per lobe.
+        /// Lit fraction, its standard error and unknown fraction per lobe.
         visibility: Arc<Visibility>,
     }
 }

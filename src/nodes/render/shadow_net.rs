@@ -22,7 +22,7 @@ params! {
     /// Where no ray is unknown the traced value stands, and a light without unknown rays needs no
     /// network.
     pub struct ShadowNet {
-        /// The network, ONNX with the inputs and outputs that models/shadownet.md names.
+        /// The network, ONNX with the inputs and outputs of models/shadownet.md.
         model: File = File::new("shadownet.onnx"),
         /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
         /// sets it (`--backend`).
@@ -35,7 +35,7 @@ params! {
 
 ports! {
     pub input ShadowNetIn {
-        /// Planar z.
+        /// Planar depth.
         depth: Arc<Depth>,
         /// The camera.
         camera: Arc<Camera>,
@@ -45,14 +45,14 @@ ports! {
         shape: Arc<Shape>,
         /// Its unshadowed unit shading.
         direct: Arc<UnitDirect>,
-        /// Its visibility by rays, unknown ones counted as lit.
+        /// Its traced visibility, in which unknown rays count as lit.
         visibility: Arc<Visibility>,
     }
 }
 
 ports! {
     pub output ShadowNetOut {
-        /// The same with the network's answer where rays have none; `unknown` stays as it was.
+        /// The visibility with the network's estimate for unknown rays; `unknown` stays as it was.
         visibility: Arc<Visibility>,
     }
 }

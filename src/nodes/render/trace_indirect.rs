@@ -37,7 +37,7 @@ ports! {
         direct: Arc<UnitDirect>,
         /// The lit fraction of it.
         visibility: Arc<Visibility>,
-        /// The light's direct light on inserted bodies, which then take part.
+        /// The light's direct light on inserted objects, which then take part.
         objects: Option<Arc<ObjectLight>>,
     }
 }

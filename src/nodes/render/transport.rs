@@ -12,11 +12,11 @@ params! {
     /// Cosine-distributed rays from a coarse grid of receivers, and the pixels they meet, for
     /// `TraceIndirect`. Around inserted bodies every pixel looks at these by itself.
     pub struct Transport {
-        /// Every which pixel, along each axis, is a receiver, 1..64.
+        /// Distance of the receivers along each axis, pixels.
         stride: u32 = 4, in 1..=64,
         /// Rays per receiver, 1..4096, rounded up to four equal batches, whose spread is the error.
         rays: u32 = 128, in 1..=4096,
-        /// Another seed gives other noise.
+        /// Seed of the random numbers.
         seed: u64 = 0,
     }
 }

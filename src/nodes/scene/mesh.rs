@@ -9,32 +9,32 @@ use crate::optics::LightKind;
 use crate::{params, ports};
 
 params! {
-    /// Turns depth into points, normals and triangles.
+    /// Converts depth to points, normals and triangles.
     ///
-    /// Normals are robust plane fits to the inverse depth, wider where the depth is noisy; points are smoothed by no more than
-    /// the noise. No triangle spans a depth step: abs(z1 - z2) / min(z) > 0.12, diagonals 0.12 sqrt(2). Panes of windows and
-    /// ignored pixels become no triangles.
+    /// Normals are robust plane fits to the inverse depth, wider where the depth is noisy; points
+    /// are smoothed by no more than the noise. No triangle spans a depth step: abs(z1 - z2) /
+    /// min(z) > 0.12, diagonals 0.12 sqrt(2). Window panes and ignored pixels get no triangles.
     pub struct Mesh {}
 }
 
 ports! {
     pub input MeshIn {
-        /// Planar z in metres.
+        /// Planar depth in meters.
         depth: Arc<Depth>,
-        /// The camera; brought to the size of `depth`.
+        /// The camera; resized to `depth`.
         camera: Arc<Camera>,
-        /// Pixels that are no part of the room.
+        /// Pixels that are not part of the room.
         ignore: Option<Arc<Mask>>,
         /// The pixels of each visible light.
         masks: Gather<Mask>,
-        /// What each of them is, under the same names.
+        /// Kind of each visible light, under the same names.
         kinds: Gather<LightKind>,
     }
 }
 
 ports! {
     pub output MeshOut {
-        /// Pixel centres on the surface, camera space.
+        /// Surface points at pixel centers, camera space.
         points: Arc<Points>,
         /// Unit normals facing the camera.
         normal: Arc<Normal>,

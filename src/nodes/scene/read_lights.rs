@@ -20,27 +20,28 @@ use crate::optics::{BoxLamp, Lamp, LightKind, Lobe, MeshLamp, Radiance, RectLamp
 use crate::{params, ports};
 
 params! {
-    /// Gives the lights of a file, for runs that are to know the truth: it stands where `InitLights` and `FitLights` stand else.
+    /// Reads true lights from a file, in the place of `InitLights` and `FitLights`.
     ///
-    /// The file holds one object per visible light of the scene, and `inv_lamp` and `inv_window` where there are such; docs/planes.md
-    /// tells its fields. An invisible light that it does not hold is `Absent`. Lobes of a window are sun, sky and ground, always
-    /// in this order; one that the file leaves out has no radiance.
+    /// The file contains one object per visible light of the scene, and `inv_lamp` and `inv_window`
+    /// where there are such lights; docs/planes.md lists its fields. An invisible light that is not
+    /// in the file is `Absent`. Lobes of a window are sun, sky and ground, always in this order; a
+    /// lobe that is not in the file has no radiance.
     pub struct ReadLights {
-        /// A JSON file; the `truth: (lights: ..)` of a scene.
+        /// The JSON file: `truth: (lights: ..)` of a scene.
         path: File = File::default(),
     }
 }
 
 ports! {
     pub input ReadLightsIn {
-        /// What each visible light is: the file must hold these.
+        /// Kind of each visible light. The file must contain them all.
         kind: Gather<LightKind>,
     }
 }
 
 ports! {
     pub output ReadLightsOut {
-        /// Every visible light, `inv_lamp` and `inv_window`.
+        /// The shape of every visible light, of `inv_lamp` and of `inv_window`.
         shape: Scatter<Shape>,
         /// Their radiances, one per lobe.
         radiance: Scatter<Radiance>,
@@ -49,7 +50,7 @@ ports! {
 
 impl Node for ReadLights {
     const KIND: &'static str = "ReadLights";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = ReadLightsIn;
     type Out = ReadLightsOut;
 

@@ -10,18 +10,21 @@ use crate::image::{self, Albedo, Normal, Plane, Roughness, Transfer};
 use crate::{params, ports};
 
 params! {
-    /// Gives the materials of files, for runs that are to know the truth: it stands where `RetinexMaterials` stands else.
+    /// Reads true materials from files, in the place of `RetinexMaterials`.
     ///
-    /// Files of any size with the photo's aspect ratio are brought to the working size by area averages.
+    /// Files of any size with the photo's aspect ratio are resized to the working size by area
+    /// averages.
     pub struct ReadMaterials {
-        /// Diffuse albedo in 0..=1: EXR (R, G, B, linear Rec.709), or PNG or JPEG (sRGB); the `truth: (albedo: ..)` of a scene.
+        /// Diffuse albedo in 0..=1: EXR (R, G, B, linear Rec.709), or PNG or JPEG (sRGB); `truth:
+        /// (albedo: ..)` of a scene.
         albedo: File = File::default(),
-        /// Normals in camera space: EXR with X, Y, Z, else R, G, B. Without a file, or where it has none that faces the camera, those
-        /// of the depth.
+        /// Normals in camera space: EXR with X, Y, Z, else R, G, B. The normals of the depth
+        /// replace a missing file and pixels without a normal that faces the camera.
         normal: Option<File> = None,
-        /// GGX roughness in 0..=1: EXR (Y), or PNG or JPEG whose numbers are taken as they are; of colours, the green.
+        /// GGX roughness in 0..=1: EXR (Y), or PNG or JPEG with linear values; the green channel of
+        /// colors.
         roughness: Option<File> = None,
-        /// Roughness given to everything when there is no file; 0..=1.
+        /// Roughness of every pixel if there is no file.
         rough: f32 = 0.8, in 0.0..=1.0,
     }
 }
@@ -30,18 +33,18 @@ ports! {
     pub input ReadMaterialsIn {
         /// The normals of the depth, at working size.
         normal: Arc<Normal>,
-        /// The camera; brought to the size of `normal`.
+        /// The camera; resized to `normal`.
         camera: Arc<Camera>,
     }
 }
 
 ports! {
     pub output ReadMaterialsOut {
-        /// Working size.
+        /// Albedo at working size.
         albedo: Arc<Albedo>,
-        /// Working size.
+        /// Normals at working size.
         normal: Arc<Normal>,
-        /// Working size.
+        /// Roughness at working size.
         roughness: Arc<Roughness>,
     }
 }

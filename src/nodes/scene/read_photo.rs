@@ -10,17 +10,17 @@ use crate::nodes::artifacts::Encoding;
 use crate::{params, ports};
 
 params! {
-    /// Reads the photo of a scene; the scene needs no depth.
+    /// Reads the photo of a scene, which needs no depth.
     pub struct ReadPhoto {
-        /// PNG (8 or 16 bits), JPEG, HDR or EXR.
+        /// The photo: PNG (8 or 16 bits), JPEG, HDR or EXR.
         photo: File = File::default(),
-        /// How the numbers of a PNG or JPEG photo encode light; HDR and EXR are linear whatever stands here.
+        /// Transfer function of a PNG or JPEG photo. HDR and EXR are always linear.
         transfer: Transfer = Transfer::Srgb,
         /// The photo's camera: FovX(degrees) or Pinhole(fx, fy, cx, cy in photo pixels).
         camera: CameraSpec = CameraSpec::FovX(60.0),
-        /// The illuminance at which white shows 1: Lux(value).
+        /// Illuminance of a white surface of value 1: Lux(value).
         exposure: Option<Exposure> = None,
-        /// The longer side of the working size in pixels, at least 1; a smaller photo is not enlarged.
+        /// Longer side of the working size, pixels. A smaller photo is not enlarged.
         long_side: u32 = 320, in 1..,
     }
 }
@@ -28,15 +28,15 @@ params! {
 ports! { pub input ReadPhotoIn {} }
 ports! {
     pub output ReadPhotoOut {
-        /// Linear, the photo's size.
+        /// The linear photo at its own size.
         photo: Arc<Picture>,
-        /// Linear, working size.
+        /// The linear photo at working size.
         small: Arc<Picture>,
-        /// Share of saturated pixels, working size.
+        /// Fraction of saturated pixels, working size.
         small_clipped: Arc<Mask>,
-        /// At the photo's size.
+        /// The camera at the photo's size.
         camera: Arc<Camera>,
-        /// How the photo is stored.
+        /// Encoding of the photo.
         encoding: Arc<Encoding>,
     }
 }

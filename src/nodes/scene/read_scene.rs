@@ -76,55 +76,56 @@ impl LightSpec {
 params! {
     /// Reads the photo, its depth and the masks of its visible lights.
     pub struct ReadScene {
-        /// PNG (8 or 16 bits), JPEG, HDR or EXR.
+        /// The photo: PNG (8 or 16 bits), JPEG, HDR or EXR.
         photo: File = File::default(),
-        /// How the numbers of a PNG or JPEG photo encode light; HDR and EXR are linear whatever stands here. The result's
-        /// PNG is written with it.
+        /// Transfer function of a PNG or JPEG photo. HDR and EXR are always linear. The result's
+        /// PNG has the same.
         transfer: Transfer = Transfer::Srgb,
         /// The photo's camera: FovX(degrees) or Pinhole(fx, fy, cx, cy in photo pixels).
         camera: CameraSpec = CameraSpec::FovX(60.0),
-        /// EXR (channel Z, else Y, else R), 16-bit grey PNG or NPY, in units of `scale` metres.
+        /// Depth: EXR (channel Z, else Y, else R), 16-bit gray PNG or NPY, in units of `scale`
+        /// meters.
         depth: DepthSpec = DepthSpec { path: File::default(), kind: DepthKind::PlanarZ, scale: 1.0 },
         /// The visible lights by name, each with the mask of its pixels: PNG, JPEG or EXR; at most 32 masks.
         lights: BTreeMap<String, LightSpec> = BTreeMap::new(),
-        /// A mask of pixels that are no part of the room.
+        /// Mask of pixels that are not part of the room.
         ignore: Option<File> = None,
-        /// The illuminance at which white shows 1: Lux(value).
+        /// Illuminance of a white surface of value 1: Lux(value).
         exposure: Option<Exposure> = None,
-        /// The longer side of the working size in pixels, at least 1; a smaller photo is not enlarged.
+        /// Longer side of the working size, pixels. A smaller photo is not enlarged.
         long_side: u32 = 320, in 1..,
     }
 }
 
 ports! {
     pub output ReadSceneOut {
-        /// Linear, the photo's size.
+        /// The linear photo at its own size.
         photo: Arc<Picture>,
-        /// 1 where the photo is saturated, the photo's size.
+        /// Mask of saturated pixels, the photo's size: 1 where the photo is saturated.
         clipped: Arc<Mask>,
-        /// Linear, working size.
+        /// The linear photo at working size.
         small: Arc<Picture>,
-        /// Share of saturated pixels, working size.
+        /// Fraction of saturated pixels, working size.
         small_clipped: Arc<Mask>,
-        /// Holes filled, working size.
+        /// Planar depth at working size, holes filled.
         depth: Arc<Depth>,
-        /// Holes filled, the photo's size.
+        /// Planar depth at the photo's size, holes filled.
         full_depth: Arc<Depth>,
-        /// Share of depth pixels that had no reading, working size.
+        /// Fraction of depth pixels without a reading, working size.
         holes: Arc<Mask>,
-        /// At the photo's size.
+        /// The camera at the photo's size.
         camera: Arc<Camera>,
-        /// At the working size.
+        /// The camera at working size.
         small_camera: Arc<Camera>,
-        /// Pixels that are no part of the room, working size; all 0 when the scene names none.
+        /// Pixels that are not part of the room, working size; all 0 when the scene names none.
         ignore: Arc<Mask>,
-        /// Per visible light, working size.
+        /// Mask of each visible light, working size.
         mask: Scatter<Mask>,
-        /// Per visible light, the photo's size.
+        /// Mask of each visible light, the photo's size.
         full_mask: Scatter<Mask>,
-        /// Per visible light.
+        /// Kind of each visible light.
         kind: Scatter<LightKind>,
-        /// How the photo is stored.
+        /// Encoding of the photo.
         encoding: Arc<Encoding>,
     }
 }
