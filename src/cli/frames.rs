@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::time::Instant;
 
-use relight::graph::{Cancel, RunReport, Status};
+use relight::graph::{Cancel, Ending, RunReport, Status};
 use serde::Serialize;
 
 use super::args::Run;
@@ -173,7 +173,7 @@ fn tell(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
     message!("{made} of {count} frames in {:.2} s", report.head.seconds);
-    if last.report.cancelled() {
+    if last.report.ending() == Ending::Cancelled {
         message!("stopped in frame {}; the same command goes on there", last.number);
     }
     if args.json {

@@ -10,6 +10,7 @@ use relight::graph::{
 use relight::nodes::output::write_picture::WritePicture;
 
 use super::args::{Files, Networks};
+use super::messages::message;
 use super::networks;
 
 /// The pictures that an edit asks for. Their graphs are made one at a time, so that memory does not grow with their number.
@@ -50,10 +51,16 @@ impl Pictures {
 pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, Vec<Fault>> {
     let parts = Parts::read(graph, files);
     let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
-    let Some(path) = edit else { return parts.with(Ok(Overlay::default()), resolve) };
+    let Some(path) = edit else { return parts.with(Ok(Overlay::default()), resolve).map(warned) };
     let first = EditFile::read_within(path, files.reach()).and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
     let (frames, edit) = first.or_else(|faults| parts.refused(faults))?;
-    parts.frame(&edit, frames.map(|frames| frames.start), resolve)
+    parts.frame(&edit, frames.map(|frames| frames.start), resolve).map(warned)
+}
+
+/// The graph, after a warning for each old name in its files.
+fn warned(graph: Graph) -> Graph {
+    graph.warnings().iter().for_each(|warning| message!("warning: {warning}"));
+    graph
 }
 
 /// Reads everything for each picture of an edit: every frame of a sequence unless `files` names one.
@@ -72,6 +79,7 @@ pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Ve
     let writers = nodes.filter(|node| node.kind == WritePicture::KIND).map(|node| node.name.to_owned()).collect();
     let mut pictures = Pictures { first, frames, writers, parts, edit, resolved };
     pictures.check_others()?;
+    pictures.first = warned(pictures.first);
     Ok(pictures)
 }
 
@@ -100,7 +108,11 @@ struct Parts {
 impl Parts {
     fn read(graph: &Path, files: &Files) -> Parts {
         let mut faults = Vec::new();
-        let file = keep(GraphFile::read_within(graph, files.reach()), &mut faults);
+        let registry = networks::registry(&files.networks);
+        let mut file = keep(GraphFile::read_within(graph, files.reach()), &mut faults);
+        if let Some(file) = &mut file {
+            file.accept_old_names(&registry);
+        }
         let folder = match &files.scene {
             Some(folder) => Ok(Some(folder.clone())),
             None => file.as_ref().map_or(Ok(None), GraphFile::scene),
@@ -121,7 +133,6 @@ impl Parts {
             (Ok(None), Some(_)) => Some(Overlay::default()),
             (Ok(None), None) => None,
         };
-        let registry = networks::registry(&files.networks);
         let mut settings = Vec::new();
         match backend(&registry, &files.networks, kinds.as_deref().unwrap_or_default()) {
             Ok(choice) => settings.extend(choice),

@@ -24,7 +24,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use relight::files;
-use relight::graph::{EngineOptions, Fault, RunReport, Services, Status};
+use relight::graph::{Ending, EngineOptions, Fault, RunReport, Services};
 use relight::nodes;
 
 use args::{CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
@@ -34,7 +34,6 @@ pub use cache::cache;
 pub use eval::eval;
 pub use export::export;
 use load::{load, load_all};
-use messages::message;
 pub use mix::mix;
 pub use networks::run_network;
 pub use page::report;
@@ -54,6 +53,17 @@ pub enum Exit {
 impl From<Exit> for ExitCode {
     fn from(exit: Exit) -> ExitCode {
         ExitCode::from(exit.code())
+    }
+}
+
+impl From<Ending> for Exit {
+    fn from(ending: Ending) -> Exit {
+        match ending {
+            Ending::Complete => Exit::Done,
+            Ending::Failed => Exit::Failed,
+            Ending::BadInput => Exit::Bad,
+            Ending::Cancelled => Exit::Interrupted,
+        }
     }
 }
 
@@ -115,17 +125,14 @@ fn ended(measured: Result<(), Stop>) -> Result<Exit, Trouble> {
 
 /// A run that a measurement needs whole: tells what failed.
 fn finished(report: RunReport) -> Result<RunReport, Stop> {
-    if report.cancelled() {
-        return Err(Stop::Ended(Exit::Interrupted));
+    let ending = report.ending();
+    if ending != Ending::Cancelled {
+        run::tell_errors(&report);
     }
-    let failed: Vec<_> = report.nodes.iter().filter(|node| node.status == Status::Failed).collect();
-    for node in &failed {
-        message!("error: {}: {}", node.name, node.error.as_deref().unwrap_or_default());
+    match ending.into() {
+        Exit::Done => Ok(report),
+        exit => Err(Stop::Ended(exit)),
     }
-    if report.is_complete() {
-        return Ok(report);
-    }
-    Err(Stop::Ended(if failed.iter().all(|node| node.bad_file) { Exit::Bad } else { Exit::Failed }))
 }
 
 /// Whether a person watches standard error, who likes colours there.

@@ -130,16 +130,10 @@ pub(super) fn results(run: &RunReport) -> Vec<std::sync::Arc<Files>> {
     values.filter_map(Value::get).collect()
 }
 
+/// The exit status of a run; `same` is whether `--verify` found no difference.
 pub(super) fn exit(run: &RunReport, same: bool) -> Exit {
-    if run.cancelled() {
-        return Exit::Interrupted;
-    }
-    let failed: Vec<_> = run.nodes.iter().filter(|node| node.status == relight::graph::Status::Failed).collect();
-    if failed.is_empty() && same {
-        Exit::Done
-    } else if !failed.is_empty() && failed.iter().all(|node| node.bad_file) {
-        Exit::Bad
-    } else {
-        Exit::Failed
+    match run.ending().into() {
+        Exit::Done if !same => Exit::Failed,
+        exit => exit,
     }
 }

@@ -1,8 +1,8 @@
-//! An edit file: what shall change.
+//! An edit file: the changes of a picture.
 //!
-//! `lights`, `materials` and `objects` become the parameters of the same name of the stages `EditLights`,
-//! `EditMaterials` and `EditObjects`, whose types determine what may stand in them. A light that the edit inserts becomes
-//! a member of the set `lights`.
+//! `lights`, `materials` and `objects` become the parameters of the same name of the stages
+//! `EditLights`, `EditMaterials` and `EditObjects`, whose types determine what may stand in them. A
+//! light that the edit inserts becomes a member of the set `lights`.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -14,8 +14,8 @@ const FIELDS: [&str; 5] = ["version", "lights", "materials", "objects", "frames"
 /// An entry that begins so makes a light; any other changes one that is there.
 const MAKERS: [&str; 2] = ["Lamp", "Window"];
 
-/// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; what is `None` could not
-/// be read, and nothing is checked against it. Of a sequence, its first frame.
+/// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; what
+/// is `None` could not be read, and nothing is checked against it. Of a sequence, its first frame.
 ///
 /// # Errors
 /// Every fault of the file that can be known without running anything.
@@ -23,10 +23,10 @@ pub fn read(path: &Path, scene: Option<&Overlay>, kinds: Option<&[&str]>) -> Res
     frame(&EditFile::read(path)?, 0, scene, kinds)
 }
 
-/// The same for one frame of an edit.
+/// Reads one frame of an edit, like [`read`].
 ///
 /// # Errors
-/// Those of [`read`].
+/// The errors of [`read`].
 pub fn frame(
     edit: &EditFile,
     frame: u32,
@@ -64,7 +64,7 @@ fn of_scene(scene: Option<&Overlay>) -> impl Iterator<Item = &str> {
     visible.map(|m| m.name.as_str()).chain(INVISIBLE)
 }
 
-/// The lights that an edit makes; what it says of lights that are not there is a fault.
+/// The lights that an edit makes; a change of a light that does not exist is a fault.
 fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Faults) -> Vec<Member> {
     let makes = |value: &Raw| value.variant().is_some_and(|variant| MAKERS.contains(&variant));
     let present: BTreeSet<&str> = of_scene(scene).collect();

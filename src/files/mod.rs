@@ -1,21 +1,23 @@
-//! What a person writes about a room, read into settings and set members for a graph, and the faults drawn.
+//! Scene and edit files, read into settings and set members for a graph, and diagnostics drawn with
+//! their places.
 
-mod caret;
+mod diagnostics;
 pub mod edit;
-mod keys;
+mod keyframes;
 pub mod scene;
 
-pub use caret::draw;
-pub use keys::EditFile;
+pub use diagnostics::draw;
+pub use keyframes::EditFile;
 
 use crate::graph::{Fault, Faults, Key, Raw, Source, is_name};
 
-/// What no light explains has this name in pictures and reports; no light may have it.
+/// The residual's name in pictures and reports; no light may have it.
 const REST: &str = "rest";
 /// The invisible lights, estimated in every scene.
 const INVISIBLE: [&str; 2] = ["inv_lamp", "inv_window"];
 
-/// The fields of the one value `name(..)` of a file. Its `version` must be there and 1, and is left out.
+/// The fields of the one value `name(..)` of a file. Its `version` must be there and 1, and is left
+/// out.
 fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &mut Faults) -> Vec<(Key, Raw)> {
     let Some(document) = Raw::document(source, faults) else { return Vec::new() };
     let before = faults.found();

@@ -1,11 +1,13 @@
 //! `scene.ron`: the photograph, its depth, its camera, and the lights that are seen in it.
 //!
-//! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types say what may stand in
-//! them; those of the photo alone also of its `ReadPhoto` stages. The names of the lights, in the order of the file, become members of sets: `visible`, the lights seen in
-//! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose place and strength are estimated
-//! (the graph adds the invisible ones); and
-//! `lights`, all that shine in the result (an edit adds what it inserts). Lights and materials that `truth` names go to the stages
-//! that read what is known, `ReadLights` and `ReadMaterials`; the rest of it is for who measures, and stands in [`truth`].
+//! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types
+//! determine what may stand in them; those of the photo alone also of its `ReadPhoto` stages. The
+//! names of the lights, in the order of the file, become members of sets: `visible`, the lights
+//! seen in the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights
+//! whose place and strength are estimated (the graph adds the invisible ones); and `lights`, all
+//! that shine in the result (an edit adds what it inserts). Lights and materials that `truth` names
+//! go to the stages that read what is known, `ReadLights` and `ReadMaterials`; the rest of it is
+//! for measurements, and stands in [`truth`].
 
 use std::path::Path;
 
@@ -35,8 +37,8 @@ const SETS: [&str; 3] = ["visible", "estimated", "lights"];
 /// And the set of those that are of one kind.
 const OF_KIND: [(&str, &str); 2] = [("Lamp", "visible_lamps"), ("Window", "visible_windows")];
 
-/// Reads `folder/scene.ron` for a graph with stages of these `kinds`: one that takes the photo alone needs no depth. Without `kinds`, what
-/// they need stays unchecked.
+/// Reads `folder/scene.ron` for a graph with stages of these `kinds`: one that takes the photo
+/// alone needs no depth. Without `kinds`, what they need stays unchecked.
 ///
 /// # Errors
 /// Every fault of the file that can be known without looking at the files it names.
@@ -44,10 +46,10 @@ pub fn read(folder: &Path, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Fault>
     read_within(folder, kinds, Reach::Anywhere)
 }
 
-/// The same of a scene that may name files within `reach` only.
+/// Reads a scene that may name files within `reach` only.
 ///
 /// # Errors
-/// Those of [`read`].
+/// The errors of [`read`].
 pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Result<Overlay, Vec<Fault>> {
     let path = folder.join("scene.ron");
     if folder.is_file() {
@@ -99,10 +101,10 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
     if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
 }
 
-/// What the `truth` of `folder/scene.ron` names, field by field; nothing where it has none.
+/// The fields of `truth` in `folder/scene.ron`; none where it has no `truth`.
 ///
 /// # Errors
-/// Those of [`read`].
+/// The errors of [`read`].
 pub fn truth(folder: &Path) -> Result<Vec<(Key, Raw)>, Vec<Fault>> {
     read(folder, None)?;
     let source = Source::read(&folder.join("scene.ron"), Reach::Anywhere).map_err(|fault| vec![fault])?;
@@ -117,7 +119,7 @@ fn known(value: &Raw, faults: &mut Faults) -> Vec<(Key, Raw)> {
     value.as_struct(None, &names, faults)
 }
 
-/// What of `truth` goes to stages, for graphs that have them; others do not look at it.
+/// The settings of `truth` for stages; graphs without these stages ignore them.
 fn settings(value: &Raw, faults: &mut Faults) -> Vec<Setting> {
     let mut settings = Vec::new();
     for (key, value) in known(value, faults) {

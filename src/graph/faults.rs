@@ -2,11 +2,11 @@
 
 use super::source::Fault;
 
-/// A file that is broken everywhere is not told everything.
+/// Messages per file: a file that is broken everywhere needs no more.
 const MAX_FAULTS: usize = 50;
 
-/// Faults in the order in which they are found, each once. The first fifty are kept. The others are counted and never made, so that a
-/// file with a million faults costs little more than reading it.
+/// Faults in the order in which they are found, each once. The first fifty are kept. The others are
+/// counted and never made, so that a file with a million faults costs little more than reading it.
 #[derive(Clone)]
 pub struct Faults {
     kept: Vec<Fault>,
@@ -23,7 +23,7 @@ impl Default for Faults {
 }
 
 impl Faults {
-    /// Keeps no fault: for a reader whose faults another one tells.
+    /// A list that keeps no fault, for a reader whose faults another one reports.
     pub fn ignored() -> Faults {
         Faults { most: 0, ..Faults::default() }
     }

@@ -1,12 +1,14 @@
-//! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports are looked up later,
-//! by [`GraphFile::resolve`].
+//! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports
+//! are looked up later, by [`GraphFile::resolve`].
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::faults::Faults;
-use super::source::{Fault, Key, Origin, Raw, Reach, Source, is_name};
+use super::raw::{Key, Raw};
+use super::registry::{KindSpec, Registry};
+use super::source::{Fault, Origin, Reach, Source, is_name};
 
 /// The version of graph files that this program reads.
 const VERSION: u32 = 1;
@@ -22,8 +24,11 @@ pub struct GraphFile {
     pub(super) sets: Vec<SetDecl>,
     pub(super) nodes: Vec<NodeDecl>,
     pub(super) outputs: Vec<Key>,
-    /// Faults that do not hinder looking for more: [`GraphFile::resolve`] tells them with its own.
+    /// Faults that do not hinder looking for more: [`GraphFile::resolve`] reports them with its
+    /// own.
     pub(super) faults: Faults,
+    /// Old names that the file uses.
+    pub(super) warnings: Vec<Fault>,
 }
 
 /// A set of member names, as the graph file gives it.
@@ -39,10 +44,10 @@ pub struct NodeInfo<'a> {
     pub each: Option<&'a str>,
 }
 
-/// What is laid over a graph file: a scene, an edit, settings of the command line.
+/// An overlay holds the settings of a scene, an edit and the command line over a graph file.
 ///
-/// Settings for a kind that no node of the graph has, and members of a set that the graph does not have, are passed
-/// over: a graph need not use all that a scene offers.
+/// Settings for a kind that no node of the graph has, and members of a set that the graph does not
+/// have, are passed over: a graph need not use all that a scene offers.
 #[derive(Clone, Default)]
 pub struct Overlay {
     /// In order: a later one wins.
@@ -50,7 +55,8 @@ pub struct Overlay {
     pub members: Vec<Member>,
 }
 
-/// One parameter given from outside of the graph file. Relative paths in it start from the folder of its source.
+/// One parameter given from outside of the graph file. Relative paths in it start from the folder
+/// of its source.
 #[derive(Clone)]
 pub struct Setting {
     pub target: Target,
@@ -58,12 +64,12 @@ pub struct Setting {
     pub value: Raw,
 }
 
-/// Whose parameter is set.
+/// The owner of a parameter that is set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Target {
-    /// That of all nodes of this kind.
+    /// All nodes of this kind.
     Kind(String),
-    /// That of the node of this name.
+    /// The node of this name.
     Node(String),
 }
 
@@ -90,6 +96,9 @@ pub(super) struct NodeDecl {
     /// The output that must be there for the node to run.
     pub when: Option<Key>,
     pub wires: Vec<Wire>,
+    /// Nodes of other kinds that it took the place of, the lowest first: those whose kind is the
+    /// same under an old name lie under it after all.
+    replaced: Vec<NodeDecl>,
 }
 
 #[derive(Clone)]
@@ -109,18 +118,28 @@ struct Layer {
 }
 
 impl GraphFile {
-    /// Reads a graph file and what it extends. Fails only where nothing can be made of them: unreadable, brackets that do
-    /// not match, a parent that is not there. All other faults are told by [`GraphFile::resolve`], at once.
+    /// Reads a graph file and what it extends. Fails only where nothing can be made of them:
+    /// unreadable, brackets that do not match, a parent that is not there. All other faults are
+    /// reported by [`GraphFile::resolve`], at once.
+    ///
+    /// # Errors
+    /// The file or one that it extends cannot be read or split into fields.
     pub fn read(path: &Path) -> Result<GraphFile, Vec<Fault>> {
         GraphFile::read_within(path, Reach::Anywhere)
     }
 
-    /// The same of a file that may name others within `reach` only.
+    /// Reads a file like [`GraphFile::read`], which may name others within `reach` only.
+    ///
+    /// # Errors
+    /// The errors of [`GraphFile::read`], and a file outside of `reach`.
     pub fn read_within(path: &Path, reach: Reach) -> Result<GraphFile, Vec<Fault>> {
         GraphFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
-    /// The same from a text; `extends` is looked for beside `source.path`.
+    /// Parses a text like [`GraphFile::read`]; `extends` is looked for beside `source.path`.
+    ///
+    /// # Errors
+    /// The errors of [`GraphFile::read`].
     pub fn parse(source: Arc<Source>) -> Result<GraphFile, Vec<Fault>> {
         let mut faults = Faults::default();
         let path = source.path.clone();
@@ -142,7 +161,16 @@ impl GraphFile {
             }
             layers.push(layer);
         }
-        let mut file = GraphFile { path, sources, scene: None, sets: vec![], nodes: vec![], outputs: vec![], faults };
+        let mut file = GraphFile {
+            path,
+            sources,
+            scene: None,
+            sets: vec![],
+            nodes: vec![],
+            outputs: vec![],
+            faults,
+            warnings: vec![],
+        };
         layers.into_iter().rev().for_each(|layer| file.lay_over(layer));
         Ok(file)
     }
@@ -151,7 +179,8 @@ impl GraphFile {
         &self.path
     }
 
-    /// What is known to be wrong before kinds and ports are looked up; [`GraphFile::resolve`] tells it too.
+    /// The faults found before kinds and ports are looked up; [`GraphFile::resolve`] reports them
+    /// too.
     pub fn faults(&self) -> Vec<Fault> {
         self.faults.clone().into_vec()
     }
@@ -184,7 +213,8 @@ impl GraphFile {
         })
     }
 
-    /// What is wired to an input of a node, as `node` or `node.port`; nothing where there is no such node or wire.
+    /// The outputs wired to an input of a node, as `node` or `node.port`; none where there is no
+    /// such node or wire.
     pub fn wired(&self, node: &str, input: &str) -> impl Iterator<Item = &str> {
         let node = self.nodes.iter().find(|n| n.name.name == node);
         let wire = node.and_then(|node| node.wires.iter().find(|w| w.port.name == input));
@@ -197,7 +227,8 @@ impl GraphFile {
         self.nodes.extend(copy.map(|node| NodeDecl { name: Key { name: name.to_owned(), ..node.name }, ..node }));
     }
 
-    /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node` where it has one output.
+    /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node`
+    /// where it has one output.
     pub fn redirect(&mut self, from: &str, to: &str) {
         let same = |a: &str, b: &str| match (a.split_once('.'), b.split_once('.')) {
             (None, Some((node, _))) => a == node,
@@ -210,8 +241,47 @@ impl GraphFile {
         }
     }
 
-    /// A set of a name that is there already is replaced; outputs are added; a node is changed field by field, unless
-    /// it becomes another kind: then nothing of the old one stays.
+    /// Puts the current names of `registry` in the place of old ones of kinds, inputs and outputs,
+    /// each with a warning ([`super::Graph::warnings`]). A node of an old kind lies over one of its
+    /// new name.
+    pub fn accept_old_names(&mut self, registry: &Registry) {
+        let warnings = &mut self.warnings;
+        for node in &mut self.nodes {
+            let mut layers = std::mem::take(&mut node.replaced);
+            layers.push(node.clone());
+            let mut merged: Option<NodeDecl> = None;
+            for mut layer in layers {
+                layer.rename(registry, warnings);
+                let of_kind = |node: &NodeDecl| node.kind.as_ref().map(|kind| kind.name.clone());
+                match &mut merged {
+                    Some(below) if of_kind(below) == of_kind(&layer) => below.lay_over(layer),
+                    _ => merged = Some(layer),
+                }
+            }
+            *node = merged.expect("a node is its own last layer");
+        }
+        let kinds: BTreeMap<String, &KindSpec> = self
+            .nodes
+            .iter()
+            .filter_map(|node| Some((node.name.name.clone(), registry.get(&node.kind.as_ref()?.name)?)))
+            .collect();
+        let wires = self
+            .nodes
+            .iter_mut()
+            .flat_map(|node| node.wires.iter_mut().flat_map(|w| &mut w.from).chain(&mut node.when));
+        for end in wires.chain(&mut self.outputs) {
+            let Some((node, port)) = end.name.split_once('.') else { continue };
+            let Some(kind) = kinds.get(node) else { continue };
+            let new = registry.current_field(kind.kind, port, kind.outputs.iter().map(|port| port.name));
+            if new != port {
+                warnings.push(old_name(&end.origin, &end.name, &format!("{node}.{new}")));
+                end.name = format!("{node}.{new}");
+            }
+        }
+    }
+
+    /// A set of a name that is there already is replaced; outputs are added; a node is changed
+    /// field by field, unless it becomes another kind: then nothing of the old one stays.
     fn lay_over(&mut self, layer: Layer) {
         self.scene = layer.scene.or(self.scene.take());
         let mut known = places(self.sets.iter().map(|set| &set.name));
@@ -232,7 +302,11 @@ impl GraphFile {
             };
             match known.get(&node.name.name).map(|&old| &mut self.nodes[old]) {
                 Some(old) if same_kind(old) => old.lay_over(node),
-                Some(old) => *old = node,
+                Some(old) => {
+                    let mut replaced = std::mem::take(&mut old.replaced);
+                    replaced.push(std::mem::replace(old, node));
+                    old.replaced = replaced;
+                }
                 None => {
                     if node.kind.is_none() {
                         let message = format!("node `{}` has no `op`, and no file above gives it one", node.name.name);
@@ -253,7 +327,31 @@ fn places<'a>(names: impl Iterator<Item = &'a Key>) -> BTreeMap<String, usize> {
     names.enumerate().map(|(place, key)| (key.name.clone(), place)).collect()
 }
 
+/// The warning that `old` is the old name of `new`.
+pub(super) fn old_name(origin: &Origin, old: &str, new: &str) -> Fault {
+    let message = format!("`{old}` is an old name, which the next version does not take");
+    Fault::at(origin, message).help(format!("write `{new}`"))
+}
+
 impl NodeDecl {
+    /// Puts current names in the place of old ones of its kind and its inputs.
+    fn rename(&mut self, registry: &Registry, warnings: &mut Vec<Fault>) {
+        let Some(kind) = &mut self.kind else { return };
+        let new = registry.current_kind(&kind.name);
+        if new != kind.name {
+            warnings.push(old_name(&kind.origin, &kind.name, new));
+            kind.name = new.to_owned();
+        }
+        let Some(spec) = registry.get(&kind.name) else { return };
+        for Wire { port, .. } in &mut self.wires {
+            let new = registry.current_field(spec.kind, &port.name, spec.inputs.iter().map(|port| port.name));
+            if new != port.name {
+                warnings.push(old_name(&port.origin, &port.name, new));
+                port.name = new.to_owned();
+            }
+        }
+    }
+
     fn lay_over(&mut self, child: NodeDecl) {
         self.params.extend(child.params);
         self.each = child.each.or(self.each.take());
@@ -344,7 +442,8 @@ fn parse_sets(value: &Raw, faults: &mut Faults) -> Vec<SetDecl> {
 
 fn parse_node(name: Key, body: &Raw, faults: &mut Faults) -> NodeDecl {
     check_name(&name.name, &name.origin, "node", faults);
-    let mut node = NodeDecl { name, kind: None, params: vec![], each: None, when: None, wires: vec![] };
+    let mut node =
+        NodeDecl { name, kind: None, params: vec![], each: None, when: None, wires: vec![], replaced: vec![] };
     for (key, value) in body.as_struct(None, &["op", "each", "when", "in"], faults) {
         match key.name.as_str() {
             "op" => match value.variant() {

@@ -11,10 +11,11 @@ use petgraph::graph::DiGraph;
 
 use super::artifact::{Artifact, Flag};
 use super::faults::Faults;
-use super::file::{GraphFile, NodeDecl, Overlay, Setting, Target, Wire, check_name};
-use super::network::{Feed, Graph, GraphNode, Input, Instance, Take};
+use super::file::{GraphFile, NodeDecl, Overlay, Setting, Target, Wire, check_name, old_name};
+use super::raw::{Key, Raw, holds_non_finite};
 use super::registry::{AnyNode, KindSpec, Registry};
-use super::source::{Fault, Key, Origin, Raw, holds_non_finite};
+use super::resolved_graph::{Edge, Graph, GraphNode, Input, InputSelector, Instance};
+use super::source::{Fault, Origin};
 use super::{Arity, Digest, File, MAX_FILE_BYTES, PortSpec, key};
 
 /// Most instances of nodes and wires between them; a thousand lights come to some ten thousand.
@@ -62,9 +63,11 @@ impl Wired {
     }
 }
 
-/// Results of resolving a graph file that hold for other overlays too: digests of files, and nodes and wires by what they were made of.
+/// Results of resolving a graph file that hold for other overlays too: digests of files, and nodes
+/// and wires by what they were made of.
 ///
-/// With it, a frame of a sequence costs what it changes. It belongs to one graph file and one registry.
+/// With it, a frame of a sequence costs what it changes. It belongs to one graph file and one
+/// registry.
 #[derive(Default)]
 pub struct Resolved {
     digests: FileDigests,
@@ -79,13 +82,19 @@ struct Wiring {
 }
 
 impl GraphFile {
-    /// Looks up kinds, ports and files, sets all parameters, and makes one instance per node, or per node and member.
-    /// All faults come at once.
+    /// Looks up kinds, ports and files, sets all parameters, and makes one instance per node, or
+    /// per node and member. All faults come at once.
+    ///
+    /// # Errors
+    /// All faults of the files and settings, and files that cannot be read.
     pub fn resolve(&self, registry: &Registry, overlay: &Overlay) -> Result<Graph, Vec<Fault>> {
         self.resolve_next(registry, overlay, &mut Resolved::default())
     }
 
-    /// The same for one of many overlays; `before` holds the results of those before it.
+    /// Resolves one of many overlays; `before` holds the results of those before it.
+    ///
+    /// # Errors
+    /// The errors of [`GraphFile::resolve`].
     pub fn resolve_next(
         &self,
         registry: &Registry,
@@ -94,10 +103,27 @@ impl GraphFile {
     ) -> Result<Graph, Vec<Fault>> {
         self.check(registry, overlay, before)?;
         let settings = overlay.settings.iter().map(|setting| setting.value.clone()).collect();
-        Ok(Graph { settings, ..self.expand(before) })
+        let of_nodes = before.nodes.iter().flatten().flat_map(|built| &built.warnings);
+        let mut warnings = self.warnings.clone();
+        for setting in &overlay.settings {
+            if let Target::Kind(kind) = &setting.target
+                && registry.current_kind(kind) != kind
+            {
+                warnings.push(old_name(&setting.value.origin, kind, registry.current_kind(kind)));
+            }
+        }
+        for warning in of_nodes {
+            if !warnings.contains(warning) {
+                warnings.push(warning.clone());
+            }
+        }
+        Ok(Graph { settings, warnings, ..self.expand(before) })
     }
 
     /// The faults of [`GraphFile::resolve_next`] without its graph.
+    ///
+    /// # Errors
+    /// The errors of [`GraphFile::resolve`].
     pub fn check(&self, registry: &Registry, overlay: &Overlay, before: &mut Resolved) -> Result<(), Vec<Fault>> {
         let mut faults = self.faults.clone();
         let sets = self.merged_sets(overlay, &mut faults);
@@ -106,7 +132,7 @@ impl GraphFile {
         self.check_targets(registry, overlay, &places, &mut faults);
 
         let Resolved { digests, nodes, wiring } = before;
-        let settings = Settings::new(overlay);
+        let settings = Settings::new(overlay, registry);
         nodes.resize_with(self.nodes.len(), || None);
         for ((decl, kind), node) in self.nodes.iter().zip(&kinds).zip(nodes) {
             let Some(kind) = kind else { continue };
@@ -159,7 +185,8 @@ impl GraphFile {
         each.map_or(1, |each| sets.get(&each.name).map_or(0, |members| members.names.len()))
     }
 
-    /// Whether there are few enough instances, each with as many wires as `wires` has for its node; else it is a fault.
+    /// Whether there are few enough instances, each with as many wires as `wires` has for its node;
+    /// else it is a fault.
     fn is_small(&self, sets: &Sets, wires: impl Fn(usize) -> usize, faults: &mut Faults) -> bool {
         let of_node = |node: usize| self.count(node, sets).saturating_mul(1 + wires(node));
         let size = (0..self.nodes.len()).map(of_node).fold(0, usize::saturating_add);
@@ -199,7 +226,7 @@ impl GraphFile {
     ) {
         for setting in &overlay.settings {
             match &setting.target {
-                Target::Kind(kind) if registry.get(kind).is_none() => faults.push(|| {
+                Target::Kind(kind) if registry.get(registry.current_kind(kind)).is_none() => faults.push(|| {
                     let fault = setting.value.fault(format!("there is no kind of node `{kind}`"));
                     fault.suggest(kind, registry.kinds().map(|k| k.kind))
                 }),
@@ -386,7 +413,7 @@ impl GraphFile {
                     let message = format!("{input} wanted one {}, got {many}", port.type_name);
                     faults.push(|| Fault::at(place, message).help("give the node an `each`"));
                 }
-                // Of several wires the first is looked at: that there are several is a fault already.
+                // Several wires are a fault already, so the first alone is checked.
                 (Arity::One, Some(_)) if from.each.is_some() && at == 0 => {
                     let there = &members(&from.each).places;
                     for member in members(&decl.each).names.iter().filter(|member| !there.contains_key(*member)) {
@@ -401,7 +428,8 @@ impl GraphFile {
         }
     }
 
-    /// Nodes in an order in which each comes after what it takes from, otherwise as declared. Cycles are faults.
+    /// Nodes in an order in which each comes after what it takes from, otherwise as declared.
+    /// Cycles are faults.
     fn order(&self, wired: &[Wired], faults: &mut Faults) -> Vec<usize> {
         let mut graph = DiGraph::<usize, ()>::new();
         let indices: Vec<_> = (0..wired.len()).map(|node| graph.add_node(node)).collect();
@@ -438,7 +466,7 @@ impl GraphFile {
         order
     }
 
-    /// One instance per node, or per node and member, and the feeds between them.
+    /// One instance per node, or per node and member, and the edges between them.
     fn expand(&self, resolved: &Resolved) -> Graph {
         let Wiring { sets, wired, order } = resolved.wiring.as_ref().expect("it was checked");
         let members = |node: usize| self.nodes[node].each.as_ref().map(|each| sets.get(&each.name).expect("checked"));
@@ -449,49 +477,49 @@ impl GraphFile {
             let start = instances.len();
             let own: Vec<Option<&String>> = members(node).map_or(vec![None], |m| m.names.iter().map(Some).collect());
             for member in own {
-                let feeds = |end: &End, arity: Arity| {
+                let edges = |end: &End, arity: Arity| {
                     let own_place = |m: &String| members(end.node).and_then(|all| all.places.get(m).copied());
-                    feeds(&nodes[end.node], end.port, arity, member, own_place)
+                    edges(&nodes[end.node], end.port, arity, member, own_place)
                 };
                 let inputs = nodes[node].inputs.iter().zip(&wired[node].ports).map(|(port, ends)| {
                     let ends = ends.as_deref().unwrap_or_default();
-                    let mut feeds: Vec<Feed> = ends.iter().flat_map(|end| feeds(end, port.arity)).collect();
+                    let mut edges: Vec<Edge> = ends.iter().flat_map(|end| edges(end, port.arity)).collect();
                     match port.arity {
-                        Arity::Many => Input::Many(feeds),
-                        _ => feeds.pop().map_or(Input::Missing, Input::One),
+                        Arity::Many => Input::Many(edges),
+                        _ => edges.pop().map_or(Input::Missing, Input::One),
                     }
                 });
                 let inputs: Vec<Input> = inputs.collect();
-                let when = wired[node].when.and_then(|end| feeds(&end, Arity::One).pop());
+                let when = wired[node].when.and_then(|end| edges(&end, Arity::One).pop());
                 instances.push(instance(&nodes[node], node, member, inputs, when, &instances));
             }
             nodes[node].instances = start..instances.len();
         }
         let outputs = self.outputs.iter().map(|o| o.name.clone()).collect();
-        Graph { nodes, instances, outputs, sources: self.sources.clone(), settings: Vec::new() }
+        Graph { nodes, instances, outputs, sources: self.sources.clone(), settings: Vec::new(), warnings: Vec::new() }
     }
 }
 
-/// The feeds of one wire from `port` of the node `from` to an input of `arity`, of the instance of `member`; `own_place` gives the place
-/// of a member in the set of `from`.
-fn feeds(
+/// The edges of one wire from `port` of the node `from` to an input of `arity`, of the instance of
+/// `member`; `own_place` gives the place of a member in the set of `from`.
+fn edges(
     from: &GraphNode,
     port: usize,
     arity: Arity,
     member: Option<&String>,
     own_place: impl Fn(&String) -> Option<usize>,
-) -> Vec<Feed> {
+) -> Vec<Edge> {
     let scatters = from.outputs[port].arity == Arity::Many;
     let range = from.instances.clone();
-    let (chosen, take) = match (member, arity) {
-        (_, Arity::Many) if scatters => (range, Take::All),
-        (Some(m), Arity::One | Arity::Optional) if scatters => (range, Take::Member(m.clone())),
+    let (chosen, selector) = match (member, arity) {
+        (_, Arity::Many) if scatters => (range, InputSelector::All),
+        (Some(m), Arity::One | Arity::Optional) if scatters => (range, InputSelector::Member(m.clone())),
         (Some(m), Arity::One | Arity::Optional) if from.each.is_some() => {
-            (own_place(m).map_or(0..0, |at| range.start + at..range.start + at + 1), Take::Whole)
+            (own_place(m).map_or(0..0, |at| range.start + at..range.start + at + 1), InputSelector::Whole)
         }
-        _ => (range, Take::Whole),
+        _ => (range, InputSelector::Whole),
     };
-    chosen.map(|instance| Feed { instance, port, take: take.clone() }).collect()
+    chosen.map(|instance| Edge { instance, port, selector: selector.clone() }).collect()
 }
 
 /// The instance of `member` of the node at `place`; `before` are those that it may take from.
@@ -500,14 +528,14 @@ fn instance(
     place: usize,
     member: Option<&String>,
     inputs: Vec<Input>,
-    when: Option<Feed>,
+    when: Option<Edge>,
     before: &[Instance],
 ) -> Instance {
     let needed = node.inputs.iter().zip(&inputs).filter(|(port, _)| port.arity == Arity::One);
-    let needed = needed.flat_map(|(_, input)| input.feeds()).map(|feed| feed.instance);
+    let needed = needed.flat_map(|(_, input)| input.edges()).map(|edge| edge.instance);
     let conditions = needed.filter(|&from| !before[from].conditions.is_empty());
     let conditions = sorted(conditions.chain(when.iter().map(|when| when.instance)));
-    let from = inputs.iter().flat_map(Input::feeds).map(|feed| feed.instance);
+    let from = inputs.iter().flat_map(Input::edges).map(|edge| edge.instance);
     let from = sorted(from.chain(conditions.iter().copied()));
     let name = member.map_or_else(|| node.name.clone(), |member| format!("{}[{member}]", node.name));
     Instance { name: name.into(), node: place, member: member.cloned(), inputs, when, conditions, from }
@@ -567,19 +595,19 @@ struct Settings<'a> {
 }
 
 impl<'a> Settings<'a> {
-    fn new(overlay: &'a Overlay) -> Settings<'a> {
+    fn new(overlay: &'a Overlay, registry: &Registry) -> Settings<'a> {
         let mut settings = Settings { all: &overlay.settings, of_kind: BTreeMap::new(), of_node: BTreeMap::new() };
         for (place, setting) in overlay.settings.iter().enumerate() {
             let (targets, name) = match &setting.target {
-                Target::Kind(kind) => (&mut settings.of_kind, kind),
-                Target::Node(node) => (&mut settings.of_node, node),
+                Target::Kind(kind) => (&mut settings.of_kind, registry.current_kind(kind)),
+                Target::Node(node) => (&mut settings.of_node, node.as_str()),
             };
-            targets.entry(name.as_str()).or_default().push(place);
+            targets.entry(name).or_default().push(place);
         }
         settings
     }
 
-    /// Those of one node, in order.
+    /// The settings of one node, in order.
     fn of(&self, kind: &str, node: &str) -> Vec<&'a Setting> {
         let mut places =
             [self.of_kind.get(kind), self.of_node.get(node)].into_iter().flatten().flatten().collect::<Vec<_>>();
@@ -598,10 +626,13 @@ struct Built {
     outputs: Vec<PortSpec>,
     key_head: String,
     files: Vec<(File, Digest)>,
+    /// Old names of its parameters.
+    warnings: Vec<Fault>,
 }
 
 impl Built {
-    /// Whether it would come out of these settings too: the same texts, and the same folder for files that they name.
+    /// Whether it would come out of these settings too: the same texts, and the same folder for
+    /// files that they name.
     fn is_made_of(&self, settings: &[&Setting]) -> bool {
         let same_value = |a: &Origin, b: &Origin| {
             Arc::ptr_eq(&a.source, &b.source) && a.span == b.span
@@ -637,43 +668,15 @@ fn build(
     faults: &mut Faults,
 ) -> Option<Built> {
     let before = faults.found();
-    let mut sound = true;
     let mut op = (kind.make)();
     for file in op.files().into_iter().filter(|file| !file.path.is_empty()) {
         file.base = Some(registry.library.as_ref().map_or_else(PathBuf::new, |(folder, _)| folder.clone()));
     }
-    // Where each parameter was last set, and where each file was named.
-    let mut set_at: BTreeMap<&str, &Raw> = BTreeMap::new();
-    let mut named_at: BTreeMap<File, &Origin> = BTreeMap::new();
-    let from_file = decl.params.iter().map(|(key, value)| (key.name.as_str(), &key.origin, value));
-    let from_overlay = settings.iter().map(|s| (s.field.as_str(), &s.value.origin, &s.value));
-    for (field, place, value) in from_file.chain(from_overlay) {
-        if !set(&mut *op, kind, field, place, value, faults) {
-            sound = false;
-            continue;
-        }
-        set_at.insert(field, value);
-        // A file with a folder may name further ones.
-        let mut named = true;
-        while named {
-            named = false;
-            for file in op.files() {
-                if file.base.is_none() && !file.path.is_empty() {
-                    value.origin.source.adopt(file);
-                    named_at.insert(file.clone(), &value.origin);
-                    named = true;
-                }
-            }
-        }
-    }
-    sound &= is_finite(&*op, kind, &set_at, faults);
-    if !sound {
-        return None;
-    }
+    let places = set_all(&mut *op, decl, kind, registry, settings, faults)?;
     let declared = decl.kind.as_ref().map_or(&decl.name.origin, |k| &k.origin);
     if let Err(message) = op.check() {
         let mut words = message.split(|c: char| !c.is_alphanumeric() && c != '_');
-        let place = words.find_map(|word| set_at.get(word)).map_or(declared, |value| &value.origin);
+        let place = words.find_map(|word| places.set.get(word)).map_or(declared, |value| &value.origin);
         faults.push(|| Fault::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
     }
     let files: Vec<File> = op.files().into_iter().map(|file| file.clone()).collect();
@@ -681,10 +684,10 @@ fn build(
     for file in files {
         match digests.of(&file) {
             Ok(digest) => read.push((file, digest)),
-            // The stage said what it lacks.
+            // `check` has reported the missing file.
             Err(_) if file.path.is_empty() && faults.found() > before => {}
             Err(message) => faults.push(|| {
-                let named = named_at.get(&file).copied();
+                let named = places.named.get(&file).copied();
                 let message = format!("node `{}` ({}): {message}", decl.name.name, kind.kind);
                 let fault = Fault::at(named.unwrap_or(declared), message);
                 let help = registry.library.as_ref().filter(|_| named.is_none() && !file.path.is_empty());
@@ -702,7 +705,60 @@ fn build(
     let key_head = key::head(kind.kind, kind.version, &anonymous.values());
     let (inputs, outputs) = (kind.inputs.clone(), kind.outputs.clone());
     let settings = settings.iter().map(|s| (s.field.clone(), s.value.clone())).collect();
-    Some(Built { settings, kind: kind.kind, op, inputs, outputs, key_head, files: read })
+    let warnings = places.warnings;
+    Some(Built { settings, kind: kind.kind, op, inputs, outputs, key_head, files: read, warnings })
+}
+
+/// Places in the texts that set the parameters of a node.
+#[derive(Default)]
+struct Places<'a> {
+    /// The place where each parameter was last set.
+    set: BTreeMap<&'a str, &'a Raw>,
+    /// The place where each file was named.
+    named: BTreeMap<File, &'a Origin>,
+    /// Old names.
+    warnings: Vec<Fault>,
+}
+
+/// Sets all parameters of a node. `None` left a fault.
+fn set_all<'a>(
+    op: &mut dyn AnyNode,
+    decl: &'a NodeDecl,
+    kind: &KindSpec,
+    registry: &Registry,
+    settings: &[&'a Setting],
+    faults: &mut Faults,
+) -> Option<Places<'a>> {
+    let mut sound = true;
+    let mut places = Places::default();
+    let from_file = decl.params.iter().map(|(key, value)| (key.name.as_str(), &key.origin, value));
+    let from_overlay = settings.iter().map(|s| (s.field.as_str(), &s.value.origin, &s.value));
+    for (field, place, value) in from_file.chain(from_overlay) {
+        let old = field;
+        let field = registry.current_field(kind.kind, field, kind.params.iter().map(|param| param.name));
+        if field != old {
+            places.warnings.push(old_name(place, old, field));
+        }
+        if !set(op, kind, field, place, value, faults) {
+            sound = false;
+            continue;
+        }
+        places.set.insert(field, value);
+        // A file with a folder may name further ones.
+        let mut named = true;
+        while named {
+            named = false;
+            for file in op.files() {
+                if file.base.is_none() && !file.path.is_empty() {
+                    value.origin.source.adopt(file);
+                    places.named.insert(file.clone(), &value.origin);
+                    named = true;
+                }
+            }
+        }
+    }
+    sound &= is_finite(op, kind, &places.set, faults);
+    sound.then_some(places)
 }
 
 /// Sets one parameter; `false` where that is a fault.
@@ -716,7 +772,8 @@ fn set(op: &mut dyn AnyNode, kind: &KindSpec, field: &str, place: &Origin, value
     };
     let Some(Err(error)) = op.set(field, value.text()) else { return true };
     refuse(value, faults, || {
-        // RON takes the `6` of `6.4` for an integer and stumbles over the rest: what was wanted says more.
+        // RON takes the `6` of `6.4` for an integer and stumbles over the rest: the wanted type is
+        // the better message.
         let detail = match error.code {
             ron::Error::TrailingCharacters => String::new(),
             _ => format!(": {}", error.code),
@@ -727,7 +784,8 @@ fn set(op: &mut dyn AnyNode, kind: &KindSpec, field: &str, place: &Origin, value
     false
 }
 
-/// Whether all parameters are finite. A number too large for single precision is not, which shows once it is set.
+/// Whether all parameters are finite. A number too large for single precision is not, which shows
+/// once it is set.
 fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, faults: &mut Faults) -> bool {
     let mut finite = true;
     for (field, _) in op.values().into_iter().filter(|(_, ron)| holds_non_finite(ron)) {
@@ -742,7 +800,8 @@ fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, f
     finite
 }
 
-/// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node of it.
+/// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node
+/// of it.
 fn refuse(value: &Raw, faults: &mut Faults, fault: impl FnOnce() -> Fault) {
     if !faults.kept().iter().any(|told| told.is_inside(&value.origin)) {
         faults.push(fault);

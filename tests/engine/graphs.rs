@@ -1,8 +1,8 @@
 //! What a graph means: wires, sets, sources of parameters, what runs again and what does not.
 
 use relight::graph::{
-    Cancel, EngineOptions, Faults, Graph, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw, Resolved,
-    Source, Status,
+    Cancel, Ending, EngineOptions, Faults, Graph, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw,
+    Resolved, Source, Status,
 };
 
 use crate::nodes::*;
@@ -232,7 +232,7 @@ fn a_child_lies_over_its_parents() {
     let engine = in_memory();
     let report = run(&engine, &graph);
     assert_eq!((value(&report, "m"), value(&report, "d")), (5 * 31 + 5, 5 * 31 + 6));
-    let key = engine.explain(&graph, "m").unwrap().key_text.unwrap();
+    let key = engine.explain(&graph, "m").unwrap().key_manifest.unwrap();
     assert!(key.contains("parameter factor: 3.0\nparameter note: Some(\"n\")\n"), "{key}");
 }
 
@@ -380,7 +380,7 @@ fn a_failure_blocks_only_what_needs_it() {
             Some("needs bad, which failed")
         );
         assert_eq!(value(&report, "good"), 1);
-        assert!(report.output("last").is_none() && report.failed() && !report.is_complete());
+        assert!(report.output("last").is_none() && report.ending() == Ending::Failed && !report.is_complete());
     }
 }
 
@@ -419,7 +419,7 @@ fn a_key_holds_everything_that_counts_and_nothing_else() {
         GraphFile::parse(Source::new(folder.path().join("g.ron"), text)).unwrap_or_else(|f| panic!("{}", list(&f)));
     let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|f| panic!("{}", list(&f)));
     let engine = engine(EngineOptions { threads: Some(3), ..EngineOptions::default() });
-    let text = engine.explain(&graph, "reader_name").unwrap().key_text.unwrap();
+    let text = engine.explain(&graph, "reader_name").unwrap().key_manifest.unwrap();
     let digest = blake3::hash(b"hello").to_hex();
     let wanted = format!("engine 4\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\n");
     assert_eq!(text, wanted);

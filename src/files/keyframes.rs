@@ -1,12 +1,13 @@
 //! Numbers of an edit that change over time.
 //!
-//! `frames: 48` makes an edit a sequence of 48 pictures, and in the place of any value may then stand
-//! `Keys([(0, a), (24, b), (47, c)])`: in frame 0 the value is a, in frame 24 it is b, between them each number v in it is
-//! v_a + (v_b - v_a) (k - 0) / (24 - 0); before the first key and after the last one the value stands still. The values of one `Keys` are alike
-//! but for their numbers: `0.5`, `(1, 0.9, 0.8)`, `Point(0, 1.2, -2)`.
+//! `frames: 48` makes an edit a sequence of 48 pictures, and in the place of any value may then
+//! stand `Keys([(0, a), (24, b), (47, c)])`: in frame 0 the value is a, in frame 24 it is b,
+//! between them each number v in it is v_a + (v_b - v_a) (k - 0) / (24 - 0); before the first key
+//! and after the last one the value stands still. The values of one `Keys` are alike but for their
+//! numbers: `0.5`, `(1, 0.9, 0.8)`, `Point(0, 1.2, -2)`.
 //!
-//! A frame is an edit like any other: its text is that of the file with each `Keys(..)` replaced by its value, with anchors that give a
-//! fault its place in the file.
+//! A frame is an edit like any other: its text is that of the file with each `Keys(..)` replaced by
+//! its value, with anchors that give a fault its place in the file.
 
 use std::ops::Range;
 use std::path::Path;
@@ -16,7 +17,8 @@ use crate::graph::{Anchor, Fault, Faults, Raw, Reach, Source, from_ron};
 
 /// More than a person waits for.
 const MOST_FRAMES: u32 = 100_000;
-/// Most bytes of all frames that change, each of which is read and checked: some hundred seconds of work.
+/// Most bytes of all frames that change, each of which is read and checked: some hundred seconds of
+/// work.
 const MOST_TEXT: usize = 1 << 30;
 
 /// An edit file: one edit, or with `frames` one for each frame.
@@ -24,7 +26,7 @@ pub struct EditFile {
     source: Arc<Source>,
     frames: Option<u32>,
     tracks: Vec<Track>,
-    /// What is wrong with `frames` and `Keys`; told with all else that is wrong with the edit.
+    /// Faults of `frames` and `Keys`, reported with all others of the edit.
     pub(super) faults: Faults,
 }
 
@@ -34,10 +36,10 @@ struct Track {
     /// The places of its first byte and of the first byte after it.
     anchors: [Anchor; 2],
     /// By frame, ascending; at least one.
-    keys: Vec<Moment>,
+    keys: Vec<Keyframe>,
 }
 
-struct Moment {
+struct Keyframe {
     frame: u32,
     value: Vec<Word>,
 }
@@ -45,7 +47,7 @@ struct Moment {
 #[derive(Clone)]
 struct Word {
     text: String,
-    /// What it is worth, where it is a number.
+    /// The value of a number.
     number: Option<f64>,
 }
 
@@ -58,10 +60,10 @@ impl EditFile {
         EditFile::read_within(path, Reach::Anywhere)
     }
 
-    /// The same of a file that may name others within `reach` only.
+    /// Reads an edit file that may name others within `reach` only.
     ///
     /// # Errors
-    /// Those of [`EditFile::read`].
+    /// The errors of [`EditFile::read`].
     pub fn read_within(path: &Path, reach: Reach) -> Result<EditFile, Vec<Fault>> {
         EditFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
@@ -107,7 +109,7 @@ impl EditFile {
         Ok(file)
     }
 
-    /// How many pictures the edit makes, where it says so.
+    /// The number of pictures of a sequence; none for a single picture.
     pub fn frames(&self) -> Option<u32> {
         self.frames
     }
@@ -170,7 +172,7 @@ fn keyed(value: &Raw) -> Vec<Raw> {
 }
 
 /// `Keys([(frame, value), ..])` of an edit with so many frames; `None` left a fault.
-fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Moment>> {
+fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Keyframe>> {
     let before = faults.found();
     let what = "wanted `Keys([(frame, value), ..])`";
     let list = keys.as_tuple(faults);
@@ -178,7 +180,7 @@ fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Moment>> {
         faults.push(|| keys.fault(format!("{what}, got {} values", list.len())));
         return None;
     };
-    let mut moments: Vec<Moment> = Vec::new();
+    let mut keyframes: Vec<Keyframe> = Vec::new();
     let items = list.as_list(faults);
     if items.is_empty() && faults.found() == before {
         faults.push(|| list.fault(format!("{what}, got none")));
@@ -189,19 +191,19 @@ fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Moment>> {
             faults.push(|| item.fault(format!("wanted `(frame, value)`, got `{}`", item.short())));
             continue;
         };
-        let Some(frame) = number_of_frame(frame, frames, moments.last().map(|m| m.frame), faults) else { continue };
+        let Some(frame) = number_of_frame(frame, frames, keyframes.last().map(|m| m.frame), faults) else { continue };
         let Some(words) = words(value, faults) else { continue };
-        match moments.first() {
+        match keyframes.first() {
             Some(first) if !alike(&first.value, &words) => faults.push(|| {
                 let (frame, like, got) = (first.frame, short(&first.value), value.short());
                 value.fault(format!(
                     "wanted a value like that of frame {frame}, `{like}`, but for its numbers, got `{got}`"
                 ))
             }),
-            _ => moments.push(Moment { frame, value: words }),
+            _ => keyframes.push(Keyframe { frame, value: words }),
         }
     }
-    (faults.found() == before).then_some(moments)
+    (faults.found() == before).then_some(keyframes)
 }
 
 fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Faults) -> Option<u32> {
@@ -278,7 +280,8 @@ impl Track {
     }
 }
 
-/// In single precision, as parameters are; a whole number as such, which integers and fractions both take.
+/// In single precision, as parameters are; a whole number as such, which integers and fractions
+/// both take.
 fn number(value: f64) -> String {
     let value = value as f32;
     if value.fract() == 0.0 && value.abs() < 1e9 { format!("{value:.0}") } else { format!("{value:?}") }
@@ -312,7 +315,8 @@ mod tests {
             &[(0, "-0.5"), (9, "-0.5"), (10, "-0.5"), (15, "499.75"), (20, "1e3"), (47, "1e3")],
         );
         check("[(5, 7)]", &[(0, "7"), (5, "7"), (47, "7")]);
-        // A step of one frame; whole numbers stay whole, so that they fit where integers are wanted.
+        // A step of one frame; whole numbers stay whole, so that they fit where integers are
+        // wanted.
         check("[(3, 0), (4, 100)]", &[(3, "0"), (4, "100")]);
         check("[(0, 0), (10, 100)]", &[(3, "30")]);
     }

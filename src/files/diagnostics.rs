@@ -15,7 +15,8 @@ const WIDEST: usize = 40;
 /// Characters of a message, which may quote what a person wrote.
 const LONGEST: usize = 600;
 
-/// All faults as text, in the order given; with colours and box drawing on a terminal, plain ASCII elsewhere.
+/// All faults as text, in the order given; with colours and box drawing on a terminal, plain ASCII
+/// elsewhere.
 pub fn draw(faults: &[Fault], terminal: bool) -> String {
     let mut buffer = if terminal { Buffer::ansi() } else { Buffer::no_color() };
     let chars = if terminal { Chars::box_drawing() } else { Chars::ascii() };
@@ -41,14 +42,15 @@ pub fn draw(faults: &[Fault], terminal: bool) -> String {
 
 /// The line that a fault points into, cut to what fits a screen.
 ///
-/// Only this line is looked at, so that a fault in a file of one very long line is drawn as fast as any other.
+/// Only this line is looked at, so that a fault in a file of one very long line is drawn as fast as
+/// any other.
 #[derive(Default)]
 struct Excerpt {
     name: String,
     text: String,
     /// The place within `text`.
     place: Range<usize>,
-    /// Of the place in the file; both start from 1, columns count characters.
+    /// Line and column in the file; both start from 1, columns count characters.
     line: usize,
     column: usize,
 }
