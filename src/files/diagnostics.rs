@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use codespan_reporting::diagnostic::{Diagnostic, Label};
+use codespan_reporting::diagnostic::{self, Label};
 use codespan_reporting::files::{Error, Files};
 use codespan_reporting::term::{self, Chars, Config, termcolor::Buffer};
 
@@ -23,7 +23,7 @@ pub fn draw(faults: &[Fault], terminal: bool) -> String {
     let config = Config { chars, tab_width: 1, ..Config::default() };
     for fault in faults {
         let excerpt = fault.origin.as_ref().map(Excerpt::of).unwrap_or_default();
-        let mut diagnostic = Diagnostic::error();
+        let mut diagnostic = diagnostic::Diagnostic::error();
         if fault.origin.is_some() {
             diagnostic = diagnostic
                 .with_message(printable(&fault.message))
