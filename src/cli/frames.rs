@@ -16,7 +16,7 @@ use super::progress::FrameProgress;
 use super::report::{self, Head, Row};
 use super::run::{backend_of, engine_options, exit, output, results, stop_on_ctrl_c, tell_errors};
 use super::write::{self, Output};
-use super::{Exit, Trouble, engine, film, terminal};
+use super::{CliError, Exit, engine, film, terminal};
 
 /// report.json of a sequence.
 #[derive(Serialize)]
@@ -81,7 +81,7 @@ pub fn run(
     numbers: Range<u32>,
     verbose: u8,
     began: Instant,
-) -> Result<Exit, Trouble> {
+) -> Result<Exit, CliError> {
     let engine = engine(engine_options(args)?)?;
     let wanted = match &args.only {
         Some(only) => Some(vec![only.clone()]),
@@ -134,7 +134,7 @@ pub fn run(
 }
 
 /// Film, report and what is said at the end.
-fn tell(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, Trouble> {
+fn tell(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, CliError> {
     let last = all.last().expect("a sequence has a frame");
     let whole = all.len() == count && last.report.is_complete();
     let mut known = BTreeSet::new();

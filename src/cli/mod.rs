@@ -24,7 +24,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use relight::files;
-use relight::graph::{Ending, EngineOptions, Fault, RunReport, Services};
+use relight::graph::{Diagnostic, Ending, EngineOptions, RunReport, Services};
 use relight::nodes;
 
 use args::{CacheUse, Explain, Format, Graph, Job, Nodes, Plan};
@@ -79,9 +79,9 @@ impl Exit {
 }
 
 /// What keeps a command from its work; always [`Exit::Bad`].
-pub struct Trouble(Vec<Fault>);
+pub struct CliError(Vec<Diagnostic>);
 
-impl Trouble {
+impl CliError {
     /// Shows the faults on standard error.
     pub fn tell(&self) -> Exit {
         messages::raw(&files::draw(&self.0, terminal()));
@@ -89,37 +89,37 @@ impl Trouble {
     }
 }
 
-impl From<Vec<Fault>> for Trouble {
-    fn from(faults: Vec<Fault>) -> Trouble {
-        Trouble(faults)
+impl From<Vec<Diagnostic>> for CliError {
+    fn from(faults: Vec<Diagnostic>) -> CliError {
+        CliError(faults)
     }
 }
 
-impl From<Fault> for Trouble {
-    fn from(fault: Fault) -> Trouble {
-        Trouble(vec![fault])
+impl From<Diagnostic> for CliError {
+    fn from(fault: Diagnostic) -> CliError {
+        CliError(vec![fault])
     }
 }
 
 /// Why a measurement ends early.
 pub enum Stop {
-    Trouble(Trouble),
+    CliError(CliError),
     /// A stage failed, or a person has interrupted.
     Ended(Exit),
 }
 
-impl<T: Into<Trouble>> From<T> for Stop {
+impl<T: Into<CliError>> From<T> for Stop {
     fn from(trouble: T) -> Stop {
-        Stop::Trouble(trouble.into())
+        Stop::CliError(trouble.into())
     }
 }
 
 /// How a measurement ended.
-fn ended(measured: Result<(), Stop>) -> Result<Exit, Trouble> {
+fn ended(measured: Result<(), Stop>) -> Result<Exit, CliError> {
     match measured {
         Ok(()) => Ok(Exit::Done),
         Err(Stop::Ended(exit)) => Ok(exit),
-        Err(Stop::Trouble(trouble)) => Err(trouble),
+        Err(Stop::CliError(trouble)) => Err(trouble),
     }
 }
 
@@ -155,7 +155,7 @@ pub fn log(verbose: u8) {
     log.log_internal_errors(false).init();
 }
 
-pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
+pub fn plan(args: &Plan) -> Result<Exit, CliError> {
     let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
     let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;
@@ -173,7 +173,7 @@ pub fn plan(args: &Plan) -> Result<Exit, Trouble> {
     Ok(Exit::Done)
 }
 
-pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
+pub fn explain(args: &Explain) -> Result<Exit, CliError> {
     let graph = load(&args.graph, Some(&args.edit), &args.files)?;
     let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
     let answer = engine(options)?.explain(&graph, &args.node)?;
@@ -187,7 +187,7 @@ pub fn explain(args: &Explain) -> Result<Exit, Trouble> {
     Ok(Exit::Done)
 }
 
-pub fn check(args: &Job) -> Result<Exit, Trouble> {
+pub fn check(args: &Job) -> Result<Exit, CliError> {
     let (graph, frames) = match &args.edit {
         Some(edit) => {
             let pictures = load_all(&args.graph, edit, &args.files)?;
@@ -201,7 +201,7 @@ pub fn check(args: &Job) -> Result<Exit, Trouble> {
     Ok(Exit::Done)
 }
 
-pub fn graph(args: &Graph) -> Result<Exit, Trouble> {
+pub fn graph(args: &Graph) -> Result<Exit, CliError> {
     let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
     write::print(&match args.format {
         Format::Dot => graph.to_dot(None),
@@ -212,14 +212,14 @@ pub fn graph(args: &Graph) -> Result<Exit, Trouble> {
     Ok(Exit::Done)
 }
 
-pub fn nodes(args: &Nodes) -> Result<Exit, Trouble> {
+pub fn nodes(args: &Nodes) -> Result<Exit, CliError> {
     let registry = nodes::registry();
     let text = match &args.kind {
         _ if args.markdown => reference::page(&registry),
         None => reference::list(&registry),
         Some(kind) => {
             let spec = registry.get(kind).ok_or_else(|| {
-                let fault = Fault::file("".as_ref(), format!("there is no stage `{kind}`"));
+                let fault = Diagnostic::file("".as_ref(), format!("there is no stage `{kind}`"));
                 fault.suggest(kind, registry.kinds().map(|spec| spec.kind))
             })?;
             reference::section(spec)
@@ -230,13 +230,13 @@ pub fn nodes(args: &Nodes) -> Result<Exit, Trouble> {
 }
 
 /// How an engine works on a graph, with the cache that the arguments name.
-fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<EngineOptions, Fault> {
+fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<EngineOptions, Diagnostic> {
     let project = cache::project(graph, scene);
     Ok(EngineOptions { cache: cache::chosen(cache)?, project, ..EngineOptions::default() })
 }
 
-fn engine(options: EngineOptions) -> Result<relight::graph::Engine, Fault> {
+fn engine(options: EngineOptions) -> Result<relight::graph::Engine, Diagnostic> {
     let services = Services::default().with(networks::untrusted());
     relight::graph::Engine::new(EngineOptions { services, ..options })
-        .map_err(|e| Fault::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
+        .map_err(|e| Diagnostic::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
 }

@@ -2,20 +2,20 @@
 
 use std::time::{Duration, Instant};
 
-use relight::graph::{Cancel, EngineOptions, Fault, Graph, PortValue, RunReport, Status, Value};
+use relight::graph::{Cancel, Diagnostic, EngineOptions, PortValue, ResolvedGraph, RunReport, Status, Value};
 use relight::nodes::artifacts::Files;
 
 use super::args::{LONG_SIDE, Run};
 use super::messages::message;
 use super::progress::Progress;
 use super::write::{self, Output};
-use super::{Exit, Trouble, engine, frames, load::load_all, networks, options, page, report, terminal};
+use super::{CliError, Exit, engine, frames, load::load_all, networks, options, page, report, terminal};
 
-pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
+pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, CliError> {
     let mut pictures = load_all(&args.graph, &args.edit, &args.files)?;
     if let Some(numbers) = pictures.frames.clone() {
         if args.report {
-            let fault = Fault::file(&args.edit, "--report: wanted an edit of one picture, got one of frames");
+            let fault = Diagnostic::file(&args.edit, "--report: wanted an edit of one picture, got one of frames");
             return Err(fault.help("with --exr, `relight mix` weights the lights of each frame").into());
         }
         return frames::run(args, &mut pictures, numbers, verbose, began);
@@ -72,27 +72,27 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, Trouble> {
     Ok(exit(&done, differences.is_empty()))
 }
 
-pub(super) fn engine_options(args: &Run) -> Result<EngineOptions, Fault> {
+pub(super) fn engine_options(args: &Run) -> Result<EngineOptions, Diagnostic> {
     let threads = args.threads.map(usize::from);
     let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
     Ok(EngineOptions { threads, budget: args.budget, ..options })
 }
 
 /// The folder for the results of a run; none when it only compares.
-pub(super) fn output(args: &Run, graph: &Graph) -> Result<Option<Output>, Fault> {
+pub(super) fn output(args: &Run, graph: &ResolvedGraph) -> Result<Option<Output>, Diagnostic> {
     let output = || Output::of_graph(&args.out, graph, Some(&args.edit), args.force);
     (!args.verify).then(output).transpose()
 }
 
 /// Who computed the networks of a run; nobody where it needed none.
-pub(super) fn backend_of(args: &Run, done: &RunReport) -> Result<Option<networks::Choice>, Fault> {
+pub(super) fn backend_of(args: &Run, done: &RunReport) -> Result<Option<networks::Choice>, Diagnostic> {
     let registry = networks::registry(&args.files.networks);
     let has_network = done.nodes.iter().any(|node| networks::has_network(&registry, node.kind));
     has_network.then(|| networks::choose(&args.files.networks)).transpose()
 }
 
 /// The first Ctrl-C asks the stages to stop; the second, or [`PATIENCE`], ends the program at once.
-pub(super) fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
+pub(super) fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Diagnostic> {
     let cancel = cancel.clone();
     let handler = move || {
         let end = || std::process::exit(Exit::Interrupted.code().into());
@@ -107,7 +107,7 @@ pub(super) fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
         // Only now: standard error may be a pipe that nobody reads.
         message!("stopping; once more to stop at once");
     };
-    ctrlc::set_handler(handler).map_err(|e| Fault::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
+    ctrlc::set_handler(handler).map_err(|e| Diagnostic::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
 }
 
 /// The time that a run has to stop.

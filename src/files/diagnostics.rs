@@ -6,7 +6,7 @@ use codespan_reporting::diagnostic::{self, Label};
 use codespan_reporting::files::{Error, Files};
 use codespan_reporting::term::{self, Chars, Config, termcolor::Buffer};
 
-use crate::graph::{Fault, Origin, escape, escape_line};
+use crate::graph::{Diagnostic, Origin, escape, escape_line};
 
 /// Characters of a source line that are shown on each side of the place.
 const CONTEXT: usize = 60;
@@ -17,7 +17,7 @@ const LONGEST: usize = 600;
 
 /// All faults as text, in the order given; with colours and box drawing on a terminal, plain ASCII
 /// elsewhere.
-pub fn draw(faults: &[Fault], terminal: bool) -> String {
+pub fn draw(faults: &[Diagnostic], terminal: bool) -> String {
     let mut buffer = if terminal { Buffer::ansi() } else { Buffer::no_color() };
     let chars = if terminal { Chars::box_drawing() } else { Chars::ascii() };
     let config = Config { chars, tab_width: 1, ..Config::default() };
@@ -148,7 +148,7 @@ mod tests {
 
     fn drawn(text: &str, span: Range<usize>) -> String {
         let origin = Origin { source: Source::new("dir/edit.ron", text), span };
-        draw(&[Fault::at(&origin, "wanted this, got that").help("do this")], false)
+        draw(&[Diagnostic::at(&origin, "wanted this, got that").help("do this")], false)
     }
 
     #[test]
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn a_fault_of_a_whole_file_names_it() {
-        let fault = Fault::file("no/such.ron".as_ref(), "cannot be read");
+        let fault = Diagnostic::file("no/such.ron".as_ref(), "cannot be read");
         assert_eq!(draw(&[fault], false).trim_end(), "error: no/such.ron: cannot be read");
     }
 }

@@ -13,7 +13,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::graph::{Anchor, Fault, Faults, Raw, Reach, Source, from_ron};
+use crate::graph::{Anchor, Diagnostic, Diagnostics, Raw, Reach, Source, from_ron};
 
 /// More than a person waits for.
 const MOST_FRAMES: u32 = 100_000;
@@ -26,8 +26,8 @@ pub struct EditFile {
     source: Arc<Source>,
     frames: Option<u32>,
     tracks: Vec<Track>,
-    /// Faults of `frames` and `Keys`, reported with all others of the edit.
-    pub(super) faults: Faults,
+    /// Diagnostics of `frames` and `Keys`, reported with all others of the edit.
+    pub(super) faults: Diagnostics,
 }
 
 /// One `Keys(..)`.
@@ -56,7 +56,7 @@ impl EditFile {
     ///
     /// # Errors
     /// It cannot be read, or not be split into fields.
-    pub fn read(path: &Path) -> Result<EditFile, Vec<Fault>> {
+    pub fn read(path: &Path) -> Result<EditFile, Vec<Diagnostic>> {
         EditFile::read_within(path, Reach::Anywhere)
     }
 
@@ -64,18 +64,18 @@ impl EditFile {
     ///
     /// # Errors
     /// The errors of [`EditFile::read`].
-    pub fn read_within(path: &Path, reach: Reach) -> Result<EditFile, Vec<Fault>> {
+    pub fn read_within(path: &Path, reach: Reach) -> Result<EditFile, Vec<Diagnostic>> {
         EditFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
-    fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Fault>> {
-        let mut faults = Faults::default();
+    fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Diagnostic>> {
+        let mut faults = Diagnostics::default();
         let Some(document) = Raw::document(&source, &mut faults) else { return Err(faults.into_vec()) };
         if !faults.is_empty() {
             // Whoever reads the fields finds them again, and more.
-            return Ok(EditFile { source, frames: None, tracks: Vec::new(), faults: Faults::default() });
+            return Ok(EditFile { source, frames: None, tracks: Vec::new(), faults: Diagnostics::default() });
         }
-        let fields = document.as_struct(None, &["frames"], &mut Faults::ignored()); // other fields are not looked at here
+        let fields = document.as_struct(None, &["frames"], &mut Diagnostics::ignored()); // other fields are not looked at here
         let frames = fields.first().and_then(|(_, value)| {
             let count = value.parse::<u32>().ok().filter(|count| (1..=MOST_FRAMES).contains(count));
             if count.is_none() {
@@ -86,7 +86,7 @@ impl EditFile {
         let keyed = keyed(&document);
         if let (Some(first), true) = (keyed.first(), fields.is_empty()) {
             let message = "`Keys(..)` changes over time, and this edit is one picture";
-            faults.push(|| Fault::at(&first.variant_origin(), message).help("give the edit `frames: 48,`"));
+            faults.push(|| Diagnostic::at(&first.variant_origin(), message).help("give the edit `frames: 48,`"));
         }
         let mut anchor = Anchor { at: 0, line: 1, column: 1 };
         let mut tracks = Vec::new();
@@ -172,7 +172,7 @@ fn keyed(value: &Raw) -> Vec<Raw> {
 }
 
 /// `Keys([(frame, value), ..])` of an edit with so many frames; `None` left a fault.
-fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Keyframe>> {
+fn track(keys: &Raw, frames: u32, faults: &mut Diagnostics) -> Option<Vec<Keyframe>> {
     let before = faults.found();
     let what = "wanted `Keys([(frame, value), ..])`";
     let list = keys.as_tuple(faults);
@@ -186,7 +186,7 @@ fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Keyframe>> 
         faults.push(|| list.fault(format!("{what}, got none")));
     }
     for item in items {
-        let pair = item.as_tuple(&mut Faults::ignored());
+        let pair = item.as_tuple(&mut Diagnostics::ignored());
         let [frame, value] = &pair[..] else {
             faults.push(|| item.fault(format!("wanted `(frame, value)`, got `{}`", item.short())));
             continue;
@@ -206,7 +206,7 @@ fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Keyframe>> 
     (faults.found() == before).then_some(keyframes)
 }
 
-fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Faults) -> Option<u32> {
+fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Diagnostics) -> Option<u32> {
     let frame = from_ron::<u32>(raw.text()).ok();
     if frame.is_some_and(|frame| frame < frames && last.is_none_or(|last| frame > last)) {
         return frame;
@@ -228,7 +228,7 @@ fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Fault
 }
 
 /// The words of a value with at least one number; `None` left a fault.
-fn words(value: &Raw, faults: &mut Faults) -> Option<Vec<Word>> {
+fn words(value: &Raw, faults: &mut Diagnostics) -> Option<Vec<Word>> {
     let mut all = Vec::new();
     for (word, is_number) in value.words() {
         if word.text() == "Keys" {
@@ -409,7 +409,7 @@ mod tests {
             ),
             ("Edit(frames: 8, a: Keys([(0, Keys([(0, 1)]))]))", &["1:30: `Keys` may not stand within `Keys`"]),
         ] {
-            let told = |fault: &Fault| {
+            let told = |fault: &Diagnostic| {
                 let (line, column) = fault.origin.as_ref().expect("it has a place").line_column();
                 format!("{line}:{column}: {}", fault.message)
             };

@@ -5,10 +5,10 @@ use std::fmt::Write;
 use serde_json::{Value, json};
 
 use super::report::{RunReport, Status};
-use super::resolved_graph::{Edge, Graph, InputSelector, Instance};
+use super::resolved_graph::{Edge, InputSelector, Instance, ResolvedGraph};
 use super::svg;
 
-impl Graph {
+impl ResolvedGraph {
     /// Graphviz; with a run, boxes are coloured by what became of them.
     pub fn to_dot(&self, run: Option<&RunReport>) -> String {
         let mut text = String::from("digraph {\n  rankdir=LR;\n  node [shape=box, style=filled, fillcolor=white];\n");

@@ -11,9 +11,9 @@ use super::inputs::{Before, holds, key_manifest, resolve_inputs};
 use super::key;
 use super::key::Why;
 use super::report::{Difference, Explanation, Observer, PlanLine, Planned, RunReport, VerifyReport};
-use super::resolved_graph::{Graph, Wanted};
+use super::resolved_graph::{ResolvedGraph, Wanted};
 use super::run::{Run, RunOptions};
-use super::source::Fault;
+use super::source::Diagnostic;
 use super::store::Store;
 
 /// How an engine works. None of it but `budget` changes what comes out.
@@ -110,19 +110,25 @@ impl Engine {
     }
 
     /// Makes what is wanted, running only nodes whose key is new.
-    pub fn run(&self, graph: &Graph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> RunReport {
+    pub fn run(&self, graph: &ResolvedGraph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> RunReport {
         self.go(graph, wanted, cancel, observer, false).0
     }
 
     /// Runs, makes every hit again, and compares.
-    pub fn verify(&self, graph: &Graph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> VerifyReport {
+    pub fn verify(
+        &self,
+        graph: &ResolvedGraph,
+        wanted: &Wanted,
+        cancel: &Cancel,
+        observer: &dyn Observer,
+    ) -> VerifyReport {
         let (run, differences) = self.go(graph, wanted, cancel, observer, true);
         VerifyReport { run, differences }
     }
 
     fn go(
         &self,
-        graph: &Graph,
+        graph: &ResolvedGraph,
         wanted: &Wanted,
         cancel: &Cancel,
         observer: &dyn Observer,
@@ -135,7 +141,7 @@ impl Engine {
 
     /// Lists the nodes of a run with their expected status, without running them; a node whose
     /// condition does not hold is left out.
-    pub fn plan(&self, graph: &Graph, wanted: &Wanted) -> Vec<PlanLine> {
+    pub fn plan(&self, graph: &ResolvedGraph, wanted: &Wanted) -> Vec<PlanLine> {
         let state = self.plan_states(graph, wanted);
         let lines = graph.instances.iter().zip(&state).filter_map(|(instance, state)| {
             let (status, why) = self.classify(graph, &instance.name, state.as_ref()?);
@@ -153,12 +159,12 @@ impl Engine {
     ///
     /// # Errors
     /// The graph has no such node, or the name means several instances.
-    pub fn explain(&self, graph: &Graph, node: &str) -> Result<Explanation, Fault> {
+    pub fn explain(&self, graph: &ResolvedGraph, node: &str) -> Result<Explanation, Diagnostic> {
         let (_, instances) = graph.find(node)?;
         if instances.len() != 1 {
             let names: Vec<&str> = graph.instances[instances].iter().map(|i| &*i.name).collect();
             let message = format!("wanted one node, `{node}` has {}", names.len());
-            return Err(Fault::file(Path::new(""), message).help(format!("name one: {}", names.join(", "))));
+            return Err(Diagnostic::file(Path::new(""), message).help(format!("name one: {}", names.join(", "))));
         }
         let at = instances.start;
         let name = graph.instances[at].name.to_string();
@@ -174,7 +180,7 @@ impl Engine {
     }
 
     /// The state of each instance that a run would look at, or may.
-    fn plan_states(&self, graph: &Graph, wanted: &Wanted) -> Vec<Option<PlanState>> {
+    fn plan_states(&self, graph: &ResolvedGraph, wanted: &Wanted) -> Vec<Option<PlanState>> {
         self.store.refresh_latest();
         let mut all: Vec<Option<PlanState>> = Vec::new();
         for at in 0..graph.instances.len() {
@@ -206,7 +212,7 @@ impl Engine {
         all
     }
 
-    fn plan_state(&self, graph: &Graph, at: usize, all: &[Option<PlanState>]) -> PlanState {
+    fn plan_state(&self, graph: &ResolvedGraph, at: usize, all: &[Option<PlanState>]) -> PlanState {
         let instance = &graph.instances[at];
         let mut unknown = None;
         for &condition in &instance.conditions {
@@ -232,7 +238,7 @@ impl Engine {
         }
     }
 
-    fn probe(&self, graph: &Graph, at: usize, before: &Before) -> PlanState {
+    fn probe(&self, graph: &ResolvedGraph, at: usize, before: &Before) -> PlanState {
         let resolved = match resolve_inputs(graph, at, before) {
             Ok(resolved) => resolved,
             Err(message) => return PlanState::Fail(message),
@@ -245,7 +251,7 @@ impl Engine {
         }
     }
 
-    fn classify(&self, graph: &Graph, name: &str, state: &PlanState) -> (Planned, Option<Why>) {
+    fn classify(&self, graph: &ResolvedGraph, name: &str, state: &PlanState) -> (Planned, Option<Why>) {
         match state {
             PlanState::Hit(..) => (Planned::Hit, None),
             PlanState::Run(text) => (Planned::Run, Some(self.store.why(name, &key::digest(text), text))),

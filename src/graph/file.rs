@@ -5,10 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::faults::Faults;
+use super::diagnostics::Diagnostics;
 use super::raw::{Key, Raw};
 use super::registry::{KindSpec, Registry};
-use super::source::{Fault, Origin, Reach, Source, is_name};
+use super::source::{Diagnostic, Origin, Reach, Source, is_name};
 
 /// The version of graph files that this program reads.
 const VERSION: u32 = 1;
@@ -24,11 +24,11 @@ pub struct GraphFile {
     pub(super) sets: Vec<SetDecl>,
     pub(super) nodes: Vec<NodeDecl>,
     pub(super) outputs: Vec<Key>,
-    /// Faults that do not hinder looking for more: [`GraphFile::resolve`] reports them with its
+    /// Diagnostics that do not hinder looking for more: [`GraphFile::resolve`] reports them with its
     /// own.
-    pub(super) faults: Faults,
+    pub(super) faults: Diagnostics,
     /// Old names that the file uses.
-    pub(super) warnings: Vec<Fault>,
+    pub(super) warnings: Vec<Diagnostic>,
 }
 
 /// A set of member names, as the graph file gives it.
@@ -124,7 +124,7 @@ impl GraphFile {
     ///
     /// # Errors
     /// The file or one that it extends cannot be read or split into fields.
-    pub fn read(path: &Path) -> Result<GraphFile, Vec<Fault>> {
+    pub fn read(path: &Path) -> Result<GraphFile, Vec<Diagnostic>> {
         GraphFile::read_within(path, Reach::Anywhere)
     }
 
@@ -132,7 +132,7 @@ impl GraphFile {
     ///
     /// # Errors
     /// The errors of [`GraphFile::read`], and a file outside of `reach`.
-    pub fn read_within(path: &Path, reach: Reach) -> Result<GraphFile, Vec<Fault>> {
+    pub fn read_within(path: &Path, reach: Reach) -> Result<GraphFile, Vec<Diagnostic>> {
         GraphFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
@@ -140,8 +140,8 @@ impl GraphFile {
     ///
     /// # Errors
     /// The errors of [`GraphFile::read`].
-    pub fn parse(source: Arc<Source>) -> Result<GraphFile, Vec<Fault>> {
-        let mut faults = Faults::default();
+    pub fn parse(source: Arc<Source>) -> Result<GraphFile, Vec<Diagnostic>> {
+        let mut faults = Diagnostics::default();
         let path = source.path.clone();
         let mut chain = vec![identity(&path)];
         let (mut layers, mut sources) = (Vec::new(), Vec::new());
@@ -181,7 +181,7 @@ impl GraphFile {
 
     /// The faults found before kinds and ports are looked up; [`GraphFile::resolve`] reports them
     /// too.
-    pub fn faults(&self) -> Vec<Fault> {
+    pub fn faults(&self) -> Vec<Diagnostic> {
         self.faults.clone().into_vec()
     }
 
@@ -189,12 +189,12 @@ impl GraphFile {
     ///
     /// # Errors
     /// A confined file names a folder elsewhere.
-    pub fn scene(&self) -> Result<Option<PathBuf>, Fault> {
+    pub fn scene(&self) -> Result<Option<PathBuf>, Diagnostic> {
         let Some(Key { name, origin }) = &self.scene else { return Ok(None) };
         let folder = origin.source.folder().join(name);
         match origin.source.may_name(&folder) {
             Ok(()) => Ok(Some(folder)),
-            Err(e) => Err(Fault::at(origin, format!("{}: {e}", folder.display()))
+            Err(e) => Err(Diagnostic::at(origin, format!("{}: {e}", folder.display()))
                 .help("name the scene's folder with --scene DIR")),
         }
     }
@@ -242,7 +242,7 @@ impl GraphFile {
     }
 
     /// Puts the current names of `registry` in the place of old ones of kinds, inputs and outputs,
-    /// each with a warning ([`super::Graph::warnings`]). A node of an old kind lies over one of its
+    /// each with a warning ([`super::ResolvedGraph::warnings`]). A node of an old kind lies over one of its
     /// new name.
     pub fn accept_old_names(&mut self, registry: &Registry) {
         let warnings = &mut self.warnings;
@@ -310,7 +310,7 @@ impl GraphFile {
                 None => {
                     if node.kind.is_none() {
                         let message = format!("node `{}` has no `op`, and no file above gives it one", node.name.name);
-                        self.faults.push(|| Fault::at(&node.name.origin, message));
+                        self.faults.push(|| Diagnostic::at(&node.name.origin, message));
                     }
                     known.insert(node.name.name.clone(), self.nodes.len());
                     self.nodes.push(node);
@@ -328,14 +328,14 @@ fn places<'a>(names: impl Iterator<Item = &'a Key>) -> BTreeMap<String, usize> {
 }
 
 /// The warning that `old` is the old name of `new`.
-pub(super) fn old_name(origin: &Origin, old: &str, new: &str) -> Fault {
+pub(super) fn old_name(origin: &Origin, old: &str, new: &str) -> Diagnostic {
     let message = format!("`{old}` is an old name, which the next version does not take");
-    Fault::at(origin, message).help(format!("write `{new}`"))
+    Diagnostic::at(origin, message).help(format!("write `{new}`"))
 }
 
 impl NodeDecl {
     /// Puts current names in the place of old ones of its kind and its inputs.
-    fn rename(&mut self, registry: &Registry, warnings: &mut Vec<Fault>) {
+    fn rename(&mut self, registry: &Registry, warnings: &mut Vec<Diagnostic>) {
         let Some(kind) = &mut self.kind else { return };
         let new = registry.current_kind(&kind.name);
         if new != kind.name {
@@ -366,17 +366,17 @@ impl NodeDecl {
     }
 }
 
-fn read_parent(source: &Source, parent: &Key, chain: &mut Vec<PathBuf>) -> Result<Arc<Source>, Fault> {
+fn read_parent(source: &Source, parent: &Key, chain: &mut Vec<PathBuf>) -> Result<Arc<Source>, Diagnostic> {
     let path = source.folder().join(&parent.name);
     if chain.contains(&identity(&path)) {
         let message = format!("`{}` extends itself: {}", parent.name, show_chain(chain, &path));
-        return Err(Fault::at(&parent.origin, message));
+        return Err(Diagnostic::at(&parent.origin, message));
     }
     chain.push(identity(&path));
-    let extended = |e| Fault::at(&parent.origin, format!("{} (extended here): {e}", path.display()));
+    let extended = |e| Diagnostic::at(&parent.origin, format!("{} (extended here): {e}", path.display()));
     source.may_name(&path).map_err(extended)?;
     Source::read(&path, source.reach).map_err(|fault| {
-        Fault::at(&parent.origin, format!("{} (extended here): {}", fault.path.display(), fault.message))
+        Diagnostic::at(&parent.origin, format!("{} (extended here): {}", fault.path.display(), fault.message))
     })
 }
 
@@ -392,14 +392,14 @@ fn show_chain(chain: &[PathBuf], again: &Path) -> String {
     names.map(name).collect::<Vec<_>>().join(" -> ")
 }
 
-fn parse_layer(source: &Arc<Source>, faults: &mut Faults) -> Option<Layer> {
+fn parse_layer(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<Layer> {
     let document = Raw::document(source, faults)?;
     let mut layer = Layer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
     let known = ["version", "extends", "scene", "sets", "nodes", "outputs"];
     let fields = document.as_struct(Some("Graph"), &known, faults);
     let is_graph = document.variant().map_or(document.text().starts_with('('), |name| name == "Graph");
     if is_graph && !fields.iter().any(|(key, _)| key.name == "version") {
-        let fault = Fault::at(&document.variant_origin(), "`version` is missing");
+        let fault = Diagnostic::at(&document.variant_origin(), "`version` is missing");
         faults.push(|| fault.help(format!("begin with `Graph(version: {VERSION},`")));
     }
     for (key, value) in fields {
@@ -412,7 +412,7 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Faults) -> Option<Layer> {
                 let mut entries = value.as_map(faults);
                 if let Some((name, _)) = entries.get(MAX_NODES) {
                     let message = format!("wanted at most {MAX_NODES} nodes, got {}", entries.len());
-                    faults.push(|| Fault::at(&name.origin, message));
+                    faults.push(|| Diagnostic::at(&name.origin, message));
                     entries.truncate(MAX_NODES);
                 }
                 layer.nodes = entries.into_iter().map(|(name, body)| parse_node(name, &body, faults)).collect();
@@ -423,13 +423,13 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Faults) -> Option<Layer> {
     Some(layer)
 }
 
-fn check_version(value: &Raw, faults: &mut Faults) {
+fn check_version(value: &Raw, faults: &mut Diagnostics) {
     if value.parse::<u32>().ok() != Some(VERSION) {
         faults.push(|| value.fault(format!("wanted version {VERSION}, got {}", value.short())));
     }
 }
 
-fn parse_sets(value: &Raw, faults: &mut Faults) -> Vec<SetDecl> {
+fn parse_sets(value: &Raw, faults: &mut Diagnostics) -> Vec<SetDecl> {
     let mut sets = Vec::new();
     for (name, members) in value.as_map(faults) {
         check_name(&name.name, &name.origin, "set", faults);
@@ -440,7 +440,7 @@ fn parse_sets(value: &Raw, faults: &mut Faults) -> Vec<SetDecl> {
     sets
 }
 
-fn parse_node(name: Key, body: &Raw, faults: &mut Faults) -> NodeDecl {
+fn parse_node(name: Key, body: &Raw, faults: &mut Diagnostics) -> NodeDecl {
     check_name(&name.name, &name.origin, "node", faults);
     let mut node =
         NodeDecl { name, kind: None, params: vec![], each: None, when: None, wires: vec![], replaced: vec![] };
@@ -461,14 +461,14 @@ fn parse_node(name: Key, body: &Raw, faults: &mut Faults) -> NodeDecl {
     node
 }
 
-fn parse_wire(port: Key, value: &Raw, faults: &mut Faults) -> Wire {
+fn parse_wire(port: Key, value: &Raw, faults: &mut Diagnostics) -> Wire {
     let list = value.text().starts_with('[');
     let from = if list { value.as_list(faults) } else { vec![value.clone()] };
     Wire { port, from: names(&from, faults) }
 }
 
 /// Strings, each given once.
-fn names(values: &[Raw], faults: &mut Faults) -> Vec<Key> {
+fn names(values: &[Raw], faults: &mut Diagnostics) -> Vec<Key> {
     let mut keys: Vec<Key> = Vec::new();
     let mut seen = BTreeSet::new();
     for value in values {
@@ -476,15 +476,15 @@ fn names(values: &[Raw], faults: &mut Faults) -> Vec<Key> {
         if seen.insert(key.name.clone()) {
             keys.push(key);
         } else {
-            faults.push(|| Fault::at(&key.origin, format!("`{}` is given twice", key.name)));
+            faults.push(|| Diagnostic::at(&key.origin, format!("`{}` is given twice", key.name)));
         }
     }
     keys
 }
 
-pub(super) fn check_name(name: &str, origin: &Origin, what: &str, faults: &mut Faults) {
+pub(super) fn check_name(name: &str, origin: &Origin, what: &str, faults: &mut Diagnostics) {
     if !is_name(name) {
         let message = || format!("wanted a {what} name of letters, digits and _, letter first, got `{name}`");
-        faults.push(|| Fault::at(origin, message()));
+        faults.push(|| Diagnostic::at(origin, message()));
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::cache::{Entry, Header};
-use super::resolved_graph::{Edge, Graph, Input, InputSelector};
+use super::resolved_graph::{Edge, Input, InputSelector, ResolvedGraph};
 use super::{Arity, Digest, PortSpec, key};
 
 /// A value of a result: the instance that gave it, and its index there.
@@ -37,7 +37,7 @@ pub(super) fn holds(when: &Edge, result: &Header) -> bool {
 }
 
 /// Resolves the inputs of instance `at`, port by port.
-pub(super) fn resolve_inputs(graph: &Graph, at: usize, before: &Before) -> Result<Vec<ResolvedInput>, String> {
+pub(super) fn resolve_inputs(graph: &ResolvedGraph, at: usize, before: &Before) -> Result<Vec<ResolvedInput>, String> {
     let instance = &graph.instances[at];
     let ports = &graph.nodes[instance.node].inputs;
     let mut all = Vec::with_capacity(ports.len());
@@ -81,7 +81,7 @@ pub(super) fn resolve_inputs(graph: &Graph, at: usize, before: &Before) -> Resul
     Ok(all)
 }
 
-fn no_member(graph: &Graph, port: &PortSpec, edge: &Edge, member: &str, from: &Header) -> String {
+fn no_member(graph: &ResolvedGraph, port: &PortSpec, edge: &Edge, member: &str, from: &Header) -> String {
     let node = &graph.nodes[graph.instances[edge.instance].node];
     let there: Vec<&str> = from.port(edge.port).filter_map(|i| from.values[i].member.as_deref()).collect();
     let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
@@ -90,7 +90,7 @@ fn no_member(graph: &Graph, port: &PortSpec, edge: &Edge, member: &str, from: &H
 }
 
 /// The key manifest of instance `at`, from what it takes.
-pub(super) fn key_manifest(graph: &Graph, at: usize, inputs: &[ResolvedInput], before: &Before) -> String {
+pub(super) fn key_manifest(graph: &ResolvedGraph, at: usize, inputs: &[ResolvedInput], before: &Before) -> String {
     let node = &graph.nodes[graph.instances[at].node];
     let mut text = String::with_capacity(node.key_head.len() + 100 * (inputs.len() + 1));
     text.push_str(&node.key_head);

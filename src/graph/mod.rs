@@ -3,11 +3,11 @@
 mod artifact;
 mod cache;
 mod context;
+mod diagnostics;
 mod disk;
 mod draw;
 mod engine;
 mod escape;
-mod faults;
 mod file;
 mod inputs;
 mod key;
@@ -26,10 +26,10 @@ pub mod svg;
 
 pub use artifact::{Artifact, Value};
 pub use context::{Cancel, Context, NodeError, Services};
+pub use diagnostics::Diagnostics;
 pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};
 pub use engine::{Engine, EngineOptions};
 pub use escape::{escape, escape_json, escape_line};
-pub use faults::Faults;
 pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
 pub use node::{
     Arity, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue, Scatter,
@@ -41,8 +41,8 @@ pub use report::{
     Difference, Ending, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport,
 };
 pub use resolve::Resolved;
-pub use resolved_graph::{Graph, Wanted};
-pub use source::{Anchor, Fault, Origin, Reach, Source, is_name, nearest};
+pub use resolved_graph::{ResolvedGraph, Wanted};
+pub use source::{Anchor, Diagnostic, Origin, Reach, Source, is_name, nearest};
 
 /// A BLAKE3 digest.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

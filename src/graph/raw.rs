@@ -10,10 +10,10 @@ use std::sync::Arc;
 
 use serde::de::DeserializeOwned;
 
-use super::faults::Faults;
+use super::diagnostics::Diagnostics;
 use super::from_ron;
 use super::lexer::{Kind, Token, tokens};
-use super::source::{Fault, Origin, Source};
+use super::source::{Diagnostic, Origin, Source};
 
 /// RON's own parser recurses; beyond this depth a text is refused before it gets there.
 const MAX_DEPTH: usize = 64;
@@ -39,14 +39,14 @@ pub struct Raw {
 impl Raw {
     /// The one value of a whole text, after checking all of it: brackets, nesting, no duplicate
     /// key, no NaN, no infinite number. `None` when it cannot be split.
-    pub fn document(source: &Arc<Source>, faults: &mut Faults) -> Option<Raw> {
+    pub fn document(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<Raw> {
         let whole = Raw { origin: Origin { source: source.clone(), span: 0..source.text.len() } };
         let tokens = whole.tokens(faults)?;
         let sound = check_nesting(&whole, &tokens, faults);
         check_values(&whole, &tokens, faults);
         let (first, last) = (tokens.first(), tokens.last());
         let Some((first, last)) = first.zip(last) else {
-            faults.push(|| Fault::file(&source.path, "wanted a RON value, got an empty file"));
+            faults.push(|| Diagnostic::file(&source.path, "wanted a RON value, got an empty file"));
             return None;
         };
         sound.then(|| whole.part(first.span.start..last.span.end))
@@ -56,8 +56,8 @@ impl Raw {
         self.origin.text()
     }
 
-    pub fn fault(&self, message: impl Into<String>) -> Fault {
-        Fault::at(&self.origin, message)
+    pub fn fault(&self, message: impl Into<String>) -> Diagnostic {
+        Diagnostic::at(&self.origin, message)
     }
 
     /// The identifier that the value begins with: `Lamp` of `Lamp(radius: 1)`, `Off` of `Off`.
@@ -87,11 +87,11 @@ impl Raw {
 
     /// The fields of `Name(a: .., b: ..)` or `(a: .., b: ..)`. With `name`, another name is a
     /// fault; a field that is not `known` is one too, and is left out.
-    pub fn as_struct(&self, name: Option<&str>, known: &[&str], faults: &mut Faults) -> Vec<(Key, Raw)> {
+    pub fn as_struct(&self, name: Option<&str>, known: &[&str], faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
         if let (Some(wanted), Some(got)) = (name, self.variant())
             && wanted != got
         {
-            faults.push(|| Fault::at(&self.variant_origin(), format!("wanted `{wanted}(..)`, got `{got}`")));
+            faults.push(|| Diagnostic::at(&self.variant_origin(), format!("wanted `{wanted}(..)`, got `{got}`")));
             return Vec::new();
         }
         let what = name.map_or("`(field: value, ..)`".to_owned(), |name| format!("`{name}(field: value, ..)`"));
@@ -100,7 +100,7 @@ impl Raw {
             let is_known = known.contains(&key.name.as_str());
             if !is_known {
                 faults.push(|| {
-                    let fault = Fault::at(&key.origin, format!("unknown field `{}`", key.name));
+                    let fault = Diagnostic::at(&key.origin, format!("unknown field `{}`", key.name));
                     fault.suggest(&key.name, known.iter().copied())
                 });
             }
@@ -110,7 +110,7 @@ impl Raw {
     }
 
     /// The fields of `Name(a: .., b: ..)`, whatever they are called; none for a mere `Name`.
-    pub(super) fn fields(&self, what: &str, faults: &mut Faults) -> Vec<(Key, Raw)> {
+    pub(super) fn fields(&self, what: &str, faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
         if self.variant().is_some_and(|v| v.len() == self.text().len()) {
             return Vec::new();
         }
@@ -127,7 +127,7 @@ impl Raw {
     }
 
     /// The entries of `{ "name": value, .. }`.
-    pub fn as_map(&self, faults: &mut Faults) -> Vec<(Key, Raw)> {
+    pub fn as_map(&self, faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
         let what = "`{ \"name\": value, .. }`";
         let mut entries = Vec::new();
         for item in self.items('{', what, faults).unwrap_or_default() {
@@ -140,12 +140,12 @@ impl Raw {
     }
 
     /// The items of `[a, b, ..]`.
-    pub fn as_list(&self, faults: &mut Faults) -> Vec<Raw> {
+    pub fn as_list(&self, faults: &mut Diagnostics) -> Vec<Raw> {
         self.items('[', "a list `[..]`", faults).unwrap_or_default()
     }
 
     /// The items of `(a, b, ..)` or `Name(a, b, ..)`.
-    pub fn as_tuple(&self, faults: &mut Faults) -> Vec<Raw> {
+    pub fn as_tuple(&self, faults: &mut Diagnostics) -> Vec<Raw> {
         self.items('(', "`(a, b, ..)`", faults).unwrap_or_default()
     }
 
@@ -153,12 +153,12 @@ impl Raw {
     ///
     /// # Errors
     /// The value is not of this type.
-    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Fault> {
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Diagnostic> {
         from_ron(self.text()).map_err(|e| self.locate(e))
     }
 
     /// A string with its place: how names stand in files. `None` left a fault.
-    pub fn as_key(&self, faults: &mut Faults) -> Option<Key> {
+    pub fn as_key(&self, faults: &mut Diagnostics) -> Option<Key> {
         let name = self.string();
         if name.is_none() {
             faults.push(|| self.fault(format!("wanted a name in quotes, got `{}`", self.short())));
@@ -178,7 +178,7 @@ impl Raw {
 
     /// Turns RON's own error, whose position counts from the start of this value, into a fault at
     /// its token.
-    pub(super) fn locate(&self, error: ron::error::SpannedError) -> Fault {
+    pub(super) fn locate(&self, error: ron::error::SpannedError) -> Diagnostic {
         let text = self.text();
         let start = error.span.start;
         let line = text.split_inclusive('\n').take(start.line.saturating_sub(1)).map(str::len).sum::<usize>();
@@ -200,7 +200,7 @@ impl Raw {
         Raw { origin: Origin { source: self.origin.source.clone(), span } }
     }
 
-    fn tokens(&self, faults: &mut Faults) -> Option<Vec<Token>> {
+    fn tokens(&self, faults: &mut Diagnostics) -> Option<Vec<Token>> {
         let base = self.origin.span.start;
         let tokens: Result<Vec<Token>, _> = tokens(self.text()).collect();
         tokens
@@ -210,7 +210,7 @@ impl Raw {
 
     /// The comma-separated items between the brackets that begin with `open`, after an optional
     /// identifier.
-    fn items(&self, open: char, wanted: &str, faults: &mut Faults) -> Option<Vec<Raw>> {
+    fn items(&self, open: char, wanted: &str, faults: &mut Diagnostics) -> Option<Vec<Raw>> {
         let tokens = self.tokens(faults)?;
         let skip = usize::from(open == '(' && tokens.first().is_some_and(|t| t.kind == Kind::Ident));
         if tokens.get(skip).map(|t| t.kind) != Some(Kind::Open(open)) {
@@ -278,7 +278,7 @@ impl Raw {
 }
 
 /// Brackets match and stay shallow; whether the text may be split.
-fn check_nesting(whole: &Raw, tokens: &[Token], faults: &mut Faults) -> bool {
+fn check_nesting(whole: &Raw, tokens: &[Token], faults: &mut Diagnostics) -> bool {
     let mut open: Vec<(char, &Token)> = Vec::new();
     for token in tokens {
         match token.kind {
@@ -319,7 +319,7 @@ fn closing(open: char) -> char {
 }
 
 /// No number that is not finite, no key twice in the same brackets.
-fn check_values(whole: &Raw, tokens: &[Token], faults: &mut Faults) {
+fn check_values(whole: &Raw, tokens: &[Token], faults: &mut Diagnostics) {
     let text = whole.text();
     // For each open bracket: the keys so far, and the first token of an entry whose key has not
     // ended.

@@ -10,12 +10,12 @@ use std::sync::Arc;
 use petgraph::graph::DiGraph;
 
 use super::artifact::{Artifact, Flag};
-use super::faults::Faults;
+use super::diagnostics::Diagnostics;
 use super::file::{GraphFile, NodeDecl, Overlay, Setting, Target, Wire, check_name, old_name};
 use super::raw::{Key, Raw, holds_non_finite};
 use super::registry::{AnyNode, KindSpec, Registry};
-use super::resolved_graph::{Edge, Graph, GraphNode, Input, InputSelector, Instance};
-use super::source::{Fault, Origin};
+use super::resolved_graph::{Edge, GraphNode, Input, InputSelector, Instance, ResolvedGraph};
+use super::source::{Diagnostic, Origin};
 use super::{Arity, Digest, File, MAX_FILE_BYTES, PortSpec, key};
 
 /// Most instances of nodes and wires between them; a thousand lights come to some ten thousand.
@@ -87,7 +87,7 @@ impl GraphFile {
     ///
     /// # Errors
     /// All faults of the files and settings, and files that cannot be read.
-    pub fn resolve(&self, registry: &Registry, overlay: &Overlay) -> Result<Graph, Vec<Fault>> {
+    pub fn resolve(&self, registry: &Registry, overlay: &Overlay) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         self.resolve_next(registry, overlay, &mut Resolved::default())
     }
 
@@ -100,7 +100,7 @@ impl GraphFile {
         registry: &Registry,
         overlay: &Overlay,
         before: &mut Resolved,
-    ) -> Result<Graph, Vec<Fault>> {
+    ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         self.check(registry, overlay, before)?;
         let settings = overlay.settings.iter().map(|setting| setting.value.clone()).collect();
         let of_nodes = before.nodes.iter().flatten().flat_map(|built| &built.warnings);
@@ -117,14 +117,14 @@ impl GraphFile {
                 warnings.push(warning.clone());
             }
         }
-        Ok(Graph { settings, warnings, ..self.expand(before) })
+        Ok(ResolvedGraph { settings, warnings, ..self.expand(before) })
     }
 
     /// The faults of [`GraphFile::resolve_next`] without its graph.
     ///
     /// # Errors
     /// The errors of [`GraphFile::resolve`].
-    pub fn check(&self, registry: &Registry, overlay: &Overlay, before: &mut Resolved) -> Result<(), Vec<Fault>> {
+    pub fn check(&self, registry: &Registry, overlay: &Overlay, before: &mut Resolved) -> Result<(), Vec<Diagnostic>> {
         let mut faults = self.faults.clone();
         let sets = self.merged_sets(overlay, &mut faults);
         let kinds: Vec<Option<&KindSpec>> = self.nodes.iter().map(|n| kind_of(n, registry, &mut faults)).collect();
@@ -153,7 +153,7 @@ impl GraphFile {
         kinds: &[Option<&KindSpec>],
         places: &BTreeMap<&str, usize>,
         sets: Sets,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) -> Option<Wiring> {
         let before = faults.found();
         if !self.is_small(&sets, |_| 0, faults) {
@@ -187,19 +187,19 @@ impl GraphFile {
 
     /// Whether there are few enough instances, each with as many wires as `wires` has for its node;
     /// else it is a fault.
-    fn is_small(&self, sets: &Sets, wires: impl Fn(usize) -> usize, faults: &mut Faults) -> bool {
+    fn is_small(&self, sets: &Sets, wires: impl Fn(usize) -> usize, faults: &mut Diagnostics) -> bool {
         let of_node = |node: usize| self.count(node, sets).saturating_mul(1 + wires(node));
         let size = (0..self.nodes.len()).map(of_node).fold(0, usize::saturating_add);
         if size > MAX_SIZE {
             let message = format!("wanted at most {MAX_SIZE} instances of nodes and wires between them, got {size}");
             let largest = sets.iter().max_by_key(|(_, members)| members.names.len());
             let help = largest.map(|(set, members)| format!("set `{set}` has {} members", members.names.len()));
-            faults.push(|| Fault { help, ..Fault::file(self.path(), message) });
+            faults.push(|| Diagnostic { help, ..Diagnostic::file(self.path(), message) });
         }
         size <= MAX_SIZE
     }
 
-    fn merged_sets(&self, overlay: &Overlay, faults: &mut Faults) -> Sets {
+    fn merged_sets(&self, overlay: &Overlay, faults: &mut Diagnostics) -> Sets {
         let mut sets = Sets::new();
         for set in &self.sets {
             let members = sets.entry(set.name.name.clone()).or_default();
@@ -211,7 +211,7 @@ impl GraphFile {
                 && !members.add(&member.name)
             {
                 let message = format!("set `{}` already has a member `{}`", member.set, member.name);
-                faults.push(|| Fault::at(&member.origin, message));
+                faults.push(|| Diagnostic::at(&member.origin, message));
             }
         }
         sets
@@ -222,7 +222,7 @@ impl GraphFile {
         registry: &Registry,
         overlay: &Overlay,
         places: &BTreeMap<&str, usize>,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) {
         for setting in &overlay.settings {
             match &setting.target {
@@ -249,7 +249,7 @@ impl GraphFile {
         named: &Key,
         kinds: &[Option<&KindSpec>],
         places: &BTreeMap<&str, usize>,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) -> Option<End> {
         let (node_name, port_name) = match named.name.split_once('.') {
             Some((node, port)) => (node, Some(port)),
@@ -257,7 +257,7 @@ impl GraphFile {
         };
         let Some(&node) = places.get(node_name) else {
             faults.push(|| {
-                let fault = Fault::at(&named.origin, format!("there is no node `{node_name}`"));
+                let fault = Diagnostic::at(&named.origin, format!("there is no node `{node_name}`"));
                 fault.suggest(node_name, self.node_names())
             });
             return None;
@@ -272,11 +272,11 @@ impl GraphFile {
             faults.push(|| match port_name {
                 Some(name) => {
                     let message = format!("node `{node_name}` ({}) has no output `{name}`", kind.kind);
-                    Fault::at(&named.origin, message).suggest(name, kind.outputs.iter().map(|p| p.name))
+                    Diagnostic::at(&named.origin, message).suggest(name, kind.outputs.iter().map(|p| p.name))
                 }
                 None => {
                     let message = format!("node `{node_name}` ({}) has {} outputs", kind.kind, kind.outputs.len());
-                    Fault::at(&named.origin, message).help(format!("name one: {}", list()))
+                    Diagnostic::at(&named.origin, message).help(format!("name one: {}", list()))
                 }
             });
         }
@@ -290,20 +290,20 @@ impl GraphFile {
         kinds: &[Option<&KindSpec>],
         places: &BTreeMap<&str, usize>,
         sets: &Sets,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) -> Wired {
         let name = &decl.name.name;
         if let Some(each) = &decl.each {
             if !sets.contains_key(&each.name) {
                 faults.push(|| {
-                    let fault = Fault::at(&each.origin, format!("there is no set `{}`", each.name));
+                    let fault = Diagnostic::at(&each.origin, format!("there is no set `{}`", each.name));
                     fault.suggest(&each.name, sets.keys().map(String::as_str))
                 });
             }
             if let Some(port) = kind.outputs.iter().find(|p| p.arity == Arity::Many) {
                 let message =
                     format!("{} gives one `{}` per member by itself, so it has no `each`", kind.kind, port.name);
-                faults.push(|| Fault::at(&each.origin, message));
+                faults.push(|| Diagnostic::at(&each.origin, message));
             }
         }
         let mut all_known = true;
@@ -311,7 +311,7 @@ impl GraphFile {
             if !kind.inputs.iter().any(|p| p.name == wire.port.name) {
                 faults.push(|| {
                     let message = format!("node `{name}` ({}) has no input `{}`", kind.kind, wire.port.name);
-                    let fault = Fault::at(&wire.port.origin, message);
+                    let fault = Diagnostic::at(&wire.port.origin, message);
                     fault.suggest(&wire.port.name, kind.inputs.iter().map(|p| p.name))
                 });
                 all_known = false;
@@ -327,7 +327,7 @@ impl GraphFile {
                     "node `{name}` ({}): nothing is wired to input `{}` ({})",
                     kind.kind, port.name, port.type_name
                 );
-                faults.push(|| Fault::at(&decl.name.origin, message));
+                faults.push(|| Diagnostic::at(&decl.name.origin, message));
             }
             let ends = wire.map(|wire| {
                 let end = |from| Some((self.end(from, kinds, places, faults)?, from));
@@ -348,7 +348,7 @@ impl GraphFile {
         kinds: &[Option<&KindSpec>],
         places: &BTreeMap<&str, usize>,
         sets: &Sets,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) -> Option<End> {
         let named = decl.when.as_ref()?;
         let end = self.end(named, kinds, places, faults)?;
@@ -369,13 +369,13 @@ impl GraphFile {
         ends: &[(End, &Key)],
         kinds: &[Option<&KindSpec>],
         sets: &Sets,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) {
         let input = format!("input `{}` of node `{}` ({})", port.name, decl.name.name, kind.kind);
         if port.arity != Arity::Many
             && let Some(second) = wire.from.get(1)
         {
-            faults.push(|| Fault::at(&second.origin, format!("{input} wanted one wire, got {}", wire.from.len())));
+            faults.push(|| Diagnostic::at(&second.origin, format!("{input} wanted one wire, got {}", wire.from.len())));
         }
         let no_members = Members::default();
         let members = |each: &Option<Key>| each.as_ref().and_then(|e| sets.get(&e.name)).unwrap_or(&no_members);
@@ -388,7 +388,7 @@ impl GraphFile {
             if port.type_name != from_port.type_name {
                 faults.push(|| {
                     let (wanted, got) = (port.type_name, from_port.type_name);
-                    Fault::at(place, format!("{input} wanted {wanted}, got {got} from `{}`", named.name))
+                    Diagnostic::at(place, format!("{input} wanted {wanted}, got {got} from `{}`", named.name))
                 });
                 continue;
             }
@@ -399,19 +399,19 @@ impl GraphFile {
             match (port.arity, many) {
                 (Arity::Many, None) => {
                     let message = format!("{input} wanted one {} per member, got a single one", port.type_name);
-                    faults.push(|| Fault::at(place, message));
+                    faults.push(|| Diagnostic::at(place, message));
                 }
                 (Arity::Many, Some(_)) if from.each.is_some() => {
                     let is_new = seen_sets.insert(from.each.as_ref().map(|each| &each.name));
                     for member in &members(&from.each).names {
                         if !(is_new && seen.insert(member)) {
-                            faults.push(|| Fault::at(place, format!("{input} gets the member `{member}` twice")));
+                            faults.push(|| Diagnostic::at(place, format!("{input} gets the member `{member}` twice")));
                         }
                     }
                 }
                 (Arity::One | Arity::Optional, Some(many)) if decl.each.is_none() => {
                     let message = format!("{input} wanted one {}, got {many}", port.type_name);
-                    faults.push(|| Fault::at(place, message).help("give the node an `each`"));
+                    faults.push(|| Diagnostic::at(place, message).help("give the node an `each`"));
                 }
                 // Several wires are a fault already, so the first alone is checked.
                 (Arity::One, Some(_)) if from.each.is_some() && at == 0 => {
@@ -419,7 +419,10 @@ impl GraphFile {
                     for member in members(&decl.each).names.iter().filter(|member| !there.contains_key(*member)) {
                         faults.push(|| {
                             let name = &from.name.name;
-                            Fault::at(place, format!("{input} wanted one for member `{member}`, `{name}` has none"))
+                            Diagnostic::at(
+                                place,
+                                format!("{input} wanted one for member `{member}`, `{name}` has none"),
+                            )
                         });
                     }
                 }
@@ -430,7 +433,7 @@ impl GraphFile {
 
     /// Nodes in an order in which each comes after what it takes from, otherwise as declared.
     /// Cycles are faults.
-    fn order(&self, wired: &[Wired], faults: &mut Faults) -> Vec<usize> {
+    fn order(&self, wired: &[Wired], faults: &mut Diagnostics) -> Vec<usize> {
         let mut graph = DiGraph::<usize, ()>::new();
         let indices: Vec<_> = (0..wired.len()).map(|node| graph.add_node(node)).collect();
         let mut waits = vec![0; wired.len()];
@@ -448,7 +451,7 @@ impl GraphFile {
                         shortest_loop(&graph, first).into_iter().map(|node| self.nodes[node].name.name.as_str());
                     let names = names.collect::<Vec<_>>().join(" -> ");
                     let place = &self.nodes[graph[first]].name.origin;
-                    Fault::at(place, format!("these nodes wait for each other: {names}"))
+                    Diagnostic::at(place, format!("these nodes wait for each other: {names}"))
                 });
             }
         }
@@ -467,7 +470,7 @@ impl GraphFile {
     }
 
     /// One instance per node, or per node and member, and the edges between them.
-    fn expand(&self, resolved: &Resolved) -> Graph {
+    fn expand(&self, resolved: &Resolved) -> ResolvedGraph {
         let Wiring { sets, wired, order } = resolved.wiring.as_ref().expect("it was checked");
         let members = |node: usize| self.nodes[node].each.as_ref().map(|each| sets.get(&each.name).expect("checked"));
         let built = resolved.nodes.iter().map(|built| built.as_ref().expect("it was checked"));
@@ -496,7 +499,14 @@ impl GraphFile {
             nodes[node].instances = start..instances.len();
         }
         let outputs = self.outputs.iter().map(|o| o.name.clone()).collect();
-        Graph { nodes, instances, outputs, sources: self.sources.clone(), settings: Vec::new(), warnings: Vec::new() }
+        ResolvedGraph {
+            nodes,
+            instances,
+            outputs,
+            sources: self.sources.clone(),
+            settings: Vec::new(),
+            warnings: Vec::new(),
+        }
     }
 }
 
@@ -549,12 +559,12 @@ fn sorted(instances: impl Iterator<Item = usize>) -> Vec<usize> {
     all
 }
 
-fn kind_of<'a>(decl: &NodeDecl, registry: &'a Registry, faults: &mut Faults) -> Option<&'a KindSpec> {
+fn kind_of<'a>(decl: &NodeDecl, registry: &'a Registry, faults: &mut Diagnostics) -> Option<&'a KindSpec> {
     let kind = decl.kind.as_ref()?;
     let found = registry.get(&kind.name);
     if found.is_none() {
         faults.push(|| {
-            let fault = Fault::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
+            let fault = Diagnostic::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
             fault.suggest(&kind.name, registry.kinds().map(|k| k.kind))
         });
     }
@@ -627,7 +637,7 @@ struct Built {
     key_head: String,
     files: Vec<(File, Digest)>,
     /// Old names of its parameters.
-    warnings: Vec<Fault>,
+    warnings: Vec<Diagnostic>,
 }
 
 impl Built {
@@ -665,7 +675,7 @@ fn build(
     registry: &Registry,
     settings: &[&Setting],
     digests: &mut FileDigests,
-    faults: &mut Faults,
+    faults: &mut Diagnostics,
 ) -> Option<Built> {
     let before = faults.found();
     let mut op = (kind.make)();
@@ -677,7 +687,7 @@ fn build(
     if let Err(message) = op.check() {
         let mut words = message.split(|c: char| !c.is_alphanumeric() && c != '_');
         let place = words.find_map(|word| places.set.get(word)).map_or(declared, |value| &value.origin);
-        faults.push(|| Fault::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
+        faults.push(|| Diagnostic::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
     }
     let files: Vec<File> = op.files().into_iter().map(|file| file.clone()).collect();
     let mut read = Vec::new();
@@ -689,7 +699,7 @@ fn build(
             Err(message) => faults.push(|| {
                 let named = places.named.get(&file).copied();
                 let message = format!("node `{}` ({}): {message}", decl.name.name, kind.kind);
-                let fault = Fault::at(named.unwrap_or(declared), message);
+                let fault = Diagnostic::at(named.unwrap_or(declared), message);
                 let help = registry.library.as_ref().filter(|_| named.is_none() && !file.path.is_empty());
                 help.into_iter().fold(fault, |fault, (_, help)| fault.help(help))
             }),
@@ -717,7 +727,7 @@ struct Places<'a> {
     /// The place where each file was named.
     named: BTreeMap<File, &'a Origin>,
     /// Old names.
-    warnings: Vec<Fault>,
+    warnings: Vec<Diagnostic>,
 }
 
 /// Sets all parameters of a node. `None` left a fault.
@@ -727,7 +737,7 @@ fn set_all<'a>(
     kind: &KindSpec,
     registry: &Registry,
     settings: &[&'a Setting],
-    faults: &mut Faults,
+    faults: &mut Diagnostics,
 ) -> Option<Places<'a>> {
     let mut sound = true;
     let mut places = Places::default();
@@ -762,10 +772,17 @@ fn set_all<'a>(
 }
 
 /// Sets one parameter; `false` where that is a fault.
-fn set(op: &mut dyn AnyNode, kind: &KindSpec, field: &str, place: &Origin, value: &Raw, faults: &mut Faults) -> bool {
+fn set(
+    op: &mut dyn AnyNode,
+    kind: &KindSpec,
+    field: &str,
+    place: &Origin,
+    value: &Raw,
+    faults: &mut Diagnostics,
+) -> bool {
     let Some(spec) = kind.params.iter().find(|p| p.name == field) else {
         refuse(value, faults, || {
-            let fault = Fault::at(place, format!("{} has no parameter `{field}`", kind.kind));
+            let fault = Diagnostic::at(place, format!("{} has no parameter `{field}`", kind.kind));
             fault.suggest(field, kind.params.iter().map(|p| p.name))
         });
         return false;
@@ -779,14 +796,14 @@ fn set(op: &mut dyn AnyNode, kind: &KindSpec, field: &str, place: &Origin, value
             _ => format!(": {}", error.code),
         };
         let wanted = format!("parameter `{field}` of {} wanted {}", kind.kind, spec.type_name);
-        Fault { message: format!("{wanted}, got `{}`{detail}", value.short()), ..value.locate(error) }
+        Diagnostic { message: format!("{wanted}, got `{}`{detail}", value.short()), ..value.locate(error) }
     });
     false
 }
 
 /// Whether all parameters are finite. A number too large for single precision is not, which shows
 /// once it is set.
-fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, faults: &mut Faults) -> bool {
+fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, faults: &mut Diagnostics) -> bool {
     let mut finite = true;
     for (field, _) in op.values().into_iter().filter(|(_, ron)| holds_non_finite(ron)) {
         let Some(value) = set_at.get(field) else { continue };
@@ -802,7 +819,7 @@ fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, f
 
 /// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node
 /// of it.
-fn refuse(value: &Raw, faults: &mut Faults, fault: impl FnOnce() -> Fault) {
+fn refuse(value: &Raw, faults: &mut Diagnostics, fault: impl FnOnce() -> Diagnostic) {
     if !faults.kept().iter().any(|told| told.is_inside(&value.origin)) {
         faults.push(fault);
     }

@@ -7,12 +7,12 @@ use std::sync::Arc;
 
 use super::raw::Raw;
 use super::registry::AnyNode;
-use super::source::Fault;
+use super::source::Diagnostic;
 use super::{Digest, File, PortSpec};
 
 /// A graph that was checked against the registry: running it cannot fail for want of a name, a type
 /// or a file.
-pub struct Graph {
+pub struct ResolvedGraph {
     pub(super) nodes: Vec<GraphNode>,
     /// Every instance comes after all that it takes from.
     pub(super) instances: Vec<Instance>,
@@ -21,7 +21,7 @@ pub struct Graph {
     pub(super) sources: Vec<PathBuf>,
     /// Values that scene, edit and command line give, used or not.
     pub(super) settings: Vec<Raw>,
-    pub(super) warnings: Vec<Fault>,
+    pub(super) warnings: Vec<Diagnostic>,
 }
 
 pub(super) struct GraphNode {
@@ -121,7 +121,7 @@ impl Wanted {
     }
 }
 
-impl Graph {
+impl ResolvedGraph {
     /// The files that a run of this graph reads, and those that its scene and its edit name,
     /// whether a stage reads them or not: what must not be taken for a result and replaced.
     /// Existing files only.
@@ -138,7 +138,7 @@ impl Graph {
     }
 
     /// Old names that its files use, each with its new one.
-    pub fn warnings(&self) -> &[Fault] {
+    pub fn warnings(&self) -> &[Diagnostic] {
         &self.warnings
     }
 
@@ -152,10 +152,10 @@ impl Graph {
     ///
     /// # Errors
     /// A name that the graph does not have, or no name at all.
-    pub fn wanted(&self, names: Option<&[String]>) -> Result<Wanted, Fault> {
+    pub fn wanted(&self, names: Option<&[String]>) -> Result<Wanted, Diagnostic> {
         let names = names.unwrap_or(&self.outputs);
         if names.is_empty() {
-            return Err(Fault::file(Path::new(""), "nothing is wanted: the graph names no outputs"));
+            return Err(Diagnostic::file(Path::new(""), "nothing is wanted: the graph names no outputs"));
         }
         let mut wanted = Wanted { outputs: Vec::new(), needed: vec![false; self.instances.len()] };
         for name in names {
@@ -172,7 +172,7 @@ impl Graph {
                 None => (0..node.outputs.len()).collect(),
                 Some(port) => vec![node.outputs.iter().position(|p| p.name == port).ok_or_else(|| {
                     let message = format!("node `{node_name}` ({}) has no output `{port}`", node.kind);
-                    Fault::file(Path::new(""), message).suggest(port, node.outputs.iter().map(|p| p.name))
+                    Diagnostic::file(Path::new(""), message).suggest(port, node.outputs.iter().map(|p| p.name))
                 })?],
             };
             for &port in &ports {
@@ -191,7 +191,7 @@ impl Graph {
     }
 
     /// The node, and those of its instances that `name` (`node` or `node[member]`) means.
-    pub(super) fn find(&self, name: &str) -> Result<(&GraphNode, Range<usize>), Fault> {
+    pub(super) fn find(&self, name: &str) -> Result<(&GraphNode, Range<usize>), Diagnostic> {
         if let Some(node) = self.nodes.iter().find(|n| n.name == name) {
             return Ok((node, node.instances.clone()));
         }
@@ -199,7 +199,7 @@ impl Graph {
             return Ok((&self.nodes[self.instances[at].node], at..at + 1));
         }
         let known = self.nodes.iter().map(|n| n.name.as_str()).chain(self.instances());
-        Err(Fault::file(Path::new(""), format!("the graph has no node `{name}`")).suggest(name, known))
+        Err(Diagnostic::file(Path::new(""), format!("the graph has no node `{name}`")).suggest(name, known))
     }
 
     /// The output that decides whether an instance runs, as `node.port`.

@@ -17,7 +17,7 @@ use super::context::{Cancel, Context, NodeError, Shared};
 use super::disk::Loss;
 use super::inputs::{Before, ResolvedInput, Slot, holds, key_manifest, resolve_inputs};
 use super::report::{Difference, NodeReport, Observer, RunReport, Status};
-use super::resolved_graph::{Graph, GraphNode, Wanted};
+use super::resolved_graph::{GraphNode, ResolvedGraph, Wanted};
 use super::source::is_name;
 use super::store::{STORED_NO_MORE, Store};
 use super::{Digest, PortValue, Value, key};
@@ -29,7 +29,7 @@ pub(super) struct RunOptions<'a> {
     pub shared: &'a Shared,
     /// Time for each node that asks for it.
     pub budget: Option<Duration>,
-    pub graph: &'a Graph,
+    pub graph: &'a ResolvedGraph,
     pub wanted: &'a Wanted,
     pub cancel: &'a Cancel,
     pub observer: &'a dyn Observer,
@@ -43,7 +43,7 @@ pub(super) struct Run<'a> {
 }
 
 struct State<'a> {
-    graph: &'a Graph,
+    graph: &'a ResolvedGraph,
     /// Per instance, the length of the longest chain of instances that begins there.
     chain: Vec<u32>,
     /// Per instance, whether its result is asked for, and how far its inputs are.
@@ -546,7 +546,7 @@ impl<'a> Run<'a> {
         state.peak = state.peak.max(state.held_now);
     }
 
-    fn graph(&self) -> &'a Graph {
+    fn graph(&self) -> &'a ResolvedGraph {
         self.options.graph
     }
 
@@ -562,7 +562,7 @@ impl<'a> Run<'a> {
 const UNPOISONED: &str = "nothing panics while it holds the state of a run";
 
 impl<'a> State<'a> {
-    fn new(graph: &'a Graph, wanted: &Wanted) -> State<'a> {
+    fn new(graph: &'a ResolvedGraph, wanted: &Wanted) -> State<'a> {
         let count = graph.instances.len();
         let needed = || (0..count).filter(|&at| wanted.needed[at]);
         let mut hopes: Vec<usize> = wanted.is_root(count).into_iter().map(usize::from).collect();

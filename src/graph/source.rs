@@ -58,12 +58,13 @@ impl Source {
     ///
     /// # Errors
     /// It cannot be read, is too large, or holds something else.
-    pub fn read(path: &Path, reach: Reach) -> Result<Arc<Source>, Fault> {
-        let bytes = reading::read(path, MAX_BYTES).map_err(|e| Fault::file(path, format!("cannot be read: {e}")))?;
+    pub fn read(path: &Path, reach: Reach) -> Result<Arc<Source>, Diagnostic> {
+        let bytes =
+            reading::read(path, MAX_BYTES).map_err(|e| Diagnostic::file(path, format!("cannot be read: {e}")))?;
         let text = String::from_utf8(bytes).map_err(|e| {
             let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
             let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
-            Fault::file(path, format!("wanted UTF-8 text, got another byte in line {line}"))
+            Diagnostic::file(path, format!("wanted UTF-8 text, got another byte in line {line}"))
         })?;
         Ok(Source::within(path, text.strip_prefix('\u{feff}').unwrap_or(&text), reach))
     }
@@ -140,7 +141,7 @@ impl Origin {
 
 /// Something wrong in what a person wrote, found before any work.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Fault {
+pub struct Diagnostic {
     /// The place in the text, where there is one.
     pub origin: Option<Origin>,
     /// The file.
@@ -151,15 +152,15 @@ pub struct Fault {
     pub help: Option<String>,
 }
 
-impl Fault {
-    pub fn at(origin: &Origin, message: impl Into<String>) -> Fault {
+impl Diagnostic {
+    pub fn at(origin: &Origin, message: impl Into<String>) -> Diagnostic {
         let path = origin.source.path.clone();
-        Fault { origin: Some(origin.clone()), path, message: message.into(), help: None }
+        Diagnostic { origin: Some(origin.clone()), path, message: message.into(), help: None }
     }
 
     /// A fault of a whole file, or of no file at all where `path` is empty.
-    pub fn file(path: &Path, message: impl Into<String>) -> Fault {
-        Fault { origin: None, path: path.to_owned(), message: message.into(), help: None }
+    pub fn file(path: &Path, message: impl Into<String>) -> Diagnostic {
+        Diagnostic { origin: None, path: path.to_owned(), message: message.into(), help: None }
     }
 
     /// Whether its place lies in `origin`.
@@ -172,14 +173,14 @@ impl Fault {
         self.origin.as_ref().is_some_and(inside)
     }
 
-    pub fn help(mut self, help: impl Into<String>) -> Fault {
+    pub fn help(mut self, help: impl Into<String>) -> Diagnostic {
         self.help = Some(help.into());
         self
     }
 
     /// Adds the nearest of `known` as help, or the whole list where it is short and nothing is
     /// near.
-    pub fn suggest<'a>(self, name: &str, known: impl IntoIterator<Item = &'a str>) -> Fault {
+    pub fn suggest<'a>(self, name: &str, known: impl IntoIterator<Item = &'a str>) -> Diagnostic {
         let known: Vec<&str> = known.into_iter().take(MAX_COMPARED).collect();
         match nearest(name, known.iter().copied()) {
             Some(near) => self.help(format!("did you mean `{near}`?")),
@@ -190,7 +191,7 @@ impl Fault {
     }
 }
 
-impl std::fmt::Display for Fault {
+impl std::fmt::Display for Diagnostic {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match &self.origin {
             Some(origin) => {
@@ -204,7 +205,7 @@ impl std::fmt::Display for Fault {
     }
 }
 
-impl std::error::Error for Fault {}
+impl std::error::Error for Diagnostic {}
 
 /// The name most like `name`, if any is like it. A very long one is like no other.
 pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {

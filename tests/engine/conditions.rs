@@ -5,7 +5,7 @@ use relight::graph::{Cancel, Observer, Overlay, Planned, PortValue, Status};
 use crate::nodes::*;
 
 /// `c`, and `costly` for it alone, run when `n` is positive.
-fn conditional(n: i64) -> relight::graph::Graph {
+fn conditional(n: i64) -> relight::graph::ResolvedGraph {
     graph(&format!(
         r#"nodes: {{
             "n": (op: Const(value: {n})),

@@ -1,8 +1,8 @@
 //! What a graph means: wires, sets, sources of parameters, what runs again and what does not.
 
 use relight::graph::{
-    Cancel, Ending, EngineOptions, Faults, Graph, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw,
-    Resolved, Source, Status,
+    Cancel, Diagnostics, Ending, EngineOptions, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw,
+    Resolved, ResolvedGraph, Source, Status,
 };
 
 use crate::nodes::*;
@@ -10,7 +10,7 @@ use crate::nodes::*;
 fn members(set: &str, names: &[&str]) -> Overlay {
     let member = |name: &&str| {
         let source = Source::new("scene.ron", format!("\"{name}\""));
-        let origin = Raw::document(&source, &mut Faults::default()).expect("a value").origin;
+        let origin = Raw::document(&source, &mut Diagnostics::default()).expect("a value").origin;
         Member { set: set.into(), name: name.to_string(), origin }
     };
     Overlay { settings: vec![], members: names.iter().map(member).collect() }
@@ -142,7 +142,7 @@ fn one_overlay_after_the_other_gives_what_each_gives_alone() {
         outputs: ["sum"])"#;
     let source = Source::new(folder.path().join("graph.ron"), text);
     let file = GraphFile::parse(source).unwrap_or_else(|faults| panic!("{}", list(&faults)));
-    let keys = |graph: &Graph| {
+    let keys = |graph: &ResolvedGraph| {
         let report = run(&in_memory(), graph);
         report.nodes.iter().map(|node| (node.name.clone(), node.key)).collect::<Vec<_>>()
     };
@@ -163,7 +163,7 @@ fn one_overlay_after_the_other_gives_what_each_gives_alone() {
         let alone = file.resolve(&registry(), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)));
         assert_eq!(keys(&next), keys(&alone), "overlay {i}");
         assert!(file.check(&registry(), overlay, &mut before).is_ok());
-        // Faults are those of the overlay by itself too, and leave no trace.
+        // Diagnostics are those of the overlay by itself too, and leave no trace.
         for wrong in [settings(&["r.limit=11"]), settings(&["c.value=x"]), members("s", &["x"])] {
             let got = file.check(&registry(), &wrong, &mut before).expect_err("it is not sound");
             assert_eq!(Some(got), file.resolve(&registry(), &wrong).err(), "overlay {i}");

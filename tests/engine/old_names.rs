@@ -1,6 +1,6 @@
 //! Names of an older version: taken with a warning.
 
-use relight::graph::{Graph, GraphFile, Overlay, Registry, Source};
+use relight::graph::{GraphFile, Overlay, Registry, ResolvedGraph, Source};
 
 use crate::nodes::*;
 
@@ -13,7 +13,7 @@ fn registry_with_old_names() -> Registry {
 }
 
 /// The graph and its warnings.
-fn resolve(file: Result<GraphFile, Vec<relight::graph::Fault>>, overlay: &Overlay) -> (Graph, String) {
+fn resolve(file: Result<GraphFile, Vec<relight::graph::Diagnostic>>, overlay: &Overlay) -> (ResolvedGraph, String) {
     let mut file = file.unwrap_or_else(|faults| panic!("{}", list(&faults)));
     file.accept_old_names(&registry_with_old_names());
     let graph = file.resolve(&registry_with_old_names(), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)));
@@ -45,7 +45,7 @@ fn old_names_mean_the_new_ones_and_are_told_with_their_places() {
         OLD.replace("Plus", "Add").replace("summand", "plus").replace("\"of\"", "\"number\"").replace("digits", "ones");
     let (same, warnings) = resolve(GraphFile::parse(Source::new("g.ron", new)), &Overlay::default());
     assert_eq!(warnings, "");
-    let manifest = |graph: &Graph| in_memory().explain(graph, "n").unwrap().key_manifest;
+    let manifest = |graph: &ResolvedGraph| in_memory().explain(graph, "n").unwrap().key_manifest;
     assert_eq!(manifest(&graph), manifest(&same));
     assert_eq!(value(&run(&in_memory(), &same), "x"), 7);
 }

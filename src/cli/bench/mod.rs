@@ -13,7 +13,7 @@ use serde::Serialize;
 use super::args::{Bench, Question};
 use super::messages::message;
 use super::write::{self, Output};
-use super::{Exit, Stop, Trouble, ended, report};
+use super::{CliError, Exit, Stop, ended, report};
 use measure::Point;
 use plot::{Axis, Plot};
 use session::{Session, Set};
@@ -129,7 +129,7 @@ struct Report<'a> {
     points: &'a [Point],
 }
 
-pub fn bench(args: &Bench, began: Instant) -> Result<Exit, Trouble> {
+pub fn bench(args: &Bench, began: Instant) -> Result<Exit, CliError> {
     ended(measured(args, began))
 }
 

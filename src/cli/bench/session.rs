@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Value};
+use relight::graph::{Artifact, Cancel, Diagnostic, Engine, EngineOptions, GraphFile, PortValue, RunReport, Value};
 
 use crate::cli::args::{Bench, Files};
 use crate::cli::{Stop, engine, finished, load::load, run::stop_on_ctrl_c};
@@ -82,8 +82,8 @@ impl Session {
         Ok((&direct.name, &shadow.ok_or_else(|| self.lacks("Shadow", " of the same lights as Direct"))?.name))
     }
 
-    fn lacks(&self, kind: &str, which: &str) -> Fault {
-        Fault::file(&self.graph, format!("wanted a graph with a stage {kind}{which}, got none"))
+    fn lacks(&self, kind: &str, which: &str) -> Diagnostic {
+        Diagnostic::file(&self.graph, format!("wanted a graph with a stage {kind}{which}, got none"))
     }
 
     /// The members of a node that there is once per light.
@@ -128,7 +128,7 @@ impl Session {
             Some(PortValue::One(value)) => value.get(),
             _ => None,
         };
-        Ok(value.ok_or_else(|| Fault::file(&self.graph, format!("`{output}` is not what bench can measure")))?)
+        Ok(value.ok_or_else(|| Diagnostic::file(&self.graph, format!("`{output}` is not what bench can measure")))?)
     }
 
     fn files(&self, sets: &[Set]) -> Files {

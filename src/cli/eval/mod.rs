@@ -13,7 +13,7 @@ use super::args::Eval;
 use super::messages::message;
 use super::run::stop_on_ctrl_c;
 use super::write::{self, Output};
-use super::{Exit, Stop, Trouble, ended, engine, finished, options, report};
+use super::{CliError, Exit, Stop, ended, engine, finished, options, report};
 use graph::{Rung, Subject};
 
 /// One number, and what was true when it was measured.
@@ -38,7 +38,7 @@ struct Report<'a> {
     left_out: &'a [String],
 }
 
-pub fn eval(args: &Eval, began: Instant) -> Result<Exit, Trouble> {
+pub fn eval(args: &Eval, began: Instant) -> Result<Exit, CliError> {
     ended(measured(args, began))
 }
 

@@ -1,35 +1,35 @@
 //! The faults of one file: the first of them, and the number of the others.
 
-use super::source::Fault;
+use super::source::Diagnostic;
 
 /// Messages per file: a file that is broken everywhere needs no more.
 const MAX_FAULTS: usize = 50;
 
-/// Faults in the order in which they are found, each once. The first fifty are kept. The others are
+/// Diagnostics in the order in which they are found, each once. The first fifty are kept. The others are
 /// counted and never made, so that a file with a million faults costs little more than reading it.
 #[derive(Clone)]
-pub struct Faults {
-    kept: Vec<Fault>,
+pub struct Diagnostics {
+    kept: Vec<Diagnostic>,
     most: usize,
     found: usize,
-    /// Faults that found no room; one that is kept already may be among them.
+    /// Diagnostics that found no room; one that is kept already may be among them.
     left_out: usize,
 }
 
-impl Default for Faults {
-    fn default() -> Faults {
-        Faults { kept: Vec::new(), most: MAX_FAULTS, found: 0, left_out: 0 }
+impl Default for Diagnostics {
+    fn default() -> Diagnostics {
+        Diagnostics { kept: Vec::new(), most: MAX_FAULTS, found: 0, left_out: 0 }
     }
 }
 
-impl Faults {
+impl Diagnostics {
     /// A list that keeps no fault, for a reader whose faults another one reports.
-    pub fn ignored() -> Faults {
-        Faults { most: 0, ..Faults::default() }
+    pub fn ignored() -> Diagnostics {
+        Diagnostics { most: 0, ..Diagnostics::default() }
     }
 
     /// Adds a fault, which is made only where there is room for it.
-    pub fn push(&mut self, fault: impl FnOnce() -> Fault) {
+    pub fn push(&mut self, fault: impl FnOnce() -> Diagnostic) {
         self.found += 1;
         if self.kept.len() == self.most {
             self.left_out += 1;
@@ -51,15 +51,15 @@ impl Faults {
     }
 
     /// The faults that are kept.
-    pub(super) fn kept(&self) -> &[Fault] {
+    pub(super) fn kept(&self) -> &[Diagnostic] {
         &self.kept
     }
 
     /// The faults to show; the last one gives the number of those that are left out.
-    pub fn into_vec(mut self) -> Vec<Fault> {
+    pub fn into_vec(mut self) -> Vec<Diagnostic> {
         if let Some(last) = self.kept.last().filter(|_| self.left_out > 0) {
             let path = last.path.clone();
-            self.kept.push(Fault::file(&path, format!("and up to {} faults more", self.left_out)));
+            self.kept.push(Diagnostic::file(&path, format!("and up to {} faults more", self.left_out)));
         }
         self.kept
     }
