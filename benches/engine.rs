@@ -8,8 +8,8 @@ use std::time::Instant;
 use petgraph::graph::DiGraph;
 use petgraph::visit::{Topo, Walker};
 use relight::graph::{
-    Artifact, CacheFolder, CacheKey, Cancel, Context, Engine, EngineOptions, Gather, Graph, GraphFile, Node, NodeError,
-    Overlay, Registry, Source, Status,
+    Artifact, CacheFolder, CacheKey, Cancel, Context, Engine, EngineOptions, Gather, GraphFile, Node, NodeError,
+    Overlay, Registry, ResolvedGraph, Source, Status,
 };
 use relight::{params, ports};
 
@@ -71,7 +71,7 @@ const NODES: usize = 1000;
 const ROUNDS: usize = 50;
 
 /// `NODES` nodes, each taking from two before it.
-fn graph() -> Graph {
+fn graph() -> ResolvedGraph {
     let links = (1..NODES).map(|i| {
         let (a, b) = (i - 1 - i.min(i * 7 % 13 + 1).min(i - 1), i - 1);
         format!("\"n{i}\": (op: Add(seed: {i}), in: {{ \"a\": \"n{a}\", \"b\": \"n{b}\" }}), ")

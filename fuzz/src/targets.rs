@@ -8,7 +8,7 @@ use std::sync::{LazyLock, Mutex};
 
 use relight::files::{EditFile, draw, edit, scene};
 use relight::geometry::{Model, parts};
-use relight::graph::{CacheFolder, CacheKey, Context, DiskCache, Fault, File, GraphFile, Node, Overlay, Registry};
+use relight::graph::{CacheFolder, CacheKey, Context, Diagnostic, DiskCache, File, GraphFile, Node, Overlay, Registry};
 use relight::image::{self, Transfer};
 use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
@@ -28,7 +28,7 @@ fn file(name: &str, bytes: &[u8]) -> PathBuf {
     path
 }
 
-fn check_faults(faults: &[Fault]) {
+fn check_faults(faults: &[Diagnostic]) {
     draw(faults, false);
 }
 

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use etcetera::BaseStrategy;
-use relight::graph::{self, CacheFolder, CacheKey, DiskCache, EngineOptions, Fault};
+use relight::graph::{self, CacheFolder, CacheKey, Diagnostic, DiskCache, EngineOptions};
 
 use super::args::{Cache, CacheAction, CacheAt, CacheUse};
 use super::exit::{CliError, Exit};
@@ -32,7 +32,7 @@ pub fn cache(args: &Cache) -> Result<Exit, CliError> {
         CacheAction::Verify(_) => cache.verify(),
         CacheAction::Clear(_) => cache.clear(),
     };
-    let done = done.map_err(|e| Fault::file(&path, format!("the cache cannot be used: {e}")))?;
+    let done = done.map_err(|e| Diagnostic::file(&path, format!("the cache cannot be used: {e}")))?;
     let mut text = format!("{} entries, {:.1} MB in {}", done.entries, done.bytes as f64 * 1e-6, path.display());
     if let CacheAction::Stat(_) = &args.action {
         text.push_str(&format!("; runs keep to {} GiB", limit >> 30));
@@ -54,7 +54,7 @@ pub fn cache(args: &Cache) -> Result<Exit, CliError> {
 ///
 /// # Errors
 /// A named key file cannot be used.
-pub fn chosen(args: &CacheUse) -> Result<Option<CacheFolder>, Fault> {
+pub fn chosen(args: &CacheUse) -> Result<Option<CacheFolder>, Diagnostic> {
     if args.no_cache {
         return Ok(None);
     }
@@ -68,10 +68,10 @@ pub fn chosen(args: &CacheUse) -> Result<Option<CacheFolder>, Fault> {
 }
 
 /// The folder and key that the arguments name, or the user's own.
-fn folder(at: &CacheAt) -> Result<CacheFolder, Fault> {
+fn folder(at: &CacheAt) -> Result<CacheFolder, Diagnostic> {
     let user = || {
         etcetera::base_strategy::choose_native_strategy()
-            .map_err(|e| Fault::file(Path::new(""), format!("the user's own folders are not known: {e}")))
+            .map_err(|e| Diagnostic::file(Path::new(""), format!("the user's own folders are not known: {e}")))
     };
     let path = match &at.cache {
         Some(path) => path.clone(),
@@ -86,20 +86,20 @@ fn folder(at: &CacheAt) -> Result<CacheFolder, Fault> {
 }
 
 /// The secret in a named file.
-fn named_secret(file: &Path) -> Result<Vec<u8>, Fault> {
-    let bytes = graph::read(file, MOST_SECRET).map_err(|e| Fault::file(file, format!("cannot be read: {e}")))?;
+fn named_secret(file: &Path) -> Result<Vec<u8>, Diagnostic> {
+    let bytes = graph::read(file, MOST_SECRET).map_err(|e| Diagnostic::file(file, format!("cannot be read: {e}")))?;
     let secret = bytes.trim_ascii();
     if secret.len() < LEAST_SECRET {
         let message = format!("wanted a secret of at least {LEAST_SECRET} bytes, got {}", secret.len());
-        return Err(Fault::file(file, message).help("`head -c 32 /dev/urandom | base64 > FILE` makes one"));
+        return Err(Diagnostic::file(file, message).help("`head -c 32 /dev/urandom | base64 > FILE` makes one"));
     }
     Ok(secret.to_vec())
 }
 
 /// The user's own secret, made when it is first needed.
-fn own_secret(folder: &Path) -> Result<Vec<u8>, Fault> {
+fn own_secret(folder: &Path) -> Result<Vec<u8>, Diagnostic> {
     let file = folder.join("cache.key");
-    let cannot = |e: std::io::Error| Fault::file(&file, format!("the key of the cache cannot be made: {e}"));
+    let cannot = |e: std::io::Error| Diagnostic::file(&file, format!("the key of the cache cannot be made: {e}"));
     if file.symlink_metadata().is_err_and(|e| e.kind() == std::io::ErrorKind::NotFound) {
         let mut secret = [0; 32];
         getrandom::fill(&mut secret).map_err(|e| cannot(std::io::Error::other(e)))?;
@@ -119,7 +119,7 @@ fn own_secret(folder: &Path) -> Result<Vec<u8>, Fault> {
         let mode = file.metadata().map_err(cannot)?.permissions().mode();
         if mode & 0o077 != 0 {
             let message = format!("wanted a key that only its owner may read, got mode {:o}", mode & 0o777);
-            return Err(Fault::file(&file, message));
+            return Err(Diagnostic::file(&file, message));
         }
     }
     named_secret(&file)

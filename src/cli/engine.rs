@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use relight::graph::{Cancel, Engine, EngineOptions, Fault, RunReport, Services, Status};
+use relight::graph::{Cancel, Diagnostic, Engine, EngineOptions, RunReport, Services, Status};
 
 use super::args::CacheUse;
 use super::exit::{Exit, Stop};
@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_millis(1500);
 ///
 /// # Errors
 /// A named key file cannot be used.
-pub fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<EngineOptions, Fault> {
+pub fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<EngineOptions, Diagnostic> {
     let project = cache::project(graph, scene);
     Ok(EngineOptions { cache: cache::chosen(cache)?, project, ..EngineOptions::default() })
 }
@@ -26,10 +26,10 @@ pub fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<E
 ///
 /// # Errors
 /// The worker threads cannot be started.
-pub fn engine(options: EngineOptions) -> Result<Engine, Fault> {
+pub fn engine(options: EngineOptions) -> Result<Engine, Diagnostic> {
     let services = Services::default().with(networks::untrusted());
     Engine::new(EngineOptions { services, ..options })
-        .map_err(|e| Fault::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
+        .map_err(|e| Diagnostic::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
 }
 
 /// Passes a run whose nodes all gave their results; shows the errors of another one.
@@ -59,7 +59,7 @@ pub fn report_errors(run: &RunReport) {
 ///
 /// # Errors
 /// The system refuses a handler.
-pub fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
+pub fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Diagnostic> {
     let cancel = cancel.clone();
     let handler = move || {
         let end = || std::process::exit(Exit::Interrupted.code().into());
@@ -74,5 +74,5 @@ pub fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Fault> {
         // Last, as standard error may be a pipe that nobody reads.
         message!("stopping; once more to stop at once");
     };
-    ctrlc::set_handler(handler).map_err(|e| Fault::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
+    ctrlc::set_handler(handler).map_err(|e| Diagnostic::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
 }

@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use relight::files;
-use relight::graph::{Fault, RunReport, Status};
+use relight::graph::{Diagnostic, Ending, RunReport};
 
 use super::messages;
 
@@ -36,15 +36,11 @@ impl Exit {
 
     /// The status of a run. It is [`Exit::Bad`] where bad files explain every failure.
     pub fn of(run: &RunReport) -> Exit {
-        let mut failed = run.nodes.iter().filter(|node| node.status == Status::Failed).peekable();
-        if run.cancelled() {
-            Exit::Interrupted
-        } else if failed.peek().is_none() {
-            Exit::Done
-        } else if failed.all(|node| node.bad_file) {
-            Exit::Bad
-        } else {
-            Exit::Failed
+        match run.ending() {
+            Ending::Complete => Exit::Done,
+            Ending::Failed => Exit::Failed,
+            Ending::BadInput => Exit::Bad,
+            Ending::Cancelled => Exit::Interrupted,
         }
     }
 
@@ -55,7 +51,7 @@ impl Exit {
 }
 
 /// Arguments or files that a command cannot use: its status is [`Exit::Bad`].
-pub struct CliError(Vec<Fault>);
+pub struct CliError(Vec<Diagnostic>);
 
 impl CliError {
     /// Shows the faults on standard error.
@@ -65,14 +61,14 @@ impl CliError {
     }
 }
 
-impl From<Vec<Fault>> for CliError {
-    fn from(faults: Vec<Fault>) -> CliError {
+impl From<Vec<Diagnostic>> for CliError {
+    fn from(faults: Vec<Diagnostic>) -> CliError {
         CliError(faults)
     }
 }
 
-impl From<Fault> for CliError {
-    fn from(fault: Fault) -> CliError {
+impl From<Diagnostic> for CliError {
+    fn from(fault: Diagnostic) -> CliError {
         CliError(vec![fault])
     }
 }
@@ -105,7 +101,7 @@ pub fn ended(outcome: Result<(), Stop>) -> Result<Exit, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use relight::graph::NodeReport;
+    use relight::graph::{NodeReport, Status};
 
     fn node(status: Status, bad_file: bool) -> NodeReport {
         NodeReport {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use relight::graph::{Cancel, Fault, Node};
+use relight::graph::{Cancel, Diagnostic, Node};
 use relight::nodes::output::write_usd::{TEXT, TEXTURE, WriteUsd};
 
 use super::args::Export;
@@ -26,7 +26,8 @@ pub fn export(args: &Export, verbose: u8) -> Result<Exit, CliError> {
 fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
     let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
     let Some(node) = graph.of_kind(WriteUsd::KIND).next() else {
-        let fault = Fault::file(&args.job.graph, format!("wanted a graph with a stage {}, got none", WriteUsd::KIND));
+        let fault =
+            Diagnostic::file(&args.job.graph, format!("wanted a graph with a stage {}, got none", WriteUsd::KIND));
         return Err(fault.help("graphs/physics.ron and all that extend it have one").into());
     };
     let wanted = graph.wanted(Some(&[node.to_owned()]))?;

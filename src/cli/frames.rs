@@ -187,7 +187,7 @@ fn summarize(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head:
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
     message!("{made} of {count} frames in {:.2} s", report.head.seconds);
-    if last.report.cancelled() {
+    if Exit::of(&last.report) == Exit::Interrupted {
         message!("stopped in frame {}; the same command goes on there", last.number);
     }
     if args.json {

@@ -1,6 +1,6 @@
 //! The commands that compute no picture: `plan`, `explain`, `check`, `graph` and `nodes`.
 
-use relight::graph::{Fault, PlanLine};
+use relight::graph::{Diagnostic, PlanLine};
 use relight::nodes as stages;
 
 use super::args::{Explain, Format, Graph, Job, Nodes, Plan};
@@ -94,7 +94,7 @@ pub fn nodes(args: &Nodes) -> Result<Exit, CliError> {
         None => reference::list(&registry),
         Some(kind) => {
             let spec = registry.get(kind).ok_or_else(|| {
-                let fault = Fault::file("".as_ref(), format!("there is no stage `{kind}`"));
+                let fault = Diagnostic::file("".as_ref(), format!("there is no stage `{kind}`"));
                 fault.suggest(kind, registry.kinds().map(|spec| spec.kind))
             })?;
             reference::section(spec)

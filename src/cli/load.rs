@@ -1,11 +1,12 @@
-//! Graph, scene, edit and settings into one graph that is ready to run.
+//! ResolvedGraph, scene, edit and settings into one graph that is ready to run.
 
 use std::ops::Range;
 use std::path::Path;
 
 use relight::files::{EditFile, edit, scene};
 use relight::graph::{
-    Fault, Faults, Graph, GraphFile, Node, Overlay, Raw, Registry, Resolved, Setting, Source, Target, is_name, to_ron,
+    Diagnostic, Diagnostics, GraphFile, Node, Overlay, Raw, Registry, Resolved, ResolvedGraph, Setting, Source, Target,
+    is_name, to_ron,
 };
 use relight::nodes::output::write_picture::WritePicture;
 
@@ -16,7 +17,7 @@ use super::networks;
 /// with their number.
 pub struct Pictures {
     /// The graph of the first picture, the only one of an edit without `frames`.
-    pub first: Graph,
+    pub first: ResolvedGraph,
     /// The frames of a sequence, at least one; all are sound.
     pub frames: Option<Range<u32>>,
     /// The nodes of the graph that write a picture and nothing else.
@@ -31,13 +32,13 @@ impl Pictures {
     ///
     /// # Errors
     /// The frame is not among `frames`.
-    pub fn graph(&mut self, frame: u32) -> Result<Graph, Vec<Fault>> {
+    pub fn graph(&mut self, frame: u32) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         let Pictures { parts, edit, resolved, .. } = self;
         parts.frame(edit, Some(frame), |file, overlay| file.resolve_next(&parts.registry, overlay, resolved))
     }
 
     /// Checks the frames after the first. A frame that equals the one before it needs no check.
-    fn check_others(&mut self) -> Result<(), Vec<Fault>> {
+    fn check_others(&mut self) -> Result<(), Vec<Diagnostic>> {
         let Pictures { frames, parts, edit, resolved, .. } = self;
         let mut others =
             frames.iter().flat_map(|frames| frames.clone().skip(1)).filter(|frame| !edit.stands_still(*frame));
@@ -51,7 +52,7 @@ impl Pictures {
 ///
 /// # Errors
 /// All faults of all files.
-pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, Vec<Fault>> {
+pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     let parts = Parts::read(graph, files);
     let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
     let Some(path) = edit else { return parts.with(Ok(Overlay::default()), resolve) };
@@ -64,7 +65,7 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Graph, V
 ///
 /// # Errors
 /// All faults of all files; of a sequence, those of the first frame that has any.
-pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Vec<Fault>> {
+pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Vec<Diagnostic>> {
     let parts = Parts::read(graph, files);
     let all = EditFile::read_within(edit, files.reach()).and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
     let (frames, edit) = all.or_else(|faults| parts.refused(faults))?;
@@ -80,8 +81,8 @@ pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Ve
 }
 
 /// The requested frames, at least one; none where the edit is one picture.
-fn frames(edit: &EditFile, chosen: Option<u32>) -> Result<Option<Range<u32>>, Vec<Fault>> {
-    let refused = |message: String| vec![Fault::file("--frame".as_ref(), message)];
+fn frames(edit: &EditFile, chosen: Option<u32>) -> Result<Option<Range<u32>>, Vec<Diagnostic>> {
+    let refused = |message: String| vec![Diagnostic::file("--frame".as_ref(), message)];
     match (edit.frames(), chosen) {
         (None, None) => Ok(None),
         (None, Some(_)) => Err(refused("this edit is one picture: it has no `frames`".into())),
@@ -98,7 +99,7 @@ struct Parts {
     registry: Registry,
     /// Settings of the command line, which win over the edit's.
     settings: Vec<Setting>,
-    faults: Vec<Fault>,
+    faults: Vec<Diagnostic>,
 }
 
 impl Parts {
@@ -118,7 +119,7 @@ impl Parts {
             }
             (Ok(Some(folder)), _) => keep(scene::read_within(&folder, kinds.as_deref(), files.reach()), &mut faults),
             (Ok(None), Some(kinds)) if scene::STAGES.iter().any(|stage| kinds.contains(stage)) => {
-                let fault = Fault::file(graph, "this graph reads a scene, and none is named");
+                let fault = Diagnostic::file(graph, "this graph reads a scene, and none is named");
                 faults.push(fault.help("name its folder with --scene DIR"));
                 None
             }
@@ -151,10 +152,10 @@ impl Parts {
         &self,
         edit: &EditFile,
         number: Option<u32>,
-        resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Fault>>,
-    ) -> Result<T, Vec<Fault>> {
+        resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Diagnostic>>,
+    ) -> Result<T, Vec<Diagnostic>> {
         let change = edit::frame(edit, number.unwrap_or(0), self.room.as_ref(), kinds(self.file.as_ref()).as_deref());
-        let numbered = |fault: Fault| match number {
+        let numbered = |fault: Diagnostic| match number {
             Some(number) if number > 0 && fault.help.is_none() => fault.help(format!("in frame {number}")),
             _ => fault,
         };
@@ -165,9 +166,9 @@ impl Parts {
     /// its own.
     fn with<T>(
         &self,
-        change: Result<Overlay, Vec<Fault>>,
-        resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Fault>>,
-    ) -> Result<T, Vec<Fault>> {
+        change: Result<Overlay, Vec<Diagnostic>>,
+        resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Diagnostic>>,
+    ) -> Result<T, Vec<Diagnostic>> {
         let mut faults = self.faults.clone();
         let change = keep(change, &mut faults);
         let Some(file) = &self.file else { return Err(faults) };
@@ -192,7 +193,7 @@ impl Parts {
     }
 
     /// The faults of an edit that cannot be read, and all others.
-    fn refused<T>(&self, faults: Vec<Fault>) -> Result<T, Vec<Fault>> {
+    fn refused<T>(&self, faults: Vec<Diagnostic>) -> Result<T, Vec<Diagnostic>> {
         let refused = self.with(Err(faults), |file, overlay| file.resolve(&self.registry, overlay));
         Err(refused.err().expect("a graph with faults is refused"))
     }
@@ -203,7 +204,7 @@ fn kinds(file: Option<&GraphFile>) -> Option<Vec<&str>> {
     Some(file?.nodes().map(|node| node.kind).collect())
 }
 
-fn keep<T>(result: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {
+fn keep<T>(result: Result<T, Vec<Diagnostic>>, faults: &mut Vec<Diagnostic>) -> Option<T> {
     result.map_err(|new| faults.extend(new)).ok()
 }
 
@@ -211,7 +212,7 @@ fn keep<T>(result: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> 
 ///
 /// # Errors
 /// A library that the arguments name or require cannot be used.
-pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<Vec<Setting>, Fault> {
+pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<Vec<Setting>, Diagnostic> {
     if !kinds.iter().any(|kind| networks::has_network(registry, kind)) {
         return Ok(Vec::new());
     }
@@ -221,7 +222,7 @@ pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<V
 
 /// The value of `option` for every kind of node with the parameter `field`, in the graph or not.
 fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> Vec<Setting> {
-    let value = Raw::document(&Source::new(option, text), &mut Faults::default());
+    let value = Raw::document(&Source::new(option, text), &mut Diagnostics::default());
     let value = value.expect("the arguments were made RON when they were read");
     let kinds = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
     let setting = |kind: &str| Setting { target: Target::Kind(kind.into()), field: field.into(), value: value.clone() };
@@ -232,26 +233,26 @@ fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> V
 ///
 /// # Errors
 /// The graph has nodes of `kinds` only, and none of these.
-fn known_lengths(registry: &Registry, lengths: &[String], kinds: Option<&[&str]>) -> Result<Vec<Setting>, Fault> {
+fn known_lengths(registry: &Registry, lengths: &[String], kinds: Option<&[&str]>) -> Result<Vec<Setting>, Diagnostic> {
     let (option, field) = ("--known-length", "known_lengths");
     let takes = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
     let takes: Vec<&str> = takes.map(|spec| spec.kind).collect();
     if kinds.is_some_and(|kinds| kinds.iter().all(|kind| !takes.contains(kind))) {
         let message = format!("this graph has no stage that takes known lengths: wanted {}", takes.join(", "));
-        return Err(Fault::file(option.as_ref(), message).help("graphs/depth.ron has"));
+        return Err(Diagnostic::file(option.as_ref(), message).help("graphs/depth.ron has"));
     }
     Ok(everywhere(registry, option, field, format!("[{}]", lengths.join(", "))))
 }
 
 /// One `--set NODE.PARAM=VALUE`; relative paths in it start from the working directory.
-pub fn setting(text: &str, faults: &mut Vec<Fault>) -> Option<Setting> {
+pub fn setting(text: &str, faults: &mut Vec<Diagnostic>) -> Option<Setting> {
     let parts = text.split_once('=').and_then(|(place, value)| Some((place.trim().split_once('.')?, value)));
     let Some(((node, field), value)) = parts.filter(|((node, field), _)| is_name(node) && is_name(field)) else {
-        let fault = Fault::file("--set".as_ref(), format!("wanted NODE.PARAM=VALUE, got `{text}`"));
+        let fault = Diagnostic::file("--set".as_ref(), format!("wanted NODE.PARAM=VALUE, got `{text}`"));
         faults.push(fault.help("for example --set direct.samples=64"));
         return None;
     };
-    let mut of_value = Faults::default();
+    let mut of_value = Diagnostics::default();
     let value = Raw::document(&Source::new(format!("--set {node}.{field}"), value), &mut of_value);
     faults.extend(of_value.into_vec());
     Some(Setting { target: Target::Node(node.to_owned()), field: field.to_owned(), value: value? })

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use relight::graph::{Context, Fault, File, Node, NodeError};
+use relight::graph::{Context, Diagnostic, File, Node, NodeError};
 use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 
 use super::args::Mix;
@@ -20,14 +20,14 @@ pub fn mix(args: &Mix, began: Instant) -> Result<Exit, CliError> {
     let mut weights = BTreeMap::new();
     for (id, weight) in &args.set {
         if weights.insert(id.clone(), *weight).is_some() {
-            return Err(Fault::file("--set".as_ref(), format!("`{id}` is set twice")).into());
+            return Err(Diagnostic::file("--set".as_ref(), format!("`{id}` is set twice")).into());
         }
     }
     let layers = layers(&args.run)?;
     let (folder, only) = place(&args.out);
     let out = Output::new(&folder, [layers.location()], args.force)?;
     let stage = MixLayers { layers, weights, ..MixLayers::default() };
-    stage.check().map_err(|message| Fault::file("--set".as_ref(), message))?;
+    stage.check().map_err(|message| Diagnostic::file("--set".as_ref(), message))?;
     // One stage that reads a file: there is nothing to schedule, and nothing worth keeping.
     let context = Context::default();
     let files = stage.run(MixLayersIn {}, &context).map_err(fault)?.files;
@@ -43,10 +43,10 @@ pub fn mix(args: &Mix, began: Instant) -> Result<Exit, CliError> {
 }
 
 /// The layers of a run: those of its folder, or a file, as for a frame of a sequence.
-pub(super) fn layers(run: &Path) -> Result<File, Fault> {
+pub(super) fn layers(run: &Path) -> Result<File, Diagnostic> {
     let path = if run.is_dir() { run.join("picture.exr") } else { run.to_owned() };
     if !path.is_file() {
-        let fault = Fault::file(
+        let fault = Diagnostic::file(
             run,
             "wanted the folder that `relight run` wrote to, or an EXR file of it; there is no such file",
         );
@@ -68,9 +68,9 @@ fn place(out: &Path) -> (PathBuf, Option<String>) {
 }
 
 /// The fault of a stage that ran without an engine.
-pub(super) fn fault(error: NodeError) -> Fault {
+pub(super) fn fault(error: NodeError) -> Diagnostic {
     match error {
-        NodeError::BadFile { path, message } => Fault::file(path.as_ref(), message),
-        error => Fault::file("".as_ref(), error.to_string()),
+        NodeError::BadFile { path, message } => Diagnostic::file(path.as_ref(), message),
+        error => Diagnostic::file("".as_ref(), error.to_string()),
     }
 }

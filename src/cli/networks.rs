@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Fault, Registry};
+use relight::graph::{Diagnostic, Registry};
 use relight::net::{Backend, Limits, Sandbox, Untrusted, find_onnxruntime, serve};
 use relight::nodes;
 
@@ -45,7 +45,7 @@ pub fn untrusted() -> Untrusted {
 pub fn run_network(args: &RunNetwork) -> Result<Exit, CliError> {
     let end = || std::process::exit(Exit::Done.code().into());
     serve(args.memory_bytes, args.cpu_seconds, std::io::stdin(), std::io::stdout().lock(), end)
-        .map_err(|e| Fault::file("run-network".as_ref(), format!("the network cannot be served: {e}")))?;
+        .map_err(|e| Diagnostic::file("run-network".as_ref(), format!("the network cannot be served: {e}")))?;
     Ok(Exit::Done)
 }
 
@@ -59,7 +59,7 @@ pub struct Choice {
 ///
 /// # Errors
 /// A library that the arguments name or require cannot be used.
-pub fn choose(args: &Networks) -> Result<Choice, Fault> {
+pub fn choose(args: &Networks) -> Result<Choice, Diagnostic> {
     let named = args.onnxruntime.clone().map(|path| (path, "--onnxruntime"));
     let variable = || std::env::var_os("ORT_DYLIB_PATH").filter(|v| !v.is_empty());
     let named = named.or_else(|| variable().map(|path| (PathBuf::from(path), "ORT_DYLIB_PATH")));
@@ -69,8 +69,10 @@ pub fn choose(args: &Networks) -> Result<Choice, Fault> {
         (WhichBackend::Rten, _) => Ok(Choice { backend: Backend::Rten, why: "asked for with --backend".into() }),
         (_, Some((path, how))) => match find_onnxruntime(&path) {
             Ok(backend) => Ok(found(backend, &path, how)),
-            Err(e) => Err(Fault::file(&path, format!("wanted a library of ONNX Runtime 1.17 or later ({how}): {e}"))
-                .help("--backend rten needs no library")),
+            Err(e) => {
+                Err(Diagnostic::file(&path, format!("wanted a library of ONNX Runtime 1.17 or later ({how}): {e}"))
+                    .help("--backend rten needs no library"))
+            }
         },
         (which, None) => {
             let path = Path::new(SYSTEM);
@@ -81,7 +83,7 @@ pub fn choose(args: &Networks) -> Result<Choice, Fault> {
                     why: "no ONNX Runtime was found; it is about twice as fast: --onnxruntime PATH names its library"
                         .into(),
                 }),
-                Err(e) => Err(Fault::file("--backend".as_ref(), format!("no ONNX Runtime was found: {e}"))
+                Err(e) => Err(Diagnostic::file("--backend".as_ref(), format!("no ONNX Runtime was found: {e}"))
                     .help("name its library with --onnxruntime PATH")),
             }
         }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use relight::graph::{Context, Fault, File, Node};
+use relight::graph::{Context, Diagnostic, File, Node};
 use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
 
 use super::args::Report;
@@ -18,7 +18,7 @@ use super::write::{self, Output};
 /// Arguments or files that cannot be used.
 pub fn report(args: &Report, began: Instant) -> Result<Exit, CliError> {
     if !args.run.is_dir() {
-        return Err(Fault::file(&args.run, "wanted the folder that `relight run` wrote to, got none").into());
+        return Err(Diagnostic::file(&args.run, "wanted the folder that `relight run` wrote to, got none").into());
     }
     let path = page(&args.run, args.long_side)?;
     message!("written in {:.1} ms", 1e3 * began.elapsed().as_secs_f64());
@@ -27,12 +27,12 @@ pub fn report(args: &Report, began: Instant) -> Result<Exit, CliError> {
 }
 
 /// Writes report.html into `folder`, which contains the files of a run.
-pub(super) fn page(folder: &Path, long_side: u32) -> Result<PathBuf, Fault> {
+pub(super) fn page(folder: &Path, long_side: u32) -> Result<PathBuf, Diagnostic> {
     let report = File::new(folder.join("report.json").to_string_lossy());
     let layers = layers(folder)?;
     let out = Output::new(folder, [report.location(), layers.location()], false)?;
     let stage = WriteReport { layers, report, long_side };
-    stage.check().map_err(|message| Fault::file("".as_ref(), message))?;
+    stage.check().map_err(|message| Diagnostic::file("".as_ref(), message))?;
     let files = stage.run(WriteReportIn {}, &Context::default()).map_err(fault)?.files;
     Ok(out.write(&files.0)?.remove(0))
 }

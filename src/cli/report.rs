@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use relight::graph::{Graph, NodeReport, RunReport, Status, escape_json};
+use relight::graph::{NodeReport, ResolvedGraph, RunReport, Status, escape_json};
 use serde::Serialize;
 
 /// The first fields of every report.json.
@@ -80,7 +80,7 @@ pub fn rows(run: &RunReport) -> impl Iterator<Item = Row<'_>> {
 }
 
 /// report.json of one picture.
-pub fn json(head: &Head, graph: &Graph, run: &RunReport, warnings: &[String]) -> String {
+pub fn json(head: &Head, graph: &ResolvedGraph, run: &RunReport, warnings: &[String]) -> String {
     let nodes = rows(run).map(|row| Row { from: Some(graph.takes_from(row.name)), ..row }).collect();
     text(&Report { head, nodes, warnings })
 }

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use relight::graph::Fault;
+use relight::graph::Diagnostic;
 
 use super::args::Run;
 use super::exit::{CliError, Exit};
@@ -19,7 +19,7 @@ pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, CliError> {
         return picture::run(args, pictures.first, verbose, began);
     };
     if args.report {
-        let fault = Fault::file(&args.edit, "--report: wanted an edit of one picture, got one of frames");
+        let fault = Diagnostic::file(&args.edit, "--report: wanted an edit of one picture, got one of frames");
         return Err(fault.help("with --exr, `relight mix` weights the lights of each frame").into());
     }
     frames::run(args, &mut pictures, numbers, verbose, began)

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Fault, Graph, escape, escape_line};
+use relight::graph::{Diagnostic, ResolvedGraph, escape, escape_line};
 use relight::nodes::artifacts::check_file_name;
 
 /// A folder for results, and the files that results must not replace.
@@ -20,8 +20,9 @@ impl Output {
     ///
     /// # Errors
     /// The folder cannot be made.
-    pub fn new(folder: &Path, inputs: impl IntoIterator<Item = PathBuf>, force: bool) -> Result<Output, Fault> {
-        std::fs::create_dir_all(folder).map_err(|e| Fault::file(folder, format!("the folder cannot be made: {e}")))?;
+    pub fn new(folder: &Path, inputs: impl IntoIterator<Item = PathBuf>, force: bool) -> Result<Output, Diagnostic> {
+        std::fs::create_dir_all(folder)
+            .map_err(|e| Diagnostic::file(folder, format!("the folder cannot be made: {e}")))?;
         let inputs = if force { BTreeSet::new() } else { inputs.into_iter().flat_map(|path| names(&path)).collect() };
         Ok(Output { folder: folder.to_owned(), inputs })
     }
@@ -30,7 +31,12 @@ impl Output {
     ///
     /// # Errors
     /// The folder cannot be made.
-    pub fn of_graph(folder: &Path, graph: &Graph, edit: Option<&Path>, force: bool) -> Result<Output, Fault> {
+    pub fn of_graph(
+        folder: &Path,
+        graph: &ResolvedGraph,
+        edit: Option<&Path>,
+        force: bool,
+    ) -> Result<Output, Diagnostic> {
         Output::new(folder, graph.inputs().into_iter().chain(edit.map(Path::to_owned)), force)
     }
 
@@ -40,7 +46,7 @@ impl Output {
     /// # Errors
     /// A name that is not valid for a result, or of a file that the run reads; errors of the
     /// system.
-    pub fn write(&self, files: &[(impl AsRef<str>, impl AsRef<[u8]>)]) -> Result<Vec<PathBuf>, Fault> {
+    pub fn write(&self, files: &[(impl AsRef<str>, impl AsRef<[u8]>)]) -> Result<Vec<PathBuf>, Diagnostic> {
         for (name, bytes) in files {
             self.check(name.as_ref(), bytes.as_ref())?;
         }
@@ -51,31 +57,33 @@ impl Output {
     ///
     /// # Errors
     /// Those of [`Output::write`].
-    pub fn file(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, Fault> {
+    pub fn file(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, Diagnostic> {
         Ok(self.write(&[(name, bytes)])?.remove(0))
     }
 
-    fn check(&self, name: &str, bytes: &[u8]) -> Result<(), Fault> {
+    fn check(&self, name: &str, bytes: &[u8]) -> Result<(), Diagnostic> {
         let path = self.folder.join(name);
         check_file_name(name).map_err(|message| {
             let help = "a damaged or foreign cache may be the cause: --no-cache works without it";
-            Fault::file(&self.folder, format!("a file of the results cannot be written: {message}")).help(help)
+            Diagnostic::file(&self.folder, format!("a file of the results cannot be written: {message}")).help(help)
         })?;
         let parent = path.parent().unwrap_or(&self.folder);
         if parent != self.folder && parent.is_symlink() {
             let message = "wanted a folder for results, got a symbolic link, which may lead anywhere";
-            return Err(Fault::file(parent, message).help("remove it, or name another folder with --out"));
+            return Err(Diagnostic::file(parent, message).help("remove it, or name another folder with --out"));
         }
         if names(&path).iter().any(|name| self.inputs.contains(name)) && !holds(&path, bytes) {
             let message = "a result would replace this file, which the run reads";
-            return Err(Fault::file(&path, message).help("name another folder with --out, or replace it with --force"));
+            return Err(
+                Diagnostic::file(&path, message).help("name another folder with --out, or replace it with --force")
+            );
         }
         Ok(())
     }
 
-    fn replace(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, Fault> {
+    fn replace(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, Diagnostic> {
         let path = self.folder.join(name);
-        let cannot = |e: std::io::Error| Fault::file(&path, format!("cannot be written: {e}"));
+        let cannot = |e: std::io::Error| Diagnostic::file(&path, format!("cannot be written: {e}"));
         if holds(&path, bytes) {
             return Ok(path);
         }
@@ -119,11 +127,11 @@ const COMPARED: usize = 64 << 10;
 ///
 /// # Errors
 /// Standard output cannot be written.
-pub fn print(text: &str) -> Result<(), Fault> {
+pub fn print(text: &str) -> Result<(), Diagnostic> {
     let mut out = std::io::stdout().lock();
     match out.write_all(escape(text).as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Fault::file("standard output".as_ref(), format!("cannot be written: {e}")))
+            Err(Diagnostic::file("standard output".as_ref(), format!("cannot be written: {e}")))
         }
         _ => Ok(()),
     }
@@ -133,7 +141,7 @@ pub fn print(text: &str) -> Result<(), Fault> {
 ///
 /// # Errors
 /// Those of [`print`].
-pub fn print_paths(paths: &[PathBuf]) -> Result<(), Fault> {
+pub fn print_paths(paths: &[PathBuf]) -> Result<(), Diagnostic> {
     print(&paths.iter().map(|path| format!("{}\n", escape_line(&path.display().to_string()))).collect::<String>())
 }
 

@@ -1,38 +1,38 @@
-//! An edit file: what shall change.
+//! An edit file: the changes of a picture.
 //!
-//! `lights`, `materials` and `objects` become the parameters of the same name of the stages `EditLights`,
-//! `EditMaterials` and `EditObjects`, whose types determine what may stand in them. A light that the edit inserts becomes
-//! a member of the set `lights`.
+//! `lights`, `materials` and `objects` become the parameters of the same name of the stages
+//! `EditLights`, `EditMaterials` and `EditObjects`, whose types determine what may stand in them. A
+//! light that the edit inserts becomes a member of the set `lights`.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::{EditFile, INVISIBLE, check_light_name, fields};
-use crate::graph::{Fault, Faults, Key, Member, Overlay, Raw, Setting, Target};
+use crate::graph::{Diagnostic, Diagnostics, Key, Member, Overlay, Raw, Setting, Target};
 
 const FIELDS: [&str; 5] = ["version", "lights", "materials", "objects", "frames"];
 /// An entry that begins so makes a light; any other changes one that is there.
 const MAKERS: [&str; 2] = ["Lamp", "Window"];
 
-/// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; what is `None` could not
-/// be read, and nothing is checked against it. Of a sequence, its first frame.
+/// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; what
+/// is `None` could not be read, and nothing is checked against it. Of a sequence, its first frame.
 ///
 /// # Errors
 /// Every fault of the file that can be known without running anything.
-pub fn read(path: &Path, scene: Option<&Overlay>, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Fault>> {
+pub fn read(path: &Path, scene: Option<&Overlay>, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Diagnostic>> {
     frame(&EditFile::read(path)?, 0, scene, kinds)
 }
 
-/// The same for one frame of an edit.
+/// Reads one frame of an edit, like [`read`].
 ///
 /// # Errors
-/// Those of [`read`].
+/// The errors of [`read`].
 pub fn frame(
     edit: &EditFile,
     frame: u32,
     scene: Option<&Overlay>,
     kinds: Option<&[&str]>,
-) -> Result<Overlay, Vec<Fault>> {
+) -> Result<Overlay, Vec<Diagnostic>> {
     let mut faults = edit.faults.clone();
     let mut overlay = Overlay::default();
     for (key, value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
@@ -51,7 +51,7 @@ pub fn frame(
         }
         if kinds.is_some_and(|kinds| !kinds.contains(&stage)) {
             let message = format!("this graph has no {stage} stage, so it cannot change {}", key.name);
-            faults.push(|| Fault::at(&key.origin, message));
+            faults.push(|| Diagnostic::at(&key.origin, message));
         }
         overlay.settings.push(Setting { target: Target::Kind(stage.to_owned()), field: key.name, value });
     }
@@ -64,8 +64,8 @@ fn of_scene(scene: Option<&Overlay>) -> impl Iterator<Item = &str> {
     visible.map(|m| m.name.as_str()).chain(INVISIBLE)
 }
 
-/// The lights that an edit makes; what it says of lights that are not there is a fault.
-fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Faults) -> Vec<Member> {
+/// The lights that an edit makes; a change of a light that does not exist is a fault.
+fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Diagnostics) -> Vec<Member> {
     let makes = |value: &Raw| value.variant().is_some_and(|variant| MAKERS.contains(&variant));
     let present: BTreeSet<&str> = of_scene(scene).collect();
     let made = entries.iter().filter(|(_, value)| makes(value)).map(|(key, _)| key.name.as_str());
@@ -79,7 +79,7 @@ fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Faults
             }
         } else if scene.is_some() {
             faults.push(|| {
-                let fault = Fault::at(&key.origin, format!("there is no light `{}`", key.name));
+                let fault = Diagnostic::at(&key.origin, format!("there is no light `{}`", key.name));
                 fault.suggest(&key.name, known.iter().copied())
             });
         }
@@ -94,7 +94,7 @@ mod tests {
 
     const KINDS: [&str; 2] = ["ReadScene", "EditLights"];
 
-    fn edit(text: &str) -> Result<Overlay, Vec<Fault>> {
+    fn edit(text: &str) -> Result<Overlay, Vec<Diagnostic>> {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let path = folder.path().join("edit.ron");
         std::fs::write(&path, text).expect("it can be written to");

@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use super::{EditFile, edit, scene};
-use crate::graph::{Fault, Graph, GraphFile, Overlay, Registry};
+use crate::graph::{Diagnostic, ResolvedGraph, GraphFile, Overlay, Registry};
 
 /// Reads a graph file, the scene folder and the edit file, and resolves them against the stages of
 /// `registry`. Of a sequence, the first frame.
 ///
 /// # Errors
 /// All faults of the first file that has any, each with file, line and column.
-pub fn load(graph: &Path, scene: &Path, edit: &Path, registry: &Registry) -> Result<Graph, Vec<Fault>> {
+pub fn load(graph: &Path, scene: &Path, edit: &Path, registry: &Registry) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     load_frame(graph, scene, edit, 0, registry)
 }
 
@@ -24,7 +24,7 @@ pub fn load_frame(
     edit: &Path,
     frame: u32,
     registry: &Registry,
-) -> Result<Graph, Vec<Fault>> {
+) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     let file = GraphFile::read(graph)?;
     let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
     let room = scene::read(scene, Some(&kinds))?;

@@ -1,22 +1,24 @@
-//! What a person writes about a room, read into settings and set members for a graph, and the faults drawn.
+//! Scene and edit files, read into settings and set members for a graph, and diagnostics drawn with
+//! their places.
 
-mod caret;
+mod diagnostics;
 pub mod edit;
-mod keys;
+mod keyframes;
 pub mod scene;
 
-pub use caret::draw;
-pub use keys::EditFile;
+pub use diagnostics::draw;
+pub use keyframes::EditFile;
 
-use crate::graph::{Fault, Faults, Key, Raw, Source, is_name};
+use crate::graph::{Diagnostic, Diagnostics, Key, Raw, Source, is_name};
 
-/// What no light explains has this name in pictures and reports; no light may have it.
+/// The residual's name in pictures and reports; no light may have it.
 const REST: &str = "rest";
 /// The invisible lights, estimated in every scene.
 const INVISIBLE: [&str; 2] = ["inv_lamp", "inv_window"];
 
-/// The fields of the one value `name(..)` of a file. Its `version` must be there and 1, and is left out.
-fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &mut Faults) -> Vec<(Key, Raw)> {
+/// The fields of the one value `name(..)` of a file. Its `version` must be there and 1, and is left
+/// out.
+fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
     let Some(document) = Raw::document(source, faults) else { return Vec::new() };
     let before = faults.found();
     let mut fields = document.as_struct(Some(name), known, faults);
@@ -29,7 +31,8 @@ fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &
         }
         None if faults.found() == before => {
             let at = document.variant_origin();
-            faults.push(|| Fault::at(&at, format!("this {name} has no version")).help("write `version: 1,` first"));
+            faults
+                .push(|| Diagnostic::at(&at, format!("this {name} has no version")).help("write `version: 1,` first"));
         }
         None => {}
     }
@@ -37,7 +40,7 @@ fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &
 }
 
 /// Whether a new light may have this name; else it is a fault.
-fn check_light_name(key: &Key, faults: &mut Faults) -> bool {
+fn check_light_name(key: &Key, faults: &mut Diagnostics) -> bool {
     let name = &key.name;
     let is_free = name != REST && is_name(name);
     if !is_free {
@@ -46,7 +49,7 @@ fn check_light_name(key: &Key, faults: &mut Faults) -> bool {
                 true => format!("the name `{REST}` is reserved: it stands for what no light explains"),
                 false => format!("wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got {name:?}"),
             };
-            Fault::at(&key.origin, message)
+            Diagnostic::at(&key.origin, message)
         });
     }
     is_free

@@ -1,16 +1,18 @@
 //! `scene.ron`: the photograph, its depth, its camera, and the lights that are seen in it.
 //!
-//! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types say what may stand in
-//! them; those of the photo alone also of its `ReadPhoto` stages. The names of the lights, in the order of the file, become members of sets: `visible`, the lights seen in
-//! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose place and strength are estimated
-//! (the graph adds the invisible ones); and
-//! `lights`, all that shine in the result (an edit adds what it inserts). Lights and materials that `truth` names go to the stages
-//! that read what is known, `ReadLights` and `ReadMaterials`; the rest of it is for who measures, and stands in [`truth`].
+//! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types
+//! determine what may stand in them; those of the photo alone also of its `ReadPhoto` stages. The
+//! names of the lights, in the order of the file, become members of sets: `visible`, the lights
+//! seen in the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights
+//! whose place and strength are estimated (the graph adds the invisible ones); and `lights`, all
+//! that shine in the result (an edit adds what it inserts). Lights and materials that `truth` names
+//! go to the stages that read what is known, `ReadLights` and `ReadMaterials`; the rest of it is
+//! for measurements, and stands in [`truth`].
 
 use std::path::Path;
 
 use super::{INVISIBLE, check_light_name, fields};
-use crate::graph::{Fault, Faults, Key, Member, Overlay, Raw, Reach, Setting, Source, Target};
+use crate::graph::{Diagnostic, Diagnostics, Key, Member, Overlay, Raw, Reach, Setting, Source, Target};
 
 /// The stages that take a scene: all of it, or its photo alone.
 pub const STAGES: [&str; 2] = [SCENE, PHOTO];
@@ -35,37 +37,37 @@ const SETS: [&str; 3] = ["visible", "estimated", "lights"];
 /// And the set of those that are of one kind.
 const OF_KIND: [(&str, &str); 2] = [("Lamp", "visible_lamps"), ("Window", "visible_windows")];
 
-/// Reads `folder/scene.ron` for a graph with stages of these `kinds`: one that takes the photo alone needs no depth. Without `kinds`, what
-/// they need stays unchecked.
+/// Reads `folder/scene.ron` for a graph with stages of these `kinds`: one that takes the photo
+/// alone needs no depth. Without `kinds`, what they need stays unchecked.
 ///
 /// # Errors
 /// Every fault of the file that can be known without looking at the files it names.
-pub fn read(folder: &Path, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Fault>> {
+pub fn read(folder: &Path, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Diagnostic>> {
     read_within(folder, kinds, Reach::Anywhere)
 }
 
-/// The same of a scene that may name files within `reach` only.
+/// Reads a scene that may name files within `reach` only.
 ///
 /// # Errors
-/// Those of [`read`].
-pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Result<Overlay, Vec<Fault>> {
+/// The errors of [`read`].
+pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Result<Overlay, Vec<Diagnostic>> {
     let path = folder.join("scene.ron");
     if folder.is_file() {
         let help = "name the folder, not the file in it";
-        return Err(vec![Fault::file(folder, "wanted a scene folder, got a file").help(help)]);
+        return Err(vec![Diagnostic::file(folder, "wanted a scene folder, got a file").help(help)]);
     }
     let source = Source::read(&path, reach).map_err(|fault| vec![fault])?;
-    let mut faults = Faults::default();
+    let mut faults = Diagnostics::default();
     let fields = fields(&source, "Scene", &FIELDS, &mut faults);
     if faults.is_empty() {
         for field in NEEDED {
             if fields.iter().all(|(key, _)| key.name != field) {
-                faults.push(|| Fault::file(&path, format!("this scene has no `{field}`")));
+                faults.push(|| Diagnostic::file(&path, format!("this scene has no `{field}`")));
             }
         }
         if kinds.is_some_and(|kinds| kinds.contains(&SCENE)) && fields.iter().all(|(key, _)| key.name != "depth") {
             let help = "a network of yours can estimate it: graphs/depth.ron, docs/networks.md";
-            faults.push(|| Fault::file(&path, "this scene has no `depth`").help(help));
+            faults.push(|| Diagnostic::file(&path, "this scene has no `depth`").help(help));
         }
     }
     let mut overlay = Overlay::default();
@@ -74,7 +76,7 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
             for (light, spec) in value.as_map(&mut faults) {
                 if INVISIBLE.contains(&light.name.as_str()) {
                     let message = format!("the name `{}` is reserved for a light that is not seen", light.name);
-                    faults.push(|| Fault::at(&light.origin, message));
+                    faults.push(|| Diagnostic::at(&light.origin, message));
                 } else {
                     check_light_name(&light, &mut faults);
                 }
@@ -99,26 +101,26 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
     if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
 }
 
-/// What the `truth` of `folder/scene.ron` names, field by field; nothing where it has none.
+/// The fields of `truth` in `folder/scene.ron`; none where it has no `truth`.
 ///
 /// # Errors
-/// Those of [`read`].
-pub fn truth(folder: &Path) -> Result<Vec<(Key, Raw)>, Vec<Fault>> {
+/// The errors of [`read`].
+pub fn truth(folder: &Path) -> Result<Vec<(Key, Raw)>, Vec<Diagnostic>> {
     read(folder, None)?;
     let source = Source::read(&folder.join("scene.ron"), Reach::Anywhere).map_err(|fault| vec![fault])?;
-    let mut faults = Faults::default();
+    let mut faults = Diagnostics::default();
     let truth = fields(&source, "Scene", &FIELDS, &mut faults).into_iter().find(|(key, _)| key.name == "truth");
     Ok(truth.map(|(_, value)| known(&value, &mut faults)).unwrap_or_default())
 }
 
 /// The fields of `truth: (lights: "lights.json", ..)`.
-fn known(value: &Raw, faults: &mut Faults) -> Vec<(Key, Raw)> {
+fn known(value: &Raw, faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
     let names: Vec<&str> = TRUTH.map(|(field, ..)| field).into_iter().chain(MEASURED.map(|(field, _)| field)).collect();
     value.as_struct(None, &names, faults)
 }
 
-/// What of `truth` goes to stages, for graphs that have them; others do not look at it.
-fn settings(value: &Raw, faults: &mut Faults) -> Vec<Setting> {
+/// The settings of `truth` for stages; graphs without these stages ignore them.
+fn settings(value: &Raw, faults: &mut Diagnostics) -> Vec<Setting> {
     let mut settings = Vec::new();
     for (key, value) in known(value, faults) {
         if let Some((_, stage, field)) = TRUTH.into_iter().find(|(field, ..)| *field == key.name) {
@@ -139,7 +141,7 @@ fn settings(value: &Raw, faults: &mut Faults) -> Vec<Setting> {
 mod tests {
     use super::*;
 
-    fn scene(text: &str) -> Result<Overlay, Vec<Fault>> {
+    fn scene(text: &str) -> Result<Overlay, Vec<Diagnostic>> {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         std::fs::write(folder.path().join("scene.ron"), text).expect("it can be written to");
         read(folder.path(), Some(&["ReadScene"]))

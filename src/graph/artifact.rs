@@ -1,4 +1,5 @@
-//! What travels on wires: typed where stages are written, erased where the engine runs them.
+//! Artifacts are the values on wires: typed where stages are written, erased where the engine runs
+//! them.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -10,7 +11,8 @@ use super::Digest;
 
 /// A type that may travel on a wire.
 ///
-/// The serde form is the canonical form: its postcard bytes are what is digested, compared and stored.
+/// The serde form is the canonical form: its postcard bytes are what is digested, compared and
+/// stored.
 pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// The name shown in port listings and fault messages; two types never share one.
     const TYPE: &'static str;
@@ -27,11 +29,12 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
             Err(e) => Err(e.to_string()),
         }
     }
-    /// Whether a value that was read from disk keeps the rules of its type that its form does not: what every user of the type
-    /// relies on without looking, such as indices in range. The engine makes the value again where it does not.
+    /// Whether a value that was read from disk keeps the rules of its type that its form does not:
+    /// what every user of the type relies on without looking, such as indices in range. The engine
+    /// makes the value again where it does not.
     ///
     /// # Errors
-    /// What was wanted and what was got.
+    /// The message states the wanted and the actual content.
     fn check(&self) -> Result<(), String> {
         Ok(())
     }
@@ -105,7 +108,8 @@ impl Value {
     }
 }
 
-/// The canonical bytes of an artifact, piece by piece: large planes are neither copied nor held twice.
+/// The canonical bytes of an artifact, piece by piece: large planes are neither copied nor held
+/// twice.
 fn encode<T: Artifact>(artifact: &T, take: impl FnMut(&[u8])) {
     let pieces = Pieces { small: Vec::with_capacity(2 * SMALL), take };
     postcard::serialize_with_flavor(artifact, pieces)

@@ -1,4 +1,4 @@
-//! Results: what is known of one without its values, and the bounded memory that holds some of them.
+//! Results, their headers, and the bounded memory cache.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 use super::artifact::Value;
 use super::{Digest, PortValue};
 
-/// What is known of a result without reading its values.
+/// A header describes a result without its values.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Header {
-    pub key_text: String,
+    pub key_manifest: String,
     /// Port by port, members in their order.
     pub values: Vec<ValueHeader>,
     pub stderr: Option<f64>,
@@ -47,7 +47,8 @@ impl Header {
 pub(super) struct Entry {
     pub key: Digest,
     pub header: Arc<Header>,
-    /// Cut short by the budget: not what its key stands for, so that nothing outside of its run may hold it.
+    /// Cut short by the budget: not what its key stands for, so that nothing outside of its run may
+    /// hold it.
     pub cut_short: bool,
     values: Mutex<Vec<Option<Value>>>,
 }
@@ -59,7 +60,7 @@ impl Entry {
         Entry { key, header: Arc::new(header), cut_short: false, values }
     }
 
-    /// The same without the values of one port.
+    /// Returns the result without the values of one port.
     pub fn without(&self, port: usize) -> Entry {
         let mut values = self.lock().clone();
         self.header.port(port).for_each(|i| values[i] = None);
@@ -151,7 +152,7 @@ impl Memory {
 
     /// Takes an entry in, or counts it anew after more of its values were filled in.
     pub fn put(&self, entry: &Arc<Entry>) {
-        let bytes = entry.resident() + entry.header.key_text.len() as u64 + 256;
+        let bytes = entry.resident() + entry.header.key_manifest.len() as u64 + 256;
         let state = &mut *self.lock();
         state.forget(&entry.key);
         if bytes > self.limit {
@@ -199,7 +200,8 @@ mod tests {
                 self.0
             }
         }
-        let header = Header { key_text: String::new(), values: vec![], stderr: None, warnings: vec![], notes: vec![] };
+        let header =
+            Header { key_manifest: String::new(), values: vec![], stderr: None, warnings: vec![], notes: vec![] };
         Arc::new(Entry::made(Digest([name; 32]), header, &[PortValue::One(Value::new(Arc::new(Block(bytes))))], false))
     }
 

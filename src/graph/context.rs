@@ -1,4 +1,4 @@
-//! What a running stage may ask of the engine, and how it fails.
+//! The interface between a running stage and the engine, and the errors of a stage.
 
 use std::any::{Any, TypeId};
 use std::collections::BTreeMap;
@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
 
-use super::{Digest, File};
+use super::Digest;
+use super::reading::File;
 
 /// Why a stage gave no result.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -14,7 +15,8 @@ pub enum NodeError {
     /// A file that a person named cannot be used: what was wanted, what was got, where.
     #[error("{path}: {message}")]
     BadFile { path: String, message: String },
-    /// A parameter that a person set asks for what cannot be, with these inputs: which, what was wanted, what was got.
+    /// A parameter that a person set asks for what cannot be, with these inputs: which, what was
+    /// wanted, what was got.
     #[error("{0}")]
     BadParameter(String),
     /// The inputs are sound one by one, but this stage cannot work with them.
@@ -48,13 +50,14 @@ pub struct Context {
     pub(super) shared: Shared,
     /// When the budget ends, where there is one.
     deadline: Option<Instant>,
-    /// Whether the stage was ever told that its time is over.
+    /// Whether the stage has been stopped by its budget.
     late: AtomicBool,
     rays: AtomicU64,
     meters: Mutex<Meters>,
 }
 
-/// Values that a program lends its stages, one of each type. They stand in no key, so results must not depend on them.
+/// Values that a program lends its stages, one of each type. They stand in no key, so results must
+/// not depend on them.
 #[derive(Clone, Default)]
 pub struct Services(BTreeMap<TypeId, Arc<dyn Any + Send + Sync>>);
 
@@ -108,6 +111,9 @@ impl Context {
     }
 
     /// The bytes of a file that the node declared in [`super::Node::files`].
+    ///
+    /// # Errors
+    /// The file cannot be read, or has changed since its digest was made.
     pub fn read(&self, file: &File) -> Result<Vec<u8>, NodeError> {
         let bad = |message: String| NodeError::BadFile { path: file.location().display().to_string(), message };
         let bytes = file.read().map_err(|e| bad(format!("cannot be read: {e}")))?;
@@ -119,8 +125,12 @@ impl Context {
         Ok(bytes)
     }
 
-    /// What `make` makes of the bytes of a file that the node declared: made once for all nodes of the engine that ask for it under
-    /// the same `name`, and kept as long as the engine.
+    /// Returns the value that `make` derives from the bytes of a declared file. It is made once for
+    /// all nodes of the engine that ask for it under the same `name`, and kept as long as the
+    /// engine.
+    ///
+    /// # Errors
+    /// The errors of reading the file and of `make`; two types under one name.
     pub fn shared<T: Send + Sync + 'static>(
         &self,
         file: &File,
@@ -153,6 +163,9 @@ impl Context {
     }
 
     /// Stops the stage when the run was cancelled. Call it between rows or passes.
+    ///
+    /// # Errors
+    /// [`NodeError::Cancelled`] once the run was cancelled.
     pub fn check_cancelled(&self) -> Result<(), NodeError> {
         if self.cancel.is_cancelled() { Err(NodeError::Cancelled) } else { Ok(()) }
     }
@@ -162,8 +175,9 @@ impl Context {
         self.deadline.is_some()
     }
 
-    /// Whether to stop with what there is: the time of the budget is over, or the run was cancelled. Once a stage was told so,
-    /// its result is used in this run and not kept, as it depends on more than its key.
+    /// Whether to stop with what there is: the time of the budget is over, or the run was
+    /// cancelled. Once this has returned true, its result is used in this run and not kept, as it
+    /// depends on more than its key.
     pub fn out_of_time(&self) -> bool {
         #[expect(clippy::disallowed_methods, reason = "holds the node to its budget; a result cut short is not kept")]
         let late = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
@@ -193,12 +207,14 @@ impl Context {
         self.lock().samples = Some(mean);
     }
 
-    /// Tells the person something that is no error: shown after the run, kept with the cached result.
+    /// Adds a warning, which is not an error: it is shown after the run and kept with the cached
+    /// result.
     pub fn warn(&self, message: impl Into<String>) {
         self.lock().warnings.push(message.into());
     }
 
-    /// Says how a result came about where nobody need act on it: stands in report.json, kept with the cached result.
+    /// Adds a note about the result that needs no action: it is written to report.json and kept
+    /// with the cached result.
     pub fn note(&self, message: impl Into<String>) {
         self.lock().notes.push(message.into());
     }

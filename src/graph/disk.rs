@@ -27,13 +27,15 @@ use super::{Digest, PortSpec, Value, key, reading};
 
 const MAGIC: &[u8; 8] = b"NODE\0\0\0\x02";
 const PREAMBLE: u64 = 80;
-/// A header holds a key text and a line per value; none comes near this many bytes.
+/// A header holds a key manifest and a line per value; none comes near this many bytes.
 const MAX_HEADER: u64 = 64 << 20;
-/// A temporary file that nobody holds a lock on is stale after this long: a writer locks it right after making it.
+/// A temporary file that nobody holds a lock on is stale after this long: a writer locks it right
+/// after making it.
 const STALE: Duration = Duration::from_secs(10);
 
 const TAG: &str = "CACHEDIR.TAG";
-/// The signature of the Cache Directory Tagging Specification (<https://bford.info/cachedir/>), which backup programs know.
+/// The signature of the Cache Directory Tagging Specification (<https://bford.info/cachedir/>),
+/// which backup programs recognize.
 const SIGNATURE: &str = "Signature: 8a477f597d28d172789f06886806bc55\n";
 const OWNER: &str = "# A cache of relight, format ";
 /// Bytes of a tag that are looked at.
@@ -70,7 +72,8 @@ pub struct CacheFolder {
     pub path: PathBuf,
     /// Entries that another key signed count as missing.
     pub key: CacheKey,
-    /// Whether other users of the machine may read the entries, as the umask allows; else only their owner.
+    /// Whether other users of the machine may read the entries, as the umask allows; else only
+    /// their owner.
     pub shared: bool,
 }
 
@@ -94,7 +97,7 @@ pub struct DiskCache {
     total: Mutex<Option<u64>>,
 }
 
-/// What is on disk, and what was done to it.
+/// The content of the cache on disk, and the work done on it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct CacheReport {
     /// Entries that are there after this call.
@@ -104,11 +107,12 @@ pub struct CacheReport {
     pub removed: u64,
     /// Entries whose checksum is wrong; `verify` deletes them.
     pub damaged: u64,
-    /// Entries that `verify` found signed with another key, or belonging to another user: they are not used, and stay.
+    /// Entries that `verify` found signed with another key, or belonging to another user: they are
+    /// not used, and stay.
     pub foreign: u64,
 }
 
-/// What lies under a key.
+/// The content stored under a key.
 pub(super) enum Found {
     Nothing,
     Header(Header),
@@ -199,7 +203,8 @@ impl DiskCache {
         }
     }
 
-    /// Whether files may be deleted in the folder; nothing is there to delete where it is not there.
+    /// Whether files may be deleted in the folder; nothing is there to delete where it is not
+    /// there.
     fn check_mark(&self) -> io::Result<()> {
         match self.mark()? {
             Mark::Absent | Mark::Ours => Ok(()),
@@ -227,8 +232,9 @@ impl DiskCache {
                 "{SIGNATURE}{OWNER}{}\n# Results that can be made again: this folder may be deleted at any time.\n",
                 key::FORMAT
             );
-            // At once with its mark, so that no other process finds the folder without it. Where that cannot be, as
-            // for a folder that something is mounted on, the mark is put into the folder.
+            // At once with its mark, so that no other process finds the folder without it. Where
+            // that cannot be, as for a folder that something is mounted on, the mark is put into
+            // the folder.
             let made = self.builder(0o777).prefix(".relight-cache-").tempdir_in(parent).and_then(|made| {
                 fs::write(made.path().join(TAG), &tag)?;
                 fs::rename(made.path(), &self.folder)
@@ -243,7 +249,8 @@ impl DiskCache {
         Ok(())
     }
 
-    /// For a temporary file or folder that others may read with this mode where the cache is shared.
+    /// For a temporary file or folder that others may read with this mode where the cache is
+    /// shared.
     #[cfg_attr(not(unix), expect(unused_variables, reason = "modes are those of Unix"))]
     fn builder(&self, mode: u32) -> tempfile::Builder<'static, 'static> {
         let mut builder = tempfile::Builder::new();
@@ -278,7 +285,7 @@ impl DiskCache {
     /// Deletes the longest unused entries until at most `bytes` are left.
     ///
     /// # Errors
-    /// Those of [`DiskCache::stat`].
+    /// The errors of [`DiskCache::stat`].
     pub fn gc(&self, bytes: u64) -> io::Result<CacheReport> {
         self.check_mark()?;
         self.sweep();
@@ -303,7 +310,7 @@ impl DiskCache {
     /// Reads everything, checks every checksum and signature, deletes what is damaged.
     ///
     /// # Errors
-    /// Those of [`DiskCache::stat`].
+    /// The errors of [`DiskCache::stat`].
     pub fn verify(&self) -> io::Result<CacheReport> {
         self.check_mark()?;
         let mut report = CacheReport::default();
@@ -327,7 +334,7 @@ impl DiskCache {
     /// Deletes everything that the cache made, and nothing else.
     ///
     /// # Errors
-    /// Those of [`DiskCache::stat`], but for a cache of another version.
+    /// The errors of [`DiskCache::stat`], but for a cache of another version.
     pub fn clear(&self) -> io::Result<CacheReport> {
         if !matches!(self.mark()?, Mark::OtherFormat) {
             self.check_mark()?;
@@ -399,8 +406,9 @@ impl DiskCache {
         match self.open_entry(key).map(|entry| entry.map(|(mut file, data)| (self.read_header(&mut file, &data), file)))
         {
             Ok(None) => Found::Nothing,
-            Ok(Some((Ok(header), file))) if key::digest(&header.key_text) == *key => {
-                // Not possible in a read-only folder; then the order of deletion is that of creation.
+            Ok(Some((Ok(header), file))) if key::digest(&header.key_manifest) == *key => {
+                // Not possible in a read-only folder; then the order of deletion is that of
+                // creation.
                 #[expect(clippy::disallowed_methods, reason = "the longest unused entry goes first")]
                 let _ = file.set_modified(SystemTime::now());
                 Found::Header(header)
@@ -438,7 +446,7 @@ impl DiskCache {
             self.folder_of(&format!("entries/{}", &key.to_string()[..2]))?;
         }
         let mut file = self.builder(0o666).prefix(NEW).tempfile_in(self.folder_of("tmp")?)?;
-        // Where the file system knows no locks, age alone tells stale files.
+        // Where the file system has no locks, age alone identifies stale files.
         let _ = file.as_file().try_lock();
         file.write_all(MAGIC)?;
         file.write_all(&(header.len() as u64).to_le_bytes())?;
@@ -472,7 +480,8 @@ impl DiskCache {
             *total = Some(now);
             now
         };
-        // A tenth is cleared in advance, so that a full cache does not count its files at every result.
+        // A tenth is cleared in advance, so that a full cache does not count its files at every
+        // result.
         if total > limit { self.gc(limit - limit / 10).map(drop) } else { Ok(()) }
     }
 
@@ -526,8 +535,8 @@ impl DiskCache {
         String::from_utf8_lossy(&bytes).lines().filter_map(line).collect()
     }
 
-    /// Lays `keys` over the last keys. Of two processes that do so at once, one may go unheard: `explain` then compares
-    /// with the result before.
+    /// Lays `keys` over the last keys. Of two processes that do so at once, one may go unheard:
+    /// `explain` then compares with the result before.
     pub(super) fn set_latest(&self, project: &str, keys: &BTreeMap<String, Digest>) -> io::Result<()> {
         let mut all = self.latest(project);
         let before = all.len();
@@ -580,7 +589,7 @@ impl DiskCache {
     fn check(&self, path: &Path) -> Result<(), Unusable> {
         let (mut file, data) = open(path)?.ok_or("it is not there")?;
         let header = self.read_header(&mut file, &data)?;
-        let key = key::digest(&header.key_text).to_string();
+        let key = key::digest(&header.key_manifest).to_string();
         if !path.ends_with(Path::new(&key[..2]).join(&key[2..])) {
             return Err("it stands under a key that is not its own".into());
         }
@@ -611,7 +620,8 @@ fn open(path: &Path) -> Result<Option<(File, fs::Metadata)>, Unusable> {
     }
 }
 
-/// Whether something else than a file stands in the place of one: a link, a pipe, a file in the place of a folder.
+/// Whether something else than a file stands in the place of one: a link, a pipe, a file in the
+/// place of a folder.
 fn is_foreign(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::NotADirectory)
 }
@@ -668,7 +678,7 @@ fn sum(entries: &[Stored], report: CacheReport) -> CacheReport {
     CacheReport { entries: entries.len() as u64, bytes: entries.iter().map(|e| e.bytes).sum(), ..report }
 }
 
-/// What a folder holds, in a fixed order; nothing when it is not there.
+/// The entries of a folder, in a fixed order; none when the folder does not exist.
 fn list(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,

@@ -4,11 +4,11 @@ use std::fmt::Write;
 
 use serde_json::{Value, json};
 
-use super::network::{Graph, Instance, Take};
 use super::report::{RunReport, Status};
+use super::resolved_graph::{Edge, InputSelector, Instance, ResolvedGraph};
 use super::svg;
 
-impl Graph {
+impl ResolvedGraph {
     /// Graphviz; with a run, boxes are coloured by what became of them.
     pub fn to_dot(&self, run: Option<&RunReport>) -> String {
         let mut text = String::from("digraph {\n  rankdir=LR;\n  node [shape=box, style=filled, fillcolor=white];\n");
@@ -18,8 +18,8 @@ impl Graph {
             let colour = status(run, &instance.name).map_or("white", colour);
             line(format!("n{i} [label=\"{}\\n{kind}\", fillcolor={colour}];", instance.name));
         }
-        for edge in self.edges() {
-            line(format!("n{} -> n{} [label=\"{}\"];", edge.from, edge.to, edge.label()));
+        for arrow in self.arrows() {
+            line(format!("n{} -> n{} [label=\"{}\"];", arrow.from, arrow.to, arrow.label()));
         }
         text.push_str("}\n");
         text
@@ -35,13 +35,14 @@ impl Graph {
                 line(format!("style n{i} fill:{}", colour(status)));
             }
         }
-        for edge in self.edges() {
-            line(format!("n{} -->|{}| n{}", edge.from, edge.label(), edge.to));
+        for arrow in self.arrows() {
+            line(format!("n{} -->|{}| n{}", arrow.from, arrow.label(), arrow.to));
         }
         text
     }
 
-    /// A drawing; with a run, boxes are coloured by what became of them and told how long it took.
+    /// A drawing; with a run, boxes are colored by status and labeled with the seconds that they
+    /// took.
     pub fn to_svg(&self, run: Option<&RunReport>) -> String {
         let drawn = |instance: &Instance| {
             let report = run.and_then(|run| run.nodes.iter().find(|node| node.name == *instance.name));
@@ -56,7 +57,8 @@ impl Graph {
         svg::draw(&self.instances.iter().map(drawn).collect::<Vec<_>>())
     }
 
-    /// `{ nodes: [{ name, kind, member, status }], edges: [{ from, from_port, to, to_port, type }] }`
+    /// `{ nodes: [{ name, kind, member, status }], edges: [{ from, from_port, to, to_port, type }]
+    /// }`
     pub fn to_json(&self, run: Option<&RunReport>) -> String {
         let nodes: Vec<Value> = self
             .instances
@@ -71,7 +73,7 @@ impl Graph {
             })
             .collect();
         let edges: Vec<Value> = self
-            .edges()
+            .arrows()
             .map(|e| {
                 json!({
                     "from": &*self.instances[e.from].name,
@@ -86,23 +88,25 @@ impl Graph {
         serde_json::to_string_pretty(&graph).expect("names and strings are always JSON")
     }
 
-    fn edges(&self) -> impl Iterator<Item = Edge> {
+    fn arrows(&self) -> impl Iterator<Item = Arrow> {
         self.instances.iter().enumerate().flat_map(move |(to, instance)| {
-            let ports = instance.ports().map(move |(port, feed)| {
-                let output = &self.nodes[self.instances[feed.instance].node].outputs[feed.port];
-                let from_port = match &feed.take {
-                    Take::Member(member) => format!("{}[{member}]", output.name),
-                    Take::Whole | Take::All => output.name.to_owned(),
+            let name = |port: usize| self.nodes[instance.node].inputs[port].name;
+            let inputs = instance.ports().map(|(port, edge)| (name(port), edge));
+            let all = inputs.chain(instance.when.iter().map(|edge| ("when", edge)));
+            let arrow = |(to_port, edge): (&'static str, &Edge)| {
+                let output = &self.nodes[self.instances[edge.instance].node].outputs[edge.port];
+                let from_port = match &edge.selector {
+                    InputSelector::Member(member) => format!("{}[{member}]", output.name),
+                    InputSelector::Whole | InputSelector::All => output.name.to_owned(),
                 };
-                let to_port = self.nodes[instance.node].inputs[port].name;
-                Edge { from: feed.instance, from_port, to, to_port, type_name: output.type_name }
-            });
-            ports.collect::<Vec<_>>()
+                Arrow { from: edge.instance, from_port, to, to_port, type_name: output.type_name }
+            };
+            all.map(arrow).collect::<Vec<_>>()
         })
     }
 }
 
-struct Edge {
+struct Arrow {
     from: usize,
     from_port: String,
     to: usize,
@@ -110,7 +114,7 @@ struct Edge {
     type_name: &'static str,
 }
 
-impl Edge {
+impl Arrow {
     fn label(&self) -> String {
         if self.from_port == self.to_port {
             self.from_port.clone()

@@ -7,22 +7,22 @@ use std::time::Duration;
 use super::cache::Entry;
 use super::context::{Cancel, Services, Shared};
 use super::disk::{CacheFolder, DiskCache};
+use super::inputs::{Before, holds, key_manifest, resolve_inputs};
 use super::key;
 use super::key::Why;
-use super::network::{Graph, Wanted};
 use super::report::{Difference, Explanation, Observer, PlanLine, Planned, RunReport, VerifyReport};
+use super::resolved_graph::{ResolvedGraph, Wanted};
 use super::run::{Run, RunOptions};
-use super::source::Fault;
+use super::source::Diagnostic;
 use super::store::Store;
-use super::take::{Before, holds, key_text, taken};
 
 /// How an engine works. None of it but `budget` changes what comes out.
 #[derive(Clone, Debug)]
 pub struct EngineOptions {
-    /// Where results are kept between runs; `None` keeps them in memory only.
+    /// The folder that keeps results between runs; `None` keeps them in memory only.
     pub cache: Option<CacheFolder>,
-    /// A name for what is worked on, such as the scene's folder: a cache keeps the last keys of each, which tell why a node
-    /// has to run again.
+    /// A name for what is worked on, such as the scene's folder: a cache keeps the last keys of
+    /// each, which determine why a node has to run again.
     pub project: String,
     /// Most memory for results that no running node needs.
     pub memory_bytes: u64,
@@ -30,8 +30,9 @@ pub struct EngineOptions {
     pub disk_bytes: u64,
     /// Threads; `None` takes all that the machine has.
     pub threads: Option<usize>,
-    /// Time for each node that asks for it ([`super::Context::out_of_time`]), from its start. What is cut short by it is used in
-    /// the run and not kept; what was kept before, whole, is used as ever.
+    /// Time for each node that asks for it ([`super::Context::out_of_time`]), from its start. What
+    /// is cut short by it is used in the run and not kept; what was kept before, whole, is used as
+    /// ever.
     pub budget: Option<Duration>,
     /// Values that stages may ask for ([`super::Context::service`]).
     pub services: Services,
@@ -54,7 +55,8 @@ impl Default for EngineOptions {
 /// No machine that this runs on has more.
 const MAX_THREADS: usize = 1024;
 
-/// Stages run on stacks of this size: a thread that waits inside one stage may take up another on the same stack.
+/// Stages run on stacks of this size: a thread that waits inside one stage may take up another on
+/// the same stack.
 const STACK_BYTES: usize = 32 << 20;
 
 /// Runs graphs, and keeps what they gave.
@@ -65,8 +67,8 @@ pub struct Engine {
     shared: Shared,
 }
 
-/// What is known of an instance before anything runs.
-enum Foreseen {
+/// The state of an instance before a run, as far as it is known.
+enum PlanState {
     Hit(Arc<Entry>, String),
     Run(String),
     /// An input of it is impossible: it would fail.
@@ -87,6 +89,9 @@ enum Need {
 
 impl Engine {
     /// Starts the threads. The cache folder is made when the first result is stored.
+    ///
+    /// # Errors
+    /// The threads cannot be started.
     pub fn new(options: EngineOptions) -> std::io::Result<Engine> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads.unwrap_or(0).min(MAX_THREADS))
@@ -105,19 +110,25 @@ impl Engine {
     }
 
     /// Makes what is wanted, running only nodes whose key is new.
-    pub fn run(&self, graph: &Graph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> RunReport {
+    pub fn run(&self, graph: &ResolvedGraph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> RunReport {
         self.go(graph, wanted, cancel, observer, false).0
     }
 
     /// Runs, makes every hit again, and compares.
-    pub fn verify(&self, graph: &Graph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> VerifyReport {
+    pub fn verify(
+        &self,
+        graph: &ResolvedGraph,
+        wanted: &Wanted,
+        cancel: &Cancel,
+        observer: &dyn Observer,
+    ) -> VerifyReport {
         let (run, differences) = self.go(graph, wanted, cancel, observer, true);
         VerifyReport { run, differences }
     }
 
     fn go(
         &self,
-        graph: &Graph,
+        graph: &ResolvedGraph,
         wanted: &Wanted,
         cancel: &Cancel,
         observer: &dyn Observer,
@@ -128,11 +139,12 @@ impl Engine {
         self.pool.install(|| Run::new(options).go())
     }
 
-    /// What [`Engine::run`] would do, node by node, without doing it; a node whose condition does not hold is left out.
-    pub fn plan(&self, graph: &Graph, wanted: &Wanted) -> Vec<PlanLine> {
-        let foreseen = self.foresee(graph, wanted);
-        let lines = graph.instances.iter().zip(&foreseen).filter_map(|(instance, foreseen)| {
-            let (status, why) = self.judge(graph, &instance.name, foreseen.as_ref()?);
+    /// Lists the nodes of a run with their expected status, without running them; a node whose
+    /// condition does not hold is left out.
+    pub fn plan(&self, graph: &ResolvedGraph, wanted: &Wanted) -> Vec<PlanLine> {
+        let state = self.plan_states(graph, wanted);
+        let lines = graph.instances.iter().zip(&state).filter_map(|(instance, state)| {
+            let (status, why) = self.classify(graph, &instance.name, state.as_ref()?);
             if status == Planned::Skip {
                 return None;
             }
@@ -142,34 +154,38 @@ impl Engine {
         lines.collect()
     }
 
-    /// Why `node` (an instance: `direct[lamp_0]`) would run again: its key text against the last one of that name.
-    pub fn explain(&self, graph: &Graph, node: &str) -> Result<Explanation, Fault> {
+    /// Why `node` (an instance: `direct[lamp_0]`) would run again: its key manifest against the
+    /// last one of that name.
+    ///
+    /// # Errors
+    /// The graph has no such node, or the name means several instances.
+    pub fn explain(&self, graph: &ResolvedGraph, node: &str) -> Result<Explanation, Diagnostic> {
         let (_, instances) = graph.find(node)?;
         if instances.len() != 1 {
             let names: Vec<&str> = graph.instances[instances].iter().map(|i| &*i.name).collect();
             let message = format!("wanted one node, `{node}` has {}", names.len());
-            return Err(Fault::file(Path::new(""), message).help(format!("name one: {}", names.join(", "))));
+            return Err(Diagnostic::file(Path::new(""), message).help(format!("name one: {}", names.join(", "))));
         }
         let at = instances.start;
         let name = graph.instances[at].name.to_string();
         let wanted = graph.wanted(Some(std::slice::from_ref(&name)))?;
-        let foreseen = self.foresee(graph, &wanted).swap_remove(at).expect("what is wanted is foreseen");
-        let (status, why) = self.judge(graph, &name, &foreseen);
+        let state = self.plan_states(graph, &wanted).swap_remove(at).expect("what is wanted is state");
+        let (status, why) = self.classify(graph, &name, &state);
         let why = why.unwrap_or_else(|| Why::plain("nothing changed"));
-        let key_text = match foreseen {
-            Foreseen::Hit(_, text) | Foreseen::Run(text) => Some(text),
-            Foreseen::Fail(_) | Foreseen::Unknown(_) | Foreseen::Skip(_) => None,
+        let key_manifest = match state {
+            PlanState::Hit(_, text) | PlanState::Run(text) => Some(text),
+            PlanState::Fail(_) | PlanState::Unknown(_) | PlanState::Skip(_) => None,
         };
-        Ok(Explanation { node: name, status, why: why.why, old: why.old, new: why.new, key_text })
+        Ok(Explanation { node: name, status, why: why.why, old: why.old, new: why.new, key_manifest })
     }
 
-    /// What is known of each instance that a run would look at, or may.
-    fn foresee(&self, graph: &Graph, wanted: &Wanted) -> Vec<Option<Foreseen>> {
+    /// The state of each instance that a run would look at, or may.
+    fn plan_states(&self, graph: &ResolvedGraph, wanted: &Wanted) -> Vec<Option<PlanState>> {
         self.store.refresh_latest();
-        let mut all: Vec<Option<Foreseen>> = Vec::new();
+        let mut all: Vec<Option<PlanState>> = Vec::new();
         for at in 0..graph.instances.len() {
-            let foreseen = wanted.needed[at].then(|| self.foresee_one(graph, at, &all));
-            all.push(foreseen);
+            let state = wanted.needed[at].then(|| self.plan_state(graph, at, &all));
+            all.push(state);
         }
         // Whether each is needed in the end: for certain, or only if this condition holds.
         let roots = wanted.is_root(all.len());
@@ -181,8 +197,8 @@ impl Engine {
             };
             let of_conditions = need;
             let of_inputs = match &all[at] {
-                Some(Foreseen::Skip(_)) => None,
-                Some(Foreseen::Unknown(from)) if instance.conditions.contains(from) => Some(Need::If(*from)),
+                Some(PlanState::Skip(_)) => None,
+                Some(PlanState::Unknown(from)) if instance.conditions.contains(from) => Some(Need::If(*from)),
                 _ => Some(need),
             };
             for &from in &instance.from {
@@ -190,21 +206,21 @@ impl Engine {
                 needs[from] = needs[from].max(asked);
             }
             if let Need::If(condition) = need {
-                all[at] = Some(Foreseen::Unknown(condition));
+                all[at] = Some(PlanState::Unknown(condition));
             }
         }
         all
     }
 
-    fn foresee_one(&self, graph: &Graph, at: usize, all: &[Option<Foreseen>]) -> Foreseen {
+    fn plan_state(&self, graph: &ResolvedGraph, at: usize, all: &[Option<PlanState>]) -> PlanState {
         let instance = &graph.instances[at];
         let mut unknown = None;
         for &condition in &instance.conditions {
             match &all[condition] {
-                Some(Foreseen::Skip(cause)) => return Foreseen::Skip(*cause),
-                Some(Foreseen::Hit(entry, _)) => match &instance.when {
+                Some(PlanState::Skip(cause)) => return PlanState::Skip(*cause),
+                Some(PlanState::Hit(entry, _)) => match &instance.when {
                     Some(when) if when.instance == condition && !holds(when, &entry.header) => {
-                        return Foreseen::Skip(at);
+                        return PlanState::Skip(at);
                     }
                     _ => {}
                 },
@@ -212,39 +228,39 @@ impl Engine {
             }
         }
         let known = |&from: &usize| match &all[from] {
-            Some(Foreseen::Hit(entry, _)) => Ok((from, Some(entry.clone()))),
-            Some(Foreseen::Skip(_)) => Ok((from, None)),
+            Some(PlanState::Hit(entry, _)) => Ok((from, Some(entry.clone()))),
+            Some(PlanState::Skip(_)) => Ok((from, None)),
             _ => Err(from),
         };
         match (unknown, instance.from.iter().map(known).collect::<Result<Vec<_>, _>>()) {
-            (Some(from), _) | (None, Err(from)) => Foreseen::Unknown(from),
-            (None, Ok(before)) => self.look(graph, at, &Before(before)),
+            (Some(from), _) | (None, Err(from)) => PlanState::Unknown(from),
+            (None, Ok(before)) => self.probe(graph, at, &Before(before)),
         }
     }
 
-    fn look(&self, graph: &Graph, at: usize, before: &Before) -> Foreseen {
-        let taken = match taken(graph, at, before) {
-            Ok(taken) => taken,
-            Err(message) => return Foreseen::Fail(message),
+    fn probe(&self, graph: &ResolvedGraph, at: usize, before: &Before) -> PlanState {
+        let resolved = match resolve_inputs(graph, at, before) {
+            Ok(resolved) => resolved,
+            Err(message) => return PlanState::Fail(message),
         };
-        let text = key_text(graph, at, &taken, before);
+        let text = key_manifest(graph, at, &resolved, before);
         let node = &graph.nodes[graph.instances[at].node];
         match self.store.find(&key::digest(&text), node).entry {
-            Some(entry) => Foreseen::Hit(entry, text),
-            None => Foreseen::Run(text),
+            Some(entry) => PlanState::Hit(entry, text),
+            None => PlanState::Run(text),
         }
     }
 
-    fn judge(&self, graph: &Graph, name: &str, foreseen: &Foreseen) -> (Planned, Option<Why>) {
-        match foreseen {
-            Foreseen::Hit(..) => (Planned::Hit, None),
-            Foreseen::Run(text) => (Planned::Run, Some(self.store.why(name, &key::digest(text), text))),
-            Foreseen::Fail(message) => (Planned::Run, Some(Why::plain(message))),
-            Foreseen::Unknown(from) => {
+    fn classify(&self, graph: &ResolvedGraph, name: &str, state: &PlanState) -> (Planned, Option<Why>) {
+        match state {
+            PlanState::Hit(..) => (Planned::Hit, None),
+            PlanState::Run(text) => (Planned::Run, Some(self.store.why(name, &key::digest(text), text))),
+            PlanState::Fail(message) => (Planned::Run, Some(Why::plain(message))),
+            PlanState::Unknown(from) => {
                 let why = format!("depends on what {} gives", graph.instances[*from].name);
                 (Planned::Unknown, Some(Why::plain(&why)))
             }
-            Foreseen::Skip(at) => {
+            PlanState::Skip(at) => {
                 let why = graph.condition(*at).map_or(String::new(), |output| format!("{output} does not hold"));
                 (Planned::Skip, Some(Why::plain(&why)))
             }

@@ -3,11 +3,13 @@
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// The text with control characters and bidirectional formatting characters written as `\u{..}`; line ends and tabs stay.
+/// The text with control characters and bidirectional formatting characters written as `\u{..}`;
+/// line ends and tabs stay.
 ///
-/// A terminal acts on control characters (ECMA-48), and bidirectional formatting characters change the order in which a line
-/// is shown (Unicode Standard Annex 9; Boucher and Anderson, "Trojan Source", 2021). File names, names in files and text of
-/// networks reach a person only through this function.
+/// A terminal acts on control characters (ECMA-48), and bidirectional formatting characters change
+/// the order in which a line is shown (Unicode Standard Annex 9; Boucher and Anderson, "Trojan
+/// Source", 2021). File names, names in files and text of networks reach a person only through this
+/// function.
 pub fn escape(text: &str) -> Cow<'_, str> {
     if !text.contains(is_hostile) {
         return Cow::Borrowed(text);
@@ -27,7 +29,8 @@ pub fn escape_line(text: &str) -> String {
     escape(text).replace(['\n', '\t'], " ")
 }
 
-/// JSON in which the characters that [`escape`] writes by number are written so by JSON's own rules.
+/// JSON in which the characters that [`escape`] writes by number are written so by JSON's own
+/// rules.
 pub fn escape_json(json: &str) -> String {
     let mut out = String::with_capacity(json.len());
     for c in json.chars() {

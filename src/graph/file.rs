@@ -1,12 +1,14 @@
-//! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports are looked up later,
-//! by [`GraphFile::resolve`].
+//! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports
+//! are looked up later, by [`GraphFile::resolve`].
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::faults::Faults;
-use super::source::{Fault, Key, Origin, Raw, Reach, Source, is_name};
+use super::diagnostics::Diagnostics;
+use super::raw::{Key, Raw};
+use super::registry::{KindSpec, Registry};
+use super::source::{Diagnostic, Origin, Reach, Source, is_name};
 
 /// The version of graph files that this program reads.
 const VERSION: u32 = 1;
@@ -22,8 +24,11 @@ pub struct GraphFile {
     pub(super) sets: Vec<SetDecl>,
     pub(super) nodes: Vec<NodeDecl>,
     pub(super) outputs: Vec<Key>,
-    /// Faults that do not hinder looking for more: [`GraphFile::resolve`] tells them with its own.
-    pub(super) faults: Faults,
+    /// Diagnostics that do not hinder looking for more: [`GraphFile::resolve`] reports them with its
+    /// own.
+    pub(super) faults: Diagnostics,
+    /// Old names that the file uses.
+    pub(super) warnings: Vec<Diagnostic>,
 }
 
 /// A set of member names, as the graph file gives it.
@@ -39,10 +44,10 @@ pub struct NodeInfo<'a> {
     pub each: Option<&'a str>,
 }
 
-/// What is laid over a graph file: a scene, an edit, settings of the command line.
+/// An overlay holds the settings of a scene, an edit and the command line over a graph file.
 ///
-/// Settings for a kind that no node of the graph has, and members of a set that the graph does not have, are passed
-/// over: a graph need not use all that a scene offers.
+/// Settings for a kind that no node of the graph has, and members of a set that the graph does not
+/// have, are passed over: a graph need not use all that a scene offers.
 #[derive(Clone, Default)]
 pub struct Overlay {
     /// In order: a later one wins.
@@ -50,7 +55,8 @@ pub struct Overlay {
     pub members: Vec<Member>,
 }
 
-/// One parameter given from outside of the graph file. Relative paths in it start from the folder of its source.
+/// One parameter given from outside of the graph file. Relative paths in it start from the folder
+/// of its source.
 #[derive(Clone)]
 pub struct Setting {
     pub target: Target,
@@ -58,12 +64,12 @@ pub struct Setting {
     pub value: Raw,
 }
 
-/// Whose parameter is set.
+/// The owner of a parameter that is set.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Target {
-    /// That of all nodes of this kind.
+    /// All nodes of this kind.
     Kind(String),
-    /// That of the node of this name.
+    /// The node of this name.
     Node(String),
 }
 
@@ -90,6 +96,9 @@ pub(super) struct NodeDecl {
     /// The output that must be there for the node to run.
     pub when: Option<Key>,
     pub wires: Vec<Wire>,
+    /// Nodes of other kinds that it took the place of, the lowest first: those whose kind is the
+    /// same under an old name lie under it after all.
+    replaced: Vec<NodeDecl>,
 }
 
 #[derive(Clone)]
@@ -109,20 +118,30 @@ struct Layer {
 }
 
 impl GraphFile {
-    /// Reads a graph file and what it extends. Fails only where nothing can be made of them: unreadable, brackets that do
-    /// not match, a parent that is not there. All other faults are told by [`GraphFile::resolve`], at once.
-    pub fn read(path: &Path) -> Result<GraphFile, Vec<Fault>> {
+    /// Reads a graph file and what it extends. Fails only where nothing can be made of them:
+    /// unreadable, brackets that do not match, a parent that is not there. All other faults are
+    /// reported by [`GraphFile::resolve`], at once.
+    ///
+    /// # Errors
+    /// The file or one that it extends cannot be read or split into fields.
+    pub fn read(path: &Path) -> Result<GraphFile, Vec<Diagnostic>> {
         GraphFile::read_within(path, Reach::Anywhere)
     }
 
-    /// The same of a file that may name others within `reach` only.
-    pub fn read_within(path: &Path, reach: Reach) -> Result<GraphFile, Vec<Fault>> {
+    /// Reads a file like [`GraphFile::read`], which may name others within `reach` only.
+    ///
+    /// # Errors
+    /// The errors of [`GraphFile::read`], and a file outside of `reach`.
+    pub fn read_within(path: &Path, reach: Reach) -> Result<GraphFile, Vec<Diagnostic>> {
         GraphFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
-    /// The same from a text; `extends` is looked for beside `source.path`.
-    pub fn parse(source: Arc<Source>) -> Result<GraphFile, Vec<Fault>> {
-        let mut faults = Faults::default();
+    /// Parses a text like [`GraphFile::read`]; `extends` is looked for beside `source.path`.
+    ///
+    /// # Errors
+    /// The errors of [`GraphFile::read`].
+    pub fn parse(source: Arc<Source>) -> Result<GraphFile, Vec<Diagnostic>> {
+        let mut faults = Diagnostics::default();
         let path = source.path.clone();
         let mut chain = vec![identity(&path)];
         let (mut layers, mut sources) = (Vec::new(), Vec::new());
@@ -142,7 +161,16 @@ impl GraphFile {
             }
             layers.push(layer);
         }
-        let mut file = GraphFile { path, sources, scene: None, sets: vec![], nodes: vec![], outputs: vec![], faults };
+        let mut file = GraphFile {
+            path,
+            sources,
+            scene: None,
+            sets: vec![],
+            nodes: vec![],
+            outputs: vec![],
+            faults,
+            warnings: vec![],
+        };
         layers.into_iter().rev().for_each(|layer| file.lay_over(layer));
         Ok(file)
     }
@@ -151,8 +179,9 @@ impl GraphFile {
         &self.path
     }
 
-    /// What is known to be wrong before kinds and ports are looked up; [`GraphFile::resolve`] tells it too.
-    pub fn faults(&self) -> Vec<Fault> {
+    /// The faults found before kinds and ports are looked up; [`GraphFile::resolve`] reports them
+    /// too.
+    pub fn faults(&self) -> Vec<Diagnostic> {
         self.faults.clone().into_vec()
     }
 
@@ -160,12 +189,12 @@ impl GraphFile {
     ///
     /// # Errors
     /// A confined file names a folder elsewhere.
-    pub fn scene(&self) -> Result<Option<PathBuf>, Fault> {
+    pub fn scene(&self) -> Result<Option<PathBuf>, Diagnostic> {
         let Some(Key { name, origin }) = &self.scene else { return Ok(None) };
         let folder = origin.source.folder().join(name);
         match origin.source.may_name(&folder) {
             Ok(()) => Ok(Some(folder)),
-            Err(e) => Err(Fault::at(origin, format!("{}: {e}", folder.display()))
+            Err(e) => Err(Diagnostic::at(origin, format!("{}: {e}", folder.display()))
                 .help("name the scene's folder with --scene DIR")),
         }
     }
@@ -184,7 +213,8 @@ impl GraphFile {
         })
     }
 
-    /// What is wired to an input of a node, as `node` or `node.port`; nothing where there is no such node or wire.
+    /// The outputs wired to an input of a node, as `node` or `node.port`; none where there is no
+    /// such node or wire.
     pub fn wired(&self, node: &str, input: &str) -> impl Iterator<Item = &str> {
         let node = self.nodes.iter().find(|n| n.name.name == node);
         let wire = node.and_then(|node| node.wires.iter().find(|w| w.port.name == input));
@@ -197,7 +227,8 @@ impl GraphFile {
         self.nodes.extend(copy.map(|node| NodeDecl { name: Key { name: name.to_owned(), ..node.name }, ..node }));
     }
 
-    /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node` where it has one output.
+    /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node`
+    /// where it has one output.
     pub fn redirect(&mut self, from: &str, to: &str) {
         let same = |a: &str, b: &str| match (a.split_once('.'), b.split_once('.')) {
             (None, Some((node, _))) => a == node,
@@ -210,8 +241,47 @@ impl GraphFile {
         }
     }
 
-    /// A set of a name that is there already is replaced; outputs are added; a node is changed field by field, unless
-    /// it becomes another kind: then nothing of the old one stays.
+    /// Puts the current names of `registry` in the place of old ones of kinds, inputs and outputs,
+    /// each with a warning ([`super::ResolvedGraph::warnings`]). A node of an old kind lies over one of its
+    /// new name.
+    pub fn accept_old_names(&mut self, registry: &Registry) {
+        let warnings = &mut self.warnings;
+        for node in &mut self.nodes {
+            let mut layers = std::mem::take(&mut node.replaced);
+            layers.push(node.clone());
+            let mut merged: Option<NodeDecl> = None;
+            for mut layer in layers {
+                layer.rename(registry, warnings);
+                let of_kind = |node: &NodeDecl| node.kind.as_ref().map(|kind| kind.name.clone());
+                match &mut merged {
+                    Some(below) if of_kind(below) == of_kind(&layer) => below.lay_over(layer),
+                    _ => merged = Some(layer),
+                }
+            }
+            *node = merged.expect("a node is its own last layer");
+        }
+        let kinds: BTreeMap<String, &KindSpec> = self
+            .nodes
+            .iter()
+            .filter_map(|node| Some((node.name.name.clone(), registry.get(&node.kind.as_ref()?.name)?)))
+            .collect();
+        let wires = self
+            .nodes
+            .iter_mut()
+            .flat_map(|node| node.wires.iter_mut().flat_map(|w| &mut w.from).chain(&mut node.when));
+        for end in wires.chain(&mut self.outputs) {
+            let Some((node, port)) = end.name.split_once('.') else { continue };
+            let Some(kind) = kinds.get(node) else { continue };
+            let new = registry.current_field(kind.kind, port, kind.outputs.iter().map(|port| port.name));
+            if new != port {
+                warnings.push(old_name(&end.origin, &end.name, &format!("{node}.{new}")));
+                end.name = format!("{node}.{new}");
+            }
+        }
+    }
+
+    /// A set of a name that is there already is replaced; outputs are added; a node is changed
+    /// field by field, unless it becomes another kind: then nothing of the old one stays.
     fn lay_over(&mut self, layer: Layer) {
         self.scene = layer.scene.or(self.scene.take());
         let mut known = places(self.sets.iter().map(|set| &set.name));
@@ -232,11 +302,15 @@ impl GraphFile {
             };
             match known.get(&node.name.name).map(|&old| &mut self.nodes[old]) {
                 Some(old) if same_kind(old) => old.lay_over(node),
-                Some(old) => *old = node,
+                Some(old) => {
+                    let mut replaced = std::mem::take(&mut old.replaced);
+                    replaced.push(std::mem::replace(old, node));
+                    old.replaced = replaced;
+                }
                 None => {
                     if node.kind.is_none() {
                         let message = format!("node `{}` has no `op`, and no file above gives it one", node.name.name);
-                        self.faults.push(|| Fault::at(&node.name.origin, message));
+                        self.faults.push(|| Diagnostic::at(&node.name.origin, message));
                     }
                     known.insert(node.name.name.clone(), self.nodes.len());
                     self.nodes.push(node);
@@ -253,7 +327,31 @@ fn places<'a>(names: impl Iterator<Item = &'a Key>) -> BTreeMap<String, usize> {
     names.enumerate().map(|(place, key)| (key.name.clone(), place)).collect()
 }
 
+/// The warning that `old` is the old name of `new`.
+pub(super) fn old_name(origin: &Origin, old: &str, new: &str) -> Diagnostic {
+    let message = format!("`{old}` is an old name, which the next version does not take");
+    Diagnostic::at(origin, message).help(format!("write `{new}`"))
+}
+
 impl NodeDecl {
+    /// Puts current names in the place of old ones of its kind and its inputs.
+    fn rename(&mut self, registry: &Registry, warnings: &mut Vec<Diagnostic>) {
+        let Some(kind) = &mut self.kind else { return };
+        let new = registry.current_kind(&kind.name);
+        if new != kind.name {
+            warnings.push(old_name(&kind.origin, &kind.name, new));
+            kind.name = new.to_owned();
+        }
+        let Some(spec) = registry.get(&kind.name) else { return };
+        for Wire { port, .. } in &mut self.wires {
+            let new = registry.current_field(spec.kind, &port.name, spec.inputs.iter().map(|port| port.name));
+            if new != port.name {
+                warnings.push(old_name(&port.origin, &port.name, new));
+                port.name = new.to_owned();
+            }
+        }
+    }
+
     fn lay_over(&mut self, child: NodeDecl) {
         self.params.extend(child.params);
         self.each = child.each.or(self.each.take());
@@ -268,17 +366,17 @@ impl NodeDecl {
     }
 }
 
-fn read_parent(source: &Source, parent: &Key, chain: &mut Vec<PathBuf>) -> Result<Arc<Source>, Fault> {
+fn read_parent(source: &Source, parent: &Key, chain: &mut Vec<PathBuf>) -> Result<Arc<Source>, Diagnostic> {
     let path = source.folder().join(&parent.name);
     if chain.contains(&identity(&path)) {
         let message = format!("`{}` extends itself: {}", parent.name, show_chain(chain, &path));
-        return Err(Fault::at(&parent.origin, message));
+        return Err(Diagnostic::at(&parent.origin, message));
     }
     chain.push(identity(&path));
-    let extended = |e| Fault::at(&parent.origin, format!("{} (extended here): {e}", path.display()));
+    let extended = |e| Diagnostic::at(&parent.origin, format!("{} (extended here): {e}", path.display()));
     source.may_name(&path).map_err(extended)?;
     Source::read(&path, source.reach).map_err(|fault| {
-        Fault::at(&parent.origin, format!("{} (extended here): {}", fault.path.display(), fault.message))
+        Diagnostic::at(&parent.origin, format!("{} (extended here): {}", fault.path.display(), fault.message))
     })
 }
 
@@ -294,14 +392,14 @@ fn show_chain(chain: &[PathBuf], again: &Path) -> String {
     names.map(name).collect::<Vec<_>>().join(" -> ")
 }
 
-fn parse_layer(source: &Arc<Source>, faults: &mut Faults) -> Option<Layer> {
+fn parse_layer(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<Layer> {
     let document = Raw::document(source, faults)?;
     let mut layer = Layer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
     let known = ["version", "extends", "scene", "sets", "nodes", "outputs"];
     let fields = document.as_struct(Some("Graph"), &known, faults);
     let is_graph = document.variant().map_or(document.text().starts_with('('), |name| name == "Graph");
     if is_graph && !fields.iter().any(|(key, _)| key.name == "version") {
-        let fault = Fault::at(&document.variant_origin(), "`version` is missing");
+        let fault = Diagnostic::at(&document.variant_origin(), "`version` is missing");
         faults.push(|| fault.help(format!("begin with `Graph(version: {VERSION},`")));
     }
     for (key, value) in fields {
@@ -314,7 +412,7 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Faults) -> Option<Layer> {
                 let mut entries = value.as_map(faults);
                 if let Some((name, _)) = entries.get(MAX_NODES) {
                     let message = format!("wanted at most {MAX_NODES} nodes, got {}", entries.len());
-                    faults.push(|| Fault::at(&name.origin, message));
+                    faults.push(|| Diagnostic::at(&name.origin, message));
                     entries.truncate(MAX_NODES);
                 }
                 layer.nodes = entries.into_iter().map(|(name, body)| parse_node(name, &body, faults)).collect();
@@ -325,13 +423,13 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Faults) -> Option<Layer> {
     Some(layer)
 }
 
-fn check_version(value: &Raw, faults: &mut Faults) {
+fn check_version(value: &Raw, faults: &mut Diagnostics) {
     if value.parse::<u32>().ok() != Some(VERSION) {
         faults.push(|| value.fault(format!("wanted version {VERSION}, got {}", value.short())));
     }
 }
 
-fn parse_sets(value: &Raw, faults: &mut Faults) -> Vec<SetDecl> {
+fn parse_sets(value: &Raw, faults: &mut Diagnostics) -> Vec<SetDecl> {
     let mut sets = Vec::new();
     for (name, members) in value.as_map(faults) {
         check_name(&name.name, &name.origin, "set", faults);
@@ -342,9 +440,10 @@ fn parse_sets(value: &Raw, faults: &mut Faults) -> Vec<SetDecl> {
     sets
 }
 
-fn parse_node(name: Key, body: &Raw, faults: &mut Faults) -> NodeDecl {
+fn parse_node(name: Key, body: &Raw, faults: &mut Diagnostics) -> NodeDecl {
     check_name(&name.name, &name.origin, "node", faults);
-    let mut node = NodeDecl { name, kind: None, params: vec![], each: None, when: None, wires: vec![] };
+    let mut node =
+        NodeDecl { name, kind: None, params: vec![], each: None, when: None, wires: vec![], replaced: vec![] };
     for (key, value) in body.as_struct(None, &["op", "each", "when", "in"], faults) {
         match key.name.as_str() {
             "op" => match value.variant() {
@@ -362,14 +461,14 @@ fn parse_node(name: Key, body: &Raw, faults: &mut Faults) -> NodeDecl {
     node
 }
 
-fn parse_wire(port: Key, value: &Raw, faults: &mut Faults) -> Wire {
+fn parse_wire(port: Key, value: &Raw, faults: &mut Diagnostics) -> Wire {
     let list = value.text().starts_with('[');
     let from = if list { value.as_list(faults) } else { vec![value.clone()] };
     Wire { port, from: names(&from, faults) }
 }
 
 /// Strings, each given once.
-fn names(values: &[Raw], faults: &mut Faults) -> Vec<Key> {
+fn names(values: &[Raw], faults: &mut Diagnostics) -> Vec<Key> {
     let mut keys: Vec<Key> = Vec::new();
     let mut seen = BTreeSet::new();
     for value in values {
@@ -377,15 +476,15 @@ fn names(values: &[Raw], faults: &mut Faults) -> Vec<Key> {
         if seen.insert(key.name.clone()) {
             keys.push(key);
         } else {
-            faults.push(|| Fault::at(&key.origin, format!("`{}` is given twice", key.name)));
+            faults.push(|| Diagnostic::at(&key.origin, format!("`{}` is given twice", key.name)));
         }
     }
     keys
 }
 
-pub(super) fn check_name(name: &str, origin: &Origin, what: &str, faults: &mut Faults) {
+pub(super) fn check_name(name: &str, origin: &Origin, what: &str, faults: &mut Diagnostics) {
     if !is_name(name) {
         let message = || format!("wanted a {what} name of letters, digits and _, letter first, got `{name}`");
-        faults.push(|| Fault::at(origin, message()));
+        faults.push(|| Diagnostic::at(origin, message()));
     }
 }

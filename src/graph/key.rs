@@ -1,13 +1,15 @@
-//! Key texts: everything that a result depends on, one fact a line. What explains a rerun reads the same text.
+//! Key manifests: everything that a result depends on, one fact a line. `explain` compares the same
+//! text.
 
 use std::fmt::Write;
 
 use super::Digest;
 
-/// Raised whenever key texts or stored entries change their form: all older entries are then unknown.
+/// Raised whenever key manifests or stored entries change their form: all older entries are then
+/// unknown.
 pub(super) const FORMAT: u32 = 4;
 
-/// What stands in place of a file's path.
+/// The prefix of a digest that stands in place of a file's path.
 pub(super) const FILE: &str = "blake3:";
 
 /// The lines that do not depend on inputs.
@@ -35,7 +37,7 @@ pub(super) fn missing_line(text: &mut String, port: &str) {
 
 /// A gather port, before its members: so that an empty one stands in the text as well.
 pub(super) fn gather_line(text: &mut String, port: &str, members: usize) {
-    writeln!(text, "input {port}: {members} members").expect("writing to a string");
+    writeln!(text, "members {port}: {members}").expect("writing to a string");
 }
 
 pub(super) fn digest(text: &str) -> Digest {
@@ -55,7 +57,7 @@ impl Why {
     }
 }
 
-/// The first fact that differs between two key texts.
+/// The first fact that differs between two key manifests.
 pub(super) fn first_change(old: &str, new: &str) -> Option<Why> {
     let fact = |line: &'_ str| -> (String, String) {
         let (label, value) = line.split_once(": ").or_else(|| line.split_once(' ')).unwrap_or((line, ""));
@@ -68,16 +70,17 @@ pub(super) fn first_change(old: &str, new: &str) -> Option<Why> {
         let between = if label.contains(' ') { ": " } else { " " };
         format!("{label}{between}{value}")
     };
-    // A count of members changes because of a member; the member is the better answer, and stands on another line.
-    let counts = |label: &str, value: &str| label.starts_with("input ") && value.ends_with(" members");
-    for (label, now) in news.iter().filter(|(label, now)| !counts(label, now)) {
+    // A count of members changes because of a member; the member is the better answer, and stands
+    // on another line.
+    let counts = |label: &str| label.starts_with("members ");
+    for (label, now) in news.iter().filter(|(label, _)| !counts(label)) {
         let was = value(&olds, label);
         if was.as_ref() != Some(now) {
             let old = was.as_ref().map(|was| line(label, was));
             return Some(Why { old, why: sentence(label, was.as_deref(), Some(now)), new: Some(line(label, now)) });
         }
     }
-    for (label, was) in olds.iter().filter(|(label, was)| !counts(label, was)) {
+    for (label, was) in olds.iter().filter(|(label, _)| !counts(label)) {
         if value(&news, label).is_none() {
             return Some(Why { old: Some(line(label, was)), new: None, why: sentence(label, Some(was), None) });
         }
@@ -133,11 +136,11 @@ mod tests {
         assert_eq!(why(&file(&a), &file(&b)).unwrap(), "parameter photo: file changed");
         assert_eq!(why(&format!("input x: T {a}"), &format!("input x: T {b}")).unwrap(), "input x changed");
         assert_eq!(why("input x: none", &format!("input x: T {b}")).unwrap(), "input x is new");
-        let one = format!("input x: 1 members\ninput x[m]: T {a}\n");
-        let two = format!("input x: 2 members\ninput x[n]: T {b}\ninput x[m]: T {a}\n");
+        let one = format!("members x: 1\ninput x[m]: T {a}\n");
+        let two = format!("members x: 2\ninput x[n]: T {b}\ninput x[m]: T {a}\n");
         assert_eq!(why(&one, &two).unwrap(), "input x[n] is new");
         assert_eq!(why(&two, &one).unwrap(), "input x[n] is gone");
-        let turned = format!("input x: 2 members\ninput x[m]: T {a}\ninput x[n]: T {b}\n");
+        let turned = format!("members x: 2\ninput x[m]: T {a}\ninput x[n]: T {b}\n");
         assert_eq!(why(&two, &turned).unwrap(), "input x: members in another order");
     }
 }

@@ -1,4 +1,5 @@
-//! RON cut into tokens: enough to find keys, values and brackets; the values themselves are left to the `ron` crate.
+//! RON cut into tokens: enough to find keys, values and brackets; the values themselves are left to
+//! the `ron` crate.
 
 use std::ops::Range;
 
@@ -21,8 +22,9 @@ pub(super) struct Token {
     pub span: Range<usize>,
 }
 
-/// The tokens of `text` one after the other, comments left out; last the place and kind of a text that is never closed, if there
-/// is one. Nothing behind the last token that was asked for is looked at.
+/// The tokens of `text` one after the other, comments left out; last the place and kind of a text
+/// that is never closed, if there is one. Nothing behind the last token that was asked for is
+/// looked at.
 pub(super) fn tokens(text: &str) -> Tokens<'_> {
     Tokens { text, at: 0 }
 }

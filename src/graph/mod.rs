@@ -1,46 +1,50 @@
-//! The engine: a lazy, cached dataflow graph. It knows nothing of light, images or networks.
+//! The engine: a lazy, cached dataflow graph, independent of light, images and networks.
 
 mod artifact;
 mod cache;
 mod context;
+mod diagnostics;
 mod disk;
 mod draw;
 mod engine;
 mod escape;
-mod faults;
 mod file;
+mod inputs;
 mod key;
 mod lexer;
-mod network;
 mod node;
 mod range;
+mod raw;
 mod reading;
 mod registry;
 mod report;
 mod resolve;
+mod resolved_graph;
 mod run;
 mod source;
 mod store;
 pub mod svg;
-mod take;
 
 pub use artifact::{Artifact, Value};
 pub use context::{Cancel, Context, NodeError, Services};
+pub use diagnostics::Diagnostics;
 pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};
 pub use engine::{Engine, EngineOptions};
 pub use escape::{escape, escape_json, escape_line};
-pub use faults::Faults;
 pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
-pub use network::{Graph, Wanted};
 pub use node::{
-    Arity, File, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue, Scatter,
+    Arity, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue, Scatter,
 };
 pub use range::{Number, Ranged, above, check_range, range_text};
-pub use reading::{MAX_FILE_BYTES, open, read};
+pub use raw::{Key, Raw};
+pub use reading::{File, MAX_FILE_BYTES, open, read};
 pub use registry::{KindSpec, Registry};
-pub use report::{Difference, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport};
+pub use report::{
+    Difference, Ending, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport,
+};
 pub use resolve::Resolved;
-pub use source::{Anchor, Fault, Key, Origin, Raw, Reach, Source, is_name, nearest};
+pub use resolved_graph::{ResolvedGraph, Wanted};
+pub use source::{Anchor, Diagnostic, Origin, Reach, Source, is_name, nearest};
 
 /// A BLAKE3 digest.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -74,7 +78,11 @@ pub fn to_ron<T: serde::Serialize>(value: &T) -> String {
     ron::to_string(value).expect("parameters are plain data, which RON always writes")
 }
 
-/// RON as people write it here: variants need no second pair of parentheses, optional values no `Some`.
+/// RON as people write it here: variants need no second pair of parentheses, optional values no
+/// `Some`.
+///
+/// # Errors
+/// The text is not RON, or not of this type; the error has its place.
 pub fn from_ron<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, ron::error::SpannedError> {
     use ron::extensions::Extensions;
     ron::Options::default()

@@ -33,15 +33,14 @@
 //! }
 //! ```
 
-use std::io;
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde::{Serialize, de::DeserializeOwned};
 
-use super::artifact::Flag;
-use super::reading::{self, MAX_FILE_BYTES};
-use super::{Artifact, Context, Digest, NodeError, Value};
+use super::Digest;
+use super::artifact::{Artifact, Flag, Value};
+use super::context::{Context, NodeError};
+use super::reading::File;
 
 /// A stage. `Self` is its parameters, made by [`params!`](crate::params).
 pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 'static {
@@ -69,71 +68,19 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
         Ok(())
     }
 
-    /// The files that `run` will read. Their digests, never their paths, are in the key. Asked again once they have their folders:
-    /// what a file names in its turn ([`File::peek`]) can then be told too.
+    /// The files that `run` will read. Their digests, never their paths, are in the key. Asked
+    /// again once they have their folders: what a file names in its turn ([`File::read_unchecked`])
+    /// can then be declared too.
     fn files(&mut self) -> Vec<&mut File> {
         Vec::new()
     }
 
-    /// Pure: what it returns depends on nothing but the parameters, the files named by [`Node::files`] and the inputs.
+    /// Pure: what it returns depends on nothing but the parameters, the files named by
+    /// [`Node::files`] and the inputs.
     fn run(&self, inputs: Self::In, ctx: &Context) -> Result<Self::Out, NodeError>;
 }
 
-/// A file that a stage reads: a path relative to the folder of the file that names it, or absolute.
-#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct File {
-    pub path: String,
-    /// The folder that a relative path starts from; set by the engine when it reads the parameter, never part of a key.
-    #[serde(skip)]
-    pub(super) base: Option<PathBuf>,
-    /// The folder that the file must lie in, where the one who names it may name no other; set with `base`.
-    #[serde(skip)]
-    pub(super) within: Option<PathBuf>,
-}
-
-impl File {
-    pub fn new(path: impl Into<String>) -> File {
-        File { path: path.into(), base: None, within: None }
-    }
-
-    /// The bytes, for a stage that must look into a file to know which others it names; none when it has no folder yet or cannot
-    /// be read, which is told when its digest is made.
-    pub fn peek(&self) -> Option<Vec<u8>> {
-        self.base.as_ref().and_then(|_| self.read().ok())
-    }
-
-    /// The bytes of the file: a regular one of at most [`MAX_FILE_BYTES`], in its folder where it is confined to one.
-    ///
-    /// # Errors
-    /// Those of the system, and what was wanted and got.
-    pub fn read(&self) -> io::Result<Vec<u8>> {
-        reading::read_all(self.open()?, MAX_FILE_BYTES)
-    }
-
-    /// The open file, with the checks of [`File::read`].
-    pub(super) fn open(&self) -> io::Result<std::fs::File> {
-        let place = self.location();
-        match &self.within {
-            None => reading::open(&place, MAX_FILE_BYTES),
-            Some(folder) => reading::open(&reading::below(folder, &place)?, MAX_FILE_BYTES),
-        }
-    }
-
-    /// The file of this name in the same folder; of a confined file, in that folder or below it.
-    pub fn beside(&self, name: &str) -> File {
-        let path = Path::new(&self.path).with_file_name(name).to_string_lossy().into_owned();
-        let own_folder = || self.location().parent().unwrap_or(Path::new("")).to_owned();
-        File { path, base: self.base.clone(), within: self.within.as_ref().map(|_| own_folder()) }
-    }
-
-    /// Where the file lies.
-    pub fn location(&self) -> PathBuf {
-        self.base.as_deref().unwrap_or(Path::new("")).join(&self.path)
-    }
-}
-
-/// What a parameter is, for the reference and for messages.
+/// A parameter's description, for the reference and for messages.
 #[derive(Clone, Debug)]
 pub struct ParamSpec {
     pub name: &'static str,
@@ -217,13 +164,15 @@ macro_rules! params {
 pub enum Arity {
     /// `Arc<T>`: exactly one value.
     One,
-    /// `Option<Arc<T>>` on an input: a wire may be missing, or the member may have no value there. `bool` on an output.
+    /// `Option<Arc<T>>` on an input: a wire may be missing, or the member may have no value there.
+    /// `bool` on an output.
     Optional,
-    /// [`Gather`] on an input: all members in member order. [`Scatter`] on an output: one value per member.
+    /// [`Gather`] on an input: all members in member order. [`Scatter`] on an output: one value per
+    /// member.
     Many,
 }
 
-/// What a port is.
+/// A port's description.
 #[derive(Clone, Debug)]
 pub struct PortSpec {
     pub name: &'static str,
@@ -253,8 +202,8 @@ impl<T> Gather<T> {
     }
 }
 
-/// One value per member: a consumer declared `each` over a set takes its own member's value, whose digest is its own,
-/// so that a change of one member leaves the others' consumers untouched.
+/// One value per member: a consumer declared `each` over a set takes its own member's value, whose
+/// digest is its own, so that a change of one member leaves the others' consumers untouched.
 pub struct Scatter<T>(pub Vec<(String, Arc<T>)>);
 
 /// The input ports of a stage; made by [`ports!`](crate::ports).
@@ -269,7 +218,8 @@ pub trait Outputs: Sized {
     fn ports() -> Vec<PortSpec>;
     /// In the order of [`Outputs::ports`].
     fn give(self) -> Vec<PortValue>;
-    /// Decodes one stored value of the port at `index` of [`Outputs::ports`], whose `digest` was checked.
+    /// Decodes one stored value of the port at `index` of [`Outputs::ports`], whose `digest` was
+    /// checked.
     fn decode(index: usize, bytes: Vec<u8>, digest: Digest) -> Result<Value, String>;
 }
 
@@ -368,9 +318,9 @@ impl<T: Artifact> OutPort for Scatter<T> {
 
 /// Declares the input or output ports of a stage, once, as the fields of a struct.
 ///
-/// Input fields are `Arc<T>`, `Option<Arc<T>>` or [`Gather<T>`](crate::graph::Gather); output fields are `Arc<T>`,
-/// [`Scatter<T>`](crate::graph::Scatter) or, for a condition, `bool`; every `T` is an
-/// [`Artifact`](crate::graph::Artifact).
+/// Input fields are `Arc<T>`, `Option<Arc<T>>` or [`Gather<T>`](crate::graph::Gather); output
+/// fields are `Arc<T>`, [`Scatter<T>`](crate::graph::Scatter) or, for a condition, `bool`; every
+/// `T` is an [`Artifact`](crate::graph::Artifact).
 #[macro_export]
 macro_rules! ports {
     ($vis:vis input $name:ident { $( $(#[doc = $doc:literal])* $field:ident : $ty:ty ),* $(,)? }) => {

@@ -1,28 +1,90 @@
 //! Reading of files that anybody may have made.
 //!
-//! A scene may name a pipe that nobody writes to, a device without end, or a file larger than the memory. Every file that a
-//! person, a scene, a model or the cache names is therefore opened here: regular files only, and no byte is read of a file
-//! that is larger than its reader takes.
+//! A scene may name a pipe that nobody writes to, a device without end, or a file larger than the
+//! memory. Every file that a person, a scene, a model or the cache names is therefore opened here:
+//! regular files only, and no byte is read of a file that is larger than its reader takes.
 
-use std::fs::{File, Metadata, OpenOptions};
+use std::fs::{self, Metadata, OpenOptions};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-/// The largest file that a stage reads, in bytes (2 GiB): the largest networks of ONNX are little smaller.
+use serde::{Deserialize, Serialize};
+
+/// The largest file that a stage reads, in bytes (2 GiB): the largest networks of ONNX are little
+/// smaller.
 pub const MAX_FILE_BYTES: u64 = 2 << 30;
+
+/// A file that a stage reads: a path relative to the folder of the file that names it, or absolute.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct File {
+    pub path: String,
+    /// The folder that a relative path starts from; set by the engine when it reads the parameter,
+    /// never part of a key.
+    #[serde(skip)]
+    pub(super) base: Option<PathBuf>,
+    /// The folder that the file must lie in, where its text is confined; set with `base`.
+    #[serde(skip)]
+    pub(super) within: Option<PathBuf>,
+}
+
+impl File {
+    pub fn new(path: impl Into<String>) -> File {
+        File { path: path.into(), base: None, within: None }
+    }
+
+    /// Returns the bytes before the digest is known, for a stage that must find the files that this
+    /// one names; none when it has no folder yet or cannot be read, which is an error when its
+    /// digest is made.
+    pub fn read_unchecked(&self) -> Option<Vec<u8>> {
+        self.base.as_ref().and_then(|_| self.read().ok())
+    }
+
+    /// The bytes of the file: a regular one of at most [`MAX_FILE_BYTES`], in its folder where it
+    /// is confined to one.
+    ///
+    /// # Errors
+    /// The errors of the system, and a place outside of the folder.
+    pub fn read(&self) -> io::Result<Vec<u8>> {
+        read_all(self.open()?, MAX_FILE_BYTES)
+    }
+
+    /// The open file, with the checks of [`File::read`].
+    pub(super) fn open(&self) -> io::Result<fs::File> {
+        let place = self.location();
+        match &self.within {
+            None => open(&place, MAX_FILE_BYTES),
+            Some(folder) => open(&below(folder, &place)?, MAX_FILE_BYTES),
+        }
+    }
+
+    /// The file of this name in the same folder; of a confined file, in that folder or below it.
+    pub fn sibling(&self, name: &str) -> File {
+        let path = Path::new(&self.path).with_file_name(name).to_string_lossy().into_owned();
+        let own_folder = || self.location().parent().unwrap_or(Path::new("")).to_owned();
+        File { path, base: self.base.clone(), within: self.within.as_ref().map(|_| own_folder()) }
+    }
+
+    /// The path of the file.
+    pub fn location(&self) -> PathBuf {
+        self.base.as_deref().unwrap_or(Path::new("")).join(&self.path)
+    }
+}
 
 /// Opens a regular file of at most `limit` bytes; a symbolic link is followed.
 ///
 /// # Errors
-/// Those of the system; `InvalidInput` for anything but a regular file, `FileTooLarge` above the limit.
-pub fn open(path: &Path, limit: u64) -> io::Result<File> {
+/// The errors of the system; `InvalidInput` for anything but a regular file, `FileTooLarge` above
+/// the limit.
+pub fn open(path: &Path, limit: u64) -> io::Result<fs::File> {
     // Before opening, as the opening of a device may do something.
     check(&path.metadata()?, limit)?;
     Ok(opened(path, limit, true)?.0)
 }
 
-/// The file and what is known of it, for a path within the cache, whose last component must not be a symbolic link.
-pub(super) fn open_no_follow(path: &Path, limit: u64) -> io::Result<(File, Metadata)> {
+/// The file and what is known of it, for a path within the cache, whose last component must not be
+/// a symbolic link.
+pub(super) fn open_no_follow(path: &Path, limit: u64) -> io::Result<(fs::File, Metadata)> {
     #[cfg(not(unix))]
     check(&path.symlink_metadata()?, limit)?;
     let opened = opened(path, limit, false);
@@ -36,23 +98,24 @@ pub(super) fn open_no_follow(path: &Path, limit: u64) -> io::Result<(File, Metad
 /// The bytes of a regular file of at most `limit` bytes, also where it grows while it is read.
 ///
 /// # Errors
-/// Those of [`open`].
+/// The errors of [`open`].
 pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read_all(open(path, limit)?, limit)
 }
 
 /// The rest of an open file, at most `limit` bytes.
-pub(super) fn read_all(file: File, limit: u64) -> io::Result<Vec<u8>> {
+pub(super) fn read_all(file: fs::File, limit: u64) -> io::Result<Vec<u8>> {
     let size = file.metadata()?.len();
     let mut bytes = Vec::with_capacity(size.min(limit) as usize);
     file.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit { Err(too_large(bytes.len() as u64, limit)) } else { Ok(bytes) }
 }
 
-/// The real place of `path`, which must lie in `folder` or below it once symbolic links are followed.
+/// The real place of `path`, which must lie in `folder` or below it once symbolic links are
+/// followed.
 ///
 /// # Errors
-/// Those of the system; `PermissionDenied` for a place elsewhere.
+/// The errors of the system; `PermissionDenied` for a place elsewhere.
 pub(super) fn below(folder: &Path, path: &Path) -> io::Result<PathBuf> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let (folder, place) = (folder.canonicalize()?, path.canonicalize()?);
@@ -64,7 +127,7 @@ pub(super) fn below(folder: &Path, path: &Path) -> io::Result<PathBuf> {
 }
 
 #[cfg_attr(not(unix), expect(unused_variables, reason = "links were seen before"))]
-fn opened(path: &Path, limit: u64, follow: bool) -> io::Result<(File, Metadata)> {
+fn opened(path: &Path, limit: u64, follow: bool) -> io::Result<(fs::File, Metadata)> {
     let mut options = OpenOptions::new();
     options.read(true);
     #[cfg(unix)]

@@ -1,6 +1,6 @@
 //! The kinds of nodes that graph files may name, with their types forgotten.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use super::artifact::digest_of;
@@ -10,11 +10,15 @@ use super::{Context, Digest, File, Inputs, Node, NodeError, Outputs, ParamSpec, 
 #[derive(Default)]
 pub struct Registry {
     kinds: Vec<KindSpec>,
-    /// Where files that a stage names by default lie, and what to do when they do not.
+    /// Current kinds by their old names.
+    old_kinds: BTreeMap<&'static str, &'static str>,
+    /// Current parameters, inputs and outputs by kind and old name.
+    old_fields: BTreeMap<(&'static str, &'static str), &'static str>,
+    /// The folder of files that stages name by default, and the help shown when one is missing.
     pub(super) library: Option<(PathBuf, String)>,
 }
 
-/// What a kind of node is: the source of checks, of messages and of the node reference.
+/// A kind's description: the source of checks, of messages and of the node reference.
 pub struct KindSpec {
     pub kind: &'static str,
     pub version: u32,
@@ -30,7 +34,10 @@ impl Registry {
         Registry::default()
     }
 
-    /// The same list with one more kind at its end.
+    /// Adds a kind at the end of the list.
+    ///
+    /// # Panics
+    /// A kind of this name is in the list.
     pub fn with<N: Node>(mut self) -> Registry {
         assert!(self.get(N::KIND).is_none(), "the kind {} is listed twice", N::KIND);
         self.kinds.push(KindSpec {
@@ -45,7 +52,55 @@ impl Registry {
         self
     }
 
-    /// The same list, with the folder of the files that stages name by default; `help` is told when one of them is not there.
+    /// Lets files use the old name `old` of the kind `new`, with a warning.
+    ///
+    /// # Panics
+    /// No kind is called `new`, or one is called `old`.
+    pub fn renamed(mut self, old: &'static str, new: &'static str) -> Registry {
+        assert!(self.get(new).is_some() && self.get(old).is_none(), "{old} cannot be an old name of {new}");
+        self.old_kinds.insert(old, new);
+        self
+    }
+
+    /// Lets files use the old name `old` of `new`, a parameter, an input or an output of the kind
+    /// `kind`, with a warning.
+    ///
+    /// # Panics
+    /// The kind has nothing of the name `new`.
+    pub fn renamed_field(mut self, kind: &'static str, old: &'static str, new: &'static str) -> Registry {
+        let has = |spec: &KindSpec| {
+            let ports = spec.inputs.iter().chain(&spec.outputs).map(|port| port.name);
+            ports.chain(spec.params.iter().map(|param| param.name)).any(|name| name == new)
+        };
+        assert!(self.get(kind).is_some_and(has), "{kind} has no {new}");
+        self.old_fields.insert((kind, old), new);
+        self
+    }
+
+    /// The current name of a kind that is called `name` in a file, which is `name` itself unless
+    /// that is an old one.
+    pub(super) fn current_kind<'a>(&self, name: &'a str) -> &'a str {
+        self.old_kinds.get(name).copied().unwrap_or(name)
+    }
+
+    /// The current name of a parameter, an input or an output of a kind; `known` lists the current
+    /// names.
+    pub(super) fn current_field<'a>(
+        &self,
+        kind: &'static str,
+        name: &'a str,
+        mut known: impl Iterator<Item = &'static str>,
+    ) -> &'a str {
+        if known.any(|known| known == name) {
+            return name;
+        }
+        // The name lives as long as its key in the table.
+        let found = self.old_fields.iter().find(|((of, old), _)| *of == kind && *old == name);
+        found.map_or(name, |(_, new)| new)
+    }
+
+    /// Sets the folder of the files that stages name by default; `help` is shown when one of them
+    /// is missing.
     pub fn with_library(mut self, folder: PathBuf, help: impl Into<String>) -> Registry {
         self.library = Some((folder, help.into()));
         self
@@ -65,11 +120,11 @@ impl Registry {
         self.kinds.iter().flat_map(|kind| &kind.outputs).map(|port| port.type_name).collect()
     }
 
-    /// A value of a type from its stored form, with the checks of a value that comes from the cache; none for a type that no
-    /// kind gives. The digest is that of the bytes.
+    /// A value of a type from its stored form, with the checks of a value that comes from the
+    /// cache; none for a type that no kind gives. The digest is that of the bytes.
     ///
     /// # Errors
-    /// What was wanted and what was got.
+    /// The message states the wanted and the actual content.
     pub fn decode(&self, type_name: &str, bytes: &[u8]) -> Option<Result<Value, String>> {
         let port = |kind: &KindSpec| kind.outputs.iter().position(|port| port.type_name == type_name);
         let (kind, port) = self.kinds.iter().find_map(|kind| Some((kind, port(kind)?)))?;

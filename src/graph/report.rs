@@ -1,8 +1,8 @@
-//! What a run tells: one report per node, warnings, outputs.
+//! The report of a run: one entry per node, warnings, outputs.
 
 use super::{Digest, PortValue};
 
-/// What became of a node.
+/// The final state of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
@@ -38,9 +38,11 @@ pub struct NodeReport {
     pub seconds: f64,
     /// Rays that were traced in this run; 0 unless it ran.
     pub rays: u64,
-    /// Mean number of samples of the estimates made in this run, where the stage tells one; none unless it ran.
+    /// Mean number of samples of the estimates made in this run, where the stage records one; none
+    /// unless it ran.
     pub samples: Option<f64>,
-    /// Mean relative standard error of the result, where the stage tells one (also of a result that was there already).
+    /// Mean relative standard error of the result, where the stage records one (also of a result
+    /// that was there already).
     pub stderr: Option<f64>,
     /// Memory that the outputs take.
     pub bytes: u64,
@@ -49,7 +51,7 @@ pub struct NodeReport {
     /// Why a node ran: `new`, or the first line of its key that changed.
     pub why: Option<String>,
     pub warnings: Vec<String>,
-    /// What the stage says of its result although nobody need act on it.
+    /// Notes of the stage about its result that need no action.
     pub notes: Vec<String>,
     /// Why it failed, or what it was blocked by.
     pub error: Option<String>,
@@ -57,7 +59,19 @@ pub struct NodeReport {
     pub bad_file: bool,
 }
 
-/// What a run did and gave.
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// Every node gave its result.
+    Complete,
+    /// A stage failed.
+    Failed,
+    /// Stages failed, all because of a file that a person named or a parameter that a person set.
+    BadInput,
+    Cancelled,
+}
+
+/// The report and the outputs of a run.
 #[derive(Default)]
 pub struct RunReport {
     /// In topological, then declaration order.
@@ -77,12 +91,18 @@ impl RunReport {
         self.nodes.iter().all(|n| matches!(n.status, Status::Hit | Status::Ran))
     }
 
-    pub fn failed(&self) -> bool {
-        self.nodes.iter().any(|n| n.status == Status::Failed)
-    }
-
-    pub fn cancelled(&self) -> bool {
-        self.nodes.iter().any(|n| n.status == Status::Cancelled)
+    /// How the run ended; a cancelled one is that whatever failed in it.
+    pub fn ending(&self) -> Ending {
+        let failed = || self.nodes.iter().filter(|n| n.status == Status::Failed);
+        if self.nodes.iter().any(|n| n.status == Status::Cancelled) {
+            Ending::Cancelled
+        } else if failed().next().is_none() {
+            Ending::Complete
+        } else if failed().all(|n| n.bad_file) {
+            Ending::BadInput
+        } else {
+            Ending::Failed
+        }
     }
 
     /// The value that was wanted as `name`.
@@ -98,17 +118,19 @@ impl RunReport {
 
 /// Watches a run. Calls come from any thread.
 pub trait Observer: Sync {
-    /// The run needs so many nodes more: once before any work, and again when a condition turns out to hold.
+    /// The run needs so many nodes more: once before any work, and again when a condition turns out
+    /// to hold.
     fn needs(&self, _more: usize) {}
     /// A node's stage begins to work; not called for hits.
     fn started(&self, _node: &str) {}
-    /// A node is done. Called again for a hit whose stored values turn out to be damaged when they are needed.
+    /// A node is done. Called again for a hit whose stored values turn out to be damaged when they
+    /// are needed.
     fn finished(&self, _report: &NodeReport) {}
 }
 
 impl Observer for () {}
 
-/// What a run would do with a node.
+/// The expected state of a node in a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Planned {
@@ -148,11 +170,12 @@ pub struct Explanation {
     pub status: Planned,
     /// One sentence: `parameter samples: 16 -> 32`.
     pub why: String,
-    /// The first line of the key text that differs from the last stored one, as it was and as it is.
+    /// The first line of the key manifest that differs from the last stored one, as it was and as
+    /// it is.
     pub old: Option<String>,
     pub new: Option<String>,
-    /// The whole key text, where it is known.
-    pub key_text: Option<String>,
+    /// The whole key manifest, where it is known.
+    pub key_manifest: Option<String>,
 }
 
 /// A result that came out differently when [`super::Engine::verify`] made it again.

@@ -10,11 +10,12 @@ use std::sync::Arc;
 use petgraph::graph::DiGraph;
 
 use super::artifact::{Artifact, Flag};
-use super::faults::Faults;
-use super::file::{GraphFile, NodeDecl, Overlay, Setting, Target, Wire, check_name};
-use super::network::{Feed, Graph, GraphNode, Input, Instance, Take};
+use super::diagnostics::Diagnostics;
+use super::file::{GraphFile, NodeDecl, Overlay, Setting, Target, Wire, check_name, old_name};
+use super::raw::{Key, Raw, holds_non_finite};
 use super::registry::{AnyNode, KindSpec, Registry};
-use super::source::{Fault, Key, Origin, Raw, holds_non_finite};
+use super::resolved_graph::{Edge, GraphNode, Input, InputSelector, Instance, ResolvedGraph};
+use super::source::{Diagnostic, Origin};
 use super::{Arity, Digest, File, MAX_FILE_BYTES, PortSpec, key};
 
 /// Most instances of nodes and wires between them; a thousand lights come to some ten thousand.
@@ -62,9 +63,11 @@ impl Wired {
     }
 }
 
-/// Results of resolving a graph file that hold for other overlays too: digests of files, and nodes and wires by what they were made of.
+/// Results of resolving a graph file that hold for other overlays too: digests of files, and nodes
+/// and wires by what they were made of.
 ///
-/// With it, a frame of a sequence costs what it changes. It belongs to one graph file and one registry.
+/// With it, a frame of a sequence costs what it changes. It belongs to one graph file and one
+/// registry.
 #[derive(Default)]
 pub struct Resolved {
     digests: FileDigests,
@@ -79,26 +82,49 @@ struct Wiring {
 }
 
 impl GraphFile {
-    /// Looks up kinds, ports and files, sets all parameters, and makes one instance per node, or per node and member.
-    /// All faults come at once.
-    pub fn resolve(&self, registry: &Registry, overlay: &Overlay) -> Result<Graph, Vec<Fault>> {
+    /// Looks up kinds, ports and files, sets all parameters, and makes one instance per node, or
+    /// per node and member. All faults come at once.
+    ///
+    /// # Errors
+    /// All faults of the files and settings, and files that cannot be read.
+    pub fn resolve(&self, registry: &Registry, overlay: &Overlay) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         self.resolve_next(registry, overlay, &mut Resolved::default())
     }
 
-    /// The same for one of many overlays; `before` holds the results of those before it.
+    /// Resolves one of many overlays; `before` holds the results of those before it.
+    ///
+    /// # Errors
+    /// The errors of [`GraphFile::resolve`].
     pub fn resolve_next(
         &self,
         registry: &Registry,
         overlay: &Overlay,
         before: &mut Resolved,
-    ) -> Result<Graph, Vec<Fault>> {
+    ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         self.check(registry, overlay, before)?;
         let settings = overlay.settings.iter().map(|setting| setting.value.clone()).collect();
-        Ok(Graph { settings, ..self.expand(before) })
+        let of_nodes = before.nodes.iter().flatten().flat_map(|built| &built.warnings);
+        let mut warnings = self.warnings.clone();
+        for setting in &overlay.settings {
+            if let Target::Kind(kind) = &setting.target
+                && registry.current_kind(kind) != kind
+            {
+                warnings.push(old_name(&setting.value.origin, kind, registry.current_kind(kind)));
+            }
+        }
+        for warning in of_nodes {
+            if !warnings.contains(warning) {
+                warnings.push(warning.clone());
+            }
+        }
+        Ok(ResolvedGraph { settings, warnings, ..self.expand(before) })
     }
 
     /// The faults of [`GraphFile::resolve_next`] without its graph.
-    pub fn check(&self, registry: &Registry, overlay: &Overlay, before: &mut Resolved) -> Result<(), Vec<Fault>> {
+    ///
+    /// # Errors
+    /// The errors of [`GraphFile::resolve`].
+    pub fn check(&self, registry: &Registry, overlay: &Overlay, before: &mut Resolved) -> Result<(), Vec<Diagnostic>> {
         let mut faults = self.faults.clone();
         let sets = self.merged_sets(overlay, &mut faults);
         let kinds: Vec<Option<&KindSpec>> = self.nodes.iter().map(|n| kind_of(n, registry, &mut faults)).collect();
@@ -106,7 +132,7 @@ impl GraphFile {
         self.check_targets(registry, overlay, &places, &mut faults);
 
         let Resolved { digests, nodes, wiring } = before;
-        let settings = Settings::new(overlay);
+        let settings = Settings::new(overlay, registry);
         nodes.resize_with(self.nodes.len(), || None);
         for ((decl, kind), node) in self.nodes.iter().zip(&kinds).zip(nodes) {
             let Some(kind) = kind else { continue };
@@ -127,7 +153,7 @@ impl GraphFile {
         kinds: &[Option<&KindSpec>],
         places: &BTreeMap<&str, usize>,
         sets: Sets,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) -> Option<Wiring> {
         let before = faults.found();
         if !self.is_small(&sets, |_| 0, faults) {
@@ -159,20 +185,21 @@ impl GraphFile {
         each.map_or(1, |each| sets.get(&each.name).map_or(0, |members| members.names.len()))
     }
 
-    /// Whether there are few enough instances, each with as many wires as `wires` has for its node; else it is a fault.
-    fn is_small(&self, sets: &Sets, wires: impl Fn(usize) -> usize, faults: &mut Faults) -> bool {
+    /// Whether there are few enough instances, each with as many wires as `wires` has for its node;
+    /// else it is a fault.
+    fn is_small(&self, sets: &Sets, wires: impl Fn(usize) -> usize, faults: &mut Diagnostics) -> bool {
         let of_node = |node: usize| self.count(node, sets).saturating_mul(1 + wires(node));
         let size = (0..self.nodes.len()).map(of_node).fold(0, usize::saturating_add);
         if size > MAX_SIZE {
             let message = format!("wanted at most {MAX_SIZE} instances of nodes and wires between them, got {size}");
             let largest = sets.iter().max_by_key(|(_, members)| members.names.len());
             let help = largest.map(|(set, members)| format!("set `{set}` has {} members", members.names.len()));
-            faults.push(|| Fault { help, ..Fault::file(self.path(), message) });
+            faults.push(|| Diagnostic { help, ..Diagnostic::file(self.path(), message) });
         }
         size <= MAX_SIZE
     }
 
-    fn merged_sets(&self, overlay: &Overlay, faults: &mut Faults) -> Sets {
+    fn merged_sets(&self, overlay: &Overlay, faults: &mut Diagnostics) -> Sets {
         let mut sets = Sets::new();
         for set in &self.sets {
             let members = sets.entry(set.name.name.clone()).or_default();
@@ -184,7 +211,7 @@ impl GraphFile {
                 && !members.add(&member.name)
             {
                 let message = format!("set `{}` already has a member `{}`", member.set, member.name);
-                faults.push(|| Fault::at(&member.origin, message));
+                faults.push(|| Diagnostic::at(&member.origin, message));
             }
         }
         sets
@@ -195,11 +222,11 @@ impl GraphFile {
         registry: &Registry,
         overlay: &Overlay,
         places: &BTreeMap<&str, usize>,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) {
         for setting in &overlay.settings {
             match &setting.target {
-                Target::Kind(kind) if registry.get(kind).is_none() => faults.push(|| {
+                Target::Kind(kind) if registry.get(registry.current_kind(kind)).is_none() => faults.push(|| {
                     let fault = setting.value.fault(format!("there is no kind of node `{kind}`"));
                     fault.suggest(kind, registry.kinds().map(|k| k.kind))
                 }),
@@ -222,7 +249,7 @@ impl GraphFile {
         named: &Key,
         kinds: &[Option<&KindSpec>],
         places: &BTreeMap<&str, usize>,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) -> Option<End> {
         let (node_name, port_name) = match named.name.split_once('.') {
             Some((node, port)) => (node, Some(port)),
@@ -230,7 +257,7 @@ impl GraphFile {
         };
         let Some(&node) = places.get(node_name) else {
             faults.push(|| {
-                let fault = Fault::at(&named.origin, format!("there is no node `{node_name}`"));
+                let fault = Diagnostic::at(&named.origin, format!("there is no node `{node_name}`"));
                 fault.suggest(node_name, self.node_names())
             });
             return None;
@@ -245,11 +272,11 @@ impl GraphFile {
             faults.push(|| match port_name {
                 Some(name) => {
                     let message = format!("node `{node_name}` ({}) has no output `{name}`", kind.kind);
-                    Fault::at(&named.origin, message).suggest(name, kind.outputs.iter().map(|p| p.name))
+                    Diagnostic::at(&named.origin, message).suggest(name, kind.outputs.iter().map(|p| p.name))
                 }
                 None => {
                     let message = format!("node `{node_name}` ({}) has {} outputs", kind.kind, kind.outputs.len());
-                    Fault::at(&named.origin, message).help(format!("name one: {}", list()))
+                    Diagnostic::at(&named.origin, message).help(format!("name one: {}", list()))
                 }
             });
         }
@@ -263,20 +290,20 @@ impl GraphFile {
         kinds: &[Option<&KindSpec>],
         places: &BTreeMap<&str, usize>,
         sets: &Sets,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) -> Wired {
         let name = &decl.name.name;
         if let Some(each) = &decl.each {
             if !sets.contains_key(&each.name) {
                 faults.push(|| {
-                    let fault = Fault::at(&each.origin, format!("there is no set `{}`", each.name));
+                    let fault = Diagnostic::at(&each.origin, format!("there is no set `{}`", each.name));
                     fault.suggest(&each.name, sets.keys().map(String::as_str))
                 });
             }
             if let Some(port) = kind.outputs.iter().find(|p| p.arity == Arity::Many) {
                 let message =
                     format!("{} gives one `{}` per member by itself, so it has no `each`", kind.kind, port.name);
-                faults.push(|| Fault::at(&each.origin, message));
+                faults.push(|| Diagnostic::at(&each.origin, message));
             }
         }
         let mut all_known = true;
@@ -284,7 +311,7 @@ impl GraphFile {
             if !kind.inputs.iter().any(|p| p.name == wire.port.name) {
                 faults.push(|| {
                     let message = format!("node `{name}` ({}) has no input `{}`", kind.kind, wire.port.name);
-                    let fault = Fault::at(&wire.port.origin, message);
+                    let fault = Diagnostic::at(&wire.port.origin, message);
                     fault.suggest(&wire.port.name, kind.inputs.iter().map(|p| p.name))
                 });
                 all_known = false;
@@ -300,7 +327,7 @@ impl GraphFile {
                     "node `{name}` ({}): nothing is wired to input `{}` ({})",
                     kind.kind, port.name, port.type_name
                 );
-                faults.push(|| Fault::at(&decl.name.origin, message));
+                faults.push(|| Diagnostic::at(&decl.name.origin, message));
             }
             let ends = wire.map(|wire| {
                 let end = |from| Some((self.end(from, kinds, places, faults)?, from));
@@ -321,7 +348,7 @@ impl GraphFile {
         kinds: &[Option<&KindSpec>],
         places: &BTreeMap<&str, usize>,
         sets: &Sets,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) -> Option<End> {
         let named = decl.when.as_ref()?;
         let end = self.end(named, kinds, places, faults)?;
@@ -342,13 +369,13 @@ impl GraphFile {
         ends: &[(End, &Key)],
         kinds: &[Option<&KindSpec>],
         sets: &Sets,
-        faults: &mut Faults,
+        faults: &mut Diagnostics,
     ) {
         let input = format!("input `{}` of node `{}` ({})", port.name, decl.name.name, kind.kind);
         if port.arity != Arity::Many
             && let Some(second) = wire.from.get(1)
         {
-            faults.push(|| Fault::at(&second.origin, format!("{input} wanted one wire, got {}", wire.from.len())));
+            faults.push(|| Diagnostic::at(&second.origin, format!("{input} wanted one wire, got {}", wire.from.len())));
         }
         let no_members = Members::default();
         let members = |each: &Option<Key>| each.as_ref().and_then(|e| sets.get(&e.name)).unwrap_or(&no_members);
@@ -361,7 +388,7 @@ impl GraphFile {
             if port.type_name != from_port.type_name {
                 faults.push(|| {
                     let (wanted, got) = (port.type_name, from_port.type_name);
-                    Fault::at(place, format!("{input} wanted {wanted}, got {got} from `{}`", named.name))
+                    Diagnostic::at(place, format!("{input} wanted {wanted}, got {got} from `{}`", named.name))
                 });
                 continue;
             }
@@ -372,27 +399,30 @@ impl GraphFile {
             match (port.arity, many) {
                 (Arity::Many, None) => {
                     let message = format!("{input} wanted one {} per member, got a single one", port.type_name);
-                    faults.push(|| Fault::at(place, message));
+                    faults.push(|| Diagnostic::at(place, message));
                 }
                 (Arity::Many, Some(_)) if from.each.is_some() => {
                     let is_new = seen_sets.insert(from.each.as_ref().map(|each| &each.name));
                     for member in &members(&from.each).names {
                         if !(is_new && seen.insert(member)) {
-                            faults.push(|| Fault::at(place, format!("{input} gets the member `{member}` twice")));
+                            faults.push(|| Diagnostic::at(place, format!("{input} gets the member `{member}` twice")));
                         }
                     }
                 }
                 (Arity::One | Arity::Optional, Some(many)) if decl.each.is_none() => {
                     let message = format!("{input} wanted one {}, got {many}", port.type_name);
-                    faults.push(|| Fault::at(place, message).help("give the node an `each`"));
+                    faults.push(|| Diagnostic::at(place, message).help("give the node an `each`"));
                 }
-                // Of several wires the first is looked at: that there are several is a fault already.
+                // Several wires are a fault already, so the first alone is checked.
                 (Arity::One, Some(_)) if from.each.is_some() && at == 0 => {
                     let there = &members(&from.each).places;
                     for member in members(&decl.each).names.iter().filter(|member| !there.contains_key(*member)) {
                         faults.push(|| {
                             let name = &from.name.name;
-                            Fault::at(place, format!("{input} wanted one for member `{member}`, `{name}` has none"))
+                            Diagnostic::at(
+                                place,
+                                format!("{input} wanted one for member `{member}`, `{name}` has none"),
+                            )
                         });
                     }
                 }
@@ -401,8 +431,9 @@ impl GraphFile {
         }
     }
 
-    /// Nodes in an order in which each comes after what it takes from, otherwise as declared. Cycles are faults.
-    fn order(&self, wired: &[Wired], faults: &mut Faults) -> Vec<usize> {
+    /// Nodes in an order in which each comes after what it takes from, otherwise as declared.
+    /// Cycles are faults.
+    fn order(&self, wired: &[Wired], faults: &mut Diagnostics) -> Vec<usize> {
         let mut graph = DiGraph::<usize, ()>::new();
         let indices: Vec<_> = (0..wired.len()).map(|node| graph.add_node(node)).collect();
         let mut waits = vec![0; wired.len()];
@@ -420,7 +451,7 @@ impl GraphFile {
                         shortest_loop(&graph, first).into_iter().map(|node| self.nodes[node].name.name.as_str());
                     let names = names.collect::<Vec<_>>().join(" -> ");
                     let place = &self.nodes[graph[first]].name.origin;
-                    Fault::at(place, format!("these nodes wait for each other: {names}"))
+                    Diagnostic::at(place, format!("these nodes wait for each other: {names}"))
                 });
             }
         }
@@ -438,8 +469,8 @@ impl GraphFile {
         order
     }
 
-    /// One instance per node, or per node and member, and the feeds between them.
-    fn expand(&self, resolved: &Resolved) -> Graph {
+    /// One instance per node, or per node and member, and the edges between them.
+    fn expand(&self, resolved: &Resolved) -> ResolvedGraph {
         let Wiring { sets, wired, order } = resolved.wiring.as_ref().expect("it was checked");
         let members = |node: usize| self.nodes[node].each.as_ref().map(|each| sets.get(&each.name).expect("checked"));
         let built = resolved.nodes.iter().map(|built| built.as_ref().expect("it was checked"));
@@ -449,49 +480,56 @@ impl GraphFile {
             let start = instances.len();
             let own: Vec<Option<&String>> = members(node).map_or(vec![None], |m| m.names.iter().map(Some).collect());
             for member in own {
-                let feeds = |end: &End, arity: Arity| {
+                let edges = |end: &End, arity: Arity| {
                     let own_place = |m: &String| members(end.node).and_then(|all| all.places.get(m).copied());
-                    feeds(&nodes[end.node], end.port, arity, member, own_place)
+                    edges(&nodes[end.node], end.port, arity, member, own_place)
                 };
                 let inputs = nodes[node].inputs.iter().zip(&wired[node].ports).map(|(port, ends)| {
                     let ends = ends.as_deref().unwrap_or_default();
-                    let mut feeds: Vec<Feed> = ends.iter().flat_map(|end| feeds(end, port.arity)).collect();
+                    let mut edges: Vec<Edge> = ends.iter().flat_map(|end| edges(end, port.arity)).collect();
                     match port.arity {
-                        Arity::Many => Input::Many(feeds),
-                        _ => feeds.pop().map_or(Input::Missing, Input::One),
+                        Arity::Many => Input::Many(edges),
+                        _ => edges.pop().map_or(Input::Missing, Input::One),
                     }
                 });
                 let inputs: Vec<Input> = inputs.collect();
-                let when = wired[node].when.and_then(|end| feeds(&end, Arity::One).pop());
+                let when = wired[node].when.and_then(|end| edges(&end, Arity::One).pop());
                 instances.push(instance(&nodes[node], node, member, inputs, when, &instances));
             }
             nodes[node].instances = start..instances.len();
         }
         let outputs = self.outputs.iter().map(|o| o.name.clone()).collect();
-        Graph { nodes, instances, outputs, sources: self.sources.clone(), settings: Vec::new() }
+        ResolvedGraph {
+            nodes,
+            instances,
+            outputs,
+            sources: self.sources.clone(),
+            settings: Vec::new(),
+            warnings: Vec::new(),
+        }
     }
 }
 
-/// The feeds of one wire from `port` of the node `from` to an input of `arity`, of the instance of `member`; `own_place` gives the place
-/// of a member in the set of `from`.
-fn feeds(
+/// The edges of one wire from `port` of the node `from` to an input of `arity`, of the instance of
+/// `member`; `own_place` gives the place of a member in the set of `from`.
+fn edges(
     from: &GraphNode,
     port: usize,
     arity: Arity,
     member: Option<&String>,
     own_place: impl Fn(&String) -> Option<usize>,
-) -> Vec<Feed> {
+) -> Vec<Edge> {
     let scatters = from.outputs[port].arity == Arity::Many;
     let range = from.instances.clone();
-    let (chosen, take) = match (member, arity) {
-        (_, Arity::Many) if scatters => (range, Take::All),
-        (Some(m), Arity::One | Arity::Optional) if scatters => (range, Take::Member(m.clone())),
+    let (chosen, selector) = match (member, arity) {
+        (_, Arity::Many) if scatters => (range, InputSelector::All),
+        (Some(m), Arity::One | Arity::Optional) if scatters => (range, InputSelector::Member(m.clone())),
         (Some(m), Arity::One | Arity::Optional) if from.each.is_some() => {
-            (own_place(m).map_or(0..0, |at| range.start + at..range.start + at + 1), Take::Whole)
+            (own_place(m).map_or(0..0, |at| range.start + at..range.start + at + 1), InputSelector::Whole)
         }
-        _ => (range, Take::Whole),
+        _ => (range, InputSelector::Whole),
     };
-    chosen.map(|instance| Feed { instance, port, take: take.clone() }).collect()
+    chosen.map(|instance| Edge { instance, port, selector: selector.clone() }).collect()
 }
 
 /// The instance of `member` of the node at `place`; `before` are those that it may take from.
@@ -500,14 +538,14 @@ fn instance(
     place: usize,
     member: Option<&String>,
     inputs: Vec<Input>,
-    when: Option<Feed>,
+    when: Option<Edge>,
     before: &[Instance],
 ) -> Instance {
     let needed = node.inputs.iter().zip(&inputs).filter(|(port, _)| port.arity == Arity::One);
-    let needed = needed.flat_map(|(_, input)| input.feeds()).map(|feed| feed.instance);
+    let needed = needed.flat_map(|(_, input)| input.edges()).map(|edge| edge.instance);
     let conditions = needed.filter(|&from| !before[from].conditions.is_empty());
     let conditions = sorted(conditions.chain(when.iter().map(|when| when.instance)));
-    let from = inputs.iter().flat_map(Input::feeds).map(|feed| feed.instance);
+    let from = inputs.iter().flat_map(Input::edges).map(|edge| edge.instance);
     let from = sorted(from.chain(conditions.iter().copied()));
     let name = member.map_or_else(|| node.name.clone(), |member| format!("{}[{member}]", node.name));
     Instance { name: name.into(), node: place, member: member.cloned(), inputs, when, conditions, from }
@@ -521,12 +559,12 @@ fn sorted(instances: impl Iterator<Item = usize>) -> Vec<usize> {
     all
 }
 
-fn kind_of<'a>(decl: &NodeDecl, registry: &'a Registry, faults: &mut Faults) -> Option<&'a KindSpec> {
+fn kind_of<'a>(decl: &NodeDecl, registry: &'a Registry, faults: &mut Diagnostics) -> Option<&'a KindSpec> {
     let kind = decl.kind.as_ref()?;
     let found = registry.get(&kind.name);
     if found.is_none() {
         faults.push(|| {
-            let fault = Fault::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
+            let fault = Diagnostic::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
             fault.suggest(&kind.name, registry.kinds().map(|k| k.kind))
         });
     }
@@ -567,19 +605,19 @@ struct Settings<'a> {
 }
 
 impl<'a> Settings<'a> {
-    fn new(overlay: &'a Overlay) -> Settings<'a> {
+    fn new(overlay: &'a Overlay, registry: &Registry) -> Settings<'a> {
         let mut settings = Settings { all: &overlay.settings, of_kind: BTreeMap::new(), of_node: BTreeMap::new() };
         for (place, setting) in overlay.settings.iter().enumerate() {
             let (targets, name) = match &setting.target {
-                Target::Kind(kind) => (&mut settings.of_kind, kind),
-                Target::Node(node) => (&mut settings.of_node, node),
+                Target::Kind(kind) => (&mut settings.of_kind, registry.current_kind(kind)),
+                Target::Node(node) => (&mut settings.of_node, node.as_str()),
             };
-            targets.entry(name.as_str()).or_default().push(place);
+            targets.entry(name).or_default().push(place);
         }
         settings
     }
 
-    /// Those of one node, in order.
+    /// The settings of one node, in order.
     fn of(&self, kind: &str, node: &str) -> Vec<&'a Setting> {
         let mut places =
             [self.of_kind.get(kind), self.of_node.get(node)].into_iter().flatten().flatten().collect::<Vec<_>>();
@@ -598,10 +636,13 @@ struct Built {
     outputs: Vec<PortSpec>,
     key_head: String,
     files: Vec<(File, Digest)>,
+    /// Old names of its parameters.
+    warnings: Vec<Diagnostic>,
 }
 
 impl Built {
-    /// Whether it would come out of these settings too: the same texts, and the same folder for files that they name.
+    /// Whether it would come out of these settings too: the same texts, and the same folder for
+    /// files that they name.
     fn is_made_of(&self, settings: &[&Setting]) -> bool {
         let same_value = |a: &Origin, b: &Origin| {
             Arc::ptr_eq(&a.source, &b.source) && a.span == b.span
@@ -634,59 +675,31 @@ fn build(
     registry: &Registry,
     settings: &[&Setting],
     digests: &mut FileDigests,
-    faults: &mut Faults,
+    faults: &mut Diagnostics,
 ) -> Option<Built> {
     let before = faults.found();
-    let mut sound = true;
     let mut op = (kind.make)();
     for file in op.files().into_iter().filter(|file| !file.path.is_empty()) {
         file.base = Some(registry.library.as_ref().map_or_else(PathBuf::new, |(folder, _)| folder.clone()));
     }
-    // Where each parameter was last set, and where each file was named.
-    let mut set_at: BTreeMap<&str, &Raw> = BTreeMap::new();
-    let mut named_at: BTreeMap<File, &Origin> = BTreeMap::new();
-    let from_file = decl.params.iter().map(|(key, value)| (key.name.as_str(), &key.origin, value));
-    let from_overlay = settings.iter().map(|s| (s.field.as_str(), &s.value.origin, &s.value));
-    for (field, place, value) in from_file.chain(from_overlay) {
-        if !set(&mut *op, kind, field, place, value, faults) {
-            sound = false;
-            continue;
-        }
-        set_at.insert(field, value);
-        // A file with a folder may name further ones.
-        let mut named = true;
-        while named {
-            named = false;
-            for file in op.files() {
-                if file.base.is_none() && !file.path.is_empty() {
-                    value.origin.source.adopt(file);
-                    named_at.insert(file.clone(), &value.origin);
-                    named = true;
-                }
-            }
-        }
-    }
-    sound &= is_finite(&*op, kind, &set_at, faults);
-    if !sound {
-        return None;
-    }
+    let places = set_all(&mut *op, decl, kind, registry, settings, faults)?;
     let declared = decl.kind.as_ref().map_or(&decl.name.origin, |k| &k.origin);
     if let Err(message) = op.check() {
         let mut words = message.split(|c: char| !c.is_alphanumeric() && c != '_');
-        let place = words.find_map(|word| set_at.get(word)).map_or(declared, |value| &value.origin);
-        faults.push(|| Fault::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
+        let place = words.find_map(|word| places.set.get(word)).map_or(declared, |value| &value.origin);
+        faults.push(|| Diagnostic::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
     }
     let files: Vec<File> = op.files().into_iter().map(|file| file.clone()).collect();
     let mut read = Vec::new();
     for file in files {
         match digests.of(&file) {
             Ok(digest) => read.push((file, digest)),
-            // The stage said what it lacks.
+            // `check` has reported the missing file.
             Err(_) if file.path.is_empty() && faults.found() > before => {}
             Err(message) => faults.push(|| {
-                let named = named_at.get(&file).copied();
+                let named = places.named.get(&file).copied();
                 let message = format!("node `{}` ({}): {message}", decl.name.name, kind.kind);
-                let fault = Fault::at(named.unwrap_or(declared), message);
+                let fault = Diagnostic::at(named.unwrap_or(declared), message);
                 let help = registry.library.as_ref().filter(|_| named.is_none() && !file.path.is_empty());
                 help.into_iter().fold(fault, |fault, (_, help)| fault.help(help))
             }),
@@ -702,33 +715,95 @@ fn build(
     let key_head = key::head(kind.kind, kind.version, &anonymous.values());
     let (inputs, outputs) = (kind.inputs.clone(), kind.outputs.clone());
     let settings = settings.iter().map(|s| (s.field.clone(), s.value.clone())).collect();
-    Some(Built { settings, kind: kind.kind, op, inputs, outputs, key_head, files: read })
+    let warnings = places.warnings;
+    Some(Built { settings, kind: kind.kind, op, inputs, outputs, key_head, files: read, warnings })
+}
+
+/// Places in the texts that set the parameters of a node.
+#[derive(Default)]
+struct Places<'a> {
+    /// The place where each parameter was last set.
+    set: BTreeMap<&'a str, &'a Raw>,
+    /// The place where each file was named.
+    named: BTreeMap<File, &'a Origin>,
+    /// Old names.
+    warnings: Vec<Diagnostic>,
+}
+
+/// Sets all parameters of a node. `None` left a fault.
+fn set_all<'a>(
+    op: &mut dyn AnyNode,
+    decl: &'a NodeDecl,
+    kind: &KindSpec,
+    registry: &Registry,
+    settings: &[&'a Setting],
+    faults: &mut Diagnostics,
+) -> Option<Places<'a>> {
+    let mut sound = true;
+    let mut places = Places::default();
+    let from_file = decl.params.iter().map(|(key, value)| (key.name.as_str(), &key.origin, value));
+    let from_overlay = settings.iter().map(|s| (s.field.as_str(), &s.value.origin, &s.value));
+    for (field, place, value) in from_file.chain(from_overlay) {
+        let old = field;
+        let field = registry.current_field(kind.kind, field, kind.params.iter().map(|param| param.name));
+        if field != old {
+            places.warnings.push(old_name(place, old, field));
+        }
+        if !set(op, kind, field, place, value, faults) {
+            sound = false;
+            continue;
+        }
+        places.set.insert(field, value);
+        // A file with a folder may name further ones.
+        let mut named = true;
+        while named {
+            named = false;
+            for file in op.files() {
+                if file.base.is_none() && !file.path.is_empty() {
+                    value.origin.source.adopt(file);
+                    places.named.insert(file.clone(), &value.origin);
+                    named = true;
+                }
+            }
+        }
+    }
+    sound &= is_finite(op, kind, &places.set, faults);
+    sound.then_some(places)
 }
 
 /// Sets one parameter; `false` where that is a fault.
-fn set(op: &mut dyn AnyNode, kind: &KindSpec, field: &str, place: &Origin, value: &Raw, faults: &mut Faults) -> bool {
+fn set(
+    op: &mut dyn AnyNode,
+    kind: &KindSpec,
+    field: &str,
+    place: &Origin,
+    value: &Raw,
+    faults: &mut Diagnostics,
+) -> bool {
     let Some(spec) = kind.params.iter().find(|p| p.name == field) else {
         refuse(value, faults, || {
-            let fault = Fault::at(place, format!("{} has no parameter `{field}`", kind.kind));
+            let fault = Diagnostic::at(place, format!("{} has no parameter `{field}`", kind.kind));
             fault.suggest(field, kind.params.iter().map(|p| p.name))
         });
         return false;
     };
     let Some(Err(error)) = op.set(field, value.text()) else { return true };
     refuse(value, faults, || {
-        // RON takes the `6` of `6.4` for an integer and stumbles over the rest: what was wanted says more.
+        // RON takes the `6` of `6.4` for an integer and stumbles over the rest: the wanted type is
+        // the better message.
         let detail = match error.code {
             ron::Error::TrailingCharacters => String::new(),
             _ => format!(": {}", error.code),
         };
         let wanted = format!("parameter `{field}` of {} wanted {}", kind.kind, spec.type_name);
-        Fault { message: format!("{wanted}, got `{}`{detail}", value.short()), ..value.locate(error) }
+        Diagnostic { message: format!("{wanted}, got `{}`{detail}", value.short()), ..value.locate(error) }
     });
     false
 }
 
-/// Whether all parameters are finite. A number too large for single precision is not, which shows once it is set.
-fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, faults: &mut Faults) -> bool {
+/// Whether all parameters are finite. A number too large for single precision is not, which shows
+/// once it is set.
+fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, faults: &mut Diagnostics) -> bool {
     let mut finite = true;
     for (field, _) in op.values().into_iter().filter(|(_, ron)| holds_non_finite(ron)) {
         let Some(value) = set_at.get(field) else { continue };
@@ -742,8 +817,9 @@ fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, f
     finite
 }
 
-/// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node of it.
-fn refuse(value: &Raw, faults: &mut Faults, fault: impl FnOnce() -> Fault) {
+/// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node
+/// of it.
+fn refuse(value: &Raw, faults: &mut Diagnostics, fault: impl FnOnce() -> Diagnostic) {
     if !faults.kept().iter().any(|told| told.is_inside(&value.origin)) {
         faults.push(fault);
     }

@@ -1,8 +1,10 @@
-//! One run: each node starts when its last input is known, the one before the longest chain of others first.
+//! One run: each node starts when its last input is known, the one before the longest chain of
+//! others first.
 //!
-//! A stage may use the same threads inside (`par_iter`), and a thread that waits there may take up another node. So no
-//! lock is held while a stage works, and no node ever waits on a thread for another: what cannot go on is put aside and
-//! taken up again by whoever finishes what it waited for.
+//! A stage may use the same threads inside (`par_iter`), and a thread that waits there may take up
+//! another node. So no lock is held while a stage works, and no node ever waits on a thread for
+//! another: what cannot go on is put aside and taken up again by whoever finishes what it waited
+//! for.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -13,21 +15,21 @@ use std::time::{Duration, Instant};
 use super::cache::{Entry, Header};
 use super::context::{Cancel, Context, NodeError, Shared};
 use super::disk::Loss;
-use super::network::{Graph, GraphNode, Wanted};
+use super::inputs::{Before, ResolvedInput, Slot, holds, key_manifest, resolve_inputs};
 use super::report::{Difference, NodeReport, Observer, RunReport, Status};
+use super::resolved_graph::{GraphNode, ResolvedGraph, Wanted};
 use super::source::is_name;
 use super::store::{STORED_NO_MORE, Store};
-use super::take::{Before, Slot, Taken, holds, key_text, taken};
 use super::{Digest, PortValue, Value, key};
 
-/// What a run is made of.
+/// The parts of a run.
 #[derive(Clone, Copy)]
 pub(super) struct RunOptions<'a> {
     pub store: &'a Store,
     pub shared: &'a Shared,
     /// Time for each node that asks for it.
     pub budget: Option<Duration>,
-    pub graph: &'a Graph,
+    pub graph: &'a ResolvedGraph,
     pub wanted: &'a Wanted,
     pub cancel: &'a Cancel,
     pub observer: &'a dyn Observer,
@@ -41,7 +43,7 @@ pub(super) struct Run<'a> {
 }
 
 struct State<'a> {
-    graph: &'a Graph,
+    graph: &'a ResolvedGraph,
     /// Per instance, the length of the longest chain of instances that begins there.
     chain: Vec<u32>,
     /// Per instance, whether its result is asked for, and how far its inputs are.
@@ -54,13 +56,14 @@ struct State<'a> {
     waits: Vec<usize>,
     /// By length of chain, then the earlier instance first.
     ready: BinaryHeap<(u32, Reverse<usize>)>,
-    /// What runs or ran under a key in this run.
+    /// The instances that run or ran under each key in this run.
     #[expect(clippy::disallowed_types, reason = "found by key only, never walked")]
-    flights: std::collections::HashMap<Digest, Flight>,
+    in_flight: std::collections::HashMap<Digest, InFlight>,
     outcomes: Vec<Option<Outcome>>,
     reports: Vec<Option<NodeReport>>,
     differences: Vec<(usize, Difference)>,
-    /// Per instance and output port, how many may still take its values; at 0 the run lets go of them.
+    /// Per instance and output port, how many may still take its values; at 0 the run lets go of
+    /// them.
     uses: Vec<Vec<usize>>,
     /// Per instance, whether it has taken what it takes.
     served: Vec<bool>,
@@ -80,19 +83,19 @@ enum Asked {
     Inputs,
 }
 
-/// What happened to an instance.
+/// An event of an instance.
 enum Event {
     Asked,
-    /// What it waited for is settled.
+    /// All that it waited for is complete.
     Ready,
-    Settled,
+    Completed,
 }
 
-enum Flight {
-    /// In the air; these wait for it.
+enum InFlight {
+    /// These wait for it.
     Running(Vec<usize>),
-    /// Landed: what became of this instance holds for all.
-    Landed(usize),
+    /// The outcome of this instance holds for all.
+    Done(usize),
 }
 
 #[derive(Clone)]
@@ -120,10 +123,10 @@ struct Job {
     at: usize,
     key: Digest,
     text: String,
-    taken: Vec<Taken>,
+    resolved: Vec<ResolvedInput>,
 }
 
-/// What a stage gave, and what the run table tells of it.
+/// The result of a stage, with its measurements for the run table.
 struct Made {
     entry: Arc<Entry>,
     values: Vec<Value>,
@@ -183,32 +186,32 @@ impl<'a> Run<'a> {
             Ok(job) => job,
             Err(stop) => {
                 let (outcome, report) = self.stopped(at, None, stop);
-                return self.settle(scope, at, None, outcome, report);
+                return self.complete(scope, at, None, outcome, report);
             }
         };
-        let landed = {
+        let done_by = {
             let mut state = self.lock();
-            match state.flights.get_mut(&job.key) {
-                Some(Flight::Running(waiting)) => return waiting.push(at),
-                Some(&mut Flight::Landed(first)) => Some(first),
+            match state.in_flight.get_mut(&job.key) {
+                Some(InFlight::Running(waiting)) => return waiting.push(at),
+                Some(&mut InFlight::Done(first)) => Some(first),
                 None => {
-                    state.flights.insert(job.key, Flight::Running(Vec::new()));
+                    state.in_flight.insert(job.key, InFlight::Running(Vec::new()));
                     None
                 }
             }
         };
-        if let Some(first) = landed {
+        if let Some(first) = done_by {
             let (outcome, report) = self.like(at, first, job.key);
-            return self.settle(scope, at, None, outcome, report);
+            return self.complete(scope, at, None, outcome, report);
         }
 
         let node = self.node(at);
         let found = self.options.store.find(&job.key, node);
         if let (Some(entry), false) = (&found.entry, self.options.verify) {
             let report = self.report(at, Status::Hit, Some(entry));
-            return self.settle(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
+            return self.complete(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
         }
-        // What is compared with a stored result must be as whole as that one.
+        // A result to compare with a stored one must be as whole as that.
         let budget = if found.entry.is_none() { self.options.budget } else { None };
         let inputs = self.inputs(&job);
         if !self.options.verify {
@@ -218,7 +221,7 @@ impl<'a> Run<'a> {
         match (inputs.and_then(|inputs| self.make(&job, inputs, budget)), found.entry) {
             (Err(stop), _) => {
                 let (outcome, report) = self.stopped(at, Some(job.key), stop);
-                self.settle(scope, at, Some(job.key), outcome, report);
+                self.complete(scope, at, Some(job.key), outcome, report);
             }
             (Ok(made), Some(stored)) => {
                 self.compare(at, &stored.header, &made.entry.header);
@@ -228,7 +231,7 @@ impl<'a> Run<'a> {
                     samples: made.samples,
                     ..self.report(at, Status::Hit, Some(&stored))
                 };
-                self.settle(scope, at, Some(job.key), Outcome::Done(stored), report);
+                self.complete(scope, at, Some(job.key), Outcome::Done(stored), report);
             }
             (Ok(made), None) => {
                 let keep = !made.entry.cut_short;
@@ -236,14 +239,15 @@ impl<'a> Run<'a> {
                     self.options.store.keep_in_memory(&made.entry);
                 }
                 let report = self.ran(&job, &made, found.damage.map(Loss::Damaged));
-                // What waits for the values need not wait for the disk, unless they are so large that they should not be held for both.
+                // Takers of the values need not wait for the disk, unless the values are too large
+                // to be held for both.
                 let large = self.options.store.is_large(&made.entry);
                 if keep && large {
                     self.options.store.keep_on_disk(&made.entry, &made.values);
                 }
                 let Made { entry, values, .. } = made;
                 let values = if large { Vec::new() } else { values };
-                self.settle(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
+                self.complete(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
                 if keep && !large {
                     self.options.store.keep_on_disk(&entry, &values);
                 }
@@ -251,15 +255,15 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// What the node takes, and its key.
+    /// Resolves the inputs and the key of a node.
     fn job(&self, at: usize) -> Result<Job, Stop> {
         if self.options.cancel.is_cancelled() {
             return Err(Stop::Cancelled);
         }
         let before = self.before(at)?;
-        let taken = taken(self.graph(), at, &before).map_err(Stop::Failed)?;
-        let text = key_text(self.graph(), at, &taken, &before);
-        Ok(Job { at, key: key::digest(&text), text, taken })
+        let resolved = resolve_inputs(self.graph(), at, &before).map_err(Stop::Failed)?;
+        let text = key_manifest(self.graph(), at, &resolved, &before);
+        Ok(Job { at, key: key::digest(&text), text, resolved })
     }
 
     fn before(&self, at: usize) -> Result<Before, Stop> {
@@ -283,11 +287,11 @@ impl<'a> Run<'a> {
 
     /// The values that a job takes.
     fn inputs(&self, job: &Job) -> Result<Vec<PortValue>, Stop> {
-        let inputs = job.taken.iter().map(|taken| {
-            Ok(match taken {
-                Taken::Missing => PortValue::Missing,
-                Taken::One(slot) => PortValue::One(self.value(*slot)?),
-                Taken::Many(all) => {
+        let inputs = job.resolved.iter().map(|input| {
+            Ok(match input {
+                ResolvedInput::Missing => PortValue::Missing,
+                ResolvedInput::One(slot) => PortValue::One(self.value(*slot)?),
+                ResolvedInput::Many(all) => {
                     let value = |(member, slot): &(String, Slot)| Ok((member.clone(), self.value(*slot)?));
                     PortValue::Many(all.iter().map(value).collect::<Result<_, Stop>>()?)
                 }
@@ -323,15 +327,21 @@ impl<'a> Run<'a> {
             let error = ctx.stderr().map_or(String::new(), |e| format!(" at a standard error of {:.2} %", 100.0 * e));
             warnings.push(format!("stopped by the budget{error}; this result is not kept"));
         }
-        let header =
-            Header { key_text: job.text.clone(), values: vec![], stderr: ctx.stderr(), warnings, notes: ctx.notes() };
+        let header = Header {
+            key_manifest: job.text.clone(),
+            values: vec![],
+            stderr: ctx.stderr(),
+            warnings,
+            notes: ctx.notes(),
+        };
         let entry = Arc::new(Entry::made(job.key, header, &outputs, ctx.was_late()));
         let values = entry.all().expect("a result just made has all its values");
         self.hold(job.at, &entry);
         Ok(Made { entry, values, seconds, rays: ctx.rays(), samples: ctx.samples() })
     }
 
-    /// A value for a stage that really runs: from memory, from disk, or made again when what is stored is damaged.
+    /// A value for a stage that really runs: from memory, from disk, or made again when what is
+    /// stored is damaged.
     fn value(&self, slot: Slot) -> Result<Value, Stop> {
         let Some(Outcome::Done(entry)) = self.lock().outcomes[slot.instance].clone() else {
             return Err(Stop::Blocked(slot.instance));
@@ -385,39 +395,39 @@ impl<'a> Run<'a> {
         result
     }
 
-    /// Notes what became of a node, and wakes what waited for it.
-    fn settle<'s>(
+    /// Records the outcome of a node, and wakes the nodes that waited for it.
+    fn complete<'s>(
         &'s self,
         scope: &rayon::Scope<'s>,
         at: usize,
-        landing: Option<Digest>,
+        key: Option<Digest>,
         outcome: Outcome,
         report: NodeReport,
     ) {
         let NodeReport { name, status, why, error, .. } = &report;
-        tracing::debug!(node = %name, ?status, why = why.as_deref(), error = error.as_deref(), "settled");
+        tracing::debug!(node = %name, ?status, why = why.as_deref(), error = error.as_deref(), "completed");
         self.options.observer.finished(&report);
         let alike = {
             let state = &mut *self.lock();
             state.outcomes[at] = Some(outcome);
             state.reports[at] = Some(report);
-            let flight = landing.and_then(|key| state.flights.insert(key, Flight::Landed(at)));
-            if let Some(Flight::Running(waiting)) = flight { waiting } else { Vec::new() }
+            let flight = key.and_then(|key| state.in_flight.insert(key, InFlight::Done(at)));
+            if let Some(InFlight::Running(waiting)) = flight { waiting } else { Vec::new() }
         };
-        self.follow(scope, vec![(at, Event::Settled)]);
+        self.follow(scope, vec![(at, Event::Completed)]);
         for other in alike {
-            let (outcome, report) = self.like(other, at, landing.expect("only a flight has others waiting for it"));
-            self.settle(scope, other, None, outcome, report);
+            let (outcome, report) = self.like(other, at, key.expect("only what has a key has others waiting for it"));
+            self.complete(scope, other, None, outcome, report);
         }
     }
 
-    /// What becomes of `at`, whose key is that of `first`.
+    /// The outcome of `at`, whose key is that of `first`.
     fn like(&self, at: usize, first: usize, key: Digest) -> (Outcome, NodeReport) {
         let (outcome, report) = {
             let state = self.lock();
             (state.outcomes[first].clone(), state.reports[first].clone())
         };
-        match outcome.expect("a flight lands after its outcome is known") {
+        match outcome.expect("a key is done once its outcome is known") {
             Outcome::Done(entry) => {
                 // The run may have let go of the first one's values already.
                 let entry = self.options.store.in_memory(&key).unwrap_or(entry);
@@ -503,7 +513,7 @@ impl<'a> Run<'a> {
 
     /// The wanted outputs of which everything was made.
     fn outputs(&self) -> Vec<(String, PortValue)> {
-        let output = |output: &super::network::WantedOutput| {
+        let output = |output: &super::resolved_graph::WantedOutput| {
             let mut all = Vec::new();
             let node = self.node(*output.instances.first()?);
             let mut any = false;
@@ -536,7 +546,7 @@ impl<'a> Run<'a> {
         state.peak = state.peak.max(state.held_now);
     }
 
-    fn graph(&self) -> &'a Graph {
+    fn graph(&self) -> &'a ResolvedGraph {
         self.options.graph
     }
 
@@ -552,7 +562,7 @@ impl<'a> Run<'a> {
 const UNPOISONED: &str = "nothing panics while it holds the state of a run";
 
 impl<'a> State<'a> {
-    fn new(graph: &'a Graph, wanted: &Wanted) -> State<'a> {
+    fn new(graph: &'a ResolvedGraph, wanted: &Wanted) -> State<'a> {
         let count = graph.instances.len();
         let needed = || (0..count).filter(|&at| wanted.needed[at]);
         let mut hopes: Vec<usize> = wanted.is_root(count).into_iter().map(usize::from).collect();
@@ -565,7 +575,7 @@ impl<'a> State<'a> {
                 hopes[from] += 1;
                 chain[from] = chain[from].max(1 + chain[at]);
             }
-            instance.ports().for_each(|(_, feed)| uses[feed.instance][feed.port] += 1);
+            instance.ports().for_each(|(_, edge)| uses[edge.instance][edge.port] += 1);
         }
         for output in &wanted.outputs {
             output.instances.iter().for_each(|&at| uses[at][output.port] += 1);
@@ -578,7 +588,7 @@ impl<'a> State<'a> {
             waiting: vec![Vec::new(); count],
             waits: vec![0; count],
             ready: BinaryHeap::new(),
-            flights: Default::default(),
+            in_flight: Default::default(),
             outcomes: vec![None; count],
             reports: vec![None; count],
             differences: Vec::new(),
@@ -590,7 +600,8 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Acts on events; the number of instances that are ready for work now, and of those that are known now to be needed.
+    /// Acts on events; the number of instances that are ready for work now, and of those that are
+    /// known now to be needed.
     fn follow(&mut self, mut events: Vec<(usize, Event)>) -> (usize, usize) {
         let (mut ready, mut needed) = (0, 0);
         while let Some((at, event)) = events.pop() {
@@ -605,7 +616,7 @@ impl<'a> State<'a> {
                     let (skip, fail) = self.conditions(at);
                     if skip && !fail {
                         self.outcomes[at] = Some(Outcome::Skipped);
-                        events.push((at, Event::Settled));
+                        events.push((at, Event::Completed));
                         continue;
                     }
                     needed += 1;
@@ -617,7 +628,7 @@ impl<'a> State<'a> {
                     self.ready.push((self.chain[at], Reverse(at)));
                     ready += 1;
                 }
-                (Event::Settled, _) => {
+                (Event::Completed, _) => {
                     for waiting in std::mem::take(&mut self.waiting[at]) {
                         self.waits[waiting] -= 1;
                         if self.waits[waiting] == 0 {
@@ -643,7 +654,8 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Whether a condition of `at` does not hold, and whether one has failed. All of them are settled.
+    /// Whether a condition of `at` does not hold, and whether one has failed. All of them are
+    /// settled.
     fn conditions(&self, at: usize) -> (bool, bool) {
         let instance = &self.graph.instances[at];
         let (mut skip, mut fail) = (false, false);
@@ -674,14 +686,14 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Instance `at` has taken what it takes. Of ports without another taker only the header is kept, unless nobody else holds the
-    /// values.
+    /// Instance `at` has taken what it takes. Of ports without another taker only the header is
+    /// kept, unless nobody else holds the values.
     fn serve(&mut self, at: usize) {
         if std::mem::replace(&mut self.served[at], true) {
             return;
         }
-        for (_, feed) in self.graph.instances[at].ports() {
-            let (from, port) = (feed.instance, feed.port);
+        for (_, edge) in self.graph.instances[at].ports() {
+            let (from, port) = (edge.instance, edge.port);
             self.uses[from][port] -= 1;
             self.let_go(from, port);
         }

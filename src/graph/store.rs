@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use super::cache::{Entry, Header, Memory};
 use super::disk::{DiskCache, Found, Loss};
 use super::key::{Why, first_change};
-use super::network::GraphNode;
+use super::resolved_graph::GraphNode;
 use super::{Digest, Value};
 
 /// Why a node runs again whose key is the last one of its name.
@@ -17,10 +17,10 @@ pub(super) struct Store {
     memory: Memory,
     disk: Option<DiskCache>,
     disk_limit: u64,
-    /// Set once storing failed: a full or read-only disk is told once and not tried again.
+    /// Set once storing failed: a full or read-only disk gives one warning and is not tried again.
     read_only: AtomicBool,
     warnings: Mutex<Vec<String>>,
-    /// Set once entries of somebody else were met: they are told of once.
+    /// Set once an entry of another user was found: it gives one warning.
     met_foreign: AtomicBool,
     /// The project whose last keys are kept.
     project: String,
@@ -34,7 +34,7 @@ struct Latest {
     header: Option<Arc<Header>>,
 }
 
-/// What a look-up gave, and what was damaged on the way.
+/// The result of a look-up, and the damage found on the way.
 pub(super) struct Lookup {
     pub entry: Option<Arc<Entry>>,
     pub damage: Option<String>,
@@ -212,7 +212,7 @@ impl Store {
             Some((last, _)) if last == *key => Why::plain(STORED_NO_MORE),
             Some((_, None)) => Why::plain("changed, and its last key is stored no more"),
             Some((_, Some(header))) => {
-                first_change(&header.key_text, text).unwrap_or_else(|| Why::plain("its key is written differently"))
+                first_change(&header.key_manifest, text).unwrap_or_else(|| Why::plain("its key is written differently"))
             }
         }
     }
@@ -222,7 +222,8 @@ impl Store {
     }
 }
 
-/// Whether a stored result has the output ports of `node`: a stage may have got others without a new version.
+/// Whether a stored result has the output ports of `node`: a stage may have got others without a
+/// new version.
 fn fits(header: &Header, node: &GraphNode) -> bool {
     use super::Arity::{Many, One, Optional};
     let ports_exist = header.values.iter().all(|value| {

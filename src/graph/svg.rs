@@ -18,7 +18,7 @@ pub struct Drawn {
 const WIDTH: usize = 168;
 const HEIGHT: usize = 38;
 const PITCH: (usize, usize) = (WIDTH + 20, HEIGHT + 24);
-/// Of the square that stands for a member.
+/// Side of the square that stands for a member.
 const CHIP: usize = 8;
 
 /// Members of one node.
@@ -26,7 +26,8 @@ struct Group<'a> {
     name: &'a str,
     kind: &'a str,
     members: Vec<&'a Drawn>,
-    /// Groups it takes from, ascending; none of them that another one takes from in turn, as those wires only hide the others.
+    /// Groups it takes from, ascending; none of them that another one takes from in turn, as those
+    /// wires only hide the others.
     from: Vec<usize>,
     /// Wires to run from above: the longest way from where nothing is taken.
     row: usize,
@@ -34,7 +35,8 @@ struct Group<'a> {
     x: usize,
 }
 
-/// The drawing; classes `hit`, `ran`, `failed`, `blocked`, `cancelled` and `plain` may be styled anew by a page that it stands in.
+/// The drawing; classes `hit`, `ran`, `failed`, `blocked`, `cancelled` and `plain` may be styled
+/// anew by a page that it stands in.
 pub fn draw(nodes: &[Drawn]) -> String {
     let groups = placed(nodes);
     let columns = groups.iter().map(|group| group.x + WIDTH).max().unwrap_or(WIDTH);
@@ -147,7 +149,8 @@ fn placed(nodes: &[Drawn]) -> Vec<Group<'_>> {
         from
     };
     let wires: Vec<Vec<usize>> = (0..groups.len()).map(|at| of(&groups, at)).collect();
-    // As many rounds as the longest way has wires; bounded, as a list of names from a file may hold a loop.
+    // As many rounds as the longest way has wires; bounded, as a list of names from a file may hold
+    // a loop.
     for _ in 0..groups.len() {
         let rows: Vec<usize> =
             wires.iter().map(|from| from.iter().map(|&f| groups[f].row + 1).max().unwrap_or(0)).collect();

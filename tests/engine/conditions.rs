@@ -5,7 +5,7 @@ use relight::graph::{Cancel, Observer, Overlay, Planned, PortValue, Status};
 use crate::nodes::*;
 
 /// `c`, and `costly` for it alone, run when `n` is positive.
-fn conditional(n: i64) -> relight::graph::Graph {
+fn conditional(n: i64) -> relight::graph::ResolvedGraph {
     graph(&format!(
         r#"nodes: {{
             "n": (op: Const(value: {n})),
@@ -44,7 +44,7 @@ fn a_condition_stands_in_no_key_and_comes_from_the_cache_too() {
     let engine = on_disk(folder.path());
     let report = run(&engine, &conditional(5));
     assert_eq!((ran(&report), value(&report, "end")), (vec![], 36));
-    let key = engine.explain(&conditional(5), "c").unwrap().key_text.unwrap();
+    let key = engine.explain(&conditional(5), "c").unwrap().key_manifest.unwrap();
     assert!(!key.contains("sign") && !key.contains("Flag"), "{key}");
     // 5 and 6 are both positive: nothing behind the condition is asked again on its account.
     let report = run(&engine, &conditional(6));

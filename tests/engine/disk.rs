@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use relight::graph::{Cancel, EngineOptions, Graph, Status};
+use relight::graph::{Cancel, EngineOptions, ResolvedGraph, Status};
 
 use crate::nodes::*;
 
@@ -23,7 +23,7 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-fn filled(body: &str) -> (tempfile::TempDir, Graph, i64) {
+fn filled(body: &str) -> (tempfile::TempDir, ResolvedGraph, i64) {
     let folder = tempfile::tempdir().unwrap();
     let graph = graph(body);
     let end = value(&run(&on_disk(folder.path()), &graph), "end");

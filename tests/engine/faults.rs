@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Fault, Faults, GraphFile, Overlay, Raw, Source};
+use relight::graph::{Diagnostic, Diagnostics, GraphFile, Overlay, Raw, Source};
 
 use crate::nodes::*;
 
@@ -11,7 +11,7 @@ fn museum() -> PathBuf {
 }
 
 /// `line:column `text under the caret`: message (help)`, with the folder of the museum left out.
-fn show(fault: &Fault) -> String {
+fn show(fault: &Diagnostic) -> String {
     let text = match &fault.origin {
         Some(origin) => {
             let (line, column) = origin.line_column();
@@ -24,7 +24,7 @@ fn show(fault: &Fault) -> String {
     text.replace(&format!("{}/", museum().display()), "")
 }
 
-fn faults(source: std::sync::Arc<Source>) -> Vec<Fault> {
+fn faults(source: std::sync::Arc<Source>) -> Vec<Diagnostic> {
     let found = GraphFile::parse(source).and_then(|file| file.resolve(&registry(), &Overlay::default()));
     found.err().unwrap_or_default()
 }
@@ -147,7 +147,7 @@ enum Light {
 #[test]
 fn raw_texts_are_split_with_their_places() {
     let text = "Edit(\n  lights: { \"a\": Off, \"b\": Lamp(at: (1, /* , */ 2), name: \"x, y)\"), r#\"c\"#: Lamp(at: (1, true)) },\n  // done,\n  list: [1, (2, 3), [4],], tuple: Keys(1, (2)),\n)";
-    let mut faults = Faults::default();
+    let mut faults = Diagnostics::default();
     let document = Raw::document(&Source::new("e.ron", text), &mut faults).unwrap();
     assert_eq!(document.variant(), Some("Edit"));
     let fields = document.as_struct(Some("Edit"), &["lights", "list", "tuple"], &mut faults);

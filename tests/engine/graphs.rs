@@ -1,8 +1,8 @@
 //! What a graph means: wires, sets, sources of parameters, what runs again and what does not.
 
 use relight::graph::{
-    Cancel, EngineOptions, Faults, Graph, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw, Resolved,
-    Source, Status,
+    Cancel, Diagnostics, Ending, EngineOptions, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw,
+    Resolved, ResolvedGraph, Source, Status,
 };
 
 use crate::nodes::*;
@@ -10,7 +10,7 @@ use crate::nodes::*;
 fn members(set: &str, names: &[&str]) -> Overlay {
     let member = |name: &&str| {
         let source = Source::new("scene.ron", format!("\"{name}\""));
-        let origin = Raw::document(&source, &mut Faults::default()).expect("a value").origin;
+        let origin = Raw::document(&source, &mut Diagnostics::default()).expect("a value").origin;
         Member { set: set.into(), name: name.to_string(), origin }
     };
     Overlay { settings: vec![], members: names.iter().map(member).collect() }
@@ -142,7 +142,7 @@ fn one_overlay_after_the_other_gives_what_each_gives_alone() {
         outputs: ["sum"])"#;
     let source = Source::new(folder.path().join("graph.ron"), text);
     let file = GraphFile::parse(source).unwrap_or_else(|faults| panic!("{}", list(&faults)));
-    let keys = |graph: &Graph| {
+    let keys = |graph: &ResolvedGraph| {
         let report = run(&in_memory(), graph);
         report.nodes.iter().map(|node| (node.name.clone(), node.key)).collect::<Vec<_>>()
     };
@@ -163,7 +163,7 @@ fn one_overlay_after_the_other_gives_what_each_gives_alone() {
         let alone = file.resolve(&registry(), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)));
         assert_eq!(keys(&next), keys(&alone), "overlay {i}");
         assert!(file.check(&registry(), overlay, &mut before).is_ok());
-        // Faults are those of the overlay by itself too, and leave no trace.
+        // Diagnostics are those of the overlay by itself too, and leave no trace.
         for wrong in [settings(&["r.limit=11"]), settings(&["c.value=x"]), members("s", &["x"])] {
             let got = file.check(&registry(), &wrong, &mut before).expect_err("it is not sound");
             assert_eq!(Some(got), file.resolve(&registry(), &wrong).err(), "overlay {i}");
@@ -232,7 +232,7 @@ fn a_child_lies_over_its_parents() {
     let engine = in_memory();
     let report = run(&engine, &graph);
     assert_eq!((value(&report, "m"), value(&report, "d")), (5 * 31 + 5, 5 * 31 + 6));
-    let key = engine.explain(&graph, "m").unwrap().key_text.unwrap();
+    let key = engine.explain(&graph, "m").unwrap().key_manifest.unwrap();
     assert!(key.contains("parameter factor: 3.0\nparameter note: Some(\"n\")\n"), "{key}");
 }
 
@@ -380,7 +380,7 @@ fn a_failure_blocks_only_what_needs_it() {
             Some("needs bad, which failed")
         );
         assert_eq!(value(&report, "good"), 1);
-        assert!(report.output("last").is_none() && report.failed() && !report.is_complete());
+        assert!(report.output("last").is_none() && report.ending() == Ending::Failed && !report.is_complete());
     }
 }
 
@@ -419,7 +419,7 @@ fn a_key_holds_everything_that_counts_and_nothing_else() {
         GraphFile::parse(Source::new(folder.path().join("g.ron"), text)).unwrap_or_else(|f| panic!("{}", list(&f)));
     let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|f| panic!("{}", list(&f)));
     let engine = engine(EngineOptions { threads: Some(3), ..EngineOptions::default() });
-    let text = engine.explain(&graph, "reader_name").unwrap().key_text.unwrap();
+    let text = engine.explain(&graph, "reader_name").unwrap().key_manifest.unwrap();
     let digest = blake3::hash(b"hello").to_hex();
     let wanted = format!("engine 4\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\n");
     assert_eq!(text, wanted);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use relight::graph::{DiskCache, Graph};
+use relight::graph::{DiskCache, ResolvedGraph};
 
 use crate::nodes::*;
 
@@ -11,7 +11,7 @@ const GRAPH: &str = r#"nodes: {
     "n": (op: Const(value: 42)), "x": (op: Add(plus: 1), in: { "number": "n" }), "t": (op: Show, in: { "number": "x" }),
 }, outputs: ["x", "t"]"#;
 
-fn filled() -> (tempfile::TempDir, Graph) {
+fn filled() -> (tempfile::TempDir, ResolvedGraph) {
     let folder = tempfile::tempdir().unwrap();
     let graph = graph(GRAPH);
     run(&on_disk(folder.path()), &graph);

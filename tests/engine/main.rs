@@ -7,4 +7,5 @@ mod faults;
 mod graphs;
 mod hostile_cache;
 mod nodes;
+mod old_names;
 mod random;

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use relight::graph::{
-    Artifact, CacheFolder, CacheKey, Cancel, Context, DiskCache, Engine, EngineOptions, Fault, Faults, File, Gather,
-    Graph, GraphFile, Node, NodeError, Overlay, PortValue, Raw, Registry, RunReport, Scatter, Setting, Source, Status,
-    Target,
+    Artifact, CacheFolder, CacheKey, Cancel, Context, Diagnostic, Diagnostics, DiskCache, Engine, EngineOptions, File,
+    Gather, GraphFile, Node, NodeError, Overlay, PortValue, Raw, Registry, ResolvedGraph, RunReport, Scatter, Setting,
+    Source, Status, Target,
 };
 use relight::{params, ports};
 use serde::{Deserialize, Serialize};
@@ -202,19 +202,19 @@ pub fn registry() -> Registry {
 }
 
 /// A graph from the inside of `Graph(version: 1, ..)`.
-pub fn graph(body: &str) -> Graph {
+pub fn graph(body: &str) -> ResolvedGraph {
     graph_with(body, &Overlay::default())
 }
 
-pub fn graph_with(body: &str, overlay: &Overlay) -> Graph {
+pub fn graph_with(body: &str, overlay: &Overlay) -> ResolvedGraph {
     try_graph(&format!("Graph(version: 1, {body})"), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)))
 }
 
-pub fn try_graph(text: &str, overlay: &Overlay) -> Result<Graph, Vec<Fault>> {
+pub fn try_graph(text: &str, overlay: &Overlay) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     GraphFile::parse(Source::new("graphs/test.ron", text))?.resolve(&registry(), overlay)
 }
 
-pub fn list(faults: &[Fault]) -> String {
+pub fn list(faults: &[Diagnostic]) -> String {
     faults.iter().map(|fault| format!("{fault}\n")).collect()
 }
 
@@ -224,7 +224,7 @@ pub fn setting(path: &str, text: &str) -> Setting {
     let (field, value) = rest.split_once('=').expect("an equals sign");
     let is_kind = target.starts_with(char::is_uppercase);
     let target = if is_kind { Target::Kind(target.into()) } else { Target::Node(target.into()) };
-    let value = Raw::document(&Source::new(path, value), &mut Faults::default()).expect("a RON value");
+    let value = Raw::document(&Source::new(path, value), &mut Diagnostics::default()).expect("a RON value");
     Setting { target, field: field.into(), value }
 }
 
@@ -254,18 +254,18 @@ pub fn engine(options: EngineOptions) -> Engine {
     Engine::new(options).expect("threads")
 }
 
-pub fn run(engine: &Engine, graph: &Graph) -> RunReport {
+pub fn run(engine: &Engine, graph: &ResolvedGraph) -> RunReport {
     run_for(engine, graph, None)
 }
 
-pub fn run_for(engine: &Engine, graph: &Graph, wanted: Option<&[&str]>) -> RunReport {
+pub fn run_for(engine: &Engine, graph: &ResolvedGraph, wanted: Option<&[&str]>) -> RunReport {
     let names: Option<Vec<String>> = wanted.map(|names| names.iter().map(|n| n.to_string()).collect());
     let wanted = graph.wanted(names.as_deref()).unwrap_or_else(|fault| panic!("{fault}"));
     engine.run(graph, &wanted, &Cancel::default(), &())
 }
 
 /// Runs on one thread with a flag that the stage `Stop` raises.
-pub fn run_cancelled(graph: &Graph) -> RunReport {
+pub fn run_cancelled(graph: &ResolvedGraph) -> RunReport {
     let cancel = Cancel::default();
     let shared = cancel.clone();
     let engine = engine(EngineOptions { threads: Some(1), ..EngineOptions::default() });

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use glam::Vec3;
 use needs::needs;
-use relight::graph::Graph;
+use relight::graph::ResolvedGraph;
 use relight::nodes::artifacts::Files;
 
 use crate::bad_input::{npy, png_of};
 use crate::project::*;
 
-fn graph(scene: &Path) -> Graph {
+fn graph(scene: &Path) -> ResolvedGraph {
     let graph = load(&root().join("graphs/find_lights.ron"), scene, &edits().join("none.ron"));
     graph.unwrap_or_else(|faults| panic!("{}", faults[0]))
 }

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use glam::Vec3;
-use relight::graph::Graph;
+use relight::graph::ResolvedGraph;
 use relight::nodes::artifacts::{Files, UnitDirect, UnitIndirect, Visibility};
 use relight::optics::{Lobe, Radiance, Shape};
 
 use crate::layers::channels;
 use crate::project::*;
 
-fn planes() -> Graph {
+fn planes() -> ResolvedGraph {
     let graph = load(&root().join("graphs/planes.ron"), &demo(), &edits().join("none.ron"));
     graph.unwrap_or_else(|faults| panic!("{}", faults[0]))
 }

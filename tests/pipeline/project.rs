@@ -6,8 +6,8 @@ use std::sync::{Arc, OnceLock};
 
 use relight::files::{EditFile, edit, scene};
 use relight::graph::{
-    Artifact, CacheFolder, CacheKey, Cancel, Engine, EngineOptions, Fault, Graph, GraphFile, Overlay, PortValue,
-    RunReport, Status,
+    Artifact, CacheFolder, CacheKey, Cancel, Diagnostic, Engine, EngineOptions, GraphFile, Overlay, PortValue,
+    ResolvedGraph, RunReport, Status,
 };
 use relight::image::{Layer, Picture, Plane, Source, Transfer, read_photo};
 use relight::nodes::{self, artifacts::Files};
@@ -79,12 +79,12 @@ pub fn stem(path: &Path) -> &str {
     path.file_stem().and_then(|stem| stem.to_str()).expect("the project has plain names")
 }
 
-/// Graph, scene and edit put together, as the command does it.
-pub fn load(graph: &Path, scene: &Path, edit: &Path) -> Result<Graph, Vec<Fault>> {
+/// ResolvedGraph, scene and edit put together, as the command does it.
+pub fn load(graph: &Path, scene: &Path, edit: &Path) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     load_frame(graph, scene, edit, 0)
 }
 
-fn load_frame(graph: &Path, scene: &Path, edit: &Path, frame: u32) -> Result<Graph, Vec<Fault>> {
+fn load_frame(graph: &Path, scene: &Path, edit: &Path, frame: u32) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     let file = GraphFile::read(graph)?;
     let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
     let room = scene::read(scene, Some(&kinds))?;
@@ -95,12 +95,12 @@ fn load_frame(graph: &Path, scene: &Path, edit: &Path, frame: u32) -> Result<Gra
 }
 
 /// A graph of the project with a scene and the text of an edit.
-pub fn with(graph: &str, scene: &Path, edit: &str) -> Graph {
+pub fn with(graph: &str, scene: &Path, edit: &str) -> ResolvedGraph {
     with_frame(graph, scene, edit, 0)
 }
 
 /// The same for one frame of the edit.
-fn with_frame(graph: &str, scene: &Path, edit: &str, frame: u32) -> Graph {
+fn with_frame(graph: &str, scene: &Path, edit: &str, frame: u32) -> ResolvedGraph {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let path = folder.path().join("edit.ron");
     std::fs::write(&path, edit).expect("it can be written to");
@@ -109,12 +109,12 @@ fn with_frame(graph: &str, scene: &Path, edit: &str, frame: u32) -> Graph {
 }
 
 /// graphs/physics.ron with a scene and the text of an edit.
-pub fn physics(scene: &Path, edit: &str) -> Graph {
+pub fn physics(scene: &Path, edit: &str) -> ResolvedGraph {
     with("physics.ron", scene, edit)
 }
 
 /// The same for one frame of the edit.
-pub fn physics_frame(scene: &Path, edit: &str, frame: u32) -> Graph {
+pub fn physics_frame(scene: &Path, edit: &str, frame: u32) -> ResolvedGraph {
     with_frame("physics.ron", scene, edit, frame)
 }
 
@@ -131,7 +131,7 @@ pub fn shared_engine() -> &'static Engine {
 }
 
 /// Runs a graph to its outputs, or to these.
-pub fn run(engine: &Engine, graph: &Graph, outputs: &[&str]) -> RunReport {
+pub fn run(engine: &Engine, graph: &ResolvedGraph, outputs: &[&str]) -> RunReport {
     let names: Vec<String> = outputs.iter().map(|name| name.to_string()).collect();
     let wanted = graph.wanted((!names.is_empty()).then_some(&names[..])).expect("the graph has these outputs");
     let report = engine.run(graph, &wanted, &Cancel::default(), &());

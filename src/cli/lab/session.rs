@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use relight::graph::{Artifact, Cancel, Engine, EngineOptions, Fault, GraphFile, PortValue, RunReport, Value};
+use relight::graph::{Artifact, Cancel, Diagnostic, Engine, EngineOptions, GraphFile, PortValue, RunReport, Value};
 
 use relight_lab::bench::Setting;
 
@@ -97,8 +97,8 @@ impl Session {
         Ok((&direct.name, &shadow.ok_or_else(|| self.lacks("Shadow", " of the same lights as Direct"))?.name))
     }
 
-    fn lacks(&self, kind: &str, which: &str) -> Fault {
-        Fault::file(&self.graph, format!("wanted a graph with a stage {kind}{which}, got none"))
+    fn lacks(&self, kind: &str, which: &str) -> Diagnostic {
+        Diagnostic::file(&self.graph, format!("wanted a graph with a stage {kind}{which}, got none"))
     }
 
     /// The members of a node that has one instance per light.
@@ -161,7 +161,7 @@ impl Session {
             Some(PortValue::One(value)) => value.get(),
             _ => None,
         };
-        Ok(value.ok_or_else(|| Fault::file(&self.graph, format!("`{output}` is not what bench can measure")))?)
+        Ok(value.ok_or_else(|| Diagnostic::file(&self.graph, format!("`{output}` is not what bench can measure")))?)
     }
 
     fn files(&self, settings: &[Setting]) -> Files {

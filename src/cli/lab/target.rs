@@ -4,7 +4,9 @@
 use std::path::{Path, PathBuf};
 
 use relight::files::{edit, scene};
-use relight::graph::{Fault, Faults, Graph, GraphFile, Key, Member, Overlay, Raw, Registry, Setting, Source, Target};
+use relight::graph::{
+    Diagnostic, Diagnostics, GraphFile, Key, Member, Overlay, Raw, Registry, ResolvedGraph, Setting, Source, Target,
+};
 use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use relight_lab::eval::Substitution;
 
@@ -106,7 +108,12 @@ pub struct EvalTarget {
 }
 
 impl EvalTarget {
-    pub fn new(graph: &Path, folder: &Path, set: &[String], networks: &Networks) -> Result<EvalTarget, Vec<Fault>> {
+    pub fn new(
+        graph: &Path,
+        folder: &Path,
+        set: &[String],
+        networks: &Networks,
+    ) -> Result<EvalTarget, Vec<Diagnostic>> {
         let file = GraphFile::read(graph)?;
         let truth = scene::truth(folder)?;
         let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
@@ -124,7 +131,7 @@ impl EvalTarget {
         target.list_missing();
         target.find_edits(folder, &file)?;
         if target.truth.is_empty() {
-            let fault = Fault::file(&folder.join("scene.ron"), "wanted a scene with a `truth`, got none");
+            let fault = Diagnostic::file(&folder.join("scene.ron"), "wanted a scene with a `truth`, got none");
             return Err(vec![fault.help("docs/eval.md lists its fields")]);
         }
         Ok(target)
@@ -176,8 +183,8 @@ impl EvalTarget {
 
     /// Collects the edits: each light off, all lights out of view off, and those that the truth
     /// names.
-    fn find_edits(&mut self, folder: &Path, file: &GraphFile) -> Result<(), Vec<Fault>> {
-        let mut faults = Faults::default();
+    fn find_edits(&mut self, folder: &Path, file: &GraphFile) -> Result<(), Vec<Diagnostic>> {
+        let mut faults = Diagnostics::default();
         let lights = self.of("pictures").map(|value| value.as_map(&mut faults)).unwrap_or_default();
         let known: Vec<String> =
             self.room.members.iter().filter(|m| m.set == "visible").map(|m| m.name.clone()).collect();
@@ -185,7 +192,7 @@ impl EvalTarget {
         for (key, _) in &lights {
             if !known.contains(&key.name) && !invisible.contains(&key.name.as_str()) {
                 faults.push(|| {
-                    let fault = Fault::at(&key.origin, format!("the scene has no light `{}`", key.name));
+                    let fault = Diagnostic::at(&key.origin, format!("the scene has no light `{}`", key.name));
                     fault.suggest(&key.name, known.iter().map(String::as_str).chain(invisible))
                 });
             }
@@ -255,7 +262,7 @@ impl EvalTarget {
     }
 
     /// The graph under a substitution and an edit, ready to run.
-    pub fn graph(&self, substitution: Substitution, edit: Option<&Edit>) -> Result<Graph, Vec<Fault>> {
+    pub fn graph(&self, substitution: Substitution, edit: Option<&Edit>) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         let text =
             format!("Graph(version: 1, extends: {:?}, nodes: {{{}}})", self.graph.display().to_string(), self.stages());
         let mut file = GraphFile::parse(Source::new(OURS, text))?;
@@ -362,15 +369,15 @@ impl EvalTarget {
 }
 
 impl Ends {
-    fn of(file: &GraphFile, graph: &Path) -> Result<Ends, Fault> {
+    fn of(file: &GraphFile, graph: &Path) -> Result<Ends, Diagnostic> {
         let find = |kind: &str| file.nodes().find(|node| node.kind == kind).map(|node| node.name.to_owned());
         let node = |kind: &str| {
-            let fault = || Fault::file(graph, format!("wanted a graph with a stage {kind}, got none"));
+            let fault = || Diagnostic::file(graph, format!("wanted a graph with a stage {kind}, got none"));
             find(kind).ok_or_else(|| fault().help("eval measures graphs as graphs/physics.ron"))
         };
         let wire = |node: &str, port: &str| file.wired(node, port).next().map(str::to_owned);
         let end = |node: &str, port: &str| {
-            let fault = || Fault::file(graph, format!("node `{node}`: wanted a wire to `{port}`, got none"));
+            let fault = || Diagnostic::file(graph, format!("node `{node}`: wanted a wire to `{port}`, got none"));
             wire(node, port).ok_or_else(fault)
         };
         let (scene, edit, compose) = (node("ReadScene")?, node("EditLights")?, node("Compose")?);
@@ -406,7 +413,7 @@ const OURS: &str = "relight eval";
 
 /// A value as if read from the file `path`; relative paths in it start from there.
 fn raw(text: String, path: &Path) -> Raw {
-    Raw::document(&Source::new(path, text), &mut Faults::default()).expect("we write sound RON")
+    Raw::document(&Source::new(path, text), &mut Diagnostics::default()).expect("we write sound RON")
 }
 
 /// The node of `node.port`.

@@ -137,10 +137,10 @@ fn model_files<'a>(path: &'a mut File, parts: &'a mut Vec<File>) -> impl Iterato
 
 /// The files that a model names, beside it.
 fn named_by(file: &File) -> Vec<File> {
-    let read = |file: File| file.peek();
-    let names = geometry::parts(&file.path, || read(file.clone()), &|name| read(file.beside(name)));
+    let read = |file: File| file.read_unchecked();
+    let names = geometry::parts(&file.path, || read(file.clone()), &|name| read(file.sibling(name)));
     // Without a folder: the engine gives them theirs, and notes where they were named.
-    names.iter().map(|name| File::new(file.beside(name).path)).collect()
+    names.iter().map(|name| File::new(file.sibling(name).path)).collect()
 }
 
 /// A model; its warnings go to the person.
@@ -149,7 +149,7 @@ fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeE
     let bad = |message: String| NodeError::BadFile { path: path.location().display().to_string(), message };
     let mut unread = None;
     let mut part = |name: &str| {
-        let wanted = path.beside(name);
+        let wanted = path.sibling(name);
         let file = parts.iter().find(|file| file.path == wanted.path);
         let read = file.ok_or_else(|| format!("it names {name}, which was not there")).map(|file| ctx.read(file))?;
         read.map_err(|e| {

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::graph::{Context, Fault, Faults, File, Gather, Key, Node, NodeError, Raw, Scatter, Source};
+use crate::graph::{Context, Diagnostic, Diagnostics, File, Gather, Key, Node, NodeError, Raw, Scatter, Source};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES};
 use crate::optics::{BoxLamp, Lamp, LightKind, Lobe, MeshLamp, Radiance, RectLamp, Shape, SphereLamp, Window};
 use crate::{params, ports};
@@ -83,8 +83,8 @@ impl Node for ReadLights {
 }
 
 /// All faults of the file in one error, each with its line and column.
-fn told(file: &File, faults: &[Fault]) -> NodeError {
-    let line = |fault: &Fault| {
+fn told(file: &File, faults: &[Diagnostic]) -> NodeError {
+    let line = |fault: &Diagnostic| {
         let place = fault.origin.as_ref().map(|origin| origin.line_column());
         let place = place.map_or(String::new(), |(line, column)| format!("line {line}, column {column}: "));
         let help = fault.help.as_ref().map_or(String::new(), |help| format!(" ({help})"));
@@ -96,8 +96,8 @@ fn told(file: &File, faults: &[Fault]) -> NodeError {
 type Light = (Shape, Radiance);
 
 /// The lights `wanted`, in their order. JSON is read as the RON that it is, so that every fault has its place.
-fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>, Vec<Fault>> {
-    let mut faults = Faults::default();
+fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>, Vec<Diagnostic>> {
+    let mut faults = Diagnostics::default();
     let document = Raw::document(source, &mut faults);
     let entries = document.map(|document| document.as_map(&mut faults)).unwrap_or_default();
     if !faults.is_empty() {
@@ -107,7 +107,7 @@ fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>
     for (key, value) in &entries {
         let Some(place) = wanted.iter().position(|(id, _)| *id == key.name) else {
             faults.push(|| {
-                let fault = Fault::at(&key.origin, format!("the scene has no light `{}`", key.name));
+                let fault = Diagnostic::at(&key.origin, format!("the scene has no light `{}`", key.name));
                 fault.suggest(&key.name, wanted.iter().map(|(id, _)| *id))
             });
             continue;
@@ -121,7 +121,7 @@ fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>
     }
     for (id, _) in wanted.iter().filter(|(id, _)| ![INV_LAMP, INV_WINDOW].contains(id)) {
         if entries.iter().all(|(key, _)| key.name != *id) {
-            faults.push(|| Fault::file(&source.path, format!("the scene's light `{id}` is not in this file")));
+            faults.push(|| Diagnostic::file(&source.path, format!("the scene's light `{id}` is not in this file")));
         }
     }
     if !faults.is_empty() {
@@ -145,7 +145,7 @@ const MOST_BANDWIDTH: f32 = 1e7;
 const SKEW: f32 = 0.01;
 
 impl Entry<'_> {
-    fn light(&self, wanted: LightKind, faults: &mut Faults) -> Option<Light> {
+    fn light(&self, wanted: LightKind, faults: &mut Diagnostics) -> Option<Light> {
         const LAMPS: [&str; 4] = ["Sphere", "Box", "Rect", "Mesh"];
         let kinds = if wanted == LightKind::Window { &["Window"][..] } else { &LAMPS };
         let kind = self.get("kind", &format!("one of {}", kinds.join(", ")), faults, |raw| {
@@ -174,13 +174,13 @@ impl Entry<'_> {
         (faults.found() == before).then_some(light)
     }
 
-    fn sphere(&self, faults: &mut Faults) -> Option<Lamp> {
+    fn sphere(&self, faults: &mut Diagnostics) -> Option<Lamp> {
         let center = self.vector("center", faults);
         let radius = self.get("radius", "a number > 0", faults, |raw| number(raw).filter(|&r| r > 0.0));
         Some(Lamp::Sphere(SphereLamp { center: center?, radius: radius? }))
     }
 
-    fn cuboid(&self, faults: &mut Faults) -> Option<Lamp> {
+    fn cuboid(&self, faults: &mut Diagnostics) -> Option<Lamp> {
         let center = self.vector("center", faults);
         let axes = self.get("half_axes", "three half edges [x, y, z] at right angles", faults, |raw| {
             let axes: [Vec3; 3] = vectors(&raw.parse::<Vec<Vec<f32>>>().ok()?)?.try_into().ok()?;
@@ -191,7 +191,7 @@ impl Entry<'_> {
     }
 
     /// Centre and half edges.
-    fn rect(&self, faults: &mut Faults) -> Option<[Vec3; 3]> {
+    fn rect(&self, faults: &mut Diagnostics) -> Option<[Vec3; 3]> {
         let center = self.vector("center", faults);
         let x = self.vector("half_x", faults);
         let wanted = "a half edge [x, y, z] at a right angle to `half_x`";
@@ -200,7 +200,7 @@ impl Entry<'_> {
         Some([center?, x?, y?])
     }
 
-    fn mesh(&self, faults: &mut Faults) -> Option<Lamp> {
+    fn mesh(&self, faults: &mut Diagnostics) -> Option<Lamp> {
         let triangles: Vec<Vec<Vec<f32>>> =
             self.get("triangles", "a list of triangles [[x, y, z], [x, y, z], [x, y, z]]", faults, |raw| {
                 raw.parse().ok()
@@ -227,7 +227,7 @@ impl Entry<'_> {
         Some(lamp)
     }
 
-    fn window(&self, faults: &mut Faults) -> Option<Light> {
+    fn window(&self, faults: &mut Diagnostics) -> Option<Light> {
         let edges = self.rect(faults);
         let list = self.raw("lobes", "a list of lobes", faults)?;
         let mut lobes: [Option<(Lobe, Vec3)>; 3] = [None; 3];
@@ -273,18 +273,24 @@ impl Entry<'_> {
         Some((Shape::Window(window), radiance))
     }
 
-    fn radiance(&self, faults: &mut Faults) -> Option<Vec3> {
+    fn radiance(&self, faults: &mut Diagnostics) -> Option<Vec3> {
         let within = |rgb: &Vec3| rgb.min_element() >= 0.0 && rgb.max_element() <= MOST_RADIANCE;
         let wanted = format!("three numbers 0..={MOST_RADIANCE:e}");
         self.get("radiance", &wanted, faults, |raw| vector(raw).filter(within))
     }
 
-    fn vector(&self, name: &str, faults: &mut Faults) -> Option<Vec3> {
+    fn vector(&self, name: &str, faults: &mut Diagnostics) -> Option<Vec3> {
         self.get(name, "three finite numbers [x, y, z]", faults, vector)
     }
 
     /// A field read by `read`, whose `None` is a fault.
-    fn get<T>(&self, name: &str, wanted: &str, faults: &mut Faults, read: impl FnOnce(&Raw) -> Option<T>) -> Option<T> {
+    fn get<T>(
+        &self,
+        name: &str,
+        wanted: &str,
+        faults: &mut Diagnostics,
+        read: impl FnOnce(&Raw) -> Option<T>,
+    ) -> Option<T> {
         let value = read(self.raw(name, wanted, faults)?);
         if value.is_none() {
             self.wrong(name, wanted, faults);
@@ -292,17 +298,17 @@ impl Entry<'_> {
         value
     }
 
-    fn raw(&self, name: &str, wanted: &str, faults: &mut Faults) -> Option<&Raw> {
+    fn raw(&self, name: &str, wanted: &str, faults: &mut Diagnostics) -> Option<&Raw> {
         let found = self.fields.iter().find(|(key, _)| key.name == name).map(|(_, value)| value);
         if found.is_none() {
             let id = self.id;
-            faults.push(|| Fault::at(&self.whole.origin, format!("`{id}`: {name}: wanted {wanted}, got none")));
+            faults.push(|| Diagnostic::at(&self.whole.origin, format!("`{id}`: {name}: wanted {wanted}, got none")));
         }
         found
     }
 
     /// The fault of a field that is there.
-    fn wrong(&self, name: &str, wanted: &str, faults: &mut Faults) {
+    fn wrong(&self, name: &str, wanted: &str, faults: &mut Diagnostics) {
         let value = self.fields.iter().find(|(key, _)| key.name == name).map_or(self.whole, |(_, value)| value);
         let mut got: String = value.text().chars().take(60).map(|c| if c.is_control() { ' ' } else { c }).collect();
         if got.len() < value.text().len() {
@@ -312,10 +318,10 @@ impl Entry<'_> {
     }
 
     /// No other fields than these.
-    fn only(&self, known: &[&str], faults: &mut Faults) {
+    fn only(&self, known: &[&str], faults: &mut Diagnostics) {
         for (key, _) in self.fields.iter().filter(|(key, _)| !known.contains(&key.name.as_str())) {
             faults.push(|| {
-                let fault = Fault::at(&key.origin, format!("`{}`: unknown field `{}`", self.id, key.name));
+                let fault = Diagnostic::at(&key.origin, format!("`{}`: unknown field `{}`", self.id, key.name));
                 fault.suggest(&key.name, known.iter().copied())
             });
         }
@@ -359,7 +365,7 @@ mod tests {
     const EDGES: &str = r#""kind": "Window", "center": [0, 0, -4], "half_x": [1, 0, 0], "half_y": [0, 0.5, 0]"#;
     const SKY: &str = r#"{"name": "sky", "direction": [0, 3, -4], "bandwidth": 1.5, "radiance": [1, 2, 3]}"#;
 
-    fn lights(lamp: &str, pane: &str, more: &str) -> Result<Vec<Light>, Vec<Fault>> {
+    fn lights(lamp: &str, pane: &str, more: &str) -> Result<Vec<Light>, Vec<Diagnostic>> {
         read(&Source::new("lights.json", format!("{{\"lamp\": {lamp},\n\"pane\": {pane}{more}}}")), &WANTED)
     }
 

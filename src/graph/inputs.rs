@@ -1,9 +1,9 @@
-//! What an instance takes from the results before it: which values at which port, and so the text of its key.
+//! Inputs of an instance: the values at each port, and the key manifest made of them.
 
 use std::sync::Arc;
 
 use super::cache::{Entry, Header};
-use super::network::{Feed, Graph, Input, Take};
+use super::resolved_graph::{Edge, Input, InputSelector, ResolvedGraph};
 use super::{Arity, Digest, PortSpec, key};
 
 /// A value of a result: the instance that gave it, and its index there.
@@ -13,8 +13,8 @@ pub(super) struct Slot {
     pub index: usize,
 }
 
-/// What stands at one input port.
-pub(super) enum Taken {
+/// The values at one input port.
+pub(super) enum ResolvedInput {
     Missing,
     One(Slot),
     Many(Vec<(String, Slot)>),
@@ -32,35 +32,37 @@ impl Before {
 }
 
 /// Whether the condition `when` holds by the result of its instance.
-pub(super) fn holds(when: &Feed, result: &Header) -> bool {
+pub(super) fn holds(when: &Edge, result: &Header) -> bool {
     result.port(when.port).next().is_some()
 }
 
-/// What instance `at` takes, port by port.
-pub(super) fn taken(graph: &Graph, at: usize, before: &Before) -> Result<Vec<Taken>, String> {
+/// Resolves the inputs of instance `at`, port by port.
+pub(super) fn resolve_inputs(graph: &ResolvedGraph, at: usize, before: &Before) -> Result<Vec<ResolvedInput>, String> {
     let instance = &graph.instances[at];
     let ports = &graph.nodes[instance.node].inputs;
     let mut all = Vec::with_capacity(ports.len());
     for (port, input) in ports.iter().zip(&instance.inputs) {
         let mut many = Vec::new();
-        let mut one = Taken::Missing;
-        for feed in input.feeds() {
-            let Some(from) = before.header(feed.instance) else { continue };
-            let slot = |index| Slot { instance: feed.instance, index };
+        let mut one = ResolvedInput::Missing;
+        for edge in input.edges() {
+            let Some(from) = before.header(edge.instance) else { continue };
+            let slot = |index| Slot { instance: edge.instance, index };
             let name = |index: usize| from.values[index].member.clone().unwrap_or_default();
-            match (&feed.take, input) {
-                (Take::All, _) => many.extend(from.port(feed.port).map(|i| (name(i), slot(i)))),
-                (Take::Whole, Input::Many(_)) => {
-                    let member = graph.instances[feed.instance].member.clone().unwrap_or_default();
-                    many.extend(from.port(feed.port).map(|i| (member.clone(), slot(i))));
+            match (&edge.selector, input) {
+                (InputSelector::All, _) => many.extend(from.port(edge.port).map(|i| (name(i), slot(i)))),
+                (InputSelector::Whole, Input::Many(_)) => {
+                    let member = graph.instances[edge.instance].member.clone().unwrap_or_default();
+                    many.extend(from.port(edge.port).map(|i| (member.clone(), slot(i))));
                 }
-                (Take::Whole, _) => one = from.port(feed.port).next().map_or(Taken::Missing, |i| Taken::One(slot(i))),
-                (Take::Member(member), _) => {
-                    let own = from.port(feed.port).find(|&i| from.values[i].member.as_ref() == Some(member));
+                (InputSelector::Whole, _) => {
+                    one = from.port(edge.port).next().map_or(ResolvedInput::Missing, |i| ResolvedInput::One(slot(i)))
+                }
+                (InputSelector::Member(member), _) => {
+                    let own = from.port(edge.port).find(|&i| from.values[i].member.as_ref() == Some(member));
                     if own.is_none() && port.arity == Arity::One {
-                        return Err(no_member(graph, port, feed, member, from));
+                        return Err(no_member(graph, port, edge, member, from));
                     }
-                    one = own.map_or(Taken::Missing, |i| Taken::One(slot(i)));
+                    one = own.map_or(ResolvedInput::Missing, |i| ResolvedInput::One(slot(i)));
                 }
             }
         }
@@ -71,7 +73,7 @@ pub(super) fn taken(graph: &Graph, at: usize, before: &Before) -> Result<Vec<Tak
                         return Err(format!("input `{}` gets the member `{member}` twice", port.name));
                     }
                 }
-                Taken::Many(many)
+                ResolvedInput::Many(many)
             }
             _ => one,
         });
@@ -79,28 +81,28 @@ pub(super) fn taken(graph: &Graph, at: usize, before: &Before) -> Result<Vec<Tak
     Ok(all)
 }
 
-fn no_member(graph: &Graph, port: &PortSpec, feed: &Feed, member: &str, from: &Header) -> String {
-    let node = &graph.nodes[graph.instances[feed.instance].node];
-    let there: Vec<&str> = from.port(feed.port).filter_map(|i| from.values[i].member.as_deref()).collect();
+fn no_member(graph: &ResolvedGraph, port: &PortSpec, edge: &Edge, member: &str, from: &Header) -> String {
+    let node = &graph.nodes[graph.instances[edge.instance].node];
+    let there: Vec<&str> = from.port(edge.port).filter_map(|i| from.values[i].member.as_deref()).collect();
     let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
-    let output = node.outputs[feed.port].name;
+    let output = node.outputs[edge.port].name;
     format!("input `{}` wanted the member `{member}` of `{}.{output}`, which gives: {there}", port.name, node.name)
 }
 
-/// The key text of instance `at`, from what it takes.
-pub(super) fn key_text(graph: &Graph, at: usize, taken: &[Taken], before: &Before) -> String {
+/// The key manifest of instance `at`, from what it takes.
+pub(super) fn key_manifest(graph: &ResolvedGraph, at: usize, inputs: &[ResolvedInput], before: &Before) -> String {
     let node = &graph.nodes[graph.instances[at].node];
-    let mut text = String::with_capacity(node.key_head.len() + 100 * (taken.len() + 1));
+    let mut text = String::with_capacity(node.key_head.len() + 100 * (inputs.len() + 1));
     text.push_str(&node.key_head);
     let digest = |slot: &Slot| {
         let header = before.header(slot.instance).expect("a slot stands in a result");
         Digest(header.values[slot.index].digest)
     };
-    for (port, taken) in node.inputs.iter().zip(taken) {
-        match taken {
-            Taken::Missing => key::missing_line(&mut text, port.name),
-            Taken::One(slot) => key::input_line(&mut text, port.name, None, port.type_name, &digest(slot)),
-            Taken::Many(all) => {
+    for (port, input) in node.inputs.iter().zip(inputs) {
+        match input {
+            ResolvedInput::Missing => key::missing_line(&mut text, port.name),
+            ResolvedInput::One(slot) => key::input_line(&mut text, port.name, None, port.type_name, &digest(slot)),
+            ResolvedInput::Many(all) => {
                 key::gather_line(&mut text, port.name, all.len());
                 for (member, slot) in all {
                     key::input_line(&mut text, port.name, Some(member), port.type_name, &digest(slot));

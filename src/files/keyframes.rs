@@ -1,22 +1,24 @@
 //! Numbers of an edit that change over time.
 //!
-//! `frames: 48` makes an edit a sequence of 48 pictures, and in the place of any value may then stand
-//! `Keys([(0, a), (24, b), (47, c)])`: in frame 0 the value is a, in frame 24 it is b, between them each number v in it is
-//! v_a + (v_b - v_a) (k - 0) / (24 - 0); before the first key and after the last one the value stands still. The values of one `Keys` are alike
-//! but for their numbers: `0.5`, `(1, 0.9, 0.8)`, `Point(0, 1.2, -2)`.
+//! `frames: 48` makes an edit a sequence of 48 pictures, and in the place of any value may then
+//! stand `Keys([(0, a), (24, b), (47, c)])`: in frame 0 the value is a, in frame 24 it is b,
+//! between them each number v in it is v_a + (v_b - v_a) (k - 0) / (24 - 0); before the first key
+//! and after the last one the value stands still. The values of one `Keys` are alike but for their
+//! numbers: `0.5`, `(1, 0.9, 0.8)`, `Point(0, 1.2, -2)`.
 //!
-//! A frame is an edit like any other: its text is that of the file with each `Keys(..)` replaced by its value, with anchors that give a
-//! fault its place in the file.
+//! A frame is an edit like any other: its text is that of the file with each `Keys(..)` replaced by
+//! its value, with anchors that give a fault its place in the file.
 
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::graph::{Anchor, Fault, Faults, Raw, Reach, Source, from_ron};
+use crate::graph::{Anchor, Diagnostic, Diagnostics, Raw, Reach, Source, from_ron};
 
 /// More than a person waits for.
 const MOST_FRAMES: u32 = 100_000;
-/// Most bytes of all frames that change, each of which is read and checked: some hundred seconds of work.
+/// Most bytes of all frames that change, each of which is read and checked: some hundred seconds of
+/// work.
 const MOST_TEXT: usize = 1 << 30;
 
 /// An edit file: one edit, or with `frames` one for each frame.
@@ -24,8 +26,8 @@ pub struct EditFile {
     source: Arc<Source>,
     frames: Option<u32>,
     tracks: Vec<Track>,
-    /// What is wrong with `frames` and `Keys`; told with all else that is wrong with the edit.
-    pub(super) faults: Faults,
+    /// Diagnostics of `frames` and `Keys`, reported with all others of the edit.
+    pub(super) faults: Diagnostics,
 }
 
 /// One `Keys(..)`.
@@ -34,10 +36,10 @@ struct Track {
     /// The places of its first byte and of the first byte after it.
     anchors: [Anchor; 2],
     /// By frame, ascending; at least one.
-    keys: Vec<Moment>,
+    keys: Vec<Keyframe>,
 }
 
-struct Moment {
+struct Keyframe {
     frame: u32,
     value: Vec<Word>,
 }
@@ -45,7 +47,7 @@ struct Moment {
 #[derive(Clone)]
 struct Word {
     text: String,
-    /// What it is worth, where it is a number.
+    /// The value of a number.
     number: Option<f64>,
 }
 
@@ -54,26 +56,26 @@ impl EditFile {
     ///
     /// # Errors
     /// It cannot be read, or not be split into fields.
-    pub fn read(path: &Path) -> Result<EditFile, Vec<Fault>> {
+    pub fn read(path: &Path) -> Result<EditFile, Vec<Diagnostic>> {
         EditFile::read_within(path, Reach::Anywhere)
     }
 
-    /// The same of a file that may name others within `reach` only.
+    /// Reads an edit file that may name others within `reach` only.
     ///
     /// # Errors
-    /// Those of [`EditFile::read`].
-    pub fn read_within(path: &Path, reach: Reach) -> Result<EditFile, Vec<Fault>> {
+    /// The errors of [`EditFile::read`].
+    pub fn read_within(path: &Path, reach: Reach) -> Result<EditFile, Vec<Diagnostic>> {
         EditFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
-    fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Fault>> {
-        let mut faults = Faults::default();
+    fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Diagnostic>> {
+        let mut faults = Diagnostics::default();
         let Some(document) = Raw::document(&source, &mut faults) else { return Err(faults.into_vec()) };
         if !faults.is_empty() {
             // Whoever reads the fields finds them again, and more.
-            return Ok(EditFile { source, frames: None, tracks: Vec::new(), faults: Faults::default() });
+            return Ok(EditFile { source, frames: None, tracks: Vec::new(), faults: Diagnostics::default() });
         }
-        let fields = document.as_struct(None, &["frames"], &mut Faults::ignored()); // other fields are not looked at here
+        let fields = document.as_struct(None, &["frames"], &mut Diagnostics::ignored()); // other fields are not looked at here
         let frames = fields.first().and_then(|(_, value)| {
             let count = value.parse::<u32>().ok().filter(|count| (1..=MOST_FRAMES).contains(count));
             if count.is_none() {
@@ -84,7 +86,7 @@ impl EditFile {
         let keyed = keyed(&document);
         if let (Some(first), true) = (keyed.first(), fields.is_empty()) {
             let message = "`Keys(..)` changes over time, and this edit is one picture";
-            faults.push(|| Fault::at(&first.variant_origin(), message).help("give the edit `frames: 48,`"));
+            faults.push(|| Diagnostic::at(&first.variant_origin(), message).help("give the edit `frames: 48,`"));
         }
         let mut anchor = Anchor { at: 0, line: 1, column: 1 };
         let mut tracks = Vec::new();
@@ -107,7 +109,7 @@ impl EditFile {
         Ok(file)
     }
 
-    /// How many pictures the edit makes, where it says so.
+    /// The number of pictures of a sequence; none for a single picture.
     pub fn frames(&self) -> Option<u32> {
         self.frames
     }
@@ -170,7 +172,7 @@ fn keyed(value: &Raw) -> Vec<Raw> {
 }
 
 /// `Keys([(frame, value), ..])` of an edit with so many frames; `None` left a fault.
-fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Moment>> {
+fn track(keys: &Raw, frames: u32, faults: &mut Diagnostics) -> Option<Vec<Keyframe>> {
     let before = faults.found();
     let what = "wanted `Keys([(frame, value), ..])`";
     let list = keys.as_tuple(faults);
@@ -178,33 +180,33 @@ fn track(keys: &Raw, frames: u32, faults: &mut Faults) -> Option<Vec<Moment>> {
         faults.push(|| keys.fault(format!("{what}, got {} values", list.len())));
         return None;
     };
-    let mut moments: Vec<Moment> = Vec::new();
+    let mut keyframes: Vec<Keyframe> = Vec::new();
     let items = list.as_list(faults);
     if items.is_empty() && faults.found() == before {
         faults.push(|| list.fault(format!("{what}, got none")));
     }
     for item in items {
-        let pair = item.as_tuple(&mut Faults::ignored());
+        let pair = item.as_tuple(&mut Diagnostics::ignored());
         let [frame, value] = &pair[..] else {
             faults.push(|| item.fault(format!("wanted `(frame, value)`, got `{}`", item.short())));
             continue;
         };
-        let Some(frame) = number_of_frame(frame, frames, moments.last().map(|m| m.frame), faults) else { continue };
+        let Some(frame) = number_of_frame(frame, frames, keyframes.last().map(|m| m.frame), faults) else { continue };
         let Some(words) = words(value, faults) else { continue };
-        match moments.first() {
+        match keyframes.first() {
             Some(first) if !alike(&first.value, &words) => faults.push(|| {
                 let (frame, like, got) = (first.frame, short(&first.value), value.short());
                 value.fault(format!(
                     "wanted a value like that of frame {frame}, `{like}`, but for its numbers, got `{got}`"
                 ))
             }),
-            _ => moments.push(Moment { frame, value: words }),
+            _ => keyframes.push(Keyframe { frame, value: words }),
         }
     }
-    (faults.found() == before).then_some(moments)
+    (faults.found() == before).then_some(keyframes)
 }
 
-fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Faults) -> Option<u32> {
+fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Diagnostics) -> Option<u32> {
     let frame = from_ron::<u32>(raw.text()).ok();
     if frame.is_some_and(|frame| frame < frames && last.is_none_or(|last| frame > last)) {
         return frame;
@@ -226,7 +228,7 @@ fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Fault
 }
 
 /// The words of a value with at least one number; `None` left a fault.
-fn words(value: &Raw, faults: &mut Faults) -> Option<Vec<Word>> {
+fn words(value: &Raw, faults: &mut Diagnostics) -> Option<Vec<Word>> {
     let mut all = Vec::new();
     for (word, is_number) in value.words() {
         if word.text() == "Keys" {
@@ -278,7 +280,8 @@ impl Track {
     }
 }
 
-/// In single precision, as parameters are; a whole number as such, which integers and fractions both take.
+/// In single precision, as parameters are; a whole number as such, which integers and fractions
+/// both take.
 fn number(value: f64) -> String {
     let value = value as f32;
     if value.fract() == 0.0 && value.abs() < 1e9 { format!("{value:.0}") } else { format!("{value:?}") }
@@ -312,7 +315,8 @@ mod tests {
             &[(0, "-0.5"), (9, "-0.5"), (10, "-0.5"), (15, "499.75"), (20, "1e3"), (47, "1e3")],
         );
         check("[(5, 7)]", &[(0, "7"), (5, "7"), (47, "7")]);
-        // A step of one frame; whole numbers stay whole, so that they fit where integers are wanted.
+        // A step of one frame; whole numbers stay whole, so that they fit where integers are
+        // wanted.
         check("[(3, 0), (4, 100)]", &[(3, "0"), (4, "100")]);
         check("[(0, 0), (10, 100)]", &[(3, "30")]);
     }
@@ -405,7 +409,7 @@ mod tests {
             ),
             ("Edit(frames: 8, a: Keys([(0, Keys([(0, 1)]))]))", &["1:30: `Keys` may not stand within `Keys`"]),
         ] {
-            let told = |fault: &Fault| {
+            let told = |fault: &Diagnostic| {
                 let (line, column) = fault.origin.as_ref().expect("it has a place").line_column();
                 format!("{line}:{column}: {}", fault.message)
             };

@@ -5,12 +5,14 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::raw::Raw;
 use super::registry::AnyNode;
-use super::source::{Fault, Raw};
+use super::source::Diagnostic;
 use super::{Digest, File, PortSpec};
 
-/// A graph that was checked against the registry: running it cannot fail for want of a name, a type or a file.
-pub struct Graph {
+/// A graph that was checked against the registry: running it cannot fail for want of a name, a type
+/// or a file.
+pub struct ResolvedGraph {
     pub(super) nodes: Vec<GraphNode>,
     /// Every instance comes after all that it takes from.
     pub(super) instances: Vec<Instance>,
@@ -19,6 +21,7 @@ pub struct Graph {
     pub(super) sources: Vec<PathBuf>,
     /// Values that scene, edit and command line give, used or not.
     pub(super) settings: Vec<Raw>,
+    pub(super) warnings: Vec<Diagnostic>,
 }
 
 pub(super) struct GraphNode {
@@ -42,9 +45,10 @@ pub(super) struct Instance {
     /// One per input port of the node.
     pub inputs: Vec<Input>,
     /// The output that must have a value; without one, the instance is not run.
-    pub when: Option<Feed>,
-    /// The instances that decide whether it runs, each once, ascending: that of `when`, and those behind inputs that it
-    /// needs which may not be run themselves. Nothing else is asked for on its behalf before they are known.
+    pub when: Option<Edge>,
+    /// The instances that decide whether it runs, each once, ascending: that of `when`, and those
+    /// behind inputs that it needs which may not be run themselves. Nothing else is asked for on
+    /// its behalf before they are known.
     pub conditions: Vec<usize>,
     /// The instances that it takes from and those of `conditions`, each once, ascending.
     pub from: Vec<usize>,
@@ -52,20 +56,20 @@ pub(super) struct Instance {
 
 pub(super) enum Input {
     Missing,
-    One(Feed),
-    Many(Vec<Feed>),
+    One(Edge),
+    Many(Vec<Edge>),
 }
 
 /// One output port of an instance, and how it is taken.
 #[derive(Clone)]
-pub(super) struct Feed {
+pub(super) struct Edge {
     pub instance: usize,
     pub port: usize,
-    pub take: Take,
+    pub selector: InputSelector,
 }
 
 #[derive(Clone)]
-pub(super) enum Take {
+pub(super) enum InputSelector {
     /// The one value, under the member name of the instance that gave it.
     Whole,
     /// This member of a scatter.
@@ -74,7 +78,7 @@ pub(super) enum Take {
     All,
 }
 
-/// What a run is asked for.
+/// The outputs asked of a run.
 #[derive(Clone)]
 pub struct Wanted {
     pub(super) outputs: Vec<WantedOutput>,
@@ -92,19 +96,19 @@ pub(super) struct WantedOutput {
 }
 
 impl Input {
-    pub fn feeds(&self) -> &[Feed] {
+    pub fn edges(&self) -> &[Edge] {
         match self {
             Input::Missing => &[],
-            Input::One(feed) => std::slice::from_ref(feed),
-            Input::Many(feeds) => feeds,
+            Input::One(edge) => std::slice::from_ref(edge),
+            Input::Many(edges) => edges,
         }
     }
 }
 
 impl Instance {
     /// Everything it takes, with the index of the input port.
-    pub fn ports(&self) -> impl Iterator<Item = (usize, &Feed)> {
-        self.inputs.iter().enumerate().flat_map(|(port, input)| input.feeds().iter().map(move |feed| (port, feed)))
+    pub fn ports(&self) -> impl Iterator<Item = (usize, &Edge)> {
+        self.inputs.iter().enumerate().flat_map(|(port, input)| input.edges().iter().map(move |edge| (port, edge)))
     }
 }
 
@@ -117,9 +121,10 @@ impl Wanted {
     }
 }
 
-impl Graph {
-    /// The files that a run of this graph reads, and those that its scene and its edit name, whether a stage reads them or not:
-    /// what must not be taken for a result and replaced. Existing files only.
+impl ResolvedGraph {
+    /// The files that a run of this graph reads, and those that its scene and its edit name,
+    /// whether a stage reads them or not: what must not be taken for a result and replaced.
+    /// Existing files only.
     pub fn inputs(&self) -> BTreeSet<PathBuf> {
         let of_nodes = self.nodes.iter().flat_map(|node| node.files.iter().map(|(file, _)| file.location()));
         let named = self.settings.iter().flat_map(|value| {
@@ -132,17 +137,25 @@ impl Graph {
         all.filter(|path| path.is_file()).collect()
     }
 
+    /// Old names that its files use, each with its new one.
+    pub fn warnings(&self) -> &[Diagnostic] {
+        &self.warnings
+    }
+
     /// The outputs that the graph file names.
     pub fn outputs(&self) -> &[String] {
         &self.outputs
     }
 
-    /// What is needed for these: `node`, `node[member]`, `node.port`, `node[member].port`; a node without a port means
-    /// all its ports. `None` means the outputs of the graph file.
-    pub fn wanted(&self, names: Option<&[String]>) -> Result<Wanted, Fault> {
+    /// Selects outputs by name: `node`, `node[member]`, `node.port`, `node[member].port`; a node
+    /// without a port means all its ports. `None` means the outputs of the graph file.
+    ///
+    /// # Errors
+    /// A name that the graph does not have, or no name at all.
+    pub fn wanted(&self, names: Option<&[String]>) -> Result<Wanted, Diagnostic> {
         let names = names.unwrap_or(&self.outputs);
         if names.is_empty() {
-            return Err(Fault::file(Path::new(""), "nothing is wanted: the graph names no outputs"));
+            return Err(Diagnostic::file(Path::new(""), "nothing is wanted: the graph names no outputs"));
         }
         let mut wanted = Wanted { outputs: Vec::new(), needed: vec![false; self.instances.len()] };
         for name in names {
@@ -159,7 +172,7 @@ impl Graph {
                 None => (0..node.outputs.len()).collect(),
                 Some(port) => vec![node.outputs.iter().position(|p| p.name == port).ok_or_else(|| {
                     let message = format!("node `{node_name}` ({}) has no output `{port}`", node.kind);
-                    Fault::file(Path::new(""), message).suggest(port, node.outputs.iter().map(|p| p.name))
+                    Diagnostic::file(Path::new(""), message).suggest(port, node.outputs.iter().map(|p| p.name))
                 })?],
             };
             for &port in &ports {
@@ -178,7 +191,7 @@ impl Graph {
     }
 
     /// The node, and those of its instances that `name` (`node` or `node[member]`) means.
-    pub(super) fn find(&self, name: &str) -> Result<(&GraphNode, Range<usize>), Fault> {
+    pub(super) fn find(&self, name: &str) -> Result<(&GraphNode, Range<usize>), Diagnostic> {
         if let Some(node) = self.nodes.iter().find(|n| n.name == name) {
             return Ok((node, node.instances.clone()));
         }
@@ -186,12 +199,12 @@ impl Graph {
             return Ok((&self.nodes[self.instances[at].node], at..at + 1));
         }
         let known = self.nodes.iter().map(|n| n.name.as_str()).chain(self.instances());
-        Err(Fault::file(Path::new(""), format!("the graph has no node `{name}`")).suggest(name, known))
+        Err(Diagnostic::file(Path::new(""), format!("the graph has no node `{name}`")).suggest(name, known))
     }
 
     /// The output that decides whether an instance runs, as `node.port`.
     pub(super) fn condition(&self, instance: usize) -> Option<String> {
-        let Feed { instance, port, .. } = self.instances[instance].when.as_ref()?;
+        let Edge { instance, port, .. } = self.instances[instance].when.as_ref()?;
         let node = &self.nodes[self.instances[*instance].node];
         Some(format!("{}.{}", self.instances[*instance].name, node.outputs[*port].name))
     }

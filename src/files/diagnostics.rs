@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-use codespan_reporting::diagnostic::{Diagnostic, Label};
+use codespan_reporting::diagnostic::{self, Label};
 use codespan_reporting::files::{Error, Files};
 use codespan_reporting::term::{self, Chars, Config, termcolor::Buffer};
 
-use crate::graph::{Fault, Origin, escape, escape_line};
+use crate::graph::{Diagnostic, Origin, escape, escape_line};
 
 /// Characters of a source line that are shown on each side of the place.
 const CONTEXT: usize = 60;
@@ -15,14 +15,15 @@ const WIDEST: usize = 40;
 /// Characters of a message, which may quote what a person wrote.
 const LONGEST: usize = 600;
 
-/// All faults as text, in the order given; with colours and box drawing on a terminal, plain ASCII elsewhere.
-pub fn draw(faults: &[Fault], terminal: bool) -> String {
+/// All faults as text, in the order given; with colours and box drawing on a terminal, plain ASCII
+/// elsewhere.
+pub fn draw(faults: &[Diagnostic], terminal: bool) -> String {
     let mut buffer = if terminal { Buffer::ansi() } else { Buffer::no_color() };
     let chars = if terminal { Chars::box_drawing() } else { Chars::ascii() };
     let config = Config { chars, tab_width: 1, ..Config::default() };
     for fault in faults {
         let excerpt = fault.origin.as_ref().map(Excerpt::of).unwrap_or_default();
-        let mut diagnostic = Diagnostic::error();
+        let mut diagnostic = diagnostic::Diagnostic::error();
         if fault.origin.is_some() {
             diagnostic = diagnostic
                 .with_message(printable(&fault.message))
@@ -41,14 +42,15 @@ pub fn draw(faults: &[Fault], terminal: bool) -> String {
 
 /// The line that a fault points into, cut to what fits a screen.
 ///
-/// Only this line is looked at, so that a fault in a file of one very long line is drawn as fast as any other.
+/// Only this line is looked at, so that a fault in a file of one very long line is drawn as fast as
+/// any other.
 #[derive(Default)]
 struct Excerpt {
     name: String,
     text: String,
     /// The place within `text`.
     place: Range<usize>,
-    /// Of the place in the file; both start from 1, columns count characters.
+    /// Line and column in the file; both start from 1, columns count characters.
     line: usize,
     column: usize,
 }
@@ -146,7 +148,7 @@ mod tests {
 
     fn drawn(text: &str, span: Range<usize>) -> String {
         let origin = Origin { source: Source::new("dir/edit.ron", text), span };
-        draw(&[Fault::at(&origin, "wanted this, got that").help("do this")], false)
+        draw(&[Diagnostic::at(&origin, "wanted this, got that").help("do this")], false)
     }
 
     #[test]
@@ -182,7 +184,7 @@ mod tests {
 
     #[test]
     fn a_fault_of_a_whole_file_names_it() {
-        let fault = Fault::file("no/such.ron".as_ref(), "cannot be read");
+        let fault = Diagnostic::file("no/such.ron".as_ref(), "cannot be read");
         assert_eq!(draw(&[fault], false).trim_end(), "error: no/such.ron: cannot be read");
     }
 }

@@ -1,0 +1,371 @@
+//! RON texts that people write, cut into raw entries that remember where they stand.
+//!
+//! `serde` alone stops at the first fault and forgets places. Here a text is checked and split
+//! first, and each piece is parsed by itself, so that all faults of a file show in one pass, each
+//! with its own caret.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::sync::Arc;
+
+use serde::de::DeserializeOwned;
+
+use super::diagnostics::Diagnostics;
+use super::from_ron;
+use super::lexer::{Kind, Token, tokens};
+use super::source::{Diagnostic, Origin, Source};
+
+/// RON's own parser recurses; beyond this depth a text is refused before it gets there.
+const MAX_DEPTH: usize = 64;
+
+/// Whether `text` is a field name.
+fn is_word(text: &str) -> bool {
+    text.starts_with(|c: char| c.is_alphabetic() || c == '_') && text.chars().all(|c| c.is_alphanumeric() || c == '_')
+}
+
+/// The name of an entry, and where it stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Key {
+    pub name: String,
+    pub origin: Origin,
+}
+
+/// A RON value still as text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Raw {
+    pub origin: Origin,
+}
+
+impl Raw {
+    /// The one value of a whole text, after checking all of it: brackets, nesting, no duplicate
+    /// key, no NaN, no infinite number. `None` when it cannot be split.
+    pub fn document(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<Raw> {
+        let whole = Raw { origin: Origin { source: source.clone(), span: 0..source.text.len() } };
+        let tokens = whole.tokens(faults)?;
+        let sound = check_nesting(&whole, &tokens, faults);
+        check_values(&whole, &tokens, faults);
+        let (first, last) = (tokens.first(), tokens.last());
+        let Some((first, last)) = first.zip(last) else {
+            faults.push(|| Diagnostic::file(&source.path, "wanted a RON value, got an empty file"));
+            return None;
+        };
+        sound.then(|| whole.part(first.span.start..last.span.end))
+    }
+
+    pub fn text(&self) -> &str {
+        self.origin.text()
+    }
+
+    pub fn fault(&self, message: impl Into<String>) -> Diagnostic {
+        Diagnostic::at(&self.origin, message)
+    }
+
+    /// The identifier that the value begins with: `Lamp` of `Lamp(radius: 1)`, `Off` of `Off`.
+    pub fn variant(&self) -> Option<&str> {
+        let first = tokens(self.text()).next()?.ok()?;
+        (first.kind == Kind::Ident).then(|| &self.text()[first.span])
+    }
+
+    /// Every word, number, text and bracket of the value, in order, and whether it is a number;
+    /// comments are left out.
+    pub fn words(&self) -> Vec<(Raw, bool)> {
+        let base = self.origin.span.start;
+        let word = |t: Token| (self.part(base + t.span.start..base + t.span.end), t.kind == Kind::Number);
+        tokens(self.text()).map_while(Result::ok).map(word).collect()
+    }
+
+    /// From the beginning of this value to the end of `last`, a later one of the same text.
+    pub fn through(&self, last: &Raw) -> Raw {
+        self.part(self.origin.span.start..last.origin.span.end)
+    }
+
+    /// The place of the identifier that the value begins with, or of the whole value.
+    pub fn variant_origin(&self) -> Origin {
+        let length = self.variant().map_or(self.origin.span.len(), str::len);
+        self.part(self.origin.span.start..self.origin.span.start + length).origin
+    }
+
+    /// The fields of `Name(a: .., b: ..)` or `(a: .., b: ..)`. With `name`, another name is a
+    /// fault; a field that is not `known` is one too, and is left out.
+    pub fn as_struct(&self, name: Option<&str>, known: &[&str], faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
+        if let (Some(wanted), Some(got)) = (name, self.variant())
+            && wanted != got
+        {
+            faults.push(|| Diagnostic::at(&self.variant_origin(), format!("wanted `{wanted}(..)`, got `{got}`")));
+            return Vec::new();
+        }
+        let what = name.map_or("`(field: value, ..)`".to_owned(), |name| format!("`{name}(field: value, ..)`"));
+        let mut fields = self.fields(&what, faults);
+        fields.retain(|(key, _)| {
+            let is_known = known.contains(&key.name.as_str());
+            if !is_known {
+                faults.push(|| {
+                    let fault = Diagnostic::at(&key.origin, format!("unknown field `{}`", key.name));
+                    fault.suggest(&key.name, known.iter().copied())
+                });
+            }
+            is_known
+        });
+        fields
+    }
+
+    /// The fields of `Name(a: .., b: ..)`, whatever they are called; none for a mere `Name`.
+    pub(super) fn fields(&self, what: &str, faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
+        if self.variant().is_some_and(|v| v.len() == self.text().len()) {
+            return Vec::new();
+        }
+        let mut fields = Vec::new();
+        for item in self.items('(', what, faults).unwrap_or_default() {
+            match item.split_key() {
+                Some((key, value)) if is_word(key.text()) => {
+                    fields.push((Key { name: key.text().to_owned(), origin: key.origin }, value));
+                }
+                _ => faults.push(|| item.fault(format!("wanted {what}, got `{}`", item.short()))),
+            }
+        }
+        fields
+    }
+
+    /// The entries of `{ "name": value, .. }`.
+    pub fn as_map(&self, faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
+        let what = "`{ \"name\": value, .. }`";
+        let mut entries = Vec::new();
+        for item in self.items('{', what, faults).unwrap_or_default() {
+            match item.split_key().map(|(key, value)| (key.string(), key, value)) {
+                Some((Some(name), key, value)) => entries.push((Key { name, origin: key.origin }, value)),
+                _ => faults.push(|| item.fault(format!("wanted {what}, got `{}`", item.short()))),
+            }
+        }
+        entries
+    }
+
+    /// The items of `[a, b, ..]`.
+    pub fn as_list(&self, faults: &mut Diagnostics) -> Vec<Raw> {
+        self.items('[', "a list `[..]`", faults).unwrap_or_default()
+    }
+
+    /// The items of `(a, b, ..)` or `Name(a, b, ..)`.
+    pub fn as_tuple(&self, faults: &mut Diagnostics) -> Vec<Raw> {
+        self.items('(', "`(a, b, ..)`", faults).unwrap_or_default()
+    }
+
+    /// The value as `T`; the fault points at the place inside.
+    ///
+    /// # Errors
+    /// The value is not of this type.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Diagnostic> {
+        from_ron(self.text()).map_err(|e| self.locate(e))
+    }
+
+    /// A string with its place: how names stand in files. `None` left a fault.
+    pub fn as_key(&self, faults: &mut Diagnostics) -> Option<Key> {
+        let name = self.string();
+        if name.is_none() {
+            faults.push(|| self.fault(format!("wanted a name in quotes, got `{}`", self.short())));
+        }
+        Some(Key { name: name?, origin: self.origin.clone() })
+    }
+
+    /// The value of a string, `None` for anything else.
+    pub fn string(&self) -> Option<String> {
+        let text = self.text();
+        let plain = text.strip_prefix('"').and_then(|text| text.strip_suffix('"'));
+        match plain.filter(|text| !text.contains(['"', '\\'])) {
+            Some(plain) => Some(plain.to_owned()),
+            None => text.contains('"').then(|| from_ron(text).ok())?,
+        }
+    }
+
+    /// Turns RON's own error, whose position counts from the start of this value, into a fault at
+    /// its token.
+    pub(super) fn locate(&self, error: ron::error::SpannedError) -> Diagnostic {
+        let text = self.text();
+        let start = error.span.start;
+        let line = text.split_inclusive('\n').take(start.line.saturating_sub(1)).map(str::len).sum::<usize>();
+        let column = text[line..].char_indices().nth(start.col.saturating_sub(1)).map_or(text.len(), |(i, _)| line + i);
+        let before = tokens(text).map_while(Result::ok).take_while(|token| token.span.start <= column);
+        let token = before.last().map_or(0..text.len(), |token| token.span);
+        let base = self.origin.span.start;
+        self.part(base + token.start..base + token.end).fault(error.code.to_string())
+    }
+
+    /// The beginning of the text, for messages.
+    pub fn short(&self) -> String {
+        let line = self.text().lines().next().unwrap_or_default();
+        let short: String = line.chars().take(40).collect();
+        if short.len() < self.text().len() { format!("{short}..") } else { short }
+    }
+
+    fn part(&self, span: Range<usize>) -> Raw {
+        Raw { origin: Origin { source: self.origin.source.clone(), span } }
+    }
+
+    fn tokens(&self, faults: &mut Diagnostics) -> Option<Vec<Token>> {
+        let base = self.origin.span.start;
+        let tokens: Result<Vec<Token>, _> = tokens(self.text()).collect();
+        tokens
+            .map_err(|(span, message)| faults.push(|| self.part(base + span.start..base + span.end).fault(message)))
+            .ok()
+    }
+
+    /// The comma-separated items between the brackets that begin with `open`, after an optional
+    /// identifier.
+    fn items(&self, open: char, wanted: &str, faults: &mut Diagnostics) -> Option<Vec<Raw>> {
+        let tokens = self.tokens(faults)?;
+        let skip = usize::from(open == '(' && tokens.first().is_some_and(|t| t.kind == Kind::Ident));
+        if tokens.get(skip).map(|t| t.kind) != Some(Kind::Open(open)) {
+            faults.push(|| {
+                let fault = self.fault(format!("wanted {wanted}, got `{}`", self.short()));
+                let attribute = self.text().starts_with("#!");
+                if attribute { fault.help("leave `#![enable(..)]` out") } else { fault }
+            });
+            return None;
+        }
+        let base = self.origin.span.start;
+        let mut items = Vec::new();
+        let mut begin: Option<usize> = None;
+        let (mut end, mut depth) = (0, 0);
+        for (index, token) in tokens.iter().enumerate().skip(skip) {
+            let closes = matches!(token.kind, Kind::Close(_)) && depth == 1;
+            if closes || (token.kind == Kind::Comma && depth == 1) {
+                match begin.take() {
+                    Some(from) => items.push(self.part(base + from..base + end)),
+                    None if !closes => {
+                        let place = base + token.span.start..base + token.span.end;
+                        faults.push(|| self.part(place).fault("wanted a value, got a comma"));
+                    }
+                    None => {}
+                }
+            } else if depth >= 1 {
+                begin.get_or_insert(token.span.start);
+            }
+            match token.kind {
+                Kind::Open(_) => depth += 1,
+                Kind::Close(_) => depth -= 1,
+                _ => {}
+            }
+            end = token.span.end;
+            if depth == 0 {
+                if let Some(extra) = tokens.get(index + 1) {
+                    let place = base + extra.span.start..base + extra.span.end;
+                    faults.push(|| self.part(place).fault(format!("wanted nothing more after {wanted}")));
+                }
+                break;
+            }
+        }
+        Some(items)
+    }
+
+    /// `key: value`.
+    fn split_key(&self) -> Option<(Raw, Raw)> {
+        let base = self.origin.span.start;
+        let (mut depth, mut key_end) = (0, None);
+        let mut tokens = tokens(self.text()).map_while(Result::ok);
+        while let Some(token) = tokens.next() {
+            match token.kind {
+                Kind::Open(_) => depth += 1,
+                Kind::Close(_) => depth -= 1,
+                Kind::Colon if depth == 0 => {
+                    let value = tokens.next()?.span.start;
+                    return Some((self.part(base..base + key_end?), self.part(base + value..self.origin.span.end)));
+                }
+                _ => {}
+            }
+            key_end = Some(token.span.end);
+        }
+        None
+    }
+}
+
+/// Brackets match and stay shallow; whether the text may be split.
+fn check_nesting(whole: &Raw, tokens: &[Token], faults: &mut Diagnostics) -> bool {
+    let mut open: Vec<(char, &Token)> = Vec::new();
+    for token in tokens {
+        match token.kind {
+            Kind::Open(bracket) if open.len() == MAX_DEPTH => {
+                let message = format!("wanted at most {MAX_DEPTH} levels of brackets, got another `{bracket}`");
+                faults.push(|| whole.part(token.span.clone()).fault(message));
+                return false;
+            }
+            Kind::Open(bracket) => open.push((bracket, token)),
+            Kind::Close(bracket) => match open.pop() {
+                Some((opened, _)) if closing(opened) == bracket => {}
+                Some((opened, at)) => {
+                    let (line, _) = whole.part(at.span.clone()).origin.line_column();
+                    let message =
+                        format!("wanted `{}` for the `{opened}` of line {line}, got `{bracket}`", closing(opened));
+                    faults.push(|| whole.part(token.span.clone()).fault(message));
+                    return false;
+                }
+                None => {
+                    faults.push(|| whole.part(token.span.clone()).fault(format!("`{bracket}` closes nothing")));
+                    return false;
+                }
+            },
+            _ => {}
+        }
+    }
+    let Some((bracket, token)) = open.pop() else { return true };
+    faults.push(|| whole.part(token.span.clone()).fault(format!("`{bracket}` is never closed")));
+    false
+}
+
+fn closing(open: char) -> char {
+    match open {
+        '(' => ')',
+        '[' => ']',
+        _ => '}',
+    }
+}
+
+/// No number that is not finite, no key twice in the same brackets.
+fn check_values(whole: &Raw, tokens: &[Token], faults: &mut Diagnostics) {
+    let text = whole.text();
+    // For each open bracket: the keys so far, and the first token of an entry whose key has not
+    // ended.
+    let mut open: Vec<(BTreeSet<String>, Option<usize>)> = vec![(BTreeSet::new(), Some(0))];
+    for (index, token) in tokens.iter().enumerate() {
+        let part = || whole.part(token.span.clone());
+        match (token.kind, open.last_mut()) {
+            (Kind::Open(_), _) => {
+                if open.len() > MAX_DEPTH {
+                    return; // reported by `check_nesting`
+                }
+                open.push((BTreeSet::new(), Some(index + 1)));
+            }
+            (Kind::Close(_), _) => drop(open.pop()),
+            (Kind::Comma, Some((_, entry))) => *entry = Some(index + 1),
+            (Kind::Colon, Some((keys, entry))) => {
+                let Some(first) = entry.take().filter(|first| *first < index) else { continue };
+                let key = whole.part(tokens[first].span.start..tokens[index - 1].span.end);
+                let name = key.string().unwrap_or_else(|| key.text().to_owned());
+                if keys.contains(&name) {
+                    faults.push(|| key.fault(format!("`{name}` is given twice")));
+                } else {
+                    keys.insert(name);
+                }
+            }
+            (Kind::Ident, _) if is_not_finite(&text[token.span.clone()]) => {
+                faults.push(|| part().fault(format!("wanted a finite number, got {}", &text[token.span.clone()])));
+            }
+            (Kind::Number, _) => {
+                let number = text[token.span.clone()].replace('_', "");
+                let number = number.trim_end_matches("f32").trim_end_matches("f64");
+                if number.parse::<f64>().is_ok_and(f64::is_infinite) {
+                    faults.push(|| part().fault(format!("wanted a finite number, got {number}")));
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+fn is_not_finite(word: &str) -> bool {
+    matches!(word, "inf" | "inff32" | "inff64" | "NaN" | "NaNf32" | "NaNf64")
+}
+
+/// Whether a value written by [`super::to_ron`] holds a number that is not finite.
+pub(super) fn holds_non_finite(ron: &str) -> bool {
+    let mut tokens = tokens(ron).map_while(Result::ok);
+    tokens.any(|token| token.kind == Kind::Ident && is_not_finite(&ron[token.span]))
+}
