@@ -312,7 +312,7 @@ fn a_setting_wins_and_is_explained() {
     room.check_refused(&format!("{RUN} --budget 3"), "wanted a number and a unit");
     room.check_refused(&format!("{RUN} --set scene.long_syde=8"), "--set scene.long_syde:1:1\nlong_side");
     room.check_refused(&format!("{RUN} --set scnee.long_side=8"), "--set scnee.long_side:1:1\nscene");
-    room.check_refused(&format!("{RUN} --set scene.long_side=0"), "--set scene.long_side:1:1\nat least 1");
+    room.check_refused(&format!("{RUN} --set scene.long_side=0"), "--set scene.long_side:1:1\nwanted >= 1, got 0");
 }
 
 #[test]

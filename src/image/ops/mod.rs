@@ -13,7 +13,7 @@ pub(in crate::image) mod measure;
 pub(in crate::image) mod mix;
 pub(in crate::image) mod pack;
 pub(in crate::image) mod reflectance;
-pub(in crate::image) mod relight;
+pub(in crate::image) mod relit_pixel;
 pub(in crate::image) mod resample;
 pub(in crate::image) mod segments;
 pub(in crate::image) mod upsample;
@@ -33,7 +33,7 @@ pub use measure::{
 pub use mix::weighted_sum;
 pub use pack::{Packed, pack};
 pub use reflectance::{SATURATION, clip_level, ratio, reflected, smooth_step};
-pub use relight::{
+pub use relit_pixel::{
     GlarePixel, MOST_HEADROOM, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical, relight_ratio,
 };
 pub use resample::{fit, resize, same_aspect};

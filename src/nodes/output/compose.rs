@@ -14,7 +14,7 @@
 //! the surface around. Both ways are blended where saturation and glare begin, so that no boundary
 //! shows.
 //!
-//! `src/image/ops/relight.rs` has these equations for one pixel. [`LightLayers`] and
+//! `src/image/ops/relit_pixel.rs` has these equations for one pixel. [`LightLayers`] and
 //! [`ObjectLayers`] are the inputs as one pixel needs them, [`Pixels`] visits all pixels.
 
 mod light_layers;
