@@ -6,7 +6,7 @@ use glam::Vec3;
 use relight::graph::Graph;
 use relight::nodes::artifacts::Files;
 
-use crate::bad_input::{npy, png_of};
+use crate::common::files::{npy, png_of};
 use crate::project::*;
 
 fn graph(scene: &Path) -> Graph {
