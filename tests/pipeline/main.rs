@@ -30,6 +30,7 @@ mod refine;
 mod sameness;
 mod scores;
 mod sequence;
+mod stages;
 
 mod untrusted_networks;
 mod work;
