@@ -1,91 +1,54 @@
 //! Standard errors mean what they say: intervals hold the truth as often as they claim, targets are reached, and errors fall as
 //! fast as they should. The truth is the same estimate by many more samples of another seed.
 
+mod common;
+
 use std::sync::Arc;
 
 use glam::Vec3;
-use relight::geometry::{Camera, SceneMesh};
-use relight::graph::{Context, Gather, Node};
-use relight::image::{Albedo, Depth, Normal, Plane, Points, luminance};
+use relight::geometry::Camera;
+use relight::graph::{Context, Node};
+use relight::image::{Albedo, Plane, luminance};
 use relight::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
-use relight::nodes::render::direct::{Direct, DirectIn};
-use relight::nodes::render::shadow::{Shadow, ShadowIn};
+use relight::nodes::render::direct::Direct;
+use relight::nodes::render::shadow::Shadow;
 use relight::nodes::render::trace_indirect::{TraceIndirect, TraceIndirectIn};
 use relight::nodes::render::transport::{Transport, TransportIn};
-use relight::nodes::scene::mesh::{Mesh, MeshIn};
 use relight::optics::{INTERVAL, Lamp, Lobe, Shape, SphereLamp, Strategy, Window};
 
-struct Room {
-    points: Arc<Points>,
-    normal: Arc<Normal>,
-    mesh: Arc<SceneMesh>,
+use common::room::Room;
+
+/// A camera whose focal length is its width.
+fn camera(width: usize) -> Camera {
+    let (height, focal) = (width * 3 / 4, width as f32);
+    Camera { width, height, fx: focal, fy: focal, cx: focal / 2.0, cy: height as f32 / 2.0 }
 }
 
-impl Room {
-    /// A square of half width 0.5 at 2 m before a wall at 4 m.
-    fn with_square(width: usize) -> Room {
-        let height = width * 3 / 4;
-        let square =
-            |x: usize, y: usize| (width / 4..3 * width / 4).contains(&x) && (height / 6..5 * height / 6).contains(&y);
-        Room::new(width, |_, x, y| if square(x, y) { 2.0 } else { 4.0 })
-    }
+/// With the standard error and the mean number of samples that the stage told.
+fn direct(room: &Room, stage: &Direct, shape: &Shape) -> (Arc<UnitDirect>, f64, f64) {
+    let ctx = Context::default();
+    let direct = stage.run(room.direct_in(shape), &ctx).unwrap().direct;
+    (direct, ctx.stderr().unwrap(), ctx.samples().unwrap())
+}
 
-    /// A floor one metre below the camera and a wall three metres before it.
-    fn with_floor(width: usize) -> Room {
-        Room::new(width, |camera, x, y| {
-            let down = -camera.pixel_point(x, y, 1.0).y;
-            if down > 0.0 { 3f32.min(1.0 / down) } else { 3.0 }
-        })
-    }
+fn shadow(room: &Room, stage: &Shadow, shape: &Shape) -> (Arc<Visibility>, f64, f64) {
+    let ctx = Context::default();
+    let visibility = stage.run(room.shadow_in(shape, None), &ctx).unwrap().visibility;
+    (visibility, ctx.stderr().unwrap(), ctx.samples().unwrap())
+}
 
-    fn new(width: usize, depth: impl Fn(&Camera, usize, usize) -> f32) -> Room {
-        let height = width * 3 / 4;
-        let focal = width as f32;
-        let camera = Camera { width, height, fx: focal, fy: focal, cx: focal / 2.0, cy: height as f32 / 2.0 };
-        let depth = Plane::from_fn(width, height, |x, y| depth(&camera, x, y));
-        let (masks, kinds) = (Gather(Vec::new()), Gather(Vec::new()));
-        let inputs = MeshIn { depth: Arc::new(Depth(depth)), camera: Arc::new(camera), ignore: None, masks, kinds };
-        let seen = Mesh::default().run(inputs, &Context::default()).unwrap();
-        Room { points: seen.points, normal: seen.normal, mesh: seen.mesh }
-    }
-
-    /// With the standard error and the mean number of samples that the stage told.
-    fn direct(&self, stage: &Direct, shape: &Shape) -> (Arc<UnitDirect>, f64, f64) {
-        let shape = Arc::new(shape.clone());
-        let inputs = DirectIn { points: self.points.clone(), normal: self.normal.clone(), shape };
-        let ctx = Context::default();
-        let direct = stage.run(inputs, &ctx).unwrap().direct;
-        (direct, ctx.stderr().unwrap(), ctx.samples().unwrap())
-    }
-
-    fn shadow(&self, stage: &Shadow, shape: &Shape) -> (Arc<Visibility>, f64, f64) {
-        let inputs = ShadowIn {
-            points: self.points.clone(),
-            normal: self.normal.clone(),
-            mesh: self.mesh.clone(),
-            shape: Arc::new(shape.clone()),
-            mask: None,
-        };
-        let ctx = Context::default();
-        let visibility = stage.run(inputs, &ctx).unwrap().visibility;
-        (visibility, ctx.stderr().unwrap(), ctx.samples().unwrap())
-    }
-
-    fn indirect(&self, rays: u32, seed: u64, direct: &Arc<UnitDirect>) -> Arc<UnitIndirect> {
-        let (points, normal) = (self.points.clone(), self.normal.clone());
-        let inputs = TransportIn { mesh: self.mesh.clone(), points: points.clone(), normal: normal.clone() };
-        let stage = Transport { rays, seed, ..Transport::default() };
-        let transport = stage.run(inputs, &Context::default()).unwrap().transport;
-        let (width, height) = points.0.size();
-        let albedo =
-            Arc::new(Albedo(Plane::from_fn(width, height, |x, _| Vec3::splat(0.3 + 0.1 * (x / 4 % 5) as f32))));
-        let one: Vec<_> = direct.lobes.iter().map(|lobe| lobe.map(|_| 1.0)).collect();
-        let zero: Vec<_> = direct.lobes.iter().map(|lobe| lobe.map(|_| 0.0)).collect();
-        let visibility = Arc::new(Visibility { lit: one, stderr: zero.clone(), unknown: zero });
-        let inputs =
-            TraceIndirectIn { transport, points, normal, albedo, direct: direct.clone(), visibility, objects: None };
-        TraceIndirect::default().run(inputs, &Context::default()).unwrap().indirect
-    }
+fn indirect(room: &Room, rays: u32, seed: u64, direct: &Arc<UnitDirect>) -> Arc<UnitIndirect> {
+    let (points, normal) = (room.points.clone(), room.normal.clone());
+    let inputs = TransportIn { mesh: room.mesh.clone(), points, normal };
+    let stage = Transport { rays, seed, ..Transport::default() };
+    let transport = stage.run(inputs, &Context::default()).unwrap().transport;
+    let (width, height) = room.size();
+    let albedo = Arc::new(Albedo(Plane::from_fn(width, height, |x, _| Vec3::splat(0.3 + 0.1 * (x / 4 % 5) as f32))));
+    let one: Vec<_> = direct.lobes.iter().map(|lobe| lobe.map(|_| 1.0)).collect();
+    let zero: Vec<_> = direct.lobes.iter().map(|lobe| lobe.map(|_| 0.0)).collect();
+    let visibility = Arc::new(Visibility { lit: one, stderr: zero.clone(), unknown: zero });
+    let inputs = TraceIndirectIn { transport, ..room.indirect_in(&albedo, direct, &visibility) };
+    TraceIndirect::default().run(inputs, &Context::default()).unwrap().indirect
 }
 
 /// A window behind the camera with a sun, a sky and an even lobe.
@@ -129,9 +92,9 @@ impl Coverage {
 
 #[test]
 fn intervals_of_direct_light_hold_the_truth() {
-    let room = Room::with_square(48);
+    let room = Room::square_before_wall(camera(48));
     let shape = window(30.0);
-    let (truth, ..) = room.direct(&Direct { samples: 1024, seed: 99, ..Direct::default() }, &shape);
+    let (truth, ..) = direct(&room, &Direct { samples: 1024, seed: 99, ..Direct::default() }, &shape);
     for (samples, target_error) in [(16, 0.0), (32, 0.0), (128, 0.0), (16, 0.01)] {
         for (k, bandwidth) in [30.0, 3.0, 0.5].into_iter().enumerate() {
             let mut coverage = Coverage::default();
@@ -139,7 +102,7 @@ fn intervals_of_direct_light_hold_the_truth() {
             for seed in 0..3 {
                 // As shipped it is a closed form and has no error.
                 let stage = Direct { samples, target_error, max_samples: 256, seed, sampling: Strategy::Area };
-                let (direct, _, mean) = room.direct(&stage, &shape);
+                let (direct, _, mean) = direct(&room, &stage, &shape);
                 used += mean / 3.0;
                 coverage.add(&direct.lobes[k], &direct.stderr[k], &truth.lobes[k], |_, error| error > 0.0);
             }
@@ -150,16 +113,16 @@ fn intervals_of_direct_light_hold_the_truth() {
 
 #[test]
 fn intervals_of_shadows_hold_the_truth() {
-    let room = Room::with_square(64);
+    let room = Room::square_before_wall(camera(64));
     for (shape, name) in [(sphere(), "sphere"), (window(300.0), "window")] {
         let half = false;
-        let (truth, ..) = room.shadow(&Shadow { samples: 1024, seed: 99, half, ..Shadow::default() }, &shape);
+        let (truth, ..) = shadow(&room, &Shadow { samples: 1024, seed: 99, half, ..Shadow::default() }, &shape);
         for (samples, target_error) in [(8, 0.0), (32, 0.0), (8, 0.01)] {
             let mut coverage = Coverage::default();
             let mut used = 0.0;
             for seed in 0..2 {
                 let stage = Shadow { samples, target_error, seed, half, ..Shadow::default() };
-                let (visibility, told, mean) = room.shadow(&stage, &shape);
+                let (visibility, told, mean) = shadow(&room, &stage, &shape);
                 assert!(target_error == 0.0 || told <= f64::from(target_error), "{told}");
                 used += mean / 2.0;
                 for (k, truth) in truth.lit.iter().enumerate() {
@@ -174,14 +137,14 @@ fn intervals_of_shadows_hold_the_truth() {
 
 #[test]
 fn intervals_of_indirect_light_hold_the_truth() {
-    let room = Room::with_floor(64);
-    let (direct, ..) = room.direct(&Direct::default(), &sphere());
+    let room = Room::floor_and_wall(camera(64));
+    let (direct, ..) = direct(&room, &Direct::default(), &sphere());
     let bright = |indirect: &UnitIndirect| indirect.lobes[0].0.map(luminance);
-    let truth = bright(&room.indirect(4096, 99, &direct));
+    let truth = bright(&indirect(&room, 4096, 99, &direct));
     for rays in [64, 128, 256] {
         let mut coverage = Coverage::default();
         for seed in 0..6 {
-            let indirect = room.indirect(rays, seed, &direct);
+            let indirect = indirect(&room, rays, seed, &direct);
             coverage.add(&bright(&indirect), &indirect.stderr[0], &truth, |_, _| true);
         }
         coverage.check(&format!("indirect, {rays} rays"));
@@ -190,10 +153,10 @@ fn intervals_of_indirect_light_hold_the_truth() {
 
 #[test]
 fn a_target_is_reached_where_the_same_rays_spread_evenly_miss_it() {
-    let room = Room::with_square(64);
+    let room = Room::square_before_wall(camera(64));
     let shape = sphere();
-    let (truth, ..) = room.shadow(&Shadow { samples: 1024, seed: 9, half: false, ..Shadow::default() }, &shape);
-    let (direct, ..) = room.direct(&Direct::default(), &shape);
+    let (truth, ..) = shadow(&room, &Shadow { samples: 1024, seed: 9, half: false, ..Shadow::default() }, &shape);
+    let (direct, ..) = direct(&room, &Direct::default(), &shape);
     // The errors that were really made, weighted by the light that the visibility is a share of: their mean over the mean of
     // the light, and that of their squares.
     let made = |visibility: &Visibility| {
@@ -208,9 +171,9 @@ fn a_target_is_reached_where_the_same_rays_spread_evenly_miss_it() {
     };
     for target_error in [0.02, 0.005] {
         let stage = Shadow { target_error, half: false, ..Shadow::default() };
-        let (adaptive, told, used) = room.shadow(&stage, &shape);
+        let (adaptive, told, used) = shadow(&room, &stage, &shape);
         let evenly = Shadow { samples: 4 * (used / 4.0).round() as u32, target_error: 0.0, ..stage };
-        let ((off, squares), (_, even_squares)) = (made(&adaptive), made(&room.shadow(&evenly, &shape).0));
+        let ((off, squares), (_, even_squares)) = (made(&adaptive), made(&shadow(&room, &evenly, &shape).0));
         let gain = even_squares / squares;
         println!(
             "target {target_error}: told {told:.4}, made {off:.4}, {used:.1} rays; variance {gain:.2} x when even"
@@ -228,7 +191,7 @@ fn noise(a: &Plane<f32>, b: &Plane<f32>) -> f64 {
 
 #[test]
 fn errors_fall_as_the_root_of_the_samples_or_faster() {
-    let room = Room::with_square(24);
+    let room = Room::square_before_wall(camera(24));
     let counts = [4u32, 16, 64, 256, 1024];
     let slope = |errors: &[f64]| {
         let (first, last) = (errors[0], errors[errors.len() - 1]);
@@ -240,8 +203,8 @@ fn errors_fall_as_the_root_of_the_samples_or_faster() {
     }
     all.push(("penumbra".into(), Vec::new()));
     for samples in counts {
-        let direct = |seed| room.direct(&Direct { samples, seed, ..Direct::default() }, &window(300.0)).0;
-        let shadow = |seed| room.shadow(&Shadow { samples, seed, half: false, ..Shadow::default() }, &sphere()).0;
+        let direct = |seed| direct(&room, &Direct { samples, seed, ..Direct::default() }, &window(300.0)).0;
+        let shadow = |seed| shadow(&room, &Shadow { samples, seed, half: false, ..Shadow::default() }, &sphere()).0;
         let (a, b) = (direct(1), direct(2));
         (0..3).for_each(|k| all[k].1.push(noise(&a.lobes[k], &b.lobes[k])));
         all[3].1.push(noise(&shadow(1).lit[0], &shadow(2).lit[0]));
@@ -258,10 +221,10 @@ fn thread_counts_change_no_bit_of_an_adaptive_estimate() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let room = Room::with_square(40);
-            let direct = Direct { samples: 4, target_error: 0.02, ..Direct::default() };
-            let shadow = Shadow { samples: 4, target_error: 0.02, ..Shadow::default() };
-            (room.direct(&direct, &window(300.0)), room.shadow(&shadow, &window(300.0)))
+            let room = Room::square_before_wall(camera(40));
+            let lit = Direct { samples: 4, target_error: 0.02, ..Direct::default() };
+            let shaded = Shadow { samples: 4, target_error: 0.02, ..Shadow::default() };
+            (direct(&room, &lit, &window(300.0)), shadow(&room, &shaded, &window(300.0)))
         })
     };
     assert!(run(1) == run(3));

@@ -1,5 +1,7 @@
 //! Picture files through the stages that read and write them.
 
+mod common;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -19,6 +21,8 @@ use relight::nodes::scene::read_materials::{ReadMaterials, ReadMaterialsIn, Read
 use relight::nodes::scene::{CameraSpec, Exposure, read_scene::*};
 use relight::optics::{LightKind, Radiance};
 
+use common::files::{npy, npy_of};
+
 fn file(path: &Path) -> File {
     File::new(path.to_str().expect("test folders have plain names"))
 }
@@ -28,23 +32,6 @@ fn run(scene: &ReadScene) -> Result<(ReadSceneOut, Vec<String>), NodeError> {
     scene.check().map_err(NodeError::Failed)?;
     let out = scene.run(ReadSceneIn {}, &ctx)?;
     Ok((out, ctx.warnings()))
-}
-
-fn npy(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Vec<u8> {
-    npy_of("<f4", width, height, |x, y| value(x, y).to_le_bytes().to_vec())
-}
-
-fn npy_of(kind: &str, width: usize, height: usize, value: impl Fn(usize, usize) -> Vec<u8>) -> Vec<u8> {
-    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({height}, {width}), }}");
-    header.push_str(&" ".repeat(128 - 10 - 1 - header.len()));
-    header.push('\n');
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend((header.len() as u16).to_le_bytes());
-    bytes.extend(header.as_bytes());
-    for y in 0..height {
-        (0..width).for_each(|x| bytes.extend(value(x, y)));
-    }
-    bytes
 }
 
 /// A PNG whose stored numbers are `value(x, y)`, shares of full.
@@ -73,7 +60,7 @@ fn folder() -> (tempfile::TempDir, ReadScene) {
     ];
     let scene = ReadScene {
         photo: write("photo.png", photo),
-        depth: DepthSpec { path: write("depth.npy", npy(64, 48, |_, _| 2.0)), kind: DepthKind::PlanarZ, scale: 1.0 },
+        depth: DepthSpec { path: write("depth.npy", npy((64, 48), |_, _| 2.0)), kind: DepthKind::PlanarZ, scale: 1.0 },
         lights: BTreeMap::from(lights),
         long_side: 32,
         ..ReadScene::default()
@@ -142,7 +129,7 @@ fn the_parameters_read_as_the_scene_file_writes_them() {
 fn depth_kinds_have_their_closed_forms() {
     let kind = |kind, scale, value: fn(usize, usize) -> f32| {
         let (out, _) = check(|dir, scene| {
-            fs::write(dir.join("depth.npy"), npy(64, 48, value)).expect("writable");
+            fs::write(dir.join("depth.npy"), npy((64, 48), value)).expect("writable");
             scene.depth.kind = kind;
             scene.depth.scale = scale;
         })
@@ -183,9 +170,9 @@ fn depth_formats_hold_the_same_numbers() {
     let files = [
         grey.into_inner(),
         layers.write(Compression::Zip).expect("sound layers"),
-        npy_of("<u2", 4, 3, |x, y| number(x, y).to_le_bytes().to_vec()),
-        npy_of("<f4", 4, 3, |x, y| f32::from(number(x, y)).to_le_bytes().to_vec()),
-        npy_of(">f8", 4, 3, |x, y| f64::from(number(x, y)).to_be_bytes().to_vec()),
+        npy_of("<u2", (4, 3), |x, y| number(x, y).to_le_bytes().to_vec()),
+        npy_of("<f4", (4, 3), |x, y| f32::from(number(x, y)).to_le_bytes().to_vec()),
+        npy_of(">f8", (4, 3), |x, y| f64::from(number(x, y)).to_be_bytes().to_vec()),
     ];
     for bytes in files {
         let (depth, warnings) = read_depth(Source::new("depth", &bytes)).expect("a sound file");
@@ -200,12 +187,12 @@ fn depth_formats_hold_the_same_numbers() {
 fn depth_with_holes_or_of_other_sizes() {
     let depth = |width, height, value: fn(usize, usize) -> f32| {
         move |dir: &Path, _: &mut ReadScene| {
-            fs::write(dir.join("depth.npy"), npy(width, height, value)).expect("writable");
+            fs::write(dir.join("depth.npy"), npy((width, height), value)).expect("writable");
         }
     };
     for bad in [f32::NAN, f32::INFINITY, 0.0, -3.0, 2e5] {
         let (out, warnings) = check(|dir, _| {
-            let depth = npy(64, 48, |x, y| if (x + y) % 3 == 0 { bad } else { 2.0 });
+            let depth = npy((64, 48), |x, y| if (x + y) % 3 == 0 { bad } else { 2.0 });
             fs::write(dir.join("depth.npy"), depth).expect("writable");
         })
         .expect("a third is holes");
@@ -224,7 +211,7 @@ fn depth_with_holes_or_of_other_sizes() {
 fn the_view_through_a_window_does_not_fill_the_room() {
     let (out, _) = check(|dir, _| {
         // The window is columns 40..48 of rows 0..8 and shows 100 m; holes lie around it.
-        let depth = npy(64, 48, |x, y| match (x, y) {
+        let depth = npy((64, 48), |x, y| match (x, y) {
             (40..48, 0..8) => 100.0,
             (36..52, 0..12) => 0.0,
             _ => 2.0,
@@ -259,7 +246,7 @@ fn photos_of_one_pixel_and_one_row() {
     for (width, height) in [(1, 1), (400, 1), (1, 7)] {
         let (out, _) = check(|dir, scene| {
             fs::write(dir.join("photo.png"), png(width, height, true, |_, _| grey(0.5))).expect("writable");
-            fs::write(dir.join("depth.npy"), npy(width, height, |_, _| 1.5)).expect("writable");
+            fs::write(dir.join("depth.npy"), npy((width, height), |_, _| 1.5)).expect("writable");
             scene.lights.clear();
             scene.long_side = 320;
         })
@@ -713,7 +700,7 @@ fn try_all(path: &Path, photo: &Path, depth: &Path) -> usize {
 fn companions(dir: &Path) -> (PathBuf, PathBuf) {
     let (photo, depth) = (dir.join("sound.png"), dir.join("sound.npy"));
     fs::write(&photo, png(32, 32, false, |_, _| grey(0.5))).expect("writable");
-    fs::write(&depth, npy(32, 32, |_, _| 2.0)).expect("writable");
+    fs::write(&depth, npy((32, 32), |_, _| 2.0)).expect("writable");
     (photo, depth)
 }
 

@@ -4,7 +4,7 @@ use glam::Vec3;
 use relight::geometry::Camera;
 use relight::image::{Plane, Source, Transfer, read_depth, read_normal};
 
-use crate::bad_input::png_of;
+use crate::common::files::png_of;
 use crate::onnx::{OPEN, Onnx};
 use crate::project::*;
 

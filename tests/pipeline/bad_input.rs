@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use needs::needs;
 use rayon::prelude::*;
-use relight::image::{Picture, Plane, Source, Transfer, read_photo, write_png};
+use relight::image::{Source, Transfer, read_photo};
 
+use crate::common::files::{npy, png_of};
 use crate::project::*;
 
 const SIZE: (usize, usize) = (40, 30);
@@ -16,23 +17,6 @@ const SCENE: &str = r#"Scene(version: 1, photo: "photo.png", camera: FovX(60), d
     lights: { "lamp": Lamp(mask: "lamp.png"), "window": Window(mask: "window.png") })"#;
 const EDIT: &str = r#"Edit(version: 1, lights: { "lamp": Off, "window": Scale(0.5),
     "globe": Lamp(shape: Sphere(radius: 0.1), at: Point(0, 0, -1), radiance: (9, 8, 7)) })"#;
-
-pub fn png_of(size: (usize, usize), value: impl FnMut(usize, usize) -> Vec3) -> Vec<u8> {
-    write_png(&Picture(Plane::from_fn(size.0, size.1, value)), Transfer::Linear, false)
-}
-
-pub fn npy((width, height): (usize, usize), value: impl Fn(usize, usize) -> f32) -> Vec<u8> {
-    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
-    header.push_str(&" ".repeat(128 - 10 - 1 - header.len()));
-    header.push('\n');
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend((header.len() as u16).to_le_bytes());
-    bytes.extend(header.as_bytes());
-    for y in 0..height {
-        (0..width).for_each(|x| bytes.extend(value(x, y).to_le_bytes()));
-    }
-    bytes
-}
 
 /// A mask of the columns `from..from + 6`, rows 4..10.
 fn mask(from: usize) -> Vec<u8> {

@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use glam::Vec3;
 use serde_json::Value;
 
-use crate::bad_input::{npy, png_of};
+use crate::common::files::{npy, png_of};
 use crate::layers::channels;
 use crate::project::*;
 

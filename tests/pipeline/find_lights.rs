@@ -7,7 +7,7 @@ use needs::needs;
 use relight::graph::ResolvedGraph;
 use relight::nodes::artifacts::Files;
 
-use crate::bad_input::{npy, png_of};
+use crate::common::files::{npy, png_of};
 use crate::project::*;
 
 fn graph(scene: &Path) -> ResolvedGraph {

@@ -20,7 +20,7 @@ use relight::nodes::render::light_net::{LightNet, LightNetIn};
 use relight::nodes::render::shadow::{Shadow, ShadowIn};
 use relight::nodes::render::shadow_net::{ShadowNet, ShadowNetIn};
 
-use crate::goldens::{SIZE, check, cover, room, zip3};
+use crate::goldens::{self, SIZE, check, cover, room, zip3};
 use crate::project::root;
 
 /// A network that ships.
@@ -45,7 +45,7 @@ fn masks() -> Gather<Mask> {
 }
 
 fn photo() -> Arc<Picture> {
-    Arc::new(room().photo())
+    Arc::new(goldens::photo())
 }
 
 /// What a guessed light, as strong as it is said to be, does to the room.
@@ -110,7 +110,7 @@ fn shadow_net() {
     check_each("shadow_net", |backend| {
         let filled = [0, 1].map(|i| {
             let light = &room().lights[i];
-            let mesh = crate::goldens::mesh_of_room();
+            let mesh = room().mesh.clone();
             let (points, normal) = (room().points.clone(), room().normal.clone());
             let inputs = ShadowIn { points, normal, mesh, shape: light.shape.clone(), mask: None };
             let traced = Shadow { outside_unknown: true, ..Shadow::default() };
@@ -179,7 +179,6 @@ fn indirect_light_is_linear_in_the_light() {
 #[test]
 fn light_net() {
     check_each("light_net", |backend| {
-        let of = |light: &crate::goldens::Light| light.id.to_string();
         let inputs = LightNetIn {
             depth: room().depth.clone(),
             camera: room().camera.clone(),
@@ -187,9 +186,9 @@ fn light_net() {
             albedo: room().albedo.clone(),
             roughness: Arc::new(Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8))),
             masks: masks(),
-            shape: Gather(room().lights.iter().map(|l| (of(l), l.shape.clone())).collect()),
-            radiance: Gather(room().lights.iter().map(|l| (of(l), l.radiance.clone())).collect()),
-            light: Gather::<Shading>(room().shading([1.0, 1.0])),
+            shape: room().each(|light| light.shape.clone()),
+            radiance: room().each(|light| light.radiance.clone()),
+            light: Gather::<Shading>(goldens::shading([1.0, 1.0])),
             rest: None,
         };
         let stage = LightNet { model: model("lightnet.onnx"), backend };

@@ -6,21 +6,20 @@
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
-use glam::Vec3;
-use relight::geometry::{Camera, Model, Objects, SceneMesh};
+use glam::{Vec2, Vec3};
+use relight::geometry::{Camera, Model, Objects};
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
-    Albedo, Depth, Mask, Normal, PaintLayers, Picture, Plane, Points, Roughness, Shading, SpecularEdit, Transfer,
-    write_png,
+    Mask, PaintLayers, Picture, Plane, Points, Roughness, Shading, SpecularEdit, Transfer, write_png,
 };
-use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
+use relight::nodes::artifacts::Encoding;
 use relight::nodes::edit::Color;
 use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, MaterialEdit, Region};
 use relight::nodes::edit::edit_objects::{EditObjects, EditObjectsIn};
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
 use relight::nodes::estimate::paint::{Paint, PaintIn};
 use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMaterialsIn};
-use relight::nodes::output::compose::{Compose, ComposeIn};
+use relight::nodes::output::compose::{Compose, ComposeIn, ComposeOut};
 use relight::nodes::render::{
     direct::{Direct, DirectIn},
     emitter_mask::{EmitterMask, EmitterMaskIn},
@@ -28,15 +27,14 @@ use relight::nodes::render::{
     mix::{Mix, MixIn},
     shade_specular_edit::{ShadeSpecularEdit, ShadeSpecularEditIn},
     shadow::{Shadow, ShadowIn},
-    trace_indirect::{TraceIndirect, TraceIndirectIn},
-    transport::{Transport, TransportIn},
 };
-use relight::nodes::scene::mesh::{Mesh, MeshIn};
 use relight::optics::{Lamp, LightKind, MeshLamp, Radiance, Shape, SpecularChange, SphereLamp, Window};
 
+use crate::common::boxes::{Boxes, Hit};
+use crate::common::scene::{Light, Plan, Scene};
 use crate::project::{png, root};
 
-const NAMES: [&str; 21] = [
+const NAMES: [&str; 22] = [
     "mesh",
     "find",
     "retinex",
@@ -47,6 +45,7 @@ const NAMES: [&str; 21] = [
     "glow",
     "mesh_lamp",
     "compose",
+    "compose_clipped",
     "edit_materials",
     "polish",
     "objects", // and with networks:
@@ -128,146 +127,69 @@ fn every_golden_is_used() {
     assert_eq!(there, wanted);
 }
 
-/// The room, and what the stages make of it, each from those before.
-pub struct Room {
-    pub camera: Arc<Camera>,
-    pub depth: Arc<Depth>,
-    /// Of the walls and the box themselves.
-    pub true_normal: Plane<Vec3>,
-    pub points: Arc<Points>,
-    pub normal: Arc<Normal>,
-    pub albedo: Arc<Albedo>,
-    pub lights: Vec<Light>,
+/// The boxes of the room.
+fn boxes() -> Boxes {
+    Boxes {
+        room: [Vec3::new(-1.6, -1.0, -4.0), Vec3::new(2.0, 1.5, 9.0)],
+        blocks: vec![[Vec3::new(0.2, -1.0, -3.3), Vec3::new(0.9, -0.3, -2.6)]],
+    }
 }
 
-pub struct Light {
-    pub id: &'static str,
-    pub shape: Arc<Shape>,
-    pub radiance: Arc<Radiance>,
-    pub direct: Arc<UnitDirect>,
-    pub visibility: Arc<Visibility>,
-    pub indirect: Arc<UnitIndirect>,
+/// The side of the boxes that is the floor.
+const FLOOR: u32 = 1;
+
+/// Albedo of a floor of tiles, white walls and a red box.
+fn paint(side: u32, p: Vec3) -> Vec3 {
+    let tile = ((p.x / 0.5).floor() + (p.z / 0.5).floor()).rem_euclid(2.0);
+    match side {
+        FLOOR => Vec3::new(0.25, 0.2, 0.15) + 0.3 * tile,
+        0..6 => Vec3::new(0.75, 0.74, 0.7),
+        _ => Vec3::new(0.5, 0.1, 0.08),
+    }
 }
 
-/// Distance along `ray` to the nearest surface, and its normal.
-fn cast(ray: Vec3) -> (f32, Vec3) {
-    let walls = [
-        (Vec3::Y, Vec3::new(0.0, -1.0, 0.0)),
-        (Vec3::NEG_Y, Vec3::new(0.0, 1.5, 0.0)),
-        (Vec3::X, Vec3::new(-1.6, 0.0, 0.0)),
-        (Vec3::NEG_X, Vec3::new(2.0, 0.0, 0.0)),
-        (Vec3::Z, Vec3::new(0.0, 0.0, -4.0)),
-    ];
-    let wall = walls.into_iter().filter(|(n, _)| n.dot(ray) < 0.0).map(|(n, p)| (n.dot(p) / n.dot(ray), n));
-    let (low, high) = (Vec3::new(0.2, -1.0, -3.3), Vec3::new(0.9, -0.3, -2.6));
-    let (a, b) = (low / ray, high / ray);
-    let (enter, leave) = (a.min(b), a.max(b));
-    let t = enter.max_element();
-    let axis = (0..3).find(|&i| enter[i] == t).unwrap_or(0);
-    let face = (t > 0.0 && t < leave.min_element()).then(|| (t, -Vec3::AXES[axis] * ray[axis].signum()));
-    wall.chain(face).min_by(|a, b| a.0.total_cmp(&b.0)).expect("every ray of the camera meets the room")
-}
-
-pub fn room() -> &'static Room {
-    static ROOM: OnceLock<Room> = OnceLock::new();
+/// The room, and what the stages make of it, each from those before. Its lights are known and not seen.
+pub fn room() -> &'static Scene {
+    static ROOM: OnceLock<Scene> = OnceLock::new();
     ROOM.get_or_init(|| {
-        let ctx = Context::default();
-        let (w, h) = SIZE;
-        let camera = Arc::new(Camera::from_fov_x(w, h, 62.0));
-        let ray = |x, y| camera.pixel_point(x, y, 1.0);
-        let depth = Arc::new(Depth(Plane::from_fn(w, h, |x, y| cast(ray(x, y)).0)));
-        let true_normal = Plane::from_fn(w, h, |x, y| cast(ray(x, y)).1);
-        let (masks, kinds) = (Gather(vec![]), Gather(vec![]));
-        let inputs = MeshIn { depth: depth.clone(), camera: camera.clone(), ignore: None, masks, kinds };
-        let seen = Mesh {}.run(inputs, &ctx).expect("the room is sound");
-        // A floor of tiles, white walls, a red box.
-        let albedo = Plane::from_fn(w, h, |x, y| {
-            let (t, n) = cast(ray(x, y));
-            let p = ray(x, y) * t;
-            let tile = ((p.x / 0.5).floor() + (p.z / 0.5).floor()).rem_euclid(2.0);
-            match n {
-                Vec3::Y if p.y < -0.9 => Vec3::new(0.25, 0.2, 0.15) + 0.3 * tile,
-                _ if p.z > -3.4 && p.x > 0.1 && p.x < 1.0 && p.y < -0.2 => Vec3::new(0.5, 0.1, 0.08),
-                _ => Vec3::new(0.75, 0.74, 0.7),
-            }
-        });
-        let albedo = Arc::new(Albedo(albedo));
-        let inputs = TransportIn { mesh: seen.mesh.clone(), points: seen.points.clone(), normal: seen.normal.clone() };
-        let transport = Transport::default().run(inputs, &ctx).expect("the room is sound").transport;
         let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(-0.5, 0.6, -3.0), radius: 0.12 }));
-        let x = Vec3::new(0.0, 0.0, -0.5);
-        let window = Window {
-            center: Vec3::new(-1.59, 0.4, -2.9),
-            x,
-            y: Vec3::new(0.0, 0.45, 0.0),
-            lobes: Window::daylight(Vec3::X),
-        };
-        let window = if x.cross(window.y).x > 0.0 { window } else { Window { x: -x, ..window } };
-        let light = |id, shape: Shape, radiance: Vec<Vec3>| {
-            let shape = Arc::new(shape);
-            let (points, normal) = (seen.points.clone(), seen.normal.clone());
-            let inputs = DirectIn { points: points.clone(), normal: normal.clone(), shape: shape.clone() };
-            let direct = Direct::default().run(inputs, &ctx).expect("the light is sound").direct;
-            let (mesh, mask) = (seen.mesh.clone(), None);
-            let inputs = ShadowIn { points: points.clone(), normal: normal.clone(), mesh, shape: shape.clone(), mask };
-            let visibility = Shadow::default().run(inputs, &ctx).expect("the light is sound").visibility;
-            let inputs = TraceIndirectIn {
-                transport: transport.clone(),
-                points,
-                normal,
-                albedo: albedo.clone(),
-                direct: direct.clone(),
-                visibility: visibility.clone(),
-                objects: None,
-            };
-            let indirect = TraceIndirect::default().run(inputs, &ctx).expect("the light is sound").indirect;
-            Light { id, shape, radiance: Arc::new(Radiance(radiance)), direct, visibility, indirect }
-        };
+        let (x, y) = (Vec3::new(0.0, 0.0, -0.5), Vec3::new(0.0, 0.45, 0.0));
+        let window = Window { center: Vec3::new(-1.59, 0.4, -2.9), x, y, lobes: Window::daylight(Vec3::X) };
         let sky = vec![Vec3::ZERO, Vec3::new(4.0, 5.0, 6.0), Vec3::new(1.5, 1.4, 1.0)];
-        let lights =
-            vec![light("lamp", lamp, vec![Vec3::new(14.0, 9.0, 5.0)]), light("window", Shape::Window(window), sky)];
-        Room { camera, depth, true_normal, points: seen.points, normal: seen.normal, albedo, lights }
+        let lights = vec![("lamp", lamp, vec![Vec3::new(14.0, 9.0, 5.0)]), ("window", Shape::Window(window), sky)];
+        let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 62.0);
+        Scene::of(Plan { camera, boxes: boxes(), paint, sees_lights: false, shadow: Shadow::default() }, lights)
     })
 }
 
-/// What casts shadows in it.
-pub fn mesh_of_room() -> Arc<SceneMesh> {
-    let (depth, camera) = (room().depth.clone(), room().camera.clone());
-    let inputs = MeshIn { depth, camera, ignore: None, masks: Gather(vec![]), kinds: Gather(vec![]) };
-    Mesh {}.run(inputs, &Context::default()).expect("the room is sound").mesh
+/// The surface seen in the middle of a pixel.
+fn cast(x: usize, y: usize) -> Hit {
+    boxes().cast(Vec3::ZERO, room().camera.pixel_point(x, y, 1.0))
 }
 
-impl Room {
-    /// Shading by each light, its radiance times a factor.
-    pub fn shading(&self, factors: [f32; 2]) -> Vec<(String, Arc<Shading>)> {
-        let (mut direct, mut visibility, mut indirect) = (vec![], vec![], vec![]);
-        for light in &self.lights {
-            direct.push((light.id.into(), light.direct.clone()));
-            visibility.push((light.id.into(), light.visibility.clone()));
-            indirect.push((light.id.into(), light.indirect.clone()));
-        }
-        let scaled = |(light, f): (&Light, f32)| {
-            let radiance = Radiance(light.radiance.0.iter().map(|&w| w * f).collect());
-            (light.id.to_string(), Arc::new(radiance))
-        };
-        let radiance = Gather(self.lights.iter().zip(factors).map(scaled).collect());
-        let inputs = MixIn {
-            camera: self.camera.clone(),
-            direct: Gather(direct),
-            visibility: Gather(visibility),
-            indirect: Gather(indirect),
-            radiance,
-        };
-        Mix {}.run(inputs, &Context::default()).expect("the lights are sound").light.0
-    }
+/// Shading by each light, its radiance times a factor.
+pub fn shading(factors: [f32; 2]) -> Vec<(String, Arc<Shading>)> {
+    let room = room();
+    let scaled = |(light, f): (&Light, f32)| {
+        let radiance = Radiance(light.radiance.0.iter().map(|&w| w * f).collect());
+        (light.id.to_string(), Arc::new(radiance))
+    };
+    let inputs = MixIn {
+        camera: room.camera.clone(),
+        direct: room.each(|light| light.direct.clone()),
+        visibility: room.each(|light| light.visibility.clone()),
+        indirect: room.each(|light| light.indirect.clone()),
+        radiance: Gather(room.lights.iter().zip(factors).map(scaled).collect()),
+    };
+    Mix {}.run(inputs, &Context::default()).expect("the lights are sound").light.0
+}
 
-    /// The room as a camera sees it.
-    pub fn photo(&self) -> Picture {
-        let shading = self.shading([1.0, 1.0]);
-        let pixel = |i: usize, a: &Vec3| *a * shading.iter().map(|(_, e)| e.0.pixels()[i]).sum::<Vec3>();
-        let pixels = self.albedo.0.pixels().iter().enumerate().map(|(i, a)| pixel(i, a)).collect();
-        Picture(Plane::new(SIZE.0, SIZE.1, pixels))
-    }
+/// The room as a camera sees it.
+pub fn photo() -> Picture {
+    let shading = shading([1.0, 1.0]);
+    let pixel = |i: usize, a: &Vec3| *a * shading.iter().map(|(_, e)| e.0.pixels()[i]).sum::<Vec3>();
+    let pixels = room().albedo.0.pixels().iter().enumerate().map(|(i, a)| pixel(i, a)).collect();
+    Picture(Plane::new(SIZE.0, SIZE.1, pixels))
 }
 
 pub fn zip3(a: &Plane<f32>, b: &Plane<f32>, c: &Plane<f32>, by: [f32; 3]) -> Plane<Vec3> {
@@ -280,8 +202,8 @@ pub fn zip3(a: &Plane<f32>, b: &Plane<f32>, c: &Plane<f32>, by: [f32; 3]) -> Pla
 fn mesh() {
     let room = room();
     // Away from creases a plane's normal is exact; a pixel in twenty lies at one.
-    let pairs = room.normal.0.pixels().iter().zip(room.true_normal.pixels());
-    let off = pairs.filter(|(got, want)| got.dot(**want) < 0.999).count();
+    let pixels = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
+    let off = pixels.filter(|&(x, y)| room.normal.0.get(x, y).dot(cast(x, y).normal) < 0.999).count();
     assert!(off * 20 < SIZE.0 * SIZE.1, "{off} normals are off by more than 2.6 degrees");
     let far = room.points.0.pixels().iter().zip(room.depth.0.pixels()).filter(|(p, z)| (p.z + **z).abs() > 1e-3 * **z);
     assert_eq!(far.count(), 0, "points of exact depth stay where they are");
@@ -293,7 +215,7 @@ fn mesh() {
 fn find() {
     let room = room();
     let clipped = cover(&ball(), None);
-    let lit = room.photo().0;
+    let lit = photo().0;
     let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| lit.get(x, y).lerp(Vec3::ONE, clipped.0.get(x, y)));
     let photo = Arc::new(Picture(photo));
     let before_the_wall = |x, y| match clipped.0.get(x, y) > 0.5 {
@@ -322,7 +244,7 @@ fn find() {
 #[test]
 fn retinex() {
     let room = room();
-    let inputs = RetinexMaterialsIn { photo: Arc::new(room.photo()), normal: room.normal.clone() };
+    let inputs = RetinexMaterialsIn { photo: Arc::new(photo()), normal: room.normal.clone() };
     let out = RetinexMaterials::default().run(inputs, &Context::default()).expect("the photo is sound");
     check("retinex", out.albedo.0.clone());
 }
@@ -349,7 +271,7 @@ fn indirect() {
 
 #[test]
 fn mix() {
-    let shading = room().shading([1.0, 0.5]);
+    let shading = shading([1.0, 0.5]);
     let pixels = |i: usize| shading.iter().map(|(_, e)| e.0.pixels()[i]).sum::<Vec3>();
     check("mix", Plane::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(pixels).collect()));
 }
@@ -381,7 +303,7 @@ fn mesh_lamp() {
     let inputs = DirectIn { points: points.clone(), normal: normal.clone(), shape: shape.clone() };
     let direct =
         Direct { samples: 64, ..Direct::default() }.run(inputs, &Context::default()).expect("it is sound").direct;
-    let inputs = ShadowIn { points, normal, mesh: mesh_of_room(), shape: shape.clone(), mask: None };
+    let inputs = ShadowIn { points, normal, mesh: room().mesh.clone(), shape: shape.clone(), mask: None };
     let visibility = Shadow::default().run(inputs, &Context::default()).expect("it is sound").visibility;
     let cover = cover(&shape, None);
     let (direct, lit) = (&direct.lobes[0], &visibility.lit[0]);
@@ -403,7 +325,7 @@ fn compose() {
 #[test]
 fn edit_materials() {
     let room = room();
-    let photo = Arc::new(room.photo());
+    let photo = Arc::new(photo());
     let wall = MaterialEdit::Paint {
         region: Region::Grow(32.0, 20.0),
         albedo: Some(Color::Srgb("#3c6ec8".into())),
@@ -432,16 +354,15 @@ fn edit_materials() {
 #[test]
 fn polish() {
     let room = room();
-    let is_floor = |x, y| room.true_normal.get(x, y).y > 0.9 && room.points.0.get(x, y).y < -0.9;
-    let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(is_floor(x, y))));
+    let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(cast(x, y).side == FLOOR)));
     let mut finish = SpecularEdit::default();
     finish.lay(&floor, [Some(0.15), Some(1.0)], &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)));
     let shapes: Vec<_> = room.lights.iter().map(|light| (light.id.to_string(), light.shape.clone())).collect();
     let inputs = ShadeSpecularEditIn {
         finish: Arc::new(finish),
         objects: Arc::new(Objects::unseen(&[])),
-        mesh: mesh_of_room(),
-        room: mesh_of_room(),
+        mesh: room.mesh.clone(),
+        room: room.mesh.clone(),
         camera: room.camera.clone(),
         full_depth: room.depth.clone(),
         points: room.points.clone(),
@@ -455,72 +376,192 @@ fn polish() {
     check("polish", composed(Arc::default(), Some(out.polish)));
 }
 
-fn composed(coats: Arc<PaintLayers>, polish: Option<Arc<SpecularChange>>) -> Plane<Vec3> {
+/// A photo of the room, and what is known of it beside the lights.
+struct Photographed {
+    photo: Arc<Picture>,
+    clipped: Arc<Mask>,
+    rest: Arc<Shading>,
+    /// Pixels of the visible lights.
+    masks: Vec<(String, Arc<Mask>)>,
+}
+
+/// All that `Compose` takes to multiply the radiances by `factors`, with `Paint` as it finds it.
+fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
     let room = room();
-    let (photo, dark) = (Arc::new(room.photo()), Arc::new(Shading(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO))));
-    let ball = ball();
-    let one = |v: Vec3| Arc::new(Radiance(vec![v]));
-    let of = |value: &dyn Fn(&Light) -> Arc<Radiance>| -> Vec<(String, Arc<Radiance>)> {
-        room.lights.iter().map(|light| (light.id.to_string(), value(light))).collect()
-    };
-    let shapes = || room.lights.iter().map(|light| (light.id.to_string(), light.shape.clone())).collect::<Vec<_>>();
-    let mut covers: Vec<_> = shapes().iter().map(|(id, shape)| (id.clone(), cover(shape, Some(shape)))).collect();
-    covers.push(("ball".into(), cover(&ball, None)));
-    // The lamp is seen in the photo: its own pixels are a mask.
-    let mask = cover(&room.lights[0].shape, None);
-    let (mut after, mut shape, mut radiance, mut gain) =
-        (room.shading([2.0, 0.3]), shapes(), of(&|light| light.radiance.clone()), of(&|light| light.radiance.clone()));
-    for ((_, gain), factor) in gain.iter_mut().zip([2.0, 0.3]) {
-        *gain = Arc::new(Radiance(vec![Vec3::splat(factor); gain.0.len()]));
-    }
-    after.push(("ball".into(), dark.clone()));
-    shape.push(("ball".into(), ball));
-    radiance.push(("ball".into(), one(Vec3::new(0.2, 0.6, 1.0))));
-    gain.push(("ball".into(), one(Vec3::ZERO)));
-    let clear = Arc::new(Mask(Plane::filled(SIZE.0, SIZE.1, 0.0)));
-    let kinds = || Gather(vec![("lamp".to_string(), Arc::new(LightKind::Lamp))]);
+    let Photographed { photo, clipped, rest, masks } = of;
+    let kind = |id: &String| (id.clone(), Arc::new(if id == "lamp" { LightKind::Lamp } else { LightKind::Window }));
+    let kinds = || Gather(masks.iter().map(|(id, _)| kind(id)).collect());
     let paint = PaintIn {
         photo: photo.clone(),
-        clipped: clear.clone(),
+        clipped: clipped.clone(),
         small: photo.clone(),
         points: room.points.clone(),
         normal: room.normal.clone(),
-        light: Gather(room.shading([1.0, 1.0])),
-        rest: dark.clone(),
-        mask: Gather(vec![("lamp".into(), mask)]),
+        light: Gather(shading([1.0, 1.0])),
+        rest: rest.clone(),
+        mask: Gather(masks.clone()),
         kind: kinds(),
     };
     let paint = Paint::default().run(paint, &Context::default()).expect("everything is sound");
-    let inputs = ComposeIn {
+    let scaled = |scale: &dyn Fn(Vec3, f32) -> Vec3| {
+        let lights = room.lights.iter().zip(factors);
+        let radiance = |light: &Light, f| Arc::new(Radiance(light.radiance.0.iter().map(|w| scale(*w, f)).collect()));
+        Gather(lights.map(|(light, f)| (light.id.to_string(), radiance(light, f))).collect())
+    };
+    ComposeIn {
         photo: photo.clone(),
-        clipped: clear,
+        clipped: clipped.clone(),
         camera: room.camera.clone(),
         full_depth: room.depth.clone(),
-        small: photo,
+        small: photo.clone(),
         depth: room.depth.clone(),
         albedo: room.albedo.clone(),
         paint: paint.paint,
-        coats,
-        before: Gather(room.shading([1.0, 1.0])),
-        after: Gather(after),
-        rest: dark.clone(),
-        edited_rest: dark,
+        coats: Arc::default(),
+        before: Gather(shading([1.0, 1.0])),
+        after: Gather(shading(factors)),
+        rest: rest.clone(),
+        edited_rest: rest.clone(),
         zone: Gather(paint.zone.0),
         kind: kinds(),
-        estimated: Gather(shapes()),
-        estimated_radiance: Gather(of(&|light| light.radiance.clone())),
-        shape: Gather(shape),
-        radiance: Gather(radiance),
-        gain: Gather(gain),
-        cover: Gather(covers),
+        estimated: room.each(|light| light.shape.clone()),
+        estimated_radiance: room.each(|light| light.radiance.clone()),
+        shape: room.each(|light| light.shape.clone()),
+        radiance: scaled(&|w, f| w * f),
+        gain: scaled(&|_, f| Vec3::splat(f)),
+        cover: room.each(|light| cover(&light.shape, Some(&light.shape))),
         objects: Arc::new(Objects::unseen(&[])),
         object: Gather(vec![]),
         object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
         reflected: None,
-        polish,
+        polish: None,
+    }
+}
+
+fn composed(coats: Arc<PaintLayers>, polish: Option<Arc<SpecularChange>>) -> Plane<Vec3> {
+    let room = room();
+    let dark = Arc::new(Shading(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO)));
+    // The lamp is seen in the photo: its own pixels are a mask.
+    let of = Photographed {
+        photo: Arc::new(photo()),
+        clipped: Arc::new(Mask(Plane::filled(SIZE.0, SIZE.1, 0.0))),
+        rest: dark.clone(),
+        masks: vec![("lamp".into(), cover(&room.lights[0].shape, None))],
     };
+    let radiance = room.each(|light| light.radiance.clone());
+    let mut inputs = ComposeIn { coats, polish, radiance, ..compose_in(&of, [2.0, 0.3]) };
+    let one = |v: Vec3| ("ball".to_string(), Arc::new(Radiance(vec![v])));
+    inputs.cover.0.push(("ball".into(), cover(&ball(), None)));
+    inputs.after.0.push(("ball".into(), dark));
+    inputs.shape.0.push(("ball".into(), ball()));
+    inputs.radiance.0.push(one(Vec3::new(0.2, 0.6, 1.0)));
+    inputs.gain.0.push(one(Vec3::ZERO));
     let out = Compose::default().run(inputs, &Context::default()).expect("everything is sound");
     out.picture.0.clone()
+}
+
+/// The room as a camera stores it: clipped at the lamp and at the window, with glare around the lamp, an even rest and a highlight
+/// on the box, both of which no light explains.
+fn clipped_photo() -> Photographed {
+    let room = room();
+    let ambient = room.transport.grid().upsample(&room.points, &room.normal, &room.transport.ambient());
+    let rest = ambient.map(|a| a * Vec3::new(0.05, 0.06, 0.08));
+    let shading = shading([1.0, 1.0]);
+    let masks: Vec<(String, Arc<Mask>)> =
+        room.lights.iter().map(|light| (light.id.to_string(), cover(&light.shape, None))).collect();
+    let [lamp, window] = &room.lights[..] else { panic!("a lamp and a window") };
+    let Shape::Window(pane) = &*window.shape else { panic!("a window") };
+    let (center, _) = lamp.shape.bounding_sphere().expect("a lamp");
+    let center = room.camera.project(center).expect("it is in view");
+    let shown = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
+        let i = y * SIZE.0 + x;
+        let explained = shading.iter().map(|(_, light)| light.0.pixels()[i]).sum::<Vec3>();
+        let surface = room.albedo.0.pixels()[i] * (explained + rest.pixels()[i]);
+        let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
+        let glare = 0.2 * lamp.radiance.0[0] * (-0.3 * at.distance(center)).exp();
+        let highlight = Vec3::splat(0.6 * (-0.1 * at.distance_squared(HIGHLIGHT)).exp());
+        let ray = room.camera.pixel_point(x, y, 1.0).normalize();
+        let own = [lamp.radiance.0[0], pane.emitted(&window.radiance.0, ray)];
+        let all = masks.iter().zip(own).fold(surface, |shown, ((_, mask), own)| shown.lerp(own, mask.0.pixels()[i]));
+        all + glare + highlight
+    });
+    let clipped = Arc::new(Mask(shown.map(|v| f32::from(u8::from(v.max_element() >= 1.0)))));
+    let photo = Arc::new(Picture(shown.map(|v| v.min(Vec3::ONE))));
+    Photographed { photo, clipped, rest: Arc::new(Shading(rest)), masks }
+}
+
+/// The pixel of the highlight.
+const HIGHLIGHT: Vec2 = Vec2::new(42.0, 37.0);
+
+/// Numbers come first, in `check_clipped`. The picture shows, from above: the photo, the lamp off, the window dimmed to a fifth, the
+/// lamp twice as bright. Two faults of today are part of it: glare beyond the bloom of `Paint` stays as a ring when the lamp is off,
+/// and pixels that a pane covers in part stay white when the window is dimmed.
+#[test]
+fn compose_clipped() {
+    let of = clipped_photo();
+    let edits = [[1.0, 1.0], [0.0, 1.0], [1.0, 0.2], [2.0, 1.0]].map(|factors| {
+        let out = Compose::default().run(compose_in(&of, factors), &Context::default());
+        out.expect("everything is sound")
+    });
+    check_clipped(&of, &edits);
+    let shown = [&of.photo.0, &edits[1].picture.0, &edits[2].picture.0, &edits[3].picture.0];
+    check("compose_clipped", Plane::from_fn(SIZE.0, 4 * SIZE.1, |x, y| shown[y / SIZE.1].get(x, y % SIZE.1)));
+}
+
+/// Of the identity, the lamp off, the window dimmed and the lamp doubled.
+fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) {
+    let pixels = || 0..SIZE.0 * SIZE.1;
+    let photo = of.photo.0.pixels();
+    let is_clipped = |i: usize| of.clipped.0.pixels()[i] > 0.0;
+    let is_own = |i: usize| of.masks.iter().any(|(_, mask)| mask.0.pixels()[i] > 0.5);
+    for (id, mask) in &of.masks {
+        assert!(pixels().all(|i| mask.0.pixels()[i] < 1.0 || is_clipped(i)), "{id} is saturated");
+    }
+    let glare = pixels().filter(|&i| is_clipped(i) && !is_own(i)).count();
+    assert!(glare > 10, "{glare} pixels are saturated around the lights");
+
+    // The identity stores the photo to the bit; before that it is off by the rounding of a sum, and what is clipped is brighter.
+    let stored = |picture: &Plane<Vec3>| write_png(&Picture(picture.clone()), Transfer::Srgb, false);
+    assert!(stored(&same.picture.0) == stored(&of.photo.0), "the identity gives another picture");
+    for i in pixels() {
+        let got = same.picture.0.pixels()[i];
+        let off = (got - photo[i]).abs().max_element();
+        assert!(
+            off <= f32::EPSILON || is_clipped(i) && got.cmpge(photo[i] - f32::EPSILON).all(),
+            "{got} of {} at {i}",
+            photo[i]
+        );
+    }
+    assert!(
+        pixels().any(|i| same.picture.0.pixels()[i].max_element() > 1.5),
+        "what is clipped is taken to be brighter"
+    );
+
+    // Layers are stored in 16 bits, each to 2^-11 of itself.
+    for out in [same, off, dim, bright] {
+        for i in pixels() {
+            let layers = out.layer.0.iter().map(|(_, layer)| layer.get(i)).sum::<Vec3>() + out.rest.get(i);
+            let picture = out.picture.0.pixels()[i];
+            assert!(
+                (layers - picture).abs().max_element() <= 5e-4 * picture.max_element(),
+                "{layers} of {picture} at {i}"
+            );
+        }
+    }
+    // A light that is off gives nothing anywhere; twice the light is twice the layer; no edit of a light changes the others or
+    // what no light explains.
+    let [lamp, window] = [0, 1].map(|light| move |out: &ComposeOut, i: usize| out.layer.0[light].1.get(i));
+    for i in pixels() {
+        assert_eq!(lamp(off, i), Vec3::ZERO, "{i}");
+        let twice = (lamp(bright, i) - 2.0 * lamp(same, i)).abs().max_element();
+        assert!(twice <= 1e-3 * lamp(bright, i).max_element(), "{twice} at {i}");
+        let fifth = (window(dim, i) - 0.2 * window(same, i)).abs().max_element();
+        assert!(fifth <= 1e-3 * window(same, i).max_element(), "{fifth} at {i}");
+        assert_eq!((lamp(dim, i), window(off, i)), (lamp(same, i), window(same, i)), "{i}");
+        assert!([off, dim, bright].iter().all(|out| out.rest.get(i) == same.rest.get(i)), "{i}");
+    }
+    let highlight = same.rest.get(HIGHLIGHT.y as usize * SIZE.0 + HIGHLIGHT.x as usize);
+    assert!(highlight.min_element() > 0.4, "no light explains the highlight: {highlight}");
 }
 
 /// A ball before the box, under the lamp: what it shows of direct light, and the shadow that it casts.
@@ -531,7 +572,7 @@ fn objects() {
     let mut edit = EditObjects::default();
     edit.set("objects", ball).expect("there is such a parameter").expect("it is sound");
     let (camera, depth, normal) = (room.camera.clone(), room.depth.clone(), room.normal.clone());
-    let inputs = EditObjectsIn { camera, depth, normal, mesh: mesh_of_room() };
+    let inputs = EditObjectsIn { camera, depth, normal, mesh: room.mesh.clone() };
     let ctx = Context::default();
     let edited = edit.run(inputs, &ctx).expect("the edit is sound");
     let (objects, lamp) = (edited.objects.clone(), &room.lights[0]);

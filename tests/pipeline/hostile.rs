@@ -6,7 +6,8 @@ use std::process::{Output, Stdio};
 
 use glam::Vec3;
 
-use crate::bad_input::{self, png_of, room};
+use crate::bad_input::{self, room};
+use crate::common::files::png_of;
 use crate::project::*;
 
 const LINE: &str = "run GRAPHS/physics.ron edit.ron --scene . --no-cache";

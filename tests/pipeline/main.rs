@@ -1,5 +1,8 @@
 //! The whole pipeline, as a person runs it: what comes out, what runs again, and what happens when something is wrong.
 
+#[path = "../common/mod.rs"]
+mod common;
+
 mod adapters;
 mod bad_input;
 mod cache;
@@ -28,5 +31,7 @@ mod rooms;
 mod sameness;
 mod scores;
 mod sequence;
+mod stages;
+
 mod untrusted_networks;
 mod work;

@@ -4,7 +4,7 @@ use glam::Vec3;
 use relight::graph::{NodeReport, RunReport};
 use relight::optics::Radiance;
 
-use crate::bad_input::png_of;
+use crate::common::files::png_of;
 use crate::project::*;
 
 /// The demo's room under lights of this text, with a photo of its own where there is one.
