@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use super::{EditFile, edit, scene};
-use crate::graph::{Diagnostic, ResolvedGraph, GraphFile, Overlay, Registry};
+use crate::graph::{Diagnostic, GraphFile, Overlay, Registry, ResolvedGraph};
 
 /// Reads a graph file, the scene folder and the edit file, and resolves them against the stages of
 /// `registry`. Of a sequence, the first frame.
 ///
 /// # Errors
-/// All faults of the first file that has any, each with file, line and column.
+/// All diagnostics of the first file that has any, each with file, line and column.
 pub fn load(graph: &Path, scene: &Path, edit: &Path, registry: &Registry) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     load_frame(graph, scene, edit, 0, registry)
 }

@@ -4,10 +4,12 @@
 mod diagnostics;
 pub mod edit;
 mod keyframes;
+mod load;
 pub mod scene;
 
 pub use diagnostics::draw;
 pub use keyframes::EditFile;
+pub use load::{load, load_frame};
 
 use crate::graph::{Diagnostic, Diagnostics, Key, Raw, Source, is_name};
 

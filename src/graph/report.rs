@@ -1,6 +1,8 @@
 //! The report of a run: one entry per node, warnings, outputs.
 
-use super::{Digest, PortValue};
+use std::sync::Arc;
+
+use super::{Artifact, Digest, PortValue};
 
 /// The final state of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -108,6 +110,20 @@ impl RunReport {
     /// The value that was wanted as `name`.
     pub fn output(&self, name: &str) -> Option<&PortValue> {
         self.outputs.iter().find(|(n, _)| n == name).map(|(_, value)| value)
+    }
+
+    /// The value of output `name`; `None` where it was not made, has another type, or has a value per
+    /// member.
+    pub fn value<T: Artifact>(&self, name: &str) -> Option<Arc<T>> {
+        match self.output(name)? {
+            PortValue::One(value) => value.get(),
+            _ => None,
+        }
+    }
+
+    /// The first failed node and its error.
+    pub fn error(&self) -> Option<(&str, &str)> {
+        self.nodes.iter().find_map(|node| Some((node.name.as_str(), node.error.as_deref()?)))
     }
 
     /// The names of the nodes with this status.

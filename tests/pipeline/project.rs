@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::{Arc, OnceLock};
 
-use relight::files::{EditFile, edit, scene};
+use relight::files;
 use relight::graph::{
-    Artifact, CacheFolder, CacheKey, Cancel, Diagnostic, Engine, EngineOptions, GraphFile, Overlay, PortValue,
-    ResolvedGraph, RunReport, Status,
+    Artifact, CacheFolder, CacheKey, Cancel, Diagnostic, Engine, EngineOptions, PortValue, ResolvedGraph, RunReport,
+    Status,
 };
 use relight::image::{Layer, Picture, Plane, Source, Transfer, read_photo};
 use relight::nodes::{self, artifacts::Files};
@@ -85,13 +85,8 @@ pub fn load(graph: &Path, scene: &Path, edit: &Path) -> Result<ResolvedGraph, Ve
 }
 
 fn load_frame(graph: &Path, scene: &Path, edit: &Path, frame: u32) -> Result<ResolvedGraph, Vec<Diagnostic>> {
-    let file = GraphFile::read(graph)?;
-    let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
-    let room = scene::read(scene, Some(&kinds))?;
-    let change = edit::frame(&EditFile::read(edit)?, frame, Some(&room), Some(&kinds))?;
-    let settings = room.settings.into_iter().chain(change.settings).collect();
-    let members = room.members.into_iter().chain(change.members).collect();
-    file.resolve(&nodes::registry().with_library(root().join("models"), ""), &Overlay { settings, members })
+    let registry = nodes::registry().with_library(root().join("models"), "");
+    files::load_frame(graph, scene, edit, frame, &registry)
 }
 
 /// A graph of the project with a scene and the text of an edit.
