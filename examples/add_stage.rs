@@ -50,7 +50,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [scene, edit, out] = &arguments[..] else { return Err("wanted SCENE EDIT OUT.png".into()) };
     let project = Path::new(env!("CARGO_MANIFEST_DIR"));
 
-    // The shipped stages and the one above; from here on a graph file may name it, and the engine caches it.
+    // The shipped stages and the one above; from here on a graph file may name it, and the engine
+    // caches it.
     let registry = nodes::registry().with::<Expose>().with_library(project.join("models"), "");
     let graph = files::load(&project.join("examples/add_stage.ron"), scene.as_ref(), edit.as_ref(), &registry);
     let graph = graph.map_err(|faults| files::draw(&faults, false))?;

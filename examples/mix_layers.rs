@@ -23,7 +23,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         by_light.insert(light.to_owned(), [weight.parse::<f32>()?; 3]);
     }
 
-    // A stage is a plain function of its parameters and inputs: this one reads a file and needs no engine.
+    // A stage is a plain function of its parameters and inputs: this one reads a file and needs no
+    // engine.
     let stage = MixLayers { layers: File::new(layers), weights: by_light, ..MixLayers::default() };
     let mixed = stage.run(MixLayersIn {}, &Context::default())?;
     std::fs::create_dir_all(folder)?;

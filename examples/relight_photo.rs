@@ -1,4 +1,5 @@
-//! Relights a photograph: loads a graph, a scene and an edit, runs them and writes the picture as a PNG.
+//! Relights a photograph: loads a graph, a scene and an edit, runs them and writes the picture as a
+//! PNG.
 //!
 //! `cargo run --release --example relight_photo -- scenes/demo edits/lamp_off.ron out/relit.png`
 
@@ -27,7 +28,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err(format!("{node}: {error}").into());
     }
 
-    // A picture is linear, scene-referred Rec. 709 in units of the photo; the PNG encodes it as sRGB.
+    // A picture is linear, scene-referred Rec. 709 in units of the photo; the PNG encodes it as
+    // sRGB.
     let picture = report.value::<Picture>("compose.picture").ok_or("the graph has no picture")?;
     std::fs::write(out, write_png(&picture, Transfer::Srgb, false))?;
     println!("{out}: {} nodes", report.nodes.len());

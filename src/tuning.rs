@@ -1,7 +1,8 @@
 //! Tuning constants: the numbers that decide an algorithm, with their units, sources and effects.
 //!
-//! Each algorithm declares one table with [`tuning!`], and each room lists the tables of its algorithms in a function `tuning`
-//! in its `mod.rs`. `relight nodes --tuning` writes all of them, from which docs/tuning.md is made.
+//! Each algorithm declares one table with `tuning!`, and each room lists the tables of its
+//! algorithms in a function `tuning` in its `mod.rs`. `relight nodes --tuning` writes all of them,
+//! from which docs/tuning.md is made.
 //!
 //! ```text
 //! tuning! {
@@ -52,7 +53,7 @@ pub struct Constant {
     pub effect: &'static str,
 }
 
-/// The constants of one algorithm; made by [`tuning!`].
+/// The constants of one algorithm; made by `tuning!`.
 #[derive(Clone, Debug)]
 pub struct Table {
     pub name: &'static str,
@@ -60,7 +61,8 @@ pub struct Table {
     pub constants: Vec<Constant>,
 }
 
-/// Declares the constants of one algorithm: a struct, its only value, and its [`Table`]; the module's documentation has the form.
+/// Declares the constants of one algorithm: a struct, its only value, and its [`Table`]; the
+/// module's documentation has the form.
 macro_rules! tuning {
     ($(#[doc = $doc:literal])+ $vis:vis const $value:ident: $name:ident {
         $( $(#[doc = $field_doc:literal])+ $field:ident: $ty:ty = $number:expr,

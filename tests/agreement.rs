@@ -1,4 +1,5 @@
-//! Direct light against Mitsuba 3 and Blender's Cycles, whose results lie in tests/reference (README.md there tells how they were made).
+//! Direct light against Mitsuba 3 and Blender's Cycles, whose results lie in tests/reference
+//! (README.md there tells how they were made).
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +23,7 @@ struct Light {
     shape: Shape,
 }
 
-/// What a renderer says, as stored by `write` of tests/reference/common.py.
+/// Results of a renderer, as stored by `write` of tests/reference/common.py.
 struct Renderer {
     name: &'static str,
     results: Vec<Estimate>,
@@ -41,9 +42,10 @@ struct Estimate {
     stderr_of_mean: f64,
 }
 
-/// The systematic difference allowed beside chance, as a share of the mean. The renderers reckon in single precision and are
-/// nearly noiseless: Mitsuba starts shadow rays a third of a millimetre above the receiver, both represent a narrow lobe by
-/// tables, and Cycles spreads a receiver over a fifth of a millimetre.
+/// The systematic difference allowed beside chance, as a share of the mean. The renderers reckon in
+/// single precision and are nearly noiseless: Mitsuba starts shadow rays a third of a millimetre
+/// above the receiver, both represent a narrow lobe by tables, and Cycles spreads a receiver over a
+/// fifth of a millimetre.
 const FLOOR: f64 = 5e-4;
 
 fn file(name: &str) -> PathBuf {
@@ -89,8 +91,8 @@ fn room(lift: f32) -> Room {
     let (points, normals) = vectors.split_at(width * height);
     let receivers = points.iter().zip(normals).map(|(&p, &n)| p + n * lift).collect();
     let points = Points(Plane::new(width, height, points.to_vec()));
-    // The offset of shadow rays is a choice about surfaces that are known as depth. Here the triangles are the surface, so a
-    // focal length is given that makes it 15 micrometres.
+    // The offset of shadow rays is a choice about surfaces that are known as depth. Here the
+    // triangles are the surface, so a focal length is given that makes it 15 micrometres.
     let mesh = SceneMesh::new(&points, 1e5, 0.0, &Plane::filled(width, height, false));
     assert_eq!(mesh.counts(), (2 * (width - 1) * (height - 1), 0), "no curtain: all renderers see the same triangles");
     Room {
@@ -100,7 +102,8 @@ fn room(lift: f32) -> Room {
     }
 }
 
-/// Direct shading of each lobe, open and blocked by the mesh. The one place that calls what is tested.
+/// Direct shading of each lobe, open and blocked by the mesh. The one place that calls what is
+/// tested.
 fn shade(room: &Room, shape: &Shape, samples: usize, seed: u64) -> Vec<[Vec<f64>; 2]> {
     let sampling = Sampling::fixed(samples, seed);
     let direct = optics::direct(&room.receivers, &room.normal, shape, &sampling, &|| false);
@@ -114,7 +117,8 @@ fn shade(room: &Room, shape: &Shape, samples: usize, seed: u64) -> Vec<[Vec<f64>
     both.collect()
 }
 
-/// As `shade`, with the standard errors that several seeds show; results in the order of the stored ones.
+/// As `shade`, with the standard errors that several seeds show; results in the order of the stored
+/// ones.
 fn ours(room: &Room, shape: &Shape) -> Vec<Estimate> {
     const SEEDS: usize = 4;
     let runs: Vec<_> = (0..SEEDS as u64).map(|seed| shade(room, shape, 256, seed)).collect();
@@ -174,7 +178,8 @@ fn two_other_renderers_see_the_same_direct_light() {
             for renderer in &renderers {
                 let Difference { relative, bias, z } = difference(ours, &renderer.results[next]);
                 line += &format!(" | {:7.3} % {:+7.3} % {z:+5.1}", 100.0 * relative, 100.0 * bias);
-                // 4 standard errors: 1 % chance of one false alarm in all of the about 120 comparisons.
+                // 4 standard errors: 1 % chance of one false alarm in all of the about 120
+                // comparisons.
                 if relative > 5e-3 || z.abs() > 4.0 {
                     faults.push(format!("{name}, {}: {relative:.2e} off, z {z:.1}", renderer.name));
                 }

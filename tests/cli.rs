@@ -1,4 +1,5 @@
-//! The command as a person meets it: exit status, what goes where, and the museum of bad files in tests/bad.
+//! The command as a person meets it: exit status, what goes where, and the museum of bad files in
+//! tests/bad.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -50,7 +51,8 @@ impl Room {
         command.output().expect("the program starts")
     }
 
-    /// Exit status 2, every line of `wanted` on standard error, nothing on standard output, no panic.
+    /// Exit status 2, every line of `wanted` on standard error, nothing on standard output, no
+    /// panic.
     fn check_refused(&self, line: &str, wanted: &str) {
         let output = self.relight(line);
         let told = text(&output.stderr);
@@ -306,7 +308,7 @@ fn a_setting_wins_and_is_explained() {
     assert!(out.contains("long_side") && out.contains("320") && out.contains('8'), "{out}");
     room.check_refused("explain graph.ron edit.ron scnee --scene scene", "scene");
     room.check_refused(&format!("{RUN} --only scnee"), "scene");
-    // A target for stages that this graph does not have is no fault.
+    // A target for stages that this graph does not have is not a fault.
     check_runs(&room, "plan graph.ron --scene scene --target-error 1%", 0);
     room.check_refused(&format!("{RUN} --target-error 150%"), "wanted a share above 0 and below 1");
     room.check_refused(&format!("{RUN} --budget 3"), "wanted a number and a unit");
@@ -388,7 +390,8 @@ fn bench_measures_and_draws() {
             points.iter().find(|p| p["subject"] == "window_0, sky" && p["series"] == series && p["samples"] == samples);
         found.and_then(|p| p["error"].as_f64()).unwrap_or_else(|| panic!("{series} at {samples} was measured"))
     };
-    // Four times the samples: half the error at least, with room for the scatter of a small picture.
+    // Four times the samples: half the error at least, with room for the scatter of a small
+    // picture.
     assert!(error("area only", 16) < 0.7 * error("area only", 4));
     assert!(error("ours", 16) < 1.05 * error("lobe only", 16), "a broad lobe through a window is sampled by area");
     let csv = std::fs::read_to_string(room.path("b/bench.csv")).expect("it is written");

@@ -1,5 +1,6 @@
-//! Standard errors mean what they say: intervals hold the truth as often as they claim, targets are reached, and errors fall as
-//! fast as they should. The truth is the same estimate by many more samples of another seed.
+//! Standard errors mean what they say: intervals hold the truth as often as they claim, targets are
+//! reached, and errors fall as fast as they should. The truth is the same estimate by many more
+//! samples of another seed.
 
 mod common;
 
@@ -157,8 +158,8 @@ fn a_target_is_reached_where_the_same_rays_spread_evenly_miss_it() {
     let shape = sphere();
     let (truth, ..) = shadow(&room, &Shadow { samples: 1024, seed: 9, half: false, ..Shadow::default() }, &shape);
     let (direct, ..) = direct(&room, &Direct::default(), &shape);
-    // The errors that were really made, weighted by the light that the visibility is a share of: their mean over the mean of
-    // the light, and that of their squares.
+    // The errors that were really made, weighted by the light that the visibility is a share of:
+    // their mean over the mean of the light, and that of their squares.
     let made = |visibility: &Visibility| {
         let (mut off, mut squares, mut all) = (0.0, 0.0, 0.0);
         for (i, e) in direct.lobes[0].pixels().iter().enumerate() {

@@ -1,11 +1,13 @@
-//! Replays the corpora of `fuzz/` through the bodies of the fuzz targets: what once fell stays mended, on the stable compiler.
+//! Replays the corpora of `fuzz/` through the bodies of the fuzz targets: what once fell stays
+//! mended, on the stable compiler.
 
 use std::path::{Path, PathBuf};
 
 #[path = "../fuzz/src/targets.rs"]
 mod targets;
 
-/// Most memory of the whole replay, in bytes: a target that allocates what a small file claims shows here.
+/// Most memory of the whole replay, in bytes: a target that allocates what a small file claims
+/// shows here.
 const MOST: u64 = 1_500_000_000;
 
 fn corpus(target: &str) -> Vec<PathBuf> {
@@ -63,7 +65,8 @@ fn every_target_is_fuzzed_and_replayed() {
     assert!(bytes < 300_000, "{bytes} bytes of corpora");
 }
 
-/// Writes sound pictures and values, where fuzzing starts: `cargo test --release --test fuzz_corpus -- --ignored write_seeds`.
+/// Writes sound pictures and values, where fuzzing starts:
+/// `cargo test --release --test fuzz_corpus -- --ignored write_seeds`.
 #[test]
 #[ignore = "writes into fuzz/corpus"]
 fn write_seeds() {

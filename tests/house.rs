@@ -25,7 +25,7 @@ const ARROWS: [(&str, &[&str]); 10] = [
 /// Rooms of `src/optics`, each of which may use only those before it.
 const LAYERS: [&str; 6] = ["sampling", "emitter", "daylight", "transport", "reflection", "inverse"];
 
-/// What all stages share.
+/// Modules that all stages share.
 const SHARED: [&str; 2] = ["artifacts", "neural"];
 
 /// Words of code -> the folders or files of `src` that may say them.
@@ -138,7 +138,7 @@ fn is_word(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Line numbers of `word` in code; what comes before and after is no part of a longer name.
+/// Line numbers of `word` in code; it is not part of a longer name.
 fn lines_with(code: &str, word: &str) -> Vec<usize> {
     let alone = |at: usize| {
         let after = &code[at + word.len()..];
@@ -149,7 +149,8 @@ fn lines_with(code: &str, word: &str) -> Vec<usize> {
     places.map(|(at, _)| 1 + code[..at].matches('\n').count()).collect()
 }
 
-/// The paths of code that begin with `crate`, `relight` or `super`, groups written out: `a::{b, c}` is `a::b` and `a::c`.
+/// The paths of code that begin with `crate`, `relight` or `super`, groups written out: `a::{b, c}`
+/// is `a::b` and `a::c`.
 fn paths(code: &str) -> Vec<(usize, Vec<String>)> {
     fn walk(mut rest: &str, mut path: Vec<String>, out: &mut Vec<Vec<String>>) -> usize {
         let all = rest.len();
@@ -248,7 +249,8 @@ fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
     faults.collect()
 }
 
-/// Uses of a higher room of `src/optics` in one file, tests apart; `index` is the text of its `mod.rs`, which re-exports names.
+/// Uses of a higher room of `src/optics` in one file, tests apart; `index` is the text of its
+/// `mod.rs`, which re-exports names.
 fn wrong_layers(file: &str, text: &str, index: &str) -> Vec<String> {
     let layer = |room: &str| LAYERS.iter().position(|name| *name == room);
     let Some(level) = file.strip_prefix("optics/").and_then(|path| layer(path.split('/').next()?)) else {
@@ -402,7 +404,8 @@ fn planted_words_are_seen() {
     }
 }
 
-/// Files that are too large: (path, bytes) -> faults. 5 MB a file outside models/; scenes/ 6 MB and models/ 20 MB together.
+/// Files that are too large: (path, bytes) -> faults. 5 MB a file outside models/; scenes/ 6 MB and
+/// models/ 20 MB together.
 fn too_large(files: &[(String, u64)]) -> Vec<String> {
     const MB: u64 = 1_000_000;
     let large = |(path, bytes): &&(String, u64)| *bytes > 5 * MB && !path.starts_with("models/");
@@ -442,7 +445,8 @@ fn anchors(page: &str) -> BTreeSet<String> {
     page.lines().filter(|l| l.starts_with('#')).map(|l| anchor(l.trim_start_matches('#'))).collect()
 }
 
-/// Links of a page that lead nowhere, and paths of `src` and `docs` that it names but that are gone.
+/// Links of a page that lead nowhere, and paths of `src` and `docs` that it names but that are
+/// gone.
 fn dead_links(page: &str, text: &str, pages: &BTreeMap<String, String>) -> Vec<String> {
     let folder = page.rsplit_once('/').map_or("", |(folder, _)| folder);
     let mut faults = Vec::new();
@@ -538,4 +542,155 @@ fn every_scene_has_its_licence() {
 
     let page = "# Scenes\n\n## a\n\nLicence: CC0.\n\n## b\n\nA room.\n";
     assert_eq!(unlicensed(&BTreeSet::from(["a", "b"]), page), ["scenes/README.md tells no licence of b"]);
+}
+
+/// Code without its unit tests, which stand at the end of a file.
+fn without_tests(code: &str) -> &str {
+    code.split("\nmod tests {").next().expect("a split has a first part")
+}
+
+/// The file of a module, from its path below `src`: `a/b.rs` or `a/b/mod.rs`.
+fn module_file(module: &[&str], files: &BTreeMap<String, String>) -> Option<String> {
+    let path = module.join("/");
+    let all = [format!("{path}.rs"), format!("{path}/mod.rs")];
+    all.into_iter().find(|file| files.contains_key(file))
+}
+
+/// The file that defines what a path names; follows the `pub use` of module files.
+fn defined_in(path: &[&str], files: &BTreeMap<String, String>) -> Option<String> {
+    let depth = (1..=path.len()).rev().find(|&n| module_file(&path[..n], files).is_some())?;
+    let (module, file) = (&path[..depth], module_file(&path[..depth], files)?);
+    let Some(item) = path.get(depth) else { return Some(file) };
+    for part in files[&file].split("pub use ").skip(1) {
+        let (from, names) = part.split(';').next()?.rsplit_once("::")?;
+        if names.split(|c| !is_word(c)).any(|name| name == *item) {
+            let from: Vec<&str> = from.split("::").filter(|name| *name != "self").collect();
+            return defined_in(&[module, &from, &[*item]].concat(), files);
+        }
+    }
+    Some(file)
+}
+
+/// Files of `src` that use each other in a circle. A module file and its children count as one.
+fn circles(files: &BTreeMap<String, String>) -> Vec<Vec<String>> {
+    let files: BTreeMap<String, String> =
+        files.iter().map(|(file, text)| (file.clone(), without_tests(&code(text)).to_owned())).collect();
+    let is_parent = |file: &str| {
+        let folder = format!("{}/", file.trim_end_matches(".rs"));
+        file.ends_with("mod.rs") || files.keys().any(|other| other.starts_with(&folder))
+    };
+    let mut uses = petgraph::graphmap::DiGraphMap::<&str, ()>::new();
+    for (file, text) in files.iter().filter(|(file, _)| !is_parent(file)) {
+        let own: Vec<&str> = file.trim_end_matches(".rs").split('/').collect();
+        for (_, path) in paths(text) {
+            let names: Vec<&str> = path.iter().map(String::as_str).collect();
+            let full = match names[0] {
+                "super" => [&own[..own.len() - 1], &names[1..]].concat(),
+                _ => names[1..].to_vec(),
+            };
+            let target = defined_in(&full, &files).filter(|target| target != file && !is_parent(target));
+            if let Some(target) = target {
+                let (target, _) = files.get_key_value(&target).expect("it is one of them");
+                uses.add_edge(file, target, ());
+            }
+        }
+    }
+    let together = petgraph::algo::tarjan_scc(&uses).into_iter().filter(|files| files.len() > 1);
+    let mut circles: Vec<Vec<String>> = together
+        .map(|mut files| {
+            files.sort_unstable();
+            files.into_iter().map(str::to_owned).collect()
+        })
+        .collect();
+    circles.sort();
+    circles
+}
+
+fn sources() -> BTreeMap<String, String> {
+    files_below("src")
+        .into_iter()
+        .filter(|file| file.ends_with(".rs"))
+        .map(|file| (file.strip_prefix("src/").expect("below src").to_owned(), read(&file)))
+        .collect()
+}
+
+#[test]
+fn no_files_use_each_other_in_a_circle() {
+    let found = circles(&sources());
+    assert_none(found.iter().map(|files| format!("these use each other: {}", files.join(", "))).collect());
+
+    let text = [
+        ("a/mod.rs", "mod one; mod two; mod three; pub use two::{Two};"),
+        ("a/one.rs", "use crate::a::Two; pub struct One;"),
+        ("a/two.rs", "use super::one::One; pub struct Two;"),
+        ("a/three.rs", "use super::one::One; mod tests_of_nothing;"),
+    ];
+    let planted = text.map(|(file, text)| (file.to_owned(), text.to_owned())).into();
+    assert_eq!(circles(&planted), [["a/one.rs", "a/two.rs"]]);
+}
+
+/// Most files that lie beside each other in one folder of `src`.
+const MOST_FILES: usize = 25;
+
+#[test]
+fn no_folder_is_flat() {
+    let mut folders = BTreeMap::<String, usize>::new();
+    for file in sources().into_keys() {
+        *folders.entry(file.rsplit_once('/').map_or("", |(folder, _)| folder).to_owned()).or_default() += 1;
+    }
+    let flat = folders.iter().filter(|(_, files)| **files > MOST_FILES);
+    assert_none(flat.map(|(folder, n)| format!("src/{folder}: {n} files, wanted at most {MOST_FILES}")).collect());
+}
+
+/// Columns of a comment.
+const COMMENT_COLUMNS: usize = 100;
+/// Words that a documentation comment does not open with: a first sentence has a noun as its
+/// subject.
+const OPENINGS: [&str; 3] = ["What", "Of", "Where"];
+
+/// Comments of one file that break a rule of CONTRIBUTING.md.
+fn prose_faults(file: &str, text: &str) -> Vec<String> {
+    let mut faults = Vec::new();
+    let code = code(text);
+    let (mut in_block, mut in_code) = (false, false);
+    for (number, (line, code)) in text.lines().zip(code.lines()).enumerate() {
+        let at = format!("{file}:{}", number + 1);
+        let trimmed = line.trim_start();
+        let comment = trimmed.strip_prefix("//").filter(|_| code.trim().is_empty());
+        let documents = comment.is_some_and(|comment| comment.starts_with(['/', '!']));
+        if let Some(comment) = comment {
+            // Tables and code are not wrapped.
+            let is_text = !comment.trim_start_matches(['/', '!', ' ']).starts_with('|')
+                && !comment.trim_start_matches(['/', '!']).starts_with("   ")
+                && !in_code;
+            if is_text && line.chars().count() > COMMENT_COLUMNS {
+                faults.push(format!("{at}: a comment of more than {COMMENT_COLUMNS} columns"));
+            }
+            in_code ^= comment.contains("```");
+            if comment.replace("there is no ", "").contains(" is no ") {
+                faults.push(format!("{at}: \"is no\", wanted \"is not a\""));
+            }
+            let first = comment.trim_start_matches(['/', '!', ' ']).split(' ').next().unwrap_or_default();
+            if documents && !in_block && OPENINGS.contains(&first) {
+                faults.push(format!("{at}: a first sentence opens with \"{first}\", wanted a noun"));
+            }
+        }
+        in_block = documents;
+    }
+    faults
+}
+
+#[test]
+fn comments_keep_the_rules() {
+    let files = ["src", "tests", "benches", "examples"].iter().flat_map(|folder| files_below(folder));
+    let files = files.filter(|file| file.ends_with(".rs"));
+    assert_none(files.flat_map(|file| prose_faults(&file, &read(&file))).collect());
+
+    let long = format!("// {}", "a ".repeat(50));
+    let planted = ["/// What it does.", "    //! Of a plane.", "// A hole is no pixel.", &long];
+    for text in planted {
+        assert_eq!(prose_faults("a.rs", text).len(), 1, "{text}");
+    }
+    let sound = "/// A plane.\n/// Of no consequence is the second line.\nlet s = \"// this is no comment\";";
+    assert_eq!(prose_faults("a.rs", sound), Vec::<String>::new());
 }

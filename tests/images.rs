@@ -136,7 +136,8 @@ fn depth_kinds_have_their_closed_forms() {
         .expect("a sound scene");
         out
     };
-    // A wall facing the camera at 3 m, as ray lengths of the default camera (60 degrees, f = 32 / tan 30).
+    // A wall facing the camera at 3 m, as ray lengths of the default camera (60 degrees,
+    // f = 32 / tan 30).
     fn ray(x: usize, y: usize) -> f32 {
         let f = 32.0 / 30f32.to_radians().tan();
         let (dx, dy) = ((x as f32 + 0.5 - 32.0) / f, (y as f32 + 0.5 - 24.0) / f);
@@ -409,7 +410,8 @@ fn exr_comes_back_with_every_compression_and_channel_kind() {
         layers.rgb("small", &picture.map(|v| 1e-12 * v));
         layers.half("zero.Y", &depth.map(|_| 0.0));
         layers.comment("metres \u{3c0}");
-        // Neither infinite nor black: what halves cannot hold is float, with its name and largest magnitude.
+        // Neither infinite nor black: what halves cannot hold is float, with its name and largest
+        // magnitude.
         assert_eq!(layers.kept_as_float(), [("large.Y".to_owned(), 1e9), ("small".to_owned(), 1e-12 * 9.0)]);
         let bytes = layers.write(compression).expect("the layers are sound");
         let source = Source::new("p.exr", &bytes);
@@ -435,7 +437,8 @@ fn a_photo_with_an_exif_orientation_is_turned_upright() {
             .expect("a sound picture");
         file.into_inner()
     };
-    // APP1 with one big-endian TIFF entry: tag 0x0112, one short, 6: the picture stands a quarter turn to the left.
+    // APP1 with one big-endian TIFF entry: tag 0x0112, one short, 6: the picture stands a quarter
+    // turn to the left.
     let exif = b"\xff\xe1\x00\x22Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
     let turned = [&plain[..2], exif, &plain[2..]].concat();
     let picture = read_photo(Source::new("p.jpg", &turned), Transfer::Srgb).expect("a sound file").picture.0;
@@ -465,7 +468,8 @@ fn exr_channels(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
     list.map(|c| (c.name.to_string(), c.sample_data.values_as_f32().collect())).collect()
 }
 
-/// Inputs of Write: `lights` lights, the first a window, planes of `small` pixels, pictures of `size`.
+/// Inputs of Write: `lights` lights, the first a window, planes of `small` pixels, pictures of
+/// `size`.
 fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> WriteIn {
     // Smooth shading with a hundredth of noise, in 0..1, as renderings are.
     let noise = |x: usize, y: usize, n: usize| {
@@ -650,7 +654,8 @@ fn real_photos_are_read() {
     }
 }
 
-/// Prints the cost of Write by compression: `cargo test --release --test images -- --ignored --nocapture`.
+/// Prints the cost of Write by compression:
+/// `cargo test --release --test images -- --ignored --nocapture`.
 #[test]
 #[ignore = "a measurement"]
 fn write_time() {
@@ -669,8 +674,8 @@ fn write_time() {
     }
 }
 
-/// Reads `path` as photo, as depth and as mask. Each must end in a scene or in an error that names the file.
-/// Gives how many roles were read.
+/// Reads `path` as photo, as depth and as mask. Each must end in a scene or in an error that names
+/// the file. Gives how many roles were read.
 fn try_all(path: &Path, photo: &Path, depth: &Path) -> usize {
     let sound = ReadScene {
         photo: file(photo),

@@ -1,4 +1,5 @@
-//! Small hostile files take little memory: each runs through the whole command, whose greatest memory is measured.
+//! Small hostile files take little memory: each runs through the whole command, whose greatest
+//! memory is measured.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -18,7 +19,8 @@ struct Run {
     peak: u64,
 }
 
-/// Runs `relight run --only objects` on a room of 32 x 24 pixels with these files in it and these objects.
+/// Runs `relight run --only objects` on a room of 32 x 24 pixels with these files in it and these
+/// objects.
 fn run(files: &[(&str, &[u8])], objects: &str) -> Run {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let path = |name: &str| folder.path().join(name);
@@ -95,7 +97,8 @@ fn triangle() -> Vec<u8> {
     [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-/// Reason: each primitive was held against the limit alone, and 4 of 60 million positions took 9.0 GB.
+/// Reason: each primitive was held against the limit alone, and 4 of 60 million positions took 9.0
+/// GB.
 #[needs("/proc/self/status")]
 #[test]
 fn primitives_on_one_accessor_of_zeros() {

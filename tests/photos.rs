@@ -1,6 +1,8 @@
-//! Real photographs of ../shared/data/photos under edits: what must hold for any of them, and what a person would see.
+//! Real photographs of ../shared/data/photos under edits: what must hold for any of them, and what
+//! a person would see.
 //!
-//! `cargo test --release --test photos -- --ignored sheets` writes contact sheets, before and after, to target/photos/ to look at.
+//! `cargo test --release --test photos -- --ignored sheets` writes contact sheets, before and
+//! after, to target/photos/ to look at.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -20,7 +22,8 @@ struct Photo {
     globe: [u32; 2],
     /// Corners of an inserted window.
     window: [[u32; 2]; 4],
-    /// Places that a person would say get darker: (edit, x, y, half size, largest share of their light that they may keep).
+    /// Places that a person would say get darker: (edit, x, y, half size, largest share of their
+    /// light that they may keep).
     near: &'static [(&'static str, u32, u32, u32, f64)],
 }
 
@@ -44,7 +47,8 @@ const PHOTOS: &[Photo] = &[
         lit: &["lamp_0", "lamp_1", "window_0"],
         globe: [280, 385],
         window: [[80, 40], [130, 45], [130, 152], [80, 152]],
-        // The fit gives most of the wall beside the lamp to a lamp out of view: a person would say that less is kept.
+        // The fit gives most of the wall beside the lamp to a lamp out of view: a person would say
+        // that less is kept.
         near: &[("window_0_off", 370, 310, 20, 0.9), ("lamp_0_off", 80, 200, 10, 0.95)],
     },
     Photo {
@@ -215,7 +219,7 @@ struct Relit {
     told: String,
 }
 
-/// What the picture shows at (x, y) within `half`, mean linear luminance.
+/// Mean linear luminance of the picture within `half` of (x, y).
 fn shown(picture: &RgbImage, [x, y]: [u32; 2], half: u32) -> f64 {
     let place = (y - half..y + half).flat_map(|y| (x - half..x + half).map(move |x| (x, y)));
     let linear = |v: u8| (f64::from(v) / 255.0).powf(2.2);
@@ -223,7 +227,8 @@ fn shown(picture: &RgbImage, [x, y]: [u32; 2], half: u32) -> f64 {
     place.map(|(x, y)| luminance(picture.get_pixel(x, y).0)).sum::<f64>() / f64::from(4 * half * half)
 }
 
-/// How many pixels, of those that `counts`, `differ` in a channel (before, after). What is saturated may be any white.
+/// How many pixels, of those that `counts`, `differ` in a channel (before, after). What is
+/// saturated may be any white.
 fn count(room: &Room, relit: &Relit, counts: impl Fn(u32, u32) -> bool, differ: impl Fn(i32, i32) -> bool) -> usize {
     let pairs = room.before.enumerate_pixels().zip(relit.picture.pixels()).filter(|((x, y, _), _)| counts(*x, *y));
     pairs
@@ -233,8 +238,9 @@ fn count(room: &Room, relit: &Relit, counts: impl Fn(u32, u32) -> bool, differ: 
         .count()
 }
 
-/// Every channel is finite, and the light layers and the rest sum to the picture within the rounding of halves: one half-step
-/// (4.9e-4) for the picture and one for each layer of a sum of non-negative terms.
+/// Every channel is finite, and the light layers and the rest sum to the picture within the
+/// rounding of halves: one half-step (4.9e-4) for the picture and one for each layer of a sum of
+/// non-negative terms.
 fn check_layers(name: &str, relit: &Relit) {
     let file = read_all_flat_layers_from_file(&relit.layers).expect("the layers can be read");
     let channels: BTreeMap<String, Vec<f32>> = file.layer_data[0]
@@ -266,7 +272,8 @@ fn photos_are_relit_soundly() {
         let changed = count(&room, &same, |_, _| true, |a, b| (a - b).abs() > 1);
         assert_eq!(changed, 0, "{}: an edit that says nothing changes pixels", photo.name);
         check_layers(photo.name, &same);
-        // All kinds of edit on half of the photos; on the others what has places to look at, and a lamp.
+        // All kinds of edit on half of the photos; on the others what has places to look at, and a
+        // lamp.
         let tried = |edit: &str| match i < PHOTOS.len() / 2 {
             true => edit != "tube" && edit != "lamp_1_off",
             false => edit == "globe" || photo.near.iter().any(|near| near.0 == edit),

@@ -1,4 +1,5 @@
-//! From depth and lights to unit layers: the stages `Mesh`, `Direct`, `Shadow`, `Transport` and `TraceIndirect` together.
+//! From depth and lights to unit layers: the stages `Mesh`, `Direct`, `Shadow`, `Transport` and
+//! `TraceIndirect` together.
 
 mod common;
 
@@ -65,8 +66,8 @@ fn a_small_lamp_casts_a_shadow_where_geometry_says() {
     let room = square_before_wall();
     let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.3, 0.0, 0.0), radius: 1e-3 }));
     let visibility = shadow(&room, &Shadow { half: false, ..Shadow::default() }, &lamp, None);
-    // The square's left edge at x = -0.5 throws its shadow to x = 0.3 + 2 (-0.5 - 0.3) = -1.3 on the wall: column 35. What the
-    // camera sees of it reaches to the square, column 50.
+    // The square's left edge at x = -0.5 throws its shadow to x = 0.3 + 2 (-0.5 - 0.3) = -1.3 on
+    // the wall: column 35. What the camera sees of it reaches to the square, column 50.
     let row: Vec<f32> = (0..50).map(|x| visibility.lit[0].get(x, 75)).collect();
     assert!(row[..34].iter().all(|v| *v == 1.0) && row[36..49].iter().all(|v| *v == 0.0), "{row:?}");
     assert!((151..200).all(|x| visibility.lit[0].get(x, 75) == 1.0), "the right side is lit");
@@ -87,8 +88,9 @@ fn a_lamp_behind_the_square_is_unknown_and_counts_as_assumed() {
 #[test]
 fn each_lobe_of_a_window_has_its_own_shadow() {
     let room = square_before_wall();
-    // A window behind the camera. The sun stands to the right and throws the square's left edge from -0.5 to -1.3 as above
-    // (0.4 per metre); the sky comes from everywhere and knows only soft shadows.
+    // A window behind the camera. The sun stands to the right and throws the square's left edge
+    // from -0.5 to -1.3 as above (0.4 per metre); the sky comes from everywhere and knows only soft
+    // shadows.
     let lobe = |direction: Vec3, bandwidth| Lobe { direction: direction.normalize(), bandwidth };
     let lobes = [lobe(Vec3::new(0.4, 0.0, 1.0), 1e5), lobe(Vec3::Y, 0.5), lobe(Vec3::NEG_Y, 0.0)];
     let window = Window { center: Vec3::new(0.5, 0.0, 1.0), x: Vec3::NEG_X * 6.0, y: Vec3::Y * 6.0, lobes };
@@ -113,7 +115,8 @@ fn no_light_has_no_lobes_and_a_light_does_not_light_itself() {
 
 #[test]
 fn a_furnace_comes_to_rest_at_its_closed_form() {
-    // Every surface, seen or not, has albedo a and direct shading 1: I = a (1 + I) = a / (1 - a), whatever the geometry.
+    // Every surface, seen or not, has albedo a and direct shading 1: I = a (1 + I) = a / (1 - a),
+    // whatever the geometry.
     for room in [floor_and_wall(), square_before_wall()] {
         let a = Vec3::new(0.2, 0.5, 0.8);
         let one = Plane::filled(room.camera.width, room.camera.height, 1.0);
@@ -136,8 +139,9 @@ fn fewer_rays_of_a_transport_tell_the_same_within_their_noise() {
     let at = |pixel: usize| if room.points.0.pixels()[pixel].z < -2.99 { 1.0 } else { 0.0 };
     let bounces = optics::Bounces { count: 1, unseen: 0.0 };
     let [all, few] = [all, &few].map(|t| optics::indirect_at_receivers(t, &albedo, at, bounces));
-    // A share p of the rays meets the wall: the difference of 128 and 32 of them has a variance of at most p (1 - p) (1/32 - 1/128), p <= 1/2,
-    // times the square of albedo and of further bounces (2).
+    // A share p of the rays meets the wall: the difference of 128 and 32 of them has a variance of
+    // at most p (1 - p) (1/32 - 1/128), p <= 1/2, times the square of albedo and of further bounces
+    // (2).
     let off: Vec<f64> = all.iter().zip(&few).map(|(a, b)| f64::from(a.x - b.x)).collect();
     let rms = (off.iter().map(|d| d * d).sum::<f64>() / off.len() as f64).sqrt();
     assert!((1e-4..0.08).contains(&rms), "{rms}");
@@ -166,7 +170,8 @@ fn one_bounce_from_wall_to_floor_is_the_form_factor() {
             worst = worst.max((got.get(x, y).x / wanted - 1.0).abs());
         }
     }
-    // 64 evenly spread rays, about a third of which hit the wall: one ray is 5 %, and neighbouring receivers are averaged.
+    // 64 evenly spread rays, about a third of which hit the wall: one ray is 5 %, and neighbouring
+    // receivers are averaged.
     assert!(worst < 0.12, "{worst}");
 }
 
@@ -331,8 +336,9 @@ fn path_traced_rooms_are_met_within_their_unseen_part() {
             errors.push(off / sum);
         }
     }
-    // Two thirds of the rays of a receiver leave the seen part of these rooms, and the lamps light that part more or less than
-    // the seen one; direct light alone is off by 0.5 on average, and nothing that is blind there can be much below a third.
+    // Two thirds of the rays of a receiver leave the seen part of these rooms, and the lamps light
+    // that part more or less than the seen one; direct light alone is off by 0.5 on average, and
+    // nothing that is blind there can be much below a third.
     let mean = errors.iter().sum::<f32>() / errors.len() as f32;
     assert!(mean < 0.42, "{mean}: {errors:?}");
 }

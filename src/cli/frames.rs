@@ -78,8 +78,8 @@ fn key(report: &RunReport) -> Option<String> {
     node.key.map(|key| key.to_string())
 }
 
-/// Runs or verifies the frames `numbers`, writes their files and shows the report. A frame that fails
-/// ends the sequence.
+/// Runs or verifies the frames `numbers`, writes their files and shows the report. A frame that
+/// fails ends the sequence.
 ///
 /// # Errors
 /// Arguments or files that cannot be used.

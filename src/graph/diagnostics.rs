@@ -5,8 +5,9 @@ use super::source::Diagnostic;
 /// Messages per file: a file that is broken everywhere needs no more.
 const MAX_FAULTS: usize = 50;
 
-/// Diagnostics in the order in which they are found, each once. The first fifty are kept. The others are
-/// counted and never made, so that a file with a million faults costs little more than reading it.
+/// Diagnostics in the order in which they are found, each once. The first fifty are kept. The
+/// others are counted and never made, so that a file with a million faults costs little more than
+/// reading it.
 #[derive(Clone)]
 pub struct Diagnostics {
     kept: Vec<Diagnostic>,

@@ -1,4 +1,5 @@
-//! The disk cache: one file per result, written beside and renamed, every byte checked when it is read.
+//! The disk cache: one file per result, written beside and renamed, every byte checked when it is
+//! read.
 //!
 //! ```text
 //! FOLDER/CACHEDIR.TAG         marks the folder as a cache of this program: nothing is done in a folder without it
@@ -6,12 +7,14 @@
 //! FOLDER/tmp/                 results being written; each is locked by its writer
 //! FOLDER/latest/0123...       the last key of each node name of one project, for `explain`
 //! ```
-//! A result: magic (8 bytes), length of the header (8, little endian), BLAKE3 of the header (32), keyed BLAKE3 of the header
-//! (32), the header, then the values one after the other. The header holds lengths and digests of the values, so that it can
-//! be read and trusted by itself. Access times are the files' modification times, set when a result is used.
+//! A result: magic (8 bytes), length of the header (8, little endian), BLAKE3 of the header (32),
+//! keyed BLAKE3 of the header (32), the header, then the values one after the other. The header
+//! holds lengths and digests of the values, so that it can be read and trusted by itself. Access
+//! times are the files' modification times, set when a result is used.
 //!
-//! A folder may hold what strangers put there. The keyed digest makes an entry of another key a miss; only regular files with
-//! names of the forms above are read or deleted, and no symbolic link within the folder is followed.
+//! A folder may hold what strangers put there. The keyed digest makes an entry of another key a
+//! miss; only regular files with names of the forms above are read or deleted, and no symbolic link
+//! within the folder is followed.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};

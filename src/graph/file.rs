@@ -24,8 +24,8 @@ pub struct GraphFile {
     pub(super) sets: Vec<SetDecl>,
     pub(super) nodes: Vec<NodeDecl>,
     pub(super) outputs: Vec<Key>,
-    /// Diagnostics that do not hinder looking for more: [`GraphFile::resolve`] reports them with its
-    /// own.
+    /// Diagnostics that do not hinder looking for more: [`GraphFile::resolve`] reports them with
+    /// its own.
     pub(super) faults: Diagnostics,
     /// Old names that the file uses.
     pub(super) warnings: Vec<Diagnostic>,
@@ -242,8 +242,8 @@ impl GraphFile {
     }
 
     /// Puts the current names of `registry` in the place of old ones of kinds, inputs and outputs,
-    /// each with a warning ([`super::ResolvedGraph::warnings`]). A node of an old kind lies over one of its
-    /// new name.
+    /// each with a warning ([`super::ResolvedGraph::warnings`]). A node of an old kind lies over
+    /// one of its new name.
     pub fn accept_old_names(&mut self, registry: &Registry) {
         let warnings = &mut self.warnings;
         for node in &mut self.nodes {

@@ -51,7 +51,8 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
     type In: Inputs;
     type Out: Outputs;
 
-    /// Checks the parameters: their declared ranges, then [`Node::check_consistency`], which a stage overrides instead of this.
+    /// Checks the parameters: their declared ranges, then [`Node::check_consistency`], which a
+    /// stage overrides instead of this.
     ///
     /// # Errors
     /// The parameter, the wanted range, the value: `worth: wanted 0..1, got 1.5`.
@@ -63,7 +64,8 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
     /// Checks what no range expresses: relations between parameters, and fields of nested types.
     ///
     /// # Errors
-    /// A message that begins with the name of the parameter, by which its place in the file is found.
+    /// A message that begins with the name of the parameter, by which its place in the file is
+    /// found.
     fn check_consistency(&self) -> Result<(), String> {
         Ok(())
     }
@@ -109,9 +111,10 @@ pub trait Params: Default {
 
 /// Declares the parameters of a stage, once: fields, types, defaults, ranges, documentation.
 ///
-/// A field is `/// Documentation.` and `name: type = default,`. A numeric one, or a group of numbers ([`Ranged`](crate::graph::Ranged)),
-/// may add its range: `name: f32 = 0.5, in 0.0..=1.0,`. Any [`RangeBounds`](std::ops::RangeBounds) will do, and
-/// [`above`](crate::graph::above) is the range without its lower bound. The engine refuses numbers outside, NaN and infinity.
+/// A field is `/// Documentation.` and `name: type = default,`. A numeric one, or a group of
+/// numbers ([`Ranged`](crate::graph::Ranged)), may add its range: `name: f32 = 0.5, in 0.0..=1.0,`.
+/// Any [`RangeBounds`](std::ops::RangeBounds) will do, and [`above`](crate::graph::above) is the
+/// range without its lower bound. The engine refuses numbers outside, NaN and infinity.
 #[macro_export]
 macro_rules! params {
     (@range $ty:ty) => { None };

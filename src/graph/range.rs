@@ -1,4 +1,5 @@
-//! Ranges of parameters: one declaration gives the check, the message and the entry of the reference.
+//! Ranges of parameters: one declaration gives the check, the message and the entry of the
+//! reference.
 
 use std::collections::BTreeMap;
 use std::ops::{Bound, RangeBounds};
@@ -39,7 +40,8 @@ floats! { f32 f64 }
 /// A parameter type that a range can bound: one number, or several with the same bounds.
 pub trait Ranged {
     type Number: Number;
-    /// The first number that is not finite or lies outside `range`, as text; `None` when all lie inside.
+    /// The first number that is not finite or lies outside `range`, as text; `None` when all lie
+    /// inside.
     fn outside(&self, range: &impl RangeBounds<Self::Number>) -> Option<String>;
 }
 
@@ -79,7 +81,8 @@ pub fn above<T>(low: T) -> (Bound<T>, Bound<T>) {
     (Bound::Excluded(low), Bound::Unbounded)
 }
 
-/// The range of a parameter of type `T` as messages and the reference show it: `0..=1`, `0..1`, `> 0`.
+/// The range of a parameter of type `T` as messages and the reference show it: `0..=1`, `0..1`,
+/// `> 0`.
 pub fn range_text<T: Ranged>(range: &impl RangeBounds<T::Number>) -> String {
     use Bound::{Excluded, Included, Unbounded};
     let low = match (range.start_bound(), range.end_bound()) {

@@ -112,8 +112,8 @@ impl RunReport {
         self.outputs.iter().find(|(n, _)| n == name).map(|(_, value)| value)
     }
 
-    /// The value of output `name`; `None` where it was not made, has another type, or has a value per
-    /// member.
+    /// The value of output `name`; `None` where it was not made, has another type, or has a value
+    /// per member.
     pub fn value<T: Artifact>(&self, name: &str) -> Option<Arc<T>> {
         match self.output(name)? {
             PortValue::One(value) => value.get(),

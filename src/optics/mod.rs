@@ -22,8 +22,8 @@ pub use emitter::{
 };
 pub use nnls::nnls;
 pub use reflection::{
-    Around, Face, Ggx, Mirror, NO_ROW, NOTHING, Part, Places, Reflections, SeenPlaces, SpecularChange, Surround,
-    UNSEEN, object_face, places, reflections,
+    Around, Ggx, Mirror, NO_ROW, NOTHING, Part, Places, ReflectionScene, Reflections, SeenPlaces, ShadingPoint,
+    SpecularChange, UNSEEN, object_shading_point, places, reflections,
 };
 pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{

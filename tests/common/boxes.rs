@@ -16,7 +16,8 @@ pub struct Hit {
     pub t: f32,
     /// Unit normal towards the origin of the ray.
     pub normal: Vec3,
-    /// Number of the side: the room has 0..6, each block the next 6; low x, y, z, then high x, y, z.
+    /// Number of the side: the room has 0..6, each block the next 6; low x, y, z, then high x, y,
+    /// z.
     pub side: u32,
 }
 

@@ -1,4 +1,5 @@
-//! A seen room made ready for any light: `Mesh` and `Transport` run on its depth, and the inputs of the stages after them.
+//! A seen room made ready for any light: `Mesh` and `Transport` run on its depth, and the inputs of
+//! the stages after them.
 
 use std::sync::Arc;
 
@@ -13,7 +14,7 @@ use relight::nodes::render::transport::{Transport, TransportIn};
 use relight::nodes::scene::mesh::{Mesh, MeshIn};
 use relight::optics::{self, LightKind, Shape};
 
-/// What the stages before the lights make of a camera and its depth.
+/// The seen room that the stages before the lights make of a camera and its depth.
 pub struct Room {
     pub camera: Arc<Camera>,
     pub depth: Arc<Depth>,
@@ -50,7 +51,8 @@ impl Room {
         })
     }
 
-    /// A square at 2 m before a wall at 4 m: a quarter to three quarters of the width, a sixth to five sixths of the height.
+    /// A square at 2 m before a wall at 4 m: a quarter to three quarters of the width, a sixth to
+    /// five sixths of the height.
     pub fn square_before_wall(camera: Camera) -> Room {
         let Camera { width, height, .. } = camera;
         let square =

@@ -72,14 +72,16 @@ pub struct Plan {
     pub boxes: Boxes,
     /// Albedo of a side at a point.
     pub paint: fn(u32, Vec3) -> Vec3,
-    /// Whether the camera sees lights in its view: their pixels are masks, and spheres are part of the depth.
+    /// Whether the camera sees lights in its view: their pixels are masks, and spheres are part of
+    /// the depth.
     pub sees_lights: bool,
     /// The stage that traces the visibility of each light.
     pub shadow: Shadow,
 }
 
 impl Plan {
-    /// A room of 4 x 2.5 x 13 m around the camera with a block on its floor, each side of one paint.
+    /// A room of 4 x 2.5 x 13 m around the camera with a block on its floor, each side of one
+    /// paint.
     pub fn of_size((width, height): (usize, usize)) -> Plan {
         let boxes = Boxes {
             room: [Vec3::new(-2.0, -1.2, -4.0), Vec3::new(2.0, 1.3, 9.0)],
@@ -182,7 +184,8 @@ impl Scene {
         })
     }
 
-    /// The photo under all lights, not clipped: albedo x shading, and in a light's own pixels its radiance.
+    /// The photo under all lights, not clipped: albedo x shading, and in a light's own pixels its
+    /// radiance.
     pub fn photo(&self) -> Picture {
         let (w, h) = self.size();
         let pixel = |i: usize| {

@@ -37,7 +37,8 @@ fn a_result_cut_short_serves_its_run_and_is_not_kept() {
     let told = "stopped by the budget at a standard error of 50.00 %; this result is not kept";
     assert_eq!(warnings(&first), [told; 2]);
 
-    // Neither memory nor disk has it; what was computed from it is sound, as its key holds what it was computed from.
+    // Neither memory nor disk has it; what was computed from it is sound, as its key holds what it
+    // was computed from.
     let again = run(&hurry, &graph);
     assert_eq!((value(&again, "result"), ran(&again)), (2, vec!["asked"]));
     assert_eq!(hurry.explain(&graph, "asked").unwrap().why, "new", "nothing remembers the short result");

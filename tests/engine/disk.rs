@@ -1,4 +1,5 @@
-//! The disk cache: what is damaged is made again, what cannot be written does not stop a run, several may share it.
+//! The disk cache: what is damaged is made again, what cannot be written does not stop a run,
+//! several may share it.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -61,7 +62,8 @@ fn every_flipped_byte_and_every_cut_is_found_and_made_good() {
             }
             std::fs::write(&file, &bad).unwrap();
             let engine = on_disk(folder.path());
-            // Nothing of the inner nodes is needed as long as the ends are there, so make all of them be read.
+            // Nothing of the inner nodes is needed as long as the ends are there, so make all of
+            // them be read.
             let report = engine.verify(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &());
             assert_eq!(value(&report.run, "end"), end, "{} byte {at}", file.display());
             assert!(report.differences.is_empty());
@@ -262,7 +264,8 @@ fn a_killed_run_leaves_the_cache_sound() {
 #[test]
 fn a_hit_whose_values_are_damaged_is_made_again_when_they_are_needed() {
     let (folder, graph, _) = filled(GRAPH);
-    // Damage the last byte, a value, of every entry: headers stay sound, so all are hits until a value is read.
+    // Damage the last byte, a value, of every entry: headers stay sound, so all are hits until a
+    // value is read.
     for file in entries(folder.path()) {
         let mut bytes = std::fs::read(&file).unwrap();
         *bytes.last_mut().unwrap() ^= 1;

@@ -1,4 +1,5 @@
-//! The museum of bad graph files: each must give exactly the faults that stand at its end, after a line `// WANT`.
+//! The museum of bad graph files: each must give exactly the faults that stand at its end, after a
+//! line `// WANT`.
 
 use std::path::{Path, PathBuf};
 
@@ -66,7 +67,8 @@ fn a_file_that_is_broken_everywhere_is_told_some_of_it_soon() {
     assert_eq!(found[0].message, "wanted at most 10000 nodes, got 200000");
 }
 
-/// Each text has some 200,000 mistakes. Work that grows as their square takes minutes here, and is seen by that.
+/// Each text has some 200,000 mistakes. Work that grows as their square takes minutes here, and is
+/// seen by that.
 #[test]
 fn two_hundred_thousand_mistakes_are_counted() {
     const MANY: usize = 200_000;

@@ -1,4 +1,4 @@
-//! What a graph means: wires, sets, sources of parameters, what runs again and what does not.
+//! Meaning of a graph: wires, sets, sources of parameters, what runs again and what does not.
 
 use relight::graph::{
     Cancel, Diagnostics, Ending, EngineOptions, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw,
@@ -92,7 +92,7 @@ fn members_come_from_outside_too() {
     assert_eq!(ran(&report).len(), 3);
 }
 
-/// Where work grows as the square of the members, this takes minutes.
+/// This takes minutes if work grows as the square of the members.
 #[test]
 fn a_set_may_have_a_hundred_thousand_members() {
     const MANY: usize = 100_000;
@@ -311,7 +311,8 @@ fn the_same_work_is_done_once() {
 
 #[test]
 fn the_same_work_at_the_same_time_is_done_once_and_nobody_waits_for_ever() {
-    // Each of these uses all threads inside, so that a thread that waits in one takes up another of the same key.
+    // Each of these uses all threads inside, so that a thread that waits in one takes up another of
+    // the same key.
     let busy = |i: usize| format!("\"n{i}\": (op: Busy(work: 300000), in: {{ \"number\": \"c\" }}), ");
     let fail = |i: usize| format!("\"f{i}\": (op: Fail, in: {{ \"number\": \"c\" }}), ");
     let nodes: String = (0..16).map(busy).chain((0..4).map(fail)).collect();

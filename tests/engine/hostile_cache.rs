@@ -1,4 +1,5 @@
-//! A cache folder that somebody else prepared: nothing foreign is used, followed, waited for or deleted.
+//! A cache folder that somebody else prepared: nothing foreign is used, followed, waited for or
+//! deleted.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
@@ -121,7 +122,8 @@ fn no_symbolic_link_is_followed() {
     assert_eq!([count("tmp"), count("latest"), count("entries/ab")], [1; 3], "and nothing is written there");
 }
 
-/// The attack that this is for: a folder with a cache of results that never came out of these stages.
+/// The attack that this is for: a folder with a cache of results that never came out of these
+/// stages.
 #[test]
 fn entries_of_another_key_count_as_missing_and_stay() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Random graphs under random edits: the cache never changes a result, nor does the number of threads.
+//! Random graphs under random edits: the cache never changes a result, nor does the number of
+//! threads.
 
 use proptest::prelude::*;
 use relight::graph::{EngineOptions, PortValue};

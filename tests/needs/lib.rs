@@ -6,7 +6,8 @@ use proc_macro::TokenStream;
 
 /// The attribute makes a test ignored, with the path as the reason, if nothing is at the path.
 ///
-/// The path is relative to the package, and is looked for when the test is compiled. The attribute stands above `#[test]`.
+/// The path is relative to the package, and is looked for when the test is compiled. The attribute
+/// stands above `#[test]`.
 #[proc_macro_attribute]
 pub fn needs(path: TokenStream, test: TokenStream) -> TokenStream {
     let path = path.to_string();

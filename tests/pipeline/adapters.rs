@@ -1,4 +1,5 @@
-//! Networks by other people in the place of ours: tiny ones whose result is a closed form, through the command, in each backend that is there.
+//! Networks by other people in the place of ours: tiny ones whose result is a closed form, through
+//! the command, in each backend that is there.
 
 use glam::Vec3;
 use relight::geometry::Camera;
@@ -100,7 +101,8 @@ fn relative_depth_gets_its_scale_from_a_known_length() {
         let got = depth(&place);
         let length = distance(&got, [5.0, 3.0, 34.5, 28.0]);
         assert!((length / 2.03 - 1.0).abs() < 1e-4, "{backend}: {length}");
-        // 1 / z is linear in red; 5 % of 1200 pixels are one and a half columns: the third and the third last are 3 : 1.
+        // 1 / z is linear in red; 5 % of 1200 pixels are one and a half columns: the third and the
+        // third last are 3 : 1.
         let row: Vec<f32> = (0..40).map(|x| 1.0 / got.get(x, 7)).collect();
         assert!(row.windows(3).all(|w| (w[0] - 2.0 * w[1] + w[2]).abs() < 1e-4 * w[1]), "{row:?}");
         assert!((row[38] / row[1] - 3.0).abs() < 0.02 || (row[37] / row[2] - 3.0).abs() < 0.02, "{row:?}");
@@ -166,7 +168,8 @@ fn a_scene_without_depth_is_for_graphs_that_need_none() {
     place.check("run GRAPHS/find_lights.ron EDITS/none.ron --scene . --no-cache --out lights", 0);
 }
 
-/// rten runs a cubic Resize as a linear one; the run tells, as networks by other people often have one.
+/// rten runs a cubic Resize as a linear one; the run tells, as networks by other people often have
+/// one.
 #[test]
 fn what_a_backend_computes_wrongly_is_told() {
     let network = Onnx::default().input("x", &PHOTO).output("z", &PICTURE).mix("x", "a", &[[4.0, 2.0, 0.0]], &[1.0]);
@@ -301,7 +304,8 @@ fn networks_that_cannot_be_used_are_named() {
     assert!(told.contains("--known-length: this graph has no stage that takes known lengths: wanted Depth"), "{told}");
 }
 
-/// Seven channels: albedo, which is the photo's colours, in 0..=255; a normal, x to the left; roughness, which is red, in -1..=1.
+/// Seven channels: albedo, which is the photo's colours, in 0..=255; a normal, x to the left;
+/// roughness, which is red, in -1..=1.
 fn materials(width: i64, height: i64) -> Vec<u8> {
     let colour = |c: usize, weight: f32| [0, 1, 2].map(|at| if at == c { weight } else { 0.0 });
     let (colours, none) = ([0, 1, 2].map(|c| colour(c, 255.0)), [[0.0; 3]; 3]);
@@ -387,7 +391,8 @@ fn materials_that_do_not_fit_are_named() {
     }
 }
 
-/// The adapter in the whole pipeline: albedo and roughness by a network, normals from depth, as docs/networks.md shows.
+/// The adapter in the whole pipeline: albedo and roughness by a network, normals from depth, as
+/// docs/networks.md shows.
 #[test]
 fn a_network_stands_in_for_mnet() {
     let place = photo(materials(40, 30));

@@ -1,4 +1,5 @@
-//! Bad input through the whole command: exit status 2 and a name, or a picture; never a panic, an abort or a hang.
+//! Bad input through the whole command: exit status 2 and a name, or a picture; never a panic, an
+//! abort or a hang.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, ExitStatus, Stdio};

@@ -9,7 +9,7 @@ use crate::project::*;
 /// The demo at a third of its working size: the same stages and files, in a fraction of the time.
 const RUN: &str = "run DEMO.ron EDITS/insert_lamp.ron --set scene.long_side=96";
 
-/// What a run without any cache gives.
+/// The pictures of a run without any cache.
 fn wanted(place: &Place) -> [Vec<u8>; 2] {
     place.check(&format!("{RUN} --no-cache --out wanted"), 0);
     place.pictures("wanted")
@@ -61,8 +61,8 @@ fn after_a_kill_at_any_moment_the_next_run_is_right() {
     let (mut kills, mut chance) = (0, (0..).map(random));
     let mut chance = || chance.next().expect("there is no end of numbers");
     while kills < 24 {
-        // Two kills on one cache, then a run to the end; then all of it again. A kill falls when a random part of the results is
-        // kept, and up to 20 ms later.
+        // Two kills on one cache, then a run to the end; then all of it again. A kill falls when a
+        // random part of the results is kept, and up to 20 ms later.
         let (first, second) = (chance() % (whole / 2), whole / 2 + chance() % (whole / 2));
         for part in [first, second] {
             let mut child = start(&place, &format!("{RUN} --cache cache --out torn"));

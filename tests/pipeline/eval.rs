@@ -1,4 +1,5 @@
-//! `relight eval`: figures against hand-made truth, the demo against its own, and truth that does not fit.
+//! `relight eval`: figures against hand-made truth, the demo against its own, and truth that does
+//! not fit.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -77,8 +78,8 @@ fn lights_are_scored_by_place_and_by_what_they_give() {
         mask: mask(),
     };
     let out = ScoreLights::default().run(inputs, &Context::default()).expect("the inputs are sound");
-    // Of the lamp, at four pixels: 1 beside 36, which counts as 10, and three times 1 beside 2. A lamp that is not there gives
-    // 4, 5, 6 and 7; a window that neither knows is not told.
+    // Of the lamp, at four pixels: 1 beside 36, which counts as 10, and three times 1 beside 2. A
+    // lamp that is not there gives 4, 5, 6 and 7; a window that neither knows is not told.
     check(&out.scores, &[("lamp", "Chamfer", 2e-3), ("lamp", "E_j", 3.0), ("inv_lamp", "E_j", 5.5)]);
 }
 
@@ -116,7 +117,8 @@ fn shading(truth: Gather<Picture>) -> ScoreShadingIn {
     }
 }
 
-/// Two pixels of truth for a photo of 4 x 2: the camera stored the left one a tenth too bright, the right one clipped.
+/// Two pixels of truth for a photo of 4 x 2: the camera stored the left one a tenth too bright, the
+/// right one clipped.
 #[test]
 fn pictures_are_scored_at_the_size_of_the_truth_and_as_the_camera_shows_them() {
     let truth = |left: f32, right: f32| Picture(Plane::from_fn(2, 1, |x, _| Vec3::splat([left, right][x])));
@@ -262,7 +264,8 @@ fn the_demo_climbs_the_ladder() {
     let mean = |rung: &str| edits.iter().map(|edit| of(rung, edit, "change error")).sum::<f64>() / edits.len() as f64;
     assert!(mean("111") < 0.9 * mean("000"), "{} true, {} estimated", mean("111"), mean("000"));
     assert!(of("111", "all lights", "E") < 0.7 * of("000", "all lights", "E"));
-    // Where everything is 1.3 times too far, so is the lamp at 4.4 m; the shading of what is seen stays as it is.
+    // Where everything is 1.3 times too far, so is the lamp at 4.4 m; the shading of what is seen
+    // stays as it is.
     let away = of("000", "lamp_0", "Chamfer") - of("100", "lamp_0", "Chamfer");
     assert!((away - 2.0 * 0.3 * 4.4).abs() < 0.8, "{away}");
     assert!((of("000", "all lights", "E") - of("100", "all lights", "E")).abs() < 1e-3);

@@ -1,4 +1,4 @@
-//! What runs again after each kind of edit: exactly this, and nothing else.
+//! Nodes that run again after each kind of edit: exactly these.
 
 use std::path::Path;
 

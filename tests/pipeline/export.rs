@@ -1,4 +1,5 @@
-//! The exported room, read back as text: its surface is the mesh, its lights are where and what they are.
+//! The exported room, read back as text: its surface is the mesh, its lights are where and what
+//! they are.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,5 +1,5 @@
-//! Extreme scenes and edits through the whole command: every channel that is written is finite and, normals apart, not negative; or
-//! the edit is refused by name.
+//! Extreme scenes and edits through the whole command: every channel that is written is finite and,
+//! normals apart, not negative; or the edit is refused by name.
 
 use std::fmt::Write as _;
 
@@ -65,8 +65,8 @@ fn check(place: &Place, what: &str, size: (usize, usize), lights: &str) -> Ran {
     Ran { told, report: serde_json::from_str(&report).expect("it is JSON") }
 }
 
-/// Reason: neighbours a factor of 1.5 apart in depth, and cubes of distances from 1e-9 to 1e12, lose all digits of 32 bits when
-/// points are subtracted carelessly.
+/// Reason: neighbours a factor of 1.5 apart in depth, and cubes of distances from 1e-9 to 1e12,
+/// lose all digits of 32 bits when points are subtracted carelessly.
 #[test]
 fn depth_from_a_millimetre_to_ten_kilometres() {
     let place = room((40, 30), paper, |x, _| 10f32.powf(-3.0 + 7.0 * x as f32 / 39.0));
@@ -77,7 +77,8 @@ fn depth_from_a_millimetre_to_ten_kilometres() {
     }
 }
 
-/// Reason: no neighbour to make a triangle, a normal or a gradient from, and fewer pixels than unknowns.
+/// Reason: no neighbour to make a triangle, a normal or a gradient from, and fewer pixels than
+/// unknowns.
 #[test]
 fn one_pixel_one_row_one_column() {
     for size in [(1, 1), (40, 1), (1, 40)] {
@@ -86,7 +87,8 @@ fn one_pixel_one_row_one_column() {
     }
 }
 
-/// Reason: ratios of the photo to itself are 0 / 0, and a fit to nothing, or to lower bounds alone, has no answer.
+/// Reason: ratios of the photo to itself are 0 / 0, and a fit to nothing, or to lower bounds alone,
+/// has no answer.
 #[test]
 fn black_white_and_one_lit_pixel() {
     for (what, value, words) in [
@@ -104,8 +106,8 @@ fn black_white_and_one_lit_pixel() {
     }
 }
 
-/// Reason: in a float file 1 is no end, and its scale is anybody's choice. Unchanged it comes back, and a lamp switched off leaves
-/// the same room at any scale.
+/// Reason: in a float file 1 is not an end, and its scale is anybody's choice. Unchanged it comes
+/// back, and a lamp switched off leaves the same room at any scale.
 #[test]
 fn a_float_photo_of_any_scale() {
     let (width, height) = (40, 30);
@@ -152,7 +154,8 @@ fn radiances_of_twenty_four_decades() {
         assert_eq!(ran.told.contains("light_x reaches"), radiance > 65504.0, "{radiance:e} told:\n{}", ran.told);
         let layers = channels(&place.pictures("out")[1]);
         let shown = layers["light_x.R"].iter().copied().fold(0.0, f32::max);
-        // The body itself shows its radiance, beside green light of 1 in the same layer, where halves round to 6e-8.
+        // The body itself shows its radiance, beside green light of 1 in the same layer, where
+        // halves round to 6e-8.
         let most = if radiance > 65504.0 { 1e-6 * radiance } else { 1e-3 * radiance + 6e-8 };
         assert!((shown - radiance).abs() <= most, "{radiance:e} shows {shown:e}");
     }
@@ -162,7 +165,8 @@ fn radiances_of_twenty_four_decades() {
     assert!((shown / 1e-12 - 1.0).abs() < 1e-6, "{shown:e}");
 }
 
-/// Reason: a distance of 0 divides by 0, 1e-6 m is below the rounding of a point at 2 m, 1e4 m leaves nothing of the solid angle.
+/// Reason: a distance of 0 divides by 0, 1e-6 m is below the rounding of a point at 2 m, 1e4 m
+/// leaves nothing of the solid angle.
 #[test]
 fn lamps_at_every_distance_from_a_surface() {
     let place = room((40, 30), paper, slope);
@@ -185,7 +189,8 @@ fn lamps_at_every_distance_from_a_surface() {
     check(&place, "twenty lamps", (40, 30), &lights);
 }
 
-/// Reason: normals and areas of what has no extent are 0 / 0. An extent of 0 is a mistake; a tiny one is a lamp that gives nothing.
+/// Reason: normals and areas of what has no extent are 0 / 0. An extent of 0 is a mistake; a tiny
+/// one is a lamp that gives nothing.
 #[test]
 fn bodies_without_extent() {
     let place = room((40, 30), paper, slope);
@@ -221,7 +226,8 @@ fn bodies_without_extent() {
     check(&place, "needles", (40, 30), &lights.collect::<String>());
 }
 
-/// Reason: NaN passes every comparison that asks for a mistake. It is refused before any work, under its place.
+/// Reason: NaN passes every comparison that asks for a mistake. It is refused before any work,
+/// under its place.
 #[test]
 fn what_is_no_number_is_refused() {
     let place = room((40, 30), paper, slope);
@@ -238,7 +244,8 @@ fn what_is_no_number_is_refused() {
     }
 }
 
-/// Reason: the sum of a few lights must not overflow; the light that is too bright is named, and nothing else is told.
+/// Reason: the sum of a few lights must not overflow; the light that is too bright is named, and
+/// nothing else is told.
 #[test]
 fn a_light_too_bright_for_sums_is_named() {
     let place = room((40, 30), paper, slope);
@@ -260,8 +267,8 @@ fn many_lamps(count: usize) -> String {
     lights
 }
 
-/// Reason: whatever looks at each pair of lights, or at the whole room for each light, shows as more than ten times the time and
-/// memory of a tenth of the lights.
+/// Reason: whatever looks at each pair of lights, or at the whole room for each light, shows as
+/// more than ten times the time and memory of a tenth of the lights.
 #[test]
 fn two_thousand_lamps() {
     let [few, many] = [200, 2000].map(|count| {
@@ -290,8 +297,9 @@ fn two_hundred_lamps_at_working_size() {
     }
 }
 
-/// Bytes that a run may take beyond 200 MB, per pixel of the photo and with four layers: per layer 6 in memory or in the file; 12 for the
-/// picture and as much for the photo, 4 for the depth; and of small results, as here, as much again, which the memory cache keeps.
+/// Bytes that a run may take beyond 200 MB, per pixel of the photo and with four layers: per layer
+/// 6 in memory or in the file; 12 for the picture and as much for the photo, 4 for the depth; and
+/// of small results, as here, as much again, which the memory cache keeps.
 const BYTES_PER_PIXEL: f64 = 90.0;
 
 fn large(size: (usize, usize)) {
@@ -309,7 +317,8 @@ fn large(size: (usize, usize)) {
     }
 }
 
-/// Reason: memory must grow with the photo's size as the few planes that are written, not as every intermediate at full size.
+/// Reason: memory must grow with the photo's size as the few planes that are written, not as every
+/// intermediate at full size.
 #[test]
 fn a_large_photo_takes_bounded_memory() {
     large((1600, 1200));

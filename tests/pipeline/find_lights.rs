@@ -1,4 +1,5 @@
-//! graphs/find_lights.ron: masks proposed for the demo and for photographs that may not be given away, against given ones.
+//! graphs/find_lights.ron: masks proposed for the demo and for photographs that may not be given
+//! away, against given ones.
 
 use std::path::{Path, PathBuf};
 
@@ -72,7 +73,7 @@ fn photos_without_lights_give_no_mask_and_say_so() {
     }
 }
 
-/// What is proposed can be pasted and used; any number of threads proposes the same.
+/// The proposal can be pasted and used; any number of threads proposes the same.
 #[test]
 fn the_proposal_is_a_scene() {
     let size = (80, 60);

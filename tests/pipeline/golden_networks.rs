@@ -1,5 +1,7 @@
-//! One small picture per stage with a network, in both backends against the same picture: they differ by rounding, far less than a step of
-//! 255. The room is that of `goldens`; ONNX Runtime takes part where ORT_DYLIB_PATH names its library.
+//! One small picture per stage with a network, in both backends against the same picture: they
+//! differ by rounding, far less than a step of
+//! 255. The room is that of `goldens`; ONNX Runtime takes part where ORT_DYLIB_PATH names its
+//!      library.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -48,7 +50,7 @@ fn photo() -> Arc<Picture> {
     Arc::new(goldens::photo())
 }
 
-/// What a guessed light, as strong as it is said to be, does to the room.
+/// Shading of the room by a guessed light at its guessed strength.
 fn lit_by(guess: &Guess) -> Plane<Vec3> {
     let (points, normal) = (room().points.clone(), room().normal.clone());
     let inputs = DirectIn { points, normal, shape: Arc::new(guess.shape.clone()) };
@@ -104,7 +106,7 @@ light_network!(vis_win_net, VisWinNet, VisWinNetIn, "viswinnet.onnx", 1.0, 1);
 light_network!(inv_lamp_net, InvLampNet, InvLampNetIn, "invlampnet.onnx", 20.0);
 light_network!(inv_win_net, InvWinNet, InvWinNetIn, "invwinnet.onnx", 20.0);
 
-/// What is lit by the lamp and by the sky, with the network where rays do not know.
+/// Visibility of the lamp and of the sky, by the network where rays are unknown.
 #[test]
 fn shadow_net() {
     check_each("shadow_net", |backend| {
@@ -147,7 +149,7 @@ fn indirect_of(backend: Backend, light: usize, factor: f32) -> Plane<Vec3> {
         normal: room().normal.clone(),
         albedo: room().albedo.clone(),
         masks: Gather(vec![]),
-        // Of no light: what it sends beside the view is no part of this test.
+        // Of no light: what it sends beside the view is outside this test.
         shape: Arc::new(relight::optics::Shape::Absent),
         direct: Arc::new(direct),
         visibility: light.visibility.clone(),

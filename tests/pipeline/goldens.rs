@@ -1,7 +1,9 @@
-//! One small picture per stage, of a room that is known in closed form: floor, three walls, a ceiling and a box.
+//! One small picture per stage, of a room that is known in closed form: floor, three walls, a
+//! ceiling and a box.
 //!
-//! `RELIGHT_BLESS=mesh,shadow cargo test --release --test pipeline goldens` takes what these stages give now as right; look at
-//! it first: a failure leaves expected, got and difference (times 8) side by side in target/golden. Never blessed in CI.
+//! `RELIGHT_BLESS=mesh,shadow cargo test --release --test pipeline goldens` takes what these stages
+//! give now as right; look at it first: a failure leaves expected, got and difference (times 8)
+//! side by side in target/golden. Never blessed in CI.
 
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
@@ -59,9 +61,11 @@ const NAMES: [&str; 22] = [
     "light_net",
 ];
 pub const SIZE: (usize, usize) = (64, 48);
-/// Two steps of 255: another compiler or processor may round differently, and a step of rounding may fall either way.
+/// Two steps of 255: another compiler or processor may round differently, and a step of rounding
+/// may fall either way.
 const TOLERANCE: u8 = 2;
-/// Pixels that may differ by more: at the edge of a shadow one ray of eight may fall on the other side. At most 15 of 3072.
+/// Pixels that may differ by more: at the edge of a shadow one ray of eight may fall on the other
+/// side. At most 15 of 3072.
 const STRAYS: f64 = 0.005;
 
 fn folder() -> PathBuf {
@@ -148,7 +152,8 @@ fn paint(side: u32, p: Vec3) -> Vec3 {
     }
 }
 
-/// The room, and what the stages make of it, each from those before. Its lights are known and not seen.
+/// The room, and what the stages make of it, each from those before. Its lights are known and not
+/// seen.
 pub fn room() -> &'static Scene {
     static ROOM: OnceLock<Scene> = OnceLock::new();
     ROOM.get_or_init(|| {
@@ -256,7 +261,7 @@ fn direct() {
     check("direct", zip3(&lamp.direct.lobes[0], &window.direct.lobes[1], &window.direct.lobes[2], [30.0, 8.0, 8.0]));
 }
 
-/// What is lit by the lamp and by the sky, and what is unknown of the lamp.
+/// Visibility of the lamp and of the sky, and the unknown fraction of the lamp.
 #[test]
 fn shadow() {
     let [lamp, window] = &room().lights[..] else { panic!("a lamp and a window") };
@@ -460,8 +465,8 @@ fn composed(coats: Arc<PaintLayers>, polish: Option<Arc<SpecularChange>>) -> Pla
     out.picture.0.clone()
 }
 
-/// The room as a camera stores it: clipped at the lamp and at the window, with glare around the lamp, an even rest and a highlight
-/// on the box, both of which no light explains.
+/// The room as a camera stores it: clipped at the lamp and at the window, with glare around the
+/// lamp, an even rest and a highlight on the box, both of which no light explains.
 fn clipped_photo() -> Photographed {
     let room = room();
     let ambient = room.transport.grid().upsample(&room.points, &room.normal, &room.transport.ambient());
@@ -493,9 +498,10 @@ fn clipped_photo() -> Photographed {
 /// The pixel of the highlight.
 const HIGHLIGHT: Vec2 = Vec2::new(42.0, 37.0);
 
-/// Numbers come first, in `check_clipped`. The picture shows, from above: the photo, the lamp off, the window dimmed to a fifth, the
-/// lamp twice as bright. Two faults of today are part of it: glare beyond the bloom of `Paint` stays as a ring when the lamp is off,
-/// and pixels that a pane covers in part stay white when the window is dimmed.
+/// Numbers come first, in `check_clipped`. The picture shows, from above: the photo, the lamp off,
+/// the window dimmed to a fifth, the lamp twice as bright. Two faults of today are part of it:
+/// glare beyond the bloom of `Paint` stays as a ring when the lamp is off, and pixels that a pane
+/// covers in part stay white when the window is dimmed.
 #[test]
 fn compose_clipped() {
     let of = clipped_photo();
@@ -508,7 +514,7 @@ fn compose_clipped() {
     check("compose_clipped", Plane::from_fn(SIZE.0, 4 * SIZE.1, |x, y| shown[y / SIZE.1].get(x, y % SIZE.1)));
 }
 
-/// Of the identity, the lamp off, the window dimmed and the lamp doubled.
+/// Pictures of the identity, the lamp off, the window dimmed and the lamp doubled.
 fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) {
     let pixels = || 0..SIZE.0 * SIZE.1;
     let photo = of.photo.0.pixels();
@@ -520,7 +526,8 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
     let glare = pixels().filter(|&i| is_clipped(i) && !is_own(i)).count();
     assert!(glare > 10, "{glare} pixels are saturated around the lights");
 
-    // The identity stores the photo to the bit; before that it is off by the rounding of a sum, and what is clipped is brighter.
+    // The identity stores the photo to the bit; before that it is off by the rounding of a sum, and
+    // what is clipped is brighter.
     let stored = |picture: &Plane<Vec3>| write_png(&Picture(picture.clone()), Transfer::Srgb, false);
     assert!(stored(&same.picture.0) == stored(&of.photo.0), "the identity gives another picture");
     for i in pixels() {
@@ -548,8 +555,8 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
             );
         }
     }
-    // A light that is off gives nothing anywhere; twice the light is twice the layer; no edit of a light changes the others or
-    // what no light explains.
+    // A light that is off gives nothing anywhere; twice the light is twice the layer; no edit of a
+    // light changes the others or what no light explains.
     let [lamp, window] = [0, 1].map(|light| move |out: &ComposeOut, i: usize| out.layer.0[light].1.get(i));
     for i in pixels() {
         assert_eq!(lamp(off, i), Vec3::ZERO, "{i}");
@@ -564,7 +571,8 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
     assert!(highlight.min_element() > 0.4, "no light explains the highlight: {highlight}");
 }
 
-/// A ball before the box, under the lamp: what it shows of direct light, and the shadow that it casts.
+/// A ball before the box, under the lamp: what it shows of direct light, and the shadow that it
+/// casts.
 #[test]
 fn objects() {
     let room = room();

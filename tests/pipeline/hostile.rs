@@ -1,5 +1,5 @@
-//! Files by strangers through the whole command: nothing foreign is replaced, waited for or followed, and no message reaches
-//! the terminal with characters that it acts on.
+//! Files by strangers through the whole command: nothing foreign is replaced, waited for or
+//! followed, and no message reaches the terminal with characters that it acts on.
 
 use std::path::{Path, PathBuf};
 use std::process::{Output, Stdio};
@@ -122,7 +122,7 @@ fn a_standard_error_that_is_full_or_closed_loses_no_result() {
     }
 }
 
-/// What a terminal or a reader could be deceived by.
+/// Text by which a terminal or a reader could be deceived.
 const ESCAPES: &str = "\u{1b}[2J\u{9b}31m\u{202e}gnp\u{2066}";
 
 #[track_caller]
@@ -189,7 +189,8 @@ fn no_message_holds_characters_that_a_terminal_acts_on() {
     check_clean("a path that is printed", &ended(&place, &format!("{LINE} --out out{ESCAPES}")), escaped);
 }
 
-/// A result under the name of a file that is read: refused before anything is written, with the way out, and done with --force.
+/// A result under the name of a file that is read: refused before anything is written, with the way
+/// out, and done with --force.
 fn check_kept(place: &Place, line: &str, kept: &str) {
     let path = place.path(kept);
     let before = std::fs::read(&path).expect("it is there");
@@ -366,7 +367,8 @@ fn files_of_strangers_can_be_confined() {
     extending.write("graph.ron", format!("Graph(version: 1, extends: {:?})", parent.display().to_string()));
     check(&extending, Some("parent.ron"));
 
-    // A library of materials beside the model is taken, one elsewhere counts as missing: it is left out, and nothing of it is read.
+    // A library of materials beside the model is taken, one elsewhere counts as missing: it is left
+    // out, and nothing of it is read.
     let object = place();
     std::fs::create_dir(object.path("models")).expect("a folder can be made");
     object.write(

@@ -23,7 +23,8 @@ fn composed(edit: &str) -> Composed {
     Composed { picture: one(&report, COMPOSED[0]), layers }
 }
 
-/// Largest distance over pixels and channels, relative to the second; below 1e-3 absolute, where layers, being halves, lose digits.
+/// Largest distance over pixels and channels, relative to the second; below 1e-3 absolute, where
+/// layers, being halves, lose digits.
 fn worst(pairs: impl Iterator<Item = (Vec3, Vec3)>) -> f32 {
     pairs.map(|(got, want)| ((got - want).abs() / want.abs().max(Vec3::splat(1e-3))).max_element()).fold(0.0, f32::max)
 }
@@ -57,7 +58,8 @@ pub fn channels(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
     all.map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect())).collect()
 }
 
-/// Each half is off by 2^-11 of itself, the picture's as well: with layers that are not negative, 2^-10 of the picture in all.
+/// Each half is off by 2^-11 of itself, the picture's as well: with layers that are not negative,
+/// 2^-10 of the picture in all.
 #[test]
 fn in_the_file_the_layers_sum_to_the_picture() {
     for (name, edit) in edits() {

@@ -42,14 +42,16 @@ fn a_profile_shines_where_its_candela_are() {
         let radiance: Arc<Radiance> = of(many(&report, "edit.radiance"), "spot");
         (of::<UnitDirect>(many(&report, "edited_direct"), "spot"), radiance.0[0])
     };
-    // The demo is 320 x 240: the coffee table below the lamp, the wall behind it, the sofa to the left.
+    // The demo is 320 x 240: the coffee table below the lamp, the wall behind it, the sofa to the
+    // left.
     let (direct, radiance) = spot("");
     let at = |x: usize, y: usize| direct.lobes[0].get(x, y);
     assert!(at(160, 172) > 20.0 * at(60, 100) && at(160, 172) > 10.0 * at(250, 180), "the beam goes down");
     let (ahead, _) = spot(", axis: (0, 0, -1)");
     assert!(ahead.lobes[0].get(165, 81) > 20.0 * ahead.lobes[0].get(160, 172), "turned, it goes to the painting");
 
-    // Without a flux the file's own: 2 pi times the integral of its candela, here by the rule of midpoints.
+    // Without a flux the file's own: 2 pi times the integral of its candela, here by the rule of
+    // midpoints.
     let angles = [0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0f64];
     let candela = [1512.0, 1332.3, 912.4, 487.5, 206.2, 72.7, 25.6, 12.7, 9.6, 7.7, 6.0, 4.1, 2.1, 0.0f64];
     let mut lumens = 0.0;
@@ -74,8 +76,9 @@ fn a_profile_shines_where_its_candela_are() {
     assert!((center - Vec3::new(0.1, 0.7, -2.9)).length() < 1e-6);
 }
 
-/// A ball and a box of triangles beside the sphere and the box: their direct light, and what of it arrives. What differs is the noise of
-/// samples: 20480 triangles have no closed form, the 12 of the box have.
+/// A ball and a box of triangles beside the sphere and the box: their direct light, and what of it
+/// arrives. What differs is the noise of samples: 20480 triangles have no closed form, the 12 of
+/// the box have.
 #[test]
 fn a_model_lights_the_room_as_the_same_form_does() {
     let Model { positions, triangles, .. } = Model::sphere();
@@ -147,7 +150,8 @@ fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
             continue;
         }
         if mask.0.pixels()[i] == 1.0 {
-            // No old glow: what the shade shows of others is as if the lamp were off, and of its own light nothing.
+            // No old glow: what the shade shows of others is as if the lamp were off, and of its
+            // own light nothing.
             own += 1;
             assert_eq!(layer(&moved, "window_0").0.pixels()[i], layer(&off, "window_0").0.pixels()[i]);
             assert_eq!(layer(&moved, "lamp_0").0.pixels()[i], Vec3::ZERO);
@@ -159,7 +163,8 @@ fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
     let middle = |name: &str| of::<Shape>(many(&moved, name), "lamp_0").bounding_sphere().expect("a lamp").0;
     assert!((middle("edit.shape") - middle("init.shape") - Vec3::new(-1.75, 0.0, 0.0)).length() < 1e-5);
 
-    // Onto the seat of the pouffe, which is what is seen there; it stands on it and does not sink in.
+    // Onto the seat of the pouffe, which is what is seen there; it stands on it and does not sink
+    // in.
     let on = run_edit(r#"Edit(version: 1, lights: { "lamp_0": Move(to: Pixel(x: 278, y: 180)) })"#, &["edit.shape"]);
     let shape = of::<Shape>(many(&on, "edit.shape"), "lamp_0");
     let (middle, _) = shape.bounding_sphere().expect("a lamp");

@@ -1,4 +1,5 @@
-//! The whole pipeline, as a person runs it: what comes out, what runs again, and what happens when something is wrong.
+//! The whole pipeline, as a person runs it: what comes out, what runs again, and what happens when
+//! something is wrong.
 
 #[path = "../common/mod.rs"]
 mod common;

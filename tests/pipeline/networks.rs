@@ -1,4 +1,5 @@
-//! Networks in a run: which ran, for which scene and which edit, and that threads do not change what they give.
+//! Networks in a run: which ran, for which scene and which edit, and that threads do not change
+//! what they give.
 
 use std::path::PathBuf;
 
@@ -47,7 +48,8 @@ fn only_networks_that_a_scene_needs_are_run() {
     let once = ["mnet: mnet.onnx", "inv_lamp[inv_lamp]: invlampnet.onnx", "inv_win[inv_window]: invwinnet.onnx"];
     let seen = ["vis_lamp[lamp_0]: vislampnet.onnx", "vis_win[window_0]: viswinnet.onnx"];
     assert_eq!(all[..5], [&once[..1], &seen, &once[1..]].concat(), "{all:?}");
-    // Lights that explain nothing are left out: neither their shadow nor their indirect light is computed.
+    // Lights that explain nothing are left out: neither their shadow nor their indirect light is
+    // computed.
     let rest: Vec<String> =
         all[5..].iter().map(|name| name.split(':').next().unwrap_or_default().to_owned()).collect::<Vec<_>>();
     assert_eq!(rest, ["filled[lamp_0]", "filled[window_0]", "indirect[lamp_0]", "indirect[window_0]"]);

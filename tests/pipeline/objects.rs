@@ -94,7 +94,8 @@ fn models_of_every_kind() {
     model("a.ply", flat.as_bytes(), 0, &["warning", "2 of 12 triangles have no area"]);
 }
 
-/// A material decides whether an object reflects: neither names of files nor comments of the edit do.
+/// A material decides whether an object reflects: neither names of files nor comments of the edit
+/// do.
 #[test]
 fn only_shiny_objects_run_insert_specular() {
     let stands = "at: Pixel(x: 20, y: 15), height: 0.3";
@@ -123,7 +124,8 @@ fn only_shiny_objects_run_insert_specular() {
     }
 }
 
-/// A library of materials is part of its model: another one is another object; without one, or a picture, there is a warning.
+/// A library of materials is part of its model: another one is another object; without one, or a
+/// picture, there is a warning.
 #[test]
 fn an_obj_comes_with_its_library() {
     let triangle = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
@@ -196,7 +198,8 @@ fn lamps_of_every_model() {
     model("a.ply", &grid, "", 2, &["a.ply", "wanted up to 1000000 triangles for a lamp, got 1003002"]);
 }
 
-/// The edit that ships: what is far from the objects stays, they are where they belong, and the table loses light beside them.
+/// The edit that ships: what is far from the objects stays, they are where they belong, and the
+/// table loses light beside them.
 #[test]
 fn insert_object_changes_the_table_and_leaves_the_ceiling() {
     let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("insert_object.ron"));
@@ -213,7 +216,8 @@ fn insert_object_changes_the_table_and_leaves_the_ceiling() {
     assert!(change(186, 177) < -1.5, "beside the ball the table gets less light: {}", change(186, 177));
 }
 
-/// A ball before a wall that is painted in the same edit: the wall is as without the ball up to its edge, and its red comes to the ball.
+/// A ball before a wall that is painted in the same edit: the wall is as without the ball up to its
+/// edge, and its red comes to the ball.
 #[test]
 fn a_painted_wall_colours_the_ball_before_it() {
     let paint = r##"materials: [ Paint(region: Grow(125, 70), albedo: Srgb("#b02020")) ]"##;
@@ -234,7 +238,8 @@ fn a_painted_wall_colours_the_ball_before_it() {
     assert!(reddish(&both) > 1.015 * reddish(&object), "{} {}", reddish(&both), reddish(&object));
 }
 
-/// The balls that ship: one shows bright window and dark furniture side by side, the other a light on its red; what is far from them stays.
+/// The balls that ship: one shows bright window and dark furniture side by side, the other a light
+/// on its red; what is far from them stays.
 #[test]
 fn mirror_shows_the_room() {
     let graph = load(&root().join("graphs/demo.ron"), &demo(), &edits().join("mirror.ron"));
@@ -306,6 +311,7 @@ fn a_million_triangles_take_seconds() {
     let nodes = report["nodes"].as_array().expect("the report lists nodes");
     let objects = nodes.iter().find(|node| node["name"] == "objects").expect("objects were read");
     let seconds = objects["seconds"].as_f64().expect("a number");
-    // On two idle cores it takes about one; a step that is not linear in the triangles would take many minutes.
+    // On two idle cores it takes about one; a step that is not linear in the triangles would take
+    // many minutes.
     assert!(seconds < 20.0, "{seconds} s to read and place the triangles");
 }

@@ -1,4 +1,5 @@
-//! Tiny ONNX networks, written as the bytes of their protocol buffers: field numbers are those of onnx.proto (github.com/onnx/onnx).
+//! Tiny ONNX networks, written as the bytes of their protocol buffers: field numbers are those of
+//! onnx.proto (github.com/onnx/onnx).
 
 /// A network in the making: nodes in the order in which they are computed.
 #[derive(Default)]
@@ -77,7 +78,8 @@ impl Onnx {
         self.message(1, node)
     }
 
-    /// `output` = `weights` x `input` + `bias`, pixel by pixel: one row of three weights and one bias per channel.
+    /// `output` = `weights` x `input` + `bias`, pixel by pixel: one row of three weights and one
+    /// bias per channel.
     pub fn mix(self, input: &str, output: &str, weights: &[[f32; 3]], bias: &[f32]) -> Onnx {
         let (w, b) = (format!("{output}_w"), format!("{output}_b"));
         let n = weights.len() as i64;

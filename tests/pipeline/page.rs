@@ -1,4 +1,5 @@
-//! report.html: whole in itself, harmless, and in a real browser its picture is that of the program.
+//! report.html: whole in itself, harmless, and in a real browser its picture is that of the
+//! program.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -15,7 +16,7 @@ fn page(place: &Place) -> String {
     std::fs::read_to_string(place.path("run/report.html")).expect("the page was written")
 }
 
-/// What the page was given.
+/// The data that the page was given.
 fn data(page: &str) -> serde_json::Value {
     let (_, after) = page.split_once(r#"<script type="application/json" id="data">"#).expect("the page holds its data");
     serde_json::from_str(after.split_once("</script>").expect("it ends").0).expect("it is JSON")
@@ -66,7 +67,8 @@ fn browser() -> Option<PathBuf> {
     named.or_else(|| found.into_iter().find(|path| path.is_file()))
 }
 
-/// The picture that the page shows under this fragment, after `act` on the page, once its state is `mixed`.
+/// The picture that the page shows under this fragment, after `act` on the page, once its state is
+/// `mixed`.
 fn shown(browser: &Path, place: &Place, fragment: &str, act: &str, mixed: &str) -> image::RgbImage {
     let script = format!(
         r#"<script>(async () => {{

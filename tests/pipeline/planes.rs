@@ -1,4 +1,5 @@
-//! graphs/planes.ron: what known lights do to the demo, as the stages give it, and as the path tracer has it.
+//! graphs/planes.ron: what known lights do to the demo, as the stages give it, and as the path
+//! tracer has it.
 
 use std::collections::BTreeMap;
 
@@ -47,8 +48,8 @@ fn the_file_holds_what_the_stages_give_bit_for_bit() {
             let seen = lit.pixels().iter().zip(unknown.pixels()).map(|(lit, unknown)| lit - unknown);
             // Sums of eight weights, spread over pixels: rounding.
             assert!(seen.clone().fold(1.0, f32::min) > -1e-5, "{id}: what is unknown counts as lit");
-            // The lamp above the camera is out of view: whatever of its light is not blocked has left the view. Only where no
-            // light could arrive is nothing unknown.
+            // The lamp above the camera is out of view: whatever of its light is not blocked has
+            // left the view. Only where no light could arrive is nothing unknown.
             let known = seen.zip(unknown.pixels()).filter(|&(seen, &unknown)| seen > 1e-5 && unknown > 0.0).count();
             assert!((known == 0) == (id == "inv_lamp"), "{id}: {known} pixels see part of it");
         }
@@ -65,8 +66,9 @@ fn the_file_holds_what_the_stages_give_bit_for_bit() {
     assert_eq!(channels.keys().collect::<Vec<_>>(), names.iter().collect::<Vec<_>>());
 }
 
-/// Albedo x sum of radiance x (direct x lit + indirect) is each light's own picture, in its units: the median pixel of the lamp is
-/// 11 % too dark and that of the window 15 % too bright, as what is unseen is guessed.
+/// Albedo x sum of radiance x (direct x lit + indirect) is each light's own picture, in its units:
+/// the median pixel of the lamp is 11 % too dark and that of the window 15 % too bright, as what is
+/// unseen is guessed.
 #[test]
 fn known_lights_give_the_true_picture_of_each() {
     let report = run(shared_engine(), &planes(), &["write.files", "known.radiance"]);
@@ -123,7 +125,8 @@ fn room() -> (Place, String) {
     (place, lights)
 }
 
-/// Estimates that are written are the same when they are read: windows to rounding, as their directions are normalized again.
+/// Estimates that are written are the same when they are read: windows to rounding, as their
+/// directions are normalized again.
 #[test]
 fn estimates_can_be_read_back() {
     let graph = load(&root().join("graphs/estimate.ron"), &demo(), &edits().join("none.ron"));

@@ -24,7 +24,8 @@ fn mean(of: &Picture, (left, top): (usize, usize), (w, h): (usize, usize)) -> Ve
     all.sum::<Vec3>() / (w * h) as f32
 }
 
-/// The table shows sofa and cushion in their colours, the boards the wall below the window; what is not polished stays to the last bit.
+/// The table shows sofa and cushion in their colours, the boards the wall below the window; what is
+/// not polished stays to the last bit.
 #[test]
 fn polish_shows_on_what_is_polished() {
     let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("polish.ron"));
@@ -50,7 +51,7 @@ fn what_it_had_changes_nothing() {
     }
 }
 
-/// What reflects less is darker; nothing goes below zero.
+/// A surface that reflects less is darker; nothing goes below zero.
 #[test]
 fn dull_surfaces_lose_their_gloss() {
     let bare = picture(IDENTITY);
@@ -97,7 +98,8 @@ fn polished_surfaces_and_objects_show_each_other() {
     let mirror = "Paint(region: Grow(70, 170), roughness: 0, specular: 1)";
     let (bare, polished) = (picture(&edit("", &objects)), picture(&edit(mirror, &objects)));
     let (alone, shiny) = (picture(IDENTITY), picture(&edit(mirror, "")));
-    // Below the ball: red against what the same boards mirror without it, and more than its bounce alone does.
+    // Below the ball: red against what the same boards mirror without it, and more than its bounce
+    // alone does.
     let redness = |of: &Picture| {
         let c = mean(of, (26, 200), (8, 4));
         c.x / c.y
@@ -116,7 +118,7 @@ fn polished_surfaces_and_objects_show_each_other() {
     assert!(differ.count() > 20, "the lower half of the ball shows the table");
 }
 
-/// Of a lamp that was not there, the photo shows no reflection to be taken away.
+/// The photo has no reflection of an inserted lamp to be removed.
 #[test]
 fn a_new_lamp_shines_on_dull_paint_as_on_none() {
     let lamp = r#"lights: { "desk": Lamp(shape: Sphere(radius: 0.07), at: Pixel(x: 60, y: 185, lift: 0.3), radiance: (72, 44, 20)) }"#;
@@ -131,7 +133,8 @@ fn a_new_lamp_shines_on_dull_paint_as_on_none() {
     assert!(gains.clone().fold(0.0, f32::min) >= 0.0 && gains.fold(0.0, f32::max) > 0.05, "it shines in the boards");
 }
 
-/// A surface that is polished more from frame to frame runs its reflection and the picture in each, and nothing else.
+/// A surface that is polished more from frame to frame runs its reflection and the picture in each,
+/// and nothing else.
 #[test]
 fn roughness_may_have_keys() {
     let cache = tempfile::tempdir().expect("a temporary folder can be made");

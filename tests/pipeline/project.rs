@@ -18,7 +18,8 @@ pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The room of scenes/demo at a quarter of its size, with less in it: 320 x 240 pixels, which the sum of its lights gives exactly.
+/// The room of scenes/demo at a quarter of its size, with less in it: 320 x 240 pixels, which the
+/// sum of its lights gives exactly.
 pub fn demo() -> PathBuf {
     root().join("tests/scenes/small")
 }
@@ -119,7 +120,8 @@ pub fn engine(cache: Option<&Path>) -> Engine {
     Engine::new(options).expect("threads can be started")
 }
 
-/// One engine for all tests that only look at results, so that the demo's lights are estimated once.
+/// One engine for all tests that only look at results, so that the demo's lights are estimated
+/// once.
 pub fn shared_engine() -> &'static Engine {
     static ENGINE: OnceLock<Engine> = OnceLock::new();
     ENGINE.get_or_init(|| engine(None))
@@ -208,8 +210,9 @@ impl Place {
         std::fs::write(self.path(name), bytes).expect("a file can be written");
     }
 
-    /// The command with the words of `line` as arguments, in this folder; `GRAPHS` and `EDITS` stand for the project's, `DEMO` and
-    /// `DEMO.ron` for the small room and the graph that names it.
+    /// The command with the words of `line` as arguments, in this folder; `GRAPHS` and `EDITS`
+    /// stand for the project's, `DEMO` and `DEMO.ron` for the small room and the graph that names
+    /// it.
     pub fn command(&self, line: &str) -> Command {
         let known = [
             ("GRAPHS", root().join("graphs")),

@@ -1,4 +1,5 @@
-//! Path-traced rooms whose edits have a known truth: the small room, and the rooms of ../shared/truth.
+//! Path-traced rooms whose edits have a known truth: the small room, and the rooms of
+//! ../shared/truth.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -35,7 +36,8 @@ pub struct Case {
 }
 
 impl Case {
-    /// PSNR in dB of the 8-bit picture and of the unchanged photo, and the error of the change: 0 is perfect, 1 is doing nothing.
+    /// PSNR in dB of the 8-bit picture and of the unchanged photo, and the error of the change: 0
+    /// is perfect, 1 is doing nothing.
     pub fn score(&self, graph: &str) -> Scores {
         let graph = load(&root().join("graphs").join(graph), &self.scene, &self.edit);
         let graph = graph.unwrap_or_else(|faults| panic!("{}: {}", self.subject, faults[0]));
@@ -184,7 +186,8 @@ pub struct TruthRoom {
 }
 
 impl TruthRoom {
-    /// Every kind of edit: each light off, the visible lamp inserted into the room without it, paint and an object.
+    /// Every kind of edit: each light off, the visible lamp inserted into the room without it,
+    /// paint and an object.
     pub fn new(view: &str) -> TruthRoom {
         let source = root().join("../shared/truth").join(view).canonicalize().expect("the room is there");
         let meta = json(&source.join("meta.json"));

@@ -8,7 +8,8 @@ use relight::image::Mask;
 use crate::layers::channels;
 use crate::project::*;
 
-/// Runs these frames of an edit one after the other by one engine, as the command does; what ran in each.
+/// Runs these frames of an edit one after the other by one engine, as the command does; what ran in
+/// each.
 fn frames(edit: &str, numbers: &[u32]) -> Vec<Vec<String>> {
     let engine = engine(None);
     run(&engine, &physics(&demo(), IDENTITY), &["picture"]);
@@ -56,7 +57,8 @@ fn colours_run_no_layer() {
     assert_eq!(frames(edit, &[0, 3, 7]), [wanted.clone(), wanted.clone(), wanted]);
 }
 
-/// Other paint sends other light around, so that each light's bounces are summed anew; the rays that gather them are known.
+/// Other paint sends other light around, so that each light's bounces are summed anew; the rays
+/// that gather them are known.
 #[test]
 fn paint_traces_no_ray() {
     let edit = std::fs::read_to_string(edits().join("wall_colour.ron")).expect("it ships");
@@ -70,7 +72,8 @@ fn paint_traces_no_ray() {
     assert!(ran.len() <= 8 && rays(&report) == 0, "{ran:?}");
 }
 
-/// What a frame leaves as it is keeps its bits: every layer but the moving lamp's, wherever the lamp itself does not stand before it.
+/// Layers that a frame does not change keep their bits: every layer but the moving lamp's, wherever
+/// the lamp itself does not stand before it.
 #[test]
 fn nothing_flickers() {
     let frame = |number: u32| {
@@ -175,7 +178,7 @@ fn layers_of_frames_are_written_when_asked_for() {
     assert!(whole.iter().any(|w| *w > 0.1));
 }
 
-/// What stands for ffmpeg notes how it was called and makes a film of the first picture's size.
+/// A stand-in for ffmpeg notes its arguments and makes a film of the first picture's size.
 #[cfg(unix)]
 #[test]
 fn a_sequence_becomes_a_film_where_ffmpeg_is() {

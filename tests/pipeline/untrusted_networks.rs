@@ -1,5 +1,6 @@
-//! Networks that do not ship with relight may be hostile: their bytes are checked before a loader reads them, and a child
-//! process with limits computes them. In this process, each of these files aborts, hangs or outlasts Ctrl-C.
+//! Networks that do not ship with relight may be hostile: their bytes are checked before a loader
+//! reads them, and a child process with limits computes them. In this process, each of these files
+//! aborts, hangs or outlasts Ctrl-C.
 
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -347,7 +348,8 @@ mod processes {
     }
 
     fn is_alive(process: u32) -> bool {
-        // A process that has ended stays as a zombie until its parent, or init, asks for its status.
+        // A process that has ended stays as a zombie until its parent, or init, asks for its
+        // status.
         let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
         !status.is_empty() && !status.contains("State:\tZ")
     }
@@ -369,7 +371,8 @@ mod processes {
         assert!(status.expect("there is a shell").success());
     }
 
-    /// A run whose network never ends, with a file that every child inherits; the process that holds the network, once it holds nothing else.
+    /// A run whose network never ends, with a file that every child inherits; the process that
+    /// holds the network, once it holds nothing else.
     fn endless_run() -> (Place, Started, u32) {
         let place = photo(endless());
         let relight = place.command(&format!("{LINE} --set depth.kind=Metric --backend rten"));

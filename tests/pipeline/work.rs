@@ -74,8 +74,8 @@ fn many_lights_do_not_widen_the_search() {
     assert!(told.contains("wanted at most 32 lights with masks of their own, got 33"), "{told}");
 }
 
-/// Bytes per pixel of the photo that the values of a run may take at one time: 12 each for photo and picture, 4 for the depth, 6 for
-/// each of five layers and the file's 44 never all at once.
+/// Bytes per pixel of the photo that the values of a run may take at one time: 12 each for photo
+/// and picture, 4 for the depth, 6 for each of five layers and the file's 44 never all at once.
 const HELD: u64 = 64;
 
 #[test]

@@ -126,6 +126,18 @@ fn any_hit<S: Simd>(
     stopped
 }
 
+/// Runs `work`, which uses rayon, on one thread of its own. A caller that waits for it inside a
+/// lock must not help out with other jobs of its own pool meanwhile, as rayon does: one of them
+/// could come for the same lock. One thread, because the hierarchy that obvhs builds depends on how
+/// many there are.
+pub(in crate::geometry) fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    let run = || match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+        Ok(pool) => pool.install(work),
+        Err(_) => work(),
+    };
+    std::thread::scope(|scope| scope.spawn(run).join()).unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
 #[cfg(test)]
 mod tests {
     use glam::DVec3;

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::model::{Material, Model, Skin};
 use crate::geometry::bounds;
-use crate::geometry::bvh::rays::{FAR, RayMesh, RayMeshHit};
+use crate::geometry::bvh::rays::{FAR, RayMesh, RayMeshHit, apart};
 use crate::image::{Plane, rule};
 
 /// A model with its place in camera space.
@@ -199,7 +199,7 @@ impl Bodies {
 
     fn rays(&self) -> &RayMesh {
         let build = || RayMesh::new((0..self.body.len() as u32).map(|id| (self.triangle(id), id)));
-        self.rays.get_or_init(|| crate::geometry::scene::mesh::apart(build))
+        self.rays.get_or_init(|| apart(build))
     }
 
     /// The nearest triangle that a ray of unit `direction` meets, from either side.

@@ -21,7 +21,7 @@ use std::sync::OnceLock;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::bvh::rays::{FAR, RayMesh};
+use crate::geometry::bvh::rays::{FAR, RayMesh, apart};
 use crate::geometry::objects::bodies::Bodies;
 use crate::image::{Mask, Plane, Points, STEP, rule};
 
@@ -261,18 +261,6 @@ impl SceneMesh {
     pub fn touches(&self, id: u32, own: &Own) -> bool {
         self.corner_pixels(id).into_iter().any(|pixel| own.0[pixel])
     }
-}
-
-/// Runs `work`, which uses rayon, on one thread of its own. A caller that waits for it inside a
-/// lock must not help out with other jobs of its own pool meanwhile, as rayon does: one of them
-/// could come for the same lock. One thread, because the hierarchy that obvhs builds depends on how
-/// many there are.
-pub(in crate::geometry) fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    let run = || match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
-        Ok(pool) => pool.install(work),
-        Err(_) => work(),
-    };
-    std::thread::scope(|scope| scope.spawn(run).join()).unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// The corners (0 top left, 1 top right, 2 bottom left, 3 bottom right) of one half of a quad.

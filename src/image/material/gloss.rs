@@ -4,8 +4,8 @@ use std::ops::{AddAssign, Div};
 
 use bytemuck::{Pod, Zeroable};
 
-/// Parameters of the specular reflection at a position of a surface, each 0..=1; by default, those of
-/// a mirror without a reflectance.
+/// Parameters of the specular reflection at a position of a surface, each 0..=1; by default, those
+/// of a mirror without a reflectance.
 ///
 /// Burley, Physically Based Shading at Disney, SIGGRAPH 2012.
 #[repr(C)]

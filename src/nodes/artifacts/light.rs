@@ -43,7 +43,7 @@ pub struct UnitIndirect {
 /// irradiance / pi.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ObjectLight {
-    /// At the samples of [`Objects`].
+    /// At the samples of `Objects`.
     pub lobes: Vec<Plane<f32>>,
     /// At the probes, one row.
     pub probes: Vec<Plane<f32>>,

@@ -14,13 +14,14 @@ use crate::nodes::neural;
 use crate::tuning::tuning;
 use crate::{params, ports};
 
-/// What the numbers of a depth network mean.
+/// The quantity that a depth network returns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DepthOutput {
     /// a / z + b with unknown a and b, larger is nearer: MiDaS, DPT, Depth Anything V1 and V2.
     #[default]
     Relative,
-    /// Planar z in metres, or in another unit that a known length mends: Depth Anything's metric ones, ZoeDepth.
+    /// Planar z in metres, or in another unit that a known length mends: Depth Anything's metric
+    /// ones, ZoeDepth.
     Metric,
 }
 

@@ -54,10 +54,12 @@ ports! {
     }
 }
 
-/// The light, 1 = white, whose response a photo shows: not lost in noise and below the shoulder of the tone curve.
+/// The light, 1 = white, whose response a photo shows: not lost in noise and below the shoulder of
+/// the tone curve.
 const MEASURED: std::ops::RangeInclusive<f32> = 0.02..=0.8;
 
-/// The relative difference up to which two pictures show the same light; path-traced ones are denoised to about 1 %.
+/// The relative difference up to which two pictures show the same light; path-traced ones are
+/// denoised to about 1 %.
 const SAME: f32 = 0.02;
 
 /// Beyond this share of the photo, the pictures of its lights are not those of this photo.
@@ -135,14 +137,16 @@ fn not_larger(name: &str, got: (usize, usize), photo: (usize, usize)) -> Result<
     super::same_size(name, got, "the photo", photo)
 }
 
-/// The pixels of the truth's size whose part of the photo shows no light of the photo or of the edit.
+/// The pixels of the truth's size whose part of the photo shows no light of the photo or of the
+/// edit.
 fn uncovered(inputs: &ScorePictureIn, full: (usize, usize), size: (usize, usize)) -> Result<Plane<bool>, NodeError> {
     let lit = super::no_light(full, inputs.mask.iter().chain(inputs.cover.iter()))?.map(|none| f32::from(!none));
     Ok(image::resize(&lit, size.0, size.1).map(|share| share == 0.0))
 }
 
-/// The factor that the camera gives to each pixel's light: the photo as `taken` over the `sum` of the lights where that is in
-/// `MEASURED`, or where the edit leaves the light as it is to `SAME`; 1 elsewhere.
+/// The factor that the camera gives to each pixel's light: the photo as `taken` over the `sum` of
+/// the lights where that is in `MEASURED`, or where the edit leaves the light as it is to `SAME`; 1
+/// elsewhere.
 fn response(taken: &Plane<Vec3>, sum: &Plane<Vec3>, truth: &Plane<Vec3>) -> Plane<Vec3> {
     Plane::from_fn(sum.width(), sum.height(), |x, y| {
         let [taken, sum, truth] = [taken, sum, truth].map(|plane| plane.get(x, y).to_array());
@@ -158,7 +162,8 @@ fn response(taken: &Plane<Vec3>, sum: &Plane<Vec3>, truth: &Plane<Vec3>) -> Plan
     })
 }
 
-/// The linear photo: the `sum` of the pictures of its lights, if they are known, else the photo as it was `taken`.
+/// The linear photo: the `sum` of the pictures of its lights, if they are known, else the photo as
+/// it was `taken`.
 fn whole_photo(
     light: &Gather<Picture>,
     sum: Option<Plane<Vec3>>,

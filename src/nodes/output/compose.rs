@@ -14,8 +14,8 @@
 //! the surface around. Both ways are blended where saturation and glare begin, so that no boundary
 //! shows.
 //!
-//! `src/image/ops/relit_pixel.rs` has these equations for one pixel. [`LightLayers`] and
-//! [`ObjectLayers`] are the inputs as one pixel needs them, [`Pixels`] visits all pixels.
+//! `src/image/ops/relit_pixel.rs` has these equations for one pixel. `LightLayers` and
+//! `ObjectLayers` are the inputs as one pixel needs them, `Pixels` visits all pixels.
 
 mod light_layers;
 mod object_layers;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
-use crate::optics::{Lighting, Reflections, Shape, Surround, object_face, reflections};
+use crate::optics::{Lighting, ReflectionScene, Reflections, Shape, object_shading_point, reflections};
 use crate::{params, ports};
 
 params! {
@@ -67,7 +67,7 @@ impl Node for InsertSpecular {
         let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
         let lights: Vec<(&str, &Shape)> = inputs.shape.iter().map(|(id, shape)| (id, &**shape)).collect();
         let objects = &inputs.objects;
-        let surround = Surround {
+        let surround = ReflectionScene {
             objects,
             mesh: &inputs.mesh,
             camera: &inputs.camera,
@@ -78,7 +78,7 @@ impl Node for InsertSpecular {
             planes: &[],
         };
         ctx.check_cancelled()?;
-        let face = |i: usize| object_face(objects, &inputs.camera, i);
+        let face = |i: usize| object_shading_point(objects, &inputs.camera, i);
         let size = objects.cover.size();
         let (reflected, rays) = reflections(size, face, &surround, &lights, self.rays as usize, self.seed);
         ctx.count_rays(rays);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Depth, Mask, Normal, Points, SpecularEdit};
-use crate::optics::{Lighting, Part, SeenPlaces, Shape, SpecularChange, Surround, places, reflections};
+use crate::optics::{Lighting, Part, ReflectionScene, SeenPlaces, Shape, SpecularChange, places, reflections};
 use crate::{params, ports};
 
 params! {
@@ -87,7 +87,7 @@ impl Node for ShadeSpecularEdit {
         let mut parts = Vec::new();
         for kind in kinds {
             ctx.check_cancelled()?;
-            let surround = Surround {
+            let surround = ReflectionScene {
                 mesh: if kind.old { &inputs.room } else { &inputs.mesh },
                 objects: if kind.old { &nobody } else { &inputs.objects },
                 camera: &inputs.camera,

@@ -13,7 +13,7 @@ use crate::graph::{Context, File, NodeError, check_range};
 use crate::image::{self, Bits, Mask, Picture, ReadError, Source, Transfer};
 use crate::nodes::artifacts::Encoding;
 
-/// Where the photo was taken from: the camera stands at the origin and looks along -z.
+/// The viewpoint of the photo: the camera stands at the origin and looks along -z.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum CameraSpec {

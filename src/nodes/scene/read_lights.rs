@@ -1,6 +1,7 @@
 //! `ReadLights`: lights that are known, in the place of estimated ones.
 //!
-//! The file is JSON: an object with one object per light, in camera space and metres, radiances linear Rec.709 in units of the photo.
+//! The file is JSON: an object with one object per light, in camera space and metres, radiances
+//! linear Rec.709 in units of the photo.
 //!
 //! ```json
 //! {
@@ -95,7 +96,8 @@ fn told(file: &File, faults: &[Diagnostic]) -> NodeError {
 
 type Light = (Shape, Radiance);
 
-/// The lights `wanted`, in their order. JSON is read as the RON that it is, so that every fault has its place.
+/// The lights `wanted`, in their order. JSON is read as the RON that it is, so that every fault has
+/// its place.
 fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>, Vec<Diagnostic>> {
     let mut faults = Diagnostics::default();
     let document = Raw::document(source, &mut faults);

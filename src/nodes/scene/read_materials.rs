@@ -99,7 +99,7 @@ impl Node for ReadMaterials {
     }
 }
 
-/// What rounding may add to one.
+/// Largest rounding error above one.
 const SLACK: f32 = 1e-3;
 
 /// A plane of a file at working size.

@@ -1,11 +1,11 @@
-//! ReadScene: decodes the files of a scene, checks that they belong together, fills the holes of the depth and
-//! remembers which pixels are saturated.
+//! ReadScene: decodes the files of a scene, checks that they belong together, fills the holes of
+//! the depth and remembers which pixels are saturated.
 //!
-//! Everything later is computed at the *working size*, the photo fitted into `long_side`; the photo's own size is kept
-//! beside it, because the result is written at that size.
+//! Everything later is computed at the *working size*, the photo fitted into `long_side`; the
+//! photo's own size is kept beside it, because the result is written at that size.
 //!
-//! Depth, by `kind` (d the stored number, s the `scale`): planar z = s d; a ray length gives z = s d / |r| with r the ray of
-//! the pixel at planar depth 1; a disparity gives z = s / d.
+//! Depth, by `kind` (d the stored number, s the `scale`): planar z = s d; a ray length gives z = s
+//! d / |r| with r the ray of the pixel at planar depth 1; a disparity gives z = s / d.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use crate::optics::LightKind;
 use crate::optics::inverse::MOST_LIGHTS;
 use crate::{params, ports};
 
-/// What the numbers of a depth file mean.
+/// The quantity in a depth file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DepthKind {
     /// Distance from the camera's plane.
@@ -86,7 +86,8 @@ params! {
         /// Depth: EXR (channel Z, else Y, else R), 16-bit gray PNG or NPY, in units of `scale`
         /// meters.
         depth: DepthSpec = DepthSpec { path: File::default(), kind: DepthKind::PlanarZ, scale: 1.0 },
-        /// The visible lights by name, each with the mask of its pixels: PNG, JPEG or EXR; at most 32 masks.
+        /// The visible lights by name, each with the mask of its pixels: PNG, JPEG or EXR; at most
+        /// 32 masks.
         lights: BTreeMap<String, LightSpec> = BTreeMap::new(),
         /// Mask of pixels that are not part of the room.
         ignore: Option<File> = None,
@@ -237,7 +238,8 @@ impl ReadScene {
         self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
         let metres = planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
 
-        // What a pane shows, and what is no part of the room, may be far away: it must not spread into the room.
+        // What a pane shows, and what is outside the room, may be far away: it must not spread
+        // into the room.
         let panes = masks.iter().zip(self.lights.values()).filter(|(_, light)| light.kind() == LightKind::Window);
         let mut untrusted = Plane::filled(width, height, 0.0f32);
         for outside in panes.map(|((_, mask), _)| mask).chain(ignore) {
@@ -274,7 +276,8 @@ impl ReadScene {
     }
 }
 
-/// Stored numbers as planar z in metres; holes pass through as holes. `camera` has the depth's size.
+/// Stored numbers as planar z in metres; holes pass through as holes. `camera` has the depth's
+/// size.
 pub fn planar(stored: &Plane<f32>, kind: DepthKind, scale: f32, camera: &Camera) -> Plane<f32> {
     let (width, height) = stored.size();
     match kind {

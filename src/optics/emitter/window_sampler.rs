@@ -35,7 +35,7 @@ pub enum Strategy {
     Power,
     /// Area or lobe by chance, with the power heuristic.
     PowerOneSample,
-    /// The technique that suits lobe and receiver, as [`ProductSampler`] chooses it.
+    /// The technique that suits lobe and receiver, as `ProductSampler` chooses it.
     #[default]
     Best,
 }

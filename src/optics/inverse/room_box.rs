@@ -33,7 +33,7 @@ const SIDE_WIDTH: f32 = 0.02;
 /// Unit: fraction of all area; source: taste; effect: smaller values take furniture for a side.
 const LEAST_SIDE: f32 = 0.01;
 
-/// Box of the room as far as the seen points determine it; at least [`LEAST_HEIGHT`] high.
+/// Box of the room as far as the seen points determine it; at least `LEAST_HEIGHT` high.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoomBox {
     /// Corners in meters, in the room's own frame: camera space rotated about the vertical so that

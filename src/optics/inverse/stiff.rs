@@ -182,8 +182,8 @@ fn nearly_equal_lights_are_named_and_their_sum_is_found() {
     assert!(((share - truth) / truth).abs().max_element() < 0.05, "{share} against {truth}");
 }
 
-/// Nothing distinguishes equal lights: half each is as good as any share, and does not depend on the
-/// last bit.
+/// Nothing distinguishes equal lights: half each is as good as any share, and does not depend on
+/// the last bit.
 #[test]
 fn equal_lights_share_equally() {
     let equal = row(vec![falloff(60, 0.0), falloff(60, 0.0), falloff(60, 1.0)], &W, 3);

@@ -1,8 +1,10 @@
-//! Reflection of rough surfaces: GGX in the form of Karis, "Real Shading in Unreal Engine 4" (SIGGRAPH 2013 course).
+//! Reflection of rough surfaces: GGX in the form of Karis, "Real Shading in Unreal Engine 4"
+//! (SIGGRAPH 2013 course).
 //!
-//! f(v, l) = D(n.h) F(v.h) G(n.l, n.v) / (4 n.l n.v) with h the half vector, a = roughness^2, k = a / 2:
-//! D = a^2 / (pi ((n.h)^2 (a^2 - 1) + 1)^2), G = G1(n.l) G1(n.v), G1(c) = c / (c (1 - k) + k),
-//! F = F0 + (1 - F0) 2^((-5.55473 v.h - 6.98316) v.h), F0 = 0.08 specular, of metals the base colour.
+//! f(v, l) = D(n.h) F(v.h) G(n.l, n.v) / (4 n.l n.v) with h the half vector, a = roughness^2,
+//! k = a / 2: D = a^2 / (pi ((n.h)^2 (a^2 - 1) + 1)^2), G = G1(n.l) G1(n.v), G1(c) = c / (c
+//! (1 - k) + k), F = F0 + (1 - F0) 2^((-5.55473 v.h - 6.98316) v.h), F0 = 0.08 specular, of metals
+//! the base colour.
 
 use std::f32::consts::{PI, TAU};
 
@@ -74,7 +76,8 @@ impl Ggx {
         self.fresnel(self.view.dot(half)) * (d * g / (4.0 * nl * nv))
     }
 
-    /// A direction with density D n.h / (4 v.h), and f n.l over that density; `None` below the surface.
+    /// A direction with density D n.h / (4 v.h), and f n.l over that density; `None` below the
+    /// surface.
     pub fn sample(&self, [u, v]: [f64; 2]) -> Option<(Vec3, Vec3)> {
         let (u, v) = (u as f32, v as f32);
         let a2 = self.alpha * self.alpha;
@@ -124,7 +127,8 @@ mod tests {
 
     #[test]
     fn samples_and_values_are_of_one_function() {
-        // The integral of f n.l, once by samples of the lobe and once by even directions of the hemisphere.
+        // The integral of f n.l, once by samples of the lobe and once by even directions of the
+        // hemisphere.
         for (roughness, cosine) in [(0.4, 0.8), (0.7, 0.4), (0.9, 0.95)] {
             let surface = surface(roughness, cosine);
             let points = Points2::new(7, 0, 0);
@@ -145,7 +149,8 @@ mod tests {
 
     #[test]
     fn the_density_is_that_of_the_samples() {
-        // What the density says of a cap around the peak, by even directions of the cap, is the share of samples that fall into it.
+        // What the density says of a cap around the peak, by even directions of the cap, is the
+        // share of samples that fall into it.
         for (roughness, cosine) in [(0.4, 0.8), (0.7, 0.5)] {
             let surface = surface(roughness, cosine);
             let peak = Vec3::new(-(1.0f32 - cosine * cosine).sqrt(), 0.0, cosine);

@@ -10,15 +10,15 @@ use crate::image::Plane;
 pub struct Around {
     /// Number of photo pixels.
     photo: usize,
-    /// What its unseen part shows, by layer.
+    /// Radiance of the unseen part, by layer.
     unseen: Vec<Vec3>,
     /// Each layer's share of all light.
     share: Vec<Vec3>,
 }
 
 impl Around {
-    /// `planes` hold the layers of the room without objects, `room` the pixels that are no light. The unseen part of the room shows
-    /// `unseen` times their mean.
+    /// `planes` hold the layers of the room without objects, `room` the pixels that are no light.
+    /// The unseen part of the room shows `unseen` times their mean.
     pub fn new(planes: &[Vec<Vec3>], room: &[usize], unseen: f32) -> Around {
         let mean = |plane: &Vec<Vec3>| {
             let sum = room.iter().map(|&i| plane[i].as_dvec3()).sum::<DVec3>();
@@ -38,7 +38,8 @@ impl Around {
 pub struct Mirror<'a> {
     of: &'a Reflections,
     around: Around,
-    /// The lights themselves: reflection of unit lobes, with their radiances; nothing for the last layer.
+    /// The lights themselves: reflection of unit lobes, with their radiances; nothing for the last
+    /// layer.
     lights: Vec<Vec<(&'a Plane<Vec3>, Vec3)>>,
 }
 
@@ -54,7 +55,8 @@ impl<'a> Mirror<'a> {
         Some(Mirror { of, around, lights })
     }
 
-    /// What pixel `i` of the objects reflects of a `layer`, whose room is `plane`, and of which the objects themselves show `object`.
+    /// Reflected radiance at pixel `i` of the objects in a `layer`, whose room is `plane` and whose
+    /// objects are `object`.
     pub fn shows(&self, i: usize, layer: usize, plane: &[Vec3], object: impl Fn(usize) -> Vec3) -> Vec3 {
         let Around { photo, unseen, share } = &self.around;
         let rays = self.of.met.width();

@@ -8,4 +8,4 @@ pub(in crate::optics) mod reflect;
 pub use ggx::Ggx;
 pub use mirror::{Around, Mirror};
 pub use polish::{NO_ROW, Part, Places, SeenPlaces, SpecularChange, places};
-pub use reflect::{Face, NOTHING, Reflections, Surround, UNSEEN, object_face, reflections};
+pub use reflect::{NOTHING, ReflectionScene, Reflections, ShadingPoint, UNSEEN, object_shading_point, reflections};

@@ -1,11 +1,13 @@
 //! A new finish on part of the photo: what the surface reflects, in place of what it reflected.
 //!
-//! The photo holds the reflection of the surface as it was. So a layer L of a pixel of which a share s has a new finish becomes
-//! `L + s (R - R0)`, and no less than zero, with R what the new finish reflects of the edited room and R0 what the old one reflects of
-//! the room without the bodies put into it. A light that the photo does not show, put in or moved, has no R0.
+//! The photo holds the reflection of the surface as it was. So a layer L of a pixel of which a
+//! share s has a new finish becomes `L + s (R - R0)`, and no less than zero, with R what the new
+//! finish reflects of the edited room and R0 what the old one reflects of the room without the
+//! bodies put into it. A light that the photo does not show, put in or moved, has no R0.
 //!
-//! A lobe wider than a working pixel is known at working pixels, or every second one, and brought to the photo's along its edges; a
-//! narrower one at photo pixels. Depth from photos is uneven and a mirror of it would shatter, so what lies in a plane is taken to be flat.
+//! A lobe wider than a working pixel is known at working pixels, or every second one, and brought
+//! to the photo's along its edges; a narrower one at photo pixels. Depth from photos is uneven and
+//! a mirror of it would shatter, so what lies in a plane is taken to be flat.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -15,9 +17,9 @@ use crate::geometry::{Camera, PlaneFit, SceneMesh};
 use crate::image::{
     Depth, Gloss, Normal, Picture, Plane, Points, STEP, SpecularEdit, Upsampler, neighbours, resize, resize_depth, rule,
 };
-use crate::optics::{Face, Mirror, Reflections};
+use crate::optics::{Mirror, Reflections, ShadingPoint};
 
-/// What new finishes add to a photo.
+/// The change of a photo by new specular parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SpecularChange(pub Vec<Part>);
 
@@ -33,7 +35,7 @@ pub struct Part {
     pub of: Reflections,
 }
 
-/// Of a pixel without a reflection.
+/// The row of a pixel without a reflection.
 pub const NO_ROW: u32 = u32::MAX;
 
 impl SpecularChange {
@@ -57,14 +59,16 @@ impl SpecularChange {
 }
 
 impl Part {
-    /// The weights with which a photo's pixels take those of the part, which have this photo and depth.
+    /// The weights with which a photo's pixels take those of the part, which have this photo and
+    /// depth.
     pub fn reduced(&self, photo: &Picture, depth: &Depth) -> (Picture, Depth) {
         let (w, h) = self.rows.size();
         (Picture(resize(&photo.0, w, h)), resize_depth(depth, w, h))
     }
 
-    /// What the part adds to each photo pixel of a `layer`, whose room is `plane` and of which bodies show `object`. Nothing to the layer
-    /// of a light that an old finish had no reflection of.
+    /// Radiance that the part adds to each photo pixel of a `layer`, whose room is `plane` and
+    /// whose bodies are `object`. Nothing to the layer of a light that an old finish had no
+    /// reflection of.
     pub fn adds(
         &self,
         mirror: &Mirror,
@@ -98,7 +102,7 @@ impl Part {
 
 /// The seen room, at the photo's size and at working size.
 pub struct SeenPlaces<'a> {
-    /// Of the photo.
+    /// The camera of the photo.
     pub camera: &'a Camera,
     /// Planar z at the photo's size.
     pub full_depth: &'a Depth,
@@ -113,13 +117,14 @@ pub struct Places {
     pub old: bool,
     pub share: Plane<f32>,
     pub rows: Plane<u32>,
-    pub faces: Vec<Face>,
+    pub faces: Vec<ShadingPoint>,
 }
 
 /// Most places at which narrow lobes are known; with more photo pixels, one stands for several.
 const MOST_NARROW: usize = 1_000_000;
 
-/// The places at which the reflections of a finish are asked for, and the working pixels of the planes that they lie in.
+/// The places at which the reflections of a finish are asked for, and the working pixels of the
+/// planes that they lie in.
 pub fn places(finish: &SpecularEdit, seen: &SeenPlaces) -> (Vec<Places>, Vec<Plane<bool>>) {
     let (full, small) = (finish.share.size(), seen.points.0.size());
     if finish.share.is_empty() {
@@ -160,8 +165,9 @@ enum Pitch {
 }
 
 impl Pitch {
-    /// What shows most of a lobe. Half vectors spread by about a = roughness^2 radians, and on a surface seen at a slant that a light is
-    /// near to they turn by some three pixels a pixel.
+    /// The coarsest sampling that resolves a lobe. Half vectors spread by about a = roughness^2
+    /// radians, and on a surface seen at a slant that a light is near to they turn by some three
+    /// pixels a pixel.
     fn of(roughness: f32, seen: &SeenPlaces, full: (usize, usize)) -> Pitch {
         let (w, h) = seen.points.0.size();
         let pixel = full.0 as f32 / (w as f32 * seen.camera.fx);
@@ -182,7 +188,8 @@ struct Wanted {
 }
 
 impl Wanted {
-    /// Of the photo pixels whose finish changes and whose gloss, old or new, is `chosen`; `None` without any.
+    /// The photo pixels whose specular parameters change and whose gloss, old or new, is `chosen`;
+    /// `None` without any.
     fn new(finish: &SpecularEdit, old: bool, chosen: impl Fn([f32; 2]) -> bool) -> Option<Wanted> {
         let (w, h) = finish.share.size();
         let gloss = Plane::from_fn(w, h, |x, y| if old { finish.before(x, y) } else { finish.gloss.get(x, y) });
@@ -220,7 +227,7 @@ impl Wanted {
     }
 }
 
-/// Of these pixels, those that share no triangle with others: a crease hides what it reflects.
+/// Pixels that share no triangle with others: a crease hides its reflections.
 fn inner(own: &Plane<bool>, points: &Points) -> Plane<bool> {
     let (w, h) = own.size();
     Plane::from_fn(w, h, |x, y| {
@@ -305,13 +312,19 @@ impl Flat {
     }
 
     /// The face at pixel `at` of a plane of this size, of a surface seen at `point`.
-    fn face(&self, (at, size): ((usize, usize), (usize, usize)), point: Vec3, gloss: Gloss, seen: &SeenPlaces) -> Face {
+    fn face(
+        &self,
+        (at, size): ((usize, usize), (usize, usize)),
+        point: Vec3,
+        gloss: Gloss,
+        seen: &SeenPlaces,
+    ) -> ShadingPoint {
         let (w, h) = self.label.size();
         let i = (at.1 * h / size.1) * w + at.0 * w / size.0;
         let label = self.label.pixels()[i].map(usize::from);
         let on_plane = label.and_then(|label| Some((label, self.planes[label].meet(point)?)));
         match on_plane {
-            Some((label, point)) => Face {
+            Some((label, point)) => ShadingPoint {
                 point,
                 normal: self.planes[label].normal,
                 albedo: Vec3::ZERO,
@@ -322,7 +335,7 @@ impl Flat {
             None => {
                 let normal = self.normal.pixels()[i];
                 let point = point + normal * seen.mesh.offset(point);
-                Face { point, normal, albedo: Vec3::ZERO, gloss, plane: None, bend: None }
+                ShadingPoint { point, normal, albedo: Vec3::ZERO, gloss, plane: None, bend: None }
             }
         }
     }
@@ -333,7 +346,7 @@ mod tests {
     use super::*;
     use crate::geometry::Objects;
     use crate::image::Roughness;
-    use crate::optics::{Around, Ggx, Lamp, Shape, SphereLamp, Surround, reflections};
+    use crate::optics::{Around, Ggx, Lamp, ReflectionScene, Shape, SphereLamp, reflections};
 
     const SIZE: (usize, usize) = (80, 60);
     const FLOOR: f32 = -1.0;
@@ -368,7 +381,8 @@ mod tests {
             self.normal.0.pixels()[i].y > 0.5
         }
 
-        /// What the floor adds to a layer whose room is `plane`, by photo pixel, with its roughness changed from `old` to `new`.
+        /// Radiance that the floor adds to a layer whose room is `plane`, by photo pixel, with its
+        /// roughness changed from `old` to `new`.
         fn adds(&self, [old, new]: [f32; 2], lamp: Shape, radiance: f32, plane: &[Vec3]) -> Vec<Vec3> {
             let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(self.is_floor(y * SIZE.0 + x))));
             let mut finish = SpecularEdit::default();
@@ -382,7 +396,7 @@ mod tests {
             };
             let (kinds, planes) = places(&finish, &seen);
             let nobody = Objects::unseen(&[]);
-            let surround = Surround {
+            let surround = ReflectionScene {
                 mesh: &self.mesh,
                 objects: &nobody,
                 camera: &self.camera,
@@ -438,7 +452,8 @@ mod tests {
                 else {
                     continue;
                 };
-                // Schlick's reflectance of a dielectric, 4 % at normal incidence, in Karis' fit of it.
+                // Schlick's reflectance of a dielectric, 4 % at normal incidence, in Karis' fit of
+                // it.
                 let cosine = -way.normalize().y;
                 let want = 0.04 + 0.96 * ((-5.55473 * cosine - 6.98316) * cosine).exp2();
                 assert!((shown[i].z / want - 1.0).abs() < 0.03, "{i}: {} against {want}", shown[i].z);
@@ -476,7 +491,8 @@ mod tests {
             assert!(apart <= 2, "roughness {roughness}: the peak is {apart} pixels off");
             for i in floor().filter(|&i| want(i) > 0.5 * want(wanted)) {
                 let (got, want) = (shown[i].x, want(i));
-                // The rougher one is known at every second pixel, at the edge of the floor on one side only.
+                // The rougher one is known at every second pixel, at the edge of the floor on one
+                // side only.
                 assert!((got / want - 1.0).abs() < tolerance, "roughness {roughness}, pixel {i}: {got} against {want}");
             }
         }

@@ -1,11 +1,14 @@
-//! What shiny surfaces reflect: which parts of the picture, how much of each light, and how much of what is not seen.
+//! Reflections of shiny surfaces: the weights of the picture's pixels, of each light, and of the
+//! unseen part of the room.
 //!
-//! Each place sends rays distributed like its lobe. A ray that meets the seen room shows the picture's pixel there, whatever an
-//! edit makes of it; one that meets a body shows the body's pixel, if the camera sees it; all others look into the unseen part of
-//! the room. Lights are kept apart, per lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a
-//! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a small light). Each direction counts in
-//! both, with weights p^2 and q^2 over their sum (the power heuristic of Veach and Guibas, SIGGRAPH 1995): p is the density of the
-//! lobe's rays, q one over the solid angle of the light.
+//! Each place sends rays distributed like its lobe. A ray that meets the seen room shows the
+//! picture's pixel there, whatever an edit makes of it; one that meets a body shows the body's
+//! pixel, if the camera sees it; all others look into the unseen part of the room. Lights are kept
+//! apart, per lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a
+//! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a
+//! small light). Each direction counts in both, with weights p^2 and q^2 over their sum (the power
+//! heuristic of Veach and Guibas, SIGGRAPH 1995): p is the density of the lobe's rays, q one over
+//! the solid angle of the light.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -19,15 +22,15 @@ use {
     crate::optics::Silhouette, crate::optics::local_frame,
 };
 
-/// What places reflect: the pixels of [`Objects`], or those of a painted surface.
+/// Reflections at shading points: the pixels of [`Objects`], or those of a painted surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reflections {
-    /// One row per place: what each of its rays met. A photo pixel; after all of them a pixel of the objects; or
-    /// [`UNSEEN`] or [`NOTHING`].
+    /// One row per place: what each of its rays met. A photo pixel; after all of them a pixel of
+    /// the objects; or [`UNSEEN`] or [`NOTHING`].
     pub met: Plane<u32>,
     /// How much of that it shows.
     pub weight: Plane<Vec3>,
-    /// What arrives from the unseen part of the room, as a network says; zero without it.
+    /// Radiance from the unseen part of the room, estimated by a network; zero without one.
     pub far: Plane<Vec3>,
     /// Per light, per lobe of unit radiance.
     pub lights: Vec<(String, Vec<Plane<Vec3>>)>,
@@ -35,11 +38,12 @@ pub struct Reflections {
 
 /// The unseen part of the room.
 pub const UNSEEN: u32 = u32::MAX;
-/// What is counted elsewhere: a light, or below the surface.
+/// A ray that counts elsewhere: it meets a light, or goes below the surface.
 pub const NOTHING: u32 = u32::MAX - 1;
 
 impl Reflections {
-    /// Whether all planes have their number of rows. The pixels that rays meet are held against the photo's size where they are used.
+    /// Whether all planes have their number of rows. The pixels that rays meet are held against the
+    /// photo's size where they are used.
     ///
     /// # Errors
     /// The rule that is not kept.
@@ -59,7 +63,7 @@ impl Reflections {
 
 /// A place whose reflection is asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Face {
+pub struct ShadingPoint {
     /// Slightly above the surface.
     pub point: Vec3,
     pub normal: Vec3,
@@ -69,20 +73,21 @@ pub struct Face {
     pub gloss: Gloss,
     /// Which of the surround's planes it lies in, where it is part of the seen room.
     pub plane: Option<usize>,
-    /// What changes across its pixel, where it bends within it.
-    pub bend: Option<Bend>,
+    /// The ray differential, where the surface is curved within the pixel.
+    pub bend: Option<RayDifferential>,
 }
 
-/// By how much the place and the normal of a face change from one side of its pixel to the other: to the right, and down.
+/// By how much the place and the normal of a face change from one side of its pixel to the other:
+/// to the right, and down.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bend {
-    /// Where in the pixel the face itself is, 0..1 along each side.
+pub struct RayDifferential {
+    /// Position of the shading point in the pixel, 0..1 along each side.
     pub at: [f32; 2],
     pub point: [Vec3; 2],
     pub normal: [Vec3; 2],
 }
 
-impl Face {
+impl ShadingPoint {
     /// The surface at a place of its pixel, 0..1 along each side; `None` where it reflects nothing.
     fn surface(&self, [u, v]: [f64; 2]) -> Option<Ggx> {
         let (mut point, mut normal) = (self.point, self.normal);
@@ -99,27 +104,28 @@ impl Face {
 const MIRRORED: usize = 16;
 
 /// The room around the places.
-pub struct Surround<'a> {
+pub struct ReflectionScene<'a> {
     /// With the bodies in it.
     pub mesh: &'a SceneMesh,
     /// The bodies as they are seen.
     pub objects: &'a Objects,
-    /// Of the photo.
+    /// The camera of the photo.
     pub camera: &'a Camera,
-    /// Of the seen surface, working size.
+    /// Points of the seen surface, working size.
     pub points: &'a Points,
     pub normal: &'a Normal,
     /// Pixels of each visible light, working size: they show themselves, as lights.
     pub masks: &'a [&'a Mask],
-    /// What arrives at each place, by a network.
+    /// Incident radiance at each place, estimated by a network.
     pub lighting: Option<&'a Lighting>,
-    /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not hide what it reflects.
+    /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not hide
+    /// what it reflects.
     pub planes: &'a [Plane<bool>],
 }
 
-impl Surround<'_> {
+impl ReflectionScene<'_> {
     /// The nearest surface along a ray of unit length from a face.
-    fn closest(&self, face: &Face, direction: Vec3) -> Option<Hit> {
+    fn closest(&self, face: &ShadingPoint, direction: Vec3) -> Option<Hit> {
         let plane = face.plane.map(|plane| self.planes[plane].pixels());
         let mut way = 0.0;
         for _ in 0..MOST_SKIPPED {
@@ -144,115 +150,34 @@ const WITHIN: u32 = u32::MAX;
 /// Most rays of all pixels together.
 const MOST_RAYS: usize = 4_000_000;
 
-/// Reflections of the places of a plane of this size, with `rays` per place and as many samples per lobe of a light; and the number of
-/// rays that were traced.
+/// Reflections of the places of a plane of this size, with `rays` per place and as many samples per
+/// lobe of a light; and the number of rays that were traced.
 pub fn reflections(
     (w, h): (usize, usize),
-    face: impl Fn(usize) -> Option<Face> + Sync,
-    surround: &Surround,
+    face: impl Fn(usize) -> Option<ShadingPoint> + Sync,
+    surround: &ReflectionScene,
     lights: &[(&str, &Shape)],
     rays: usize,
     seed: u64,
 ) -> (Reflections, u64) {
-    let rays = rays.min(MOST_RAYS / (w * h).max(1)).max(1);
-    let emitters: Vec<Emitter> = lights.iter().map(|(_, shape)| Emitter::new(shape)).collect();
-    let bodies: Vec<Silhouette> = lights.iter().map(|(_, shape)| Silhouette::new(shape)).collect();
-    let own = |pixel: usize| surround.masks.iter().any(|mask| mask.0.pixels()[pixel] > 0.5);
-    let cells = Cells::new(surround);
-    let pixel = |i: usize| -> Pixel {
-        let lobes: usize = emitters.iter().map(Emitter::lobes).sum();
-        let mut out = Pixel {
-            met: vec![NOTHING; rays],
-            weight: vec![Vec3::ZERO; rays],
-            far: Vec3::ZERO,
-            lights: vec![Vec3::ZERO; lobes],
-            traced: 0,
-        };
-        let Some(face) = face(i) else { return out };
-        let (point, normal) = (face.point, face.normal);
-        let Some(middle) = face.surface([0.5; 2]) else { return out };
-        let count = match (middle.is_mirror(), face.bend) {
-            (true, None) => 1,
-            (true, Some(_)) => rays.min(MIRRORED),
-            (false, _) => rays,
-        };
-        let part = 1.0 / count as f32;
-        let points = Points2::new(seed, i as u32, 0);
-        // Each ray from a place of its own within the pixel; one that is turned away counts as the middle.
-        let surfaces: Vec<Ggx> = if face.bend.is_some() {
-            let within = Points2::new(seed, i as u32, WITHIN);
-            (0..count).map(|ray| face.surface(within.get(ray)).unwrap_or(middle)).collect()
-        } else {
-            vec![middle]
-        };
-        for ray in 0..count {
-            let surface = &surfaces[ray % surfaces.len()];
-            let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
-            let weight = weight * part;
-            let hit = surround.closest(&face, direction);
-            out.traced += 1;
-            let is_own =
-                hit.is_some_and(|hit| (hit.pixel as usize) < surround.points.0.len() && own(hit.pixel as usize));
-            let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { 1.2 } else { 1.01 });
-            // Lights first: what is behind one is not seen. One without a closed surface shows in a mirror as in the photo.
-            let mut light_met = is_own && !surface.is_mirror();
-            let mut first = 0;
-            for (((_, shape), emitter), body) in lights.iter().zip(&emitters).zip(&bodies) {
-                if body.intersect(point, direction).is_some_and(|t| t < end) {
-                    light_met = true;
-                    for lobe in 0..emitter.lobes() {
-                        let s = by_rays(shape, lobe, point, surface)(direction);
-                        out.lights[first + lobe] += weight * shape.emission(lobe, direction) * s;
-                    }
-                }
-                first += emitter.lobes();
-            }
-            if light_met {
-                continue;
-            }
-            out.weight[ray] = weight;
-            out.met[ray] = hit
-                .and_then(|hit| seen(surround, (point + direction * hit.distance, direction), hit.pixel))
-                .unwrap_or(UNSEEN);
-            if out.met[ray] == UNSEEN
-                && let Some(cells) = &cells
-            {
-                out.far += weight * cells.radiance(point, direction);
-            }
-        }
-        let mut first = 0;
-        for (light, ((_, shape), emitter)) in lights.iter().zip(&emitters).enumerate() {
-            for lobe in 0..emitter.lobes() {
-                let by_rays: Vec<_> = surfaces.iter().map(|surface| by_rays(shape, lobe, point, surface)).collect();
-                let Some(seen) = emitter.sampler_at(lobe, point, normal) else { continue };
-                let points = Points2::new(seed, i as u32, 1 + (3 * light + lobe) as u32);
-                let samples = count.max(8);
-                for (k, sample) in (0..samples).filter_map(|k| Some((k % surfaces.len(), seen.sample(&points, k)?))) {
-                    let direction = (sample.position - point).normalize_or_zero();
-                    let part = (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.contribution;
-                    let value = surfaces[k].value(direction) * part;
-                    if value.max_element() < LEAST_SEEN {
-                        continue;
-                    }
-                    out.traced += 1;
-                    if !blocked(surround, &face, sample.position, &own) {
-                        out.lights[first + lobe] += value / samples as f32;
-                    }
-                }
-            }
-            first += emitter.lobes();
-        }
-        out
+    let tracer = Tracer {
+        scene: surround,
+        lights: lights.iter().map(|(_, shape)| TracedLight::new(shape)).collect(),
+        cells: LightProbeGrid::new(surround),
+        rays: rays.min(MOST_RAYS / (w * h).max(1)).max(1),
+        seed,
     };
+    let pixel = |i: usize| tracer.pixel(i, face(i));
     let pixels: Vec<Pixel> = (0..w * h).into_par_iter().with_min_len(16).map(pixel).collect();
     let mut first = 0;
-    let planes = lights.iter().zip(&emitters).map(|((id, _), emitter)| {
-        let range = first..first + emitter.lobes();
+    let planes = lights.iter().zip(&tracer.lights).map(|((id, _), light)| {
+        let range = first..first + light.emitter.lobes();
         first = range.end;
         let lobe = |lobe: usize| Plane::new(w, h, pixels.iter().map(|p| p.lights[lobe]).collect());
         (id.to_string(), range.map(lobe).collect())
     });
     let planes = planes.collect();
+    let rays = tracer.rays;
     let reflections = Reflections {
         met: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.met.iter().copied()).collect()),
         weight: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.weight.iter().copied()).collect()),
@@ -260,6 +185,139 @@ pub fn reflections(
         lights: planes,
     };
     (reflections, pixels.iter().map(|p| p.traced).sum())
+}
+
+/// A light that reflected rays may meet and that is sampled.
+struct TracedLight<'a> {
+    shape: &'a Shape,
+    emitter: Emitter,
+    body: Silhouette<'a>,
+}
+
+impl TracedLight<'_> {
+    fn new(shape: &Shape) -> TracedLight<'_> {
+        TracedLight { shape, emitter: Emitter::new(shape), body: Silhouette::new(shape) }
+    }
+}
+
+/// The reflections of one pixel at a time.
+struct Tracer<'a> {
+    scene: &'a ReflectionScene<'a>,
+    lights: Vec<TracedLight<'a>>,
+    cells: Option<LightProbeGrid<'a>>,
+    /// Rays per pixel.
+    rays: usize,
+    seed: u64,
+}
+
+impl Tracer<'_> {
+    fn pixel(&self, i: usize, face: Option<ShadingPoint>) -> Pixel {
+        let lobes: usize = self.lights.iter().map(|light| light.emitter.lobes()).sum();
+        let mut out = Pixel {
+            met: vec![NOTHING; self.rays],
+            weight: vec![Vec3::ZERO; self.rays],
+            far: Vec3::ZERO,
+            lights: vec![Vec3::ZERO; lobes],
+            traced: 0,
+        };
+        let Some(face) = face else { return out };
+        let Some(middle) = face.surface([0.5; 2]) else { return out };
+        let count = match (middle.is_mirror(), face.bend) {
+            (true, None) => 1,
+            (true, Some(_)) => self.rays.min(MIRRORED),
+            (false, _) => self.rays,
+        };
+        // Each ray from a place of its own within the pixel; one that is turned away counts as the
+        // middle.
+        let surfaces: Vec<Ggx> = if face.bend.is_some() {
+            let within = Points2::new(self.seed, i as u32, WITHIN);
+            (0..count).map(|ray| face.surface(within.get(ray)).unwrap_or(middle)).collect()
+        } else {
+            vec![middle]
+        };
+        let points = Points2::new(self.seed, i as u32, 0);
+        for ray in 0..count {
+            let surface = &surfaces[ray % surfaces.len()];
+            let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
+            self.trace(&mut out, ray, &face, surface, (direction, weight * (1.0 / count as f32)));
+        }
+        self.sample_lights(&mut out, i, &face, &surfaces, count.max(8));
+        out
+    }
+
+    fn is_own(&self, pixel: usize) -> bool {
+        self.scene.masks.iter().any(|mask| mask.0.pixels()[pixel] > 0.5)
+    }
+
+    /// Follows one ray of a pixel, whose direction has `weight`.
+    fn trace(
+        &self,
+        out: &mut Pixel,
+        ray: usize,
+        face: &ShadingPoint,
+        surface: &Ggx,
+        (direction, weight): (Vec3, Vec3),
+    ) {
+        let point = face.point;
+        let hit = self.scene.closest(face, direction);
+        out.traced += 1;
+        let in_room = |hit: &Hit| (hit.pixel as usize) < self.scene.points.0.len();
+        let is_own = hit.is_some_and(|hit| in_room(&hit) && self.is_own(hit.pixel as usize));
+        let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { 1.2 } else { 1.01 });
+        // Lights first: what is behind one is not seen. One without a closed surface shows in a
+        // mirror as in the photo.
+        let mut light_met = is_own && !surface.is_mirror();
+        let mut first = 0;
+        for TracedLight { shape, emitter, body } in &self.lights {
+            if body.intersect(point, direction).is_some_and(|t| t < end) {
+                light_met = true;
+                for lobe in 0..emitter.lobes() {
+                    let s = by_rays(shape, lobe, point, surface)(direction);
+                    out.lights[first + lobe] += weight * shape.emission(lobe, direction) * s;
+                }
+            }
+            first += emitter.lobes();
+        }
+        if light_met {
+            return;
+        }
+        out.weight[ray] = weight;
+        out.met[ray] = hit
+            .and_then(|hit| seen(self.scene, (point + direction * hit.distance, direction), hit.pixel))
+            .unwrap_or(UNSEEN);
+        if out.met[ray] == UNSEEN
+            && let Some(cells) = &self.cells
+        {
+            out.far += weight * cells.radiance(point, direction);
+        }
+    }
+
+    /// Adds the samples of each light, weighted against the rays by the power heuristic.
+    fn sample_lights(&self, out: &mut Pixel, i: usize, face: &ShadingPoint, surfaces: &[Ggx], samples: usize) {
+        let point = face.point;
+        let mut first = 0;
+        for (light, TracedLight { shape, emitter, .. }) in self.lights.iter().enumerate() {
+            for lobe in 0..emitter.lobes() {
+                let by_rays: Vec<_> = surfaces.iter().map(|surface| by_rays(shape, lobe, point, surface)).collect();
+                let Some(sampler) = emitter.sampler_at(lobe, point, face.normal) else { continue };
+                let points = Points2::new(self.seed, i as u32, 1 + (3 * light + lobe) as u32);
+                let sampled = |k: usize| Some((k % surfaces.len(), sampler.sample(&points, k)?));
+                for (k, sample) in (0..samples).filter_map(sampled) {
+                    let direction = (sample.position - point).normalize_or_zero();
+                    let part = (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.contribution;
+                    let value = surfaces[k].value(direction) * part;
+                    if value.max_element() < LEAST_SEEN {
+                        continue;
+                    }
+                    out.traced += 1;
+                    if !blocked(self.scene, face, sample.position, &|pixel| self.is_own(pixel)) {
+                        out.lights[first + lobe] += value / samples as f32;
+                    }
+                }
+            }
+            first += emitter.lobes();
+        }
+    }
 }
 
 struct Pixel {
@@ -293,7 +351,7 @@ fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> imp
 }
 
 /// Whether something stands between a place and a light that is not the light itself.
-fn blocked(surround: &Surround, face: &Face, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
+fn blocked(surround: &ReflectionScene, face: &ShadingPoint, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
     let way = light - face.point;
     let length = way.length();
     let hit = surround.closest(face, way / length);
@@ -301,8 +359,8 @@ fn blocked(surround: &Surround, face: &Face, light: Vec3, own: &impl Fn(usize) -
     near.is_some_and(|hit| (hit.pixel as usize) >= surround.points.0.len() || !own(hit.pixel as usize))
 }
 
-/// What is seen at pixel `i` of objects, where they cover it.
-pub fn object_face(objects: &Objects, camera: &Camera, i: usize) -> Option<Face> {
+/// The shading point at pixel `i` of objects, where they cover it.
+pub fn object_shading_point(objects: &Objects, camera: &Camera, i: usize) -> Option<ShadingPoint> {
     let (x, y) = (i % objects.cover.width(), i / objects.cover.width());
     if objects.cover.get(x, y) <= 0.0 {
         return None;
@@ -315,7 +373,7 @@ pub fn object_face(objects: &Objects, camera: &Camera, i: usize) -> Option<Face>
         // Half a pixel's footprint above the surface, which is flat between pixels here only.
         camera.pixel_point(objects.left + x, objects.top + y, z) + normal * (0.5 * z / camera.fx)
     };
-    Some(Face {
+    Some(ShadingPoint {
         point,
         normal,
         albedo: objects.albedo.get(x, y),
@@ -325,8 +383,9 @@ pub fn object_face(objects: &Objects, camera: &Camera, i: usize) -> Option<Face>
     })
 }
 
-/// How place and normal change across a covered pixel: by the camera, and by the pixels beside it that show the same surface.
-fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> Bend {
+/// How place and normal change across a covered pixel: by the camera, and by the pixels beside it
+/// that show the same surface.
+fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> RayDifferential {
     let (w, h) = objects.cover.size();
     let (z, normal) = (objects.depth.get(x, y), objects.normal.get(x, y));
     let beside = |dx: isize, dy: isize| {
@@ -346,11 +405,15 @@ fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> Bend {
     let own = (objects.step == 1).then(|| camera.project(objects.points.get(x, y))).flatten();
     let at = own.map_or([0.5; 2], |p| [p.x - (objects.left + x) as f32, p.y - (objects.top + y) as f32]);
     let at = at.map(|at| at.clamp(0.0, 1.0));
-    Bend { at, point: [Vec3::X * (z / camera.fx), Vec3::NEG_Y * (z / camera.fy)], normal: [change(1, 0), change(0, 1)] }
+    RayDifferential {
+        at,
+        point: [Vec3::X * (z / camera.fx), Vec3::NEG_Y * (z / camera.fy)],
+        normal: [change(1, 0), change(0, 1)],
+    }
 }
 
 /// The pixel that shows what a ray meets: of the photo, or after all of them of the objects.
-fn seen(surround: &Surround, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<u32> {
+fn seen(surround: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<u32> {
     let (camera, objects) = (surround.camera, surround.objects);
     let place = camera.project(at).filter(|p| camera.contains(*p))?;
     let (x, y) = (place.x as usize, place.y as usize);
@@ -366,14 +429,14 @@ fn seen(surround: &Surround, (at, direction): (Vec3, Vec3), pixel: u32) -> Optio
 }
 
 /// A network's lighting, to be asked at places in the room.
-struct Cells<'a> {
+struct LightProbeGrid<'a> {
     lighting: &'a Lighting,
     /// Point and normal at the middle of each cell.
     places: Vec<(Vec3, Vec3)>,
 }
 
-impl Cells<'_> {
-    fn new<'a>(surround: &'a Surround) -> Option<Cells<'a>> {
+impl LightProbeGrid<'_> {
+    fn new<'a>(surround: &'a ReflectionScene) -> Option<LightProbeGrid<'a>> {
         let lighting = surround.lighting?;
         let (w, h) = surround.points.0.size();
         let middle = |i: usize, cells: usize, size: usize| ((2 * i + 1) * size / (2 * cells)).min(size - 1);
@@ -382,10 +445,11 @@ impl Cells<'_> {
                 (middle(i % lighting.columns, lighting.columns, w), middle(i / lighting.columns, lighting.rows, h));
             (surround.points.0.get(x, y), surround.normal.0.get(x, y))
         };
-        Some(Cells { lighting, places: (0..lighting.columns * lighting.rows).map(place).collect() })
+        Some(LightProbeGrid { lighting, places: (0..lighting.columns * lighting.rows).map(place).collect() })
     }
 
-    /// What arrives at `point` from `direction`: as at the nearest cell whose surface sees that way.
+    /// Incident radiance at `point` from `direction`: that of the nearest cell whose surface faces
+    /// it.
     fn radiance(&self, point: Vec3, direction: Vec3) -> Vec3 {
         let sees = |(_, (_, n)): &(usize, &(Vec3, Vec3))| n.dot(direction) > 0.1;
         let near = self.places.iter().enumerate().filter(sees);
@@ -407,7 +471,8 @@ mod tests {
 
     const SIZE: (usize, usize) = (80, 60);
 
-    /// A ball of this roughness, of white metal, before a wall at 4 m; with what it reflects under a lamp.
+    /// A ball of this roughness, of white metal, before a wall at 4 m; with what it reflects under
+    /// a lamp.
     fn ball(roughness: f32, lamp: Shape) -> (Objects, Reflections) {
         seen_ball(SIZE, roughness, lamp, true)
     }
@@ -425,7 +490,7 @@ mod tests {
         let drawing = Drawing { supersampling: 2, most: 100_000 };
         let objects = draw(&bodies, (&solid, &materials), &camera, &depth, |_| 0.0, drawing);
         let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(size.0, size.1, false)).with_bodies(solid);
-        let surround = Surround {
+        let surround = ReflectionScene {
             mesh: &mesh,
             objects: &objects,
             camera: &camera,
@@ -436,14 +501,15 @@ mod tests {
             planes: &[],
         };
         let face = |i: usize| {
-            let face = object_face(&objects, &camera, i)?;
-            Some(Face { bend: face.bend.filter(|_| bent), ..face })
+            let face = object_shading_point(&objects, &camera, i)?;
+            Some(ShadingPoint { bend: face.bend.filter(|_| bent), ..face })
         };
         let (reflected, _) = reflections(objects.cover.size(), face, &surround, &[("lamp", &lamp)], 64, 1);
         (objects, reflected)
     }
 
-    /// What the pixel in the middle of the ball shows where the room shows `room` and the lamp has this radiance.
+    /// Radiance of the pixel at the center of the ball where the room has the radiance `room` and
+    /// the lamp this one.
     fn middle((objects, of): &(Objects, Reflections), room: Vec3, radiance: f32) -> Vec3 {
         let planes = [vec![room; SIZE.0 * SIZE.1], vec![Vec3::ZERO; SIZE.0 * SIZE.1]];
         let all: Vec<usize> = (0..SIZE.0 * SIZE.1).collect();
@@ -467,14 +533,16 @@ mod tests {
         let lamp = |radius: f32| Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, 2.0), radius }));
         let mirror = middle(&ball(0.0, lamp(0.8)), Vec3::ZERO, 7.0);
         assert!((mirror - 7.0).abs().max_element() < 0.2, "{mirror}");
-        // Head on: f = D(1) F G / 4 with D(1) = 1 / (pi a^2), G = F = 1, times the irradiance L (r / d)^2 pi.
+        // Head on: f = D(1) F G / 4 with D(1) = 1 / (pi a^2), G = F = 1, times the irradiance L
+        // (r / d)^2 pi.
         let alpha = 0.6f32 * 0.6;
         let want = 7.0 * (0.1f32 / 3.5).powi(2) / (4.0 * alpha * alpha);
         let rough = middle(&ball(0.6, lamp(0.1)), Vec3::ZERO, 7.0);
         assert!((rough / want - 1.0).abs().max_element() < 0.1, "{rough} against {want}");
     }
 
-    /// Lamps in a mirror ball of 20 pixels, against a picture of eight times the size with one ray to a pixel, pixels inside the ball.
+    /// Lamps in a mirror ball of 20 pixels, against a picture of eight times the size with one ray
+    /// to a pixel, pixels inside the ball.
     #[test]
     fn a_mirror_ball_is_smooth() {
         let lamp = || Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(3.0, 2.0, -1.0), radius: 0.7 }));

@@ -1,9 +1,11 @@
-//! What bodies hide of the hemisphere of the surface close to them, and what they show there.
+//! Contact shadows and interreflections: the occlusion of a surface by bodies close to it.
 //!
-//! The receivers of a [`Transport`](crate::optics::Transport) stand some pixels apart, too far to follow a body down to where it touches what it
-//! stands on. So every pixel near a body asks for itself which share h of its cosine-weighted hemisphere bodies fill, by rays into the
-//! cones around them. With a the light that arrives at the receivers around past all bodies, and k the share that is hidden from those,
-//! a / (1 - k) is what would arrive without bodies, and the pixel gets (1 - h) a / (1 - k) and what its own rays show.
+//! The receivers of a [`Transport`](crate::optics::Transport) stand some pixels apart, too far to
+//! follow a body down to where it touches what it stands on. So every pixel near a body asks for
+//! itself which share h of its cosine-weighted hemisphere bodies fill, by rays into the cones
+//! around them. With a the light that arrives at the receivers around past all bodies, and k the
+//! share that is hidden from those, a / (1 - k) is what would arrive without bodies, and the pixel
+//! gets (1 - h) a / (1 - k) and what its own rays show.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -21,7 +23,7 @@ pub struct Contact {
     pixels: Plane<u32>,
     /// How much what is found here counts beside what the receivers say, 0..1.
     weight: Plane<f32>,
-    /// Of each pixel a row: which probe each ray meets, or [`OPEN`].
+    /// The probe that each ray meets, or [`OPEN`]; a row per pixel.
     probes: Plane<u32>,
     /// Its share of the hemisphere.
     shares: Plane<f32>,
@@ -33,12 +35,14 @@ const OPEN: u32 = u32::MAX;
 const RAYS: usize = 32;
 /// Most rays of one pixel.
 const MOST: usize = 256;
-/// From the middle of a body, in radii of the ball around it: up to the first all counts, from the second on nothing.
+/// From the middle of a body, in radii of the ball around it: up to the first all counts, from the
+/// second on nothing.
 const REACH: [f32; 2] = [2.0, 3.5];
 /// Least open share of a receiver's hemisphere that says anything about what arrives.
 const LEAST: f32 = 0.05;
 
-/// What reaches a receiver past all bodies, and the share of its hemisphere that they hide.
+/// Irradiance / pi that reaches a receiver past all bodies, and the fraction of its hemisphere that
+/// they hide.
 #[derive(Clone, Copy, Default)]
 pub struct Past {
     pub light: Vec3,
@@ -46,7 +50,8 @@ pub struct Past {
 }
 
 impl Contact {
-    /// Looks for bodies from all pixels near them; `points` and `normal` have the size of `mesh`. Empty without bodies.
+    /// Looks for bodies from all pixels near them; `points` and `normal` have the size of `mesh`.
+    /// Empty without bodies.
     pub fn new(mesh: &SceneMesh, points: &Points, normal: &Normal, seed: u64) -> Contact {
         let balls = mesh.bodies().balls();
         let near = |pixel: usize| {
@@ -111,8 +116,8 @@ impl Contact {
         self.probes.len() as u64
     }
 
-    /// Puts what the pixels near bodies find in the place of what the receivers of `grid` say, `all`; `past` is known of those, `shown` of
-    /// each probe.
+    /// Puts what the pixels near bodies find in the place of what the receivers of `grid` say,
+    /// `all`; `past` is known of those, `shown` of each probe.
     pub fn refine(
         &self,
         (grid, points, normal): (&Grid, &Points, &Normal),
@@ -146,8 +151,9 @@ impl Contact {
     }
 }
 
-/// Rays from a place into the cone of a body: the probe that each meets, where it meets this body before all else, and the share of the
-/// hemisphere that it stands for. Together they stand for what the ball around the body fills.
+/// Rays from a place into the cone of a body: the probe that each meets, where it meets this body
+/// before all else, and the share of the hemisphere that it stands for. Together they stand for
+/// what the ball around the body fills.
 fn look(
     mesh: &SceneMesh,
     (point, normal): (Vec3, Vec3),
@@ -180,7 +186,8 @@ fn look(
 /// The probe of a body that is the first thing that a ray from the surface meets.
 fn meets(mesh: &SceneMesh, (point, normal): (Vec3, Vec3), body: usize, direction: Vec3) -> Option<usize> {
     let bodies = mesh.bodies();
-    // From the surface itself: what lifts rays off uneven depth elsewhere would lift them past the foot of a body.
+    // From the surface itself: what lifts rays off uneven depth elsewhere would lift them past the
+    // foot of a body.
     let from = point + normal * clearance(point);
     let hit = bodies.closest(from, direction).filter(|hit| bodies.owner(hit.id).0 == body)?;
     let lift = mesh.offset(point);

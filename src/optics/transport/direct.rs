@@ -6,7 +6,8 @@ use super::estimate::{BATCHES, Measure, Sampling, Tile, mean, pooled, refine, st
 use crate::image::{Normal, Plane, Points};
 use crate::optics::{Emitter, Shape, Strategy};
 
-/// Per lobe of unit radiance: irradiance / pi, and its standard error (zero where a closed form was used).
+/// Per lobe of unit radiance: irradiance / pi, and its standard error (zero where a closed form was
+/// used).
 pub struct Direct {
     pub lobes: Vec<Plane<f32>>,
     pub stderr: Vec<Plane<f32>>,
@@ -27,8 +28,8 @@ impl Direct {
 /// Sums of the parts of the samples, per batch.
 type Sums = [f64; BATCHES];
 
-/// Closed forms where there are any, but for windows under a strategy that is there to be compared; else samples. The planes are
-/// of one size. Asked between rounds, `stop` may end it early.
+/// Closed forms where there are any, but for windows under a strategy that is there to be compared;
+/// else samples. The planes are of one size. Asked between rounds, `stop` may end it early.
 pub fn direct(
     points: &Points,
     normal: &Normal,

@@ -1,8 +1,9 @@
 //! Monte Carlo estimates with a standard error, and the rounds in which they get better.
 //!
-//! The samples of one estimate come in [`BATCHES`] streams that are independent of each other. Inside a stream the points are
-//! evenly spread, and no formula tells the error of such a sum; but the streams' means are independent and alike, so their
-//! spread tells it: randomised quasi-Monte Carlo (L'Ecuyer, "Randomized Quasi-Monte Carlo", 2018).
+//! The samples of one estimate come in [`BATCHES`] streams that are independent of each other.
+//! Inside a stream the points are evenly spread, and no formula tells the error of such a sum; but
+//! the streams' means are independent and alike, so their spread tells it: randomised quasi-Monte
+//! Carlo (L'Ecuyer, "Randomized Quasi-Monte Carlo", 2018).
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -12,7 +13,8 @@ use crate::optics::{Emitter, Points2, Strategy};
 /// Independent streams per estimate: three degrees of freedom of its own.
 pub const BATCHES: usize = 4;
 
-/// A 95 % interval is plus and minus this many standard errors: Student's for six degrees of freedom, see `pooled`.
+/// A 95 % interval is plus and minus this many standard errors: Student's for six degrees of
+/// freedom, see `pooled`.
 pub const INTERVAL: f64 = 2.447;
 
 /// Pixels along each side of a tile, which is made better as a whole.
@@ -49,12 +51,13 @@ pub fn estimate(
     mean(&batches)
 }
 
-/// The standard errors of the pixels of a tile, from the variances that their own batches tell; `None` where there is nothing
-/// to estimate.
+/// The standard errors of the pixels of a tile, from the variances that their own batches tell;
+/// `None` where there is nothing to estimate.
 ///
-/// Four batches tell a variance badly, and where few rays meet the edge of a shadow they all agree although the truth lies
-/// between. So each variance is the mean of a pixel's own and that of the 3 x 3 pixels around it: a compromise that holds in
-/// penumbrae three pixels wide, and behaves like six degrees of freedom.
+/// Four batches tell a variance badly, and where few rays meet the edge of a shadow they all agree
+/// although the truth lies between. So each variance is the mean of a pixel's own and that of the 3
+/// x 3 pixels around it: a compromise that holds in penumbrae three pixels wide, and behaves like
+/// six degrees of freedom.
 pub fn pooled<S>(tile: &Tile<S>, variances: &[Option<f64>]) -> Vec<f64> {
     // A border of one pixel around the tile, which holds nothing.
     const SIDE: usize = TILE + 2;
@@ -78,13 +81,14 @@ pub fn pooled<S>(tile: &Tile<S>, variances: &[Option<f64>]) -> Vec<f64> {
 /// How samples are taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
-    /// Where the directions to a window come from.
+    /// The sampling strategy of directions to a window.
     pub strategy: Strategy,
     /// Samples per pixel and lobe, rounded up to whole batches; the least where there is a target.
     pub samples: usize,
     /// The most where there is a target.
     pub most: usize,
-    /// Mean standard error of a tile, over the mean of its lobe in the whole picture, that is good enough; 0 stops at `samples`.
+    /// Mean standard error of a tile, over the mean of its lobe in the whole picture, that is good
+    /// enough; 0 stops at `samples`.
     pub target: f64,
     /// Samples of the first round, after which one may stop; `samples` where nobody will.
     pub first: usize,
@@ -102,7 +106,7 @@ impl Sampling {
 /// Some pixels of one lobe, and what is known of them.
 pub struct Tile<S> {
     pub lobe: usize,
-    /// Of the whole picture.
+    /// Width of the whole picture, pixels.
     pub width: usize,
     pub pixels: Vec<usize>,
     /// One per pixel.
@@ -120,7 +124,8 @@ pub struct Measure {
     pub error: f64,
 }
 
-/// The tiles of one lobe over a picture of this size, of the pixels (row by row) that `take` names; none is empty.
+/// The tiles of one lobe over a picture of this size, of the pixels (row by row) that `take` names;
+/// none is empty.
 pub fn tiles<S: Clone + Default>(
     lobe: usize,
     (width, height): (usize, usize),
@@ -140,11 +145,12 @@ pub fn tiles<S: Clone + Default>(
     tiles
 }
 
-/// Takes samples until there are enough, or `stop` says yes. Each round doubles those of the tiles that are not good enough yet.
+/// Takes samples until there are enough, or `stop` says yes. Each round doubles those of the tiles
+/// that are not good enough yet.
 ///
-/// `extend` adds the samples of a range, in each batch, to the sums of a tile; `measure` tells how the tile stands. `base` is,
-/// per lobe, the sum of what is known without samples, and how many pixels there are in all. What comes out depends on
-/// `stop`, but not on the number of threads.
+/// `extend` adds the samples of a range, in each batch, to the sums of a tile; `measure` tells how
+/// the tile stands. `base` is, per lobe, the sum of what is known without samples, and how many
+/// pixels there are in all. What comes out depends on `stop`, but not on the number of threads.
 pub fn refine<S: Send + Sync>(
     tiles: &mut [Tile<S>],
     base: &[(f64, usize)],

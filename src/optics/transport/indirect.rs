@@ -1,13 +1,14 @@
 //! Indirect shading by bounces on the seen surface.
 //!
-//! With D the shadowed direct shading of a lobe (irradiance / pi), A the albedo and B = A (D + I) what a surface shows, the
-//! indirect shading is the mean of B over the cosine-distributed rays of a point: I = T A (D + I). The rays do not depend on
-//! the light, so they are traced once ([`trace_bounces`]), and every lobe only sums over what they hit ([`indirect`]). Rays
-//! that hit nothing, or a surface from behind, look into the unseen part of the room; it shows the mean B of what is seen,
-//! by area. All of it is linear in D, with coefficients that are not negative.
+//! With D the shadowed direct shading of a lobe (irradiance / pi), A the albedo and B = A (D + I)
+//! what a surface shows, the indirect shading is the mean of B over the cosine-distributed rays of
+//! a point: I = T A (D + I). The rays do not depend on the light, so they are traced once
+//! ([`trace_bounces`]), and every lobe only sums over what they hit ([`indirect`]). Rays that hit
+//! nothing, or a surface from behind, look into the unseen part of the room; it shows the mean B of
+//! what is seen, by area. All of it is linear in D, with coefficients that are not negative.
 //!
-//! Bodies in the room take part at their [probes](crate::geometry::Probes): each is a receiver of its own, and a ray that meets
-//! a body sees what its nearest probe shows.
+//! Bodies in the room take part at their [probes](crate::geometry::Probes): each is a receiver of
+//! its own, and a ray that meets a body sees what its nearest probe shows.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -19,7 +20,7 @@ use crate::geometry::{Grid, SceneMesh, cosine_direction};
 use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance, rule};
 use crate::optics::sampling::random::Points2;
 
-/// What each receiver (a point of a coarse grid) sees along its rays.
+/// Hits of the gathering rays of each receiver, a point of a coarse grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Transport {
     grid: Grid,
@@ -27,11 +28,13 @@ pub struct Transport {
     hits: Plane<u32>,
     /// Each pixel's nearest receiver on its own surface.
     nearest: Plane<u32>,
-    /// Area that each receiver stands for, square metres over focal length squared; zero where there is no room, and for probes.
+    /// Area that each receiver stands for, square metres over focal length squared; zero where
+    /// there is no room, and for probes.
     areas: Plane<f32>,
-    /// Probes of bodies: as many receivers after those of the grid, and as many pixels after those of the picture.
+    /// Probes of bodies: as many receivers after those of the grid, and as many pixels after those
+    /// of the picture.
     probes: usize,
-    /// What pixels near bodies see of these.
+    /// Occlusion of pixels by bodies near them.
     contact: Contact,
 }
 
@@ -65,7 +68,8 @@ impl Transport {
         self.hits.len() as u64 + self.contact.rays()
     }
 
-    /// With at most `rays` of the rays of each receiver, spread over all batches: for estimates over many receivers, which need fewer.
+    /// With at most `rays` of the rays of each receiver, spread over all batches: for estimates
+    /// over many receivers, which need fewer.
     pub fn thinned(&self, rays: usize) -> Transport {
         let each = self.hits.width() / BATCHES;
         let step = each.div_ceil((rays / BATCHES).max(1)).max(1);
@@ -121,15 +125,16 @@ impl Transport {
         }
     }
 
-    /// Shading of each receiver by an even ambient of radiance 1 from the unseen part of the room, a fifth of which reaches everywhere.
+    /// Shading of each receiver by an even ambient of radiance 1 from the unseen part of the room,
+    /// a fifth of which reaches everywhere.
     pub fn ambient(&self) -> Vec<Vec3> {
         let open = |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
         let shading = |row: &[u32]| Vec3::splat(0.2 + 0.8 * open(row));
         self.hits.pixels().chunks(self.hits.width().max(1)).map(shading).collect()
     }
 
-    /// [`Transport::ambient`] where bodies, whose probes have this albedo, stand in the way: in place of what they hide they show
-    /// what they reflect of it. On all pixels, and on the probes.
+    /// [`Transport::ambient`] where bodies, whose probes have this albedo, stand in the way: in
+    /// place of what they hide they show what they reflect of it. On all pixels, and on the probes.
     pub fn ambient_around(&self, points: &Points, normal: &Normal, albedo: &[Vec3]) -> (Plane<Vec3>, Vec<Vec3>) {
         let all = self.ambient();
         let (_, on_probes) = all.split_at(self.grid.len());
@@ -141,7 +146,8 @@ impl Transport {
         (on_pixels, around[self.grid.len()..].to_vec())
     }
 
-    /// What reaches each receiver past all bodies when a pixel shows `shown` and the unseen part `ambient`.
+    /// Irradiance / pi that reaches each receiver past all bodies, where a pixel has the radiance
+    /// `shown` and the unseen part `ambient`.
     fn past(&self, shown: impl Fn(usize) -> Vec3 + Sync, ambient: Vec3) -> Vec<Past> {
         let pixels = self.nearest.len();
         let row = |row: &[u32]| {
@@ -156,7 +162,7 @@ impl Transport {
         self.hits.pixels().par_chunks(self.hits.width().max(1)).with_min_len(64).map(row).collect()
     }
 
-    /// What a receiver sees of bodies whose probes show this.
+    /// Irradiance / pi at a receiver from bodies whose probes have the radiance `shown`.
     fn of_bodies(&self, receiver: usize, shown: impl Fn(usize) -> Vec3) -> Vec3 {
         let width = self.hits.width();
         let row = &self.hits.pixels()[receiver * width..(receiver + 1) * width];
@@ -165,7 +171,8 @@ impl Transport {
     }
 }
 
-/// Traces `rays` cosine-distributed rays, rounded up to whole batches, from every `stride`th pixel. `points` and `normal` have the size of `mesh`.
+/// Traces `rays` cosine-distributed rays, rounded up to whole batches, from every `stride`th pixel.
+/// `points` and `normal` have the size of `mesh`.
 pub fn trace_bounces(
     mesh: &SceneMesh,
     points: &Points,
@@ -206,12 +213,13 @@ pub fn trace_bounces(
     let area = |i: usize| {
         let pixel = grid.pixel(i);
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
-        // A pixel covers z^2 / f^2 of a plane parallel to the picture; slanted ones are held back, their slant is uncertain.
+        // A pixel covers z^2 / f^2 of a plane parallel to the picture; slanted ones are held back,
+        // their slant is uncertain.
         let slant = -n.dot(point) / point.z.abs().max(1e-6);
         if mesh.in_room(pixel) { point.z * point.z / slant.max(0.1) } else { 0.0 }
     };
-    // What lies far behind the room (through a doorway, or at a pane that no mask marks) covers large areas and is no part of
-    // its light: no receiver stands for more than a few typical ones.
+    // What lies far behind the room (through a doorway, or at a pane that no mask marks) covers
+    // large areas and does not light the room: no receiver stands for more than a few typical ones.
     let mut areas: Vec<f32> = (0..grid.len()).map(area).collect();
     let mut sorted: Vec<f32> = areas.iter().copied().filter(|&a| a > 0.0).collect();
     sorted.sort_by(f32::total_cmp);
@@ -231,13 +239,14 @@ pub fn trace_bounces(
 /// How bounces are summed.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounces {
-    /// Bounces followed one by one; the rest is a geometric series in the mean albedo. With none there is no indirect light.
+    /// Bounces followed one by one; the rest is a geometric series in the mean albedo. With none
+    /// there is no indirect light.
     pub count: usize,
     /// Radiosity of what is unseen, as a multiple of the mean of what is seen.
     pub unseen: f32,
 }
 
-/// What is known of the probes of bodies under one lobe.
+/// Albedo and direct irradiance / pi of the probes of bodies under one lobe.
 #[derive(Clone, Copy)]
 pub struct Probed<'a> {
     pub albedo: &'a [Vec3],
@@ -250,11 +259,12 @@ impl Probed<'_> {
     pub const NONE: Probed<'static> = Probed { albedo: &[], direct: &[] };
 }
 
-/// Indirect shading of one lobe on all pixels, the standard error of its luminance, and indirect shading of the probes of
-/// bodies; `direct` is its shadowed direct shading.
+/// Indirect shading of one lobe on all pixels, the standard error of its luminance, and indirect
+/// shading of the probes of bodies; `direct` is its shadowed direct shading.
 ///
-/// The error of a receiver is the spread of the batches after the receivers around it were brought together, as part of it is
-/// common to all of them (what the unseen part shows); a pixel has that of its nearest receiver.
+/// The error of a receiver is the spread of the batches after the receivers around it were brought
+/// together, as part of it is common to all of them (what the unseen part shows); a pixel has that
+/// of its nearest receiver.
 pub fn indirect(
     transport: &Transport,
     points: &Points,
@@ -296,8 +306,8 @@ fn reflectances(albedo: &Albedo, probes: &[Vec3]) -> Vec<Vec3> {
     albedo.0.pixels().iter().chain(probes).map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect()
 }
 
-/// Indirect shading of one lobe on the receivers alone, in a room without bodies; `direct` is its shadowed direct shading at a
-/// pixel.
+/// Indirect shading of one lobe on the receivers alone, in a room without bodies; `direct` is its
+/// shadowed direct shading at a pixel.
 pub fn indirect_at_receivers(
     transport: &Transport,
     albedo: &Albedo,
@@ -311,8 +321,9 @@ fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {
     batches.iter().sum::<Vec3>() / BATCHES as f32
 }
 
-/// Indirect shading of each receiver by each batch of its rays. The batches go their own ways through all bounces, so that their
-/// spread holds the errors of what the surfaces show as well as those of looking at them.
+/// Indirect shading of each receiver by each batch of its rays. The batches go their own ways
+/// through all bounces, so that their spread holds the errors of what the surfaces show as well as
+/// those of looking at them.
 fn gather(
     transport: &Transport,
     albedo: &Albedo,
@@ -344,12 +355,14 @@ fn gather(
         last = bounce(transport, shown, ambient(&shown));
         add(&mut total, &last, Vec3::ONE);
     }
-    // Each further bounce is taken to be the one before times the mean albedo: exact where the albedo is constant.
+    // Each further bounce is taken to be the one before times the mean albedo: exact where the
+    // albedo is constant.
     add(&mut total, &last, mean_albedo / (Vec3::ONE - mean_albedo));
     total
 }
 
-/// One bounce: per receiver and batch, the mean of what its rays meet. A pixel shows `shown` to a batch, what is unseen `ambient`.
+/// One bounce: per receiver and batch, the mean of what its rays meet. A pixel shows `shown` to a
+/// batch, what is unseen `ambient`.
 fn bounce(
     transport: &Transport,
     shown: impl Fn(usize, usize) -> Vec3 + Sync,

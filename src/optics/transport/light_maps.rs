@@ -12,13 +12,14 @@ pub const TEXELS: usize = THETAS * PHIS;
 
 /// Incoming radiance over the hemisphere of the normal, for each cell of a grid over the picture.
 ///
-/// Texel (i, j) of a cell, `i` slow: theta = (i + 0.5) / 8 pi / 2 from the normal, phi = (j + 0.5) / 16 2 pi - pi about it.
+/// Texel (i, j) of a cell, `i` slow: theta = (i + 0.5) / 8 pi / 2 from the normal,
+/// phi = (j + 0.5) / 16 2 pi - pi about it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightMaps {
     pub columns: usize,
     pub rows: usize,
-    /// `TEXELS` for each cell, cells row by row; linear, in units of the photo. A cell with a number that is not finite is one
-    /// that nothing is known of.
+    /// `TEXELS` for each cell, cells row by row; linear, in units of the photo. A cell with a
+    /// number that is not finite is one that nothing is known of.
     pub radiance: Vec<Vec3>,
 }
 
@@ -29,9 +30,9 @@ impl LightMaps {
         std::array::from_fn(|k| (edge(k / PHIS) - edge(k / PHIS + 1)) * 2.0 * std::f64::consts::PI / PHIS as f64)
     }
 
-    /// Mean squared difference of log(1 + radiance) over the hemisphere, by solid angle, and over the cells of which the truth is
-    /// known; `None` when the grids differ or nothing is known. The per-pixel lighting error of IndoorLightEditing (Li et
-    /// al., ECCV 2022).
+    /// Mean squared difference of log(1 + radiance) over the hemisphere, by solid angle, and over
+    /// the cells of which the truth is known; `None` when the grids differ or nothing is known. The
+    /// per-pixel lighting error of IndoorLightEditing (Li et al., ECCV 2022).
     pub fn log_error(&self, truth: &LightMaps) -> Option<f64> {
         if (self.columns, self.rows) != (truth.columns, truth.rows) {
             return None;

@@ -1,4 +1,5 @@
-//! The light that arrives at each place, direction by direction: spherical Gaussians in a local frame.
+//! The light that arrives at each place, direction by direction: spherical Gaussians in a local
+//! frame.
 
 use std::f32::consts::PI;
 
@@ -8,7 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::image::rule;
 use crate::optics::{LightMaps, PHIS, TEXELS, THETAS};
 
-/// One spherical Gaussian of radiance: w exp(sharpness (axis . l - 1)), l and `axis` in the frame of the cell.
+/// One spherical Gaussian of radiance: w exp(sharpness (axis . l - 1)), l and `axis` in the frame
+/// of the cell.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LocalLobe {
     /// Unit length.
@@ -17,7 +19,8 @@ pub struct LocalLobe {
     pub weight: Vec3,
 }
 
-/// Incoming radiance on a coarse grid of cells over the picture, rows from the top; in units of the photo.
+/// Incoming radiance on a coarse grid of cells over the picture, rows from the top; in units of the
+/// photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lighting {
     pub columns: usize,
@@ -42,7 +45,8 @@ impl Lighting {
         &self.lobes[(row * self.columns + column) * each..][..each]
     }
 
-    /// Radiance that arrives at a cell from `direction`, unit length, in its frame ([`local_frame`]).
+    /// Radiance that arrives at a cell from `direction`, unit length, in its frame
+    /// ([`local_frame`]).
     pub fn radiance(&self, column: usize, row: usize, direction: Vec3) -> Vec3 {
         let lobe = |l: &LocalLobe| l.weight * (l.sharpness * (l.axis.dot(direction) - 1.0)).exp();
         self.cell(column, row).iter().map(lobe).sum()
@@ -64,7 +68,8 @@ fn texel(i: usize) -> Vec3 {
     Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
 }
 
-/// Axes x, y, n (columns) of the local frame at a surface: y towards camera up, or ahead where the normal is vertical.
+/// Axes x, y, n (columns) of the local frame at a surface: y towards camera up, or ahead where the
+/// normal is vertical.
 pub fn local_frame(normal: Vec3) -> Mat3 {
     let up = if normal.y.abs() > 0.99 { Vec3::NEG_Z } else { Vec3::Y };
     let y = (up - up.dot(normal) * normal).normalize_or(Vec3::Y);

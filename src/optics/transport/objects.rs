@@ -1,4 +1,5 @@
-//! Direct light on places that are above their surface already: samples and probes of inserted bodies.
+//! Direct light on places that are above their surface already: samples and probes of inserted
+//! bodies.
 
 use super::direct;
 use super::shadow::{ShadowQuality, shadow};
@@ -6,8 +7,9 @@ use crate::geometry::SceneMesh;
 use crate::image::{Normal, Plane, Points};
 use crate::optics::{Direct, Sampling, Shape};
 
-/// Irradiance / pi that arrives from each lobe of a light of unit radiance, shadows of the room and of all bodies included. Shadows
-/// are traced at every `stride`th place along each axis. Also the number of rays.
+/// Irradiance / pi that arrives from each lobe of a light of unit radiance, shadows of the room and
+/// of all bodies included. Shadows are traced at every `stride`th place along each axis. Also the
+/// number of rays.
 pub fn arriving(
     mesh: &SceneMesh,
     points: &Plane<glam::Vec3>,
@@ -66,7 +68,8 @@ mod tests {
         let shadow = shadow(&mesh, &points, &normal, &lamp(Vec3::new(0.0, 0.0, -1.0)), None, quality, &|| false);
         let pixel = (4.0 / camera.fx) * (4.0 / camera.fy);
         let got: f32 = shadow.lit[0].pixels().iter().map(|lit| (1.0 - lit) * pixel).sum();
-        // From 1 m before the camera the ball is seen within asin(0.2 / 1.5), and the wall is 3 m away.
+        // From 1 m before the camera the ball is seen within asin(0.2 / 1.5), and the wall is 3 m
+        // away.
         let want = std::f32::consts::PI * (3.0 * (0.2f32 / 1.5).asin().tan()).powi(2);
         assert!((got / want - 1.0).abs() < 0.02, "{got} against {want} square metres");
     }
@@ -92,8 +95,9 @@ mod tests {
         }
     }
 
-    /// Furnace: in an even surround a ball shows exactly its albedo, and where everything has one albedo and one direct light,
-    /// all bounces together are the geometric series, on the wall as on the ball.
+    /// Furnace: in an even surround a ball shows exactly its albedo, and where everything has one
+    /// albedo and one direct light, all bounces together are the geometric series, on the wall as
+    /// on the ball.
     #[test]
     fn an_even_surround_is_even_on_a_ball() {
         let (_, mesh, points, normal) = wall(false);
@@ -118,8 +122,9 @@ mod tests {
         }
     }
 
-    /// The wall beside a ball, or behind one that touches it, sees less of an even ambient, and what it loses is what the ball hides: of
-    /// the cosine-weighted hemisphere what a sphere would send there. Close to the ball every pixel knows, farther off the receivers do.
+    /// The wall beside a ball, or behind one that touches it, sees less of an even ambient, and
+    /// what it loses is what the ball hides: of the cosine-weighted hemisphere what a sphere would
+    /// send there. Close to the ball every pixel knows, farther off the receivers do.
     #[test]
     fn a_ball_hides_its_share_of_the_ambient() {
         let (_, bare, points, normal) = wall(true);
@@ -145,7 +150,8 @@ mod tests {
         }
     }
 
-    /// Furnace: where a ball touches a wall of its own albedo and direct light, neither is seen to touch.
+    /// Furnace: where a ball touches a wall of its own albedo and direct light, neither is seen to
+    /// touch.
     #[test]
     fn a_furnace_has_no_contact_shadow() {
         let (_, mesh, points, normal) = wall(true);

@@ -1,9 +1,10 @@
 //! Which share of a light's direct shading arrives.
 //!
-//! Rays go to the samples of the light that direct shading is made of, and each counts with its part f of it: per lobe,
-//! visibility = sum of f V / sum of f. So a sun lobe gets the sun's shadow, and a lamp half below the horizon that of its
-//! upper half. The standard error is that of a ratio: with a and f the sums of a batch and R the ratio of all, the spread of
-//! a - R f over the batches, divided by the mean f (Cochran, "Sampling Techniques", 6.4).
+//! Rays go to the samples of the light that direct shading is made of, and each counts with its
+//! part f of it: per lobe, visibility = sum of f V / sum of f. So a sun lobe gets the sun's shadow,
+//! and a lamp half below the horizon that of its upper half. The standard error is that of a ratio:
+//! with a and f the sums of a batch and R the ratio of all, the spread of a - R f over the batches,
+//! divided by the mean f (Cochran, "Sampling Techniques", 6.4).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -24,7 +25,8 @@ pub struct ShadowQuality {
     pub assume_lit: f32,
     /// Whether unblocked rays that leave the view are unknown; else they are lit.
     pub outside_unknown: bool,
-    /// Whether the points are above their surface already, as those of bodies are, so that rays start from them.
+    /// Whether the points are above their surface already, as those of bodies are, so that rays
+    /// start from them.
     pub lifted: bool,
 }
 
@@ -37,7 +39,8 @@ pub struct Shadow {
     pub stderr: Vec<Plane<f32>>,
     /// Passing behind a depth edge or, if asked, leaving the view, whatever was assumed about it.
     pub unknown: Vec<Plane<f32>>,
-    /// Mean standard error of the shadowed direct shading over its mean, on the traced pixels, of all lobes together.
+    /// Mean standard error of the shadowed direct shading over its mean, on the traced pixels, of
+    /// all lobes together.
     pub relative_error: f64,
     pub rays: u64,
     /// Samples taken, of all traced pixels and lobes; those below the horizon need no ray.
@@ -49,13 +52,13 @@ pub struct Shadow {
 /// Sums over the samples of one batch.
 #[derive(Clone, Copy, Default)]
 struct Sums {
-    /// Of all parts.
+    /// Sum of all contributions.
     all: f64,
     lit: f64,
     unknown: f64,
 }
 
-/// What is known of one traced pixel.
+/// The estimate of one traced pixel.
 #[derive(Clone, Copy, Default)]
 struct Answer {
     /// Unshadowed shading, by the same samples.
@@ -67,9 +70,10 @@ struct Answer {
     valid: f32,
 }
 
-/// Shadows on all pixels of `points`, cast by `mesh`. `own` is the light's own surface: which of the mesh, that it casts no
-/// shadow, and which of `points`, that they are neither lit nor unknown, as no light reaches its own (convex) surface. Where
-/// no light arrives even without shadows, a pixel counts as lit. Asked between rounds, `stop` may end it early.
+/// Shadows on all pixels of `points`, cast by `mesh`. `own` is the light's own surface: which of
+/// the mesh, that it casts no shadow, and which of `points`, that they are neither lit nor unknown,
+/// as no light reaches its own (convex) surface. Where no light arrives even without shadows, a
+/// pixel counts as lit. Asked between rounds, `stop` may end it early.
 pub fn shadow(
     mesh: &SceneMesh,
     points: &Points,
@@ -125,11 +129,7 @@ pub fn shadow(
     let base = vec![(0.0, grid.len()); lobes.len()];
     refine(&mut open, &base, &quality.sampling, extend, measure, stop);
 
-    let mut traced = vec![vec![Answer::default(); grid.len()]; lobes.len()];
-    for tile in &open {
-        let all = tile.pixels.iter().zip(answers(tile, assume));
-        all.for_each(|(&i, answer)| traced[tile.lobe][i] = answer);
-    }
+    let traced = by_receiver(&open, lobes.len(), grid.len(), assume);
     let sum = |of: fn(&Measure) -> f64| open.iter().fold(0.0, |sum, tile| sum + of(&tile.measure));
     let mut shadow = Shadow {
         lit: Vec::new(),
@@ -144,20 +144,31 @@ pub fn shadow(
         std::array::from_fn(|lobe| traced.get(lobe).map_or([0.0; 3], |traced| blend(traced, neighbours)))
     });
     for lobe in lobes {
-        let plane = |k: usize, own: f32| {
-            let pixel = |i: usize| if is_own(i) { own } else { up.pixels()[i][lobe][k] };
+        let plane = |k: usize| {
+            let pixel = |i: usize| if is_own(i) { 0.0 } else { up.pixels()[i][lobe][k] };
             Plane::new(up.width(), up.height(), (0..up.len()).map(pixel).collect())
         };
-        shadow.lit.push(plane(0, 0.0));
-        shadow.unknown.push(plane(1, 0.0));
-        shadow.stderr.push(plane(2, 0.0));
+        shadow.lit.push(plane(0));
+        shadow.unknown.push(plane(1));
+        shadow.stderr.push(plane(2));
     }
     shadow
 }
 
+/// Estimates by lobe and receiver; the default where nothing was traced.
+fn by_receiver(tiles: &[Tile<[Sums; BATCHES]>], lobes: usize, receivers: usize, assume_lit: f64) -> Vec<Vec<Answer>> {
+    let mut traced = vec![vec![Answer::default(); receivers]; lobes];
+    for tile in tiles {
+        let all = tile.pixels.iter().zip(answers(tile, assume_lit));
+        all.for_each(|(&i, answer)| traced[tile.lobe][i] = answer);
+    }
+    traced
+}
+
 impl Shadow {
-    /// Gives all lobes one visibility, that of the light as a whole when every lobe has unit radiance:
-    /// sum of E V / sum of E over the lobes, with E their unshadowed `direct` shading; the mean where no light arrives.
+    /// Gives all lobes one visibility, that of the light as a whole when every lobe has unit
+    /// radiance: sum of E V / sum of E over the lobes, with E their unshadowed `direct` shading;
+    /// the mean where no light arrives.
     ///
     /// # Panics
     /// If `direct` has other lobes or another size.
@@ -180,8 +191,9 @@ impl Shadow {
     }
 }
 
-/// Lit and unknown share and the standard error of the former, of a pixel that draws from these traced ones. Each of them has
-/// random numbers of its own, so their variances add, with the squares of the weights.
+/// Lit and unknown share and the standard error of the former, of a pixel that draws from these
+/// traced ones. Each of them has random numbers of its own, so their variances add, with the
+/// squares of the weights.
 fn blend(traced: &[Answer], neighbours: &[(usize, f32)]) -> [f32; 3] {
     let (mut lit, mut unknown, mut variance, mut valid) = (0.0, 0.0, 0.0, 0.0);
     for &(i, weight) in neighbours {
@@ -199,7 +211,7 @@ fn blend(traced: &[Answer], neighbours: &[(usize, f32)]) -> [f32; 3] {
     }
 }
 
-/// What the sums of a tile tell of its pixels.
+/// The estimates of a tile's pixels from their sums.
 fn answers(tile: &Tile<[Sums; BATCHES]>, assume_lit: f64) -> Vec<Answer> {
     let samples = (BATCHES * tile.each) as f64;
     let answer = |sums: &[Sums; BATCHES]| {
@@ -217,7 +229,8 @@ fn answers(tile: &Tile<[Sums; BATCHES]>, assume_lit: f64) -> Vec<Answer> {
         (answer, Some((spread * BATCHES as f64 / all).powi(2)))
     };
     let (mut answers, variances): (Vec<Answer>, Vec<Option<f64>>) = tile.sums.iter().map(answer).unzip();
-    // Where all rays agree, the next one may still differ: by Laplace's rule of succession once in two more than the tile cast.
+    // Where all rays agree, the next one may still differ: by Laplace's rule of succession once in
+    // two more than the tile cast.
     let rays = samples * variances.iter().flatten().count() as f64;
     let floor = 1.0 / (rays + 2.0) / samples;
     for (answer, error) in answers.iter_mut().zip(pooled(tile, &variances)) {

@@ -81,7 +81,8 @@ fn a_moved_lamp_keeps_its_form_and_its_radiance() {
     assert_eq!((radiance, gain), (vec![WARM], vec![Vec3::ZERO]));
     let (shape, ..) = only("lamp", "Move(to: Point(0, 0.5, -2))");
     assert_eq!(*shape, sphere((Vec3::new(0.0, 0.5, -2.0), LAMP.1)));
-    // Onto the floor at the bottom of the picture, where it stands and does not sink in: 2 mm are the rounding of the plane fit.
+    // Onto the floor at the bottom of the picture, where it stands and does not sink in: 2 mm are
+    // the rounding of the plane fit.
     let (shape, ..) = only("lamp", "Move(to: Pixel(x: 50.5, y: 90.5))");
     let (camera, at) = (&scene().camera, center(&shape));
     let floor = camera.unproject(50.5, 90.5, 1.0) * (1.2 / -camera.unproject(50.5, 90.5, 1.0).y);
@@ -92,7 +93,8 @@ fn a_moved_lamp_keeps_its_form_and_its_radiance() {
     }
 }
 
-/// A Lambertian body of area A and radiance L sends pi A L; white under E lux shows 1 and so has a luminance of E / pi.
+/// A Lambertian body of area A and radiance L sends pi A L; white under E lux shows 1 and so has a
+/// luminance of E / pi.
 #[test]
 fn an_inserted_lamp_has_the_flux_that_it_is_given() {
     let [a, b, c] = [0.3f32, 0.2, 0.1];

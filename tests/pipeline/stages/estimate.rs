@@ -41,7 +41,8 @@ fn init(scene: &Scene) -> Shapes {
     InitLights::default().run(inputs, &Context::default()).expect("the room is sound").shape.0
 }
 
-/// A pixel is 3.6 cm wide at the lamp: its outline is right to half of one, 1.8 cm, and so is its middle along the ray.
+/// A pixel is 3.6 cm wide at the lamp: its outline is right to half of one, 1.8 cm, and so is its
+/// middle along the ray.
 #[test]
 fn init_lights_puts_visible_lights_where_mask_and_depth_have_them() {
     let lights = vec![("lamp", sphere(LAMP), vec![WARM]), ("window", Shape::Window(window()), DAY.to_vec())];
@@ -64,8 +65,8 @@ fn init_lights_adds_no_light_to_a_photo_that_is_explained() {
     assert_eq!(shape(&found, "inv_window"), &Shape::Absent);
 }
 
-/// The dictionary has a lamp every 1.08 m across and every 0.6 m along the room, in two heights: from no place between is it
-/// farther than 0.62 m to the nearest.
+/// The dictionary has a lamp every 1.08 m across and every 0.6 m along the room, in two heights:
+/// from no place between is it farther than 0.62 m to the nearest.
 #[test]
 fn init_lights_finds_the_lamp_that_is_out_of_view() {
     let lights = vec![("lamp", sphere(LAMP), vec![0.5 * WARM]), ("hidden", sphere(UNSEEN), vec![2.0 * WHITE])];
@@ -153,9 +154,10 @@ fn worst(scene: &Scene, out: &FitLightsOut) -> f32 {
     lobes.filter(|(wanted, _)| **wanted != Vec3::ZERO).map(|(wanted, got)| off(*got, *wanted)).fold(0.0, f32::max)
 }
 
-/// The photo is the model's own, so that what is left is by design. Evidence is the mean of 5 x 5 pixels and layers are those of the
-/// middle one, and lights are pulled to usual colors: 8 %. As shipped, all lights are pulled to equal parts, which moves light
-/// between them, 15 % for the lamp in view, and not all of it together.
+/// The photo is the model's own, so that what is left is by design. Evidence is the mean of 5 x 5
+/// pixels and layers are those of the middle one, and lights are pulled to usual colors: 8 %. As
+/// shipped, all lights are pulled to equal parts, which moves light between them, 15 % for the lamp
+/// in view, and not all of it together.
 #[test]
 fn fit_lights_recovers_the_radiances_of_the_photo() {
     let scene = scene();
@@ -179,7 +181,8 @@ fn fit_lights_recovers_the_radiances_of_the_photo() {
     assert!(off < 0.03, "all light together is {off} off");
 }
 
-/// Nothing is clipped here, so that every number of the fit is in units of the photo: a factor of two is exact but for divisions.
+/// Nothing is clipped here, so that every number of the fit is in units of the photo: a factor of
+/// two is exact but for divisions.
 #[test]
 fn a_photo_twice_as_bright_has_lights_twice_as_bright() {
     let scene = scene();
@@ -234,8 +237,8 @@ fn paint(scene: &Scene, photo: &Arc<Picture>, clipped: &Arc<Mask>, rest: &Arc<Sh
     Paint::default().run(inputs, &Context::default()).expect("the room is sound")
 }
 
-/// Reflectance is a quotient and a product of single precision: 1e-6. What a light or its saturated glare hides takes that of its
-/// wall, which is even.
+/// Reflectance is a quotient and a product of single precision: 1e-6. What a light or its saturated
+/// glare hides takes that of its wall, which is even.
 #[test]
 fn paint_times_shading_is_the_photo_where_nothing_is_clipped() {
     let scene = scene();

@@ -69,8 +69,9 @@ fn shade(ball: &Ball, light: ObjectLight, indirect: Vec3, radiance: &[Vec3]) -> 
     ShadeObjects {}.run(inputs, &Context::default())
 }
 
-/// Irradiance / pi of a sphere of radius r at distance d, wholly above the horizon, is (r / d)^2 cos(theta). The ball is of 20,480
-/// triangles with smooth normals, and its lit side is not in its own shadow: 1 %.
+/// Irradiance / pi of a sphere of radius r at distance d, wholly above the horizon, is (r / d)^2
+/// cos(theta). The ball is of 20,480 triangles with smooth normals, and its lit side is not in its
+/// own shadow: 1 %.
 #[test]
 fn shade_objects_gives_a_matte_ball_its_closed_form() {
     let room = wall();
@@ -124,8 +125,9 @@ fn metal(roughness: f32) -> Material {
     Material { albedo: Vec3::ONE, roughness, specular: 0.5, metallic: 1.0 }
 }
 
-/// White metal reflects all that it meets and no more: the weights of a pixel's rays sum to one for a mirror, and to less the
-/// rougher it is, by the shadowing of its facets. Single pixels of 32 rays stray by a tenth.
+/// White metal reflects all that it meets and no more: the weights of a pixel's rays sum to one for
+/// a mirror, and to less the rougher it is, by the shadowing of its facets. Single pixels of 32
+/// rays stray by a tenth.
 #[test]
 fn weights_of_reflections_sum_to_at_most_one() {
     let scene = Scene::new((96, 72), vec![]);
@@ -147,8 +149,9 @@ fn weights_of_reflections_sum_to_at_most_one() {
     }
 }
 
-/// The direction of a mirror is `d - 2 (d . n) n`; where that meets the room, in closed form, is what its pixel shows. The mean over
-/// the rays of a pixel, which start all over it, is that of its middle to second order.
+/// The direction of a mirror is `d - 2 (d . n) n`; where that meets the room, in closed form, is
+/// what its pixel shows. The mean over the rays of a pixel, which start all over it, is that of its
+/// middle to second order.
 #[test]
 fn a_mirror_looks_where_it_should() {
     let scene = Scene::new((160, 120), vec![]);
@@ -179,7 +182,8 @@ fn a_mirror_looks_where_it_should() {
     assert!(median < 0.5 && most < 1.5, "half of them within {median}, nine of ten within {most} pixels");
 }
 
-/// A mirror of white metal shows a lamp of unit radiance as bright as it is, where its direction meets the lamp.
+/// A mirror of white metal shows a lamp of unit radiance as bright as it is, where its direction
+/// meets the lamp.
 #[test]
 fn a_mirror_shows_a_lamp_where_its_direction_meets_it() {
     let scene = Scene::new((160, 120), vec![]);
@@ -225,8 +229,9 @@ fn occlude(room: &Room, ball: &Ball, rest: &Arc<Shading>) -> OccludeResidualOut 
     OccludeResidual {}.run(inputs, &Context::default()).expect("the room is sound")
 }
 
-/// A wall that sees nothing but the ambient loses to a black ball its share of the cosine-weighted hemisphere, (R / d)^2 cos(theta),
-/// which 512 rays estimate to 0.02 (one standard error at a half), less the mean over neighbors.
+/// A wall that sees nothing but the ambient loses to a black ball its share of the cosine-weighted
+/// hemisphere, (R / d)^2 cos(theta), which 512 rays estimate to 0.02 (one standard error at a
+/// half), less the mean over neighbors.
 #[test]
 fn occlude_rest_takes_what_the_ball_hides() {
     let room = wall();

@@ -23,7 +23,7 @@ fn lights_off(truth: &Truth) -> Vec<LightOff> {
     truth.lights.iter().map(off).collect()
 }
 
-/// Relative error of a change: 0 is perfect, 1 is no change at all. The mean absolute error in
+/// Relative error of a change: 0 is perfect, 1 is doing nothing. The mean absolute error in
 /// linear light clipped to 0..=1, over the pixels that show no light.
 fn change_error(got: &[f64], truth: &LightOff, emitters: &[bool]) -> f64 {
     let clip = |x: f64| x.clamp(0.0, 1.0);
