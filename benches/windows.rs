@@ -2,7 +2,7 @@
 //!
 //! Per place and bandwidth: the relative standard deviation of 16 samples for each strategy, the
 //! variance of `Best` over that of the better of `Area` and `Lobe`, and the nanoseconds for a
-//! receiver and for each sample, last for the closed form. The closed form of a lamp of 128 plates
+//! receiver and for each sample, last for the closed form. The closed form of a lamp of 128 surfels
 //! comes at the end.
 
 use std::time::Instant;
@@ -74,7 +74,7 @@ fn main() {
     let lamp = Emitter::new(&Shape::Lamp(Lamp::Surfels((0..128).map(plate).collect())));
     for height in [0.0, 0.7, 0.95] {
         let ns = closed_form(&lamp, (Vec3::Z * height, Vec3::Z));
-        println!("128 plates at {:.2} m: {ns:.0} ns", 1.0 - height);
+        println!("128 surfels at {:.2} m: {ns:.0} ns", 1.0 - height);
     }
 }
 

@@ -509,7 +509,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         picture: Arc::new(Picture(picture)),
         encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: Some(1200.0), sixteen_bit: false }),
         photo: Some(Arc::new(Picture(colours(size, 6)))),
-        rest: Arc::new(Layer::new(rest)),
+        residual: Arc::new(Layer::new(rest)),
         direct: Gather(direct.collect()),
         visibility: Gather(visibility.collect()),
         indirect: Gather(indirect.collect()),
@@ -603,7 +603,7 @@ fn what_is_no_number_is_not_written() {
         plane.set(3, 2, Vec3::new(0.0, bad, 0.0));
         match name {
             "picture" => inputs.picture = Arc::new(Picture(plane)),
-            _ => inputs.rest = Arc::new(Layer::new(plane)),
+            _ => inputs.residual = Arc::new(Layer::new(plane)),
         }
         let error = Write::default().run(inputs, &Context::default()).err().expect("a bug upstream").to_string();
         assert!(error.contains(name) && error.contains("(3, 2)"), "{error}");

@@ -105,7 +105,9 @@ struct Parts {
 impl Parts {
     fn read(graph: &Path, files: &Files) -> Parts {
         let mut faults = Vec::new();
-        let file = keep(GraphFile::read_within(graph, files.reach()), &mut faults);
+        let registry = networks::registry(&files.networks);
+        let mut file = keep(GraphFile::read_within(graph, files.reach()), &mut faults);
+        file.iter_mut().for_each(|file| file.accept_old_names(&registry));
         let folder = match &files.scene {
             Some(folder) => Ok(Some(folder.clone())),
             None => file.as_ref().map_or(Ok(None), GraphFile::scene),
@@ -126,7 +128,6 @@ impl Parts {
             (Ok(None), Some(_)) => Some(Overlay::default()),
             (Ok(None), None) => None,
         };
-        let registry = networks::registry(&files.networks);
         let mut settings = Vec::new();
         match backend(&registry, &files.networks, kinds.as_deref().unwrap_or_default()) {
             Ok(choice) => settings.extend(choice),

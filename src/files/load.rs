@@ -25,7 +25,8 @@ pub fn load_frame(
     frame: u32,
     registry: &Registry,
 ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
-    let file = GraphFile::read(graph)?;
+    let mut file = GraphFile::read(graph)?;
+    file.accept_old_names(registry);
     let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
     let room = scene::read(scene, Some(&kinds))?;
     let change = edit::frame(&EditFile::read(edit)?, frame, Some(&room), Some(&kinds))?;

@@ -299,7 +299,7 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
                 rectangle(text, &format!("{id}_{}", 2 * k + 1), [*center - out, b, a], radiance, &[]);
             }
         }
-        Lamp::Surfels(plates) => emissive(text, id, plates.iter().flat_map(Surfel::square)),
+        Lamp::Surfels(surfels) => emissive(text, id, surfels.iter().flat_map(Surfel::square)),
         Lamp::Mesh(MeshLamp { corners, triangles, .. }) => {
             emissive(text, id, triangles.iter().map(|t| t.map(|corner| corners[corner as usize])));
         }

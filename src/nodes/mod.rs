@@ -12,8 +12,12 @@ pub mod scene;
 use crate::graph::Registry;
 use crate::tuning::Table;
 
-/// All stages.
+/// All stages, and the old names that graph files may use for one more version.
 pub fn registry() -> Registry {
+    with_old_names(stages())
+}
+
+fn stages() -> Registry {
     Registry::new()
         .with::<scene::read_scene::ReadScene>()
         .with::<scene::read_photo::ReadPhoto>()
@@ -30,10 +34,10 @@ pub fn registry() -> Registry {
         .with::<estimate::inv_lamp_net::InvLampNet>()
         .with::<estimate::inv_win_net::InvWinNet>()
         .with::<estimate::init_lights::InitLights>()
-        .with::<estimate::remains::Remains>()
+        .with::<estimate::residual_shading::ResidualShading>()
         .with::<estimate::refine_lights::RefineLights>()
         .with::<estimate::fit_lights::FitLights>()
-        .with::<estimate::paint::Paint>()
+        .with::<estimate::fill_reflectance::FillReflectance>()
         .with::<edit::edit_lights::EditLights>()
         .with::<edit::edit_materials::EditMaterials>()
         .with::<edit::edit_objects::EditObjects>()
@@ -69,11 +73,68 @@ pub fn registry() -> Registry {
         .with::<measure::score_picture::ScorePicture>()
 }
 
+/// The names of version 0.1 that a later one has changed. Old values of parameters are aliases of
+/// their types.
+fn with_old_names(stages: Registry) -> Registry {
+    let kinds = [
+        ("Remains", "ResidualShading"),
+        ("Paint", "FillReflectance"),
+        ("OccludeRest", "OccludeResidual"),
+        ("PaintSpecular", "ShadeSpecularEdit"),
+        ("Glow", "EmitterMask"),
+    ];
+    let fields = [
+        ("InitLights", "worth", "min_gain"),
+        ("InitLights", "ambient_cost", "ambient_weight"),
+        ("InitLights", "turns", "iterations"),
+        ("InitLights", "plates", "surfels"),
+        ("InitLights", "outlook", "window_emission"),
+        ("ResidualShading", "remainder", "residual"),
+        ("RefineLights", "worth", "min_gain"),
+        ("RefineLights", "places", "receivers"),
+        ("RefineLights", "rest_cost", "ambient_weight"),
+        ("RefineLights", "invisible_cost", "out_of_view_weight"),
+        ("RefineLights", "sun_cost", "sun_weight"),
+        ("FitLights", "turns", "iterations"),
+        ("FitLights", "prior", "tikhonov_weight"),
+        ("FitLights", "rest_cost", "ambient_weight"),
+        ("FitLights", "invisible_cost", "out_of_view_weight"),
+        ("FitLights", "sun_cost", "sun_weight"),
+        ("FitLights", "rest", "residual"),
+        ("FillReflectance", "rest", "residual"),
+        ("FillReflectance", "paint", "reflectance"),
+        ("FillReflectance", "zone", "glare_mask"),
+        ("EditMaterials", "paint", "reflectance"),
+        ("EditMaterials", "coats", "paint_layers"),
+        ("EditMaterials", "finish", "specular_edit"),
+        ("EditMaterials", "polished", "has_specular_edit"),
+        ("Indirect", "remainder", "residual"),
+        ("LightNet", "rest", "residual"),
+        ("OccludeResidual", "rest", "residual"),
+        ("ShadeSpecularEdit", "finish", "specular_edit"),
+        ("ShadeSpecularEdit", "polish", "specular_change"),
+        ("EmitterMask", "cover", "coverage"),
+        ("Compose", "paint", "reflectance"),
+        ("Compose", "coats", "paint_layers"),
+        ("Compose", "rest", "residual"),
+        ("Compose", "edited_rest", "edited_residual"),
+        ("Compose", "zone", "glare_mask"),
+        ("Compose", "cover", "coverage"),
+        ("Compose", "object_rest", "object_residual"),
+        ("Compose", "polish", "specular_change"),
+        ("Write", "rest", "residual"),
+        ("ScoreShading", "rest", "residual"),
+        ("ScorePicture", "cover", "coverage"),
+    ];
+    let registry = kinds.into_iter().fold(stages, |registry, (old, new)| registry.renamed(old, new));
+    fields.into_iter().fold(registry, |registry, (kind, old, new)| registry.renamed_field(kind, old, new))
+}
+
 /// All constants that decide an algorithm, in the order of the stages.
 pub fn tuning() -> Vec<Table> {
     vec![
         estimate::EstimateTuning::table(),
         estimate::depth::DepthTuning::table(),
-        estimate::remains::RemainsTuning::table(),
+        estimate::residual_shading::ResidualShadingTuning::table(),
     ]
 }

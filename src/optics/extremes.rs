@@ -195,7 +195,7 @@ fn the_part_above_the_horizon_counts() {
     for bottom in [-1e-3, -1.0, -100.0] {
         near(check(&wall(bottom), 0, Vec3::ZERO, Vec3::Z), half, 1e-6);
     }
-    // Near plates: the upper half of one whose middle lies on the horizon is not lost.
+    // Near surfels: the upper half of one whose middle lies on the horizon is not lost.
     let plate = |z: f32, area: f32| Surfel { point: Vec3::new(0.0, 0.2, z), normal: Vec3::NEG_Y, area };
     let one = check(&Shape::Lamp(Lamp::Surfels(vec![plate(0.0, 0.04)])), 0, Vec3::ZERO, Vec3::Z);
     let strip = rect(Vec3::new(0.0, 0.2, 0.05), Vec3::X * 0.1, Vec3::Z * 0.05);

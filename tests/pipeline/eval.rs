@@ -108,7 +108,7 @@ fn shadows_are_shares_of_what_would_arrive() {
 fn shading(truth: Gather<Picture>) -> ScoreShadingIn {
     ScoreShadingIn {
         light: gather([("lamp", Shading(grey(|_| 0.5))), ("inv_lamp", Shading(grey(|_| 0.25)))]),
-        rest: Arc::new(Shading(grey(|_| 0.25))),
+        residual: Arc::new(Shading(grey(|_| 0.25))),
         photo: Arc::new(Picture(grey(|i| if i == 7 { 9.0 } else { 0.5 }))),
         clipped: Arc::new(Mask(numbers(|i| if i == 7 { 1.0 } else { 0.0 }))),
         truth,
@@ -129,7 +129,7 @@ fn pictures_are_scored_at_the_size_of_the_truth_and_as_the_camera_shows_them() {
             photo: stored(0.66),
             light: gather([("lamp_0", truth(0.4, 3.0)), ("lamp_1", truth(0.2, 0.0))]),
             mask: gather([]),
-            cover: gather([]),
+            coverage: gather([]),
         };
         let stage =
             ScorePicture { subject: "lamp_1 off".into(), off: vec!["lamp_1".into()], ..ScorePicture::default() };
@@ -160,7 +160,7 @@ fn picture(photo: f32) -> ScorePictureIn {
         photo: Arc::new(Picture(grey(move |_| photo))),
         light: gather([("lamp", Picture(grey(|_| 0.25))), ("inv_lamp", Picture(grey(|_| 0.5)))]),
         mask: mask(),
-        cover: gather([]),
+        coverage: gather([]),
     }
 }
 

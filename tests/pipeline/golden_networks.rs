@@ -153,7 +153,7 @@ fn indirect_of(backend: Backend, light: usize, factor: f32) -> Plane<Vec3> {
         shape: Arc::new(relight::optics::Shape::Absent),
         direct: Arc::new(direct),
         visibility: light.visibility.clone(),
-        remainder: None,
+        residual: None,
     };
     let stage = Indirect { model: model("indirectnet.onnx"), backend };
     stage.run(inputs, &Context::default()).expect("it runs").indirect.lobes[0].0.clone()
@@ -191,7 +191,7 @@ fn light_net() {
             shape: room().each(|light| light.shape.clone()),
             radiance: room().each(|light| light.radiance.clone()),
             light: Gather::<Shading>(goldens::shading([1.0, 1.0])),
-            rest: None,
+            residual: None,
         };
         let stage = LightNet { model: model("lightnet.onnx"), backend };
         let lighting = stage.run(inputs, &Context::default()).expect("it runs").lighting;

@@ -18,8 +18,8 @@ use relight::nodes::artifacts::Encoding;
 use relight::nodes::edit::Color;
 use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, MaterialEdit, Region};
 use relight::nodes::edit::edit_objects::{EditObjects, EditObjectsIn};
+use relight::nodes::estimate::fill_reflectance::{FillReflectance, FillReflectanceIn};
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
-use relight::nodes::estimate::paint::{Paint, PaintIn};
 use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMaterialsIn};
 use relight::nodes::output::compose::{Compose, ComposeIn, ComposeOut};
 use relight::nodes::render::{
@@ -289,7 +289,7 @@ fn ball() -> Arc<Shape> {
 pub fn cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>) -> Arc<Mask> {
     let (camera, depth) = (room().camera.clone(), room().depth.clone());
     let inputs = EmitterMaskIn { shape: shape.clone(), estimated: estimated.cloned(), camera, depth };
-    EmitterMask::default().run(inputs, &Context::default()).expect("the light is sound").cover
+    EmitterMask::default().run(inputs, &Context::default()).expect("the light is sound").coverage
 }
 
 #[test]
@@ -345,14 +345,14 @@ fn edit_materials() {
         depth: room.depth.clone(),
         points: room.points.clone(),
         normal: room.normal.clone(),
-        paint: room.albedo.clone(),
+        reflectance: room.albedo.clone(),
         known: room.albedo.clone(),
         albedo: room.albedo.clone(),
         fitted: room.albedo.clone(),
         roughness: Arc::new(Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8))),
     };
     let out = EditMaterials { materials: vec![wall] }.run(inputs, &Context::default()).expect("everything is sound");
-    check("edit_materials", composed(out.coats, None));
+    check("edit_materials", composed(out.paint_layers, None));
 }
 
 /// The same with a polished floor.
@@ -364,7 +364,7 @@ fn polish() {
     finish.lay(&floor, [Some(0.15), Some(1.0)], &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)));
     let shapes: Vec<_> = room.lights.iter().map(|light| (light.id.to_string(), light.shape.clone())).collect();
     let inputs = ShadeSpecularEditIn {
-        finish: Arc::new(finish),
+        specular_edit: Arc::new(finish),
         objects: Arc::new(Objects::unseen(&[])),
         mesh: room.mesh.clone(),
         room: room.mesh.clone(),
@@ -378,36 +378,36 @@ fn polish() {
         lighting: None,
     };
     let out = ShadeSpecularEdit::default().run(inputs, &Context::default()).expect("everything is sound");
-    check("polish", composed(Arc::default(), Some(out.polish)));
+    check("polish", composed(Arc::default(), Some(out.specular_change)));
 }
 
 /// A photo of the room, and what is known of it beside the lights.
 struct Photographed {
     photo: Arc<Picture>,
     clipped: Arc<Mask>,
-    rest: Arc<Shading>,
+    residual: Arc<Shading>,
     /// Pixels of the visible lights.
     masks: Vec<(String, Arc<Mask>)>,
 }
 
-/// All that `Compose` takes to multiply the radiances by `factors`, with `Paint` as it finds it.
+/// All that `Compose` takes to multiply the radiances by `factors`, with `FillReflectance` as it finds it.
 fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
     let room = room();
-    let Photographed { photo, clipped, rest, masks } = of;
+    let Photographed { photo, clipped, residual, masks } = of;
     let kind = |id: &String| (id.clone(), Arc::new(if id == "lamp" { LightKind::Lamp } else { LightKind::Window }));
     let kinds = || Gather(masks.iter().map(|(id, _)| kind(id)).collect());
-    let paint = PaintIn {
+    let paint = FillReflectanceIn {
         photo: photo.clone(),
         clipped: clipped.clone(),
         small: photo.clone(),
         points: room.points.clone(),
         normal: room.normal.clone(),
         light: Gather(shading([1.0, 1.0])),
-        rest: rest.clone(),
+        residual: residual.clone(),
         mask: Gather(masks.clone()),
         kind: kinds(),
     };
-    let paint = Paint::default().run(paint, &Context::default()).expect("everything is sound");
+    let paint = FillReflectance::default().run(paint, &Context::default()).expect("everything is sound");
     let scaled = |scale: &dyn Fn(Vec3, f32) -> Vec3| {
         let lights = room.lights.iter().zip(factors);
         let radiance = |light: &Light, f| Arc::new(Radiance(light.radiance.0.iter().map(|w| scale(*w, f)).collect()));
@@ -421,42 +421,42 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
         small: photo.clone(),
         depth: room.depth.clone(),
         albedo: room.albedo.clone(),
-        paint: paint.paint,
-        coats: Arc::default(),
+        reflectance: paint.reflectance,
+        paint_layers: Arc::default(),
         before: Gather(shading([1.0, 1.0])),
         after: Gather(shading(factors)),
-        rest: rest.clone(),
-        edited_rest: rest.clone(),
-        zone: Gather(paint.zone.0),
+        residual: residual.clone(),
+        edited_residual: residual.clone(),
+        glare_mask: Gather(paint.glare_mask.0),
         kind: kinds(),
         estimated: room.each(|light| light.shape.clone()),
         estimated_radiance: room.each(|light| light.radiance.clone()),
         shape: room.each(|light| light.shape.clone()),
         radiance: scaled(&|w, f| w * f),
         gain: scaled(&|_, f| Vec3::splat(f)),
-        cover: room.each(|light| cover(&light.shape, Some(&light.shape))),
+        coverage: room.each(|light| cover(&light.shape, Some(&light.shape))),
         objects: Arc::new(Objects::unseen(&[])),
         object: Gather(vec![]),
-        object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+        object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
         reflected: None,
-        polish: None,
+        specular_change: None,
     }
 }
 
-fn composed(coats: Arc<PaintLayers>, polish: Option<Arc<SpecularChange>>) -> Plane<Vec3> {
+fn composed(paint_layers: Arc<PaintLayers>, specular_change: Option<Arc<SpecularChange>>) -> Plane<Vec3> {
     let room = room();
     let dark = Arc::new(Shading(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO)));
     // The lamp is seen in the photo: its own pixels are a mask.
     let of = Photographed {
         photo: Arc::new(photo()),
         clipped: Arc::new(Mask(Plane::filled(SIZE.0, SIZE.1, 0.0))),
-        rest: dark.clone(),
+        residual: dark.clone(),
         masks: vec![("lamp".into(), cover(&room.lights[0].shape, None))],
     };
     let radiance = room.each(|light| light.radiance.clone());
-    let mut inputs = ComposeIn { coats, polish, radiance, ..compose_in(&of, [2.0, 0.3]) };
+    let mut inputs = ComposeIn { paint_layers, specular_change, radiance, ..compose_in(&of, [2.0, 0.3]) };
     let one = |v: Vec3| ("ball".to_string(), Arc::new(Radiance(vec![v])));
-    inputs.cover.0.push(("ball".into(), cover(&ball(), None)));
+    inputs.coverage.0.push(("ball".into(), cover(&ball(), None)));
     inputs.after.0.push(("ball".into(), dark));
     inputs.shape.0.push(("ball".into(), ball()));
     inputs.radiance.0.push(one(Vec3::new(0.2, 0.6, 1.0)));
@@ -466,11 +466,11 @@ fn composed(coats: Arc<PaintLayers>, polish: Option<Arc<SpecularChange>>) -> Pla
 }
 
 /// The room as a camera stores it: clipped at the lamp and at the window, with glare around the
-/// lamp, an even rest and a highlight on the box, both of which no light explains.
+/// lamp, an even residual and a highlight on the box, both of which no light explains.
 fn clipped_photo() -> Photographed {
     let room = room();
     let ambient = room.transport.grid().upsample(&room.points, &room.normal, &room.transport.ambient());
-    let rest = ambient.map(|a| a * Vec3::new(0.05, 0.06, 0.08));
+    let residual = ambient.map(|a| a * Vec3::new(0.05, 0.06, 0.08));
     let shading = shading([1.0, 1.0]);
     let masks: Vec<(String, Arc<Mask>)> =
         room.lights.iter().map(|light| (light.id.to_string(), cover(&light.shape, None))).collect();
@@ -481,7 +481,7 @@ fn clipped_photo() -> Photographed {
     let shown = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
         let i = y * SIZE.0 + x;
         let explained = shading.iter().map(|(_, light)| light.0.pixels()[i]).sum::<Vec3>();
-        let surface = room.albedo.0.pixels()[i] * (explained + rest.pixels()[i]);
+        let surface = room.albedo.0.pixels()[i] * (explained + residual.pixels()[i]);
         let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
         let glare = 0.2 * lamp.radiance.0[0] * (-0.3 * at.distance(center)).exp();
         let highlight = Vec3::splat(0.6 * (-0.1 * at.distance_squared(HIGHLIGHT)).exp());
@@ -492,7 +492,7 @@ fn clipped_photo() -> Photographed {
     });
     let clipped = Arc::new(Mask(shown.map(|v| f32::from(u8::from(v.max_element() >= 1.0)))));
     let photo = Arc::new(Picture(shown.map(|v| v.min(Vec3::ONE))));
-    Photographed { photo, clipped, rest: Arc::new(Shading(rest)), masks }
+    Photographed { photo, clipped, residual: Arc::new(Shading(residual)), masks }
 }
 
 /// The pixel of the highlight.
@@ -500,7 +500,7 @@ const HIGHLIGHT: Vec2 = Vec2::new(42.0, 37.0);
 
 /// Numbers come first, in `check_clipped`. The picture shows, from above: the photo, the lamp off,
 /// the window dimmed to a fifth, the lamp twice as bright. Two faults of today are part of it:
-/// glare beyond the bloom of `Paint` stays as a ring when the lamp is off, and pixels that a pane
+/// glare beyond the bloom of `FillReflectance` stays as a ring when the lamp is off, and pixels that a pane
 /// covers in part stay white when the window is dimmed.
 #[test]
 fn compose_clipped() {
@@ -547,7 +547,7 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
     // Layers are stored in 16 bits, each to 2^-11 of itself.
     for out in [same, off, dim, bright] {
         for i in pixels() {
-            let layers = out.layer.0.iter().map(|(_, layer)| layer.get(i)).sum::<Vec3>() + out.rest.get(i);
+            let layers = out.layer.0.iter().map(|(_, layer)| layer.get(i)).sum::<Vec3>() + out.residual.get(i);
             let picture = out.picture.0.pixels()[i];
             assert!(
                 (layers - picture).abs().max_element() <= 5e-4 * picture.max_element(),
@@ -565,9 +565,9 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
         let fifth = (window(dim, i) - 0.2 * window(same, i)).abs().max_element();
         assert!(fifth <= 1e-3 * window(same, i).max_element(), "{fifth} at {i}");
         assert_eq!((lamp(dim, i), window(off, i)), (lamp(same, i), window(same, i)), "{i}");
-        assert!([off, dim, bright].iter().all(|out| out.rest.get(i) == same.rest.get(i)), "{i}");
+        assert!([off, dim, bright].iter().all(|out| out.residual.get(i) == same.residual.get(i)), "{i}");
     }
-    let highlight = same.rest.get(HIGHLIGHT.y as usize * SIZE.0 + HIGHLIGHT.x as usize);
+    let highlight = same.residual.get(HIGHLIGHT.y as usize * SIZE.0 + HIGHLIGHT.x as usize);
     assert!(highlight.min_element() > 0.4, "no light explains the highlight: {highlight}");
 }
 
@@ -597,7 +597,7 @@ fn objects() {
         let within = |at: usize, start: usize, size: usize| at.checked_sub(start).filter(|&at| at < size);
         let (w, h) = shown.size();
         match (within(x, edited.objects.left, w), within(y, edited.objects.top, h)) {
-            (Some(x), Some(y)) => behind.lerp(shown.get(x, y), edited.objects.cover.get(x, y)),
+            (Some(x), Some(y)) => behind.lerp(shown.get(x, y), edited.objects.coverage.get(x, y)),
             _ => behind,
         }
     };

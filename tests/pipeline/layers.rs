@@ -8,7 +8,7 @@ use relight::image::Picture;
 
 use crate::project::*;
 
-const COMPOSED: [&str; 3] = ["compose.picture", "compose.layer", "compose.rest"];
+const COMPOSED: [&str; 3] = ["compose.picture", "compose.layer", "compose.residual"];
 
 struct Composed {
     picture: Arc<Picture>,

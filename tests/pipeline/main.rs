@@ -22,6 +22,7 @@ mod materials;
 mod mix;
 mod networks;
 mod objects;
+mod old_names;
 mod onnx;
 mod page;
 mod planes;

@@ -41,7 +41,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
     let matte = AlphaMatte { alpha: Plane::filled(w, h, share), boundary: vec![] };
     let radiance = |v: f32| lamp(Radiance(vec![Vec3::splat(v)]));
     let shape = || lamp(Shape::Absent);
-    let rest = Arc::new(Shading(plane(&|x, _| 0.1 * shading(x))));
+    let residual = Arc::new(Shading(plane(&|x, _| 0.1 * shading(x))));
     let inputs = ComposeIn {
         photo: photo.clone(),
         clipped: Arc::new(none()),
@@ -50,25 +50,25 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         small: photo,
         depth,
         albedo: Arc::new(Albedo(plane(&wall))),
-        paint: Arc::new(Albedo(plane(&wall))),
-        coats: Arc::new(PaintLayers(vec![PaintLayer { paint, matte }])),
+        reflectance: Arc::new(Albedo(plane(&wall))),
+        paint_layers: Arc::new(PaintLayers(vec![PaintLayer { paint, matte }])),
         before: light(1.0),
         after: light(factor),
-        rest: rest.clone(),
-        edited_rest: rest,
-        zone: Gather(vec![]),
+        residual: residual.clone(),
+        edited_residual: residual,
+        glare_mask: Gather(vec![]),
         kind: Gather(vec![]),
         estimated: shape(),
         estimated_radiance: radiance(1.0),
         shape: shape(),
         radiance: radiance(factor),
         gain: radiance(factor),
-        cover: lamp(none()),
+        coverage: lamp(none()),
         objects: Arc::new(Objects::unseen(&[])),
         object: Gather(vec![]),
-        object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+        object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
         reflected: None,
-        polish: None,
+        specular_change: None,
     };
     Compose::default().run(inputs, &Context::default()).expect("everything is sound")
 }
@@ -78,7 +78,7 @@ fn check(out: &ComposeOut, want: impl Fn(usize, usize) -> Vec3) {
     for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
         let (got, want) = (out.picture.0.get(x, y), want(x, y));
         assert!((got - want).abs().max_element() < 1e-5, "({x}, {y}): {got} against {want}");
-        let sum = out.layer.0[0].1.get(y * SIZE.0 + x) + out.rest.get(y * SIZE.0 + x);
+        let sum = out.layer.0[0].1.get(y * SIZE.0 + x) + out.residual.get(y * SIZE.0 + x);
         assert!(
             (got - sum).abs().max_element() < 1e-3 * got.max_element().max(1.0),
             "({x}, {y}): the layers give {sum}"

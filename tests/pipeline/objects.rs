@@ -136,7 +136,7 @@ fn an_obj_comes_with_its_library() {
         let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
         let report = run(shared_engine(), &graph, &["objects.objects"]);
         let objects: Arc<Objects> = one(&report, "objects.objects");
-        let middle = (0..objects.cover.len()).find(|&i| objects.cover.pixels()[i] == 1.0).expect("it is seen");
+        let middle = (0..objects.coverage.len()).find(|&i| objects.coverage.pixels()[i] == 1.0).expect("it is seen");
         (objects.albedo.pixels()[middle], objects.gloss.pixels()[middle])
     };
     check(&folder, "no library", 0, &["warning", "a.mtl", "is not known"]);

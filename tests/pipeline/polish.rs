@@ -68,7 +68,7 @@ fn polished_layers_sum_and_are_linear() {
     let of = |lights: &str| {
         let text = edit(&[TABLE, BOARDS].join(","), &format!("lights: {{ {lights} }}"));
         let report =
-            run(shared_engine(), &physics(&demo(), &text), &["compose.layer", "compose.rest", "compose.picture"]);
+            run(shared_engine(), &physics(&demo(), &text), &["compose.layer", "compose.residual", "compose.picture"]);
         let picture: Arc<Picture> = one(&report, "compose.picture");
         (layers(&report), rest(&report), picture)
     };

@@ -158,7 +158,7 @@ pub fn layers(report: &RunReport) -> Vec<(String, Arc<Picture>)> {
 
 /// The layer of what no light explains.
 pub fn rest(report: &RunReport) -> Arc<Picture> {
-    Arc::new(one::<Layer>(report, "compose.rest").picture())
+    Arc::new(one::<Layer>(report, "compose.residual").picture())
 }
 
 pub fn ran(report: &RunReport) -> Vec<&str> {

@@ -77,7 +77,7 @@ fn paint_traces_no_ray() {
 #[test]
 fn nothing_flickers() {
     let frame = |number: u32| {
-        let outputs = ["compose.layer", "compose.rest", "glow"];
+        let outputs = ["compose.layer", "compose.residual", "glow"];
         let report = run(shared_engine(), &physics_frame(&demo(), MOVING, number), &outputs);
         let mut layers = layers(&report);
         layers.push(("rest".into(), rest(&report)));

@@ -47,7 +47,8 @@ impl Session {
     /// # Errors
     /// The graph cannot be read, or the engine cannot be started.
     pub fn new(args: &Bench) -> Result<Session, Stop> {
-        let file = GraphFile::read(&args.graph)?;
+        let mut file = GraphFile::read(&args.graph)?;
+        file.accept_old_names(&relight::nodes::registry());
         let nodes = file.nodes().map(|node| NodeOf {
             name: node.name.to_owned(),
             kind: node.kind.to_owned(),

@@ -47,7 +47,7 @@ const PICTURES: &str = r#"
 /// `$LIGHTS` is the list of nodes with the true pictures of lights.
 const SHADING: &str = r#"
     "score_shading": (op: ScoreShading(), in: {
-        "light": "$BEFORE", "rest": "$REST", "truth": [$LIGHTS], "albedo": "true_materials.albedo",
+        "light": "$BEFORE", "residual": "$RESIDUAL", "truth": [$LIGHTS], "albedo": "true_materials.albedo",
         "photo": "true_scene.small", "clipped": "true_scene.small_clipped", "mask": "true_scene.mask",
     }),
 "#;
@@ -63,7 +63,7 @@ const LIGHTING: &str = r#"
 "#;
 const PICTURE: &str = r#"
     "score_picture": (op: ScorePicture(), in: {
-        "picture": "$PICTURE", "photo": "true_scene.photo", "light": [$LIGHTS], "mask": "true_scene.full_mask", "cover": "$COVER",
+        "picture": "$PICTURE", "photo": "true_scene.photo", "light": [$LIGHTS], "mask": "true_scene.full_mask", "coverage": "$COVERAGE",
     }),
 "#;
 
@@ -84,12 +84,12 @@ struct Ends {
     shapes: String,
     radiances: String,
     before: String,
-    rest: String,
+    residual: String,
     albedo: String,
     first: Option<String>,
     normal: Option<String>,
     roughness: Option<String>,
-    cover: String,
+    coverage: String,
     picture: String,
     units: Option<[String; 2]>,
     lighting: bool,
@@ -114,11 +114,12 @@ impl EvalTarget {
         set: &[String],
         networks: &Networks,
     ) -> Result<EvalTarget, Vec<Diagnostic>> {
-        let file = GraphFile::read(graph)?;
+        let registry = networks::registry(networks);
+        let mut file = GraphFile::read(graph)?;
+        file.accept_old_names(&registry);
         let truth = scene::truth(folder)?;
         let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
         let mut room = scene::read(folder, Some(&kinds))?;
-        let registry = networks::registry(networks);
         room.settings.extend(backend(&registry, networks, &kinds).map_err(|fault| vec![fault])?);
         let mut faults = Vec::new();
         room.settings.extend(set.iter().filter_map(|text| setting(text, &mut faults)));
@@ -266,6 +267,7 @@ impl EvalTarget {
         let text =
             format!("Graph(version: 1, extends: {:?}, nodes: {{{}}})", self.graph.display().to_string(), self.stages());
         let mut file = GraphFile::parse(Source::new(OURS, text))?;
+        file.accept_old_names(&self.registry);
         let ends = &self.ends;
         file.copy(&ends.scene, "true_scene");
         let mut settings = self.room.settings.clone();
@@ -360,11 +362,11 @@ impl EvalTarget {
             .replace("$RADIANCES", &ends.radiances)
             .replace("$ALBEDO", &ends.albedo)
             .replace("$BEFORE", &ends.before)
-            .replace("$REST", &ends.rest)
+            .replace("$RESIDUAL", &ends.residual)
             .replace("$UNITS", &units[0])
             .replace("$VISIBILITY", &units[1])
             .replace("$PICTURE", &ends.picture)
-            .replace("$COVER", &ends.cover)
+            .replace("$COVERAGE", &ends.coverage)
     }
 }
 
@@ -392,9 +394,9 @@ impl Ends {
             full_depth: end(&edit, "depth")?,
             shapes: end(&edit, "shapes")?,
             radiances: end(&edit, "radiances")?,
-            rest: end(&compose, "rest")?,
+            residual: end(&compose, "residual")?,
             albedo: end(&compose, "albedo")?,
-            cover: end(&compose, "cover")?,
+            coverage: end(&compose, "coverage")?,
             picture: format!("{compose}.picture"),
             first: fit.as_ref().and_then(|fit| wire(fit, "albedo")),
             normal: written("normal"),

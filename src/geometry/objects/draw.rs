@@ -25,7 +25,7 @@ pub struct Objects {
     pub left: usize,
     pub top: usize,
     /// The share of each pixel that bodies cover.
-    pub cover: Plane<f32>,
+    pub coverage: Plane<f32>,
     /// Planar z, where covered.
     pub depth: Plane<f32>,
     /// Unit normals facing the camera, where covered.
@@ -65,7 +65,7 @@ pub struct Drawing {
 /// Numbers of one body at a pixel.
 #[derive(Clone, Copy)]
 struct Shown {
-    cover: f32,
+    coverage: f32,
     /// The hit of the ray nearest to the pixel's center.
     point: Vec3,
     normal: Vec3,
@@ -88,7 +88,7 @@ impl Objects {
         Objects {
             left: 0,
             top: 0,
-            cover: flat(),
+            coverage: flat(),
             depth: flat(),
             normal: none(),
             albedo: none(),
@@ -110,7 +110,7 @@ impl Objects {
     /// # Errors
     /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
-        let (pixels, samples, probes) = (self.cover.size(), self.points.size(), self.probe_albedo.len());
+        let (pixels, samples, probes) = (self.coverage.size(), self.points.size(), self.probe_albedo.len());
         let of_pixels = [self.depth.size(), self.normal.size(), self.albedo.size(), self.gloss.size()];
         rule(of_pixels.iter().all(|&size| size == pixels), "planes of one size")?;
         rule(self.step > 0, "at least one pixel per sample")?;
@@ -125,12 +125,12 @@ impl Objects {
 
     /// Whether nothing is seen.
     pub fn is_empty(&self) -> bool {
-        self.cover.is_empty()
+        self.coverage.is_empty()
     }
 
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
-        (self.cover.len() * 44) + self.points.len() * (28 + 8 * NEAR) + 24 * self.probe_albedo.len()
+        (self.coverage.len() * 44) + self.points.len() * (28 + 8 * NEAR) + 24 * self.probe_albedo.len()
     }
 
     /// The samples that pixel (x, y) of the rectangle draws from, and their weights, which sum to
@@ -166,9 +166,9 @@ impl Objects {
     /// Diffuse radiance of the bodies, from the irradiance / pi at their samples:
     /// base color x (1 - metallic) x irradiance / pi.
     pub fn diffuse(&self, samples: &[Vec3]) -> Plane<Vec3> {
-        let (w, h) = self.cover.size();
+        let (w, h) = self.coverage.size();
         let pixel = |i: usize| {
-            if self.cover.pixels()[i] <= 0.0 {
+            if self.coverage.pixels()[i] <= 0.0 {
                 return Vec3::ZERO;
             }
             let (taps, count) = self.taps(i % w, i / w);
@@ -235,7 +235,7 @@ pub fn draw(
     Objects {
         left: columns.start,
         top: rows.start,
-        cover: number(&|s| s.cover),
+        coverage: number(&|s| s.coverage),
         depth: number(&|s| -s.point.z),
         normal: plane(&|s| s.normal),
         albedo: plane(&|s| s.albedo),
@@ -336,7 +336,7 @@ fn pixel(
     // not.
     let away = (LEAST_FACING - normal.dot(view)).max(0.0);
     Some(Shown {
-        cover: count / rays.len() as f32,
+        coverage: count / rays.len() as f32,
         // A lift goes to the outside; seen from within it would go through the surface.
         point: if at.flat.dot(view) < 0.0 { nearest.1.1 } else { at.point },
         normal: (normal + view * away).normalize_or(flat),
@@ -438,7 +438,7 @@ mod tests {
     fn a_sphere_covers_its_disc_and_has_its_normals() {
         let center = Vec3::new(0.0, 0.0, -2.0);
         let objects = drawn(&[sphere(center, 0.2)], 5.0, DRAWING);
-        let got: f32 = objects.cover.pixels().iter().sum();
+        let got: f32 = objects.coverage.pixels().iter().sum();
         // The outline of a sphere on the axis is a circle of radius f tan(asin(r / d)).
         let f = Camera::from_fov_x(80, 60, 60.0).fx;
         let want = std::f32::consts::PI * (f * 0.1f32.asin().tan()).powi(2);
@@ -458,7 +458,7 @@ mod tests {
         assert!(drawn(&at(-2.0), 1.0, DRAWING).is_empty(), "behind a wall");
         assert!(drawn(&at(2.0), 5.0, DRAWING).is_empty(), "behind the camera");
         let around = drawn(&at(0.0), 5.0, DRAWING);
-        assert_eq!(around.cover.size(), (80, 60), "the camera is inside");
+        assert_eq!(around.coverage.size(), (80, 60), "the camera is inside");
         assert!(around.normals.pixels().iter().zip(around.points.pixels()).all(|(n, p)| n.dot(*p) < 0.0));
     }
 
@@ -466,10 +466,11 @@ mod tests {
     fn few_samples_stand_for_many_pixels() {
         let fine = drawn(&[sphere(Vec3::new(0.0, 0.0, -1.0), 0.2)], 5.0, DRAWING);
         let coarse = drawn(&[sphere(Vec3::new(0.0, 0.0, -1.0), 0.2)], 5.0, Drawing { most: 60, ..DRAWING });
-        assert_eq!(fine.cover, coarse.cover);
+        assert_eq!(fine.coverage, coarse.coverage);
         assert!(coarse.step > 1 && coarse.points.len() <= 60);
-        let (w, h) = coarse.cover.size();
-        for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| coarse.cover.get(x, y) > 0.5) {
+        let (w, h) = coarse.coverage.size();
+        for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| coarse.coverage.get(x, y) > 0.5)
+        {
             let (taps, count) = coarse.taps(x, y);
             let normal: Vec3 = taps[..count].iter().map(|(i, w)| coarse.normals.pixels()[*i] * *w).sum();
             assert!((taps[..count].iter().map(|t| t.1).sum::<f32>() - 1.0).abs() < 1e-5);

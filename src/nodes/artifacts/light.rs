@@ -66,7 +66,7 @@ pub struct Guess {
 
 /// Photo shading minus direct light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Remainder {
+pub struct Residual {
     /// Zero where the photo is white or shows a light.
     pub left: Plane<Vec3>,
     /// Mean direct shading.

@@ -15,7 +15,7 @@ pub use crate::optics::LOBES;
 use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Reflections, Shape, SpecularChange, Transport};
 
 pub use files::{Encoding, Files, check_file_name};
-pub use light::{Guess, ObjectLight, Remainder, UnitDirect, UnitIndirect, Visibility};
+pub use light::{Guess, ObjectLight, Residual, UnitDirect, UnitIndirect, Visibility};
 pub use scores::{Score, Scores};
 
 /// The member that stands for lamps out of view.
@@ -86,7 +86,7 @@ artifacts! {
     ObjectLight: |o| o.albedo.bytes() + o.lobes.iter().chain(&o.probes).map(Plane::bytes).sum::<usize>(),
         if |o| rule(o.lobes.len() == o.probes.len(), "probes for each lobe");
     Guess: |g| g.shape.bytes() + g.radiance.0.len() * 12, if |g| g.shape.check();
-    Remainder: |r| r.left.bytes();
+    Residual: |r| r.left.bytes();
     PaintLayers: PaintLayers::bytes, if PaintLayers::check;
     SpecularEdit: SpecularEdit::bytes, if SpecularEdit::check;
     Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(), if Lighting::check;

@@ -20,7 +20,7 @@ use crate::optics::{Radiance, Shape, black_body};
 use crate::{params, ports};
 
 use lamp::LampShape;
-use sky::{Half, Outside, Sky, Sun};
+use sky::{Environment, Half, Sky, Sun};
 
 params! {
     /// Changes the lights that the edit names and adds new ones; all other lights pass through
@@ -276,7 +276,7 @@ impl LightEdit {
             }
             LightEdit::Window { corners, sky, ground, sun, yaw, scale } => {
                 window::convex(corners)?;
-                Outside { sky, ground: ground.as_ref(), sun: sun.as_ref(), yaw: *yaw, scale: *scale }.check()
+                Environment { sky, ground: ground.as_ref(), sun: sun.as_ref(), yaw: *yaw, scale: *scale }.check()
             }
         }
     }
@@ -316,9 +316,10 @@ impl EditLights {
                 Some(lamp.map(|lamp| (Shape::Lamp(lamp), Radiance(radiance.to_vec()))))
             }
             (LightEdit::Window { corners, sky, ground, sun, yaw, scale }, _) => {
-                let outside = Outside { sky, ground: ground.as_ref(), sun: sun.as_ref(), yaw: *yaw, scale: *scale };
+                let environment =
+                    Environment { sky, ground: ground.as_ref(), sun: sun.as_ref(), yaw: *yaw, scale: *scale };
                 let window = window::window(corners, inputs, up).map_err(failed);
-                Some(window.and_then(|window| outside.through(id, window, up, &|| self.lux(id, inputs, ctx), ctx)))
+                Some(window.and_then(|window| environment.through(id, window, up, &|| self.lux(id, inputs, ctx), ctx)))
             }
             _ => None,
         }

@@ -79,7 +79,7 @@ ports! {
         /// Their normals.
         normal: Arc<Normal>,
         /// Reflectance at working size: photo over shading, filled in under lights.
-        paint: Arc<Albedo>,
+        reflectance: Arc<Albedo>,
         /// Albedo estimated from the photo alone, working size: the old paint.
         known: Arc<Albedo>,
         /// Albedo for bounced light, working size.
@@ -103,11 +103,11 @@ ports! {
         /// one.
         specular: Arc<Specular>,
         /// The paint at the photo's size.
-        coats: Arc<PaintLayers>,
+        paint_layers: Arc<PaintLayers>,
         /// New roughness and specular level at the photo's size.
-        finish: Arc<SpecularEdit>,
+        specular_edit: Arc<SpecularEdit>,
         /// Whether a region has a new roughness or specular level.
-        polished: bool,
+        has_specular_edit: bool,
     }
 }
 
@@ -134,15 +134,15 @@ impl Node for EditMaterials {
 
     fn run(&self, inputs: EditMaterialsIn, ctx: &Context) -> Result<EditMaterialsOut, NodeError> {
         let (width, height) = inputs.small.0.size();
-        let (mut coats, mut finish) = (Vec::new(), SpecularEdit::default());
+        let (mut paint_layers, mut finish) = (Vec::new(), SpecularEdit::default());
         let mut out = EditMaterialsOut {
             albedo: inputs.albedo.clone(),
             fitted: inputs.fitted.clone(),
             roughness: inputs.roughness.clone(),
             specular: Arc::new(Specular(Plane::filled(width, height, DIELECTRIC))),
-            coats: Arc::default(),
-            finish: Arc::default(),
-            polished: false,
+            paint_layers: Arc::default(),
+            specular_edit: Arc::default(),
+            has_specular_edit: false,
         };
         for (i, edit) in self.materials.iter().enumerate() {
             let MaterialEdit::Paint { region, albedo, roughness, specular, keep_texture } = edit;
@@ -152,7 +152,7 @@ impl Node for EditMaterials {
             let share = resize(&matte.alpha, width, height);
             if roughness.is_some() || specular.is_some() {
                 finish.lay(&matte.alpha, [*roughness, *specular], &inputs.roughness);
-                out.polished = true;
+                out.has_specular_edit = true;
             }
             if let Some(color) = albedo {
                 let new = color.linear().map_err(bad)?;
@@ -161,13 +161,14 @@ impl Node for EditMaterials {
                     let paint = PaintChange { old: mean(&was.0, &share), new, keep_texture };
                     *is = Arc::new(Albedo(painted(&is.0, &was.0, &share, paint)));
                 }
-                let (known, old) = (mean(&inputs.known.0, &share), mean(&inputs.paint.0, &share));
+                let (known, old) = (mean(&inputs.known.0, &share), mean(&inputs.reflectance.0, &share));
                 let part = 100.0 * share.pixels().iter().sum::<f32>() / share.len() as f32;
                 ctx.note(format!(
                     "entry {}: {part:.1} % of the photo, albedo {known:.3} before, {new:.3} after",
                     i + 1
                 ));
-                coats.push(PaintLayer { paint: PaintChange { old, new: new * old / known, keep_texture }, matte });
+                paint_layers
+                    .push(PaintLayer { paint: PaintChange { old, new: new * old / known, keep_texture }, matte });
             }
             if let Some(new) = roughness {
                 out.roughness = Arc::new(Roughness(mixed(&out.roughness.0, *new, &share)));
@@ -176,8 +177,8 @@ impl Node for EditMaterials {
                 out.specular = Arc::new(Specular(mixed(&out.specular.0, *new, &share)));
             }
         }
-        out.coats = Arc::new(PaintLayers(coats));
-        out.finish = Arc::new(finish);
+        out.paint_layers = Arc::new(PaintLayers(paint_layers));
+        out.specular_edit = Arc::new(finish);
         Ok(out)
     }
 }
@@ -249,7 +250,7 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
 fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
-    let found = like_surface(seed, &inputs.small, &inputs.paint, &inputs.points, &inputs.normal);
+    let found = like_surface(seed, &inputs.small, &inputs.reflectance, &inputs.points, &inputs.normal);
     let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
     Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round())
@@ -299,7 +300,7 @@ mod tests {
             depth,
             points: Arc::new(Points(points)),
             normal: Arc::new(Normal(Plane::filled(w, h, Vec3::Z))),
-            paint: Arc::new(Albedo(paint)),
+            reflectance: Arc::new(Albedo(paint)),
             known: albedo.clone(),
             fitted: albedo.clone(),
             albedo,
@@ -336,8 +337,8 @@ mod tests {
         let (albedo, fitted, roughness) = (inputs.albedo.clone(), inputs.fitted.clone(), inputs.roughness.clone());
         let out = run(vec![], inputs).expect("it is sound");
         assert!(Arc::ptr_eq(&albedo, &out.albedo) && Arc::ptr_eq(&fitted, &out.fitted));
-        assert!(Arc::ptr_eq(&roughness, &out.roughness) && out.coats.0.is_empty());
-        assert_eq!(*out.finish, SpecularEdit::default());
+        assert!(Arc::ptr_eq(&roughness, &out.roughness) && out.paint_layers.0.is_empty());
+        assert_eq!(*out.specular_edit, SpecularEdit::default());
     }
 
     #[test]
@@ -350,10 +351,10 @@ mod tests {
             assert!((got - want).abs().max_element() < 0.01, "({x}, {y}): {got} against {want}");
         }
         // The photo is a fifth brighter than by its albedo, and stays so.
-        let coat = &out.coats.0[0];
+        let coat = &out.paint_layers.0[0];
         assert!((coat.paint.over(GREY) - NEW / 0.8).abs().max_element() < 1e-4, "{}", coat.paint.over(GREY));
-        assert!(out.coats.at(5, 5).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
-        assert!(out.coats.at(30, 5).is_bare());
+        assert!(out.paint_layers.at(5, 5).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
+        assert!(out.paint_layers.at(30, 5).is_bare());
     }
 
     #[test]
@@ -361,7 +362,7 @@ mod tests {
         let all = || Region::Grow(5.0, 5.0);
         let out = run(vec![paint(all(), RED), paint(all(), NEW)], wall(GREY, GREY)).expect("it is sound");
         assert!(out.albedo.0.pixels().iter().all(|a| a.distance(NEW) < 1e-4));
-        assert!(out.coats.at(9, 9).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
+        assert!(out.paint_layers.at(9, 9).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
     }
 
     #[test]
@@ -376,7 +377,7 @@ mod tests {
             keep_texture: true,
         };
         let out = run(vec![edit], wall(GREY, GREY)).expect("it is sound");
-        let share = |x: usize| out.coats.0[0].matte.alpha.get(x, 7);
+        let share = |x: usize| out.paint_layers.0[0].matte.alpha.get(x, 7);
         assert_eq!((share(3), share(35)), (1.0, 0.0));
         assert!((share(20) - 0.49).abs() < 0.02, "{}", share(20));
         for x in [3, 15, 20, 25, 35] {
@@ -385,11 +386,11 @@ mod tests {
             near(out.roughness.0.get(x, 7), mix(0.8, 0.2));
             near(out.specular.0.get(x, 7), mix(0.5, 1.0));
             near(out.albedo.0.get(x, 7).y, mix(0.4, 0.2));
-            let [roughness, specular] = out.finish.gloss.get(x, 7);
+            let [roughness, specular] = out.specular_edit.gloss.get(x, 7);
             let is_new = share(x) > 0.0;
             assert_eq!((roughness, specular), if is_new { (0.2, 1.0) } else { (0.8, 0.5) }, "{x}");
-            assert_eq!(out.finish.share.get(x, 7), share(x));
-            near(out.coats.at(x, 7).reflectance(GREY, GREY).x, mix(0.5, 0.25));
+            assert_eq!(out.specular_edit.share.get(x, 7), share(x));
+            near(out.paint_layers.at(x, 7).reflectance(GREY, GREY).x, mix(0.5, 0.25));
         }
     }
 

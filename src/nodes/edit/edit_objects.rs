@@ -162,9 +162,9 @@ impl Node for EditObjects {
         ctx.check_cancelled()?;
         tell(&bodies, &objects, ctx);
         let mut z = depth.0.clone();
-        let (w, h) = objects.cover.size();
+        let (w, h) = objects.coverage.size();
         for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
-            if objects.cover.get(x, y) > 0.5 {
+            if objects.coverage.get(x, y) > 0.5 {
                 z.set(objects.left + x, objects.top + y, objects.depth.get(x, y));
             }
         }

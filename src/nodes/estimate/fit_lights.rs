@@ -20,20 +20,20 @@ params! {
     /// The picture is linear in the radiances: non-negative least squares on the unit layers, each
     /// with its own shadow and its own indirect light, by turns with the albedos (see
     /// `optics::inverse::fit_radiances`). Saturated pixels are lower bounds. A constant ambient,
-    /// dearer than any light, takes what no light explains: the rest.
+    /// dearer than any light, takes what no light explains: the residual.
     pub struct FitLights {
         /// Upper bound of the iterations. The fit ends earlier when no light changes by more than
         /// 1e-4 of itself. With 0, all lights give the same mean shading.
-        turns: usize = 200, in 0..=10_000,
+        iterations: usize = 200, in 0..=10_000,
         /// Weight of the prior that all lights give the same mean shading, as a fraction of the
         /// photo's energy. It decides where the photo does not.
-        prior: f64 = 0.03, in 0.0..,
+        tikhonov_weight: f64 = 0.03, in 0.0..,
         /// Cost of the ambient residual, as a fraction of the photo's energy.
-        rest_cost: f64 = 0.01, in 0.0..,
+        ambient_weight: f64 = 0.01, in 0.0..,
         /// Cost of lights out of view, as a fraction of the photo's energy.
-        invisible_cost: f64 = 0.005, in 0.0..,
+        out_of_view_weight: f64 = 0.005, in 0.0..,
         /// Cost of the sun in a window, as a fraction of the photo's energy.
-        sun_cost: f64 = 0.05, in 0.0..,
+        sun_weight: f64 = 0.05, in 0.0..,
         /// Whether the input albedo is exact: then it stays as it is, per pixel, and the fit has
         /// only the radiances as unknowns.
         keep_albedo: bool = false,
@@ -77,7 +77,7 @@ ports! {
         /// Radiance of each light, per lobe.
         radiance: Scatter<Radiance>,
         /// Residual shading, which no light explains.
-        rest: Arc<Shading>,
+        residual: Arc<Shading>,
         /// One albedo per segment, fitted with the lights; lights' own pixels take that of their
         /// surroundings.
         albedo: Arc<Albedo>,
@@ -112,14 +112,14 @@ impl Node for FitLights {
             false => pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect(),
         };
         let prior = LightPrior {
-            out_of_view: self.invisible_cost,
-            sun: self.sun_cost,
-            ambient: self.rest_cost,
-            tikhonov_weight: self.prior,
+            out_of_view: self.out_of_view_weight,
+            sun: self.sun_weight,
+            ambient: self.ambient_weight,
+            tikhonov_weight: self.tikhonov_weight,
             // No candidates are compared.
             residual_weight: 0.0,
         };
-        let fit = fit_radiances(&observations, &columns, &prior, self.turns);
+        let fit = fit_radiances(&observations, &columns, &prior, self.iterations);
         let fit = fit.with_albedo_of(&observations.segment, &before);
         FitReport { lobes: &lobes, columns: &columns, fit: &fit, observations: &observations }.send(ctx);
 
@@ -129,12 +129,12 @@ impl Node for FitLights {
         });
         let radiance = Scatter(radiance.collect());
         let ambient_radiance = fit.radiance.last().copied().unwrap_or(Vec3::ZERO);
-        let rest = Arc::new(Shading(ambient.map(|a| a * ambient_radiance)));
+        let residual = Arc::new(Shading(ambient.map(|a| a * ambient_radiance)));
         let albedo = match self.keep_albedo {
             true => Arc::clone(&inputs.albedo),
             false => Arc::new(Albedo(segment_albedo(&inputs, &pixels, &fit))),
         };
-        Ok(FitLightsOut { radiance, rest, albedo })
+        Ok(FitLightsOut { radiance, residual, albedo })
     }
 }
 
@@ -255,7 +255,7 @@ impl FitReport<'_> {
             format!(", {} and {} hardest to tell apart", self.lobes[a].name(), self.lobes[b].name())
         });
         ctx.note(format!(
-            "{} turns, last change {:.1e}, misfit {:.4} -> {:.4}, condition number {number:.1e}{hardest}, rest {:.1} %",
+            "{} iterations, last change {:.1e}, misfit {:.4} -> {:.4}, condition number {number:.1e}{hardest}, residual {:.1} %",
             self.fit.iterations,
             self.fit.change,
             self.fit.loss_before,
@@ -318,7 +318,7 @@ impl FitReport<'_> {
         if !self.fit.unsettled.is_empty() {
             let names: Vec<String> = self.fit.unsettled.iter().map(|&k| self.lobes[k].name()).collect();
             ctx.warn(format!(
-                "the fit did not settle: after {} turns (parameter `turns`) a light still changes by {:.1} %: {}",
+                "the fit did not settle: after {} iterations (parameter `iterations`) a light still changes by {:.1} %: {}",
                 self.fit.iterations,
                 100.0 * self.fit.change,
                 names.join(", ")

@@ -30,7 +30,7 @@ params! {
         /// where there are any.
         dictionary: bool = true,
         /// Least fraction of the loss that a light out of view must save.
-        worth: f32 = 0.08, in 0.0..1.0,
+        min_gain: f32 = 0.08, in 0.0..1.0,
         /// Shadow rays per receiver and light.
         samples: usize = 4, in 1..=1024,
         /// Upper bound of the rays per receiver for the indirect light of a candidate, of those
@@ -40,36 +40,38 @@ params! {
         unseen: f32 = 0.5, in 0.0..=1.0,
         /// Cost of the constant ambient, as a fraction of the photo's energy. It makes lights
         /// preferable to the ambient.
-        ambient_cost: f64 = 0.01, in 0.0..,
+        ambient_weight: f64 = 0.01, in 0.0..,
         /// Iterations of the fit per candidate.
-        turns: usize = 8, in 1..=1000,
+        iterations: usize = 8, in 1..=1000,
         /// Shape of visible lamps that are not ceiling panels: `Solid` (a sphere, or a box if the
-        /// outline is long), `Box`, `Plates` (the seen surface, its mirror image and the ring
-        /// between them), or `Likeliest` (`Solid`, unless `Plates` have a loss lower by 3 %).
+        /// outline is long), `Box`, `Surfels` (the seen surface, its mirror image and the ring
+        /// between them), or `Best` (`Solid`, unless `Surfels` have a loss lower by 3 %).
         lamps: LampForm = LampForm::Solid,
-        /// Upper bound of the plates of a lamp.
-        plates: usize = 128, in 1..=512,
+        /// Upper bound of the surfels of a lamp.
+        surfels: usize = 128, in 1..=512,
         /// Emission of windows: `Daylight(sun, sky, ground)`, three lobes of these bandwidths, each
-        /// >= 0; `Even`, constant radiance, which is one lobe; or `Likeliest(sun, sky, ground)`,
+        /// >= 0; `Uniform`, constant radiance, which is one lobe; or `Best(sun, sky, ground)`,
         /// per window the former if its loss is lower by 5 %, else the latter.
-        outlook: Outlook = Outlook::Likeliest(1e4, 1.5, 1.5),
+        window_emission: WindowEmission = WindowEmission::Best(1e4, 1.5, 1.5),
     }
 }
 
-/// View of windows: the lobes that they are given.
+/// Lobes that a window emits.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Outlook {
+pub enum WindowEmission {
     /// The same radiance everywhere: a lamp of the window's shape.
-    Even,
+    #[serde(alias = "Even")]
+    Uniform,
     /// Bandwidths of sun, sky and ground.
     Daylight(f32, f32, f32),
     /// Three lobes of these bandwidths if they lower the loss by 5 %, else the same radiance
     /// everywhere.
-    Likeliest(f32, f32, f32),
+    #[serde(alias = "Likeliest")]
+    Best(f32, f32, f32),
 }
 
-impl Outlook {
-    /// The shape with this outlook, and a second one with sun, sky and ground where both are to be
+impl WindowEmission {
+    /// The shape with this emission, and a second one with sun, sky and ground where both are to be
     /// tried. A lamp stays.
     fn through(self, shape: &Shape) -> (Shape, Option<Shape>) {
         let Shape::Window(window) = shape else { return (shape.clone(), None) };
@@ -81,9 +83,9 @@ impl Outlook {
             Shape::Window(window)
         };
         match self {
-            Outlook::Even => (even, None),
-            Outlook::Daylight(sun, sky, ground) => (daylight([sun, sky, ground]), None),
-            Outlook::Likeliest(sun, sky, ground) => (even, Some(daylight([sun, sky, ground]))),
+            WindowEmission::Uniform => (even, None),
+            WindowEmission::Daylight(sun, sky, ground) => (daylight([sun, sky, ground]), None),
+            WindowEmission::Best(sun, sky, ground) => (even, Some(daylight([sun, sky, ground]))),
         }
     }
 }
@@ -133,11 +135,11 @@ impl Node for InitLights {
     type Out = InitLightsOut;
 
     fn check_consistency(&self) -> Result<(), String> {
-        match self.outlook {
-            Outlook::Daylight(sun, sky, ground) | Outlook::Likeliest(sun, sky, ground) => {
-                check_range("outlook", &[sun, sky, ground], 0.0..)
+        match self.window_emission {
+            WindowEmission::Daylight(sun, sky, ground) | WindowEmission::Best(sun, sky, ground) => {
+                check_range("window_emission", &[sun, sky, ground], 0.0..)
             }
-            Outlook::Even => Ok(()),
+            WindowEmission::Uniform => Ok(()),
         }
     }
 
@@ -153,7 +155,7 @@ impl Node for InitLights {
         if let Some(room) = room {
             accepted.extend(self.out_of_view(&inputs, &search, &room, &accepted, ctx)?);
         }
-        let shapes = search.shapes(&accepted, |shape| self.outlook.through(shape));
+        let shapes = search.shapes(&accepted, |shape| self.window_emission.through(shape));
         let shape = |id: &str| {
             let twin = || twins.iter().find(|(twin, _)| *twin == id).map(|(_, first)| *first);
             let found = accepted.iter().position(|light| light.id == id).or_else(twin).map(|i| shapes[i].clone());
@@ -177,7 +179,7 @@ impl InitLights {
         CandidateSettings {
             quality: LayerQuality { samples: self.samples, bounces },
             prior: LightPrior {
-                ambient: self.ambient_cost,
+                ambient: self.ambient_weight,
                 residual_weight: RESIDUAL_WEIGHT,
                 // `worth` decides over lights out of view, and three lobes must lower the loss by 5
                 // %.
@@ -186,8 +188,8 @@ impl InitLights {
                 // Candidates are compared by how well they explain the photo.
                 tikhonov_weight: 0.0,
             },
-            iterations: self.turns,
-            min_gain: f64::from(self.worth),
+            iterations: self.iterations,
+            min_gain: f64::from(self.min_gain),
         }
     }
 
@@ -210,7 +212,7 @@ impl InitLights {
         ctx: &Context,
     ) -> Result<(Vec<Accepted<'a>>, Twins<'a>), NodeError> {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
-        let forms = LampForms { form: self.lamps, most_surfels: self.plates, ..LampForms::default() };
+        let forms = LampForms { form: self.lamps, most_surfels: self.surfels, ..LampForms::default() };
         let (mut accepted, mut twins): (Vec<Accepted>, Twins) = Default::default();
         for (id, mask) in inputs.mask.iter() {
             let is_twin = |light: &Accepted| {
@@ -275,21 +277,25 @@ mod tests {
     use crate::optics::Lobe;
 
     #[test]
-    fn an_outlook_changes_windows_only() {
+    fn window_emission_changes_windows_only() {
         let (center, x, y) = (Vec3::NEG_Z, Vec3::X * 0.5, Vec3::Y);
         let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
         let lamp = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
-        let one = |outlook: Outlook, shape: &Shape| outlook.through(shape);
-        assert_eq!(one(Outlook::Even, &window), (lamp.clone(), None));
-        let (Shape::Window(seen), None) = one(Outlook::Daylight(7.0, 5.0, 0.0), &window) else { panic!("a window") };
+        let one = |emission: WindowEmission, shape: &Shape| emission.through(shape);
+        assert_eq!(one(WindowEmission::Uniform, &window), (lamp.clone(), None));
+        let (Shape::Window(seen), None) = one(WindowEmission::Daylight(7.0, 5.0, 0.0), &window) else {
+            panic!("a window")
+        };
         assert_eq!(seen.lobes.map(|Lobe { bandwidth, .. }| bandwidth), [7.0, 5.0, 0.0]);
         let both = (lamp.clone(), Some(window.clone()));
-        assert_eq!(one(InitLights::default().outlook, &window), both, "the default tries both");
+        assert_eq!(one(InitLights::default().window_emission, &window), both, "the default tries both");
         for shape in [lamp, Shape::Absent] {
-            assert_eq!(one(InitLights::default().outlook, &shape), (shape.clone(), None));
+            assert_eq!(one(InitLights::default().window_emission, &shape), (shape.clone(), None));
         }
         assert!(
-            InitLights { outlook: Outlook::Daylight(f32::NAN, 1.0, 1.0), ..InitLights::default() }.check().is_err()
+            InitLights { window_emission: WindowEmission::Daylight(f32::NAN, 1.0, 1.0), ..InitLights::default() }
+                .check()
+                .is_err()
         );
     }
 }

@@ -29,19 +29,19 @@ params! {
         /// Upper bound of the Gauss-Newton steps per round.
         steps: usize = 6, in 1..=100,
         /// Least fraction of the loss that the move of a light must save.
-        worth: f64 = 0.05, in 0.0..1.0,
+        min_gain: f64 = 0.05, in 0.0..1.0,
         /// Upper bound of the receivers.
-        places: usize = 1000, in 1..=100_000,
+        receivers: usize = 1000, in 1..=100_000,
         /// Shadow rays per receiver and lobe.
         samples: usize = 4, in 1..=1024,
         /// Radiosity of the unseen part of the room, as a multiple of the mean of the seen part.
         unseen: f32 = 0.5, in 0.0..=1.0,
         /// Cost of the constant ambient, as in `FitLights`.
-        rest_cost: f64 = 0.01, in 0.0..,
+        ambient_weight: f64 = 0.01, in 0.0..,
         /// Cost of lights out of view, as in `FitLights`.
-        invisible_cost: f64 = 0.005, in 0.0..,
+        out_of_view_weight: f64 = 0.005, in 0.0..,
         /// Cost of the sun in a window, as in `FitLights`.
-        sun_cost: f64 = 0.05, in 0.0..,
+        sun_weight: f64 = 0.05, in 0.0..,
     }
 }
 
@@ -91,7 +91,7 @@ impl Node for RefineLights {
         let RefineLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = &inputs;
         let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-        let receivers = Receivers::new(room, masks, self.places);
+        let receivers = Receivers::new(room, masks, self.receivers);
         ctx.check_cancelled()?;
         let (names, lights): (Vec<&str>, Vec<LightVariable>) =
             inputs.shape.iter().map(|(id, s)| (id, light_variable(id, s, &inputs))).unzip();
@@ -102,11 +102,11 @@ impl Node for RefineLights {
             quality: LayerQuality { samples: self.samples, bounces: Bounces { count: 1, unseen: self.unseen } },
             rounds: self.rounds,
             steps: self.steps,
-            min_gain: self.worth,
+            min_gain: self.min_gain,
             prior: LightPrior {
-                out_of_view: self.invisible_cost,
-                sun: self.sun_cost,
-                ambient: self.rest_cost,
+                out_of_view: self.out_of_view_weight,
+                sun: self.sun_weight,
+                ambient: self.ambient_weight,
                 // The loss of two shapes is compared: a guess of the radiances has no part in it.
                 tikhonov_weight: 0.0,
                 residual_weight: 0.0,
@@ -170,10 +170,10 @@ mod tests {
         assert_eq!(node.check(), Ok(()));
         for (bad, wanted) in [
             (RefineLights { rounds: 0, ..node.clone() }, "rounds: wanted 1..=10, got 0"),
-            (RefineLights { places: 0, ..node.clone() }, "places: wanted 1..=100000, got 0"),
-            (RefineLights { worth: 1.0, ..node.clone() }, "worth: wanted 0..1, got 1"),
+            (RefineLights { receivers: 0, ..node.clone() }, "receivers: wanted 1..=100000, got 0"),
+            (RefineLights { min_gain: 1.0, ..node.clone() }, "min_gain: wanted 0..1, got 1"),
             (RefineLights { unseen: f32::NAN, ..node.clone() }, "unseen: wanted 0..=1, got NaN"),
-            (RefineLights { sun_cost: -1.0, ..node.clone() }, "sun_cost: wanted >= 0, got -1"),
+            (RefineLights { sun_weight: -1.0, ..node.clone() }, "sun_weight: wanted >= 0, got -1"),
         ] {
             assert_eq!(bad.check(), Err(wanted.to_owned()));
         }

@@ -43,7 +43,7 @@ ports! {
         /// Pixels of each visible light, photo size.
         mask: Gather<Mask>,
         /// Pixels covered by the bodies of inserted lights, photo size.
-        cover: Gather<Mask>,
+        coverage: Gather<Mask>,
     }
 }
 
@@ -140,7 +140,7 @@ fn not_larger(name: &str, got: (usize, usize), photo: (usize, usize)) -> Result<
 /// The pixels of the truth's size whose part of the photo shows no light of the photo or of the
 /// edit.
 fn uncovered(inputs: &ScorePictureIn, full: (usize, usize), size: (usize, usize)) -> Result<Plane<bool>, NodeError> {
-    let lit = super::no_light(full, inputs.mask.iter().chain(inputs.cover.iter()))?.map(|none| f32::from(!none));
+    let lit = super::no_light(full, inputs.mask.iter().chain(inputs.coverage.iter()))?.map(|none| f32::from(!none));
     Ok(image::resize(&lit, size.0, size.1).map(|share| share == 0.0))
 }
 

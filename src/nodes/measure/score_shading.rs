@@ -27,7 +27,7 @@ ports! {
         /// Shading by each estimated light.
         light: Gather<Shading>,
         /// Residual shading, which no light explains.
-        rest: Arc<Shading>,
+        residual: Arc<Shading>,
         /// The linear photo, working size.
         photo: Arc<Picture>,
         /// Fraction of saturated pixels.
@@ -55,12 +55,12 @@ impl Node for ScoreShading {
     type Out = ScoreShadingOut;
 
     fn run(&self, inputs: ScoreShadingIn, _: &Context) -> Result<ScoreShadingOut, NodeError> {
-        let size = inputs.rest.0.size();
+        let size = inputs.residual.0.size();
         let albedo = &inputs.albedo.0;
         super::same_size("albedo", albedo.size(), "the shading", size)?;
-        let mut got = inputs.rest.0.clone();
+        let mut got = inputs.residual.0.clone();
         for (id, light) in inputs.light.iter() {
-            super::same_size(id, light.0.size(), "the rest", size)?;
+            super::same_size(id, light.0.size(), "the residual", size)?;
             got.pixels_mut().iter_mut().zip(light.0.pixels()).for_each(|(sum, e)| *sum += *e);
         }
         let clipped = ("clipped", &inputs.clipped);

@@ -82,19 +82,19 @@ ports! {
         /// Estimated albedo, working size.
         albedo: Arc<Albedo>,
         /// Reflectance at working size: photo over shading, filled in under lights.
-        paint: Arc<Albedo>,
+        reflectance: Arc<Albedo>,
         /// Paint that the edit puts over it, photo size.
-        coats: Arc<PaintLayers>,
+        paint_layers: Arc<PaintLayers>,
         /// Shading by each light as estimated, working size.
         before: Gather<Shading>,
         /// Shading by each light after the edit, working size.
         after: Gather<Shading>,
         /// Residual shading, which no light explains, working size.
-        rest: Arc<Shading>,
+        residual: Arc<Shading>,
         /// Residual shading after the edit.
-        edited_rest: Arc<Shading>,
+        edited_residual: Arc<Shading>,
         /// The own pixels of each visible light and its glare, photo size.
-        zone: Gather<GlareMask>,
+        glare_mask: Gather<GlareMask>,
         /// The kind of each visible light.
         kind: Gather<LightKind>,
         /// The estimated lights.
@@ -108,18 +108,18 @@ ports! {
         /// Ratio of the radiance after the edit to that before.
         gain: Gather<Radiance>,
         /// Coverage by the bodies of inserted lights, photo size.
-        cover: Gather<Mask>,
+        coverage: Gather<Mask>,
         /// The visible inserted objects.
         objects: Arc<Objects>,
         /// Their diffuse reflection of each light.
         object: Gather<Picture>,
         /// Their diffuse reflection of the residual.
-        object_rest: Arc<Picture>,
+        object_residual: Arc<Picture>,
         /// The specular reflection of shiny objects; empty without them.
         reflected: Option<Arc<Reflections>>,
         /// The change of specular reflection of surfaces with an edited roughness or specular
         /// level; empty without them.
-        polish: Option<Arc<SpecularChange>>,
+        specular_change: Option<Arc<SpecularChange>>,
     }
 }
 
@@ -130,7 +130,7 @@ ports! {
         /// The contribution of each light.
         layer: Scatter<Layer>,
         /// The residual, which no light explains.
-        rest: Arc<Layer>,
+        residual: Arc<Layer>,
     }
 }
 
@@ -146,7 +146,7 @@ impl Node for Compose {
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let pixels = Pixels::new(self.mode, &inputs, &lights);
         ctx.check_cancelled()?;
-        if inputs.polish.is_none() && objects.is_empty() {
+        if inputs.specular_change.is_none() && objects.is_empty() {
             // No pixel depends on another: halves at once, so that no layer is ever in memory as
             // floats.
             if let Some((picture, layers)) = pixels.half_layers(ctx)? {
@@ -154,7 +154,7 @@ impl Node for Compose {
             }
         }
         let mut planes = pixels.planes(ctx)?;
-        if let Some(change) = &inputs.polish {
+        if let Some(change) = &inputs.specular_change {
             ctx.check_cancelled()?;
             objects.change_specular(change, &mut planes)?;
         }
@@ -180,7 +180,7 @@ fn output(
     ComposeOut {
         picture: Arc::new(Picture(Plane::new(width, height, picture))),
         layer: Scatter(names.zip(layers.into_iter().map(Arc::new)).collect()),
-        rest: Arc::new(residual),
+        residual: Arc::new(residual),
     }
 }
 
@@ -204,7 +204,7 @@ mod tests {
         }
         let photo = Picture(plane(WALL * (LAMP + RESIDUAL)));
         let mask = Plane::from_fn(SIZE.0, SIZE.1, |x, _| if x < 3 { 1.0 } else { 0.0 });
-        let zone = GlareMask::of_window(&mask, &photo, 4.0);
+        let glare_mask = GlareMask::of_window(&mask, &photo, 4.0);
         let (photo, depth) = (Arc::new(photo), Arc::new(Depth(number(2.0))));
         let shape = || lamp(Shape::Lamp(crate::optics::Lamp::Sphere(SphereLamp { center: Vec3::NEG_Z, radius: 0.1 })));
         let radiance = |value: f32| lamp(Radiance(vec![Vec3::splat(value)]));
@@ -216,25 +216,25 @@ mod tests {
             small: photo,
             depth,
             albedo: Arc::new(Albedo(plane(ALBEDO))),
-            paint: Arc::new(Albedo(plane(WALL))),
-            coats: Arc::default(),
+            reflectance: Arc::new(Albedo(plane(WALL))),
+            paint_layers: Arc::default(),
             before: lamp(Shading(plane(LAMP))),
             after: lamp(Shading(plane(factor * LAMP))),
-            rest: Arc::new(Shading(plane(RESIDUAL))),
-            edited_rest: Arc::new(Shading(plane(RESIDUAL))),
-            zone: lamp(zone),
+            residual: Arc::new(Shading(plane(RESIDUAL))),
+            edited_residual: Arc::new(Shading(plane(RESIDUAL))),
+            glare_mask: lamp(glare_mask),
             kind: lamp(LightKind::Lamp),
             estimated: shape(),
             estimated_radiance: radiance(1.0),
             shape: shape(),
             radiance: radiance(factor),
             gain: radiance(factor),
-            cover: lamp(Mask(number(0.0))),
+            coverage: lamp(Mask(number(0.0))),
             objects: Arc::new(Objects::unseen(&[])),
             object: Gather(vec![]),
-            object_rest: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+            object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
             reflected: None,
-            polish: None,
+            specular_change: None,
         }
     }
 
@@ -245,7 +245,7 @@ mod tests {
             let (got, want) = (out.picture.0.pixels()[i], want(i % SIZE.0));
             assert!((got - want).abs().max_element() < 1e-5, "column {}: {got} against {want}", i % SIZE.0);
             // Layers are half floats.
-            let sum = out.layer.0[0].1.get(i) + out.rest.get(i);
+            let sum = out.layer.0[0].1.get(i) + out.residual.get(i);
             assert!((sum - got).abs().max_element() < 1e-3, "column {}: {sum} of {got}", i % SIZE.0);
         }
     }

@@ -49,10 +49,10 @@ ports! {
         encoding: Arc<Encoding>,
         /// The photo, for the layer `photo`, with which the picture is compared.
         photo: Option<Arc<Picture>>,
-        /// The layer of each light, the photo's size; they and `rest` sum to the picture.
+        /// The layer of each light, the photo's size; they and `residual` sum to the picture.
         layer: Gather<Layer>,
         /// The residual, which no light explains.
-        rest: Arc<Layer>,
+        residual: Arc<Layer>,
         /// Unit direct shading of each light.
         direct: Gather<UnitDirect>,
         /// Visibility of each light.
@@ -118,7 +118,7 @@ impl Node for Write {
 /// Layers by their names in the file.
 fn lights(inputs: &WriteIn) -> impl Iterator<Item = (String, &Arc<Layer>)> {
     let lights = inputs.layer.iter().map(|(id, layer)| (format!("light_{id}"), layer));
-    [(format!("light_{REST}"), &inputs.rest)].into_iter().chain(lights)
+    [(format!("light_{REST}"), &inputs.residual)].into_iter().chain(lights)
 }
 
 fn finite(name: &str, width: usize, mut colors: impl Iterator<Item = Vec3>) -> Result<(), NodeError> {
@@ -146,8 +146,8 @@ impl Write {
             layers.layer(&name, layer.clone());
         }
         let lights = std::mem::replace(&mut inputs.layer, Gather(Vec::new())).0.len();
-        inputs.rest = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
-        // A half float has two bytes: R G B A; three for each light, the rest and the photo;
+        inputs.residual = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
+        // A half float has two bytes: R G B A; three for each light, the residual and the photo;
         // albedo, normal, roughness and a float depth; for each light two colors, a shadow, its
         // unknown share and a float error.
         let bytes = width * height * (8 + 6 * (2 + lights) + 18 + 20 * inputs.radiance.0.len());

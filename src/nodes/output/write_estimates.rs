@@ -99,8 +99,8 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
                 Lamp::Box(BoxLamp { center, axes }) => {
                     json!({ "kind": "Box", "center": numbers(*center), "half_axes": axes.map(numbers) })
                 }
-                Lamp::Surfels(plates) => {
-                    json!({ "kind": "Mesh", "triangles": plates.iter().flat_map(Surfel::square).map(|t| t.map(numbers)).collect::<Vec<_>>() })
+                Lamp::Surfels(surfels) => {
+                    json!({ "kind": "Mesh", "triangles": surfels.iter().flat_map(Surfel::square).map(|t| t.map(numbers)).collect::<Vec<_>>() })
                 }
                 Lamp::Mesh(MeshLamp { corners, triangles, .. }) => {
                     let corner = |&i: &u32| numbers(corners[i as usize]);

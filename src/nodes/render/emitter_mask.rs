@@ -1,4 +1,4 @@
-//! `Glow`: the pixels of the picture that show a light itself.
+//! `EmitterMask`: the pixels of the picture that show a light itself.
 
 use std::sync::Arc;
 
@@ -39,19 +39,19 @@ ports! {
 ports! {
     pub output EmitterMaskOut {
         /// Coverage of each pixel by the light's body, 0..=1, photo size.
-        cover: Arc<Mask>,
+        coverage: Arc<Mask>,
     }
 }
 
 impl Node for EmitterMask {
-    const KIND: &'static str = "Glow";
+    const KIND: &'static str = "EmitterMask";
     const VERSION: u32 = 2;
     type In = EmitterMaskIn;
     type Out = EmitterMaskOut;
 
     fn run(&self, inputs: EmitterMaskIn, _: &Context) -> Result<EmitterMaskOut, NodeError> {
         let camera = &inputs.camera;
-        let mut cover = Plane::filled(camera.width, camera.height, 0.0f32);
+        let mut coverage = Plane::filled(camera.width, camera.height, 0.0f32);
         // Estimated lights are in the photo where they can be seen, and out of view otherwise.
         if inputs.estimated.is_none_or(|e| e != inputs.shape)
             && let Some([x0, y0, x1, y1]) = bounds(&inputs.shape, camera)
@@ -59,22 +59,24 @@ impl Node for EmitterMask {
             let n = self.supersampling;
             let step = 1.0 / n as f32;
             let body = Silhouette::new(&inputs.shape);
-            cover.pixels_mut().par_chunks_mut(camera.width).enumerate().skip(y0).take(y1 - y0).for_each(|(y, row)| {
-                for (x, share) in row.iter_mut().enumerate().take(x1).skip(x0) {
-                    let z = inputs.depth.0.get(x, y);
-                    let hits = (0..n * n).filter(|i| {
-                        let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
-                        let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
-                        // Depth is uneven, and a window lies in its wall, a lamp on its table: a
-                        // little behind still shows.
-                        let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
-                        body.intersect(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
-                    });
-                    *share = hits.count() as f32 * step * step;
-                }
-            });
+            coverage.pixels_mut().par_chunks_mut(camera.width).enumerate().skip(y0).take(y1 - y0).for_each(
+                |(y, row)| {
+                    for (x, share) in row.iter_mut().enumerate().take(x1).skip(x0) {
+                        let z = inputs.depth.0.get(x, y);
+                        let hits = (0..n * n).filter(|i| {
+                            let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
+                            let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
+                            // Depth is uneven, and a window lies in its wall, a lamp on its table: a
+                            // little behind still shows.
+                            let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
+                            body.intersect(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
+                        });
+                        *share = hits.count() as f32 * step * step;
+                    }
+                },
+            );
         }
-        Ok(EmitterMaskOut { cover: Arc::new(Mask(cover)) })
+        Ok(EmitterMaskOut { coverage: Arc::new(Mask(coverage)) })
     }
 }
 
@@ -119,7 +121,7 @@ mod tests {
             depth: Arc::new(Depth(Plane::filled(80, 60, wall))),
         };
         let glow = EmitterMask::default().run(inputs, &Context::default()).expect("runs");
-        glow.cover.0.clone()
+        glow.coverage.0.clone()
     }
 
     #[test]

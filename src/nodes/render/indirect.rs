@@ -9,7 +9,7 @@ use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Plane, Points, Shading, resize};
 use crate::net::view::{Geometry, HALF, seen_half};
 use crate::net::{Backend, Layer, Tensor, planes_of};
-use crate::nodes::artifacts::{Remainder, UnitDirect, UnitIndirect, Visibility};
+use crate::nodes::artifacts::{Residual, UnitDirect, UnitIndirect, Visibility};
 use crate::nodes::neural::{self, HALF_1, HALF_3, HALF_6};
 use crate::optics::Shape;
 use crate::{params, ports};
@@ -52,7 +52,7 @@ ports! {
         visibility: Arc<Visibility>,
         /// Photo shading minus direct light; without it, the unseen part is as bright as in most
         /// rooms.
-        remainder: Option<Arc<Remainder>>,
+        residual: Option<Arc<Residual>>,
     }
 }
 
@@ -84,7 +84,7 @@ impl Node for Indirect {
     }
 
     fn run(&self, inputs: IndirectIn, ctx: &Context) -> Result<IndirectOut, NodeError> {
-        let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, remainder } = inputs;
+        let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, residual } = inputs;
         if direct.lobes.is_empty() {
             return Ok(IndirectOut {
                 indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }),
@@ -95,7 +95,7 @@ impl Node for Indirect {
         let geometry = Geometry::half(&depth, &camera, &normal).tensor();
         let albedo = planes_of(&[Layer::Colour(&resize(&albedo.0, HALF.0, HALF.1))]);
         let light = seen_half(masks.iter().map(|(_, mask)| &**mask));
-        let (left, burning) = match &remainder {
+        let (left, burning) = match &residual {
             Some(r) => (resize(&r.left, HALF.0, HALF.1), [r.direct, r.power]),
             None => (Plane::filled(HALF.0, HALF.1, Vec3::ZERO), [Vec3::ZERO; 2]),
         };

@@ -79,7 +79,7 @@ impl Node for InsertSpecular {
         };
         ctx.check_cancelled()?;
         let face = |i: usize| object_shading_point(objects, &inputs.camera, i);
-        let size = objects.cover.size();
+        let size = objects.coverage.size();
         let (reflected, rays) = reflections(size, face, &surround, &lights, self.rays as usize, self.seed);
         ctx.count_rays(rays);
         Ok(InsertSpecularOut { reflected: Arc::new(reflected) })

@@ -49,7 +49,7 @@ ports! {
         /// Shading by each light.
         light: Gather<Shading>,
         /// Residual shading, which no light explains.
-        rest: Option<Arc<Shading>>,
+        residual: Option<Arc<Shading>>,
     }
 }
 
@@ -79,7 +79,7 @@ impl Node for LightNet {
         let geometry = Geometry::half(&inputs.depth, &inputs.camera, &inputs.normal);
         let half = |plane: &Plane<Vec3>| resize(plane, HALF.0, HALF.1);
         let mut shading = Plane::filled(HALF.0, HALF.1, Vec3::ZERO);
-        for light in inputs.light.iter().map(|(_, light)| light).chain(&inputs.rest) {
+        for light in inputs.light.iter().map(|(_, light)| light).chain(&inputs.residual) {
             shading.pixels_mut().iter_mut().zip(half(&light.0).pixels()).for_each(|(sum, e)| *sum += *e);
         }
         // A light's own pixels show its radiance.

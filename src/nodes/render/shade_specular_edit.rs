@@ -1,4 +1,4 @@
-//! `PaintSpecular`: the specular reflection of surfaces with an edited roughness or specular level.
+//! `ShadeSpecularEdit`: the specular reflection of surfaces with an edited roughness or specular level.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ params! {
 ports! {
     pub input ShadeSpecularEditIn {
         /// New roughness and specular level.
-        finish: Arc<SpecularEdit>,
+        specular_edit: Arc<SpecularEdit>,
         /// The objects as they are seen.
         objects: Arc<Objects>,
         /// The room with the objects in it.
@@ -55,12 +55,12 @@ ports! {
 ports! {
     pub output ShadeSpecularEditOut {
         /// Specular reflection of each pixel, after and before the edit.
-        polish: Arc<SpecularChange>,
+        specular_change: Arc<SpecularChange>,
     }
 }
 
 impl Node for ShadeSpecularEdit {
-    const KIND: &'static str = "PaintSpecular";
+    const KIND: &'static str = "ShadeSpecularEdit";
     const VERSION: u32 = 2;
     type In = ShadeSpecularEditIn;
     type Out = ShadeSpecularEditOut;
@@ -81,7 +81,7 @@ impl Node for ShadeSpecularEdit {
             normal: &inputs.normal,
             mesh: &inputs.room,
         };
-        let (kinds, planes) = places(&inputs.finish, &seen);
+        let (kinds, planes) = places(&inputs.specular_edit, &seen);
         let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
         let nobody = Objects::unseen(&[]);
         let mut parts = Vec::new();
@@ -109,6 +109,6 @@ impl Node for ShadeSpecularEdit {
             ctx.count_rays(rays);
             parts.push(Part { old: kind.old, share: kind.share, rows: kind.rows, of });
         }
-        Ok(ShadeSpecularEditOut { polish: Arc::new(SpecularChange(parts)) })
+        Ok(ShadeSpecularEditOut { specular_change: Arc::new(SpecularChange(parts)) })
     }
 }

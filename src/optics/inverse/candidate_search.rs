@@ -19,7 +19,7 @@ const MOST_SEPARATE: usize = 16;
 const FIRST_CANDIDATE_FACTOR: f64 = 0.97;
 
 /// Factor below which sun, sky and ground must bring the loss of a window of one lobe.
-/// Unit: 1; source: measured (docs/estimation.md, `outlook`); effect: smaller values give fewer
+/// Unit: 1; source: measured (docs/estimation.md, `window_emission`); effect: smaller values give fewer
 /// windows three lobes.
 const THREE_LOBES_FACTOR: f64 = 0.95;
 

@@ -181,11 +181,11 @@ mod tests {
         let (center, x, y) = (Vec3::new(0.3, 0.4, -2.0), Vec3::X * 0.4, Vec3::Y * 0.3);
         let mut lobes = Window::daylight(Vec3::Z);
         lobes[0].bandwidth = 100.0;
-        let plates =
+        let surfels =
             (0..4).map(|i| Surfel { point: center + Vec3::X * i as f32, normal: Vec3::Z, area: 0.01 }).collect();
         vec![
             (Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: 0.1 })), DegreesOfFreedom::InView),
-            (Shape::Lamp(Lamp::Surfels(plates)), DegreesOfFreedom::InView),
+            (Shape::Lamp(Lamp::Surfels(surfels)), DegreesOfFreedom::InView),
             (Shape::Lamp(Lamp::Box(BoxLamp { center, axes: [x, y, Vec3::Z * 0.2] })), DegreesOfFreedom::OutOfView),
             (Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })), DegreesOfFreedom::OutOfView),
             (Shape::Window(Window { center, x, y, lobes }), DegreesOfFreedom::InView),

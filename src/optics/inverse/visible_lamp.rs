@@ -39,14 +39,16 @@ const MOST_LENGTH: f32 = 1.3;
 /// Kind of surface that a visible lamp is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LampForm {
-    /// The one of `Solid` and `Plates` that explains the photo better.
-    Likeliest,
+    /// The one of `Solid` and `Surfels` that explains the photo better.
+    #[serde(alias = "Likeliest")]
+    Best,
     /// A ball, or a box where the outline is long.
     Solid,
     /// A box around the outline, as deep as the outline is narrow.
     Box,
     /// The visible surface, its mirror image and the annulus between them, in surfels.
-    Plates,
+    #[serde(alias = "Plates")]
+    Surfels,
 }
 
 /// Form of visible lamps, and the number of their surfels.
@@ -127,10 +129,10 @@ impl<'a> VisibleLamp<'a> {
     /// Shapes of the form that `forms` names, the preferred one first.
     pub fn shapes(&self, forms: LampForms) -> Vec<Lamp> {
         match forms.form {
-            LampForm::Likeliest => [self.solid()].into_iter().chain(self.surfels(forms)).collect(),
+            LampForm::Best => [self.solid()].into_iter().chain(self.surfels(forms)).collect(),
             LampForm::Solid => vec![self.solid()],
             LampForm::Box => vec![self.boxed()],
-            LampForm::Plates => vec![self.surfels(forms).unwrap_or_else(|| self.solid())],
+            LampForm::Surfels => vec![self.surfels(forms).unwrap_or_else(|| self.solid())],
         }
     }
 

@@ -108,11 +108,11 @@ mod tests {
         assert!(got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05, "{got} {radius}");
         let [Shape::Lamp(Lamp::Box(BoxLamp { center: got, .. }))] = made(LampForm::Box)[..] else { panic!("a box") };
         assert!(got.distance(center) < 0.05, "{got}");
-        let [Shape::Lamp(Lamp::Surfels(plates))] = &made(LampForm::Plates)[..] else { panic!("plates") };
-        let area: f32 = plates.iter().map(|p| p.area).sum();
+        let [Shape::Lamp(Lamp::Surfels(surfels))] = &made(LampForm::Surfels)[..] else { panic!("surfels") };
+        let area: f32 = surfels.iter().map(|p| p.area).sum();
         let want = 4.0 * std::f32::consts::PI * 0.0625;
-        assert!(plates.len() <= 128 && (area / want - 1.0).abs() < 0.05, "{} plates, {area} {want}", plates.len());
-        assert_eq!(made(LampForm::Likeliest).len(), 2);
+        assert!(surfels.len() <= 128 && (area / want - 1.0).abs() < 0.05, "{} surfels, {area} {want}", surfels.len());
+        assert_eq!(made(LampForm::Best).len(), 2);
 
         let strip = Plane::from_fn(160, 120, |x, y| (40..120).contains(&x) && (50..60).contains(&y));
         let shape = shapes(LampForm::Solid, &camera, &strip.map(|s| if s { 2.0 } else { 5.0 }), &strip, Vec3::Z);
@@ -128,13 +128,13 @@ mod tests {
         let mask = Plane::from_fn(160, 120, |x, y| (60..100).contains(&x) && (8..20).contains(&y));
         let made = |form: LampForm| shapes(form, &camera, &z, &mask, Vec3::NEG_Y);
         assert!(matches!(made(LampForm::Solid)[..], [Shape::Lamp(Lamp::Rect(_))]));
-        let [Shape::Lamp(Lamp::Surfels(plates))] = &made(LampForm::Plates)[..] else { panic!("plates") };
-        assert!(plates.iter().all(|p| p.normal == Vec3::NEG_Y && (p.point.y - 0.99).abs() < 1e-3));
+        let [Shape::Lamp(Lamp::Surfels(surfels))] = &made(LampForm::Surfels)[..] else { panic!("surfels") };
+        assert!(surfels.iter().all(|p| p.normal == Vec3::NEG_Y && (p.point.y - 0.99).abs() < 1e-3));
         // 40 pixels wide from where row 8 begins to where row 20 does: the integral of (40 / f) z
         // dz.
         let [near, far] = [8.0, 20.0].map(|row| 0.99 * camera.fy / (camera.cy - row));
         let want = 20.0 / camera.fx * (far * far - near * near);
-        let area = plates.iter().map(|p| p.area).sum::<f32>();
+        let area = surfels.iter().map(|p| p.area).sum::<f32>();
         assert!((area / want - 1.0).abs() < 0.01, "{area} {want}");
     }
 
@@ -144,13 +144,13 @@ mod tests {
     fn a_lamp_that_the_depth_does_not_show_stands_before_its_wall() {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         let mask = Plane::from_fn(160, 120, |x, y| (x as f32 - 79.5).hypot(y as f32 - 59.5) < 10.0);
-        let made = shapes(LampForm::Plates, &camera, &Plane::filled(160, 120, 3.0), &mask, Vec3::Z);
-        let [Shape::Lamp(Lamp::Surfels(plates))] = &made[..] else { panic!("plates") };
+        let made = shapes(LampForm::Surfels, &camera, &Plane::filled(160, 120, 3.0), &mask, Vec3::Z);
+        let [Shape::Lamp(Lamp::Surfels(surfels))] = &made[..] else { panic!("surfels") };
         // At the depth of the wall, then at that of the lamp.
         let radius = 10.0 / camera.fx * 3.0;
         let radius = radius * (1.0 - radius / 3.0);
         let depth = |p: &Surfel| -p.point.z;
-        let (near, far) = plates.iter().fold((f32::MAX, 0f32), |(a, b), p| (a.min(depth(p)), b.max(depth(p))));
+        let (near, far) = surfels.iter().fold((f32::MAX, 0f32), |(a, b), p| (a.min(depth(p)), b.max(depth(p))));
         assert!((near - (3.0 - 2.0 * radius)).abs() < 0.1 * radius && (far - 3.0).abs() < 0.1 * radius, "{near} {far}");
     }
 }

@@ -331,9 +331,9 @@ struct Pixel {
 
 /// By direction, the share that the rays of the lobe have in the estimate of a light's reflection.
 fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> impl Fn(Vec3) -> f32 + 'a {
-    // Plates have gaps, so that rays do not meet them.
-    let plates = matches!(shape, Shape::Lamp(crate::optics::Lamp::Surfels(_)));
-    let ball = if plates { None } else { shape.bounding_sphere() };
+    // Surfels have gaps, so that rays do not meet them.
+    let surfels = matches!(shape, Shape::Lamp(crate::optics::Lamp::Surfels(_)));
+    let ball = if surfels { None } else { shape.bounding_sphere() };
     let size = ball.map(|(center, radius)| {
         let size = std::f32::consts::PI * radius * radius / center.distance_squared(point).max(radius * radius);
         match shape {
@@ -341,7 +341,7 @@ fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> imp
             _ => size,
         }
     });
-    let all = plates && surface.is_mirror();
+    let all = surfels && surface.is_mirror();
     move |direction| {
         let Some(size) = size else { return if all { 1.0 } else { 0.0 } };
         let p = surface.density(direction) * size;
@@ -361,8 +361,8 @@ fn blocked(surround: &ReflectionScene, face: &ShadingPoint, light: Vec3, own: &i
 
 /// The shading point at pixel `i` of objects, where they cover it.
 pub fn object_shading_point(objects: &Objects, camera: &Camera, i: usize) -> Option<ShadingPoint> {
-    let (x, y) = (i % objects.cover.width(), i / objects.cover.width());
-    if objects.cover.get(x, y) <= 0.0 {
+    let (x, y) = (i % objects.coverage.width(), i / objects.coverage.width());
+    if objects.coverage.get(x, y) <= 0.0 {
         return None;
     }
     let normal = objects.normal.get(x, y);
@@ -386,13 +386,14 @@ pub fn object_shading_point(objects: &Objects, camera: &Camera, i: usize) -> Opt
 /// How place and normal change across a covered pixel: by the camera, and by the pixels beside it
 /// that show the same surface.
 fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> RayDifferential {
-    let (w, h) = objects.cover.size();
+    let (w, h) = objects.coverage.size();
     let (z, normal) = (objects.depth.get(x, y), objects.normal.get(x, y));
     let beside = |dx: isize, dy: isize| {
         let (x, y) = (x.checked_add_signed(dx).filter(|x| *x < w)?, y.checked_add_signed(dy).filter(|y| *y < h)?);
         let other = objects.normal.get(x, y);
-        let alike =
-            objects.cover.get(x, y) > 0.0 && (objects.depth.get(x, y) - z).abs() < 0.05 * z && other.dot(normal) > 0.5;
+        let alike = objects.coverage.get(x, y) > 0.0
+            && (objects.depth.get(x, y) - z).abs() < 0.05 * z
+            && other.dot(normal) > 0.5;
         alike.then_some(other)
     };
     let change = |dx: isize, dy: isize| match (beside(-dx, -dy), beside(dx, dy)) {
@@ -422,9 +423,9 @@ fn seen(surround: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -
         return (normal.dot(direction) < 0.0).then_some((y * camera.width + x) as u32);
     }
     let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
-    let (w, h) = objects.cover.size();
+    let (w, h) = objects.coverage.size();
     // Of a side that the camera does not see, the one before it stands.
-    let shown = u < w && v < h && objects.cover.get(u, v) > 0.5 && objects.depth.get(u, v) < 1.02 * -at.z;
+    let shown = u < w && v < h && objects.coverage.get(u, v) > 0.5 && objects.depth.get(u, v) < 1.02 * -at.z;
     shown.then(|| (camera.width * camera.height + v * w + u) as u32)
 }
 
@@ -504,7 +505,7 @@ mod tests {
             let face = object_shading_point(&objects, &camera, i)?;
             Some(ShadingPoint { bend: face.bend.filter(|_| bent), ..face })
         };
-        let (reflected, _) = reflections(objects.cover.size(), face, &surround, &[("lamp", &lamp)], 64, 1);
+        let (reflected, _) = reflections(objects.coverage.size(), face, &surround, &[("lamp", &lamp)], 64, 1);
         (objects, reflected)
     }
 
@@ -516,7 +517,7 @@ mod tests {
         let weights = [Vec3::splat(radiance)];
         let mirror =
             Mirror::new(of, Around::new(&planes, &all, 1.0), &[("lamp", &weights)]).expect("the lamp is there");
-        let (w, h) = objects.cover.size();
+        let (w, h) = objects.coverage.size();
         mirror.shows(h / 2 * w + w / 2, 0, &planes[0], |_| Vec3::ZERO)
     }
 
@@ -550,8 +551,8 @@ mod tests {
         let shown = |(objects, of): &(Objects, Reflections), x: usize, y: usize| {
             let at = |v: usize, first: usize| v.checked_sub(first);
             let (u, v) = (at(x, objects.left)?, at(y, objects.top)?);
-            let (w, h) = objects.cover.size();
-            let inside = u < w && v < h && objects.cover.get(u, v) >= 1.0;
+            let (w, h) = objects.coverage.size();
+            let inside = u < w && v < h && objects.coverage.get(u, v) >= 1.0;
             inside.then(|| of.lights[0].1[0].get(u, v).x)
         };
         let error = |bent: bool| {

@@ -1,13 +1,13 @@
-//! `InitLights`, `RefineLights`, `FitLights` and `Paint`.
+//! `InitLights`, `RefineLights`, `FitLights` and `FillReflectance`.
 
 use std::sync::Arc;
 
 use glam::Vec3;
 use relight::graph::{Context, Gather, Node};
 use relight::image::{Mask, Picture, Plane, Shading, distance, luminance};
+use relight::nodes::estimate::fill_reflectance::{FillReflectance, FillReflectanceIn, FillReflectanceOut};
 use relight::nodes::estimate::fit_lights::{FitLights, FitLightsIn, FitLightsOut};
 use relight::nodes::estimate::init_lights::{InitLights, InitLightsIn};
-use relight::nodes::estimate::paint::{Paint, PaintIn, PaintOut};
 use relight::nodes::estimate::refine_lights::{RefineLights, RefineLightsIn};
 use relight::optics::{Lamp, RectLamp, Shape, Window};
 
@@ -94,7 +94,7 @@ fn refine(scene: &Scene, start: impl Fn(&Light) -> Shape) -> Shapes {
         shape: scene.each(|light| Arc::new(start(light))),
     };
     // A cost of lights out of view makes them dimmer than they are, and so moves them.
-    let free = RefineLights { invisible_cost: 0.0, ..RefineLights::default() };
+    let free = RefineLights { out_of_view_weight: 0.0, ..RefineLights::default() };
     let stage = RefineLights { samples: 16, rounds: 4, steps: 10, ..free };
     stage.run(inputs, &Context::default()).expect("the room is sound").shape.0
 }
@@ -162,7 +162,7 @@ fn worst(scene: &Scene, out: &FitLightsOut) -> f32 {
 fn fit_lights_recovers_the_radiances_of_the_photo() {
     let scene = scene();
     let photo = scene.photo();
-    let free = FitLights { prior: 0.0, rest_cost: 1.0, invisible_cost: 0.0, ..FitLights::default() };
+    let free = FitLights { tikhonov_weight: 0.0, ambient_weight: 1.0, out_of_view_weight: 0.0, ..FitLights::default() };
     let known = FitLights { keep_albedo: true, ..free.clone() };
     for stage in [known, free] {
         let (out, _) = fit(&stage, scene, &photo);
@@ -175,7 +175,7 @@ fn fit_lights_recovers_the_radiances_of_the_photo() {
     let lit = |i: usize| scene.lights.iter().map(|light| light.shading(i)).sum::<Vec3>();
     let by_fit = |i: usize| {
         let lights = scene.lights.iter().zip(&out.radiance.0);
-        lights.map(|(light, (_, radiance))| light.shading_by(&radiance.0, i)).sum::<Vec3>() + out.rest.0.pixels()[i]
+        lights.map(|(light, (_, radiance))| light.shading_by(&radiance.0, i)).sum::<Vec3>() + out.residual.0.pixels()[i]
     };
     let off = off(pixels().map(by_fit).sum(), pixels().map(lit).sum());
     assert!(off < 0.03, "all light together is {off} off");
@@ -210,7 +210,7 @@ fn a_light_that_is_not_there_gets_nothing() {
         ("away", away, none()),
     ];
     let scene = Scene::new(SIZE, lights);
-    let (out, warnings) = fit(&FitLights { prior: 0.0, ..FitLights::default() }, &scene, &scene.photo());
+    let (out, warnings) = fit(&FitLights { tikhonov_weight: 0.0, ..FitLights::default() }, &scene, &scene.photo());
     let radiance = |id: &str| &out.radiance.0.iter().find(|(name, _)| name == id).expect("it is a member").1.0;
     assert_eq!(radiance("absent"), &vec![], "it has no lobe");
     assert_eq!(radiance("away"), &[Vec3::ZERO], "it lights nothing that is seen");
@@ -222,19 +222,19 @@ fn a_light_that_is_not_there_gets_nothing() {
     assert!(share < 0.01, "a lamp that is off gives {share} of what the other gives");
 }
 
-fn paint(scene: &Scene, photo: &Arc<Picture>, clipped: &Arc<Mask>, rest: &Arc<Shading>) -> PaintOut {
-    let inputs = PaintIn {
+fn paint(scene: &Scene, photo: &Arc<Picture>, clipped: &Arc<Mask>, residual: &Arc<Shading>) -> FillReflectanceOut {
+    let inputs = FillReflectanceIn {
         photo: photo.clone(),
         clipped: clipped.clone(),
         small: photo.clone(),
         points: scene.points.clone(),
         normal: scene.normal.clone(),
         light: scene.shading(),
-        rest: rest.clone(),
+        residual: residual.clone(),
         mask: scene.masks(),
         kind: scene.kinds(),
     };
-    Paint::default().run(inputs, &Context::default()).expect("the room is sound")
+    FillReflectance::default().run(inputs, &Context::default()).expect("the room is sound")
 }
 
 /// Reflectance is a quotient and a product of single precision: 1e-6. What a light or its saturated
@@ -243,7 +243,7 @@ fn paint(scene: &Scene, photo: &Arc<Picture>, clipped: &Arc<Mask>, rest: &Arc<Sh
 fn paint_times_shading_is_the_photo_where_nothing_is_clipped() {
     let scene = scene();
     let level = Vec3::new(0.05, 0.06, 0.08);
-    let rest = Arc::new(Shading(scene.albedo.0.map(|_| level)));
+    let residual = Arc::new(Shading(scene.albedo.0.map(|_| level)));
     let (lit, masks) = (scene.photo(), scene.masks());
     let is_own = |i: usize| masks.iter().any(|(_, mask)| mask.0.pixels()[i] > 0.0);
     let rests = |i: usize| if is_own(i) { Vec3::ZERO } else { scene.albedo.0.pixels()[i] * level };
@@ -252,13 +252,13 @@ fn paint_times_shading_is_the_photo_where_nothing_is_clipped() {
     let is_glare = |i: usize| !is_own(i) && lamp.pixels()[i] < 2.5;
     let shown = |i: usize| if is_glare(i) { Vec3::ONE } else { lit.0.pixels()[i] + rests(i) };
     let (photo, clipped) = stored(&Picture(Plane::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(shown).collect())));
-    let out = paint(scene, &photo, &clipped, &rest);
+    let out = paint(scene, &photo, &clipped, &residual);
     let shading = scene.shading();
     let (mut plain, mut hidden) = (0, 0);
     for i in 0..SIZE.0 * SIZE.1 {
-        let (got, albedo) = (out.paint.0.pixels()[i], scene.albedo.0.pixels()[i]);
+        let (got, albedo) = (out.reflectance.0.pixels()[i], scene.albedo.0.pixels()[i]);
         assert!(off(got, albedo) < 1e-5, "{got} of {albedo} at {i}");
-        if out.zone.0.iter().any(|(_, zone)| zone.weight(i) > 0.0) {
+        if out.glare_mask.0.iter().any(|(_, glare_mask)| glare_mask.weight(i) > 0.0) {
             hidden += 1;
             continue;
         }
@@ -270,15 +270,15 @@ fn paint_times_shading_is_the_photo_where_nothing_is_clipped() {
     assert!(plain > 10_000 && hidden > 600, "{plain} pixels of the room, {hidden} of lights");
     let glare = (0..SIZE.0 * SIZE.1).filter(|&i| is_glare(i));
     assert!(
-        glare.clone().all(|i| out.zone.0[0].1.weight(i) > 0.99 && !out.zone.0[0].1.is_own(i)),
+        glare.clone().all(|i| out.glare_mask.0[0].1.weight(i) > 0.99 && !out.glare_mask.0[0].1.is_own(i)),
         "glare is not the lamp itself"
     );
     assert!(glare.count() > 50, "there is glare");
-    for (id, zone) in &out.zone.0 {
+    for (id, glare_mask) in &out.glare_mask.0 {
         let mask = masks.get(id).expect("it is visible");
         let pixels = 0..SIZE.0 * SIZE.1;
-        let own: Vec<f32> = pixels.clone().map(|i| f32::from(u8::from(zone.is_own(i)))).collect();
+        let own: Vec<f32> = pixels.clone().map(|i| f32::from(u8::from(glare_mask.is_own(i)))).collect();
         assert_eq!(own, mask.0.pixels(), "{id}: its own pixels are those of its mask");
-        assert!(pixels.clone().any(|i| (0.01..0.99).contains(&zone.weight(i))), "{id}: its bloom fades");
+        assert!(pixels.clone().any(|i| (0.01..0.99).contains(&glare_mask.weight(i))), "{id}: its bloom fades");
     }
 }

@@ -1,4 +1,4 @@
-//! `ShadeObjects`, `InsertSpecular` and `OccludeRest` on a ball.
+//! `ShadeObjects`, `InsertSpecular` and `OccludeResidual` on a ball.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -42,8 +42,8 @@ impl Ball {
 
     /// Pixels that it covers wholly, with the place and the normal at their middle, in closed form.
     fn pixels<'a>(&'a self, camera: &'a Camera) -> impl Iterator<Item = (usize, Vec3, Vec3)> + 'a {
-        let (w, h) = self.objects.cover.size();
-        let whole = (0..w * h).filter(|&i| self.objects.cover.pixels()[i] == 1.0);
+        let (w, h) = self.objects.coverage.size();
+        let whole = (0..w * h).filter(|&i| self.objects.coverage.pixels()[i] == 1.0);
         whole.filter_map(move |i| {
             let ray = camera.pixel_point(self.objects.left + i % w, self.objects.top + i / w, 1.0);
             let t = sphere((self.center, self.radius)).intersect(Vec3::ZERO, ray)?;
@@ -192,7 +192,7 @@ fn a_mirror_shows_a_lamp_where_its_direction_meets_it() {
     let of = reflected(&scene, &ball, Gather(vec![("lamp".into(), Arc::new(lamp.clone()))]));
     let shown = &of.lights[0].1[0];
     let (mut inside, mut outside) = (Vec::new(), Vec::new());
-    let (w, _) = ball.objects.cover.size();
+    let (w, _) = ball.objects.coverage.size();
     let meets: BTreeMap<usize, bool> = ball
         .pixels(&scene.camera)
         .map(|(i, point, normal)| (i, lamp.intersect(point, point - 2.0 * point.dot(normal) * normal).is_some()))
@@ -211,15 +211,15 @@ fn a_mirror_shows_a_lamp_where_its_direction_meets_it() {
     assert!(outside.iter().all(|shown| *shown < 1e-4), "{outside:?}");
 }
 
-/// `rest` of the room where a ball stands before its wall.
-fn occlude(room: &Room, ball: &Ball, rest: &Arc<Shading>) -> OccludeResidualOut {
+/// `residual` of the room where a ball stands before its wall.
+fn occlude(room: &Room, ball: &Ball, residual: &Arc<Shading>) -> OccludeResidualOut {
     let trace = |mesh: &Arc<SceneMesh>| {
         let inputs = TransportIn { mesh: mesh.clone(), points: room.points.clone(), normal: room.normal.clone() };
         let stage = Transport { rays: 512, ..Transport::default() };
         stage.run(inputs, &Context::default()).expect("the room is sound").transport
     };
     let inputs = OccludeResidualIn {
-        rest: rest.clone(),
+        residual: residual.clone(),
         before: trace(&room.mesh),
         after: trace(&ball.mesh),
         points: room.points.clone(),
@@ -239,10 +239,10 @@ fn occlude_rest_takes_what_the_ball_hides() {
     let (center, radius) = (Vec3::new(0.0, 0.0, -3.4), 0.39);
     let ball = Ball::new(&room, center, radius, black);
     let level = Vec3::new(0.3, 0.2, 0.1);
-    let rest = Arc::new(Shading(room.points.0.map(|_| level)));
-    let out = occlude(&room, &ball, &rest);
+    let residual = Arc::new(Shading(room.points.0.map(|_| level)));
+    let out = occlude(&room, &ball, &residual);
     let (mut near, mut away, mut least, mut worst) = (0, 0, 1.0f32, 0.0f32);
-    for (left, point) in out.rest.0.pixels().iter().zip(room.points.0.pixels()) {
+    for (left, point) in out.residual.0.pixels().iter().zip(room.points.0.pixels()) {
         let share = (*left / level).x;
         assert!((0.0..=1.0 + 1e-6).contains(&share), "{share} at {point}");
         let way = center - *point;
@@ -261,7 +261,7 @@ fn occlude_rest_takes_what_the_ball_hides() {
 
     // A matte ball shows the ambient that reaches it times its color: at its front all of it.
     let ball = Ball::new(&room, center, radius, MATTE);
-    let shown = occlude(&room, &ball, &rest).shown;
+    let shown = occlude(&room, &ball, &residual).shown;
     let mut worst = 0.0f32;
     for (i, point, normal) in ball.pixels(&room.camera) {
         if normal.dot(-point.normalize()) > 0.9 {
@@ -275,9 +275,9 @@ fn occlude_rest_takes_what_the_ball_hides() {
 #[test]
 fn without_bodies_the_rest_passes_through() {
     let room = wall();
-    let rest = Arc::new(Shading(room.points.0.map(|p| Vec3::splat(0.1 * p.x.abs()))));
+    let residual = Arc::new(Shading(room.points.0.map(|p| Vec3::splat(0.1 * p.x.abs()))));
     let inputs = OccludeResidualIn {
-        rest: rest.clone(),
+        residual: residual.clone(),
         before: room.transport.clone(),
         after: room.transport.clone(),
         points: room.points.clone(),
@@ -285,5 +285,5 @@ fn without_bodies_the_rest_passes_through() {
         objects: Arc::new(Objects::unseen(&[])),
     };
     let out = OccludeResidual {}.run(inputs, &Context::default()).expect("the room is sound");
-    assert!(Arc::ptr_eq(&out.rest, &rest) && out.shown.0.is_empty());
+    assert!(Arc::ptr_eq(&out.residual, &residual) && out.shown.0.is_empty());
 }

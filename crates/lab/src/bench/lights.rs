@@ -156,8 +156,8 @@ pub(super) fn bandwidths<R: Renderer>(renderer: &R, effort: &Effort) -> Result<V
     for (subject, estimator) in [("unshadowed", Estimator::Direct), ("with its shadow", Estimator::Shadowed)] {
         for &bandwidth in &effort.bandwidths {
             // All lobes are equal, so the stages take three times as long as one lobe does.
-            let outlook = ("InitLights", "outlook", format!("Daylight({bandwidth},{bandwidth},{bandwidth})"));
-            let fixed = [whole.clone(), vec![outlook]].concat();
+            let emission = ("InitLights", "window_emission", format!("Daylight({bandwidth},{bandwidth},{bandwidth})"));
+            let fixed = [whole.clone(), vec![emission]].concat();
             let best = [fixed.clone(), strategy("Best")].concat();
             let reference = effort.most().min(8 * effort.sweep);
             let subjects = subjects(renderer, &light, effort, estimator, (reference, &best))?;

@@ -164,8 +164,8 @@ impl Effort {
     /// Settings of the small pictures on which single estimators are measured. Windows have three
     /// lobes there, whatever the small photo would make `InitLights` choose.
     fn small(&self) -> Vec<Setting> {
-        let outlook = ("InitLights", "outlook", "Daylight(1e4,1.5,1.5)".to_owned());
-        vec![("ReadScene", "long_side", self.side.to_string()), outlook]
+        let emission = ("InitLights", "window_emission", "Daylight(1e4,1.5,1.5)".to_owned());
+        vec![("ReadScene", "long_side", self.side.to_string()), emission]
     }
 }
 

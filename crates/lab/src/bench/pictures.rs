@@ -66,9 +66,9 @@ pub(super) fn pipeline<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec
     let all: [Series; 5] = [
         ("as shipped", Vec::new(), &samples),
         ("as shipped, adaptive", both("max_samples", 8 * most), &targets),
-        ("1 lobe", vec![("InitLights", "outlook", "Even".to_owned())], &samples),
+        ("1 lobe", vec![("InitLights", "window_emission", "Uniform".to_owned())], &samples),
         ("lamps as boxes", vec![("InitLights", "lamps", "Box".to_owned())], &samples),
-        ("lamps as plates", vec![("InitLights", "lamps", "Plates".to_owned())], &samples),
+        ("lamps as surfels", vec![("InitLights", "lamps", "Surfels".to_owned())], &samples),
     ];
     let mut points = Vec::new();
     for (series, fixed, at) in all {

@@ -79,7 +79,7 @@ impl Sun {
 }
 
 /// All that a window looks out on.
-pub struct Outside<'a> {
+pub struct Environment<'a> {
     /// Above the horizon, or everywhere.
     pub sky: &'a Sky,
     /// Below the horizon.
@@ -92,7 +92,7 @@ pub struct Outside<'a> {
     pub scale: f32,
 }
 
-impl Outside<'_> {
+impl Environment<'_> {
     /// Checks all numbers, and that its parts go together.
     ///
     /// # Errors
@@ -154,31 +154,31 @@ impl Outside<'_> {
             Sky::Env(file) => {
                 let picture = picture(file, ctx)?;
                 let turned = Quat::from_axis_angle(up, -self.yaw.to_radians()) * ahead;
-                let outlook = fit_window_model(&picture.0, Heading { up, ahead: turned }, outside, true);
+                let model = fit_window_model(&picture.0, Heading { up, ahead: turned }, outside, true);
                 let told = format!(
                     "light {id:?}: three lobes put {:.0} % of the light of {} through this window elsewhere than the picture has it",
-                    100.0 * outlook.misplaced,
+                    100.0 * model.misplaced,
                     file.path
                 );
-                if outlook.misplaced > MUCH {
+                if model.misplaced > MUCH {
                     ctx.warn(told)
                 } else {
                     ctx.note(told)
                 }
-                own_sun = outlook.radiance[0] / outlook.lobes[0].bandwidth;
-                (outlook.lobes, outlook.radiance)
+                own_sun = model.radiance[0] / model.lobes[0].bandwidth;
+                (model.lobes, model.radiance)
             }
             Sky::Turbidity(turbidity) => {
                 let sun = self.sun.map_or(up, |sun| sun.direction(up));
                 let day = Daylight { turbidity: f64::from(*turbidity), sun: sun.as_dvec3() };
                 let (lux, heading) = (f64::from(lux()), Heading { up, ahead });
-                let outlook = fit_window_model(&day.surrounding(heading, lux), heading, outside, false);
+                let model = fit_window_model(&day.surrounding(heading, lux), heading, outside, false);
                 own_sun = (0.5 * day.sun_lux(up.as_dvec3()) / lux).as_vec3();
                 ctx.note(format!(
                     "light {id:?}: three lobes put {:.0} % of the light of this clear sky through the window elsewhere than the sky has it",
-                    100.0 * outlook.misplaced
+                    100.0 * model.misplaced
                 ));
-                (outlook.lobes, outlook.radiance)
+                (model.lobes, model.radiance)
             }
         };
         radiance = radiance.map(|w| w * self.scale);

@@ -62,7 +62,7 @@ impl<'a> LightLayers<'a> {
     /// An input that a light needs is not there.
     pub fn new(inputs: &'a ComposeIn, [lamp_albedo, pane_albedo]: [f32; 2]) -> Result<LightLayers<'a>, NodeError> {
         let names: Vec<&str> = inputs.after.iter().map(|(id, _)| id).collect();
-        let after = inputs.after.iter().map(|(_, shading)| &**shading).chain([&*inputs.edited_rest]).collect();
+        let after = inputs.after.iter().map(|(_, shading)| &**shading).chain([&*inputs.edited_residual]).collect();
         let before = names.iter().map(|id| inputs.before.get(id).map(|shading| &**shading)).collect();
         let emitters = emitters(inputs, &names, |kind| match kind {
             LightKind::Lamp => lamp_albedo,
@@ -157,16 +157,16 @@ fn emitters<'a>(
             gain: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
         })
     };
-    inputs.zone.iter().map(emitter).collect()
+    inputs.glare_mask.iter().map(emitter).collect()
 }
 
 fn drawn<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<DrawnLight<'a>>, NodeError> {
     let mut drawn = Vec::new();
     for (light, id) in names.iter().enumerate() {
         let (Some(coverage), Some(shape), Some(radiance)) =
-            (inputs.cover.get(id), inputs.shape.get(id), inputs.radiance.get(id))
+            (inputs.coverage.get(id), inputs.shape.get(id), inputs.radiance.get(id))
         else {
-            return Err(NodeError::Failed(format!("light {id:?} has no cover, shape or radiance")));
+            return Err(NodeError::Failed(format!("light {id:?} has no coverage, shape or radiance")));
         };
         if coverage.0.pixels().iter().all(|&share| share == 0.0) {
             continue;

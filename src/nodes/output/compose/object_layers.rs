@@ -38,8 +38,8 @@ impl<'a> ObjectLayers<'a> {
             let missing = || NodeError::Failed(format!("light {id:?} has no picture of the objects"));
             layers.shown.push(shown.ok_or_else(missing)?);
         }
-        layers.shown.push(&inputs.object_rest);
-        let (w, h) = inputs.objects.cover.size();
+        layers.shown.push(&inputs.object_residual);
+        let (w, h) = inputs.objects.coverage.size();
         if let Some(shown) = layers.shown.iter().find(|shown| shown.0.size() != (w, h)) {
             let got = shown.0.size();
             let message = format!("a picture of the objects is {} x {}, wanted {w} x {h}", got.0, got.1);
@@ -59,14 +59,14 @@ impl<'a> ObjectLayers<'a> {
     /// A light has no reflection or no radiance.
     pub fn cover(&self, planes: &mut [Vec<Vec3>]) -> Result<(), NodeError> {
         let objects = &self.inputs.objects;
-        let (w, h) = objects.cover.size();
+        let (w, h) = objects.coverage.size();
         let width = self.inputs.photo.0.width();
         let photo = |i: usize| (objects.top + i / w) * width + objects.left + i % w;
         let mirror = self.reflected().map(|of| self.mirror(of, self.around(planes))).transpose()?;
         let after: Vec<Vec<Vec3>> = (0..planes.len())
             .map(|layer| {
                 let pixel = |i: usize| {
-                    let alpha = objects.cover.pixels()[i] * self.lights.uncovered(photo(i));
+                    let alpha = objects.coverage.pixels()[i] * self.lights.uncovered(photo(i));
                     let behind = planes[layer][photo(i)];
                     if alpha <= 0.0 {
                         return behind;

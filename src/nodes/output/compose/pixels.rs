@@ -101,10 +101,10 @@ impl<'a> Pixels<'a> {
         lights.shade(&taps, before, record);
         let surface = SurfacePixel {
             photo: inputs.photo.0.get(x, y).max(Vec3::ZERO),
-            residual: taps.of(&inputs.rest.0),
+            residual: taps.of(&inputs.residual.0),
             albedo: taps.of(&inputs.albedo.0),
-            reflectance: taps.of(&inputs.paint.0),
-            painted: inputs.coats.at(x, y),
+            reflectance: taps.of(&inputs.reflectance.0),
+            painted: inputs.paint_layers.at(x, y),
             white: self.white,
             headroom: headroom(self.clipped_depth.get(x, y)),
         };

@@ -1,4 +1,4 @@
-//! `Paint`: what the surface reflects, also where a light hides it.
+//! `FillReflectance`: what the surface reflects, also where a light hides it.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ params! {
     /// Reflectance is photo over shading. Where a light or saturation hides the surface, it is
     /// filled in from the surroundings, so that there is no edge. No edit of a light changes the
     /// result.
-    pub struct Paint {
+    pub struct FillReflectance {
         /// Least width of the bloom around a visible light, as a fraction of the photo's longer
         /// side. Within it, residual light belongs to the light. A lamp's bloom is at least half as
         /// wide as the lamp.
@@ -28,7 +28,7 @@ params! {
 }
 
 ports! {
-    pub input PaintIn {
+    pub input FillReflectanceIn {
         /// The linear photo.
         photo: Arc<Picture>,
         /// 1 where the photo is saturated.
@@ -42,7 +42,7 @@ ports! {
         /// Shading by each estimated light, working size.
         light: Gather<Shading>,
         /// Residual shading, which no light explains, working size.
-        rest: Arc<Shading>,
+        residual: Arc<Shading>,
         /// Pixels of each visible light, photo size.
         mask: Gather<Mask>,
         /// Kind of each visible light.
@@ -51,21 +51,21 @@ ports! {
 }
 
 ports! {
-    pub output PaintOut {
+    pub output FillReflectanceOut {
         /// Reflectance in 0..=1, working size.
-        paint: Arc<Albedo>,
+        reflectance: Arc<Albedo>,
         /// The own pixels of each visible light and its glare, photo size.
-        zone: Scatter<GlareMask>,
+        glare_mask: Scatter<GlareMask>,
     }
 }
 
-impl Node for Paint {
-    const KIND: &'static str = "Paint";
+impl Node for FillReflectance {
+    const KIND: &'static str = "FillReflectance";
     const VERSION: u32 = 3;
-    type In = PaintIn;
-    type Out = PaintOut;
+    type In = FillReflectanceIn;
+    type Out = FillReflectanceOut;
 
-    fn run(&self, inputs: PaintIn, _: &Context) -> Result<PaintOut, NodeError> {
+    fn run(&self, inputs: FillReflectanceIn, _: &Context) -> Result<FillReflectanceOut, NodeError> {
         let (full_w, full_h) = inputs.photo.0.size();
         let bloom = self.bloom * full_w.max(full_h) as f32;
         let mut glare_masks = Vec::new();
@@ -90,10 +90,10 @@ impl Node for Paint {
         }
         let reflectance = |i: usize| {
             let lights = inputs.light.iter().map(|(_, light)| light.0.pixels()[i]);
-            reflected(inputs.small.0.pixels()[i], lights.sum::<Vec3>() + inputs.rest.0.pixels()[i])
+            reflected(inputs.small.0.pixels()[i], lights.sum::<Vec3>() + inputs.residual.0.pixels()[i])
         };
         let mut paint = Plane::new(w, h, (0..w * h).map(reflectance).collect());
         inpaint_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
-        Ok(PaintOut { paint: Arc::new(Albedo(paint)), zone: Scatter(glare_masks) })
+        Ok(FillReflectanceOut { reflectance: Arc::new(Albedo(paint)), glare_mask: Scatter(glare_masks) })
     }
 }

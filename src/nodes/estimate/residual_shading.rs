@@ -1,4 +1,4 @@
-//! `Remains`: what the photo leaves for indirect light.
+//! `ResidualShading`: what the photo leaves for indirect light.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Albedo, Mask, Picture, Plane};
-use crate::nodes::artifacts::{Remainder, UnitDirect, Visibility};
+use crate::nodes::artifacts::{Residual, UnitDirect, Visibility};
 use crate::optics::{Radiance, Shape};
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -17,11 +17,11 @@ params! {
     ///
     /// residual = photo / albedo - sum of w x direct x visibility, and zero where the photo is
     /// saturated or shows a light.
-    pub struct Remains {}
+    pub struct ResidualShading {}
 }
 
 ports! {
-    pub input RemainsIn {
+    pub input ResidualShadingIn {
         /// The linear photo, working size.
         photo: Arc<Picture>,
         /// Fraction of saturated pixels.
@@ -42,19 +42,19 @@ ports! {
 }
 
 ports! {
-    pub output RemainsOut {
+    pub output ResidualShadingOut {
         /// The residual shading, and the power of the lights.
-        remainder: Arc<Remainder>,
+        residual: Arc<Residual>,
     }
 }
 
-impl Node for Remains {
-    const KIND: &'static str = "Remains";
+impl Node for ResidualShading {
+    const KIND: &'static str = "ResidualShading";
     const VERSION: u32 = 1;
-    type In = RemainsIn;
-    type Out = RemainsOut;
+    type In = ResidualShadingIn;
+    type Out = ResidualShadingOut;
 
-    fn run(&self, inputs: RemainsIn, _: &Context) -> Result<RemainsOut, NodeError> {
+    fn run(&self, inputs: ResidualShadingIn, _: &Context) -> Result<ResidualShadingOut, NodeError> {
         let (width, height) = inputs.photo.0.size();
         let mut lit = Plane::filled(width, height, Vec3::ZERO);
         let mut power = Vec3::ZERO;
@@ -78,13 +78,13 @@ impl Node for Remains {
             if hidden.get(x, y) { Vec3::ZERO } else { inputs.photo.0.get(x, y) / albedo - lit.get(x, y) }
         });
         let mean = lit.pixels().iter().sum::<Vec3>() / lit.len().max(1) as f32;
-        Ok(RemainsOut { remainder: Arc::new(Remainder { left, direct: mean, power }) })
+        Ok(ResidualShadingOut { residual: Arc::new(Residual { left, direct: mean, power }) })
     }
 }
 
 tuning! {
-    /// Constants of `Remains`.
-    pub const TUNING: RemainsTuning {
+    /// Constants of `ResidualShading`.
+    pub const TUNING: ResidualShadingTuning {
         /// Least albedo by which the photo is divided.
         min_albedo: f32 = 0.03, unit "albedo", source Taste, effect "a smaller value amplifies the noise of dark surfaces";
     }
