@@ -390,7 +390,8 @@ struct Photographed {
     masks: Vec<(String, Arc<Mask>)>,
 }
 
-/// All that `Compose` takes to multiply the radiances by `factors`, with `FillReflectance` as it finds it.
+/// All that `Compose` takes to multiply the radiances by `factors`, with `FillReflectance` as it
+/// finds it.
 fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
     let room = room();
     let Photographed { photo, clipped, residual, masks } = of;
@@ -500,8 +501,8 @@ const HIGHLIGHT: Vec2 = Vec2::new(42.0, 37.0);
 
 /// Numbers come first, in `check_clipped`. The picture shows, from above: the photo, the lamp off,
 /// the window dimmed to a fifth, the lamp twice as bright. Two faults of today are part of it:
-/// glare beyond the bloom of `FillReflectance` stays as a ring when the lamp is off, and pixels that a pane
-/// covers in part stay white when the window is dimmed.
+/// glare beyond the bloom of `FillReflectance` stays as a ring when the lamp is off, and pixels
+/// that a pane covers in part stay white when the window is dimmed.
 #[test]
 fn compose_clipped() {
     let of = clipped_photo();

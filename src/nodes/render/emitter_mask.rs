@@ -66,8 +66,8 @@ impl Node for EmitterMask {
                         let hits = (0..n * n).filter(|i| {
                             let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
                             let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
-                            // Depth is uneven, and a window lies in its wall, a lamp on its table: a
-                            // little behind still shows.
+                            // Depth is uneven, and a window lies in its wall, a lamp on its table:
+                            // a little behind still shows.
                             let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
                             body.intersect(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
                         });

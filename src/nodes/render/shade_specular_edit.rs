@@ -1,4 +1,5 @@
-//! `ShadeSpecularEdit`: the specular reflection of surfaces with an edited roughness or specular level.
+//! `ShadeSpecularEdit`: the specular reflection of surfaces with an edited roughness or specular
+//! level.
 
 use std::sync::Arc;
 

@@ -18,8 +18,8 @@ const MOST_SEPARATE: usize = 16;
 /// Unit: 1; source: taste; effect: another candidate must lower the loss by 3 %.
 const FIRST_CANDIDATE_FACTOR: f64 = 0.97;
 
-/// Factor below which sun, sky and ground must bring the loss of a window of one lobe.
-/// Unit: 1; source: measured (docs/estimation.md, `window_emission`); effect: smaller values give fewer
+/// Factor below which sun, sky and ground must bring the loss of a window of one lobe. Unit: 1;
+/// source: measured (docs/estimation.md, `window_emission`); effect: smaller values give fewer
 /// windows three lobes.
 const THREE_LOBES_FACTOR: f64 = 0.95;
 
