@@ -22,8 +22,8 @@ pub use emitter::{
 };
 pub use nnls::nnls;
 pub use reflection::{
-    Around, Ggx, Mirror, NO_ROW, NOTHING, Part, Places, ReflectionScene, Reflections, SeenPlaces, ShadingPoint,
-    SpecularChange, UNSEEN, object_shading_point, places, reflections,
+    Around, Ggx, Mirror, NO_ROW, Part, Places, RayEnd, ReflectedHit, ReflectionScene, Reflections, SeenPlaces,
+    ShadingPoint, SpecularChange, object_shading_point, places, reflections,
 };
 pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{

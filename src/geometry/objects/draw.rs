@@ -130,7 +130,10 @@ impl Objects {
 
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
-        (self.coverage.len() * 44) + self.points.len() * (28 + 8 * NEAR) + 24 * self.probe_albedo.len()
+        let pixels = self.coverage.bytes() + self.depth.bytes() + self.normal.bytes() + self.albedo.bytes();
+        let samples = self.points.bytes() + self.normals.bytes() + self.body.bytes();
+        let probes = self.near.bytes() + self.weight.bytes() + self.probe_albedo.bytes() + self.probe_gloss.bytes();
+        pixels + self.gloss.bytes() + samples + probes
     }
 
     /// The samples that pixel (x, y) of the rectangle draws from, and their weights, which sum to

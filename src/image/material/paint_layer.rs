@@ -101,19 +101,19 @@ impl PaintLayers {
     /// # Errors
     /// The rule that does not hold.
     pub fn check(&self) -> Result<(), String> {
-        let sizes = || self.0.iter().map(|coat| coat.matte.alpha.size());
-        crate::image::rule(sizes().zip(sizes().skip(1)).all(|(a, b)| a == b), "coats of one size")
+        let sizes = || self.0.iter().map(|layer| layer.matte.alpha.size());
+        crate::image::rule(sizes().zip(sizes().skip(1)).all(|(a, b)| a == b), "layers of one size")
     }
 
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
-        self.0.iter().map(|coat| coat.matte.alpha.bytes() + 16 * coat.matte.boundary.len()).sum()
+        self.0.iter().map(|layer| layer.matte.alpha.bytes() + 16 * layer.matte.boundary.len()).sum()
     }
 
     /// The layers on pixel (x, y).
     pub fn at(&self, x: usize, y: usize) -> PaintedPixel<'_> {
-        let on = self.0.iter().map(|coat| (coat.matte.alpha.get(x, y), coat)).filter(|(share, _)| *share > 0.0);
-        PaintedPixel(on.map(|(share, coat)| (share, &coat.paint, coat.matte.own(x, y))).collect())
+        let on = self.0.iter().map(|layer| (layer.matte.alpha.get(x, y), layer)).filter(|(share, _)| *share > 0.0);
+        PaintedPixel(on.map(|(share, layer)| (share, &layer.paint, layer.matte.own(x, y))).collect())
     }
 }
 
@@ -122,11 +122,6 @@ impl PaintLayers {
 pub struct PaintedPixel<'a>(Vec<(f32, &'a PaintChange, Option<Vec3>)>);
 
 impl PaintedPixel<'_> {
-    /// No layer covers the pixel.
-    pub fn is_bare(&self) -> bool {
-        self.0.is_empty()
-    }
-
     /// The reflectance of the pixel, which is `bare` without paint and shows `photo`.
     ///
     /// In a pixel of two surfaces the painted one takes away its share of what is shown and adds it
@@ -204,12 +199,11 @@ mod tests {
         let photo = share * WALL + (1.0 - share) * other;
         let plane = Plane::filled(2, 1, share);
         let matte = AlphaMatte { alpha: plane, boundary: vec![(1, WALL.to_array())] };
-        let coats = PaintLayers(vec![PaintLayer { paint: paint(WALL, true), matte }]);
+        let layers = PaintLayers(vec![PaintLayer { paint: paint(WALL, true), matte }]);
         // Under even light of 2, reflectance is half of what is shown.
-        let got = coats.at(1, 0).reflectance(photo / 2.0, photo);
+        let got = layers.at(1, 0).reflectance(photo / 2.0, photo);
         let want = share * paint(WALL, true).over(WALL / 2.0) + (1.0 - share) * other / 2.0;
         check(got, want, 1e-5);
-        assert!(PaintLayers::default().at(0, 0).is_bare());
         check(PaintLayers::default().at(0, 0).reflectance(photo, photo), photo, 0.0001);
     }
 }

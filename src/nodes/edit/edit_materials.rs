@@ -351,10 +351,10 @@ mod tests {
             assert!((got - want).abs().max_element() < 0.01, "({x}, {y}): {got} against {want}");
         }
         // The photo is a fifth brighter than by its albedo, and stays so.
-        let coat = &out.paint_layers.0[0];
-        assert!((coat.paint.over(GREY) - NEW / 0.8).abs().max_element() < 1e-4, "{}", coat.paint.over(GREY));
+        let layer = &out.paint_layers.0[0];
+        assert!((layer.paint.over(GREY) - NEW / 0.8).abs().max_element() < 1e-4, "{}", layer.paint.over(GREY));
         assert!(out.paint_layers.at(5, 5).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
-        assert!(out.paint_layers.at(30, 5).is_bare());
+        assert_eq!(out.paint_layers.at(30, 5).reflectance(GREY, GREY), GREY);
     }
 
     #[test]

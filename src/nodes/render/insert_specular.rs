@@ -67,7 +67,7 @@ impl Node for InsertSpecular {
         let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
         let lights: Vec<(&str, &Shape)> = inputs.shape.iter().map(|(id, shape)| (id, &**shape)).collect();
         let objects = &inputs.objects;
-        let surround = ReflectionScene {
+        let scene = ReflectionScene {
             objects,
             mesh: &inputs.mesh,
             camera: &inputs.camera,
@@ -78,9 +78,9 @@ impl Node for InsertSpecular {
             planes: &[],
         };
         ctx.check_cancelled()?;
-        let face = |i: usize| object_shading_point(objects, &inputs.camera, i);
+        let shading = |i: usize| object_shading_point(objects, &inputs.camera, i);
         let size = objects.coverage.size();
-        let (reflected, rays) = reflections(size, face, &surround, &lights, self.rays as usize, self.seed);
+        let (reflected, rays) = reflections(size, shading, &scene, &lights, self.rays as usize, self.seed);
         ctx.count_rays(rays);
         Ok(InsertSpecularOut { reflected: Arc::new(reflected) })
     }

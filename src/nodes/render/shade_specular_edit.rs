@@ -88,7 +88,7 @@ impl Node for ShadeSpecularEdit {
         let mut parts = Vec::new();
         for kind in kinds {
             ctx.check_cancelled()?;
-            let surround = ReflectionScene {
+            let scene = ReflectionScene {
                 mesh: if kind.old { &inputs.room } else { &inputs.mesh },
                 objects: if kind.old { &nobody } else { &inputs.objects },
                 camera: &inputs.camera,
@@ -104,9 +104,9 @@ impl Node for ShadeSpecularEdit {
                 (id, if shown { &**shape } else { &Shape::Absent })
             });
             let lights: Vec<(&str, &Shape)> = lights.collect();
-            let face = |i: usize| Some(kind.faces[i]);
+            let shading = |i: usize| Some(kind.points[i]);
             let (of, rays) =
-                reflections((kind.faces.len(), 1), face, &surround, &lights, self.rays as usize, self.seed);
+                reflections((kind.points.len(), 1), shading, &scene, &lights, self.rays as usize, self.seed);
             ctx.count_rays(rays);
             parts.push(Part { old: kind.old, share: kind.share, rows: kind.rows, of });
         }

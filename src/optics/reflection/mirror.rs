@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::reflect::{NOTHING, Reflections, UNSEEN};
+use super::reflect::{ReflectedHit, Reflections};
 use crate::image::Plane;
 
 /// The room around what reflects it.
@@ -59,17 +59,17 @@ impl<'a> Mirror<'a> {
     /// objects are `object`.
     pub fn shows(&self, i: usize, layer: usize, plane: &[Vec3], object: impl Fn(usize) -> Vec3) -> Vec3 {
         let Around { photo, unseen, share } = &self.around;
-        let rays = self.of.met.width();
+        let rays = self.of.hits.width();
         let range = i * rays..(i + 1) * rays;
         let far = self.of.far.pixels()[i];
-        let met = self.of.met.pixels()[range.clone()].iter().zip(&self.of.weight.pixels()[range]);
-        let shown = met.map(|(&met, &weight)| match met {
-            NOTHING => Vec3::ZERO,
+        let hits = self.of.hits.pixels()[range.clone()].iter().zip(&self.of.weight.pixels()[range]);
+        let shown = hits.map(|(&end, &weight)| match end.hit() {
+            ReflectedHit::Nothing => Vec3::ZERO,
             // Where a network tells what is there, it is in `far`.
-            UNSEEN if far != Vec3::ZERO => Vec3::ZERO,
-            UNSEEN => weight * unseen[layer],
-            met if (met as usize) < *photo => weight * plane[met as usize],
-            met => weight * object(met as usize - photo),
+            ReflectedHit::Unseen if far != Vec3::ZERO => Vec3::ZERO,
+            ReflectedHit::Unseen => weight * unseen[layer],
+            ReflectedHit::Pixel(i) if i < *photo => weight * plane[i],
+            ReflectedHit::Pixel(i) => weight * object(i - photo),
         });
         let lights = self.lights[layer].iter().map(|(lobe, w)| lobe.pixels()[i] * *w);
         far * share[layer] + shown.chain(lights).sum::<Vec3>()

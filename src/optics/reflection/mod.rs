@@ -8,4 +8,6 @@ pub(in crate::optics) mod reflect;
 pub use ggx::Ggx;
 pub use mirror::{Around, Mirror};
 pub use polish::{NO_ROW, Part, Places, SeenPlaces, SpecularChange, places};
-pub use reflect::{NOTHING, ReflectionScene, Reflections, ShadingPoint, UNSEEN, object_shading_point, reflections};
+pub use reflect::{
+    RayEnd, ReflectedHit, ReflectionScene, Reflections, ShadingPoint, object_shading_point, reflections,
+};

@@ -45,7 +45,7 @@ impl SpecularChange {
     /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         self.0.iter().try_for_each(|part| {
-            let count = part.of.met.height();
+            let count = part.of.hits.height();
             let known = |&row: &u32| row == NO_ROW || (row as usize) < count;
             rule(part.rows.pixels().iter().all(known), "reflections that are there")?;
             part.of.check()
@@ -80,7 +80,7 @@ impl Part {
         if self.old && self.of.lights.get(layer).is_some_and(|(_, lobes)| lobes.is_empty()) {
             return Vec::new();
         }
-        let count = self.of.met.height();
+        let count = self.of.hits.height();
         let shown: Vec<Vec3> =
             (0..count).into_par_iter().with_min_len(256).map(|row| mirror.shows(row, layer, plane, &object)).collect();
         let sign = if self.old { -1.0 } else { 1.0 };
@@ -117,7 +117,7 @@ pub struct Places {
     pub old: bool,
     pub share: Plane<f32>,
     pub rows: Plane<u32>,
-    pub faces: Vec<ShadingPoint>,
+    pub points: Vec<ShadingPoint>,
 }
 
 /// Most places at which narrow lobes are known; with more photo pixels, one stands for several.
@@ -215,15 +215,15 @@ impl Wanted {
         let camera = seen.camera.resized(w, h);
         let depth = (self.share.size() == (w, h)).then(|| seen.full_depth.clone());
         let depth = depth.unwrap_or_else(|| resize_depth(seen.full_depth, w, h));
-        let (mut rows, mut faces) = (Plane::filled(w, h, NO_ROW), Vec::new());
+        let (mut rows, mut points) = (Plane::filled(w, h, NO_ROW), Vec::new());
         for (i, (sum, all)) in sums.into_iter().enumerate().filter(|(_, (_, all))| *all > 0.0) {
             let at = (i % w, i / w);
             let seen_at = camera.pixel_point(at.0, at.1, depth.0.pixels()[i]);
-            rows.pixels_mut()[i] = faces.len() as u32;
+            rows.pixels_mut()[i] = points.len() as u32;
             let gloss = Gloss { roughness: sum[0] / all, specular: sum[1] / all, metallic: 0.0 };
-            faces.push(flat.face((at, (w, h)), seen_at, gloss, seen));
+            points.push(flat.shading_point((at, (w, h)), seen_at, gloss, seen));
         }
-        Places { old: self.old, share: self.share, rows, faces }
+        Places { old: self.old, share: self.share, rows, points }
     }
 }
 
@@ -311,8 +311,8 @@ impl Flat {
         flat
     }
 
-    /// The face at pixel `at` of a plane of this size, of a surface seen at `point`.
-    fn face(
+    /// The shading point at pixel `at` of a plane of this size, of a surface seen at `point`.
+    fn shading_point(
         &self,
         (at, size): ((usize, usize), (usize, usize)),
         point: Vec3,
@@ -330,12 +330,12 @@ impl Flat {
                 albedo: Vec3::ZERO,
                 gloss,
                 plane: Some(label),
-                bend: None,
+                differential: None,
             },
             None => {
                 let normal = self.normal.pixels()[i];
                 let point = point + normal * seen.mesh.offset(point);
-                ShadingPoint { point, normal, albedo: Vec3::ZERO, gloss, plane: None, bend: None }
+                ShadingPoint { point, normal, albedo: Vec3::ZERO, gloss, plane: None, differential: None }
             }
         }
     }
@@ -396,7 +396,7 @@ mod tests {
             };
             let (kinds, planes) = places(&finish, &seen);
             let nobody = Objects::unseen(&[]);
-            let surround = ReflectionScene {
+            let scene = ReflectionScene {
                 mesh: &self.mesh,
                 objects: &nobody,
                 camera: &self.camera,
@@ -409,8 +409,8 @@ mod tests {
             let photo = Picture(Plane::filled(SIZE.0, SIZE.1, Vec3::ONE));
             let mut sums = vec![Vec3::ZERO; plane.len()];
             for kind in kinds {
-                let face = |i: usize| Some(kind.faces[i]);
-                let (of, _) = reflections((kind.faces.len(), 1), face, &surround, &[("lamp", &lamp)], 64, 1);
+                let shading = |i: usize| Some(kind.points[i]);
+                let (of, _) = reflections((kind.points.len(), 1), shading, &scene, &[("lamp", &lamp)], 64, 1);
                 let part = Part { old: kind.old, share: kind.share, rows: kind.rows, of };
                 let weights = [Vec3::splat(radiance)];
                 let layers = [plane.to_vec(), vec![Vec3::ZERO; plane.len()]];
@@ -542,7 +542,7 @@ mod tests {
             let sizes: Vec<_> = kinds.iter().map(|kind| (kind.old, kind.rows.size())).collect();
             assert_eq!(sizes, [(false, size), (true, (SIZE.0 / 2, SIZE.1 / 2))], "roughness {roughness}");
             // The floor is one plane, also at its edge.
-            assert!(kinds.iter().all(|kind| kind.faces.iter().all(|f| f.normal.dot(Vec3::Y) > 0.9999)));
+            assert!(kinds.iter().all(|kind| kind.points.iter().all(|f| f.normal.dot(Vec3::Y) > 0.9999)));
         }
     }
 }

@@ -25,10 +25,9 @@ use {
 /// Reflections at shading points: the pixels of [`Objects`], or those of a painted surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reflections {
-    /// One row per place: what each of its rays met. A photo pixel; after all of them a pixel of
-    /// the objects; or [`UNSEEN`] or [`NOTHING`].
-    pub met: Plane<u32>,
-    /// How much of that it shows.
+    /// End of each ray, one row per place.
+    pub hits: Plane<RayEnd>,
+    /// Throughput of each ray: the fraction of the radiance at its end that the place reflects.
     pub weight: Plane<Vec3>,
     /// Radiance from the unseen part of the room, estimated by a network; zero without one.
     pub far: Plane<Vec3>,
@@ -36,10 +35,42 @@ pub struct Reflections {
     pub lights: Vec<(String, Vec<Plane<Vec3>>)>,
 }
 
-/// The unseen part of the room.
-pub const UNSEEN: u32 = u32::MAX;
-/// A ray that counts elsewhere: it meets a light, or goes below the surface.
-pub const NOTHING: u32 = u32::MAX - 1;
+/// End of a reflected ray, packed into four bytes: millions of them are kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(transparent)]
+pub struct RayEnd(u32);
+
+/// Meaning of a [`RayEnd`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReflectedHit {
+    /// A ray that counts elsewhere: it meets a light, or goes below the surface.
+    Nothing,
+    /// The unseen part of the room.
+    Unseen,
+    /// A pixel of the photo, or, from the photo's number of pixels on, one of the objects.
+    Pixel(usize),
+}
+
+impl RayEnd {
+    /// The packed form of [`ReflectedHit::Unseen`].
+    pub const UNSEEN: RayEnd = RayEnd(u32::MAX);
+    /// The packed form of [`ReflectedHit::Nothing`].
+    pub const NOTHING: RayEnd = RayEnd(u32::MAX - 1);
+
+    /// The packed form of [`ReflectedHit::Pixel`]; photos have fewer than 2^32 - 2 pixels.
+    pub fn pixel(index: usize) -> RayEnd {
+        RayEnd(index as u32)
+    }
+
+    /// The end of the ray.
+    pub fn hit(self) -> ReflectedHit {
+        match self {
+            RayEnd::UNSEEN => ReflectedHit::Unseen,
+            RayEnd::NOTHING => ReflectedHit::Nothing,
+            RayEnd(index) => ReflectedHit::Pixel(index as usize),
+        }
+    }
+}
 
 impl Reflections {
     /// Whether all planes have their number of rows. The pixels that rays meet are held against the
@@ -48,8 +79,8 @@ impl Reflections {
     /// # Errors
     /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
-        rule(self.met.size() == self.weight.size(), "a weight for each ray")?;
-        rule(self.far.len() == self.met.height(), "light from afar for each place")?;
+        rule(self.hits.size() == self.weight.size(), "a weight for each ray")?;
+        rule(self.far.len() == self.hits.height(), "light from afar for each place")?;
         let mut lobes = self.lights.iter().flat_map(|(_, lobes)| lobes);
         rule(lobes.all(|lobe| lobe.len() == self.far.len()), "light of each lobe for each place")
     }
@@ -57,7 +88,7 @@ impl Reflections {
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
         let lights = self.lights.iter().flat_map(|(_, lobes)| lobes).map(Plane::bytes).sum::<usize>();
-        self.met.bytes() + self.weight.bytes() + self.far.bytes() + lights
+        self.hits.bytes() + self.weight.bytes() + self.far.bytes() + lights
     }
 }
 
@@ -71,14 +102,14 @@ pub struct ShadingPoint {
     pub albedo: Vec3,
     /// Roughness, specular level, metallic.
     pub gloss: Gloss,
-    /// Which of the surround's planes it lies in, where it is part of the seen room.
+    /// Index of its plane in [`ReflectionScene::planes`], where it is part of the seen room.
     pub plane: Option<usize>,
     /// The ray differential, where the surface is curved within the pixel.
-    pub bend: Option<RayDifferential>,
+    pub differential: Option<RayDifferential>,
 }
 
-/// By how much the place and the normal of a face change from one side of its pixel to the other:
-/// to the right, and down.
+/// By how much the place and the normal of a shading point change from one side of its pixel to the
+/// other: to the right, and down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayDifferential {
     /// Position of the shading point in the pixel, 0..1 along each side.
@@ -91,10 +122,10 @@ impl ShadingPoint {
     /// The surface at a place of its pixel, 0..1 along each side; `None` where it reflects nothing.
     fn surface(&self, [u, v]: [f64; 2]) -> Option<Ggx> {
         let (mut point, mut normal) = (self.point, self.normal);
-        if let Some(bend) = &self.bend {
-            let (u, v) = (u as f32 - bend.at[0], v as f32 - bend.at[1]);
-            point += u * bend.point[0] + v * bend.point[1];
-            normal = (normal + u * bend.normal[0] + v * bend.normal[1]).normalize_or(normal);
+        if let Some(differential) = &self.differential {
+            let (u, v) = (u as f32 - differential.at[0], v as f32 - differential.at[1]);
+            point += u * differential.point[0] + v * differential.point[1];
+            normal = (normal + u * differential.normal[0] + v * differential.normal[1]).normalize_or(normal);
         }
         Ggx::new(normal, -point.normalize_or(Vec3::NEG_Z), self.albedo, self.gloss)
     }
@@ -124,17 +155,17 @@ pub struct ReflectionScene<'a> {
 }
 
 impl ReflectionScene<'_> {
-    /// The nearest surface along a ray of unit length from a face.
-    fn closest(&self, face: &ShadingPoint, direction: Vec3) -> Option<Hit> {
-        let plane = face.plane.map(|plane| self.planes[plane].pixels());
+    /// The nearest surface along a ray of unit length from a shading point.
+    fn closest(&self, shading: &ShadingPoint, direction: Vec3) -> Option<Hit> {
+        let plane = shading.plane.map(|plane| self.planes[plane].pixels());
         let mut way = 0.0;
         for _ in 0..MOST_SKIPPED {
-            let hit = self.mesh.closest(face.point + direction * way, direction)?;
+            let hit = self.mesh.closest(shading.point + direction * way, direction)?;
             let distance = way + hit.distance;
             if !plane.and_then(|own| own.get(hit.pixel as usize)).is_some_and(|own| *own) {
                 return Some(Hit { distance, ..hit });
             }
-            way = distance + clearance(face.point + direction * distance);
+            way = distance + clearance(shading.point + direction * distance);
         }
         None
     }
@@ -154,20 +185,20 @@ const MOST_RAYS: usize = 4_000_000;
 /// lobe of a light; and the number of rays that were traced.
 pub fn reflections(
     (w, h): (usize, usize),
-    face: impl Fn(usize) -> Option<ShadingPoint> + Sync,
-    surround: &ReflectionScene,
+    shading: impl Fn(usize) -> Option<ShadingPoint> + Sync,
+    scene: &ReflectionScene,
     lights: &[(&str, &Shape)],
     rays: usize,
     seed: u64,
 ) -> (Reflections, u64) {
     let tracer = Tracer {
-        scene: surround,
+        scene,
         lights: lights.iter().map(|(_, shape)| TracedLight::new(shape)).collect(),
-        cells: LightProbeGrid::new(surround),
+        cells: LightProbeGrid::new(scene),
         rays: rays.min(MOST_RAYS / (w * h).max(1)).max(1),
         seed,
     };
-    let pixel = |i: usize| tracer.pixel(i, face(i));
+    let pixel = |i: usize| tracer.pixel(i, shading(i));
     let pixels: Vec<Pixel> = (0..w * h).into_par_iter().with_min_len(16).map(pixel).collect();
     let mut first = 0;
     let planes = lights.iter().zip(&tracer.lights).map(|((id, _), light)| {
@@ -179,7 +210,7 @@ pub fn reflections(
     let planes = planes.collect();
     let rays = tracer.rays;
     let reflections = Reflections {
-        met: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.met.iter().copied()).collect()),
+        hits: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.hits.iter().copied()).collect()),
         weight: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.weight.iter().copied()).collect()),
         far: Plane::new(w, h, pixels.iter().map(|p| p.far).collect()),
         lights: planes,
@@ -211,27 +242,27 @@ struct Tracer<'a> {
 }
 
 impl Tracer<'_> {
-    fn pixel(&self, i: usize, face: Option<ShadingPoint>) -> Pixel {
+    fn pixel(&self, i: usize, shading: Option<ShadingPoint>) -> Pixel {
         let lobes: usize = self.lights.iter().map(|light| light.emitter.lobes()).sum();
         let mut out = Pixel {
-            met: vec![NOTHING; self.rays],
+            hits: vec![RayEnd::NOTHING; self.rays],
             weight: vec![Vec3::ZERO; self.rays],
             far: Vec3::ZERO,
             lights: vec![Vec3::ZERO; lobes],
             traced: 0,
         };
-        let Some(face) = face else { return out };
-        let Some(middle) = face.surface([0.5; 2]) else { return out };
-        let count = match (middle.is_mirror(), face.bend) {
+        let Some(shading) = shading else { return out };
+        let Some(middle) = shading.surface([0.5; 2]) else { return out };
+        let count = match (middle.is_mirror(), shading.differential) {
             (true, None) => 1,
             (true, Some(_)) => self.rays.min(MIRRORED),
             (false, _) => self.rays,
         };
         // Each ray from a place of its own within the pixel; one that is turned away counts as the
         // middle.
-        let surfaces: Vec<Ggx> = if face.bend.is_some() {
+        let surfaces: Vec<Ggx> = if shading.differential.is_some() {
             let within = Points2::new(self.seed, i as u32, WITHIN);
-            (0..count).map(|ray| face.surface(within.get(ray)).unwrap_or(middle)).collect()
+            (0..count).map(|ray| shading.surface(within.get(ray)).unwrap_or(middle)).collect()
         } else {
             vec![middle]
         };
@@ -239,9 +270,9 @@ impl Tracer<'_> {
         for ray in 0..count {
             let surface = &surfaces[ray % surfaces.len()];
             let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
-            self.trace(&mut out, ray, &face, surface, (direction, weight * (1.0 / count as f32)));
+            self.trace(&mut out, ray, &shading, surface, (direction, weight * (1.0 / count as f32)));
         }
-        self.sample_lights(&mut out, i, &face, &surfaces, count.max(8));
+        self.sample_lights(&mut out, i, &shading, &surfaces, count.max(8));
         out
     }
 
@@ -254,23 +285,23 @@ impl Tracer<'_> {
         &self,
         out: &mut Pixel,
         ray: usize,
-        face: &ShadingPoint,
+        shading: &ShadingPoint,
         surface: &Ggx,
         (direction, weight): (Vec3, Vec3),
     ) {
-        let point = face.point;
-        let hit = self.scene.closest(face, direction);
+        let point = shading.point;
+        let hit = self.scene.closest(shading, direction);
         out.traced += 1;
         let in_room = |hit: &Hit| (hit.pixel as usize) < self.scene.points.0.len();
         let is_own = hit.is_some_and(|hit| in_room(&hit) && self.is_own(hit.pixel as usize));
         let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { 1.2 } else { 1.01 });
         // Lights first: what is behind one is not seen. One without a closed surface shows in a
         // mirror as in the photo.
-        let mut light_met = is_own && !surface.is_mirror();
+        let mut light_hit = is_own && !surface.is_mirror();
         let mut first = 0;
         for TracedLight { shape, emitter, body } in &self.lights {
             if body.intersect(point, direction).is_some_and(|t| t < end) {
-                light_met = true;
+                light_hit = true;
                 for lobe in 0..emitter.lobes() {
                     let s = by_rays(shape, lobe, point, surface)(direction);
                     out.lights[first + lobe] += weight * shape.emission(lobe, direction) * s;
@@ -278,14 +309,14 @@ impl Tracer<'_> {
             }
             first += emitter.lobes();
         }
-        if light_met {
+        if light_hit {
             return;
         }
         out.weight[ray] = weight;
-        out.met[ray] = hit
+        out.hits[ray] = hit
             .and_then(|hit| seen(self.scene, (point + direction * hit.distance, direction), hit.pixel))
-            .unwrap_or(UNSEEN);
-        if out.met[ray] == UNSEEN
+            .unwrap_or(RayEnd::UNSEEN);
+        if out.hits[ray] == RayEnd::UNSEEN
             && let Some(cells) = &self.cells
         {
             out.far += weight * cells.radiance(point, direction);
@@ -293,13 +324,13 @@ impl Tracer<'_> {
     }
 
     /// Adds the samples of each light, weighted against the rays by the power heuristic.
-    fn sample_lights(&self, out: &mut Pixel, i: usize, face: &ShadingPoint, surfaces: &[Ggx], samples: usize) {
-        let point = face.point;
+    fn sample_lights(&self, out: &mut Pixel, i: usize, shading: &ShadingPoint, surfaces: &[Ggx], samples: usize) {
+        let point = shading.point;
         let mut first = 0;
         for (light, TracedLight { shape, emitter, .. }) in self.lights.iter().enumerate() {
             for lobe in 0..emitter.lobes() {
                 let by_rays: Vec<_> = surfaces.iter().map(|surface| by_rays(shape, lobe, point, surface)).collect();
-                let Some(sampler) = emitter.sampler_at(lobe, point, face.normal) else { continue };
+                let Some(sampler) = emitter.sampler_at(lobe, point, shading.normal) else { continue };
                 let points = Points2::new(self.seed, i as u32, 1 + (3 * light + lobe) as u32);
                 let sampled = |k: usize| Some((k % surfaces.len(), sampler.sample(&points, k)?));
                 for (k, sample) in (0..samples).filter_map(sampled) {
@@ -310,7 +341,7 @@ impl Tracer<'_> {
                         continue;
                     }
                     out.traced += 1;
-                    if !blocked(self.scene, face, sample.position, &|pixel| self.is_own(pixel)) {
+                    if !blocked(self.scene, shading, sample.position, &|pixel| self.is_own(pixel)) {
                         out.lights[first + lobe] += value / samples as f32;
                     }
                 }
@@ -321,7 +352,7 @@ impl Tracer<'_> {
 }
 
 struct Pixel {
-    met: Vec<u32>,
+    hits: Vec<RayEnd>,
     weight: Vec<Vec3>,
     far: Vec3,
     lights: Vec<Vec3>,
@@ -351,12 +382,12 @@ fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> imp
 }
 
 /// Whether something stands between a place and a light that is not the light itself.
-fn blocked(surround: &ReflectionScene, face: &ShadingPoint, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
-    let way = light - face.point;
+fn blocked(scene: &ReflectionScene, shading: &ShadingPoint, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
+    let way = light - shading.point;
     let length = way.length();
-    let hit = surround.closest(face, way / length);
+    let hit = scene.closest(shading, way / length);
     let near = hit.filter(|hit| hit.distance < 0.999 * length);
-    near.is_some_and(|hit| (hit.pixel as usize) >= surround.points.0.len() || !own(hit.pixel as usize))
+    near.is_some_and(|hit| (hit.pixel as usize) >= scene.points.0.len() || !own(hit.pixel as usize))
 }
 
 /// The shading point at pixel `i` of objects, where they cover it.
@@ -379,13 +410,13 @@ pub fn object_shading_point(objects: &Objects, camera: &Camera, i: usize) -> Opt
         albedo: objects.albedo.get(x, y),
         gloss: objects.gloss.get(x, y),
         plane: None,
-        bend: Some(bend(objects, camera, (x, y))),
+        differential: Some(differential(objects, camera, (x, y))),
     })
 }
 
 /// How place and normal change across a covered pixel: by the camera, and by the pixels beside it
 /// that show the same surface.
-fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> RayDifferential {
+fn differential(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> RayDifferential {
     let (w, h) = objects.coverage.size();
     let (z, normal) = (objects.depth.get(x, y), objects.normal.get(x, y));
     let beside = |dx: isize, dy: isize| {
@@ -414,19 +445,19 @@ fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> RayDiffer
 }
 
 /// The pixel that shows what a ray meets: of the photo, or after all of them of the objects.
-fn seen(surround: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<u32> {
-    let (camera, objects) = (surround.camera, surround.objects);
+fn seen(scene: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<RayEnd> {
+    let (camera, objects) = (scene.camera, scene.objects);
     let place = camera.project(at).filter(|p| camera.contains(*p))?;
     let (x, y) = (place.x as usize, place.y as usize);
-    if let Some(normal) = surround.normal.0.pixels().get(pixel as usize) {
+    if let Some(normal) = scene.normal.0.pixels().get(pixel as usize) {
         // From behind, nobody has seen it.
-        return (normal.dot(direction) < 0.0).then_some((y * camera.width + x) as u32);
+        return (normal.dot(direction) < 0.0).then_some(RayEnd::pixel(y * camera.width + x));
     }
     let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
     let (w, h) = objects.coverage.size();
     // Of a side that the camera does not see, the one before it stands.
     let shown = u < w && v < h && objects.coverage.get(u, v) > 0.5 && objects.depth.get(u, v) < 1.02 * -at.z;
-    shown.then(|| (camera.width * camera.height + v * w + u) as u32)
+    shown.then(|| RayEnd::pixel(camera.width * camera.height + v * w + u))
 }
 
 /// A network's lighting, to be asked at places in the room.
@@ -437,14 +468,14 @@ struct LightProbeGrid<'a> {
 }
 
 impl LightProbeGrid<'_> {
-    fn new<'a>(surround: &'a ReflectionScene) -> Option<LightProbeGrid<'a>> {
-        let lighting = surround.lighting?;
-        let (w, h) = surround.points.0.size();
+    fn new<'a>(scene: &'a ReflectionScene) -> Option<LightProbeGrid<'a>> {
+        let lighting = scene.lighting?;
+        let (w, h) = scene.points.0.size();
         let middle = |i: usize, cells: usize, size: usize| ((2 * i + 1) * size / (2 * cells)).min(size - 1);
         let place = |i: usize| {
             let (x, y) =
                 (middle(i % lighting.columns, lighting.columns, w), middle(i / lighting.columns, lighting.rows, h));
-            (surround.points.0.get(x, y), surround.normal.0.get(x, y))
+            (scene.points.0.get(x, y), scene.normal.0.get(x, y))
         };
         Some(LightProbeGrid { lighting, places: (0..lighting.columns * lighting.rows).map(place).collect() })
     }
@@ -478,8 +509,8 @@ mod tests {
         seen_ball(SIZE, roughness, lamp, true)
     }
 
-    /// The same in a picture of this size; each pixel with its bend or without.
-    fn seen_ball(size: (usize, usize), roughness: f32, lamp: Shape, bent: bool) -> (Objects, Reflections) {
+    /// The same in a picture of this size; each pixel with its differential or without.
+    fn seen_ball(size: (usize, usize), roughness: f32, lamp: Shape, curved: bool) -> (Objects, Reflections) {
         let camera = Camera::from_fov_x(size.0, size.1, 60.0);
         let points = Points(Plane::from_fn(size.0, size.1, |x, y| camera.pixel_point(x, y, 4.0)));
         let normal = Normal(Plane::filled(size.0, size.1, Vec3::Z));
@@ -491,7 +522,7 @@ mod tests {
         let drawing = Drawing { supersampling: 2, most: 100_000 };
         let objects = draw(&bodies, (&solid, &materials), &camera, &depth, |_| 0.0, drawing);
         let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(size.0, size.1, false)).with_bodies(solid);
-        let surround = ReflectionScene {
+        let scene = ReflectionScene {
             mesh: &mesh,
             objects: &objects,
             camera: &camera,
@@ -501,11 +532,11 @@ mod tests {
             lighting: None,
             planes: &[],
         };
-        let face = |i: usize| {
-            let face = object_shading_point(&objects, &camera, i)?;
-            Some(ShadingPoint { bend: face.bend.filter(|_| bent), ..face })
+        let shading = |i: usize| {
+            let shading = object_shading_point(&objects, &camera, i)?;
+            Some(ShadingPoint { differential: shading.differential.filter(|_| curved), ..shading })
         };
-        let (reflected, _) = reflections(objects.coverage.size(), face, &surround, &[("lamp", &lamp)], 64, 1);
+        let (reflected, _) = reflections(objects.coverage.size(), shading, &scene, &[("lamp", &lamp)], 64, 1);
         (objects, reflected)
     }
 
@@ -555,8 +586,8 @@ mod tests {
             let inside = u < w && v < h && objects.coverage.get(u, v) >= 1.0;
             inside.then(|| of.lights[0].1[0].get(u, v).x)
         };
-        let error = |bent: bool| {
-            let ball = seen_ball(SIZE, 0.0, lamp(), bent);
+        let error = |curved: bool| {
+            let ball = seen_ball(SIZE, 0.0, lamp(), curved);
             let (mut off, mut all) = (0.0, 0.0);
             for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
                 let within = (0..64).map(|i| shown(&fine, 8 * x + i % 8, 8 * y + i / 8));

@@ -13,7 +13,7 @@ use relight::nodes::render::light_objects::{LightObjects, LightObjectsIn};
 use relight::nodes::render::occlude_residual::{OccludeResidual, OccludeResidualIn, OccludeResidualOut};
 use relight::nodes::render::shade_objects::{ShadeObjects, ShadeObjectsIn, ShadeObjectsOut};
 use relight::nodes::render::transport::{Transport, TransportIn};
-use relight::optics::{NOTHING, Radiance, Reflections, Shape, UNSEEN};
+use relight::optics::{Radiance, ReflectedHit, Reflections, Shape};
 
 use super::*;
 use crate::common::room::Room;
@@ -134,7 +134,7 @@ fn weights_of_reflections_sum_to_at_most_one() {
     for roughness in [0.0, 0.2, 0.5, 0.9] {
         let ball = Ball::new(&scene.room, Vec3::new(-0.3, -0.2, -2.6), 0.6, metal(roughness));
         let of = reflected(&scene, &ball, Gather(vec![]));
-        let rays = of.met.width();
+        let rays = of.hits.width();
         let (mut low, mut high, mut mean, mut count) = (f32::MAX, 0.0f32, 0.0, 0.0);
         for (i, ..) in ball.pixels(&scene.camera) {
             let weights = &of.weight.pixels()[i * rays..(i + 1) * rays];
@@ -158,21 +158,22 @@ fn a_mirror_looks_where_it_should() {
     let ball = Ball::new(&scene.room, Vec3::new(-0.4, -0.1, -2.6), 0.8, metal(0.0));
     let of = reflected(&scene, &ball, Gather(vec![]));
     let camera = &scene.camera;
-    let rays = of.met.width();
+    let rays = of.hits.width();
     let mut far = Vec::new();
     for (i, point, normal) in ball.pixels(camera) {
         let way = point - 2.0 * point.dot(normal) * normal;
         let place = point + way * scene.boxes.cast(point, way).t;
         let Some(wanted) = camera.project(place).filter(|at| camera.contains(*at)) else { continue };
-        let met = of.met.pixels()[i * rays..(i + 1) * rays].iter().filter(|&&met| met != NOTHING);
-        let met: Vec<u32> = met.copied().collect();
-        if met.iter().any(|&met| met == UNSEEN || met as usize >= camera.width * camera.height) {
-            continue;
-        }
-        let at = |met: u32| {
-            Vec2::new((met as usize % camera.width) as f32 + 0.5, (met as usize / camera.width) as f32 + 0.5)
+        let hits = of.hits.pixels()[i * rays..(i + 1) * rays].iter().map(|end| end.hit());
+        let hits: Vec<ReflectedHit> = hits.filter(|hit| *hit != ReflectedHit::Nothing).collect();
+        let of_photo = |hit: &ReflectedHit| match *hit {
+            ReflectedHit::Pixel(i) if i < camera.width * camera.height => {
+                Some(Vec2::new((i % camera.width) as f32 + 0.5, (i / camera.width) as f32 + 0.5))
+            }
+            _ => None,
         };
-        let mean = met.iter().map(|&met| at(met)).sum::<Vec2>() / met.len() as f32;
+        let Some(at) = hits.iter().map(of_photo).collect::<Option<Vec<Vec2>>>() else { continue };
+        let mean = at.iter().sum::<Vec2>() / at.len() as f32;
         far.push(mean.distance(wanted));
     }
     far.sort_by(f32::total_cmp);
