@@ -17,7 +17,7 @@ use std::time::Instant;
 
 use glam::Vec3;
 use relight::geometry::{Camera, SceneMesh, surface};
-use relight::image::{self, Depth, Normal, Plane, Points, Source};
+use relight::image::{self, Depth, NamedBytes, Normal, Plane, Points};
 use relight::optics::{self, Lamp, Lobe, RectLamp, Sampling, ShadowQuality, Shape, SphereLamp, Strategy, Window};
 
 /// Two lamps with closed forms out of the picture, and the demo's window two centimeters in front
@@ -49,8 +49,8 @@ impl Room {
     fn read() -> Room {
         let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/small");
         let bytes = |name: &str| std::fs::read(demo.join(name)).expect("tests/scenes/small is part of the project");
-        let (depth, _) = image::read_depth(Source::new("depth", &bytes("depth.exr"))).expect("its depth is sound");
-        let mask = image::read_mask(Source::new("mask", &bytes("masks/window_0.png"))).expect("its mask is sound");
+        let (depth, _) = image::read_depth(NamedBytes::new("depth", &bytes("depth.exr"))).expect("its depth is sound");
+        let mask = image::read_mask(NamedBytes::new("mask", &bytes("masks/window_0.png"))).expect("its mask is sound");
         let outside = mask.0.map(|share| share > 0.5);
         let (width, height) = depth.size();
         let camera = Camera::from_fov_x(width, height, 64.0);

@@ -55,10 +55,10 @@ fn room(direction: Vec3) -> f32 {
         (near, far) if near <= far => near,
         _ => f32::INFINITY,
     });
-    let balls = balls.map(|(centre, radius)| {
-        let (centre, square) = (Vec3::from(centre), direction.length_squared());
-        let along = direction.dot(centre);
-        let root = along * along - square * (centre.length_squared() - radius * radius);
+    let balls = balls.map(|(center, radius)| {
+        let (center, square) = (Vec3::from(center), direction.length_squared());
+        let along = direction.dot(center);
+        let root = along * along - square * (center.length_squared() - radius * radius);
         if root > 0.0 { (along - root.sqrt()) / square } else { f32::INFINITY }
     });
     boxes.into_iter().chain(balls).fold(walls, f32::min)
@@ -131,7 +131,7 @@ impl Set {
             (Vec3::ZERO, camera.unproject(x, y, 1.0), f32::INFINITY)
         };
         let inner = |i: usize| (1 + i % (camera.width - 2), 1 + i / (camera.width - 2));
-        let centres = (0..(camera.width - 2) * (camera.height - 2)).map(inner);
+        let centers = (0..(camera.width - 2) * (camera.height - 2)).map(inner);
         let through = |(x, y): (usize, usize)| (Vec3::ZERO, camera.pixel_point(x, y, 1.0), f32::INFINITY);
         let mut make =
             |ray: &dyn Fn(usize, &mut Random) -> (Vec3, Vec3, f32)| (0..RAYS).map(|i| ray(i, random)).collect();
@@ -139,7 +139,7 @@ impl Set {
             Set { name: "shadow, any hit", closest: false, rays: make(&shadow) },
             Set { name: "incoherent, closest hit", closest: true, rays: make(&incoherent) },
             Set { name: "primary, closest hit", closest: true, rays: make(&primary) },
-            Set { name: "through the vertices", closest: true, rays: centres.map(through).collect() },
+            Set { name: "through the vertices", closest: true, rays: centers.map(through).collect() },
         ]
     }
 

@@ -535,7 +535,7 @@ fn unlicensed(scenes: &BTreeSet<&str>, page: &str) -> Vec<String> {
 }
 
 #[test]
-fn every_scene_has_its_licence() {
+fn every_scene_has_its_license() {
     let files = files_below("scenes");
     let scenes = files.iter().filter_map(|f| f.strip_prefix("scenes/")?.split_once('/')).map(|(name, _)| name);
     assert_none(unlicensed(&scenes.collect(), &read("scenes/README.md")));

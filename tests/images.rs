@@ -39,7 +39,7 @@ fn png(width: usize, height: usize, sixteen: bool, value: impl FnMut(usize, usiz
     write_png(&Picture(Plane::from_fn(width, height, value)), Transfer::Linear, sixteen)
 }
 
-fn grey(v: f32) -> Vec3 {
+fn gray(v: f32) -> Vec3 {
     Vec3::splat(v)
 }
 
@@ -52,7 +52,7 @@ fn folder() -> (tempfile::TempDir, ReadScene) {
         file(&path)
     };
     let mask =
-        |from: usize| png(64, 48, false, move |x, y| grey(f32::from(u8::from((from..from + 8).contains(&x) && y < 8))));
+        |from: usize| png(64, 48, false, move |x, y| gray(f32::from(u8::from((from..from + 8).contains(&x) && y < 8))));
     let photo = png(64, 48, false, |x, y| Vec3::new(x as f32 / 63.0, y as f32 / 47.0, 0.25));
     let lights = [
         ("lamp_0".to_string(), LightSpec::Lamp { mask: write("lamp_0.png", mask(4)) }),
@@ -157,9 +157,9 @@ fn depth_kinds_have_their_closed_forms() {
 fn depth_formats_hold_the_same_numbers() {
     let number = |x: usize, y: usize| (1000 + 7 * x + 100 * y) as u16;
     let wide: Vec<u16> = (0..12).map(|at| number(at % 4, at / 4)).collect();
-    let mut grey = std::io::Cursor::new(Vec::new());
+    let mut gray = std::io::Cursor::new(Vec::new());
     image::ImageEncoder::write_image(
-        image::codecs::png::PngEncoder::new(&mut grey),
+        image::codecs::png::PngEncoder::new(&mut gray),
         bytemuck::cast_slice(&wide),
         4,
         3,
@@ -169,18 +169,18 @@ fn depth_formats_hold_the_same_numbers() {
     let mut layers = ExrLayers::new(4, 3);
     layers.float("Y", &Plane::from_fn(4, 3, |x, y| number(x, y).into()));
     let files = [
-        grey.into_inner(),
+        gray.into_inner(),
         layers.write(Compression::Zip).expect("sound layers"),
         npy_of("<u2", (4, 3), |x, y| number(x, y).to_le_bytes().to_vec()),
         npy_of("<f4", (4, 3), |x, y| f32::from(number(x, y)).to_le_bytes().to_vec()),
         npy_of(">f8", (4, 3), |x, y| f64::from(number(x, y)).to_be_bytes().to_vec()),
     ];
     for bytes in files {
-        let (depth, warnings) = read_depth(Source::new("depth", &bytes)).expect("a sound file");
+        let (depth, warnings) = read_depth(NamedBytes::new("depth", &bytes)).expect("a sound file");
         assert_eq!((depth, warnings.len()), (Plane::from_fn(4, 3, |x, y| number(x, y).into()), 0));
     }
     let hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x80\x80\x80\x80";
-    let error = read_depth(Source::new("d.hdr", hdr)).expect_err("HDR holds colours").to_string();
+    let error = read_depth(NamedBytes::new("d.hdr", hdr)).expect_err("HDR holds colours").to_string();
     assert_eq!(error, "d.hdr: file format: wanted depth: EXR, 16-bit grey PNG or NPY, got Hdr");
 }
 
@@ -228,7 +228,7 @@ fn the_view_through_a_window_does_not_fill_the_room() {
 fn masks_of_other_sizes_empty_or_full() {
     let mask = |width, height, value: fn(usize) -> bool| {
         move |dir: &Path, _: &mut ReadScene| {
-            let mask = png(width, height, false, |x, _| grey(f32::from(u8::from(value(x)))));
+            let mask = png(width, height, false, |x, _| gray(f32::from(u8::from(value(x)))));
             fs::write(dir.join("lamp_0.png"), mask).expect("writable");
         }
     };
@@ -246,7 +246,7 @@ fn masks_of_other_sizes_empty_or_full() {
 fn photos_of_one_pixel_and_one_row() {
     for (width, height) in [(1, 1), (400, 1), (1, 7)] {
         let (out, _) = check(|dir, scene| {
-            fs::write(dir.join("photo.png"), png(width, height, true, |_, _| grey(0.5))).expect("writable");
+            fs::write(dir.join("photo.png"), png(width, height, true, |_, _| gray(0.5))).expect("writable");
             fs::write(dir.join("depth.npy"), npy((width, height), |_, _| 1.5)).expect("writable");
             scene.lights.clear();
             scene.long_side = 320;
@@ -313,19 +313,19 @@ fn materials(
         file(&path)
     };
     let layers = |plane: &Plane<Vec3>| ExrLayers::new(plane.width(), plane.height());
-    let mut colours = layers(&albedo);
-    colours.float_rgb("", &albedo);
+    let mut colors = layers(&albedo);
+    colors.float_rgb("", &albedo);
     let normal = normal.map(|plane| {
         let mut vectors = layers(&plane);
         vectors.float_xyz("", &plane);
         write("normal.exr", vectors)
     });
     let roughness = rough.map(|rough| {
-        let mut grey = ExrLayers::new(SMALL.0, SMALL.1);
-        grey.float("Y", &Plane::filled(SMALL.0, SMALL.1, rough));
-        write("rough.exr", grey)
+        let mut gray = ExrLayers::new(SMALL.0, SMALL.1);
+        gray.float("Y", &Plane::filled(SMALL.0, SMALL.1, rough));
+        write("rough.exr", gray)
     });
-    let stage = ReadMaterials { albedo: write("albedo.exr", colours), normal, roughness, ..ReadMaterials::default() };
+    let stage = ReadMaterials { albedo: write("albedo.exr", colors), normal, roughness, ..ReadMaterials::default() };
     let inputs = ReadMaterialsIn {
         normal: Arc::new(Normal(Plane::filled(SMALL.0, SMALL.1, Vec3::Z))),
         camera: Arc::new(Camera::from_fov_x(SMALL.0, SMALL.1, 60.0)),
@@ -379,7 +379,7 @@ fn png_comes_back_in_every_transfer() {
         for (sixteen, step) in [(false, 1.0 / 255.0), (true, 1.0 / 65535.0)] {
             let picture = Plane::from_fn(61, 17, |x, y| Vec3::new(x as f32 / 60.0, y as f32 / 16.0, 0.3));
             let bytes = write_png(&Picture(picture.clone()), transfer, sixteen);
-            let back = read_photo(Source::new("p.png", &bytes), transfer).expect("what was written is read");
+            let back = read_photo(NamedBytes::new("p.png", &bytes), transfer).expect("what was written is read");
             assert_eq!(back.bits, if sixteen { Bits::Sixteen } else { Bits::Eight });
             for (got, wanted) in back.picture.0.pixels().iter().zip(picture.pixels()) {
                 for axis in 0..3 {
@@ -390,8 +390,8 @@ fn png_comes_back_in_every_transfer() {
             }
         }
     }
-    let clipped = write_png(&Picture(Plane::from_fn(2, 1, |x, _| grey([-1.0, 7.0][x]))), Transfer::Srgb, false);
-    let back = read_photo(Source::new("p.png", &clipped), Transfer::Srgb).expect("what was written is read");
+    let clipped = write_png(&Picture(Plane::from_fn(2, 1, |x, _| gray([-1.0, 7.0][x]))), Transfer::Srgb, false);
+    let back = read_photo(NamedBytes::new("p.png", &clipped), Transfer::Srgb).expect("what was written is read");
     assert_eq!((back.picture.0.get(0, 0), back.picture.0.get(1, 0)), (Vec3::ZERO, Vec3::ONE));
 }
 
@@ -414,7 +414,7 @@ fn exr_comes_back_with_every_compression_and_channel_kind() {
         // magnitude.
         assert_eq!(layers.kept_as_float(), [("large.Y".to_owned(), 1e9), ("small".to_owned(), 1e-12 * 9.0)]);
         let bytes = layers.write(compression).expect("the layers are sound");
-        let source = Source::new("p.exr", &bytes);
+        let source = NamedBytes::new("p.exr", &bytes);
         // Quarters and eighths below 32 are exact in half precision, floats are exact.
         let back = read_photo(source, Transfer::Srgb).expect("what was written is read");
         assert_eq!((&back.picture.0, back.bits, back.warnings.len()), (&picture, Bits::Float, 0));
@@ -441,7 +441,7 @@ fn a_photo_with_an_exif_orientation_is_turned_upright() {
     // turn to the left.
     let exif = b"\xff\xe1\x00\x22Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
     let turned = [&plain[..2], exif, &plain[2..]].concat();
-    let picture = read_photo(Source::new("p.jpg", &turned), Transfer::Srgb).expect("a sound file").picture.0;
+    let picture = read_photo(NamedBytes::new("p.jpg", &turned), Transfer::Srgb).expect("a sound file").picture.0;
     assert_eq!(picture.size(), (16, 32));
     assert!(picture.get(8, 4).x > 0.9 && picture.get(8, 28).x < 0.1);
 }
@@ -450,9 +450,9 @@ fn a_photo_with_an_exif_orientation_is_turned_upright() {
 fn saturation_of_float_photos_is_a_plateau() {
     let clipped = |value: fn(usize, usize) -> f32| {
         let mut layers = ExrLayers::new(40, 30);
-        layers.rgb("", &Plane::from_fn(40, 30, |x, y| grey(value(x, y))));
+        layers.rgb("", &Plane::from_fn(40, 30, |x, y| gray(value(x, y))));
         let bytes = layers.write(Compression::Zip).expect("sound layers");
-        let photo = read_photo(Source::new("p.exr", &bytes), Transfer::Linear).expect("a sound file");
+        let photo = read_photo(NamedBytes::new("p.exr", &bytes), Transfer::Linear).expect("a sound file");
         photo.clipped.0.pixels().iter().sum::<f32>()
     };
     assert_eq!(clipped(|x, y| if x < 6 && y < 6 { 8.0 } else { (x + y) as f32 / 64.0 }), 36.0);
@@ -478,13 +478,13 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         0.5 + 0.45 * (0.031 * x + n).sin() * (0.023 * y + 2.0 * n).cos() + 0.01 * grain
     };
     let plane = |n: usize| Plane::from_fn(small.0, small.1, |x, y| noise(x, y, n));
-    let colours = |(w, h): (usize, usize), n: usize| {
+    let colors = |(w, h): (usize, usize), n: usize| {
         Plane::from_fn(w, h, |x, y| Vec3::new(noise(x, y, n), 0.5 * noise(x, y, n), x as f32 / w as f32))
     };
     let ids: Vec<(String, usize, usize)> =
         (0..lights).map(|i| (format!("light{i}"), if i == 0 { 3 } else { 1 }, 10 * i)).collect();
-    let rest = colours(size, 5).map(|c| 0.1 * c);
-    let lights: Vec<_> = ids.iter().map(|(id, _, n)| (id.clone(), colours(size, *n))).collect();
+    let rest = colors(size, 5).map(|c| 0.1 * c);
+    let lights: Vec<_> = ids.iter().map(|(id, _, n)| (id.clone(), colors(size, *n))).collect();
     let mut picture = rest.clone();
     for (_, layer) in &lights {
         picture.pixels_mut().iter_mut().zip(layer.pixels()).for_each(|(p, &l)| *p += l);
@@ -499,7 +499,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         (id.clone(), Arc::new(Visibility { lit, stderr, unknown }))
     });
     let indirect = ids.iter().map(|(id, lobes, n)| {
-        let shading = (0..*lobes).map(|k| Shading(colours(small, n + 4 + k))).collect();
+        let shading = (0..*lobes).map(|k| Shading(colors(small, n + 4 + k))).collect();
         (id.clone(), Arc::new(UnitIndirect { lobes: shading, stderr: many(*lobes, n + 5), probes: vec![] }))
     });
     let radiance = ids.iter().map(|(id, lobes, _)| {
@@ -508,14 +508,14 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
     WriteIn {
         picture: Arc::new(Picture(picture)),
         encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: Some(1200.0), sixteen_bit: false }),
-        photo: Some(Arc::new(Picture(colours(size, 6)))),
+        photo: Some(Arc::new(Picture(colors(size, 6)))),
         residual: Arc::new(Layer::new(rest)),
         direct: Gather(direct.collect()),
         visibility: Gather(visibility.collect()),
         indirect: Gather(indirect.collect()),
         radiance: Gather(radiance.collect()),
         layer: Gather(layer),
-        albedo: Arc::new(Albedo(colours(small, 7))),
+        albedo: Arc::new(Albedo(colors(small, 7))),
         normal: Arc::new(Normal(Plane::filled(small.0, small.1, Vec3::Z))),
         roughness: Arc::new(Roughness(plane(8))),
         specular: None,
@@ -615,7 +615,7 @@ fn a_16_bit_photo_gives_a_16_bit_picture() {
     let mut inputs = write_inputs((8, 6), (8, 6), 1);
     Arc::make_mut(&mut inputs.encoding).sixteen_bit = true;
     let files = Write::default().run(inputs, &Context::default()).expect("sound inputs").files;
-    let photo = read_photo(Source::new("picture.png", &files.0[0].1), Transfer::Srgb).expect("a PNG");
+    let photo = read_photo(NamedBytes::new("picture.png", &files.0[0].1), Transfer::Srgb).expect("a PNG");
     assert_eq!(photo.bits, Bits::Sixteen);
 }
 
@@ -704,7 +704,7 @@ fn try_all(path: &Path, photo: &Path, depth: &Path) -> usize {
 
 fn companions(dir: &Path) -> (PathBuf, PathBuf) {
     let (photo, depth) = (dir.join("sound.png"), dir.join("sound.npy"));
-    fs::write(&photo, png(32, 32, false, |_, _| grey(0.5))).expect("writable");
+    fs::write(&photo, png(32, 32, false, |_, _| gray(0.5))).expect("writable");
     fs::write(&depth, npy((32, 32), |_, _| 2.0)).expect("writable");
     (photo, depth)
 }

@@ -33,14 +33,14 @@ fn check_faults(faults: &[Diagnostic]) {
 }
 
 pub fn pictures(bytes: &[u8]) {
-    let source = image::Source::new("photo", bytes);
+    let source = image::NamedBytes::new("photo", bytes);
     let _ = image::read_photo(source, Transfer::Srgb);
     let _ = image::Texture::read(source, 64 << 20);
 }
 
 /// Depth, masks, normals and maps of a sky.
 pub fn planes(bytes: &[u8]) {
-    let source = image::Source::new("plane", bytes);
+    let source = image::NamedBytes::new("plane", bytes);
     let _ = image::read_depth(source);
     let _ = image::read_mask(source);
     let _ = image::read_normal(source);

@@ -9,7 +9,7 @@ use relight::nodes::output::mix_layers::srgb;
 
 /// The files of a run.
 #[derive(Args, Default)]
-pub struct Files {
+pub struct SceneFiles {
     /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
     #[arg(long, value_name = "DIR")]
     pub scene: Option<PathBuf>,
@@ -40,7 +40,7 @@ pub struct Files {
     pub networks: Networks,
 }
 
-impl Files {
+impl SceneFiles {
     /// The files that the files of the run may name.
     pub fn reach(&self) -> Reach {
         if self.confined { Reach::OwnFolder } else { Reach::Anywhere }
@@ -72,13 +72,13 @@ pub enum WhichBackend {
 }
 
 #[derive(Args)]
-pub struct Job {
+pub struct JobArgs {
     /// The graph file.
     pub graph: PathBuf,
     /// The edit file; without it nothing is changed.
     pub edit: Option<PathBuf>,
     #[command(flatten)]
-    pub files: Files,
+    pub files: SceneFiles,
 }
 
 #[derive(Args)]
@@ -105,13 +105,13 @@ pub struct CacheUse {
 }
 
 #[derive(Args)]
-pub struct Run {
+pub struct RunArgs {
     /// The graph file.
     pub graph: PathBuf,
     /// The edit file (edits/none.ron changes nothing).
     pub edit: PathBuf,
     #[command(flatten)]
-    pub files: Files,
+    pub files: SceneFiles,
     /// The folder for the results; made when it is not there.
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
@@ -150,7 +150,7 @@ pub struct Run {
 }
 
 #[derive(Args)]
-pub struct Mix {
+pub struct MixArgs {
     /// The folder that `relight run` wrote to (its --out), or a picture.exr.
     pub run: PathBuf,
     /// The factor of a light, in linear light: `0.5`, `2,1,0.5` (red, green, blue), `#ffd0a0` (an
@@ -167,7 +167,7 @@ pub struct Mix {
 }
 
 #[derive(Args)]
-pub struct Report {
+pub struct ReportArgs {
     /// The folder that `relight run` wrote to (its --out); report.html is written into it.
     pub run: PathBuf,
     /// Longest side of the pictures in the page, in pixels.
@@ -178,7 +178,7 @@ pub struct Report {
 #[derive(Args)]
 pub struct Export {
     #[command(flatten)]
-    pub job: Job,
+    pub job: JobArgs,
     /// The USD file, NAME.usda; its texture goes beside it.
     #[arg(long, value_name = "FILE", default_value = "out/room.usda", value_parser = usda)]
     pub out: PathBuf,
@@ -195,7 +195,7 @@ pub const LONG_SIDE: u32 = 640;
 #[derive(Args)]
 pub struct Plan {
     #[command(flatten)]
-    pub job: Job,
+    pub job: JobArgs,
     #[command(flatten)]
     pub cache: CacheUse,
     /// Plan for this node and its inputs only.
@@ -215,7 +215,7 @@ pub struct Explain {
     /// The node, such as `mix` or `direct[lamp_0]`.
     pub node: String,
     #[command(flatten)]
-    pub files: Files,
+    pub files: SceneFiles,
     #[command(flatten)]
     pub cache: CacheUse,
 }
@@ -223,13 +223,13 @@ pub struct Explain {
 #[derive(Args)]
 pub struct Graph {
     #[command(flatten)]
-    pub job: Job,
-    #[arg(long, value_enum, default_value_t = Format::Dot)]
-    pub format: Format,
+    pub job: JobArgs,
+    #[arg(long, value_enum, default_value_t = GraphFormat::Dot)]
+    pub format: GraphFormat,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-pub enum Format {
+pub enum GraphFormat {
     Dot,
     Mermaid,
     Svg,
@@ -297,7 +297,7 @@ fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
         let color = match color.trim().strip_prefix('#') {
             Some(digits) => srgb(digits)?,
             None => match color.split(',').map(number).collect::<Option<Vec<f32>>>()?[..] {
-                [grey] => [grey; 3],
+                [gray] => [gray; 3],
                 [r, g, b] => [r, g, b],
                 _ => return None,
             },
@@ -325,7 +325,7 @@ fn known_length(text: &str) -> Result<String, String> {
     });
     let ([ax, ay, bx, by], meters) =
         parts.ok_or("wanted two pixels and the metres between them, as `212,80,212,395=2.03`")?;
-    Ok(format!("(from: ({ax:?}, {ay:?}), to: ({bx:?}, {by:?}), metres: {meters:?})"))
+    Ok(format!("(from: ({ax:?}, {ay:?}), to: ({bx:?}, {by:?}), meters: {meters:?})"))
 }
 
 /// `500ms`, `2s`, `1.5min`.
@@ -353,7 +353,7 @@ mod tests {
         for text in ["212,80,212.5,395=2.03", " 212, 80, 212.5, 395 = 2.03 m"] {
             assert_eq!(
                 known_length(text).as_deref(),
-                Ok("(from: (212.0, 80.0), to: (212.5, 395.0), metres: 2.03)"),
+                Ok("(from: (212.0, 80.0), to: (212.5, 395.0), meters: 2.03)"),
                 "{text}"
             );
         }

@@ -10,20 +10,20 @@ use std::time::Instant;
 use relight::graph::{Cancel, RunReport, Status};
 use serde::Serialize;
 
-use super::args::Run;
+use super::args::RunArgs;
 use super::engine::{engine, report_errors, stop_on_ctrl_c};
 use super::exit::{CliError, Exit};
 use super::film;
 use super::load::Pictures;
 use super::messages::{message, terminal};
 use super::progress::FrameProgress;
-use super::report::{self, Head, Row};
+use super::report::{self, Head, NodeJson};
 use super::results::{backend_of, engine_options, output, results};
 use super::write::{self, Output};
 
 /// report.json of a sequence.
 #[derive(Serialize)]
-struct Report<'a> {
+struct SequenceReport<'a> {
     #[serde(flatten)]
     head: Head,
     frames: Vec<FrameRow<'a>>,
@@ -40,7 +40,7 @@ struct FrameRow<'a> {
     key: Option<&'a str>,
     hits: usize,
     /// All nodes that are not hits.
-    nodes: Vec<Row<'a>>,
+    nodes: Vec<NodeJson<'a>>,
 }
 
 /// A finished frame: its row in the table and in report.json.
@@ -84,7 +84,7 @@ fn key(report: &RunReport) -> Option<String> {
 /// # Errors
 /// Arguments or files that cannot be used.
 pub fn run(
-    args: &Run,
+    args: &RunArgs,
     pictures: &mut Pictures,
     numbers: Range<u32>,
     verbose: u8,
@@ -148,7 +148,7 @@ pub fn run(
 }
 
 /// Makes the film, writes report.json and shows the table.
-fn summarize(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, CliError> {
+fn summarize(args: &RunArgs, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, CliError> {
     let last = all.last().expect("a sequence has a frame");
     let whole = all.len() == count && last.report.is_complete();
     let mut known = BTreeSet::new();
@@ -174,7 +174,7 @@ fn summarize(args: &Run, count: usize, all: &[Done], out: Option<&Output>, head:
         hits: done.hits,
         nodes: report::rows(&done.report).collect(),
     });
-    let report = Report { head, frames: frames.collect(), film, warnings };
+    let report = SequenceReport { head, frames: frames.collect(), film, warnings };
     let json = report::text(&report);
     if let Some(out) = out {
         paths.push(out.file("report.json", json.as_bytes())?);

@@ -3,7 +3,7 @@
 use relight::graph::{Diagnostic, PlanLine};
 use relight::nodes as stages;
 
-use super::args::{Explain, Format, Graph, Job, Nodes, Plan};
+use super::args::{Explain, Graph, GraphFormat, JobArgs, Nodes, Plan};
 use super::engine::{engine, options};
 use super::exit::{CliError, Exit};
 use super::load::{load, load_all};
@@ -53,7 +53,7 @@ pub fn explain(args: &Explain) -> Result<Exit, CliError> {
 ///
 /// # Errors
 /// Arguments or files that cannot be used.
-pub fn check(args: &Job) -> Result<Exit, CliError> {
+pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
     let (graph, frames) = match &args.edit {
         Some(edit) => {
             let pictures = load_all(&args.graph, edit, &args.files)?;
@@ -74,10 +74,10 @@ pub fn check(args: &Job) -> Result<Exit, CliError> {
 pub fn graph(args: &Graph) -> Result<Exit, CliError> {
     let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
     write::print(&match args.format {
-        Format::Dot => graph.to_dot(None),
-        Format::Mermaid => graph.to_mermaid(None),
-        Format::Svg => graph.to_svg(None),
-        Format::Json => graph.to_json(None),
+        GraphFormat::Dot => graph.to_dot(None),
+        GraphFormat::Mermaid => graph.to_mermaid(None),
+        GraphFormat::Svg => graph.to_svg(None),
+        GraphFormat::Json => graph.to_json(None),
     })?;
     Ok(Exit::Done)
 }

@@ -10,7 +10,7 @@ use relight::graph::{
 };
 use relight::nodes::output::write_picture::WritePicture;
 
-use super::args::{Files, Networks};
+use super::args::{Networks, SceneFiles};
 use super::networks;
 
 /// The pictures of an edit. Their graphs are resolved one at a time, so that memory does not grow
@@ -52,7 +52,7 @@ impl Pictures {
 ///
 /// # Errors
 /// All faults of all files.
-pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<ResolvedGraph, Vec<Diagnostic>> {
+pub fn load(graph: &Path, edit: Option<&Path>, files: &SceneFiles) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     let parts = Parts::read(graph, files);
     let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
     let Some(path) = edit else { return parts.with(Ok(Overlay::default()), resolve) };
@@ -65,7 +65,7 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &Files) -> Result<Resolved
 ///
 /// # Errors
 /// All faults of all files; of a sequence, those of the first frame that has any.
-pub fn load_all(graph: &Path, edit: &Path, files: &Files) -> Result<Pictures, Vec<Diagnostic>> {
+pub fn load_all(graph: &Path, edit: &Path, files: &SceneFiles) -> Result<Pictures, Vec<Diagnostic>> {
     let parts = Parts::read(graph, files);
     let all = EditFile::read_within(edit, files.reach()).and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
     let (frames, edit) = all.or_else(|faults| parts.refused(faults))?;
@@ -103,7 +103,7 @@ struct Parts {
 }
 
 impl Parts {
-    fn read(graph: &Path, files: &Files) -> Parts {
+    fn read(graph: &Path, files: &SceneFiles) -> Parts {
         let mut faults = Vec::new();
         let registry = networks::registry(&files.networks);
         let mut file = keep(GraphFile::read_within(graph, files.reach()), &mut faults);

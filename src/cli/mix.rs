@@ -7,7 +7,7 @@ use std::time::Instant;
 use relight::graph::{Context, Diagnostic, File, Node, NodeError};
 use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 
-use super::args::Mix;
+use super::args::MixArgs;
 use super::exit::{CliError, Exit};
 use super::messages::message;
 use super::write::{self, Output};
@@ -16,7 +16,7 @@ use super::write::{self, Output};
 ///
 /// # Errors
 /// Arguments or files that cannot be used.
-pub fn mix(args: &Mix, began: Instant) -> Result<Exit, CliError> {
+pub fn mix(args: &MixArgs, began: Instant) -> Result<Exit, CliError> {
     let mut weights = BTreeMap::new();
     for (id, weight) in &args.set {
         if weights.insert(id.clone(), *weight).is_some() {

@@ -61,12 +61,12 @@ Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted
 #[derive(Subcommand)]
 enum Command {
     /// Relight: compute the consequences of an edit and write the pictures.
-    Run(args::Run),
+    Run(args::RunArgs),
     /// Reweight the lights of a finished run in milliseconds: dim, brighten, tint.
-    Mix(args::Mix),
+    Mix(args::MixArgs),
     /// Write report.html of a finished run: before and after, a slider per light, the nodes that
     /// ran.
-    Report(args::Report),
+    Report(args::ReportArgs),
     /// Write the room as USD, for Blender and others: visible surface, albedo, camera, edited
     /// lights.
     Export(args::Export),
@@ -75,7 +75,7 @@ enum Command {
     /// Explain why a node would run again: the first line of its key that differs.
     Explain(args::Explain),
     /// Check the files and report every fault; compute nothing.
-    Check(args::Job),
+    Check(args::JobArgs),
     /// Print the graph with scene and edit applied, for a drawing program.
     Graph(args::Graph),
     /// Print the reference of all stages, or of one.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use relight::graph::{Context, Diagnostic, File, Node};
 use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
 
-use super::args::Report;
+use super::args::ReportArgs;
 use super::exit::{CliError, Exit};
 use super::messages::message;
 use super::mix::{fault, layers};
@@ -16,7 +16,7 @@ use super::write::{self, Output};
 ///
 /// # Errors
 /// Arguments or files that cannot be used.
-pub fn report(args: &Report, began: Instant) -> Result<Exit, CliError> {
+pub fn report(args: &ReportArgs, began: Instant) -> Result<Exit, CliError> {
     if !args.run.is_dir() {
         return Err(Diagnostic::file(&args.run, "wanted the folder that `relight run` wrote to, got none").into());
     }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use relight::graph::{Cancel, ResolvedGraph};
 
-use super::args::{LONG_SIDE, Run};
+use super::args::{LONG_SIDE, RunArgs};
 use super::engine::{engine, report_errors, stop_on_ctrl_c};
 use super::exit::{CliError, Exit};
 use super::messages::{message, terminal};
@@ -16,7 +16,7 @@ use super::{page, report, write};
 ///
 /// # Errors
 /// Arguments or files that cannot be used.
-pub fn run(args: &Run, graph: ResolvedGraph, verbose: u8, began: Instant) -> Result<Exit, CliError> {
+pub fn run(args: &RunArgs, graph: ResolvedGraph, verbose: u8, began: Instant) -> Result<Exit, CliError> {
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
     let engine = engine(engine_options(args)?)?;
     let out = output(args, &graph)?; // fails before the work, not after it

@@ -15,11 +15,11 @@ pub struct Progress {
     /// Whether each finished node gets a line.
     lines: bool,
     terminal: bool,
-    state: Mutex<State>,
+    state: Mutex<ProgressState>,
 }
 
 #[derive(Default)]
-struct State {
+struct ProgressState {
     bar: Option<ProgressBar>,
     /// Number of nodes that are not hits, as far as known.
     to_run: usize,
@@ -39,12 +39,12 @@ impl Progress {
         }
     }
 
-    fn state(&self) -> std::sync::MutexGuard<'_, State> {
+    fn state(&self) -> std::sync::MutexGuard<'_, ProgressState> {
         self.state.lock().expect("drawing does not panic")
     }
 }
 
-impl State {
+impl ProgressState {
     fn draw(&self) {
         if let Some(bar) = &self.bar {
             bar.set_length(self.to_run as u64);

@@ -35,16 +35,16 @@ impl Head {
 }
 
 #[derive(Serialize)]
-struct Report<'a> {
+struct ReportJson<'a> {
     #[serde(flatten)]
     head: &'a Head,
-    nodes: Vec<Row<'a>>,
+    nodes: Vec<NodeJson<'a>>,
     warnings: &'a [String],
 }
 
 /// One node in report.json.
 #[derive(Serialize)]
-pub struct Row<'a> {
+pub struct NodeJson<'a> {
     name: &'a str,
     kind: &'a str,
     pub status: Status,
@@ -62,8 +62,8 @@ pub struct Row<'a> {
 }
 
 /// The nodes of a run.
-pub fn rows(run: &RunReport) -> impl Iterator<Item = Row<'_>> {
-    run.nodes.iter().map(|node| Row {
+pub fn rows(run: &RunReport) -> impl Iterator<Item = NodeJson<'_>> {
+    run.nodes.iter().map(|node| NodeJson {
         name: &node.name,
         kind: node.kind,
         status: node.status,
@@ -81,8 +81,8 @@ pub fn rows(run: &RunReport) -> impl Iterator<Item = Row<'_>> {
 
 /// report.json of one picture.
 pub fn json(head: &Head, graph: &ResolvedGraph, run: &RunReport, warnings: &[String]) -> String {
-    let nodes = rows(run).map(|row| Row { from: Some(graph.takes_from(row.name)), ..row }).collect();
-    text(&Report { head, nodes, warnings })
+    let nodes = rows(run).map(|row| NodeJson { from: Some(graph.takes_from(row.name)), ..row }).collect();
+    text(&ReportJson { head, nodes, warnings })
 }
 
 /// A report as it is written.

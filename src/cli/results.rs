@@ -5,7 +5,7 @@ use std::sync::Arc;
 use relight::graph::{Diagnostic, EngineOptions, PortValue, ResolvedGraph, RunReport, Value};
 use relight::nodes::artifacts::Files;
 
-use super::args::Run;
+use super::args::RunArgs;
 use super::write::Output;
 use super::{engine, networks};
 
@@ -13,7 +13,7 @@ use super::{engine, networks};
 ///
 /// # Errors
 /// A named key file cannot be used.
-pub fn engine_options(args: &Run) -> Result<EngineOptions, Diagnostic> {
+pub fn engine_options(args: &RunArgs) -> Result<EngineOptions, Diagnostic> {
     let threads = args.threads.map(usize::from);
     let options = engine::options(&args.cache, &args.graph, args.files.scene.as_deref())?;
     Ok(EngineOptions { threads, budget: args.budget, ..options })
@@ -23,7 +23,7 @@ pub fn engine_options(args: &Run) -> Result<EngineOptions, Diagnostic> {
 ///
 /// # Errors
 /// The folder cannot be made.
-pub fn output(args: &Run, graph: &ResolvedGraph) -> Result<Option<Output>, Diagnostic> {
+pub fn output(args: &RunArgs, graph: &ResolvedGraph) -> Result<Option<Output>, Diagnostic> {
     let output = || Output::of_graph(&args.out, graph, Some(&args.edit), args.force);
     (!args.verify).then(output).transpose()
 }
@@ -32,7 +32,7 @@ pub fn output(args: &Run, graph: &ResolvedGraph) -> Result<Option<Output>, Diagn
 ///
 /// # Errors
 /// A named library cannot be used.
-pub fn backend_of(args: &Run, run: &RunReport) -> Result<Option<networks::Choice>, Diagnostic> {
+pub fn backend_of(args: &RunArgs, run: &RunReport) -> Result<Option<networks::Choice>, Diagnostic> {
     let registry = networks::registry(&args.files.networks);
     let has_network = run.nodes.iter().any(|node| networks::has_network(&registry, node.kind));
     has_network.then(|| networks::choose(&args.files.networks)).transpose()

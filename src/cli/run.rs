@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use relight::graph::Diagnostic;
 
-use super::args::Run;
+use super::args::RunArgs;
 use super::exit::{CliError, Exit};
 use super::load::load_all;
 use super::{frames, picture};
@@ -13,7 +13,7 @@ use super::{frames, picture};
 ///
 /// # Errors
 /// Arguments or files that cannot be used.
-pub fn run(args: &Run, verbose: u8, began: Instant) -> Result<Exit, CliError> {
+pub fn run(args: &RunArgs, verbose: u8, began: Instant) -> Result<Exit, CliError> {
     let mut pictures = load_all(&args.graph, &args.edit, &args.files)?;
     let Some(numbers) = pictures.frames.clone() else {
         return picture::run(args, pictures.first, verbose, began);

@@ -57,7 +57,7 @@ impl Grid {
     /// Grid points around `pixel` with weights that sum to one: near in the picture, on the same
     /// plane in space (a joint bilateral filter, Kopf et al. 2007, whose range is the distance from
     /// the tangent plane, and the normal).
-    pub fn neighbours(&self, points: &Points, normal: &Normal, pixel: usize) -> [(usize, f32); REACH * REACH] {
+    pub fn neighbors(&self, points: &Points, normal: &Normal, pixel: usize) -> [(usize, f32); REACH * REACH] {
         let (columns, rows) = self.size();
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
         let half = (self.stride / 2) as f32;
@@ -98,7 +98,7 @@ impl Grid {
     ) -> Plane<T> {
         let pixel = |pixel: usize| match self.stride {
             1 => value(&[(pixel, 1.0)]),
-            _ => value(&self.neighbours(points, normal, pixel)),
+            _ => value(&self.neighbors(points, normal, pixel)),
         };
         let pixels = (0..self.width * self.height).into_par_iter().with_min_len(self.width.max(1)).map(pixel);
         Plane::new(self.width, self.height, pixels.collect())
@@ -109,8 +109,8 @@ impl Grid {
     where
         T: Copy + Default + Add<Output = T> + Mul<f32, Output = T> + Send + Sync,
     {
-        self.spread(points, normal, |neighbours| {
-            neighbours.iter().fold(T::default(), |sum, &(i, weight)| sum + values[i] * weight)
+        self.spread(points, normal, |neighbors| {
+            neighbors.iter().fold(T::default(), |sum, &(i, weight)| sum + values[i] * weight)
         })
     }
 }

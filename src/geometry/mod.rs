@@ -13,7 +13,7 @@ pub use objects::{
     Bodies, Body, Drawing, Material, Model, Objects, Probes, Skin, clearance, draw, most_triangles, parts,
 };
 pub use scene::{
-    Hit, KnownLength, Metres, Own, PlaneFit, SceneMesh, Sight, Surface, facing, like_surface, metric_depth,
+    Hit, KnownLength, MetricDepth, Own, PlaneFit, SceneMesh, Sight, Surface, grow_region, metric_depth, orient_normals,
     relative_depth, surface, world_up,
 };
 

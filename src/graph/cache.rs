@@ -113,11 +113,11 @@ impl Entry {
 /// Results in memory; the longest unused go first.
 pub(super) struct Memory {
     limit: u64,
-    state: Mutex<State>,
+    state: Mutex<CacheState>,
 }
 
 #[derive(Default)]
-struct State {
+struct CacheState {
     #[expect(clippy::disallowed_types, reason = "found by key only, never walked: the order of age is in `by_age`")]
     held: std::collections::HashMap<Digest, Held>,
     by_age: BTreeMap<u64, Digest>,
@@ -173,12 +173,12 @@ impl Memory {
         self.lock().forget(key);
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, CacheState> {
         self.state.lock().expect("nothing panics while it holds the memory cache")
     }
 }
 
-impl State {
+impl CacheState {
     fn forget(&mut self, key: &Digest) {
         if let Some(held) = self.held.remove(key) {
             self.by_age.remove(&held.age);

@@ -15,8 +15,8 @@ impl ResolvedGraph {
         let mut line = |line: String| writeln!(text, "  {line}").expect("writing to a string");
         for (i, instance) in self.instances.iter().enumerate() {
             let kind = self.nodes[instance.node].kind;
-            let colour = status(run, &instance.name).map_or("white", colour);
-            line(format!("n{i} [label=\"{}\\n{kind}\", fillcolor={colour}];", instance.name));
+            let color = status(run, &instance.name).map_or("white", color);
+            line(format!("n{i} [label=\"{}\\n{kind}\", fillcolor={color}];", instance.name));
         }
         for arrow in self.arrows() {
             line(format!("n{} -> n{} [label=\"{}\"];", arrow.from, arrow.to, arrow.label()));
@@ -32,7 +32,7 @@ impl ResolvedGraph {
         for (i, instance) in self.instances.iter().enumerate() {
             line(format!("n{i}[\"{}<br>{}\"]", instance.name, self.nodes[instance.node].kind));
             if let Some(status) = status(run, &instance.name) {
-                line(format!("style n{i} fill:{}", colour(status)));
+                line(format!("style n{i} fill:{}", color(status)));
             }
         }
         for arrow in self.arrows() {
@@ -128,7 +128,7 @@ fn status(run: Option<&RunReport>, name: &str) -> Option<Status> {
     run?.nodes.iter().find(|n| n.name == name).map(|n| n.status)
 }
 
-fn colour(status: Status) -> &'static str {
+fn color(status: Status) -> &'static str {
     match status {
         Status::Hit => "lightgrey",
         Status::Ran => "lightgreen",

@@ -12,7 +12,7 @@ use super::key;
 use super::key::Why;
 use super::report::{Difference, Explanation, Observer, PlanLine, Planned, RunReport, VerifyReport};
 use super::resolved_graph::{ResolvedGraph, Wanted};
-use super::run::{Run, RunOptions};
+use super::run::{RunInProgress, RunOptions};
 use super::source::Diagnostic;
 use super::store::Store;
 
@@ -136,7 +136,7 @@ impl Engine {
     ) -> (RunReport, Vec<Difference>) {
         let (store, shared, budget) = (&self.store, &self.shared, self.budget);
         let options = RunOptions { store, shared, budget, graph, wanted, cancel, observer, verify };
-        self.pool.install(|| Run::new(options).go())
+        self.pool.install(|| RunInProgress::new(options).go())
     }
 
     /// Lists the nodes of a run with their expected status, without running them; a node whose

@@ -109,7 +109,7 @@ pub(super) struct Wire {
 }
 
 /// One file by itself.
-struct Layer {
+struct GraphLayer {
     extends: Option<Key>,
     scene: Option<Key>,
     sets: Vec<SetDecl>,
@@ -282,7 +282,7 @@ impl GraphFile {
 
     /// A set of a name that is there already is replaced; outputs are added; a node is changed
     /// field by field, unless it becomes another kind: then nothing of the old one stays.
-    fn lay_over(&mut self, layer: Layer) {
+    fn lay_over(&mut self, layer: GraphLayer) {
         self.scene = layer.scene.or(self.scene.take());
         let mut known = places(self.sets.iter().map(|set| &set.name));
         for set in layer.sets {
@@ -392,9 +392,9 @@ fn show_chain(chain: &[PathBuf], again: &Path) -> String {
     names.map(name).collect::<Vec<_>>().join(" -> ")
 }
 
-fn parse_layer(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<Layer> {
+fn parse_layer(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<GraphLayer> {
     let document = Raw::document(source, faults)?;
-    let mut layer = Layer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
+    let mut layer = GraphLayer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
     let known = ["version", "extends", "scene", "sets", "nodes", "outputs"];
     let fields = document.as_struct(Some("Graph"), &known, faults);
     let is_graph = document.variant().map_or(document.text().starts_with('('), |name| name == "Graph");

@@ -721,7 +721,7 @@ fn build(
 
 /// Places in the texts that set the parameters of a node.
 #[derive(Default)]
-struct Places<'a> {
+struct ParamOrigins<'a> {
     /// The place where each parameter was last set.
     set: BTreeMap<&'a str, &'a Raw>,
     /// The place where each file was named.
@@ -738,9 +738,9 @@ fn set_all<'a>(
     registry: &Registry,
     settings: &[&'a Setting],
     faults: &mut Diagnostics,
-) -> Option<Places<'a>> {
+) -> Option<ParamOrigins<'a>> {
     let mut sound = true;
-    let mut places = Places::default();
+    let mut places = ParamOrigins::default();
     let from_file = decl.params.iter().map(|(key, value)| (key.name.as_str(), &key.origin, value));
     let from_overlay = settings.iter().map(|s| (s.field.as_str(), &s.value.origin, &s.value));
     for (field, place, value) in from_file.chain(from_overlay) {

@@ -37,12 +37,12 @@ pub(super) struct RunOptions<'a> {
     pub verify: bool,
 }
 
-pub(super) struct Run<'a> {
+pub(super) struct RunInProgress<'a> {
     options: RunOptions<'a>,
-    state: Mutex<State<'a>>,
+    state: Mutex<RunState<'a>>,
 }
 
-struct State<'a> {
+struct RunState<'a> {
     graph: &'a ResolvedGraph,
     /// Per instance, the length of the longest chain of instances that begins there.
     chain: Vec<u32>,
@@ -110,7 +110,7 @@ enum Outcome {
 }
 
 /// Why a node gave no result.
-enum Stop {
+enum NodeFailure {
     Failed(String),
     /// A file that a person named, or a parameter that a person set, cannot be used.
     BadFile(String),
@@ -119,7 +119,7 @@ enum Stop {
 }
 
 /// A node whose inputs are all known.
-struct Job {
+struct NodeJob {
     at: usize,
     key: Digest,
     text: String,
@@ -127,7 +127,7 @@ struct Job {
 }
 
 /// The result of a stage, with its measurements for the run table.
-struct Made {
+struct StageResult {
     entry: Arc<Entry>,
     values: Vec<Value>,
     seconds: f64,
@@ -135,16 +135,16 @@ struct Made {
     samples: Option<f64>,
 }
 
-impl<'a> Run<'a> {
-    pub fn new(options: RunOptions<'a>) -> Run<'a> {
-        Run { options, state: Mutex::new(State::new(options.graph, options.wanted)) }
+impl<'a> RunInProgress<'a> {
+    pub fn new(options: RunOptions<'a>) -> RunInProgress<'a> {
+        RunInProgress { options, state: Mutex::new(RunState::new(options.graph, options.wanted)) }
     }
 
     /// Runs to the end, on the threads of the pool that this is called on.
     pub fn go(self) -> (RunReport, Vec<Difference>) {
         #[expect(clippy::disallowed_methods, reason = "times the run for its report")]
         let began = Instant::now();
-        let Run { options: RunOptions { store, graph, wanted, .. }, .. } = self;
+        let RunInProgress { options: RunOptions { store, graph, wanted, .. }, .. } = self;
         store.refresh_latest();
         let wanted_itself = wanted.is_root(graph.instances.len());
         let first = (0..wanted_itself.len()).filter(|&at| wanted_itself[at]).map(|at| (at, Event::Asked));
@@ -245,7 +245,7 @@ impl<'a> Run<'a> {
                 if keep && large {
                     self.options.store.keep_on_disk(&made.entry, &made.values);
                 }
-                let Made { entry, values, .. } = made;
+                let StageResult { entry, values, .. } = made;
                 let values = if large { Vec::new() } else { values };
                 self.complete(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
                 if keep && !large {
@@ -256,17 +256,17 @@ impl<'a> Run<'a> {
     }
 
     /// Resolves the inputs and the key of a node.
-    fn job(&self, at: usize) -> Result<Job, Stop> {
+    fn job(&self, at: usize) -> Result<NodeJob, NodeFailure> {
         if self.options.cancel.is_cancelled() {
-            return Err(Stop::Cancelled);
+            return Err(NodeFailure::Cancelled);
         }
         let before = self.before(at)?;
-        let resolved = resolve_inputs(self.graph(), at, &before).map_err(Stop::Failed)?;
+        let resolved = resolve_inputs(self.graph(), at, &before).map_err(NodeFailure::Failed)?;
         let text = key_manifest(self.graph(), at, &resolved, &before);
-        Ok(Job { at, key: key::digest(&text), text, resolved })
+        Ok(NodeJob { at, key: key::digest(&text), text, resolved })
     }
 
-    fn before(&self, at: usize) -> Result<Before, Stop> {
+    fn before(&self, at: usize) -> Result<Before, NodeFailure> {
         let state = self.lock();
         let mut before = Vec::new();
         let mut cancelled = false;
@@ -277,23 +277,23 @@ impl<'a> Run<'a> {
             match outcome {
                 Outcome::Done(entry) => before.push((from, Some(entry.clone()))),
                 Outcome::Skipped => before.push((from, None)),
-                Outcome::Failed => return Err(Stop::Blocked(from)),
-                Outcome::Blocked(cause) => return Err(Stop::Blocked(*cause)),
+                Outcome::Failed => return Err(NodeFailure::Blocked(from)),
+                Outcome::Blocked(cause) => return Err(NodeFailure::Blocked(*cause)),
                 Outcome::Cancelled => cancelled = true,
             }
         }
-        if cancelled { Err(Stop::Cancelled) } else { Ok(Before(before)) }
+        if cancelled { Err(NodeFailure::Cancelled) } else { Ok(Before(before)) }
     }
 
     /// The values that a job takes.
-    fn inputs(&self, job: &Job) -> Result<Vec<PortValue>, Stop> {
+    fn inputs(&self, job: &NodeJob) -> Result<Vec<PortValue>, NodeFailure> {
         let inputs = job.resolved.iter().map(|input| {
             Ok(match input {
                 ResolvedInput::Missing => PortValue::Missing,
                 ResolvedInput::One(slot) => PortValue::One(self.value(*slot)?),
                 ResolvedInput::Many(all) => {
                     let value = |(member, slot): &(String, Slot)| Ok((member.clone(), self.value(*slot)?));
-                    PortValue::Many(all.iter().map(value).collect::<Result<_, Stop>>()?)
+                    PortValue::Many(all.iter().map(value).collect::<Result<_, NodeFailure>>()?)
                 }
             })
         });
@@ -301,10 +301,15 @@ impl<'a> Run<'a> {
     }
 
     /// Runs the stage, within a budget of time where there is one.
-    fn make(&self, job: &Job, inputs: Vec<PortValue>, budget: Option<Duration>) -> Result<Made, Stop> {
+    fn make(
+        &self,
+        job: &NodeJob,
+        inputs: Vec<PortValue>,
+        budget: Option<Duration>,
+    ) -> Result<StageResult, NodeFailure> {
         let node = self.node(job.at);
         if self.options.cancel.is_cancelled() {
-            return Err(Stop::Cancelled);
+            return Err(NodeFailure::Cancelled);
         }
         self.options.observer.started(&self.graph().instances[job.at].name);
         #[expect(clippy::disallowed_methods, reason = "times the node for its report and its budget")]
@@ -313,14 +318,16 @@ impl<'a> Run<'a> {
         let ctx = Context::new(self.options.cancel.clone(), node.files.clone(), self.options.shared.clone(), deadline);
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,
-            Ok(Err(NodeError::Cancelled)) => return Err(Stop::Cancelled),
+            Ok(Err(NodeError::Cancelled)) => return Err(NodeFailure::Cancelled),
             Ok(Err(error @ (NodeError::BadFile { .. } | NodeError::BadParameter(_)))) => {
-                return Err(Stop::BadFile(error.to_string()));
+                return Err(NodeFailure::BadFile(error.to_string()));
             }
-            Ok(Err(error)) => return Err(Stop::Failed(error.to_string())),
-            Err(panic) => return Err(Stop::Failed(format!("a bug in {}: it panicked: {}", node.kind, said(&*panic)))),
+            Ok(Err(error)) => return Err(NodeFailure::Failed(error.to_string())),
+            Err(panic) => {
+                return Err(NodeFailure::Failed(format!("a bug in {}: it panicked: {}", node.kind, said(&*panic))));
+            }
         };
-        check_members(node, &outputs).map_err(Stop::Failed)?;
+        check_members(node, &outputs).map_err(NodeFailure::Failed)?;
         let seconds = began.elapsed().as_secs_f64();
         let mut warnings = ctx.warnings();
         if ctx.was_late() {
@@ -337,14 +344,14 @@ impl<'a> Run<'a> {
         let entry = Arc::new(Entry::made(job.key, header, &outputs, ctx.was_late()));
         let values = entry.all().expect("a result just made has all its values");
         self.hold(job.at, &entry);
-        Ok(Made { entry, values, seconds, rays: ctx.rays(), samples: ctx.samples() })
+        Ok(StageResult { entry, values, seconds, rays: ctx.rays(), samples: ctx.samples() })
     }
 
     /// A value for a stage that really runs: from memory, from disk, or made again when what is
     /// stored is damaged.
-    fn value(&self, slot: Slot) -> Result<Value, Stop> {
+    fn value(&self, slot: Slot) -> Result<Value, NodeFailure> {
         let Some(Outcome::Done(entry)) = self.lock().outcomes[slot.instance].clone() else {
-            return Err(Stop::Blocked(slot.instance));
+            return Err(NodeFailure::Blocked(slot.instance));
         };
         let loss = match self.options.store.value(&entry, slot.index, self.node(slot.instance)) {
             Ok(value) => {
@@ -357,18 +364,21 @@ impl<'a> Run<'a> {
         let made = self.make_again(slot.instance, loss)?;
         let index = made.header.port(wanted.port as usize).find(|&i| made.header.values[i].member == wanted.member);
         index.and_then(|i| made.value(i)).ok_or_else(|| {
-            Stop::Failed(format!("{} gave other members than before", self.graph().instances[slot.instance].name))
+            NodeFailure::Failed(format!(
+                "{} gave other members than before",
+                self.graph().instances[slot.instance].name
+            ))
         })
     }
 
     /// Runs a hit after all, because its values cannot be read.
-    fn make_again(&self, at: usize, loss: Loss) -> Result<Arc<Entry>, Stop> {
+    fn make_again(&self, at: usize, loss: Loss) -> Result<Arc<Entry>, NodeFailure> {
         let stored = match self.lock().outcomes[at].clone() {
             Some(Outcome::Done(entry)) => entry,
-            _ => return Err(Stop::Blocked(at)),
+            _ => return Err(NodeFailure::Blocked(at)),
         };
         // Without a budget: what took the stored result into its key must get that one.
-        let make = |job: Job| self.make(&job, self.inputs(&job)?, None).map(|made| (job, made));
+        let make = |job: NodeJob| self.make(&job, self.inputs(&job)?, None).map(|made| (job, made));
         let made = self.job(at).and_then(make);
         let (outcome, report, result) = match made {
             Ok((job, made)) => {
@@ -383,7 +393,11 @@ impl<'a> Run<'a> {
             }
             Err(stop) => {
                 let (outcome, report) = self.stopped(at, Some(stored.key), stop);
-                let stop = if matches!(outcome, Outcome::Cancelled) { Stop::Cancelled } else { Stop::Blocked(at) };
+                let stop = if matches!(outcome, Outcome::Cancelled) {
+                    NodeFailure::Cancelled
+                } else {
+                    NodeFailure::Blocked(at)
+                };
                 (outcome, report, Err(stop))
             }
         };
@@ -437,29 +451,31 @@ impl<'a> Run<'a> {
             Outcome::Failed => {
                 let first = report.expect("an outcome comes with its report");
                 let error = first.error.unwrap_or_default();
-                let stop = if first.bad_file { Stop::BadFile(error) } else { Stop::Failed(error) };
+                let stop = if first.bad_file { NodeFailure::BadFile(error) } else { NodeFailure::Failed(error) };
                 self.stopped(at, Some(key), stop)
             }
-            Outcome::Blocked(cause) => self.stopped(at, Some(key), Stop::Blocked(cause)),
-            Outcome::Cancelled => self.stopped(at, Some(key), Stop::Cancelled),
+            Outcome::Blocked(cause) => self.stopped(at, Some(key), NodeFailure::Blocked(cause)),
+            Outcome::Cancelled => self.stopped(at, Some(key), NodeFailure::Cancelled),
             Outcome::Skipped => unreachable!("what is skipped has no key"),
         }
     }
 
-    fn stopped(&self, at: usize, key: Option<Digest>, stop: Stop) -> (Outcome, NodeReport) {
-        let bad_file = matches!(stop, Stop::BadFile(_));
+    fn stopped(&self, at: usize, key: Option<Digest>, stop: NodeFailure) -> (Outcome, NodeReport) {
+        let bad_file = matches!(stop, NodeFailure::BadFile(_));
         let (outcome, status, error) = match stop {
-            Stop::Failed(message) | Stop::BadFile(message) => (Outcome::Failed, Status::Failed, Some(message)),
-            Stop::Blocked(cause) => {
+            NodeFailure::Failed(message) | NodeFailure::BadFile(message) => {
+                (Outcome::Failed, Status::Failed, Some(message))
+            }
+            NodeFailure::Blocked(cause) => {
                 let message = format!("needs {}, which failed", self.graph().instances[cause].name);
                 (Outcome::Blocked(cause), Status::Blocked, Some(message))
             }
-            Stop::Cancelled => (Outcome::Cancelled, Status::Cancelled, None),
+            NodeFailure::Cancelled => (Outcome::Cancelled, Status::Cancelled, None),
         };
         (outcome, NodeReport { key, error, bad_file, ..self.report(at, status, None) })
     }
 
-    fn ran(&self, job: &Job, made: &Made, loss: Option<Loss>) -> NodeReport {
+    fn ran(&self, job: &NodeJob, made: &StageResult, loss: Option<Loss>) -> NodeReport {
         let mut report = self.report(job.at, Status::Ran, Some(&made.entry));
         report.seconds = made.seconds;
         report.rays = made.rays;
@@ -554,15 +570,15 @@ impl<'a> Run<'a> {
         &self.graph().nodes[self.graph().instances[at].node]
     }
 
-    fn lock(&self) -> MutexGuard<'_, State<'a>> {
+    fn lock(&self) -> MutexGuard<'_, RunState<'a>> {
         self.state.lock().expect(UNPOISONED)
     }
 }
 
 const UNPOISONED: &str = "nothing panics while it holds the state of a run";
 
-impl<'a> State<'a> {
-    fn new(graph: &'a ResolvedGraph, wanted: &Wanted) -> State<'a> {
+impl<'a> RunState<'a> {
+    fn new(graph: &'a ResolvedGraph, wanted: &Wanted) -> RunState<'a> {
         let count = graph.instances.len();
         let needed = || (0..count).filter(|&at| wanted.needed[at]);
         let mut hopes: Vec<usize> = wanted.is_root(count).into_iter().map(usize::from).collect();
@@ -580,7 +596,7 @@ impl<'a> State<'a> {
         for output in &wanted.outputs {
             output.instances.iter().for_each(|&at| uses[at][output.port] += 1);
         }
-        State {
+        RunState {
             graph,
             chain,
             asked: vec![Asked::No; count],

@@ -8,7 +8,7 @@ mod plane;
 mod transfer;
 
 pub use io::{
-    Bits, Compression, ExrFile, ExrLayers, MAX_BYTES, MAX_PIXELS, Photo, PngSamples, ReadError, Source, read_depth,
+    Bits, Compression, ExrFile, ExrLayers, MAX_BYTES, MAX_PIXELS, NamedBytes, Photo, PngSamples, ReadError, read_depth,
     read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
 };
 pub use layer::{HalfLayer, Layer};
@@ -19,7 +19,7 @@ pub use ops::{
     FAR, GlareMask, GlarePixel, MOST_HEADROOM, NEAR, OwnPixel, Packed, PictureScore, SATURATION, STEP, Segments, Steps,
     SurfacePixel, Taps, Upsampler, alpha_matte, annotate, clip_level, connected_components, dilate, distance, fit,
     gain, geodesic_dilate, graph_cut, headroom, inpaint_depth, inpaint_surfaces, is_hole, log_error, mean_error,
-    nearness, neighbours, normal_error, pack, pairs, ratio, reflected, relight_own, relight_physical, relight_ratio,
+    nearness, neighbors, normal_error, pack, pairs, ratio, reflected, relight_own, relight_physical, relight_ratio,
     resize, resize_depth, retinex, same_aspect, scale_invariant_error, score_picture, segment, smooth_step,
     square_error, weighted_sum,
 };

@@ -48,7 +48,7 @@ pub fn serve(
             Work::Load { network: bytes, backend, library, threads } => {
                 network = load(bytes, &backend, library, threads);
                 let ports = network.as_ref().map(|network| (network.inputs().to_vec(), network.outputs().to_vec()));
-                let ports: wire::Loaded = ports.map_err(NetError::clone);
+                let ports: wire::LoadAnswer = ports.map_err(NetError::clone);
                 write_head(&mut output, &ports)?;
             }
             Work::Run { names, inputs, outputs } => {

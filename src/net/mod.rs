@@ -4,7 +4,6 @@
 //! its library. On one backend, the same inputs give the same bits for any number of threads;
 //! between backends, results differ by rounding (tests/networks.rs).
 
-pub mod foreign;
 mod guest;
 mod onnxruntime;
 mod planes;
@@ -13,6 +12,7 @@ mod rten;
 mod sandbox;
 mod shipped;
 mod tensor;
+pub mod third_party;
 pub mod view;
 mod wire;
 
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 pub use guest::serve;
 pub use onnxruntime::find as find_onnxruntime;
-pub use planes::{Layer, planes_of};
+pub use planes::{InputLayer, planes_of};
 pub use precheck::precheck;
 pub use sandbox::{Limits, Sandbox, Untrusted};
 pub use shipped::{CARDS, ships};
@@ -96,15 +96,15 @@ pub struct Port {
 
 /// A network that is loaded and ready.
 pub struct Network {
-    model: Model,
+    model: Loaded,
     doubt: Option<&'static str>,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
 }
 
-enum Model {
-    Rten(Box<rten::Loaded>),
-    OnnxRuntime(Box<onnxruntime::Loaded>),
+enum Loaded {
+    Rten(Box<rten::RtenNetwork>),
+    OnnxRuntime(Box<onnxruntime::OrtNetwork>),
     Child(Box<sandbox::Process>),
 }
 
@@ -118,12 +118,12 @@ impl Network {
         let doubt = doubt(&bytes, backend);
         let (model, inputs, outputs) = match backend {
             Backend::Rten => {
-                let (loaded, inputs, outputs) = rten::Loaded::new(bytes, threads)?;
-                (Model::Rten(Box::new(loaded)), inputs, outputs)
+                let (loaded, inputs, outputs) = rten::RtenNetwork::new(bytes, threads)?;
+                (Loaded::Rten(Box::new(loaded)), inputs, outputs)
             }
             Backend::OnnxRuntime(build) => {
-                let (loaded, inputs, outputs) = onnxruntime::Loaded::new(&bytes, build, threads)?;
-                (Model::OnnxRuntime(Box::new(loaded)), inputs, outputs)
+                let (loaded, inputs, outputs) = onnxruntime::OrtNetwork::new(&bytes, build, threads)?;
+                (Loaded::OnnxRuntime(Box::new(loaded)), inputs, outputs)
             }
         };
         Ok(Network { model, doubt, inputs, outputs })
@@ -143,7 +143,7 @@ impl Network {
     ) -> Result<Network, NetError> {
         precheck(bytes).map_err(NetError::Damaged)?;
         let (process, inputs, outputs) = sandbox::Process::start(sandbox, bytes, backend, threads, cancelled)?;
-        Ok(Network { model: Model::Child(Box::new(process)), doubt: doubt(bytes, backend), inputs, outputs })
+        Ok(Network { model: Loaded::Child(Box::new(process)), doubt: doubt(bytes, backend), inputs, outputs })
     }
 
     /// Why its results may be wrong on this backend, where they may.
@@ -207,9 +207,9 @@ impl Network {
     /// Those of [`Network::run`].
     pub fn run_to(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
         let got = match &self.model {
-            Model::Rten(model) => model.run(inputs, outputs)?,
-            Model::OnnxRuntime(model) => model.run(inputs, outputs)?,
-            Model::Child(process) => process.run(inputs, outputs)?,
+            Loaded::Rten(model) => model.run(inputs, outputs)?,
+            Loaded::OnnxRuntime(model) => model.run(inputs, outputs)?,
+            Loaded::Child(process) => process.run(inputs, outputs)?,
         };
         for (name, tensor) in outputs.iter().zip(&got) {
             if let Some(wrong) = tensor.data().iter().find(|v| !v.is_finite()) {

@@ -47,13 +47,13 @@ fn build(info: &str) -> String {
     commit.filter(|commit| !commit.is_empty()).unwrap_or(info).to_owned()
 }
 
-pub struct Loaded {
+pub struct OrtNetwork {
     /// A session computes one picture at a time.
     session: Mutex<Session>,
 }
 
-impl Loaded {
-    pub fn new(bytes: &[u8], wanted: &str, threads: usize) -> Result<(Loaded, Vec<Port>, Vec<Port>), NetError> {
+impl OrtNetwork {
+    pub fn new(bytes: &[u8], wanted: &str, threads: usize) -> Result<(OrtNetwork, Vec<Port>, Vec<Port>), NetError> {
         let Some(Ok(Library { environment, build, .. })) = LIBRARY.get() else {
             return Err(NetError::NoBackend(
                 "no ONNX Runtime is loaded: name its library, or use the backend rten".into(),
@@ -76,7 +76,7 @@ impl Loaded {
         let session = open().map_err(|e| NetError::Damaged(e.to_string()))?;
         let (inputs, outputs) =
             (session.inputs().iter().map(port).collect(), session.outputs().iter().map(port).collect());
-        Ok((Loaded { session: Mutex::new(session) }, inputs, outputs))
+        Ok((OrtNetwork { session: Mutex::new(session) }, inputs, outputs))
     }
 
     pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {

@@ -6,25 +6,25 @@ use super::Tensor;
 use crate::image::Plane;
 
 /// Planes that become channels of one input, in their order.
-pub enum Layer<'a> {
+pub enum InputLayer<'a> {
     /// Three channels.
-    Colour(&'a Plane<Vec3>),
+    Color(&'a Plane<Vec3>),
     /// One channel.
-    Grey(&'a Plane<f32>),
+    Gray(&'a Plane<f32>),
 }
 
 /// The channels of `layers`, which are all of one size.
-pub fn planes_of(layers: &[Layer]) -> Tensor {
+pub fn planes_of(layers: &[InputLayer]) -> Tensor {
     let mut data = Vec::new();
     let (mut size, mut channels) = ((0, 0), 0);
     for layer in layers {
         match layer {
-            Layer::Colour(plane) => {
+            InputLayer::Color(plane) => {
                 size = plane.size();
                 channels += 3;
                 (0..3).for_each(|c| data.extend(plane.pixels().iter().map(|p| p[c])));
             }
-            Layer::Grey(plane) => {
+            InputLayer::Gray(plane) => {
                 size = plane.size();
                 channels += 1;
                 data.extend_from_slice(plane.pixels());
@@ -36,7 +36,7 @@ pub fn planes_of(layers: &[Layer]) -> Tensor {
 
 impl Tensor {
     /// Channels `first`.. of a tensor [1, channels, height, width] as a plane of three.
-    pub fn colour(&self, first: usize) -> Plane<Vec3> {
+    pub fn color(&self, first: usize) -> Plane<Vec3> {
         let (width, height) = self.plane_size();
         let (n, at) = (width * height, first * width * height);
         let pixel = |i: usize| Vec3::from_array([0, 1, 2].map(|c| self.data()[at + c * n + i]));
@@ -44,7 +44,7 @@ impl Tensor {
     }
 
     /// Channel `at` of a tensor [1, channels, height, width].
-    pub fn grey(&self, at: usize) -> Plane<f32> {
+    pub fn gray(&self, at: usize) -> Plane<f32> {
         let (width, height) = self.plane_size();
         let n = width * height;
         Plane::new(width, height, self.data()[at * n..][..n].to_vec())
@@ -67,12 +67,12 @@ mod tests {
 
     #[test]
     fn planes_come_back() {
-        let colour = Plane::from_fn(3, 2, |x, y| Vec3::new(x as f32, y as f32, (x * y) as f32));
-        let grey = Plane::from_fn(3, 2, |x, y| (10 * x + y) as f32);
-        let tensor = planes_of(&[Layer::Grey(&grey), Layer::Colour(&colour)]);
+        let color = Plane::from_fn(3, 2, |x, y| Vec3::new(x as f32, y as f32, (x * y) as f32));
+        let gray = Plane::from_fn(3, 2, |x, y| (10 * x + y) as f32);
+        let tensor = planes_of(&[InputLayer::Gray(&gray), InputLayer::Color(&color)]);
         assert_eq!(tensor.shape(), [1, 4, 2, 3]);
-        assert_eq!(tensor.grey(0), grey);
-        assert_eq!(tensor.colour(1), colour);
-        assert_eq!(tensor.grey(2), colour.map(|c| c.y));
+        assert_eq!(tensor.gray(0), gray);
+        assert_eq!(tensor.color(1), color);
+        assert_eq!(tensor.gray(2), color.map(|c| c.y));
     }
 }

@@ -15,13 +15,13 @@ pub fn doubt(bytes: &[u8]) -> Option<&'static str> {
     cubic.then_some("it resizes by cubic interpolation, for which rten takes linear: --backend ort computes it right")
 }
 
-pub struct Loaded {
+pub struct RtenNetwork {
     model: Model,
     options: RunOptions,
 }
 
-impl Loaded {
-    pub fn new(bytes: Vec<u8>, threads: usize) -> Result<(Loaded, Vec<Port>, Vec<Port>), NetError> {
+impl RtenNetwork {
+    pub fn new(bytes: Vec<u8>, threads: usize) -> Result<(RtenNetwork, Vec<Port>, Vec<Port>), NetError> {
         // On a thread of its own: one of the engine's, waiting for rten's pool inside, could take
         // up a stage that waits for this network.
         let load = std::thread::scope(|scope| scope.spawn(|| Model::load(bytes)).join());
@@ -44,7 +44,7 @@ impl Loaded {
         let outputs = model.output_ids().iter().map(port).collect();
         let pool = Arc::new(ThreadPool::with_num_threads(threads));
         let options = RunOptions::default().with_thread_pool(Some(pool));
-        Ok((Loaded { model, options }, inputs, outputs))
+        Ok((RtenNetwork { model, options }, inputs, outputs))
     }
 
     pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {

@@ -95,7 +95,7 @@ impl Process {
         let (inputs, outputs) = process.ask("loading", sandbox.limits.load, |requests, replies| {
             write_head(requests, &request)?;
             requests.write_all(bytes)?;
-            read_head::<wire::Loaded>(replies)
+            read_head::<wire::LoadAnswer>(replies)
         })?;
         Ok((process, inputs, outputs))
     }

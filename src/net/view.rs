@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 
-use super::{Layer, Tensor, planes_of};
+use super::{InputLayer, Tensor, planes_of};
 use crate::geometry::Camera;
 use crate::image::{Depth, Mask, Normal, Picture, Plane, resize, resize_depth};
 
@@ -84,7 +84,7 @@ fn any(full: &Plane<f32>) -> Plane<f32> {
 /// Normals and points of a room, one size.
 pub struct Geometry {
     pub normal: Plane<Vec3>,
-    /// Metres.
+    /// MetricDepth.
     pub points: Plane<Vec3>,
 }
 
@@ -117,7 +117,7 @@ impl Geometry {
 
     /// Channels: normal, points.
     pub fn tensor(&self) -> Tensor {
-        planes_of(&[Layer::Colour(&self.normal), Layer::Colour(&self.points)])
+        planes_of(&[InputLayer::Color(&self.normal), InputLayer::Color(&self.points)])
     }
 }
 

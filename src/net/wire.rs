@@ -25,7 +25,7 @@ pub enum Request {
 }
 
 /// The answer to [`Request::Load`]: inputs and outputs.
-pub type Loaded = std::result::Result<(Vec<Port>, Vec<Port>), NetError>;
+pub type LoadAnswer = std::result::Result<(Vec<Port>, Vec<Port>), NetError>;
 /// The head of the answer to [`Request::Run`]: the shapes of the outputs, whose numbers follow.
 pub type Computed = std::result::Result<Vec<Vec<usize>>, NetError>;
 

@@ -84,6 +84,8 @@ fn with_old_names(stages: Registry) -> Registry {
         ("Glow", "EmitterMask"),
     ];
     let fields = [
+        ("Depth", "normalisation", "normalization"),
+        ("OnnxMaterials", "normalisation", "normalization"),
         ("InitLights", "worth", "min_gain"),
         ("InitLights", "ambient_cost", "ambient_weight"),
         ("InitLights", "turns", "iterations"),

@@ -6,7 +6,7 @@ use crate::geometry::Camera;
 use crate::graph::{Context, File, Gather, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture, resize};
 use crate::net::view::{FULL, Geometry, HALF, View, own_half};
-use crate::net::{Backend, Layer, NetError, Network, Tensor, Untrusted, planes_of, precheck, ships};
+use crate::net::{Backend, InputLayer, NetError, Network, Tensor, Untrusted, planes_of, precheck, ships};
 use crate::nodes::artifacts::Guess;
 use crate::optics::{BoxLamp, Lamp, Lobe, Radiance, Shape, Window};
 
@@ -120,7 +120,7 @@ const LIGHT_INPUTS: [(&str, &[usize]); 5] =
     [("photo", HALF_3), ("geometry", HALF_6), ("albedo", HALF_3), ("lights", HALF_2), ("start", &[1, 5, 1, 1])];
 
 /// The room of a stage that estimates a light.
-pub struct SeenRoom<'a> {
+pub struct NetworkScene<'a> {
     /// The linear photo.
     pub photo: &'a Picture,
     /// Planar z.
@@ -135,7 +135,7 @@ pub struct SeenRoom<'a> {
     pub masks: &'a Gather<Mask>,
 }
 
-impl SeenRoom<'_> {
+impl NetworkScene<'_> {
     /// Estimates a lamp: a box of one radiance. `own` marks its pixels; `None` for the lamp out of
     /// view.
     ///
@@ -171,12 +171,12 @@ struct LitRoom {
 }
 
 impl LitRoom {
-    fn new(room: &SeenRoom) -> LitRoom {
-        let SeenRoom { photo, depth, camera, normal, albedo, masks } = room;
+    fn new(room: &NetworkScene) -> LitRoom {
+        let NetworkScene { photo, depth, camera, normal, albedo, masks } = room;
         LitRoom {
             view: View::new(photo, masks.iter().map(|(_, mask)| &**mask)),
             geometry: Geometry::half(depth, camera, normal),
-            albedo: planes_of(&[Layer::Colour(&resize(&albedo.0, HALF.0, HALF.1))]),
+            albedo: planes_of(&[InputLayer::Color(&resize(&albedo.0, HALF.0, HALF.1))]),
         }
     }
 
@@ -193,10 +193,10 @@ impl LitRoom {
             None => (light.map(|_| 0.0), [0.0; 5]),
         };
         Some(vec![
-            ("photo", planes_of(&[Layer::Colour(&self.view.half_photo())])),
+            ("photo", planes_of(&[InputLayer::Color(&self.view.half_photo())])),
             ("geometry", self.geometry.tensor()),
             ("albedo", self.albedo),
-            ("lights", planes_of(&[Layer::Grey(&light), Layer::Grey(&own)])),
+            ("lights", planes_of(&[InputLayer::Gray(&light), InputLayer::Gray(&own)])),
             ("start", Tensor::new(&[1, 5, 1, 1], start.to_vec())),
         ])
     }
@@ -205,9 +205,9 @@ impl LitRoom {
     fn lamp(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
         let gain = self.view.gain;
         let Some(inputs) = self.inputs(own, false) else { return Ok(None) };
-        let [centre, axes, radiance, confidence] = computed(network, inputs, LAMP_OUTPUTS)?;
-        let (centre, axes, radiance) = (centre.vectors(), axes.vectors(), radiance.vectors());
-        let lamp = Lamp::Box(BoxLamp { center: centre[0], axes: [axes[0], axes[1], axes[2]] });
+        let [center, axes, radiance, confidence] = computed(network, inputs, LAMP_OUTPUTS)?;
+        let (center, axes, radiance) = (center.vectors(), axes.vectors(), radiance.vectors());
+        let lamp = Lamp::Box(BoxLamp { center: center[0], axes: [axes[0], axes[1], axes[2]] });
         Ok(Some(guess(Shape::Lamp(lamp), radiance, gain, &confidence)))
     }
 
@@ -216,11 +216,11 @@ impl LitRoom {
     fn window(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
         let gain = self.view.gain;
         let Some(inputs) = self.inputs(own, true) else { return Ok(None) };
-        let [centre, x, y, directions, bandwidths, radiance, confidence] = computed(network, inputs, WINDOW_OUTPUTS)?;
+        let [center, x, y, directions, bandwidths, radiance, confidence] = computed(network, inputs, WINDOW_OUTPUTS)?;
         let directions = directions.vectors();
         let lobe = |i: usize| Lobe { direction: directions[i].normalize_or_zero(), bandwidth: bandwidths.data()[i] };
         let window = Window {
-            center: centre.vectors()[0],
+            center: center.vectors()[0],
             x: x.vectors()[0],
             y: y.vectors()[0],
             lobes: [lobe(0), lobe(1), lobe(2)],

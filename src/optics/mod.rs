@@ -22,12 +22,12 @@ pub use emitter::{
 };
 pub use nnls::nnls;
 pub use reflection::{
-    Around, Ggx, Mirror, NO_ROW, Part, Places, RayEnd, ReflectedHit, ReflectionScene, Reflections, SeenPlaces,
-    ShadingPoint, SpecularChange, object_shading_point, places, reflections,
+    Around, Ggx, Mirror, NO_ROW, RayEnd, ReflectedHit, ReflectingPoints, ReflectionScene, Reflections, SeenSurface,
+    ShadingPoint, SpecularChange, SpecularPart, object_shading_point, places, reflections,
 };
 pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{
-    BATCHES, Bounces, Direct, INTERVAL, LightMaps, Lighting, LocalLobe, PHIS, Probed, Sampling, Shadow, ShadowQuality,
-    TEXELS, THETAS, Transport, arriving, direct, estimate, indirect, indirect_at_receivers, local_frame, shadow,
-    stream, trace_bounces,
+    BATCHES, Bounces, DirectEstimate, INTERVAL, LightMaps, LightTransport, Lighting, LocalLobe, PHIS, Probed, Sampling,
+    ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving, direct, estimate, indirect, indirect_at_receivers,
+    local_frame, shadow, stream, trace_bounces,
 };

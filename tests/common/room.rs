@@ -22,7 +22,7 @@ pub struct Room {
     pub normal: Arc<Normal>,
     pub mesh: Arc<SceneMesh>,
     /// 128 rays from every fourth pixel along each axis.
-    pub transport: Arc<optics::Transport>,
+    pub transport: Arc<optics::LightTransport>,
 }
 
 impl Room {

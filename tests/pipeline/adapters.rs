@@ -3,7 +3,7 @@
 
 use glam::Vec3;
 use relight::geometry::Camera;
-use relight::image::{Plane, Source, Transfer, read_depth, read_normal};
+use relight::image::{NamedBytes, Plane, Transfer, read_depth, read_normal};
 
 use crate::common::files::png_of;
 use crate::onnx::{OPEN, Onnx};
@@ -29,7 +29,7 @@ pub fn photo(network: impl AsRef<[u8]>) -> Place {
 
 /// `Depth` at the photo's own size, so that nothing is resampled.
 pub const LINE: &str = r#"run GRAPHS/depth.ron EDITS/none.ron --scene . --no-cache --out found --set depth.model="net.onnx" --set depth.side=30
-    --set depth.multiple=1 --set depth.normalisation=None"#;
+    --set depth.multiple=1 --set depth.normalization=None"#;
 
 /// The backends that are there; ONNX Runtime where ORT_DYLIB_PATH names its library.
 fn backends() -> Vec<&'static str> {
@@ -42,7 +42,7 @@ fn backends() -> Vec<&'static str> {
 
 fn depth(place: &Place) -> Plane<f32> {
     let bytes = std::fs::read(place.path("found/depth.exr")).expect("it is written");
-    read_depth(Source::new("depth.exr", &bytes)).expect("a scene can name it").0
+    read_depth(NamedBytes::new("depth.exr", &bytes)).expect("a scene can name it").0
 }
 
 /// The largest error of `got`, as a share of what is wanted.
@@ -111,13 +111,13 @@ fn relative_depth_gets_its_scale_from_a_known_length() {
         let z = |x: usize| 2.0 / (3.0 * stored(x, 0).x);
         let room = Plane::from_fn(SIZE.0, SIZE.1, |x, _| z(x));
         let known = [[3.0, 2.0, 3.0, 27.0], [36.0, 2.0, 36.0, 27.0]].map(|at| (at, distance(&room, at)));
-        let known = known.map(|([a, b, c, d], metres)| format!("--known-length {a},{b},{c},{d}={metres}")).join(" ");
+        let known = known.map(|([a, b, c, d], meters)| format!("--known-length {a},{b},{c},{d}={meters}")).join(" ");
         place.check(&format!("{LINE} --backend {backend} {known}"), 0);
         assert!(worst(&depth(&place), |x, _| z(x)) < 1e-4, "{backend}: {}", worst(&depth(&place), |x, _| z(x)));
     }
 }
 
-/// Sizes: one that the file fixes, and one of 14 patches that it leaves open; normalisations.
+/// Sizes: one that the file fixes, and one of 14 patches that it leaves open; normalizations.
 #[test]
 fn the_photo_comes_as_the_network_wants_it() {
     let fixed = |w: i64, h: i64| {
@@ -128,7 +128,7 @@ fn the_photo_comes_as_the_network_wants_it() {
             .file()
     };
     let place = photo(fixed(20, 8));
-    let line = LINE.replace("--set depth.normalisation=None", "--set depth.kind=Metric");
+    let line = LINE.replace("--set depth.normalization=None", "--set depth.kind=Metric");
     // Blue is 0.2 everywhere.
     for (set, wanted) in [
         ("None", 0.2),
@@ -136,7 +136,7 @@ fn the_photo_comes_as_the_network_wants_it() {
         ("ImageNet", (0.2 - 0.406) / 0.225),
         ("Custom(mean:(9,9,0.1),deviation:(9,9,0.5))", 0.2),
     ] {
-        place.check(&format!("{line} --set depth.normalisation={set}"), 0);
+        place.check(&format!("{line} --set depth.normalization={set}"), 0);
         let got = depth(&place);
         assert_eq!(got.size(), (20, 15), "the photo's aspect, the network's longer side");
         assert!(worst(&got, |_, _| 2.0 + wanted) < 1e-5, "{set}: {}", got.get(3, 3));
@@ -188,7 +188,7 @@ fn networks_that_cannot_be_used_are_named() {
     let two = Onnx::default().input("rgb", &PHOTO).input("camera", &[1, 3, OPEN, OPEN]).output("z", &PHOTO);
     let nan = plain().output("z", &PICTURE).mix("x", "a", &[[0.0; 3]], &[0.0]).node("Div", &["a", "a"], &["z"]).file();
     let flat = plain().output("z", &[OPEN]).numbers("all", &[-1]).node("Reshape", &["x", "all"], &["z"]).file();
-    let grey =
+    let gray =
         Onnx::default().input("x", &[1, 1, OPEN, OPEN]).output("z", &PICTURE).node("Relu", &["x"], &["z"]).file();
     let pair = plain().output("z", &PICTURE).output("sure", &PICTURE);
     let pair = pair.mix("x", "z", &[[1.0; 3]], &[0.0]).mix("x", "sure", &[[1.0; 3]], &[0.0]).file();
@@ -227,7 +227,7 @@ fn networks_that_cannot_be_used_are_named() {
         ),
         (
             "grey input",
-            grey,
+            gray,
             "",
             &["net.onnx: input `x`: wanted [1, 3, height, width], a photo with red first, got [1, 1, ?, ?]"],
         ),
@@ -285,8 +285,8 @@ fn networks_that_cannot_be_used_are_named() {
         (
             "deviation",
             sound,
-            "--set depth.normalisation=Custom(mean:(0,0,0),deviation:(1,0,1))",
-            &["normalisation: wanted a positive deviation"],
+            "--set depth.normalization=Custom(mean:(0,0,0),deviation:(1,0,1))",
+            &["normalization: wanted a positive deviation"],
         ),
     ];
     for backend in backends() {
@@ -307,9 +307,9 @@ fn networks_that_cannot_be_used_are_named() {
 /// Seven channels: albedo, which is the photo's colours, in 0..=255; a normal, x to the left;
 /// roughness, which is red, in -1..=1.
 fn materials(width: i64, height: i64) -> Vec<u8> {
-    let colour = |c: usize, weight: f32| [0, 1, 2].map(|at| if at == c { weight } else { 0.0 });
-    let (colours, none) = ([0, 1, 2].map(|c| colour(c, 255.0)), [[0.0; 3]; 3]);
-    let rows = [&colours[..], &none, &[colour(0, 2.0)]].concat();
+    let color = |c: usize, weight: f32| [0, 1, 2].map(|at| if at == c { weight } else { 0.0 });
+    let (colors, none) = ([0, 1, 2].map(|c| color(c, 255.0)), [[0.0; 3]; 3]);
+    let rows = [&colors[..], &none, &[color(0, 2.0)]].concat();
     let bias = [0.0, 0.0, 0.0, -0.6, 0.0, 0.8, -1.0];
     let network = Onnx::default().input("x", &[1, 3, height, width]).output("maps", &[1, 7, height, width]);
     network.mix("x", "maps", &rows, &bias).file()
@@ -343,13 +343,13 @@ fn materials_by_other_networks_are_brought_to_ours() {
         };
         let albedo = estimate(&place, "albedo");
         let normal = std::fs::read(place.path("out/normal.exr")).expect("it is written");
-        let normal = read_normal(Source::new("normal.exr", &normal)).expect("it is sound");
+        let normal = read_normal(NamedBytes::new("normal.exr", &normal)).expect("it is sound");
         // Single precision, and halves where files hold them.
         assert!(near(&albedo, &stored) < 1e-3, "{}", near(&albedo, &stored));
         let told = Vec3::new(0.6, 0.0, 0.8);
         assert!(near(&normal, &|_, _| told) < 1e-3, "{}", near(&normal, &|_, _| told));
         let roughness =
-            read_depth(Source::new("r", &std::fs::read(place.path("out/roughness.exr")).expect("it is written")));
+            read_depth(NamedBytes::new("r", &std::fs::read(place.path("out/roughness.exr")).expect("it is written")));
         let roughness = roughness.expect("it is a plane").0;
         assert!(worst(&roughness, |x, y| stored(x, y).x) < 1e-3);
 

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use glam::Vec3;
 use needs::needs;
 use rayon::prelude::*;
-use relight::image::{Source, Transfer, read_photo};
+use relight::image::{NamedBytes, Transfer, read_photo};
 
 use crate::common::files::{npy, png_of};
 use crate::project::*;
@@ -119,10 +119,10 @@ fn photos_of_every_kind() {
         place.write("edit.ron", EDIT.replace(r#""lamp": Off, "window": Scale(0.5),"#, ""));
         check(&place, &format!("{size:?} without lights"), 0, &[]);
     }
-    for grey in [0.0, 1.0] {
+    for gray in [0.0, 1.0] {
         let place = room();
-        place.write("photo.png", png_of(SIZE, |_, _| Vec3::splat(grey)));
-        check(&place, &format!("all {grey}"), 0, &[]);
+        place.write("photo.png", png_of(SIZE, |_, _| Vec3::splat(gray)));
+        check(&place, &format!("all {gray}"), 0, &[]);
     }
 }
 
@@ -245,7 +245,7 @@ fn play(path: &Path, role: &str) -> i32 {
     };
     // Depth and mask that go with a readable photo, so that every stage meets it.
     if role == "photo"
-        && let Ok(photo) = read_photo(Source::new("photo", &bytes), Transfer::Srgb)
+        && let Ok(photo) = read_photo(NamedBytes::new("photo", &bytes), Transfer::Srgb)
     {
         let size = photo.picture.0.size();
         place.write("depth.npy", npy(size, |x, _| 2.0 + x as f32 / size.0 as f32));

@@ -20,7 +20,7 @@ use crate::project::*;
 
 const SIZE: (usize, usize) = (4, 2);
 
-fn grey(value: impl Fn(usize) -> f32) -> Plane<Vec3> {
+fn gray(value: impl Fn(usize) -> f32) -> Plane<Vec3> {
     numbers(value).map(Vec3::splat)
 }
 
@@ -91,7 +91,7 @@ fn shadows_are_shares_of_what_would_arrive() {
         visibility: gather([("lamp", visible(lit))]),
         radiance: gather([("lamp", radiance(2.0))]),
         // Half of the pixels that count are in the shadow.
-        truth: gather([("lamp", Picture(grey(|i| if i < 6 { 0.0 } else { 3.0 })))]),
+        truth: gather([("lamp", Picture(gray(|i| if i < 6 { 0.0 } else { 3.0 })))]),
         true_direct: gather([("lamp", unit(|_| 1.0))]),
         true_radiance: gather([("lamp", radiance(3.0))]),
         mask: mask(),
@@ -107,12 +107,12 @@ fn shadows_are_shares_of_what_would_arrive() {
 
 fn shading(truth: Gather<Picture>) -> ScoreShadingIn {
     ScoreShadingIn {
-        light: gather([("lamp", Shading(grey(|_| 0.5))), ("inv_lamp", Shading(grey(|_| 0.25)))]),
-        residual: Arc::new(Shading(grey(|_| 0.25))),
-        photo: Arc::new(Picture(grey(|i| if i == 7 { 9.0 } else { 0.5 }))),
+        light: gather([("lamp", Shading(gray(|_| 0.5))), ("inv_lamp", Shading(gray(|_| 0.25)))]),
+        residual: Arc::new(Shading(gray(|_| 0.25))),
+        photo: Arc::new(Picture(gray(|i| if i == 7 { 9.0 } else { 0.5 }))),
         clipped: Arc::new(Mask(numbers(|i| if i == 7 { 1.0 } else { 0.0 }))),
         truth,
-        albedo: Arc::new(Albedo(grey(|i| if i == 5 { 0.01 } else { 0.5 }))),
+        albedo: Arc::new(Albedo(gray(|i| if i == 5 { 0.01 } else { 0.5 }))),
         mask: mask(),
     }
 }
@@ -122,7 +122,7 @@ fn shading(truth: Gather<Picture>) -> ScoreShadingIn {
 #[test]
 fn pictures_are_scored_at_the_size_of_the_truth_and_as_the_camera_shows_them() {
     let truth = |left: f32, right: f32| Picture(Plane::from_fn(2, 1, |x, _| Vec3::splat([left, right][x])));
-    let stored = |left: f32| Arc::new(Picture(grey(|i| if i % SIZE.0 < 2 { left } else { 1.0 })));
+    let stored = |left: f32| Arc::new(Picture(gray(|i| if i % SIZE.0 < 2 { left } else { 1.0 })));
     let score = |left: f32| {
         let inputs = ScorePictureIn {
             picture: stored(left),
@@ -146,7 +146,7 @@ fn all_shading_is_scored_on_what_tells_it() {
     // 1 from the photo over its albedo, as estimated, where that is neither dark nor saturated.
     let out = run(shading(gather([]))).expect("the inputs are sound");
     check(&out.scores, &[("all lights", "E", 0.0)]);
-    let alone = |value: f32| Picture(grey(move |i| if i == 5 { 100.0 } else { value }));
+    let alone = |value: f32| Picture(gray(move |i| if i == 5 { 100.0 } else { value }));
     let out = run(shading(gather([("lamp", alone(0.5)), ("inv_lamp", alone(1.0))]))).expect("the inputs are sound");
     check(&out.scores, &[("all lights", "E", (2.0f64.ln() - 4.0f64.ln()).powi(2))]);
     let wide = Picture(Plane::filled(9, 2, Vec3::ONE));
@@ -156,9 +156,9 @@ fn all_shading_is_scored_on_what_tells_it() {
 
 fn picture(photo: f32) -> ScorePictureIn {
     ScorePictureIn {
-        picture: Arc::new(Picture(grey(|_| 0.25))),
-        photo: Arc::new(Picture(grey(move |_| photo))),
-        light: gather([("lamp", Picture(grey(|_| 0.25))), ("inv_lamp", Picture(grey(|_| 0.5)))]),
+        picture: Arc::new(Picture(gray(|_| 0.25))),
+        photo: Arc::new(Picture(gray(move |_| photo))),
+        light: gather([("lamp", Picture(gray(|_| 0.25))), ("inv_lamp", Picture(gray(|_| 0.5)))]),
         mask: mask(),
         coverage: gather([]),
     }

@@ -68,8 +68,8 @@ fn each_kind_of_edit_runs_what_it_must_and_nothing_else() {
 #[test]
 fn objects_run_what_they_touch() {
     let cache = warm();
-    let ball = |grey: &str, lights: &str| {
-        let ball = format!("Sphere(radius: 0.09, at: Pixel(x: 178, y: 176), material: (albedo: Linear({grey})))");
+    let ball = |gray: &str, lights: &str| {
+        let ball = format!("Sphere(radius: 0.09, at: Pixel(x: 178, y: 176), material: (albedo: Linear({gray})))");
         let mut ran =
             again(cache.path(), &demo(), &format!("Edit(version: 1, objects: [{ball}], lights: {{ {lights} }})"));
         ran.0.sort();

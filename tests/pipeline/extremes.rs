@@ -68,11 +68,11 @@ fn check(place: &Place, what: &str, size: (usize, usize), lights: &str) -> Ran {
 /// Reason: neighbours a factor of 1.5 apart in depth, and cubes of distances from 1e-9 to 1e12,
 /// lose all digits of 32 bits when points are subtracted carelessly.
 #[test]
-fn depth_from_a_millimetre_to_ten_kilometres() {
+fn depth_from_a_millimetre_to_ten_kilometers() {
     let place = room((40, 30), paper, |x, _| 10f32.powf(-3.0 + 7.0 * x as f32 / 39.0));
     check(&place, "seven decades of depth", (40, 30), GLOBE);
-    for metres in [1e-3, 1e4] {
-        let place = room((40, 30), paper, |_, _| metres);
+    for meters in [1e-3, 1e4] {
+        let place = room((40, 30), paper, |_, _| meters);
         check(&place, "a flat wall", (40, 30), GLOBE);
     }
 }

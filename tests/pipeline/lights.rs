@@ -138,7 +138,7 @@ fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
     let off = run_edit(r#"Edit(version: 1, lights: { "lamp_0": Off })"#, &outputs);
     let layer = |report: &RunReport, id: &str| of::<Picture>(layers(report), id);
     let cover: Arc<Mask> = of(many(&moved, "glow"), "lamp_0");
-    let mask = relight::image::read_mask(relight::image::Source::new(
+    let mask = relight::image::read_mask(relight::image::NamedBytes::new(
         "lamp_0.png",
         &std::fs::read(demo().join("masks/lamp_0.png")).expect("the demo has its mask"),
     ))

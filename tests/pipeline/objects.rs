@@ -144,11 +144,8 @@ fn an_obj_comes_with_its_library() {
     for (kd, rough) in [(Vec3::new(0.5, 0.25, 0.125), 0.5), (Vec3::new(0.125, 0.25, 0.5), 1.0)] {
         let ks = if rough < 1.0 { 0.5 } else { 0.0 };
         folder.write("a.mtl", format!("newmtl m\nKd {} {} {}\nKs {ks} {ks} {ks}\nNs 30\n", kd.x, kd.y, kd.z));
-        let (colour, gloss) = albedo();
-        assert!(
-            (colour - kd).abs().max_element() < 1e-5 && (gloss.roughness - rough).abs() < 1e-5,
-            "{colour} {gloss:?}"
-        );
+        let (color, gloss) = albedo();
+        assert!((color - kd).abs().max_element() < 1e-5 && (gloss.roughness - rough).abs() < 1e-5, "{color} {gloss:?}");
     }
     folder.write("a.mtl", "newmtl m\nKd 0.5 0.5 0.5\nmap_Kd gone.png\nd 0.5\n");
     check(&folder, "no picture", 0, &["warning", "gone.png", "map_Kd is not used", "not used: d"]);
@@ -219,7 +216,7 @@ fn insert_object_changes_the_table_and_leaves_the_ceiling() {
 /// A ball before a wall that is painted in the same edit: the wall is as without the ball up to its
 /// edge, and its red comes to the ball.
 #[test]
-fn a_painted_wall_colours_the_ball_before_it() {
+fn a_painted_wall_colors_the_ball_before_it() {
     let paint = r##"materials: [ Paint(region: Grow(125, 70), albedo: Srgb("#b02020")) ]"##;
     let ball = "objects: [ Sphere(radius: 0.25, at: Point(-0.75, 0.1, -4.2)) ]";
     let picture = |edit: &str| {

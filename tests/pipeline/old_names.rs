@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use relight::geometry::KnownLength;
+
 use crate::project::*;
 
 #[test]
@@ -51,4 +53,6 @@ fn old_parameters_and_values_mean_the_new_ones() {
     assert_eq!((old.warnings().len(), new.warnings().len()), (15, 0));
     run(shared_engine(), &new, &["fit.radiance"]);
     assert_eq!(ran(&run(shared_engine(), &old, &["fit.radiance"])), [""; 0]);
+    let length = |unit: &str| ron::from_str::<KnownLength>(&format!("(from: (0, 0), to: (9, 0), {unit}: 2.5)"));
+    assert_eq!(length("metres").expect("the old name"), length("meters").expect("the new name"));
 }

@@ -17,7 +17,7 @@ fn planes() -> ResolvedGraph {
 }
 
 /// Written planes as pixels of colours.
-fn colours(channels: &BTreeMap<String, Vec<f32>>, layer: &str) -> Vec<Vec3> {
+fn colors(channels: &BTreeMap<String, Vec<f32>>, layer: &str) -> Vec<Vec3> {
     let [r, g, b] = ["R", "G", "B"].map(|c| &channels[&format!("{layer}.{c}")]);
     r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect()
 }
@@ -81,7 +81,7 @@ fn known_lights_give_the_true_picture_of_each() {
         let mut shading = vec![Vec3::ZERO; albedo.len()];
         for (k, &w) in radiance.0.iter().enumerate() {
             let (direct, lit) = (&channels[&format!("direct_{id}_{k}.Y")], &channels[&format!("lit_{id}_{k}.Y")]);
-            let indirect = colours(&channels, &format!("indirect_{id}_{k}"));
+            let indirect = colors(&channels, &format!("indirect_{id}_{k}"));
             for (p, sum) in shading.iter_mut().enumerate() {
                 *sum += w * (Vec3::splat(direct[p] * lit[p]) + indirect[p]);
             }

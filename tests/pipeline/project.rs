@@ -9,7 +9,7 @@ use relight::graph::{
     Artifact, CacheFolder, CacheKey, Cancel, Diagnostic, Engine, EngineOptions, PortValue, ResolvedGraph, RunReport,
     Status,
 };
-use relight::image::{Layer, Picture, Plane, Source, Transfer, read_photo};
+use relight::image::{Layer, NamedBytes, Picture, Plane, Transfer, read_photo};
 use relight::nodes::{self, artifacts::Files};
 
 pub const IDENTITY: &str = "Edit(version: 1)";
@@ -188,7 +188,7 @@ pub fn photo() -> image::RgbImage {
 pub fn exr(path: &Path) -> Plane<glam::Vec3> {
     let bytes = std::fs::read(path).expect("the truth is there");
     let name = path.display().to_string();
-    let Picture(plane) = read_photo(Source::new(&name, &bytes), Transfer::Linear).expect("it is sound").picture;
+    let Picture(plane) = read_photo(NamedBytes::new(&name, &bytes), Transfer::Linear).expect("it is sound").picture;
     plane
 }
 

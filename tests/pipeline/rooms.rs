@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec3};
 use relight::geometry::Camera;
 use relight::image::{
-    LUMINANCE, Picture, Plane, Source, Transfer, mean_error, pairs, read_mask, resize, score_picture, write_png,
+    LUMINANCE, NamedBytes, Picture, Plane, Transfer, mean_error, pairs, read_mask, resize, score_picture, write_png,
 };
 use serde_json::Value;
 use tempfile::TempDir;
@@ -94,7 +94,7 @@ fn sum<'a>(mut planes: impl Iterator<Item = &'a Plane<Vec3>>) -> Plane<Vec3> {
 /// Pixels of a mask's file that are not black.
 fn lit(path: &Path) -> Plane<bool> {
     let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let mask = read_mask(Source::new("mask", &bytes)).expect("it is sound").0;
+    let mask = read_mask(NamedBytes::new("mask", &bytes)).expect("it is sound").0;
     mask.map(|share| share > 0.0)
 }
 

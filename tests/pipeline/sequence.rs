@@ -50,7 +50,7 @@ fn a_moving_lamp_runs_its_own_layers_and_the_sums() {
 }
 
 #[test]
-fn colours_run_no_layer() {
+fn colors_run_no_layer() {
     let edit = r#"Edit(version: 1, frames: 8, lights: {
         "lamp_0": Temperature(Keys([(0, 2000), (7, 9000)])), "window_0": Scale(Keys([(2, 1), (7, 0)])) })"#;
     let wanted = ["edit", "after", "compose", "picture"].map(str::to_owned).to_vec();

@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW, Mask, Picture, UnitDirect, Visibility};
-use relight_lab::bench::{self as lab, Estimate, Layer, Light, Renderer, Setting, Truth};
+use relight_lab::bench::{self as lab, Estimate, LobeEstimate, ParamSetting, Renderer, SceneLight, Truth};
 
 use super::args::Bench;
-use super::session::{Made, Session};
+use super::session::{Session, Timed};
 use crate::cli::exit::{CliError, Exit, Stop, ended};
 use crate::cli::messages::message;
 use crate::cli::report;
@@ -24,7 +24,7 @@ fn measure(args: &Bench, began: Instant) -> Result<(), Stop> {
     let session = Session::new(args)?;
     let out = Output::new(&args.out, [args.graph.clone()], false)?; // fails before the work, not after it
     let points = lab::measure(&session, &args.options)?;
-    let report = lab::Report {
+    let report = lab::BenchReport {
         relight: env!("CARGO_PKG_VERSION"),
         graph: args.graph.display().to_string(),
         scene: session.scene().map(|path| path.display().to_string()),
@@ -49,14 +49,14 @@ impl Renderer for Session {
         Session::seed(self)
     }
 
-    fn lights(&self) -> Result<Vec<Light>, Stop> {
+    fn lights(&self) -> Result<Vec<SceneLight>, Stop> {
         let (direct, _) = self.layers()?;
         let visible = |name: &str| ![INV_LAMP, INV_WINDOW].contains(&name);
         let lights = self.members(direct)?.into_iter();
-        Ok(lights.map(|name| Light { visible: visible(&name), name }).collect())
+        Ok(lights.map(|name| SceneLight { visible: visible(&name), name }).collect())
     }
 
-    fn direct(&self, light: &str, settings: &[Setting]) -> Result<Estimate, Stop> {
+    fn direct(&self, light: &str, settings: &[ParamSetting]) -> Result<Estimate, Stop> {
         let (node, _) = self.layers()?;
         let made = self.make::<UnitDirect>(&format!("{node}[{light}]"), "direct", settings)?;
         let planes = made.value.lobes.iter().zip(&made.value.stderr);
@@ -64,7 +64,7 @@ impl Renderer for Session {
         Ok(Estimate { lobes, seconds: made.seconds, rays: made.rays })
     }
 
-    fn visibility(&self, light: &str, settings: &[Setting]) -> Result<Estimate, Stop> {
+    fn visibility(&self, light: &str, settings: &[ParamSetting]) -> Result<Estimate, Stop> {
         let (_, node) = self.layers()?;
         let made = self.make::<Visibility>(&format!("{node}[{light}]"), "visibility", settings)?;
         let planes = made.value.lit.iter().zip(&made.value.stderr);
@@ -92,9 +92,9 @@ impl Renderer for Session {
         Ok(Truth { lights, emitters: (0..pixels).map(emits).collect() })
     }
 
-    fn pictures(&self, settings: &[Vec<Setting>]) -> Result<Vec<lab::Picture>, Stop> {
+    fn pictures(&self, settings: &[Vec<ParamSetting>]) -> Result<Vec<lab::Picture>, Stop> {
         let made = self.make_anew::<Picture>(self.node("Compose")?, "picture", settings)?;
-        let picture = |made: Made<Picture>| lab::Picture {
+        let picture = |made: Timed<Picture>| lab::Picture {
             channels: linear(&made.value),
             seconds: made.seconds,
             rays: made.rays,
@@ -108,8 +108,8 @@ impl Renderer for Session {
 }
 
 /// Layers of all lobes, from the pixels of their values and standard errors.
-fn layers<'a>(lobes: impl Iterator<Item = [&'a [f32]; 2]>) -> Vec<Layer> {
-    lobes.map(|[value, stderr]| Layer { value: value.to_vec(), stderr: stderr.to_vec() }).collect()
+fn layers<'a>(lobes: impl Iterator<Item = [&'a [f32]; 2]>) -> Vec<LobeEstimate> {
+    lobes.map(|[value, stderr]| LobeEstimate { value: value.to_vec(), stderr: stderr.to_vec() }).collect()
 }
 
 fn linear(picture: &Picture) -> Vec<f64> {

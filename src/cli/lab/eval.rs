@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use relight::graph::{Cancel, EngineOptions, PortValue, Value};
 use relight::nodes::artifacts::Scores;
-use relight_lab::eval::{Figure, Report, Substitution};
+use relight_lab::eval::{EvalReport, Figure, Substitution};
 
 use super::args::Eval;
 use super::target::EvalTarget;
@@ -62,7 +62,7 @@ fn measure(args: &Eval, began: Instant) -> Result<(), Stop> {
         }
         message!("{:6.1} s  {}", began.elapsed().as_secs_f64(), substitution.title(target.known().depth));
     }
-    let report = Report {
+    let report = EvalReport {
         relight: env!("CARGO_PKG_VERSION"),
         graph: args.graph.display().to_string(),
         scene: args.scene.display().to_string(),

@@ -6,16 +6,16 @@ use std::sync::Arc;
 
 use relight::graph::{Artifact, Cancel, Diagnostic, Engine, EngineOptions, GraphFile, PortValue, RunReport, Value};
 
-use relight_lab::bench::Setting;
+use relight_lab::bench::ParamSetting;
 
 use super::args::Bench;
-use crate::cli::args::Files;
+use crate::cli::args::SceneFiles;
 use crate::cli::engine::{engine, finished, stop_on_ctrl_c};
 use crate::cli::exit::Stop;
 use crate::cli::load::load;
 
 /// A result, with the wall time and the number of rays of its node or run.
-pub struct Made<T> {
+pub struct Timed<T> {
     pub value: Arc<T>,
     pub seconds: f64,
     pub rays: u64,
@@ -116,11 +116,11 @@ impl Session {
     ///
     /// # Errors
     /// Those of the graph and its run.
-    pub fn make<T: Artifact>(&self, node: &str, port: &str, settings: &[Setting]) -> Result<Made<T>, Stop> {
+    pub fn make<T: Artifact>(&self, node: &str, port: &str, settings: &[ParamSetting]) -> Result<Timed<T>, Stop> {
         let output = format!("{node}.{port}");
         let report = self.run(&self.engine, settings, std::slice::from_ref(&output))?;
         let of_node = report.nodes.iter().find(|n| n.name == node).expect("a node that gave its output is reported");
-        Ok(Made { value: self.one(&report, &output)?, seconds: of_node.seconds, rays: of_node.rays })
+        Ok(Timed { value: self.one(&report, &output)?, seconds: of_node.seconds, rays: of_node.rays })
     }
 
     /// The values of an output, member by member.
@@ -145,14 +145,14 @@ impl Session {
         &self,
         node: &str,
         port: &str,
-        settings: &[Vec<Setting>],
-    ) -> Result<Vec<Made<T>>, Stop> {
+        settings: &[Vec<ParamSetting>],
+    ) -> Result<Vec<Timed<T>>, Stop> {
         let fresh = engine(EngineOptions { threads: self.threads, ..EngineOptions::default() })?;
         let output = format!("{node}.{port}");
         let made = settings.iter().map(|group| {
             let report = self.run(&fresh, group, std::slice::from_ref(&output))?;
             let value = self.one(&report, &output)?;
-            Ok(Made { value, seconds: report.seconds, rays: report.nodes.iter().map(|node| node.rays).sum() })
+            Ok(Timed { value, seconds: report.seconds, rays: report.nodes.iter().map(|node| node.rays).sum() })
         });
         made.collect()
     }
@@ -165,16 +165,16 @@ impl Session {
         Ok(value.ok_or_else(|| Diagnostic::file(&self.graph, format!("`{output}` is not what bench can measure")))?)
     }
 
-    fn files(&self, settings: &[Setting]) -> Files {
+    fn files(&self, settings: &[ParamSetting]) -> SceneFiles {
         let mut set = self.set.clone();
         for (kind, field, value) in settings {
             let named = self.nodes.iter().filter(|node| node.kind == *kind);
             set.extend(named.map(|node| format!("{}.{field}={value}", node.name)));
         }
-        Files { scene: self.scene.clone(), set, ..Files::default() }
+        SceneFiles { scene: self.scene.clone(), set, ..SceneFiles::default() }
     }
 
-    fn run(&self, engine: &Engine, settings: &[Setting], wanted: &[String]) -> Result<RunReport, Stop> {
+    fn run(&self, engine: &Engine, settings: &[ParamSetting], wanted: &[String]) -> Result<RunReport, Stop> {
         let graph = load(&self.graph, None, &self.files(settings))?;
         finished(engine.run(&graph, &graph.wanted(Some(wanted))?, &self.cancel, &()))
     }

@@ -30,7 +30,7 @@ const PACKET: u32 = 1 << 31;
 
 /// Boxes of eight children; the box of no child is inside out and is never entered.
 #[repr(C, align(64))]
-struct Node {
+struct WideNode {
     /// By axis, side (lower, upper) and child.
     planes: [[[f32; 8]; 2]; 3],
     children: [u32; 8],
@@ -38,7 +38,7 @@ struct Node {
 
 /// The hierarchy. The first node is the root.
 pub struct Bvh8 {
-    nodes: Vec<Node>,
+    nodes: Vec<WideNode>,
     packets: Vec<Packet>,
     /// The largest absolute coordinate.
     extent: f32,
@@ -77,7 +77,7 @@ impl Bvh8 {
                 (self.packets.len() - 1) as u32 | PACKET
             } else {
                 let mut node =
-                    Node { planes: [[[f32::INFINITY; 8], [f32::NEG_INFINITY; 8]]; 3], children: [PACKET; 8] };
+                    WideNode { planes: [[[f32::INFINITY; 8], [f32::NEG_INFINITY; 8]]; 3], children: [PACKET; 8] };
                 let beside = beside + children.len() - 1;
                 self.waiting = self.waiting.max(beside);
                 // The last is made first: the packets of a node lie side by side.
@@ -227,19 +227,19 @@ impl<S: Simd> Slabs<S> {
     }
 
     #[inline(always)]
-    fn near(&self, node: &Node, axis: usize) -> f32x8<S> {
+    fn near(&self, node: &WideNode, axis: usize) -> f32x8<S> {
         self.cross(&node.planes[axis][self.side[axis] & 1], self.near[axis], axis)
     }
 
     #[inline(always)]
-    fn far(&self, node: &Node, axis: usize) -> f32x8<S> {
+    fn far(&self, node: &WideNode, axis: usize) -> f32x8<S> {
         self.cross(&node.planes[axis][1 - (self.side[axis] & 1)], self.far[axis], axis)
     }
 
     /// The boxes that the ray crosses within 0..=`limit`, a bit each, and the distances at which it
     /// enters them.
     #[inline(always)]
-    fn enter(&self, node: &Node, limit: f32) -> (u64, [f32; 8]) {
+    fn enter(&self, node: &WideNode, limit: f32) -> (u64, [f32; 8]) {
         let (zero, limit) = (f32x8::splat(self.simd, 0.0), f32x8::splat(self.simd, limit));
         let nears = self.near(node, 0).max(self.near(node, 1)).max(self.near(node, 2).max(zero));
         let fars = self.far(node, 0).min(self.far(node, 1)).min(self.far(node, 2).min(limit));

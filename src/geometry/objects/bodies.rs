@@ -44,7 +44,7 @@ impl Body {
     }
 
     /// The place of a triangle with these weights of its corners.
-    pub fn at(&self, triangle: usize, weights: Vec3) -> Place {
+    pub fn at(&self, triangle: usize, weights: Vec3) -> BodyPoint {
         let corners = self.corners(triangle);
         let flat = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or(Vec3::Y);
         let index = self.model.triangles[triangle].map(|i| i as usize);
@@ -60,10 +60,10 @@ impl Body {
         let uvs = index.map(|i| self.model.uvs[i]);
         let uv: Vec2 = (0..3).map(|k| uvs[k] * weights[k]).sum();
         let mut material = self.material(triangle, uv);
-        if self.material.is_none() && !self.model.colours.is_empty() {
-            material.albedo = mix(&|k| self.model.colours[index[k]]);
+        if self.material.is_none() && !self.model.colors.is_empty() {
+            material.albedo = mix(&|k| self.model.colors[index[k]]);
         }
-        Place { point: on - lift, normal, flat, material }
+        BodyPoint { point: on - lift, normal, flat, material }
     }
 
     fn material(&self, triangle: usize, uv: Vec2) -> Material {
@@ -78,7 +78,7 @@ impl Material {
 }
 
 /// A place on a body.
-pub struct Place {
+pub struct BodyPoint {
     pub point: Vec3,
     /// The shading normal: of the smooth surface that the triangles approximate, towards the
     /// outside.

@@ -41,7 +41,7 @@ const ROUNDS: usize = 4;
 const BLACK: f32 = 0.01;
 
 /// The pixels of the surface at pixel (x, y). All planes have one size.
-pub fn like_surface(
+pub fn grow_region(
     (x, y): (usize, usize),
     photo: &Picture,
     reflectance: &Albedo,
@@ -49,14 +49,14 @@ pub fn like_surface(
     normal: &Normal,
 ) -> Plane<bool> {
     let (w, h) = photo.0.size();
-    let colour = reflectance.0.map(|c| log_above(BLACK, c));
+    let color = reflectance.0.map(|c| log_above(BLACK, c));
     let seen = photo.0.map(|c| log_above(0.004, c));
     let start = y * w + x;
     let mut found = Plane::from_fn(w, h, |px, py| px.abs_diff(x) <= 2 && py.abs_diff(y) <= 2);
     let mut surface = (normal.0.pixels()[start], normal.0.pixels()[start].dot(points.0.pixels()[start]));
     for round in 0..ROUNDS {
         let members: Vec<usize> = (0..w * h).filter(|&i| found.pixels()[i]).collect();
-        let paint = median(members.iter().map(|&i| colour.pixels()[i]).collect());
+        let paint = median(members.iter().map(|&i| color.pixels()[i]).collect());
         if round > 0 {
             let step = members.len().div_ceil(1500);
             let some = || members.iter().step_by(step);
@@ -68,7 +68,7 @@ pub fn like_surface(
         }
         let gain = |i: usize| {
             let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
-            let step = colour.pixels()[i] - paint;
+            let step = color.pixels()[i] - paint;
             let level = step.element_sum() / 3.0;
             let squares = [
                 (step - Vec3::splat(level)).length() / CHROMA,
@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn a_wall_ends_at_the_floor_at_what_stands_before_it_and_at_what_hangs_on_it() {
         let (photo, albedo, points, normal) = room();
-        let found = like_surface((30, 10), &photo, &albedo, &points, &normal);
+        let found = grow_region((30, 10), &photo, &albedo, &points, &normal);
         for (x, y, inside) in [
             (30, 10, true),
             (2, 2, true),
@@ -183,7 +183,7 @@ mod tests {
         }
         // The way to the other side of the post is hidden; it is another place of the same wall.
         assert!(!found.get(50, 10));
-        let floor = like_surface((10, 37), &photo, &albedo, &points, &normal);
+        let floor = grow_region((10, 37), &photo, &albedo, &points, &normal);
         assert!(floor.get(20, 36) && !floor.get(20, 26));
     }
 
@@ -194,7 +194,7 @@ mod tests {
             let noise = |c: usize| ((3 * i + c) * 7919 % 1009) as f32 / 1009.0 - 0.5;
             *pixel *= Vec3::ONE + 0.3 * Vec3::new(noise(0), noise(1), noise(2));
         }
-        let found = like_surface((30, 10), &photo, &albedo, &points, &normal);
+        let found = grow_region((30, 10), &photo, &albedo, &points, &normal);
         let (wall, inside) = (0..30 * SIZE.0)
             .filter(|i| i % SIZE.0 < 40 && albedo.0.pixels()[*i].x > 0.1)
             .fold((0, 0), |(all, inside), i| (all + 1, inside + usize::from(found.pixels()[i])));
@@ -205,7 +205,7 @@ mod tests {
     #[test]
     fn one_pixel_is_a_surface() {
         let one = |v: Vec3| Plane::filled(1, 1, v);
-        let found = like_surface(
+        let found = grow_region(
             (0, 0),
             &Picture(one(Vec3::ONE)),
             &Albedo(one(Vec3::ONE)),

@@ -67,7 +67,7 @@ pub struct Hit {
     /// Index (row by row) of the pixel nearest to the place met; after all pixels come the probes
     /// of the bodies.
     pub pixel: u32,
-    /// Metres.
+    /// MetricDepth.
     pub distance: f32,
 }
 
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn the_view_ends_half_a_pixel_beyond_the_outer_centres() {
+    fn the_view_ends_half_a_pixel_beyond_the_outer_centers() {
         let (camera, mesh) = square_before_wall();
         for (x, y, inside) in
             [(0.01, 0.01, true), (79.99, 59.99, true), (-0.01, 30.0, false), (80.01, 30.0, false), (40.0, -0.01, false)]

@@ -39,12 +39,13 @@ pub struct KnownLength {
     /// Photo pixels from the left and the top.
     pub from: [f32; 2],
     pub to: [f32; 2],
-    pub metres: f32,
+    #[serde(alias = "metres")]
+    pub meters: f32,
 }
 
 /// Depth in metres.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Metres {
+pub struct MetricDepth {
     /// Planar z; zero, negative or not finite where a metric network returned no depth.
     pub depth: Plane<f32>,
     /// Metres per unit of 1 / (q + t), or of the network's metres.
@@ -60,7 +61,12 @@ pub struct Metres {
 /// # Errors
 /// The known length that cannot be used, and the reason; none given; a network output without
 /// variation.
-pub fn relative_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength], span: f32) -> Result<Metres, String> {
+pub fn relative_depth(
+    told: &Plane<f32>,
+    camera: &Camera,
+    known: &[KnownLength],
+    span: f32,
+) -> Result<MetricDepth, String> {
     if known.is_empty() {
         return Err("known_lengths: relative depth has no scale: wanted a length that you know in the photo, as --known-length X,Y,X,Y=METRES, got none".into());
     }
@@ -82,18 +88,18 @@ pub fn relative_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength],
             ));
         }
     }
-    let Fit { scale, misfit, .. } = fit(span);
-    let metres = told.map(|q| (scale * depth(f64::from(q), span)) as f32);
-    Ok(Metres { depth: metres, scale: scale as f32, span: Some(span as f32), misfit: misfit as f32 })
+    let ScaleFit { scale, misfit, .. } = fit(span);
+    let meters = told.map(|q| (scale * depth(f64::from(q), span)) as f32);
+    Ok(MetricDepth { depth: meters, scale: scale as f32, span: Some(span as f32), misfit: misfit as f32 })
 }
 
 /// Planar depth from the output of a metric network; unchanged without a known length.
 ///
 /// # Errors
 /// The known length that cannot be used, and the reason.
-pub fn metric_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<Metres, String> {
+pub fn metric_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<MetricDepth, String> {
     if known.is_empty() {
-        return Ok(Metres { depth: told.clone(), scale: 1.0, span: None, misfit: 0.0 });
+        return Ok(MetricDepth { depth: told.clone(), scale: 1.0, span: None, misfit: 0.0 });
     }
     let rulers = rulers(told, camera, known)?;
     for (i, ruler) in rulers.iter().enumerate() {
@@ -104,23 +110,23 @@ pub fn metric_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -
             ));
         }
     }
-    let Fit { scale, misfit, .. } = fit(&rulers, |z| z);
+    let ScaleFit { scale, misfit, .. } = fit(&rulers, |z| z);
     let depth = told.map(|z| (scale * f64::from(z)) as f32);
-    Ok(Metres { depth, scale: scale as f32, span: None, misfit: misfit as f32 })
+    Ok(MetricDepth { depth, scale: scale as f32, span: None, misfit: misfit as f32 })
 }
 
 /// A known length: the ray of each end at planar depth 1, and the network's output there.
 struct Ruler {
     ends: [(DVec3, f64); 2],
-    metres: f64,
+    meters: f64,
 }
 
 fn rulers(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<Vec<Ruler>, String> {
     let ruler = |(i, length): (usize, &KnownLength)| {
         let wrong = |what: String| Err(format!("known_lengths: number {}: {what}", i + 1));
-        let &KnownLength { from, to, metres } = length;
-        if !(1e-3..=1e3).contains(&metres) {
-            return wrong(format!("wanted 0.001 to 1000 m, got {metres}"));
+        let &KnownLength { from, to, meters } = length;
+        if !(1e-3..=1e3).contains(&meters) {
+            return wrong(format!("wanted 0.001 to 1000 m, got {meters}"));
         }
         for [x, y] in [from, to] {
             if !camera.contains([x, y].into()) {
@@ -136,12 +142,12 @@ fn rulers(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<V
             let q = told.get(pixel(x, camera.width, told.width()), pixel(y, camera.height, told.height()));
             (camera.unproject(x, y, 1.0).as_dvec3(), f64::from(q))
         };
-        Ok(Ruler { ends: [end(from), end(to)], metres: f64::from(metres) })
+        Ok(Ruler { ends: [end(from), end(to)], meters: f64::from(meters) })
     };
     known.iter().enumerate().map(ruler).collect()
 }
 
-struct Fit {
+struct ScaleFit {
     scale: f64,
     /// Root mean square of the errors of the lengths, as shares of them.
     error: f64,
@@ -151,15 +157,15 @@ struct Fit {
 
 /// The scale s that makes sum (s r - 1)^2 least, r the length at scale 1 over the known one:
 /// s = sum r / sum r^2.
-fn fit(rulers: &[Ruler], depth: impl Fn(f64) -> f64) -> Fit {
+fn fit(rulers: &[Ruler], depth: impl Fn(f64) -> f64) -> ScaleFit {
     let ratios: Vec<f64> = rulers
         .iter()
-        .map(|Ruler { ends: [(a, at_a), (b, at_b)], metres }| (*a * depth(*at_a) - *b * depth(*at_b)).length() / metres)
+        .map(|Ruler { ends: [(a, at_a), (b, at_b)], meters }| (*a * depth(*at_a) - *b * depth(*at_b)).length() / meters)
         .collect();
     let scale = ratios.iter().sum::<f64>() / ratios.iter().map(|r| r * r).sum::<f64>();
     let errors = || ratios.iter().map(|r| (scale * r - 1.0).abs());
     let error = (errors().map(|e| e * e).sum::<f64>() / ratios.len() as f64).sqrt();
-    Fit { scale, error, misfit: errors().fold(0.0, f64::max) }
+    ScaleFit { scale, error, misfit: errors().fold(0.0, f64::max) }
 }
 
 /// The span of least error: the best of a grid, then golden section around it; `given` where the
@@ -215,7 +221,7 @@ mod tests {
     /// The true distance between two places of the photo.
     fn length(from: [f32; 2], to: [f32; 2]) -> KnownLength {
         let point = |[x, y]: [f32; 2]| camera().unproject(x, y, room().get(x as usize / 10, y as usize / 10));
-        KnownLength { from, to, metres: point(from).distance(point(to)) }
+        KnownLength { from, to, meters: point(from).distance(point(to)) }
     }
 
     fn span_of(depth: &Plane<f32>) -> f32 {
@@ -243,7 +249,7 @@ mod tests {
         for span in [1.2, 2.5, 10.0] {
             let got = relative_depth(&told(3.0, 1.0), &camera(), &[known], span).expect("it can be solved").depth;
             let point = |[x, y]: [f32; 2]| camera().unproject(x, y, got.get(x as usize / 10, y as usize / 10));
-            assert!((point(known.from).distance(point(known.to)) / known.metres - 1.0).abs() < 1e-4);
+            assert!((point(known.from).distance(point(known.to)) / known.meters - 1.0).abs() < 1e-4);
             assert!((span_of(&got) / span - 1.0).abs() < 1e-3);
         }
     }
@@ -258,7 +264,7 @@ mod tests {
         let got = relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
         assert_eq!(got.span, Some(2.0));
         // Lengths that contradict each other are fitted as well as can be, with a large misfit.
-        let twice = KnownLength { metres: 2.0 * known[0].metres, ..known[0] };
+        let twice = KnownLength { meters: 2.0 * known[0].meters, ..known[0] };
         let got = relative_depth(&told(3.0, 1.0), &camera(), &[known[0], twice], 2.0).expect("it can be solved");
         assert!(got.misfit > 0.3);
     }
@@ -297,7 +303,7 @@ mod tests {
                 "number 2: (640, 1) is outside the photo, wanted 0..640 and 0..480",
             ),
             (KnownLength { from: [-0.1, 1.0], ..sound }, "number 2: (-0.1, 1) is outside"),
-            (KnownLength { metres: 0.0, ..sound }, "number 2: wanted 0.001 to 1000 m, got 0"),
+            (KnownLength { meters: 0.0, ..sound }, "number 2: wanted 0.001 to 1000 m, got 0"),
             (KnownLength { from: [5.0, 5.0], ..sound }, "number 2: an end is farther than the network can tell"),
         ] {
             assert!(message(length).contains(wanted), "{}", message(length));

@@ -9,9 +9,9 @@ pub(in crate::geometry) mod plane_fit;
 pub(in crate::geometry) mod surface;
 
 pub use gravity::world_up;
-pub use grow_region::like_surface;
+pub use grow_region::grow_region;
 pub use mesh::{Hit, Own, SceneMesh, Sight};
-pub use metric_scale::{KnownLength, Metres, metric_depth, relative_depth};
-pub use orient_normals::facing;
+pub use metric_scale::{KnownLength, MetricDepth, metric_depth, relative_depth};
+pub use orient_normals::orient_normals;
 pub use plane_fit::PlaneFit;
 pub use surface::{Surface, surface};

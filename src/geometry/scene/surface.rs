@@ -38,7 +38,7 @@ const FLATNESS: f32 = 2e-4;
 
 /// w = at + dx . (x - x0) + dy . (y - y0) around pixel (x0, y0), and how well it fits.
 #[derive(Clone, Copy)]
-struct Fit {
+struct LocalPlane {
     at: f32,
     dx: f32,
     dy: f32,
@@ -51,7 +51,7 @@ pub fn surface(depth: &Depth, camera: &Camera) -> Surface {
     let (width, height) = depth.0.size();
     let inverse = depth.0.map(|z| 1.0 / z.clamp(1e-3, 1e6));
     let noise = inverse_depth_noise(&inverse);
-    let fits: Vec<Fit> =
+    let fits: Vec<LocalPlane> =
         per_pixel(width, height, |x, y| fit(&inverse, x, y, radius(camera.fx, noise, inverse.get(x, y)), noise));
     let smoothed: Vec<(Vec3, Vec3)> = per_pixel(width, height, |x, y| {
         let w = inverse.get(x, y);
@@ -109,11 +109,11 @@ fn window(center: usize, radius: usize, size: usize) -> std::ops::Range<usize> {
 
 /// A robust plane around one pixel: least squares, then twice again with Cauchy weights on the
 /// residuals.
-fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) -> Fit {
+fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) -> LocalPlane {
     let (width, height) = inverse.size();
     let center = inverse.get(x0, y0);
     let scale = 2.0 * noise + FLATNESS * center;
-    let mut plane = Fit { at: center, dx: 0.0, dy: 0.0, residual: f32::INFINITY };
+    let mut plane = LocalPlane { at: center, dx: 0.0, dy: 0.0, residual: f32::INFINITY };
     for pass in 0..3 {
         // Normal equations of (1, x, y), symmetric.
         let (mut s, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
@@ -148,14 +148,22 @@ fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) ->
         let m = glam::Mat3::from_cols_array(&[s, sx, sy, sx, sxx, sxy, sy, sxy, syy]);
         if m.determinant().abs() > 1e-6 * s * s * s {
             let solved = m.inverse() * Vec3::new(b, bx, by);
-            plane = Fit { at: center + solved.x, dx: solved.y, dy: solved.z, ..plane };
+            plane = LocalPlane { at: center + solved.x, dx: solved.y, dy: solved.z, ..plane };
         }
     }
     plane
 }
 
 /// The normal and inverse depth of one pixel from the fits around it.
-fn vote(w: &Plane<f32>, fits: &[Fit], camera: &Camera, x0: usize, y0: usize, radius: usize, noise: f32) -> (Vec3, f32) {
+fn vote(
+    w: &Plane<f32>,
+    fits: &[LocalPlane],
+    camera: &Camera,
+    x0: usize,
+    y0: usize,
+    radius: usize,
+    noise: f32,
+) -> (Vec3, f32) {
     let (width, height) = w.size();
     let center = w.get(x0, y0);
     let scale = noise + FLATNESS * center;
@@ -183,7 +191,7 @@ fn vote(w: &Plane<f32>, fits: &[Fit], camera: &Camera, x0: usize, y0: usize, rad
 
 /// The normal of the plane with inverse depth `w` at pixel (x, y) and the slopes of `fit`, turned
 /// to the camera.
-fn plane_normal(w: f32, fit: &Fit, camera: &Camera, x: usize, y: usize) -> Vec3 {
+fn plane_normal(w: f32, fit: &LocalPlane, camera: &Camera, x: usize, y: usize) -> Vec3 {
     let u = (x as f32 + 0.5 - camera.cx) / camera.fx;
     let v = (camera.cy - y as f32 - 0.5) / camera.fy;
     let (du, dv) = (fit.dx * camera.fx, -fit.dy * camera.fy);
@@ -229,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_of_four_centimetres_are_smoothed() {
+    fn steps_of_four_centimeters_are_smoothed() {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         let depth = Depth(Plane::from_fn(160, 120, |x, y| (corner(&camera, x, y).0 / 0.039).round() * 0.039));
         let got = surface(&depth, &camera);

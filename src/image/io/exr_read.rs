@@ -7,14 +7,14 @@ use ::exr::meta::attribute::Chromaticities;
 use ::exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
 use glam::Vec3;
 
-use super::source::{ReadError, Source, not_one_of};
+use super::source::{NamedBytes, ReadError, not_one_of};
 use crate::image::Plane;
 
 /// Rec.709 primaries and D65, (x, y) of red, green, blue, white.
 pub(in crate::image) const REC709: [(f32, f32); 4] = [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)];
 
 /// One channel of one part.
-struct Channel {
+struct PartChannel {
     name: String,
     width: usize,
     height: usize,
@@ -23,7 +23,7 @@ struct Channel {
 
 /// An EXR file as it lies on disk: channels by name.
 pub struct ExrFile {
-    channels: Vec<Channel>,
+    channels: Vec<PartChannel>,
     pub(in crate::image) warnings: Vec<String>,
     comments: String,
 }
@@ -32,7 +32,7 @@ pub struct ExrFile {
 ///
 /// # Errors
 /// The file is not OpenEXR, is damaged or too large.
-pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
+pub fn read_layers(source: NamedBytes) -> Result<ExrFile, ReadError> {
     match source.bytes.starts_with(b"\x76\x2f\x31\x01") {
         true => read(source),
         false => Err(not_one_of(source, "OpenEXR")),
@@ -40,7 +40,7 @@ pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
 }
 
 /// Reads all full-resolution channels of a file.
-pub(in crate::image) fn read(source: Source) -> Result<ExrFile, ReadError> {
+pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
     let bad = |e: ::exr::error::Error| source.error("content", "a sound OpenEXR file", e);
     // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes:
     // headers first.
@@ -85,7 +85,7 @@ pub(in crate::image) fn read(source: Source) -> Result<ExrFile, ReadError> {
         .into_iter()
         .flat_map(|layer| {
             let (width, height) = (layer.size.width(), layer.size.height());
-            layer.channel_data.list.into_iter().map(move |c| Channel {
+            layer.channel_data.list.into_iter().map(move |c| PartChannel {
                 name: c.name.to_string(),
                 width,
                 height,
@@ -117,17 +117,17 @@ fn is_rec709(c: &Chromaticities) -> bool {
 }
 
 impl ExrFile {
-    fn find(&self, name: &str) -> Option<&Channel> {
+    fn find(&self, name: &str) -> Option<&PartChannel> {
         self.channels.iter().find(|c| c.name == name)
     }
 
-    fn missing(&self, source: Source, wanted: &str) -> ReadError {
+    fn missing(&self, source: NamedBytes, wanted: &str) -> ReadError {
         let names: Vec<&str> = self.channels.iter().take(20).map(|c| c.name.as_str()).collect();
         source.error("EXR channels", wanted, if names.is_empty() { "none".into() } else { names.join(" ") })
     }
 
     /// R, G, B; or the gray of Y, of Z or of R alone.
-    pub(in crate::image) fn colors(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
+    pub(in crate::image) fn colors(&self, source: NamedBytes) -> Result<Plane<Vec3>, ReadError> {
         if let Some(colors) = self.triple(["R", "G", "B"]) {
             return Ok(colors);
         }
@@ -137,7 +137,7 @@ impl ExrFile {
     }
 
     /// X, Y, Z; or R, G, B.
-    pub(in crate::image) fn vectors(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
+    pub(in crate::image) fn vectors(&self, source: NamedBytes) -> Result<Plane<Vec3>, ReadError> {
         let vectors = [["X", "Y", "Z"], ["R", "G", "B"]].into_iter().find_map(|names| self.triple(names));
         vectors.ok_or_else(|| self.missing(source, "X, Y and Z, or R, G and B"))
     }
@@ -155,7 +155,7 @@ impl ExrFile {
 
     /// One channel.
     pub fn number(&self, channel: &str) -> Option<Plane<f32>> {
-        self.find(channel).map(Channel::plane)
+        self.find(channel).map(PartChannel::plane)
     }
 
     /// The lines of the `comments` attribute.
@@ -166,20 +166,20 @@ impl ExrFile {
     /// Three channels of one size.
     fn triple(&self, names: [&str; 3]) -> Option<Plane<Vec3>> {
         let [Some(a), Some(b), Some(c)] = names.map(|name| self.find(name)) else { return None };
-        let same = |other: &Channel| (other.width, other.height) == (a.width, a.height);
+        let same = |other: &PartChannel| (other.width, other.height) == (a.width, a.height);
         let (y, z) = (b.samples.values_as_f32(), c.samples.values_as_f32());
         let data = || a.samples.values_as_f32().zip(y).zip(z).map(|((x, y), z)| Vec3::new(x, y, z)).collect();
         (same(b) && same(c)).then(|| Plane::new(a.width, a.height, data()))
     }
 
     /// Z, else Y, else R.
-    pub(in crate::image) fn depth(&self, source: Source) -> Result<Plane<f32>, ReadError> {
+    pub(in crate::image) fn depth(&self, source: NamedBytes) -> Result<Plane<f32>, ReadError> {
         let depth = ["Z", "Y", "R"].into_iter().find_map(|name| self.find(name));
         Ok(depth.ok_or_else(|| self.missing(source, "Z, Y or R"))?.plane())
     }
 }
 
-impl Channel {
+impl PartChannel {
     fn plane(&self) -> Plane<f32> {
         Plane::new(self.width, self.height, self.samples.values_as_f32().collect())
     }

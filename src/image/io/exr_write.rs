@@ -44,13 +44,13 @@ pub enum Compression {
 pub struct ExrLayers {
     width: usize,
     height: usize,
-    channels: Vec<(String, Channel)>,
+    channels: Vec<(String, ChannelSamples)>,
     comments: Vec<String>,
     kept_as_float: Vec<(String, f32)>,
 }
 
 /// The samples of one channel.
-enum Channel {
+enum ChannelSamples {
     Flat(FlatSamples),
     /// Red, green or blue of a layer.
     Of(Arc<Layer>, usize),
@@ -78,14 +78,14 @@ impl ExrLayers {
             self.kept_as_float.push((name.into(), largest(plane, |v| v.abs().max_element())));
         }
         for (axis, channel) in RGB.into_iter().enumerate() {
-            self.push(&format!("{name}.{channel}"), layer.size(), Channel::Of(layer.clone(), axis));
+            self.push(&format!("{name}.{channel}"), layer.size(), ChannelSamples::Of(layer.clone(), axis));
         }
     }
 
     /// The channel `A`, 1 everywhere.
     pub fn opaque(&mut self) {
         let samples = FlatSamples::F16(vec![f16::ONE; self.width * self.height]);
-        self.push("A", (self.width, self.height), Channel::Flat(samples));
+        self.push("A", (self.width, self.height), ChannelSamples::Flat(samples));
     }
 
     /// A half-float vector layer: `layer.X`, `layer.Y`, `layer.Z`.
@@ -114,14 +114,14 @@ impl ExrLayers {
         let channels: Vec<_> = (0..3).into_par_iter().map(samples).collect();
         for (name, samples) in names.into_iter().zip(channels) {
             let name = if layer.is_empty() { name.into() } else { format!("{layer}.{name}") };
-            self.push(&name, plane.size(), Channel::Flat(samples));
+            self.push(&name, plane.size(), ChannelSamples::Flat(samples));
         }
     }
 
     /// One half-float channel.
     pub fn half(&mut self, name: &str, plane: &Plane<f32>) {
         let float = self.needs_float(name, largest(plane, f32::abs));
-        self.push(name, plane.size(), Channel::Flat(samples(plane, |v| v, float)));
+        self.push(name, plane.size(), ChannelSamples::Flat(samples(plane, |v| v, float)));
     }
 
     fn needs_float(&mut self, layer: &str, largest: f32) -> bool {
@@ -141,10 +141,10 @@ impl ExrLayers {
 
     /// One single-precision channel.
     pub fn float(&mut self, name: &str, plane: &Plane<f32>) {
-        self.push(name, plane.size(), Channel::Flat(FlatSamples::F32(plane.pixels().to_vec())));
+        self.push(name, plane.size(), ChannelSamples::Flat(FlatSamples::F32(plane.pixels().to_vec())));
     }
 
-    fn push(&mut self, name: &str, size: (usize, usize), channel: Channel) {
+    fn push(&mut self, name: &str, size: (usize, usize), channel: ChannelSamples) {
         assert_eq!(size, (self.width, self.height), "every channel has the size of its file");
         self.channels.push((name.into(), channel));
     }
@@ -198,7 +198,7 @@ impl ExrLayers {
     /// A file whose blocks are single rows, each the row of one channel after the other: made
     /// channel by channel, so that no channel is in memory beside the part of the file that holds
     /// it.
-    fn uncompressed(&self, mut channels: Vec<(String, Channel)>) -> ::exr::error::Result<Vec<u8>> {
+    fn uncompressed(&self, mut channels: Vec<(String, ChannelSamples)>) -> ::exr::error::Result<Vec<u8>> {
         let described = channels.iter().map(|(name, channel)| (name.clone(), channel.described()));
         let headers = self.image(described, Compression::None).write().infer_meta_data();
         let mut head = Cursor::new(Vec::new());
@@ -235,12 +235,12 @@ impl ExrLayers {
 /// A row's number and its length in bytes.
 const ROW_HEAD: usize = 8;
 
-impl Channel {
+impl ChannelSamples {
     fn sample_bytes(&self) -> usize {
         match self {
-            Channel::Flat(FlatSamples::F16(_)) => 2,
-            Channel::Flat(FlatSamples::F32(_) | FlatSamples::U32(_)) => 4,
-            Channel::Of(layer, _) => match **layer {
+            ChannelSamples::Flat(FlatSamples::F16(_)) => 2,
+            ChannelSamples::Flat(FlatSamples::F32(_) | FlatSamples::U32(_)) => 4,
+            ChannelSamples::Of(layer, _) => match **layer {
                 Layer::Half(_) => 2,
                 Layer::Float(_) => 4,
             },
@@ -254,8 +254,8 @@ impl Channel {
 
     fn samples(self) -> FlatSamples {
         match self {
-            Channel::Flat(samples) => samples,
-            Channel::Of(layer, axis) => match &*layer {
+            ChannelSamples::Flat(samples) => samples,
+            ChannelSamples::Of(layer, axis) => match &*layer {
                 Layer::Half(plane) => {
                     FlatSamples::F16(plane.pixels().iter().map(|pixel| f16::from_bits(pixel[axis])).collect())
                 }
@@ -276,10 +276,10 @@ impl Channel {
             }
         }
         match self {
-            Channel::Flat(FlatSamples::F16(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
-            Channel::Flat(FlatSamples::F32(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
-            Channel::Flat(FlatSamples::U32(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
-            Channel::Of(layer, axis) => match &**layer {
+            ChannelSamples::Flat(FlatSamples::F16(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
+            ChannelSamples::Flat(FlatSamples::F32(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
+            ChannelSamples::Flat(FlatSamples::U32(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
+            ChannelSamples::Of(layer, axis) => match &**layer {
                 Layer::Half(plane) => put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes()),
                 Layer::Float(plane) => put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes()),
             },

@@ -14,4 +14,4 @@ pub use npy::read_maps;
 pub use png_write::{PngSamples, write_png};
 pub use raster::Bits;
 pub use read::{Photo, read_depth, read_mask, read_normal, read_photo};
-pub use source::{MAX_BYTES, MAX_PIXELS, ReadError, Source};
+pub use source::{MAX_BYTES, MAX_PIXELS, NamedBytes, ReadError};

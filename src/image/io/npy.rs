@@ -3,7 +3,7 @@
 use glam::Vec3;
 use npyz::{NpyFile, NpyHeader, Order};
 
-use super::source::{ReadError, Source};
+use super::source::{NamedBytes, ReadError};
 use crate::image::Plane;
 
 /// Bytes of magic, version and length before the header's text.
@@ -13,7 +13,7 @@ const PREFIX: usize = 12;
 const MAX_HEADER: usize = 1024;
 
 /// The header of an array in C order, and the bytes behind it.
-fn header<'a>(source: Source<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError> {
+fn header<'a>(source: NamedBytes<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError> {
     let bad = |e: std::io::Error| source.error("NPY header", "a sound header", e);
     if source.bytes.len() < PREFIX {
         return Err(source.error("NPY header", "a sound header", format!("{} bytes", source.bytes.len())));
@@ -38,7 +38,7 @@ fn header<'a>(source: Source<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError> {
 ///
 /// # Errors
 /// The file does not hold such an array.
-pub fn read_maps(source: Source, directions: [usize; 2]) -> Result<(usize, usize, Vec<Vec3>), ReadError> {
+pub fn read_maps(source: NamedBytes, directions: [usize; 2]) -> Result<(usize, usize, Vec<Vec3>), ReadError> {
     if !source.bytes.starts_with(b"\x93NUMPY") {
         return Err(source.error("file format", "maps of directions: NPY", "another one"));
     }
@@ -66,7 +66,7 @@ pub fn read_maps(source: Source, directions: [usize; 2]) -> Result<(usize, usize
 }
 
 /// A 2-D array in C order of f32, f64 or u16, as f32.
-pub(in crate::image) fn read(source: Source) -> Result<Plane<f32>, ReadError> {
+pub(in crate::image) fn read(source: NamedBytes) -> Result<Plane<f32>, ReadError> {
     let (header, data) = header(source)?;
     let &[height, width] = header.shape() else {
         return Err(source.error("NPY shape", "(height, width)", format!("{:?}", header.shape())));

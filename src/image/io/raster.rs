@@ -6,7 +6,7 @@ use ::image::metadata::Orientation;
 use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use glam::Vec3;
 
-use super::source::{Format, MAX_BYTES, ReadError, Source};
+use super::source::{FileFormat, MAX_BYTES, NamedBytes, ReadError};
 use crate::image::Plane;
 
 /// The precision of a file's samples; it decides the rule of saturation.
@@ -112,7 +112,7 @@ impl Raster {
     }
 }
 
-pub(in crate::image) fn decode_raster(source: Source, format: ImageFormat) -> Result<Raster, ReadError> {
+pub(in crate::image) fn decode_raster(source: NamedBytes, format: ImageFormat) -> Result<Raster, ReadError> {
     let bad = |e: ::image::ImageError| source.error("content", format!("a sound {format:?} file"), e);
     let mut limits = Limits::default();
     // Beside the pixels, room for tables and metadata.
@@ -145,11 +145,11 @@ pub(in crate::image) fn decode_raster(source: Source, format: ImageFormat) -> Re
     Ok(Raster { width, height, channels, samples })
 }
 
-pub(in crate::image) fn image_format(format: Format) -> ImageFormat {
+pub(in crate::image) fn image_format(format: FileFormat) -> ImageFormat {
     match format {
-        Format::Png => ImageFormat::Png,
-        Format::Jpeg => ImageFormat::Jpeg,
-        Format::Hdr => ImageFormat::Hdr,
-        Format::Exr | Format::Npy => unreachable!("read by its own module"),
+        FileFormat::Png => ImageFormat::Png,
+        FileFormat::Jpeg => ImageFormat::Jpeg,
+        FileFormat::Hdr => ImageFormat::Hdr,
+        FileFormat::Exr | FileFormat::Npy => unreachable!("read by its own module"),
     }
 }

@@ -4,7 +4,7 @@ use ::image::ImageFormat;
 use glam::Vec3;
 
 use super::raster::{Bits, Samples, decode_raster, image_format};
-use super::source::{Format, ReadError, Source, format, not_one_of};
+use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exr_read, npy};
 use crate::image::{Mask, Picture, Plane, Transfer};
 
@@ -44,17 +44,17 @@ pub struct Photo {
 ///
 /// # Errors
 /// The file is not one of these, is damaged or too large, or holds numbers that are not finite.
-pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError> {
+pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadError> {
     let mut warnings = Vec::new();
     let (picture, clipped, bits) = match format(source) {
-        Some(Format::Exr) => {
+        Some(FileFormat::Exr) => {
             let file = exr_read::read(source)?;
             warnings.extend(file.warnings.iter().cloned());
             let picture = file.colors(source)?;
             let clipped = plateau(&picture);
             (picture, clipped, Bits::Float)
         }
-        Some(kind @ (Format::Png | Format::Jpeg | Format::Hdr)) => {
+        Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Hdr)) => {
             let raster = decode_raster(source, image_format(kind))?;
             let bits = raster.bits();
             if raster.is_transparent() {
@@ -87,15 +87,15 @@ pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError
 ///
 /// # Errors
 /// The file is not one of these, is damaged or too large.
-pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError> {
+pub fn read_depth(source: NamedBytes) -> Result<(Plane<f32>, Vec<String>), ReadError> {
     const WANTED: &str = "depth: EXR, 16-bit grey PNG or NPY";
     match format(source) {
-        Some(Format::Exr) => {
+        Some(FileFormat::Exr) => {
             let file = exr_read::read(source)?;
             Ok((file.depth(source)?, file.warnings))
         }
-        Some(Format::Npy) => Ok((npy::read(source)?, Vec::new())),
-        Some(Format::Png) => {
+        Some(FileFormat::Npy) => Ok((npy::read(source)?, Vec::new())),
+        Some(FileFormat::Png) => {
             let raster = decode_raster(source, ImageFormat::Png)?;
             match &raster.samples {
                 Samples::Sixteen(values) if raster.channels == 1 => {
@@ -117,9 +117,9 @@ pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError
 ///
 /// # Errors
 /// The file is not one of these, is damaged or too large, or has other channels.
-pub fn read_normal(source: Source) -> Result<Plane<Vec3>, ReadError> {
+pub fn read_normal(source: NamedBytes) -> Result<Plane<Vec3>, ReadError> {
     match format(source) {
-        Some(Format::Exr) => {
+        Some(FileFormat::Exr) => {
             let vectors = exr_read::read(source)?.vectors(source)?;
             Ok(vectors.map(|v| if v.is_finite() { v } else { Vec3::ZERO }))
         }
@@ -133,15 +133,15 @@ pub fn read_normal(source: Source) -> Result<Plane<Vec3>, ReadError> {
 ///
 /// # Errors
 /// The file is not one of these, is damaged or too large.
-pub fn read_mask(source: Source) -> Result<Mask, ReadError> {
+pub fn read_mask(source: NamedBytes) -> Result<Mask, ReadError> {
     let share = |c: Vec3, alpha: f32| match c.dot(crate::image::LUMINANCE) * alpha {
         m if m > 15.0 / 16.0 => 1.0,
         m if m >= 1.0 / 16.0 => m,
         _ => 0.0,
     };
     match format(source) {
-        Some(Format::Exr) => Ok(Mask(exr_read::read(source)?.colors(source)?.map(|c| share(c, 1.0)))),
-        Some(kind @ (Format::Png | Format::Jpeg)) => {
+        Some(FileFormat::Exr) => Ok(Mask(exr_read::read(source)?.colors(source)?.map(|c| share(c, 1.0)))),
+        Some(kind @ (FileFormat::Png | FileFormat::Jpeg)) => {
             Ok(Mask(decode_raster(source, image_format(kind))?.numbers(share)))
         }
         _ => Err(not_one_of(source, "a mask: PNG, JPEG or EXR")),

@@ -35,7 +35,7 @@ impl ReadError {
 
 /// The bytes of a file and the name it has in messages.
 #[derive(Clone, Copy)]
-pub struct Source<'a> {
+pub struct NamedBytes<'a> {
     /// The name in messages.
     pub name: &'a str,
     /// The whole file.
@@ -44,15 +44,15 @@ pub struct Source<'a> {
     pub(in crate::image) most: u64,
 }
 
-impl<'a> Source<'a> {
+impl<'a> NamedBytes<'a> {
     /// A file, of which at most [`MAX_BYTES`] decoded bytes are read.
-    pub fn new(name: &'a str, bytes: &'a [u8]) -> Source<'a> {
-        Source { name, bytes, most: MAX_BYTES }
+    pub fn new(name: &'a str, bytes: &'a [u8]) -> NamedBytes<'a> {
+        NamedBytes { name, bytes, most: MAX_BYTES }
     }
 
     /// The same file, of which at most `most` decoded bytes are read.
-    pub(in crate::image) fn within(self, most: u64) -> Source<'a> {
-        Source { most: most.min(self.most), ..self }
+    pub(in crate::image) fn within(self, most: u64) -> NamedBytes<'a> {
+        NamedBytes { most: most.min(self.most), ..self }
     }
 
     pub(in crate::image) fn error(&self, what: &str, wanted: impl ToString, got: impl ToString) -> ReadError {
@@ -80,7 +80,7 @@ impl<'a> Source<'a> {
 
 /// A file format; the first bytes determine it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::image) enum Format {
+pub(in crate::image) enum FileFormat {
     Png,
     Jpeg,
     Hdr,
@@ -88,18 +88,18 @@ pub(in crate::image) enum Format {
     Npy,
 }
 
-pub(in crate::image) fn format(source: Source) -> Option<Format> {
-    const SIGNATURES: [(&[u8], Format); 5] = [
-        (b"\x89PNG\r\n\x1a\n", Format::Png),
-        (b"\xff\xd8\xff", Format::Jpeg),
-        (b"#?", Format::Hdr),
-        (b"\x76\x2f\x31\x01", Format::Exr),
-        (b"\x93NUMPY", Format::Npy),
+pub(in crate::image) fn format(source: NamedBytes) -> Option<FileFormat> {
+    const SIGNATURES: [(&[u8], FileFormat); 5] = [
+        (b"\x89PNG\r\n\x1a\n", FileFormat::Png),
+        (b"\xff\xd8\xff", FileFormat::Jpeg),
+        (b"#?", FileFormat::Hdr),
+        (b"\x76\x2f\x31\x01", FileFormat::Exr),
+        (b"\x93NUMPY", FileFormat::Npy),
     ];
     SIGNATURES.iter().find(|(start, _)| source.bytes.starts_with(start)).map(|&(_, format)| format)
 }
 
-pub(in crate::image) fn not_one_of(source: Source, wanted: &str) -> ReadError {
+pub(in crate::image) fn not_one_of(source: NamedBytes, wanted: &str) -> ReadError {
     let got = match format(source) {
         Some(format) => format!("{format:?}"),
         None if source.bytes.is_empty() => "an empty file".into(),

@@ -6,7 +6,7 @@ use glam::Vec3;
 use crate::image::Transfer;
 use crate::image::io::exr_read;
 use crate::image::io::raster::{Raster, Samples, decode_raster, image_format};
-use crate::image::io::source::{Format, ReadError, Source, format, not_one_of};
+use crate::image::io::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 
 /// A texture in the samples of its file: one to four bytes a texel where the file has 8 bits,
 /// decoded at look-up.
@@ -28,11 +28,11 @@ impl Texture {
     /// # Errors
     /// As [`crate::image::read_photo`], and when the header announces more than `most` decoded
     /// bytes.
-    pub fn read(source: Source, most: u64) -> Result<(Texture, Vec<String>), ReadError> {
+    pub fn read(source: NamedBytes, most: u64) -> Result<(Texture, Vec<String>), ReadError> {
         let source = source.within(most);
         let mut warnings = Vec::new();
         let raster = match format(source) {
-            Some(Format::Exr) => {
+            Some(FileFormat::Exr) => {
                 // The file's own channels are in memory beside the three that are kept.
                 let file = exr_read::read(source.within(most / 3))?;
                 warnings.extend(file.warnings.iter().cloned());
@@ -41,7 +41,9 @@ impl Texture {
                 let samples = picture.pixels().iter().flat_map(|c| c.to_array()).collect();
                 Raster { width, height, channels: 3, samples: Samples::Float(samples) }
             }
-            Some(kind @ (Format::Png | Format::Jpeg | Format::Hdr)) => decode_raster(source, image_format(kind))?,
+            Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Hdr)) => {
+                decode_raster(source, image_format(kind))?
+            }
             _ => return Err(not_one_of(source, "a texture: PNG, JPEG, HDR or EXR")),
         };
         if raster.is_transparent() {
@@ -114,7 +116,7 @@ mod tests {
             files.push(bytes.into_inner());
         }
         for bytes in &files {
-            let source = Source::new("a.png", bytes);
+            let source = NamedBytes::new("a.png", bytes);
             let (texture, told) = Texture::read(source, 1 << 20).unwrap();
             for (srgb, transfer) in [(true, Transfer::Srgb), (false, Transfer::Linear)] {
                 let photo = read_photo(source, transfer).unwrap();
@@ -134,7 +136,7 @@ mod tests {
         let mut file = ExrLayers::new(6, 5);
         file.float_rgb("", &plane);
         let bytes = file.write(Compression::Zip).unwrap();
-        let (texture, _) = Texture::read(Source::new("a.exr", &bytes), 1 << 20).unwrap();
+        let (texture, _) = Texture::read(NamedBytes::new("a.exr", &bytes), 1 << 20).unwrap();
         assert_eq!(texture.get(4, 2, true), plane.get(4, 2));
         assert_eq!(texture.get(4, 2, false), plane.get(4, 2));
     }
@@ -142,9 +144,9 @@ mod tests {
     #[test]
     fn a_texture_beyond_its_room_is_refused_by_its_header() {
         let bytes = write_png(&Picture(Plane::filled(64, 32, Vec3::ONE)), Transfer::Srgb, false);
-        let (texture, _) = Texture::read(Source::new("a.png", &bytes), 64 * 32 * 3).unwrap();
+        let (texture, _) = Texture::read(NamedBytes::new("a.png", &bytes), 64 * 32 * 3).unwrap();
         assert_eq!(texture.bytes(), 64 * 32 * 3);
-        let told = Texture::read(Source::new("a.png", &bytes[..60]), 64 * 32 * 3 - 1).unwrap_err().to_string();
+        let told = Texture::read(NamedBytes::new("a.png", &bytes[..60]), 64 * 32 * 3 - 1).unwrap_err().to_string();
         assert!(told.contains("size in the header") && told.contains("64 x 32 at 3 bytes"), "{told}");
     }
 }

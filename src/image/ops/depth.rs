@@ -25,19 +25,19 @@ pub fn is_hole(z: f32) -> bool {
 /// finest level that has one. The means are of 1/z, which is linear over the image of a plane.
 /// Readings where `untrusted` is above zero (panes that show the world outside) keep their own
 /// value but fill nothing, unless nothing else is there.
-pub fn inpaint_depth(metres: &Plane<f32>, untrusted: &Plane<f32>) -> Option<(Depth, Mask)> {
-    assert_eq!(metres.size(), untrusted.size(), "one trust per reading");
-    let holes = metres.map(|z| if is_hole(z) { 1.0 } else { 0.0 });
-    let pairs = || metres.pixels().iter().zip(untrusted.pixels());
+pub fn inpaint_depth(meters: &Plane<f32>, untrusted: &Plane<f32>) -> Option<(Depth, Mask)> {
+    assert_eq!(meters.size(), untrusted.size(), "one trust per reading");
+    let holes = meters.map(|z| if is_hole(z) { 1.0 } else { 0.0 });
+    let pairs = || meters.pixels().iter().zip(untrusted.pixels());
     let all = !pairs().any(|(&z, &u)| !is_hole(z) && u <= 0.0);
     let known: Vec<(f32, f32)> =
         pairs().map(|(&z, &u)| if is_hole(z) || (u > 0.0 && !all) { (0.0, 0.0) } else { (1.0 / z, 1.0) }).collect();
     if known.iter().all(|&(_, weight)| weight == 0.0) {
         return None;
     }
-    let filled = push_pull(&Plane::new(metres.width(), metres.height(), known));
-    let data = metres.pixels().iter().zip(filled.pixels()).map(|(&z, &q)| if is_hole(z) { 1.0 / q } else { z });
-    Some((Depth(Plane::new(metres.width(), metres.height(), data.collect())), Mask(holes)))
+    let filled = push_pull(&Plane::new(meters.width(), meters.height(), known));
+    let data = meters.pixels().iter().zip(filled.pixels()).map(|(&z, &q)| if is_hole(z) { 1.0 / q } else { z });
+    Some((Depth(Plane::new(meters.width(), meters.height(), data.collect())), Mask(holes)))
 }
 
 /// Values of (value, weight) pixels, weights 0..1, completed where the weight is below one.
@@ -102,13 +102,13 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
             median(&mut footprint)
         }));
     }
-    let neighbours = |i: usize, ratio: f64, n: usize| {
+    let neighbors = |i: usize, ratio: f64, n: usize| {
         let at = ((i as f64 + 0.5) * ratio - 0.5).clamp(0.0, (n - 1) as f64);
         (at as usize, (at as usize + 1).min(n - 1), at.fract() as f32)
     };
     Depth(Plane::from_fn(width, height, |x, y| {
-        let (x0, x1, sx) = neighbours(x, rx, plane.width());
-        let (y0, y1, sy) = neighbours(y, ry, plane.height());
+        let (x0, x1, sx) = neighbors(x, rx, plane.width());
+        let (y0, y1, sy) = neighbors(y, ry, plane.height());
         let corners = [plane.get(x0, y0), plane.get(x1, y0), plane.get(x0, y1), plane.get(x1, y1)];
         let (low, high) = corners.iter().fold((f32::MAX, 0.0f32), |(l, h), &z| (l.min(z), h.max(z)));
         if high - low > STEP * low {

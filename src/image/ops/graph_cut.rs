@@ -27,11 +27,11 @@ pub fn graph_cut(gain: &Plane<i32>, weight: impl Fn(usize, usize, usize, usize) 
         flow.augment(meeting);
         flow.adopt();
     }
-    Plane::new(width, height, flow.tree.iter().map(|&tree| tree == Some(Side::Source)).collect())
+    Plane::new(width, height, flow.tree.iter().map(|&tree| tree == Some(CutSide::Source)).collect())
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Side {
+enum CutSide {
     Source,
     Sink,
 }
@@ -43,7 +43,7 @@ struct Flow {
     left: Vec<[i32; 8]>,
     /// Residual capacity from the source (positive) or to the sink (negative).
     terminal: Vec<i32>,
-    tree: Vec<Option<Side>>,
+    tree: Vec<Option<CutSide>>,
     /// Direction of the parent.
     parent: Vec<u8>,
     /// Pixels at the front of their tree.
@@ -60,12 +60,12 @@ impl Flow {
     fn new(gain: &Plane<i32>, weight: impl Fn(usize, usize, usize, usize) -> i32) -> Flow {
         let (width, height) = gain.size();
         let terminal = gain.pixels().to_vec();
-        let tree: Vec<Option<Side>> = terminal
+        let tree: Vec<Option<CutSide>> = terminal
             .iter()
             .map(|&t| match t {
                 0 => None,
-                1.. => Some(Side::Source),
-                _ => Some(Side::Sink),
+                1.. => Some(CutSide::Source),
+                _ => Some(CutSide::Sink),
             })
             .collect();
         let mut flow = Flow {
@@ -83,7 +83,7 @@ impl Flow {
         };
         for i in 0..flow.left.len() {
             for d in 0..8 {
-                if let Some(j) = flow.neighbour(i, d) {
+                if let Some(j) = flow.neighbor(i, d) {
                     flow.left[i][d as usize] = weight(i % width, i / width, j % width, j / width);
                 }
             }
@@ -91,7 +91,7 @@ impl Flow {
         flow
     }
 
-    fn neighbour(&self, i: usize, d: u8) -> Option<usize> {
+    fn neighbor(&self, i: usize, d: u8) -> Option<usize> {
         let (dx, dy) = STEPS[d as usize];
         let (x, y) = ((i % self.width).checked_add_signed(dx)?, (i / self.width).checked_add_signed(dy)?);
         (x < self.width && y < self.height).then(|| y * self.width + x)
@@ -99,15 +99,15 @@ impl Flow {
 
     /// The neighbor in the direction of a parent or of an arc with capacity, which is there.
     fn along(&self, i: usize, d: u8) -> usize {
-        self.neighbour(i, d).expect("parents and arcs with capacity lie in the picture")
+        self.neighbor(i, d).expect("parents and arcs with capacity lie in the picture")
     }
 
     /// Capacity by which `i` can hang below its neighbor `j` in direction `d`, in the tree of this
     /// side.
-    fn feeds(&self, side: Side, i: usize, j: usize, d: u8) -> i32 {
+    fn feeds(&self, side: CutSide, i: usize, j: usize, d: u8) -> i32 {
         match side {
-            Side::Source => self.left[j][(d ^ 1) as usize],
-            Side::Sink => self.left[i][d as usize],
+            CutSide::Source => self.left[j][(d ^ 1) as usize],
+            CutSide::Sink => self.left[i][d as usize],
         }
     }
 
@@ -117,7 +117,7 @@ impl Flow {
         while let Some(&i) = self.active.front() {
             if let Some(side) = self.tree[i] {
                 for d in 0..8 {
-                    let Some(j) = self.neighbour(i, d) else { continue };
+                    let Some(j) = self.neighbor(i, d) else { continue };
                     if self.feeds(side, j, i, d ^ 1) <= 0 {
                         continue;
                     }
@@ -129,7 +129,7 @@ impl Flow {
                             self.active.push_back(j);
                         }
                         Some(other) if other != side => {
-                            return Some(if side == Side::Source { (i, d) } else { (j, d ^ 1) });
+                            return Some(if side == CutSide::Source { (i, d) } else { (j, d ^ 1) });
                         }
                         Some(_) => {}
                     }
@@ -144,7 +144,7 @@ impl Flow {
     fn augment(&mut self, (from, d): (usize, u8)) {
         let to = self.along(from, d);
         let mut most = self.left[from][d as usize];
-        for (side, start) in [(Side::Source, from), (Side::Sink, to)] {
+        for (side, start) in [(CutSide::Source, from), (CutSide::Sink, to)] {
             let mut i = start;
             while self.parent[i] != TERMINAL {
                 let (up, p) = (self.along(i, self.parent[i]), self.parent[i]);
@@ -155,12 +155,12 @@ impl Flow {
         }
         self.left[from][d as usize] -= most;
         self.left[to][(d ^ 1) as usize] += most;
-        for (side, start) in [(Side::Source, from), (Side::Sink, to)] {
+        for (side, start) in [(CutSide::Source, from), (CutSide::Sink, to)] {
             let mut i = start;
             while self.parent[i] != TERMINAL {
                 let (up, p) = (self.along(i, self.parent[i]), self.parent[i]);
-                let (tail, arc) = if side == Side::Source { (up, p ^ 1) } else { (i, p) };
-                let head = if side == Side::Source { i } else { up };
+                let (tail, arc) = if side == CutSide::Source { (up, p ^ 1) } else { (i, p) };
+                let head = if side == CutSide::Source { i } else { up };
                 self.left[tail][arc as usize] -= most;
                 self.left[head][(arc ^ 1) as usize] += most;
                 if self.left[tail][arc as usize] == 0 {
@@ -168,7 +168,7 @@ impl Flow {
                 }
                 i = up;
             }
-            self.terminal[i] -= if side == Side::Source { most } else { -most };
+            self.terminal[i] -= if side == CutSide::Source { most } else { -most };
             if self.terminal[i] == 0 {
                 self.tear_off(i);
             }
@@ -187,7 +187,7 @@ impl Flow {
             let side = self.tree[i].expect("an orphan was in a tree");
             let mut best = None;
             for d in 0..8 {
-                let Some(j) = self.neighbour(i, d) else { continue };
+                let Some(j) = self.neighbor(i, d) else { continue };
                 if self.tree[j] == Some(side)
                     && self.feeds(side, i, j, d) > 0
                     && let Some(steps) = self.rooted(j)
@@ -203,7 +203,7 @@ impl Flow {
             }
             self.tree[i] = None;
             for d in 0..8 {
-                let Some(j) = self.neighbour(i, d) else { continue };
+                let Some(j) = self.neighbor(i, d) else { continue };
                 if self.tree[j] != Some(side) {
                     continue;
                 }
@@ -283,7 +283,7 @@ mod tests {
     proptest! {
         /// Against every labelling.
         #[test]
-        fn no_labelling_has_less_energy(w in 1usize..5, h in 1usize..4, seed: u64, most in 1u64..40) {
+        fn no_labeling_has_less_energy(w in 1usize..5, h in 1usize..4, seed: u64, most in 1u64..40) {
             let gain = Plane::from_fn(w, h, |x, y| (hash(seed, (90 + 16 * y + x) as u64) % 41) as i32 - 20);
             let weight = random_weight(seed, most);
             let got = graph_cut(&gain, &weight);

@@ -38,4 +38,4 @@ pub use relit_pixel::{
 };
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};
-pub use upsample::{Taps, Upsampler, neighbours};
+pub use upsample::{Taps, Upsampler, neighbors};

@@ -67,7 +67,7 @@ fn chroma(log: Vec3) -> Vec3 {
 }
 
 /// Pairs of 4-neighbors of a `w` x `h` grid, as indices.
-fn neighbours(w: usize, h: usize) -> impl Iterator<Item = (usize, usize)> {
+fn neighbors(w: usize, h: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..w * h).flat_map(move |i| {
         let right = (i % w + 1 < w).then_some((i, i + 1));
         let below = (i / w + 1 < h).then_some((i, i + w));
@@ -89,7 +89,7 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
         }
         i
     }
-    for (a, b) in neighbours(w, h) {
+    for (a, b) in neighbors(w, h) {
         let step = log[a] - log[b];
         let intensity = (step.element_sum() / 3.0).abs();
         if chroma(step).length() < steps.chroma && intensity < steps.intensity {
@@ -149,7 +149,7 @@ pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: us
 
     // Normal equations as a list of couplings per segment: weight x (a_s - a_t - step).
     let mut couplings: Vec<Vec<(usize, f32, Vec3)>> = vec![Vec::new(); count];
-    for (p, q) in neighbours(w, h) {
+    for (p, q) in neighbors(w, h) {
         let (s, t) = (label(p), label(q));
         if s == t {
             continue;

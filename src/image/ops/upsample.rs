@@ -47,7 +47,7 @@ impl<'a> Upsampler<'a> {
         let (fx, fy) = (place(x, full_w, w), place(y, full_h, h));
         let z = self.full_depth.0.get(x, y);
         let color = log(self.photo.0.get(x, y));
-        for (sx, sy) in neighbours((x, y), (full_w, full_h), (w, h)) {
+        for (sx, sy) in neighbors((x, y), (full_w, full_h), (w, h)) {
             let near = (1.5 - (sx as f32 - fx).abs()).max(0.0) * (1.5 - (sy as f32 - fy).abs()).max(0.0);
             let i = sy * w + sx;
             let depth = (self.depth.0.pixels()[i] - z) / (DEPTH * z);
@@ -69,7 +69,7 @@ fn place(at: usize, full: usize, small: usize) -> f32 {
 
 /// The pixels of a plane of size `small` that photo pixel `at` may take: nine around it, or itself
 /// alone where both sizes are one.
-pub fn neighbours(
+pub fn neighbors(
     at: (usize, usize),
     full: (usize, usize),
     small: (usize, usize),

@@ -12,7 +12,7 @@ use crate::image::{
 };
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
-use crate::optics::{LightKind, Lighting, LocalLobe, Radiance, Reflections, Shape, SpecularChange, Transport};
+use crate::optics::{LightKind, LightTransport, Lighting, LocalLobe, Radiance, Reflections, Shape, SpecularChange};
 
 pub use files::{Encoding, Files, check_file_name};
 pub use light::{Guess, ObjectLight, Residual, UnitDirect, UnitIndirect, Visibility};
@@ -75,7 +75,7 @@ artifacts! {
     SceneMesh: SceneMesh::bytes, if SceneMesh::check;
     Shape: Shape::bytes, if Shape::check;
     Radiance: |r| r.0.len() * 12;
-    Transport: Transport::bytes, if Transport::check;
+    LightTransport: LightTransport::bytes, if LightTransport::check;
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(), if |d| light::lobes(&[&d.lobes, &d.stderr]);
     Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),
         if |v| light::lobes(&[&v.lit, &v.stderr, &v.unknown]);

@@ -6,11 +6,11 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::Color;
-use crate::geometry::like_surface;
+use crate::geometry::grow_region;
 use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{
-    self, Albedo, AlphaMatte, DIELECTRIC, Depth, Normal, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Points,
-    Roughness, Source, Specular, SpecularEdit, Upsampler, alpha_matte, resize, same_aspect,
+    self, Albedo, AlphaMatte, DIELECTRIC, Depth, NamedBytes, Normal, PaintChange, PaintLayer, PaintLayers, Picture,
+    Plane, Points, Roughness, Specular, SpecularEdit, Upsampler, alpha_matte, resize, same_aspect,
 };
 use crate::{params, ports};
 
@@ -231,7 +231,7 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
     let name = file.location().display().to_string();
     let bytes = ctx.read(file)?;
     let bad = |message: String| NodeError::BadFile { path: name.clone(), message };
-    let mask = image::read_mask(Source::new(&name, &bytes)).map_err(|e| bad(e.message()))?.0;
+    let mask = image::read_mask(NamedBytes::new(&name, &bytes)).map_err(|e| bad(e.message()))?.0;
     let ((w, h), (pw, ph)) = (mask.size(), photo);
     if !same_aspect((w, h), photo) {
         return Err(bad(format!("region size: wanted the photo's {pw} x {ph}, or its shape to 2 %, got {w} x {h}")));
@@ -250,7 +250,7 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
 fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
-    let found = like_surface(seed, &inputs.small, &inputs.reflectance, &inputs.points, &inputs.normal);
+    let found = grow_region(seed, &inputs.small, &inputs.reflectance, &inputs.points, &inputs.normal);
     let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
     Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round())
@@ -308,7 +308,7 @@ mod tests {
         }
     }
 
-    const GREY: Vec3 = Vec3::splat(0.5);
+    const GRAY: Vec3 = Vec3::splat(0.5);
     const RED: Vec3 = Vec3::new(0.5, 0.1, 0.1);
     const NEW: Vec3 = Vec3::new(0.2, 0.4, 0.1);
 
@@ -333,7 +333,7 @@ mod tests {
 
     #[test]
     fn nothing_to_paint_passes_through() {
-        let inputs = wall(GREY, RED);
+        let inputs = wall(GRAY, RED);
         let (albedo, fitted, roughness) = (inputs.albedo.clone(), inputs.fitted.clone(), inputs.roughness.clone());
         let out = run(vec![], inputs).expect("it is sound");
         assert!(Arc::ptr_eq(&albedo, &out.albedo) && Arc::ptr_eq(&fitted, &out.fitted));
@@ -343,7 +343,7 @@ mod tests {
 
     #[test]
     fn a_surface_grows_to_the_next_paint_and_takes_the_new_one() {
-        let out = run(vec![paint(Region::Grow(5.0, 12.0), NEW)], wall(GREY, RED)).expect("it is sound");
+        let out = run(vec![paint(Region::Grow(5.0, 12.0), NEW)], wall(GRAY, RED)).expect("it is sound");
         for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
             let want = if x < SIZE.0 / 2 { NEW } else { 0.8 * RED };
             let got = out.albedo.0.get(x, y);
@@ -352,17 +352,17 @@ mod tests {
         }
         // The photo is a fifth brighter than by its albedo, and stays so.
         let layer = &out.paint_layers.0[0];
-        assert!((layer.paint.over(GREY) - NEW / 0.8).abs().max_element() < 1e-4, "{}", layer.paint.over(GREY));
-        assert!(out.paint_layers.at(5, 5).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
-        assert_eq!(out.paint_layers.at(30, 5).reflectance(GREY, GREY), GREY);
+        assert!((layer.paint.over(GRAY) - NEW / 0.8).abs().max_element() < 1e-4, "{}", layer.paint.over(GRAY));
+        assert!(out.paint_layers.at(5, 5).reflectance(GRAY, GRAY).distance(NEW / 0.8) < 1e-4);
+        assert_eq!(out.paint_layers.at(30, 5).reflectance(GRAY, GRAY), GRAY);
     }
 
     #[test]
     fn later_entries_lie_over_earlier_ones() {
         let all = || Region::Grow(5.0, 5.0);
-        let out = run(vec![paint(all(), RED), paint(all(), NEW)], wall(GREY, GREY)).expect("it is sound");
+        let out = run(vec![paint(all(), RED), paint(all(), NEW)], wall(GRAY, GRAY)).expect("it is sound");
         assert!(out.albedo.0.pixels().iter().all(|a| a.distance(NEW) < 1e-4));
-        assert!(out.paint_layers.at(9, 9).reflectance(GREY, GREY).distance(NEW / 0.8) < 1e-4);
+        assert!(out.paint_layers.at(9, 9).reflectance(GRAY, GRAY).distance(NEW / 0.8) < 1e-4);
     }
 
     #[test]
@@ -376,7 +376,7 @@ mod tests {
             specular: Some(1.0),
             keep_texture: true,
         };
-        let out = run(vec![edit], wall(GREY, GREY)).expect("it is sound");
+        let out = run(vec![edit], wall(GRAY, GRAY)).expect("it is sound");
         let share = |x: usize| out.paint_layers.0[0].matte.alpha.get(x, 7);
         assert_eq!((share(3), share(35)), (1.0, 0.0));
         assert!((share(20) - 0.49).abs() < 0.02, "{}", share(20));
@@ -390,13 +390,13 @@ mod tests {
             let is_new = share(x) > 0.0;
             assert_eq!((roughness, specular), if is_new { (0.2, 1.0) } else { (0.8, 0.5) }, "{x}");
             assert_eq!(out.specular_edit.share.get(x, 7), share(x));
-            near(out.paint_layers.at(x, 7).reflectance(GREY, GREY).x, mix(0.5, 0.25));
+            near(out.paint_layers.at(x, 7).reflectance(GRAY, GRAY).x, mix(0.5, 0.25));
         }
     }
 
     #[test]
     fn bad_entries_are_told() {
-        let told = |edit: MaterialEdit| run(vec![edit], wall(GREY, RED)).err().expect("it is refused").to_string();
+        let told = |edit: MaterialEdit| run(vec![edit], wall(GRAY, RED)).err().expect("it is refused").to_string();
         let (_file, square) = mask_file((40, 40), |_, _| 1.0);
         let wrong_shape = told(paint(square, NEW));
         assert!(wrong_shape.ends_with("wanted the photo's 40 x 30, or its shape to 2 %, got 40 x 40"), "{wrong_shape}");

@@ -48,7 +48,7 @@ pub enum ObjectEdit {
         yaw: f32,
         /// Replaces the material of the file.
         #[serde(default)]
-        material: Option<MaterialEdit>,
+        material: Option<ObjectMaterial>,
         /// The files that the model names; found by themselves.
         #[serde(default)]
         parts: Vec<File>,
@@ -59,14 +59,14 @@ pub enum ObjectEdit {
         /// Its center, or the pixel that it stands on.
         at: Place,
         #[serde(default)]
-        material: MaterialEdit,
+        material: ObjectMaterial,
     },
 }
 
 /// Material of an object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct MaterialEdit {
+pub struct ObjectMaterial {
     /// Base color.
     albedo: Color,
     /// 0 is a mirror, 1 is dull.
@@ -77,14 +77,14 @@ pub struct MaterialEdit {
     metallic: f32,
 }
 
-impl Default for MaterialEdit {
-    fn default() -> MaterialEdit {
+impl Default for ObjectMaterial {
+    fn default() -> ObjectMaterial {
         let Material { albedo, roughness, specular, metallic } = Material::PLAIN;
-        MaterialEdit { albedo: Color::Linear(albedo.x, albedo.y, albedo.z), roughness, specular, metallic }
+        ObjectMaterial { albedo: Color::Linear(albedo.x, albedo.y, albedo.z), roughness, specular, metallic }
     }
 }
 
-impl MaterialEdit {
+impl ObjectMaterial {
     fn material(&self) -> Result<Material, String> {
         for (name, value) in [("roughness", self.roughness), ("specular", self.specular), ("metallic", self.metallic)] {
             check_range(name, &value, 0.0..=1.0)?;
@@ -267,7 +267,7 @@ impl ObjectEdit {
                 Ok(Body::placed(Model::sphere(), Some(material), Mat3::IDENTITY, *radius, Vec3::ZERO, center))
             }
             ObjectEdit::Mesh { path, at, height, yaw, material, parts } => {
-                let material = material.as_ref().map(MaterialEdit::material).transpose().map_err(failed)?;
+                let material = material.as_ref().map(ObjectMaterial::material).transpose().map_err(failed)?;
                 let model = models.read(path, parts, again, ctx)?;
                 let (low, high) = model.bounds();
                 let tall = tall(&model, path)?;

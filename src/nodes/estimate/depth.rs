@@ -9,7 +9,7 @@ use crate::geometry::{Camera, KnownLength, metric_depth, relative_depth};
 use crate::graph::{Context, File, Node, NodeError};
 use crate::image::{self, Picture, Transfer, fit, inpaint_depth, resize};
 use crate::net::Backend;
-use crate::net::foreign::{self, Normalisation, PhotoInput};
+use crate::net::third_party::{self, Normalization, PhotoInput};
 use crate::nodes::neural;
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -49,10 +49,10 @@ params! {
         multiple: u32 = 14, in 1..=256,
         /// Normalization of the sRGB values 0..=1: ImageNet (MiDaS 2, Depth Anything), Half (DPT),
         /// None, or Custom(mean, deviation).
-        normalisation: Normalisation = Normalisation::ImageNet,
+        normalization: Normalization = Normalization::ImageNet,
         /// Meaning of the network's values: Relative (a / z + b) or Metric (z in meters).
         kind: DepthOutput = DepthOutput::Relative,
-        /// Known lengths in the photo: [(from: (x, y), to: (x, y), metres: 2.03), ..], in pixels of
+        /// Known lengths in the photo: [(from: (x, y), to: (x, y), meters: 2.03), ..], in pixels of
         /// the photo. The command sets them (`--known-length`). Relative depth requires one; two at
         /// different depths determine the span too. Metric depth is scaled to them.
         known_lengths: Vec<KnownLength> = vec![],
@@ -90,7 +90,7 @@ impl Node for Depth {
         if self.model.path.is_empty() {
             return Err("model: wanted the file of a network, got none; none for depth ships with relight".into());
         }
-        self.normalisation.check()
+        self.normalization.check()
     }
 
     fn files(&mut self) -> Vec<&mut File> {
@@ -101,29 +101,29 @@ impl Node for Depth {
         let DepthIn { photo, camera } = inputs;
         let refused = |e| neural::refused(&self.model, &self.backend, e);
         let network = neural::loaded(ctx, &self.model, &self.backend)?;
-        let output = foreign::output(&network, self.output.as_deref()).map_err(refused)?;
+        let output = third_party::output(&network, self.output.as_deref()).map_err(refused)?;
         let (input, seen) = self.photo_input().tensor(&network, &photo).map_err(refused)?;
         let [.., height, width] = *seen.shape() else { unreachable!("a photo has rows and columns") };
         ctx.check_cancelled()?;
         let [told] = network.run(vec![(input, seen)], [output]).map_err(refused)?;
-        foreign::check_channels(output, &told, 1).map_err(refused)?;
+        third_party::check_channels(output, &told, 1).map_err(refused)?;
         // The network may have seen the photo in another aspect.
-        let told = told.grey(0);
+        let told = told.gray(0);
         let (columns, rows) = photo.0.size();
         let (columns, rows) = fit(columns, rows, told.width().max(told.height()));
         let told = resize(&told, columns, rows);
 
-        let metres = match self.kind {
+        let meters = match self.kind {
             DepthOutput::Relative => relative_depth(&told, &camera, &self.known_lengths, self.span),
             DepthOutput::Metric => metric_depth(&told, &camera, &self.known_lengths),
         };
-        let metres = metres.map_err(NodeError::BadParameter)?;
-        let span = metres.span.map(|span| format!(", span {span:.2}")).unwrap_or_default();
-        ctx.note(format!("seen at {width} x {height}, scale {:.4}{span}", metres.scale));
-        if metres.misfit > TUNING.max_misfit {
-            ctx.warn(format!("the known lengths do not fit together: one is off by {:.0} %", 100.0 * metres.misfit));
+        let meters = meters.map_err(NodeError::BadParameter)?;
+        let span = meters.span.map(|span| format!(", span {span:.2}")).unwrap_or_default();
+        ctx.note(format!("seen at {width} x {height}, scale {:.4}{span}", meters.scale));
+        if meters.misfit > TUNING.max_misfit {
+            ctx.warn(format!("the known lengths do not fit together: one is off by {:.0} %", 100.0 * meters.misfit));
         }
-        let (depth, holes) = inpaint_depth(&metres.depth, &metres.depth.map(|_| 0.0)).ok_or_else(|| {
+        let (depth, holes) = inpaint_depth(&meters.depth, &meters.depth.map(|_| 0.0)).ok_or_else(|| {
             let file = self.model.location().display().to_string();
             NodeError::BadFile {
                 path: file,
@@ -153,7 +153,7 @@ tuning! {
 
 impl Depth {
     fn photo_input(&self) -> PhotoInput<'_> {
-        let &Depth { ref input, side, multiple, normalisation, .. } = self;
-        PhotoInput { name: input.as_deref(), side, multiple, transfer: Transfer::Srgb, normalisation }
+        let &Depth { ref input, side, multiple, normalization, .. } = self;
+        PhotoInput { name: input.as_deref(), side, multiple, transfer: Transfer::Srgb, normalization }
     }
 }

@@ -92,7 +92,7 @@ impl Node for FindLights {
         let mut scene = String::from("// For scene.ron, beside which masks/ belongs.\nlights: {\n");
         let mut counts = [0, 0];
         for light in &found {
-            let (word, variant, count, colour) = match light.kind {
+            let (word, variant, count, color) = match light.kind {
                 LightKind::Lamp => ("lamp", "Lamp", &mut counts[0], Vec3::new(1.0, 0.1, 0.0)),
                 LightKind::Window => ("window", "Window", &mut counts[1], Vec3::new(0.0, 0.3, 1.0)),
             };
@@ -101,7 +101,7 @@ impl Node for FindLights {
             let share = light.area as f32 / (size.0 * size.1) as f32;
             ctx.note(format!("{id}: {:.1} % of the photo, contrast {:.1} at its edge", 100.0 * share, light.contrast));
             let mask = upscale(&light.mask, width, height);
-            annotate(&mut overview, &mask, &id, colour);
+            annotate(&mut overview, &mask, &id, color);
             let white = Picture(mask.map(|inside| if inside { Vec3::ONE } else { Vec3::ZERO }));
             files.push((format!("masks/{id}.png"), write_png(&white, Transfer::Linear, false)));
             writeln!(scene, "    \"{id}\": {variant}(mask: \"masks/{id}.png\"),").expect("memory can be written to");

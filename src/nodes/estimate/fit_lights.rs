@@ -10,7 +10,7 @@ use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, REST, UnitDirect, Uni
 use crate::optics::inverse::{
     Column, Conditioning, LightPrior, Observations, RadianceFit, Role, fit_radiances, observed_pixels,
 };
-use crate::optics::{Radiance, Shape, Transport};
+use crate::optics::{LightTransport, Radiance, Shape};
 use crate::{params, ports};
 
 params! {
@@ -56,7 +56,7 @@ ports! {
         segments: Arc<Segments>,
         /// Rays from the receivers into the room; receivers that look out of the visible room get
         /// the most ambient light.
-        transport: Arc<Transport>,
+        transport: Arc<LightTransport>,
         /// Pixels that are not part of the room.
         ignore: Arc<Mask>,
         /// Pixels of each visible light.
@@ -295,7 +295,7 @@ impl FitReport<'_> {
         let is_undetermined = lit > 0 && self.fit.degrees_of_freedom < wanted;
         if is_undetermined && clipped < pixels {
             ctx.warn(format!(
-                "{} unsaturated places of the photo, of which the colours of its surfaces take up all but {}, say too little to \
+                "{} unsaturated places of the photo, of which the colors of its surfaces take up all but {}, say too little to \
                  share the light among {lit} lobes (wanted {wanted}): the radiances are not determined",
                 pixels - clipped,
                 self.fit.degrees_of_freedom

@@ -13,7 +13,7 @@ use crate::optics::inverse::{
     Accepted, Candidate, CandidateSearch, CandidateSettings, LampForm, LampForms, LayerQuality, LightPrior, Receivers,
     RoomBox, SeenRoom, lamp_candidates, visible_light, window_candidates,
 };
-use crate::optics::{Bounces, Lamp, LightKind, RectLamp, Shape, Transport, Window};
+use crate::optics::{Bounces, Lamp, LightKind, LightTransport, RectLamp, Shape, Window};
 use crate::{params, ports};
 
 params! {
@@ -105,7 +105,7 @@ ports! {
         /// The mesh of the room, which casts shadows.
         mesh: Arc<SceneMesh>,
         /// Rays from the receivers into the room.
-        transport: Arc<Transport>,
+        transport: Arc<LightTransport>,
         /// Albedo, for the indirect light.
         albedo: Arc<Albedo>,
         /// Segments of one material each.

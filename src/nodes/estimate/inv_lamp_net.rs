@@ -7,7 +7,7 @@ use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture};
 use crate::net::Backend;
 use crate::nodes::artifacts::Guess;
-use crate::nodes::neural::SeenRoom;
+use crate::nodes::neural::NetworkScene;
 use crate::{params, ports};
 
 params! {
@@ -61,7 +61,7 @@ impl Node for InvLampNet {
 
     fn run(&self, inputs: InvLampNetIn, ctx: &Context) -> Result<InvLampNetOut, NodeError> {
         let InvLampNetIn { photo, depth, camera, normal, albedo, masks } = &inputs;
-        let room = SeenRoom { photo, depth, camera, normal, albedo, masks };
+        let room = NetworkScene { photo, depth, camera, normal, albedo, masks };
         let guess = room.lamp(ctx, &self.model, &self.backend, None)?;
         Ok(InvLampNetOut { guess: Arc::new(guess) })
     }

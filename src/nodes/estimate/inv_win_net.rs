@@ -7,7 +7,7 @@ use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture};
 use crate::net::Backend;
 use crate::nodes::artifacts::Guess;
-use crate::nodes::neural::SeenRoom;
+use crate::nodes::neural::NetworkScene;
 use crate::{params, ports};
 
 params! {
@@ -61,7 +61,7 @@ impl Node for InvWinNet {
 
     fn run(&self, inputs: InvWinNetIn, ctx: &Context) -> Result<InvWinNetOut, NodeError> {
         let InvWinNetIn { photo, depth, camera, normal, albedo, masks } = &inputs;
-        let room = SeenRoom { photo, depth, camera, normal, albedo, masks };
+        let room = NetworkScene { photo, depth, camera, normal, albedo, masks };
         let guess = room.window(ctx, &self.model, &self.backend, None)?;
         Ok(InvWinNetOut { guess: Arc::new(guess) })
     }

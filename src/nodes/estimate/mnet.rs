@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::geometry::{Camera, facing};
+use crate::geometry::{Camera, orient_normals};
 use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture, Roughness, resize};
 use crate::net::view::{Geometry, View};
-use crate::net::{Backend, Layer, planes_of};
+use crate::net::{Backend, InputLayer, planes_of};
 use crate::nodes::neural::{self, FULL_1, FULL_3, FULL_6};
 use crate::{params, ports};
 
@@ -68,18 +68,18 @@ impl Node for MNet {
         let network = neural::network(ctx, &self.model, &self.backend, &ports, &outputs)?;
         let view = View::new(&photo, masks.iter().map(|(_, mask)| &**mask));
         let tensors = vec![
-            ("photo", planes_of(&[Layer::Colour(&view.photo)])),
+            ("photo", planes_of(&[InputLayer::Color(&view.photo)])),
             ("geometry", Geometry::raw(&depth, &camera).tensor()),
-            ("light", planes_of(&[Layer::Grey(&view.light)])),
+            ("light", planes_of(&[InputLayer::Gray(&view.light)])),
         ];
         let [albedo, normal, rough] = neural::computed(&network, tensors, outputs)?;
         let (width, height) = photo.0.size();
-        let normal = facing(resize(&normal.colour(0), width, height), &camera);
+        let normal = orient_normals(resize(&normal.color(0), width, height), &camera);
         let (least, most) = (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
         Ok(MNetOut {
-            albedo: Arc::new(Albedo(resize(&albedo.colour(0), width, height).map(|a| a.clamp(least, most)))),
+            albedo: Arc::new(Albedo(resize(&albedo.color(0), width, height).map(|a| a.clamp(least, most)))),
             normal: Arc::new(normal),
-            roughness: Arc::new(Roughness(resize(&rough.grey(0), width, height).map(|r| r.clamp(0.0, 1.0)))),
+            roughness: Arc::new(Roughness(resize(&rough.gray(0), width, height).map(|r| r.clamp(0.0, 1.0)))),
         })
     }
 }

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::geometry::{Camera, facing};
+use crate::geometry::{Camera, orient_normals};
 use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{Albedo, Normal, Picture, Plane, Roughness, Transfer, resize};
-use crate::net::foreign::{self, Channels, Normalisation, PhotoInput};
+use crate::net::third_party::{self, Channels, Normalization, PhotoInput};
 use crate::net::{Backend, Tensor};
 use crate::nodes::neural;
 use crate::{params, ports};
@@ -34,7 +34,7 @@ params! {
         transfer: Transfer = Transfer::Srgb,
         /// Normalization of the encoded values 0..=1: ImageNet, Half, None, or Custom(mean,
         /// deviation).
-        normalisation: Normalisation = Normalisation::None,
+        normalization: Normalization = Normalization::None,
         /// Three channels of albedo: (output: "name", first: channel, range: (value of 0, value of
         /// 1)).
         albedo: Option<Channels> = None,
@@ -86,7 +86,7 @@ impl Node for OnnxMaterials {
         if self.model.path.is_empty() {
             return Err("model: wanted the file of a network, got none".into());
         }
-        self.normalisation.check()?;
+        self.normalization.check()?;
         let parts = self.parts();
         if parts.iter().all(|(_, part)| part.is_none()) {
             return Err("wanted the name of an output for `albedo`, `normal` or `roughness`, got none".into());
@@ -116,7 +116,7 @@ impl Node for OnnxMaterials {
         outputs.sort_unstable();
         outputs.dedup();
         for name in &outputs {
-            foreign::output(&network, Some(name)).map_err(refused)?;
+            third_party::output(&network, Some(name)).map_err(refused)?;
         }
         let (input, seen) = self.photo_input().tensor(&network, &inputs.photo).map_err(refused)?;
         ctx.check_cancelled()?;
@@ -128,11 +128,11 @@ impl Node for OnnxMaterials {
 
         let size = inputs.photo.0.size();
         let albedo = match &self.albedo {
-            Some(part) => Arc::new(self.read_albedo(&part.colours(of(part)).map_err(refused)?, size)),
+            Some(part) => Arc::new(self.read_albedo(&part.colors(of(part)).map_err(refused)?, size)),
             None => given("albedo", inputs.albedo, |albedo| albedo.0.size(), size)?,
         };
         let normal = match &self.normal {
-            Some(part) => Arc::new(self.read_normal(&part.colours(of(part)).map_err(refused)?, &inputs.camera, size)),
+            Some(part) => Arc::new(self.read_normal(&part.colors(of(part)).map_err(refused)?, &inputs.camera, size)),
             None => given("normal", inputs.normal, |normal| normal.0.size(), size)?,
         };
         let roughness = match &self.roughness {
@@ -148,8 +148,8 @@ impl Node for OnnxMaterials {
 
 impl OnnxMaterials {
     fn photo_input(&self) -> PhotoInput<'_> {
-        let &OnnxMaterials { ref input, side, multiple, transfer, normalisation, .. } = self;
-        PhotoInput { name: input.as_deref(), side, multiple, transfer, normalisation }
+        let &OnnxMaterials { ref input, side, multiple, transfer, normalization, .. } = self;
+        PhotoInput { name: input.as_deref(), side, multiple, transfer, normalization }
     }
 
     fn parts(&self) -> [(&str, Option<&Channels>); 3] {
@@ -166,7 +166,7 @@ impl OnnxMaterials {
     fn read_normal(&self, shares: &Plane<Vec3>, camera: &Camera, (width, height): (usize, usize)) -> Normal {
         let signs = Vec3::from(self.normal_signs);
         let axes = shares.map(|share| (share * 2.0 - Vec3::ONE) * signs);
-        facing(resize(&axes, width, height), camera)
+        orient_normals(resize(&axes, width, height), camera)
     }
 }
 

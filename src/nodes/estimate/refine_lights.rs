@@ -12,7 +12,7 @@ use crate::optics::inverse::{
     Bounds, DegreesOfFreedom, LayerQuality, LightPrior, LightVariable, Receivers, RoomBox, SeenRoom, ShapeFit,
     ShapeSearch, fit_shapes,
 };
-use crate::optics::{Bounces, Shape, Transport};
+use crate::optics::{Bounces, LightTransport, Shape};
 use crate::{params, ports};
 
 params! {
@@ -60,7 +60,7 @@ ports! {
         /// The mesh of the room, which casts shadows.
         mesh: Arc<SceneMesh>,
         /// Rays from the receivers into the room.
-        transport: Arc<Transport>,
+        transport: Arc<LightTransport>,
         /// Albedo, for the indirect light.
         albedo: Arc<Albedo>,
         /// Segments of one material each.

@@ -7,7 +7,7 @@ use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture};
 use crate::net::Backend;
 use crate::nodes::artifacts::Guess;
-use crate::nodes::neural::SeenRoom;
+use crate::nodes::neural::NetworkScene;
 use crate::{params, ports};
 
 params! {
@@ -62,7 +62,7 @@ impl Node for VisWinNet {
 
     fn run(&self, inputs: VisWinNetIn, ctx: &Context) -> Result<VisWinNetOut, NodeError> {
         let VisWinNetIn { photo, depth, camera, normal, albedo, masks, mask } = &inputs;
-        let room = SeenRoom { photo, depth, camera, normal, albedo, masks };
+        let room = NetworkScene { photo, depth, camera, normal, albedo, masks };
         let guess = room.window(ctx, &self.model, &self.backend, Some(mask))?;
         Ok(VisWinNetOut { guess: Arc::new(guess) })
     }

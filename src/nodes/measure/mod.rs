@@ -13,7 +13,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, File, Gather, NodeError};
-use crate::image::{self, Mask, Picture, Plane, Source, Transfer, read_photo};
+use crate::image::{self, Mask, NamedBytes, Picture, Plane, Transfer, read_photo};
 use crate::nodes::artifacts::{Score, Scores, UnitDirect, same_size};
 use crate::optics::Radiance;
 
@@ -21,7 +21,7 @@ use crate::optics::Radiance;
 fn read(ctx: &Context, file: &File) -> Result<Picture, NodeError> {
     let bytes = ctx.read(file)?;
     let path = file.location().display().to_string();
-    let photo = read_photo(Source::new(&path, &bytes), Transfer::Srgb);
+    let photo = read_photo(NamedBytes::new(&path, &bytes), Transfer::Srgb);
     let photo = photo.map_err(|e| NodeError::BadFile { path: path.clone(), message: e.message() })?;
     photo.warnings.iter().for_each(|warning| ctx.warn(format!("{}: {warning}", file.path)));
     Ok(photo.picture)

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::graph::{Context, File, Node, NodeError};
-use crate::image::{Source, read_maps};
+use crate::image::{NamedBytes, read_maps};
 use crate::nodes::artifacts::Scores;
 use crate::optics::{LightMaps, Lighting, PHIS, THETAS};
 use crate::{params, ports};
@@ -53,7 +53,7 @@ impl Node for ScoreLighting {
         let path = self.truth.location().display().to_string();
         let bad = |message: String| NodeError::BadFile { path: path.clone(), message };
         let (rows, columns, radiance) =
-            read_maps(Source::new(&path, &bytes), [THETAS, PHIS]).map_err(|e| bad(e.message()))?;
+            read_maps(NamedBytes::new(&path, &bytes), [THETAS, PHIS]).map_err(|e| bad(e.message()))?;
         let got = &inputs.lighting;
         if (got.rows, got.columns) != (rows, columns) {
             let wanted = format!("{} rows of {} cells as estimated", got.rows, got.columns);

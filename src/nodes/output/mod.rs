@@ -13,7 +13,7 @@ pub mod write_usd;
 use glam::Vec3;
 
 use crate::graph::{Context, File, NodeError};
-use crate::image::{ExrFile, Plane, Source, Transfer, read_layers};
+use crate::image::{ExrFile, NamedBytes, Plane, Transfer, read_layers};
 use crate::nodes::artifacts::{Encoding, REST, same_size};
 
 /// The line of the comments of `picture.exr` with the encoding of `picture.png`.
@@ -25,7 +25,7 @@ fn encoding_line(encoding: &Encoding) -> String {
 const ENCODING: &str = "encoding: ";
 
 /// The layers of a `picture.exr`.
-struct Run {
+struct SavedRun {
     encoding: Encoding,
     /// By name.
     lights: Vec<(String, Plane<Vec3>)>,
@@ -35,11 +35,11 @@ struct Run {
 }
 
 /// Reads the `picture.exr` that `Write` wrote.
-fn read_run(file: &File, ctx: &Context) -> Result<Run, NodeError> {
+fn read_run(file: &File, ctx: &Context) -> Result<SavedRun, NodeError> {
     let path = file.location().display().to_string();
     let bad = |message: String| NodeError::BadFile { path: path.clone(), message };
     let bytes = ctx.read(file)?;
-    let exr = read_layers(Source::new(&path, &bytes)).map_err(|e| bad(e.message()))?;
+    let exr = read_layers(NamedBytes::new(&path, &bytes)).map_err(|e| bad(e.message()))?;
     let encoding = exr.comments().find_map(|line| {
         let (transfer, bits) = line.strip_prefix(ENCODING)?.rsplit_once(", ")?;
         let transfer: Transfer = ron::from_str(transfer).ok()?;
@@ -67,5 +67,5 @@ fn read_run(file: &File, ctx: &Context) -> Result<Run, NodeError> {
     if let Some((id, layer)) = lights.iter().find(|(_, layer)| layer.size() != rest.size()) {
         return Err(bad(format!("light_{id}: wanted {:?} pixels, got {:?}", rest.size(), layer.size())));
     }
-    Ok(Run { encoding, lights, rest, file: exr })
+    Ok(SavedRun { encoding, lights, rest, file: exr })
 }

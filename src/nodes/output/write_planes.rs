@@ -103,7 +103,7 @@ impl Node for WritePlanes {
     }
 }
 
-const UNITS: &str = "units: direct, indirect: irradiance / pi for unit radiance; lit, unknown: shares; depth: planar z in metres; normals: \
+const UNITS: &str = "units: direct, indirect: irradiance / pi for unit radiance; lit, unknown: shares; depth: planar z in meters; normals: \
                      camera space, x right, y up, z backward";
 
 #[cfg(test)]

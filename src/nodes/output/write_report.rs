@@ -46,13 +46,13 @@ const SMALL: usize = 320;
 
 /// The fields of report.json for the drawing of the graph; the page itself reads the others.
 #[derive(Deserialize)]
-struct Report {
+struct GraphOfReport {
     edit: String,
-    nodes: Vec<Row>,
+    nodes: Vec<NodeOfReport>,
 }
 
 #[derive(Deserialize)]
-struct Row {
+struct NodeOfReport {
     name: String,
     kind: String,
     status: Status,
@@ -77,7 +77,7 @@ impl Node for WriteReport {
             message: format!("wanted the report.json of a run of this version: {e}"),
         };
         let value: Value = serde_json::from_slice(&ctx.read(&self.report)?).map_err(bad)?;
-        let report = Report::deserialize(&value).map_err(bad)?;
+        let report = GraphOfReport::deserialize(&value).map_err(bad)?;
         let run = read_run(&self.layers, ctx)?;
         let (width, height) = run.rest.size();
         let size = fit(width, height, self.long_side as usize);
@@ -120,7 +120,7 @@ impl Node for WriteReport {
 
 const PAGE: &str = include_str!("report/page.html");
 
-fn drawn(row: Row) -> Drawn {
+fn drawn(row: NodeOfReport) -> Drawn {
     Drawn { name: row.name, kind: row.kind, status: Some(row.status), seconds: row.seconds, from: row.from }
 }
 

@@ -8,7 +8,7 @@ use crate::geometry::{Camera, Grid};
 use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Plane, Points, Shading, resize};
 use crate::net::view::{Geometry, HALF, seen_half};
-use crate::net::{Backend, Layer, Tensor, planes_of};
+use crate::net::{Backend, InputLayer, Tensor, planes_of};
 use crate::nodes::artifacts::{Residual, UnitDirect, UnitIndirect, Visibility};
 use crate::nodes::neural::{self, HALF_1, HALF_3, HALF_6};
 use crate::optics::Shape;
@@ -93,14 +93,14 @@ impl Node for Indirect {
         let size = points.0.size();
         let network = neural::network(ctx, &self.model, &self.backend, &PORTS, &["indirect"])?;
         let geometry = Geometry::half(&depth, &camera, &normal).tensor();
-        let albedo = planes_of(&[Layer::Colour(&resize(&albedo.0, HALF.0, HALF.1))]);
+        let albedo = planes_of(&[InputLayer::Color(&resize(&albedo.0, HALF.0, HALF.1))]);
         let light = seen_half(masks.iter().map(|(_, mask)| &**mask));
         let (left, burning) = match &residual {
             Some(r) => (resize(&r.left, HALF.0, HALF.1), [r.direct, r.power]),
             None => (Plane::filled(HALF.0, HALF.1, Vec3::ZERO), [Vec3::ZERO; 2]),
         };
         let burning: Vec<f32> = burning.iter().flat_map(|v| v.to_array()).collect();
-        let (light, left) = (planes_of(&[Layer::Grey(&light)]), planes_of(&[Layer::Colour(&left)]));
+        let (light, left) = (planes_of(&[InputLayer::Gray(&light)]), planes_of(&[InputLayer::Color(&left)]));
         // Cells lie between the pixels that a grid of two takes; half a pixel is little beside
         // their size.
         let grid = Grid::new(size, (size.0.div_ceil(HALF.0)).max(1));
@@ -113,13 +113,16 @@ impl Node for Indirect {
                 ("geometry", geometry.clone()),
                 ("albedo", albedo.clone()),
                 ("light", light.clone()),
-                ("direct", planes_of(&[Layer::Grey(&arrives), Layer::Grey(&arrives), Layer::Grey(&arrives)])),
+                (
+                    "direct",
+                    planes_of(&[InputLayer::Gray(&arrives), InputLayer::Gray(&arrives), InputLayer::Gray(&arrives)]),
+                ),
                 ("flux", Tensor::new(&[1, 3, 1, 1], vec![shape.flux(lobe); 3])),
                 ("left", left.clone()),
                 ("burning", Tensor::new(&[1, 6, 1, 1], burning.clone())),
             ];
             let [indirect] = neural::computed(&network, tensors, ["indirect"])?;
-            let cells = resize(&indirect.colour(0), grid.size().0, grid.size().1);
+            let cells = resize(&indirect.color(0), grid.size().0, grid.size().1);
             lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
         }
         let stderr = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();

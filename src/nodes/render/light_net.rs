@@ -8,7 +8,7 @@ use crate::geometry::Camera;
 use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Plane, Roughness, Shading, resize};
 use crate::net::view::{Geometry, HALF, own_half};
-use crate::net::{Backend, Layer, planes_of};
+use crate::net::{Backend, InputLayer, planes_of};
 use crate::nodes::neural::{self, HALF_1, HALF_3, HALF_6};
 use crate::optics::{Lighting, LocalLobe, Radiance, Shape};
 use crate::{params, ports};
@@ -100,10 +100,10 @@ impl Node for LightNet {
         }
         let tensors = vec![
             ("geometry", geometry.tensor()),
-            ("albedo", planes_of(&[Layer::Colour(&half(&inputs.albedo.0))])),
-            ("rough", planes_of(&[Layer::Grey(&resize(&inputs.roughness.0, HALF.0, HALF.1))])),
-            ("light", planes_of(&[Layer::Grey(&lights)])),
-            ("shading", planes_of(&[Layer::Colour(&shading)])),
+            ("albedo", planes_of(&[InputLayer::Color(&half(&inputs.albedo.0))])),
+            ("rough", planes_of(&[InputLayer::Gray(&resize(&inputs.roughness.0, HALF.0, HALF.1))])),
+            ("light", planes_of(&[InputLayer::Gray(&lights)])),
+            ("shading", planes_of(&[InputLayer::Color(&shading)])),
         ];
         let [axis, sharpness, weight] = neural::computed(&network, tensors, OUTPUTS)?;
         let &[_, count, rows, columns] = sharpness.shape() else {

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use crate::geometry::Objects;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Normal, Picture, Plane, Points, Shading};
-use crate::optics::Transport;
+use crate::optics::LightTransport;
 use crate::{params, ports};
 
 params! {
@@ -23,10 +23,10 @@ ports! {
     pub input OccludeResidualIn {
         /// Shading that no light explains.
         residual: Arc<Shading>,
-        /// Transport of the room without bodies.
-        before: Arc<Transport>,
-        /// Transport of the room with bodies.
-        after: Arc<Transport>,
+        /// LightTransport of the room without bodies.
+        before: Arc<LightTransport>,
+        /// LightTransport of the room with bodies.
+        after: Arc<LightTransport>,
         /// The surface points.
         points: Arc<Points>,
         /// Their normals.

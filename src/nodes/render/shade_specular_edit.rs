@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Depth, Mask, Normal, Points, SpecularEdit};
-use crate::optics::{Lighting, Part, ReflectionScene, SeenPlaces, Shape, SpecularChange, places, reflections};
+use crate::optics::{Lighting, ReflectionScene, SeenSurface, Shape, SpecularChange, SpecularPart, places, reflections};
 use crate::{params, ports};
 
 params! {
@@ -75,7 +75,7 @@ impl Node for ShadeSpecularEdit {
         super::same_size("points", size, "room", inputs.room.size())?;
         let photo = (inputs.camera.width, inputs.camera.height);
         super::same_size("camera", photo, "full_depth", inputs.full_depth.0.size())?;
-        let seen = SeenPlaces {
+        let seen = SeenSurface {
             camera: &inputs.camera,
             full_depth: &inputs.full_depth,
             points: &inputs.points,
@@ -108,7 +108,7 @@ impl Node for ShadeSpecularEdit {
             let (of, rays) =
                 reflections((kind.points.len(), 1), shading, &scene, &lights, self.rays as usize, self.seed);
             ctx.count_rays(rays);
-            parts.push(Part { old: kind.old, share: kind.share, rows: kind.rows, of });
+            parts.push(SpecularPart { old: kind.old, share: kind.share, rows: kind.rows, of });
         }
         Ok(ShadeSpecularEditOut { specular_change: Arc::new(SpecularChange(parts)) })
     }

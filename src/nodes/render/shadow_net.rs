@@ -8,7 +8,7 @@ use crate::geometry::Camera;
 use crate::graph::{Context, File, Node, NodeError};
 use crate::image::{Depth, Normal, Plane, resize};
 use crate::net::view::{Geometry, HALF};
-use crate::net::{Backend, Layer, Tensor, planes_of};
+use crate::net::{Backend, InputLayer, Tensor, planes_of};
 use crate::nodes::artifacts::{UnitDirect, Visibility};
 use crate::nodes::neural::{self, HALF_5, HALF_6};
 use crate::optics::{Shape, Window};
@@ -95,13 +95,13 @@ impl Node for ShadowNet {
             let unseen = Plane::filled(HALF.0, HALF.1, 0.0);
             let planes = [small(traced), small(unknown), small(&direct.lobes[lobe]), unseen.clone(), unseen];
             let tensors = vec![
-                ("visibility", planes_of(&planes.each_ref().map(Layer::Grey))),
+                ("visibility", planes_of(&planes.each_ref().map(InputLayer::Gray))),
                 ("geometry", geometry.clone()),
                 ("place", Tensor::new(&[1, 12, 1, 1], place(&shape, lobe))),
             ];
             let [shares] = neural::computed(&network, tensors, ["shares"])?;
             let (width, height) = traced.size();
-            let [lit, instead, doubt] = [0, 1, 2].map(|c| resize(&shares.grey(c), width, height));
+            let [lit, instead, doubt] = [0, 1, 2].map(|c| resize(&shares.gray(c), width, height));
             filled.lit[lobe] = Plane::from_fn(width, height, |x, y| {
                 let unknown = unknown.get(x, y);
                 let known = traced.get(x, y) - unknown + unknown * lit.get(x, y);

@@ -26,7 +26,7 @@ params! {
 ports! {
     pub input TraceIndirectIn {
         /// The hits of the gathering rays of each receiver.
-        transport: Arc<optics::Transport>,
+        transport: Arc<optics::LightTransport>,
         /// The surface points.
         points: Arc<Points>,
         /// Their normals.

@@ -35,7 +35,7 @@ ports! {
 ports! {
     pub output TransportOut {
         /// The hits of the gathering rays of each receiver.
-        transport: Arc<optics::Transport>,
+        transport: Arc<optics::LightTransport>,
     }
 }
 

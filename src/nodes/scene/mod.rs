@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Camera;
 use crate::graph::{Context, File, NodeError, check_range};
-use crate::image::{self, Bits, Mask, Picture, ReadError, Source, Transfer};
+use crate::image::{self, Bits, Mask, NamedBytes, Picture, ReadError, Transfer};
 use crate::nodes::artifacts::Encoding;
 
 /// The viewpoint of the photo: the camera stands at the origin and looks along -z.
@@ -100,10 +100,10 @@ impl Shot<'_> {
 }
 
 /// A picture file through one of the readers of `image`.
-fn open<T>(ctx: &Context, file: &File, read: impl FnOnce(Source) -> Result<T, ReadError>) -> Result<T, NodeError> {
+fn open<T>(ctx: &Context, file: &File, read: impl FnOnce(NamedBytes) -> Result<T, ReadError>) -> Result<T, NodeError> {
     let bytes = ctx.read(file)?;
     let name = file.location().display().to_string();
-    read(Source::new(&name, &bytes)).map_err(|e| bad(file, e.message()))
+    read(NamedBytes::new(&name, &bytes)).map_err(|e| bad(file, e.message()))
 }
 
 fn bad(file: &File, message: String) -> NodeError {

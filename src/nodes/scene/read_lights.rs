@@ -94,11 +94,11 @@ fn told(file: &File, faults: &[Diagnostic]) -> NodeError {
     super::bad(file, faults.iter().map(line).collect::<Vec<_>>().join("\n  "))
 }
 
-type Light = (Shape, Radiance);
+type KnownLight = (Shape, Radiance);
 
 /// The lights `wanted`, in their order. JSON is read as the RON that it is, so that every fault has
 /// its place.
-fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>, Vec<Diagnostic>> {
+fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<KnownLight>, Vec<Diagnostic>> {
     let mut faults = Diagnostics::default();
     let document = Raw::document(source, &mut faults);
     let entries = document.map(|document| document.as_map(&mut faults)).unwrap_or_default();
@@ -118,7 +118,7 @@ fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>
         let before = faults.found();
         let fields = value.as_map(&mut faults);
         if faults.found() == before {
-            lights[place] = Entry { id, whole: value, fields }.light(kind, &mut faults);
+            lights[place] = LightEntry { id, whole: value, fields }.light(kind, &mut faults);
         }
     }
     for (id, _) in wanted.iter().filter(|(id, _)| ![INV_LAMP, INV_WINDOW].contains(id)) {
@@ -133,7 +133,7 @@ fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<Light>
 }
 
 /// An object of the file, and what it is called in messages.
-struct Entry<'a> {
+struct LightEntry<'a> {
     id: &'a str,
     whole: &'a Raw,
     fields: Vec<(Key, Raw)>,
@@ -146,8 +146,8 @@ const MOST_BANDWIDTH: f32 = 1e7;
 /// Largest cosine between edges that are told to be at right angles.
 const SKEW: f32 = 0.01;
 
-impl Entry<'_> {
-    fn light(&self, wanted: LightKind, faults: &mut Diagnostics) -> Option<Light> {
+impl LightEntry<'_> {
+    fn light(&self, wanted: LightKind, faults: &mut Diagnostics) -> Option<KnownLight> {
         const LAMPS: [&str; 4] = ["Sphere", "Box", "Rect", "Mesh"];
         let kinds = if wanted == LightKind::Window { &["Window"][..] } else { &LAMPS };
         let kind = self.get("kind", &format!("one of {}", kinds.join(", ")), faults, |raw| {
@@ -229,7 +229,7 @@ impl Entry<'_> {
         Some(lamp)
     }
 
-    fn window(&self, faults: &mut Diagnostics) -> Option<Light> {
+    fn window(&self, faults: &mut Diagnostics) -> Option<KnownLight> {
         let edges = self.rect(faults);
         let list = self.raw("lobes", "a list of lobes", faults)?;
         let mut lobes: [Option<(Lobe, Vec3)>; 3] = [None; 3];
@@ -238,7 +238,7 @@ impl Entry<'_> {
             self.wrong("lobes", "one to three lobes", faults);
         }
         for item in &items {
-            let lobe = Entry { id: self.id, whole: item, fields: item.as_map(faults) };
+            let lobe = LightEntry { id: self.id, whole: item, fields: item.as_map(faults) };
             lobe.only(&["name", "direction", "bandwidth", "radiance"], faults);
             let free: Vec<&str> =
                 LOBES.iter().zip(&lobes).filter(|(_, l)| l.is_none()).map(|(name, _)| *name).collect();
@@ -367,7 +367,7 @@ mod tests {
     const EDGES: &str = r#""kind": "Window", "center": [0, 0, -4], "half_x": [1, 0, 0], "half_y": [0, 0.5, 0]"#;
     const SKY: &str = r#"{"name": "sky", "direction": [0, 3, -4], "bandwidth": 1.5, "radiance": [1, 2, 3]}"#;
 
-    fn lights(lamp: &str, pane: &str, more: &str) -> Result<Vec<Light>, Vec<Diagnostic>> {
+    fn lights(lamp: &str, pane: &str, more: &str) -> Result<Vec<KnownLight>, Vec<Diagnostic>> {
         read(&Source::new("lights.json", format!("{{\"lamp\": {lamp},\n\"pane\": {pane}{more}}}")), &WANTED)
     }
 

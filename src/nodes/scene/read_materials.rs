@@ -91,7 +91,7 @@ impl Node for ReadMaterials {
             Some(file) => {
                 let read = super::open(ctx, file, image::read_normal)?;
                 let read = fitted("normal", file, &read, size)?;
-                Arc::new(facing(&read, &inputs.normal, &inputs.camera.resized(size.0, size.1)))
+                Arc::new(valid_normals(&read, &inputs.normal, &inputs.camera.resized(size.0, size.1)))
             }
             None => inputs.normal,
         };
@@ -112,7 +112,7 @@ fn fitted(name: &str, file: &File, plane: &Plane<Vec3>, size: (usize, usize)) ->
 }
 
 /// Unit normals of the file, and `else_normal` where it has none that faces the camera.
-fn facing(read: &Plane<Vec3>, else_normal: &Normal, camera: &Camera) -> Normal {
+fn valid_normals(read: &Plane<Vec3>, else_normal: &Normal, camera: &Camera) -> Normal {
     let (width, height) = read.size();
     Normal(Plane::from_fn(width, height, |x, y| {
         let normal = read.get(x, y).normalize_or_zero();

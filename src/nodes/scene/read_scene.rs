@@ -41,7 +41,7 @@ pub struct DepthSpec {
     pub path: File,
     #[serde(default)]
     pub kind: DepthKind,
-    /// Metres per stored unit.
+    /// MetricDepth per stored unit.
     #[serde(default = "one")]
     pub scale: f32,
 }
@@ -236,7 +236,7 @@ impl ReadScene {
         warn(ctx, file, &warnings);
         let (width, height) = stored.size();
         self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
-        let metres = planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
+        let meters = planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
 
         // What a pane shows, and what is outside the room, may be far away: it must not spread
         // into the room.
@@ -246,7 +246,7 @@ impl ReadScene {
             let outside = image::resize(&outside.0, width, height);
             untrusted.pixels_mut().iter_mut().zip(outside.pixels()).for_each(|(u, &m)| *u = u.max(m));
         }
-        let (depth, holes) = image::inpaint_depth(&metres, &untrusted).ok_or_else(|| {
+        let (depth, holes) = image::inpaint_depth(&meters, &untrusted).ok_or_else(|| {
             let wanted = format!("at least one depth between {} and {} m", image::NEAR, image::FAR);
             bad(file, format!("depth: wanted {wanted}, got holes everywhere; is the scale right?"))
         })?;

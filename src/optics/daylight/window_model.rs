@@ -199,7 +199,7 @@ fn samples(picture: &Plane<Vec3>, heading: Heading, outside: DVec3) -> Vec<Sampl
     picture.pixels().iter().enumerate().filter_map(sample).collect()
 }
 
-struct Sun {
+struct SunDisc {
     lobe: Lobe,
     radiance: DVec3,
     /// Its radiance times its solid angle.
@@ -211,7 +211,7 @@ struct Sun {
 }
 
 /// The sun among these directions, `pixel` radians apart.
-fn sun(samples: &[Sample], pixel: f64) -> Option<Sun> {
+fn sun(samples: &[Sample], pixel: f64) -> Option<SunDisc> {
     let y = |rgb: DVec3| f64::from(luminance(rgb.as_vec3()));
     let brighter = |a: Option<&'_ Sample>, b: &'_ Sample| a.is_none_or(|a| y(b.radiance) > y(a.radiance));
     let mut peak: Option<&Sample> = None;
@@ -260,11 +260,11 @@ fn sun(samples: &[Sample], pixel: f64) -> Option<Sun> {
     }
     let solid = 2.0 * PI * -(-2.0 * bandwidth).exp_m1() / bandwidth;
     let lobe = Lobe { direction: direction.as_vec3(), bandwidth: bandwidth as f32 };
-    Some(Sun { lobe, radiance: excess / solid, excess, boundary: radius.cos(), annulus })
+    Some(SunDisc { lobe, radiance: excess / solid, excess, boundary: radius.cos(), annulus })
 }
 
 /// The surrounding with the sky around the sun in place of the sun.
-fn without(picture: &Plane<Vec3>, heading: Heading, sun: &Sun) -> Plane<Vec3> {
+fn without(picture: &Plane<Vec3>, heading: Heading, sun: &SunDisc) -> Plane<Vec3> {
     let (width, height) = (picture.width(), picture.height());
     let center = sun.lobe.direction.as_dvec3();
     let pixel = |i: usize| {
@@ -277,7 +277,7 @@ fn without(picture: &Plane<Vec3>, heading: Heading, sun: &Sun) -> Plane<Vec3> {
 }
 
 /// Directions (on the tangent plane of where they began) and logarithms of bandwidths of two lobes.
-type Form = [f64; 6];
+type LobePair = [f64; 6];
 
 /// The upper and the lower lobe with their radiances.
 fn broad_lobes(samples: &[Sample], up: DVec3, outside: DVec3) -> [(Lobe, DVec3); 2] {
@@ -294,7 +294,7 @@ fn broad_lobes(samples: &[Sample], up: DVec3, outside: DVec3) -> [(Lobe, DVec3);
     all
 }
 
-fn lobes(start: &[DVec3; 2], form: &Form) -> [Lobe; 2] {
+fn lobes(start: &[DVec3; 2], form: &LobePair) -> [Lobe; 2] {
     [0, 1].map(|k| {
         let (s, t) = start[k].any_orthonormal_pair();
         let direction = (start[k] + s * form[3 * k] + t * form[3 * k + 1]).normalize();
@@ -305,7 +305,7 @@ fn lobes(start: &[DVec3; 2], form: &Form) -> [Lobe; 2] {
 
 /// The cost and the lobes at the end of a Levenberg-Marquardt descent from these directions.
 fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f64, [Lobe; 2]) {
-    let mut form: Form = [0.0, 0.0, log_bandwidth[0], 0.0, 0.0, log_bandwidth[1]];
+    let mut form: LobePair = [0.0, 0.0, log_bandwidth[0], 0.0, 0.0, log_bandwidth[1]];
     let mut residual = residuals(samples, &lobes(&start, &form));
     let cost = |residual: &[f64]| residual.iter().map(|r| r * r).sum::<f64>();
     let mut best = cost(&residual);
@@ -333,7 +333,7 @@ fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f
                 damping *= DAMPING_FACTORS[1];
                 continue;
             };
-            let moved: Form = std::array::from_fn(|k| form[k] + step[k].clamp(-LONGEST, LONGEST));
+            let moved: LobePair = std::array::from_fn(|k| form[k] + step[k].clamp(-LONGEST, LONGEST));
             let moved_residual = residuals(samples, &lobes(&start, &moved));
             let now = cost(&moved_residual);
             if now < best {

@@ -25,7 +25,7 @@ use glam::DVec3;
 
 use crate::optics::sampling::gaussian::Gaussian;
 use crate::optics::sampling::lobe_irradiance::{Arc, Overlap, POLE, SERIES, p1_p2, p1_p2_of, p2_series};
-use crate::optics::sampling::polygon::{Edge, Outline};
+use crate::optics::sampling::polygon::{ArcEdge, Outline};
 
 /// The irradiance over pi of one lobe of unit radiance at a receiver, and its derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -63,7 +63,7 @@ impl Gradient {
 }
 
 /// The vector whose dot product with the direction of a point x on an edge is 1 / |x|.
-fn inverse_distance(edge: &Edge, first: DVec3, forward: DVec3) -> DVec3 {
+fn inverse_distance(edge: &ArcEdge, first: DVec3, forward: DVec3) -> DVec3 {
     let (start, end) = (1.0 / edge.start.length(), 1.0 / edge.end.length());
     let (sin, cos) = edge.angle.sin_cos();
     first * start + forward * ((end - cos * start) / sin)
@@ -87,7 +87,7 @@ pub(super) fn outline_gradient(outline: &Outline, normal: DVec3, pivot: DVec3) -
 /// sin cos and G sin^2 over the arc in the frame of `axes`.
 fn sweep(
     gradient: &mut Gradient,
-    edge: &Edge,
+    edge: &ArcEdge,
     [first, forward]: [DVec3; 2],
     axes: [DVec3; 2],
     normal: DVec3,

@@ -75,7 +75,7 @@ impl ClusteredMesh {
         if all.is_empty() {
             return None;
         }
-        let mut order: Vec<Key> = Vec::with_capacity(all.len());
+        let mut order: Vec<TriangleKey> = Vec::with_capacity(all.len());
         let (low, high) = bounds(all.iter().flatten());
         let unit = NORMAL * (high - low).length();
         for (i, t) in all.iter().enumerate() {
@@ -109,11 +109,11 @@ impl PreparedForm for ClusteredMesh {
 }
 
 /// The middle and the scaled normal of a triangle, and its index.
-type Key = ([f64; 6], u32);
+type TriangleKey = ([f64; 6], u32);
 
 /// Halves `keys` along the widest of their axes until there are `count` groups, and pushes the end
 /// of each.
-fn split(keys: &mut [Key], first: usize, count: usize, ends: &mut Vec<usize>) {
+fn split(keys: &mut [TriangleKey], first: usize, count: usize, ends: &mut Vec<usize>) {
     if count <= 1 || keys.len() <= 1 {
         ends.push(first + keys.len());
         return;

@@ -15,7 +15,7 @@ use crate::optics::sampling::Points2;
 pub struct PhotometricLamp {
     /// Camera space, metres.
     pub center: Vec3,
-    /// Metres.
+    /// MetricDepth.
     pub radius: f32,
     /// The relative intensity by direction.
     pub web: PhotometricWeb,

@@ -28,12 +28,12 @@ impl PreparedForm for Sides {
 }
 
 /// A side, its sampler, and its irradiance over pi.
-type Side<'a> = (&'a Rectangle, ProductSampler, f64);
+type SampledSide<'a> = (&'a Rectangle, ProductSampler, f64);
 
 /// A sampler of the sides that face a receiver: at most three.
 struct SidesSampler<'a> {
     receiver: (DVec3, DVec3),
-    sides: [Option<Side<'a>>; 3],
+    sides: [Option<SampledSide<'a>>; 3],
     /// Irradiance over pi of all of them.
     whole: f64,
 }

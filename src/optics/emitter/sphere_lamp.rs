@@ -15,7 +15,7 @@ use crate::optics::sampling::sphere::{Cone, sphere_irradiance};
 pub struct SphereLamp {
     /// Camera space, metres.
     pub center: Vec3,
-    /// Metres.
+    /// MetricDepth.
     pub radius: f32,
 }
 

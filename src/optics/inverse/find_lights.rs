@@ -108,15 +108,16 @@ pub fn find_lights(
     let (w, h) = cues.photo.size();
     let smallest = (search.smallest * (w * h) as f32).max(1.0) as usize;
 
-    let mut kept: Vec<Region> = Vec::new();
+    let mut kept: Vec<BrightRegion> = Vec::new();
     for level in (0..LEVELS as i32).rev() {
         let threshold = 1.0 - (1.0 - search.threshold) * 0.5f32.powi(level);
         let label = cues.cut(threshold, search.smoothness);
         let large = connected_components(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
         let mut merged = Vec::new();
         for region in large.map(|pixels| cues.region(pixels, &label)) {
-            let (inner, others) =
-                kept.into_iter().partition(|inner: &Region| region.pixels.binary_search(&inner.pixels[0]).is_ok());
+            let (inner, others) = kept
+                .into_iter()
+                .partition(|inner: &BrightRegion| region.pixels.binary_search(&inner.pixels[0]).is_ok());
             kept = others;
             let sharpest = inner.iter().map(|inner| inner.contrast.ln()).fold(0.0, f32::max);
             let contrast = if cues.emits(&region) { region.contrast.ln() } else { 0.0 };
@@ -124,12 +125,13 @@ pub fn find_lights(
         }
         kept = merged;
     }
-    let (windows, lamps): (Vec<Region>, Vec<Region>) = kept.into_iter().partition(|region| cues.is_window(region));
+    let (windows, lamps): (Vec<BrightRegion>, Vec<BrightRegion>) =
+        kept.into_iter().partition(|region| cues.is_window(region));
     let windows = join(windows, (w, h)).into_iter().map(|region| (LightKind::Window, region));
     let mut found: Vec<_> = windows.chain(lamps.into_iter().map(|region| (LightKind::Lamp, region))).collect();
     found.sort_by_key(|(_, region)| std::cmp::Reverse(region.pixels.len()));
     found.truncate(search.most);
-    let light = |(kind, region): (LightKind, Region)| {
+    let light = |(kind, region): (LightKind, BrightRegion)| {
         let (area, contrast) = (region.pixels.len(), region.contrast);
         FoundLight { kind, mask: mask(&region.pixels, (w, h)), area, contrast }
     };
@@ -143,7 +145,7 @@ fn mask(pixels: &[usize], (w, h): (usize, usize)) -> Plane<bool> {
 }
 
 /// A connected region of a cut.
-struct Region {
+struct BrightRegion {
     pixels: Vec<usize>,
     /// Fraction of its bounding box that it covers.
     fill: f32,
@@ -209,7 +211,7 @@ impl<'a> Cues<'a> {
     }
 
     /// The region of these pixels; its surroundings are the pixels outside of `label`.
-    fn region(&self, pixels: Vec<usize>, label: &Plane<bool>) -> Region {
+    fn region(&self, pixels: Vec<usize>, label: &Plane<bool>) -> BrightRegion {
         let (w, h) = self.photo.size();
         let extent = |value: &dyn Fn(usize) -> usize| {
             let ends = |(least, most): (usize, usize), &i: &usize| (least.min(value(i)), most.max(value(i)));
@@ -237,7 +239,7 @@ impl<'a> Cues<'a> {
             // A region that covers the photo stands out from nothing.
             if annulus.is_empty() { 0.0 } else { inside / outside.max(0.01) }
         };
-        Region {
+        BrightRegion {
             contrast: contrast(&self.least, 0.5),
             least_contrast: contrast(&self.least, 0.75),
             frame: contrast(&self.bright, 0.75),
@@ -247,17 +249,17 @@ impl<'a> Cues<'a> {
         }
     }
 
-    fn fraction(&self, region: &Region, test: impl Fn(usize) -> bool) -> f32 {
+    fn fraction(&self, region: &BrightRegion, test: impl Fn(usize) -> bool) -> f32 {
         region.pixels.iter().filter(|&&i| test(i)).count() as f32 / region.pixels.len() as f32
     }
 
-    fn daylight(&self, region: &Region) -> f32 {
+    fn daylight(&self, region: &BrightRegion) -> f32 {
         self.fraction(region, |i| hue(self.photo.pixels()[i]) > DAYLIGHT + self.neutral.max(0.0))
     }
 
     /// Returns whether a region may be a light: it is sharp, as white or as blue as the photo gets,
     /// and not on a floor or table.
-    fn emits(&self, region: &Region) -> bool {
+    fn emits(&self, region: &BrightRegion) -> bool {
         let sharp = region.contrast > CONTRAST[0] && region.least_contrast > CONTRAST[1];
         let white = self.fraction(region, |i| self.least.pixels()[i] > WHITE);
         let placed = self.room.is_none_or(|(points, normal, up)| {
@@ -270,7 +272,7 @@ impl<'a> Cues<'a> {
     /// Returns whether a region is a window, by votes of about -1..1 each: it lies in the plane of
     /// its surroundings, not before it; in a frame, not in its own glow; it is a rectangle; it has
     /// daylight. A warm glow on a wall lies in its plane too, so that one vote is not enough.
-    fn is_window(&self, region: &Region) -> bool {
+    fn is_window(&self, region: &BrightRegion) -> bool {
         let vote = |value: f32, [zero, one]: [f32; 2]| ((value - zero) / (one - zero)).clamp(-1.0, 1.0);
         let flush = self.room.map_or(UNKNOWN_FLUSH, |(points, ..)| {
             let depth =
@@ -289,8 +291,8 @@ impl<'a> Cues<'a> {
 }
 
 /// log(blue / red), bounded in the dark.
-fn hue(colour: Vec3) -> f32 {
-    ((colour.z + 0.01) / (colour.x + 0.01)).ln()
+fn hue(color: Vec3) -> f32 {
+    ((color.z + 0.01) / (color.x + 0.01)).ln()
 }
 
 /// The quantile `fraction` of the values; 0 of none.
@@ -305,12 +307,12 @@ fn quantile(values: impl Iterator<Item = f32>, fraction: f32) -> f32 {
 
 /// Joins regions within [`MUNTIN`] of each other in a picture of this size, with the contrast of
 /// the largest.
-fn join(parts: Vec<Region>, size: (usize, usize)) -> Vec<Region> {
+fn join(parts: Vec<BrightRegion>, size: (usize, usize)) -> Vec<BrightRegion> {
     let reach = MUNTIN * size.0.max(size.1) as f32;
-    let mut joined: Vec<Region> = Vec::new();
+    let mut joined: Vec<BrightRegion> = Vec::new();
     for mut region in parts {
         let away = distance(&mask(&region.pixels, size));
-        let is_near = |other: &Region| other.pixels.iter().any(|&i| away.pixels()[i] <= reach);
+        let is_near = |other: &BrightRegion| other.pixels.iter().any(|&i| away.pixels()[i] <= reach);
         let (near, others) = joined.into_iter().partition(is_near);
         joined = others;
         for mut other in near {

@@ -9,7 +9,7 @@ use super::{Observations, observed_pixels};
 use crate::geometry::{Grid, Own, SceneMesh};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments};
 use crate::optics::transport::{direct, shadow};
-use crate::optics::{Bounces, Sampling, ShadowQuality, Shape, Transport, indirect_at_receivers};
+use crate::optics::{Bounces, LightTransport, Sampling, ShadowQuality, Shape, indirect_at_receivers};
 
 /// A photo and the reconstruction of its room; all planes are of one size.
 #[derive(Clone, Copy)]
@@ -20,7 +20,7 @@ pub struct SeenRoom<'a> {
     pub points: &'a Points,
     pub normal: &'a Normal,
     pub mesh: &'a SceneMesh,
-    pub transport: &'a Transport,
+    pub transport: &'a LightTransport,
     pub albedo: &'a Albedo,
     pub segments: &'a Segments,
 }

@@ -140,15 +140,15 @@ impl Bounds<'_> {
 
 /// A light with its traced layers.
 #[derive(Clone)]
-struct TracedLight {
+struct LightWithLayers {
     shape: Shape,
     layers: Vec<UnitLayer>,
     columns: Vec<Vec<Vec3>>,
 }
 
-impl TracedLight {
-    fn new(shape: Shape, layers: Vec<UnitLayer>) -> TracedLight {
-        TracedLight { columns: layers.iter().map(UnitLayer::sum).collect(), shape, layers }
+impl LightWithLayers {
+    fn new(shape: Shape, layers: Vec<UnitLayer>) -> LightWithLayers {
+        LightWithLayers { columns: layers.iter().map(UnitLayer::sum).collect(), shape, layers }
     }
 
     /// Arriving light of a lobe, summed over the receivers.
@@ -203,7 +203,7 @@ struct RadianceSolution {
     loss: f64,
 }
 
-struct Fit<'a> {
+struct ShapeProblem<'a> {
     receivers: &'a Receivers<'a>,
     lights: &'a [LightVariable<'a>],
     search: &'a ShapeSearch,
@@ -226,11 +226,11 @@ struct NormalEquations {
 pub fn fit_shapes(receivers: &Receivers, lights: &[LightVariable], bounds: &Bounds, search: &ShapeSearch) -> ShapeFit {
     let positions = receivers.positions();
     let lit = positions.iter().map(|(point, _)| *point).sum::<Vec3>() / positions.len().max(1) as f32;
-    let mut fit = Fit { receivers, lights, search, positions, lit, prior_weight: 0.0 };
+    let mut fit = ShapeProblem { receivers, lights, search, positions, lit, prior_weight: 0.0 };
     let trace = |light: &LightVariable, shape: &Shape| {
-        TracedLight::new(shape.clone(), receivers.layers(shape, light.mask, search.quality))
+        LightWithLayers::new(shape.clone(), receivers.layers(shape, light.mask, search.quality))
     };
-    let start: Vec<TracedLight> = lights.iter().map(|light| trace(light, &light.shape)).collect();
+    let start: Vec<LightWithLayers> = lights.iter().map(|light| trace(light, &light.shape)).collect();
     let mut found = ShapeFit {
         shapes: lights.iter().map(|light| light.shape.clone()).collect(),
         saved: vec![0.0; lights.len()],
@@ -290,13 +290,13 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[LightVariable], bounds: &Boun
     found
 }
 
-fn columns_of(lights: &[TracedLight]) -> Vec<Vec<Vec3>> {
+fn columns_of(lights: &[LightWithLayers]) -> Vec<Vec<Vec3>> {
     lights.iter().flat_map(|light| light.columns.iter().cloned()).collect()
 }
 
-impl Fit<'_> {
-    fn parameters(&self, traced: &[TracedLight]) -> Vec<(usize, Parameter)> {
-        let of = |(i, light): (usize, &TracedLight)| {
+impl ShapeProblem<'_> {
+    fn parameters(&self, traced: &[LightWithLayers]) -> Vec<(usize, Parameter)> {
+        let of = |(i, light): (usize, &LightWithLayers)| {
             parameters(&light.shape, self.lights[i].freedom, self.lit).into_iter().map(move |p| (i, p))
         };
         traced.iter().enumerate().flat_map(of).collect()
@@ -332,7 +332,7 @@ impl Fit<'_> {
     }
 
     /// Loss and prior cost of the shapes.
-    fn penalized_loss(&self, solution: &RadianceSolution, traced: &[TracedLight]) -> f64 {
+    fn penalized_loss(&self, solution: &RadianceSolution, traced: &[LightWithLayers]) -> f64 {
         solution.loss + self.prior_cost(traced.iter().map(|light| &light.shape))
     }
 
@@ -344,7 +344,12 @@ impl Fit<'_> {
         self.prior_weight * self.lights.iter().zip(shapes).map(of).sum::<f64>()
     }
 
-    fn normal(&self, traced: &[TracedLight], free: &[(usize, Parameter)], now: &RadianceSolution) -> NormalEquations {
+    fn normal(
+        &self,
+        traced: &[LightWithLayers],
+        free: &[(usize, Parameter)],
+        now: &RadianceSolution,
+    ) -> NormalEquations {
         let columns = columns_of(traced);
         let (problem, scale) = self.problem(&columns);
         let w: Vec<[f64; 3]> = now
@@ -438,7 +443,7 @@ impl Fit<'_> {
     /// their radiances.
     fn descend(
         &self,
-        traced: &[TracedLight],
+        traced: &[LightWithLayers],
         now: &RadianceSolution,
         (mut free, mut normal): (Vec<(usize, Parameter)>, NormalEquations),
         bounds: &Bounds,

@@ -5,8 +5,8 @@ use crate::geometry::SceneMesh;
 use crate::image::{Albedo, Normal as Normals, Picture, Plane, Points, Segments};
 use crate::optics::inverse::SeenRoom;
 use crate::optics::{
-    Bounces, Lamp, Lobe, Probed, RectLamp, Sampling, ShadowQuality, SphereLamp, Transport, Window, direct, indirect,
-    shadow, trace_bounces,
+    Bounces, Lamp, LightTransport, Lobe, Probed, RectLamp, Sampling, ShadowQuality, SphereLamp, Window, direct,
+    indirect, shadow, trace_bounces,
 };
 
 const SIZE: (usize, usize) = (160, 120);
@@ -17,7 +17,7 @@ struct Room {
     points: Points,
     normal: Normals,
     mesh: SceneMesh,
-    transport: Transport,
+    transport: LightTransport,
     albedo: Albedo,
     segments: Segments,
     dark: Mask,

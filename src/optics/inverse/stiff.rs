@@ -32,7 +32,7 @@ fn equal_columns_are_one_unknown() {
 }
 
 /// `pixels` in `segments` stretches of paint under lights that fall off from places along the row.
-struct Row {
+struct PixelRow {
     layers: Vec<Vec<Vec3>>,
     photo: Vec<Vec3>,
     segment: Vec<u32>,
@@ -42,16 +42,16 @@ fn falloff(pixels: usize, from: f32) -> Vec<Vec3> {
     (0..pixels).map(|p| Vec3::splat(1.0 / (0.3 + (p as f32 / pixels as f32 - from).powi(2)))).collect()
 }
 
-fn row(layers: Vec<Vec<Vec3>>, radiance: &[Vec3], segments: usize) -> Row {
+fn row(layers: Vec<Vec<Vec3>>, radiance: &[Vec3], segments: usize) -> PixelRow {
     let n = layers[0].len();
     let paint = [Vec3::splat(0.8), Vec3::new(0.7, 0.3, 0.2), Vec3::new(0.2, 0.3, 0.6), Vec3::splat(0.4)];
     let segment: Vec<u32> = (0..n).map(|p| (p * segments / n) as u32).collect();
     let lit = |p: usize| layers.iter().zip(radiance).map(|(u, w)| *w * u[p]).sum::<Vec3>();
     let photo = (0..n).map(|p| paint[segment[p] as usize % 4] * lit(p)).collect();
-    Row { layers, photo, segment }
+    PixelRow { layers, photo, segment }
 }
 
-impl Row {
+impl PixelRow {
     fn observations(&self) -> Observations {
         let segments = self.segment.iter().max().map_or(0, |s| *s as usize + 1);
         Observations {
@@ -73,7 +73,7 @@ impl Row {
 }
 
 /// The radiances that [`fit_radiances`] settles at, without penalties and saturation.
-fn twin(row: &Row, iterations: usize) -> Vec<[f64; 3]> {
+fn twin(row: &PixelRow, iterations: usize) -> Vec<[f64; 3]> {
     let (n, k) = (row.photo.len(), row.layers.len());
     let segments = row.observations().segments;
     let white = f64::from(row.observations().white);
@@ -139,7 +139,7 @@ fn distance(fit: &RadianceFit, twin: &[[f64; 3]]) -> f64 {
 const W: [Vec3; 3] = [Vec3::new(0.3, 0.25, 0.2), Vec3::new(0.2, 0.2, 0.2), Vec3::new(0.1, 0.1, 0.12)];
 
 /// Two lights 0.3 of the row apart and one at its end.
-fn three() -> Row {
+fn three() -> PixelRow {
     row(vec![falloff(60, 0.0), falloff(60, 0.3), falloff(60, 1.0)], &W, 3)
 }
 
@@ -155,8 +155,8 @@ fn lights_that_differ_agree_with_the_twin() {
 /// A light that gives nothing must end at the bound, and the others where they were without it.
 #[test]
 fn a_light_at_its_bound_agrees_with_the_twin() {
-    let Row { layers, segment, .. } = three();
-    let row = Row { photo: row(layers.clone(), &[W[0], Vec3::ZERO, W[2]], 3).photo, layers, segment };
+    let PixelRow { layers, segment, .. } = three();
+    let row = PixelRow { photo: row(layers.clone(), &[W[0], Vec3::ZERO, W[2]], 3).photo, layers, segment };
     let (fit, twin) = (row.fit(), twin(&row, 600));
     // The pull on the colors of the other two leaves it a ten-thousandth in blue.
     assert!(fit.radiance[1].max_element() < 1e-4, "{fit:?}");

@@ -21,7 +21,7 @@ pub(in crate::optics) struct LampPixels<'a> {
 
 /// Extent of a lamp in depth.
 #[derive(Clone, Copy)]
-pub(in crate::optics) struct Body {
+pub(in crate::optics) struct LampDepth {
     /// Center of the lamp, meters, camera space.
     pub center: Vec3,
     /// Half of its outline's width across, meters.
@@ -51,7 +51,7 @@ const MOST_ANNULUS_SURFELS: f32 = 8.0;
 /// A closed surface: front, annulus and back. The surfels follow one curve over it, so that
 /// neighbors in the list are neighbors in space. The surface stays open where the picture's border
 /// cuts the lamp.
-pub(in crate::optics) fn closed(lamp: &LampPixels, body: Body) -> Vec<Surfel> {
+pub(in crate::optics) fn closed(lamp: &LampPixels, body: LampDepth) -> Vec<Surfel> {
     let Some(front) = Front::new(lamp, body) else { return Vec::new() };
     let Front { axis, middle, .. } = front;
     let mirrored = |plate: &Surfel| Surfel {
@@ -69,14 +69,14 @@ pub(in crate::optics) fn closed(lamp: &LampPixels, body: Body) -> Vec<Surfel> {
 /// Visible side of a lamp, and its mirror plane: those points p with axis . p = middle.
 struct Front<'a> {
     lamp: &'a LampPixels<'a>,
-    body: Body,
+    body: LampDepth,
     axis: Vec3,
     middle: f32,
     inside: Plane<bool>,
 }
 
 impl<'a> Front<'a> {
-    fn new(lamp: &'a LampPixels<'a>, body: Body) -> Option<Front<'a>> {
+    fn new(lamp: &'a LampPixels<'a>, body: LampDepth) -> Option<Front<'a>> {
         let mut inside = Plane::filled(lamp.camera.width, lamp.camera.height, false);
         lamp.pixels.iter().for_each(|&(x, y)| inside.set(x, y, true));
         Some(Front { lamp, body, axis: body.center.try_normalize()?, middle: body.center.length(), inside })
@@ -115,7 +115,7 @@ impl<'a> Front<'a> {
     }
 
     /// Surfels from the front's boundary at this piece of the outline to its mirror image.
-    fn annulus(&self, edge: &Edge) -> impl Iterator<Item = Surfel> + use<> {
+    fn annulus(&self, edge: &OutlineEdge) -> impl Iterator<Item = Surfel> + use<> {
         let camera = self.lamp.camera;
         let self_surfel = self.surfel(edge.pixel);
         // The boundary is where the surfel's own plane ends, half a pixel further out.
@@ -192,7 +192,7 @@ fn tilted_to_camera(normal: Vec3, ray: Vec3) -> Vec3 {
 }
 
 /// A side of a pixel that is on the outline.
-struct Edge {
+struct OutlineEdge {
     pixel: (usize, usize),
     /// Its middle in the picture.
     at: Vec2,
@@ -207,7 +207,7 @@ struct Edge {
 
 /// Sides of pixels beside which the lamp ends, in order around its middle; those at the picture's
 /// border are left out.
-fn outline(pixels: &[(usize, usize)], inside: &Plane<bool>) -> Vec<Edge> {
+fn outline(pixels: &[(usize, usize)], inside: &Plane<bool>) -> Vec<OutlineEdge> {
     let (width, height) = inside.size();
     let sides = [Vec2::X, Vec2::NEG_X, Vec2::Y, Vec2::NEG_Y];
     let ends = |(x, y): (usize, usize), side: Vec2| {
@@ -216,7 +216,7 @@ fn outline(pixels: &[(usize, usize)], inside: &Plane<bool>) -> Vec<Edge> {
         !beyond && !inside.get(x as usize, y as usize)
     };
     let at = |(x, y): (usize, usize), side: Vec2| Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + 0.5 * side;
-    let mut edges: Vec<Edge> = Vec::new();
+    let mut edges: Vec<OutlineEdge> = Vec::new();
     for &pixel in pixels {
         for side in sides.into_iter().filter(|&side| ends(pixel, side)) {
             let here = at(pixel, side);
@@ -234,7 +234,7 @@ fn outline(pixels: &[(usize, usize)], inside: &Plane<bool>) -> Vec<Edge> {
                 }
             }
             let outward = outward.normalize();
-            edges.push(Edge { pixel, at: here, side, outward, length: outward.dot(side) });
+            edges.push(OutlineEdge { pixel, at: here, side, outward, length: outward.dot(side) });
         }
     }
     let middle = edges.iter().map(|edge| edge.at).sum::<Vec2>() / edges.len().max(1) as f32;
@@ -303,7 +303,7 @@ mod tests {
         }
 
         fn closed(&self, center: Vec3, half: f32) -> Vec<Surfel> {
-            closed(&self.pixels(), Body { center, half, seen: true })
+            closed(&self.pixels(), LampDepth { center, half, seen: true })
         }
     }
 
@@ -448,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn hilberts_curve_steps_to_a_neighbour_and_misses_nothing() {
+    fn hilberts_curve_steps_to_a_neighbor_and_misses_nothing() {
         let all: Vec<_> = (0..1024).map(|i| (i % 32, i / 32)).collect();
         let order = along_curve(&all);
         assert!(order.windows(2).all(|w| w[0].0.abs_diff(w[1].0) + w[0].1.abs_diff(w[1].1) == 1));
@@ -480,7 +480,7 @@ mod tests {
                 let lamp = LampPixels { pixels, points: &points, camera: &camera };
                 for seen in [true, false] {
                     let center = camera.pixel_point(20, 15, 2.1);
-                    let surfels = closed(&lamp, Body { center, half: 0.2, seen });
+                    let surfels = closed(&lamp, LampDepth { center, half: 0.2, seen });
                     assert_eq!(surfels.is_empty(), pixels.is_empty(), "{name}");
                     for p in &surfels {
                         assert!(p.point.is_finite() && p.area > 0.0 && p.area.is_finite(), "{name}: {p:?}");
@@ -492,8 +492,8 @@ mod tests {
         }
         let everything =
             LampPixels { pixels: &masks[5].1, points: &Points(Plane::filled(40, 30, Vec3::NEG_Z)), camera: &camera };
-        let surfels = closed(&everything, Body { center: Vec3::NEG_Z * 2.0, half: 0.5, seen: true });
+        let surfels = closed(&everything, LampDepth { center: Vec3::NEG_Z * 2.0, half: 0.5, seen: true });
         assert_eq!(surfels.len(), 2 * 1200, "the picture's border is no outline");
-        assert!(closed(&everything, Body { center: Vec3::ZERO, half: 0.5, seen: true }).is_empty());
+        assert!(closed(&everything, LampDepth { center: Vec3::ZERO, half: 0.5, seen: true }).is_empty());
     }
 }

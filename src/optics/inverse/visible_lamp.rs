@@ -4,7 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::mask_pixels::{extent, median};
-use super::surfels::{Body, LampPixels, closed, flat, thin};
+use super::surfels::{LampDepth, LampPixels, closed, flat, thin};
 use crate::geometry::PlaneFit;
 use crate::image::Normal;
 use crate::optics::{BoxLamp, Lamp, RectLamp, SphereLamp};
@@ -190,7 +190,7 @@ impl<'a> VisibleLamp<'a> {
             Some(plane) => flat(&self.pixels, &PlaneFit { offset: plane.offset + PROUD, ..plane }),
             None => {
                 let half = if self.is_long() { self.half[1] } else { self.radius() };
-                closed(&self.pixels, Body { center: self.center(half), half, seen: self.wall.is_none() })
+                closed(&self.pixels, LampDepth { center: self.center(half), half, seen: self.wall.is_none() })
             }
         };
         let surfels = thin(&all, forms.most_surfels, forms.seed);

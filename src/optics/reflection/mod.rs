@@ -7,7 +7,7 @@ pub(in crate::optics) mod reflect;
 
 pub use ggx::Ggx;
 pub use mirror::{Around, Mirror};
-pub use polish::{NO_ROW, Part, Places, SeenPlaces, SpecularChange, places};
+pub use polish::{NO_ROW, ReflectingPoints, SeenSurface, SpecularChange, SpecularPart, places};
 pub use reflect::{
     RayEnd, ReflectedHit, ReflectionScene, Reflections, ShadingPoint, object_shading_point, reflections,
 };

@@ -15,17 +15,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, PlaneFit, SceneMesh};
 use crate::image::{
-    Depth, Gloss, Normal, Picture, Plane, Points, STEP, SpecularEdit, Upsampler, neighbours, resize, resize_depth, rule,
+    Depth, Gloss, Normal, Picture, Plane, Points, STEP, SpecularEdit, Upsampler, neighbors, resize, resize_depth, rule,
 };
 use crate::optics::{Mirror, Reflections, ShadingPoint};
 
 /// The change of a photo by new specular parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SpecularChange(pub Vec<Part>);
+pub struct SpecularChange(pub Vec<SpecularPart>);
 
 /// Reflections of one kind: of the new finish or the old, known at pixels of one size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Part {
+pub struct SpecularPart {
     /// Whether it is taken away.
     pub old: bool,
     /// Part of each photo pixel.
@@ -58,7 +58,7 @@ impl SpecularChange {
     }
 }
 
-impl Part {
+impl SpecularPart {
     /// The weights with which a photo's pixels take those of the part, which have this photo and
     /// depth.
     pub fn reduced(&self, photo: &Picture, depth: &Depth) -> (Picture, Depth) {
@@ -101,7 +101,7 @@ impl Part {
 }
 
 /// The seen room, at the photo's size and at working size.
-pub struct SeenPlaces<'a> {
+pub struct SeenSurface<'a> {
     /// The camera of the photo.
     pub camera: &'a Camera,
     /// Planar z at the photo's size.
@@ -113,7 +113,7 @@ pub struct SeenPlaces<'a> {
 }
 
 /// The places of one part, and which photo and part pixels take them.
-pub struct Places {
+pub struct ReflectingPoints {
     pub old: bool,
     pub share: Plane<f32>,
     pub rows: Plane<u32>,
@@ -125,16 +125,16 @@ const MOST_NARROW: usize = 1_000_000;
 
 /// The places at which the reflections of a finish are asked for, and the working pixels of the
 /// planes that they lie in.
-pub fn places(finish: &SpecularEdit, seen: &SeenPlaces) -> (Vec<Places>, Vec<Plane<bool>>) {
+pub fn places(finish: &SpecularEdit, seen: &SeenSurface) -> (Vec<ReflectingPoints>, Vec<Plane<bool>>) {
     let (full, small) = (finish.share.size(), seen.points.0.size());
     if finish.share.is_empty() {
         return (Vec::new(), Vec::new());
     }
-    let parts: Vec<(Wanted, (usize, usize))> = [false, true]
+    let parts: Vec<(RequestedKind, (usize, usize))> = [false, true]
         .into_iter()
         .flat_map(|old| [Pitch::Photo, Pitch::Working, Pitch::Half].map(|pitch| (old, pitch)))
         .filter_map(|(old, pitch)| {
-            let wanted = Wanted::new(finish, old, |gloss| Pitch::of(gloss[0], seen, full) == pitch)?;
+            let wanted = RequestedKind::new(finish, old, |gloss| Pitch::of(gloss[0], seen, full) == pitch)?;
             let step = (1..).find(|step| wanted.count.div_ceil(step * step) <= MOST_NARROW).unwrap_or(1);
             let size = match pitch {
                 Pitch::Photo => (full.0.div_ceil(step).max(small.0), full.1.div_ceil(step).max(small.1)),
@@ -147,7 +147,7 @@ pub fn places(finish: &SpecularEdit, seen: &SeenPlaces) -> (Vec<Places>, Vec<Pla
     let mut region = Plane::filled(small.0, small.1, false);
     for (wanted, (w, h)) in &parts {
         for i in (0..wanted.share.len()).filter(|&i| wanted.share.pixels()[i] > 0.0) {
-            let taken = neighbours((i % full.0, i / full.0), full, (*w, *h));
+            let taken = neighbors((i % full.0, i / full.0), full, (*w, *h));
             taken.for_each(|(x, y)| region.set(x * small.0 / w, y * small.1 / h, true));
         }
     }
@@ -168,7 +168,7 @@ impl Pitch {
     /// The coarsest sampling that resolves a lobe. Half vectors spread by about a = roughness^2
     /// radians, and on a surface seen at a slant that a light is near to they turn by some three
     /// pixels a pixel.
-    fn of(roughness: f32, seen: &SeenPlaces, full: (usize, usize)) -> Pitch {
+    fn of(roughness: f32, seen: &SeenSurface, full: (usize, usize)) -> Pitch {
         let (w, h) = seen.points.0.size();
         let pixel = full.0 as f32 / (w as f32 * seen.camera.fx);
         match roughness * roughness {
@@ -180,33 +180,33 @@ impl Pitch {
 }
 
 /// One kind of reflection at the photo's pixels.
-struct Wanted {
+struct RequestedKind {
     old: bool,
     share: Plane<f32>,
     gloss: Plane<[f32; 2]>,
     count: usize,
 }
 
-impl Wanted {
+impl RequestedKind {
     /// The photo pixels whose specular parameters change and whose gloss, old or new, is `chosen`;
     /// `None` without any.
-    fn new(finish: &SpecularEdit, old: bool, chosen: impl Fn([f32; 2]) -> bool) -> Option<Wanted> {
+    fn new(finish: &SpecularEdit, old: bool, chosen: impl Fn([f32; 2]) -> bool) -> Option<RequestedKind> {
         let (w, h) = finish.share.size();
         let gloss = Plane::from_fn(w, h, |x, y| if old { finish.before(x, y) } else { finish.gloss.get(x, y) });
         let share = Plane::from_fn(w, h, |x, y| {
             if finish.changes(x, y) && chosen(gloss.get(x, y)) { finish.share.get(x, y) } else { 0.0 }
         });
         let count = share.pixels().iter().filter(|&&share| share > 0.0).count();
-        (count > 0).then_some(Wanted { old, share, gloss, count })
+        (count > 0).then_some(RequestedKind { old, share, gloss, count })
     }
 
     /// The places, at pixels of a plane of this size.
-    fn places(self, (w, h): (usize, usize), seen: &SeenPlaces, flat: &Flat) -> Places {
+    fn places(self, (w, h): (usize, usize), seen: &SeenSurface, flat: &Flat) -> ReflectingPoints {
         let full = self.share.size();
         let mut sums = vec![([0.0f32; 2], 0.0f32); w * h];
         for i in (0..self.share.len()).filter(|&i| self.share.pixels()[i] > 0.0) {
             let (share, gloss) = (self.share.pixels()[i], self.gloss.pixels()[i]);
-            for (x, y) in neighbours((i % full.0, i / full.0), full, (w, h)) {
+            for (x, y) in neighbors((i % full.0, i / full.0), full, (w, h)) {
                 let (sum, all) = &mut sums[y * w + x];
                 sum.iter_mut().zip(gloss).for_each(|(sum, value)| *sum += share * value);
                 *all += share;
@@ -223,7 +223,7 @@ impl Wanted {
             let gloss = Gloss { roughness: sum[0] / all, specular: sum[1] / all, metallic: 0.0 };
             points.push(flat.shading_point((at, (w, h)), seen_at, gloss, seen));
         }
-        Places { old: self.old, share: self.share, rows, points }
+        ReflectingPoints { old: self.old, share: self.share, rows, points }
     }
 }
 
@@ -263,7 +263,7 @@ const UNEVEN: f32 = 0.1;
 const REACH: usize = 3;
 
 impl Flat {
-    fn new(region: &Plane<bool>, seen: &SeenPlaces) -> Flat {
+    fn new(region: &Plane<bool>, seen: &SeenSurface) -> Flat {
         let (w, h) = region.size();
         let (points, normals) = (seen.points.0.pixels(), seen.normal.0.pixels());
         let lies_in = |plane: &PlaneFit, i: usize| {
@@ -317,7 +317,7 @@ impl Flat {
         (at, size): ((usize, usize), (usize, usize)),
         point: Vec3,
         gloss: Gloss,
-        seen: &SeenPlaces,
+        seen: &SeenSurface,
     ) -> ShadingPoint {
         let (w, h) = self.label.size();
         let i = (at.1 * h / size.1) * w + at.0 * w / size.0;
@@ -353,7 +353,7 @@ mod tests {
     const WALL: f32 = -4.0;
 
     /// A floor and a wall, whose depth is wrong by up to this share.
-    struct Room {
+    struct MirrorRoom {
         camera: Camera,
         depth: Depth,
         points: Points,
@@ -361,7 +361,7 @@ mod tests {
         mesh: SceneMesh,
     }
 
-    fn room(error: f32) -> Room {
+    fn room(error: f32) -> MirrorRoom {
         let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
         let ray = |x, y| camera.pixel_point(x, y, 1.0);
         let is_floor = |x, y| ray(x, y).y * -WALL < FLOOR;
@@ -373,10 +373,10 @@ mod tests {
         let flat = |x, y| if is_floor(x, y) { Vec3::Y } else { Vec3::Z };
         let normal = Normal(Plane::from_fn(SIZE.0, SIZE.1, |x, y| (flat(x, y) + tilt(x, y)).normalize()));
         let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(SIZE.0, SIZE.1, false));
-        Room { camera, depth, points, normal, mesh }
+        MirrorRoom { camera, depth, points, normal, mesh }
     }
 
-    impl Room {
+    impl MirrorRoom {
         fn is_floor(&self, i: usize) -> bool {
             self.normal.0.pixels()[i].y > 0.5
         }
@@ -387,7 +387,7 @@ mod tests {
             let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(self.is_floor(y * SIZE.0 + x))));
             let mut finish = SpecularEdit::default();
             finish.lay(&floor, [Some(new), None], &Roughness(Plane::filled(SIZE.0, SIZE.1, old)));
-            let seen = SeenPlaces {
+            let seen = SeenSurface {
                 camera: &self.camera,
                 full_depth: &self.depth,
                 points: &self.points,
@@ -411,7 +411,7 @@ mod tests {
             for kind in kinds {
                 let shading = |i: usize| Some(kind.points[i]);
                 let (of, _) = reflections((kind.points.len(), 1), shading, &scene, &[("lamp", &lamp)], 64, 1);
-                let part = Part { old: kind.old, share: kind.share, rows: kind.rows, of };
+                let part = SpecularPart { old: kind.old, share: kind.share, rows: kind.rows, of };
                 let weights = [Vec3::splat(radiance)];
                 let layers = [plane.to_vec(), vec![Vec3::ZERO; plane.len()]];
                 let all: Vec<usize> = (0..plane.len()).collect();
@@ -512,7 +512,7 @@ mod tests {
     #[test]
     fn nothing_changed_asks_nothing() {
         let room = room(0.0);
-        let seen = SeenPlaces {
+        let seen = SeenSurface {
             camera: &room.camera,
             full_depth: &room.depth,
             points: &room.points,
@@ -527,7 +527,7 @@ mod tests {
     fn a_narrow_lobe_is_known_at_photo_pixels_and_a_broad_one_at_every_second_working_pixel() {
         let room = room(0.0);
         let full = (2 * SIZE.0, 2 * SIZE.1);
-        let seen = SeenPlaces {
+        let seen = SeenSurface {
             camera: &room.camera.resized(full.0, full.1),
             full_depth: &resize_depth(&room.depth, full.0, full.1),
             points: &room.points,

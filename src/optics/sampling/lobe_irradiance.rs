@@ -25,7 +25,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use glam::DVec3;
 
 use super::gaussian::Gaussian;
-use super::polygon::{Edge, Outline};
+use super::polygon::{ArcEdge, Outline};
 
 /// Exponent beyond which G counts as zero: e^-18 = 1.5e-8. Unit: none; source: the error stated at
 /// [`Gaussian::irradiance`]; effect: a larger one lengthens the arcs that are integrated.
@@ -91,7 +91,7 @@ impl Gaussian {
     }
 
     /// The integrals of R (nu . d) and of H along an edge.
-    fn along_edge(&self, edge: &Edge, mean: f64) -> [f64; 2] {
+    fn along_edge(&self, edge: &ArcEdge, mean: f64) -> [f64; 2] {
         let b = self.bandwidth;
         let arc = Arc::new(self, edge);
         let sums = arc.near(self, |sin_half, _| {
@@ -125,7 +125,7 @@ pub(in crate::optics) struct Arc {
 
 impl Arc {
     /// The arc of `edge` about the axis of `lobe`.
-    pub fn new(lobe: &Gaussian, edge: &Edge) -> Arc {
+    pub fn new(lobe: &Gaussian, edge: &ArcEdge) -> Arc {
         let sin_delta = edge.inward.dot(lobe.direction);
         let cos_delta = (1.0 - sin_delta * sin_delta).max(0.0).sqrt();
         let first = edge.start.normalize();

@@ -102,13 +102,13 @@ pub struct PolarSampler {
     /// sum of cos(phi) and sin(phi).
     edges: [(bool, [f64; 2]); Outline::MOST],
     edge_count: usize,
-    nodes: [Node; NODES],
+    nodes: [AzimuthNode; NODES],
     node_count: usize,
 }
 
 /// The fit at one azimuth.
 #[derive(Clone, Copy, Default)]
-struct Node {
+struct AzimuthNode {
     azimuth: f64,
     /// Density over azimuth, not normalised.
     density: f64,
@@ -167,7 +167,7 @@ impl PolarSampler {
             axes: [pole, x, y],
             edges: [(false, [0.0; 2]); Outline::MOST],
             edge_count: edges.len(),
-            nodes: [Node::default(); NODES],
+            nodes: [AzimuthNode::default(); NODES],
             node_count: 0,
         };
         for (slot, edge) in polar.edges.iter_mut().zip(edges) {
@@ -252,7 +252,7 @@ impl PolarSampler {
     fn push(&mut self, slice: Slice) {
         if self.node_count < NODES {
             let Slice { azimuth, density, tilt, .. } = slice;
-            self.nodes[self.node_count] = Node { azimuth, density, tilt, sum: 0.0 };
+            self.nodes[self.node_count] = AzimuthNode { azimuth, density, tilt, sum: 0.0 };
             self.node_count += 1;
         }
     }

@@ -8,13 +8,13 @@ use glam::DVec3;
 /// receiver.
 #[derive(Clone, Copy)]
 pub struct Outline {
-    edges: [Edge; Outline::MOST],
+    edges: [ArcEdge; Outline::MOST],
     count: usize,
 }
 
 /// An arc of a great circle on the receiver's sphere of directions.
 #[derive(Clone, Copy)]
-pub struct Edge {
+pub struct ArcEdge {
     /// The first corner.
     pub start: DVec3,
     /// The second corner.
@@ -35,7 +35,7 @@ impl Outline {
     /// The `corners`, three or four, are counter-clockwise as the receiver sees them.
     pub fn above(corners: &[DVec3], normal: DVec3) -> Option<Outline> {
         let (above, corners) = clip(corners, normal);
-        let nothing = Edge { start: DVec3::ZERO, end: DVec3::ZERO, inward: DVec3::ZERO, angle: 0.0 };
+        let nothing = ArcEdge { start: DVec3::ZERO, end: DVec3::ZERO, inward: DVec3::ZERO, angle: 0.0 };
         let mut outline = Outline { edges: [nothing; Outline::MOST], count: 0 };
         for i in 0..corners {
             let (start, end) = (above[i], above[(i + 1) % corners]);
@@ -47,7 +47,7 @@ impl Outline {
             // outline.
             if length > 0.0 && length.is_finite() {
                 let angle = length.atan2(start.dot(end));
-                outline.edges[outline.count] = Edge { start, end, inward: cross / length, angle };
+                outline.edges[outline.count] = ArcEdge { start, end, inward: cross / length, angle };
                 outline.count += 1;
             }
         }
@@ -55,14 +55,14 @@ impl Outline {
     }
 
     /// The edges in the order of the corners, three to five.
-    pub fn edges(&self) -> &[Edge] {
+    pub fn edges(&self) -> &[ArcEdge] {
         &self.edges[..self.count]
     }
 
     /// The solid angle, steradians.
     pub fn solid_angle(&self) -> f64 {
         let edges = self.edges();
-        let triangle = |edge: &Edge| triangle_solid_angle(edges[0].start, edge.start, edge.end);
+        let triangle = |edge: &ArcEdge| triangle_solid_angle(edges[0].start, edge.start, edge.end);
         edges[1..edges.len() - 1].iter().map(triangle).sum::<f64>().max(0.0)
     }
 

@@ -129,7 +129,7 @@ impl Contact {
         let found = |k: usize| {
             let pixel = self.pixels.pixels()[k] as usize;
             let (light, hidden) = grid
-                .neighbours(points, normal, pixel)
+                .neighbors(points, normal, pixel)
                 .iter()
                 .fold((Vec3::ZERO, 0.0), |(light, hidden), &(i, weight)| {
                     (light + weight * past[i].light, hidden + weight * past[i].hidden)

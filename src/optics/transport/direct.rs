@@ -8,14 +8,14 @@ use crate::optics::{Emitter, Shape, Strategy};
 
 /// Per lobe of unit radiance: irradiance / pi, and its standard error (zero where a closed form was
 /// used).
-pub struct Direct {
+pub struct DirectEstimate {
     pub lobes: Vec<Plane<f32>>,
     pub stderr: Vec<Plane<f32>>,
     /// Samples taken, of all pixels and lobes.
     pub samples: u64,
 }
 
-impl Direct {
+impl DirectEstimate {
     /// Mean standard error over mean value, of all lobes together.
     pub fn relative_error(&self) -> f64 {
         // The sum of nothing is -0.0, which would be shown with its sign.
@@ -26,7 +26,7 @@ impl Direct {
 }
 
 /// Sums of the parts of the samples, per batch.
-type Sums = [f64; BATCHES];
+type BatchSums = [f64; BATCHES];
 
 /// Closed forms where there are any, but for windows under a strategy that is there to be compared;
 /// else samples. The planes are of one size. Asked between rounds, `stop` may end it early.
@@ -36,7 +36,7 @@ pub fn direct(
     shape: &Shape,
     sampling: &Sampling,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Direct {
+) -> DirectEstimate {
     let emitter = Emitter::with_strategy(shape, sampling.strategy);
     let (width, height) = points.0.size();
     let at = |i: usize| (points.0.pixels()[i], normal.0.pixels()[i]);
@@ -48,10 +48,10 @@ pub fn direct(
     let exact: Vec<Vec<Option<f32>>> = (0..shape.lobes()).map(exact).collect();
 
     let open = |(lobe, exact): (usize, &Vec<Option<f32>>)| tiles(lobe, (width, height), |i| exact[i].is_none());
-    let mut open: Vec<Tile<Sums>> = exact.iter().enumerate().flat_map(open).collect();
+    let mut open: Vec<Tile<BatchSums>> = exact.iter().enumerate().flat_map(open).collect();
     let known = |exact: &Vec<Option<f32>>| exact.iter().flatten().map(|&e| f64::from(e)).sum();
     let base: Vec<(f64, usize)> = exact.iter().map(|exact| (known(exact), width * height)).collect();
-    let extend = |tile: &mut Tile<Sums>, range: std::ops::Range<usize>| {
+    let extend = |tile: &mut Tile<BatchSums>, range: std::ops::Range<usize>| {
         for (&pixel, sums) in tile.pixels.iter().zip(&mut tile.sums) {
             let Some(seen) = emitter.sampler_at(tile.lobe, at(pixel).0, at(pixel).1) else { continue };
             for (batch, sum) in sums.iter_mut().enumerate() {
@@ -61,7 +61,7 @@ pub fn direct(
             }
         }
     };
-    let measure = |tile: &Tile<Sums>| {
+    let measure = |tile: &Tile<BatchSums>| {
         let add = |all: Measure, (value, error)| Measure { value: all.value + value, error: all.error + error };
         answers(tile).into_iter().fold(Measure::default(), add)
     };
@@ -77,7 +77,7 @@ pub fn direct(
         }
     }
     let plane = |pixels: Vec<f32>| Plane::new(width, height, pixels);
-    Direct {
+    DirectEstimate {
         lobes: lobes.into_iter().map(plane).collect(),
         stderr: stderr.into_iter().map(plane).collect(),
         samples: open.iter().map(|tile| (tile.pixels.len() * tile.each * BATCHES) as u64).sum(),
@@ -85,7 +85,7 @@ pub fn direct(
 }
 
 /// Value and standard error of each pixel of a tile.
-fn answers(tile: &Tile<Sums>) -> Vec<(f64, f64)> {
+fn answers(tile: &Tile<BatchSums>) -> Vec<(f64, f64)> {
     let means: Vec<(f64, f64)> = tile.sums.iter().map(|sums| mean(&sums.map(|sum| sum / tile.each as f64))).collect();
     let variances: Vec<Option<f64>> = means.iter().map(|(_, error)| Some(error * error)).collect();
     means.iter().zip(pooled(tile, &variances)).map(|((value, _), error)| (*value, error)).collect()

@@ -22,7 +22,7 @@ use crate::optics::sampling::random::Points2;
 
 /// Hits of the gathering rays of each receiver, a point of a coarse grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Transport {
+pub struct LightTransport {
     grid: Grid,
     /// One row per receiver, one column per ray, batch after batch: the pixel met, or [`MISS`].
     hits: Plane<u32>,
@@ -40,7 +40,7 @@ pub struct Transport {
 
 const MISS: u32 = u32::MAX;
 
-impl Transport {
+impl LightTransport {
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
         self.hits.bytes() + self.nearest.bytes() + self.areas.bytes() + self.contact.bytes()
@@ -70,13 +70,13 @@ impl Transport {
 
     /// With at most `rays` of the rays of each receiver, spread over all batches: for estimates
     /// over many receivers, which need fewer.
-    pub fn thinned(&self, rays: usize) -> Transport {
+    pub fn thinned(&self, rays: usize) -> LightTransport {
         let each = self.hits.width() / BATCHES;
         let step = each.div_ceil((rays / BATCHES).max(1)).max(1);
         let kept: Vec<usize> =
             (0..BATCHES).flat_map(|b| (0..each).step_by(step).map(move |ray| b * each + ray)).collect();
         let hits = Plane::from_fn(kept.len(), self.hits.height(), |ray, receiver| self.hits.get(kept[ray], receiver));
-        Transport {
+        LightTransport {
             hits,
             grid: self.grid,
             nearest: self.nearest.clone(),
@@ -133,8 +133,9 @@ impl Transport {
         self.hits.pixels().chunks(self.hits.width().max(1)).map(shading).collect()
     }
 
-    /// [`Transport::ambient`] where bodies, whose probes have this albedo, stand in the way: in
-    /// place of what they hide they show what they reflect of it. On all pixels, and on the probes.
+    /// [`LightTransport::ambient`] where bodies, whose probes have this albedo, stand in the way:
+    /// in place of what they hide they show what they reflect of it. On all pixels, and on the
+    /// probes.
     pub fn ambient_around(&self, points: &Points, normal: &Normal, albedo: &[Vec3]) -> (Plane<Vec3>, Vec<Vec3>) {
         let all = self.ambient();
         let (_, on_probes) = all.split_at(self.grid.len());
@@ -180,7 +181,7 @@ pub fn trace_bounces(
     stride: usize,
     rays: usize,
     seed: u64,
-) -> Transport {
+) -> LightTransport {
     let (width, height) = points.0.size();
     let grid = Grid::new((width, height), stride);
     let probes = mesh.bodies().probes();
@@ -206,7 +207,7 @@ pub fn trace_bounces(
     };
     let rows: Vec<Vec<u32>> = (0..grid.len() + probes.len()).into_par_iter().map(trace).collect();
     let nearest = |pixel: usize| {
-        let best = grid.neighbours(points, normal, pixel).into_iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
+        let best = grid.neighbors(points, normal, pixel).into_iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
         best.map_or(0, |(i, _)| i as u32)
     };
     let nearest = (0..width * height).into_par_iter().with_min_len(width.max(1)).map(nearest).collect();
@@ -226,7 +227,7 @@ pub fn trace_bounces(
     let most = 4.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     areas.iter_mut().for_each(|a| *a = a.min(most));
     areas.resize(rows.len(), 0.0);
-    Transport {
+    LightTransport {
         hits: Plane::new(each * BATCHES, rows.len(), rows.concat()),
         nearest: Plane::new(width, height, nearest),
         areas: Plane::new(rows.len(), 1, areas),
@@ -266,7 +267,7 @@ impl Probed<'_> {
 /// together, as part of it is common to all of them (what the unseen part shows); a pixel has that
 /// of its nearest receiver.
 pub fn indirect(
-    transport: &Transport,
+    transport: &LightTransport,
     points: &Points,
     normal: &Normal,
     albedo: &Albedo,
@@ -274,12 +275,12 @@ pub fn indirect(
     probed: Probed,
     bounces: Bounces,
 ) -> (Shading, Plane<f32>, Vec<Vec3>) {
-    let Transport { grid, nearest, .. } = transport;
+    let LightTransport { grid, nearest, .. } = transport;
     let pixels = direct.len();
     let arrives = |p: usize| if p < pixels { direct.pixels()[p] } else { probed.direct[p - pixels] };
     let receivers = gather(transport, albedo, probed.albedo, arrives, bounces);
-    let up = grid.spread(points, normal, |neighbours| {
-        neighbours
+    let up = grid.spread(points, normal, |neighbors| {
+        neighbors
             .iter()
             .fold([Vec3::ZERO; BATCHES], |sum, &(i, weight)| std::array::from_fn(|b| sum[b] + receivers[i][b] * weight))
     });
@@ -309,7 +310,7 @@ fn reflectances(albedo: &Albedo, probes: &[Vec3]) -> Vec<Vec3> {
 /// Indirect shading of one lobe on the receivers alone, in a room without bodies; `direct` is its
 /// shadowed direct shading at a pixel.
 pub fn indirect_at_receivers(
-    transport: &Transport,
+    transport: &LightTransport,
     albedo: &Albedo,
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
@@ -325,7 +326,7 @@ fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {
 /// through all bounces, so that their spread holds the errors of what the surfaces show as well as
 /// those of looking at them.
 fn gather(
-    transport: &Transport,
+    transport: &LightTransport,
     albedo: &Albedo,
     probes: &[Vec3],
     direct: impl Fn(usize) -> f32 + Sync,
@@ -364,7 +365,7 @@ fn gather(
 /// One bounce: per receiver and batch, the mean of what its rays meet. A pixel shows `shown` to a
 /// batch, what is unseen `ambient`.
 fn bounce(
-    transport: &Transport,
+    transport: &LightTransport,
     shown: impl Fn(usize, usize) -> Vec3 + Sync,
     ambient: [Vec3; BATCHES],
 ) -> Vec<[Vec3; BATCHES]> {

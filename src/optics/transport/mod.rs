@@ -9,10 +9,10 @@ pub(in crate::optics) mod lighting;
 pub(in crate::optics) mod objects;
 pub(in crate::optics) mod shadow;
 
-pub use direct::{Direct, direct};
+pub use direct::{DirectEstimate, direct};
 pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
-pub use indirect::{Bounces, Probed, Transport, indirect, indirect_at_receivers, trace_bounces};
+pub use indirect::{Bounces, LightTransport, Probed, indirect, indirect_at_receivers, trace_bounces};
 pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
 pub use lighting::{Lighting, LocalLobe, local_frame};
 pub use objects::arriving;
-pub use shadow::{Shadow, ShadowQuality, shadow};
+pub use shadow::{ShadowEstimate, ShadowQuality, shadow};

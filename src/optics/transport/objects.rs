@@ -5,7 +5,7 @@ use super::direct;
 use super::shadow::{ShadowQuality, shadow};
 use crate::geometry::SceneMesh;
 use crate::image::{Normal, Plane, Points};
-use crate::optics::{Direct, Sampling, Shape};
+use crate::optics::{DirectEstimate, Sampling, Shape};
 
 /// Irradiance / pi that arrives from each lobe of a light of unit radiance, shadows of the room and
 /// of all bodies included. Shadows are traced at every `stride`th place along each axis. Also the
@@ -22,7 +22,7 @@ pub fn arriving(
         return (vec![Plane::filled(points.width(), points.height(), 0.0); shape.lobes()], 0);
     }
     let (points, normals) = (Points(points.clone()), Normal(normals.clone()));
-    let Direct { mut lobes, .. } = direct(&points, &normals, shape, &sampling, stop);
+    let DirectEstimate { mut lobes, .. } = direct(&points, &normals, shape, &sampling, stop);
     let quality = ShadowQuality { sampling, stride, assume_lit: 1.0, outside_unknown: false, lifted: true };
     let shadow = shadow(mesh, &points, &normals, shape, None, quality, stop);
     for (direct, lit) in lobes.iter_mut().zip(&shadow.lit) {

@@ -32,7 +32,7 @@ pub struct ShadowQuality {
 
 /// Per lobe, shares of the unshadowed direct shading, 0..1.
 #[derive(Default)]
-pub struct Shadow {
+pub struct ShadowEstimate {
     /// Seen to be lit, plus `assume_lit` times unknown.
     pub lit: Vec<Plane<f32>>,
     /// Standard error of `lit`.
@@ -82,9 +82,9 @@ pub fn shadow(
     own: Option<(&Own, &Mask)>,
     quality: ShadowQuality,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Shadow {
+) -> ShadowEstimate {
     if shape.lobes() == 0 {
-        return Shadow::default();
+        return ShadowEstimate::default();
     }
     let emitter = Emitter::with_strategy(shape, quality.sampling.strategy);
     let is_own = |pixel: usize| own.is_some_and(|(_, own)| own.0.pixels()[pixel] > 0.5);
@@ -131,7 +131,7 @@ pub fn shadow(
 
     let traced = by_receiver(&open, lobes.len(), grid.len(), assume);
     let sum = |of: fn(&Measure) -> f64| open.iter().fold(0.0, |sum, tile| sum + of(&tile.measure));
-    let mut shadow = Shadow {
+    let mut shadow = ShadowEstimate {
         lit: Vec::new(),
         stderr: Vec::new(),
         unknown: Vec::new(),
@@ -140,8 +140,8 @@ pub fn shadow(
         samples: open.iter().map(|tile| (tile.pixels.len() * tile.each * BATCHES) as u64).sum(),
         pixels: open.iter().map(|tile| tile.pixels.len()).sum(),
     };
-    let up = grid.spread(points, normal, |neighbours| -> [[f32; 3]; 3] {
-        std::array::from_fn(|lobe| traced.get(lobe).map_or([0.0; 3], |traced| blend(traced, neighbours)))
+    let up = grid.spread(points, normal, |neighbors| -> [[f32; 3]; 3] {
+        std::array::from_fn(|lobe| traced.get(lobe).map_or([0.0; 3], |traced| blend(traced, neighbors)))
     });
     for lobe in lobes {
         let plane = |k: usize| {
@@ -165,7 +165,7 @@ fn by_receiver(tiles: &[Tile<[Sums; BATCHES]>], lobes: usize, receivers: usize, 
     traced
 }
 
-impl Shadow {
+impl ShadowEstimate {
     /// Gives all lobes one visibility, that of the light as a whole when every lobe has unit
     /// radiance: sum of E V / sum of E over the lobes, with E their unshadowed `direct` shading;
     /// the mean where no light arrives.
@@ -194,9 +194,9 @@ impl Shadow {
 /// Lit and unknown share and the standard error of the former, of a pixel that draws from these
 /// traced ones. Each of them has random numbers of its own, so their variances add, with the
 /// squares of the weights.
-fn blend(traced: &[Answer], neighbours: &[(usize, f32)]) -> [f32; 3] {
+fn blend(traced: &[Answer], neighbors: &[(usize, f32)]) -> [f32; 3] {
     let (mut lit, mut unknown, mut variance, mut valid) = (0.0, 0.0, 0.0, 0.0);
-    for &(i, weight) in neighbours {
+    for &(i, weight) in neighbors {
         let answer = &traced[i];
         lit += weight * answer.lit;
         unknown += weight * answer.unknown;
@@ -251,7 +251,7 @@ mod tests {
         let lit = planes([[0.2, 0.5, 1.0], [0.8, 1.0, 1.0]]);
         let unknown = planes([[0.4, 0.5, 0.0], [0.0, 0.0, 0.0]]);
         let stderr = planes([[0.4, 0.1, 0.0], [0.0, 0.0, 0.0]]);
-        let mut shadow = Shadow { lit, stderr, unknown, ..Shadow::default() };
+        let mut shadow = ShadowEstimate { lit, stderr, unknown, ..ShadowEstimate::default() };
         shadow.average(&direct);
         for lobe in 0..2 {
             // 0.2 / 4 + 0.8 * 3 / 4 = 0.65; all powers of two but for the decimals' own rounding.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 use relight::graph::{Context, Node};
-use relight::image::{Picture, Plane, Source, Transfer, read_mask};
+use relight::image::{NamedBytes, Picture, Plane, Transfer, read_mask};
 use relight::nodes::artifacts::Encoding;
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
 
@@ -27,7 +27,7 @@ fn find(scene: &Scene, photo: &Picture) -> (BTreeMap<String, Plane<f32>>, Vec<St
     let files = FindLights::default().run(inputs, &ctx).expect("the room is sound").files;
     let masks = files.0.iter().filter_map(|(name, bytes)| {
         let id = name.strip_prefix("masks/")?.strip_suffix(".png")?;
-        let mask = read_mask(Source::new(name, bytes)).unwrap_or_else(|e| panic!("{}", e.message()));
+        let mask = read_mask(NamedBytes::new(name, bytes)).unwrap_or_else(|e| panic!("{}", e.message()));
         Some((id.to_owned(), mask.0))
     });
     (masks.collect(), ctx.warnings())

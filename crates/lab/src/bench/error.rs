@@ -29,14 +29,14 @@ pub struct Point {
 }
 
 /// An estimated quantity of one lobe, with its standard error; one value per pixel each.
-pub struct Layer {
+pub struct LobeEstimate {
     pub value: Vec<f32>,
     pub stderr: Vec<f32>,
 }
 
 /// Layers of one light, per lobe of unit radiance, and their cost.
 pub struct Estimate {
-    pub lobes: Vec<Layer>,
+    pub lobes: Vec<LobeEstimate>,
     pub seconds: f64,
     pub rays: u64,
 }
@@ -88,7 +88,7 @@ impl Reference {
 
     /// Mean square error of an estimate less the variance of the reference, and the mean of its own
     /// variances.
-    fn squares(&self, Layer { value, stderr }: &Layer) -> [f64; 2] {
+    fn squares(&self, LobeEstimate { value, stderr }: &LobeEstimate) -> [f64; 2] {
         let n = self.mean.len().max(1) as f64;
         let error: f64 = value.iter().zip(&self.mean).map(|(&x, mean)| (f64::from(x) - mean).powi(2)).sum();
         let claimed: f64 = stderr.iter().map(|&sd| f64::from(sd).powi(2)).sum();
@@ -167,12 +167,12 @@ mod tests {
             if (x >> 63) == 0 { 1.0 } else { -1.0 }
         };
         let value = (0..pixels).map(|i| 1.0 + off * sign(i)).collect();
-        Estimate { lobes: vec![Layer { value, stderr: vec![off; pixels] }], seconds: 1.0, rays: 0 }
+        Estimate { lobes: vec![LobeEstimate { value, stderr: vec![off; pixels] }], seconds: 1.0, rays: 0 }
     }
 
     #[test]
     fn standard_errors_of_a_product_add_in_quadrature() {
-        let layer = |value: f32, stderr: f32| Layer { value: vec![value], stderr: vec![stderr] };
+        let layer = |value: f32, stderr: f32| LobeEstimate { value: vec![value], stderr: vec![stderr] };
         let light = Estimate { lobes: vec![layer(2.0, 0.3)], seconds: 1.0, rays: 5 };
         let visibility = Estimate { lobes: vec![layer(0.5, 0.1)], seconds: 0.5, rays: 7 };
         let product = light.shadowed(visibility);

@@ -1,7 +1,7 @@
 //! Experiments on single lights: which estimator, at how many samples.
 
 use super::error::{Estimate, Point, Reference, measure, repeat};
-use super::{At, Effort, Renderer, Setting, both, seeded};
+use super::{At, Effort, ParamSetting, Renderer, both, seeded};
 
 /// A lobe of a light that reaches the room, with its reference.
 struct Subject {
@@ -20,7 +20,7 @@ enum Estimator {
 }
 
 impl Estimator {
-    fn estimate<R: Renderer>(self, renderer: &R, light: &str, settings: &[Setting]) -> Result<Estimate, R::Error> {
+    fn estimate<R: Renderer>(self, renderer: &R, light: &str, settings: &[ParamSetting]) -> Result<Estimate, R::Error> {
         let direct = renderer.direct(light, settings)?;
         match self {
             Estimator::Direct => Ok(direct),
@@ -34,7 +34,7 @@ struct Line<'a> {
     plot: &'static str,
     series: &'a str,
     estimator: Estimator,
-    fixed: Vec<Setting>,
+    fixed: Vec<ParamSetting>,
     at: Vec<At>,
 }
 
@@ -54,7 +54,7 @@ pub(super) const STRATEGIES: [(&str, &str, u32); 7] = [
 /// Series of the default strategy, sampled until a target is reached.
 pub(super) const ADAPTIVE: &str = "ours, adaptive";
 
-fn strategy(name: &str) -> Vec<Setting> {
+fn strategy(name: &str) -> Vec<ParamSetting> {
     both("sampling", name)
 }
 
@@ -64,7 +64,7 @@ fn subjects<R: Renderer>(
     light: &str,
     effort: &Effort,
     estimator: Estimator,
-    (samples, fixed): (u32, &[Setting]),
+    (samples, fixed): (u32, &[ParamSetting]),
 ) -> Result<Vec<Subject>, R::Error> {
     let settings = [effort.small(), fixed.to_vec(), At::Samples(samples).settings()];
     let estimates = (0..effort.references).map(|_| estimator.estimate(renderer, light, &seeded(renderer, &settings)));

@@ -10,13 +10,13 @@ mod tables;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-pub use error::{Estimate, Layer, Point};
+pub use error::{Estimate, LobeEstimate, Point};
 
 /// One parameter of all stages of a kind: kind, name and value as RON.
-pub type Setting = (&'static str, &'static str, String);
+pub type ParamSetting = (&'static str, &'static str, String);
 
 /// A light of the scene.
-pub struct Light {
+pub struct SceneLight {
     pub name: String,
     /// Whether the photo shows it.
     pub visible: bool,
@@ -48,20 +48,20 @@ pub trait Renderer {
     fn seed(&self) -> u64;
 
     /// Lists the lights of the scene, in the order of the graph's set.
-    fn lights(&self) -> Result<Vec<Light>, Self::Error>;
+    fn lights(&self) -> Result<Vec<SceneLight>, Self::Error>;
 
     /// Estimates the unshadowed direct shading of a light, per lobe of unit radiance.
-    fn direct(&self, light: &str, settings: &[Setting]) -> Result<Estimate, Self::Error>;
+    fn direct(&self, light: &str, settings: &[ParamSetting]) -> Result<Estimate, Self::Error>;
 
     /// Estimates the visibility of a light, 0..=1 per lobe.
-    fn visibility(&self, light: &str, settings: &[Setting]) -> Result<Estimate, Self::Error>;
+    fn visibility(&self, light: &str, settings: &[ParamSetting]) -> Result<Estimate, Self::Error>;
 
     /// Reads the ground truth; without any, `lights` is empty.
     fn truth(&self) -> Result<Truth, Self::Error>;
 
     /// Renders edited pictures under one group of settings after the other, from an empty cache:
     /// the first one computes everything, each later one finds what its settings leave as it is.
-    fn pictures(&self, settings: &[Vec<Setting>]) -> Result<Vec<Picture>, Self::Error>;
+    fn pictures(&self, settings: &[Vec<ParamSetting>]) -> Result<Vec<Picture>, Self::Error>;
 
     /// Shows one line of progress.
     fn message(&self, text: &str);
@@ -163,7 +163,7 @@ impl Effort {
 
     /// Settings of the small pictures on which single estimators are measured. Windows have three
     /// lobes there, whatever the small photo would make `InitLights` choose.
-    fn small(&self) -> Vec<Setting> {
+    fn small(&self) -> Vec<ParamSetting> {
         let emission = ("InitLights", "window_emission", "Daylight(1e4,1.5,1.5)".to_owned());
         vec![("ReadScene", "long_side", self.side.to_string()), emission]
     }
@@ -179,7 +179,7 @@ enum At {
 }
 
 impl At {
-    fn settings(self) -> Vec<Setting> {
+    fn settings(self) -> Vec<ParamSetting> {
         match self {
             At::Samples(n) => [both("samples", n), both("target_error", 0)].concat(),
             At::Target(target) => both("target_error", target),
@@ -202,13 +202,13 @@ impl At {
 }
 
 /// One parameter of all stages that sample lights.
-fn both(field: &'static str, value: impl ToString) -> Vec<Setting> {
+fn both(field: &'static str, value: impl ToString) -> Vec<ParamSetting> {
     let value = value.to_string();
     vec![("Direct", field, value.clone()), ("Shadow", field, value)]
 }
 
 /// All settings in order, and a new seed.
-fn seeded(renderer: &impl Renderer, settings: &[Vec<Setting>]) -> Vec<Setting> {
+fn seeded(renderer: &impl Renderer, settings: &[Vec<ParamSetting>]) -> Vec<ParamSetting> {
     let seed = both("seed", renderer.seed());
     settings.iter().flatten().cloned().chain(seed).collect()
 }
@@ -237,7 +237,7 @@ pub fn measure<R: Renderer>(renderer: &R, options: &Options) -> Result<Vec<Point
 
 /// The content of bench.json.
 #[derive(Serialize)]
-pub struct Report {
+pub struct BenchReport {
     /// Version of the program.
     pub relight: &'static str,
     pub graph: String,
@@ -250,7 +250,7 @@ pub struct Report {
     pub points: Vec<Point>,
 }
 
-impl Report {
+impl BenchReport {
     /// bench.csv and, with the feature `plots`, one SVG per plot that has a mark: names and texts.
     pub fn files(&self) -> Vec<(String, String)> {
         let csv = ("bench.csv".to_owned(), tables::csv(&self.points));
@@ -263,7 +263,7 @@ impl Report {
 
     /// The tables in Markdown, each under a line that names it.
     pub fn markdown(&self) -> String {
-        let Report { threads, seconds, side, .. } = self;
+        let BenchReport { threads, seconds, side, .. } = self;
         let run = format!("{threads} threads, {seconds:.0} s in all; single estimators on {side} pixels across.\n");
         format!("<!-- table: run -->\n{run}\n{}", tables::markdown(&self.points))
     }

@@ -1,7 +1,7 @@
 //! Experiments on whole pictures.
 
 use super::error::Point;
-use super::{At, Effort, Picture, Renderer, Setting, Truth, both, seeded};
+use super::{At, Effort, ParamSetting, Picture, Renderer, Truth, both, seeded};
 
 /// The true picture with one light switched off.
 struct LightOff {
@@ -45,7 +45,7 @@ fn difference(got: &[f64], wanted: &[f64]) -> f64 {
 }
 
 /// A pipeline that is measured: name, settings, and samples or targets.
-type Series<'a> = (&'static str, Vec<Setting>, &'a [At]);
+type Series<'a> = (&'static str, Vec<ParamSetting>, &'a [At]);
 
 /// Error of whole pictures against the time of a run from an empty cache.
 pub(super) fn pipeline<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<Point>, R::Error> {
@@ -110,12 +110,12 @@ pub(super) fn pipeline<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec
 fn pictures<R: Renderer>(
     renderer: &R,
     effort: &Effort,
-    settings: &[Setting],
+    settings: &[ParamSetting],
     lights: &[String],
 ) -> Result<Vec<Picture>, R::Error> {
     let size = if effort.whole { Vec::new() } else { effort.small() };
     let off = |light: &String| vec![("EditLights", "lights", format!("{{ {light:?}: Off }}"))];
-    let all: Vec<Vec<Setting>> =
+    let all: Vec<Vec<ParamSetting>> =
         lights.iter().map(|light| [settings.to_vec(), size.clone(), off(light)].concat()).collect();
     renderer.pictures(&all)
 }

@@ -48,7 +48,7 @@ pub struct Figure {
 
 /// The content of eval.json.
 #[derive(Serialize)]
-pub struct Report {
+pub struct EvalReport {
     /// Version of the program.
     pub relight: &'static str,
     pub graph: String,
@@ -61,7 +61,7 @@ pub struct Report {
     pub left_out: Vec<String>,
 }
 
-impl Report {
+impl EvalReport {
     /// The tables in Markdown, each under a line that names it, and the measures that are missing.
     pub fn markdown(&self) -> String {
         let left_out: String = self.left_out.iter().map(|line| format!("left out: {line}\n")).collect();

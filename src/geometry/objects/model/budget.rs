@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::image::{Source, Texture};
+use crate::image::{NamedBytes, Texture};
 
 /// Most triangles of a model.
 const MOST_TRIANGLES: usize = 20_000_000;
@@ -86,7 +86,7 @@ impl Textures {
     pub fn read(&mut self, name: &str, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Arc<Texture>, String> {
         self.file_bytes += bytes.len() as u64;
         let room = (FREE_TEXELS + TEXELS_PER_BYTE * self.file_bytes).saturating_sub(self.held_bytes);
-        let read = Texture::read(Source::new(name, bytes), room);
+        let read = Texture::read(NamedBytes::new(name, bytes), room);
         let (texture, told) = read.map_err(|e| {
             let others = match self.held.len() {
                 0 => String::new(),
@@ -206,7 +206,7 @@ mod tests {
 
     /// Skins of a model share a texture that several of its materials name.
     fn check_shared(skins: &[Skin], count: usize, asked: &[String]) {
-        let held: Vec<_> = skins.iter().filter_map(|skin| skin.colour.as_ref()).collect();
+        let held: Vec<_> = skins.iter().filter_map(|skin| skin.color.as_ref()).collect();
         assert_eq!(held.len(), count);
         assert!(held.iter().all(|texture| Arc::ptr_eq(texture, held[0])));
         assert_eq!(asked.iter().filter(|name| *name == "t.png").count(), 1, "{asked:?}");

@@ -11,7 +11,7 @@ use gltf::accessor::{Accessor, DataType, Dimensions};
 use gltf::json::validation::Checked;
 use gltf::mesh::{Mode, Semantic};
 
-use super::{Budget, Material, Model, Part, SHOWN, Skin, Textures};
+use super::{Budget, Material, Model, ReadPart, SHOWN, Skin, Textures};
 use crate::image::Texture;
 
 /// Most objects in the JSON of a glTF; each takes some 500 bytes in memory, also where it is two in
@@ -69,7 +69,7 @@ fn decoded(uri: &str) -> String {
 }
 
 /// The bytes of a `data:` address or of a file.
-fn content(uri: &str, part: Part) -> Result<Vec<u8>, String> {
+fn content(uri: &str, part: ReadPart) -> Result<Vec<u8>, String> {
     match uri.strip_prefix("data:").and_then(|data| data.split_once(',')) {
         Some((kind, text)) if kind.ends_with(";base64") => base64::engine::general_purpose::STANDARD
             .decode(text)
@@ -78,7 +78,7 @@ fn content(uri: &str, part: Part) -> Result<Vec<u8>, String> {
     }
 }
 
-pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
+pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     let (document, blob) = document(bytes)?;
     let blob = blob.map(Rc::new);
     let mut files: BTreeMap<String, Rc<Vec<u8>>> = BTreeMap::new();
@@ -105,7 +105,9 @@ pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
         let source = image.source();
         // Two images may name one file.
         let name = match &source {
-            gltf::image::Source::Uri { uri, .. } if !uri.starts_with("data:") => format!("texture {}", decoded(uri)),
+            gltf::image::Source::Uri { uri, .. } if !uri.starts_with("data:") => {
+                format!("texture {}", decoded(uri))
+            }
             gltf::image::Source::Uri { .. } => format!("texture {}", image.index()),
             gltf::image::Source::View { view, .. } => format!("texture in buffer view {}", view.index()),
         };
@@ -165,9 +167,9 @@ fn skin(material: &gltf::Material, texture: ReadTexture, warnings: &mut Vec<Stri
         metallic: pbr.metallic_factor().clamp(0.0, 1.0),
     };
     let mut read = |info: Option<gltf::texture::Info>| info.map(|info| texture(info.texture(), warnings)).transpose();
-    let colour = read(pbr.base_color_texture())?;
+    let color = read(pbr.base_color_texture())?;
     let gloss = read(pbr.metallic_roughness_texture())?;
-    Ok(Skin { material: plain, colour, gloss })
+    Ok(Skin { material: plain, color, gloss })
 }
 
 /// Holds an accessor against the types that it may have, and the steps between its items against

@@ -21,7 +21,7 @@ use budget::{Budget, MOST_FILES, Textures};
 const SHOWN: usize = 400;
 
 /// Gives the bytes of a file that a model names.
-type Part<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
+type ReadPart<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
 
 /// The files that a model of this name and content names, as it names them. Of an OBJ, whose
 /// libraries and pictures often stay behind, those that `beside` has.
@@ -80,21 +80,21 @@ pub struct Material {
 pub struct Skin {
     pub material: Material,
     /// Factor of the albedo over the texture's unit square, rows from the top.
-    pub colour: Option<Arc<Texture>>,
+    pub color: Option<Arc<Texture>>,
     /// Factors of roughness (y) and metallic (z), stored as linear numbers.
     pub gloss: Option<Arc<Texture>>,
 }
 
 impl Skin {
     pub fn plain(material: Material) -> Skin {
-        Skin { material, colour: None, gloss: None }
+        Skin { material, color: None, gloss: None }
     }
 
     /// The material at a place of the texture.
     pub fn at(&self, uv: Vec2) -> Material {
         let mut material = self.material;
-        if let Some(colour) = &self.colour {
-            material.albedo *= texel(colour, uv, true);
+        if let Some(color) = &self.color {
+            material.albedo *= texel(color, uv, true);
         }
         if let Some(gloss) = &self.gloss {
             let factor = texel(gloss, uv, false);
@@ -131,7 +131,7 @@ pub struct Model {
     /// Texture coordinates by position; zero where the file has none.
     pub uvs: Vec<Vec2>,
     /// Albedo of each position, linear Rec.709; empty where the file has none.
-    pub colours: Vec<Vec3>,
+    pub colors: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
     /// The skin of each triangle; empty where the file has none.
     pub skin: Vec<u32>,
@@ -232,8 +232,8 @@ impl Model {
         self.normals.resize(count, Vec3::ZERO);
         self.normals.iter_mut().for_each(|n| *n = if n.is_finite() { n.normalize_or_zero() } else { Vec3::ZERO });
         self.uvs.resize(count, Vec2::ZERO);
-        if !self.colours.is_empty() {
-            self.colours.resize(count, Material::PLAIN.albedo);
+        if !self.colors.is_empty() {
+            self.colors.resize(count, Material::PLAIN.albedo);
         }
         // Relative to the whole: a triangle without area cannot be seen and has no normal.
         let (low, high) = self.bounds();
@@ -377,11 +377,11 @@ mod tests {
     }
 
     #[test]
-    fn vertices_of_a_ply_have_colours() {
+    fn vertices_of_a_ply_have_colors() {
         let properties = "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n";
         let quad = QUAD.replace("property float z\n", properties);
         let (corners, faces) = quad.split_once("end_header\n").expect("it has a header");
-        let coloured: Vec<String> = faces
+        let colored: Vec<String> = faces
             .lines()
             .enumerate()
             .map(|(i, line)| match i {
@@ -390,11 +390,11 @@ mod tests {
             })
             .collect();
         let model =
-            read("a.ply", format!("{corners}end_header\n{}", coloured.concat()).as_bytes()).expect("it is sound");
+            read("a.ply", format!("{corners}end_header\n{}", colored.concat()).as_bytes()).expect("it is sound");
         let body = crate::geometry::Body { model, material: None };
         let albedo = body.at(1, Vec3::new(0.2, 0.3, 0.5)).material.albedo;
         assert!((albedo - Vec3::new(1.0, 0.503, 0.0)).abs().max_element() < 0.002, "sRGB 188 is half: {albedo}");
-        assert!(read("a.ply", QUAD.as_bytes()).expect("it is sound").colours.is_empty());
+        assert!(read("a.ply", QUAD.as_bytes()).expect("it is sound").colors.is_empty());
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use glam::{Vec2, Vec3};
 
-use super::{Budget, Material, Model, Part, Skin, Textures};
+use super::{Budget, Material, Model, ReadPart, Skin, Textures};
 
 /// Most materials of all libraries of a model.
 const MOST_MATERIALS: usize = 10_000;
@@ -42,8 +42,8 @@ fn sound_library(bytes: &[u8], most: usize) -> Result<String, String> {
         let words: Vec<&str> = line.split_whitespace().take(4).collect();
         match words[..] {
             ["newmtl", ..] => materials += 1,
-            [key @ ("Ka" | "Kd" | "Ks" | "Ke"), grey] => {
-                let _ = writeln!(whole, "{key} {grey} {grey} {grey}");
+            [key @ ("Ka" | "Kd" | "Ks" | "Ke"), gray] => {
+                let _ = writeln!(whole, "{key} {gray} {gray} {gray}");
                 continue;
             }
             [key @ ("Ka" | "Kd" | "Ks" | "Ke")] | [key @ ("Ka" | "Kd" | "Ks" | "Ke"), _, _] => {
@@ -90,7 +90,7 @@ fn check(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
+pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     let bad = |e: &dyn std::fmt::Display| format!("wanted a sound OBJ file: {e}");
     check(bytes).map_err(|e| bad(&e))?;
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ..tobj::LoadOptions::default() };
@@ -149,18 +149,18 @@ const SAYS_NOTHING: f32 = 0.5;
 /// EGSR 2007).
 fn skin(
     material: &tobj::Material,
-    part: Part,
+    part: ReadPart,
     textures: &mut Textures,
     warnings: &mut Vec<String>,
 ) -> Result<Skin, String> {
     let number = |name: &str| material.unknown_param.get(name).and_then(|text| text.trim().parse::<f32>().ok());
     let share = |value: f32| if value.is_finite() { value.clamp(0.0, 1.0) } else { SAYS_NOTHING };
-    let colour = |rgb: [f32; 3]| Vec3::from_array(rgb.map(share));
+    let color = |rgb: [f32; 3]| Vec3::from_array(rgb.map(share));
     let highlight = material.specular.is_some_and(|ks| ks.iter().any(|&k| k > 0.0))
         && material.illumination_model.is_none_or(|model| model >= 2);
     let by_exponent = material.shininess.filter(|ns| highlight && *ns >= 0.0).map(|ns| (2.0 / (ns + 2.0)).powf(0.25));
     let roughness = number("Pr").or(by_exponent).map_or(1.0, share);
-    let mut albedo = material.diffuse.map_or(Material::PLAIN.albedo, colour);
+    let mut albedo = material.diffuse.map_or(Material::PLAIN.albedo, color);
     let mut texture = None;
     if let Some(of) = &material.diffuse_texture {
         let name = picture(of);
@@ -196,5 +196,5 @@ fn skin(
         warnings.push(format!("material {:?}: not used: {}", material.name, unused.join(", ")));
     }
     let metallic = number("Pm").map_or(0.0, share);
-    Ok(Skin { material: Material { albedo, roughness, specular: 0.5, metallic }, colour: texture, gloss: None })
+    Ok(Skin { material: Material { albedo, roughness, specular: 0.5, metallic }, color: texture, gloss: None })
 }

@@ -16,7 +16,7 @@ struct Element {
     normal: Vec3,
     uv: Vec2,
     /// Red, green, blue as the file has them, 0..=1 in sRGB.
-    colour: Vec3,
+    color: Vec3,
     corners: Vec<u32>,
     /// A corner below zero, or a list of no whole numbers.
     bad: bool,
@@ -68,9 +68,9 @@ impl PropertyAccess for Element {
             "nz" => &mut self.normal.z,
             "u" | "s" | "texture_u" => &mut self.uv.x,
             "v" | "t" | "texture_v" => &mut self.uv.y,
-            "red" | "diffuse_red" => return set(&mut self.colour.x, number / whole),
-            "green" | "diffuse_green" => return set(&mut self.colour.y, number / whole),
-            "blue" | "diffuse_blue" => return set(&mut self.colour.z, number / whole),
+            "red" | "diffuse_red" => return set(&mut self.color.x, number / whole),
+            "green" | "diffuse_green" => return set(&mut self.color.y, number / whole),
+            "blue" | "diffuse_blue" => return set(&mut self.color.z, number / whole),
             _ => return PropertyAccessResult::Ignored,
         };
         *slot = number;
@@ -84,11 +84,11 @@ fn set(slot: &mut f32, value: f32) -> PropertyAccessResult {
 }
 
 /// Property names of vertex colors.
-const COLOURS: [[&str; 3]; 2] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
+const COLORS: [[&str; 3]; 2] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
 
-fn linear(colour: Vec3) -> Vec3 {
+fn linear(color: Vec3) -> Vec3 {
     let share = |c: f32| if c.is_finite() { Transfer::Srgb.decode(c.clamp(0.0, 1.0)) } else { 0.0 };
-    Vec3::from_array(colour.to_array().map(share))
+    Vec3::from_array(color.to_array().map(share))
 }
 
 /// Elements that are read at a time: a file of one-byte elements would otherwise take 70 times its
@@ -129,13 +129,13 @@ pub fn read(bytes: &[u8]) -> Result<Model, String> {
         if claimed > bytes.len() {
             return Err(bad(&format!("{} elements `{name}` in {} bytes", element.count, bytes.len())));
         }
-        let coloured = COLOURS.iter().any(|names| names.iter().all(|name| element.properties.contains_key(*name)));
+        let colored = COLORS.iter().any(|names| names.iter().all(|name| element.properties.contains_key(*name)));
         if name == "vertex" {
             budget.take(element.count, 0)?;
             model.positions.reserve_exact(element.count);
             model.normals.reserve_exact(element.count);
             model.uvs.reserve_exact(element.count);
-            model.colours.reserve_exact(if coloured { element.count } else { 0 });
+            model.colors.reserve_exact(if colored { element.count } else { 0 });
         }
         let mut some = element.clone();
         for first in (0..element.count).step_by(AT_A_TIME) {
@@ -146,8 +146,8 @@ pub fn read(bytes: &[u8]) -> Result<Model, String> {
                     model.positions.extend(elements.iter().map(|e| e.position));
                     model.normals.extend(elements.iter().map(|e| e.normal));
                     model.uvs.extend(elements.iter().map(|e| e.uv));
-                    if coloured {
-                        model.colours.extend(elements.iter().map(|e| linear(e.colour)));
+                    if colored {
+                        model.colors.extend(elements.iter().map(|e| linear(e.color)));
                     }
                 }
                 "face" => {

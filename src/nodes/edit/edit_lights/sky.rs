@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::level;
 use crate::graph::{Context, File, NodeError, above, check_range};
-use crate::image::{Picture, Source, Transfer, read_photo};
+use crate::image::{NamedBytes, Picture, Transfer, read_photo};
 use crate::optics::{Daylight, Heading, Lobe, Radiance, Shape, Window, fit_window_model};
 
 /// Radiance of a window above the horizon.
@@ -205,7 +205,7 @@ fn picture(file: &File, ctx: &Context) -> Result<Arc<Picture>, NodeError> {
     ctx.shared(file, "sky", |bytes| {
         let path = file.location().display().to_string();
         let bad = |message: String| NodeError::BadFile { path: path.clone(), message };
-        let photo = read_photo(Source::new(&path, &bytes), Transfer::Srgb).map_err(|e| bad(e.message()))?;
+        let photo = read_photo(NamedBytes::new(&path, &bytes), Transfer::Srgb).map_err(|e| bad(e.message()))?;
         let (width, height) = photo.picture.0.size();
         if width != 2 * height {
             return Err(bad(format!(

@@ -18,13 +18,13 @@ pub struct LightLayers<'a> {
     /// Shading by each light after the edit, then the residual, working size.
     after: Vec<&'a Shading>,
     /// Lights that the photo shows.
-    emitters: Vec<Emitter<'a>>,
+    emitters: Vec<VisibleEmitter<'a>>,
     /// Lights that are drawn over the photo.
     pub drawn: Vec<DrawnLight<'a>>,
 }
 
 /// A light that the photo shows.
-pub struct Emitter<'a> {
+pub struct VisibleEmitter<'a> {
     /// Index among the lights.
     light: usize,
     /// Its pixels in the photo.
@@ -81,7 +81,7 @@ impl<'a> LightLayers<'a> {
     }
 
     /// The emitter with the largest weight at photo pixel `i`; `None` where no emitter has one.
-    pub fn emitter(&self, i: usize) -> Option<&Emitter<'a>> {
+    pub fn emitter(&self, i: usize) -> Option<&VisibleEmitter<'a>> {
         let weights = self.emitters.iter().map(|emitter| (emitter.mask.weight(i), emitter));
         let largest = weights.reduce(|a, b| if b.0 > a.0 { b } else { a });
         largest.filter(|(weight, _)| *weight > 0.0).map(|(_, emitter)| emitter)
@@ -103,7 +103,7 @@ impl<'a> LightLayers<'a> {
     }
 }
 
-impl Emitter<'_> {
+impl VisibleEmitter<'_> {
     /// The light at one of its own pixels.
     pub fn own(&self, ray: Vec3) -> OwnPixel {
         let (radiance, gain) = self.shown(ray);
@@ -144,11 +144,11 @@ fn emitters<'a>(
     inputs: &'a ComposeIn,
     names: &[&str],
     albedo: impl Fn(LightKind) -> f32,
-) -> Result<Vec<Emitter<'a>>, NodeError> {
+) -> Result<Vec<VisibleEmitter<'a>>, NodeError> {
     let emitter = |(id, mask): (&str, &'a Arc<GlareMask>)| {
         let missing = |what: &str| NodeError::Failed(format!("visible light {id:?} has no {what}"));
         let light = names.iter().position(|name| *name == id).ok_or_else(|| missing("layer"))?;
-        Ok(Emitter {
+        Ok(VisibleEmitter {
             light,
             mask,
             albedo: albedo(**inputs.kind.get(id).ok_or_else(|| missing("kind"))?),

@@ -4,7 +4,7 @@
 //! photo is brought to a shorter side of `side` pixels and each side rounded to a multiple of the
 //! network's patches. What is published:
 //!
-//! | networks | side, multiple | normalisation | source |
+//! | networks | side, multiple | normalization | source |
 //! | --- | --- | --- | --- |
 //! | Depth Anything V1 and V2 | 518, 14 | ImageNet | `image2tensor` in DepthAnything/Depth-Anything-V2, depth_anything_v2/dpt.py |
 //! | DPT (MiDaS 3) | 384, 32 | Half | `dpt_transform` in isl-org/MiDaS, hubconf.py |
@@ -15,14 +15,14 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::{Layer, NetError, Network, Port, Tensor, planes_of, shown};
+use super::{InputLayer, NetError, Network, Port, Tensor, planes_of, shown};
 use crate::image::{Picture, Plane, Transfer, resize};
 
 /// Normalization of the encoded colors 0..=1 for a network: (colour - mean) / deviation, per
 /// channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub enum Normalisation {
+pub enum Normalization {
     /// Mean (0.485, 0.456, 0.406), deviation (0.229, 0.224, 0.225): those of the pictures of
     /// ImageNet.
     #[default]
@@ -35,7 +35,7 @@ pub enum Normalisation {
     Custom { mean: [f32; 3], deviation: [f32; 3] },
 }
 
-impl Normalisation {
+impl Normalization {
     /// Checks that colors can be divided by the deviation.
     ///
     /// # Errors
@@ -43,17 +43,17 @@ impl Normalisation {
     pub fn check(self) -> Result<(), String> {
         let [_, deviation] = self.mean_and_deviation();
         if deviation.cmple(Vec3::ZERO).any() {
-            return Err(format!("normalisation: wanted a positive deviation, got {deviation}"));
+            return Err(format!("normalization: wanted a positive deviation, got {deviation}"));
         }
         Ok(())
     }
 
     fn mean_and_deviation(self) -> [Vec3; 2] {
         match self {
-            Normalisation::ImageNet => [Vec3::new(0.485, 0.456, 0.406), Vec3::new(0.229, 0.224, 0.225)],
-            Normalisation::Half => [Vec3::splat(0.5); 2],
-            Normalisation::None => [Vec3::ZERO, Vec3::ONE],
-            Normalisation::Custom { mean, deviation } => [mean.into(), deviation.into()],
+            Normalization::ImageNet => [Vec3::new(0.485, 0.456, 0.406), Vec3::new(0.229, 0.224, 0.225)],
+            Normalization::Half => [Vec3::splat(0.5); 2],
+            Normalization::None => [Vec3::ZERO, Vec3::ONE],
+            Normalization::Custom { mean, deviation } => [mean.into(), deviation.into()],
         }
     }
 }
@@ -71,7 +71,7 @@ pub struct PhotoInput<'a> {
     pub multiple: u32,
     /// The transfer function of the pictures that it was trained on.
     pub transfer: Transfer,
-    pub normalisation: Normalisation,
+    pub normalization: Normalization,
 }
 
 impl PhotoInput<'_> {
@@ -82,12 +82,12 @@ impl PhotoInput<'_> {
     pub fn tensor<'n>(&self, network: &'n Network, photo: &Picture) -> Result<(&'n str, Tensor), NetError> {
         let port = self.port(network)?;
         let (width, height) = self.size(port, photo.0.size())?;
-        let encoded = photo.0.map(|colour| {
-            Vec3::from_array(colour.to_array().map(|c| self.transfer.encode(c))).clamp(Vec3::ZERO, Vec3::ONE)
+        let encoded = photo.0.map(|color| {
+            Vec3::from_array(color.to_array().map(|c| self.transfer.encode(c))).clamp(Vec3::ZERO, Vec3::ONE)
         });
-        let [mean, deviation] = self.normalisation.mean_and_deviation();
-        let seen = resize(&encoded, width, height).map(|colour| (colour - mean) / deviation);
-        Ok((&port.name, planes_of(&[Layer::Colour(&seen)])))
+        let [mean, deviation] = self.normalization.mean_and_deviation();
+        let seen = resize(&encoded, width, height).map(|color| (color - mean) / deviation);
+        Ok((&port.name, planes_of(&[InputLayer::Color(&seen)])))
     }
 
     fn port<'n>(&self, network: &'n Network) -> Result<&'n Port, NetError> {
@@ -215,9 +215,9 @@ impl Channels {
     ///
     /// # Errors
     /// `Mismatch`: there are not so many.
-    pub fn colours(&self, tensor: &Tensor) -> Result<Plane<Vec3>, NetError> {
+    pub fn colors(&self, tensor: &Tensor) -> Result<Plane<Vec3>, NetError> {
         check_channels(&self.output, tensor, self.first + 3)?;
-        Ok(tensor.colour(self.first).map(|v| Vec3::from_array(v.to_array().map(|v| self.share(v)))))
+        Ok(tensor.color(self.first).map(|v| Vec3::from_array(v.to_array().map(|v| self.share(v)))))
     }
 
     /// One channel of what came out.
@@ -226,7 +226,7 @@ impl Channels {
     /// `Mismatch`: there are not so many.
     pub fn numbers(&self, tensor: &Tensor) -> Result<Plane<f32>, NetError> {
         check_channels(&self.output, tensor, self.first + 1)?;
-        Ok(tensor.grey(self.first).map(|v| self.share(v)))
+        Ok(tensor.gray(self.first).map(|v| self.share(v)))
     }
 }
 
@@ -239,7 +239,7 @@ mod tests {
     use super::*;
 
     fn input(side: u32, multiple: u32) -> PhotoInput<'static> {
-        PhotoInput { name: None, side, multiple, transfer: Transfer::Srgb, normalisation: Normalisation::ImageNet }
+        PhotoInput { name: None, side, multiple, transfer: Transfer::Srgb, normalization: Normalization::ImageNet }
     }
 
     fn port(shape: Option<&[Option<usize>]>) -> Port {
@@ -292,11 +292,11 @@ mod tests {
         let of = |first| Channels { output: "y".into(), first, range: (0.0, 2.0) };
         assert_eq!(of(6).numbers(&seven).expect("it is there").pixels(), [6.0, 6.5]);
         assert_eq!(
-            of(1).colours(&seven).expect("they are there").pixels(),
+            of(1).colors(&seven).expect("they are there").pixels(),
             [Vec3::new(1.0, 2.0, 3.0), Vec3::new(1.5, 2.5, 3.5)]
         );
         assert_eq!(
-            of(5).colours(&seven),
+            of(5).colors(&seven),
             Err(NetError::Mismatch("output `y`: wanted [1, 8 or more, height, width], got [1, 7, 1, 2]".into()))
         );
     }
