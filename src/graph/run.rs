@@ -357,7 +357,7 @@ impl<'a> Run<'a> {
         let made = self.make_again(slot.instance, loss)?;
         let index = made.header.port(wanted.port as usize).find(|&i| made.header.values[i].member == wanted.member);
         index.and_then(|i| made.value(i)).ok_or_else(|| {
-            Stop::Failed(format!("{} gave other members than before", self.graph().instances[slot.instance].name))
+            Stop::Failed(format!("{} returned other members than before", self.graph().instances[slot.instance].name))
         })
     }
 
@@ -466,7 +466,7 @@ impl<'a> Run<'a> {
         report.samples = made.samples;
         let why = match loss {
             Some(Loss::Damaged(damage)) => {
-                report.warnings.push(format!("the stored result was damaged ({damage}) and was made again"));
+                report.warnings.push(format!("the stored result was damaged ({damage}) and was computed again"));
                 "its stored result was damaged".to_owned()
             }
             Some(Loss::Gone) => STORED_NO_MORE.to_owned(),

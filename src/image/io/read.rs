@@ -88,7 +88,7 @@ pub fn read_photo(source: Source, transfer: Transfer) -> Result<Photo, ReadError
 /// # Errors
 /// The file is not one of these, is damaged or too large.
 pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError> {
-    const WANTED: &str = "depth: EXR, 16-bit grey PNG or NPY";
+    const WANTED: &str = "depth: EXR, 16-bit gray PNG or NPY";
     match format(source) {
         Some(Format::Exr) => {
             let file = exr_read::read(source)?;
@@ -104,7 +104,7 @@ pub fn read_depth(source: Source) -> Result<(Plane<f32>, Vec<String>), ReadError
                 }
                 _ => {
                     let got = format!("{:?} bits, {} channels", raster.bits(), raster.channels);
-                    Err(source.error("pixels of a depth PNG", "16 bits, one grey channel", got))
+                    Err(source.error("pixels of a depth PNG", "16 bits, one gray channel", got))
                 }
             }
         }
