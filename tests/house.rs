@@ -521,16 +521,16 @@ fn the_map_names_every_room() {
     assert_eq!(unnamed_folders("`src/graph`", &planted), ["ARCHITECTURE.md does not name `src/attic`"]);
 }
 
-/// Scenes without a section with a licence in scenes/README.md.
+/// Scenes without a section with a license in scenes/README.md.
 fn unlicensed(scenes: &BTreeSet<&str>, page: &str) -> Vec<String> {
     let licensed = |name: &&&str| {
         let section = page.split("\n## ").find(|s| s.lines().next().is_some_and(|title| title == **name));
-        section.is_some_and(|section| section.contains("\nLicence: "))
+        section.is_some_and(|section| section.contains("\nLicense: "))
     };
     scenes
         .iter()
         .filter(|name| !licensed(name))
-        .map(|name| format!("scenes/README.md tells no licence of {name}"))
+        .map(|name| format!("scenes/README.md names no license of {name}"))
         .collect()
 }
 
@@ -540,8 +540,8 @@ fn every_scene_has_its_license() {
     let scenes = files.iter().filter_map(|f| f.strip_prefix("scenes/")?.split_once('/')).map(|(name, _)| name);
     assert_none(unlicensed(&scenes.collect(), &read("scenes/README.md")));
 
-    let page = "# Scenes\n\n## a\n\nLicence: CC0.\n\n## b\n\nA room.\n";
-    assert_eq!(unlicensed(&BTreeSet::from(["a", "b"]), page), ["scenes/README.md tells no licence of b"]);
+    let page = "# Scenes\n\n## a\n\nLicense: CC0.\n\n## b\n\nA room.\n";
+    assert_eq!(unlicensed(&BTreeSet::from(["a", "b"]), page), ["scenes/README.md names no license of b"]);
 }
 
 /// Code without its unit tests, which stand at the end of a file.

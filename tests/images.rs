@@ -181,7 +181,7 @@ fn depth_formats_hold_the_same_numbers() {
     }
     let hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x80\x80\x80\x80";
     let error = read_depth(NamedBytes::new("d.hdr", hdr)).expect_err("HDR holds colours").to_string();
-    assert_eq!(error, "d.hdr: file format: wanted depth: EXR, 16-bit grey PNG or NPY, got Hdr");
+    assert_eq!(error, "d.hdr: file format: wanted depth: EXR, 16-bit gray PNG or NPY, got Hdr");
 }
 
 #[test]

@@ -10,14 +10,14 @@ use relight::nodes::output::mix_layers::srgb;
 /// The files of a run.
 #[derive(Args, Default)]
 pub struct SceneFiles {
-    /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
+    /// The scene folder, with a scene.ron; overrides the scene of the graph file.
     #[arg(long, value_name = "DIR")]
     pub scene: Option<PathBuf>,
     /// One frame, from 0, of an edit with `frames`. Default: all frames for `run` and `check`, else
     /// the first.
     #[arg(long, value_name = "N")]
     pub frame: Option<u32>,
-    /// Set one parameter of one node, as RON; may be given several times, and wins over graph,
+    /// Set one parameter of one node, as RON; may be given several times, and overrides graph,
     /// scene and edit.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
     pub set: Vec<String>,
@@ -29,10 +29,10 @@ pub struct SceneFiles {
     /// may be given several times.
     ///
     /// Determines the metric scale of a network's depth (graphs/depth.ron); two or more at
-    /// different depths determine its offset too.
-    #[arg(long, value_name = "X,Y,X,Y=METRES", value_parser = known_length)]
+    /// different depths also determine its offset.
+    #[arg(long, value_name = "X,Y,X,Y=METERS", value_parser = known_length)]
     pub known_length: Vec<String>,
-    /// Let scene, edit, graph and models name files below their own folders only: for untrusted
+    /// Restrict scene, edit, graph and models to files below their own folders: for untrusted
     /// files.
     #[arg(long)]
     pub confined: bool,
@@ -75,7 +75,7 @@ pub enum WhichBackend {
 pub struct JobArgs {
     /// The graph file.
     pub graph: PathBuf,
-    /// The edit file; without it nothing is changed.
+    /// The edit file. Default: no changes.
     pub edit: Option<PathBuf>,
     #[command(flatten)]
     pub files: SceneFiles,
@@ -83,13 +83,13 @@ pub struct JobArgs {
 
 #[derive(Args)]
 pub struct CacheAt {
-    /// The cache folder, made when it is not there. Default: `relight` in the user's own cache
+    /// The cache folder, created if missing. Default: `relight` in the user's own cache
     /// folder (on Linux ~/.cache/relight), shared by all projects. Runs limit a cache to 10 GiB:
     /// the least recently used results are dropped.
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
     /// A file with the secret that signs the entries of a cache which several users share; entries
-    /// with another signature are not used. Default: a key of the user's own, made when first
+    /// with another signature are not used. Default: a key of the user's own, created when first
     /// needed (on Linux ~/.config/relight/cache.key).
     #[arg(long, value_name = "FILE")]
     pub cache_key: Option<PathBuf>,
@@ -112,10 +112,10 @@ pub struct RunArgs {
     pub edit: PathBuf,
     #[command(flatten)]
     pub files: SceneFiles,
-    /// The folder for the results; made when it is not there.
+    /// The folder for the results, created if missing.
     #[arg(long, value_name = "DIR", default_value = "out")]
     pub out: PathBuf,
-    /// Let results replace files that the run reads.
+    /// Allow results to replace files that the run reads.
     #[arg(long)]
     pub force: bool,
     #[command(flatten)]
@@ -132,19 +132,19 @@ pub struct RunArgs {
     /// Evaluate this node, or this member of a set such as `direct[lamp_0]`, and its inputs only.
     #[arg(long, value_name = "NODE")]
     pub only: Option<String>,
-    /// Write picture.exr with all layers for each frame of a sequence too.
+    /// Also write picture.exr with all layers for each frame of a sequence.
     #[arg(long)]
     pub exr: bool,
-    /// Frames per second of film.mp4, which is made of a whole sequence where ffmpeg is on PATH.
+    /// Frames per second of film.mp4, which a whole sequence gets where ffmpeg is on PATH.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=240))]
     pub fps: u16,
     /// Print report.json on standard output instead of the paths written.
     #[arg(long)]
     pub json: bool,
-    /// Write report.html too, as `relight report` does.
+    /// Also write report.html, as `relight report` does.
     #[arg(long, conflicts_with_all = ["verify", "only"])]
     pub report: bool,
-    /// Compute everything again that the cache holds for this run, and compare; writes no pictures.
+    /// Compute all cached results of this run again and compare; writes no pictures.
     #[arg(long, conflicts_with = "no_cache")]
     pub verify: bool,
 }
@@ -157,11 +157,11 @@ pub struct MixArgs {
     /// sRGB color) or `0.5*#ffd0a0`; may be given once for each light.
     #[arg(long, value_name = "LIGHT=WEIGHT", value_parser = weight)]
     pub set: Vec<(String, [f32; 3])>,
-    /// The folder for picture.png and picture.exr, made when it is not there; or one file, NAME.png
+    /// The folder for picture.png and picture.exr, created if missing; or one file, NAME.png
     /// or NAME.exr.
     #[arg(long, value_name = "FILE|DIR", default_value = "out/mix")]
     pub out: PathBuf,
-    /// Let results replace the file that is read.
+    /// Allow results to replace the file that is read.
     #[arg(long)]
     pub force: bool,
 }
@@ -170,7 +170,7 @@ pub struct MixArgs {
 pub struct ReportArgs {
     /// The folder that `relight run` wrote to (its --out); report.html is written into it.
     pub run: PathBuf,
-    /// Longest side of the pictures in the page, in pixels.
+    /// Longer side of the pictures in the page, in pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = LONG_SIDE, value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub long_side: u32,
 }
@@ -179,10 +179,10 @@ pub struct ReportArgs {
 pub struct Export {
     #[command(flatten)]
     pub job: JobArgs,
-    /// The USD file, NAME.usda; its texture goes beside it.
+    /// The USD file, NAME.usda; its texture is written beside it.
     #[arg(long, value_name = "FILE", default_value = "out/room.usda", value_parser = usda)]
     pub out: PathBuf,
-    /// Let results replace files that the run reads.
+    /// Allow results to replace files that the run reads.
     #[arg(long)]
     pub force: bool,
     #[command(flatten)]
@@ -224,6 +224,7 @@ pub struct Explain {
 pub struct Graph {
     #[command(flatten)]
     pub job: JobArgs,
+    /// The output format.
     #[arg(long, value_enum, default_value_t = GraphFormat::Dot)]
     pub format: GraphFormat,
 }
@@ -238,12 +239,12 @@ pub enum GraphFormat {
 
 #[derive(Args)]
 pub struct Nodes {
-    /// One stage, such as `Direct`; without it the list of all.
+    /// One stage, such as `Direct`. Default: the list of all stages.
     pub kind: Option<String>,
-    /// The whole reference as Markdown: docs/nodes.md is made from it.
+    /// Print the whole reference as Markdown, the content of docs/nodes.md.
     #[arg(long, conflicts_with = "kind")]
     pub markdown: bool,
-    /// The constants of all algorithms as Markdown: docs/tuning.md is made from it.
+    /// Print the constants of all algorithms as Markdown, the content of docs/tuning.md.
     #[arg(long, conflicts_with_all = ["kind", "markdown"])]
     pub tuning: bool,
 }
@@ -313,7 +314,7 @@ fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
 fn usda(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     let sound = path.extension().is_some_and(|ending| ending == "usda");
-    if sound { Ok(path) } else { Err("wanted a file NAME.usda: USD as text is what is written".into()) }
+    if sound { Ok(path) } else { Err("wanted a file NAME.usda: only USD as text is supported".into()) }
 }
 
 /// `212,80,212,395=2.03`, as RON.
@@ -324,7 +325,7 @@ fn known_length(text: &str) -> Result<String, String> {
         Some((<[f32; 4]>::try_from(pixels).ok()?, number(meters.trim().trim_end_matches('m'))?))
     });
     let ([ax, ay, bx, by], meters) =
-        parts.ok_or("wanted two pixels and the metres between them, as `212,80,212,395=2.03`")?;
+        parts.ok_or("wanted two pixels and the meters between them, as `212,80,212,395=2.03`")?;
     Ok(format!("(from: ({ax:?}, {ay:?}), to: ({bx:?}, {by:?}), meters: {meters:?})"))
 }
 

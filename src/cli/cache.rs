@@ -71,7 +71,7 @@ pub fn chosen(args: &CacheUse) -> Result<Option<CacheFolder>, Diagnostic> {
 fn folder(at: &CacheAt) -> Result<CacheFolder, Diagnostic> {
     let user = || {
         etcetera::base_strategy::choose_native_strategy()
-            .map_err(|e| Diagnostic::file(Path::new(""), format!("the user's own folders are not known: {e}")))
+            .map_err(|e| Diagnostic::file(Path::new(""), format!("the user's own folders cannot be determined: {e}")))
     };
     let path = match &at.cache {
         Some(path) => path.clone(),

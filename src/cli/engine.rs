@@ -72,7 +72,7 @@ pub fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Diagnostic> {
             end()
         });
         // Last, as standard error may be a pipe that nobody reads.
-        message!("stopping; once more to stop at once");
+        message!("stopping; press Ctrl-C again to stop at once");
     };
-    ctrlc::set_handler(handler).map_err(|e| Diagnostic::file("".as_ref(), format!("Ctrl-C cannot be watched: {e}")))
+    ctrlc::set_handler(handler).map_err(|e| Diagnostic::file("".as_ref(), format!("Ctrl-C cannot be handled: {e}")))
 }

@@ -183,12 +183,12 @@ fn summarize(args: &RunArgs, count: usize, all: &[Done], out: Option<&Output>, h
     report.warnings.iter().for_each(|warning| message!("warning: {warning}"));
     report_errors(&last.report);
     for (done, what) in all.iter().flat_map(|done| done.differences.iter().map(move |what| (done, what))) {
-        message!("error: {what}: made again in frame {}, it came out differently", done.number);
+        message!("error: {what}: computed again in frame {}, the result differs", done.number);
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
     message!("{made} of {count} frames in {:.2} s", report.head.seconds);
     if Exit::of(&last.report) == Exit::Interrupted {
-        message!("stopped in frame {}; the same command goes on there", last.number);
+        message!("stopped in frame {}; the same command resumes there", last.number);
     }
     if args.json {
         write::print(&json)?;

@@ -63,7 +63,7 @@ pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
         None => (load(&args.graph, None, &args.files)?, String::new()),
     };
     let nodes = graph.instances().count();
-    write::print(&format!("sound: {frames}{nodes} nodes, outputs {}\n", graph.outputs().join(" ")))?;
+    write::print(&format!("valid: {frames}{nodes} nodes, outputs {}\n", graph.outputs().join(" ")))?;
     Ok(Exit::Done)
 }
 

@@ -28,11 +28,11 @@ use std::time::Instant;
 
 use clap::{Parser, Subcommand};
 
-/// One indoor photograph in, the same room under other light out.
+/// Edit the lighting of one indoor photograph: switch, dim, color, move and insert lights.
 ///
 /// A graph file describes the pipeline, a scene folder contains the photograph with its depth and
 /// masks, an edit file lists the changes. A cache keeps all results, so that a run computes only
-/// the consequences of its edit.
+/// the nodes that its edit affects.
 #[derive(Parser)]
 #[command(name = "relight", version, after_help = EXAMPLES, max_term_width = 100)]
 struct Cli {
@@ -42,7 +42,7 @@ struct Cli {
     /// (-vvv).
     ///
     /// The environment variable RELIGHT_LOG takes a tracing filter, such as `relight=debug`, and
-    /// wins over this.
+    /// overrides this option.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
 }
@@ -60,7 +60,7 @@ Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted
 
 #[derive(Subcommand)]
 enum Command {
-    /// Relight: compute the consequences of an edit and write the pictures.
+    /// Relight the photo: compute the nodes that an edit affects and write the pictures.
     Run(args::RunArgs),
     /// Reweight the lights of a finished run in milliseconds: dim, brighten, tint.
     Mix(args::MixArgs),
@@ -74,7 +74,7 @@ enum Command {
     Plan(args::Plan),
     /// Explain why a node would run again: the first line of its key that differs.
     Explain(args::Explain),
-    /// Check the files and report every fault; compute nothing.
+    /// Check the files and report every error; compute nothing.
     Check(args::JobArgs),
     /// Print the graph with scene and edit applied, for a drawing program.
     Graph(args::Graph),

@@ -66,7 +66,7 @@ pub fn choose(args: &Networks) -> Result<Choice, Diagnostic> {
     let found =
         |backend, path: &Path, how: &str| Choice { backend, why: format!("found at {} ({how})", path.display()) };
     match (args.backend, named) {
-        (WhichBackend::Rten, _) => Ok(Choice { backend: Backend::Rten, why: "asked for with --backend".into() }),
+        (WhichBackend::Rten, _) => Ok(Choice { backend: Backend::Rten, why: "requested with --backend".into() }),
         (_, Some((path, how))) => match find_onnxruntime(&path) {
             Ok(backend) => Ok(found(backend, &path, how)),
             Err(e) => {
@@ -77,7 +77,7 @@ pub fn choose(args: &Networks) -> Result<Choice, Diagnostic> {
         (which, None) => {
             let path = Path::new(SYSTEM);
             match find_onnxruntime(path) {
-                Ok(backend) => Ok(found(backend, path, "where the system keeps libraries")),
+                Ok(backend) => Ok(found(backend, path, "in the library path of the system")),
                 Err(_) if which == WhichBackend::Auto => Ok(Choice {
                     backend: Backend::Rten,
                     why: "no ONNX Runtime was found; it is about twice as fast: --onnxruntime PATH names its library"

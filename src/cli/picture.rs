@@ -57,7 +57,7 @@ pub fn run(args: &RunArgs, graph: ResolvedGraph, verbose: u8, began: Instant) ->
     warnings.iter().for_each(|warning| message!("warning: {warning}"));
     report_errors(&done);
     for difference in &differences {
-        message!("error: {}.{}: made again, it came out differently", difference.node, difference.port);
+        message!("error: {}.{}: computed again, the result differs", difference.node, difference.port);
     }
     message!("{}", report::summary(&done, head.seconds));
     if args.json {

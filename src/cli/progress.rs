@@ -117,7 +117,7 @@ impl FrameProgress {
             bar.set_style(style("frames", &left));
         }
         if !self.terminal {
-            let what = if ran > 0 { format!("{ran} nodes ran in {seconds:.2} s") } else { "known already".to_owned() };
+            let what = if ran > 0 { format!("{ran} nodes ran in {seconds:.2} s") } else { "cached".to_owned() };
             message!("frame {number} ({} of {}): {what}{left}", state.done, self.count);
         }
     }

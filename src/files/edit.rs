@@ -160,7 +160,7 @@ mod tests {
             &[
                 "1:28: there is no light `lamp_1` (did you mean `lamp_0`?)",
                 "1:43: there is no light `inv_lmap` (did you mean `inv_lamp`?)",
-                "1:60: the name `rest` is reserved: it stands for what no light explains",
+                "1:60: the name `rest` is reserved: it is the light that no light source explains",
                 "1:76: wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got \"my lamp\"",
             ],
         );
@@ -176,7 +176,7 @@ mod tests {
         assert_eq!(faults[0].message, "there is no light `nobody_0`");
         assert_eq!(faults[0].help.as_deref(), Some("known: lamp_0, inv_lamp, inv_window"));
         assert_eq!(faults.len(), 51);
-        assert_eq!(faults[50].message, "and up to 199950 faults more");
+        assert_eq!(faults[50].message, "and up to 199950 more errors");
         // Nor does it take work as the product of the lengths of two names.
         let (long, other) = ("a".repeat(2_000_000), "b".repeat(2_000_000));
         let faults = edit(&format!("Edit(version: 1, lights: {{ \"{long}\": Lamp(), \"{other}\": Off }})"));

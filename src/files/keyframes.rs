@@ -197,7 +197,7 @@ fn track(keys: &Raw, frames: u32, faults: &mut Diagnostics) -> Option<Vec<Keyfra
             Some(first) if !alike(&first.value, &words) => faults.push(|| {
                 let (frame, like, got) = (first.frame, short(&first.value), value.short());
                 value.fault(format!(
-                    "wanted a value like that of frame {frame}, `{like}`, but for its numbers, got `{got}`"
+                    "wanted a value like that of frame {frame}, `{like}`, except for its numbers, got `{got}`"
                 ))
             }),
             _ => keyframes.push(Keyframe { frame, value: words }),
@@ -218,7 +218,7 @@ fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Diagn
                 format!("wanted a frame up to {}, the last of {frames}, got {frame}", frames - 1)
             }
             (Some(frame), Some(last)) if frame < last => {
-                format!("wanted a frame after {last}, got {frame}: keys go up")
+                format!("wanted a frame after {last}, got {frame}: keyframes ascend")
             }
             (Some(frame), _) => format!("frame {frame} is given twice"),
         };
@@ -232,7 +232,7 @@ fn words(value: &Raw, faults: &mut Diagnostics) -> Option<Vec<Word>> {
     let mut all = Vec::new();
     for (word, is_number) in value.words() {
         if word.text() == "Keys" {
-            faults.push(|| word.fault("`Keys` may not stand within `Keys`"));
+            faults.push(|| word.fault("`Keys` cannot contain `Keys`"));
             return None;
         }
         let number = is_number.then(|| from_ron::<f64>(word.text()).ok()).flatten();
@@ -243,7 +243,7 @@ fn words(value: &Raw, faults: &mut Diagnostics) -> Option<Vec<Word>> {
         all.push(Word { text: word.text().to_owned(), number });
     }
     if all.iter().all(|word| word.number.is_none()) {
-        let wanted = "wanted a value with numbers, which alone change over time";
+        let wanted = "wanted a value with numbers, since only numbers change over time";
         faults.push(|| value.fault(format!("{wanted}, got `{}`", value.short())));
         return None;
     }
@@ -359,7 +359,7 @@ mod tests {
             "no trace of the other keys"
         );
         let beyond = edit(&format!("Edit(frames: 2, a: Keys([{}]))", keys(200_000))).faults.into_vec();
-        assert_eq!((beyond.len(), beyond[50].message.as_str()), (51, "and up to 199948 faults more"));
+        assert_eq!((beyond.len(), beyond[50].message.as_str()), (51, "and up to 199948 more errors"));
 
         let large = |frames: u32| {
             let name = "x".repeat(1 << 20);
@@ -389,7 +389,7 @@ mod tests {
             (
                 "Edit(frames: 8, a: Keys([(4, 1), (2, 1), (4, 3), (8, 1), (-1, 1), (5.5, 1), 3, (6,)]))",
                 &[
-                    "1:35: wanted a frame after 4, got 2: keys go up",
+                    "1:35: wanted a frame after 4, got 2: keyframes ascend",
                     "1:43: frame 4 is given twice",
                     "1:51: wanted a frame up to 7, the last of 8, got 8",
                     "1:59: wanted the number of a frame, got `-1`",
@@ -401,13 +401,13 @@ mod tests {
             (
                 "Edit(frames: 8, a: Keys([(0, Off), (1, 1)]), b: Keys([(0, 1), (1, (1, 2))]), c: Keys(), d: Keys([]))",
                 &[
-                    "1:30: wanted a value with numbers, which alone change over time, got `Off`",
-                    "1:67: wanted a value like that of frame 0, `1`, but for its numbers, got `(1, 2)`",
+                    "1:30: wanted a value with numbers, since only numbers change over time, got `Off`",
+                    "1:67: wanted a value like that of frame 0, `1`, except for its numbers, got `(1, 2)`",
                     "1:81: wanted `Keys([(frame, value), ..])`, got 0 values",
                     "1:97: wanted `Keys([(frame, value), ..])`, got none",
                 ],
             ),
-            ("Edit(frames: 8, a: Keys([(0, Keys([(0, 1)]))]))", &["1:30: `Keys` may not stand within `Keys`"]),
+            ("Edit(frames: 8, a: Keys([(0, Keys([(0, 1)]))]))", &["1:30: `Keys` cannot contain `Keys`"]),
         ] {
             let told = |fault: &Diagnostic| {
                 let (line, column) = fault.origin.as_ref().expect("it has a place").line_column();

@@ -48,7 +48,7 @@ fn check_light_name(key: &Key, faults: &mut Diagnostics) -> bool {
     if !is_free {
         faults.push(|| {
             let message = match name == REST {
-                true => format!("the name `{REST}` is reserved: it stands for what no light explains"),
+                true => format!("the name `{REST}` is reserved: it is the light that no light source explains"),
                 false => format!("wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got {name:?}"),
             };
             Diagnostic::at(&key.origin, message)

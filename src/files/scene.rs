@@ -75,7 +75,7 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
         if key.name == "lights" {
             for (light, spec) in value.as_map(&mut faults) {
                 if INVISIBLE.contains(&light.name.as_str()) {
-                    let message = format!("the name `{}` is reserved for a light that is not seen", light.name);
+                    let message = format!("the name `{}` is reserved for an invisible light", light.name);
                     faults.push(|| Diagnostic::at(&light.origin, message));
                 } else {
                     check_light_name(&light, &mut faults);
@@ -216,7 +216,7 @@ mod tests {
         };
         assert_eq!(scene(&text("l")).expect("it is sound").members.len(), 4 * 200_000);
         let faults = scene(&text("1")).err().expect("no name begins with a digit");
-        assert_eq!((faults.len(), faults[50].message.as_str()), (51, "and up to 199950 faults more"));
+        assert_eq!((faults.len(), faults[50].message.as_str()), (51, "and up to 199950 more errors"));
     }
 
     #[test]

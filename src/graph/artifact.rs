@@ -25,7 +25,7 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     fn decode(bytes: Vec<u8>) -> Result<Self, String> {
         match postcard::take_from_bytes(&bytes) {
             Ok((value, [])) => Ok(value),
-            Ok((_, rest)) => Err(format!("wanted nothing more, got {} bytes", rest.len())),
+            Ok((_, rest)) => Err(format!("wanted the end of the value, got {} more bytes", rest.len())),
             Err(e) => Err(e.to_string()),
         }
     }

@@ -215,7 +215,7 @@ impl DiskCache {
                 Err(io::Error::other("it is the cache of another version of relight; `relight cache clear` empties it"))
             }
             Mark::Missing => Err(io::Error::other(format!(
-                "it is not a cache of relight: it has files in it and no {TAG} that says so; name another folder"
+                "it is not a cache of relight: it has files in it and no {TAG} of relight; name another folder"
             ))),
         }
     }
@@ -416,7 +416,7 @@ impl DiskCache {
                 let _ = file.set_modified(SystemTime::now());
                 Found::Header(header)
             }
-            Ok(Some((Ok(_), _))) => Found::Damaged("it stands under a key that is not its own".to_owned()),
+            Ok(Some((Ok(_), _))) => Found::Damaged("it is stored under another key".to_owned()),
             Ok(Some((Err(Unusable::Damaged(damage)), _))) | Err(Unusable::Damaged(damage)) => Found::Damaged(damage),
             Ok(Some((Err(Unusable::Foreign(why)), _))) | Err(Unusable::Foreign(why)) => Found::Foreign(why),
         }
@@ -432,7 +432,7 @@ impl DiskCache {
         let header = self.read_header(&mut file, &data).map_err(lost)?;
         let bytes = read_value(&mut file, &header, index).map_err(|e| Loss::Damaged(e.to_string()))?;
         let whole = digest_of(port.type_name, &bytes) == digest;
-        if whole { Ok(bytes) } else { Err(Loss::Damaged(format!("`{}` is not what was stored", port.name))) }
+        if whole { Ok(bytes) } else { Err(Loss::Damaged(format!("`{}` differs from its digest", port.name))) }
     }
 
     /// Writes a result: to a temporary file, synced, then renamed. Older results make room.
@@ -565,7 +565,7 @@ impl DiskCache {
         let (length, digests) = rest.split_at(8);
         let (checksum, signature) = digests.split_at(32);
         if magic != MAGIC {
-            return Err("it does not begin as a result does".into());
+            return Err("it does not begin with the signature of a result".into());
         }
         let length = u64::from_le_bytes(length.try_into().expect("eight bytes"));
         if length > MAX_HEADER || length > size.saturating_sub(PREAMBLE) {
@@ -583,7 +583,7 @@ impl DiskCache {
         }
         let header: Header = postcard::from_bytes(&bytes).map_err(|e| format!("its header cannot be decoded: {e}"))?;
         if PREAMBLE + length + header.values.iter().map(|value| value.length).sum::<u64>() != size {
-            return Err("it is not as long as its header says".into());
+            return Err("its length differs from the one in its header".into());
         }
         Ok(header)
     }
@@ -594,12 +594,12 @@ impl DiskCache {
         let header = self.read_header(&mut file, &data)?;
         let key = key::digest(&header.key_manifest).to_string();
         if !path.ends_with(Path::new(&key[..2]).join(&key[2..])) {
-            return Err("it stands under a key that is not its own".into());
+            return Err("it is stored under another key".into());
         }
         for value in &header.values {
             let bytes = read_bytes(&mut file, value.length).map_err(|e| e.to_string())?;
             if digest_of(&value.type_name, &bytes) != Digest(value.digest) {
-                return Err("a value is not what was stored".into());
+                return Err("a value differs from its digest".into());
             }
         }
         Ok(())

@@ -257,11 +257,11 @@ impl Engine {
             PlanState::Run(text) => (Planned::Run, Some(self.store.why(name, &key::digest(text), text))),
             PlanState::Fail(message) => (Planned::Run, Some(Why::plain(message))),
             PlanState::Unknown(from) => {
-                let why = format!("depends on what {} gives", graph.instances[*from].name);
+                let why = format!("depends on the result of {}", graph.instances[*from].name);
                 (Planned::Unknown, Some(Why::plain(&why)))
             }
             PlanState::Skip(at) => {
-                let why = graph.condition(*at).map_or(String::new(), |output| format!("{output} does not hold"));
+                let why = graph.condition(*at).map_or(String::new(), |output| format!("{output} is false"));
                 (Planned::Skip, Some(Why::plain(&why)))
             }
         }

@@ -329,7 +329,7 @@ fn places<'a>(names: impl Iterator<Item = &'a Key>) -> BTreeMap<String, usize> {
 
 /// The warning that `old` is the old name of `new`.
 pub(super) fn old_name(origin: &Origin, old: &str, new: &str) -> Diagnostic {
-    let message = format!("`{old}` is an old name, which the next version does not take");
+    let message = format!("`{old}` is an old name, which the next version does not accept");
     Diagnostic::at(origin, message).help(format!("write `{new}`"))
 }
 

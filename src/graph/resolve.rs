@@ -451,7 +451,7 @@ impl GraphFile {
                         shortest_loop(&graph, first).into_iter().map(|node| self.nodes[node].name.name.as_str());
                     let names = names.collect::<Vec<_>>().join(" -> ");
                     let place = &self.nodes[graph[first]].name.origin;
-                    Diagnostic::at(place, format!("these nodes wait for each other: {names}"))
+                    Diagnostic::at(place, format!("these nodes form a cycle: {names}"))
                 });
             }
         }

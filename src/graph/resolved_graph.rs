@@ -155,7 +155,7 @@ impl ResolvedGraph {
     pub fn wanted(&self, names: Option<&[String]>) -> Result<Wanted, Diagnostic> {
         let names = names.unwrap_or(&self.outputs);
         if names.is_empty() {
-            return Err(Diagnostic::file(Path::new(""), "nothing is wanted: the graph names no outputs"));
+            return Err(Diagnostic::file(Path::new(""), "wanted an output, got none: the graph names no outputs"));
         }
         let mut wanted = Wanted { outputs: Vec::new(), needed: vec![false; self.instances.len()] };
         for name in names {

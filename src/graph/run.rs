@@ -365,7 +365,7 @@ impl<'a> RunInProgress<'a> {
         let index = made.header.port(wanted.port as usize).find(|&i| made.header.values[i].member == wanted.member);
         index.and_then(|i| made.value(i)).ok_or_else(|| {
             NodeFailure::Failed(format!(
-                "{} gave other members than before",
+                "{} returned other members than before",
                 self.graph().instances[slot.instance].name
             ))
         })
@@ -482,7 +482,7 @@ impl<'a> RunInProgress<'a> {
         report.samples = made.samples;
         let why = match loss {
             Some(Loss::Damaged(damage)) => {
-                report.warnings.push(format!("the stored result was damaged ({damage}) and was made again"));
+                report.warnings.push(format!("the stored result was damaged ({damage}) and was computed again"));
                 "its stored result was damaged".to_owned()
             }
             Some(Loss::Gone) => STORED_NO_MORE.to_owned(),

@@ -177,7 +177,7 @@ impl Network {
             }
         }
         if let Some(port) = self.inputs.iter().find(|port| inputs.iter().all(|(name, _)| port.name != *name)) {
-            return Err(NetError::Mismatch(format!("it has an input `{}` that nothing feeds", port.name)));
+            return Err(NetError::Mismatch(format!("it has an input `{}` without a value", port.name)));
         }
         for name in outputs {
             if self.outputs.iter().all(|port| port.name != *name) {
@@ -198,7 +198,7 @@ impl Network {
         outputs: [&str; N],
     ) -> Result<[Tensor; N], NetError> {
         let got = self.run_to(inputs, &outputs)?;
-        got.try_into().map_err(|_| NetError::Run("it gave another number of outputs than was asked for".into()))
+        got.try_into().map_err(|_| NetError::Run("it returned another number of outputs than requested".into()))
     }
 
     /// [`Network::run`] for any number of outputs.

@@ -90,7 +90,7 @@ impl OrtNetwork {
         let mut session = self.session.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let got = session.run(values).map_err(failed)?;
         let taken = outputs.iter().map(|name| {
-            let value = got.get(*name).ok_or_else(|| NetError::Run(format!("it gave no output `{name}`")))?;
+            let value = got.get(*name).ok_or_else(|| NetError::Run(format!("it returned no output `{name}`")))?;
             let (shape, data) = value.try_extract_tensor::<f32>().map_err(failed)?;
             let shape: Vec<usize> = shape.iter().map(|&n| n as usize).collect();
             Ok(Tensor::new(&shape, data.to_vec()))

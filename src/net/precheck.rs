@@ -69,7 +69,7 @@ pub fn precheck(bytes: &[u8]) -> Result<(), String> {
 
 fn walk(mut rest: &[u8], message: Message, depth: usize, nodes: &mut usize) -> Result<(), String> {
     if depth > MAX_DEPTH {
-        return Err(format!("wanted at most {MAX_DEPTH} messages inside each other, got more"));
+        return Err(format!("wanted at most {MAX_DEPTH} nested messages, got more"));
     }
     match message {
         Sparse => return Err("wanted dense constants, got a sparse one".into()),

@@ -12,7 +12,7 @@ use super::{NetError, Port, Tensor};
 pub fn doubt(bytes: &[u8]) -> Option<&'static str> {
     // The field `s` (4, a text of 5 bytes) of an attribute, as `mode` of Resize.
     let cubic = bytes.windows(7).any(|window| window == b"\x22\x05cubic");
-    cubic.then_some("it resizes by cubic interpolation, for which rten takes linear: --backend ort computes it right")
+    cubic.then_some("it resizes by cubic interpolation, which rten replaces by linear: use --backend ort")
 }
 
 pub struct RtenNetwork {

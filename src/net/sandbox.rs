@@ -161,7 +161,7 @@ impl Process {
             (None, _) if (self.cancelled)() => Err(NetError::Cancelled),
             (None, Some(Err(error))) if error.kind() == std::io::ErrorKind::InvalidData => {
                 drop(child.kill());
-                Err(NetError::Ended(format!("its process gave an answer that cannot be read: {error}")))
+                Err(NetError::Ended(format!("its process returned an answer that cannot be read: {error}")))
             }
             (None, _) => Err(self.cause(child, errors)),
         }

@@ -96,7 +96,7 @@ impl PhotoInput<'_> {
             && inputs.iter().all(|port| port.name != name)
         {
             return Err(NetError::Mismatch(format!(
-                "wanted an input `{name}`, as the parameter `input` says, got {}",
+                "wanted an input `{name}`, named by the parameter `input`, got {}",
                 names(inputs)
             )));
         }

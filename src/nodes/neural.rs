@@ -72,7 +72,7 @@ pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Netwo
         }
         (None, _) => {
             return Err(NodeError::Failed(format!(
-                "{}: wanted a network that ships with relight, as this program does not say where others are computed \
+                "{}: wanted a network that ships with relight, as this program has no process for others \
                  (relight::net::Untrusted, a service of the engine)",
                 file.location().display()
             )));

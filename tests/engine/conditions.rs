@@ -169,5 +169,5 @@ fn conditions_are_checked_before_any_work() {
         "c": (op: Add, when: "sign.positive", in: { "number": "n" }),
     }, outputs: ["c"])"#;
     let faults = try_graph(looped, &Overlay::default()).err().unwrap_or_default();
-    assert!(list(&faults).contains("these nodes wait for each other: sign -> c -> sign"), "{}", list(&faults));
+    assert!(list(&faults).contains("these nodes form a cycle: sign -> c -> sign"), "{}", list(&faults));
 }

@@ -91,7 +91,7 @@ fn two_hundred_thousand_mistakes_are_counted() {
         let found = faults(Source::new("many.ron", format!("Graph(version: 1, {body})")));
         assert!(found[0].message.starts_with(first), "wanted {first}, got {}", found[0]);
         assert_eq!(found.len(), 51, "{first}");
-        let last = found[50].message.strip_prefix("and up to ").and_then(|text| text.strip_suffix(" faults more"));
+        let last = found[50].message.strip_prefix("and up to ").and_then(|text| text.strip_suffix(" more errors"));
         let more: usize = last.and_then(|count| count.parse().ok()).unwrap_or_else(|| panic!("{}", found[50]));
         assert!((MANY - 51..=MANY).contains(&more), "{first}: {more}");
     }

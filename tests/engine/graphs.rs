@@ -109,7 +109,7 @@ fn a_set_may_have_a_hundred_thousand_members() {
     overlay.members.extend(members("s", &names).members);
     let twice = try_graph(&format!("Graph(version: 1, {body})"), &overlay).err().expect("each member is there twice");
     assert_eq!(twice[0].message, "set `s` already has a member `m0`");
-    assert_eq!(twice[50].message, format!("and up to {} faults more", MANY - 50));
+    assert_eq!(twice[50].message, format!("and up to {} more errors", MANY - 50));
 
     let mut overlay = members("s", &names);
     overlay.members.extend(members("t", &names[..MANY / 2]).members);

@@ -30,7 +30,7 @@ const OLD: &str = r#"Graph(version: 1, nodes: {
 fn old_names_mean_the_new_ones_and_are_told_with_their_places() {
     let (graph, warnings) = resolve(GraphFile::parse(Source::new("g.ron", OLD)), &Overlay::default());
     let told = |place: &str, old: &str, new: &str| {
-        format!("g.ron:{place}: `{old}` is an old name, which the next version does not take (write `{new}`)\n")
+        format!("g.ron:{place}: `{old}` is an old name, which the next version does not accept (write `{new}`)\n")
     };
     let wanted = told("3:15", "Plus", "Add")
         + &told("3:39", "of", "number")

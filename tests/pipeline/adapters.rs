@@ -176,7 +176,7 @@ fn what_a_backend_computes_wrongly_is_told() {
     let place = photo(network.cubic("a", "z", [1.0, 1.0, 0.7, 0.7]).file());
     for backend in backends() {
         let told = place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
-        let warning = "warning: depth: net.onnx: it resizes by cubic interpolation, for which rten takes linear: --backend ort computes it right";
+        let warning = "warning: depth: net.onnx: it resizes by cubic interpolation, which rten replaces by linear: use --backend ort";
         assert_eq!(told.contains(warning), backend == "rten", "{told}");
     }
 }
@@ -211,7 +211,7 @@ fn networks_that_cannot_be_used_are_named() {
             "input name",
             sound.clone(),
             r#"--set depth.input="image""#,
-            &["net.onnx: wanted an input `image`, as the parameter `input` says, got `rgb`"],
+            &["net.onnx: wanted an input `image`, named by the parameter `input`, got `rgb`"],
         ),
         (
             "output name",
@@ -242,19 +242,19 @@ fn networks_that_cannot_be_used_are_named() {
             "below zero",
             below,
             "--set depth.kind=Metric",
-            &["net.onnx: wanted metres, got no positive number; is its depth Relative?"],
+            &["net.onnx: wanted meters, got no positive number; is its depth Relative?"],
         ),
         (
             "even",
             even,
             "--known-length 1,1,9,9=1",
-            &["depth: the network tells no depth: wanted numbers that vary, got 0.5 nearly everywhere"],
+            &["depth: the network returned no depth: wanted numbers that vary, got 0.5 nearly everywhere"],
         ),
         (
             "no length",
             sound.clone(),
             "",
-            &["depth: known_lengths: relative depth has no scale", "--known-length X,Y,X,Y=METRES"],
+            &["depth: known_lengths: relative depth has no scale", "--known-length X,Y,X,Y=METERS"],
         ),
         (
             "one place",
@@ -278,7 +278,7 @@ fn networks_that_cannot_be_used_are_named() {
             "no length at all",
             sound.clone(),
             "--known-length 4,4,9,9",
-            &["wanted two pixels and the metres between them, as `212,80,212,395=2.03`"],
+            &["wanted two pixels and the meters between them, as `212,80,212,395=2.03`"],
         ),
         ("span", sound.clone(), "--set depth.span=1", &["--set depth.span", "span: wanted > 1 and <= 1000, got 1"]),
         ("side", sound.clone(), "--set depth.side=7", &["side: wanted 8..=4096, got 7"]),

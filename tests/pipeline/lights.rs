@@ -367,7 +367,7 @@ fn extreme_lights_end_in_a_picture_or_a_clear_error() {
         (
             r#""a": Window(corners: [(900, 900), (990, 900), (990, 990), (900, 990)])"#.to_owned(),
             2,
-            "there is no wall to see",
+            "no wall is visible",
         ),
         (
             r#""a": Window(corners: [(104, 58), (142, 107), (142, 57), (105, 107)])"#.to_owned(),

@@ -45,14 +45,14 @@ fn objects_of_every_kind() {
         (mesh("box.ply", stands), 0, &[][..]),
         (mesh("box.ply", "at: Pixel(x: 20, y: 15, lift: 0.1), yaw: 400, material: (metallic: 1)"), 0, &[]),
         ("Sphere(radius: 0.2, at: Pixel(x: 20, y: 15))".into(), 0, &[]),
-        ("Sphere(radius: 0.2, at: Point(0, 0, 0))".into(), 0, &["warning", "object 0 reaches around the camera"]),
-        ("Sphere(radius: 0.2, at: Point(0, 0, -9))".into(), 0, &["warning", "object 0 is not seen"]), // in the wall
-        ("Sphere(radius: 0.2, at: Point(0, 0, 2))".into(), 0, &["object 0 is not seen"]), // behind the camera
-        ("Sphere(radius: 0.2, at: Point(9, 0, -1))".into(), 0, &["object 0 is not seen"]), // beside the view
-        ("Sphere(radius: 0.2, at: Point(1e6, 0, -1e7))".into(), 0, &["object 0 is not seen"]),
+        ("Sphere(radius: 0.2, at: Point(0, 0, 0))".into(), 0, &["warning", "object 0 encloses the camera"]),
+        ("Sphere(radius: 0.2, at: Point(0, 0, -9))".into(), 0, &["warning", "object 0 is not visible"]), // in the wall
+        ("Sphere(radius: 0.2, at: Point(0, 0, 2))".into(), 0, &["object 0 is not visible"]), // behind the camera
+        ("Sphere(radius: 0.2, at: Point(9, 0, -1))".into(), 0, &["object 0 is not visible"]), // beside the view
+        ("Sphere(radius: 0.2, at: Point(1e6, 0, -1e7))".into(), 0, &["object 0 is not visible"]),
         ("Sphere(radius: 0.0005, at: Pixel(x: 20, y: 15))".into(), 0, &[]),
         ("Sphere(radius: 50, at: Point(0, 0, -51))".into(), 0, &[]),
-        ("Sphere(radius: 50, at: Point(0, 0, 0))".into(), 0, &["reaches around the camera"]),
+        ("Sphere(radius: 50, at: Point(0, 0, 0))".into(), 0, &["encloses the camera"]),
         (mesh("box.ply", "at: Pixel(x: 7, y: 7)"), 0, &[]), // on the lamp's own pixels
         ("Sphere(radius: 0.2, at: Point(0, 0, -1)), Sphere(radius: 0.2, at: Point(0.1, 0, -1))".into(), 0, &[]),
         (mesh("box.ply", "at: Pixel(x: 40, y: 15)"), 2, &["objects", "outside the photo"]),
@@ -76,19 +76,19 @@ fn models_of_every_kind() {
     };
     let sound = gltf(3, TRIANGLE);
     model("a.gltf", sound.as_bytes(), 0, &[]);
-    model("a.gltf", gltf(4, TRIANGLE).as_bytes(), 2, &["a.gltf", "wanted a sound glTF file"]);
+    model("a.gltf", gltf(4, TRIANGLE).as_bytes(), 2, &["a.gltf", "wanted a valid glTF file"]);
     model("a.gltf", gltf(4_000_000_000, TRIANGLE).as_bytes(), 2, &["a.gltf", "4000000000"]);
-    model("a.gltf", gltf(3, &TRIANGLE[..60]).as_bytes(), 2, &["a.gltf", "wanted a sound glTF file"]);
+    model("a.gltf", gltf(3, &TRIANGLE[..60]).as_bytes(), 2, &["a.gltf", "wanted a valid glTF file"]);
     model("a.gltf", gltf(3, "gone.bin").as_bytes(), 2, &["edit.ron", "gone.bin", "cannot be read"]);
     model("a.gltf", gltf(3, "box.ply").as_bytes(), 2, &["a.gltf"]); // a file, of other bytes
-    model("a.gltf", &sound.as_bytes()[..sound.len() / 2], 2, &["a.gltf", "wanted a sound glTF file"]);
-    model("a.glb", b"glTF\x02\0\0\0\x14\0\0\0\xff\xff\xff\xffJSON", 2, &["a.glb", "wanted a sound glTF file"]);
+    model("a.gltf", &sound.as_bytes()[..sound.len() / 2], 2, &["a.gltf", "wanted a valid glTF file"]);
+    model("a.glb", b"glTF\x02\0\0\0\x14\0\0\0\xff\xff\xff\xffJSON", 2, &["a.glb", "wanted a valid glTF file"]);
     model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 0, &[]);
     model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n", 2, &["a.obj", "wanted a model with a height"]);
     model("a.obj", b"", 2, &["a.obj", "wanted triangles", "got none"]);
     model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", 2, &["a.obj"]);
-    model("a.ply", &BOX.as_bytes()[..BOX.len() - 20], 2, &["a.ply", "wanted a sound PLY file"]);
-    model("a.ply", BOX.replace("1 1 1", "nan 1 1").as_bytes(), 2, &["a.ply", "wanted a sound PLY file"]);
+    model("a.ply", &BOX.as_bytes()[..BOX.len() - 20], 2, &["a.ply", "wanted a valid PLY file"]);
+    model("a.ply", BOX.replace("1 1 1", "nan 1 1").as_bytes(), 2, &["a.ply", "wanted a valid PLY file"]);
     model("a.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 2, &["a.obj", "finite", "vertex 0"]);
     let flat = BOX.replace("4 3 2 1 0", "4 3 3 3 3");
     model("a.ply", flat.as_bytes(), 0, &["warning", "2 of 12 triangles have no area"]);
@@ -152,7 +152,7 @@ fn an_obj_comes_with_its_library() {
     folder.write("gone.png", "this is no picture");
     check(&folder, "a bad picture", 2, &["a.obj", "gone.png"]);
     folder.write("a.mtl", "newmtl m\nKd one two three\n");
-    check(&folder, "a bad library", 0, &["warning", "wanted a sound material library, a.mtl"]);
+    check(&folder, "a bad library", 0, &["warning", "wanted a valid material library, a.mtl"]);
 }
 
 /// The same files as lamps.

@@ -122,7 +122,7 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     let names: Vec<String> = (0..8).map(|number| format!("picture_{number:04}.png")).collect();
     let wanted = names.iter().chain([&"report.json".to_owned()]).cloned().collect::<Vec<_>>();
     assert_eq!(out.keys().filter(|name| *name != "film.mp4").cloned().collect::<Vec<_>>(), wanted);
-    assert!(told.contains("frame 7 (8 of 8): known already") && told.contains("8 of 8 frames"), "{told}");
+    assert!(told.contains("frame 7 (8 of 8): cached") && told.contains("8 of 8 frames"), "{told}");
     assert_eq!(out[&names[3]], out[&names[7]]);
     assert_ne!(out[&names[0]], out[&names[1]]);
 
@@ -158,7 +158,7 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     child.kill().expect("it can be killed");
     child.wait().expect("it ends");
     let told = place.check(&line("torn"), 0);
-    for known in ["frame 0 (1 of 8): known already", "frame 1 (2 of 8): known already"] {
+    for known in ["frame 0 (1 of 8): cached", "frame 1 (2 of 8): cached"] {
         assert!(told.contains(known), "{told}");
     }
     let torn = files(&place.path("torn"));

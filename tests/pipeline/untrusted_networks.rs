@@ -119,7 +119,7 @@ fn files_that_abort_or_hang_a_loader_are_refused() {
     for (name, network, wanted) in [
         ("aborts", aborting(), "wanted 5188146770730813392 more bytes, the file has 45 there"),
         ("hangs", hanging(), "wanted 1099511627776 more bytes, the file has 12 there"),
-        ("nests", nested(5000), "wanted at most 40 messages inside each other, got more"),
+        ("nests", nested(5000), "wanted at most 40 nested messages, got more"),
     ] {
         let (status, told) = told(&network, "--backend rten");
         let wanted = format!("error: depth: net.onnx: wanted a network in ONNX that rten computes: {wanted}\n");
@@ -189,11 +189,15 @@ fn a_run_that_is_cancelled_ends_the_child() {
 fn a_child_that_lies_is_an_error() {
     let ports = |hex: &str| format!("printf '{hex}'; exec sleep 60");
     for (name, script, wanted) in [
-        ("a huge head", ports(r"\377\377\377\377\377\377\377\377"), "its process gave an answer that cannot be read: "),
+        (
+            "a huge head",
+            ports(r"\377\377\377\377\377\377\377\377"),
+            "its process returned an answer that cannot be read: ",
+        ),
         (
             "no head",
             ports(r"\003\000\000\000\000\000\000\000\377\377\377"),
-            "its process gave an answer that cannot be read: ",
+            "its process returned an answer that cannot be read: ",
         ),
         ("silence", "exit 7".into(), "its process ended before it answered: exit status: 7"),
         ("a signal", "kill -SEGV $$".into(), "its process ended before it answered: signal: 11 (SIGSEGV)"),

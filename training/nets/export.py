@@ -40,7 +40,7 @@ CARD = """# {kind}
 | data | {rooms} rooms of `training/rooms`, path-traced with furniture of Sweet Home 3D (CC-BY 3.0, CC0: NOTICE.md); nothing else |
 | training | `training/nets/train.py {name} --seed {seed}`: {steps} steps of {batch} items, those of step {kept} kept, {seconds} s on {machine}, torch {torch} |
 | parity | ONNX Runtime differs from torch by {parity:.1e} of the largest output, on {checked} rooms |
-| licence | MIT OR Apache-2.0 |
+| license | MIT OR Apache-2.0 |
 
 Held-out error, {held_out} rooms of the split `{split}`:
 

@@ -1,17 +1,17 @@
-"""IndirectNet: indirect shading, linear and non-negative in the light; and the paper's squashed network as its yardstick.
+"""IndirectNet: indirect shading, linear and non-negative in the light; and the paper's squashed network as a baseline.
 
-Per colour channel, with weights shared by all channels, x = A E:
+Per color channel, with weights shared by all channels, x = A E:
     I = a x sum over scales of  g(p) x upsample( sum_k out_k x (kernel_k * (in_k x pool(x))) )
       + b x g(p) x upsample( sum_r out_r x (M (mean(in_r x pool(x)) + f_r x flux)) )
-where the gates in, out, g, the 7 x 7 kernels and the matrix M are positive (softplus); the gates come from a U-net over geometry, albedo and mask,
-the levels a, b and f of the whole picture from means, among them the channel's own albedo: light that bounces often is told by rho / (1 - rho).
-Nothing else touches the light: no bias, no activation. Hence I(a E1 + b E2) = a I(E1) + b I(E2) to rounding.
+where the gates in, out, g, the 7 x 7 kernels and the matrix M are positive (softplus). The gates come from a U-net over geometry, albedo and mask,
+the levels a, b and f of the whole picture from means, among them the channel's own albedo: multiple bounces scale with rho / (1 - rho).
+No other operation involves the light: no bias, no activation. Hence I(a E1 + b E2) = a I(E1) + b I(E2) to rounding.
 
-`flux` is the power of the light (flux.py). Most of what a light sends falls where the photo does not look; E_d alone cannot tell how much that is,
-and knows nothing of a sun that shines beside the view. It is linear in the light like E_d.
+`flux` is the power of the light (flux.py). Most light of a source falls outside of the view; E_d alone does not determine this part,
+nor a sun that shines beside the view. The flux is linear in the light like E_d.
 
-How much comes back from what is not seen, the photo tells: `left` is its shading less the direct light of all that burns in it (`burning`). Gates and
-levels may look at it, as it is a property of the scene and not of the light that is passed through."""
+The photo determines the light that returns from unseen surfaces: `left` is its shading minus the direct light of all sources that are on (`burning`).
+Gates and levels may depend on it, as it is a property of the scene and not of the input light."""
 
 import torch
 import torch.nn.functional as F
@@ -29,11 +29,11 @@ BLIND = 0.25  # share of the items to train on that have no photo
 
 
 class Indirect(nn.Module):
-    """Data, loss and measures of both networks. geometry [1, 6, 120, 160]: normal, xyz (m); albedo [1, 3, ..]; light [1, 1, ..]: 1 at pixels of
-    visible lights; direct [1, 3, ..]: E_d of one lobe, three channels; flux [1, 3, 1, 1]: its power in m^2; left [1, 3, ..]: shading of the photo less
-    all direct light, zeros where the photo is white or a light, and everywhere if there is no photo; burning [1, 6, 1, 1]: mean E_d and flux of all that
-    burns in the photo -> indirect [1, 3, ..]. For a lobe of unit radiance all three channels of `direct` and `flux` are equal, and those of `indirect`
-    differ by albedo."""
+    """Data, loss and measures of both networks. geometry [1, 6, 120, 160]: normal, xyz (m); albedo [1, 3, ..]; light [1, 1, ..]: 1 at pixels of visible
+    lights; direct [1, 3, ..]: E_d of one lobe, three channels; flux [1, 3, 1, 1]: its power in m^2; left [1, 3, ..]: shading of the photo minus all
+    direct light, zeros where the photo is saturated or a light, and everywhere without a photo; burning [1, 6, 1, 1]: mean E_d and flux of all lights
+    that are on in the photo -> indirect [1, 3, ..]. For a lobe of unit radiance all three channels of `direct` and `flux` are equal, and those of
+    `indirect` differ by albedo."""
 
     outputs = ["indirect"]
     judged_by = "L1"

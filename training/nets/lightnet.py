@@ -1,6 +1,6 @@
-"""LightNet: what light arrives at each place, as 12 spherical Gaussians per cell of a 30 x 40 grid, in the local frame of `hemisphere.frame`.
+"""LightNet: incoming radiance at each position, as 12 spherical Gaussians per cell of a 30 x 40 grid, in the local frame of `hemisphere.frame`.
 
-Scale-equivariant: light goes in divided by its mean and comes out multiplied with it."""
+The network is scale-equivariant: its input is the light divided by the light's mean, and its output is multiplied by that mean."""
 
 import torch
 import torch.nn.functional as F
@@ -19,7 +19,7 @@ GRID = (HEIGHT // CELL, WIDTH // CELL)
 class LightNet(nn.Module):
     """geometry [1, 6, 120, 160]: normal, xyz (m); albedo [1, 3, ..]; rough [1, 1, ..]; light [1, 1, ..]: 1 at pixels of visible lights; shading [1,
     3, ..]: E of all light, at pixels of visible lights their own radiance -> axis [1, 36, 30, 40] (12 unit vectors), sharpness [1, 12, 30, 40],
-    weight [1, 36, 30, 40] (12 colours, in the unit of `shading`)."""
+    weight [1, 36, 30, 40] (12 colors, in the unit of `shading`)."""
 
     outputs = ["axis", "sharpness", "weight"]
     judged_by = "log L2"

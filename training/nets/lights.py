@@ -1,10 +1,10 @@
-"""The networks that estimate lights: one seen lamp or window, the one lamp or window that is not seen.
+"""Networks that estimate light sources: a visible lamp or window, or the invisible lamp or window of a room.
 
-A lamp is a box that shines with one radiance, a window a rectangle before a surrounding of three lobes. The networks learn through the light they would
-cast (emit.py). Lengths inside are in units of a third of the mean depth. `confidence` holds the probability that this light burns at all and the
-L1 error to expect of its direct shading, over the truth's mean and a twentieth of all light's.
+A lamp is a box with one radiance, a window a rectangle with three lobes. The loss is that of the lights' direct shading (emit.py). Lengths inside
+are in units of a third of the mean depth. `confidence` contains the probability that the light is on, and the expected L1 error of its direct
+shading, relative to the truth's mean plus a twentieth of that of all light.
 
-Training relights its rooms: every path of light takes a factor of its own, the photo follows."""
+Training relights its rooms: every light path has a random factor, and the photo changes accordingly."""
 
 import math
 from typing import NamedTuple
@@ -501,7 +501,7 @@ def away(y, geometry_unit):
 
 
 class VisLampNet(Lamp):
-    """A lamp that is seen -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]. The centre lies on the mean ray of its mask,
+    """A visible lamp -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]. The centre lies on the mean ray of its mask,
     up to 0.2 units before or behind its median depth; the box lies along the camera's axes."""
 
     visible = True
@@ -517,7 +517,7 @@ class VisLampNet(Lamp):
 
 
 class VisWinNet(Window):
-    """A window that is seen -> centre [1, 3], half_x and half_y [1, 3] (m; their cross product points into the room), directions [1, 3, 3], bandwidths [1,
+    """A visible window -> centre [1, 3], half_x and half_y [1, 3] (m; their cross product points into the room), directions [1, 3, 3], bandwidths [1,
     3] and radiance [1, 3, 3] of sun, sky and ground, confidence [1, 2]."""
 
     visible = True
@@ -532,7 +532,7 @@ class VisWinNet(Window):
 
 
 class InvLampNet(Lamp):
-    """The lamp that is not seen -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]."""
+    """The invisible lamp -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]."""
 
     def __init__(self):
         super().__init__(4 + 3 + 3 + 3)
@@ -549,7 +549,7 @@ class InvLampNet(Lamp):
 
 
 class InvWinNet(Window):
-    """The window that is not seen; outputs as VisWinNet's."""
+    """The invisible window; outputs as VisWinNet's."""
 
     def __init__(self):
         super().__init__(4 + 3 + 3 + 2 + 21)

@@ -11,8 +11,9 @@ GAPS = (1, 2, 4, 8, 16)
 
 
 class MNet(nn.Module):
-    """photo [1, 3, 240, 320]: linear, 98 % of the pixels that are no light below 0.9..1, clipped as it is; geometry [1, 6, 240, 320]: normals from depth,
-    xyz (m); light [1, 1, 240, 320]: 1 at pixels of visible lights -> albedo [1, 3, ..] and rough [1, 1, ..] in 0..1, normal [1, 3, ..] of unit length."""
+    """photo [1, 3, 240, 320]: linear, 98 % of the pixels without a light below 0.9..1, clipped like the photo; geometry [1, 6, 240, 320]: normals from
+    depth, xyz (m); light [1, 1, 240, 320]: 1 at pixels of visible lights -> albedo [1, 3, ..] and rough [1, 1, ..] in 0..1, normal [1, 3, ..] of unit
+    length."""
 
     outputs = ["albedo", "normal", "rough"]
     judged_by = "albedo"

@@ -1,10 +1,10 @@
-"""ShadowNet: the visibility of a light behind what the photo does not show.
+"""ShadowNet: the visibility of a light where rays leave the visible part of the room.
 
-Rays to the light end lit, blocked or unknown (behind a depth edge, outside the view). The network tells which share of the unknown ones is lit, and
-where the rays through the depth mesh are not to be trusted at all (thin things, edges), with what stands in for them there:
+Rays to the light are lit, blocked or unknown (behind a depth edge, outside the view). The network estimates the lit fraction of the unknown rays, and
+the reliability of rays through the depth mesh (low at thin objects and edges), with a replacement where it is low:
     S = (1 - doubt) x (traced - unknown + unknown x lit) + doubt x instead,        traced counts unknown rays as lit.
-The photo shows shadows of the lights that burn in it: an input is what it leaves for this light when all light, as ray-traced, is taken away. So is the
-place of the light."""
+The photo contains the shadows of the lights that are on in it. So an input is the photo's shading minus all other light, as ray-traced. Another input
+is the position of the light."""
 
 import torch
 import torch.nn.functional as F
@@ -20,10 +20,10 @@ WHITE = 0.99  # a photo's pixel above it tells nothing
 
 
 class ShadowNet(nn.Module):
-    """visibility [1, 5, 120, 160]: traced, unknown, unshadowed direct shading per unit radiance of that lobe, what the photo leaves for it, the share of
-    the photo's shading that it would have unshadowed (`evidence`; zeros for a light that does not burn in the photo); geometry [1, 6, 120, 160]: normal,
-    xyz (m); place [1, 12, 1, 1] of the light: centre, half_x, half_y (m; zeros but for windows), direction to the sun (zeros but for suns) -> shares
-    [1, 3, 120, 160] in 0..1: lit, instead, doubt (`combine`)."""
+    """visibility [1, 5, 120, 160]: traced, unknown, unshadowed direct shading per unit radiance of that lobe, its residual in the photo, its unshadowed
+    fraction of the photo's shading (`evidence`; zeros for a light that is off in the photo); geometry [1, 6, 120, 160]: normal, xyz (m); place [1, 12,
+    1, 1] of the light: centre, half_x, half_y (m; zeros except for windows), direction to the sun (zeros except for suns) -> shares [1, 3, 120, 160] in
+    0..1: lit, instead, doubt (`combine`)."""
 
     outputs = ["shares"]
     judged_by = "all"
@@ -189,9 +189,9 @@ def visibility(x, seen):
 
 
 def evidence(x, explained):
-    """What the photo tells of a light of `radiance` [B, 3, 1, 1], by luminance, [B, 2, h, w]: the shading per unit radiance that it leaves for the light's
-    own direct light, once all light as ray-traced (`explained` [B, 3, h, w], that of this light included) is taken away but this light's direct light;
-    and the share of the photo's shading that the light would have unshadowed. Zeros where the photo is white."""
+    """What the photo tells of a light of `radiance` [B, 3, 1, 1], by luminance, [B, 2, h, w]: the shading per unit radiance that it leaves for the
+    light's own direct light, once all light as ray-traced (`explained` [B, 3, h, w], that of this light included) is taken away but this light's direct
+    light; and the share of the photo's shading that the light would have unshadowed. Zeros where the photo is white."""
     shading, radiance = luminance(x["photo"] / x["albedo"].clamp(min=0.03)), luminance(x["radiance"]).clamp(min=1e-6)
     left = (shading - luminance(explained)) / radiance + x["traced_direct"] * x["traced"]
     share = (radiance * x["traced_direct"] / shading.clamp(min=1e-6)).clamp(0, 1)

@@ -271,9 +271,9 @@ def make_textures(share, out):
 def licences(share, models, textures):
     """The text of LICENCES.md."""
     lines = ["# Who made what", ""]
-    lines += ["From the Debian packages `sweethome3d-furniture` and `sweethome3d`, under the licences that each catalogue states."]
+    lines += ["From the Debian packages `sweethome3d-furniture` and `sweethome3d`, under the licenses that each catalog states."]
     lines += ["The models and textures of eTeks are offered under GNU GPL or CC-BY 3.0; they are used here under the latter."]
-    lines += ["Changed: meshes are turned, scaled and simplified, their colours averaged.", ""]
+    lines += ["Changed: meshes are rotated, scaled and simplified, their colors averaged.", ""]
     for licence in sorted({r["licence"] for r in models + textures}):
         lines += [f"## {licence}", ""]
         for author in sorted({r["author"] for r in models + textures if r["licence"] == licence}):

@@ -12,13 +12,13 @@ pub struct Bench {
     /// The graph file.
     #[arg(default_value = "graphs/demo.ron")]
     pub graph: PathBuf,
-    /// The scene: a folder with a scene.ron; instead of the one that the graph file names.
+    /// The scene folder, with a scene.ron; overrides the scene of the graph file.
     #[arg(long, value_name = "DIR")]
     pub scene: Option<PathBuf>,
     /// Set one parameter of one node, as RON; may be given several times.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
     pub set: Vec<String>,
-    /// The folder for bench.json, bench.csv and the plots; made when it is not there.
+    /// The folder for bench.json, bench.csv and the plots, created if missing.
     #[arg(long, value_name = "DIR", default_value = "out/bench")]
     pub out: PathBuf,
     #[command(flatten)]
@@ -33,7 +33,7 @@ pub struct Bench {
 
 #[derive(Args)]
 pub struct Eval {
-    /// The scene: a folder with a scene.ron that names its `truth`.
+    /// The scene folder, with a scene.ron that names its `truth`.
     pub scene: PathBuf,
     /// The graph file.
     #[arg(long, value_name = "GRAPH", default_value = "graphs/indoor.ron")]
@@ -47,7 +47,7 @@ pub struct Eval {
     /// The old name of `--no-ablation`, read with a warning for one version.
     #[arg(long, hide = true)]
     pub no_ladder: bool,
-    /// The folder for eval.json; made when it is not there.
+    /// The folder for eval.json, created if missing.
     #[arg(long, value_name = "DIR", default_value = "out/eval")]
     pub out: PathBuf,
     #[command(flatten)]

@@ -162,7 +162,7 @@ impl Session {
             Some(PortValue::One(value)) => value.get(),
             _ => None,
         };
-        Ok(value.ok_or_else(|| Diagnostic::file(&self.graph, format!("`{output}` is not what bench can measure")))?)
+        Ok(value.ok_or_else(|| Diagnostic::file(&self.graph, format!("`{output}`: bench cannot measure this type")))?)
     }
 
     fn files(&self, settings: &[ParamSetting]) -> SceneFiles {

@@ -375,7 +375,7 @@ impl Ends {
         let find = |kind: &str| file.nodes().find(|node| node.kind == kind).map(|node| node.name.to_owned());
         let node = |kind: &str| {
             let fault = || Diagnostic::file(graph, format!("wanted a graph with a stage {kind}, got none"));
-            find(kind).ok_or_else(|| fault().help("eval measures graphs as graphs/physics.ron"))
+            find(kind).ok_or_else(|| fault().help("eval measures graphs with the wires of graphs/physics.ron"))
         };
         let wire = |node: &str, port: &str| file.wired(node, port).next().map(str::to_owned);
         let end = |node: &str, port: &str| {

@@ -68,13 +68,17 @@ pub fn relative_depth(
     span: f32,
 ) -> Result<MetricDepth, String> {
     if known.is_empty() {
-        return Err("known_lengths: relative depth has no scale: wanted a length that you know in the photo, as --known-length X,Y,X,Y=METRES, got none".into());
+        return Err(
+            "known_lengths: relative depth has no scale: wanted a known length in the photo, as --known-length \
+            X,Y,X,Y=METERS, got none"
+                .into(),
+        );
     }
     let rulers = rulers(told, camera, known)?;
     let (far, near) = (quantile(told, TAIL), quantile(told, 1.0 - TAIL));
     // A real network's output on an even wall varies by more than this; rounding varies by less.
     if near - far <= 1e-6 * near.abs().max(far.abs()) {
-        return Err(format!("the network tells no depth: wanted numbers that vary, got {near} nearly everywhere"));
+        return Err(format!("the network returned no depth: wanted numbers that vary, got {near} nearly everywhere"));
     }
     let least = |span: f64| (near - far) / (span - 1.0);
     let depth = |q: f64, span: f64| 1.0 / (q - far + least(span)).max(least(span) / BEYOND);
@@ -83,7 +87,7 @@ pub fn relative_depth(
     for (i, ruler) in rulers.iter().enumerate() {
         if ruler.ends.iter().any(|(_, q)| q - far + least(span) <= least(span) / BEYOND) {
             return Err(format!(
-                "known_lengths: number {}: an end is farther than the network can tell; wanted one in the room",
+                "known_lengths: number {}: an end is beyond the range of the network; wanted one in the room",
                 i + 1
             ));
         }
@@ -105,7 +109,7 @@ pub fn metric_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -
     for (i, ruler) in rulers.iter().enumerate() {
         if let Some((_, z)) = ruler.ends.iter().find(|(_, z)| *z <= 0.0) {
             return Err(format!(
-                "known_lengths: number {}: wanted ends where the network tells a depth, got {z} at one",
+                "known_lengths: number {}: wanted ends at which the network returns a depth, got {z} at one",
                 i + 1
             ));
         }
@@ -311,7 +315,7 @@ mod tests {
         assert!(
             relative_depth(&q, &camera(), &[], 4.0)
                 .expect_err("it has no scale")
-                .contains("--known-length X,Y,X,Y=METRES")
+                .contains("--known-length X,Y,X,Y=METERS")
         );
         let even = Plane::filled(64, 48, 7.0);
         assert!(
@@ -323,7 +327,7 @@ mod tests {
         assert!(
             metric_depth(&hole, &camera(), &[sound])
                 .expect_err("a hole")
-                .contains("wanted ends where the network tells a depth, got 0")
+                .contains("wanted ends at which the network returns a depth, got 0")
         );
     }
 }

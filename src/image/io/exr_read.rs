@@ -41,7 +41,7 @@ pub fn read_layers(source: NamedBytes) -> Result<ExrFile, ReadError> {
 
 /// Reads all full-resolution channels of a file.
 pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
-    let bad = |e: ::exr::error::Error| source.error("content", "a sound OpenEXR file", e);
+    let bad = |e: ::exr::error::Error| source.error("content", "a valid OpenEXR file", e);
     // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes:
     // headers first.
     let meta = MetaData::read_from_buffered(Cursor::new(source.bytes), false).map_err(bad)?;
@@ -102,8 +102,7 @@ fn warnings(meta: &MetaData) -> Vec<String> {
     let mut warnings = Vec::new();
     let Some(header) = meta.headers.first() else { return warnings };
     if header.shared_attributes.chromaticities.is_some_and(|c| !is_rec709(&c)) {
-        warnings
-            .push("its chromaticities are not those of Rec.709: its numbers are taken as Rec.709 all the same".into());
+        warnings.push("its chromaticities are not those of Rec.709: its numbers count as Rec.709".into());
     }
     if header.data_window() != header.shared_attributes.display_window {
         warnings.push("its data window is not its display window: the data window is the picture".into());

@@ -14,9 +14,9 @@ const MAX_HEADER: usize = 1024;
 
 /// The header of an array in C order, and the bytes behind it.
 fn header<'a>(source: NamedBytes<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError> {
-    let bad = |e: std::io::Error| source.error("NPY header", "a sound header", e);
+    let bad = |e: std::io::Error| source.error("NPY header", "a valid header", e);
     if source.bytes.len() < PREFIX {
-        return Err(source.error("NPY header", "a sound header", format!("{} bytes", source.bytes.len())));
+        return Err(source.error("NPY header", "a valid header", format!("{} bytes", source.bytes.len())));
     }
     let length = match source.bytes[6] {
         1 => u32::from(u16::from_le_bytes([source.bytes[8], source.bytes[9]])),

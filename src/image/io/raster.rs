@@ -113,7 +113,7 @@ impl Raster {
 }
 
 pub(in crate::image) fn decode_raster(source: NamedBytes, format: ImageFormat) -> Result<Raster, ReadError> {
-    let bad = |e: ::image::ImageError| source.error("content", format!("a sound {format:?} file"), e);
+    let bad = |e: ::image::ImageError| source.error("content", format!("a valid {format:?} file"), e);
     let mut limits = Limits::default();
     // Beside the pixels, room for tables and metadata.
     limits.max_alloc = Some(source.most.saturating_add(16 << 20).min(MAX_BYTES));
@@ -139,7 +139,7 @@ pub(in crate::image) fn decode_raster(source: NamedBytes, format: ImageFormat) -
         DynamicImage::ImageRgba16(image) => Samples::Sixteen(image.into_raw()),
         DynamicImage::ImageRgb32F(image) => Samples::Float(image.into_raw()),
         DynamicImage::ImageRgba32F(image) => Samples::Float(image.into_raw()),
-        _ => return Err(source.error("pixels", "grey or RGB, 8 or 16 bits or float", format!("{color:?}"))),
+        _ => return Err(source.error("pixels", "gray or RGB, 8 or 16 bits or float", format!("{color:?}"))),
     };
     let channels = usize::from(color.channel_count());
     Ok(Raster { width, height, channels, samples })

@@ -88,7 +88,7 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
 /// # Errors
 /// The file is not one of these, is damaged or too large.
 pub fn read_depth(source: NamedBytes) -> Result<(Plane<f32>, Vec<String>), ReadError> {
-    const WANTED: &str = "depth: EXR, 16-bit grey PNG or NPY";
+    const WANTED: &str = "depth: EXR, 16-bit gray PNG or NPY";
     match format(source) {
         Some(FileFormat::Exr) => {
             let file = exr_read::read(source)?;
@@ -104,7 +104,7 @@ pub fn read_depth(source: NamedBytes) -> Result<(Plane<f32>, Vec<String>), ReadE
                 }
                 _ => {
                     let got = format!("{:?} bits, {} channels", raster.bits(), raster.channels);
-                    Err(source.error("pixels of a depth PNG", "16 bits, one grey channel", got))
+                    Err(source.error("pixels of a depth PNG", "16 bits, one gray channel", got))
                 }
             }
         }

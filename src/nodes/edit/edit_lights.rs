@@ -244,7 +244,7 @@ impl LightEdit {
             LightEdit::Temperature(t) => check_range("temperature (K)", t, KELVIN),
             LightEdit::Color(r, g, b) => {
                 check_range("Color", &[*r, *g, *b], 0.0..)?;
-                if r + g + b > 0.0 { Ok(()) } else { Err("Color: wanted a colour, got black; use Off".into()) }
+                if r + g + b > 0.0 { Ok(()) } else { Err("Color: wanted a color, got black; use Off".into()) }
             }
             LightEdit::Move { by, to } => match (by, to) {
                 (Some(_), None) | (None, Some(_)) => Ok(()),
@@ -258,17 +258,17 @@ impl LightEdit {
                 match (ies, shape) {
                     (Some(_), LampShape::Sphere { .. }) => {}
                     (Some(_), _) => {
-                        return Err("ies: a profile is that of a small body: it goes with shape: Sphere(..)".into());
+                        return Err("ies: a profile requires shape: Sphere(..)".into());
                     }
                     (None, _) if axis.is_some() || *turn != 0.0 => {
-                        return Err("axis and turn tell how a profile stands: they go with ies".into());
+                        return Err("axis and turn orient a profile: they require ies".into());
                     }
                     (None, _) => {}
                 }
                 match (flux, radiance) {
                     (Some(flux), None) => check_range("flux (lumens)", flux, 0.0..),
                     (None, Some(radiance)) if temperature.is_none() => check_range("radiance", radiance, 0.0..),
-                    (None, Some(_)) => Err("temperature goes with flux; radiance has its own colour".into()),
+                    (None, Some(_)) => Err("temperature requires flux; radiance has its own color".into()),
                     (None, None) if ies.is_some() => Ok(()),
                     (None, None) => Err("wanted flux (lumens) or radiance (r, g, b)".into()),
                     (Some(_), Some(_)) => Err("flux and radiance exclude each other".into()),
@@ -353,7 +353,7 @@ impl EditLights {
             }
         };
         if !radiance.is_finite() {
-            return Err(failed(format!("wanted a body with room for its flux, got a radiance of {radiance}")));
+            return Err(failed(format!("wanted a larger body for this flux, got a radiance of {radiance}")));
         }
         Ok((Shape::Lamp(lamp), Radiance(vec![radiance])))
     }
@@ -362,7 +362,7 @@ impl EditLights {
     fn lux(&self, id: &str, inputs: &EditLightsIn, ctx: &Context) -> f32 {
         inputs.encoding.lux.unwrap_or_else(|| {
             let lux = self.assumed_lux;
-            ctx.warn(format!("light {id:?}: the scene gives no exposure; white is taken to show 1.0 at {lux} lux"));
+            ctx.warn(format!("light {id:?}: the scene has no exposure; white is assumed to show 1.0 at {lux} lux"));
             lux
         })
     }

@@ -234,7 +234,9 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
     let mask = image::read_mask(NamedBytes::new(&name, &bytes)).map_err(|e| bad(e.message()))?.0;
     let ((w, h), (pw, ph)) = (mask.size(), photo);
     if !same_aspect((w, h), photo) {
-        return Err(bad(format!("region size: wanted the photo's {pw} x {ph}, or its shape to 2 %, got {w} x {h}")));
+        return Err(bad(format!(
+            "region size: wanted the photo's {pw} x {ph}, or its aspect ratio to 2 %, got {w} x {h}"
+        )));
     }
     if (w, h) != photo {
         ctx.warn(format!("{}: {w} x {h}, resampled to the photo's {pw} x {ph}", file.path));
@@ -399,7 +401,10 @@ mod tests {
         let told = |edit: MaterialEdit| run(vec![edit], wall(GRAY, RED)).err().expect("it is refused").to_string();
         let (_file, square) = mask_file((40, 40), |_, _| 1.0);
         let wrong_shape = told(paint(square, NEW));
-        assert!(wrong_shape.ends_with("wanted the photo's 40 x 30, or its shape to 2 %, got 40 x 40"), "{wrong_shape}");
+        assert!(
+            wrong_shape.ends_with("wanted the photo's 40 x 30, or its aspect ratio to 2 %, got 40 x 40"),
+            "{wrong_shape}"
+        );
         let (_other, black) = mask_file(SIZE, |_, _| 0.0);
         let black = told(paint(black, NEW));
         assert!(black.contains("black everywhere"), "{black}");

@@ -215,9 +215,9 @@ fn tell(bodies: &[Body], objects: &Objects, ctx: &Context) {
     for (i, body) in bodies.iter().enumerate() {
         let (low, high) = body.model.bounds();
         if low.cmplt(Vec3::ZERO).all() && high.cmpgt(Vec3::ZERO).all() {
-            ctx.warn(format!("object {i} reaches around the camera: the picture shows it from within"));
+            ctx.warn(format!("object {i} encloses the camera: the picture shows its inside"));
         } else if !objects.body.pixels().contains(&(i as u32)) {
-            ctx.warn(format!("object {i} is not seen: it is out of view, behind what the photo shows, or too small"));
+            ctx.warn(format!("object {i} is not visible: it is out of view, behind a visible surface, or too small"));
         }
     }
 }
@@ -230,7 +230,7 @@ impl ObjectEdit {
                 material.as_ref().map_or(Ok(()), |m| m.material().map(|_| ()))
             }
             ObjectEdit::Sphere { radius, material, .. } => {
-                check_range("radius (metres)", radius, SIZES)?;
+                check_range("radius (meters)", radius, SIZES)?;
                 material.material().map(|_| ())
             }
         }

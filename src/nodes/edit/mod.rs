@@ -30,7 +30,7 @@ impl Color {
                 let digits =
                     text.strip_prefix('#').filter(|d| d.len() == 6 && d.chars().all(|c| c.is_ascii_hexdigit()));
                 let number = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
-                let number = number.ok_or_else(|| format!("Srgb: wanted a colour like \"#c8642a\", got {text:?}"))?;
+                let number = number.ok_or_else(|| format!("Srgb: wanted a color like \"#c8642a\", got {text:?}"))?;
                 let [_, rgb @ ..] = number.to_be_bytes();
                 Ok(Vec3::from_array(rgb.map(|c| Transfer::Srgb.decode(f32::from(c) / 255.0))))
             }
@@ -124,7 +124,7 @@ fn check_model(path: &File, height: f32) -> Result<(), String> {
     if path.path.is_empty() {
         return Err("path: wanted a file, got none".into());
     }
-    check_range("height (metres)", &height, SIZES)
+    check_range("height (meters)", &height, SIZES)
 }
 
 /// The file of a model and those that it names, which are looked for here.
@@ -151,7 +151,7 @@ fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeE
     let mut part = |name: &str| {
         let wanted = path.sibling(name);
         let file = parts.iter().find(|file| file.path == wanted.path);
-        let read = file.ok_or_else(|| format!("it names {name}, which was not there")).map(|file| ctx.read(file))?;
+        let read = file.ok_or_else(|| format!("it names {name}, which is missing")).map(|file| ctx.read(file))?;
         read.map_err(|e| {
             let told = e.to_string();
             unread = Some(e);

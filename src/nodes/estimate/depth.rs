@@ -121,19 +121,19 @@ impl Node for Depth {
         let span = meters.span.map(|span| format!(", span {span:.2}")).unwrap_or_default();
         ctx.note(format!("seen at {width} x {height}, scale {:.4}{span}", meters.scale));
         if meters.misfit > TUNING.max_misfit {
-            ctx.warn(format!("the known lengths do not fit together: one is off by {:.0} %", 100.0 * meters.misfit));
+            ctx.warn(format!("the known lengths contradict each other: one is off by {:.0} %", 100.0 * meters.misfit));
         }
         let (depth, holes) = inpaint_depth(&meters.depth, &meters.depth.map(|_| 0.0)).ok_or_else(|| {
             let file = self.model.location().display().to_string();
             NodeError::BadFile {
                 path: file,
-                message: "wanted metres, got no positive number; is its depth Relative?".into(),
+                message: "wanted meters, got no positive number; is its depth Relative?".into(),
             }
         })?;
         let share = holes.0.pixels().iter().sum::<f32>() / holes.0.len() as f32;
         if share > TUNING.max_holes {
             ctx.warn(format!(
-                "{:.0} % of the pixels have no positive depth; they are filled from the rest",
+                "{:.0} % of the pixels have no positive depth; they are filled from the others",
                 100.0 * share
             ));
         }

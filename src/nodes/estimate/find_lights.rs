@@ -83,7 +83,7 @@ impl Node for FindLights {
         let found = find_lights(&inputs.small, &inputs.clipped, room, &search);
         ctx.check_cancelled()?;
         if found.is_empty() {
-            ctx.warn("no light found: nothing in the photo is bright, sharply bounded and away from its floor");
+            ctx.warn("no light found: no region of the photo is bright, sharply bounded and off the floor");
         }
 
         let (width, height) = inputs.photo.0.size();

@@ -233,8 +233,8 @@ impl FitReport<'_> {
         let pixels = self.observations.photo.len();
         if pixels == 0 {
             ctx.warn(
-                "the photo is black wherever it could tell of the lights (their own pixels and those of no part of the room apart): \
-                 every radiance is 0",
+                "the photo is black at all observed pixels (pixels of lights and ignored pixels excluded): every \
+                radiance is 0",
             );
             return;
         }
@@ -245,17 +245,21 @@ impl FitReport<'_> {
         let (residual, total) = self.fit.residual_and_total(self.columns);
         let residual = if total > 0.0 { residual / total } else { 0.0 };
         if residual > MOST_RESIDUAL && lit > 0 {
-            ctx.warn(format!("{:.0} % of the light is explained by no light; it stays as `rest`", 100.0 * residual));
+            ctx.warn(format!(
+                "no light source explains {:.0} % of the photo's light; it stays as `rest`",
+                100.0 * residual
+            ));
         }
         if !is_undetermined {
             self.warn_of_uncertain_lights(ctx);
         }
         let Conditioning { number, most_correlated, .. } = self.fit.conditioning;
         let hardest = most_correlated.map_or(String::new(), |[a, b]| {
-            format!(", {} and {} hardest to tell apart", self.lobes[a].name(), self.lobes[b].name())
+            format!(", {} and {} most correlated", self.lobes[a].name(), self.lobes[b].name())
         });
         ctx.note(format!(
-            "{} iterations, last change {:.1e}, misfit {:.4} -> {:.4}, condition number {number:.1e}{hardest}, residual {:.1} %",
+            "{} iterations, last change {:.1e}, misfit {:.4} -> {:.4}, condition number {number:.1e}{hardest}, residual \
+            {:.1} %",
             self.fit.iterations,
             self.fit.change,
             self.fit.loss_before,
@@ -268,7 +272,7 @@ impl FitReport<'_> {
     /// worth a warning.
     fn warn_of_dark_lights(&self, lit: usize, ctx: &Context) {
         if lit == 0 {
-            ctx.warn("no light reaches what the photo shows: all of its light stays as `rest`");
+            ctx.warn("no light reaches a visible surface: all light of the photo stays as `rest`");
             return;
         }
         let lobes = || self.lobes.iter().enumerate().filter(|(_, lobe)| lobe.role != Role::Ambient);
@@ -277,7 +281,7 @@ impl FitReport<'_> {
         let mut dark: Vec<&str> = lobes().map(|(_, lobe)| lobe.light).filter(|light| is_dark(light)).collect();
         dark.dedup();
         if !dark.is_empty() {
-            ctx.warn(format!("nothing that the photo shows is lit by {}: radiance 0", dark.join(", ")));
+            ctx.warn(format!("no visible surface is lit by {}: radiance 0", dark.join(", ")));
         }
     }
 
@@ -287,16 +291,19 @@ impl FitReport<'_> {
         let pixels = self.observations.photo.len();
         let clipped = self.observations.saturated.iter().filter(|&&s| s).count();
         if clipped == pixels {
-            ctx.warn("the photo is saturated wherever it could tell of the lights: all radiances are lower bounds, shared by guess");
+            ctx.warn(
+                "the photo is saturated at all observed pixels: all radiances are lower bounds, and their ratios \
+                a guess",
+            );
         } else if 2 * clipped > pixels {
-            ctx.warn(format!("{clipped} of {pixels} places are saturated: radiances are lower bounds"));
+            ctx.warn(format!("{clipped} of {pixels} observed pixels are saturated: radiances are lower bounds"));
         }
         let wanted = (self.lobes.len() - self.fit.dark.len()).saturating_sub(1);
         let is_undetermined = lit > 0 && self.fit.degrees_of_freedom < wanted;
         if is_undetermined && clipped < pixels {
             ctx.warn(format!(
-                "{} unsaturated places of the photo, of which the colors of its surfaces take up all but {}, say too little to \
-                 share the light among {lit} lobes (wanted {wanted}): the radiances are not determined",
+                "{} unsaturated pixels of the photo leave {} equations for {lit} lobes after one unknown color per \
+                surface (wanted {wanted}): the radiances are not determined",
                 pixels - clipped,
                 self.fit.degrees_of_freedom
             ));
@@ -309,8 +316,8 @@ impl FitReport<'_> {
         let Conditioning { number, most_correlated, correlation } = self.fit.conditioning;
         if let Some([a, b]) = most_correlated.filter(|_| number > MOST_CONDITION) {
             ctx.warn(format!(
-                "the photo hardly tells {} and {} apart (condition number {number:.1e}, correlation {correlation:.5}): what \
-                 one of them gives may be the other's",
+                "the photo hardly distinguishes {} from {} (condition number {number:.1e}, correlation \
+                {correlation:.5}): light of one may be attributed to the other",
                 self.lobes[a].name(),
                 self.lobes[b].name()
             ));
@@ -318,7 +325,8 @@ impl FitReport<'_> {
         if !self.fit.unsettled.is_empty() {
             let names: Vec<String> = self.fit.unsettled.iter().map(|&k| self.lobes[k].name()).collect();
             ctx.warn(format!(
-                "the fit did not settle: after {} iterations (parameter `iterations`) a light still changes by {:.1} %: {}",
+                "the fit did not converge: after {} iterations (parameter `iterations`) a light still changes by {:.1} %: \
+                {}",
                 self.fit.iterations,
                 100.0 * self.fit.change,
                 names.join(", ")

@@ -160,7 +160,7 @@ impl Node for InitLights {
             let twin = || twins.iter().find(|(twin, _)| *twin == id).map(|(_, first)| *first);
             let found = accepted.iter().position(|light| light.id == id).or_else(twin).map(|i| shapes[i].clone());
             if found.is_none() && [INV_LAMP, INV_WINDOW].contains(&id) {
-                ctx.warn(format!("no {id} is needed to explain the photo; it is left out"));
+                ctx.warn(format!("the photo is explained without {id}; it is left out"));
             }
             (id.to_owned(), Arc::new(found.unwrap_or(Shape::Absent)))
         };

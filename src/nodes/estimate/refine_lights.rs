@@ -145,18 +145,18 @@ fn report(names: &[&str], fit: &ShapeFit, ctx: &Context) {
     let [before, after] = fit.loss;
     let moves = names.iter().zip(&fit.saved).filter(|(_, saved)| **saved > 0.0);
     let moves: Vec<String> = moves.map(|(name, saved)| format!("{name} saves {:.1} %", 100.0 * saved)).collect();
-    let moves = if moves.is_empty() { "every light stays".to_owned() } else { format!("moved: {}", moves.join(", ")) };
+    let moves = if moves.is_empty() { "no light moved".to_owned() } else { format!("moved: {}", moves.join(", ")) };
     let mut undetermined: Vec<String> = fit.underdetermined.iter().map(|&i| parameter(i)).collect();
     undetermined.dedup();
     let undetermined = if undetermined.is_empty() {
         String::new()
     } else {
-        format!("; the photo does not tell the {}", undetermined.join(", "))
+        format!("; the photo does not determine the {}", undetermined.join(", "))
     };
     let number = fit.conditioning.number;
     ctx.note(format!("misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{undetermined}"));
     if let Some([a, b]) = fit.conditioning.most_correlated.filter(|_| number > MOST_CONDITION) {
-        ctx.note(format!("the photo hardly tells the {} from the {}", parameter(a), parameter(b)));
+        ctx.note(format!("the photo hardly distinguishes the {} from the {}", parameter(a), parameter(b)));
     }
 }
 

@@ -58,7 +58,7 @@ impl Node for MixLayers {
         for (id, layer) in &run.lights {
             let weight = self.weights.get(id).map_or(Vec3::ONE, |weight| Vec3::from_array(*weight));
             if weight != Vec3::ONE && layer.pixels().iter().all(|&c| c == Vec3::ZERO) {
-                ctx.warn(format!("{id} gave no light in this run: there is nothing to weight"));
+                ctx.warn(format!("{id} is off in this run: its weight has no effect"));
             }
             layers.push((id, layer, weight));
         }

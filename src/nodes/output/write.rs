@@ -153,7 +153,7 @@ impl Write {
         let bytes = width * height * (8 + 6 * (2 + lights) + 18 + 20 * inputs.radiance.0.len());
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
-                "picture.exr holds no diagnostic layers: it would be {} MiB, the limit is {} MiB",
+                "picture.exr contains no diagnostic layers: it would be {} MiB, the limit is {} MiB",
                 bytes >> 20,
                 MAX_EXR_BYTES >> 20
             ));
@@ -172,7 +172,8 @@ impl Write {
                 ));
             } else {
                 ctx.note(format!(
-                    "picture.exr: {layer} is {largest:.3e} at most, too little for half floats: it is written as 32-bit float"
+                    "picture.exr: {layer} is {largest:.3e} at most, too small for half floats: it is written as \
+                    32-bit float"
                 ));
             }
         }

@@ -74,7 +74,7 @@ impl Node for TraceIndirect {
         if known != transport.probes() || objects.as_ref().is_some_and(|o| o.probes.len() != direct.lobes.len()) {
             let wanted = transport.probes();
             return Err(NodeError::Failed(format!(
-                "`objects` tells of {known} probes of bodies, wanted {wanted} as in `transport`, for each lobe of `direct`"
+                "`objects` has {known} probes of bodies, wanted {wanted} as in `transport`, for each lobe of `direct`"
             )));
         }
         let lobe = |(lobe, (direct, lit)): (usize, (&Plane<f32>, &Plane<f32>))| {

@@ -149,8 +149,8 @@ impl Node for ReadScene {
             self.lights.values().map(|light| (light.kind(), light.mask())).collect();
         if masks.len() > MOST_LIGHTS {
             return Err(format!(
-                "lights: wanted at most {MOST_LIGHTS} lights with masks of their own, got {}; leave out the weakest: what no light \
-                 explains stays in the picture",
+                "lights: wanted at most {MOST_LIGHTS} lights with masks of their own, got {}; leave out the weakest: \
+                their light stays in the picture",
                 masks.len()
             ));
         }
@@ -253,7 +253,7 @@ impl ReadScene {
         let share = holes.0.pixels().iter().filter(|&&h| h > 0.0).count() as f32 / holes.0.len() as f32;
         if share > 0.5 {
             ctx.warn(format!(
-                "{}: {:.0} % of the depth are holes; they are filled from the rest",
+                "{}: {:.0} % of the depth are holes; they are filled from the others",
                 file.path,
                 100.0 * share
             ));
@@ -300,7 +300,7 @@ fn check_id(id: &str) -> Result<(), String> {
         return Err(format!("lights: wanted a name of letters, digits and _ that starts with a letter, got \"{id}\""));
     }
     if [INV_LAMP, INV_WINDOW, REST].contains(&id) {
-        return Err(format!("lights: \"{id}\" names what is estimated in every scene; wanted another name"));
+        return Err(format!("lights: \"{id}\" names a light that is estimated in every scene; wanted another name"));
     }
     Ok(())
 }

@@ -140,7 +140,7 @@ impl PhotometricWebTable {
         let (horizontal, candela) = all_around(&horizontal, candela, verticals)?;
         let flux = flux(&vertical, &horizontal, &candela);
         if !(flux > 0.0 && flux.is_finite()) {
-            return Err(format!("wanted a luminaire that shines, got {flux} lumens"));
+            return Err(format!("wanted a luminaire with flux above 0, got {flux} lumens"));
         }
         let single = |values: &[f64]| values.iter().map(|value| *value as f32).collect::<Vec<f32>>();
         let intensity: Vec<f64> = candela.iter().map(|value| 4.0 * std::f64::consts::PI * value / flux).collect();
@@ -198,7 +198,7 @@ fn ascending(angles: Vec<f64>, most: f64, what: &str) -> Result<Vec<f64>, String
     if within && angles.windows(2).all(|pair| pair[0] < pair[1]) {
         Ok(angles)
     } else {
-        Err(format!("wanted {what} angles that go up within 0..={most} degrees, got {angles:?}")
+        Err(format!("wanted {what} ascending angles within 0..={most} degrees, got {angles:?}")
             .chars()
             .take(200)
             .collect())
@@ -370,7 +370,7 @@ mod tests {
             (sound.replace("2 1 1 2", "900000 900000 1 2"), "values at most"),
             (sound.replace("2 1 1 2", "2.5 1 1 2"), "wanted the number of vertical angles, got 2.5"),
             (sound.replace("\r\n1 1\r\n", "\r\n1 -1\r\n"), "wanted candela of 0 or more, got -1"),
-            (sound.replace("\r\n1 1\r\n", "\r\n0 0\r\n"), "wanted a luminaire that shines, got 0 lumens"),
+            (sound.replace("\r\n1 1\r\n", "\r\n0 0\r\n"), "wanted a luminaire with flux above 0, got 0 lumens"),
             (sound.replace("\r\n1 1\r\n", "\r\n1\r\n"), "wanted candela values, got the end of the file"),
         ] {
             let message = PhotometricWebTable::parse(&text).expect_err("it is not sound");

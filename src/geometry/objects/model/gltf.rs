@@ -19,7 +19,7 @@ use crate::image::Texture;
 const MOST_OBJECTS: usize = 500_000;
 fn bad(e: impl std::fmt::Display) -> String {
     let told: String = e.to_string().chars().take(SHOWN).collect();
-    format!("wanted a sound glTF file: {told}")
+    format!("wanted a valid glTF file: {told}")
 }
 
 /// The JSON and the binary chunk of a file: checked, so that the crate's accessors do not panic on
@@ -73,7 +73,7 @@ fn content(uri: &str, part: ReadPart) -> Result<Vec<u8>, String> {
     match uri.strip_prefix("data:").and_then(|data| data.split_once(',')) {
         Some((kind, text)) if kind.ends_with(";base64") => base64::engine::general_purpose::STANDARD
             .decode(text)
-            .map_err(|e| format!("wanted a sound glTF file: data address: {e}")),
+            .map_err(|e| format!("wanted a valid glTF file: data address: {e}")),
         _ => part(&decoded(uri)),
     }
 }

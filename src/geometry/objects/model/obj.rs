@@ -91,7 +91,7 @@ fn check(bytes: &[u8]) -> Result<(), String> {
 }
 
 pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
-    let bad = |e: &dyn std::fmt::Display| format!("wanted a sound OBJ file: {e}");
+    let bad = |e: &dyn std::fmt::Display| format!("wanted a valid OBJ file: {e}");
     check(bytes).map_err(|e| bad(&e))?;
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ..tobj::LoadOptions::default() };
     let mut model = Model::default();
@@ -106,10 +106,10 @@ pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
         let found = part.borrow_mut()(&name).and_then(|bytes| {
             let text = sound_library(&bytes, MOST_MATERIALS - *materials.borrow());
             let read = text.and_then(|text| tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| e.to_string()));
-            read.map_err(|e| format!("wanted a sound material library, {name}: {e}"))
+            read.map_err(|e| format!("wanted a valid material library, {name}: {e}"))
         });
         let found = found.unwrap_or_else(|told| {
-            warnings.borrow_mut().push(format!("{told}; what it is made of is not known"));
+            warnings.borrow_mut().push(format!("{told}; its materials are not known"));
             Default::default()
         });
         *materials.borrow_mut() += found.0.len();

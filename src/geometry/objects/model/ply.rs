@@ -115,7 +115,7 @@ fn least(element: &ElementDef, encoding: Encoding) -> usize {
 pub fn read(bytes: &[u8]) -> Result<Model, String> {
     let bad = |e: &dyn std::fmt::Display| {
         let told: String = e.to_string().chars().take(SHOWN).collect();
-        format!("wanted a sound PLY file: {told}")
+        format!("wanted a valid PLY file: {told}")
     };
     let mut input = Reader::new(Cursor::new(bytes));
     let parser = Parser::<Element>::new();

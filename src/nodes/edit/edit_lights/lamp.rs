@@ -52,12 +52,12 @@ impl LampShape {
     /// The first number that is out of range.
     pub fn check(&self) -> Result<(), String> {
         match self {
-            LampShape::Sphere { radius } => check_range("radius (metres)", radius, above(0.0)),
+            LampShape::Sphere { radius } => check_range("radius (meters)", radius, above(0.0)),
             LampShape::Rect { half, normal } => {
-                check_range("half (metres)", half, above(0.0))?;
+                check_range("half (meters)", half, above(0.0))?;
                 direction("normal", *normal).map(drop)
             }
-            LampShape::Box { half, .. } => check_range("half (metres)", half, above(0.0)),
+            LampShape::Box { half, .. } => check_range("half (meters)", half, above(0.0)),
             LampShape::Mesh { path, height, .. } => check_model(path, *height),
         }
     }
@@ -185,7 +185,7 @@ pub fn moved(
     let (lamp, middle) = match (shape, shape.bounding_sphere()) {
         (Shape::Lamp(lamp), Some((middle, _))) => (lamp, middle),
         (Shape::Window(_), _) => return Err("Move: wanted a lamp, got a window".into()),
-        _ => return Err("Move: there is no such lamp in this room: its photo is explained without it".into()),
+        _ => return Err("Move: no such lamp was estimated: the photo is explained without it".into()),
     };
     let by = match to {
         None => by.map(Vec3::from_array).unwrap_or_default(),

@@ -113,10 +113,10 @@ impl Environment<'_> {
         }
         check_range("scale", &self.scale, 0.0..)?;
         if !matches!(self.sky, Sky::Env(_)) && self.yaw != 0.0 {
-            return Err("yaw turns a picture of the sky: it goes with sky: Env(..)".into());
+            return Err("yaw rotates a picture of the sky: it requires sky: Env(..)".into());
         }
         if matches!(self.sky, Sky::Radiance(..)) && self.scale != 1.0 {
-            return Err("scale goes with sky: Env(..) or Turbidity(..); a Radiance is told as it is".into());
+            return Err("scale requires sky: Env(..) or Turbidity(..); a Radiance has its own scale".into());
         }
         check_range("ground", &self.ground.map(|ground| ground.rgb().to_array()), 0.0..)?;
         if let Some(Sun::Direction { elevation, radiance, bandwidth, .. }) = self.sun {
@@ -156,7 +156,8 @@ impl Environment<'_> {
                 let turned = Quat::from_axis_angle(up, -self.yaw.to_radians()) * ahead;
                 let model = fit_window_model(&picture.0, Heading { up, ahead: turned }, outside, true);
                 let told = format!(
-                    "light {id:?}: three lobes put {:.0} % of the light of {} through this window elsewhere than the picture has it",
+                    "light {id:?}: three lobes move {:.0} % of the light of {} through this window to other \
+                    directions than in the picture",
                     100.0 * model.misplaced,
                     file.path
                 );
@@ -175,7 +176,8 @@ impl Environment<'_> {
                 let model = fit_window_model(&day.surrounding(heading, lux), heading, outside, false);
                 own_sun = (0.5 * day.sun_lux(up.as_dvec3()) / lux).as_vec3();
                 ctx.note(format!(
-                    "light {id:?}: three lobes put {:.0} % of the light of this clear sky through the window elsewhere than the sky has it",
+                    "light {id:?}: three lobes move {:.0} % of the light of this clear sky through the window to \
+                    other directions than in the sky",
                     100.0 * model.misplaced
                 ));
                 (model.lobes, model.radiance)

@@ -52,14 +52,14 @@ pub fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<W
         }
     }
     let plane = PlaneFit::through(&points, &normals, 0.03)
-        .ok_or_else(|| format!("corners: there is no wall to see between {corners:?}"))?;
+        .ok_or_else(|| format!("corners: no wall is visible between {corners:?}"))?;
     // In front of the unevenness of the wall, so that the wall itself does not shade its window.
     let plane = PlaneFit { offset: plane.offset + 2.0 * plane.spread + 0.01, ..plane };
     let middle = corner.iter().sum::<Vec2>() / 4.0;
     let plane = upright(plane, up, camera.unproject(middle.x, middle.y, 1.0));
     let met = corner.map(|c| plane.meet(camera.unproject(c.x, c.y, 1.0)));
     let [Some(a), Some(b), Some(c), Some(d)] = met else {
-        return Err(format!("corners: the wall's plane is not seen at each of {corners:?}"));
+        return Err(format!("corners: the wall's plane is not visible at each of {corners:?}"));
     };
     let center = (a + b + c + d) / 4.0;
     let x = ((b - a) + (c - d)) / 4.0;
