@@ -10,6 +10,7 @@ pub mod render;
 pub mod scene;
 
 use crate::graph::Registry;
+use crate::optics;
 use crate::tuning::Table;
 
 /// All stages.
@@ -69,11 +70,7 @@ pub fn registry() -> Registry {
         .with::<measure::score_picture::ScorePicture>()
 }
 
-/// All constants that decide an algorithm, in the order of the stages.
+/// All constants that decide an algorithm: of the stages, then of the rooms that they use.
 pub fn tuning() -> Vec<Table> {
-    vec![
-        estimate::EstimateTuning::table(),
-        estimate::depth::DepthTuning::table(),
-        estimate::remains::RemainsTuning::table(),
-    ]
+    [estimate::tuning(), optics::tuning()].concat()
 }

@@ -19,7 +19,7 @@ use crate::graph::{Context, File, Node, NodeError, Scatter, check_range};
 use crate::image::{self, Depth, Mask, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
 use crate::optics::LightKind;
-use crate::optics::inverse::MOST_LIGHTS;
+use crate::optics::inverse::RADIANCE_FIT;
 use crate::{params, ports};
 
 /// The quantity in a depth file.
@@ -147,10 +147,11 @@ impl Node for ReadScene {
         self.lights.keys().try_for_each(|id| check_id(id))?;
         let masks: BTreeSet<(LightKind, &File)> =
             self.lights.values().map(|light| (light.kind(), light.mask())).collect();
-        if masks.len() > MOST_LIGHTS {
+        if masks.len() > RADIANCE_FIT.max_lights {
             return Err(format!(
-                "lights: wanted at most {MOST_LIGHTS} lights with masks of their own, got {}; leave out the weakest: what no light \
+                "lights: wanted at most {} lights with masks of their own, got {}; leave out the weakest: what no light \
                  explains stays in the picture",
+                RADIANCE_FIT.max_lights,
                 masks.len()
             ));
         }
