@@ -10,8 +10,8 @@ pub mod render;
 pub mod scene;
 
 use crate::graph::Registry;
-use crate::optics;
 use crate::tuning::Table;
+use crate::{geometry, image, net, optics};
 
 /// All stages.
 pub fn registry() -> Registry {
@@ -72,5 +72,14 @@ pub fn registry() -> Registry {
 
 /// All constants that decide an algorithm: of the stages, then of the rooms that they use.
 pub fn tuning() -> Vec<Table> {
-    [estimate::tuning(), optics::tuning()].concat()
+    [
+        estimate::tuning(),
+        edit::tuning(),
+        render::tuning(),
+        net::tuning(),
+        optics::tuning(),
+        geometry::tuning(),
+        image::tuning(),
+    ]
+    .concat()
 }

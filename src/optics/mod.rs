@@ -36,6 +36,14 @@ use crate::tuning::Table;
 
 /// The constants that decide how light is sampled, transported and estimated.
 pub fn tuning() -> Vec<Table> {
-    [sampling::tuning(), emitter::tuning(), daylight::tuning(), inverse::tuning(), vec![nnls::NnlsTuning::table()]]
-        .concat()
+    [
+        sampling::tuning(),
+        emitter::tuning(),
+        daylight::tuning(),
+        transport::tuning(),
+        reflection::tuning(),
+        inverse::tuning(),
+        vec![nnls::NnlsTuning::table()],
+    ]
+    .concat()
 }

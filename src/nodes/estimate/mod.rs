@@ -35,5 +35,12 @@ tuning! {
 
 /// The constants of the estimating stages.
 pub fn tuning() -> Vec<Table> {
-    vec![EstimateTuning::table(), depth::DepthTuning::table(), remains::RemainsTuning::table()]
+    vec![
+        EstimateTuning::table(),
+        depth::DepthTuning::table(),
+        init_lights::InitLightsTuning::table(),
+        remains::RemainsTuning::table(),
+        refine_lights::RefineLightsTuning::table(),
+        fit_lights::FitLightsTuning::table(),
+    ]
 }

@@ -248,7 +248,8 @@ impl ReadScene {
             untrusted.pixels_mut().iter_mut().zip(outside.pixels()).for_each(|(u, &m)| *u = u.max(m));
         }
         let (depth, holes) = image::inpaint_depth(&metres, &untrusted).ok_or_else(|| {
-            let wanted = format!("at least one depth between {} and {} m", image::NEAR, image::FAR);
+            let wanted =
+                format!("at least one depth between {} and {} m", image::DEPTH_PLANE.near, image::DEPTH_PLANE.far);
             bad(file, format!("depth: wanted {wanted}, got holes everywhere; is the scale right?"))
         })?;
         let share = holes.0.pixels().iter().filter(|&&h| h > 0.0).count() as f32 / holes.0.len() as f32;

@@ -9,3 +9,10 @@ pub use ggx::Ggx;
 pub use mirror::{Around, Mirror};
 pub use polish::{NO_ROW, Part, Places, SeenPlaces, SpecularChange, places};
 pub use reflect::{NOTHING, ReflectionScene, Reflections, ShadingPoint, UNSEEN, object_shading_point, reflections};
+
+use crate::tuning::Table;
+
+/// The constants of reflections.
+pub fn tuning() -> Vec<Table> {
+    vec![ggx::GgxTuning::table(), polish::PolishTuning::table(), reflect::ReflectTuning::table()]
+}
