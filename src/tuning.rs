@@ -57,6 +57,8 @@ pub struct Constant {
 #[derive(Clone, Debug)]
 pub struct Table {
     pub name: &'static str,
+    /// The file that declares it, as the compiler names it.
+    pub file: &'static str,
     pub doc: &'static str,
     pub constants: Vec<Constant>,
 }
@@ -86,6 +88,7 @@ macro_rules! tuning {
             $vis fn table() -> $crate::tuning::Table {
                 $crate::tuning::Table {
                     name: stringify!($name),
+                    file: file!(),
                     doc: concat!($($doc, "\n",)+ ""),
                     constants: vec![$( $crate::tuning::Constant {
                         name: stringify!($field),
@@ -117,6 +120,7 @@ mod tests {
     #[test]
     fn a_table_has_what_its_declaration_has() {
         let table = TestTuning::table();
+        assert!(table.file.ends_with("tuning.rs"), "{}", table.file);
         assert_eq!((table.name, table.doc, table.constants.len()), ("TestTuning", " Constants of a test.\n", 2));
         let [gain, sizes] = &table.constants[..] else { panic!("two constants") };
         assert_eq!((gain.name, &*gain.value, gain.doc), ("min_gain", "0.05", " Least gain.\n"));

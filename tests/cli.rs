@@ -243,7 +243,7 @@ fn the_tuning_reference_is_up_to_date() {
                 let code = std::fs::read_to_string(&path).expect("a source file");
                 let tables = code.split("\ntuning! {").skip(1).filter_map(|table| table.split("const ").nth(1));
                 for name in tables.filter_map(|rest| rest.split([':', '{']).nth(1)).map(str::trim) {
-                    let is_listed = page.contains(&format!("\n## {name}\n"));
+                    let is_listed = page.contains(&format!("\n### {name}\n"));
                     assert!(is_listed, "{}: {name} is not in the list of a function `tuning`", path.display());
                 }
             }

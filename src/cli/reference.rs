@@ -20,13 +20,20 @@ pub fn page(registry: &Registry) -> String {
     text
 }
 
-/// docs/tuning.md.
+/// docs/tuning.md: the tables of each folder of the code below a heading of its own.
 pub fn tuning(tables: &[Table]) -> String {
     let mut text = String::from("# The constants\n\nMade by `relight nodes --tuning` from the code; do not edit.\n");
     text.push_str("These numbers decide an algorithm and are not parameters of a stage. A source is a paper, a ");
     text.push_str("measurement,\na derivation, or taste: a choice by eye, which nothing has measured.\n");
+    let mut last = String::new();
     for table in tables {
-        text.push_str(&format!("\n## {}\n\n{}\n\n", table.name, lines(table.doc).join("\n")));
+        let file = table.file.replace('\\', "/");
+        let folder = file.rsplit_once('/').map_or("", |(folder, _)| folder);
+        if folder != last {
+            text.push_str(&format!("\n## `{folder}`\n"));
+            last = folder.to_owned();
+        }
+        text.push_str(&format!("\n### {}\n\n{}\nDeclared in `{file}`.\n\n", table.name, lines(table.doc).join("\n")));
         for constant in &table.constants {
             let head = format!("`{}` = `{}`, unit: {}", constant.name, constant.value, constant.unit);
             text.push_str(&item(&head, constant.doc));

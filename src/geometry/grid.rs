@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Normal, Plane, Points, rule};
+use crate::tuning::tuning;
 
 /// Every `stride`th pixel of a plane, those in the middle of each `stride` x `stride` block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,8 +18,27 @@ pub struct Grid {
     height: usize,
 }
 
-/// Number of grid neighbors that a pixel interpolates, along each axis.
-const REACH: usize = 4;
+tuning! {
+    /// Constants of the interpolation between receivers.
+    pub const TUNING: GridTuning {
+        /// Neighbors between which a pixel interpolates, along each axis.
+        reach: usize = 4,
+            unit "receivers", source Taste, effect "a larger value blurs more and takes longer";
+        /// Distance from the tangent plane at which the weight of a neighbor falls to a quarter.
+        off_plane: f32 = 0.01,
+            unit "fraction of the depth", source Derived("about three pixels at working size"),
+            effect "a larger value blurs over steps";
+        /// Power of the cosine between normals in the weight of a neighbor.
+        normal_power: i32 = 8,
+            unit "1", source Taste, effect "a larger value blurs less over curved surfaces";
+        /// Square of the distance at which the weight of a neighbor falls to 1 / e.
+        spread: f32 = 1.28,
+            unit "squares of the distance between receivers", source Taste, effect "a larger value blurs more";
+        /// Floor of the weight of a neighbor, for pixels that are like none.
+        floor: f32 = 1e-4,
+            unit "1", source Taste, effect "a larger value blurs over edges";
+    }
+}
 
 impl Grid {
     /// The grid over a plane of this size; a `stride` of zero counts as one.
@@ -57,21 +77,27 @@ impl Grid {
     /// Grid points around `pixel` with weights that sum to one: near in the picture, on the same
     /// plane in space (a joint bilateral filter, Kopf et al. 2007, whose range is the distance from
     /// the tangent plane, and the normal).
-    pub fn neighbors(&self, points: &Points, normal: &Normal, pixel: usize) -> [(usize, f32); REACH * REACH] {
+    pub fn neighbors(
+        &self,
+        points: &Points,
+        normal: &Normal,
+        pixel: usize,
+    ) -> [(usize, f32); TUNING.reach * TUNING.reach] {
         let (columns, rows) = self.size();
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
         let half = (self.stride / 2) as f32;
         let place = |i: usize| (i as f32 - half) / self.stride as f32;
         let (x, y) = (place(pixel % self.width), place(pixel / self.width));
-        let first =
-            |at: f32, size: usize| (at.floor() as isize - 1).clamp(0, size.saturating_sub(REACH) as isize) as usize;
+        let first = |at: f32, size: usize| {
+            (at.floor() as isize - 1).clamp(0, size.saturating_sub(TUNING.reach) as isize) as usize
+        };
         let (x0, y0) = (first(x, columns), first(y, rows));
         // One hundredth of the depth is about three pixels at working size.
-        let tolerance = 0.01 * point.z.abs().max(1e-6);
-        let mut found = [(0, 0.0); REACH * REACH];
+        let tolerance = TUNING.off_plane * point.z.abs().max(1e-6);
+        let mut found = [(0, 0.0); TUNING.reach * TUNING.reach];
         let mut total = 0.0;
         for (slot, out) in found.iter_mut().enumerate() {
-            let (column, row) = (x0 + slot % REACH, y0 + slot / REACH);
+            let (column, row) = (x0 + slot % TUNING.reach, y0 + slot / TUNING.reach);
             if column >= columns || row >= rows {
                 continue;
             }
@@ -79,10 +105,10 @@ impl Grid {
             let other = self.pixel(i);
             let (dx, dy) = (column as f32 - x, row as f32 - y);
             let off = n.dot(points.0.pixels()[other] - point) / tolerance;
-            let alike = n.dot(normal.0.pixels()[other]).max(0.0).powi(8);
-            let near = (-(dx * dx + dy * dy) / 1.28).exp();
+            let alike = n.dot(normal.0.pixels()[other]).max(0.0).powi(TUNING.normal_power);
+            let near = (-(dx * dx + dy * dy) / TUNING.spread).exp();
             // The small constant leaves something to draw from where no neighbour is alike.
-            let weight = near * (alike / (1.0 + off * off).powi(2) + 1e-4);
+            let weight = near * (alike / (1.0 + off * off).powi(2) + TUNING.floor);
             *out = (i, weight);
             total += weight;
         }

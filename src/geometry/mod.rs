@@ -19,7 +19,14 @@ pub use scene::{
 
 use glam::Vec3;
 
+use crate::tuning::Table;
+
 /// Lowest and highest corner of the box around points; from infinity to minus infinity without any.
 pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
     points.into_iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+}
+
+/// The constants of geometry.
+pub fn tuning() -> Vec<Table> {
+    [scene::tuning(), objects::tuning(), vec![grid::GridTuning::table()]].concat()
 }

@@ -13,21 +13,23 @@ pub use io::{
 };
 pub use layer::{HalfLayer, Layer};
 pub use material::{
-    AlphaMatte, DIELECTRIC, Gloss, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SpecularEdit, Texture,
+    AlphaMatte, Gloss, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SPECULAR_EDIT, SpecularEdit, Texture,
 };
 pub use ops::{
-    FAR, GlareMask, GlarePixel, MOST_HEADROOM, NEAR, OwnPixel, Packed, PictureScore, SATURATION, STEP, Segments, Steps,
-    SurfacePixel, Taps, Upsampler, alpha_matte, annotate, clip_level, connected_components, dilate, distance, fit,
-    gain, geodesic_dilate, graph_cut, headroom, inpaint_depth, inpaint_surfaces, is_hole, log_error, mean_error,
-    nearness, neighbors, normal_error, pack, pairs, ratio, reflected, relight_own, relight_physical, relight_ratio,
-    resize, resize_depth, retinex, same_aspect, scale_invariant_error, score_picture, segment, smooth_step,
-    square_error, weighted_sum,
+    DEPTH_PLANE, GlareMask, GlarePixel, OwnPixel, Packed, PictureScore, REFLECTANCE, Segments, Steps, SurfacePixel,
+    Taps, Upsampler, alpha_matte, annotate, clip_level, connected_components, dilate, distance, fit, gain,
+    geodesic_dilate, graph_cut, headroom, inpaint_depth, inpaint_surfaces, is_hole, log_error, mean_error, nearness,
+    neighbors, normal_error, pack, pairs, ratio, reflected, relight_own, relight_physical, relight_ratio, resize,
+    resize_depth, retinex, same_aspect, scale_invariant_error, score_picture, segment, smooth_step, square_error,
+    weighted_sum,
 };
 pub use plane::{Bytes, Plane};
 pub use transfer::Transfer;
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
+
+use crate::tuning::Table;
 
 macro_rules! typed_plane {
     ($( $(#[$doc:meta])* $name:ident($pixel:ty) ),* $(,)?) => {$(
@@ -80,4 +82,9 @@ pub const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 pub fn log_above(least: f32, rgb: Vec3) -> Vec3 {
     let c = rgb.max(Vec3::splat(least));
     Vec3::new(c.x.ln(), c.y.ln(), c.z.ln())
+}
+
+/// The constants that decide operations on planes and materials of pixels.
+pub fn tuning() -> Vec<Table> {
+    [ops::tuning(), material::tuning()].concat()
 }

@@ -18,6 +18,8 @@ mod wire;
 
 use serde::{Deserialize, Serialize};
 
+use crate::tuning::Table;
+
 pub use guest::serve;
 pub use onnxruntime::find as find_onnxruntime;
 pub use planes::{InputLayer, planes_of};
@@ -25,6 +27,11 @@ pub use precheck::precheck;
 pub use sandbox::{Limits, Sandbox, Untrusted};
 pub use shipped::{CARDS, ships};
 pub use tensor::Tensor;
+
+/// The constants of what networks take.
+pub fn tuning() -> Vec<Table> {
+    vec![view::ViewTuning::table()]
+}
 
 /// The library that computes a network.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

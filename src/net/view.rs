@@ -6,14 +6,29 @@ use glam::Vec3;
 use super::{InputLayer, Tensor, planes_of};
 use crate::geometry::Camera;
 use crate::image::{Depth, Mask, Normal, Picture, Plane, resize, resize_depth};
+use crate::tuning::tuning;
 
 /// Columns and rows that MNet sees.
 pub const FULL: (usize, usize) = (320, 240);
 /// Columns and rows that the others see.
 pub const HALF: (usize, usize) = (160, 120);
 
-/// Level of the brightest pixels but 2 %, those of visible lights apart.
-const EXPOSURE: f32 = 0.95;
+tuning! {
+    /// Constants of the room as the networks take it. The networks were trained with them.
+    pub const TUNING: ViewTuning {
+        /// Quantile of the pixels outside of lights that is brought to `exposure`.
+        bright: usize = 98,
+            unit "percent", source Derived("training of the networks"),
+            effect "another value shows the networks another exposure than they were trained with";
+        /// Level of that quantile.
+        exposure: f32 = 0.95,
+            unit "level of the photo for a network", source Derived("training of the networks"),
+            effect "another value shows the networks another exposure than they were trained with";
+        /// Least level by which the photo is divided.
+        min_level: f32 = 1e-4,
+            unit "units of the photo", source Taste, effect "a larger value shows black photos darker";
+    }
+}
 
 /// A photo in the exposure that the networks expect, and the pixels of its lights.
 pub struct View {
@@ -32,9 +47,9 @@ impl View {
         let light = seen(masks);
         let room = photo.pixels().iter().zip(light.pixels()).filter(|(_, light)| **light == 0.0);
         let mut levels: Vec<f32> = room.map(|(p, _)| p.element_sum() / 3.0).collect();
-        let at = levels.len().saturating_sub(1) * 98 / 100;
+        let at = levels.len().saturating_sub(1) * TUNING.bright / 100;
         let level = if levels.is_empty() { 0.0 } else { *levels.select_nth_unstable_by(at, f32::total_cmp).1 };
-        let gain = EXPOSURE / level.max(1e-4);
+        let gain = TUNING.exposure / level.max(TUNING.min_level);
         View { photo: photo.map(|p| (p * gain).clamp(Vec3::ZERO, Vec3::ONE)), gain, light }
     }
 
@@ -159,8 +174,13 @@ mod tests {
             Picture(Plane::from_fn(640, 480, |x, y| Vec3::splat(if x < 64 { 50.0 } else { 0.01 * (y % 100) as f32 })));
         let mask = Mask(Plane::from_fn(640, 480, |x, _| if x < 64 { 1.0 } else { 0.0 }));
         let view = View::new(&photo, [&mask].into_iter());
-        let bright =
-            view.photo.pixels().iter().zip(view.light.pixels()).filter(|(p, l)| **l == 0.0 && p.x > EXPOSURE).count();
+        let bright = view
+            .photo
+            .pixels()
+            .iter()
+            .zip(view.light.pixels())
+            .filter(|(p, l)| **l == 0.0 && p.x > TUNING.exposure)
+            .count();
         assert!(bright <= 288 * 240 / 50, "{bright} pixels above the level");
         assert_eq!(view.light.pixels().iter().sum::<f32>(), 32.0 * 240.0);
         assert!(view.photo.pixels().iter().all(|p| p.max_element() <= 1.0));

@@ -11,6 +11,7 @@ pub mod scene;
 
 use crate::graph::Registry;
 use crate::tuning::Table;
+use crate::{geometry, image, net, optics};
 
 /// All stages, and the old names that graph files may use for one more version.
 pub fn registry() -> Registry {
@@ -132,11 +133,16 @@ fn with_old_names(stages: Registry) -> Registry {
     fields.into_iter().fold(registry, |registry, (kind, old, new)| registry.renamed_field(kind, old, new))
 }
 
-/// All constants that decide an algorithm, in the order of the stages.
+/// All constants that decide an algorithm: of the stages, then of the rooms that they use.
 pub fn tuning() -> Vec<Table> {
-    vec![
-        estimate::EstimateTuning::table(),
-        estimate::depth::DepthTuning::table(),
-        estimate::residual_shading::ResidualShadingTuning::table(),
+    [
+        estimate::tuning(),
+        edit::tuning(),
+        render::tuning(),
+        net::tuning(),
+        optics::tuning(),
+        geometry::tuning(),
+        image::tuning(),
     ]
+    .concat()
 }

@@ -31,3 +31,19 @@ pub use transport::{
     ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving, direct, estimate, indirect, indirect_at_receivers,
     local_frame, shadow, stream, trace_bounces,
 };
+
+use crate::tuning::Table;
+
+/// The constants that decide how light is sampled, transported and estimated.
+pub fn tuning() -> Vec<Table> {
+    [
+        sampling::tuning(),
+        emitter::tuning(),
+        daylight::tuning(),
+        transport::tuning(),
+        reflection::tuning(),
+        inverse::tuning(),
+        vec![nnls::NnlsTuning::table()],
+    ]
+    .concat()
+}

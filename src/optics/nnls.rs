@@ -1,5 +1,26 @@
 //! Non-negative least squares on the normal equations, for the few columns of the light fit.
 
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of non-negative least squares.
+    pub const TUNING: NnlsTuning {
+        /// Gradient above which a column enters.
+        tolerance: f64 = 1e-14,
+            unit "the largest entry of the right side, columns scaled to unit length",
+            source Derived("rounding of 64 bits"),
+            effect "a larger value leaves weak columns at zero";
+        /// Pivot of the Cholesky factorization below which columns are linearly dependent.
+        min_pivot: f64 = 1e-13,
+            unit "the diagonal", source Derived("rounding of 64 bits"),
+            effect "a larger value drops nearly equal columns";
+        /// Largest number of passes, each of which frees one column.
+        passes: usize = 6,
+            unit "passes per column", source Derived("cycling is impossible in exact arithmetic"),
+            effect "none but where rounding cycles";
+    }
+}
+
 /// Minimizes `x' G x / 2 - b' x` over `x >= 0`, with `gram` = G symmetric positive semi-definite
 /// (row by row, n x n).
 ///
@@ -31,7 +52,7 @@ pub fn nnls_from(gram: &[f64], b: &[f64], start: &[f64]) -> Vec<f64> {
     let shrink: Vec<f64> = (0..n).map(shrink).collect();
     let gram: Vec<f64> = (0..n * n).map(|at| gram[at] * shrink[at / n] * shrink[at % n]).collect();
     let b: Vec<f64> = b.iter().zip(&shrink).map(|(b, s)| b * s).collect();
-    let tolerance = 1e-14 * b.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let tolerance = TUNING.tolerance * b.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let mut x: Vec<f64> = (0..n).map(|i| if shrink[i] > 0.0 { start[i] / shrink[i] } else { 0.0 }).collect();
     let mut free: Vec<bool> = x.iter().map(|&x| x > 0.0).collect();
     match free.contains(&true).then(|| solve_free(&gram, &b, &free)) {
@@ -44,7 +65,7 @@ pub fn nnls_from(gram: &[f64], b: &[f64], start: &[f64]) -> Vec<f64> {
     let mut barred: Vec<bool> = shrink.iter().map(|&s| s == 0.0).collect();
     // Each pass frees one column; cycling is impossible in exact arithmetic, the bound guards
     // rounding.
-    for _ in 0..6 * n + 6 {
+    for _ in 0..TUNING.passes * (n + 1) {
         let gradient = |i: usize| b[i] - (0..n).map(|j| gram[i * n + j] * x[j]).sum::<f64>();
         let entering = (0..n)
             .filter(|&i| !free[i] && !barred[i])
@@ -96,7 +117,7 @@ pub(in crate::optics) fn solve_free(gram: &[f64], b: &[f64], free: &[bool]) -> O
             let dot: f64 = (0..j).map(|k| l[i * m + k] * l[j * m + k]).sum();
             let value = gram[index[i] * n + index[j]] - dot;
             if i == j {
-                if value <= 1e-13 * gram[index[i] * n + index[i]] {
+                if value <= TUNING.min_pivot * gram[index[i] * n + index[i]] {
                     return None;
                 }
                 l[i * m + i] = value.sqrt();

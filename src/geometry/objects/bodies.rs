@@ -13,6 +13,7 @@ use super::model::{Material, Model, Skin};
 use crate::geometry::bounds;
 use crate::geometry::bvh::rays::{FAR, RayMesh, RayMeshHit, apart};
 use crate::image::{Plane, rule};
+use crate::tuning::tuning;
 
 /// A model with its place in camera space.
 pub struct Body {
@@ -91,7 +92,7 @@ pub struct BodyPoint {
 /// The distance above a body at which rays start, metres: far more than rounding, far less than any
 /// body that can be seen.
 pub fn clearance(point: Vec3) -> f32 {
-    2e-5 * point.length().max(1e-3)
+    BODIES.clearance * point.length().max(BODIES.min_distance)
 }
 
 /// Places spread evenly over the surfaces of all bodies, slightly above them.
@@ -209,7 +210,7 @@ impl Bodies {
 
     /// Whether a body stands between two places; the last thousandth of the way does not count.
     pub fn between(&self, from: Vec3, to: Vec3) -> bool {
-        !self.is_empty() && self.rays().any(from, to - from, 0.999, |_| true)
+        !self.is_empty() && self.rays().any(from, to - from, BODIES.shadow_end, |_| true)
     }
 
     /// The probe that represents triangle `id` best at `place` for a ray along `direction`.
@@ -220,7 +221,7 @@ impl Bodies {
         let (range, size) = self.probes_of(self.body.pixels()[id as usize]);
         let far = |i: usize| {
             let apart = self.probes.points.pixels()[i].distance_squared(place) / size.max(1e-12);
-            apart + NORMAL * (1.0 - self.probes.normals.pixels()[i].dot(facing))
+            apart + BODIES.normal_distance * (1.0 - self.probes.normals.pixels()[i].dot(facing))
         };
         let nearer = |best: (f32, usize), i: usize| if far(i) < best.0 { (far(i), i) } else { best };
         range.fold((f32::INFINITY, 0), nearer).1
@@ -253,9 +254,28 @@ impl Bodies {
     }
 }
 
-/// Distance that a right angle between two normals counts for, in squares of half the body's
-/// diagonal.
-pub(in crate::geometry) const NORMAL: f32 = 2.0;
+tuning! {
+    /// Constants of bodies put into the room.
+    pub const BODIES: BodiesTuning {
+        /// Squared distance that a right angle between two normals counts for, where the nearest
+        /// probe is sought.
+        normal_distance: f32 = 2.0,
+            unit "squares of half the body's diagonal", source Taste,
+            effect "a larger value prefers probes of the same orientation";
+        /// Distance above a body at which rays start: far more than rounding, far less than any
+        /// visible body.
+        clearance: f32 = 2e-5,
+            unit "fraction of the distance from the camera", source Derived("single precision"),
+            effect "a larger value lets light through at contacts";
+        /// Least distance from the camera of which `clearance` is a fraction.
+        min_distance: f32 = 1e-3,
+            unit "meters", source Derived("single precision"), effect "a larger value raises rays near the camera";
+        /// End of a shadow ray before its light.
+        shadow_end: f32 = 0.999,
+            unit "the ray's length", source Derived("single precision"),
+            effect "a larger value may let a light on a surface be blocked by it";
+    }
+}
 
 /// `count` places on a body, evenly by area: a triangle and the weights of its corners.
 fn spread(body: &Body, count: usize) -> Vec<(usize, Vec3)> {

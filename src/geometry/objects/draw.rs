@@ -13,10 +13,11 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::bodies::{Body, NORMAL, clearance};
+use super::bodies::{BODIES, Body, clearance};
 use super::model::Material;
 use crate::geometry::{Bodies, Camera};
 use crate::image::{Depth, Gloss, Plane, rule};
+use crate::tuning::tuning;
 
 /// The seen pixels of all bodies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,7 +52,7 @@ pub struct Objects {
 }
 
 /// Probes that a sample draws from.
-pub const NEAR: usize = 8;
+pub const NEAR: usize = TUNING.probes;
 
 /// How bodies are drawn.
 #[derive(Clone, Copy, Debug)]
@@ -152,12 +153,13 @@ impl Objects {
         let (mut count, mut sum) = (0, 0.0);
         for v in sy.saturating_sub(1)..(sy + 2).min(h) {
             for u in sx.saturating_sub(1)..(sx + 2).min(w) {
-                let near = (1.5 - (u as f32 - fx).abs()).max(0.0) * (1.5 - (v as f32 - fy).abs()).max(0.0);
+                let near =
+                    (TUNING.tent - (u as f32 - fx).abs()).max(0.0) * (TUNING.tent - (v as f32 - fy).abs()).max(0.0);
                 let i = v * w + u;
-                let alike = self.normals.pixels()[i].dot(normal).max(0.0).powi(8);
-                let apart = (-self.points.pixels()[i].z / z - 1.0) / 0.05;
+                let alike = self.normals.pixels()[i].dot(normal).max(0.0).powi(TUNING.normal_power);
+                let apart = (-self.points.pixels()[i].z / z - 1.0) / TUNING.apart;
                 // The floor leaves something to draw from where no sample is alike.
-                let weight = near * (alike * (-apart * apart).exp() + 1e-6);
+                let weight = near * (alike * (-apart * apart).exp() + TUNING.floor);
                 taps[count] = (i, weight);
                 (count, sum) = (count + 1, sum + weight);
             }
@@ -205,7 +207,7 @@ pub fn draw(
         let (x, y) = (columns.start + i % columns.len(), rows.start + i / columns.len());
         let z = depth.0.get(x, y);
         // A body stands on a surface whose depth is uneven: what is a little behind still shows.
-        pixel(bodies, solid, camera, (x, y), z + 0.005 * z + error(z), drawing.supersampling)
+        pixel(bodies, solid, camera, (x, y), z + TUNING.slack * z + error(z), drawing.supersampling)
     };
     let seen: Vec<Option<Shown>> = (0..columns.len() * rows.len()).into_par_iter().with_min_len(64).map(look).collect();
     let Some((columns, rows, seen)) = trimmed(columns, rows, seen) else { return nothing };
@@ -337,7 +339,7 @@ fn pixel(
     let (flat, normal) = (turn(at.flat, at.flat), turn(at.normal, at.flat));
     // Smooth normals may face away from the camera at an outline, where the surface itself does
     // not.
-    let away = (LEAST_FACING - normal.dot(view)).max(0.0);
+    let away = (TUNING.min_facing - normal.dot(view)).max(0.0);
     Some(Shown {
         coverage: count / rays.len() as f32,
         // A lift goes to the outside; seen from within it would go through the surface.
@@ -350,8 +352,35 @@ fn pixel(
     })
 }
 
-/// Least cosine between a normal and the direction to the camera.
-const LEAST_FACING: f32 = 0.02;
+tuning! {
+    /// Constants of the drawing of inserted bodies.
+    pub const TUNING: DrawTuning {
+        /// Probes from which a sample interpolates.
+        probes: usize = 8,
+            unit "probes", source Taste, effect "a larger value blurs bounced light on bodies";
+        /// Least cosine between a normal and the direction to the camera.
+        min_facing: f32 = 0.02,
+            unit "1", source Taste, effect "a larger value turns normals at outlines toward the camera";
+        /// Distance of a body behind the depth of a pixel up to which the body is visible: it
+        /// stands on a surface whose depth is uneven.
+        slack: f32 = 0.005,
+            unit "fraction of the depth", source Derived("noise of depth maps"),
+            effect "a larger value shows bodies through surfaces";
+        /// Half width of the tent by which samples are weighted in the picture.
+        tent: f32 = 1.5,
+            unit "distances between samples", source Paper("Kopf et al., Joint Bilateral Upsampling, SIGGRAPH 2007"),
+            effect "a larger value blurs shading";
+        /// Power of the cosine between normals in the weight of a sample.
+        normal_power: i32 = 8,
+            unit "1", source Taste, effect "a larger value blurs less over curved bodies";
+        /// Relative difference of depth at which a sample's weight is 1 / e.
+        apart: f32 = 0.05,
+            unit "1", source Taste, effect "a larger value blurs shading over steps";
+        /// Floor of the weights, for pixels that are like no sample.
+        floor: f32 = 1e-6,
+            unit "1", source Taste, effect "a larger value blurs over edges";
+    }
+}
 
 /// The weights of a triangle's corners that give `point`, which lies on it.
 fn weights([a, b, c]: [Vec3; 3], point: Vec3) -> Vec3 {
@@ -397,7 +426,7 @@ fn nearest(solid: &Bodies, body: u32, point: Vec3, normal: Vec3) -> [(u32, f32);
     let probes = solid.probes();
     let far = |i: usize| {
         probes.points.pixels()[i].distance_squared(point) / size.max(1e-12)
-            + NORMAL * (1.0 - probes.normals.pixels()[i].dot(normal))
+            + BODIES.normal_distance * (1.0 - probes.normals.pixels()[i].dot(normal))
     };
     let mut found = [(f32::INFINITY, range.start as u32); NEAR + 1];
     for i in range {
@@ -409,7 +438,7 @@ fn nearest(solid: &Bodies, body: u32, point: Vec3, normal: Vec3) -> [(u32, f32);
         }
     }
     let reach = if found[NEAR].0.is_finite() { found[NEAR].0 } else { f32::MAX };
-    let weight = |(far, _): &(f32, u32)| (1.0 - (far / reach).max(0.0).sqrt()).max(0.0) + 1e-6;
+    let weight = |(far, _): &(f32, u32)| (1.0 - (far / reach).max(0.0).sqrt()).max(0.0) + TUNING.floor;
     let used = found.iter().take(NEAR).filter(|f| f.0.is_finite());
     let sum: f32 = used.map(weight).sum::<f32>().max(1e-30);
     std::array::from_fn(|k| {

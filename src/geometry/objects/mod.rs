@@ -7,3 +7,10 @@ pub(in crate::geometry) mod model;
 pub use bodies::{Bodies, Body, Probes, clearance};
 pub use draw::{Drawing, Objects, draw};
 pub use model::{Material, Model, Skin, most_triangles, parts};
+
+use crate::tuning::Table;
+
+/// The constants of inserted bodies.
+pub fn tuning() -> Vec<Table> {
+    vec![bodies::BodiesTuning::table(), draw::DrawTuning::table()]
+}

@@ -3,14 +3,41 @@
 use glam::Vec3;
 
 use crate::image::Normal;
+use crate::tuning::tuning;
 
-/// Number of normals sampled: enough for a fraction of a degree.
-const LOOKED_AT: usize = 2000;
-/// Angle from a wall's or floor's direction beyond which a normal gets no weight, degrees; wide
-/// enough for the noise of a depth camera.
-const TOLERANCE: f32 = 10.0;
-/// Largest pitch of the search, degrees.
-const MOST: f32 = 35.0;
+tuning! {
+    /// Constants of the search for the direction of gravity.
+    pub const TUNING: GravityTuning {
+        /// Largest number of normals that are sampled.
+        max_normals: usize = 2000,
+            unit "normals", source Derived("enough for a fraction of a degree"),
+            effect "a larger value is slower and more exact";
+        /// Angle from a wall's or floor's direction beyond which a normal gets no weight.
+        tolerance: f32 = 10.0,
+            unit "degrees", source Derived("the noise of a depth camera"),
+            effect "a larger value lets slanted surfaces turn the room";
+        /// Largest pitch of the search.
+        max_pitch: f32 = 35.0,
+            unit "degrees", source Taste, effect "a larger value finds steeper cameras and takes longer";
+        /// Steps of the second search on either side of the best pitch of the first.
+        fine_steps: i32 = 10,
+            unit "steps", source Derived("a step of the first search is 1 degree"),
+            effect "a smaller value misses the best pitch";
+        /// Step of the second search.
+        fine_step: f32 = 0.1,
+            unit "degrees", source Taste, effect "a smaller value is slower and more exact";
+        /// Weight of the preference for a small pitch: a wall that faces the camera does not
+        /// determine it.
+        prior: f32 = 0.1,
+            unit "1", source Taste, effect "a larger value keeps cameras level";
+        /// Least weight of the normals that agree with a pitch.
+        min_agreement: f32 = 0.3,
+            unit "fraction of the normals", source Taste, effect "a larger value keeps cameras level";
+        /// Least ratio of that weight to the weight without a pitch.
+        min_gain: f32 = 1.02,
+            unit "1", source Taste, effect "a larger value keeps cameras level";
+    }
+}
 
 /// The world's up in camera space, for a camera that may be pitched but is not rolled: the unit
 /// direction across x that floors and ceilings face and walls are orthogonal to.
@@ -21,23 +48,28 @@ const MOST: f32 = 35.0;
 /// normals' weight agrees with any pitch, or hardly more than with none.
 pub fn world_up(normal: &Normal) -> Vec3 {
     let pixels = normal.0.pixels();
-    let normals: Vec<Vec3> = pixels.iter().step_by(pixels.len().div_ceil(LOOKED_AT).max(1)).copied().collect();
-    let reach = TOLERANCE.to_radians().sin();
+    let normals: Vec<Vec3> = pixels.iter().step_by(pixels.len().div_ceil(TUNING.max_normals).max(1)).copied().collect();
+    let reach = TUNING.tolerance.to_radians().sin();
     let direction = |degrees: f32| Vec3::new(0.0, degrees.to_radians().cos(), degrees.to_radians().sin());
     // Small angles: the sine stands for the angle.
     let off = |up: Vec3, n: Vec3| n.dot(up).abs().min(n.cross(up).length());
     let score = |degrees: f32| -> f32 {
         let up = direction(degrees);
         // A wall that faces the camera does not determine the pitch: of equals, the smallest.
-        let prior = 0.9 + 0.1 * up.y;
+        let prior = (1.0 - TUNING.prior) + TUNING.prior * up.y;
         prior * normals.iter().map(|&n| (1.0 - (off(up, n) / reach).powi(2)).max(0.0)).sum::<f32>()
     };
     let best = |tried: &mut dyn Iterator<Item = f32>| {
         tried.map(|degrees| (score(degrees), degrees)).fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a })
     };
-    let (_, coarse) = best(&mut (0..=2 * MOST as i32).map(|i| i as f32 - MOST));
-    let (found, pitch) = best(&mut (-10..=10).map(|i| coarse + 0.1 * i as f32));
-    if found > 0.3 * normals.len() as f32 && found > 1.02 * score(0.0) { direction(pitch) } else { Vec3::Y }
+    let (_, coarse) = best(&mut (0..=2 * TUNING.max_pitch as i32).map(|i| i as f32 - TUNING.max_pitch));
+    let (found, pitch) =
+        best(&mut (-TUNING.fine_steps..=TUNING.fine_steps).map(|i| coarse + TUNING.fine_step * i as f32));
+    if found > TUNING.min_agreement * normals.len() as f32 && found > TUNING.min_gain * score(0.0) {
+        direction(pitch)
+    } else {
+        Vec3::Y
+    }
 }
 
 #[cfg(test)]

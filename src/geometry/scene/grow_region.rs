@@ -3,7 +3,7 @@
 //!
 //! Two labels by a minimum cut (Boykov and Jolly, ICCV 2001; Rother, Kolmogorov and Blake, GrabCut,
 //! SIGGRAPH 2004, for the turns): a pixel gains
-//! `1 - (c / CHROMA)^2 - (i / INTENSITY)^2 - (p / plane)^2 - (n / NORMAL)^2` by being of the
+//! `1 - (c / chroma)^2 - (i / intensity)^2 - (p / plane)^2 - (n / normal)^2` by being of the
 //! surface, with c and i the distance of its reflectance in log chromaticity and log intensity, p
 //! its distance from the plane and n = 1 - cos of its normal's angle to the plane's; neighbours of
 //! two labels cost the more the less of an edge the picture has there. Of these pixels, those count
@@ -14,31 +14,70 @@ use glam::Vec3;
 
 use crate::geometry::PlaneFit;
 use crate::image::{Albedo, Normal, Picture, Plane, Points, graph_cut, log_above};
+use crate::tuning::tuning;
 
-/// Log chromaticity at which a pixel is another paint; wide, as is that of level, for estimated
-/// light errs.
-const CHROMA: f32 = 0.5;
-/// Log intensity of reflectance at which it is.
-const INTENSITY: f32 = 1.0;
-/// Log step of the level of the picture between neighbours of which only one is of the surface.
-const EDGE: f32 = 0.3;
-/// The same for log chromaticity, which no shadow changes as much.
-const CHROMA_EDGE: f32 = 0.12;
-/// Distance from the plane, as a share of that from the camera.
-const OFF_PLANE: f32 = 0.03;
-const NORMAL: f32 = 0.3;
-/// Cost of parting two pixels that look alike, in units of what a sure pixel gains.
-const PARTING: f32 = 0.5;
-/// Log step of the picture across which parting costs 1 / e of that.
-const STEP: f32 = 0.12;
-/// Whole numbers for the cut: this is 1.
-const UNIT: f32 = 256.0;
-/// A step of this many times the median is not noise.
-const NOISES: f32 = 5.0;
-/// Rounds in which colour and plane settle.
-const ROUNDS: usize = 4;
-/// Least reflectance; darker values count as this.
-const BLACK: f32 = 0.01;
+tuning! {
+    /// Constants of the surface that a pixel belongs to.
+    pub const TUNING: GrowRegionTuning {
+        /// Log chromaticity at which a pixel is of another paint; wide, since estimated light errs.
+        chroma: f32 = 0.5,
+            unit "1", source Taste, effect "a larger value joins other paints";
+        /// Log intensity of the reflectance at which a pixel is of another paint.
+        intensity: f32 = 1.0,
+            unit "1", source Taste, effect "a larger value joins other paints";
+        /// Log step of the level of the picture between neighbors of which only one is of the
+        /// surface.
+        edge: f32 = 0.3,
+            unit "1", source Taste, effect "a larger value crosses fainter edges";
+        /// The same step of log chromaticity, which no shadow changes as much.
+        chroma_edge: f32 = 0.12,
+            unit "1", source Taste, effect "a larger value crosses fainter edges";
+        /// Distance from the plane at which a pixel is of another surface.
+        off_plane: f32 = 0.03,
+            unit "fraction of the distance from the camera", source Taste,
+            effect "a larger value joins surfaces before and behind";
+        /// 1 - cosine between the normals of a pixel and of the plane at which the pixel is of
+        /// another surface.
+        normal: f32 = 0.3,
+            unit "1", source Taste, effect "a larger value joins slanted surfaces";
+        /// Least gain of a pixel.
+        min_gain: f32 = -3.0,
+            unit "what a sure pixel gains", source Taste, effect "a smaller value keeps single deviating pixels out";
+        /// Cost of parting two pixels that look alike.
+        parting: f32 = 0.5,
+            unit "what a sure pixel gains", source Taste, effect "a larger value makes shorter outlines";
+        /// Log step of the picture across which parting costs 1 / e of that.
+        step: f32 = 0.12,
+            unit "1", source Taste, effect "a smaller value follows fainter edges";
+        /// Steps in which gains and costs are rounded to whole numbers.
+        unit: f32 = 256.0,
+            unit "steps per gain of a sure pixel", source Taste,
+            effect "a larger value rounds less; sums along a path must stay below 2^31";
+        /// Gain of the first pixel in those steps, which keeps it in the surface.
+        sure: i32 = 1 << 16,
+            unit "steps", source Derived("more than all its neighbors can gain"), effect "none above";
+        /// Ratio of a step to the median step up to which the step is noise.
+        noises: f32 = 5.0,
+            unit "1", source Taste, effect "a larger value crosses fainter edges of textured surfaces";
+        /// Rounds in which color and plane converge.
+        rounds: usize = 4,
+            unit "rounds", source Taste, effect "a larger value is slower";
+        /// Least reflectance; darker values count as this.
+        black: f32 = 0.01,
+            unit "reflectance", source Taste, effect "a larger value makes dark paints alike";
+        /// Least value of the photo of which the logarithm is taken.
+        dark: f32 = 0.004,
+            unit "units of the photo", source Derived("quantization of 8-bit photos"),
+            effect "a larger value hides edges in the dark";
+        /// Radius around the first pixel from which the first color is taken.
+        seed_radius: usize = 2,
+            unit "pixels", source Taste, effect "a larger value averages more of the surroundings";
+        /// Largest number of pixels through which the plane is fitted; of more, every nth is taken.
+        max_points: usize = 1500,
+            unit "pixels", source Measured("run time; no page records it"),
+            effect "a larger value is slower and more exact";
+    }
+}
 
 /// The pixels of the surface at pixel (x, y). All planes have one size.
 pub fn grow_region(
@@ -49,20 +88,21 @@ pub fn grow_region(
     normal: &Normal,
 ) -> Plane<bool> {
     let (w, h) = photo.0.size();
-    let color = reflectance.0.map(|c| log_above(BLACK, c));
-    let seen = photo.0.map(|c| log_above(0.004, c));
+    let color = reflectance.0.map(|c| log_above(TUNING.black, c));
+    let seen = photo.0.map(|c| log_above(TUNING.dark, c));
     let start = y * w + x;
-    let mut found = Plane::from_fn(w, h, |px, py| px.abs_diff(x) <= 2 && py.abs_diff(y) <= 2);
+    let mut found =
+        Plane::from_fn(w, h, |px, py| px.abs_diff(x) <= TUNING.seed_radius && py.abs_diff(y) <= TUNING.seed_radius);
     let mut surface = (normal.0.pixels()[start], normal.0.pixels()[start].dot(points.0.pixels()[start]));
-    for round in 0..ROUNDS {
+    for round in 0..TUNING.rounds {
         let members: Vec<usize> = (0..w * h).filter(|&i| found.pixels()[i]).collect();
         let paint = median(members.iter().map(|&i| color.pixels()[i]).collect());
         if round > 0 {
-            let step = members.len().div_ceil(1500);
+            let step = members.len().div_ceil(TUNING.max_points);
             let some = || members.iter().step_by(step);
             let places: Vec<Vec3> = some().map(|&i| points.0.pixels()[i]).collect();
             let normals: Vec<Vec3> = some().map(|&i| normal.0.pixels()[i]).collect();
-            if let Some(plane) = PlaneFit::through(&places, &normals, OFF_PLANE) {
+            if let Some(plane) = PlaneFit::through(&places, &normals, TUNING.off_plane) {
                 surface = (plane.normal, plane.offset);
             }
         }
@@ -71,18 +111,18 @@ pub fn grow_region(
             let step = color.pixels()[i] - paint;
             let level = step.element_sum() / 3.0;
             let squares = [
-                (step - Vec3::splat(level)).length() / CHROMA,
-                level / INTENSITY,
-                (surface.0.dot(point) - surface.1) / (OFF_PLANE * point.length().max(1e-3)),
-                (1.0 - n.dot(surface.0)) / NORMAL,
+                (step - Vec3::splat(level)).length() / TUNING.chroma,
+                level / TUNING.intensity,
+                (surface.0.dot(point) - surface.1) / (TUNING.off_plane * point.length().max(1e-3)),
+                (1.0 - n.dot(surface.0)) / TUNING.normal,
             ];
             let gain = 1.0 - squares.iter().map(|s| s * s).sum::<f32>();
-            (UNIT * gain.max(-3.0)) as i32
+            (TUNING.unit * gain.max(TUNING.min_gain)) as i32
         };
-        let gain = Plane::new(w, h, (0..w * h).map(|i| if i == start { 1 << 16 } else { gain(i) }).collect());
+        let gain = Plane::new(w, h, (0..w * h).map(|i| if i == start { TUNING.sure } else { gain(i) }).collect());
         let label = graph_cut(&gain, |x, y, nx, ny| {
-            let step = (seen.get(x, y) - seen.get(nx, ny)).length() / STEP;
-            (UNIT * PARTING * (-step * step).exp()) as i32
+            let step = (seen.get(x, y) - seen.get(nx, ny)).length() / TUNING.step;
+            (TUNING.unit * TUNING.parting * (-step * step).exp()) as i32
         });
         let step = |a: usize, b: usize| {
             let step = seen.pixels()[a] - seen.pixels()[b];
@@ -94,7 +134,8 @@ pub fn grow_region(
         let steps: Vec<[f32; 2]> = (0..w * h).filter(inside).map(|i| step(i, i + 1)).collect();
         let usual =
             median(steps.iter().map(|&[level, chroma]| Vec3::new(level, chroma, 0.0)).chain([Vec3::ZERO]).collect());
-        let (most, most_chroma) = (EDGE.max(NOISES * usual.x), CHROMA_EDGE.max(NOISES * usual.y));
+        let (most, most_chroma) =
+            (TUNING.edge.max(TUNING.noises * usual.x), TUNING.chroma_edge.max(TUNING.noises * usual.y));
         found = reached(&label, start, |a, b| {
             let [level, chroma] = step(a, b);
             level > most || chroma > most_chroma

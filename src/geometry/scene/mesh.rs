@@ -23,7 +23,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::bvh::rays::{FAR, RayMesh, apart};
 use crate::geometry::objects::bodies::Bodies;
-use crate::image::{Mask, Plane, Points, STEP, rule};
+use crate::image::{DEPTH_PLANE, Mask, Plane, Points, rule};
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of rays in the mesh of the seen room.
+    pub const TUNING: MeshTuning {
+        /// Depth error by which rays start above the surface.
+        deviations: f32 = 3.0,
+            unit "standard deviations of the depth", source Derived("smoothing leaves at most this"),
+            effect "a larger value lets light through at contacts";
+        /// Height at which rays start above the surface, in addition: the mesh is flat between
+        /// pixel centers, the surface need not be.
+        footprint: f32 = 0.5,
+            unit "footprints of a pixel", source Taste, effect "a larger value lets light through at contacts";
+        /// End of a shadow ray before its light: a light that lies on a seen surface is not blocked
+        /// by it.
+        shadow_end: f32 = 0.999,
+            unit "the ray's length", source Derived("single precision"),
+            effect "a larger value may let a light on a surface be blocked by it";
+    }
+}
 
 /// The seen room.
 #[derive(Serialize, Deserialize)]
@@ -208,7 +228,7 @@ impl SceneMesh {
 
     /// Three standard deviations of the depth `z`, metres.
     pub fn depth_error(&self, z: f32) -> f32 {
-        3.0 * self.noise * z * z
+        TUNING.deviations * self.noise * z * z
     }
 
     /// Offset of a ray's origin above the surface that avoids self-intersection, metres: half a
@@ -216,15 +236,13 @@ impl SceneMesh {
     /// three standard deviations of the depth, which is what smoothing leaves at most.
     pub fn offset(&self, point: Vec3) -> f32 {
         let z = (-point.z).max(0.0);
-        0.5 * z / self.focal + self.depth_error(z)
+        TUNING.footprint * z / self.focal + self.depth_error(z)
     }
 
     /// The visibility between `from` and `to`; triangles of `own` pixels let the ray pass.
     pub fn visibility(&self, from: Vec3, to: Vec3, own: Option<&Own>) -> Sight {
         let stops = |id: u32| own.is_none_or(|own| !self.touches(id, own));
-        // The last thousandth is left out: a light that lies on a seen surface is not blocked by
-        // it.
-        let meets = |mesh: &RayMesh| mesh.any(from, to - from, 0.999, stops);
+        let meets = |mesh: &RayMesh| mesh.any(from, to - from, TUNING.shadow_end, stops);
         let [surfaces, curtains] = self.rays();
         if meets(surfaces) || self.bodies.between(from, to) {
             Sight::Blocked
@@ -277,7 +295,7 @@ fn corners(cell: u8, half: usize) -> [usize; 3] {
 fn split(depth: impl Fn(usize) -> f32, inside: impl Fn(&usize) -> bool) -> u8 {
     let steep = |a: usize, b: usize| {
         let (a, b, diagonal) = (depth(a), depth(b), a + b == 3);
-        (a - b).abs() > STEP * if diagonal { std::f32::consts::SQRT_2 } else { 1.0 } * a.min(b)
+        (a - b).abs() > DEPTH_PLANE.step * if diagonal { std::f32::consts::SQRT_2 } else { 1.0 } * a.min(b)
     };
     let along = |rising: u8| {
         let mut cell = rising;

@@ -7,7 +7,7 @@
 //! z = s / (q + t), s = 1 / a, t = -b / a in units of q.
 //!
 //! The **span** is how many times farther the farthest is than the nearest: the depths behind
-//! which, and before which, [`TAIL`] of the pixels lie. It is equivalent to t, and a person can
+//! which, and before which, `TUNING.tail` of the pixels lie. It is equivalent to t, and a person can
 //! judge it: with e = q_far + t,
 //!
 //! e = (q_near - q_far) / (span - 1).
@@ -21,16 +21,37 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Camera;
 use crate::image::Plane;
+use crate::tuning::tuning;
 
-/// Share of the pixels that are taken neither for the nearest nor for the farthest of a room.
-const TAIL: f64 = 0.05;
-/// Nothing is farther than this many times the farthest of the room: what lies there is the view
-/// from a window, or nothing at all.
-const BEYOND: f64 = 4.0;
-/// Spans between which lengths may choose.
-const SPANS: (f64, f64) = (1.1, 50.0);
-/// Least gain of the fit, as a fraction of the lengths, at which they determine the span.
-const TELLING: f64 = 1e-3;
+tuning! {
+    /// Constants of metric depth from relative depth and known lengths.
+    pub const TUNING: MetricScaleTuning {
+        /// Fraction of the pixels that are taken neither for the nearest nor for the farthest of a
+        /// room.
+        tail: f64 = 0.05,
+            unit "1", source Taste, effect "a larger value ignores more outliers";
+        /// Largest depth over the farthest of the room: what lies there is the view from a window,
+        /// or nothing at all.
+        beyond: f64 = 4.0,
+            unit "1", source Taste, effect "a larger value lets views through windows lie farther away";
+        /// Relative variation of a network's output up to which it is rounding.
+        min_variation: f64 = 1e-6,
+            unit "1", source Derived("single precision"), effect "a larger value refuses more outputs";
+        /// Spans between which lengths may choose.
+        spans: (f64, f64) = (1.1, 50.0),
+            unit "1", source Taste, effect "a wider range admits flatter and deeper rooms";
+        /// Least gain of the fit at which lengths determine the span.
+        min_gain: f64 = 1e-3,
+            unit "fraction of the lengths", source Taste, effect "a larger value keeps the given span more often";
+        /// Steps of the grid of spans.
+        grid_steps: usize = 64,
+            unit "steps", source Taste, effect "a smaller value may end in another minimum";
+        /// Steps of the golden section after it.
+        golden_steps: usize = 60,
+            unit "steps", source Derived("the interval is then below the rounding of 64 bits"),
+            effect "a smaller value is less exact";
+    }
+}
 
 /// Two places in the photo, and how far apart they are in the room.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,17 +96,17 @@ pub fn relative_depth(
         );
     }
     let rulers = rulers(told, camera, known)?;
-    let (far, near) = (quantile(told, TAIL), quantile(told, 1.0 - TAIL));
+    let (far, near) = (quantile(told, TUNING.tail), quantile(told, 1.0 - TUNING.tail));
     // A real network's output on an even wall varies by more than this; rounding varies by less.
-    if near - far <= 1e-6 * near.abs().max(far.abs()) {
+    if near - far <= TUNING.min_variation * near.abs().max(far.abs()) {
         return Err(format!("the network returned no depth: wanted numbers that vary, got {near} nearly everywhere"));
     }
     let least = |span: f64| (near - far) / (span - 1.0);
-    let depth = |q: f64, span: f64| 1.0 / (q - far + least(span)).max(least(span) / BEYOND);
+    let depth = |q: f64, span: f64| 1.0 / (q - far + least(span)).max(least(span) / TUNING.beyond);
     let fit = |span: f64| fit(&rulers, |q| depth(q, span));
     let span = if known.len() > 1 { best_span(f64::from(span), |span| fit(span).error) } else { f64::from(span) };
     for (i, ruler) in rulers.iter().enumerate() {
-        if ruler.ends.iter().any(|(_, q)| q - far + least(span) <= least(span) / BEYOND) {
+        if ruler.ends.iter().any(|(_, q)| q - far + least(span) <= least(span) / TUNING.beyond) {
             return Err(format!(
                 "known_lengths: number {}: an end is beyond the range of the network; wanted one in the room",
                 i + 1
@@ -175,20 +196,19 @@ fn fit(rulers: &[Ruler], depth: impl Fn(f64) -> f64) -> ScaleFit {
 /// The span of least error: the best of a grid, then golden section around it; `given` where the
 /// error hardly depends on it.
 fn best_span(given: f64, error: impl Fn(f64) -> f64) -> f64 {
-    const STEPS: usize = 64;
-    let (low, high) = ((SPANS.0 - 1.0).ln(), (SPANS.1 - 1.0).ln());
+    let (low, high) = ((TUNING.spans.0 - 1.0).ln(), (TUNING.spans.1 - 1.0).ln());
     let span = |u: f64| 1.0 + u.exp();
-    let step = (high - low) / STEPS as f64;
-    let errors = (0..=STEPS).map(|i| low + step * i as f64).map(|u| (u, error(span(u))));
+    let step = (high - low) / TUNING.grid_steps as f64;
+    let errors = (0..=TUNING.grid_steps).map(|i| low + step * i as f64).map(|u| (u, error(span(u))));
     let (middle, _) = errors.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a grid has points");
     let (mut a, mut b) = ((middle - step).max(low), (middle + step).min(high));
     let golden = 0.5 * (5f64.sqrt() - 1.0);
-    for _ in 0..60 {
+    for _ in 0..TUNING.golden_steps {
         let (c, d) = (b - golden * (b - a), a + golden * (b - a));
         if error(span(c)) < error(span(d)) { b = d } else { a = c }
     }
     let best = span(0.5 * (a + b));
-    if error(given) - error(best) < TELLING { given } else { best }
+    if error(given) - error(best) < TUNING.min_gain { given } else { best }
 }
 
 /// The value below which this share of the pixels lies.
@@ -229,7 +249,7 @@ mod tests {
     }
 
     fn span_of(depth: &Plane<f32>) -> f32 {
-        (quantile(depth, 1.0 - TAIL) / quantile(depth, TAIL)) as f32
+        (quantile(depth, 1.0 - TUNING.tail) / quantile(depth, TUNING.tail)) as f32
     }
 
     fn worst(got: &Plane<f32>) -> f32 {
@@ -289,7 +309,7 @@ mod tests {
         (0..30).for_each(|x| q.set(x, 0, -0.5 * x as f32));
         let known = length([100.0, 150.0], [400.0, 150.0]);
         let got = relative_depth(&q, &camera(), &[known], 4.0).expect("it can be solved").depth;
-        let farthest = quantile(&got, 1.0 - TAIL) as f32;
+        let farthest = quantile(&got, 1.0 - TUNING.tail) as f32;
         assert!(got.pixels().iter().all(|&z| z > 0.0 && z <= 4.001 * farthest));
     }
 

@@ -15,3 +15,17 @@ pub use metric_scale::{KnownLength, MetricDepth, metric_depth, relative_depth};
 pub use orient_normals::orient_normals;
 pub use plane_fit::PlaneFit;
 pub use surface::{Surface, surface};
+
+use crate::tuning::Table;
+
+/// The constants of the seen surface.
+pub fn tuning() -> Vec<Table> {
+    vec![
+        gravity::GravityTuning::table(),
+        grow_region::GrowRegionTuning::table(),
+        mesh::MeshTuning::table(),
+        metric_scale::MetricScaleTuning::table(),
+        plane_fit::PlaneFitTuning::table(),
+        surface::SurfaceTuning::table(),
+    ]
+}

@@ -2,6 +2,24 @@
 
 use glam::Vec3;
 
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of planes through noisy points.
+    pub const TUNING: PlaneFitTuning {
+        /// Cosine between the normals of a point and of the plane that must be exceeded.
+        same_normal: f32 = 0.85,
+            unit "1", source Taste, effect "a larger value leaves more points out";
+        /// Largest number of points whose planes are tried.
+        max_tries: usize = 200,
+            unit "planes", source Measured("run time; no page records it"),
+            effect "a larger value is slower and finds smaller planes";
+        /// Times that the plane becomes the mean of its supporters.
+        means: usize = 2,
+            unit "times", source Taste, effect "a larger value is slower and more exact";
+    }
+}
+
 /// The plane `normal . p = offset`; `normal` has unit length and faces the camera at the origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneFit {
@@ -26,9 +44,10 @@ impl PlaneFit {
             return None;
         }
         let supports = |normal: Vec3, offset: f32, i: usize| {
-            (normal.dot(points[i]) - offset).abs() < tolerance * points[i].length() && normals[i].dot(normal) > 0.85
+            (normal.dot(points[i]) - offset).abs() < tolerance * points[i].length()
+                && normals[i].dot(normal) > TUNING.same_normal
         };
-        let tries = points.len().min(200);
+        let tries = points.len().min(TUNING.max_tries);
         let best = (0..tries).map(|t| t * points.len() / tries).map(|i| {
             let (normal, offset) = (normals[i], normals[i].dot(points[i]));
             let count = (0..points.len()).filter(|&j| supports(normal, offset, j)).count();
@@ -37,7 +56,7 @@ impl PlaneFit {
         let (_, mut normal, mut offset) = best.fold((0, Vec3::ZERO, 0.0), |a, b| if b.0 > a.0 { b } else { a });
         let mut spread = 0.0;
         let mut count = 0;
-        for _ in 0..2 {
+        for _ in 0..TUNING.means {
             let inside: Vec<usize> = (0..points.len()).filter(|&i| supports(normal, offset, i)).collect();
             count = inside.len();
             if count < 3 {

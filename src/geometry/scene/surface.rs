@@ -17,6 +17,7 @@ use rayon::prelude::*;
 
 use crate::geometry::Camera;
 use crate::image::{Depth, Normal, Plane, Points};
+use crate::tuning::tuning;
 
 /// The seen surface, estimated from a depth map.
 pub struct Surface {
@@ -30,11 +31,48 @@ pub struct Surface {
     pub noise: f32,
 }
 
-/// A radius above this costs more than it gains at working size.
-const MAX_RADIUS: usize = 8;
-/// Residuals below this share of the inverse depth are rounding or slight curvature, not another
-/// surface.
-const FLATNESS: f32 = 2e-4;
+tuning! {
+    /// Constants of points and normals from a depth map.
+    pub const TUNING: SurfaceTuning {
+        /// Largest radius of a fit: a larger one costs more than it gains at working size.
+        max_radius: usize = 8,
+            unit "pixels", source Measured("run time; no page records it"),
+            effect "a larger value smooths noisy depth more and takes longer";
+        /// Residual below which rounding or slight curvature is assumed, not another surface.
+        flatness: f32 = 2e-4,
+            unit "fraction of the inverse depth", source Taste, effect "a larger value smooths fine relief";
+        /// Least and largest depth of which the inverse is taken.
+        depth_range: [f32; 2] = [1e-3, 1e6],
+            unit "meters", source Derived("single precision"), effect "a narrower range cuts depth";
+        /// Median of the absolute values of a normal distribution of standard deviation 1.
+        noise_of_median: f32 = 0.6745,
+            unit "1", source Derived("the normal distribution"), effect "a larger value estimates less noise";
+        /// Standard deviation of the inverse depth up to which it counts as rounding.
+        min_noise: f32 = 1e-5,
+            unit "1 / meter", source Derived("rounding of 32-bit depth"),
+            effect "a larger value trusts depth maps with little noise";
+        /// Square of the radius of a fit over focal length times relative noise.
+        radius_factor: f32 = 30.0,
+            unit "1", source Derived("the normal is then uncertain by about 0.03"),
+            effect "a larger value smooths more";
+        /// Largest change of the inverse depth of a pixel by smoothing.
+        smoothed: f32 = 2.0,
+            unit "standard deviations of the noise", source Taste, effect "a larger value smooths outliers more";
+        /// Scale of the Cauchy weights of a fit.
+        fit_scale: f32 = 2.0,
+            unit "standard deviations of the noise", source Taste, effect "a larger value lets outliers weigh more";
+        /// Passes of a fit: least squares, then Cauchy weights.
+        passes: i32 = 3,
+            unit "passes", source Taste, effect "a larger value is slower and more robust";
+        /// Relative difference of inverse depth above which a pixel lies on another surface.
+        step: f32 = 0.12,
+            unit "1", source Taste, effect "a larger value fits across steps";
+        /// Determinant of the normal equations up to which they are singular.
+        min_determinant: f32 = 1e-6,
+            unit "cube of the sum of weights", source Derived("single precision"),
+            effect "a larger value keeps the last plane more often";
+    }
+}
 
 /// w = at + dx . (x - x0) + dy . (y - y0) around pixel (x0, y0), and how well it fits.
 #[derive(Clone, Copy)]
@@ -49,14 +87,14 @@ struct LocalPlane {
 /// Points and normals of `depth`, which is seen by `camera` (of the same size).
 pub fn surface(depth: &Depth, camera: &Camera) -> Surface {
     let (width, height) = depth.0.size();
-    let inverse = depth.0.map(|z| 1.0 / z.clamp(1e-3, 1e6));
+    let inverse = depth.0.map(|z| 1.0 / z.clamp(TUNING.depth_range[0], TUNING.depth_range[1]));
     let noise = inverse_depth_noise(&inverse);
     let fits: Vec<LocalPlane> =
         per_pixel(width, height, |x, y| fit(&inverse, x, y, radius(camera.fx, noise, inverse.get(x, y)), noise));
     let smoothed: Vec<(Vec3, Vec3)> = per_pixel(width, height, |x, y| {
         let w = inverse.get(x, y);
         let (normal, smooth) = vote(&inverse, &fits, camera, x, y, radius(camera.fx, noise, w), noise);
-        let w = smooth.clamp(w - 2.0 * noise, w + 2.0 * noise).max(1e-6);
+        let w = smooth.clamp(w - TUNING.smoothed * noise, w + TUNING.smoothed * noise).max(1e-6);
         (camera.pixel_point(x, y, 1.0 / w), normal)
     });
     Surface {
@@ -91,16 +129,16 @@ fn inverse_depth_noise(w: &Plane<f32>) -> f32 {
         if second.is_empty() { 0.0 } else { *second.select_nth_unstable_by(middle, f32::total_cmp).1 }
     };
     let largest = [1, 2, 4].into_iter().map(median).fold(0.0, f32::max);
-    let sigma = largest / (0.6745 * 6f32.sqrt());
+    let sigma = largest / (TUNING.noise_of_median * 6f32.sqrt());
     // Rounding of 32-bit depth is not noise.
-    if sigma.is_finite() && sigma > 1e-5 { sigma } else { 0.0 }
+    if sigma.is_finite() && sigma > TUNING.min_noise { sigma } else { 0.0 }
 }
 
 /// The slope of a fit over a (2r+1)^2 window is uncertain by sigma / (1.15 r^2) per pixel, the
 /// normal by f z times that: this radius keeps it below about 0.03, were the noise of neighbouring
 /// pixels independent.
 fn radius(focal: f32, noise: f32, w: f32) -> usize {
-    ((30.0 * focal * noise / w).sqrt().ceil() as usize).clamp(1, MAX_RADIUS)
+    ((TUNING.radius_factor * focal * noise / w).sqrt().ceil() as usize).clamp(1, TUNING.max_radius)
 }
 
 fn window(center: usize, radius: usize, size: usize) -> std::ops::Range<usize> {
@@ -112,9 +150,9 @@ fn window(center: usize, radius: usize, size: usize) -> std::ops::Range<usize> {
 fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) -> LocalPlane {
     let (width, height) = inverse.size();
     let center = inverse.get(x0, y0);
-    let scale = 2.0 * noise + FLATNESS * center;
+    let scale = TUNING.fit_scale * noise + TUNING.flatness * center;
     let mut plane = LocalPlane { at: center, dx: 0.0, dy: 0.0, residual: f32::INFINITY };
-    for pass in 0..3 {
+    for pass in 0..TUNING.passes {
         // Normal equations of (1, x, y), symmetric.
         let (mut s, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
         let (mut b, mut bx, mut by, mut squares) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
@@ -125,7 +163,7 @@ fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) ->
                 let off = w - (plane.at + plane.dx * dx + plane.dy * dy);
                 let weight = if pass == 0 {
                     // Another surface behind a depth step takes no part.
-                    if off.abs() > 0.12 * center.max(w) { continue } else { 1.0 }
+                    if off.abs() > TUNING.step * center.max(w) { continue } else { 1.0 }
                 } else {
                     1.0 / (1.0 + (off / scale).powi(2))
                 };
@@ -146,7 +184,7 @@ fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) ->
             plane.residual = squares / s;
         }
         let m = glam::Mat3::from_cols_array(&[s, sx, sy, sx, sxx, sxy, sy, sxy, syy]);
-        if m.determinant().abs() > 1e-6 * s * s * s {
+        if m.determinant().abs() > TUNING.min_determinant * s * s * s {
             let solved = m.inverse() * Vec3::new(b, bx, by);
             plane = LocalPlane { at: center + solved.x, dx: solved.y, dy: solved.z, ..plane };
         }
@@ -166,7 +204,7 @@ fn vote(
 ) -> (Vec3, f32) {
     let (width, height) = w.size();
     let center = w.get(x0, y0);
-    let scale = noise + FLATNESS * center;
+    let scale = noise + TUNING.flatness * center;
     let (mut normal, mut smooth, mut total) = (Vec3::ZERO, 0.0f32, 0.0f32);
     for y in window(y0, radius, height) {
         for x in window(x0, radius, width) {

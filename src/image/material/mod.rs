@@ -7,5 +7,12 @@ pub(in crate::image) mod texture;
 
 pub use gloss::Gloss;
 pub use paint_layer::{AlphaMatte, PaintChange, PaintLayer, PaintLayers, PaintedPixel};
-pub use specular_edit::{DIELECTRIC, SpecularEdit};
+pub use specular_edit::{SPECULAR_EDIT, SpecularEdit};
 pub use texture::Texture;
+
+use crate::tuning::Table;
+
+/// The constants of materials of pixels.
+pub fn tuning() -> Vec<Table> {
+    vec![paint_layer::PaintLayerTuning::table(), specular_edit::SpecularEditTuning::table()]
+}

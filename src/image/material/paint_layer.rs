@@ -4,8 +4,8 @@
 //! Separate Reflection Components, 1985): its reflectance is `b = d old + s 1 + r`, with d the body
 //! (shading that the model misses, and texture without color), s the gloss, which has the color
 //! of the light and not of the paint, and r what remains: texture of another color. d and s
-//! minimize `|r|^2 + GLOSS s^2`, s >= 0: on gray paint, where gloss and body look the same, all is
-//! body. The new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + NOISE^2)`,
+//! minimize `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is
+//! body. The new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + noise^2)`,
 //! Wiener's filter for new / old: what a dark paint hardly shows is noise. Except for the
 //! bound of s it is linear, and takes `old` to `new` exactly: where `old` is the mean of a region,
 //! `new` becomes its mean.
@@ -14,13 +14,26 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Plane, luminance};
+use crate::tuning::tuning;
 
-/// Cost of gloss. Unit: 1. Source: taste: gloss is separable from a body color some ten degrees off
-/// gray. More leaves gloss in the body.
-const GLOSS: f32 = 0.1;
-/// Standard deviation of the noise of an estimated reflectance. Unit: 1. Source: taste. More
-/// removes texture of dark paint.
-const NOISE: f32 = 0.02;
+tuning! {
+    /// Constants of paint layers.
+    pub const TUNING: PaintLayerTuning {
+        /// Cost of gloss. Gloss is separable from a body color some ten degrees off gray.
+        gloss: f32 = 0.1,
+            unit "1", source Taste, effect "a larger value leaves gloss in the body";
+        /// Standard deviation of the noise of an estimated reflectance.
+        noise: f32 = 0.02,
+            unit "reflectance", source Taste, effect "a larger value removes texture of dark paint";
+        /// Least value by which the photo and the reflectance of a mixed pixel are divided.
+        dark: f32 = 1e-6,
+            unit "units of the photo; reflectance", source Derived("single precision"),
+            effect "a larger value leaves more of the old paint in dark mixed pixels";
+        /// Least channel of the color of the light by which unexplained light is divided.
+        min_source: f32 = 0.05,
+            unit "its luminance", source Taste, effect "a smaller value amplifies noise under saturated light";
+    }
+}
 
 /// One paint in place of another.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,13 +65,13 @@ impl PaintChange {
     }
 
     fn textured(&self, b: Vec3) -> Vec3 {
-        let (a_a, a_1, one_1) = (self.old.length_squared(), self.old.element_sum(), 3.0 + GLOSS);
+        let (a_a, a_1, one_1) = (self.old.length_squared(), self.old.element_sum(), 3.0 + TUNING.gloss);
         let (a_b, one_b) = (self.old.dot(b), b.element_sum());
         let gloss = (a_a * one_b - a_1 * a_b) / (a_a * one_1 - a_1 * a_1);
         let gloss = gloss.clamp(0.0, b.min_element().max(0.0));
         let body = (a_b - gloss * a_1) / a_a;
         let remains = b - body * self.old - Vec3::splat(gloss);
-        let kept = self.new * self.old / (self.old * self.old + NOISE * NOISE);
+        let kept = self.new * self.old / (self.old * self.old + TUNING.noise * TUNING.noise);
         (body * self.new + Vec3::splat(gloss) + kept * remains).max(Vec3::ZERO)
     }
 }
@@ -128,9 +141,9 @@ impl PaintedPixel<'_> {
     /// in its new paint.
     pub fn reflectance(&self, bare: Vec3, photo: Vec3) -> Vec3 {
         self.0.iter().fold(bare, |below, &(share, paint, own)| {
-            let per_light = bare / photo.max(Vec3::splat(1e-6));
+            let per_light = bare / photo.max(Vec3::splat(TUNING.dark));
             let own = own.map_or(bare, |own| own * per_light);
-            let left = Vec3::ONE - share * own / bare.max(Vec3::splat(1e-6));
+            let left = Vec3::ONE - share * own / bare.max(Vec3::splat(TUNING.dark));
             below * left.max(Vec3::ZERO) + share * paint.over(own)
         })
     }
@@ -139,7 +152,7 @@ impl PaintedPixel<'_> {
     /// color of what shone on it.
     pub fn tint(&self, light: Vec3, source: Vec3) -> Vec3 {
         let source = source / luminance(source).max(1e-9);
-        let white = source.max(Vec3::splat(0.05));
+        let white = source.max(Vec3::splat(TUNING.min_source));
         self.0.iter().fold(light, |below, &(share, paint, _)| below.lerp(paint.tint(light / white) * white, share))
     }
 }

@@ -3,9 +3,19 @@
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Plane, Roughness};
+use crate::tuning::tuning;
 
-/// Specular level of a usual dielectric (index of refraction 1.5), the default of every surface.
-pub const DIELECTRIC: f32 = 0.5;
+tuning! {
+    /// Constants of edits of roughness and specular level.
+    pub const SPECULAR_EDIT: SpecularEditTuning {
+        /// Specular level of every surface before an edit: a usual dielectric of index of
+        /// refraction 1.5.
+        dielectric: f32 = 0.5,
+            unit "reflectance at normal incidence over 0.08",
+            source Paper("Burley, Physically Based Shading at Disney, SIGGRAPH 2012"),
+            effect "a larger value subtracts more of the old reflection";
+    }
+}
 
 /// New roughness and specular level of parts of a photo; by default of none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,7 +53,7 @@ impl SpecularEdit {
     /// Roughness and specular level at photo pixel (x, y) before the edit.
     pub fn before(&self, x: usize, y: usize) -> [f32; 2] {
         let ((w, h), (full_w, full_h)) = (self.was.0.size(), self.share.size());
-        [self.was.0.get(x * w / full_w, y * h / full_h), DIELECTRIC]
+        [self.was.0.get(x * w / full_w, y * h / full_h), SPECULAR_EDIT.dielectric]
     }
 
     /// The edit changes photo pixel (x, y).

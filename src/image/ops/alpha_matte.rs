@@ -9,31 +9,39 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::image::{AlphaMatte, Picture, Plane};
+use crate::tuning::tuning;
 
-/// Longer side, in pixels, of a photo whose masks are drawn to one pixel. Source: taste. A smaller
-/// value widens the band of estimated alpha.
-const LONG_SIDE: usize = 1000;
-/// Distance from 0 and 1 within which an alpha is rounded.
-///
-/// Unit: 1. Source: taste. A larger value leaves fewer mixed pixels.
-const WHOLE: f32 = 0.02;
-/// Least |W - O| over |W + O| that determines a.
-///
-/// Unit: 1. Source: taste. A smaller value trusts noise, a larger one the mask.
-const DIFFERENT: f32 = 0.1;
+tuning! {
+    /// Constants of alpha mattes.
+    pub const TUNING: AlphaMatteTuning {
+        /// Longer side of a photo whose masks are drawn to one pixel.
+        long_side: usize = 1000,
+            unit "pixels", source Taste, effect "a smaller value widens the band of estimated alpha";
+        /// Radius around a pixel of the band within which the colors of surface and surroundings
+        /// are averaged.
+        reach: usize = 2,
+            unit "widths of the band", source Taste, effect "a larger value averages more of the texture";
+        /// Distance from 0 and 1 within which an alpha is rounded.
+        whole: f32 = 0.02,
+            unit "1", source Taste, effect "a larger value leaves fewer mixed pixels";
+        /// Least |W - O| over |W + O| that determines alpha.
+        different: f32 = 0.1,
+            unit "1", source Taste, effect "a smaller value trusts noise, a larger one the mask";
+    }
+}
 
 /// The part of each pixel of `photo` that belongs to the surface that `mask` marks. Both have one
 /// size.
 pub fn alpha_matte(mask: &Plane<f32>, photo: &Picture) -> AlphaMatte {
     assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
     let (w, h) = mask.size();
-    let band = w.max(h).div_ceil(LONG_SIDE).max(1);
-    let reach = 2 * band;
+    let band = w.max(h).div_ceil(TUNING.long_side).max(1);
+    let reach = TUNING.reach * band;
     let around = |x: usize, y: usize, by: usize| {
         let xs = x.saturating_sub(by)..(x + by + 1).min(w);
         (y.saturating_sub(by)..(y + by + 1).min(h)).flat_map(move |y| xs.clone().map(move |x| (x, y)))
     };
-    let whole = |share: f32| !(WHOLE..=1.0 - WHOLE).contains(&share);
+    let whole = |share: f32| !(TUNING.whole..=1.0 - TUNING.whole).contains(&share);
     let at_edge = |x: usize, y: usize| {
         let own = mask.get(x, y);
         !whole(own) || around(x, y, band).any(|(x, y)| (mask.get(x, y) > 0.5) != (own > 0.5))
@@ -53,8 +61,8 @@ pub fn alpha_matte(mask: &Plane<f32>, photo: &Picture) -> AlphaMatte {
         // A surface too thin to be seen alone is believed to fill its pixels.
         let Some(own) = mean(true) else { continue };
         let given = mask.get(x, y);
-        let found =
-            mean(false).filter(|other| whole(given) && { (own - other).length() > DIFFERENT * (own + other).length() });
+        let found = mean(false)
+            .filter(|other| whole(given) && { (own - other).length() > TUNING.different * (own + other).length() });
         let part = found.map_or(given, |other| {
             let way = own - other;
             ((photo.0.get(x, y) - other).dot(way) / way.length_squared()).clamp(0.0, 1.0)

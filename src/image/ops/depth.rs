@@ -2,20 +2,28 @@
 //! step.
 
 use crate::image::{Depth, Mask, Plane};
+use crate::tuning::tuning;
 
-/// Least depth that an indoor sensor or renderer gives, meters; less is a hole.
-pub const NEAR: f32 = 1e-4;
-/// Largest depth that an indoor sensor or renderer gives, meters; more is a hole.
-pub const FAR: f32 = 1e5;
-
-/// Neighbors whose depths differ by more than this share of the nearer one lie on different
-/// surfaces.
-pub const STEP: f32 = 0.12;
+tuning! {
+    /// Constants of depth: holes and steps.
+    pub const DEPTH_PLANE: DepthPlaneTuning {
+        /// Least depth that an indoor sensor or renderer gives; less is a hole.
+        near: f32 = 1e-4,
+            unit "meters", source Taste, effect "a larger value takes near readings for holes";
+        /// Largest depth that an indoor sensor or renderer gives; more is a hole.
+        far: f32 = 1e5,
+            unit "meters", source Taste, effect "a smaller value takes distant readings for holes";
+        /// Difference of the depths of neighbors, over the nearer one, above which they lie on
+        /// different surfaces.
+        step: f32 = 0.12,
+            unit "1", source Taste, effect "a larger value joins surfaces across steps";
+    }
+}
 
 /// A planar depth in meters is a hole: zero, negative, NaN, infinite, or outside
-/// [`NEAR`]..=[`FAR`].
+/// `DEPTH_PLANE.near`..=`DEPTH_PLANE.far`.
 pub fn is_hole(z: f32) -> bool {
-    !(NEAR..=FAR).contains(&z)
+    !(DEPTH_PLANE.near..=DEPTH_PLANE.far).contains(&z)
 }
 
 /// Fills holes from the readings around them; `None` without any reading. Readings stay as they
@@ -111,7 +119,7 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
         let (y0, y1, sy) = neighbors(y, ry, plane.height());
         let corners = [plane.get(x0, y0), plane.get(x1, y0), plane.get(x0, y1), plane.get(x1, y1)];
         let (low, high) = corners.iter().fold((f32::MAX, 0.0f32), |(l, h), &z| (l.min(z), h.max(z)));
-        if high - low > STEP * low {
+        if high - low > DEPTH_PLANE.step * low {
             corners[usize::from(sx >= 0.5) + 2 * usize::from(sy >= 0.5)]
         } else {
             let row = |a: f32, b: f32| a + (b - a) * sx;
@@ -134,7 +142,7 @@ pub fn nearness(depth: &Depth) -> Plane<f32> {
 fn median(values: &mut [f32]) -> f32 {
     values.sort_unstable_by(f32::total_cmp);
     let (low, high) = (values[(values.len() - 1) / 2], values[values.len() / 2]);
-    if high - low > STEP * low { low } else { 0.5 * (low + high) }
+    if high - low > DEPTH_PLANE.step * low { low } else { 0.5 * (low + high) }
 }
 
 #[cfg(test)]

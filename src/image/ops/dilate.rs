@@ -1,9 +1,20 @@
 //! Dilation of masks.
 
 use crate::image::{Mask, Plane};
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of the geodesic dilation.
+    pub const TUNING: DilateTuning {
+        /// Farthest distance from the bounding box of the seed that the dilation reaches.
+        reach: usize = 2,
+            unit "longer sides of that box", source Taste,
+            effect "a larger value joins more saturated pixels to a light";
+    }
+}
 
 /// The geodesic dilation of `seed` (above 0.5) within `through` (above 0.5): all pixels that are
-/// 8-connected with the seed, up to twice its longer side beyond its bounding box. It finds the
+/// 8-connected with the seed, up to `TUNING.reach` times its longer side beyond its bounding box. It finds the
 /// saturated pixels around a light whose mask is too small.
 ///
 /// # Panics
@@ -18,7 +29,7 @@ pub fn geodesic_dilate(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
         (low.min(high), high)
     };
     let (x, y) = (range(&|i| i % w), range(&|i| i / w));
-    let reach = 2 * ((x.1 - x.0).max(y.1 - y.0) + 1);
+    let reach = TUNING.reach * ((x.1 - x.0).max(y.1 - y.0) + 1);
     let within = |value: usize, (low, high): (usize, usize)| value + reach >= low && value <= high + reach;
     while let Some(i) = front.pop() {
         let (cx, cy) = (i % w, i / w);

@@ -3,25 +3,27 @@
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Mask, Picture, Plane, distance, geodesic_dilate, luminance, rule, smooth_step};
+use crate::tuning::tuning;
 
-/// Fraction of a lamp's brightness below which a pixel of its mask shows no emitter.
-///
-/// Unit: 1. Source: measured on lamps whose masks include feet and stands. A larger value takes
-/// more of a shade for a lit surface.
-const STAND: f32 = 0.3;
-/// Quantile of the luminances in a lamp's mask that counts as the lamp's brightness, in tenths.
-///
-/// Source: taste. A larger value follows highlights of the shade.
-const BRIGHT_TENTHS: usize = 9;
-/// Largest weight of glare; only a light's own pixels have 1.
-///
-/// Unit: 1. Source: taste. A smaller value leaves more of a saturated pixel to the surface.
-const MOST_GLARE: f32 = 0.999;
-/// Least width of a lamp's bloom over the side of a square of the lamp's area.
-///
-/// Unit: 1. Source: measured on photos of lamps. A larger value gives more light around a lamp to
-/// that lamp.
-const LAMP_BLOOM: f32 = 0.5;
+tuning! {
+    /// Constants of the pixels of a visible light and of its glare.
+    pub const TUNING: GlareMaskTuning {
+        /// Fraction of a lamp's brightness below which a pixel of its mask shows no emitter.
+        stand: f32 = 0.3,
+            unit "1", source Measured("lamps whose masks include feet and stands; no page records it"),
+            effect "a larger value takes more of a shade for a lit surface";
+        /// Quantile of the luminances in a lamp's mask that counts as the lamp's brightness.
+        bright_tenths: usize = 9,
+            unit "tenths", source Taste, effect "a larger value follows highlights of the shade";
+        /// Largest weight of glare; only a light's own pixels have 1.
+        max_glare: f32 = 0.999,
+            unit "1", source Taste, effect "a smaller value leaves more of a saturated pixel to the surface";
+        /// Least width of a lamp's bloom over the side of a square of the lamp's area.
+        lamp_bloom: f32 = 0.5,
+            unit "1", source Measured("photos of lamps; no page records it"),
+            effect "a larger value gives more light around a lamp to that lamp";
+    }
+}
 
 /// The pixels of a visible light in a photo: its own pixels, and its glare around them.
 ///
@@ -42,7 +44,7 @@ const LAMP_BLOOM: f32 = 0.5;
 pub struct GlareMask {
     /// 1 in own pixels, else 0.
     own: Plane<u8>,
-    /// Weight of the glare, 0..=[`MOST_GLARE`]; 0 in own pixels.
+    /// Weight of the glare, 0..=`TUNING.max_glare`; 0 in own pixels.
     glare: Plane<f32>,
 }
 
@@ -57,12 +59,12 @@ impl GlareMask {
     pub fn of_lamp(mask: &Plane<f32>, photo: &Picture, clipped: &Mask, bloom: f32) -> GlareMask {
         let core = geodesic_dilate(mask, &clipped.0);
         let area = core.pixels().iter().filter(|inside| **inside).count();
-        let falloff_radius = bloom.max(LAMP_BLOOM * (area as f32).sqrt());
+        let falloff_radius = bloom.max(TUNING.lamp_bloom * (area as f32).sqrt());
         let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
         let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
         levels.sort_by(f32::total_cmp);
-        let bright = levels.get(levels.len() * BRIGHT_TENTHS / 10).copied().unwrap_or(0.0);
-        GlareMask::new(mask, photo, &core, falloff_radius, STAND * bright)
+        let bright = levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(0.0);
+        GlareMask::new(mask, photo, &core, falloff_radius, TUNING.stand * bright)
     }
 
     /// The pixels of a window, whose glare reaches over `bloom` pixels. Both planes have one size.
@@ -80,7 +82,7 @@ impl GlareMask {
         let (w, h) = mask.size();
         let away = distance(core);
         let own = |i: usize| mask.pixels()[i] > 0.5 && luminance(photo.0.pixels()[i]) >= dark;
-        let falloff = |i: usize| MOST_GLARE * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.pixels()[i]));
+        let falloff = |i: usize| TUNING.max_glare * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.pixels()[i]));
         GlareMask {
             own: Plane::sparse(w, h, |i| u8::from(own(i))),
             glare: Plane::sparse(w, h, |i| if own(i) { 0.0 } else { falloff(i) }),
@@ -137,7 +139,7 @@ mod tests {
             assert_eq!(found.is_own(i), in_lamp(x, y), "({x}, {y})");
             assert_eq!(found.weight(i) == 1.0, in_lamp(x, y), "({x}, {y})");
         }
-        assert_eq!(found.weight(10 * 20 + 9), MOST_GLARE, "within the mask");
+        assert_eq!(found.weight(10 * 20 + 9), TUNING.max_glare, "within the mask");
         // The area is 24 pixels: half the side of its square is 2.45 pixels.
         assert!(found.weight(5 * 20 + 6) > 0.0 && found.weight(5 * 20 + 5) == 0.0);
         assert_eq!(found.check(), Ok(()));
@@ -150,7 +152,7 @@ mod tests {
         let photo = Picture(Plane::filled(30, 5, Vec3::ONE));
         let found = GlareMask::of_lamp(&mask, &photo, &clipped, 0.0);
         let row: Vec<f32> = (0..30).map(|x| found.weight(2 * 30 + x)).collect();
-        assert!(row[..4].iter().all(|&w| w == 1.0) && row[4..9].iter().all(|&w| w == MOST_GLARE), "{row:?}");
+        assert!(row[..4].iter().all(|&w| w == 1.0) && row[4..9].iter().all(|&w| w == TUNING.max_glare), "{row:?}");
         assert!(row[8..].windows(2).all(|pair| pair[1] <= pair[0]) && row[29] == 0.0, "{row:?}");
     }
 
@@ -163,7 +165,7 @@ mod tests {
         assert_eq!(row[..6], [1.0; 6]);
         // Halfway through the falloff of 3 pixels lies no pixel; a third in, 1 - (3 - 2 / 3) / 9 of
         // the weight is left.
-        assert!((row[6] - MOST_GLARE * (1.0 - 7.0 / 27.0)).abs() < 1e-6, "{row:?}");
+        assert!((row[6] - TUNING.max_glare * (1.0 - 7.0 / 27.0)).abs() < 1e-6, "{row:?}");
         assert_eq!(row[8..], [0.0; 4]);
     }
 

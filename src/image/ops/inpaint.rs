@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use crate::image::{Normal, Plane, Points};
+use crate::tuning::tuning;
 
 /// Inpaints the pixels where `unknown` holds from known ones around them: from the edge inwards,
 /// each pixel takes the mean of its neighbors on the same surface (alike in depth to 3 %, and in
@@ -13,7 +14,8 @@ pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, poin
     let (w, h) = values.size();
     let same_surface = |i: usize, j: usize| {
         let z = |i: usize| -points.0.pixels()[i].z;
-        (z(j) - z(i)).abs() < 0.03 * z(i) && normal.0.pixels()[i].dot(normal.0.pixels()[j]) > 0.9
+        (z(j) - z(i)).abs() < TUNING.same_depth * z(i)
+            && normal.0.pixels()[i].dot(normal.0.pixels()[j]) > TUNING.same_normal
     };
     let around = |i: usize| {
         let (x, y) = (i % w, i / w);
@@ -45,15 +47,28 @@ pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, poin
         left.retain(|&i| unknown.pixels()[i]);
     }
     let near: Vec<Vec<usize>> = filled.iter().map(|&i| around(i).filter(|&j| same_surface(i, j)).collect()).collect();
-    for _ in 0..SMOOTHING {
+    for _ in 0..TUNING.smoothing {
         for (&i, near) in filled.iter().zip(&near).filter(|(_, near)| !near.is_empty()) {
             values.pixels_mut()[i] = near.iter().map(|&j| values.pixels()[j]).sum::<Vec3>() / near.len() as f32;
         }
     }
 }
 
-/// Gauss-Seidel sweeps towards a harmonic filling: enough for streaks some ten pixels wide.
-const SMOOTHING: usize = 60;
+tuning! {
+    /// Constants of the inpainting of surfaces.
+    pub const TUNING: InpaintTuning {
+        /// Relative difference of depth up to which neighbors lie on one surface.
+        same_depth: f32 = 0.03,
+            unit "1", source Taste, effect "a larger value fills across steps";
+        /// Cosine between the normals of neighbors on one surface that must be exceeded.
+        same_normal: f32 = 0.9,
+            unit "1", source Taste, effect "a smaller value fills across edges";
+        /// Gauss-Seidel sweeps towards a harmonic filling.
+        smoothing: usize = 60,
+            unit "sweeps", source Derived("enough for streaks some ten pixels wide"),
+            effect "a smaller value leaves streaks";
+    }
+}
 
 #[cfg(test)]
 mod tests {

@@ -21,7 +21,7 @@ pub(in crate::image) mod upsample;
 pub use alpha_matte::alpha_matte;
 pub use annotate::annotate;
 pub use connected_components::connected_components;
-pub use depth::{FAR, NEAR, STEP, inpaint_depth, is_hole, nearness, resize_depth};
+pub use depth::{DEPTH_PLANE, inpaint_depth, is_hole, nearness, resize_depth};
 pub use dilate::{dilate, geodesic_dilate};
 pub use distance::distance;
 pub use glare_mask::GlareMask;
@@ -32,10 +32,28 @@ pub use measure::{
 };
 pub use mix::weighted_sum;
 pub use pack::{Packed, pack};
-pub use reflectance::{SATURATION, clip_level, ratio, reflected, smooth_step};
+pub use reflectance::{REFLECTANCE, clip_level, ratio, reflected, smooth_step};
 pub use relit_pixel::{
-    GlarePixel, MOST_HEADROOM, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical, relight_ratio,
+    GlarePixel, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical, relight_ratio,
 };
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};
 pub use upsample::{Taps, Upsampler, neighbors};
+
+use crate::tuning::Table;
+
+/// The constants of operations on planes.
+pub fn tuning() -> Vec<Table> {
+    vec![
+        alpha_matte::AlphaMatteTuning::table(),
+        depth::DepthPlaneTuning::table(),
+        dilate::DilateTuning::table(),
+        glare_mask::GlareMaskTuning::table(),
+        inpaint::InpaintTuning::table(),
+        reflectance::ReflectanceTuning::table(),
+        relit_pixel::RelitPixelTuning::table(),
+        resample::ResampleTuning::table(),
+        segments::SegmentsTuning::table(),
+        upsample::UpsampleTuning::table(),
+    ]
+}

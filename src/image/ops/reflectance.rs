@@ -3,10 +3,11 @@
 use glam::Vec3;
 
 use crate::image::{Mask, Picture};
+use crate::tuning::tuning;
 
 /// Per channel a / b, 1 where both vanish, large but finite where only b does.
 pub fn ratio(a: Vec3, b: Vec3) -> Vec3 {
-    (a + Vec3::splat(1e-9)) / (b + Vec3::splat(1e-9))
+    (a + Vec3::splat(REFLECTANCE.dark)) / (b + Vec3::splat(REFLECTANCE.dark))
 }
 
 /// The part of `photo` over `shading` that is taken for a reflectance: at most 1 in the largest
@@ -23,11 +24,19 @@ pub fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Largest channel, over the level at which the photo is clipped, from which and to which a pixel
-/// fades into the split for its strongest lights.
-///
-/// Unit: 1. Source: taste. Lower values take more bright surfaces for glare.
-pub const SATURATION: [f32; 2] = [0.75, 0.98];
+tuning! {
+    /// Constants of the reflectance of a pixel.
+    pub const REFLECTANCE: ReflectanceTuning {
+        /// Value that is added to both sides of a ratio, so that it is 1 where both vanish.
+        dark: f32 = 1e-9,
+            unit "units of the photo", source Derived("single precision"),
+            effect "a larger value moves ratios of dark pixels towards 1";
+        /// Largest channel, over the level at which the photo is clipped, from which and to which a
+        /// pixel fades into the split for its strongest lights.
+        saturation: [f32; 2] = [0.75, 0.98],
+            unit "1", source Taste, effect "lower values take more bright surfaces for glare";
+    }
+}
 
 /// The level at which a photo is clipped: 1 in most, any in a float file, the largest number where
 /// it is clipped nowhere.

@@ -8,29 +8,35 @@
 
 use glam::Vec3;
 
-use crate::image::{PaintedPixel, SATURATION, luminance, ratio, reflected, smooth_step};
+use crate::image::{PaintedPixel, REFLECTANCE, luminance, ratio, reflected, smooth_step};
+use crate::tuning::tuning;
 
-/// Level from which a channel counts as saturated, over the level at which the photo is clipped.
-///
-/// Unit: 1. Source: 254 of 255 in sRGB. A smaller value lets more channels become brighter than the
-/// photo.
-const WHITE: f32 = 0.991;
-/// Largest value of a saturated channel over what the photo shows.
-///
-/// Unit: 1, two stops. Source: taste. A larger value makes a dimmed lamp fade later.
-pub const MOST_HEADROOM: f32 = 4.0;
-/// Growth of the headroom per pixel of distance from the edge of the saturated region.
-///
-/// Unit: 1 / pixel. Source: taste. A larger value makes a step at that edge, a smaller one leaves
-/// small highlights white.
-const HEADROOM_GROWTH: f32 = 0.15;
-/// Luminance, over that of the strongest light, at which a light begins to own a saturated pixel.
-///
-/// Unit: 1. Source: taste. A larger value gives a pixel to fewer lights, and noise moves it between
-/// them.
-const RIVAL: f32 = 0.5;
-/// Shading below which a gain is not defined and is taken for 1.
-const DARK: f32 = 1e-9;
+tuning! {
+    /// Constants of one pixel of a relit picture.
+    pub const TUNING: RelitPixelTuning {
+        /// Level from which a channel counts as saturated, over the level at which the photo is
+        /// clipped.
+        white: f32 = 0.991,
+            unit "1", source Derived("254 of 255 in sRGB"),
+            effect "a smaller value lets more channels become brighter than the photo";
+        /// Largest value of a saturated channel over that of the photo: two stops.
+        max_headroom: f32 = 4.0,
+            unit "1", source Taste, effect "a larger value makes a dimmed lamp fade later";
+        /// Growth of the headroom with the distance from the edge of the saturated region.
+        headroom_growth: f32 = 0.15,
+            unit "1 / pixel", source Taste,
+            effect "a larger value makes a step at that edge, a smaller one leaves small highlights white";
+        /// Luminance, over that of the strongest light, at which a light begins to own a saturated
+        /// pixel.
+        rival: f32 = 0.5,
+            unit "1", source Taste,
+            effect "a larger value gives a pixel to fewer lights, and noise moves it between them";
+        /// Shading below which a gain is not defined and is taken for 1.
+        dark: f32 = 1e-9,
+            unit "irradiance / pi", source Derived("single precision"),
+            effect "a larger value leaves dark pixels as they are";
+    }
+}
 
 /// The surface at a photo pixel.
 pub struct SurfacePixel<'a> {
@@ -46,7 +52,7 @@ pub struct SurfacePixel<'a> {
     pub painted: PaintedPixel<'a>,
     /// Level at which the photo is clipped.
     pub white: f32,
-    /// Factor by which a saturated channel may exceed the photo, 1..=[`MOST_HEADROOM`];
+    /// Factor by which a saturated channel may exceed the photo, 1..=`TUNING.max_headroom`;
     /// [`headroom`] gives it.
     pub headroom: f32,
 }
@@ -86,7 +92,7 @@ struct Dominant {
 /// Factor by which a saturated channel may exceed the photo, `away` pixels inside the edge of the
 /// saturated region.
 pub fn headroom(away: f32) -> f32 {
-    (1.0 + HEADROOM_GROWTH * away).min(MOST_HEADROOM)
+    (1.0 + TUNING.headroom_growth * away).min(TUNING.max_headroom)
 }
 
 /// Turns a record into contributions at a pixel that shows a light itself.
@@ -96,7 +102,7 @@ pub fn headroom(away: f32) -> f32 {
 /// goes with the gain.
 pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
     let shading = before.iter().sum::<Vec3>() + surface.residual;
-    let shown = unclip(surface.photo, surface.white, own.radiance, MOST_HEADROOM);
+    let shown = unclip(surface.photo, surface.white, own.radiance, TUNING.max_headroom);
     let others = shading - before[own.light];
     let (reflectance, remainder) = split(shown, others, Vec3::splat(own.albedo));
     record.iter_mut().for_each(|layer| *layer *= reflectance);
@@ -119,7 +125,8 @@ pub fn relight_ratio(surface: &SurfacePixel, glare: Option<GlarePixel>, before: 
     let SurfacePixel { photo, residual, painted, white, .. } = surface;
     let shading = before.iter().sum::<Vec3>() + *residual;
     let shown = unclip(*photo, *white, surface.reflectance * shading, surface.headroom);
-    let saturation = smooth_step(SATURATION[0] * white, SATURATION[1] * white, photo.max_element());
+    let saturation =
+        smooth_step(REFLECTANCE.saturation[0] * white, REFLECTANCE.saturation[1] * white, photo.max_element());
     let (weight, lights) = match glare {
         Some(GlarePixel { light, weight, gain }) => {
             (saturation.max(weight), vec![Dominant { light, fraction: 1.0, gain }])
@@ -155,12 +162,13 @@ fn split(shown: Vec3, others: Vec3, albedo: Vec3) -> (Vec3, Vec3) {
     (reflectance, (shown - reflectance * others).max(Vec3::ZERO))
 }
 
-/// The lights that dominate a pixel. A light with [`RIVAL`] of the strongest light's luminance has
+/// The lights that dominate a pixel. A light with `TUNING.rival` of the strongest light's luminance has
 /// no fraction, and fractions rise smoothly from there: a little noise must not move a pixel from
 /// one light to another.
 fn dominant(before: &[Vec3], after: &[Vec3]) -> Vec<Dominant> {
     let most = before.iter().map(|light| luminance(*light)).fold(0.0, f32::max);
-    let parts: Vec<f32> = before.iter().map(|light| smooth_step(RIVAL * most, most, luminance(*light))).collect();
+    let parts: Vec<f32> =
+        before.iter().map(|light| smooth_step(TUNING.rival * most, most, luminance(*light))).collect();
     let sum = parts.iter().sum::<f32>();
     let all = parts.into_iter().enumerate().filter(|(_, part)| *part > 0.0);
     all.map(|(light, part)| Dominant {
@@ -173,14 +181,14 @@ fn dominant(before: &[Vec3], after: &[Vec3]) -> Vec<Dominant> {
 
 /// `after` over `before` per channel; `otherwise` in channels that are dark before.
 pub fn gain(before: Vec3, after: Vec3, otherwise: Vec3) -> Vec3 {
-    let channel = |c: usize| if before[c] > DARK { after[c] / before[c] } else { otherwise[c] };
+    let channel = |c: usize| if before[c] > TUNING.dark { after[c] / before[c] } else { otherwise[c] };
     Vec3::new(channel(0), channel(1), channel(2))
 }
 
 /// The photo with saturated channels raised to those of `model`, by at most the factor `headroom`;
 /// others stay.
 fn unclip(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
-    Vec3::select(photo.cmpge(Vec3::splat(WHITE * white)), photo.max(model.min(headroom * photo)), photo)
+    Vec3::select(photo.cmpge(Vec3::splat(TUNING.white * white)), photo.max(model.min(headroom * photo)), photo)
 }
 
 #[cfg(test)]
@@ -302,7 +310,7 @@ mod tests {
         // Burning on, saturated channels show the model's radiance, but two stops above white at
         // most.
         let on = OwnPixel { gain: Vec3::ONE, ..own };
-        for (radiance, want) in [(0.5, 1.0), (3.0, 3.0), (9.0, MOST_HEADROOM)] {
+        for (radiance, want) in [(0.5, 1.0), (3.0, 3.0), (9.0, TUNING.max_headroom)] {
             let mut record = [LAMP, WINDOW, RESIDUAL];
             let on = OwnPixel { radiance: Vec3::splat(radiance), ..on };
             relight_own(&surface(Vec3::ONE, &bare), &on, &[LAMP, WINDOW], &mut record);
@@ -329,7 +337,7 @@ mod tests {
         let raised = unclip(Vec3::new(1.0, 0.995, 0.9), 1.0, Vec3::new(1.5, 8.0, 8.0), 2.0);
         near(raised, Vec3::new(1.5, 1.99, 0.9));
         assert_eq!(unclip(Vec3::ONE, 1.0, Vec3::ZERO, 2.0), Vec3::ONE, "never darker");
-        assert_eq!((headroom(0.0), headroom(1e9)), (1.0, MOST_HEADROOM));
+        assert_eq!((headroom(0.0), headroom(1e9)), (1.0, TUNING.max_headroom));
     }
 
     #[test]

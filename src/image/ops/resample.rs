@@ -5,6 +5,16 @@ use std::ops::{Add, Mul};
 use bytemuck::Pod;
 
 use crate::image::Plane;
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of the comparison of sizes.
+    pub const TUNING: ResampleTuning {
+        /// Relative difference up to which two aspect ratios are the same.
+        aspect: f64 = 0.02,
+            unit "1", source Taste, effect "a larger value accepts masks and depths of other pictures";
+    }
+}
 
 /// The size that fits a longer side of at most `long_side` pixels; never larger than the picture,
 /// never below one pixel.
@@ -22,7 +32,7 @@ pub fn fit(width: usize, height: usize, long_side: usize) -> (usize, usize) {
 pub fn same_aspect((aw, ah): (usize, usize), (bw, bh): (usize, usize)) -> bool {
     let (cross_a, cross_b) = (aw as f64 * bh as f64, bw as f64 * ah as f64);
     let rounding = 0.5 * (aw.max(ah).max(bw).max(bh)) as f64;
-    (cross_a - cross_b).abs() <= (0.02 * cross_a.max(cross_b)).max(rounding)
+    (cross_a - cross_b).abs() <= (TUNING.aspect * cross_a.max(cross_b)).max(rounding)
 }
 
 /// The picture in another size, each axis by itself: the area average where it shrinks (the mean is

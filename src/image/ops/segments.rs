@@ -10,6 +10,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Albedo, Normal, Picture, Plane, log_above};
+use crate::tuning::tuning;
 
 /// The segment of each pixel, numbered from 0 without gaps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,8 +34,51 @@ impl Segments {
     }
 }
 
-/// The smallest linear value that differs from black: about the first step of an 8-bit sRGB photo.
-const BLACK: f32 = 0.002;
+tuning! {
+    /// Constants of segmentation and of color Retinex.
+    pub const TUNING: SegmentsTuning {
+        /// Least linear value that differs from black: about the first step of an 8-bit sRGB photo.
+        black: f32 = 0.002,
+            unit "units of the photo", source Derived("quantization of 8-bit photos"),
+            effect "a larger value makes dark pixels alike";
+        /// Difference of log color by which the own cell of a pixel is preferred to its neighbors.
+        own_cell: f32 = 0.02,
+            unit "1", source Taste, effect "a larger value makes the outlines of segments blockier";
+        /// Cosine between the normals of two cells above which shading is continuous between them.
+        smooth_normal: f32 = 0.95,
+            unit "1", source Taste, effect "a larger value takes more neighbors for creases";
+        /// Change of log chromaticity below which two surfaces across a crease are of one material.
+        same_chroma: f32 = 0.15,
+            unit "1", source Taste, effect "a larger value gives more neighbors one albedo";
+        /// Weights of the step of the photo and of equal albedos across a crease between surfaces
+        /// of like chromaticity.
+        crease_same: [f32; 2] = [0.05, 0.3],
+            unit "weight of a step on a smooth surface", source Taste,
+            effect "a larger second value gives such surfaces one albedo";
+        /// Weight of the step of the photo across a crease between other surfaces.
+        crease_other: f32 = 0.1,
+            unit "weight of a step on a smooth surface", source Taste,
+            effect "a larger value takes more of a change of shading for paint";
+        /// Weight of the anchor to the photo's own colors, which keeps islands finite.
+        anchor: f32 = 0.01,
+            unit "weight of a step on a smooth surface", source Taste,
+            effect "a larger value moves shading into the albedo";
+        /// Contrast of the anchor over that of the segments' own colors.
+        anchor_contrast: f32 = 0.5,
+            unit "1", source Taste, effect "a larger value moves shading into the albedo";
+        /// Gauss-Seidel sweeps.
+        sweeps: usize = 200,
+            unit "sweeps", source Derived("the change per sweep is then below a display step"),
+            effect "a smaller value leaves differences between distant segments";
+        /// Quantile of the luminance of the albedo that is scaled to the parameter `bright`.
+        bright_tenths: usize = 9,
+            unit "tenths", source Taste, effect "a larger value darkens rooms with few white surfaces";
+        /// Least and largest estimated albedo.
+        albedo_range: [f32; 2] = [0.02, 0.95],
+            unit "albedo", source Taste,
+            effect "a wider range lets dark surfaces take very bright shading, and indirect light converge more slowly";
+    }
+}
 
 /// Least steps between neighboring cells that separate segments.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +103,7 @@ impl Picture {
 }
 
 fn log_rgb(rgb: Vec3) -> Vec3 {
-    log_above(BLACK, rgb)
+    log_above(TUNING.black, rgb)
 }
 
 fn chroma(log: Vec3) -> Vec3 {
@@ -116,7 +160,7 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
         for ny in cy.saturating_sub(1)..(cy + 2).min(h) {
             for nx in cx.saturating_sub(1)..(cx + 2).min(w) {
                 // The own cell is preferred at equal color.
-                let d = (log[ny * w + nx] - color).length() + if (nx, ny) == (cx, cy) { 0.0 } else { 0.02 };
+                let d = (log[ny * w + nx] - color).length() + if (nx, ny) == (cx, cy) { 0.0 } else { TUNING.own_cell };
                 if d < distance {
                     (best, distance) = (cell_label[ny * w + nx], d);
                 }
@@ -156,12 +200,12 @@ pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: us
         }
         let step = log[p] - log[q];
         let (np, nq) = (normal.0.get(at(p).0, at(p).1), normal.0.get(at(q).0, at(q).1));
-        let smooth = np.dot(nq) > 0.95;
-        let alike = chroma(step).length() < 0.15;
+        let smooth = np.dot(nq) > TUNING.smooth_normal;
+        let alike = chroma(step).length() < TUNING.same_chroma;
         let (continuous, equal) = match (smooth, alike) {
             (true, _) => (1.0, 0.0),
-            (false, true) => (0.05, 0.3),
-            (false, false) => (0.1, 0.0),
+            (false, true) => TUNING.crease_same.into(),
+            (false, false) => (TUNING.crease_other, 0.0),
         };
         for (weight, step) in [(continuous, step), (equal, Vec3::ZERO)] {
             if weight > 0.0 {
@@ -180,11 +224,11 @@ pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: us
     let mean = log.iter().copied().sum::<Vec3>() / (w * h).max(1) as f32;
     let start: Vec<Vec3> = (0..count).map(|s| if cells_of[s] > 0.0 { sum[s] / cells_of[s] } else { mean }).collect();
     let mut a = start.clone();
-    const ANCHOR: f32 = 0.01;
-    // Gauss-Seidel in a fixed order; 200 sweeps bring the change per sweep below a display step.
-    for _ in 0..200 {
+    // Gauss-Seidel in a fixed order.
+    for _ in 0..TUNING.sweeps {
         for s in 0..count {
-            let (mut weight, mut value) = (ANCHOR, ANCHOR * (mean + 0.5 * (start[s] - mean)));
+            let (mut weight, mut value) =
+                (TUNING.anchor, TUNING.anchor * (mean + TUNING.anchor_contrast * (start[s] - mean)));
             for &(t, v, step) in &couplings[s] {
                 weight += v;
                 value += v * (a[t] + step);
@@ -198,9 +242,10 @@ pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: us
     let mut albedo: Vec<Vec3> = a.iter().map(|&v| exp(v + chroma(shading))).collect();
     let mut levels: Vec<f32> = (0..w * h).map(|i| crate::image::luminance(albedo[label(i)])).collect();
     levels.sort_by(f32::total_cmp);
-    let level = levels.get(levels.len() * 9 / 10).copied().unwrap_or(1.0).max(1e-6);
+    let level = levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(1.0).max(1e-6);
+    let [least, most] = TUNING.albedo_range.map(Vec3::splat);
     for value in &mut albedo {
-        *value = (*value * (bright / level)).clamp(Vec3::splat(0.02), Vec3::splat(0.95));
+        *value = (*value * (bright / level)).clamp(least, most);
     }
     Albedo(segments.label.map(|s| albedo[s as usize]))
 }

@@ -4,6 +4,7 @@
 use glam::Vec3;
 
 use crate::image::{Depth, Picture, Plane, log_above};
+use crate::tuning::tuning;
 
 /// Weights from each photo pixel to working pixels, found on demand from depth and color.
 ///
@@ -17,12 +18,29 @@ pub struct Upsampler<'a> {
     depth: &'a Depth,
 }
 
-/// Relative depth difference at which a neighbor's weight is 1 / e. Source: taste; more blurs
-/// shading over steps.
-const DEPTH: f32 = 0.05;
-/// Difference of log color at which a neighbor's weight is 1 / e. Source: taste; wide enough for
-/// texture, which is not an edge of shading.
-const COLOR: f32 = 0.5;
+tuning! {
+    /// Constants of joint bilateral upsampling.
+    pub const TUNING: UpsampleTuning {
+        /// Half width of the tent by which neighbors are weighted in the plane.
+        tent: f32 = 1.5,
+            unit "working pixels", source Paper("Kopf et al., Joint Bilateral Upsampling, SIGGRAPH 2007"),
+            effect "a larger value blurs shading; nine neighbors hold a tent of 1.5";
+        /// Relative difference of depth at which a neighbor's weight is 1 / e.
+        depth: f32 = 0.05,
+            unit "1", source Taste, effect "a larger value blurs shading over steps";
+        /// Difference of log color at which a neighbor's weight is 1 / e; wide enough for texture,
+        /// which is not an edge of shading.
+        color: f32 = 0.5,
+            unit "1", source Taste, effect "a smaller value copies texture into shading";
+        /// Floor of that weight: a pixel that is like none of its neighbors takes their plain mean.
+        floor: f32 = 1e-6,
+            unit "1", source Taste, effect "a larger value blurs shading over edges";
+        /// Least linear value of which the logarithm is taken.
+        black: f32 = 0.004,
+            unit "units of the photo", source Derived("quantization of 8-bit photos"),
+            effect "a larger value makes dark pixels alike";
+    }
+}
 
 impl<'a> Upsampler<'a> {
     /// The upsampler from `small` and `depth`, of the working size, to `photo` and `full_depth`.
@@ -48,12 +66,13 @@ impl<'a> Upsampler<'a> {
         let z = self.full_depth.0.get(x, y);
         let color = log(self.photo.0.get(x, y));
         for (sx, sy) in neighbors((x, y), (full_w, full_h), (w, h)) {
-            let near = (1.5 - (sx as f32 - fx).abs()).max(0.0) * (1.5 - (sy as f32 - fy).abs()).max(0.0);
+            let near =
+                (TUNING.tent - (sx as f32 - fx).abs()).max(0.0) * (TUNING.tent - (sy as f32 - fy).abs()).max(0.0);
             let i = sy * w + sx;
-            let depth = (self.depth.0.pixels()[i] - z) / (DEPTH * z);
-            let color = (log(self.small.0.pixels()[i]) - color).length_squared() / (COLOR * COLOR);
+            let depth = (self.depth.0.pixels()[i] - z) / (TUNING.depth * z);
+            let color = (log(self.small.0.pixels()[i]) - color).length_squared() / (TUNING.color * TUNING.color);
             // The floor keeps a pixel that is like none of its neighbors on their plain mean.
-            taps.push(i, near * ((-depth * depth - color).exp() + 1e-6));
+            taps.push(i, near * ((-depth * depth - color).exp() + TUNING.floor));
         }
         let sum: f32 = taps.weight.iter().sum();
         taps.weight.iter_mut().for_each(|weight| *weight /= sum);
@@ -111,7 +130,7 @@ impl Taps {
 }
 
 fn log(rgb: Vec3) -> Vec3 {
-    log_above(0.004, rgb)
+    log_above(TUNING.black, rgb)
 }
 
 #[cfg(test)]

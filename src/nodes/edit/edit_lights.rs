@@ -17,6 +17,7 @@ use crate::graph::{Context, File, Gather, Node, NodeError, Scatter, above, check
 use crate::image::{Depth, Normal, luminance};
 use crate::nodes::artifacts::Encoding;
 use crate::optics::{Radiance, Shape, black_body};
+use crate::tuning::{Table, tuning};
 use crate::{params, ports};
 
 use lamp::LampShape;
@@ -161,10 +162,13 @@ impl Node for EditLights {
         let up = world_up(&inputs.normal);
         let mut out = EditLightsOut { shape: Scatter(vec![]), radiance: Scatter(vec![]), gain: Scatter(vec![]) };
         let mut push = |id: &str, shape: Arc<Shape>, radiance: Radiance, gain: Radiance| {
-            let within = |lobe: &&Vec3| lobe.cmple(Vec3::splat(MOST_RADIANCE)).all();
+            let within = |lobe: &&Vec3| lobe.cmple(Vec3::splat(TUNING.max_radiance)).all();
             if let Some(lobe) = radiance.0.iter().find(|lobe| !within(lobe)) {
-                let told =
-                    format!("lights: {id:?}: wanted a radiance up to {MOST_RADIANCE:e}, got {:e}", lobe.max_element());
+                let told = format!(
+                    "lights: {id:?}: wanted a radiance up to {:e}, got {:e}",
+                    TUNING.max_radiance,
+                    lobe.max_element()
+                );
                 return Err(NodeError::BadParameter(told));
             }
             out.shape.0.push((id.into(), shape));
@@ -220,11 +224,26 @@ impl Node for EditLights {
     }
 }
 
-/// Brightest light that leaves room in single precision for sums of many.
-const MOST_RADIANCE: f32 = 1e30;
+tuning! {
+    /// Constants of `EditLights`.
+    pub const TUNING: EditLightsTuning {
+        /// Largest radiance of a light.
+        max_radiance: f32 = 1e30,
+            unit "units of the photo", source Derived("it leaves range in single precision for sums of many"),
+            effect "a larger value may overflow";
+        /// Color temperature of an inserted lamp whose edit names none.
+        kelvin: f32 = 2700.0,
+            unit "kelvin", source Derived("an incandescent bulb"), effect "a larger value makes such lamps bluer";
+    }
+}
 
 /// Temperatures of a black body, kelvin.
 const KELVIN: RangeInclusive<f32> = 1000.0..=40_000.0;
+
+/// The constants of inserted and edited lights.
+pub fn tuning() -> Vec<Table> {
+    vec![EditLightsTuning::table(), sky::SkyTuning::table(), window::WallTuning::table()]
+}
 
 impl LightEdit {
     /// The files that it names.
@@ -349,7 +368,7 @@ impl EditLights {
                 // Flux = pi x area x luminance for a Lambertian surface; a white surface under
                 // `lux` has luminance lux / pi and shows 1.
                 let level = flux.unwrap_or(lumens) / (lamp.area() * lamp.escaping() * self.lux(id, inputs, ctx));
-                black_body(temperature.unwrap_or(2700.0)) * level
+                black_body(temperature.unwrap_or(TUNING.kelvin)) * level
             }
         };
         if !radiance.is_finite() {

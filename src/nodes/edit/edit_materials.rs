@@ -9,9 +9,10 @@ use super::Color;
 use crate::geometry::grow_region;
 use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{
-    self, Albedo, AlphaMatte, DIELECTRIC, Depth, NamedBytes, Normal, PaintChange, PaintLayer, PaintLayers, Picture,
-    Plane, Points, Roughness, Specular, SpecularEdit, Upsampler, alpha_matte, resize, same_aspect,
+    self, Albedo, AlphaMatte, Depth, NamedBytes, Normal, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Points,
+    Roughness, SPECULAR_EDIT, Specular, SpecularEdit, Upsampler, alpha_matte, resize, same_aspect,
 };
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -111,9 +112,15 @@ ports! {
     }
 }
 
-/// Least mean reflectance of a region. Unit: 1. Source: the noise of photos. Less makes paint of
-/// dark regions noisy.
-const LEAST: f32 = 0.01;
+tuning! {
+    /// Constants of `EditMaterials`.
+    pub const TUNING: EditMaterialsTuning {
+        /// Least mean reflectance of a region.
+        min_reflectance: f32 = 0.01,
+            unit "reflectance", source Derived("the noise of photos"),
+            effect "a smaller value makes paint of dark regions noisy";
+    }
+}
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
@@ -139,7 +146,7 @@ impl Node for EditMaterials {
             albedo: inputs.albedo.clone(),
             fitted: inputs.fitted.clone(),
             roughness: inputs.roughness.clone(),
-            specular: Arc::new(Specular(Plane::filled(width, height, DIELECTRIC))),
+            specular: Arc::new(Specular(Plane::filled(width, height, SPECULAR_EDIT.dielectric))),
             paint_layers: Arc::default(),
             specular_edit: Arc::default(),
             has_specular_edit: false,
@@ -267,7 +274,7 @@ fn mixed(below: &Plane<f32>, new: f32, share: &Plane<f32>) -> Plane<f32> {
 fn mean(albedo: &Plane<Vec3>, share: &Plane<f32>) -> Vec3 {
     let terms = albedo.pixels().iter().zip(share.pixels()).filter(|(_, share)| **share > 0.0);
     let (sum, weight) = terms.fold((Vec3::ZERO, 0.0), |(sum, weight), (a, &share)| (sum + share * *a, weight + share));
-    (sum / weight.max(1e-6)).max(Vec3::splat(LEAST))
+    (sum / weight.max(1e-6)).max(Vec3::splat(TUNING.min_reflectance))
 }
 
 /// `below` with `paint` over `bare`, the albedo without any paint, on its share of each pixel.

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{self, Camera, Model, PlaneFit};
 use crate::graph::{Context, File, NodeError, check_range};
 use crate::image::{Depth, Normal, Transfer};
+use crate::tuning::{Table, tuning};
 
 /// An albedo as a person writes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,8 +72,34 @@ pub struct Ground<'a> {
     pub up: Vec3,
 }
 
-/// Share of the photo's longer side within which a surface is looked at to stand on it.
-const FOOT: f32 = 0.012;
+tuning! {
+    /// Constants of the place on a surface where a thing stands.
+    pub const TUNING: GroundTuning {
+        /// Radius within which a surface is examined.
+        foot: f32 = 0.012,
+            unit "fraction of the photo's longer side", source Taste,
+            effect "a larger value averages more of an uneven surface";
+        /// Steps of the examined pixels on either side of the middle.
+        steps: i32 = 3,
+            unit "steps", source Taste, effect "a larger value is slower and more exact";
+        /// Largest distance of points from their plane.
+        on_plane: f32 = 0.02,
+            unit "fraction of the distance from the camera", source Derived("noise of depth maps"),
+            effect "a larger value accepts rougher surfaces";
+        /// Cosine between the normals of the plane and of the pixel that must be exceeded; else the
+        /// pixel alone counts.
+        same_normal: f32 = 0.8,
+            unit "1", source Taste, effect "a larger value trusts single pixels more";
+        /// Cosine between the normal and the upward direction above which a surface counts as
+        /// level, 20 degrees.
+        level: f32 = 0.94,
+            unit "1", source Taste, effect "a smaller value sets things upright on steeper surfaces";
+        /// Largest height of a model that counts as none.
+        min_height: f32 = 1e-6,
+            unit "largest side of its bounding box", source Derived("single precision"),
+            effect "a larger value refuses flat models";
+    }
+}
 
 impl Ground<'_> {
     /// The surface seen at a photo pixel: its point and normal.
@@ -98,17 +125,25 @@ impl Ground<'_> {
     pub fn foot(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
         let (own, own_normal) = self.seen(x, y)?;
         let camera = self.camera;
-        let reach = (FOOT * camera.width.max(camera.height) as f32).ceil();
-        let steps = || (-3..=3).map(|i| i as f32 / 3.0 * reach);
+        let reach = (TUNING.foot * camera.width.max(camera.height) as f32).ceil();
+        let steps = || (-TUNING.steps..=TUNING.steps).map(|i| i as f32 / TUNING.steps as f32 * reach);
         let places = steps().flat_map(|dy| steps().map(move |dx| (x + dx, y + dy)));
         let (points, normals): (Vec<Vec3>, Vec<Vec3>) = places.filter_map(|(x, y)| self.seen(x, y).ok()).unzip();
-        let plane = PlaneFit::through(&points, &normals, 0.02);
-        let plane = plane.filter(|plane| plane.normal.dot(own_normal) > 0.8);
+        let plane = PlaneFit::through(&points, &normals, TUNING.on_plane);
+        let plane = plane.filter(|plane| plane.normal.dot(own_normal) > TUNING.same_normal);
         let (point, normal) = plane
             .and_then(|plane| Some((plane.meet(camera.unproject(x, y, 1.0))?, plane.normal)))
             .unwrap_or((own, own_normal));
-        Ok((point, if normal.dot(self.up) > 0.94 { self.up } else { normal }))
+        Ok((point, if normal.dot(self.up) > TUNING.level { self.up } else { normal }))
     }
+}
+
+/// The constants of edits.
+pub fn tuning() -> Vec<Table> {
+    let mut tables = vec![GroundTuning::table()];
+    tables.extend(edit_lights::tuning());
+    tables.push(edit_materials::EditMaterialsTuning::table());
+    tables
 }
 
 /// The level directions to the right of the view and ahead.
@@ -171,7 +206,7 @@ fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeE
 fn tall(model: &Model, path: &File) -> Result<f32, NodeError> {
     let (low, high) = model.bounds();
     let tall = high.y - low.y;
-    if tall.is_nan() || tall <= 1e-6 * (high - low).max_element() {
+    if tall.is_nan() || tall <= TUNING.min_height * (high - low).max_element() {
         let told = format!("wanted a model with a height (along its y), got one from y = {} to {}", low.y, high.y);
         return Err(NodeError::BadFile { path: path.location().display().to_string(), message: told });
     }

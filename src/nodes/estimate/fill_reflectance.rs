@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, SATURATION, Shading, clip_level, inpaint_surfaces,
+    Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, REFLECTANCE, Shading, clip_level, inpaint_surfaces,
     reflected,
 };
 use crate::optics::LightKind;
@@ -81,7 +81,7 @@ impl Node for FillReflectance {
             glare_masks.push((id.to_string(), Arc::new(glare_mask)));
         }
         let (w, h) = inputs.small.0.size();
-        let bright = SATURATION[0] * clip_level(&inputs.photo, &inputs.clipped);
+        let bright = REFLECTANCE.saturation[0] * clip_level(&inputs.photo, &inputs.clipped);
         let mut hidden = inputs.small.0.map(|shown| shown.max_element() > bright);
         for (_, glare_mask) in &glare_masks {
             for i in (0..full_w * full_h).filter(|&i| glare_mask.weight(i) > 0.0) {

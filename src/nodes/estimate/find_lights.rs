@@ -10,7 +10,7 @@ use crate::graph::{Context, Node, NodeError};
 use crate::image::{Mask, Normal, Picture, Plane, Points, Transfer, annotate, resize, write_png};
 use crate::nodes::artifacts::{Encoding, Files};
 use crate::optics::LightKind;
-use crate::optics::inverse::{LightSearch, MOST_LIGHTS, find_lights};
+use crate::optics::inverse::{LightSearch, RADIANCE_FIT, find_lights};
 use crate::{params, ports};
 
 params! {
@@ -28,7 +28,7 @@ params! {
         /// Least area of a light, as a fraction of the photo's pixels.
         smallest: f32 = 0.001, in 0.0..=1.0,
         /// Upper bound of the lights; the largest are kept.
-        most: usize = 16, in 1..=MOST_LIGHTS,
+        most: usize = 16, in 1..=RADIANCE_FIT.max_lights,
     }
 }
 

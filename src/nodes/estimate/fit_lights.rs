@@ -11,6 +11,7 @@ use crate::optics::inverse::{
     Column, Conditioning, LightPrior, Observations, RadianceFit, Role, fit_radiances, observed_pixels,
 };
 use crate::optics::{LightTransport, Radiance, Shape};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -96,7 +97,9 @@ impl Node for FitLights {
         let receivers: Vec<usize> = (0..grid.len()).map(|i| grid.pixel(i)).collect();
         let pixels =
             observed_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
-        let at = |picture: &Picture| Observations::at(picture, &inputs.clipped, &inputs.segments, &pixels, 2);
+        let at = |picture: &Picture| {
+            Observations::at(picture, &inputs.clipped, &inputs.segments, &pixels, TUNING.mean_radius)
+        };
         let mut observations = at(&inputs.photo);
         if self.keep_albedo {
             observations = observations.over(&at(&Picture(inputs.albedo.0.clone())).photo);
@@ -138,14 +141,24 @@ impl Node for FitLights {
     }
 }
 
-/// Least and largest albedo that a fit returns: what lies outside is an error of the fit.
-/// Unit: 1; source: measured albedos of indoor paints; effect: edits stay finite.
-const ALBEDO_RANGE: [f32; 2] = [0.02, 0.95];
-
-/// Fraction of the picture's longer side around lights and saturated pixels in which the albedo is
-/// filled from around.
-/// Unit: 1; source: taste; effect: larger values hide more glare, and more paint.
-const SEAM: usize = 64;
+tuning! {
+    /// Constants of `FitLights`.
+    pub const TUNING: FitLightsTuning {
+        /// Radius around a receiver within which the pixels of its segment are averaged.
+        mean_radius: usize = 2,
+            unit "pixels", source Taste, effect "a larger value lowers noise and blurs the edges of shadows";
+        /// Width of the band around lights and saturated pixels in which the albedo is filled from
+        /// its surroundings: this part of the picture's longer side.
+        seam: usize = 64,
+            unit "1 over the fraction", source Taste, effect "a smaller value hides more glare, and more paint";
+        /// Least width of that band.
+        min_seam: usize = 2,
+            unit "pixels", source Taste, effect "a larger value hides more glare, and more paint, in small pictures";
+        /// Residual fraction of the light above which a person is warned.
+        max_residual: f64 = 0.3,
+            unit "1", source Taste, effect "a larger value warns less often; no estimate changes";
+    }
+}
 
 /// Albedo of each pixel: that of its segment where the fit saw it, else that before the fit;
 /// lights' own pixels, saturated ones and the seam around them take that of their surroundings.
@@ -153,7 +166,8 @@ fn segment_albedo(inputs: &FitLightsIn, pixels: &[usize], fit: &RadianceFit) -> 
     let label = inputs.segments.label.pixels();
     let mut known = vec![false; fit.albedo.len()];
     pixels.iter().for_each(|&p| known[label[p] as usize] = true);
-    let [least, most] = ALBEDO_RANGE.map(Vec3::splat);
+    // A value outside of this range is an error of the fit.
+    let [least, most] = [super::TUNING.min_albedo, super::TUNING.max_albedo].map(Vec3::splat);
     let fitted = |p: usize| {
         let s = label[p] as usize;
         let albedo = if known[s] { fit.albedo[s] } else { inputs.albedo.0.pixels()[p] };
@@ -162,7 +176,7 @@ fn segment_albedo(inputs: &FitLightsIn, pixels: &[usize], fit: &RadianceFit) -> 
     let (w, h) = inputs.photo.0.size();
     let mut albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
     let masks = inputs.mask.iter().map(|(_, mask)| &**mask);
-    let unknown = dilate(masks.chain([&*inputs.clipped]), (w, h), (w.max(h) / SEAM).max(2));
+    let unknown = dilate(masks.chain([&*inputs.clipped]), (w, h), (w.max(h) / TUNING.seam).max(TUNING.min_seam));
     inpaint_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
     albedo
 }
@@ -209,15 +223,6 @@ fn unit_lobes<'a>(inputs: &'a FitLightsIn, pixels: &[usize]) -> Result<Vec<UnitL
     Ok(lobes)
 }
 
-/// Condition number above which the two most correlated lights are named. They then differ by less
-/// than two percent of the photo, which is the accuracy of a model of a room.
-/// Unit: 1; source: measured; effect: larger values warn less often.
-const MOST_CONDITION: f64 = 1e4;
-
-/// Residual fraction of the light above which a person is warned.
-/// Unit: 1; source: taste; effect: larger values warn less often.
-const MOST_RESIDUAL: f64 = 0.3;
-
 /// Quality of a fit, for the person who runs it.
 struct FitReport<'a> {
     /// The last one is the ambient.
@@ -244,7 +249,7 @@ impl FitReport<'_> {
         let is_undetermined = self.warn_of_few_pixels(lit, ctx);
         let (residual, total) = self.fit.residual_and_total(self.columns);
         let residual = if total > 0.0 { residual / total } else { 0.0 };
-        if residual > MOST_RESIDUAL && lit > 0 {
+        if residual > TUNING.max_residual && lit > 0 {
             ctx.warn(format!(
                 "no light source explains {:.0} % of the photo's light; it stays as `rest`",
                 100.0 * residual
@@ -314,7 +319,7 @@ impl FitReport<'_> {
     /// Warns of lights that look alike, and of those that have not converged.
     fn warn_of_uncertain_lights(&self, ctx: &Context) {
         let Conditioning { number, most_correlated, correlation } = self.fit.conditioning;
-        if let Some([a, b]) = most_correlated.filter(|_| number > MOST_CONDITION) {
+        if let Some([a, b]) = most_correlated.filter(|_| number > super::TUNING.confused_condition) {
             ctx.warn(format!(
                 "the photo hardly distinguishes {} from {} (condition number {number:.1e}, correlation \
                 {correlation:.5}): light of one may be attributed to the other",

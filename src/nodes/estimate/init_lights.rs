@@ -14,6 +14,7 @@ use crate::optics::inverse::{
     RoomBox, SeenRoom, lamp_candidates, visible_light, window_candidates,
 };
 use crate::optics::{Bounces, Lamp, LightKind, LightTransport, RectLamp, Shape, Window};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -175,12 +176,12 @@ impl Node for InitLights {
 impl InitLights {
     /// Settings of the search for candidates.
     fn settings(&self) -> CandidateSettings {
-        let bounces = Bounces { count: BOUNCES, unseen: self.unseen };
+        let bounces = Bounces { count: TUNING.bounces, unseen: self.unseen };
         CandidateSettings {
             quality: LayerQuality { samples: self.samples, bounces },
             prior: LightPrior {
                 ambient: self.ambient_weight,
-                residual_weight: RESIDUAL_WEIGHT,
+                residual_weight: TUNING.residual_weight,
                 // `worth` decides over lights out of view, and three lobes must lower the loss by 5
                 // %.
                 out_of_view: 0.0,
@@ -259,14 +260,19 @@ impl InitLights {
     }
 }
 
-/// Loss of a photo that the ambient alone explains, in units of the misfit.
-/// Unit: mean of log(1 + r^2); source: measured on the rooms of docs/accuracy.md; effect: larger
-/// values accept more lights.
-const RESIDUAL_WEIGHT: f64 = 0.3;
-
-/// Bounces of the indirect light of a candidate.
-/// Unit: bounces; source: measured time; effect: fewer underestimate indirect light.
-const BOUNCES: usize = 2;
+tuning! {
+    /// Constants of `InitLights`.
+    pub const TUNING: InitLightsTuning {
+        /// Loss of a photo that the ambient light alone explains.
+        residual_weight: f64 = 0.3,
+            unit "mean of log(1 + r^2)", source Measured("rooms of docs/accuracy.md"),
+            effect "a larger value accepts more lights";
+        /// Bounces of the indirect light of a candidate.
+        bounces: usize = 2,
+            unit "bounces", source Measured("run time; no page records it"),
+            effect "a smaller value underestimates indirect light";
+    }
+}
 
 /// Names of lights, each with the index of the accepted light whose shape it shares.
 type Twins<'a> = Vec<(&'a str, usize)>;

@@ -15,7 +15,7 @@ pub mod retinex_materials;
 pub mod vis_lamp_net;
 pub mod vis_win_net;
 
-use crate::tuning::tuning;
+use crate::tuning::{Table, tuning};
 
 tuning! {
     /// Constants that several estimating stages share.
@@ -31,4 +31,16 @@ tuning! {
         max_albedo: f32 = 0.95,
             unit "albedo", source Taste, effect "a larger value lets indirect light converge more slowly";
     }
+}
+
+/// The constants of the estimating stages.
+pub fn tuning() -> Vec<Table> {
+    vec![
+        EstimateTuning::table(),
+        depth::DepthTuning::table(),
+        init_lights::InitLightsTuning::table(),
+        residual_shading::ResidualShadingTuning::table(),
+        refine_lights::RefineLightsTuning::table(),
+        fit_lights::FitLightsTuning::table(),
+    ]
 }

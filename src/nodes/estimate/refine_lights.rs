@@ -13,6 +13,7 @@ use crate::optics::inverse::{
     ShapeSearch, fit_shapes,
 };
 use crate::optics::{Bounces, LightTransport, Shape};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -99,7 +100,10 @@ impl Node for RefineLights {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
         let bounds = Bounds { camera: &camera, room: RoomBox::around(&positions, &normals) };
         let search = ShapeSearch {
-            quality: LayerQuality { samples: self.samples, bounces: Bounces { count: 1, unseen: self.unseen } },
+            quality: LayerQuality {
+                samples: self.samples,
+                bounces: Bounces { count: TUNING.bounces, unseen: self.unseen },
+            },
             rounds: self.rounds,
             steps: self.steps,
             min_gain: self.min_gain,
@@ -121,6 +125,16 @@ impl Node for RefineLights {
     }
 }
 
+tuning! {
+    /// Constants of `RefineLights`.
+    pub const TUNING: RefineLightsTuning {
+        /// Bounces of the indirect light whose form is held while shapes change.
+        bounces: usize = 1,
+            unit "bounces", source Taste,
+            effect "a larger value takes longer and follows indirect light more exactly";
+    }
+}
+
 /// The light's shape with its degrees of freedom: those of a light out of view for `inv_lamp` and
 /// `inv_window`.
 fn light_variable<'a>(id: &str, shape: &Shape, inputs: &'a RefineLightsIn) -> LightVariable<'a> {
@@ -132,10 +146,6 @@ fn light_variable<'a>(id: &str, shape: &Shape, inputs: &'a RefineLightsIn) -> Li
         in_view,
     }
 }
-
-/// Condition number above which the two most correlated parameters are named.
-/// Unit: 1; source: measured; effect: larger values name fewer.
-const MOST_CONDITION: f64 = 1e4;
 
 fn report(names: &[&str], fit: &ShapeFit, ctx: &Context) {
     let parameter = |i: usize| {
@@ -155,7 +165,7 @@ fn report(names: &[&str], fit: &ShapeFit, ctx: &Context) {
     };
     let number = fit.conditioning.number;
     ctx.note(format!("misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{undetermined}"));
-    if let Some([a, b]) = fit.conditioning.most_correlated.filter(|_| number > MOST_CONDITION) {
+    if let Some([a, b]) = fit.conditioning.most_correlated.filter(|_| number > super::TUNING.confused_condition) {
         ctx.note(format!("the photo hardly distinguishes the {} from the {}", parameter(a), parameter(b)));
     }
 }

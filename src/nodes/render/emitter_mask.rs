@@ -9,7 +9,25 @@ use crate::geometry::Camera;
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Depth, Mask, Plane};
 use crate::optics::{Shape, Silhouette};
+use crate::tuning::tuning;
 use crate::{params, ports};
+
+tuning! {
+    /// Constants of the mask of an inserted light.
+    pub const TUNING: EmitterMaskTuning {
+        /// Distance of a window over the depth of a pixel, up to which the window is visible there:
+        /// depth is uneven, and a window lies in its wall.
+        window_slack: f32 = 1.05,
+            unit "1", source Taste, effect "a larger value shows windows behind other surfaces";
+        /// Distance of a lamp over the depth of a pixel, up to which the lamp is visible there: it
+        /// may stand on a table.
+        lamp_slack: f32 = 1.02,
+            unit "1", source Taste, effect "a larger value shows lamps behind other surfaces";
+        /// Least depth of the farthest point of a light in view.
+        near: f32 = 1e-3,
+            unit "meters", source Derived("single precision"), effect "a larger value drops lights around the camera";
+    }
+}
 
 params! {
     /// Draws the mask of a light's body: its coverage of each photo pixel, less what stands before
@@ -66,9 +84,11 @@ impl Node for EmitterMask {
                         let hits = (0..n * n).filter(|i| {
                             let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
                             let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
-                            // Depth is uneven, and a window lies in its wall, a lamp on its table:
-                            // a little behind still shows.
-                            let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
+                            let slack = if matches!(*inputs.shape, Shape::Window(_)) {
+                                TUNING.window_slack
+                            } else {
+                                TUNING.lamp_slack
+                            };
                             body.intersect(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
                         });
                         *share = hits.count() as f32 * step * step;
@@ -84,7 +104,7 @@ impl Node for EmitterMask {
 /// is out of view.
 fn bounds(shape: &Shape, camera: &Camera) -> Option<[usize; 4]> {
     let (center, reach) = shape.bounding_sphere()?;
-    if -center.z + reach <= 1e-3 {
+    if -center.z + reach <= TUNING.near {
         return None;
     }
     let corners =

@@ -20,6 +20,7 @@ use std::ops::RangeInclusive;
 use crate::graph::Context;
 use crate::nodes::artifacts::same_size;
 use crate::optics::{Sampling, Strategy};
+use crate::tuning::Table;
 
 /// Samples per pixel and lobe.
 const SAMPLES: RangeInclusive<u32> = 1..=65_536;
@@ -41,4 +42,9 @@ fn sampling(
         first: if ctx.has_budget() { 1 } else { samples as usize },
         seed,
     }
+}
+
+/// The constants of rendering.
+pub fn tuning() -> Vec<Table> {
+    vec![shadow_net::ShadowNetTuning::table(), emitter_mask::EmitterMaskTuning::table()]
 }

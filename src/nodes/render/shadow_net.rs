@@ -12,6 +12,7 @@ use crate::net::{Backend, InputLayer, Tensor, planes_of};
 use crate::nodes::artifacts::{UnitDirect, Visibility};
 use crate::nodes::neural::{self, HALF_5, HALF_6};
 use crate::optics::{Shape, Window};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -57,9 +58,15 @@ ports! {
     }
 }
 
-/// Mean unknown share of a lobe's direct shading below which no network is asked: rays that graze
-/// edges are not worth it.
-const LITTLE: f64 = 1e-3;
+tuning! {
+    /// Constants of `ShadowNet`.
+    pub const TUNING: ShadowNetTuning {
+        /// Mean unknown fraction of a lobe's direct shading above which the network is asked: rays
+        /// that graze edges are not worth it.
+        min_unknown: f64 = 1e-3,
+            unit "1", source Taste, effect "a larger value asks the network less often";
+    }
+}
 
 impl Node for ShadowNet {
     const KIND: &'static str = "ShadowNet";
@@ -76,7 +83,7 @@ impl Node for ShadowNet {
         let doubtful = |lobe: &usize| {
             let (unknown, direct) = (visibility.unknown[*lobe].pixels(), direct.lobes[*lobe].pixels());
             let sum = |of: &dyn Fn(usize) -> f32| (0..direct.len()).map(|i| f64::from(of(i))).sum::<f64>();
-            sum(&|i| unknown[i] * direct[i]) > LITTLE * sum(&|i| direct[i])
+            sum(&|i| unknown[i] * direct[i]) > TUNING.min_unknown * sum(&|i| direct[i])
         };
         let asked: Vec<usize> = (0..direct.lobes.len()).filter(doubtful).collect();
         if asked.is_empty() {

@@ -19,7 +19,7 @@ use crate::graph::{Context, File, Node, NodeError, Scatter, check_range};
 use crate::image::{self, Depth, Mask, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
 use crate::optics::LightKind;
-use crate::optics::inverse::MOST_LIGHTS;
+use crate::optics::inverse::RADIANCE_FIT;
 use crate::{params, ports};
 
 /// The quantity in a depth file.
@@ -147,10 +147,11 @@ impl Node for ReadScene {
         self.lights.keys().try_for_each(|id| check_id(id))?;
         let masks: BTreeSet<(LightKind, &File)> =
             self.lights.values().map(|light| (light.kind(), light.mask())).collect();
-        if masks.len() > MOST_LIGHTS {
+        if masks.len() > RADIANCE_FIT.max_lights {
             return Err(format!(
-                "lights: wanted at most {MOST_LIGHTS} lights with masks of their own, got {}; leave out the weakest: \
+                "lights: wanted at most {} lights with masks of their own, got {}; leave out the weakest: \
                 their light stays in the picture",
+                RADIANCE_FIT.max_lights,
                 masks.len()
             ));
         }
@@ -247,7 +248,8 @@ impl ReadScene {
             untrusted.pixels_mut().iter_mut().zip(outside.pixels()).for_each(|(u, &m)| *u = u.max(m));
         }
         let (depth, holes) = image::inpaint_depth(&meters, &untrusted).ok_or_else(|| {
-            let wanted = format!("at least one depth between {} and {} m", image::NEAR, image::FAR);
+            let wanted =
+                format!("at least one depth between {} and {} m", image::DEPTH_PLANE.near, image::DEPTH_PLANE.far);
             bad(file, format!("depth: wanted {wanted}, got holes everywhere; is the scale right?"))
         })?;
         let share = holes.0.pixels().iter().filter(|&&h| h > 0.0).count() as f32 / holes.0.len() as f32;

@@ -15,6 +15,7 @@ use glam::{DVec3, Vec3};
 use super::window_model::Heading;
 use crate::image::Plane;
 use crate::optics::black_body;
+use crate::tuning::tuning;
 
 /// A clear sky with the sun in it.
 #[derive(Clone, Copy, Debug)]
@@ -26,18 +27,31 @@ pub struct Daylight {
     pub sun: DVec3,
 }
 
-/// Rows of the picture of [`Daylight::surrounding`]: 1.4 degrees each. Source: taste; effect: the
-/// resolution of the fit.
-const ROWS: usize = 128;
-/// Albedo of the earth, gray: grass, soil and pavement. Source: taste; effect: the radiance below
-/// the horizon.
-const EARTH: f64 = 0.2;
-/// Illuminance of the sun above the air, lux. Source: the solar constant.
-const SUN_LUX: f64 = 133_000.0;
-/// Color temperature of the sun above the air, kelvin. Source: its effective temperature.
-const SUN_KELVIN: f32 = 5800.0;
-/// Wavelengths of the channels, micrometers. Source: the peaks of the Rec.709 primaries.
-const CHANNELS: [f64; 3] = [0.610, 0.550, 0.465];
+tuning! {
+    /// Constants of the sun and the clear sky.
+    pub const TUNING: DaylightTuning {
+        /// Rows of the picture of a surrounding, 1.4 degrees each.
+        rows: usize = 128,
+            unit "pixels", source Taste, effect "a larger value fits the surrounding more exactly and takes longer";
+        /// Albedo of the earth, gray: grass, soil and pavement.
+        earth: f64 = 0.2,
+            unit "albedo", source Taste, effect "a larger value brightens the radiance below the horizon";
+        /// Least cosine between the zenith and a direction of the sky.
+        min_cosine: f64 = 1e-3,
+            unit "1", source Taste, effect "a larger value flattens the sky at the horizon";
+        /// Illuminance of the sun above the air.
+        sun_lux: f64 = 133_000.0,
+            unit "lux", source Paper("the solar constant"), effect "a larger value brightens the sun";
+        /// Color temperature of the sun above the air.
+        sun_kelvin: f32 = 5800.0,
+            unit "kelvin", source Paper("effective temperature of the sun"),
+            effect "a larger value makes the sun bluer";
+        /// Wavelengths of the channels.
+        channels: [f64; 3] = [0.610, 0.550, 0.465],
+            unit "micrometers", source Derived("peaks of the Rec.709 primaries"),
+            effect "other values change the color of the sun through the air";
+    }
+}
 
 impl Daylight {
     /// The illuminance by the sun alone of a surface that faces it, lux, per channel; `up` has unit
@@ -48,8 +62,9 @@ impl Daylight {
         // Relative optical mass by Kasten; its denominator is zero a little below the horizon.
         let mass = 1.0 / (zenith.cos().max(0.0) + 0.15 * (93.885 - degrees.min(90.0)).powf(-1.253));
         let beta = 0.046_08 * self.turbidity - 0.045_86;
-        let through = CHANNELS.map(|um| (-mass * (0.008_735 * um.powf(-4.08) + beta.max(0.0) * um.powf(-1.3))).exp());
-        black_body(SUN_KELVIN).as_dvec3() * SUN_LUX * DVec3::from_array(through)
+        let through =
+            TUNING.channels.map(|um| (-mass * (0.008_735 * um.powf(-4.08) + beta.max(0.0) * um.powf(-1.3))).exp());
+        black_body(TUNING.sun_kelvin).as_dvec3() * TUNING.sun_lux * DVec3::from_array(through)
     }
 
     /// Luminance of the sky per channel, cd per square metre, towards unit `l` above the horizon;
@@ -57,7 +72,7 @@ impl Daylight {
     fn sky(&self, l: DVec3, up: DVec3) -> DVec3 {
         let t = self.turbidity;
         let theta_s = self.sun.dot(up).clamp(0.0, 1.0).acos();
-        let cos = l.dot(up).max(1e-3);
+        let cos = l.dot(up).max(TUNING.min_cosine);
         let gamma = l.dot(self.sun).clamp(-1.0, 1.0).acos();
         let spread = |row: [[f64; 2]; 5]| {
             let [a, b, c, d, e] = row.map(|[slope, base]| slope * t + base);
@@ -77,18 +92,20 @@ impl Daylight {
     /// below the horizon the earth, which sun and sky light. A white surface under `lux` shows 1,
     /// so that a luminance of lux / pi does.
     pub fn surrounding(&self, heading: Heading, lux: f64) -> Plane<Vec3> {
-        let (up, width) = (heading.up.as_dvec3(), 2 * ROWS);
+        let (up, width) = (heading.up.as_dvec3(), 2 * TUNING.rows);
         let direction = |i: usize| {
             let (u, v) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-            heading.direction(u / width as f64, v / ROWS as f64)
+            heading.direction(u / width as f64, v / TUNING.rows as f64)
         };
-        let sky: Vec<DVec3> = (0..width * ROWS / 2).map(|i| self.sky(direction(i), up)).collect();
-        let band = |row: usize| (PI * row as f64 / ROWS as f64).cos() - (PI * (row + 1) as f64 / ROWS as f64).cos();
+        let sky: Vec<DVec3> = (0..width * TUNING.rows / 2).map(|i| self.sky(direction(i), up)).collect();
+        let band = |row: usize| {
+            (PI * row as f64 / TUNING.rows as f64).cos() - (PI * (row + 1) as f64 / TUNING.rows as f64).cos()
+        };
         let arrives = |(i, l): (usize, &DVec3)| *l * (direction(i).dot(up) * band(i / width) * 2.0 * PI / width as f64);
         let sky_lux: DVec3 = sky.iter().enumerate().map(arrives).sum();
-        let earth = EARTH / PI * (sky_lux + self.sun_lux(up) * self.sun.dot(up).max(0.0));
+        let earth = TUNING.earth / PI * (sky_lux + self.sun_lux(up) * self.sun.dot(up).max(0.0));
         let pixel = |i: usize| (*sky.get(i).unwrap_or(&earth) * (PI / lux)).as_vec3();
-        Plane::new(width, ROWS, (0..width * ROWS).map(pixel).collect())
+        Plane::new(width, TUNING.rows, (0..width * TUNING.rows).map(pixel).collect())
     }
 }
 

@@ -21,6 +21,7 @@ use glam::{DVec3, Vec3};
 use crate::image::{Plane, luminance};
 use crate::optics::nnls::solve_free;
 use crate::optics::{Lobe, nnls};
+use crate::tuning::tuning;
 
 /// The orientation of a picture of a surrounding.
 ///
@@ -70,56 +71,82 @@ struct Sample {
     weight: f64,
 }
 
-// Constants of the fit. Source: taste, if not named.
-
-/// Largest width of a picture, pixels, 0.35 degrees each; wider ones are averaged. Effect: time and
-/// the sun's position.
-const MAX_WIDTH: usize = 1024;
-/// Edge of the tiles to which sky and ground are fitted, pixels, 2.8 degrees. Effect: time.
-const TILE: usize = 8;
-/// Least tiles in the width of a picture.
-const MIN_TILES: usize = 16;
-/// Range of the bandwidth of a sun: a broader peak is a part of the sky, and the sun's disc has
-/// about the largest.
-const SUN_BANDWIDTH: [f64; 2] = [30.0, 1e5];
-/// Least flux of a sun. Unit: the flux of the surrounding.
-const SUN_FLUX: f64 = 0.01;
-/// Angle from the brightest direction within which the sun is sought at first, radians.
-const SUN_RADIUS: f64 = 0.1;
-/// Outer radius of the annulus that shows the sky around the sun. Unit: its inner radius.
-const ANNULUS: f64 = 1.6;
-/// Iterations of the sun's fit, each of which moves and narrows the circle.
-const SUN_ITERATIONS: usize = 16;
-/// Exponent at the boundary of the sun: exp(-8) of its radiance is left there.
-const SUN_EXPONENT: f64 = 8.0;
-/// Least cosine of the sun's radius: 20 degrees.
-const SUN_COSINE: f64 = 0.94;
-/// Bandwidth of the sun's lobe where there is not a sun.
-const NO_SUN_BANDWIDTH: f32 = 1e4;
-/// Range of the bandwidths of sky and ground.
-const BROAD: [f64; 2] = [0.05, 60.0];
-/// Bandwidth of sky and ground at the start of the descent.
-const BROAD_START: f64 = 1.5;
-/// Most steps of the descent.
-const STEPS: usize = 60;
-/// Step of the finite differences, in units of the parameters.
-const DIFFERENCE: f64 = 1e-4;
-/// Longest step of a parameter.
-const LONGEST: f64 = 0.5;
-/// Damping of the descent: at the start, least, and largest, beyond which it ends. Source:
-/// Marquardt's.
-const DAMPING: [f64; 3] = [1e-3, 1e-9, 1e8];
-/// Factors of the damping after a step that lowers the cost, and after one that does not.
-const DAMPING_FACTORS: [f64; 2] = [0.3, 4.0];
-/// Least decrease of the cost that continues the descent. Unit: the cost.
-const LEAST_DECREASE: f64 = 1e-9;
-/// Least curvature of a parameter. Unit: the largest curvature.
-const LEAST_CURVATURE: f64 = 1e-12;
+tuning! {
+    /// Constants of the fit of sun, sky and ground to a picture of a surrounding.
+    pub const TUNING: WindowModelTuning {
+        /// Largest width of a picture, 0.35 degrees a pixel; wider ones are averaged.
+        max_width: usize = 1024,
+            unit "pixels", source Taste, effect "a larger value is slower and finds the sun's position more exactly";
+        /// Edge of the tiles to which sky and ground are fitted, 2.8 degrees.
+        tile: usize = 8,
+            unit "pixels", source Taste, effect "a larger value is faster and coarser";
+        /// Least number of tiles in the width of a picture.
+        min_tiles: usize = 16,
+            unit "tiles", source Taste, effect "a larger value fits small pictures more finely";
+        /// Range of the bandwidth of a sun: a broader peak is a part of the sky.
+        sun_bandwidth: [f64; 2] = [30.0, 1e5],
+            unit "1", source Derived("the sun's disc has about the largest"),
+            effect "a larger least value finds fewer suns";
+        /// Least flux of a sun.
+        sun_flux: f64 = 0.01,
+            unit "the flux of the surrounding", source Taste, effect "a larger value finds fewer suns";
+        /// Angle from the brightest direction within which the sun is sought at first.
+        sun_radius: f64 = 0.1,
+            unit "radians", source Taste, effect "a larger value takes more of the bright sky for the sun";
+        /// Outer radius of the annulus that shows the sky around the sun.
+        annulus: f64 = 1.6,
+            unit "its inner radius", source Taste, effect "a larger value averages more of the sky";
+        /// Iterations of the sun's fit, each of which moves and narrows the circle.
+        sun_iterations: usize = 16,
+            unit "iterations", source Taste, effect "a larger value is slower and more exact";
+        /// Exponent at the boundary of the sun: exp(-8) of its radiance is left there.
+        sun_exponent: f64 = 8.0,
+            unit "1", source Taste, effect "a larger value makes the circle wider";
+        /// Least cosine of the sun's radius: 20 degrees.
+        sun_cosine: f64 = 0.94,
+            unit "1", source Taste, effect "a larger value makes the largest circle narrower";
+        /// Bandwidth of the sun's lobe where there is not a sun.
+        no_sun_bandwidth: f32 = 1e4,
+            unit "1", source Taste, effect "none: that lobe has no radiance";
+        /// Range of the bandwidths of sky and ground.
+        broad: [f64; 2] = [0.05, 60.0],
+            unit "1", source Taste, effect "a wider range lets them become sharper or more even";
+        /// Bandwidth of sky and ground at the start of the descent.
+        broad_start: f64 = 1.5,
+            unit "1", source Taste, effect "another value may end in another minimum";
+        /// Starts of the descent: the upward part of the direction of the sky, and the downward
+        /// part of that of the ground.
+        broad_starts: [[f64; 2]; 3] = [[1.0, 1.0], [0.2, 0.2], [4.0, 0.3]],
+            unit "the outward normal", source Taste, effect "more starts are slower and find a better minimum";
+        /// Largest number of steps of the descent.
+        max_steps: usize = 60,
+            unit "steps", source Taste, effect "a larger value is slower and more exact";
+        /// Step of the finite differences.
+        difference: f64 = 1e-4,
+            unit "units of the parameters", source Taste, effect "a larger value makes the derivatives less exact";
+        /// Longest step of a parameter.
+        longest_step: f64 = 0.5,
+            unit "radians; logarithm of the bandwidth", source Taste,
+            effect "a larger value converges faster or fails";
+        /// Damping of the descent: at the start, least, and largest, beyond which it ends.
+        damping: [f64; 3] = [1e-3, 1e-9, 1e8],
+            unit "1", source Paper("Marquardt 1963"), effect "another value changes the speed of convergence";
+        /// Factors of the damping after a step that lowers the cost, and after one that does not.
+        damping_factors: [f64; 2] = [0.3, 4.0],
+            unit "1", source Taste, effect "other values change the speed of convergence";
+        /// Least decrease of the cost that continues the descent.
+        min_decrease: f64 = 1e-9,
+            unit "the cost", source Taste, effect "a larger value ends the descent earlier";
+        /// Least curvature of a parameter.
+        min_curvature: f64 = 1e-12,
+            unit "the largest curvature", source Taste, effect "a larger value slows parameters with little effect";
+    }
+}
 
 /// The sun, sky and ground fitted to the part of `picture` that a window in a wall with the outward
 /// normal `outside` shows. Without `has_sun`, sky and ground take all of it.
 pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, has_sun: bool) -> WindowModel {
-    let fine = reduced(picture, picture.width().div_ceil(MAX_WIDTH).max(1));
+    let fine = reduced(picture, picture.width().div_ceil(TUNING.max_width).max(1));
     let normal = outside.as_dvec3();
     let samples = samples(&fine, heading, normal);
     let sun = has_sun.then(|| sun(&samples, PI / fine.height() as f64)).flatten();
@@ -128,9 +155,10 @@ pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, 
         Some(sun) => without(&fine, heading, sun),
         None => fine.clone(),
     };
-    let broad: Vec<Sample> = self::samples(&reduced(&rest, TILE.min(fine.width() / MIN_TILES).max(1)), heading, normal);
+    let broad: Vec<Sample> =
+        self::samples(&reduced(&rest, TUNING.tile.min(fine.width() / TUNING.min_tiles).max(1)), heading, normal);
     let [(sky, sky_radiance), (ground, ground_radiance)] = broad_lobes(&broad, heading.up.as_dvec3(), normal);
-    let daylight = Lobe { direction: sky.direction, bandwidth: NO_SUN_BANDWIDTH };
+    let daylight = Lobe { direction: sky.direction, bandwidth: TUNING.no_sun_bandwidth };
     let (inside, sun_flux) = match &sun {
         Some(sun) => (sun.boundary, sun.excess * sun.lobe.direction.as_dvec3().dot(normal).max(0.0)),
         None => (f64::INFINITY, DVec3::ZERO),
@@ -221,10 +249,10 @@ fn sun(samples: &[Sample], pixel: f64) -> Option<SunDisc> {
         }
     }
     let peak = peak?;
-    let (mut direction, mut radius, mut bandwidth, mut annulus) = (peak.direction, SUN_RADIUS, 0.0, DVec3::ZERO);
+    let (mut direction, mut radius, mut bandwidth, mut annulus) = (peak.direction, TUNING.sun_radius, 0.0, DVec3::ZERO);
     let mut excess = DVec3::ZERO;
-    for _ in 0..SUN_ITERATIONS {
-        let (boundary, outer) = (f64::cos(radius), f64::cos(ANNULUS * radius));
+    for _ in 0..TUNING.sun_iterations {
+        let (boundary, outer) = (f64::cos(radius), f64::cos(TUNING.annulus * radius));
         let near = samples.iter().map(|s| (s, s.direction.dot(direction))).filter(|(_, cos)| *cos > outer);
         let (mut around, mut around_solid) = (DVec3::ZERO, 0.0);
         for (s, _) in near.clone().filter(|(_, cos)| *cos <= boundary) {
@@ -250,12 +278,12 @@ fn sun(samples: &[Sample], pixel: f64) -> Option<SunDisc> {
         let to_mean = direction + mean;
         let fall =
             (-(2.0 * mean.dot(direction) + mean.length_squared()) / (1.0 + to_mean.length())) - pixel * pixel / 12.0;
-        bandwidth = (1.0 / fall.max(1.0 / SUN_BANDWIDTH[1])).clamp(1.0, SUN_BANDWIDTH[1]);
+        bandwidth = (1.0 / fall.max(1.0 / TUNING.sun_bandwidth[1])).clamp(1.0, TUNING.sun_bandwidth[1]);
         direction = to_mean.normalize();
-        radius = (1.0 - SUN_EXPONENT / bandwidth).max(SUN_COSINE).acos().max(2.0 * pixel);
+        radius = (1.0 - TUNING.sun_exponent / bandwidth).max(TUNING.sun_cosine).acos().max(2.0 * pixel);
     }
     let flux: f64 = samples.iter().map(|s| s.solid * y(s.radiance)).sum();
-    if bandwidth < SUN_BANDWIDTH[0] || y(excess) < SUN_FLUX * flux {
+    if bandwidth < TUNING.sun_bandwidth[0] || y(excess) < TUNING.sun_flux * flux {
         return None;
     }
     let solid = 2.0 * PI * -(-2.0 * bandwidth).exp_m1() / bandwidth;
@@ -282,9 +310,8 @@ type LobePair = [f64; 6];
 /// The upper and the lower lobe with their radiances.
 fn broad_lobes(samples: &[Sample], up: DVec3, outside: DVec3) -> [(Lobe, DVec3); 2] {
     let towards = |up: DVec3| (up + outside).try_normalize().unwrap_or(outside);
-    let starts =
-        [[towards(up), towards(-up)], [towards(up * 0.2), towards(-up * 0.2)], [towards(up * 4.0), towards(-up * 0.3)]];
-    let fits = starts.into_iter().map(|start| descend(samples, start, [BROAD_START.ln(); 2]));
+    let starts = TUNING.broad_starts.map(|[sky, ground]| [towards(up * sky), towards(-up * ground)]);
+    let fits = starts.into_iter().map(|start| descend(samples, start, [TUNING.broad_start.ln(); 2]));
     let best = fits.reduce(|a, b| if b.0 < a.0 { b } else { a }).expect("there are starts").1;
     let radiance = radiances(samples, &best);
     let mut all = [0, 1].map(|k| (best[k], radiance[k]));
@@ -298,7 +325,7 @@ fn lobes(start: &[DVec3; 2], form: &LobePair) -> [Lobe; 2] {
     [0, 1].map(|k| {
         let (s, t) = start[k].any_orthonormal_pair();
         let direction = (start[k] + s * form[3 * k] + t * form[3 * k + 1]).normalize();
-        let bandwidth = form[3 * k + 2].exp().clamp(BROAD[0], BROAD[1]);
+        let bandwidth = form[3 * k + 2].exp().clamp(TUNING.broad[0], TUNING.broad[1]);
         Lobe { direction: direction.as_vec3(), bandwidth: bandwidth as f32 }
     })
 }
@@ -309,14 +336,14 @@ fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f
     let mut residual = residuals(samples, &lobes(&start, &form));
     let cost = |residual: &[f64]| residual.iter().map(|r| r * r).sum::<f64>();
     let mut best = cost(&residual);
-    let mut damping = DAMPING[0];
-    for _ in 0..STEPS {
+    let mut damping = TUNING.damping[0];
+    for _ in 0..TUNING.max_steps {
         let columns: Vec<Vec<f64>> = (0..6)
             .map(|k| {
                 let mut moved = form;
-                moved[k] += DIFFERENCE;
+                moved[k] += TUNING.difference;
                 let moved = residuals(samples, &lobes(&start, &moved));
-                moved.iter().zip(&residual).map(|(a, b)| (a - b) / DIFFERENCE).collect()
+                moved.iter().zip(&residual).map(|(a, b)| (a - b) / TUNING.difference).collect()
             })
             .collect();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -324,25 +351,26 @@ fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f
         let slope: Vec<f64> = columns.iter().map(|a| -dot(a, &residual)).collect();
         // A parameter without effect, such as the direction of a uniform lobe, has a slope of zero
         // and stays.
-        let floor = LEAST_CURVATURE * (0..6).map(|k| gram[7 * k]).fold(f64::MIN_POSITIVE, f64::max);
+        let floor = TUNING.min_curvature * (0..6).map(|k| gram[7 * k]).fold(f64::MIN_POSITIVE, f64::max);
         let mut improved = false;
-        while damping < DAMPING[2] {
+        while damping < TUNING.damping[2] {
             let mut damped = gram.clone();
             (0..6).for_each(|k| damped[7 * k] += damping * gram[7 * k] + floor);
             let Some(step) = solve_free(&damped, &slope, &[true; 6]) else {
-                damping *= DAMPING_FACTORS[1];
+                damping *= TUNING.damping_factors[1];
                 continue;
             };
-            let moved: LobePair = std::array::from_fn(|k| form[k] + step[k].clamp(-LONGEST, LONGEST));
+            let moved: LobePair =
+                std::array::from_fn(|k| form[k] + step[k].clamp(-TUNING.longest_step, TUNING.longest_step));
             let moved_residual = residuals(samples, &lobes(&start, &moved));
             let now = cost(&moved_residual);
             if now < best {
-                improved = best - now > LEAST_DECREASE * best;
+                improved = best - now > TUNING.min_decrease * best;
                 (form, residual, best) = (moved, moved_residual, now);
-                damping = (damping * DAMPING_FACTORS[0]).max(DAMPING[1]);
+                damping = (damping * TUNING.damping_factors[0]).max(TUNING.damping[1]);
                 break;
             }
-            damping *= DAMPING_FACTORS[1];
+            damping *= TUNING.damping_factors[1];
         }
         if !improved {
             break;

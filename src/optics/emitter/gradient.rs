@@ -24,7 +24,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 
 use crate::optics::sampling::gaussian::Gaussian;
-use crate::optics::sampling::lobe_irradiance::{Arc, Overlap, POLE, SERIES, p1_p2, p1_p2_of, p2_series};
+use crate::optics::sampling::lobe_irradiance::{Arc, LOBE_IRRADIANCE, Overlap, p1_p2, p1_p2_of, p2_series};
 use crate::optics::sampling::polygon::{ArcEdge, Outline};
 
 /// The irradiance over pi of one lobe of unit radiance at a receiver, and its derivatives.
@@ -148,12 +148,12 @@ fn integrands(b: f64, t: f64, mean: f64, mean_slope: f64) -> [f64; 5] {
     let (x, y) = (b * t, b * (1.0 - t));
     let e = (-x).exp();
     let [p1, p2] = p1_p2_of(x, e);
-    let (r, r_slope) = if t < POLE {
+    let (r, r_slope) = if t < LOBE_IRRADIANCE.pole {
         ((p1 - t * p2 - mean) / (2.0 - t), -(t * p2 + t * t * p2_slope(x, e, p2) + mean_slope) / (2.0 - t))
     } else {
         (0.5 * (mean + e), 0.5 * mean_slope - e)
     };
-    let (h, h_slope) = if y.abs() > SERIES {
+    let (h, h_slope) = if y.abs() > LOBE_IRRADIANCE.series {
         let h = ((y - 1.0) * e + (-b).exp()) / (y * y);
         (h, (e - 2.0 * h) / b - h)
     } else {
@@ -171,7 +171,7 @@ fn mean_and_slope(b: f64) -> (f64, f64) {
 
 /// The derivative p2'(x), `e` being e^-x.
 fn p2_slope(x: f64, e: f64, p2: f64) -> f64 {
-    if x > SERIES { (e - 2.0 * p2) / x } else { p2_series(x)[1] }
+    if x > LOBE_IRRADIANCE.series { (e - 2.0 * p2) / x } else { p2_series(x)[1] }
 }
 
 #[cfg(test)]

@@ -16,24 +16,39 @@ use super::form::{FormSampler, Intersector, PreparedForm};
 use super::pieces::{doubled_area, find, point_in_triangle, running_sum};
 use crate::geometry::{RayMesh, cosine_direction};
 use crate::optics::sampling::Points2;
+use crate::tuning::tuning;
 
-// Constants of sampling; source: measured on a ball, a box and panels. Each changes the noise and
-// the time, and no mean.
+tuning! {
+    /// Constants of the sampling of meshes in clusters.
+    pub const TUNING: MeshClustersTuning {
+        /// Largest number of clusters, all of which every receiver weighs.
+        max_clusters: usize = 512,
+            unit "clusters", source Measured("noise on a ball, a box and panels; no page records it"),
+            effect "a larger value lowers the noise and takes longer; no mean changes";
+        /// Distance between two triangles whose normals are at a right angle.
+        normal_distance: f64 = 0.5,
+            unit "diagonals of the mesh", source Measured("noise on a ball, a box and panels; no page records it"),
+            effect "a larger value makes flatter clusters; no mean changes";
+        /// Distance from a cluster below which its weight depends on its area alone.
+        inside: f64 = 1.001,
+            unit "radii of its bounding sphere",
+            source Measured("noise on a ball, a box and panels; no page records it"),
+            effect "another value changes the noise and the time, and no mean";
+        /// End of a shadow ray, just before the surface that it samples.
+        shadow_end: f32 = 1.0 - 1e-4,
+            unit "the ray's length", source Derived("single precision"),
+            effect "a larger value may let a surface shadow itself";
+        /// Largest relative distance between the two sides of a sheet.
+        sheet: f32 = 1.0 + 1e-5,
+            unit "1", source Derived("single precision"),
+            effect "a larger value makes the two sides of thin bodies one sheet";
+        /// Rays that estimate the fraction of the power that leaves a mesh.
+        escape_rays: usize = 1 << 14,
+            unit "rays", source Derived("a standard error of at most 0.4 %"),
+            effect "a smaller value makes the flux of such lamps less exact";
+    }
+}
 
-/// Most clusters, all of which every receiver weighs.
-const CLUSTERS: usize = 512;
-/// Distance between two triangles whose normals are at a right angle. Unit: diagonals of the mesh.
-const NORMAL: f64 = 0.5;
-/// Distance from a cluster below which its weight depends on its area alone. Unit: radii of its
-/// bounding sphere.
-const INSIDE: f64 = 1.001;
-/// End of a shadow ray, just before the surface that it samples. Unit: the ray's length; source:
-/// single precision.
-const SHADOW_END: f32 = 1.0 - 1e-4;
-/// Largest relative distance between the two sides of a sheet. Source: single precision.
-const SHEET: f32 = 1.0 + 1e-5;
-/// Rays of [`escaping`]: a standard error of at most 0.4 %.
-const ESCAPE_RAYS: usize = 1 << 14;
 /// Steps of the additive recurrence in four dimensions: Roberts, "The Unreasonable Effectiveness of
 /// Quasirandom Sequences", 2018.
 const R4: [f64; 4] =
@@ -77,13 +92,13 @@ impl ClusteredMesh {
         }
         let mut order: Vec<TriangleKey> = Vec::with_capacity(all.len());
         let (low, high) = bounds(all.iter().flatten());
-        let unit = NORMAL * (high - low).length();
+        let unit = TUNING.normal_distance * (high - low).length();
         for (i, t) in all.iter().enumerate() {
             let (middle, normal) = ((t[0] + t[1] + t[2]) / 3.0, doubled_area(t).normalize() * unit);
             order.push(([middle.x, middle.y, middle.z, normal.x, normal.y, normal.z], i as u32));
         }
         let mut ends = Vec::new();
-        split(&mut order, 0, CLUSTERS.min(all.len()), &mut ends);
+        split(&mut order, 0, TUNING.max_clusters.min(all.len()), &mut ends);
         let triangles: Vec<([DVec3; 3], u32)> = order.iter().map(|&(_, i)| (all[i as usize], i)).collect();
         let areas = running_sum(triangles.iter().map(|(t, _)| 0.5 * doubled_area(t).length()));
         let mut first = 0;
@@ -152,7 +167,7 @@ impl Cluster {
     fn weight(&self, point: DVec3, normal: DVec3) -> f64 {
         let offset = self.center - point;
         let distance = offset.length();
-        if distance <= INSIDE * self.radius {
+        if distance <= TUNING.inside * self.radius {
             return self.area / self.radius.powi(2);
         }
         let direction = offset / distance;
@@ -213,27 +228,27 @@ impl FormSampler for ClusterSampler<'_> {
         let (d, front) = (position - self.point, doubled_area(t));
         let cosines = self.normal.dot(d).max(0.0) * -front.dot(d) / front.length();
         let contribution = cosines / (PI * d.length_squared().powi(2)) * area * self.total / weight;
-        let hidden = || rays.any(self.point.as_vec3(), d.as_vec3(), SHADOW_END, |other| other != *id);
+        let hidden = || rays.any(self.point.as_vec3(), d.as_vec3(), TUNING.shadow_end, |other| other != *id);
         (contribution > 0.0 && !hidden()).then_some((position, contribution))
     }
 }
 
 /// The fraction of the power of these triangles that leaves them, 0..=1, estimated by
-/// [`ESCAPE_RAYS`] rays; 1 without triangles.
+/// `TUNING.escape_rays` rays; 1 without triangles.
 pub(super) fn escaping(all: &[[DVec3; 3]]) -> f32 {
     let areas = running_sum(all.iter().map(|t| doubled_area(t).length()));
     let Some(&whole) = areas.last() else { return 1.0 };
     let rays = ray_mesh(all.iter().copied());
     let leaves = |i: &usize| {
         let [s, t, u, v] = R4.map(|alpha| (0.5 + alpha * *i as f64).fract());
-        let target = (*i as f64 + 0.5) / ESCAPE_RAYS as f64 * whole;
+        let target = (*i as f64 + 0.5) / TUNING.escape_rays as f64 * whole;
         let k = find(&areas, target);
         let position = point_in_triangle(&all[k], s.sqrt(), t).as_vec3();
         let normal = doubled_area(&all[k]).normalize().as_vec3();
         let direction = cosine_direction(normal, [u, v]);
         !rays.any(position, direction, f32::INFINITY, |other| other != k as u32)
     };
-    (0..ESCAPE_RAYS).filter(leaves).count() as f32 / ESCAPE_RAYS as f32
+    (0..TUNING.escape_rays).filter(leaves).count() as f32 / TUNING.escape_rays as f32
 }
 
 /// The intersection of rays with these triangles, `None` where the back of the nearest one faces
@@ -244,7 +259,7 @@ pub(super) fn intersector(triangles: Vec<[DVec3; 3]>) -> Intersector<'static> {
         let hit = rays.closest(origin, ray)?;
         let facing = |id: u32| doubled_area(&triangles[id as usize]).dot(ray.as_dvec3()) < 0.0;
         // A sheet of two sides has two triangles in one place.
-        let visible = facing(hit.id) || rays.any(origin, ray, hit.distance * SHEET, facing);
+        let visible = facing(hit.id) || rays.any(origin, ray, hit.distance * TUNING.sheet, facing);
         visible.then_some(hit.distance)
     })
 }

@@ -8,10 +8,11 @@ use serde::{Deserialize, Serialize};
 use super::form::{Form, FormSampler, Intersector, PreparedForm};
 use super::gradient::{Gradient, outline_gradient};
 use super::mesh_clusters::{ClusteredMesh, escaping, intersector};
-use super::pieces::{MAX_EXACT, PieceChoice, PieceSet, bounding_sphere, doubled_area, extent, point_in_triangle};
+use super::pieces::{PIECES, PieceChoice, PieceSet, bounding_sphere, doubled_area, extent, point_in_triangle};
 use crate::image::rule;
 use crate::optics::sampling::Points2;
 use crate::optics::sampling::polygon::{Outline, polygon_irradiance};
+use crate::tuning::tuning;
 
 /// Triangles that emit from the side where their corners run counter-clockwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,14 +54,14 @@ impl MeshLamp {
         self.finite_triangles().filter(|t| doubled_area(t).length() > 0.0).collect()
     }
 
-    /// True if no triangle lies before the plane of another, to [`CONVEX`]; the time is quadratic
+    /// True if no triangle lies before the plane of another, to `TUNING.convex`; the time is quadratic
     /// in the triangles.
     fn is_convex(&self) -> bool {
         let triangles = self.valid_triangles();
         let points = || triangles.iter().flatten();
         let outer = |(low, high): (DVec3, DVec3), &p: &DVec3| (low.min(p), high.max(p));
         let (low, high) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), outer);
-        let slack = CONVEX * (high - low).length();
+        let slack = TUNING.convex * (high - low).length();
         let behind = |t: &[DVec3; 3]| {
             let normal = doubled_area(t).normalize();
             points().all(|&p| normal.dot(p - t[0]) <= slack)
@@ -69,9 +70,15 @@ impl MeshLamp {
     }
 }
 
-/// Largest height over the plane of a triangle in a convex body. Unit: the diagonal of the body;
-/// source: taste; effect: a larger one lets more bodies have a closed form, with a larger error.
-const CONVEX: f64 = 1e-3;
+tuning! {
+    /// Constants of lamps that are meshes.
+    pub const TUNING: MeshLampTuning {
+        /// Largest height over the plane of a triangle in a convex body.
+        convex: f64 = 1e-3,
+            unit "the diagonal of the body", source Taste,
+            effect "a larger value lets more bodies have a closed form, with a larger error";
+    }
+}
 
 impl Form for MeshLamp {
     fn check(&self) -> Result<(), String> {
@@ -126,7 +133,7 @@ impl Form for MeshLamp {
     }
 
     fn prepare(&self) -> Option<Box<dyn PreparedForm>> {
-        if self.self_occluding && (self.triangles.len() > MAX_EXACT || !self.is_convex()) {
+        if self.self_occluding && (self.triangles.len() > PIECES.max_exact || !self.is_convex()) {
             return Some(Box::new(ClusteredMesh::new(&self.valid_triangles())?));
         }
         let areas = self.finite_triangles().map(|t| (t, 0.5 * doubled_area(&t).length()));

@@ -42,3 +42,17 @@ pub use sphere_lamp::SphereLamp;
 pub use surfel_lamp::Surfel;
 pub use window::{LOBES, Window};
 pub use window_sampler::Strategy;
+
+use crate::tuning::Table;
+
+/// The constants of light sources.
+pub fn tuning() -> Vec<Table> {
+    vec![
+        mesh_clusters::MeshClustersTuning::table(),
+        mesh_lamp::MeshLampTuning::table(),
+        photometric_web::PhotometricWebTuning::table(),
+        pieces::PiecesTuning::table(),
+        surfel_lamp::SurfelLampTuning::table(),
+        window::WindowTuning::table(),
+    ]
+}

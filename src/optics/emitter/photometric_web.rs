@@ -11,6 +11,7 @@ use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::image::rule;
+use crate::tuning::tuning;
 
 /// Most values of a table; a file with more is refused before memory is allocated.
 const MAX_VALUES: usize = 1 << 20;
@@ -149,14 +150,21 @@ impl PhotometricWebTable {
     }
 }
 
-/// Tolerance of the first and last angle of a table, degrees. Source: single precision.
-const ANGLE_SLACK: f64 = 1e-4;
+tuning! {
+    /// Constants of photometric tables.
+    pub const TUNING: PhotometricWebTuning {
+        /// Tolerance of the first and last angle of a table.
+        angle_slack: f64 = 1e-4,
+            unit "degrees", source Derived("single precision"),
+            effect "a larger value emits beyond the ends of a table";
+    }
+}
 
 /// The index of the angle before `at`, and the fraction of the interval before the next at which
 /// `at` lies; `None` outside.
 fn between(angles: &[f32], at: f64) -> Option<(usize, f64)> {
     let (first, last) = (f64::from(*angles.first()?), f64::from(*angles.last()?));
-    if angles.len() < 2 || !(first - ANGLE_SLACK..=last + ANGLE_SLACK).contains(&at) {
+    if angles.len() < 2 || !(first - TUNING.angle_slack..=last + TUNING.angle_slack).contains(&at) {
         return None;
     }
     let next = angles.partition_point(|angle| f64::from(*angle) <= at).clamp(1, angles.len() - 1);

@@ -5,10 +5,16 @@ use std::borrow::Cow;
 use glam::{DVec3, Vec3};
 
 use crate::geometry::bounds;
+use crate::tuning::tuning;
 
-/// Most pieces that are summed one by one; a larger number is sampled. Unit: pieces; source: taste;
-/// effect: a larger one makes a receiver slower and its estimate less noisy.
-pub(super) const MAX_EXACT: usize = 512;
+tuning! {
+    /// Constants of the choice among pieces of surface.
+    pub const PIECES: PiecesTuning {
+        /// Largest number of pieces that are summed one by one; a larger number is sampled.
+        max_exact: usize = 512,
+            unit "pieces", source Taste, effect "a larger value makes a receiver slower and its estimate less noisy";
+    }
+}
 
 /// Pieces of positive, finite area.
 pub(super) struct PieceSet<T> {
@@ -26,13 +32,13 @@ impl<T> PieceSet<T> {
 
     /// The pieces, if they are few enough to be summed one by one.
     pub fn few(&self) -> Option<&[T]> {
-        (self.pieces.len() <= MAX_EXACT).then_some(&self.pieces)
+        (self.pieces.len() <= PIECES.max_exact).then_some(&self.pieces)
     }
 
     /// The choice of a piece by its `weight`, or among many by its area; `None` where all weights
     /// are zero.
     pub fn choice(&self, weight: impl Fn(&T) -> f64) -> Option<PieceChoice<'_, T>> {
-        let sums = if self.pieces.len() > MAX_EXACT {
+        let sums = if self.pieces.len() > PIECES.max_exact {
             Cow::Borrowed(&self.areas[..])
         } else {
             Cow::Owned(running_sum(self.pieces.iter().map(weight)))

@@ -11,6 +11,7 @@ use super::pieces::{PieceChoice, PieceSet, bounding_sphere, extent};
 use super::rect_lamp::RectLamp;
 use crate::optics::sampling::Points2;
 use crate::optics::sampling::polygon::Outline;
+use crate::tuning::tuning;
 
 /// A small piece of emitting surface.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -103,9 +104,16 @@ impl FormSampler for SurfelSampler<'_> {
     }
 }
 
-/// Distance up to which a surfel is a square, of which only the part above the horizon counts.
-/// Unit: the square's edge; source: beyond it the disc differs from the square by less than 1 %.
-const NEAR: f64 = 8.0;
+tuning! {
+    /// Constants of lamps that consist of surfels.
+    pub const TUNING: SurfelLampTuning {
+        /// Distance up to which a surfel is a square, of which only the part above the horizon
+        /// counts.
+        near: f64 = 8.0,
+            unit "the square's edge", source Derived("beyond it the disc differs from the square by less than 1 %"),
+            effect "a larger value is slower and more exact";
+    }
+}
 
 /// The position of a surfel's sample, and its irradiance over pi. A distant one is a small disc at
 /// its center, cos cos' A / (pi d^2 + A).
@@ -117,7 +125,7 @@ fn contribution(surfel: &Surfel, point: DVec3, normal: DVec3) -> (DVec3, f64) {
     if facing <= 0.0 {
         return (center, 0.0);
     }
-    if distance_squared > NEAR * NEAR * area {
+    if distance_squared > TUNING.near * TUNING.near * area {
         let cosines = normal.dot(d).max(0.0) * facing / distance_squared;
         return (center, cosines * area / (PI * distance_squared + area));
     }
@@ -146,7 +154,7 @@ fn gradient(surfel: &Surfel, point: DVec3, normal: DVec3, pivot: DVec3) -> Gradi
     if facing <= 0.0 {
         return Gradient::default();
     }
-    if distance_squared <= NEAR * NEAR * area {
+    if distance_squared <= TUNING.near * TUNING.near * area {
         let outline = Outline::above(&square(front, area).map(|corner| d + corner), normal);
         return outline.map_or(Gradient::default(), |outline| outline_gradient(&outline, normal, pivot));
     }

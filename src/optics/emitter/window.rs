@@ -9,15 +9,33 @@ use super::form::{Form, PreparedForm};
 use super::rect_lamp::RectLamp;
 use super::window_sampler::{PreparedWindow, Strategy};
 use crate::optics::sampling::Lobe;
+use crate::tuning::tuning;
 
 /// The names of the lobes of a window, in their order.
 pub const LOBES: [&str; 3] = ["sun", "sky", "ground"];
 
-// Lobes of a surrounding whose sun is not visible; unit: none; source: taste; effect: the start of
-// the fit of a window.
-const DAYLIGHT_SUN: f32 = 1e4;
-const DAYLIGHT_SKY: f32 = 1.5;
-const DAYLIGHT_GROUND: f32 = 1.5;
+tuning! {
+    /// Constants of windows: the surrounding whose sun is not visible, and the flux of a lobe.
+    pub const TUNING: WindowTuning {
+        /// Bandwidth of the sun's lobe.
+        daylight_sun: f32 = 1e4,
+            unit "1", source Taste, effect "another value changes the start of the fit of a window";
+        /// Bandwidth of the sky's lobe.
+        daylight_sky: f32 = 1.5,
+            unit "1", source Taste, effect "another value changes the start of the fit of a window";
+        /// Bandwidth of the ground's lobe.
+        daylight_ground: f32 = 1.5,
+            unit "1", source Taste, effect "another value changes the start of the fit of a window";
+        /// Directions by which the flux of a lobe is summed.
+        flux_samples: u32 = 4096,
+            unit "directions", source Derived("a relative error below 1e-3"),
+            effect "a smaller value makes the flux of windows less exact";
+        /// Least bandwidth in that sum, below which a lobe is uniform.
+        min_flux_bandwidth: f64 = 1e-4,
+            unit "1", source Derived("single precision"),
+            effect "a larger value makes the flux of broad lobes less exact";
+    }
+}
 
 /// A rectangular opening in a wall; the room lies on the side to which `x cross y` points.
 ///
@@ -55,9 +73,9 @@ impl Window {
     pub fn daylight(normal: Vec3) -> [Lobe; 3] {
         let towards = |up: f32| (Vec3::Y * up - normal).try_normalize().unwrap_or(-normal);
         [
-            Lobe { direction: towards(1.0), bandwidth: DAYLIGHT_SUN },
-            Lobe { direction: towards(1.0), bandwidth: DAYLIGHT_SKY },
-            Lobe { direction: towards(-1.0), bandwidth: DAYLIGHT_GROUND },
+            Lobe { direction: towards(1.0), bandwidth: TUNING.daylight_sun },
+            Lobe { direction: towards(1.0), bandwidth: TUNING.daylight_sky },
+            Lobe { direction: towards(-1.0), bandwidth: TUNING.daylight_ground },
         ]
     }
 
@@ -130,22 +148,17 @@ impl Form for Window {
     }
 }
 
-/// Directions of [`lobe_flux`]: a relative error below 1e-3.
-const FLUX_SAMPLES: u32 = 4096;
-/// Least bandwidth of [`lobe_flux`], below which a lobe is uniform to single precision.
-const FLUX_LEAST: f64 = 1e-4;
-
 /// [`Form::flux`] by directions distributed like the lobe itself, so that the sun's error is the
 /// sky's.
 fn lobe_flux(window: &Window, lobe: &Lobe) -> f32 {
     let (normal, area) = (window.x.cross(window.y), 4.0 * window.x.cross(window.y).length());
     let Some(normal) = normal.try_normalize() else { return 0.0 };
     let d = lobe.direction;
-    let bandwidth = f64::from(lobe.bandwidth).max(FLUX_LEAST);
+    let bandwidth = f64::from(lobe.bandwidth).max(TUNING.min_flux_bandwidth);
     let (s, t) = d.any_orthonormal_pair();
     let golden = PI * (3.0 - 5f64.sqrt());
     let cosine = |i: u32| {
-        let u = (f64::from(i) + 0.5) / f64::from(FLUX_SAMPLES);
+        let u = (f64::from(i) + 0.5) / f64::from(TUNING.flux_samples);
         // 1 - cos of the angle to d, by the inverse of the distribution.
         let fall = -(u * (-2.0 * bandwidth).exp_m1()).ln_1p() / bandwidth;
         let sine = (fall * (2.0 - fall)).max(0.0).sqrt();
@@ -154,7 +167,7 @@ fn lobe_flux(window: &Window, lobe: &Lobe) -> f32 {
             s * (sine * azimuth.cos()) as f32 + t * (sine * azimuth.sin()) as f32 + d * (1.0 - fall) as f32;
         f64::from(-normal.dot(direction)).max(0.0)
     };
-    let mean = (0..FLUX_SAMPLES).map(cosine).sum::<f64>() / f64::from(FLUX_SAMPLES);
+    let mean = (0..TUNING.flux_samples).map(cosine).sum::<f64>() / f64::from(TUNING.flux_samples);
     (f64::from(area) * mean * 2.0 * PI * -(-2.0 * bandwidth).exp_m1() / bandwidth) as f32
 }
 

@@ -9,23 +9,27 @@ use rayon::prelude::*;
 use super::{Column, LayerQuality, LightPrior, RadianceFit, Receivers, Role, UnitLayer, fit_radiances};
 use crate::image::Mask;
 use crate::optics::{Lamp, Radiance, RectLamp, Shape, Window};
+use crate::tuning::tuning;
 
-/// Lights that a candidate is fitted beside one by one; more become one column.
-/// Unit: lights; source: measured time; effect: bounds the time of a candidate.
-const MOST_SEPARATE: usize = 16;
-
-/// Factor on the loss of a visible light's first candidate.
-/// Unit: 1; source: taste; effect: another candidate must lower the loss by 3 %.
-const FIRST_CANDIDATE_FACTOR: f64 = 0.97;
-
-/// Factor below which sun, sky and ground must bring the loss of a window of one lobe. Unit: 1;
-/// source: measured (docs/estimation.md, `window_emission`); effect: smaller values give fewer
-/// windows three lobes.
-const THREE_LOBES_FACTOR: f64 = 0.95;
-
-/// Iterations of the fits that compare one lobe with three: more lobes converge later.
-/// Unit: iterations; source: measured; effect: fewer favor one lobe.
-const THREE_LOBES_ITERATIONS: usize = 60;
+tuning! {
+    /// Constants of the search for the lights that a photo needs.
+    pub const TUNING: CandidateSearchTuning {
+        /// Largest number of lights that a candidate is fitted beside one by one; more become one
+        /// column.
+        max_separate: usize = 16,
+            unit "lights", source Measured("run time; no page records it"),
+            effect "a larger value makes fits of many lights slower and more exact";
+        /// Factor on the loss of a visible light's first candidate.
+        first_candidate_factor: f64 = 0.97,
+            unit "1", source Taste, effect "a smaller value makes the search keep the first candidate more often";
+        /// Factor below which sun, sky and ground must bring the loss of a window of one lobe.
+        three_lobes_factor: f64 = 0.95,
+            unit "1", source Measured("docs/estimation.md"), effect "a smaller value gives fewer windows three lobes";
+        /// Iterations of the fits that compare one lobe with three: more lobes converge later.
+        three_lobes_iterations: usize = 60,
+            unit "iterations", source Measured("no page records it"), effect "a smaller value favors one lobe";
+    }
+}
 
 /// A light that may be the one.
 #[derive(Clone, Debug)]
@@ -152,7 +156,7 @@ impl<'a> CandidateSearch<'a> {
                 return (0.0, light);
             }
             let columns = [others.columns(), vec![light.column()]].concat();
-            let factor = if i == 0 { FIRST_CANDIDATE_FACTOR } else { 1.0 };
+            let factor = if i == 0 { TUNING.first_candidate_factor } else { 1.0 };
             (self.loss(&columns, self.settings.iterations) * factor, light)
         });
         Some(tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?.1)
@@ -221,7 +225,7 @@ impl<'a> CandidateSearch<'a> {
             let of_lobe = |(lobe, layer)| (Role::of_lobe(&rich, lobe, light.mask.is_some()), layer);
             let traced = self.lobes(&rich, light.mask).into_iter().enumerate().map(of_lobe).collect();
             let even = std::mem::replace(&mut lobes[i], traced);
-            if self.loss_among(accepted, &lobes, i) < THREE_LOBES_FACTOR * before {
+            if self.loss_among(accepted, &lobes, i) < TUNING.three_lobes_factor * before {
                 shapes.push(rich);
             } else {
                 lobes[i] = even;
@@ -231,24 +235,24 @@ impl<'a> CandidateSearch<'a> {
         shapes
     }
 
-    /// Loss of all lights with these lobes; of more than [`MOST_SEPARATE`], of light `i` with its
+    /// Loss of all lights with these lobes; of more than `TUNING.max_separate`, of light `i` with its
     /// lobes beside the others.
     fn loss_among(&self, accepted: &[Accepted], lobes: &[Vec<RoleLayer>], i: usize) -> f64 {
-        if lobes.len() <= MOST_SEPARATE {
+        if lobes.len() <= TUNING.max_separate {
             let all: Vec<Column> = lobes.iter().flatten().map(|(role, layer)| Column::new(*role, layer)).collect();
-            return self.loss(&all, THREE_LOBES_ITERATIONS);
+            return self.loss(&all, TUNING.three_lobes_iterations);
         }
         let others = accepted.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, light)| light.column());
         let others = self.companions(others.collect());
         let mut all = others.columns();
         all.extend(lobes[i].iter().map(|(role, layer)| Column::new(*role, layer)));
-        self.loss(&all, THREE_LOBES_ITERATIONS)
+        self.loss(&all, TUNING.three_lobes_iterations)
     }
 
-    /// Columns as a candidate is fitted beside them: of more than [`MOST_SEPARATE`] their sum, each
+    /// Columns as a candidate is fitted beside them: of more than `TUNING.max_separate` their sum, each
     /// with its radiance among them.
     fn companions<'b>(&self, columns: Vec<Column<'b>>) -> Companions<'b> {
-        if columns.len() <= MOST_SEPARATE {
+        if columns.len() <= TUNING.max_separate {
             return Companions::Separate(columns);
         }
         let radiance = self.fit(&columns, self.settings.iterations).1.radiance;

@@ -5,50 +5,80 @@ use glam::Vec3;
 use super::RoomBox;
 use crate::geometry::Camera;
 use crate::optics::{Lamp, RectLamp, Shape, SphereLamp, Window};
+use crate::tuning::tuning;
 
-/// Margin around the picture in which a light still counts as in view.
-/// Unit: fraction of the picture's side; source: extent of lights; effect: larger values move
-/// candidates outward.
-const MARGIN: f32 = 0.02;
-
-/// Grid of lamps: depths along the view from the camera (negative is before it), and positions
-/// across the room.
-/// Unit: fractions of the room's depth and width; source: taste; effect: more are found more
-/// exactly and take longer.
-const LAMP_DEPTHS: [f32; 5] = [-0.45, -0.3, -0.15, 0.0, 0.15];
-const LAMP_ACROSS: [f32; 4] = [0.1, 0.37, 0.63, 0.9];
-
-/// Heights of panels and of globes, half edge of a panel, and radius of a globe.
-/// Unit: fractions of the room's height; source: common rooms; effect: position and size of
-/// candidates.
-const PANEL_HEIGHT: f32 = 0.95;
-const GLOBE_HEIGHT: f32 = 0.85;
-const PANEL_HALF_EDGE: f32 = 0.1;
-const GLOBE_RADIUS: f32 = 0.06;
-
-/// Height of a window's middle, and half of its height.
-/// Unit: fractions of the room's height; source: common rooms; effect: position and size of
-/// candidates.
-const WINDOW_MIDDLE: f32 = 0.55;
-const WINDOW_HALF_HEIGHT: f32 = 0.27;
-
-/// Windows in side walls: distances of the wall outside of the seen room, depths, and half width.
-/// Unit: fractions of the room's width, depth and depth; source: taste; effect: as for lamps.
-const SIDE_OFFSETS: [f32; 2] = [0.0, 0.35];
-const SIDE_DEPTHS: [f32; 4] = [-0.6, -0.35, -0.1, 0.15];
-const SIDE_HALF_WIDTH: f32 = 0.12;
-
-/// Windows behind the camera: positions across, distance behind it, and half width.
-/// Unit: fractions of the room's width, depth and width; source: taste; effect: as for lamps.
-const BACK_ACROSS: [f32; 3] = [0.25, 0.5, 0.75];
-const BACK_DEPTH: f32 = 0.3;
-const BACK_HALF_WIDTH: f32 = 0.2;
+tuning! {
+    /// Constants of the candidates for a lamp and a window out of view.
+    pub const TUNING: CandidatesTuning {
+        /// Margin around the picture in which a light still counts as in view, since a light has
+        /// extent.
+        margin: f32 = 0.02,
+            unit "fraction of the picture's side", source Taste, effect "a larger value moves candidates outward";
+        /// Depths of the grid of lamps along the view from the camera; negative ones are before it.
+        lamp_depths: [f32; 5] = [-0.45, -0.3, -0.15, 0.0, 0.15],
+            unit "fractions of the room's depth", source Taste,
+            effect "more values find lamps more exactly and take longer";
+        /// Positions of the grid of lamps across the room.
+        lamp_across: [f32; 4] = [0.1, 0.37, 0.63, 0.9],
+            unit "fractions of the room's width", source Taste,
+            effect "more values find lamps more exactly and take longer";
+        /// Height of panels above the floor.
+        panel_height: f32 = 0.95,
+            unit "fraction of the room's height", source Derived("proportions of common rooms"),
+            effect "a larger value moves panels towards the ceiling";
+        /// Height of globes above the floor.
+        globe_height: f32 = 0.85,
+            unit "fraction of the room's height", source Derived("proportions of common rooms"),
+            effect "a larger value moves globes towards the ceiling";
+        /// Half of the edge of a panel.
+        panel_half_edge: f32 = 0.1,
+            unit "fraction of the room's height", source Derived("proportions of common rooms"),
+            effect "a larger value makes softer shadows";
+        /// Radius of a globe.
+        globe_radius: f32 = 0.06,
+            unit "fraction of the room's height", source Derived("proportions of common rooms"),
+            effect "a larger value makes softer shadows";
+        /// Height of a window's middle above the floor.
+        window_middle: f32 = 0.55,
+            unit "fraction of the room's height", source Derived("proportions of common rooms"),
+            effect "a larger value moves windows upward";
+        /// Half of the height of a window.
+        window_half_height: f32 = 0.27,
+            unit "fraction of the room's height", source Derived("proportions of common rooms"),
+            effect "a larger value makes windows higher";
+        /// Distances of a side wall outside of the seen room.
+        side_offsets: [f32; 2] = [0.0, 0.35],
+            unit "fractions of the room's width", source Taste,
+            effect "more values find windows more exactly and take longer";
+        /// Depths of windows in a side wall; negative ones are before the camera.
+        side_depths: [f32; 4] = [-0.6, -0.35, -0.1, 0.15],
+            unit "fractions of the room's depth", source Taste,
+            effect "more values find windows more exactly and take longer";
+        /// Half of the width of a window in a side wall.
+        side_half_width: f32 = 0.12,
+            unit "fraction of the room's depth", source Taste, effect "a larger value makes windows wider";
+        /// Positions of windows behind the camera across the room.
+        back_across: [f32; 3] = [0.25, 0.5, 0.75],
+            unit "fractions of the room's width", source Taste,
+            effect "more values find windows more exactly and take longer";
+        /// Distance of the back wall behind the camera.
+        back_depth: f32 = 0.3,
+            unit "fraction of the room's depth", source Taste,
+            effect "a larger value moves windows behind the camera away from it";
+        /// Half of the width of a window behind the camera.
+        back_half_width: f32 = 0.2,
+            unit "fraction of the room's width", source Taste, effect "a larger value makes windows wider";
+    }
+}
 
 pub(in crate::optics) fn in_view(camera: &Camera, point: Vec3) -> bool {
     // A margin, since a light has extent.
     camera.project(point).is_some_and(|at| {
         let (w, h) = (camera.width as f32, camera.height as f32);
-        at.x > -MARGIN * w && at.x < (1.0 + MARGIN) * w && at.y > -MARGIN * h && at.y < (1.0 + MARGIN) * h
+        at.x > -TUNING.margin * w
+            && at.x < (1.0 + TUNING.margin) * w
+            && at.y > -TUNING.margin * h
+            && at.y < (1.0 + TUNING.margin) * h
     })
 }
 
@@ -57,19 +87,20 @@ pub(in crate::optics) fn in_view(camera: &Camera, point: Vec3) -> bool {
 pub fn lamp_candidates(room: &RoomBox, camera: &Camera) -> Vec<Shape> {
     let (depth, height) = (room.depth(), room.high.y - room.low.y);
     let mut lamps = Vec::new();
-    for z in LAMP_DEPTHS {
-        for x in LAMP_ACROSS {
+    for z in TUNING.lamp_depths {
+        for x in TUNING.lamp_across {
             let across = room.low.x + x * (room.high.x - room.low.x);
             let at = |level: f32| room.rotation * Vec3::new(across, room.low.y + level * height, z * depth);
-            let half = PANEL_HALF_EDGE * height;
+            let half = TUNING.panel_half_edge * height;
             let panel = Lamp::Rect(RectLamp {
-                center: at(PANEL_HEIGHT),
+                center: at(TUNING.panel_height),
                 x: room.rotation * Vec3::X * half,
                 y: room.rotation * Vec3::Z * half,
             });
-            let globe = Lamp::Sphere(SphereLamp { center: at(GLOBE_HEIGHT), radius: GLOBE_RADIUS * height });
-            lamps.extend((!in_view(camera, at(PANEL_HEIGHT))).then_some(Shape::Lamp(panel)));
-            lamps.extend((!in_view(camera, at(GLOBE_HEIGHT))).then_some(Shape::Lamp(globe)));
+            let globe =
+                Lamp::Sphere(SphereLamp { center: at(TUNING.globe_height), radius: TUNING.globe_radius * height });
+            lamps.extend((!in_view(camera, at(TUNING.panel_height))).then_some(Shape::Lamp(panel)));
+            lamps.extend((!in_view(camera, at(TUNING.globe_height))).then_some(Shape::Lamp(globe)));
         }
     }
     lamps
@@ -79,26 +110,30 @@ pub fn lamp_candidates(room: &RoomBox, camera: &Camera) -> Vec<Shape> {
 /// lobes of daylight. Those whose center is in view are left out.
 pub fn window_candidates(room: &RoomBox, camera: &Camera) -> Vec<Window> {
     let (depth, height) = (room.depth(), room.high.y - room.low.y);
-    let middle = room.low.y + WINDOW_MIDDLE * height;
+    let middle = room.low.y + TUNING.window_middle * height;
     let mut windows = Vec::new();
     let mut push = |center: Vec3, normal: Vec3, half_width: f32| {
         let (center, normal) = (room.rotation * center, room.rotation * normal);
-        let y = Vec3::Y * (WINDOW_HALF_HEIGHT * height);
+        let y = Vec3::Y * (TUNING.window_half_height * height);
         let x = Vec3::Y.cross(normal) * half_width;
         if !in_view(camera, center) {
             windows.push(Window { center, x, y, lobes: Window::daylight(normal) });
         }
     };
     // A side wall that is not seen may be further out than the seen points.
-    for out in SIDE_OFFSETS.map(|offset| offset * (room.high.x - room.low.x)) {
-        for z in SIDE_DEPTHS {
-            push(Vec3::new(room.low.x - out, middle, z * depth), Vec3::X, SIDE_HALF_WIDTH * depth);
-            push(Vec3::new(room.high.x + out, middle, z * depth), Vec3::NEG_X, SIDE_HALF_WIDTH * depth);
+    for out in TUNING.side_offsets.map(|offset| offset * (room.high.x - room.low.x)) {
+        for z in TUNING.side_depths {
+            push(Vec3::new(room.low.x - out, middle, z * depth), Vec3::X, TUNING.side_half_width * depth);
+            push(Vec3::new(room.high.x + out, middle, z * depth), Vec3::NEG_X, TUNING.side_half_width * depth);
         }
     }
-    for x in BACK_ACROSS {
+    for x in TUNING.back_across {
         let across = room.low.x + x * (room.high.x - room.low.x);
-        push(Vec3::new(across, middle, BACK_DEPTH * depth), Vec3::NEG_Z, BACK_HALF_WIDTH * (room.high.x - room.low.x));
+        push(
+            Vec3::new(across, middle, TUNING.back_depth * depth),
+            Vec3::NEG_Z,
+            TUNING.back_half_width * (room.high.x - room.low.x),
+        );
     }
     windows
 }

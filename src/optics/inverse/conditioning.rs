@@ -1,6 +1,29 @@
 //! Conditioning of a fit: the condition number of its columns, and the two that are hardest to
 //! distinguish.
 
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of the condition number of a fit.
+    pub const TUNING: ConditioningTuning {
+        /// Condition number of equal columns.
+        max_number: f64 = 1e15,
+            unit "1", source Derived("inverse of the accuracy of 64 bits"),
+            effect "a larger value reports numbers that are rounding";
+        /// Sweeps of Jacobi rotations.
+        sweeps: usize = 30,
+            unit "sweeps", source Taste, effect "a smaller value may end before all eigenvalues are exact";
+        /// Entry beside the diagonal below which its rotation is left out.
+        max_off_diagonal: f64 = 1e-15,
+            unit "1, columns have unit length", source Derived("accuracy of 64 bits"),
+            effect "a larger value makes eigenvalues less exact";
+        /// Least eigenvalue by which the largest one is divided.
+        min_eigenvalue: f64 = 1e-15,
+            unit "the largest eigenvalue", source Derived("accuracy of 64 bits"),
+            effect "a smaller value reports numbers that are rounding";
+    }
+}
+
 /// Condition number of a symmetric positive semi-definite matrix whose columns are scaled to unit
 /// length, and its cause.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +46,7 @@ impl Default for Conditioning {
 impl Conditioning {
     /// Conditioning of columns of which these two are equal.
     pub fn of_equals(most_correlated: [usize; 2]) -> Conditioning {
-        Conditioning { number: 1e15, most_correlated: Some(most_correlated), correlation: 1.0 }
+        Conditioning { number: TUNING.max_number, most_correlated: Some(most_correlated), correlation: 1.0 }
     }
 }
 
@@ -41,9 +64,9 @@ pub fn conditioning(gram: &[f64], k: usize) -> Conditioning {
     let mut a: Vec<f64> = used.iter().flat_map(|&i| used.iter().map(move |&j| cosine(i, j))).collect();
     // Columns of `v` become the eigenvectors.
     let mut v: Vec<f64> = (0..m * m).map(|i| f64::from(u8::from(i / m == i % m))).collect();
-    for _ in 0..30 {
+    for _ in 0..TUNING.sweeps {
         for (p, q) in (0..m).flat_map(|p| (p + 1..m).map(move |q| (p, q))) {
-            if a[p * m + q].abs() < 1e-15 {
+            if a[p * m + q].abs() < TUNING.max_off_diagonal {
                 continue;
             }
             let theta = 0.5 * (a[q * m + q] - a[p * m + p]) / a[p * m + q];
@@ -66,7 +89,7 @@ pub fn conditioning(gram: &[f64], k: usize) -> Conditioning {
     order.sort_by(|&i, &j| v[j * m + weakest].abs().total_cmp(&v[i * m + weakest].abs()));
     let [i, j] = [used[order[0].min(order[1])], used[order[0].max(order[1])]];
     Conditioning {
-        number: strongest / eigenvalue(weakest).max(1e-15 * strongest),
+        number: strongest / eigenvalue(weakest).max(TUNING.min_eigenvalue * strongest),
         most_correlated: Some([i, j]),
         correlation: cosine(i, j),
     }

@@ -14,6 +14,7 @@ use super::observations::white_level;
 use crate::geometry::world_up;
 use crate::image::{Mask, Normal, Picture, Plane, Points, connected_components, distance, graph_cut, luminance};
 use crate::optics::LightKind;
+use crate::tuning::tuning;
 
 /// Settings of [`find_lights`].
 #[derive(Clone, Copy, Debug)]
@@ -40,53 +41,111 @@ pub struct FoundLight {
     pub contrast: f32,
 }
 
-/// Levels between the threshold and white, each half as far from white as the one before: the last
-/// lies 1.6 % below it for the threshold of 0.75, two steps of 8 bits.
-/// Unit: levels; source: measured (docs/find-lights.md); effect: more find sharper outlines.
-const LEVELS: usize = 5;
-/// Brightness inside over outside below which an edge is that of light on a surface: the median
-/// along the outline, and for three quarters of it.
-/// Unit: 1; source: measured (docs/find-lights.md); effect: larger values propose fewer lights.
-const CONTRAST: [f32; 2] = [1.28, 1.22];
-/// Factor by which a higher level must raise the logarithm of the contrast to be taken.
-/// Unit: 1; source: measured; effect: larger values keep lower levels, and larger masks.
-const CONTRAST_FACTOR: f32 = 1.15;
-/// Fraction of the pixels that must be white in all channels, or of the color of daylight.
-/// Unit: 1; source: measured; effect: larger values propose fewer lights.
-const EMITTING: f32 = 0.15;
-/// Least channel of white. Unit: fraction of white; source: measured; effect: larger values propose
-/// fewer lights.
-const WHITE: f32 = 0.93;
-/// log(blue / red) of daylight above the photo's neutral.
-/// Unit: 1; source: measured; effect: larger values find fewer windows.
-const DAYLIGHT: f32 = 0.1;
-/// Cosine between the upward direction and the median normal above which a surface is a floor, a
-/// table or a bed.
-/// Unit: 1; source: measured; effect: smaller values propose fewer lights.
-const MOST_UPWARD: f32 = 0.5;
-/// Distance below the camera beyond which there are neither lamps nor windows.
-/// Unit: meters; source: taste; effect: smaller values propose fewer lights.
-const MOST_BELOW: f32 = 0.8;
-/// Largest distance between panes of one window.
-/// Unit: fraction of the longer side; source: measured; effect: larger values join more.
-const MUNTIN: f32 = 0.015;
-/// Radius around a region in which its surroundings are measured. Unit: pixels; source: the annuli
-/// in `region`.
-const CONTEXT_RADIUS: usize = 6;
-
-/// Votes of a window: each is 0 at the first value and 1 at the second, clamped to -1..1. Depth of
-/// the region over that of its surroundings; log of the contrast of its frame; fraction of its
-/// bounding box; fraction of daylight.
-/// Unit: 1; source: measured (docs/find-lights.md); effect: lamp or window.
-const FLUSH_VOTE: [f32; 2] = [0.98, 1.0];
-const FRAME_VOTE: [f32; 2] = [0.35, 0.5];
-const RECTANGLE_VOTE: [f32; 2] = [0.7, 0.8];
-const DAYLIGHT_VOTE: [f32; 2] = [0.0, 0.2];
-
-/// Flush vote of a photo without depth, and weight of the rectangle's vote.
-/// Unit: 1; source: taste; effect: lamp or window.
-const UNKNOWN_FLUSH: f32 = 0.5;
-const RECTANGLE_WEIGHT: f32 = 0.5;
+tuning! {
+    /// Constants of the proposals for lamps and windows.
+    pub const TUNING: FindLightsTuning {
+        /// Levels between the threshold and white, each half as far from white as the one before:
+        /// the last lies 1.6 % below it for the threshold of 0.75, two steps of 8 bits.
+        levels: usize = 5,
+            unit "levels", source Measured("docs/find-lights.md"), effect "a larger value finds sharper outlines";
+        /// Steps in which the gains and edge costs of a cut are rounded to whole numbers, so that
+        /// the cut is exact.
+        cut_scale: f32 = 1000.0,
+            unit "steps per gain of a white pixel", source Taste,
+            effect "a larger value rounds less; sums along a path must stay below 2^31";
+        /// Least brightness of which the logarithm is taken.
+        darkest: f32 = 1e-6,
+            unit "fraction of white", source Derived("gains are clamped to -1 far above it"),
+            effect "none above the least subnormal number";
+        /// Least sum of squared color steps by which the number of steps is divided.
+        min_step_energy: f64 = 1e-6,
+            unit "1", source Taste, effect "a larger value makes the edges of an even photo cost more";
+        /// Brightness inside over outside below which an edge is that of light on a surface: the
+        /// median along the outline, and for three quarters of it.
+        contrast: [f32; 2] = [1.28, 1.22],
+            unit "1", source Measured("docs/find-lights.md"), effect "a larger value proposes fewer lights";
+        /// Quantile of the surroundings' brightness that three quarters of an outline exceed in
+        /// contrast.
+        contrast_quantile: f32 = 0.75,
+            unit "1", source Measured("docs/find-lights.md"), effect "a larger value proposes fewer lights";
+        /// Least brightness outside by which that inside is divided.
+        min_outside: f32 = 0.01,
+            unit "fraction of white", source Taste,
+            effect "a larger value lowers the contrast of lights before darkness";
+        /// Factor by which a higher level must raise the logarithm of the contrast to be taken.
+        contrast_factor: f32 = 1.15,
+            unit "1", source Measured("no page records it"),
+            effect "a larger value keeps lower levels, and larger masks";
+        /// Least fraction of the pixels that are white in all channels, or of the color of
+        /// daylight.
+        emitting: f32 = 0.15,
+            unit "1", source Measured("no page records it"), effect "a larger value proposes fewer lights";
+        /// Least channel of a white pixel.
+        white: f32 = 0.93,
+            unit "fraction of white", source Measured("no page records it"),
+            effect "a larger value proposes fewer lights";
+        /// Least log(blue / red) of daylight above the photo's neutral.
+        daylight: f32 = 0.1,
+            unit "1", source Measured("no page records it"), effect "a larger value finds fewer windows";
+        /// Offset of blue and red in log(blue / red), which bounds it in the dark.
+        hue_offset: f32 = 0.01,
+            unit "fraction of white", source Taste, effect "a larger value makes dark pixels more neutral";
+        /// Cosine between the upward direction and the median normal above which a surface is a
+        /// floor, a table or a bed.
+        max_upward: f32 = 0.5,
+            unit "1", source Measured("no page records it"), effect "a smaller value proposes fewer lights";
+        /// Distance below the camera beyond which there are neither lamps nor windows.
+        max_below: f32 = 0.8,
+            unit "meters", source Taste, effect "a smaller value proposes fewer lights";
+        /// Largest distance between panes of one window.
+        muntin: f32 = 0.015,
+            unit "fraction of the longer side", source Measured("no page records it"),
+            effect "a larger value joins more panes";
+        /// Distances outside of a region from which and to which its surroundings are measured: the
+        /// pixels on the edge itself are mixtures.
+        annulus: [f32; 2] = [1.2, 3.0],
+            unit "pixels", source Taste, effect "a larger value compares a light with what is farther away";
+        /// Distances from the edge, inside of a region, from which and to which its boundary is
+        /// measured.
+        boundary: [f32; 2] = [1.0, 3.0],
+            unit "pixels", source Taste, effect "a larger value measures more of the inside";
+        /// Distances outside of a region from which and to which the depth of its surroundings is
+        /// measured.
+        around: [f32; 2] = [1.2, 5.0],
+            unit "pixels", source Taste,
+            effect "a larger value compares the depth of a window with what is farther away";
+        /// Radius around a region in which its surroundings are computed.
+        context_radius: usize = 6,
+            unit "pixels", source Derived("the largest distance of `around`, and one pixel"),
+            effect "a larger value is slower; no result changes";
+        /// Quantile of the depth of the surroundings with which that of a region is compared: a
+        /// lamp may touch its table, and the wall of a window may recede.
+        around_quantile: f32 = 0.35,
+            unit "1", source Measured("no page records it"), effect "a larger value finds fewer windows";
+        /// Depth of a region over that of its surroundings at which a window's vote is 0 and 1.
+        flush_vote: [f32; 2] = [0.98, 1.0],
+            unit "1", source Measured("docs/find-lights.md"), effect "larger values find fewer windows";
+        /// Log of the contrast of a frame at which a window's vote is 0 and 1.
+        frame_vote: [f32; 2] = [0.35, 0.5],
+            unit "1", source Measured("docs/find-lights.md"), effect "larger values find fewer windows";
+        /// Fraction of its bounding box that a region covers, at which a window's vote is 0 and 1.
+        rectangle_vote: [f32; 2] = [0.7, 0.8],
+            unit "1", source Measured("docs/find-lights.md"), effect "larger values find fewer windows";
+        /// Fraction of daylight at which a window's vote is 0 and 1.
+        daylight_vote: [f32; 2] = [0.0, 0.2],
+            unit "1", source Measured("docs/find-lights.md"), effect "larger values find fewer windows";
+        /// Vote on the depth of a region of a photo without depth.
+        unknown_flush: f32 = 0.5,
+            unit "votes", source Taste, effect "a larger value finds more windows in photos without depth";
+        /// Weight of the vote on the rectangle.
+        rectangle_weight: f32 = 0.5,
+            unit "1", source Taste, effect "a larger value lets the outline decide more";
+        /// Sum of votes above which a region is a window: one vote is not enough for a warm glow on
+        /// a wall, which lies in its plane too.
+        min_votes: f32 = 1.0,
+            unit "votes", source Measured("docs/find-lights.md"), effect "a larger value finds fewer windows";
+    }
+}
 
 /// Proposes the lights in `photo` (linear, with the `clipped` fraction of each pixel), the largest
 /// first.
@@ -109,7 +168,7 @@ pub fn find_lights(
     let smallest = (search.smallest * (w * h) as f32).max(1.0) as usize;
 
     let mut kept: Vec<BrightRegion> = Vec::new();
-    for level in (0..LEVELS as i32).rev() {
+    for level in (0..TUNING.levels as i32).rev() {
         let threshold = 1.0 - (1.0 - search.threshold) * 0.5f32.powi(level);
         let label = cues.cut(threshold, search.smoothness);
         let large = connected_components(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
@@ -121,7 +180,7 @@ pub fn find_lights(
             kept = others;
             let sharpest = inner.iter().map(|inner| inner.contrast.ln()).fold(0.0, f32::max);
             let contrast = if cues.emits(&region) { region.contrast.ln() } else { 0.0 };
-            if CONTRAST_FACTOR * contrast > sharpest { merged.push(region) } else { merged.extend(inner) }
+            if TUNING.contrast_factor * contrast > sharpest { merged.push(region) } else { merged.extend(inner) }
         }
         kept = merged;
     }
@@ -193,7 +252,7 @@ impl<'a> Cues<'a> {
             bright: photo.map(|c| luminance(c).max(c.z)),
             least: photo.map(Vec3::min_element),
             neutral: quantile(photo.pixels().iter().map(|&c| hue(c)), 0.5),
-            beta: (count / (2.0 * sum).max(1e-6)) as f32,
+            beta: (count / (2.0 * sum).max(TUNING.min_step_energy)) as f32,
             room: room.map(|(points, normal)| (points, normal, world_up(normal))),
             photo,
             shown,
@@ -202,11 +261,12 @@ impl<'a> Cues<'a> {
 
     /// Pixels that are a light at this level; gains are in thousandths so that the cut is exact.
     fn cut(&self, threshold: f32, smoothness: f32) -> Plane<bool> {
-        let gain = self.bright.map(|b| (1000.0 * (1.0 - b.max(1e-6).ln() / threshold.ln()).clamp(-1.0, 1.0)) as i32);
+        let gain = |b: f32| TUNING.cut_scale * (1.0 - b.max(TUNING.darkest).ln() / threshold.ln()).clamp(-1.0, 1.0);
+        let gain = self.bright.map(|b| gain(b) as i32);
         graph_cut(&gain, |x, y, nx, ny| {
             let step = self.shown.get(x, y).distance_squared(self.shown.get(nx, ny));
             let distance = if x == nx || y == ny { 1.0 } else { std::f32::consts::SQRT_2 };
-            (1000.0 * smoothness * (-self.beta * step).exp() / distance) as i32
+            (TUNING.cut_scale * smoothness * (-self.beta * step).exp() / distance) as i32
         })
     }
 
@@ -220,30 +280,30 @@ impl<'a> Cues<'a> {
         let ((left, right), (top, bottom)) = (extent(&|i| i % w), extent(&|i| i / w));
         // Only a window around it is processed, so that many small regions cost no more than a
         // large one.
-        let (x0, x1) = (left.saturating_sub(CONTEXT_RADIUS), (right + CONTEXT_RADIUS + 1).min(w));
-        let (y0, y1) = (top.saturating_sub(CONTEXT_RADIUS), (bottom + CONTEXT_RADIUS + 1).min(h));
+        let (x0, x1) = (left.saturating_sub(TUNING.context_radius), (right + TUNING.context_radius + 1).min(w));
+        let (y0, y1) = (top.saturating_sub(TUNING.context_radius), (bottom + TUNING.context_radius + 1).min(h));
         let mut inside = Plane::filled(x1 - x0, y1 - y0, false);
         pixels.iter().for_each(|&i| inside.set(i % w - x0, i / w - y0, true));
         let (away, into) = (distance(&inside), distance(&inside.map(|inside| !inside)));
-        let within = |plane: &Plane<f32>, from: f32, to: f32| -> Vec<usize> {
+        let within = |plane: &Plane<f32>, [from, to]: [f32; 2]| -> Vec<usize> {
             let near = (0..plane.len()).filter(|&i| plane.pixels()[i] >= from && plane.pixels()[i] < to);
             near.map(|i| (y0 + i / (x1 - x0)) * w + x0 + i % (x1 - x0)).collect()
         };
         // The pixels on either side of the edge itself are mixtures.
-        let mut annulus = within(&away, 1.2, 3.0);
+        let mut annulus = within(&away, TUNING.annulus);
         annulus.retain(|&i| !label.pixels()[i]);
-        let boundary = within(&into, 1.0, 3.0);
+        let boundary = within(&into, TUNING.boundary);
         let contrast = |plane: &Plane<f32>, fraction: f32| {
             let inside = quantile(boundary.iter().map(|&i| plane.pixels()[i]), 0.5);
             let outside = quantile(annulus.iter().map(|&i| plane.pixels()[i]), fraction);
             // A region that covers the photo stands out from nothing.
-            if annulus.is_empty() { 0.0 } else { inside / outside.max(0.01) }
+            if annulus.is_empty() { 0.0 } else { inside / outside.max(TUNING.min_outside) }
         };
         BrightRegion {
             contrast: contrast(&self.least, 0.5),
-            least_contrast: contrast(&self.least, 0.75),
-            frame: contrast(&self.bright, 0.75),
-            around: within(&away, 1.2, 5.0),
+            least_contrast: contrast(&self.least, TUNING.contrast_quantile),
+            frame: contrast(&self.bright, TUNING.contrast_quantile),
+            around: within(&away, TUNING.around),
             fill: pixels.len() as f32 / ((right - left + 1) * (bottom - top + 1)) as f32,
             pixels,
         }
@@ -254,19 +314,19 @@ impl<'a> Cues<'a> {
     }
 
     fn daylight(&self, region: &BrightRegion) -> f32 {
-        self.fraction(region, |i| hue(self.photo.pixels()[i]) > DAYLIGHT + self.neutral.max(0.0))
+        self.fraction(region, |i| hue(self.photo.pixels()[i]) > TUNING.daylight + self.neutral.max(0.0))
     }
 
     /// Returns whether a region may be a light: it is sharp, as white or as blue as the photo gets,
     /// and not on a floor or table.
     fn emits(&self, region: &BrightRegion) -> bool {
-        let sharp = region.contrast > CONTRAST[0] && region.least_contrast > CONTRAST[1];
-        let white = self.fraction(region, |i| self.least.pixels()[i] > WHITE);
+        let sharp = region.contrast > TUNING.contrast[0] && region.least_contrast > TUNING.contrast[1];
+        let white = self.fraction(region, |i| self.least.pixels()[i] > TUNING.white);
         let placed = self.room.is_none_or(|(points, normal, up)| {
             let median = |plane: &Plane<Vec3>| quantile(region.pixels.iter().map(|&i| plane.pixels()[i].dot(up)), 0.5);
-            median(&normal.0) < MOST_UPWARD && median(&points.0) > -MOST_BELOW
+            median(&normal.0) < TUNING.max_upward && median(&points.0) > -TUNING.max_below
         });
-        sharp && placed && white.max(self.daylight(region)) > EMITTING
+        sharp && placed && white.max(self.daylight(region)) > TUNING.emitting
     }
 
     /// Returns whether a region is a window, by votes of about -1..1 each: it lies in the plane of
@@ -274,25 +334,25 @@ impl<'a> Cues<'a> {
     /// daylight. A warm glow on a wall lies in its plane too, so that one vote is not enough.
     fn is_window(&self, region: &BrightRegion) -> bool {
         let vote = |value: f32, [zero, one]: [f32; 2]| ((value - zero) / (one - zero)).clamp(-1.0, 1.0);
-        let flush = self.room.map_or(UNKNOWN_FLUSH, |(points, ..)| {
+        let flush = self.room.map_or(TUNING.unknown_flush, |(points, ..)| {
             let depth =
                 |pixels: &[usize], fraction| quantile(pixels.iter().map(|&i| -points.0.pixels()[i].z), fraction);
             // Before two thirds of it: a lamp may touch its table, and the wall of a window may
             // recede.
-            vote(depth(&region.pixels, 0.5) / depth(&region.around, 0.35), FLUSH_VOTE)
+            vote(depth(&region.pixels, 0.5) / depth(&region.around, TUNING.around_quantile), TUNING.flush_vote)
         });
-        let frame = vote(region.frame.ln(), FRAME_VOTE);
+        let frame = vote(region.frame.ln(), TUNING.frame_vote);
         flush
             + frame
-            + RECTANGLE_WEIGHT * vote(region.fill, RECTANGLE_VOTE)
-            + vote(self.daylight(region), DAYLIGHT_VOTE)
-            > 1.0
+            + TUNING.rectangle_weight * vote(region.fill, TUNING.rectangle_vote)
+            + vote(self.daylight(region), TUNING.daylight_vote)
+            > TUNING.min_votes
     }
 }
 
 /// log(blue / red), bounded in the dark.
 fn hue(color: Vec3) -> f32 {
-    ((color.z + 0.01) / (color.x + 0.01)).ln()
+    ((color.z + TUNING.hue_offset) / (color.x + TUNING.hue_offset)).ln()
 }
 
 /// The quantile `fraction` of the values; 0 of none.
@@ -305,10 +365,10 @@ fn quantile(values: impl Iterator<Item = f32>, fraction: f32) -> f32 {
     *values.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
-/// Joins regions within [`MUNTIN`] of each other in a picture of this size, with the contrast of
+/// Joins regions within `TUNING.muntin` of each other in a picture of this size, with the contrast of
 /// the largest.
 fn join(parts: Vec<BrightRegion>, size: (usize, usize)) -> Vec<BrightRegion> {
-    let reach = MUNTIN * size.0.max(size.1) as f32;
+    let reach = TUNING.muntin * size.0.max(size.1) as f32;
     let mut joined: Vec<BrightRegion> = Vec::new();
     for mut region in parts {
         let away = distance(&mask(&region.pixels, size));

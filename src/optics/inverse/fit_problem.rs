@@ -8,60 +8,75 @@ use rayon::prelude::*;
 
 use super::{Column, LightPrior, Observations};
 use crate::optics::nnls::{nnls, nnls_from};
+use crate::tuning::tuning;
 
-/// Standard deviation of the model error as a fraction of a pixel's value.
-/// Unit: 1; source: taste, measured on the rooms of docs/accuracy.md; effect: larger values trust
-/// bright pixels less.
-const RELATIVE_ERROR: f64 = 0.15;
-
-/// Floor of that standard deviation, about two 8-bit steps.
-/// Unit: fraction of white; source: quantization of 8-bit photos; effect: larger values trust dark
-/// pixels less.
-const ERROR_FLOOR: f64 = 0.01;
-
-/// Offset in the weight `sqrt(I) / (I + offset)^2` of a pixel of value I.
-/// Unit: fraction of white; source: taste; effect: larger values move weight from dark to bright
-/// pixels.
-const WEIGHT_OFFSET: f64 = 0.05;
-
-/// Weight of a radiance's distance from the likely colors (daylight and bulbs), relative to the
-/// data.
-/// Unit: 1; source: measured on the rooms of docs/accuracy.md; effect: larger values make lights
-/// less colorful.
-pub(super) const COLOR_WEIGHT: f64 = 0.3;
-
-/// Weight of staying at the last iterate, relative to the data: lights that look the same
-/// share equally.
-/// Unit: 1; source: numerical; effect: columns that differ by more than 1e-4 do not feel it.
-const PROXIMAL_WEIGHT: f64 = 1e-9;
-
-/// Contribution to the mean shading below which a light is off.
-/// Unit: fraction of the mean shading; source: numerical; effect: radiances in 1e6 : 1 remain
-/// distinguishable from off.
-pub(super) const OFF: f64 = 1e-9;
-
-/// Mean of a layer below which it is black.
-/// Unit: shading per unit radiance; source: range of f32; effect: radiances up to 1e30 times white
-/// are finite.
-const BLACK_LAYER: f64 = 1e-30;
-
-/// Least albedo of a segment.
-/// Unit: 1; source: numerical; effect: a segment's shading stays finite.
-const LEAST_ALBEDO: f64 = 1e-3;
-
-/// Unknowns up to which each iteration starts its active set from nothing; larger problems start
-/// from the last iterate.
-/// Unit: unknowns of all channels; source: measured time; effect: speed.
-const COLD_START_UNKNOWNS: usize = 99;
-
-/// Largest fraction of each computed step that is taken: weights and projection belong to the last
-/// iterate, and full steps overshoot. Unit: 1; source: measured; effect: larger values converge
-/// faster or oscillate.
-pub(super) const STEP_FRACTION: f64 = 0.7;
+tuning! {
+    /// Constants of the least-squares problem of the light fit.
+    pub const FIT_PROBLEM: FitProblemTuning {
+        /// Standard deviation of the model error as a fraction of a pixel's value.
+        relative_error: f64 = 0.15,
+            unit "1", source Measured("rooms of docs/accuracy.md"), effect "a larger value trusts bright pixels less";
+        /// Floor of that standard deviation, about two 8-bit steps.
+        error_floor: f64 = 0.01,
+            unit "fraction of white", source Derived("quantization of 8-bit photos"),
+            effect "a larger value trusts dark pixels less";
+        /// Offset in the weight `sqrt(I) / (I + offset)^2` of a pixel of value I.
+        weight_offset: f64 = 0.05,
+            unit "fraction of white", source Taste, effect "a larger value moves weight from dark to bright pixels";
+        /// Weight of a radiance's distance from the likely colors (daylight and bulbs), relative to
+        /// the data.
+        color_weight: f64 = 0.3,
+            unit "1", source Measured("rooms of docs/accuracy.md"),
+            effect "a larger value makes lights less colorful";
+        /// Direction of warm light in log(r / g), 0, log(b / g): black bodies lie near this line,
+        /// 2700 K at 1.7 times it from 6500 K.
+        warm: [f64; 3] = [0.55, 0.0, -0.835],
+            unit "1", source Derived("black bodies in linear Rec.709"),
+            effect "another direction makes other colors likely";
+        /// Largest distance of a likely color from the mean light along `warm`, in either
+        /// direction.
+        max_warmth: f64 = 1.5,
+            unit "lengths of `warm`", source Taste, effect "a larger value makes more saturated bulbs likely";
+        /// Least channel of a radiance of which the likely color is looked up.
+        min_color: f64 = 0.02,
+            unit "fraction of the sum of its channels", source Taste,
+            effect "a larger value makes lights without one channel less warm or cold";
+        /// Least radiance of which the likely color is looked up.
+        min_radiance: f64 = 1e-12,
+            unit "the mean shading", source Derived("rounding of 64 bits"),
+            effect "none above rounding: the logarithm of 0 is avoided";
+        /// Weight of staying at the last iterate, relative to the data: lights that look the same
+        /// share equally.
+        proximal_weight: f64 = 1e-9,
+            unit "1", source Derived("rounding of 64 bits"),
+            effect "columns that differ by more than 1e-4 do not feel it; a larger value slows convergence";
+        /// Contribution to the mean shading below which a light is off.
+        off: f64 = 1e-9,
+            unit "fraction of the mean shading", source Derived("rounding of 64 bits"),
+            effect "a larger value turns weak lights off; radiances in 1e6 : 1 remain distinguishable from off";
+        /// Mean of a layer below which it is black.
+        black_layer: f64 = 1e-30,
+            unit "shading per unit radiance", source Derived("range of 32-bit numbers"),
+            effect "a larger value gives fewer lights a radiance; those up to 1e30 times white are finite";
+        /// Least albedo of a segment.
+        min_albedo: f64 = 1e-3,
+            unit "albedo", source Derived("rounding of 64 bits"),
+            effect "a larger value lowers the shading of dark segments; a segment's shading stays finite";
+        /// Unknowns up to which each iteration starts its active set from nothing; larger problems
+        /// start from the last iterate.
+        cold_start_unknowns: usize = 99,
+            unit "unknowns of all channels", source Measured("run time; no page records it"),
+            effect "a larger value is slower for many lights";
+        /// Largest fraction of each computed step that is taken: weights and projection belong to
+        /// the last iterate, and full steps overshoot.
+        step_fraction: f64 = 0.7,
+            unit "1", source Measured("no page records it"), effect "a larger value converges faster or oscillates";
+    }
+}
 
 /// Expected model error of a pixel, in units of white.
 fn sigma(value: f64) -> f64 {
-    RELATIVE_ERROR * value + ERROR_FLOOR
+    FIT_PROBLEM.relative_error * value + FIT_PROBLEM.error_floor
 }
 
 /// Factors that bring each column to mean 1, so that start, prior and tolerances have the same unit
@@ -69,7 +84,7 @@ fn sigma(value: f64) -> f64 {
 pub(super) fn scales<'c>(columns: impl Iterator<Item = &'c Column<'c>>) -> Vec<f64> {
     let scale = |c: &Column| {
         let mean = c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>() / (3 * c.layer.len()) as f64;
-        if mean > BLACK_LAYER { 1.0 / mean } else { 0.0 }
+        if mean > FIT_PROBLEM.black_layer { 1.0 / mean } else { 0.0 }
     };
     columns.map(scale).collect()
 }
@@ -127,7 +142,7 @@ impl<'a> Problem<'a> {
         let tikhonov_weight: Vec<f64> = columns.iter().map(|c| prior.tikhonov_weight(c.role)).collect();
         let guessed = tikhonov_weight.iter().zip(scale).zip(&count).filter(|((t, s), _)| **t > 0.0 && **s > 0.0);
         let equal_share = 1.0 / guessed.map(|(_, count)| count).sum::<f64>().max(1.0);
-        let weight = |i: &f64| i.sqrt() / (i + WEIGHT_OFFSET).powi(2);
+        let weight = |i: &f64| i.sqrt() / (i + FIT_PROBLEM.weight_offset).powi(2);
         Problem {
             observations,
             l1_weight: columns.iter().map(|c| prior.l1_weight(c.role)).collect(),
@@ -157,7 +172,7 @@ impl<'a> Problem<'a> {
         for (c, Equations { mut gram, mut b, energy }) in channels.into_iter().enumerate() {
             let gauge: f64 = self.weight[c].iter().zip(&self.photo[c]).map(|(weight, i)| weight * i * i).sum();
             for i in 0..k {
-                color_weights[i] += COLOR_WEIGHT / 3.0 * gram[i * k + i] / self.count[i];
+                color_weights[i] += FIT_PROBLEM.color_weight / 3.0 * gram[i * k + i] / self.count[i];
                 // The gauge, mean shading 1, as one more equation.
                 b[i] += gauge * self.mean[c][i] - 0.5 * energy * self.l1_weight[i];
                 for j in 0..k {
@@ -166,8 +181,8 @@ impl<'a> Problem<'a> {
             }
             grams[c] = gram.clone();
             for i in 0..k {
-                b[i] += PROXIMAL_WEIGHT * gram[i * k + i] * w[i][c];
-                gram[i * k + i] *= 1.0 + PROXIMAL_WEIGHT;
+                b[i] += FIT_PROBLEM.proximal_weight * gram[i * k + i] * w[i][c];
+                gram[i * k + i] *= 1.0 + FIT_PROBLEM.proximal_weight;
                 b[i] += gauge * self.tikhonov_weight[i] * self.equal_share;
                 gram[i * k + i] += gauge * self.tikhonov_weight[i] / self.count[i];
                 right[c * k + i] = b[i];
@@ -183,11 +198,12 @@ impl<'a> Problem<'a> {
             }
         }
         let start: Vec<f64> = (0..size).map(|i| w[i % k][i / k]).collect();
-        let solved = if size > COLD_START_UNKNOWNS { nnls_from(&all, &right, &start) } else { nnls(&all, &right) };
+        let solved =
+            if size > FIT_PROBLEM.cold_start_unknowns { nnls_from(&all, &right, &start) } else { nnls(&all, &right) };
         for (i, solved) in solved.into_iter().enumerate() {
             let old = &mut w[i % k][i / k];
             *old += step * (solved - *old);
-            if solved == 0.0 && *old < OFF {
+            if solved == 0.0 && *old < FIT_PROBLEM.off {
                 *old = 0.0;
             }
         }
@@ -271,7 +287,7 @@ impl<'a> Problem<'a> {
         }
         // A segment that is clipped everywhere, or in full shadow, is taken as white: it does not
         // constrain the lights.
-        top.iter().zip(&bottom).map(|(t, b)| if *b > 0.0 { (t / b).max(LEAST_ALBEDO) } else { 1.0 }).collect()
+        top.iter().zip(&bottom).map(|(t, b)| if *b > 0.0 { (t / b).max(FIT_PROBLEM.min_albedo) } else { 1.0 }).collect()
     }
 
     /// Weighted energy of the photo, summed over pixels and channels.
@@ -322,12 +338,11 @@ struct Equations {
 /// Black bodies lie near the line log(r / g, b / g) = t (0.55, -0.835): 2700 K is at t = 1.7 from
 /// 6500 K. The same holds for their ratios, and so in any white balance.
 pub(super) fn likely_color(w: [f64; 3]) -> [f64; 3] {
-    const WARM: [f64; 3] = [0.55, 0.0, -0.835];
-    const MOST: f64 = 1.5;
-    let floor = 0.02 * w.iter().sum::<f64>() + 1e-12;
+    let FitProblemTuning { warm, max_warmth, min_color, min_radiance, .. } = FIT_PROBLEM;
+    let floor = min_color * w.iter().sum::<f64>() + min_radiance;
     let [r, g, b] = w.map(|v| v.max(floor).ln());
-    let t = (WARM[0] * (r - g) + WARM[2] * (b - g)).clamp(-MOST, MOST);
-    let color = WARM.map(|v| (v * t).exp());
+    let t = (warm[0] * (r - g) + warm[2] * (b - g)).clamp(-max_warmth, max_warmth);
+    let color = warm.map(|v| (v * t).exp());
     let length = color.iter().map(|v| v * v).sum::<f64>().sqrt();
     color.map(|v| v / length)
 }

@@ -4,28 +4,40 @@ use glam::Vec3;
 
 use crate::geometry::PlaneFit;
 use crate::image::Mask;
+use crate::tuning::tuning;
 
-/// Fraction of the pixels that is left out at each end of an extent.
-/// Unit: 1; source: ragged masks; effect: larger values ignore more outliers.
-const OUTLIERS: f32 = 0.03;
-
-/// Fraction of the pixels that remains: the extent is divided by it.
-const INLIERS: f32 = 0.94;
-
-/// Least half extent. Unit: fraction of the distance; source: one pixel; effect: no light is a
-/// point.
-const LEAST_EXTENT: f32 = 0.002;
-
-/// Vertical component of a plane's normal below which its upright edge is well defined.
-/// Unit: 1; source: taste; effect: orientation of the rectangle only.
-const UPRIGHT: f32 = 0.8;
+tuning! {
+    /// Constants of the extent of a light's mask.
+    pub const TUNING: MaskPixelsTuning {
+        /// Fraction of a pixel that a light must exceed to own it.
+        min_covered: f32 = 0.5,
+            unit "1", source Taste, effect "a larger value makes lights smaller";
+        /// Fraction of the largest value of a mask that suffices where it is below `min_covered`: a
+        /// thin light may cover no pixel by half.
+        thin_fraction: f32 = 0.999,
+            unit "1", source Taste, effect "a smaller value makes thin lights wider";
+        /// Fraction of the pixels that is left out at each end of an extent.
+        outliers: f32 = 0.03,
+            unit "1", source Derived("masks are ragged"), effect "a larger value ignores more outliers";
+        /// Fraction of the pixels that remains, by which the extent is divided.
+        inliers: f32 = 0.94,
+            unit "1", source Derived("1 - 2 `outliers`"), effect "a larger value makes lights smaller";
+        /// Least half extent: no light is a point.
+        min_extent: f32 = 0.002,
+            unit "fraction of the distance", source Derived("about one pixel"),
+            effect "a larger value makes small lights larger";
+        /// Vertical component of a plane's normal below which its upright edge is well defined.
+        upright: f32 = 0.8,
+            unit "1", source Taste, effect "another value changes the orientation of the rectangle only";
+    }
+}
 
 /// Pixels (column, row) of the mask that a light covers by more than half.
 pub(super) fn pixels_of(mask: &Mask) -> Vec<(usize, usize)> {
     let (w, h) = mask.0.size();
     // A thin light may cover no pixel by more than half at working size.
     let most = mask.0.pixels().iter().copied().fold(0.0, f32::max);
-    let threshold = 0.5f32.min(0.999 * most);
+    let threshold = TUNING.min_covered.min(TUNING.thin_fraction * most);
     (0..w * h).map(|i| (i % w, i / w)).filter(|&(x, y)| most > 0.0 && mask.0.get(x, y) > threshold).collect()
 }
 
@@ -56,7 +68,7 @@ pub(super) fn extent(rays: &[Vec3], plane: &PlaneFit) -> Option<(Vec3, Vec3, Vec
         return None;
     }
     let n = plane.normal;
-    let (x, y) = if n.y.abs() < UPRIGHT {
+    let (x, y) = if n.y.abs() < TUNING.upright {
         let x = Vec3::Y.cross(n).normalize();
         (x, n.cross(x))
     } else {
@@ -67,12 +79,12 @@ pub(super) fn extent(rays: &[Vec3], plane: &PlaneFit) -> Option<(Vec3, Vec3, Vec
         let mut values: Vec<f32> = hits.iter().map(|p| p.dot(axis)).collect();
         values.sort_by(f32::total_cmp);
         let at = |share: f32| values[((values.len() - 1) as f32 * share) as usize];
-        (at(OUTLIERS), at(1.0 - OUTLIERS))
+        (at(TUNING.outliers), at(1.0 - TUNING.outliers))
     };
     let ((x0, x1), (y0, y1)) = (range(x), range(y));
     // One pixel, seen from afar, still has a size; the part left out is added back.
-    let least = LEAST_EXTENT * hits[0].length();
-    let half = |low: f32, high: f32| (0.5 * (high - low) / INLIERS).max(least);
+    let least = TUNING.min_extent * hits[0].length();
+    let half = |low: f32, high: f32| (0.5 * (high - low) / TUNING.inliers).max(least);
     let center = x * (0.5 * (x0 + x1)) + y * (0.5 * (y0 + y1)) + n * plane.offset;
     Some((center, x * half(x0, x1), y * half(y0, y1)))
 }

@@ -27,9 +27,33 @@ pub use find_lights::{FoundLight, LightSearch, find_lights};
 pub use light_prior::{Column, LightPrior, Role};
 pub use observations::{Observations, observed_pixels};
 pub use parameters::DegreesOfFreedom;
-pub use radiance_fit::{MOST_LIGHTS, RadianceFit, fit_radiances};
+pub use radiance_fit::{RADIANCE_FIT, RadianceFit, fit_radiances};
 pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
 pub use room_box::RoomBox;
 pub use shape_fit::{Bounds, LightVariable, ShapeFit, ShapeSearch, fit_shapes};
 pub use visible_lamp::{LampForm, LampForms};
 pub use visible_light::visible_light;
+
+use crate::tuning::Table;
+
+/// The constants of inverse rendering.
+pub fn tuning() -> Vec<Table> {
+    vec![
+        candidate_search::CandidateSearchTuning::table(),
+        candidates::CandidatesTuning::table(),
+        conditioning::ConditioningTuning::table(),
+        find_lights::FindLightsTuning::table(),
+        fit_problem::FitProblemTuning::table(),
+        mask_pixels::MaskPixelsTuning::table(),
+        observations::ObservationsTuning::table(),
+        parameters::ParametersTuning::table(),
+        radiance_fit::RadianceFitTuning::table(),
+        receivers::ReceiversTuning::table(),
+        room_box::RoomBoxTuning::table(),
+        shape_fit::ShapeFitTuning::table(),
+        surfels::SurfelsTuning::table(),
+        visible_lamp::VisibleLampTuning::table(),
+        visible_light::VisibleLightTuning::table(),
+        visible_window::VisibleWindowTuning::table(),
+    ]
+}

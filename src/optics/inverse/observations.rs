@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use crate::image::{Mask, Picture, Segments, dilate, luminance};
+use crate::tuning::tuning;
 
 /// Photo on the pixels that take part in a fit: `photo`, `segment` and `saturated` have one entry
 /// per pixel.
@@ -40,7 +41,7 @@ impl Observations {
                     }
                 }
             }
-            (sum / count, clip / count > 0.02)
+            (sum / count, clip / count > TUNING.max_clipped)
         };
         let white = white_of(photo, clipped);
         let (photo, saturated) = pixels.iter().map(mean).unzip();
@@ -56,14 +57,37 @@ impl Observations {
     /// Shading on the same pixels where their albedo is known: I / A, as one segment of albedo 1.
     /// `albedo` has one entry per pixel.
     pub fn over(self, albedo: &[Vec3]) -> Observations {
-        let shading = self.photo.iter().zip(albedo).map(|(photo, albedo)| *photo / albedo.max(Vec3::splat(DARKEST)));
+        let shading =
+            self.photo.iter().zip(albedo).map(|(photo, albedo)| *photo / albedo.max(Vec3::splat(TUNING.darkest)));
         Observations { photo: shading.collect(), segment: vec![0; self.segment.len()], segments: 1, ..self }
     }
 }
 
-/// Albedo below which a surface reflects more noise than signal.
-/// Unit: 1; source: taste; effect: larger values darken the shading of dark surfaces.
-const DARKEST: f32 = 0.02;
+tuning! {
+    /// Constants of the pixels of a photo that take part in a fit.
+    pub const TUNING: ObservationsTuning {
+        /// Clipped fraction of the mean of a pixel above which the observation is saturated.
+        max_clipped: f32 = 0.02,
+            unit "1", source Taste, effect "a larger value trusts more pixels beside highlights";
+        /// Albedo below which a surface reflects more noise than signal.
+        darkest: f32 = 0.02,
+            unit "albedo", source Taste, effect "a larger value darkens the shading of dark surfaces";
+        /// Quantile of the levels of a photo that is clipped nowhere, from which its white is
+        /// found.
+        white_tenths: usize = 9,
+            unit "tenths", source Taste, effect "a larger value lets a sun or a lamp move white";
+        /// White over that quantile.
+        white_factor: f32 = 2.0,
+            unit "1", source Taste, effect "a larger value makes all levels darker relative to white";
+        /// Luminance below which a pixel is black: one 8-bit step.
+        black: f32 = 0.004,
+            unit "fraction of white", source Derived("quantization of 8-bit photos"),
+            effect "a larger value drops dark pixels";
+        /// Least distance of an observation from the masks of lights.
+        margin: usize = 2,
+            unit "pixels", source Taste, effect "a larger value drops more pixels around lights";
+    }
+}
 
 /// Level of white in a photo of any exposure, from its pixels and whether each is clipped; 0 for a
 /// black photo.
@@ -80,18 +104,13 @@ pub fn white_level(pixels: impl Iterator<Item = (Vec3, bool)>) -> f32 {
     if end > 0.0 || levels.is_empty() {
         return end;
     }
-    let at = (levels.len() - 1) * 9 / 10;
-    2.0 * *levels.select_nth_unstable_by(at, f32::total_cmp).1
+    let at = (levels.len() - 1) * TUNING.white_tenths / 10;
+    TUNING.white_factor * *levels.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
 fn white_of(photo: &Picture, clipped: &Mask) -> f32 {
     white_level(photo.0.pixels().iter().zip(clipped.0.pixels()).map(|(&pixel, &clipped)| (pixel, clipped > 0.5)))
 }
-
-/// Luminance below which a pixel is black: one 8-bit step.
-/// Unit: fraction of white; source: quantization of 8-bit photos; effect: larger values drop dark
-/// pixels.
-const BLACK: f32 = 0.004;
 
 /// Pixels of `candidates` that constrain the lights: brighter than black, and at least two pixels
 /// away from each of `masks`, which mark lights and what is not part of the room. All are indices
@@ -102,9 +121,9 @@ pub fn observed_pixels<'a>(
     clipped: &Mask,
     masks: impl Iterator<Item = &'a Mask>,
 ) -> Vec<usize> {
-    let taken = dilate(masks, photo.0.size(), 2);
+    let taken = dilate(masks, photo.0.size(), TUNING.margin);
     let mut pixels: Vec<usize> = candidates.filter(|&i| !taken.pixels()[i]).collect();
-    let black = BLACK * white_of(photo, clipped);
+    let black = TUNING.black * white_of(photo, clipped);
     pixels.retain(|&i| luminance(photo.0.pixels()[i]) > black);
     pixels
 }

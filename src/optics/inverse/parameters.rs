@@ -3,6 +3,7 @@
 use glam::{Quat, Vec3};
 
 use crate::optics::{Gradient, LOBES, Lamp, Shape, Window};
+use crate::tuning::tuning;
 
 /// Degrees of freedom of a light's shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,25 +33,31 @@ pub enum Parameter {
     Bandwidth(usize),
 }
 
-/// Likely error of the distance of a visible lamp: the depth is that of its front, not of its
-/// middle.
-/// Unit: radii; source: taste; effect: larger values let lamps move farther.
-const DISTANCE: f32 = 0.5;
-
-/// Likely errors of the logarithm of the size, of a direction, and of log(1 + bandwidth).
-/// Unit: 1, radians, 1; source: taste; effect: larger values let lights change more.
-const SIZE: f32 = 0.4;
-const TURN: f32 = 0.2;
-const BANDWIDTH: f32 = 1.0;
-
-/// Likely error of the position of a light out of view.
-/// Unit: fraction of its distance from the receivers; source: taste; effect: larger values let
-/// lights move farther.
-const SHIFT: f32 = 0.15;
-
-/// Largest bandwidth: a lobe beyond it is a direction.
-/// Unit: 1; source: the sun's disc is about 1e5; effect: bounds the search.
-const MOST_BANDWIDTH: f32 = 1e5;
+tuning! {
+    /// Constants of the free parameters of a light's shape.
+    pub const TUNING: ParametersTuning {
+        /// Likely error of the distance of a visible lamp: the depth is that of its front, not of
+        /// its middle.
+        distance: f32 = 0.5,
+            unit "radii", source Taste, effect "a larger value lets lamps move farther";
+        /// Likely error of the logarithm of the size.
+        size: f32 = 0.4,
+            unit "1", source Taste, effect "a larger value lets lights change their size more";
+        /// Likely error of a lobe's direction.
+        turn: f32 = 0.2,
+            unit "radians", source Taste, effect "a larger value lets lobes turn more";
+        /// Likely error of log(1 + bandwidth).
+        bandwidth: f32 = 1.0,
+            unit "1", source Taste, effect "a larger value lets lobes become broader and narrower";
+        /// Likely error of the position of a light out of view.
+        shift: f32 = 0.15,
+            unit "fraction of its distance from the receivers", source Taste,
+            effect "a larger value lets lights move farther";
+        /// Largest bandwidth: a lobe beyond it is a direction.
+        max_bandwidth: f32 = 1e5,
+            unit "1", source Derived("the sun's disc is about 1e5"), effect "a larger value widens the search";
+    }
+}
 
 /// Parameters of a light with these degrees of freedom. `lit` is the mean position of the
 /// receivers, meters, camera space. The axes are those of the present shape.
@@ -58,11 +65,13 @@ pub fn parameters(shape: &Shape, freedom: DegreesOfFreedom, lit: Vec3) -> Vec<Pa
     let Some((middle, radius)) = shape.bounding_sphere().filter(|_| freedom != DegreesOfFreedom::Fixed) else {
         return Vec::new();
     };
-    let reach = SHIFT * middle.distance(lit);
+    let reach = TUNING.shift * middle.distance(lit);
     match (shape, freedom) {
         // A visible panel lies in its ceiling.
         (Shape::Absent, _) | (Shape::Lamp(Lamp::Rect(_)), DegreesOfFreedom::InView) => Vec::new(),
-        (Shape::Lamp(_), DegreesOfFreedom::InView) => vec![Parameter::Distance(DISTANCE * radius / middle.length())],
+        (Shape::Lamp(_), DegreesOfFreedom::InView) => {
+            vec![Parameter::Distance(TUNING.distance * radius / middle.length())]
+        }
         (Shape::Lamp(_), _) => {
             Vec3::AXES.map(|axis| Parameter::Shift(axis * reach)).into_iter().chain([Parameter::Size]).collect()
         }
@@ -86,10 +95,10 @@ impl Parameter {
         match self {
             Parameter::Distance(error) => f64::from(*error) * (gradient.size + gradient.position.dot(middle())),
             Parameter::Shift(axis) => gradient.position.dot(axis.as_dvec3()),
-            Parameter::Size => f64::from(SIZE) * gradient.size,
-            Parameter::Turn(k, axis) if *k == lobe => f64::from(TURN) * gradient.turn.dot(axis.as_dvec3()),
+            Parameter::Size => f64::from(TUNING.size) * gradient.size,
+            Parameter::Turn(k, axis) if *k == lobe => f64::from(TUNING.turn) * gradient.turn.dot(axis.as_dvec3()),
             Parameter::Bandwidth(k) if *k == lobe => {
-                f64::from(BANDWIDTH) * gradient.bandwidth * (1.0 + bandwidth(shape, *k))
+                f64::from(TUNING.bandwidth) * gradient.bandwidth * (1.0 + bandwidth(shape, *k))
             }
             Parameter::Turn(..) | Parameter::Bandwidth(_) => 0.0,
         }
@@ -104,18 +113,19 @@ impl Parameter {
         let offset = match self {
             Parameter::Distance(error) => (to.length() / from.length()).ln() / error,
             Parameter::Shift(axis) => (to - from).dot(*axis) / axis.length_squared(),
-            Parameter::Size => (now / before).ln() / SIZE,
+            Parameter::Size => (now / before).ln() / TUNING.size,
             Parameter::Turn(k, axis) => match (start, shape) {
                 (Shape::Window(start), Shape::Window(window)) => {
                     let [from, to] = [start, window].map(|window| window.lobes[*k].direction.as_dvec3());
                     let across = from.cross(to);
                     let angle = across.length().atan2(from.dot(to));
-                    (angle * across.normalize_or_zero().dot(axis.as_dvec3())) as f32 / TURN
+                    (angle * across.normalize_or_zero().dot(axis.as_dvec3())) as f32 / TUNING.turn
                 }
                 _ => 0.0,
             },
             Parameter::Bandwidth(k) => {
-                (((1.0 + bandwidth(shape, *k)) / (1.0 + bandwidth(start, *k))).ln() / f64::from(BANDWIDTH)) as f32
+                (((1.0 + bandwidth(shape, *k)) / (1.0 + bandwidth(start, *k))).ln() / f64::from(TUNING.bandwidth))
+                    as f32
             }
         };
         if offset.is_finite() { f64::from(offset) } else { 0.0 }
@@ -129,15 +139,16 @@ impl Parameter {
             Parameter::Shift(axis) => resized(shape, 1.0, Vec3::ZERO, *axis * step),
             Parameter::Size => {
                 let middle = shape.bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle);
-                resized(shape, (SIZE * step).exp(), middle, Vec3::ZERO)
+                resized(shape, (TUNING.size * step).exp(), middle, Vec3::ZERO)
             }
             Parameter::Turn(k, axis) => with_lobe(shape, |window| {
-                let turned = Quat::from_axis_angle(*axis, TURN * step) * window.lobes[*k].direction;
+                let turned = Quat::from_axis_angle(*axis, TUNING.turn * step) * window.lobes[*k].direction;
                 window.lobes[*k].direction = turned.normalize();
             }),
             Parameter::Bandwidth(k) => with_lobe(shape, |window| {
-                let grown = ((f64::from(window.lobes[*k].bandwidth)).ln_1p() + f64::from(BANDWIDTH * step)).exp_m1();
-                window.lobes[*k].bandwidth = (grown as f32).clamp(0.0, MOST_BANDWIDTH);
+                let grown =
+                    ((f64::from(window.lobes[*k].bandwidth)).ln_1p() + f64::from(TUNING.bandwidth * step)).exp_m1();
+                window.lobes[*k].bandwidth = (grown as f32).clamp(0.0, TUNING.max_bandwidth);
             }),
         }
     }
@@ -237,7 +248,7 @@ mod tests {
         let (shape, _) = &lights()[4];
         for step in [-1e3, 1e3] {
             let Shape::Window(window) = Parameter::Bandwidth(0).moved(shape, step) else { panic!("a window") };
-            assert!((0.0..=MOST_BANDWIDTH).contains(&window.lobes[0].bandwidth));
+            assert!((0.0..=TUNING.max_bandwidth).contains(&window.lobes[0].bandwidth));
         }
     }
 }

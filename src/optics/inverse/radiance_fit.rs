@@ -18,29 +18,37 @@
 use glam::{DVec3, Vec3};
 
 use super::conditioning::{Conditioning, conditioning};
-use super::fit_problem::{OFF, Problem, STEP_FRACTION, scales};
+use super::fit_problem::{FIT_PROBLEM, Problem, scales};
 use super::{Column, LightPrior, Observations, Role};
 use crate::image::luminance;
+use crate::tuning::tuning;
 
-/// Most lights of a photo: each costs rays of its own, and the time of a fit grows with the square
-/// of their number.
-/// Unit: lights; source: measured time; effect: scenes with more are refused.
-pub const MOST_LIGHTS: usize = 32;
-
-/// Relative change of a light in one iteration below which it has converged.
-/// Unit: 1; source: measured; effect: smaller values take more iterations.
-pub const TOLERANCE: f64 = 1e-4;
-
-/// Least channel of a light over its largest, in the gauge in which the mean light is white: a bulb
-/// of 2500 K has 0.07.
-/// Unit: 1; source: black bodies; effect: an edit of the color never divides by zero.
-const LEAST_CHANNEL: f64 = 0.07;
-
-/// Growth of the step fraction from one iteration to the next that goes on in its direction. The
-/// fraction is halved whenever a step reverses the last one, since iterations may circle around the
-/// minimum.
-/// Unit: 1; source: measured; effect: larger values regain speed sooner.
-const STEP_GROWTH: f64 = 1.1;
+tuning! {
+    /// Constants of the fit of radiances and albedos.
+    pub const RADIANCE_FIT: RadianceFitTuning {
+        /// Largest number of lights of a photo: each costs rays of its own, and the time of a fit
+        /// grows with the square of their number.
+        max_lights: usize = 32,
+            unit "lights", source Measured("run time; no page records it"),
+            effect "scenes with more lights are refused";
+        /// Relative change of a light in one iteration below which it has converged.
+        tolerance: f64 = 1e-4,
+            unit "1", source Measured("no page records it"), effect "a smaller value takes more iterations";
+        /// Least channel of a light over its largest, in the gauge in which the mean light is
+        /// white: a bulb of 2500 K has 0.07.
+        min_channel: f64 = 0.07,
+            unit "1", source Derived("black bodies"),
+            effect "an edit of the color never divides by zero; a larger value makes warm lights paler";
+        /// Factor on the step fraction after a step that reverses the last one, since iterations
+        /// may circle around the minimum.
+        step_cut: f64 = 0.5,
+            unit "1", source Taste, effect "a smaller value stops oscillations earlier and is slower";
+        /// Growth of the step fraction from one iteration to the next that goes on in its
+        /// direction.
+        step_growth: f64 = 1.1,
+            unit "1", source Measured("no page records it"), effect "a larger value regains speed sooner";
+    }
+}
 
 /// Result of [`fit_radiances`].
 #[derive(Clone, Debug)]
@@ -59,7 +67,7 @@ pub struct RadianceFit {
     pub iterations: usize,
     /// Largest relative change of a light in the last iteration.
     pub change: f64,
-    /// Columns that still changed by more than `TOLERANCE` in the last iteration: empty when the
+    /// Columns that still changed by more than `RADIANCE_FIT.tolerance` in the last iteration: empty when the
     /// fit converged.
     pub unsettled: Vec<usize>,
     /// Columns whose layer is black on all observations: they are unconstrained, and their radiance
@@ -106,7 +114,7 @@ pub fn fit_radiances(
     prior: &LightPrior,
     iterations: usize,
 ) -> RadianceFit {
-    fit_until(observations, columns, prior, iterations, TOLERANCE)
+    fit_until(observations, columns, prior, iterations, RADIANCE_FIT.tolerance)
 }
 
 fn fit_until(
@@ -171,7 +179,7 @@ impl RadianceFit {
     ) {
         // A small step does not show convergence: changes are those of a step of the usual
         // fraction.
-        let (mut step, mut direction) = (STEP_FRACTION, vec![[0.0; 3]; w.len()]);
+        let (mut step, mut direction) = (FIT_PROBLEM.step_fraction, vec![[0.0; 3]; w.len()]);
         let mut grams: [Vec<f64>; 3] = Default::default();
         while self.iterations < iterations {
             let (last, taken) = (w.to_vec(), step);
@@ -180,12 +188,16 @@ impl RadianceFit {
             let moved = w.iter().zip(&last).map(|(w, last)| [0, 1, 2].map(|c| w[c] - last[c])).collect();
             let before = std::mem::replace(&mut direction, moved);
             let forward: f64 = direction.iter().flatten().zip(before.iter().flatten()).map(|(a, b)| a * b).sum();
-            step = if forward < 0.0 { 0.5 * step } else { (STEP_GROWTH * step).min(STEP_FRACTION) };
+            step = if forward < 0.0 {
+                RADIANCE_FIT.step_cut * step
+            } else {
+                (RADIANCE_FIT.step_growth * step).min(FIT_PROBLEM.step_fraction)
+            };
             // Per light, so that the weakest is as accurate as the strongest.
             let changes = w.iter().zip(&last).map(|(w, last)| {
                 let largest = |(s, m): (f64, f64), c: usize| (s.max(w[c]), m.max((w[c] - last[c]).abs()));
                 let (size, moved) = (0..3).fold((0.0, 0.0), largest);
-                if moved > 0.0 { moved / size.max(OFF) * STEP_FRACTION / taken } else { 0.0 }
+                if moved > 0.0 { moved / size.max(FIT_PROBLEM.off) * FIT_PROBLEM.step_fraction / taken } else { 0.0 }
             });
             let changes: Vec<f64> = changes.collect();
             self.change = changes.iter().copied().fold(0.0, f64::max);
@@ -249,16 +261,16 @@ impl RadianceFit {
 }
 
 /// Scales `w` so that the mean shading of each channel is 1, and raises channels below
-/// [`LEAST_CHANNEL`].
+/// `RADIANCE_FIT.min_channel`.
 fn set_gauge(problem: &Problem, w: &mut [[f64; 3]]) {
     for c in 0..3 {
         let mean: f64 = w.iter().zip(&problem.mean[c]).map(|(w, mean)| w[c] * mean).sum();
-        if mean > OFF {
+        if mean > FIT_PROBLEM.off {
             w.iter_mut().for_each(|v| v[c] /= mean);
         }
     }
     for w in w {
-        let least = LEAST_CHANNEL * w[0].max(w[1]).max(w[2]);
+        let least = RADIANCE_FIT.min_channel * w[0].max(w[1]).max(w[2]);
         w.iter_mut().for_each(|v| *v = v.max(least));
     }
 }

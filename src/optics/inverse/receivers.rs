@@ -10,6 +10,16 @@ use crate::geometry::{Grid, Own, SceneMesh};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments};
 use crate::optics::transport::{direct, shadow};
 use crate::optics::{Bounces, LightTransport, Sampling, ShadowQuality, Shape, indirect_at_receivers};
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of the receivers at which lights are compared with a photo.
+    pub const TUNING: ReceiversTuning {
+        /// Radius around a receiver within which the pixels of its segment are averaged.
+        mean_radius: usize = 2,
+            unit "pixels", source Taste, effect "a larger value lowers noise and blurs the edges of shadows";
+    }
+}
 
 /// A photo and the reconstruction of its room; all planes are of one size.
 #[derive(Clone, Copy)]
@@ -81,7 +91,7 @@ impl<'a> Receivers<'a> {
             room,
             points: Points(at_receivers(grid, &room.points.0)),
             normal: Normal(at_receivers(grid, &room.normal.0)),
-            observations: Observations::at(room.photo, room.clipped, room.segments, &pixels, 2),
+            observations: Observations::at(room.photo, room.clipped, room.segments, &pixels, TUNING.mean_radius),
             ambient: used.iter().map(|&i| ambient[i]).collect(),
             used,
             rays: AtomicU64::new(0),

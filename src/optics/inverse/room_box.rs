@@ -3,37 +3,49 @@
 use glam::{Quat, Vec3};
 
 use super::mask_pixels::median;
+use crate::tuning::tuning;
 
-/// Least height of a room. Unit: meters; source: building codes; effect: a camera that looks down
-/// sees no ceiling.
-const LEAST_HEIGHT: f32 = 2.4;
+tuning! {
+    /// Constants of the box of a room around its seen points.
+    pub const TUNING: RoomBoxTuning {
+        /// Least height of a room: a camera that looks down sees no ceiling.
+        min_height: f32 = 2.4,
+            unit "meters", source Paper("building codes"), effect "a larger value moves unseen ceilings upward";
+        /// Least distance from the camera to the far wall.
+        min_depth: f32 = 0.1,
+            unit "meters", source Taste, effect "a larger value moves candidates for lights in very shallow rooms";
+        /// Depth beyond which points do not belong to the room: the view through a window may be
+        /// far away and huge.
+        far: f32 = 2.5,
+            unit "median depths", source Taste, effect "a smaller value cuts long rooms";
+        /// Least cosine between a normal and its ray: the area of a pixel is bounded.
+        min_slant: f32 = 0.1,
+            unit "1", source Taste, effect "a larger value gives slanted surfaces less area";
+        /// Upward component of a normal below which its surface is upright.
+        upright: f32 = 0.3,
+            unit "1", source Taste, effect "a larger value lets slanted surfaces turn the walls";
+        /// Least component of a normal along an axis of a surface that may be a side of the room
+        /// across this axis.
+        flat: f32 = 0.85,
+            unit "1", source Taste, effect "a smaller value admits slanted surfaces";
+        /// Part of all points, counted from outside, in which a side is sought: one over this
+        /// number.
+        outer_part: usize = 3,
+            unit "1 over the fraction", source Taste, effect "a smaller value takes furniture for a side";
+        /// Part of all points that lies outside of a side without a flat surface: one over this
+        /// number.
+        outermost_part: usize = 50,
+            unit "1 over the fraction", source Taste, effect "a smaller value makes rooms smaller";
+        /// Width of the interval in which the area of a side is summed.
+        side_width: f32 = 0.02,
+            unit "fraction of the far depth", source Taste, effect "a larger value joins parallel surfaces";
+        /// Least area of a side.
+        min_side: f32 = 0.01,
+            unit "fraction of all area", source Taste, effect "a smaller value takes furniture for a side";
+    }
+}
 
-/// Depth beyond which points do not belong to the room.
-/// Unit: median depths; source: taste; effect: smaller values cut long rooms.
-const FAR: f32 = 2.5;
-
-/// Least cosine between a normal and its ray: the area of a pixel is bounded.
-/// Unit: 1; source: taste; effect: larger values give slanted surfaces less area.
-const LEAST_SLANT: f32 = 0.1;
-
-/// Upward component of a normal below which its surface is upright.
-/// Unit: 1; source: taste; effect: larger values let slanted surfaces turn the walls.
-const UPRIGHT: f32 = 0.3;
-
-/// Least component of a normal along an axis of a surface that may be a side of the room across
-/// this axis.
-/// Unit: 1; source: taste; effect: smaller values admit slanted surfaces.
-const FLAT: f32 = 0.85;
-
-/// Width of the interval in which the area of a side is summed.
-/// Unit: fraction of the far depth; source: taste; effect: larger values join parallel surfaces.
-const SIDE_WIDTH: f32 = 0.02;
-
-/// Least area of a side.
-/// Unit: fraction of all area; source: taste; effect: smaller values take furniture for a side.
-const LEAST_SIDE: f32 = 0.01;
-
-/// Box of the room as far as the seen points determine it; at least `LEAST_HEIGHT` high.
+/// Box of the room as far as the seen points determine it; at least `TUNING.min_height` high.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoomBox {
     /// Corners in meters, in the room's own frame: camera space rotated about the vertical so that
@@ -63,20 +75,20 @@ impl RoomBox {
             return None;
         }
         // The view through a window may be far away and huge: it does not bound the room.
-        let far = FAR * median(points.iter().map(|p| -p.z).collect());
+        let far = TUNING.far * median(points.iter().map(|p| -p.z).collect());
         // Each point stands for a pixel, which covers z^2 of its surface over the slant.
         let area: Vec<f32> = points
             .iter()
             .zip(normals)
             .map(|(p, n)| {
-                let slant = (-n.dot(*p) / p.length().max(1e-6)).max(LEAST_SLANT);
+                let slant = (-n.dot(*p) / p.length().max(1e-6)).max(TUNING.min_slant);
                 if -p.z < far { p.z * p.z / slant } else { 0.0 }
             })
             .collect();
         // Four times the angle makes all four walls point the same way: their mean is that of the
         // room.
         let (mut cos, mut sin) = (0.0, 0.0);
-        for (n, area) in normals.iter().zip(&area).filter(|(n, _)| n.y.abs() < UPRIGHT) {
+        for (n, area) in normals.iter().zip(&area).filter(|(n, _)| n.y.abs() < TUNING.upright) {
             let angle = 4.0 * n.x.atan2(n.z);
             (cos, sin) = (cos + area * angle.cos(), sin + area * angle.sin());
         }
@@ -89,14 +101,14 @@ impl RoomBox {
         let side = |axis: usize, sign: f32| -> f32 {
             let mut order: Vec<usize> = (0..points.len()).collect();
             order.sort_by(|&a, &b| (sign * points[a][axis]).total_cmp(&(sign * points[b][axis])));
-            let outer = points[order[(order.len() - 1) / 50]][axis];
-            order.truncate(order.len().div_ceil(3));
-            let flat: Vec<usize> = order.into_iter().filter(|&i| normals[i][axis] * sign > FLAT).collect();
+            let outer = points[order[(order.len() - 1) / TUNING.outermost_part]][axis];
+            order.truncate(order.len().div_ceil(TUNING.outer_part));
+            let flat: Vec<usize> = order.into_iter().filter(|&i| normals[i][axis] * sign > TUNING.flat).collect();
             // The interval of 2 % of the far distance that contains most area.
             let (mut from, mut sum, mut best) = (0, 0.0, (0.0, outer));
             for to in 0..flat.len() {
                 sum += area[flat[to]];
-                while (points[flat[to]][axis] - points[flat[from]][axis]).abs() > SIDE_WIDTH * far {
+                while (points[flat[to]][axis] - points[flat[from]][axis]).abs() > TUNING.side_width * far {
                     sum -= area[flat[from]];
                     from += 1;
                 }
@@ -104,11 +116,11 @@ impl RoomBox {
                     best = (sum, 0.5 * (points[flat[to]][axis] + points[flat[from]][axis]));
                 }
             }
-            if best.0 > LEAST_SIDE * all { best.1 } else { outer }
+            if best.0 > TUNING.min_side * all { best.1 } else { outer }
         };
         let [x, y, z] = [0, 1, 2].map(|axis| (side(axis, 1.0), side(axis, -1.0)));
         // A camera that looks down sees no ceiling.
-        let high = Vec3::new(x.1, y.1.max(y.0 + LEAST_HEIGHT), z.1);
+        let high = Vec3::new(x.1, y.1.max(y.0 + TUNING.min_height), z.1);
         Some(RoomBox::new(Vec3::new(x.0, y.0, z.0), high, yaw))
     }
 
@@ -122,7 +134,7 @@ impl RoomBox {
 
     /// Distance from the camera to the far wall, meters, at least 0.1.
     pub(super) fn depth(&self) -> f32 {
-        (-self.low.z).max(0.1)
+        (-self.low.z).max(TUNING.min_depth)
     }
 }
 

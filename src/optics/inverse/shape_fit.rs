@@ -18,13 +18,14 @@ use rayon::prelude::*;
 
 use super::candidates::in_view;
 use super::conditioning::{Conditioning, conditioning};
-use super::fit_problem::{Problem, STEP_FRACTION, scales};
+use super::fit_problem::{FIT_PROBLEM, Problem, scales};
 use super::parameters::{DegreesOfFreedom, Parameter, parameters};
 use super::{Column, LayerQuality, LightPrior, Receivers, Role, RoomBox, UnitLayer};
 use crate::geometry::Camera;
 use crate::image::Mask;
 use crate::optics::nnls::solve_free;
 use crate::optics::{Emitter, Gradient, Shape};
+use crate::tuning::tuning;
 
 /// A light whose shape is a variable of the fit.
 pub struct LightVariable<'a> {
@@ -74,40 +75,52 @@ pub struct ShapeFit {
     pub underdetermined: Vec<usize>,
 }
 
-/// Cost of moving a parameter by its likely error. Model errors lie in patches, and a light that
-/// starts right can lower them by several percent: the prior prevents that move.
-/// Unit: fraction of the first loss; source: measured on `tests/scenes/small`; effect: larger
-/// values move lights less.
-const PRIOR_WEIGHT: f64 = 0.05;
-
-/// Least loss by which moves are measured: smaller ones (3 % of the photo's light) are noise of the
-/// rays.
-/// Unit: fraction of the photo's energy; source: measured; effect: larger values move lights less.
-const NOISE_LOSS: f64 = 1e-3;
-
-/// Longest step of a parameter: derivatives hold no farther.
-/// Unit: likely errors; source: taste; effect: larger values converge faster or fail.
-const LONGEST_STEP: f64 = 1.0;
-
-/// Iterations of the radiances from an equal start, and from the last radiances after a step.
-/// Unit: iterations; source: measured; effect: more are slower and more exact.
-const COLD_ITERATIONS: usize = 16;
-const WARM_ITERATIONS: usize = 4;
-
-/// Damping at first, its factors after a good and a bad step, and its end.
-/// Unit: 1; source: Marquardt 1963; effect: speed of convergence.
-const DAMPING: [f64; 4] = [0.03, 0.2, 5.0, 1e4];
-
-/// Relative gain of a step below which the descent ends.
-/// Unit: fraction of the loss; source: taste; effect: smaller values take more steps.
-const LEAST_GAIN: f64 = 1e-3;
-
-/// Bounds of a light's move: ratio of distances of a visible light, ratio of sizes of one out of
-/// view, and distance outside of the room (see [`RoomBox::outside`]) unless it started there.
-/// Unit: 1, 1, fraction of the room; source: taste; effect: larger values let lights move farther.
-const MOST_DISTANCE_RATIO: f32 = 1.6;
-const MOST_SIZE_RATIO: f32 = 3.0;
-const MOST_OUTSIDE: f32 = 0.35;
+tuning! {
+    /// Constants of the fit of shapes.
+    pub const TUNING: ShapeFitTuning {
+        /// Cost of moving a parameter by its likely error. Model errors lie in patches, and a light
+        /// that starts right can lower them by several percent: the prior prevents that move.
+        prior_weight: f64 = 0.05,
+            unit "fraction of the first loss", source Measured("tests/scenes/small"),
+            effect "a larger value moves lights less";
+        /// Least loss by which moves are measured: smaller ones (3 % of the photo's light) are
+        /// noise of the rays.
+        noise_loss: f64 = 1e-3,
+            unit "fraction of the photo's energy", source Measured("no page records it"),
+            effect "a larger value moves lights less";
+        /// Longest step of a parameter: derivatives hold no farther.
+        longest_step: f64 = 1.0,
+            unit "likely errors", source Taste, effect "a larger value converges faster or fails";
+        /// Iterations of the radiances from an equal start.
+        cold_iterations: usize = 16,
+            unit "iterations", source Measured("no page records it"),
+            effect "a larger value is slower and more exact";
+        /// Iterations of the radiances from the last radiances after a step.
+        warm_iterations: usize = 4,
+            unit "iterations", source Measured("no page records it"),
+            effect "a larger value is slower and more exact";
+        /// Damping at first, its factors after a good and a bad step, and its end.
+        damping: [f64; 4] = [0.03, 0.2, 5.0, 1e4],
+            unit "1", source Paper("Marquardt 1963"), effect "another value changes the speed of convergence";
+        /// Ridge on the radiances where they are eliminated: the gauge makes their equations
+        /// singular.
+        ridge: f64 = 1e-6,
+            unit "fraction of the diagonal", source Derived("rounding of 64 bits"),
+            effect "a larger value leaves more of the radiances in the steps of shapes";
+        /// Relative gain of a step below which the descent ends.
+        min_gain: f64 = 1e-3,
+            unit "fraction of the loss", source Taste, effect "a smaller value takes more steps";
+        /// Largest ratio of the distances of a visible light before and after its move.
+        max_distance_ratio: f32 = 1.6,
+            unit "1", source Taste, effect "a larger value lets lights move farther";
+        /// Largest ratio of the sizes of a light out of view before and after its move.
+        max_size_ratio: f32 = 3.0,
+            unit "1", source Taste, effect "a larger value lets lights grow and shrink more";
+        /// Largest distance of a light outside of the room, unless it started there.
+        max_outside: f32 = 0.35,
+            unit "fraction of the room", source Taste, effect "a larger value lets lights move farther";
+    }
+}
 
 impl Bounds<'_> {
     fn hold(&self, start: &Shape, shape: &Shape, freedom: DegreesOfFreedom) -> bool {
@@ -126,12 +139,15 @@ impl Bounds<'_> {
         let through = outside(start).iter().zip(outside(shape)).all(|(before, now)| now || !before);
         let traced = match freedom {
             DegreesOfFreedom::Fixed => true,
-            DegreesOfFreedom::InView => within(to.length() / from.length(), MOST_DISTANCE_RATIO),
+            DegreesOfFreedom::InView => within(to.length() / from.length(), TUNING.max_distance_ratio),
             DegreesOfFreedom::OutOfView => {
                 let out = |p: Vec3| self.room.as_ref().map_or(0.0, |room| room.outside(p));
                 let hidden = in_view(self.camera, from) || !in_view(self.camera, to);
                 let same_side = (from.z < 0.0) == (to.z < 0.0);
-                hidden && same_side && out(to) <= out(from).max(MOST_OUTSIDE) && within(now / before, MOST_SIZE_RATIO)
+                hidden
+                    && same_side
+                    && out(to) <= out(from).max(TUNING.max_outside)
+                    && within(now / before, TUNING.max_size_ratio)
             }
         };
         through && traced
@@ -242,10 +258,10 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[LightVariable], bounds: &Boun
     if receivers.observations.photo.is_empty() || receivers.observations.white == 0.0 {
         return found;
     }
-    let mut now = fit.solve_radiances(&columns_of(&start), None, COLD_ITERATIONS);
+    let mut now = fit.solve_radiances(&columns_of(&start), None, TUNING.cold_iterations);
     found.loss = [now.loss; 2];
-    let large = now.loss.max(NOISE_LOSS);
-    fit.prior_weight = PRIOR_WEIGHT * large;
+    let large = now.loss.max(TUNING.noise_loss);
+    fit.prior_weight = TUNING.prior_weight * large;
     let mut traced = start.clone();
     for round in 0..search.rounds {
         let free = fit.parameters(&traced);
@@ -263,7 +279,7 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[LightVariable], bounds: &Boun
         }
         let mut tried = traced.clone();
         moved.iter().for_each(|&i| tried[i] = trace(&lights[i], &shapes[i]));
-        let mut after = fit.solve_radiances(&columns_of(&tried), Some(&stepped.radiance), WARM_ITERATIONS);
+        let mut after = fit.solve_radiances(&columns_of(&tried), Some(&stepped.radiance), TUNING.warm_iterations);
         // Each light by itself: the new shadows may confirm one move and refute another.
         let mut saved = vec![0.0; lights.len()];
         for i in 0..lights.len() {
@@ -272,7 +288,7 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[LightVariable], bounds: &Boun
             }
             let with = fit.penalized_loss(&after, &tried);
             let moved = std::mem::replace(&mut tried[i], start[i].clone());
-            let without = fit.solve_radiances(&columns_of(&tried), Some(&after.radiance), WARM_ITERATIONS);
+            let without = fit.solve_radiances(&columns_of(&tried), Some(&after.radiance), TUNING.warm_iterations);
             let share = (fit.penalized_loss(&without, &tried) - with) / large;
             if share < search.min_gain {
                 after = without;
@@ -325,7 +341,7 @@ impl ShapeProblem<'_> {
         };
         let mut w: Vec<[f64; 3]> = scale.iter().enumerate().map(|(k, &s)| share(k, s).to_array()).collect();
         for _ in 0..iterations {
-            problem.iterate(&mut w, STEP_FRACTION);
+            problem.iterate(&mut w, FIT_PROBLEM.step_fraction);
         }
         let radiance = w.iter().zip(&scale).map(|(w, s)| DVec3::from_array(*w) * *s).collect();
         RadianceSolution { radiance, loss: problem.objective(&w) }
@@ -424,7 +440,7 @@ impl ShapeProblem<'_> {
         let m = on.len();
         let lights: Vec<f64> = (0..m * m)
             .map(|ij| (ij / m, ij % m))
-            .map(|(i, j)| at(n + i, n + j) * if i == j { 1.0 + 1e-6 } else { 1.0 })
+            .map(|(i, j)| at(n + i, n + j) * if i == j { 1.0 + TUNING.ridge } else { 1.0 })
             .collect();
         let answers: Vec<Vec<f64>> = (0..n)
             .map(|i| {
@@ -452,7 +468,7 @@ impl ShapeProblem<'_> {
         let mut here = traced.to_vec();
         let mut best = now.clone();
         let mut lowest = self.penalized_loss(now, traced);
-        let [mut damping, good, bad, end] = DAMPING;
+        let [mut damping, good, bad, end] = TUNING.damping;
         for _ in 0..self.search.steps {
             let n = free.len();
             let offset = |i: usize| {
@@ -465,10 +481,10 @@ impl ShapeProblem<'_> {
                 gram[i * n + i] += self.prior_weight + damping * (gram[i * n + i].max(0.0) + self.prior_weight);
             }
             let Some(step) = solve_free(&gram, &right, &vec![true; n]) else { break };
-            let longest = step.iter().fold(LONGEST_STEP, |longest, s| longest.max(s.abs()));
+            let longest = step.iter().fold(TUNING.longest_step, |longest, s| longest.max(s.abs()));
             let mut tried = shapes.clone();
             for ((light, parameter), step) in free.iter().zip(&step) {
-                tried[*light] = parameter.moved(&tried[*light], step * LONGEST_STEP / longest);
+                tried[*light] = parameter.moved(&tried[*light], step * TUNING.longest_step / longest);
             }
             for (i, light) in self.lights.iter().enumerate() {
                 if !bounds.hold(&light.shape, &tried[i], light.freedom) {
@@ -482,7 +498,7 @@ impl ShapeProblem<'_> {
                     if *shape == light.shape { light.columns.clone() } else { light.columns_of(shape, &self.positions) }
                 })
                 .collect();
-            let after = self.solve_radiances(&columns, Some(&best.radiance), WARM_ITERATIONS);
+            let after = self.solve_radiances(&columns, Some(&best.radiance), TUNING.warm_iterations);
             let loss = after.loss + self.prior_cost(tried.iter());
             if loss >= lowest || !loss.is_finite() {
                 damping *= bad;
@@ -493,7 +509,7 @@ impl ShapeProblem<'_> {
             }
             let gain = (lowest - loss) / lowest;
             (shapes, best, lowest) = (tried, after, loss);
-            if gain < LEAST_GAIN {
+            if gain < TUNING.min_gain {
                 break;
             }
             damping *= good;

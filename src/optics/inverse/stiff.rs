@@ -3,7 +3,7 @@
 //! set of active bounds instead of Lawson and Hanson's path.
 
 use super::*;
-use crate::optics::inverse::fit_problem::{COLOR_WEIGHT, likely_color};
+use crate::optics::inverse::fit_problem::likely_color;
 use crate::optics::inverse::observations::white_level;
 use crate::optics::rows::{Rows, enumerated};
 
@@ -106,7 +106,7 @@ fn twin(row: &PixelRow, iterations: usize) -> Vec<[f64; 3]> {
                 for (j, weight_of) in color_weights.iter_mut().enumerate() {
                     let along = sum(&|p| weight(p) * u(j, p) * shading(p)) / norm;
                     let left = sum(&|p| weight(p) * (albedo * (u(j, p) - along * shading(p))).powi(2));
-                    *weight_of += COLOR_WEIGHT / 3.0 * left;
+                    *weight_of += FIT_PROBLEM.color_weight / 3.0 * left;
                 }
             }
             push(&|j| energy.sqrt() * sum_of(j, c) / means[j] / n as f64, energy.sqrt());
@@ -120,14 +120,17 @@ fn twin(row: &PixelRow, iterations: usize) -> Vec<[f64; 3]> {
             }
         }
         for (i, x) in enumerated(&rows).into_iter().enumerate() {
-            w[i % k][i / k] += STEP_FRACTION * (x - w[i % k][i / k]);
+            w[i % k][i / k] += FIT_PROBLEM.step_fraction * (x - w[i % k][i / k]);
         }
     }
     for c in 0..3 {
         let mean: f64 = (0..k).map(|j| w[j][c] * sum_of(j, c) / means[j] / n as f64).sum();
         w.iter_mut().for_each(|v| v[c] /= mean);
     }
-    w.iter().zip(&means).map(|(w, mean)| w.map(|v| v.max(LEAST_CHANNEL * w[0].max(w[1]).max(w[2])) / mean)).collect()
+    w.iter()
+        .zip(&means)
+        .map(|(w, mean)| w.map(|v| v.max(RADIANCE_FIT.min_channel * w[0].max(w[1]).max(w[2])) / mean))
+        .collect()
 }
 
 /// Largest relative difference of a light's radiances from the twin's.
@@ -286,5 +289,5 @@ fn nothing_to_go_by_is_zero_and_told() {
 fn a_fit_cut_short_names_what_still_moves() {
     let row = three();
     let fit = fit_radiances(&row.observations(), &row.columns(), &LightPrior::default(), 1);
-    assert!(fit.iterations == 1 && fit.unsettled == [0, 1, 2] && fit.change > TOLERANCE, "{fit:?}");
+    assert!(fit.iterations == 1 && fit.unsettled == [0, 1, 2] && fit.change > RADIANCE_FIT.tolerance, "{fit:?}");
 }

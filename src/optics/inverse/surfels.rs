@@ -11,6 +11,7 @@ use glam::{Vec2, Vec3};
 use crate::geometry::{Camera, PlaneFit};
 use crate::image::{Plane, Points};
 use crate::optics::{Points2, Surfel};
+use crate::tuning::tuning;
 
 /// Pixels (column, row) of a lamp. `points` are of the camera's size.
 pub(in crate::optics) struct LampPixels<'a> {
@@ -31,22 +32,31 @@ pub(in crate::optics) struct LampDepth {
     pub seen: bool,
 }
 
-/// Least cosine between a normal and its ray; normals below it are tilted toward the camera. The
-/// depth of one pixel does not resolve steeper slopes. Unit: 1; source: taste; effect: larger
-/// values shrink slanted surfels.
-const GRAZING: f32 = 0.15;
-
-/// Largest distance of a lamp's front from its center plane: nearer points are not the lamp's.
-/// Unit: halves of its width; source: taste; effect: smaller values flatten lamps.
-const MOST_FRONT: f32 = 3.0;
-
-/// Radius of the outline around a piece of it that determines the outward direction.
-/// Unit: pixels; source: taste; effect: larger values smooth the outline.
-const OUTLINE_WINDOW: usize = 3;
-
-/// Most surfels of one pixel's piece of the annulus.
-/// Unit: surfels; source: measured time; effect: fewer are coarser.
-const MOST_ANNULUS_SURFELS: f32 = 8.0;
+tuning! {
+    /// Constants of the surfels of a visible lamp.
+    pub const TUNING: SurfelsTuning {
+        /// Least cosine between a normal and its ray; normals below it are tilted toward the
+        /// camera. The depth of one pixel does not resolve steeper slopes.
+        grazing: f32 = 0.15,
+            unit "1", source Taste, effect "a larger value shrinks slanted surfels";
+        /// Least cosine between the normal of a surfel and the ray through the edge of its pixel,
+        /// by which the boundary of the front is computed.
+        edge_grazing: f32 = 0.1,
+            unit "fraction of `grazing`", source Taste,
+            effect "a larger value keeps the boundary closer to the last surfel";
+        /// Largest distance of a lamp's front from its center plane: nearer points are not the
+        /// lamp's.
+        max_front: f32 = 3.0,
+            unit "halves of its width", source Taste, effect "a smaller value flattens lamps";
+        /// Radius of the outline around a piece of it that determines the outward direction.
+        outline_window: usize = 3,
+            unit "pixels", source Taste, effect "a larger value smooths the outline";
+        /// Largest number of surfels of one pixel's piece of the annulus.
+        max_annulus_surfels: f32 = 8.0,
+            unit "surfels", source Measured("run time; no page records it"),
+            effect "a smaller value makes the annulus coarser";
+    }
+}
 
 /// A closed surface: front, annulus and back. The surfels follow one curve over it, so that
 /// neighbors in the list are neighbors in space. The surface stays open where the picture's border
@@ -87,7 +97,7 @@ impl<'a> Front<'a> {
     fn point(&self, (x, y): (usize, usize)) -> Vec3 {
         let along = if self.body.seen {
             let seen = self.axis.dot(self.lamp.points.0.get(x, y));
-            seen.clamp(self.middle - MOST_FRONT * self.body.half, self.middle)
+            seen.clamp(self.middle - TUNING.max_front * self.body.half, self.middle)
         } else {
             self.middle - self.body.half
         };
@@ -120,14 +130,14 @@ impl<'a> Front<'a> {
         let self_surfel = self.surfel(edge.pixel);
         // The boundary is where the surfel's own plane ends, half a pixel further out.
         let ray = camera.unproject(edge.at.x, edge.at.y, 1.0);
-        let slant = self_surfel.normal.dot(ray).min(-0.1 * GRAZING);
+        let slant = self_surfel.normal.dot(ray).min(-TUNING.edge_grazing * TUNING.grazing);
         let along = self.axis.dot(ray * (self_surfel.normal.dot(self_surfel.point) / slant)).min(self.middle);
         let boundary = ray * (along / self.axis.dot(ray));
         let width = edge.length * -boundary.z / if edge.side.x == 0.0 { camera.fx } else { camera.fy };
         let outward = Vec3::new(edge.outward.x, -edge.outward.y, 0.0);
         let normal = outward.reject_from_normalized(self.axis).normalize_or(-self.axis);
         let gap = 2.0 * (self.middle - along);
-        let parts = (gap / width.max(1e-9)).ceil().clamp(1.0, MOST_ANNULUS_SURFELS);
+        let parts = (gap / width.max(1e-9)).ceil().clamp(1.0, TUNING.max_annulus_surfels);
         let (axis, height) = (self.axis, gap / parts);
         (0..parts as usize).map(move |i| Surfel {
             point: boundary + axis * (height * (i as f32 + 0.5)),
@@ -182,13 +192,13 @@ fn footprint(camera: &Camera, point: Vec3, normal: Vec3) -> f32 {
     point.z * point.z / (camera.fx * camera.fy * -normal.dot(ray))
 }
 
-/// `normal`, tilted toward the camera up to [`GRAZING`].
+/// `normal`, tilted toward the camera up to `TUNING.grazing`.
 fn tilted_to_camera(normal: Vec3, ray: Vec3) -> Vec3 {
-    if -normal.dot(ray) >= GRAZING {
+    if -normal.dot(ray) >= TUNING.grazing {
         return normal;
     }
     let across = normal.reject_from_normalized(ray).try_normalize().unwrap_or(Vec3::ZERO);
-    (across * (1.0 - GRAZING * GRAZING).sqrt() - ray * GRAZING).normalize()
+    (across * (1.0 - TUNING.grazing * TUNING.grazing).sqrt() - ray * TUNING.grazing).normalize()
 }
 
 /// A side of a pixel that is on the outline.
@@ -222,13 +232,13 @@ fn outline(pixels: &[(usize, usize)], inside: &Plane<bool>) -> Vec<OutlineEdge> 
             let here = at(pixel, side);
             let mut outward = Vec2::ZERO;
             let window = |center: usize, end: usize| {
-                center.saturating_sub(OUTLINE_WINDOW)..(center + OUTLINE_WINDOW + 1).min(end)
+                center.saturating_sub(TUNING.outline_window)..(center + TUNING.outline_window + 1).min(end)
             };
             for y in window(pixel.1, height) {
                 for x in window(pixel.0, width).filter(|&x| inside.get(x, y)) {
                     // The other side of a thin lamp does not determine this one's direction.
                     for other in sides.into_iter().filter(|other| other.dot(side) >= 0.0 && ends((x, y), *other)) {
-                        let near = at((x, y), other).distance(here) <= OUTLINE_WINDOW as f32;
+                        let near = at((x, y), other).distance(here) <= TUNING.outline_window as f32;
                         outward += if near { other } else { Vec2::ZERO };
                     }
                 }

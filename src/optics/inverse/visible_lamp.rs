@@ -8,33 +8,44 @@ use super::surfels::{LampDepth, LampPixels, closed, flat, thin};
 use crate::geometry::PlaneFit;
 use crate::image::Normal;
 use crate::optics::{BoxLamp, Lamp, RectLamp, SphereLamp};
+use crate::tuning::tuning;
 
-/// Distance of pixels from the plane around them up to which they lie flush in it.
-/// Unit: fraction of the distance; source: noise of depth maps; effect: larger values make more
-/// panels.
-const FLUSH: f32 = 0.02;
-
-/// Least fraction of the surroundings on their common plane, and of the lamp's pixels flush in it,
-/// in tenths.
-/// Unit: 1, tenths; source: taste; effect: smaller values make more panels.
-const LEAST_SUPPORT: f32 = 0.6;
-const LEAST_FLUSH: usize = 8;
-
-/// Upward component of a plane's normal above which it is a ceiling.
-/// Unit: 1; source: taste; effect: smaller values make panels of lamps on walls.
-const CEILING: f32 = 0.7;
-
-/// Ratio of an outline's length to its width above which a lamp is a box, not a ball.
-/// Unit: 1; source: taste; effect: larger values make more balls.
-const LONG: f32 = 1.6;
-
-/// Distance of a ball's center behind the median depth of its front.
-/// Unit: radii; source: half of a disc lies within r / sqrt 2; effect: position of lamps.
-const CENTER_BEHIND_FRONT: f32 = 0.7;
-
-/// Length of a box over its area by its width: bounds the length of a ragged outline.
-/// Unit: 1; source: taste; effect: larger values make longer boxes.
-const MOST_LENGTH: f32 = 1.3;
+tuning! {
+    /// Constants of the shape of a visible lamp.
+    pub const TUNING: VisibleLampTuning {
+        /// Distance of pixels from the plane around them up to which they lie flush in it.
+        flush: f32 = 0.02,
+            unit "fraction of the distance", source Derived("noise of depth maps"),
+            effect "a larger value makes more panels";
+        /// Least fraction of the surroundings on their common plane.
+        min_support: f32 = 0.6,
+            unit "1", source Taste, effect "a smaller value makes more panels";
+        /// Least fraction of a lamp's pixels that lie flush in that plane.
+        min_flush: usize = 8,
+            unit "tenths", source Taste, effect "a smaller value makes more panels";
+        /// Upward component of a plane's normal above which it is a ceiling.
+        ceiling: f32 = 0.7,
+            unit "1", source Taste, effect "a smaller value makes panels of lamps on walls";
+        /// Ratio of an outline's length to its width above which a lamp is a box, not a ball.
+        long: f32 = 1.6,
+            unit "1", source Taste, effect "a larger value makes more balls";
+        /// Distance of a ball's center behind the median depth of its front.
+        center_behind_front: f32 = 0.7,
+            unit "radii", source Derived("half of a disc lies within r / sqrt 2"),
+            effect "a larger value moves lamps away from the camera";
+        /// Distance of a ball's center before the measured depth where a depth sensor sees through
+        /// the lamp to its wall.
+        center_before_wall: f32 = 1.0,
+            unit "radii", source Derived("a ball that touches its wall"),
+            effect "a larger value moves lamps toward the camera";
+        /// Length of a box over its area by its width, which bounds the length of a ragged outline.
+        max_length: f32 = 1.3,
+            unit "1", source Taste, effect "a larger value makes longer boxes";
+        /// Distance of a panel from its ceiling: shadow rays do not start in the ceiling.
+        panel_distance: f32 = 0.01,
+            unit "meters", source Taste, effect "a larger value moves panels down";
+    }
+}
 
 /// Kind of surface that a visible lamp is given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -103,10 +114,13 @@ impl<'a> VisibleLamp<'a> {
             around.iter().map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y))).unzip();
         let rays: Vec<Vec3> = pixels.pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
         let on = |plane: &PlaneFit| {
-            own_points.iter().filter(|p| (plane.normal.dot(**p) - plane.offset).abs() < FLUSH * p.length()).count()
+            own_points
+                .iter()
+                .filter(|p| (plane.normal.dot(**p) - plane.offset).abs() < TUNING.flush * p.length())
+                .count()
         };
-        let wall = PlaneFit::through(&positions, &normals, FLUSH)
-            .filter(|plane| plane.support > LEAST_SUPPORT && on(plane) * 10 > own_points.len() * LEAST_FLUSH);
+        let wall = PlaneFit::through(&positions, &normals, TUNING.flush)
+            .filter(|plane| plane.support > TUNING.min_support && on(plane) * 10 > own_points.len() * TUNING.min_flush);
 
         let depth = median(own_points.iter().map(|p| -p.z).collect());
         let middle = rays.iter().sum::<Vec3>() / rays.len() as f32;
@@ -137,17 +151,17 @@ impl<'a> VisibleLamp<'a> {
     }
 
     fn panel(&self) -> Option<PlaneFit> {
-        self.wall.filter(|plane| plane.normal.y.abs() > CEILING)
+        self.wall.filter(|plane| plane.normal.y.abs() > TUNING.ceiling)
     }
 
     fn rect(&self) -> Option<Lamp> {
         let plane = self.panel()?;
         let (center, x, y) = extent(&self.rays, &plane)?;
-        Some(Lamp::Rect(RectLamp { center: center + plane.normal * PROUD, x, y }))
+        Some(Lamp::Rect(RectLamp { center: center + plane.normal * TUNING.panel_distance, x, y }))
     }
 
     fn is_long(&self) -> bool {
-        self.half[0] / self.half[1] >= LONG
+        self.half[0] / self.half[1] >= TUNING.long
     }
 
     /// Radius of the lamp as a ball, meters: from the area, which a ragged outline changes less
@@ -163,7 +177,7 @@ impl<'a> VisibleLamp<'a> {
     /// measured depth, else around it. The median of a ball's front lies 0.7 radius before its
     /// center (half of the disc lies within r / sqrt 2).
     fn before(&self) -> f32 {
-        if self.wall.is_some() { -1.0 } else { CENTER_BEHIND_FRONT }
+        if self.wall.is_some() { -TUNING.center_before_wall } else { TUNING.center_behind_front }
     }
 
     fn center(&self, half: f32) -> Vec3 {
@@ -180,14 +194,14 @@ impl<'a> VisibleLamp<'a> {
 
     fn boxed(&self) -> Lamp {
         let ([long, short], [a, b]) = (self.axes, self.half);
-        let a = a.min(self.area / (4.0 * b) * MOST_LENGTH);
+        let a = a.min(self.area / (4.0 * b) * TUNING.max_length);
         let body = Lamp::Box(BoxLamp { center: self.center(b), axes: [long * a, short * b, Vec3::NEG_Z * b] });
         self.rect().unwrap_or(body)
     }
 
     fn surfels(&self, forms: LampForms) -> Option<Lamp> {
         let all = match self.panel() {
-            Some(plane) => flat(&self.pixels, &PlaneFit { offset: plane.offset + PROUD, ..plane }),
+            Some(plane) => flat(&self.pixels, &PlaneFit { offset: plane.offset + TUNING.panel_distance, ..plane }),
             None => {
                 let half = if self.is_long() { self.half[1] } else { self.radius() };
                 closed(&self.pixels, LampDepth { center: self.center(half), half, seen: self.wall.is_none() })
@@ -197,7 +211,3 @@ impl<'a> VisibleLamp<'a> {
         (!surfels.is_empty()).then_some(Lamp::Surfels(surfels))
     }
 }
-
-/// Distance of a panel from its ceiling. Unit: meters; source: taste; effect: shadow rays do not
-/// start in the ceiling.
-const PROUD: f32 = 0.01;

@@ -8,11 +8,19 @@ use super::{LampForms, RoomBox};
 use crate::geometry::Camera;
 use crate::image::{Mask, Normal, Points};
 use crate::optics::{LightKind, Shape};
+use crate::tuning::tuning;
 
-/// Width of the surroundings of a lamp: this fraction of the picture's longer side, and at least 3
-/// pixels.
-/// Unit: 1 over the fraction; source: taste; effect: smaller values look at more of the ceiling.
-const SURROUNDINGS: usize = 60;
+tuning! {
+    /// Constants of the surroundings of a visible lamp.
+    pub const TUNING: VisibleLightTuning {
+        /// Width of the surroundings of a lamp: this part of the picture's longer side.
+        surroundings: usize = 60,
+            unit "1 over the fraction", source Taste, effect "a smaller value looks at more of the ceiling";
+        /// Least width of the surroundings.
+        min_surroundings: usize = 3,
+            unit "pixels", source Taste, effect "a larger value looks at more of the ceiling of small pictures";
+    }
+}
 
 /// Shapes that a visible light may have, the preferred one first; none when the mask has no pixel.
 ///
@@ -30,7 +38,10 @@ pub fn visible_light(
     match kind {
         LightKind::Lamp => {
             let pixels = pixels_of(mask);
-            let around = surroundings(mask, (camera.width.max(camera.height) / SURROUNDINGS).max(3));
+            let around = surroundings(
+                mask,
+                (camera.width.max(camera.height) / TUNING.surroundings).max(TUNING.min_surroundings),
+            );
             let lamp = VisibleLamp::new(LampPixels { pixels: &pixels, points, camera }, normal, &around);
             lamp.into_iter().flat_map(|lamp| lamp.shapes(forms)).map(Shape::Lamp).collect()
         }

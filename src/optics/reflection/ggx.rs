@@ -11,6 +11,7 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use crate::image::Gloss;
+use crate::tuning::tuning;
 
 /// A rough reflecting surface as seen from one side.
 #[derive(Clone, Copy, Debug)]
@@ -23,8 +24,20 @@ pub struct Ggx {
     f0: Vec3,
 }
 
-/// Least roughness squared: below it a lobe is narrower than single precision can follow.
-const LEAST_ALPHA: f32 = 1e-4;
+tuning! {
+    /// Constants of the microfacet model.
+    pub const TUNING: GgxTuning {
+        /// Least roughness squared: below it a lobe is narrower than single precision can follow.
+        min_alpha: f32 = 1e-4,
+            unit "1", source Derived("single precision"), effect "a larger value blurs mirrors";
+        /// Roughness squared up to which a surface reflects single points rather than a blur.
+        mirror_alpha: f32 = 1e-3,
+            unit "1", source Taste, effect "a larger value traces single rays for more surfaces";
+        /// Least cosine between the view and the half vector by which a density is divided.
+        min_cosine: f32 = 1e-4,
+            unit "1", source Derived("single precision"), effect "a larger value changes densities at grazing angles";
+    }
+}
 
 impl Ggx {
     /// `None` where nothing is reflected: dull, or seen from behind.
@@ -33,12 +46,12 @@ impl Ggx {
         let f0 = Vec3::splat(0.08 * specular * (1.0 - metallic)) + albedo * metallic;
         let dull = roughness >= 1.0 && metallic <= 0.0;
         let sound = !dull && f0.max_element() > 0.0 && normal.dot(view) > 0.0;
-        sound.then_some(Ggx { normal, view, alpha: (roughness * roughness).clamp(LEAST_ALPHA, 1.0), f0 })
+        sound.then_some(Ggx { normal, view, alpha: (roughness * roughness).clamp(TUNING.min_alpha, 1.0), f0 })
     }
 
     /// Whether it shows single points rather than a blur.
     pub fn is_mirror(&self) -> bool {
-        self.alpha <= 1e-3
+        self.alpha <= TUNING.mirror_alpha
     }
 
     fn fresnel(&self, vh: f32) -> Vec3 {
@@ -60,7 +73,7 @@ impl Ggx {
     /// Density of [`Ggx::sample`] at a direction above the surface, per steradian.
     pub fn density(&self, light: Vec3) -> f32 {
         let half = (light + self.view).normalize_or_zero();
-        let vh = self.view.dot(half).max(1e-4);
+        let vh = self.view.dot(half).max(TUNING.min_cosine);
         self.distribution(half) * self.normal.dot(half).max(0.0) / (4.0 * vh)
     }
 

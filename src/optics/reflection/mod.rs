@@ -11,3 +11,10 @@ pub use polish::{NO_ROW, ReflectingPoints, SeenSurface, SpecularChange, Specular
 pub use reflect::{
     RayEnd, ReflectedHit, ReflectionScene, Reflections, ShadingPoint, object_shading_point, reflections,
 };
+
+use crate::tuning::Table;
+
+/// The constants of reflections.
+pub fn tuning() -> Vec<Table> {
+    vec![ggx::GgxTuning::table(), polish::PolishTuning::table(), reflect::ReflectTuning::table()]
+}

@@ -15,9 +15,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, PlaneFit, SceneMesh};
 use crate::image::{
-    Depth, Gloss, Normal, Picture, Plane, Points, STEP, SpecularEdit, Upsampler, neighbors, resize, resize_depth, rule,
+    DEPTH_PLANE, Depth, Gloss, Normal, Picture, Plane, Points, SpecularEdit, Upsampler, neighbors, resize,
+    resize_depth, rule,
 };
 use crate::optics::{Mirror, Reflections, ShadingPoint};
+use crate::tuning::tuning;
 
 /// The change of a photo by new specular parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -120,8 +122,50 @@ pub struct ReflectingPoints {
     pub points: Vec<ShadingPoint>,
 }
 
-/// Most places at which narrow lobes are known; with more photo pixels, one stands for several.
-const MOST_NARROW: usize = 1_000_000;
+tuning! {
+    /// Constants of the places at which the reflections of an edited finish are computed.
+    pub const TUNING: PolishTuning {
+        /// Largest number of places at which narrow lobes are computed; with more photo pixels, one
+        /// stands for several.
+        max_narrow: usize = 1_000_000,
+            unit "places", source Measured("run time; no page records it"),
+            effect "a smaller value blurs mirrors in large photos";
+        /// Roughness squared from which every second working pixel suffices.
+        half_pitch: f32 = 24.0,
+            unit "working pixels, as an angle", source Taste,
+            effect "a larger value computes broad lobes at more places";
+        /// Roughness squared from which every working pixel suffices.
+        working_pitch: f32 = 2.5,
+            unit "working pixels, as an angle", source Taste,
+            effect "a larger value computes lobes at the size of the photo more often";
+        /// Largest distance of a pixel from its plane.
+        off_plane: f32 = 0.03,
+            unit "fraction of the distance from the camera", source Taste,
+            effect "a larger value makes uneven surfaces flat";
+        /// Least cosine between a normal and that of its plane.
+        along: f32 = 0.85,
+            unit "1", source Taste, effect "a larger value leaves more pixels outside of planes";
+        /// Largest number of planes of a region.
+        max_planes: usize = 4,
+            unit "planes", source Taste, effect "a larger value makes more of a region flat";
+        /// Largest number of pixels through which a plane is fitted; of more, every nth is taken.
+        max_points: usize = 1500,
+            unit "pixels", source Measured("run time; no page records it"),
+            effect "a larger value is slower and more exact";
+        /// Least fraction of the remaining region that makes another plane.
+        min_support: f32 = 0.3,
+            unit "1", source Taste, effect "a smaller value makes more planes";
+        /// Least number of pixels that make another plane.
+        min_pixels: usize = 30,
+            unit "working pixels", source Taste, effect "a smaller value makes more planes";
+        /// Fraction of a region outside of its planes up to which these pixels count as noise.
+        uneven: f32 = 0.1,
+            unit "1", source Taste, effect "a larger value makes more of a region flat";
+        /// Radius around a pixel without a plane within which normals are averaged.
+        reach: usize = 3,
+            unit "working pixels", source Taste, effect "a larger value smooths reflections in curved surfaces";
+    }
+}
 
 /// The places at which the reflections of a finish are asked for, and the working pixels of the
 /// planes that they lie in.
@@ -135,7 +179,7 @@ pub fn places(finish: &SpecularEdit, seen: &SeenSurface) -> (Vec<ReflectingPoint
         .flat_map(|old| [Pitch::Photo, Pitch::Working, Pitch::Half].map(|pitch| (old, pitch)))
         .filter_map(|(old, pitch)| {
             let wanted = RequestedKind::new(finish, old, |gloss| Pitch::of(gloss[0], seen, full) == pitch)?;
-            let step = (1..).find(|step| wanted.count.div_ceil(step * step) <= MOST_NARROW).unwrap_or(1);
+            let step = (1..).find(|step| wanted.count.div_ceil(step * step) <= TUNING.max_narrow).unwrap_or(1);
             let size = match pitch {
                 Pitch::Photo => (full.0.div_ceil(step).max(small.0), full.1.div_ceil(step).max(small.1)),
                 Pitch::Working => small,
@@ -172,8 +216,8 @@ impl Pitch {
         let (w, h) = seen.points.0.size();
         let pixel = full.0 as f32 / (w as f32 * seen.camera.fx);
         match roughness * roughness {
-            a if a >= 24.0 * pixel => Pitch::Half,
-            a if a >= 2.5 * pixel || full == (w, h) => Pitch::Working,
+            a if a >= TUNING.half_pitch * pixel => Pitch::Half,
+            a if a >= TUNING.working_pitch * pixel || full == (w, h) => Pitch::Working,
             _ => Pitch::Photo,
         }
     }
@@ -231,7 +275,7 @@ impl RequestedKind {
 fn inner(own: &Plane<bool>, points: &Points) -> Plane<bool> {
     let (w, h) = own.size();
     Plane::from_fn(w, h, |x, y| {
-        let joined = |u: usize, v: usize| (points.0.get(u, v).z / points.0.get(x, y).z - 1.0).abs() < STEP;
+        let joined = |u: usize, v: usize| (points.0.get(u, v).z / points.0.get(x, y).z - 1.0).abs() < DEPTH_PLANE.step;
         let mut around = (y.saturating_sub(1)..(y + 2).min(h))
             .flat_map(|v| (x.saturating_sub(1)..(x + 2).min(w)).map(move |u| (u, v)));
         own.get(x, y) && around.all(|(u, v)| own.get(u, v) || !joined(u, v))
@@ -249,26 +293,13 @@ struct Flat {
     normal: Plane<Vec3>,
 }
 
-/// Distance from a plane, as a share of that from the camera.
-const OFF_PLANE: f32 = 0.03;
-/// Least cosine of a normal to its plane's.
-const ALONG: f32 = 0.85;
-/// Most planes of a region.
-const MOST_PLANES: usize = 4;
-/// Least share of what is left of the region that makes another plane, and fewest working pixels.
-const LEAST: (f32, usize) = (0.3, 30);
-/// Up to this share of a region that lies in none of its planes is taken for noise.
-const UNEVEN: f32 = 0.1;
-/// Working pixels around one whose normals are averaged.
-const REACH: usize = 3;
-
 impl Flat {
     fn new(region: &Plane<bool>, seen: &SeenSurface) -> Flat {
         let (w, h) = region.size();
         let (points, normals) = (seen.points.0.pixels(), seen.normal.0.pixels());
         let lies_in = |plane: &PlaneFit, i: usize| {
             let off = (plane.normal.dot(points[i]) - plane.offset).abs();
-            off < OFF_PLANE * points[i].length() && plane.normal.dot(normals[i]) > ALONG
+            off < TUNING.off_plane * points[i].length() && plane.normal.dot(normals[i]) > TUNING.along
         };
         let mut left: Vec<usize> = (0..w * h).filter(|&i| region.pixels()[i]).collect();
         let mut flat = Flat {
@@ -277,14 +308,16 @@ impl Flat {
             own: Vec::new(),
             normal: Plane::filled(w, h, Vec3::Z),
         };
-        while flat.planes.len() < MOST_PLANES {
-            let some = || left.iter().step_by(left.len().div_ceil(1500).max(1));
+        while flat.planes.len() < TUNING.max_planes {
+            let some = || left.iter().step_by(left.len().div_ceil(TUNING.max_points).max(1));
             let (places, ways): (Vec<Vec3>, Vec<Vec3>) = some().map(|&i| (points[i], normals[i])).unzip();
-            let Some(plane) = PlaneFit::through(&places, &ways, OFF_PLANE).filter(|p| p.support > LEAST.0) else {
+            let Some(plane) =
+                PlaneFit::through(&places, &ways, TUNING.off_plane).filter(|p| p.support > TUNING.min_support)
+            else {
                 break;
             };
             let (own, others): (Vec<usize>, Vec<usize>) = left.iter().partition(|&&i| lies_in(&plane, i));
-            if own.len() < LEAST.1 {
+            if own.len() < TUNING.min_pixels {
                 break;
             }
             own.iter().for_each(|&i| flat.label.pixels_mut()[i] = Some(flat.planes.len() as u8));
@@ -293,7 +326,7 @@ impl Flat {
             left = others;
         }
         let size = region.pixels().iter().filter(|inside| **inside).count();
-        if !flat.planes.is_empty() && left.len() as f32 <= UNEVEN * size as f32 {
+        if !flat.planes.is_empty() && left.len() as f32 <= TUNING.uneven * size as f32 {
             let off = |plane: &PlaneFit, i: usize| (plane.normal.dot(points[i]) - plane.offset).abs();
             for i in left.drain(..) {
                 let nearest =
@@ -303,9 +336,10 @@ impl Flat {
         }
         for i in left {
             let (x, y) = (i % w, i / w);
-            let around = (y.saturating_sub(REACH)..(y + REACH + 1).min(h))
-                .flat_map(|y| (x.saturating_sub(REACH)..(x + REACH + 1).min(w)).map(move |x| y * w + x));
-            let alike = around.filter(|&j| region.pixels()[j] && (points[j].z / points[i].z - 1.0).abs() < OFF_PLANE);
+            let around = (y.saturating_sub(TUNING.reach)..(y + TUNING.reach + 1).min(h))
+                .flat_map(|y| (x.saturating_sub(TUNING.reach)..(x + TUNING.reach + 1).min(w)).map(move |x| y * w + x));
+            let alike =
+                around.filter(|&j| region.pixels()[j] && (points[j].z / points[i].z - 1.0).abs() < TUNING.off_plane);
             flat.normal.pixels_mut()[i] = alike.map(|j| normals[j]).sum::<Vec3>().normalize_or(normals[i]);
         }
         flat

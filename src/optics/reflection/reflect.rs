@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::ggx::Ggx;
 use crate::geometry::{Camera, Hit, Objects, SceneMesh, clearance};
 use crate::image::{Gloss, Mask, Normal, Plane, Points, rule};
+use crate::tuning::tuning;
 use {
     crate::optics::Emitter, crate::optics::Lighting, crate::optics::Points2, crate::optics::Shape,
     crate::optics::Silhouette, crate::optics::local_frame,
@@ -131,8 +132,64 @@ impl ShadingPoint {
     }
 }
 
-/// Rays of a mirror that bends within a pixel: one would show a jagged rim.
-const MIRRORED: usize = 16;
+tuning! {
+    /// Constants of traced reflections.
+    pub const TUNING: ReflectTuning {
+        /// Largest number of rays of a mirror that bends within a pixel: one ray would show a
+        /// jagged boundary.
+        mirror_rays: usize = 16,
+            unit "rays", source Taste, effect "a larger value smooths reflections in curved mirrors and takes longer";
+        /// Least number of samples of each lobe of a light.
+        min_light_samples: usize = 8,
+            unit "samples", source Taste,
+            effect "a larger value lowers the noise of the reflections of lights and takes longer";
+        /// Largest number of times that a ray may meet its own plane; one that meets it more often
+        /// runs along it.
+        max_skipped: usize = 16,
+            unit "hits", source Taste, effect "a larger value follows more grazing rays";
+        /// Least reflection of a light of unit radiance for which a shadow ray is traced.
+        min_reflection: f32 = 1e-6,
+            unit "radiance", source Taste, effect "a larger value drops faint reflections of lights";
+        /// Largest number of rays of all pixels together.
+        max_rays: usize = 4_000_000,
+            unit "rays", source Measured("run time; no page records it"),
+            effect "a smaller value gives large edited regions fewer rays per place";
+        /// Distance of a light over that of the hit, up to which it counts as before the hit where
+        /// the hit is a light's own pixel.
+        own_slack: f32 = 1.2,
+            unit "1", source Taste, effect "a larger value shows more lights whose depth is wrong";
+        /// Distance of a light over that of the hit, up to which it counts as before any other hit.
+        slack: f32 = 1.01,
+            unit "1", source Taste, effect "a larger value shows more lights behind uneven surfaces";
+        /// Least bandwidth by which the solid angle of a window's lobe is divided.
+        min_bandwidth: f32 = 0.1,
+            unit "1", source Taste, effect "none for windows smaller than a hemisphere";
+        /// Expected number of hits above which the rays alone estimate a light, since the square
+        /// would overflow.
+        max_density: f32 = 1e6,
+            unit "hits", source Derived("single precision"),
+            effect "a smaller value drops samples of lights in mirrors";
+        /// End of a shadow ray before the light that it samples.
+        shadow_end: f32 = 0.999,
+            unit "the ray's length", source Derived("single precision"),
+            effect "a larger value may let a light shadow itself";
+        /// Relative difference of depth up to which neighboring pixels of an object show one
+        /// surface.
+        same_depth: f32 = 0.05,
+            unit "1", source Taste, effect "a larger value bends reflections across steps";
+        /// Least cosine between the normals of neighboring pixels of one surface of an object.
+        same_normal: f32 = 0.5,
+            unit "1", source Taste, effect "a smaller value bends reflections across edges";
+        /// Depth of a hit over that of the visible surface of the object, up to which the camera
+        /// sees the hit.
+        same_side: f32 = 1.02,
+            unit "1", source Taste, effect "a larger value shows the front for hits behind it";
+        /// Cosine between a direction and the normal of a cell of estimated lighting that must be
+        /// exceeded.
+        min_probe_cosine: f32 = 0.1,
+            unit "1", source Taste, effect "a larger value asks cells farther away";
+    }
+}
 
 /// The room around the places.
 pub struct ReflectionScene<'a> {
@@ -159,7 +216,7 @@ impl ReflectionScene<'_> {
     fn closest(&self, shading: &ShadingPoint, direction: Vec3) -> Option<Hit> {
         let plane = shading.plane.map(|plane| self.planes[plane].pixels());
         let mut way = 0.0;
-        for _ in 0..MOST_SKIPPED {
+        for _ in 0..TUNING.max_skipped {
             let hit = self.mesh.closest(shading.point + direction * way, direction)?;
             let distance = way + hit.distance;
             if !plane.and_then(|own| own.get(hit.pixel as usize)).is_some_and(|own| *own) {
@@ -171,15 +228,8 @@ impl ReflectionScene<'_> {
     }
 }
 
-/// A ray that meets its own plane more often than this runs along it.
-const MOST_SKIPPED: usize = 16;
-
-/// A reflection of a light of unit radiance that is less than this is not asked for.
-const LEAST_SEEN: f32 = 1e-6;
 /// The stream of places within a pixel, beyond those of lights.
 const WITHIN: u32 = u32::MAX;
-/// Most rays of all pixels together.
-const MOST_RAYS: usize = 4_000_000;
 
 /// Reflections of the places of a plane of this size, with `rays` per place and as many samples per
 /// lobe of a light; and the number of rays that were traced.
@@ -195,7 +245,7 @@ pub fn reflections(
         scene,
         lights: lights.iter().map(|(_, shape)| TracedLight::new(shape)).collect(),
         cells: LightProbeGrid::new(scene),
-        rays: rays.min(MOST_RAYS / (w * h).max(1)).max(1),
+        rays: rays.min(TUNING.max_rays / (w * h).max(1)).max(1),
         seed,
     };
     let pixel = |i: usize| tracer.pixel(i, shading(i));
@@ -255,7 +305,7 @@ impl Tracer<'_> {
         let Some(middle) = shading.surface([0.5; 2]) else { return out };
         let count = match (middle.is_mirror(), shading.differential) {
             (true, None) => 1,
-            (true, Some(_)) => self.rays.min(MIRRORED),
+            (true, Some(_)) => self.rays.min(TUNING.mirror_rays),
             (false, _) => self.rays,
         };
         // Each ray from a place of its own within the pixel; one that is turned away counts as the
@@ -272,7 +322,7 @@ impl Tracer<'_> {
             let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
             self.trace(&mut out, ray, &shading, surface, (direction, weight * (1.0 / count as f32)));
         }
-        self.sample_lights(&mut out, i, &shading, &surfaces, count.max(8));
+        self.sample_lights(&mut out, i, &shading, &surfaces, count.max(TUNING.min_light_samples));
         out
     }
 
@@ -294,7 +344,7 @@ impl Tracer<'_> {
         out.traced += 1;
         let in_room = |hit: &Hit| (hit.pixel as usize) < self.scene.points.0.len();
         let is_own = hit.is_some_and(|hit| in_room(&hit) && self.is_own(hit.pixel as usize));
-        let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { 1.2 } else { 1.01 });
+        let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { TUNING.own_slack } else { TUNING.slack });
         // Lights first: what is behind one is not seen. One without a closed surface shows in a
         // mirror as in the photo.
         let mut light_hit = is_own && !surface.is_mirror();
@@ -337,7 +387,7 @@ impl Tracer<'_> {
                     let direction = (sample.position - point).normalize_or_zero();
                     let part = (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.contribution;
                     let value = surfaces[k].value(direction) * part;
-                    if value.max_element() < LEAST_SEEN {
+                    if value.max_element() < TUNING.min_reflection {
                         continue;
                     }
                     out.traced += 1;
@@ -368,7 +418,9 @@ fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> imp
     let size = ball.map(|(center, radius)| {
         let size = std::f32::consts::PI * radius * radius / center.distance_squared(point).max(radius * radius);
         match shape {
-            Shape::Window(window) => size.min(2.0 * std::f32::consts::PI / window.lobes[lobe].bandwidth.max(0.1)),
+            Shape::Window(window) => {
+                size.min(2.0 * std::f32::consts::PI / window.lobes[lobe].bandwidth.max(TUNING.min_bandwidth))
+            }
             _ => size,
         }
     });
@@ -377,7 +429,7 @@ fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> imp
         let Some(size) = size else { return if all { 1.0 } else { 0.0 } };
         let p = surface.density(direction) * size;
         // A sharp lobe's density does not fit into the square of a float.
-        if p > 1e6 { 1.0 } else { p * p / (p * p + 1.0) }
+        if p > TUNING.max_density { 1.0 } else { p * p / (p * p + 1.0) }
     }
 }
 
@@ -386,7 +438,7 @@ fn blocked(scene: &ReflectionScene, shading: &ShadingPoint, light: Vec3, own: &i
     let way = light - shading.point;
     let length = way.length();
     let hit = scene.closest(shading, way / length);
-    let near = hit.filter(|hit| hit.distance < 0.999 * length);
+    let near = hit.filter(|hit| hit.distance < TUNING.shadow_end * length);
     near.is_some_and(|hit| (hit.pixel as usize) >= scene.points.0.len() || !own(hit.pixel as usize))
 }
 
@@ -423,8 +475,8 @@ fn differential(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> R
         let (x, y) = (x.checked_add_signed(dx).filter(|x| *x < w)?, y.checked_add_signed(dy).filter(|y| *y < h)?);
         let other = objects.normal.get(x, y);
         let alike = objects.coverage.get(x, y) > 0.0
-            && (objects.depth.get(x, y) - z).abs() < 0.05 * z
-            && other.dot(normal) > 0.5;
+            && (objects.depth.get(x, y) - z).abs() < TUNING.same_depth * z
+            && other.dot(normal) > TUNING.same_normal;
         alike.then_some(other)
     };
     let change = |dx: isize, dy: isize| match (beside(-dx, -dy), beside(dx, dy)) {
@@ -456,7 +508,8 @@ fn seen(scene: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> O
     let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
     let (w, h) = objects.coverage.size();
     // Of a side that the camera does not see, the one before it stands.
-    let shown = u < w && v < h && objects.coverage.get(u, v) > 0.5 && objects.depth.get(u, v) < 1.02 * -at.z;
+    let shown =
+        u < w && v < h && objects.coverage.get(u, v) > 0.5 && objects.depth.get(u, v) < TUNING.same_side * -at.z;
     shown.then(|| RayEnd::pixel(camera.width * camera.height + v * w + u))
 }
 
@@ -483,7 +536,7 @@ impl LightProbeGrid<'_> {
     /// Incident radiance at `point` from `direction`: that of the nearest cell whose surface faces
     /// it.
     fn radiance(&self, point: Vec3, direction: Vec3) -> Vec3 {
-        let sees = |(_, (_, n)): &(usize, &(Vec3, Vec3))| n.dot(direction) > 0.1;
+        let sees = |(_, (_, n)): &(usize, &(Vec3, Vec3))| n.dot(direction) > TUNING.min_probe_cosine;
         let near = self.places.iter().enumerate().filter(sees);
         let near = near.min_by(|a, b| a.1.0.distance_squared(point).total_cmp(&b.1.0.distance_squared(point)));
         let Some((i, (_, normal))) = near else { return Vec3::ZERO };

@@ -5,6 +5,8 @@ use std::f64::consts::TAU;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
+use crate::tuning::tuning;
+
 /// A spherical Gaussian of unit weight: G(l) = exp(bandwidth (direction . l - 1)).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lobe {
@@ -19,24 +21,30 @@ pub struct Lobe {
 pub struct Gaussian {
     /// Unit length.
     pub(in crate::optics) direction: DVec3,
-    /// 0..=`MAX_BANDWIDTH`.
+    /// 0..=`GAUSSIAN.max_bandwidth`.
     pub(in crate::optics) bandwidth: f64,
     /// 1 - exp(-2 bandwidth).
     span: f64,
 }
 
-/// Largest bandwidth; unit: none; source: taste. A lobe of this bandwidth is a direction to all
-/// digits of 64 bits.
-const MAX_BANDWIDTH: f64 = 1e12;
-/// Bandwidth below which a lobe counts as uniform; unit: none; source: the rounding of 64 bits, as
-/// bandwidth / 2 is the relative error.
-pub(in crate::optics) const UNIFORM: f64 = 1e-9;
+tuning! {
+    /// Constants of spherical Gaussians.
+    pub const GAUSSIAN: GaussianTuning {
+        /// Largest bandwidth: a lobe of it is a direction to all digits of 64 bits.
+        max_bandwidth: f64 = 1e12,
+            unit "1", source Taste, effect "a larger value loses digits";
+        /// Bandwidth below which a lobe counts as uniform.
+        uniform_bandwidth: f64 = 1e-9,
+            unit "1", source Derived("half of it is the relative error, below the rounding of 64 bits"),
+            effect "a larger value makes broad lobes less exact";
+    }
+}
 
 impl Gaussian {
     /// The lobe in 64 bits. A direction without length counts as "up"; a bandwidth below zero or
     /// not a number as zero.
     pub fn new(lobe: &Lobe) -> Gaussian {
-        let bandwidth = f64::from(lobe.bandwidth).clamp(0.0, MAX_BANDWIDTH);
+        let bandwidth = f64::from(lobe.bandwidth).clamp(0.0, GAUSSIAN.max_bandwidth);
         let bandwidth = if bandwidth.is_nan() { 0.0 } else { bandwidth };
         let direction = lobe.direction.as_dvec3().try_normalize().unwrap_or(DVec3::Y);
         Gaussian { direction, bandwidth, span: -(-2.0 * bandwidth).exp_m1() }
@@ -50,7 +58,7 @@ impl Gaussian {
 
     /// The integral of G over all directions: 2 pi (1 - exp(-2 bandwidth)) / bandwidth, steradians.
     pub fn solid_angle(&self) -> f64 {
-        if self.bandwidth < UNIFORM { 2.0 * TAU } else { TAU * self.span / self.bandwidth }
+        if self.bandwidth < GAUSSIAN.uniform_bandwidth { 2.0 * TAU } else { TAU * self.span / self.bandwidth }
     }
 
     /// The density, per steradian, of [`Gaussian::sample`] where G is `value` (von Mises and
@@ -64,7 +72,11 @@ impl Gaussian {
     /// The cosine is inverted as 1 - cos = -log(1 - u (1 - exp(-2 bandwidth))) / bandwidth (Jakob,
     /// "Numerically stable sampling of the von Mises-Fisher distribution on S2", 2012).
     pub fn sample(&self, [u, v]: [f64; 2]) -> DVec3 {
-        let t = if self.bandwidth < UNIFORM { 2.0 * u } else { -(-u * self.span).ln_1p() / self.bandwidth };
+        let t = if self.bandwidth < GAUSSIAN.uniform_bandwidth {
+            2.0 * u
+        } else {
+            -(-u * self.span).ln_1p() / self.bandwidth
+        };
         let t = t.clamp(0.0, 2.0);
         let (x, y) = self.direction.any_orthonormal_pair();
         let (sin_phi, cos_phi) = (TAU * v).sin_cos();

@@ -26,18 +26,29 @@ use glam::DVec3;
 
 use super::gaussian::Gaussian;
 use super::polygon::{ArcEdge, Outline};
+use crate::tuning::tuning;
 
-/// Exponent beyond which G counts as zero: e^-18 = 1.5e-8. Unit: none; source: the error stated at
-/// [`Gaussian::irradiance`]; effect: a larger one lengthens the arcs that are integrated.
-const FAINT: f64 = 18.0;
-
-/// Argument up to which p2 is computed by its series, whose 11 terms are exact to 64 bits there.
-/// Unit: none.
-pub(in crate::optics) const SERIES: f64 = 0.25;
-
-/// Largest t before R at the pole opposite to the lobe's direction is replaced by its limit. Unit:
-/// none; source: R loses half of its digits there.
-pub(in crate::optics) const POLE: f64 = 2.0 - 1e-6;
+tuning! {
+    /// Constants of the irradiance of a lobe through an outline.
+    pub const LOBE_IRRADIANCE: LobeIrradianceTuning {
+        /// Exponent beyond which G counts as zero: e^-18 = 1.5e-8.
+        faint: f64 = 18.0,
+            unit "1", source Derived("the error stated at `Gaussian::irradiance`"),
+            effect "a larger value lengthens the arcs that are integrated";
+        /// Argument up to which p2 is computed by its series.
+        series: f64 = 0.25,
+            unit "1", source Derived("its 11 terms are exact to 64 bits there"),
+            effect "a larger value truncates the series";
+        /// Largest t before R at the pole opposite to the lobe's direction is replaced by its
+        /// limit.
+        pole: f64 = 2.0 - 1e-6,
+            unit "1", source Derived("R loses half of its digits there"), effect "a larger value loses more digits";
+        /// Length of an arc, times the rate, below which five nodes of the quadrature suffice.
+        short_arc: f64 = 0.75,
+            unit "1", source Measured("the error stated at `quadrature`"),
+            effect "a larger value is faster and less exact";
+    }
+}
 
 /// The overlap of a lobe and an outline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +69,7 @@ impl Gaussian {
             let sin = edge.inward.dot(self.direction);
             // 1 - cos of the distance from the edge's great circle.
             let t = sin * sin / (1.0 + (1.0 - sin * sin).max(0.0).sqrt());
-            if self.bandwidth * t < FAINT {
+            if self.bandwidth * t < LOBE_IRRADIANCE.faint {
                 overlap = Overlap::Partial;
             } else if sin < 0.0 {
                 return Overlap::Disjoint;
@@ -100,9 +111,12 @@ impl Gaussian {
             let e = (-x).exp();
             let [p1, p2] = p1_p2_of(x, e);
             // At the pole opposite to d: (D - G c) / 2c, both evaluated at c = -1.
-            let r = if t < POLE { (p1 - t * p2 - mean) / (2.0 - t) } else { 0.5 * (mean + e) };
-            let h =
-                if y.abs() > SERIES { ((y - 1.0) * e + (-b).exp()) / (y * y) } else { (-b).exp() * p2_series(-y)[0] };
+            let r = if t < LOBE_IRRADIANCE.pole { (p1 - t * p2 - mean) / (2.0 - t) } else { 0.5 * (mean + e) };
+            let h = if y.abs() > LOBE_IRRADIANCE.series {
+                ((y - 1.0) * e + (-b).exp()) / (y * y)
+            } else {
+                (-b).exp() * p2_series(-y)[0]
+            };
             [r, h]
         });
         [sums[0] * arc.sin_delta + 2.0 * mean * arc.beyond(), sums[1]]
@@ -133,7 +147,7 @@ impl Arc {
         let nearest = lobe.direction.dot(forward).atan2(lobe.direction.dot(first));
         let middle = 0.5 * edge.angle - nearest;
         let middle = if middle > PI { middle - TAU } else { middle };
-        let cut = FAINT / lobe.bandwidth;
+        let cut = LOBE_IRRADIANCE.faint / lobe.bandwidth;
         let width = if cut >= 1.0 { f64::INFINITY } else { ((1.0 - cut) / cos_delta).clamp(-1.0, 1.0).acos() };
         Arc { sin_delta, cos_delta, nearest, from: middle - 0.5 * edge.angle, to: middle + 0.5 * edge.angle, width }
     }
@@ -172,7 +186,7 @@ pub(in crate::optics) fn p1_p2(x: f64) -> [f64; 2] {
 
 /// [`p1_p2`] with `e` = e^-x given.
 pub(in crate::optics) fn p1_p2_of(x: f64, e: f64) -> [f64; 2] {
-    if x > SERIES {
+    if x > LOBE_IRRADIANCE.series {
         let p1 = (1.0 - e) / x;
         [p1, (p1 - e) / x]
     } else {
@@ -182,7 +196,7 @@ pub(in crate::optics) fn p1_p2_of(x: f64, e: f64) -> [f64; 2] {
 }
 
 /// The series p2(x) = sum over k of (k + 1) (-x)^k / (k + 2)!, and its derivative, for |x| <=
-/// [`SERIES`].
+/// `LOBE_IRRADIANCE.series`.
 pub(in crate::optics) fn p2_series(x: f64) -> [f64; 2] {
     const TERMS: [f64; 11] = [
         1.0 / 2.0,
@@ -215,10 +229,6 @@ const TEN: [[f64; 2]; 5] = [
     [0.973_906_528_517_171_7, 0.066_671_344_308_688_1],
 ];
 
-/// Length of an arc, times the rate, below which five nodes suffice. Unit: none; source: measured,
-/// as the error below.
-const SHORT_ARC: f64 = 0.75;
-
 /// The integral over s of a function of sin(s/2) and cos(s/2) that changes over lengths of 1 /
 /// `rate`.
 ///
@@ -226,7 +236,7 @@ const SHORT_ARC: f64 = 0.75;
 /// of exp(-(rate s)^2 / 2).
 fn quadrature<const N: usize>(from: f64, to: f64, rate: f64, f: impl Fn(f64, f64) -> [f64; N]) -> [f64; N] {
     let scaled = (to - from) * rate;
-    let rule: &[[f64; 2]] = if scaled < SHORT_ARC { &FIVE } else { &TEN };
+    let rule: &[[f64; 2]] = if scaled < LOBE_IRRADIANCE.short_arc { &FIVE } else { &TEN };
     let panels = (scaled / PI).ceil().max(1.0);
     let half = 0.5 * (to - from) / panels;
     let mut sums = [0.0; N];

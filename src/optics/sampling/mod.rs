@@ -16,3 +16,16 @@ pub use gaussian::{Gaussian, Lobe};
 pub use polygon::polygon_irradiance;
 pub use random::Points2;
 pub use sphere::sphere_irradiance;
+
+use crate::tuning::Table;
+
+/// The constants of sampling.
+pub fn tuning() -> Vec<Table> {
+    vec![
+        gaussian::GaussianTuning::table(),
+        lobe_irradiance::LobeIrradianceTuning::table(),
+        polar_sampler::PolarSamplerTuning::table(),
+        product_sampler::ProductSamplerTuning::table(),
+        rectangle::RectangleTuning::table(),
+    ]
+}

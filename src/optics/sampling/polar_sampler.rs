@@ -11,9 +11,10 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::gaussian::{Gaussian, UNIFORM};
+use super::gaussian::{GAUSSIAN, Gaussian};
 use super::linear::invert_linear;
 use super::polygon::Outline;
+use crate::tuning::tuning;
 
 /// The integrand, G(l) cos(theta) or cos(theta) alone, and the pole of its polar coordinates.
 #[derive(Clone, Copy)]
@@ -27,10 +28,10 @@ pub enum Product {
 impl Product {
     /// The product about the pole of the factor that varies more.
     pub fn about_sharper(gaussian: Gaussian, normal: DVec3) -> Product {
-        if gaussian.bandwidth > 1.0 {
+        if gaussian.bandwidth > TUNING.sharp_bandwidth {
             Product::AboutLobe(gaussian, normal)
         } else {
-            Product::AboutNormal((gaussian.bandwidth > UNIFORM).then_some(gaussian), normal)
+            Product::AboutNormal((gaussian.bandwidth > GAUSSIAN.uniform_bandwidth).then_some(gaussian), normal)
         }
     }
 
@@ -102,7 +103,7 @@ pub struct PolarSampler {
     /// sum of cos(phi) and sin(phi).
     edges: [(bool, [f64; 2]); Outline::MOST],
     edge_count: usize,
-    nodes: [AzimuthNode; NODES],
+    nodes: [AzimuthNode; TUNING.max_nodes],
     node_count: usize,
 }
 
@@ -118,30 +119,47 @@ struct AzimuthNode {
     sum: f64,
 }
 
-// Constants of the fit. Each changes the noise and the time, and no mean; source: measured with
-// `benches/windows.rs`.
-
-/// Most nodes of the fit over azimuth.
-const NODES: usize = 32;
-/// Largest error of a line over an interval of azimuth at its middle. Unit: the whole integral. As
-/// the middle becomes a node too, about a quarter of that error is left.
-const MISS: f64 = 0.03;
-/// Least density of a node. Unit: its neighbors' density. A flank between two nodes is not
-/// undersampled.
-const LEAST_OF_NEIGHBOR: f64 = 0.25;
-/// Ratio of two densities below which there is a step between them. Unit: none.
-const STEP: f64 = 0.25;
-/// Fraction of the allowed error in an interval with a step: halving it leaves half of the error,
-/// and one without a step a quarter.
-const ALLOWED_AT_STEP: f64 = 0.25;
-/// Distance of the first and last node from their corners, where the outline is closed. Unit: the
-/// range of azimuth.
-const INSIDE: f64 = 1e-9;
-/// Least height of an edge's great circle over the pole, so that one through the pole has a finite
-/// slope. Unit: none.
-const LEAST_RISE: f64 = 1e-100;
-/// Least and largest [`Node::tilt`]: the fitted line stays above a tenth of its mean.
-const TILT: [f64; 2] = [0.05, 0.95];
+tuning! {
+    /// Constants of the fit of the polar sampler. Each changes the noise and the time, and no mean.
+    pub const TUNING: PolarSamplerTuning {
+        /// Bandwidth above which the pole is the lobe's direction, not the normal.
+        sharp_bandwidth: f64 = 1.0,
+            unit "1", source Derived("the lobe then varies more than the cosine"),
+            effect "another value changes the noise and the time, and no mean";
+        /// Largest number of nodes of the fit over azimuth.
+        max_nodes: usize = 32,
+            unit "nodes", source Measured("benches/windows.rs"),
+            effect "a larger value lowers the noise and takes longer";
+        /// Largest error of a line over an interval of azimuth at its middle. As the middle becomes
+        /// a node too, about a quarter of that error is left.
+        max_error: f64 = 0.03,
+            unit "the whole integral", source Measured("benches/windows.rs"),
+            effect "a larger value is noisier and faster";
+        /// Least density of a node: a flank between two nodes is not undersampled.
+        min_density: f64 = 0.25,
+            unit "its neighbors' density", source Measured("benches/windows.rs"),
+            effect "a larger value samples flanks more";
+        /// Ratio of two densities below which there is a step between them.
+        step: f64 = 0.25,
+            unit "1", source Measured("benches/windows.rs"), effect "a larger value takes more intervals for steps";
+        /// Fraction of the allowed error in an interval with a step: halving it leaves half of the
+        /// error, and one without a step a quarter.
+        allowed_at_step: f64 = 0.25,
+            unit "1", source Measured("benches/windows.rs"), effect "a smaller value places more nodes at steps";
+        /// Distance of the first and last node from their corners, where the outline is closed.
+        inside: f64 = 1e-9,
+            unit "the range of azimuth", source Measured("benches/windows.rs"),
+            effect "a larger value measures farther from the corners";
+        /// Least height of an edge's great circle over the pole, so that one through the pole has a
+        /// finite slope.
+        min_rise: f64 = 1e-100,
+            unit "1", source Derived("range of 64 bits"), effect "none above the range of 64 bits";
+        /// Least and largest tilt of a node: the fitted line stays above a tenth of its mean.
+        tilt_range: [f64; 2] = [0.05, 0.95],
+            unit "1", source Measured("benches/windows.rs"),
+            effect "a wider range follows the integrand more, with larger weights";
+    }
+}
 
 /// One azimuth, measured.
 #[derive(Clone, Copy, Default)]
@@ -167,12 +185,12 @@ impl PolarSampler {
             axes: [pole, x, y],
             edges: [(false, [0.0; 2]); Outline::MOST],
             edge_count: edges.len(),
-            nodes: [AzimuthNode::default(); NODES],
+            nodes: [AzimuthNode::default(); TUNING.max_nodes],
             node_count: 0,
         };
         for (slot, edge) in polar.edges.iter_mut().zip(edges) {
             let rise = edge.inward.dot(pole);
-            let rise = if rise.abs() < LEAST_RISE { LEAST_RISE } else { rise };
+            let rise = if rise.abs() < TUNING.min_rise { TUNING.min_rise } else { rise };
             *slot = (rise > 0.0, [-edge.inward.dot(x) / rise, -edge.inward.dot(y) / rise]);
         }
         // Between the azimuths of the corners everything is smooth.
@@ -191,11 +209,11 @@ impl PolarSampler {
         (polar.nodes[polar.node_count - 1].sum > 0.0).then_some(polar)
     }
 
-    /// Places the nodes so close that a line between neighbors has an error of at most [`MISS`].
+    /// Places the nodes so close that a line between neighbors has an error of at most `TUNING.max_error`.
     fn fit(&mut self, corners: &[f64]) {
         let last = corners.len() - 1;
         // An interval that a corner closes is measured just inside of it.
-        let inside = INSIDE * (corners[last] - corners[0]);
+        let inside = TUNING.inside * (corners[last] - corners[0]);
         let mut known = [Slice::default(); 2 * Outline::MOST + 1];
         for (i, &azimuth) in corners.iter().enumerate() {
             let shift = if i == 0 {
@@ -214,7 +232,7 @@ impl PolarSampler {
             whole += (a.density + 4.0 * known[2 * i + 1].density + b.density) / 6.0 * (b.azimuth - a.azimuth);
         }
         for i in 0..last {
-            self.divide([known[2 * i], known[2 * i + 1], known[2 * i + 2]], MISS * whole);
+            self.divide([known[2 * i], known[2 * i + 1], known[2 * i + 2]], TUNING.max_error * whole);
         }
         self.push(known[2 * last]);
         let nodes = &mut self.nodes[..self.node_count];
@@ -222,7 +240,7 @@ impl PolarSampler {
         for i in 0..nodes.len() {
             let density = nodes[i].density;
             let after = nodes.get(i + 1).map_or(0.0, |node| node.density);
-            nodes[i].density = density.max(LEAST_OF_NEIGHBOR * f64::max(before, after));
+            nodes[i].density = density.max(TUNING.min_density * f64::max(before, after));
             before = density;
         }
         for i in 1..nodes.len() {
@@ -236,10 +254,10 @@ impl PolarSampler {
         let miss = (2.0 / 3.0) * (middle.density - 0.5 * (a.density + b.density)).abs() * (b.azimuth - a.azimuth);
         // Halving an interval with a step in it leaves half of the error, and one without a
         // quarter.
-        let step = a.density.min(b.density) < STEP * a.density.max(b.density);
-        let allowed_here = if step { ALLOWED_AT_STEP * allowed } else { allowed };
+        let step = a.density.min(b.density) < TUNING.step * a.density.max(b.density);
+        let allowed_here = if step { TUNING.allowed_at_step * allowed } else { allowed };
         // Room is kept for the corners still to come.
-        if miss > allowed_here && self.node_count + 2 * Outline::MOST + 3 < NODES {
+        if miss > allowed_here && self.node_count + 2 * Outline::MOST + 3 < TUNING.max_nodes {
             let [left, right] = [a, b].map(|end| self.halve(end, middle));
             self.divide([a, left, middle], allowed);
             self.divide([middle, right, b], allowed);
@@ -250,7 +268,7 @@ impl PolarSampler {
     }
 
     fn push(&mut self, slice: Slice) {
-        if self.node_count < NODES {
+        if self.node_count < TUNING.max_nodes {
             let Slice { azimuth, density, tilt, .. } = slice;
             self.nodes[self.node_count] = AzimuthNode { azimuth, density, tilt, sum: 0.0 };
             self.node_count += 1;
@@ -277,7 +295,7 @@ impl PolarSampler {
             let [a, b] = at.map(|t| self.product.fitted(self.direction(t, cos, sin)));
             density = mass * 0.5 * (a + b);
             if a + b > 0.0 {
-                tilt = ((1.5 * a - 0.5 * b) / (a + b)).clamp(TILT[0], TILT[1]);
+                tilt = ((1.5 * a - 0.5 * b) / (a + b)).clamp(TUNING.tilt_range[0], TUNING.tilt_range[1]);
             }
         }
         Slice { azimuth, cos, sin, density, tilt }

@@ -11,6 +11,7 @@ use super::lobe_irradiance::Overlap;
 use super::polar_sampler::{PolarSampler, Product};
 use super::polygon::Outline;
 use super::rectangle::{Rectangle, RectangleSampler};
+use crate::tuning::tuning;
 
 /// A sampler of G(l) cos(theta), or of cos(theta) alone, through a rectangle.
 pub enum ProductSampler {
@@ -23,16 +24,24 @@ pub enum ProductSampler {
     Polar(Box<PolarSampler>),
 }
 
-// Constants that choose a technique. Each changes the noise and the time, and no mean.
-
-/// Largest difference between the mean of the corners' values and the middle's that counts as
-/// bilinear. Unit: the middle's value; source: measured with `benches/windows.rs`.
-const BILINEAR: f64 = 0.5;
-/// Least value of a corner that counts as bilinear. Unit: the largest corner's value; source:
-/// measured as above.
-const LEAST_CORNER: f64 = 0.01;
-/// Width over perimeter below which an outline is a slit. Unit: none; source: measured as above.
-const SLIT: f64 = 2e-3;
+tuning! {
+    /// Constants that choose a sampling technique. Each changes the noise and the time, and no
+    /// mean.
+    pub const TUNING: ProductSamplerTuning {
+        /// Largest difference between the mean of the corners' values and the middle's that counts
+        /// as bilinear.
+        bilinear: f64 = 0.5,
+            unit "the middle's value", source Measured("benches/windows.rs"),
+            effect "a larger value uses the polar sampler less";
+        /// Least value of a corner that counts as bilinear.
+        min_corner: f64 = 0.01,
+            unit "the largest corner's value", source Measured("benches/windows.rs"),
+            effect "a larger value uses the polar sampler more";
+        /// Width over perimeter below which an outline is a slit.
+        slit: f64 = 2e-3,
+            unit "1", source Measured("benches/windows.rs"), effect "a larger value uses the polar sampler less";
+    }
+}
 
 impl ProductSampler {
     /// The sampler for a receiver at `point` with the unit `normal`; `None` where nothing arrives.
@@ -57,7 +66,7 @@ impl ProductSampler {
         let around: f64 = outline.edges().iter().map(|edge| edge.angle).sum();
         let width = 2.0 * outline.solid_angle() / around;
         let spread = gaussian.map_or(1.0, |gaussian| 1.0 / gaussian.bandwidth.max(1.0).sqrt());
-        if width < SLIT * around && width < spread {
+        if width < TUNING.slit * around && width < spread {
             return Some(ProductSampler::Warped(rectangle.sampler_at(point)?, [[1.0; 2]; 2], gaussian));
         }
         if outline.edges().len() == 4 {
@@ -67,7 +76,7 @@ impl ProductSampler {
             let all = corners.as_flattened();
             let (low, high) = all.iter().fold((f64::INFINITY, 0.0), |(low, high), &c| (c.min(low), c.max(high)));
             let (mean, middle) = (0.25 * all.iter().sum::<f64>(), value(uniform.sample([0.5, 0.5])));
-            if low > LEAST_CORNER * high && (mean - middle).abs() < BILINEAR * middle {
+            if low > TUNING.min_corner * high && (mean - middle).abs() < TUNING.bilinear * middle {
                 return Some(ProductSampler::Warped(uniform, corners, gaussian));
             }
         }

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DVec3, Vec3};
 
 use super::polygon::{Outline, triangle_solid_angle};
+use crate::tuning::tuning;
 
 /// A rectangle that emits to the side of its normal.
 #[derive(Clone, Copy)]
@@ -93,9 +94,15 @@ pub struct RectangleSampler {
     area: f64,
 }
 
-/// Solid angle below which sampling is by area, steradians. Source: there the four angles have lost
-/// half of their 15 digits.
-const TINY: f64 = 1e-8;
+tuning! {
+    /// Constants of the sampling of rectangles.
+    pub const TUNING: RectangleTuning {
+        /// Solid angle below which sampling is by area.
+        min_solid_angle: f64 = 1e-8,
+            unit "steradians", source Derived("there the four angles have lost half of their 15 digits"),
+            effect "a larger value samples distant rectangles with more noise";
+    }
+}
 
 impl RectangleSampler {
     fn new(rectangle: &Rectangle, point: DVec3, height: f64) -> RectangleSampler {
@@ -117,7 +124,7 @@ impl RectangleSampler {
         let k = TAU - angle(2) - angle(3);
         let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
         let solid_angle = triangle_solid_angle(a, b, c) + triangle_solid_angle(a, c, d);
-        let area = if solid_angle > TINY { 0.0 } else { rectangle.area() };
+        let area = if solid_angle > TUNING.min_solid_angle { 0.0 } else { rectangle.area() };
         RectangleSampler { axes, x, y, z, b: [n[0].z, n[2].z], k, solid_angle, area }
     }
 

@@ -15,6 +15,7 @@ use crate::geometry::{Grid, SceneMesh, clearance, cosine_direction};
 use crate::image::{Normal, Plane, Points, rule};
 use crate::optics::sampling::random::Points2;
 use crate::optics::sampling::sphere::{Cone, sphere_irradiance};
+use crate::tuning::tuning;
 
 /// Pixels near bodies, and which probes of these they see.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,15 +32,30 @@ pub struct Contact {
 
 /// A ray that meets no body.
 const OPEN: u32 = u32::MAX;
-/// Rays into the cone of each body.
-const RAYS: usize = 32;
-/// Most rays of one pixel.
-const MOST: usize = 256;
-/// From the middle of a body, in radii of the ball around it: up to the first all counts, from the
-/// second on nothing.
-const REACH: [f32; 2] = [2.0, 3.5];
-/// Least open share of a receiver's hemisphere that says anything about what arrives.
-const LEAST: f32 = 0.05;
+tuning! {
+    /// Constants of the light around the foot of a body.
+    pub const TUNING: ContactTuning {
+        /// Largest number of rays into the cone of a body.
+        max_rays_per_body: usize = 32,
+            unit "rays", source Taste, effect "a larger value lowers the noise and takes longer";
+        /// Largest number of rays of one pixel.
+        max_rays: usize = 256,
+            unit "rays", source Taste, effect "a larger value lowers the noise around many bodies and takes longer";
+        /// Distances from the middle of a body up to which its rays count fully, and from which on
+        /// they do not count.
+        reach: [f32; 2] = [2.0, 3.5],
+            unit "radii of the ball around it", source Taste,
+            effect "a larger value finds shadows farther away and takes longer";
+        /// Least open fraction of a receiver's hemisphere by which arriving light is divided.
+        min_open: f32 = 0.05,
+            unit "1", source Taste, effect "a smaller value amplifies noise beside large bodies";
+        /// Length at the end of a ray that may lie within the uneven surface on which a body
+        /// stands.
+        free_lifts: f32 = 4.0,
+            unit "lifts of a ray off its surface", source Taste,
+            effect "a larger value lets light through below bodies";
+    }
+}
 
 /// Irradiance / pi that reaches a receiver past all bodies, and the fraction of its hemisphere that
 /// they hide.
@@ -57,7 +73,7 @@ impl Contact {
         let near = |pixel: usize| {
             let far = |&(_, middle, radius): &(usize, Vec3, f32)| points.0.pixels()[pixel].distance(middle) / radius;
             let far = balls.iter().map(far).fold(f32::INFINITY, f32::min);
-            let t = ((REACH[1] - far) / (REACH[1] - REACH[0])).clamp(0.0, 1.0);
+            let t = ((TUNING.reach[1] - far) / (TUNING.reach[1] - TUNING.reach[0])).clamp(0.0, 1.0);
             t * t * (3.0 - 2.0 * t)
         };
         let pixels: Vec<(usize, f32)> = (0..points.0.len())
@@ -66,7 +82,7 @@ impl Contact {
             .map(|pixel| (pixel, near(pixel)))
             .filter(|&(pixel, weight)| weight > 0.0 && mesh.in_room(pixel))
             .collect();
-        let each = (MOST / balls.len().max(1)).clamp(1, RAYS);
+        let each = (TUNING.max_rays / balls.len().max(1)).clamp(1, TUNING.max_rays_per_body);
         let count = pixels.len();
         let rows: Vec<Vec<(u32, f32)>> = pixels
             .par_iter()
@@ -141,7 +157,7 @@ impl Contact {
                 .fold((Vec3::ZERO, 0.0), |(seen, filled), (&probe, &share)| {
                     (seen + share * shown(probe as usize), filled + share)
                 });
-            light * ((1.0 - filled).max(0.0) / (1.0 - hidden).max(LEAST)) + seen
+            light * ((1.0 - filled).max(0.0) / (1.0 - hidden).max(TUNING.min_open)) + seen
         };
         let values: Vec<Vec3> = (0..self.pixels.len()).into_par_iter().with_min_len(256).map(found).collect();
         for ((&pixel, &weight), value) in self.pixels.pixels().iter().zip(self.weight.pixels()).zip(values) {
@@ -193,7 +209,7 @@ fn meets(mesh: &SceneMesh, (point, normal): (Vec3, Vec3), body: usize, direction
     let lift = mesh.offset(point);
     let (from_above, place) = (point + normal * lift, from + direction * hit.distance);
     // The last of the way lies within what is uneven of the surface that the body stands on.
-    let free = 1.0 - 4.0 * lift / hit.distance;
+    let free = 1.0 - TUNING.free_lifts * lift / hit.distance;
     let hidden = free > 0.0 && mesh.surfaces().any(from_above, place - from_above, free, |_| true);
     (!hidden).then(|| bodies.nearest_probe(hit.id, place, direction))
 }

@@ -9,16 +9,27 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use crate::optics::{Emitter, Points2, Strategy};
+use crate::tuning::tuning;
 
-/// Independent streams per estimate: three degrees of freedom of its own.
-pub const BATCHES: usize = 4;
+/// Independent streams per estimate.
+pub const BATCHES: usize = TUNING.batches;
 
 /// A 95 % interval is plus and minus this many standard errors: Student's for six degrees of
 /// freedom, see `pooled`.
 pub const INTERVAL: f64 = 2.447;
 
-/// Pixels along each side of a tile, which is made better as a whole.
-const TILE: usize = 16;
+tuning! {
+    /// Constants of Monte Carlo estimates and their standard errors.
+    pub const TUNING: NoiseTuning {
+        /// Independent streams per estimate: three degrees of freedom of its own.
+        batches: usize = 4,
+            unit "streams", source Taste,
+            effect "a larger value estimates errors more exactly, with less even points";
+        /// Pixels along each side of a tile, which is improved as a whole.
+        tile: usize = 16,
+            unit "pixels", source Taste, effect "a larger value spends samples more evenly";
+    }
+}
 
 /// The stream of a pixel for one lobe and batch.
 pub fn stream(seed: u64, pixel: u32, lobe: usize, batch: usize) -> Points2 {
@@ -60,8 +71,8 @@ pub fn estimate(
 /// six degrees of freedom.
 pub fn pooled<S>(tile: &Tile<S>, variances: &[Option<f64>]) -> Vec<f64> {
     // A border of one pixel around the tile, which holds nothing.
-    const SIDE: usize = TILE + 2;
-    let place = |pixel: usize| (pixel / tile.width % TILE + 1) * SIDE + pixel % tile.width % TILE + 1;
+    const SIDE: usize = TUNING.tile + 2;
+    let place = |pixel: usize| (pixel / tile.width % TUNING.tile + 1) * SIDE + pixel % tile.width % TUNING.tile + 1;
     let mut cells = [(0.0, 0.0); SIDE * SIDE];
     for (&pixel, variance) in tile.pixels.iter().zip(variances) {
         cells[place(pixel)] = variance.map_or((0.0, 0.0), |v| (v, 1.0));
@@ -132,9 +143,11 @@ pub fn tiles<S: Clone + Default>(
     take: impl Fn(usize) -> bool,
 ) -> Vec<Tile<S>> {
     let mut tiles = Vec::new();
-    for (top, left) in (0..height).step_by(TILE).flat_map(|y| (0..width).step_by(TILE).map(move |x| (y, x))) {
-        let rows = top..(top + TILE).min(height);
-        let columns = left..(left + TILE).min(width);
+    for (top, left) in
+        (0..height).step_by(TUNING.tile).flat_map(|y| (0..width).step_by(TUNING.tile).map(move |x| (y, x)))
+    {
+        let rows = top..(top + TUNING.tile).min(height);
+        let columns = left..(left + TUNING.tile).min(width);
         let pixels = rows.flat_map(|y| columns.clone().map(move |x| y * width + x));
         let pixels: Vec<usize> = pixels.filter(|&pixel| take(pixel)).collect();
         if !pixels.is_empty() {

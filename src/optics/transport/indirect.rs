@@ -19,6 +19,28 @@ use super::estimate::{BATCHES, mean, pooled, stream, tiles};
 use crate::geometry::{Grid, SceneMesh, cosine_direction};
 use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance, rule};
 use crate::optics::sampling::random::Points2;
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of bounced and of ambient light.
+    pub const TUNING: IndirectTuning {
+        /// Fraction of the even ambient light that reaches every receiver; the remainder comes
+        /// through the unseen part of the room.
+        everywhere: f32 = 0.2,
+            unit "1", source Taste, effect "a larger value makes the ambient light more even";
+        /// Least cosine between a normal and its ray by which the area of a pixel is divided.
+        min_slant: f32 = 0.1,
+            unit "1", source Taste, effect "a larger value gives slanted surfaces less area";
+        /// Largest area of a receiver: views through a doorway cover large areas and do not light
+        /// the room.
+        max_area: f32 = 4.0,
+            unit "median areas", source Taste, effect "a larger value lets distant surfaces light the room more";
+        /// Largest albedo of a bounce.
+        max_albedo: f32 = 0.95,
+            unit "albedo", source Derived("with an albedo of 1 bounces do not converge"),
+            effect "a larger value lets indirect light converge more slowly";
+    }
+}
 
 /// Hits of the gathering rays of each receiver, a point of a coarse grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -126,10 +148,10 @@ impl LightTransport {
     }
 
     /// Shading of each receiver by an even ambient of radiance 1 from the unseen part of the room,
-    /// a fifth of which reaches everywhere.
+    /// a fraction of which, `TUNING.everywhere`, reaches all receivers.
     pub fn ambient(&self) -> Vec<Vec3> {
         let open = |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
-        let shading = |row: &[u32]| Vec3::splat(0.2 + 0.8 * open(row));
+        let shading = |row: &[u32]| Vec3::splat(TUNING.everywhere + (1.0 - TUNING.everywhere) * open(row));
         self.hits.pixels().chunks(self.hits.width().max(1)).map(shading).collect()
     }
 
@@ -139,7 +161,7 @@ impl LightTransport {
     pub fn ambient_around(&self, points: &Points, normal: &Normal, albedo: &[Vec3]) -> (Plane<Vec3>, Vec<Vec3>) {
         let all = self.ambient();
         let (_, on_probes) = all.split_at(self.grid.len());
-        let past = self.past(|_| Vec3::splat(0.2), Vec3::ONE);
+        let past = self.past(|_| Vec3::splat(TUNING.everywhere), Vec3::ONE);
         let shown = |probe: usize| albedo[probe] * on_probes[probe];
         let around: Vec<Vec3> = (0..self.areas.len()).map(|i| past[i].light + self.of_bodies(i, shown)).collect();
         let mut on_pixels = self.grid.upsample(points, normal, &around[..self.grid.len()]);
@@ -217,14 +239,14 @@ pub fn trace_bounces(
         // A pixel covers z^2 / f^2 of a plane parallel to the picture; slanted ones are held back,
         // their slant is uncertain.
         let slant = -n.dot(point) / point.z.abs().max(1e-6);
-        if mesh.in_room(pixel) { point.z * point.z / slant.max(0.1) } else { 0.0 }
+        if mesh.in_room(pixel) { point.z * point.z / slant.max(TUNING.min_slant) } else { 0.0 }
     };
     // What lies far behind the room (through a doorway, or at a pane that no mask marks) covers
     // large areas and does not light the room: no receiver stands for more than a few typical ones.
     let mut areas: Vec<f32> = (0..grid.len()).map(area).collect();
     let mut sorted: Vec<f32> = areas.iter().copied().filter(|&a| a > 0.0).collect();
     sorted.sort_by(f32::total_cmp);
-    let most = 4.0 * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let most = TUNING.max_area * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     areas.iter_mut().for_each(|a| *a = a.min(most));
     areas.resize(rows.len(), 0.0);
     LightTransport {
@@ -304,7 +326,7 @@ pub fn indirect(
 
 /// Albedos of pixels and probes; one of one would never come to rest.
 fn reflectances(albedo: &Albedo, probes: &[Vec3]) -> Vec<Vec3> {
-    albedo.0.pixels().iter().chain(probes).map(|a| a.clamp(Vec3::ZERO, Vec3::splat(0.95))).collect()
+    albedo.0.pixels().iter().chain(probes).map(|a| a.clamp(Vec3::ZERO, Vec3::splat(TUNING.max_albedo))).collect()
 }
 
 /// Indirect shading of one lobe on the receivers alone, in a room without bodies; `direct` is its

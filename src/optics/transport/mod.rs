@@ -16,3 +16,10 @@ pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
 pub use lighting::{Lighting, LocalLobe, local_frame};
 pub use objects::arriving;
 pub use shadow::{ShadowEstimate, ShadowQuality, shadow};
+
+use crate::tuning::Table;
+
+/// The constants of transported light.
+pub fn tuning() -> Vec<Table> {
+    vec![contact::ContactTuning::table(), estimate::NoiseTuning::table(), indirect::IndirectTuning::table()]
+}

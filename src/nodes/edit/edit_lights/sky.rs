@@ -9,6 +9,7 @@ use super::level;
 use crate::graph::{Context, File, NodeError, above, check_range};
 use crate::image::{NamedBytes, Picture, Transfer, read_photo};
 use crate::optics::{Daylight, Heading, Lobe, Radiance, Shape, Window, fit_window_model};
+use crate::tuning::tuning;
 
 /// Radiance of a window above the horizon.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -66,7 +67,7 @@ pub enum Sun {
 
 impl Sun {
     fn bandwidth() -> f32 {
-        1e4
+        TUNING.sun_bandwidth
     }
 
     fn direction(&self, up: Vec3) -> Vec3 {
@@ -147,7 +148,7 @@ impl Environment<'_> {
         let mut own_sun = Vec3::ZERO;
         let (mut lobes, mut radiance) = match self.sky {
             Sky::Radiance(r, g, b) => {
-                let bandwidth = if self.ground.is_some() { 1.5 } else { 0.0 };
+                let bandwidth = if self.ground.is_some() { TUNING.broad_bandwidth } else { 0.0 };
                 let sun = broad(up, Sun::bandwidth());
                 ([sun, broad(up, bandwidth), broad(-up, bandwidth)], [Vec3::ZERO, Vec3::new(*r, *g, *b), Vec3::ZERO])
             }
@@ -161,7 +162,7 @@ impl Environment<'_> {
                     100.0 * model.misplaced,
                     file.path
                 );
-                if model.misplaced > MUCH {
+                if model.misplaced > TUNING.max_misplaced {
                     ctx.warn(told)
                 } else {
                     ctx.note(told)
@@ -186,12 +187,12 @@ impl Environment<'_> {
         radiance = radiance.map(|w| w * self.scale);
         own_sun *= self.scale;
         if let Some(ground) = self.ground {
-            lobes[2] = broad(-up, 1.5);
+            lobes[2] = broad(-up, TUNING.broad_bandwidth);
             radiance[2] = ground.rgb();
         }
         if let Some(sun @ Sun::Direction { radiance: given, bandwidth, .. }) = self.sun {
             lobes[0] = Lobe { direction: sun.direction(up), bandwidth: *bandwidth };
-            let usual = if own_sun.max_element() > 0.0 { own_sun } else { Vec3::new(1.5, 1.41, 1.23) };
+            let usual = if own_sun.max_element() > 0.0 { own_sun } else { Vec3::from_array(TUNING.usual_sun) };
             radiance[0] = given.map_or(usual * bandwidth.max(1.0), Vec3::from_array);
         }
         window.lobes = lobes;
@@ -199,8 +200,25 @@ impl Environment<'_> {
     }
 }
 
-/// Least fraction of a picture's light in other directions than its three lobes for a warning.
-const MUCH: f64 = 0.4;
+tuning! {
+    /// Constants of the surroundings of an inserted window.
+    pub const TUNING: SkyTuning {
+        /// Bandwidth of a sun whose edit names none, of about one degree.
+        sun_bandwidth: f32 = 1e4,
+            unit "1", source Taste, effect "a larger value makes sharper shadows";
+        /// Bandwidth of sky and ground where they have radiances of their own.
+        broad_bandwidth: f32 = 1.5,
+            unit "1", source Taste, effect "a larger value separates sky and ground more";
+        /// Radiance over bandwidth of a sun whose edit and sky name none: a white surface that
+        /// faces it shows about 3.
+        usual_sun: [f32; 3] = [1.5, 1.41, 1.23],
+            unit "units of the photo", source Taste, effect "a larger value brightens such suns";
+        /// Fraction of a picture's light in other directions than its three lobes above which a
+        /// person is warned.
+        max_misplaced: f64 = 0.4,
+            unit "1", source Taste, effect "a larger value warns less often; no picture changes";
+    }
+}
 
 /// A picture of all directions; decoded once for all frames.
 fn picture(file: &File, ctx: &Context) -> Result<Arc<Picture>, NodeError> {
