@@ -25,6 +25,7 @@ impl From<Exit> for ExitCode {
 }
 
 impl Exit {
+    /// Returns the status code that the shell receives: 0, 1, 2 or 130.
     pub fn code(self) -> u8 {
         match self {
             Exit::Done => 0,

@@ -21,6 +21,7 @@ pub struct Head {
 }
 
 impl Head {
+    /// Creates the head of a run that began at `began`; the wall time ends at this call.
     pub fn new(graph: &Path, edit: &Path, began: Instant, backend: Option<String>, threads: usize) -> Head {
         Head {
             relight: env!("CARGO_PKG_VERSION"),

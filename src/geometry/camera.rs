@@ -7,12 +7,17 @@ use serde::{Deserialize, Serialize};
 /// (j + 0.5, i + 0.5).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
+    /// Columns of the plane.
     pub width: usize,
+    /// Rows of the plane.
     pub height: usize,
-    /// Focal lengths and principal point, in pixels of this plane.
+    /// Horizontal focal length, pixels of this plane.
     pub fx: f32,
+    /// Vertical focal length, pixels.
     pub fy: f32,
+    /// Column coordinate of the principal point, pixels.
     pub cx: f32,
+    /// Row coordinate of the principal point, pixels.
     pub cy: f32,
 }
 

@@ -39,10 +39,12 @@ impl Grid {
         (self.width.div_ceil(self.stride), self.height.div_ceil(self.stride))
     }
 
+    /// Returns the number of grid points.
     pub fn len(&self) -> usize {
         self.size().0 * self.size().1
     }
 
+    /// Whether the grid has no points.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

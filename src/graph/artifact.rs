@@ -99,10 +99,12 @@ impl Value {
         self.data.clone().downcast().ok()
     }
 
+    /// Returns the digest of the type's name and the canonical bytes.
     pub fn digest(&self) -> Digest {
         self.digest
     }
 
+    /// Returns the name of the value's type, as ports declare it.
     pub fn type_name(&self) -> &'static str {
         self.type_name
     }
@@ -159,6 +161,7 @@ impl<F: FnMut(&[u8])> Flavor for Pieces<F> {
     }
 }
 
+/// Computes the digest of a value of type `type_name` from its canonical bytes.
 pub(super) fn digest_of(type_name: &str, encoded: &[u8]) -> Digest {
     Digest(*hasher(type_name).update(encoded).finalize().as_bytes())
 }

@@ -14,7 +14,12 @@ use super::reading::File;
 pub enum NodeError {
     /// A file that a person named cannot be used: what was wanted, what was got, where.
     #[error("{path}: {message}")]
-    BadFile { path: String, message: String },
+    BadFile {
+        /// Path as the message shows it.
+        path: String,
+        /// The wanted and the actual content.
+        message: String,
+    },
     /// A parameter that a person set asks for what cannot be, with these inputs: which, what was
     /// wanted, what was got.
     #[error("{0}")]
@@ -32,10 +37,12 @@ pub enum NodeError {
 pub struct Cancel(Arc<AtomicBool>);
 
 impl Cancel {
+    /// Requests the end of the run; stages notice it at their next check.
     pub fn cancel(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
+    /// Whether [`Cancel::cancel`] was called.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -62,6 +69,7 @@ pub struct Context {
 pub struct Services(BTreeMap<TypeId, Arc<dyn Any + Send + Sync>>);
 
 impl Services {
+    /// Adds a service; stages find it by its type. A second one of a type replaces the first.
     pub fn with<T: Any + Send + Sync>(mut self, service: T) -> Services {
         self.0.insert(TypeId::of::<T>(), Arc::new(service));
         self
@@ -83,6 +91,7 @@ pub(super) struct Shared {
 }
 
 impl Shared {
+    /// Creates the shared part of the contexts of one engine.
     pub fn new(services: Services) -> Shared {
         Shared { services, ..Shared::default() }
     }
@@ -101,6 +110,7 @@ struct Meters {
 }
 
 impl Context {
+    /// Creates the context of one node. `digests` lists the declared files that the node may read.
     pub(super) fn new(
         cancel: Cancel,
         digests: Vec<(File, Digest)>,
@@ -131,6 +141,9 @@ impl Context {
     ///
     /// # Errors
     /// The errors of reading the file and of `make`; two types under one name.
+    ///
+    /// # Panics
+    /// Another thread panicked while it looked up a shared value.
     pub fn shared<T: Send + Sync + 'static>(
         &self,
         file: &File,
@@ -219,22 +232,27 @@ impl Context {
         self.lock().notes.push(message.into());
     }
 
+    /// Returns the number of rays that the stage has counted.
     pub fn rays(&self) -> u64 {
         self.rays.load(Ordering::Relaxed)
     }
 
+    /// Returns the recorded mean relative standard error, if there is one.
     pub fn stderr(&self) -> Option<f64> {
         self.lock().stderr
     }
 
+    /// Returns the recorded mean number of samples, if there is one.
     pub fn samples(&self) -> Option<f64> {
         self.lock().samples
     }
 
+    /// Returns the warnings so far, in the order of their calls.
     pub fn warnings(&self) -> Vec<String> {
         self.lock().warnings.clone()
     }
 
+    /// Returns the notes so far, in the order of their calls.
     pub fn notes(&self) -> Vec<String> {
         self.lock().notes.clone()
     }

@@ -72,6 +72,7 @@ impl std::fmt::Debug for CacheKey {
 /// A cache folder and how it is used.
 #[derive(Clone, Debug)]
 pub struct CacheFolder {
+    /// The folder; it is created when the first result is stored.
     pub path: PathBuf,
     /// Entries that another key signed count as missing.
     pub key: CacheKey,
@@ -105,6 +106,7 @@ pub struct DiskCache {
 pub struct CacheReport {
     /// Entries that are there after this call.
     pub entries: u64,
+    /// Length of these entries on disk, bytes.
     pub bytes: u64,
     /// Entries deleted by this call.
     pub removed: u64,
@@ -174,6 +176,7 @@ impl DiskCache {
         }
     }
 
+    /// Returns the path of the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -289,6 +292,9 @@ impl DiskCache {
     ///
     /// # Errors
     /// The errors of [`DiskCache::stat`].
+    ///
+    /// # Panics
+    /// Another thread panicked while it updated the total size.
     pub fn gc(&self, bytes: u64) -> io::Result<CacheReport> {
         self.check_mark()?;
         self.sweep();
@@ -338,6 +344,9 @@ impl DiskCache {
     ///
     /// # Errors
     /// The errors of [`DiskCache::stat`], but for a cache of another version.
+    ///
+    /// # Panics
+    /// Another thread panicked while it updated the total size.
     pub fn clear(&self) -> io::Result<CacheReport> {
         if !matches!(self.mark()?, Mark::OtherFormat) {
             self.check_mark()?;
@@ -423,6 +432,9 @@ impl DiskCache {
     }
 
     /// The checked bytes of one value of a result whose header gave `digest`.
+    ///
+    /// # Errors
+    /// The value is missing, damaged, or signed by another key.
     pub(super) fn value(&self, key: &Digest, index: usize, port: &PortSpec, digest: Digest) -> Result<Vec<u8>, Loss> {
         let lost = |unusable| match unusable {
             Unusable::Damaged(damage) => Loss::Damaged(damage),
@@ -436,6 +448,9 @@ impl DiskCache {
     }
 
     /// Writes a result: to a temporary file, synced, then renamed. Older results make room.
+    ///
+    /// # Errors
+    /// The folder cannot be created or written.
     pub(super) fn store(&self, key: &Digest, header: &Header, values: &[Value], limit: u64) -> io::Result<()> {
         let header = postcard::to_stdvec(header).expect("headers hold plain data, which postcard always encodes");
         let bytes = PREAMBLE + header.len() as u64 + values.iter().map(|v| v.length).sum::<u64>();
@@ -540,6 +555,9 @@ impl DiskCache {
 
     /// Lays `keys` over the last keys. Of two processes that do so at once, one may go unheard:
     /// `explain` then compares with the result before.
+    ///
+    /// # Errors
+    /// The file of last keys cannot be written.
     pub(super) fn set_latest(&self, project: &str, keys: &BTreeMap<String, Digest>) -> io::Result<()> {
         let mut all = self.latest(project);
         let before = all.len();

@@ -59,6 +59,7 @@ impl ResolvedGraph {
 
     /// `{ nodes: [{ name, kind, member, status }], edges: [{ from, from_port, to, to_port, type }]
     /// }`
+    #[expect(clippy::missing_panics_doc, reason = "strings are always JSON")]
     pub fn to_json(&self, run: Option<&RunReport>) -> String {
         let nodes: Vec<Value> = self
             .instances

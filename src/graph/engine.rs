@@ -105,6 +105,7 @@ impl Engine {
         Ok(Engine { budget: options.budget, pool, store, shared })
     }
 
+    /// Returns the number of worker threads.
     pub fn threads(&self) -> usize {
         self.pool.current_num_threads()
     }
@@ -159,6 +160,7 @@ impl Engine {
     ///
     /// # Errors
     /// The graph has no such node, or the name means several instances.
+    #[expect(clippy::missing_panics_doc, reason = "the plan contains every wanted node")]
     pub fn explain(&self, graph: &ResolvedGraph, node: &str) -> Result<Explanation, Diagnostic> {
         let (_, instances) = graph.find(node)?;
         if instances.len() != 1 {

@@ -33,14 +33,19 @@ pub struct GraphFile {
 
 /// A set of member names, as the graph file gives it.
 pub struct SetInfo<'a> {
+    /// Name of the set.
     pub name: &'a str,
+    /// Members, in the order of the file.
     pub members: Vec<&'a str>,
 }
 
 /// A node, as the graph file gives it.
 pub struct NodeInfo<'a> {
+    /// Name of the node.
     pub name: &'a str,
+    /// Kind of its stage, as the file spells it; empty where the file names none.
     pub kind: &'a str,
+    /// The set that the node has an instance for each member of.
     pub each: Option<&'a str>,
 }
 
@@ -52,6 +57,7 @@ pub struct NodeInfo<'a> {
 pub struct Overlay {
     /// In order: a later one wins.
     pub settings: Vec<Setting>,
+    /// Additional members, in order.
     pub members: Vec<Member>,
 }
 
@@ -59,8 +65,11 @@ pub struct Overlay {
 /// of its source.
 #[derive(Clone)]
 pub struct Setting {
+    /// The nodes that the parameter is set in.
     pub target: Target,
+    /// Name of the parameter.
     pub field: String,
+    /// Value, as RON.
     pub value: Raw,
 }
 
@@ -76,8 +85,11 @@ pub enum Target {
 /// One more member of a set.
 #[derive(Clone)]
 pub struct Member {
+    /// Name of the set.
     pub set: String,
+    /// Name of the member.
     pub name: String,
+    /// Location of the name, for messages.
     pub origin: Origin,
 }
 
@@ -175,6 +187,7 @@ impl GraphFile {
         Ok(file)
     }
 
+    /// Returns the path of the graph file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -199,12 +212,14 @@ impl GraphFile {
         }
     }
 
+    /// Lists the sets, in the order of the file.
     pub fn sets(&self) -> impl Iterator<Item = SetInfo<'_>> {
         self.sets
             .iter()
             .map(|set| SetInfo { name: &set.name.name, members: set.members.iter().map(|m| m.name.as_str()).collect() })
     }
 
+    /// Lists the nodes, in the order of the file.
     pub fn nodes(&self) -> impl Iterator<Item = NodeInfo<'_>> {
         self.nodes.iter().map(|node| NodeInfo {
             name: &node.name.name,
@@ -244,6 +259,7 @@ impl GraphFile {
     /// Puts the current names of `registry` in the place of old ones of kinds, inputs and outputs,
     /// each with a warning ([`super::ResolvedGraph::warnings`]). A node of an old kind lies over
     /// one of its new name.
+    #[expect(clippy::missing_panics_doc, reason = "a node is its own last layer")]
     pub fn accept_old_names(&mut self, registry: &Registry) {
         let warnings = &mut self.warnings;
         for node in &mut self.nodes {
@@ -482,6 +498,7 @@ fn names(values: &[Raw], faults: &mut Diagnostics) -> Vec<Key> {
     keys
 }
 
+/// Adds a fault unless `name` is a name: letters, digits and `_`, a letter first.
 pub(super) fn check_name(name: &str, origin: &Origin, what: &str, faults: &mut Diagnostics) {
     if !is_name(name) {
         let message = || format!("wanted a {what} name of letters, digits and _, letter first, got `{name}`");

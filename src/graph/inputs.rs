@@ -37,6 +37,9 @@ pub(super) fn holds(when: &Edge, result: &Header) -> bool {
 }
 
 /// Resolves the inputs of instance `at`, port by port.
+///
+/// # Errors
+/// A selected member does not exist, or one input receives a member twice.
 pub(super) fn resolve_inputs(graph: &ResolvedGraph, at: usize, before: &Before) -> Result<Vec<ResolvedInput>, String> {
     let instance = &graph.instances[at];
     let ports = &graph.nodes[instance.node].inputs;

@@ -18,6 +18,7 @@ pub const MAX_FILE_BYTES: u64 = 2 << 30;
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct File {
+    /// The path as it is written.
     pub path: String,
     /// The folder that a relative path starts from; set by the engine when it reads the parameter,
     /// never part of a key.
@@ -29,6 +30,8 @@ pub struct File {
 }
 
 impl File {
+    /// Names a file by its path; loading the graph determines the folder that a relative path
+    /// starts from.
     pub fn new(path: impl Into<String>) -> File {
         File { path: path.into(), base: None, within: None }
     }
@@ -50,6 +53,9 @@ impl File {
     }
 
     /// The open file, with the checks of [`File::read`].
+    ///
+    /// # Errors
+    /// The errors of [`File::read`].
     pub(super) fn open(&self) -> io::Result<fs::File> {
         let place = self.location();
         match &self.within {
@@ -84,6 +90,9 @@ pub fn open(path: &Path, limit: u64) -> io::Result<fs::File> {
 
 /// The file and what is known of it, for a path within the cache, whose last component must not be
 /// a symbolic link.
+///
+/// # Errors
+/// The path does not name a regular file of at most `limit` bytes, or cannot be opened.
 pub(super) fn open_no_follow(path: &Path, limit: u64) -> io::Result<(fs::File, Metadata)> {
     #[cfg(not(unix))]
     check(&path.symlink_metadata()?, limit)?;
@@ -104,6 +113,9 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 }
 
 /// The rest of an open file, at most `limit` bytes.
+///
+/// # Errors
+/// The file is longer than `limit`, or cannot be read.
 pub(super) fn read_all(file: fs::File, limit: u64) -> io::Result<Vec<u8>> {
     let size = file.metadata()?.len();
     let mut bytes = Vec::with_capacity(size.min(limit) as usize);

@@ -10,10 +10,13 @@ use super::{Artifact, Digest, PortValue};
 pub enum Status {
     /// Its result was there already.
     Hit,
+    /// Its stage ran and gave its outputs.
     Ran,
+    /// Its stage ran and gave an error.
     Failed,
     /// Not run, because something it depends on failed.
     Blocked,
+    /// Not run, or not to its end, because the run was cancelled.
     Cancelled,
 }
 
@@ -34,7 +37,9 @@ impl std::fmt::Display for Status {
 pub struct NodeReport {
     /// `direct[lamp_0]`
     pub name: String,
+    /// Kind of the node's stage.
     pub kind: &'static str,
+    /// Final state.
     pub status: Status,
     /// Wall time of the stage itself; 0 unless it ran.
     pub seconds: f64,
@@ -52,6 +57,7 @@ pub struct NodeReport {
     pub key: Option<Digest>,
     /// Why a node ran: `new`, or the first line of its key that changed.
     pub why: Option<String>,
+    /// Warnings of the stage.
     pub warnings: Vec<String>,
     /// Notes of the stage about its result that need no action.
     pub notes: Vec<String>,
@@ -70,6 +76,7 @@ pub enum Ending {
     Failed,
     /// Stages failed, all because of a file that a person named or a parameter that a person set.
     BadInput,
+    /// The run was cancelled.
     Cancelled,
 }
 
@@ -84,6 +91,7 @@ pub struct RunReport {
     pub warnings: Vec<String>,
     /// Most memory that values took at one time.
     pub peak_bytes: u64,
+    /// Wall time of the run.
     pub seconds: f64,
 }
 
@@ -150,7 +158,9 @@ impl Observer for () {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Planned {
+    /// Its result is in the cache.
     Hit,
+    /// It has to run.
     Run,
     /// Depends on what something upstream gives, that has to run first.
     Unknown,
@@ -172,8 +182,11 @@ impl std::fmt::Display for Planned {
 /// One line of [`super::Engine::plan`].
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PlanLine {
+    /// Node instance: `direct[lamp_0]`.
     pub node: String,
+    /// Kind of the node's stage.
     pub kind: &'static str,
+    /// Expected state.
     pub status: Planned,
     /// Why it has to run, or what it waits for.
     pub why: Option<String>,
@@ -182,13 +195,16 @@ pub struct PlanLine {
 /// Answer of [`super::Engine::explain`].
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Explanation {
+    /// Node instance: `direct[lamp_0]`.
     pub node: String,
+    /// Expected state.
     pub status: Planned,
     /// One sentence: `parameter samples: 16 -> 32`.
     pub why: String,
     /// The first line of the key manifest that differs from the last stored one, as it was and as
     /// it is.
     pub old: Option<String>,
+    /// The line of the current key manifest in the place of `old`.
     pub new: Option<String>,
     /// The whole key manifest, where it is known.
     pub key_manifest: Option<String>,
@@ -197,15 +213,20 @@ pub struct Explanation {
 /// A result that came out differently when [`super::Engine::verify`] made it again.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Difference {
+    /// Node instance: `direct[lamp_0]`.
     pub node: String,
     /// Output port, with the member where there is one: `mask[lamp_0]`.
     pub port: String,
+    /// Digest of the stored value; `None` where nothing was stored.
     pub stored: Option<Digest>,
+    /// Digest of the recomputed value; `None` where it has no value.
     pub computed: Option<Digest>,
 }
 
 /// Answer of [`super::Engine::verify`].
 pub struct VerifyReport {
+    /// Report of the run that recomputed the results.
     pub run: RunReport,
+    /// The results that differ.
     pub differences: Vec<Difference>,
 }

@@ -96,6 +96,7 @@ pub(super) struct WantedOutput {
 }
 
 impl Input {
+    /// Returns the wires that end at the input, in member order.
     pub fn edges(&self) -> &[Edge] {
         match self {
             Input::Missing => &[],
@@ -191,6 +192,9 @@ impl ResolvedGraph {
     }
 
     /// The node, and those of its instances that `name` (`node` or `node[member]`) means.
+    ///
+    /// # Errors
+    /// The graph does not have such a node or member.
     pub(super) fn find(&self, name: &str) -> Result<(&GraphNode, Range<usize>), Diagnostic> {
         if let Some(node) = self.nodes.iter().find(|n| n.name == name) {
             return Ok((node, node.instances.clone()));

@@ -136,6 +136,7 @@ struct Made {
 }
 
 impl<'a> Run<'a> {
+    /// Creates a run in which no node has started.
     pub fn new(options: RunOptions<'a>) -> Run<'a> {
         Run { options, state: Mutex::new(State::new(options.graph, options.wanted)) }
     }

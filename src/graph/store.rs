@@ -41,6 +41,8 @@ pub(super) struct Lookup {
 }
 
 impl Store {
+    /// Creates a store. Limits are in bytes; `project` names the graph whose last keys the store
+    /// keeps.
     pub fn new(memory_bytes: u64, disk: Option<DiskCache>, disk_limit: u64, project: String) -> Store {
         Store {
             memory: Memory::new(memory_bytes),
@@ -78,6 +80,9 @@ impl Store {
     }
 
     /// One value of a result, read from disk if need be. A damaged result is dropped.
+    ///
+    /// # Errors
+    /// The value on disk is missing or damaged.
     pub fn value(&self, entry: &Arc<Entry>, index: usize, node: &GraphNode) -> Result<Value, Loss> {
         let here = || entry.value(index).or_else(|| self.memory.get(&entry.key)?.value(index));
         if let Some(value) = here() {
@@ -137,6 +142,7 @@ impl Store {
         self.memory.get(key)
     }
 
+    /// Keeps a result in memory, as far as the limit allows.
     pub fn keep_in_memory(&self, entry: &Arc<Entry>) {
         self.memory.put(entry);
     }
@@ -171,6 +177,7 @@ impl Store {
         }
     }
 
+    /// Records the last key of each node instance, in memory and on disk.
     pub fn set_latest(&self, entries: impl Iterator<Item = (Arc<str>, Arc<Header>, Digest)>) {
         let mut changed = BTreeMap::new();
         let mut latest = self.latest();

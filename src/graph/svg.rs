@@ -8,8 +8,11 @@ use super::report::Status;
 pub struct Drawn {
     /// `direct[lamp_0]`; members of one node share a box.
     pub name: String,
+    /// Kind of the node's stage.
     pub kind: String,
+    /// Final state, if the graph was run.
     pub status: Option<Status>,
+    /// Wall time of the stage.
     pub seconds: f64,
     /// Names of the instances that it takes from.
     pub from: Vec<String>,

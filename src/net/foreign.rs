@@ -32,7 +32,12 @@ pub enum Normalisation {
     /// Colours stay 0..=1.
     None,
     /// Any other.
-    Custom { mean: [f32; 3], deviation: [f32; 3] },
+    Custom {
+        /// Mean of each channel.
+        mean: [f32; 3],
+        /// Deviation of each channel; not 0.
+        deviation: [f32; 3],
+    },
 }
 
 impl Normalisation {
@@ -71,6 +76,7 @@ pub struct PhotoInput<'a> {
     pub multiple: u32,
     /// The transfer function of the pictures that it was trained on.
     pub transfer: Transfer,
+    /// The normalization of its input.
     pub normalisation: Normalisation,
 }
 

@@ -89,6 +89,7 @@ const MAX_TEXT: usize = 1000;
 /// An input or output: its name, and its shape as far as it is fixed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Port {
+    /// Name in the ONNX file.
     pub name: String,
     /// `None` for a dimension, or for all of them, that the file leaves open.
     pub shape: Option<Vec<Option<usize>>>,
@@ -151,10 +152,12 @@ impl Network {
         self.doubt
     }
 
+    /// Returns the inputs, in the order of the file.
     pub fn inputs(&self) -> &[Port] {
         &self.inputs
     }
 
+    /// Returns the outputs, in the order of the file.
     pub fn outputs(&self) -> &[Port] {
         &self.outputs
     }

@@ -83,6 +83,7 @@ fn any(full: &Plane<f32>) -> Plane<f32> {
 
 /// Normals and points of a room, one size.
 pub struct Geometry {
+    /// Unit normals in camera space.
     pub normal: Plane<Vec3>,
     /// Metres.
     pub points: Plane<Vec3>,

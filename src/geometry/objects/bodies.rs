@@ -16,6 +16,7 @@ use crate::image::{Plane, rule};
 
 /// A model with its place in camera space.
 pub struct Body {
+    /// The triangles and their materials, in camera space, meters.
     pub model: Model,
     /// Replaces the material of the file.
     pub material: Option<Material>,
@@ -39,6 +40,10 @@ impl Body {
         }
     }
 
+    /// Returns the three corners of a triangle of the model, camera space, meters.
+    ///
+    /// # Panics
+    /// The model has no such triangle.
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.model.triangles[triangle].map(|i| self.model.positions[i as usize])
     }
@@ -99,16 +104,19 @@ pub fn clearance(point: Vec3) -> f32 {
 pub struct Probes {
     /// One row.
     pub points: Plane<Vec3>,
+    /// Unit normals of the surface at `points`.
     pub normals: Plane<Vec3>,
     /// The body of each probe.
     pub body: Plane<u32>,
 }
 
 impl Probes {
+    /// Returns the number of probes.
     pub fn len(&self) -> usize {
         self.points.len()
     }
 
+    /// Whether there are no probes.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
@@ -171,10 +179,12 @@ impl Bodies {
         rule(points.len() == normals.len() && points.len() == body.len(), "a normal and a body for each probe")
     }
 
+    /// Whether there are no bodies.
     pub fn is_empty(&self) -> bool {
         self.body.is_empty()
     }
 
+    /// Returns the probes on the surfaces of all bodies.
     pub fn probes(&self) -> &Probes {
         &self.probes
     }

@@ -23,6 +23,7 @@ use crate::image::{Depth, Gloss, Plane, rule};
 pub struct Objects {
     /// The photo pixel that is the first of the rectangle.
     pub left: usize,
+    /// First row of the rectangle, photo pixels from the top.
     pub top: usize,
     /// The share of each pixel that bodies cover.
     pub cover: Plane<f32>,
@@ -38,15 +39,18 @@ pub struct Objects {
     pub step: usize,
     /// The samples, slightly above the surface.
     pub points: Plane<Vec3>,
+    /// Unit normals of the samples.
     pub normals: Plane<Vec3>,
     /// The body of each sample.
     pub body: Plane<u32>,
     /// The probes that each sample draws from, eight of each, one row for a sample, and their
     /// weights, which sum to 1.
     pub near: Plane<u32>,
+    /// Weights of the probes in `near`, of its size.
     pub weight: Plane<f32>,
     /// Materials of the probes: base color; roughness, specular, metallic.
     pub probe_albedo: Plane<Vec3>,
+    /// Gloss of the probes: roughness, specular, metallic, each 0..=1.
     pub probe_gloss: Plane<Gloss>,
 }
 

@@ -56,8 +56,11 @@ impl Cell {
 /// The visibility between two points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
+    /// The points see each other.
     Lit,
+    /// A surface lies between the points.
     Blocked,
+    /// The segment passes through a region that the photo does not show.
     Unknown,
 }
 

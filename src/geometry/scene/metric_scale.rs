@@ -38,7 +38,9 @@ const TELLING: f64 = 1e-3;
 pub struct KnownLength {
     /// Photo pixels from the left and the top.
     pub from: [f32; 2],
+    /// The second place, photo pixels from the left and the top.
     pub to: [f32; 2],
+    /// The distance between the places, meters.
     pub metres: f32,
 }
 

@@ -40,6 +40,9 @@ pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
 }
 
 /// Reads all full-resolution channels of a file.
+///
+/// # Errors
+/// The content is not a valid EXR file, or exceeds the limits of `source`.
 pub(in crate::image) fn read(source: Source) -> Result<ExrFile, ReadError> {
     let bad = |e: ::exr::error::Error| source.error("content", "a sound OpenEXR file", e);
     // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes:
@@ -127,6 +130,9 @@ impl ExrFile {
     }
 
     /// R, G, B; or the gray of Y, of Z or of R alone.
+    ///
+    /// # Errors
+    /// The file does not have these channels.
     pub(in crate::image) fn colors(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
         if let Some(colors) = self.triple(["R", "G", "B"]) {
             return Ok(colors);
@@ -137,6 +143,9 @@ impl ExrFile {
     }
 
     /// X, Y, Z; or R, G, B.
+    ///
+    /// # Errors
+    /// The file does not have these channels.
     pub(in crate::image) fn vectors(&self, source: Source) -> Result<Plane<Vec3>, ReadError> {
         let vectors = [["X", "Y", "Z"], ["R", "G", "B"]].into_iter().find_map(|names| self.triple(names));
         vectors.ok_or_else(|| self.missing(source, "X, Y and Z, or R, G and B"))
@@ -173,6 +182,9 @@ impl ExrFile {
     }
 
     /// Z, else Y, else R.
+    ///
+    /// # Errors
+    /// The file does not have these channels.
     pub(in crate::image) fn depth(&self, source: Source) -> Result<Plane<f32>, ReadError> {
         let depth = ["Z", "Y", "R"].into_iter().find_map(|name| self.find(name));
         Ok(depth.ok_or_else(|| self.missing(source, "Z, Y or R"))?.plane())

@@ -21,9 +21,13 @@ use crate::image::{Layer, Plane};
 /// Compression of the pixels of an EXR file; all are lossless.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Compression {
+    /// No compression.
     None,
+    /// Run-length encoding.
     Rle,
+    /// Deflate of 16 rows at a time.
     Zip,
+    /// Wavelet transform with Huffman coding.
     Piz,
 }
 
@@ -156,6 +160,9 @@ impl ExrLayers {
     }
 
     /// The file. There must be at least one channel, and no two of one name.
+    ///
+    /// # Errors
+    /// There is no channel, two channels have one name, or the encoder fails.
     pub fn write(mut self, compression: Compression) -> Result<Vec<u8>, String> {
         let failed = |e: ::exr::error::Error| format!("the EXR file cannot be written: {e}");
         let channels = std::mem::take(&mut self.channels);

@@ -24,6 +24,9 @@ const DIFFERENT: f32 = 0.1;
 
 /// The part of each pixel of `photo` that belongs to the surface that `mask` marks. Both have one
 /// size.
+///
+/// # Panics
+/// The sizes differ.
 pub fn alpha_matte(mask: &Plane<f32>, photo: &Picture) -> AlphaMatte {
     assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
     let (w, h) = mask.size();

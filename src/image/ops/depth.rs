@@ -25,6 +25,9 @@ pub fn is_hole(z: f32) -> bool {
 /// finest level that has one. The means are of 1/z, which is linear over the image of a plane.
 /// Readings where `untrusted` is above zero (panes that show the world outside) keep their own
 /// value but fill nothing, unless nothing else is there.
+///
+/// # Panics
+/// The sizes differ.
 pub fn inpaint_depth(metres: &Plane<f32>, untrusted: &Plane<f32>) -> Option<(Depth, Mask)> {
     assert_eq!(metres.size(), untrusted.size(), "one trust per reading");
     let holes = metres.map(|z| if is_hole(z) { 1.0 } else { 0.0 });

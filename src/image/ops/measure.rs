@@ -6,6 +6,9 @@ use crate::image::{Normal, Plane, Transfer};
 
 /// Numbers as they came out beside those that are true, channel by channel, of the pixels that are
 /// `counted`.
+///
+/// # Panics
+/// The sizes differ.
 pub fn pairs<'a>(
     got: &'a Plane<Vec3>,
     truth: &'a Plane<Vec3>,

@@ -54,6 +54,9 @@ pub struct Files(pub Vec<(String, Vec<u8>)>);
 impl Files {
     /// Files from their canonical bytes. The largest keeps their buffer: the layers of a large
     /// photo take gigabytes.
+    ///
+    /// # Errors
+    /// The bytes are not the canonical form of files.
     pub(super) fn from_canonical(mut bytes: Vec<u8>) -> Result<Files, String> {
         let bad = |e: postcard::Error| e.to_string();
         let (count, mut rest) = postcard::take_from_bytes::<usize>(&bytes).map_err(bad)?;

@@ -59,7 +59,9 @@ pub enum LightEdit {
     },
     /// A lamp of known shape, new or in the place of another light.
     Lamp {
+        /// Form and size.
         shape: LampShape,
+        /// Position.
         at: Place,
         /// Lumens; needs the scene's exposure. Either this or `radiance`.
         #[serde(default)]
@@ -91,6 +93,7 @@ pub enum LightEdit {
         /// The lower part of what it shows.
         #[serde(default)]
         ground: Option<Half>,
+        /// Directional light of the sun, if it shines in.
         #[serde(default)]
         sun: Option<Sun>,
         /// Degrees to the right by which the middle of a picture of the sky lies from the view.

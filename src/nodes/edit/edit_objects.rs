@@ -40,6 +40,7 @@ pub enum ObjectEdit {
     Mesh {
         /// PLY, OBJ, glTF or GLB.
         path: File,
+        /// Position of the middle of its bottom.
         at: Place,
         /// Meters from its lowest to its highest point.
         height: f32,
@@ -53,11 +54,13 @@ pub enum ObjectEdit {
         #[serde(default)]
         parts: Vec<File>,
     },
+    /// A sphere.
     Sphere {
         /// Meters.
         radius: f32,
         /// Its center, or the pixel that it stands on.
         at: Place,
+        /// Its material.
         #[serde(default)]
         material: MaterialEdit,
     },

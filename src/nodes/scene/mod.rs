@@ -20,7 +20,16 @@ pub enum CameraSpec {
     /// Horizontal field of view in degrees; square pixels, centred.
     FovX(f32),
     /// Focal lengths and principal point in photo pixels.
-    Pinhole { fx: f32, fy: f32, cx: f32, cy: f32 },
+    Pinhole {
+        /// Horizontal focal length.
+        fx: f32,
+        /// Vertical focal length.
+        fy: f32,
+        /// Column coordinate of the principal point.
+        cx: f32,
+        /// Row coordinate of the principal point.
+        cy: f32,
+    },
 }
 
 /// The photo's exposure.

@@ -38,7 +38,9 @@ pub enum DepthKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthSpec {
+    /// The file.
     pub path: File,
+    /// Meaning of its numbers.
     #[serde(default)]
     pub kind: DepthKind,
     /// Metres per stored unit.
@@ -50,12 +52,20 @@ fn one() -> f32 {
     1.0
 }
 
-/// A visible light: what it is, and the file that marks its pixels.
+/// A visible light: its kind, and the file that marks its pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum LightSpec {
-    Lamp { mask: File },
-    Window { mask: File },
+    /// A lamp.
+    Lamp {
+        /// Picture whose white pixels show the lamp.
+        mask: File,
+    },
+    /// A window.
+    Window {
+        /// Picture whose white pixels show the window.
+        mask: File,
+    },
 }
 
 impl LightSpec {

@@ -44,6 +44,7 @@ const BACK_ACROSS: [f32; 3] = [0.25, 0.5, 0.75];
 const BACK_DEPTH: f32 = 0.3;
 const BACK_HALF_WIDTH: f32 = 0.2;
 
+/// Whether a point in camera space projects into the picture, extended by `MARGIN` of its size.
 pub(in crate::optics) fn in_view(camera: &Camera, point: Vec3) -> bool {
     // A margin, since a light has extent.
     camera.project(point).is_some_and(|at| {

@@ -11,6 +11,7 @@ pub struct Observations {
     pub photo: Vec<Vec3>,
     /// Segment of each pixel, below `segments`.
     pub segment: Vec<u32>,
+    /// Number of segments.
     pub segments: usize,
     /// Pixels at which the photo is clipped: there the model may be brighter at no cost, but not
     /// darker.

@@ -14,14 +14,21 @@ use crate::optics::{Bounces, Sampling, ShadowQuality, Shape, Transport, indirect
 /// A photo and the reconstruction of its room; all planes are of one size.
 #[derive(Clone, Copy)]
 pub struct SeenRoom<'a> {
+    /// The photo, linear RGB, >= 0.
     pub photo: &'a Picture,
     /// Fraction of saturated pixels, 0..=1.
     pub clipped: &'a Mask,
+    /// Points of the seen surface, camera space, meters.
     pub points: &'a Points,
+    /// Unit normals of the seen surface.
     pub normal: &'a Normal,
+    /// The seen surface as a mesh.
     pub mesh: &'a SceneMesh,
+    /// Light transport between the pixels, for indirect light.
     pub transport: &'a Transport,
+    /// Diffuse albedo, 0..=1.
     pub albedo: &'a Albedo,
+    /// Segments of uniform albedo.
     pub segments: &'a Segments,
 }
 
@@ -30,6 +37,7 @@ pub struct SeenRoom<'a> {
 pub struct LayerQuality {
     /// Shadow rays per receiver and lobe.
     pub samples: usize,
+    /// Settings of the indirect light.
     pub bounces: Bounces,
 }
 
@@ -40,6 +48,7 @@ pub struct UnitLayer {
     pub direct: Vec<f32>,
     /// Visible fraction of it, 0..=1.
     pub lit: Vec<f32>,
+    /// Indirect shading, per color channel.
     pub indirect: Vec<Vec3>,
 }
 

@@ -39,6 +39,7 @@ pub struct RoomBox {
     /// Corners in meters, in the room's own frame: camera space rotated about the vertical so that
     /// the walls are level with the axes.
     pub low: Vec3,
+    /// Corner of the largest coordinates; see `low`.
     pub high: Vec3,
     /// Rotation from the room's frame to camera space.
     pub(super) rotation: Quat,

@@ -52,6 +52,7 @@ pub enum LampForm {
 /// Form of visible lamps, and the number of their surfels.
 #[derive(Clone, Copy, Debug)]
 pub struct LampForms {
+    /// Form of the lamps.
     pub form: LampForm,
     /// Most surfels of a lamp, at least one.
     pub most_surfels: usize,

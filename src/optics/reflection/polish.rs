@@ -32,6 +32,7 @@ pub struct Part {
     pub share: Plane<f32>,
     /// The row of `of` that each pixel of the part's own size has, or [`NO_ROW`].
     pub rows: Plane<u32>,
+    /// Reflections, one row per place.
     pub of: Reflections,
 }
 
@@ -108,15 +109,21 @@ pub struct SeenPlaces<'a> {
     pub full_depth: &'a Depth,
     /// Working size.
     pub points: &'a Points,
+    /// Unit normals of the seen surface, working size.
     pub normal: &'a Normal,
+    /// The seen surface as a mesh.
     pub mesh: &'a SceneMesh,
 }
 
 /// The places of one part, and which photo and part pixels take them.
 pub struct Places {
+    /// Whether the reflections of these places are taken away.
     pub old: bool,
+    /// Part of each photo pixel, 0..=1.
     pub share: Plane<f32>,
+    /// Index into `faces` of each part pixel, or [`NO_ROW`].
     pub rows: Plane<u32>,
+    /// The places.
     pub faces: Vec<ShadingPoint>,
 }
 

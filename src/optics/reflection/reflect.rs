@@ -66,6 +66,7 @@ impl Reflections {
 pub struct ShadingPoint {
     /// Slightly above the surface.
     pub point: Vec3,
+    /// Unit normal.
     pub normal: Vec3,
     /// The colour in which a metal reflects.
     pub albedo: Vec3,
@@ -113,6 +114,7 @@ pub struct ReflectionScene<'a> {
     pub camera: &'a Camera,
     /// Points of the seen surface, working size.
     pub points: &'a Points,
+    /// Unit normals of the seen surface, working size.
     pub normal: &'a Normal,
     /// Pixels of each visible light, working size: they show themselves, as lights.
     pub masks: &'a [&'a Mask],

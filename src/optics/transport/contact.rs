@@ -102,6 +102,7 @@ impl Contact {
         rule({ met }.all(|&probe| (probe as usize) < probes), "probes that are there")
     }
 
+    /// Whether no pixel is near a body.
     pub fn is_empty(&self) -> bool {
         self.pixels.is_empty()
     }

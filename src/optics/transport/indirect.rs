@@ -249,6 +249,7 @@ pub struct Bounces {
 /// Albedo and direct irradiance / pi of the probes of bodies under one lobe.
 #[derive(Clone, Copy)]
 pub struct Probed<'a> {
+    /// Diffuse albedo, 0..=1, one per probe.
     pub albedo: &'a [Vec3],
     /// Shadowed direct shading.
     pub direct: &'a [f32],

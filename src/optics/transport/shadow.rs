@@ -42,6 +42,7 @@ pub struct Shadow {
     /// Mean standard error of the shadowed direct shading over its mean, on the traced pixels, of
     /// all lobes together.
     pub relative_error: f64,
+    /// Rays traced.
     pub rays: u64,
     /// Samples taken, of all traced pixels and lobes; those below the horizon need no ray.
     pub samples: u64,

@@ -17,6 +17,7 @@ pub type Setting = (&'static str, &'static str, String);
 
 /// A light of the scene.
 pub struct Light {
+    /// Member of the graph's set of lights.
     pub name: String,
     /// Whether the photo shows it.
     pub visible: bool,
@@ -24,9 +25,11 @@ pub struct Light {
 
 /// A picture in linear light, red, green and blue of each pixel in turn.
 pub struct Picture {
+    /// Linear Rec. 709 radiance, three values per pixel.
     pub channels: Vec<f64>,
     /// Wall time of the whole run.
     pub seconds: f64,
+    /// Rays traced in the run.
     pub rays: u64,
 }
 
@@ -41,6 +44,7 @@ pub struct Truth {
 
 /// The program under measurement: a graph on a scene, run with other parameters again and again.
 pub trait Renderer {
+    /// Error of a run; it ends the experiment.
     type Error;
 
     /// Returns a seed that no other call has returned. A result that the engine has already would
@@ -48,19 +52,34 @@ pub trait Renderer {
     fn seed(&self) -> u64;
 
     /// Lists the lights of the scene, in the order of the graph's set.
+    ///
+    /// # Errors
+    /// The graph cannot be read or run.
     fn lights(&self) -> Result<Vec<Light>, Self::Error>;
 
     /// Estimates the unshadowed direct shading of a light, per lobe of unit radiance.
+    ///
+    /// # Errors
+    /// The run fails or is cancelled.
     fn direct(&self, light: &str, settings: &[Setting]) -> Result<Estimate, Self::Error>;
 
     /// Estimates the visibility of a light, 0..=1 per lobe.
+    ///
+    /// # Errors
+    /// The run fails or is cancelled.
     fn visibility(&self, light: &str, settings: &[Setting]) -> Result<Estimate, Self::Error>;
 
     /// Reads the ground truth; without any, `lights` is empty.
+    ///
+    /// # Errors
+    /// The files of the truth cannot be read, or have another size than the scene.
     fn truth(&self) -> Result<Truth, Self::Error>;
 
     /// Renders edited pictures under one group of settings after the other, from an empty cache:
     /// the first one computes everything, each later one finds what its settings leave as it is.
+    ///
+    /// # Errors
+    /// A run fails or is cancelled.
     fn pictures(&self, settings: &[Vec<Setting>]) -> Result<Vec<Picture>, Self::Error>;
 
     /// Shows one line of progress.
@@ -240,13 +259,17 @@ pub fn measure<R: Renderer>(renderer: &R, options: &Options) -> Result<Vec<Point
 pub struct Report {
     /// Version of the program.
     pub relight: &'static str,
+    /// Path of the graph file.
     pub graph: String,
+    /// Path of the scene, if one was given.
     pub scene: Option<String>,
+    /// Worker threads of the engine.
     pub threads: usize,
     /// Wall time of all experiments.
     pub seconds: f64,
     /// Longer side, in pixels, of the pictures on which single estimators are measured.
     pub side: u32,
+    /// All measured marks.
     pub points: Vec<Point>,
 }
 

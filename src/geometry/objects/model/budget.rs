@@ -78,11 +78,15 @@ pub struct Textures {
 }
 
 impl Textures {
+    /// Returns the decoded texture of this file name, if it was read before.
     pub fn find(&self, name: &str) -> Option<Arc<Texture>> {
         self.held.get(name).cloned()
     }
 
     /// Decodes a texture and keeps it under its name; `warnings` receives the reader's warnings.
+    ///
+    /// # Errors
+    /// The bytes are not a picture, or exceed the memory that textures may take.
     pub fn read(&mut self, name: &str, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Arc<Texture>, String> {
         self.file_bytes += bytes.len() as u64;
         let room = (FREE_TEXELS + TEXELS_PER_BYTE * self.file_bytes).saturating_sub(self.held_bytes);

@@ -78,6 +78,11 @@ fn content(uri: &str, part: Part) -> Result<Vec<u8>, String> {
     }
 }
 
+/// Reads a model from glTF or GLB; `part` returns the content of the files that it names.
+///
+/// # Errors
+/// The file or one of its parts cannot be used; the message states the wanted and the actual
+/// content.
 pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
     let (document, blob) = document(bytes)?;
     let blob = blob.map(Rc::new);

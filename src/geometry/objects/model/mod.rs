@@ -78,6 +78,7 @@ pub struct Material {
 /// A material that may change over the surface.
 #[derive(Clone, Debug)]
 pub struct Skin {
+    /// The material, where no texture replaces it.
     pub material: Material,
     /// Factor of the albedo over the texture's unit square, rows from the top.
     pub colour: Option<Arc<Texture>>,
@@ -86,6 +87,7 @@ pub struct Skin {
 }
 
 impl Skin {
+    /// Creates a skin with one material everywhere, without textures.
     pub fn plain(material: Material) -> Skin {
         Skin { material, colour: None, gloss: None }
     }
@@ -125,6 +127,7 @@ fn texel(texture: &Texture, uv: Vec2, srgb: bool) -> Vec3 {
 /// Triangles in the file's own units, y up.
 #[derive(Clone, Debug, Default)]
 pub struct Model {
+    /// Vertex positions.
     pub positions: Vec<Vec3>,
     /// Normals by position, towards the outside; zero where the file has none.
     pub normals: Vec<Vec3>,
@@ -132,9 +135,11 @@ pub struct Model {
     pub uvs: Vec<Vec2>,
     /// Albedo of each position, linear Rec.709; empty where the file has none.
     pub colours: Vec<Vec3>,
+    /// Indices into `positions`, three per triangle.
     pub triangles: Vec<[u32; 3]>,
     /// The skin of each triangle; empty where the file has none.
     pub skin: Vec<u32>,
+    /// The skins that `skin` refers to.
     pub skins: Vec<Skin>,
     /// Warnings about the file, for a person.
     pub warnings: Vec<String>,

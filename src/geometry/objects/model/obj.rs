@@ -90,6 +90,11 @@ fn check(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
+/// Reads a model from OBJ; `part` returns the content of its material files and textures.
+///
+/// # Errors
+/// The file or one of its parts cannot be used; the message states the wanted and the actual
+/// content.
 pub fn read(bytes: &[u8], part: Part) -> Result<Model, String> {
     let bad = |e: &dyn std::fmt::Display| format!("wanted a sound OBJ file: {e}");
     check(bytes).map_err(|e| bad(&e))?;

@@ -112,6 +112,10 @@ fn least(element: &ElementDef, encoding: Encoding) -> usize {
     least.sum::<usize>().saturating_sub(usize::from(encoding == Encoding::Ascii)).max(1)
 }
 
+/// Reads a model from PLY, text or binary.
+///
+/// # Errors
+/// The file cannot be used; the message states the wanted and the actual content.
 pub fn read(bytes: &[u8]) -> Result<Model, String> {
     let bad = |e: &dyn std::fmt::Display| {
         let told: String = e.to_string().chars().take(SHOWN).collect();
