@@ -12,7 +12,7 @@ use serde::Deserialize;
 
 #[derive(Deserialize)]
 struct Configurations {
-    /// Metres from the mesh to the receivers, along their normals.
+    /// Meters from the mesh to the receivers, along their normals.
     lift: f32,
     lights: Vec<Light>,
 }
@@ -43,9 +43,9 @@ struct Estimate {
 }
 
 /// The systematic difference allowed beside chance, as a share of the mean. The renderers reckon in
-/// single precision and are nearly noiseless: Mitsuba starts shadow rays a third of a millimetre
+/// single precision and are nearly noiseless: Mitsuba starts shadow rays a third of a millimeter
 /// above the receiver, both represent a narrow lobe by tables, and Cycles spreads a receiver over a
-/// fifth of a millimetre.
+/// fifth of a millimeter.
 const FLOOR: f64 = 5e-4;
 
 fn file(name: &str) -> PathBuf {
@@ -92,7 +92,7 @@ fn room(lift: f32) -> Room {
     let receivers = points.iter().zip(normals).map(|(&p, &n)| p + n * lift).collect();
     let points = Points(Plane::new(width, height, points.to_vec()));
     // The offset of shadow rays is a choice about surfaces that are known as depth. Here the
-    // triangles are the surface, so a focal length is given that makes it 15 micrometres.
+    // triangles are the surface, so a focal length is given that makes it 15 micrometers.
     let mesh = SceneMesh::new(&points, 1e5, 0.0, &Plane::filled(width, height, false));
     assert_eq!(mesh.counts(), (2 * (width - 1) * (height - 1), 0), "no curtain: all renderers see the same triangles");
     Room {

@@ -521,7 +521,7 @@ fn the_map_names_every_room() {
     assert_eq!(unnamed_folders("`src/graph`", &planted), ["ARCHITECTURE.md does not name `src/attic`"]);
 }
 
-/// Scenes without a section with a licence in scenes/README.md.
+/// Scenes without a section with a license in scenes/README.md.
 fn unlicensed(scenes: &BTreeSet<&str>, page: &str) -> Vec<String> {
     let licensed = |name: &&&str| {
         let section = page.split("\n## ").find(|s| s.lines().next().is_some_and(|title| title == **name));

@@ -89,7 +89,7 @@ fn a_lamp_behind_the_square_is_unknown_and_counts_as_assumed() {
 fn each_lobe_of_a_window_has_its_own_shadow() {
     let room = square_before_wall();
     // A window behind the camera. The sun stands to the right and throws the square's left edge
-    // from -0.5 to -1.3 as above (0.4 per metre); the sky comes from everywhere and knows only soft
+    // from -0.5 to -1.3 as above (0.4 per meter); the sky comes from everywhere and knows only soft
     // shadows.
     let lobe = |direction: Vec3, bandwidth| Lobe { direction: direction.normalize(), bandwidth };
     let lobes = [lobe(Vec3::new(0.4, 0.0, 1.0), 1e5), lobe(Vec3::Y, 0.5), lobe(Vec3::NEG_Y, 0.0)];
@@ -170,7 +170,7 @@ fn one_bounce_from_wall_to_floor_is_the_form_factor() {
             worst = worst.max((got.get(x, y).x / wanted - 1.0).abs());
         }
     }
-    // 64 evenly spread rays, about a third of which hit the wall: one ray is 5 %, and neighbouring
+    // 64 evenly spread rays, about a third of which hit the wall: one ray is 5 %, and neighboring
     // receivers are averaged.
     assert!(worst < 0.12, "{worst}");
 }

@@ -83,7 +83,7 @@ impl Grid {
             let off = n.dot(points.0.pixels()[other] - point) / tolerance;
             let alike = n.dot(normal.0.pixels()[other]).max(0.0).powi(8);
             let near = (-(dx * dx + dy * dy) / 1.28).exp();
-            // The small constant leaves something to draw from where no neighbour is alike.
+            // The small constant leaves something to draw from where no neighbor is alike.
             let weight = near * (alike / (1.0 + off * off).powi(2) + 1e-4);
             *out = (i, weight);
             total += weight;

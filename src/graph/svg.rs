@@ -1,4 +1,4 @@
-//! A graph as a drawing: what takes from what, row by row, coloured by what became of it.
+//! A graph as a drawing: what takes from what, row by row, colored by what became of it.
 
 use std::fmt::Write;
 

@@ -4,7 +4,7 @@
 //! photo is brought to a shorter side of `side` pixels and each side rounded to a multiple of the
 //! network's patches. What is published:
 //!
-//! | networks | side, multiple | normalisation | source |
+//! | networks | side, multiple | normalization | source |
 //! | --- | --- | --- | --- |
 //! | Depth Anything V1 and V2 | 518, 14 | ImageNet | `image2tensor` in DepthAnything/Depth-Anything-V2, depth_anything_v2/dpt.py |
 //! | DPT (MiDaS 3) | 384, 32 | Half | `dpt_transform` in isl-org/MiDaS, hubconf.py |
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::{Layer, NetError, Network, Port, Tensor, planes_of, shown};
 use crate::image::{Picture, Plane, Transfer, resize};
 
-/// Normalization of the encoded colors 0..=1 for a network: (colour - mean) / deviation, per
+/// Normalization of the encoded colors 0..=1 for a network: (color - mean) / deviation, per
 /// channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -27,9 +27,9 @@ pub enum Normalisation {
     /// ImageNet.
     #[default]
     ImageNet,
-    /// Mean and deviation 0.5: colours become -1..=1.
+    /// Mean and deviation 0.5: colors become -1..=1.
     Half,
-    /// Colours stay 0..=1.
+    /// Colors stay 0..=1.
     None,
     /// Any other.
     Custom {

@@ -85,7 +85,7 @@ fn any(full: &Plane<f32>) -> Plane<f32> {
 pub struct Geometry {
     /// Unit normals in camera space.
     pub normal: Plane<Vec3>,
-    /// Metres.
+    /// Meters.
     pub points: Plane<Vec3>,
 }
 

@@ -58,7 +58,7 @@ fn distance(depth: &Plane<f32>, [x0, y0, x1, y1]: [f32; 4]) -> f32 {
     point(x0, y0).distance(point(x1, y1))
 }
 
-/// Metres: 1 + 4 red + 2 green, [1, 1, height, width].
+/// Meters: 1 + 4 red + 2 green, [1, 1, height, width].
 pub fn metric() -> Vec<u8> {
     Onnx::default().input("rgb", &PHOTO).output("z", &PICTURE).mix("rgb", "z", &[[4.0, 2.0, 0.0]], &[1.0]).file()
 }
@@ -117,7 +117,7 @@ fn relative_depth_gets_its_scale_from_a_known_length() {
     }
 }
 
-/// Sizes: one that the file fixes, and one of 14 patches that it leaves open; normalisations.
+/// Sizes: one that the file fixes, and one of 14 patches that it leaves open; normalizations.
 #[test]
 fn the_photo_comes_as_the_network_wants_it() {
     let fixed = |w: i64, h: i64| {
@@ -304,7 +304,7 @@ fn networks_that_cannot_be_used_are_named() {
     assert!(told.contains("--known-length: this graph has no stage that takes known lengths: wanted Depth"), "{told}");
 }
 
-/// Seven channels: albedo, which is the photo's colours, in 0..=255; a normal, x to the left;
+/// Seven channels: albedo, which is the photo's colors, in 0..=255; a normal, x to the left;
 /// roughness, which is red, in -1..=1.
 fn materials(width: i64, height: i64) -> Vec<u8> {
     let colour = |c: usize, weight: f32| [0, 1, 2].map(|at| if at == c { weight } else { 0.0 });

@@ -90,7 +90,7 @@ fn objects_run_what_they_touch() {
     // Dimmed, a light traces nothing, with objects as without.
     let (ran, rays) = ball("0.8, 0.8, 0.8", r#""lamp_0": Scale(0.5)"#);
     assert_eq!((ran, rays), (names(&[], &["edit", "after", "object_shown[lamp_0]", "compose", "write"]), 0));
-    // Another colour: what it bounces; no shadow in the room and no way between its parts.
+    // Another color: what it bounces; no shadow in the room and no way between its parts.
     let (ran, _) = ball("0.8, 0.2, 0.1", "");
     let per_light = ["edited_indirect", "object_light", "object_shown"];
     assert_eq!(ran, names(&per_light, &["objects", "edited_rest", "after", "compose", "write"]));

@@ -65,7 +65,7 @@ fn check(place: &Place, what: &str, size: (usize, usize), lights: &str) -> Ran {
     Ran { told, report: serde_json::from_str(&report).expect("it is JSON") }
 }
 
-/// Reason: neighbours a factor of 1.5 apart in depth, and cubes of distances from 1e-9 to 1e12,
+/// Reason: neighbors a factor of 1.5 apart in depth, and cubes of distances from 1e-9 to 1e12,
 /// lose all digits of 32 bits when points are subtracted carelessly.
 #[test]
 fn depth_from_a_millimetre_to_ten_kilometres() {
@@ -77,7 +77,7 @@ fn depth_from_a_millimetre_to_ten_kilometres() {
     }
 }
 
-/// Reason: no neighbour to make a triangle, a normal or a gradient from, and fewer pixels than
+/// Reason: no neighbor to make a triangle, a normal or a gradient from, and fewer pixels than
 /// unknowns.
 #[test]
 fn one_pixel_one_row_one_column() {
@@ -178,7 +178,7 @@ fn lamps_at_every_distance_from_a_surface() {
     ];
     let mut lights = String::new();
     for (i, (shape, touching)) in shapes.into_iter().enumerate() {
-        // Touching, 1 micrometre and 10 km before the surface; sunk in it; around the camera.
+        // Touching, 1 micrometer and 10 km before the surface; sunk in it; around the camera.
         let lifts = [touching, touching + 1e-6, 1e4].map(|lift| format!("Pixel(x: 20, y: 15, lift: {lift:e})"));
         let places = lifts.into_iter().chain(["Point(0, 0, -2.35)".into(), "Point(0, 0, 0)".into()]);
         for (j, at) in places.enumerate() {

@@ -43,7 +43,7 @@ fn a_mix_is_what_a_fresh_run_with_these_weights_gives() {
     for lights in [
         r#""lamp_0": Scale(0.5), "window_0": Scale(1.7)"#,
         r#""lamp_0": Off, "inv_lamp": Scale(3)"#,
-        // A colour is not the same factor in every channel; the lamp has one lobe, so that one
+        // A color is not the same factor in every channel; the lamp has one lobe, so that one
         // factor tells all.
         r#""lamp_0": Color(1, 0.25, 0.1), "window_0": Scale(0.3)"#,
     ] {

@@ -16,7 +16,7 @@ fn planes() -> ResolvedGraph {
     graph.unwrap_or_else(|faults| panic!("{}", faults[0]))
 }
 
-/// Written planes as pixels of colours.
+/// Written planes as pixels of colors.
 fn colours(channels: &BTreeMap<String, Vec<f32>>, layer: &str) -> Vec<Vec3> {
     let [r, g, b] = ["R", "G", "B"].map(|c| &channels[&format!("{layer}.{c}")]);
     r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect()

@@ -24,7 +24,7 @@ fn mean(of: &Picture, (left, top): (usize, usize), (w, h): (usize, usize)) -> Ve
     all.sum::<Vec3>() / (w * h) as f32
 }
 
-/// The table shows sofa and cushion in their colours, the boards the wall below the window; what is
+/// The table shows sofa and cushion in their colors, the boards the wall below the window; what is
 /// not polished stays to the last bit.
 #[test]
 fn polish_shows_on_what_is_polished() {

@@ -1,6 +1,6 @@
 """IndirectNet: indirect shading, linear and non-negative in the light; and the paper's squashed network as its yardstick.
 
-Per colour channel, with weights shared by all channels, x = A E:
+Per color channel, with weights shared by all channels, x = A E:
     I = a x sum over scales of  g(p) x upsample( sum_k out_k x (kernel_k * (in_k x pool(x))) )
       + b x g(p) x upsample( sum_r out_r x (M (mean(in_r x pool(x)) + f_r x flux)) )
 where the gates in, out, g, the 7 x 7 kernels and the matrix M are positive (softplus); the gates come from a U-net over geometry, albedo and mask,
@@ -85,7 +85,7 @@ class Indirect(nn.Module):
         white = (x["shading"] * x["albedo"]).amax(1, keepdim=True)
         white = white > white.flatten(1).quantile(0.9 + 0.1 * torch.rand(1, generator=g).item(), 1).view(-1, 1, 1, 1)
         left = known * (seen - x["lit"] * wrong(0.1)) * (1 - x["light"]) * ~white
-        turn = torch.randperm(3, generator=g)  # light does not know colours by name
+        turn = torch.randperm(3, generator=g)  # light does not know colors by name
         coloured = lambda v: v[:, turn]
         burning = known * torch.stack(burning)[:, torch.cat([turn, turn + 3])]
         return {

@@ -19,7 +19,7 @@ GRID = (HEIGHT // CELL, WIDTH // CELL)
 class LightNet(nn.Module):
     """geometry [1, 6, 120, 160]: normal, xyz (m); albedo [1, 3, ..]; rough [1, 1, ..]; light [1, 1, ..]: 1 at pixels of visible lights; shading [1,
     3, ..]: E of all light, at pixels of visible lights their own radiance -> axis [1, 36, 30, 40] (12 unit vectors), sharpness [1, 12, 30, 40],
-    weight [1, 36, 30, 40] (12 colours, in the unit of `shading`)."""
+    weight [1, 36, 30, 40] (12 colors, in the unit of `shading`)."""
 
     outputs = ["axis", "sharpness", "weight"]
     judged_by = "log L2"
@@ -107,7 +107,7 @@ class LightNet(nn.Module):
         want = rooms.get("maps", room).flatten(2, 3).flatten(0, 1)[valid]
         estimates = {"network": self.maps(*self(**x))[0].flatten(0, 1)}
         if floors is not None:
-            mean = lambda plane: F.avg_pool2d(plane[..., 1:-1, 1:-1], 2, CELL)[0].flatten(1).T  # of the 2 x 2 pixels about a cell's centre
+            mean = lambda plane: F.avg_pool2d(plane[..., 1:-1, 1:-1], 2, CELL)[0].flatten(1).T  # of the 2 x 2 pixels about a cell's center
             estimates["constant"] = floors["map"] * mean(x["shading"] * (1 - x["light"]))[:, None]
             estimates["gathered"] = gather(x["geometry"][0, 3:], rooms.get("photo", room), mean(x["geometry"]), float(rooms.get("fov_x", room)))
         truth = hemisphere.shading(want)

@@ -39,7 +39,7 @@ class Seen(NamedTuple):
 
 class Lights(nn.Module):
     """What the four have in common. photo [1, 3, 120, 160]: linear, 98 % of the pixels that are no light below 0.9..1, clipped as it is; geometry [1, 6,
-    ..]: normal, xyz (m); albedo [1, 3, ..]; lights [1, 2, ..]: pixels of all visible lights, of this one; start [1, 5, 1, 1]: centre (m) and half
+    ..]: normal, xyz (m); albedo [1, 3, ..]; lights [1, 2, ..]: pixels of all visible lights, of this one; start [1, 5, 1, 1]: center (m) and half
     extents (m) by mask and depth, zeros for an invisible light"""
 
     visible, window = False, False
@@ -257,7 +257,7 @@ class Lights(nn.Module):
         return {"mean": cls.middle(torch.cat(forms), torch.cat(starts))}
 
     def score(self, rooms, room, floors=None):
-        """Per light, E_j and distances as the reference's code has them: mean absolute error of E_j over the picture, Chamfer distance in metres. An
+        """Per light, E_j and distances as the reference's code has them: mean absolute error of E_j over the picture, Chamfer distance in meters. An
         invisible light that nothing estimates has no distance. `radiance` is that of a lamp, or of sky and ground."""
         rows = self.chosen(rooms, room)
         if not rows:
@@ -442,7 +442,7 @@ class Window(Lights):
 
 def faces(geometry, shading, valid):
     """[B, FACES]: of the surfaces in each quarter of the picture that face right, up, towards us and the other ways: how much there is, its mean place
-    and the logarithm of its mean shading by colour. What comes from where."""
+    and the logarithm of its mean shading by color. What comes from where."""
     normal, xyz = geometry[:, :3], geometry[:, 3:]
     weight = torch.cat([normal, -normal], 1).clamp(min=0) * valid
     mean = lambda x: F.avg_pool2d(x, (60, 80))
@@ -501,7 +501,7 @@ def away(y, geometry_unit):
 
 
 class VisLampNet(Lamp):
-    """A lamp that is seen -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]. The centre lies on the mean ray of its mask,
+    """A lamp that is seen -> center [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]. The center lies on the mean ray of its mask,
     up to 0.2 units before or behind its median depth; the box lies along the camera's axes."""
 
     visible = True
@@ -517,7 +517,7 @@ class VisLampNet(Lamp):
 
 
 class VisWinNet(Window):
-    """A window that is seen -> centre [1, 3], half_x and half_y [1, 3] (m; their cross product points into the room), directions [1, 3, 3], bandwidths [1,
+    """A window that is seen -> center [1, 3], half_x and half_y [1, 3] (m; their cross product points into the room), directions [1, 3, 3], bandwidths [1,
     3] and radiance [1, 3, 3] of sun, sky and ground, confidence [1, 2]."""
 
     visible = True
@@ -532,7 +532,7 @@ class VisWinNet(Window):
 
 
 class InvLampNet(Lamp):
-    """The lamp that is not seen -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]."""
+    """The lamp that is not seen -> center [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]."""
 
     def __init__(self):
         super().__init__(4 + 3 + 3 + 3)
@@ -631,7 +631,7 @@ def relight(rooms, room, row, factor):
 
 
 def begin(geometry, lights, window):
-    """Where a seen light is by mask and depth, [B, 5, 1, 1]: centre and half extents across the view (m). Depth is the median over the mask, of a window
+    """Where a seen light is by mask and depth, [B, 5, 1, 1]: center and half extents across the view (m). Depth is the median over the mask, of a window
     over what surrounds the mask, two pixels wide: depth of a pane may be that of the view outside."""
     out = torch.zeros(len(lights), 5)
     ring = (F.max_pool2d(lights[:, 1:], 5, 1, 2)[:, 0] > 0) & (lights[:, 0] == 0)

@@ -22,7 +22,7 @@ WHITE = 0.99  # a photo's pixel above it tells nothing
 class ShadowNet(nn.Module):
     """visibility [1, 5, 120, 160]: traced, unknown, unshadowed direct shading per unit radiance of that lobe, what the photo leaves for it, the share of
     the photo's shading that it would have unshadowed (`evidence`; zeros for a light that does not burn in the photo); geometry [1, 6, 120, 160]: normal,
-    xyz (m); place [1, 12, 1, 1] of the light: centre, half_x, half_y (m; zeros but for windows), direction to the sun (zeros but for suns) -> shares
+    xyz (m); place [1, 12, 1, 1] of the light: center, half_x, half_y (m; zeros but for windows), direction to the sun (zeros but for suns) -> shares
     [1, 3, 120, 160] in 0..1: lit, instead, doubt (`combine`)."""
 
     outputs = ["shares"]

@@ -1,7 +1,7 @@
 //! A bounding volume hierarchy whose nodes have up to eight children, tested at once.
 //!
 //! obvhs builds a binary hierarchy; it is collapsed so that the boxes left have the least area in
-//! all, which is what a random ray is expected to test (the dynamic programme of Ylitie, Karras and
+//! all, which is what a random ray is expected to test (the dynamic program of Ylitie, Karras and
 //! Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017,
 //! section 4.2).
 

@@ -7,10 +7,10 @@ use rayon::prelude::*;
 use super::bvh8::Bvh8;
 use super::watertight_triangle::Turned;
 
-/// Beyond this many metres nothing is part of a room; it also keeps products of coordinates finite.
+/// Beyond this many meters nothing is part of a room; it also keeps products of coordinates finite.
 pub const FAR: f32 = 1e4;
 
-/// Triangles that rays can be traced against. Neighbours leave no gap, and results are the same on
+/// Triangles that rays can be traced against. Neighbors leave no gap, and results are the same on
 /// every processor.
 pub struct RayMesh {
     bvh: Bvh8,
@@ -331,7 +331,7 @@ mod tests {
         }
     }
 
-    /// A sensor's view of steps and slants. Rays through pixel centres are rays through vertices,
+    /// A sensor's view of steps and slants. Rays through pixel centers are rays through vertices,
     /// where six triangles meet.
     #[test]
     fn a_closed_mesh_lets_no_ray_through() {

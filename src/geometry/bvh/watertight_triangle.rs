@@ -1,4 +1,4 @@
-//! Rays against triangles, eight at once, without gaps between neighbours.
+//! Rays against triangles, eight at once, without gaps between neighbors.
 //!
 //! The test is that of Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1),
 //! 2013. The ray is turned and sheared into the z axis; a triangle is hit when the origin lies on

@@ -59,7 +59,7 @@ impl Body {
         let normal = if smooth { mix(&|k| normals[k]).normalize_or(flat) } else { flat };
         let on = mix(&|k| corners[k]);
         // Where a smooth surface is made of flat triangles, places on them lie below it, and rays
-        // that start there would meet their neighbours (Hanika, "Hacking the Shadow Terminator",
+        // that start there would meet their neighbors (Hanika, "Hacking the Shadow Terminator",
         // Ray Tracing Gems II, 2021).
         let lift = if smooth { mix(&|k| normals[k] * (on - corners[k]).dot(normals[k]).min(0.0)) } else { Vec3::ZERO };
         let uvs = index.map(|i| self.model.uvs[i]);
@@ -78,7 +78,7 @@ impl Body {
 }
 
 impl Material {
-    /// Light grey without highlights: what is made of nothing in particular.
+    /// Light gray without highlights: what is made of nothing in particular.
     pub const PLAIN: Material = Material { albedo: Vec3::splat(0.7), roughness: 1.0, specular: 0.5, metallic: 0.0 };
 }
 
@@ -93,7 +93,7 @@ pub struct Place {
     pub material: Material,
 }
 
-/// The distance above a body at which rays start, metres: far more than rounding, far less than any
+/// The distance above a body at which rays start, meters: far more than rounding, far less than any
 /// body that can be seen.
 pub fn clearance(point: Vec3) -> f32 {
     2e-5 * point.length().max(1e-3)

@@ -31,7 +31,7 @@ pub struct Objects {
     pub depth: Plane<f32>,
     /// Unit normals facing the camera, where covered.
     pub normal: Plane<Vec3>,
-    /// Base colour.
+    /// Base color.
     pub albedo: Plane<Vec3>,
     /// Roughness, specular, metallic.
     pub gloss: Plane<Gloss>,
@@ -191,7 +191,7 @@ impl Objects {
 }
 
 /// Draws `bodies` (and their triangles, `solid`) as `camera` sees them before and behind what has
-/// `depth`; `error` is the possible error of a depth, metres.
+/// `depth`; `error` is the possible error of a depth, meters.
 pub fn draw(
     bodies: &[Body],
     (solid, materials): (&Bodies, &[Material]),

@@ -1,13 +1,13 @@
 //! The surface that a pixel belongs to: what hangs together with it, lies in its plane and has its
-//! colour.
+//! color.
 //!
 //! Two labels by a minimum cut (Boykov and Jolly, ICCV 2001; Rother, Kolmogorov and Blake, GrabCut,
 //! SIGGRAPH 2004, for the turns): a pixel gains
 //! `1 - (c / CHROMA)^2 - (i / INTENSITY)^2 - (p / plane)^2 - (n / NORMAL)^2` by being of the
 //! surface, with c and i the distance of its reflectance in log chromaticity and log intensity, p
-//! its distance from the plane and n = 1 - cos of its normal's angle to the plane's; neighbours of
+//! its distance from the plane and n = 1 - cos of its normal's angle to the plane's; neighbors of
 //! two labels cost the more the less of an edge the picture has there. Of these pixels, those count
-//! that are reached from the first one without crossing an edge; colour and plane are found anew
+//! that are reached from the first one without crossing an edge; color and plane are found anew
 //! from them.
 
 use glam::Vec3;
@@ -20,7 +20,7 @@ use crate::image::{Albedo, Normal, Picture, Plane, Points, graph_cut, log_above}
 const CHROMA: f32 = 0.5;
 /// Log intensity of reflectance at which it is.
 const INTENSITY: f32 = 1.0;
-/// Log step of the level of the picture between neighbours of which only one is of the surface.
+/// Log step of the level of the picture between neighbors of which only one is of the surface.
 const EDGE: f32 = 0.3;
 /// The same for log chromaticity, which no shadow changes as much.
 const CHROMA_EDGE: f32 = 0.12;
@@ -35,7 +35,7 @@ const STEP: f32 = 0.12;
 const UNIT: f32 = 256.0;
 /// A step of this many times the median is not noise.
 const NOISES: f32 = 5.0;
-/// Rounds in which colour and plane settle.
+/// Rounds in which color and plane settle.
 const ROUNDS: usize = 4;
 /// Least reflectance; darker values count as this.
 const BLACK: f32 = 0.01;
@@ -89,7 +89,7 @@ pub fn like_surface(
             let level = step.element_sum() / 3.0;
             [level.abs(), (step - Vec3::splat(level)).length()]
         };
-        // Most neighbours on a surface differ by noise alone.
+        // Most neighbors on a surface differ by noise alone.
         let inside = |&i: &usize| label.pixels()[i] && i % w + 1 < w && label.pixels()[i + 1];
         let steps: Vec<[f32; 2]> = (0..w * h).filter(inside).map(|i| step(i, i + 1)).collect();
         let usual =
@@ -146,7 +146,7 @@ mod tests {
     const SIZE: (usize, usize) = (60, 40);
 
     /// A back wall that meets a floor in row 30, of one paint; on the wall a framed picture of the
-    /// wall's colour, before it a post.
+    /// wall's color, before it a post.
     fn room() -> (Picture, Albedo, Points, Normal) {
         let (w, h) = SIZE;
         let post = |x: usize| (40..44).contains(&x);

@@ -1,6 +1,6 @@
 //! The seen room as triangles, and the visibility along rays through it.
 //!
-//! Vertices are the pixel centres on the surface. Between four neighbouring pixels lie two
+//! Vertices are the pixel centers on the surface. Between four neighboring pixels lie two
 //! triangles, split along the diagonal that keeps more of them; no triangle spans a depth step. A
 //! triangle that does is kept as a **curtain**: not a surface, but a ray that crosses it goes
 //! behind a depth edge, where the camera saw nothing. Pixels outside the room (panes, whatever
@@ -70,7 +70,7 @@ pub struct Hit {
     /// Index (row by row) of the pixel nearest to the place met; after all pixels come the probes
     /// of the bodies.
     pub pixel: u32,
-    /// Metres.
+    /// Meters.
     pub distance: f32,
 }
 
@@ -209,13 +209,13 @@ impl SceneMesh {
         self.points.bytes() + self.cells.bytes() + triangles * 80 + self.bodies.bytes()
     }
 
-    /// Three standard deviations of the depth `z`, metres.
+    /// Three standard deviations of the depth `z`, meters.
     pub fn depth_error(&self, z: f32) -> f32 {
         3.0 * self.noise * z * z
     }
 
-    /// Offset of a ray's origin above the surface that avoids self-intersection, metres: half a
-    /// pixel's footprint (the mesh is flat between pixel centres, the surface need not be) plus
+    /// Offset of a ray's origin above the surface that avoids self-intersection, meters: half a
+    /// pixel's footprint (the mesh is flat between pixel centers, the surface need not be) plus
     /// three standard deviations of the depth, which is what smoothing leaves at most.
     pub fn offset(&self, point: Vec3) -> f32 {
         let z = (-point.z).max(0.0);

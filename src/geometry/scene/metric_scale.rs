@@ -13,7 +13,7 @@
 //! e = (q_near - q_far) / (span - 1).
 //!
 //! One length gives s; two or more give t as well, where they lie at different depths. A network
-//! for **metric** depth returns z in metres; its usual error is one common factor, which a known
+//! for **metric** depth returns z in meters; its usual error is one common factor, which a known
 //! length removes.
 
 use glam::DVec3;
@@ -44,12 +44,12 @@ pub struct KnownLength {
     pub metres: f32,
 }
 
-/// Depth in metres.
+/// Depth in meters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metres {
     /// Planar z; zero, negative or not finite where a metric network returned no depth.
     pub depth: Plane<f32>,
-    /// Metres per unit of 1 / (q + t), or of the network's metres.
+    /// Meters per unit of 1 / (q + t), or of the network's meters.
     pub scale: f32,
     /// The span of relative depth, as given or as determined by the lengths.
     pub span: Option<f32>,

@@ -11,7 +11,7 @@ pub struct PlaneFit {
     pub offset: f32,
     /// Share of the points within the tolerance.
     pub support: f32,
-    /// Root mean square distance of those points, metres.
+    /// Root mean square distance of those points, meters.
     pub spread: f32,
 }
 

@@ -17,7 +17,7 @@ const STEPS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-
 const TERMINAL: u8 = 8;
 const NONE: u8 = 9;
 
-/// The labelling of least energy; of several, that with the fewest pixels labelled true. `gain`
+/// The labeling of least energy; of several, that with the fewest pixels labeled true. `gain`
 /// holds u_p, and `weight(x, y, x', y')` gives w_pq >= 0 of two neighbors, the same for both
 /// orders. Sums along a path must stay below 2^31.
 pub fn graph_cut(gain: &Plane<i32>, weight: impl Fn(usize, usize, usize, usize) -> i32) -> Plane<bool> {
@@ -281,7 +281,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against every labelling.
+        /// Against every labeling.
         #[test]
         fn no_labelling_has_less_energy(w in 1usize..5, h in 1usize..4, seed: u64, most in 1u64..40) {
             let gain = Plane::from_fn(w, h, |x, y| (hash(seed, (90 + 16 * y + x) as u64) % 41) as i32 - 20);

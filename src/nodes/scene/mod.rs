@@ -17,7 +17,7 @@ use crate::nodes::artifacts::Encoding;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum CameraSpec {
-    /// Horizontal field of view in degrees; square pixels, centred.
+    /// Horizontal field of view in degrees; square pixels, centered.
     FovX(f32),
     /// Focal lengths and principal point in photo pixels.
     Pinhole {

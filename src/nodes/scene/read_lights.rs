@@ -1,6 +1,6 @@
 //! `ReadLights`: lights that are known, in the place of estimated ones.
 //!
-//! The file is JSON: an object with one object per light, in camera space and metres, radiances
+//! The file is JSON: an object with one object per light, in camera space and meters, radiances
 //! linear Rec.709 in units of the photo.
 //!
 //! ```json
@@ -192,7 +192,7 @@ impl Entry<'_> {
         Some(Lamp::Box(BoxLamp { center: center?, axes: axes? }))
     }
 
-    /// Centre and half edges.
+    /// Center and half edges.
     fn rect(&self, faults: &mut Diagnostics) -> Option<[Vec3; 3]> {
         let center = self.vector("center", faults);
         let x = self.vector("half_x", faults);

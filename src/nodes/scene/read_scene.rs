@@ -43,7 +43,7 @@ pub struct DepthSpec {
     /// Meaning of its numbers.
     #[serde(default)]
     pub kind: DepthKind,
-    /// Metres per stored unit.
+    /// Meters per stored unit.
     #[serde(default = "one")]
     pub scale: f32,
 }
@@ -233,7 +233,7 @@ impl ReadScene {
         Ok(mask)
     }
 
-    /// Planar depth in metres at the depth file's own size, and its holes.
+    /// Planar depth in meters at the depth file's own size, and its holes.
     fn depth(
         &self,
         ctx: &Context,
@@ -286,7 +286,7 @@ impl ReadScene {
     }
 }
 
-/// Stored numbers as planar z in metres; holes pass through as holes. `camera` has the depth's
+/// Stored numbers as planar z in meters; holes pass through as holes. `camera` has the depth's
 /// size.
 pub fn planar(stored: &Plane<f32>, kind: DepthKind, scale: f32, camera: &Camera) -> Plane<f32> {
     let (width, height) = stored.size();

@@ -16,7 +16,7 @@ use crate::optics::sampling::polygon::{Outline, polygon_irradiance};
 /// Triangles that emit from the side where their corners run counter-clockwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeshLamp {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub corners: Vec<Vec3>,
     /// Indices into `corners`.
     pub triangles: Vec<[u32; 3]>,

@@ -10,7 +10,7 @@ use crate::optics::sampling::Points2;
 /// radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSample {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub position: Vec3,
     /// Positive and finite.
     pub contribution: f32,

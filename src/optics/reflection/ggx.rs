@@ -4,7 +4,7 @@
 //! f(v, l) = D(n.h) F(v.h) G(n.l, n.v) / (4 n.l n.v) with h the half vector, a = roughness^2,
 //! k = a / 2: D = a^2 / (pi ((n.h)^2 (a^2 - 1) + 1)^2), G = G1(n.l) G1(n.v), G1(c) = c / (c
 //! (1 - k) + k), F = F0 + (1 - F0) 2^((-5.55473 v.h - 6.98316) v.h), F0 = 0.08 specular, of metals
-//! the base colour.
+//! the base color.
 
 use std::f32::consts::{PI, TAU};
 

@@ -68,7 +68,7 @@ pub struct ShadingPoint {
     pub point: Vec3,
     /// Unit normal.
     pub normal: Vec3,
-    /// The colour in which a metal reflects.
+    /// The color in which a metal reflects.
     pub albedo: Vec3,
     /// Roughness, specular level, metallic.
     pub gloss: Gloss,

@@ -2,7 +2,7 @@
 //!
 //! The samples of one estimate come in [`BATCHES`] streams that are independent of each other.
 //! Inside a stream the points are evenly spread, and no formula tells the error of such a sum; but
-//! the streams' means are independent and alike, so their spread tells it: randomised quasi-Monte
+//! the streams' means are independent and alike, so their spread tells it: randomized quasi-Monte
 //! Carlo (L'Ecuyer, "Randomized Quasi-Monte Carlo", 2018).
 
 use glam::Vec3;

@@ -28,7 +28,7 @@ pub struct Transport {
     hits: Plane<u32>,
     /// Each pixel's nearest receiver on its own surface.
     nearest: Plane<u32>,
-    /// Area that each receiver stands for, square metres over focal length squared; zero where
+    /// Area that each receiver stands for, square meters over focal length squared; zero where
     /// there is no room, and for probes.
     areas: Plane<f32>,
     /// Probes of bodies: as many receivers after those of the grid, and as many pixels after those

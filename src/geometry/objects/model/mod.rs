@@ -64,7 +64,7 @@ fn ending(name: &str) -> String {
 /// Engine 4" (2013).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Base colour, linear Rec.709, 0..=1: the diffuse albedo, or of a metal the colour of its
+    /// Base color, linear Rec.709, 0..=1: the diffuse albedo, or of a metal the color of its
     /// reflection.
     pub albedo: Vec3,
     /// 0 is a mirror, 1 has no highlight to speak of.
@@ -189,7 +189,7 @@ impl Model {
             corners.extend([Vec3::new(0.0, a, b * phi), Vec3::new(a, b * phi, 0.0), Vec3::new(b * phi, 0.0, a)]);
         }
         corners.iter_mut().for_each(|c| *c = c.normalize());
-        // The faces of the hull: triples of neighbours, which are 63.4 degrees apart.
+        // The faces of the hull: triples of neighbors, which are 63.4 degrees apart.
         let near = |a: usize, b: usize| corners[a].dot(corners[b]) > 0.4;
         let mut triangles: Vec<[u32; 3]> = Vec::new();
         for a in 0..12 {

@@ -176,7 +176,7 @@ fn skin(
                 Err(told) => warnings.push(format!("material {:?}: {told}; its map_Kd is not used", material.name)),
             }
         }
-        // Some programs leave the colour black where there is a picture of it.
+        // Some programs leave the color black where there is a picture of it.
         if texture.is_some() && (albedo == Vec3::ZERO || material.diffuse.is_none()) {
             albedo = Vec3::ONE;
         }
