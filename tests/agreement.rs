@@ -1,5 +1,5 @@
-//! Direct light against Mitsuba 3 and Blender's Cycles, whose results lie in tests/reference
-//! (README.md there tells how they were made).
+//! Direct light against Mitsuba 3 and Blender's Cycles, whose results are in tests/reference
+//! (README.md there describes their computation).
 
 use std::path::{Path, PathBuf};
 
@@ -102,8 +102,8 @@ fn room(lift: f32) -> Room {
     }
 }
 
-/// Direct shading of each lobe, open and blocked by the mesh. The one place that calls what is
-/// tested.
+/// Direct shading of each lobe, open and blocked by the mesh. Only this function calls the tested
+/// code.
 fn shade(room: &Room, shape: &Shape, samples: usize, seed: u64) -> Vec<[Vec<f64>; 2]> {
     let sampling = Sampling::fixed(samples, seed);
     let direct = optics::direct(&room.receivers, &room.normal, shape, &sampling, &|| false);
@@ -136,9 +136,9 @@ fn ours(room: &Room, shape: &Shape) -> Vec<Estimate> {
     (0..shape.lobes()).flat_map(|lobe| [0, 1].map(|blocked| estimate(lobe, blocked))).collect()
 }
 
-/// How two estimates of the same light differ.
+/// The difference between two estimates of the same light.
 struct Difference {
-    /// Mean absolute difference as a share of the mean, less what chance explains.
+    /// Mean absolute difference as a share of the mean, less the noise.
     relative: f64,
     /// Difference of the means as a share of the mean.
     bias: f64,

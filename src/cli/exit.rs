@@ -1,4 +1,4 @@
-//! How a command ends: its status, its errors, and why a measurement stops early.
+//! Exit status of the program, errors of commands, and reasons why a measurement stops early.
 
 use std::process::ExitCode;
 

@@ -15,7 +15,7 @@ pub struct Head {
     /// Wall time since the program began.
     pub seconds: f64,
     peak_bytes: Option<u64>,
-    /// Backend of the networks; none where there are no networks.
+    /// Backend of the networks; `None` without networks.
     backend: Option<String>,
     threads: usize,
 }

@@ -11,12 +11,11 @@ use super::Digest;
 
 /// A type that may travel on a wire.
 ///
-/// The serde form is the canonical form: its postcard bytes are what is digested, compared and
-/// stored.
+/// The serde form is the canonical form: its postcard bytes are digested, compared and stored.
 pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// The name shown in port listings and fault messages; two types never share one.
     const TYPE: &'static str;
-    /// Memory held, in bytes: what the memory cache counts.
+    /// Memory of the value in bytes, as the memory cache counts it.
     fn bytes(&self) -> usize;
     /// A value from its canonical bytes, which a large one may keep so that it is not held twice.
     ///
@@ -29,9 +28,9 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
             Err(e) => Err(e.to_string()),
         }
     }
-    /// Whether a value that was read from disk keeps the rules of its type that its form does not:
-    /// what every user of the type relies on without looking, such as indices in range. The engine
-    /// makes the value again where it does not.
+    /// Whether a value that was read from disk keeps the rules of its type that its form does not
+    /// enforce, such as indices in range: every user of the type relies on them without a check.
+    /// The engine recomputes a value that breaks them.
     ///
     /// # Errors
     /// The message states the wanted and the actual content.
@@ -89,7 +88,7 @@ impl Value {
         Value { type_name: T::TYPE, digest, bytes: artifact.bytes(), length, data: artifact, encode }
     }
 
-    /// Hands the canonical bytes, what is stored, to `take`, piece by piece.
+    /// Hands the canonical bytes to `take`, piece by piece.
     pub(super) fn encode(&self, mut take: impl FnMut(&[u8])) {
         (self.encode)(&*self.data, &mut take);
     }

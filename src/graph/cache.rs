@@ -48,8 +48,8 @@ impl Header {
 pub(super) struct Entry {
     pub key: Digest,
     pub header: Arc<Header>,
-    /// Cut short by the budget: not what its key stands for, so that nothing outside of its run may
-    /// hold it.
+    /// True if the budget ended the stage early: the result is not the one that its key denotes, so
+    /// that nothing outside of its run may hold it.
     pub cut_short: bool,
     values: Mutex<Vec<Option<Value>>>,
 }

@@ -12,7 +12,8 @@ use super::reading::File;
 /// Why a stage gave no result.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum NodeError {
-    /// A file that a person named cannot be used: what was wanted, what was got, where.
+    /// A file that a person named cannot be used: the message states the wanted and the actual
+    /// content, and the place.
     #[error("{path}: {message}")]
     BadFile {
         /// Path as the message shows it.
@@ -20,19 +21,19 @@ pub enum NodeError {
         /// The wanted and the actual content.
         message: String,
     },
-    /// A parameter that a person set asks for what cannot be, with these inputs: which, what was
-    /// wanted, what was got.
+    /// A parameter cannot be used with these inputs: the message states its name, the wanted and
+    /// the actual value.
     #[error("{0}")]
     BadParameter(String),
     /// The inputs are sound one by one, but this stage cannot work with them.
     #[error("{0}")]
     Failed(String),
-    /// The run was asked to stop.
+    /// The run was cancelled.
     #[error("cancelled")]
     Cancelled,
 }
 
-/// A flag that asks a run to stop; stages look at it between pieces of work.
+/// A flag that cancels a run; stages read it between pieces of work.
 #[derive(Clone, Default)]
 pub struct Cancel(Arc<AtomicBool>);
 
@@ -97,7 +98,7 @@ impl Shared {
     }
 }
 
-/// The digest of the file, and the name of what is made.
+/// The digest of the file, and the name of the derived value.
 type MadeOf = ([u8; 32], String);
 type Made = Result<Arc<dyn Any + Send + Sync>, NodeError>;
 
@@ -136,7 +137,7 @@ impl Context {
     }
 
     /// Returns the value that `make` derives from the bytes of a declared file. It is made once for
-    /// all nodes of the engine that ask for it under the same `name`, and kept as long as the
+    /// all nodes of the engine that request it under the same `name`, and kept as long as the
     /// engine.
     ///
     /// # Errors
@@ -188,7 +189,7 @@ impl Context {
         self.deadline.is_some()
     }
 
-    /// Whether to stop with what there is: the time of the budget is over, or the run was
+    /// Whether to stop with the samples so far: the time of the budget is over, or the run was
     /// cancelled. Once this has returned true, its result is used in this run and not kept, as it
     /// depends on more than its key.
     pub fn out_of_time(&self) -> bool {

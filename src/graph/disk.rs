@@ -12,7 +12,7 @@
 //! holds lengths and digests of the values, so that it can be read and trusted by itself. Access
 //! times are the files' modification times, set when a result is used.
 //!
-//! A folder may hold what strangers put there. The keyed digest makes an entry of another key a
+//! A folder may contain files of other users. The keyed digest makes an entry of another key a
 //! miss; only regular files with names of the forms above are read or deleted, and no symbolic link
 //! within the folder is followed.
 
@@ -121,9 +121,9 @@ pub struct CacheReport {
 pub(super) enum Found {
     Nothing,
     Header(Header),
-    /// There was something, but not what was written: what is wrong with it.
+    /// An entry exists, but is damaged: the reason.
     Damaged(String),
-    /// Somebody else's entry, which counts as missing: what it is.
+    /// An entry of another user, which counts as missing: the reason.
     Foreign(String),
 }
 
@@ -316,7 +316,7 @@ impl DiskCache {
         Ok(sum(&kept, report))
     }
 
-    /// Reads everything, checks every checksum and signature, deletes what is damaged.
+    /// Reads everything, checks every checksum and signature, deletes damaged entries.
     ///
     /// # Errors
     /// The errors of [`DiskCache::stat`].
@@ -464,7 +464,7 @@ impl DiskCache {
             self.folder_of(&format!("entries/{}", &key.to_string()[..2]))?;
         }
         let mut file = self.builder(0o666).prefix(NEW).tempfile_in(self.folder_of("tmp")?)?;
-        // Where the file system has no locks, age alone identifies stale files.
+        // On a file system without locks, age alone identifies stale files.
         let _ = file.as_file().try_lock();
         file.write_all(MAGIC)?;
         file.write_all(&(header.len() as u64).to_le_bytes())?;

@@ -1,5 +1,5 @@
-//! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports
-//! are looked up later, by [`GraphFile::resolve`].
+//! Graph files: parsed with the locations of all their parts, a child over the graph that it
+//! extends. Kinds and ports are looked up later, by [`GraphFile::resolve`].
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -130,9 +130,9 @@ struct Layer {
 }
 
 impl GraphFile {
-    /// Reads a graph file and what it extends. Fails only where nothing can be made of them:
-    /// unreadable, brackets that do not match, a parent that is not there. All other faults are
-    /// reported by [`GraphFile::resolve`], at once.
+    /// Reads a graph file and the files that it extends. Fails only if a file is unreadable, its
+    /// brackets do not match, or a parent is missing. All other faults are reported by
+    /// [`GraphFile::resolve`], at once.
     ///
     /// # Errors
     /// The file or one that it extends cannot be read or split into fields.

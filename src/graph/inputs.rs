@@ -92,7 +92,7 @@ fn no_member(graph: &ResolvedGraph, port: &PortSpec, edge: &Edge, member: &str, 
     format!("input `{}` wanted the member `{member}` of `{}.{output}`, which gives: {there}", port.name, node.name)
 }
 
-/// The key manifest of instance `at`, from what it takes.
+/// The key manifest of instance `at`, from its inputs.
 pub(super) fn key_manifest(graph: &ResolvedGraph, at: usize, inputs: &[ResolvedInput], before: &Before) -> String {
     let node = &graph.nodes[graph.instances[at].node];
     let mut text = String::with_capacity(node.key_head.len() + 100 * (inputs.len() + 1));

@@ -1,4 +1,4 @@
-//! How a stage is written: parameters, ports, and a `run`.
+//! Traits and macros of a stage: parameters, ports, and `run`.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -63,7 +63,8 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
         self.check_consistency()
     }
 
-    /// Checks what no range expresses: relations between parameters, and fields of nested types.
+    /// Checks conditions that no range expresses: relations between parameters, and fields of
+    /// nested types.
     ///
     /// # Errors
     /// A message that begins with the name of the parameter, by which its place in the file is
@@ -72,15 +73,15 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
         Ok(())
     }
 
-    /// The files that `run` will read. Their digests, never their paths, are in the key. Asked
-    /// again once they have their folders: what a file names in its turn ([`File::read_unchecked`])
+    /// The files that `run` will read. Their digests, never their paths, are in the key. Called
+    /// again once they have their folders: the files that a file names ([`File::read_unchecked`])
     /// can then be declared too.
     fn files(&mut self) -> Vec<&mut File> {
         Vec::new()
     }
 
-    /// Pure: what it returns depends on nothing but the parameters, the files named by
-    /// [`Node::files`] and the inputs.
+    /// Computes the outputs. The function is pure: its result depends only on the parameters, the
+    /// files named by [`Node::files`] and the inputs.
     ///
     /// # Errors
     /// [`NodeError`]: a file, the parameters or the inputs cannot be used, or the run was
@@ -173,7 +174,7 @@ macro_rules! params {
     };
 }
 
-/// How many values a port takes or gives.
+/// The number of values at a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arity {
     /// `Arc<T>`: exactly one value.

@@ -114,7 +114,7 @@ impl Raw {
         fields
     }
 
-    /// The fields of `Name(a: .., b: ..)`, whatever they are called; none for a mere `Name`.
+    /// The fields of `Name(a: .., b: ..)`, for any name; none for a mere `Name`.
     pub(super) fn fields(&self, what: &str, faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
         if self.variant().is_some_and(|v| v.len() == self.text().len()) {
             return Vec::new();

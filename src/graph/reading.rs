@@ -37,8 +37,8 @@ impl File {
     }
 
     /// Returns the bytes before the digest is known, for a stage that must find the files that this
-    /// one names; none when it has no folder yet or cannot be read, which is an error when its
-    /// digest is made.
+    /// one names; `None` when it has no folder yet or cannot be read, which is an error when its
+    /// digest is computed.
     pub fn read_unchecked(&self) -> Option<Vec<u8>> {
         self.base.as_ref().and_then(|_| self.read().ok())
     }
@@ -88,8 +88,8 @@ pub fn open(path: &Path, limit: u64) -> io::Result<fs::File> {
     Ok(opened(path, limit, true)?.0)
 }
 
-/// The file and what is known of it, for a path within the cache, whose last component must not be
-/// a symbolic link.
+/// The file and its metadata, for a path within the cache, whose last component must not be a
+/// symbolic link.
 ///
 /// # Errors
 /// The path does not name a regular file of at most `limit` bytes, or cannot be opened.

@@ -61,13 +61,13 @@ pub struct NodeReport {
     pub warnings: Vec<String>,
     /// Notes of the stage about its result that need no action.
     pub notes: Vec<String>,
-    /// Why it failed, or what it was blocked by.
+    /// The error of a failed node, or the node that blocked it.
     pub error: Option<String>,
     /// It failed because of a file that a person named, or a parameter that a person set.
     pub bad_file: bool,
 }
 
-/// How a run ended.
+/// The way in which a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// Every node gave its result.
@@ -101,7 +101,7 @@ impl RunReport {
         self.nodes.iter().all(|n| matches!(n.status, Status::Hit | Status::Ran))
     }
 
-    /// How the run ended; a cancelled one is that whatever failed in it.
+    /// The way in which the run ended; a cancelled run counts as cancelled even if a node failed.
     pub fn ending(&self) -> Ending {
         let failed = || self.nodes.iter().filter(|n| n.status == Status::Failed);
         if self.nodes.iter().any(|n| n.status == Status::Cancelled) {
@@ -162,7 +162,7 @@ pub enum Planned {
     Hit,
     /// It has to run.
     Run,
-    /// Depends on what something upstream gives, that has to run first.
+    /// Depends on the result of an upstream node that has to run first.
     Unknown,
     /// Its condition does not hold.
     Skip,
@@ -188,7 +188,7 @@ pub struct PlanLine {
     pub kind: &'static str,
     /// Expected state.
     pub status: Planned,
-    /// Why it has to run, or what it waits for.
+    /// The reason why it has to run, or the node that it waits for.
     pub why: Option<String>,
 }
 

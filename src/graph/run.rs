@@ -3,8 +3,8 @@
 //!
 //! A stage may use the same threads inside (`par_iter`), and a thread that waits there may take up
 //! another node. So no lock is held while a stage works, and no node ever waits on a thread for
-//! another: what cannot go on is put aside and taken up again by whoever finishes what it waited
-//! for.
+//! another: an instance that cannot continue is put aside, and resumed by the worker that completes
+//! its missing input.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -27,7 +27,7 @@ use super::{Digest, PortValue, Value, key};
 pub(super) struct RunOptions<'a> {
     pub store: &'a Store,
     pub shared: &'a Shared,
-    /// Time for each node that asks for it.
+    /// Time for each node that observes it.
     pub budget: Option<Duration>,
     pub graph: &'a ResolvedGraph,
     pub wanted: &'a Wanted,
@@ -46,9 +46,10 @@ struct State<'a> {
     graph: &'a ResolvedGraph,
     /// Per instance, the length of the longest chain of instances that begins there.
     chain: Vec<u32>,
-    /// Per instance, whether its result is asked for, and how far its inputs are.
+    /// Demand and progress of the inputs, per instance.
     asked: Vec<Asked>,
-    /// Per instance, how many others may still ask for its result, wanting it counted as one.
+    /// Number of other instances that may still request its result, per instance; the request of
+    /// the run counts as one.
     hopes: Vec<usize>,
     /// Per instance, those that wait for it.
     waiting: Vec<Vec<usize>>,
@@ -65,14 +66,14 @@ struct State<'a> {
     /// Per instance and output port, how many may still take its values; at 0 the run lets go of
     /// them.
     uses: Vec<Vec<usize>>,
-    /// Per instance, whether it has taken what it takes.
+    /// Whether the instance has taken its inputs, per instance.
     served: Vec<bool>,
     held: Vec<u64>,
     held_now: u64,
     peak: u64,
 }
 
-/// How far an instance is on its way to work.
+/// The progress of an instance towards its run.
 #[derive(Clone, Copy, PartialEq)]
 enum Asked {
     /// Nothing needs its result so far.
@@ -341,8 +342,8 @@ impl<'a> Run<'a> {
         Ok(Made { entry, values, seconds, rays: ctx.rays(), samples: ctx.samples() })
     }
 
-    /// A value for a stage that really runs: from memory, from disk, or made again when what is
-    /// stored is damaged.
+    /// A value for a stage that really runs: from memory, from disk, or recomputed when the stored
+    /// one is damaged.
     fn value(&self, slot: Slot) -> Result<Value, Stop> {
         let Some(Outcome::Done(entry)) = self.lock().outcomes[slot.instance].clone() else {
             return Err(Stop::Blocked(slot.instance));
@@ -368,7 +369,8 @@ impl<'a> Run<'a> {
             Some(Outcome::Done(entry)) => entry,
             _ => return Err(Stop::Blocked(at)),
         };
-        // Without a budget: what took the stored result into its key must get that one.
+        // A key may contain the digest of the stored result; without a budget, the rerun must give
+        // that result.
         let make = |job: Job| self.make(&job, self.inputs(&job)?, None).map(|made| (job, made));
         let made = self.job(at).and_then(make);
         let (outcome, report, result) = match made {
@@ -538,7 +540,7 @@ impl<'a> Run<'a> {
         self.options.wanted.outputs.iter().filter_map(output).collect()
     }
 
-    /// Counts what the run holds of a result.
+    /// Counts the memory that the run holds of a result.
     fn hold(&self, at: usize, entry: &Entry) {
         let bytes = entry.resident();
         let state = &mut *self.lock();
@@ -622,7 +624,7 @@ impl<'a> State<'a> {
                     }
                     needed += 1;
                     self.asked[at] = Asked::Inputs;
-                    // After a failure nothing more is asked for: the worker finds it and reports.
+                    // After a failure nothing more is requested: the worker finds it and reports.
                     self.wait(at, if fail { &[] } else { &instance.from }, &mut events);
                 }
                 (Event::Ready, _) => {
@@ -643,7 +645,7 @@ impl<'a> State<'a> {
         (ready, needed)
     }
 
-    /// Lets `at` wait for those of `others` that are not settled, and asks for them.
+    /// Lets `at` wait for those of `others` that are not settled, and requests them.
     fn wait(&mut self, at: usize, others: &[usize], events: &mut Vec<(usize, Event)>) {
         for &other in others.iter().filter(|&&other| self.outcomes[other].is_none()) {
             self.waiting[other].push(at);
@@ -673,7 +675,8 @@ impl<'a> State<'a> {
         (skip, fail)
     }
 
-    /// Instance `at` will take nothing more. What nobody else may ask for takes nothing either.
+    /// Instance `at` will take nothing more. An instance whose result nobody else may request takes
+    /// nothing either.
     fn leave(&mut self, at: usize) {
         let mut leaving = vec![at];
         while let Some(at) = leaving.pop() {
@@ -687,8 +690,8 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Instance `at` has taken what it takes. Of ports without another taker only the header is
-    /// kept, unless nobody else holds the values.
+    /// Instance `at` has taken its inputs. Ports without another consumer keep only their header,
+    /// unless nobody else holds the values.
     fn serve(&mut self, at: usize) {
         if std::mem::replace(&mut self.served[at], true) {
             return;

@@ -26,7 +26,7 @@ pub enum Reach {
 /// A text and the file it came from.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Source {
-    /// The file, or what stands for one (`--set`); relative paths in the text start from its
+    /// The file, or a name for another origin (`--set`); relative paths in the text start from its
     /// folder.
     pub path: PathBuf,
     /// The text.
@@ -147,7 +147,7 @@ impl Origin {
     }
 }
 
-/// Something wrong in what a person wrote, found before any work.
+/// A fault in a file or an argument, found before any work.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
     /// The place in the text, where there is one.

@@ -202,7 +202,7 @@ impl Store {
         }
     }
 
-    /// The last key of this node name and what was stored under it, where that is still known.
+    /// The last key of this node name and the header stored under it, if it is still known.
     fn last_key(&self, name: &str) -> Option<(Digest, Option<Arc<Header>>)> {
         let known = self.latest().get(name).cloned()?;
         let from_disk = || match self.disk.as_ref()?.header(&known.key) {
@@ -212,7 +212,7 @@ impl Store {
         Some((known.key, known.header.or_else(from_disk)))
     }
 
-    /// Why a node that has no result under its key has none.
+    /// The reason why a node has no result under its key.
     pub fn why(&self, name: &str, key: &Digest, text: &str) -> Why {
         match self.last_key(name) {
             None => Why::plain("new"),

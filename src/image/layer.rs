@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::image::{Picture, Plane};
 
 /// The contribution of one light to a picture, linear, at the photo's size: in half floats, which
-/// take half of the memory and are what is written; in single precision where halves cannot hold
+/// take half of the memory and are written as they are; in single precision if halves cannot hold
 /// it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Layer {

@@ -52,7 +52,7 @@ pub enum NetError {
     /// The file is not a network, or one that this backend cannot run.
     #[error("{0}")]
     Damaged(String),
-    /// Its inputs or outputs are others than those that are asked for.
+    /// Its inputs or outputs differ from the expected ones.
     #[error("{0}")]
     Mismatch(String),
     /// The backend is not there.
@@ -131,7 +131,7 @@ impl Network {
     }
 
     /// The same for a file that may be hostile: a child process with limits computes it, to the
-    /// same bits. While a call waits for the child, it asks `cancelled`.
+    /// same bits. While a call waits for the child, it polls `cancelled`.
     ///
     /// # Errors
     /// `Damaged`, `NoBackend`, `Limit`, `Ended`, `Cancelled`.

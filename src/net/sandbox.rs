@@ -216,7 +216,7 @@ impl Running {
         command.env_clear().envs(sandbox.environment.iter().map(|(name, value)| (name, value)));
         // Each of glibc's arenas reserves address space, which is limited.
         command.env("MALLOC_ARENA_MAX", "4");
-        // ONNX Runtime 1.32 keeps a file of what it would send to its makers.
+        // ONNX Runtime 1.32 keeps a file of telemetry.
         command.env("ORT_DISABLE_TELEMETRY", "1");
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         // Ctrl-C in a terminal is for the program alone, which then ends the child.

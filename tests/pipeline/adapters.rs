@@ -45,13 +45,13 @@ fn depth(place: &Place) -> Plane<f32> {
     read_depth(Source::new("depth.exr", &bytes)).expect("a scene can name it").0
 }
 
-/// The largest error of `got`, as a share of what is wanted.
+/// The largest error of `got`, as a fraction of the expected value.
 fn worst(got: &Plane<f32>, wanted: impl Fn(usize, usize) -> f32) -> f32 {
     let errors = (0..got.len()).map(|i| (i % got.width(), i / got.width(), got.pixels()[i]));
     errors.map(|(x, y, z)| (z / wanted(x, y) - 1.0).abs()).fold(0.0, f32::max)
 }
 
-/// How far apart two pixels of the photo are.
+/// Distance between two pixels of the photo.
 fn distance(depth: &Plane<f32>, [x0, y0, x1, y1]: [f32; 4]) -> f32 {
     let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
     let point = |x: f32, y: f32| camera.unproject(x, y, depth.get(x as usize, y as usize));
@@ -107,7 +107,7 @@ fn relative_depth_gets_its_scale_from_a_known_length() {
         assert!(row.windows(3).all(|w| (w[0] - 2.0 * w[1] + w[2]).abs() < 1e-4 * w[1]), "{row:?}");
         assert!((row[38] / row[1] - 3.0).abs() < 0.02 || (row[37] / row[2] - 3.0).abs() < 0.02, "{row:?}");
 
-        // A room in which 1 / z = (q - 1) / 2: two lengths tell it.
+        // A room in which 1 / z = (q - 1) / 2: two lengths determine it.
         let z = |x: usize| 2.0 / (3.0 * stored(x, 0).x);
         let room = Plane::from_fn(SIZE.0, SIZE.1, |x, _| z(x));
         let known = [[3.0, 2.0, 3.0, 27.0], [36.0, 2.0, 36.0, 27.0]].map(|at| (at, distance(&room, at)));
@@ -159,7 +159,7 @@ fn a_scene_without_depth_is_for_graphs_that_need_none() {
         assert!(told.contains("graphs/depth.ron"), "{told}");
         assert!(!told.contains("ReadScene"), "once is enough: {told}");
     }
-    // What was found is what a scene names.
+    // The found masks are usable in a scene.
     place.check(&format!("{LINE} --set depth.kind=Metric"), 0);
     place.write(
         "scene.ron",
@@ -168,8 +168,7 @@ fn a_scene_without_depth_is_for_graphs_that_need_none() {
     place.check("run GRAPHS/find_lights.ron EDITS/none.ron --scene . --no-cache --out lights", 0);
 }
 
-/// rten runs a cubic Resize as a linear one; the run tells, as networks by other people often have
-/// one.
+/// rten runs a cubic Resize as a linear one; the run warns, as third-party networks often have one.
 #[test]
 fn what_a_backend_computes_wrongly_is_told() {
     let network = Onnx::default().input("x", &PHOTO).output("z", &PICTURE).mix("x", "a", &[[4.0, 2.0, 0.0]], &[1.0]);
@@ -181,7 +180,7 @@ fn what_a_backend_computes_wrongly_is_told() {
     }
 }
 
-/// The museum: a network, settings, and what must be said.
+/// Regression corpus: a network, settings, and the expected message.
 #[test]
 fn networks_that_cannot_be_used_are_named() {
     let plain = || Onnx::default().input("x", &PHOTO);

@@ -58,7 +58,8 @@ fn it_is_whole_in_itself(place: &Place) {
     assert!(page.contains("class=\"box ran\"") && page.contains("class=\"chip ran\""));
 }
 
-/// A browser that can be driven from a command line: what `CHROME` names, or one that is found.
+/// A browser that can be driven from a command line: the one that `CHROME` names, or one on the
+/// path.
 fn browser() -> Option<PathBuf> {
     let named = std::env::var_os("CHROME").map(PathBuf::from);
     let paths = std::env::var_os("PATH").unwrap_or_default();

@@ -58,9 +58,9 @@ impl Body {
         let smooth = normals.iter().all(|n| *n != Vec3::ZERO);
         let normal = if smooth { mix(&|k| normals[k]).normalize_or(flat) } else { flat };
         let on = mix(&|k| corners[k]);
-        // Where a smooth surface is made of flat triangles, places on them lie below it, and rays
-        // that start there would meet their neighbors (Hanika, "Hacking the Shadow Terminator",
-        // Ray Tracing Gems II, 2021).
+        // Points on the flat triangles of a smooth surface lie below it, and rays that start there
+        // would meet their neighbors (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II,
+        // 2021).
         let lift = if smooth { mix(&|k| normals[k] * (on - corners[k]).dot(normals[k]).min(0.0)) } else { Vec3::ZERO };
         let uvs = index.map(|i| self.model.uvs[i]);
         let uv: Vec2 = (0..3).map(|k| uvs[k] * weights[k]).sum();
@@ -78,7 +78,7 @@ impl Body {
 }
 
 impl Material {
-    /// Light gray without highlights: what is made of nothing in particular.
+    /// Light gray without highlights: the default material.
     pub const PLAIN: Material = Material { albedo: Vec3::splat(0.7), roughness: 1.0, specular: 0.5, metallic: 0.0 };
 }
 
@@ -141,7 +141,7 @@ impl Default for Bodies {
 }
 
 impl Bodies {
-    /// The bodies with `each` probes, and what each probe is made of.
+    /// The bodies with `each` probes, and the material of each probe.
     pub fn new(bodies: &[Body], each: usize) -> (Bodies, Vec<Material>) {
         let (mut corners, mut body) = (Vec::new(), Vec::new());
         let (mut points, mut normals, mut on, mut materials) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());

@@ -1,5 +1,4 @@
-//! The surface that a pixel belongs to: what hangs together with it, lies in its plane and has its
-//! color.
+//! Region growing: the connected surface around a pixel that lies in its plane and has its color.
 //!
 //! Two labels by a minimum cut (Boykov and Jolly, ICCV 2001; Rother, Kolmogorov and Blake, GrabCut,
 //! SIGGRAPH 2004, for the turns): a pixel gains
@@ -103,8 +102,8 @@ pub fn like_surface(
     found
 }
 
-/// The pixels of `set` that hang together with `start` without a side that is an edge. The way
-/// leads through pixels that have no edge at all, so that a gap of one pixel in an edge is none.
+/// The pixels of `set` that hang together with `start` without a side that is an edge. The path
+/// leads through pixels without any edge, so that a gap of one pixel in an edge is closed.
 fn reached(set: &Plane<bool>, start: usize, is_edge: impl Fn(usize, usize) -> bool) -> Plane<bool> {
     let (w, h) = set.size();
     let sides = |i: usize| {

@@ -24,8 +24,8 @@ use crate::image::Plane;
 
 /// Share of the pixels that are taken neither for the nearest nor for the farthest of a room.
 const TAIL: f64 = 0.05;
-/// Nothing is farther than this many times the farthest of the room: what lies there is the view
-/// from a window, or nothing at all.
+/// Nothing is farther than this many times the farthest of the room: such a point belongs to the
+/// view from a window, or is an outlier.
 const BEYOND: f64 = 4.0;
 /// Spans between which lengths may choose.
 const SPANS: (f64, f64) = (1.1, 50.0);
@@ -57,7 +57,7 @@ pub struct Metres {
     pub misfit: f32,
 }
 
-/// Planar depth from relative depth `told`, of the aspect of the photo whose camera is given.
+/// Planar depth from the relative depth `told`, which has the aspect ratio of the camera's photo.
 ///
 /// # Errors
 /// The known length that cannot be used, and the reason; none given; a network output without

@@ -45,7 +45,7 @@ pub fn read_layers(source: Source) -> Result<ExrFile, ReadError> {
 /// The content is not a valid EXR file, or exceeds the limits of `source`.
 pub(in crate::image) fn read(source: Source) -> Result<ExrFile, ReadError> {
     let bad = |e: ::exr::error::Error| source.error("content", "a sound OpenEXR file", e);
-    // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes:
+    // The crate allocates the size that a data window claims, and a corrupt one claims gigabytes:
     // headers first.
     let meta = MetaData::read_from_buffered(Cursor::new(source.bytes), false).map_err(bad)?;
     let mut total = 0u64;

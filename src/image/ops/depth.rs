@@ -1,5 +1,4 @@
-//! Depth: what is a hole, how holes are filled, and other sizes without averaging across a depth
-//! step.
+//! Depth: holes, their filling, and other sizes without averaging across a depth step.
 
 use crate::image::{Depth, Mask, Plane};
 
@@ -124,7 +123,7 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
     }))
 }
 
-/// 1 / z, from 0 at the farthest to 1 at the nearest: what moves most as the eye moves is
+/// 1 / z, from 0 at the farthest to 1 at the nearest: the pixels with the largest parallax are
 /// brightest.
 pub fn nearness(depth: &Depth) -> Plane<f32> {
     let inverse = depth.0.map(|z| 1.0 / z);

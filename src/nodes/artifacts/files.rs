@@ -19,7 +19,7 @@ pub struct Encoding {
 
 /// The sub-folders that files of results may lie in.
 const RESULT_FOLDERS: [&str; 1] = ["masks"];
-/// Names that stand for devices on Windows, whatever ending they have.
+/// Names of devices on Windows, with any extension.
 const DEVICES: [&str; 6] = ["con", "prn", "aux", "nul", "com", "lpt"];
 
 /// Checks the name of a file of the results: one plain name that every system takes, in no folder

@@ -47,8 +47,8 @@ pub enum LightEdit {
     Temperature(f32),
     /// This linear RGB color, at unchanged luminance.
     Color(f32, f32, f32),
-    /// A lamp that is there at another place, with its form and its radiance; what it hid shows its
-    /// surface.
+    /// An existing lamp at another position, with its form and its radiance; the surface that it
+    /// hid is filled in.
     Move {
         /// Meters, camera space. Either this or `to`.
         #[serde(default)]
@@ -66,7 +66,7 @@ pub enum LightEdit {
         /// Lumens; needs the scene's exposure. Either this or `radiance`.
         #[serde(default)]
         flux: Option<f32>,
-        /// Linear RGB in units of the photo: what the lamp itself would show.
+        /// Linear RGB in units of the photo: the value of a pixel of the lamp itself.
         #[serde(default)]
         radiance: Option<[f32; 3]>,
         /// Kelvin; the color of `flux`, 2700 when not given.
@@ -90,7 +90,7 @@ pub enum LightEdit {
         /// Radiance of the window: everywhere without `ground`, else above the horizon.
         #[serde(default)]
         sky: Sky,
-        /// The lower part of what it shows.
+        /// The lower part of the view outside.
         #[serde(default)]
         ground: Option<Half>,
         /// Directional light of the sun, if it shines in.
@@ -140,8 +140,8 @@ ports! {
         shape: Scatter<Shape>,
         /// The radiance of every light after the edit.
         radiance: Scatter<Radiance>,
-        /// Radiance after over radiance before, per lobe and channel: what a visible light's own
-        /// pixels change by.
+        /// Radiance after over radiance before, per lobe and channel: the factor of a visible
+        /// light's own pixels.
         gain: Scatter<Radiance>,
     }
 }
@@ -181,7 +181,7 @@ impl Node for EditLights {
             if let Some((shape, radiance)) =
                 edit.and_then(|e| self.made(id, e, Some((shape, &old)), &inputs, up, ctx)).transpose()?
             {
-                // The old light is gone; the new one is drawn as what it is.
+                // The old light is removed; the new one is drawn as a new light.
                 let gain = vec![Vec3::ZERO; radiance.0.len()];
                 push(id, Arc::new(shape), radiance, Radiance(gain))?;
                 continue;

@@ -99,8 +99,8 @@ impl Ground<'_> {
     }
 
     /// The place on the surface seen at a photo pixel, and the surface's normal: on the plane
-    /// through what is around it, since depth may come in steps. What is level to 20 degrees counts
-    /// as level.
+    /// through the points around it, since depth may come in steps. A surface that is level to 20
+    /// degrees counts as level.
     ///
     /// # Errors
     /// The pixel is outside the photo.

@@ -1,4 +1,4 @@
-//! `Depth`: depth by a network that a person brings, in meters by lengths that a person knows.
+//! `Depth`: depth from a third-party network, in meters by known lengths.
 
 use std::ops::Bound;
 use std::sync::Arc;

@@ -107,7 +107,7 @@ impl Node for RefineLights {
                 out_of_view: self.invisible_cost,
                 sun: self.sun_cost,
                 ambient: self.rest_cost,
-                // The loss of two shapes is compared: a guess of the radiances has no part in it.
+                // The loss compares two shapes; a guess of the radiances does not affect it.
                 tikhonov_weight: 0.0,
                 residual_weight: 0.0,
             },

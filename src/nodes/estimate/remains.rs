@@ -1,4 +1,4 @@
-//! `Remains`: what the photo leaves for indirect light.
+//! `Remains`: photo shading minus direct light.
 
 use std::sync::Arc;
 

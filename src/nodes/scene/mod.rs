@@ -1,4 +1,4 @@
-//! From files to the seen room, and what is known of it.
+//! Stages that read the files of a scene, and known lights and materials.
 
 pub mod mesh;
 pub mod read_lights;

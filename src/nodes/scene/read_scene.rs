@@ -1,5 +1,5 @@
-//! ReadScene: decodes the files of a scene, checks that they belong together, fills the holes of
-//! the depth and remembers which pixels are saturated.
+//! `ReadScene`: decodes the files of a scene, checks that they belong together, fills the holes of
+//! the depth and marks saturated pixels.
 //!
 //! Everything later is computed at the *working size*, the photo fitted into `long_side`; the
 //! photo's own size is kept beside it, because the result is written at that size.
@@ -214,7 +214,7 @@ impl ReadScene {
         Shot { photo, transfer, camera, exposure, long_side }
     }
 
-    /// A mask at the photo's size, with some pixels and not all of them.
+    /// A mask at the photo's size; an empty mask and one of all pixels are faults.
     fn mask(&self, ctx: &Context, file: &File, full: (usize, usize)) -> Result<Mask, NodeError> {
         let mask = open(ctx, file, image::read_mask)?;
         let got = mask.0.size();
@@ -248,8 +248,8 @@ impl ReadScene {
         self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
         let metres = planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
 
-        // What a pane shows, and what is outside the room, may be far away: it must not spread
-        // into the room.
+        // The view through a pane, and surfaces outside the room, may be far away: their depth must
+        // not spread into the room.
         let panes = masks.iter().zip(self.lights.values()).filter(|(_, light)| light.kind() == LightKind::Window);
         let mut untrusted = Plane::filled(width, height, 0.0f32);
         for outside in panes.map(|((_, mask), _)| mask).chain(ignore) {

@@ -82,7 +82,7 @@ pub trait Form: Send + Sync {
         spread(&self.triangles(), count)
     }
 
-    /// The form prepared for rendering; `None` where it has no size or is not finite, and so emits
+    /// The form prepared for rendering; `None` if its size is zero or not finite, so that it emits
     /// nothing.
     fn prepare(&self) -> Option<Box<dyn PreparedForm>>;
 }

@@ -57,7 +57,8 @@ impl Lamp {
 
     /// The lamp shifted `by` meters.
     ///
-    /// Surfels become a mesh of squares, as the photo has no pixels of theirs at the new position.
+    /// Surfels become a mesh of squares, as the photo does not show pixels of them at the new
+    /// position.
     pub fn moved(&self, by: Vec3) -> Lamp {
         match self {
             Lamp::Surfels(surfels) => {

@@ -48,7 +48,7 @@ impl MeshLamp {
         self.triangles.iter().filter_map(move |&[a, b, c]| Some([corner(a)?, corner(b)?, corner(c)?]))
     }
 
-    /// [`MeshLamp::finite_triangles`] without those that have no area.
+    /// [`MeshLamp::finite_triangles`] without degenerate triangles.
     fn valid_triangles(&self) -> Vec<[DVec3; 3]> {
         self.finite_triangles().filter(|t| doubled_area(t).length() > 0.0).collect()
     }

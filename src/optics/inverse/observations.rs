@@ -95,8 +95,8 @@ fn white_of(photo: &Picture, clipped: &Mask) -> f32 {
 const BLACK: f32 = 0.004;
 
 /// Pixels of `candidates` that constrain the lights: brighter than black, and at least two pixels
-/// away from each of `masks`, which mark lights and what is not part of the room. All are indices
-/// into `photo`, in the order of `candidates`.
+/// away from each of `masks`, which mark lights and pixels outside the room. All are indices into
+/// `photo`, in the order of `candidates`.
 pub fn observed_pixels<'a>(
     candidates: impl Iterator<Item = usize>,
     photo: &Picture,

@@ -75,8 +75,8 @@ pub struct Receivers<'a> {
 }
 
 impl<'a> Receivers<'a> {
-    /// Receivers away from `masks`, which mark lights and what is not part of the room. If there
-    /// are more than `most`, every nth is used.
+    /// Receivers away from `masks`, which mark lights and pixels outside the room. If there are
+    /// more than `most`, every nth is used.
     pub fn new<'m>(room: SeenRoom<'a>, masks: impl Iterator<Item = &'m Mask>, most: usize) -> Receivers<'a> {
         let grid = room.transport.grid();
         let mut pixels = observed_pixels((0..grid.len()).map(|i| grid.pixel(i)), room.photo, room.clipped, masks);

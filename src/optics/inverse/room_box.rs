@@ -53,7 +53,7 @@ impl RoomBox {
     }
 
     /// Box around seen points (meters, camera space) with unit normals, one for each point. `None`
-    /// when there is no point.
+    /// without points.
     ///
     /// The walls' direction is the area-weighted mean of the upright normals, modulo a right angle.
     /// A side lies where most area faces away from it: the largest flat surface in the outer third

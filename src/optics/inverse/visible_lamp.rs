@@ -91,7 +91,7 @@ pub(in crate::optics) struct VisibleLamp<'a> {
 
 impl<'a> VisibleLamp<'a> {
     /// Measures the lamp. `around` lists the pixels that surround it; `normal` is of the camera's
-    /// size. `None` when the lamp has no pixel.
+    /// size. `None` when the lamp does not have a pixel.
     pub fn new(pixels: LampPixels<'a>, normal: &Normal, around: &[(usize, usize)]) -> Option<VisibleLamp<'a>> {
         if pixels.pixels.is_empty() {
             return None;

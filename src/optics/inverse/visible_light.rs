@@ -14,7 +14,7 @@ use crate::optics::{LightKind, Shape};
 /// Unit: 1 over the fraction; source: taste; effect: smaller values look at more of the ceiling.
 const SURROUNDINGS: usize = 60;
 
-/// Shapes that a visible light may have, the preferred one first; none when the mask has no pixel.
+/// Shapes that a visible light may have, the preferred one first; none when the mask is empty.
 ///
 /// `mask`, `points` (meters, camera space) and `normal` are of the camera's size. `forms` selects
 /// the form of a lamp; `room` adds the sides of the room as places for a window.

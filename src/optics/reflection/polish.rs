@@ -1,13 +1,13 @@
-//! A new finish on part of the photo: what the surface reflects, in place of what it reflected.
+//! Specular edits: a new finish on part of the photo replaces the reflections of the old one.
 //!
 //! The photo holds the reflection of the surface as it was. So a layer L of a pixel of which a
-//! share s has a new finish becomes `L + s (R - R0)`, and no less than zero, with R what the new
-//! finish reflects of the edited room and R0 what the old one reflects of the room without the
-//! bodies put into it. A light that the photo does not show, put in or moved, has no R0.
+//! share s has a new finish becomes `L + s (R - R0)`, and no less than zero, with R the reflection
+//! of the edited room in the new finish and R0 that of the room without inserted bodies in the old
+//! one. R0 is zero for an inserted or moved light, which the photo does not show.
 //!
 //! A lobe wider than a working pixel is known at working pixels, or every second one, and brought
-//! to the photo's along its edges; a narrower one at photo pixels. Depth from photos is uneven and
-//! a mirror of it would shatter, so what lies in a plane is taken to be flat.
+//! to the photo's along its edges; a narrower one at photo pixels. Depth from photos is uneven, and
+//! a mirror along it would break the picture, so pixels in a plane are treated as flat.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -130,7 +130,7 @@ pub struct Places {
 /// Most places at which narrow lobes are known; with more photo pixels, one stands for several.
 const MOST_NARROW: usize = 1_000_000;
 
-/// The places at which the reflections of a finish are asked for, and the working pixels of the
+/// The places at which the reflections of a finish are computed, and the working pixels of the
 /// planes that they lie in.
 pub fn places(finish: &SpecularEdit, seen: &SeenPlaces) -> (Vec<Places>, Vec<Plane<bool>>) {
     let (full, small) = (finish.share.size(), seen.points.0.size());
@@ -162,7 +162,7 @@ pub fn places(finish: &SpecularEdit, seen: &SeenPlaces) -> (Vec<Places>, Vec<Pla
     (parts.into_iter().map(|(wanted, size)| wanted.places(size, seen, &flat)).collect(), flat.own)
 }
 
-/// How far apart reflections are known.
+/// Distance between the pixels at which reflections are known.
 #[derive(Clone, Copy, PartialEq)]
 enum Pitch {
     Photo,
@@ -252,7 +252,7 @@ struct Flat {
     label: Plane<Option<u8>>,
     /// The working pixels of the whole room that lie in each.
     own: Vec<Plane<bool>>,
-    /// Normals of what lies in none, smoothed.
+    /// Normals of pixels outside all planes, smoothed.
     normal: Plane<Vec3>,
 }
 
@@ -262,7 +262,8 @@ const OFF_PLANE: f32 = 0.03;
 const ALONG: f32 = 0.85;
 /// Most planes of a region.
 const MOST_PLANES: usize = 4;
-/// Least share of what is left of the region that makes another plane, and fewest working pixels.
+/// Least fraction of the region's remaining pixels that makes another plane, and fewest working
+/// pixels.
 const LEAST: (f32, usize) = (0.3, 30);
 /// Up to this share of a region that lies in none of its planes is taken for noise.
 const UNEVEN: f32 = 0.1;
@@ -438,7 +439,7 @@ mod tests {
 
     #[test]
     fn a_mirror_floor_shows_the_wall_at_the_mirrored_pixel() {
-        // What stands for the picture tells its own column and row.
+        // The stand-in for the picture returns its own column and row.
         let plane: Vec<Vec3> = (0..SIZE.0 * SIZE.1)
             .map(|i| Vec3::new((i % SIZE.0) as f32 + 0.5, (i / SIZE.0) as f32 + 0.5, 1.0))
             .collect();

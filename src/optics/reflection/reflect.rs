@@ -2,11 +2,11 @@
 //! unseen part of the room.
 //!
 //! Each place sends rays distributed like its lobe. A ray that meets the seen room shows the
-//! picture's pixel there, whatever an edit makes of it; one that meets a body shows the body's
-//! pixel, if the camera sees it; all others look into the unseen part of the room. Lights are kept
-//! apart, per lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a
-//! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a
-//! small light). Each direction counts in both, with weights p^2 and q^2 over their sum (the power
+//! picture's pixel there, edited or not; one that meets a body shows the body's pixel, if the
+//! camera sees it; all others look into the unseen part of the room. Lights are kept apart, per
+//! lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a sharp lobe
+//! and a large light) and by rays to samples of the light (good for a broad lobe and a small
+//! light). Each direction counts in both, with weights p^2 and q^2 over their sum (the power
 //! heuristic of Veach and Guibas, SIGGRAPH 1995): p is the density of the lobe's rays, q one over
 //! the solid angle of the light.
 
@@ -25,10 +25,10 @@ use {
 /// Reflections at shading points: the pixels of [`Objects`], or those of a painted surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reflections {
-    /// One row per place: what each of its rays met. A photo pixel; after all of them a pixel of
-    /// the objects; or [`UNSEEN`] or [`NOTHING`].
+    /// One row per place: the index of the surface that each of its rays met. A photo pixel; after
+    /// all of them a pixel of the objects; or [`UNSEEN`] or [`NOTHING`].
     pub met: Plane<u32>,
-    /// How much of that it shows.
+    /// Fraction of that pixel's radiance in the ray.
     pub weight: Plane<Vec3>,
     /// Radiance from the unseen part of the room, estimated by a network; zero without one.
     pub far: Plane<Vec3>,
@@ -61,7 +61,7 @@ impl Reflections {
     }
 }
 
-/// A place whose reflection is asked for.
+/// A surface point at which the reflection is computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShadingPoint {
     /// Slightly above the surface.
@@ -120,8 +120,8 @@ pub struct ReflectionScene<'a> {
     pub masks: &'a [&'a Mask],
     /// Incident radiance at each place, estimated by a network.
     pub lighting: Option<&'a Lighting>,
-    /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not hide
-    /// what it reflects.
+    /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not
+    /// occlude its own reflection.
     pub planes: &'a [Plane<bool>],
 }
 
@@ -145,7 +145,7 @@ impl ReflectionScene<'_> {
 /// A ray that meets its own plane more often than this runs along it.
 const MOST_SKIPPED: usize = 16;
 
-/// A reflection of a light of unit radiance that is less than this is not asked for.
+/// Smallest reflection of a light of unit radiance that is computed.
 const LEAST_SEEN: f32 = 1e-6;
 /// The stream of places within a pixel, beyond those of lights.
 const WITHIN: u32 = u32::MAX;
@@ -266,8 +266,8 @@ impl Tracer<'_> {
         let in_room = |hit: &Hit| (hit.pixel as usize) < self.scene.points.0.len();
         let is_own = hit.is_some_and(|hit| in_room(&hit) && self.is_own(hit.pixel as usize));
         let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { 1.2 } else { 1.01 });
-        // Lights first: what is behind one is not seen. One without a closed surface shows in a
-        // mirror as in the photo.
+        // Lights come first: they occlude surfaces behind them. A light without a closed surface
+        // shows in a mirror as in the photo.
         let mut light_met = is_own && !surface.is_mirror();
         let mut first = 0;
         for TracedLight { shape, emitter, body } in &self.lights {
@@ -385,8 +385,8 @@ pub fn object_shading_point(objects: &Objects, camera: &Camera, i: usize) -> Opt
     })
 }
 
-/// How place and normal change across a covered pixel: by the camera, and by the pixels beside it
-/// that show the same surface.
+/// Derivatives of position and normal across a covered pixel: by the camera, and by the pixels
+/// beside it that show the same surface.
 fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> RayDifferential {
     let (w, h) = objects.cover.size();
     let (z, normal) = (objects.depth.get(x, y), objects.normal.get(x, y));
@@ -414,7 +414,8 @@ fn bend(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> RayDiffer
     }
 }
 
-/// The pixel that shows what a ray meets: of the photo, or after all of them of the objects.
+/// The pixel that shows the point that a ray meets: of the photo, or after all of them of the
+/// objects.
 fn seen(surround: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<u32> {
     let (camera, objects) = (surround.camera, surround.objects);
     let place = camera.project(at).filter(|p| camera.contains(*p))?;
@@ -425,12 +426,12 @@ fn seen(surround: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -
     }
     let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
     let (w, h) = objects.cover.size();
-    // Of a side that the camera does not see, the one before it stands.
+    // For a side that the camera does not see, the pixel of the side before it.
     let shown = u < w && v < h && objects.cover.get(u, v) > 0.5 && objects.depth.get(u, v) < 1.02 * -at.z;
     shown.then(|| (camera.width * camera.height + v * w + u) as u32)
 }
 
-/// A network's lighting, to be asked at places in the room.
+/// A network's lighting, sampled at points in the room.
 struct LightProbeGrid<'a> {
     lighting: &'a Lighting,
     /// Point and normal at the middle of each cell.
@@ -473,8 +474,8 @@ mod tests {
 
     const SIZE: (usize, usize) = (80, 60);
 
-    /// A ball of this roughness, of white metal, before a wall at 4 m; with what it reflects under
-    /// a lamp.
+    /// A ball of this roughness, of white metal, before a wall at 4 m; with its reflection under a
+    /// lamp.
     fn ball(roughness: f32, lamp: Shape) -> (Objects, Reflections) {
         seen_ball(SIZE, roughness, lamp, true)
     }

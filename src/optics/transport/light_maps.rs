@@ -1,4 +1,4 @@
-//! Per-pixel lighting: what falls on each part of a picture, from everywhere.
+//! Per-pixel lighting: incoming radiance at each part of a picture, from all directions.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};

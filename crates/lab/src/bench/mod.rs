@@ -47,8 +47,7 @@ pub trait Renderer {
     /// Error of a run; it ends the experiment.
     type Error;
 
-    /// Returns a seed that no other call has returned. A result that the engine has already would
-    /// have no run time.
+    /// Returns a seed that no other call has returned. A cached result would not take any run time.
     fn seed(&self) -> u64;
 
     /// Lists the lights of the scene, in the order of the graph's set.
@@ -76,7 +75,8 @@ pub trait Renderer {
     fn truth(&self) -> Result<Truth, Self::Error>;
 
     /// Renders edited pictures under one group of settings after the other, from an empty cache:
-    /// the first one computes everything, each later one finds what its settings leave as it is.
+    /// the first one computes everything, each later one reuses the results that its settings do
+    /// not change.
     ///
     /// # Errors
     /// A run fails or is cancelled.
@@ -130,7 +130,7 @@ struct Effort {
     /// Largest number of shadow rays per pixel; each costs as much as ten samples.
     most_rays: u32,
     bandwidths: Vec<f64>,
-    /// Relative errors that adaptive sampling is asked for.
+    /// Relative errors that adaptive sampling must reach.
     targets: Vec<f64>,
     /// Samples of whole pictures.
     pipeline: Vec<u32>,
@@ -181,7 +181,7 @@ impl Effort {
     }
 
     /// Settings of the small pictures on which single estimators are measured. Windows have three
-    /// lobes there, whatever the small photo would make `InitLights` choose.
+    /// lobes there, independent of the choice of `InitLights` for the small photo.
     fn small(&self) -> Vec<Setting> {
         let outlook = ("InitLights", "outlook", "Daylight(1e4,1.5,1.5)".to_owned());
         vec![("ReadScene", "long_side", self.side.to_string()), outlook]
@@ -232,7 +232,7 @@ fn seeded(renderer: &impl Renderer, settings: &[Vec<Setting>]) -> Vec<Setting> {
     settings.iter().flatten().cloned().chain(seed).collect()
 }
 
-/// Runs the experiments that `options` asks for and returns their marks in order.
+/// Runs the experiments that `options` selects and returns their marks in order.
 ///
 /// # Errors
 /// Those of `renderer`.

@@ -1,4 +1,4 @@
-//! Models from files: triangles with what they are made of.
+//! Models from files: triangles with their materials.
 
 mod budget;
 mod gltf;
@@ -16,8 +16,7 @@ use crate::image::Texture;
 pub use budget::most_triangles;
 use budget::{Budget, MOST_FILES, Textures};
 
-/// Most characters that are shown of what is wrong with a file: a message may quote a line or name
-/// each fault.
+/// Most characters of an error that a message shows: it may quote a line or list every fault.
 const SHOWN: usize = 400;
 
 /// Gives the bytes of a file that a model names.
@@ -67,7 +66,7 @@ pub struct Material {
     /// Base color, linear Rec.709, 0..=1: the diffuse albedo, or of a metal the color of its
     /// reflection.
     pub albedo: Vec3,
-    /// 0 is a mirror, 1 has no highlight to speak of.
+    /// GGX roughness, 0..=1: 0 is a mirror, 1 has almost no highlight.
     pub roughness: f32,
     /// Reflectance of a dielectric at normal incidence, in units of 8 %.
     pub specular: f32,
@@ -148,12 +147,12 @@ pub struct Model {
 }
 
 impl Model {
-    /// Reads PLY, OBJ, glTF or GLB, by the extension of `name`; `part` gives the bytes of a file
-    /// that a glTF or OBJ names, and is asked once for each.
+    /// Reads PLY, OBJ, glTF or GLB, by the extension of `name`; `part` returns the bytes of a file
+    /// that a glTF or OBJ names, and is called once for each.
     ///
     /// # Errors
-    /// The file is damaged, holds no triangle, or asks for more memory than its bytes stand for;
-    /// the message says what was wanted and got.
+    /// The file is damaged, holds no triangle, or claims more memory than its bytes justify; the
+    /// message states the wanted and the actual content.
     pub fn read(
         name: &str,
         bytes: &[u8],

@@ -60,8 +60,7 @@ fn sound_library(bytes: &[u8], most: usize) -> Result<String, String> {
     Ok(whole)
 }
 
-/// Counts groups and faces before they are read, and holds indices against what the crate computes
-/// with.
+/// Counts groups and faces before they are read, and checks that indices fit the crate's integers.
 fn check(bytes: &[u8]) -> Result<(), String> {
     let mut budget = Budget::new(bytes.len());
     let text = String::from_utf8_lossy(bytes);

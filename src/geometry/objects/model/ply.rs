@@ -104,7 +104,7 @@ fn least(element: &ElementDef, encoding: Encoding) -> usize {
         ScalarType::Double => 8,
     };
     let least = element.properties.values().map(|property| match (encoding, &property.data_type) {
-        // A digit and what parts it from the next.
+        // A digit and its separator.
         (Encoding::Ascii, _) => 2,
         (_, PropertyType::Scalar(kind) | PropertyType::List(kind, _)) => size(kind),
     });

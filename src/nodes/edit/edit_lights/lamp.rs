@@ -131,7 +131,7 @@ fn model(path: &File, parts: &[File], turn: Mat3, height: f32, ctx: &Context) ->
 /// The unit vector along `direction`.
 ///
 /// # Errors
-/// The vector, called `name`, has no direction.
+/// The vector, called `name`, is zero or not finite.
 pub fn direction(name: &str, direction: [f32; 3]) -> Result<Vec3, String> {
     let unit = Vec3::from_array(direction).try_normalize();
     unit.ok_or_else(|| format!("{name}: wanted a direction, got {direction:?}"))
