@@ -180,21 +180,36 @@ fn what_a_backend_computes_wrongly_is_told() {
     }
 }
 
-/// Regression corpus: a network, settings, and the expected message.
+/// Name of a case, its network, settings, and parts of the expected message.
+type Refused<'a> = (&'a str, Vec<u8>, &'a str, &'a [&'a str]);
+
+/// Runs `Depth` with each network in each backend, and expects the message.
+fn check_refused(corpus: &[Refused]) {
+    for backend in backends() {
+        for (name, network, set, wanted) in corpus {
+            let told = photo(network).check(&format!("{LINE} --backend {backend} {set}"), 2);
+            for part in *wanted {
+                assert!(told.contains(part), "{backend}, {name}: wanted {part:?}, told:\n{told}");
+            }
+        }
+    }
+}
+
+/// A network without nodes, whose input is the photo.
+fn plain() -> Onnx {
+    Onnx::default().input("x", &PHOTO)
+}
+
 #[test]
-fn networks_that_cannot_be_used_are_named() {
-    let plain = || Onnx::default().input("x", &PHOTO);
+fn networks_of_another_form_are_named() {
     let two = Onnx::default().input("rgb", &PHOTO).input("camera", &[1, 3, OPEN, OPEN]).output("z", &PHOTO);
-    let nan = plain().output("z", &PICTURE).mix("x", "a", &[[0.0; 3]], &[0.0]).node("Div", &["a", "a"], &["z"]).file();
     let flat = plain().output("z", &[OPEN]).numbers("all", &[-1]).node("Reshape", &["x", "all"], &["z"]).file();
     let grey =
         Onnx::default().input("x", &[1, 1, OPEN, OPEN]).output("z", &PICTURE).node("Relu", &["x"], &["z"]).file();
     let pair = plain().output("z", &PICTURE).output("sure", &PICTURE);
     let pair = pair.mix("x", "z", &[[1.0; 3]], &[0.0]).mix("x", "sure", &[[1.0; 3]], &[0.0]).file();
-    let below = plain().output("z", &PICTURE).mix("x", "z", &[[-1.0; 3]], &[0.0]).file();
-    let even = plain().output("z", &PICTURE).mix("x", "z", &[[0.0; 3]], &[0.5]).file();
     let sound = metric();
-    let museum: Vec<(&str, Vec<u8>, &str, &[&str])> = vec![
+    check_refused(&[
         ("a text", b"this is no network".to_vec(), "", &["net.onnx: wanted a network in ONNX that"]),
         ("nothing", Vec::new(), "", &["net.onnx: wanted a network in ONNX that"]),
         ("cut", sound[..sound.len() / 2].to_vec(), "", &["net.onnx: wanted a network in ONNX that"]),
@@ -236,6 +251,16 @@ fn networks_that_cannot_be_used_are_named() {
             "",
             &["net.onnx: output `z`: wanted [height, width] or [1, 1, height, width], got [3600]"],
         ),
+    ]);
+}
+
+#[test]
+fn depths_and_lengths_that_cannot_be_used_are_named() {
+    let nan = plain().output("z", &PICTURE).mix("x", "a", &[[0.0; 3]], &[0.0]).node("Div", &["a", "a"], &["z"]).file();
+    let below = plain().output("z", &PICTURE).mix("x", "z", &[[-1.0; 3]], &[0.0]).file();
+    let even = plain().output("z", &PICTURE).mix("x", "z", &[[0.0; 3]], &[0.5]).file();
+    let sound = metric();
+    check_refused(&[
         ("not finite", nan, "", &["net.onnx: output `z`: wanted finite numbers, got NaN"]),
         (
             "below zero",
@@ -287,15 +312,11 @@ fn networks_that_cannot_be_used_are_named() {
             "--set depth.normalisation=Custom(mean:(0,0,0),deviation:(1,0,1))",
             &["normalisation: wanted a positive deviation"],
         ),
-    ];
-    for backend in backends() {
-        for (name, network, set, wanted) in &museum {
-            let told = photo(network).check(&format!("{LINE} --backend {backend} {set}"), 2);
-            for part in *wanted {
-                assert!(told.contains(part), "{backend}, {name}: wanted {part:?}, told:\n{told}");
-            }
-        }
-    }
+    ]);
+}
+
+#[test]
+fn a_missing_network_or_stage_is_named() {
     let told = photo([]).check("run GRAPHS/depth.ron EDITS/none.ron --scene .", 2);
     assert!(told.contains("model: wanted the file of a network"), "{told}");
     let told =
