@@ -5,6 +5,17 @@ use serde::{Deserialize, Serialize};
 
 /// A pinhole camera for a plane of `width` x `height` pixels. Pixel (j, i) has its center at
 /// (j + 0.5, i + 0.5).
+///
+/// ```
+/// use glam::Vec2;
+/// use relight::geometry::Camera;
+///
+/// let camera = Camera::from_fov_x(320, 240, 60.0);
+/// let point = camera.unproject(100.0, 50.0, 2.0);
+/// assert_eq!(point.z, -2.0);
+/// let pixel = camera.project(point).expect("the point is before the camera");
+/// assert!(pixel.distance(Vec2::new(100.0, 50.0)) < 1e-3);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     /// Columns of the plane.

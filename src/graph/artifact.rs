@@ -12,6 +12,28 @@ use super::Digest;
 /// A type that may travel on a wire.
 ///
 /// The serde form is the canonical form: its postcard bytes are digested, compared and stored.
+///
+/// ```
+/// use relight::graph::Artifact;
+///
+/// /// Illuminance of a white surface of value 1, lux.
+/// #[derive(serde::Serialize, serde::Deserialize)]
+/// struct Exposure(f32);
+///
+/// impl Artifact for Exposure {
+///     const TYPE: &'static str = "Exposure";
+///     fn bytes(&self) -> usize {
+///         size_of::<Exposure>()
+///     }
+///     fn check(&self) -> Result<(), String> {
+///         if self.0 > 0.0 { Ok(()) } else { Err(format!("wanted more than 0 lux, got {}", self.0)) }
+///     }
+/// }
+///
+/// let stored = 1.0f32.to_le_bytes().to_vec();
+/// assert_eq!(Exposure::decode(stored)?.check(), Ok(()));
+/// # Ok::<(), String>(())
+/// ```
 pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// The name shown in port listings and fault messages; two types never share one.
     const TYPE: &'static str;

@@ -60,6 +60,24 @@ const MAX_THREADS: usize = 1024;
 const STACK_BYTES: usize = 32 << 20;
 
 /// Runs graphs, and caches their results.
+///
+/// The example reads the photo of a scene. [`RunReport::value`] returns a plane of the run.
+///
+/// ```
+/// use relight::files::scene;
+/// use relight::graph::{Cancel, Engine, EngineOptions, GraphFile, Source};
+/// use relight::{image::Picture, nodes};
+///
+/// let text = r#"Graph(version: 1, nodes: {"photo": (op: ReadPhoto(long_side: 64))}, outputs: ["photo.small"])"#;
+/// let file = GraphFile::parse(Source::new("photo.ron", text)).expect("the text is a graph");
+/// let settings = scene::read("tests/scenes/small".as_ref(), Some(&["ReadPhoto"])).expect("the scene is sound");
+/// let graph = file.resolve(&nodes::registry(), &settings).expect("kinds, ports and files are there");
+/// let wanted = graph.wanted(None).expect("the graph names an output");
+/// let engine = Engine::new(EngineOptions::default()).expect("threads can be started");
+/// let report = engine.run(&graph, &wanted, &Cancel::default(), &());
+/// let small = report.value::<Picture>("photo.small").expect("the run is complete");
+/// assert_eq!(small.0.width(), 64);
+/// ```
 pub struct Engine {
     budget: Option<Duration>,
     pool: rayon::ThreadPool,

@@ -16,6 +16,18 @@ const VERSION: u32 = 1;
 const MAX_NODES: usize = 10_000;
 
 /// A graph file with everything that it extends.
+///
+/// ```
+/// use relight::graph::{GraphFile, Source};
+///
+/// let text = r#"Graph(version: 1, nodes: {
+///     "scene": (op: ReadScene()),
+///     "room": (op: Mesh(), in: {"depth": "scene.depth"}),
+/// })"#;
+/// let file = GraphFile::parse(Source::new("room.ron", text)).expect("the text is a graph");
+/// assert!(file.nodes().map(|node| node.kind).eq(["ReadScene", "Mesh"]));
+/// assert!(file.wired("room", "depth").eq(["scene.depth"]));
+/// ```
 pub struct GraphFile {
     path: PathBuf,
     /// This file and those that it extends.
