@@ -21,7 +21,8 @@ use relight::image::{self, Depth, NamedBytes, Normal, Plane, Points};
 use relight::optics::{self, Lamp, Lobe, RectLamp, Sampling, ShadowQuality, Shape, SphereLamp, Strategy, Window};
 
 /// Two lamps with closed forms out of the picture, and the demo's window two centimeters in front
-/// of its pane. Its first lobe, the only one measured, is uniform: Mitsuba has no other area light.
+/// of its pane. Its first lobe, the only one measured, is uniform: Mitsuba does not have other area
+/// lights.
 fn lights() -> [Shape; 3] {
     let lobe = |bandwidth| Lobe { direction: Vec3::NEG_X, bandwidth };
     let (x, y) = (Vec3::new(0.19208, 0.07372, -0.70041), Vec3::new(0.0, 0.66632, 0.07013));
@@ -62,7 +63,7 @@ impl Room {
     /// Shadowed direct shading by one light's first lobe of unit radiance: the measured code.
     fn shade(&self, shape: &Shape, sampling: Sampling) -> Plane<f32> {
         let direct = optics::direct(&self.points, &self.normal, shape, &sampling, &|| false);
-        // Mitsuba has no unknown rays: a ray that passes behind a depth edge is lit.
+        // Mitsuba does not have unknown rays: a ray that passes behind a depth edge is lit.
         let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
         let shadow = optics::shadow(&self.mesh, &self.points, &self.normal, shape, None, quality, &|| false);
         let products = direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(e, lit)| e * lit);

@@ -23,9 +23,9 @@ impl Artifact for Number {
 }
 
 ports! { pub input None0 {} }
-ports! { pub input Two { a: Arc<Number>, b: Arc<Number> } }
-ports! { pub input Many { all: Gather<Number> } }
-ports! { pub output One { number: Arc<Number> } }
+ports! { pub input Two { /** One term. */ a: Arc<Number>, /** The other term. */ b: Arc<Number> } }
+ports! { pub input Many { /** All terms. */ all: Gather<Number> } }
+ports! { pub output One { /** The result. */ number: Arc<Number> } }
 params! { /** A number. */ pub struct Const { /** The number. */ value: i64 = 0 } }
 params! { /** A sum. */ pub struct Add {
 /** Not used. */ scale: f64 = 1.0,

@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let graph = files::load(&project.join("graphs/indoor.ron"), scene.as_ref(), edit.as_ref(), &registry);
     let graph = graph.map_err(|faults| files::draw(&faults, false))?;
 
-    // The engine computes this output and what it depends on, on all cores.
+    // The engine computes this output and its dependencies, on all cores.
     let engine = Engine::new(EngineOptions::default())?;
     let wanted = graph.wanted(Some(&["compose.picture".to_owned()])).map_err(|fault| fault.to_string())?;
     let report = engine.run(&graph, &wanted, &Cancel::default(), &());

@@ -43,11 +43,15 @@ impl std::fmt::Display for Source {
 /// One constant of a [`Table`].
 #[derive(Clone, Debug)]
 pub struct Constant {
+    /// Name of the field.
     pub name: &'static str,
     /// The value as Rust writes it.
     pub value: String,
+    /// Documentation of the field.
     pub doc: &'static str,
+    /// Unit of the value.
     pub unit: &'static str,
+    /// Origin of the value.
     pub source: Source,
     /// The consequence of another value.
     pub effect: &'static str,
@@ -56,10 +60,13 @@ pub struct Constant {
 /// The constants of one algorithm; made by `tuning!`.
 #[derive(Clone, Debug)]
 pub struct Table {
+    /// Name of the struct.
     pub name: &'static str,
     /// The file that declares it, as the compiler names it.
     pub file: &'static str,
+    /// Documentation of the struct.
     pub doc: &'static str,
+    /// Constants, in the order of declaration.
     pub constants: Vec<Constant>,
 }
 

@@ -1,5 +1,5 @@
-//! Direct light against Mitsuba 3 and Blender's Cycles, whose results lie in tests/reference
-//! (README.md there tells how they were made).
+//! Direct light against Mitsuba 3 and Blender's Cycles, whose results are in tests/reference
+//! (README.md there describes their computation).
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use serde::Deserialize;
 
 #[derive(Deserialize)]
 struct Configurations {
-    /// Metres from the mesh to the receivers, along their normals.
+    /// Meters from the mesh to the receivers, along their normals.
     lift: f32,
     lights: Vec<Light>,
 }
@@ -43,9 +43,9 @@ struct Estimate {
 }
 
 /// The systematic difference allowed beside chance, as a share of the mean. The renderers reckon in
-/// single precision and are nearly noiseless: Mitsuba starts shadow rays a third of a millimetre
+/// single precision and are nearly noiseless: Mitsuba starts shadow rays a third of a millimeter
 /// above the receiver, both represent a narrow lobe by tables, and Cycles spreads a receiver over a
-/// fifth of a millimetre.
+/// fifth of a millimeter.
 const FLOOR: f64 = 5e-4;
 
 fn file(name: &str) -> PathBuf {
@@ -92,7 +92,7 @@ fn room(lift: f32) -> Room {
     let receivers = points.iter().zip(normals).map(|(&p, &n)| p + n * lift).collect();
     let points = Points(Plane::new(width, height, points.to_vec()));
     // The offset of shadow rays is a choice about surfaces that are known as depth. Here the
-    // triangles are the surface, so a focal length is given that makes it 15 micrometres.
+    // triangles are the surface, so a focal length is given that makes it 15 micrometers.
     let mesh = SceneMesh::new(&points, 1e5, 0.0, &Plane::filled(width, height, false));
     assert_eq!(mesh.counts(), (2 * (width - 1) * (height - 1), 0), "no curtain: all renderers see the same triangles");
     Room {
@@ -102,8 +102,8 @@ fn room(lift: f32) -> Room {
     }
 }
 
-/// Direct shading of each lobe, open and blocked by the mesh. The one place that calls what is
-/// tested.
+/// Direct shading of each lobe, open and blocked by the mesh. Only this function calls the tested
+/// code.
 fn shade(room: &Room, shape: &Shape, samples: usize, seed: u64) -> Vec<[Vec<f64>; 2]> {
     let sampling = Sampling::fixed(samples, seed);
     let direct = optics::direct(&room.receivers, &room.normal, shape, &sampling, &|| false);
@@ -136,9 +136,9 @@ fn ours(room: &Room, shape: &Shape) -> Vec<Estimate> {
     (0..shape.lobes()).flat_map(|lobe| [0, 1].map(|blocked| estimate(lobe, blocked))).collect()
 }
 
-/// How two estimates of the same light differ.
+/// The difference between two estimates of the same light.
 struct Difference {
-    /// Mean absolute difference as a share of the mean, less what chance explains.
+    /// Mean absolute difference as a share of the mean, less the noise.
     relative: f64,
     /// Difference of the means as a share of the mean.
     bias: f64,

@@ -1,5 +1,5 @@
-//! The command as a person meets it: exit status, what goes where, and the museum of bad files in
-//! tests/bad.
+//! Tests of the command: exit status, standard output and standard error, and the regression corpus
+//! of bad files in tests/bad.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -75,7 +75,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("the program writes UTF-8")
 }
 
-/// Every NAME.ron of a folder of the museum with what NAME.txt wants to be told of it.
+/// Every NAME.ron of a folder of the corpus with the expected message in NAME.txt.
 fn museum(folder: &str) -> Vec<(PathBuf, String)> {
     let entries = std::fs::read_dir(bad(folder)).expect("the museum is there");
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("it can be listed").path()).collect();
@@ -251,7 +251,7 @@ fn the_tuning_reference_is_up_to_date() {
     }
 }
 
-/// Runs and wants this exit status; standard output and standard error.
+/// Runs the command and checks the exit status; returns standard output and standard error.
 fn check_runs(room: &Room, line: &str, status: i32) -> (String, String) {
     let output = room.relight(line);
     let (out, err) = (text(&output.stdout), text(&output.stderr));

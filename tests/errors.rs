@@ -1,5 +1,5 @@
-//! Standard errors mean what they say: intervals hold the truth as often as they claim, targets are
-//! reached, and errors fall as fast as they should. The truth is the same estimate by many more
+//! Calibration of standard errors: intervals contain the truth as often as they should, targets are
+//! reached, and errors fall at the expected rate. The truth is the same estimate with many more
 //! samples of another seed.
 
 mod common;
@@ -25,7 +25,7 @@ fn camera(width: usize) -> Camera {
     Camera { width, height, fx: focal, fy: focal, cx: focal / 2.0, cy: height as f32 / 2.0 }
 }
 
-/// With the standard error and the mean number of samples that the stage told.
+/// Returns the standard error and the mean number of samples that the stage recorded, too.
 fn direct(room: &Room, stage: &Direct, shape: &Shape) -> (Arc<UnitDirect>, f64, f64) {
     let ctx = Context::default();
     let direct = stage.run(room.direct_in(shape), &ctx).unwrap().direct;
@@ -63,7 +63,7 @@ fn sphere() -> Shape {
     Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.5, 0.0, 0.0), radius: 0.3 }))
 }
 
-/// How many of the estimates there are, and how many of their intervals hold the truth.
+/// Number of the estimates, and of those whose interval contains the truth.
 #[derive(Default)]
 struct Coverage {
     all: usize,
@@ -101,7 +101,7 @@ fn intervals_of_direct_light_hold_the_truth() {
             let mut coverage = Coverage::default();
             let mut used = 0.0;
             for seed in 0..3 {
-                // As shipped it is a closed form and has no error.
+                // With the default parameters it is a closed form without error.
                 let stage = Direct { samples, target_error, max_samples: 256, seed, sampling: Strategy::Area };
                 let (direct, _, mean) = direct(&room, &stage, &shape);
                 used += mean / 3.0;
@@ -210,7 +210,7 @@ fn errors_fall_as_the_root_of_the_samples_or_faster() {
         (0..3).for_each(|k| all[k].1.push(noise(&a.lobes[k], &b.lobes[k])));
         all[3].1.push(noise(&shadow(1).lit[0], &shadow(2).lit[0]));
     }
-    // A lobe in closed form has no noise to fall.
+    // A lobe in closed form has zero noise.
     for (what, errors) in all.iter().filter(|(_, errors)| errors[0] > 0.0) {
         println!("{what}: {errors:.5?}, slope {:.2}", slope(errors));
         assert!(slope(errors) <= -0.5, "{what}: {errors:?}");

@@ -1,13 +1,13 @@
-//! Replays the corpora of `fuzz/` through the bodies of the fuzz targets: what once fell stays
-//! mended, on the stable compiler.
+//! Replays the corpora of `fuzz/` through the bodies of the fuzz targets: inputs that once failed
+//! stay fixed, on the stable compiler.
 
 use std::path::{Path, PathBuf};
 
 #[path = "../fuzz/src/targets.rs"]
 mod targets;
 
-/// Most memory of the whole replay, in bytes: a target that allocates what a small file claims
-/// shows here.
+/// Most memory of the whole replay, in bytes; it detects a target that allocates as much as a small
+/// file claims.
 const MOST: u64 = 1_500_000_000;
 
 fn corpus(target: &str) -> Vec<PathBuf> {

@@ -1,4 +1,5 @@
-//! The house: who may use whom, what the library must not touch, and that pages and files agree.
+//! Rules of the architecture: dependencies between rooms, items that the library must not use, and
+//! agreement of pages and files.
 //!
 //! Each rule is a function from text to faults, shown by a test of its own to see a planted fault.
 
@@ -28,7 +29,7 @@ const LAYERS: [&str; 6] = ["sampling", "emitter", "daylight", "transport", "refl
 /// Modules that all stages share.
 const SHARED: [&str; 2] = ["artifacts", "neural"];
 
-/// Words of code -> the folders or files of `src` that may say them.
+/// Words of code -> the folders or files of `src` that may contain them.
 const WORDS: [(&str, &[&str]); 16] = [
     ("exr::", &["image/io/"]),
     ("ort::", &["net/"]),
@@ -70,7 +71,7 @@ fn files_below(folder: &str) -> Vec<String> {
     files.iter().map(|path| path.to_str().expect("our names are ASCII").replace('\\', "/")).collect()
 }
 
-/// Files that git knows or would add.
+/// Files that git tracks or would add.
 fn tracked() -> Vec<String> {
     let list = ["ls-files", "--cached", "--others", "--exclude-standard"];
     // Git lists a repository of another user only if that is called safe.
@@ -91,7 +92,8 @@ fn assert_none(faults: Vec<String>) {
     assert!(faults.is_empty(), "\n{}\n", faults.join("\n"));
 }
 
-/// Rust without comments and without what stands in strings and characters; lines and columns stay.
+/// Rust without comments and without the content of strings and characters; lines and columns are
+/// kept.
 fn code(text: &str) -> String {
     let mut rest = text;
     let mut out = String::new();

@@ -410,8 +410,8 @@ fn exr_comes_back_with_every_compression_and_channel_kind() {
         layers.rgb("small", &picture.map(|v| 1e-12 * v));
         layers.half("zero.Y", &depth.map(|_| 0.0));
         layers.comment("metres \u{3c0}");
-        // Neither infinite nor black: what halves cannot hold is float, with its name and largest
-        // magnitude.
+        // Neither infinite nor black: values that halves cannot hold are floats, with its name and
+        // largest magnitude.
         assert_eq!(layers.kept_as_float(), [("large.Y".to_owned(), 1e9), ("small".to_owned(), 1e-12 * 9.0)]);
         let bytes = layers.write(compression).expect("the layers are sound");
         let source = NamedBytes::new("p.exr", &bytes);

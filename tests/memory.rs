@@ -38,7 +38,7 @@ fn run(files: &[(&str, &[u8])], objects: &str) -> Run {
     command.current_dir(folder.path()).arg("run").arg(graph);
     command.args(["edit.ron", "--scene", ".", "--only", "objects", "--no-cache", "--threads", "1", "--out", "out"]);
     let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts");
-    // The mark only rises, so that looking often sees all but what the last moments add.
+    // The mark only rises, so that frequent reads miss only the last moments.
     let status = format!("/proc/{}/status", child.id());
     let mut peak = None;
     let exit = loop {

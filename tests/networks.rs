@@ -1,5 +1,5 @@
-//! The networks in models/: each file is the one that its card describes, and gives what it gave in
-//! training (docs: training/README.md).
+//! The networks in models/: each file is the one that its card describes, and gives the same
+//! outputs as in training (docs: training/README.md).
 
 use std::error::Error;
 use std::fs;
@@ -24,8 +24,8 @@ fn file(folder: &str, name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(folder).join(name)
 }
 
-/// An input or output of the training framework, 16 or 32 bits. An input that networks share has no
-/// network in its name.
+/// An input or output of the training framework, 16 or 32 bits. The name of a shared input does not
+/// contain a network.
 fn array(network: &str, name: &str) -> Result<Tensor<f32>, Box<dyn Error>> {
     let own = file("tests/parity", &format!("{network}.{name}.npy"));
     let bytes = fs::read(if own.exists() { own } else { file("tests/parity", &format!("{name}.npy")) })?;

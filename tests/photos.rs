@@ -1,5 +1,5 @@
-//! Real photographs of ../shared/data/photos under edits: what must hold for any of them, and what
-//! a person would see.
+//! Real photographs of ../shared/data/photos under edits: properties that hold for all of them, and
+//! visible changes.
 //!
 //! `cargo test --release --test photos -- --ignored sheets` writes contact sheets, before and
 //! after, to target/photos/ to look at.
@@ -22,7 +22,7 @@ struct Photo {
     globe: [u32; 2],
     /// Corners of an inserted window.
     window: [[u32; 2]; 4],
-    /// Places that a person would say get darker: (edit, x, y, half size, largest share of their
+    /// Regions that must become visibly darker: (edit, x, y, half size, largest fraction of their
     /// light that they may keep).
     near: &'static [(&'static str, u32, u32, u32, f64)],
 }
@@ -47,8 +47,8 @@ const PHOTOS: &[Photo] = &[
         lit: &["lamp_0", "lamp_1", "window_0"],
         globe: [280, 385],
         window: [[80, 40], [130, 45], [130, 152], [80, 152]],
-        // The fit gives most of the wall beside the lamp to a lamp out of view: a person would say
-        // that less is kept.
+        // The fit gives most of the wall beside the lamp to a lamp out of view: a viewer would
+        // expect less.
         near: &[("window_0_off", 370, 310, 20, 0.9), ("lamp_0_off", 80, 200, 10, 0.95)],
     },
     Photo {
@@ -204,7 +204,7 @@ impl Room {
     }
 }
 
-/// A rectangle twice as large as what holds `pixels`, at least 120 wide: x0, y0, x1, y1.
+/// A rectangle twice as large as the bounding box of `pixels`, at least 120 wide: x0, y0, x1, y1.
 fn around(pixels: impl Iterator<Item = [u32; 2]>) -> [u32; 4] {
     let empty = [u32::MAX, u32::MAX, 0, 0];
     let [x0, y0, x1, y1] = pixels.fold(empty, |[a, b, c, d], [x, y]| [a.min(x), b.min(y), c.max(x), d.max(y)]);
@@ -227,8 +227,8 @@ fn shown(picture: &RgbImage, [x, y]: [u32; 2], half: u32) -> f64 {
     place.map(|(x, y)| luminance(picture.get_pixel(x, y).0)).sum::<f64>() / f64::from(4 * half * half)
 }
 
-/// How many pixels, of those that `counts`, `differ` in a channel (before, after). What is
-/// saturated may be any white.
+/// Number of pixels, among those that `counts`, that `differ` in a channel (before, after). A
+/// saturated pixel may have any value above white.
 fn count(room: &Room, relit: &Relit, counts: impl Fn(u32, u32) -> bool, differ: impl Fn(i32, i32) -> bool) -> usize {
     let pairs = room.before.enumerate_pixels().zip(relit.picture.pixels()).filter(|((x, y, _), _)| counts(*x, *y));
     pairs
@@ -272,8 +272,8 @@ fn photos_are_relit_soundly() {
         let changed = count(&room, &same, |_, _| true, |a, b| (a - b).abs() > 1);
         assert_eq!(changed, 0, "{}: an edit that says nothing changes pixels", photo.name);
         check_layers(photo.name, &same);
-        // All kinds of edit on half of the photos; on the others what has places to look at, and a
-        // lamp.
+        // All kinds of edit on half of the photos; on the others the edits with expected regions,
+        // and a lamp.
         let tried = |edit: &str| match i < PHOTOS.len() / 2 {
             true => edit != "tube" && edit != "lamp_1_off",
             false => edit == "globe" || photo.near.iter().any(|near| near.0 == edit),

@@ -89,7 +89,7 @@ fn a_lamp_behind_the_square_is_unknown_and_counts_as_assumed() {
 fn each_lobe_of_a_window_has_its_own_shadow() {
     let room = square_before_wall();
     // A window behind the camera. The sun stands to the right and throws the square's left edge
-    // from -0.5 to -1.3 as above (0.4 per metre); the sky comes from everywhere and knows only soft
+    // from -0.5 to -1.3 as above (0.4 per meter); the sky comes from everywhere and casts only soft
     // shadows.
     let lobe = |direction: Vec3, bandwidth| Lobe { direction: direction.normalize(), bandwidth };
     let lobes = [lobe(Vec3::new(0.4, 0.0, 1.0), 1e5), lobe(Vec3::Y, 0.5), lobe(Vec3::NEG_Y, 0.0)];
@@ -116,7 +116,7 @@ fn no_light_has_no_lobes_and_a_light_does_not_light_itself() {
 #[test]
 fn a_furnace_comes_to_rest_at_its_closed_form() {
     // Every surface, seen or not, has albedo a and direct shading 1: I = a (1 + I) = a / (1 - a),
-    // whatever the geometry.
+    // for any geometry.
     for room in [floor_and_wall(), square_before_wall()] {
         let a = Vec3::new(0.2, 0.5, 0.8);
         let one = Plane::filled(room.camera.width, room.camera.height, 1.0);
@@ -170,7 +170,7 @@ fn one_bounce_from_wall_to_floor_is_the_form_factor() {
             worst = worst.max((got.get(x, y).x / wanted - 1.0).abs());
         }
     }
-    // 64 evenly spread rays, about a third of which hit the wall: one ray is 5 %, and neighbouring
+    // 64 evenly spread rays, about a third of which hit the wall: one ray is 5 %, and neighboring
     // receivers are averaged.
     assert!(worst < 0.12, "{worst}");
 }
@@ -227,7 +227,7 @@ fn thread_counts_change_no_bit() {
 
 #[test]
 fn many_stages_may_want_the_rays_at_once() {
-    // Two threads, four stages, one mesh that has no hierarchy yet: nobody may wait for himself.
+    // Two threads, four stages, one mesh that has no hierarchy yet: no thread may wait for itself.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     let room = square_before_wall();
     let fresh: SceneMesh = postcard::from_bytes(&postcard::to_stdvec(&*room.mesh).unwrap()).unwrap();

@@ -15,7 +15,7 @@ use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
 use relight::optics::PhotometricWebTable;
 
 static REGISTRY: LazyLock<Registry> = LazyLock::new(relight::nodes::registry);
-/// The folder of the files that a reader wants as files.
+/// The folder of the files for readers that need paths.
 static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a folder can be made"));
 /// Tests run at once, and share the folder.
 static ONE: Mutex<()> = Mutex::new(());
@@ -47,7 +47,7 @@ pub fn planes(bytes: &[u8]) {
     let _ = image::read_maps(source, [16, 32]);
 }
 
-/// A model and the files that it names: pieces of the input between bytes of zero, asked for in turn.
+/// A model and the files that it names: pieces of the input between bytes of zero, used in order.
 fn model(name: &str, pieces: &[&[u8]]) {
     let (main, others) = pieces.split_first().expect("a split gives at least one piece");
     let other = |at: usize| others.get(at % others.len().max(1)).map(|bytes| bytes.to_vec());

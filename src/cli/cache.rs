@@ -50,7 +50,7 @@ pub fn cache(args: &Cache) -> Result<Exit, CliError> {
     Ok(if done.damaged > 0 { Exit::Failed } else { Exit::Done })
 }
 
-/// The cache of a run, if any. Without a key, a run has no cache on disk, and a message says so.
+/// The cache of a run, if any. Without a key, a run has no cache on disk, and prints a message.
 ///
 /// # Errors
 /// A named key file cannot be used.

@@ -54,8 +54,7 @@ pub fn report_errors(run: &RunReport) {
     errors.for_each(|(node, error)| message!("error: {}: {error}", node.name));
 }
 
-/// Makes the first Ctrl-C ask the stages to stop; the second one, or [`PATIENCE`], ends the
-/// program.
+/// Makes the first Ctrl-C cancel the run; the second one, or [`PATIENCE`], ends the program.
 ///
 /// # Errors
 /// The system refuses a handler.

@@ -1,4 +1,4 @@
-//! How a command ends: its status, its errors, and why a measurement stops early.
+//! Exit status of the program, errors of commands, and reasons why a measurement stops early.
 
 use std::process::ExitCode;
 
@@ -25,6 +25,7 @@ impl From<Exit> for ExitCode {
 }
 
 impl Exit {
+    /// Returns the status code that the shell receives: 0, 1, 2 or 130.
     pub fn code(self) -> u8 {
         match self {
             Exit::Done => 0,

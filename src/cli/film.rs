@@ -4,15 +4,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 pub const NAME: &str = "film.mp4";
-/// Players require 4:2:0, which has no odd sizes; most assume Rec. 709 for large pictures, whatever
-/// the file declares.
+/// Players require 4:2:0, which has no odd sizes; most assume Rec. 709 for large pictures,
+/// regardless of the file's declaration.
 const FILTER: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv,\
                       setparams=colorspace=bt709:color_primaries=bt709:color_trc=iec61966-2-1";
 
 /// Makes `folder/film.mp4` of `picture_0000.png` and the following.
 ///
 /// # Errors
-/// The reason why there is no film.
+/// The reason why the film cannot be made.
 pub fn make(folder: &Path, fps: u16, frames: usize) -> Result<PathBuf, String> {
     let path = folder.join(NAME);
     // In a folder of its own: a file that lies there already, or a link, is not written to.

@@ -43,6 +43,9 @@ pub fn mix(args: &MixArgs, began: Instant) -> Result<Exit, CliError> {
 }
 
 /// The layers of a run: those of its folder, or a file, as for a frame of a sequence.
+///
+/// # Errors
+/// The folder or file does not contain layers.
 pub(super) fn layers(run: &Path) -> Result<File, Diagnostic> {
     let path = if run.is_dir() { run.join("picture.exr") } else { run.to_owned() };
     if !path.is_file() {

@@ -42,6 +42,9 @@ pub fn untrusted() -> Untrusted {
 }
 
 /// `relight run-network`.
+///
+/// # Errors
+/// A request cannot be read, or an answer cannot be written.
 pub fn run_network(args: &RunNetwork) -> Result<Exit, CliError> {
     let end = || std::process::exit(Exit::Done.code().into());
     serve(args.memory_bytes, args.cpu_seconds, std::io::stdin(), std::io::stdout().lock(), end)

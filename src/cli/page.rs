@@ -27,6 +27,9 @@ pub fn report(args: &ReportArgs, began: Instant) -> Result<Exit, CliError> {
 }
 
 /// Writes report.html into `folder`, which contains the files of a run.
+///
+/// # Errors
+/// A file of the run cannot be read, or the page cannot be written.
 pub(super) fn page(folder: &Path, long_side: u32) -> Result<PathBuf, Diagnostic> {
     let report = File::new(folder.join("report.json").to_string_lossy());
     let layers = layers(folder)?;

@@ -28,6 +28,7 @@ struct ProgressState {
 }
 
 impl Progress {
+    /// Creates the progress of one run. `lines` prints a line per node; `terminal` draws a bar.
     pub fn new(lines: bool, terminal: bool) -> Progress {
         Progress { lines, terminal, state: Mutex::default() }
     }
@@ -86,6 +87,8 @@ struct FrameState {
 }
 
 impl FrameProgress {
+    /// Creates the progress of `count` frames. `lines` prints a line per node; `terminal` draws a
+    /// bar.
     pub fn new(count: usize, lines: bool, terminal: bool) -> FrameProgress {
         let bar = terminal.then(|| {
             let bar = bar();
@@ -122,6 +125,7 @@ impl FrameProgress {
         }
     }
 
+    /// Removes the bar.
     pub fn end(&self) {
         if let Some(bar) = self.state().bar.take() {
             bar.finish_and_clear();

@@ -15,12 +15,13 @@ pub struct Head {
     /// Wall time since the program began.
     pub seconds: f64,
     peak_bytes: Option<u64>,
-    /// Backend of the networks; none where there are no networks.
+    /// Backend of the networks; `None` without networks.
     backend: Option<String>,
     threads: usize,
 }
 
 impl Head {
+    /// Creates the head of a run that began at `began`; the wall time ends at this call.
     pub fn new(graph: &Path, edit: &Path, began: Instant, backend: Option<String>, threads: usize) -> Head {
         Head {
             relight: env!("CARGO_PKG_VERSION"),

@@ -15,8 +15,9 @@ const WIDEST: usize = 40;
 /// Characters of a message, which may quote what a person wrote.
 const LONGEST: usize = 600;
 
-/// All faults as text, in the order given; with colours and box drawing on a terminal, plain ASCII
+/// All faults as text, in the order given; with colors and box drawing on a terminal, plain ASCII
 /// elsewhere.
+#[expect(clippy::missing_panics_doc, reason = "a string takes all text")]
 pub fn draw(faults: &[Diagnostic], terminal: bool) -> String {
     let mut buffer = if terminal { Buffer::ansi() } else { Buffer::no_color() };
     let chars = if terminal { Chars::box_drawing() } else { Chars::ascii() };

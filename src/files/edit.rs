@@ -1,7 +1,7 @@
 //! An edit file: the changes of a picture.
 //!
 //! `lights`, `materials` and `objects` become the parameters of the same name of the stages
-//! `EditLights`, `EditMaterials` and `EditObjects`, whose types determine what may stand in them. A
+//! `EditLights`, `EditMaterials` and `EditObjects`, whose types determine the allowed values. A
 //! light that the edit inserts becomes a member of the set `lights`.
 
 use std::collections::BTreeSet;
@@ -14,8 +14,9 @@ const FIELDS: [&str; 5] = ["version", "lights", "materials", "objects", "frames"
 /// An entry that begins so makes a light; any other changes one that is there.
 const MAKERS: [&str; 2] = ["Lamp", "Window"];
 
-/// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; what
-/// is `None` could not be read, and nothing is checked against it. Of a sequence, its first frame.
+/// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; a
+/// `None` could not be read, and nothing is checked against it. The result for a sequence is its
+/// first frame.
 ///
 /// # Errors
 /// Every fault of the file that can be known without running anything.

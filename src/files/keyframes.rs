@@ -272,7 +272,8 @@ impl Track {
         let t = f64::from(frame.saturating_sub(a.frame)) / f64::from((b.frame - a.frame).max(1));
         for (a, b) in a.value.iter().zip(&b.value) {
             match (a.number, b.number) {
-                // A key's own value as it is written, so that what stands still keeps its bits.
+                // The value of a keyframe as it is written, so that a constant value keeps its
+                // bits.
                 (Some(v), Some(w)) if v != w && t > 0.0 => text.push_str(&number(v + (w - v) * t)),
                 _ => text.push_str(&a.text),
             }

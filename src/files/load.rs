@@ -8,6 +8,15 @@ use crate::graph::{Diagnostic, GraphFile, Overlay, Registry, ResolvedGraph};
 /// Reads a graph file, the scene folder and the edit file, and resolves them against the stages of
 /// `registry`. Of a sequence, the first frame.
 ///
+/// ```
+/// use relight::{files, nodes};
+///
+/// let paths = ["graphs/find_lights_photo.ron", "tests/scenes/small", "edits/none.ron"];
+/// let [graph, scene, edit] = paths.map(AsRef::as_ref);
+/// let graph = files::load(graph, scene, edit, &nodes::registry()).expect("the files are sound");
+/// assert_eq!(graph.outputs(), ["find.files"]);
+/// ```
+///
 /// # Errors
 /// All diagnostics of the first file that has any, each with file, line and column.
 pub fn load(graph: &Path, scene: &Path, edit: &Path, registry: &Registry) -> Result<ResolvedGraph, Vec<Diagnostic>> {

@@ -1,13 +1,13 @@
 //! `scene.ron`: the photograph, its depth, its camera, and the lights that are seen in it.
 //!
 //! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types
-//! determine what may stand in them; those of the photo alone also of its `ReadPhoto` stages. The
-//! names of the lights, in the order of the file, become members of sets: `visible`, the lights
-//! seen in the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights
-//! whose place and strength are estimated (the graph adds the invisible ones); and `lights`, all
-//! that shine in the result (an edit adds what it inserts). Lights and materials that `truth` names
-//! go to the stages that read what is known, `ReadLights` and `ReadMaterials`; the rest of it is
-//! for measurements, and stands in [`truth`].
+//! determine the allowed values; those of the photo alone also of its `ReadPhoto` stages. The names
+//! of the lights, in the order of the file, become members of sets: `visible`, the lights seen in
+//! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose
+//! place and strength are estimated (the graph adds the invisible ones); and `lights`, all that
+//! shine in the result (an edit adds the lights that it inserts). Lights and materials that `truth`
+//! names go to the stages `ReadLights` and `ReadMaterials`; [`truth`] returns the other fields,
+//! which are for measurements.
 
 use std::path::Path;
 
@@ -38,7 +38,7 @@ const SETS: [&str; 3] = ["visible", "estimated", "lights"];
 const OF_KIND: [(&str, &str); 2] = [("Lamp", "visible_lamps"), ("Window", "visible_windows")];
 
 /// Reads `folder/scene.ron` for a graph with stages of these `kinds`: one that takes the photo
-/// alone needs no depth. Without `kinds`, what they need stays unchecked.
+/// alone needs no depth. Without `kinds`, the needs of the stages stay unchecked.
 ///
 /// # Errors
 /// Every fault of the file that can be known without looking at the files it names.
@@ -101,7 +101,7 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
     if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
 }
 
-/// The fields of `truth` in `folder/scene.ron`; none where it has no `truth`.
+/// The fields of `truth` in `folder/scene.ron`; none if it does not contain `truth`.
 ///
 /// # Errors
 /// The errors of [`read`].

@@ -59,10 +59,12 @@ impl Grid {
         (self.width.div_ceil(self.stride), self.height.div_ceil(self.stride))
     }
 
+    /// Returns the number of grid points.
     pub fn len(&self) -> usize {
         self.size().0 * self.size().1
     }
 
+    /// Whether the grid has no points.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -107,7 +109,7 @@ impl Grid {
             let off = n.dot(points.0.pixels()[other] - point) / tolerance;
             let alike = n.dot(normal.0.pixels()[other]).max(0.0).powi(TUNING.normal_power);
             let near = (-(dx * dx + dy * dy) / TUNING.spread).exp();
-            // The small constant leaves something to draw from where no neighbour is alike.
+            // The small constant leaves something to draw from where no neighbor is alike.
             let weight = near * (alike / (1.0 + off * off).powi(2) + TUNING.floor);
             *out = (i, weight);
             total += weight;

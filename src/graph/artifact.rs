@@ -11,12 +11,33 @@ use super::Digest;
 
 /// A type that may travel on a wire.
 ///
-/// The serde form is the canonical form: its postcard bytes are what is digested, compared and
-/// stored.
+/// The serde form is the canonical form: its postcard bytes are digested, compared and stored.
+///
+/// ```
+/// use relight::graph::Artifact;
+///
+/// /// Illuminance of a white surface of value 1, lux.
+/// #[derive(serde::Serialize, serde::Deserialize)]
+/// struct Exposure(f32);
+///
+/// impl Artifact for Exposure {
+///     const TYPE: &'static str = "Exposure";
+///     fn bytes(&self) -> usize {
+///         size_of::<Exposure>()
+///     }
+///     fn check(&self) -> Result<(), String> {
+///         if self.0 > 0.0 { Ok(()) } else { Err(format!("wanted more than 0 lux, got {}", self.0)) }
+///     }
+/// }
+///
+/// let stored = 1.0f32.to_le_bytes().to_vec();
+/// assert_eq!(Exposure::decode(stored)?.check(), Ok(()));
+/// # Ok::<(), String>(())
+/// ```
 pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     /// The name shown in port listings and fault messages; two types never share one.
     const TYPE: &'static str;
-    /// Memory held, in bytes: what the memory cache counts.
+    /// Memory of the value in bytes, as the memory cache counts it.
     fn bytes(&self) -> usize;
     /// A value from its canonical bytes, which a large one may keep so that it is not held twice.
     ///
@@ -29,9 +50,9 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
             Err(e) => Err(e.to_string()),
         }
     }
-    /// Whether a value that was read from disk keeps the rules of its type that its form does not:
-    /// what every user of the type relies on without looking, such as indices in range. The engine
-    /// makes the value again where it does not.
+    /// Whether a value that was read from disk keeps the rules of its type that its form does not
+    /// enforce, such as indices in range: every user of the type relies on them without a check.
+    /// The engine recomputes a value that breaks them.
     ///
     /// # Errors
     /// The message states the wanted and the actual content.
@@ -89,7 +110,7 @@ impl Value {
         Value { type_name: T::TYPE, digest, bytes: artifact.bytes(), length, data: artifact, encode }
     }
 
-    /// Hands the canonical bytes, what is stored, to `take`, piece by piece.
+    /// Hands the canonical bytes to `take`, piece by piece.
     pub(super) fn encode(&self, mut take: impl FnMut(&[u8])) {
         (self.encode)(&*self.data, &mut take);
     }
@@ -99,10 +120,12 @@ impl Value {
         self.data.clone().downcast().ok()
     }
 
+    /// Returns the digest of the type's name and the canonical bytes.
     pub fn digest(&self) -> Digest {
         self.digest
     }
 
+    /// Returns the name of the value's type, as ports declare it.
     pub fn type_name(&self) -> &'static str {
         self.type_name
     }
@@ -159,6 +182,7 @@ impl<F: FnMut(&[u8])> Flavor for Pieces<F> {
     }
 }
 
+/// Computes the digest of a value of type `type_name` from its canonical bytes.
 pub(super) fn digest_of(type_name: &str, encoded: &[u8]) -> Digest {
     Digest(*hasher(type_name).update(encoded).finalize().as_bytes())
 }

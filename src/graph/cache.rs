@@ -38,6 +38,7 @@ impl Header {
         (0..self.values.len()).filter(move |&i| self.values[i].port as usize == port)
     }
 
+    /// Returns the memory that all values take, bytes.
     pub fn memory(&self) -> u64 {
         self.values.iter().map(|v| v.memory).sum()
     }
@@ -47,8 +48,8 @@ impl Header {
 pub(super) struct Entry {
     pub key: Digest,
     pub header: Arc<Header>,
-    /// Cut short by the budget: not what its key stands for, so that nothing outside of its run may
-    /// hold it.
+    /// True if the budget ended the stage early: the result is not the one that its key denotes, so
+    /// that nothing outside of its run may hold it.
     pub cut_short: bool,
     values: Mutex<Vec<Option<Value>>>,
 }
@@ -87,10 +88,18 @@ impl Entry {
         Entry { key, header: Arc::new(header), cut_short, values: Mutex::new(values) }
     }
 
+    /// Returns the value at `index`, if it is in memory.
+    ///
+    /// # Panics
+    /// The result has no value of this index.
     pub fn value(&self, index: usize) -> Option<Value> {
         self.lock()[index].clone()
     }
 
+    /// Puts the value at `index` into memory.
+    ///
+    /// # Panics
+    /// The result has no value of this index.
     pub fn fill(&self, index: usize, value: Value) {
         self.lock()[index] = Some(value);
     }
@@ -132,14 +141,17 @@ struct Held {
 }
 
 impl Memory {
+    /// Creates an empty cache that holds at most `limit` bytes.
     pub fn new(limit: u64) -> Memory {
         Memory { limit, state: Mutex::default() }
     }
 
+    /// Returns the limit, bytes.
     pub fn limit(&self) -> u64 {
         self.limit
     }
 
+    /// Returns the entry under `key`, if it is held, and marks it as used last.
     pub fn get(&self, key: &Digest) -> Option<Arc<Entry>> {
         let state = &mut *self.lock();
         let held = state.held.get_mut(key)?;
@@ -169,6 +181,7 @@ impl Memory {
         }
     }
 
+    /// Removes the entry under `key`, if it is held.
     pub fn forget(&self, key: &Digest) {
         self.lock().forget(key);
     }

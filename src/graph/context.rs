@@ -12,30 +12,38 @@ use super::reading::File;
 /// Why a stage gave no result.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum NodeError {
-    /// A file that a person named cannot be used: what was wanted, what was got, where.
+    /// A file that a person named cannot be used: the message states the wanted and the actual
+    /// content, and the place.
     #[error("{path}: {message}")]
-    BadFile { path: String, message: String },
-    /// A parameter that a person set asks for what cannot be, with these inputs: which, what was
-    /// wanted, what was got.
+    BadFile {
+        /// Path as the message shows it.
+        path: String,
+        /// The wanted and the actual content.
+        message: String,
+    },
+    /// A parameter cannot be used with these inputs: the message states its name, the wanted and
+    /// the actual value.
     #[error("{0}")]
     BadParameter(String),
     /// The inputs are sound one by one, but this stage cannot work with them.
     #[error("{0}")]
     Failed(String),
-    /// The run was asked to stop.
+    /// The run was cancelled.
     #[error("cancelled")]
     Cancelled,
 }
 
-/// A flag that asks a run to stop; stages look at it between pieces of work.
+/// A flag that cancels a run; stages read it between pieces of work.
 #[derive(Clone, Default)]
 pub struct Cancel(Arc<AtomicBool>);
 
 impl Cancel {
+    /// Requests the end of the run; stages notice it at their next check.
     pub fn cancel(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
+    /// Whether [`Cancel::cancel`] was called.
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
@@ -62,6 +70,7 @@ pub struct Context {
 pub struct Services(BTreeMap<TypeId, Arc<dyn Any + Send + Sync>>);
 
 impl Services {
+    /// Adds a service; stages find it by its type. A second one of a type replaces the first.
     pub fn with<T: Any + Send + Sync>(mut self, service: T) -> Services {
         self.0.insert(TypeId::of::<T>(), Arc::new(service));
         self
@@ -83,12 +92,13 @@ pub(super) struct Shared {
 }
 
 impl Shared {
+    /// Creates the shared part of the contexts of one engine.
     pub fn new(services: Services) -> Shared {
         Shared { services, ..Shared::default() }
     }
 }
 
-/// The digest of the file, and the name of what is made.
+/// The digest of the file, and the name of the derived value.
 type MadeOf = ([u8; 32], String);
 type Made = Result<Arc<dyn Any + Send + Sync>, NodeError>;
 
@@ -101,6 +111,7 @@ struct Meters {
 }
 
 impl Context {
+    /// Creates the context of one node. `digests` lists the declared files that the node may read.
     pub(super) fn new(
         cancel: Cancel,
         digests: Vec<(File, Digest)>,
@@ -126,11 +137,14 @@ impl Context {
     }
 
     /// Returns the value that `make` derives from the bytes of a declared file. It is made once for
-    /// all nodes of the engine that ask for it under the same `name`, and kept as long as the
+    /// all nodes of the engine that request it under the same `name`, and kept as long as the
     /// engine.
     ///
     /// # Errors
     /// The errors of reading the file and of `make`; two types under one name.
+    ///
+    /// # Panics
+    /// Another thread panicked while it looked up a shared value.
     pub fn shared<T: Send + Sync + 'static>(
         &self,
         file: &File,
@@ -175,7 +189,7 @@ impl Context {
         self.deadline.is_some()
     }
 
-    /// Whether to stop with what there is: the time of the budget is over, or the run was
+    /// Whether to stop with the samples so far: the time of the budget is over, or the run was
     /// cancelled. Once this has returned true, its result is used in this run and not kept, as it
     /// depends on more than its key.
     pub fn out_of_time(&self) -> bool {
@@ -219,22 +233,27 @@ impl Context {
         self.lock().notes.push(message.into());
     }
 
+    /// Returns the number of rays that the stage has counted.
     pub fn rays(&self) -> u64 {
         self.rays.load(Ordering::Relaxed)
     }
 
+    /// Returns the recorded mean relative standard error, if there is one.
     pub fn stderr(&self) -> Option<f64> {
         self.lock().stderr
     }
 
+    /// Returns the recorded mean number of samples, if there is one.
     pub fn samples(&self) -> Option<f64> {
         self.lock().samples
     }
 
+    /// Returns the warnings so far, in the order of their calls.
     pub fn warnings(&self) -> Vec<String> {
         self.lock().warnings.clone()
     }
 
+    /// Returns the notes so far, in the order of their calls.
     pub fn notes(&self) -> Vec<String> {
         self.lock().notes.clone()
     }

@@ -47,6 +47,7 @@ impl Diagnostics {
         self.found
     }
 
+    /// Whether no fault was found.
     pub fn is_empty(&self) -> bool {
         self.found == 0
     }

@@ -12,7 +12,7 @@
 //! holds lengths and digests of the values, so that it can be read and trusted by itself. Access
 //! times are the files' modification times, set when a result is used.
 //!
-//! A folder may hold what strangers put there. The keyed digest makes an entry of another key a
+//! A folder may contain files of other users. The keyed digest makes an entry of another key a
 //! miss; only regular files with names of the forms above are read or deleted, and no symbolic link
 //! within the folder is followed.
 
@@ -72,6 +72,7 @@ impl std::fmt::Debug for CacheKey {
 /// A cache folder and how it is used.
 #[derive(Clone, Debug)]
 pub struct CacheFolder {
+    /// The folder; it is created when the first result is stored.
     pub path: PathBuf,
     /// Entries that another key signed count as missing.
     pub key: CacheKey,
@@ -105,6 +106,7 @@ pub struct DiskCache {
 pub struct CacheReport {
     /// Entries that are there after this call.
     pub entries: u64,
+    /// Length of these entries on disk, bytes.
     pub bytes: u64,
     /// Entries deleted by this call.
     pub removed: u64,
@@ -119,9 +121,9 @@ pub struct CacheReport {
 pub(super) enum Found {
     Nothing,
     Header(Header),
-    /// There was something, but not what was written: what is wrong with it.
+    /// An entry exists, but is damaged: the reason.
     Damaged(String),
-    /// Somebody else's entry, which counts as missing: what it is.
+    /// An entry of another user, which counts as missing: the reason.
     Foreign(String),
 }
 
@@ -174,6 +176,7 @@ impl DiskCache {
         }
     }
 
+    /// Returns the path of the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -289,6 +292,9 @@ impl DiskCache {
     ///
     /// # Errors
     /// The errors of [`DiskCache::stat`].
+    ///
+    /// # Panics
+    /// Another thread panicked while it updated the total size.
     pub fn gc(&self, bytes: u64) -> io::Result<CacheReport> {
         self.check_mark()?;
         self.sweep();
@@ -310,7 +316,7 @@ impl DiskCache {
         Ok(sum(&kept, report))
     }
 
-    /// Reads everything, checks every checksum and signature, deletes what is damaged.
+    /// Reads everything, checks every checksum and signature, deletes damaged entries.
     ///
     /// # Errors
     /// The errors of [`DiskCache::stat`].
@@ -338,6 +344,9 @@ impl DiskCache {
     ///
     /// # Errors
     /// The errors of [`DiskCache::stat`], but for a cache of another version.
+    ///
+    /// # Panics
+    /// Another thread panicked while it updated the total size.
     pub fn clear(&self) -> io::Result<CacheReport> {
         if !matches!(self.mark()?, Mark::OtherFormat) {
             self.check_mark()?;
@@ -423,6 +432,9 @@ impl DiskCache {
     }
 
     /// The checked bytes of one value of a result whose header gave `digest`.
+    ///
+    /// # Errors
+    /// The value is missing, damaged, or signed by another key.
     pub(super) fn value(&self, key: &Digest, index: usize, port: &PortSpec, digest: Digest) -> Result<Vec<u8>, Loss> {
         let lost = |unusable| match unusable {
             Unusable::Damaged(damage) => Loss::Damaged(damage),
@@ -436,6 +448,9 @@ impl DiskCache {
     }
 
     /// Writes a result: to a temporary file, synced, then renamed. Older results make room.
+    ///
+    /// # Errors
+    /// The folder cannot be created or written.
     pub(super) fn store(&self, key: &Digest, header: &Header, values: &[Value], limit: u64) -> io::Result<()> {
         let header = postcard::to_stdvec(header).expect("headers hold plain data, which postcard always encodes");
         let bytes = PREAMBLE + header.len() as u64 + values.iter().map(|v| v.length).sum::<u64>();
@@ -449,7 +464,7 @@ impl DiskCache {
             self.folder_of(&format!("entries/{}", &key.to_string()[..2]))?;
         }
         let mut file = self.builder(0o666).prefix(NEW).tempfile_in(self.folder_of("tmp")?)?;
-        // Where the file system has no locks, age alone identifies stale files.
+        // On a file system without locks, age alone identifies stale files.
         let _ = file.as_file().try_lock();
         file.write_all(MAGIC)?;
         file.write_all(&(header.len() as u64).to_le_bytes())?;
@@ -540,6 +555,9 @@ impl DiskCache {
 
     /// Lays `keys` over the last keys. Of two processes that do so at once, one may go unheard:
     /// `explain` then compares with the result before.
+    ///
+    /// # Errors
+    /// The file of last keys cannot be written.
     pub(super) fn set_latest(&self, project: &str, keys: &BTreeMap<String, Digest>) -> io::Result<()> {
         let mut all = self.latest(project);
         let before = all.len();

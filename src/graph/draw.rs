@@ -9,7 +9,7 @@ use super::resolved_graph::{Edge, InputSelector, Instance, ResolvedGraph};
 use super::svg;
 
 impl ResolvedGraph {
-    /// Graphviz; with a run, boxes are coloured by what became of them.
+    /// Graphviz; with a run, boxes are colored by their final state.
     pub fn to_dot(&self, run: Option<&RunReport>) -> String {
         let mut text = String::from("digraph {\n  rankdir=LR;\n  node [shape=box, style=filled, fillcolor=white];\n");
         let mut line = |line: String| writeln!(text, "  {line}").expect("writing to a string");
@@ -25,7 +25,7 @@ impl ResolvedGraph {
         text
     }
 
-    /// A Mermaid flowchart; with a run, boxes are coloured by what became of them.
+    /// A Mermaid flowchart; with a run, boxes are colored by their final state.
     pub fn to_mermaid(&self, run: Option<&RunReport>) -> String {
         let mut text = String::from("flowchart LR\n");
         let mut line = |line: String| writeln!(text, "  {line}").expect("writing to a string");
@@ -59,6 +59,7 @@ impl ResolvedGraph {
 
     /// `{ nodes: [{ name, kind, member, status }], edges: [{ from, from_port, to, to_port, type }]
     /// }`
+    #[expect(clippy::missing_panics_doc, reason = "strings are always JSON")]
     pub fn to_json(&self, run: Option<&RunReport>) -> String {
         let nodes: Vec<Value> = self
             .instances

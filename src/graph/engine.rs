@@ -1,4 +1,4 @@
-//! The engine: options, cache, thread pool, and the questions one may ask it.
+//! The engine: options, cache, thread pool; runs, plans and explanations.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,13 +16,13 @@ use super::run::{RunInProgress, RunOptions};
 use super::source::Diagnostic;
 use super::store::Store;
 
-/// How an engine works. None of it but `budget` changes what comes out.
+/// Options of an engine. Only `budget` changes results.
 #[derive(Clone, Debug)]
 pub struct EngineOptions {
     /// The folder that keeps results between runs; `None` keeps them in memory only.
     pub cache: Option<CacheFolder>,
-    /// A name for what is worked on, such as the scene's folder: a cache keeps the last keys of
-    /// each, which determine why a node has to run again.
+    /// A name of the project, such as the scene's folder: a cache keeps the last keys of each,
+    /// which determine why a node has to run again.
     pub project: String,
     /// Most memory for results that no running node needs.
     pub memory_bytes: u64,
@@ -30,11 +30,11 @@ pub struct EngineOptions {
     pub disk_bytes: u64,
     /// Threads; `None` takes all that the machine has.
     pub threads: Option<usize>,
-    /// Time for each node that asks for it ([`super::Context::out_of_time`]), from its start. What
-    /// is cut short by it is used in the run and not kept; what was kept before, whole, is used as
-    /// ever.
+    /// Time for each node that observes it ([`super::Context::out_of_time`]), from its start. A
+    /// result that it cuts short is used in the run and not kept; complete results from the cache
+    /// are used as usual.
     pub budget: Option<Duration>,
-    /// Values that stages may ask for ([`super::Context::service`]).
+    /// Values that stages may request ([`super::Context::service`]).
     pub services: Services,
 }
 
@@ -59,7 +59,25 @@ const MAX_THREADS: usize = 1024;
 /// the same stack.
 const STACK_BYTES: usize = 32 << 20;
 
-/// Runs graphs, and keeps what they gave.
+/// Runs graphs, and caches their results.
+///
+/// The example reads the photo of a scene. [`RunReport::value`] returns a plane of the run.
+///
+/// ```
+/// use relight::files::scene;
+/// use relight::graph::{Cancel, Engine, EngineOptions, GraphFile, Source};
+/// use relight::{image::Picture, nodes};
+///
+/// let text = r#"Graph(version: 1, nodes: {"photo": (op: ReadPhoto(long_side: 64))}, outputs: ["photo.small"])"#;
+/// let file = GraphFile::parse(Source::new("photo.ron", text)).expect("the text is a graph");
+/// let settings = scene::read("tests/scenes/small".as_ref(), Some(&["ReadPhoto"])).expect("the scene is sound");
+/// let graph = file.resolve(&nodes::registry(), &settings).expect("kinds, ports and files are there");
+/// let wanted = graph.wanted(None).expect("the graph names an output");
+/// let engine = Engine::new(EngineOptions::default()).expect("threads can be started");
+/// let report = engine.run(&graph, &wanted, &Cancel::default(), &());
+/// let small = report.value::<Picture>("photo.small").expect("the run is complete");
+/// assert_eq!(small.0.width(), 64);
+/// ```
 pub struct Engine {
     budget: Option<Duration>,
     pool: rayon::ThreadPool,
@@ -105,11 +123,12 @@ impl Engine {
         Ok(Engine { budget: options.budget, pool, store, shared })
     }
 
+    /// Returns the number of worker threads.
     pub fn threads(&self) -> usize {
         self.pool.current_num_threads()
     }
 
-    /// Makes what is wanted, running only nodes whose key is new.
+    /// Computes the wanted outputs, running only nodes whose key is new.
     pub fn run(&self, graph: &ResolvedGraph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> RunReport {
         self.go(graph, wanted, cancel, observer, false).0
     }
@@ -158,7 +177,8 @@ impl Engine {
     /// last one of that name.
     ///
     /// # Errors
-    /// The graph has no such node, or the name means several instances.
+    /// The graph does not have such a node, or the name means several instances.
+    #[expect(clippy::missing_panics_doc, reason = "the plan contains every wanted node")]
     pub fn explain(&self, graph: &ResolvedGraph, node: &str) -> Result<Explanation, Diagnostic> {
         let (_, instances) = graph.find(node)?;
         if instances.len() != 1 {

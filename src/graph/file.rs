@@ -1,5 +1,5 @@
-//! Graph files: parsed with all their places, a child laid over what it extends. Kinds and ports
-//! are looked up later, by [`GraphFile::resolve`].
+//! Graph files: parsed with the locations of all their parts, a child over the graph that it
+//! extends. Kinds and ports are looked up later, by [`GraphFile::resolve`].
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -16,6 +16,18 @@ const VERSION: u32 = 1;
 const MAX_NODES: usize = 10_000;
 
 /// A graph file with everything that it extends.
+///
+/// ```
+/// use relight::graph::{GraphFile, Source};
+///
+/// let text = r#"Graph(version: 1, nodes: {
+///     "scene": (op: ReadScene()),
+///     "room": (op: Mesh(), in: {"depth": "scene.depth"}),
+/// })"#;
+/// let file = GraphFile::parse(Source::new("room.ron", text)).expect("the text is a graph");
+/// assert!(file.nodes().map(|node| node.kind).eq(["ReadScene", "Mesh"]));
+/// assert!(file.wired("room", "depth").eq(["scene.depth"]));
+/// ```
 pub struct GraphFile {
     path: PathBuf,
     /// This file and those that it extends.
@@ -33,14 +45,19 @@ pub struct GraphFile {
 
 /// A set of member names, as the graph file gives it.
 pub struct SetInfo<'a> {
+    /// Name of the set.
     pub name: &'a str,
+    /// Members, in the order of the file.
     pub members: Vec<&'a str>,
 }
 
 /// A node, as the graph file gives it.
 pub struct NodeInfo<'a> {
+    /// Name of the node.
     pub name: &'a str,
+    /// Kind of its stage, as the file spells it; empty where the file names none.
     pub kind: &'a str,
+    /// The set that the node has an instance for each member of.
     pub each: Option<&'a str>,
 }
 
@@ -52,6 +69,7 @@ pub struct NodeInfo<'a> {
 pub struct Overlay {
     /// In order: a later one wins.
     pub settings: Vec<Setting>,
+    /// Additional members, in order.
     pub members: Vec<Member>,
 }
 
@@ -59,8 +77,11 @@ pub struct Overlay {
 /// of its source.
 #[derive(Clone)]
 pub struct Setting {
+    /// The nodes that the parameter is set in.
     pub target: Target,
+    /// Name of the parameter.
     pub field: String,
+    /// Value, as RON.
     pub value: Raw,
 }
 
@@ -76,8 +97,11 @@ pub enum Target {
 /// One more member of a set.
 #[derive(Clone)]
 pub struct Member {
+    /// Name of the set.
     pub set: String,
+    /// Name of the member.
     pub name: String,
+    /// Location of the name, for messages.
     pub origin: Origin,
 }
 
@@ -118,9 +142,9 @@ struct GraphLayer {
 }
 
 impl GraphFile {
-    /// Reads a graph file and what it extends. Fails only where nothing can be made of them:
-    /// unreadable, brackets that do not match, a parent that is not there. All other faults are
-    /// reported by [`GraphFile::resolve`], at once.
+    /// Reads a graph file and the files that it extends. Fails only if a file is unreadable, its
+    /// brackets do not match, or a parent is missing. All other faults are reported by
+    /// [`GraphFile::resolve`], at once.
     ///
     /// # Errors
     /// The file or one that it extends cannot be read or split into fields.
@@ -175,6 +199,7 @@ impl GraphFile {
         Ok(file)
     }
 
+    /// Returns the path of the graph file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -199,12 +224,14 @@ impl GraphFile {
         }
     }
 
+    /// Lists the sets, in the order of the file.
     pub fn sets(&self) -> impl Iterator<Item = SetInfo<'_>> {
         self.sets
             .iter()
             .map(|set| SetInfo { name: &set.name.name, members: set.members.iter().map(|m| m.name.as_str()).collect() })
     }
 
+    /// Lists the nodes, in the order of the file.
     pub fn nodes(&self) -> impl Iterator<Item = NodeInfo<'_>> {
         self.nodes.iter().map(|node| NodeInfo {
             name: &node.name.name,
@@ -244,6 +271,7 @@ impl GraphFile {
     /// Puts the current names of `registry` in the place of old ones of kinds, inputs and outputs,
     /// each with a warning ([`super::ResolvedGraph::warnings`]). A node of an old kind lies over
     /// one of its new name.
+    #[expect(clippy::missing_panics_doc, reason = "a node is its own last layer")]
     pub fn accept_old_names(&mut self, registry: &Registry) {
         let warnings = &mut self.warnings;
         for node in &mut self.nodes {
@@ -482,6 +510,7 @@ fn names(values: &[Raw], faults: &mut Diagnostics) -> Vec<Key> {
     keys
 }
 
+/// Adds a fault unless `name` is a name: letters, digits and `_`, a letter first.
 pub(super) fn check_name(name: &str, origin: &Origin, what: &str, faults: &mut Diagnostics) {
     if !is_name(name) {
         let message = || format!("wanted a {what} name of letters, digits and _, letter first, got `{name}`");

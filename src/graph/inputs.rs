@@ -37,6 +37,9 @@ pub(super) fn holds(when: &Edge, result: &Header) -> bool {
 }
 
 /// Resolves the inputs of instance `at`, port by port.
+///
+/// # Errors
+/// A selected member does not exist, or one input receives a member twice.
 pub(super) fn resolve_inputs(graph: &ResolvedGraph, at: usize, before: &Before) -> Result<Vec<ResolvedInput>, String> {
     let instance = &graph.instances[at];
     let ports = &graph.nodes[instance.node].inputs;
@@ -89,7 +92,7 @@ fn no_member(graph: &ResolvedGraph, port: &PortSpec, edge: &Edge, member: &str, 
     format!("input `{}` wanted the member `{member}` of `{}.{output}`, which gives: {there}", port.name, node.name)
 }
 
-/// The key manifest of instance `at`, from what it takes.
+/// The key manifest of instance `at`, from its inputs.
 pub(super) fn key_manifest(graph: &ResolvedGraph, at: usize, inputs: &[ResolvedInput], before: &Before) -> String {
     let node = &graph.nodes[graph.instances[at].node];
     let mut text = String::with_capacity(node.key_head.len() + 100 * (inputs.len() + 1));

@@ -40,6 +40,7 @@ pub(super) fn gather_line(text: &mut String, port: &str, members: usize) {
     writeln!(text, "members {port}: {members}").expect("writing to a string");
 }
 
+/// Computes the digest of a key manifest.
 pub(super) fn digest(text: &str) -> Digest {
     Digest(*blake3::hash(text.as_bytes()).as_bytes())
 }
@@ -52,6 +53,7 @@ pub(super) struct Why {
 }
 
 impl Why {
+    /// Creates a reason without lines to compare.
     pub fn plain(why: &str) -> Why {
         Why { old: None, new: None, why: why.to_owned() }
     }

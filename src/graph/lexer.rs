@@ -23,8 +23,7 @@ pub(super) struct Token {
 }
 
 /// The tokens of `text` one after the other, comments left out; last the place and kind of a text
-/// that is never closed, if there is one. Nothing behind the last token that was asked for is
-/// looked at.
+/// that is never closed, if there is one. The lexer reads nothing behind the last requested token.
 pub(super) fn tokens(text: &str) -> Tokens<'_> {
     Tokens { text, at: 0 }
 }

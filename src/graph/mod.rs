@@ -73,7 +73,10 @@ impl serde::Serialize for Digest {
     }
 }
 
-/// Any serialisable value as one line of RON: how parameters stand in keys and in the reference.
+/// Any serializable value as one line of RON: how parameters stand in keys and in the reference.
+///
+/// # Panics
+/// The value has no RON form, such as a type whose own serialization fails.
 pub fn to_ron<T: serde::Serialize>(value: &T) -> String {
     ron::to_string(value).expect("parameters are plain data, which RON always writes")
 }

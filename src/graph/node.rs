@@ -1,4 +1,4 @@
-//! How a stage is written: parameters, ports, and a `run`.
+//! Traits and macros of a stage: parameters, ports, and `run`.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -48,7 +48,9 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
     const KIND: &'static str;
     /// Raised whenever the same inputs give other outputs than before; part of every key.
     const VERSION: u32;
+    /// The input ports.
     type In: Inputs;
+    /// The output ports.
     type Out: Outputs;
 
     /// Checks the parameters: their declared ranges, then [`Node::check_consistency`], which a
@@ -61,7 +63,8 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
         self.check_consistency()
     }
 
-    /// Checks what no range expresses: relations between parameters, and fields of nested types.
+    /// Checks conditions that no range expresses: relations between parameters, and fields of
+    /// nested types.
     ///
     /// # Errors
     /// A message that begins with the name of the parameter, by which its place in the file is
@@ -70,33 +73,42 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
         Ok(())
     }
 
-    /// The files that `run` will read. Their digests, never their paths, are in the key. Asked
-    /// again once they have their folders: what a file names in its turn ([`File::read_unchecked`])
+    /// The files that `run` will read. Their digests, never their paths, are in the key. Called
+    /// again once they have their folders: the files that a file names ([`File::read_unchecked`])
     /// can then be declared too.
     fn files(&mut self) -> Vec<&mut File> {
         Vec::new()
     }
 
-    /// Pure: what it returns depends on nothing but the parameters, the files named by
-    /// [`Node::files`] and the inputs.
+    /// Computes the outputs. The function is pure: its result depends only on the parameters, the
+    /// files named by [`Node::files`] and the inputs.
+    ///
+    /// # Errors
+    /// [`NodeError`]: a file, the parameters or the inputs cannot be used, or the run was
+    /// cancelled.
     fn run(&self, inputs: Self::In, ctx: &Context) -> Result<Self::Out, NodeError>;
 }
 
 /// A parameter's description, for the reference and for messages.
 #[derive(Clone, Debug)]
 pub struct ParamSpec {
+    /// Name of the parameter.
     pub name: &'static str,
+    /// Type of the parameter, as Rust writes it.
     pub type_name: &'static str,
     /// The default as RON.
     pub default: String,
     /// The declared range, such as `0..=1`.
     pub range: Option<String>,
+    /// Documentation of the parameter.
     pub doc: &'static str,
 }
 
 /// Implemented by [`params!`](crate::params).
 pub trait Params: Default {
+    /// Documentation of the stage.
     const DOC: &'static str;
+    /// Lists the parameters, in the order of declaration.
     fn params() -> Vec<ParamSpec>;
     /// Checks every parameter against its declared range, in the order of declaration.
     ///
@@ -162,7 +174,7 @@ macro_rules! params {
     };
 }
 
-/// How many values a port takes or gives.
+/// The number of values at a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Arity {
     /// `Arc<T>`: exactly one value.
@@ -178,17 +190,24 @@ pub enum Arity {
 /// A port's description.
 #[derive(Clone, Debug)]
 pub struct PortSpec {
+    /// Name of the port.
     pub name: &'static str,
+    /// Type of its artifacts.
     pub type_name: &'static str,
+    /// Number of its values.
     pub arity: Arity,
+    /// Documentation of the port.
     pub doc: &'static str,
 }
 
 /// The values at one port, with the member names where the port is a [`Gather`] or [`Scatter`].
 #[derive(Clone)]
 pub enum PortValue {
+    /// Exactly one value.
     One(Value),
+    /// No value: an optional port without a wire, or a condition that does not hold.
     Missing,
+    /// Values by member, in member order.
     Many(Vec<(String, Value)>),
 }
 
@@ -196,10 +215,12 @@ pub enum PortValue {
 pub struct Gather<T>(pub Vec<(String, Arc<T>)>);
 
 impl<T> Gather<T> {
+    /// Returns the value of one member.
     pub fn get(&self, member: &str) -> Option<&Arc<T>> {
         self.0.iter().find(|(name, _)| name == member).map(|(_, value)| value)
     }
 
+    /// Iterates over members and values, in member order.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Arc<T>)> {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
@@ -211,6 +232,7 @@ pub struct Scatter<T>(pub Vec<(String, Arc<T>)>);
 
 /// The input ports of a stage; made by [`ports!`](crate::ports).
 pub trait Inputs: Sized {
+    /// Lists the ports, in the order of declaration.
     fn ports() -> Vec<PortSpec>;
     /// `values` are in the order of [`Inputs::ports`] and already checked against it.
     fn take(values: Vec<PortValue>) -> Self;
@@ -218,27 +240,43 @@ pub trait Inputs: Sized {
 
 /// The output ports of a stage; made by [`ports!`](crate::ports).
 pub trait Outputs: Sized {
+    /// Lists the ports, in the order of declaration.
     fn ports() -> Vec<PortSpec>;
     /// In the order of [`Outputs::ports`].
     fn give(self) -> Vec<PortValue>;
     /// Decodes one stored value of the port at `index` of [`Outputs::ports`], whose `digest` was
     /// checked.
+    ///
+    /// # Errors
+    /// There is no such port, or the bytes are not a valid value of its type.
     fn decode(index: usize, bytes: Vec<u8>, digest: Digest) -> Result<Value, String>;
 }
 
 /// A field type that can be an input port.
 pub trait InPort: Sized {
+    /// Name of the artifact type.
     const TYPE: &'static str;
+    /// Number of values that the port takes.
     const ARITY: Arity;
+    /// Converts a value that was checked against [`InPort::TYPE`] and [`InPort::ARITY`].
+    ///
+    /// # Panics
+    /// The value has another type or arity.
     fn take(value: PortValue) -> Self;
 }
 
 /// A field type that can be an output port.
 pub trait OutPort: Sized {
+    /// Name of the artifact type.
     const TYPE: &'static str;
+    /// Number of values that the port gives.
     const ARITY: Arity;
     /// Decodes one stored value of this port's type, whose `digest` was checked.
+    ///
+    /// # Errors
+    /// The bytes are not a valid value of the type.
     fn decode(bytes: Vec<u8>, digest: Digest) -> Result<Value, String>;
+    /// Converts the field to the values of the port.
     fn give(self) -> PortValue;
 }
 
@@ -327,6 +365,7 @@ impl<T: Artifact> OutPort for Scatter<T> {
 #[macro_export]
 macro_rules! ports {
     ($vis:vis input $name:ident { $( $(#[doc = $doc:literal])* $field:ident : $ty:ty ),* $(,)? }) => {
+        /// Values at the input ports of a stage, one field per port.
         $vis struct $name { $( $(#[doc = $doc])* pub $field: $ty ),* }
         impl $crate::graph::Inputs for $name {
             fn ports() -> Vec<$crate::graph::PortSpec> {
@@ -346,6 +385,7 @@ macro_rules! ports {
         }
     };
     ($vis:vis output $name:ident { $( $(#[doc = $doc:literal])* $field:ident : $ty:ty ),* $(,)? }) => {
+        /// Values at the output ports of a stage, one field per port.
         $vis struct $name { $( $(#[doc = $doc])* pub $field: $ty ),* }
         impl $crate::graph::Outputs for $name {
             fn ports() -> Vec<$crate::graph::PortSpec> {

@@ -39,6 +39,7 @@ floats! { f32 f64 }
 
 /// A parameter type that a range can bound: one number, or several with the same bounds.
 pub trait Ranged {
+    /// The type of one number.
     type Number: Number;
     /// The first number that is not finite or lies outside `range`, as text; `None` when all lie
     /// inside.

@@ -26,13 +26,16 @@ fn is_word(text: &str) -> bool {
 /// The name of an entry, and where it stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Key {
+    /// The name.
     pub name: String,
+    /// Its location in the file.
     pub origin: Origin,
 }
 
 /// A RON value still as text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Raw {
+    /// The location of the value, which contains its text.
     pub origin: Origin,
 }
 
@@ -52,10 +55,12 @@ impl Raw {
         sound.then(|| whole.part(first.span.start..last.span.end))
     }
 
+    /// Returns the text of the value.
     pub fn text(&self) -> &str {
         self.origin.text()
     }
 
+    /// Creates a fault at this value.
     pub fn fault(&self, message: impl Into<String>) -> Diagnostic {
         Diagnostic::at(&self.origin, message)
     }
@@ -109,7 +114,7 @@ impl Raw {
         fields
     }
 
-    /// The fields of `Name(a: .., b: ..)`, whatever they are called; none for a mere `Name`.
+    /// The fields of `Name(a: .., b: ..)`, for any name; none for a mere `Name`.
     pub(super) fn fields(&self, what: &str, faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
         if self.variant().is_some_and(|v| v.len() == self.text().len()) {
             return Vec::new();

@@ -18,6 +18,7 @@ pub const MAX_FILE_BYTES: u64 = 2 << 30;
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct File {
+    /// The path as it is written.
     pub path: String,
     /// The folder that a relative path starts from; set by the engine when it reads the parameter,
     /// never part of a key.
@@ -29,13 +30,15 @@ pub struct File {
 }
 
 impl File {
+    /// Names a file by its path; loading the graph determines the folder that a relative path
+    /// starts from.
     pub fn new(path: impl Into<String>) -> File {
         File { path: path.into(), base: None, within: None }
     }
 
     /// Returns the bytes before the digest is known, for a stage that must find the files that this
-    /// one names; none when it has no folder yet or cannot be read, which is an error when its
-    /// digest is made.
+    /// one names; `None` when it has no folder yet or cannot be read, which is an error when its
+    /// digest is computed.
     pub fn read_unchecked(&self) -> Option<Vec<u8>> {
         self.base.as_ref().and_then(|_| self.read().ok())
     }
@@ -50,6 +53,9 @@ impl File {
     }
 
     /// The open file, with the checks of [`File::read`].
+    ///
+    /// # Errors
+    /// The errors of [`File::read`].
     pub(super) fn open(&self) -> io::Result<fs::File> {
         let place = self.location();
         match &self.within {
@@ -82,8 +88,11 @@ pub fn open(path: &Path, limit: u64) -> io::Result<fs::File> {
     Ok(opened(path, limit, true)?.0)
 }
 
-/// The file and what is known of it, for a path within the cache, whose last component must not be
-/// a symbolic link.
+/// The file and its metadata, for a path within the cache, whose last component must not be a
+/// symbolic link.
+///
+/// # Errors
+/// The path does not name a regular file of at most `limit` bytes, or cannot be opened.
 pub(super) fn open_no_follow(path: &Path, limit: u64) -> io::Result<(fs::File, Metadata)> {
     #[cfg(not(unix))]
     check(&path.symlink_metadata()?, limit)?;
@@ -104,6 +113,9 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 }
 
 /// The rest of an open file, at most `limit` bytes.
+///
+/// # Errors
+/// The file is longer than `limit`, or cannot be read.
 pub(super) fn read_all(file: fs::File, limit: u64) -> io::Result<Vec<u8>> {
     let size = file.metadata()?.len();
     let mut bytes = Vec::with_capacity(size.min(limit) as usize);

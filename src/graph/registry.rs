@@ -20,16 +20,23 @@ pub struct Registry {
 
 /// A kind's description: the source of checks, of messages and of the node reference.
 pub struct KindSpec {
+    /// Name of the kind in graph files.
     pub kind: &'static str,
+    /// [`Node::VERSION`] of the stage.
     pub version: u32,
+    /// Documentation of the stage.
     pub doc: &'static str,
+    /// Parameters, in the order of declaration.
     pub params: Vec<ParamSpec>,
+    /// Input ports, in the order of declaration.
     pub inputs: Vec<PortSpec>,
+    /// Output ports, in the order of declaration.
     pub outputs: Vec<PortSpec>,
     pub(super) make: fn() -> Box<dyn AnyNode>,
 }
 
 impl Registry {
+    /// Creates an empty list.
     pub fn new() -> Registry {
         Registry::default()
     }
@@ -111,6 +118,7 @@ impl Registry {
         self.kinds.iter()
     }
 
+    /// Returns the description of a kind.
     pub fn get(&self, kind: &str) -> Option<&KindSpec> {
         self.kinds.iter().find(|k| k.kind == kind)
     }

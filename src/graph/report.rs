@@ -10,10 +10,13 @@ use super::{Artifact, Digest, PortValue};
 pub enum Status {
     /// Its result was there already.
     Hit,
+    /// Its stage ran and gave its outputs.
     Ran,
+    /// Its stage ran and gave an error.
     Failed,
     /// Not run, because something it depends on failed.
     Blocked,
+    /// Not run, or not to its end, because the run was cancelled.
     Cancelled,
 }
 
@@ -34,7 +37,9 @@ impl std::fmt::Display for Status {
 pub struct NodeReport {
     /// `direct[lamp_0]`
     pub name: String,
+    /// Kind of the node's stage.
     pub kind: &'static str,
+    /// Final state.
     pub status: Status,
     /// Wall time of the stage itself; 0 unless it ran.
     pub seconds: f64,
@@ -52,16 +57,17 @@ pub struct NodeReport {
     pub key: Option<Digest>,
     /// Why a node ran: `new`, or the first line of its key that changed.
     pub why: Option<String>,
+    /// Warnings of the stage.
     pub warnings: Vec<String>,
     /// Notes of the stage about its result that need no action.
     pub notes: Vec<String>,
-    /// Why it failed, or what it was blocked by.
+    /// The error of a failed node, or the node that blocked it.
     pub error: Option<String>,
     /// It failed because of a file that a person named, or a parameter that a person set.
     pub bad_file: bool,
 }
 
-/// How a run ended.
+/// The way in which a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
     /// Every node gave its result.
@@ -70,6 +76,7 @@ pub enum Ending {
     Failed,
     /// Stages failed, all because of a file that a person named or a parameter that a person set.
     BadInput,
+    /// The run was cancelled.
     Cancelled,
 }
 
@@ -84,6 +91,7 @@ pub struct RunReport {
     pub warnings: Vec<String>,
     /// Most memory that values took at one time.
     pub peak_bytes: u64,
+    /// Wall time of the run.
     pub seconds: f64,
 }
 
@@ -93,7 +101,7 @@ impl RunReport {
         self.nodes.iter().all(|n| matches!(n.status, Status::Hit | Status::Ran))
     }
 
-    /// How the run ended; a cancelled one is that whatever failed in it.
+    /// The way in which the run ended; a cancelled run counts as cancelled even if a node failed.
     pub fn ending(&self) -> Ending {
         let failed = || self.nodes.iter().filter(|n| n.status == Status::Failed);
         if self.nodes.iter().any(|n| n.status == Status::Cancelled) {
@@ -150,9 +158,11 @@ impl Observer for () {}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Planned {
+    /// Its result is in the cache.
     Hit,
+    /// It has to run.
     Run,
-    /// Depends on what something upstream gives, that has to run first.
+    /// Depends on the result of an upstream node that has to run first.
     Unknown,
     /// Its condition does not hold.
     Skip,
@@ -172,23 +182,29 @@ impl std::fmt::Display for Planned {
 /// One line of [`super::Engine::plan`].
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct PlanLine {
+    /// Node instance: `direct[lamp_0]`.
     pub node: String,
+    /// Kind of the node's stage.
     pub kind: &'static str,
+    /// Expected state.
     pub status: Planned,
-    /// Why it has to run, or what it waits for.
+    /// The reason why it has to run, or the node that it waits for.
     pub why: Option<String>,
 }
 
 /// Answer of [`super::Engine::explain`].
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Explanation {
+    /// Node instance: `direct[lamp_0]`.
     pub node: String,
+    /// Expected state.
     pub status: Planned,
     /// One sentence: `parameter samples: 16 -> 32`.
     pub why: String,
     /// The first line of the key manifest that differs from the last stored one, as it was and as
     /// it is.
     pub old: Option<String>,
+    /// The line of the current key manifest in the place of `old`.
     pub new: Option<String>,
     /// The whole key manifest, where it is known.
     pub key_manifest: Option<String>,
@@ -197,15 +213,20 @@ pub struct Explanation {
 /// A result that came out differently when [`super::Engine::verify`] made it again.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Difference {
+    /// Node instance: `direct[lamp_0]`.
     pub node: String,
     /// Output port, with the member where there is one: `mask[lamp_0]`.
     pub port: String,
+    /// Digest of the stored value; `None` where nothing was stored.
     pub stored: Option<Digest>,
+    /// Digest of the recomputed value; `None` where it has no value.
     pub computed: Option<Digest>,
 }
 
 /// Answer of [`super::Engine::verify`].
 pub struct VerifyReport {
+    /// Report of the run that recomputed the results.
     pub run: RunReport,
+    /// The results that differ.
     pub differences: Vec<Difference>,
 }

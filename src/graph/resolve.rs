@@ -64,10 +64,10 @@ impl Wired {
 }
 
 /// Results of resolving a graph file that hold for other overlays too: digests of files, and nodes
-/// and wires by what they were made of.
+/// and wires by their declarations.
 ///
-/// With it, a frame of a sequence costs what it changes. It belongs to one graph file and one
-/// registry.
+/// Makes the cost of a frame of a sequence proportional to its changes. It belongs to one graph
+/// file and one registry.
 #[derive(Default)]
 pub struct Resolved {
     digests: FileDigests,
@@ -431,8 +431,8 @@ impl GraphFile {
         }
     }
 
-    /// Nodes in an order in which each comes after what it takes from, otherwise as declared.
-    /// Cycles are faults.
+    /// Topological order: each node comes after its sources, otherwise as declared. Cycles are
+    /// faults.
     fn order(&self, wired: &[Wired], faults: &mut Diagnostics) -> Vec<usize> {
         let mut graph = DiGraph::<usize, ()>::new();
         let indices: Vec<_> = (0..wired.len()).map(|node| graph.add_node(node)).collect();

@@ -10,8 +10,7 @@ use super::registry::AnyNode;
 use super::source::Diagnostic;
 use super::{Digest, File, PortSpec};
 
-/// A graph that was checked against the registry: running it cannot fail for want of a name, a type
-/// or a file.
+/// A graph that was checked against the registry: every name, type and file of a run is present.
 pub struct ResolvedGraph {
     pub(super) nodes: Vec<GraphNode>,
     /// Every instance comes after all that it takes from.
@@ -47,8 +46,8 @@ pub(super) struct Instance {
     /// The output that must have a value; without one, the instance is not run.
     pub when: Option<Edge>,
     /// The instances that decide whether it runs, each once, ascending: that of `when`, and those
-    /// behind inputs that it needs which may not be run themselves. Nothing else is asked for on
-    /// its behalf before they are known.
+    /// behind inputs that it needs which may not be run themselves. No other node runs on its
+    /// behalf before their results are known.
     pub conditions: Vec<usize>,
     /// The instances that it takes from and those of `conditions`, each once, ascending.
     pub from: Vec<usize>,
@@ -78,7 +77,7 @@ pub(super) enum InputSelector {
     All,
 }
 
-/// The outputs asked of a run.
+/// The requested outputs of a run.
 #[derive(Clone)]
 pub struct Wanted {
     pub(super) outputs: Vec<WantedOutput>,
@@ -96,6 +95,7 @@ pub(super) struct WantedOutput {
 }
 
 impl Input {
+    /// Returns the wires that end at the input, in member order.
     pub fn edges(&self) -> &[Edge] {
         match self {
             Input::Missing => &[],
@@ -123,8 +123,8 @@ impl Wanted {
 
 impl ResolvedGraph {
     /// The files that a run of this graph reads, and those that its scene and its edit name,
-    /// whether a stage reads them or not: what must not be taken for a result and replaced.
-    /// Existing files only.
+    /// whether a stage reads them or not: a run must not overwrite them. The list contains existing
+    /// files only.
     pub fn inputs(&self) -> BTreeSet<PathBuf> {
         let of_nodes = self.nodes.iter().flat_map(|node| node.files.iter().map(|(file, _)| file.location()));
         let named = self.settings.iter().flat_map(|value| {
@@ -191,6 +191,9 @@ impl ResolvedGraph {
     }
 
     /// The node, and those of its instances that `name` (`node` or `node[member]`) means.
+    ///
+    /// # Errors
+    /// The graph does not have such a node or member.
     pub(super) fn find(&self, name: &str) -> Result<(&GraphNode, Range<usize>), Diagnostic> {
         if let Some(node) = self.nodes.iter().find(|n| n.name == name) {
             return Ok((node, node.instances.clone()));

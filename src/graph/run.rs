@@ -3,8 +3,8 @@
 //!
 //! A stage may use the same threads inside (`par_iter`), and a thread that waits there may take up
 //! another node. So no lock is held while a stage works, and no node ever waits on a thread for
-//! another: what cannot go on is put aside and taken up again by whoever finishes what it waited
-//! for.
+//! another: an instance that cannot continue is put aside, and resumed by the worker that completes
+//! its missing input.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -27,7 +27,7 @@ use super::{Digest, PortValue, Value, key};
 pub(super) struct RunOptions<'a> {
     pub store: &'a Store,
     pub shared: &'a Shared,
-    /// Time for each node that asks for it.
+    /// Time for each node that observes it.
     pub budget: Option<Duration>,
     pub graph: &'a ResolvedGraph,
     pub wanted: &'a Wanted,
@@ -46,9 +46,10 @@ struct RunState<'a> {
     graph: &'a ResolvedGraph,
     /// Per instance, the length of the longest chain of instances that begins there.
     chain: Vec<u32>,
-    /// Per instance, whether its result is asked for, and how far its inputs are.
+    /// Demand and progress of the inputs, per instance.
     asked: Vec<Asked>,
-    /// Per instance, how many others may still ask for its result, wanting it counted as one.
+    /// Number of other instances that may still request its result, per instance; the request of
+    /// the run counts as one.
     hopes: Vec<usize>,
     /// Per instance, those that wait for it.
     waiting: Vec<Vec<usize>>,
@@ -65,14 +66,14 @@ struct RunState<'a> {
     /// Per instance and output port, how many may still take its values; at 0 the run lets go of
     /// them.
     uses: Vec<Vec<usize>>,
-    /// Per instance, whether it has taken what it takes.
+    /// Whether the instance has taken its inputs, per instance.
     served: Vec<bool>,
     held: Vec<u64>,
     held_now: u64,
     peak: u64,
 }
 
-/// How far an instance is on its way to work.
+/// The progress of an instance towards its run.
 #[derive(Clone, Copy, PartialEq)]
 enum Asked {
     /// Nothing needs its result so far.
@@ -136,6 +137,7 @@ struct StageResult {
 }
 
 impl<'a> RunInProgress<'a> {
+    /// Creates a run in which no node has started.
     pub fn new(options: RunOptions<'a>) -> RunInProgress<'a> {
         RunInProgress { options, state: Mutex::new(RunState::new(options.graph, options.wanted)) }
     }
@@ -347,8 +349,8 @@ impl<'a> RunInProgress<'a> {
         Ok(StageResult { entry, values, seconds, rays: ctx.rays(), samples: ctx.samples() })
     }
 
-    /// A value for a stage that really runs: from memory, from disk, or made again when what is
-    /// stored is damaged.
+    /// A value for a stage that really runs: from memory, from disk, or recomputed when the stored
+    /// one is damaged.
     fn value(&self, slot: Slot) -> Result<Value, NodeFailure> {
         let Some(Outcome::Done(entry)) = self.lock().outcomes[slot.instance].clone() else {
             return Err(NodeFailure::Blocked(slot.instance));
@@ -377,7 +379,8 @@ impl<'a> RunInProgress<'a> {
             Some(Outcome::Done(entry)) => entry,
             _ => return Err(NodeFailure::Blocked(at)),
         };
-        // Without a budget: what took the stored result into its key must get that one.
+        // A key may contain the digest of the stored result; without a budget, the rerun must give
+        // that result.
         let make = |job: NodeJob| self.make(&job, self.inputs(&job)?, None).map(|made| (job, made));
         let made = self.job(at).and_then(make);
         let (outcome, report, result) = match made {
@@ -553,7 +556,7 @@ impl<'a> RunInProgress<'a> {
         self.options.wanted.outputs.iter().filter_map(output).collect()
     }
 
-    /// Counts what the run holds of a result.
+    /// Counts the memory that the run holds of a result.
     fn hold(&self, at: usize, entry: &Entry) {
         let bytes = entry.resident();
         let state = &mut *self.lock();
@@ -637,7 +640,7 @@ impl<'a> RunState<'a> {
                     }
                     needed += 1;
                     self.asked[at] = Asked::Inputs;
-                    // After a failure nothing more is asked for: the worker finds it and reports.
+                    // After a failure nothing more is requested: the worker finds it and reports.
                     self.wait(at, if fail { &[] } else { &instance.from }, &mut events);
                 }
                 (Event::Ready, _) => {
@@ -658,7 +661,7 @@ impl<'a> RunState<'a> {
         (ready, needed)
     }
 
-    /// Lets `at` wait for those of `others` that are not settled, and asks for them.
+    /// Lets `at` wait for those of `others` that are not settled, and requests them.
     fn wait(&mut self, at: usize, others: &[usize], events: &mut Vec<(usize, Event)>) {
         for &other in others.iter().filter(|&&other| self.outcomes[other].is_none()) {
             self.waiting[other].push(at);
@@ -688,7 +691,8 @@ impl<'a> RunState<'a> {
         (skip, fail)
     }
 
-    /// Instance `at` will take nothing more. What nobody else may ask for takes nothing either.
+    /// Instance `at` will take nothing more. An instance whose result nobody else may request takes
+    /// nothing either.
     fn leave(&mut self, at: usize) {
         let mut leaving = vec![at];
         while let Some(at) = leaving.pop() {
@@ -702,8 +706,8 @@ impl<'a> RunState<'a> {
         }
     }
 
-    /// Instance `at` has taken what it takes. Of ports without another taker only the header is
-    /// kept, unless nobody else holds the values.
+    /// Instance `at` has taken its inputs. Ports without another consumer keep only their header,
+    /// unless nobody else holds the values.
     fn serve(&mut self, at: usize) {
         if std::mem::replace(&mut self.served[at], true) {
             return;

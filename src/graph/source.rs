@@ -26,10 +26,12 @@ pub enum Reach {
 /// A text and the file it came from.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Source {
-    /// The file, or what stands for one (`--set`); relative paths in the text start from its
+    /// The file, or a name for another origin (`--set`); relative paths in the text start from its
     /// folder.
     pub path: PathBuf,
+    /// The text.
     pub text: String,
+    /// The files that the text may name.
     pub reach: Reach,
     /// By ascending `at`, for a text that differs from that of its file: where its pieces stand
     /// there.
@@ -39,12 +41,16 @@ pub struct Source {
 /// From byte `at` on, a text stands at this line and column of its file, both counted from 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Anchor {
+    /// Byte offset in the text.
     pub at: usize,
+    /// Line in the file, from 1.
     pub line: usize,
+    /// Column in the file, from 1.
     pub column: usize,
 }
 
 impl Source {
+    /// Creates a text that may name any file.
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Arc<Source> {
         Source::within(path, text, Reach::Anywhere)
     }
@@ -117,12 +123,14 @@ impl Anchor {
 /// The place of a piece of text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin {
+    /// The text that contains the place.
     pub source: Arc<Source>,
     /// Byte range in the text.
     pub span: Range<usize>,
 }
 
 impl Origin {
+    /// Returns the text at this place.
     pub fn text(&self) -> &str {
         &self.source.text[self.span.clone()]
     }
@@ -139,7 +147,7 @@ impl Origin {
     }
 }
 
-/// Something wrong in what a person wrote, found before any work.
+/// A fault in a file or an argument, found before any work.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
     /// The place in the text, where there is one.
@@ -153,6 +161,7 @@ pub struct Diagnostic {
 }
 
 impl Diagnostic {
+    /// Creates a fault at a place.
     pub fn at(origin: &Origin, message: impl Into<String>) -> Diagnostic {
         let path = origin.source.path.clone();
         Diagnostic { origin: Some(origin.clone()), path, message: message.into(), help: None }
@@ -173,6 +182,7 @@ impl Diagnostic {
         self.origin.as_ref().is_some_and(inside)
     }
 
+    /// Adds a line of help.
     pub fn help(mut self, help: impl Into<String>) -> Diagnostic {
         self.help = Some(help.into());
         self

@@ -41,6 +41,8 @@ pub(super) struct Lookup {
 }
 
 impl Store {
+    /// Creates a store. Limits are in bytes; `project` names the graph whose last keys the store
+    /// keeps.
     pub fn new(memory_bytes: u64, disk: Option<DiskCache>, disk_limit: u64, project: String) -> Store {
         Store {
             memory: Memory::new(memory_bytes),
@@ -78,6 +80,9 @@ impl Store {
     }
 
     /// One value of a result, read from disk if need be. A damaged result is dropped.
+    ///
+    /// # Errors
+    /// The value on disk is missing or damaged.
     pub fn value(&self, entry: &Arc<Entry>, index: usize, node: &GraphNode) -> Result<Value, Loss> {
         let here = || entry.value(index).or_else(|| self.memory.get(&entry.key)?.value(index));
         if let Some(value) = here() {
@@ -137,6 +142,7 @@ impl Store {
         self.memory.get(key)
     }
 
+    /// Keeps a result in memory, as far as the limit allows.
     pub fn keep_in_memory(&self, entry: &Arc<Entry>) {
         self.memory.put(entry);
     }
@@ -171,6 +177,7 @@ impl Store {
         }
     }
 
+    /// Records the last key of each node instance, in memory and on disk.
     pub fn set_latest(&self, entries: impl Iterator<Item = (Arc<str>, Arc<Header>, Digest)>) {
         let mut changed = BTreeMap::new();
         let mut latest = self.latest();
@@ -195,7 +202,7 @@ impl Store {
         }
     }
 
-    /// The last key of this node name and what was stored under it, where that is still known.
+    /// The last key of this node name and the header stored under it, if it is still known.
     fn last_key(&self, name: &str) -> Option<(Digest, Option<Arc<Header>>)> {
         let known = self.latest().get(name).cloned()?;
         let from_disk = || match self.disk.as_ref()?.header(&known.key) {
@@ -205,7 +212,7 @@ impl Store {
         Some((known.key, known.header.or_else(from_disk)))
     }
 
-    /// Why a node that has no result under its key has none.
+    /// The reason why a node has no result under its key.
     pub fn why(&self, name: &str, key: &Digest, text: &str) -> Why {
         match self.last_key(name) {
             None => Why::plain("new"),

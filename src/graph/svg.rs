@@ -1,4 +1,4 @@
-//! A graph as a drawing: what takes from what, row by row, coloured by what became of it.
+//! A graph as a drawing: nodes and wires, row by row, colored by final state.
 
 use std::fmt::Write;
 
@@ -8,8 +8,11 @@ use super::report::Status;
 pub struct Drawn {
     /// `direct[lamp_0]`; members of one node share a box.
     pub name: String,
+    /// Kind of the node's stage.
     pub kind: String,
+    /// Final state, if the graph was run.
     pub status: Option<Status>,
+    /// Wall time of the stage.
     pub seconds: f64,
     /// Names of the instances that it takes from.
     pub from: Vec<String>,
@@ -168,7 +171,7 @@ fn placed(nodes: &[Drawn]) -> Vec<Group<'_>> {
         (0..=groups.len()).map(|row| groups.iter().filter(|group| group.row == row).count()).max().unwrap_or(1);
     for row in 0..=groups.len() {
         let mut here: Vec<usize> = (0..groups.len()).filter(|&at| groups[at].row == row).collect();
-        // Below the middle of what it takes from, so that wires run straight.
+        // Below the middle of its sources, so that wires run straight.
         let middle = |at: usize| {
             let above = &groups[at].from;
             above.iter().map(|&from| groups[from].x as f64).sum::<f64>() / above.len().max(1) as f64

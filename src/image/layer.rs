@@ -8,8 +8,18 @@ use serde::{Deserialize, Serialize};
 use crate::image::{Picture, Plane};
 
 /// The contribution of one light to a picture, linear, at the photo's size: in half floats, which
-/// take half of the memory and are what is written; in single precision where halves cannot hold
+/// take half of the memory and are written as they are; in single precision if halves cannot hold
 /// it.
+///
+/// ```
+/// use glam::Vec3;
+/// use relight::image::{Layer, Plane};
+///
+/// let layer = Layer::new(Plane::filled(4, 3, Vec3::new(0.5, 0.25, 0.0)));
+/// assert!(matches!(layer, Layer::Half(_)));
+/// assert_eq!(layer.picture().0.get(3, 2), Vec3::new(0.5, 0.25, 0.0));
+/// assert!(matches!(Layer::new(Plane::filled(1, 1, Vec3::splat(1e6))), Layer::Float(_)));
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Layer {
     /// The bits of half floats: red, green, blue.

@@ -77,7 +77,7 @@ impl<T: Copy> Plane<T> {
         self.data.len()
     }
 
-    /// The plane has no pixel.
+    /// The plane does not have pixels.
     pub fn is_empty(&self) -> bool {
         self.data.is_empty()
     }

@@ -59,7 +59,7 @@ pub enum NetError {
     /// The file is not a network, or one that this backend cannot run.
     #[error("{0}")]
     Damaged(String),
-    /// Its inputs or outputs are others than those that are asked for.
+    /// Its inputs or outputs differ from the expected ones.
     #[error("{0}")]
     Mismatch(String),
     /// The backend is not there.
@@ -96,6 +96,7 @@ const MAX_TEXT: usize = 1000;
 /// An input or output: its name, and its shape as far as it is fixed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Port {
+    /// Name in the ONNX file.
     pub name: String,
     /// `None` for a dimension, or for all of them, that the file leaves open.
     pub shape: Option<Vec<Option<usize>>>,
@@ -137,7 +138,7 @@ impl Network {
     }
 
     /// The same for a file that may be hostile: a child process with limits computes it, to the
-    /// same bits. While a call waits for the child, it asks `cancelled`.
+    /// same bits. While a call waits for the child, it polls `cancelled`.
     ///
     /// # Errors
     /// `Damaged`, `NoBackend`, `Limit`, `Ended`, `Cancelled`.
@@ -158,10 +159,12 @@ impl Network {
         self.doubt
     }
 
+    /// Returns the inputs, in the order of the file.
     pub fn inputs(&self) -> &[Port] {
         &self.inputs
     }
 
+    /// Returns the outputs, in the order of the file.
     pub fn outputs(&self) -> &[Port] {
         &self.outputs
     }

@@ -53,6 +53,11 @@ pub struct OrtNetwork {
 }
 
 impl OrtNetwork {
+    /// Loads a network with the library whose build is `wanted`; returns its inputs and outputs,
+    /// too.
+    ///
+    /// # Errors
+    /// No library or another build is loaded, or the library refuses the network.
     pub fn new(bytes: &[u8], wanted: &str, threads: usize) -> Result<(OrtNetwork, Vec<Port>, Vec<Port>), NetError> {
         let Some(Ok(Library { environment, build, .. })) = LIBRARY.get() else {
             return Err(NetError::NoBackend(
@@ -79,6 +84,10 @@ impl OrtNetwork {
         Ok((OrtNetwork { session: Mutex::new(session) }, inputs, outputs))
     }
 
+    /// Computes the outputs of these names, in their order.
+    ///
+    /// # Errors
+    /// The inputs do not fit the network, or computing it fails.
     pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
         let failed = |e: ort::Error| NetError::Run(e.to_string());
         let mut values = Vec::new();

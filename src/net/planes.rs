@@ -55,7 +55,7 @@ impl Tensor {
         (*width, *height)
     }
 
-    /// The numbers as colours, three each.
+    /// The numbers as colors, three each.
     pub fn vectors(&self) -> Vec<Vec3> {
         self.data().chunks_exact(3).map(Vec3::from_slice).collect()
     }

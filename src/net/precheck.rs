@@ -3,7 +3,8 @@
 //! their bytes, constants in other files.
 //!
 //! The work is linear in the bytes, and nothing is allocated. Field numbers are those of onnx.proto
-//! (github.com/onnx/onnx). rten's own reader of protocol buffers cannot be used: it is what hangs.
+//! (github.com/onnx/onnx). rten's own reader of protocol buffers cannot be used: it is the part
+//! that hangs.
 
 /// The largest file, bytes; protocol buffers have no more.
 const MAX_BYTES: usize = i32::MAX as usize;
@@ -57,7 +58,7 @@ fn inner(message: Message, field: u64) -> Option<Message> {
 /// Checks whether `bytes` may be given to a loader of ONNX.
 ///
 /// # Errors
-/// The message names what was wanted and what was got.
+/// The message states the wanted and the actual content.
 pub fn precheck(bytes: &[u8]) -> Result<(), String> {
     if bytes.len() > MAX_BYTES {
         return Err(format!("wanted at most {MAX_BYTES} bytes, got {}", bytes.len()));

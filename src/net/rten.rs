@@ -21,6 +21,10 @@ pub struct RtenNetwork {
 }
 
 impl RtenNetwork {
+    /// Loads a network; returns its inputs and outputs, too.
+    ///
+    /// # Errors
+    /// The bytes are not a network that rten can read.
     pub fn new(bytes: Vec<u8>, threads: usize) -> Result<(RtenNetwork, Vec<Port>, Vec<Port>), NetError> {
         // On a thread of its own: one of the engine's, waiting for rten's pool inside, could take
         // up a stage that waits for this network.
@@ -47,6 +51,10 @@ impl RtenNetwork {
         Ok((RtenNetwork { model, options }, inputs, outputs))
     }
 
+    /// Computes the outputs of these names, in their order.
+    ///
+    /// # Errors
+    /// The inputs do not fit the network, or computing it fails.
     pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
         let failed = |e: &dyn std::fmt::Display| NetError::Run(e.to_string());
         let id = |name: &str| self.model.node_id(name).map_err(|e| failed(&e));

@@ -30,10 +30,13 @@ pub enum Untrusted {
 /// call [`super::serve`].
 #[derive(Clone, Debug)]
 pub struct Sandbox {
+    /// Path of the executable.
     pub program: PathBuf,
+    /// Arguments before the two limits.
     pub arguments: Vec<OsString>,
     /// The child's whole environment, but for two variables that limit libraries.
     pub environment: Vec<(OsString, OsString)>,
+    /// Memory and time that the child may use.
     pub limits: Limits,
 }
 
@@ -74,6 +77,9 @@ struct Running {
 
 impl Process {
     /// Starts a child that holds the network of `bytes`; returns its inputs and outputs too.
+    ///
+    /// # Errors
+    /// The child cannot be started, exceeds a limit, or refuses the network.
     pub fn start(
         sandbox: &Sandbox,
         bytes: &[u8],
@@ -100,6 +106,10 @@ impl Process {
         Ok((process, inputs, outputs))
     }
 
+    /// Computes the outputs of these names in the child process, in their order.
+    ///
+    /// # Errors
+    /// The network fails, or the child exceeds a limit or ends.
     pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
         let head = Request::Run {
             inputs: inputs.iter().map(|(name, tensor)| ((*name).to_owned(), tensor.shape().to_vec())).collect(),
@@ -206,7 +216,7 @@ impl Running {
         command.env_clear().envs(sandbox.environment.iter().map(|(name, value)| (name, value)));
         // Each of glibc's arenas reserves address space, which is limited.
         command.env("MALLOC_ARENA_MAX", "4");
-        // ONNX Runtime 1.32 keeps a file of what it would send to its makers.
+        // ONNX Runtime 1.32 keeps a file of telemetry.
         command.env("ORT_DISABLE_TELEMETRY", "1");
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         // Ctrl-C in a terminal is for the program alone, which then ends the child.

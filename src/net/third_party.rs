@@ -1,4 +1,4 @@
-//! Networks by other people: how they take a photo, and which of what they give is meant.
+//! Third-party networks: the form in which they take a photo, and the choice among their outputs.
 //!
 //! A photo input is [1, 3, height, width], red first. Where the file leaves the size open, the
 //! photo is brought to a shorter side of `side` pixels and each side rounded to a multiple of the
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use super::{InputLayer, NetError, Network, Port, Tensor, planes_of, shown};
 use crate::image::{Picture, Plane, Transfer, resize};
 
-/// Normalization of the encoded colors 0..=1 for a network: (colour - mean) / deviation, per
+/// Normalization of the encoded colors 0..=1 for a network: (color - mean) / deviation, per
 /// channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -27,12 +27,17 @@ pub enum Normalization {
     /// ImageNet.
     #[default]
     ImageNet,
-    /// Mean and deviation 0.5: colours become -1..=1.
+    /// Mean and deviation 0.5: colors become -1..=1.
     Half,
-    /// Colours stay 0..=1.
+    /// Colors stay 0..=1.
     None,
     /// Any other.
-    Custom { mean: [f32; 3], deviation: [f32; 3] },
+    Custom {
+        /// Mean of each channel.
+        mean: [f32; 3],
+        /// Deviation of each channel; not 0.
+        deviation: [f32; 3],
+    },
 }
 
 impl Normalization {
@@ -71,6 +76,7 @@ pub struct PhotoInput<'a> {
     pub multiple: u32,
     /// The transfer function of the pictures that it was trained on.
     pub transfer: Transfer,
+    /// The normalization of its input.
     pub normalization: Normalization,
 }
 
@@ -78,7 +84,7 @@ impl PhotoInput<'_> {
     /// The name of the network's photo input, and the photo as it takes it.
     ///
     /// # Errors
-    /// `Mismatch`: it has no such input, or one that takes no photo, or others beside it.
+    /// `Mismatch`: the input is missing, does not take a photo, or is not the only one.
     pub fn tensor<'n>(&self, network: &'n Network, photo: &Picture) -> Result<(&'n str, Tensor), NetError> {
         let port = self.port(network)?;
         let (width, height) = self.size(port, photo.0.size())?;
@@ -139,7 +145,7 @@ impl PhotoInput<'_> {
 /// The output of this name, or the only one.
 ///
 /// # Errors
-/// `Mismatch`, which lists what there is.
+/// `Mismatch`, which lists the existing outputs.
 pub fn output<'a>(network: &'a Network, name: Option<&'a str>) -> Result<&'a str, NetError> {
     let outputs = network.outputs();
     match (name, outputs) {
@@ -154,7 +160,7 @@ pub fn output<'a>(network: &'a Network, name: Option<&'a str>) -> Result<&'a str
     }
 }
 
-/// Whether what came out of `name` are pictures with at least so many channels: [.., channels,
+/// Checks that the output `name` is a picture with at least so many channels: [.., channels,
 /// height, width], of one channel [.., height, width] too, all dimensions before these 1.
 ///
 /// # Errors
@@ -199,7 +205,7 @@ impl Channels {
     /// Whether the range is one.
     ///
     /// # Errors
-    /// The message names what was wanted and what was got.
+    /// The message states the wanted and the actual shape.
     pub fn check(&self) -> Result<(), String> {
         let (low, high) = self.range;
         if low < high { Ok(()) } else { Err(format!("range: wanted the lower number first, got ({low}, {high})")) }
@@ -211,7 +217,7 @@ impl Channels {
         (value - low) / (high - low)
     }
 
-    /// Three channels of what came out.
+    /// Three channels of the output.
     ///
     /// # Errors
     /// `Mismatch`: there are not so many.
@@ -220,7 +226,7 @@ impl Channels {
         Ok(tensor.color(self.first).map(|v| Vec3::from_array(v.to_array().map(|v| self.share(v)))))
     }
 
-    /// One channel of what came out.
+    /// One channel of the output.
     ///
     /// # Errors
     /// `Mismatch`: there are not so many.

@@ -98,8 +98,9 @@ fn any(full: &Plane<f32>) -> Plane<f32> {
 
 /// Normals and points of a room, one size.
 pub struct Geometry {
+    /// Unit normals in camera space.
     pub normal: Plane<Vec3>,
-    /// MetricDepth.
+    /// Meters.
     pub points: Plane<Vec3>,
 }
 

@@ -33,6 +33,10 @@ fn wrong(message: impl Into<String>) -> Error {
     Error::new(ErrorKind::InvalidData, message.into())
 }
 
+/// Writes a message head: its length in 8 bytes, then its postcard encoding.
+///
+/// # Errors
+/// The head exceeds `MAX_HEAD` bytes, or writing fails.
 pub fn write_head(out: &mut impl Write, head: &impl Serialize) -> Result<()> {
     let bytes = postcard::to_stdvec(head).map_err(|e| wrong(e.to_string()))?;
     if bytes.len() > MAX_HEAD {
@@ -42,6 +46,10 @@ pub fn write_head(out: &mut impl Write, head: &impl Serialize) -> Result<()> {
     out.write_all(&bytes)
 }
 
+/// Reads a message head that [`write_head`] wrote.
+///
+/// # Errors
+/// The head exceeds `MAX_HEAD` bytes, is not of this type, or reading fails.
 pub fn read_head<T: DeserializeOwned>(input: &mut impl Read) -> Result<T> {
     let mut length = [0; 8];
     input.read_exact(&mut length)?;
@@ -52,11 +60,18 @@ pub fn read_head<T: DeserializeOwned>(input: &mut impl Read) -> Result<T> {
     postcard::from_bytes(&bytes).map_err(|e| wrong(e.to_string()))
 }
 
+/// Writes the numbers of a tensor in the byte order of the machine.
+///
+/// # Errors
+/// Writing fails.
 pub fn write_numbers(out: &mut impl Write, tensor: &Tensor) -> Result<()> {
     out.write_all(bytemuck::cast_slice(tensor.data()))
 }
 
 /// Reads tensors of these shapes, one after the other.
+///
+/// # Errors
+/// The shapes exceed the limit of numbers, or reading fails.
 pub fn read_tensors(input: &mut impl Read, shapes: &[Vec<usize>]) -> Result<Vec<Tensor>> {
     let mut left = MAX_NUMBERS;
     let tensor = |shape: &Vec<usize>| {

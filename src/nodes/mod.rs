@@ -1,4 +1,4 @@
-//! The stages and their constants, in the order of the paper: the lists, and nothing else.
+//! Lists of the stages and of their constants, in the order of the paper.
 
 pub mod artifacts;
 pub mod edit;

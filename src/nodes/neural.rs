@@ -181,7 +181,7 @@ impl LitRoom {
     }
 
     /// The inputs for the light whose pixels are `own`; `None` for a light without a pixel at this
-    /// size. Without a mask, those for the light out of view.
+    /// size. Without a mask, the inputs are those for the light out of view.
     fn inputs(self, own: Option<&Mask>, is_window: bool) -> Option<Vec<(&'static str, Tensor)>> {
         let light = self.view.half_light();
         let (own, start) = match own {

@@ -26,10 +26,9 @@ tuning! {
 ///
 /// Active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23), on
 /// the normal equations as in Bro and de Jong 1997. Each column is scaled to unit length: a factor
-/// on a column divides its weight, whatever the factor. A column of length 0, and one that depends
-/// on columns already taken, stays 0. The solution meets the Karush-Kuhn-Tucker conditions to about
-/// 1e-14 of the largest gradient. Ties go to the lowest index, so that the solution is
-/// deterministic.
+/// on a column divides its weight. A column of length 0, and one that depends on columns already
+/// taken, stays 0. The solution meets the Karush-Kuhn-Tucker conditions to about 1e-14 of the
+/// largest gradient. Ties go to the lowest index, so that the solution is deterministic.
 ///
 /// # Panics
 ///
@@ -206,7 +205,7 @@ mod tests {
     }
 
     proptest! {
-        /// All sets of active bounds, each solved by QR: the same weights, whatever the columns'
+        /// All sets of active bounds, each solved by QR: the weights do not depend on the columns'
         /// scales.
         #[test]
         fn agrees_with_every_active_set(k in 1usize..=5, data in proptest::collection::vec(-1.0f64..1.0, 40),

@@ -1,4 +1,4 @@
-//! Least squares by rows, slow and obvious: the reference for what is solved by normal equations.
+//! Least squares by rows, slow and simple: the reference for solvers of the normal equations.
 
 /// A dense system, the right side as the last entry of each row.
 pub type Rows = Vec<Vec<f64>>;

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-/// An axis-aligned box seen from inside, and solid ones seen from outside; metres, camera space.
+/// An axis-aligned box seen from inside, and solid ones seen from outside; meters, camera space.
 pub struct Boxes {
     /// Low and high corner of the room.
     pub room: [Vec3; 2],

@@ -26,7 +26,7 @@ pub struct Room {
 }
 
 impl Room {
-    /// `depth` returns planar z in metres at a pixel.
+    /// `depth` returns planar z in meters at a pixel.
     pub fn new(camera: Camera, depth: impl Fn(usize, usize) -> f32) -> Room {
         Room::with_lights(camera, Depth(Plane::from_fn(camera.width, camera.height, depth)), Vec::new())
     }
@@ -43,7 +43,7 @@ impl Room {
         Room { camera, depth, points: seen.points, normal: seen.normal, mesh: seen.mesh, transport }
     }
 
-    /// A floor one metre below the camera and a wall three metres before it.
+    /// A floor one meter below the camera and a wall three meters before it.
     pub fn floor_and_wall(camera: Camera) -> Room {
         Room::new(camera, |x, y| {
             let down = -camera.pixel_point(x, y, 1.0).y;

@@ -6,7 +6,7 @@ use relight::graph::{Cancel, Engine, EngineOptions, RunReport, Status};
 
 use crate::nodes::*;
 
-/// Twice the same question, the second time when the first answer has no takers left.
+/// Two equal runs, the second without consumers of the first output.
 const GRAPH: &str = r#"nodes: {
     "begin": (op: Const(value: 7)),
     "asked": (op: Patient(rounds: 5), in: { "number": "begin" }),
@@ -37,8 +37,8 @@ fn a_result_cut_short_serves_its_run_and_is_not_kept() {
     let told = "stopped by the budget at a standard error of 50.00 %; this result is not kept";
     assert_eq!(warnings(&first), [told; 2]);
 
-    // Neither memory nor disk has it; what was computed from it is sound, as its key holds what it
-    // was computed from.
+    // Neither memory nor disk has it; results computed from it are valid, as their keys contain its
+    // digest.
     let again = run(&hurry, &graph);
     assert_eq!((value(&again, "result"), ran(&again)), (2, vec!["asked"]));
     assert_eq!(hurry.explain(&graph, "asked").unwrap().why, "new", "nothing remembers the short result");
@@ -47,7 +47,7 @@ fn a_result_cut_short_serves_its_run_and_is_not_kept() {
     assert_eq!((value(&whole, "result"), warnings(&whole).len()), (7, 0));
     assert_eq!(ran(&whole), ["asked", "taken", "zero", "result"]);
 
-    // Once it was made whole, nothing asks for time.
+    // After a complete result no stage reads its time.
     let hit = run(&hurried(folder.path(), Duration::ZERO), &graph);
     assert_eq!((value(&hit, "result"), ran(&hit), warnings(&hit)), (7, vec![], vec![]));
 }

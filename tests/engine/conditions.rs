@@ -1,4 +1,4 @@
-//! Nodes that run only when another one's output says so.
+//! Nodes that run only if the output of another node holds.
 
 use relight::graph::{Cancel, Observer, Overlay, Planned, PortValue, Status};
 
@@ -31,7 +31,7 @@ fn without_its_condition_a_node_and_all_that_only_it_needs_stay_out() {
         let report = run(&engine, &conditional(n));
         assert_eq!((ran(&report).len(), report.with_status(Status::Hit).len()), (0, hits));
     }
-    // What is wanted itself and skipped gives nothing.
+    // A wanted node that is skipped gives nothing.
     let report = run_for(&engine, &conditional(-5), Some(&["next", "costly"]));
     assert!(report.is_complete() && report.output("next").is_none());
     assert_eq!((value(&report, "costly"), ran(&report)), (5, vec!["costly"]));
@@ -46,7 +46,7 @@ fn a_condition_stands_in_no_key_and_comes_from_the_cache_too() {
     assert_eq!((ran(&report), value(&report, "end")), (vec![], 36));
     let key = engine.explain(&conditional(5), "c").unwrap().key_manifest.unwrap();
     assert!(!key.contains("sign") && !key.contains("Flag"), "{key}");
-    // 5 and 6 are both positive: nothing behind the condition is asked again on its account.
+    // 5 and 6 are both positive: no node behind the condition runs again because of it.
     let report = run(&engine, &conditional(6));
     assert_eq!(ran(&report), ["n", "sign", "costly", "c", "next", "end"]);
 }

@@ -1,5 +1,5 @@
-//! The disk cache: what is damaged is made again, what cannot be written does not stop a run,
-//! several may share it.
+//! The disk cache: damaged results are recomputed, failed writes do not stop a run, several runs
+//! may share a cache.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -123,7 +123,7 @@ fn a_folder_that_cannot_be_written_is_one_warning() {
 #[test]
 fn a_full_disk_is_one_warning_and_what_is_there_is_still_read() {
     let (folder, graph, end) = filled(GRAPH);
-    // What a full or read-only disk does to a writer: no temporary file can be made.
+    // A full or read-only disk: the writer cannot create a temporary file.
     std::fs::remove_dir_all(folder.path().join("tmp")).unwrap();
     std::fs::write(folder.path().join("tmp"), "in the way").unwrap();
     let report = run(&on_disk(folder.path()), &graph);
@@ -182,7 +182,7 @@ fn two_engines_share_one_folder() {
         std::thread::scope(|scope| {
             for _ in 0..3 {
                 scope.spawn(|| {
-                    // A tight bound, so that each deletes what the others read.
+                    // A tight bound, so that each run deletes entries that the others read.
                     let options = EngineOptions {
                         cache: Some(cache(folder.path(), b"own")),
                         disk_bytes: if round % 2 == 0 { 1500 } else { 1 << 20 },
@@ -246,7 +246,7 @@ fn a_killed_run_leaves_the_cache_sound() {
         // Half-random moments: the multiples of an irrational part of 30 ms.
         std::thread::sleep(Duration::from_micros(((f64::from(kill) * 0.618_034).fract() * 30_000.0) as u64));
         if kill % 4 == 0 {
-            // Two processes at once: the child writes and deletes what this one reads.
+            // Two processes at once: the child writes and deletes entries that this one reads.
             assert_eq!(value(&run(&on_disk(folder.path()), &graph), "n40"), end);
         }
         child.kill().unwrap();
@@ -272,7 +272,7 @@ fn a_hit_whose_values_are_damaged_is_made_again_when_they_are_needed() {
         std::fs::write(&file, &bytes).unwrap();
     }
     let report = run_for(&on_disk(folder.path()), &graph, Some(&["end"]));
-    // `end` is read, so it is made again, and so is what it takes from, and so on to the beginning.
+    // `end` is read, so it is recomputed, and so are its inputs, back to the first node.
     assert_eq!(ran(&report), ["n", "p", "s", "x", "sum", "end"]);
     let again = run_for(&on_disk(folder.path()), &graph, Some(&["end"]));
     assert_eq!(again.with_status(Status::Hit).len(), 6);

@@ -1,4 +1,4 @@
-//! Meaning of a graph: wires, sets, sources of parameters, what runs again and what does not.
+//! Meaning of a graph: wires, sets, sources of parameters, and the nodes that a change runs again.
 
 use relight::graph::{
     Cancel, Diagnostics, Ending, EngineOptions, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw,

@@ -149,7 +149,7 @@ fn entries_of_another_key_count_as_missing_and_stay() {
     assert_eq!(ran(&run(&stranger(b"own"), &graph)), [] as [&str; 0]);
 }
 
-/// Checksums that belong together are no signature: each header byte, and each length, counts.
+/// Consistent checksums are not a signature: each header byte, and each length, counts.
 #[test]
 fn an_entry_altered_with_a_checksum_to_match_counts_as_missing() {
     let (folder, graph) = filled();
@@ -167,7 +167,7 @@ fn an_entry_altered_with_a_checksum_to_match_counts_as_missing() {
     assert_eq!(ran(&run(&on_disk(folder.path()), &graph)), ["n", "x", "t"]);
 }
 
-/// A header that claims a terabyte in a sparse file asks for no memory.
+/// A header that claims a terabyte in a sparse file causes no allocation.
 #[test]
 fn claimed_lengths_are_held_against_the_file_and_a_limit() {
     let (folder, graph) = filled();

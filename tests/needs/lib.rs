@@ -8,6 +8,9 @@ use proc_macro::TokenStream;
 ///
 /// The path is relative to the package, and is looked for when the test is compiled. The attribute
 /// stands above `#[test]`.
+///
+/// # Panics
+/// The compiler was not started by Cargo.
 #[proc_macro_attribute]
 pub fn needs(path: TokenStream, test: TokenStream) -> TokenStream {
     let path = path.to_string();

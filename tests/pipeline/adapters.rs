@@ -45,20 +45,20 @@ fn depth(place: &Place) -> Plane<f32> {
     read_depth(NamedBytes::new("depth.exr", &bytes)).expect("a scene can name it").0
 }
 
-/// The largest error of `got`, as a share of what is wanted.
+/// The largest error of `got`, as a fraction of the expected value.
 fn worst(got: &Plane<f32>, wanted: impl Fn(usize, usize) -> f32) -> f32 {
     let errors = (0..got.len()).map(|i| (i % got.width(), i / got.width(), got.pixels()[i]));
     errors.map(|(x, y, z)| (z / wanted(x, y) - 1.0).abs()).fold(0.0, f32::max)
 }
 
-/// How far apart two pixels of the photo are.
+/// Distance between two pixels of the photo.
 fn distance(depth: &Plane<f32>, [x0, y0, x1, y1]: [f32; 4]) -> f32 {
     let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
     let point = |x: f32, y: f32| camera.unproject(x, y, depth.get(x as usize, y as usize));
     point(x0, y0).distance(point(x1, y1))
 }
 
-/// Metres: 1 + 4 red + 2 green, [1, 1, height, width].
+/// Meters: 1 + 4 red + 2 green, [1, 1, height, width].
 pub fn metric() -> Vec<u8> {
     Onnx::default().input("rgb", &PHOTO).output("z", &PICTURE).mix("rgb", "z", &[[4.0, 2.0, 0.0]], &[1.0]).file()
 }
@@ -107,7 +107,7 @@ fn relative_depth_gets_its_scale_from_a_known_length() {
         assert!(row.windows(3).all(|w| (w[0] - 2.0 * w[1] + w[2]).abs() < 1e-4 * w[1]), "{row:?}");
         assert!((row[38] / row[1] - 3.0).abs() < 0.02 || (row[37] / row[2] - 3.0).abs() < 0.02, "{row:?}");
 
-        // A room in which 1 / z = (q - 1) / 2: two lengths tell it.
+        // A room in which 1 / z = (q - 1) / 2: two lengths determine it.
         let z = |x: usize| 2.0 / (3.0 * stored(x, 0).x);
         let room = Plane::from_fn(SIZE.0, SIZE.1, |x, _| z(x));
         let known = [[3.0, 2.0, 3.0, 27.0], [36.0, 2.0, 36.0, 27.0]].map(|at| (at, distance(&room, at)));
@@ -159,7 +159,7 @@ fn a_scene_without_depth_is_for_graphs_that_need_none() {
         assert!(told.contains("graphs/depth.ron"), "{told}");
         assert!(!told.contains("ReadScene"), "once is enough: {told}");
     }
-    // What was found is what a scene names.
+    // The found masks are usable in a scene.
     place.check(&format!("{LINE} --set depth.kind=Metric"), 0);
     place.write(
         "scene.ron",
@@ -168,8 +168,7 @@ fn a_scene_without_depth_is_for_graphs_that_need_none() {
     place.check("run GRAPHS/find_lights.ron EDITS/none.ron --scene . --no-cache --out lights", 0);
 }
 
-/// rten runs a cubic Resize as a linear one; the run tells, as networks by other people often have
-/// one.
+/// rten runs a cubic Resize as a linear one; the run warns, as third-party networks often have one.
 #[test]
 fn what_a_backend_computes_wrongly_is_told() {
     let network = Onnx::default().input("x", &PHOTO).output("z", &PICTURE).mix("x", "a", &[[4.0, 2.0, 0.0]], &[1.0]);
@@ -181,21 +180,36 @@ fn what_a_backend_computes_wrongly_is_told() {
     }
 }
 
-/// The museum: a network, settings, and what must be said.
+/// Name of a case, its network, settings, and parts of the expected message.
+type Refused<'a> = (&'a str, Vec<u8>, &'a str, &'a [&'a str]);
+
+/// Runs `Depth` with each network in each backend, and expects the message.
+fn check_refused(corpus: &[Refused]) {
+    for backend in backends() {
+        for (name, network, set, wanted) in corpus {
+            let told = photo(network).check(&format!("{LINE} --backend {backend} {set}"), 2);
+            for part in *wanted {
+                assert!(told.contains(part), "{backend}, {name}: wanted {part:?}, told:\n{told}");
+            }
+        }
+    }
+}
+
+/// A network without nodes, whose input is the photo.
+fn plain() -> Onnx {
+    Onnx::default().input("x", &PHOTO)
+}
+
 #[test]
-fn networks_that_cannot_be_used_are_named() {
-    let plain = || Onnx::default().input("x", &PHOTO);
+fn networks_of_another_form_are_named() {
     let two = Onnx::default().input("rgb", &PHOTO).input("camera", &[1, 3, OPEN, OPEN]).output("z", &PHOTO);
-    let nan = plain().output("z", &PICTURE).mix("x", "a", &[[0.0; 3]], &[0.0]).node("Div", &["a", "a"], &["z"]).file();
     let flat = plain().output("z", &[OPEN]).numbers("all", &[-1]).node("Reshape", &["x", "all"], &["z"]).file();
     let gray =
         Onnx::default().input("x", &[1, 1, OPEN, OPEN]).output("z", &PICTURE).node("Relu", &["x"], &["z"]).file();
     let pair = plain().output("z", &PICTURE).output("sure", &PICTURE);
     let pair = pair.mix("x", "z", &[[1.0; 3]], &[0.0]).mix("x", "sure", &[[1.0; 3]], &[0.0]).file();
-    let below = plain().output("z", &PICTURE).mix("x", "z", &[[-1.0; 3]], &[0.0]).file();
-    let even = plain().output("z", &PICTURE).mix("x", "z", &[[0.0; 3]], &[0.5]).file();
     let sound = metric();
-    let museum: Vec<(&str, Vec<u8>, &str, &[&str])> = vec![
+    check_refused(&[
         ("a text", b"this is no network".to_vec(), "", &["net.onnx: wanted a network in ONNX that"]),
         ("nothing", Vec::new(), "", &["net.onnx: wanted a network in ONNX that"]),
         ("cut", sound[..sound.len() / 2].to_vec(), "", &["net.onnx: wanted a network in ONNX that"]),
@@ -237,6 +251,16 @@ fn networks_that_cannot_be_used_are_named() {
             "",
             &["net.onnx: output `z`: wanted [height, width] or [1, 1, height, width], got [3600]"],
         ),
+    ]);
+}
+
+#[test]
+fn depths_and_lengths_that_cannot_be_used_are_named() {
+    let nan = plain().output("z", &PICTURE).mix("x", "a", &[[0.0; 3]], &[0.0]).node("Div", &["a", "a"], &["z"]).file();
+    let below = plain().output("z", &PICTURE).mix("x", "z", &[[-1.0; 3]], &[0.0]).file();
+    let even = plain().output("z", &PICTURE).mix("x", "z", &[[0.0; 3]], &[0.5]).file();
+    let sound = metric();
+    check_refused(&[
         ("not finite", nan, "", &["net.onnx: output `z`: wanted finite numbers, got NaN"]),
         (
             "below zero",
@@ -288,15 +312,11 @@ fn networks_that_cannot_be_used_are_named() {
             "--set depth.normalization=Custom(mean:(0,0,0),deviation:(1,0,1))",
             &["normalization: wanted a positive deviation"],
         ),
-    ];
-    for backend in backends() {
-        for (name, network, set, wanted) in &museum {
-            let told = photo(network).check(&format!("{LINE} --backend {backend} {set}"), 2);
-            for part in *wanted {
-                assert!(told.contains(part), "{backend}, {name}: wanted {part:?}, told:\n{told}");
-            }
-        }
-    }
+    ]);
+}
+
+#[test]
+fn a_missing_network_or_stage_is_named() {
     let told = photo([]).check("run GRAPHS/depth.ron EDITS/none.ron --scene .", 2);
     assert!(told.contains("model: wanted the file of a network"), "{told}");
     let told =
@@ -304,7 +324,7 @@ fn networks_that_cannot_be_used_are_named() {
     assert!(told.contains("--known-length: this graph has no stage that takes known lengths: wanted Depth"), "{told}");
 }
 
-/// Seven channels: albedo, which is the photo's colours, in 0..=255; a normal, x to the left;
+/// Seven channels: albedo, which is the photo's colors, in 0..=255; a normal, x to the left;
 /// roughness, which is red, in -1..=1.
 fn materials(width: i64, height: i64) -> Vec<u8> {
     let color = |c: usize, weight: f32| [0, 1, 2].map(|at| if at == c { weight } else { 0.0 });

@@ -56,7 +56,7 @@ pub fn ended(child: &mut Child, what: &str) -> ExitStatus {
 /// Runs to an end within time and memory; status and standard error.
 fn run(place: &Place, what: &str) -> (i32, String) {
     let command = place.command(LINE);
-    // 4 GB are plenty for all that is asked here; more is an allocation that nobody meant.
+    // 4 GB are plenty for these runs; more is an unintended allocation.
     let mut shell = std::process::Command::new("sh");
     shell.current_dir(place.folder.path()).args(["-c", "ulimit -v 4000000; exec \"$@\"", "sh"]);
     shell.arg(command.get_program()).args(command.get_args());
@@ -154,7 +154,7 @@ fn masks_of_every_kind() {
     check(&place, "all but a column ignored", 0, &[]);
 }
 
-/// Edits that are well formed, and ask for what is odd or cannot be.
+/// Edits that are well formed, but odd or impossible.
 #[test]
 fn edits_of_every_kind() {
     let lamp = |rest: &str| format!(r#""x": Lamp(shape: Sphere(radius: 0.1), {rest})"#);

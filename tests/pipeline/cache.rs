@@ -1,4 +1,4 @@
-//! Whatever happens to the cache, the next run is right.
+//! Damage to the cache never changes the result of the next run.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
@@ -15,7 +15,7 @@ fn wanted(place: &Place) -> [Vec<u8>; 2] {
     place.pictures("wanted")
 }
 
-/// Runs with the cache of that name, and wants the right pictures; standard error.
+/// Runs with the cache of that name, and checks the pictures; returns standard error.
 fn check_right(place: &Place, cache: &str, wanted: &[Vec<u8>; 2]) -> String {
     let told = place.check(&format!("{RUN} --cache {cache} --out out"), 0);
     assert!(place.pictures("out") == *wanted, "another picture than without a cache; told:\n{told}");
@@ -45,7 +45,7 @@ fn random(seed: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// How many results lie in a cache that a run may be writing to.
+/// Number of results in a cache that a run may be writing to.
 fn kept(cache: &Path) -> usize {
     let list = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     list(&cache.join("entries")).map(|folder| list(&folder).count()).sum()
@@ -73,7 +73,7 @@ fn after_a_kill_at_any_moment_the_next_run_is_right() {
             child.kill().expect("it can be killed");
             // One that came to its end before is tried again.
             kills += u32::from(!child.wait().expect("it ends").success());
-            // What a killed run wrote is whole or not there.
+            // Results of a killed run are whole or missing.
             for (name, wanted) in ["picture.png", "picture.exr"].iter().zip(&wanted) {
                 let torn = std::fs::read(place.path("torn").join(name));
                 assert!(torn.is_err() || torn.is_ok_and(|bytes| bytes == *wanted), "{name} is torn");
@@ -103,7 +103,7 @@ fn damaged_results_are_made_again() {
             std::fs::write(file, bytes).expect("it can be written to");
         }
     };
-    // All at once, and then so that some of what is damaged is needed and some is not.
+    // All at once, and then so that only some of the damaged results are needed.
     let files = entries(&cache);
     damage(1, &files);
     let told = check_right(&place, "cache", &wanted);
@@ -113,7 +113,7 @@ fn damaged_results_are_made_again() {
         damage(100 * seed as u64, &some);
         check_right(&place, "cache", &wanted);
     }
-    // Damage to what nobody asked for stays until it is looked for.
+    // Damage to results that no run needs stays until `cache verify`.
     damage(7, &entries(&cache)[..4]);
     place.check("cache verify --cache cache", 1);
     place.check("cache verify --cache cache", 0);
@@ -135,7 +135,7 @@ fn a_cache_that_cannot_be_written_is_one_warning() {
     }
     assert_eq!(std::fs::read(place.path("file")).expect("it is there"), b"not a folder");
 
-    // One that can only be read gives what it has.
+    // A read-only cache returns its results.
     check_right(&place, "cache", &wanted);
     std::fs::remove_dir_all(place.path("cache/tmp")).expect("it is there");
     place.write("cache/tmp", "in the way of every new result");
@@ -162,7 +162,7 @@ fn a_full_disk_leaves_the_cache_sound() {
     let told = check_output(&line, &limited(&line), 0);
     assert_eq!(told.matches("without storing results").count(), 1, "{told}");
     place.check("cache verify --cache cache", 0);
-    // The pictures themselves do not fit: that is told, and no half of one stays.
+    // The pictures themselves do not fit: a message says so, and no partial one stays.
     let line = format!("{RUN} --cache cache --out full");
     let told = check_output(&line, &limited(&line), 2);
     assert!(told.contains("cannot be written"), "{told}");

@@ -1,5 +1,5 @@
-//! The museum of networks that ship, as they may lie on a person's disk: missing, cut, of another
-//! version, mixed up. What must be said, word for word.
+//! Regression corpus of the shipped networks with damage: missing, cut, of another version, mixed
+//! up. Messages are compared word for word.
 
 use crate::project::*;
 

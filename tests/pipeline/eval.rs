@@ -78,8 +78,8 @@ fn lights_are_scored_by_place_and_by_what_they_give() {
         mask: mask(),
     };
     let out = ScoreLights::default().run(inputs, &Context::default()).expect("the inputs are sound");
-    // Of the lamp, at four pixels: 1 beside 36, which counts as 10, and three times 1 beside 2. A
-    // lamp that is not there gives 4, 5, 6 and 7; a window that neither knows is not told.
+    // The lamp, at four pixels: 1 beside 36, which counts as 10, and three times 1 beside 2. A
+    // missing lamp gives 4, 5, 6 and 7; a window that is missing on both sides is left out.
     check(&out.scores, &[("lamp", "Chamfer", 2e-3), ("lamp", "E_j", 3.0), ("inv_lamp", "E_j", 5.5)]);
 }
 
@@ -216,7 +216,7 @@ fn lighting_is_scored_on_the_cells_that_are_known() {
     }
 }
 
-/// The demo under a depth that is 1.3 times too far and known to be wrong.
+/// The demo under a depth with a scale error of 1.3.
 fn bent() -> String {
     let text = std::fs::read_to_string(demo().join("scene.ron")).expect("the demo has one");
     let at = |part: &str| format!("\"{}", demo().join(part).display());
@@ -264,8 +264,8 @@ fn the_demo_climbs_the_ladder() {
     let mean = |rung: &str| edits.iter().map(|edit| of(rung, edit, "change error")).sum::<f64>() / edits.len() as f64;
     assert!(mean("111") < 0.9 * mean("000"), "{} true, {} estimated", mean("111"), mean("000"));
     assert!(of("111", "all lights", "E") < 0.7 * of("000", "all lights", "E"));
-    // Where everything is 1.3 times too far, so is the lamp at 4.4 m; the shading of what is seen
-    // stays as it is.
+    // With all depths 1.3 times too large, the lamp at 4.4 m is off by the same factor; the shading
+    // of seen surfaces is unchanged.
     let away = of("000", "lamp_0", "Chamfer") - of("100", "lamp_0", "Chamfer");
     assert!((away - 2.0 * 0.3 * 4.4).abs() < 0.8, "{away}");
     assert!((of("000", "all lights", "E") - of("100", "all lights", "E")).abs() < 1e-3);

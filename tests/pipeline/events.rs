@@ -11,7 +11,7 @@ fn warm() -> tempfile::TempDir {
     folder
 }
 
-/// Runs an edit in a new engine over this cache; what ran and how many rays were traced.
+/// Runs an edit in a new engine over this cache; returns the nodes that ran and the number of rays.
 fn again(cache: &Path, scene: &Path, edit: &str) -> (Vec<String>, u64) {
     let report = run(&engine(Some(cache)), &physics(scene, edit), &[]);
     (ran(&report).into_iter().map(str::to_owned).collect(), rays(&report))
@@ -82,7 +82,7 @@ fn objects_run_what_they_touch() {
         names.sort();
         names
     };
-    // No light moves, so no direct light on the room is asked for again; all shadows are.
+    // Lights do not move, so direct light on the room is not recomputed; all shadows are.
     let per_light = ["edited_shadow", "edited_indirect", "glow", "object_light", "object_shown"];
     let (ran, rays) = ball("0.8, 0.8, 0.8", "");
     assert_eq!(ran, names(&per_light, &["objects", "edited_transport", "edited_rest", "after", "compose", "write"]));
@@ -90,7 +90,7 @@ fn objects_run_what_they_touch() {
     // Dimmed, a light traces nothing, with objects as without.
     let (ran, rays) = ball("0.8, 0.8, 0.8", r#""lamp_0": Scale(0.5)"#);
     assert_eq!((ran, rays), (names(&[], &["edit", "after", "object_shown[lamp_0]", "compose", "write"]), 0));
-    // Another colour: what it bounces; no shadow in the room and no way between its parts.
+    // Another color changes the bounces, but no shadow in the room and no path between its parts.
     let (ran, _) = ball("0.8, 0.2, 0.1", "");
     let per_light = ["edited_indirect", "object_light", "object_shown"];
     assert_eq!(ran, names(&per_light, &["objects", "edited_rest", "after", "compose", "write"]));

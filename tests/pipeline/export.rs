@@ -1,5 +1,5 @@
-//! The exported room, read back as text: its surface is the mesh, its lights are where and what
-//! they are.
+//! The exported room, read back as text: its surface is the mesh, and its lights have the positions
+//! and radiances of the run.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,14 +17,15 @@ const EDIT: &str = r#"Edit(version: 1, lights: {
     "window_0": Scale(0.5),
 })"#;
 
-/// A `def` of USD text: its type, and what stands right in it as `name = value`.
+/// A `def` of USD text: its type, and its own attributes as `name = value`.
 #[derive(Default, Debug)]
 struct Prim {
     kind: String,
     fields: BTreeMap<String, String>,
 }
 
-/// Every prim by its path. Reads what we write: one entry a line, a brace alone on its line.
+/// Every prim by its path. Reads the project's own files: one entry a line, a brace alone on its
+/// line.
 fn prims(text: &str) -> BTreeMap<String, Prim> {
     let (mut all, mut path): (BTreeMap<String, Prim>, Vec<String>) = (BTreeMap::new(), Vec::new());
     let mut next = None;

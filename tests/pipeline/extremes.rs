@@ -49,7 +49,7 @@ impl Ran {
     }
 }
 
-/// Runs with these lights; wants a sound picture of this size.
+/// Runs with these lights; checks that the picture is finite and of this size.
 fn check(place: &Place, what: &str, size: (usize, usize), lights: &str) -> Ran {
     place.write("edit.ron", format!("Edit(version: 1, lights: {{ {lights} }})"));
     let told = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache --out out", 0);
@@ -65,7 +65,7 @@ fn check(place: &Place, what: &str, size: (usize, usize), lights: &str) -> Ran {
     Ran { told, report: serde_json::from_str(&report).expect("it is JSON") }
 }
 
-/// Reason: neighbours a factor of 1.5 apart in depth, and cubes of distances from 1e-9 to 1e12,
+/// Reason: neighbors a factor of 1.5 apart in depth, and cubes of distances from 1e-9 to 1e12,
 /// lose all digits of 32 bits when points are subtracted carelessly.
 #[test]
 fn depth_from_a_millimetre_to_ten_kilometers() {
@@ -77,7 +77,7 @@ fn depth_from_a_millimetre_to_ten_kilometers() {
     }
 }
 
-/// Reason: no neighbour to make a triangle, a normal or a gradient from, and fewer pixels than
+/// Reason: no neighbor to make a triangle, a normal or a gradient from, and fewer pixels than
 /// unknowns.
 #[test]
 fn one_pixel_one_row_one_column() {
@@ -143,7 +143,7 @@ fn a_float_photo_of_any_scale() {
     assert!(sums.iter().all(|s| (s / sums[1] - 1.0).abs() < 0.02), "{sums:?}");
 }
 
-/// Reason: 1e12 is beyond a half float and 1e-12 below it; both are what a person asked for.
+/// Reason: 1e12 is beyond a half float and 1e-12 below it; a person may set both.
 #[test]
 fn radiances_of_twenty_four_decades() {
     let place = room((40, 30), paper, slope);
@@ -178,7 +178,7 @@ fn lamps_at_every_distance_from_a_surface() {
     ];
     let mut lights = String::new();
     for (i, (shape, touching)) in shapes.into_iter().enumerate() {
-        // Touching, 1 micrometre and 10 km before the surface; sunk in it; around the camera.
+        // Touching, 1 micrometer and 10 km before the surface; sunk in it; around the camera.
         let lifts = [touching, touching + 1e-6, 1e4].map(|lift| format!("Pixel(x: 20, y: 15, lift: {lift:e})"));
         let places = lifts.into_iter().chain(["Point(0, 0, -2.35)".into(), "Point(0, 0, 0)".into()]);
         for (j, at) in places.enumerate() {
@@ -189,8 +189,8 @@ fn lamps_at_every_distance_from_a_surface() {
     check(&place, "twenty lamps", (40, 30), &lights);
 }
 
-/// Reason: normals and areas of what has no extent are 0 / 0. An extent of 0 is a mistake; a tiny
-/// one is a lamp that gives nothing.
+/// Reason: normals and areas of degenerate shapes are 0 / 0. An extent of 0 is a mistake; a tiny
+/// one is a lamp of no power.
 #[test]
 fn bodies_without_extent() {
     let place = room((40, 30), paper, slope);
@@ -226,8 +226,8 @@ fn bodies_without_extent() {
     check(&place, "needles", (40, 30), &lights.collect::<String>());
 }
 
-/// Reason: NaN passes every comparison that asks for a mistake. It is refused before any work,
-/// under its place.
+/// Reason: NaN passes every comparison that tests for an error. It is refused before any work, with
+/// its location.
 #[test]
 fn what_is_no_number_is_refused() {
     let place = room((40, 30), paper, slope);
@@ -244,8 +244,8 @@ fn what_is_no_number_is_refused() {
     }
 }
 
-/// Reason: the sum of a few lights must not overflow; the light that is too bright is named, and
-/// nothing else is told.
+/// Reason: the sum of a few lights must not overflow; the message names the light that is too
+/// bright, and nothing else.
 #[test]
 fn a_light_too_bright_for_sums_is_named() {
     let place = room((40, 30), paper, slope);
@@ -267,8 +267,8 @@ fn many_lamps(count: usize) -> String {
     lights
 }
 
-/// Reason: whatever looks at each pair of lights, or at the whole room for each light, shows as
-/// more than ten times the time and memory of a tenth of the lights.
+/// Reason: a loop over pairs of lights, or over the whole room for each light, shows as more than
+/// ten times the time and memory of a tenth of the lights.
 #[test]
 fn two_thousand_lamps() {
     let [few, many] = [200, 2000].map(|count| {

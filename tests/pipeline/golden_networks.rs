@@ -149,7 +149,7 @@ fn indirect_of(backend: Backend, light: usize, factor: f32) -> Plane<Vec3> {
         normal: room().normal.clone(),
         albedo: room().albedo.clone(),
         masks: Gather(vec![]),
-        // Of no light: what it sends beside the view is outside this test.
+        // Light beside the view is outside this test.
         shape: Arc::new(relight::optics::Shape::Absent),
         direct: Arc::new(direct),
         visibility: light.visibility.clone(),

@@ -1,9 +1,9 @@
 //! One small picture per stage, of a room that is known in closed form: floor, three walls, a
 //! ceiling and a box.
 //!
-//! `RELIGHT_BLESS=mesh,shadow cargo test --release --test pipeline goldens` takes what these stages
-//! give now as right; look at it first: a failure leaves expected, got and difference (times 8)
-//! side by side in target/golden. Never blessed in CI.
+//! `RELIGHT_BLESS=mesh,shadow cargo test --release --test pipeline goldens` accepts the current
+//! results of these stages; look at them first: a failure leaves expected, got and difference
+//! (times 8) side by side in target/golden. Never blessed in CI.
 
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
@@ -152,8 +152,8 @@ fn paint(side: u32, p: Vec3) -> Vec3 {
     }
 }
 
-/// The room, and what the stages make of it, each from those before. Its lights are known and not
-/// seen.
+/// The room and the results of the stages on it, each from those before. Its lights are known and
+/// out of view.
 pub fn room() -> &'static Scene {
     static ROOM: OnceLock<Scene> = OnceLock::new();
     ROOM.get_or_init(|| {
@@ -381,7 +381,7 @@ fn polish() {
     check("polish", composed(Arc::default(), Some(out.specular_change)));
 }
 
-/// A photo of the room, and what is known of it beside the lights.
+/// A photo of the room, and its known planes beside the lights.
 struct Photographed {
     photo: Arc<Picture>,
     clipped: Arc<Mask>,
@@ -527,8 +527,8 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
     let glare = pixels().filter(|&i| is_clipped(i) && !is_own(i)).count();
     assert!(glare > 10, "{glare} pixels are saturated around the lights");
 
-    // The identity stores the photo to the bit; before that it is off by the rounding of a sum, and
-    // what is clipped is brighter.
+    // The identity stores the photo to the bit; before quantization it is off by the rounding of a
+    // sum, and clipped pixels are brighter.
     let stored = |picture: &Plane<Vec3>| write_png(&Picture(picture.clone()), Transfer::Srgb, false);
     assert!(stored(&same.picture.0) == stored(&of.photo.0), "the identity gives another picture");
     for i in pixels() {
@@ -557,7 +557,7 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
         }
     }
     // A light that is off gives nothing anywhere; twice the light is twice the layer; no edit of a
-    // light changes the others or what no light explains.
+    // light changes the others or the residual.
     let [lamp, window] = [0, 1].map(|light| move |out: &ComposeOut, i: usize| out.layer.0[light].1.get(i));
     for i in pixels() {
         assert_eq!(lamp(off, i), Vec3::ZERO, "{i}");
@@ -572,8 +572,7 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
     assert!(highlight.min_element() > 0.4, "no light explains the highlight: {highlight}");
 }
 
-/// A ball before the box, under the lamp: what it shows of direct light, and the shadow that it
-/// casts.
+/// A ball before the box, under the lamp: its direct light, and its shadow.
 #[test]
 fn objects() {
     let room = room();

@@ -13,7 +13,7 @@ use crate::project::*;
 const LINE: &str = "run GRAPHS/physics.ron edit.ron --scene . --no-cache";
 const NO_CHANGE: &str = "run GRAPHS/physics.ron EDITS/none.ron --scene . --no-cache";
 
-/// Runs to an end within a minute; what hangs is a fault.
+/// Runs to an end within a minute; a run that hangs fails the test.
 fn ended(place: &Place, line: &str) -> Output {
     let mut child = place
         .command(line)
@@ -278,7 +278,7 @@ fn a_cache_by_a_stranger_is_not_used() {
     assert_eq!(victim.pictures("out"), stranger.pictures("out"));
     let told = victim.check(&format!("{line} --out out"), 0);
     assert!(!counts(&told).contains("ran"), "its own results took their place: {told}");
-    // The key that both know makes it one cache.
+    // A common key makes it one cache.
     std::fs::copy(stranger.path("key"), victim.path("key")).expect("it can be copied");
     let told = stranger.check(&format!("{line} --cache-key key --out out"), 0);
     assert!(!counts(&told).contains("ran"), "{told}");
@@ -305,7 +305,7 @@ fn a_run_without_a_key_works_without_a_cache() {
     }
 }
 
-/// `--confined`: a scene, an edit, a graph and a model name only what lies beside or below them.
+/// `--confined`: a scene, an edit, a graph and a model name only files beside or below them.
 #[test]
 fn files_of_strangers_can_be_confined() {
     let check = |place: &Place, wanted: Option<&str>| {

@@ -76,9 +76,9 @@ fn a_profile_shines_where_its_candela_are() {
     assert!((center - Vec3::new(0.1, 0.7, -2.9)).length() < 1e-6);
 }
 
-/// A ball and a box of triangles beside the sphere and the box: their direct light, and what of it
-/// arrives. What differs is the noise of samples: 20480 triangles have no closed form, the 12 of
-/// the box have.
+/// A ball and a box of triangles beside the sphere and the box: their direct light and its visible
+/// part. The difference is the noise of samples: 20480 triangles have no closed form, the 12 of the
+/// box have.
 #[test]
 fn a_model_lights_the_room_as_the_same_form_does() {
     let Model { positions, triangles, .. } = Model::sphere();
@@ -150,8 +150,8 @@ fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
             continue;
         }
         if mask.0.pixels()[i] == 1.0 {
-            // No old glow: what the shade shows of others is as if the lamp were off, and of its
-            // own light nothing.
+            // The old glow is gone: the shade shows other lights as if the lamp were off, and none
+            // of its own light.
             own += 1;
             assert_eq!(layer(&moved, "window_0").0.pixels()[i], layer(&off, "window_0").0.pixels()[i]);
             assert_eq!(layer(&moved, "lamp_0").0.pixels()[i], Vec3::ZERO);
@@ -163,8 +163,8 @@ fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
     let middle = |name: &str| of::<Shape>(many(&moved, name), "lamp_0").bounding_sphere().expect("a lamp").0;
     assert!((middle("edit.shape") - middle("init.shape") - Vec3::new(-1.75, 0.0, 0.0)).length() < 1e-5);
 
-    // Onto the seat of the pouffe, which is what is seen there; it stands on it and does not sink
-    // in.
+    // Onto the seat of the pouffe, the surface that is seen there; it stands on it and does not
+    // sink in.
     let on = run_edit(r#"Edit(version: 1, lights: { "lamp_0": Move(to: Pixel(x: 278, y: 180)) })"#, &["edit.shape"]);
     let shape = of::<Shape>(many(&on, "edit.shape"), "lamp_0");
     let (middle, _) = shape.bounding_sphere().expect("a lamp");

@@ -1,5 +1,4 @@
-//! The whole pipeline, as a person runs it: what comes out, what runs again, and what happens when
-//! something is wrong.
+//! The whole pipeline through the command and the library: results, repeated runs, and faults.
 
 #[path = "../common/mod.rs"]
 mod common;

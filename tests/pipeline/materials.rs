@@ -131,12 +131,12 @@ fn paint_runs_bounces_and_what_follows() {
     };
     assert_eq!((sorted(ran), rays), (sorted(want), 0));
     assert!(painted != bare);
-    // Another finish asks for its own reflection and for nobody's light or bounces.
+    // Another finish computes its own reflection, and no light or bounces.
     let (ran, rays, polished) = again(&edit("Paint(region: Grow(160, 45), roughness: 0.2)", ""));
     assert_eq!(ran, ["repaint", "polish", "compose", "write"]);
     assert!(rays > 10_000 && polished[0] != bare[0]);
-    // A dimmed lamp on a painted wall is a new sum, and no paint at all is the photo from what is
-    // known.
+    // A dimmed lamp on a painted wall is a new sum, and without paint the photo comes from the
+    // cache.
     let (dimmed, rays, _) = again(&edit(PAINT, r#""lamp_0": Scale(0.5)"#));
     assert_eq!((dimmed, rays), (["edit", "after", "compose", "write"].map(str::to_owned).to_vec(), 0));
     assert_eq!(again(&edit("", "")), (vec![], 0, bare));

@@ -43,8 +43,8 @@ fn a_mix_is_what_a_fresh_run_with_these_weights_gives() {
     for lights in [
         r#""lamp_0": Scale(0.5), "window_0": Scale(1.7)"#,
         r#""lamp_0": Off, "inv_lamp": Scale(3)"#,
-        // A colour is not the same factor in every channel; the lamp has one lobe, so that one
-        // factor tells all.
+        // A color is not the same factor in every channel; the lamp has one lobe, so that one
+        // factor determines all.
         r#""lamp_0": Color(1, 0.25, 0.1), "window_0": Scale(0.3)"#,
     ] {
         let edit = format!("Edit(version: 1, lights: {{ {lights} }})");
@@ -52,7 +52,7 @@ fn a_mix_is_what_a_fresh_run_with_these_weights_gives() {
         let told = place.check(&format!("mix run --out mixed{}", set.collect::<String>()), 0);
         assert!(told.contains("mixed in"), "{told}");
         let ([png_mixed, exr_mixed], [png_fresh, exr_fresh]) = (place.pictures("mixed"), fresh(&edit));
-        // Halves err by 2^-11 of themselves, in the layer that is read and in what is written: a
+        // Halves have a relative error of 2^-11, in the layer that is read and in the result: a
         // fifth of a step of 8 bits.
         let steps = farthest(&png(&png_mixed), &png(&png_fresh));
         assert!(steps <= 1, "{lights}: {steps} of 255");

@@ -1,5 +1,5 @@
-//! Networks in a run: which ran, for which scene and which edit, and that threads do not change
-//! what they give.
+//! Networks in a run: the networks that run for each scene and edit, and results that do not depend
+//! on threads.
 
 use std::path::PathBuf;
 
@@ -76,7 +76,7 @@ fn an_edit_of_a_radiance_runs_no_network() {
     let off = r#"Edit(version: 1, lights: { "lamp_0": Off, "window_0": Scale(0.4) })"#;
     let (names, _) = again(off, &[]);
     assert_eq!(names, ["edit", "after", "compose", "write"]);
-    // What asks for the light at each place gets it, and nothing else runs for it.
+    // Stages that need the light at each place get it, and no other node runs for it.
     let (names, _) = again(off, &["lighting.lighting"]);
     assert_eq!(names, ["lighting"]);
     // A new light: its own layers.

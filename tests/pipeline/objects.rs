@@ -195,7 +195,7 @@ fn lamps_of_every_model() {
     model("a.ply", &grid, "", 2, &["a.ply", "wanted up to 1000000 triangles for a lamp, got 1003002"]);
 }
 
-/// The edit that ships: what is far from the objects stays, they are where they belong, and the
+/// The edit that ships: pixels far from the objects stay, objects are at their positions, and the
 /// table loses light beside them.
 #[test]
 fn insert_object_changes_the_table_and_leaves_the_ceiling() {
@@ -236,7 +236,7 @@ fn a_painted_wall_colors_the_ball_before_it() {
 }
 
 /// The balls that ship: one shows bright window and dark furniture side by side, the other a light
-/// on its red; what is far from them stays.
+/// on its red; pixels far from them stay.
 #[test]
 fn mirror_shows_the_room() {
     let graph = load(&root().join("graphs/demo.ron"), &demo(), &edits().join("mirror.ron"));

@@ -84,7 +84,8 @@ impl Onnx {
         let (w, b) = (format!("{output}_w"), format!("{output}_b"));
         let n = weights.len() as i64;
         let network = self.floats(&w, &[n, 3, 1, 1], weights.as_flattened()).floats(&b, &[n], bias);
-        // What exporters write although it is the default, and rten wants to see.
+        // Attributes that exporters write although they have default values, and that rten
+        // requires.
         let attributes: [(&str, &[u64]); 3] = [("kernel_shape", &[1, 1]), ("strides", &[1, 1]), ("dilations", &[1, 1])];
         network.node_with("Conv", &[input, &w, &b], &[output], &attributes)
     }

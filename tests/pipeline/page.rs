@@ -58,7 +58,8 @@ fn it_is_whole_in_itself(place: &Place) {
     assert!(page.contains("class=\"box ran\"") && page.contains("class=\"chip ran\""));
 }
 
-/// A browser that can be driven from a command line: what `CHROME` names, or one that is found.
+/// A browser that can be driven from a command line: the one that `CHROME` names, or one on the
+/// path.
 fn browser() -> Option<PathBuf> {
     let named = std::env::var_os("CHROME").map(PathBuf::from);
     let paths = std::env::var_os("PATH").unwrap_or_default();
@@ -122,7 +123,7 @@ fn its_pictures_are_those_of_the_program(place: &Place) {
     close("a slider against a run", &moved, &fresh);
     assert!(farthest(&mixed, &fresh) <= 1, "mix against a run");
 
-    // A state in the address: brighter, coloured, out.
+    // A state in the address: brighter, colored, out.
     let state = "inv_lamp=1.5,1,0.5&lamp_0=0&window_0=3";
     place.check("mix run --set inv_lamp=1.5,1,0.5 --set lamp_0=0 --set window_0=3 --out mixed", 0);
     close("a state", &shown(&browser, place, state, "", state), &read("mixed/picture.png"));

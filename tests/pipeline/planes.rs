@@ -1,5 +1,4 @@
-//! graphs/planes.ron: what known lights do to the demo, as the stages give it, and as the path
-//! tracer has it.
+//! graphs/planes.ron: layers of known lights on the demo, by the stages and by the path tracer.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +15,7 @@ fn planes() -> ResolvedGraph {
     graph.unwrap_or_else(|faults| panic!("{}", faults[0]))
 }
 
-/// Written planes as pixels of colours.
+/// Written planes as pixels of colors.
 fn colors(channels: &BTreeMap<String, Vec<f32>>, layer: &str) -> Vec<Vec3> {
     let [r, g, b] = ["R", "G", "B"].map(|c| &channels[&format!("{layer}.{c}")]);
     r.iter().zip(g).zip(b).map(|((&r, &g), &b)| Vec3::new(r, g, b)).collect()
@@ -48,8 +47,8 @@ fn the_file_holds_what_the_stages_give_bit_for_bit() {
             let seen = lit.pixels().iter().zip(unknown.pixels()).map(|(lit, unknown)| lit - unknown);
             // Sums of eight weights, spread over pixels: rounding.
             assert!(seen.clone().fold(1.0, f32::min) > -1e-5, "{id}: what is unknown counts as lit");
-            // The lamp above the camera is out of view: whatever of its light is not blocked has
-            // left the view. Only where no light could arrive is nothing unknown.
+            // The lamp above the camera is out of view: its unblocked rays have left the view. Only
+            // pixels that no light could reach have no unknown rays.
             let known = seen.zip(unknown.pixels()).filter(|&(seen, &unknown)| seen > 1e-5 && unknown > 0.0).count();
             assert!((known == 0) == (id == "inv_lamp"), "{id}: {known} pixels see part of it");
         }
@@ -67,8 +66,8 @@ fn the_file_holds_what_the_stages_give_bit_for_bit() {
 }
 
 /// Albedo x sum of radiance x (direct x lit + indirect) is each light's own picture, in its units:
-/// the median pixel of the lamp is 11 % too dark and that of the window 15 % too bright, as what is
-/// unseen is guessed.
+/// the median pixel of the lamp is 11 % too dark and that of the window 15 % too bright, as the
+/// unseen part is a guess.
 #[test]
 fn known_lights_give_the_true_picture_of_each() {
     let report = run(shared_engine(), &planes(), &["write.files", "known.radiance"]);

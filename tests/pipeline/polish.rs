@@ -24,8 +24,8 @@ fn mean(of: &Picture, (left, top): (usize, usize), (w, h): (usize, usize)) -> Ve
     all.sum::<Vec3>() / (w * h) as f32
 }
 
-/// The table shows sofa and cushion in their colours, the boards the wall below the window; what is
-/// not polished stays to the last bit.
+/// The table shows sofa and cushion in their colors, the boards the wall below the window;
+/// unpolished pixels stay to the last bit.
 #[test]
 fn polish_shows_on_what_is_polished() {
     let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("polish.ron"));
@@ -42,7 +42,7 @@ fn polish_shows_on_what_is_polished() {
     }
 }
 
-/// 0.8 is the roughness that the stage says everything has; 0.5 the usual specular level.
+/// 0.8 is the roughness of the stage's output everywhere; 0.5 the usual specular level.
 #[test]
 fn what_it_had_changes_nothing() {
     let bare = picture(IDENTITY);
@@ -98,8 +98,8 @@ fn polished_surfaces_and_objects_show_each_other() {
     let mirror = "Paint(region: Grow(70, 170), roughness: 0, specular: 1)";
     let (bare, polished) = (picture(&edit("", &objects)), picture(&edit(mirror, &objects)));
     let (alone, shiny) = (picture(IDENTITY), picture(&edit(mirror, "")));
-    // Below the ball: red against what the same boards mirror without it, and more than its bounce
-    // alone does.
+    // Below the ball: red against the reflection of the same boards without it, and more than its
+    // bounce alone gives.
     let redness = |of: &Picture| {
         let c = mean(of, (26, 200), (8, 4));
         c.x / c.y
@@ -118,7 +118,7 @@ fn polished_surfaces_and_objects_show_each_other() {
     assert!(differ.count() > 20, "the lower half of the ball shows the table");
 }
 
-/// The photo has no reflection of an inserted lamp to be removed.
+/// The photo does not contain a reflection of an inserted lamp.
 #[test]
 fn a_new_lamp_shines_on_dull_paint_as_on_none() {
     let lamp = r#"lights: { "desk": Lamp(shape: Sphere(radius: 0.07), at: Pixel(x: 60, y: 185, lift: 0.3), radiance: (72, 44, 20)) }"#;

@@ -156,7 +156,7 @@ pub fn layers(report: &RunReport) -> Vec<(String, Arc<Picture>)> {
     many::<Layer>(report, "compose.layer").into_iter().map(|(id, layer)| (id, Arc::new(layer.picture()))).collect()
 }
 
-/// The layer of what no light explains.
+/// The residual layer.
 pub fn rest(report: &RunReport) -> Arc<Picture> {
     Arc::new(one::<Layer>(report, "compose.residual").picture())
 }
@@ -231,7 +231,7 @@ impl Place {
         command
     }
 
-    /// Runs to the end and wants this exit status; standard error.
+    /// Runs to the end and checks this exit status; returns standard error.
     pub fn check(&self, line: &str, status: i32) -> String {
         let output = self.command(line).output().expect("the program starts");
         check_output(line, &output, status)

@@ -197,7 +197,7 @@ impl TruthRoom {
         let mut room = TruthRoom { cases: Vec::new(), source, meta, lights, folder };
         let total = sum(room.lights.values());
         let visible: Vec<String> = names(&room.meta["visible"]).into_iter().map(str::to_owned).collect();
-        // A window that is not in view and not named `inv_window` has no edit.
+        // Edits skip a window that is out of view and not named `inv_window`.
         let known = |id: &String| id.starts_with("inv") || visible.contains(id);
         for (id, light) in room.lights.clone().into_iter().filter(|(id, _)| known(id)) {
             let lights =

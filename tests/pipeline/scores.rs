@@ -21,8 +21,8 @@ fn each_graph_runs_with_each_fitting_edit() {
         let file = relight::graph::GraphFile::read(&graph).unwrap_or_else(|faults| panic!("{}", faults[0]));
         let before: i32 = fitted.iter().sum();
         for (edit, fitted) in edits.iter().zip(&mut fitted) {
-            // An edit fits when it speaks of what graph and scene have; the museum sees to those
-            // that do not.
+            // An edit fits when graph and scene have all that it names; the regression corpus
+            // covers those that do not.
             let Ok(network) = load(&graph, &demo(), edit) else { continue };
             *fitted += 1;
             let report = run(shared_engine(), &network, &[]);
@@ -66,8 +66,8 @@ fn the_identity_gives_the_photo_back() {
 
 /// The table of scores, with a tolerance per measure.
 ///
-/// `RELIGHT_BLESS=scores cargo test --release --test pipeline scores` writes what the edits score
-/// now; never in CI.
+/// `RELIGHT_BLESS=scores cargo test --release --test pipeline scores` writes the current scores;
+/// never in CI.
 #[derive(Deserialize)]
 #[serde(rename = "Scores")]
 struct Expected {

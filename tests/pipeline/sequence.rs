@@ -1,4 +1,5 @@
-//! Sequences: what each frame runs, that nothing flickers, and what the command writes.
+//! Sequences: the nodes that each frame runs, absence of flicker, and the files that the command
+//! writes.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,8 +9,8 @@ use relight::image::Mask;
 use crate::layers::channels;
 use crate::project::*;
 
-/// Runs these frames of an edit one after the other by one engine, as the command does; what ran in
-/// each.
+/// Runs these frames of an edit one after the other by one engine, as the command does; returns the
+/// nodes that ran in each.
 fn frames(edit: &str, numbers: &[u32]) -> Vec<Vec<String>> {
     let engine = engine(None);
     run(&engine, &physics(&demo(), IDENTITY), &["picture"]);
@@ -147,7 +148,7 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     place.check(&format!("run DEMO.ron plain.ron {SMALL} --no-cache --out plain"), 0);
     assert_eq!(files(&place.path("plain"))["picture.png"], out[&names[1]]);
 
-    // Killed at any moment, the next run makes what is missing, and no frame twice.
+    // After a kill at any moment, the next run computes the missing frames, and no frame twice.
     let mut child = place.command(&line("torn"));
     let quiet = child.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null());
     let mut child = quiet.spawn().expect("the program starts");
@@ -232,7 +233,7 @@ fn a_frame_can_be_asked_for() {
     place.check(&format!("run DEMO.ron EDITS/moving_lamp.ron {SMALL} --frame 24 --no-cache --out ships"), 0);
     assert!(place.path("ships/picture_0024.png").is_file());
 
-    // What changes from one frame to the next is one parameter.
+    // Consecutive frames differ in one parameter.
     place.check(&format!("run DEMO.ron edit.ron {SMALL} --frame 0 --cache cache --out out"), 0);
     let told = printed(&format!("explain DEMO.ron edit.ron edit --frame 1 {SMALL} --cache cache"));
     assert!(told.starts_with("edit: run: parameter lights: "), "{told}");

@@ -38,7 +38,7 @@ fn greedy() -> Vec<u8> {
         .file()
 }
 
-/// A message whose length is `length`, whatever follows.
+/// A message whose length is `length`, with any content.
 fn opened(field: u64, length: u64) -> Vec<u8> {
     let mut out = Vec::new();
     varint(&mut out, field << 3 | 2);
@@ -184,7 +184,7 @@ fn a_run_that_is_cancelled_ends_the_child() {
     });
 }
 
-/// Whatever a child answers, the program neither allocates nor believes it.
+/// No answer of a child makes the program allocate or accept invalid data.
 #[test]
 fn a_child_that_lies_is_an_error() {
     let ports = |hex: &str| format!("printf '{hex}'; exec sleep 60");
@@ -352,8 +352,7 @@ mod processes {
     }
 
     fn is_alive(process: u32) -> bool {
-        // A process that has ended stays as a zombie until its parent, or init, asks for its
-        // status.
+        // A process that has ended stays as a zombie until its parent, or init, reads its status.
         let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
         !status.is_empty() && !status.contains("State:\tZ")
     }

@@ -1,4 +1,4 @@
-//! Work in proportion: what many lights and a large photo cost, counted and not timed.
+//! Work in proportion: cost of many lights and of a large photo, counted and not timed.
 
 use glam::Vec3;
 use relight::graph::{NodeReport, RunReport};

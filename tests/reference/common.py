@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 def surface(camera):
     """Points of the mesh and normals at them, (2, height, width, 3): a wavy wall about 3 m away with a ridge, no depth step.
 
-    Camera at the origin, x right, y up, looking along -z; pixel (j, i) has its centre at (j + 0.5, i + 0.5)."""
+    Camera at the origin, x right, y up, looking along -z; pixel (j, i) has its center at (j + 0.5, i + 0.5)."""
     width, height = camera["width"], camera["height"]
     f = 0.5 * width / np.tan(0.5 * np.radians(camera["fov_x"]))
     j, i = np.meshgrid(np.arange(width), np.arange(height))
@@ -89,7 +89,7 @@ def lamp_mesh(lamp):
 
 
 def opening(window, size=60.0):
-    """Corners and quads of a closed box, `size` metres wide, around the room side of a window, with the window as its only hole."""
+    """Corners and quads of a closed box, `size` meters wide, around the room side of a window, with the window as its only hole."""
     center, x, y = (np.array(window[k]) for k in ("center", "x", "y"))
     ex, ey = x / np.linalg.norm(x), y / np.linalg.norm(y)
     room = np.cross(ex, ey)

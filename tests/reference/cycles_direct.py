@@ -115,7 +115,7 @@ def add_world(scene, lobe):
 
 
 def add_receivers(scene, s):
-    """One square per receiver, its texture coordinates around the centre of its pixel."""
+    """One square per receiver, its texture coordinates around the center of its pixel."""
     count = len(s.receivers)
     corners, uv = [], []
     for i, (p, n) in enumerate(zip(s.receivers.astype(float), s.normals.astype(float))):

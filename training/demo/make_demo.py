@@ -208,7 +208,7 @@ class Demo:
         return self.basis @ np.asarray(direction, float)
 
     def pixel(self, point):
-        """Where a world point is seen, in pixels; centres at + 0.5."""
+        """Where a world point is seen, in pixels; centers at + 0.5."""
         p, f = self.to_camera(point), self.focal()
         return (self.width / 2 + f * p[0] / -p[2], self.height / 2 - f * p[1] / -p[2])
 
@@ -279,8 +279,8 @@ class Demo:
         return a[..., -6:-3].astype(np.float32), np.ascontiguousarray(a[..., -3:] @ self.basis.T, dtype=np.float32)
 
     def geometry(self, grid=8):
-        """Planar z and normals at the pixel centres, and per light the pixels that it shows in. A pixel of a light has the light's depth and
-        normal, also where its centre just misses it."""
+        """Planar z and normals at the pixel centers, and per light the pixels that it shows in. A pixel of a light has the light's depth and
+        normal, also where its center just misses it."""
         scene = self.scene([])
         names = {"lamp_0": None, "window_0": None}
         for s in scene.shapes():
@@ -345,7 +345,7 @@ def numbers(v):
 
 
 def describe(demo):
-    """The lights in camera space, metres, photo units."""
+    """The lights in camera space, meters, photo units."""
     shade, c, (x, y) = room.SHADE, CEILING, EAST["half"]
     center, half_x, half_y = demo_window()
     lobes = {k: dict(direction=numbers(demo.turn(np.array(v["direction"]) / np.linalg.norm(v["direction"]))), bandwidth=v["bandwidth"], radiance=v["radiance"]) for k, v in (("sky", SKY), ("ground", GROUND))}

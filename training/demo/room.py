@@ -1,7 +1,7 @@
-"""The demo living room: walls, furniture and lights as meshes, metres, y up, floor at y = 0.
+"""The demo living room: walls, furniture and lights as meshes, meters, y up, floor at y = 0.
 
 The plain room is that of tests/scenes/small; the rich one, that of scenes/demo, has finer textures and more in it. Lights, camera and furniture stand at
-the same places in both. `build(rich)` returns the meshes by material. A material is a texture (name of an array in `TEXTURES`) or "matte" / "gloss", whose meshes carry a colour
+the same places in both. `build(rich)` returns the meshes by material. A material is a texture (name of an array in `TEXTURES`) or "matte" / "gloss", whose meshes carry a color
 each; "gloss" has a specular coat of roughness 0.3."""
 import numpy as np
 
@@ -25,7 +25,7 @@ LINEN = (0.70, 0.63, 0.50)
 
 
 def textures(rich):
-    """(linear reflectance [h, w, 3], repeats per metre along u and v) by material; the rich room's have three times the resolution."""
+    """(linear reflectance [h, w, 3], repeats per meter along u and v) by material; the rich room's have three times the resolution."""
     rng, k = np.random.default_rng(7), 3 if rich else 1
     plain = {
         "floor": (tx.planks(rng, 600 * k, 800 * k, 30, (0.22, 0.125, 0.06), (0.50, 0.33, 0.19)), (1 / 6.0, 1 / 4.5)),

@@ -1,6 +1,6 @@
 """Triangle meshes from formulas: boxes, rounded boxes, solids of revolution, tubes, sheets.
 
-A mesh is (points [n,3], normals [n,3], uv [n,2], faces [m,3]); lengths in metres, y up, faces counter-clockwise from outside."""
+A mesh is (points [n,3], normals [n,3], uv [n,2], faces [m,3]); lengths in meters, y up, faces counter-clockwise from outside."""
 import numpy as np
 
 AXES = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
@@ -36,7 +36,7 @@ def moved(mesh, at=(0, 0, 0), yaw=0.0, pitch=0.0, roll=0.0):
 
 
 def quad(center, x, y):
-    """A rectangle with half edges `x`, `y`, facing `x cross y`; uv in metres."""
+    """A rectangle with half edges `x`, `y`, facing `x cross y`; uv in meters."""
     c, x, y = (np.asarray(a, float) for a in (center, x, y))
     p, n, uv, f = sheet(lambda u, v: c + (2 * u - 1)[..., None] * x + (2 * v - 1)[..., None] * y, 1, 1)
     return p, n, uv * 2 * np.array([np.linalg.norm(x), np.linalg.norm(y)]), f
@@ -44,7 +44,7 @@ def quad(center, x, y):
 
 def box(low, high, edge=0.0, steps=4, puff=0.0):
     """A box between two corners. `edge` rounds its edges with that radius; `puff` swells its thinnest axis towards the middle like a cushion
-    (share of its thickness that the rim loses; the shading normals stay those of the flat box). `steps` rings make one rounded edge. uv in metres on
+    (share of its thickness that the rim loses; the shading normals stay those of the flat box). `steps` rings make one rounded edge. uv in meters on
     every face."""
     low, high = np.asarray(low, float), np.asarray(high, float)
     half, mid = (high - low) / 2, (high + low) / 2

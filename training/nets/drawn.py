@@ -3,7 +3,7 @@
 usage: drawn.py FOLDER ... [--runs runs] [--out drawn.png]
 
 A FOLDER holds photo.png, depth.exr, about.json (fov_x_deg or fx; transfer) and masks/LIGHT.png, as ../shared/data/photos; or it is a room of
-../shared/truth, whose true lights are drawn dotted. Albedo is MNet's. Colours are those of the radiance; an arrow is the way light comes in. Prints what
+../shared/truth, whose true lights are drawn dotted. Albedo is MNet's. Colors are those of the radiance; an arrow is the way light comes in. Prints what
 the networks say."""
 
 import argparse

@@ -1,5 +1,5 @@
 """Direct shading per unit radiance, differentiable in a light's place, size, direction and bandwidth: the twin of the program's stage Direct, through
-which the networks that estimate lights learn. Points and normals are [B, P, 3], metres.
+which the networks that estimate lights learn. Points and normals are [B, P, 3], meters.
 
 Lamps are boxes, in closed form (Lambert's formula with the horizon cut). Windows are sums over CELLS x CELLS places of the pane, for each lobe by itself;
 a lobe sharper than those places can show is blurred to SHARPEST, which keeps what it sends."""

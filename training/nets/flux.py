@@ -1,4 +1,4 @@
-"""The power of a light, per unit radiance: what a source sends into the room, in m^2 (lights.json gives shapes in metres).
+"""The power of a light, per unit radiance: what a source sends into the room, in m^2 (lights.json gives shapes in meters).
 
 A lamp of area S: pi S. A lobe of a window of area S and normal n into the room: S times the integral of exp(lambda (d.l - 1)) max(0, -n.l) over l."""
 

@@ -1,4 +1,4 @@
-"""The shape of a light as numbers: what the networks that estimate lights learn from. All in camera space, metres, from an entry of lights.json."""
+"""The shape of a light as numbers: what the networks that estimate lights learn from. All in camera space, meters, from an entry of lights.json."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ POINTS = 64
 
 
 def form(light):
-    """36 numbers: centre 3; half axes 3 x 3 (of a window x, y and zeros); of three lobes direction 3, bandwidth, radiance 3 (zeros where there is none);
+    """36 numbers: center 3; half axes 3 x 3 (of a window x, y and zeros); of three lobes direction 3, bandwidth, radiance 3 (zeros where there is none);
     radiance of a lamp 3."""
     lobes = np.zeros((3, 7))
     for lobe in light.get("lobes", []):
@@ -18,7 +18,7 @@ def form(light):
 
 
 def body(light):
-    """Centre and half axes of the box that holds a light."""
+    """Center and half axes of the box that holds a light."""
     kind = light["kind"]
     if kind == "Mesh":
         corners = np.unique(np.array(light["triangles"], float).reshape(-1, 3), axis=0)

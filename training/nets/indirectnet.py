@@ -85,7 +85,7 @@ class Indirect(nn.Module):
         white = (x["shading"] * x["albedo"]).amax(1, keepdim=True)
         white = white > white.flatten(1).quantile(0.9 + 0.1 * torch.rand(1, generator=g).item(), 1).view(-1, 1, 1, 1)
         left = known * (seen - x["lit"] * wrong(0.1)) * (1 - x["light"]) * ~white
-        turn = torch.randperm(3, generator=g)  # light does not know colours by name
+        turn = torch.randperm(3, generator=g)  # light does not know colors by name
         coloured = lambda v: v[:, turn]
         burning = known * torch.stack(burning)[:, torch.cat([turn, turn + 3])]
         return {

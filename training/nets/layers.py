@@ -47,7 +47,7 @@ def luminance(x):
 
 
 def unit_scale(geometry):
-    """`geometry` [B, 6, h, w] (normal, xyz in metres) with lengths divided by a third of the mean depth."""
+    """`geometry` [B, 6, h, w] (normal, xyz in meters) with lengths divided by a third of the mean depth."""
     normal, xyz = geometry[:, :3], geometry[:, 3:]
     return torch.cat([normal, xyz / (xyz[:, 2:].mean((1, 2, 3), keepdim=True) / -3)], 1)
 

@@ -107,7 +107,7 @@ class LightNet(nn.Module):
         want = rooms.get("maps", room).flatten(2, 3).flatten(0, 1)[valid]
         estimates = {"network": self.maps(*self(**x))[0].flatten(0, 1)}
         if floors is not None:
-            mean = lambda plane: F.avg_pool2d(plane[..., 1:-1, 1:-1], 2, CELL)[0].flatten(1).T  # of the 2 x 2 pixels about a cell's centre
+            mean = lambda plane: F.avg_pool2d(plane[..., 1:-1, 1:-1], 2, CELL)[0].flatten(1).T  # of the 2 x 2 pixels about a cell's center
             estimates["constant"] = floors["map"] * mean(x["shading"] * (1 - x["light"]))[:, None]
             estimates["gathered"] = gather(x["geometry"][0, 3:], rooms.get("photo", room), mean(x["geometry"]), float(rooms.get("fov_x", room)))
         truth = hemisphere.shading(want)

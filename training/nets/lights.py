@@ -39,7 +39,7 @@ class Seen(NamedTuple):
 
 class Lights(nn.Module):
     """What the four have in common. photo [1, 3, 120, 160]: linear, 98 % of the pixels that are no light below 0.9..1, clipped as it is; geometry [1, 6,
-    ..]: normal, xyz (m); albedo [1, 3, ..]; lights [1, 2, ..]: pixels of all visible lights, of this one; start [1, 5, 1, 1]: centre (m) and half
+    ..]: normal, xyz (m); albedo [1, 3, ..]; lights [1, 2, ..]: pixels of all visible lights, of this one; start [1, 5, 1, 1]: center (m) and half
     extents (m) by mask and depth, zeros for an invisible light"""
 
     visible, window = False, False
@@ -257,7 +257,7 @@ class Lights(nn.Module):
         return {"mean": cls.middle(torch.cat(forms), torch.cat(starts))}
 
     def score(self, rooms, room, floors=None):
-        """Per light, E_j and distances as the reference's code has them: mean absolute error of E_j over the picture, Chamfer distance in metres. An
+        """Per light, E_j and distances as the reference's code has them: mean absolute error of E_j over the picture, Chamfer distance in meters. An
         invisible light that nothing estimates has no distance. `radiance` is that of a lamp, or of sky and ground."""
         rows = self.chosen(rooms, room)
         if not rows:
@@ -329,24 +329,24 @@ class Lights(nn.Module):
 
 
 class Lamp(Lights):
-    outputs = ["centre", "axes", "radiance", "confidence"]
+    outputs = ["center", "axes", "radiance", "confidence"]
 
     @staticmethod
-    def made(centre, axes, numbers, seen):
+    def made(center, axes, numbers, seen):
         """What `light` gives, from the 3 numbers of what the lamp sends."""
         a, b, c = axes.norm(dim=2).unbind(1)
         shown = 2 * (a * b + b * c + c * a)  # a quarter of the box's surface, the mean over directions
-        radiance = strength(numbers) * seen.alone * (4 * spread(centre, seen.unit) / shown[:, None])
-        return {"centre": centre, "axes": axes, "radiance": radiance[:, None]}
+        radiance = strength(numbers) * seen.alone * (4 * spread(center, seen.unit) / shown[:, None])
+        return {"center": center, "axes": axes, "radiance": radiance[:, None]}
 
     def shading(self, guess, points, normals):
-        return emit.box(guess["centre"], guess["axes"], points, normals)[..., None] * guess["radiance"]
+        return emit.box(guess["center"], guess["axes"], points, normals)[..., None] * guess["radiance"]
 
     def surface(self, guess):
         """24 points on the box."""
         k = torch.tensor([[a, b, c] for a in (-1, 1) for b in (-0.5, 0.5) for c in (-0.5, 0.5)])
         k = torch.cat([k, k.roll(1, 1), k.roll(2, 1)])
-        return guess["centre"][:, None] + torch.einsum("na,bac->bnc", k, guess["axes"])
+        return guess["center"][:, None] + torch.einsum("na,bac->bnc", k, guess["axes"])
 
     def form_loss(self, guess, form):
         volume = lambda axes: 8 * axes.norm(dim=2).prod(1)
@@ -368,7 +368,7 @@ class Lamp(Lights):
 
 class Window(Lights):
     window = True
-    outputs = ["centre", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"]
+    outputs = ["center", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"]
 
     def shading(self, guess, points, normals):
         lobes = emit.window(*(guess[k] for k in self.outputs[:5]), points, normals)
@@ -378,18 +378,18 @@ class Window(Lights):
         """36 points on the pane."""
         k = torch.linspace(-5 / 6, 5 / 6, 6)
         u, v = (t.reshape(1, -1, 1) for t in torch.meshgrid(k, k, indexing="ij"))
-        return guess["centre"][:, None] + u * guess["half_x"][:, None] + v * guess["half_y"][:, None]
+        return guess["center"][:, None] + u * guess["half_x"][:, None] + v * guess["half_y"][:, None]
 
     @staticmethod
-    def made(centre, out, tilt, half, numbers, seen):
+    def made(center, out, tilt, half, numbers, seen):
         """What `light` gives, from half extents [B, 2] and the 21 numbers of the lobes. What sky and ground give falls off with
         distance, what the sun gives does not."""
         x, up = frame(out, tilt)
-        directions, bandwidths, sent = lobes(numbers, out, F.normalize(centre - seen.spot, dim=1, eps=1e-6))
-        wide = (seen.alone * spread(centre, seen.unit) / half.prod(1, keepdim=True))[:, None]
+        directions, bandwidths, sent = lobes(numbers, out, F.normalize(center - seen.spot, dim=1, eps=1e-6))
+        wide = (seen.alone * spread(center, seen.unit) / half.prod(1, keepdim=True))[:, None]
         radiance = sent * torch.cat([seen.glare[:, None] / 2, wide, wide], 1) * (1 + bandwidths)[..., None]
         return {
-            "centre": centre,
+            "center": center,
             "half_x": x * half[:, :1],
             "half_y": up * half[:, 1:],
             "directions": directions,
@@ -442,7 +442,7 @@ class Window(Lights):
 
 def faces(geometry, shading, valid):
     """[B, FACES]: of the surfaces in each quarter of the picture that face right, up, towards us and the other ways: how much there is, its mean place
-    and the logarithm of its mean shading by colour. What comes from where."""
+    and the logarithm of its mean shading by color. What comes from where."""
     normal, xyz = geometry[:, :3], geometry[:, 3:]
     weight = torch.cat([normal, -normal], 1).clamp(min=0) * valid
     mean = lambda x: F.avg_pool2d(x, (60, 80))
@@ -466,11 +466,11 @@ def strength(y):
     return torch.tan(torch.pi / 2 * 0.9999 * share(y - 1))
 
 
-def spread(centre, unit):
+def spread(center, unit):
     """Squared distance of a light from the middle of what is seen, [B, 1]. The head tells how much arrives there, as a share of what the photo shows,
     and not the radiance: that hangs less on how large and how far the light is taken to be."""
-    middle = unit * centre.new_tensor([0.0, 0.0, -3.0])
-    return ((centre - middle) ** 2).sum(1, keepdim=True) + unit**2
+    middle = unit * center.new_tensor([0.0, 0.0, -3.0])
+    return ((center - middle) ** 2).sum(1, keepdim=True) + unit**2
 
 
 def frame(out, tilt):
@@ -501,7 +501,7 @@ def away(y, geometry_unit):
 
 
 class VisLampNet(Lamp):
-    """A visible lamp -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]. The centre lies on the mean ray of its mask,
+    """A visible lamp -> center [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]. The center lies on the mean ray of its mask,
     up to 0.2 units before or behind its median depth; the box lies along the camera's axes."""
 
     visible = True
@@ -512,12 +512,12 @@ class VisLampNet(Lamp):
     def light(self, y, seen, start):
         towards = F.normalize(start[:, :3], dim=1)
         half = torch.cat([start[:, 3:], start[:, 3:].amin(1, keepdim=True)], 1) * torch.exp(torch.tanh(y[:, 1:4])) + 1e-3
-        centre = start[:, :3] + 0.2 * torch.tanh(y[:, :1]) * towards * seen.unit
-        return self.made(centre, half[..., None] * torch.eye(3), y[:, 4:7], seen)
+        center = start[:, :3] + 0.2 * torch.tanh(y[:, :1]) * towards * seen.unit
+        return self.made(center, half[..., None] * torch.eye(3), y[:, 4:7], seen)
 
 
 class VisWinNet(Window):
-    """A visible window -> centre [1, 3], half_x and half_y [1, 3] (m; their cross product points into the room), directions [1, 3, 3], bandwidths [1,
+    """A visible window -> center [1, 3], half_x and half_y [1, 3] (m; their cross product points into the room), directions [1, 3, 3], bandwidths [1,
     3] and radiance [1, 3, 3] of sun, sky and ground, confidence [1, 2]."""
 
     visible = True
@@ -527,12 +527,12 @@ class VisWinNet(Window):
 
     def light(self, y, seen, start):
         out = F.normalize(0.8 * torch.tanh(y[:, 3:6]) + F.normalize(start[:, :3], dim=1), dim=1, eps=1e-6)
-        centre, half = start[:, :3] + 0.5 * torch.tanh(y[:, :3]) * seen.unit, start[:, 3:] * torch.exp(torch.tanh(y[:, 9:11])) + 1e-3
-        return self.made(centre, out, 0.8 * torch.tanh(y[:, 6:9]), half, y[:, 11:32], seen)
+        center, half = start[:, :3] + 0.5 * torch.tanh(y[:, :3]) * seen.unit, start[:, 3:] * torch.exp(torch.tanh(y[:, 9:11])) + 1e-3
+        return self.made(center, out, 0.8 * torch.tanh(y[:, 6:9]), half, y[:, 11:32], seen)
 
 
 class InvLampNet(Lamp):
-    """The invisible lamp -> centre [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]."""
+    """The invisible lamp -> center [1, 3], half axes [1, 3, 3] (m), radiance [1, 1, 3], confidence [1, 2]."""
 
     def __init__(self):
         super().__init__(4 + 3 + 3 + 3)
@@ -555,10 +555,10 @@ class InvWinNet(Window):
         super().__init__(4 + 3 + 3 + 2 + 21)
 
     def light(self, y, seen, start):
-        centre = away(y[:, :4], seen.unit)
-        out = F.normalize(torch.tanh(y[:, 4:7]) + 0.5 * F.normalize(centre, dim=1), dim=1, eps=1e-6)
+        center = away(y[:, :4], seen.unit)
+        out = F.normalize(torch.tanh(y[:, 4:7]) + 0.5 * F.normalize(center, dim=1), dim=1, eps=1e-6)
         half = torch.exp(-0.5 + torch.tanh(y[:, 10:12] / 2) * 2) * seen.unit
-        return self.made(centre, out, 0.8 * torch.tanh(y[:, 7:10]), half, y[:, 12:33], seen)
+        return self.made(center, out, 0.8 * torch.tanh(y[:, 7:10]), half, y[:, 12:33], seen)
 
 
 def parts(paths):
@@ -631,7 +631,7 @@ def relight(rooms, room, row, factor):
 
 
 def begin(geometry, lights, window):
-    """Where a seen light is by mask and depth, [B, 5, 1, 1]: centre and half extents across the view (m). Depth is the median over the mask, of a window
+    """Where a seen light is by mask and depth, [B, 5, 1, 1]: center and half extents across the view (m). Depth is the median over the mask, of a window
     over what surrounds the mask, two pixels wide: depth of a pane may be that of the view outside."""
     out = torch.zeros(len(lights), 5)
     ring = (F.max_pool2d(lights[:, 1:], 5, 1, 2)[:, 0] > 0) & (lights[:, 0] == 0)

@@ -149,7 +149,7 @@ def main(rooms, relight, runs, sheet):
             both = {"as they are": estimates, "fitted": fits}
             lights[f"{source.name} {name}"] = {m: {e: error(v[k], truth[k], valid[0]) for e, v in some.items()} for m, some in both.items()}
             pictures.append(shown(x, estimates, shadow, k))
-        cells = lambda v: F.avg_pool2d(v[..., 1:-1, 1:-1], 2, CELL)  # the 2 x 2 pixels about a cell's centre
+        cells = lambda v: F.avg_pool2d(v[..., 1:-1, 1:-1], 2, CELL)  # the 2 x 2 pixels about a cell's center
         implied = error(hemisphere.shading(maps).movedim(-1, 0), cells(truth.sum(0)), (cells(valid[0]) > 0.99).float())
         sums = {e: error(v.sum(0), truth.sum(0), valid[0]) for e, v in estimates.items()}
         whole[source.name] = {"all lights together": sums | {"implied by LightNet's maps": implied}}

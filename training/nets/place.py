@@ -1,4 +1,4 @@
-"""Where a light is, an input of ShadowNet: centre, half_x, half_y (zeros but for windows; m) and the direction to a sun (zeros but for suns), 12
+"""Where a light is, an input of ShadowNet: center, half_x, half_y (zeros but for windows; m) and the direction to a sun (zeros but for suns), 12
 numbers in camera space."""
 
 import numpy as np

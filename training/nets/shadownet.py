@@ -22,7 +22,7 @@ WHITE = 0.99  # a photo's pixel above it tells nothing
 class ShadowNet(nn.Module):
     """visibility [1, 5, 120, 160]: traced, unknown, unshadowed direct shading per unit radiance of that lobe, its residual in the photo, its unshadowed
     fraction of the photo's shading (`evidence`; zeros for a light that is off in the photo); geometry [1, 6, 120, 160]: normal, xyz (m); place [1, 12,
-    1, 1] of the light: centre, half_x, half_y (m; zeros except for windows), direction to the sun (zeros except for suns) -> shares [1, 3, 120, 160] in
+    1, 1] of the light: center, half_x, half_y (m; zeros except for windows), direction to the sun (zeros except for suns) -> shares [1, 3, 120, 160] in
     0..1: lit, instead, doubt (`combine`)."""
 
     outputs = ["shares"]
@@ -154,10 +154,10 @@ class ShadowNet(nn.Module):
 def ways(geometry, place):
     """How each pixel sees the light, [B, 12, h, w]: direction to it (of a sun: to the sun), its cosine with the normal, nearness; in a window's frame
     (x, y, into the room) that direction, where it meets the pane (-1..1 from edge to edge), and half the pane's sides over the distance."""
-    centre, half_x, half_y, sun = place.split(3, 1)
+    center, half_x, half_y, sun = place.split(3, 1)
     dot = lambda a, b: (a * b).sum(1, keepdim=True)
     length = lambda a: torch.sqrt(dot(a, a) + 1e-6)
-    to = centre - geometry[:, 3:]
+    to = center - geometry[:, 3:]
     far, long, high = length(to), length(half_x), length(half_y)
     x, y = half_x / long, half_y / high
     n = torch.cat([x[:, i : i + 1] * y[:, j : j + 1] - x[:, j : j + 1] * y[:, i : i + 1] for i, j in ((1, 2), (2, 0), (0, 1))], 1)

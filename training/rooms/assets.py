@@ -5,11 +5,11 @@ usage: assets.py [--out .cache/assets]
 Fetches the Debian packages `sweethome3d-furniture` and `sweethome3d` with `apt-get download` (nothing is installed) and writes
 
  models.npz    all meshes end to end: vertices, normals float32 [n,3]; faces int32 [m,3]; albedo float32 [m,3]; rough float32 [m]; group int16 [m]
- models.json   what the catalogues say of each model, and where its vertices and faces start in models.npz
+ models.json   what the catalogs say of each model, and where its vertices and faces start in models.npz
  textures/     floor and wall pictures, 8-bit sRGB PNG, one tile each; textures.json says kind and size
- LICENCES.md   who made what, under which licence
+ LICENCES.md   who made what, under which license
 
-Frame of a model: metres, y up, centred in x and z, lowest point at y = 0, front towards +z. The catalogues state width (x), height (y) and
+Frame of a model: meters, y up, centered in x and z, lowest point at y = 0, front towards +z. The catalogs state width (x), height (y) and
 depth (z) of the mesh once it is turned by their modelRotation; each axis is scaled to that. Faces are not wound alike everywhere: render them
 from both sides.
 Which models are taken, and as what, is classes.json; what is not listed there is left out. One model in five of each class is `held`: for
@@ -36,7 +36,7 @@ HERE = Path(__file__).resolve().parent
 FOLDER = HERE.parents[1] / ".cache" / "assets"
 PACKAGES = ("sweethome3d-furniture", "sweethome3d")
 SHARE = "usr/share/sweethome3d/"
-MODEL_CATALOGUES = {  # file: (catalogue inside it, licence)
+MODEL_CATALOGUES = {  # file: (catalog inside it, license)
     "furniture/BlendSwap-CC-0.sh3f": ("PluginFurnitureCatalog", "CC0 1.0"),
     "furniture/BlendSwap-CC-BY.sh3f": ("PluginFurnitureCatalog", "CC-BY 3.0"),
     "furniture/KatorLegaz.sh3f": ("PluginFurnitureCatalog", "CC-BY 3.0 US"),
@@ -61,7 +61,7 @@ class Model:
     name: str  # "scopia/bed1"
     title: str  # "Bed"
     cls: str  # a key of classes.json
-    category: str  # the catalogue's
+    category: str  # the catalog's
     split: str  # "train" or "held"
     size: tuple  # width (x), height (y), depth (z)
     elevation: float  # where its lowest point hangs above the floor
@@ -84,8 +84,8 @@ class Texture:
 
     name: str
     kind: str  # a key of TEXTURE_KINDS
-    place: str  # "floor" or "wall", the catalogue's category
-    size: tuple  # metres: width, height of one tile
+    place: str  # "floor" or "wall", the catalog's category
+    size: tuple  # meters: width, height of one tile
     author: str
     licence: str
     path: Path
@@ -152,7 +152,7 @@ def own_materials(program):
 
 
 def lights_of(record):
-    """The catalogue's light sources: x from the left side, y from the front, z up, in cm; colours sRGB."""
+    """The catalog's light sources: x from the left side, y from the front, z up, in cm; colors sRGB."""
     lists = [record.get(f"lightSource{key}", "").split() for key in ("X", "Y", "Z", "Color")]
     diameters = record.get("lightSourceDiameter", "").split() or ["5"] * len(lists[0])
     half = [float(record["width"]) / 2, float(record["depth"]) / 2]

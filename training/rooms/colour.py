@@ -1,4 +1,4 @@
-"""Colours of lights and paint, linear Rec.709."""
+"""Colors of lights and paint, linear Rec.709."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ XYZ_TO_RGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0
 
 
 def blackbody(kelvin):
-    """Colour of a black body, luminance 1; colour matching functions as fitted by Wyman, Sloan and Shirley, JCGT 2(2), 2013."""
+    """Color of a black body, luminance 1; color matching functions as fitted by Wyman, Sloan and Shirley, JCGT 2(2), 2013."""
     nm = np.arange(380.0, 781.0, 5.0)
     bump = lambda mean, below, above: np.exp(-0.5 * ((nm - mean) / np.where(nm < mean, below, above)) ** 2)
     x = 1.056 * bump(599.8, 37.9, 31.0) + 0.362 * bump(442.0, 16.0, 26.7) - 0.065 * bump(501.1, 20.4, 26.2)

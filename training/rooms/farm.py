@@ -3,7 +3,7 @@
 usage: farm.py start|stop|status|run [--out .cache/rooms] [--split train] [--mix generated=1,people=1] [--maps 0.1] [--count N]
 
 `start` detaches a process (`run` stays in the foreground) that makes and packs one room after the other: OUT/SPLIT/SEED from seeds and, in the
-proportion of --mix, OUT/SPLIT/SCENE_SEED from rooms modelled by people (people.py, where its scenes are installed). `stop` lets it finish the
+proportion of --mix, OUT/SPLIT/SCENE_SEED from rooms modeled by people (people.py, where its scenes are installed). `stop` lets it finish the
 room in work; so does SIGTERM. A new start goes on after the last seed. Finished folders are never removed or overwritten; folders that begin with a
 dot are unfinished and are made again. A worker process makes the rooms and is started again when it crashes. With less than 15 GB of free disk the farm stops.
 OUT/farm.log is its log, OUT/farm.pid its process, OUT/manifest.jsonl the list of rooms."""

@@ -55,7 +55,7 @@ def seen(scene, seed, library):
 
 
 def places(scene, view, planes, rng, radius, lift):
-    """Returns the world-space center of a ball `lift` metres above a visible horizontal surface, free of other geometry; None if no surface has room for it."""
+    """Returns the world-space center of a ball `lift` meters above a visible horizontal surface, free of other geometry; None if no surface has room for it."""
     import drjit as dr
     import mitsuba as mi
 

@@ -1,4 +1,4 @@
-"""A furnished room from a seed: metres, y up, floor at y = 0; the camera comes later (see `views.py`).
+"""A furnished room from a seed: meters, y up, floor at y = 0; the camera comes later (see `views.py`).
 
 Surfaces are triangles with one albedo and one GGX roughness each; printed pictures are fine grids of them, repeated patterns are those of patterns.py. Lamps are convex emitters on stands that do not emit;
 windows are holes in the walls with a pane at the outer end."""
@@ -12,7 +12,7 @@ import textures
 from colour import blackbody, hsv
 
 PLAIN, WOOD, STRIPES, CHECK, PLAID, DOTS, CLOUDS, WEAVE = range(8)  # kinds of patterns, which patterns.py draws
-STEP = 0.03  # side of the triangles of a pattern, metres
+STEP = 0.03  # side of the triangles of a pattern, meters
 MATTE = 1.0
 
 
@@ -55,7 +55,7 @@ class Room:
     lamps: list = field(default_factory=list)
     windows: list = field(default_factory=list)
     openings: list = field(default_factory=list)  # (wall, start, end, sill, top)
-    patterns: dict = field(default_factory=dict)  # {place in parts: (kind, length in metres, offset, factor of the second albedo [3])}
+    patterns: dict = field(default_factory=dict)  # {place in parts: (kind, length in meters, offset, factor of the second albedo [3])}
     bare: np.ndarray = None  # faces of `merged` that have no pattern any more
 
     def add(self, mesh, colour, rough=MATTE, pattern=None):
@@ -124,7 +124,7 @@ class Room:
 
 
 def patch(origin, u, v, s, t, colour, skip=None):
-    """Quads between the ticks `s` along `u` and `t` along `v`, facing u cross v; `colour(s, t)` gives the albedo at their centres."""
+    """Quads between the ticks `s` along `u` and `t` along `v`, facing u cross v; `colour(s, t)` gives the albedo at their centers."""
     origin, u, v = (np.asarray(a, float) for a in (origin, u, v))
     ss, tt = np.meshgrid(s, t)
     points = origin + ss[..., None] * u + tt[..., None] * v
@@ -432,7 +432,7 @@ CARRIERS = {"table", "desk", "coffee_table", "bedside", "dresser", "kitchen_unit
 
 
 def tint(rng):
-    """What the colours of a piece of furniture are multiplied by: many are darker and warmer than in the catalogue."""
+    """What the colors of a piece of furniture are multiplied by: many are darker and warmer than in the catalog."""
     if rng.random() < 0.25:
         return np.ones(3)
     if rng.random() < 0.7:

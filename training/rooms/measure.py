@@ -26,7 +26,7 @@ from colour import linear, luminance
 from pack import ROOT, evaluate
 
 VISIBLE = 0.05  # share of the photo from which a light counts
-BEHIND = 0.4  # metres by which a ray passes behind a surface without meeting it
+BEHIND = 0.4  # meters by which a ray passes behind a surface without meeting it
 KINDS = {"lamp": "lamp in view off", "window": "window in view off", "invisible": "invisible lights off"}
 
 
@@ -35,7 +35,7 @@ class Picture:
     """A picture of 320 x 240 pixels and its ground truth, as far as a column has it."""
 
     photo: np.ndarray  # linear, 1 = white
-    depth: np.ndarray  # planar z, metres; 0 or not finite: unknown
+    depth: np.ndarray  # planar z, meters; 0 or not finite: unknown
     fov_x: float  # degrees
     albedo: np.ndarray = None
     lights: np.ndarray = None  # where lights are seen

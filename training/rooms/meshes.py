@@ -1,4 +1,4 @@
-"""Meshes out of Wavefront files: read, put into a frame, made small, coloured face by face, smoothed. Lengths in metres once placed."""
+"""Meshes out of Wavefront files: read, put into a frame, made small, colored face by face, smoothed. Lengths in meters once placed."""
 import io
 import re
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from colour import linear
 
 TRIANGLES = 1500  # most triangles of a model
 CREASE = 40.0  # degrees between faces up to which they shade as one
-PATCH = 0.04  # metres; textured faces with longer edges are split while there are triangles left
+PATCH = 0.04  # meters; textured faces with longer edges are split while there are triangles left
 CLOTH = ("bed", "sofa", "armchair", "rug", "curtain", "plant")  # authors left Blender's glossy default on these; roughness is at least CLOTH_ROUGH
 CLOTH_ROUGH = 0.7
 FROSTED = ("table", "coffee_table", "desk")  # glass is opaque on these, so that things can stand on it; elsewhere it is left out
@@ -71,7 +71,7 @@ def roughness(material):
 
 
 def place(vertices, rotation, size):
-    """Turned by the catalogue's matrix (nine numbers, rows first), scaled to `size`, stood on the floor."""
+    """Turned by the catalog's matrix (nine numbers, rows first), scaled to `size`, stood on the floor."""
     if rotation:
         vertices = vertices @ np.array(rotation, np.float64).reshape(3, 3).T
     low, high = vertices.min(0), vertices.max(0)
@@ -81,7 +81,7 @@ def place(vertices, rotation, size):
 
 
 def weld(points, step=1e-5):
-    """Equal points (to `step` metres) made one: points [k,3], index of each old one [n]."""
+    """Equal points (to `step` meters) made one: points [k,3], index of each old one [n]."""
     _, first, index = np.unique(np.round(points / step).astype(np.int64), axis=0, return_index=True, return_inverse=True)
     return points[first], index.reshape(-1)
 
@@ -102,7 +102,7 @@ def shares(counts, most):
 
 
 def split_faces(triangles, uv, most):
-    """Halves the longest edges above PATCH metres while there are fewer than `most` faces, so that a picture on large faces is resolved."""
+    """Halves the longest edges above PATCH meters while there are fewer than `most` faces, so that a picture on large faces is resolved."""
     while len(triangles) < most:
         edge = np.linalg.norm(triangles - np.roll(triangles, -1, 1), axis=2)
         longest = edge.max(1)
@@ -158,7 +158,7 @@ def thin(triangles, colour, share):
 
 
 def decimate(triangles, colour, most):
-    """At most `most` triangles that look alike, with their colours [m,4]. Where merging edges eats the surface, as it does with foliage, pieces
+    """At most `most` triangles that look alike, with their colors [m,4]. Where merging edges eats the surface, as it does with foliage, pieces
     are left out first (after Cook et al., Stochastic Simplification of Aggregate Detail, 2007)."""
     area, low, high = areas(triangles).sum(), triangles.min((0, 1)), triangles.max((0, 1))
     best = None
@@ -218,7 +218,7 @@ def picture(data):
 
 
 def picture_means(image, uv):
-    """Mean colour and opacity [m,4] of a picture (linear RGBA [h,w,4], repeated) over uv triangles [m,3,2]: 28 even samples each."""
+    """Mean color and opacity [m,4] of a picture (linear RGBA [h,w,4], repeated) over uv triangles [m,3,2]: 28 even samples each."""
     n = 7
     bary = np.array([((i + 1 / 3) / n, (j + 1 / 3) / n) for i in range(n) for j in range(n - i)])
     bary = np.column_stack([bary, 1 - bary.sum(1)])
@@ -276,7 +276,7 @@ def read_groups(read, find, record, cls, builtin):
 
 
 def make_mesh(read, find, record, cls, builtin):
-    """The arrays of the model that a catalogue's `record` describes (fields of assets.Model), or None if nothing of it is opaque. `read(path)`
+    """The arrays of the model that a catalog's `record` describes (fields of assets.Model), or None if nothing of it is opaque. `read(path)`
     and, for pictures, `find(folder, file)` give the bytes of a file of the archive, or None; `builtin` holds materials that need no file."""
     groups = read_groups(read, find, record, cls, builtin)
     if not groups:

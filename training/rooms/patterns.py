@@ -1,6 +1,6 @@
 """Patterns of cloth, wood and wallpaper as a texture of Mitsuba: each face mixes its albedo with a second one by a function of the position.
 
-A face carries `face_albedo`, `face_second` and `face_pattern` = (kind, length of the pattern in metres, offset). Positions are those of the world,
+A face carries `face_albedo`, `face_second` and `face_pattern` = (kind, length of the pattern in meters, offset). Positions are those of the world,
 projected along the axis nearest to the normal."""
 
 import drjit as dr

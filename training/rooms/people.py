@@ -70,7 +70,7 @@ class Surface:
 
 
 def planar(points, normals, faces, size):
-    """Points, normals, uv and faces without shared vertices; uv by projection along the axis that a face faces, `size` metres a repeat."""
+    """Points, normals, uv and faces without shared vertices; uv by projection along the axis that a face faces, `size` meters a repeat."""
     points, normals = points[faces].reshape(-1, 3), normals[faces].reshape(-1, 3)
     faces = np.arange(len(points)).reshape(-1, 3)
     axis = np.repeat(np.abs(people_scenes.face_normals(points, faces)).argmax(1), 3)
@@ -80,7 +80,7 @@ def planar(points, normals, faces, size):
 
 
 def color_of_things(rng):
-    """Albedo of furniture and cloth: many are dark, warm or grey, some are strong colors."""
+    """Albedo of furniture and cloth: many are dark, warm or gray, some are strong colors."""
     kind = rng.choice(["warm", "grey", "strong", "light"], p=[0.4, 0.2, 0.2, 0.2])
     if kind == "warm":
         return hsv(rng.uniform(0.03, 0.13), rng.uniform(0.2, 0.75), rng.uniform(0.05, 0.55))
@@ -92,7 +92,7 @@ def color_of_things(rng):
 
 
 def floor_image(rng, library):
-    """(linear image, metres a repeat) of a floor: boards, a texture of the library, or cloth."""
+    """(linear image, meters a repeat) of a floor: boards, a texture of the library, or cloth."""
     kind = rng.random()
     if kind < 0.45:
         light = hsv(rng.uniform(0.04, 0.1), rng.uniform(0.3, 0.75), rng.uniform(0.12, 0.55))

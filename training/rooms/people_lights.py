@@ -70,7 +70,7 @@ def covered(space, rng, center, half_width, half_height, inward):
 
 
 def bar(space, frame, s0, s1, y0, y1, out, color):
-    """A box of a window's frame: s along the wall, `out` metres deep, in the frame (origin, along, inward)."""
+    """A box of a window's frame: s along the wall, `out` meters deep, in the frame (origin, along, inward)."""
     origin, along, n = frame
     mesh = shapes.box((s0, y0, 0), (s1, y1, out))
     turn = np.stack([along, UP, n], 1)

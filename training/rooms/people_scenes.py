@@ -1,4 +1,4 @@
-"""Third-party rooms: reads the Mitsuba scenes of ../shared/data/rooms (CC BY 3.0) as triangles with materials, in metres, y up, floor at y = 0.
+"""Third-party rooms: reads the Mitsuba scenes of ../shared/data/rooms (CC BY 3.0) as triangles with materials, in meters, y up, floor at y = 0.
 
 Original emitters are left out: people_lights.py puts lights where windows and lamps are. Panes of glass are left out, so that light passes; other glass
 is taken for glazed porcelain, as light that glass refracts would reach no shadow ray."""
@@ -26,9 +26,9 @@ DENSE = 1500  # triangles above which an untextured shape is simplified, to a si
 
 @dataclass
 class Layout:
-    """Description of one scene, found by looking at renders. Metres after p -> scale * (p - (0, floor, 0)), but for `floor`."""
+    """Description of one scene, found by looking at renders. Meters after p -> scale * (p - (0, floor, 0)), but for `floor`."""
 
-    scale: float  # metres per unit
+    scale: float  # meters per unit
     floor: float  # height of the floor, units
     low: tuple  # closing box: what lies outside is left out, so that the room is closed on all sides
     high: tuple

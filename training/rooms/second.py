@@ -142,7 +142,7 @@ def render(folder, facts, room, spp):
     corners = points[faces]
     facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # Cycles takes no light where the winding contradicts the normals, Mitsuba's two-sided materials do not mind; and faces without area spoil the normals
-    # that Blender gives to their neighbours.
+    # that Blender gives to their neighbors.
     contrary, solid = (facing * normals[faces].sum(1)).sum(1) < 0, np.linalg.norm(facing, axis=1) > 1e-9
     faces, albedo = np.where(contrary[:, None], faces[:, ::-1], faces)[solid], albedo[solid]
     add_mesh("room", points, faces, paint, albedo, normals)

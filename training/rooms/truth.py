@@ -60,7 +60,7 @@ class View:
         return self.turn @ np.asarray(d, float)
 
     def rays(self, x, y, width):
-        """Rays through places (pixels of a picture of that width, 4:3; first centre at 0.5). Their length per planar z comes second."""
+        """Rays through places (pixels of a picture of that width, 4:3; first center at 0.5). Their length per planar z comes second."""
         f = opaque(0.5 * width / math.tan(math.radians(self.fov_x) / 2))
         d = mi.Vector3f((x - width / 2) / f, (width * 3 / 8 - y) / f, -1)
         length = dr.norm(d)
@@ -137,14 +137,14 @@ def denoised(colour, normal):
 
 
 def depths(scene, view, width):
-    """Planar z at the centres of the pixels of a picture of that width."""
+    """Planar z at the centers of the pixels of a picture of that width."""
     index = dr.arange(mi.UInt32, width * width * 3 // 4)
     ray, length = view.rays(mi.Float(index % width) + 0.5, mi.Float(index // width) + 0.5, width)
     return (np.array(scene.ray_intersect_preliminary(ray).t) / np.array(length)).reshape(width * 3 // 4, width)
 
 
 def surfaces(lit, scene, view, spp=16):
-    """Planes at full size: albedo, normal, rough, depth (planar z, metres); of lights 0 or 1 + place in `names`: `light` where more than half of a pixel
+    """Planes at full size: albedo, normal, rough, depth (planar z, meters); of lights 0 or 1 + place in `names`: `light` where more than half of a pixel
     is light, `touch` where any is."""
     names = [*lit.lamps, *lit.windows]
     si, _ = hits(scene, view, WIDTH, spp, 1)
@@ -263,7 +263,7 @@ def indirect(lit, scene, view, normal, passes=1, clean=True, spp=16):
 
 
 def maps(lit, scene, view, burning, spp, seed=4):
-    """Incoming radiance [30, 40, 8, 16, 3] in the frame of the normal at the centres of 4 x 4 blocks of half pixels, and whether it is the room that is
+    """Incoming radiance [30, 40, 8, 16, 3] in the frame of the normal at the centers of 4 x 4 blocks of half pixels, and whether it is the room that is
     seen there, no light. Light that comes straight from a light is sampled from the light. `spp`, of a texel, is a square number."""
     width, side = 40, math.isqrt(spp)
     index = dr.arange(mi.UInt32, 30 * width * 128 * spp)

@@ -1,6 +1,6 @@
 //! Tables in Markdown.
 
-/// Formats rows under a head; returns an empty text where there are no rows.
+/// Formats rows under a head; returns an empty text without rows.
 pub(crate) fn table(head: &[String], rows: Vec<Vec<String>>) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let rule = "| --- ".repeat(head.len()) + "|\n";

@@ -64,10 +64,12 @@ impl Session {
         Ok(Session { graph, scene, set, nodes, engine, threads, cancel, seed: Cell::new(1) })
     }
 
+    /// Returns the path of the scene, if one was given.
     pub fn scene(&self) -> Option<&Path> {
         self.scene.as_deref()
     }
 
+    /// Returns the number of the engine's worker threads.
     pub fn threads(&self) -> usize {
         self.engine.threads()
     }

@@ -108,6 +108,10 @@ pub struct EvalTarget {
 }
 
 impl EvalTarget {
+    /// Reads the graph, the scene and its truth; `set` contains settings of the command line.
+    ///
+    /// # Errors
+    /// A file or a setting cannot be used; every fault is in the list.
     pub fn new(
         graph: &Path,
         folder: &Path,
@@ -263,6 +267,9 @@ impl EvalTarget {
     }
 
     /// The graph under a substitution and an edit, ready to run.
+    ///
+    /// # Errors
+    /// The graph cannot be resolved with the settings; every fault is in the list.
     pub fn graph(&self, substitution: Substitution, edit: Option<&Edit>) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         let text =
             format!("Graph(version: 1, extends: {:?}, nodes: {{{}}})", self.graph.display().to_string(), self.stages());

@@ -1,9 +1,9 @@
 //! A bounding volume hierarchy whose nodes have up to eight children, tested at once.
 //!
-//! obvhs builds a binary hierarchy; it is collapsed so that the boxes left have the least area in
-//! all, which is what a random ray is expected to test (the dynamic programme of Ylitie, Karras and
-//! Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017,
-//! section 4.2).
+//! obvhs builds a binary hierarchy; it is collapsed so that the remaining boxes have the least
+//! total area, which is proportional to the expected number of tests of a random ray (the dynamic
+//! program of Ylitie, Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs Through
+//! Compressed Wide BVHs", HPG 2017, section 4.2).
 
 use std::hint::black_box;
 use std::time::Duration;
@@ -16,9 +16,9 @@ use obvhs::triangle::Triangle;
 
 use super::watertight_triangle::Packet;
 
-/// Splitting large triangles is what long slivers (curtains, slanted surfaces) gain most from; a
-/// slower build beyond that gains less on the rays of a picture than it costs. What becomes a
-/// packet is decided here, not by the builder.
+/// Splitting large triangles mostly helps long slivers (curtains, slanted surfaces). A slower build
+/// beyond that costs more than it gains on the rays of a picture. The packets are formed here, not
+/// by the builder.
 const BUILD: BvhBuildParams = BvhBuildParams { pre_split: true, max_prims_per_leaf: 1, ..BvhBuildParams::fast_build() };
 
 /// Children that may wait for their turn on the stack of an ordinary hierarchy; a deeper one gets a
@@ -66,8 +66,8 @@ impl Bvh8 {
 
     fn collapse(&mut self, binary: &Bvh2, triangles: &[([Vec3; 3], u32)]) {
         let costs = Costs::new(binary);
-        // What a child of the binary hierarchy becomes, where that shall be written, and how many
-        // wait beside it.
+        // The node or packet that a child of the binary hierarchy becomes, its index in the output,
+        // and the number of children that wait beside it.
         let mut todo = vec![(0, None, 0)];
         while let Some((at, place, beside)) = todo.pop() {
             let mut children = if place.is_none() && costs.is_packet(0) { vec![0] } else { costs.children(binary, at) };
@@ -201,14 +201,14 @@ struct Slabs<S: Simd> {
 impl<S: Simd> Slabs<S> {
     #[inline(always)]
     fn new(simd: S, origin: Vec3, direction: Vec3, extent: f32) -> Slabs<S> {
-        // What is rounded, here and in the triangle test, is at most the distance of origin and
-        // corner along an axis. Entering from a little behind and leaving from a little ahead makes
-        // every box larger by some ten times the error.
+        // The rounded quantities, here and in the triangle test, are at most the distance of origin
+        // and corner along an axis. Entering from a little behind and leaving from a little ahead
+        // makes every box larger by some ten times the error.
         let slack = 2e-6 * (extent + origin.abs().max_element());
         let zero = f32x8::splat(simd, 0.0);
         let mut slabs = Slabs { simd, side: [0; 3], near: [zero; 3], far: [zero; 3], inverse: [zero; 3] };
         for axis in 0..3 {
-            // Of minus zero, too: its inverse is negative.
+            // This also holds for minus zero: its inverse is negative.
             let backwards = direction[axis].is_sign_negative();
             let slack = if backwards { -slack } else { slack };
             slabs.side[axis] = usize::from(backwards);

@@ -7,10 +7,10 @@ use rayon::prelude::*;
 use super::bvh8::Bvh8;
 use super::watertight_triangle::Turned;
 
-/// Beyond this many metres nothing is part of a room; it also keeps products of coordinates finite.
+/// Beyond this many meters nothing is part of a room; it also keeps products of coordinates finite.
 pub const FAR: f32 = 1e4;
 
-/// Triangles that rays can be traced against. Neighbours leave no gap, and results are the same on
+/// Triangles that rays can be traced against. Neighbors leave no gap, and results are the same on
 /// every processor.
 pub struct RayMesh {
     bvh: Bvh8,
@@ -58,8 +58,8 @@ impl RayMesh {
         dispatch!(self.level, simd => closest_hit(simd, &self.bvh, origin, direction))
     }
 
-    /// Whether `stops` returns true for any triangle hit within (0, `limit`); asked in no
-    /// particular order, never again after its first yes.
+    /// Whether `stops` returns true for any triangle hit within (0, `limit`); called in arbitrary
+    /// order, and not again once it has returned true.
     pub fn any(&self, origin: Vec3, direction: Vec3, limit: f32, stops: impl Fn(u32) -> bool) -> bool {
         if !usable(origin, direction) || limit.is_nan() || limit <= 0.0 {
             return false;
@@ -171,7 +171,7 @@ mod tests {
         if t > 0.0 { t } else { f32::INFINITY }
     }
 
-    /// Every triangle asked.
+    /// A reference that tests every triangle.
     fn slow_closest(triangles: &Triangles, origin: Vec3, direction: Vec3) -> Option<RayMeshHit> {
         let hit = |(corners, id): &([Vec3; 3], u32)| RayMeshHit {
             id: *id,
@@ -200,8 +200,8 @@ mod tests {
         along(direction.as_dvec3()) && along(a) && slow_distance(corners, origin, direction).is_finite()
     }
 
-    /// Holds one ray against the twin, bit for bit, with every instruction set there is. One in
-    /// doubt is let go.
+    /// Holds one ray against the twin, bit for bit, with every instruction set there is. Ambiguous
+    /// rays are skipped.
     fn check(mesh: &mut RayMesh, triangles: &Triangles, origin: Vec3, direction: Vec3) {
         if triangles.iter().any(|(corners, _)| in_doubt(corners, origin, direction)) {
             return;
@@ -314,7 +314,8 @@ mod tests {
                     let determinant = d.cross(ac).dot(ab);
                     let (p, q) = (d.cross(ac), ao.cross(ab));
                     let [v, w, t] = [ao.dot(p), d.dot(q), ac.dot(q)].map(|value| value / determinant);
-                    // Whatever is edge on, at an edge or at the origin can go either way.
+                    // Triangles that are edge-on, and hits at an edge or at the origin, are
+                    // ambiguous.
                     let edge = v.min(w).min(1.0 - v - w);
                     if determinant.abs() < 1e-3 * ab.length() * ac.length() * d.length() || edge.abs() < 1e-4 || t.abs() < 1e-4 {
                         continue 'rays;
@@ -331,7 +332,7 @@ mod tests {
         }
     }
 
-    /// A sensor's view of steps and slants. Rays through pixel centres are rays through vertices,
+    /// A sensor's view of steps and slants. Rays through pixel centers are rays through vertices,
     /// where six triangles meet.
     #[test]
     fn a_closed_mesh_lets_no_ray_through() {

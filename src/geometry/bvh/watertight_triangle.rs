@@ -1,10 +1,10 @@
-//! Rays against triangles, eight at once, without gaps between neighbours.
+//! Rays against triangles, eight at once, without gaps between neighbors.
 //!
 //! The test is that of Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1),
 //! 2013. The ray is turned and sheared into the z axis; a triangle is hit when the origin lies on
 //! the same side of its three edges. Two triangles see their shared edge with exactly opposite
-//! signs, because a product of two numbers rounds the same whoever asks. A fused multiply-add would
-//! break that, and would make the result depend on the processor: there is none here.
+//! signs, because a product of two numbers rounds the same in either triangle. A fused multiply-add
+//! would break that, and would make the result depend on the processor: so none is used.
 
 use std::hint::black_box;
 
@@ -35,7 +35,7 @@ impl Packet {
         packet
     }
 
-    /// Reads both ends, so that they are near when the packet is asked.
+    /// Reads both ends, so that they are near when the packet is tested.
     #[inline(always)]
     pub fn fetch(&self) {
         black_box((self.corners[0][0][0], self.ids[0]));

@@ -17,6 +17,7 @@ use crate::tuning::tuning;
 
 /// A model with its place in camera space.
 pub struct Body {
+    /// The triangles and their materials, in camera space, meters.
     pub model: Model,
     /// Replaces the material of the file.
     pub material: Option<Material>,
@@ -40,6 +41,10 @@ impl Body {
         }
     }
 
+    /// Returns the three corners of a triangle of the model, camera space, meters.
+    ///
+    /// # Panics
+    /// The model has no such triangle.
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.model.triangles[triangle].map(|i| self.model.positions[i as usize])
     }
@@ -54,9 +59,9 @@ impl Body {
         let smooth = normals.iter().all(|n| *n != Vec3::ZERO);
         let normal = if smooth { mix(&|k| normals[k]).normalize_or(flat) } else { flat };
         let on = mix(&|k| corners[k]);
-        // Where a smooth surface is made of flat triangles, places on them lie below it, and rays
-        // that start there would meet their neighbours (Hanika, "Hacking the Shadow Terminator",
-        // Ray Tracing Gems II, 2021).
+        // Points on the flat triangles of a smooth surface lie below it, and rays that start there
+        // would meet their neighbors (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II,
+        // 2021).
         let lift = if smooth { mix(&|k| normals[k] * (on - corners[k]).dot(normals[k]).min(0.0)) } else { Vec3::ZERO };
         let uvs = index.map(|i| self.model.uvs[i]);
         let uv: Vec2 = (0..3).map(|k| uvs[k] * weights[k]).sum();
@@ -74,7 +79,7 @@ impl Body {
 }
 
 impl Material {
-    /// Light grey without highlights: what is made of nothing in particular.
+    /// Light gray without highlights: the default material.
     pub const PLAIN: Material = Material { albedo: Vec3::splat(0.7), roughness: 1.0, specular: 0.5, metallic: 0.0 };
 }
 
@@ -89,7 +94,7 @@ pub struct BodyPoint {
     pub material: Material,
 }
 
-/// The distance above a body at which rays start, metres: far more than rounding, far less than any
+/// The distance above a body at which rays start, meters: far more than rounding, far less than any
 /// body that can be seen.
 pub fn clearance(point: Vec3) -> f32 {
     BODIES.clearance * point.length().max(BODIES.min_distance)
@@ -100,16 +105,19 @@ pub fn clearance(point: Vec3) -> f32 {
 pub struct Probes {
     /// One row.
     pub points: Plane<Vec3>,
+    /// Unit normals of the surface at `points`.
     pub normals: Plane<Vec3>,
     /// The body of each probe.
     pub body: Plane<u32>,
 }
 
 impl Probes {
+    /// Returns the number of probes.
     pub fn len(&self) -> usize {
         self.points.len()
     }
 
+    /// Whether there are no probes.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
@@ -134,7 +142,7 @@ impl Default for Bodies {
 }
 
 impl Bodies {
-    /// The bodies with `each` probes, and what each probe is made of.
+    /// The bodies with `each` probes, and the material of each probe.
     pub fn new(bodies: &[Body], each: usize) -> (Bodies, Vec<Material>) {
         let (mut corners, mut body) = (Vec::new(), Vec::new());
         let (mut points, mut normals, mut on, mut materials) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -172,10 +180,12 @@ impl Bodies {
         rule(points.len() == normals.len() && points.len() == body.len(), "a normal and a body for each probe")
     }
 
+    /// Whether there are no bodies.
     pub fn is_empty(&self) -> bool {
         self.body.is_empty()
     }
 
+    /// Returns the probes on the surfaces of all bodies.
     pub fn probes(&self) -> &Probes {
         &self.probes
     }

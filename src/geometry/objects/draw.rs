@@ -1,10 +1,10 @@
 //! Bodies as the camera sees them: their pixels in the photo, and the samples at which light is
 //! computed.
 //!
-//! Within the rectangle around all that is seen, each photo pixel has a share that bodies cover and
-//! what they show of themselves there. Light is asked for at **samples**: one for each pixel, or in
-//! large photos for each block of `step` x `step` of them. A sample is a place that is really seen;
-//! in blocks where nothing is, it repeats the nearest one, so that samples can be filtered like a
+//! Within the rectangle around all visible bodies, each photo pixel has the fraction that bodies
+//! cover, and their depth, normal and material there. Light is computed at **samples**: one for
+//! each pixel, or in large photos for each block of `step` x `step` pixels. A sample is a visible
+//! surface point; an empty block repeats the nearest sample, so that samples can be filtered like a
 //! picture.
 
 use std::ops::Range;
@@ -24,6 +24,7 @@ use crate::tuning::tuning;
 pub struct Objects {
     /// The photo pixel that is the first of the rectangle.
     pub left: usize,
+    /// First row of the rectangle, photo pixels from the top.
     pub top: usize,
     /// The share of each pixel that bodies cover.
     pub coverage: Plane<f32>,
@@ -31,7 +32,7 @@ pub struct Objects {
     pub depth: Plane<f32>,
     /// Unit normals facing the camera, where covered.
     pub normal: Plane<Vec3>,
-    /// Base colour.
+    /// Base color.
     pub albedo: Plane<Vec3>,
     /// Roughness, specular, metallic.
     pub gloss: Plane<Gloss>,
@@ -39,22 +40,25 @@ pub struct Objects {
     pub step: usize,
     /// The samples, slightly above the surface.
     pub points: Plane<Vec3>,
+    /// Unit normals of the samples.
     pub normals: Plane<Vec3>,
     /// The body of each sample.
     pub body: Plane<u32>,
     /// The probes that each sample draws from, eight of each, one row for a sample, and their
     /// weights, which sum to 1.
     pub near: Plane<u32>,
+    /// Weights of the probes in `near`, of its size.
     pub weight: Plane<f32>,
     /// Materials of the probes: base color; roughness, specular, metallic.
     pub probe_albedo: Plane<Vec3>,
+    /// Gloss of the probes: roughness, specular, metallic, each 0..=1.
     pub probe_gloss: Plane<Gloss>,
 }
 
 /// Probes that a sample draws from.
 pub const NEAR: usize = TUNING.probes;
 
-/// How bodies are drawn.
+/// Settings of the drawing of bodies.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawing {
     /// Rays per pixel side for smooth edges.
@@ -191,8 +195,8 @@ impl Objects {
     }
 }
 
-/// Draws `bodies` (and their triangles, `solid`) as `camera` sees them before and behind what has
-/// `depth`; `error` is the possible error of a depth, metres.
+/// Draws `bodies` (and their triangles, `solid`) as `camera` sees them, in front of and behind the
+/// surface of `depth`; `error` is the possible error of a depth, meters.
 pub fn draw(
     bodies: &[Body],
     (solid, materials): (&Bodies, &[Material]),
@@ -206,7 +210,7 @@ pub fn draw(
     let look = |i: usize| {
         let (x, y) = (columns.start + i % columns.len(), rows.start + i / columns.len());
         let z = depth.0.get(x, y);
-        // A body stands on a surface whose depth is uneven: what is a little behind still shows.
+        // A body stands on a surface whose depth is uneven: a point slightly behind it still shows.
         pixel(bodies, solid, camera, (x, y), z + TUNING.slack * z + error(z), drawing.supersampling)
     };
     let seen: Vec<Option<Shown>> = (0..columns.len() * rows.len()).into_par_iter().with_min_len(64).map(look).collect();
@@ -264,8 +268,8 @@ fn rectangle(bodies: &[Body], camera: &Camera) -> Option<(Range<usize>, Range<us
             let corner = Vec3::from_array([0, 1, 2].map(|k| if i >> k & 1 == 0 { near[k] } else { far[k] }));
             match camera.project(corner) {
                 Some(at) => (low, high) = (low.min(at), high.max(at)),
-                // What lies wholly behind the camera is not seen; what reaches there may be
-                // anywhere.
+                // A triangle wholly behind the camera is not seen; the projection of one that
+                // reaches there is unbounded.
                 None if near.z >= 0.0 => {}
                 None => (low, high) = (Vec2::ZERO, Vec2::new(camera.width as f32, camera.height as f32)),
             }

@@ -1,13 +1,12 @@
-//! The surface that a pixel belongs to: what hangs together with it, lies in its plane and has its
-//! colour.
+//! Region growing: the connected surface around a pixel that lies in its plane and has its color.
 //!
 //! Two labels by a minimum cut (Boykov and Jolly, ICCV 2001; Rother, Kolmogorov and Blake, GrabCut,
 //! SIGGRAPH 2004, for the turns): a pixel gains
 //! `1 - (c / chroma)^2 - (i / intensity)^2 - (p / plane)^2 - (n / normal)^2` by being of the
 //! surface, with c and i the distance of its reflectance in log chromaticity and log intensity, p
-//! its distance from the plane and n = 1 - cos of its normal's angle to the plane's; neighbours of
+//! its distance from the plane and n = 1 - cos of its normal's angle to the plane's; neighbors of
 //! two labels cost the more the less of an edge the picture has there. Of these pixels, those count
-//! that are reached from the first one without crossing an edge; colour and plane are found anew
+//! that are reached from the first one without crossing an edge; color and plane are found anew
 //! from them.
 
 use glam::Vec3;
@@ -129,7 +128,7 @@ pub fn grow_region(
             let level = step.element_sum() / 3.0;
             [level.abs(), (step - Vec3::splat(level)).length()]
         };
-        // Most neighbours on a surface differ by noise alone.
+        // Most neighbors on a surface differ by noise alone.
         let inside = |&i: &usize| label.pixels()[i] && i % w + 1 < w && label.pixels()[i + 1];
         let steps: Vec<[f32; 2]> = (0..w * h).filter(inside).map(|i| step(i, i + 1)).collect();
         let usual =
@@ -144,8 +143,8 @@ pub fn grow_region(
     found
 }
 
-/// The pixels of `set` that hang together with `start` without a side that is an edge. The way
-/// leads through pixels that have no edge at all, so that a gap of one pixel in an edge is none.
+/// The pixels of `set` that hang together with `start` without a side that is an edge. The path
+/// leads through pixels without any edge, so that a gap of one pixel in an edge is closed.
 fn reached(set: &Plane<bool>, start: usize, is_edge: impl Fn(usize, usize) -> bool) -> Plane<bool> {
     let (w, h) = set.size();
     let sides = |i: usize| {
@@ -187,7 +186,7 @@ mod tests {
     const SIZE: (usize, usize) = (60, 40);
 
     /// A back wall that meets a floor in row 30, of one paint; on the wall a framed picture of the
-    /// wall's colour, before it a post.
+    /// wall's color, before it a post.
     fn room() -> (Picture, Albedo, Points, Normal) {
         let (w, h) = SIZE;
         let post = |x: usize| (40..44).contains(&x);

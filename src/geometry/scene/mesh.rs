@@ -1,10 +1,10 @@
 //! The seen room as triangles, and the visibility along rays through it.
 //!
-//! Vertices are the pixel centres on the surface. Between four neighbouring pixels lie two
+//! Vertices are the pixel centers on the surface. Between four neighboring pixels lie two
 //! triangles, split along the diagonal that keeps more of them; no triangle spans a depth step. A
 //! triangle that does is kept as a **curtain**: not a surface, but a ray that crosses it goes
-//! behind a depth edge, where the camera saw nothing. Pixels outside the room (panes, whatever
-//! `ignore` covers) have neither.
+//! behind a depth edge, where the camera saw nothing. Pixels outside the room (panes, pixels in
+//! `ignore`) have neither.
 //!
 //! Bodies that an edit puts into the room are solid triangles of their own, without curtains.
 //!
@@ -63,7 +63,7 @@ pub struct SceneMesh {
     rays: OnceLock<[RayMesh; 2]>,
 }
 
-/// Bits of a quad: which diagonal, and what its two triangles are.
+/// Bits of a quad: its diagonal, and the kinds of its two triangles.
 struct Cell;
 
 impl Cell {
@@ -76,8 +76,11 @@ impl Cell {
 /// The visibility between two points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
+    /// The points see each other.
     Lit,
+    /// A surface lies between the points.
     Blocked,
+    /// The segment passes through a region that the photo does not show.
     Unknown,
 }
 
@@ -87,7 +90,7 @@ pub struct Hit {
     /// Index (row by row) of the pixel nearest to the place met; after all pixels come the probes
     /// of the bodies.
     pub pixel: u32,
-    /// MetricDepth.
+    /// Meters.
     pub distance: f32,
 }
 
@@ -136,7 +139,7 @@ impl SceneMesh {
     /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         let (width, height) = self.points.size();
-        // The last row and column have no quads.
+        // The last row and the last column do not have quads.
         let inside = |i: usize| i % width + 1 < width && i / width + 1 < height;
         rule(self.cells.size() == (width, height), "a cell for each point")?;
         let sound = self.cells.pixels().iter().enumerate().all(|(i, &cell)| cell == 0 || inside(i));
@@ -160,7 +163,7 @@ impl SceneMesh {
         self.points.size()
     }
 
-    /// Whether the camera sees in the direction of `place`; what lies between does not matter.
+    /// Whether the camera sees in the direction of `place`; occluders do not matter.
     pub fn in_view(&self, place: Vec3) -> bool {
         let slope = |p: Vec3| p.truncate() / -p.z;
         let (first, last) = (self.points.pixels()[0], self.points.pixels()[self.points.len() - 1]);
@@ -226,14 +229,14 @@ impl SceneMesh {
         self.points.bytes() + self.cells.bytes() + triangles * 80 + self.bodies.bytes()
     }
 
-    /// Three standard deviations of the depth `z`, metres.
+    /// Three standard deviations of the depth `z`, meters.
     pub fn depth_error(&self, z: f32) -> f32 {
         TUNING.deviations * self.noise * z * z
     }
 
-    /// Offset of a ray's origin above the surface that avoids self-intersection, metres: half a
-    /// pixel's footprint (the mesh is flat between pixel centres, the surface need not be) plus
-    /// three standard deviations of the depth, which is what smoothing leaves at most.
+    /// Offset of a ray's origin above the surface that avoids self-intersection, meters: half a
+    /// pixel's footprint (the mesh is flat between pixel centers, the surface need not be) plus
+    /// three standard deviations of the depth, which bounds the noise after smoothing.
     pub fn offset(&self, point: Vec3) -> f32 {
         let z = (-point.z).max(0.0);
         TUNING.footprint * z / self.focal + self.depth_error(z)
@@ -310,7 +313,7 @@ fn split(depth: impl Fn(usize) -> f32, inside: impl Fn(&usize) -> bool) -> u8 {
     };
     let surfaces = |cell: u8| (cell & (Cell::SURFACE[0] | Cell::SURFACE[1])).count_ones();
     let (falling, rising) = (along(0), along(Cell::RISING));
-    // Of equally good diagonals the one with the smaller depth difference follows the surface
+    // Among equally good diagonals, the one with the smaller depth difference follows the surface
     // better.
     let flatter = (depth(1) - depth(2)).abs() < (depth(0) - depth(3)).abs();
     if surfaces(rising) > surfaces(falling) || (surfaces(rising) == surfaces(falling) && flatter) {

@@ -13,7 +13,7 @@
 //! e = (q_near - q_far) / (span - 1).
 //!
 //! One length gives s; two or more give t as well, where they lie at different depths. A network
-//! for **metric** depth returns z in metres; its usual error is one common factor, which a known
+//! for **metric** depth returns z in meters; its usual error is one common factor, which a known
 //! length removes.
 
 use glam::DVec3;
@@ -59,17 +59,19 @@ tuning! {
 pub struct KnownLength {
     /// Photo pixels from the left and the top.
     pub from: [f32; 2],
+    /// The second place, photo pixels from the left and the top.
     pub to: [f32; 2],
+    /// The distance between the places, meters.
     #[serde(alias = "metres")]
     pub meters: f32,
 }
 
-/// Depth in metres.
+/// Depth in meters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetricDepth {
     /// Planar z; zero, negative or not finite where a metric network returned no depth.
     pub depth: Plane<f32>,
-    /// Metres per unit of 1 / (q + t), or of the network's metres.
+    /// Meters per unit of 1 / (q + t), or of the network's meters.
     pub scale: f32,
     /// The span of relative depth, as given or as determined by the lengths.
     pub span: Option<f32>,
@@ -77,7 +79,7 @@ pub struct MetricDepth {
     pub misfit: f32,
 }
 
-/// Planar depth from relative depth `told`, of the aspect of the photo whose camera is given.
+/// Planar depth from the relative depth `told`, which has the aspect ratio of the camera's photo.
 ///
 /// # Errors
 /// The known length that cannot be used, and the reason; none given; a network output without

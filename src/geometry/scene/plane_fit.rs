@@ -23,11 +23,13 @@ tuning! {
 /// The plane `normal . p = offset`; `normal` has unit length and faces the camera at the origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneFit {
+    /// Unit normal, facing the camera.
     pub normal: Vec3,
+    /// Signed distance of the plane from the origin along `normal`, meters; not above 0.
     pub offset: f32,
     /// Share of the points within the tolerance.
     pub support: f32,
-    /// Root mean square distance of those points, metres.
+    /// Root mean square distance of those points, meters.
     pub spread: f32,
 }
 

@@ -8,7 +8,7 @@
 //!
 //! Planes are therefore fitted to w, where the error of a disparity sensor is also uniform (its
 //! steps in z grow with z^2). Two passes: a robust fit around every pixel, whose radius grows with
-//! the noise; then each pixel takes the planes of the neighbouring fits that predict its own depth,
+//! the noise; then each pixel takes the planes of the neighboring fits that predict its own depth,
 //! the better fits counting more. Beside a crease these are the planes of its own side, so that
 //! creases stay sharp at any radius.
 
@@ -21,7 +21,7 @@ use crate::tuning::tuning;
 
 /// The seen surface, estimated from a depth map.
 pub struct Surface {
-    /// Pixel centres on the surface; noise is smoothed away within its own size, exact depth is
+    /// Pixel centers on the surface; noise is smoothed away within its own size, exact depth is
     /// left exact.
     pub points: Points,
     /// Unit length, facing the camera.
@@ -110,7 +110,7 @@ fn per_pixel<T: Send>(width: usize, height: usize, value: impl Fn(usize, usize) 
 
 /// Standard deviation of the inverse depth, from second differences: zero on planes, sqrt(6) sigma
 /// under noise. The median passes over edges and creases; the largest of three strides sees the
-/// steps of a quantised map too.
+/// steps of a quantized map too.
 fn inverse_depth_noise(w: &Plane<f32>) -> f32 {
     let (width, height) = w.size();
     let median = |stride: usize| {
@@ -135,7 +135,7 @@ fn inverse_depth_noise(w: &Plane<f32>) -> f32 {
 }
 
 /// The slope of a fit over a (2r+1)^2 window is uncertain by sigma / (1.15 r^2) per pixel, the
-/// normal by f z times that: this radius keeps it below about 0.03, were the noise of neighbouring
+/// normal by f z times that: this radius keeps it below about 0.03, were the noise of neighboring
 /// pixels independent.
 fn radius(focal: f32, noise: f32, w: f32) -> usize {
     ((TUNING.radius_factor * focal * noise / w).sqrt().ceil() as usize).clamp(1, TUNING.max_radius)
@@ -279,7 +279,7 @@ mod tests {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         let depth = Depth(Plane::from_fn(160, 120, |x, y| (corner(&camera, x, y).0 / 0.039).round() * 0.039));
         let got = surface(&depth, &camera);
-        // A plane through neighbouring pixels would be off by 60 degrees at every step.
+        // A plane through neighboring pixels would be off by 60 degrees at every step.
         assert!(mean_degrees(&camera, &got) < 6.0, "{}", mean_degrees(&camera, &got));
     }
 

@@ -40,9 +40,12 @@ pub fn read_layers(source: NamedBytes) -> Result<ExrFile, ReadError> {
 }
 
 /// Reads all full-resolution channels of a file.
+///
+/// # Errors
+/// The content is not a valid EXR file, or exceeds the limits of `source`.
 pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
     let bad = |e: ::exr::error::Error| source.error("content", "a valid OpenEXR file", e);
-    // The crate allocates what a data window asks for, and a corrupt one asks for gigabytes:
+    // The crate allocates the size that a data window claims, and a corrupt one claims gigabytes:
     // headers first.
     let meta = MetaData::read_from_buffered(Cursor::new(source.bytes), false).map_err(bad)?;
     let mut total = 0u64;
@@ -126,6 +129,9 @@ impl ExrFile {
     }
 
     /// R, G, B; or the gray of Y, of Z or of R alone.
+    ///
+    /// # Errors
+    /// The file does not have these channels.
     pub(in crate::image) fn colors(&self, source: NamedBytes) -> Result<Plane<Vec3>, ReadError> {
         if let Some(colors) = self.triple(["R", "G", "B"]) {
             return Ok(colors);
@@ -136,6 +142,9 @@ impl ExrFile {
     }
 
     /// X, Y, Z; or R, G, B.
+    ///
+    /// # Errors
+    /// The file does not have these channels.
     pub(in crate::image) fn vectors(&self, source: NamedBytes) -> Result<Plane<Vec3>, ReadError> {
         let vectors = [["X", "Y", "Z"], ["R", "G", "B"]].into_iter().find_map(|names| self.triple(names));
         vectors.ok_or_else(|| self.missing(source, "X, Y and Z, or R, G and B"))
@@ -172,6 +181,9 @@ impl ExrFile {
     }
 
     /// Z, else Y, else R.
+    ///
+    /// # Errors
+    /// The file does not have these channels.
     pub(in crate::image) fn depth(&self, source: NamedBytes) -> Result<Plane<f32>, ReadError> {
         let depth = ["Z", "Y", "R"].into_iter().find_map(|name| self.find(name));
         Ok(depth.ok_or_else(|| self.missing(source, "Z, Y or R"))?.plane())

@@ -21,9 +21,13 @@ use crate::image::{Layer, Plane};
 /// Compression of the pixels of an EXR file; all are lossless.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Compression {
+    /// No compression.
     None,
+    /// Run-length encoding.
     Rle,
+    /// Deflate of 16 rows at a time.
     Zip,
+    /// Wavelet transform with Huffman coding.
     Piz,
 }
 
@@ -132,9 +136,9 @@ impl ExrLayers {
         float
     }
 
-    /// The layers that are floats although halves were asked for, each with its largest magnitude:
-    /// above 65504 a half would be infinite, and where all is below 6.1e-5 it would lose digits,
-    /// and below 6e-8 everything.
+    /// The layers that are floats although halves were requested, each with its largest magnitude:
+    /// above 65504 a half would be infinite, and a half loses digits below 6.1e-5, and everything
+    /// below 6e-8.
     pub fn kept_as_float(&self) -> &[(String, f32)] {
         &self.kept_as_float
     }
@@ -156,6 +160,9 @@ impl ExrLayers {
     }
 
     /// The file. There must be at least one channel, and no two of one name.
+    ///
+    /// # Errors
+    /// There are no channels, two channels have one name, or the encoder fails.
     pub fn write(mut self, compression: Compression) -> Result<Vec<u8>, String> {
         let failed = |e: ::exr::error::Error| format!("the EXR file cannot be written: {e}");
         let channels = std::mem::take(&mut self.channels);

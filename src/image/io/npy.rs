@@ -66,6 +66,9 @@ pub fn read_maps(source: NamedBytes, directions: [usize; 2]) -> Result<(usize, u
 }
 
 /// A 2-D array in C order of f32, f64 or u16, as f32.
+///
+/// # Errors
+/// The content is not such an array, or exceeds the limits of `source`.
 pub(in crate::image) fn read(source: NamedBytes) -> Result<Plane<f32>, ReadError> {
     let (header, data) = header(source)?;
     let &[height, width] = header.shape() else {

@@ -46,6 +46,7 @@ impl PngSamples {
     }
 
     /// The bytes of the PNG file.
+    #[expect(clippy::missing_panics_doc, reason = "the buffer has the size of the picture")]
     pub fn into_file(self) -> Vec<u8> {
         let color = if self.sixteen_bit { ExtendedColorType::Rgb16 } else { ExtendedColorType::Rgb8 };
         let mut file = Cursor::new(Vec::new());

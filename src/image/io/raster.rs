@@ -12,8 +12,11 @@ use crate::image::Plane;
 /// The precision of a file's samples; it decides the rule of saturation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bits {
+    /// Integers 0..=255.
     Eight,
+    /// Integers 0..=65535.
     Sixteen,
+    /// Floating-point numbers.
     Float,
 }
 
@@ -33,6 +36,7 @@ pub(in crate::image) struct Raster {
 }
 
 impl Raster {
+    /// Returns the precision of the samples.
     pub(in crate::image) fn bits(&self) -> Bits {
         match self.samples {
             Samples::Eight(_) => Bits::Eight,
@@ -112,6 +116,10 @@ impl Raster {
     }
 }
 
+/// Decodes a PNG, JPEG or HDR file.
+///
+/// # Errors
+/// The content is not a valid file of `format`, or exceeds the limits of `source`.
 pub(in crate::image) fn decode_raster(source: NamedBytes, format: ImageFormat) -> Result<Raster, ReadError> {
     let bad = |e: ::image::ImageError| source.error("content", format!("a valid {format:?} file"), e);
     let mut limits = Limits::default();
@@ -145,6 +153,10 @@ pub(in crate::image) fn decode_raster(source: NamedBytes, format: ImageFormat) -
     Ok(Raster { width, height, channels, samples })
 }
 
+/// Returns the decoder's name of a format.
+///
+/// # Panics
+/// The `image` crate does not decode the format.
 pub(in crate::image) fn image_format(format: FileFormat) -> ImageFormat {
     match format {
         FileFormat::Png => ImageFormat::Png,

@@ -55,11 +55,15 @@ impl<'a> NamedBytes<'a> {
         NamedBytes { most: most.min(self.most), ..self }
     }
 
+    /// Creates an error about the part `what` of this file.
     pub(in crate::image) fn error(&self, what: &str, wanted: impl ToString, got: impl ToString) -> ReadError {
         ReadError { file: self.name.into(), what: what.into(), wanted: wanted.to_string(), got: got.to_string() }
     }
 
     /// Holds a size from a header against the caps, before anything is allocated for it.
+    ///
+    /// # Errors
+    /// The size is zero or exceeds a limit.
     pub(in crate::image) fn check_size(&self, width: u64, height: u64, bytes_per_pixel: u64) -> Result<(), ReadError> {
         let pixels = width.saturating_mul(height);
         let got = format!("{width} x {height} at {bytes_per_pixel} bytes a pixel");
@@ -88,6 +92,7 @@ pub(in crate::image) enum FileFormat {
     Npy,
 }
 
+/// Returns the format that the first bytes determine, if it is known.
 pub(in crate::image) fn format(source: NamedBytes) -> Option<FileFormat> {
     const SIGNATURES: [(&[u8], FileFormat); 5] = [
         (b"\x89PNG\r\n\x1a\n", FileFormat::Png),
@@ -99,6 +104,7 @@ pub(in crate::image) fn format(source: NamedBytes) -> Option<FileFormat> {
     SIGNATURES.iter().find(|(start, _)| source.bytes.starts_with(start)).map(|&(_, format)| format)
 }
 
+/// Creates the error of a file in another format than `wanted`.
 pub(in crate::image) fn not_one_of(source: NamedBytes, wanted: &str) -> ReadError {
     let got = match format(source) {
         Some(format) => format!("{format:?}"),

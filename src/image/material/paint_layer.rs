@@ -2,13 +2,13 @@
 //!
 //! The color of a surface of paint `old` is split by the dichromatic model (Shafer, Using Color to
 //! Separate Reflection Components, 1985): its reflectance is `b = d old + s 1 + r`, with d the body
-//! (shading that the model misses, and texture without color), s the gloss, which has the color
-//! of the light and not of the paint, and r what remains: texture of another color. d and s
-//! minimize `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is
-//! body. The new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + noise^2)`,
-//! Wiener's filter for new / old: what a dark paint hardly shows is noise. Except for the
-//! bound of s it is linear, and takes `old` to `new` exactly: where `old` is the mean of a region,
-//! `new` becomes its mean.
+//! (shading that the model misses, and texture without color), s the gloss, which has the color of
+//! the light and not of the paint, and r what remains: texture of another color. d and s minimize
+//! `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is body. The
+//! new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + noise^2)`, Wiener's filter
+//! for new / old: the faint reflection of a dark paint is noise. Except for the bound of s the map
+//! is linear, and takes `old` to `new` exactly: where `old` is the mean of a region, `new` becomes
+//! its mean.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -137,8 +137,8 @@ pub struct PaintedPixel<'a>(Vec<(f32, &'a PaintChange, Option<Vec3>)>);
 impl PaintedPixel<'_> {
     /// The reflectance of the pixel, which is `bare` without paint and shows `photo`.
     ///
-    /// In a pixel of two surfaces the painted one takes away its share of what is shown and adds it
-    /// in its new paint.
+    /// In a pixel of two surfaces the painted one removes its fraction of the shown radiance and
+    /// adds that fraction in its new paint.
     pub fn reflectance(&self, bare: Vec3, photo: Vec3) -> Vec3 {
         self.0.iter().fold(bare, |below, &(share, paint, own)| {
             let per_light = bare / photo.max(Vec3::splat(TUNING.dark));
@@ -148,8 +148,8 @@ impl PaintedPixel<'_> {
         })
     }
 
-    /// Light of unknown cause that came back from the pixel, `light` without paint. `source` is the
-    /// color of what shone on it.
+    /// Reflected light of unknown cause; `light` is the same without paint. `source` is the color
+    /// of the incident light.
     pub fn tint(&self, light: Vec3, source: Vec3) -> Vec3 {
         let source = source / luminance(source).max(1e-9);
         let white = source.max(Vec3::splat(TUNING.min_source));
@@ -213,7 +213,7 @@ mod tests {
         let plane = Plane::filled(2, 1, share);
         let matte = AlphaMatte { alpha: plane, boundary: vec![(1, WALL.to_array())] };
         let layers = PaintLayers(vec![PaintLayer { paint: paint(WALL, true), matte }]);
-        // Under even light of 2, reflectance is half of what is shown.
+        // Under even light of 2, reflectance is half of the shown radiance.
         let got = layers.at(1, 0).reflectance(photo / 2.0, photo);
         let want = share * paint(WALL, true).over(WALL / 2.0) + (1.0 - share) * other / 2.0;
         check(got, want, 1e-5);

@@ -1,9 +1,10 @@
 //! Alpha mattes: the fraction of each pixel that belongs to a masked surface.
 //!
-//! A pixel at the edge of a surface shows `I = a W + (1 - a) O`, W what the surface shows beside it
-//! and O what its surroundings do. At a hard edge of a mask, a is found from the three by least
-//! squares, `a = (I - O).(W - O) / |W - O|^2` (the two-color case of matting, Smith and Blinn,
-//! SIGGRAPH 1996); where W and O look alike, or the mask itself is soft, the mask is believed.
+//! A pixel at the edge of a surface shows `I = a W + (1 - a) O`, with W the color of the surface
+//! beside it and O that of its surroundings. At a hard edge of a mask, a is found from the three by
+//! least squares, `a = (I - O).(W - O) / |W - O|^2` (the two-color case of matting, Smith and
+//! Blinn, SIGGRAPH 1996); if W and O are similar, or the mask itself is soft, a is the value of the
+//! mask.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -32,6 +33,9 @@ tuning! {
 
 /// The part of each pixel of `photo` that belongs to the surface that `mask` marks. Both have one
 /// size.
+///
+/// # Panics
+/// The sizes differ.
 pub fn alpha_matte(mask: &Plane<f32>, photo: &Picture) -> AlphaMatte {
     assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
     let (w, h) = mask.size();

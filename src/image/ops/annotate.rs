@@ -7,6 +7,9 @@ use crate::image::Plane;
 /// Draws the inner edge of `mask`, which has the picture's size, and `name` above it; both grow
 /// with the picture. Of a name, small letters of `GLYPHS`, digits and `_` are drawn, others left
 /// blank.
+///
+/// # Panics
+/// The sizes differ.
 pub fn annotate(picture: &mut Plane<Vec3>, mask: &Plane<bool>, name: &str, color: Vec3) {
     let (w, h) = picture.size();
     assert_eq!(mask.size(), (w, h), "mask and picture have one size");

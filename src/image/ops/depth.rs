@@ -1,5 +1,4 @@
-//! Depth: what is a hole, how holes are filled, and other sizes without averaging across a depth
-//! step.
+//! Depth: holes, their filling, and other sizes without averaging across a depth step.
 
 use crate::image::{Depth, Mask, Plane};
 use crate::tuning::tuning;
@@ -33,6 +32,9 @@ pub fn is_hole(z: f32) -> bool {
 /// finest level that has one. The means are of 1/z, which is linear over the image of a plane.
 /// Readings where `untrusted` is above zero (panes that show the world outside) keep their own
 /// value but fill nothing, unless nothing else is there.
+///
+/// # Panics
+/// The sizes differ.
 pub fn inpaint_depth(meters: &Plane<f32>, untrusted: &Plane<f32>) -> Option<(Depth, Mask)> {
     assert_eq!(meters.size(), untrusted.size(), "one trust per reading");
     let holes = meters.map(|z| if is_hole(z) { 1.0 } else { 0.0 });
@@ -129,7 +131,7 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
     }))
 }
 
-/// 1 / z, from 0 at the farthest to 1 at the nearest: what moves most as the eye moves is
+/// 1 / z, from 0 at the farthest to 1 at the nearest: the pixels with the largest parallax are
 /// brightest.
 pub fn nearness(depth: &Depth) -> Plane<f32> {
     let inverse = depth.0.map(|z| 1.0 / z);

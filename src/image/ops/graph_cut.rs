@@ -1,11 +1,11 @@
 //! Two labels on a picture by a minimum cut.
 //!
-//! Boykov and Jolly (ICCV 2001): labels x_p in {0, 1} that minimize `sum_p u_p [x_p = 0] + sum_pq
-//! w_pq [x_p != x_q]`, where u_p is what it gains to label a pixel 1 (negative: what it costs) and
-//! the pairs are 8-neighbors, are the source's side of a minimum cut. Found by the maximum flow of
-//! Boykov and Kolmogorov (PAMI 2004): two trees grow from the terminals, each path where they touch
-//! is saturated, and what that tears off is adopted again. Whole numbers: no rounding, no tie that
-//! depends on it.
+//! Boykov and Jolly (ICCV 2001): labels x_p in {0, 1} that minimize
+//! `sum_p u_p [x_p = 0] + sum_pq w_pq [x_p != x_q]`, where u_p is the gain of labeling a pixel 1
+//! (negative: the cost) and the pairs are 8-neighbors, are the source's side of a minimum cut.
+//! Found by the maximum flow of Boykov and Kolmogorov (PAMI 2004): two trees grow from the
+//! terminals, each path where they touch is saturated, and the subtrees that this cuts off are
+//! adopted again. Capacities are integers: no rounding decides a tie.
 
 use std::collections::VecDeque;
 
@@ -13,11 +13,11 @@ use crate::image::Plane;
 
 /// Steps to the eight neighbors, each beside its reverse: that of direction d is d ^ 1.
 const STEPS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (-1, 1), (1, -1)];
-/// Parents that are no direction: the terminal itself, and none.
+/// Parents other than a direction: the terminal itself, and none.
 const TERMINAL: u8 = 8;
 const NONE: u8 = 9;
 
-/// The labelling of least energy; of several, that with the fewest pixels labelled true. `gain`
+/// The labeling of least energy; of several, that with the fewest pixels labeled true. `gain`
 /// holds u_p, and `weight(x, y, x', y')` gives w_pq >= 0 of two neighbors, the same for both
 /// orders. Sums along a path must stay below 2^31.
 pub fn graph_cut(gain: &Plane<i32>, weight: impl Fn(usize, usize, usize, usize) -> i32) -> Plane<bool> {
@@ -140,7 +140,7 @@ impl Flow {
         None
     }
 
-    /// Sends through the path over this arc what it can hold.
+    /// Augments the flow along the path over this arc by its bottleneck capacity.
     fn augment(&mut self, (from, d): (usize, u8)) {
         let to = self.along(from, d);
         let mut most = self.left[from][d as usize];
@@ -281,7 +281,7 @@ mod tests {
     }
 
     proptest! {
-        /// Against every labelling.
+        /// Against every labeling.
         #[test]
         fn no_labeling_has_less_energy(w in 1usize..5, h in 1usize..4, seed: u64, most in 1u64..40) {
             let gain = Plane::from_fn(w, h, |x, y| (hash(seed, (90 + 16 * y + x) as u64) % 41) as i32 - 20);

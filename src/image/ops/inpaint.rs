@@ -7,9 +7,9 @@ use crate::tuning::tuning;
 
 /// Inpaints the pixels where `unknown` holds from known ones around them: from the edge inwards,
 /// each pixel takes the mean of its neighbors on the same surface (alike in depth to 3 %, and in
-/// normal); where there is none, of all its neighbors. Then what was filled is smoothed along the
-/// surface, so that an edge at the boundary leaves no streak. All planes have one size. With no
-/// known pixel at all nothing changes.
+/// normal); where there is none, of all its neighbors. Then the filled pixels are smoothed along
+/// the surface, so that an edge at the boundary leaves no streak. All planes have one size. Without
+/// any known pixel nothing changes.
 pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points, normal: &Normal) {
     let (w, h) = values.size();
     let same_surface = |i: usize, j: usize| {
@@ -38,7 +38,7 @@ pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, poin
         if found.is_empty() && !alike {
             break;
         }
-        // Islands that touch nothing of their own surface take what is beside them.
+        // Islands that touch nothing of their own surface take the values beside them.
         alike = !found.is_empty();
         for (i, value) in found {
             values.pixels_mut()[i] = value;

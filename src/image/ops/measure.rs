@@ -6,6 +6,9 @@ use crate::image::{Normal, Plane, Transfer};
 
 /// Numbers as they came out beside those that are true, channel by channel, of the pixels that are
 /// `counted`.
+///
+/// # Panics
+/// The sizes differ.
 pub fn pairs<'a>(
     got: &'a Plane<Vec3>,
     truth: &'a Plane<Vec3>,
@@ -28,8 +31,8 @@ pub fn square_error(pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
     mean_error(pairs, |got, truth| (got - truth).powi(2))
 }
 
-/// Mean of (s got - truth)^2 with the s that makes it least, s = sum got truth / sum got^2: what no
-/// common level mends.
+/// Mean of (s got - truth)^2 with the s that minimizes it, s = sum got truth / sum got^2: the error
+/// that no common factor removes.
 pub fn scale_invariant_error(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
     let (cross, square) = pairs.clone().fold((0.0, 0.0), |(c, s), (got, truth)| (c + got * truth, s + got * got));
     let level = if square > 0.0 { cross / square } else { 0.0 };
@@ -129,7 +132,7 @@ mod tests {
         assert_eq!((perfect.psnr, perfect.change), (100.0, Some(0.0)));
         let nothing = score_picture(&photo, &truth, &photo, &counted).expect("three pixels");
         assert!((nothing.change.expect("the truth differs") - 1.0).abs() < 1e-5);
-        // One pixel of three is off by 50 of 255; what is brighter than white looks white in both.
+        // One pixel of three is off by 50 of 255; values above white look white in both.
         let psnr = -10.0 * ((50.0f64 / 255.0).powi(2) / 3.0).log10();
         assert!((nothing.psnr - psnr).abs() < 1e-3 && (nothing.unchanged - psnr).abs() < 1e-3, "{nothing:?}");
         assert_eq!(score_picture(&photo, &photo, &photo, &counted).expect("three pixels").change, None);

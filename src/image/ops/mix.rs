@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use crate::image::Plane;
 
-/// sum_k w_k L_k, channel by channel: light adds, so a picture under other radiances is its layers
-/// times what each radiance grew by. Terms are added in their order, whatever the number of
-/// threads.
+/// sum_k w_k L_k, channel by channel: light adds, so a picture under other radiances is the sum of
+/// its layers, each times the factor of its radiance. Terms are added in their order, whatever the
+/// number of threads.
 ///
 /// # Panics
 /// `layers` is empty, or layers differ in size.

@@ -22,7 +22,8 @@ pub struct Packed {
 }
 
 /// Packs a plane of finite numbers. The scale puts the largest magnitude below 2^14: halves keep 11
-/// bits of what is up to 2^28 times smaller.
+/// bits of numbers up to 2^28 times smaller.
+#[expect(clippy::missing_panics_doc, reason = "memory takes all bytes")]
 pub fn pack(plane: &Plane<Vec3>) -> Packed {
     let largest = plane.pixels().iter().map(|c| c.abs().max_element()).fold(0.0, f32::max);
     // A double holds the power of two of any single, subnormal or not, and its inverse.

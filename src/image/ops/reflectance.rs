@@ -10,9 +10,8 @@ pub fn ratio(a: Vec3, b: Vec3) -> Vec3 {
     (a + Vec3::splat(REFLECTANCE.dark)) / (b + Vec3::splat(REFLECTANCE.dark))
 }
 
-/// The part of `photo` over `shading` that is taken for a reflectance: at most 1 in the largest
-/// channel, the color kept, so that what stays unexplained has the photo's color and not that of
-/// one channel.
+/// Reflectance of a pixel: `photo` over `shading`, at most 1 in the largest channel. The color is
+/// kept, so that the remainder has the photo's color and not that of one channel.
 pub fn reflected(photo: Vec3, shading: Vec3) -> Vec3 {
     let whole = ratio(photo, shading);
     whole / whole.max_element().max(1.0)

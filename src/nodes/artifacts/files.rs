@@ -19,7 +19,7 @@ pub struct Encoding {
 
 /// The sub-folders that files of results may lie in.
 const RESULT_FOLDERS: [&str; 1] = ["masks"];
-/// Names that stand for devices on Windows, whatever ending they have.
+/// Names of devices on Windows, with any extension.
 const DEVICES: [&str; 6] = ["con", "prn", "aux", "nul", "com", "lpt"];
 
 /// Checks the name of a file of the results: one plain name that every system takes, in no folder
@@ -54,6 +54,9 @@ pub struct Files(pub Vec<(String, Vec<u8>)>);
 impl Files {
     /// Files from their canonical bytes. The largest keeps their buffer: the layers of a large
     /// photo take gigabytes.
+    ///
+    /// # Errors
+    /// The bytes are not the canonical form of files.
     pub(super) fn from_canonical(mut bytes: Vec<u8>) -> Result<Files, String> {
         let bad = |e: postcard::Error| e.to_string();
         let (count, mut rest) = postcard::take_from_bytes::<usize>(&bytes).map_err(bad)?;

@@ -77,6 +77,9 @@ pub struct Residual {
 
 /// Checks that each list has one plane per lobe, all of one size; lists without planes are left
 /// out.
+///
+/// # Errors
+/// The rule that the lists break.
 pub(super) fn lobes(lists: &[&[Plane<f32>]]) -> Result<(), String> {
     let mut planes = lists.iter().copied().flatten();
     let size = planes.next().map(Plane::size);

@@ -48,8 +48,8 @@ pub enum LightEdit {
     Temperature(f32),
     /// This linear RGB color, at unchanged luminance.
     Color(f32, f32, f32),
-    /// A lamp that is there at another place, with its form and its radiance; what it hid shows its
-    /// surface.
+    /// An existing lamp at another position, with its form and its radiance; the surface that it
+    /// hid is filled in.
     Move {
         /// Meters, camera space. Either this or `to`.
         #[serde(default)]
@@ -60,12 +60,14 @@ pub enum LightEdit {
     },
     /// A lamp of known shape, new or in the place of another light.
     Lamp {
+        /// Form and size.
         shape: LampShape,
+        /// Position.
         at: Place,
         /// Lumens; needs the scene's exposure. Either this or `radiance`.
         #[serde(default)]
         flux: Option<f32>,
-        /// Linear RGB in units of the photo: what the lamp itself would show.
+        /// Linear RGB in units of the photo: the value of a pixel of the lamp itself.
         #[serde(default)]
         radiance: Option<[f32; 3]>,
         /// Kelvin; the color of `flux`, 2700 when not given.
@@ -89,9 +91,10 @@ pub enum LightEdit {
         /// Radiance of the window: everywhere without `ground`, else above the horizon.
         #[serde(default)]
         sky: Sky,
-        /// The lower part of what it shows.
+        /// The lower part of the view outside.
         #[serde(default)]
         ground: Option<Half>,
+        /// Directional light of the sun, if it shines in.
         #[serde(default)]
         sun: Option<Sun>,
         /// Degrees to the right by which the middle of a picture of the sky lies from the view.
@@ -138,8 +141,8 @@ ports! {
         shape: Scatter<Shape>,
         /// The radiance of every light after the edit.
         radiance: Scatter<Radiance>,
-        /// Radiance after over radiance before, per lobe and channel: what a visible light's own
-        /// pixels change by.
+        /// Radiance after over radiance before, per lobe and channel: the factor of a visible
+        /// light's own pixels.
         gain: Scatter<Radiance>,
     }
 }
@@ -182,7 +185,7 @@ impl Node for EditLights {
             if let Some((shape, radiance)) =
                 edit.and_then(|e| self.made(id, e, Some((shape, &old)), &inputs, up, ctx)).transpose()?
             {
-                // The old light is gone; the new one is drawn as what it is.
+                // The old light is removed; the new one is drawn as a new light.
                 let gain = vec![Vec3::ZERO; radiance.0.len()];
                 push(id, Arc::new(shape), radiance, Radiance(gain))?;
                 continue;

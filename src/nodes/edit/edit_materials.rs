@@ -36,6 +36,7 @@ params! {
 pub enum MaterialEdit {
     /// Other paint on a region.
     Paint {
+        /// Pixels that are painted.
         region: Region,
         /// Mean albedo of the region afterwards; as it was when not given.
         #[serde(default)]

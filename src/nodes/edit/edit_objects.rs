@@ -23,8 +23,8 @@ params! {
         objects: Vec<ObjectEdit> = Vec::new(),
         /// Primary rays per pixel along each axis, for antialiased edges.
         supersampling: usize = 4, in 1..=16,
-        /// Most places that the camera sees at which light is asked for, 1..=10000000; in a large
-        /// photo one stands for several pixels.
+        /// Largest number of visible points at which light is computed, 1..=10000000; in a large
+        /// photo one point represents several pixels.
         samples: usize = 60_000, in 1..=10_000_000,
         /// Light probes on each object, which gather the light that the object reflects onto the
         /// room.
@@ -40,6 +40,7 @@ pub enum ObjectEdit {
     Mesh {
         /// PLY, OBJ, glTF or GLB.
         path: File,
+        /// Position of the middle of its bottom.
         at: Place,
         /// Meters from its lowest to its highest point.
         height: f32,
@@ -53,11 +54,13 @@ pub enum ObjectEdit {
         #[serde(default)]
         parts: Vec<File>,
     },
+    /// A sphere.
     Sphere {
         /// Meters.
         radius: f32,
         /// Its center, or the pixel that it stands on.
         at: Place,
+        /// Its material.
         #[serde(default)]
         material: ObjectMaterial,
     },

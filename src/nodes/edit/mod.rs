@@ -51,8 +51,11 @@ pub enum Place {
     /// its normal, at least so far that the lamp does not sink in; an object stands `lift` meters
     /// above it.
     Pixel {
+        /// Photo pixels from the left.
         x: f32,
+        /// Photo pixels from the top.
         y: f32,
+        /// Meters above the surface.
         #[serde(default)]
         lift: f32,
     },
@@ -103,6 +106,9 @@ tuning! {
 
 impl Ground<'_> {
     /// The surface seen at a photo pixel: its point and normal.
+    ///
+    /// # Errors
+    /// The pixel is outside the photo.
     pub fn seen(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
         let camera = self.camera;
         if !camera.contains(Vec2::new(x, y)) {
@@ -120,8 +126,11 @@ impl Ground<'_> {
     }
 
     /// The place on the surface seen at a photo pixel, and the surface's normal: on the plane
-    /// through what is around it, since depth may come in steps. What is level to 20 degrees counts
-    /// as level.
+    /// through the points around it, since depth may come in steps. A surface that is level to 20
+    /// degrees counts as level.
+    ///
+    /// # Errors
+    /// The pixel is outside the photo.
     pub fn foot(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
         let (own, own_normal) = self.seen(x, y)?;
         let camera = self.camera;

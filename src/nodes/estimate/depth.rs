@@ -1,4 +1,4 @@
-//! `Depth`: depth by a network that a person brings, in metres by lengths that a person knows.
+//! `Depth`: depth from a third-party network, in meters by known lengths.
 
 use std::ops::Bound;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ pub enum DepthOutput {
     /// a / z + b with unknown a and b, larger is nearer: MiDaS, DPT, Depth Anything V1 and V2.
     #[default]
     Relative,
-    /// Planar z in metres, or in another unit that a known length mends: Depth Anything's metric
+    /// Planar z in meters, or in another unit that a known length mends: Depth Anything's metric
     /// ones, ZoeDepth.
     Metric,
 }

@@ -1,4 +1,4 @@
-//! `FillReflectance`: what the surface reflects, also where a light hides it.
+//! `FillReflectance`: reflectance of the surface, also where a light hides it.
 
 use std::sync::Arc;
 
@@ -16,9 +16,8 @@ params! {
     /// Marks the pixels of each visible light and its glare, and estimates the reflectance of the
     /// surface, also under lights and saturation.
     ///
-    /// Reflectance is photo over shading. Where a light or saturation hides the surface, it is
-    /// filled in from the surroundings, so that there is no edge. No edit of a light changes the
-    /// result.
+    /// Reflectance is photo over shading. Pixels that a light or saturation hides are filled in
+    /// from the surroundings without a visible edge. No edit of a light changes the result.
     pub struct FillReflectance {
         /// Least width of the bloom around a visible light, as a fraction of the photo's longer
         /// side. Within it, residual light belongs to the light. A lamp's bloom is at least half as

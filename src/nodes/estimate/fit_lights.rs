@@ -20,8 +20,8 @@ params! {
     ///
     /// The picture is linear in the radiances: non-negative least squares on the unit layers, each
     /// with its own shadow and its own indirect light, by turns with the albedos (see
-    /// `optics::inverse::fit_radiances`). Saturated pixels are lower bounds. A constant ambient,
-    /// dearer than any light, takes what no light explains: the residual.
+    /// `optics::inverse::fit_radiances`). Saturated pixels are lower bounds. A constant ambient
+    /// with a higher penalty than any light takes the residual, which no light explains.
     pub struct FitLights {
         /// Upper bound of the iterations. The fit ends earlier when no light changes by more than
         /// 1e-4 of itself. With 0, all lights give the same mean shading.

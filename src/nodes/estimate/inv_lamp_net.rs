@@ -11,11 +11,11 @@ use crate::nodes::neural::NetworkScene;
 use crate::{params, ports};
 
 params! {
-    /// Estimates the lamp that is not seen: a box that shines with one radiance, next to none where
-    /// there is no such lamp.
+    /// Estimates the lamp out of view: a box of one radiance, close to zero where there is not such
+    /// a lamp.
     ///
-    /// A start for a fit, as good as the room is like those that it was trained on (the card beside
-    /// the network tells).
+    /// An initial value for a fit; it is as accurate as the room is similar to the training rooms
+    /// (see the card beside the network).
     pub struct InvLampNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("invlampnet.onnx"),
@@ -44,7 +44,7 @@ ports! {
 
 ports! {
     pub output InvLampNetOut {
-        /// The light; nothing where it has no pixel at the network's size.
+        /// The light; without a value if it has no pixel at the network's size.
         guess: Arc<Guess>,
     }
 }

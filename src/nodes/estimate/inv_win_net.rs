@@ -11,11 +11,11 @@ use crate::nodes::neural::NetworkScene;
 use crate::{params, ports};
 
 params! {
-    /// Estimates the window that is not seen: a rectangle before sun, sky and ground, of next to no
-    /// radiance where there is no such window.
+    /// Estimates the window out of view: a rectangle before sun, sky and ground, of radiance close
+    /// to zero where there is not such a window.
     ///
-    /// A start for a fit, as good as the room is like those that it was trained on (the card beside
-    /// the network tells).
+    /// An initial value for a fit; it is as accurate as the room is similar to the training rooms
+    /// (see the card beside the network).
     pub struct InvWinNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("invwinnet.onnx"),
@@ -44,7 +44,7 @@ ports! {
 
 ports! {
     pub output InvWinNetOut {
-        /// The light; nothing where it has no pixel at the network's size.
+        /// The light; without a value if it has no pixel at the network's size.
         guess: Arc<Guess>,
     }
 }

@@ -111,7 +111,7 @@ impl Node for RefineLights {
                 out_of_view: self.out_of_view_weight,
                 sun: self.sun_weight,
                 ambient: self.ambient_weight,
-                // The loss of two shapes is compared: a guess of the radiances has no part in it.
+                // The loss compares two shapes; a guess of the radiances does not affect it.
                 tikhonov_weight: 0.0,
                 residual_weight: 0.0,
             },

@@ -1,4 +1,4 @@
-//! `ResidualShading`: what the photo leaves for indirect light.
+//! `ResidualShading`: photo shading minus direct light.
 
 use std::sync::Arc;
 

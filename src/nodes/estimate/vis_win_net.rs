@@ -13,8 +13,8 @@ use crate::{params, ports};
 params! {
     /// Estimates a window that is seen: a rectangle before sun, sky and ground.
     ///
-    /// A start for a fit, as good as the room is like those that it was trained on (the card beside
-    /// the network tells).
+    /// An initial value for a fit; it is as accurate as the room is similar to the training rooms
+    /// (see the card beside the network).
     pub struct VisWinNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("viswinnet.onnx"),
@@ -45,7 +45,7 @@ ports! {
 
 ports! {
     pub output VisWinNetOut {
-        /// The light; nothing where it has no pixel at the network's size.
+        /// The light; without a value if it has no pixel at the network's size.
         guess: Arc<Guess>,
     }
 }

@@ -60,7 +60,7 @@ fn fitted(name: &str, picture: &Plane<Vec3>, size: (usize, usize)) -> Result<Pla
     Ok(image::resize(picture, size.0, size.1))
 }
 
-/// Unshadowed shading of a light of these radiances, and what arrives of it where `lit` tells.
+/// Unshadowed shading of a light of these radiances, and its visible part by `lit`.
 fn shaded(direct: &UnitDirect, lit: Option<&[Plane<f32>]>, radiance: &Radiance, size: (usize, usize)) -> Plane<Vec3> {
     let mut sum = Plane::filled(size.0, size.1, Vec3::ZERO);
     for (lobe, (e, radiance)) in direct.lobes.iter().zip(&radiance.0).enumerate() {

@@ -89,8 +89,8 @@ impl Node for ScoreDirect {
 }
 
 impl ScoreDirect {
-    /// Error of the share that arrives, from what arrives and what would without shadows:
-    /// estimated, true.
+    /// Error of the visible fraction, from the shadowed and the unshadowed shading: estimated,
+    /// true.
     fn shadow(&self, [got, got_open, truth, true_open]: [&Plane<Vec3>; 4], counted: &Plane<bool>) -> Option<f64> {
         let level = |plane: &Plane<Vec3>| {
             plane.pixels().iter().map(|e| f64::from(luminance(*e))).sum::<f64>() / plane.len() as f64

@@ -1,4 +1,4 @@
-//! `ScoreLights`: where lights are and what they give, against the truth.
+//! `ScoreLights`: errors of the lights' positions and power against the truth.
 
 use std::sync::Arc;
 

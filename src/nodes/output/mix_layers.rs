@@ -1,8 +1,8 @@
 //! MixLayers: the picture of a finished run with its lights dimmed, colored or brightened.
 //!
-//! picture = light_rest + sum_i w_i light_i, per channel in linear light, w_i being what light i's
-//! radiance is multiplied by: the layers of `picture.exr` hold each light's share of the picture,
-//! direct, indirect and its own pixels, and every one of them is linear in its radiance.
+//! picture = light_rest + sum_i w_i light_i, per channel in linear light, w_i being the factor of
+//! light i's radiance: the layers of `picture.exr` hold each light's share of the picture, direct,
+//! indirect and its own pixels, and every one of them is linear in its radiance.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

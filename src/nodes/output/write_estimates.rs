@@ -1,5 +1,4 @@
-//! WriteEstimates: what a run takes the room for, as files that `ReadLights` and `ReadMaterials`
-//! read back.
+//! WriteEstimates: the estimated room, as files that `ReadLights` and `ReadMaterials` read back.
 
 use std::sync::Arc;
 
@@ -88,7 +87,7 @@ fn light(shape: &Shape, radiance: &[Vec3]) -> Option<Value> {
         Shape::Absent => return None,
         Shape::Lamp(lamp) => {
             let mut entry = match lamp {
-                // These files have no profiles: a luminaire is the sphere of the same flux.
+                // These files do not hold profiles: a luminaire is the sphere of the same flux.
                 Lamp::Sphere(SphereLamp { center, radius })
                 | Lamp::Photometric(PhotometricLamp { center, radius, .. }) => {
                     json!({ "kind": "Sphere", "center": numbers(*center), "radius": shortest(*radius) })

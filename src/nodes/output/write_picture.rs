@@ -1,4 +1,4 @@
-//! `WritePicture`: the relit picture alone, as `picture.png`: what a sequence is made of.
+//! `WritePicture`: the relit picture alone, as `picture.png`: one frame of a sequence.
 
 use std::sync::Arc;
 

@@ -14,7 +14,7 @@ use crate::nodes::artifacts::{Files, UnitDirect, UnitIndirect, Visibility};
 use crate::{params, ports};
 
 params! {
-    /// Writes what each lobe of each light does with unit radiance, as EXR at working size:
+    /// Writes the layers of each lobe of each light for unit radiance, as EXR at working size:
     /// `direct_<light>_<k>.Y`, `lit_<light>_<k>.Y`, `unknown_<light>_<k>.Y`,
     /// `indirect_<light>_<k>.RGB`, `normal.XYZ` and `depth.Z`, all 32-bit floats.
     pub struct WritePlanes {

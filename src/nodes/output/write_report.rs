@@ -21,7 +21,7 @@ use crate::{params, ports};
 
 params! {
     /// Writes `report.html` of a finished run: before and after, a slider and a color for each
-    /// light, shadows and errors, what ran and why. What `relight report` runs.
+    /// light, shadows and errors, the nodes that ran and the reasons. `relight report` runs it.
     pub struct WriteReport {
         /// The `picture.exr` of a run.
         layers: File = File::default(),
@@ -41,7 +41,7 @@ ports! {
     }
 }
 
-/// Longest side of what is only looked at.
+/// Longest side of pictures that serve as previews.
 const SMALL: usize = 320;
 
 /// The fields of report.json for the drawing of the graph; the page itself reads the others.
@@ -124,8 +124,8 @@ fn drawn(row: NodeOfReport) -> Drawn {
     Drawn { name: row.name, kind: row.kind, status: Some(row.status), seconds: row.seconds, from: row.from }
 }
 
-/// Shadow, unknown share and standard error of a light, where the run wrote them: small pictures,
-/// and what they are on average.
+/// Shadow, unknown fraction and standard error of a light, if the run wrote them: small pictures,
+/// and their means.
 fn diagnostics(id: &str, file: &ExrFile, entry: &mut Value) {
     let small = |name: &str| {
         let plane = file.number(&format!("{name}_{id}.Y"))?;
@@ -157,7 +157,7 @@ fn url(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", STANDARD.encode(png))
 }
 
-/// The template with each `{{name}}` replaced; what is put in is not looked at again.
+/// The template with each `{{name}}` replaced; inserted text is not scanned again.
 fn fill(template: &str, values: &[(&str, &str)]) -> String {
     let mut page = String::new();
     for (at, part) in template.split("{{").enumerate() {

@@ -12,7 +12,7 @@ use crate::{params, ports};
 
 params! {
     /// Writes the seen room, its lights and the camera as USD, for Blender and others;
-    /// docs/export.md lists what is lost. `relight export` runs it.
+    /// docs/export.md lists the losses. `relight export` runs it.
     pub struct WriteUsd {
         /// A lobe of a seen window of at least this bandwidth is written as a distant light, so
         /// that the sun falls where it falls; more than 0.

@@ -1,4 +1,4 @@
-//! `Direct`: what each lobe of a light with unit radiance does to the room, shadows apart.
+//! `Direct`: direct shading of each lobe of a light with unit radiance, without shadows.
 
 use std::sync::Arc;
 

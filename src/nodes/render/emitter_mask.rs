@@ -30,8 +30,7 @@ tuning! {
 }
 
 params! {
-    /// Draws the mask of a light's body: its coverage of each photo pixel, less what stands before
-    /// it.
+    /// Draws the mask of a light's body: its coverage of each photo pixel, less its occluders.
     ///
     /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels
     /// are in the photo.

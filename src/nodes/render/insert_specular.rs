@@ -9,8 +9,8 @@ use crate::optics::{Lighting, ReflectionScene, Reflections, Shape, object_shadin
 use crate::{params, ports};
 
 params! {
-    /// Finds the specular reflection of shiny objects, by GGX in Karis' form: pixels of the
-    /// picture, lights, and what the photo does not show.
+    /// Finds the specular reflection of shiny objects, by GGX in Karis' form: from pixels of the
+    /// picture, from lights, and from parts of the room that the photo does not show.
     ///
     /// A reflected ray that meets the seen room shows the edited picture there, so each light's
     /// reflection is in that light's layer. A ray that leaves the seen room shows the network's

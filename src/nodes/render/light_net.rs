@@ -17,8 +17,8 @@ params! {
     /// Estimates the incoming radiance at each place of the picture as 12 spherical Gaussians, on a
     /// grid of 40 x 30 cells.
     ///
-    /// Only shiny objects, and stages that ask for it, need it. Twice the light gives twice the
-    /// radiance.
+    /// Only shiny objects, and stages that request it, need it. The result is proportional to the
+    /// light's radiance.
     pub struct LightNet {
         /// The network, ONNX with the inputs and outputs of models/lightnet.md.
         model: File = File::new("lightnet.onnx"),

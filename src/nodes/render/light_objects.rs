@@ -13,8 +13,8 @@ params! {
     /// Direct light of one light on inserted bodies, per lobe of unit radiance, with the shadows
     /// that room and bodies cast on them.
     ///
-    /// Asked at the samples that the camera sees, and at probes all over the bodies, for what they
-    /// bounce.
+    /// Light is computed at the samples that the camera sees, and for bounces at probes all over
+    /// the bodies.
     pub struct LightObjects {
         /// Shadow rays per receiver and lobe; samples of lights without a closed form.
         samples: u32 = 16, in SAMPLES,

@@ -13,8 +13,8 @@ use crate::{params, ports};
 params! {
     /// The residual light that bodies leave of the room's, and their reflection of it.
     ///
-    /// The residual is an even ambient from the unseen part of the room, as `FitLights` has it. A
-    /// body hides its share of the hemisphere and shows in its place what it reflects. Without
+    /// The residual is a uniform ambient from the unseen part of the room, as in `FitLights`. A
+    /// body occludes its fraction of the hemisphere, and its reflected ambient replaces it. Without
     /// bodies the residual passes through.
     pub struct OccludeResidual {}
 }

@@ -55,7 +55,7 @@ impl Node for ShadeObjects {
                 return Err(NodeError::Failed(told));
             }
         }
-        // What all lobes bounce to each probe.
+        // Radiosity of each probe under all lobes.
         let mut probes = vec![Vec3::ZERO; objects.probe_albedo.len()];
         for (plane, w) in indirect.probes.iter().zip(&radiance.0) {
             probes.iter_mut().zip(plane.pixels()).for_each(|(sum, e)| *sum += *w * *e);

@@ -98,7 +98,7 @@ impl Node for ShadeSpecularEdit {
                 lighting: inputs.lighting.as_deref(),
                 planes: &planes,
             };
-            // Of a light that is put in or moved, the photo shows no reflection.
+            // The photo does not show a reflection of an inserted or moved light.
             let lights = inputs.shape.iter().map(|(id, shape)| {
                 let shown = !kind.old || inputs.estimated.get(id).is_some_and(|was| was == shape);
                 (id, if shown { &**shape } else { &Shape::Absent })

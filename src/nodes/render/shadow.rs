@@ -15,9 +15,9 @@ params! {
     /// shading.
     ///
     /// A ray is blocked by the seen surface, unknown where it passes behind a depth edge, lit
-    /// otherwise; what lies outside the view is taken to be empty, or with `outside_unknown` to be
-    /// unknown. `lit` holds the share seen to be lit plus `assume_lit` times the unknown share;
-    /// `unknown` holds the unknown share itself.
+    /// otherwise; space outside the view counts as empty, or with `outside_unknown` as unknown.
+    /// `lit` holds the share seen to be lit plus `assume_lit` times the unknown share; `unknown`
+    /// holds the unknown share itself.
     pub struct Shadow {
         /// Rays per traced pixel and lobe; with a target, the least number.
         samples: u32 = 8, in SAMPLES,
@@ -37,7 +37,7 @@ params! {
         half: bool = true,
         /// Fraction of the unknown rays that counts as lit.
         assume_lit: f32 = 1.0, in 0.0..=1.0,
-        /// Rays that leave the view unblocked are unknown, as the photo does not show what stands
+        /// Rays that leave the view unblocked are unknown, as the photo does not show occluders
         /// there; else they are lit.
         outside_unknown: bool = false,
         /// One visibility for all lobes of a window, to compare: the mean over its lobes, weighted

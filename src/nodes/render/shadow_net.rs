@@ -97,8 +97,8 @@ impl Node for ShadowNet {
         for lobe in asked {
             ctx.check_cancelled()?;
             let (traced, unknown) = (&visibility.lit[lobe], &visibility.unknown[lobe]);
-            // What the photo leaves for a light hangs on all others; without it the network was
-            // trained as well.
+            // The photo minus the other lights' layers depends on all estimates; the network was
+            // also trained without this input.
             let unseen = Plane::filled(HALF.0, HALF.1, 0.0);
             let planes = [small(traced), small(unknown), small(&direct.lobes[lobe]), unseen.clone(), unseen];
             let tensors = vec![
@@ -121,7 +121,7 @@ impl Node for ShadowNet {
 }
 
 /// Center, half edges of a window, direction to its sun where the lobe is one: 12 numbers, zeros
-/// for what there is not.
+/// for missing ones.
 fn place(shape: &Shape, lobe: usize) -> Vec<f32> {
     let center = shape.bounding_sphere().map_or(Vec3::ZERO, |(center, _)| center);
     let (x, y, sun) = match shape {

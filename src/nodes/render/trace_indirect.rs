@@ -10,15 +10,15 @@ use crate::{params, ports};
 
 params! {
     /// Indirect shading of one light, per lobe of unit radiance: bounces over the rays of
-    /// `Transport`, a constant ambient for what is unseen. Exactly linear in the light, never
-    /// negative, traces no ray.
+    /// `Transport`, a constant ambient for the unseen part of the room. Exactly linear in the
+    /// light, never negative, traces no ray.
     pub struct TraceIndirect {
         /// Bounces followed one by one, 0..=64; the remaining ones are a geometric series in the
         /// mean albedo. With 0, indirect light is zero.
         bounces: u32 = 4, in 0..=64,
-        /// Radiosity of what is unseen, as a multiple of the mean of what is seen, 0..1. One would
-        /// make a closed room of the unseen part; a half allows for doors, panes and for a photo
-        /// that shows the brighter half.
+        /// Radiosity of the unseen part of the room, as a multiple of the mean of the seen part,
+        /// 0..1. The value 1 would make a closed room of the unseen part; a half allows for doors,
+        /// panes and for a photo that shows the brighter half.
         unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }

@@ -1,4 +1,4 @@
-//! `Transport`: what every part of the room sees of the rest; traced once, whatever the light.
+//! `Transport`: visibility between all parts of the room; traced once, independent of the light.
 
 use std::sync::Arc;
 

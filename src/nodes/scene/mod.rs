@@ -1,4 +1,4 @@
-//! From files to the seen room, and what is known of it.
+//! Stages that read the files of a scene, and known lights and materials.
 
 pub mod mesh;
 pub mod read_lights;
@@ -17,10 +17,19 @@ use crate::nodes::artifacts::Encoding;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum CameraSpec {
-    /// Horizontal field of view in degrees; square pixels, centred.
+    /// Horizontal field of view in degrees; square pixels, centered.
     FovX(f32),
     /// Focal lengths and principal point in photo pixels.
-    Pinhole { fx: f32, fy: f32, cx: f32, cy: f32 },
+    Pinhole {
+        /// Horizontal focal length.
+        fx: f32,
+        /// Vertical focal length.
+        fy: f32,
+        /// Column coordinate of the principal point.
+        cx: f32,
+        /// Row coordinate of the principal point.
+        cy: f32,
+    },
 }
 
 /// The photo's exposure.

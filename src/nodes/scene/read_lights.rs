@@ -1,6 +1,6 @@
-//! `ReadLights`: lights that are known, in the place of estimated ones.
+//! `ReadLights`: known lights, in the place of estimated ones.
 //!
-//! The file is JSON: an object with one object per light, in camera space and metres, radiances
+//! The file is JSON: an object with one object per light, in camera space and meters, radiances
 //! linear Rec.709 in units of the photo.
 //!
 //! ```json
@@ -24,9 +24,9 @@ params! {
     /// Reads true lights from a file, in the place of `InitLights` and `FitLights`.
     ///
     /// The file contains one object per visible light of the scene, and `inv_lamp` and `inv_window`
-    /// where there are such lights; docs/planes.md lists its fields. An invisible light that is not
-    /// in the file is `Absent`. Lobes of a window are sun, sky and ground, always in this order; a
-    /// lobe that is not in the file has no radiance.
+    /// if there are such lights; docs/planes.md lists its fields. An invisible light that is not in
+    /// the file is `Absent`. Lobes of a window are sun, sky and ground, always in this order; a
+    /// lobe that is not in the file has the radiance 0.
     pub struct ReadLights {
         /// The JSON file: `truth: (lights: ..)` of a scene.
         path: File = File::default(),
@@ -132,18 +132,18 @@ fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<KnownL
     Ok(lights.into_iter().map(|light| light.unwrap_or((Shape::Absent, Radiance(vec![])))).collect())
 }
 
-/// An object of the file, and what it is called in messages.
+/// An object of the file, and its name in messages.
 struct LightEntry<'a> {
     id: &'a str,
     whole: &'a Raw,
     fields: Vec<(Key, Raw)>,
 }
 
-/// Brightest light that leaves room in single precision for sums of many.
+/// Largest radiance that a file may give; sums of many still fit single precision.
 const MOST_RADIANCE: f32 = 1e30;
-/// Beyond it a lobe is a direction.
+/// Largest bandwidth; beyond it a lobe is a direction.
 const MOST_BANDWIDTH: f32 = 1e7;
-/// Largest cosine between edges that are told to be at right angles.
+/// Largest cosine between edges that the format defines as orthogonal.
 const SKEW: f32 = 0.01;
 
 impl LightEntry<'_> {
@@ -192,7 +192,7 @@ impl LightEntry<'_> {
         Some(Lamp::Box(BoxLamp { center: center?, axes: axes? }))
     }
 
-    /// Centre and half edges.
+    /// Center and half edges.
     fn rect(&self, faults: &mut Diagnostics) -> Option<[Vec3; 3]> {
         let center = self.vector("center", faults);
         let x = self.vector("half_x", faults);
@@ -216,7 +216,7 @@ impl LightEntry<'_> {
             };
             corners.extend(triangle);
         }
-        // Six times the volume, exact for a closed body wherever its middle is taken to be.
+        // Six times the volume, exact for a closed body, for any choice of its middle.
         let middle = corners.iter().sum::<Vec3>() / corners.len().max(1) as f32;
         let volume = corners.chunks_exact(3).map(|t| (t[1] - t[0]).cross(t[2] - t[0]).dot(t[0] - middle)).sum::<f32>();
         let triangles = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
@@ -285,7 +285,7 @@ impl LightEntry<'_> {
         self.get(name, "three finite numbers [x, y, z]", faults, vector)
     }
 
-    /// A field read by `read`, whose `None` is a fault.
+    /// A field read by `read`; a `None` of it is a fault.
     fn get<T>(
         &self,
         name: &str,
@@ -309,7 +309,7 @@ impl LightEntry<'_> {
         found
     }
 
-    /// The fault of a field that is there.
+    /// The fault of a field that is present.
     fn wrong(&self, name: &str, wanted: &str, faults: &mut Diagnostics) {
         let value = self.fields.iter().find(|(key, _)| key.name == name).map_or(self.whole, |(_, value)| value);
         let mut got: String = value.text().chars().take(60).map(|c| if c.is_control() { ' ' } else { c }).collect();
@@ -319,7 +319,7 @@ impl LightEntry<'_> {
         faults.push(|| value.fault(format!("`{}`: {name}: wanted {wanted}, got {got}", self.id)));
     }
 
-    /// No other fields than these.
+    /// Checks that there are only these fields.
     fn only(&self, known: &[&str], faults: &mut Diagnostics) {
         for (key, _) in self.fields.iter().filter(|(key, _)| !known.contains(&key.name.as_str())) {
             faults.push(|| {
@@ -347,7 +347,7 @@ fn vectors(points: &[Vec<f32>]) -> Option<Vec<Vec3>> {
     points.iter().map(point).collect()
 }
 
-/// Whether two edges have lengths and are at right angles to each other.
+/// Whether two edges have lengths and are orthogonal to each other.
 fn at_right_angles(a: Vec3, b: Vec3) -> bool {
     let (Some(a), Some(b)) = (a.try_normalize(), b.try_normalize()) else { return false };
     a.dot(b).abs() <= SKEW
@@ -371,7 +371,8 @@ mod tests {
         read(&Source::new("lights.json", format!("{{\"lamp\": {lamp},\n\"pane\": {pane}{more}}}")), &WANTED)
     }
 
-    /// The file with this lamp and this pane is refused with these words only; places apart.
+    /// The file with this lamp and this window is refused with exactly these messages; locations
+    /// are left out.
     fn check(lamp: &str, pane: &str, more: &str, wanted: &[&str]) {
         let faults = lights(lamp, pane, more).expect_err("it is not sound");
         assert!(faults.iter().all(|fault| fault.origin.is_some()), "{faults:?}");
@@ -415,7 +416,7 @@ mod tests {
         assert!((lamp.area() - (1.5 + 0.75f32.sqrt())).abs() < 1e-6);
     }
 
-    /// The corner of a unit cube, or with all its sides turned inwards.
+    /// The corner of a unit cube, with its sides as they are or turned inwards.
     fn tetrahedron(inwards: bool) -> String {
         let [o, x, y, z] = ["[0, 0, 0]", "[1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]"];
         let sides = [[o, y, x], [o, z, y], [o, x, z], [x, y, z]];

@@ -1,4 +1,4 @@
-//! `ReadMaterials`: materials that are known, in the place of estimated ones.
+//! `ReadMaterials`: known materials, in the place of estimated ones.
 
 use std::sync::Arc;
 
@@ -99,7 +99,7 @@ impl Node for ReadMaterials {
     }
 }
 
-/// Largest rounding error above one.
+/// Rounding error by which a value may exceed one.
 const SLACK: f32 = 1e-3;
 
 /// A plane of a file at working size.

@@ -1,4 +1,4 @@
-//! ReadPhoto: the photo of a scene and its camera, for scenes of which nothing else is known yet.
+//! `ReadPhoto`: the photo of a scene and its camera, for scenes without depth.
 
 use std::sync::Arc;
 

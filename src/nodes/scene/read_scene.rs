@@ -1,5 +1,5 @@
-//! ReadScene: decodes the files of a scene, checks that they belong together, fills the holes of
-//! the depth and remembers which pixels are saturated.
+//! `ReadScene`: decodes the files of a scene, checks that they belong together, fills the holes of
+//! the depth and marks saturated pixels.
 //!
 //! Everything later is computed at the *working size*, the photo fitted into `long_side`; the
 //! photo's own size is kept beside it, because the result is written at that size.
@@ -38,10 +38,12 @@ pub enum DepthKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DepthSpec {
+    /// The file.
     pub path: File,
+    /// Meaning of its numbers.
     #[serde(default)]
     pub kind: DepthKind,
-    /// MetricDepth per stored unit.
+    /// Meters per stored unit.
     #[serde(default = "one")]
     pub scale: f32,
 }
@@ -50,12 +52,20 @@ fn one() -> f32 {
     1.0
 }
 
-/// A visible light: what it is, and the file that marks its pixels.
+/// A visible light: its kind, and the file that marks its pixels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub enum LightSpec {
-    Lamp { mask: File },
-    Window { mask: File },
+    /// A lamp.
+    Lamp {
+        /// Picture whose white pixels show the lamp.
+        mask: File,
+    },
+    /// A window.
+    Window {
+        /// Picture whose white pixels show the window.
+        mask: File,
+    },
 }
 
 impl LightSpec {
@@ -205,7 +215,7 @@ impl ReadScene {
         Shot { photo, transfer, camera, exposure, long_side }
     }
 
-    /// A mask at the photo's size, with some pixels and not all of them.
+    /// A mask at the photo's size; an empty mask and one of all pixels are faults.
     fn mask(&self, ctx: &Context, file: &File, full: (usize, usize)) -> Result<Mask, NodeError> {
         let mask = open(ctx, file, image::read_mask)?;
         let got = mask.0.size();
@@ -224,7 +234,7 @@ impl ReadScene {
         Ok(mask)
     }
 
-    /// Planar depth in metres at the depth file's own size, and its holes.
+    /// Planar depth in meters at the depth file's own size, and its holes.
     fn depth(
         &self,
         ctx: &Context,
@@ -239,8 +249,8 @@ impl ReadScene {
         self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
         let meters = planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
 
-        // What a pane shows, and what is outside the room, may be far away: it must not spread
-        // into the room.
+        // The view through a pane, and surfaces outside the room, may be far away: their depth must
+        // not spread into the room.
         let panes = masks.iter().zip(self.lights.values()).filter(|(_, light)| light.kind() == LightKind::Window);
         let mut untrusted = Plane::filled(width, height, 0.0f32);
         for outside in panes.map(|((_, mask), _)| mask).chain(ignore) {
@@ -278,7 +288,7 @@ impl ReadScene {
     }
 }
 
-/// Stored numbers as planar z in metres; holes pass through as holes. `camera` has the depth's
+/// Stored numbers as planar z in meters; holes pass through as holes. `camera` has the depth's
 /// size.
 pub fn planar(stored: &Plane<f32>, kind: DepthKind, scale: f32, camera: &Camera) -> Plane<f32> {
     let (width, height) = stored.size();

@@ -67,7 +67,7 @@ impl Daylight {
         black_body(TUNING.sun_kelvin).as_dvec3() * TUNING.sun_lux * DVec3::from_array(through)
     }
 
-    /// Luminance of the sky per channel, cd per square metre, towards unit `l` above the horizon;
+    /// Luminance of the sky per channel, cd per square meter, towards unit `l` above the horizon;
     /// without the sun's disc.
     fn sky(&self, l: DVec3, up: DVec3) -> DVec3 {
         let t = self.turbidity;
@@ -168,7 +168,7 @@ mod tests {
     fn the_zenith_is_as_the_paper_has_it() {
         // Y_z of T = 3 and the sun 60 degrees from the zenith: chi = (4/9 - 1/40) (pi - 2 pi / 3) =
         // 0.43924, tan 0.46995; (12.1359 - 4.9710) 0.46995 - 0.6465 + 2.4192 = 5.1398 kcd per
-        // square metre.
+        // square meter.
         let y = luminance(day(3.0, 30.0).sky(UP, UP).as_vec3());
         assert!((y / 5139.8 - 1.0).abs() < 2e-3, "{y}");
     }

@@ -165,7 +165,7 @@ pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, 
     };
     let center = sun.as_ref().map_or(sky.direction, |sun| sun.lobe.direction).as_dvec3();
 
-    // Sky and ground carry what the sun does not, per channel: least squares alone lose some of it.
+    // Sky and ground carry the remaining radiance per channel: least squares alone lose some of it.
     let from_broad = |l: DVec3| sky_radiance * value(&sky, l) + ground_radiance * value(&ground, l);
     let (mut whole, mut from_both) = (DVec3::ZERO, DVec3::ZERO);
     for s in &samples {
@@ -463,7 +463,7 @@ mod tests {
         assert!(got.misplaced < 0.02, "{}", got.misplaced);
     }
 
-    /// Whatever is painted, as much light comes through the window as before.
+    /// The light through the window is as much as before, for any environment.
     #[test]
     fn no_light_is_lost() {
         let patches = |l: DVec3| {

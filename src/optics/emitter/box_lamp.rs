@@ -10,9 +10,9 @@ use super::sides::Sides;
 /// A box that emits outwards.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BoxLamp {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub center: Vec3,
-    /// Half edges, metres, orthogonal to each other, of either handedness.
+    /// Half edges, meters, orthogonal to each other, of either handedness.
     pub axes: [Vec3; 3],
 }
 

@@ -16,7 +16,7 @@ use crate::optics::sampling::Points2;
 /// see [`Form::intersect`].
 pub type Intersector<'a> = Box<dyn Fn(Vec3, Vec3) -> Option<f32> + Send + Sync + 'a>;
 
-/// A form of light: camera space, metres, unit radiance.
+/// A form of light: camera space, meters, unit radiance.
 pub trait Form: Send + Sync {
     /// The consistency of a form that was read from disk.
     ///
@@ -36,14 +36,14 @@ pub trait Form: Send + Sync {
         1
     }
 
-    /// The emitting area, square metres.
+    /// The emitting area, square meters.
     fn area(&self) -> f32;
 
     /// The center and radius of a sphere that holds the form; `None` for an empty one.
     fn bounding_sphere(&self) -> Option<(Vec3, f32)>;
 
     /// The largest distance from the center of the bounding sphere along a unit `direction`,
-    /// metres.
+    /// meters.
     fn extent(&self, direction: Vec3) -> f32;
 
     /// The distance from `origin` along `ray`, in lengths of `ray`, to the emitting side; `None`
@@ -67,7 +67,7 @@ pub trait Form: Send + Sync {
         1.0
     }
 
-    /// The power per unit radiance of one lobe, square metres: pi times the area for a Lambertian
+    /// The power per unit radiance of one lobe, square meters: pi times the area for a Lambertian
     /// surface.
     fn flux(&self, _lobe: usize) -> f32 {
         PI * self.area() * self.escaping()
@@ -82,7 +82,7 @@ pub trait Form: Send + Sync {
         spread(&self.triangles(), count)
     }
 
-    /// The form prepared for rendering; `None` where it has no size or is not finite, and so emits
+    /// The form prepared for rendering; `None` if its size is zero or not finite, so that it emits
     /// nothing.
     fn prepare(&self) -> Option<Box<dyn PreparedForm>>;
 }

@@ -32,7 +32,7 @@ use crate::optics::sampling::polygon::{ArcEdge, Outline};
 pub struct Gradient {
     /// Irradiance over pi, 0..=1.
     pub value: f64,
-    /// Derivative by the position of the light, per metre.
+    /// Derivative by the position of the light, per meter.
     pub position: DVec3,
     /// Derivative by the logarithm of the light's lengths, which grow about the pivot.
     pub size: f64,

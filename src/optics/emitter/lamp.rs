@@ -11,7 +11,7 @@ use super::rect_lamp::RectLamp;
 use super::sphere_lamp::SphereLamp;
 use super::surfel_lamp::{self, Surfel};
 
-/// The emitting surface of a lamp, camera space, metres: Lambertian but for [`Lamp::Photometric`].
+/// The emitting surface of a lamp, camera space, meters: Lambertian but for [`Lamp::Photometric`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Lamp {
     /// A globe or a bulb.
@@ -55,9 +55,10 @@ impl Lamp {
         }
     }
 
-    /// The lamp shifted `by` metres.
+    /// The lamp shifted `by` meters.
     ///
-    /// Surfels become a mesh of squares, as the photo has no pixels of theirs at the new position.
+    /// Surfels become a mesh of squares, as the photo does not show pixels of them at the new
+    /// position.
     pub fn moved(&self, by: Vec3) -> Lamp {
         match self {
             Lamp::Surfels(surfels) => {
@@ -70,12 +71,12 @@ impl Lamp {
     }
 
     /// The largest distance from the center of
-    /// [`Shape::bounding_sphere`](super::Shape::bounding_sphere) along a unit `direction`, metres.
+    /// [`Shape::bounding_sphere`](super::Shape::bounding_sphere) along a unit `direction`, meters.
     pub fn extent(&self, direction: Vec3) -> f32 {
         self.form().extent(direction)
     }
 
-    /// The emitting area, square metres.
+    /// The emitting area, square meters.
     ///
     /// # Panics
     /// A mesh with an index outside of its corners, which [`Shape::check`](super::Shape::check)

@@ -58,7 +58,7 @@ const R4: [f64; 4] =
 pub(super) struct ClusteredMesh {
     /// In the order of their clusters, with their indices in `rays`.
     triangles: Vec<([DVec3; 3], u32)>,
-    /// Running sum of their areas, square metres.
+    /// Running sum of their areas, square meters.
     areas: Vec<f64>,
     clusters: Vec<Cluster>,
     rays: RayMesh,

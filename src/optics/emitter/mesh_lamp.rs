@@ -17,7 +17,7 @@ use crate::tuning::tuning;
 /// Triangles that emit from the side where their corners run counter-clockwise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeshLamp {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub corners: Vec<Vec3>,
     /// Indices into `corners`.
     pub triangles: Vec<[u32; 3]>,
@@ -49,7 +49,7 @@ impl MeshLamp {
         self.triangles.iter().filter_map(move |&[a, b, c]| Some([corner(a)?, corner(b)?, corner(c)?]))
     }
 
-    /// [`MeshLamp::finite_triangles`] without those that have no area.
+    /// [`MeshLamp::finite_triangles`] without degenerate triangles.
     fn valid_triangles(&self) -> Vec<[DVec3; 3]> {
         self.finite_triangles().filter(|t| doubled_area(t).length() > 0.0).collect()
     }

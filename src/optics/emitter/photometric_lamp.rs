@@ -13,9 +13,9 @@ use crate::optics::sampling::Points2;
 /// relative intensity.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotometricLamp {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub center: Vec3,
-    /// MetricDepth.
+    /// Meters.
     pub radius: f32,
     /// The relative intensity by direction.
     pub web: PhotometricWeb,

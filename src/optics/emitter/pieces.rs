@@ -19,7 +19,7 @@ tuning! {
 /// Pieces of positive, finite area.
 pub(super) struct PieceSet<T> {
     pub pieces: Vec<T>,
-    /// Running sum of their areas, square metres.
+    /// Running sum of their areas, square meters.
     areas: Vec<f64>,
 }
 
@@ -90,14 +90,14 @@ pub(super) fn bounding_sphere(points: impl Iterator<Item = Vec3>) -> Option<(Vec
 }
 
 /// The largest distance of `points` from the center of their axis-aligned bounding box along a unit
-/// `direction`, metres.
+/// `direction`, meters.
 pub(super) fn extent(points: impl Iterator<Item = Vec3> + Clone, direction: Vec3) -> f32 {
     let (low, high) = bounds(points.clone());
     let center = 0.5 * (low + high);
     points.map(|p| (p - center).dot(direction)).fold(0.0, f32::max)
 }
 
-/// Twice the area of a triangle along its normal, square metres.
+/// Twice the area of a triangle along its normal, square meters.
 pub(super) fn doubled_area([a, b, c]: &[DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }

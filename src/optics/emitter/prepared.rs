@@ -10,7 +10,7 @@ use crate::optics::sampling::Points2;
 /// radiance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSample {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub position: Vec3,
     /// Positive and finite.
     pub contribution: f32,
@@ -172,7 +172,7 @@ mod tests {
                 // 24 comparisons: four standard errors, and single-precision rounding.
                 let bound = 4.0 * (variance / f64::from(pixels)).sqrt() + 2e-6;
                 assert!((mean - exact).abs() < bound, "{name} {normal}: {mean} {exact} {bound}");
-                // Of 4000 variances of three degrees of freedom the mean is known to about 2 %.
+                // The mean of 4000 variances of three degrees of freedom is known to about 2 %.
                 let ratio = (claimed + 1e-12) / (variance + 1e-12);
                 assert!((0.85..1.15).contains(&ratio), "{name} {normal}: claimed over true variance {ratio}");
             }

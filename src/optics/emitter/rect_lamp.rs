@@ -10,11 +10,11 @@ use crate::optics::sampling::rectangle::Rectangle;
 /// A rectangle that emits from the side to which `x cross y` points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RectLamp {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub center: Vec3,
-    /// Half edge, metres.
+    /// Half edge, meters.
     pub x: Vec3,
-    /// Half edge, metres, orthogonal to `x`.
+    /// Half edge, meters, orthogonal to `x`.
     pub y: Vec3,
 }
 

@@ -87,13 +87,13 @@ impl Shape {
         self.form().map_or(1.0, |form| form.emission(lobe, direction))
     }
 
-    /// The center and radius, metres, of a sphere that holds the light; `None` for
+    /// The center and radius, meters, of a sphere that holds the light; `None` for
     /// [`Shape::Absent`] and an empty one.
     pub fn bounding_sphere(&self) -> Option<(Vec3, f32)> {
         self.form()?.bounding_sphere()
     }
 
-    /// The power that the light sends into the room per unit radiance of one lobe, square metres;
+    /// The power that the light sends into the room per unit radiance of one lobe, square meters;
     /// zero without such a lobe.
     pub fn flux(&self, lobe: usize) -> f32 {
         self.form().map_or(0.0, |form| form.flux(lobe))

@@ -13,9 +13,9 @@ use crate::optics::sampling::sphere::{Cone, sphere_irradiance};
 /// A sphere that emits outwards.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SphereLamp {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub center: Vec3,
-    /// MetricDepth.
+    /// Meters.
     pub radius: f32,
 }
 

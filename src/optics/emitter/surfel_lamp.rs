@@ -16,11 +16,11 @@ use crate::tuning::tuning;
 /// A small piece of emitting surface.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Surfel {
-    /// The center: camera space, metres.
+    /// The center: camera space, meters.
     pub point: Vec3,
     /// Unit length, on the emitting side.
     pub normal: Vec3,
-    /// Square metres.
+    /// Square meters.
     pub area: f32,
 }
 

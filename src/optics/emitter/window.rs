@@ -54,11 +54,11 @@ tuning! {
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Window {
-    /// Camera space, metres.
+    /// Camera space, meters.
     pub center: Vec3,
-    /// Half edge, metres.
+    /// Half edge, meters.
     pub x: Vec3,
-    /// Half edge, metres, orthogonal to `x`.
+    /// Half edge, meters, orthogonal to `x`.
     pub y: Vec3,
     /// Sun, sky, ground.
     pub lobes: [Lobe; 3],
@@ -181,7 +181,7 @@ mod tests {
             let lobe = Lobe { direction, bandwidth };
             Window { center: Vec3::ZERO, x: Vec3::X, y: Vec3::Y * 0.5, lobes: [lobe; 3] }
         };
-        // Uniform: the cosine over a hemisphere is pi. The area is 2 square metres, the room lies
+        // Uniform: the cosine over a hemisphere is pi. The area is 2 square meters, the room lies
         // at +z.
         assert!((window(Vec3::NEG_Z, 0.0).flux(1) / (2.0 * PI) as f32 - 1.0).abs() < 1e-3);
         // Narrow: all of its 2 pi / lambda comes in at its own cosine.

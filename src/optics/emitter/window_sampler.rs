@@ -2,8 +2,8 @@
 //! sampling.
 //!
 //! E = (1/pi) integral over the visible rectangle of G(l) cos(theta) dl, for each lobe by itself.
-//! [`Strategy::Best`] is what renders by default; the other strategies exist to be compared with it
-//! in `benches/windows.rs` and in the tests.
+//! [`Strategy::Best`] is the default of rendering; the other strategies exist to be compared with
+//! it in `benches/windows.rs` and in the tests.
 
 use std::f64::consts::PI;
 
@@ -268,7 +268,7 @@ mod tests {
             let o = opening([(sun, bandwidth), (Vec3::Y, 1.0), (Vec3::NEG_Y, 1.0)]);
             let wanted = o.lobes[0].solid_angle() * f64::from(sun.z) / PI;
             for pixel in 0..20 {
-                // Of 16 evenly spread points 7 to 9 go to the lobe.
+                // The lobe receives 7 to 9 of 16 evenly spread points.
                 let got = samples(&o, DVec3::Z, 16, pixel)[0];
                 assert!((got / wanted - 1.0).abs() < 0.15, "{bandwidth}: {got} {wanted}");
             }

@@ -139,7 +139,7 @@ impl<'a> CandidateSearch<'a> {
     }
 
     /// The candidate for one visible light that fits best beside the accepted lights. The first one
-    /// is kept unless another lowers the loss by 3 %. `None` when there is no candidate.
+    /// is kept unless another lowers the loss by 3 %. `None` without candidates.
     pub fn select<'b>(
         &self,
         id: &'b str,

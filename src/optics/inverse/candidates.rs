@@ -71,6 +71,7 @@ tuning! {
     }
 }
 
+/// Whether a point in camera space projects into the picture, extended by `MARGIN` of its size.
 pub(in crate::optics) fn in_view(camera: &Camera, point: Vec3) -> bool {
     // A margin, since a light has extent.
     camera.project(point).is_some_and(|at| {

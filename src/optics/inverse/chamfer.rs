@@ -18,7 +18,7 @@ pub fn surface_points(shape: &Shape) -> Vec<Vec3> {
 
 /// Chamfer distance in meters, as defined by IndoorLightEditing (Li et al., ECCV 2022): the mean
 /// over a of the distance to the nearest of b, plus that over b, a distance being sqrt(d^2 + 1e-6).
-/// `None` when one side has no points.
+/// `None` when one side is empty.
 pub fn chamfer(a: &[Vec3], b: &[Vec3]) -> Option<f64> {
     let one_way = |a: &[Vec3], b: &[Vec3]| {
         let nearest = |p: &Vec3| b.iter().map(|q| f64::from(p.distance_squared(*q))).fold(f64::INFINITY, f64::min);

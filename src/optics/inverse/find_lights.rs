@@ -32,6 +32,7 @@ pub struct LightSearch {
 /// A proposed light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundLight {
+    /// Lamp or window.
     pub kind: LightKind,
     /// Its pixels, of the photo's size.
     pub mask: Plane<bool>,

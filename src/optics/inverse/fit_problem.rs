@@ -230,10 +230,10 @@ impl<'a> Problem<'a> {
         both.unzip()
     }
 
-    /// Gram matrix and right side of the step from `w`, with the albedos eliminated: what a light
-    /// changes along the shading of a segment is absorbed by its albedo (variable projection, Golub
-    /// and Pereyra 1973, linearized). Each column is projected before it is multiplied: the
-    /// difference of two large products would cancel what distinguishes similar lights.
+    /// Gram matrix and right side of the step from `w`, with the albedos eliminated: the albedo of
+    /// a segment absorbs the change of a light along its shading (variable projection, Golub and
+    /// Pereyra 1973, linearized). Each column is projected before it is multiplied: the difference
+    /// of two large products would cancel what distinguishes similar lights.
     fn equations(&self, w: &[[f64; 3]], c: usize) -> Equations {
         let (k, segment) = (w.len(), &self.observations.segment);
         let shading = self.shading(w, c);

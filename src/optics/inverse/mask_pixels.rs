@@ -54,6 +54,10 @@ pub(super) fn surroundings(mask: &Mask, radius: usize) -> Vec<(usize, usize)> {
     ys.flat_map(|y| xs.clone().map(move |x| (x, y))).filter(|&(x, y)| mask.0.get(x, y) == 0.0).collect()
 }
 
+/// Returns the upper median.
+///
+/// # Panics
+/// There are no values.
 pub(super) fn median(mut values: Vec<f32>) -> f32 {
     values.sort_by(f32::total_cmp);
     values[values.len() / 2]

@@ -12,6 +12,7 @@ pub struct Observations {
     pub photo: Vec<Vec3>,
     /// Segment of each pixel, below `segments`.
     pub segment: Vec<u32>,
+    /// Number of segments.
     pub segments: usize,
     /// Pixels at which the photo is clipped: there the model may be brighter at no cost, but not
     /// darker.
@@ -113,8 +114,8 @@ fn white_of(photo: &Picture, clipped: &Mask) -> f32 {
 }
 
 /// Pixels of `candidates` that constrain the lights: brighter than black, and at least two pixels
-/// away from each of `masks`, which mark lights and what is not part of the room. All are indices
-/// into `photo`, in the order of `candidates`.
+/// away from each of `masks`, which mark lights and pixels outside the room. All are indices into
+/// `photo`, in the order of `candidates`.
 pub fn observed_pixels<'a>(
     candidates: impl Iterator<Item = usize>,
     photo: &Picture,

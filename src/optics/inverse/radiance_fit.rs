@@ -5,9 +5,9 @@
 //! for all pixels of a segment. The variation of shading *inside* a segment distinguishes the
 //! lights. The albedo of a segment absorbs the rest, so that texture and paint are not attributed
 //! to a light. The solver alternates: given w, each A_s is a ratio of sums; given A, w is a
-//! non-negative least-squares problem in what the albedos cannot absorb (variable projection, Golub
-//! and Pereyra 1973). A Cauchy weight limits the influence of highlights and wrong shadows
-//! (iteratively reweighted least squares).
+//! non-negative least-squares problem in the part that the albedos cannot absorb (variable
+//! projection, Golub and Pereyra 1973). A Cauchy weight limits the influence of highlights and
+//! wrong shadows (iteratively reweighted least squares).
 //!
 //! All quantities are in units of the photo's white and of each layer's mean, so that neither the
 //! photo's exposure nor the size and distance of a light matter. Layers are f32, sums f64. Normal

@@ -24,14 +24,21 @@ tuning! {
 /// A photo and the reconstruction of its room; all planes are of one size.
 #[derive(Clone, Copy)]
 pub struct SeenRoom<'a> {
+    /// The photo, linear RGB, >= 0.
     pub photo: &'a Picture,
     /// Fraction of saturated pixels, 0..=1.
     pub clipped: &'a Mask,
+    /// Points of the seen surface, camera space, meters.
     pub points: &'a Points,
+    /// Unit normals of the seen surface.
     pub normal: &'a Normal,
+    /// The seen surface as a mesh.
     pub mesh: &'a SceneMesh,
+    /// Light transport between the pixels, for indirect light.
     pub transport: &'a LightTransport,
+    /// Diffuse albedo, 0..=1.
     pub albedo: &'a Albedo,
+    /// Segments of uniform albedo.
     pub segments: &'a Segments,
 }
 
@@ -40,6 +47,7 @@ pub struct SeenRoom<'a> {
 pub struct LayerQuality {
     /// Shadow rays per receiver and lobe.
     pub samples: usize,
+    /// Settings of the indirect light.
     pub bounces: Bounces,
 }
 
@@ -50,6 +58,7 @@ pub struct UnitLayer {
     pub direct: Vec<f32>,
     /// Visible fraction of it, 0..=1.
     pub lit: Vec<f32>,
+    /// Indirect shading, per color channel.
     pub indirect: Vec<Vec3>,
 }
 
@@ -76,8 +85,8 @@ pub struct Receivers<'a> {
 }
 
 impl<'a> Receivers<'a> {
-    /// Receivers away from `masks`, which mark lights and what is not part of the room. If there
-    /// are more than `most`, every nth is used.
+    /// Receivers away from `masks`, which mark lights and pixels outside the room. If there are
+    /// more than `most`, every nth is used.
     pub fn new<'m>(room: SeenRoom<'a>, masks: impl Iterator<Item = &'m Mask>, most: usize) -> Receivers<'a> {
         let grid = room.transport.grid();
         let mut pixels = observed_pixels((0..grid.len()).map(|i| grid.pixel(i)), room.photo, room.clipped, masks);

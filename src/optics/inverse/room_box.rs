@@ -51,6 +51,7 @@ pub struct RoomBox {
     /// Corners in meters, in the room's own frame: camera space rotated about the vertical so that
     /// the walls are level with the axes.
     pub low: Vec3,
+    /// Corner of the largest coordinates; see `low`.
     pub high: Vec3,
     /// Rotation from the room's frame to camera space.
     pub(super) rotation: Quat,
@@ -64,7 +65,7 @@ impl RoomBox {
     }
 
     /// Box around seen points (meters, camera space) with unit normals, one for each point. `None`
-    /// when there is no point.
+    /// without points.
     ///
     /// The walls' direction is the area-weighted mean of the upright normals, modulo a right angle.
     /// A side lies where most area faces away from it: the largest flat surface in the outer third

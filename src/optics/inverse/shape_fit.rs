@@ -29,9 +29,11 @@ use crate::tuning::tuning;
 
 /// A light whose shape is a variable of the fit.
 pub struct LightVariable<'a> {
+    /// Shape at the start of the fit.
     pub shape: Shape,
     /// Its pixels, if it is visible; of the photo's size.
     pub mask: Option<&'a Mask>,
+    /// Free parameters of the shape.
     pub freedom: DegreesOfFreedom,
     /// True if the photo shows it; it selects the [`Role`] of its lobes.
     pub in_view: bool,
@@ -39,13 +41,16 @@ pub struct LightVariable<'a> {
 
 /// Bounds of the lights' positions.
 pub struct Bounds<'a> {
+    /// Camera of the photo.
     pub camera: &'a Camera,
+    /// Box that positions stay in, if the points determine one.
     pub room: Option<RoomBox>,
 }
 
 /// Settings of [`fit_shapes`].
 #[derive(Clone, Copy, Debug)]
 pub struct ShapeSearch {
+    /// Quality of each light's layer.
     pub quality: LayerQuality,
     /// Most times that shadows and bounces are traced again.
     pub rounds: usize,

@@ -137,7 +137,7 @@ fn lamps_come_back() {
     let fit = room.fit(&photo, &start);
     assert!(center(&fit.shapes[0]).distance(seen) < 0.5 * 0.02 * seen.length(), "{fit:?}");
     assert!(center(&fit.shapes[1]).distance(unseen) < 0.16, "{fit:?}");
-    // What is left is the noise of shadows.
+    // The remainder is the noise of shadows.
     assert!(fit.loss[1] < 0.6 * fit.loss[0], "{fit:?}");
     assert!(fit.saved.iter().all(|saved| *saved > 0.02), "{fit:?}");
 }
@@ -191,7 +191,7 @@ fn nothing_seen_moves_nothing() {
     let black = Picture(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO));
     assert_eq!(room.fit(&black, &[(lamp.clone(), DegreesOfFreedom::OutOfView)]).shapes[0], lamp);
     assert!(room.fit(&black, &[]).shapes.is_empty());
-    // A lamp that lights nothing of what is seen.
+    // A lamp that lights no seen surface.
     let photo = room.photo(&[(lamp, vec![WHITE])]);
     let away = Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z, x: Vec3::X * 0.1, y: Vec3::Y * 0.1 }));
     assert_eq!(room.fit(&photo, &[(away.clone(), DegreesOfFreedom::OutOfView)]).shapes, [away]);

@@ -171,8 +171,8 @@ fn a_light_at_its_bound_agrees_with_the_twin() {
     }
 }
 
-/// Lights a thousandth of the row apart: their shares cannot be known, their sum can, and the fit
-/// says which two they are.
+/// Lights a thousandth of the row apart: their separate radiances are underdetermined, their sum is
+/// determined, and the fit names the two.
 #[test]
 fn nearly_equal_lights_are_named_and_their_sum_is_found() {
     let near = row(vec![falloff(60, 0.0), falloff(60, 1e-3), falloff(60, 1.0)], &W, 3);
@@ -270,8 +270,7 @@ fn nothing_to_go_by_is_zero_and_told() {
     let fit = black.fit();
     sound(&fit);
     assert!(fit.radiance == [Vec3::ZERO; 3] && fit.iterations == 0, "{fit:?}");
-    // Where all is saturated any light that is bright enough will do, and none of its pixels is
-    // left to distinguish them.
+    // If every pixel is saturated, any bright light fits, and no pixel distinguishes the lights.
     let mut white = three().observations();
     white.photo = vec![Vec3::ONE; 60];
     white.saturated = vec![true; 60];

@@ -65,6 +65,7 @@ pub enum LampForm {
 /// Form of visible lamps, and the number of their surfels.
 #[derive(Clone, Copy, Debug)]
 pub struct LampForms {
+    /// Form of the lamps.
     pub form: LampForm,
     /// Most surfels of a lamp, at least one.
     pub most_surfels: usize,
@@ -103,7 +104,7 @@ pub(in crate::optics) struct VisibleLamp<'a> {
 
 impl<'a> VisibleLamp<'a> {
     /// Measures the lamp. `around` lists the pixels that surround it; `normal` is of the camera's
-    /// size. `None` when the lamp has no pixel.
+    /// size. `None` when the lamp does not have a pixel.
     pub fn new(pixels: LampPixels<'a>, normal: &Normal, around: &[(usize, usize)]) -> Option<VisibleLamp<'a>> {
         if pixels.pixels.is_empty() {
             return None;

@@ -22,7 +22,7 @@ tuning! {
     }
 }
 
-/// Shapes that a visible light may have, the preferred one first; none when the mask has no pixel.
+/// Shapes that a visible light may have, the preferred one first; none when the mask is empty.
 ///
 /// `mask`, `points` (meters, camera space) and `normal` are of the camera's size. `forms` selects
 /// the form of a lamp; `room` adds the sides of the room as places for a window.

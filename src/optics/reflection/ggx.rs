@@ -4,7 +4,7 @@
 //! f(v, l) = D(n.h) F(v.h) G(n.l, n.v) / (4 n.l n.v) with h the half vector, a = roughness^2,
 //! k = a / 2: D = a^2 / (pi ((n.h)^2 (a^2 - 1) + 1)^2), G = G1(n.l) G1(n.v), G1(c) = c / (c
 //! (1 - k) + k), F = F0 + (1 - F0) 2^((-5.55473 v.h - 6.98316) v.h), F0 = 0.08 specular, of metals
-//! the base colour.
+//! the base color.
 
 use std::f32::consts::{PI, TAU};
 
@@ -129,7 +129,7 @@ mod tests {
                 let sum: f32 = (0..n).filter_map(|i| surface.sample(points.get(i))).map(|(_, w)| w.x).sum();
                 let whole = sum / n as f32;
                 assert!(whole <= 1.001, "roughness {roughness}, cosine {cosine}: {whole}");
-                // What masks itself at grazing angles is lost: there is one bounce.
+                // Light that the surface masks at grazing angles is lost: the model has one bounce.
                 assert!(
                     roughness > 0.1 || cosine < 0.2 || whole > 0.97,
                     "roughness {roughness}, cosine {cosine}: {whole}"
@@ -162,8 +162,8 @@ mod tests {
 
     #[test]
     fn the_density_is_that_of_the_samples() {
-        // What the density says of a cap around the peak, by even directions of the cap, is the
-        // share of samples that fall into it.
+        // The density's integral over a cap around the peak, by even directions of the cap, is the
+        // fraction of samples that fall into it.
         for (roughness, cosine) in [(0.4, 0.8), (0.7, 0.5)] {
             let surface = surface(roughness, cosine);
             let peak = Vec3::new(-(1.0f32 - cosine * cosine).sqrt(), 0.0, cosine);

@@ -1,11 +1,11 @@
-//! From what shiny objects reflect to what they show of each layer of a picture.
+//! Layers of a picture as shiny objects reflect them.
 
 use glam::{DVec3, Vec3};
 
 use super::reflect::{ReflectedHit, Reflections};
 use crate::image::Plane;
 
-/// The room around what reflects it.
+/// The room around reflecting surfaces.
 #[derive(Clone, Debug)]
 pub struct Around {
     /// Number of photo pixels.
@@ -17,8 +17,8 @@ pub struct Around {
 }
 
 impl Around {
-    /// `planes` hold the layers of the room without objects, `room` the pixels that are no light.
-    /// The unseen part of the room shows `unseen` times their mean.
+    /// `planes` hold the layers of the room without objects, `room` the pixels that do not show a
+    /// light. The unseen part of the room shows `unseen` times their mean.
     pub fn new(planes: &[Vec<Vec3>], room: &[usize], unseen: f32) -> Around {
         let mean = |plane: &Vec<Vec3>| {
             let sum = room.iter().map(|&i| plane[i].as_dvec3()).sum::<DVec3>();
@@ -34,7 +34,7 @@ impl Around {
     }
 }
 
-/// Reflections over the layers of a picture: one per light, then what no light explains.
+/// Reflections over the layers of a picture: one per light, then the residual.
 pub struct Mirror<'a> {
     of: &'a Reflections,
     around: Around,
@@ -44,7 +44,7 @@ pub struct Mirror<'a> {
 }
 
 impl<'a> Mirror<'a> {
-    /// `None` when a light of these `lights`, with their radiances, has no reflection.
+    /// `None` when the reflection of one of these `lights`, given with their radiances, is missing.
     pub fn new(of: &'a Reflections, around: Around, lights: &[(&str, &[Vec3])]) -> Option<Mirror<'a>> {
         let reflection = |(id, radiance): &(&str, &[Vec3])| {
             let (_, lobes) = of.lights.iter().find(|(name, _)| name == id)?;
@@ -65,7 +65,7 @@ impl<'a> Mirror<'a> {
         let hits = self.of.hits.pixels()[range.clone()].iter().zip(&self.of.weight.pixels()[range]);
         let shown = hits.map(|(&end, &weight)| match end.hit() {
             ReflectedHit::Nothing => Vec3::ZERO,
-            // Where a network tells what is there, it is in `far`.
+            // Radiance that a network estimates is in `far`.
             ReflectedHit::Unseen if far != Vec3::ZERO => Vec3::ZERO,
             ReflectedHit::Unseen => weight * unseen[layer],
             ReflectedHit::Pixel(i) if i < *photo => weight * plane[i],

@@ -1,13 +1,13 @@
-//! A new finish on part of the photo: what the surface reflects, in place of what it reflected.
+//! Specular edits: a new finish on part of the photo replaces the reflections of the old one.
 //!
 //! The photo holds the reflection of the surface as it was. So a layer L of a pixel of which a
-//! share s has a new finish becomes `L + s (R - R0)`, and no less than zero, with R what the new
-//! finish reflects of the edited room and R0 what the old one reflects of the room without the
-//! bodies put into it. A light that the photo does not show, put in or moved, has no R0.
+//! share s has a new finish becomes `L + s (R - R0)`, and no less than zero, with R the reflection
+//! of the edited room in the new finish and R0 that of the room without inserted bodies in the old
+//! one. R0 is zero for an inserted or moved light, which the photo does not show.
 //!
 //! A lobe wider than a working pixel is known at working pixels, or every second one, and brought
-//! to the photo's along its edges; a narrower one at photo pixels. Depth from photos is uneven and
-//! a mirror of it would shatter, so what lies in a plane is taken to be flat.
+//! to the photo's along its edges; a narrower one at photo pixels. Depth from photos is uneven, and
+//! a mirror along it would break the picture, so pixels in a plane are treated as flat.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -34,6 +34,7 @@ pub struct SpecularPart {
     pub share: Plane<f32>,
     /// The row of `of` that each pixel of the part's own size has, or [`NO_ROW`].
     pub rows: Plane<u32>,
+    /// Reflections, one row per place.
     pub of: Reflections,
 }
 
@@ -110,15 +111,21 @@ pub struct SeenSurface<'a> {
     pub full_depth: &'a Depth,
     /// Working size.
     pub points: &'a Points,
+    /// Unit normals of the seen surface, working size.
     pub normal: &'a Normal,
+    /// The seen surface as a mesh.
     pub mesh: &'a SceneMesh,
 }
 
 /// The places of one part, and which photo and part pixels take them.
 pub struct ReflectingPoints {
+    /// Whether the reflections of these places are taken away.
     pub old: bool,
+    /// Part of each photo pixel, 0..=1.
     pub share: Plane<f32>,
+    /// Index into `points` of each part pixel, or [`NO_ROW`].
     pub rows: Plane<u32>,
+    /// The places.
     pub points: Vec<ShadingPoint>,
 }
 
@@ -167,7 +174,7 @@ tuning! {
     }
 }
 
-/// The places at which the reflections of a finish are asked for, and the working pixels of the
+/// The places at which the reflections of a finish are computed, and the working pixels of the
 /// planes that they lie in.
 pub fn places(finish: &SpecularEdit, seen: &SeenSurface) -> (Vec<ReflectingPoints>, Vec<Plane<bool>>) {
     let (full, small) = (finish.share.size(), seen.points.0.size());
@@ -199,7 +206,7 @@ pub fn places(finish: &SpecularEdit, seen: &SeenSurface) -> (Vec<ReflectingPoint
     (parts.into_iter().map(|(wanted, size)| wanted.places(size, seen, &flat)).collect(), flat.own)
 }
 
-/// How far apart reflections are known.
+/// Distance between the pixels at which reflections are known.
 #[derive(Clone, Copy, PartialEq)]
 enum Pitch {
     Photo,
@@ -289,7 +296,7 @@ struct Flat {
     label: Plane<Option<u8>>,
     /// The working pixels of the whole room that lie in each.
     own: Vec<Plane<bool>>,
-    /// Normals of what lies in none, smoothed.
+    /// Normals of pixels outside all planes, smoothed.
     normal: Plane<Vec3>,
 }
 
@@ -465,7 +472,7 @@ mod tests {
 
     #[test]
     fn a_mirror_floor_shows_the_wall_at_the_mirrored_pixel() {
-        // What stands for the picture tells its own column and row.
+        // The stand-in for the picture returns its own column and row.
         let plane: Vec<Vec3> = (0..SIZE.0 * SIZE.1)
             .map(|i| Vec3::new((i % SIZE.0) as f32 + 0.5, (i / SIZE.0) as f32 + 0.5, 1.0))
             .collect();

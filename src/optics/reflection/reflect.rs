@@ -2,11 +2,11 @@
 //! unseen part of the room.
 //!
 //! Each place sends rays distributed like its lobe. A ray that meets the seen room shows the
-//! picture's pixel there, whatever an edit makes of it; one that meets a body shows the body's
-//! pixel, if the camera sees it; all others look into the unseen part of the room. Lights are kept
-//! apart, per lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a
-//! sharp lobe and a large light) and by rays to samples of the light (good for a broad lobe and a
-//! small light). Each direction counts in both, with weights p^2 and q^2 over their sum (the power
+//! picture's pixel there, edited or not; one that meets a body shows the body's pixel, if the
+//! camera sees it; all others look into the unseen part of the room. Lights are kept apart, per
+//! lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a sharp lobe
+//! and a large light) and by rays to samples of the light (good for a broad lobe and a small
+//! light). Each direction counts in both, with weights p^2 and q^2 over their sum (the power
 //! heuristic of Veach and Guibas, SIGGRAPH 1995): p is the density of the lobe's rays, q one over
 //! the solid angle of the light.
 
@@ -93,13 +93,14 @@ impl Reflections {
     }
 }
 
-/// A place whose reflection is asked for.
+/// A surface point at which the reflection is computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShadingPoint {
     /// Slightly above the surface.
     pub point: Vec3,
+    /// Unit normal.
     pub normal: Vec3,
-    /// The colour in which a metal reflects.
+    /// The color in which a metal reflects.
     pub albedo: Vec3,
     /// Roughness, specular level, metallic.
     pub gloss: Gloss,
@@ -201,13 +202,14 @@ pub struct ReflectionScene<'a> {
     pub camera: &'a Camera,
     /// Points of the seen surface, working size.
     pub points: &'a Points,
+    /// Unit normals of the seen surface, working size.
     pub normal: &'a Normal,
     /// Pixels of each visible light, working size: they show themselves, as lights.
     pub masks: &'a [&'a Mask],
     /// Incident radiance at each place, estimated by a network.
     pub lighting: Option<&'a Lighting>,
-    /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not hide
-    /// what it reflects.
+    /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not
+    /// occlude its own reflection.
     pub planes: &'a [Plane<bool>],
 }
 
@@ -345,8 +347,8 @@ impl Tracer<'_> {
         let in_room = |hit: &Hit| (hit.pixel as usize) < self.scene.points.0.len();
         let is_own = hit.is_some_and(|hit| in_room(&hit) && self.is_own(hit.pixel as usize));
         let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { TUNING.own_slack } else { TUNING.slack });
-        // Lights first: what is behind one is not seen. One without a closed surface shows in a
-        // mirror as in the photo.
+        // Lights come first: they occlude surfaces behind them. A light without a closed surface
+        // shows in a mirror as in the photo.
         let mut light_hit = is_own && !surface.is_mirror();
         let mut first = 0;
         for TracedLight { shape, emitter, body } in &self.lights {
@@ -466,8 +468,8 @@ pub fn object_shading_point(objects: &Objects, camera: &Camera, i: usize) -> Opt
     })
 }
 
-/// How place and normal change across a covered pixel: by the camera, and by the pixels beside it
-/// that show the same surface.
+/// Derivatives of position and normal across a covered pixel: by the camera, and by the pixels
+/// beside it that show the same surface.
 fn differential(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> RayDifferential {
     let (w, h) = objects.coverage.size();
     let (z, normal) = (objects.depth.get(x, y), objects.normal.get(x, y));
@@ -496,7 +498,8 @@ fn differential(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> R
     }
 }
 
-/// The pixel that shows what a ray meets: of the photo, or after all of them of the objects.
+/// The pixel that shows the point that a ray meets: of the photo, or after all of them of the
+/// objects.
 fn seen(scene: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<RayEnd> {
     let (camera, objects) = (scene.camera, scene.objects);
     let place = camera.project(at).filter(|p| camera.contains(*p))?;
@@ -507,13 +510,13 @@ fn seen(scene: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> O
     }
     let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
     let (w, h) = objects.coverage.size();
-    // Of a side that the camera does not see, the one before it stands.
+    // For a side that the camera does not see, the pixel of the side before it.
     let shown =
         u < w && v < h && objects.coverage.get(u, v) > 0.5 && objects.depth.get(u, v) < TUNING.same_side * -at.z;
     shown.then(|| RayEnd::pixel(camera.width * camera.height + v * w + u))
 }
 
-/// A network's lighting, to be asked at places in the room.
+/// A network's lighting, sampled at points in the room.
 struct LightProbeGrid<'a> {
     lighting: &'a Lighting,
     /// Point and normal at the middle of each cell.
@@ -556,8 +559,8 @@ mod tests {
 
     const SIZE: (usize, usize) = (80, 60);
 
-    /// A ball of this roughness, of white metal, before a wall at 4 m; with what it reflects under
-    /// a lamp.
+    /// A ball of this roughness, of white metal, before a wall at 4 m; with its reflection under a
+    /// lamp.
     fn ball(roughness: f32, lamp: Shape) -> (Objects, Reflections) {
         seen_ball(SIZE, roughness, lamp, true)
     }

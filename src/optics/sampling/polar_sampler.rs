@@ -111,7 +111,7 @@ pub struct PolarSampler {
 #[derive(Clone, Copy, Default)]
 struct AzimuthNode {
     azimuth: f64,
-    /// Density over azimuth, not normalised.
+    /// Density over azimuth, not normalized.
     density: f64,
     /// Density at v = 0 over the sum of the densities at v = 0 and v = 1.
     tilt: f64,

@@ -157,7 +157,8 @@ mod tests {
 
     #[test]
     fn the_horizon_cuts_exactly() {
-        // A wall that goes as far below the horizon as above it gives what its upper half gives.
+        // A wall that extends as far below the horizon as above it gives the same as its upper
+        // half.
         let wall = |bottom: f64| {
             [
                 DVec3::new(1.0, -1.0, bottom),

@@ -45,7 +45,7 @@ impl Points2 {
     ///
     /// Each of the two is evenly spread, which every second point of one is not.
     pub fn in_turn(&self, i: usize) -> [f64; 2] {
-        // Four axes cost what one does.
+        // Four axes cost as much as one.
         let [x, y, z, w] = sobol_burley::sample_4d((i / 2 % STREAM) as u32, 0, self.scramble);
         if i.is_multiple_of(2) { [x, y].map(f64::from) } else { [z, w].map(f64::from) }
     }
@@ -77,7 +77,7 @@ mod tests {
     fn the_first_points_of_a_stream_are_a_net() {
         for stream in 0..50 {
             let points = Points2::new(3, 11, stream);
-            // Of the first 256 points each of the 256 boxes of 1 / 2^a by 1 / 2^(8 - a) holds one.
+            // Each of the 256 boxes of 1 / 2^a by 1 / 2^(8 - a) holds one of the first 256 points.
             for a in 0..=8 {
                 let mut seen = [false; 256];
                 for [x, y] in (0..256).map(|i| points.get(i)) {

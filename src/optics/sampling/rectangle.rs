@@ -18,7 +18,7 @@ pub struct Rectangle {
 }
 
 impl Rectangle {
-    /// The rectangle of half edges `x` and `y`, metres, `y` made orthogonal to `x`; `None` without
+    /// The rectangle of half edges `x` and `y`, meters, `y` made orthogonal to `x`; `None` without
     /// area or with a number that is not finite.
     pub fn new(center: Vec3, x: Vec3, y: Vec3) -> Option<Rectangle> {
         let (center, x, y) = (center.as_dvec3(), x.as_dvec3(), y.as_dvec3());
@@ -27,7 +27,7 @@ impl Rectangle {
         (center.is_finite() && x.is_finite() && y.is_finite()).then_some(Rectangle { center, x, y, normal })
     }
 
-    /// The height of `point` over the emitting side, metres; positive in front.
+    /// The height of `point` over the emitting side, meters; positive in front.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point - self.center)
     }

@@ -7,7 +7,7 @@ use glam::DVec3;
 /// The irradiance over pi, E / L = (1/pi) integral of cos(theta) over the sphere's part above the
 /// horizon of `normal`, 0..=1.
 ///
-/// `center` is relative to the shaded point, metres. Wholly above the horizon this is sin^2(sigma)
+/// `center` is relative to the shaded point, meters. Wholly above the horizon this is sin^2(sigma)
 /// cos(theta), with sigma the half angle that the sphere subtends; where the horizon cuts it:
 /// Snyder, "Area Light Sources for Real-Time Graphics", MSR-TR-96-11 (1996), as written by Lagarde
 /// and de Rousiers, "Moving Frostbite to PBR" (2014). Zero inside.
@@ -43,7 +43,7 @@ pub struct Cone {
 }
 
 impl Cone {
-    /// The cone of a sphere relative to the receiver, lengths in metres; `None` inside the sphere,
+    /// The cone of a sphere relative to the receiver, lengths in meters; `None` inside the sphere,
     /// for one without size, or below the horizon of `normal`.
     pub fn new(center: DVec3, radius: f64, normal: DVec3) -> Option<Cone> {
         let distance_squared = center.length_squared();
@@ -93,7 +93,7 @@ mod tests {
         let touching = 0.4 / (1.0f64 - 0.16).sqrt();
         assert!((at(touching + 1e-6) - at(touching - 1e-6)).abs() < 1e-5);
         assert!(at(-touching - 1e-6) == 0.0 && at(-touching + 1e-6) < 1e-6);
-        // Centre on the horizon, small sphere: a half disc of area pi sigma^2 / 2 whose mean sine
+        // Center on the horizon, small sphere: a half disc of area pi sigma^2 / 2 whose mean sine
         // is 4 sigma / (3 pi).
         let sigma = 1e-3;
         let half = sphere_irradiance(DVec3::X, sigma, DVec3::Z);

@@ -1,11 +1,11 @@
 //! Contact shadows and interreflections: the occlusion of a surface by bodies close to it.
 //!
 //! The receivers of a [`Transport`](crate::optics::Transport) stand some pixels apart, too far to
-//! follow a body down to where it touches what it stands on. So every pixel near a body asks for
-//! itself which share h of its cosine-weighted hemisphere bodies fill, by rays into the cones
-//! around them. With a the light that arrives at the receivers around past all bodies, and k the
-//! share that is hidden from those, a / (1 - k) is what would arrive without bodies, and the pixel
-//! gets (1 - h) a / (1 - k) and what its own rays show.
+//! resolve the contact of a body and the surface under it. So every pixel near a body computes the
+//! fraction h of its cosine-weighted hemisphere that bodies fill, by rays into the cones around
+//! them. With a the irradiance / pi of the receivers around it past all bodies, and k their
+//! occluded fraction, a / (1 - k) would arrive without bodies, and the pixel gets (1 - h)
+//! a / (1 - k) and the radiosity that its own rays meet.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ use crate::tuning::tuning;
 pub struct Contact {
     /// The pixels, one row.
     pixels: Plane<u32>,
-    /// How much what is found here counts beside what the receivers say, 0..1.
+    /// Weight of this value against that of the receivers, 0..1.
     weight: Plane<f32>,
     /// The probe that each ray meets, or [`OPEN`]; a row per pixel.
     probes: Plane<u32>,
@@ -118,6 +118,7 @@ impl Contact {
         rule({ met }.all(|&probe| (probe as usize) < probes), "probes that are there")
     }
 
+    /// Whether no pixel is near a body.
     pub fn is_empty(&self) -> bool {
         self.pixels.is_empty()
     }
@@ -132,8 +133,8 @@ impl Contact {
         self.probes.len() as u64
     }
 
-    /// Puts what the pixels near bodies find in the place of what the receivers of `grid` say,
-    /// `all`; `past` is known of those, `shown` of each probe.
+    /// Replaces the values of the receivers of `grid`, `all`, at the pixels near bodies; `past` is
+    /// known at those pixels, `shown` at each probe.
     pub fn refine(
         &self,
         (grid, points, normal): (&Grid, &Points, &Normal),
@@ -167,9 +168,9 @@ impl Contact {
     }
 }
 
-/// Rays from a place into the cone of a body: the probe that each meets, where it meets this body
-/// before all else, and the share of the hemisphere that it stands for. Together they stand for
-/// what the ball around the body fills.
+/// Rays from a place into the cone of a body: the probe that each meets, if it meets this body
+/// first, and the fraction of the hemisphere that it represents. Together the rays represent the
+/// solid angle of the ball around the body.
 fn look(
     mesh: &SceneMesh,
     (point, normal): (Vec3, Vec3),
@@ -202,13 +203,13 @@ fn look(
 /// The probe of a body that is the first thing that a ray from the surface meets.
 fn meets(mesh: &SceneMesh, (point, normal): (Vec3, Vec3), body: usize, direction: Vec3) -> Option<usize> {
     let bodies = mesh.bodies();
-    // From the surface itself: what lifts rays off uneven depth elsewhere would lift them past the
-    // foot of a body.
+    // Rays start at the surface itself: the usual offset against uneven depth would lift them past
+    // the foot of a body.
     let from = point + normal * clearance(point);
     let hit = bodies.closest(from, direction).filter(|hit| bodies.owner(hit.id).0 == body)?;
     let lift = mesh.offset(point);
     let (from_above, place) = (point + normal * lift, from + direction * hit.distance);
-    // The last of the way lies within what is uneven of the surface that the body stands on.
+    // The last part of the ray lies within the unevenness of the surface under the body.
     let free = 1.0 - TUNING.free_lifts * lift / hit.distance;
     let hidden = free > 0.0 && mesh.surfaces().any(from_above, place - from_above, free, |_| true);
     (!hidden).then(|| bodies.nearest_probe(hit.id, place, direction))

@@ -9,7 +9,9 @@ use crate::optics::{Emitter, Shape, Strategy};
 /// Per lobe of unit radiance: irradiance / pi, and its standard error (zero where a closed form was
 /// used).
 pub struct DirectEstimate {
+    /// Direct shading per lobe: irradiance / pi, per unit radiance.
     pub lobes: Vec<Plane<f32>>,
+    /// Standard error of `lobes`; one plane per lobe.
     pub stderr: Vec<Plane<f32>>,
     /// Samples taken, of all pixels and lobes.
     pub samples: u64,

@@ -1,9 +1,9 @@
 //! Monte Carlo estimates with a standard error, and the rounds in which they get better.
 //!
 //! The samples of one estimate come in [`BATCHES`] streams that are independent of each other.
-//! Inside a stream the points are evenly spread, and no formula tells the error of such a sum; but
-//! the streams' means are independent and alike, so their spread tells it: randomised quasi-Monte
-//! Carlo (L'Ecuyer, "Randomized Quasi-Monte Carlo", 2018).
+//! Inside a stream the points are evenly spread, and no formula gives the error of such a sum; but
+//! the streams' means are independent and identically distributed, so their spread estimates it:
+//! randomized quasi-Monte Carlo (L'Ecuyer, "Randomized Quasi-Monte Carlo", 2018).
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -62,13 +62,13 @@ pub fn estimate(
     mean(&batches)
 }
 
-/// The standard errors of the pixels of a tile, from the variances that their own batches tell;
-/// `None` where there is nothing to estimate.
+/// The standard errors of the pixels of a tile, from the variances of their own batches; `None`
+/// without anything to estimate.
 ///
-/// Four batches tell a variance badly, and where few rays meet the edge of a shadow they all agree
-/// although the truth lies between. So each variance is the mean of a pixel's own and that of the 3
-/// x 3 pixels around it: a compromise that holds in penumbrae three pixels wide, and behaves like
-/// six degrees of freedom.
+/// Four batches estimate a variance poorly, and if few rays meet the edge of a shadow they all
+/// agree although the truth lies between. So each variance is the mean of a pixel's own and that of
+/// the 3 x 3 pixels around it: a compromise that holds in penumbrae three pixels wide, and behaves
+/// like six degrees of freedom.
 pub fn pooled<S>(tile: &Tile<S>, variances: &[Option<f64>]) -> Vec<f64> {
     // A border of one pixel around the tile, which holds nothing.
     const SIDE: usize = TUNING.tile + 2;
@@ -89,7 +89,7 @@ pub fn pooled<S>(tile: &Tile<S>, variances: &[Option<f64>]) -> Vec<f64> {
     tile.pixels.iter().zip(variances).map(error).collect()
 }
 
-/// How samples are taken.
+/// Settings of the sampling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sampling {
     /// The sampling strategy of directions to a window.
@@ -114,7 +114,7 @@ impl Sampling {
     }
 }
 
-/// Some pixels of one lobe, and what is known of them.
+/// Some pixels of one lobe, and their estimates so far.
 pub struct Tile<S> {
     pub lobe: usize,
     /// Width of the whole picture, pixels.
@@ -158,12 +158,12 @@ pub fn tiles<S: Clone + Default>(
     tiles
 }
 
-/// Takes samples until there are enough, or `stop` says yes. Each round doubles those of the tiles
-/// that are not good enough yet.
+/// Takes samples until there are enough, or `stop` returns true. Each round doubles those of the
+/// tiles that are not good enough yet.
 ///
-/// `extend` adds the samples of a range, in each batch, to the sums of a tile; `measure` tells how
-/// the tile stands. `base` is, per lobe, the sum of what is known without samples, and how many
-/// pixels there are in all. What comes out depends on `stop`, but not on the number of threads.
+/// `extend` adds the samples of a range, in each batch, to the sums of a tile; `measure` returns
+/// the state of the tile. `base` is, per lobe, the sum of the values known without samples, and the
+/// number of all pixels. The result depends on `stop`, but not on the number of threads.
 pub fn refine<S: Send + Sync>(
     tiles: &mut [Tile<S>],
     base: &[(f64, usize)],

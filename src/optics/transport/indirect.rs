@@ -1,14 +1,15 @@
 //! Indirect shading by bounces on the seen surface.
 //!
 //! With D the shadowed direct shading of a lobe (irradiance / pi), A the albedo and B = A (D + I)
-//! what a surface shows, the indirect shading is the mean of B over the cosine-distributed rays of
-//! a point: I = T A (D + I). The rays do not depend on the light, so they are traced once
-//! ([`trace_bounces`]), and every lobe only sums over what they hit ([`indirect`]). Rays that hit
-//! nothing, or a surface from behind, look into the unseen part of the room; it shows the mean B of
-//! what is seen, by area. All of it is linear in D, with coefficients that are not negative.
+//! the radiosity / pi of a surface, the indirect shading is the mean of B over the
+//! cosine-distributed rays of a point: I = T A (D + I). The rays do not depend on the light, so
+//! they are traced once ([`trace_bounces`]), and every lobe only sums over their hits
+//! ([`indirect`]). Rays that hit nothing, or a surface from behind, look into the unseen part of
+//! the room; it shows the mean B of the seen part, by area. All of it is linear in D, with
+//! coefficients that are not negative.
 //!
 //! Bodies in the room take part at their [probes](crate::geometry::Probes): each is a receiver of
-//! its own, and a ray that meets a body sees what its nearest probe shows.
+//! its own, and a ray that meets a body sees the radiosity of its nearest probe.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -50,8 +51,8 @@ pub struct LightTransport {
     hits: Plane<u32>,
     /// Each pixel's nearest receiver on its own surface.
     nearest: Plane<u32>,
-    /// Area that each receiver stands for, square metres over focal length squared; zero where
-    /// there is no room, and for probes.
+    /// Area that each receiver stands for, square meters over focal length squared; zero outside
+    /// the room, and for probes.
     areas: Plane<f32>,
     /// Probes of bodies: as many receivers after those of the grid, and as many pixels after those
     /// of the picture.
@@ -241,8 +242,8 @@ pub fn trace_bounces(
         let slant = -n.dot(point) / point.z.abs().max(1e-6);
         if mesh.in_room(pixel) { point.z * point.z / slant.max(TUNING.min_slant) } else { 0.0 }
     };
-    // What lies far behind the room (through a doorway, or at a pane that no mask marks) covers
-    // large areas and does not light the room: no receiver stands for more than a few typical ones.
+    // Surfaces far behind the room (through a doorway, or at a pane that no mask marks) cover large
+    // areas and do not light the room: no receiver represents more than a few typical ones.
     let mut areas: Vec<f32> = (0..grid.len()).map(area).collect();
     let mut sorted: Vec<f32> = areas.iter().copied().filter(|&a| a > 0.0).collect();
     sorted.sort_by(f32::total_cmp);
@@ -259,19 +260,20 @@ pub fn trace_bounces(
     }
 }
 
-/// How bounces are summed.
+/// Settings of the sum over bounces.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounces {
-    /// Bounces followed one by one; the rest is a geometric series in the mean albedo. With none
-    /// there is no indirect light.
+    /// Bounces followed one by one; the rest is a geometric series in the mean albedo. With 0,
+    /// indirect light is zero.
     pub count: usize,
-    /// Radiosity of what is unseen, as a multiple of the mean of what is seen.
+    /// Radiosity of the unseen part of the room, as a multiple of the mean of the seen part.
     pub unseen: f32,
 }
 
 /// Albedo and direct irradiance / pi of the probes of bodies under one lobe.
 #[derive(Clone, Copy)]
 pub struct Probed<'a> {
+    /// Diffuse albedo, 0..=1, one per probe.
     pub albedo: &'a [Vec3],
     /// Shadowed direct shading.
     pub direct: &'a [f32],
@@ -286,8 +288,8 @@ impl Probed<'_> {
 /// shading of the probes of bodies; `direct` is its shadowed direct shading.
 ///
 /// The error of a receiver is the spread of the batches after the receivers around it were brought
-/// together, as part of it is common to all of them (what the unseen part shows); a pixel has that
-/// of its nearest receiver.
+/// together, as part of it is common to all of them (the radiosity of the unseen part); a pixel has
+/// that of its nearest receiver.
 pub fn indirect(
     transport: &LightTransport,
     points: &Points,
@@ -345,8 +347,8 @@ fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {
 }
 
 /// Indirect shading of each receiver by each batch of its rays. The batches go their own ways
-/// through all bounces, so that their spread holds the errors of what the surfaces show as well as
-/// those of looking at them.
+/// through all bounces, so that their spread contains the errors of the surfaces' radiosity as well
+/// as those of the last gather.
 fn gather(
     transport: &LightTransport,
     albedo: &Albedo,
@@ -361,7 +363,7 @@ fn gather(
     let reflects = reflectances(albedo, probes);
     let mean_of = |value: &dyn Fn(usize) -> Vec3| transport.mean(value);
     let mean_albedo = mean_of(&|i| reflects[transport.pixel(i)]);
-    // There are several rays to a pixel: what all batches see alike is made once for all of them.
+    // There are several rays to a pixel: the part common to all batches is computed once.
     let first: Vec<Vec3> = reflects.iter().enumerate().map(|(p, reflect)| reflect * Vec3::splat(direct(p))).collect();
     let ambient = |shown: &dyn Fn(usize, usize) -> Vec3| -> [Vec3; BATCHES] {
         std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(transport.pixel(i), b)))
@@ -384,8 +386,8 @@ fn gather(
     total
 }
 
-/// One bounce: per receiver and batch, the mean of what its rays meet. A pixel shows `shown` to a
-/// batch, what is unseen `ambient`.
+/// One bounce: per receiver and batch, the mean of the radiosity that its rays meet. A pixel shows
+/// `shown` to a batch, the unseen part `ambient`.
 fn bounce(
     transport: &LightTransport,
     shown: impl Fn(usize, usize) -> Vec3 + Sync,

@@ -1,4 +1,4 @@
-//! Per-pixel lighting: what falls on each part of a picture, from everywhere.
+//! Per-pixel lighting: incoming radiance at each part of a picture, from all directions.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,9 @@ pub const TEXELS: usize = THETAS * PHIS;
 /// phi = (j + 0.5) / 16 2 pi - pi about it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LightMaps {
+    /// Cells in a row of the grid.
     pub columns: usize,
+    /// Rows of the grid.
     pub rows: usize,
     /// `TEXELS` for each cell, cells row by row; linear, in units of the photo. A cell with a
     /// number that is not finite is one that nothing is known of.

@@ -15,7 +15,9 @@ use crate::optics::{LightMaps, PHIS, TEXELS, THETAS};
 pub struct LocalLobe {
     /// Unit length.
     pub axis: Vec3,
+    /// Sharpness of the lobe; >= 0.
     pub sharpness: f32,
+    /// Radiance along the axis, linear RGB in units of the photo.
     pub weight: Vec3,
 }
 
@@ -23,7 +25,9 @@ pub struct LocalLobe {
 /// photo.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lighting {
+    /// Cells in a row of the grid.
     pub columns: usize,
+    /// Rows of the grid.
     pub rows: usize,
     /// As many for each cell, cell after cell.
     pub lobes: Vec<LocalLobe>,

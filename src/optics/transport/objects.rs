@@ -122,9 +122,10 @@ mod tests {
         }
     }
 
-    /// The wall beside a ball, or behind one that touches it, sees less of an even ambient, and
-    /// what it loses is what the ball hides: of the cosine-weighted hemisphere what a sphere would
-    /// send there. Close to the ball every pixel knows, farther off the receivers do.
+    /// The wall beside a ball, or behind one that touches it, sees less of a uniform ambient. Its
+    /// loss is the fraction of the cosine-weighted hemisphere that the ball occludes, which is the
+    /// irradiance of a sphere lamp. Close to the ball every pixel is estimated, farther off only
+    /// the receivers.
     #[test]
     fn a_ball_hides_its_share_of_the_ambient() {
         let (_, bare, points, normal) = wall(true);

@@ -14,7 +14,7 @@ use crate::geometry::{Grid, Own, SceneMesh, Sight};
 use crate::image::{Mask, Normal, Plane, Points};
 use crate::optics::{Emitter, Shape};
 
-/// How shadows are traced.
+/// Settings of the shadow estimate.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadowQuality {
     /// Rays per traced pixel and lobe.
@@ -37,11 +37,13 @@ pub struct ShadowEstimate {
     pub lit: Vec<Plane<f32>>,
     /// Standard error of `lit`.
     pub stderr: Vec<Plane<f32>>,
-    /// Passing behind a depth edge or, if asked, leaving the view, whatever was assumed about it.
+    /// Passing behind a depth edge or, if asked, leaving the view, regardless of the assumption
+    /// about it.
     pub unknown: Vec<Plane<f32>>,
     /// Mean standard error of the shadowed direct shading over its mean, on the traced pixels, of
     /// all lobes together.
     pub relative_error: f64,
+    /// Rays traced.
     pub rays: u64,
     /// Samples taken, of all traced pixels and lobes; those below the horizon need no ray.
     pub samples: u64,
@@ -203,7 +205,7 @@ fn blend(traced: &[Answer], neighbors: &[(usize, f32)]) -> [f32; 3] {
         variance += (weight * answer.stderr).powi(2);
         valid += weight * answer.valid;
     }
-    // Where no light arrives, even unshadowed, a pixel counts as lit.
+    // A pixel without light, even unshadowed, counts as lit.
     if valid > 0.0 {
         [(lit / valid).clamp(0.0, 1.0), (unknown / valid).clamp(0.0, 1.0), variance.sqrt() / valid]
     } else {
@@ -229,8 +231,8 @@ fn answers(tile: &Tile<[Sums; BATCHES]>, assume_lit: f64) -> Vec<Answer> {
         (answer, Some((spread * BATCHES as f64 / all).powi(2)))
     };
     let (mut answers, variances): (Vec<Answer>, Vec<Option<f64>>) = tile.sums.iter().map(answer).unzip();
-    // Where all rays agree, the next one may still differ: by Laplace's rule of succession once in
-    // two more than the tile cast.
+    // If all rays agree, the next one may still differ: by Laplace's rule of succession once in two
+    // more than the tile cast.
     let rays = samples * variances.iter().flatten().count() as f64;
     let floor = 1.0 / (rays + 2.0) / samples;
     for (answer, error) in answers.iter_mut().zip(pooled(tile, &variances)) {

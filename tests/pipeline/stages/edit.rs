@@ -59,7 +59,7 @@ fn radiances_after_an_edit_are_exact() {
     assert_eq!(only("lamp", "Scale(0.25)"), (sphere(), vec![0.25 * WARM], vec![Vec3::splat(0.25)]));
     let (shape, radiance, gain) = only("window", "Scale(2)");
     assert_eq!((shape, radiance), (Arc::new(Shape::Window(window())), DAY.map(|w| 2.0 * w).to_vec()));
-    // The sun gave nothing and so keeps its colour, grey, times two.
+    // The sun gave nothing and so keeps its color, gray, times two.
     assert_eq!(gain, vec![Vec3::splat(2.0); 3]);
 
     // A color replaces the chromaticity and keeps the luminance; each is a few roundings of 6e-8.

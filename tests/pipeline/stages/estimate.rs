@@ -20,7 +20,7 @@ fn shape<'a>(shapes: &'a Shapes, id: &str) -> &'a Shape {
     &shapes.iter().find(|(name, _)| name == id).expect("it is a member").1
 }
 
-/// The lights that `InitLights` places, with what it does not see left to its dictionary.
+/// The lights that `InitLights` places, with unseen lights left to its dictionary.
 fn init(scene: &Scene) -> Shapes {
     let (photo, clipped) = stored(&scene.photo());
     let inputs = InitLightsIn {

@@ -56,15 +56,15 @@ fn find_lights_proposes_what_shines_and_no_white_wall() {
 
     let (found, _) = find(scene, &exposed);
     assert_eq!(found.keys().collect::<Vec<_>>(), ["lamp_0", "window_0"]);
-    // Of the lamp's 58 pixels about 26 are its outline, each of which may fall on either side by
+    // About 26 of the lamp's 58 pixels are its outline, each of which may fall on either side by
     // half: 0.8.
     for (found, mask) in found.values().zip(&lights) {
         let overlap = overlap(found, &mask.0);
         assert!(overlap > 0.8, "intersection over union {overlap}");
     }
 
-    // Where the lamp was, its wall: that is as bright as before beside a window that still shows
-    // what is white, and no light.
+    // The wall in the place of the lamp: it is as bright as before beside a window that still shows
+    // white, and is not a light.
     let lamp = |i: usize| lights[0].0.pixels()[i] > 0.0;
     let wall = |i: usize| if lamp(i) { Vec3::splat(0.9) } else { exposed.0.pixels()[i] };
     let walls = Picture(Plane::new(SIZE.0, SIZE.1, (0..photo.len()).map(wall).collect()));

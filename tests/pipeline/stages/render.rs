@@ -19,10 +19,10 @@ use super::*;
 use crate::common::room::Room;
 use crate::common::scene::Scene;
 
-/// Places on a ball at which its bounces are asked for.
+/// Number of points on a ball at which its bounces are computed.
 const PROBES: usize = 400;
 
-/// A ball in a room: what the camera sees of it, and the room with it.
+/// A ball in a room: its visible pixels, and the room with it.
 struct Ball {
     center: Vec3,
     radius: f32,
@@ -149,9 +149,9 @@ fn weights_of_reflections_sum_to_at_most_one() {
     }
 }
 
-/// The direction of a mirror is `d - 2 (d . n) n`; where that meets the room, in closed form, is
-/// what its pixel shows. The mean over the rays of a pixel, which start all over it, is that of its
-/// middle to second order.
+/// The direction of a mirror is `d - 2 (d . n) n`; its pixel shows the point where that ray meets
+/// the room, in closed form. The mean over the rays of a pixel, which start all over it, is that of
+/// its middle to second order.
 #[test]
 fn a_mirror_looks_where_it_should() {
     let scene = Scene::new((160, 120), vec![]);
@@ -179,7 +179,8 @@ fn a_mirror_looks_where_it_should() {
     far.sort_by(f32::total_cmp);
     assert!(far.len() > 500, "{} pixels show what is seen", far.len());
     let [median, most] = [far[far.len() / 2], far[far.len() * 9 / 10]];
-    // A pixel that is met is known to half a pixel; a ray in ten passes an edge of the block.
+    // The position of a hit pixel is exact to half a pixel; one ray in ten passes an edge of the
+    // block.
     assert!(median < 0.5 && most < 1.5, "half of them within {median}, nine of ten within {most} pixels");
 }
 

@@ -8,6 +8,7 @@ pub(super) const EXACT: f64 = 1e-6;
 /// One mark of a plot.
 #[derive(Clone, Debug, Serialize)]
 pub struct Point {
+    /// Name of the plot that shows the mark.
     pub plot: &'static str,
     /// Light and lobe, or edit: a panel of the plot.
     pub subject: String,
@@ -21,6 +22,7 @@ pub struct Point {
     pub bandwidth: Option<f64>,
     /// Wall time of the stages that estimate the subject, or of the whole run.
     pub seconds: f64,
+    /// Rays traced by those stages.
     pub rays: u64,
     /// Relative error; docs/accuracy.md defines it for each plot.
     pub error: f64,
@@ -30,14 +32,19 @@ pub struct Point {
 
 /// An estimated quantity of one lobe, with its standard error; one value per pixel each.
 pub struct LobeEstimate {
+    /// Estimated values, one per pixel.
     pub value: Vec<f32>,
+    /// Standard errors of `value`, in its unit.
     pub stderr: Vec<f32>,
 }
 
 /// Layers of one light, per lobe of unit radiance, and their cost.
 pub struct Estimate {
+    /// One layer per lobe of the light.
     pub lobes: Vec<LobeEstimate>,
+    /// Wall time of the stages that estimate the layers.
     pub seconds: f64,
+    /// Rays traced by those stages.
     pub rays: u64,
 }
 

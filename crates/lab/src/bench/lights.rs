@@ -134,6 +134,9 @@ fn windows<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<String>, R:
 }
 
 /// Error against time of every strategy, for each lobe of each window, unshadowed.
+///
+/// # Errors
+/// A run fails or is cancelled.
 pub(super) fn strategies<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<Point>, R::Error> {
     let mut points = Vec::new();
     for light in windows(renderer, effort)? {
@@ -149,6 +152,9 @@ pub(super) fn strategies<R: Renderer>(renderer: &R, effort: &Effort) -> Result<V
 
 /// Error of every strategy against the bandwidth of the lobe, for the first window, without and
 /// with its shadow.
+///
+/// # Errors
+/// A run fails or is cancelled.
 pub(super) fn bandwidths<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<Point>, R::Error> {
     let Some(light) = windows(renderer, effort)?.into_iter().next() else { return Ok(Vec::new()) };
     let mut points = Vec::new();
@@ -180,6 +186,9 @@ pub(super) fn bandwidths<R: Renderer>(renderer: &R, effort: &Effort) -> Result<V
 
 /// Error against time of direct light with its shadow: every strategy, and the default one with
 /// adaptive sampling.
+///
+/// # Errors
+/// A run fails or is cancelled.
 pub(super) fn shadows<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<Point>, R::Error> {
     let windows = windows(renderer, effort)?;
     let mut points = Vec::new();

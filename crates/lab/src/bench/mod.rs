@@ -17,6 +17,7 @@ pub type ParamSetting = (&'static str, &'static str, String);
 
 /// A light of the scene.
 pub struct SceneLight {
+    /// Member of the graph's set of lights.
     pub name: String,
     /// Whether the photo shows it.
     pub visible: bool,
@@ -24,9 +25,11 @@ pub struct SceneLight {
 
 /// A picture in linear light, red, green and blue of each pixel in turn.
 pub struct Picture {
+    /// Linear Rec. 709 radiance, three values per pixel.
     pub channels: Vec<f64>,
     /// Wall time of the whole run.
     pub seconds: f64,
+    /// Rays traced in the run.
     pub rays: u64,
 }
 
@@ -41,26 +44,42 @@ pub struct Truth {
 
 /// The program under measurement: a graph on a scene, run with other parameters again and again.
 pub trait Renderer {
+    /// Error of a run; it ends the experiment.
     type Error;
 
-    /// Returns a seed that no other call has returned. A result that the engine has already would
-    /// have no run time.
+    /// Returns a seed that no other call has returned. A cached result would not take any run time.
     fn seed(&self) -> u64;
 
     /// Lists the lights of the scene, in the order of the graph's set.
+    ///
+    /// # Errors
+    /// The graph cannot be read or run.
     fn lights(&self) -> Result<Vec<SceneLight>, Self::Error>;
 
     /// Estimates the unshadowed direct shading of a light, per lobe of unit radiance.
+    ///
+    /// # Errors
+    /// The run fails or is cancelled.
     fn direct(&self, light: &str, settings: &[ParamSetting]) -> Result<Estimate, Self::Error>;
 
     /// Estimates the visibility of a light, 0..=1 per lobe.
+    ///
+    /// # Errors
+    /// The run fails or is cancelled.
     fn visibility(&self, light: &str, settings: &[ParamSetting]) -> Result<Estimate, Self::Error>;
 
     /// Reads the ground truth; without any, `lights` is empty.
+    ///
+    /// # Errors
+    /// The files of the truth cannot be read, or have another size than the scene.
     fn truth(&self) -> Result<Truth, Self::Error>;
 
     /// Renders edited pictures under one group of settings after the other, from an empty cache:
-    /// the first one computes everything, each later one finds what its settings leave as it is.
+    /// the first one computes everything, each later one reuses the results that its settings do
+    /// not change.
+    ///
+    /// # Errors
+    /// A run fails or is cancelled.
     fn pictures(&self, settings: &[Vec<ParamSetting>]) -> Result<Vec<Picture>, Self::Error>;
 
     /// Shows one line of progress.
@@ -111,7 +130,7 @@ struct Effort {
     /// Largest number of shadow rays per pixel; each costs as much as ten samples.
     most_rays: u32,
     bandwidths: Vec<f64>,
-    /// Relative errors that adaptive sampling is asked for.
+    /// Relative errors that adaptive sampling must reach.
     targets: Vec<f64>,
     /// Samples of whole pictures.
     pipeline: Vec<u32>,
@@ -162,7 +181,7 @@ impl Effort {
     }
 
     /// Settings of the small pictures on which single estimators are measured. Windows have three
-    /// lobes there, whatever the small photo would make `InitLights` choose.
+    /// lobes there, independent of the choice of `InitLights` for the small photo.
     fn small(&self) -> Vec<ParamSetting> {
         let emission = ("InitLights", "window_emission", "Daylight(1e4,1.5,1.5)".to_owned());
         vec![("ReadScene", "long_side", self.side.to_string()), emission]
@@ -213,7 +232,7 @@ fn seeded(renderer: &impl Renderer, settings: &[Vec<ParamSetting>]) -> Vec<Param
     settings.iter().flatten().cloned().chain(seed).collect()
 }
 
-/// Runs the experiments that `options` asks for and returns their marks in order.
+/// Runs the experiments that `options` selects and returns their marks in order.
 ///
 /// # Errors
 /// Those of `renderer`.
@@ -240,13 +259,17 @@ pub fn measure<R: Renderer>(renderer: &R, options: &Options) -> Result<Vec<Point
 pub struct BenchReport {
     /// Version of the program.
     pub relight: &'static str,
+    /// Path of the graph file.
     pub graph: String,
+    /// Path of the scene, if one was given.
     pub scene: Option<String>,
+    /// Worker threads of the engine.
     pub threads: usize,
     /// Wall time of all experiments.
     pub seconds: f64,
     /// Longer side, in pixels, of the pictures on which single estimators are measured.
     pub side: u32,
+    /// All measured marks.
     pub points: Vec<Point>,
 }
 

@@ -48,6 +48,9 @@ fn difference(got: &[f64], wanted: &[f64]) -> f64 {
 type Series<'a> = (&'static str, Vec<ParamSetting>, &'a [At]);
 
 /// Error of whole pictures against the time of a run from an empty cache.
+///
+/// # Errors
+/// A run fails or is cancelled.
 pub(super) fn pipeline<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<Point>, R::Error> {
     let truth = renderer.truth()?;
     let edits = lights_off(&truth);

@@ -7,8 +7,11 @@ use serde::Serialize;
 /// The parts of a graph that are replaced by the truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Substitution {
+    /// Whether the true depth replaces the estimate.
     pub depth: bool,
+    /// Whether the true lights replace the estimates.
     pub lights: bool,
+    /// Whether the true materials replace the estimates.
     pub materials: bool,
 }
 
@@ -38,11 +41,14 @@ fn name(substituted: bool) -> &'static str {
 /// A measured number, with the substitution under which it was measured.
 #[derive(Clone, Debug, Serialize)]
 pub struct Figure {
+    /// Parts of the graph that were replaced.
     #[serde(flatten)]
     pub substitution: Substitution,
     /// Light, edit, or group of either.
     pub subject: String,
+    /// Name of the error measure.
     pub measure: String,
+    /// Value, in the unit of the measure.
     pub value: f64,
 }
 
@@ -51,11 +57,15 @@ pub struct Figure {
 pub struct EvalReport {
     /// Version of the program.
     pub relight: &'static str,
+    /// Path of the graph file.
     pub graph: String,
+    /// Path of the scene.
     pub scene: String,
+    /// Worker threads of the engine.
     pub threads: usize,
     /// Wall time of all runs.
     pub seconds: f64,
+    /// All measured numbers.
     pub figures: Vec<Figure>,
     /// Measures that are missing, each with its reason.
     pub left_out: Vec<String>,

@@ -1,8 +1,8 @@
 //! Limits of a model: its memory stands in proportion to the bytes of its files.
 //!
 //! A glTF may repeat a mesh in many nodes, and an accessor of zeros or a texture of one color takes
-//! hardly a byte, so that a small file could ask for any amount of memory. Every count is held
-//! against these limits before anything is allocated for it.
+//! hardly a byte, so that a small file could claim any amount of memory. Every count is checked
+//! against these limits before an allocation.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -78,11 +78,15 @@ pub struct Textures {
 }
 
 impl Textures {
+    /// Returns the decoded texture of this file name, if it was read before.
     pub fn find(&self, name: &str) -> Option<Arc<Texture>> {
         self.held.get(name).cloned()
     }
 
     /// Decodes a texture and keeps it under its name; `warnings` receives the reader's warnings.
+    ///
+    /// # Errors
+    /// The bytes are not a picture, or exceed the memory that textures may take.
     pub fn read(&mut self, name: &str, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Arc<Texture>, String> {
         self.file_bytes += bytes.len() as u64;
         let room = (FREE_TEXELS + TEXELS_PER_BYTE * self.file_bytes).saturating_sub(self.held_bytes);
@@ -110,7 +114,7 @@ mod tests {
     use crate::geometry::{Model, Skin, parts};
     use crate::image::{Picture, Plane, Transfer, write_png};
 
-    /// A glTF with a triangle in `triangle.bin`, and what else stands in it.
+    /// A glTF with a triangle in `triangle.bin`, and additional content.
     fn gltf(primitives: &str, accessors: &str, rest: &str) -> String {
         format!(
             r#"{{"asset": {{"version": "2.0"}}, "scenes": [{{"nodes": [0]}}], "nodes": [{{"mesh": 0}}],
@@ -123,8 +127,8 @@ mod tests {
     const TRIANGLE: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
     const PLAIN: &str = r#"{"attributes": {"POSITION": 0}}"#;
 
-    /// Reads a model beside whose file lie a triangle and a texture; with the names that were asked
-    /// for.
+    /// Reads a model beside whose file lie a triangle and a texture; returns the requested names,
+    /// too.
     fn read(name: &str, text: &str, library: &str) -> (Result<Model, String>, Vec<String>) {
         let mut asked = Vec::new();
         let model = Model::read(name, text.as_bytes(), &mut |name| {
@@ -274,8 +278,8 @@ mod tests {
         assert_eq!(textures.held_bytes, FREE_TEXELS);
     }
 
-    /// Reason: this index, times three and two more, is 1 in 64 bits; what the crate then looked up
-    /// was not there.
+    /// Reason: this index, times three and two more, is 1 in 64 bits; the crate then looked up a
+    /// missing element.
     #[test]
     fn obj_indices_beyond_all_reason_are_told() {
         let told = told("a.obj", "v 0 0 0\nvn 0 0 1\nf 1//6148914691236517206 1//1 1//1\n");

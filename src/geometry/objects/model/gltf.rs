@@ -78,6 +78,11 @@ fn content(uri: &str, part: ReadPart) -> Result<Vec<u8>, String> {
     }
 }
 
+/// Reads a model from glTF or GLB; `part` returns the content of the files that it names.
+///
+/// # Errors
+/// The file or one of its parts cannot be used; the message states the wanted and the actual
+/// content.
 pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     let (document, blob) = document(bytes)?;
     let blob = blob.map(Rc::new);
@@ -216,7 +221,8 @@ fn add(
     let positions = reader.read_positions().ok_or("a part's positions are beyond their buffer")?;
     model.positions.extend(positions.map(|p| place.transform_point3(Vec3::from_array(p))));
     let count = model.positions.len() as u32 - first;
-    // Normals are turned by the inverse transpose, so that they stay upright on what is stretched.
+    // Normals are turned by the inverse transpose, so that they stay orthogonal to a stretched
+    // surface.
     let linear = Mat3::from_mat4(place);
     let turn = if linear.determinant().abs() > 1e-30 { linear.inverse().transpose() } else { linear };
     if let Some(accessor) = primitive.get(&Semantic::Normals) {

@@ -1,4 +1,4 @@
-//! Models from files: triangles with what they are made of.
+//! Models from files: triangles with their materials.
 
 mod budget;
 mod gltf;
@@ -16,8 +16,7 @@ use crate::image::Texture;
 pub use budget::most_triangles;
 use budget::{Budget, MOST_FILES, Textures};
 
-/// Most characters that are shown of what is wrong with a file: a message may quote a line or name
-/// each fault.
+/// Most characters of an error that a message shows: it may quote a line or list every fault.
 const SHOWN: usize = 400;
 
 /// Gives the bytes of a file that a model names.
@@ -64,10 +63,10 @@ fn ending(name: &str) -> String {
 /// Engine 4" (2013).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// Base colour, linear Rec.709, 0..=1: the diffuse albedo, or of a metal the colour of its
+    /// Base color, linear Rec.709, 0..=1: the diffuse albedo, or of a metal the color of its
     /// reflection.
     pub albedo: Vec3,
-    /// 0 is a mirror, 1 has no highlight to speak of.
+    /// GGX roughness, 0..=1: 0 is a mirror, 1 has almost no highlight.
     pub roughness: f32,
     /// Reflectance of a dielectric at normal incidence, in units of 8 %.
     pub specular: f32,
@@ -78,6 +77,7 @@ pub struct Material {
 /// A material that may change over the surface.
 #[derive(Clone, Debug)]
 pub struct Skin {
+    /// The material, where no texture replaces it.
     pub material: Material,
     /// Factor of the albedo over the texture's unit square, rows from the top.
     pub color: Option<Arc<Texture>>,
@@ -86,6 +86,7 @@ pub struct Skin {
 }
 
 impl Skin {
+    /// Creates a skin with one material everywhere, without textures.
     pub fn plain(material: Material) -> Skin {
         Skin { material, color: None, gloss: None }
     }
@@ -125,6 +126,7 @@ fn texel(texture: &Texture, uv: Vec2, srgb: bool) -> Vec3 {
 /// Triangles in the file's own units, y up.
 #[derive(Clone, Debug, Default)]
 pub struct Model {
+    /// Vertex positions.
     pub positions: Vec<Vec3>,
     /// Normals by position, towards the outside; zero where the file has none.
     pub normals: Vec<Vec3>,
@@ -132,9 +134,11 @@ pub struct Model {
     pub uvs: Vec<Vec2>,
     /// Albedo of each position, linear Rec.709; empty where the file has none.
     pub colors: Vec<Vec3>,
+    /// Indices into `positions`, three per triangle.
     pub triangles: Vec<[u32; 3]>,
     /// The skin of each triangle; empty where the file has none.
     pub skin: Vec<u32>,
+    /// The skins that `skin` refers to.
     pub skins: Vec<Skin>,
     /// Warnings about the file, for a person.
     pub warnings: Vec<String>,
@@ -143,12 +147,12 @@ pub struct Model {
 }
 
 impl Model {
-    /// Reads PLY, OBJ, glTF or GLB, by the extension of `name`; `part` gives the bytes of a file
-    /// that a glTF or OBJ names, and is asked once for each.
+    /// Reads PLY, OBJ, glTF or GLB, by the extension of `name`; `part` returns the bytes of a file
+    /// that a glTF or OBJ names, and is called once for each.
     ///
     /// # Errors
-    /// The file is damaged, holds no triangle, or asks for more memory than its bytes stand for;
-    /// the message says what was wanted and got.
+    /// The file is damaged, holds no triangle, or claims more memory than its bytes justify; the
+    /// message states the wanted and the actual content.
     pub fn read(
         name: &str,
         bytes: &[u8],
@@ -184,7 +188,7 @@ impl Model {
             corners.extend([Vec3::new(0.0, a, b * phi), Vec3::new(a, b * phi, 0.0), Vec3::new(b * phi, 0.0, a)]);
         }
         corners.iter_mut().for_each(|c| *c = c.normalize());
-        // The faces of the hull: triples of neighbours, which are 63.4 degrees apart.
+        // The faces of the hull: triples of neighbors, which are 63.4 degrees apart.
         let near = |a: usize, b: usize| corners[a].dot(corners[b]) > 0.4;
         let mut triangles: Vec<[u32; 3]> = Vec::new();
         for a in 0..12 {

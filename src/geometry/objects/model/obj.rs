@@ -60,8 +60,7 @@ fn sound_library(bytes: &[u8], most: usize) -> Result<String, String> {
     Ok(whole)
 }
 
-/// Counts groups and faces before they are read, and holds indices against what the crate computes
-/// with.
+/// Counts groups and faces before they are read, and checks that indices fit the crate's integers.
 fn check(bytes: &[u8]) -> Result<(), String> {
     let mut budget = Budget::new(bytes.len());
     let text = String::from_utf8_lossy(bytes);
@@ -90,6 +89,11 @@ fn check(bytes: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
+/// Reads a model from OBJ; `part` returns the content of its material files and textures.
+///
+/// # Errors
+/// The file or one of its parts cannot be used; the message states the wanted and the actual
+/// content.
 pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     let bad = |e: &dyn std::fmt::Display| format!("wanted a valid OBJ file: {e}");
     check(bytes).map_err(|e| bad(&e))?;
@@ -171,7 +175,7 @@ fn skin(
                 Err(told) => warnings.push(format!("material {:?}: {told}; its map_Kd is not used", material.name)),
             }
         }
-        // Some programs leave the colour black where there is a picture of it.
+        // Some programs leave the color black where there is a picture of it.
         if texture.is_some() && (albedo == Vec3::ZERO || material.diffuse.is_none()) {
             albedo = Vec3::ONE;
         }

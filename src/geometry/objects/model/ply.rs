@@ -104,7 +104,7 @@ fn least(element: &ElementDef, encoding: Encoding) -> usize {
         ScalarType::Double => 8,
     };
     let least = element.properties.values().map(|property| match (encoding, &property.data_type) {
-        // A digit and what parts it from the next.
+        // A digit and its separator.
         (Encoding::Ascii, _) => 2,
         (_, PropertyType::Scalar(kind) | PropertyType::List(kind, _)) => size(kind),
     });
@@ -112,6 +112,10 @@ fn least(element: &ElementDef, encoding: Encoding) -> usize {
     least.sum::<usize>().saturating_sub(usize::from(encoding == Encoding::Ascii)).max(1)
 }
 
+/// Reads a model from PLY, text or binary.
+///
+/// # Errors
+/// The file cannot be used; the message states the wanted and the actual content.
 pub fn read(bytes: &[u8]) -> Result<Model, String> {
     let bad = |e: &dyn std::fmt::Display| {
         let told: String = e.to_string().chars().take(SHOWN).collect();

@@ -63,6 +63,9 @@ impl LampShape {
     }
 
     /// The lamp at its place.
+    ///
+    /// # Errors
+    /// The model of the lamp cannot be used, or the position is outside the photo.
     pub fn at(
         &self,
         at: &Place,
@@ -128,7 +131,7 @@ fn model(path: &File, parts: &[File], turn: Mat3, height: f32, ctx: &Context) ->
 /// The unit vector along `direction`.
 ///
 /// # Errors
-/// The vector, called `name`, has no direction.
+/// The vector, called `name`, is zero or not finite.
 pub fn direction(name: &str, direction: [f32; 3]) -> Result<Vec3, String> {
     let unit = Vec3::from_array(direction).try_normalize();
     unit.ok_or_else(|| format!("{name}: wanted a direction, got {direction:?}"))
@@ -148,6 +151,12 @@ fn center(at: &Place, inputs: &EditLightsIn, up: Vec3, reach: impl Fn(Vec3) -> f
 /// A sphere that shines by the profile in `file`, and the lumens that the file gives it. Where the
 /// profile has its 0, it points along `axis`, or down; its second angle begins at the right of the
 /// view and is turned by `turn` degrees.
+///
+/// # Errors
+/// The photometric file cannot be used.
+///
+/// # Panics
+/// The lamp is not a sphere.
 pub fn luminaire(
     lamp: Lamp,
     file: &File,
@@ -175,6 +184,9 @@ pub fn luminaire(
 }
 
 /// A lamp that is there at another place: `by` meters further, or with its middle at `to`.
+///
+/// # Errors
+/// The light is not a lamp, or the position cannot be used.
 pub fn moved(
     shape: &Shape,
     by: Option<[f32; 3]>,

@@ -129,8 +129,11 @@ impl Environment<'_> {
     }
 
     /// `window` before these surroundings, and the radiances of its lobes. A sky of one radiance
-    /// alone is even, without horizon; sky and ground are broad lobes above and below what lies
-    /// straight outside. `lux` is the illuminance at which white shows 1.
+    /// alone is even, without horizon; sky and ground are broad lobes above and below the window's
+    /// outward direction. `lux` is the illuminance at which white shows 1.
+    ///
+    /// # Errors
+    /// A picture of the sky cannot be used.
     pub fn through(
         &self,
         id: &str,

@@ -41,6 +41,9 @@ tuning! {
 }
 
 /// The four corners of a window in the picture.
+///
+/// # Errors
+/// There are not four corners, or they do not form a convex quadrilateral.
 pub fn convex(corners: &[[f32; 2]]) -> Result<[Vec2; 4], String> {
     let four: [[f32; 2]; 4] =
         corners.try_into().map_err(|_| format!("corners: wanted 4 pixels, got {}", corners.len()))?;
@@ -62,6 +65,9 @@ pub fn convex(corners: &[[f32; 2]]) -> Result<[Vec2; 4], String> {
 /// The rectangle on the wall seen between four pixel corners. A wall within 12 degrees of upright
 /// is upright, and a window in it whose sides are drawn within 20 degrees of upright stands
 /// upright.
+///
+/// # Errors
+/// The corners cannot be used, or no wall is seen between them.
 pub fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<Window, String> {
     let camera = &inputs.camera;
     let corner = convex(corners)?;

@@ -9,7 +9,7 @@ use crate::graph::NodeError;
 use crate::image::{GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain};
 use crate::optics::{LightKind, Radiance, Shape, Window};
 
-/// The lights after the edit, with what the photo and the estimates hold of them.
+/// The lights after the edit, with their layers in the photo and in the estimates.
 pub struct LightLayers<'a> {
     /// Names, in the order of the layers.
     pub names: Vec<&'a str>,

@@ -27,7 +27,7 @@ impl<'a> ObjectLayers<'a> {
     /// The bundle of all inputs about objects.
     ///
     /// # Errors
-    /// A light has no picture of the objects, or one of another size.
+    /// A light lacks its picture of the objects, or has one of another size.
     pub fn new(inputs: &'a ComposeIn, lights: &'a LightLayers<'a>, unseen: f32) -> Result<ObjectLayers<'a>, NodeError> {
         let mut layers = ObjectLayers { inputs, lights, shown: Vec::new(), unseen };
         if inputs.objects.is_empty() {
@@ -56,7 +56,7 @@ impl<'a> ObjectLayers<'a> {
     /// Composites diffuse light and reflections of the objects over the planes.
     ///
     /// # Errors
-    /// A light has no reflection or no radiance.
+    /// A light lacks its reflection or its radiance.
     pub fn cover(&self, planes: &mut [Vec<Vec3>]) -> Result<(), NodeError> {
         let objects = &self.inputs.objects;
         let (w, h) = objects.coverage.size();
@@ -86,7 +86,7 @@ impl<'a> ObjectLayers<'a> {
     /// of lights stay.
     ///
     /// # Errors
-    /// A light has no reflection or no radiance.
+    /// A light lacks its reflection or its radiance.
     pub fn change_specular(&self, change: &SpecularChange, planes: &mut [Vec<Vec3>]) -> Result<(), NodeError> {
         let inputs = self.inputs;
         let around = self.around(planes);

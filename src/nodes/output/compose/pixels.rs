@@ -50,6 +50,9 @@ impl<'a> Pixels<'a> {
     }
 
     /// The picture and its layers in half floats; `None` when they cannot hold one of them.
+    ///
+    /// # Errors
+    /// The run was cancelled.
     pub fn half_layers(&self, ctx: &Context) -> Result<Option<Layered>, NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
         let mut picture = Vec::with_capacity(width * height);
@@ -64,6 +67,9 @@ impl<'a> Pixels<'a> {
     }
 
     /// The layers in single precision, row by row.
+    ///
+    /// # Errors
+    /// The run was cancelled.
     pub fn planes(&self, ctx: &Context) -> Result<Vec<Vec<Vec3>>, NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
         let mut planes: Vec<Vec<Vec3>> = (0..stride).map(|_| Vec::with_capacity(width * height)).collect();
