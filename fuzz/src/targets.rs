@@ -1,5 +1,6 @@
-//! The bodies of the fuzz targets: bytes of a stranger into each reader. An error is a fine answer; a panic, more memory than the
-//! fuzzer allows, or no end is not. `tests/fuzz_corpus.rs` replays the corpora through the same bodies.
+//! The bodies of the fuzz targets: bytes of a stranger into each reader. An error is a fine answer;
+//! a panic, more memory than the fuzzer allows, or no end is not. `tests/fuzz_corpus.rs` replays
+//! the corpora through the same bodies.
 
 #![allow(dead_code, reason = "each fuzz target uses one of them")]
 
@@ -132,7 +133,8 @@ pub fn values(bytes: &[u8]) {
     let _ = REGISTRY.decode(name, rest).expect("a stage gives this type");
 }
 
-/// An entry of the cache as it stands; after a first byte that is odd, the header of one, with a sound checksum and signature.
+/// An entry of the cache as it stands; after a first byte that is odd, the header of one, with a
+/// sound checksum and signature.
 pub fn entries(bytes: &[u8]) {
     let _one = ONE.lock();
     let key = CacheKey::new(b"fuzz");
@@ -157,7 +159,8 @@ pub fn networks(bytes: &[u8]) {
     let _ = relight::net::precheck(bytes);
 }
 
-/// `picture.exr` and, after the last zero, `report.json`, as `relight report` and `relight mix` read them.
+/// `picture.exr` and, after the last zero, `report.json`, as `relight report` and `relight mix`
+/// read them.
 pub fn report(bytes: &[u8]) {
     let _one = ONE.lock();
     let (layers, report) = match bytes.iter().rposition(|&byte| byte == 0) {
