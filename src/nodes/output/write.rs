@@ -181,8 +181,8 @@ impl Write {
     }
 }
 
-const UNITS: &str = "units: colors linear Rec.709, in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
-                     meters; normals: camera space, x right, y up, z backward";
+const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
+                     metres; normals: camera space, x right, y up, z backward";
 
 fn diagnostics(inputs: &WriteIn, (width, height): (usize, usize), layers: &mut ExrLayers) -> Result<(), NodeError> {
     let colors = |plane: &Plane<Vec3>| resize(plane, width, height);
