@@ -157,7 +157,7 @@ fn a_hundred_thousand_frames_are_checked_in_little_memory() {
     };
     let (status, told, errors) = check("(0, 1), (99999, 2)");
     assert_eq!(status, Some(0), "{errors}");
-    assert!(told.starts_with("sound: 100000 frames, "), "{told}");
+    assert!(told.starts_with("valid: 100000 frames, "), "{told}");
     let (status, _, errors) = check("(0, 1), (99998, 1), (99999, -1)");
     assert_eq!(status, Some(2), "{errors}");
     assert!(errors.contains("wanted >= 0, got -1") && errors.contains("in frame 99999"), "{errors}");

@@ -104,7 +104,7 @@ fn plan_and_explain_tell_what_a_condition_decides() {
         let answer = engine.explain(&conditional(n), node).unwrap();
         (answer.status, answer.why)
     };
-    let unknown = |node: &str, on: &str| (node.to_owned(), Planned::Unknown, format!("depends on what {on} gives"));
+    let unknown = |node: &str, on: &str| (node.to_owned(), Planned::Unknown, format!("depends on the result of {on}"));
     let run_of = |node: &str, why: &str| (node.to_owned(), Planned::Run, why.to_owned());
     let new = [
         run_of("n", "new"),
@@ -119,8 +119,8 @@ fn plan_and_explain_tell_what_a_condition_decides() {
     let hits = plan(-5);
     assert_eq!(hits.iter().map(|line| line.0.as_str()).collect::<Vec<_>>(), ["n", "sign", "end"]);
     assert!(hits.iter().all(|line| line.1 == Planned::Hit));
-    assert_eq!(explain(-5, "c"), (Planned::Skip, "sign.positive does not hold".to_owned()));
-    assert_eq!(explain(-5, "next"), (Planned::Skip, "sign.positive does not hold".to_owned()));
+    assert_eq!(explain(-5, "c"), (Planned::Skip, "sign.positive is false".to_owned()));
+    assert_eq!(explain(-5, "next"), (Planned::Skip, "sign.positive is false".to_owned()));
     assert_eq!(explain(-5, "costly"), (Planned::Run, "new".to_owned()));
     run(&engine, &conditional(5));
     assert_eq!(plan(5).len(), 6);

@@ -444,7 +444,7 @@ fn explain_names_the_first_line_that_differs() {
     assert_eq!((before.status, before.why.as_str()), (Planned::Run, "parameter file: file changed"));
     assert!(before.old.unwrap().contains(&*blake3::hash(b"one").to_hex()));
     assert!(before.new.unwrap().contains(&*blake3::hash(b"three").to_hex()));
-    assert_eq!(explain(&changed, "x").why, "depends on what p gives");
+    assert_eq!(explain(&changed, "x").why, "depends on the result of p");
     let plan: Vec<_> =
         engine.plan(&changed, &changed.wanted(None).unwrap()).into_iter().map(|l| (l.node, l.status)).collect();
     assert_eq!(plan, [("r".into(), Planned::Run), ("p".into(), Planned::Unknown), ("x".into(), Planned::Unknown)]);

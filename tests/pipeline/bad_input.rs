@@ -144,7 +144,7 @@ fn masks_of_every_kind() {
         check("all but a pixel", png_of(SIZE, but_one), 0, &[]);
         let one = |x, y| if (x, y) == (20, 15) { Vec3::ONE } else { Vec3::ZERO };
         check("one pixel", png_of(SIZE, one), 0, &[]);
-        check("grey", png_of(SIZE, |x, y| 0.5 * one(x, y)), 0, &[]);
+        check("gray", png_of(SIZE, |x, y| 0.5 * one(x, y)), 0, &[]);
     }
     let place = room();
     place.write("window.png", mask(4));

@@ -176,7 +176,7 @@ fn what_cannot_be_moved_is_told() {
     let place = Place::new();
     for (light, wanted) in [
         ("window_0", "Move: wanted a lamp, got a window"),
-        ("inv_window", "Move: there is no such lamp in this room"),
+        ("inv_window", "Move: no such lamp was estimated"),
         ("lamp_0", "outside the photo"),
     ] {
         place.write(
@@ -263,7 +263,7 @@ fn a_picture_of_a_sky_becomes_sun_sky_and_ground() {
         let edit = format!(r#"Edit(version: 1, lights: {{ "east": Window({CORNERS}, sky: Env("sky.hdr"){more}) }})"#);
         let report = run_files(&[("sky.hdr", &file)], &edit, &["edit.shape", "edit.radiance"]);
         let note = report.nodes.iter().find(|node| node.name == "edit").expect("it ran").notes.concat();
-        assert!(note.contains("three lobes put"), "{note:?}");
+        assert!(note.contains("three lobes move"), "{note:?}");
         let Shape::Window(window) = (*of::<Shape>(many(&report, "edit.shape"), "east")).clone() else {
             panic!("a window")
         };
@@ -339,10 +339,10 @@ fn photographed_skies_keep_their_light() {
                 .notes
                 .iter()
                 .chain(&node.warnings)
-                .find(|note| note.contains("three lobes put"))
+                .find(|note| note.contains("three lobes move"))
                 .expect("it tells");
             println!("{} {yaw}: {told}", name(path));
-            let share = told.split("three lobes put").nth(1).and_then(|rest| rest.split('%').next());
+            let share = told.split("three lobes move").nth(1).and_then(|rest| rest.split('%').next());
             let share: f64 = share.expect("it is told").trim().parse().expect("a number");
             assert!(share < 50.0, "{}: {told}", name(path));
         }

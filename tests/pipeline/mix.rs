@@ -99,5 +99,5 @@ fn what_cannot_be_mixed_is_told() {
         assert!(told.contains(wanted), "`relight {line}`: wanted {wanted:?}, told:\n{told}");
     }
     let told = place.check("mix run --set inv_window=2", 0);
-    assert!(told.contains("warning: inv_window gave no light in this run"), "{told}");
+    assert!(told.contains("warning: inv_window is off in this run"), "{told}");
 }

@@ -139,7 +139,7 @@ fn an_obj_comes_with_its_library() {
         let middle = (0..objects.coverage.len()).find(|&i| objects.coverage.pixels()[i] == 1.0).expect("it is seen");
         (objects.albedo.pixels()[middle], objects.gloss.pixels()[middle])
     };
-    check(&folder, "no library", 0, &["warning", "a.mtl", "is not known"]);
+    check(&folder, "no library", 0, &["warning", "a.mtl", "are not known"]);
     assert_eq!(albedo(), (Vec3::splat(0.7), Gloss { roughness: 1.0, specular: 0.5, metallic: 0.0 }));
     for (kd, rough) in [(Vec3::new(0.5, 0.25, 0.125), 0.5), (Vec3::new(0.125, 0.25, 0.5), 1.0)] {
         let ks = if rough < 1.0 { 0.5 } else { 0.0 };

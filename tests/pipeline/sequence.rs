@@ -218,7 +218,7 @@ fn a_frame_can_be_asked_for() {
         check_output(line, &output, 0);
         String::from_utf8(output.stdout).expect("it is text")
     };
-    assert!(printed(&line("check")).starts_with("sound: 8 frames, "));
+    assert!(printed(&line("check")).starts_with("valid: 8 frames, "));
     assert!(!printed(&line("check --frame 2")).contains(" frames, "));
     assert!(printed(&line("plan --no-cache --frame 2")).contains("run      scene"));
     for (more, wanted) in [("check --frame 8", "--frame: wanted 0..=7, got 8"), ("check --frame -1", "-1")] {
@@ -229,7 +229,7 @@ fn a_frame_can_be_asked_for() {
     assert!(told.contains("--frame: this edit is one picture: it has no `frames`"), "{told}");
 
     // The one that ships.
-    assert!(printed("check DEMO.ron EDITS/moving_lamp.ron").starts_with("sound: 48 frames, "));
+    assert!(printed("check DEMO.ron EDITS/moving_lamp.ron").starts_with("valid: 48 frames, "));
     place.check(&format!("run DEMO.ron EDITS/moving_lamp.ron {SMALL} --frame 24 --no-cache --out ships"), 0);
     assert!(place.path("ships/picture_0024.png").is_file());
 

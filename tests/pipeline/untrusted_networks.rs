@@ -317,7 +317,7 @@ fn the_check_before_takes_sound_files_and_no_others() {
         (with(&|tensor| bytes(tensor, 1, &[0xff, 0xff, 0xff, 0xff, 0x0f])), "wanted constants with all their numbers"),
         (with(&|tensor| number(tensor, 14, 1)), "wanted constants inside the file, got one in another file"),
         (Onnx::default().message(15, vec![]).file(), "wanted dense constants, got a sparse one"),
-        (nested(14), "wanted at most 40 messages inside each other"),
+        (nested(14), "wanted at most 40 nested messages"),
         ((0..100_001).fold(Onnx::default(), |all, _| all.message(1, vec![])).file(), "wanted at most 100000 nodes"),
     ] {
         let error = precheck(&network).expect_err(wanted);

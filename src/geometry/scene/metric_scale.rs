@@ -330,7 +330,7 @@ mod tests {
             ),
             (KnownLength { from: [-0.1, 1.0], ..sound }, "number 2: (-0.1, 1) is outside"),
             (KnownLength { meters: 0.0, ..sound }, "number 2: wanted 0.001 to 1000 m, got 0"),
-            (KnownLength { from: [5.0, 5.0], ..sound }, "number 2: an end is farther than the network can tell"),
+            (KnownLength { from: [5.0, 5.0], ..sound }, "number 2: an end is beyond the range of the network"),
         ] {
             assert!(message(length).contains(wanted), "{}", message(length));
         }
