@@ -7,8 +7,8 @@
 //! z = s / (q + t), s = 1 / a, t = -b / a in units of q.
 //!
 //! The **span** is how many times farther the farthest is than the nearest: the depths behind
-//! which, and before which, `TUNING.tail` of the pixels lie. It is equivalent to t, and a person can
-//! judge it: with e = q_far + t,
+//! which, and before which, `TUNING.tail` of the pixels lie. It is equivalent to t, and a person
+//! can judge it: with e = q_far + t,
 //!
 //! e = (q_near - q_far) / (span - 1).
 //!

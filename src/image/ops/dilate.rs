@@ -14,8 +14,8 @@ tuning! {
 }
 
 /// The geodesic dilation of `seed` (above 0.5) within `through` (above 0.5): all pixels that are
-/// 8-connected with the seed, up to `TUNING.reach` times its longer side beyond its bounding box. It finds the
-/// saturated pixels around a light whose mask is too small.
+/// 8-connected with the seed, up to `TUNING.reach` times its longer side beyond its bounding box.
+/// It finds the saturated pixels around a light whose mask is too small.
 ///
 /// # Panics
 /// The planes differ in size.

@@ -162,9 +162,9 @@ fn split(shown: Vec3, others: Vec3, albedo: Vec3) -> (Vec3, Vec3) {
     (reflectance, (shown - reflectance * others).max(Vec3::ZERO))
 }
 
-/// The lights that dominate a pixel. A light with `TUNING.rival` of the strongest light's luminance has
-/// no fraction, and fractions rise smoothly from there: a little noise must not move a pixel from
-/// one light to another.
+/// The lights that dominate a pixel. A light with `TUNING.rival` of the strongest light's luminance
+/// has no fraction, and fractions rise smoothly from there: a little noise must not move a pixel
+/// from one light to another.
 fn dominant(before: &[Vec3], after: &[Vec3]) -> Vec<Dominant> {
     let most = before.iter().map(|light| luminance(*light)).fold(0.0, f32::max);
     let parts: Vec<f32> =

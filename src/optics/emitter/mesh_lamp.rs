@@ -54,8 +54,8 @@ impl MeshLamp {
         self.finite_triangles().filter(|t| doubled_area(t).length() > 0.0).collect()
     }
 
-    /// True if no triangle lies before the plane of another, to `TUNING.convex`; the time is quadratic
-    /// in the triangles.
+    /// True if no triangle lies before the plane of another, to `TUNING.convex`; the time is
+    /// quadratic in the triangles.
     fn is_convex(&self) -> bool {
         let triangles = self.valid_triangles();
         let points = || triangles.iter().flatten();

@@ -235,8 +235,8 @@ impl<'a> CandidateSearch<'a> {
         shapes
     }
 
-    /// Loss of all lights with these lobes; of more than `TUNING.max_separate`, of light `i` with its
-    /// lobes beside the others.
+    /// Loss of all lights with these lobes; of more than `TUNING.max_separate`, of light `i` with
+    /// its lobes beside the others.
     fn loss_among(&self, accepted: &[Accepted], lobes: &[Vec<RoleLayer>], i: usize) -> f64 {
         if lobes.len() <= TUNING.max_separate {
             let all: Vec<Column> = lobes.iter().flatten().map(|(role, layer)| Column::new(*role, layer)).collect();
@@ -249,8 +249,8 @@ impl<'a> CandidateSearch<'a> {
         self.loss(&all, TUNING.three_lobes_iterations)
     }
 
-    /// Columns as a candidate is fitted beside them: of more than `TUNING.max_separate` their sum, each
-    /// with its radiance among them.
+    /// Columns as a candidate is fitted beside them: of more than `TUNING.max_separate` their sum,
+    /// each with its radiance among them.
     fn companions<'b>(&self, columns: Vec<Column<'b>>) -> Companions<'b> {
         if columns.len() <= TUNING.max_separate {
             return Companions::Separate(columns);

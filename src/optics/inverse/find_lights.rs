@@ -363,8 +363,8 @@ fn quantile(values: impl Iterator<Item = f32>, fraction: f32) -> f32 {
     *values.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
-/// Joins regions within `TUNING.muntin` of each other in a picture of this size, with the contrast of
-/// the largest.
+/// Joins regions within `TUNING.muntin` of each other in a picture of this size, with the contrast
+/// of the largest.
 fn join(parts: Vec<Region>, size: (usize, usize)) -> Vec<Region> {
     let reach = TUNING.muntin * size.0.max(size.1) as f32;
     let mut joined: Vec<Region> = Vec::new();

@@ -67,8 +67,8 @@ pub struct RadianceFit {
     pub iterations: usize,
     /// Largest relative change of a light in the last iteration.
     pub change: f64,
-    /// Columns that still changed by more than `RADIANCE_FIT.tolerance` in the last iteration: empty when the
-    /// fit converged.
+    /// Columns that still changed by more than `RADIANCE_FIT.tolerance` in the last iteration:
+    /// empty when the fit converged.
     pub unsettled: Vec<usize>,
     /// Columns whose layer is black on all observations: they are unconstrained, and their radiance
     /// is 0.

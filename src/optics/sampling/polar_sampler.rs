@@ -209,7 +209,8 @@ impl PolarSampler {
         (polar.nodes[polar.node_count - 1].sum > 0.0).then_some(polar)
     }
 
-    /// Places the nodes so close that a line between neighbors has an error of at most `TUNING.max_error`.
+    /// Places the nodes so close that a line between neighbors has an error of at most
+    /// `TUNING.max_error`.
     fn fit(&mut self, corners: &[f64]) {
         let last = corners.len() - 1;
         // An interval that a corner closes is measured just inside of it.
