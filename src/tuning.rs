@@ -9,7 +9,8 @@
 //!     /// Constants of the search for lamps.
 //!     pub const SEARCH: SearchTuning {
 //!         /// Least fraction of the loss that a lamp must save.
-//!         min_gain: f64 = 0.05, unit "fraction", source Measured("docs/estimation.md"), effect "a larger value keeps fewer lamps";
+//!         min_gain: f64 = 0.05,
+//!             unit "fraction", source Measured("docs/estimation.md"), effect "a larger value keeps fewer lamps";
 //!     }
 //! }
 //! ```

@@ -225,30 +225,13 @@ fn the_node_reference_is_up_to_date() {
     assert!(page == text(&output.stdout), "run: relight nodes --markdown > docs/nodes.md");
 }
 
-/// docs/tuning.md is made from the code, and every table of constants is in it.
+/// docs/tuning.md is made from the code; tests/house.rs checks that every table is in it.
 #[test]
 fn the_tuning_reference_is_up_to_date() {
     let output = Room::new().relight("nodes --tuning");
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let page = std::fs::read_to_string(root.join("docs/tuning.md")).unwrap_or_default();
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/tuning.md");
+    let page = std::fs::read_to_string(path).unwrap_or_default();
     assert!(page == text(&output.stdout), "run: relight nodes --tuning > docs/tuning.md");
-
-    let mut folders = vec![root.join("src")];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(&folder).expect("a folder of src") {
-            let path = entry.expect("an entry").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path != root.join("src/tuning.rs") {
-                let code = std::fs::read_to_string(&path).expect("a source file");
-                let tables = code.split("\ntuning! {").skip(1).filter_map(|table| table.split("const ").nth(1));
-                for name in tables.filter_map(|rest| rest.split([':', '{']).nth(1)).map(str::trim) {
-                    let is_listed = page.contains(&format!("\n### {name}\n"));
-                    assert!(is_listed, "{}: {name} is not in the list of a function `tuning`", path.display());
-                }
-            }
-        }
-    }
 }
 
 /// Runs the command and checks the exit status; returns standard output and standard error.

@@ -696,3 +696,55 @@ fn comments_keep_the_rules() {
     let sound = "/// A plane.\n/// Of no consequence is the second line.\nlet s = \"// this is no comment\";";
     assert_eq!(prose_faults("a.rs", sound), Vec::<String>::new());
 }
+
+/// Names of the tables that a file declares with `tuning!`.
+fn tables(text: &str) -> Vec<&str> {
+    let declared = text.split("\ntuning! {").skip(1).filter_map(|table| table.split("pub const ").nth(1));
+    declared.filter_map(|rest| rest.split([':', '{']).nth(1)).map(str::trim).collect()
+}
+
+#[test]
+fn every_table_of_constants_is_on_its_page() {
+    let page = read("docs/tuning.md");
+    let missing = |file: &str, text: &str, page: &str| -> Vec<String> {
+        let names = tables(text).into_iter().filter(|name| !page.contains(&format!("\n### {name}\n")));
+        names.map(|name| format!("src/{file}: docs/tuning.md has no {name}: list it in a function `tuning`")).collect()
+    };
+    let files: Vec<(String, String)> = sources().into_iter().filter(|(file, _)| file != "tuning.rs").collect();
+    assert!(files.iter().map(|(_, text)| tables(text).len()).sum::<usize>() > 50, "the form of tables is known");
+    assert_none(files.iter().flat_map(|(file, text)| missing(file, text, &page)).collect());
+
+    let planted = "use x;\n\ntuning! {\n    /// A constant.\n    pub const TUNING: AtticTuning {\n    }\n}\n";
+    assert_eq!(tables(planted), ["AtticTuning"]);
+    assert_eq!(missing("a.rs", planted, "\n### AtticTuning\n"), Vec::<String>::new());
+    assert_eq!(missing("a.rs", planted, "\n### CellarTuning\n").len(), 1);
+}
+
+/// Folders of `src` whose numbers stand in tables.
+const TUNED: [&str; 6] = ["optics/", "nodes/", "geometry/scene/", "geometry/grid", "image/ops/", "image/material/"];
+
+/// Numbers in constants of their own where a table belongs.
+fn loose_constants(file: &str, text: &str) -> Vec<String> {
+    let text = code(text);
+    let lines = without_tests(&text).lines().enumerate();
+    let loose = lines.filter(|(_, line)| {
+        let value = line.split_once("const ").filter(|(before, _)| before.is_empty() || before.starts_with("pub"));
+        let value = value.and_then(|(_, rest)| rest.split_once(": f32 = ").or_else(|| rest.split_once(": f64 = ")));
+        value.is_some_and(|(_, value)| value.starts_with(|c: char| c.is_ascii_digit() || c == '-'))
+    });
+    let fault = |(number, line): (usize, &str)| format!("src/{file}:{}: `{line}` outside of `tuning!`", number + 1);
+    loose.map(fault).collect()
+}
+
+#[test]
+fn constants_stand_in_tables() {
+    let files = sources().into_iter().filter(|(file, _)| TUNED.iter().any(|folder| file.starts_with(folder)));
+    assert_none(files.flat_map(|(file, text)| loose_constants(&file, &text)).collect());
+
+    for planted in ["const LEAST: f32 = 0.1;", "pub const MOST: f64 = -1e3;", "pub(super) const A: f64 = 2.0 - 1e-6;"] {
+        assert_eq!(loose_constants("optics/a.rs", planted).len(), 1, "{planted}");
+    }
+    for sound in ["const LEAST: f32 = TUNING.least;", "const A: usize = 3;", "mod tests {\nconst A: f32 = 1.0;\n}"] {
+        assert_eq!(loose_constants("optics/a.rs", &format!("\n{sound}")), Vec::<String>::new(), "{sound}");
+    }
+}

@@ -136,9 +136,11 @@ fn with_old_names(stages: Registry) -> Registry {
 /// All constants that decide an algorithm: of the stages, then of the rooms that they use.
 pub fn tuning() -> Vec<Table> {
     [
+        scene::tuning(),
         estimate::tuning(),
         edit::tuning(),
         render::tuning(),
+        measure::tuning(),
         net::tuning(),
         optics::tuning(),
         geometry::tuning(),

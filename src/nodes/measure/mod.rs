@@ -16,6 +16,7 @@ use crate::graph::{Context, File, Gather, NodeError};
 use crate::image::{self, Mask, NamedBytes, Picture, Plane, Transfer, read_photo};
 use crate::nodes::artifacts::{Score, Scores, UnitDirect, same_size};
 use crate::optics::Radiance;
+use crate::tuning::Table;
 
 /// A linear picture.
 fn read(ctx: &Context, file: &File) -> Result<Picture, NodeError> {
@@ -77,4 +78,9 @@ fn score(subject: &str, measure: &str, value: Option<f64>) -> Option<Score> {
 
 fn scores(list: impl IntoIterator<Item = Option<Score>>) -> Arc<Scores> {
     Arc::new(Scores(list.into_iter().flatten().collect()))
+}
+
+/// The constants of scores.
+pub fn tuning() -> Vec<Table> {
+    vec![score_picture::ScorePictureTuning::table()]
 }

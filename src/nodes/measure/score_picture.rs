@@ -7,6 +7,7 @@ use glam::Vec3;
 use crate::graph::{Context, File, Gather, Node, NodeError};
 use crate::image::{self, Mask, Picture, Plane, mean_error, pairs, score_picture};
 use crate::nodes::artifacts::Scores;
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -54,16 +55,27 @@ ports! {
     }
 }
 
-/// The light, 1 = white, whose response a photo shows: not lost in noise and below the shoulder of
-/// the tone curve.
-const MEASURED: std::ops::RangeInclusive<f32> = 0.02..=0.8;
-
-/// The relative difference up to which two pictures show the same light; path-traced ones are
-/// denoised to about 1 %.
-const SAME: f32 = 0.02;
-
-/// Beyond this share of the photo, the pictures of its lights are not those of this photo.
-const APART: f64 = 0.1;
+tuning! {
+    /// Constants of the score of a relit picture.
+    pub const TUNING: ScorePictureTuning {
+        /// Range of light in which a photo shows the response of its camera: not lost in noise and
+        /// below the shoulder of the tone curve.
+        measured: [f32; 2] = [0.02, 0.8],
+            unit "fraction of white", source Taste, effect "a wider range scores noise and the tone curve";
+        /// Least and largest response of a camera there.
+        response: [f32; 2] = [0.5, 2.0],
+            unit "photo over the true light", source Taste,
+            effect "a wider range forgives more differences between photo and truth";
+        /// Relative difference up to which two pictures show the same light.
+        same: f32 = 0.02,
+            unit "1", source Derived("path-traced pictures are denoised to about 1 %"),
+            effect "a larger value takes more of an edit for unchanged";
+        /// Mean difference above which the pictures of the lights do not belong to the photo.
+        apart: f64 = 0.1,
+            unit "fraction of the mean of the photo", source Taste,
+            effect "a larger value accepts pictures of other exposures";
+    }
+}
 
 impl Node for ScorePicture {
     const KIND: &'static str = "ScorePicture";
@@ -145,16 +157,16 @@ fn uncovered(inputs: &ScorePictureIn, full: (usize, usize), size: (usize, usize)
 }
 
 /// The factor that the camera gives to each pixel's light: the photo as `taken` over the `sum` of
-/// the lights where that is in `MEASURED`, or where the edit leaves the light as it is to `SAME`; 1
-/// elsewhere.
+/// the lights where that is in `TUNING.measured`, or where the edit leaves the light as it is to
+/// `TUNING.same`; 1 elsewhere.
 fn response(taken: &Plane<Vec3>, sum: &Plane<Vec3>, truth: &Plane<Vec3>) -> Plane<Vec3> {
     Plane::from_fn(sum.width(), sum.height(), |x, y| {
         let [taken, sum, truth] = [taken, sum, truth].map(|plane| plane.get(x, y).to_array());
         Vec3::from_array([0, 1, 2].map(|c| {
-            if sum[c] > 0.0 && (truth[c] - sum[c]).abs() <= SAME * sum[c] {
+            if sum[c] > 0.0 && (truth[c] - sum[c]).abs() <= TUNING.same * sum[c] {
                 taken[c] / sum[c]
-            } else if MEASURED.contains(&sum[c]) {
-                (taken[c] / sum[c]).clamp(0.5, 2.0)
+            } else if (TUNING.measured[0]..=TUNING.measured[1]).contains(&sum[c]) {
+                (taken[c] / sum[c]).clamp(TUNING.response[0], TUNING.response[1])
             } else {
                 1.0
             }
@@ -175,7 +187,7 @@ fn whole_photo(
     let apart = mean_error(pairs(&sum, taken, counted), |a, b| (clip(a) - clip(b)).abs());
     let level = mean_error(pairs(&sum, taken, counted), |_, b| clip(b));
     match apart.zip(level) {
-        Some((apart, level)) if apart > APART * level => {
+        Some((apart, level)) if apart > TUNING.apart * level => {
             let names: Vec<&str> = light.iter().map(|(id, _)| id).collect();
             Err(NodeError::Failed(format!(
                 "the true pictures of {} together are {:.0} % off the photo: wanted one of each light, in the photo's exposure",

@@ -12,6 +12,7 @@ use crate::geometry::Camera;
 use crate::graph::{Context, File, NodeError, check_range};
 use crate::image::{self, Bits, Mask, NamedBytes, Picture, ReadError, Transfer};
 use crate::nodes::artifacts::Encoding;
+use crate::tuning::Table;
 
 /// The viewpoint of the photo: the camera stands at the origin and looks along -z.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -125,4 +126,9 @@ fn warn(ctx: &Context, file: &File, warnings: &[String]) {
 
 fn size((width, height): (usize, usize)) -> String {
     format!("{width} x {height}")
+}
+
+/// The constants of the checks of files.
+pub fn tuning() -> Vec<Table> {
+    vec![read_lights::ReadLightsTuning::table(), read_materials::ReadMaterialsTuning::table()]
 }

@@ -18,6 +18,7 @@ use glam::Vec3;
 use crate::graph::{Context, Diagnostic, Diagnostics, File, Gather, Key, Node, NodeError, Raw, Scatter, Source};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES};
 use crate::optics::{BoxLamp, Lamp, LightKind, Lobe, MeshLamp, Radiance, RectLamp, Shape, SphereLamp, Window};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -139,12 +140,21 @@ struct LightEntry<'a> {
     fields: Vec<(Key, Raw)>,
 }
 
-/// Largest radiance that a file may give; sums of many still fit single precision.
-const MOST_RADIANCE: f32 = 1e30;
-/// Largest bandwidth; beyond it a lobe is a direction.
-const MOST_BANDWIDTH: f32 = 1e7;
-/// Largest cosine between edges that the format defines as orthogonal.
-const SKEW: f32 = 0.01;
+tuning! {
+    /// Constants of the check of a file of lights.
+    pub const TUNING: ReadLightsTuning {
+        /// Largest radiance of a light.
+        max_radiance: f32 = 1e30,
+            unit "units of the photo", source Derived("it leaves range in single precision for sums of many"),
+            effect "a larger value may overflow";
+        /// Largest bandwidth: a lobe beyond it is a direction.
+        max_bandwidth: f32 = 1e7,
+            unit "1", source Derived("single precision"), effect "a larger value loses digits";
+        /// Largest cosine between edges that must be at right angles.
+        skew: f32 = 0.01,
+            unit "1", source Derived("rounding of decimal numbers"), effect "a larger value accepts parallelograms";
+    }
+}
 
 impl LightEntry<'_> {
     fn light(&self, wanted: LightKind, faults: &mut Diagnostics) -> Option<KnownLight> {
@@ -248,9 +258,10 @@ impl LightEntry<'_> {
             });
             let direction =
                 lobe.get("direction", "a direction [x, y, z]", faults, |raw| vector(raw).and_then(Vec3::try_normalize));
-            let wanted = format!("a number 0..={MOST_BANDWIDTH:e}");
-            let bandwidth = lobe
-                .get("bandwidth", &wanted, faults, |raw| number(raw).filter(|b| (0.0..=MOST_BANDWIDTH).contains(b)));
+            let wanted = format!("a number 0..={:e}", TUNING.max_bandwidth);
+            let bandwidth = lobe.get("bandwidth", &wanted, faults, |raw| {
+                number(raw).filter(|b| (0.0..=TUNING.max_bandwidth).contains(b))
+            });
             let radiance = lobe.radiance(faults);
             if let (Some(place), Some(direction), Some(bandwidth), Some(radiance)) =
                 (place, direction, bandwidth, radiance)
@@ -276,8 +287,8 @@ impl LightEntry<'_> {
     }
 
     fn radiance(&self, faults: &mut Diagnostics) -> Option<Vec3> {
-        let within = |rgb: &Vec3| rgb.min_element() >= 0.0 && rgb.max_element() <= MOST_RADIANCE;
-        let wanted = format!("three numbers 0..={MOST_RADIANCE:e}");
+        let within = |rgb: &Vec3| rgb.min_element() >= 0.0 && rgb.max_element() <= TUNING.max_radiance;
+        let wanted = format!("three numbers 0..={:e}", TUNING.max_radiance);
         self.get("radiance", &wanted, faults, |raw| vector(raw).filter(within))
     }
 
@@ -350,7 +361,7 @@ fn vectors(points: &[Vec<f32>]) -> Option<Vec<Vec3>> {
 /// Whether two edges have lengths and are orthogonal to each other.
 fn at_right_angles(a: Vec3, b: Vec3) -> bool {
     let (Some(a), Some(b)) = (a.try_normalize(), b.try_normalize()) else { return false };
-    a.dot(b).abs() <= SKEW
+    a.dot(b).abs() <= TUNING.skew
 }
 
 #[cfg(test)]

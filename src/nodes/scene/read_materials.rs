@@ -7,6 +7,7 @@ use glam::Vec3;
 use crate::geometry::Camera;
 use crate::graph::{Context, File, Node, NodeError};
 use crate::image::{self, Albedo, Normal, Plane, Roughness, Transfer};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -73,7 +74,8 @@ impl Node for ReadMaterials {
             let read = super::open(ctx, file, |source| image::read_photo(source, transfer))?;
             super::warn(ctx, file, &read.warnings);
             let plane = fitted(name, file, &read.picture.0, size)?;
-            if let Some(at) = plane.pixels().iter().position(|c| c.min_element() < 0.0 || c.max_element() > 1.0 + SLACK)
+            if let Some(at) =
+                plane.pixels().iter().position(|c| c.min_element() < 0.0 || c.max_element() > 1.0 + TUNING.slack)
             {
                 let (x, y, got) = (at % size.0, at / size.0, plane.pixels()[at]);
                 return Err(super::bad(file, format!("{name}: wanted 0..=1, got {got} at working pixel ({x}, {y})")));
@@ -99,8 +101,14 @@ impl Node for ReadMaterials {
     }
 }
 
-/// Rounding error by which a value may exceed one.
-const SLACK: f32 = 1e-3;
+tuning! {
+    /// Constants of the check of material files.
+    pub const TUNING: ReadMaterialsTuning {
+        /// Rounding error by which a value may exceed one.
+        slack: f32 = 1e-3,
+            unit "albedo", source Derived("resampling and half floats"), effect "a larger value accepts wrong units";
+    }
+}
 
 /// A plane of a file at working size.
 fn fitted(name: &str, file: &File, plane: &Plane<Vec3>, size: (usize, usize)) -> Result<Plane<Vec3>, NodeError> {

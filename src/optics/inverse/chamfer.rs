@@ -3,17 +3,29 @@
 use glam::Vec3;
 
 use crate::optics::Shape;
+use crate::tuning::tuning;
 
-/// Number of points that stand for a light.
-pub const SURFACE_POINTS: usize = 64;
+tuning! {
+    /// Constants of the distance between lights.
+    pub const CHAMFER: ChamferTuning {
+        /// Points that represent a light.
+        surface_points: usize = 64,
+            unit "points", source Taste, effect "a larger value is slower and more exact";
+        /// Offset under the root of a distance.
+        offset: f64 = 1e-6,
+            unit "square meters",
+            source Paper("Li et al., Physically-Based Editing of Indoor Scene Lighting from a Single Image, ECCV 2022"),
+            effect "a larger value adds to the distance of equal lights";
+    }
+}
 
-/// Points spread evenly over the emitting surface, in the unit of the shape: [`SURFACE_POINTS`] of
-/// them, the same for the same light; none for an absent light.
+/// Points spread evenly over the emitting surface, in the unit of the shape:
+/// `CHAMFER.surface_points` of them, the same for the same light; none for an absent light.
 ///
 /// On a sphere they follow the spiral of the golden angle; elsewhere the additive recurrence of
 /// Roberts (2018, "R2") in the triangles of the surface, in proportion to area.
 pub fn surface_points(shape: &Shape) -> Vec<Vec3> {
-    shape.surface_points(SURFACE_POINTS)
+    shape.surface_points(CHAMFER.surface_points)
 }
 
 /// Chamfer distance in meters, as defined by IndoorLightEditing (Li et al., ECCV 2022): the mean
@@ -22,7 +34,7 @@ pub fn surface_points(shape: &Shape) -> Vec<Vec3> {
 pub fn chamfer(a: &[Vec3], b: &[Vec3]) -> Option<f64> {
     let one_way = |a: &[Vec3], b: &[Vec3]| {
         let nearest = |p: &Vec3| b.iter().map(|q| f64::from(p.distance_squared(*q))).fold(f64::INFINITY, f64::min);
-        a.iter().map(|p| (nearest(p) + 1e-6).sqrt()).sum::<f64>() / a.len() as f64
+        a.iter().map(|p| (nearest(p) + CHAMFER.offset).sqrt()).sum::<f64>() / a.len() as f64
     };
     (!a.is_empty() && !b.is_empty()).then(|| one_way(a, b) + one_way(b, a))
 }
@@ -47,7 +59,7 @@ mod tests {
         let axes = [Vec3::X, 2.0 * Vec3::Y, 3.0 * Vec3::Z];
         let cuboid = Lamp::Box(BoxLamp { center: Vec3::ONE, axes });
         let points = surface_points(&Shape::Lamp(cuboid));
-        assert_eq!(points.len(), SURFACE_POINTS);
+        assert_eq!(points.len(), CHAMFER.surface_points);
         for p in &points {
             let on = ((*p - Vec3::ONE) / Vec3::new(1.0, 2.0, 3.0)).abs();
             assert!((on.max_element() - 1.0).abs() < 1e-6, "{p}");

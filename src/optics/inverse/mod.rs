@@ -21,7 +21,7 @@ pub(in crate::optics) mod visible_window;
 
 pub use candidate_search::{Accepted, Candidate, CandidateSearch, CandidateSettings};
 pub use candidates::{lamp_candidates, window_candidates};
-pub use chamfer::{SURFACE_POINTS, chamfer, surface_points};
+pub use chamfer::{chamfer, surface_points};
 pub use conditioning::Conditioning;
 pub use find_lights::{FoundLight, LightSearch, find_lights};
 pub use light_prior::{Column, LightPrior, Role};
@@ -41,6 +41,7 @@ pub fn tuning() -> Vec<Table> {
     vec![
         candidate_search::CandidateSearchTuning::table(),
         candidates::CandidatesTuning::table(),
+        chamfer::ChamferTuning::table(),
         conditioning::ConditioningTuning::table(),
         find_lights::FindLightsTuning::table(),
         fit_problem::FitProblemTuning::table(),

@@ -16,7 +16,7 @@ pub const BATCHES: usize = TUNING.batches;
 
 /// A 95 % interval is plus and minus this many standard errors: Student's for six degrees of
 /// freedom, see `pooled`.
-pub const INTERVAL: f64 = 2.447;
+pub const INTERVAL: f64 = TUNING.interval;
 
 tuning! {
     /// Constants of Monte Carlo estimates and their standard errors.
@@ -25,6 +25,10 @@ tuning! {
         batches: usize = 4,
             unit "streams", source Taste,
             effect "a larger value estimates errors more exactly, with less even points";
+        /// Standard errors on either side of an estimate in an interval of 95 %.
+        interval: f64 = 2.447,
+            unit "standard errors", source Derived("Student's distribution with six degrees of freedom"),
+            effect "a larger value widens the interval; no estimate changes";
         /// Pixels along each side of a tile, which is improved as a whole.
         tile: usize = 16,
             unit "pixels", source Taste, effect "a larger value spends samples more evenly";
