@@ -51,7 +51,7 @@ impl Node for EmitterMask {
     fn run(&self, inputs: EmitterMaskIn, _: &Context) -> Result<EmitterMaskOut, NodeError> {
         let camera = &inputs.camera;
         let mut cover = Plane::filled(camera.width, camera.height, 0.0f32);
-        // Estimated lights are in the photo where they can be seen, and out of view otherwise.
+        // Estimated lights are in the photo if they are visible, and out of view otherwise.
         if inputs.estimated.is_none_or(|e| e != inputs.shape)
             && let Some([x0, y0, x1, y1]) = bounds(&inputs.shape, camera)
         {
@@ -64,8 +64,8 @@ impl Node for EmitterMask {
                     let hits = (0..n * n).filter(|i| {
                         let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
                         let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
-                        // Depth is uneven, and a window lies in its wall, a lamp on its table: a
-                        // little behind still shows.
+                        // Depth is uneven, and a window is in its wall, a lamp on its table: points
+                        // slightly behind it still show.
                         let slack = if matches!(*inputs.shape, Shape::Window(_)) { 1.05 } else { 1.02 };
                         body.intersect(Vec3::ZERO, ray).is_some_and(|t| t <= z * slack)
                     });

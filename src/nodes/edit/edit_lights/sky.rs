@@ -78,7 +78,7 @@ impl Sun {
     }
 }
 
-/// All that a window looks out on.
+/// The surroundings of a window.
 pub struct Outside<'a> {
     /// Above the horizon, or everywhere.
     pub sky: &'a Sky,
