@@ -104,7 +104,7 @@ fn own_secret(folder: &Path) -> Result<Vec<u8>, Diagnostic> {
         let mut secret = [0; 32];
         getrandom::fill(&mut secret).map_err(|e| cannot(std::io::Error::other(e)))?;
         std::fs::create_dir_all(folder).map_err(cannot)?;
-        // Readable by its owner alone, and whole or not there at all.
+        // Readable by its owner alone; written completely or not at all.
         let mut temporary = tempfile::NamedTempFile::new_in(folder).map_err(cannot)?;
         let digits: String = secret.iter().map(|byte| format!("{byte:02x}")).collect();
         writeln!(temporary, "{digits}").map_err(cannot)?;

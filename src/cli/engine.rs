@@ -70,7 +70,7 @@ pub fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Diagnostic> {
             std::thread::sleep(PATIENCE);
             end()
         });
-        // Last, as standard error may be a pipe that nobody reads.
+        // This comes last, as standard error may be a pipe that nobody reads.
         message!("stopping; press Ctrl-C again to stop at once");
     };
     ctrlc::set_handler(handler).map_err(|e| Diagnostic::file("".as_ref(), format!("Ctrl-C cannot be handled: {e}")))

@@ -32,7 +32,7 @@ fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
     };
     let wanted = graph.wanted(Some(&[node.to_owned()]))?;
     let folder = args.out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    // Told before the work, not after it.
+    // This check comes before the work.
     let out = Output::of_graph(folder, &graph, args.job.edit.as_deref(), args.force)?;
     let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;
     let cancel = Cancel::default();

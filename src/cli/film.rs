@@ -15,7 +15,7 @@ const FILTER: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt
 /// The reason why the film cannot be made.
 pub fn make(folder: &Path, fps: u16, frames: usize) -> Result<PathBuf, String> {
     let path = folder.join(NAME);
-    // In a folder of its own: a file that lies there already, or a link, is not written to.
+    // ffmpeg writes in a folder of its own, so that it never overwrites an existing file or a link.
     let scratch = tempfile::Builder::new().prefix(".relight-").tempdir_in(folder).map_err(|e| e.to_string())?;
     let part = scratch.path().join(NAME);
     let mut command = Command::new("ffmpeg");

@@ -1,7 +1,7 @@
 //! `relight run` of an edit with `frames`: one engine renders one frame after the other, so that
 //! each computes only its changes.
 //!
-//! A frame in the cache costs next to nothing, so a sequence that was stopped continues there.
+//! A cached frame costs almost no time, so a stopped sequence continues there.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -213,7 +213,7 @@ fn table(all: &[Done]) -> String {
         let ran = done.report.with_status(Status::Ran);
         let hits = done.hits;
         let rays: u64 = done.report.nodes.iter().map(|node| node.rays).sum();
-        // The first frame may run everything: its nodes stand in report.json.
+        // The first frame may run everything: report.json lists its nodes.
         let names = if ran.len() > MOST_NAMES { format!("{} ..", ran[..MOST_NAMES].join(" ")) } else { ran.join(" ") };
         let line = format!("{:>6} {:>9.3} {hits:>5} {:>5} {rays:>12}  {names}", done.number, done.seconds, ran.len());
         text.push_str(line.trim_end());

@@ -1,10 +1,10 @@
 //! Numbers of an edit that change over time.
 //!
-//! `frames: 48` makes an edit a sequence of 48 pictures, and in the place of any value may then
-//! stand `Keys([(0, a), (24, b), (47, c)])`: in frame 0 the value is a, in frame 24 it is b,
-//! between them each number v in it is v_a + (v_b - v_a) (k - 0) / (24 - 0); before the first key
-//! and after the last one the value stands still. The values of one `Keys` are alike but for their
-//! numbers: `0.5`, `(1, 0.9, 0.8)`, `Point(0, 1.2, -2)`.
+//! `frames: 48` makes an edit a sequence of 48 pictures, and any value may then be
+//! `Keys([(0, a), (24, b), (47, c)])`: in frame 0 the value is a, in frame 24 it is b, between them
+//! each number v in it is v_a + (v_b - v_a) (k - 0) / (24 - 0); before the first key and after the
+//! last one the value is constant. The values of one `Keys` differ only in their numbers: `0.5`,
+//! `(1, 0.9, 0.8)`, `Point(0, 1.2, -2)`.
 //!
 //! A frame is an edit like any other: its text is that of the file with each `Keys(..)` replaced by
 //! its value, with anchors that give a fault its place in the file.
@@ -341,7 +341,7 @@ mod tests {
         for what in ["frames", "a:", " b:", ", c:", "Keys([\""] {
             assert_eq!(place(&frame, what), place(&file.source, what), "{what} in {}", frame.text);
         }
-        // A value stands where its keys begin.
+        // A value's location is the start of its keys.
         assert_eq!((place(&frame, "1.5"), place(&frame, "2, c")), ((1, 20), (1, 47)));
         assert!(frame.text.len() < 60, "no longer than its values need: {}", frame.text);
         let words: String = frame.text.split_whitespace().collect();

@@ -1,11 +1,11 @@
-//! `scene.ron`: the photograph, its depth, its camera, and the lights that are seen in it.
+//! `scene.ron`: the photograph, its depth, its camera, and its visible lights.
 //!
 //! The fields become parameters of the same name of the graph's `ReadScene` stages, whose types
 //! determine the allowed values; those of the photo alone also of its `ReadPhoto` stages. The names
 //! of the lights, in the order of the file, become members of sets: `visible`, the lights seen in
 //! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose
 //! place and strength are estimated (the graph adds the invisible ones); and `lights`, all that
-//! shine in the result (an edit adds the lights that it inserts). Lights and materials that `truth`
+//! emit in the result (an edit adds the lights that it inserts). Lights and materials that `truth`
 //! names go to the stages `ReadLights` and `ReadMaterials`; [`truth`] returns the other fields,
 //! which are for measurements.
 

@@ -142,8 +142,8 @@ impl UsdRoom<'_> {
         text
     }
 
-    /// The seen surface; and apart from it, hidden, the surface of each lamp that burns, which
-    /// would block its light.
+    /// The seen surface; and apart from it, hidden, the surface of each emitting lamp, which would
+    /// block its light.
     fn surfaces(&self, text: &mut String) {
         let burns = |id: &str| {
             let light = self.lights.iter().find(|light| light.id == id);

@@ -53,7 +53,7 @@ impl Cancel {
 #[derive(Default)]
 pub struct Context {
     pub(super) cancel: Cancel,
-    /// Digests under which the files of this node stand in its key.
+    /// Digests of the files of this node, as its key contains them.
     pub(super) digests: Vec<(File, Digest)>,
     pub(super) shared: Shared,
     /// When the budget ends, where there is one.
@@ -64,8 +64,8 @@ pub struct Context {
     meters: Mutex<Meters>,
 }
 
-/// Values that a program lends its stages, one of each type. They stand in no key, so results must
-/// not depend on them.
+/// Values that a program lends its stages, one of each type. Keys do not contain them, so results
+/// must not depend on them.
 #[derive(Clone, Default)]
 pub struct Services(BTreeMap<TypeId, Arc<dyn Any + Send + Sync>>);
 

@@ -553,7 +553,7 @@ impl DiskCache {
         String::from_utf8_lossy(&bytes).lines().filter_map(line).collect()
     }
 
-    /// Lays `keys` over the last keys. Of two processes that do so at once, one may go unheard:
+    /// Lays `keys` over the last keys. If two processes do so at once, the keys of one may be lost:
     /// `explain` then compares with the result before.
     ///
     /// # Errors
@@ -606,7 +606,7 @@ impl DiskCache {
         Ok(header)
     }
 
-    /// Whether a result is whole, signed and stands under its own key.
+    /// Whether a result is complete, signed and stored under its own key.
     fn check(&self, path: &Path) -> Result<(), Unusable> {
         let (mut file, data) = open(path)?.ok_or("it is not there")?;
         let header = self.read_header(&mut file, &data)?;
@@ -641,8 +641,8 @@ fn open(path: &Path) -> Result<Option<(File, fs::Metadata)>, Unusable> {
     }
 }
 
-/// Whether something else than a file stands in the place of one: a link, a pipe, a file in the
-/// place of a folder.
+/// Whether the path of a file holds something else: a link, a pipe, a file in the place of a
+/// folder.
 fn is_foreign(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::NotADirectory)
 }
@@ -659,14 +659,14 @@ fn owner(_: &fs::Metadata) -> Option<u32> {
     None
 }
 
-/// One value of a file that stands at the end of its header.
+/// One value of a file whose position is the end of its header.
 fn read_value(file: &mut File, header: &Header, index: usize) -> io::Result<Vec<u8>> {
     let before: u64 = header.values[..index].iter().map(|value| value.length).sum();
     file.seek(SeekFrom::Current(before as i64))?;
     read_bytes(file, header.values[index].length)
 }
 
-/// The next bytes of a file that was seen to be long enough.
+/// The next bytes of a file whose length was checked.
 fn read_bytes(file: &mut File, length: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::with_capacity(length as usize);
     file.take(length).read_to_end(&mut bytes)?;

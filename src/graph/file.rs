@@ -120,8 +120,8 @@ pub(super) struct NodeDecl {
     /// The output that must be there for the node to run.
     pub when: Option<Key>,
     pub wires: Vec<Wire>,
-    /// Nodes of other kinds that it took the place of, the lowest first: those whose kind is the
-    /// same under an old name lie under it after all.
+    /// Nodes of other kinds that it replaced, the lowest first; one whose kind is the same under an
+    /// old name is merged after all.
     replaced: Vec<NodeDecl>,
 }
 

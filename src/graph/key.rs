@@ -9,7 +9,7 @@ use super::Digest;
 /// unknown.
 pub(super) const FORMAT: u32 = 4;
 
-/// The prefix of a digest that stands in place of a file's path.
+/// The prefix of a digest that replaces a file's path.
 pub(super) const FILE: &str = "blake3:";
 
 /// The lines that do not depend on inputs.
@@ -35,7 +35,7 @@ pub(super) fn missing_line(text: &mut String, port: &str) {
     writeln!(text, "input {port}: none").expect("writing to a string");
 }
 
-/// A gather port, before its members: so that an empty one stands in the text as well.
+/// A gather port, before its members: so that the text contains an empty one as well.
 pub(super) fn gather_line(text: &mut String, port: &str, members: usize) {
     writeln!(text, "members {port}: {members}").expect("writing to a string");
 }
@@ -72,8 +72,8 @@ pub(super) fn first_change(old: &str, new: &str) -> Option<Why> {
         let between = if label.contains(' ') { ": " } else { " " };
         format!("{label}{between}{value}")
     };
-    // A count of members changes because of a member; the member is the better answer, and stands
-    // on another line.
+    // A count of members changes because of a member; the member is the better answer, and is on
+    // another line.
     let counts = |label: &str| label.starts_with("members ");
     for (label, now) in news.iter().filter(|(label, _)| !counts(label)) {
         let was = value(&olds, label);

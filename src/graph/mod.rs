@@ -73,7 +73,7 @@ impl serde::Serialize for Digest {
     }
 }
 
-/// Any serializable value as one line of RON: how parameters stand in keys and in the reference.
+/// Any serializable value as one line of RON: the form of parameters in keys and in the reference.
 ///
 /// # Panics
 /// The value has no RON form, such as a type whose own serialization fails.

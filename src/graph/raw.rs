@@ -1,4 +1,4 @@
-//! RON texts that people write, cut into raw entries that remember where they stand.
+//! RON texts, cut into raw entries that keep their locations.
 //!
 //! `serde` alone stops at the first fault and forgets places. Here a text is checked and split
 //! first, and each piece is parsed by itself, so that all faults of a file show in one pass, each
@@ -23,7 +23,7 @@ fn is_word(text: &str) -> bool {
     text.starts_with(|c: char| c.is_alphabetic() || c == '_') && text.chars().all(|c| c.is_alphanumeric() || c == '_')
 }
 
-/// The name of an entry, and where it stands.
+/// The name of an entry, and its location.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Key {
     /// The name.
@@ -162,7 +162,7 @@ impl Raw {
         from_ron(self.text()).map_err(|e| self.locate(e))
     }
 
-    /// A string with its place: how names stand in files. `None` left a fault.
+    /// A string with its location, such as a name in a file. `None` left a fault.
     pub fn as_key(&self, faults: &mut Diagnostics) -> Option<Key> {
         let name = self.string();
         if name.is_none() {

@@ -33,12 +33,12 @@ pub struct Source {
     pub text: String,
     /// The files that the text may name.
     pub reach: Reach,
-    /// By ascending `at`, for a text that differs from that of its file: where its pieces stand
-    /// there.
+    /// By ascending `at`, for a text that differs from that of its file: the locations of its
+    /// pieces there.
     pub anchors: Vec<Anchor>,
 }
 
-/// From byte `at` on, a text stands at this line and column of its file, both counted from 1.
+/// The line and column in its file, both counted from 1, of a text from byte `at` on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Anchor {
     /// Byte offset in the text.

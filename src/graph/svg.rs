@@ -21,7 +21,7 @@ pub struct Drawn {
 const WIDTH: usize = 168;
 const HEIGHT: usize = 38;
 const PITCH: (usize, usize) = (WIDTH + 20, HEIGHT + 24);
-/// Side of the square that stands for a member.
+/// Side of the square of a member.
 const CHIP: usize = 8;
 
 /// Members of one node.
@@ -38,8 +38,8 @@ struct Group<'a> {
     x: usize,
 }
 
-/// The drawing; classes `hit`, `ran`, `failed`, `blocked`, `cancelled` and `plain` may be styled
-/// anew by a page that it stands in.
+/// The drawing; classes `hit`, `ran`, `failed`, `blocked`, `cancelled` and `plain` may be styled by
+/// the page that contains it.
 pub fn draw(nodes: &[Drawn]) -> String {
     let groups = placed(nodes);
     let columns = groups.iter().map(|group| group.x + WIDTH).max().unwrap_or(WIDTH);
@@ -201,7 +201,7 @@ fn leads(wires: &[Vec<usize>], from: usize, to: usize) -> bool {
     false
 }
 
-/// Text that may stand in XML and HTML, in attributes too.
+/// Escapes text for XML and HTML, in attributes too.
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {

@@ -35,8 +35,8 @@ pub fn serve(
     #[cfg(not(unix))]
     let _ = (memory_bytes, cpu_seconds);
     let (send, work) = mpsc::channel();
-    // This thread reads while the network computes, and so notices at once that the program is
-    // gone.
+    // This thread reads while the network computes, and so notices at once that the program has
+    // ended.
     std::thread::spawn(move || {
         let mut input = BufReader::new(input);
         while read_work(&mut input).is_ok_and(|work| send.send(work).is_ok()) {}

@@ -183,7 +183,7 @@ pub fn check_channels(name: &str, tensor: &Tensor, wanted: usize) -> Result<(), 
     Err(NetError::Mismatch(format!("output `{name}`: wanted {wanted}, got {shape:?}")))
 }
 
-/// Channels that stand for something, brought from the network's range to 0..=1.
+/// Channels of one quantity, mapped from the network's range to 0..=1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Channels {

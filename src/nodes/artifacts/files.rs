@@ -17,7 +17,7 @@ pub struct Encoding {
     pub sixteen_bit: bool,
 }
 
-/// The sub-folders that files of results may lie in.
+/// The sub-folders of files of results.
 const RESULT_FOLDERS: [&str; 1] = ["masks"];
 /// Names of devices on Windows, with any extension.
 const DEVICES: [&str; 6] = ["con", "prn", "aux", "nul", "com", "lpt"];

@@ -15,8 +15,8 @@ pub struct UnitDirect {
     pub stderr: Vec<Plane<f32>>,
 }
 
-/// Visibility of one light, per lobe: shares of the unshadowed direct shading. Blocked = 1 - lit -
-/// unknown.
+/// Visibility of one light, per lobe: fractions of the unshadowed direct shading, 0..=1.
+/// Blocked = 1 - lit - unknown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Visibility {
     /// Lit fraction, per lobe.
@@ -58,16 +58,16 @@ pub struct Guess {
     pub shape: Shape,
     /// Its radiance, one color per lobe, in units of the photo.
     pub radiance: Radiance,
-    /// Probability that it burns at all, 0..=1.
+    /// Probability that it emits, 0..=1.
     pub burns: f32,
-    /// Expected error of its direct shading, as a share of that.
+    /// Expected error of its direct shading, as a fraction of that shading.
     pub error: f32,
 }
 
 /// Photo shading minus direct light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Residual {
-    /// Zero where the photo is white or shows a light.
+    /// Zero where the photo is saturated or shows a light.
     pub left: Plane<Vec3>,
     /// Mean direct shading.
     pub direct: Vec3,

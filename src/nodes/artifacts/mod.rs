@@ -37,8 +37,7 @@ pub fn same_size(name: &str, got: (usize, usize), reference: &str, wanted: (usiz
     Err(NodeError::Failed(format!("{name}: wanted {wanted} pixels as {reference}, got {got}")))
 }
 
-/// The memory that a value of each type holds, and the rules that one must keep which was read from
-/// disk.
+/// The memory of a value of each type, and the rules for values that were read from disk.
 macro_rules! artifacts {
     ($( $ty:ident: $bytes:expr $(, if $check:expr)? $(, from $decode:expr)? );* $(;)?) => {$(
         impl Artifact for $ty {

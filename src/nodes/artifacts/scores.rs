@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// One figure of how good something is.
+/// One score of an estimate or a picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// The thing measured: a light, an edit, `all lights`, `materials`.
@@ -13,6 +13,6 @@ pub struct Score {
     pub value: f64,
 }
 
-/// Figures of how good something is.
+/// Scores of estimates and pictures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scores(pub Vec<Score>);

@@ -1,4 +1,4 @@
-//! `EditLights`: lights switched, dimmed, colored, moved, and new ones.
+//! `EditLights`: switches, dims, colors and moves lights, and adds new ones.
 
 mod lamp;
 mod sky;
@@ -73,8 +73,8 @@ pub enum LightEdit {
         /// Kelvin; the color of `flux`, 2700 when not given.
         #[serde(default)]
         temperature: Option<f32>,
-        /// A photometric file of IES LM-63: how a small sphere shines by direction, and without
-        /// `flux` how much.
+        /// A photometric file of IES LM-63: the directional emission of a small sphere, and without
+        /// `flux` its power.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         ies: Option<File>,
         /// Direction of the profile's angle 0, camera space; down when not given.
@@ -185,15 +185,15 @@ impl Node for EditLights {
             if let Some((shape, radiance)) =
                 edit.and_then(|e| self.made(id, e, Some((shape, &old)), &inputs, up, ctx)).transpose()?
             {
-                // The old light is removed; the new one is drawn as a new light.
+                // The old light is removed, and the new one is drawn in its place.
                 let gain = vec![Vec3::ZERO; radiance.0.len()];
                 push(id, Arc::new(shape), radiance, Radiance(gain))?;
                 continue;
             }
             let new: Vec<Vec3> = old.iter().map(|&w| edit.map_or(w, |e| e.applied(w))).collect();
             let gain = old.iter().zip(&new).map(|(&old, &new)| {
-                // A light that the fit gave nothing still shows in its own pixels: there its color
-                // is taken as gray.
+                // A light of zero fitted radiance still shows in its own pixels: there its color is
+                // taken as gray.
                 let (old, new) = if old.max_element() > 0.0 {
                     (old, new)
                 } else {
@@ -319,7 +319,7 @@ impl LightEdit {
 }
 
 impl EditLights {
-    /// The light that an edit makes, of the one that is there or new, or `None` when it only
+    /// The light that an edit inserts or puts in the place of another one, or `None` when it only
     /// changes one.
     fn made(
         &self,

@@ -1,4 +1,4 @@
-//! `EditMaterials`: surfaces painted.
+//! `EditMaterials`: paints surfaces and changes their finish.
 
 use std::sync::Arc;
 
@@ -255,7 +255,7 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
     Ok(resize(&mask, pw, ph))
 }
 
-/// The surface around a photo pixel, found at working size and brought to the photo's along its
+/// The surface around a photo pixel, found at working size and upsampled to the photo's along its
 /// edges.
 fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
@@ -278,7 +278,8 @@ fn mean(albedo: &Plane<Vec3>, share: &Plane<f32>) -> Vec3 {
     (sum / weight.max(1e-6)).max(Vec3::splat(TUNING.min_reflectance))
 }
 
-/// `below` with `paint` over `bare`, the albedo without any paint, on its share of each pixel.
+/// `below` with `paint` over `bare`, the albedo without any paint, weighted by the painted fraction
+/// of each pixel.
 fn painted(below: &Plane<Vec3>, bare: &Plane<Vec3>, share: &Plane<f32>, paint: PaintChange) -> Plane<Vec3> {
     let (width, height) = below.size();
     let layers = below.pixels().iter().zip(bare.pixels()).zip(share.pixels());
@@ -357,7 +358,7 @@ mod tests {
         for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
             let want = if x < SIZE.0 / 2 { NEW } else { 0.8 * RED };
             let got = out.albedo.0.get(x, y);
-            // Light fades: beside the edge, a hundredth of it is taken for the other paint.
+            // Light fades: beside the edge, a hundredth of it is attributed to the other paint.
             assert!((got - want).abs().max_element() < 0.01, "({x}, {y}): {got} against {want}");
         }
         // The photo is a fifth brighter than by its albedo, and stays so.

@@ -1,4 +1,4 @@
-//! `EditObjects`: models and spheres put into the room.
+//! `EditObjects`: inserts models and spheres into the room.
 
 use std::sync::Arc;
 
@@ -181,7 +181,7 @@ impl Node for EditObjects {
     }
 }
 
-/// The models of an edit: each file is read once, and the triangles of all objects stand in
+/// The models of an edit: each file is read once, and the number of triangles of all objects is in
 /// proportion to the bytes of their files.
 #[derive(Default)]
 struct Models<'a> {
@@ -213,7 +213,7 @@ impl<'a> Models<'a> {
     }
 }
 
-/// Says which objects do not look as a person may expect.
+/// Warns of objects that do not look as expected.
 fn tell(bodies: &[Body], objects: &Objects, ctx: &Context) {
     for (i, body) in bodies.iter().enumerate() {
         let (low, high) = body.model.bounds();

@@ -14,10 +14,10 @@ use crate::graph::{Context, File, NodeError, check_range};
 use crate::image::{Depth, Normal, Transfer};
 use crate::tuning::{Table, tuning};
 
-/// An albedo as a person writes it.
+/// An albedo in the form that an edit gives.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Color {
-    /// As pictures show it: `"#c8642a"`.
+    /// sRGB, as pictures show it: `"#c8642a"`.
     Srgb(String),
     /// Linear Rec.709, 0..=1.
     Linear(f32, f32, f32),
@@ -63,7 +63,7 @@ pub enum Place {
     Point(f32, f32, f32),
 }
 
-/// The seen surface, to stand things on.
+/// The seen surface, on which lights and objects are placed.
 pub struct Ground<'a> {
     /// The camera of the photo.
     pub camera: &'a Camera,
@@ -187,7 +187,7 @@ fn named_by(file: &File) -> Vec<File> {
     names.iter().map(|name| File::new(file.sibling(name).path)).collect()
 }
 
-/// A model; its warnings go to the person.
+/// A model; its warnings become warnings of the stage.
 fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeError> {
     let bytes = ctx.read(path)?;
     let bad = |message: String| NodeError::BadFile { path: path.location().display().to_string(), message };

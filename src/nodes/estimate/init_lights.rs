@@ -194,7 +194,7 @@ impl InitLights {
         }
     }
 
-    /// Candidates for a light: those from the geometry, where they are wanted or no network has an
+    /// Candidates for a light: those from the geometry, if they are requested or no network has an
     /// estimate, and the estimate.
     fn candidates(&self, guess: Option<&Guess>, geometric: impl FnOnce() -> Vec<Shape>) -> Vec<Candidate> {
         let guess = guess.filter(|guess| guess.shape != Shape::Absent);
@@ -240,7 +240,7 @@ impl InitLights {
         Ok((accepted, twins))
     }
 
-    /// The lamp and the window out of view that the photo needs.
+    /// The lamp and the window out of view, if they lower the loss enough.
     fn out_of_view(
         &self,
         inputs: &InitLightsIn,

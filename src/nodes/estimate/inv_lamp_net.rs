@@ -1,4 +1,4 @@
-//! `InvLampNet`: the lamp that the photo does not show, by a network.
+//! `InvLampNet`: a network's estimate of the lamp that the photo does not show.
 
 use std::sync::Arc;
 
@@ -19,8 +19,8 @@ params! {
     pub struct InvLampNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("invlampnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
-        /// sets it (`--backend`).
+        /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the
+        /// command sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }

@@ -1,4 +1,4 @@
-//! From the seen room to materials and lights.
+//! Stages that estimate materials and lights from the photo and the seen room.
 
 pub mod depth;
 pub mod fill_reflectance;

@@ -1,4 +1,4 @@
-//! `OnnxMaterials`: materials by a network that a person brings.
+//! `OnnxMaterials`: materials by a third-party network.
 
 use std::sync::Arc;
 
@@ -162,7 +162,7 @@ impl OnnxMaterials {
         Albedo(resize(&shares.map(linear), size.0, size.1).map(|a| a.clamp(least, most)))
     }
 
-    /// Normals from shares of their range, 0..=1 for -1..=1.
+    /// Normals from numbers in 0..=1, which represent -1..=1.
     fn read_normal(&self, shares: &Plane<Vec3>, camera: &Camera, (width, height): (usize, usize)) -> Normal {
         let signs = Vec3::from(self.normal_signs);
         let axes = shares.map(|share| (share * 2.0 - Vec3::ONE) * signs);

@@ -21,9 +21,9 @@ params! {
     /// out of view, directions and bandwidths of window lobes.
     ///
     /// Damped Gauss-Newton on the receivers, radiances and albedos eliminated, Cauchy weights, a
-    /// prior that pulls to the start; then shadows and indirect light are traced again (see
-    /// `optics::inverse::fit_shapes`). A light whose move does not earn its place keeps its shape
-    /// to the bit.
+    /// prior around the start; then shadows and indirect light are traced again (see
+    /// `optics::inverse::fit_shapes`). A light whose move does not lower the loss enough keeps its
+    /// shape to the bit.
     pub struct RefineLights {
         /// Upper bound of the rounds, in each of which shadows and indirect light are traced again.
         rounds: usize = 2, in 1..=10,

@@ -1,4 +1,4 @@
-//! `RetinexMaterials`: materials without a network, the floor that a learned stage must beat.
+//! `RetinexMaterials`: materials without a network, the baseline of learned stages.
 
 use std::sync::Arc;
 
@@ -12,8 +12,8 @@ params! {
     ///
     /// Neighboring blocks of pixels without a sharp step of intensity or chromaticity between them
     /// form a segment. The albedos of segments follow from the steps along their boundaries (Grosse
-    /// et al., ICCV 2009, on regions). The photo's white balance is trusted. Roughness is a
-    /// constant, as one photo does not determine it this way.
+    /// et al., ICCV 2009, on regions). The photo's white balance is taken as correct. Roughness is
+    /// a constant, as one photo does not determine it this way.
     pub struct RetinexMaterials {
         /// Side of the compared blocks, working pixels.
         stride: usize = 4, in 1..=16,

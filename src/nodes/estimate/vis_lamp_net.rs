@@ -1,4 +1,4 @@
-//! `VisLampNet`: a lamp that the photo shows, by a network.
+//! `VisLampNet`: a network's estimate of a lamp that the photo shows.
 
 use std::sync::Arc;
 
@@ -11,15 +11,15 @@ use crate::nodes::neural::NetworkScene;
 use crate::{params, ports};
 
 params! {
-    /// Estimates a lamp that is seen: a box that shines with one radiance.
+    /// Estimates a visible lamp: a box that emits one radiance.
     ///
     /// An initial value for a fit; it is as accurate as the room is similar to the training rooms
     /// (see the card beside the network).
     pub struct VisLampNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("vislampnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
-        /// sets it (`--backend`).
+        /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the
+        /// command sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }

@@ -1,4 +1,4 @@
-//! `VisWinNet`: a window that the photo shows, by a network.
+//! `VisWinNet`: a network's estimate of a window that the photo shows.
 
 use std::sync::Arc;
 
@@ -11,15 +11,15 @@ use crate::nodes::neural::NetworkScene;
 use crate::{params, ports};
 
 params! {
-    /// Estimates a window that is seen: a rectangle before sun, sky and ground.
+    /// Estimates a visible window: a rectangle before sun, sky and ground.
     ///
     /// An initial value for a fit; it is as accurate as the room is similar to the training rooms
     /// (see the card beside the network).
     pub struct VisWinNet {
         /// The network, ONNX with the inputs and outputs that its card in models/ names.
         model: File = File::new("viswinnet.onnx"),
-        /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
-        /// sets it (`--backend`).
+        /// Inference backend: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the
+        /// command sets it (`--backend`).
         backend: Backend = Backend::Rten,
     }
 }

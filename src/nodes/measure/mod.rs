@@ -1,4 +1,4 @@
-//! From estimates and truth to figures.
+//! Stages that compare estimates with the truth and give scores.
 
 pub mod read_pictures;
 pub mod score_direct;
@@ -28,7 +28,7 @@ fn read(ctx: &Context, file: &File) -> Result<Picture, NodeError> {
     Ok(photo.picture)
 }
 
-/// The pixels of a picture that show no light.
+/// The pixels of a picture that do not show a light.
 fn no_light<'a>(
     size: (usize, usize),
     masks: impl Iterator<Item = (&'a str, &'a Arc<Mask>)>,
@@ -41,7 +41,7 @@ fn no_light<'a>(
     Ok(counted)
 }
 
-/// The sum of pictures of one size; `None` of none.
+/// The sum of pictures of one size; `None` without pictures.
 fn sum(pictures: &Gather<Picture>) -> Result<Option<Plane<Vec3>>, NodeError> {
     let mut all = pictures.iter();
     let Some((first, picture)) = all.next() else { return Ok(None) };

@@ -1,4 +1,4 @@
-//! `ReadPictures`: pictures that are known, each by its name.
+//! `ReadPictures`: known pictures by name.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

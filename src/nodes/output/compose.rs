@@ -83,7 +83,7 @@ ports! {
         albedo: Arc<Albedo>,
         /// Reflectance at working size: photo over shading, filled in under lights.
         reflectance: Arc<Albedo>,
-        /// Paint that the edit puts over it, photo size.
+        /// Paint that the edit applies, photo size.
         paint_layers: Arc<PaintLayers>,
         /// Shading by each light as estimated, working size.
         before: Gather<Shading>,

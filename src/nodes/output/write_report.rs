@@ -100,7 +100,7 @@ impl Node for WriteReport {
             "report": value, "size": size, "full": (width, height), "transfer": run.encoding.transfer, "photo": photo,
             "lights": lights, "rest": layer(crate::nodes::artifacts::REST, &run.rest),
         });
-        // In a script no `<` may stand, lest it end there.
+        // A script must not contain `<`, which could end it.
         let data = data.to_string().replace('<', "\\u003c");
         let title = svg::escape(&format!("{} - relight", report.edit));
         let drawn: Vec<Drawn> = report.nodes.into_iter().map(drawn).collect();

@@ -12,9 +12,9 @@ use crate::{params, ports};
 params! {
     /// Computes the unshadowed direct shading of one light, per lobe of unit radiance.
     ///
-    /// E = (1/pi) integral of L cos(theta) over the directions in which the light is seen, cut at
-    /// the horizon. Exact for spheres, rectangles and boxes, and for surfels and convex meshes up
-    /// to 512 pieces; windows and larger lamps are sampled.
+    /// E = (1/pi) integral of L cos(theta) over the solid angle of the light above the horizon.
+    /// Exact for spheres, rectangles and boxes, and for surfels and convex meshes up to 512 pieces;
+    /// windows and larger lamps are sampled.
     pub struct Direct {
         /// Samples per pixel and lobe without a closed form, 1..65536; with a target, the least.
         samples: u32 = 32, in SAMPLES,

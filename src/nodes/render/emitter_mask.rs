@@ -69,7 +69,7 @@ impl Node for EmitterMask {
     fn run(&self, inputs: EmitterMaskIn, _: &Context) -> Result<EmitterMaskOut, NodeError> {
         let camera = &inputs.camera;
         let mut coverage = Plane::filled(camera.width, camera.height, 0.0f32);
-        // Estimated lights are in the photo where they can be seen, and out of view otherwise.
+        // Estimated lights are in the photo if they are visible, and out of view otherwise.
         if inputs.estimated.is_none_or(|e| e != inputs.shape)
             && let Some([x0, y0, x1, y1]) = bounds(&inputs.shape, camera)
         {

@@ -101,7 +101,7 @@ impl Node for Indirect {
         };
         let burning: Vec<f32> = burning.iter().flat_map(|v| v.to_array()).collect();
         let (light, left) = (planes_of(&[InputLayer::Gray(&light)]), planes_of(&[InputLayer::Color(&left)]));
-        // Cells lie between the pixels that a grid of two takes; half a pixel is little beside
+        // Cell centers are between the pixels of a grid of stride two; half a pixel is small beside
         // their size.
         let grid = Grid::new(size, (size.0.div_ceil(HALF.0)).max(1));
         let mut lobes = Vec::new();

@@ -14,8 +14,8 @@ params! {
     ///
     /// A reflected ray that meets the seen room shows the edited picture there, so each light's
     /// reflection is in that light's layer. A ray that leaves the seen room shows the network's
-    /// lighting, split by the contribution of each light to the room; without a network, an even
-    /// surround.
+    /// lighting, split by the contribution of each light to the room; without a network, a uniform
+    /// radiance.
     pub struct InsertSpecular {
         /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes up to 16,
         /// and in all there are up to 4 million.

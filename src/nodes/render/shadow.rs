@@ -16,8 +16,8 @@ params! {
     ///
     /// A ray is blocked by the seen surface, unknown where it passes behind a depth edge, lit
     /// otherwise; space outside the view counts as empty, or with `outside_unknown` as unknown.
-    /// `lit` holds the share seen to be lit plus `assume_lit` times the unknown share; `unknown`
-    /// holds the unknown share itself.
+    /// `lit` holds the lit fraction plus `assume_lit` times the unknown fraction; `unknown` holds
+    /// the unknown fraction itself.
     pub struct Shadow {
         /// Rays per traced pixel and lobe; with a target, the least number.
         samples: u32 = 8, in SAMPLES,

@@ -20,7 +20,7 @@ params! {
     /// lobe.
     ///
     /// Takes the visibility of `Shadow` with `outside_unknown`, in which unknown rays count as lit.
-    /// The traced value stands where no ray is unknown, and a light without unknown rays needs no
+    /// The traced value stays where no ray is unknown, and a light without unknown rays needs no
     /// network.
     pub struct ShadowNet {
         /// The network, ONNX with the inputs and outputs of models/shadownet.md.

@@ -10,7 +10,7 @@ use crate::{params, ports};
 
 params! {
     /// Cosine-distributed rays from a coarse grid of receivers, and the pixels they meet, for
-    /// `TraceIndirect`. Around inserted bodies every pixel looks at these by itself.
+    /// `TraceIndirect`. Near inserted bodies every pixel traces rays to them.
     pub struct Transport {
         /// Distance of the receivers along each axis, pixels.
         stride: u32 = 4, in 1..=64,

@@ -1,4 +1,4 @@
-//! Lamps that an edit puts into the room, and those that it moves.
+//! Inserted and moved lamps.
 
 use glam::{Mat3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
@@ -137,7 +137,7 @@ pub fn direction(name: &str, direction: [f32; 3]) -> Result<Vec3, String> {
     unit.ok_or_else(|| format!("{name}: wanted a direction, got {direction:?}"))
 }
 
-/// Center of a lamp; on a surface, at least as far from it as the lamp reaches against its normal.
+/// Center of a lamp; on a surface, at least the lamp's extent against its normal away from it.
 fn center(at: &Place, inputs: &EditLightsIn, up: Vec3, reach: impl Fn(Vec3) -> f32) -> Result<Vec3, String> {
     match *at {
         Place::Point(x, y, z) => Ok(Vec3::new(x, y, z)),
@@ -148,9 +148,9 @@ fn center(at: &Place, inputs: &EditLightsIn, up: Vec3, reach: impl Fn(Vec3) -> f
     }
 }
 
-/// A sphere that shines by the profile in `file`, and the lumens that the file gives it. Where the
-/// profile has its 0, it points along `axis`, or down; its second angle begins at the right of the
-/// view and is turned by `turn` degrees.
+/// A sphere that emits by the profile in `file`, and the lumens of the file. The profile's angle 0
+/// points along `axis`, or down; its second angle begins at the right of the view and is turned by
+/// `turn` degrees.
 ///
 /// # Errors
 /// The photometric file cannot be used.
@@ -183,7 +183,7 @@ pub fn luminaire(
     Ok((Lamp::Photometric(PhotometricLamp { center, radius, web: profile }), *lumens as f32))
 }
 
-/// A lamp that is there at another place: `by` meters further, or with its middle at `to`.
+/// An existing lamp at another position: `by` meters further, or with its middle at `to`.
 ///
 /// # Errors
 /// The light is not a lamp, or the position cannot be used.

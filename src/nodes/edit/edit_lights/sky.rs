@@ -79,7 +79,7 @@ impl Sun {
     }
 }
 
-/// All that a window looks out on.
+/// The surroundings of a window.
 pub struct Environment<'a> {
     /// Above the horizon, or everywhere.
     pub sky: &'a Sky,

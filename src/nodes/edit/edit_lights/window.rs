@@ -1,4 +1,4 @@
-//! Windows opened in a wall that is seen.
+//! Windows opened in a seen wall.
 
 use glam::{Vec2, Vec3};
 

@@ -1,4 +1,4 @@
-//! The lights as the pixels of the photo need them.
+//! The lights, arranged for the pixels of the photo.
 
 use std::sync::Arc;
 
@@ -118,7 +118,7 @@ impl VisibleEmitter<'_> {
     /// The radiance that the light shows along `ray` as estimated, and its gain.
     fn shown(&self, ray: Vec3) -> (Vec3, Vec3) {
         let (w, gains) = (&self.radiance.0, &self.gain.0);
-        // A replaced light may have another number of lobes; it is gone from these pixels.
+        // A replaced light may have another number of lobes; it is removed from these pixels.
         let after: Vec<Vec3> =
             w.iter().enumerate().map(|(i, &w)| w * gains.get(i).copied().unwrap_or(Vec3::ZERO)).collect();
         let (old, new): (Vec3, Vec3) = match self.shape {
