@@ -248,7 +248,7 @@ pub trait Outputs: Sized {
     /// checked.
     ///
     /// # Errors
-    /// There is no such port, or the bytes are not a valid value of its type.
+    /// No port has this index, or the bytes are not a valid value of its type.
     fn decode(index: usize, bytes: Vec<u8>, digest: Digest) -> Result<Value, String>;
 }
 
