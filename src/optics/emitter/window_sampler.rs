@@ -199,6 +199,26 @@ mod tests {
         sum
     }
 
+    /// The mean of `pixels` estimates lies within four standard errors of the quadrature, and the
+    /// rounding of single-precision contributions.
+    #[track_caller]
+    fn agrees_with_quadrature(o: &PreparedWindow, normal: DVec3, pixels: u32, case: &dyn std::fmt::Debug) {
+        let exact = quadrature(o, normal);
+        let (mut mean, mut square) = ([0.0; 3], [0.0; 3]);
+        for pixel in 0..pixels {
+            let e = samples(o, normal, 32, pixel);
+            for k in 0..3 {
+                mean[k] += e[k] / f64::from(pixels);
+                square[k] += e[k] * e[k] / f64::from(pixels);
+            }
+        }
+        for k in 0..3 {
+            let sd = ((square[k] - mean[k] * mean[k]).max(0.0) / f64::from(pixels)).sqrt();
+            let bound = 4.0 * sd + 1e-5 * exact[k] + 1e-12;
+            assert!((mean[k] - exact[k]).abs() < bound, "{case:?} {k}: {} {} {sd}", mean[k], exact[k]);
+        }
+    }
+
     #[test]
     fn every_bandwidth_agrees_with_quadrature() {
         let normal = DVec3::new(0.1, 0.5, 0.7).normalize();
@@ -208,22 +228,7 @@ mod tests {
             [(inside, 300.0), (Vec3::new(0.45, 0.2, 1.0), 2000.0), (Vec3::NEG_Z, 10.0)],
         ] {
             let o = opening(lobes);
-            let exact = quadrature(&o, normal);
-            let pixels = 4000;
-            let (mut mean, mut square) = ([0.0; 3], [0.0; 3]);
-            for pixel in 0..pixels {
-                let e = samples(&o, normal, 32, pixel);
-                for k in 0..3 {
-                    mean[k] += e[k] / f64::from(pixels);
-                    square[k] += e[k] * e[k] / f64::from(pixels);
-                }
-            }
-            for k in 0..3 {
-                let sd = ((square[k] - mean[k] * mean[k]).max(0.0) / f64::from(pixels)).sqrt();
-                // Four standard errors, and the rounding of single-precision contributions.
-                let bound = 4.0 * sd + 1e-5 * exact[k] + 1e-12;
-                assert!((mean[k] - exact[k]).abs() < bound, "{lobes:?} {k}: {} {} {sd}", mean[k], exact[k]);
-            }
+            agrees_with_quadrature(&o, normal, 4000, &lobes);
         }
     }
 
@@ -232,23 +237,9 @@ mod tests {
         let lobe = |bandwidth| (Vec3::new(0.2, 0.3, 1.0), bandwidth);
         let normal = DVec3::new(0.1, 0.5, 0.7).normalize();
         let mut o = opening([lobe(3.0), lobe(30.0), lobe(300.0)]);
-        let exact = quadrature(&o, normal);
         for strategy in Strategy::ALL {
             o.strategy = strategy;
-            let pixels = 2000;
-            let (mut mean, mut square) = ([0.0; 3], [0.0; 3]);
-            for pixel in 0..pixels {
-                let e = samples(&o, normal, 32, pixel);
-                for k in 0..3 {
-                    mean[k] += e[k] / f64::from(pixels);
-                    square[k] += e[k] * e[k] / f64::from(pixels);
-                }
-            }
-            for k in 0..3 {
-                let sd = ((square[k] - mean[k] * mean[k]).max(0.0) / f64::from(pixels)).sqrt();
-                let bound = 4.0 * sd + 1e-5 * exact[k];
-                assert!((mean[k] - exact[k]).abs() < bound, "{strategy:?} {k}: {} {} {sd}", mean[k], exact[k]);
-            }
+            agrees_with_quadrature(&o, normal, 2000, &strategy);
         }
     }
 
