@@ -149,10 +149,7 @@ impl Ground<'_> {
 
 /// The constants of edits.
 pub fn tuning() -> Vec<Table> {
-    let mut tables = vec![GroundTuning::table()];
-    tables.extend(edit_lights::tuning());
-    tables.push(edit_materials::EditMaterialsTuning::table());
-    tables
+    [vec![GroundTuning::table(), edit_materials::EditMaterialsTuning::table()], edit_lights::tuning()].concat()
 }
 
 /// The level directions to the right of the view and ahead.
