@@ -240,8 +240,8 @@ impl GraphFile {
         })
     }
 
-    /// The outputs wired to an input of a node, as `node` or `node.port`; none where there is no
-    /// such node or wire.
+    /// The outputs wired to an input of a node, as `node` or `node.port`; none if the graph does
+    /// not have such a node or wire.
     pub fn wired(&self, node: &str, input: &str) -> impl Iterator<Item = &str> {
         let node = self.nodes.iter().find(|n| n.name.name == node);
         let wire = node.and_then(|node| node.wires.iter().find(|w| w.port.name == input));

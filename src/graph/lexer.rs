@@ -95,7 +95,8 @@ fn comment(text: &str) -> Option<usize> {
     None
 }
 
-/// Length of the string or character that `text` begins with; `Some(None)` when it has no end.
+/// Length of the string or character that `text` begins with; `Some(None)` when it is not
+/// terminated.
 fn quoted(text: &str) -> Option<Option<usize>> {
     let prefix = if text.starts_with("br") { 2 } else { usize::from(text.starts_with(['b', 'r'])) };
     let raw = text[..prefix].contains('r');

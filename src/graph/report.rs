@@ -219,7 +219,7 @@ pub struct Difference {
     pub port: String,
     /// Digest of the stored value; `None` where nothing was stored.
     pub stored: Option<Digest>,
-    /// Digest of the recomputed value; `None` where it has no value.
+    /// Digest of the recomputed value; `None` without a value.
     pub computed: Option<Digest>,
 }
 

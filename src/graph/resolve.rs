@@ -52,7 +52,7 @@ struct End {
 /// The wires of one node.
 #[derive(Default)]
 struct Wired {
-    /// By input port; `None` where there is no wire.
+    /// By input port; `None` without a wire.
     ports: Vec<Option<Vec<End>>>,
     when: Option<End>,
 }

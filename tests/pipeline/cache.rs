@@ -162,7 +162,7 @@ fn a_full_disk_leaves_the_cache_sound() {
     let told = check_output(&line, &limited(&line), 0);
     assert_eq!(told.matches("without storing results").count(), 1, "{told}");
     place.check("cache verify --cache cache", 0);
-    // The pictures themselves do not fit: a message says so, and no partial one stays.
+    // The pictures themselves do not fit: a message reports it, and no partial one stays.
     let line = format!("{RUN} --cache cache --out full");
     let told = check_output(&line, &limited(&line), 2);
     assert!(told.contains("cannot be written"), "{told}");

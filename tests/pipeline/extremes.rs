@@ -92,7 +92,7 @@ fn one_pixel_one_row_one_column() {
 }
 
 /// Reason: ratios of the photo to itself are 0 / 0, and a fit to nothing, or to lower bounds alone,
-/// has no answer.
+/// does not have a solution.
 #[test]
 fn black_white_and_one_lit_pixel() {
     for (what, value, words) in [

@@ -74,8 +74,7 @@ impl Session {
         self.engine.threads()
     }
 
-    /// A seed that was not used before: a result that the engine has already would have no run
-    /// time.
+    /// A seed that was not used before: a cached result would not take any run time.
     pub fn seed(&self) -> u64 {
         self.seed.replace(self.seed.get() + 1)
     }

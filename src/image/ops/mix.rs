@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::image::Plane;
 
 /// sum_k w_k L_k, channel by channel: light adds, so a picture under other radiances is the sum of
-/// its layers, each times the factor of its radiance. Terms are added in their order, whatever the
+/// its layers, each times the factor of its radiance. Terms are added in their order, for any
 /// number of threads.
 ///
 /// # Panics

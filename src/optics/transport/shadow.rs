@@ -37,8 +37,8 @@ pub struct ShadowEstimate {
     pub lit: Vec<Plane<f32>>,
     /// Standard error of `lit`.
     pub stderr: Vec<Plane<f32>>,
-    /// Passing behind a depth edge or, if asked, leaving the view, regardless of the assumption
-    /// about it.
+    /// Fraction of rays that pass behind a depth edge or, with `outside_unknown`, leave the view,
+    /// regardless of the assumption about them.
     pub unknown: Vec<Plane<f32>>,
     /// Mean standard error of the shadowed direct shading over its mean, on the traced pixels, of
     /// all lobes together.

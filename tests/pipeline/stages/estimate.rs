@@ -154,10 +154,10 @@ fn worst(scene: &Scene, out: &FitLightsOut) -> f32 {
     lobes.filter(|(wanted, _)| **wanted != Vec3::ZERO).map(|(wanted, got)| off(*got, *wanted)).fold(0.0, f32::max)
 }
 
-/// The photo is the model's own, so that what is left is by design. Evidence is the mean of 5 x 5
-/// pixels and layers are those of the middle one, and lights are pulled to usual colors: 8 %. As
-/// shipped, all lights are pulled to equal parts, which moves light between them, 15 % for the lamp
-/// in view, and not all of it together.
+/// The photo is the model's own, so that the remaining error is by design. Evidence is the mean of
+/// 5 x 5 pixels and layers are those of the middle one, and the prior favors usual colors: 8 %.
+/// With the default parameters, the prior favors equal contributions, which moves light between
+/// them, 15 % for the lamp in view, and not all of it together.
 #[test]
 fn fit_lights_recovers_the_radiances_of_the_photo() {
     let scene = scene();

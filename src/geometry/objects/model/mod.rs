@@ -239,7 +239,7 @@ impl Model {
         if !self.colors.is_empty() {
             self.colors.resize(count, Material::PLAIN.albedo);
         }
-        // Relative to the whole: a triangle without area cannot be seen and has no normal.
+        // Relative to the whole: a triangle without area cannot be seen and does not have a normal.
         let (low, high) = self.bounds();
         let least = 1e-14 * (high - low).length_squared();
         let area = |t: &[u32; 3]| {
