@@ -35,13 +35,13 @@ pub enum Compression {
 ///
 /// ```
 /// use glam::Vec3;
-/// use relight::image::{Compression, ExrLayers, Plane, Source, read_layers};
+/// use relight::image::{Compression, ExrLayers, Plane, NamedBytes, read_layers};
 ///
 /// let lamp = Plane::filled(2, 1, Vec3::new(0.5, 0.25, 0.0));
 /// let mut layers = ExrLayers::new(2, 1);
 /// layers.rgb("light_lamp_0", &lamp);
 /// let bytes = layers.write(Compression::Zip)?;
-/// let file = read_layers(Source::new("picture.exr", &bytes)).map_err(|e| e.to_string())?;
+/// let file = read_layers(NamedBytes::new("picture.exr", &bytes)).map_err(|e| e.to_string())?;
 /// assert_eq!(file.rgb("light_lamp_0"), Some(lamp));
 /// # Ok::<(), String>(())
 /// ```

@@ -31,11 +31,11 @@ pub struct Photo {
 ///
 /// ```
 /// use glam::Vec3;
-/// use relight::image::{Picture, Plane, Source, Transfer, read_photo, write_png};
+/// use relight::image::{Picture, Plane, NamedBytes, Transfer, read_photo, write_png};
 ///
 /// let gray = Picture(Plane::filled(4, 3, Vec3::splat(0.5)));
 /// let bytes = write_png(&gray, Transfer::Srgb, false);
-/// let photo = read_photo(Source::new("gray.png", &bytes), Transfer::Srgb)?;
+/// let photo = read_photo(NamedBytes::new("gray.png", &bytes), Transfer::Srgb)?;
 /// assert_eq!(photo.picture.0.size(), (4, 3));
 /// assert!((photo.picture.0.get(0, 0).x - 0.5).abs() < 0.005);
 /// assert_eq!(photo.clipped.0.get(0, 0), 0.0);
