@@ -83,7 +83,11 @@ fn depth_from_a_millimetre_to_ten_kilometres() {
 fn one_pixel_one_row_one_column() {
     for size in [(1, 1), (40, 1), (1, 40)] {
         let ran = check(&room(size, paper, slope), "a thin photo", size, GLOBE);
-        assert!(size != (1, 1) || ran.told.contains("the radiances are not determined"), "{size:?} told:\n{}", ran.told);
+        assert!(
+            size != (1, 1) || ran.told.contains("the radiances are not determined"),
+            "{size:?} told:\n{}",
+            ran.told
+        );
     }
 }
 
