@@ -76,8 +76,8 @@ fn text(bytes: &[u8]) -> String {
 }
 
 /// Every NAME.ron of a folder of the corpus with the expected message in NAME.txt.
-fn museum(folder: &str) -> Vec<(PathBuf, String)> {
-    let entries = std::fs::read_dir(bad(folder)).expect("the museum is there");
+fn corpus(folder: &str) -> Vec<(PathBuf, String)> {
+    let entries = std::fs::read_dir(bad(folder)).expect("the corpus is there");
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("it can be listed").path()).collect();
     paths.sort();
     let (files, golden): (Vec<PathBuf>, Vec<PathBuf>) =
@@ -91,7 +91,7 @@ fn museum(folder: &str) -> Vec<(PathBuf, String)> {
 #[test]
 fn bad_scenes_are_refused() {
     let room = Room::new();
-    for (path, wanted) in museum("scenes") {
+    for (path, wanted) in corpus("scenes") {
         std::fs::copy(&path, room.path("scene/scene.ron")).expect("a scene can be copied");
         room.check_refused("check graph.ron edit.ron --scene scene", &wanted);
     }
@@ -100,7 +100,7 @@ fn bad_scenes_are_refused() {
 #[test]
 fn bad_edits_are_refused() {
     let room = Room::new();
-    for (path, wanted) in museum("edits") {
+    for (path, wanted) in corpus("edits") {
         let name = path.file_name().expect("it is a file").to_string_lossy().into_owned();
         std::fs::copy(&path, room.path(&name)).expect("an edit can be copied");
         let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
@@ -108,7 +108,7 @@ fn bad_edits_are_refused() {
     }
 }
 
-/// The museum of graphs belongs to the tests of the engine; here, that its faults reach a person.
+/// The corpus of graphs belongs to the tests of the engine; here, that its faults reach a person.
 #[test]
 fn bad_graphs_are_refused() {
     let room = Room::new();
@@ -225,7 +225,7 @@ fn the_node_reference_is_up_to_date() {
     assert!(page == text(&output.stdout), "run: relight nodes --markdown > docs/nodes.md");
 }
 
-/// docs/tuning.md is made from the code; tests/house.rs checks that every table is in it.
+/// docs/tuning.md is made from the code; tests/architecture.rs checks that every table is in it.
 #[test]
 fn the_tuning_reference_is_up_to_date() {
     let output = Room::new().relight("nodes --tuning");

@@ -718,7 +718,7 @@ fn files_below(dir: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn our_own_museum_of_bad_pictures() {
+fn our_own_corpus_of_bad_pictures() {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let (photo, depth) = companions(dir.path());
     let files = files_below(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad/pictures"));

@@ -1,7 +1,7 @@
 //! Light: its sources, its sampling, its closed forms. Pure functions with their equations.
 //!
 //! The rooms are layered: sampling < emitter < daylight < transport < reflection < inverse. A room
-//! uses only those below it; `tests/house.rs` checks that.
+//! uses only those below it; `tests/architecture.rs` checks that.
 
 mod daylight;
 mod emitter;

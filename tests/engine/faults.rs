@@ -1,4 +1,4 @@
-//! The museum of bad graph files: each must give exactly the faults that stand at its end, after a
+//! The corpus of bad graph files: each must give exactly the faults that stand at its end, after a
 //! line `// WANT`.
 
 use std::path::{Path, PathBuf};
@@ -7,11 +7,11 @@ use relight::graph::{Diagnostic, Diagnostics, GraphFile, Overlay, Raw, Source};
 
 use crate::nodes::*;
 
-fn museum() -> PathBuf {
+fn corpus() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad/graphs")
 }
 
-/// `line:column `text under the caret`: message (help)`, with the folder of the museum left out.
+/// `line:column `text under the caret`: message (help)`, with the folder of the corpus left out.
 fn show(fault: &Diagnostic) -> String {
     let text = match &fault.origin {
         Some(origin) => {
@@ -22,7 +22,7 @@ fn show(fault: &Diagnostic) -> String {
         }
         None => fault.to_string(),
     };
-    text.replace(&format!("{}/", museum().display()), "")
+    text.replace(&format!("{}/", corpus().display()), "")
 }
 
 fn faults(source: std::sync::Arc<Source>) -> Vec<Diagnostic> {
@@ -32,7 +32,7 @@ fn faults(source: std::sync::Arc<Source>) -> Vec<Diagnostic> {
 
 #[test]
 fn every_bad_graph_gives_all_its_faults_at_their_places() {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(museum()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut files: Vec<PathBuf> = std::fs::read_dir(corpus()).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
     let mut wrong = String::new();
     for path in &files {

@@ -1,4 +1,4 @@
-//! Rules of the architecture: dependencies between rooms, items that the library must not use, and
+//! Rules of the architecture: dependencies between modules, items that the library must not use, and
 //! agreement of pages and files.
 //!
 //! Each rule is a function from text to faults, shown by a test of its own to see a planted fault.
@@ -9,7 +9,7 @@ use std::process::Command;
 
 use needs::needs;
 
-/// Room of `src` -> the rooms that it may use.
+/// Room of `src` -> the modules that it may use.
 const ARROWS: [(&str, &[&str]); 10] = [
     ("cli", &["files", "nodes", "graph", "net", "tuning"]),
     ("files", &["graph"]),
@@ -23,7 +23,7 @@ const ARROWS: [(&str, &[&str]); 10] = [
     ("graph", &[]),
 ];
 
-/// Rooms of `src/optics`, each of which may use only those before it.
+/// Modules of `src/optics`, each of which may use only those before it.
 const LAYERS: [&str; 6] = ["sampling", "emitter", "daylight", "transport", "reflection", "inverse"];
 
 /// Modules that all stages share.
@@ -196,29 +196,29 @@ fn paths(code: &str) -> Vec<(usize, Vec<String>)> {
     found
 }
 
-/// The room of a file, from its path below `src`: main.rs counts as `cli`, lib.rs as none.
-fn room(file: &str) -> Option<&str> {
+/// The module of a file, from its path below `src`: main.rs counts as `cli`, lib.rs as none.
+fn module(file: &str) -> Option<&str> {
     let name = file.split('/').next()?.trim_end_matches(".rs");
     (name != "lib").then_some(if name == "main" { "cli" } else { name })
 }
 
 /// Arrows of one file that are not allowed.
 fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
-    let Some(room) = room(file) else { return Vec::new() };
-    let Some((_, allowed)) = ARROWS.iter().find(|(name, _)| *name == room) else {
-        return vec![format!("src/{file}:1: the room `{room}` is not in ARROWS of tests/house.rs")];
+    let Some(module) = module(file) else { return Vec::new() };
+    let Some((_, allowed)) = ARROWS.iter().find(|(name, _)| *name == module) else {
+        return vec![format!("src/{file}:1: the module `{module}` is not in ARROWS of tests/architecture.rs")];
     };
     let parts: Vec<&str> = file.trim_end_matches(".rs").split('/').collect();
     let stage = match parts[..] {
         ["nodes", folder, name] if name != "mod" => Some((folder, name)),
         _ => None,
     };
-    let is_room = |name: &str| ARROWS.iter().any(|(room, _)| *room == name);
+    let is_module = |name: &str| ARROWS.iter().any(|(module, _)| *module == name);
     let judge = |path: &[String]| -> Option<String> {
         let names: Vec<&str> = path.iter().map(String::as_str).collect();
         match names[..] {
-            ["super", "super", ..] => Some("a path that climbs two rooms is written from `crate`".to_owned()),
-            ["super", name, ..] if parts[..] == [room, "mod"] && is_room(name) => {
+            ["super", "super", ..] => Some("a path that climbs two modules is written from `crate`".to_owned()),
+            ["super", name, ..] if parts[..] == [module, "mod"] && is_module(name) => {
                 Some(format!("`{name}` is written from `crate`"))
             }
             ["super", name, ..] => {
@@ -227,19 +227,19 @@ fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
                 (sibling && name != own).then(|| format!("a stage uses the stage `{name}`"))
             }
             ["crate" | "relight", "params" | "ports", ..] => {
-                (!["nodes", "graph"].contains(&room)).then(|| format!("`{room}` uses `graph`"))
+                (!["nodes", "graph"].contains(&module)).then(|| format!("`{module}` uses `graph`"))
             }
-            ["crate", "optics", "inverse", ..] if room == "optics" && !file.starts_with("optics/inverse/") => {
+            ["crate", "optics", "inverse", ..] if module == "optics" && !file.starts_with("optics/inverse/") => {
                 Some("rendering does not depend on estimation".to_owned())
             }
-            ["crate", "nodes", name, ..] if room == "nodes" && file != "nodes/mod.rs" && !SHARED.contains(&name) => {
+            ["crate", "nodes", name, ..] if module == "nodes" && file != "nodes/mod.rs" && !SHARED.contains(&name) => {
                 Some(format!("a stage uses `nodes::{name}`"))
             }
-            ["crate" | "relight", used, ..] if used != room && is_room(used) && !allowed.contains(&used) => {
-                Some(format!("`{room}` uses `{used}`"))
+            ["crate" | "relight", used, ..] if used != module && is_module(used) && !allowed.contains(&used) => {
+                Some(format!("`{module}` uses `{used}`"))
             }
-            ["crate" | "relight", used, ..] if !is_room(used) && room != "cli" => {
-                Some(format!("`{used}` is not in ARROWS of tests/house.rs"))
+            ["crate" | "relight", used, ..] if !is_module(used) && module != "cli" => {
+                Some(format!("`{used}` is not in ARROWS of tests/architecture.rs"))
             }
             _ => None,
         }
@@ -251,16 +251,16 @@ fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
     faults.collect()
 }
 
-/// Uses of a higher room of `src/optics` in one file, tests apart; `index` is the text of its
+/// Uses of a higher module of `src/optics` in one file, tests apart; `index` is the text of its
 /// `mod.rs`, which re-exports names.
 fn wrong_layers(file: &str, text: &str, index: &str) -> Vec<String> {
-    let layer = |room: &str| LAYERS.iter().position(|name| *name == room);
+    let layer = |module: &str| LAYERS.iter().position(|name| *name == module);
     let Some(level) = file.strip_prefix("optics/").and_then(|path| layer(path.split('/').next()?)) else {
         return Vec::new();
     };
     let exports = index.split("pub use ").skip(1).filter_map(|part| part.split(';').next()?.split_once("::"));
     let origin: BTreeMap<&str, usize> = exports
-        .filter_map(|(room, names)| Some((layer(room)?, names)))
+        .filter_map(|(module, names)| Some((layer(module)?, names)))
         .flat_map(|(level, names)| names.split(|c| !is_word(c)).map(move |name| (name, level)))
         .collect();
     let code = code(text.split("#[cfg(test)]").next().unwrap_or(text));
@@ -269,7 +269,7 @@ fn wrong_layers(file: &str, text: &str, index: &str) -> Vec<String> {
             return None;
         };
         let higher = layer(used).or_else(|| origin.get(used).copied()).is_some_and(|other| other > level);
-        higher.then(|| format!("src/{file}:{line}: {}: `{}` uses a higher room", path.join("::"), LAYERS[level]))
+        higher.then(|| format!("src/{file}:{line}: {}: `{}` uses a higher module", path.join("::"), LAYERS[level]))
     });
     faults.collect()
 }
