@@ -18,7 +18,9 @@ use std::time::Instant;
 use glam::Vec3;
 use relight::geometry::{Camera, SceneMesh, surface};
 use relight::image::{self, Depth, NamedBytes, Normal, Plane, Points};
-use relight::optics::{self, Lamp, Lobe, RectLamp, Sampling, ShadowQuality, Shape, SphereLamp, Strategy, Window};
+use relight::optics::{
+    self, Lamp, Lobe, RectLamp, Sampling, ShadowQuality, Shape, SphereLamp, Strategy, Window,
+};
 
 /// Two lamps with closed forms out of the picture, and the demo's window two centimeters in front
 /// of its pane. Its first lobe, the only one measured, is uniform: Mitsuba does not have other area
@@ -29,7 +31,11 @@ fn lights() -> [Shape; 3] {
     let normal = x.cross(y).normalize();
     [
         Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.7, 0.9, -1.0), radius: 0.12 })),
-        Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::new(-0.6, 1.1, -1.6), x: Vec3::X * 0.4, y: Vec3::Z * 0.3 })),
+        Shape::Lamp(Lamp::Rect(RectLamp {
+            center: Vec3::new(-0.6, 1.1, -1.6),
+            x: Vec3::X * 0.4,
+            y: Vec3::Z * 0.3,
+        })),
         Shape::Window(Window {
             center: Vec3::new(-2.14265, 0.63961, -4.26194) + 0.02 * normal,
             x,
@@ -49,9 +55,13 @@ struct Room {
 impl Room {
     fn read() -> Room {
         let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scenes/small");
-        let bytes = |name: &str| std::fs::read(demo.join(name)).expect("tests/scenes/small is part of the project");
-        let (depth, _) = image::read_depth(NamedBytes::new("depth", &bytes("depth.exr"))).expect("its depth is sound");
-        let mask = image::read_mask(NamedBytes::new("mask", &bytes("masks/window_0.png"))).expect("its mask is sound");
+        let bytes = |name: &str| {
+            std::fs::read(demo.join(name)).expect("tests/scenes/small is part of the project")
+        };
+        let (depth, _) = image::read_depth(NamedBytes::new("depth", &bytes("depth.exr")))
+            .expect("its depth is sound");
+        let mask = image::read_mask(NamedBytes::new("mask", &bytes("masks/window_0.png")))
+            .expect("its mask is sound");
         let outside = mask.0.map(|share| share > 0.5);
         let (width, height) = depth.size();
         let camera = Camera::from_fov_x(width, height, 64.0);
@@ -64,9 +74,17 @@ impl Room {
     fn shade(&self, shape: &Shape, sampling: Sampling) -> Plane<f32> {
         let direct = optics::direct(&self.points, &self.normal, shape, &sampling, &|| false);
         // Mitsuba does not have unknown rays: a ray that passes behind a depth edge is lit.
-        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
-        let shadow = optics::shadow(&self.mesh, &self.points, &self.normal, shape, None, quality, &|| false);
-        let products = direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(e, lit)| e * lit);
+        let quality = ShadowQuality {
+            sampling,
+            stride: 1,
+            assume_lit: 1.0,
+            outside_unknown: false,
+            lifted: false,
+        };
+        let shadow =
+            optics::shadow(&self.mesh, &self.points, &self.normal, shape, None, quality, &|| false);
+        let products =
+            direct.lobes[0].pixels().iter().zip(shadow.lit[0].pixels()).map(|(e, lit)| e * lit);
         Plane::new(self.points.0.width(), self.points.0.height(), products.collect())
     }
 
@@ -82,16 +100,21 @@ impl Room {
 
 /// The lights, and radiances with which each gives a third of a mean of 1.
 fn scaled(room: &Room) -> Vec<(Shape, f32)> {
-    let radiance = |shape: &Shape| 1.0 / (3.0 * room.mean(room.shade(shape, Sampling::fixed(64, 0)).pixels())) as f32;
+    let radiance = |shape: &Shape| {
+        1.0 / (3.0 * room.mean(room.shade(shape, Sampling::fixed(64, 0)).pixels())) as f32
+    };
     lights().map(|shape| (shape.clone(), radiance(&shape))).to_vec()
 }
 
 /// Writes the surface and the lights for the other renderer.
 fn prepare(room: &Room, folder: &Path) {
     let (width, height) = room.points.0.size();
-    let vectors = |plane: &Plane<Vec3>| plane.pixels().iter().flat_map(|v| v.to_array()).collect::<Vec<f32>>();
+    let vectors = |plane: &Plane<Vec3>| {
+        plane.pixels().iter().flat_map(|v| v.to_array()).collect::<Vec<f32>>()
+    };
     let write = |name: &str, values: Vec<f32>| {
-        std::fs::write(folder.join(name), bytemuck::cast_slice(&values)).expect("the folder takes files");
+        std::fs::write(folder.join(name), bytemuck::cast_slice(&values))
+            .expect("the folder takes files");
     };
     write("points.f32", vectors(&room.points.0));
     write("normals.f32", vectors(&room.normal.0));
@@ -110,9 +133,12 @@ fn prepare(room: &Room, folder: &Path) {
 /// less than wall time.
 fn processor() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+    let fields: Vec<&str> =
+        stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
     // utime and stime, in hundredths.
-    fields.get(11..13).map_or(f64::NAN, |times| times.iter().map(|t| t.parse::<f64>().unwrap_or(f64::NAN)).sum())
+    fields
+        .get(11..13)
+        .map_or(f64::NAN, |times| times.iter().map(|t| t.parse::<f64>().unwrap_or(f64::NAN)).sum())
         / 100.0
 }
 
@@ -155,13 +181,19 @@ fn main() {
             let lights = scaled(&room);
             for effort in ["4", "8", "16", "32", "64", "128", "4%", "2%", "1%"] {
                 let [seconds, cpu, error] = run(&room, &lights, effort);
-                println!("{effort:>3} a light: {seconds:.3} s, processor {cpu:.2} s, error {:.3} %", 100.0 * error);
+                println!(
+                    "{effort:>3} a light: {seconds:.3} s, processor {cpu:.2} s, error {:.3} %",
+                    100.0 * error
+                );
             }
         }
         [folder, "prepare"] => prepare(&room, Path::new(folder)),
         ["run", effort] => {
             let [seconds, cpu, error] = run(&room, &scaled(&room), effort);
-            println!("{}", serde_json::json!({ "seconds": seconds, "cpu": cpu, "error": error, "build": build }));
+            println!(
+                "{}",
+                serde_json::json!({ "seconds": seconds, "cpu": cpu, "error": error, "build": build })
+            );
         }
         _ => panic!("wanted nothing, FOLDER prepare, or run SAMPLES|TARGET%; got {arguments:?}"),
     }

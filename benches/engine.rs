@@ -8,8 +8,8 @@ use std::time::Instant;
 use petgraph::graph::DiGraph;
 use petgraph::visit::{Topo, Walker};
 use relight::graph::{
-    Artifact, CacheFolder, CacheKey, Cancel, Context, Engine, EngineOptions, Gather, GraphFile, Node, NodeError,
-    Overlay, Registry, ResolvedGraph, Source, Status,
+    Artifact, CacheFolder, CacheKey, Cancel, Context, Engine, EngineOptions, Gather, GraphFile,
+    Node, NodeError, Overlay, Registry, ResolvedGraph, Source, Status,
 };
 use relight::{params, ports};
 
@@ -77,8 +77,12 @@ fn graph() -> ResolvedGraph {
         format!("\"n{i}\": (op: Add(seed: {i}), in: {{ \"a\": \"n{a}\", \"b\": \"n{b}\" }}), ")
     });
     let nodes: String = links.collect();
-    let text = format!("Graph(version: 1, nodes: {{ \"n0\": (op: Const), {nodes} }}, outputs: [\"n{}\"])", NODES - 1);
-    let file = GraphFile::parse(Source::new("bench.ron", text)).unwrap_or_else(|f| panic!("{}", f[0]));
+    let text = format!(
+        "Graph(version: 1, nodes: {{ \"n0\": (op: Const), {nodes} }}, outputs: [\"n{}\"])",
+        NODES - 1
+    );
+    let file =
+        GraphFile::parse(Source::new("bench.ron", text)).unwrap_or_else(|f| panic!("{}", f[0]));
     let registry = Registry::new().with::<Const>().with::<Add>().with::<Sum>();
     file.resolve(&registry, &Overlay::default()).unwrap_or_else(|f| panic!("{}", f[0]))
 }
@@ -128,7 +132,9 @@ fn main() {
 
     println!("{NODES} nodes, microseconds per node");
     println!("plain topological walk   {nothing:9.3}");
-    let line = |what: &str, cost: f64| println!("{what:24} {cost:9.3}   {:8.0} x the walk", cost / nothing);
+    let line = |what: &str, cost: f64| {
+        println!("{what:24} {cost:9.3}   {:8.0} x the walk", cost / nothing)
+    };
     line("hit in memory", memory);
     line("hit on disk", disk);
     line("run, kept in memory", cold);

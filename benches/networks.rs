@@ -44,7 +44,8 @@ struct Ours {
 
 impl Ours {
     fn new(bytes: &[u8], backend: &Backend, threads: usize) -> Ours {
-        let load = || Network::load(bytes.to_vec(), backend, threads).expect("a network that ships");
+        let load =
+            || Network::load(bytes.to_vec(), backend, threads).expect("a network that ships");
         let loads: Vec<(f64, Network)> = (0..LOADS).map(|_| milliseconds(load)).collect();
         let least = loads.iter().fold(f64::INFINITY, |least, (ms, _)| least.min(*ms));
         let (_, network) = loads.into_iter().next_back().expect("at least one");
@@ -52,8 +53,14 @@ impl Ours {
     }
 
     fn run(&self, name: &str) -> f64 {
-        let inputs = self.network.inputs().iter().map(|port| (port.name.as_str(), input(name, &port.name))).collect();
-        let outputs: Vec<&str> = self.network.outputs().iter().map(|port| port.name.as_str()).collect();
+        let inputs = self
+            .network
+            .inputs()
+            .iter()
+            .map(|port| (port.name.as_str(), input(name, &port.name)))
+            .collect();
+        let outputs: Vec<&str> =
+            self.network.outputs().iter().map(|port| port.name.as_str()).collect();
         milliseconds(|| self.network.run_to(inputs, &outputs).expect("it runs")).0
     }
 }
@@ -75,7 +82,8 @@ impl Torch {
     }
 
     fn run(&mut self, name: &str, threads: usize) -> f64 {
-        writeln!(self.child.stdin.as_mut().expect("it is piped"), "{name} {threads}").expect("it listens");
+        writeln!(self.child.stdin.as_mut().expect("it is piped"), "{name} {threads}")
+            .expect("it listens");
         let mut line = String::new();
         self.answers.read_line(&mut line).expect("it answers");
         line.trim().parse().unwrap_or_else(|_| panic!("wanted milliseconds, got {line:?}"))
@@ -84,13 +92,22 @@ impl Torch {
 
 fn main() {
     let named = |variable| std::env::var_os(variable).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let runtime = named("ORT_DYLIB_PATH").map(|path| find_onnxruntime(&path).expect("a library of ONNX Runtime"));
+    let runtime = named("ORT_DYLIB_PATH")
+        .map(|path| find_onnxruntime(&path).expect("a library of ONNX Runtime"));
     let mut torch = named("RELIGHT_TORCH").map(Torch::new);
 
     println!("milliseconds, least of {LOADS} loads and of {ROUNDS} runs; -: not there");
     println!(
         "{:14} {:>7} {:>10} {:>9} {:>10} {:>9} {:>9} {:>9} {:>10}",
-        "network", "threads", "rten load", "run", "ort load", "run", "torch run", "rten/ort", "torch/ort"
+        "network",
+        "threads",
+        "rten load",
+        "run",
+        "ort load",
+        "run",
+        "torch run",
+        "rten/ort",
+        "torch/ort"
     );
     let shown = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:.2}"));
     for threads in THREADS {
@@ -118,11 +135,20 @@ fn main() {
             for _ in 0..ROUNDS {
                 least[0] = least[0].min(rten.run(name));
                 least[1] = ort.as_ref().map_or(least[1], |ort| least[1].min(ort.run(name)));
-                least[2] = torch.as_mut().map_or(least[2], |torch| least[2].min(torch.run(name, threads)));
+                least[2] =
+                    torch.as_mut().map_or(least[2], |torch| least[2].min(torch.run(name, threads)));
             }
             let there = |ms: f64| ms.is_finite().then_some(ms);
-            let times = [Some(rten.load), there(least[0]), ort.map(|ort| ort.load), there(least[1]), there(least[2])];
-            sums.iter_mut().zip(times).for_each(|(sum, ms)| *sum = sum.zip(ms).map(|(sum, ms)| sum + ms));
+            let times = [
+                Some(rten.load),
+                there(least[0]),
+                ort.map(|ort| ort.load),
+                there(least[1]),
+                there(least[2]),
+            ];
+            sums.iter_mut()
+                .zip(times)
+                .for_each(|(sum, ms)| *sum = sum.zip(ms).map(|(sum, ms)| sum + ms));
             line(name, times);
         }
         line("all", sums);

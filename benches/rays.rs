@@ -121,7 +121,11 @@ impl Set {
         };
         let incoherent = |_: usize, random: &mut Random| {
             let (from, normal) = mesh.surface((random.next() * pixels as f32) as usize % pixels);
-            (from, cosine_direction(normal, [random.next().into(), random.next().into()]), f32::INFINITY)
+            (
+                from,
+                cosine_direction(normal, [random.next().into(), random.next().into()]),
+                f32::INFINITY,
+            )
         };
         let primary = |i: usize, random: &mut Random| {
             let row = row_by_row(i) / camera.width;
@@ -132,14 +136,20 @@ impl Set {
         };
         let inner = |i: usize| (1 + i % (camera.width - 2), 1 + i / (camera.width - 2));
         let centers = (0..(camera.width - 2) * (camera.height - 2)).map(inner);
-        let through = |(x, y): (usize, usize)| (Vec3::ZERO, camera.pixel_point(x, y, 1.0), f32::INFINITY);
-        let mut make =
-            |ray: &dyn Fn(usize, &mut Random) -> (Vec3, Vec3, f32)| (0..RAYS).map(|i| ray(i, random)).collect();
+        let through =
+            |(x, y): (usize, usize)| (Vec3::ZERO, camera.pixel_point(x, y, 1.0), f32::INFINITY);
+        let mut make = |ray: &dyn Fn(usize, &mut Random) -> (Vec3, Vec3, f32)| {
+            (0..RAYS).map(|i| ray(i, random)).collect()
+        };
         [
             Set { name: "shadow, any hit", closest: false, rays: make(&shadow) },
             Set { name: "incoherent, closest hit", closest: true, rays: make(&incoherent) },
             Set { name: "primary, closest hit", closest: true, rays: make(&primary) },
-            Set { name: "through the vertices", closest: true, rays: centers.map(through).collect() },
+            Set {
+                name: "through the vertices",
+                closest: true,
+                rays: centers.map(through).collect(),
+            },
         ]
     }
 
@@ -156,7 +166,12 @@ impl Set {
 }
 
 /// Writes numbers as the peers read them.
-fn write(path: &Path, head: [usize; 2], floats: impl Iterator<Item = f32>, whole: impl Iterator<Item = u32>) {
+fn write(
+    path: &Path,
+    head: [usize; 2],
+    floats: impl Iterator<Item = f32>,
+    whole: impl Iterator<Item = u32>,
+) {
     let mut bytes: Vec<u8> = head.into_iter().flat_map(|n| (n as u32).to_le_bytes()).collect();
     bytes.extend(floats.flat_map(f32::to_le_bytes));
     bytes.extend(whole.flat_map(u32::to_le_bytes));
@@ -173,7 +188,8 @@ impl Peer {
     /// Starts the library; returns its first line too.
     fn new(program: &str, mode: &str, files: &[PathBuf]) -> (Peer, String) {
         let mut command = Command::new(program);
-        let child = command.arg(mode).args(files).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+        let child =
+            command.arg(mode).args(files).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
         let mut child = child.unwrap_or_else(|error| panic!("{program}: {error}"));
         let answers = BufReader::new(child.stdout.take().expect("it is piped"));
         let mut peer = Peer { child, answers };
@@ -217,8 +233,45 @@ fn disagree(ours: &[(u32, f32)], theirs: &[(u32, f32)]) -> [usize; 3] {
     [
         pairs().filter(|(a, b)| !hit(a) && hit(b)).count(),
         pairs().filter(|(a, b)| hit(a) && !hit(b)).count(),
-        pairs().filter(|(a, b)| hit(a) && hit(b) && (a.1 - b.1).abs() > 1e-4 * a.1.max(b.1)).count(),
+        pairs()
+            .filter(|(a, b)| hit(a) && hit(b) && (a.1 - b.1).abs() > 1e-4 * a.1.max(b.1))
+            .count(),
     ]
+}
+
+/// Other programs in both of their modes, with the mesh and the rays in files.
+fn start_peers(
+    program: &str,
+    mesh: &Mesh,
+    sets: &[Set],
+    folder: &Path,
+) -> Vec<(&'static str, Peer)> {
+    let mut peers = Vec::new();
+    let mut files = vec![folder.join("mesh")];
+    let points = mesh.points.iter().flat_map(|p| p.to_array());
+    write(
+        &files[0],
+        [mesh.points.len(), mesh.triangles.len()],
+        points,
+        mesh.triangles.iter().flatten().copied(),
+    );
+    for (i, set) in sets.iter().enumerate() {
+        files.push(folder.join(format!("rays_{i}")));
+        let numbers =
+            set.rays.iter().flat_map(|(o, d, limit)| [o.x, o.y, o.z, d.x, d.y, d.z, *limit]);
+        write(
+            &files[i + 1],
+            [usize::from(set.closest), set.rays.len()],
+            numbers,
+            std::iter::empty(),
+        );
+    }
+    for mode in ["fast", "robust"] {
+        let (peer, hello) = Peer::new(program, mode, &files);
+        println!("    peer, {mode}: {hello}");
+        peers.push((mode, peer));
+    }
+    peers
 }
 
 fn measure(height: usize, width: usize, program: Option<&str>) {
@@ -234,26 +287,17 @@ fn measure(height: usize, width: usize, program: Option<&str>) {
         (built, began.elapsed())
     };
     let (ours, built) = (0..5).map(build).min_by_key(|b| b.1).expect("five");
-    println!("{height} x {width}, {} triangles; built in {:.0} ms", mesh.triangles.len(), built.as_secs_f64() * 1e3);
+    println!(
+        "{height} x {width}, {} triangles; built in {:.0} ms",
+        mesh.triangles.len(),
+        built.as_secs_f64() * 1e3
+    );
 
-    let mut peers: Vec<(&str, Peer)> = Vec::new();
-    if let Some(program) = program {
-        let mut files = vec![folder.path().join("mesh")];
-        let points = mesh.points.iter().flat_map(|p| p.to_array());
-        write(&files[0], [mesh.points.len(), mesh.triangles.len()], points, mesh.triangles.iter().flatten().copied());
-        for (i, set) in sets.iter().enumerate() {
-            files.push(folder.path().join(format!("rays_{i}")));
-            let numbers = set.rays.iter().flat_map(|(o, d, limit)| [o.x, o.y, o.z, d.x, d.y, d.z, *limit]);
-            write(&files[i + 1], [usize::from(set.closest), set.rays.len()], numbers, std::iter::empty());
-        }
-        for mode in ["fast", "robust"] {
-            let (peer, hello) = Peer::new(program, mode, &files);
-            println!("    peer, {mode}: {hello}");
-            peers.push((mode, peer));
-        }
-    }
+    let mut peers =
+        program.map_or_else(Vec::new, |program| start_peers(program, &mesh, &sets, folder.path()));
     for (i, set) in sets.iter().enumerate() {
-        let pieces: Vec<_> = (0..set.rays.len()).step_by(PIECE).map(|i| i..set.rays.len().min(i + PIECE)).collect();
+        let pieces: Vec<_> =
+            (0..set.rays.len()).step_by(PIECE).map(|i| i..set.rays.len().min(i + PIECE)).collect();
         let mut best = vec![vec![f64::INFINITY; pieces.len()]; 1 + peers.len()];
         for _ in 0..ROUNDS {
             for (p, piece) in pieces.iter().enumerate() {
@@ -270,7 +314,12 @@ fn measure(height: usize, width: usize, program: Option<&str>) {
         let hits = set.trace(&ours, 0..set.rays.len());
         let count = hits.iter().filter(|h| h.0 != u32::MAX).count();
         let rate = |seconds: f64| set.rays.len() as f64 / seconds * 1e-6;
-        println!("  {:26} {:6.2} M rays/s   {count} of {} hit", set.name, rate(best[0]), set.rays.len());
+        println!(
+            "  {:26} {:6.2} M rays/s   {count} of {} hit",
+            set.name,
+            rate(best[0]),
+            set.rays.len()
+        );
         for ((mode, peer), seconds) in peers.iter_mut().zip(&best[1..]) {
             let theirs = peer.hits(i, &folder.path().join("hits"));
             let [missed, more, further] = disagree(&hits, &theirs);
@@ -285,8 +334,10 @@ fn measure(height: usize, width: usize, program: Option<&str>) {
 
 fn main() {
     // Cargo adds `--bench`.
-    let program =
-        std::env::args().skip(1).find(|a| !a.starts_with("--")).or_else(|| std::env::var("RELIGHT_PEER").ok());
+    let program = std::env::args()
+        .skip(1)
+        .find(|a| !a.starts_with("--"))
+        .or_else(|| std::env::var("RELIGHT_PEER").ok());
     for (height, width) in [(240, 320), (480, 640)] {
         measure(height, width, program.as_deref());
     }

@@ -44,7 +44,8 @@ fn main() {
     let same = edit(0.5);
     let edits: Vec<_> = (0..ROUNDS).map(|round| edit(0.1 + 0.01 * round as f64)).collect();
 
-    let nothing = time(ROUNDS, |_| run(Command::new(env!("CARGO_BIN_EXE_relight")).arg("--version")));
+    let nothing =
+        time(ROUNDS, |_| run(Command::new(env!("CARGO_BIN_EXE_relight")).arg("--version")));
     let cold = time(COLD_ROUNDS, |round| relight(&same, &format!("cold_{round}")));
     relight(&same, "warm");
     let unchanged = time(ROUNDS, |_| relight(&same, "warm"));
@@ -61,7 +62,9 @@ fn main() {
     );
     let line = |what: &str, [least, median]: [f64; 2], aim: &str| {
         let (over_nothing, over_copy) = (least / nothing[0], least / copy[0]);
-        println!("{what:34} {least:8.1} {median:8.1}   x {over_nothing:7.1}   x {over_copy:7.1}   {aim}");
+        println!(
+            "{what:34} {least:8.1} {median:8.1}   x {over_nothing:7.1}   x {over_copy:7.1}   {aim}"
+        );
     };
     line("relight --version", nothing, "");
     line("cp -r of the output", copy, "");

@@ -24,7 +24,12 @@ const PLACES: [(&str, f32, Vec3, [f32; 2]); 8] = [
 ];
 
 fn main() {
-    println!("{:17}{:>9}{}   Best/min", "", "", Strategy::ALL.map(|s| format!("{:>17}", format!("{s:?}"))).join(""));
+    println!(
+        "{:17}{:>9}{}   Best/min",
+        "",
+        "",
+        Strategy::ALL.map(|s| format!("{:>17}", format!("{s:?}"))).join("")
+    );
     for (name, distance, normal, [across, up]) in PLACES {
         let turn = Quat::from_rotation_z(0.4);
         let [x, y] = [turn * Vec3::NEG_X * 0.8, turn * Vec3::Y * 0.6];
@@ -39,12 +44,17 @@ fn main() {
                 continue;
             }
             let run = |emitter: &Emitter, each: usize, pixels: u32| {
-                let one = |pixel| (estimate(emitter, 0, receiver, each, 7, pixel).0 / exact - 1.0).powi(2);
+                let one = |pixel| {
+                    (estimate(emitter, 0, receiver, each, 7, pixel).0 / exact - 1.0).powi(2)
+                };
                 (0..pixels).map(one).sum::<f64>() / f64::from(pixels)
             };
             let variance = emitters.each_ref().map(|emitter| run(emitter, 4, 4000));
             let row = variance.map(|v| format!("{:17.2e}", v.sqrt())).join("");
-            println!("{name:17}{bandwidth:9}{row}   {:8.4}", variance[6] / variance[0].min(variance[1]));
+            println!(
+                "{name:17}{bandwidth:9}{row}   {:8.4}",
+                variance[6] / variance[0].min(variance[1])
+            );
             // The minimum of many short runs, which other work disturbs least.
             let least = |emitter: &Emitter, each: usize, pixels: u32| {
                 let time = |_| {

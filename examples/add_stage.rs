@@ -39,7 +39,10 @@ impl Node for Expose {
     fn run(&self, inputs: ExposeIn, _: &Context) -> Result<ExposeOut, NodeError> {
         let gain = self.stops.exp2();
         if !gain.is_finite() {
-            return Err(NodeError::BadParameter(format!("stops: wanted a finite exposure, got {}", self.stops)));
+            return Err(NodeError::BadParameter(format!(
+                "stops: wanted a finite exposure, got {}",
+                self.stops
+            )));
         }
         Ok(ExposeOut { picture: Arc::new(Picture(inputs.picture.0.map(|color| gain * color))) })
     }
@@ -53,7 +56,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     // The shipped stages and the one above; from here on a graph file may name it, and the engine
     // caches it.
     let registry = nodes::registry().with::<Expose>().with_library(project.join("models"), "");
-    let graph = files::load(&project.join("examples/add_stage.ron"), scene.as_ref(), edit.as_ref(), &registry);
+    let graph = files::load(
+        &project.join("examples/add_stage.ron"),
+        scene.as_ref(),
+        edit.as_ref(),
+        &registry,
+    );
     let graph = graph.map_err(|faults| files::draw(&faults, false))?;
 
     let engine = Engine::new(EngineOptions::default())?;

@@ -17,12 +17,14 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     // The stages, with the networks that ship; the graph file wires them.
     let registry = nodes::registry().with_library(project.join("models"), "");
-    let graph = files::load(&project.join("graphs/indoor.ron"), scene.as_ref(), edit.as_ref(), &registry);
+    let graph =
+        files::load(&project.join("graphs/indoor.ron"), scene.as_ref(), edit.as_ref(), &registry);
     let graph = graph.map_err(|faults| files::draw(&faults, false))?;
 
     // The engine computes this output and its dependencies, on all cores.
     let engine = Engine::new(EngineOptions::default())?;
-    let wanted = graph.wanted(Some(&["compose.picture".to_owned()])).map_err(|fault| fault.to_string())?;
+    let wanted =
+        graph.wanted(Some(&["compose.picture".to_owned()])).map_err(|fault| fault.to_string())?;
     let report = engine.run(&graph, &wanted, &Cancel::default(), &());
     if let Some((node, error)) = report.error() {
         return Err(format!("{node}: {error}").into());

@@ -21,7 +21,12 @@
 //!
 //! `examples/` relights a photo, adds a stage and mixes the layers of a finished run.
 
-#![warn(clippy::disallowed_methods, clippy::disallowed_types, clippy::print_stderr, clippy::print_stdout)]
+#![warn(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    clippy::print_stderr,
+    clippy::print_stdout
+)]
 #![warn(clippy::unwrap_used)]
 
 pub mod files;

@@ -129,7 +129,10 @@ mod tests {
     fn a_table_has_what_its_declaration_has() {
         let table = TestTuning::table();
         assert!(table.file.ends_with("tuning.rs"), "{}", table.file);
-        assert_eq!((table.name, table.doc, table.constants.len()), ("TestTuning", " Constants of a test.\n", 2));
+        assert_eq!(
+            (table.name, table.doc, table.constants.len()),
+            ("TestTuning", " Constants of a test.\n", 2)
+        );
         let [gain, sizes] = &table.constants[..] else { panic!("two constants") };
         assert_eq!((gain.name, &*gain.value, gain.doc), ("min_gain", "0.05", " Least gain.\n"));
         assert_eq!((gain.unit, gain.effect), ("fraction", "a larger value keeps less"));

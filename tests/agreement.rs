@@ -66,14 +66,19 @@ fn array(name: &str) -> (Vec<usize>, Vec<f32>) {
 
 fn renderer(name: &'static str) -> Renderer {
     let (shape, values) = array(&format!("{name}.npy"));
-    let &[_, 2, receivers] = &shape[..] else { panic!("{name}: (results, 2, receivers), got {shape:?}") };
+    let &[_, 2, receivers] = &shape[..] else {
+        panic!("{name}: (results, 2, receivers), got {shape:?}")
+    };
     let numbers = |part: &[f32]| part.iter().map(|&v| f64::from(v)).collect();
     let note: Note = json(&format!("{name}.json"));
-    let results = values.chunks(2 * receivers).zip(&note.stderr_of_mean).map(|(part, &stderr_of_mean)| Estimate {
-        mean: numbers(&part[..receivers]),
-        stderr: numbers(&part[receivers..]),
-        stderr_of_mean,
-    });
+    let results =
+        values.chunks(2 * receivers).zip(&note.stderr_of_mean).map(|(part, &stderr_of_mean)| {
+            Estimate {
+                mean: numbers(&part[..receivers]),
+                stderr: numbers(&part[receivers..]),
+                stderr_of_mean,
+            }
+        });
     Renderer { name, results: results.collect() }
 }
 
@@ -94,7 +99,11 @@ fn room(lift: f32) -> Room {
     // The offset of shadow rays is a choice about surfaces that are known as depth. Here the
     // triangles are the surface, so a focal length is given that makes it 15 micrometers.
     let mesh = SceneMesh::new(&points, 1e5, 0.0, &Plane::filled(width, height, false));
-    assert_eq!(mesh.counts(), (2 * (width - 1) * (height - 1), 0), "no curtain: all renderers see the same triangles");
+    assert_eq!(
+        mesh.counts(),
+        (2 * (width - 1) * (height - 1), 0),
+        "no curtain: all renderers see the same triangles"
+    );
     Room {
         mesh,
         receivers: Points(Plane::new(width, height, receivers)),
@@ -107,8 +116,15 @@ fn room(lift: f32) -> Room {
 fn shade(room: &Room, shape: &Shape, samples: usize, seed: u64) -> Vec<[Vec<f64>; 2]> {
     let sampling = Sampling::fixed(samples, seed);
     let direct = optics::direct(&room.receivers, &room.normal, shape, &sampling, &|| false);
-    let quality = ShadowQuality { sampling, stride: 1, assume_lit: 0.0, outside_unknown: false, lifted: false };
-    let shadow = optics::shadow(&room.mesh, &room.receivers, &room.normal, shape, None, quality, &|| false);
+    let quality = ShadowQuality {
+        sampling,
+        stride: 1,
+        assume_lit: 0.0,
+        outside_unknown: false,
+        lifted: false,
+    };
+    let shadow =
+        optics::shadow(&room.mesh, &room.receivers, &room.normal, shape, None, quality, &|| false);
     let both = direct.lobes.iter().zip(&shadow.lit).map(|(e, lit)| {
         let open: Vec<f64> = e.pixels().iter().map(|&e| f64::from(e)).collect();
         let blocked = open.iter().zip(lit.pixels()).map(|(e, &lit)| e * f64::from(lit)).collect();
@@ -125,10 +141,12 @@ fn ours(room: &Room, shape: &Shape) -> Vec<Estimate> {
     let estimate = |lobe: usize, blocked: usize| {
         let receivers = runs[0][lobe][blocked].len();
         let value = |run: usize, i: usize| runs[run][lobe][blocked][i];
-        let mean: Vec<f64> =
-            (0..receivers).map(|i| (0..SEEDS).map(|r| value(r, i)).sum::<f64>() / SEEDS as f64).collect();
+        let mean: Vec<f64> = (0..receivers)
+            .map(|i| (0..SEEDS).map(|r| value(r, i)).sum::<f64>() / SEEDS as f64)
+            .collect();
         let spread = |i: usize| (0..SEEDS).map(|r| (value(r, i) - mean[i]).powi(2)).sum::<f64>();
-        let stderr: Vec<f64> = (0..receivers).map(|i| (spread(i) / (SEEDS * (SEEDS - 1)) as f64).sqrt()).collect();
+        let stderr: Vec<f64> =
+            (0..receivers).map(|i| (spread(i) / (SEEDS * (SEEDS - 1)) as f64).sqrt()).collect();
         // Receivers draw independent random numbers.
         let stderr_of_mean = stderr.iter().map(|e| e * e).sum::<f64>().sqrt() / receivers as f64;
         Estimate { mean, stderr, stderr_of_mean }
@@ -152,7 +170,8 @@ fn difference(ours: &Estimate, theirs: &Estimate) -> Difference {
     let mean = theirs.mean.iter().sum::<f64>() / count;
     let off = ours.mean.iter().zip(&theirs.mean).map(|(a, b)| (a - b).abs()).sum::<f64>() / count;
     // The mean absolute value of a normal variable is sqrt(2 / pi) standard deviations.
-    let chance = ours.stderr.iter().zip(&theirs.stderr).map(|(a, b)| a.hypot(*b)).sum::<f64>() / count
+    let chance = ours.stderr.iter().zip(&theirs.stderr).map(|(a, b)| a.hypot(*b)).sum::<f64>()
+        / count
         * std::f64::consts::FRAC_2_PI.sqrt();
     let bias = ours.mean.iter().sum::<f64>() / count - mean;
     let error = ours.stderr_of_mean.hypot(theirs.stderr_of_mean).hypot(FLOOR * mean);
@@ -165,7 +184,10 @@ fn two_other_renderers_see_the_same_direct_light() {
     let renderers = ["mitsuba", "cycles"].map(renderer);
     let room = room(configurations.lift);
     let (mut next, mut faults, mut shadows) = (0, Vec::new(), 0);
-    println!("{:45} {:>9}  | {:^27} | {:^27}", "", "mean", "Mitsuba: off, bias, z", "Cycles: off, bias, z");
+    println!(
+        "{:45} {:>9}  | {:^27} | {:^27}",
+        "", "mean", "Mitsuba: off, bias, z", "Cycles: off, bias, z"
+    );
     for light in &configurations.lights {
         let ours = ours(&room, &light.shape);
         for (i, ours) in ours.iter().enumerate() {
@@ -174,7 +196,10 @@ fn two_other_renderers_see_the_same_direct_light() {
                 _ => String::new(),
             };
             let name = format!("{}{lobe}{}", light.name, if i % 2 == 0 { "" } else { ", blocked" });
-            let mut line = format!("{name:45} {:9.3e} ", ours.mean.iter().sum::<f64>() / ours.mean.len() as f64);
+            let mut line = format!(
+                "{name:45} {:9.3e} ",
+                ours.mean.iter().sum::<f64>() / ours.mean.len() as f64
+            );
             for renderer in &renderers {
                 let Difference { relative, bias, z } = difference(ours, &renderer.results[next]);
                 line += &format!(" | {:7.3} % {:+7.3} % {z:+5.1}", 100.0 * relative, 100.0 * bias);
@@ -190,7 +215,10 @@ fn two_other_renderers_see_the_same_direct_light() {
         let sum = |e: &Estimate| e.mean.iter().sum::<f64>();
         shadows += usize::from(ours.chunks(2).any(|both| sum(&both[1]) < 0.97 * sum(&both[0])));
     }
-    assert!(renderers.iter().all(|r| r.results.len() == next), "as many results as the configurations have");
+    assert!(
+        renderers.iter().all(|r| r.results.len() == next),
+        "as many results as the configurations have"
+    );
     assert!(shadows >= 8, "only {shadows} lights lose 3 % or more to shadows");
     assert!(faults.is_empty(), "\n{}\n", faults.join("\n"));
 }
@@ -198,11 +226,16 @@ fn two_other_renderers_see_the_same_direct_light() {
 #[test]
 fn a_planted_error_is_seen() {
     let theirs = &renderer("mitsuba").results[1];
-    let scaled = |by: f64| Estimate { mean: theirs.mean.iter().map(|v| v * by).collect(), ..theirs.clone() };
+    let scaled =
+        |by: f64| Estimate { mean: theirs.mean.iter().map(|v| v * by).collect(), ..theirs.clone() };
     let small = difference(&scaled(1.003), theirs);
     assert!(small.z > 4.0 && small.relative < 5e-3, "0.3 % is a bias: {}", small.z);
     // Half of the receivers up, half down: no bias, and yet wrong.
     let mut crossed = theirs.clone();
-    crossed.mean.iter_mut().enumerate().for_each(|(i, v)| *v *= if i % 2 == 0 { 1.01 } else { 0.99 });
+    crossed
+        .mean
+        .iter_mut()
+        .enumerate()
+        .for_each(|(i, v)| *v *= if i % 2 == 0 { 1.01 } else { 0.99 });
     assert!(difference(&crossed, theirs).relative > 5e-3);
 }

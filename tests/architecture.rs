@@ -68,7 +68,10 @@ fn files_below(folder: &str) -> Vec<String> {
         }
     }
     files.sort();
-    files.iter().map(|path| path.to_str().expect("our names are ASCII").replace('\\', "/")).collect()
+    files
+        .iter()
+        .map(|path| path.to_str().expect("our names are ASCII").replace('\\', "/"))
+        .collect()
 }
 
 /// Files that git tracks or would add.
@@ -76,7 +79,12 @@ fn tracked() -> Vec<String> {
     let list = ["ls-files", "--cached", "--others", "--exclude-standard"];
     // Git lists a repository of another user only if that is called safe.
     let mut git = Command::new("git");
-    let output = git.args(["-c", "safe.directory=*"]).args(list).current_dir(root()).output().expect("git starts");
+    let output = git
+        .args(["-c", "safe.directory=*"])
+        .args(list)
+        .current_dir(root())
+        .output()
+        .expect("git starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).expect("our names are ASCII");
     // A deleted file is listed until the deletion is staged.
@@ -99,13 +107,15 @@ fn code(text: &str) -> String {
     let mut out = String::new();
     while let Some(first) = rest.chars().next() {
         let inside_word = out.ends_with(|c: char| c.is_alphanumeric() || c == '_');
-        let hashes = rest.strip_prefix('r').map_or(0, |r| r.len() - r.trim_start_matches('#').len());
+        let hashes =
+            rest.strip_prefix('r').map_or(0, |r| r.len() - r.trim_start_matches('#').len());
         let end = if rest.starts_with("//") {
             rest.find('\n').unwrap_or(rest.len())
         } else if rest.starts_with("/*") {
             let mut depth = 0;
             let at = rest.char_indices().find_map(|(i, _)| {
-                depth += i32::from(rest[i..].starts_with("/*")) - i32::from(i > 1 && rest[..i].ends_with("*/"));
+                depth += i32::from(rest[i..].starts_with("/*"))
+                    - i32::from(i > 1 && rest[..i].ends_with("*/"));
                 (i > 1 && depth == 0).then_some(i)
             });
             at.unwrap_or(rest.len())
@@ -181,7 +191,8 @@ fn paths(code: &str) -> Vec<(usize, Vec<String>)> {
         all - rest.len()
     }
     let mut found = Vec::new();
-    for (at, word) in ["crate", "relight", "super"].iter().flat_map(|word| code.match_indices(word)) {
+    for (at, word) in ["crate", "relight", "super"].iter().flat_map(|word| code.match_indices(word))
+    {
         let before = &code[..at];
         if before.ends_with(is_word)
             || before.ends_with("::")
@@ -206,7 +217,9 @@ fn module(file: &str) -> Option<&str> {
 fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
     let Some(module) = module(file) else { return Vec::new() };
     let Some((_, allowed)) = ARROWS.iter().find(|(name, _)| *name == module) else {
-        return vec![format!("src/{file}:1: the module `{module}` is not in ARROWS of tests/architecture.rs")];
+        return vec![format!(
+            "src/{file}:1: the module `{module}` is not in ARROWS of tests/architecture.rs"
+        )];
     };
     let parts: Vec<&str> = file.trim_end_matches(".rs").split('/').collect();
     let stage = match parts[..] {
@@ -217,7 +230,9 @@ fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
     let judge = |path: &[String]| -> Option<String> {
         let names: Vec<&str> = path.iter().map(String::as_str).collect();
         match names[..] {
-            ["super", "super", ..] => Some("a path that climbs two modules is written from `crate`".to_owned()),
+            ["super", "super", ..] => {
+                Some("a path that climbs two modules is written from `crate`".to_owned())
+            }
             ["super", name, ..] if parts[..] == [module, "mod"] && is_module(name) => {
                 Some(format!("`{name}` is written from `crate`"))
             }
@@ -229,13 +244,19 @@ fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
             ["crate" | "relight", "params" | "ports", ..] => {
                 (!["nodes", "graph"].contains(&module)).then(|| format!("`{module}` uses `graph`"))
             }
-            ["crate", "optics", "inverse", ..] if module == "optics" && !file.starts_with("optics/inverse/") => {
+            ["crate", "optics", "inverse", ..]
+                if module == "optics" && !file.starts_with("optics/inverse/") =>
+            {
                 Some("rendering does not depend on estimation".to_owned())
             }
-            ["crate", "nodes", name, ..] if module == "nodes" && file != "nodes/mod.rs" && !SHARED.contains(&name) => {
+            ["crate", "nodes", name, ..]
+                if module == "nodes" && file != "nodes/mod.rs" && !SHARED.contains(&name) =>
+            {
                 Some(format!("a stage uses `nodes::{name}`"))
             }
-            ["crate" | "relight", used, ..] if used != module && is_module(used) && !allowed.contains(&used) => {
+            ["crate" | "relight", used, ..]
+                if used != module && is_module(used) && !allowed.contains(&used) =>
+            {
                 Some(format!("`{module}` uses `{used}`"))
             }
             ["crate" | "relight", used, ..] if !is_module(used) && module != "cli" => {
@@ -255,21 +276,31 @@ fn wrong_arrows(file: &str, text: &str) -> Vec<String> {
 /// `mod.rs`, which re-exports names.
 fn wrong_layers(file: &str, text: &str, index: &str) -> Vec<String> {
     let layer = |module: &str| LAYERS.iter().position(|name| *name == module);
-    let Some(level) = file.strip_prefix("optics/").and_then(|path| layer(path.split('/').next()?)) else {
+    let Some(level) = file.strip_prefix("optics/").and_then(|path| layer(path.split('/').next()?))
+    else {
         return Vec::new();
     };
-    let exports = index.split("pub use ").skip(1).filter_map(|part| part.split(';').next()?.split_once("::"));
+    let exports =
+        index.split("pub use ").skip(1).filter_map(|part| part.split(';').next()?.split_once("::"));
     let origin: BTreeMap<&str, usize> = exports
         .filter_map(|(module, names)| Some((layer(module)?, names)))
         .flat_map(|(level, names)| names.split(|c| !is_word(c)).map(move |name| (name, level)))
         .collect();
     let code = code(text.split("#[cfg(test)]").next().unwrap_or(text));
     let faults = paths(&code).into_iter().filter_map(|(line, path)| {
-        let ["crate", "optics", used, ..] = path.iter().map(String::as_str).collect::<Vec<_>>()[..] else {
+        let ["crate", "optics", used, ..] = path.iter().map(String::as_str).collect::<Vec<_>>()[..]
+        else {
             return None;
         };
-        let higher = layer(used).or_else(|| origin.get(used).copied()).is_some_and(|other| other > level);
-        higher.then(|| format!("src/{file}:{line}: {}: `{}` uses a higher module", path.join("::"), LAYERS[level]))
+        let higher =
+            layer(used).or_else(|| origin.get(used).copied()).is_some_and(|other| other > level);
+        higher.then(|| {
+            format!(
+                "src/{file}:{line}: {}: `{}` uses a higher module",
+                path.join("::"),
+                LAYERS[level]
+            )
+        })
     });
     faults.collect()
 }
@@ -278,7 +309,8 @@ fn wrong_layers(file: &str, text: &str, index: &str) -> Vec<String> {
 fn optics_is_layered() {
     let index = read("src/optics/mod.rs");
     let files = files_below("src/optics");
-    let wrong = |f: &String| wrong_layers(f.strip_prefix("src/").expect("below src"), &read(f), &index);
+    let wrong =
+        |f: &String| wrong_layers(f.strip_prefix("src/").expect("below src"), &read(f), &index);
     assert_none(files.iter().flat_map(wrong).collect());
 
     let index = "pub use sampling::{Gaussian, Lobe};\npub use transport::direct;";
@@ -306,10 +338,16 @@ fn optics_is_layered() {
 fn wrong_words(file: &str, text: &str) -> Vec<String> {
     let code = code(text);
     let mut faults = Vec::new();
-    for (word, places) in WORDS.iter().filter(|(_, places)| !places.iter().any(|place| file.starts_with(place))) {
+    for (word, places) in
+        WORDS.iter().filter(|(_, places)| !places.iter().any(|place| file.starts_with(place)))
+    {
         let lines = lines_with(&code, word);
         let places = if places.is_empty() { "nowhere".to_owned() } else { places.join(", ") };
-        faults.extend(lines.iter().map(|line| format!("src/{file}:{line}: `{word}` (allowed in src: {places})")));
+        faults.extend(
+            lines
+                .iter()
+                .map(|line| format!("src/{file}:{line}: `{word}` (allowed in src: {places})")),
+        );
     }
     if text.contains("training/") {
         faults.push(format!("src/{file}: names training/, which nothing in src may know"));
@@ -321,36 +359,68 @@ fn wrong_words(file: &str, text: &str) -> Vec<String> {
 fn arrows_point_down() {
     let files = files_below("src");
     assert_none(
-        files.iter().flat_map(|f| wrong_arrows(f.strip_prefix("src/").expect("below src"), &read(f))).collect(),
+        files
+            .iter()
+            .flat_map(|f| wrong_arrows(f.strip_prefix("src/").expect("below src"), &read(f)))
+            .collect(),
     );
 }
 
 #[test]
 fn the_library_touches_nothing_outside() {
     let files = files_below("src");
-    assert_none(files.iter().flat_map(|f| wrong_words(f.strip_prefix("src/").expect("below src"), &read(f))).collect());
+    assert_none(
+        files
+            .iter()
+            .flat_map(|f| wrong_words(f.strip_prefix("src/").expect("below src"), &read(f)))
+            .collect(),
+    );
 }
 
 #[test]
 fn planted_arrows_are_seen() {
     let planted = [
-        ("optics/sphere.rs", "fn f() {}\nuse crate::graph::Node;", "src/optics/sphere.rs:2: crate::graph::Node"),
+        (
+            "optics/sphere.rs",
+            "fn f() {}\nuse crate::graph::Node;",
+            "src/optics/sphere.rs:2: crate::graph::Node",
+        ),
         (
             "optics/transport/direct.rs",
             "use crate::optics::inverse::Column;",
             "rendering does not depend on estimation",
         ),
-        ("graph/key.rs", "use crate::{\n  image::Plane};", "src/graph/key.rs:1: crate::image::Plane"),
-        ("graph/key.rs", "fn f(p: crate::optics::Shape) {}", "src/graph/key.rs:1: crate::optics::Shape"),
+        (
+            "graph/key.rs",
+            "use crate::{\n  image::Plane};",
+            "src/graph/key.rs:1: crate::image::Plane",
+        ),
+        (
+            "graph/key.rs",
+            "fn f(p: crate::optics::Shape) {}",
+            "src/graph/key.rs:1: crate::optics::Shape",
+        ),
         ("image/mod.rs", "use super::graph::Digest;", "src/image/mod.rs:1: super::graph::Digest"),
         ("image/plane.rs", "use super::super::graph;", "src/image/plane.rs:1: super::super::graph"),
         ("image/plane.rs", "use crate::params;", "src/image/plane.rs:1: crate::params"),
-        ("geometry/mesh.rs", "use crate::image::{Mask}; use crate::optics::direct;", "crate::optics::direct"),
+        (
+            "geometry/mesh.rs",
+            "use crate::image::{Mask}; use crate::optics::direct;",
+            "crate::optics::direct",
+        ),
         ("files/edit.rs", "use crate::nodes;", "src/files/edit.rs:1: crate::nodes"),
         ("cli/run.rs", "relight::optics::direct()", "src/cli/run.rs:1: relight::optics::direct"),
         ("main.rs", "use relight::{graph, image::Plane};", "src/main.rs:1: relight::image::Plane"),
-        ("nodes/render/direct.rs", "use super::shadow::Shadow;", "src/nodes/render/direct.rs:1: super::shadow"),
-        ("nodes/render/direct.rs", "use crate::nodes::{artifacts::A, scene::mesh::Mesh};", "nodes::scene::mesh::Mesh"),
+        (
+            "nodes/render/direct.rs",
+            "use super::shadow::Shadow;",
+            "src/nodes/render/direct.rs:1: super::shadow",
+        ),
+        (
+            "nodes/render/direct.rs",
+            "use crate::nodes::{artifacts::A, scene::mesh::Mesh};",
+            "nodes::scene::mesh::Mesh",
+        ),
         ("sound/mod.rs", "", "`sound` is not in ARROWS"),
         ("nodes/render/direct.rs", "use crate::sound::run;", "`sound` is not in ARROWS"),
     ];
@@ -411,10 +481,14 @@ fn planted_words_are_seen() {
 fn too_large(files: &[(String, u64)]) -> Vec<String> {
     const MB: u64 = 1_000_000;
     let large = |(path, bytes): &&(String, u64)| *bytes > 5 * MB && !path.starts_with("models/");
-    let mut faults: Vec<String> =
-        files.iter().filter(large).map(|(path, bytes)| format!("{path}: {bytes} bytes, wanted at most 5 MB")).collect();
+    let mut faults: Vec<String> = files
+        .iter()
+        .filter(large)
+        .map(|(path, bytes)| format!("{path}: {bytes} bytes, wanted at most 5 MB"))
+        .collect();
     for (folder, limit) in [("scenes/", 6), ("models/", 20)] {
-        let sum: u64 = files.iter().filter(|(path, _)| path.starts_with(folder)).map(|(_, bytes)| bytes).sum();
+        let sum: u64 =
+            files.iter().filter(|(path, _)| path.starts_with(folder)).map(|(_, bytes)| bytes).sum();
         if sum > limit * MB {
             faults.push(format!("{folder}: {sum} bytes together, wanted at most {limit} MB"));
         }
@@ -426,21 +500,31 @@ fn too_large(files: &[(String, u64)]) -> Vec<String> {
 #[test]
 fn the_repository_is_small() {
     let bytes = |path: String| {
-        let bytes = std::fs::symlink_metadata(root().join(&path)).expect("git lists files that are there").len();
+        let bytes = std::fs::symlink_metadata(root().join(&path))
+            .expect("git lists files that are there")
+            .len();
         (path, bytes)
     };
     assert_none(too_large(&tracked().into_iter().map(bytes).collect::<Vec<_>>()));
 
-    let planted =
-        [("docs/a.png", 5_000_001), ("scenes/a", 4_000_000), ("scenes/b", 2_000_001), ("models/a.onnx", 9_000_000)];
-    let planted: Vec<(String, u64)> = planted.iter().map(|&(path, bytes)| (path.to_owned(), bytes)).collect();
+    let planted = [
+        ("docs/a.png", 5_000_001),
+        ("scenes/a", 4_000_000),
+        ("scenes/b", 2_000_001),
+        ("models/a.onnx", 9_000_000),
+    ];
+    let planted: Vec<(String, u64)> =
+        planted.iter().map(|&(path, bytes)| (path.to_owned(), bytes)).collect();
     assert_eq!(too_large(&planted).len(), 2, "the picture, and the scenes together");
 }
 
 /// Heading -> anchor, as GitHub makes it.
 fn anchor(heading: &str) -> String {
     let kept = heading.trim().to_lowercase();
-    kept.chars().filter(|c| is_word(*c) || [' ', '-'].contains(c)).map(|c| if c == ' ' { '-' } else { c }).collect()
+    kept.chars()
+        .filter(|c| is_word(*c) || [' ', '-'].contains(c))
+        .map(|c| if c == ' ' { '-' } else { c })
+        .collect()
 }
 
 fn anchors(page: &str) -> BTreeSet<String> {
@@ -459,7 +543,8 @@ fn dead_links(page: &str, text: &str, pages: &BTreeMap<String, String>) -> Vec<S
                 continue;
             }
             let (path, fragment) = target.split_once('#').unwrap_or((target, ""));
-            let mut parts: Vec<&str> = if folder.is_empty() { Vec::new() } else { folder.split('/').collect() };
+            let mut parts: Vec<&str> =
+                if folder.is_empty() { Vec::new() } else { folder.split('/').collect() };
             for part in path.split('/') {
                 match part {
                     "" | "." => {}
@@ -470,7 +555,9 @@ fn dead_links(page: &str, text: &str, pages: &BTreeMap<String, String>) -> Vec<S
             let path = if path.is_empty() { page.to_owned() } else { parts.join("/") };
             if !root().join(&path).exists() && !pages.contains_key(&path) {
                 faults.push(format!("{at}: {target} is not there"));
-            } else if !fragment.is_empty() && !pages.get(&path).is_some_and(|page| anchors(page).contains(fragment)) {
+            } else if !fragment.is_empty()
+                && !pages.get(&path).is_some_and(|page| anchors(page).contains(fragment))
+            {
                 faults.push(format!("{at}: {path} has no heading #{fragment}"));
             }
         }
@@ -491,8 +578,11 @@ fn dead_links(page: &str, text: &str, pages: &BTreeMap<String, String>) -> Vec<S
 #[needs(".git")]
 #[test]
 fn links_lead_somewhere() {
-    let pages: BTreeMap<String, String> =
-        tracked().into_iter().filter(|f| f.ends_with(".md")).map(|f| (f.clone(), read(&f))).collect();
+    let pages: BTreeMap<String, String> = tracked()
+        .into_iter()
+        .filter(|f| f.ends_with(".md"))
+        .map(|f| (f.clone(), read(&f)))
+        .collect();
     assert!(pages.len() > 10, "{} pages", pages.len());
     assert_none(pages.iter().flat_map(|(page, text)| dead_links(page, text, &pages)).collect());
 
@@ -509,7 +599,11 @@ fn links_lead_somewhere() {
 /// Folders of `src` that a page does not name.
 fn unnamed_folders(page: &str, folders: &BTreeSet<String>) -> Vec<String> {
     let named = |folder: &&String| page.contains(&format!("`{folder}`"));
-    folders.iter().filter(|folder| !named(folder)).map(|f| format!("ARCHITECTURE.md does not name `{f}`")).collect()
+    folders
+        .iter()
+        .filter(|folder| !named(folder))
+        .map(|f| format!("ARCHITECTURE.md does not name `{f}`"))
+        .collect()
 }
 
 #[test]
@@ -520,13 +614,17 @@ fn the_map_names_every_room() {
     assert_none(unnamed_folders(&read("ARCHITECTURE.md"), &folders));
 
     let planted = BTreeSet::from(["src/graph".to_owned(), "src/attic".to_owned()]);
-    assert_eq!(unnamed_folders("`src/graph`", &planted), ["ARCHITECTURE.md does not name `src/attic`"]);
+    assert_eq!(
+        unnamed_folders("`src/graph`", &planted),
+        ["ARCHITECTURE.md does not name `src/attic`"]
+    );
 }
 
 /// Scenes without a section with a license in scenes/README.md.
 fn unlicensed(scenes: &BTreeSet<&str>, page: &str) -> Vec<String> {
     let licensed = |name: &&&str| {
-        let section = page.split("\n## ").find(|s| s.lines().next().is_some_and(|title| title == **name));
+        let section =
+            page.split("\n## ").find(|s| s.lines().next().is_some_and(|title| title == **name));
         section.is_some_and(|section| section.contains("\nLicense: "))
     };
     scenes
@@ -539,11 +637,17 @@ fn unlicensed(scenes: &BTreeSet<&str>, page: &str) -> Vec<String> {
 #[test]
 fn every_scene_has_its_license() {
     let files = files_below("scenes");
-    let scenes = files.iter().filter_map(|f| f.strip_prefix("scenes/")?.split_once('/')).map(|(name, _)| name);
+    let scenes = files
+        .iter()
+        .filter_map(|f| f.strip_prefix("scenes/")?.split_once('/'))
+        .map(|(name, _)| name);
     assert_none(unlicensed(&scenes.collect(), &read("scenes/README.md")));
 
     let page = "# Scenes\n\n## a\n\nLicense: CC0.\n\n## b\n\nA room.\n";
-    assert_eq!(unlicensed(&BTreeSet::from(["a", "b"]), page), ["scenes/README.md names no license of b"]);
+    assert_eq!(
+        unlicensed(&BTreeSet::from(["a", "b"]), page),
+        ["scenes/README.md names no license of b"]
+    );
 }
 
 /// Code without its unit tests, which stand at the end of a file.
@@ -575,8 +679,10 @@ fn defined_in(path: &[&str], files: &BTreeMap<String, String>) -> Option<String>
 
 /// Files of `src` that use each other in a circle. A module file and its children count as one.
 fn circles(files: &BTreeMap<String, String>) -> Vec<Vec<String>> {
-    let files: BTreeMap<String, String> =
-        files.iter().map(|(file, text)| (file.clone(), without_tests(&code(text)).to_owned())).collect();
+    let files: BTreeMap<String, String> = files
+        .iter()
+        .map(|(file, text)| (file.clone(), without_tests(&code(text)).to_owned()))
+        .collect();
     let is_parent = |file: &str| {
         let folder = format!("{}/", file.trim_end_matches(".rs"));
         file.ends_with("mod.rs") || files.keys().any(|other| other.starts_with(&folder))
@@ -590,7 +696,8 @@ fn circles(files: &BTreeMap<String, String>) -> Vec<Vec<String>> {
                 "super" => [&own[..own.len() - 1], &names[1..]].concat(),
                 _ => names[1..].to_vec(),
             };
-            let target = defined_in(&full, &files).filter(|target| target != file && !is_parent(target));
+            let target =
+                defined_in(&full, &files).filter(|target| target != file && !is_parent(target));
             if let Some(target) = target {
                 let (target, _) = files.get_key_value(&target).expect("it is one of them");
                 uses.add_edge(file, target, ());
@@ -619,7 +726,9 @@ fn sources() -> BTreeMap<String, String> {
 #[test]
 fn no_files_use_each_other_in_a_circle() {
     let found = circles(&sources());
-    assert_none(found.iter().map(|files| format!("these use each other: {}", files.join(", "))).collect());
+    assert_none(
+        found.iter().map(|files| format!("these use each other: {}", files.join(", "))).collect(),
+    );
 
     let text = [
         ("a/mod.rs", "mod one; mod two; mod three; pub use two::{Two};"),
@@ -638,10 +747,15 @@ const MOST_FILES: usize = 25;
 fn no_folder_is_flat() {
     let mut folders = BTreeMap::<String, usize>::new();
     for file in sources().into_keys() {
-        *folders.entry(file.rsplit_once('/').map_or("", |(folder, _)| folder).to_owned()).or_default() += 1;
+        *folders
+            .entry(file.rsplit_once('/').map_or("", |(folder, _)| folder).to_owned())
+            .or_default() += 1;
     }
     let flat = folders.iter().filter(|(_, files)| **files > MOST_FILES);
-    assert_none(flat.map(|(folder, n)| format!("src/{folder}: {n} files, wanted at most {MOST_FILES}")).collect());
+    assert_none(
+        flat.map(|(folder, n)| format!("src/{folder}: {n} files, wanted at most {MOST_FILES}"))
+            .collect(),
+    );
 }
 
 /// Columns of a comment.
@@ -672,9 +786,11 @@ fn prose_faults(file: &str, text: &str) -> Vec<String> {
             if comment.replace("there is no ", "").contains(" is no ") {
                 faults.push(format!("{at}: \"is no\", wanted \"is not a\""));
             }
-            let first = comment.trim_start_matches(['/', '!', ' ']).split(' ').next().unwrap_or_default();
+            let first =
+                comment.trim_start_matches(['/', '!', ' ']).split(' ').next().unwrap_or_default();
             if documents && !in_block && OPENINGS.contains(&first) {
-                faults.push(format!("{at}: a first sentence opens with \"{first}\", wanted a noun"));
+                faults
+                    .push(format!("{at}: a first sentence opens with \"{first}\", wanted a noun"));
             }
         }
         in_block = documents;
@@ -684,7 +800,8 @@ fn prose_faults(file: &str, text: &str) -> Vec<String> {
 
 #[test]
 fn comments_keep_the_rules() {
-    let files = ["src", "tests", "benches", "examples"].iter().flat_map(|folder| files_below(folder));
+    let files =
+        ["src", "tests", "benches", "examples"].iter().flat_map(|folder| files_below(folder));
     let files = files.filter(|file| file.ends_with(".rs"));
     assert_none(files.flat_map(|file| prose_faults(&file, &read(&file))).collect());
 
@@ -699,7 +816,8 @@ fn comments_keep_the_rules() {
 
 /// Names of the tables that a file declares with `tuning!`.
 fn tables(text: &str) -> Vec<&str> {
-    let declared = text.split("\ntuning! {").skip(1).filter_map(|table| table.split("pub const ").nth(1));
+    let declared =
+        text.split("\ntuning! {").skip(1).filter_map(|table| table.split("pub const ").nth(1));
     declared.filter_map(|rest| rest.split([':', '{']).nth(1)).map(str::trim).collect()
 }
 
@@ -707,44 +825,75 @@ fn tables(text: &str) -> Vec<&str> {
 fn every_table_of_constants_is_on_its_page() {
     let page = read("docs/tuning.md");
     let missing = |file: &str, text: &str, page: &str| -> Vec<String> {
-        let names = tables(text).into_iter().filter(|name| !page.contains(&format!("\n### {name}\n")));
-        names.map(|name| format!("src/{file}: docs/tuning.md has no {name}: list it in a function `tuning`")).collect()
+        let names =
+            tables(text).into_iter().filter(|name| !page.contains(&format!("\n### {name}\n")));
+        names
+            .map(|name| {
+                format!("src/{file}: docs/tuning.md has no {name}: list it in a function `tuning`")
+            })
+            .collect()
     };
-    let files: Vec<(String, String)> = sources().into_iter().filter(|(file, _)| file != "tuning.rs").collect();
-    assert!(files.iter().map(|(_, text)| tables(text).len()).sum::<usize>() > 50, "the form of tables is known");
+    let files: Vec<(String, String)> =
+        sources().into_iter().filter(|(file, _)| file != "tuning.rs").collect();
+    assert!(
+        files.iter().map(|(_, text)| tables(text).len()).sum::<usize>() > 50,
+        "the form of tables is known"
+    );
     assert_none(files.iter().flat_map(|(file, text)| missing(file, text, &page)).collect());
 
-    let planted = "use x;\n\ntuning! {\n    /// A constant.\n    pub const TUNING: AtticTuning {\n    }\n}\n";
+    let planted =
+        "use x;\n\ntuning! {\n    /// A constant.\n    pub const TUNING: AtticTuning {\n    }\n}\n";
     assert_eq!(tables(planted), ["AtticTuning"]);
     assert_eq!(missing("a.rs", planted, "\n### AtticTuning\n"), Vec::<String>::new());
     assert_eq!(missing("a.rs", planted, "\n### CellarTuning\n").len(), 1);
 }
 
 /// Folders of `src` whose numbers stand in tables.
-const TUNED: [&str; 6] = ["optics/", "nodes/", "geometry/scene/", "geometry/grid", "image/ops/", "image/material/"];
+const TUNED: [&str; 6] =
+    ["optics/", "nodes/", "geometry/scene/", "geometry/grid", "image/ops/", "image/material/"];
 
 /// Numbers in constants of their own where a table belongs.
 fn loose_constants(file: &str, text: &str) -> Vec<String> {
     let text = code(text);
     let lines = without_tests(&text).lines().enumerate();
     let loose = lines.filter(|(_, line)| {
-        let value = line.split_once("const ").filter(|(before, _)| before.is_empty() || before.starts_with("pub"));
-        let value = value.and_then(|(_, rest)| rest.split_once(": f32 = ").or_else(|| rest.split_once(": f64 = ")));
+        let value = line
+            .split_once("const ")
+            .filter(|(before, _)| before.is_empty() || before.starts_with("pub"));
+        let value = value.and_then(|(_, rest)| {
+            rest.split_once(": f32 = ").or_else(|| rest.split_once(": f64 = "))
+        });
         value.is_some_and(|(_, value)| value.starts_with(|c: char| c.is_ascii_digit() || c == '-'))
     });
-    let fault = |(number, line): (usize, &str)| format!("src/{file}:{}: `{line}` outside of `tuning!`", number + 1);
+    let fault = |(number, line): (usize, &str)| {
+        format!("src/{file}:{}: `{line}` outside of `tuning!`", number + 1)
+    };
     loose.map(fault).collect()
 }
 
 #[test]
 fn constants_stand_in_tables() {
-    let files = sources().into_iter().filter(|(file, _)| TUNED.iter().any(|folder| file.starts_with(folder)));
+    let files = sources()
+        .into_iter()
+        .filter(|(file, _)| TUNED.iter().any(|folder| file.starts_with(folder)));
     assert_none(files.flat_map(|(file, text)| loose_constants(&file, &text)).collect());
 
-    for planted in ["const LEAST: f32 = 0.1;", "pub const MOST: f64 = -1e3;", "pub(super) const A: f64 = 2.0 - 1e-6;"] {
+    for planted in [
+        "const LEAST: f32 = 0.1;",
+        "pub const MOST: f64 = -1e3;",
+        "pub(super) const A: f64 = 2.0 - 1e-6;",
+    ] {
         assert_eq!(loose_constants("optics/a.rs", planted).len(), 1, "{planted}");
     }
-    for sound in ["const LEAST: f32 = TUNING.least;", "const A: usize = 3;", "mod tests {\nconst A: f32 = 1.0;\n}"] {
-        assert_eq!(loose_constants("optics/a.rs", &format!("\n{sound}")), Vec::<String>::new(), "{sound}");
+    for sound in [
+        "const LEAST: f32 = TUNING.least;",
+        "const A: usize = 3;",
+        "mod tests {\nconst A: f32 = 1.0;\n}",
+    ] {
+        assert_eq!(
+            loose_constants("optics/a.rs", &format!("\n{sound}")),
+            Vec::<String>::new(),
+            "{sound}"
+        );
     }
 }

@@ -25,11 +25,14 @@ impl Room {
         std::fs::create_dir(room.path("scene")).expect("a folder can be made");
         room.write("scene/scene.ron", SOUND_SCENE);
         room.write("edit.ron", "Edit(version: 1)");
-        let photo = image::RgbImage::from_fn(16, 12, |x, y| image::Rgb([10 * x as u8, 10 * y as u8, 90]));
+        let photo =
+            image::RgbImage::from_fn(16, 12, |x, y| image::Rgb([10 * x as u8, 10 * y as u8, 90]));
         photo.save(room.path("scene/photo.png")).expect("a picture can be written");
         let depth = image::ImageBuffer::from_fn(16, 12, |x, _| image::Luma([2000 + 10 * x as u16]));
         depth.save(room.path("scene/depth.png")).expect("a picture can be written");
-        let lamp = image::GrayImage::from_fn(16, 12, |x, y| image::Luma([if x < 4 && y < 4 { 255 } else { 0 }]));
+        let lamp = image::GrayImage::from_fn(16, 12, |x, y| {
+            image::Luma([if x < 4 && y < 4 { 255 } else { 0 }])
+        });
         lamp.save(room.path("scene/lamp.png")).expect("a picture can be written");
         room
     }
@@ -45,9 +48,15 @@ impl Room {
     /// Runs the program in this folder; the words of `line` are its arguments.
     fn relight(&self, line: &str) -> Output {
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
-        command.current_dir(self.folder.path()).args(line.split_whitespace()).env_remove("RELIGHT_LOG");
+        command
+            .current_dir(self.folder.path())
+            .args(line.split_whitespace())
+            .env_remove("RELIGHT_LOG");
         // The cache of whoever runs the tests stays as it is.
-        command.env("HOME", self.path("home")).env_remove("XDG_CACHE_HOME").env_remove("XDG_CONFIG_HOME");
+        command
+            .env("HOME", self.path("home"))
+            .env_remove("XDG_CACHE_HOME")
+            .env_remove("XDG_CONFIG_HOME");
         command.output().expect("the program starts")
     }
 
@@ -78,7 +87,8 @@ fn text(bytes: &[u8]) -> String {
 /// Every NAME.ron of a folder of the corpus with the expected message in NAME.txt.
 fn corpus(folder: &str) -> Vec<(PathBuf, String)> {
     let entries = std::fs::read_dir(bad(folder)).expect("the corpus is there");
-    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("it can be listed").path()).collect();
+    let mut paths: Vec<PathBuf> =
+        entries.map(|entry| entry.expect("it can be listed").path()).collect();
     paths.sort();
     let (files, golden): (Vec<PathBuf>, Vec<PathBuf>) =
         paths.into_iter().partition(|path| path.extension().is_some_and(|e| e == "ron"));
@@ -146,12 +156,18 @@ fn deep_nesting_and_huge_lines_are_refused() {
 fn a_hundred_thousand_frames_are_checked_in_little_memory() {
     let room = Room::new();
     let check = |keys: &str| {
-        let edit = format!("Edit(version: 1, frames: 100000, lights: {{ \"lamp_0\": Scale(Keys([{keys}])) }})");
+        let edit = format!(
+            "Edit(version: 1, frames: 100000, lights: {{ \"lamp_0\": Scale(Keys([{keys}])) }})"
+        );
         room.write("edit.ron", edit);
         let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
-        let line = format!("ulimit -v {}; exec \"$0\" check \"$1\" edit.ron --scene scene", 1 << 20);
+        let line =
+            format!("ulimit -v {}; exec \"$0\" check \"$1\" edit.ron --scene scene", 1 << 20);
         let mut command = Command::new("sh");
-        command.current_dir(room.folder.path()).args(["-c", &line, env!("CARGO_BIN_EXE_relight")]).arg(graph);
+        command
+            .current_dir(room.folder.path())
+            .args(["-c", &line, env!("CARGO_BIN_EXE_relight")])
+            .arg(graph);
         let output = command.output().expect("a shell starts");
         (output.status.code(), text(&output.stdout), text(&output.stderr))
     };
@@ -160,14 +176,20 @@ fn a_hundred_thousand_frames_are_checked_in_little_memory() {
     assert!(told.starts_with("valid: 100000 frames, "), "{told}");
     let (status, _, errors) = check("(0, 1), (99998, 1), (99999, -1)");
     assert_eq!(status, Some(2), "{errors}");
-    assert!(errors.contains("wanted >= 0, got -1") && errors.contains("in frame 99999"), "{errors}");
+    assert!(
+        errors.contains("wanted >= 0, got -1") && errors.contains("in frame 99999"),
+        "{errors}"
+    );
 }
 
 #[test]
 fn missing_files_and_folders_are_named() {
     let room = Room::new();
     room.check_refused("check no.ron", "no.ron");
-    room.check_refused("check graph.ron", "graph.ron: this graph reads a scene, and none is named\n--scene");
+    room.check_refused(
+        "check graph.ron",
+        "graph.ron: this graph reads a scene, and none is named\n--scene",
+    );
     room.check_refused("check scene", "scene: cannot be read: wanted a regular file, got a folder");
     room.check_refused("check graph.ron no.ron --scene scene", "no.ron");
     room.check_refused(
@@ -175,7 +197,10 @@ fn missing_files_and_folders_are_named() {
         "scene: cannot be read: wanted a regular file, got a folder",
     );
     room.check_refused("check graph.ron edit.ron --scene nowhere", "nowhere/scene.ron");
-    room.check_refused("check graph.ron edit.ron --scene scene/scene.ron", "wanted a scene folder, got a file");
+    room.check_refused(
+        "check graph.ron edit.ron --scene scene/scene.ron",
+        "wanted a scene folder, got a file",
+    );
 }
 
 #[test]
@@ -187,7 +212,10 @@ fn faults_of_all_files_come_at_once() {
     let wanted = "graph.ron:1:19\nscene.ron:1:19\nedit.ron:1:18\n--set: wanted NODE.PARAM=VALUE, got `no_dot=1`";
     room.check_refused("check graph.ron edit.ron --scene scene --set no_dot=1", wanted);
     room.write("scene/scene.ron", SOUND_SCENE);
-    room.write("graph.ron", r#"Graph(version: 1, nodes: { "scene": (op: ReadScnee()) }, outputs: [])"#);
+    room.write(
+        "graph.ron",
+        r#"Graph(version: 1, nodes: { "scene": (op: ReadScnee()) }, outputs: [])"#,
+    );
     room.check_refused("check graph.ron edit.ron --scene scene", "graph.ron:1:42\nedit.ron:1:18");
 }
 
@@ -200,8 +228,14 @@ fn bad_arguments_are_refused() {
     room.check_refused("run graph.ron edit.ron --threads 0", "--threads");
     room.check_refused("run graph.ron edit.ron --threads many", "--threads");
     room.check_refused("run graph.ron edit.ron --no-cache --cache there", "--no-cache");
-    room.check_refused("check graph.ron --scene scene --set scene", "wanted NODE.PARAM=VALUE, got `scene`");
-    room.check_refused("check graph.ron --scene scene --set scene.long_side=NaN", "--set scene.long_side");
+    room.check_refused(
+        "check graph.ron --scene scene --set scene",
+        "wanted NODE.PARAM=VALUE, got `scene`",
+    );
+    room.check_refused(
+        "check graph.ron --scene scene --set scene.long_side=NaN",
+        "--set scene.long_side",
+    );
     room.check_refused("graph graph.ron --format bmp", "mermaid");
     room.check_refused("nodes ReadScnee", "did you mean `ReadScene`?");
 }
@@ -238,13 +272,18 @@ fn the_tuning_reference_is_up_to_date() {
 fn check_runs(room: &Room, line: &str, status: i32) -> (String, String) {
     let output = room.relight(line);
     let (out, err) = (text(&output.stdout), text(&output.stderr));
-    assert_eq!(output.status.code(), Some(status), "`relight {line}` printed:\n{out}and told:\n{err}");
+    assert_eq!(
+        output.status.code(),
+        Some(status),
+        "`relight {line}` printed:\n{out}and told:\n{err}"
+    );
     assert!(!err.contains("panicked"), "`relight {line}` told:\n{err}");
     (out, err)
 }
 
 fn report(room: &Room) -> serde_json::Value {
-    let text = std::fs::read_to_string(room.path("out/report.json")).expect("the run wrote a report");
+    let text =
+        std::fs::read_to_string(room.path("out/report.json")).expect("the run wrote a report");
     serde_json::from_str(&text).expect("the report is JSON")
 }
 
@@ -262,15 +301,28 @@ fn a_run_tells_what_it_did() {
     assert!(err.contains("scene  ran") && err.contains("1 ran in"), "{err}");
 
     let first = report(&room);
-    let wanted = ["backend", "edit", "graph", "nodes", "peak_bytes", "relight", "seconds", "threads", "warnings"];
+    let wanted = [
+        "backend",
+        "edit",
+        "graph",
+        "nodes",
+        "peak_bytes",
+        "relight",
+        "seconds",
+        "threads",
+        "warnings",
+    ];
     assert_eq!(fields(&first), wanted);
-    let wanted =
-        ["bytes", "from", "key", "kind", "name", "notes", "rays", "samples", "seconds", "status", "stderr", "why"];
+    let wanted = [
+        "bytes", "from", "key", "kind", "name", "notes", "rays", "samples", "seconds", "status",
+        "stderr", "why",
+    ];
     assert_eq!(fields(&first["nodes"][0]), wanted);
     assert_eq!(first["nodes"][0]["status"], "ran");
 
     let (out, err) = check_runs(&room, &format!("{RUN} --json"), 0);
-    let again: serde_json::Value = serde_json::from_str(&out).expect("standard output is the report");
+    let again: serde_json::Value =
+        serde_json::from_str(&out).expect("standard output is the report");
     assert_eq!(again["nodes"][0]["status"], "hit");
     assert_eq!(again["nodes"][0]["key"], first["nodes"][0]["key"]);
     assert!(err.contains("scene  hit"), "{err}");
@@ -287,7 +339,11 @@ fn a_setting_wins_and_is_explained() {
     assert!(out.starts_with("hit      scene"), "{out}");
     let (out, _) = check_runs(&room, "plan graph.ron --scene scene --set scene.long_side=8", 0);
     assert!(out.starts_with("run      scene"), "{out}");
-    let (out, _) = check_runs(&room, "explain graph.ron edit.ron scene --scene scene --set scene.long_side=8", 0);
+    let (out, _) = check_runs(
+        &room,
+        "explain graph.ron edit.ron scene --scene scene --set scene.long_side=8",
+        0,
+    );
     assert!(out.contains("long_side") && out.contains("320") && out.contains('8'), "{out}");
     room.check_refused("explain graph.ron edit.ron scnee --scene scene", "scene");
     room.check_refused(&format!("{RUN} --only scnee"), "scene");
@@ -295,9 +351,18 @@ fn a_setting_wins_and_is_explained() {
     check_runs(&room, "plan graph.ron --scene scene --target-error 1%", 0);
     room.check_refused(&format!("{RUN} --target-error 150%"), "wanted a share above 0 and below 1");
     room.check_refused(&format!("{RUN} --budget 3"), "wanted a number and a unit");
-    room.check_refused(&format!("{RUN} --set scene.long_syde=8"), "--set scene.long_syde:1:1\nlong_side");
-    room.check_refused(&format!("{RUN} --set scnee.long_side=8"), "--set scnee.long_side:1:1\nscene");
-    room.check_refused(&format!("{RUN} --set scene.long_side=0"), "--set scene.long_side:1:1\nwanted >= 1, got 0");
+    room.check_refused(
+        &format!("{RUN} --set scene.long_syde=8"),
+        "--set scene.long_syde:1:1\nlong_side",
+    );
+    room.check_refused(
+        &format!("{RUN} --set scnee.long_side=8"),
+        "--set scnee.long_side:1:1\nscene",
+    );
+    room.check_refused(
+        &format!("{RUN} --set scene.long_side=0"),
+        "--set scene.long_side:1:1\nwanted >= 1, got 0",
+    );
 }
 
 #[test]
@@ -321,7 +386,9 @@ fn an_out_that_is_no_folder_is_refused_before_any_work() {
 #[test]
 fn a_graph_is_printed_in_each_format() {
     let room = Room::new();
-    let print = |format: &str| check_runs(&room, &format!("graph graph.ron --scene scene --format {format}"), 0).0;
+    let print = |format: &str| {
+        check_runs(&room, &format!("graph graph.ron --scene scene --format {format}"), 0).0
+    };
     assert!(print("dot").starts_with("digraph"));
     assert!(print("mermaid").starts_with("flowchart") || print("mermaid").starts_with("graph"));
     assert!(print("svg").starts_with("<svg"));
@@ -335,8 +402,12 @@ fn the_cache_is_looked_after() {
     check_runs(&room, RUN, 0);
     #[cfg(target_os = "linux")]
     {
-        assert!(room.path("home/.cache/relight/CACHEDIR.TAG").is_file(), "in the user's own cache folder by default");
-        let key = std::fs::metadata(room.path("home/.config/relight/cache.key")).expect("a key was made");
+        assert!(
+            room.path("home/.cache/relight/CACHEDIR.TAG").is_file(),
+            "in the user's own cache folder by default"
+        );
+        let key =
+            std::fs::metadata(room.path("home/.config/relight/cache.key")).expect("a key was made");
         let mode = std::os::unix::fs::PermissionsExt::mode(&key.permissions());
         assert_eq!(mode & 0o777, 0o600);
     }
@@ -364,19 +435,32 @@ fn bench_measures_and_draws() {
     for plot in ["strategies", "bandwidths", "shadows", "pipeline", "noise"] {
         let of_plot: Vec<_> = points.iter().filter(|p| p["plot"] == plot).collect();
         assert!(!of_plot.is_empty(), "{plot}");
-        assert!(of_plot.iter().all(|p| p["seconds"].as_f64() > Some(0.0)), "{plot}: everything takes time");
-        let svg = std::fs::read_to_string(room.path(&format!("b/{plot}.svg"))).expect("it is written");
-        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"), "{plot}");
+        assert!(
+            of_plot.iter().all(|p| p["seconds"].as_f64() > Some(0.0)),
+            "{plot}: everything takes time"
+        );
+        let svg =
+            std::fs::read_to_string(room.path(&format!("b/{plot}.svg"))).expect("it is written");
+        assert!(
+            svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"),
+            "{plot}"
+        );
     }
     let error = |series: &str, samples: u64| {
-        let found =
-            points.iter().find(|p| p["subject"] == "window_0, sky" && p["series"] == series && p["samples"] == samples);
-        found.and_then(|p| p["error"].as_f64()).unwrap_or_else(|| panic!("{series} at {samples} was measured"))
+        let found = points.iter().find(|p| {
+            p["subject"] == "window_0, sky" && p["series"] == series && p["samples"] == samples
+        });
+        found
+            .and_then(|p| p["error"].as_f64())
+            .unwrap_or_else(|| panic!("{series} at {samples} was measured"))
     };
     // Four times the samples: half the error at least, with room for the scatter of a small
     // picture.
     assert!(error("area only", 16) < 0.7 * error("area only", 4));
-    assert!(error("ours", 16) < 1.05 * error("lobe only", 16), "a broad lobe through a window is sampled by area");
+    assert!(
+        error("ours", 16) < 1.05 * error("lobe only", 16),
+        "a broad lobe through a window is sampled by area"
+    );
     let csv = std::fs::read_to_string(room.path("b/bench.csv")).expect("it is written");
     assert_eq!(csv.lines().count(), 1 + points.len());
 }

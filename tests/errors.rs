@@ -44,7 +44,9 @@ fn indirect(room: &Room, rays: u32, seed: u64, direct: &Arc<UnitDirect>) -> Arc<
     let stage = Transport { rays, seed, ..Transport::default() };
     let transport = stage.run(inputs, &Context::default()).unwrap().transport;
     let (width, height) = room.size();
-    let albedo = Arc::new(Albedo(Plane::from_fn(width, height, |x, _| Vec3::splat(0.3 + 0.1 * (x / 4 % 5) as f32))));
+    let albedo = Arc::new(Albedo(Plane::from_fn(width, height, |x, _| {
+        Vec3::splat(0.3 + 0.1 * (x / 4 % 5) as f32)
+    })));
     let one: Vec<_> = direct.lobes.iter().map(|lobe| lobe.map(|_| 1.0)).collect();
     let zero: Vec<_> = direct.lobes.iter().map(|lobe| lobe.map(|_| 0.0)).collect();
     let visibility = Arc::new(Visibility { lit: one, stderr: zero.clone(), unknown: zero });
@@ -55,8 +57,17 @@ fn indirect(room: &Room, rays: u32, seed: u64, direct: &Arc<UnitDirect>) -> Arc<
 /// A window behind the camera with a sun, a sky and an even lobe.
 fn window(sun: f32) -> Shape {
     let lobe = |direction: Vec3, bandwidth| Lobe { direction: direction.normalize(), bandwidth };
-    let lobes = [lobe(Vec3::new(0.4, 0.0, 1.0), sun), lobe(Vec3::new(0.3, 0.5, 1.0), 3.0), lobe(Vec3::NEG_Y, 0.5)];
-    Shape::Window(Window { center: Vec3::new(0.5, 0.0, 1.0), x: Vec3::NEG_X * 1.5, y: Vec3::Y, lobes })
+    let lobes = [
+        lobe(Vec3::new(0.4, 0.0, 1.0), sun),
+        lobe(Vec3::new(0.3, 0.5, 1.0), 3.0),
+        lobe(Vec3::NEG_Y, 0.5),
+    ];
+    Shape::Window(Window {
+        center: Vec3::new(0.5, 0.0, 1.0),
+        x: Vec3::NEG_X * 1.5,
+        y: Vec3::Y,
+        lobes,
+    })
 }
 
 fn sphere() -> Shape {
@@ -71,7 +82,13 @@ struct Coverage {
 }
 
 impl Coverage {
-    fn add(&mut self, value: &Plane<f32>, stderr: &Plane<f32>, truth: &Plane<f32>, counts: impl Fn(f32, f32) -> bool) {
+    fn add(
+        &mut self,
+        value: &Plane<f32>,
+        stderr: &Plane<f32>,
+        truth: &Plane<f32>,
+        counts: impl Fn(f32, f32) -> bool,
+    ) {
         for ((v, s), t) in value.pixels().iter().zip(stderr.pixels()).zip(truth.pixels()) {
             if counts(*t, *s) {
                 self.all += 1;
@@ -95,19 +112,30 @@ impl Coverage {
 fn intervals_of_direct_light_hold_the_truth() {
     let room = Room::square_before_wall(camera(48));
     let shape = window(30.0);
-    let (truth, ..) = direct(&room, &Direct { samples: 1024, seed: 99, ..Direct::default() }, &shape);
+    let (truth, ..) =
+        direct(&room, &Direct { samples: 1024, seed: 99, ..Direct::default() }, &shape);
     for (samples, target_error) in [(16, 0.0), (32, 0.0), (128, 0.0), (16, 0.01)] {
         for (k, bandwidth) in [30.0, 3.0, 0.5].into_iter().enumerate() {
             let mut coverage = Coverage::default();
             let mut used = 0.0;
             for seed in 0..3 {
                 // With the default parameters it is a closed form without error.
-                let stage = Direct { samples, target_error, max_samples: 256, seed, sampling: Strategy::Area };
+                let stage = Direct {
+                    samples,
+                    target_error,
+                    max_samples: 256,
+                    seed,
+                    sampling: Strategy::Area,
+                };
                 let (direct, _, mean) = direct(&room, &stage, &shape);
                 used += mean / 3.0;
-                coverage.add(&direct.lobes[k], &direct.stderr[k], &truth.lobes[k], |_, error| error > 0.0);
+                coverage.add(&direct.lobes[k], &direct.stderr[k], &truth.lobes[k], |_, error| {
+                    error > 0.0
+                });
             }
-            coverage.check(&format!("direct, bandwidth {bandwidth}, {used:.0} samples, target {target_error}"));
+            coverage.check(&format!(
+                "direct, bandwidth {bandwidth}, {used:.0} samples, target {target_error}"
+            ));
         }
     }
 }
@@ -117,7 +145,8 @@ fn intervals_of_shadows_hold_the_truth() {
     let room = Room::square_before_wall(camera(64));
     for (shape, name) in [(sphere(), "sphere"), (window(300.0), "window")] {
         let half = false;
-        let (truth, ..) = shadow(&room, &Shadow { samples: 1024, seed: 99, half, ..Shadow::default() }, &shape);
+        let (truth, ..) =
+            shadow(&room, &Shadow { samples: 1024, seed: 99, half, ..Shadow::default() }, &shape);
         for (samples, target_error) in [(8, 0.0), (32, 0.0), (8, 0.01)] {
             let mut coverage = Coverage::default();
             let mut used = 0.0;
@@ -127,7 +156,8 @@ fn intervals_of_shadows_hold_the_truth() {
                 assert!(target_error == 0.0 || told <= f64::from(target_error), "{told}");
                 used += mean / 2.0;
                 for (k, truth) in truth.lit.iter().enumerate() {
-                    let penumbra = |truth: f32, error: f32| error > 0.0 && (0.005..0.995).contains(&truth);
+                    let penumbra =
+                        |truth: f32, error: f32| error > 0.0 && (0.005..0.995).contains(&truth);
                     coverage.add(&visibility.lit[k], &visibility.stderr[k], truth, penumbra);
                 }
             }
@@ -156,7 +186,8 @@ fn intervals_of_indirect_light_hold_the_truth() {
 fn a_target_is_reached_where_the_same_rays_spread_evenly_miss_it() {
     let room = Room::square_before_wall(camera(64));
     let shape = sphere();
-    let (truth, ..) = shadow(&room, &Shadow { samples: 1024, seed: 9, half: false, ..Shadow::default() }, &shape);
+    let (truth, ..) =
+        shadow(&room, &Shadow { samples: 1024, seed: 9, half: false, ..Shadow::default() }, &shape);
     let (direct, ..) = direct(&room, &Direct::default(), &shape);
     // The errors that were really made, weighted by the light that the visibility is a share of:
     // their mean over the mean of the light, and that of their squares.
@@ -173,20 +204,26 @@ fn a_target_is_reached_where_the_same_rays_spread_evenly_miss_it() {
     for target_error in [0.02, 0.005] {
         let stage = Shadow { target_error, half: false, ..Shadow::default() };
         let (adaptive, told, used) = shadow(&room, &stage, &shape);
-        let evenly = Shadow { samples: 4 * (used / 4.0).round() as u32, target_error: 0.0, ..stage };
-        let ((off, squares), (_, even_squares)) = (made(&adaptive), made(&shadow(&room, &evenly, &shape).0));
+        let evenly =
+            Shadow { samples: 4 * (used / 4.0).round() as u32, target_error: 0.0, ..stage };
+        let ((off, squares), (_, even_squares)) =
+            (made(&adaptive), made(&shadow(&room, &evenly, &shape).0));
         let gain = even_squares / squares;
         println!(
             "target {target_error}: told {told:.4}, made {off:.4}, {used:.1} rays; variance {gain:.2} x when even"
         );
-        assert!(told <= f64::from(target_error) && off <= told, "{target_error}: told {told}, made {off}");
+        assert!(
+            told <= f64::from(target_error) && off <= told,
+            "{target_error}: told {told}, made {off}"
+        );
         assert!(gain > 1.3, "{target_error}: {gain}");
     }
 }
 
 /// Root mean square of the difference of two seeds, over sqrt 2.
 fn noise(a: &Plane<f32>, b: &Plane<f32>) -> f64 {
-    let squares: f64 = a.pixels().iter().zip(b.pixels()).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+    let squares: f64 =
+        a.pixels().iter().zip(b.pixels()).map(|(a, b)| f64::from(a - b).powi(2)).sum();
     (squares / (2.0 * a.len() as f64)).sqrt()
 }
 
@@ -204,8 +241,11 @@ fn errors_fall_as_the_root_of_the_samples_or_faster() {
     }
     all.push(("penumbra".into(), Vec::new()));
     for samples in counts {
-        let direct = |seed| direct(&room, &Direct { samples, seed, ..Direct::default() }, &window(300.0)).0;
-        let shadow = |seed| shadow(&room, &Shadow { samples, seed, half: false, ..Shadow::default() }, &sphere()).0;
+        let direct =
+            |seed| direct(&room, &Direct { samples, seed, ..Direct::default() }, &window(300.0)).0;
+        let shadow = |seed| {
+            shadow(&room, &Shadow { samples, seed, half: false, ..Shadow::default() }, &sphere()).0
+        };
         let (a, b) = (direct(1), direct(2));
         (0..3).for_each(|k| all[k].1.push(noise(&a.lobes[k], &b.lobes[k])));
         all[3].1.push(noise(&shadow(1).lit[0], &shadow(2).lit[0]));

@@ -35,7 +35,12 @@ fn run(scene: &ReadScene) -> Result<(ReadSceneOut, Vec<String>), NodeError> {
 }
 
 /// A PNG whose stored numbers are `value(x, y)`, shares of full.
-fn png(width: usize, height: usize, sixteen: bool, value: impl FnMut(usize, usize) -> Vec3) -> Vec<u8> {
+fn png(
+    width: usize,
+    height: usize,
+    sixteen: bool,
+    value: impl FnMut(usize, usize) -> Vec3,
+) -> Vec<u8> {
     write_png(&Picture(Plane::from_fn(width, height, value)), Transfer::Linear, sixteen)
 }
 
@@ -51,8 +56,11 @@ fn folder() -> (tempfile::TempDir, ReadScene) {
         fs::write(&path, bytes).expect("temporary folders take files");
         file(&path)
     };
-    let mask =
-        |from: usize| png(64, 48, false, move |x, y| gray(f32::from(u8::from((from..from + 8).contains(&x) && y < 8))));
+    let mask = |from: usize| {
+        png(64, 48, false, move |x, y| {
+            gray(f32::from(u8::from((from..from + 8).contains(&x) && y < 8)))
+        })
+    };
     let photo = png(64, 48, false, |x, y| Vec3::new(x as f32 / 63.0, y as f32 / 47.0, 0.25));
     let lights = [
         ("lamp_0".to_string(), LightSpec::Lamp { mask: write("lamp_0.png", mask(4)) }),
@@ -60,7 +68,11 @@ fn folder() -> (tempfile::TempDir, ReadScene) {
     ];
     let scene = ReadScene {
         photo: write("photo.png", photo),
-        depth: DepthSpec { path: write("depth.npy", npy((64, 48), |_, _| 2.0)), kind: DepthKind::PlanarZ, scale: 1.0 },
+        depth: DepthSpec {
+            path: write("depth.npy", npy((64, 48), |_, _| 2.0)),
+            kind: DepthKind::PlanarZ,
+            scale: 1.0,
+        },
         lights: BTreeMap::from(lights),
         long_side: 32,
         ..ReadScene::default()
@@ -69,7 +81,9 @@ fn folder() -> (tempfile::TempDir, ReadScene) {
 }
 
 /// The folder's scene after `change`, which may write files into the folder.
-fn check(change: impl FnOnce(&Path, &mut ReadScene)) -> Result<(ReadSceneOut, Vec<String>), NodeError> {
+fn check(
+    change: impl FnOnce(&Path, &mut ReadScene),
+) -> Result<(ReadSceneOut, Vec<String>), NodeError> {
     let (dir, mut scene) = folder();
     change(dir.path(), &mut scene);
     run(&scene)
@@ -88,8 +102,14 @@ fn a_scene_is_read() {
     assert!(warnings.is_empty(), "{warnings:?}");
     assert_eq!((out.photo.0.size(), out.small.0.size()), ((64, 48), (32, 24)));
     assert_eq!((out.full_depth.0.size(), out.depth.0.size()), ((64, 48), (32, 24)));
-    assert!(out.depth.0.pixels().iter().all(|&z| z == 2.0) && out.holes.0.pixels().iter().all(|&h| h == 0.0));
-    assert_eq!((out.camera.width, out.small_camera.width, out.small_camera.fx), (64, 32, out.camera.fx / 2.0));
+    assert!(
+        out.depth.0.pixels().iter().all(|&z| z == 2.0)
+            && out.holes.0.pixels().iter().all(|&h| h == 0.0)
+    );
+    assert_eq!(
+        (out.camera.width, out.small_camera.width, out.small_camera.fx),
+        (64, 32, out.camera.fx / 2.0)
+    );
     // 0.25 of 255 is stored as 64.
     assert!((out.photo.0.get(10, 10).z - Transfer::Srgb.decode(64.0 / 255.0)).abs() < 1e-7);
     // The right column is 255 in red, the lowest row 255 in green.
@@ -114,15 +134,29 @@ fn the_parameters_read_as_the_scene_file_writes_them() {
     .expect("the documented syntax");
     assert_eq!(scene.transfer, Transfer::Gamma(2.2));
     assert_eq!(scene.camera, CameraSpec::Pinhole { fx: 500.0, fy: 501.0, cx: 319.5, cy: 239.5 });
-    assert_eq!(scene.depth, DepthSpec { path: File::new("depth.png"), kind: DepthKind::Disparity, scale: 0.001 });
-    assert_eq!(scene.lights["window_0"], LightSpec::Window { mask: File::new("masks/window_0.png") });
+    assert_eq!(
+        scene.depth,
+        DepthSpec { path: File::new("depth.png"), kind: DepthKind::Disparity, scale: 0.001 }
+    );
+    assert_eq!(
+        scene.lights["window_0"],
+        LightSpec::Window { mask: File::new("masks/window_0.png") }
+    );
     assert_eq!(scene.ignore, Some(File::new("masks/outside.png")));
     assert_eq!(scene.exposure, Some(Exposure::Lux(1200.0)));
     assert_eq!(scene.clone().files().len(), 5);
-    let short: ReadScene = from_ron(r#"(photo: "p", camera: FovX(57.95), depth: (path: "d"))"#).expect("defaults");
-    assert_eq!((short.camera, short.depth.scale, short.long_side), (CameraSpec::FovX(57.95), 1.0, 320));
-    let again: ReadScene = from_ron(&relight::graph::to_ron(&scene)).expect("what is written is read");
-    assert_eq!((again.lights, again.depth, again.camera), (scene.lights, scene.depth, scene.camera));
+    let short: ReadScene =
+        from_ron(r#"(photo: "p", camera: FovX(57.95), depth: (path: "d"))"#).expect("defaults");
+    assert_eq!(
+        (short.camera, short.depth.scale, short.long_side),
+        (CameraSpec::FovX(57.95), 1.0, 320)
+    );
+    let again: ReadScene =
+        from_ron(&relight::graph::to_ron(&scene)).expect("what is written is read");
+    assert_eq!(
+        (again.lights, again.depth, again.camera),
+        (scene.lights, scene.depth, scene.camera)
+    );
 }
 
 #[test]
@@ -143,7 +177,9 @@ fn depth_kinds_have_their_closed_forms() {
         let (dx, dy) = ((x as f32 + 0.5 - 32.0) / f, (y as f32 + 0.5 - 24.0) / f);
         3000.0 * (1.0 + dx * dx + dy * dy).sqrt()
     }
-    let near = |out: &ReadSceneOut, z: f32| out.full_depth.0.pixels().iter().all(|&got| (got - z).abs() < 1e-5 * z);
+    let near = |out: &ReadSceneOut, z: f32| {
+        out.full_depth.0.pixels().iter().all(|&got| (got - z).abs() < 1e-5 * z)
+    };
     assert!(near(&kind(DepthKind::RayLength, 0.001, ray), 3.0));
     assert!(near(&kind(DepthKind::PlanarZ, 0.001, |_, _| 2500.0), 2.5));
     assert!(near(&kind(DepthKind::Disparity, 8.0, |_, _| 4.0), 2.0));
@@ -180,7 +216,8 @@ fn depth_formats_hold_the_same_numbers() {
         assert_eq!((depth, warnings.len()), (Plane::from_fn(4, 3, |x, y| number(x, y).into()), 0));
     }
     let hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x80\x80\x80\x80";
-    let error = read_depth(NamedBytes::new("d.hdr", hdr)).expect_err("HDR holds colours").to_string();
+    let error =
+        read_depth(NamedBytes::new("d.hdr", hdr)).expect_err("HDR holds colours").to_string();
     assert_eq!(error, "d.hdr: file format: wanted depth: EXR, 16-bit gray PNG or NPY, got Hdr");
 }
 
@@ -197,15 +234,26 @@ fn depth_with_holes_or_of_other_sizes() {
             fs::write(dir.join("depth.npy"), depth).expect("writable");
         })
         .expect("a third is holes");
-        assert!(warnings.is_empty() && out.full_depth.0.pixels().iter().all(|&z| (z - 2.0).abs() < 1e-5));
+        assert!(
+            warnings.is_empty()
+                && out.full_depth.0.pixels().iter().all(|&z| (z - 2.0).abs() < 1e-5)
+        );
     }
-    let (_, warnings) = check(depth(64, 48, |x, _| if x < 40 { 0.0 } else { 2.0 })).expect("holes are filled");
+    let (_, warnings) =
+        check(depth(64, 48, |x, _| if x < 40 { 0.0 } else { 2.0 })).expect("holes are filled");
     assert!(warnings[0].contains("62 % of the depth are holes"), "{warnings:?}");
-    assert!(message(depth(64, 48, |_, _| f32::NAN)).contains("depth.npy: depth: wanted at least one depth"));
+    assert!(
+        message(depth(64, 48, |_, _| f32::NAN))
+            .contains("depth.npy: depth: wanted at least one depth")
+    );
     let (out, _) = check(depth(16, 12, |_, _| 2.0)).expect("the same aspect");
     assert_eq!(out.full_depth.0.size(), (64, 48));
     let text = message(depth(48, 64, |_, _| 2.0));
-    assert!(text.contains("depth.npy: depth size: wanted the aspect ratio of") && text.contains("48 x 64"), "{text}");
+    assert!(
+        text.contains("depth.npy: depth size: wanted the aspect ratio of")
+            && text.contains("48 x 64"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -233,9 +281,15 @@ fn masks_of_other_sizes_empty_or_full() {
         }
     };
     let (out, warnings) = check(mask(32, 24, |x| x < 4)).expect("the same aspect");
-    assert!(warnings[0].contains("lamp_0.png: 32 x 24, resampled to the photo's 64 x 48"), "{warnings:?}");
+    assert!(
+        warnings[0].contains("lamp_0.png: 32 x 24, resampled to the photo's 64 x 48"),
+        "{warnings:?}"
+    );
     assert_eq!(out.full_mask.0[0].1.0.get(2, 2), 1.0);
-    assert!(message(mask(64, 40, |x| x < 4)).contains("lamp_0.png: mask size: wanted the aspect ratio of"));
+    assert!(
+        message(mask(64, 40, |x| x < 4))
+            .contains("lamp_0.png: mask size: wanted the aspect ratio of")
+    );
     assert!(message(mask(64, 48, |_| false)).contains("lamp_0.png: mask: wanted white pixels"));
     assert!(message(mask(64, 48, |_| true)).contains("covers everything"));
     let text = message(|_, scene| scene.photo = File::new("/nowhere/photo.png"));
@@ -246,7 +300,8 @@ fn masks_of_other_sizes_empty_or_full() {
 fn photos_of_one_pixel_and_one_row() {
     for (width, height) in [(1, 1), (400, 1), (1, 7)] {
         let (out, _) = check(|dir, scene| {
-            fs::write(dir.join("photo.png"), png(width, height, true, |_, _| gray(0.5))).expect("writable");
+            fs::write(dir.join("photo.png"), png(width, height, true, |_, _| gray(0.5)))
+                .expect("writable");
             fs::write(dir.join("depth.npy"), npy((width, height), |_, _| 1.5)).expect("writable");
             scene.lights.clear();
             scene.long_side = 320;
@@ -280,7 +335,10 @@ fn parameters_out_of_range_are_named() {
         assert!(text.contains(wanted), "{text}");
     };
     wrong(|s| s.camera = CameraSpec::FovX(180.0), "camera: FovX: wanted 1..=175, got 180");
-    wrong(|s| s.camera = CameraSpec::Pinhole { fx: f32::NAN, fy: 1.0, cx: 0.0, cy: 0.0 }, "camera: fx");
+    wrong(
+        |s| s.camera = CameraSpec::Pinhole { fx: f32::NAN, fy: 1.0, cx: 0.0, cy: 0.0 },
+        "camera: fx",
+    );
     wrong(|s| s.transfer = Transfer::Gamma(0.0), "transfer: Gamma");
     wrong(|s| s.depth.scale = -1.0, "depth: scale");
     wrong(|s| s.exposure = Some(Exposure::Lux(0.0)), "exposure: Lux");
@@ -309,7 +367,8 @@ fn materials(
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let write = |name: &str, layers: ExrLayers| {
         let path = folder.path().join(name);
-        fs::write(&path, layers.write(Compression::Zip).expect("sound layers")).expect("it can be written to");
+        fs::write(&path, layers.write(Compression::Zip).expect("sound layers"))
+            .expect("it can be written to");
         file(&path)
     };
     let layers = |plane: &Plane<Vec3>| ExrLayers::new(plane.width(), plane.height());
@@ -325,7 +384,12 @@ fn materials(
         gray.float("Y", &Plane::filled(SMALL.0, SMALL.1, rough));
         write("rough.exr", gray)
     });
-    let stage = ReadMaterials { albedo: write("albedo.exr", colors), normal, roughness, ..ReadMaterials::default() };
+    let stage = ReadMaterials {
+        albedo: write("albedo.exr", colors),
+        normal,
+        roughness,
+        ..ReadMaterials::default()
+    };
     let inputs = ReadMaterialsIn {
         normal: Arc::new(Normal(Plane::filled(SMALL.0, SMALL.1, Vec3::Z))),
         camera: Arc::new(Camera::from_fov_x(SMALL.0, SMALL.1, 60.0)),
@@ -366,9 +430,14 @@ fn what_is_no_material_is_named() {
         _ => panic!("a file is at fault"),
     };
     let over = message(even(SMALL, 1.5), None);
-    assert_eq!(over, "albedo.exr: albedo: wanted 0..=1, got [1.5, 1.5, 1.5] at working pixel (0, 0)");
+    assert_eq!(
+        over,
+        "albedo.exr: albedo: wanted 0..=1, got [1.5, 1.5, 1.5] at working pixel (0, 0)"
+    );
     assert!(message(even(SMALL, f32::NAN), None).contains("wanted finite numbers"));
-    assert!(message(even(SMALL, 0.5), Some(-0.1)).starts_with("rough.exr: roughness: wanted 0..=1"));
+    assert!(
+        message(even(SMALL, 0.5), Some(-0.1)).starts_with("rough.exr: roughness: wanted 0..=1")
+    );
     let wanted = "albedo.exr: albedo size: wanted the aspect ratio of 8 x 6 to 2 %, got 6 x 8";
     assert_eq!(message(even((6, 8), 0.5), None), wanted);
 }
@@ -377,21 +446,31 @@ fn what_is_no_material_is_named() {
 fn png_comes_back_in_every_transfer() {
     for transfer in [Transfer::Srgb, Transfer::Gamma(2.2), Transfer::Linear] {
         for (sixteen, step) in [(false, 1.0 / 255.0), (true, 1.0 / 65535.0)] {
-            let picture = Plane::from_fn(61, 17, |x, y| Vec3::new(x as f32 / 60.0, y as f32 / 16.0, 0.3));
+            let picture =
+                Plane::from_fn(61, 17, |x, y| Vec3::new(x as f32 / 60.0, y as f32 / 16.0, 0.3));
             let bytes = write_png(&Picture(picture.clone()), transfer, sixteen);
-            let back = read_photo(NamedBytes::new("p.png", &bytes), transfer).expect("what was written is read");
+            let back = read_photo(NamedBytes::new("p.png", &bytes), transfer)
+                .expect("what was written is read");
             assert_eq!(back.bits, if sixteen { Bits::Sixteen } else { Bits::Eight });
             for (got, wanted) in back.picture.0.pixels().iter().zip(picture.pixels()) {
                 for axis in 0..3 {
                     let (got, wanted) = (transfer.encode(got[axis]), transfer.encode(wanted[axis]));
                     // Half a step of the file, and single precision.
-                    assert!((got - wanted).abs() <= 0.5 * step + 2e-6, "{transfer:?} {got} {wanted}");
+                    assert!(
+                        (got - wanted).abs() <= 0.5 * step + 2e-6,
+                        "{transfer:?} {got} {wanted}"
+                    );
                 }
             }
         }
     }
-    let clipped = write_png(&Picture(Plane::from_fn(2, 1, |x, _| gray([-1.0, 7.0][x]))), Transfer::Srgb, false);
-    let back = read_photo(NamedBytes::new("p.png", &clipped), Transfer::Srgb).expect("what was written is read");
+    let clipped = write_png(
+        &Picture(Plane::from_fn(2, 1, |x, _| gray([-1.0, 7.0][x]))),
+        Transfer::Srgb,
+        false,
+    );
+    let back = read_photo(NamedBytes::new("p.png", &clipped), Transfer::Srgb)
+        .expect("what was written is read");
     assert_eq!((back.picture.0.get(0, 0), back.picture.0.get(1, 0)), (Vec3::ZERO, Vec3::ONE));
 }
 
@@ -412,7 +491,10 @@ fn exr_comes_back_with_every_compression_and_channel_kind() {
         layers.comment("metres \u{3c0}");
         // Neither infinite nor black: values that halves cannot hold are floats, with its name and
         // largest magnitude.
-        assert_eq!(layers.kept_as_float(), [("large.Y".to_owned(), 1e9), ("small".to_owned(), 1e-12 * 9.0)]);
+        assert_eq!(
+            layers.kept_as_float(),
+            [("large.Y".to_owned(), 1e9), ("small".to_owned(), 1e-12 * 9.0)]
+        );
         let bytes = layers.write(compression).expect("the layers are sound");
         let source = NamedBytes::new("p.exr", &bytes);
         // Quarters and eighths below 32 are exact in half precision, floats are exact.
@@ -431,7 +513,8 @@ fn exr_comes_back_with_every_compression_and_channel_kind() {
 fn a_photo_with_an_exif_orientation_is_turned_upright() {
     let plain = {
         let mut file = std::io::Cursor::new(Vec::new());
-        let left_white: Vec<u8> = (0..32 * 16).map(|at| if at % 32 < 16 { 255 } else { 0 }).collect();
+        let left_white: Vec<u8> =
+            (0..32 * 16).map(|at| if at % 32 < 16 { 255 } else { 0 }).collect();
         image::codecs::jpeg::JpegEncoder::new(&mut file)
             .encode(&left_white, 32, 16, image::ExtendedColorType::L8)
             .expect("a sound picture");
@@ -441,7 +524,10 @@ fn a_photo_with_an_exif_orientation_is_turned_upright() {
     // turn to the left.
     let exif = b"\xff\xe1\x00\x22Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
     let turned = [&plain[..2], exif, &plain[2..]].concat();
-    let picture = read_photo(NamedBytes::new("p.jpg", &turned), Transfer::Srgb).expect("a sound file").picture.0;
+    let picture = read_photo(NamedBytes::new("p.jpg", &turned), Transfer::Srgb)
+        .expect("a sound file")
+        .picture
+        .0;
     assert_eq!(picture.size(), (16, 32));
     assert!(picture.get(8, 4).x > 0.9 && picture.get(8, 28).x < 0.1);
 }
@@ -452,7 +538,8 @@ fn saturation_of_float_photos_is_a_plateau() {
         let mut layers = ExrLayers::new(40, 30);
         layers.rgb("", &Plane::from_fn(40, 30, |x, y| gray(value(x, y))));
         let bytes = layers.write(Compression::Zip).expect("sound layers");
-        let photo = read_photo(NamedBytes::new("p.exr", &bytes), Transfer::Linear).expect("a sound file");
+        let photo =
+            read_photo(NamedBytes::new("p.exr", &bytes), Transfer::Linear).expect("a sound file");
         photo.clipped.0.pixels().iter().sum::<f32>()
     };
     assert_eq!(clipped(|x, y| if x < 6 && y < 6 { 8.0 } else { (x + y) as f32 / 64.0 }), 36.0);
@@ -461,7 +548,12 @@ fn saturation_of_float_photos_is_a_plateau() {
 
 fn exr_channels(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
     use exr::prelude::{ReadChannels, ReadLayers, read};
-    let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes();
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes();
     let image = image.from_buffered(std::io::Cursor::new(bytes)).expect("a sound file");
     assert_eq!(image.layer_data.len(), 1, "one part holds all layers");
     let list = image.layer_data[0].channel_data.list.iter();
@@ -479,7 +571,9 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
     };
     let plane = |n: usize| Plane::from_fn(small.0, small.1, |x, y| noise(x, y, n));
     let colors = |(w, h): (usize, usize), n: usize| {
-        Plane::from_fn(w, h, |x, y| Vec3::new(noise(x, y, n), 0.5 * noise(x, y, n), x as f32 / w as f32))
+        Plane::from_fn(w, h, |x, y| {
+            Vec3::new(noise(x, y, n), 0.5 * noise(x, y, n), x as f32 / w as f32)
+        })
     };
     let ids: Vec<(String, usize, usize)> =
         (0..lights).map(|i| (format!("light{i}"), if i == 0 { 3 } else { 1 }, 10 * i)).collect();
@@ -495,19 +589,32 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         (id.clone(), Arc::new(UnitDirect { lobes: many(*lobes, *n), stderr: many(*lobes, n + 3) }))
     });
     let visibility = ids.iter().map(|(id, lobes, n)| {
-        let (lit, stderr, unknown) = (many(*lobes, n + 1), many(*lobes, n + 4), many(*lobes, n + 2));
+        let (lit, stderr, unknown) =
+            (many(*lobes, n + 1), many(*lobes, n + 4), many(*lobes, n + 2));
         (id.clone(), Arc::new(Visibility { lit, stderr, unknown }))
     });
     let indirect = ids.iter().map(|(id, lobes, n)| {
         let shading = (0..*lobes).map(|k| Shading(colors(small, n + 4 + k))).collect();
-        (id.clone(), Arc::new(UnitIndirect { lobes: shading, stderr: many(*lobes, n + 5), probes: vec![] }))
+        (
+            id.clone(),
+            Arc::new(UnitIndirect { lobes: shading, stderr: many(*lobes, n + 5), probes: vec![] }),
+        )
     });
     let radiance = ids.iter().map(|(id, lobes, _)| {
-        (id.clone(), Arc::new(Radiance((0..*lobes).map(|k| Vec3::new(1.0, 2.0, 3.0) * (k + 1) as f32).collect())))
+        (
+            id.clone(),
+            Arc::new(Radiance(
+                (0..*lobes).map(|k| Vec3::new(1.0, 2.0, 3.0) * (k + 1) as f32).collect(),
+            )),
+        )
     });
     WriteIn {
         picture: Arc::new(Picture(picture)),
-        encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: Some(1200.0), sixteen_bit: false }),
+        encoding: Arc::new(Encoding {
+            transfer: Transfer::Srgb,
+            lux: Some(1200.0),
+            sixteen_bit: false,
+        }),
         photo: Some(Arc::new(Picture(colors(size, 6)))),
         residual: Arc::new(Layer::new(rest)),
         direct: Gather(direct.collect()),
@@ -528,13 +635,20 @@ fn the_written_layers_are_what_they_say() {
     let inputs = write_inputs((48, 36), (48, 36), 3);
     let (direct, visibility) = (inputs.direct.0[0].1.clone(), inputs.visibility.0[0].1.clone());
     let (indirect, radiance) = (inputs.indirect.0[0].1.clone(), inputs.radiance.0[0].1.clone());
-    let photo: Vec<f32> = inputs.photo.iter().flat_map(|photo| photo.0.pixels()).map(|c| c.x).collect();
+    let photo: Vec<f32> =
+        inputs.photo.iter().flat_map(|photo| photo.0.pixels()).map(|c| c.x).collect();
     let files = Write::default().run(inputs, &Context::default()).expect("sound inputs").files;
-    assert_eq!(files.0.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["picture.png", "picture.exr"]);
+    assert_eq!(
+        files.0.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(),
+        ["picture.png", "picture.exr"]
+    );
     let exr = exr_channels(&files.0[1].1);
     let close = |got: f32, wanted: f32, name: &str| {
         // Half precision: 2^-11 relative in each of two numbers.
-        assert!((got - wanted).abs() <= 1e-3 * wanted.abs() + 1e-6, "{name}: {got}, wanted {wanted}");
+        assert!(
+            (got - wanted).abs() <= 1e-3 * wanted.abs() + 1e-6,
+            "{name}: {got}, wanted {wanted}"
+        );
     };
     for (at, _) in exr["R"].iter().enumerate() {
         for axis in ["R", "G", "B"] {
@@ -563,8 +677,16 @@ fn the_written_layers_are_what_they_say() {
         close(exr["photo.R"][at], photo[at], "photo");
         close(exr["stderr_light0.Y"][at], (variance + shared * shared).sqrt(), "stderr");
     }
-    for name in ["A", "albedo.R", "normal.X", "normal.Z", "rough.Y", "depth.Z", "direct_light2.B", "indirect_light1.R"]
-    {
+    for name in [
+        "A",
+        "albedo.R",
+        "normal.X",
+        "normal.Z",
+        "rough.Y",
+        "depth.Z",
+        "direct_light2.B",
+        "indirect_light1.R",
+    ] {
         assert!(exr.contains_key(name), "{name}");
     }
     assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 8 + 3 * 9);
@@ -587,7 +709,10 @@ fn a_light_that_is_off_still_has_its_shadow() {
 fn small_diagnostics_grow_to_the_photo_and_can_be_left_out() {
     let files = |diagnostics| {
         let write = Write { diagnostics, ..Write::default() };
-        write.run(write_inputs((64, 48), (32, 24), 2), &Context::default()).expect("sound inputs").files
+        write
+            .run(write_inputs((64, 48), (32, 24), 2), &Context::default())
+            .expect("sound inputs")
+            .files
     };
     assert!(exr_channels(&files(true).0[1].1).values().all(|c| c.len() == 64 * 48));
     assert_eq!(exr_channels(&files(false).0[1].1).len(), 4 + 3 * 3 + 3);
@@ -605,7 +730,11 @@ fn what_is_no_number_is_not_written() {
             "picture" => inputs.picture = Arc::new(Picture(plane)),
             _ => inputs.residual = Arc::new(Layer::new(plane)),
         }
-        let error = Write::default().run(inputs, &Context::default()).err().expect("a bug upstream").to_string();
+        let error = Write::default()
+            .run(inputs, &Context::default())
+            .err()
+            .expect("a bug upstream")
+            .to_string();
         assert!(error.contains(name) && error.contains("(3, 2)"), "{error}");
     }
 }
@@ -615,7 +744,8 @@ fn a_16_bit_photo_gives_a_16_bit_picture() {
     let mut inputs = write_inputs((8, 6), (8, 6), 1);
     Arc::make_mut(&mut inputs.encoding).sixteen_bit = true;
     let files = Write::default().run(inputs, &Context::default()).expect("sound inputs").files;
-    let photo = read_photo(NamedBytes::new("picture.png", &files.0[0].1), Transfer::Srgb).expect("a PNG");
+    let photo =
+        read_photo(NamedBytes::new("picture.png", &files.0[0].1), Transfer::Srgb).expect("a PNG");
     assert_eq!(photo.bits, Bits::Sixteen);
 }
 
@@ -623,11 +753,16 @@ fn a_16_bit_photo_gives_a_16_bit_picture() {
 #[test]
 fn real_photos_are_read() {
     let photos = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/photos");
-    for dir in fs::read_dir(&photos).expect("a folder").map(|entry| entry.expect("an entry").path()) {
+    for dir in fs::read_dir(&photos).expect("a folder").map(|entry| entry.expect("an entry").path())
+    {
         let masks = dir.join("masks");
         let mut scene = ReadScene {
             photo: file(&dir.join("photo.png")),
-            depth: DepthSpec { path: file(&dir.join("depth.exr")), kind: DepthKind::PlanarZ, scale: 1.0 },
+            depth: DepthSpec {
+                path: file(&dir.join("depth.exr")),
+                kind: DepthKind::PlanarZ,
+                scale: 1.0,
+            },
             ..ReadScene::default()
         };
         for mask in if masks.is_dir() { files_below(&masks) } else { Vec::new() } {
@@ -642,7 +777,8 @@ fn real_photos_are_read() {
         let start = Instant::now();
         let (out, warnings) = run(&scene).expect("a real photo");
         let seconds = start.elapsed().as_secs_f64();
-        let range = out.depth.0.pixels().iter().fold((f32::MAX, 0f32), |(l, h), &z| (l.min(z), h.max(z)));
+        let range =
+            out.depth.0.pixels().iter().fold((f32::MAX, 0f32), |(l, h), &z| (l.min(z), h.max(z)));
         let holes = out.holes.0.pixels().iter().sum::<f32>() / out.holes.0.len() as f32;
         println!(
             "{}: {:?}, depth {range:?}, holes {holes:.3}, {seconds:.3} s, {warnings:?}",
@@ -693,7 +829,9 @@ fn try_all(path: &Path, photo: &Path, depth: &Path) -> usize {
         let start = Instant::now();
         match catch_unwind(AssertUnwindSafe(|| run(&scene))) {
             Ok(Ok(_)) => read += 1,
-            Ok(Err(error)) => assert!(error.to_string().contains(name), "{name} as {role}: {error}"),
+            Ok(Err(error)) => {
+                assert!(error.to_string().contains(name), "{name} as {role}: {error}")
+            }
             Err(_) => panic!("{} as {role}: a panic", path.display()),
         }
         let seconds = start.elapsed().as_secs_f64();
@@ -711,8 +849,9 @@ fn companions(dir: &Path) -> (PathBuf, PathBuf) {
 
 fn files_below(dir: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(dir).expect("a folder").map(|entry| entry.expect("an entry").path());
-    let mut files: Vec<PathBuf> =
-        entries.flat_map(|path| if path.is_dir() { files_below(&path) } else { vec![path] }).collect();
+    let mut files: Vec<PathBuf> = entries
+        .flat_map(|path| if path.is_dir() { files_below(&path) } else { vec![path] })
+        .collect();
     files.sort();
     files
 }
@@ -724,7 +863,11 @@ fn our_own_corpus_of_bad_pictures() {
     let files = files_below(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bad/pictures"));
     assert!(files.len() >= 20, "{} files", files.len());
     for path in files {
-        assert!(fs::metadata(&path).expect("a file").len() < 2048, "{} is no small file", path.display());
+        assert!(
+            fs::metadata(&path).expect("a file").len() < 2048,
+            "{} is no small file",
+            path.display()
+        );
         assert_eq!(try_all(&path, &photo, &depth), 0, "{} was read", path.display());
     }
 }
@@ -734,12 +877,19 @@ fn our_own_corpus_of_bad_pictures() {
 fn every_file_of_the_corpora_is_read_or_refused() {
     let corpora = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/corpora");
     // Archive, and how many files its README promises at least.
-    for (archive, promised) in [("openexr_damaged", 186), ("pngsuite", 175), ("zune_fuzz", 2670), ("valid_odd", 70)] {
+    for (archive, promised) in
+        [("openexr_damaged", 186), ("pngsuite", 175), ("zune_fuzz", 2670), ("valid_odd", 70)]
+    {
         let packed = corpora.join(format!("{archive}.tar.xz"));
         let dir = tempfile::tempdir().expect("a temporary folder");
         let unpacked = dir.path().join("files");
         fs::create_dir(&unpacked).expect("writable");
-        let tar = std::process::Command::new("tar").arg("xf").arg(&packed).arg("-C").arg(&unpacked).status();
+        let tar = std::process::Command::new("tar")
+            .arg("xf")
+            .arg(&packed)
+            .arg("-C")
+            .arg(&unpacked)
+            .status();
         assert!(tar.expect("tar runs").success());
         let (photo, depth) = companions(dir.path());
         let files = files_below(&unpacked);
@@ -747,9 +897,16 @@ fn every_file_of_the_corpora_is_read_or_refused() {
         let start = Instant::now();
         let read: usize = files.par_iter().map(|path| try_all(path, &photo, &depth)).sum();
         let seconds = start.elapsed().as_secs_f64();
-        println!("{archive}: {} files in 3 roles, {read} read, the rest refused, {seconds:.1} s", files.len());
+        println!(
+            "{archive}: {} files in 3 roles, {read} read, the rest refused, {seconds:.1} s",
+            files.len()
+        );
         if let Ok(status) = fs::read_to_string("/proc/self/status") {
-            let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("Linux tells it").trim();
+            let peak = status
+                .lines()
+                .find_map(|line| line.strip_prefix("VmHWM:"))
+                .expect("Linux tells it")
+                .trim();
             let kib: usize = peak.trim_end_matches(" kB").parse().expect("a number");
             println!("  peak memory so far {} MiB", kib >> 10);
             assert!(kib < 4 << 20, "peak memory {kib} KiB");

@@ -30,21 +30,36 @@ fn run(files: &[(&str, &[u8])], objects: &str) -> Run {
     depth.save(path("depth.png")).expect("a picture can be written");
     let scene = r#"Scene(version: 1, photo: "photo.png", camera: FovX(60), depth: (path: "depth.png", scale: 0.001))"#;
     let edit = format!("Edit(version: 1, objects: [{objects}])");
-    for (name, bytes) in files.iter().chain(&[("scene.ron", scene.as_bytes()), ("edit.ron", edit.as_bytes())]) {
+    for (name, bytes) in
+        files.iter().chain(&[("scene.ron", scene.as_bytes()), ("edit.ron", edit.as_bytes())])
+    {
         std::fs::write(path(name), bytes).expect("a file can be written");
     }
     let graph = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
     let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
     command.current_dir(folder.path()).arg("run").arg(graph);
-    command.args(["edit.ron", "--scene", ".", "--only", "objects", "--no-cache", "--threads", "1", "--out", "out"]);
-    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts");
+    command.args([
+        "edit.ron",
+        "--scene",
+        ".",
+        "--only",
+        "objects",
+        "--no-cache",
+        "--threads",
+        "1",
+        "--out",
+        "out",
+    ]);
+    let mut child =
+        command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("the program starts");
     // The mark only rises, so that frequent reads miss only the last moments.
     let status = format!("/proc/{}/status", child.id());
     let mut peak = None;
     let exit = loop {
         let text = std::fs::read_to_string(&status).unwrap_or_default();
-        let mark =
-            text.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+        let mark = text.lines().find_map(|line| {
+            line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB")?.parse::<u64>().ok()
+        });
         peak = peak.max(mark.map(|kilobytes| 1024 * kilobytes));
         if peak.is_some_and(|peak| peak > 2 * MOST) {
             child.kill().expect("it can be stopped");
@@ -55,8 +70,13 @@ fn run(files: &[(&str, &[u8])], objects: &str) -> Run {
         }
     };
     let mut told = String::new();
-    std::io::Read::read_to_string(&mut child.stderr.take().expect("it was piped"), &mut told).expect("it is text");
-    let run = Run { success: exit.success(), told, peak: peak.expect("the system counts the memory of a process") };
+    std::io::Read::read_to_string(&mut child.stderr.take().expect("it was piped"), &mut told)
+        .expect("it is text");
+    let run = Run {
+        success: exit.success(),
+        told,
+        peak: peak.expect("the system counts the memory of a process"),
+    };
     println!("{} MB, {exit}", run.peak / 1_000_000);
     assert!(run.peak < MOST, "{} bytes of memory; told:\n{}", run.peak, run.told);
     run
@@ -70,7 +90,8 @@ fn object(file: &str) -> String {
 fn large_texture() -> Vec<u8> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     let pixels = image::RgbImage::from_pixel(8192, 8192, image::Rgb([200, 100, 50]));
-    let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Level(6), FilterType::NoFilter);
+    let encoder =
+        PngEncoder::new_with_quality(&mut bytes, CompressionType::Level(6), FilterType::NoFilter);
     pixels.write_with_encoder(encoder).expect("it can be written");
     let bytes = bytes.into_inner();
     assert!(bytes.len() < 500_000, "{} bytes", bytes.len());
@@ -114,7 +135,11 @@ fn primitives_on_one_accessor_of_zeros() {
     );
     assert!(gltf.len() < 1000, "{} bytes", gltf.len());
     let run = run(&[("a.gltf", gltf.as_bytes())], &object("a.gltf"));
-    assert!(!run.success && run.told.contains("positions of") && run.told.contains("a.gltf"), "{}", run.told);
+    assert!(
+        !run.success && run.told.contains("positions of") && run.told.contains("a.gltf"),
+        "{}",
+        run.told
+    );
 }
 
 /// Reason: it was decoded once for each material, to 12 bytes a texel: 7.0 GB.
@@ -131,12 +156,14 @@ fn one_large_texture_in_many_materials_of_a_gltf() {
 #[needs("/proc/self/status")]
 #[test]
 fn one_large_texture_in_many_materials_of_an_obj() {
-    let (mut obj, mut library) = (String::from("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n"), String::new());
+    let (mut obj, mut library) =
+        (String::from("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n"), String::new());
     for i in 0..8 {
         let _ = writeln!(obj, "usemtl m{i}\nf 1/1 2/1 3/1");
         let _ = writeln!(library, "newmtl m{i}\nKd 1 1 1\nmap_Kd t.png");
     }
-    let files = [("a.obj", obj.as_bytes()), ("a.mtl", library.as_bytes()), ("t.png", &large_texture())];
+    let files =
+        [("a.obj", obj.as_bytes()), ("a.mtl", library.as_bytes()), ("t.png", &large_texture())];
     let run = run(&files, &object("a.obj"));
     assert!(run.success, "{}", run.told);
 }
@@ -156,8 +183,10 @@ fn many_objects_of_one_file() {
 #[test]
 fn a_mesh_in_many_nodes() {
     let strip = 4000;
-    let positions: Vec<u8> =
-        (0..strip).flat_map(|i| [i as f32, (i % 2) as f32, 0.0]).flat_map(|v: f32| v.to_le_bytes()).collect();
+    let positions: Vec<u8> = (0..strip)
+        .flat_map(|i| [i as f32, (i % 2) as f32, 0.0])
+        .flat_map(|v: f32| v.to_le_bytes())
+        .collect();
     let nodes = |count: usize| {
         let list: Vec<String> = (0..count).map(|i| i.to_string()).collect();
         let node = r#"{"mesh": 0}"#;
@@ -173,8 +202,15 @@ fn a_mesh_in_many_nodes() {
         )
     };
     let refused = |nodes: String, times: usize, wanted: &str| {
-        let ran = run(&[("a.gltf", nodes.as_bytes()), ("s.bin", &positions)], &object("a.gltf").repeat(times));
-        assert!(!ran.success && ran.told.contains(wanted), "wanted {wanted:?}, told:\n{}", ran.told);
+        let ran = run(
+            &[("a.gltf", nodes.as_bytes()), ("s.bin", &positions)],
+            &object("a.gltf").repeat(times),
+        );
+        assert!(
+            !ran.success && ran.told.contains(wanted),
+            "wanted {wanted:?}, told:\n{}",
+            ran.told
+        );
     };
     refused(nodes(530), 1, "wanted up to 20");
     refused(nodes(500), 2, "triangles of models with");

@@ -17,8 +17,16 @@ const PARITY: f32 = 1e-4;
 /// The parity files hold each such row and column of output pictures.
 const SPARSE: isize = 4;
 
-const NETWORKS: [&str; 8] =
-    ["indirectnet", "invlampnet", "invwinnet", "lightnet", "mnet", "shadownet", "vislampnet", "viswinnet"];
+const NETWORKS: [&str; 8] = [
+    "indirectnet",
+    "invlampnet",
+    "invwinnet",
+    "lightnet",
+    "mnet",
+    "shadownet",
+    "vislampnet",
+    "viswinnet",
+];
 
 fn file(folder: &str, name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(folder).join(name)
@@ -28,7 +36,8 @@ fn file(folder: &str, name: &str) -> PathBuf {
 /// contain a network.
 fn array(network: &str, name: &str) -> Result<Tensor<f32>, Box<dyn Error>> {
     let own = file("tests/parity", &format!("{network}.{name}.npy"));
-    let bytes = fs::read(if own.exists() { own } else { file("tests/parity", &format!("{name}.npy")) })?;
+    let bytes =
+        fs::read(if own.exists() { own } else { file("tests/parity", &format!("{name}.npy")) })?;
     let npy = NpyFile::new(&bytes[..])?;
     let shape: Vec<usize> = npy.shape().iter().map(|&n| n as usize).collect();
     let values: Vec<f32> = if npy.dtype().descr().contains("f2") {
@@ -44,7 +53,10 @@ fn each_network_gives_what_it_gave_in_training() -> Result<(), Box<dyn Error>> {
     for network in NETWORKS {
         let model = Model::load_file(file("models", &format!("{network}.onnx")))?;
         let name = |id| -> Result<String, Box<dyn Error>> {
-            Ok(model.node_info(id).and_then(|node| node.name().map(String::from)).ok_or("a nameless node")?)
+            Ok(model
+                .node_info(id)
+                .and_then(|node| node.name().map(String::from))
+                .ok_or("a nameless node")?)
         };
         let mut inputs = Vec::new();
         for &id in model.input_ids() {
@@ -55,11 +67,14 @@ fn each_network_gives_what_it_gave_in_training() -> Result<(), Box<dyn Error>> {
         for (&id, output) in model.output_ids().iter().zip(outputs) {
             let name = name(id)?;
             let (got, want): (Tensor<f32>, _) = (output.try_into()?, array(network, &name)?);
-            let each = |axis| SliceItem::range(0, None, if axis > 1 && got.ndim() == 4 { SPARSE } else { 1 });
+            let each = |axis| {
+                SliceItem::range(0, None, if axis > 1 && got.ndim() == 4 { SPARSE } else { 1 })
+            };
             let got = got.slice((0..got.ndim()).map(each).collect::<Vec<_>>().as_slice());
             assert_eq!(got.shape(), want.shape(), "{network}: {name}");
             let largest = want.iter().fold(0.0_f32, |top, x| top.max(x.abs()));
-            let worst = got.iter().zip(want.iter()).fold(0.0_f32, |worst, (a, b)| worst.max((a - b).abs()));
+            let worst =
+                got.iter().zip(want.iter()).fold(0.0_f32, |worst, (a, b)| worst.max((a - b).abs()));
             assert!(worst <= PARITY * largest, "{network}: {name} is off by {worst} of {largest}");
         }
     }

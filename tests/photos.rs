@@ -104,9 +104,11 @@ impl Room {
     /// Writes scene.ron from about.json and the masks that lie there.
     fn new(data: &Path, photo: &'static Photo) -> Room {
         let source = data.join(photo.name).canonicalize().expect("the photo's folder is there");
-        let about = std::fs::read_to_string(source.join("about.json")).expect("about.json can be read");
+        let about =
+            std::fs::read_to_string(source.join("about.json")).expect("about.json can be read");
         let about: serde_json::Value = serde_json::from_str(&about).expect("about.json is sound");
-        let number = |key: &str| about[key].as_f64().unwrap_or_else(|| panic!("about.json gives {key}"));
+        let number =
+            |key: &str| about[key].as_f64().unwrap_or_else(|| panic!("about.json gives {key}"));
         let camera = match about["fov_x_deg"].as_f64() {
             Some(degrees) => format!("FovX({degrees})"),
             None => {
@@ -122,7 +124,10 @@ impl Room {
             let kind = if id.starts_with("lamp") { "Lamp" } else { "Window" };
             let mask = format!("masks/{id}.png");
             write!(lights, "{id:?}: {kind}(mask: {}), ", path(&mask)).expect("text can grow");
-            masks.insert(id.to_string(), image::open(source.join(&mask)).expect("a mask can be read").into_luma8());
+            masks.insert(
+                id.to_string(),
+                image::open(source.join(&mask)).expect("a mask can be read").into_luma8(),
+            );
         }
         let ignore = source.join("masks/outside.png");
         let ignore = if ignore.is_file() { format!("ignore: {ignore:?},") } else { String::new() };
@@ -134,7 +139,8 @@ impl Room {
             path("depth.exr"),
         );
         std::fs::write(folder.path().join("scene.ron"), scene).expect("a file can be written");
-        let before = image::open(source.join("photo.png")).expect("the photo can be read").into_rgb8();
+        let before =
+            image::open(source.join("photo.png")).expect("the photo can be read").into_rgb8();
         Room { folder, photo, before, masks }
     }
 
@@ -142,7 +148,8 @@ impl Room {
     fn relight(&self, edit: &str, lights: &str) -> Relit {
         let at = |name: &str| self.folder.path().join(name);
         let (file, out) = (at(&format!("{edit}.ron")), at(edit));
-        std::fs::write(&file, format!("Edit(version: 1, lights: {{{lights}}})")).expect("a file can be written");
+        std::fs::write(&file, format!("Edit(version: 1, lights: {{{lights}}})"))
+            .expect("a file can be written");
         let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
         command.arg("run").arg(graph).arg(file).arg("--scene").arg(self.folder.path());
@@ -156,7 +163,8 @@ impl Room {
         let output = command.output().expect("the program starts");
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.success(), "{} {edit}: {told}", self.photo.name);
-        let picture = image::open(out.join("picture.png")).expect("the picture can be read").into_rgb8();
+        let picture =
+            image::open(out.join("picture.png")).expect("the picture can be read").into_rgb8();
         assert_eq!(picture.dimensions(), self.before.dimensions(), "{} {edit}", self.photo.name);
         Relit { picture, layers: out.join("picture.exr"), told }
     }
@@ -167,7 +175,9 @@ impl Room {
         let mut edits = Vec::new();
         let all: String = lit.iter().map(|id| format!("{id:?}: Off, ")).collect();
         for id in *lit {
-            let around = around(self.masks[*id].enumerate_pixels().filter(|p| p.2.0[0] > 127).map(|p| [p.0, p.1]));
+            let around = around(
+                self.masks[*id].enumerate_pixels().filter(|p| p.2.0[0] > 127).map(|p| [p.0, p.1]),
+            );
             edits.push((format!("{id}_off"), format!("{id:?}: Off"), around));
             if *id == lit[0] {
                 edits.push((format!("{id}_cold"), format!("{id:?}: Temperature(9000)"), around));
@@ -207,7 +217,8 @@ impl Room {
 /// A rectangle twice as large as the bounding box of `pixels`, at least 120 wide: x0, y0, x1, y1.
 fn around(pixels: impl Iterator<Item = [u32; 2]>) -> [u32; 4] {
     let empty = [u32::MAX, u32::MAX, 0, 0];
-    let [x0, y0, x1, y1] = pixels.fold(empty, |[a, b, c, d], [x, y]| [a.min(x), b.min(y), c.max(x), d.max(y)]);
+    let [x0, y0, x1, y1] =
+        pixels.fold(empty, |[a, b, c, d], [x, y]| [a.min(x), b.min(y), c.max(x), d.max(y)]);
     let half = (x1 - x0).max((y1 - y0) * 4 / 3).max(60);
     let (x, y) = ((x0 + x1) / 2, (y0 + y1) / 2);
     [x.saturating_sub(half), y.saturating_sub(half * 3 / 4), x + half, y + half * 3 / 4]
@@ -223,14 +234,25 @@ struct Relit {
 fn shown(picture: &RgbImage, [x, y]: [u32; 2], half: u32) -> f64 {
     let place = (y - half..y + half).flat_map(|y| (x - half..x + half).map(move |x| (x, y)));
     let linear = |v: u8| (f64::from(v) / 255.0).powf(2.2);
-    let luminance = |[r, g, b]: [u8; 3]| 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
-    place.map(|(x, y)| luminance(picture.get_pixel(x, y).0)).sum::<f64>() / f64::from(4 * half * half)
+    let luminance =
+        |[r, g, b]: [u8; 3]| 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);
+    place.map(|(x, y)| luminance(picture.get_pixel(x, y).0)).sum::<f64>()
+        / f64::from(4 * half * half)
 }
 
 /// Number of pixels, among those that `counts`, that `differ` in a channel (before, after). A
 /// saturated pixel may have any value above white.
-fn count(room: &Room, relit: &Relit, counts: impl Fn(u32, u32) -> bool, differ: impl Fn(i32, i32) -> bool) -> usize {
-    let pairs = room.before.enumerate_pixels().zip(relit.picture.pixels()).filter(|((x, y, _), _)| counts(*x, *y));
+fn count(
+    room: &Room,
+    relit: &Relit,
+    counts: impl Fn(u32, u32) -> bool,
+    differ: impl Fn(i32, i32) -> bool,
+) -> usize {
+    let pairs = room
+        .before
+        .enumerate_pixels()
+        .zip(relit.picture.pixels())
+        .filter(|((x, y, _), _)| counts(*x, *y));
     pairs
         .filter(|((_, _, a), b)| {
             a.0.iter().zip(b.0).any(|(&a, b)| a.min(b) < 250 && differ(i32::from(a), i32::from(b)))
@@ -254,10 +276,17 @@ fn check_layers(name: &str, relit: &Relit) {
     }
     for c in ["R", "G", "B"] {
         let mut sum = vec![0.0; channels[c].len()];
-        for (_, layer) in channels.iter().filter(|(n, _)| n.starts_with("light_") && n.ends_with(&format!(".{c}"))) {
+        for (_, layer) in channels
+            .iter()
+            .filter(|(n, _)| n.starts_with("light_") && n.ends_with(&format!(".{c}")))
+        {
             sum.iter_mut().zip(layer).for_each(|(sum, v)| *sum += v);
         }
-        let off = sum.iter().zip(&channels[c]).map(|(sum, v)| (sum - v).abs() / (v.abs() + 1e-3)).fold(0.0, f32::max);
+        let off = sum
+            .iter()
+            .zip(&channels[c])
+            .map(|(sum, v)| (sum - v).abs() / (v.abs() + 1e-3))
+            .fold(0.0, f32::max);
         assert!(off < 1e-3, "{name}: the layers' {c} differs from the picture by {off}");
     }
 }
@@ -283,8 +312,12 @@ fn photos_are_relit_soundly() {
             let relit = room.relight(&edit, &lights);
             check_layers(&name, &relit);
             if let Some(id) = edit.strip_suffix("_off") {
-                let mask = |id: &str, x, y| room.masks.get(id).is_some_and(|mask| mask.get_pixel(x, y).0[0] > 0);
-                let off = |x, y| mask(id, x, y) || id == "visible" && photo.lit.iter().any(|id| mask(id, x, y));
+                let mask = |id: &str, x, y| {
+                    room.masks.get(id).is_some_and(|mask| mask.get_pixel(x, y).0[0] > 0)
+                };
+                let off = |x, y| {
+                    mask(id, x, y) || id == "visible" && photo.lit.iter().any(|id| mask(id, x, y))
+                };
                 let brighter = count(&room, &relit, |x, y| !off(x, y), |a, b| b > a + 1);
                 assert_eq!(brighter, 0, "{name}: pixels are brighter with a light off");
             }
@@ -300,7 +333,9 @@ fn photos_are_relit_soundly() {
                 let keeps = shown(&relit.picture, [x, y], half) / shown(&room.before, [x, y], half);
                 println!("{name}: ({x}, {y}) keeps {keeps:.3}");
                 if keeps >= most {
-                    faults.push(format!("{name}: ({x}, {y}) keeps {keeps:.3} of its light, wanted at most {most}"));
+                    faults.push(format!(
+                        "{name}: ({x}, {y}) keeps {keeps:.3} of its light, wanted at most {most}"
+                    ));
                 }
             }
         }
@@ -317,7 +352,9 @@ fn sheets() {
     let wanted = std::env::var("PHOTO").unwrap_or_default();
     for photo in PHOTOS.iter().filter(|photo| photo.name.contains(&wanted)) {
         let room = Room::new(&data(), photo);
-        let tile = |picture: &RgbImage| imageops::resize(picture, 480, 360, imageops::FilterType::CatmullRom);
+        let tile = |picture: &RgbImage| {
+            imageops::resize(picture, 480, 360, imageops::FilterType::CatmullRom)
+        };
         let cut = |picture: &RgbImage, [x0, y0, x1, y1]: [u32; 4]| {
             let (x1, y1) = (x1.min(picture.width()), y1.min(picture.height()));
             let part = imageops::crop_imm(picture, x0, y0, x1 - x0, y1 - y0).to_image();
@@ -327,7 +364,11 @@ fn sheets() {
         for (edit, lights, part) in room.edits() {
             let relit = room.relight(&edit, &lights);
             println!("{} {edit}: {lights}", photo.name);
-            relit.told.lines().filter(|l| l.contains("warn")).for_each(|line| println!("    {line}"));
+            relit
+                .told
+                .lines()
+                .filter(|l| l.contains("warn"))
+                .for_each(|line| println!("    {line}"));
             whole.push(tile(&relit.picture));
             if edit != "invisible_off" && edit != "visible_off" {
                 close.extend([cut(&room.before, part), cut(&relit.picture, part)]);
@@ -335,8 +376,12 @@ fn sheets() {
             let layers = target.join(format!("{}_{edit}.exr", photo.name));
             std::fs::copy(&relit.layers, layers).expect("a file can be copied");
         }
-        sheet(&whole, 3).save(target.join(format!("{}.png", photo.name))).expect("a picture can be written");
-        sheet(&close, 4).save(target.join(format!("{}_close.png", photo.name))).expect("a picture can be written");
+        sheet(&whole, 3)
+            .save(target.join(format!("{}.png", photo.name)))
+            .expect("a picture can be written");
+        sheet(&close, 4)
+            .save(target.join(format!("{}_close.png", photo.name)))
+            .expect("a picture can be written");
     }
 }
 
@@ -344,7 +389,12 @@ fn sheet(tiles: &[RgbImage], columns: usize) -> RgbImage {
     let (w, h) = tiles[0].dimensions();
     let mut sheet = RgbImage::new(w * columns as u32, h * tiles.len().div_ceil(columns) as u32);
     for (i, tile) in tiles.iter().enumerate() {
-        imageops::replace(&mut sheet, tile, i64::from(w) * (i % columns) as i64, i64::from(h) * (i / columns) as i64);
+        imageops::replace(
+            &mut sheet,
+            tile,
+            i64::from(w) * (i % columns) as i64,
+            i64::from(h) * (i / columns) as i64,
+        );
     }
     sheet
 }

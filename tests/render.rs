@@ -16,7 +16,9 @@ use relight::nodes::render::direct::{Direct, DirectIn};
 use relight::nodes::render::shadow::Shadow;
 use relight::nodes::render::trace_indirect::TraceIndirect;
 use relight::nodes::render::transport::Transport;
-use relight::optics::{self, Lamp, LightKind, Lobe, RectLamp, Shape, SphereLamp, Window, polygon_irradiance};
+use relight::optics::{
+    self, Lamp, LightKind, Lobe, RectLamp, Shape, SphereLamp, Window, polygon_irradiance,
+};
 
 use common::room::Room;
 
@@ -54,7 +56,14 @@ fn floor_and_wall() -> Room {
 
 /// A square of half width 0.5 at 2 m before a wall at 4 m.
 fn square_before_wall() -> Room {
-    Room::square_before_wall(Camera { width: 200, height: 150, fx: 200.0, fy: 200.0, cx: 100.0, cy: 75.0 })
+    Room::square_before_wall(Camera {
+        width: 200,
+        height: 150,
+        fx: 200.0,
+        fy: 200.0,
+        cx: 100.0,
+        cy: 75.0,
+    })
 }
 
 fn constant(room: &Room, albedo: Vec3) -> Albedo {
@@ -64,24 +73,36 @@ fn constant(room: &Room, albedo: Vec3) -> Albedo {
 #[test]
 fn a_small_lamp_casts_a_shadow_where_geometry_says() {
     let room = square_before_wall();
-    let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.3, 0.0, 0.0), radius: 1e-3 }));
+    let lamp =
+        Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.3, 0.0, 0.0), radius: 1e-3 }));
     let visibility = shadow(&room, &Shadow { half: false, ..Shadow::default() }, &lamp, None);
     // The square's left edge at x = -0.5 throws its shadow to x = 0.3 + 2 (-0.5 - 0.3) = -1.3 on
     // the wall: column 35. What the camera sees of it reaches to the square, column 50.
     let row: Vec<f32> = (0..50).map(|x| visibility.lit[0].get(x, 75)).collect();
-    assert!(row[..34].iter().all(|v| *v == 1.0) && row[36..49].iter().all(|v| *v == 0.0), "{row:?}");
+    assert!(
+        row[..34].iter().all(|v| *v == 1.0) && row[36..49].iter().all(|v| *v == 0.0),
+        "{row:?}"
+    );
     assert!((151..200).all(|x| visibility.lit[0].get(x, 75) == 1.0), "the right side is lit");
-    assert!((52..148).all(|x| visibility.lit[0].get(x, 75) == 1.0), "no shadow of the square on itself");
+    assert!(
+        (52..148).all(|x| visibility.lit[0].get(x, 75) == 1.0),
+        "no shadow of the square on itself"
+    );
     assert!((0..200).all(|x| visibility.unknown[0].get(x, 75) == 0.0), "all of it is seen");
 }
 
 #[test]
 fn a_lamp_behind_the_square_is_unknown_and_counts_as_assumed() {
     let room = square_before_wall();
-    let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, -3.5), radius: 1e-3 }));
+    let lamp =
+        Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, -3.5), radius: 1e-3 }));
     for assume_lit in [0.0, 0.25, 1.0] {
-        let visibility = shadow(&room, &Shadow { half: false, assume_lit, ..Shadow::default() }, &lamp, None);
-        assert_eq!((visibility.unknown[0].get(20, 75), visibility.lit[0].get(20, 75)), (1.0, assume_lit));
+        let visibility =
+            shadow(&room, &Shadow { half: false, assume_lit, ..Shadow::default() }, &lamp, None);
+        assert_eq!(
+            (visibility.unknown[0].get(20, 75), visibility.lit[0].get(20, 75)),
+            (1.0, assume_lit)
+        );
     }
 }
 
@@ -93,12 +114,22 @@ fn each_lobe_of_a_window_has_its_own_shadow() {
     // shadows.
     let lobe = |direction: Vec3, bandwidth| Lobe { direction: direction.normalize(), bandwidth };
     let lobes = [lobe(Vec3::new(0.4, 0.0, 1.0), 1e5), lobe(Vec3::Y, 0.5), lobe(Vec3::NEG_Y, 0.0)];
-    let window = Window { center: Vec3::new(0.5, 0.0, 1.0), x: Vec3::NEG_X * 6.0, y: Vec3::Y * 6.0, lobes };
-    let visibility =
-        shadow(&room, &Shadow { half: false, samples: 64, ..Shadow::default() }, &Shape::Window(window), None);
+    let window =
+        Window { center: Vec3::new(0.5, 0.0, 1.0), x: Vec3::NEG_X * 6.0, y: Vec3::Y * 6.0, lobes };
+    let visibility = shadow(
+        &room,
+        &Shadow { half: false, samples: 64, ..Shadow::default() },
+        &Shape::Window(window),
+        None,
+    );
     let at = |k: usize, x: usize| visibility.lit[k].get(x, 75);
     assert!(at(0, 40) < 0.02 && at(0, 30) > 0.98, "sun: {} {}", at(0, 40), at(0, 30));
-    assert!((at(1, 40) - at(1, 30)).abs() < 0.15 && at(2, 40) > 0.5, "sky: {} {}", at(1, 40), at(1, 30));
+    assert!(
+        (at(1, 40) - at(1, 30)).abs() < 0.15 && at(2, 40) > 0.5,
+        "sky: {} {}",
+        at(1, 40),
+        at(1, 30)
+    );
 }
 
 #[test]
@@ -106,8 +137,11 @@ fn no_light_has_no_lobes_and_a_light_does_not_light_itself() {
     let room = square_before_wall();
     assert!(direct(&room, &Shape::Absent).lobes.is_empty());
     assert!(shadow(&room, &Shadow::default(), &Shape::Absent, None).lit.is_empty());
-    let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.5 }));
-    let own = Mask(Plane::from_fn(200, 150, |x, y| f32::from((50..150).contains(&x) && (25..125).contains(&y))));
+    let lamp =
+        Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.5 }));
+    let own = Mask(Plane::from_fn(200, 150, |x, y| {
+        f32::from((50..150).contains(&x) && (25..125).contains(&y))
+    }));
     let visibility = shadow(&room, &Shadow::default(), &lamp, Some(own));
     assert_eq!(visibility.lit[0].get(100, 75), 0.0);
     assert_eq!(visibility.lit[0].get(20, 75), 1.0, "nor does it shade itself from others");
@@ -121,11 +155,19 @@ fn a_furnace_comes_to_rest_at_its_closed_form() {
         let a = Vec3::new(0.2, 0.5, 0.8);
         let one = Plane::filled(room.camera.width, room.camera.height, 1.0);
         for bounces in [1, 4] {
-            let got = bounced(&room, &TraceIndirect { bounces, unseen: 1.0 }, &constant(&room, a), one.clone());
+            let got = bounced(
+                &room,
+                &TraceIndirect { bounces, unseen: 1.0 },
+                &constant(&room, a),
+                one.clone(),
+            );
             let wanted = a / (Vec3::ONE - a);
-            assert!(got.pixels().iter().all(|i| ((i - wanted) / wanted).abs().max_element() < 1e-4));
+            assert!(
+                got.pixels().iter().all(|i| ((i - wanted) / wanted).abs().max_element() < 1e-4)
+            );
         }
-        let none = bounced(&room, &TraceIndirect { bounces: 0, unseen: 1.0 }, &constant(&room, a), one);
+        let none =
+            bounced(&room, &TraceIndirect { bounces: 0, unseen: 1.0 }, &constant(&room, a), one);
         assert!(none.pixels().iter().all(|i| *i == Vec3::ZERO), "no bounce, no indirect light");
     }
 }
@@ -134,7 +176,10 @@ fn a_furnace_comes_to_rest_at_its_closed_form() {
 fn fewer_rays_of_a_transport_tell_the_same_within_their_noise() {
     let room = floor_and_wall();
     let (all, few) = (&*room.transport, room.transport.thinned(32));
-    assert_eq!((all.rays() / few.rays(), few.thinned(32) == few, all.thinned(128) == *all), (4, true, true));
+    assert_eq!(
+        (all.rays() / few.rays(), few.thinned(32) == few, all.thinned(128) == *all),
+        (4, true, true)
+    );
     let albedo = constant(&room, Vec3::splat(0.5));
     let at = |pixel: usize| if room.points.0.pixels()[pixel].z < -2.99 { 1.0 } else { 0.0 };
     let bounces = optics::Bounces { count: 1, unseen: 0.0 };
@@ -154,18 +199,23 @@ fn one_bounce_from_wall_to_floor_is_the_form_factor() {
     let room = floor_and_wall();
     let (width, height) = room.points.0.size();
     let on_wall = |p: Vec3| p.z < -2.99 && p.y > -0.999;
-    let albedo = Albedo(room.points.0.map(|p| if on_wall(p) { Vec3::splat(0.5) } else { Vec3::ZERO }));
+    let albedo =
+        Albedo(room.points.0.map(|p| if on_wall(p) { Vec3::splat(0.5) } else { Vec3::ZERO }));
     let lit = room.points.0.map(|p| f32::from(on_wall(p)));
     // The dark floor returns nothing, so that there is exactly one bounce.
     let got = bounced(&room, &TraceIndirect { bounces: 3, unseen: 0.0 }, &albedo, lit);
-    let (left, right) = (room.camera.unproject(0.5, 0.0, 3.0).x, room.camera.unproject(width as f32 - 0.5, 0.0, 3.0).x);
+    let (left, right) = (
+        room.camera.unproject(0.5, 0.0, 3.0).x,
+        room.camera.unproject(width as f32 - 0.5, 0.0, 3.0).x,
+    );
     let top = room.camera.unproject(0.0, 0.5, 3.0).y;
     let mut worst = 0.0f32;
     for y in 78..height {
         for x in 10..width - 10 {
             let p = room.points.0.get(x, y);
             let corner = |x: f32, y: f32| (Vec3::new(x, y, -3.0) - p).as_dvec3();
-            let wall = [corner(left, -1.0), corner(right, -1.0), corner(right, top), corner(left, top)];
+            let wall =
+                [corner(left, -1.0), corner(right, -1.0), corner(right, top), corner(left, top)];
             let wanted = 0.5 * polygon_irradiance(&wall, DVec3::Y) as f32;
             worst = worst.max((got.get(x, y).x / wanted - 1.0).abs());
         }
@@ -179,8 +229,9 @@ fn one_bounce_from_wall_to_floor_is_the_form_factor() {
 fn indirect_light_is_linear_and_never_negative() {
     let room = floor_and_wall();
     let (width, height) = room.points.0.size();
-    let albedo =
-        Albedo(Plane::from_fn(width, height, |x, y| Vec3::new(0.9, (x % 7) as f32 / 7.0, (y % 5) as f32 / 5.0)));
+    let albedo = Albedo(Plane::from_fn(width, height, |x, y| {
+        Vec3::new(0.9, (x % 7) as f32 / 7.0, (y % 5) as f32 / 5.0)
+    }));
     let a = Plane::from_fn(width, height, |x, y| ((x * 31 + y * 17) % 13) as f32);
     let b = Plane::from_fn(width, height, |x, y| if x == y { 100.0 } else { 0.0 });
     let both = Plane::from_fn(width, height, |x, y| 2.0 * a.get(x, y) + 0.5 * b.get(x, y));
@@ -206,7 +257,8 @@ fn thread_counts_change_no_bit() {
         pool.install(|| {
             let room = square_before_wall();
             let shape = Shape::Window(window.clone());
-            let (direct, lit) = (direct(&room, &shape), shadow(&room, &Shadow::default(), &shape, None));
+            let (direct, lit) =
+                (direct(&room, &shape), shadow(&room, &Shadow::default(), &shape, None));
             let indirect = indirect(
                 &room,
                 &TraceIndirect::default(),
@@ -230,7 +282,8 @@ fn many_stages_may_want_the_rays_at_once() {
     // Two threads, four stages, one mesh that has no hierarchy yet: no thread may wait for itself.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     let room = square_before_wall();
-    let fresh: SceneMesh = postcard::from_bytes(&postcard::to_stdvec(&*room.mesh).unwrap()).unwrap();
+    let fresh: SceneMesh =
+        postcard::from_bytes(&postcard::to_stdvec(&*room.mesh).unwrap()).unwrap();
     let room = Room { mesh: Arc::new(fresh), ..room };
     let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::ZERO, radius: 0.1 }));
     pool.scope(|scope| {
@@ -259,10 +312,11 @@ fn planes_of_different_size_are_refused_by_name() {
 // Path-traced rooms, where they are at hand.
 
 fn read_exr(path: PathBuf) -> Plane<Vec3> {
-    let image =
-        exr::prelude::read_first_flat_layer_from_file(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let image = exr::prelude::read_first_flat_layer_from_file(&path)
+        .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let channels = &image.layer_data.channel_data.list;
-    let channel = |name: &str| channels.iter().find(|c| c.name.to_string() == name).expect("R, G and B");
+    let channel =
+        |name: &str| channels.iter().find(|c| c.name.to_string() == name).expect("R, G and B");
     let rgb = ["R", "G", "B"].map(channel);
     let (width, height) = (image.layer_data.size.0, image.layer_data.size.1);
     let value = |i: usize| Vec3::from(rgb.map(|c| c.sample_data.value_by_flat_index(i).to_f32()));
@@ -282,12 +336,19 @@ fn vector(json: &serde_json::Value) -> Vec3 {
 fn lamp_of(json: &serde_json::Value) -> Option<Shape> {
     let center = vector(&json["center"]);
     match json["kind"].as_str()? {
-        "sphere" => Some(Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: json["radius"].as_f64()? as f32 }))),
+        "sphere" => Some(Shape::Lamp(Lamp::Sphere(SphereLamp {
+            center,
+            radius: json["radius"].as_f64()? as f32,
+        }))),
         "rect" => {
             let normal = vector(&json["normal"]);
             let x = Vec3::Y.cross(normal).try_normalize()?;
             let half = |i: usize| Some(json["half"][i].as_f64()? as f32);
-            Some(Shape::Lamp(Lamp::Rect(RectLamp { center, x: x * half(0)?, y: normal.cross(x) * half(1)? })))
+            Some(Shape::Lamp(Lamp::Rect(RectLamp {
+                center,
+                x: x * half(0)?,
+                y: normal.cross(x) * half(1)?,
+            })))
         }
         _ => None,
     }
@@ -303,15 +364,19 @@ fn path_traced_rooms_are_met_within_their_unseen_part() {
         let meta: serde_json::Value =
             serde_json::from_slice(&std::fs::read(folder.join("meta.json")).unwrap()).unwrap();
         let camera = Camera::from_fov_x(320, 240, meta["fov_x"].as_f64().unwrap() as f32);
-        let visible = meta["visible"].as_array().unwrap().iter().map(|id| id.as_str().unwrap().to_owned());
+        let visible =
+            meta["visible"].as_array().unwrap().iter().map(|id| id.as_str().unwrap().to_owned());
         let masks: Vec<(String, LightKind, Mask)> = visible
             .map(|id| {
-                let kind = if id.starts_with("window") { LightKind::Window } else { LightKind::Lamp };
+                let kind =
+                    if id.starts_with("window") { LightKind::Window } else { LightKind::Lamp };
                 let mask = read_mask(folder.join(format!("mask_{id}.png"))).unwrap();
                 (id, kind, mask)
             })
             .collect();
-        let glowing = Plane::from_fn(320, 240, |x, y| masks.iter().any(|(_, _, mask)| mask.0.get(x, y) > 0.0));
+        let glowing = Plane::from_fn(320, 240, |x, y| {
+            masks.iter().any(|(_, _, mask)| mask.0.get(x, y) > 0.0)
+        });
         let depth = Depth(read_exr(folder.join("depth.exr")).map(|c| c.x));
         let room = Room::with_lights(camera, depth, masks);
         let albedo = Albedo(read_exr(folder.join("albedo.exr")));
@@ -319,8 +384,14 @@ fn path_traced_rooms_are_met_within_their_unseen_part() {
             let json = &meta["lamps"][id];
             let (shape, radiance) = (lamp_of(json).unwrap(), vector(&json["radiance"]));
             let direct = direct(&room, &shape);
-            let lit = shadow(&room, &Shadow::default(), &shape, read_mask(folder.join(format!("mask_{id}.png"))));
-            let indirect = indirect(&room, &TraceIndirect::default(), &albedo, direct.clone(), lit.clone());
+            let lit = shadow(
+                &room,
+                &Shadow::default(),
+                &shape,
+                read_mask(folder.join(format!("mask_{id}.png"))),
+            );
+            let indirect =
+                indirect(&room, &TraceIndirect::default(), &albedo, direct.clone(), lit.clone());
             let wanted = read_exr(folder.join(format!("olat_{id}.exr")));
             let (mut sum, mut off, mut off_direct) = (0.0, 0.0, 0.0);
             for i in (0..320 * 240).filter(|&i| !glowing.pixels()[i]) {
@@ -328,10 +399,16 @@ fn path_traced_rooms_are_met_within_their_unseen_part() {
                 let shown = radiance * albedo.0.pixels()[i];
                 let wanted = wanted.pixels()[i];
                 sum += wanted.element_sum();
-                off += (shown * (arrives + indirect.lobes[0].0.pixels()[i]) - wanted).abs().element_sum();
+                off += (shown * (arrives + indirect.lobes[0].0.pixels()[i]) - wanted)
+                    .abs()
+                    .element_sum();
                 off_direct += (shown * arrives - wanted).abs().element_sum();
             }
-            println!("{name} {id}: relative L1 {:.3}, direct light alone {:.3}", off / sum, off_direct / sum);
+            println!(
+                "{name} {id}: relative L1 {:.3}, direct light alone {:.3}",
+                off / sum,
+                off_direct / sum
+            );
             assert!(off < off_direct, "{name} {id}: indirect light must help");
             errors.push(off / sum);
         }

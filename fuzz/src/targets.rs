@@ -9,7 +9,9 @@ use std::sync::{LazyLock, Mutex};
 
 use relight::files::{EditFile, draw, edit, scene};
 use relight::geometry::{Model, parts};
-use relight::graph::{CacheFolder, CacheKey, Context, Diagnostic, DiskCache, File, GraphFile, Node, Overlay, Registry};
+use relight::graph::{
+    CacheFolder, CacheKey, Context, Diagnostic, DiskCache, File, GraphFile, Node, Overlay, Registry,
+};
 use relight::image::{self, Transfer};
 use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 use relight::nodes::output::write_report::{WriteReport, WriteReportIn};
@@ -17,14 +19,16 @@ use relight::optics::PhotometricWebTable;
 
 static REGISTRY: LazyLock<Registry> = LazyLock::new(relight::nodes::registry);
 /// The folder of the files for readers that need paths.
-static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a folder can be made"));
+static FOLDER: LazyLock<tempfile::TempDir> =
+    LazyLock::new(|| tempfile::tempdir().expect("a folder can be made"));
 /// Tests run at once, and share the folder.
 static ONE: Mutex<()> = Mutex::new(());
 
 /// A file of these bytes.
 fn file(name: &str, bytes: &[u8]) -> PathBuf {
     let path = FOLDER.path().join(name);
-    std::fs::create_dir_all(path.parent().expect("it lies in a folder")).expect("a folder can be made");
+    std::fs::create_dir_all(path.parent().expect("it lies in a folder"))
+        .expect("a folder can be made");
     std::fs::write(&path, bytes).expect("a file can be written");
     path
 }
@@ -145,7 +149,13 @@ pub fn entries(bytes: &[u8]) {
         Some((first, header)) if first % 2 == 1 => {
             let length = (header.len() as u64).to_le_bytes();
             let (checksum, signature) = (blake3::hash(header), key.sign(header));
-            let parts = [&b"NODE\0\0\0\x02"[..], &length, checksum.as_bytes(), signature.as_bytes(), header];
+            let parts = [
+                &b"NODE\0\0\0\x02"[..],
+                &length,
+                checksum.as_bytes(),
+                signature.as_bytes(),
+                header,
+            ];
             file(&name, &parts.concat())
         }
         _ => file(&name, bytes),
@@ -169,6 +179,8 @@ pub fn report(bytes: &[u8]) {
     };
     let layers = File::new(file("run/picture.exr", layers).to_string_lossy());
     let report = File::new(file("run/report.json", report).to_string_lossy());
-    let _ = MixLayers { layers: layers.clone(), ..MixLayers::default() }.run(MixLayersIn {}, &Context::default());
-    let _ = WriteReport { layers, report, ..WriteReport::default() }.run(WriteReportIn {}, &Context::default());
+    let _ = MixLayers { layers: layers.clone(), ..MixLayers::default() }
+        .run(MixLayersIn {}, &Context::default());
+    let _ = WriteReport { layers, report, ..WriteReport::default() }
+        .run(WriteReportIn {}, &Context::default());
 }

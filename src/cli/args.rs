@@ -286,12 +286,17 @@ pub enum CacheAction {
 fn share(text: &str) -> Result<f32, String> {
     let (number, unit) = text.strip_suffix('%').map_or((text, 1.0), |number| (number, 0.01));
     let share = number.trim().parse::<f64>().map(|number| (number * unit) as f32);
-    share.ok().filter(|share| *share > 0.0 && *share < 1.0).ok_or("wanted a share above 0 and below 1, as `1%`".into())
+    share
+        .ok()
+        .filter(|share| *share > 0.0 && *share < 1.0)
+        .ok_or("wanted a share above 0 and below 1, as `1%`".into())
 }
 
 /// `lamp_0=0.5`, `lamp_0=2,1,0.5`, `lamp_0=#ffd0a0`, `lamp_0=0.5*#ffd0a0`.
 fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
-    let number = |text: &str| text.trim().parse::<f32>().ok().filter(|number| number.is_finite() && *number >= 0.0);
+    let number = |text: &str| {
+        text.trim().parse::<f32>().ok().filter(|number| number.is_finite() && *number >= 0.0)
+    };
     let parts = text.split_once('=').and_then(|(id, value)| {
         let (factor, color) = value.rsplit_once('*').unwrap_or(("1", value));
         let factor = number(factor)?;
@@ -305,7 +310,8 @@ fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
         };
         Some((id.trim().to_owned(), color.map(|channel| factor * channel)))
     });
-    let finite = parts.filter(|(id, weight)| !id.is_empty() && weight.iter().all(|w| w.is_finite()));
+    let finite =
+        parts.filter(|(id, weight)| !id.is_empty() && weight.iter().all(|w| w.is_finite()));
     finite
         .ok_or("wanted a light and a weight of 0 or more, as `lamp_0=0.5`, `lamp_0=2,1,0.5` or `lamp_0=#ffd0a0`".into())
 }
@@ -314,7 +320,11 @@ fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
 fn usda(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     let sound = path.extension().is_some_and(|ending| ending == "usda");
-    if sound { Ok(path) } else { Err("wanted a file NAME.usda: only USD as text is supported".into()) }
+    if sound {
+        Ok(path)
+    } else {
+        Err("wanted a file NAME.usda: only USD as text is supported".into())
+    }
 }
 
 /// `212,80,212,395=2.03`, as RON.
@@ -333,10 +343,12 @@ fn known_length(text: &str) -> Result<String, String> {
 fn duration(text: &str) -> Result<Duration, String> {
     let digits = text.find(|c: char| c.is_alphabetic()).unwrap_or(text.len());
     let (number, unit) = text.split_at(digits);
-    let unit = [("ms", 1e-3), ("s", 1.0), ("min", 60.0)].into_iter().find(|(name, _)| *name == unit);
+    let unit =
+        [("ms", 1e-3), ("s", 1.0), ("min", 60.0)].into_iter().find(|(name, _)| *name == unit);
     let seconds = unit.and_then(|(_, seconds)| Some(number.trim().parse::<f64>().ok()? * seconds));
     let time = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-    time.filter(|time| !time.is_zero()).ok_or("wanted a number and a unit, as `500ms`, `2s` or `1min`".into())
+    time.filter(|time| !time.is_zero())
+        .ok_or("wanted a number and a unit, as `500ms`, `2s` or `1min`".into())
 }
 
 #[cfg(test)]
@@ -383,7 +395,10 @@ mod tests {
         ] {
             let (id, got) = weight(text).expect(text);
             assert_eq!(id, "lamp_0");
-            assert!(got.iter().zip(wanted).all(|(got, wanted)| (got - wanted).abs() < 1e-6), "{text}: {got:?}");
+            assert!(
+                got.iter().zip(wanted).all(|(got, wanted)| (got - wanted).abs() < 1e-6),
+                "{text}: {got:?}"
+            );
         }
         for text in [
             "",

@@ -20,8 +20,10 @@ const MOST_SECRET: u64 = 4096;
 /// # Errors
 /// Arguments or files that cannot be used.
 pub fn cache(args: &Cache) -> Result<Exit, CliError> {
-    let (CacheAction::Stat(at) | CacheAction::Gc { at, .. } | CacheAction::Verify(at) | CacheAction::Clear(at)) =
-        &args.action;
+    let (CacheAction::Stat(at)
+    | CacheAction::Gc { at, .. }
+    | CacheAction::Verify(at)
+    | CacheAction::Clear(at)) = &args.action;
     let folder = folder(at)?;
     let path = folder.path.clone();
     let cache = DiskCache::new(folder);
@@ -32,8 +34,14 @@ pub fn cache(args: &Cache) -> Result<Exit, CliError> {
         CacheAction::Verify(_) => cache.verify(),
         CacheAction::Clear(_) => cache.clear(),
     };
-    let done = done.map_err(|e| Diagnostic::file(&path, format!("the cache cannot be used: {e}")))?;
-    let mut text = format!("{} entries, {:.1} MB in {}", done.entries, done.bytes as f64 * 1e-6, path.display());
+    let done =
+        done.map_err(|e| Diagnostic::file(&path, format!("the cache cannot be used: {e}")))?;
+    let mut text = format!(
+        "{} entries, {:.1} MB in {}",
+        done.entries,
+        done.bytes as f64 * 1e-6,
+        path.display()
+    );
     if let CacheAction::Stat(_) = &args.action {
         text.push_str(&format!("; runs keep to {} GiB", limit >> 30));
     }
@@ -70,28 +78,39 @@ pub fn chosen(args: &CacheUse) -> Result<Option<CacheFolder>, Diagnostic> {
 /// The folder and key that the arguments name, or the user's own.
 fn folder(at: &CacheAt) -> Result<CacheFolder, Diagnostic> {
     let user = || {
-        etcetera::base_strategy::choose_native_strategy()
-            .map_err(|e| Diagnostic::file(Path::new(""), format!("the user's own folders cannot be determined: {e}")))
+        etcetera::base_strategy::choose_native_strategy().map_err(|e| {
+            Diagnostic::file(
+                Path::new(""),
+                format!("the user's own folders cannot be determined: {e}"),
+            )
+        })
     };
     let path = match &at.cache {
         Some(path) => path.clone(),
-        None => user().map_err(|fault| fault.help("name a folder with --cache DIR"))?.cache_dir().join("relight"),
+        None => user()
+            .map_err(|fault| fault.help("name a folder with --cache DIR"))?
+            .cache_dir()
+            .join("relight"),
     };
     let secret = match &at.cache_key {
         Some(file) => named_secret(file)?,
-        None => own_secret(&user()?.config_dir().join("relight"))
-            .map_err(|fault| fault.help("--cache-key FILE names another key, --no-cache works without a cache"))?,
+        None => own_secret(&user()?.config_dir().join("relight")).map_err(|fault| {
+            fault.help("--cache-key FILE names another key, --no-cache works without a cache")
+        })?,
     };
     Ok(CacheFolder { path, key: CacheKey::new(&secret), shared: at.cache_key.is_some() })
 }
 
 /// The secret in a named file.
 fn named_secret(file: &Path) -> Result<Vec<u8>, Diagnostic> {
-    let bytes = graph::read(file, MOST_SECRET).map_err(|e| Diagnostic::file(file, format!("cannot be read: {e}")))?;
+    let bytes = graph::read(file, MOST_SECRET)
+        .map_err(|e| Diagnostic::file(file, format!("cannot be read: {e}")))?;
     let secret = bytes.trim_ascii();
     if secret.len() < LEAST_SECRET {
-        let message = format!("wanted a secret of at least {LEAST_SECRET} bytes, got {}", secret.len());
-        return Err(Diagnostic::file(file, message).help("`head -c 32 /dev/urandom | base64 > FILE` makes one"));
+        let message =
+            format!("wanted a secret of at least {LEAST_SECRET} bytes, got {}", secret.len());
+        return Err(Diagnostic::file(file, message)
+            .help("`head -c 32 /dev/urandom | base64 > FILE` makes one"));
     }
     Ok(secret.to_vec())
 }
@@ -99,7 +118,9 @@ fn named_secret(file: &Path) -> Result<Vec<u8>, Diagnostic> {
 /// The user's own secret, made when it is first needed.
 fn own_secret(folder: &Path) -> Result<Vec<u8>, Diagnostic> {
     let file = folder.join("cache.key");
-    let cannot = |e: std::io::Error| Diagnostic::file(&file, format!("the key of the cache cannot be made: {e}"));
+    let cannot = |e: std::io::Error| {
+        Diagnostic::file(&file, format!("the key of the cache cannot be made: {e}"))
+    };
     if file.symlink_metadata().is_err_and(|e| e.kind() == std::io::ErrorKind::NotFound) {
         let mut secret = [0; 32];
         getrandom::fill(&mut secret).map_err(|e| cannot(std::io::Error::other(e)))?;
@@ -109,7 +130,9 @@ fn own_secret(folder: &Path) -> Result<Vec<u8>, Diagnostic> {
         let digits: String = secret.iter().map(|byte| format!("{byte:02x}")).collect();
         writeln!(temporary, "{digits}").map_err(cannot)?;
         match temporary.persist_noclobber(&file) {
-            Err(e) if e.error.kind() != std::io::ErrorKind::AlreadyExists => return Err(cannot(e.error)),
+            Err(e) if e.error.kind() != std::io::ErrorKind::AlreadyExists => {
+                return Err(cannot(e.error));
+            }
             _ => {}
         }
     }
@@ -118,7 +141,8 @@ fn own_secret(folder: &Path) -> Result<Vec<u8>, Diagnostic> {
         use std::os::unix::fs::PermissionsExt;
         let mode = file.metadata().map_err(cannot)?.permissions().mode();
         if mode & 0o077 != 0 {
-            let message = format!("wanted a key that only its owner may read, got mode {:o}", mode & 0o777);
+            let message =
+                format!("wanted a key that only its owner may read, got mode {:o}", mode & 0o777);
             return Err(Diagnostic::file(&file, message));
         }
     }
@@ -127,7 +151,8 @@ fn own_secret(folder: &Path) -> Result<Vec<u8>, Diagnostic> {
 
 /// The name of a project: the cache keeps the last keys of each graph and scene apart.
 pub fn project(graph: &Path, scene: Option<&Path>) -> String {
-    let place = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned()).display().to_string();
+    let place =
+        |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned()).display().to_string();
     let parts: [Option<&Path>; 2] = [Some(graph), scene];
     parts.into_iter().flatten().map(place).collect::<Vec<_>>().join("\n")
 }

@@ -17,7 +17,11 @@ const PATIENCE: Duration = Duration::from_millis(1500);
 ///
 /// # Errors
 /// A named key file cannot be used.
-pub fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<EngineOptions, Diagnostic> {
+pub fn options(
+    cache: &CacheUse,
+    graph: &Path,
+    scene: Option<&Path>,
+) -> Result<EngineOptions, Diagnostic> {
     let project = cache::project(graph, scene);
     Ok(EngineOptions { cache: cache::chosen(cache)?, project, ..EngineOptions::default() })
 }
@@ -28,8 +32,9 @@ pub fn options(cache: &CacheUse, graph: &Path, scene: Option<&Path>) -> Result<E
 /// The worker threads cannot be started.
 pub fn engine(options: EngineOptions) -> Result<Engine, Diagnostic> {
     let services = Services::default().with(networks::untrusted());
-    Engine::new(EngineOptions { services, ..options })
-        .map_err(|e| Diagnostic::file("".as_ref(), format!("the worker threads cannot be started: {e}")))
+    Engine::new(EngineOptions { services, ..options }).map_err(|e| {
+        Diagnostic::file("".as_ref(), format!("the worker threads cannot be started: {e}"))
+    })
 }
 
 /// Passes a run whose nodes all gave their results; shows the errors of another one.
@@ -73,5 +78,6 @@ pub fn stop_on_ctrl_c(cancel: &Cancel) -> Result<(), Diagnostic> {
         // This comes last, as standard error may be a pipe that nobody reads.
         message!("stopping; press Ctrl-C again to stop at once");
     };
-    ctrlc::set_handler(handler).map_err(|e| Diagnostic::file("".as_ref(), format!("Ctrl-C cannot be handled: {e}")))
+    ctrlc::set_handler(handler)
+        .map_err(|e| Diagnostic::file("".as_ref(), format!("Ctrl-C cannot be handled: {e}")))
 }

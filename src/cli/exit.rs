@@ -132,7 +132,8 @@ mod tests {
             (vec![(Failed, true), (Failed, false)], Exit::Failed),
             (vec![(Failed, false), (Cancelled, false)], Exit::Interrupted),
         ] {
-            let nodes = nodes.into_iter().map(|(status, bad_file)| node(status, bad_file)).collect();
+            let nodes =
+                nodes.into_iter().map(|(status, bad_file)| node(status, bad_file)).collect();
             assert_eq!(Exit::of(&RunReport { nodes, ..RunReport::default() }), wanted);
         }
         assert_eq!(

@@ -26,12 +26,15 @@ pub fn export(args: &Export, verbose: u8) -> Result<Exit, CliError> {
 fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
     let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
     let Some(node) = graph.of_kind(WriteUsd::KIND).next() else {
-        let fault =
-            Diagnostic::file(&args.job.graph, format!("wanted a graph with a stage {}, got none", WriteUsd::KIND));
+        let fault = Diagnostic::file(
+            &args.job.graph,
+            format!("wanted a graph with a stage {}, got none", WriteUsd::KIND),
+        );
         return Err(fault.help("graphs/physics.ron and all that extend it have one").into());
     };
     let wanted = graph.wanted(Some(&[node.to_owned()]))?;
-    let folder = args.out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder =
+        args.out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // This check comes before the work.
     let out = Output::of_graph(folder, &graph, args.job.edit.as_deref(), args.force)?;
     let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;

@@ -59,7 +59,13 @@ struct Done {
 
 impl Done {
     /// Drops the outputs, which are pictures: a sequence keeps little of a frame.
-    fn new(number: u32, mut report: RunReport, began: Instant, files: Vec<String>, differences: Vec<String>) -> Done {
+    fn new(
+        number: u32,
+        mut report: RunReport,
+        began: Instant,
+        files: Vec<String>,
+        differences: Vec<String>,
+    ) -> Done {
         let key = key(&report);
         let hits = report.with_status(Status::Hit).len();
         let warnings = report::warnings(&report);
@@ -110,7 +116,8 @@ pub fn run(
         let needed = graph.wanted(wanted.as_deref())?;
         let (report, differences) = if args.verify {
             let verified = engine.verify(&graph, &needed, &cancel, &progress);
-            let differences = verified.differences.into_iter().map(|d| format!("{}.{}", d.node, d.port));
+            let differences =
+                verified.differences.into_iter().map(|d| format!("{}.{}", d.node, d.port));
             (verified.run, differences.collect())
         } else {
             (engine.run(&graph, &needed, &cancel, &progress), Vec::new())
@@ -120,7 +127,10 @@ pub fn run(
             && let Some(out) = &out
         {
             let results = results(&report);
-            let named = results.iter().flat_map(|files| &files.0).map(|(name, bytes)| (numbered(name, number), bytes));
+            let named = results
+                .iter()
+                .flat_map(|files| &files.0)
+                .map(|(name, bytes)| (numbered(name, number), bytes));
             let named: Vec<_> = named.collect();
             out.write(&named)?;
             files.extend(named.into_iter().map(|(name, _)| name));
@@ -148,14 +158,26 @@ pub fn run(
 }
 
 /// Makes the film, writes report.json and shows the table.
-fn summarize(args: &RunArgs, count: usize, all: &[Done], out: Option<&Output>, head: Head) -> Result<Exit, CliError> {
+fn summarize(
+    args: &RunArgs,
+    count: usize,
+    all: &[Done],
+    out: Option<&Output>,
+    head: Head,
+) -> Result<Exit, CliError> {
     let last = all.last().expect("a sequence has a frame");
     let whole = all.len() == count && last.report.is_complete();
     let mut known = BTreeSet::new();
-    let mut warnings: Vec<String> =
-        all.iter().flat_map(|done| &done.warnings).filter(|&warning| known.insert(warning)).cloned().collect();
-    let mut paths: Vec<_> = all.iter().flat_map(|done| &done.files).map(|name| args.out.join(name)).collect();
-    let has_pictures = all.iter().all(|done| done.files.contains(&numbered("picture.png", done.number)));
+    let mut warnings: Vec<String> = all
+        .iter()
+        .flat_map(|done| &done.warnings)
+        .filter(|&warning| known.insert(warning))
+        .cloned()
+        .collect();
+    let mut paths: Vec<_> =
+        all.iter().flat_map(|done| &done.files).map(|name| args.out.join(name)).collect();
+    let has_pictures =
+        all.iter().all(|done| done.files.contains(&numbered("picture.png", done.number)));
     let mut film = None;
     if whole && has_pictures && all.len() > 1 {
         match film::make(&args.out, args.fps, all.len()) {
@@ -182,7 +204,9 @@ fn summarize(args: &RunArgs, count: usize, all: &[Done], out: Option<&Output>, h
     message!("{}", table(all).trim_end());
     report.warnings.iter().for_each(|warning| message!("warning: {warning}"));
     report_errors(&last.report);
-    for (done, what) in all.iter().flat_map(|done| done.differences.iter().map(move |what| (done, what))) {
+    for (done, what) in
+        all.iter().flat_map(|done| done.differences.iter().map(move |what| (done, what)))
+    {
         message!("error: {what}: computed again in frame {}, the result differs", done.number);
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
@@ -208,14 +232,24 @@ fn numbered(name: &str, number: u32) -> String {
 
 /// One line per frame: its time, and the nodes that ran.
 fn table(all: &[Done]) -> String {
-    let mut text = format!("{:>6} {:>9} {:>5} {:>5} {:>12}  ran\n", "frame", "seconds", "hits", "ran", "rays");
+    let mut text =
+        format!("{:>6} {:>9} {:>5} {:>5} {:>12}  ran\n", "frame", "seconds", "hits", "ran", "rays");
     for done in all {
         let ran = done.report.with_status(Status::Ran);
         let hits = done.hits;
         let rays: u64 = done.report.nodes.iter().map(|node| node.rays).sum();
         // The first frame may run everything: report.json lists its nodes.
-        let names = if ran.len() > MOST_NAMES { format!("{} ..", ran[..MOST_NAMES].join(" ")) } else { ran.join(" ") };
-        let line = format!("{:>6} {:>9.3} {hits:>5} {:>5} {rays:>12}  {names}", done.number, done.seconds, ran.len());
+        let names = if ran.len() > MOST_NAMES {
+            format!("{} ..", ran[..MOST_NAMES].join(" "))
+        } else {
+            ran.join(" ")
+        };
+        let line = format!(
+            "{:>6} {:>9.3} {hits:>5} {:>5} {rays:>12}  {names}",
+            done.number,
+            done.seconds,
+            ran.len()
+        );
         text.push_str(line.trim_end());
         text.push('\n');
     }
@@ -254,7 +288,10 @@ mod tests {
         };
         let done = Done::new(7, report, Instant::now(), vec![], vec![]);
         assert!(done.report.outputs.is_empty());
-        assert_eq!(done.report.nodes.iter().map(|node| node.name.as_str()).collect::<Vec<_>>(), ["picture"]);
+        assert_eq!(
+            done.report.nodes.iter().map(|node| node.name.as_str()).collect::<Vec<_>>(),
+            ["picture"]
+        );
         assert_eq!((done.hits, done.warnings.len()), (1, 2));
     }
 }

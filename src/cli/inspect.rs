@@ -24,7 +24,12 @@ pub fn plan(args: &Plan) -> Result<Exit, CliError> {
     }
     let width = lines.iter().map(|line| line.node.chars().count()).max().unwrap_or(0);
     let line = |line: &PlanLine| {
-        let text = format!("{:7}  {:width$}  {}", line.status, line.node, line.why.as_deref().unwrap_or(""));
+        let text = format!(
+            "{:7}  {:width$}  {}",
+            line.status,
+            line.node,
+            line.why.as_deref().unwrap_or("")
+        );
         text.trim_end().to_owned() + "\n"
     };
     write::print(&lines.iter().map(line).collect::<String>())?;
@@ -63,7 +68,10 @@ pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
         None => (load(&args.graph, None, &args.files)?, String::new()),
     };
     let nodes = graph.instances().count();
-    write::print(&format!("valid: {frames}{nodes} nodes, outputs {}\n", graph.outputs().join(" ")))?;
+    write::print(&format!(
+        "valid: {frames}{nodes} nodes, outputs {}\n",
+        graph.outputs().join(" ")
+    ))?;
     Ok(Exit::Done)
 }
 

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use relight::files::{EditFile, edit, scene};
 use relight::graph::{
-    Diagnostic, Diagnostics, GraphFile, Node, Overlay, Raw, Registry, Resolved, ResolvedGraph, Setting, Source, Target,
-    is_name, to_ron,
+    Diagnostic, Diagnostics, GraphFile, Node, Overlay, Raw, Registry, Resolved, ResolvedGraph,
+    Setting, Source, Target, is_name, to_ron,
 };
 use relight::nodes::output::write_picture::WritePicture;
 
@@ -34,16 +34,22 @@ impl Pictures {
     /// The frame is not among `frames`.
     pub fn graph(&mut self, frame: u32) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         let Pictures { parts, edit, resolved, .. } = self;
-        parts.frame(edit, Some(frame), |file, overlay| file.resolve_next(&parts.registry, overlay, resolved))
+        parts.frame(edit, Some(frame), |file, overlay| {
+            file.resolve_next(&parts.registry, overlay, resolved)
+        })
     }
 
     /// Checks the frames after the first. A frame that equals the one before it needs no check.
     fn check_others(&mut self) -> Result<(), Vec<Diagnostic>> {
         let Pictures { frames, parts, edit, resolved, .. } = self;
-        let mut others =
-            frames.iter().flat_map(|frames| frames.clone().skip(1)).filter(|frame| !edit.stands_still(*frame));
+        let mut others = frames
+            .iter()
+            .flat_map(|frames| frames.clone().skip(1))
+            .filter(|frame| !edit.stands_still(*frame));
         others.try_for_each(|frame| {
-            parts.frame(edit, Some(frame), |file, overlay| file.check(&parts.registry, overlay, resolved))
+            parts.frame(edit, Some(frame), |file, overlay| {
+                file.check(&parts.registry, overlay, resolved)
+            })
         })
     }
 }
@@ -52,11 +58,16 @@ impl Pictures {
 ///
 /// # Errors
 /// All faults of all files.
-pub fn load(graph: &Path, edit: Option<&Path>, files: &SceneFiles) -> Result<ResolvedGraph, Vec<Diagnostic>> {
+pub fn load(
+    graph: &Path,
+    edit: Option<&Path>,
+    files: &SceneFiles,
+) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     let parts = Parts::read(graph, files);
     let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
     let Some(path) = edit else { return parts.with(Ok(Overlay::default()), resolve) };
-    let first = EditFile::read_within(path, files.reach()).and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
+    let first = EditFile::read_within(path, files.reach())
+        .and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
     let (frames, edit) = first.or_else(|faults| parts.refused(faults))?;
     parts.frame(&edit, frames.map(|frames| frames.start), resolve)
 }
@@ -65,16 +76,25 @@ pub fn load(graph: &Path, edit: Option<&Path>, files: &SceneFiles) -> Result<Res
 ///
 /// # Errors
 /// All faults of all files; of a sequence, those of the first frame that has any.
-pub fn load_all(graph: &Path, edit: &Path, files: &SceneFiles) -> Result<Pictures, Vec<Diagnostic>> {
+pub fn load_all(
+    graph: &Path,
+    edit: &Path,
+    files: &SceneFiles,
+) -> Result<Pictures, Vec<Diagnostic>> {
     let parts = Parts::read(graph, files);
-    let all = EditFile::read_within(edit, files.reach()).and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
+    let all = EditFile::read_within(edit, files.reach())
+        .and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
     let (frames, edit) = all.or_else(|faults| parts.refused(faults))?;
     let mut resolved = Resolved::default();
-    let first = parts.frame(&edit, frames.as_ref().map(|frames| frames.start), |file, overlay| {
-        file.resolve_next(&parts.registry, overlay, &mut resolved)
-    })?;
+    let first =
+        parts.frame(&edit, frames.as_ref().map(|frames| frames.start), |file, overlay| {
+            file.resolve_next(&parts.registry, overlay, &mut resolved)
+        })?;
     let nodes = parts.file.iter().flat_map(GraphFile::nodes);
-    let writers = nodes.filter(|node| node.kind == WritePicture::KIND).map(|node| node.name.to_owned()).collect();
+    let writers = nodes
+        .filter(|node| node.kind == WritePicture::KIND)
+        .map(|node| node.name.to_owned())
+        .collect();
     let mut pictures = Pictures { first, frames, writers, parts, edit, resolved };
     pictures.check_others()?;
     Ok(pictures)
@@ -88,7 +108,9 @@ fn frames(edit: &EditFile, chosen: Option<u32>) -> Result<Option<Range<u32>>, Ve
         (None, Some(_)) => Err(refused("this edit is one picture: it has no `frames`".into())),
         (Some(frames), None) => Ok(Some(0..frames)),
         (Some(frames), Some(number)) if number < frames => Ok(Some(number..number + 1)),
-        (Some(frames), Some(number)) => Err(refused(format!("wanted 0..={}, got {number}", frames - 1))),
+        (Some(frames), Some(number)) => {
+            Err(refused(format!("wanted 0..={}, got {number}", frames - 1)))
+        }
     }
 }
 
@@ -119,7 +141,9 @@ impl Parts {
                 faults.push(fault);
                 None
             }
-            (Ok(Some(folder)), _) => keep(scene::read_within(&folder, kinds.as_deref(), files.reach()), &mut faults),
+            (Ok(Some(folder)), _) => {
+                keep(scene::read_within(&folder, kinds.as_deref(), files.reach()), &mut faults)
+            }
             (Ok(None), Some(kinds)) if scene::STAGES.iter().any(|stage| kinds.contains(stage)) => {
                 let fault = Diagnostic::file(graph, "this graph reads a scene, and none is named");
                 faults.push(fault.help("name its folder with --scene DIR"));
@@ -134,7 +158,12 @@ impl Parts {
             Err(fault) => faults.push(fault),
         }
         if let Some(error) = files.target_error {
-            settings.extend(everywhere(&registry, "--target-error", "target_error", error.to_string()));
+            settings.extend(everywhere(
+                &registry,
+                "--target-error",
+                "target_error",
+                error.to_string(),
+            ));
         }
         if !files.known_length.is_empty() {
             match known_lengths(&registry, &files.known_length, kinds.as_deref()) {
@@ -155,9 +184,16 @@ impl Parts {
         number: Option<u32>,
         resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Diagnostic>>,
     ) -> Result<T, Vec<Diagnostic>> {
-        let change = edit::frame(edit, number.unwrap_or(0), self.room.as_ref(), kinds(self.file.as_ref()).as_deref());
+        let change = edit::frame(
+            edit,
+            number.unwrap_or(0),
+            self.room.as_ref(),
+            kinds(self.file.as_ref()).as_deref(),
+        );
         let numbered = |fault: Diagnostic| match number {
-            Some(number) if number > 0 && fault.help.is_none() => fault.help(format!("in frame {number}")),
+            Some(number) if number > 0 && fault.help.is_none() => {
+                fault.help(format!("in frame {number}"))
+            }
             _ => fault,
         };
         self.with(change, resolve).map_err(|faults| faults.into_iter().map(numbered).collect())
@@ -213,7 +249,11 @@ fn keep<T>(result: Result<T, Vec<Diagnostic>>, faults: &mut Vec<Diagnostic>) -> 
 ///
 /// # Errors
 /// A library that the arguments name or require cannot be used.
-pub fn backend(registry: &Registry, args: &Networks, kinds: &[&str]) -> Result<Vec<Setting>, Diagnostic> {
+pub fn backend(
+    registry: &Registry,
+    args: &Networks,
+    kinds: &[&str],
+) -> Result<Vec<Setting>, Diagnostic> {
     if !kinds.iter().any(|kind| networks::has_network(registry, kind)) {
         return Ok(Vec::new());
     }
@@ -226,7 +266,11 @@ fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> V
     let value = Raw::document(&Source::new(option, text), &mut Diagnostics::default());
     let value = value.expect("the arguments were made RON when they were read");
     let kinds = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
-    let setting = |kind: &str| Setting { target: Target::Kind(kind.into()), field: field.into(), value: value.clone() };
+    let setting = |kind: &str| Setting {
+        target: Target::Kind(kind.into()),
+        field: field.into(),
+        value: value.clone(),
+    };
     kinds.map(|spec| setting(spec.kind)).collect()
 }
 
@@ -234,12 +278,19 @@ fn everywhere(registry: &Registry, option: &str, field: &str, text: String) -> V
 ///
 /// # Errors
 /// The graph has nodes of `kinds` only, and none of these.
-fn known_lengths(registry: &Registry, lengths: &[String], kinds: Option<&[&str]>) -> Result<Vec<Setting>, Diagnostic> {
+fn known_lengths(
+    registry: &Registry,
+    lengths: &[String],
+    kinds: Option<&[&str]>,
+) -> Result<Vec<Setting>, Diagnostic> {
     let (option, field) = ("--known-length", "known_lengths");
     let takes = registry.kinds().filter(|spec| spec.params.iter().any(|param| param.name == field));
     let takes: Vec<&str> = takes.map(|spec| spec.kind).collect();
     if kinds.is_some_and(|kinds| kinds.iter().all(|kind| !takes.contains(kind))) {
-        let message = format!("this graph has no stage that takes known lengths: wanted {}", takes.join(", "));
+        let message = format!(
+            "this graph has no stage that takes known lengths: wanted {}",
+            takes.join(", ")
+        );
         return Err(Diagnostic::file(option.as_ref(), message).help("graphs/depth.ron has"));
     }
     Ok(everywhere(registry, option, field, format!("[{}]", lengths.join(", "))))
@@ -247,9 +298,14 @@ fn known_lengths(registry: &Registry, lengths: &[String], kinds: Option<&[&str]>
 
 /// One `--set NODE.PARAM=VALUE`; relative paths in it start from the working directory.
 pub fn setting(text: &str, faults: &mut Vec<Diagnostic>) -> Option<Setting> {
-    let parts = text.split_once('=').and_then(|(place, value)| Some((place.trim().split_once('.')?, value)));
-    let Some(((node, field), value)) = parts.filter(|((node, field), _)| is_name(node) && is_name(field)) else {
-        let fault = Diagnostic::file("--set".as_ref(), format!("wanted NODE.PARAM=VALUE, got `{text}`"));
+    let parts = text
+        .split_once('=')
+        .and_then(|(place, value)| Some((place.trim().split_once('.')?, value)));
+    let Some(((node, field), value)) =
+        parts.filter(|((node, field), _)| is_name(node) && is_name(field))
+    else {
+        let fault =
+            Diagnostic::file("--set".as_ref(), format!("wanted NODE.PARAM=VALUE, got `{text}`"));
         faults.push(fault.help("for example --set direct.samples=64"));
         return None;
     };

@@ -33,7 +33,8 @@ pub fn mix(args: &MixArgs, began: Instant) -> Result<Exit, CliError> {
     let files = stage.run(MixLayersIn {}, &context).map_err(fault)?.files;
     let named = files.0.iter().filter_map(|(name, bytes)| match &only {
         None => Some((name.clone(), bytes)),
-        Some(file) => (Path::new(name).extension() == Path::new(file).extension()).then(|| (file.clone(), bytes)),
+        Some(file) => (Path::new(name).extension() == Path::new(file).extension())
+            .then(|| (file.clone(), bytes)),
     });
     let paths = out.write(&named.collect::<Vec<_>>())?;
     context.warnings().iter().for_each(|warning| message!("warning: {warning}"));
@@ -62,7 +63,10 @@ pub(super) fn layers(run: &Path) -> Result<File, Diagnostic> {
 fn place(out: &Path) -> (PathBuf, Option<String>) {
     match out.extension().and_then(|e| e.to_str()) {
         Some("png" | "exr") if !out.is_dir() => {
-            let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(".".as_ref());
+            let folder = out
+                .parent()
+                .filter(|folder| !folder.as_os_str().is_empty())
+                .unwrap_or(".".as_ref());
             let name = out.file_name().map(|name| name.to_string_lossy().into_owned());
             (folder.to_owned(), name)
         }

@@ -23,7 +23,10 @@ pub fn registry(args: &Networks) -> Registry {
 fn beside_the_program() -> PathBuf {
     let program = std::env::current_exe().and_then(|path| path.canonicalize()).unwrap_or_default();
     let above = program.ancestors().skip(1).take(4).map(|folder| folder.join("models"));
-    above.into_iter().find(|folder| folder.join("mnet.onnx").is_file()).unwrap_or_else(|| "models".into())
+    above
+        .into_iter()
+        .find(|folder| folder.join("mnet.onnx").is_file())
+        .unwrap_or_else(|| "models".into())
 }
 
 /// The service that computes third-party networks by `relight run-network`, each in its own
@@ -31,7 +34,8 @@ fn beside_the_program() -> PathBuf {
 pub fn untrusted() -> Untrusted {
     // The system finds ONNX Runtime and the libraries that it needs by these.
     let names = ["LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PATH", "SYSTEMROOT"];
-    let environment = names.into_iter().filter_map(|name| Some((name.into(), std::env::var_os(name)?)));
+    let environment =
+        names.into_iter().filter_map(|name| Some((name.into(), std::env::var_os(name)?)));
     Untrusted::Sandboxed(Sandbox {
         // A program that cannot be found is an error when it is to be started.
         program: std::env::current_exe().unwrap_or_default(),
@@ -48,7 +52,9 @@ pub fn untrusted() -> Untrusted {
 pub fn run_network(args: &RunNetwork) -> Result<Exit, CliError> {
     let end = || std::process::exit(Exit::Done.code().into());
     serve(args.memory_bytes, args.cpu_seconds, std::io::stdin(), std::io::stdout().lock(), end)
-        .map_err(|e| Diagnostic::file("run-network".as_ref(), format!("the network cannot be served: {e}")))?;
+        .map_err(|e| {
+            Diagnostic::file("run-network".as_ref(), format!("the network cannot be served: {e}"))
+        })?;
     Ok(Exit::Done)
 }
 
@@ -66,16 +72,21 @@ pub fn choose(args: &Networks) -> Result<Choice, Diagnostic> {
     let named = args.onnxruntime.clone().map(|path| (path, "--onnxruntime"));
     let variable = || std::env::var_os("ORT_DYLIB_PATH").filter(|v| !v.is_empty());
     let named = named.or_else(|| variable().map(|path| (PathBuf::from(path), "ORT_DYLIB_PATH")));
-    let found =
-        |backend, path: &Path, how: &str| Choice { backend, why: format!("found at {} ({how})", path.display()) };
+    let found = |backend, path: &Path, how: &str| Choice {
+        backend,
+        why: format!("found at {} ({how})", path.display()),
+    };
     match (args.backend, named) {
-        (WhichBackend::Rten, _) => Ok(Choice { backend: Backend::Rten, why: "requested with --backend".into() }),
+        (WhichBackend::Rten, _) => {
+            Ok(Choice { backend: Backend::Rten, why: "requested with --backend".into() })
+        }
         (_, Some((path, how))) => match find_onnxruntime(&path) {
             Ok(backend) => Ok(found(backend, &path, how)),
-            Err(e) => {
-                Err(Diagnostic::file(&path, format!("wanted a library of ONNX Runtime 1.17 or later ({how}): {e}"))
-                    .help("--backend rten needs no library"))
-            }
+            Err(e) => Err(Diagnostic::file(
+                &path,
+                format!("wanted a library of ONNX Runtime 1.17 or later ({how}): {e}"),
+            )
+            .help("--backend rten needs no library")),
         },
         (which, None) => {
             let path = Path::new(SYSTEM);

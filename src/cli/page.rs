@@ -18,7 +18,11 @@ use super::write::{self, Output};
 /// Arguments or files that cannot be used.
 pub fn report(args: &ReportArgs, began: Instant) -> Result<Exit, CliError> {
     if !args.run.is_dir() {
-        return Err(Diagnostic::file(&args.run, "wanted the folder that `relight run` wrote to, got none").into());
+        return Err(Diagnostic::file(
+            &args.run,
+            "wanted the folder that `relight run` wrote to, got none",
+        )
+        .into());
     }
     let path = page(&args.run, args.long_side)?;
     message!("written in {:.1} ms", 1e3 * began.elapsed().as_secs_f64());

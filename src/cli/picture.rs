@@ -16,7 +16,12 @@ use super::{page, report, write};
 ///
 /// # Errors
 /// Arguments or files that cannot be used.
-pub fn run(args: &RunArgs, graph: ResolvedGraph, verbose: u8, began: Instant) -> Result<Exit, CliError> {
+pub fn run(
+    args: &RunArgs,
+    graph: ResolvedGraph,
+    verbose: u8,
+    began: Instant,
+) -> Result<Exit, CliError> {
     let wanted = graph.wanted(args.only.as_ref().map(std::slice::from_ref))?;
     let engine = engine(engine_options(args)?)?;
     let out = output(args, &graph)?; // fails before the work, not after it
@@ -57,7 +62,11 @@ pub fn run(args: &RunArgs, graph: ResolvedGraph, verbose: u8, began: Instant) ->
     warnings.iter().for_each(|warning| message!("warning: {warning}"));
     report_errors(&done);
     for difference in &differences {
-        message!("error: {}.{}: computed again, the result differs", difference.node, difference.port);
+        message!(
+            "error: {}.{}: computed again, the result differs",
+            difference.node,
+            difference.port
+        );
     }
     message!("{}", report::summary(&done, head.seconds));
     if args.json {

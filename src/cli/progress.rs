@@ -96,7 +96,12 @@ impl FrameProgress {
             bar.set_length(count as u64);
             bar
         });
-        FrameProgress { lines, terminal, count, state: Mutex::new(FrameState { bar, ..FrameState::default() }) }
+        FrameProgress {
+            lines,
+            terminal,
+            count,
+            state: Mutex::new(FrameState { bar, ..FrameState::default() }),
+        }
     }
 
     /// Starts a frame.
@@ -114,13 +119,20 @@ impl FrameProgress {
         if ran > 0 {
             state.made.push(seconds);
         }
-        let left = state.left(self.count).map(|left| format!(", {} left", HumanDuration(left))).unwrap_or_default();
+        let left = state
+            .left(self.count)
+            .map(|left| format!(", {} left", HumanDuration(left)))
+            .unwrap_or_default();
         if let Some(bar) = &state.bar {
             bar.set_position(state.done as u64);
             bar.set_style(style("frames", &left));
         }
         if !self.terminal {
-            let what = if ran > 0 { format!("{ran} nodes ran in {seconds:.2} s") } else { "cached".to_owned() };
+            let what = if ran > 0 {
+                format!("{ran} nodes ran in {seconds:.2} s")
+            } else {
+                "cached".to_owned()
+            };
             message!("frame {number} ({} of {}): {what}{left}", state.done, self.count);
         }
     }

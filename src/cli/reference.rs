@@ -6,12 +6,17 @@ use relight::tuning::Table;
 /// One line per stage.
 pub fn list(registry: &Registry) -> String {
     let width = registry.kinds().map(|spec| spec.kind.len()).max().unwrap_or(0);
-    registry.kinds().map(|spec| format!("{:width$}  {}\n", spec.kind, first_sentence(spec.doc))).collect()
+    registry
+        .kinds()
+        .map(|spec| format!("{:width$}  {}\n", spec.kind, first_sentence(spec.doc)))
+        .collect()
 }
 
 /// docs/nodes.md.
 pub fn page(registry: &Registry) -> String {
-    let mut text = String::from("# The stages\n\nMade by `relight nodes --markdown` from the code; do not edit.\n");
+    let mut text = String::from(
+        "# The stages\n\nMade by `relight nodes --markdown` from the code; do not edit.\n",
+    );
     text.push_str("A range `a..=b` includes `b`, `a..b` does not; NaN and infinity lie in none.\n");
     for spec in registry.kinds() {
         text.push('\n');
@@ -22,9 +27,13 @@ pub fn page(registry: &Registry) -> String {
 
 /// docs/tuning.md: the tables of each folder of the code below a heading of its own.
 pub fn tuning(tables: &[Table]) -> String {
-    let mut text = String::from("# The constants\n\nMade by `relight nodes --tuning` from the code; do not edit.\n");
+    let mut text = String::from(
+        "# The constants\n\nMade by `relight nodes --tuning` from the code; do not edit.\n",
+    );
     text.push_str("These numbers decide an algorithm and are not parameters of a stage. A source is a paper, a ");
-    text.push_str("measurement,\na derivation, or taste: a choice by eye, which nothing has measured.\n");
+    text.push_str(
+        "measurement,\na derivation, or taste: a choice by eye, which nothing has measured.\n",
+    );
     let mut last = String::new();
     for table in tables {
         let file = table.file.replace('\\', "/");
@@ -33,11 +42,19 @@ pub fn tuning(tables: &[Table]) -> String {
             text.push_str(&format!("\n## `{folder}`\n"));
             last = folder.to_owned();
         }
-        text.push_str(&format!("\n### {}\n\n{}\nDeclared in `{file}`.\n\n", table.name, lines(table.doc).join("\n")));
+        text.push_str(&format!(
+            "\n### {}\n\n{}\nDeclared in `{file}`.\n\n",
+            table.name,
+            lines(table.doc).join("\n")
+        ));
         for constant in &table.constants {
-            let head = format!("`{}` = `{}`, unit: {}", constant.name, constant.value, constant.unit);
+            let head =
+                format!("`{}` = `{}`, unit: {}", constant.name, constant.value, constant.unit);
             text.push_str(&item(&head, constant.doc));
-            text.push_str(&format!("  Source: {}. Effect: {}.\n", constant.source, constant.effect));
+            text.push_str(&format!(
+                "  Source: {}. Effect: {}.\n",
+                constant.source, constant.effect
+            ));
         }
     }
     text
@@ -48,11 +65,18 @@ pub fn section(spec: &KindSpec) -> String {
     let mut text = format!("## {}\n\n{}\n", spec.kind, lines(spec.doc).join("\n"));
     let params = spec.params.iter().map(|param| {
         let range = param.range.as_ref().map_or(String::new(), |range| format!(", range {range}"));
-        let head = format!("`{}`: {}{range}, default `{}`", param.name, param.type_name, param.default);
+        let head =
+            format!("`{}`: {}{range}, default `{}`", param.name, param.type_name, param.default);
         item(&head, param.doc)
     });
-    let inputs = spec.inputs.iter().map(|port| item(&port_head(port, "every member's", "may be missing"), port.doc));
-    let outputs = spec.outputs.iter().map(|port| item(&port_head(port, "one per member", "may be missing"), port.doc));
+    let inputs = spec
+        .inputs
+        .iter()
+        .map(|port| item(&port_head(port, "every member's", "may be missing"), port.doc));
+    let outputs = spec
+        .outputs
+        .iter()
+        .map(|port| item(&port_head(port, "one per member", "may be missing"), port.doc));
     part(&mut text, "Parameters", params.collect());
     part(&mut text, "Inputs", inputs.collect());
     part(&mut text, "Outputs", outputs.collect());

@@ -22,7 +22,13 @@ pub struct Head {
 
 impl Head {
     /// Creates the head of a run that began at `began`; the wall time ends at this call.
-    pub fn new(graph: &Path, edit: &Path, began: Instant, backend: Option<String>, threads: usize) -> Head {
+    pub fn new(
+        graph: &Path,
+        edit: &Path,
+        began: Instant,
+        backend: Option<String>,
+        threads: usize,
+    ) -> Head {
         Head {
             relight: env!("CARGO_PKG_VERSION"),
             graph: graph.display().to_string(),
@@ -82,27 +88,37 @@ pub fn rows(run: &RunReport) -> impl Iterator<Item = NodeJson<'_>> {
 
 /// report.json of one picture.
 pub fn json(head: &Head, graph: &ResolvedGraph, run: &RunReport, warnings: &[String]) -> String {
-    let nodes = rows(run).map(|row| NodeJson { from: Some(graph.takes_from(row.name)), ..row }).collect();
+    let nodes =
+        rows(run).map(|row| NodeJson { from: Some(graph.takes_from(row.name)), ..row }).collect();
     text(&ReportJson { head, nodes, warnings })
 }
 
 /// A report as it is written.
 pub fn text(report: &impl Serialize) -> String {
-    escape_json(&(serde_json::to_string_pretty(report).expect("a report holds text and numbers only") + "\n"))
+    escape_json(
+        &(serde_json::to_string_pretty(report).expect("a report holds text and numbers only")
+            + "\n"),
+    )
 }
 
 /// All warnings of a run, each after the name of its node.
 pub fn warnings(run: &RunReport) -> Vec<String> {
-    let of_nodes = run.nodes.iter().flat_map(|node| node.warnings.iter().map(move |w| format!("{}: {w}", node.name)));
+    let of_nodes = run
+        .nodes
+        .iter()
+        .flat_map(|node| node.warnings.iter().map(move |w| format!("{}: {w}", node.name)));
     of_nodes.chain(run.warnings.iter().cloned()).collect()
 }
 
 /// The table at the end of every run.
 pub fn table(run: &RunReport) -> String {
     let width = run.nodes.iter().map(|node| node.name.chars().count()).max().unwrap_or(0).max(4);
-    let (status, seconds, memory, rays, samples, error) = ("status", "seconds", "MB", "rays", "samples", "std error");
-    let mut text =
-        format!("{:width$}  {status:9} {seconds:>9} {memory:>8} {rays:>12} {samples:>8} {error:>10}\n", "node");
+    let (status, seconds, memory, rays, samples, error) =
+        ("status", "seconds", "MB", "rays", "samples", "std error");
+    let mut text = format!(
+        "{:width$}  {status:9} {seconds:>9} {memory:>8} {rays:>12} {samples:>8} {error:>10}\n",
+        "node"
+    );
     for node in &run.nodes {
         text.push_str(&format!("{:width$}  {}\n", node.name, measures(node)));
     }
@@ -114,7 +130,8 @@ pub fn table(run: &RunReport) -> String {
 fn measures(node: &NodeReport) -> String {
     let ran = matches!(node.status, Status::Ran | Status::Failed);
     let seconds = if ran { format!("{:.3}", node.seconds) } else { "-".into() };
-    let memory = if node.bytes > 0 { format!("{:.2}", node.bytes as f64 / 1e6) } else { "-".into() };
+    let memory =
+        if node.bytes > 0 { format!("{:.2}", node.bytes as f64 / 1e6) } else { "-".into() };
     let rays = if node.rays > 0 { node.rays.to_string() } else { "-".into() };
     let stderr = node.stderr.map_or("-".into(), |e| format!("{:.2} %", 100.0 * e));
     let samples = node.samples.map_or("-".into(), |samples| format!("{samples:.1}"));
@@ -129,7 +146,10 @@ pub fn summary(run: &RunReport, seconds: f64) -> String {
         (count > 0).then(|| format!("{count} {status}"))
     });
     let counts: Vec<String> = counts.collect();
-    format!("{} in {seconds:.2} s", if counts.is_empty() { "nothing to do".into() } else { counts.join(", ") })
+    format!(
+        "{} in {seconds:.2} s",
+        if counts.is_empty() { "nothing to do".into() } else { counts.join(", ") }
+    )
 }
 
 /// The largest resident memory of this process in bytes, on systems that report it.

@@ -19,8 +19,13 @@ pub fn run(args: &RunArgs, verbose: u8, began: Instant) -> Result<Exit, CliError
         return picture::run(args, pictures.first, verbose, began);
     };
     if args.report {
-        let fault = Diagnostic::file(&args.edit, "--report: wanted an edit of one picture, got one of frames");
-        return Err(fault.help("with --exr, `relight mix` weights the lights of each frame").into());
+        let fault = Diagnostic::file(
+            &args.edit,
+            "--report: wanted an edit of one picture, got one of frames",
+        );
+        return Err(fault
+            .help("with --exr, `relight mix` weights the lights of each frame")
+            .into());
     }
     frames::run(args, &mut pictures, numbers, verbose, began)
 }

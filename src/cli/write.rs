@@ -20,10 +20,18 @@ impl Output {
     ///
     /// # Errors
     /// The folder cannot be made.
-    pub fn new(folder: &Path, inputs: impl IntoIterator<Item = PathBuf>, force: bool) -> Result<Output, Diagnostic> {
+    pub fn new(
+        folder: &Path,
+        inputs: impl IntoIterator<Item = PathBuf>,
+        force: bool,
+    ) -> Result<Output, Diagnostic> {
         std::fs::create_dir_all(folder)
             .map_err(|e| Diagnostic::file(folder, format!("the folder cannot be made: {e}")))?;
-        let inputs = if force { BTreeSet::new() } else { inputs.into_iter().flat_map(|path| names(&path)).collect() };
+        let inputs = if force {
+            BTreeSet::new()
+        } else {
+            inputs.into_iter().flat_map(|path| names(&path)).collect()
+        };
         Ok(Output { folder: folder.to_owned(), inputs })
     }
 
@@ -46,7 +54,10 @@ impl Output {
     /// # Errors
     /// A name that is not valid for a result, or of a file that the run reads; errors of the
     /// system.
-    pub fn write(&self, files: &[(impl AsRef<str>, impl AsRef<[u8]>)]) -> Result<Vec<PathBuf>, Diagnostic> {
+    pub fn write(
+        &self,
+        files: &[(impl AsRef<str>, impl AsRef<[u8]>)],
+    ) -> Result<Vec<PathBuf>, Diagnostic> {
         for (name, bytes) in files {
             self.check(name.as_ref(), bytes.as_ref())?;
         }
@@ -65,18 +76,23 @@ impl Output {
         let path = self.folder.join(name);
         check_file_name(name).map_err(|message| {
             let help = "a damaged or foreign cache may be the cause: --no-cache works without it";
-            Diagnostic::file(&self.folder, format!("a file of the results cannot be written: {message}")).help(help)
+            Diagnostic::file(
+                &self.folder,
+                format!("a file of the results cannot be written: {message}"),
+            )
+            .help(help)
         })?;
         let parent = path.parent().unwrap_or(&self.folder);
         if parent != self.folder && parent.is_symlink() {
-            let message = "wanted a folder for results, got a symbolic link, which may lead anywhere";
-            return Err(Diagnostic::file(parent, message).help("remove it, or name another folder with --out"));
+            let message =
+                "wanted a folder for results, got a symbolic link, which may lead anywhere";
+            return Err(Diagnostic::file(parent, message)
+                .help("remove it, or name another folder with --out"));
         }
         if names(&path).iter().any(|name| self.inputs.contains(name)) && !holds(&path, bytes) {
             let message = "a result would replace this file, which the run reads";
-            return Err(
-                Diagnostic::file(&path, message).help("name another folder with --out, or replace it with --force")
-            );
+            return Err(Diagnostic::file(&path, message)
+                .help("name another folder with --out, or replace it with --force"));
         }
         Ok(())
     }
@@ -90,7 +106,8 @@ impl Output {
         let mut builder = tempfile::Builder::new();
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
-        let mut temporary = builder.prefix(".relight-").tempfile_in(&self.folder).map_err(cannot)?;
+        let mut temporary =
+            builder.prefix(".relight-").tempfile_in(&self.folder).map_err(cannot)?;
         temporary.write_all(bytes).map_err(cannot)?;
         path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(cannot)?;
         temporary.persist(&path).map_err(|e| cannot(e.error))?;
@@ -101,8 +118,10 @@ impl Output {
 /// The canonical names of a file: with the links to its folder resolved, and with all links
 /// resolved.
 fn names(path: &Path) -> Vec<PathBuf> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let own = folder.canonicalize().ok().zip(path.file_name()).map(|(folder, name)| folder.join(name));
+    let folder =
+        path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let own =
+        folder.canonicalize().ok().zip(path.file_name()).map(|(folder, name)| folder.join(name));
     own.into_iter().chain(path.canonicalize()).collect()
 }
 
@@ -142,7 +161,12 @@ pub fn print(text: &str) -> Result<(), Diagnostic> {
 /// # Errors
 /// Those of [`print`].
 pub fn print_paths(paths: &[PathBuf]) -> Result<(), Diagnostic> {
-    print(&paths.iter().map(|path| format!("{}\n", escape_line(&path.display().to_string()))).collect::<String>())
+    print(
+        &paths
+            .iter()
+            .map(|path| format!("{}\n", escape_line(&path.display().to_string())))
+            .collect::<String>(),
+    )
 }
 
 #[cfg(test)]
@@ -150,7 +174,8 @@ mod tests {
     use super::*;
 
     fn output(folder: &Path, inputs: &[&str], force: bool) -> Output {
-        Output::new(folder, inputs.iter().map(|name| folder.join(name)), force).expect("the folder is there")
+        Output::new(folder, inputs.iter().map(|name| folder.join(name)), force)
+            .expect("the folder is there")
     }
 
     #[test]
@@ -167,7 +192,11 @@ mod tests {
         out.file("a.txt", b"two").expect("it can be written");
         assert_ne!(stamp(), old);
         assert_eq!(std::fs::read(&path).expect("it is there"), b"two");
-        assert_eq!(std::fs::read_dir(folder.path()).expect("it is there").count(), 1, "nothing temporary is left");
+        assert_eq!(
+            std::fs::read_dir(folder.path()).expect("it is there").count(),
+            1,
+            "nothing temporary is left"
+        );
         let inner = out.file("masks/b.txt", b"three").expect("it can be written");
         assert_eq!(std::fs::read(inner).expect("it is there"), b"three");
     }
@@ -178,9 +207,12 @@ mod tests {
         let out = output(&folder.path().join("out"), &[], false);
         let victim = folder.path().join("victim");
         std::fs::write(&victim, "mine").expect("it can be written");
-        for name in ["../victim", victim.to_str().expect("it is ASCII"), "masks/../../victim", "..\\victim"] {
+        for name in
+            ["../victim", victim.to_str().expect("it is ASCII"), "masks/../../victim", "..\\victim"]
+        {
             // One of several: nothing is written at all.
-            let fault = out.write(&[("sound.png", "theirs"), (name, "theirs")]).expect_err("it is refused");
+            let fault =
+                out.write(&[("sound.png", "theirs"), (name, "theirs")]).expect_err("it is refused");
             assert!(fault.message.contains("wanted the plain name of a file"), "{fault}");
             assert!(!folder.path().join("out/sound.png").exists());
         }
@@ -189,7 +221,8 @@ mod tests {
         {
             let elsewhere = folder.path().join("elsewhere");
             std::fs::create_dir(&elsewhere).expect("a folder can be made");
-            std::os::unix::fs::symlink(&elsewhere, folder.path().join("out/masks")).expect("a link can be made");
+            std::os::unix::fs::symlink(&elsewhere, folder.path().join("out/masks"))
+                .expect("a link can be made");
             let fault = out.file("masks/lamp_0.png", b"theirs").expect_err("it is refused");
             assert!(fault.message.contains("symbolic link"), "{fault}");
             assert_eq!(std::fs::read_dir(&elsewhere).expect("it is there").count(), 0);
@@ -199,20 +232,31 @@ mod tests {
     #[test]
     fn what_a_run_reads_is_not_replaced() {
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
-        let write = |name: &str| std::fs::write(folder.path().join(name), "photo").expect("it can be written");
+        let write = |name: &str| {
+            std::fs::write(folder.path().join(name), "photo").expect("it can be written")
+        };
         write("picture.png");
         write("real.png");
-        let (out, forced) =
-            (output(folder.path(), &["picture.png"], false), output(folder.path(), &["picture.png"], true));
-        let fault = out.write(&[("other.png", "new"), ("picture.png", "new")]).expect_err("it is refused");
-        assert!(fault.message.contains("which the run reads") && fault.to_string().contains("--force"), "{fault}");
+        let (out, forced) = (
+            output(folder.path(), &["picture.png"], false),
+            output(folder.path(), &["picture.png"], true),
+        );
+        let fault =
+            out.write(&[("other.png", "new"), ("picture.png", "new")]).expect_err("it is refused");
+        assert!(
+            fault.message.contains("which the run reads") && fault.to_string().contains("--force"),
+            "{fault}"
+        );
         assert!(!folder.path().join("other.png").exists(), "nothing is written");
         out.file("picture.png", b"photo").expect("the same bytes replace nothing");
         #[cfg(unix)]
         {
             // The input is a link to a file of another name in the folder for results.
-            std::os::unix::fs::symlink(folder.path().join("real.png"), folder.path().join("link.png"))
-                .expect("a link can be made");
+            std::os::unix::fs::symlink(
+                folder.path().join("real.png"),
+                folder.path().join("link.png"),
+            )
+            .expect("a link can be made");
             let out = output(folder.path(), &["link.png"], false);
             assert!(out.file("real.png", b"new").is_err() && out.file("link.png", b"new").is_err());
         }

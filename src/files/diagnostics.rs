@@ -31,10 +31,15 @@ pub fn draw(faults: &[Diagnostic], terminal: bool) -> String {
                 .with_label(Label::primary((), excerpt.place.clone()));
         } else {
             let path = escape_line(&fault.path.display().to_string());
-            let message = if path.is_empty() { fault.message.clone() } else { format!("{path}: {}", fault.message) };
+            let message = if path.is_empty() {
+                fault.message.clone()
+            } else {
+                format!("{path}: {}", fault.message)
+            };
             diagnostic = diagnostic.with_message(printable(&message));
         }
-        diagnostic.notes = fault.help.iter().map(|help| format!("help: {}", printable(help))).collect();
+        diagnostic.notes =
+            fault.help.iter().map(|help| format!("help: {}", printable(help))).collect();
         term::emit_to_write_style(&mut buffer, &config, &excerpt, &diagnostic)
             .expect("a buffer takes everything, and an excerpt holds its own place");
     }

@@ -20,7 +20,11 @@ const MAKERS: [&str; 2] = ["Lamp", "Window"];
 ///
 /// # Errors
 /// Every fault of the file that can be known without running anything.
-pub fn read(path: &Path, scene: Option<&Overlay>, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Diagnostic>> {
+pub fn read(
+    path: &Path,
+    scene: Option<&Overlay>,
+    kinds: Option<&[&str]>,
+) -> Result<Overlay, Vec<Diagnostic>> {
     frame(&EditFile::read(path)?, 0, scene, kinds)
 }
 
@@ -51,10 +55,15 @@ pub fn frame(
             continue;
         }
         if kinds.is_some_and(|kinds| !kinds.contains(&stage)) {
-            let message = format!("this graph has no {stage} stage, so it cannot change {}", key.name);
+            let message =
+                format!("this graph has no {stage} stage, so it cannot change {}", key.name);
             faults.push(|| Diagnostic::at(&key.origin, message));
         }
-        overlay.settings.push(Setting { target: Target::Kind(stage.to_owned()), field: key.name, value });
+        overlay.settings.push(Setting {
+            target: Target::Kind(stage.to_owned()),
+            field: key.name,
+            value,
+        });
     }
     if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
 }
@@ -66,7 +75,11 @@ fn of_scene(scene: Option<&Overlay>) -> impl Iterator<Item = &str> {
 }
 
 /// The lights that an edit makes; a change of a light that does not exist is a fault.
-fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Diagnostics) -> Vec<Member> {
+fn inserted(
+    entries: &[(Key, Raw)],
+    scene: Option<&Overlay>,
+    faults: &mut Diagnostics,
+) -> Vec<Member> {
     let makes = |value: &Raw| value.variant().is_some_and(|variant| MAKERS.contains(&variant));
     let present: BTreeSet<&str> = of_scene(scene).collect();
     let made = entries.iter().filter(|(_, value)| makes(value)).map(|(key, _)| key.name.as_str());
@@ -80,7 +93,8 @@ fn inserted(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Diagno
             }
         } else if scene.is_some() {
             faults.push(|| {
-                let fault = Diagnostic::at(&key.origin, format!("there is no light `{}`", key.name));
+                let fault =
+                    Diagnostic::at(&key.origin, format!("there is no light `{}`", key.name));
                 fault.suggest(&key.name, known.iter().copied())
             });
         }
@@ -110,7 +124,8 @@ mod tests {
         let got: Vec<String> = faults
             .iter()
             .map(|f| {
-                let (line, column) = f.origin.as_ref().expect("every fault of a text has a place").line_column();
+                let (line, column) =
+                    f.origin.as_ref().expect("every fault of a text has a place").line_column();
                 format!(
                     "{line}:{column}: {}{}",
                     f.message,
@@ -123,7 +138,8 @@ mod tests {
 
     #[test]
     fn the_identity_sets_nothing() {
-        for text in ["Edit(version: 1)", "Edit(version: 1, lights: {}, materials: [], objects: [])"] {
+        for text in ["Edit(version: 1)", "Edit(version: 1, lights: {}, materials: [], objects: [])"]
+        {
             let overlay = edit(text).expect("it is sound");
             assert!(overlay.settings.is_empty() && overlay.members.is_empty(), "{text}");
         }
@@ -134,7 +150,8 @@ mod tests {
         let text = r#"Edit(version: 1, lights: {
             "west": Window(corners: []), "lamp_0": Off, "inv_lamp": Lamp(), "desk": Lamp(), "inv_window": Scale(2) })"#;
         let overlay = edit(text).expect("it is sound");
-        let members: Vec<_> = overlay.members.iter().map(|m| (m.set.as_str(), m.name.as_str())).collect();
+        let members: Vec<_> =
+            overlay.members.iter().map(|m| (m.set.as_str(), m.name.as_str())).collect();
         assert_eq!(members, [("lights", "west"), ("lights", "desk")]);
         assert_eq!(overlay.settings.len(), 1);
         assert_eq!(overlay.settings[0].target, Target::Kind("EditLights".into()));
@@ -149,9 +166,13 @@ mod tests {
             objects: [Mesh(path: "materials/chair.obj", at: Pixel(x: 1, y: 1), height: 1)],
             materials: [Paint(region: Mask("roughness: 1"), roughness: 0.2)])"#;
         std::fs::write(&path, text).expect("it can be written to");
-        let overlay = read(&path, None, Some(&kinds)).unwrap_or_else(|faults| panic!("{}", faults[0]));
+        let overlay =
+            read(&path, None, Some(&kinds)).unwrap_or_else(|faults| panic!("{}", faults[0]));
         assert!(overlay.members.is_empty());
-        assert_eq!(overlay.settings.iter().map(|s| s.field.as_str()).collect::<Vec<_>>(), ["objects", "materials"]);
+        assert_eq!(
+            overlay.settings.iter().map(|s| s.field.as_str()).collect::<Vec<_>>(),
+            ["objects", "materials"]
+        );
     }
 
     #[test]
@@ -165,13 +186,18 @@ mod tests {
                 "1:76: wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got \"my lamp\"",
             ],
         );
-        check_faults("Edit(version: 1, ligths: {})", &["1:18: unknown field `ligths` (did you mean `lights`?)"]);
+        check_faults(
+            "Edit(version: 1, ligths: {})",
+            &["1:18: unknown field `ligths` (did you mean `lights`?)"],
+        );
     }
 
     /// Work that grows as the square of the names takes minutes here.
     #[test]
     fn two_hundred_thousand_unknown_lights_are_counted() {
-        let all = |value: &str| (0..200_000).map(|i| format!("\"nobody_{i}\": {value},\n")).collect::<String>();
+        let all = |value: &str| {
+            (0..200_000).map(|i| format!("\"nobody_{i}\": {value},\n")).collect::<String>()
+        };
         let off = format!("Edit(version: 1, lights: {{ {} }})", all("Off"));
         let faults = edit(&off).err().expect("there are no such lights");
         assert_eq!(faults[0].message, "there is no light `nobody_0`");
@@ -180,9 +206,11 @@ mod tests {
         assert_eq!(faults[50].message, "and up to 199950 more errors");
         // Nor does it take work as the product of the lengths of two names.
         let (long, other) = ("a".repeat(2_000_000), "b".repeat(2_000_000));
-        let faults = edit(&format!("Edit(version: 1, lights: {{ \"{long}\": Lamp(), \"{other}\": Off }})"));
+        let faults =
+            edit(&format!("Edit(version: 1, lights: {{ \"{long}\": Lamp(), \"{other}\": Off }})"));
         assert_eq!(faults.err().expect("there is no such light").len(), 1);
-        let lamps = edit(&format!("Edit(version: 1, lights: {{ {} }})", all("Lamp()"))).expect("they may be made");
+        let lamps = edit(&format!("Edit(version: 1, lights: {{ {} }})", all("Lamp()")))
+            .expect("they may be made");
         assert_eq!(lamps.members.len(), 200_000);
     }
 
@@ -200,14 +228,16 @@ mod tests {
 
     #[test]
     fn each_frame_is_an_edit() {
-        let text = r#"Edit(version: 1, frames: 3, lights: { "lamp_0": Scale(Keys([(0, 1), (2, 0)])) })"#;
+        let text =
+            r#"Edit(version: 1, frames: 3, lights: { "lamp_0": Scale(Keys([(0, 1), (2, 0)])) })"#;
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let path = folder.path().join("edit.ron");
         std::fs::write(&path, text).expect("it can be written to");
         let file = EditFile::read(&path).unwrap_or_else(|faults| panic!("{}", faults[0]));
         assert_eq!(file.frames(), Some(3));
         for (number, wanted) in [(0, "Scale(1)"), (1, "Scale(0.5)"), (2, "Scale(0)")] {
-            let overlay = frame(&file, number, None, None).unwrap_or_else(|faults| panic!("{}", faults[0]));
+            let overlay =
+                frame(&file, number, None, None).unwrap_or_else(|faults| panic!("{}", faults[0]));
             let words: String = overlay.settings[0].value.text().split_whitespace().collect();
             assert_eq!(words, format!(r#"{{"lamp_0":{wanted}}}"#));
         }

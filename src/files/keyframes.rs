@@ -70,23 +70,35 @@ impl EditFile {
 
     fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Diagnostic>> {
         let mut faults = Diagnostics::default();
-        let Some(document) = Raw::document(&source, &mut faults) else { return Err(faults.into_vec()) };
+        let Some(document) = Raw::document(&source, &mut faults) else {
+            return Err(faults.into_vec());
+        };
         if !faults.is_empty() {
             // Whoever reads the fields finds them again, and more.
-            return Ok(EditFile { source, frames: None, tracks: Vec::new(), faults: Diagnostics::default() });
+            return Ok(EditFile {
+                source,
+                frames: None,
+                tracks: Vec::new(),
+                faults: Diagnostics::default(),
+            });
         }
         let fields = document.as_struct(None, &["frames"], &mut Diagnostics::ignored()); // other fields are not looked at here
         let frames = fields.first().and_then(|(_, value)| {
             let count = value.parse::<u32>().ok().filter(|count| (1..=MOST_FRAMES).contains(count));
             if count.is_none() {
-                faults.push(|| value.fault(format!("wanted 1 to {MOST_FRAMES} frames, got `{}`", value.short())));
+                faults.push(|| {
+                    value
+                        .fault(format!("wanted 1 to {MOST_FRAMES} frames, got `{}`", value.short()))
+                });
             }
             count
         });
         let keyed = keyed(&document);
         if let (Some(first), true) = (keyed.first(), fields.is_empty()) {
             let message = "`Keys(..)` changes over time, and this edit is one picture";
-            faults.push(|| Diagnostic::at(&first.variant_origin(), message).help("give the edit `frames: 48,`"));
+            faults.push(|| {
+                Diagnostic::at(&first.variant_origin(), message).help("give the edit `frames: 48,`")
+            });
         }
         let mut anchor = Anchor { at: 0, line: 1, column: 1 };
         let mut tracks = Vec::new();
@@ -150,7 +162,8 @@ fn keyed(value: &Raw) -> Vec<Raw> {
     let mut found = Vec::new();
     let mut next = 0;
     while next < words.len() {
-        let begins = words[next].0.text() == "Keys" && words.get(next + 1).is_some_and(|(w, _)| w.text() == "(");
+        let begins = words[next].0.text() == "Keys"
+            && words.get(next + 1).is_some_and(|(w, _)| w.text() == "(");
         let mut depth = 0;
         let closes = |(word, _): &(Raw, bool)| {
             depth += match word.text() {
@@ -191,7 +204,10 @@ fn track(keys: &Raw, frames: u32, faults: &mut Diagnostics) -> Option<Vec<Keyfra
             faults.push(|| item.fault(format!("wanted `(frame, value)`, got `{}`", item.short())));
             continue;
         };
-        let Some(frame) = number_of_frame(frame, frames, keyframes.last().map(|m| m.frame), faults) else { continue };
+        let Some(frame) = number_of_frame(frame, frames, keyframes.last().map(|m| m.frame), faults)
+        else {
+            continue;
+        };
         let Some(words) = words(value, faults) else { continue };
         match keyframes.first() {
             Some(first) if !alike(&first.value, &words) => faults.push(|| {
@@ -206,7 +222,12 @@ fn track(keys: &Raw, frames: u32, faults: &mut Diagnostics) -> Option<Vec<Keyfra
     (faults.found() == before).then_some(keyframes)
 }
 
-fn number_of_frame(raw: &Raw, frames: u32, last: Option<u32>, faults: &mut Diagnostics) -> Option<u32> {
+fn number_of_frame(
+    raw: &Raw,
+    frames: u32,
+    last: Option<u32>,
+    faults: &mut Diagnostics,
+) -> Option<u32> {
     let frame = from_ron::<u32>(raw.text()).ok();
     if frame.is_some_and(|frame| frame < frames && last.is_none_or(|last| frame > last)) {
         return frame;
@@ -251,7 +272,8 @@ fn words(value: &Raw, faults: &mut Diagnostics) -> Option<Vec<Word>> {
 }
 
 fn alike(a: &[Word], b: &[Word]) -> bool {
-    let same = |(a, b): (&Word, &Word)| (a.number.is_some() && b.number.is_some()) || a.text == b.text;
+    let same =
+        |(a, b): (&Word, &Word)| (a.number.is_some() && b.number.is_some()) || a.text == b.text;
     a.len() == b.len() && a.iter().zip(b).all(same)
 }
 
@@ -264,11 +286,12 @@ impl Track {
     /// Adds the value in one frame to `text`.
     fn write(&self, frame: u32, text: &mut String) {
         let next = self.keys.partition_point(|key| key.frame <= frame);
-        let (a, b) = match (next.checked_sub(1).and_then(|at| self.keys.get(at)), self.keys.get(next)) {
-            (Some(a), Some(b)) => (a, b),
-            (Some(held), None) | (None, Some(held)) => (held, held),
-            (None, None) => unreachable!("a track has a key"),
-        };
+        let (a, b) =
+            match (next.checked_sub(1).and_then(|at| self.keys.get(at)), self.keys.get(next)) {
+                (Some(a), Some(b)) => (a, b),
+                (Some(held), None) | (None, Some(held)) => (held, held),
+                (None, None) => unreachable!("a track has a key"),
+            };
         let t = f64::from(frame.saturating_sub(a.frame)) / f64::from((b.frame - a.frame).max(1));
         for (a, b) in a.value.iter().zip(&b.value) {
             match (a.number, b.number) {
@@ -285,7 +308,11 @@ impl Track {
 /// both take.
 fn number(value: f64) -> String {
     let value = value as f32;
-    if value.fract() == 0.0 && value.abs() < 1e9 { format!("{value:.0}") } else { format!("{value:?}") }
+    if value.fract() == 0.0 && value.abs() < 1e9 {
+        format!("{value:.0}")
+    } else {
+        format!("{value:?}")
+    }
 }
 
 #[cfg(test)]
@@ -294,7 +321,8 @@ mod tests {
     use crate::graph::Origin;
 
     fn edit(text: &str) -> EditFile {
-        EditFile::parse(Source::new("edit.ron", text)).unwrap_or_else(|faults| panic!("{}", faults[0]))
+        EditFile::parse(Source::new("edit.ron", text))
+            .unwrap_or_else(|faults| panic!("{}", faults[0]))
     }
 
     /// The values of `Keys(keys)` in these frames of 48.
@@ -303,14 +331,18 @@ mod tests {
         assert!(file.faults.is_empty(), "{keys}: {:?}", file.faults.into_vec());
         for (frame, value) in wanted {
             let text = &file.at(*frame).text;
-            let got = text.strip_prefix("Edit(frames: 48, lights: ").and_then(|t| t.strip_suffix(')'));
+            let got =
+                text.strip_prefix("Edit(frames: 48, lights: ").and_then(|t| t.strip_suffix(')'));
             assert_eq!(got.expect("the rest stays").trim_end(), *value, "{keys} in frame {frame}");
         }
     }
 
     #[test]
     fn numbers_are_interpolated_and_held() {
-        check("[(0, 1), (24, 2.0), (47, 2.0)]", &[(0, "1"), (6, "1.25"), (12, "1.5"), (24, "2.0"), (30, "2.0")]);
+        check(
+            "[(0, 1), (24, 2.0), (47, 2.0)]",
+            &[(0, "1"), (6, "1.25"), (12, "1.5"), (24, "2.0"), (30, "2.0")],
+        );
         check(
             "[(10, -0.5), (20, 1e3)]",
             &[(0, "-0.5"), (9, "-0.5"), (10, "-0.5"), (15, "499.75"), (20, "1e3"), (47, "1e3")],
@@ -325,8 +357,14 @@ mod tests {
     #[test]
     fn values_made_of_numbers_change_number_by_number() {
         check("[(0, (0, 1, -2)), (4, (1, 1, -4))]", &[(1, "(0.25,1,-2.5)"), (4, "(1,1,-4)")]);
-        check("[(0, Point(0, 1.2, -2)), (2, Point(2, 1.2, -2))]", &[(0, "Point(0,1.2,-2)"), (1, "Point(1,1.2,-2)")]);
-        check(r#"[(0, (a: "x, 1", b: [1])), (2, (a: "x, 1", b: [2]))]"#, &[(1, r#"(a:"x, 1",b:[1.5])"#)]);
+        check(
+            "[(0, Point(0, 1.2, -2)), (2, Point(2, 1.2, -2))]",
+            &[(0, "Point(0,1.2,-2)"), (1, "Point(1,1.2,-2)")],
+        );
+        check(
+            r#"[(0, (a: "x, 1", b: [1])), (2, (a: "x, 1", b: [2]))]"#,
+            &[(1, r#"(a:"x, 1",b:[1.5])"#)],
+        );
     }
 
     #[test]
@@ -359,15 +397,24 @@ mod tests {
             "Edit(frames: 100000, a: 54321, b: 1)",
             "no trace of the other keys"
         );
-        let beyond = edit(&format!("Edit(frames: 2, a: Keys([{}]))", keys(200_000))).faults.into_vec();
-        assert_eq!((beyond.len(), beyond[50].message.as_str()), (51, "and up to 199948 more errors"));
+        let beyond =
+            edit(&format!("Edit(frames: 2, a: Keys([{}]))", keys(200_000))).faults.into_vec();
+        assert_eq!(
+            (beyond.len(), beyond[50].message.as_str()),
+            (51, "and up to 199948 more errors")
+        );
 
         let large = |frames: u32| {
             let name = "x".repeat(1 << 20);
-            edit(&format!("Edit(frames: {frames}, a: Keys([(0, 1), (9, 2)]), b: \"{name}\")")).faults.into_vec()
+            edit(&format!("Edit(frames: {frames}, a: Keys([(0, 1), (9, 2)]), b: \"{name}\")"))
+                .faults
+                .into_vec()
         };
         assert_eq!(large(1000), []);
-        assert_eq!(large(1024)[0].message, "wanted at most 1023 frames of an edit of 1048607 bytes, got 1024");
+        assert_eq!(
+            large(1024)[0].message,
+            "wanted at most 1023 frames of an edit of 1048607 bytes, got 1024"
+        );
     }
 
     #[test]
@@ -408,7 +455,10 @@ mod tests {
                     "1:97: wanted `Keys([(frame, value), ..])`, got none",
                 ],
             ),
-            ("Edit(frames: 8, a: Keys([(0, Keys([(0, 1)]))]))", &["1:30: `Keys` cannot contain `Keys`"]),
+            (
+                "Edit(frames: 8, a: Keys([(0, Keys([(0, 1)]))]))",
+                &["1:30: `Keys` cannot contain `Keys`"],
+            ),
         ] {
             let told = |fault: &Diagnostic| {
                 let (line, column) = fault.origin.as_ref().expect("it has a place").line_column();

@@ -19,7 +19,12 @@ use crate::graph::{Diagnostic, GraphFile, Overlay, Registry, ResolvedGraph};
 ///
 /// # Errors
 /// All diagnostics of the first file that has any, each with file, line and column.
-pub fn load(graph: &Path, scene: &Path, edit: &Path, registry: &Registry) -> Result<ResolvedGraph, Vec<Diagnostic>> {
+pub fn load(
+    graph: &Path,
+    scene: &Path,
+    edit: &Path,
+    registry: &Registry,
+) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     load_frame(graph, scene, edit, 0, registry)
 }
 

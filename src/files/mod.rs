@@ -20,7 +20,12 @@ const INVISIBLE: [&str; 2] = ["inv_lamp", "inv_window"];
 
 /// The fields of the one value `name(..)` of a file. Its `version` must be there and 1, and is left
 /// out.
-fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
+fn fields(
+    source: &std::sync::Arc<Source>,
+    name: &str,
+    known: &[&str],
+    faults: &mut Diagnostics,
+) -> Vec<(Key, Raw)> {
     let Some(document) = Raw::document(source, faults) else { return Vec::new() };
     let before = faults.found();
     let mut fields = document.as_struct(Some(name), known, faults);
@@ -33,8 +38,10 @@ fn fields(source: &std::sync::Arc<Source>, name: &str, known: &[&str], faults: &
         }
         None if faults.found() == before => {
             let at = document.variant_origin();
-            faults
-                .push(|| Diagnostic::at(&at, format!("this {name} has no version")).help("write `version: 1,` first"));
+            faults.push(|| {
+                Diagnostic::at(&at, format!("this {name} has no version"))
+                    .help("write `version: 1,` first")
+            });
         }
         None => {}
     }
@@ -48,8 +55,12 @@ fn check_light_name(key: &Key, faults: &mut Diagnostics) -> bool {
     if !is_free {
         faults.push(|| {
             let message = match name == REST {
-                true => format!("the name `{REST}` is reserved: it is the light that no light source explains"),
-                false => format!("wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got {name:?}"),
+                true => format!(
+                    "the name `{REST}` is reserved: it is the light that no light source explains"
+                ),
+                false => {
+                    format!("wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got {name:?}")
+                }
             };
             Diagnostic::at(&key.origin, message)
         });

@@ -12,13 +12,16 @@
 use std::path::Path;
 
 use super::{INVISIBLE, check_light_name, fields};
-use crate::graph::{Diagnostic, Diagnostics, Key, Member, Overlay, Raw, Reach, Setting, Source, Target};
+use crate::graph::{
+    Diagnostic, Diagnostics, Key, Member, Overlay, Raw, Reach, Setting, Source, Target,
+};
 
 /// The stages that take a scene: all of it, or its photo alone.
 pub const STAGES: [&str; 2] = [SCENE, PHOTO];
 const SCENE: &str = "ReadScene";
 const PHOTO: &str = "ReadPhoto";
-const FIELDS: [&str; 9] = ["version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure", "truth"];
+const FIELDS: [&str; 9] =
+    ["version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure", "truth"];
 const OF_PHOTO: [&str; 4] = ["photo", "transfer", "camera", "exposure"];
 const NEEDED: [&str; 2] = ["photo", "camera"];
 /// Field of `truth` -> the stage that reads it, and its parameter there.
@@ -50,7 +53,11 @@ pub fn read(folder: &Path, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Diagno
 ///
 /// # Errors
 /// The errors of [`read`].
-pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Result<Overlay, Vec<Diagnostic>> {
+pub fn read_within(
+    folder: &Path,
+    kinds: Option<&[&str]>,
+    reach: Reach,
+) -> Result<Overlay, Vec<Diagnostic>> {
     let path = folder.join("scene.ron");
     if folder.is_file() {
         let help = "name the folder, not the file in it";
@@ -65,7 +72,9 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
                 faults.push(|| Diagnostic::file(&path, format!("this scene has no `{field}`")));
             }
         }
-        if kinds.is_some_and(|kinds| kinds.contains(&SCENE)) && fields.iter().all(|(key, _)| key.name != "depth") {
+        if kinds.is_some_and(|kinds| kinds.contains(&SCENE))
+            && fields.iter().all(|(key, _)| key.name != "depth")
+        {
             let help = "a network of yours can estimate it: graphs/depth.ron, docs/networks.md";
             faults.push(|| Diagnostic::file(&path, "this scene has no `depth`").help(help));
         }
@@ -75,12 +84,14 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
         if key.name == "lights" {
             for (light, spec) in value.as_map(&mut faults) {
                 if INVISIBLE.contains(&light.name.as_str()) {
-                    let message = format!("the name `{}` is reserved for an invisible light", light.name);
+                    let message =
+                        format!("the name `{}` is reserved for an invisible light", light.name);
                     faults.push(|| Diagnostic::at(&light.origin, message));
                 } else {
                     check_light_name(&light, &mut faults);
                 }
-                let of_kind = spec.variant().and_then(|kind| OF_KIND.iter().find(|(name, _)| *name == kind));
+                let of_kind =
+                    spec.variant().and_then(|kind| OF_KIND.iter().find(|(name, _)| *name == kind));
                 for set in SETS.into_iter().chain(of_kind.map(|(_, set)| *set)) {
                     let (name, origin) = (light.name.clone(), light.origin.clone());
                     overlay.members.push(Member { set: set.to_owned(), name, origin });
@@ -91,7 +102,9 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
             overlay.settings.extend(settings(&value, &mut faults));
             continue;
         }
-        let stages = STAGES.into_iter().filter(|stage| *stage == SCENE || OF_PHOTO.contains(&key.name.as_str()));
+        let stages = STAGES
+            .into_iter()
+            .filter(|stage| *stage == SCENE || OF_PHOTO.contains(&key.name.as_str()));
         overlay.settings.extend(stages.map(|stage| Setting {
             target: Target::Kind(stage.to_owned()),
             field: key.name.clone(),
@@ -107,15 +120,22 @@ pub fn read_within(folder: &Path, kinds: Option<&[&str]>, reach: Reach) -> Resul
 /// The errors of [`read`].
 pub fn truth(folder: &Path) -> Result<Vec<(Key, Raw)>, Vec<Diagnostic>> {
     read(folder, None)?;
-    let source = Source::read(&folder.join("scene.ron"), Reach::Anywhere).map_err(|fault| vec![fault])?;
+    let source =
+        Source::read(&folder.join("scene.ron"), Reach::Anywhere).map_err(|fault| vec![fault])?;
     let mut faults = Diagnostics::default();
-    let truth = fields(&source, "Scene", &FIELDS, &mut faults).into_iter().find(|(key, _)| key.name == "truth");
+    let truth = fields(&source, "Scene", &FIELDS, &mut faults)
+        .into_iter()
+        .find(|(key, _)| key.name == "truth");
     Ok(truth.map(|(_, value)| known(&value, &mut faults)).unwrap_or_default())
 }
 
 /// The fields of `truth: (lights: "lights.json", ..)`.
 fn known(value: &Raw, faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
-    let names: Vec<&str> = TRUTH.map(|(field, ..)| field).into_iter().chain(MEASURED.map(|(field, _)| field)).collect();
+    let names: Vec<&str> = TRUTH
+        .map(|(field, ..)| field)
+        .into_iter()
+        .chain(MEASURED.map(|(field, _)| field))
+        .collect();
     value.as_struct(None, &names, faults)
 }
 
@@ -124,13 +144,27 @@ fn settings(value: &Raw, faults: &mut Diagnostics) -> Vec<Setting> {
     let mut settings = Vec::new();
     for (key, value) in known(value, faults) {
         if let Some((_, stage, field)) = TRUTH.into_iter().find(|(field, ..)| *field == key.name) {
-            settings.push(Setting { target: Target::Kind(stage.to_owned()), field: field.to_owned(), value });
+            settings.push(Setting {
+                target: Target::Kind(stage.to_owned()),
+                field: field.to_owned(),
+                value,
+            });
             continue;
         }
         let many = MEASURED.contains(&(key.name.as_str(), true));
-        let files = if many { value.as_map(faults).into_iter().map(|(_, file)| file).collect() } else { vec![value] };
+        let files = if many {
+            value.as_map(faults).into_iter().map(|(_, file)| file).collect()
+        } else {
+            vec![value]
+        };
         for file in files.iter().filter(|file| file.string().is_none()) {
-            let message = || format!("`{}` wanted the name of a file in quotes, got `{}`", key.name, file.short());
+            let message = || {
+                format!(
+                    "`{}` wanted the name of a file in quotes, got `{}`",
+                    key.name,
+                    file.short()
+                )
+            };
             faults.push(|| file.fault(message()));
         }
     }
@@ -153,7 +187,8 @@ mod tests {
             lights: { "b": Lamp(mask: "b.png"), "a": Window(mask: "a.png") })"#;
         let overlay = scene(text).expect("this scene is sound");
         let of = |stage: &str| {
-            let settings = overlay.settings.iter().filter(|s| s.target == Target::Kind(stage.into()));
+            let settings =
+                overlay.settings.iter().filter(|s| s.target == Target::Kind(stage.into()));
             settings.map(|s| (s.field.as_str(), s.value.text())).collect::<Vec<_>>()
         };
         let photo = [("photo", "\"a.png\""), ("camera", "FovX(60)")];
@@ -161,7 +196,11 @@ mod tests {
         assert_eq!(of("ReadPhoto"), photo);
         for set in SETS {
             let of_set = overlay.members.iter().filter(|m| m.set == set);
-            assert_eq!(of_set.map(|m| m.name.as_str()).collect::<Vec<_>>(), ["b", "a"], "in the order of the file");
+            assert_eq!(
+                of_set.map(|m| m.name.as_str()).collect::<Vec<_>>(),
+                ["b", "a"],
+                "in the order of the file"
+            );
         }
     }
 
@@ -171,7 +210,8 @@ mod tests {
             truth: (albedo: "a.exr", lights: "l.json"))"#;
         let overlay = scene(text).expect("this scene is sound");
         let of = |kind: &str| {
-            let settings = overlay.settings.iter().filter(|s| s.target == Target::Kind(kind.into()));
+            let settings =
+                overlay.settings.iter().filter(|s| s.target == Target::Kind(kind.into()));
             settings.map(|s| (s.field.as_str(), s.value.text())).collect::<Vec<_>>()
         };
         assert_eq!(of("ReadLights"), [("path", "\"l.json\"")]);
@@ -186,18 +226,25 @@ mod tests {
         let text = r#"Scene(version: 1, photo: "a.png", camera: FovX(60), depth: (path: "d.npy"),
             truth: (lights: "l.json", depth: "t.exr", pictures: { "lamp_0": "p.exr" }, edits: { "a.ron": "b.exr" }))"#;
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
-        let write = |text: &str| std::fs::write(folder.path().join("scene.ron"), text).expect("it can be written to");
+        let write = |text: &str| {
+            std::fs::write(folder.path().join("scene.ron"), text).expect("it can be written to")
+        };
         write(text);
         let fields = truth(folder.path()).expect("this scene is sound");
         let names: Vec<_> = fields.iter().map(|(key, _)| key.name.as_str()).collect();
         assert_eq!(names, ["lights", "depth", "pictures", "edits"]);
         let scene = read(folder.path(), None).expect("it is sound").settings;
-        let paths: Vec<_> = scene.iter().filter(|s| s.field == "depth").map(|s| s.value.text()).collect();
+        let paths: Vec<_> =
+            scene.iter().filter(|s| s.field == "depth").map(|s| s.value.text()).collect();
         assert_eq!(paths, ["(path: \"d.npy\")"], "depth stays the scene's own");
         for (from, to, wanted) in [
             (r#""p.exr""#, "7", "`pictures` wanted the name of a file in quotes, got `7`"),
             (r#""t.exr""#, "(1, 2)", "`depth` wanted the name of a file in quotes, got `(1, 2)`"),
-            (r#"{ "a.ron": "b.exr" }"#, r#""b.exr""#, "wanted `{ \"name\": value, .. }`, got `\"b.exr\"`"),
+            (
+                r#"{ "a.ron": "b.exr" }"#,
+                r#""b.exr""#,
+                "wanted `{ \"name\": value, .. }`, got `\"b.exr\"`",
+            ),
         ] {
             write(&text.replace(from, to));
             let faults = truth(folder.path()).expect_err("it is not sound");
@@ -209,21 +256,32 @@ mod tests {
     #[test]
     fn two_hundred_thousand_lights_are_read() {
         let text = |name: &str| {
-            let lights: String = (0..200_000).map(|i| format!("\"{name}{i}\": Lamp(mask: \"a.png\"),\n")).collect();
+            let lights: String =
+                (0..200_000).map(|i| format!("\"{name}{i}\": Lamp(mask: \"a.png\"),\n")).collect();
             format!(
                 "Scene(version: 1, photo: \"a.png\", camera: FovX(60), depth: (path: \"d.npy\"), lights: {{ {lights} }})"
             )
         };
         assert_eq!(scene(&text("l")).expect("it is sound").members.len(), 4 * 200_000);
         let faults = scene(&text("1")).err().expect("no name begins with a digit");
-        assert_eq!((faults.len(), faults[50].message.as_str()), (51, "and up to 199950 more errors"));
+        assert_eq!(
+            (faults.len(), faults[50].message.as_str()),
+            (51, "and up to 199950 more errors")
+        );
     }
 
     #[test]
     fn every_missing_field_is_told() {
         let faults = scene("Scene(version: 1)").err().expect("it is not sound");
         let messages: Vec<_> = faults.iter().map(|f| f.message.as_str()).collect();
-        assert_eq!(messages, ["this scene has no `photo`", "this scene has no `camera`", "this scene has no `depth`"]);
+        assert_eq!(
+            messages,
+            [
+                "this scene has no `photo`",
+                "this scene has no `camera`",
+                "this scene has no `depth`"
+            ]
+        );
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let text = r#"Scene(version: 1, photo: "a.png", camera: FovX(60))"#;
         std::fs::write(folder.path().join("scene.ron"), text).expect("it can be written to");

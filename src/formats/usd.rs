@@ -14,7 +14,9 @@ use glam::{Vec2, Vec3};
 
 use crate::geometry::{Camera, Own, SceneMesh};
 use crate::image::{Mask, Normal, Points};
-use crate::optics::{BoxLamp, Lamp, Lobe, MeshLamp, PhotometricLamp, RectLamp, Shape, SphereLamp, Surfel, Window};
+use crate::optics::{
+    BoxLamp, Lamp, Lobe, MeshLamp, PhotometricLamp, RectLamp, Shape, SphereLamp, Surfel, Window,
+};
 
 /// A light for [`UsdRoom`].
 pub struct UsdLight<'a> {
@@ -148,7 +150,8 @@ impl UsdRoom<'_> {
         let burns = |id: &str| {
             let light = self.lights.iter().find(|light| light.id == id);
             light.is_some_and(|light| {
-                matches!(light.shape, Shape::Lamp(_)) && light.radiance.iter().any(|&w| w != Vec3::ZERO)
+                matches!(light.shape, Shape::Lamp(_))
+                    && light.radiance.iter().any(|&w| w != Vec3::ZERO)
             })
         };
         let masks = self.masks.iter().filter(|(id, _)| burns(id));
@@ -185,7 +188,10 @@ impl UsdRoom<'_> {
                 "custom float[] relight:bandwidth = {}",
                 list(lobes().map(|(_, (l, _))| l.bandwidth.to_string()).collect())
             ),
-            format!("custom float3[] relight:radiance = {}", list(lobes().map(|(_, (_, w))| vector(*w)).collect())),
+            format!(
+                "custom float3[] relight:radiance = {}",
+                list(lobes().map(|(_, (_, w))| vector(*w)).collect())
+            ),
         ];
         rectangle(text, id, [window.center, window.x, window.y], mean, &kept);
         for (_, (lobe, &w)) in lobes().filter(|(_, (lobe, w))| is_sun(lobe, **w)) {
@@ -264,8 +270,13 @@ fn surface(text: &mut String, name: &str, room: &UsdRoom, faces: &[[u32; 3]], vi
         text.push('\n');
     };
     list("int[] faceVertexCounts = ", &mut faces.iter().map(|_| "3".into()), "");
-    list("int[] faceVertexIndices = ", &mut faces.iter().flatten().map(|&corner| at(corner).to_string()), "");
-    let vector = |v: Vec3, digits: usize| format!("({:.digits$}, {:.digits$}, {:.digits$})", v.x, v.y, v.z);
+    list(
+        "int[] faceVertexIndices = ",
+        &mut faces.iter().flatten().map(|&corner| at(corner).to_string()),
+        "",
+    );
+    let vector =
+        |v: Vec3, digits: usize| format!("({:.digits$}, {:.digits$}, {:.digits$})", v.x, v.y, v.z);
     // A tenth of a millimeter, a twentieth of a degree, a hundredth of a pixel.
     let points = room.points.0.pixels();
     list("point3f[] points = ", &mut corners.iter().map(|&corner| vector(points[corner], 4)), "");
@@ -275,7 +286,10 @@ fn surface(text: &mut String, name: &str, room: &UsdRoom, faces: &[[u32; 3]], vi
         &mut corners.iter().map(|&corner| vector(normals[corner], 3)),
         " (interpolation = \"vertex\")",
     );
-    let places = &mut corners.iter().map(|&corner| place(corner)).map(|v| format!("({:.5}, {:.5})", v.x, v.y));
+    let places = &mut corners
+        .iter()
+        .map(|&corner| place(corner))
+        .map(|v| format!("({:.5}, {:.5})", v.x, v.y));
     list("texCoord2f[] primvars:st = ", places, " (interpolation = \"vertex\")");
     text.push_str("    }\n");
 }
@@ -285,18 +299,35 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
     match lamp {
         // A profile would be a file of its own beside this one: a luminaire is the sphere of the
         // same flux.
-        Lamp::Sphere(SphereLamp { center, radius }) | Lamp::Photometric(PhotometricLamp { center, radius, .. }) => {
+        Lamp::Sphere(SphereLamp { center, radius })
+        | Lamp::Photometric(PhotometricLamp { center, radius, .. }) => {
             let more = [format!("float inputs:radius = {radius}")];
-            distant_or_area(text, "SphereLight", id, [Vec3::X, Vec3::Y, Vec3::Z, *center], radiance, false, &more);
+            distant_or_area(
+                text,
+                "SphereLight",
+                id,
+                [Vec3::X, Vec3::Y, Vec3::Z, *center],
+                radiance,
+                false,
+                &more,
+            );
         }
-        Lamp::Rect(RectLamp { center, x, y }) => rectangle(text, id, [*center, *x, *y], radiance, &[]),
+        Lamp::Rect(RectLamp { center, x, y }) => {
+            rectangle(text, id, [*center, *x, *y], radiance, &[])
+        }
         Lamp::Box(BoxLamp { center, axes: [x, y, z] }) => {
             // The other two axes of each side, ordered so that their cross product points outwards.
             let hand = if x.cross(*y).dot(*z) < 0.0 { -1.0 } else { 1.0 };
             let pairs = [(*x, *y * hand, *z), (*y, *z * hand, *x), (*z, *x * hand, *y)];
             for (k, (out, a, b)) in pairs.into_iter().enumerate() {
                 rectangle(text, &format!("{id}_{}", 2 * k), [*center + out, a, b], radiance, &[]);
-                rectangle(text, &format!("{id}_{}", 2 * k + 1), [*center - out, b, a], radiance, &[]);
+                rectangle(
+                    text,
+                    &format!("{id}_{}", 2 * k + 1),
+                    [*center - out, b, a],
+                    radiance,
+                    &[],
+                );
             }
         }
         Lamp::Surfels(surfels) => emissive(text, id, surfels.iter().flat_map(Surfel::square)),
@@ -308,11 +339,27 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
 
 /// A rectangle of half edges `x` and `y` that emits to the side of their cross product. UsdLux
 /// lights emit along their own -z.
-fn rectangle(text: &mut String, id: &str, [center, x, y]: [Vec3; 3], radiance: Vec3, more: &[String]) {
-    let sides =
-        [format!("float inputs:width = {}", 2.0 * x.length()), format!("float inputs:height = {}", 2.0 * y.length())];
+fn rectangle(
+    text: &mut String,
+    id: &str,
+    [center, x, y]: [Vec3; 3],
+    radiance: Vec3,
+    more: &[String],
+) {
+    let sides = [
+        format!("float inputs:width = {}", 2.0 * x.length()),
+        format!("float inputs:height = {}", 2.0 * y.length()),
+    ];
     let (ex, ey) = (x.normalize_or_zero(), -y.normalize_or_zero());
-    distant_or_area(text, "RectLight", id, [ex, ey, ex.cross(ey), center], radiance, false, &[&sides, more].concat());
+    distant_or_area(
+        text,
+        "RectLight",
+        id,
+        [ex, ey, ex.cross(ey), center],
+        radiance,
+        false,
+        &[&sides, more].concat(),
+    );
 }
 
 /// A light of UsdLux with its axes x, y, z and its position; `normalize` is that of UsdLux.
@@ -343,15 +390,22 @@ fn distant_or_area(
 
 /// Triangles that emit from their front, as a mesh of an emissive material.
 fn emissive(text: &mut String, id: &str, triangles: impl Iterator<Item = [Vec3; 3]>) {
-    let points: Vec<String> = triangles.flatten().map(|p| format!("({}, {}, {})", p.x, p.y, p.z)).collect();
+    let points: Vec<String> =
+        triangles.flatten().map(|p| format!("({}, {}, {})", p.x, p.y, p.z)).collect();
     let list = |items: &mut dyn Iterator<Item = String>| items.collect::<Vec<_>>().join(", ");
     write!(text, "        def Mesh \"{id}\" (\n            prepend apiSchemas = [\"MaterialBindingAPI\"]\n        )\n        {{\n")
         .expect("writing to a string");
     let mut put = |entry: &str| line(text, &format!("    {entry}"));
     put("uniform token subdivisionScheme = \"none\"");
     put(&format!("rel material:binding = </Room/Materials/{id}>"));
-    put(&format!("int[] faceVertexCounts = [{}]", list(&mut (0..points.len() / 3).map(|_| "3".into()))));
-    put(&format!("int[] faceVertexIndices = [{}]", list(&mut (0..points.len()).map(|i| i.to_string()))));
+    put(&format!(
+        "int[] faceVertexCounts = [{}]",
+        list(&mut (0..points.len() / 3).map(|_| "3".into()))
+    ));
+    put(&format!(
+        "int[] faceVertexIndices = [{}]",
+        list(&mut (0..points.len()).map(|i| i.to_string()))
+    ));
     put(&format!("point3f[] points = [{}]", points.join(", ")));
     text.push_str("        }\n");
 }

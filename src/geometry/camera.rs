@@ -42,7 +42,14 @@ impl Camera {
     /// The same view on a plane of another size.
     pub fn resized(&self, width: usize, height: usize) -> Camera {
         let (sx, sy) = (width as f32 / self.width as f32, height as f32 / self.height as f32);
-        Camera { width, height, fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy }
+        Camera {
+            width,
+            height,
+            fx: self.fx * sx,
+            fy: self.fy * sy,
+            cx: self.cx * sx,
+            cy: self.cy * sy,
+        }
     }
 
     /// The point at planar depth `z` seen at plane position (`x`, `y`) (pixel centers at + 0.5).
@@ -58,7 +65,8 @@ impl Camera {
     /// Plane position of a point, or `None` when it lies at or behind the camera plane.
     pub fn project(&self, point: Vec3) -> Option<Vec2> {
         let z = -point.z;
-        (z > 1e-6).then(|| Vec2::new(self.cx + point.x / z * self.fx, self.cy - point.y / z * self.fy))
+        (z > 1e-6)
+            .then(|| Vec2::new(self.cx + point.x / z * self.fx, self.cy - point.y / z * self.fy))
     }
 
     /// Whether a plane position falls on the plane.

@@ -51,7 +51,10 @@ impl Grid {
     /// # Errors
     /// The rule that is not kept.
     pub fn check(&self, size: (usize, usize)) -> Result<(), String> {
-        rule(self.stride > 0 && (self.width, self.height) == size, "a grid over the plane, with a stride of at least 1")
+        rule(
+            self.stride > 0 && (self.width, self.height) == size,
+            "a grid over the plane, with a stride of at least 1",
+        )
     }
 
     /// Columns and rows of the grid.
@@ -128,7 +131,10 @@ impl Grid {
             1 => value(&[(pixel, 1.0)]),
             _ => value(&self.neighbors(points, normal, pixel)),
         };
-        let pixels = (0..self.width * self.height).into_par_iter().with_min_len(self.width.max(1)).map(pixel);
+        let pixels = (0..self.width * self.height)
+            .into_par_iter()
+            .with_min_len(self.width.max(1))
+            .map(pixel);
         Plane::new(self.width, self.height, pixels.collect())
     }
 
@@ -172,7 +178,10 @@ mod tests {
                 let wanted = |i: usize| if i % 33 < 17 { 1.0 } else { 5.0 };
                 // The edge lies 2 m away in depth, a hundred tolerances: one in a hundred million,
                 // and the constant 1e-4.
-                assert!(up[1].pixels().iter().enumerate().all(|(i, v)| (v - wanted(i)).abs() < 0.02), "{stride}");
+                assert!(
+                    up[1].pixels().iter().enumerate().all(|(i, v)| (v - wanted(i)).abs() < 0.02),
+                    "{stride}"
+                );
             }
         }
     }

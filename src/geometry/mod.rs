@@ -10,11 +10,12 @@ pub use bvh::{RayMesh, RayMeshHit};
 pub use camera::Camera;
 pub use grid::{Grid, cosine_direction};
 pub use objects::{
-    Bodies, Body, Drawing, Material, Model, Objects, Probes, Skin, clearance, draw, most_triangles, parts,
+    Bodies, Body, Drawing, Material, Model, Objects, Probes, Skin, clearance, draw, most_triangles,
+    parts,
 };
 pub use scene::{
-    Hit, KnownLength, MetricDepth, Own, PlaneFit, SceneMesh, Sight, Surface, grow_region, metric_depth, orient_normals,
-    relative_depth, surface, world_up,
+    Hit, KnownLength, MetricDepth, Own, PlaneFit, SceneMesh, Sight, Surface, grow_region,
+    metric_depth, orient_normals, relative_depth, surface, world_up,
 };
 
 use glam::Vec3;
@@ -23,7 +24,9 @@ use crate::tuning::Table;
 
 /// Lowest and highest corner of the box around points; from infinity to minus infinity without any.
 pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
-    points.into_iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+    points
+        .into_iter()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
 }
 
 /// The constants of geometry.

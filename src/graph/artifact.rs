@@ -46,7 +46,9 @@ pub trait Artifact: Serialize + DeserializeOwned + Send + Sync + 'static {
     fn decode(bytes: Vec<u8>) -> Result<Self, String> {
         match postcard::take_from_bytes(&bytes) {
             Ok((value, [])) => Ok(value),
-            Ok((_, rest)) => Err(format!("wanted the end of the value, got {} more bytes", rest.len())),
+            Ok((_, rest)) => {
+                Err(format!("wanted the end of the value, got {} more bytes", rest.len()))
+            }
             Err(e) => Err(e.to_string()),
         }
     }
@@ -105,9 +107,19 @@ impl Value {
 
     fn with_digest<T: Artifact>(artifact: Arc<T>, digest: Digest, length: u64) -> Value {
         let encode = |data: &(dyn Any + Send + Sync), take: &mut dyn FnMut(&[u8])| {
-            encode(data.downcast_ref::<T>().expect("a value's encoder is made beside its data"), take);
+            encode(
+                data.downcast_ref::<T>().expect("a value's encoder is made beside its data"),
+                take,
+            );
         };
-        Value { type_name: T::TYPE, digest, bytes: artifact.bytes(), length, data: artifact, encode }
+        Value {
+            type_name: T::TYPE,
+            digest,
+            bytes: artifact.bytes(),
+            length,
+            data: artifact,
+            encode,
+        }
     }
 
     /// Hands the canonical bytes to `take`, piece by piece.

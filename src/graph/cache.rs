@@ -65,7 +65,12 @@ impl Entry {
     pub fn without(&self, port: usize) -> Entry {
         let mut values = self.lock().clone();
         self.header.port(port).for_each(|i| values[i] = None);
-        Entry { key: self.key, header: self.header.clone(), cut_short: self.cut_short, values: Mutex::new(values) }
+        Entry {
+            key: self.key,
+            header: self.header.clone(),
+            cut_short: self.cut_short,
+            values: Mutex::new(values),
+        }
     }
 
     /// A result just made: one [`PortValue`] per output port.
@@ -73,7 +78,8 @@ impl Entry {
         let mut values = Vec::new();
         for (port, output) in outputs.iter().enumerate() {
             let mut push = |member: Option<&String>, value: &Value| {
-                let (member, digest, memory) = (member.cloned(), value.digest().0, value.bytes as u64);
+                let (member, digest, memory) =
+                    (member.cloned(), value.digest().0, value.bytes as u64);
                 let type_name = value.type_name().to_owned();
                 let (port, length) = (port as u32, value.length);
                 header.values.push(ValueHeader { port, member, type_name, digest, memory, length });
@@ -82,7 +88,9 @@ impl Entry {
             match output {
                 PortValue::One(value) => push(None, value),
                 PortValue::Missing => {}
-                PortValue::Many(all) => all.iter().for_each(|(member, value)| push(Some(member), value)),
+                PortValue::Many(all) => {
+                    all.iter().for_each(|(member, value)| push(Some(member), value))
+                }
             }
         }
         Entry { key, header: Arc::new(header), cut_short, values: Mutex::new(values) }
@@ -127,7 +135,10 @@ pub(super) struct Memory {
 
 #[derive(Default)]
 struct CacheState {
-    #[expect(clippy::disallowed_types, reason = "found by key only, never walked: the order of age is in `by_age`")]
+    #[expect(
+        clippy::disallowed_types,
+        reason = "found by key only, never walked: the order of age is in `by_age`"
+    )]
     held: std::collections::HashMap<Digest, Held>,
     by_age: BTreeMap<u64, Digest>,
     clock: u64,
@@ -176,7 +187,8 @@ impl Memory {
         state.by_age.insert(age, entry.key);
         state.bytes += bytes;
         while state.bytes > self.limit {
-            let oldest = *state.by_age.first_key_value().expect("bytes are held, so something holds them").1;
+            let oldest =
+                *state.by_age.first_key_value().expect("bytes are held, so something holds them").1;
             state.forget(&oldest);
         }
     }
@@ -213,9 +225,19 @@ mod tests {
                 self.0
             }
         }
-        let header =
-            Header { key_manifest: String::new(), values: vec![], stderr: None, warnings: vec![], notes: vec![] };
-        Arc::new(Entry::made(Digest([name; 32]), header, &[PortValue::One(Value::new(Arc::new(Block(bytes))))], false))
+        let header = Header {
+            key_manifest: String::new(),
+            values: vec![],
+            stderr: None,
+            warnings: vec![],
+            notes: vec![],
+        };
+        Arc::new(Entry::made(
+            Digest([name; 32]),
+            header,
+            &[PortValue::One(Value::new(Arc::new(Block(bytes))))],
+            false,
+        ))
     }
 
     #[test]

@@ -126,7 +126,10 @@ impl Context {
     /// # Errors
     /// The file cannot be read, or has changed since its digest was made.
     pub fn read(&self, file: &File) -> Result<Vec<u8>, NodeError> {
-        let bad = |message: String| NodeError::BadFile { path: file.location().display().to_string(), message };
+        let bad = |message: String| NodeError::BadFile {
+            path: file.location().display().to_string(),
+            message,
+        };
         let bytes = file.read().map_err(|e| bad(format!("cannot be read: {e}")))?;
         if let Some((_, wanted)) = self.digests.iter().find(|(f, _)| f == file)
             && *blake3::hash(&bytes).as_bytes() != wanted.0
@@ -155,7 +158,8 @@ impl Context {
         let open = || -> Made { Ok(Arc::new(make(self.read(file)?)?)) };
         let made = match digest {
             Some(digest) => {
-                let mut all = self.shared.made.lock().expect("nothing panics while it holds this lock");
+                let mut all =
+                    self.shared.made.lock().expect("nothing panics while it holds this lock");
                 let cell = all.entry((digest, name.to_owned())).or_default().clone();
                 drop(all);
                 cell.get_or_init(open).clone()
@@ -163,7 +167,9 @@ impl Context {
             // Outside of an engine nothing is known of the file yet.
             None => open(),
         };
-        made?.downcast().map_err(|_| NodeError::Failed(format!("{name}: made twice, as two different types")))
+        made?
+            .downcast()
+            .map_err(|_| NodeError::Failed(format!("{name}: made twice, as two different types")))
     }
 
     /// Returns the value of this type that the program lends ([`super::EngineOptions::services`]).
@@ -193,7 +199,10 @@ impl Context {
     /// cancelled. Once this has returned true, its result is used in this run and not kept, as it
     /// depends on more than its key.
     pub fn out_of_time(&self) -> bool {
-        #[expect(clippy::disallowed_methods, reason = "holds the node to its budget; a result cut short is not kept")]
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "holds the node to its budget; a result cut short is not kept"
+        )]
         let late = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
         if late {
             self.late.store(true, Ordering::Relaxed);

@@ -61,7 +61,8 @@ impl Diagnostics {
     pub fn into_vec(mut self) -> Vec<Diagnostic> {
         if let Some(last) = self.kept.last().filter(|_| self.left_out > 0) {
             let path = last.path.clone();
-            self.kept.push(Diagnostic::file(&path, format!("and up to {} more errors", self.left_out)));
+            self.kept
+                .push(Diagnostic::file(&path, format!("and up to {} more errors", self.left_out)));
         }
         self.kept
     }

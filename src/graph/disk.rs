@@ -214,9 +214,9 @@ impl DiskCache {
     fn check_mark(&self) -> io::Result<()> {
         match self.mark()? {
             Mark::Absent | Mark::Ours => Ok(()),
-            Mark::OtherFormat => {
-                Err(io::Error::other("it is the cache of another version of relight; `relight cache clear` empties it"))
-            }
+            Mark::OtherFormat => Err(io::Error::other(
+                "it is the cache of another version of relight; `relight cache clear` empties it",
+            )),
             Mark::Missing => Err(io::Error::other(format!(
                 "it is not a cache of relight: it has files in it and no {TAG} of relight; name another folder"
             ))),
@@ -232,7 +232,11 @@ impl DiskCache {
             return Ok(());
         }
         if let Mark::Absent = self.mark()? {
-            let parent = self.folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            let parent = self
+                .folder
+                .parent()
+                .filter(|p| !p.as_os_str().is_empty())
+                .unwrap_or(Path::new("."));
             fs::create_dir_all(parent)?;
             let tag = format!(
                 "{SIGNATURE}{OWNER}{}\n# Results that can be made again: this folder may be deleted at any time.\n",
@@ -241,10 +245,11 @@ impl DiskCache {
             // At once with its mark, so that no other process finds the folder without it. Where
             // that cannot be, as for a folder that something is mounted on, the mark is put into
             // the folder.
-            let made = self.builder(0o777).prefix(".relight-cache-").tempdir_in(parent).and_then(|made| {
-                fs::write(made.path().join(TAG), &tag)?;
-                fs::rename(made.path(), &self.folder)
-            });
+            let made =
+                self.builder(0o777).prefix(".relight-cache-").tempdir_in(parent).and_then(|made| {
+                    fs::write(made.path().join(TAG), &tag)?;
+                    fs::rename(made.path(), &self.folder)
+                });
             if made.is_err() && matches!(self.mark()?, Mark::Absent) {
                 fs::create_dir_all(&self.folder)?;
                 fs::write(self.folder.join(TAG), &tag)?;
@@ -415,19 +420,28 @@ impl DiskCache {
         if !self.is_marked() {
             return Found::Nothing;
         }
-        match self.open_entry(key).map(|entry| entry.map(|(mut file, data)| (self.read_header(&mut file, &data), file)))
+        match self
+            .open_entry(key)
+            .map(|entry| entry.map(|(mut file, data)| (self.read_header(&mut file, &data), file)))
         {
             Ok(None) => Found::Nothing,
             Ok(Some((Ok(header), file))) if key::digest(&header.key_manifest) == *key => {
                 // Not possible in a read-only folder; then the order of deletion is that of
                 // creation.
-                #[expect(clippy::disallowed_methods, reason = "the longest unused entry goes first")]
+                #[expect(
+                    clippy::disallowed_methods,
+                    reason = "the longest unused entry goes first"
+                )]
                 let _ = file.set_modified(SystemTime::now());
                 Found::Header(header)
             }
             Ok(Some((Ok(_), _))) => Found::Damaged("it is stored under another key".to_owned()),
-            Ok(Some((Err(Unusable::Damaged(damage)), _))) | Err(Unusable::Damaged(damage)) => Found::Damaged(damage),
-            Ok(Some((Err(Unusable::Foreign(why)), _))) | Err(Unusable::Foreign(why)) => Found::Foreign(why),
+            Ok(Some((Err(Unusable::Damaged(damage)), _))) | Err(Unusable::Damaged(damage)) => {
+                Found::Damaged(damage)
+            }
+            Ok(Some((Err(Unusable::Foreign(why)), _))) | Err(Unusable::Foreign(why)) => {
+                Found::Foreign(why)
+            }
         }
     }
 
@@ -435,24 +449,42 @@ impl DiskCache {
     ///
     /// # Errors
     /// The value is missing, damaged, or signed by another key.
-    pub(super) fn value(&self, key: &Digest, index: usize, port: &PortSpec, digest: Digest) -> Result<Vec<u8>, Loss> {
+    pub(super) fn value(
+        &self,
+        key: &Digest,
+        index: usize,
+        port: &PortSpec,
+        digest: Digest,
+    ) -> Result<Vec<u8>, Loss> {
         let lost = |unusable| match unusable {
             Unusable::Damaged(damage) => Loss::Damaged(damage),
             Unusable::Foreign(_) => Loss::Gone,
         };
         let (mut file, data) = self.open_entry(key).map_err(lost)?.ok_or(Loss::Gone)?;
         let header = self.read_header(&mut file, &data).map_err(lost)?;
-        let bytes = read_value(&mut file, &header, index).map_err(|e| Loss::Damaged(e.to_string()))?;
+        let bytes =
+            read_value(&mut file, &header, index).map_err(|e| Loss::Damaged(e.to_string()))?;
         let whole = digest_of(port.type_name, &bytes) == digest;
-        if whole { Ok(bytes) } else { Err(Loss::Damaged(format!("`{}` differs from its digest", port.name))) }
+        if whole {
+            Ok(bytes)
+        } else {
+            Err(Loss::Damaged(format!("`{}` differs from its digest", port.name)))
+        }
     }
 
     /// Writes a result: to a temporary file, synced, then renamed. Older results make room.
     ///
     /// # Errors
     /// The folder cannot be created or written.
-    pub(super) fn store(&self, key: &Digest, header: &Header, values: &[Value], limit: u64) -> io::Result<()> {
-        let header = postcard::to_stdvec(header).expect("headers hold plain data, which postcard always encodes");
+    pub(super) fn store(
+        &self,
+        key: &Digest,
+        header: &Header,
+        values: &[Value],
+        limit: u64,
+    ) -> io::Result<()> {
+        let header = postcard::to_stdvec(header)
+            .expect("headers hold plain data, which postcard always encodes");
         let bytes = PREAMBLE + header.len() as u64 + values.iter().map(|v| v.length).sum::<u64>();
         if bytes > limit || header.len() as u64 > MAX_HEADER {
             return Ok(());
@@ -513,7 +545,9 @@ impl DiskCache {
     /// Deletes temporary files whose writers died.
     fn sweep(&self) {
         let ours = |path: &PathBuf| [NEW, LATEST].iter().any(|prefix| is_temporary(path, prefix));
-        for path in list_folder(&self.folder.join("tmp")).unwrap_or_default().into_iter().filter(ours) {
+        for path in
+            list_folder(&self.folder.join("tmp")).unwrap_or_default().into_iter().filter(ours)
+        {
             let Ok((file, data)) = reading::open_no_follow(&path, u64::MAX) else { continue };
             let old = data.modified().is_ok_and(|m| m.elapsed().is_ok_and(|age| age > STALE));
             if old && !matches!(file.try_lock(), Err(fs::TryLockError::WouldBlock)) {
@@ -525,7 +559,9 @@ impl DiskCache {
     /// Deletes the last keys of all projects but the `most` that were used last.
     fn forget_projects(&self, most: usize) -> io::Result<()> {
         let mut projects = Vec::new();
-        for path in list_folder(&self.folder.join("latest"))?.into_iter().filter(|path| is_hex(path, 64)) {
+        for path in
+            list_folder(&self.folder.join("latest"))?.into_iter().filter(|path| is_hex(path, 64))
+        {
             if let Ok(data) = path.symlink_metadata()
                 && data.is_file()
             {
@@ -545,7 +581,8 @@ impl DiskCache {
         let folder = self.folder.join("latest");
         let path = folder.join(key::digest(project).to_string());
         let read = || reading::read_all(open(&path).ok()??.0, MAX_LATEST).ok();
-        let bytes = (self.is_marked() && is_folder(&folder)).then(read).flatten().unwrap_or_default();
+        let bytes =
+            (self.is_marked() && is_folder(&folder)).then(read).flatten().unwrap_or_default();
         let line = |line: &str| {
             let (name, hex) = line.rsplit_once(' ')?;
             Some((name.to_owned(), Digest(*blake3::Hash::from_hex(hex).ok()?.as_bytes())))
@@ -558,10 +595,17 @@ impl DiskCache {
     ///
     /// # Errors
     /// The file of last keys cannot be written.
-    pub(super) fn set_latest(&self, project: &str, keys: &BTreeMap<String, Digest>) -> io::Result<()> {
+    pub(super) fn set_latest(
+        &self,
+        project: &str,
+        keys: &BTreeMap<String, Digest>,
+    ) -> io::Result<()> {
         let mut all = self.latest(project);
         let before = all.len();
-        let changed = keys.iter().filter(|(name, key)| all.insert((*name).clone(), **key) != Some(**key)).count();
+        let changed = keys
+            .iter()
+            .filter(|(name, key)| all.insert((*name).clone(), **key) != Some(**key))
+            .count();
         if changed == 0 && all.len() == before {
             return Ok(());
         }
@@ -596,10 +640,15 @@ impl DiskCache {
         }
         // Compared in constant time, as `blake3::Hash` does.
         if self.key.sign(&bytes) != *<&[u8; 32]>::try_from(signature).expect("thirty-two bytes") {
-            let owner = owner(data).map(|user| format!(" and belongs to another user of this machine ({user})"));
-            return Err(Unusable::Foreign(format!("it is signed with another key{}", owner.unwrap_or_default())));
+            let owner = owner(data)
+                .map(|user| format!(" and belongs to another user of this machine ({user})"));
+            return Err(Unusable::Foreign(format!(
+                "it is signed with another key{}",
+                owner.unwrap_or_default()
+            )));
         }
-        let header: Header = postcard::from_bytes(&bytes).map_err(|e| format!("its header cannot be decoded: {e}"))?;
+        let header: Header = postcard::from_bytes(&bytes)
+            .map_err(|e| format!("its header cannot be decoded: {e}"))?;
         if PREAMBLE + length + header.values.iter().map(|value| value.length).sum::<u64>() != size {
             return Err("its length differs from the one in its header".into());
         }
@@ -635,7 +684,9 @@ fn open(path: &Path) -> Result<Option<(File, fs::Metadata)>, Unusable> {
         Ok(opened) => Ok(Some(opened)),
         Err(e) if e.kind() == io::ErrorKind::NotFound || is_foreign(&e) => Ok(None),
         Err(e) => match path.symlink_metadata().ok().and_then(|data| owner(&data)) {
-            Some(user) => Err(Unusable::Foreign(format!("it belongs to another user of this machine ({user}): {e}"))),
+            Some(user) => Err(Unusable::Foreign(format!(
+                "it belongs to another user of this machine ({user}): {e}"
+            ))),
             None => Err(format!("cannot be read: {e}").into()),
         },
     }
@@ -696,14 +747,20 @@ fn list_folder(folder: &Path) -> io::Result<Vec<PathBuf>> {
 }
 
 fn sum(entries: &[Stored], report: CacheReport) -> CacheReport {
-    CacheReport { entries: entries.len() as u64, bytes: entries.iter().map(|e| e.bytes).sum(), ..report }
+    CacheReport {
+        entries: entries.len() as u64,
+        bytes: entries.iter().map(|e| e.bytes).sum(),
+        ..report
+    }
 }
 
 /// The entries of a folder, in a fixed order; none when the folder does not exist.
 fn list(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,
-        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => return Ok(vec![]),
+        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+            return Ok(vec![]);
+        }
         Err(e) => return Err(e),
     };
     let mut paths = entries.map(|entry| entry.map(|e| e.path())).collect::<io::Result<Vec<_>>>()?;
@@ -715,7 +772,9 @@ fn list(folder: &Path) -> io::Result<Vec<PathBuf>> {
 fn remove(path: &Path) -> io::Result<bool> {
     match fs::remove_file(path) {
         Ok(()) => Ok(true),
-        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(false),
+        Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+            Ok(false)
+        }
         Err(e) => Err(e),
     }
 }

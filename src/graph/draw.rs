@@ -11,7 +11,9 @@ use super::svg;
 impl ResolvedGraph {
     /// Graphviz; with a run, boxes are colored by their final state.
     pub fn to_dot(&self, run: Option<&RunReport>) -> String {
-        let mut text = String::from("digraph {\n  rankdir=LR;\n  node [shape=box, style=filled, fillcolor=white];\n");
+        let mut text = String::from(
+            "digraph {\n  rankdir=LR;\n  node [shape=box, style=filled, fillcolor=white];\n",
+        );
         let mut line = |line: String| writeln!(text, "  {line}").expect("writing to a string");
         for (i, instance) in self.instances.iter().enumerate() {
             let kind = self.nodes[instance.node].kind;
@@ -45,13 +47,18 @@ impl ResolvedGraph {
     /// took.
     pub fn to_svg(&self, run: Option<&RunReport>) -> String {
         let drawn = |instance: &Instance| {
-            let report = run.and_then(|run| run.nodes.iter().find(|node| node.name == *instance.name));
+            let report =
+                run.and_then(|run| run.nodes.iter().find(|node| node.name == *instance.name));
             svg::Drawn {
                 name: instance.name.to_string(),
                 kind: self.nodes[instance.node].kind.to_owned(),
                 status: report.map(|report| report.status),
                 seconds: report.map_or(0.0, |report| report.seconds),
-                from: instance.from.iter().map(|&from| self.instances[from].name.to_string()).collect(),
+                from: instance
+                    .from
+                    .iter()
+                    .map(|&from| self.instances[from].name.to_string())
+                    .collect(),
             }
         };
         svg::draw(&self.instances.iter().map(drawn).collect::<Vec<_>>())

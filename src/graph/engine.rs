@@ -10,7 +10,9 @@ use super::disk::{CacheFolder, DiskCache};
 use super::inputs::{Before, holds, key_manifest, resolve_inputs};
 use super::key;
 use super::key::Why;
-use super::report::{Difference, Explanation, Observer, PlanLine, Planned, RunReport, VerifyReport};
+use super::report::{
+    Difference, Explanation, Observer, PlanLine, Planned, RunReport, VerifyReport,
+};
 use super::resolved_graph::{ResolvedGraph, Wanted};
 use super::run::{RunInProgress, RunOptions};
 use super::source::Diagnostic;
@@ -129,7 +131,13 @@ impl Engine {
     }
 
     /// Computes the wanted outputs, running only nodes whose key is new.
-    pub fn run(&self, graph: &ResolvedGraph, wanted: &Wanted, cancel: &Cancel, observer: &dyn Observer) -> RunReport {
+    pub fn run(
+        &self,
+        graph: &ResolvedGraph,
+        wanted: &Wanted,
+        cancel: &Cancel,
+        observer: &dyn Observer,
+    ) -> RunReport {
         self.go(graph, wanted, cancel, observer, false).0
     }
 
@@ -168,7 +176,12 @@ impl Engine {
                 return None;
             }
             let kind = graph.nodes[instance.node].kind;
-            Some(PlanLine { node: instance.name.to_string(), kind, status, why: why.map(|why| why.why) })
+            Some(PlanLine {
+                node: instance.name.to_string(),
+                kind,
+                status,
+                why: why.map(|why| why.why),
+            })
         });
         lines.collect()
     }
@@ -184,19 +197,28 @@ impl Engine {
         if instances.len() != 1 {
             let names: Vec<&str> = graph.instances[instances].iter().map(|i| &*i.name).collect();
             let message = format!("wanted one node, `{node}` has {}", names.len());
-            return Err(Diagnostic::file(Path::new(""), message).help(format!("name one: {}", names.join(", "))));
+            return Err(Diagnostic::file(Path::new(""), message)
+                .help(format!("name one: {}", names.join(", "))));
         }
         let at = instances.start;
         let name = graph.instances[at].name.to_string();
         let wanted = graph.wanted(Some(std::slice::from_ref(&name)))?;
-        let state = self.plan_states(graph, &wanted).swap_remove(at).expect("what is wanted is state");
+        let state =
+            self.plan_states(graph, &wanted).swap_remove(at).expect("what is wanted is state");
         let (status, why) = self.classify(graph, &name, &state);
         let why = why.unwrap_or_else(|| Why::plain("nothing changed"));
         let key_manifest = match state {
             PlanState::Hit(_, text) | PlanState::Run(text) => Some(text),
             PlanState::Fail(_) | PlanState::Unknown(_) | PlanState::Skip(_) => None,
         };
-        Ok(Explanation { node: name, status, why: why.why, old: why.old, new: why.new, key_manifest })
+        Ok(Explanation {
+            node: name,
+            status,
+            why: why.why,
+            old: why.old,
+            new: why.new,
+            key_manifest,
+        })
     }
 
     /// The state of each instance that a run would look at, or may.
@@ -209,7 +231,8 @@ impl Engine {
         }
         // Whether each is needed in the end: for certain, or only if this condition holds.
         let roots = wanted.is_root(all.len());
-        let mut needs: Vec<Option<Need>> = roots.iter().map(|is_root| is_root.then_some(Need::Certain)).collect();
+        let mut needs: Vec<Option<Need>> =
+            roots.iter().map(|is_root| is_root.then_some(Need::Certain)).collect();
         for (at, instance) in graph.instances.iter().enumerate().rev() {
             let Some(need) = needs[at] else {
                 all[at] = None;
@@ -218,11 +241,17 @@ impl Engine {
             let of_conditions = need;
             let of_inputs = match &all[at] {
                 Some(PlanState::Skip(_)) => None,
-                Some(PlanState::Unknown(from)) if instance.conditions.contains(from) => Some(Need::If(*from)),
+                Some(PlanState::Unknown(from)) if instance.conditions.contains(from) => {
+                    Some(Need::If(*from))
+                }
                 _ => Some(need),
             };
             for &from in &instance.from {
-                let asked = if instance.conditions.contains(&from) { Some(of_conditions) } else { of_inputs };
+                let asked = if instance.conditions.contains(&from) {
+                    Some(of_conditions)
+                } else {
+                    of_inputs
+                };
                 needs[from] = needs[from].max(asked);
             }
             if let Need::If(condition) = need {
@@ -271,17 +300,26 @@ impl Engine {
         }
     }
 
-    fn classify(&self, graph: &ResolvedGraph, name: &str, state: &PlanState) -> (Planned, Option<Why>) {
+    fn classify(
+        &self,
+        graph: &ResolvedGraph,
+        name: &str,
+        state: &PlanState,
+    ) -> (Planned, Option<Why>) {
         match state {
             PlanState::Hit(..) => (Planned::Hit, None),
-            PlanState::Run(text) => (Planned::Run, Some(self.store.why(name, &key::digest(text), text))),
+            PlanState::Run(text) => {
+                (Planned::Run, Some(self.store.why(name, &key::digest(text), text)))
+            }
             PlanState::Fail(message) => (Planned::Run, Some(Why::plain(message))),
             PlanState::Unknown(from) => {
                 let why = format!("depends on the result of {}", graph.instances[*from].name);
                 (Planned::Unknown, Some(Why::plain(&why)))
             }
             PlanState::Skip(at) => {
-                let why = graph.condition(*at).map_or(String::new(), |output| format!("{output} is false"));
+                let why = graph
+                    .condition(*at)
+                    .map_or(String::new(), |output| format!("{output} is false"));
                 (Planned::Skip, Some(Why::plain(&why)))
             }
         }

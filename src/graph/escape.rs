@@ -17,7 +17,9 @@ pub fn escape(text: &str) -> Cow<'_, str> {
     let mut out = String::with_capacity(text.len() + 16);
     for c in text.chars() {
         match c {
-            c if is_hostile(c) => write!(out, "\\u{{{:x}}}", u32::from(c)).expect("writing to a string"),
+            c if is_hostile(c) => {
+                write!(out, "\\u{{{:x}}}", u32::from(c)).expect("writing to a string")
+            }
             c => out.push(c),
         }
     }
@@ -36,7 +38,9 @@ pub fn escape_json(json: &str) -> String {
     for c in json.chars() {
         match c {
             // All of them lie in the basic plane, and JSON has them within strings only.
-            c if is_hostile(c) => write!(out, "\\u{:04x}", u32::from(c)).expect("writing to a string"),
+            c if is_hostile(c) => {
+                write!(out, "\\u{:04x}", u32::from(c)).expect("writing to a string")
+            }
             c => out.push(c),
         }
     }
@@ -44,7 +48,9 @@ pub fn escape_json(json: &str) -> String {
 }
 
 fn is_hostile(c: char) -> bool {
-    (c.is_control() && !matches!(c, '\n' | '\t')) || is_bidirectional(c) || matches!(c, '\u{2028}' | '\u{2029}')
+    (c.is_control() && !matches!(c, '\n' | '\t'))
+        || is_bidirectional(c)
+        || matches!(c, '\u{2028}' | '\u{2029}')
 }
 
 /// Embeddings, overrides, isolates and marks of direction.
@@ -59,8 +65,14 @@ mod tests {
     #[test]
     fn control_and_bidirectional_characters_become_their_numbers() {
         assert_eq!(escape("größe 部屋\nsecond line"), "größe 部屋\nsecond line");
-        assert_eq!(escape("a\u{1b}[31mb\u{9b}2Jc\rd\u{7f}\te"), "a\\u{1b}[31mb\\u{9b}2Jc\\u{d}d\\u{7f}\te");
-        assert_eq!(escape("lamp\u{202e}gnp.\u{2066}x\u{200f}"), "lamp\\u{202e}gnp.\\u{2066}x\\u{200f}");
+        assert_eq!(
+            escape("a\u{1b}[31mb\u{9b}2Jc\rd\u{7f}\te"),
+            "a\\u{1b}[31mb\\u{9b}2Jc\\u{d}d\\u{7f}\te"
+        );
+        assert_eq!(
+            escape("lamp\u{202e}gnp.\u{2066}x\u{200f}"),
+            "lamp\\u{202e}gnp.\\u{2066}x\\u{200f}"
+        );
         assert_eq!(escape_line("a\nb\u{7}"), "a b\\u{7}");
         assert_eq!(escape_json("{\n \"a\u{202e}\u{9b}é\": 1}"), "{\n \"a\\u202e\\u009bé\": 1}");
     }

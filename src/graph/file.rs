@@ -172,7 +172,9 @@ impl GraphFile {
         let mut next = Some(source);
         while let Some(source) = next.take() {
             sources.push(source.path.clone());
-            let Some(layer) = parse_layer(&source, &mut faults) else { return Err(faults.into_vec()) };
+            let Some(layer) = parse_layer(&source, &mut faults) else {
+                return Err(faults.into_vec());
+            };
             if let Some(parent) = &layer.extends {
                 match read_parent(&source, parent, &mut chain) {
                     Ok(source) => next = Some(source),
@@ -226,9 +228,10 @@ impl GraphFile {
 
     /// Lists the sets, in the order of the file.
     pub fn sets(&self) -> impl Iterator<Item = SetInfo<'_>> {
-        self.sets
-            .iter()
-            .map(|set| SetInfo { name: &set.name.name, members: set.members.iter().map(|m| m.name.as_str()).collect() })
+        self.sets.iter().map(|set| SetInfo {
+            name: &set.name.name,
+            members: set.members.iter().map(|m| m.name.as_str()).collect(),
+        })
     }
 
     /// Lists the nodes, in the order of the file.
@@ -251,7 +254,9 @@ impl GraphFile {
     /// Adds a node `name` that has the kind, the parameters and the wires of the node `from`.
     pub fn copy(&mut self, from: &str, name: &str) {
         let copy = self.nodes.iter().find(|node| node.name.name == from).cloned();
-        self.nodes.extend(copy.map(|node| NodeDecl { name: Key { name: name.to_owned(), ..node.name }, ..node }));
+        self.nodes.extend(
+            copy.map(|node| NodeDecl { name: Key { name: name.to_owned(), ..node.name }, ..node }),
+        );
     }
 
     /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node`
@@ -291,7 +296,9 @@ impl GraphFile {
         let kinds: BTreeMap<String, &KindSpec> = self
             .nodes
             .iter()
-            .filter_map(|node| Some((node.name.name.clone(), registry.get(&node.kind.as_ref()?.name)?)))
+            .filter_map(|node| {
+                Some((node.name.name.clone(), registry.get(&node.kind.as_ref()?.name)?))
+            })
             .collect();
         let wires = self
             .nodes
@@ -300,7 +307,8 @@ impl GraphFile {
         for end in wires.chain(&mut self.outputs) {
             let Some((node, port)) = end.name.split_once('.') else { continue };
             let Some(kind) = kinds.get(node) else { continue };
-            let new = registry.current_field(kind.kind, port, kind.outputs.iter().map(|port| port.name));
+            let new =
+                registry.current_field(kind.kind, port, kind.outputs.iter().map(|port| port.name));
             if new != port {
                 warnings.push(old_name(&end.origin, &end.name, &format!("{node}.{new}")));
                 end.name = format!("{node}.{new}");
@@ -325,7 +333,8 @@ impl GraphFile {
         let mut known = places(self.nodes.iter().map(|node| &node.name));
         for node in layer.nodes {
             let same_kind = |old: &NodeDecl| {
-                let names = (old.kind.as_ref().map(|k| &k.name), node.kind.as_ref().map(|k| &k.name));
+                let names =
+                    (old.kind.as_ref().map(|k| &k.name), node.kind.as_ref().map(|k| &k.name));
                 names.1.is_none() || names.0 == names.1
             };
             match known.get(&node.name.name).map(|&old| &mut self.nodes[old]) {
@@ -337,7 +346,10 @@ impl GraphFile {
                 }
                 None => {
                     if node.kind.is_none() {
-                        let message = format!("node `{}` has no `op`, and no file above gives it one", node.name.name);
+                        let message = format!(
+                            "node `{}` has no `op`, and no file above gives it one",
+                            node.name.name
+                        );
                         self.faults.push(|| Diagnostic::at(&node.name.origin, message));
                     }
                     known.insert(node.name.name.clone(), self.nodes.len());
@@ -345,8 +357,10 @@ impl GraphFile {
                 }
             }
         }
-        let mut known: BTreeSet<String> = self.outputs.iter().map(|output| output.name.clone()).collect();
-        self.outputs.extend(layer.outputs.into_iter().filter(|output| known.insert(output.name.clone())));
+        let mut known: BTreeSet<String> =
+            self.outputs.iter().map(|output| output.name.clone()).collect();
+        self.outputs
+            .extend(layer.outputs.into_iter().filter(|output| known.insert(output.name.clone())));
     }
 }
 
@@ -372,7 +386,11 @@ impl NodeDecl {
         }
         let Some(spec) = registry.get(&kind.name) else { return };
         for Wire { port, .. } in &mut self.wires {
-            let new = registry.current_field(spec.kind, &port.name, spec.inputs.iter().map(|port| port.name));
+            let new = registry.current_field(
+                spec.kind,
+                &port.name,
+                spec.inputs.iter().map(|port| port.name),
+            );
             if new != port.name {
                 warnings.push(old_name(&port.origin, &port.name, new));
                 port.name = new.to_owned();
@@ -394,17 +412,25 @@ impl NodeDecl {
     }
 }
 
-fn read_parent(source: &Source, parent: &Key, chain: &mut Vec<PathBuf>) -> Result<Arc<Source>, Diagnostic> {
+fn read_parent(
+    source: &Source,
+    parent: &Key,
+    chain: &mut Vec<PathBuf>,
+) -> Result<Arc<Source>, Diagnostic> {
     let path = source.folder().join(&parent.name);
     if chain.contains(&identity(&path)) {
         let message = format!("`{}` extends itself: {}", parent.name, show_chain(chain, &path));
         return Err(Diagnostic::at(&parent.origin, message));
     }
     chain.push(identity(&path));
-    let extended = |e| Diagnostic::at(&parent.origin, format!("{} (extended here): {e}", path.display()));
+    let extended =
+        |e| Diagnostic::at(&parent.origin, format!("{} (extended here): {e}", path.display()));
     source.may_name(&path).map_err(extended)?;
     Source::read(&path, source.reach).map_err(|fault| {
-        Diagnostic::at(&parent.origin, format!("{} (extended here): {}", fault.path.display(), fault.message))
+        Diagnostic::at(
+            &parent.origin,
+            format!("{} (extended here): {}", fault.path.display(), fault.message),
+        )
     })
 }
 
@@ -422,10 +448,12 @@ fn show_chain(chain: &[PathBuf], again: &Path) -> String {
 
 fn parse_layer(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<GraphLayer> {
     let document = Raw::document(source, faults)?;
-    let mut layer = GraphLayer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
+    let mut layer =
+        GraphLayer { extends: None, scene: None, sets: vec![], nodes: vec![], outputs: vec![] };
     let known = ["version", "extends", "scene", "sets", "nodes", "outputs"];
     let fields = document.as_struct(Some("Graph"), &known, faults);
-    let is_graph = document.variant().map_or(document.text().starts_with('('), |name| name == "Graph");
+    let is_graph =
+        document.variant().map_or(document.text().starts_with('('), |name| name == "Graph");
     if is_graph && !fields.iter().any(|(key, _)| key.name == "version") {
         let fault = Diagnostic::at(&document.variant_origin(), "`version` is missing");
         faults.push(|| fault.help(format!("begin with `Graph(version: {VERSION},`")));
@@ -439,11 +467,15 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<GraphLa
             "nodes" => {
                 let mut entries = value.as_map(faults);
                 if let Some((name, _)) = entries.get(MAX_NODES) {
-                    let message = format!("wanted at most {MAX_NODES} nodes, got {}", entries.len());
+                    let message =
+                        format!("wanted at most {MAX_NODES} nodes, got {}", entries.len());
                     faults.push(|| Diagnostic::at(&name.origin, message));
                     entries.truncate(MAX_NODES);
                 }
-                layer.nodes = entries.into_iter().map(|(name, body)| parse_node(name, &body, faults)).collect();
+                layer.nodes = entries
+                    .into_iter()
+                    .map(|(name, body)| parse_node(name, &body, faults))
+                    .collect();
             }
             _ => layer.outputs = names(&value.as_list(faults), faults),
         }
@@ -462,7 +494,9 @@ fn parse_sets(value: &Raw, faults: &mut Diagnostics) -> Vec<SetDecl> {
     for (name, members) in value.as_map(faults) {
         check_name(&name.name, &name.origin, "set", faults);
         let members = names(&members.as_list(faults), faults);
-        members.iter().for_each(|member| check_name(&member.name, &member.origin, "member", faults));
+        members
+            .iter()
+            .for_each(|member| check_name(&member.name, &member.origin, "member", faults));
         sets.push(SetDecl { name, members });
     }
     sets
@@ -470,8 +504,15 @@ fn parse_sets(value: &Raw, faults: &mut Diagnostics) -> Vec<SetDecl> {
 
 fn parse_node(name: Key, body: &Raw, faults: &mut Diagnostics) -> NodeDecl {
     check_name(&name.name, &name.origin, "node", faults);
-    let mut node =
-        NodeDecl { name, kind: None, params: vec![], each: None, when: None, wires: vec![], replaced: vec![] };
+    let mut node = NodeDecl {
+        name,
+        kind: None,
+        params: vec![],
+        each: None,
+        when: None,
+        wires: vec![],
+        replaced: vec![],
+    };
     for (key, value) in body.as_struct(None, &["op", "each", "when", "in"], faults) {
         match key.name.as_str() {
             "op" => match value.variant() {
@@ -479,11 +520,18 @@ fn parse_node(name: Key, body: &Raw, faults: &mut Diagnostics) -> NodeDecl {
                     node.kind = Some(Key { name: kind.to_owned(), origin: value.variant_origin() });
                     node.params = value.fields(&format!("`{kind}(parameter: value, ..)`"), faults);
                 }
-                None => faults.push(|| value.fault(format!("wanted `Kind(..)`, got `{}`", value.short()))),
+                None => faults
+                    .push(|| value.fault(format!("wanted `Kind(..)`, got `{}`", value.short()))),
             },
             "each" => node.each = value.as_key(faults),
             "when" => node.when = value.as_key(faults),
-            _ => node.wires = value.as_map(faults).into_iter().map(|(port, v)| parse_wire(port, &v, faults)).collect(),
+            _ => {
+                node.wires = value
+                    .as_map(faults)
+                    .into_iter()
+                    .map(|(port, v)| parse_wire(port, &v, faults))
+                    .collect()
+            }
         }
     }
     node
@@ -513,7 +561,8 @@ fn names(values: &[Raw], faults: &mut Diagnostics) -> Vec<Key> {
 /// Adds a fault unless `name` is a name: letters, digits and `_`, a letter first.
 pub(super) fn check_name(name: &str, origin: &Origin, what: &str, faults: &mut Diagnostics) {
     if !is_name(name) {
-        let message = || format!("wanted a {what} name of letters, digits and _, letter first, got `{name}`");
+        let message =
+            || format!("wanted a {what} name of letters, digits and _, letter first, got `{name}`");
         faults.push(|| Diagnostic::at(origin, message()));
     }
 }

@@ -26,7 +26,8 @@ pub(super) struct Before(pub Vec<(usize, Option<Arc<Entry>>)>);
 impl Before {
     fn header(&self, instance: usize) -> Option<&Header> {
         let entry = self.0.iter().find(|(at, _)| *at == instance);
-        let (_, entry) = entry.expect("the results of all instances that it takes from are gathered first");
+        let (_, entry) =
+            entry.expect("the results of all instances that it takes from are gathered first");
         entry.as_ref().map(|entry| &*entry.header)
     }
 }
@@ -40,7 +41,11 @@ pub(super) fn holds(when: &Edge, result: &Header) -> bool {
 ///
 /// # Errors
 /// A selected member does not exist, or one input receives a member twice.
-pub(super) fn resolve_inputs(graph: &ResolvedGraph, at: usize, before: &Before) -> Result<Vec<ResolvedInput>, String> {
+pub(super) fn resolve_inputs(
+    graph: &ResolvedGraph,
+    at: usize,
+    before: &Before,
+) -> Result<Vec<ResolvedInput>, String> {
     let instance = &graph.instances[at];
     let ports = &graph.nodes[instance.node].inputs;
     let mut all = Vec::with_capacity(ports.len());
@@ -52,16 +57,23 @@ pub(super) fn resolve_inputs(graph: &ResolvedGraph, at: usize, before: &Before) 
             let slot = |index| Slot { instance: edge.instance, index };
             let name = |index: usize| from.values[index].member.clone().unwrap_or_default();
             match (&edge.selector, input) {
-                (InputSelector::All, _) => many.extend(from.port(edge.port).map(|i| (name(i), slot(i)))),
+                (InputSelector::All, _) => {
+                    many.extend(from.port(edge.port).map(|i| (name(i), slot(i))))
+                }
                 (InputSelector::Whole, Input::Many(_)) => {
                     let member = graph.instances[edge.instance].member.clone().unwrap_or_default();
                     many.extend(from.port(edge.port).map(|i| (member.clone(), slot(i))));
                 }
                 (InputSelector::Whole, _) => {
-                    one = from.port(edge.port).next().map_or(ResolvedInput::Missing, |i| ResolvedInput::One(slot(i)))
+                    one = from
+                        .port(edge.port)
+                        .next()
+                        .map_or(ResolvedInput::Missing, |i| ResolvedInput::One(slot(i)))
                 }
                 (InputSelector::Member(member), _) => {
-                    let own = from.port(edge.port).find(|&i| from.values[i].member.as_ref() == Some(member));
+                    let own = from
+                        .port(edge.port)
+                        .find(|&i| from.values[i].member.as_ref() == Some(member));
                     if own.is_none() && port.arity == Arity::One {
                         return Err(no_member(graph, port, edge, member, from));
                     }
@@ -73,7 +85,10 @@ pub(super) fn resolve_inputs(graph: &ResolvedGraph, at: usize, before: &Before) 
             Input::Many(_) => {
                 for (i, (member, _)) in many.iter().enumerate() {
                     if many[..i].iter().any(|(other, _)| other == member) {
-                        return Err(format!("input `{}` gets the member `{member}` twice", port.name));
+                        return Err(format!(
+                            "input `{}` gets the member `{member}` twice",
+                            port.name
+                        ));
                     }
                 }
                 ResolvedInput::Many(many)
@@ -84,16 +99,31 @@ pub(super) fn resolve_inputs(graph: &ResolvedGraph, at: usize, before: &Before) 
     Ok(all)
 }
 
-fn no_member(graph: &ResolvedGraph, port: &PortSpec, edge: &Edge, member: &str, from: &Header) -> String {
+fn no_member(
+    graph: &ResolvedGraph,
+    port: &PortSpec,
+    edge: &Edge,
+    member: &str,
+    from: &Header,
+) -> String {
     let node = &graph.nodes[graph.instances[edge.instance].node];
-    let there: Vec<&str> = from.port(edge.port).filter_map(|i| from.values[i].member.as_deref()).collect();
+    let there: Vec<&str> =
+        from.port(edge.port).filter_map(|i| from.values[i].member.as_deref()).collect();
     let there = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
     let output = node.outputs[edge.port].name;
-    format!("input `{}` wanted the member `{member}` of `{}.{output}`, which gives: {there}", port.name, node.name)
+    format!(
+        "input `{}` wanted the member `{member}` of `{}.{output}`, which gives: {there}",
+        port.name, node.name
+    )
 }
 
 /// The key manifest of instance `at`, from its inputs.
-pub(super) fn key_manifest(graph: &ResolvedGraph, at: usize, inputs: &[ResolvedInput], before: &Before) -> String {
+pub(super) fn key_manifest(
+    graph: &ResolvedGraph,
+    at: usize,
+    inputs: &[ResolvedInput],
+    before: &Before,
+) -> String {
     let node = &graph.nodes[graph.instances[at].node];
     let mut text = String::with_capacity(node.key_head.len() + 100 * (inputs.len() + 1));
     text.push_str(&node.key_head);
@@ -104,11 +134,19 @@ pub(super) fn key_manifest(graph: &ResolvedGraph, at: usize, inputs: &[ResolvedI
     for (port, input) in node.inputs.iter().zip(inputs) {
         match input {
             ResolvedInput::Missing => key::missing_line(&mut text, port.name),
-            ResolvedInput::One(slot) => key::input_line(&mut text, port.name, None, port.type_name, &digest(slot)),
+            ResolvedInput::One(slot) => {
+                key::input_line(&mut text, port.name, None, port.type_name, &digest(slot))
+            }
             ResolvedInput::Many(all) => {
                 key::gather_line(&mut text, port.name, all.len());
                 for (member, slot) in all {
-                    key::input_line(&mut text, port.name, Some(member), port.type_name, &digest(slot));
+                    key::input_line(
+                        &mut text,
+                        port.name,
+                        Some(member),
+                        port.type_name,
+                        &digest(slot),
+                    );
                 }
             }
         }

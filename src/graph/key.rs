@@ -22,7 +22,13 @@ pub(super) fn head(kind: &str, version: u32, params: &[(&'static str, String)]) 
 }
 
 /// One value at an input port; `member` where the port gathers.
-pub(super) fn input_line(text: &mut String, port: &str, member: Option<&str>, type_name: &str, digest: &Digest) {
+pub(super) fn input_line(
+    text: &mut String,
+    port: &str,
+    member: Option<&str>,
+    type_name: &str,
+    digest: &Digest,
+) {
     match member {
         Some(member) => writeln!(text, "input {port}[{member}]: {type_name} {digest}"),
         None => writeln!(text, "input {port}: {type_name} {digest}"),
@@ -62,12 +68,15 @@ impl Why {
 /// The first fact that differs between two key manifests.
 pub(super) fn first_change(old: &str, new: &str) -> Option<Why> {
     let fact = |line: &'_ str| -> (String, String) {
-        let (label, value) = line.split_once(": ").or_else(|| line.split_once(' ')).unwrap_or((line, ""));
+        let (label, value) =
+            line.split_once(": ").or_else(|| line.split_once(' ')).unwrap_or((line, ""));
         (label.to_owned(), value.to_owned())
     };
     let olds: Vec<_> = old.lines().map(fact).collect();
     let news: Vec<_> = new.lines().map(fact).collect();
-    let value = |facts: &[(String, String)], label: &str| facts.iter().find(|f| f.0 == label).map(|f| f.1.clone());
+    let value = |facts: &[(String, String)], label: &str| {
+        facts.iter().find(|f| f.0 == label).map(|f| f.1.clone())
+    };
     let line = |label: &str, value: &str| {
         let between = if label.contains(' ') { ": " } else { " " };
         format!("{label}{between}{value}")
@@ -79,12 +88,20 @@ pub(super) fn first_change(old: &str, new: &str) -> Option<Why> {
         let was = value(&olds, label);
         if was.as_ref() != Some(now) {
             let old = was.as_ref().map(|was| line(label, was));
-            return Some(Why { old, why: sentence(label, was.as_deref(), Some(now)), new: Some(line(label, now)) });
+            return Some(Why {
+                old,
+                why: sentence(label, was.as_deref(), Some(now)),
+                new: Some(line(label, now)),
+            });
         }
     }
     for (label, was) in olds.iter().filter(|(label, _)| !counts(label)) {
         if value(&news, label).is_none() {
-            return Some(Why { old: Some(line(label, was)), new: None, why: sentence(label, Some(was), None) });
+            return Some(Why {
+                old: Some(line(label, was)),
+                new: None,
+                why: sentence(label, Some(was), None),
+            });
         }
     }
     // The same facts in another order: members of a gather port were put in another order.
@@ -96,18 +113,28 @@ pub(super) fn first_change(old: &str, new: &str) -> Option<Why> {
 
 fn sentence(label: &str, was: Option<&str>, now: Option<&str>) -> String {
     match (was, now) {
-        (Some(was), Some(now)) if label.starts_with("parameter ") && differ_in_files_only(was, now) => {
+        (Some(was), Some(now))
+            if label.starts_with("parameter ") && differ_in_files_only(was, now) =>
+        {
             format!("{label}: file changed")
         }
-        (Some("none"), Some(_)) | (None, Some(_)) if label.starts_with("input ") => format!("{label} is new"),
+        (Some("none"), Some(_)) | (None, Some(_)) if label.starts_with("input ") => {
+            format!("{label} is new")
+        }
         (Some(_), Some("none") | None) if label.starts_with("input ") => format!("{label} is gone"),
         (Some(_), Some(_)) if label.starts_with("input ") => format!("{label} changed"),
-        (was, now) => format!("{label}: {} -> {}", short(was.unwrap_or("none")), short(now.unwrap_or("none"))),
+        (was, now) => {
+            format!("{label}: {} -> {}", short(was.unwrap_or("none")), short(now.unwrap_or("none")))
+        }
     }
 }
 
 fn short(value: &str) -> String {
-    if value.chars().count() <= 60 { value.to_owned() } else { value.chars().take(57).chain("...".chars()).collect() }
+    if value.chars().count() <= 60 {
+        value.to_owned()
+    } else {
+        value.chars().take(57).chain("...".chars()).collect()
+    }
 }
 
 fn differ_in_files_only(was: &str, now: &str) -> bool {
@@ -136,7 +163,10 @@ mod tests {
         assert_eq!(why("parameter n: 16\n", "parameter n: 32\n").unwrap(), "parameter n: 16 -> 32");
         let file = |digest: &str| format!("parameter photo: \"{FILE}{digest}\"\n");
         assert_eq!(why(&file(&a), &file(&b)).unwrap(), "parameter photo: file changed");
-        assert_eq!(why(&format!("input x: T {a}"), &format!("input x: T {b}")).unwrap(), "input x changed");
+        assert_eq!(
+            why(&format!("input x: T {a}"), &format!("input x: T {b}")).unwrap(),
+            "input x changed"
+        );
         assert_eq!(why("input x: none", &format!("input x: T {b}")).unwrap(), "input x is new");
         let one = format!("members x: 1\ninput x[m]: T {a}\n");
         let two = format!("members x: 2\ninput x[n]: T {b}\ninput x[m]: T {a}\n");

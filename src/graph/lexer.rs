@@ -128,7 +128,8 @@ fn number(text: &str) -> usize {
     let hexadecimal = text.trim_start_matches(['+', '-']).starts_with("0x");
     let mut previous = ' ';
     for (i, c) in text.char_indices() {
-        let sign = (c == '+' || c == '-') && (i == 0 || (!hexadecimal && matches!(previous, 'e' | 'E')));
+        let sign =
+            (c == '+' || c == '-') && (i == 0 || (!hexadecimal && matches!(previous, 'e' | 'E')));
         if !(sign || c.is_ascii_alphanumeric() || c == '_' || c == '.') {
             return i;
         }

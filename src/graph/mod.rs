@@ -33,14 +33,16 @@ pub use engine::{Engine, EngineOptions};
 pub use escape::{escape, escape_json, escape_line};
 pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
 pub use node::{
-    Arity, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue, Scatter,
+    Arity, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue,
+    Scatter,
 };
 pub use range::{Number, Ranged, above, check_range, range_text};
 pub use raw::{Key, Raw};
 pub use reading::{File, MAX_FILE_BYTES, open, read};
 pub use registry::{KindSpec, Registry};
 pub use report::{
-    Difference, Ending, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status, VerifyReport,
+    Difference, Ending, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status,
+    VerifyReport,
 };
 pub use resolve::Resolved;
 pub use resolved_graph::{ResolvedGraph, Wanted};

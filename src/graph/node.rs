@@ -309,9 +309,9 @@ impl<T: Artifact> InPort for Gather<T> {
     const ARITY: Arity = Arity::Many;
     fn take(value: PortValue) -> Self {
         match value {
-            PortValue::Many(values) => {
-                Gather(values.into_iter().map(|(name, v)| (name, v.get().expect(CHECKED))).collect())
-            }
+            PortValue::Many(values) => Gather(
+                values.into_iter().map(|(name, v)| (name, v.get().expect(CHECKED))).collect(),
+            ),
             _ => unreachable!("{CHECKED}"),
         }
     }
@@ -320,7 +320,11 @@ impl<T: Artifact> InPort for Gather<T> {
 fn decode<T: Artifact>(bytes: Vec<u8>, digest: Digest) -> Result<Value, String> {
     let length = bytes.len() as u64;
     let artifact = T::decode(bytes).and_then(|artifact| artifact.check().map(|()| artifact));
-    Ok(Value::stored(artifact.map_err(|message| format!("{}: {message}", T::TYPE))?, digest, length))
+    Ok(Value::stored(
+        artifact.map_err(|message| format!("{}: {message}", T::TYPE))?,
+        digest,
+        length,
+    ))
 }
 
 impl<T: Artifact> OutPort for Arc<T> {

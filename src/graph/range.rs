@@ -73,7 +73,8 @@ impl<T: Ranged, const N: usize> Ranged for [T; N] {
 impl<T: Ranged> Ranged for BTreeMap<String, T> {
     type Number = T::Number;
     fn outside(&self, range: &impl RangeBounds<T::Number>) -> Option<String> {
-        self.iter().find_map(|(key, value)| value.outside(range).map(|got| format!("{got} for {key:?}")))
+        self.iter()
+            .find_map(|(key, value)| value.outside(range).map(|got| format!("{got} for {key:?}")))
     }
 }
 
@@ -112,7 +113,11 @@ pub fn range_text<T: Ranged>(range: &impl RangeBounds<T::Number>) -> String {
 /// assert_eq!(check_range("half", &[0.1, 0.2], above(0.0)), Ok(()));
 /// assert_eq!(check_range("worth", &1.5, 0.0..=1.0), Err("worth: wanted 0..=1, got 1.5".into()));
 /// ```
-pub fn check_range<T: Ranged>(name: &str, value: &T, range: impl RangeBounds<T::Number>) -> Result<(), String> {
+pub fn check_range<T: Ranged>(
+    name: &str,
+    value: &T,
+    range: impl RangeBounds<T::Number>,
+) -> Result<(), String> {
     match value.outside(&range) {
         Some(got) => Err(format!("{name}: wanted {}, got {got}", range_text::<T>(&range))),
         None => Ok(()),
@@ -126,7 +131,9 @@ mod tests {
 
     #[test]
     fn bounds_include_what_they_show() {
-        for (value, sound) in [(0.0, true), (1.0, false), (0.999, true), (-0.1, false), (f32::NAN, false)] {
+        for (value, sound) in
+            [(0.0, true), (1.0, false), (0.999, true), (-0.1, false), (f32::NAN, false)]
+        {
             assert_eq!(check_range("x", &value, 0.0..1.0).is_ok(), sound, "{value} in 0..1");
         }
         assert_eq!(check_range("x", &1.0, 0.0..=1.0), Ok(()));
@@ -150,7 +157,10 @@ mod tests {
     fn groups_are_checked_by_component() {
         assert_eq!(check_range("x", &None::<f32>, 0.0..=1.0), Ok(()));
         assert_eq!(check_range("x", &Some(2), 0..=1), Err("x: wanted 0..=1, got 2".into()));
-        assert_eq!(check_range("x", &[0.5, -2.0, 3.0], 0.0..=1.0), Err("x: wanted 0..=1, got -2".into()));
+        assert_eq!(
+            check_range("x", &[0.5, -2.0, 3.0], 0.0..=1.0),
+            Err("x: wanted 0..=1, got -2".into())
+        );
         let map = BTreeMap::from([("a".to_owned(), [0.0, 1.0]), ("b".to_owned(), [0.0, -1.0])]);
         assert_eq!(check_range("x", &map, 0.0..), Err("x: wanted >= 0, got -1 for \"b\"".into()));
     }

@@ -20,7 +20,8 @@ const MAX_DEPTH: usize = 64;
 
 /// Whether `text` is a field name.
 fn is_word(text: &str) -> bool {
-    text.starts_with(|c: char| c.is_alphabetic() || c == '_') && text.chars().all(|c| c.is_alphanumeric() || c == '_')
+    text.starts_with(|c: char| c.is_alphabetic() || c == '_')
+        && text.chars().all(|c| c.is_alphanumeric() || c == '_')
 }
 
 /// The name of an entry, and its location.
@@ -75,7 +76,8 @@ impl Raw {
     /// comments are left out.
     pub fn words(&self) -> Vec<(Raw, bool)> {
         let base = self.origin.span.start;
-        let word = |t: Token| (self.part(base + t.span.start..base + t.span.end), t.kind == Kind::Number);
+        let word =
+            |t: Token| (self.part(base + t.span.start..base + t.span.end), t.kind == Kind::Number);
         tokens(self.text()).map_while(Result::ok).map(word).collect()
     }
 
@@ -92,20 +94,33 @@ impl Raw {
 
     /// The fields of `Name(a: .., b: ..)` or `(a: .., b: ..)`. With `name`, another name is a
     /// fault; a field that is not `known` is one too, and is left out.
-    pub fn as_struct(&self, name: Option<&str>, known: &[&str], faults: &mut Diagnostics) -> Vec<(Key, Raw)> {
+    pub fn as_struct(
+        &self,
+        name: Option<&str>,
+        known: &[&str],
+        faults: &mut Diagnostics,
+    ) -> Vec<(Key, Raw)> {
         if let (Some(wanted), Some(got)) = (name, self.variant())
             && wanted != got
         {
-            faults.push(|| Diagnostic::at(&self.variant_origin(), format!("wanted `{wanted}(..)`, got `{got}`")));
+            faults.push(|| {
+                Diagnostic::at(
+                    &self.variant_origin(),
+                    format!("wanted `{wanted}(..)`, got `{got}`"),
+                )
+            });
             return Vec::new();
         }
-        let what = name.map_or("`(field: value, ..)`".to_owned(), |name| format!("`{name}(field: value, ..)`"));
+        let what = name.map_or("`(field: value, ..)`".to_owned(), |name| {
+            format!("`{name}(field: value, ..)`")
+        });
         let mut fields = self.fields(&what, faults);
         fields.retain(|(key, _)| {
             let is_known = known.contains(&key.name.as_str());
             if !is_known {
                 faults.push(|| {
-                    let fault = Diagnostic::at(&key.origin, format!("unknown field `{}`", key.name));
+                    let fault =
+                        Diagnostic::at(&key.origin, format!("unknown field `{}`", key.name));
                     fault.suggest(&key.name, known.iter().copied())
                 });
             }
@@ -137,7 +152,9 @@ impl Raw {
         let mut entries = Vec::new();
         for item in self.items('{', what, faults).unwrap_or_default() {
             match item.split_key().map(|(key, value)| (key.string(), key, value)) {
-                Some((Some(name), key, value)) => entries.push((Key { name, origin: key.origin }, value)),
+                Some((Some(name), key, value)) => {
+                    entries.push((Key { name, origin: key.origin }, value))
+                }
                 _ => faults.push(|| item.fault(format!("wanted {what}, got `{}`", item.short()))),
             }
         }
@@ -186,9 +203,17 @@ impl Raw {
     pub(super) fn locate(&self, error: ron::error::SpannedError) -> Diagnostic {
         let text = self.text();
         let start = error.span.start;
-        let line = text.split_inclusive('\n').take(start.line.saturating_sub(1)).map(str::len).sum::<usize>();
-        let column = text[line..].char_indices().nth(start.col.saturating_sub(1)).map_or(text.len(), |(i, _)| line + i);
-        let before = tokens(text).map_while(Result::ok).take_while(|token| token.span.start <= column);
+        let line = text
+            .split_inclusive('\n')
+            .take(start.line.saturating_sub(1))
+            .map(str::len)
+            .sum::<usize>();
+        let column = text[line..]
+            .char_indices()
+            .nth(start.col.saturating_sub(1))
+            .map_or(text.len(), |(i, _)| line + i);
+        let before =
+            tokens(text).map_while(Result::ok).take_while(|token| token.span.start <= column);
         let token = before.last().map_or(0..text.len(), |token| token.span);
         let base = self.origin.span.start;
         self.part(base + token.start..base + token.end).fault(error.code.to_string())
@@ -209,7 +234,9 @@ impl Raw {
         let base = self.origin.span.start;
         let tokens: Result<Vec<Token>, _> = tokens(self.text()).collect();
         tokens
-            .map_err(|(span, message)| faults.push(|| self.part(base + span.start..base + span.end).fault(message)))
+            .map_err(|(span, message)| {
+                faults.push(|| self.part(base + span.start..base + span.end).fault(message))
+            })
             .ok()
     }
 
@@ -217,7 +244,8 @@ impl Raw {
     /// identifier.
     fn items(&self, open: char, wanted: &str, faults: &mut Diagnostics) -> Option<Vec<Raw>> {
         let tokens = self.tokens(faults)?;
-        let skip = usize::from(open == '(' && tokens.first().is_some_and(|t| t.kind == Kind::Ident));
+        let skip =
+            usize::from(open == '(' && tokens.first().is_some_and(|t| t.kind == Kind::Ident));
         if tokens.get(skip).map(|t| t.kind) != Some(Kind::Open(open)) {
             faults.push(|| {
                 let fault = self.fault(format!("wanted {wanted}, got `{}`", self.short()));
@@ -253,7 +281,9 @@ impl Raw {
             if depth == 0 {
                 if let Some(extra) = tokens.get(index + 1) {
                     let place = base + extra.span.start..base + extra.span.end;
-                    faults.push(|| self.part(place).fault(format!("wanted nothing more after {wanted}")));
+                    faults.push(|| {
+                        self.part(place).fault(format!("wanted nothing more after {wanted}"))
+                    });
                 }
                 break;
             }
@@ -272,7 +302,10 @@ impl Raw {
                 Kind::Close(_) => depth -= 1,
                 Kind::Colon if depth == 0 => {
                     let value = tokens.next()?.span.start;
-                    return Some((self.part(base..base + key_end?), self.part(base + value..self.origin.span.end)));
+                    return Some((
+                        self.part(base..base + key_end?),
+                        self.part(base + value..self.origin.span.end),
+                    ));
                 }
                 _ => {}
             }
@@ -288,7 +321,9 @@ fn check_nesting(whole: &Raw, tokens: &[Token], faults: &mut Diagnostics) -> boo
     for token in tokens {
         match token.kind {
             Kind::Open(bracket) if open.len() == MAX_DEPTH => {
-                let message = format!("wanted at most {MAX_DEPTH} levels of brackets, got another `{bracket}`");
+                let message = format!(
+                    "wanted at most {MAX_DEPTH} levels of brackets, got another `{bracket}`"
+                );
                 faults.push(|| whole.part(token.span.clone()).fault(message));
                 return false;
             }
@@ -297,13 +332,17 @@ fn check_nesting(whole: &Raw, tokens: &[Token], faults: &mut Diagnostics) -> boo
                 Some((opened, _)) if closing(opened) == bracket => {}
                 Some((opened, at)) => {
                     let (line, _) = whole.part(at.span.clone()).origin.line_column();
-                    let message =
-                        format!("wanted `{}` for the `{opened}` of line {line}, got `{bracket}`", closing(opened));
+                    let message = format!(
+                        "wanted `{}` for the `{opened}` of line {line}, got `{bracket}`",
+                        closing(opened)
+                    );
                     faults.push(|| whole.part(token.span.clone()).fault(message));
                     return false;
                 }
                 None => {
-                    faults.push(|| whole.part(token.span.clone()).fault(format!("`{bracket}` closes nothing")));
+                    faults.push(|| {
+                        whole.part(token.span.clone()).fault(format!("`{bracket}` closes nothing"))
+                    });
                     return false;
                 }
             },
@@ -351,7 +390,10 @@ fn check_values(whole: &Raw, tokens: &[Token], faults: &mut Diagnostics) {
                 }
             }
             (Kind::Ident, _) if is_not_finite(&text[token.span.clone()]) => {
-                faults.push(|| part().fault(format!("wanted a finite number, got {}", &text[token.span.clone()])));
+                faults.push(|| {
+                    part()
+                        .fault(format!("wanted a finite number, got {}", &text[token.span.clone()]))
+                });
             }
             (Kind::Number, _) => {
                 let number = text[token.span.clone()].replace('_', "");

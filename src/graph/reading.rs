@@ -134,7 +134,8 @@ pub(super) fn below(folder: &Path, path: &Path) -> io::Result<PathBuf> {
     if place.starts_with(&folder) {
         return Ok(place);
     }
-    let message = format!("confined: wanted a file below {}, got one outside of it", folder.display());
+    let message =
+        format!("confined: wanted a file below {}, got one outside of it", folder.display());
     Err(io::Error::new(io::ErrorKind::PermissionDenied, message))
 }
 
@@ -194,7 +195,9 @@ mod tests {
         assert_eq!(read(&path, 10).expect("it has ten bytes"), [7; 10]);
         assert_eq!(message(read(&path, 9)), "wanted at most 9 bytes, got 10");
         // A sparse file of 2^40 bytes: nothing of it is read.
-        std::fs::File::create(&path).and_then(|file| file.set_len(1 << 40)).expect("the file system has sparse files");
+        std::fs::File::create(&path)
+            .and_then(|file| file.set_len(1 << 40))
+            .expect("the file system has sparse files");
         assert_eq!(
             message(read(&path, MAX_FILE_BYTES)),
             format!("wanted at most {} bytes, got {}", MAX_FILE_BYTES, 1u64 << 40)
@@ -209,10 +212,16 @@ mod tests {
         {
             let pipe = folder.path().join("pipe");
             nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRUSR).expect("a pipe can be made");
-            assert_eq!(message(read(&pipe, 100)), "wanted a regular file, got a pipe, a socket or a device");
+            assert_eq!(
+                message(read(&pipe, 100)),
+                "wanted a regular file, got a pipe, a socket or a device"
+            );
             let link = folder.path().join("link");
             std::os::unix::fs::symlink("/dev/zero", &link).expect("a link can be made");
-            assert_eq!(message(read(&link, 100)), "wanted a regular file, got a pipe, a socket or a device");
+            assert_eq!(
+                message(read(&link, 100)),
+                "wanted a regular file, got a pipe, a socket or a device"
+            );
             let error = open_no_follow(&link, 100).expect_err("it is a link");
             assert_eq!(error.to_string(), "wanted a regular file, got a symbolic link");
             let error = open_no_follow(&pipe, 100).expect_err("it is a pipe");

@@ -4,7 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use super::artifact::digest_of;
-use super::{Context, Digest, File, Inputs, Node, NodeError, Outputs, ParamSpec, Params, PortSpec, PortValue, Value};
+use super::{
+    Context, Digest, File, Inputs, Node, NodeError, Outputs, ParamSpec, Params, PortSpec,
+    PortValue, Value,
+};
 
 /// The list of node kinds.
 #[derive(Default)]
@@ -64,7 +67,10 @@ impl Registry {
     /// # Panics
     /// No kind is called `new`, or one is called `old`.
     pub fn renamed(mut self, old: &'static str, new: &'static str) -> Registry {
-        assert!(self.get(new).is_some() && self.get(old).is_none(), "{old} cannot be an old name of {new}");
+        assert!(
+            self.get(new).is_some() && self.get(old).is_none(),
+            "{old} cannot be an old name of {new}"
+        );
         self.old_kinds.insert(old, new);
         self
     }
@@ -74,7 +80,12 @@ impl Registry {
     ///
     /// # Panics
     /// The kind has nothing of the name `new`.
-    pub fn renamed_field(mut self, kind: &'static str, old: &'static str, new: &'static str) -> Registry {
+    pub fn renamed_field(
+        mut self,
+        kind: &'static str,
+        old: &'static str,
+        new: &'static str,
+    ) -> Registry {
         let has = |spec: &KindSpec| {
             let ports = spec.inputs.iter().chain(&spec.outputs).map(|port| port.name);
             ports.chain(spec.params.iter().map(|param| param.name)).any(|name| name == new)
@@ -134,7 +145,8 @@ impl Registry {
     /// # Errors
     /// The message states the wanted and the actual content.
     pub fn decode(&self, type_name: &str, bytes: &[u8]) -> Option<Result<Value, String>> {
-        let port = |kind: &KindSpec| kind.outputs.iter().position(|port| port.type_name == type_name);
+        let port =
+            |kind: &KindSpec| kind.outputs.iter().position(|port| port.type_name == type_name);
         let (kind, port) = self.kinds.iter().find_map(|kind| Some((kind, port(kind)?)))?;
         Some((kind.make)().decode(port, bytes.to_vec(), digest_of(type_name, bytes)))
     }

@@ -87,7 +87,11 @@ impl GraphFile {
     ///
     /// # Errors
     /// All faults of the files and settings, and files that cannot be read.
-    pub fn resolve(&self, registry: &Registry, overlay: &Overlay) -> Result<ResolvedGraph, Vec<Diagnostic>> {
+    pub fn resolve(
+        &self,
+        registry: &Registry,
+        overlay: &Overlay,
+    ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
         self.resolve_next(registry, overlay, &mut Resolved::default())
     }
 
@@ -124,10 +128,16 @@ impl GraphFile {
     ///
     /// # Errors
     /// The errors of [`GraphFile::resolve`].
-    pub fn check(&self, registry: &Registry, overlay: &Overlay, before: &mut Resolved) -> Result<(), Vec<Diagnostic>> {
+    pub fn check(
+        &self,
+        registry: &Registry,
+        overlay: &Overlay,
+        before: &mut Resolved,
+    ) -> Result<(), Vec<Diagnostic>> {
         let mut faults = self.faults.clone();
         let sets = self.merged_sets(overlay, &mut faults);
-        let kinds: Vec<Option<&KindSpec>> = self.nodes.iter().map(|n| kind_of(n, registry, &mut faults)).collect();
+        let kinds: Vec<Option<&KindSpec>> =
+            self.nodes.iter().map(|n| kind_of(n, registry, &mut faults)).collect();
         let places: BTreeMap<&str, usize> = self.node_names().zip(0..).collect();
         self.check_targets(registry, overlay, &places, &mut faults);
 
@@ -161,7 +171,10 @@ impl GraphFile {
         }
         let mut wired = Vec::new();
         for (decl, kind) in self.nodes.iter().zip(kinds) {
-            wired.push(kind.map(|kind| self.wire(decl, kind, kinds, places, &sets, faults)).unwrap_or_default());
+            wired.push(
+                kind.map(|kind| self.wire(decl, kind, kinds, places, &sets, faults))
+                    .unwrap_or_default(),
+            );
         }
         let order = self.order(&wired, faults);
         for output in &self.outputs {
@@ -174,8 +187,10 @@ impl GraphFile {
             Arity::Many => ends.iter().flatten().map(|end| self.count(end.node, &sets)).sum(),
             Arity::One | Arity::Optional => 1,
         };
-        let wires =
-            |node: usize| kinds[node].map_or(0, |kind| kind.inputs.iter().zip(&wired[node].ports).map(width).sum());
+        let wires = |node: usize| {
+            kinds[node]
+                .map_or(0, |kind| kind.inputs.iter().zip(&wired[node].ports).map(width).sum())
+        };
         self.is_small(&sets, wires, faults).then_some(Wiring { sets, wired, order })
     }
 
@@ -187,13 +202,21 @@ impl GraphFile {
 
     /// Whether there are few enough instances, each with as many wires as `wires` has for its node;
     /// else it is a fault.
-    fn is_small(&self, sets: &Sets, wires: impl Fn(usize) -> usize, faults: &mut Diagnostics) -> bool {
+    fn is_small(
+        &self,
+        sets: &Sets,
+        wires: impl Fn(usize) -> usize,
+        faults: &mut Diagnostics,
+    ) -> bool {
         let of_node = |node: usize| self.count(node, sets).saturating_mul(1 + wires(node));
         let size = (0..self.nodes.len()).map(of_node).fold(0, usize::saturating_add);
         if size > MAX_SIZE {
-            let message = format!("wanted at most {MAX_SIZE} instances of nodes and wires between them, got {size}");
+            let message = format!(
+                "wanted at most {MAX_SIZE} instances of nodes and wires between them, got {size}"
+            );
             let largest = sets.iter().max_by_key(|(_, members)| members.names.len());
-            let help = largest.map(|(set, members)| format!("set `{set}` has {} members", members.names.len()));
+            let help = largest
+                .map(|(set, members)| format!("set `{set}` has {} members", members.names.len()));
             faults.push(|| Diagnostic { help, ..Diagnostic::file(self.path(), message) });
         }
         size <= MAX_SIZE
@@ -210,7 +233,8 @@ impl GraphFile {
             if let Some(members) = sets.get_mut(&member.set)
                 && !members.add(&member.name)
             {
-                let message = format!("set `{}` already has a member `{}`", member.set, member.name);
+                let message =
+                    format!("set `{}` already has a member `{}`", member.set, member.name);
                 faults.push(|| Diagnostic::at(&member.origin, message));
             }
         }
@@ -226,10 +250,12 @@ impl GraphFile {
     ) {
         for setting in &overlay.settings {
             match &setting.target {
-                Target::Kind(kind) if registry.get(registry.current_kind(kind)).is_none() => faults.push(|| {
-                    let fault = setting.value.fault(format!("there is no kind of node `{kind}`"));
-                    fault.suggest(kind, registry.kinds().map(|k| k.kind))
-                }),
+                Target::Kind(kind) if registry.get(registry.current_kind(kind)).is_none() => faults
+                    .push(|| {
+                        let fault =
+                            setting.value.fault(format!("there is no kind of node `{kind}`"));
+                        fault.suggest(kind, registry.kinds().map(|k| k.kind))
+                    }),
                 Target::Node(name) if !places.contains_key(name.as_str()) => faults.push(|| {
                     let fault = setting.value.fault(format!("the graph has no node `{name}`"));
                     fault.suggest(name, self.node_names())
@@ -257,13 +283,20 @@ impl GraphFile {
         };
         let Some(&node) = places.get(node_name) else {
             faults.push(|| {
-                let fault = Diagnostic::at(&named.origin, format!("there is no node `{node_name}`"));
+                let fault =
+                    Diagnostic::at(&named.origin, format!("there is no node `{node_name}`"));
                 fault.suggest(node_name, self.node_names())
             });
             return None;
         };
         let kind = kinds[node]?;
-        let list = || kind.outputs.iter().map(|p| format!("{node_name}.{}", p.name)).collect::<Vec<_>>().join(", ");
+        let list = || {
+            kind.outputs
+                .iter()
+                .map(|p| format!("{node_name}.{}", p.name))
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
         let port = match port_name {
             Some(name) => kind.outputs.iter().position(|p| p.name == name),
             None => (kind.outputs.len() == 1).then_some(0),
@@ -271,11 +304,17 @@ impl GraphFile {
         if port.is_none() {
             faults.push(|| match port_name {
                 Some(name) => {
-                    let message = format!("node `{node_name}` ({}) has no output `{name}`", kind.kind);
-                    Diagnostic::at(&named.origin, message).suggest(name, kind.outputs.iter().map(|p| p.name))
+                    let message =
+                        format!("node `{node_name}` ({}) has no output `{name}`", kind.kind);
+                    Diagnostic::at(&named.origin, message)
+                        .suggest(name, kind.outputs.iter().map(|p| p.name))
                 }
                 None => {
-                    let message = format!("node `{node_name}` ({}) has {} outputs", kind.kind, kind.outputs.len());
+                    let message = format!(
+                        "node `{node_name}` ({}) has {} outputs",
+                        kind.kind,
+                        kind.outputs.len()
+                    );
                     Diagnostic::at(&named.origin, message).help(format!("name one: {}", list()))
                 }
             });
@@ -296,13 +335,16 @@ impl GraphFile {
         if let Some(each) = &decl.each {
             if !sets.contains_key(&each.name) {
                 faults.push(|| {
-                    let fault = Diagnostic::at(&each.origin, format!("there is no set `{}`", each.name));
+                    let fault =
+                        Diagnostic::at(&each.origin, format!("there is no set `{}`", each.name));
                     fault.suggest(&each.name, sets.keys().map(String::as_str))
                 });
             }
             if let Some(port) = kind.outputs.iter().find(|p| p.arity == Arity::Many) {
-                let message =
-                    format!("{} gives one `{}` per member by itself, so it has no `each`", kind.kind, port.name);
+                let message = format!(
+                    "{} gives one `{}` per member by itself, so it has no `each`",
+                    kind.kind, port.name
+                );
                 faults.push(|| Diagnostic::at(&each.origin, message));
             }
         }
@@ -310,19 +352,24 @@ impl GraphFile {
         for wire in &decl.wires {
             if !kind.inputs.iter().any(|p| p.name == wire.port.name) {
                 faults.push(|| {
-                    let message = format!("node `{name}` ({}) has no input `{}`", kind.kind, wire.port.name);
+                    let message =
+                        format!("node `{name}` ({}) has no input `{}`", kind.kind, wire.port.name);
                     let fault = Diagnostic::at(&wire.port.origin, message);
                     fault.suggest(&wire.port.name, kind.inputs.iter().map(|p| p.name))
                 });
                 all_known = false;
             }
         }
-        let mut wired = Wired { ports: Vec::new(), when: self.when(decl, kind, kinds, places, sets, faults) };
+        let mut wired =
+            Wired { ports: Vec::new(), when: self.when(decl, kind, kinds, places, sets, faults) };
         for port in &kind.inputs {
             let wire = decl.wires.iter().find(|w| w.port.name == port.name);
             let empty = wire.is_none_or(|w| w.from.is_empty());
             // A wire to a misspelt port is the fault, not the port without it.
-            if empty && all_known && (port.arity == Arity::One || (port.arity == Arity::Many && wire.is_none())) {
+            if empty
+                && all_known
+                && (port.arity == Arity::One || (port.arity == Arity::Many && wire.is_none()))
+            {
                 let message = format!(
                     "node `{name}` ({}): nothing is wired to input `{}` ({})",
                     kind.kind, port.name, port.type_name
@@ -359,7 +406,10 @@ impl GraphFile {
     }
 
     /// Types and arity of the wires to one port.
-    #[expect(clippy::too_many_arguments, reason = "a wire is judged by both of its ends and the sets they run over")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a wire is judged by both of its ends and the sets they run over"
+    )]
     fn check_wire(
         &self,
         decl: &NodeDecl,
@@ -375,10 +425,13 @@ impl GraphFile {
         if port.arity != Arity::Many
             && let Some(second) = wire.from.get(1)
         {
-            faults.push(|| Diagnostic::at(&second.origin, format!("{input} wanted one wire, got {}", wire.from.len())));
+            let message = format!("{input} wanted one wire, got {}", wire.from.len());
+            faults.push(|| Diagnostic::at(&second.origin, message));
         }
         let no_members = Members::default();
-        let members = |each: &Option<Key>| each.as_ref().and_then(|e| sets.get(&e.name)).unwrap_or(&no_members);
+        let members = |each: &Option<Key>| {
+            each.as_ref().and_then(|e| sets.get(&e.name)).unwrap_or(&no_members)
+        };
         let (mut seen, mut seen_sets) = (BTreeSet::new(), BTreeSet::new());
         for (at, &(end, named)) in ends.iter().enumerate() {
             let Some(from_kind) = kinds[end.node] else { continue };
@@ -386,10 +439,9 @@ impl GraphFile {
             let from_port = &from_kind.outputs[end.port];
             let place = &named.origin;
             if port.type_name != from_port.type_name {
-                faults.push(|| {
-                    let (wanted, got) = (port.type_name, from_port.type_name);
-                    Diagnostic::at(place, format!("{input} wanted {wanted}, got {got} from `{}`", named.name))
-                });
+                let (wanted, got) = (port.type_name, from_port.type_name);
+                let message = format!("{input} wanted {wanted}, got {got} from `{}`", named.name);
+                faults.push(|| Diagnostic::at(place, message));
                 continue;
             }
             let many = match &from.each {
@@ -398,14 +450,18 @@ impl GraphFile {
             };
             match (port.arity, many) {
                 (Arity::Many, None) => {
-                    let message = format!("{input} wanted one {} per member, got a single one", port.type_name);
+                    let message = format!(
+                        "{input} wanted one {} per member, got a single one",
+                        port.type_name
+                    );
                     faults.push(|| Diagnostic::at(place, message));
                 }
                 (Arity::Many, Some(_)) if from.each.is_some() => {
                     let is_new = seen_sets.insert(from.each.as_ref().map(|each| &each.name));
                     for member in &members(&from.each).names {
                         if !(is_new && seen.insert(member)) {
-                            faults.push(|| Diagnostic::at(place, format!("{input} gets the member `{member}` twice")));
+                            let message = format!("{input} gets the member `{member}` twice");
+                            faults.push(|| Diagnostic::at(place, message));
                         }
                     }
                 }
@@ -416,14 +472,12 @@ impl GraphFile {
                 // Several wires are a fault already, so the first alone is checked.
                 (Arity::One, Some(_)) if from.each.is_some() && at == 0 => {
                     let there = &members(&from.each).places;
-                    for member in members(&decl.each).names.iter().filter(|member| !there.contains_key(*member)) {
-                        faults.push(|| {
-                            let name = &from.name.name;
-                            Diagnostic::at(
-                                place,
-                                format!("{input} wanted one for member `{member}`, `{name}` has none"),
-                            )
-                        });
+                    let own = &members(&decl.each).names;
+                    for member in own.iter().filter(|member| !there.contains_key(*member)) {
+                        let name = &from.name.name;
+                        let message =
+                            format!("{input} wanted one for member `{member}`, `{name}` has none");
+                        faults.push(|| Diagnostic::at(place, message));
                     }
                 }
                 _ => {}
@@ -447,15 +501,17 @@ impl GraphFile {
             let first = component.iter().copied().min().expect("a component has a node");
             if component.len() > 1 || graph.contains_edge(first, first) {
                 faults.push(|| {
-                    let names =
-                        shortest_loop(&graph, first).into_iter().map(|node| self.nodes[node].name.name.as_str());
+                    let names = shortest_loop(&graph, first)
+                        .into_iter()
+                        .map(|node| self.nodes[node].name.name.as_str());
                     let names = names.collect::<Vec<_>>().join(" -> ");
                     let place = &self.nodes[graph[first]].name.origin;
                     Diagnostic::at(place, format!("these nodes form a cycle: {names}"))
                 });
             }
         }
-        let mut ready: BinaryHeap<_> = (0..wired.len()).filter(|&n| waits[n] == 0).map(Reverse).collect();
+        let mut ready: BinaryHeap<_> =
+            (0..wired.len()).filter(|&n| waits[n] == 0).map(Reverse).collect();
         let mut order = Vec::new();
         while let Some(Reverse(node)) = ready.pop() {
             order.push(node);
@@ -472,26 +528,33 @@ impl GraphFile {
     /// One instance per node, or per node and member, and the edges between them.
     fn expand(&self, resolved: &Resolved) -> ResolvedGraph {
         let Wiring { sets, wired, order } = resolved.wiring.as_ref().expect("it was checked");
-        let members = |node: usize| self.nodes[node].each.as_ref().map(|each| sets.get(&each.name).expect("checked"));
+        let members = |node: usize| {
+            self.nodes[node].each.as_ref().map(|each| sets.get(&each.name).expect("checked"))
+        };
         let built = resolved.nodes.iter().map(|built| built.as_ref().expect("it was checked"));
-        let mut nodes: Vec<GraphNode> = built.zip(&self.nodes).map(|(built, decl)| built.node(decl)).collect();
+        let mut nodes: Vec<GraphNode> =
+            built.zip(&self.nodes).map(|(built, decl)| built.node(decl)).collect();
         let mut instances: Vec<Instance> = Vec::new();
         for &node in order {
             let start = instances.len();
-            let own: Vec<Option<&String>> = members(node).map_or(vec![None], |m| m.names.iter().map(Some).collect());
+            let own: Vec<Option<&String>> =
+                members(node).map_or(vec![None], |m| m.names.iter().map(Some).collect());
             for member in own {
                 let edges = |end: &End, arity: Arity| {
-                    let own_place = |m: &String| members(end.node).and_then(|all| all.places.get(m).copied());
+                    let own_place =
+                        |m: &String| members(end.node).and_then(|all| all.places.get(m).copied());
                     edges(&nodes[end.node], end.port, arity, member, own_place)
                 };
-                let inputs = nodes[node].inputs.iter().zip(&wired[node].ports).map(|(port, ends)| {
-                    let ends = ends.as_deref().unwrap_or_default();
-                    let mut edges: Vec<Edge> = ends.iter().flat_map(|end| edges(end, port.arity)).collect();
-                    match port.arity {
-                        Arity::Many => Input::Many(edges),
-                        _ => edges.pop().map_or(Input::Missing, Input::One),
-                    }
-                });
+                let inputs =
+                    nodes[node].inputs.iter().zip(&wired[node].ports).map(|(port, ends)| {
+                        let ends = ends.as_deref().unwrap_or_default();
+                        let mut edges: Vec<Edge> =
+                            ends.iter().flat_map(|end| edges(end, port.arity)).collect();
+                        match port.arity {
+                            Arity::Many => Input::Many(edges),
+                            _ => edges.pop().map_or(Input::Missing, Input::One),
+                        }
+                    });
                 let inputs: Vec<Input> = inputs.collect();
                 let when = wired[node].when.and_then(|end| edges(&end, Arity::One).pop());
                 instances.push(instance(&nodes[node], node, member, inputs, when, &instances));
@@ -523,10 +586,13 @@ fn edges(
     let range = from.instances.clone();
     let (chosen, selector) = match (member, arity) {
         (_, Arity::Many) if scatters => (range, InputSelector::All),
-        (Some(m), Arity::One | Arity::Optional) if scatters => (range, InputSelector::Member(m.clone())),
-        (Some(m), Arity::One | Arity::Optional) if from.each.is_some() => {
-            (own_place(m).map_or(0..0, |at| range.start + at..range.start + at + 1), InputSelector::Whole)
+        (Some(m), Arity::One | Arity::Optional) if scatters => {
+            (range, InputSelector::Member(m.clone()))
         }
+        (Some(m), Arity::One | Arity::Optional) if from.each.is_some() => (
+            own_place(m).map_or(0..0, |at| range.start + at..range.start + at + 1),
+            InputSelector::Whole,
+        ),
         _ => (range, InputSelector::Whole),
     };
     chosen.map(|instance| Edge { instance, port, selector: selector.clone() }).collect()
@@ -547,8 +613,17 @@ fn instance(
     let conditions = sorted(conditions.chain(when.iter().map(|when| when.instance)));
     let from = inputs.iter().flat_map(Input::edges).map(|edge| edge.instance);
     let from = sorted(from.chain(conditions.iter().copied()));
-    let name = member.map_or_else(|| node.name.clone(), |member| format!("{}[{member}]", node.name));
-    Instance { name: name.into(), node: place, member: member.cloned(), inputs, when, conditions, from }
+    let name =
+        member.map_or_else(|| node.name.clone(), |member| format!("{}[{member}]", node.name));
+    Instance {
+        name: name.into(),
+        node: place,
+        member: member.cloned(),
+        inputs,
+        when,
+        conditions,
+        from,
+    }
 }
 
 /// Each once, ascending.
@@ -559,12 +634,17 @@ fn sorted(instances: impl Iterator<Item = usize>) -> Vec<usize> {
     all
 }
 
-fn kind_of<'a>(decl: &NodeDecl, registry: &'a Registry, faults: &mut Diagnostics) -> Option<&'a KindSpec> {
+fn kind_of<'a>(
+    decl: &NodeDecl,
+    registry: &'a Registry,
+    faults: &mut Diagnostics,
+) -> Option<&'a KindSpec> {
     let kind = decl.kind.as_ref()?;
     let found = registry.get(&kind.name);
     if found.is_none() {
         faults.push(|| {
-            let fault = Diagnostic::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
+            let fault =
+                Diagnostic::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
             fault.suggest(&kind.name, registry.kinds().map(|k| k.kind))
         });
     }
@@ -606,7 +686,8 @@ struct Settings<'a> {
 
 impl<'a> Settings<'a> {
     fn new(overlay: &'a Overlay, registry: &Registry) -> Settings<'a> {
-        let mut settings = Settings { all: &overlay.settings, of_kind: BTreeMap::new(), of_node: BTreeMap::new() };
+        let mut settings =
+            Settings { all: &overlay.settings, of_kind: BTreeMap::new(), of_node: BTreeMap::new() };
         for (place, setting) in overlay.settings.iter().enumerate() {
             let (targets, name) = match &setting.target {
                 Target::Kind(kind) => (&mut settings.of_kind, registry.current_kind(kind)),
@@ -619,8 +700,11 @@ impl<'a> Settings<'a> {
 
     /// The settings of one node, in order.
     fn of(&self, kind: &str, node: &str) -> Vec<&'a Setting> {
-        let mut places =
-            [self.of_kind.get(kind), self.of_node.get(node)].into_iter().flatten().flatten().collect::<Vec<_>>();
+        let mut places = [self.of_kind.get(kind), self.of_node.get(node)]
+            .into_iter()
+            .flatten()
+            .flatten()
+            .collect::<Vec<_>>();
         places.sort_unstable();
         places.into_iter().map(|&place| &self.all[place]).collect()
     }
@@ -680,14 +764,18 @@ fn build(
     let before = faults.found();
     let mut op = (kind.make)();
     for file in op.files().into_iter().filter(|file| !file.path.is_empty()) {
-        file.base = Some(registry.library.as_ref().map_or_else(PathBuf::new, |(folder, _)| folder.clone()));
+        file.base =
+            Some(registry.library.as_ref().map_or_else(PathBuf::new, |(folder, _)| folder.clone()));
     }
     let places = set_all(&mut *op, decl, kind, registry, settings, faults)?;
     let declared = decl.kind.as_ref().map_or(&decl.name.origin, |k| &k.origin);
     if let Err(message) = op.check() {
         let mut words = message.split(|c: char| !c.is_alphanumeric() && c != '_');
-        let place = words.find_map(|word| places.set.get(word)).map_or(declared, |value| &value.origin);
-        faults.push(|| Diagnostic::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind)));
+        let place =
+            words.find_map(|word| places.set.get(word)).map_or(declared, |value| &value.origin);
+        faults.push(|| {
+            Diagnostic::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind))
+        });
     }
     let files: Vec<File> = op.files().into_iter().map(|file| file.clone()).collect();
     let mut read = Vec::new();
@@ -700,7 +788,8 @@ fn build(
                 let named = places.named.get(&file).copied();
                 let message = format!("node `{}` ({}): {message}", decl.name.name, kind.kind);
                 let fault = Diagnostic::at(named.unwrap_or(declared), message);
-                let help = registry.library.as_ref().filter(|_| named.is_none() && !file.path.is_empty());
+                let help =
+                    registry.library.as_ref().filter(|_| named.is_none() && !file.path.is_empty());
                 help.into_iter().fold(fault, |fault, (_, help)| fault.help(help))
             }),
         }
@@ -745,7 +834,8 @@ fn set_all<'a>(
     let from_overlay = settings.iter().map(|s| (s.field.as_str(), &s.value.origin, &s.value));
     for (field, place, value) in from_file.chain(from_overlay) {
         let old = field;
-        let field = registry.current_field(kind.kind, field, kind.params.iter().map(|param| param.name));
+        let field =
+            registry.current_field(kind.kind, field, kind.params.iter().map(|param| param.name));
         if field != old {
             places.warnings.push(old_name(place, old, field));
         }
@@ -796,20 +886,29 @@ fn set(
             _ => format!(": {}", error.code),
         };
         let wanted = format!("parameter `{field}` of {} wanted {}", kind.kind, spec.type_name);
-        Diagnostic { message: format!("{wanted}, got `{}`{detail}", value.short()), ..value.locate(error) }
+        Diagnostic {
+            message: format!("{wanted}, got `{}`{detail}", value.short()),
+            ..value.locate(error)
+        }
     });
     false
 }
 
 /// Whether all parameters are finite. A number too large for single precision is not, which shows
 /// once it is set.
-fn is_finite(op: &dyn AnyNode, kind: &KindSpec, set_at: &BTreeMap<&str, &Raw>, faults: &mut Diagnostics) -> bool {
+fn is_finite(
+    op: &dyn AnyNode,
+    kind: &KindSpec,
+    set_at: &BTreeMap<&str, &Raw>,
+    faults: &mut Diagnostics,
+) -> bool {
     let mut finite = true;
     for (field, _) in op.values().into_iter().filter(|(_, ron)| holds_non_finite(ron)) {
         let Some(value) = set_at.get(field) else { continue };
         finite = false;
         refuse(value, faults, || {
-            let type_name = kind.params.iter().find(|p| p.name == field).map_or("", |spec| spec.type_name);
+            let type_name =
+                kind.params.iter().find(|p| p.name == field).map_or("", |spec| spec.type_name);
             let wanted = format!("parameter `{field}` of {} wanted {type_name}", kind.kind);
             value.fault(format!("{wanted} with finite numbers, got `{}`", value.short()))
         });

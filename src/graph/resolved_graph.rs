@@ -108,7 +108,10 @@ impl Input {
 impl Instance {
     /// Everything it takes, with the index of the input port.
     pub fn ports(&self) -> impl Iterator<Item = (usize, &Edge)> {
-        self.inputs.iter().enumerate().flat_map(|(port, input)| input.edges().iter().map(move |edge| (port, edge)))
+        self.inputs
+            .iter()
+            .enumerate()
+            .flat_map(|(port, input)| input.edges().iter().map(move |edge| (port, edge)))
     }
 }
 
@@ -126,7 +129,8 @@ impl ResolvedGraph {
     /// whether a stage reads them or not: a run must not overwrite them. The list contains existing
     /// files only.
     pub fn inputs(&self) -> BTreeSet<PathBuf> {
-        let of_nodes = self.nodes.iter().flat_map(|node| node.files.iter().map(|(file, _)| file.location()));
+        let of_nodes =
+            self.nodes.iter().flat_map(|node| node.files.iter().map(|(file, _)| file.location()));
         let named = self.settings.iter().flat_map(|value| {
             let folder = value.origin.source.folder();
             let name = |word: Raw| word.parse::<String>().ok().map(|name| folder.join(name));
@@ -155,7 +159,10 @@ impl ResolvedGraph {
     pub fn wanted(&self, names: Option<&[String]>) -> Result<Wanted, Diagnostic> {
         let names = names.unwrap_or(&self.outputs);
         if names.is_empty() {
-            return Err(Diagnostic::file(Path::new(""), "wanted an output, got none: the graph names no outputs"));
+            return Err(Diagnostic::file(
+                Path::new(""),
+                "wanted an output, got none: the graph names no outputs",
+            ));
         }
         let mut wanted = Wanted { outputs: Vec::new(), needed: vec![false; self.instances.len()] };
         for name in names {
@@ -164,16 +171,22 @@ impl ResolvedGraph {
                 None => (name.as_str(), None),
             };
             let (node, instances) = self.find(node_name)?;
-            let by_member = node.each.is_some() && instances.len() == node.instances.len() && !node_name.contains('[');
+            let by_member = node.each.is_some()
+                && instances.len() == node.instances.len()
+                && !node_name.contains('[');
             for instance in instances.clone() {
                 wanted.needed[instance] = true;
             }
             let ports: Vec<usize> = match port_name {
                 None => (0..node.outputs.len()).collect(),
-                Some(port) => vec![node.outputs.iter().position(|p| p.name == port).ok_or_else(|| {
-                    let message = format!("node `{node_name}` ({}) has no output `{port}`", node.kind);
-                    Diagnostic::file(Path::new(""), message).suggest(port, node.outputs.iter().map(|p| p.name))
-                })?],
+                Some(port) => {
+                    vec![node.outputs.iter().position(|p| p.name == port).ok_or_else(|| {
+                        let message =
+                            format!("node `{node_name}` ({}) has no output `{port}`", node.kind);
+                        Diagnostic::file(Path::new(""), message)
+                            .suggest(port, node.outputs.iter().map(|p| p.name))
+                    })?]
+                }
             };
             for &port in &ports {
                 let name = if port_name.is_some() || ports.len() == 1 {
@@ -181,10 +194,17 @@ impl ResolvedGraph {
                 } else {
                     format!("{name}.{}", node.outputs[port].name)
                 };
-                wanted.outputs.push(WantedOutput { name, port, instances: instances.clone().collect(), by_member });
+                wanted.outputs.push(WantedOutput {
+                    name,
+                    port,
+                    instances: instances.clone().collect(),
+                    by_member,
+                });
             }
         }
-        for instance in (0..self.instances.len()).rev().filter(|&i| wanted.needed[i]).collect::<Vec<_>>() {
+        for instance in
+            (0..self.instances.len()).rev().filter(|&i| wanted.needed[i]).collect::<Vec<_>>()
+        {
             self.mark(instance, &mut wanted.needed);
         }
         Ok(wanted)
@@ -202,7 +222,8 @@ impl ResolvedGraph {
             return Ok((&self.nodes[self.instances[at].node], at..at + 1));
         }
         let known = self.nodes.iter().map(|n| n.name.as_str()).chain(self.instances());
-        Err(Diagnostic::file(Path::new(""), format!("the graph has no node `{name}`")).suggest(name, known))
+        Err(Diagnostic::file(Path::new(""), format!("the graph has no node `{name}`"))
+            .suggest(name, known))
     }
 
     /// The output that decides whether an instance runs, as `node.port`.
@@ -232,7 +253,9 @@ impl ResolvedGraph {
     /// The instances that this one takes from.
     pub fn takes_from(&self, instance: &str) -> Vec<&str> {
         let found = self.instances.iter().find(|i| &*i.name == instance);
-        found.map_or(Vec::new(), |i| i.from.iter().map(|&from| &*self.instances[from].name).collect())
+        found.map_or(Vec::new(), |i| {
+            i.from.iter().map(|&from| &*self.instances[from].name).collect()
+        })
     }
 
     /// Names of all instances, in the order in which a run reports them.

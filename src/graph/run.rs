@@ -149,15 +149,18 @@ impl<'a> RunInProgress<'a> {
         let RunInProgress { options: RunOptions { store, graph, wanted, .. }, .. } = self;
         store.refresh_latest();
         let wanted_itself = wanted.is_root(graph.instances.len());
-        let first = (0..wanted_itself.len()).filter(|&at| wanted_itself[at]).map(|at| (at, Event::Asked));
+        let first =
+            (0..wanted_itself.len()).filter(|&at| wanted_itself[at]).map(|at| (at, Event::Asked));
         rayon::scope(|scope| self.follow(scope, first.collect()));
         let outputs = self.outputs();
         let state = self.state.into_inner().expect(UNPOISONED);
-        let done = graph.instances.iter().zip(&state.outcomes).filter_map(|(instance, outcome)| match outcome {
-            Some(Outcome::Done(entry)) if !entry.cut_short => {
-                Some((instance.name.clone(), entry.header.clone(), entry.key))
+        let done = graph.instances.iter().zip(&state.outcomes).filter_map(|(instance, outcome)| {
+            match outcome {
+                Some(Outcome::Done(entry)) if !entry.cut_short => {
+                    Some((instance.name.clone(), entry.header.clone(), entry.key))
+                }
+                _ => None,
             }
-            _ => None,
         });
         store.set_latest(done);
         let mut differences = state.differences;
@@ -273,8 +276,10 @@ impl<'a> RunInProgress<'a> {
         let mut before = Vec::new();
         let mut cancelled = false;
         // Only where a condition came to nothing is not all settled that it takes from.
-        let settled =
-            self.graph().instances[at].from.iter().filter_map(|&from| Some((from, state.outcomes[from].as_ref()?)));
+        let settled = self.graph().instances[at]
+            .from
+            .iter()
+            .filter_map(|&from| Some((from, state.outcomes[from].as_ref()?)));
         for (from, outcome) in settled {
             match outcome {
                 Outcome::Done(entry) => before.push((from, Some(entry.clone()))),
@@ -294,7 +299,8 @@ impl<'a> RunInProgress<'a> {
                 ResolvedInput::Missing => PortValue::Missing,
                 ResolvedInput::One(slot) => PortValue::One(self.value(*slot)?),
                 ResolvedInput::Many(all) => {
-                    let value = |(member, slot): &(String, Slot)| Ok((member.clone(), self.value(*slot)?));
+                    let value =
+                        |(member, slot): &(String, Slot)| Ok((member.clone(), self.value(*slot)?));
                     PortValue::Many(all.iter().map(value).collect::<Result<_, NodeFailure>>()?)
                 }
             })
@@ -314,10 +320,18 @@ impl<'a> RunInProgress<'a> {
             return Err(NodeFailure::Cancelled);
         }
         self.options.observer.started(&self.graph().instances[job.at].name);
-        #[expect(clippy::disallowed_methods, reason = "times the node for its report and its budget")]
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "times the node for its report and its budget"
+        )]
         let began = Instant::now();
         let deadline = budget.and_then(|budget| began.checked_add(budget));
-        let ctx = Context::new(self.options.cancel.clone(), node.files.clone(), self.options.shared.clone(), deadline);
+        let ctx = Context::new(
+            self.options.cancel.clone(),
+            node.files.clone(),
+            self.options.shared.clone(),
+            deadline,
+        );
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,
             Ok(Err(NodeError::Cancelled)) => return Err(NodeFailure::Cancelled),
@@ -326,14 +340,20 @@ impl<'a> RunInProgress<'a> {
             }
             Ok(Err(error)) => return Err(NodeFailure::Failed(error.to_string())),
             Err(panic) => {
-                return Err(NodeFailure::Failed(format!("a bug in {}: it panicked: {}", node.kind, said(&*panic))));
+                return Err(NodeFailure::Failed(format!(
+                    "a bug in {}: it panicked: {}",
+                    node.kind,
+                    said(&*panic)
+                )));
             }
         };
         check_members(node, &outputs).map_err(NodeFailure::Failed)?;
         let seconds = began.elapsed().as_secs_f64();
         let mut warnings = ctx.warnings();
         if ctx.was_late() {
-            let error = ctx.stderr().map_or(String::new(), |e| format!(" at a standard error of {:.2} %", 100.0 * e));
+            let error = ctx
+                .stderr()
+                .map_or(String::new(), |e| format!(" at a standard error of {:.2} %", 100.0 * e));
             warnings.push(format!("stopped by the budget{error}; this result is not kept"));
         }
         let header = Header {
@@ -364,7 +384,10 @@ impl<'a> RunInProgress<'a> {
         };
         let wanted = &entry.header.values[slot.index];
         let made = self.make_again(slot.instance, loss)?;
-        let index = made.header.port(wanted.port as usize).find(|&i| made.header.values[i].member == wanted.member);
+        let index = made
+            .header
+            .port(wanted.port as usize)
+            .find(|&i| made.header.values[i].member == wanted.member);
         index.and_then(|i| made.value(i)).ok_or_else(|| {
             NodeFailure::Failed(format!(
                 "{} returned other members than before",
@@ -386,9 +409,13 @@ impl<'a> RunInProgress<'a> {
         let (outcome, report, result) = match made {
             Ok((job, made)) => {
                 let mut report = self.ran(&job, &made, Some(loss));
-                let digests = |header: &Header| header.values.iter().map(|v| v.digest).collect::<Vec<_>>();
+                let digests =
+                    |header: &Header| header.values.iter().map(|v| v.digest).collect::<Vec<_>>();
                 if digests(&stored.header) != digests(&made.entry.header) {
-                    report.warnings.push(format!("a bug in {}: the same key gave another result", report.kind));
+                    report.warnings.push(format!(
+                        "a bug in {}: the same key gave another result",
+                        report.kind
+                    ));
                 }
                 self.options.store.keep_in_memory(&made.entry);
                 self.options.store.keep_on_disk(&made.entry, &made.values);
@@ -433,7 +460,8 @@ impl<'a> RunInProgress<'a> {
         };
         self.follow(scope, vec![(at, Event::Completed)]);
         for other in alike {
-            let (outcome, report) = self.like(other, at, key.expect("only what has a key has others waiting for it"));
+            let (outcome, report) =
+                self.like(other, at, key.expect("only what has a key has others waiting for it"));
             self.complete(scope, other, None, outcome, report);
         }
     }
@@ -454,7 +482,11 @@ impl<'a> RunInProgress<'a> {
             Outcome::Failed => {
                 let first = report.expect("an outcome comes with its report");
                 let error = first.error.unwrap_or_default();
-                let stop = if first.bad_file { NodeFailure::BadFile(error) } else { NodeFailure::Failed(error) };
+                let stop = if first.bad_file {
+                    NodeFailure::BadFile(error)
+                } else {
+                    NodeFailure::Failed(error)
+                };
                 self.stopped(at, Some(key), stop)
             }
             Outcome::Blocked(cause) => self.stopped(at, Some(key), NodeFailure::Blocked(cause)),
@@ -485,7 +517,9 @@ impl<'a> RunInProgress<'a> {
         report.samples = made.samples;
         let why = match loss {
             Some(Loss::Damaged(damage)) => {
-                report.warnings.push(format!("the stored result was damaged ({damage}) and was computed again"));
+                report.warnings.push(format!(
+                    "the stored result was damaged ({damage}) and was computed again"
+                ));
                 "its stored result was damaged".to_owned()
             }
             Some(Loss::Gone) => STORED_NO_MORE.to_owned(),
@@ -516,16 +550,29 @@ impl<'a> RunInProgress<'a> {
     fn compare(&self, at: usize, stored: &Header, computed: &Header) {
         let node = self.node(at);
         let digest = |header: &Header, port: u32, member: &Option<String>| {
-            header.values.iter().find(|v| v.port == port && v.member == *member).map(|v| Digest(v.digest))
+            header
+                .values
+                .iter()
+                .find(|v| v.port == port && v.member == *member)
+                .map(|v| Digest(v.digest))
         };
-        let only_computed = computed.values.iter().filter(|v| digest(stored, v.port, &v.member).is_none());
+        let only_computed =
+            computed.values.iter().filter(|v| digest(stored, v.port, &v.member).is_none());
         for value in stored.values.iter().chain(only_computed) {
-            let (was, is) = (digest(stored, value.port, &value.member), digest(computed, value.port, &value.member));
+            let (was, is) = (
+                digest(stored, value.port, &value.member),
+                digest(computed, value.port, &value.member),
+            );
             if was != is {
                 let port = node.outputs[value.port as usize].name;
-                let port = value.member.as_ref().map_or(port.to_owned(), |member| format!("{port}[{member}]"));
+                let port = value
+                    .member
+                    .as_ref()
+                    .map_or(port.to_owned(), |member| format!("{port}[{member}]"));
                 let name = self.graph().instances[at].name.to_string();
-                self.lock().differences.push((at, Difference { node: name, port, stored: was, computed: is }));
+                self.lock()
+                    .differences
+                    .push((at, Difference { node: name, port, stored: was, computed: is }));
             }
         }
     }
@@ -545,12 +592,23 @@ impl<'a> RunInProgress<'a> {
                 any = true;
                 for index in entry.header.port(output.port) {
                     let own = self.graph().instances[at].member.clone();
-                    let member = if output.by_member { own } else { entry.header.values[index].member.clone() };
-                    all.push((member.unwrap_or_default(), self.value(Slot { instance: at, index }).ok()?));
+                    let member = if output.by_member {
+                        own
+                    } else {
+                        entry.header.values[index].member.clone()
+                    };
+                    all.push((
+                        member.unwrap_or_default(),
+                        self.value(Slot { instance: at, index }).ok()?,
+                    ));
                 }
             }
             let many = output.by_member || node.outputs[output.port].arity == super::Arity::Many;
-            let value = if many { any.then_some(PortValue::Many(all))? } else { PortValue::One(all.pop()?.1) };
+            let value = if many {
+                any.then_some(PortValue::Many(all))?
+            } else {
+                PortValue::One(all.pop()?.1)
+            };
             Some((output.name.clone(), value))
         };
         self.options.wanted.outputs.iter().filter_map(output).collect()
@@ -679,7 +737,10 @@ impl<'a> RunState<'a> {
         let instance = &self.graph.instances[at];
         let (mut skip, mut fail) = (false, false);
         for &condition in &instance.conditions {
-            match self.outcomes[condition].as_ref().expect("conditions are settled before they are looked at") {
+            match self.outcomes[condition]
+                .as_ref()
+                .expect("conditions are settled before they are looked at")
+            {
                 Outcome::Done(entry) => {
                     let when = instance.when.as_ref().filter(|when| when.instance == condition);
                     skip |= when.is_some_and(|when| !holds(when, &entry.header));
@@ -740,7 +801,10 @@ fn check_members(node: &GraphNode, outputs: &[PortValue]) -> Result<(), String> 
             let twice = all[..i].iter().any(|(other, _)| other == member);
             if twice || !is_name(member) {
                 let wrong = if twice { "given twice" } else { "no name" };
-                return Err(format!("a bug in {}: member `{member}` of output `{}` is {wrong}", node.kind, port.name));
+                return Err(format!(
+                    "a bug in {}: member `{member}` of output `{}` is {wrong}",
+                    node.kind, port.name
+                ));
             }
         }
     }

@@ -65,8 +65,8 @@ impl Source {
     /// # Errors
     /// It cannot be read, is too large, or holds something else.
     pub fn read(path: &Path, reach: Reach) -> Result<Arc<Source>, Diagnostic> {
-        let bytes =
-            reading::read(path, MAX_BYTES).map_err(|e| Diagnostic::file(path, format!("cannot be read: {e}")))?;
+        let bytes = reading::read(path, MAX_BYTES)
+            .map_err(|e| Diagnostic::file(path, format!("cannot be read: {e}")))?;
         let text = String::from_utf8(bytes).map_err(|e| {
             let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
             let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
@@ -228,5 +228,6 @@ pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
 
 /// Whether `name` may name a node, a set or a member: `[A-Za-z][A-Za-z0-9_]*`.
 pub fn is_name(name: &str) -> bool {
-    name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+    name.starts_with(|c: char| c.is_ascii_alphabetic())
+        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
 }

@@ -43,7 +43,12 @@ pub(super) struct Lookup {
 impl Store {
     /// Creates a store. Limits are in bytes; `project` names the graph whose last keys the store
     /// keeps.
-    pub fn new(memory_bytes: u64, disk: Option<DiskCache>, disk_limit: u64, project: String) -> Store {
+    pub fn new(
+        memory_bytes: u64,
+        disk: Option<DiskCache>,
+        disk_limit: u64,
+        project: String,
+    ) -> Store {
         Store {
             memory: Memory::new(memory_bytes),
             disk,
@@ -92,7 +97,8 @@ impl Store {
         let (port, digest) = (header.port as usize, Digest(header.digest));
         let disk = self.disk.as_ref().ok_or(Loss::Gone)?;
         let read = disk.value(&entry.key, index, &node.outputs[port], digest);
-        let decoded = read.and_then(|bytes| node.op.decode(port, bytes, digest).map_err(Loss::Damaged));
+        let decoded =
+            read.and_then(|bytes| node.op.decode(port, bytes, digest).map_err(Loss::Damaged));
         match &decoded {
             Ok(value) => {
                 entry.fill(index, value.clone());
@@ -218,9 +224,8 @@ impl Store {
             None => Why::plain("new"),
             Some((last, _)) if last == *key => Why::plain(STORED_NO_MORE),
             Some((_, None)) => Why::plain("changed, and its last key is no longer stored"),
-            Some((_, Some(header))) => {
-                first_change(&header.key_manifest, text).unwrap_or_else(|| Why::plain("the format of its key changed"))
-            }
+            Some((_, Some(header))) => first_change(&header.key_manifest, text)
+                .unwrap_or_else(|| Why::plain("the format of its key changed")),
         }
     }
 
@@ -234,9 +239,9 @@ impl Store {
 fn fits(header: &Header, node: &GraphNode) -> bool {
     use super::Arity::{Many, One, Optional};
     let ports_exist = header.values.iter().all(|value| {
-        node.outputs
-            .get(value.port as usize)
-            .is_some_and(|port| port.type_name == value.type_name && (port.arity == Many) == value.member.is_some())
+        node.outputs.get(value.port as usize).is_some_and(|port| {
+            port.type_name == value.type_name && (port.arity == Many) == value.member.is_some()
+        })
     });
     let counts_are_right = node.outputs.iter().enumerate().all(|(i, port)| match port.arity {
         One => header.port(i).count() == 1,

@@ -55,14 +55,24 @@ pub fn draw(nodes: &[Drawn]) -> String {
         for from in group.from.iter().map(|&from| &groups[from]) {
             let (fx, fy) = (from.x + WIDTH / 2, from.row * PITCH.1 + HEIGHT);
             let bend = (y - fy) / 2;
-            line(format!("<path class=\"wire\" d=\"M{fx} {fy}C{fx} {},{x} {},{x} {y}\"/>", fy + bend, y - bend));
+            line(format!(
+                "<path class=\"wire\" d=\"M{fx} {fy}C{fx} {},{x} {},{x} {y}\"/>",
+                fy + bend,
+                y - bend
+            ));
         }
     }
     let most = groups.iter().map(Group::seconds).fold(0.0, f64::max);
     for group in &groups {
         let (x, y) = (group.x, group.row * PITCH.1);
-        line(format!("<g transform=\"translate({x} {y})\"><title>{}</title>", escape(&group.told())));
-        line(format!("<rect class=\"box {}\" width=\"{WIDTH}\" height=\"{HEIGHT}\" rx=\"5\"/>", class(group.status())));
+        line(format!(
+            "<g transform=\"translate({x} {y})\"><title>{}</title>",
+            escape(&group.told())
+        ));
+        line(format!(
+            "<rect class=\"box {}\" width=\"{WIDTH}\" height=\"{HEIGHT}\" rx=\"5\"/>",
+            class(group.status())
+        ));
         line(format!("<text class=\"name\" x=\"8\" y=\"16\">{}</text>", escape(group.name)));
         let seconds = group.seconds();
         if seconds > 0.0 {
@@ -107,7 +117,9 @@ impl Group<'_> {
     /// The gravest of its members'.
     fn status(&self) -> Option<Status> {
         let order = [Status::Failed, Status::Blocked, Status::Cancelled, Status::Ran, Status::Hit];
-        order.into_iter().find(|&status| self.members.iter().any(|member| member.status == Some(status)))
+        order
+            .into_iter()
+            .find(|&status| self.members.iter().any(|member| member.status == Some(status)))
     }
 
     fn told(&self) -> String {
@@ -119,7 +131,9 @@ impl Group<'_> {
 fn told(node: &Drawn) -> String {
     match node.status {
         None => node.name.clone(),
-        Some(status) if node.seconds > 0.0 => format!("{}: {status}, {}", node.name, time(node.seconds)),
+        Some(status) if node.seconds > 0.0 => {
+            format!("{}: {status}, {}", node.name, time(node.seconds))
+        }
         Some(status) => format!("{}: {status}", node.name),
     }
 }
@@ -140,12 +154,20 @@ fn placed(nodes: &[Drawn]) -> Vec<Group<'_>> {
         let name = &node.name[..base(&node.name)];
         match groups.iter_mut().find(|group| group.name == name) {
             Some(group) => group.members.push(node),
-            None => groups.push(Group { name, kind: &node.kind, members: vec![node], from: Vec::new(), row: 0, x: 0 }),
+            None => groups.push(Group {
+                name,
+                kind: &node.kind,
+                members: vec![node],
+                from: Vec::new(),
+                row: 0,
+                x: 0,
+            }),
         }
     }
     let of = |groups: &[Group], at: usize| -> Vec<usize> {
         let names = groups[at].members.iter().flat_map(|member| &member.from);
-        let found = names.filter_map(|name| groups.iter().position(|group| group.name == &name[..base(name)]));
+        let found = names
+            .filter_map(|name| groups.iter().position(|group| group.name == &name[..base(name)]));
         let mut from: Vec<usize> = found.filter(|&from| from != at).collect();
         from.sort_unstable();
         from.dedup();
@@ -155,20 +177,28 @@ fn placed(nodes: &[Drawn]) -> Vec<Group<'_>> {
     // As many rounds as the longest way has wires; bounded, as a list of names from a file may hold
     // a loop.
     for _ in 0..groups.len() {
-        let rows: Vec<usize> =
-            wires.iter().map(|from| from.iter().map(|&f| groups[f].row + 1).max().unwrap_or(0)).collect();
+        let rows: Vec<usize> = wires
+            .iter()
+            .map(|from| from.iter().map(|&f| groups[f].row + 1).max().unwrap_or(0))
+            .collect();
         if groups.iter().zip(&rows).all(|(group, &row)| group.row == row) {
             break;
         }
         groups.iter_mut().zip(rows).for_each(|(group, row)| group.row = row.min(wires.len()));
     }
     for (at, from) in wires.iter().enumerate() {
-        let implied = |&one: &usize| from.iter().any(|&other| other != one && leads(&wires, one, other));
-        groups[at].from =
-            from.iter().copied().filter(|one| !implied(one) && groups[*one].row < groups[at].row).collect();
+        let implied =
+            |&one: &usize| from.iter().any(|&other| other != one && leads(&wires, one, other));
+        groups[at].from = from
+            .iter()
+            .copied()
+            .filter(|one| !implied(one) && groups[*one].row < groups[at].row)
+            .collect();
     }
-    let widest =
-        (0..=groups.len()).map(|row| groups.iter().filter(|group| group.row == row).count()).max().unwrap_or(1);
+    let widest = (0..=groups.len())
+        .map(|row| groups.iter().filter(|group| group.row == row).count())
+        .max()
+        .unwrap_or(1);
     for row in 0..=groups.len() {
         let mut here: Vec<usize> = (0..groups.len()).filter(|&at| groups[at].row == row).collect();
         // Below the middle of its sources, so that wires run straight.
@@ -224,7 +254,13 @@ mod tests {
 
     fn node(name: &str, from: &[&str]) -> Drawn {
         let from = from.iter().map(|name| name.to_string()).collect();
-        Drawn { name: name.into(), kind: "Kind".into(), status: Some(Status::Ran), seconds: 0.5, from }
+        Drawn {
+            name: name.into(),
+            kind: "Kind".into(),
+            status: Some(Status::Ran),
+            seconds: 0.5,
+            from,
+        }
     }
 
     #[test]

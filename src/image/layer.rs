@@ -56,7 +56,9 @@ impl Layer {
     /// The color of pixel `i`, row by row.
     pub fn get(&self, i: usize) -> Vec3 {
         match self {
-            Layer::Half(plane) => Vec3::from_array(plane.pixels()[i].map(|bits| f16::from_bits(bits).to_f32())),
+            Layer::Half(plane) => {
+                Vec3::from_array(plane.pixels()[i].map(|bits| f16::from_bits(bits).to_f32()))
+            }
             Layer::Float(plane) => plane.pixels()[i],
         }
     }
@@ -124,11 +126,15 @@ mod tests {
 
     #[test]
     fn a_layer_keeps_eleven_bits_or_all() {
-        let plane = |scale: f32| Plane::from_fn(50, 41, |x, y| scale * Vec3::new(x as f32, y as f32, 0.1));
+        let plane =
+            |scale: f32| Plane::from_fn(50, 41, |x, y| scale * Vec3::new(x as f32, y as f32, 0.1));
         let half = Layer::new(plane(0.01));
         assert!(matches!(half, Layer::Half(_)) && half.bytes() == 50 * 41 * 6);
         for (i, want) in plane(0.01).pixels().iter().enumerate() {
-            assert!((half.get(i) - *want).abs().max_element() <= want.max_element() / 2048.0, "{i}");
+            assert!(
+                (half.get(i) - *want).abs().max_element() <= want.max_element() / 2048.0,
+                "{i}"
+            );
         }
         for scale in [1e4, 1e-7, f32::INFINITY] {
             assert!(matches!(Layer::new(plane(scale)), Layer::Float(_)), "{scale}");

@@ -8,19 +8,21 @@ mod plane;
 mod transfer;
 
 pub use io::{
-    Bits, Compression, ExrFile, ExrLayers, MAX_BYTES, MAX_PIXELS, NamedBytes, Photo, PngSamples, ReadError, read_depth,
-    read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
+    Bits, Compression, ExrFile, ExrLayers, MAX_BYTES, MAX_PIXELS, NamedBytes, Photo, PngSamples,
+    ReadError, read_depth, read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
 };
 pub use layer::{HalfLayer, Layer};
 pub use material::{
-    AlphaMatte, Gloss, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SPECULAR_EDIT, SpecularEdit, Texture,
+    AlphaMatte, Gloss, PaintChange, PaintLayer, PaintLayers, PaintedPixel, SPECULAR_EDIT,
+    SpecularEdit, Texture,
 };
 pub use ops::{
-    DEPTH_PLANE, GlareMask, GlarePixel, OwnPixel, Packed, PictureScore, REFLECTANCE, Segments, Steps, SurfacePixel,
-    Taps, Upsampler, alpha_matte, annotate, clip_level, connected_components, dilate, distance, fit, gain,
-    geodesic_dilate, graph_cut, headroom, inpaint_depth, inpaint_surfaces, is_hole, log_error, mean_error, nearness,
-    neighbors, normal_error, pack, pairs, ratio, reflected, relight_own, relight_physical, relight_ratio, resize,
-    resize_depth, retinex, same_aspect, scale_invariant_error, score_picture, segment, smooth_step, square_error,
+    DEPTH_PLANE, GlareMask, GlarePixel, OwnPixel, Packed, PictureScore, REFLECTANCE, Segments,
+    Steps, SurfacePixel, Taps, Upsampler, alpha_matte, annotate, clip_level, connected_components,
+    dilate, distance, fit, gain, geodesic_dilate, graph_cut, headroom, inpaint_depth,
+    inpaint_surfaces, is_hole, log_error, mean_error, nearness, neighbors, normal_error, pack,
+    pairs, ratio, reflected, relight_own, relight_physical, relight_ratio, resize, resize_depth,
+    retinex, same_aspect, scale_invariant_error, score_picture, segment, smooth_step, square_error,
     weighted_sum,
 };
 pub use plane::{Bytes, Plane};

@@ -52,8 +52,15 @@ impl<T: Copy> Plane<T> {
     }
 
     /// A plane whose pixel (x, y) is `value(x, y)`.
-    pub fn from_fn(width: usize, height: usize, mut value: impl FnMut(usize, usize) -> T) -> Plane<T> {
-        let data = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect();
+    pub fn from_fn(
+        width: usize,
+        height: usize,
+        mut value: impl FnMut(usize, usize) -> T,
+    ) -> Plane<T> {
+        let data = (0..height)
+            .flat_map(|y| (0..width).map(move |x| (x, y)))
+            .map(|(x, y)| value(x, y))
+            .collect();
         Plane { width, height, data }
     }
 
@@ -115,7 +122,11 @@ impl<T: Copy> Plane<T> {
 
     /// The plane of `f` of each pixel, taken row by row.
     pub fn map<U: Copy>(&self, f: impl FnMut(T) -> U) -> Plane<U> {
-        Plane { width: self.width, height: self.height, data: self.data.iter().copied().map(f).collect() }
+        Plane {
+            width: self.width,
+            height: self.height,
+            data: self.data.iter().copied().map(f).collect(),
+        }
     }
 
     /// Memory held by the pixels, in bytes.
@@ -126,13 +137,15 @@ impl<T: Copy> Plane<T> {
 
 impl<T: Pod> Serialize for Plane<T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        (self.width as u64, self.height as u64, Bytes(bytemuck::cast_slice(&self.data))).serialize(serializer)
+        (self.width as u64, self.height as u64, Bytes(bytemuck::cast_slice(&self.data)))
+            .serialize(serializer)
     }
 }
 
 impl<'de, T: Pod> Deserialize<'de> for Plane<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Plane<T>, D::Error> {
-        let (width, height, Bytes(bytes)): (u64, u64, Bytes<'de>) = Deserialize::deserialize(deserializer)?;
+        let (width, height, Bytes(bytes)): (u64, u64, Bytes<'de>) =
+            Deserialize::deserialize(deserializer)?;
         let wanted = (width as u128) * (height as u128) * (size_of::<T>() as u128);
         if wanted != bytes.len() as u128 {
             return Err(serde::de::Error::custom(format!(
@@ -140,7 +153,11 @@ impl<'de, T: Pod> Deserialize<'de> for Plane<T> {
                 bytes.len()
             )));
         }
-        Ok(Plane { width: width as usize, height: height as usize, data: bytemuck::pod_collect_to_vec(bytes) })
+        Ok(Plane {
+            width: width as usize,
+            height: height as usize,
+            data: bytemuck::pod_collect_to_vec(bytes),
+        })
     }
 }
 

@@ -50,7 +50,8 @@ impl Transfer {
 mod tests {
     use super::*;
 
-    const ALL: [Transfer; 4] = [Transfer::Srgb, Transfer::Gamma(2.2), Transfer::Gamma(1.8), Transfer::Linear];
+    const ALL: [Transfer; 4] =
+        [Transfer::Srgb, Transfer::Gamma(2.2), Transfer::Gamma(1.8), Transfer::Linear];
 
     #[test]
     fn known_values() {
@@ -72,7 +73,10 @@ mod tests {
                 let back = transfer.encode(transfer.decode(value));
                 // Two powf of relative error 1e-7 each, the exponent 2.4 times it; the published
                 // constants of the sRGB join leave a step of 3e-8.
-                assert!((back - value).abs() <= 2e-6 * value.abs().max(0.1), "{transfer:?} {value} {back}");
+                assert!(
+                    (back - value).abs() <= 2e-6 * value.abs().max(0.1),
+                    "{transfer:?} {value} {back}"
+                );
             }
         }
     }

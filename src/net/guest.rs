@@ -47,17 +47,27 @@ pub fn serve(
         match work {
             Work::Load { network: bytes, backend, library, threads } => {
                 network = load(bytes, &backend, library, threads);
-                let ports = network.as_ref().map(|network| (network.inputs().to_vec(), network.outputs().to_vec()));
+                let ports = network
+                    .as_ref()
+                    .map(|network| (network.inputs().to_vec(), network.outputs().to_vec()));
                 let ports: wire::LoadAnswer = ports.map_err(NetError::clone);
                 write_head(&mut output, &ports)?;
             }
             Work::Run { names, inputs, outputs } => {
                 let inputs = names.iter().map(String::as_str).zip(inputs).collect();
-                let computed = network.as_ref().map_err(NetError::clone).and_then(|n| compute(n, inputs, &outputs));
-                let shapes = computed.as_ref().map(|all| all.iter().map(|tensor| tensor.shape().to_vec()).collect());
+                let computed = network
+                    .as_ref()
+                    .map_err(NetError::clone)
+                    .and_then(|n| compute(n, inputs, &outputs));
+                let shapes = computed
+                    .as_ref()
+                    .map(|all| all.iter().map(|tensor| tensor.shape().to_vec()).collect());
                 let shapes: wire::Computed = shapes.map_err(NetError::clone);
                 write_head(&mut output, &shapes)?;
-                computed.iter().flatten().try_for_each(|tensor| write_numbers(&mut output, tensor))?;
+                computed
+                    .iter()
+                    .flatten()
+                    .try_for_each(|tensor| write_numbers(&mut output, tensor))?;
             }
         }
         output.flush()?;
@@ -114,8 +124,9 @@ fn confine(memory_bytes: u64, cpu_seconds: u64) -> Result<()> {
     use nix::sys::resource::{Resource, getrlimit, setrlimit};
     // Files that the program had inherited and not marked, or that a library of it opened so, were
     // passed on.
-    let open: Vec<i32> =
-        std::fs::read_dir("/dev/fd")?.filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok()).collect();
+    let open: Vec<i32> = std::fs::read_dir("/dev/fd")?
+        .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok())
+        .collect();
     for file in open.into_iter().filter(|file| *file > 2) {
         // The listing itself had one, which is closed already.
         let _ = nix::unistd::close(file);
@@ -129,7 +140,8 @@ fn confine(memory_bytes: u64, cpu_seconds: u64) -> Result<()> {
         (Resource::RLIMIT_NOFILE, FILES),
         (Resource::RLIMIT_CORE, 0),
     ] {
-        let set = getrlimit(resource).and_then(|(_, hard)| setrlimit(resource, most.min(hard), most.min(hard)));
+        let set = getrlimit(resource)
+            .and_then(|(_, hard)| setrlimit(resource, most.min(hard), most.min(hard)));
         // Linux has all of these limits; other systems may refuse one.
         if cfg!(target_os = "linux") {
             set?;

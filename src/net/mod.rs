@@ -83,7 +83,9 @@ impl NetError {
     /// Cuts the message of a process that is not trusted to [`MAX_TEXT`].
     fn shortened(mut self) -> NetError {
         use NetError::{Damaged, Ended, Limit, Mismatch, NoBackend, Run};
-        if let Damaged(text) | Mismatch(text) | NoBackend(text) | Run(text) | Limit(text) | Ended(text) = &mut self {
+        if let Damaged(text) | Mismatch(text) | NoBackend(text) | Run(text) | Limit(text)
+        | Ended(text) = &mut self
+        {
             text.truncate(text.floor_char_boundary(MAX_TEXT));
         }
         self
@@ -130,7 +132,8 @@ impl Network {
                 (Loaded::Rten(Box::new(loaded)), inputs, outputs)
             }
             Backend::OnnxRuntime(build) => {
-                let (loaded, inputs, outputs) = onnxruntime::OrtNetwork::new(&bytes, build, threads)?;
+                let (loaded, inputs, outputs) =
+                    onnxruntime::OrtNetwork::new(&bytes, build, threads)?;
                 (Loaded::OnnxRuntime(Box::new(loaded)), inputs, outputs)
             }
         };
@@ -150,8 +153,14 @@ impl Network {
         cancelled: impl Fn() -> bool + Send + Sync + 'static,
     ) -> Result<Network, NetError> {
         precheck(bytes).map_err(NetError::Damaged)?;
-        let (process, inputs, outputs) = sandbox::Process::start(sandbox, bytes, backend, threads, cancelled)?;
-        Ok(Network { model: Loaded::Child(Box::new(process)), doubt: doubt(bytes, backend), inputs, outputs })
+        let (process, inputs, outputs) =
+            sandbox::Process::start(sandbox, bytes, backend, threads, cancelled)?;
+        Ok(Network {
+            model: Loaded::Child(Box::new(process)),
+            doubt: doubt(bytes, backend),
+            inputs,
+            outputs,
+        })
     }
 
     /// Why its results may be wrong on this backend, where they may.
@@ -174,24 +183,40 @@ impl Network {
     /// # Errors
     /// `Mismatch`, which names the first that is not.
     pub fn expect(&self, inputs: &[(&str, &[usize])], outputs: &[&str]) -> Result<(), NetError> {
-        let names = |ports: &[Port]| ports.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
+        let names =
+            |ports: &[Port]| ports.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
         for (name, wanted) in inputs {
             let Some(port) = self.inputs.iter().find(|port| port.name == *name) else {
-                return Err(NetError::Mismatch(format!("wanted an input `{name}`, got {}", names(&self.inputs))));
+                return Err(NetError::Mismatch(format!(
+                    "wanted an input `{name}`, got {}",
+                    names(&self.inputs)
+                )));
             };
             let fits = port.shape.as_ref().is_none_or(|shape| {
-                shape.len() == wanted.len() && shape.iter().zip(*wanted).all(|(got, w)| got.is_none_or(|got| got == *w))
+                shape.len() == wanted.len()
+                    && shape.iter().zip(*wanted).all(|(got, w)| got.is_none_or(|got| got == *w))
             });
             if !fits {
-                return Err(NetError::Mismatch(format!("input `{name}`: wanted {wanted:?}, got {}", shown(port))));
+                return Err(NetError::Mismatch(format!(
+                    "input `{name}`: wanted {wanted:?}, got {}",
+                    shown(port)
+                )));
             }
         }
-        if let Some(port) = self.inputs.iter().find(|port| inputs.iter().all(|(name, _)| port.name != *name)) {
-            return Err(NetError::Mismatch(format!("it has an input `{}` without a value", port.name)));
+        if let Some(port) =
+            self.inputs.iter().find(|port| inputs.iter().all(|(name, _)| port.name != *name))
+        {
+            return Err(NetError::Mismatch(format!(
+                "it has an input `{}` without a value",
+                port.name
+            )));
         }
         for name in outputs {
             if self.outputs.iter().all(|port| port.name != *name) {
-                return Err(NetError::Mismatch(format!("wanted an output `{name}`, got {}", names(&self.outputs))));
+                return Err(NetError::Mismatch(format!(
+                    "wanted an output `{name}`, got {}",
+                    names(&self.outputs)
+                )));
             }
         }
         Ok(())
@@ -208,14 +233,20 @@ impl Network {
         outputs: [&str; N],
     ) -> Result<[Tensor; N], NetError> {
         let got = self.run_to(inputs, &outputs)?;
-        got.try_into().map_err(|_| NetError::Run("it returned another number of outputs than requested".into()))
+        got.try_into().map_err(|_| {
+            NetError::Run("it returned another number of outputs than requested".into())
+        })
     }
 
     /// [`Network::run`] for any number of outputs.
     ///
     /// # Errors
     /// Those of [`Network::run`].
-    pub fn run_to(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
+    pub fn run_to(
+        &self,
+        inputs: Vec<(&str, Tensor)>,
+        outputs: &[&str],
+    ) -> Result<Vec<Tensor>, NetError> {
         let got = match &self.model {
             Loaded::Rten(model) => model.run(inputs, outputs)?,
             Loaded::OnnxRuntime(model) => model.run(inputs, outputs)?,
@@ -223,7 +254,9 @@ impl Network {
         };
         for (name, tensor) in outputs.iter().zip(&got) {
             if let Some(wrong) = tensor.data().iter().find(|v| !v.is_finite()) {
-                return Err(NetError::Mismatch(format!("output `{name}`: wanted finite numbers, got {wrong}")));
+                return Err(NetError::Mismatch(format!(
+                    "output `{name}`: wanted finite numbers, got {wrong}"
+                )));
             }
         }
         Ok(got)
@@ -236,6 +269,7 @@ fn doubt(bytes: &[u8], backend: &Backend) -> Option<&'static str> {
 
 fn shown(port: &Port) -> String {
     let open = |n: &Option<usize>| n.map_or("?".to_owned(), |n| n.to_string());
-    let shape = port.shape.as_ref().map(|shape| shape.iter().map(open).collect::<Vec<_>>().join(", "));
+    let shape =
+        port.shape.as_ref().map(|shape| shape.iter().map(open).collect::<Vec<_>>().join(", "));
     shape.map_or("any shape".into(), |shape| format!("[{shape}]"))
 }

@@ -27,7 +27,11 @@ struct Library {
 pub fn find(path: &Path) -> Result<Backend, String> {
     let open = || -> Result<Library, String> {
         let builder = ort::init_from(path).map_err(|e| e.to_string())?;
-        let environment = builder.with_name("relight").with_telemetry(false).build().map_err(|e| e.to_string())?;
+        let environment = builder
+            .with_name("relight")
+            .with_telemetry(false)
+            .build()
+            .map_err(|e| e.to_string())?;
         Ok(Library { path: path.to_owned(), environment, build: build(ort::info()) })
     };
     match LIBRARY.get_or_init(open) {
@@ -58,7 +62,11 @@ impl OrtNetwork {
     ///
     /// # Errors
     /// No library or another build is loaded, or the library refuses the network.
-    pub fn new(bytes: &[u8], wanted: &str, threads: usize) -> Result<(OrtNetwork, Vec<Port>, Vec<Port>), NetError> {
+    pub fn new(
+        bytes: &[u8],
+        wanted: &str,
+        threads: usize,
+    ) -> Result<(OrtNetwork, Vec<Port>, Vec<Port>), NetError> {
         let Some(Ok(Library { environment, build, .. })) = LIBRARY.get() else {
             return Err(NetError::NoBackend(
                 "no ONNX Runtime is loaded: name its library, or use the backend rten".into(),
@@ -79,8 +87,10 @@ impl OrtNetwork {
                 .commit_from_memory(bytes)
         };
         let session = open().map_err(|e| NetError::Damaged(e.to_string()))?;
-        let (inputs, outputs) =
-            (session.inputs().iter().map(port).collect(), session.outputs().iter().map(port).collect());
+        let (inputs, outputs) = (
+            session.inputs().iter().map(port).collect(),
+            session.outputs().iter().map(port).collect(),
+        );
         Ok((OrtNetwork { session: Mutex::new(session) }, inputs, outputs))
     }
 
@@ -88,18 +98,25 @@ impl OrtNetwork {
     ///
     /// # Errors
     /// The inputs do not fit the network, or computing it fails.
-    pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
+    pub fn run(
+        &self,
+        inputs: Vec<(&str, Tensor)>,
+        outputs: &[&str],
+    ) -> Result<Vec<Tensor>, NetError> {
         let failed = |e: ort::Error| NetError::Run(e.to_string());
         let mut values = Vec::new();
         for (name, tensor) in inputs {
             let shape = tensor.shape().to_vec();
-            let value = ort::value::Tensor::from_array((shape, tensor.into_data())).map_err(failed)?;
+            let value =
+                ort::value::Tensor::from_array((shape, tensor.into_data())).map_err(failed)?;
             values.push((name, value));
         }
         let mut session = self.session.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let got = session.run(values).map_err(failed)?;
         let taken = outputs.iter().map(|name| {
-            let value = got.get(*name).ok_or_else(|| NetError::Run(format!("it returned no output `{name}`")))?;
+            let value = got
+                .get(*name)
+                .ok_or_else(|| NetError::Run(format!("it returned no output `{name}`")))?;
             let (shape, data) = value.try_extract_tensor::<f32>().map_err(failed)?;
             let shape: Vec<usize> = shape.iter().map(|&n| n as usize).collect();
             Ok(Tensor::new(&shape, data.to_vec()))
@@ -110,7 +127,9 @@ impl OrtNetwork {
 
 fn port(outlet: &Outlet) -> Port {
     let shape = match outlet.dtype() {
-        ValueType::Tensor { shape, .. } => Some(shape.iter().map(|&n| usize::try_from(n).ok()).collect()),
+        ValueType::Tensor { shape, .. } => {
+            Some(shape.iter().map(|&n| usize::try_from(n).ok()).collect())
+        }
         _ => None,
     };
     Port { name: outlet.name().to_owned(), shape }

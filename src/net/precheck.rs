@@ -91,7 +91,9 @@ fn walk(mut rest: &[u8], message: Message, depth: usize, nodes: &mut usize) -> R
                 match (message, field) {
                     (Tensor, 1) => numbers = times(numbers, value),
                     (Tensor, 14) if value != 0 => {
-                        return Err("wanted constants inside the file, got one in another file".into());
+                        return Err(
+                            "wanted constants inside the file, got one in another file".into()
+                        );
                     }
                     _ => {}
                 }
@@ -115,7 +117,9 @@ fn walk(mut rest: &[u8], message: Message, depth: usize, nodes: &mut usize) -> R
     // The smallest numbers that ONNX has share a byte among four.
     match numbers {
         Some(numbers) if message != Tensor || numbers <= 8 * size as u64 => Ok(()),
-        _ => Err(format!("wanted constants with all their numbers, got {size} bytes for a shape of more")),
+        _ => Err(format!(
+            "wanted constants with all their numbers, got {size} bytes for a shape of more"
+        )),
     }
 }
 
@@ -126,8 +130,8 @@ fn times(numbers: Option<u64>, size: u64) -> Option<u64> {
 
 fn take<'a>(rest: &mut &'a [u8], length: u64) -> Result<&'a [u8], String> {
     let taken = usize::try_from(length).ok().and_then(|length| rest.split_at_checked(length));
-    let (taken, left) =
-        taken.ok_or_else(|| format!("wanted {length} more bytes, the file has {} there", rest.len()))?;
+    let (taken, left) = taken
+        .ok_or_else(|| format!("wanted {length} more bytes, the file has {} there", rest.len()))?;
     *rest = left;
     Ok(taken)
 }

@@ -12,7 +12,9 @@ use super::{NetError, Port, Tensor};
 pub fn doubt(bytes: &[u8]) -> Option<&'static str> {
     // The field `s` (4, a text of 5 bytes) of an attribute, as `mode` of Resize.
     let cubic = bytes.windows(7).any(|window| window == b"\x22\x05cubic");
-    cubic.then_some("it resizes by cubic interpolation, which rten replaces by linear: use --backend ort")
+    cubic.then_some(
+        "it resizes by cubic interpolation, which rten replaces by linear: use --backend ort",
+    )
 }
 
 pub struct RtenNetwork {
@@ -25,7 +27,10 @@ impl RtenNetwork {
     ///
     /// # Errors
     /// The bytes are not a network that rten can read.
-    pub fn new(bytes: Vec<u8>, threads: usize) -> Result<(RtenNetwork, Vec<Port>, Vec<Port>), NetError> {
+    pub fn new(
+        bytes: Vec<u8>,
+        threads: usize,
+    ) -> Result<(RtenNetwork, Vec<Port>, Vec<Port>), NetError> {
         // On a thread of its own: one of the engine's, waiting for rten's pool inside, could take
         // up a stage that waits for this network.
         let load = std::thread::scope(|scope| scope.spawn(|| Model::load(bytes)).join());
@@ -55,7 +60,11 @@ impl RtenNetwork {
     ///
     /// # Errors
     /// The inputs do not fit the network, or computing it fails.
-    pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
+    pub fn run(
+        &self,
+        inputs: Vec<(&str, Tensor)>,
+        outputs: &[&str],
+    ) -> Result<Vec<Tensor>, NetError> {
         let failed = |e: &dyn std::fmt::Display| NetError::Run(e.to_string());
         let id = |name: &str| self.model.node_id(name).map_err(|e| failed(&e));
         let mut values = Vec::new();
@@ -65,7 +74,8 @@ impl RtenNetwork {
             values.push((id(name)?, Value::from(value).into()));
         }
         let wanted = outputs.iter().map(|name| id(name)).collect::<Result<Vec<_>, _>>()?;
-        let got = self.model.run(values, &wanted, Some(self.options.clone())).map_err(|e| failed(&e))?;
+        let got =
+            self.model.run(values, &wanted, Some(self.options.clone())).map_err(|e| failed(&e))?;
         let taken = got.into_iter().map(|value| {
             let value: rten_tensor::Tensor<f32> = value.try_into().map_err(|e| failed(&e))?;
             Ok(Tensor::new(value.shape(), value.to_vec()))

@@ -53,7 +53,11 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Limits {
-        Limits { memory_bytes: 4 << 30, load: Duration::from_secs(60), run: Duration::from_secs(600) }
+        Limits {
+            memory_bytes: 4 << 30,
+            load: Duration::from_secs(60),
+            run: Duration::from_secs(600),
+        }
     }
 }
 
@@ -88,21 +92,28 @@ impl Process {
         cancelled: impl Fn() -> bool + Send + Sync + 'static,
     ) -> Result<(Process, Vec<Port>, Vec<Port>), NetError> {
         let running = Running::spawn(sandbox, threads).map_err(|e| {
-            NetError::Ended(format!("its process, {}, cannot be started: {e}", sandbox.program.display()))
+            NetError::Ended(format!(
+                "its process, {}, cannot be started: {e}",
+                sandbox.program.display()
+            ))
         })?;
-        let process =
-            Process { running: Mutex::new(running), limits: sandbox.limits.clone(), cancelled: Box::new(cancelled) };
+        let process = Process {
+            running: Mutex::new(running),
+            limits: sandbox.limits.clone(),
+            cancelled: Box::new(cancelled),
+        };
         let request = Request::Load {
             backend: backend.clone(),
             library: onnxruntime::library().filter(|_| *backend != Backend::Rten),
             threads,
             bytes: bytes.len() as u64,
         };
-        let (inputs, outputs) = process.ask("loading", sandbox.limits.load, |requests, replies| {
-            write_head(requests, &request)?;
-            requests.write_all(bytes)?;
-            read_head::<wire::LoadAnswer>(replies)
-        })?;
+        let (inputs, outputs) =
+            process.ask("loading", sandbox.limits.load, |requests, replies| {
+                write_head(requests, &request)?;
+                requests.write_all(bytes)?;
+                read_head::<wire::LoadAnswer>(replies)
+            })?;
         Ok((process, inputs, outputs))
     }
 
@@ -110,16 +121,25 @@ impl Process {
     ///
     /// # Errors
     /// The network fails, or the child exceeds a limit or ends.
-    pub fn run(&self, inputs: Vec<(&str, Tensor)>, outputs: &[&str]) -> Result<Vec<Tensor>, NetError> {
+    pub fn run(
+        &self,
+        inputs: Vec<(&str, Tensor)>,
+        outputs: &[&str],
+    ) -> Result<Vec<Tensor>, NetError> {
         let head = Request::Run {
-            inputs: inputs.iter().map(|(name, tensor)| ((*name).to_owned(), tensor.shape().to_vec())).collect(),
+            inputs: inputs
+                .iter()
+                .map(|(name, tensor)| ((*name).to_owned(), tensor.shape().to_vec()))
+                .collect(),
             outputs: outputs.iter().map(|name| (*name).to_owned()).collect(),
         };
         self.ask("computing", self.limits.run, |requests, replies| {
             write_head(requests, &head)?;
             inputs.iter().try_for_each(|(_, tensor)| write_numbers(requests, tensor))?;
             match read_head::<wire::Computed>(replies)? {
-                Ok(shapes) if shapes.len() == outputs.len() => Ok(Ok(read_tensors(replies, &shapes)?)),
+                Ok(shapes) if shapes.len() == outputs.len() => {
+                    Ok(Ok(read_tensors(replies, &shapes)?))
+                }
                 Ok(shapes) => Err(std::io::Error::new(
                     std::io::ErrorKind::InvalidData,
                     format!("wanted {} outputs, got {}", outputs.len(), shapes.len()),
@@ -135,9 +155,13 @@ impl Process {
         &self,
         doing: &str,
         limit: Duration,
-        exchange: impl FnOnce(&mut ChildStdin, &mut ChildStdout) -> std::io::Result<Result<T, NetError>> + Send,
+        exchange: impl FnOnce(&mut ChildStdin, &mut ChildStdout) -> std::io::Result<Result<T, NetError>>
+        + Send,
     ) -> Result<T, NetError> {
-        #[expect(clippy::disallowed_methods, reason = "limits the time of the child; a result does not depend on it")]
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "limits the time of the child; a result does not depend on it"
+        )]
         let began = Instant::now();
         let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
         let Running { child, requests, replies, errors } = &mut *running;
@@ -171,7 +195,9 @@ impl Process {
             (None, _) if (self.cancelled)() => Err(NetError::Cancelled),
             (None, Some(Err(error))) if error.kind() == std::io::ErrorKind::InvalidData => {
                 drop(child.kill());
-                Err(NetError::Ended(format!("its process returned an answer that cannot be read: {error}")))
+                Err(NetError::Ended(format!(
+                    "its process returned an answer that cannot be read: {error}"
+                )))
             }
             (None, _) => Err(self.cause(child, errors)),
         }
@@ -188,7 +214,9 @@ impl Process {
         tracing::debug!(%ended, ?said, "the process of a network ended");
         if said.contains("memory allocation of ") {
             let gib = self.limits.memory_bytes as f64 / (1u64 << 30) as f64;
-            return NetError::Limit(format!("it wanted more memory than the {gib} GiB that are allowed"));
+            return NetError::Limit(format!(
+                "it wanted more memory than the {gib} GiB that are allowed"
+            ));
         }
         NetError::Ended(format!("its process ended before it answered: {ended}"))
     }
@@ -224,7 +252,9 @@ impl Running {
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn()?;
         let pipes = (child.stdin.take(), child.stdout.take(), child.stderr.take());
-        let (Some(requests), Some(replies), Some(mut errors)) = pipes else { unreachable!("all three are piped") };
+        let (Some(requests), Some(replies), Some(mut errors)) = pipes else {
+            unreachable!("all three are piped")
+        };
         let errors = std::thread::spawn(move || {
             let mut kept = Vec::new();
             // The rest goes nowhere, so that the child never waits for a reader.

@@ -22,7 +22,8 @@ pub const CARDS: [(&str, &str); 8] = [
 /// The message names the fault and its remedy.
 pub fn ships(file_name: &str, bytes: &[u8]) -> Result<bool, String> {
     let got: String = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-    let wanted = CARDS.iter().find(|(name, _)| *name == file_name).and_then(|(_, card)| digest_of(card));
+    let wanted =
+        CARDS.iter().find(|(name, _)| *name == file_name).and_then(|(_, card)| digest_of(card));
     let Some(wanted) = wanted.filter(|wanted| *wanted != got) else {
         return Ok(CARDS.iter().any(|(_, card)| digest_of(card) == Some(&got)));
     };
@@ -52,6 +53,9 @@ mod tests {
     fn a_file_of_a_shipped_name_must_be_that_network() {
         assert_eq!(ships("own.onnx", b"anything"), Ok(false));
         let message = ships("mnet.onnx", b"anything").expect_err("it is not that network");
-        assert!(message.contains("wanted SHA-256") && message.contains("models/mnet.onnx"), "{message}");
+        assert!(
+            message.contains("wanted SHA-256") && message.contains("models/mnet.onnx"),
+            "{message}"
+        );
     }
 }

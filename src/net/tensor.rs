@@ -13,7 +13,11 @@ impl Tensor {
     /// # Panics
     /// The length of `data` is not the product of `shape`.
     pub fn new(shape: &[usize], data: Vec<f32>) -> Tensor {
-        assert_eq!(data.len(), shape.iter().product::<usize>(), "a tensor holds as many numbers as its shape says");
+        assert_eq!(
+            data.len(),
+            shape.iter().product::<usize>(),
+            "a tensor holds as many numbers as its shape says"
+        );
         Tensor { shape: shape.to_vec(), data }
     }
 

@@ -55,7 +55,9 @@ impl Normalization {
 
     fn mean_and_deviation(self) -> [Vec3; 2] {
         match self {
-            Normalization::ImageNet => [Vec3::new(0.485, 0.456, 0.406), Vec3::new(0.229, 0.224, 0.225)],
+            Normalization::ImageNet => {
+                [Vec3::new(0.485, 0.456, 0.406), Vec3::new(0.229, 0.224, 0.225)]
+            }
             Normalization::Half => [Vec3::splat(0.5); 2],
             Normalization::None => [Vec3::ZERO, Vec3::ONE],
             Normalization::Custom { mean, deviation } => [mean.into(), deviation.into()],
@@ -85,11 +87,16 @@ impl PhotoInput<'_> {
     ///
     /// # Errors
     /// `Mismatch`: the input is missing, does not take a photo, or is not the only one.
-    pub fn tensor<'n>(&self, network: &'n Network, photo: &Picture) -> Result<(&'n str, Tensor), NetError> {
+    pub fn tensor<'n>(
+        &self,
+        network: &'n Network,
+        photo: &Picture,
+    ) -> Result<(&'n str, Tensor), NetError> {
         let port = self.port(network)?;
         let (width, height) = self.size(port, photo.0.size())?;
         let encoded = photo.0.map(|color| {
-            Vec3::from_array(color.to_array().map(|c| self.transfer.encode(c))).clamp(Vec3::ZERO, Vec3::ONE)
+            Vec3::from_array(color.to_array().map(|c| self.transfer.encode(c)))
+                .clamp(Vec3::ZERO, Vec3::ONE)
         });
         let [mean, deviation] = self.normalization.mean_and_deviation();
         let seen = resize(&encoded, width, height).map(|color| (color - mean) / deviation);
@@ -120,7 +127,9 @@ impl PhotoInput<'_> {
     fn size(&self, port: &Port, photo: (usize, usize)) -> Result<(usize, usize), NetError> {
         let open = [None; 4];
         let shape = port.shape.as_deref().unwrap_or(&open);
-        let ([None | Some(1), None | Some(3), height, width], false) = (shape, shape.contains(&Some(0))) else {
+        let ([None | Some(1), None | Some(3), height, width], false) =
+            (shape, shape.contains(&Some(0)))
+        else {
             return Err(NetError::Mismatch(format!(
                 "input `{}`: wanted [1, 3, height, width], a photo with red first, got {}",
                 port.name,
@@ -150,7 +159,9 @@ pub fn output<'a>(network: &'a Network, name: Option<&'a str>) -> Result<&'a str
     let outputs = network.outputs();
     match (name, outputs) {
         (Some(name), _) if outputs.iter().any(|port| port.name == name) => Ok(name),
-        (Some(name), _) => Err(NetError::Mismatch(format!("wanted an output `{name}`, got {}", names(outputs)))),
+        (Some(name), _) => {
+            Err(NetError::Mismatch(format!("wanted an output `{name}`, got {}", names(outputs))))
+        }
         (None, [port]) => Ok(&port.name),
         (None, _) => Err(NetError::Mismatch(format!(
             "wanted one output, got {} of them: {}; name one with the parameter `output`",
@@ -208,7 +219,11 @@ impl Channels {
     /// The message states the wanted and the actual shape.
     pub fn check(&self) -> Result<(), String> {
         let (low, high) = self.range;
-        if low < high { Ok(()) } else { Err(format!("range: wanted the lower number first, got ({low}, {high})")) }
+        if low < high {
+            Ok(())
+        } else {
+            Err(format!("range: wanted the lower number first, got ({low}, {high})"))
+        }
     }
 
     /// A number of the network as a share of its range.
@@ -245,7 +260,13 @@ mod tests {
     use super::*;
 
     fn input(side: u32, multiple: u32) -> PhotoInput<'static> {
-        PhotoInput { name: None, side, multiple, transfer: Transfer::Srgb, normalization: Normalization::ImageNet }
+        PhotoInput {
+            name: None,
+            side,
+            multiple,
+            transfer: Transfer::Srgb,
+            normalization: Normalization::ImageNet,
+        }
     }
 
     fn port(shape: Option<&[Option<usize>]>) -> Port {
@@ -275,10 +296,14 @@ mod tests {
             &[Some(2), Some(3), None, None],
             &[Some(1), Some(3), Some(0), None],
         ] {
-            let message =
-                input(518, 14).size(&port(Some(shape)), (640, 480)).expect_err("it takes no photo").to_string();
+            let message = input(518, 14)
+                .size(&port(Some(shape)), (640, 480))
+                .expect_err("it takes no photo")
+                .to_string();
             assert!(
-                message.starts_with("input `x`: wanted [1, 3, height, width], a photo with red first, got ["),
+                message.starts_with(
+                    "input `x`: wanted [1, 3, height, width], a photo with red first, got ["
+                ),
                 "{message}"
             );
         }
@@ -288,9 +313,14 @@ mod tests {
     fn channels_are_found_in_any_layout() {
         let numbers = |n: usize| (0..n).map(|i| i as f32).collect::<Vec<_>>();
         for shape in [&[2, 3][..], &[1, 2, 3], &[1, 1, 2, 3], &[1, 1, 1, 2, 3]] {
-            assert_eq!(check_channels("y", &Tensor::new(shape, numbers(6)), 1), Ok(()), "{shape:?}");
+            assert_eq!(
+                check_channels("y", &Tensor::new(shape, numbers(6)), 1),
+                Ok(()),
+                "{shape:?}"
+            );
         }
-        for (shape, wanted) in [(&[6][..], 1), (&[2, 2, 3], 3), (&[2, 3, 2, 3], 3), (&[1, 0, 3], 1)] {
+        for (shape, wanted) in [(&[6][..], 1), (&[2, 2, 3], 3), (&[2, 3, 2, 3], 3), (&[1, 0, 3], 1)]
+        {
             let tensor = Tensor::new(shape, numbers(shape.iter().product()));
             assert!(check_channels("y", &tensor, wanted).is_err(), "{shape:?}");
         }
@@ -303,7 +333,9 @@ mod tests {
         );
         assert_eq!(
             of(5).colors(&seven),
-            Err(NetError::Mismatch("output `y`: wanted [1, 8 or more, height, width], got [1, 7, 1, 2]".into()))
+            Err(NetError::Mismatch(
+                "output `y`: wanted [1, 8 or more, height, width], got [1, 7, 1, 2]".into()
+            ))
         );
     }
 }

@@ -48,7 +48,11 @@ impl View {
         let room = photo.pixels().iter().zip(light.pixels()).filter(|(_, light)| **light == 0.0);
         let mut levels: Vec<f32> = room.map(|(p, _)| p.element_sum() / 3.0).collect();
         let at = levels.len().saturating_sub(1) * TUNING.bright / 100;
-        let level = if levels.is_empty() { 0.0 } else { *levels.select_nth_unstable_by(at, f32::total_cmp).1 };
+        let level = if levels.is_empty() {
+            0.0
+        } else {
+            *levels.select_nth_unstable_by(at, f32::total_cmp).1
+        };
         let gain = TUNING.exposure / level.max(TUNING.min_level);
         View { photo: photo.map(|p| (p * gain).clamp(Vec3::ZERO, Vec3::ONE)), gain, light }
     }
@@ -68,7 +72,11 @@ impl View {
 fn seen<'a>(masks: impl Iterator<Item = &'a Mask>) -> Plane<f32> {
     let mut light = Plane::filled(FULL.0, FULL.1, 0.0f32);
     for mask in masks {
-        light.pixels_mut().iter_mut().zip(own(mask).pixels()).for_each(|(light, own)| *light = light.max(*own));
+        light
+            .pixels_mut()
+            .iter_mut()
+            .zip(own(mask).pixels())
+            .for_each(|(light, own)| *light = light.max(*own));
     }
     light
 }
@@ -110,13 +118,19 @@ impl Geometry {
     pub fn raw(depth: &Depth, camera: &Camera) -> Geometry {
         let camera = camera.resized(FULL.0, FULL.1);
         let depth = resize_depth(depth, FULL.0, FULL.1);
-        let points = Plane::from_fn(FULL.0, FULL.1, |x, y| camera.pixel_point(x, y, depth.0.get(x, y)));
+        let points =
+            Plane::from_fn(FULL.0, FULL.1, |x, y| camera.pixel_point(x, y, depth.0.get(x, y)));
         let at = |x: isize, y: isize| {
-            points.get(x.clamp(0, FULL.0 as isize - 1) as usize, y.clamp(0, FULL.1 as isize - 1) as usize)
+            points.get(
+                x.clamp(0, FULL.0 as isize - 1) as usize,
+                y.clamp(0, FULL.1 as isize - 1) as usize,
+            )
         };
         let normal = Plane::from_fn(FULL.0, FULL.1, |x, y| {
             let (x, y) = (x as isize, y as isize);
-            let n = (at(x, y + 1) - at(x, y - 1)).cross(at(x + 1, y) - at(x - 1, y)).normalize_or_zero();
+            let n = (at(x, y + 1) - at(x, y - 1))
+                .cross(at(x + 1, y) - at(x - 1, y))
+                .normalize_or_zero();
             if n.dot(at(x, y)) > 0.0 { -n } else { n }
         });
         Geometry { normal, points }
@@ -126,8 +140,10 @@ impl Geometry {
     pub fn half(depth: &Depth, camera: &Camera, normal: &Normal) -> Geometry {
         let camera = camera.resized(HALF.0, HALF.1);
         let depth = resize(&resize_depth(depth, FULL.0, FULL.1).0, HALF.0, HALF.1);
-        let points = Plane::from_fn(HALF.0, HALF.1, |x, y| camera.pixel_point(x, y, depth.get(x, y)));
-        let normal = resize(&normal.0, HALF.0, HALF.1).map(|n| n.try_normalize().unwrap_or(Vec3::Z));
+        let points =
+            Plane::from_fn(HALF.0, HALF.1, |x, y| camera.pixel_point(x, y, depth.get(x, y)));
+        let normal =
+            resize(&normal.0, HALF.0, HALF.1).map(|n| n.try_normalize().unwrap_or(Vec3::Z));
         Geometry { normal, points }
     }
 
@@ -140,19 +156,32 @@ impl Geometry {
 /// The position of a visible light by mask and depth, [`HALF`]: center (m) and half extents across
 /// the view (m). Depth is the median over the mask; of a window that over a ring of two pixels
 /// around it, as depth of a pane may be that of the view outside. `None` for an empty mask.
-pub fn start(points: &Plane<Vec3>, own: &Plane<f32>, light: &Plane<f32>, is_window: bool) -> Option<[f32; 5]> {
+pub fn start(
+    points: &Plane<Vec3>,
+    own: &Plane<f32>,
+    light: &Plane<f32>,
+    is_window: bool,
+) -> Option<[f32; 5]> {
     let (width, height) = points.size();
-    let inside: Vec<Vec3> =
-        points.pixels().iter().zip(own.pixels()).filter(|(_, own)| **own > 0.0).map(|(p, _)| *p).collect();
+    let inside: Vec<Vec3> = points
+        .pixels()
+        .iter()
+        .zip(own.pixels())
+        .filter(|(_, own)| **own > 0.0)
+        .map(|(p, _)| *p)
+        .collect();
     if inside.is_empty() {
         return None;
     }
     let near = |x: usize, y: usize| {
-        let (xs, ys) = (x.saturating_sub(2)..(x + 3).min(width), y.saturating_sub(2)..(y + 3).min(height));
+        let (xs, ys) =
+            (x.saturating_sub(2)..(x + 3).min(width), y.saturating_sub(2)..(y + 3).min(height));
         ys.clone().any(|y| xs.clone().any(|x| own.get(x, y) > 0.0))
     };
-    let ring = (0..points.len()).filter(|i| light.pixels()[*i] == 0.0 && near(i % width, i / width));
-    let ring: Vec<f32> = if is_window { ring.map(|i| -points.pixels()[i].z).collect() } else { Vec::new() };
+    let ring =
+        (0..points.len()).filter(|i| light.pixels()[*i] == 0.0 && near(i % width, i / width));
+    let ring: Vec<f32> =
+        if is_window { ring.map(|i| -points.pixels()[i].z).collect() } else { Vec::new() };
     let mut depths = if ring.len() >= 4 { ring } else { inside.iter().map(|p| -p.z).collect() };
     let middle = (depths.len() - 1) / 2;
     let depth = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
@@ -171,8 +200,9 @@ mod tests {
 
     #[test]
     fn exposure_passes_over_lights() {
-        let photo =
-            Picture(Plane::from_fn(640, 480, |x, y| Vec3::splat(if x < 64 { 50.0 } else { 0.01 * (y % 100) as f32 })));
+        let photo = Picture(Plane::from_fn(640, 480, |x, y| {
+            Vec3::splat(if x < 64 { 50.0 } else { 0.01 * (y % 100) as f32 })
+        }));
         let mask = Mask(Plane::from_fn(640, 480, |x, _| if x < 64 { 1.0 } else { 0.0 }));
         let view = View::new(&photo, [&mask].into_iter());
         let bright = view
@@ -214,14 +244,21 @@ mod tests {
     #[test]
     fn a_light_starts_in_the_middle_of_its_mask() {
         let camera = Camera::from_fov_x(160, 120, 60.0);
-        let own =
-            Plane::from_fn(160, 120, |x, y| if (60..100).contains(&x) && (50..70).contains(&y) { 1.0 } else { 0.0 });
+        let own = Plane::from_fn(160, 120, |x, y| {
+            if (60..100).contains(&x) && (50..70).contains(&y) { 1.0 } else { 0.0 }
+        });
         let depth = |x: usize, y: usize| if own.get(x, y) > 0.0 { 50.0 } else { 4.0 };
         let points = Plane::from_fn(160, 120, |x, y| camera.pixel_point(x, y, depth(x, y)));
         let [x, y, z, half_x, half_y] = start(&points, &own, &own, true).expect("there is a mask");
-        assert!((z + 4.0).abs() < 1e-5 && x.abs() < 1e-4 && y.abs() < 1e-4, "in the wall, got {x} {y} {z}");
+        assert!(
+            (z + 4.0).abs() < 1e-5 && x.abs() < 1e-4 && y.abs() < 1e-4,
+            "in the wall, got {x} {y} {z}"
+        );
         // Half of 40 and 20 pixels at 4 m; the variance of n pixels in a row is (n^2 - 1) / 12.
-        assert!((half_x / (20.0 * 4.0 / camera.fx + 0.01) - 1.0).abs() < 0.01 && (half_y / half_x - 0.5).abs() < 0.02);
+        assert!(
+            (half_x / (20.0 * 4.0 / camera.fx + 0.01) - 1.0).abs() < 0.01
+                && (half_y / half_x - 0.5).abs() < 0.02
+        );
         assert_eq!(start(&points, &own, &own, false).expect("there is a mask")[2], -50.0);
         assert_eq!(start(&points, &Plane::filled(160, 120, 0.0), &own, true), None);
     }

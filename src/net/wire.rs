@@ -40,7 +40,10 @@ fn wrong(message: impl Into<String>) -> Error {
 pub fn write_head(out: &mut impl Write, head: &impl Serialize) -> Result<()> {
     let bytes = postcard::to_stdvec(head).map_err(|e| wrong(e.to_string()))?;
     if bytes.len() > MAX_HEAD {
-        return Err(wrong(format!("wanted a head of at most {MAX_HEAD} bytes, got {}", bytes.len())));
+        return Err(wrong(format!(
+            "wanted a head of at most {MAX_HEAD} bytes, got {}",
+            bytes.len()
+        )));
     }
     out.write_all(&(bytes.len() as u64).to_le_bytes())?;
     out.write_all(&bytes)
@@ -55,7 +58,11 @@ pub fn read_head<T: DeserializeOwned>(input: &mut impl Read) -> Result<T> {
     input.read_exact(&mut length)?;
     let length = u64::from_le_bytes(length);
     let fits = usize::try_from(length).ok().filter(|length| *length <= MAX_HEAD);
-    let mut bytes = vec![0; fits.ok_or_else(|| wrong(format!("wanted at most {MAX_HEAD} bytes, got {length}")))?];
+    let mut bytes =
+        vec![
+            0;
+            fits.ok_or_else(|| wrong(format!("wanted at most {MAX_HEAD} bytes, got {length}")))?
+        ];
     input.read_exact(&mut bytes)?;
     postcard::from_bytes(&bytes).map_err(|e| wrong(e.to_string()))
 }
@@ -77,7 +84,8 @@ pub fn read_tensors(input: &mut impl Read, shapes: &[Vec<usize>]) -> Result<Vec<
     let tensor = |shape: &Vec<usize>| {
         let numbers = shape.iter().try_fold(1, |product: usize, n| product.checked_mul(*n));
         let numbers = numbers.filter(|numbers| *numbers <= left);
-        let numbers = numbers.ok_or_else(|| wrong(format!("wanted at most {MAX_NUMBERS} numbers, got {shape:?}")))?;
+        let numbers = numbers
+            .ok_or_else(|| wrong(format!("wanted at most {MAX_NUMBERS} numbers, got {shape:?}")))?;
         left -= numbers;
         let mut data = vec![0.0f32; numbers];
         input.read_exact(bytemuck::cast_slice_mut(&mut data))?;
@@ -92,16 +100,24 @@ mod tests {
 
     #[test]
     fn heads_and_numbers_come_back() {
-        let tensors =
-            [Tensor::new(&[2, 1], vec![1.5, -0.0]), Tensor::new(&[0, 7], vec![]), Tensor::new(&[], vec![3.0])];
+        let tensors = [
+            Tensor::new(&[2, 1], vec![1.5, -0.0]),
+            Tensor::new(&[0, 7], vec![]),
+            Tensor::new(&[], vec![3.0]),
+        ];
         let shapes: Computed = Ok(tensors.iter().map(|tensor| tensor.shape().to_vec()).collect());
         let mut bytes = Vec::new();
         write_head(&mut bytes, &shapes).expect("memory takes it");
-        tensors.iter().for_each(|tensor| write_numbers(&mut bytes, tensor).expect("memory takes it"));
+        tensors
+            .iter()
+            .for_each(|tensor| write_numbers(&mut bytes, tensor).expect("memory takes it"));
         let mut input = &bytes[..];
         let head: Computed = read_head(&mut input).expect("it is whole");
         assert_eq!(head, shapes);
-        assert_eq!(read_tensors(&mut input, &head.expect("it was computed")).expect("they are whole"), tensors);
+        assert_eq!(
+            read_tensors(&mut input, &head.expect("it was computed")).expect("they are whole"),
+            tensors
+        );
         for cut in 0..bytes.len() {
             let mut input = &bytes[..cut];
             let whole = read_head::<Computed>(&mut input)
@@ -113,10 +129,16 @@ mod tests {
     #[test]
     fn lengths_are_held_against_limits_before_anything_is_allocated() {
         for length in [MAX_HEAD as u64 + 1, u64::MAX] {
-            assert!(read_head::<Computed>(&mut &[&length.to_le_bytes()[..], &[0; 99]].concat()[..]).is_err());
+            assert!(
+                read_head::<Computed>(&mut &[&length.to_le_bytes()[..], &[0; 99]].concat()[..])
+                    .is_err()
+            );
         }
-        for shapes in [vec![vec![1 << 62]], vec![vec![usize::MAX, 3]], vec![vec![1 << 16], vec![MAX_NUMBERS]]] {
-            let error = read_tensors(&mut std::io::repeat(0), &shapes).expect_err("they are too large");
+        for shapes in
+            [vec![vec![1 << 62]], vec![vec![usize::MAX, 3]], vec![vec![1 << 16], vec![MAX_NUMBERS]]]
+        {
+            let error =
+                read_tensors(&mut std::io::repeat(0), &shapes).expect_err("they are too large");
             assert_eq!(error.kind(), ErrorKind::InvalidData, "{error}");
         }
         assert!(write_head(&mut Vec::new(), &"x".repeat(MAX_HEAD)).is_err());

@@ -129,8 +129,11 @@ fn with_old_names(stages: Registry) -> Registry {
         ("ScoreShading", "rest", "residual"),
         ("ScorePicture", "cover", "coverage"),
     ];
-    let registry = kinds.into_iter().fold(stages, |registry, (old, new)| registry.renamed(old, new));
-    fields.into_iter().fold(registry, |registry, (kind, old, new)| registry.renamed_field(kind, old, new))
+    let registry =
+        kinds.into_iter().fold(stages, |registry, (old, new)| registry.renamed(old, new));
+    fields
+        .into_iter()
+        .fold(registry, |registry, (kind, old, new)| registry.renamed_field(kind, old, new))
 }
 
 /// All constants that decide an algorithm: of the stages, then of the rooms that they use.

@@ -6,7 +6,9 @@ use crate::geometry::Camera;
 use crate::graph::{Context, File, Gather, NodeError};
 use crate::image::{Albedo, Depth, Mask, Normal, Picture, resize};
 use crate::net::view::{FULL, Geometry, HALF, View, own_half};
-use crate::net::{Backend, InputLayer, NetError, Network, Tensor, Untrusted, planes_of, precheck, ships};
+use crate::net::{
+    Backend, InputLayer, NetError, Network, Tensor, Untrusted, planes_of, precheck, ships,
+};
 use crate::nodes::artifacts::Guess;
 use crate::optics::{BoxLamp, Lamp, Lobe, Radiance, Shape, Window};
 
@@ -68,7 +70,10 @@ pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Netwo
             let cancel = ctx.cancel();
             let cancelled = move || cancel.is_cancelled();
             let bytes = ctx.read(file)?;
-            Arc::new(Network::load_sandboxed(&bytes, backend, threads, sandbox, cancelled).map_err(refused)?)
+            Arc::new(
+                Network::load_sandboxed(&bytes, backend, threads, sandbox, cancelled)
+                    .map_err(refused)?,
+            )
         }
         (None, _) => {
             return Err(NodeError::Failed(format!(
@@ -89,9 +94,15 @@ pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Netwo
 pub fn refused(file: &File, backend: &Backend, error: NetError) -> NodeError {
     match error {
         NetError::NoBackend(message) => NodeError::BadParameter(format!("backend: {message}")),
-        NetError::Damaged(message) => bad(file, format!("wanted a network in ONNX that {backend} computes: {message}")),
-        NetError::Mismatch(message) | NetError::Run(message) | NetError::Limit(message) => bad(file, message),
-        NetError::Ended(message) => NodeError::Failed(format!("{}: {message}", file.location().display())),
+        NetError::Damaged(message) => {
+            bad(file, format!("wanted a network in ONNX that {backend} computes: {message}"))
+        }
+        NetError::Mismatch(message) | NetError::Run(message) | NetError::Limit(message) => {
+            bad(file, message)
+        }
+        NetError::Ended(message) => {
+            NodeError::Failed(format!("{}: {message}", file.location().display()))
+        }
         NetError::Cancelled => NodeError::Cancelled,
     }
 }
@@ -116,8 +127,13 @@ pub fn computed<const N: usize>(
 }
 
 /// The inputs that the networks which estimate lights share.
-const LIGHT_INPUTS: [(&str, &[usize]); 5] =
-    [("photo", HALF_3), ("geometry", HALF_6), ("albedo", HALF_3), ("lights", HALF_2), ("start", &[1, 5, 1, 1])];
+const LIGHT_INPUTS: [(&str, &[usize]); 5] = [
+    ("photo", HALF_3),
+    ("geometry", HALF_6),
+    ("albedo", HALF_3),
+    ("lights", HALF_2),
+    ("start", &[1, 5, 1, 1]),
+];
 
 /// The room of a stage that estimates a light.
 pub struct NetworkScene<'a> {
@@ -141,7 +157,13 @@ impl NetworkScene<'_> {
     ///
     /// # Errors
     /// The network cannot be loaded, or does not fit, or fails.
-    pub fn lamp(&self, ctx: &Context, model: &File, backend: &Backend, own: Option<&Mask>) -> Result<Guess, NodeError> {
+    pub fn lamp(
+        &self,
+        ctx: &Context,
+        model: &File,
+        backend: &Backend,
+        own: Option<&Mask>,
+    ) -> Result<Guess, NodeError> {
         let network = network(ctx, model, backend, &LIGHT_INPUTS, &LAMP_OUTPUTS)?;
         Ok(LitRoom::new(self).lamp(&network, own)?.unwrap_or_else(nothing))
     }
@@ -187,7 +209,8 @@ impl LitRoom {
         let (own, start) = match own {
             Some(mask) => {
                 let own = own_half(mask);
-                let start = crate::net::view::start(&self.geometry.points, &own, &light, is_window)?;
+                let start =
+                    crate::net::view::start(&self.geometry.points, &own, &light, is_window)?;
                 (own, start)
             }
             None => (light.map(|_| 0.0), [0.0; 5]),
@@ -216,9 +239,13 @@ impl LitRoom {
     fn window(self, network: &Network, own: Option<&Mask>) -> Result<Option<Guess>, NodeError> {
         let gain = self.view.gain;
         let Some(inputs) = self.inputs(own, true) else { return Ok(None) };
-        let [center, x, y, directions, bandwidths, radiance, confidence] = computed(network, inputs, WINDOW_OUTPUTS)?;
+        let [center, x, y, directions, bandwidths, radiance, confidence] =
+            computed(network, inputs, WINDOW_OUTPUTS)?;
         let directions = directions.vectors();
-        let lobe = |i: usize| Lobe { direction: directions[i].normalize_or_zero(), bandwidth: bandwidths.data()[i] };
+        let lobe = |i: usize| Lobe {
+            direction: directions[i].normalize_or_zero(),
+            bandwidth: bandwidths.data()[i],
+        };
         let window = Window {
             center: center.vectors()[0],
             x: x.vectors()[0],
@@ -230,7 +257,8 @@ impl LitRoom {
 }
 
 const LAMP_OUTPUTS: [&str; 4] = ["centre", "axes", "radiance", "confidence"];
-const WINDOW_OUTPUTS: [&str; 7] = ["centre", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"];
+const WINDOW_OUTPUTS: [&str; 7] =
+    ["centre", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"];
 
 fn guess(shape: Shape, radiance: Vec<glam::Vec3>, gain: f32, confidence: &Tensor) -> Guess {
     let radiance = Radiance(radiance.into_iter().map(|w| w / gain).collect());

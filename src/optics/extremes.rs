@@ -6,7 +6,9 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3};
 
 use crate::optics::transport::estimate;
-use crate::optics::{BoxLamp, Emitter, Lamp, Lobe, MeshLamp, RectLamp, Shape, SphereLamp, Surfel, Window};
+use crate::optics::{
+    BoxLamp, Emitter, Lamp, Lobe, MeshLamp, RectLamp, Shape, SphereLamp, Surfel, Window,
+};
 
 /// The closed form of E, after a comparison with samples: their mean over 200 pixels, within five
 /// standard errors and single-precision rounding.
@@ -15,11 +17,15 @@ fn check(shape: &Shape, lobe: usize, point: Vec3, normal: Vec3) -> f64 {
     let exact = f64::from(emitter.irradiance(lobe, point, normal).expect("it has a closed form"));
     assert!(exact.is_finite() && exact >= 0.0, "{shape:?} {exact}");
     let pixels = 200;
-    let means: Vec<f64> = (0..pixels).map(|pixel| estimate(&emitter, lobe, (point, normal), 4, 1, pixel).0).collect();
+    let means: Vec<f64> =
+        (0..pixels).map(|pixel| estimate(&emitter, lobe, (point, normal), 4, 1, pixel).0).collect();
     let mean = means.iter().sum::<f64>() / f64::from(pixels);
     let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / f64::from(pixels);
     let bound = 5.0 * (variance / f64::from(pixels)).sqrt() + 1e-6 * exact + 2e-8;
-    assert!((mean - exact).abs() <= bound, "{shape:?} {point} {normal}: samples {mean}, closed form {exact}");
+    assert!(
+        (mean - exact).abs() <= bound,
+        "{shape:?} {point} {normal}: samples {mean}, closed form {exact}"
+    );
     exact
 }
 
@@ -56,7 +62,11 @@ fn a_flat_lobe_is_a_lamp_and_a_steep_one_a_direction() {
     }
     // Half of a steep lobe, aimed at an edge to single precision, which is 2e-4 of its width.
     let whole = 2e-7 * 2.0 / 5f64.sqrt();
-    near(check(&window(Vec3::Z * 2.0, 1.0, Vec3::new(1.0, 0.0, 2.0), 1e7), 0, Vec3::ZERO, Vec3::Z), 0.5 * whole, 4e-4);
+    near(
+        check(&window(Vec3::Z * 2.0, 1.0, Vec3::new(1.0, 0.0, 2.0), 1e7), 0, Vec3::ZERO, Vec3::Z),
+        0.5 * whole,
+        4e-4,
+    );
 }
 
 #[test]
@@ -66,17 +76,30 @@ fn a_micrometer_and_ten_kilometers() {
     near(check(&lamp(1e-6), 0, Vec3::ZERO, Vec3::Z), 1.0, 1e-6);
     near(check(&window(Vec3::Z * 1e-6, 0.5, Vec3::Z, 0.0), 0, Vec3::ZERO, Vec3::Z), 1.0, 1e-6);
     // The integral of exp(cos - 1) cos over the hemisphere is 2 pi / e.
-    near(check(&window(Vec3::Z * 1e-6, 0.5, Vec3::Z, 1.0), 0, Vec3::ZERO, Vec3::Z), 2.0 / 1f64.exp(), 1e-5);
+    near(
+        check(&window(Vec3::Z * 1e-6, 0.5, Vec3::Z, 1.0), 0, Vec3::ZERO, Vec3::Z),
+        2.0 / 1f64.exp(),
+        1e-5,
+    );
     let far = 1.0 / (PI * 1e8);
     let tilted = Vec3::new(0.0, 0.8, 0.6);
     near(check(&lamp(1e4), 0, Vec3::ZERO, tilted), 0.6 * far, 1e-6);
     for bandwidth in [0.0, 1.0, 100.0, 1e4] {
-        near(check(&window(Vec3::Z * 1e4, 0.5, Vec3::Z, bandwidth), 0, Vec3::ZERO, tilted), 0.6 * far, 1e-4);
+        near(
+            check(&window(Vec3::Z * 1e4, 0.5, Vec3::Z, bandwidth), 0, Vec3::ZERO, tilted),
+            0.6 * far,
+            1e-4,
+        );
     }
     for bandwidth in [1.0f32, 10.0] {
         let wanted = 0.6 * far * (-0.2 * f64::from(bandwidth)).exp();
         near(
-            check(&window(Vec3::Z * 1e4, 0.5, Vec3::new(0.6, 0.0, 0.8), bandwidth), 0, Vec3::ZERO, tilted),
+            check(
+                &window(Vec3::Z * 1e4, 0.5, Vec3::new(0.6, 0.0, 0.8), bandwidth),
+                0,
+                Vec3::ZERO,
+                tilted,
+            ),
             wanted,
             1e-5,
         );
@@ -86,7 +109,11 @@ fn a_micrometer_and_ten_kilometers() {
     // Half of all directions above a vertical surface.
     near(check(&sphere(Vec3::Z * 0.500_001, 0.5), 0, Vec3::ZERO, Vec3::X), 0.5, 1e-2);
     let plate = |height: f32| {
-        Shape::Lamp(Lamp::Surfels(vec![Surfel { point: Vec3::Z * height, normal: Vec3::NEG_Z, area: 1.0 }]))
+        Shape::Lamp(Lamp::Surfels(vec![Surfel {
+            point: Vec3::Z * height,
+            normal: Vec3::NEG_Z,
+            area: 1.0,
+        }]))
     };
     near(check(&plate(1e4), 0, Vec3::ZERO, tilted), 0.6 * far, 1e-6);
     near(check(&plate(1e-6), 0, Vec3::ZERO, Vec3::Z), 1.0, 1e-5);
@@ -97,7 +124,8 @@ fn a_tiny_lamp_loses_no_digits_at_any_distance() {
     // A millimeter at 10 km: 1e-14 steradians.
     let lamp = rect(Vec3::Z * 1e4, Vec3::NEG_X * 5e-4, Vec3::Y * 5e-4);
     near(check(&lamp, 0, Vec3::ZERO, Vec3::Z), 1e-14 / PI, 1e-5);
-    let e = Emitter::new(&window(Vec3::Z * 1e4, 5e-4, Vec3::Z, 1.0)).irradiance(0, Vec3::ZERO, Vec3::Z);
+    let e =
+        Emitter::new(&window(Vec3::Z * 1e4, 5e-4, Vec3::Z, 1.0)).irradiance(0, Vec3::ZERO, Vec3::Z);
     near(f64::from(e.expect("closed")), 1e-14 / PI, 1e-5);
 }
 
@@ -107,14 +135,19 @@ fn a_needle_is_a_line() {
     // (1 + x^2) + atan(x) / 2.
     let line = 0.4 + 0.5f64.atan();
     let wanted = 1e-6 / PI * line;
-    near(check(&rect(Vec3::Z, Vec3::NEG_X * 0.5, Vec3::Y * 5e-7), 0, Vec3::ZERO, Vec3::Z), wanted, 1e-6);
+    near(
+        check(&rect(Vec3::Z, Vec3::NEG_X * 0.5, Vec3::Y * 5e-7), 0, Vec3::ZERO, Vec3::Z),
+        wanted,
+        1e-6,
+    );
     let corners = vec![
         Vec3::new(0.5, -5e-7, 1.0),
         Vec3::new(-0.5, -5e-7, 1.0),
         Vec3::new(-0.5, 5e-7, 1.0),
         Vec3::new(0.5, 5e-7, 1.0),
     ];
-    let mesh = Shape::Lamp(Lamp::Mesh(MeshLamp::without_occlusion(corners, vec![[0, 1, 2], [0, 2, 3]])));
+    let mesh =
+        Shape::Lamp(Lamp::Mesh(MeshLamp::without_occlusion(corners, vec![[0, 1, 2], [0, 2, 3]])));
     near(check(&mesh, 0, Vec3::ZERO, Vec3::Z), wanted, 1e-6);
     for bandwidth in [1.0f32, 30.0, 1e3] {
         let lobes = [Lobe { direction: Vec3::new(0.2, 0.0, 1.0).normalize(), bandwidth }; 3];
@@ -124,7 +157,8 @@ fn a_needle_is_a_line() {
             .map(|i| {
                 let place = DVec3::new((f64::from(i) + 0.5) / f64::from(n) - 0.5, 0.0, 1.0);
                 let d = lobes[0].direction.as_dvec3();
-                let g = (-0.5 * f64::from(bandwidth) * (d - place.normalize()).length_squared()).exp();
+                let g =
+                    (-0.5 * f64::from(bandwidth) * (d - place.normalize()).length_squared()).exp();
                 g / place.length_squared().powi(2) * 1e-6 / (PI * f64::from(n))
             })
             .sum();
@@ -135,11 +169,16 @@ fn a_needle_is_a_line() {
 #[test]
 fn nothing_from_behind_from_the_edge_or_without_area() {
     let all = |center: Vec3, x: Vec3, y: Vec3| {
-        let lobes =
-            [0.0, 30.0, 1e6].map(|bandwidth| Lobe { direction: center.try_normalize().unwrap_or(Vec3::Z), bandwidth });
+        let lobes = [0.0, 30.0, 1e6].map(|bandwidth| Lobe {
+            direction: center.try_normalize().unwrap_or(Vec3::Z),
+            bandwidth,
+        });
         let corners = vec![center - x - y, center + x - y, center + x + y];
-        let plate =
-            Surfel { point: center, normal: x.cross(y).try_normalize().unwrap_or(Vec3::Y), area: x.cross(y).length() };
+        let plate = Surfel {
+            point: center,
+            normal: x.cross(y).try_normalize().unwrap_or(Vec3::Y),
+            area: x.cross(y).length(),
+        };
         vec![
             rect(center, x, y),
             Shape::Window(Window { center, x, y, lobes }),
@@ -171,15 +210,19 @@ fn nothing_from_behind_from_the_edge_or_without_area() {
 #[test]
 fn around_the_receiver() {
     let axes = [Vec3::X, Vec3::Y * 2.0, Vec3::Z * 3.0];
-    let from_within =
-        [Shape::Lamp(Lamp::Box(BoxLamp { center: Vec3::splat(0.1), axes })), sphere(Vec3::splat(0.1), 1.0)];
+    let from_within = [
+        Shape::Lamp(Lamp::Box(BoxLamp { center: Vec3::splat(0.1), axes })),
+        sphere(Vec3::splat(0.1), 1.0),
+    ];
     for shape in from_within {
         assert_eq!(check(&shape, 0, Vec3::ZERO, Vec3::Y), 0.0, "they shine outwards");
     }
     // A cube that shines inwards is a furnace: 1 in every direction.
-    let corners: Vec<Vec3> =
-        (0..8).map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - 0.9).collect();
-    let quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
+    let corners: Vec<Vec3> = (0..8)
+        .map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - 0.9)
+        .collect();
+    let quads =
+        [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]];
     let triangles = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
     let furnace = Shape::Lamp(Lamp::Mesh(MeshLamp::without_occlusion(corners, triangles)));
     for normal in [Vec3::Y, Vec3::NEG_X, Vec3::new(0.3, -0.8, 0.2).normalize()] {
@@ -190,17 +233,21 @@ fn around_the_receiver() {
 #[test]
 fn the_part_above_the_horizon_counts() {
     // Through the horizon and across the receiver's plane: the part above alone, exactly.
-    let wall = |bottom: f32| rect(Vec3::new(0.0, 2.0, 0.5 * (1.0 + bottom)), Vec3::X, Vec3::Z * 0.5 * (1.0 - bottom));
+    let wall = |bottom: f32| {
+        rect(Vec3::new(0.0, 2.0, 0.5 * (1.0 + bottom)), Vec3::X, Vec3::Z * 0.5 * (1.0 - bottom))
+    };
     let half = check(&wall(0.0), 0, Vec3::ZERO, Vec3::Z);
     for bottom in [-1e-3, -1.0, -100.0] {
         near(check(&wall(bottom), 0, Vec3::ZERO, Vec3::Z), half, 1e-6);
     }
     // Near surfels: the upper half of one whose middle lies on the horizon is not lost.
-    let plate = |z: f32, area: f32| Surfel { point: Vec3::new(0.0, 0.2, z), normal: Vec3::NEG_Y, area };
+    let plate =
+        |z: f32, area: f32| Surfel { point: Vec3::new(0.0, 0.2, z), normal: Vec3::NEG_Y, area };
     let one = check(&Shape::Lamp(Lamp::Surfels(vec![plate(0.0, 0.04)])), 0, Vec3::ZERO, Vec3::Z);
     let strip = rect(Vec3::new(0.0, 0.2, 0.05), Vec3::X * 0.1, Vec3::Z * 0.05);
     near(one, check(&strip, 0, Vec3::ZERO, Vec3::Z), 0.1);
-    let below = check(&Shape::Lamp(Lamp::Surfels(vec![plate(-0.11, 0.04)])), 0, Vec3::ZERO, Vec3::Z);
+    let below =
+        check(&Shape::Lamp(Lamp::Surfels(vec![plate(-0.11, 0.04)])), 0, Vec3::ZERO, Vec3::Z);
     assert!(below < 0.1 * one, "{below} {one}");
     // A sphere at the horizon, through the receiver's plane, and touching it from below.
     for height in [0.5, 0.2, 1e-6, 0.0, -1e-6, -0.2, -0.499] {
@@ -209,7 +256,12 @@ fn the_part_above_the_horizon_counts() {
     // A window that the receiver's plane cuts, for lobes above, on and below that plane.
     for bandwidth in [0.0, 1.0, 30.0, 1e3, 1e6] {
         for lift in [-0.3, -0.01, 0.0, 0.01, 0.3] {
-            check(&window(Vec3::Z, 1.0, Vec3::new(0.0, lift, 1.0), bandwidth), 0, Vec3::ZERO, Vec3::Y);
+            check(
+                &window(Vec3::Z, 1.0, Vec3::new(0.0, lift, 1.0), bandwidth),
+                0,
+                Vec3::ZERO,
+                Vec3::Y,
+            );
         }
     }
 }
@@ -218,8 +270,8 @@ fn the_part_above_the_horizon_counts() {
 fn scale_does_not_matter() {
     let normal = Vec3::new(0.3, 0.2, 0.9).normalize();
     let shapes = |s: f32| {
-        let lobes =
-            [0.5, 40.0, 3e4].map(|bandwidth| Lobe { direction: Vec3::new(0.1, 0.05, 1.0).normalize(), bandwidth });
+        let lobes = [0.5, 40.0, 3e4]
+            .map(|bandwidth| Lobe { direction: Vec3::new(0.1, 0.05, 1.0).normalize(), bandwidth });
         vec![
             rect(Vec3::Z * s, Vec3::NEG_X * s, Vec3::Y * 0.5 * s),
             sphere(Vec3::new(0.4, 0.0, 1.0) * s, 0.7 * s),
@@ -227,14 +279,24 @@ fn scale_does_not_matter() {
                 center: Vec3::new(2.0, 0.5, 1.0) * s,
                 axes: [Vec3::X * s, Vec3::Y * s, Vec3::Z * s],
             })),
-            Shape::Window(Window { center: Vec3::Z * s, x: Vec3::NEG_X * s, y: Vec3::Y * 0.5 * s, lobes }),
+            Shape::Window(Window {
+                center: Vec3::Z * s,
+                x: Vec3::NEG_X * s,
+                y: Vec3::Y * 0.5 * s,
+                lobes,
+            }),
         ]
     };
-    for (meter, scaled) in
-        [2f32.powi(-40), 2f32.powi(40)].into_iter().flat_map(|s| shapes(1.0).into_iter().zip(shapes(s)))
+    for (meter, scaled) in [2f32.powi(-40), 2f32.powi(40)]
+        .into_iter()
+        .flat_map(|s| shapes(1.0).into_iter().zip(shapes(s)))
     {
         for lobe in 0..meter.lobes() {
-            near(check(&scaled, lobe, Vec3::ZERO, normal), check(&meter, lobe, Vec3::ZERO, normal), 1e-6);
+            near(
+                check(&scaled, lobe, Vec3::ZERO, normal),
+                check(&meter, lobe, Vec3::ZERO, normal),
+                1e-6,
+            );
         }
     }
 }

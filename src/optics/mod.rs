@@ -17,19 +17,21 @@ mod transport;
 
 pub use daylight::{Daylight, Heading, WindowModel, black_body, fit_window_model};
 pub use emitter::{
-    BoxLamp, Emitter, EmitterSampler, Gradient, LOBES, Lamp, LightKind, LightSample, MeshLamp, PhotometricLamp,
-    PhotometricWeb, PhotometricWebTable, Radiance, RectLamp, Shape, Silhouette, SphereLamp, Strategy, Surfel, Window,
+    BoxLamp, Emitter, EmitterSampler, Gradient, LOBES, Lamp, LightKind, LightSample, MeshLamp,
+    PhotometricLamp, PhotometricWeb, PhotometricWebTable, Radiance, RectLamp, Shape, Silhouette,
+    SphereLamp, Strategy, Surfel, Window,
 };
 pub use nnls::nnls;
 pub use reflection::{
-    Around, Ggx, Mirror, NO_ROW, RayEnd, ReflectedHit, ReflectingPoints, ReflectionScene, Reflections, SeenSurface,
-    ShadingPoint, SpecularChange, SpecularPart, object_shading_point, places, reflections,
+    Around, Ggx, Mirror, NO_ROW, RayEnd, ReflectedHit, ReflectingPoints, ReflectionScene,
+    Reflections, SeenSurface, ShadingPoint, SpecularChange, SpecularPart, object_shading_point,
+    places, reflections,
 };
 pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{
-    BATCHES, Bounces, DirectEstimate, INTERVAL, LightMaps, LightTransport, Lighting, LocalLobe, PHIS, Probed, Sampling,
-    ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving, direct, estimate, indirect, indirect_at_receivers,
-    local_frame, shadow, stream, trace_bounces,
+    BATCHES, Bounces, DirectEstimate, INTERVAL, LightMaps, LightTransport, Lighting, LocalLobe,
+    PHIS, Probed, Sampling, ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving, direct,
+    estimate, indirect, indirect_at_receivers, local_frame, shadow, stream, trace_bounces,
 };
 
 use crate::tuning::Table;

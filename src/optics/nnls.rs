@@ -52,7 +52,8 @@ pub fn nnls_from(gram: &[f64], b: &[f64], start: &[f64]) -> Vec<f64> {
     let gram: Vec<f64> = (0..n * n).map(|at| gram[at] * shrink[at / n] * shrink[at % n]).collect();
     let b: Vec<f64> = b.iter().zip(&shrink).map(|(b, s)| b * s).collect();
     let tolerance = TUNING.tolerance * b.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    let mut x: Vec<f64> = (0..n).map(|i| if shrink[i] > 0.0 { start[i] / shrink[i] } else { 0.0 }).collect();
+    let mut x: Vec<f64> =
+        (0..n).map(|i| if shrink[i] > 0.0 { start[i] / shrink[i] } else { 0.0 }).collect();
     let mut free: Vec<bool> = x.iter().map(|&x| x > 0.0).collect();
     match free.contains(&true).then(|| solve_free(&gram, &b, &free)) {
         Some(Some(z)) => retreat(&gram, &b, &mut free, &mut x, z),
@@ -70,7 +71,12 @@ pub fn nnls_from(gram: &[f64], b: &[f64], start: &[f64]) -> Vec<f64> {
             .filter(|&i| !free[i] && !barred[i])
             .map(|i| (i, gradient(i)))
             .filter(|&(_, g)| g > tolerance)
-            .fold(None, |best: Option<(usize, f64)>, c| if best.is_none_or(|b| c.1 > b.1) { Some(c) } else { best });
+            .fold(
+                None,
+                |best: Option<(usize, f64)>, c| {
+                    if best.is_none_or(|b| c.1 > b.1) { Some(c) } else { best }
+                },
+            );
         let Some((entering, _)) = entering else { break };
         free[entering] = true;
         match solve_free(&gram, &b, &free) {
@@ -149,7 +155,10 @@ mod tests {
 
     fn gram_of(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let gram = columns.iter().flat_map(|a| columns.iter().map(|b| dot(a, b)).collect::<Vec<_>>()).collect();
+        let gram = columns
+            .iter()
+            .flat_map(|a| columns.iter().map(|b| dot(a, b)).collect::<Vec<_>>())
+            .collect();
         (gram, columns.iter().map(|a| dot(a, y)).collect())
     }
 
@@ -193,8 +202,10 @@ mod tests {
     #[test]
     fn normal_equations_lose_less_than_the_layers_rounding() {
         for d in [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6] {
-            let column =
-                |at: f64| (0..500).map(move |p| f64::from((1.0 / (0.3 + (p as f64 / 500.0 - at).powi(2))) as f32));
+            let column = |at: f64| {
+                (0..500)
+                    .map(move |p| f64::from((1.0 / (0.3 + (p as f64 / 500.0 - at).powi(2))) as f32))
+            };
             let columns: Vec<Vec<f64>> = vec![column(0.0).collect(), column(d).collect()];
             let y: Vec<f64> = (0..500).map(|p| 0.3 * columns[0][p] + 0.2 * columns[1][p]).collect();
             let (gram, b) = gram_of(&columns, &y);

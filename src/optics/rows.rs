@@ -7,7 +7,8 @@ pub type Rows = Vec<Vec<f64>>;
 /// residual.
 fn triangle(rows: &Rows, free: &[usize]) -> Rows {
     let right = rows[0].len() - 1;
-    let mut a: Rows = rows.iter().map(|row| free.iter().chain([&right]).map(|&j| row[j]).collect()).collect();
+    let mut a: Rows =
+        rows.iter().map(|row| free.iter().chain([&right]).map(|&j| row[j]).collect()).collect();
     for j in 0..free.len().min(a.len()) {
         let mut v: Vec<f64> = a[j..].iter().map(|row| row[j]).collect();
         v[0] += v.iter().map(|x| x * x).sum::<f64>().sqrt().copysign(v[0]);
@@ -43,9 +44,17 @@ pub fn enumerated(rows: &Rows) -> Vec<f64> {
         return free;
     }
     let misfit = |x: &[f64]| -> f64 {
-        small.iter().map(|row| (row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>() - row[k]).powi(2)).sum()
+        small
+            .iter()
+            .map(|row| (row.iter().zip(x).map(|(a, x)| a * x).sum::<f64>() - row[k]).powi(2))
+            .sum()
     };
-    let sets = (0..1usize << k).map(|set| all.iter().copied().filter(|j| set >> j & 1 == 1).collect::<Vec<_>>());
-    let tried = sets.map(|free| least_squares(&small, &free)).filter(|x| x.iter().all(|v| *v >= 0.0));
-    tried.map(|x| (misfit(&x), x)).fold((f64::INFINITY, vec![]), |a, b| if b.0 < a.0 { b } else { a }).1
+    let sets = (0..1usize << k)
+        .map(|set| all.iter().copied().filter(|j| set >> j & 1 == 1).collect::<Vec<_>>());
+    let tried =
+        sets.map(|free| least_squares(&small, &free)).filter(|x| x.iter().all(|v| *v >= 0.0));
+    tried
+        .map(|x| (misfit(&x), x))
+        .fold((f64::INFINITY, vec![]), |a, b| if b.0 < a.0 { b } else { a })
+        .1
 }

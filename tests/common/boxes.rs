@@ -32,7 +32,8 @@ impl Boxes {
         let [low, high] = self.room;
         let far = Vec3::select(ray.cmplt(Vec3::ZERO), low, high);
         let leave = (far - origin) / ray;
-        let axis = (0..3).min_by(|&a, &b| leave[a].total_cmp(&leave[b])).expect("there are three axes");
+        let axis =
+            (0..3).min_by(|&a, &b| leave[a].total_cmp(&leave[b])).expect("there are three axes");
         let wall = hit(leave[axis], axis, ray, ray[axis] > 0.0);
         let block = |(i, [low, high]): (usize, &[Vec3; 2])| {
             let (a, b) = ((*low - origin) / ray, (*high - origin) / ray);
@@ -40,7 +41,8 @@ impl Boxes {
             let t = enter.max_element();
             let axis = (0..3).find(|&k| enter[k] == t)?;
             let met = hit(t, axis, ray, ray[axis] < 0.0);
-            (t > 0.0 && t < leave.min_element()).then_some(Hit { side: met.side + 6 * (i as u32 + 1), ..met })
+            (t > 0.0 && t < leave.min_element())
+                .then_some(Hit { side: met.side + 6 * (i as u32 + 1), ..met })
         };
         let blocks = self.blocks.iter().enumerate().filter_map(block);
         blocks.fold(wall, |nearest, met| if met.t < nearest.t { met } else { nearest })
@@ -48,5 +50,9 @@ impl Boxes {
 }
 
 fn hit(t: f32, axis: usize, ray: Vec3, high: bool) -> Hit {
-    Hit { t, normal: -Vec3::AXES[axis] * ray[axis].signum(), side: axis as u32 + if high { 3 } else { 0 } }
+    Hit {
+        t,
+        normal: -Vec3::AXES[axis] * ray[axis].signum(),
+        side: axis as u32 + if high { 3 } else { 0 },
+    }
 }

@@ -14,8 +14,13 @@ pub fn npy(size: (usize, usize), value: impl Fn(usize, usize) -> f32) -> Vec<u8>
 }
 
 /// A NumPy file of shape (height, width) whose numbers of this kind have these bytes.
-pub fn npy_of(kind: &str, (width, height): (usize, usize), value: impl Fn(usize, usize) -> Vec<u8>) -> Vec<u8> {
-    let mut header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({height}, {width}), }}");
+pub fn npy_of(
+    kind: &str,
+    (width, height): (usize, usize),
+    value: impl Fn(usize, usize) -> Vec<u8>,
+) -> Vec<u8> {
+    let mut header =
+        format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({height}, {width}), }}");
     header.push_str(&" ".repeat(128 - 10 - 1 - header.len()));
     header.push('\n');
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();

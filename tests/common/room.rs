@@ -28,18 +28,35 @@ pub struct Room {
 impl Room {
     /// `depth` returns planar z in meters at a pixel.
     pub fn new(camera: Camera, depth: impl Fn(usize, usize) -> f32) -> Room {
-        Room::with_lights(camera, Depth(Plane::from_fn(camera.width, camera.height, depth)), Vec::new())
+        Room::with_lights(
+            camera,
+            Depth(Plane::from_fn(camera.width, camera.height, depth)),
+            Vec::new(),
+        )
     }
 
     /// Panes of windows among the `masks` become no triangles.
-    pub fn with_lights(camera: Camera, depth: Depth, masks: Vec<(String, LightKind, Mask)>) -> Room {
+    pub fn with_lights(
+        camera: Camera,
+        depth: Depth,
+        masks: Vec<(String, LightKind, Mask)>,
+    ) -> Room {
         let (camera, depth) = (Arc::new(camera), Arc::new(depth));
-        let kinds = Gather(masks.iter().map(|(id, kind, _)| (id.clone(), Arc::new(*kind))).collect());
+        let kinds =
+            Gather(masks.iter().map(|(id, kind, _)| (id.clone(), Arc::new(*kind))).collect());
         let masks = Gather(masks.into_iter().map(|(id, _, mask)| (id, Arc::new(mask))).collect());
-        let inputs = MeshIn { depth: depth.clone(), camera: camera.clone(), ignore: None, masks, kinds };
+        let inputs =
+            MeshIn { depth: depth.clone(), camera: camera.clone(), ignore: None, masks, kinds };
         let seen = Mesh::default().run(inputs, &Context::default()).expect("the room is sound");
-        let inputs = TransportIn { mesh: seen.mesh.clone(), points: seen.points.clone(), normal: seen.normal.clone() };
-        let transport = Transport::default().run(inputs, &Context::default()).expect("the room is sound").transport;
+        let inputs = TransportIn {
+            mesh: seen.mesh.clone(),
+            points: seen.points.clone(),
+            normal: seen.normal.clone(),
+        };
+        let transport = Transport::default()
+            .run(inputs, &Context::default())
+            .expect("the room is sound")
+            .transport;
         Room { camera, depth, points: seen.points, normal: seen.normal, mesh: seen.mesh, transport }
     }
 
@@ -55,8 +72,9 @@ impl Room {
     /// five sixths of the height.
     pub fn square_before_wall(camera: Camera) -> Room {
         let Camera { width, height, .. } = camera;
-        let square =
-            |x: usize, y: usize| (width / 4..3 * width / 4).contains(&x) && (height / 6..5 * height / 6).contains(&y);
+        let square = |x: usize, y: usize| {
+            (width / 4..3 * width / 4).contains(&x) && (height / 6..5 * height / 6).contains(&y)
+        };
         Room::new(camera, |x, y| if square(x, y) { 2.0 } else { 4.0 })
     }
 
@@ -66,7 +84,11 @@ impl Room {
     }
 
     pub fn direct_in(&self, shape: &Shape) -> DirectIn {
-        DirectIn { points: self.points.clone(), normal: self.normal.clone(), shape: Arc::new(shape.clone()) }
+        DirectIn {
+            points: self.points.clone(),
+            normal: self.normal.clone(),
+            shape: Arc::new(shape.clone()),
+        }
     }
 
     pub fn shadow_in(&self, shape: &Shape, mask: Option<Arc<Mask>>) -> ShadowIn {

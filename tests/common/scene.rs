@@ -34,10 +34,12 @@ impl Light {
         (room, albedo, shadow): (&Room, &Arc<Albedo>, &Shadow),
     ) -> Light {
         let ctx = Context::default();
-        let direct = Direct::default().run(room.direct_in(&shape), &ctx).expect("the light is sound").direct;
+        let direct =
+            Direct::default().run(room.direct_in(&shape), &ctx).expect("the light is sound").direct;
         let visibility = shadow.run(room.shadow_in(&shape, mask.clone()), &ctx);
         let visibility = visibility.expect("the light is sound").visibility;
-        let indirect = TraceIndirect::default().run(room.indirect_in(albedo, &direct, &visibility), &ctx);
+        let indirect =
+            TraceIndirect::default().run(room.indirect_in(albedo, &direct, &visibility), &ctx);
         let indirect = indirect.expect("the light is sound").indirect;
         let (shape, radiance) = (Arc::new(shape), Arc::new(Radiance(radiance)));
         Light { id, shape, radiance, mask, direct, visibility, indirect }
@@ -51,7 +53,8 @@ impl Light {
     /// Shading at pixel `i` by these radiances: the sum over lobes of w (direct x lit + indirect).
     pub fn shading_by(&self, radiance: &[Vec3], i: usize) -> Vec3 {
         let lobe = |(lobe, w): (usize, &Vec3)| {
-            let direct = self.direct.lobes[lobe].pixels()[i] * self.visibility.lit[lobe].pixels()[i];
+            let direct =
+                self.direct.lobes[lobe].pixels()[i] * self.visibility.lit[lobe].pixels()[i];
             *w * (Vec3::splat(direct) + self.indirect.lobes[lobe].0.pixels()[i])
         };
         radiance.iter().enumerate().map(lobe).sum()
@@ -87,9 +90,17 @@ impl Plan {
             room: [Vec3::new(-2.0, -1.2, -4.0), Vec3::new(2.0, 1.3, 9.0)],
             blocks: vec![[Vec3::new(0.2, -1.2, -3.2), Vec3::new(0.8, -0.5, -2.6)]],
         };
-        let paint = |side: u32, _: Vec3| Vec3::new(0.5, 0.35, 0.25).lerp(Vec3::splat(0.7), side as f32 / 11.0);
+        let paint = |side: u32, _: Vec3| {
+            Vec3::new(0.5, 0.35, 0.25).lerp(Vec3::splat(0.7), side as f32 / 11.0)
+        };
         let shadow = Shadow { samples: 64, half: false, ..Shadow::default() };
-        Plan { camera: Camera::from_fov_x(width, height, 75.0), boxes, paint, sees_lights: true, shadow }
+        Plan {
+            camera: Camera::from_fov_x(width, height, 75.0),
+            boxes,
+            paint,
+            sees_lights: true,
+            shadow,
+        }
     }
 
     /// Planar distance to a light at a pixel, where the camera sees it.
@@ -132,11 +143,14 @@ impl Scene {
     pub fn of(plan: Plan, lights: Vec<(&'static str, Shape, Vec<Vec3>)>) -> Scene {
         let Camera { width, height, .. } = plan.camera;
         let hit = |x, y| plan.boxes.cast(Vec3::ZERO, plan.camera.pixel_point(x, y, 1.0));
-        let balls = || lights.iter().filter(|(_, shape, _)| matches!(shape, Shape::Lamp(Lamp::Sphere(_))));
+        let balls =
+            || lights.iter().filter(|(_, shape, _)| matches!(shape, Shape::Lamp(Lamp::Sphere(_))));
         let depth = Plane::from_fn(width, height, |x, y| {
             balls().filter_map(|(_, shape, _)| plan.met(shape, x, y)).fold(hit(x, y).t, f32::min)
         });
-        let masks = lights.iter().filter_map(|(id, shape, _)| Some((id.to_string(), kind(shape), plan.mask(shape)?)));
+        let masks = lights
+            .iter()
+            .filter_map(|(id, shape, _)| Some((id.to_string(), kind(shape), plan.mask(shape)?)));
         let room = Room::with_lights(plan.camera, Depth(depth), masks.collect());
         let albedo = Plane::from_fn(width, height, |x, y| {
             let hit = hit(x, y);
@@ -148,8 +162,10 @@ impl Scene {
             Light::new(light, mask, (&room, &albedo, &plan.shadow))
         };
         let lights = lights.into_iter().map(light).collect();
-        let segments =
-            Segments { label: Plane::from_fn(width, height, |x, y| hit(x, y).side), count: plan.boxes.sides() };
+        let segments = Segments {
+            label: Plane::from_fn(width, height, |x, y| hit(x, y).side),
+            count: plan.boxes.sides(),
+        };
         Scene { room, albedo, segments: Arc::new(segments), lights, boxes: plan.boxes }
     }
 
@@ -160,7 +176,10 @@ impl Scene {
 
     /// Pixels of the visible lights.
     pub fn masks(&self) -> Gather<Mask> {
-        let visible = self.lights.iter().filter_map(|light| Some((light.id.to_string(), light.mask.clone()?)));
+        let visible = self
+            .lights
+            .iter()
+            .filter_map(|light| Some((light.id.to_string(), light.mask.clone()?)));
         Gather(visible.collect())
     }
 
@@ -189,7 +208,8 @@ impl Scene {
     pub fn photo(&self) -> Picture {
         let (w, h) = self.size();
         let pixel = |i: usize| {
-            let own = |light: &&Light| light.mask.as_ref().is_some_and(|mask| mask.0.pixels()[i] > 0.0);
+            let own =
+                |light: &&Light| light.mask.as_ref().is_some_and(|mask| mask.0.pixels()[i] > 0.0);
             let ray = self.camera.pixel_point(i % w, i / w, 1.0).normalize();
             match self.lights.iter().find(own).map(|light| (&*light.shape, &light.radiance.0)) {
                 Some((Shape::Window(window), radiance)) => window.emitted(radiance, ray),

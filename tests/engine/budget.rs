@@ -19,7 +19,12 @@ const GRAPH: &str = r#"nodes: {
 
 fn hurried(folder: &std::path::Path, budget: Duration) -> Engine {
     let cache = Some(cache(folder, b"own"));
-    engine(EngineOptions { cache, threads: Some(2), budget: Some(budget), ..EngineOptions::default() })
+    engine(EngineOptions {
+        cache,
+        threads: Some(2),
+        budget: Some(budget),
+        ..EngineOptions::default()
+    })
 }
 
 fn warnings(report: &RunReport) -> Vec<&str> {
@@ -41,7 +46,11 @@ fn a_result_cut_short_serves_its_run_and_is_not_kept() {
     // digest.
     let again = run(&hurry, &graph);
     assert_eq!((value(&again, "result"), ran(&again)), (2, vec!["asked"]));
-    assert_eq!(hurry.explain(&graph, "asked").unwrap().why, "new", "nothing remembers the short result");
+    assert_eq!(
+        hurry.explain(&graph, "asked").unwrap().why,
+        "new",
+        "nothing remembers the short result"
+    );
     let patient = on_disk(folder.path());
     let whole = run(&patient, &graph);
     assert_eq!((value(&whole, "result"), warnings(&whole).len()), (7, 0));

@@ -25,7 +25,10 @@ fn without_its_condition_a_node_and_all_that_only_it_needs_stay_out() {
     assert_eq!((ran(&report), value(&report, "end")), (vec!["n", "sign", "end"], 995));
     assert!(report.is_complete() && report.nodes.len() == 3, "what is skipped is not reported");
     let report = run(&engine, &conditional(5));
-    assert_eq!((ran(&report), value(&report, "end")), (vec!["n", "sign", "costly", "c", "next", "end"], 5 + 31));
+    assert_eq!(
+        (ran(&report), value(&report, "end")),
+        (vec!["n", "sign", "costly", "c", "next", "end"], 5 + 31)
+    );
     // Both are known now, each with its own nodes.
     for (n, hits) in [(-5, 3), (5, 6)] {
         let report = run(&engine, &conditional(n));
@@ -69,8 +72,12 @@ fn members_have_conditions_of_their_own_and_a_gather_takes_those_that_are_there(
     let Some(PortValue::Many(all)) = report.output("after") else { panic!("no members") };
     assert_eq!(all.iter().map(|(member, _)| member.as_str()).collect::<Vec<_>>(), ["a", "c"]);
     assert!(report.output("none").is_none());
-    let names: Vec<_> =
-        report.nodes.iter().map(|node| node.name.as_str()).filter(|name| name.contains("[b]")).collect();
+    let names: Vec<_> = report
+        .nodes
+        .iter()
+        .map(|node| node.name.as_str())
+        .filter(|name| name.contains("[b]"))
+        .collect();
     assert_eq!(names, ["sign[b]"]);
 }
 
@@ -104,7 +111,9 @@ fn plan_and_explain_tell_what_a_condition_decides() {
         let answer = engine.explain(&conditional(n), node).unwrap();
         (answer.status, answer.why)
     };
-    let unknown = |node: &str, on: &str| (node.to_owned(), Planned::Unknown, format!("depends on the result of {on}"));
+    let unknown = |node: &str, on: &str| {
+        (node.to_owned(), Planned::Unknown, format!("depends on the result of {on}"))
+    };
     let run_of = |node: &str, why: &str| (node.to_owned(), Planned::Run, why.to_owned());
     let new = [
         run_of("n", "new"),
@@ -138,7 +147,8 @@ fn a_watcher_is_told_of_nodes_as_they_turn_out_to_be_needed() {
     }
     for (n, wanted) in [(-5, &[3][..]), (5, &[3, 2, 1])] {
         let (graph, counts) = (conditional(n), Counts::default());
-        let report = in_memory().run(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &counts);
+        let report =
+            in_memory().run(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &counts);
         let counts = counts.0.into_inner().unwrap();
         assert_eq!((counts.as_slice(), counts.iter().sum::<usize>()), (wanted, report.nodes.len()));
     }
@@ -161,7 +171,11 @@ fn conditions_are_checked_before_any_work() {
     check("sing.positive", "", "there is no node `sing`");
     check("sign.negative", "", "node `sign` (Sign) has no output `negative`");
     check("sign", "", "node `sign` (Sign) has 2 outputs");
-    check("sign.number", "", "input `when` of node `c` (Add) wanted Flag, got Number from `sign.number`");
+    check(
+        "sign.number",
+        "",
+        "input `when` of node `c` (Add) wanted Flag, got Number from `sign.number`",
+    );
     check("each.positive", "", "wanted one Flag, got one per member of `few`");
     check("each.positive", "each: \"all\",", "wanted one for member `a`, `each` has none");
     let looped = r#"Graph(version: 1, nodes: {
@@ -169,5 +183,9 @@ fn conditions_are_checked_before_any_work() {
         "c": (op: Add, when: "sign.positive", in: { "number": "n" }),
     }, outputs: ["c"])"#;
     let faults = try_graph(looped, &Overlay::default()).err().unwrap_or_default();
-    assert!(list(&faults).contains("these nodes form a cycle: sign -> c -> sign"), "{}", list(&faults));
+    assert!(
+        list(&faults).contains("these nodes form a cycle: sign -> c -> sign"),
+        "{}",
+        list(&faults)
+    );
 }

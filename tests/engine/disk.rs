@@ -18,7 +18,9 @@ const GRAPH: &str = r#"nodes: {
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for shelf in std::fs::read_dir(folder.join("entries")).into_iter().flatten() {
-        files.extend(std::fs::read_dir(shelf.unwrap().path()).unwrap().map(|file| file.unwrap().path()));
+        files.extend(
+            std::fs::read_dir(shelf.unwrap().path()).unwrap().map(|file| file.unwrap().path()),
+        );
     }
     files.sort();
     files
@@ -36,11 +38,17 @@ fn a_new_process_finds_everything() {
     let (folder, graph, end) = filled(GRAPH);
     let report = run(&on_disk(folder.path()), &graph);
     assert_eq!((ran(&report), value(&report, "end")), (vec![], end));
-    assert_eq!(report.nodes.iter().find(|n| n.name == "x").unwrap().warnings, ["this is only a test"]);
+    assert_eq!(
+        report.nodes.iter().find(|n| n.name == "x").unwrap().warnings,
+        ["this is only a test"]
+    );
     // The last keys are known too: a change is explained.
     let changed = graph_with(GRAPH, &settings(&["n.value=43"]));
     let report = run(&on_disk(folder.path()), &changed);
-    assert_eq!((ran(&report), why(&report, "n")), (vec!["n", "p", "x", "end", "text"], "parameter value: 42 -> 43"));
+    assert_eq!(
+        (ran(&report), why(&report, "n")),
+        (vec!["n", "p", "x", "end", "text"], "parameter value: 42 -> 43")
+    );
     assert_eq!(why(&report, "x"), "input number changed");
     let stat = disk_cache(folder.path()).stat().unwrap();
     assert_eq!((stat.entries, stat.damaged), (7 + 5, 0));
@@ -64,11 +72,20 @@ fn every_flipped_byte_and_every_cut_is_found_and_made_good() {
             let engine = on_disk(folder.path());
             // Nothing of the inner nodes is needed as long as the ends are there, so make all of
             // them be read.
-            let report = engine.verify(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &());
+            let report =
+                engine.verify(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &());
             assert_eq!(value(&report.run, "end"), end, "{} byte {at}", file.display());
             assert!(report.differences.is_empty());
-            let warned = report.run.nodes.iter().any(|n| n.warnings.iter().any(|w| w.contains("was damaged")));
-            let reason = report.run.nodes.iter().any(|n| n.why.as_deref() == Some("its stored result was damaged"));
+            let warned = report
+                .run
+                .nodes
+                .iter()
+                .any(|n| n.warnings.iter().any(|w| w.contains("was damaged")));
+            let reason = report
+                .run
+                .nodes
+                .iter()
+                .any(|n| n.why.as_deref() == Some("its stored result was damaged"));
             damaged += usize::from(warned && reason);
             assert_eq!(std::fs::read(&file).unwrap(), good, "the entry is whole again");
         }
@@ -143,7 +160,8 @@ fn the_bound_on_the_disk_holds_and_the_longest_unused_go_first() {
         threads: Some(1),
         ..EngineOptions::default()
     };
-    let one = |n: i64| graph(&format!(r#"nodes: {{ "c": (op: Const(value: {n})) }}, outputs: ["c"]"#));
+    let one =
+        |n: i64| graph(&format!(r#"nodes: {{ "c": (op: Const(value: {n})) }}, outputs: ["c"]"#));
     let engine = engine(options());
     for n in 0..60 {
         assert_eq!(value(&run(&engine, &one(n)), "c"), n);
@@ -156,7 +174,9 @@ fn the_bound_on_the_disk_holds_and_the_longest_unused_go_first() {
     assert_eq!(ran(&run(&engine, &one(1))), ["c"]);
     let cache = disk_cache(folder.path());
     let report = cache.gc(1000).unwrap();
-    assert!(report.removed > 0 && report.bytes <= 1000 && report.bytes == cache.stat().unwrap().bytes);
+    assert!(
+        report.removed > 0 && report.bytes <= 1000 && report.bytes == cache.stat().unwrap().bytes
+    );
 }
 
 #[test]
@@ -168,7 +188,8 @@ fn what_a_dead_writer_left_is_swept_and_what_a_live_one_writes_is_not() {
         file.set_modified(std::time::SystemTime::now() - Duration::from_secs(age)).unwrap();
         (path, file)
     };
-    let (dead, live, young) = (left("new-dead00", 100), left("new-live00", 100), left("new-young0", 0));
+    let (dead, live, young) =
+        (left("new-dead00", 100), left("new-live00", 100), left("new-young0", 0));
     live.1.lock().unwrap();
     run(&on_disk(folder.path()), &graph_with(GRAPH, &settings(&["n.value=7"])));
     assert!(!dead.0.exists() && live.0.exists() && young.0.exists());
@@ -244,7 +265,9 @@ fn a_killed_run_leaves_the_cache_sound() {
             std::thread::sleep(Duration::from_millis(1));
         }
         // Half-random moments: the multiples of an irrational part of 30 ms.
-        std::thread::sleep(Duration::from_micros(((f64::from(kill) * 0.618_034).fract() * 30_000.0) as u64));
+        std::thread::sleep(Duration::from_micros(
+            ((f64::from(kill) * 0.618_034).fract() * 30_000.0) as u64,
+        ));
         if kill % 4 == 0 {
             // Two processes at once: the child writes and deletes entries that this one reads.
             assert_eq!(value(&run(&on_disk(folder.path()), &graph), "n40"), end);
@@ -255,7 +278,10 @@ fn a_killed_run_leaves_the_cache_sound() {
         let report = run(&on_disk(folder.path()), &graph);
         assert_eq!(value(&report, "n40"), end, "after kill {kill}");
         let damaged: Vec<_> = report.nodes.iter().filter(|n| !n.warnings.is_empty()).collect();
-        assert!(damaged.is_empty() && report.warnings.is_empty(), "a kill never leaves half an entry: {damaged:?}");
+        assert!(
+            damaged.is_empty() && report.warnings.is_empty(),
+            "a kill never leaves half an entry: {damaged:?}"
+        );
         let _ = disk_cache(folder.path()).gc(3000);
     }
     assert_eq!(disk_cache(folder.path()).verify().unwrap().damaged, 0);

@@ -26,19 +26,24 @@ fn show(fault: &Diagnostic) -> String {
 }
 
 fn faults(source: std::sync::Arc<Source>) -> Vec<Diagnostic> {
-    let found = GraphFile::parse(source).and_then(|file| file.resolve(&registry(), &Overlay::default()));
+    let found =
+        GraphFile::parse(source).and_then(|file| file.resolve(&registry(), &Overlay::default()));
     found.err().unwrap_or_default()
 }
 
 #[test]
 fn every_bad_graph_gives_all_its_faults_at_their_places() {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(corpus()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut files: Vec<PathBuf> =
+        std::fs::read_dir(corpus()).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
     let mut wrong = String::new();
     for path in &files {
         let text = std::fs::read_to_string(path).unwrap();
         let (body, wanted) = text.split_once("// WANT\n").unwrap_or((&text, ""));
-        let got: String = faults(Source::new(path, body)).iter().map(|fault| format!("// {}\n", show(fault))).collect();
+        let got: String = faults(Source::new(path, body))
+            .iter()
+            .map(|fault| format!("// {}\n", show(fault)))
+            .collect();
         assert!(!got.is_empty(), "{}: no fault was found", path.display());
         if got != wanted {
             wrong += &format!("{}: got\n{got}", path.display());
@@ -53,17 +58,27 @@ fn a_hundred_thousand_brackets_are_one_fault() {
     for bracket in ["(", "[", "{", "{\"a\":", "Graph(nodes:{"] {
         let found = faults(Source::new("deep.ron", bracket.repeat(100_000)));
         assert_eq!(found.len(), 1, "{bracket}");
-        assert!(found[0].message.starts_with("wanted at most 64 levels of brackets"), "{}", found[0]);
+        assert!(
+            found[0].message.starts_with("wanted at most 64 levels of brackets"),
+            "{}",
+            found[0]
+        );
     }
 }
 
 #[test]
 fn a_file_that_is_broken_everywhere_is_told_some_of_it_soon() {
     let entry = "\"a\": (op: Const(value: NaN)), ";
-    let found = faults(Source::new("broken.ron", format!("Graph(version: 1, nodes: {{ {} }})", entry.repeat(100_000))));
+    let found = faults(Source::new(
+        "broken.ron",
+        format!("Graph(version: 1, nodes: {{ {} }})", entry.repeat(100_000)),
+    ));
     assert!((20..=60).contains(&found.len()), "{}", found.len());
     let many: String = (0..200_000).map(|i| format!("\"n{i}\": (op: Konst), ")).collect();
-    let found = faults(Source::new("many.ron", format!("Graph(version: 1, nodes: {{ {many} }}, outputs: [])")));
+    let found = faults(Source::new(
+        "many.ron",
+        format!("Graph(version: 1, nodes: {{ {many} }}, outputs: [])"),
+    ));
     assert_eq!(found[0].message, "wanted at most 10000 nodes, got 200000");
 }
 
@@ -74,31 +89,58 @@ fn two_hundred_thousand_mistakes_are_counted() {
     const MANY: usize = 200_000;
     let all = |one: &dyn Fn(usize) -> String| (0..MANY).map(|i| one(i) + ", ").collect::<String>();
     let nodes = "nodes: { \"c\": (op: Const), \"d\": (op: Const)";
-    let sum = |ends: &str| format!("{nodes}, \"s\": (op: Sum, in: {{ \"numbers\": [{ends}] }}) }}, outputs: [\"s\"]");
+    let sum = |ends: &str| {
+        format!("{nodes}, \"s\": (op: Sum, in: {{ \"numbers\": [{ends}] }}) }}, outputs: [\"s\"]")
+    };
     for (body, first) in [
         (all(&|i| format!("field_{i}: 1")) + nodes + " }", "unknown field `field_0`"),
-        (format!("{nodes}, \"a\": (op: Const, {}) }}", all(&|i| format!("f_{i}: 1"))), "unknown field `f_0`"),
-        (format!("{nodes}, \"a\": (op: Const({})) }}", all(&|i| format!("p_{i}: 1"))), "Const has no parameter `p_0`"),
-        (format!("{nodes}, \"a\": (op: Const({})) }}", all(&|_| "value: 1".into())), "`value` is given twice"),
+        (
+            format!("{nodes}, \"a\": (op: Const, {}) }}", all(&|i| format!("f_{i}: 1"))),
+            "unknown field `f_0`",
+        ),
+        (
+            format!("{nodes}, \"a\": (op: Const({})) }}", all(&|i| format!("p_{i}: 1"))),
+            "Const has no parameter `p_0`",
+        ),
+        (
+            format!("{nodes}, \"a\": (op: Const({})) }}", all(&|_| "value: 1".into())),
+            "`value` is given twice",
+        ),
         (sum(&all(&|i| format!("\"node_{i}\""))), "there is no node `node_0`"),
         (sum(&all(&|i| format!("\"c.p_{i}\""))), "node `c` (Const) has no output `p_0`"),
         (sum(&all(&|_| "7".into())), "wanted a name in quotes, got `7`"),
         (sum(&",".repeat(MANY)), "wanted a value, got a comma"),
-        (format!("{nodes} }}, outputs: [{}]", all(&|i| format!("\"o_{i}\""))), "there is no node `o_0`"),
-        (format!("{nodes} }}, sets: {{ {} }}", all(&|i| format!("\"{i}\": []"))), "wanted a set name of"),
-        (format!("{nodes} }}, sets: {{ \"s\": [{}] }}", all(&|i| format!("\"{i}\""))), "wanted a member name of"),
+        (
+            format!("{nodes} }}, outputs: [{}]", all(&|i| format!("\"o_{i}\""))),
+            "there is no node `o_0`",
+        ),
+        (
+            format!("{nodes} }}, sets: {{ {} }}", all(&|i| format!("\"{i}\": []"))),
+            "wanted a set name of",
+        ),
+        (
+            format!("{nodes} }}, sets: {{ \"s\": [{}] }}", all(&|i| format!("\"{i}\""))),
+            "wanted a member name of",
+        ),
     ] {
         let found = faults(Source::new("many.ron", format!("Graph(version: 1, {body})")));
         assert!(found[0].message.starts_with(first), "wanted {first}, got {}", found[0]);
         assert_eq!(found.len(), 51, "{first}");
-        let last = found[50].message.strip_prefix("and up to ").and_then(|text| text.strip_suffix(" more errors"));
-        let more: usize = last.and_then(|count| count.parse().ok()).unwrap_or_else(|| panic!("{}", found[50]));
+        let last = found[50]
+            .message
+            .strip_prefix("and up to ")
+            .and_then(|text| text.strip_suffix(" more errors"));
+        let more: usize =
+            last.and_then(|count| count.parse().ok()).unwrap_or_else(|| panic!("{}", found[50]));
         assert!((MANY - 51..=MANY).contains(&more), "{first}: {more}");
     }
     let found = faults(Source::new("deep.ron", "(".repeat(10 * MANY)));
     assert_eq!(found.len(), 1);
     // One key of two million colons, not two million keys that are longer and longer.
-    let found = faults(Source::new("many.ron", format!("Graph(version: 1, nodes: {{ {} }})", ":a".repeat(10 * MANY))));
+    let found = faults(Source::new(
+        "many.ron",
+        format!("Graph(version: 1, nodes: {{ {} }})", ":a".repeat(10 * MANY)),
+    ));
     assert_eq!(found.len(), 1);
     assert!(found[0].message.starts_with("wanted `{ \"name\": value, .. }`"), "{}", found[0]);
 }
@@ -106,20 +148,31 @@ fn two_hundred_thousand_mistakes_are_counted() {
 #[test]
 fn files_that_are_no_text_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let read = |name: &str| GraphFile::read(&folder.path().join(name)).err().unwrap()[0].message.clone();
+    let read =
+        |name: &str| GraphFile::read(&folder.path().join(name)).err().unwrap()[0].message.clone();
     std::fs::write(folder.path().join("latin1.ron"), b"Graph(\n// caf\xe9\n)").unwrap();
     assert_eq!(read("latin1.ron"), "wanted UTF-8 text, got another byte in line 2");
     assert!(read("missing.ron").starts_with("cannot be read"));
     assert_eq!(read("."), "cannot be read: wanted a regular file, got a folder");
     let huge = std::fs::File::create(folder.path().join("huge.ron")).unwrap();
     huge.set_len(1 << 40).unwrap();
-    assert_eq!(read("huge.ron"), format!("cannot be read: wanted at most 16777216 bytes, got {}", 1u64 << 40));
+    assert_eq!(
+        read("huge.ron"),
+        format!("cannot be read: wanted at most 16777216 bytes, got {}", 1u64 << 40)
+    );
 }
 
 #[test]
 fn settings_from_outside_have_faults_at_their_own_place() {
     let text = r#"Graph(version: 1, nodes: { "a": (op: Const), "m": (op: Mixed, in: { "a": "a", "b": "a" }) }, outputs: ["m"])"#;
-    let overlay = settings(&["a.valeu=1", "Konst.value=1", "aa.value=1", "a.value=true", "m.factor=1", "Busy.work=7"]);
+    let overlay = settings(&[
+        "a.valeu=1",
+        "Konst.value=1",
+        "aa.value=1",
+        "a.value=true",
+        "m.factor=1",
+        "Busy.work=7",
+    ]);
     let found = try_graph(text, &overlay).err().unwrap();
     let messages: Vec<String> = found.iter().map(|f| f.to_string()).collect();
     assert_eq!(
@@ -137,7 +190,10 @@ fn settings_from_outside_have_faults_at_their_own_place() {
 fn a_number_too_large_for_its_type_is_not_finite() {
     let text = r#"Graph(version: 1, nodes: { "a": (op: Const), "b": (op: Busy(scale: 1e39), in: { "number": "a" }) }, outputs: ["b"])"#;
     let found = try_graph(text, &Overlay::default()).err().unwrap();
-    assert_eq!(found[0].message, "parameter `scale` of Busy wanted f32 with finite numbers, got `1e39`");
+    assert_eq!(
+        found[0].message,
+        "parameter `scale` of Busy wanted f32 with finite numbers, got `1e39`"
+    );
 }
 
 #[derive(serde::Deserialize, Debug, PartialEq)]
@@ -156,9 +212,15 @@ fn raw_texts_are_split_with_their_places() {
     let names: Vec<&str> = fields.iter().map(|(key, _)| key.name.as_str()).collect();
     assert_eq!(names, ["lights", "list", "tuple"]);
     let lights = fields[0].1.as_map(&mut faults);
-    assert_eq!(lights.iter().map(|(key, _)| key.name.as_str()).collect::<Vec<_>>(), ["a", "b", "c"]);
+    assert_eq!(
+        lights.iter().map(|(key, _)| key.name.as_str()).collect::<Vec<_>>(),
+        ["a", "b", "c"]
+    );
     assert_eq!(lights[0].1.parse::<Light>().unwrap(), Light::Off);
-    assert_eq!(lights[1].1.parse::<Light>().unwrap(), Light::Lamp { at: (1.0, 2.0), name: "x, y)".into() });
+    assert_eq!(
+        lights[1].1.parse::<Light>().unwrap(),
+        Light::Lamp { at: (1.0, 2.0), name: "x, y)".into() }
+    );
     let fault = lights[2].1.parse::<Light>().unwrap_err();
     assert_eq!(fault.origin.as_ref().unwrap().text(), "true");
     assert_eq!(fault.origin.unwrap().line_column(), (2, 90));

@@ -1,8 +1,8 @@
 //! Meaning of a graph: wires, sets, sources of parameters, and the nodes that a change runs again.
 
 use relight::graph::{
-    Cancel, Diagnostics, Ending, EngineOptions, GraphFile, Member, Observer, Overlay, Planned, PortValue, Raw,
-    Resolved, ResolvedGraph, Source, Status,
+    Cancel, Diagnostics, Ending, EngineOptions, GraphFile, Member, Observer, Overlay, Planned,
+    PortValue, Raw, Resolved, ResolvedGraph, Source, Status,
 };
 
 use crate::nodes::*;
@@ -49,9 +49,10 @@ const SETS: &str = r#"sets: { "lights": ["lamp", "sun"], "rooms": ["sun", "hall"
 fn sets_broadcast_gather_and_scatter() {
     let report = run(&in_memory(), &graph(SETS));
     let many = |name: &str| match report.output(name) {
-        Some(PortValue::Many(all)) => {
-            all.iter().map(|(member, v)| (member.clone(), v.get::<Number>().unwrap().0)).collect::<Vec<_>>()
-        }
+        Some(PortValue::Many(all)) => all
+            .iter()
+            .map(|(member, v)| (member.clone(), v.get::<Number>().unwrap().0))
+            .collect::<Vec<_>>(),
         _ => panic!("{name}"),
     };
     assert_eq!(many("next"), [("lamp".into(), 3102), ("sun".into(), 3103)]);
@@ -107,15 +108,22 @@ fn a_set_may_have_a_hundred_thousand_members() {
     assert_eq!(resolved.takes_from("f[m99999]"), ["e[m99999]"]);
 
     overlay.members.extend(members("s", &names).members);
-    let twice = try_graph(&format!("Graph(version: 1, {body})"), &overlay).err().expect("each member is there twice");
+    let twice = try_graph(&format!("Graph(version: 1, {body})"), &overlay)
+        .err()
+        .expect("each member is there twice");
     assert_eq!(twice[0].message, "set `s` already has a member `m0`");
     assert_eq!(twice[50].message, format!("and up to {} more errors", MANY - 50));
 
     let mut overlay = members("s", &names);
     overlay.members.extend(members("t", &names[..MANY / 2]).members);
     let unlike = body.replace(r#""e": (op: Add, each: "s""#, r#""e": (op: Add, each: "t""#);
-    let lacking = try_graph(&format!("Graph(version: 1, {unlike})"), &overlay).err().expect("`t` has half of them");
-    assert_eq!(lacking[0].message, "input `number` of node `f` (Add) wanted one for member `m50000`, `e` has none");
+    let lacking = try_graph(&format!("Graph(version: 1, {unlike})"), &overlay)
+        .err()
+        .expect("`t` has half of them");
+    assert_eq!(
+        lacking[0].message,
+        "input `number` of node `f` (Add) wanted one for member `m50000`, `e` has none"
+    );
     assert_eq!(lacking.len(), 51);
 }
 
@@ -158,9 +166,11 @@ fn one_overlay_after_the_other_gives_what_each_gives_alone() {
     ];
     let mut before = Resolved::default();
     for (i, overlay) in sound.iter().enumerate() {
-        let next =
-            file.resolve_next(&registry(), overlay, &mut before).unwrap_or_else(|faults| panic!("{}", list(&faults)));
-        let alone = file.resolve(&registry(), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)));
+        let next = file
+            .resolve_next(&registry(), overlay, &mut before)
+            .unwrap_or_else(|faults| panic!("{}", list(&faults)));
+        let alone =
+            file.resolve(&registry(), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)));
         assert_eq!(keys(&next), keys(&alone), "overlay {i}");
         assert!(file.check(&registry(), overlay, &mut before).is_ok());
         // Diagnostics are those of the overlay by itself too, and leave no trace.
@@ -224,10 +234,12 @@ fn a_child_lies_over_its_parents() {
         r#"Graph(version: 1, extends: "middle.ron", scene: "b",
         nodes: { "m": (op: Mixed(factor: 3.0)), "d": (op: Add, in: { "number": "m" }) }, outputs: ["d"])"#,
     );
-    let file = GraphFile::read(&folder.path().join("leaf.ron")).unwrap_or_else(|f| panic!("{}", list(&f)));
+    let file =
+        GraphFile::read(&folder.path().join("leaf.ron")).unwrap_or_else(|f| panic!("{}", list(&f)));
     assert_eq!(file.scene().unwrap().unwrap(), folder.path().join("b"));
     assert_eq!(file.sets().next().unwrap().members, ["y", "z"]);
-    let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|f| panic!("{}", list(&f)));
+    let graph =
+        file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|f| panic!("{}", list(&f)));
     assert_eq!(graph.outputs(), ["m", "d"]);
     let engine = in_memory();
     let report = run(&engine, &graph);
@@ -243,13 +255,19 @@ fn wires_are_redirected_by_whatever_name_they_have() {
         "m": (op: Mixed, in: { "a": "a", "b": "a.number" }), "t": (op: Mixed, in: { "a": "m", "b": "b" }),
     }, outputs: ["t"])"#;
     let mut file = GraphFile::parse(Source::new("graph.ron", text)).expect("it is sound");
-    let wired = |file: &GraphFile, port: &str| file.wired("m", port).map(str::to_owned).collect::<Vec<_>>();
-    assert_eq!([wired(&file, "a"), wired(&file, "b"), wired(&file, "c")], [vec!["a"], vec!["a.number"], vec![]]);
+    let wired =
+        |file: &GraphFile, port: &str| file.wired("m", port).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(
+        [wired(&file, "a"), wired(&file, "b"), wired(&file, "c")],
+        [vec!["a"], vec!["a.number"], vec![]]
+    );
     file.copy("m", "twin");
     file.redirect("a.number", "b.number");
     file.redirect("m", "twin");
     assert_eq!([wired(&file, "a"), wired(&file, "b")], [["b.number"], ["b.number"]]);
-    let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|faults| panic!("{}", faults[0]));
+    let graph = file
+        .resolve(&registry(), &Overlay::default())
+        .unwrap_or_else(|faults| panic!("{}", faults[0]));
     assert_eq!(value(&run(&in_memory(), &graph), "t"), (5 * 31 + 5) * 31 + 5);
 }
 
@@ -270,7 +288,8 @@ fn parameters_come_from_several_sources_and_files_from_the_folder_that_names_the
     };
     let from = |name: &str, text: &str| setting(folder.path().join(name).to_str().unwrap(), text);
     assert_eq!(lengths(&Overlay::default()), (2, 2));
-    let mut overlay = Overlay { settings: vec![from("scene/scene.ron", "Read.file=\"f.txt\"")], members: vec![] };
+    let mut overlay =
+        Overlay { settings: vec![from("scene/scene.ron", "Read.file=\"f.txt\"")], members: vec![] };
     assert_eq!(lengths(&overlay), (3, 3));
     overlay.settings.push(from("edit/edit.ron", "b.file=\"f.txt\""));
     overlay.settings.push(from("edit/edit.ron", "a.limit=3"));
@@ -305,7 +324,10 @@ fn the_same_work_is_done_once() {
         let engine = engine(EngineOptions { memory_bytes, ..EngineOptions::default() });
         let report = run(&engine, &graph);
         assert_eq!((value(&report, "x"), value(&report, "y")), (2, 2));
-        assert!(memory_bytes == 0 || (ran(&report).len(), report.with_status(Status::Hit).len()) == (2, 2));
+        assert!(
+            memory_bytes == 0
+                || (ran(&report).len(), report.with_status(Status::Hit).len()) == (2, 2)
+        );
     }
 }
 
@@ -313,13 +335,19 @@ fn the_same_work_is_done_once() {
 fn the_same_work_at_the_same_time_is_done_once_and_nobody_waits_for_ever() {
     // Each of these uses all threads inside, so that a thread that waits in one takes up another of
     // the same key.
-    let busy = |i: usize| format!("\"n{i}\": (op: Busy(work: 300000), in: {{ \"number\": \"c\" }}), ");
+    let busy =
+        |i: usize| format!("\"n{i}\": (op: Busy(work: 300000), in: {{ \"number\": \"c\" }}), ");
     let fail = |i: usize| format!("\"f{i}\": (op: Fail, in: {{ \"number\": \"c\" }}), ");
     let nodes: String = (0..16).map(busy).chain((0..4).map(fail)).collect();
-    let names: Vec<String> = (0..16).map(|i| format!("\"n{i}\"")).chain((0..4).map(|i| format!("\"f{i}\""))).collect();
-    let graph = graph(&format!("nodes: {{ \"c\": (op: Const), {nodes} }}, outputs: [{}]", names.join(", ")));
+    let names: Vec<String> =
+        (0..16).map(|i| format!("\"n{i}\"")).chain((0..4).map(|i| format!("\"f{i}\""))).collect();
+    let graph = graph(&format!(
+        "nodes: {{ \"c\": (op: Const), {nodes} }}, outputs: [{}]",
+        names.join(", ")
+    ));
     for _ in 0..20 {
-        let report = run(&engine(EngineOptions { threads: Some(4), ..EngineOptions::default() }), &graph);
+        let report =
+            run(&engine(EngineOptions { threads: Some(4), ..EngineOptions::default() }), &graph);
         assert_eq!(ran(&report).len(), 2, "{:?}", ran(&report));
         assert_eq!(report.with_status(Status::Hit).len(), 15);
         assert_eq!(report.with_status(Status::Failed), ["f0", "f1", "f2", "f3"]);
@@ -359,7 +387,10 @@ fn a_member_that_stays_the_same_stops_the_wave() {
     assert_eq!(ran(&report), ["p", "e[b]", "sum"]);
     assert_eq!(why(&report, "sum"), "input numbers[b] changed");
     let more = members("s", &["c"]);
-    let overlay = Overlay { members: more.members, ..settings(&["p.parts=[(\"a\", 1), (\"b\", 9), (\"c\", 3)]"]) };
+    let overlay = Overlay {
+        members: more.members,
+        ..settings(&["p.parts=[(\"a\", 1), (\"b\", 9), (\"c\", 3)]"])
+    };
     let report = run(&engine, &graph_with(body, &overlay));
     assert_eq!(ran(&report), ["p", "e[c]", "sum"]);
     assert_eq!(why(&report, "sum"), "input numbers[c] is new");
@@ -381,13 +412,19 @@ fn a_failure_blocks_only_what_needs_it() {
             Some("needs bad, which failed")
         );
         assert_eq!(value(&report, "good"), 1);
-        assert!(report.output("last").is_none() && report.ending() == Ending::Failed && !report.is_complete());
+        assert!(
+            report.output("last").is_none()
+                && report.ending() == Ending::Failed
+                && !report.is_complete()
+        );
     }
 }
 
 #[test]
 fn a_panic_is_a_failure_that_says_it_is_a_bug() {
-    let graph = graph(r#"nodes: { "a": (op: Const), "p": (op: Panic, in: { "number": "a" }) }, outputs: ["p", "a"]"#);
+    let graph = graph(
+        r#"nodes: { "a": (op: Const), "p": (op: Panic, in: { "number": "a" }) }, outputs: ["p", "a"]"#,
+    );
     let engine = in_memory();
     let report = run(&engine, &graph);
     assert_eq!(report.nodes[1].error.as_deref(), Some("a bug in Panic: it panicked: on purpose"));
@@ -414,15 +451,17 @@ fn a_cancelled_run_stops_and_keeps_nothing_unfinished() {
 fn a_key_holds_everything_that_counts_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("secret_name.txt"), "hello").unwrap();
-    let text =
-        r#"Graph(version: 1, nodes: { "reader_name": (op: Read(file: "secret_name.txt")) }, outputs: ["reader_name"])"#;
-    let file =
-        GraphFile::parse(Source::new(folder.path().join("g.ron"), text)).unwrap_or_else(|f| panic!("{}", list(&f)));
-    let graph = file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|f| panic!("{}", list(&f)));
+    let text = r#"Graph(version: 1, nodes: { "reader_name": (op: Read(file: "secret_name.txt")) }, outputs: ["reader_name"])"#;
+    let file = GraphFile::parse(Source::new(folder.path().join("g.ron"), text))
+        .unwrap_or_else(|f| panic!("{}", list(&f)));
+    let graph =
+        file.resolve(&registry(), &Overlay::default()).unwrap_or_else(|f| panic!("{}", list(&f)));
     let engine = engine(EngineOptions { threads: Some(3), ..EngineOptions::default() });
     let text = engine.explain(&graph, "reader_name").unwrap().key_manifest.unwrap();
     let digest = blake3::hash(b"hello").to_hex();
-    let wanted = format!("engine 4\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\n");
+    let wanted = format!(
+        "engine 4\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\n"
+    );
     assert_eq!(text, wanted);
 }
 
@@ -441,15 +480,33 @@ fn explain_names_the_first_line_that_differs() {
     assert_eq!(explain(&graph(&body), "r").why, "nothing changed");
     std::fs::write(&file, "three").unwrap();
     let (changed, before) = (graph(&body), explain(&graph(&body), "r"));
-    assert_eq!((before.status, before.why.as_str()), (Planned::Run, "parameter file: file changed"));
+    assert_eq!(
+        (before.status, before.why.as_str()),
+        (Planned::Run, "parameter file: file changed")
+    );
     assert!(before.old.unwrap().contains(&*blake3::hash(b"one").to_hex()));
     assert!(before.new.unwrap().contains(&*blake3::hash(b"three").to_hex()));
     assert_eq!(explain(&changed, "x").why, "depends on the result of p");
-    let plan: Vec<_> =
-        engine.plan(&changed, &changed.wanted(None).unwrap()).into_iter().map(|l| (l.node, l.status)).collect();
-    assert_eq!(plan, [("r".into(), Planned::Run), ("p".into(), Planned::Unknown), ("x".into(), Planned::Unknown)]);
+    let plan: Vec<_> = engine
+        .plan(&changed, &changed.wanted(None).unwrap())
+        .into_iter()
+        .map(|l| (l.node, l.status))
+        .collect();
+    assert_eq!(
+        plan,
+        [
+            ("r".into(), Planned::Run),
+            ("p".into(), Planned::Unknown),
+            ("x".into(), Planned::Unknown)
+        ]
+    );
     run(&engine, &changed);
-    assert!(engine.plan(&changed, &changed.wanted(None).unwrap()).iter().all(|l| l.status == Planned::Hit));
+    assert!(
+        engine
+            .plan(&changed, &changed.wanted(None).unwrap())
+            .iter()
+            .all(|l| l.status == Planned::Hit)
+    );
     let fault = engine.explain(&changed, "rr").err().unwrap();
     assert!(fault.to_string().contains("the graph has no node `rr`"), "{fault}");
 }
@@ -461,7 +518,8 @@ fn verify_makes_hits_again_and_finds_what_differs() {
     let wanted = graph.wanted(None).unwrap();
     run(&engine, &graph);
     let report = engine.verify(&graph, &wanted, &Cancel::default(), &());
-    let found: Vec<_> = report.differences.iter().map(|d| (d.node.as_str(), d.port.as_str())).collect();
+    let found: Vec<_> =
+        report.differences.iter().map(|d| (d.node.as_str(), d.port.as_str())).collect();
     assert_eq!(found, [("i", "number")]);
     assert_eq!(report.run.with_status(Status::Hit), ["a", "i", "p"]);
 }
@@ -481,8 +539,9 @@ fn reports_tell_rays_errors_warnings_also_of_hits() {
             self.0.lock().unwrap().push(format!("{} {:?}", report.name, report.status));
         }
     }
-    let graph =
-        graph(r#"nodes: { "a": (op: Const), "b": (op: Busy(note: true), in: { "number": "a" }) }, outputs: ["b"]"#);
+    let graph = graph(
+        r#"nodes: { "a": (op: Const), "b": (op: Busy(note: true), in: { "number": "a" }) }, outputs: ["b"]"#,
+    );
     let engine = in_memory();
     let log = Log::default();
     let report = engine.run(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &log);
@@ -491,7 +550,10 @@ fn reports_tell_rays_errors_warnings_also_of_hits() {
     assert_eq!(*log.0.lock().unwrap(), ["2 nodes", "a started", "a Ran", "b started", "b Ran"]);
     let again = run(&engine, &graph);
     let hit = &again.nodes[1];
-    assert_eq!((hit.rays, hit.stderr, hit.bytes, &hit.warnings), (0, Some(0.25), 8, &busy.warnings));
+    assert_eq!(
+        (hit.rays, hit.stderr, hit.bytes, &hit.warnings),
+        (0, Some(0.25), 8, &busy.warnings)
+    );
     assert_eq!((hit.key, hit.status), (busy.key, Status::Hit));
 }
 
@@ -505,7 +567,11 @@ fn drawings_show_instances_wires_and_what_became_of_them() {
     let json: serde_json::Value = serde_json::from_str(&graph.to_json(Some(&report))).unwrap();
     assert_eq!(json["nodes"].as_array().unwrap().len(), graph.instances().count());
     assert!(
-        json["edges"].as_array().unwrap().iter().any(|e| e["from_port"] == "parts[lamp]" && e["to"] == "own[lamp]")
+        json["edges"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|e| e["from_port"] == "parts[lamp]" && e["to"] == "own[lamp]")
     );
 }
 

@@ -21,9 +21,11 @@ fn filled() -> (tempfile::TempDir, ResolvedGraph) {
 
 /// The files of all entries.
 fn entries(folder: &Path) -> Vec<PathBuf> {
-    let shelves = std::fs::read_dir(folder.join("entries")).unwrap().map(|shelf| shelf.unwrap().path());
-    let mut files: Vec<PathBuf> =
-        shelves.flat_map(|shelf| std::fs::read_dir(shelf).unwrap().map(|file| file.unwrap().path())).collect();
+    let shelves =
+        std::fs::read_dir(folder.join("entries")).unwrap().map(|shelf| shelf.unwrap().path());
+    let mut files: Vec<PathBuf> = shelves
+        .flat_map(|shelf| std::fs::read_dir(shelf).unwrap().map(|file| file.unwrap().path()))
+        .collect();
     files.sort();
     files
 }
@@ -49,7 +51,10 @@ fn nothing_is_done_in_a_folder_without_the_mark() {
     let report = run(&on_disk(folder.path()), &graph(GRAPH));
     assert!(report.is_complete());
     assert_eq!(report.warnings.len(), 1);
-    assert!(report.warnings[0].contains("not a cache of relight") && report.warnings[0].contains("CACHEDIR.TAG"));
+    assert!(
+        report.warnings[0].contains("not a cache of relight")
+            && report.warnings[0].contains("CACHEDIR.TAG")
+    );
     let cache = disk_cache(folder.path());
     for done in [cache.stat(), cache.gc(0), cache.verify(), cache.clear()] {
         assert!(done.unwrap_err().to_string().contains("not a cache of relight"));
@@ -119,7 +124,11 @@ fn no_symbolic_link_is_followed() {
     assert!(kept.iter().all(|path| path.is_file()), "nothing behind a link is deleted");
     assert_eq!(std::fs::read(&elsewhere).unwrap(), before);
     let count = |name: &str| std::fs::read_dir(victim.path().join(name)).unwrap().count();
-    assert_eq!([count("tmp"), count("latest"), count("entries/ab")], [1; 3], "and nothing is written there");
+    assert_eq!(
+        [count("tmp"), count("latest"), count("entries/ab")],
+        [1; 3],
+        "and nothing is written there"
+    );
 }
 
 /// The attack that this is for: a folder with a cache of results that never came out of these
@@ -136,7 +145,10 @@ fn entries_of_another_key_count_as_missing_and_stay() {
         })
     };
     run(&stranger(b"another"), &graph);
-    let files: Vec<_> = entries(folder.path()).into_iter().map(|path| (std::fs::read(&path).unwrap(), path)).collect();
+    let files: Vec<_> = entries(folder.path())
+        .into_iter()
+        .map(|path| (std::fs::read(&path).unwrap(), path))
+        .collect();
     let report = disk_cache(folder.path()).verify().unwrap();
     assert_eq!((report.foreign, report.damaged, report.removed, report.entries), (3, 0, 0, 3));
     assert!(files.iter().all(|(bytes, path)| std::fs::read(path).unwrap() == *bytes));
@@ -145,7 +157,11 @@ fn entries_of_another_key_count_as_missing_and_stay() {
     assert_eq!(ran(&report), ["n", "x", "t"]);
     assert_eq!(report.warnings.len(), 1, "told once: {:?}", report.warnings);
     assert!(report.warnings[0].contains("signed with another key"), "{}", report.warnings[0]);
-    assert_eq!(disk_cache(folder.path()).verify().unwrap().foreign, 0, "its own results took their place");
+    assert_eq!(
+        disk_cache(folder.path()).verify().unwrap().foreign,
+        0,
+        "its own results took their place"
+    );
     assert_eq!(ran(&run(&stranger(b"own"), &graph)), [] as [&str; 0]);
 }
 
@@ -208,24 +224,35 @@ fn entries_of_another_user_are_told_as_such() {
     // The superuser may read them all the same, so they are signed with another key, too.
     let stranger = DiskCache::new(cache(folder.path(), b"another"));
     assert_eq!(stranger.verify().unwrap().foreign, 3);
-    let engine =
-        engine(relight::graph::EngineOptions { cache: Some(cache(folder.path(), b"another")), ..Default::default() });
+    let engine = engine(relight::graph::EngineOptions {
+        cache: Some(cache(folder.path(), b"another")),
+        ..Default::default()
+    });
     let report = run(&engine, &graph);
     assert!(report.is_complete());
-    assert!(report.warnings[0].contains("belongs to another user of this machine (12345)"), "{:?}", report.warnings);
+    assert!(
+        report.warnings[0].contains("belongs to another user of this machine (12345)"),
+        "{:?}",
+        report.warnings
+    );
 }
 
 #[test]
 fn a_value_that_breaks_the_rules_of_its_type_is_dropped_and_made_again() {
     let folder = tempfile::tempdir().unwrap();
     // The stage breaks the rule itself, so that the entry is sound but for its value.
-    let graph =
-        graph(r#"nodes: { "n": (op: Const(value: 50)), "d": (op: ToDigit, in: { "number": "n" }) }, outputs: ["d"]"#);
+    let graph = graph(
+        r#"nodes: { "n": (op: Const(value: 50)), "d": (op: ToDigit, in: { "number": "n" }) }, outputs: ["d"]"#,
+    );
     run(&on_disk(folder.path()), &graph);
     let report = run(&on_disk(folder.path()), &graph);
     let digit = report.nodes.iter().find(|node| node.name == "d").unwrap();
     assert_eq!(digit.why.as_deref(), Some("its stored result was damaged"));
-    assert!(digit.warnings[0].contains("Digit: wanted a number below 10, got 50"), "{:?}", digit.warnings);
+    assert!(
+        digit.warnings[0].contains("Digit: wanted a number below 10, got 50"),
+        "{:?}",
+        digit.warnings
+    );
     assert!(report.is_complete() && ran(&report).contains(&"d"));
 }
 

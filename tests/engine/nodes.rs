@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use relight::graph::{
-    Artifact, CacheFolder, CacheKey, Cancel, Context, Diagnostic, Diagnostics, DiskCache, Engine, EngineOptions, File,
-    Gather, GraphFile, Node, NodeError, Overlay, PortValue, Raw, Registry, ResolvedGraph, RunReport, Scatter, Setting,
-    Source, Status, Target,
+    Artifact, CacheFolder, CacheKey, Cancel, Context, Diagnostic, Diagnostics, DiskCache, Engine,
+    EngineOptions, File, Gather, GraphFile, Node, NodeError, Overlay, PortValue, Raw, Registry,
+    ResolvedGraph, RunReport, Scatter, Setting, Source, Status, Target,
 };
 use relight::{params, ports};
 use serde::{Deserialize, Serialize};
@@ -120,7 +120,9 @@ params! { /** A number that should be a digit. */ pub struct ToDigit {} }
 node!(ToDigit, OneIn, DigitOut, |_t, i, _c| Ok(DigitOut { digit: Arc::new(Digit(i.number.0)) }));
 
 params! { /** A number as a text. */ pub struct Show {} }
-node!(Show, OneIn, TextOut, |_t, i, _c| Ok(TextOut { text: Arc::new(Text(i.number.0.to_string())) }));
+node!(Show, OneIn, TextOut, |_t, i, _c| Ok(TextOut {
+    text: Arc::new(Text(i.number.0.to_string()))
+}));
 
 params! { /** Fails. */ pub struct Fail { /** Of the failure. */ message: String = "on purpose".into() } }
 node!(Fail, OneIn, NumberOut, |this, _i, _c| Err(NodeError::Failed(this.message.clone())));
@@ -136,7 +138,9 @@ node!(Stop, OneIn, NumberOut, |_t, i, ctx| {
 });
 
 params! { /** Gives another number every time, which no stage may. */ pub struct Impure {} }
-node!(Impure, OneIn, NumberOut, |_t, i, _c| number(i.number.0 + CALLS.fetch_add(1, Ordering::Relaxed)));
+node!(Impure, OneIn, NumberOut, |_t, i, _c| number(
+    i.number.0 + CALLS.fetch_add(1, Ordering::Relaxed)
+));
 
 params! { /** Splits work over threads, counts rays, warns. */ pub struct Busy {
 /** Numbers. */ work: u64 = 1000,
@@ -207,7 +211,8 @@ pub fn graph(body: &str) -> ResolvedGraph {
 }
 
 pub fn graph_with(body: &str, overlay: &Overlay) -> ResolvedGraph {
-    try_graph(&format!("Graph(version: 1, {body})"), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)))
+    try_graph(&format!("Graph(version: 1, {body})"), overlay)
+        .unwrap_or_else(|faults| panic!("{}", list(&faults)))
 }
 
 pub fn try_graph(text: &str, overlay: &Overlay) -> Result<ResolvedGraph, Vec<Diagnostic>> {
@@ -224,7 +229,8 @@ pub fn setting(path: &str, text: &str) -> Setting {
     let (field, value) = rest.split_once('=').expect("an equals sign");
     let is_kind = target.starts_with(char::is_uppercase);
     let target = if is_kind { Target::Kind(target.into()) } else { Target::Node(target.into()) };
-    let value = Raw::document(&Source::new(path, value), &mut Diagnostics::default()).expect("a RON value");
+    let value =
+        Raw::document(&Source::new(path, value), &mut Diagnostics::default()).expect("a RON value");
     Setting { target, field: field.into(), value }
 }
 
@@ -237,7 +243,11 @@ pub fn in_memory() -> Engine {
 }
 
 pub fn on_disk(folder: &std::path::Path) -> Engine {
-    engine(EngineOptions { cache: Some(cache(folder, b"own")), threads: Some(2), ..EngineOptions::default() })
+    engine(EngineOptions {
+        cache: Some(cache(folder, b"own")),
+        threads: Some(2),
+        ..EngineOptions::default()
+    })
 }
 
 /// A cache whose entries are signed with a secret.
@@ -259,7 +269,8 @@ pub fn run(engine: &Engine, graph: &ResolvedGraph) -> RunReport {
 }
 
 pub fn run_for(engine: &Engine, graph: &ResolvedGraph, wanted: Option<&[&str]>) -> RunReport {
-    let names: Option<Vec<String>> = wanted.map(|names| names.iter().map(|n| n.to_string()).collect());
+    let names: Option<Vec<String>> =
+        wanted.map(|names| names.iter().map(|n| n.to_string()).collect());
     let wanted = graph.wanted(names.as_deref()).unwrap_or_else(|fault| panic!("{fault}"));
     engine.run(graph, &wanted, &Cancel::default(), &())
 }

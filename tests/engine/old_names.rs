@@ -13,10 +13,15 @@ fn registry_with_old_names() -> Registry {
 }
 
 /// The graph and its warnings.
-fn resolve(file: Result<GraphFile, Vec<relight::graph::Diagnostic>>, overlay: &Overlay) -> (ResolvedGraph, String) {
+fn resolve(
+    file: Result<GraphFile, Vec<relight::graph::Diagnostic>>,
+    overlay: &Overlay,
+) -> (ResolvedGraph, String) {
     let mut file = file.unwrap_or_else(|faults| panic!("{}", list(&faults)));
     file.accept_old_names(&registry_with_old_names());
-    let graph = file.resolve(&registry_with_old_names(), overlay).unwrap_or_else(|faults| panic!("{}", list(&faults)));
+    let graph = file
+        .resolve(&registry_with_old_names(), overlay)
+        .unwrap_or_else(|faults| panic!("{}", list(&faults)));
     let warnings = list(graph.warnings());
     (graph, warnings)
 }
@@ -28,9 +33,12 @@ const OLD: &str = r#"Graph(version: 1, nodes: {
 
 #[test]
 fn old_names_mean_the_new_ones_and_are_told_with_their_places() {
-    let (graph, warnings) = resolve(GraphFile::parse(Source::new("g.ron", OLD)), &Overlay::default());
+    let (graph, warnings) =
+        resolve(GraphFile::parse(Source::new("g.ron", OLD)), &Overlay::default());
     let told = |place: &str, old: &str, new: &str| {
-        format!("g.ron:{place}: `{old}` is an old name, which the next version does not accept (write `{new}`)\n")
+        format!(
+            "g.ron:{place}: `{old}` is an old name, which the next version does not accept (write `{new}`)\n"
+        )
     };
     let wanted = told("3:15", "Plus", "Add")
         + &told("3:39", "of", "number")
@@ -41,9 +49,13 @@ fn old_names_mean_the_new_ones_and_are_told_with_their_places() {
     let report = run(&in_memory(), &graph);
     assert_eq!((value(&report, "x"), value(&report, "p.ones")), (7, 2));
     // The key is that of the new names.
-    let new =
-        OLD.replace("Plus", "Add").replace("summand", "plus").replace("\"of\"", "\"number\"").replace("digits", "ones");
-    let (same, warnings) = resolve(GraphFile::parse(Source::new("g.ron", new)), &Overlay::default());
+    let new = OLD
+        .replace("Plus", "Add")
+        .replace("summand", "plus")
+        .replace("\"of\"", "\"number\"")
+        .replace("digits", "ones");
+    let (same, warnings) =
+        resolve(GraphFile::parse(Source::new("g.ron", new)), &Overlay::default());
     assert_eq!(warnings, "");
     let manifest = |graph: &ResolvedGraph| in_memory().explain(graph, "n").unwrap().key_manifest;
     assert_eq!(manifest(&graph), manifest(&same));
@@ -54,9 +66,16 @@ fn old_names_mean_the_new_ones_and_are_told_with_their_places() {
 fn settings_take_old_names_too() {
     let text = r#"Graph(version: 1, nodes: {
         "n": (op: Const(value: 1)), "x": (op: Add, in: { "number": "n" }) }, outputs: ["x"])"#;
-    for (set, warnings) in [("Plus.summand=10", 2), ("Add.summand=10", 1), ("x.summand=10", 1), ("x.plus=10", 0)] {
-        let (graph, told) = resolve(GraphFile::parse(Source::new("g.ron", text)), &settings(&[set]));
-        assert_eq!((value(&run(&in_memory(), &graph), "x"), told.lines().count()), (11, warnings), "{set}: {told}");
+    for (set, warnings) in
+        [("Plus.summand=10", 2), ("Add.summand=10", 1), ("x.summand=10", 1), ("x.plus=10", 0)]
+    {
+        let (graph, told) =
+            resolve(GraphFile::parse(Source::new("g.ron", text)), &settings(&[set]));
+        assert_eq!(
+            (value(&run(&in_memory(), &graph), "x"), told.lines().count()),
+            (11, warnings),
+            "{set}: {told}"
+        );
     }
 }
 
@@ -76,10 +95,17 @@ fn a_child_that_uses_an_old_kind_changes_the_node_and_does_not_replace_it() {
         ("Times(by: 9)", 10, 0), // another kind: nothing of the old node stays
     ] {
         let wires = if op.starts_with("Times") { r#", in: { "number": "n" }"# } else { "" };
-        let child = format!(r#"Graph(version: 1, extends: "parent.ron", nodes: {{ "x": (op: {op}{wires}) }})"#);
+        let child = format!(
+            r#"Graph(version: 1, extends: "parent.ron", nodes: {{ "x": (op: {op}{wires}) }})"#
+        );
         write("child.ron", &child);
-        let (graph, told) = resolve(GraphFile::read(&folder.path().join("child.ron")), &Overlay::default());
-        assert_eq!((value(&run(&in_memory(), &graph), "y"), told.lines().count()), (wanted, warnings), "{op}: {told}");
+        let (graph, told) =
+            resolve(GraphFile::read(&folder.path().join("child.ron")), &Overlay::default());
+        assert_eq!(
+            (value(&run(&in_memory(), &graph), "y"), told.lines().count()),
+            (wanted, warnings),
+            "{op}: {told}"
+        );
     }
 }
 

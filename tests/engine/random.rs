@@ -13,7 +13,9 @@ fn text(links: &[Link]) -> String {
     let mut nodes = String::from(r#""n0": (op: Const(value: 7)), "#);
     for (i, &(kind, value, a, b)) in links.iter().enumerate() {
         let (name, a, b) = (i + 1, a % (i + 1), b % (i + 1));
-        let from = |n: usize| if n > 0 && links[n - 1].0 % 6 == 5 { format!("n{n}.ones") } else { format!("n{n}") };
+        let from = |n: usize| {
+            if n > 0 && links[n - 1].0 % 6 == 5 { format!("n{n}.ones") } else { format!("n{n}") }
+        };
         let (a, b) = (from(a), from(b));
         nodes += &match kind % 6 {
             0 => format!(r#""n{name}": (op: Const(value: {value})), "#),
@@ -35,7 +37,9 @@ fn text(links: &[Link]) -> String {
 }
 
 fn end(report: &relight::graph::RunReport) -> i64 {
-    let Some((_, PortValue::One(value))) = report.outputs.first() else { panic!("no output: {:?}", report.nodes) };
+    let Some((_, PortValue::One(value))) = report.outputs.first() else {
+        panic!("no output: {:?}", report.nodes)
+    };
     value.get::<Number>().unwrap().0
 }
 
@@ -75,9 +79,13 @@ proptest! {
 
 #[test]
 fn one_two_and_four_threads_give_the_same_keys_and_values() {
-    let links: Vec<Link> = (0..60).map(|i| ((i * 7 % 6) as u8, i as i64, i * 5, i * 3 + 1)).collect();
+    let links: Vec<Link> =
+        (0..60).map(|i| ((i * 7 % 6) as u8, i as i64, i * 5, i * 3 + 1)).collect();
     let mut body = text(&links);
-    body = body.replace("nodes: {", r#"nodes: { "busy": (op: Busy(work: 200000), in: { "number": "n3" }), "#);
+    body = body.replace(
+        "nodes: {",
+        r#"nodes: { "busy": (op: Busy(work: 200000), in: { "number": "n3" }), "#,
+    );
     body = body.replace("outputs: [", r#"outputs: ["busy", "#);
     let digests = |threads| {
         let engine = engine(EngineOptions { threads: Some(threads), ..EngineOptions::default() });

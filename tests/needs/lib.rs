@@ -19,7 +19,8 @@ pub fn needs(path: TokenStream, test: TokenStream) -> TokenStream {
     if Path::new(&package).join(path).exists() {
         return test;
     }
-    let mut ignored: TokenStream = format!("#[ignore = \"needs {path}\"]").parse().expect("an attribute is Rust");
+    let mut ignored: TokenStream =
+        format!("#[ignore = \"needs {path}\"]").parse().expect("an attribute is Rust");
     ignored.extend(test);
     ignored
 }

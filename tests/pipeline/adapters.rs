@@ -60,7 +60,11 @@ fn distance(depth: &Plane<f32>, [x0, y0, x1, y1]: [f32; 4]) -> f32 {
 
 /// Meters: 1 + 4 red + 2 green, [1, 1, height, width].
 pub fn metric() -> Vec<u8> {
-    Onnx::default().input("rgb", &PHOTO).output("z", &PICTURE).mix("rgb", "z", &[[4.0, 2.0, 0.0]], &[1.0]).file()
+    Onnx::default()
+        .input("rgb", &PHOTO)
+        .output("z", &PICTURE)
+        .mix("rgb", "z", &[[4.0, 2.0, 0.0]], &[1.0])
+        .file()
 }
 
 /// Disparity: 3 red + 1, [1, height, width].
@@ -77,7 +81,11 @@ fn metric_depth_is_what_the_network_says() {
         let place = photo(metric());
         let told = place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
         assert!(
-            told.contains(if backend == "ort" { "networks by ONNX Runtime" } else { "networks by rten" }),
+            told.contains(if backend == "ort" {
+                "networks by ONNX Runtime"
+            } else {
+                "networks by rten"
+            }),
             "{told}"
         );
         let got = depth(&place);
@@ -85,9 +93,18 @@ fn metric_depth_is_what_the_network_says() {
         assert_eq!(got.size(), SIZE);
         assert!(worst(&got, wanted) < 1e-5, "{backend}: {}", worst(&got, wanted));
         let png = png(&std::fs::read(place.path("found/depth.png")).expect("it is written"));
-        assert_eq!([png.get_pixel(0, 0).0, png.get_pixel(39, 29).0], [[255; 3], [0; 3]], "near is white, far is black");
+        assert_eq!(
+            [png.get_pixel(0, 0).0, png.get_pixel(39, 29).0],
+            [[255; 3], [0; 3]],
+            "near is white, far is black"
+        );
 
-        place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric --known-length 2,3,30,20=1.75"), 0);
+        place.check(
+            &format!(
+                "{LINE} --backend {backend} --set depth.kind=Metric --known-length 2,3,30,20=1.75"
+            ),
+            0,
+        );
         let length = distance(&depth(&place), [2.0, 3.0, 30.0, 20.0]);
         assert!((length / 1.75 - 1.0).abs() < 1e-4, "{backend}: {length}");
     }
@@ -97,7 +114,12 @@ fn metric_depth_is_what_the_network_says() {
 fn relative_depth_gets_its_scale_from_a_known_length() {
     for backend in backends() {
         let place = photo(relative());
-        place.check(&format!("{LINE} --backend {backend} --known-length 5,3,34.5,28=2.03m --set depth.span=3"), 0);
+        place.check(
+            &format!(
+                "{LINE} --backend {backend} --known-length 5,3,34.5,28=2.03m --set depth.span=3"
+            ),
+            0,
+        );
         let got = depth(&place);
         let length = distance(&got, [5.0, 3.0, 34.5, 28.0]);
         assert!((length / 2.03 - 1.0).abs() < 1e-4, "{backend}: {length}");
@@ -105,15 +127,25 @@ fn relative_depth_gets_its_scale_from_a_known_length() {
         // third last are 3 : 1.
         let row: Vec<f32> = (0..40).map(|x| 1.0 / got.get(x, 7)).collect();
         assert!(row.windows(3).all(|w| (w[0] - 2.0 * w[1] + w[2]).abs() < 1e-4 * w[1]), "{row:?}");
-        assert!((row[38] / row[1] - 3.0).abs() < 0.02 || (row[37] / row[2] - 3.0).abs() < 0.02, "{row:?}");
+        assert!(
+            (row[38] / row[1] - 3.0).abs() < 0.02 || (row[37] / row[2] - 3.0).abs() < 0.02,
+            "{row:?}"
+        );
 
         // A room in which 1 / z = (q - 1) / 2: two lengths determine it.
         let z = |x: usize| 2.0 / (3.0 * stored(x, 0).x);
         let room = Plane::from_fn(SIZE.0, SIZE.1, |x, _| z(x));
-        let known = [[3.0, 2.0, 3.0, 27.0], [36.0, 2.0, 36.0, 27.0]].map(|at| (at, distance(&room, at)));
-        let known = known.map(|([a, b, c, d], meters)| format!("--known-length {a},{b},{c},{d}={meters}")).join(" ");
+        let known =
+            [[3.0, 2.0, 3.0, 27.0], [36.0, 2.0, 36.0, 27.0]].map(|at| (at, distance(&room, at)));
+        let known = known
+            .map(|([a, b, c, d], meters)| format!("--known-length {a},{b},{c},{d}={meters}"))
+            .join(" ");
         place.check(&format!("{LINE} --backend {backend} {known}"), 0);
-        assert!(worst(&depth(&place), |x, _| z(x)) < 1e-4, "{backend}: {}", worst(&depth(&place), |x, _| z(x)));
+        assert!(
+            worst(&depth(&place), |x, _| z(x)) < 1e-4,
+            "{backend}: {}",
+            worst(&depth(&place), |x, _| z(x))
+        );
     }
 }
 
@@ -144,14 +176,20 @@ fn the_photo_comes_as_the_network_wants_it() {
     let open = photo(metric());
     open.check(&format!("{line} --set depth.side=100 --set depth.multiple=14"), 0);
     let report = std::fs::read_to_string(open.path("found/report.json")).expect("it is written");
-    assert!(report.contains("seen at 140 x 98, scale 1.0000"), "133.3 x 100 in patches of 14: {report}");
+    assert!(
+        report.contains("seen at 140 x 98, scale 1.0000"),
+        "133.3 x 100 in patches of 14: {report}"
+    );
     assert_eq!(depth(&open).size(), SIZE, "no larger than the photo");
 }
 
 #[test]
 fn a_scene_without_depth_is_for_graphs_that_need_none() {
     let place = photo(metric());
-    place.check("run GRAPHS/find_lights_photo.ron EDITS/none.ron --scene . --no-cache --out lights", 0);
+    place.check(
+        "run GRAPHS/find_lights_photo.ron EDITS/none.ron --scene . --no-cache --out lights",
+        0,
+    );
     assert!(place.path("lights/scene_lights.ron").is_file());
     for graph in ["physics", "find_lights"] {
         let told = place.check(&format!("check GRAPHS/{graph}.ron EDITS/none.ron --scene ."), 2);
@@ -171,7 +209,12 @@ fn a_scene_without_depth_is_for_graphs_that_need_none() {
 /// rten runs a cubic Resize as a linear one; the run warns, as third-party networks often have one.
 #[test]
 fn what_a_backend_computes_wrongly_is_told() {
-    let network = Onnx::default().input("x", &PHOTO).output("z", &PICTURE).mix("x", "a", &[[4.0, 2.0, 0.0]], &[1.0]);
+    let network = Onnx::default().input("x", &PHOTO).output("z", &PICTURE).mix(
+        "x",
+        "a",
+        &[[4.0, 2.0, 0.0]],
+        &[1.0],
+    );
     let place = photo(network.cubic("a", "z", [1.0, 1.0, 0.7, 0.7]).file());
     for backend in backends() {
         let told = place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
@@ -202,17 +245,37 @@ fn plain() -> Onnx {
 
 #[test]
 fn networks_of_another_form_are_named() {
-    let two = Onnx::default().input("rgb", &PHOTO).input("camera", &[1, 3, OPEN, OPEN]).output("z", &PHOTO);
-    let flat = plain().output("z", &[OPEN]).numbers("all", &[-1]).node("Reshape", &["x", "all"], &["z"]).file();
-    let gray =
-        Onnx::default().input("x", &[1, 1, OPEN, OPEN]).output("z", &PICTURE).node("Relu", &["x"], &["z"]).file();
+    let two = Onnx::default()
+        .input("rgb", &PHOTO)
+        .input("camera", &[1, 3, OPEN, OPEN])
+        .output("z", &PHOTO);
+    let flat = plain()
+        .output("z", &[OPEN])
+        .numbers("all", &[-1])
+        .node("Reshape", &["x", "all"], &["z"])
+        .file();
+    let gray = Onnx::default()
+        .input("x", &[1, 1, OPEN, OPEN])
+        .output("z", &PICTURE)
+        .node("Relu", &["x"], &["z"])
+        .file();
     let pair = plain().output("z", &PICTURE).output("sure", &PICTURE);
     let pair = pair.mix("x", "z", &[[1.0; 3]], &[0.0]).mix("x", "sure", &[[1.0; 3]], &[0.0]).file();
     let sound = metric();
     check_refused(&[
-        ("a text", b"this is no network".to_vec(), "", &["net.onnx: wanted a network in ONNX that"]),
+        (
+            "a text",
+            b"this is no network".to_vec(),
+            "",
+            &["net.onnx: wanted a network in ONNX that"],
+        ),
         ("nothing", Vec::new(), "", &["net.onnx: wanted a network in ONNX that"]),
-        ("cut", sound[..sound.len() / 2].to_vec(), "", &["net.onnx: wanted a network in ONNX that"]),
+        (
+            "cut",
+            sound[..sound.len() / 2].to_vec(),
+            "",
+            &["net.onnx: wanted a network in ONNX that"],
+        ),
         (
             "two inputs",
             two.node("Add", &["rgb", "camera"], &["z"]).file(),
@@ -237,13 +300,17 @@ fn networks_of_another_form_are_named() {
             "two outputs",
             pair,
             "",
-            &["net.onnx: wanted one output, got 2 of them: `z`, `sure`; name one with the parameter `output`"],
+            &[
+                "net.onnx: wanted one output, got 2 of them: `z`, `sure`; name one with the parameter `output`",
+            ],
         ),
         (
             "grey input",
             gray,
             "",
-            &["net.onnx: input `x`: wanted [1, 3, height, width], a photo with red first, got [1, 1, ?, ?]"],
+            &[
+                "net.onnx: input `x`: wanted [1, 3, height, width], a photo with red first, got [1, 1, ?, ?]",
+            ],
         ),
         (
             "flat output",
@@ -256,7 +323,11 @@ fn networks_of_another_form_are_named() {
 
 #[test]
 fn depths_and_lengths_that_cannot_be_used_are_named() {
-    let nan = plain().output("z", &PICTURE).mix("x", "a", &[[0.0; 3]], &[0.0]).node("Div", &["a", "a"], &["z"]).file();
+    let nan = plain()
+        .output("z", &PICTURE)
+        .mix("x", "a", &[[0.0; 3]], &[0.0])
+        .node("Div", &["a", "a"], &["z"])
+        .file();
     let below = plain().output("z", &PICTURE).mix("x", "z", &[[-1.0; 3]], &[0.0]).file();
     let even = plain().output("z", &PICTURE).mix("x", "z", &[[0.0; 3]], &[0.5]).file();
     let sound = metric();
@@ -272,7 +343,9 @@ fn depths_and_lengths_that_cannot_be_used_are_named() {
             "even",
             even,
             "--known-length 1,1,9,9=1",
-            &["depth: the network returned no depth: wanted numbers that vary, got 0.5 nearly everywhere"],
+            &[
+                "depth: the network returned no depth: wanted numbers that vary, got 0.5 nearly everywhere",
+            ],
         ),
         (
             "no length",
@@ -304,7 +377,12 @@ fn depths_and_lengths_that_cannot_be_used_are_named() {
             "--known-length 4,4,9,9",
             &["wanted two pixels and the meters between them, as `212,80,212,395=2.03`"],
         ),
-        ("span", sound.clone(), "--set depth.span=1", &["--set depth.span", "span: wanted > 1 and <= 1000, got 1"]),
+        (
+            "span",
+            sound.clone(),
+            "--set depth.span=1",
+            &["--set depth.span", "span: wanted > 1 and <= 1000, got 1"],
+        ),
         ("side", sound.clone(), "--set depth.side=7", &["side: wanted 8..=4096, got 7"]),
         (
             "deviation",
@@ -319,9 +397,16 @@ fn depths_and_lengths_that_cannot_be_used_are_named() {
 fn a_missing_network_or_stage_is_named() {
     let told = photo([]).check("run GRAPHS/depth.ron EDITS/none.ron --scene .", 2);
     assert!(told.contains("model: wanted the file of a network"), "{told}");
-    let told =
-        photo([]).check("check GRAPHS/find_lights_photo.ron EDITS/none.ron --scene . --known-length 1,1,9,9=1", 2);
-    assert!(told.contains("--known-length: this graph has no stage that takes known lengths: wanted Depth"), "{told}");
+    let told = photo([]).check(
+        "check GRAPHS/find_lights_photo.ron EDITS/none.ron --scene . --known-length 1,1,9,9=1",
+        2,
+    );
+    assert!(
+        told.contains(
+            "--known-length: this graph has no stage that takes known lengths: wanted Depth"
+        ),
+        "{told}"
+    );
 }
 
 /// Seven channels: albedo, which is the photo's colors, in 0..=255; a normal, x to the left;
@@ -331,7 +416,8 @@ fn materials(width: i64, height: i64) -> Vec<u8> {
     let (colors, none) = ([0, 1, 2].map(|c| color(c, 255.0)), [[0.0; 3]; 3]);
     let rows = [&colors[..], &none, &[color(0, 2.0)]].concat();
     let bias = [0.0, 0.0, 0.0, -0.6, 0.0, 0.8, -1.0];
-    let network = Onnx::default().input("x", &[1, 3, height, width]).output("maps", &[1, 7, height, width]);
+    let network =
+        Onnx::default().input("x", &[1, 3, height, width]).output("maps", &[1, 7, height, width]);
     network.mix("x", "maps", &rows, &bias).file()
 }
 
@@ -358,7 +444,8 @@ fn materials_by_other_networks_are_brought_to_ours() {
         place.write("materials.ron", MATERIALS);
         place.check(&format!("{line} --backend {backend}"), 0);
         let near = |got: &Plane<Vec3>, wanted: &dyn Fn(usize, usize) -> Vec3| {
-            let pixels = (0..got.len()).map(|i| (got.pixels()[i] - wanted(i % 40, i / 40)).abs().max_element());
+            let pixels = (0..got.len())
+                .map(|i| (got.pixels()[i] - wanted(i % 40, i / 40)).abs().max_element());
             pixels.fold(0.0, f32::max)
         };
         let albedo = estimate(&place, "albedo");
@@ -368,8 +455,10 @@ fn materials_by_other_networks_are_brought_to_ours() {
         assert!(near(&albedo, &stored) < 1e-3, "{}", near(&albedo, &stored));
         let told = Vec3::new(0.6, 0.0, 0.8);
         assert!(near(&normal, &|_, _| told) < 1e-3, "{}", near(&normal, &|_, _| told));
-        let roughness =
-            read_depth(NamedBytes::new("r", &std::fs::read(place.path("out/roughness.exr")).expect("it is written")));
+        let roughness = read_depth(NamedBytes::new(
+            "r",
+            &std::fs::read(place.path("out/roughness.exr")).expect("it is written"),
+        ));
         let roughness = roughness.expect("it is a plane").0;
         assert!(worst(&roughness, |x, y| stored(x, y).x) < 1e-3);
 
@@ -377,9 +466,13 @@ fn materials_by_other_networks_are_brought_to_ours() {
         let encoded = MATERIALS.replace("normal_signs", "albedo_transfer: Srgb, normal_signs");
         place.write("materials.ron", encoded);
         place.check(&format!("{line} --backend {backend}"), 0);
-        let linear = |x: usize, y: usize| Vec3::from_array(stored(x, y).to_array().map(|c| Transfer::Srgb.decode(c)));
+        let linear = |x: usize, y: usize| {
+            Vec3::from_array(stored(x, y).to_array().map(|c| Transfer::Srgb.decode(c)))
+        };
         assert!(
-            near(&estimate(&place, "albedo"), &|x, y| linear(x, y).clamp(Vec3::splat(0.02), Vec3::splat(0.95))) < 1e-3
+            near(&estimate(&place, "albedo"), &|x, y| linear(x, y)
+                .clamp(Vec3::splat(0.02), Vec3::splat(0.95)))
+                < 1e-3
         );
     }
 }
@@ -388,14 +481,26 @@ fn materials_by_other_networks_are_brought_to_ours() {
 fn materials_that_do_not_fit_are_named() {
     let place = photo(materials(40, 30));
     for (from, to, wanted) in [
-        ("first: 6", "first: 7", "net.onnx: output `maps`: wanted [1, 8 or more, height, width], got [1, 7, 30, 40]"),
-        ("first: 3", "first: 5", "net.onnx: output `maps`: wanted [1, 8 or more, height, width], got [1, 7, 30, 40]"),
+        (
+            "first: 6",
+            "first: 7",
+            "net.onnx: output `maps`: wanted [1, 8 or more, height, width], got [1, 7, 30, 40]",
+        ),
+        (
+            "first: 3",
+            "first: 5",
+            "net.onnx: output `maps`: wanted [1, 8 or more, height, width], got [1, 7, 30, 40]",
+        ),
         (
             r#"albedo: (output: "maps""#,
             r#"albedo: (output: "colour""#,
             "net.onnx: wanted an output `colour`, got `maps`",
         ),
-        ("range: (0, 255)", "range: (1, 1)", "albedo: range: wanted the lower number first, got (1, 1)"),
+        (
+            "range: (0, 255)",
+            "range: (1, 1)",
+            "albedo: range: wanted the lower number first, got (1, 1)",
+        ),
         ("(-1, 1, 1),", "(-1, 0.5, 1),", "normal_signs: wanted 1 or -1 each, got (-1, 0.5, 1)"),
         (r#"model: "net.onnx","#, "", "model: wanted the file of a network, got none"),
         (
@@ -406,7 +511,8 @@ fn materials_that_do_not_fit_are_named() {
     ] {
         assert!(MATERIALS.contains(from), "{from}");
         place.write("materials.ron", MATERIALS.replace(from, to));
-        let told = place.check("run materials.ron EDITS/none.ron --scene . --no-cache --out out", 2);
+        let told =
+            place.check("run materials.ron EDITS/none.ron --scene . --no-cache --out out", 2);
         assert!(told.contains(wanted), "wanted {wanted:?}, told:\n{told}");
     }
 }
@@ -422,7 +528,8 @@ fn a_network_stands_in_for_mnet() {
             in: {{ "photo": "scene.small", "camera": "scene.small_camera", "normal": "room.normal" }}) }})"#,
         root().join("graphs/indoor.ron").display()
     ));
-    let told = place.check("run theirs.ron EDITS/none.ron --scene DEMO --no-cache --out out --only fit", 0);
+    let told = place
+        .check("run theirs.ron EDITS/none.ron --scene DEMO --no-cache --out out --only fit", 0);
     assert!(told.contains("mnet") && !told.contains("warning: mnet"), "{told}");
     let report = std::fs::read_to_string(place.path("out/report.json")).expect("it is written");
     assert!(report.contains("OnnxMaterials") && !report.contains(r#""kind": "MNet""#), "{report}");

@@ -21,7 +21,9 @@ const EDIT: &str = r#"Edit(version: 1, lights: { "lamp": Off, "window": Scale(0.
 
 /// A mask of the columns `from..from + 6`, rows 4..10.
 fn mask(from: usize) -> Vec<u8> {
-    png_of(SIZE, |x, y| Vec3::splat(f32::from(u8::from((from..from + 6).contains(&x) && (4..10).contains(&y)))))
+    png_of(SIZE, |x, y| {
+        Vec3::splat(f32::from(u8::from((from..from + 6).contains(&x) && (4..10).contains(&y))))
+    })
 }
 
 /// A folder with a sound scene and an edit.
@@ -29,7 +31,10 @@ pub fn room() -> Place {
     let place = Place::new();
     place.write("scene.ron", SCENE);
     place.write("edit.ron", EDIT);
-    place.write("photo.png", png_of(SIZE, |x, y| Vec3::new(0.2 + x as f32 / 80.0, 0.4, 0.2 + y as f32 / 60.0)));
+    place.write(
+        "photo.png",
+        png_of(SIZE, |x, y| Vec3::new(0.2 + x as f32 / 80.0, 0.4, 0.2 + y as f32 / 60.0)),
+    );
     place.write("depth.npy", npy(SIZE, |x, y| 2.0 + 0.02 * x as f32 + 0.01 * y as f32));
     place.write("lamp.png", mask(4));
     place.write("window.png", mask(25));
@@ -81,13 +86,15 @@ pub fn check(place: &Place, what: &str, status: i32, words: &[&str]) {
 
 #[test]
 fn depth_of_every_kind() {
-    let check = |what: &str, value: &(dyn Fn(usize, usize) -> f32 + Sync), status: i32, words: &[&str]| {
-        let place = room();
-        place.write("depth.npy", npy(SIZE, value));
-        check(&place, what, status, words);
+    let check =
+        |what: &str, value: &(dyn Fn(usize, usize) -> f32 + Sync), status: i32, words: &[&str]| {
+            let place = room();
+            place.write("depth.npy", npy(SIZE, value));
+            check(&place, what, status, words);
+        };
+    let holes = |hole: f32, every: usize| {
+        move |x: usize, y: usize| if (x + 7 * y).is_multiple_of(every) { hole } else { 2.5 }
     };
-    let holes =
-        |hole: f32, every: usize| move |x: usize, y: usize| if (x + 7 * y).is_multiple_of(every) { hole } else { 2.5 };
     check("constant", &|_, _| 2.0, 0, &[]);
     for hole in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e-30, 1e30] {
         check("some holes", &holes(hole, 3), 0, &[]);
@@ -107,7 +114,10 @@ fn photos_of_every_kind() {
         place.write("scene.ron", SCENE.replace(r#""window": Window(mask: "window.png")"#, ""));
         place.write("photo.png", png_of(size, |x, y| Vec3::splat(((x + y) % 3) as f32 / 4.0)));
         place.write("depth.npy", npy(size, |_, _| 2.0));
-        place.write("lamp.png", png_of(size, |x, y| Vec3::splat(f32::from(u8::from((x, y) == (0, 0))))));
+        place.write(
+            "lamp.png",
+            png_of(size, |x, y| Vec3::splat(f32::from(u8::from((x, y) == (0, 0))))),
+        );
         let (status, words): (i32, &[&str]) =
             if size == (1, 1) { (2, &["lamp.png", "covers everything"]) } else { (0, &[]) };
         place.write("edit.ron", EDIT.replace(r#""window": Scale(0.5),"#, ""));
@@ -136,7 +146,12 @@ fn masks_of_every_kind() {
             check(&place, &format!("{light}: {what}"), status, words);
         };
         let left = |x: usize| Vec3::splat(f32::from(u8::from(x < 5)));
-        check("twice the size", png_of((80, 60), |x, _| left(x)), 0, &["warning", &name, "resampled"]);
+        check(
+            "twice the size",
+            png_of((80, 60), |x, _| left(x)),
+            0,
+            &["warning", &name, "resampled"],
+        );
         check("another shape", png_of((40, 40), |x, _| left(x)), 2, &[&name, "aspect ratio"]);
         check("empty", png_of(SIZE, |_, _| Vec3::ZERO), 2, &[&name, "a black picture"]);
         check("everything", png_of(SIZE, |_, _| Vec3::ONE), 2, &[&name, "covers everything"]);
@@ -198,7 +213,9 @@ fn edits_of_every_kind() {
 }
 
 fn files_below(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("it can be listed").path());
+    let entries = std::fs::read_dir(folder)
+        .expect("a folder")
+        .map(|entry| entry.expect("it can be listed").path());
     let below = |path: PathBuf| if path.is_dir() { files_below(&path) } else { vec![path] };
     let mut files: Vec<PathBuf> = entries.flat_map(below).collect();
     files.sort();
@@ -221,7 +238,12 @@ fn files_of_the_corpora_in_every_role() {
         let packed = corpora.join(format!("{archive}.tar.xz"));
         let folder = unpacked.path().join(archive);
         std::fs::create_dir(&folder).expect("a folder can be made");
-        let tar = std::process::Command::new("tar").arg("xf").arg(&packed).arg("-C").arg(&folder).status();
+        let tar = std::process::Command::new("tar")
+            .arg("xf")
+            .arg(&packed)
+            .arg("-C")
+            .arg(&folder)
+            .status();
         assert!(tar.expect("tar runs").success());
         files.extend(files_below(&folder).into_iter().step_by(20));
     }
@@ -229,8 +251,10 @@ fn files_of_the_corpora_in_every_role() {
 }
 
 fn play_each(files: &[PathBuf]) {
-    let statuses: Vec<i32> =
-        files.par_iter().flat_map(|path| ["photo", "depth", "mask"].map(|role| play(path, role))).collect();
+    let statuses: Vec<i32> = files
+        .par_iter()
+        .flat_map(|path| ["photo", "depth", "mask"].map(|role| play(path, role)))
+        .collect();
     let done = statuses.iter().filter(|&&status| status == 0).count();
     println!("{} files in 3 roles: {done} pictures, the rest refused", files.len());
 }
@@ -249,8 +273,14 @@ fn play(path: &Path, role: &str) -> i32 {
     {
         let size = photo.picture.0.size();
         place.write("depth.npy", npy(size, |x, _| 2.0 + x as f32 / size.0 as f32));
-        place.write("lamp.png", png_of(size, |x, y| Vec3::splat(f32::from(u8::from(x < 1 && y < 1)))));
-        place.write("window.png", png_of(size, |x, y| Vec3::splat(f32::from(u8::from(x > 0 && y < 1)))));
+        place.write(
+            "lamp.png",
+            png_of(size, |x, y| Vec3::splat(f32::from(u8::from(x < 1 && y < 1)))),
+        );
+        place.write(
+            "window.png",
+            png_of(size, |x, y| Vec3::splat(f32::from(u8::from(x > 0 && y < 1)))),
+        );
     }
     place.write(name, bytes);
     let what = format!("{} as {role}", path.display());

@@ -18,7 +18,10 @@ fn wanted(place: &Place) -> [Vec<u8>; 2] {
 /// Runs with the cache of that name, and checks the pictures; returns standard error.
 fn check_right(place: &Place, cache: &str, wanted: &[Vec<u8>; 2]) -> String {
     let told = place.check(&format!("{RUN} --cache {cache} --out out"), 0);
-    assert!(place.pictures("out") == *wanted, "another picture than without a cache; told:\n{told}");
+    assert!(
+        place.pictures("out") == *wanted,
+        "another picture than without a cache; told:\n{told}"
+    );
     told
 }
 
@@ -27,7 +30,8 @@ fn entries(cache: &Path) -> Vec<PathBuf> {
         let entries = std::fs::read_dir(folder).expect("the cache has this folder");
         entries.map(|entry| entry.expect("it can be listed").path()).collect()
     };
-    let mut files: Vec<PathBuf> = list(&cache.join("entries")).iter().flat_map(|folder| list(folder)).collect();
+    let mut files: Vec<PathBuf> =
+        list(&cache.join("entries")).iter().flat_map(|folder| list(folder)).collect();
     files.sort();
     files
 }
@@ -47,7 +51,9 @@ fn random(seed: u64) -> u64 {
 
 /// Number of results in a cache that a run may be writing to.
 fn kept(cache: &Path) -> usize {
-    let list = |folder: &Path| std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let list = |folder: &Path| {
+        std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
+    };
     list(&cache.join("entries")).map(|folder| list(&folder).count()).sum()
 }
 
@@ -66,7 +72,9 @@ fn after_a_kill_at_any_moment_the_next_run_is_right() {
         let (first, second) = (chance() % (whole / 2), whole / 2 + chance() % (whole / 2));
         for part in [first, second] {
             let mut child = start(&place, &format!("{RUN} --cache cache --out torn"));
-            while (kept(&cache) as u64) < part && child.try_wait().expect("it can be looked at").is_none() {
+            while (kept(&cache) as u64) < part
+                && child.try_wait().expect("it can be looked at").is_none()
+            {
                 std::thread::sleep(Duration::from_millis(1));
             }
             std::thread::sleep(Duration::from_millis(chance() % 20));
@@ -76,7 +84,10 @@ fn after_a_kill_at_any_moment_the_next_run_is_right() {
             // Results of a killed run are whole or missing.
             for (name, wanted) in ["picture.png", "picture.exr"].iter().zip(&wanted) {
                 let torn = std::fs::read(place.path("torn").join(name));
-                assert!(torn.is_err() || torn.is_ok_and(|bytes| bytes == *wanted), "{name} is torn");
+                assert!(
+                    torn.is_err() || torn.is_ok_and(|bytes| bytes == *wanted),
+                    "{name} is torn"
+                );
             }
         }
         check_right(&place, "cache", &wanted);
@@ -129,7 +140,8 @@ fn a_cache_that_cannot_be_written_is_one_warning() {
     place.write("file", "not a folder");
     for cache in ["file", "file/deeper", "/proc/nowhere"] {
         let told = check_right(&place, cache, &wanted);
-        let warnings: Vec<&str> = told.lines().filter(|line| line.contains("without storing results")).collect();
+        let warnings: Vec<&str> =
+            told.lines().filter(|line| line.contains("without storing results")).collect();
         assert_eq!(warnings.len(), 1, "{cache}: {warnings:?}");
         assert!(warnings[0].starts_with("warning: cache "), "{warnings:?}");
     }
@@ -141,7 +153,8 @@ fn a_cache_that_cannot_be_written_is_one_warning() {
     place.write("cache/tmp", "in the way of every new result");
     let told = check_right(&place, "cache", &wanted);
     assert!(!told.contains(" ran ") && !told.contains("without storing"), "{told}");
-    let told = place.check(&format!("{RUN} --cache cache --set compose.lamp_albedo=0.4 --out other"), 0);
+    let told =
+        place.check(&format!("{RUN} --cache cache --set compose.lamp_albedo=0.4 --out other"), 0);
     assert_eq!(told.matches("without storing results").count(), 1, "{told}");
 }
 
@@ -154,7 +167,11 @@ fn a_full_disk_leaves_the_cache_sound() {
     let limited = |line: &str| {
         let command = place.command(line);
         let mut shell = std::process::Command::new("sh");
-        shell.current_dir(place.folder.path()).args(["-c", "trap '' XFSZ; ulimit -f 100; exec \"$@\"", "sh"]);
+        shell.current_dir(place.folder.path()).args([
+            "-c",
+            "trap '' XFSZ; ulimit -f 100; exec \"$@\"",
+            "sh",
+        ]);
         shell.arg(command.get_program()).args(command.get_args());
         shell.output().expect("there is a shell")
     };
@@ -178,7 +195,8 @@ fn several_processes_at_once_are_all_right() {
     let wanted = wanted(&place);
     for round in 0..4 {
         let cache = format!("cache_{}", round / 2);
-        let mut children = ["a", "b", "c"].map(|out| start(&place, &format!("{RUN} --cache {cache} --out {out}")));
+        let mut children =
+            ["a", "b", "c"].map(|out| start(&place, &format!("{RUN} --cache {cache} --out {out}")));
         for child in &mut children {
             assert!(child.wait().expect("it ends").success());
         }
@@ -195,7 +213,10 @@ fn what_a_budget_cut_short_is_not_kept() {
     let line = "DEMO.ron EDITS/none.ron --set scene.long_side=96 --only shadow[window_0]";
     let run = |more: &str| place.check(&format!("run {line} --cache cache --out out {more}"), 0);
     let row = |told: &str| {
-        let row = told.lines().find(|line| line.starts_with("shadow[window_0]")).expect("the table names it");
+        let row = told
+            .lines()
+            .find(|line| line.starts_with("shadow[window_0]"))
+            .expect("the table names it");
         row.split_whitespace().nth(1).expect("its status").to_owned()
     };
     let cut = "warning: shadow[window_0]: stopped by the budget at a standard error of ";
@@ -207,7 +228,10 @@ fn what_a_budget_cut_short_is_not_kept() {
     assert!(!hit.contains(cut) && row(&hit) == "hit", "{hit}");
 
     // A target is a parameter like any other.
-    let plan = place.command(&format!("plan {line} --cache cache --target-error 5%")).output().expect("it starts");
+    let plan = place
+        .command(&format!("plan {line} --cache cache --target-error 5%"))
+        .output()
+        .expect("it starts");
     let plan = String::from_utf8(plan.stdout).expect("a plan is text");
     let row = plan.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "));
     let wanted = "run shadow[window_0] parameter target_error: 0.0 -> 0.05";

@@ -96,7 +96,10 @@ fn a_network_under_a_name_of_ones_own_must_fit() {
             "error: mnet: own.onnx: input `photo`: wanted [1, 3, 240, 320], got [1, 3, 120, 160]",
         ),
         (shipped("indirectnet.onnx"), "error: mnet: own.onnx: wanted an input `photo`, got "),
-        (shipped("mnet.onnx")[..100_000].to_vec(), "error: mnet: own.onnx: wanted a network in ONNX that"),
+        (
+            shipped("mnet.onnx")[..100_000].to_vec(),
+            "error: mnet: own.onnx: wanted a network in ONNX that",
+        ),
         (b"a text".to_vec(), "error: mnet: own.onnx: wanted a network in ONNX that"),
     ] {
         place.write("own.onnx", bytes);
@@ -111,7 +114,10 @@ fn a_backend_that_is_not_there_is_told() {
     check(
         &place,
         &format!("{LINE} --onnxruntime no.so"),
-        &["no.so: wanted a library of ONNX Runtime 1.17 or later (--onnxruntime): ", "--backend rten needs no library"],
+        &[
+            "no.so: wanted a library of ONNX Runtime 1.17 or later (--onnxruntime): ",
+            "--backend rten needs no library",
+        ],
     );
     place.check(&format!("{LINE} --backend rten --onnxruntime no.so"), 0);
 }

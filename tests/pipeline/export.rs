@@ -42,9 +42,14 @@ fn prims(text: &str) -> BTreeMap<String, Prim> {
             assert!(old.is_none(), "{} stands there twice", path.join("/"));
         } else if line == "}" {
             path.pop().expect("as many braces are closed as opened");
-        } else if let Some((name, value)) = line.split_once(" = ").filter(|_| !path.is_empty() && next.is_none()) {
+        } else if let Some((name, value)) =
+            line.split_once(" = ").filter(|_| !path.is_empty() && next.is_none())
+        {
             let name = name.split_whitespace().last().expect("an entry has a name").to_owned();
-            all.get_mut(&path.join("/")).expect("it was opened").fields.insert(name, value.to_owned());
+            all.get_mut(&path.join("/"))
+                .expect("it was opened")
+                .fields
+                .insert(name, value.to_owned());
         }
     }
     assert!(path.is_empty(), "every brace is closed");
@@ -55,7 +60,10 @@ impl Prim {
     fn numbers(&self, field: &str) -> Vec<f32> {
         let text = &self.fields.get(field).unwrap_or_else(|| panic!("no {field} in {self:?}"));
         let text = text.split(" (interpolation").next().expect("split gives one");
-        text.split(|c: char| "()[], ".contains(c)).filter(|t| !t.is_empty()).map(|t| t.parse().expect(t)).collect()
+        text.split(|c: char| "()[], ".contains(c))
+            .filter(|t| !t.is_empty())
+            .map(|t| t.parse().expect(t))
+            .collect()
     }
 
     fn vectors(&self, field: &str) -> Vec<Vec3> {
@@ -88,7 +96,8 @@ fn an_exported_room_is_the_room() {
 
     the_surface_is_the_mesh(&prims, &one::<Points>(&report, "room.points"));
     let shapes = many::<Shape>(&report, "edit.shape");
-    let radiances: BTreeMap<String, Arc<Radiance>> = many(&report, "edit.radiance").into_iter().collect();
+    let radiances: BTreeMap<String, Arc<Radiance>> =
+        many(&report, "edit.radiance").into_iter().collect();
     for (id, shape) in &shapes {
         let w = &radiances[id].0;
         let prim = |id: &str| &prims[&format!("Room/Lights/{id}")];
@@ -96,17 +105,28 @@ fn an_exported_room_is_the_room() {
             Shape::Absent => assert!(!prims.contains_key(&format!("Room/Lights/{id}")), "{id}"),
             Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius })) => {
                 let light = prim(id);
-                assert_eq!((light.kind.as_str(), light.numbers("inputs:radius")[0]), ("SphereLight", *radius));
-                assert!(light.frame()[3].abs_diff_eq(*center, 1e-6) && light.radiance().abs_diff_eq(w[0], 1e-4));
+                assert_eq!(
+                    (light.kind.as_str(), light.numbers("inputs:radius")[0]),
+                    ("SphereLight", *radius)
+                );
+                assert!(
+                    light.frame()[3].abs_diff_eq(*center, 1e-6)
+                        && light.radiance().abs_diff_eq(w[0], 1e-4)
+                );
             }
-            Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })) => is_rectangle(prim(id), [*center, *x, *y], w[0]),
+            Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })) => {
+                is_rectangle(prim(id), [*center, *x, *y], w[0])
+            }
             Shape::Lamp(Lamp::Box(BoxLamp { center, axes })) => {
                 for k in 0..6 {
                     let side = prim(&format!("{id}_{k}"));
                     let [_, _, z, place] = side.frame();
                     // Lights shine along -z: outwards.
                     let out = place - *center;
-                    assert!((out.length() - axes[k / 2].length()).abs() < 1e-5 && (-z).dot(out) > 0.0, "{id}_{k}");
+                    assert!(
+                        (out.length() - axes[k / 2].length()).abs() < 1e-5 && (-z).dot(out) > 0.0,
+                        "{id}_{k}"
+                    );
                     assert!(side.radiance().abs_diff_eq(w[0], 1e-4));
                 }
             }
@@ -117,7 +137,8 @@ fn an_exported_room_is_the_room() {
                 let area = 4.0 * window.x.cross(window.y).length();
                 // A sun of a seen window is a light of its own.
                 let sun = prims.get(&format!("Room/Lights/{id}_sun"));
-                let cosine = |sun: &Prim| sun.frame()[2].dot(-window.x.cross(window.y).normalize()).max(0.0);
+                let cosine =
+                    |sun: &Prim| sun.frame()[2].dot(-window.x.cross(window.y).normalize()).max(0.0);
                 let by_sun = sun.map_or(Vec3::ZERO, |sun| sun.radiance() * area * cosine(sun));
                 let by_pane = light.radiance() * std::f32::consts::PI * area;
                 // A narrow lobe through a pane: power = irradiance x area x cosine, to its width.
@@ -136,7 +157,8 @@ fn an_exported_room_is_the_room() {
 fn is_rectangle(prim: &Prim, [center, x, y]: [Vec3; 3], radiance: Vec3) {
     assert_eq!(prim.kind, "RectLight");
     let [ex, ey, ez, place] = prim.frame();
-    let close = |a: Vec3, b: Vec3| assert!(a.abs_diff_eq(b, 1e-4 * b.length().max(1.0)), "{a} for {b}");
+    let close =
+        |a: Vec3, b: Vec3| assert!(a.abs_diff_eq(b, 1e-4 * b.length().max(1.0)), "{a} for {b}");
     close(place, center);
     // Right-handed, and shining along -z to the side of x cross y.
     close(ex.cross(ey), ez);
@@ -150,7 +172,9 @@ fn the_surface_is_the_mesh(prims: &BTreeMap<String, Prim>, points: &Points) {
     let surface = &prims["Room/Surface"];
     let corners = surface.vectors("points");
     let faces = surface.numbers("faceVertexIndices");
-    assert!(faces.len() > 3 * 100_000 && faces.iter().all(|&corner| (corner as usize) < corners.len()));
+    assert!(
+        faces.len() > 3 * 100_000 && faces.iter().all(|&corner| (corner as usize) < corners.len())
+    );
     assert_eq!(surface.numbers("faceVertexCounts").len() * 3, faces.len());
     assert_eq!(surface.vectors("normals").len(), corners.len());
     let places = surface.numbers("primvars:st");
@@ -167,13 +191,19 @@ fn the_surface_is_the_mesh(prims: &BTreeMap<String, Prim>, points: &Points) {
     });
     assert!(away.count() * 1000 < faces.len(), "counter-clockwise from the camera");
     let lamp = &prims["Room/lamp_0_seen"];
-    assert_eq!(lamp.fields["visibility"], "\"invisible\"", "a burning lamp's own surface does not block it");
+    assert_eq!(
+        lamp.fields["visibility"], "\"invisible\"",
+        "a burning lamp's own surface does not block it"
+    );
 }
 
 #[test]
 fn export_as_a_command() {
     let place = Place::new();
-    place.write("bare.ron", r#"Graph(version: 1, nodes: { "scene": (op: ReadScene()) }, outputs: ["scene.photo"])"#);
+    place.write(
+        "bare.ron",
+        r#"Graph(version: 1, nodes: { "scene": (op: ReadScene()) }, outputs: ["scene.photo"])"#,
+    );
     for (line, wanted) in [
         ("export bare.ron --scene DEMO", "wanted a graph with a stage WriteUsd, got none"),
         ("export GRAPHS/physics.ron --scene DEMO --out room.glb", "wanted a file NAME.usda"),
@@ -182,14 +212,20 @@ fn export_as_a_command() {
         let told = place.check(line, 2);
         assert!(told.contains(wanted), "`relight {line}`: wanted {wanted:?}, told:\n{told}");
     }
-    place.check("export GRAPHS/physics.ron EDITS/lamp_off.ron --scene DEMO --out made/living.usda", 0);
+    place.check(
+        "export GRAPHS/physics.ron EDITS/lamp_off.ron --scene DEMO --out made/living.usda",
+        0,
+    );
     let text = std::fs::read_to_string(place.path("made/living.usda")).expect("it was written");
     let prims = prims(&text);
     assert_eq!(prims["Room/Lights/lamp_0"].radiance(), Vec3::ZERO, "off as the edit has it");
     assert!(!prims.contains_key("Room/lamp_0_seen"), "and its body stands in the room");
 
     // Paint of the edit is in the texture.
-    place.write("red.ron", r##"Edit(version: 1, materials: [Paint(region: Grow(160, 45), albedo: Srgb("#c00000"))])"##);
+    place.write(
+        "red.ron",
+        r##"Edit(version: 1, materials: [Paint(region: Grow(160, 45), albedo: Srgb("#c00000"))])"##,
+    );
     place.check("export GRAPHS/physics.ron red.ron --scene DEMO --out red/room.usda", 0);
     let texture = |name: &str| png(&std::fs::read(place.path(name)).expect("it was written"));
     let [old, new] = ["made/living_albedo.png", "red/room_albedo.png"].map(texture);

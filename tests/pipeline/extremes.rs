@@ -10,21 +10,29 @@ use crate::common::files::{npy, png_of};
 use crate::layers::channels;
 use crate::project::*;
 
-const SCENE: &str =
-    r#"Scene(version: 1, photo: "photo.png", transfer: Linear, camera: FovX(60), depth: (path: "depth.npy"))"#;
+const SCENE: &str = r#"Scene(version: 1, photo: "photo.png", transfer: Linear, camera: FovX(60), depth: (path: "depth.npy"))"#;
 const LIT: &str = r#"Scene(version: 1, photo: "photo.png", transfer: Linear, camera: FovX(60), depth: (path: "depth.npy"),
     lights: { "lamp": Lamp(mask: "lamp.png") })"#;
-const GLOBE: &str = r#""globe": Lamp(shape: Sphere(radius: 0.1), at: Point(0, 0, -1), radiance: (9, 8, 7))"#;
+const GLOBE: &str =
+    r#""globe": Lamp(shape: Sphere(radius: 0.1), at: Point(0, 0, -1), radiance: (9, 8, 7))"#;
 
 fn paper(x: usize, y: usize) -> Vec3 {
-    Vec3::new(0.2 + 0.3 * (x as f32 / 40.0).sin().abs(), 0.4, 0.2 + 0.3 * (y as f32 / 30.0).cos().abs())
+    Vec3::new(
+        0.2 + 0.3 * (x as f32 / 40.0).sin().abs(),
+        0.4,
+        0.2 + 0.3 * (y as f32 / 30.0).cos().abs(),
+    )
 }
 
 fn slope(x: usize, y: usize) -> f32 {
     2.0 + 0.02 * x as f32 + 0.01 * y as f32
 }
 
-fn room(size: (usize, usize), photo: impl FnMut(usize, usize) -> Vec3, depth: impl Fn(usize, usize) -> f32) -> Place {
+fn room(
+    size: (usize, usize),
+    photo: impl FnMut(usize, usize) -> Vec3,
+    depth: impl Fn(usize, usize) -> f32,
+) -> Place {
     let place = Place::new();
     place.write("scene.ron", SCENE);
     place.write("photo.png", png_of(size, photo));
@@ -40,7 +48,9 @@ struct Ran {
 impl Ran {
     fn seconds(&self, node: &str) -> f64 {
         let nodes = self.report["nodes"].as_array().expect("a report lists nodes");
-        let of = |kind: &&Value| kind["name"].as_str().is_some_and(|name| name.split('[').next() == Some(node));
+        let of = |kind: &&Value| {
+            kind["name"].as_str().is_some_and(|name| name.split('[').next() == Some(node))
+        };
         nodes.iter().filter(of).map(|node| node["seconds"].as_f64().expect("a number")).sum()
     }
 
@@ -61,7 +71,8 @@ fn check(place: &Place, what: &str, size: (usize, usize), lights: &str) -> Ran {
         let bad = samples.iter().find(|v| !sound(v));
         assert!(bad.is_none(), "{what}: {name} holds {bad:?}; told:\n{told}");
     }
-    let report = std::fs::read_to_string(place.path("out/report.json")).expect("the run wrote its report");
+    let report =
+        std::fs::read_to_string(place.path("out/report.json")).expect("the run wrote its report");
     Ran { told, report: serde_json::from_str(&report).expect("it is JSON") }
 }
 
@@ -102,7 +113,10 @@ fn black_white_and_one_lit_pixel() {
     ] {
         let place = room((40, 30), value, slope);
         place.write("scene.ron", LIT);
-        place.write("lamp.png", png_of((40, 30), |x, y| Vec3::splat(f32::from(u8::from(x < 6 && y < 6)))));
+        place.write(
+            "lamp.png",
+            png_of((40, 30), |x, y| Vec3::splat(f32::from(u8::from(x < 6 && y < 6)))),
+        );
         for lights in [GLOBE, r#""lamp": Off"#] {
             let ran = check(&place, what, (40, 30), lights);
             assert!(ran.told.contains(words), "{what} told:\n{}", ran.told);
@@ -124,12 +138,17 @@ fn a_float_photo_of_any_scale() {
     for scale in [0.01, 1.0, 100.0] {
         let place = room((width, height), paper, slope);
         place.write("scene.ron", LIT.replace("photo.png", "photo.exr"));
-        place.write("lamp.png", png_of((width, height), |x, y| Vec3::splat(f32::from(u8::from(x < 6 && y < 6)))));
+        place.write(
+            "lamp.png",
+            png_of((width, height), |x, y| Vec3::splat(f32::from(u8::from(x < 6 && y < 6)))),
+        );
         let pixel = |x, y| <(f32, f32, f32)>::from(scale * lit(x, y));
-        exr::prelude::write_rgb_file(place.path("photo.exr"), width, height, pixel).expect("it can be written");
+        exr::prelude::write_rgb_file(place.path("photo.exr"), width, height, pixel)
+            .expect("it can be written");
         let shown = |lights: &str| {
             check(&place, "a float photo", (width, height), lights);
-            let channels = channels(&std::fs::read(place.path("out/picture.exr")).expect("the run wrote it"));
+            let channels =
+                channels(&std::fs::read(place.path("out/picture.exr")).expect("the run wrote it"));
             ["R", "G", "B"].map(|c| channels[c].iter().map(|v| v / scale).collect::<Vec<f32>>())
         };
         let same = shown("");
@@ -142,7 +161,8 @@ fn a_float_photo_of_any_scale() {
         }
         dark.push(shown(r#""lamp": Off"#));
     }
-    let sum = |picture: &[Vec<f32>; 3]| picture.iter().flatten().map(|&v| f64::from(v)).sum::<f64>();
+    let sum =
+        |picture: &[Vec<f32>; 3]| picture.iter().flatten().map(|&v| f64::from(v)).sum::<f64>();
     let sums: Vec<f64> = dark.iter().map(sum).collect();
     assert!(sums.iter().all(|s| (s / sums[1] - 1.0).abs() < 0.02), "{sums:?}");
 }
@@ -153,9 +173,18 @@ fn radiances_of_twenty_four_decades() {
     let place = room((40, 30), paper, slope);
     for radiance in [1e-12f32, 1e-6, 1e6, 1e12] {
         let sphere = "shape: Sphere(radius: 0.1), at: Point(0, 0, -1)";
-        let ran =
-            check(&place, "radiance", (40, 30), &format!(r#""x": Lamp({sphere}, radiance: ({radiance:e}, 1, 0))"#));
-        assert_eq!(ran.told.contains("light_x reaches"), radiance > 65504.0, "{radiance:e} told:\n{}", ran.told);
+        let ran = check(
+            &place,
+            "radiance",
+            (40, 30),
+            &format!(r#""x": Lamp({sphere}, radiance: ({radiance:e}, 1, 0))"#),
+        );
+        assert_eq!(
+            ran.told.contains("light_x reaches"),
+            radiance > 65504.0,
+            "{radiance:e} told:\n{}",
+            ran.told
+        );
         let layers = channels(&place.pictures("out")[1]);
         let shown = layers["light_x.R"].iter().copied().fold(0.0, f32::max);
         // The body itself shows its radiance, beside green light of 1 in the same layer, where
@@ -164,8 +193,14 @@ fn radiances_of_twenty_four_decades() {
         assert!((shown - radiance).abs() <= most, "{radiance:e} shows {shown:e}");
     }
     let sphere = "shape: Sphere(radius: 0.1), at: Point(0, 0, -1)";
-    check(&place, "faint", (40, 30), &format!(r#""x": Lamp({sphere}, radiance: (1e-12, 1e-12, 1e-12))"#));
-    let shown = channels(&place.pictures("out")[1])["light_x.R"].iter().copied().fold(0.0, f32::max);
+    check(
+        &place,
+        "faint",
+        (40, 30),
+        &format!(r#""x": Lamp({sphere}, radiance: (1e-12, 1e-12, 1e-12))"#),
+    );
+    let shown =
+        channels(&place.pictures("out")[1])["light_x.R"].iter().copied().fold(0.0, f32::max);
     assert!((shown / 1e-12 - 1.0).abs() < 1e-6, "{shown:e}");
 }
 
@@ -183,8 +218,10 @@ fn lamps_at_every_distance_from_a_surface() {
     let mut lights = String::new();
     for (i, (shape, touching)) in shapes.into_iter().enumerate() {
         // Touching, 1 micrometer and 10 km before the surface; sunk in it; around the camera.
-        let lifts = [touching, touching + 1e-6, 1e4].map(|lift| format!("Pixel(x: 20, y: 15, lift: {lift:e})"));
-        let places = lifts.into_iter().chain(["Point(0, 0, -2.35)".into(), "Point(0, 0, 0)".into()]);
+        let lifts = [touching, touching + 1e-6, 1e4]
+            .map(|lift| format!("Pixel(x: 20, y: 15, lift: {lift:e})"));
+        let places =
+            lifts.into_iter().chain(["Point(0, 0, -2.35)".into(), "Point(0, 0, 0)".into()]);
         for (j, at) in places.enumerate() {
             write!(lights, r#""l{i}_{j}": Lamp(shape: {shape}, at: {at}, radiance: (5, 4, 3)), "#)
                 .expect("text can grow");
@@ -226,7 +263,8 @@ fn bodies_without_extent() {
         "Box(half: (1e-30, 1e-30, 1e-30), yaw: 45)",
     ];
     let lights = needles.iter().enumerate();
-    let lights = lights.map(|(i, shape)| format!(r#""l{i}": Lamp(shape: {shape}, {at}, radiance: (5, 4, 3)), "#));
+    let lights = lights
+        .map(|(i, shape)| format!(r#""l{i}": Lamp(shape: {shape}, {at}, radiance: (5, 4, 3)), "#));
     check(&place, "needles", (40, 30), &lights.collect::<String>());
 }
 
@@ -253,7 +291,10 @@ fn what_is_no_number_is_refused() {
 #[test]
 fn a_light_too_bright_for_sums_is_named() {
     let place = room((40, 30), paper, slope);
-    place.write("edit.ron", format!(r#"Edit(version: 1, lights: {{ {} }})"#, GLOBE.replace("9,", "1e31,")));
+    place.write(
+        "edit.ron",
+        format!(r#"Edit(version: 1, lights: {{ {} }})"#, GLOBE.replace("9,", "1e31,")),
+    );
     let told = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
     let errors: Vec<&str> = told.lines().filter(|line| line.starts_with("error: ")).collect();
     assert_eq!(errors, [r#"error: edit: lights: "globe": wanted a radiance up to 1e30, got 1e31"#]);
@@ -263,10 +304,15 @@ fn many_lamps(count: usize) -> String {
     let mut lights = String::new();
     for i in 0..count {
         // A low-discrepancy cloud before the wall.
-        let [x, y, z] = [0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step| (i as f64 * step).fract());
-        let at = format!("Point({:.4}, {:.4}, {:.4})", 2.0 * x - 1.0, 1.4 * y - 0.7, -0.5 - 1.5 * z);
-        write!(lights, r#""l{i}": Lamp(shape: Sphere(radius: 0.02), at: {at}, radiance: (5, 4, 3)), "#)
-            .expect("text can grow");
+        let [x, y, z] =
+            [0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step| (i as f64 * step).fract());
+        let at =
+            format!("Point({:.4}, {:.4}, {:.4})", 2.0 * x - 1.0, 1.4 * y - 0.7, -0.5 - 1.5 * z);
+        write!(
+            lights,
+            r#""l{i}": Lamp(shape: Sphere(radius: 0.02), at: {at}, radiance: (5, 4, 3)), "#
+        )
+        .expect("text can grow");
     }
     lights
 }
@@ -279,7 +325,16 @@ fn two_thousand_lamps() {
         let place = room((40, 30), paper, slope);
         check(&place, "many lamps", (40, 30), &many_lamps(count))
     });
-    for node in ["edit", "after", "compose", "write", "edited_direct", "edited_shadow", "edited_indirect", "glow"] {
+    for node in [
+        "edit",
+        "after",
+        "compose",
+        "write",
+        "edited_direct",
+        "edited_shadow",
+        "edited_indirect",
+        "glow",
+    ] {
         let (few, many) = (few.seconds(node), many.seconds(node));
         // Other work may run beside: three times the proportion, and a second of grace.
         assert!(many < 30.0 * few + 1.0, "{node}: {few} s for 200 lamps, {many} s for 2000");
@@ -312,7 +367,8 @@ fn large(size: (usize, usize)) {
     place.write("edit.ron", format!("Edit(version: 1, lights: {{ {GLOBE} }})"));
     let told =
         place.check("run GRAPHS/physics.ron edit.ron --scene . --no-cache --out out --set write.diagnostics=false", 0);
-    let report = std::fs::read_to_string(place.path("out/report.json")).expect("the run wrote its report");
+    let report =
+        std::fs::read_to_string(place.path("out/report.json")).expect("the run wrote its report");
     let report: Value = serde_json::from_str(&report).expect("it is JSON");
     let pixels = (size.0 * size.1) as f64;
     if let Some(peak) = report["peak_bytes"].as_f64() {

@@ -23,14 +23,18 @@ fn white(mask: &image::RgbImage) -> Vec<bool> {
 
 /// Intersection over union.
 fn overlap(a: &[bool], b: &[bool]) -> f64 {
-    let count = |both: fn(bool, bool) -> bool| a.iter().zip(b).filter(|(a, b)| both(**a, **b)).count();
+    let count =
+        |both: fn(bool, bool) -> bool| a.iter().zip(b).filter(|(a, b)| both(**a, **b)).count();
     count(|a, b| a && b) as f64 / count(|a, b| a || b).max(1) as f64
 }
 
 /// Name and pixels of each proposed mask.
 fn masks(files: &Files) -> Vec<(String, Vec<bool>)> {
-    let named = files.0.iter().filter_map(|(name, bytes)| Some((name.strip_prefix("masks/")?, bytes)));
-    named.map(|(name, bytes)| (name.trim_end_matches(".png").to_owned(), white(&png(bytes)))).collect()
+    let named =
+        files.0.iter().filter_map(|(name, bytes)| Some((name.strip_prefix("masks/")?, bytes)));
+    named
+        .map(|(name, bytes)| (name.trim_end_matches(".png").to_owned(), white(&png(bytes))))
+        .collect()
 }
 
 #[test]
@@ -39,7 +43,8 @@ fn the_lights_of_the_demo_are_found_and_named() {
     let files = one::<Files>(&report, "find.files");
     let found = masks(&files);
     for (light, least) in [("lamp_0", 0.95), ("window_0", 0.8)] {
-        let given = std::fs::read(demo().join(format!("masks/{light}.png"))).expect("the demo has it");
+        let given =
+            std::fs::read(demo().join(format!("masks/{light}.png"))).expect("the demo has it");
         let (_, mask) = found.iter().find(|(name, _)| name == light).expect("it is found");
         let overlap = overlap(&white(&png(&given)), mask);
         assert!(overlap > least, "{light}: intersection over union {overlap:.2}");
@@ -53,7 +58,10 @@ fn the_lights_of_the_demo_are_found_and_named() {
 /// A folder with a scene that names no lights, of this photo.
 fn unlit(photo: impl AsRef<[u8]>, size: (usize, usize)) -> Place {
     let place = Place::new();
-    place.write("scene.ron", r#"Scene(version: 1, photo: "photo.png", camera: FovX(60), depth: (path: "depth.npy"))"#);
+    place.write(
+        "scene.ron",
+        r#"Scene(version: 1, photo: "photo.png", camera: FovX(60), depth: (path: "depth.npy"))"#,
+    );
     place.write("photo.png", photo);
     place.write("depth.npy", npy(size, |_, _| 2.5));
     place
@@ -68,7 +76,8 @@ fn photos_without_lights_give_no_mask_and_say_so() {
         let told = place.check(LINE, 0);
         assert!(told.contains("warning: find: no light found"), "{told}");
         assert!(!place.path("found/masks").exists());
-        let lights = std::fs::read_to_string(place.path("found/scene_lights.ron")).expect("it is written");
+        let lights =
+            std::fs::read_to_string(place.path("found/scene_lights.ron")).expect("it is written");
         assert!(lights.ends_with("lights: {\n},\n"), "{lights}");
     }
 }
@@ -78,11 +87,19 @@ fn photos_without_lights_give_no_mask_and_say_so() {
 fn the_proposal_is_a_scene() {
     let size = (80, 60);
     let bright = |x: usize, y: usize| (50..62).contains(&x) && (10..20).contains(&y);
-    let photo = png_of(size, |x, y| Vec3::splat(if bright(x, y) { 1.0 } else { 0.2 + 0.001 * x as f32 }));
+    let photo =
+        png_of(size, |x, y| Vec3::splat(if bright(x, y) { 1.0 } else { 0.2 + 0.001 * x as f32 }));
     let place = unlit(photo, size);
     place.check(&format!("{LINE} --threads 1"), 0);
-    place.check(&format!("{} --threads 4", LINE.replace("found", "again").replace("again_lights", "find_lights")), 0);
-    let read = |name: &str| std::fs::read(place.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+    place.check(
+        &format!(
+            "{} --threads 4",
+            LINE.replace("found", "again").replace("again_lights", "find_lights")
+        ),
+        0,
+    );
+    let read =
+        |name: &str| std::fs::read(place.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
     for name in ["masks/window_0.png", "found.png", "scene_lights.ron"] {
         assert!(read(&format!("found/{name}")) == read(&format!("again/{name}")), "{name}");
     }
@@ -128,18 +145,22 @@ fn given() -> Vec<Given> {
     let folders = ["data/photos", "truth"]
         .into_iter()
         .flat_map(|part| std::fs::read_dir(shared.join(part)).expect("the folder can be listed"));
-    let mut folders: Vec<PathBuf> =
-        folders.map(|entry| entry.expect("it can be listed").path()).filter(|p| p.is_dir()).collect();
+    let mut folders: Vec<PathBuf> = folders
+        .map(|entry| entry.expect("it can be listed").path())
+        .filter(|p| p.is_dir())
+        .collect();
     folders.sort();
     let of_folder = |folder: &PathBuf| {
         let real = folder.join("photo.png").is_file();
-        let about = std::fs::read(folder.join(if real { "about.json" } else { "meta.json" })).expect("it is there");
+        let about = std::fs::read(folder.join(if real { "about.json" } else { "meta.json" }))
+            .expect("it is there");
         let about: serde_json::Value = serde_json::from_slice(&about).expect("it is JSON");
         let number = |key: &str| about[key].as_f64();
         let camera = match number("fov_x_deg").or(number("fov_x")) {
             Some(degrees) => format!("FovX({degrees})"),
             None => {
-                let [fx, fy, cx, cy] = ["fx", "fy", "cx", "cy"].map(|key| number(key).expect("it has a camera"));
+                let [fx, fy, cx, cy] =
+                    ["fx", "fy", "cx", "cy"].map(|key| number(key).expect("it has a camera"));
                 format!("Pinhole(fx: {fx}, fy: {fy}, cx: {cx}, cy: {cy})")
             }
         };
@@ -151,12 +172,15 @@ fn given() -> Vec<Given> {
         let scene = format!(
             r#"Scene(version: 1, photo: "{photo}", transfer: {transfer}, camera: {camera}, depth: (path: "{depth}"))"#
         );
-        let files = std::fs::read_dir(if real { folder.join("masks") } else { folder.clone() }).into_iter().flatten();
+        let files = std::fs::read_dir(if real { folder.join("masks") } else { folder.clone() })
+            .into_iter()
+            .flatten();
         let mut masks: Vec<(String, PathBuf)> = files
             .map(|entry| entry.expect("it can be listed").path())
             .filter_map(|path| {
                 let name = stem(&path).trim_start_matches("mask_").to_owned();
-                let light = path.extension()? == "png" && (name.starts_with("lamp") || name.starts_with("window"));
+                let light = path.extension()? == "png"
+                    && (name.starts_with("lamp") || name.starts_with("window"));
                 (light && (real || stem(&path).starts_with("mask_"))).then_some((name, path))
             })
             .collect();
@@ -179,16 +203,21 @@ fn photographs_against_masks_by_people() {
         place.write("scene.ron", scene);
         let report = run(shared_engine(), &graph(&place.path("")), &[]);
         let found = masks(&one::<Files>(&report, "find.files"));
-        let given: Vec<_> =
-            given.iter().map(|(id, path)| (id, white(&png(&std::fs::read(path).expect("it is there"))))).collect();
+        let given: Vec<_> = given
+            .iter()
+            .map(|(id, path)| (id, white(&png(&std::fs::read(path).expect("it is there")))))
+            .collect();
         let mut line = Vec::new();
         for (id, mask) in &given {
-            let best =
-                found.iter().map(|(name, pixels)| (overlap(mask, pixels), name)).max_by(|a, b| a.0.total_cmp(&b.0));
+            let best = found
+                .iter()
+                .map(|(name, pixels)| (overlap(mask, pixels), name))
+                .max_by(|a, b| a.0.total_cmp(&b.0));
             let (best, name) = best.map_or((0.0, "none"), |(overlap, name)| (overlap, name));
             let hit = best > 0.5;
             let kind = id.split('_').next() == name.split('_').next();
-            (lights, hits, wrong) = (lights + 1, hits + u32::from(hit), wrong + u32::from(hit && !kind));
+            (lights, hits, wrong) =
+                (lights + 1, hits + u32::from(hit), wrong + u32::from(hit && !kind));
             line.push(format!("{id} {best:.2}{}", if hit && !kind { " (wrong kind)" } else { "" }));
         }
         let share = |pixels: &[bool], mask: &[bool]| {
@@ -196,8 +225,9 @@ fn photographs_against_masks_by_people() {
             inside / pixels.iter().filter(|p| **p).count().max(1) as f64
         };
         // Neither in a given light nor around one.
-        let strange =
-            |pixels: &[bool]| given.iter().all(|(_, mask)| share(pixels, mask) < 0.1 && share(mask, pixels) < 0.5);
+        let strange = |pixels: &[bool]| {
+            given.iter().all(|(_, mask)| share(pixels, mask) < 0.1 && share(mask, pixels) < 0.5)
+        };
         let strange = found.iter().filter(|(_, pixels)| strange(pixels)).count();
         println!("| {name} | {} | {} | {strange} |", line.join(", "), found.len());
     }

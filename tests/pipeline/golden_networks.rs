@@ -34,9 +34,10 @@ fn model(name: &str) -> File {
 fn check_each(name: &str, picture: impl Fn(Backend) -> Plane<Vec3>) {
     check(name, picture(Backend::Rten));
     match std::env::var_os("ORT_DYLIB_PATH") {
-        Some(path) => {
-            check(name, picture(find_onnxruntime(Path::new(&path)).expect("it is a library of ONNX Runtime")))
-        }
+        Some(path) => check(
+            name,
+            picture(find_onnxruntime(Path::new(&path)).expect("it is a library of ONNX Runtime")),
+        ),
         None => eprintln!("skipped: ORT_DYLIB_PATH names no library of ONNX Runtime"),
     }
 }
@@ -54,20 +55,37 @@ fn photo() -> Arc<Picture> {
 fn lit_by(guess: &Guess) -> Plane<Vec3> {
     let (points, normal) = (room().points.clone(), room().normal.clone());
     let inputs = DirectIn { points, normal, shape: Arc::new(guess.shape.clone()) };
-    let direct = Direct::default().run(inputs, &Context::default()).expect("the guess is sound").direct;
-    let at = |x, y| direct.lobes.iter().zip(&guess.radiance.0).map(|(lobe, w)| *w * lobe.get(x, y)).sum::<Vec3>();
+    let direct =
+        Direct::default().run(inputs, &Context::default()).expect("the guess is sound").direct;
+    let at = |x, y| {
+        direct
+            .lobes
+            .iter()
+            .zip(&guess.radiance.0)
+            .map(|(lobe, w)| *w * lobe.get(x, y))
+            .sum::<Vec3>()
+    };
     Plane::from_fn(SIZE.0, SIZE.1, at)
 }
 
 #[test]
 fn mnet() {
     check_each("mnet", |backend| {
-        let inputs =
-            MNetIn { photo: photo(), depth: room().depth.clone(), camera: room().camera.clone(), masks: masks() };
-        let out = MNet { model: model("mnet.onnx"), backend }.run(inputs, &Context::default()).expect("it runs");
+        let inputs = MNetIn {
+            photo: photo(),
+            depth: room().depth.clone(),
+            camera: room().camera.clone(),
+            masks: masks(),
+        };
+        let out = MNet { model: model("mnet.onnx"), backend }
+            .run(inputs, &Context::default())
+            .expect("it runs");
         for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
             let n = out.normal.0.get(x, y);
-            assert!((n.length() - 1.0).abs() < 1e-5, "({x}, {y}): a normal has unit length, got {n}");
+            assert!(
+                (n.length() - 1.0).abs() < 1e-5,
+                "({x}, {y}): a normal has unit length, got {n}"
+            );
             let away = n.dot(room().camera.pixel_point(x, y, 1.0));
             assert!(away <= 0.0, "({x}, {y}): a normal faces the camera, got {n}");
         }
@@ -125,11 +143,16 @@ fn shadow_net() {
                 direct: light.direct.clone(),
                 visibility: visibility.clone(),
             };
-            let stage = ShadowNet { model: model("shadownet.onnx"), backend: backend.clone(), everywhere: false };
+            let stage = ShadowNet {
+                model: model("shadownet.onnx"),
+                backend: backend.clone(),
+                everywhere: false,
+            };
             let filled = stage.run(inputs, &Context::default()).expect("it runs").visibility;
             for lobe in 0..filled.lit.len() {
                 let known = |p: usize| visibility.unknown[lobe].pixels()[p] == 0.0;
-                let same = |p: usize| filled.lit[lobe].pixels()[p] == visibility.lit[lobe].pixels()[p];
+                let same =
+                    |p: usize| filled.lit[lobe].pixels()[p] == visibility.lit[lobe].pixels()[p];
                 assert!((0..SIZE.0 * SIZE.1).all(|p| !known(p) || same(p)), "what is known stays");
             }
             filled

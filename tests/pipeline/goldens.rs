@@ -12,7 +12,8 @@ use glam::{Vec2, Vec3};
 use relight::geometry::{Camera, Model, Objects};
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
-    Mask, PaintLayers, Picture, Plane, Points, Roughness, Shading, SpecularEdit, Transfer, write_png,
+    Mask, PaintLayers, Picture, Plane, Points, Roughness, Shading, SpecularEdit, Transfer,
+    write_png,
 };
 use relight::nodes::artifacts::Encoding;
 use relight::nodes::edit::Color;
@@ -30,7 +31,9 @@ use relight::nodes::render::{
     shade_specular_edit::{ShadeSpecularEdit, ShadeSpecularEditIn},
     shadow::{Shadow, ShadowIn},
 };
-use relight::optics::{Lamp, LightKind, MeshLamp, Radiance, Shape, SpecularChange, SphereLamp, Window};
+use relight::optics::{
+    Lamp, LightKind, MeshLamp, Radiance, Shape, SpecularChange, SphereLamp, Window,
+};
 
 use crate::common::boxes::{Boxes, Hit};
 use crate::common::scene::{Light, Plan, Scene};
@@ -75,9 +78,13 @@ fn folder() -> PathBuf {
 /// Names in RELIGHT_BLESS: goldens, and `scores`.
 pub fn blessed() -> Vec<String> {
     let Ok(names) = std::env::var("RELIGHT_BLESS") else { return Vec::new() };
-    assert!(std::env::var_os("CI").is_none(), "goldens are blessed by a person who looked at them, not in CI");
+    assert!(
+        std::env::var_os("CI").is_none(),
+        "goldens are blessed by a person who looked at them, not in CI"
+    );
     let names: Vec<String> = names.split(',').map(|name| name.trim().to_owned()).collect();
-    let unknown: Vec<_> = names.iter().filter(|name| !NAMES.contains(&name.as_str()) && *name != "scores").collect();
+    let unknown: Vec<_> =
+        names.iter().filter(|name| !NAMES.contains(&name.as_str()) && *name != "scores").collect();
     assert!(unknown.is_empty(), "there is no golden {unknown:?}, only {NAMES:?}");
     names
 }
@@ -93,13 +100,19 @@ pub fn check(name: &str, picture: Plane<Vec3>) {
     let got = png(&bytes);
     let expected = std::fs::read(&path).map(|bytes| png(&bytes)).unwrap_or_default();
     let same_size = got.dimensions() == expected.dimensions();
-    let far = |a: &image::Rgb<u8>, b: &image::Rgb<u8>| (0..3).any(|c| a.0[c].abs_diff(b.0[c]) > TOLERANCE);
+    let far = |a: &image::Rgb<u8>, b: &image::Rgb<u8>| {
+        (0..3).any(|c| a.0[c].abs_diff(b.0[c]) > TOLERANCE)
+    };
     let strays = got.pixels().zip(expected.pixels()).filter(|(a, b)| far(a, b)).count();
     if !same_size || strays as f64 > STRAYS * (SIZE.0 * SIZE.1) as f64 {
         let shown = root().join(format!("target/golden/{name}.png"));
-        std::fs::create_dir_all(shown.parent().expect("it lies in a folder")).expect("target can be written to");
+        std::fs::create_dir_all(shown.parent().expect("it lies in a folder"))
+            .expect("target can be written to");
         side_by_side(&expected, &got).save(&shown).expect("target can be written to");
-        panic!("{name}: {strays} pixels differ by more than {TOLERANCE}/255; see {}", shown.display());
+        panic!(
+            "{name}: {strays} pixels differ by more than {TOLERANCE}/255; see {}",
+            shown.display()
+        );
     }
 }
 
@@ -123,8 +136,9 @@ fn every_golden_is_used() {
         return; // some are being written
     }
     let entries = std::fs::read_dir(folder()).expect("the goldens are there");
-    let mut there: Vec<String> =
-        entries.map(|entry| entry.expect("it can be listed").file_name().to_string_lossy().into_owned()).collect();
+    let mut there: Vec<String> = entries
+        .map(|entry| entry.expect("it can be listed").file_name().to_string_lossy().into_owned())
+        .collect();
     there.sort();
     let mut wanted = NAMES.map(|name| format!("{name}.png"));
     wanted.sort();
@@ -157,13 +171,23 @@ fn paint(side: u32, p: Vec3) -> Vec3 {
 pub fn room() -> &'static Scene {
     static ROOM: OnceLock<Scene> = OnceLock::new();
     ROOM.get_or_init(|| {
-        let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(-0.5, 0.6, -3.0), radius: 0.12 }));
+        let lamp = Shape::Lamp(Lamp::Sphere(SphereLamp {
+            center: Vec3::new(-0.5, 0.6, -3.0),
+            radius: 0.12,
+        }));
         let (x, y) = (Vec3::new(0.0, 0.0, -0.5), Vec3::new(0.0, 0.45, 0.0));
-        let window = Window { center: Vec3::new(-1.59, 0.4, -2.9), x, y, lobes: Window::daylight(Vec3::X) };
+        let window =
+            Window { center: Vec3::new(-1.59, 0.4, -2.9), x, y, lobes: Window::daylight(Vec3::X) };
         let sky = vec![Vec3::ZERO, Vec3::new(4.0, 5.0, 6.0), Vec3::new(1.5, 1.4, 1.0)];
-        let lights = vec![("lamp", lamp, vec![Vec3::new(14.0, 9.0, 5.0)]), ("window", Shape::Window(window), sky)];
+        let lights = vec![
+            ("lamp", lamp, vec![Vec3::new(14.0, 9.0, 5.0)]),
+            ("window", Shape::Window(window), sky),
+        ];
         let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 62.0);
-        Scene::of(Plan { camera, boxes: boxes(), paint, sees_lights: false, shadow: Shadow::default() }, lights)
+        Scene::of(
+            Plan { camera, boxes: boxes(), paint, sees_lights: false, shadow: Shadow::default() },
+            lights,
+        )
     })
 }
 
@@ -192,7 +216,8 @@ pub fn shading(factors: [f32; 2]) -> Vec<(String, Arc<Shading>)> {
 /// The room as a camera sees it.
 pub fn photo() -> Picture {
     let shading = shading([1.0, 1.0]);
-    let pixel = |i: usize, a: &Vec3| *a * shading.iter().map(|(_, e)| e.0.pixels()[i]).sum::<Vec3>();
+    let pixel =
+        |i: usize, a: &Vec3| *a * shading.iter().map(|(_, e)| e.0.pixels()[i]).sum::<Vec3>();
     let pixels = room().albedo.0.pixels().iter().enumerate().map(|(i, a)| pixel(i, a)).collect();
     Picture(Plane::new(SIZE.0, SIZE.1, pixels))
 }
@@ -208,9 +233,16 @@ fn mesh() {
     let room = room();
     // Away from creases a plane's normal is exact; a pixel in twenty lies at one.
     let pixels = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
-    let off = pixels.filter(|&(x, y)| room.normal.0.get(x, y).dot(cast(x, y).normal) < 0.999).count();
+    let off =
+        pixels.filter(|&(x, y)| room.normal.0.get(x, y).dot(cast(x, y).normal) < 0.999).count();
     assert!(off * 20 < SIZE.0 * SIZE.1, "{off} normals are off by more than 2.6 degrees");
-    let far = room.points.0.pixels().iter().zip(room.depth.0.pixels()).filter(|(p, z)| (p.z + **z).abs() > 1e-3 * **z);
+    let far = room
+        .points
+        .0
+        .pixels()
+        .iter()
+        .zip(room.depth.0.pixels())
+        .filter(|(p, z)| (p.z + **z).abs() > 1e-3 * **z);
     assert_eq!(far.count(), 0, "points of exact depth stay where they are");
     check("mesh", room.normal.0.map(|n| 0.5 * n + 0.5));
 }
@@ -221,7 +253,8 @@ fn find() {
     let room = room();
     let clipped = cover(&ball(), None);
     let lit = photo().0;
-    let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| lit.get(x, y).lerp(Vec3::ONE, clipped.0.get(x, y)));
+    let photo =
+        Plane::from_fn(SIZE.0, SIZE.1, |x, y| lit.get(x, y).lerp(Vec3::ONE, clipped.0.get(x, y)));
     let photo = Arc::new(Picture(photo));
     let before_the_wall = |x, y| match clipped.0.get(x, y) > 0.5 {
         true => room.camera.pixel_point(x, y, 3.2),
@@ -236,12 +269,16 @@ fn find() {
         points: Some(Arc::new(points)),
         normal: Some(room.normal.clone()),
     };
-    let files = FindLights::default().run(inputs, &Context::default()).expect("the room is sound").files;
+    let files =
+        FindLights::default().run(inputs, &Context::default()).expect("the room is sound").files;
     let names: Vec<&str> = files.0.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["masks/lamp_0.png", "found.png", "scene_lights.ron"]);
     let overview = png(&files.0[1].1);
     let linear = |x: usize, y: usize| {
-        overview.get_pixel(x as u32, y as u32).0.map(|v| Transfer::Srgb.decode(f32::from(v) / 255.0))
+        overview
+            .get_pixel(x as u32, y as u32)
+            .0
+            .map(|v| Transfer::Srgb.decode(f32::from(v) / 255.0))
     };
     check("find", Plane::from_fn(SIZE.0, SIZE.1, |x, y| Vec3::from_array(linear(x, y))));
 }
@@ -250,7 +287,8 @@ fn find() {
 fn retinex() {
     let room = room();
     let inputs = RetinexMaterialsIn { photo: Arc::new(photo()), normal: room.normal.clone() };
-    let out = RetinexMaterials::default().run(inputs, &Context::default()).expect("the photo is sound");
+    let out =
+        RetinexMaterials::default().run(inputs, &Context::default()).expect("the photo is sound");
     check("retinex", out.albedo.0.clone());
 }
 
@@ -258,14 +296,23 @@ fn retinex() {
 #[test]
 fn direct() {
     let [lamp, window] = &room().lights[..] else { panic!("a lamp and a window") };
-    check("direct", zip3(&lamp.direct.lobes[0], &window.direct.lobes[1], &window.direct.lobes[2], [30.0, 8.0, 8.0]));
+    check(
+        "direct",
+        zip3(
+            &lamp.direct.lobes[0],
+            &window.direct.lobes[1],
+            &window.direct.lobes[2],
+            [30.0, 8.0, 8.0],
+        ),
+    );
 }
 
 /// Visibility of the lamp and of the sky, and the unknown fraction of the lamp.
 #[test]
 fn shadow() {
     let [lamp, window] = &room().lights[..] else { panic!("a lamp and a window") };
-    let (lit, sky, unknown) = (&lamp.visibility.lit[0], &window.visibility.lit[1], &lamp.visibility.unknown[0]);
+    let (lit, sky, unknown) =
+        (&lamp.visibility.lit[0], &window.visibility.lit[1], &lamp.visibility.unknown[0]);
     check("shadow", zip3(lit, sky, unknown, [1.0; 3]));
 }
 
@@ -283,12 +330,16 @@ fn mix() {
 
 /// Half hidden by the box.
 fn ball() -> Arc<Shape> {
-    Arc::new(Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.2, -0.35, -3.4), radius: 0.3 })))
+    Arc::new(Shape::Lamp(Lamp::Sphere(SphereLamp {
+        center: Vec3::new(0.2, -0.35, -3.4),
+        radius: 0.3,
+    })))
 }
 
 pub fn cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>) -> Arc<Mask> {
     let (camera, depth) = (room().camera.clone(), room().depth.clone());
-    let inputs = EmitterMaskIn { shape: shape.clone(), estimated: estimated.cloned(), camera, depth };
+    let inputs =
+        EmitterMaskIn { shape: shape.clone(), estimated: estimated.cloned(), camera, depth };
     EmitterMask::default().run(inputs, &Context::default()).expect("the light is sound").coverage
 }
 
@@ -301,21 +352,28 @@ fn glow() {
 #[test]
 fn mesh_lamp() {
     let file = std::fs::read(root().join("scenes/demo/models/lantern.obj")).expect("it ships");
-    let model = Model::read("lantern.obj", &file, &mut |_| unreachable!("it names no other")).expect("it is sound");
-    let corners = model.positions.into_iter().map(|p| Vec3::new(-0.3, 0.1, -3.1) + 0.7 * p).collect();
+    let model = Model::read("lantern.obj", &file, &mut |_| unreachable!("it names no other"))
+        .expect("it is sound");
+    let corners =
+        model.positions.into_iter().map(|p| Vec3::new(-0.3, 0.1, -3.1) + 0.7 * p).collect();
     let shape = Arc::new(Shape::Lamp(Lamp::Mesh(MeshLamp::new(corners, model.triangles))));
     let (points, normal) = (room().points.clone(), room().normal.clone());
     let inputs = DirectIn { points: points.clone(), normal: normal.clone(), shape: shape.clone() };
-    let direct =
-        Direct { samples: 64, ..Direct::default() }.run(inputs, &Context::default()).expect("it is sound").direct;
-    let inputs = ShadowIn { points, normal, mesh: room().mesh.clone(), shape: shape.clone(), mask: None };
-    let visibility = Shadow::default().run(inputs, &Context::default()).expect("it is sound").visibility;
+    let direct = Direct { samples: 64, ..Direct::default() }
+        .run(inputs, &Context::default())
+        .expect("it is sound")
+        .direct;
+    let inputs =
+        ShadowIn { points, normal, mesh: room().mesh.clone(), shape: shape.clone(), mask: None };
+    let visibility =
+        Shadow::default().run(inputs, &Context::default()).expect("it is sound").visibility;
     let cover = cover(&shape, None);
     let (direct, lit) = (&direct.lobes[0], &visibility.lit[0]);
     check(
         "mesh_lamp",
         Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
-            Vec3::new(cover.0.get(x, y), direct.get(x, y), direct.get(x, y) * lit.get(x, y)) * Vec3::new(1.0, 2.0, 2.0)
+            Vec3::new(cover.0.get(x, y), direct.get(x, y), direct.get(x, y) * lit.get(x, y))
+                * Vec3::new(1.0, 2.0, 2.0)
         }),
     );
 }
@@ -351,7 +409,9 @@ fn edit_materials() {
         fitted: room.albedo.clone(),
         roughness: Arc::new(Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8))),
     };
-    let out = EditMaterials { materials: vec![wall] }.run(inputs, &Context::default()).expect("everything is sound");
+    let out = EditMaterials { materials: vec![wall] }
+        .run(inputs, &Context::default())
+        .expect("everything is sound");
     check("edit_materials", composed(out.paint_layers, None));
 }
 
@@ -359,10 +419,12 @@ fn edit_materials() {
 #[test]
 fn polish() {
     let room = room();
-    let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(cast(x, y).side == FLOOR)));
+    let floor =
+        Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(cast(x, y).side == FLOOR)));
     let mut finish = SpecularEdit::default();
     finish.lay(&floor, [Some(0.15), Some(1.0)], &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)));
-    let shapes: Vec<_> = room.lights.iter().map(|light| (light.id.to_string(), light.shape.clone())).collect();
+    let shapes: Vec<_> =
+        room.lights.iter().map(|light| (light.id.to_string(), light.shape.clone())).collect();
     let inputs = ShadeSpecularEditIn {
         specular_edit: Arc::new(finish),
         objects: Arc::new(Objects::unseen(&[])),
@@ -377,7 +439,8 @@ fn polish() {
         shape: Gather(shapes.into_iter().chain([("ball".to_string(), ball())]).collect()),
         lighting: None,
     };
-    let out = ShadeSpecularEdit::default().run(inputs, &Context::default()).expect("everything is sound");
+    let out =
+        ShadeSpecularEdit::default().run(inputs, &Context::default()).expect("everything is sound");
     check("polish", composed(Arc::default(), Some(out.specular_change)));
 }
 
@@ -395,7 +458,9 @@ struct Photographed {
 fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
     let room = room();
     let Photographed { photo, clipped, residual, masks } = of;
-    let kind = |id: &String| (id.clone(), Arc::new(if id == "lamp" { LightKind::Lamp } else { LightKind::Window }));
+    let kind = |id: &String| {
+        (id.clone(), Arc::new(if id == "lamp" { LightKind::Lamp } else { LightKind::Window }))
+    };
     let kinds = || Gather(masks.iter().map(|(id, _)| kind(id)).collect());
     let paint = FillReflectanceIn {
         photo: photo.clone(),
@@ -408,10 +473,13 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
         mask: Gather(masks.clone()),
         kind: kinds(),
     };
-    let paint = FillReflectance::default().run(paint, &Context::default()).expect("everything is sound");
+    let paint =
+        FillReflectance::default().run(paint, &Context::default()).expect("everything is sound");
     let scaled = |scale: &dyn Fn(Vec3, f32) -> Vec3| {
         let lights = room.lights.iter().zip(factors);
-        let radiance = |light: &Light, f| Arc::new(Radiance(light.radiance.0.iter().map(|w| scale(*w, f)).collect()));
+        let radiance = |light: &Light, f| {
+            Arc::new(Radiance(light.radiance.0.iter().map(|w| scale(*w, f)).collect()))
+        };
         Gather(lights.map(|(light, f)| (light.id.to_string(), radiance(light, f))).collect())
     };
     ComposeIn {
@@ -444,7 +512,10 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
     }
 }
 
-fn composed(paint_layers: Arc<PaintLayers>, specular_change: Option<Arc<SpecularChange>>) -> Plane<Vec3> {
+fn composed(
+    paint_layers: Arc<PaintLayers>,
+    specular_change: Option<Arc<SpecularChange>>,
+) -> Plane<Vec3> {
     let room = room();
     let dark = Arc::new(Shading(Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO)));
     // The lamp is seen in the photo: its own pixels are a mask.
@@ -455,7 +526,8 @@ fn composed(paint_layers: Arc<PaintLayers>, specular_change: Option<Arc<Specular
         masks: vec![("lamp".into(), cover(&room.lights[0].shape, None))],
     };
     let radiance = room.each(|light| light.radiance.clone());
-    let mut inputs = ComposeIn { paint_layers, specular_change, radiance, ..compose_in(&of, [2.0, 0.3]) };
+    let mut inputs =
+        ComposeIn { paint_layers, specular_change, radiance, ..compose_in(&of, [2.0, 0.3]) };
     let one = |v: Vec3| ("ball".to_string(), Arc::new(Radiance(vec![v])));
     inputs.coverage.0.push(("ball".into(), cover(&ball(), None)));
     inputs.after.0.push(("ball".into(), dark));
@@ -470,7 +542,8 @@ fn composed(paint_layers: Arc<PaintLayers>, specular_change: Option<Arc<Specular
 /// lamp, an even residual and a highlight on the box, both of which no light explains.
 fn clipped_photo() -> Photographed {
     let room = room();
-    let ambient = room.transport.grid().upsample(&room.points, &room.normal, &room.transport.ambient());
+    let ambient =
+        room.transport.grid().upsample(&room.points, &room.normal, &room.transport.ambient());
     let residual = ambient.map(|a| a * Vec3::new(0.05, 0.06, 0.08));
     let shading = shading([1.0, 1.0]);
     let masks: Vec<(String, Arc<Mask>)> =
@@ -488,7 +561,10 @@ fn clipped_photo() -> Photographed {
         let highlight = Vec3::splat(0.6 * (-0.1 * at.distance_squared(HIGHLIGHT)).exp());
         let ray = room.camera.pixel_point(x, y, 1.0).normalize();
         let own = [lamp.radiance.0[0], pane.emitted(&window.radiance.0, ray)];
-        let all = masks.iter().zip(own).fold(surface, |shown, ((_, mask), own)| shown.lerp(own, mask.0.pixels()[i]));
+        let all = masks
+            .iter()
+            .zip(own)
+            .fold(surface, |shown, ((_, mask), own)| shown.lerp(own, mask.0.pixels()[i]));
         all + glare + highlight
     });
     let clipped = Arc::new(Mask(shown.map(|v| f32::from(u8::from(v.max_element() >= 1.0)))));
@@ -512,7 +588,10 @@ fn compose_clipped() {
     });
     check_clipped(&of, &edits);
     let shown = [&of.photo.0, &edits[1].picture.0, &edits[2].picture.0, &edits[3].picture.0];
-    check("compose_clipped", Plane::from_fn(SIZE.0, 4 * SIZE.1, |x, y| shown[y / SIZE.1].get(x, y % SIZE.1)));
+    check(
+        "compose_clipped",
+        Plane::from_fn(SIZE.0, 4 * SIZE.1, |x, y| shown[y / SIZE.1].get(x, y % SIZE.1)),
+    );
 }
 
 /// Pictures of the identity, the lamp off, the window dimmed and the lamp doubled.
@@ -529,7 +608,8 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
 
     // The identity stores the photo to the bit; before quantization it is off by the rounding of a
     // sum, and clipped pixels are brighter.
-    let stored = |picture: &Plane<Vec3>| write_png(&Picture(picture.clone()), Transfer::Srgb, false);
+    let stored =
+        |picture: &Plane<Vec3>| write_png(&Picture(picture.clone()), Transfer::Srgb, false);
     assert!(stored(&same.picture.0) == stored(&of.photo.0), "the identity gives another picture");
     for i in pixels() {
         let got = same.picture.0.pixels()[i];
@@ -548,7 +628,8 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
     // Layers are stored in 16 bits, each to 2^-11 of itself.
     for out in [same, off, dim, bright] {
         for i in pixels() {
-            let layers = out.layer.0.iter().map(|(_, layer)| layer.get(i)).sum::<Vec3>() + out.residual.get(i);
+            let layers = out.layer.0.iter().map(|(_, layer)| layer.get(i)).sum::<Vec3>()
+                + out.residual.get(i);
             let picture = out.picture.0.pixels()[i];
             assert!(
                 (layers - picture).abs().max_element() <= 5e-4 * picture.max_element(),
@@ -558,7 +639,8 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
     }
     // A light that is off gives nothing anywhere; twice the light is twice the layer; no edit of a
     // light changes the others or the residual.
-    let [lamp, window] = [0, 1].map(|light| move |out: &ComposeOut, i: usize| out.layer.0[light].1.get(i));
+    let [lamp, window] =
+        [0, 1].map(|light| move |out: &ComposeOut, i: usize| out.layer.0[light].1.get(i));
     for i in pixels() {
         assert_eq!(lamp(off, i), Vec3::ZERO, "{i}");
         let twice = (lamp(bright, i) - 2.0 * lamp(same, i)).abs().max_element();
@@ -566,7 +648,10 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
         let fifth = (window(dim, i) - 0.2 * window(same, i)).abs().max_element();
         assert!(fifth <= 1e-3 * window(same, i).max_element(), "{fifth} at {i}");
         assert_eq!((lamp(dim, i), window(off, i)), (lamp(same, i), window(same, i)), "{i}");
-        assert!([off, dim, bright].iter().all(|out| out.residual.get(i) == same.residual.get(i)), "{i}");
+        assert!(
+            [off, dim, bright].iter().all(|out| out.residual.get(i) == same.residual.get(i)),
+            "{i}"
+        );
     }
     let highlight = same.residual.get(HIGHLIGHT.y as usize * SIZE.0 + HIGHLIGHT.x as usize);
     assert!(highlight.min_element() > 0.4, "no light explains the highlight: {highlight}");
@@ -586,15 +671,18 @@ fn objects() {
     let (objects, lamp) = (edited.objects.clone(), &room.lights[0]);
     let inputs = LightObjectsIn { objects, mesh: edited.mesh.clone(), shape: lamp.shape.clone() };
     let lit = LightObjects::default().run(inputs, &ctx).expect("the light is sound").light;
-    let samples: Vec<Vec3> = lit.lobes[0].pixels().iter().map(|&e| lamp.radiance.0[0] * e).collect();
+    let samples: Vec<Vec3> =
+        lit.lobes[0].pixels().iter().map(|&e| lamp.radiance.0[0] * e).collect();
     let shown = edited.objects.diffuse(&samples);
     let (points, normal) = (room.points.clone(), room.normal.clone());
-    let inputs = ShadowIn { points, normal, mesh: edited.mesh, shape: lamp.shape.clone(), mask: None };
+    let inputs =
+        ShadowIn { points, normal, mesh: edited.mesh, shape: lamp.shape.clone(), mask: None };
     let shadow = Shadow::default().run(inputs, &ctx).expect("the light is sound").visibility;
     let pixel = |x: usize, y: usize| {
         let arrives = lamp.direct.lobes[0].get(x, y) * shadow.lit[0].get(x, y);
         let behind = room.albedo.0.get(x, y) * lamp.radiance.0[0] * arrives;
-        let within = |at: usize, start: usize, size: usize| at.checked_sub(start).filter(|&at| at < size);
+        let within =
+            |at: usize, start: usize, size: usize| at.checked_sub(start).filter(|&at| at < size);
         let (w, h) = shown.size();
         match (within(x, edited.objects.left, w), within(y, edited.objects.top, h)) {
             (Some(x), Some(y)) => behind.lerp(shown.get(x, y), edited.objects.coverage.get(x, y)),

@@ -41,8 +41,10 @@ fn only_regular_files_are_read() {
         let _ = std::fs::remove_file(path);
         std::os::unix::fs::symlink("/dev/zero", path).expect("a link can be made");
     };
-    let object = r#"Edit(version: 1, objects: [Mesh(path: "a.obj", at: Pixel(x: 20, y: 15), height: 0.5)])"#;
-    let library = r#"Edit(version: 1, objects: [Mesh(path: "b.obj", at: Pixel(x: 20, y: 15), height: 0.5)])"#;
+    let object =
+        r#"Edit(version: 1, objects: [Mesh(path: "a.obj", at: Pixel(x: 20, y: 15), height: 0.5)])"#;
+    let library =
+        r#"Edit(version: 1, objects: [Mesh(path: "b.obj", at: Pixel(x: 20, y: 15), height: 0.5)])"#;
     let cases: [(&str, Option<&str>); 9] = [
         ("scene.ron", None),
         ("edit.ron", None),
@@ -71,7 +73,8 @@ fn only_regular_files_are_read() {
             let wanted = if name == "b.mtl" { Some(0) } else { Some(2) };
             assert_eq!(output.status.code(), wanted, "{name}: {told}");
             assert!(
-                wanted == Some(0) || told.contains("wanted a regular file, got a pipe, a socket or a device"),
+                wanted == Some(0)
+                    || told.contains("wanted a regular file, got a pipe, a socket or a device"),
                 "{told}"
             );
         }
@@ -82,9 +85,13 @@ fn only_regular_files_are_read() {
 fn a_file_above_the_limit_is_refused_before_it_is_read() {
     let place = room();
     for (name, bytes) in [("photo.png", 1u64 << 40), ("scene.ron", 1 << 40)] {
-        std::fs::File::create(place.path(name)).and_then(|file| file.set_len(bytes)).expect("it may be sparse");
-        let told =
-            String::from_utf8_lossy(&ended(&place, "check GRAPHS/physics.ron edit.ron --scene .").stderr).into_owned();
+        std::fs::File::create(place.path(name))
+            .and_then(|file| file.set_len(bytes))
+            .expect("it may be sparse");
+        let told = String::from_utf8_lossy(
+            &ended(&place, "check GRAPHS/physics.ron edit.ron --scene .").stderr,
+        )
+        .into_owned();
         assert!(told.contains(name) && told.contains("wanted at most"), "{told}");
     }
 }
@@ -108,7 +115,8 @@ fn a_standard_error_that_is_full_or_closed_loses_no_result() {
         for stderr in [Stdio::from(full()), Stdio::from(closed())] {
             let place = room();
             let mut command = place.command(&format!("{LINE} --out out {verbosity}"));
-            let status = command.stdout(Stdio::null()).stderr(stderr).status().expect("the program starts");
+            let status =
+                command.stdout(Stdio::null()).stderr(stderr).status().expect("the program starts");
             assert_eq!(status.code(), Some(0), "{verbosity}");
             assert_eq!(place.pictures("out"), wanted);
         }
@@ -116,7 +124,8 @@ fn a_standard_error_that_is_full_or_closed_loses_no_result() {
     for (stdout, code) in [(Stdio::from(full()), 2), (Stdio::from(closed()), 0)] {
         let place = room();
         let mut command = place.command(&format!("{LINE} --out out"));
-        let output = command.stdout(stdout).stderr(Stdio::piped()).output().expect("the program starts");
+        let output =
+            command.stdout(stdout).stderr(Stdio::piped()).output().expect("the program starts");
         assert_eq!(output.status.code(), Some(code), "{}", String::from_utf8_lossy(&output.stderr));
         assert_eq!(place.pictures("out"), wanted);
     }
@@ -142,8 +151,11 @@ fn check_clean(what: &str, output: &Output, wanted: &str) {
 /// Every way on which text of a file, a file's name or a name in a file reaches a message.
 #[test]
 fn no_message_holds_characters_that_a_terminal_acts_on() {
-    let object =
-        |path: &str| format!("Edit(version: 1, objects: [Mesh(path: {path:?}, at: Pixel(x: 20, y: 15), height: 0.5)])");
+    let object = |path: &str| {
+        format!(
+            "Edit(version: 1, objects: [Mesh(path: {path:?}, at: Pixel(x: 20, y: 15), height: 0.5)])"
+        )
+    };
     let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     let escaped = "\\u{1b}[2J";
     type Case<'a> = (&'a str, Vec<(&'a str, Vec<u8>)>, String, &'a str);
@@ -176,7 +188,11 @@ fn no_message_holds_characters_that_a_terminal_acts_on() {
         files.iter().for_each(|(name, bytes)| place.write(name, bytes));
         place.write("edit.ron", edit);
         // The second run takes its warnings from the cache.
-        for line in [LINE, &LINE.replace("--no-cache", "--cache c"), &LINE.replace("--no-cache", "--cache c -vv")] {
+        for line in [
+            LINE,
+            &LINE.replace("--no-cache", "--cache c"),
+            &LINE.replace("--no-cache", "--cache c -vv"),
+        ] {
             check_clean(what, &ended(&place, line), wanted);
         }
         let plan = ended(&place, "plan GRAPHS/physics.ron edit.ron --scene . --cache c --json");
@@ -186,7 +202,11 @@ fn no_message_holds_characters_that_a_terminal_acts_on() {
     let place = room();
     check_clean("an argument", &ended(&place, &format!("check {ESCAPES}.ron")), escaped);
     check_clean("an argument", &ended(&place, &format!("{LINE} --set {ESCAPES}=1")), escaped);
-    check_clean("a path that is printed", &ended(&place, &format!("{LINE} --out out{ESCAPES}")), escaped);
+    check_clean(
+        "a path that is printed",
+        &ended(&place, &format!("{LINE} --out out{ESCAPES}")),
+        escaped,
+    );
 }
 
 /// A result under the name of a file that is read: refused before anything is written, with the way
@@ -195,7 +215,10 @@ fn check_kept(place: &Place, line: &str, kept: &str) {
     let path = place.path(kept);
     let before = std::fs::read(&path).expect("it is there");
     let told = place.check(line, 2);
-    assert!(told.contains("which the run reads") && told.contains("--force") && told.contains(kept), "{told}");
+    assert!(
+        told.contains("which the run reads") && told.contains("--force") && told.contains(kept),
+        "{told}"
+    );
     assert_eq!(std::fs::read(&path).expect("it is there"), before);
     place.check(&format!("{line} --force"), 0);
     assert_ne!(std::fs::read(&path).expect("it is there"), before);
@@ -209,7 +232,10 @@ fn a_photo_named_as_the_result_is_kept() {
     place.write("scene.ron", scene.replace("photo.png", "picture.png"));
     place.check(&format!("{LINE} --out out"), 0);
     check_kept(&place, &format!("{LINE} --out ."), "picture.png");
-    assert!(!place.path("report.json").exists() || place.path("picture.exr").exists(), "all or nothing");
+    assert!(
+        !place.path("report.json").exists() || place.path("picture.exr").exists(),
+        "all or nothing"
+    );
 }
 
 #[test]
@@ -269,7 +295,11 @@ fn a_cache_by_a_stranger_is_not_used() {
     };
     let first = stranger.check(&format!("{line} --cache-key key --out out"), 0);
     let victim = room();
-    let copied = std::process::Command::new("cp").arg("-r").arg(stranger.path("c")).arg(victim.path("c")).status();
+    let copied = std::process::Command::new("cp")
+        .arg("-r")
+        .arg(stranger.path("c"))
+        .arg(victim.path("c"))
+        .status();
     assert!(copied.expect("there is cp").success());
     let told = victim.check(&format!("{line} --out out"), 0);
     assert!(told.contains("signed with another key"), "{told}");
@@ -284,7 +314,9 @@ fn a_cache_by_a_stranger_is_not_used() {
     assert!(!counts(&told).contains("ran"), "{told}");
     victim.write("short", "1234");
     assert!(
-        victim.check(&format!("{line} --cache-key short"), 2).contains("wanted a secret of at least 16 bytes, got 4")
+        victim
+            .check(&format!("{line} --cache-key short"), 2)
+            .contains("wanted a secret of at least 16 bytes, got 4")
     );
 }
 
@@ -299,83 +331,110 @@ fn a_run_without_a_key_works_without_a_cache() {
     let place = room();
     place.check(&LINE.replace("--no-cache", "--cache c"), 0);
     if let Ok(key) = std::fs::canonicalize(place.path("home/.config/relight/cache.key")) {
-        std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o644)).expect("they can be set");
+        std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o644))
+            .expect("they can be set");
         let told = place.check(&LINE.replace("--no-cache", "--cache c"), 0);
         assert!(told.contains("wanted a key that only its owner may read, got mode 644"), "{told}");
     }
 }
 
+/// A folder with graph, edit and scene, in the folder `scene`.
+fn confined_place() -> Place {
+    let (place, sound) = (Place::new(), room());
+    std::fs::create_dir(place.path("scene")).expect("a folder can be made");
+    for name in ["scene.ron", "photo.png", "depth.npy", "lamp.png", "window.png"] {
+        std::fs::copy(sound.path(name), place.path("scene").join(name)).expect("it can be copied");
+    }
+    std::fs::copy(root().join("graphs/physics.ron"), place.path("graph.ron"))
+        .expect("it can be copied");
+    place.write("edit.ron", IDENTITY);
+    place
+}
+
+/// The files of `place` are sound, and refused with `--confined` if `wanted` names a file.
+#[track_caller]
+fn check_confined(place: &Place, wanted: Option<&str>) {
+    let line = "check graph.ron edit.ron --scene scene";
+    place.check(line, 0);
+    match wanted {
+        None => drop(place.check(&format!("{line} --confined"), 0)),
+        Some(wanted) => {
+            let message = place.check(&format!("{line} --confined"), 2);
+            let names = message.contains("confined: wanted a file below");
+            assert!(names && message.contains(wanted), "{wanted}: {message}");
+        }
+    }
+}
+
 /// `--confined`: a scene, an edit, a graph and a model name only files beside or below them.
 #[test]
-fn files_of_strangers_can_be_confined() {
-    let check = |place: &Place, wanted: Option<&str>| {
-        let line = "check graph.ron edit.ron --scene scene";
-        place.check(line, 0);
-        match wanted {
-            None => drop(place.check(&format!("{line} --confined"), 0)),
-            Some(wanted) => {
-                let told = place.check(&format!("{line} --confined"), 2);
-                assert!(told.contains("confined: wanted a file below") && told.contains(wanted), "{wanted}: {told}");
-            }
-        }
-    };
-    let place = || {
-        let (place, sound) = (Place::new(), room());
-        std::fs::create_dir(place.path("scene")).expect("a folder can be made");
-        for name in ["scene.ron", "photo.png", "depth.npy", "lamp.png", "window.png"] {
-            std::fs::copy(sound.path(name), place.path("scene").join(name)).expect("it can be copied");
-        }
-        std::fs::copy(root().join("graphs/physics.ron"), place.path("graph.ron")).expect("it can be copied");
-        place.write("edit.ron", IDENTITY);
-        place
-    };
-    check(&place(), None);
+fn scenes_of_strangers_can_be_confined() {
+    check_confined(&confined_place(), None);
 
-    let secret = place();
-    std::fs::rename(secret.path("scene/photo.png"), secret.path("photo.png")).expect("it can be renamed");
+    let secret = confined_place();
+    std::fs::rename(secret.path("scene/photo.png"), secret.path("photo.png"))
+        .expect("it can be renamed");
     let scene = std::fs::read_to_string(secret.path("scene/scene.ron")).expect("it is there");
     secret.write("scene/scene.ron", scene.replace("photo.png", "../photo.png"));
-    check(&secret, Some("photo.png"));
-    secret.write("scene/scene.ron", scene.replace("photo.png", &secret.path("photo.png").display().to_string()));
-    check(&secret, Some("photo.png"));
+    check_confined(&secret, Some("photo.png"));
+    secret.write(
+        "scene/scene.ron",
+        scene.replace("photo.png", &secret.path("photo.png").display().to_string()),
+    );
+    check_confined(&secret, Some("photo.png"));
     #[cfg(unix)]
     {
         secret.write("scene/scene.ron", &scene);
         std::os::unix::fs::symlink(secret.path("photo.png"), secret.path("scene/photo.png"))
             .expect("a link can be made");
-        check(&secret, Some("photo.png"));
+        check_confined(&secret, Some("photo.png"));
     }
+}
 
+#[test]
+fn graphs_of_strangers_can_be_confined() {
     // The scene that a graph names counts as one of its files, unless the person names another.
-    let naming = place();
+    let naming = confined_place();
     std::fs::create_dir(naming.path("graphs")).expect("a folder can be made");
     naming.write("graphs/g.ron", r#"Graph(version: 1, extends: "physics.ron", scene: "../scene")"#);
-    std::fs::copy(root().join("graphs/physics.ron"), naming.path("graphs/physics.ron")).expect("it can be copied");
+    std::fs::copy(root().join("graphs/physics.ron"), naming.path("graphs/physics.ron"))
+        .expect("it can be copied");
     naming.check("check graphs/g.ron edit.ron", 0);
     let told = naming.check("check graphs/g.ron edit.ron --confined", 2);
-    assert!(told.contains("confined: wanted a file below") && told.contains("--scene DIR"), "{told}");
+    assert!(
+        told.contains("confined: wanted a file below") && told.contains("--scene DIR"),
+        "{told}"
+    );
     naming.check("check graphs/g.ron edit.ron --confined --scene scene", 0);
 
-    let extending = place();
+    let extending = confined_place();
     std::fs::create_dir(extending.path("graphs")).expect("a folder can be made");
-    std::fs::rename(extending.path("graph.ron"), extending.path("graphs/physics.ron")).expect("it can be renamed");
+    std::fs::rename(extending.path("graph.ron"), extending.path("graphs/physics.ron"))
+        .expect("it can be renamed");
     extending.write("graph.ron", r#"Graph(version: 1, extends: "graphs/physics.ron")"#);
-    check(&extending, None);
+    check_confined(&extending, None);
     let outside = tempfile::tempdir().expect("a temporary folder can be made");
     let parent: PathBuf = outside.path().join("parent.ron");
     std::fs::copy(root().join("graphs/physics.ron"), &parent).expect("it can be copied");
-    extending.write("graph.ron", format!("Graph(version: 1, extends: {:?})", parent.display().to_string()));
-    check(&extending, Some("parent.ron"));
+    extending.write(
+        "graph.ron",
+        format!("Graph(version: 1, extends: {:?})", parent.display().to_string()),
+    );
+    check_confined(&extending, Some("parent.ron"));
+}
 
+#[test]
+fn models_of_strangers_can_be_confined() {
     // A library of materials beside the model is taken, one elsewhere counts as missing: it is left
     // out, and nothing of it is read.
-    let object = place();
+    let object = confined_place();
     std::fs::create_dir(object.path("models")).expect("a folder can be made");
     object.write(
         "edit.ron",
         r#"Edit(version: 1, objects: [Mesh(path: "models/a.obj", at: Pixel(x: 20, y: 15), height: 0.5)])"#,
     );
-    object.write("models/a.obj", "mtllib ../a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    object
+        .write("models/a.obj", "mtllib ../a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
     object.write("a.mtl", "newmtl red\nKd 1 0 0\n");
     let line = "run graph.ron edit.ron --scene scene --no-cache --only objects";
     assert!(!object.check(line, 0).contains("a.mtl"));
@@ -391,7 +450,10 @@ fn files_of_strangers_can_be_confined() {
 #[test]
 fn every_stored_value_is_read_again() {
     let place = room();
-    place.write("ball.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n");
+    place.write(
+        "ball.obj",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n",
+    );
     place.write(
         "edit.ron",
         r#"Edit(version: 1,
@@ -399,7 +461,8 @@ fn every_stored_value_is_read_again() {
         materials: [Paint(region: Grow(20, 20), albedo: Linear(0.5, 0.2, 0.2), roughness: 0.2)],
         objects: [Sphere(radius: 0.2, at: Pixel(x: 20, y: 25), material: (roughness: 0.1, metallic: 1.0))])"#,
     );
-    let graph = load(&root().join("graphs/indoor.ron"), place.folder.path(), &place.path("edit.ron"));
+    let graph =
+        load(&root().join("graphs/indoor.ron"), place.folder.path(), &place.path("edit.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let cache = place.path("cache");
     run(&engine(Some(&cache)), &graph, &[]);

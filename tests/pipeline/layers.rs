@@ -26,7 +26,9 @@ fn composed(edit: &str) -> Composed {
 /// Largest distance over pixels and channels, relative to the second; below 1e-3 absolute, where
 /// layers, being halves, lose digits.
 fn worst(pairs: impl Iterator<Item = (Vec3, Vec3)>) -> f32 {
-    pairs.map(|(got, want)| ((got - want).abs() / want.abs().max(Vec3::splat(1e-3))).max_element()).fold(0.0, f32::max)
+    pairs
+        .map(|(got, want)| ((got - want).abs() / want.abs().max(Vec3::splat(1e-3))).max_element())
+        .fold(0.0, f32::max)
 }
 
 fn edits() -> impl Iterator<Item = (String, String)> {
@@ -45,17 +47,28 @@ fn in_memory_the_layers_sum_to_the_picture() {
         let sum = |i: usize| layers.iter().map(|(_, layer)| layer.0.pixels()[i]).sum::<Vec3>();
         let worst = worst(picture.0.pixels().iter().enumerate().map(|(i, &p)| (sum(i), p)));
         assert!(worst < 1e-3, "{name}: the layers sum to the picture to {worst}");
-        let negative = layers.iter().find(|(_, layer)| layer.0.pixels().iter().any(|c| c.min_element() < 0.0));
-        assert!(negative.is_none(), "{name}: the layer of {} is negative somewhere", negative.unwrap().0);
+        let negative =
+            layers.iter().find(|(_, layer)| layer.0.pixels().iter().any(|c| c.min_element() < 0.0));
+        assert!(
+            negative.is_none(),
+            "{name}: the layer of {} is negative somewhere",
+            negative.unwrap().0
+        );
     }
 }
 
 pub fn channels(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
     use exr::prelude::*;
-    let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes();
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes();
     let image = image.from_buffered(std::io::Cursor::new(bytes)).expect("it is a sound EXR file");
     let all = image.layer_data.iter().flat_map(|layer| &layer.channel_data.list);
-    all.map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect())).collect()
+    all.map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect()))
+        .collect()
 }
 
 /// Each half is off by 2^-11 of itself, the picture's as well: with layers that are not negative,
@@ -90,7 +103,8 @@ fn each_layer_is_linear_in_its_light() {
         let half = composed(&format!(r#"Edit(version: 1, lights: {{ "{id}": Scale(0.5) }})"#));
         for ((name, half), (_, whole)) in half.layers.iter().zip(&whole.layers) {
             if name == id {
-                let pairs = half.0.pixels().iter().zip(whole.0.pixels()).map(|(&h, &w)| (h, 0.5 * w));
+                let pairs =
+                    half.0.pixels().iter().zip(whole.0.pixels()).map(|(&h, &w)| (h, 0.5 * w));
                 let worst = worst(pairs);
                 assert!(worst < 1e-3, "{id}: half the light gives half the layer to {worst}");
             } else {

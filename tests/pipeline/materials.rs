@@ -5,7 +5,9 @@ use std::sync::Arc;
 use glam::Vec3;
 use relight::geometry::{Camera, Objects};
 use relight::graph::{Context, Gather, Node, Status};
-use relight::image::{Albedo, AlphaMatte, Depth, Mask, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Shading};
+use relight::image::{
+    Albedo, AlphaMatte, Depth, Mask, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Shading,
+};
 use relight::nodes::output::compose::{Compose, ComposeIn, ComposeOut};
 use relight::optics::{Radiance, Shape};
 
@@ -89,7 +91,9 @@ fn check(out: &ComposeOut, want: impl Fn(usize, usize) -> Vec3) {
 #[test]
 fn a_painted_wall_is_the_photo_times_the_ratio_of_albedos() {
     check(&composed(1.0, true, 1.0, 1.0), |x, y| wall(x, y) / OLD * NEW * shading(x));
-    check(&composed(0.25, true, 1.0, 1.0), |x, y| wall(x, y) * shading(x) * (0.75 + 0.25 * NEW / OLD));
+    check(&composed(0.25, true, 1.0, 1.0), |x, y| {
+        wall(x, y) * shading(x) * (0.75 + 0.25 * NEW / OLD)
+    });
     // Under other light as well, and nothing but that light's layer changes.
     check(&composed(1.0, true, 0.5, 1.0), |x, y| wall(x, y) / OLD * NEW * 0.55 * shading(x));
     check(&composed(0.0, true, 1.0, 1.0), |x, y| wall(x, y) * shading(x));
@@ -122,8 +126,10 @@ fn paint_runs_bounces_and_what_follows() {
     };
     let (_, _, bare) = again(IDENTITY);
     let (ran, rays, painted) = again(&edit(PAINT, ""));
-    let bounces = ["lamp_0", "window_0", "inv_lamp", "inv_window"].map(|id| format!("edited_indirect[{id}]"));
-    let mut want: Vec<String> = ["repaint", "after", "compose", "write"].map(str::to_owned).to_vec();
+    let bounces =
+        ["lamp_0", "window_0", "inv_lamp", "inv_window"].map(|id| format!("edited_indirect[{id}]"));
+    let mut want: Vec<String> =
+        ["repaint", "after", "compose", "write"].map(str::to_owned).to_vec();
     want.extend(bounces);
     let sorted = |mut names: Vec<String>| {
         names.sort();
@@ -138,7 +144,10 @@ fn paint_runs_bounces_and_what_follows() {
     // A dimmed lamp on a painted wall is a new sum, and without paint the photo comes from the
     // cache.
     let (dimmed, rays, _) = again(&edit(PAINT, r#""lamp_0": Scale(0.5)"#));
-    assert_eq!((dimmed, rays), (["edit", "after", "compose", "write"].map(str::to_owned).to_vec(), 0));
+    assert_eq!(
+        (dimmed, rays),
+        (["edit", "after", "compose", "write"].map(str::to_owned).to_vec(), 0)
+    );
     assert_eq!(again(&edit("", "")), (vec![], 0, bare));
 }
 
@@ -146,7 +155,8 @@ fn paint_runs_bounces_and_what_follows() {
 #[test]
 fn painted_layers_are_linear() {
     let layers = |lights: &str| {
-        let report = run(shared_engine(), &physics(&demo(), &edit(PAINT, lights)), &["compose.layer"]);
+        let report =
+            run(shared_engine(), &physics(&demo(), &edit(PAINT, lights)), &["compose.layer"]);
         assert!(report.nodes.iter().all(|node| node.status != Status::Failed));
         layers(&report)
     };
@@ -154,7 +164,8 @@ fn painted_layers_are_linear() {
     for ((id, whole), (_, half)) in whole.iter().zip(&half) {
         let factor = if id == "lamp_0" { 0.5 } else { 1.0 };
         let pairs = whole.0.pixels().iter().zip(half.0.pixels());
-        let off = pairs.map(|(w, h)| (factor * *w - *h).abs().max_element() / w.max_element().max(1.0));
+        let off =
+            pairs.map(|(w, h)| (factor * *w - *h).abs().max_element() / w.max_element().max(1.0));
         let off = off.fold(0.0, f32::max);
         assert!(off < 1e-3, "{id}: off by {off}");
     }
@@ -163,7 +174,10 @@ fn painted_layers_are_linear() {
 #[test]
 fn paint_bleeds_on_what_is_not_painted() {
     let picture = |materials: &str| -> Arc<Picture> {
-        one(&run(shared_engine(), &physics(&demo(), &edit(materials, "")), &["compose.picture"]), "compose.picture")
+        one(
+            &run(shared_engine(), &physics(&demo(), &edit(materials, "")), &["compose.picture"]),
+            "compose.picture",
+        )
     };
     let (bare, painted) = (picture(""), picture(PAINT));
     // Ceiling, near the wall: less green than it was.

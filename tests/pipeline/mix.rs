@@ -11,7 +11,9 @@ use crate::project::*;
 fn gains(edit: &str) -> Vec<(String, Vec3)> {
     let report = run(shared_engine(), &physics(&demo(), edit), &["edit.gain"]);
     let gains: Gather<Radiance> = Gather(many(&report, "edit.gain"));
-    let one = |(id, gain): (&str, &std::sync::Arc<Radiance>)| (id.to_owned(), *gain.0.first().unwrap_or(&Vec3::ONE));
+    let one = |(id, gain): (&str, &std::sync::Arc<Radiance>)| {
+        (id.to_owned(), *gain.0.first().unwrap_or(&Vec3::ONE))
+    };
     gains.iter().map(one).collect()
 }
 
@@ -34,7 +36,12 @@ fn finished() -> Place {
 /// Largest difference of stored numbers, of 255.
 pub fn farthest(a: &image::RgbImage, b: &image::RgbImage) -> u8 {
     assert_eq!(a.dimensions(), b.dimensions());
-    a.as_raw().iter().zip(b.as_raw()).map(|(a, b)| a.abs_diff(*b)).max().expect("a picture has pixels")
+    a.as_raw()
+        .iter()
+        .zip(b.as_raw())
+        .map(|(a, b)| a.abs_diff(*b))
+        .max()
+        .expect("a picture has pixels")
 }
 
 #[test]
@@ -48,10 +55,12 @@ fn a_mix_is_what_a_fresh_run_with_these_weights_gives() {
         r#""lamp_0": Color(1, 0.25, 0.1), "window_0": Scale(0.3)"#,
     ] {
         let edit = format!("Edit(version: 1, lights: {{ {lights} }})");
-        let set = gains(&edit).into_iter().map(|(id, w)| format!(" --set {id}={},{},{}", w.x, w.y, w.z));
+        let set =
+            gains(&edit).into_iter().map(|(id, w)| format!(" --set {id}={},{},{}", w.x, w.y, w.z));
         let told = place.check(&format!("mix run --out mixed{}", set.collect::<String>()), 0);
         assert!(told.contains("mixed in"), "{told}");
-        let ([png_mixed, exr_mixed], [png_fresh, exr_fresh]) = (place.pictures("mixed"), fresh(&edit));
+        let ([png_mixed, exr_mixed], [png_fresh, exr_fresh]) =
+            (place.pictures("mixed"), fresh(&edit));
         // Halves have a relative error of 2^-11, in the layer that is read and in the result: a
         // fifth of a step of 8 bits.
         let steps = farthest(&png(&png_mixed), &png(&png_fresh));
@@ -62,7 +71,11 @@ fn a_mix_is_what_a_fresh_run_with_these_weights_gives() {
             let off = off.fold(0.0, f32::max);
             assert!(off < 2e-3, "{lights}: {name} is off by {off}");
         }
-        assert!(mixed.keys().filter(|name| name.starts_with("light_")).count() >= 15, "{:?}", mixed.keys());
+        assert!(
+            mixed.keys().filter(|name| name.starts_with("light_")).count() >= 15,
+            "{:?}",
+            mixed.keys()
+        );
     }
 }
 
@@ -75,7 +88,10 @@ fn a_mix_can_be_mixed_on_and_one_file_be_wanted() {
     let read = |name: &str| png(&std::fs::read(place.path(name)).expect("it was written"));
     assert!(farthest(&read("whole.png"), &read("run/picture.png")) <= 1);
     assert!(farthest(&read("same.png"), &read("run/picture.png")) <= 1);
-    assert!(farthest(&read("half/picture.png"), &read("run/picture.png")) > 20, "the weight does something");
+    assert!(
+        farthest(&read("half/picture.png"), &read("run/picture.png")) > 20,
+        "the weight does something"
+    );
     assert!(!place.path("picture.exr").exists(), "only the file that is wanted");
 }
 
@@ -83,10 +99,16 @@ fn a_mix_can_be_mixed_on_and_one_file_be_wanted() {
 fn what_cannot_be_mixed_is_told() {
     let place = finished();
     place.write("notes.exr", "no picture");
-    place.write("flat.exr", std::fs::read(demo().join("truth/albedo.exr")).expect("the demo has it"));
+    place.write(
+        "flat.exr",
+        std::fs::read(demo().join("truth/albedo.exr")).expect("the demo has it"),
+    );
     for (line, wanted) in [
         ("mix run --set lamp0=0.5", "the run has no light `lamp0`: did you mean `lamp_0`?"),
-        ("mix run --set rest=0.5", "the run has no light `rest`: it has inv_lamp, inv_window, lamp_0, window_0"),
+        (
+            "mix run --set rest=0.5",
+            "the run has no light `rest`: it has inv_lamp, inv_window, lamp_0, window_0",
+        ),
         ("mix run --set lamp_0=-1", "wanted a light and a weight of 0 or more"),
         ("mix run --set lamp_0=nan", "wanted a light and a weight of 0 or more"),
         ("mix run --set lamp_0=1 --set lamp_0=2", "`lamp_0` is set twice"),

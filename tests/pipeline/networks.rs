@@ -42,23 +42,41 @@ fn only_networks_that_a_scene_needs_are_run() {
         let (_place, scene) = demo_with(lights);
         networks(&run(&engine(None), &with("networks.ron", &scene, IDENTITY), &[]))
     };
-    let of = |names: &[String], what: &str| names.iter().filter(|name| name.ends_with(what)).count();
+    let of =
+        |names: &[String], what: &str| names.iter().filter(|name| name.ends_with(what)).count();
 
     let all = used(&["lamp_0", "window_0"]);
-    let once = ["mnet: mnet.onnx", "inv_lamp[inv_lamp]: invlampnet.onnx", "inv_win[inv_window]: invwinnet.onnx"];
+    let once = [
+        "mnet: mnet.onnx",
+        "inv_lamp[inv_lamp]: invlampnet.onnx",
+        "inv_win[inv_window]: invwinnet.onnx",
+    ];
     let seen = ["vis_lamp[lamp_0]: vislampnet.onnx", "vis_win[window_0]: viswinnet.onnx"];
     assert_eq!(all[..5], [&once[..1], &seen, &once[1..]].concat(), "{all:?}");
     // Lights that explain nothing are left out: neither their shadow nor their indirect light is
     // computed.
-    let rest: Vec<String> =
-        all[5..].iter().map(|name| name.split(':').next().unwrap_or_default().to_owned()).collect::<Vec<_>>();
-    assert_eq!(rest, ["filled[lamp_0]", "filled[window_0]", "indirect[lamp_0]", "indirect[window_0]"]);
+    let rest: Vec<String> = all[5..]
+        .iter()
+        .map(|name| name.split(':').next().unwrap_or_default().to_owned())
+        .collect::<Vec<_>>();
+    assert_eq!(
+        rest,
+        ["filled[lamp_0]", "filled[window_0]", "indirect[lamp_0]", "indirect[window_0]"]
+    );
     assert_eq!(of(&all, "lightnet.onnx"), 0, "nothing shines by gloss");
 
     let lamp = used(&["lamp_0"]);
-    assert_eq!((of(&lamp, "viswinnet.onnx"), of(&lamp, "vislampnet.onnx")), (0, 1), "no window, no window network");
+    assert_eq!(
+        (of(&lamp, "viswinnet.onnx"), of(&lamp, "vislampnet.onnx")),
+        (0, 1),
+        "no window, no window network"
+    );
     let window = used(&["window_0"]);
-    assert_eq!((of(&window, "viswinnet.onnx"), of(&window, "vislampnet.onnx")), (1, 0), "no lamp, no lamp network");
+    assert_eq!(
+        (of(&window, "viswinnet.onnx"), of(&window, "vislampnet.onnx")),
+        (1, 0),
+        "no lamp, no lamp network"
+    );
     let none = used(&[]);
     assert_eq!(none[..3], once);
     assert_eq!((of(&none, "viswinnet.onnx"), of(&none, "vislampnet.onnx")), (0, 0));
@@ -81,7 +99,13 @@ fn an_edit_of_a_radiance_runs_no_network() {
     assert_eq!(names, ["lighting"]);
     // A new light: its own layers.
     let desk = r#"Edit(version: 1, lights: { "desk": Lamp(shape: Sphere(radius: 0.07), at: Point(0.1, -0.56, -2.9), radiance: (72, 44, 20)) })"#;
-    let own = ["edited_direct[desk]", "edited_shadow[desk]", "edited_indirect[desk]", "after", "glow[desk]"];
+    let own = [
+        "edited_direct[desk]",
+        "edited_shadow[desk]",
+        "edited_indirect[desk]",
+        "after",
+        "glow[desk]",
+    ];
     assert_eq!(again(desk, &[]).0, [&["edit"][..], &own, &["compose", "write"]].concat());
 }
 
@@ -92,7 +116,8 @@ fn a_light_without_unknown_shadow_needs_no_network_for_it() {
     use relight::nodes::render::shadow_net::{ShadowNet, ShadowNetIn};
     use std::sync::Arc;
     let plane = |v: f32| vec![Plane::filled(8, 6, v)];
-    let visibility = Arc::new(Visibility { lit: plane(0.7), stderr: plane(0.0), unknown: plane(0.0) });
+    let visibility =
+        Arc::new(Visibility { lit: plane(0.7), stderr: plane(0.0), unknown: plane(0.0) });
     let inputs = ShadowNetIn {
         depth: Arc::new(relight::image::Depth(Plane::filled(8, 6, 2.0))),
         camera: Arc::new(relight::geometry::Camera::from_fov_x(8, 6, 60.0)),
@@ -102,7 +127,10 @@ fn a_light_without_unknown_shadow_needs_no_network_for_it() {
         visibility: visibility.clone(),
     };
     // Its network is not even there.
-    let stage = ShadowNet { model: relight::graph::File::new("/nowhere/shadownet.onnx"), ..ShadowNet::default() };
+    let stage = ShadowNet {
+        model: relight::graph::File::new("/nowhere/shadownet.onnx"),
+        ..ShadowNet::default()
+    };
     let filled = stage.run(inputs, &Context::default()).expect("no network is asked").visibility;
     assert_eq!(filled, visibility);
 }
@@ -110,8 +138,13 @@ fn a_light_without_unknown_shadow_needs_no_network_for_it() {
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let picture = |threads: usize| {
-        let engine = Engine::new(EngineOptions { threads: Some(threads), ..EngineOptions::default() });
-        let report = run(&engine.expect("threads can be started"), &with("networks.ron", &demo(), IDENTITY), &[]);
+        let engine =
+            Engine::new(EngineOptions { threads: Some(threads), ..EngineOptions::default() });
+        let report = run(
+            &engine.expect("threads can be started"),
+            &with("networks.ron", &demo(), IDENTITY),
+            &[],
+        );
         written(&report, "picture.exr")
     };
     assert!(picture(1) == picture(3), "one thread and three give other pictures");

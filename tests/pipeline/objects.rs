@@ -28,7 +28,8 @@ fn gltf(accessor_count: usize, uri: &str) -> String {
 }
 
 /// Corners (0 0 0), (1 0 0), (0 1 0).
-const TRIANGLE: &str = "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+const TRIANGLE: &str =
+    "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
 
 fn place(edit: &str) -> Place {
     let place = room();
@@ -43,10 +44,25 @@ fn objects_of_every_kind() {
     let stands = "at: Pixel(x: 20, y: 15)";
     for (edit, status, words) in [
         (mesh("box.ply", stands), 0, &[][..]),
-        (mesh("box.ply", "at: Pixel(x: 20, y: 15, lift: 0.1), yaw: 400, material: (metallic: 1)"), 0, &[]),
+        (
+            mesh(
+                "box.ply",
+                "at: Pixel(x: 20, y: 15, lift: 0.1), yaw: 400, material: (metallic: 1)",
+            ),
+            0,
+            &[],
+        ),
         ("Sphere(radius: 0.2, at: Pixel(x: 20, y: 15))".into(), 0, &[]),
-        ("Sphere(radius: 0.2, at: Point(0, 0, 0))".into(), 0, &["warning", "object 0 encloses the camera"]),
-        ("Sphere(radius: 0.2, at: Point(0, 0, -9))".into(), 0, &["warning", "object 0 is not visible"]), // in the wall
+        (
+            "Sphere(radius: 0.2, at: Point(0, 0, 0))".into(),
+            0,
+            &["warning", "object 0 encloses the camera"],
+        ),
+        (
+            "Sphere(radius: 0.2, at: Point(0, 0, -9))".into(),
+            0,
+            &["warning", "object 0 is not visible"],
+        ), // in the wall
         ("Sphere(radius: 0.2, at: Point(0, 0, 2))".into(), 0, &["object 0 is not visible"]), // behind the camera
         ("Sphere(radius: 0.2, at: Point(9, 0, -1))".into(), 0, &["object 0 is not visible"]), // beside the view
         ("Sphere(radius: 0.2, at: Point(1e6, 0, -1e7))".into(), 0, &["object 0 is not visible"]),
@@ -54,12 +70,25 @@ fn objects_of_every_kind() {
         ("Sphere(radius: 50, at: Point(0, 0, -51))".into(), 0, &[]),
         ("Sphere(radius: 50, at: Point(0, 0, 0))".into(), 0, &["encloses the camera"]),
         (mesh("box.ply", "at: Pixel(x: 7, y: 7)"), 0, &[]), // on the lamp's own pixels
-        ("Sphere(radius: 0.2, at: Point(0, 0, -1)), Sphere(radius: 0.2, at: Point(0.1, 0, -1))".into(), 0, &[]),
+        (
+            "Sphere(radius: 0.2, at: Point(0, 0, -1)), Sphere(radius: 0.2, at: Point(0.1, 0, -1))"
+                .into(),
+            0,
+            &[],
+        ),
         (mesh("box.ply", "at: Pixel(x: 40, y: 15)"), 2, &["objects", "outside the photo"]),
         ("Sphere(radius: -1, at: Point(0, 0, -1))".into(), 2, &["edit.ron", "radius", "got -1"]),
         ("Sphere(radius: 1e9, at: Point(0, 0, -1))".into(), 2, &["edit.ron", "radius"]),
-        ("Sphere(radius: 1, at: Point(0, 0, -1), material: (roughness: 2))".into(), 2, &["roughness", "got 2"]),
-        (r#"Sphere(radius: 1, at: Point(0, 0, -1), material: (albedo: Srgb("red")))"#.into(), 2, &["red"]),
+        (
+            "Sphere(radius: 1, at: Point(0, 0, -1), material: (roughness: 2))".into(),
+            2,
+            &["roughness", "got 2"],
+        ),
+        (
+            r#"Sphere(radius: 1, at: Point(0, 0, -1), material: (albedo: Srgb("red")))"#.into(),
+            2,
+            &["red"],
+        ),
         (mesh("bix.ply", stands), 2, &["edit.ron", "bix.ply", "cannot be read"]),
         (mesh("photo.png", stands), 2, &["photo.png", "wanted a model that ends in"]),
     ] {
@@ -70,7 +99,8 @@ fn objects_of_every_kind() {
 #[test]
 fn models_of_every_kind() {
     let model = |name: &str, bytes: &[u8], status: i32, words: &[&str]| {
-        let place = place(&format!(r#"Mesh(path: "{name}", at: Pixel(x: 20, y: 15), height: 0.3)"#));
+        let place =
+            place(&format!(r#"Mesh(path: "{name}", at: Pixel(x: 20, y: 15), height: 0.3)"#));
         place.write(name, bytes);
         check(&place, &format!("{name}, {words:?}"), status, words);
     };
@@ -78,17 +108,42 @@ fn models_of_every_kind() {
     model("a.gltf", sound.as_bytes(), 0, &[]);
     model("a.gltf", gltf(4, TRIANGLE).as_bytes(), 2, &["a.gltf", "wanted a valid glTF file"]);
     model("a.gltf", gltf(4_000_000_000, TRIANGLE).as_bytes(), 2, &["a.gltf", "4000000000"]);
-    model("a.gltf", gltf(3, &TRIANGLE[..60]).as_bytes(), 2, &["a.gltf", "wanted a valid glTF file"]);
+    model(
+        "a.gltf",
+        gltf(3, &TRIANGLE[..60]).as_bytes(),
+        2,
+        &["a.gltf", "wanted a valid glTF file"],
+    );
     model("a.gltf", gltf(3, "gone.bin").as_bytes(), 2, &["edit.ron", "gone.bin", "cannot be read"]);
     model("a.gltf", gltf(3, "box.ply").as_bytes(), 2, &["a.gltf"]); // a file, of other bytes
-    model("a.gltf", &sound.as_bytes()[..sound.len() / 2], 2, &["a.gltf", "wanted a valid glTF file"]);
-    model("a.glb", b"glTF\x02\0\0\0\x14\0\0\0\xff\xff\xff\xffJSON", 2, &["a.glb", "wanted a valid glTF file"]);
+    model(
+        "a.gltf",
+        &sound.as_bytes()[..sound.len() / 2],
+        2,
+        &["a.gltf", "wanted a valid glTF file"],
+    );
+    model(
+        "a.glb",
+        b"glTF\x02\0\0\0\x14\0\0\0\xff\xff\xff\xffJSON",
+        2,
+        &["a.glb", "wanted a valid glTF file"],
+    );
     model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 0, &[]);
-    model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n", 2, &["a.obj", "wanted a model with a height"]);
+    model(
+        "a.obj",
+        b"v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n",
+        2,
+        &["a.obj", "wanted a model with a height"],
+    );
     model("a.obj", b"", 2, &["a.obj", "wanted triangles", "got none"]);
     model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 7\n", 2, &["a.obj"]);
     model("a.ply", &BOX.as_bytes()[..BOX.len() - 20], 2, &["a.ply", "wanted a valid PLY file"]);
-    model("a.ply", BOX.replace("1 1 1", "nan 1 1").as_bytes(), 2, &["a.ply", "wanted a valid PLY file"]);
+    model(
+        "a.ply",
+        BOX.replace("1 1 1", "nan 1 1").as_bytes(),
+        2,
+        &["a.ply", "wanted a valid PLY file"],
+    );
     model("a.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", 2, &["a.obj", "finite", "vertex 0"]);
     let flat = BOX.replace("4 3 2 1 0", "4 3 3 3 3");
     model("a.ply", flat.as_bytes(), 0, &["warning", "2 of 12 triangles have no area"]);
@@ -99,7 +154,8 @@ fn models_of_every_kind() {
 #[test]
 fn only_shiny_objects_run_insert_specular() {
     let stands = "at: Pixel(x: 20, y: 15), height: 0.3";
-    let mesh = |material: &str| format!(r#"Mesh(path: "materials/chair.gltf", {stands}{material})"#);
+    let mesh =
+        |material: &str| format!(r#"Mesh(path: "materials/chair.gltf", {stands}{material})"#);
     let ball = |material: &str| format!("Sphere(radius: 0.1, at: Pixel(x: 20, y: 15){material})");
     let dull = gltf(3, TRIANGLE);
     let shiny = dull.replace(r#""roughnessFactor": 1"#, r#""roughnessFactor": 0.3"#);
@@ -116,7 +172,8 @@ fn only_shiny_objects_run_insert_specular() {
         let place = place(&edit);
         std::fs::create_dir(place.path("materials")).expect("a folder can be made");
         place.write("materials/chair.gltf", model);
-        let graph = load(&root().join("graphs/physics.ron"), &place.path(""), &place.path("edit.ron"));
+        let graph =
+            load(&root().join("graphs/physics.ron"), &place.path(""), &place.path("edit.ron"));
         let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
         let report = run(shared_engine(), &graph, &["reflected"]);
         assert!(report.is_complete());
@@ -132,20 +189,32 @@ fn an_obj_comes_with_its_library() {
     let folder = place(r#"Mesh(path: "a.obj", at: Pixel(x: 20, y: 15), height: 0.6)"#);
     folder.write("a.obj", triangle);
     let albedo = || {
-        let graph = load(&root().join("graphs/physics.ron"), &folder.path(""), &folder.path("edit.ron"));
+        let graph =
+            load(&root().join("graphs/physics.ron"), &folder.path(""), &folder.path("edit.ron"));
         let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
         let report = run(shared_engine(), &graph, &["objects.objects"]);
         let objects: Arc<Objects> = one(&report, "objects.objects");
-        let middle = (0..objects.coverage.len()).find(|&i| objects.coverage.pixels()[i] == 1.0).expect("it is seen");
+        let middle = (0..objects.coverage.len())
+            .find(|&i| objects.coverage.pixels()[i] == 1.0)
+            .expect("it is seen");
         (objects.albedo.pixels()[middle], objects.gloss.pixels()[middle])
     };
     check(&folder, "no library", 0, &["warning", "a.mtl", "are not known"]);
-    assert_eq!(albedo(), (Vec3::splat(0.7), Gloss { roughness: 1.0, specular: 0.5, metallic: 0.0 }));
+    assert_eq!(
+        albedo(),
+        (Vec3::splat(0.7), Gloss { roughness: 1.0, specular: 0.5, metallic: 0.0 })
+    );
     for (kd, rough) in [(Vec3::new(0.5, 0.25, 0.125), 0.5), (Vec3::new(0.125, 0.25, 0.5), 1.0)] {
         let ks = if rough < 1.0 { 0.5 } else { 0.0 };
-        folder.write("a.mtl", format!("newmtl m\nKd {} {} {}\nKs {ks} {ks} {ks}\nNs 30\n", kd.x, kd.y, kd.z));
+        folder.write(
+            "a.mtl",
+            format!("newmtl m\nKd {} {} {}\nKs {ks} {ks} {ks}\nNs 30\n", kd.x, kd.y, kd.z),
+        );
         let (color, gloss) = albedo();
-        assert!((color - kd).abs().max_element() < 1e-5 && (gloss.roughness - rough).abs() < 1e-5, "{color} {gloss:?}");
+        assert!(
+            (color - kd).abs().max_element() < 1e-5 && (gloss.roughness - rough).abs() < 1e-5,
+            "{color} {gloss:?}"
+        );
     }
     folder.write("a.mtl", "newmtl m\nKd 0.5 0.5 0.5\nmap_Kd gone.png\nd 0.5\n");
     check(&folder, "no picture", 0, &["warning", "gone.png", "map_Kd is not used", "not used: d"]);
@@ -161,18 +230,37 @@ fn lamps_of_every_model() {
     let model = |name: &str, bytes: &[u8], more: &str, status: i32, words: &[&str]| {
         let place = room();
         place.write(name, bytes);
-        let lamp =
-            format!(r#"Lamp(shape: Mesh(path: "{name}", height: 0.2{more}), at: Pixel(x: 20, y: 15), flux: 500)"#);
+        let lamp = format!(
+            r#"Lamp(shape: Mesh(path: "{name}", height: 0.2{more}), at: Pixel(x: 20, y: 15), flux: 500)"#
+        );
         place.write("edit.ron", format!(r#"Edit(version: 1, lights: {{ "desk": {lamp} }})"#));
         check(&place, &format!("{name}, {words:?}"), status, words);
     };
     model("a.ply", BOX.as_bytes(), "", 0, &[]);
     model("a.ply", BOX.as_bytes(), ", yaw: 400", 0, &[]);
     model("a.gltf", gltf(3, TRIANGLE).as_bytes(), "", 0, &[]); // an open sheet
-    model("a.gltf", gltf(3, "gone.bin").as_bytes(), "", 2, &["edit.ron", "gone.bin", "cannot be read"]);
-    model("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n", "", 2, &["a.obj", "wanted a model with a height"]);
+    model(
+        "a.gltf",
+        gltf(3, "gone.bin").as_bytes(),
+        "",
+        2,
+        &["edit.ron", "gone.bin", "cannot be read"],
+    );
+    model(
+        "a.obj",
+        b"v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n",
+        "",
+        2,
+        &["a.obj", "wanted a model with a height"],
+    );
     model("a.obj", b"", "", 2, &["a.obj", "wanted triangles", "got none"]);
-    model("a.obj", b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "", 2, &["a.obj", "finite", "vertex 0"]);
+    model(
+        "a.obj",
+        b"v 0 nan 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        "",
+        2,
+        &["a.obj", "finite", "vertex 0"],
+    );
     let flat = BOX.replace("4 3 2 1 0", "4 3 3 3 3");
     model("a.ply", flat.as_bytes(), "", 0, &["warning", "2 of 12 triangles have no area"]);
     // A flat grid of a million and more.
@@ -190,27 +278,42 @@ fn lamps_of_every_model() {
     for (y, x) in (0..rows).flat_map(|y| (0..columns).map(move |x| (y, x))) {
         let corner = |dx: i32, dy: i32| (y + dy) * (columns + 1) + x + dx;
         grid.push(4);
-        [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)].iter().for_each(|i| grid.extend(i.to_le_bytes()));
+        [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)]
+            .iter()
+            .for_each(|i| grid.extend(i.to_le_bytes()));
     }
-    model("a.ply", &grid, "", 2, &["a.ply", "wanted up to 1000000 triangles for a lamp, got 1003002"]);
+    model(
+        "a.ply",
+        &grid,
+        "",
+        2,
+        &["a.ply", "wanted up to 1000000 triangles for a lamp, got 1003002"],
+    );
 }
 
 /// The edit that ships: pixels far from the objects stay, objects are at their positions, and the
 /// table loses light beside them.
 #[test]
 fn insert_object_changes_the_table_and_leaves_the_ceiling() {
-    let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("insert_object.ron"));
+    let graph =
+        load(&root().join("graphs/physics.ron"), &demo(), &edits().join("insert_object.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let picture = png(&written(&run(shared_engine(), &graph, &[]), "picture.png"));
     let before = photo();
     let mean = |of: &image::RgbImage, x: u32, y: u32| {
         let around = (y - 2..y + 3).flat_map(|y| (x - 2..x + 3).map(move |x| (x, y)));
-        around.map(|(x, y)| of.get_pixel(x, y).0.iter().map(|&c| f64::from(c)).sum::<f64>() / 75.0).sum::<f64>()
+        around
+            .map(|(x, y)| of.get_pixel(x, y).0.iter().map(|&c| f64::from(c)).sum::<f64>() / 75.0)
+            .sum::<f64>()
     };
     let change = |x, y| mean(&picture, x, y) - mean(&before, x, y);
     assert!(change(160, 15).abs() < 2.0, "the ceiling changes by {}", change(160, 15));
     assert!(change(178, 166) > 40.0, "the ball is light, the table dark: {}", change(178, 166));
-    assert!(change(186, 177) < -1.5, "beside the ball the table gets less light: {}", change(186, 177));
+    assert!(
+        change(186, 177) < -1.5,
+        "beside the ball the table gets less light: {}",
+        change(186, 177)
+    );
 }
 
 /// A ball before a wall that is painted in the same edit: the wall is as without the ball up to its
@@ -223,14 +326,19 @@ fn a_painted_wall_colors_the_ball_before_it() {
         let graph = physics(&demo(), &format!("Edit(version: 1, {edit})"));
         png(&written(&run(shared_engine(), &graph, &[]), "picture.png"))
     };
-    let [painted, object, both] = [paint.to_owned(), ball.to_owned(), format!("{paint}, {ball}")].map(|e| picture(&e));
+    let [painted, object, both] =
+        [paint.to_owned(), ball.to_owned(), format!("{paint}, {ball}")].map(|e| picture(&e));
     let mean = |of: &image::RgbImage, x: u32, y: u32| {
         let around = || (y - 1..y + 2).flat_map(|y| (x - 1..x + 2).map(move |x| (x, y)));
-        [0, 1, 2].map(|c| around().map(|(x, y)| f64::from(of.get_pixel(x, y).0[c])).sum::<f64>() / 9.0)
+        [0, 1, 2]
+            .map(|c| around().map(|(x, y)| f64::from(of.get_pixel(x, y).0[c])).sum::<f64>() / 9.0)
     };
     let (wall, shown) = (mean(&painted, 135, 113), mean(&both, 135, 113));
     let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
-    assert!(apart(wall, shown) < 3.0 && apart(shown, mean(&object, 135, 113)) > 50.0, "{wall:?} {shown:?}");
+    assert!(
+        apart(wall, shown) < 3.0 && apart(shown, mean(&object, 135, 113)) > 50.0,
+        "{wall:?} {shown:?}"
+    );
     let reddish = |of: &image::RgbImage| mean(of, 113, 113)[0] / mean(of, 113, 113)[1];
     assert!(reddish(&both) > 1.015 * reddish(&object), "{} {}", reddish(&both), reddish(&object));
 }
@@ -243,7 +351,9 @@ fn mirror_shows_the_room() {
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
     let picture = png(&written(&run(shared_engine(), &graph, &[]), "picture.png"));
     let part = |x: std::ops::Range<u32>, y: std::ops::Range<u32>| -> Vec<[u8; 3]> {
-        y.flat_map(|y| x.clone().map(move |x| (x, y))).map(|(x, y)| picture.get_pixel(x, y).0).collect()
+        y.flat_map(|y| x.clone().map(move |x| (x, y)))
+            .map(|(x, y)| picture.get_pixel(x, y).0)
+            .collect()
     };
     let green = part(80..105, 175..200).into_iter().map(|c| c[1]);
     let (dark, bright) = green.fold((255, 0), |(dark, bright), g| (g.min(dark), g.max(bright)));
@@ -261,8 +371,12 @@ fn files_that_a_model_names_are_watched() {
     let place = place(r#"Mesh(path: "models/a.gltf", at: Pixel(x: 20, y: 15), height: 0.3)"#);
     std::fs::create_dir(place.path("models")).expect("a folder can be made");
     place.write("models/a.gltf", gltf(3, "a%20b.bin"));
-    let corners =
-        |x: f32| [[0.0, 0.0, 0.0], [x, 0.0, 0.0], [0.0, 1.0, 0.0]].concat().into_iter().flat_map(f32::to_le_bytes);
+    let corners = |x: f32| {
+        [[0.0, 0.0, 0.0], [x, 0.0, 0.0], [0.0, 1.0, 0.0]]
+            .concat()
+            .into_iter()
+            .flat_map(f32::to_le_bytes)
+    };
     place.write("models/a b.bin", corners(1.0).collect::<Vec<u8>>());
     let line = "run GRAPHS/physics.ron edit.ron --scene . --cache cache --out out";
     place.check(line, 0);
@@ -295,8 +409,12 @@ fn a_million_triangles_take_seconds() {
     for i in 0..rows * columns {
         let (row, column) = (i / columns, i % columns);
         let next = (column + 1) % columns;
-        let quad =
-            [row * columns + column, row * columns + next, (row + 1) * columns + next, (row + 1) * columns + column];
+        let quad = [
+            row * columns + column,
+            row * columns + next,
+            (row + 1) * columns + next,
+            (row + 1) * columns + column,
+        ];
         bytes.push(4);
         quad.iter().for_each(|&v| bytes.extend((v as i32).to_le_bytes()));
     }

@@ -11,7 +11,8 @@ fn old_graphs_compute_nothing_that_the_new_ones_have_not_computed() {
     for name in ["physics.ron", "indoor.ron", "networks.ron"] {
         let edit = edits().join("polish.ron");
         let [new, old] = ["graphs", "tests/old"].map(|folder| {
-            load(&root().join(folder).join(name), &demo(), &edit).unwrap_or_else(|faults| panic!("{}", faults[0]))
+            load(&root().join(folder).join(name), &demo(), &edit)
+                .unwrap_or_else(|faults| panic!("{}", faults[0]))
         });
         assert!(new.warnings().is_empty(), "{name}: {}", new.warnings()[0]);
         run(shared_engine(), &new, &[]);
@@ -20,8 +21,19 @@ fn old_graphs_compute_nothing_that_the_new_ones_have_not_computed() {
             let _ = writeln!(text, "{warning}");
             text
         });
-        for word in ["Paint", "OccludeRest", "edited_rest", "zone", "fit.rest", "compose.rest", "repaint.polished"] {
-            assert!(warnings.contains(&format!("`{word}` is an old name")), "{name}: {word}\n{warnings}");
+        for word in [
+            "Paint",
+            "OccludeRest",
+            "edited_rest",
+            "zone",
+            "fit.rest",
+            "compose.rest",
+            "repaint.polished",
+        ] {
+            assert!(
+                warnings.contains(&format!("`{word}` is an old name")),
+                "{name}: {word}\n{warnings}"
+            );
         }
     }
 }
@@ -34,7 +46,8 @@ fn old_parameters_and_values_mean_the_new_ones() {
         let parent = root().join("graphs/refined.ron");
         let text = format!("Graph(version: 1, extends: {parent:?}, nodes: {{ {nodes} }})");
         std::fs::write(&path, text).expect("it can be written");
-        load(&path, &demo(), &edits().join("none.ron")).unwrap_or_else(|faults| panic!("{}", faults[0]))
+        load(&path, &demo(), &edits().join("none.ron"))
+            .unwrap_or_else(|faults| panic!("{}", faults[0]))
     };
     let old = with(
         r#""init": (op: InitLights(worth: 0.1, turns: 7, ambient_cost: 0.02, plates: 100, lamps: Plates,
@@ -53,6 +66,8 @@ fn old_parameters_and_values_mean_the_new_ones() {
     assert_eq!((old.warnings().len(), new.warnings().len()), (15, 0));
     run(shared_engine(), &new, &["fit.radiance"]);
     assert_eq!(ran(&run(shared_engine(), &old, &["fit.radiance"])), [""; 0]);
-    let length = |unit: &str| ron::from_str::<KnownLength>(&format!("(from: (0, 0), to: (9, 0), {unit}: 2.5)"));
+    let length = |unit: &str| {
+        ron::from_str::<KnownLength>(&format!("(from: (0, 0), to: (9, 0), {unit}: 2.5)"))
+    };
     assert_eq!(length("metres").expect("the old name"), length("meters").expect("the new name"));
 }

@@ -26,7 +26,12 @@ impl Onnx {
 
     /// A constant of whole numbers.
     pub fn numbers(self, name: &str, values: &[i64]) -> Onnx {
-        self.constant(name, 7, &[values.len() as i64], values.iter().flat_map(|v| v.to_le_bytes()).collect())
+        self.constant(
+            name,
+            7,
+            &[values.len() as i64],
+            values.iter().flat_map(|v| v.to_le_bytes()).collect(),
+        )
     }
 
     pub fn node(self, operator: &str, inputs: &[&str], outputs: &[&str]) -> Onnx {
@@ -35,15 +40,25 @@ impl Onnx {
 
     /// `output` = `input`, by a loop of 2^62 turns.
     pub fn endless(self, input: &str, output: &str) -> Onnx {
-        let body = Onnx::default().node("Identity", &["on"], &["still_on"]).node("Identity", &["v"], &["same"]);
-        let body = ["turn", "on", "v"].iter().fold(body, |body, name| body.message(11, named(name)));
+        let body = Onnx::default().node("Identity", &["on"], &["still_on"]).node(
+            "Identity",
+            &["v"],
+            &["same"],
+        );
+        let body =
+            ["turn", "on", "v"].iter().fold(body, |body, name| body.message(11, named(name)));
         let mut body = body.message(12, named("still_on")).message(12, named("same")).graph;
         bytes(&mut body, 2, b"body");
         let mut attribute = Vec::new();
         bytes(&mut attribute, 1, b"body");
         bytes(&mut attribute, 6, &body);
         number(&mut attribute, 20, 5);
-        let turns = self.constant("turns", 7, &[], (1_i64 << 62).to_le_bytes().into()).constant("yes", 9, &[], vec![1]);
+        let turns = self.constant("turns", 7, &[], (1_i64 << 62).to_le_bytes().into()).constant(
+            "yes",
+            9,
+            &[],
+            vec![1],
+        );
         turns.node_of("Loop", &["turns", "yes", input], &[output], &[attribute])
     }
 
@@ -54,11 +69,22 @@ impl Onnx {
         bytes(&mut attribute, 1, b"mode");
         bytes(&mut attribute, 4, b"cubic");
         number(&mut attribute, 20, 3);
-        self.floats(&name, &[4], &scales).node_of("Resize", &[input, "", &name], &[output], &[attribute])
+        self.floats(&name, &[4], &scales).node_of(
+            "Resize",
+            &[input, "", &name],
+            &[output],
+            &[attribute],
+        )
     }
 
     /// A node with attributes that are lists of whole numbers.
-    fn node_with(self, operator: &str, inputs: &[&str], outputs: &[&str], attributes: &[(&str, &[u64])]) -> Onnx {
+    fn node_with(
+        self,
+        operator: &str,
+        inputs: &[&str],
+        outputs: &[&str],
+        attributes: &[(&str, &[u64])],
+    ) -> Onnx {
         let lists = attributes.iter().map(|(name, values)| {
             let mut attribute = Vec::new();
             bytes(&mut attribute, 1, name.as_bytes());
@@ -69,7 +95,13 @@ impl Onnx {
         self.node_of(operator, inputs, outputs, &lists.collect::<Vec<_>>())
     }
 
-    fn node_of(self, operator: &str, inputs: &[&str], outputs: &[&str], attributes: &[Vec<u8>]) -> Onnx {
+    fn node_of(
+        self,
+        operator: &str,
+        inputs: &[&str],
+        outputs: &[&str],
+        attributes: &[Vec<u8>],
+    ) -> Onnx {
         let mut node = Vec::new();
         inputs.iter().for_each(|name| bytes(&mut node, 1, name.as_bytes()));
         outputs.iter().for_each(|name| bytes(&mut node, 2, name.as_bytes()));
@@ -86,7 +118,8 @@ impl Onnx {
         let network = self.floats(&w, &[n, 3, 1, 1], weights.as_flattened()).floats(&b, &[n], bias);
         // Attributes that exporters write although they have default values, and that rten
         // requires.
-        let attributes: [(&str, &[u64]); 3] = [("kernel_shape", &[1, 1]), ("strides", &[1, 1]), ("dilations", &[1, 1])];
+        let attributes: [(&str, &[u64]); 3] =
+            [("kernel_shape", &[1, 1]), ("strides", &[1, 1]), ("dilations", &[1, 1])];
         network.node_with("Conv", &[input, &w, &b], &[output], &attributes)
     }
 

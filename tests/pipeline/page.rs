@@ -18,7 +18,9 @@ fn page(place: &Place) -> String {
 
 /// The data that the page was given.
 fn data(page: &str) -> serde_json::Value {
-    let (_, after) = page.split_once(r#"<script type="application/json" id="data">"#).expect("the page holds its data");
+    let (_, after) = page
+        .split_once(r#"<script type="application/json" id="data">"#)
+        .expect("the page holds its data");
     serde_json::from_str(after.split_once("</script>").expect("it ends").0).expect("it is JSON")
 }
 
@@ -40,17 +42,34 @@ fn it_is_whole_in_itself(place: &Place) {
     }
     assert!(page.len() < 4_000_000, "{} bytes", page.len());
     let data = data(&page);
-    let lights: Vec<&str> =
-        data["lights"].as_array().expect("lights").iter().map(|l| l["id"].as_str().unwrap()).collect();
+    let lights: Vec<&str> = data["lights"]
+        .as_array()
+        .expect("lights")
+        .iter()
+        .map(|l| l["id"].as_str().unwrap())
+        .collect();
     assert_eq!(lights, ["inv_lamp", "inv_window", "lamp_0", "window_0"]);
-    for light in ["lamp_0", "window_0"].map(|id| &data["lights"][lights.iter().position(|l| *l == id).unwrap()]) {
+    for light in ["lamp_0", "window_0"]
+        .map(|id| &data["lights"][lights.iter().position(|l| *l == id).unwrap()])
+    {
         for plane in ["shadow", "unknown", "stderr"] {
-            assert!(light[plane].as_str().is_some_and(|url| url.starts_with("data:image/png;base64,")), "{plane}");
+            assert!(
+                light[plane].as_str().is_some_and(|url| url.starts_with("data:image/png;base64,")),
+                "{plane}"
+            );
         }
-        assert!(light["lit"].as_f64().is_some_and(|lit| lit > 0.1 && lit < 1.0), "{}", light["lit"]);
+        assert!(
+            light["lit"].as_f64().is_some_and(|lit| lit > 0.1 && lit < 1.0),
+            "{}",
+            light["lit"]
+        );
     }
     // The drawing has a box for every node, members in one.
-    let nodes = data["report"]["nodes"].as_array().expect("nodes").iter().map(|node| node["name"].as_str().unwrap());
+    let nodes = data["report"]["nodes"]
+        .as_array()
+        .expect("nodes")
+        .iter()
+        .map(|node| node["name"].as_str().unwrap());
     let mut boxes: Vec<&str> = nodes.map(|name| name.split('[').next().unwrap()).collect();
     boxes.sort_unstable();
     boxes.dedup();
@@ -63,8 +82,9 @@ fn it_is_whole_in_itself(place: &Place) {
 fn browser() -> Option<PathBuf> {
     let named = std::env::var_os("CHROME").map(PathBuf::from);
     let paths = std::env::var_os("PATH").unwrap_or_default();
-    let found = std::env::split_paths(&paths)
-        .flat_map(|folder| ["chromium", "chromium-browser", "google-chrome", "chrome"].map(|name| folder.join(name)));
+    let found = std::env::split_paths(&paths).flat_map(|folder| {
+        ["chromium", "chromium-browser", "google-chrome", "chrome"].map(|name| folder.join(name))
+    });
     named.or_else(|| found.into_iter().find(|path| path.is_file()))
 }
 
@@ -85,15 +105,27 @@ fn shown(browser: &Path, place: &Place, fragment: &str, act: &str, mixed: &str) 
     place.write("run/probed.html", page(place) + &script);
     let url = format!("file://{}#{fragment}", place.path("run/probed.html").display());
     let output = Command::new(browser)
-        .args(["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=100000", "--dump-dom"])
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--virtual-time-budget=100000",
+            "--dump-dom",
+        ])
         .arg(format!("--user-data-dir={}", place.path("browser").display()))
         .arg(url)
         .output()
         .expect("the browser starts");
     let dom = String::from_utf8_lossy(&output.stdout);
-    let picture = dom.split_once(r#"id="probe">data:image/png;base64,"#).and_then(|(_, after)| after.split_once('<'));
+    let picture = dom
+        .split_once(r#"id="probe">data:image/png;base64,"#)
+        .and_then(|(_, after)| after.split_once('<'));
     let (picture, _) = picture.unwrap_or_else(|| {
-        panic!("{}: no picture at {mixed:?}; it told:\n{}", browser.display(), String::from_utf8_lossy(&output.stderr))
+        panic!(
+            "{}: no picture at {mixed:?}; it told:\n{}",
+            browser.display(),
+            String::from_utf8_lossy(&output.stderr)
+        )
     });
     png(&STANDARD.decode(picture).expect("it is base64"))
 }
@@ -153,12 +185,16 @@ fn what_is_no_run_is_told(place: &Place) {
     check("report nowhere", "nowhere: wanted the folder that `relight run` wrote to");
     check("report run/report.json", "wanted the folder that `relight run` wrote to");
     std::fs::create_dir(place.path("pictures")).expect("a folder can be made");
-    std::fs::copy(place.path("run/picture.exr"), place.path("pictures/picture.exr")).expect("it can be copied");
+    std::fs::copy(place.path("run/picture.exr"), place.path("pictures/picture.exr"))
+        .expect("it can be copied");
     check("report pictures", "pictures/report.json: cannot be read");
     place.write("run/report.json", r#"{ "edit": 3 }"#);
     check("report run", "run/report.json: wanted the report.json of a run of this version: ");
     check("report run --long-side 0", "--long-side");
-    place.write("frames.ron", r#"Edit(version: 1, frames: 2, lights: { "lamp_0": Scale(Keys([(0, 1), (1, 0)])) })"#);
+    place.write(
+        "frames.ron",
+        r#"Edit(version: 1, frames: 2, lights: { "lamp_0": Scale(Keys([(0, 1), (1, 0)])) })"#,
+    );
     check(
         "run GRAPHS/physics.ron frames.ron --scene DEMO --report",
         "--report: wanted an edit of one picture, got one of frames",

@@ -30,10 +30,12 @@ fn mean(of: &Picture, (left, top): (usize, usize), (w, h): (usize, usize)) -> Ve
 fn polish_shows_on_what_is_polished() {
     let graph = load(&root().join("graphs/physics.ron"), &demo(), &edits().join("polish.ron"));
     let graph = graph.unwrap_or_else(|faults| panic!("{}", faults[0]));
-    let polished: Arc<Picture> = one(&run(shared_engine(), &graph, &["compose.picture"]), "compose.picture");
+    let polished: Arc<Picture> =
+        one(&run(shared_engine(), &graph, &["compose.picture"]), "compose.picture");
     let bare = picture(IDENTITY);
     let gain = |at, size| mean(&polished, at, size) - mean(&bare, at, size);
-    let (sofa, cushion, boards) = (gain((156, 162), (10, 3)), gain((176, 166), (6, 4)), gain((60, 165), (10, 6)));
+    let (sofa, cushion, boards) =
+        (gain((156, 162), (10, 3)), gain((176, 166), (6, 4)), gain((60, 165), (10, 6)));
     assert!(sofa.x > 2.0 * sofa.z && sofa.x > 0.005, "orange: {sofa}");
     assert!(cushion.z > 2.0 * cushion.x && cushion.z > 0.005, "teal: {cushion}");
     assert!(boards.min_element() > 0.004, "{boards}");
@@ -47,7 +49,10 @@ fn polish_shows_on_what_is_polished() {
 fn what_it_had_changes_nothing() {
     let bare = picture(IDENTITY);
     for same in ["roughness: 0.8", "specular: 0.5", "roughness: 0.8, specular: 0.5"] {
-        assert!(*picture(&edit(&format!("Paint(region: Grow(70, 170), {same})"), "")) == *bare, "{same}");
+        assert!(
+            *picture(&edit(&format!("Paint(region: Grow(70, 170), {same})"), "")) == *bare,
+            "{same}"
+        );
     }
 }
 
@@ -67,23 +72,31 @@ fn dull_surfaces_lose_their_gloss() {
 fn polished_layers_sum_and_are_linear() {
     let of = |lights: &str| {
         let text = edit(&[TABLE, BOARDS].join(","), &format!("lights: {{ {lights} }}"));
-        let report =
-            run(shared_engine(), &physics(&demo(), &text), &["compose.layer", "compose.residual", "compose.picture"]);
+        let report = run(
+            shared_engine(),
+            &physics(&demo(), &text),
+            &["compose.layer", "compose.residual", "compose.picture"],
+        );
         let picture: Arc<Picture> = one(&report, "compose.picture");
         (layers(&report), rest(&report), picture)
     };
     let (whole, rest, picture) = of("");
     for i in 0..picture.0.len() {
-        let sum = whole.iter().map(|(_, layer)| layer.0.pixels()[i]).sum::<Vec3>() + rest.0.pixels()[i];
+        let sum =
+            whole.iter().map(|(_, layer)| layer.0.pixels()[i]).sum::<Vec3>() + rest.0.pixels()[i];
         let want = picture.0.pixels()[i];
-        assert!((sum - want).abs().max_element() <= 1e-3 * want.max_element().max(1.0), "{i}: {sum} against {want}");
+        assert!(
+            (sum - want).abs().max_element() <= 1e-3 * want.max_element().max(1.0),
+            "{i}: {sum} against {want}"
+        );
     }
     for (dimmed, factor) in [("window_0", 0.5), ("lamp_0", 0.0)] {
         let (layers, ..) = of(&format!(r#""{dimmed}": Scale({factor})"#));
         for ((id, whole), (_, layer)) in whole.iter().zip(&layers) {
             let factor = if id == dimmed { factor } else { 1.0 };
             let pairs = whole.0.pixels().iter().zip(layer.0.pixels());
-            let off = pairs.map(|(w, l)| (factor * *w - *l).abs().max_element() / w.max_element().max(1.0));
+            let off = pairs
+                .map(|(w, l)| (factor * *w - *l).abs().max_element() / w.max_element().max(1.0));
             let off = off.fold(0.0, f32::max);
             assert!(off < 1e-3, "{dimmed} dimmed, {id}: off by {off}");
         }
@@ -123,14 +136,18 @@ fn polished_surfaces_and_objects_show_each_other() {
 fn a_new_lamp_shines_on_dull_paint_as_on_none() {
     let lamp = r#"lights: { "desk": Lamp(shape: Sphere(radius: 0.07), at: Pixel(x: 60, y: 185, lift: 0.3), radiance: (72, 44, 20)) }"#;
     let layer = |materials: &str| -> Arc<Picture> {
-        let report = run(shared_engine(), &physics(&demo(), &edit(materials, lamp)), &["compose.layer"]);
+        let report =
+            run(shared_engine(), &physics(&demo(), &edit(materials, lamp)), &["compose.layer"]);
         layers(&report).into_iter().find(|(id, _)| id == "desk").expect("the lamp has a layer").1
     };
     let bare = layer("");
     assert!(*layer("Paint(region: Grow(70, 170), roughness: 1)") == *bare);
     let glossy = layer("Paint(region: Grow(70, 170), roughness: 0.3)");
     let gains = glossy.0.pixels().iter().zip(bare.0.pixels()).map(|(g, b)| (*g - *b).min_element());
-    assert!(gains.clone().fold(0.0, f32::min) >= 0.0 && gains.fold(0.0, f32::max) > 0.05, "it shines in the boards");
+    assert!(
+        gains.clone().fold(0.0, f32::min) >= 0.0 && gains.fold(0.0, f32::max) > 0.05,
+        "it shines in the boards"
+    );
 }
 
 /// A surface that is polished more from frame to frame runs its reflection and the picture in each,
@@ -139,7 +156,8 @@ fn a_new_lamp_shines_on_dull_paint_as_on_none() {
 fn roughness_may_have_keys() {
     let cache = tempfile::tempdir().expect("a temporary folder can be made");
     let engine = engine(Some(cache.path()));
-    let text = edit("Paint(region: Grow(170, 172), roughness: Keys([(0, 0.8), (2, 0.1)]))", "frames: 3");
+    let text =
+        edit("Paint(region: Grow(170, 172), roughness: Keys([(0, 0.8), (2, 0.1)]))", "frames: 3");
     let frames: Vec<_> = (0..3)
         .map(|frame| {
             let report = run(&engine, &physics_frame(&demo(), &text, frame), &["compose.picture"]);

@@ -6,8 +6,8 @@ use std::sync::{Arc, OnceLock};
 
 use relight::files;
 use relight::graph::{
-    Artifact, CacheFolder, CacheKey, Cancel, Diagnostic, Engine, EngineOptions, PortValue, ResolvedGraph, RunReport,
-    Status,
+    Artifact, CacheFolder, CacheKey, Cancel, Diagnostic, Engine, EngineOptions, PortValue,
+    ResolvedGraph, RunReport, Status,
 };
 use relight::image::{Layer, NamedBytes, Picture, Plane, Transfer, read_photo};
 use relight::nodes::{self, artifacts::Files};
@@ -57,7 +57,9 @@ fn quartered(text: &str, marker: &str, numbers: usize) -> String {
         let mut rest = part;
         for _ in 0..numbers {
             let start = rest.find(|c: char| c.is_ascii_digit()).expect("the marker has numbers");
-            let len = rest[start..].find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(rest.len() - start);
+            let len = rest[start..]
+                .find(|c: char| !c.is_ascii_digit() && c != '.')
+                .unwrap_or(rest.len() - start);
             let number: f64 = rest[start..start + len].parse().expect("it is a number");
             out += &format!("{}{}", &rest[..start], number / 4.0);
             rest = &rest[start + len..];
@@ -71,7 +73,8 @@ fn quartered(text: &str, marker: &str, numbers: usize) -> String {
 pub fn ron_files(folder: impl AsRef<Path>) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(root().join(folder)).expect("the project has this folder");
     let paths = entries.map(|entry| entry.expect("it can be listed").path());
-    let mut paths: Vec<PathBuf> = paths.filter(|path| path.extension().is_some_and(|e| e == "ron")).collect();
+    let mut paths: Vec<PathBuf> =
+        paths.filter(|path| path.extension().is_some_and(|e| e == "ron")).collect();
     paths.sort();
     paths
 }
@@ -85,7 +88,12 @@ pub fn load(graph: &Path, scene: &Path, edit: &Path) -> Result<ResolvedGraph, Ve
     load_frame(graph, scene, edit, 0)
 }
 
-fn load_frame(graph: &Path, scene: &Path, edit: &Path, frame: u32) -> Result<ResolvedGraph, Vec<Diagnostic>> {
+fn load_frame(
+    graph: &Path,
+    scene: &Path,
+    edit: &Path,
+    frame: u32,
+) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     let registry = nodes::registry().with_library(root().join("models"), "");
     files::load_frame(graph, scene, edit, frame, &registry)
 }
@@ -130,9 +138,14 @@ pub fn shared_engine() -> &'static Engine {
 /// Runs a graph to its outputs, or to these.
 pub fn run(engine: &Engine, graph: &ResolvedGraph, outputs: &[&str]) -> RunReport {
     let names: Vec<String> = outputs.iter().map(|name| name.to_string()).collect();
-    let wanted = graph.wanted((!names.is_empty()).then_some(&names[..])).expect("the graph has these outputs");
+    let wanted = graph
+        .wanted((!names.is_empty()).then_some(&names[..]))
+        .expect("the graph has these outputs");
     let report = engine.run(graph, &wanted, &Cancel::default(), &());
-    let error = report.nodes.iter().find_map(|node| Some(format!("{}: {}", node.name, node.error.as_ref()?)));
+    let error = report
+        .nodes
+        .iter()
+        .find_map(|node| Some(format!("{}: {}", node.name, node.error.as_ref()?)));
     assert!(report.is_complete(), "{error:?}");
     report
 }
@@ -147,13 +160,21 @@ pub fn one<T: Artifact>(report: &RunReport, name: &str) -> Arc<T> {
 
 /// The values of an output, by member.
 pub fn many<T: Artifact>(report: &RunReport, name: &str) -> Vec<(String, Arc<T>)> {
-    let Some(PortValue::Many(values)) = report.output(name) else { panic!("{name} gives a value per member") };
-    values.iter().map(|(id, value)| (id.clone(), value.get().expect("the output has this type"))).collect()
+    let Some(PortValue::Many(values)) = report.output(name) else {
+        panic!("{name} gives a value per member")
+    };
+    values
+        .iter()
+        .map(|(id, value)| (id.clone(), value.get().expect("the output has this type")))
+        .collect()
 }
 
 /// The layers of the lights, in single precision.
 pub fn layers(report: &RunReport) -> Vec<(String, Arc<Picture>)> {
-    many::<Layer>(report, "compose.layer").into_iter().map(|(id, layer)| (id, Arc::new(layer.picture()))).collect()
+    many::<Layer>(report, "compose.layer")
+        .into_iter()
+        .map(|(id, layer)| (id, Arc::new(layer.picture())))
+        .collect()
 }
 
 /// The residual layer.
@@ -188,7 +209,8 @@ pub fn photo() -> image::RgbImage {
 pub fn exr(path: &Path) -> Plane<glam::Vec3> {
     let bytes = std::fs::read(path).expect("the truth is there");
     let name = path.display().to_string();
-    let Picture(plane) = read_photo(NamedBytes::new(&name, &bytes), Transfer::Linear).expect("it is sound").picture;
+    let Picture(plane) =
+        read_photo(NamedBytes::new(&name, &bytes), Transfer::Linear).expect("it is sound").picture;
     plane
 }
 
@@ -221,13 +243,18 @@ impl Place {
             ("DEMO", demo()),
         ];
         let words = line.split_whitespace().map(|word| {
-            let stands = |word: String, (name, path): &(&str, PathBuf)| word.replace(name, &path.display().to_string());
+            let stands = |word: String, (name, path): &(&str, PathBuf)| {
+                word.replace(name, &path.display().to_string())
+            };
             known.iter().fold(word.to_owned(), stands)
         });
         let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
         command.current_dir(self.folder.path()).args(words).env_remove("RELIGHT_LOG");
         // The cache of whoever runs the tests stays as it is.
-        command.env("HOME", self.path("home")).env_remove("XDG_CACHE_HOME").env_remove("XDG_CONFIG_HOME");
+        command
+            .env("HOME", self.path("home"))
+            .env_remove("XDG_CACHE_HOME")
+            .env_remove("XDG_CONFIG_HOME");
         command
     }
 
@@ -239,8 +266,9 @@ impl Place {
 
     /// The written pictures.
     pub fn pictures(&self, out: &str) -> [Vec<u8>; 2] {
-        ["picture.png", "picture.exr"]
-            .map(|name| std::fs::read(self.path(out).join(name)).expect("the run wrote its pictures"))
+        ["picture.png", "picture.exr"].map(|name| {
+            std::fs::read(self.path(out).join(name)).expect("the run wrote its pictures")
+        })
     }
 }
 

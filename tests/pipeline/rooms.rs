@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use glam::{DVec3, Vec3};
 use relight::geometry::Camera;
 use relight::image::{
-    LUMINANCE, NamedBytes, Picture, Plane, Transfer, mean_error, pairs, read_mask, resize, score_picture, write_png,
+    LUMINANCE, NamedBytes, Picture, Plane, Transfer, mean_error, pairs, read_mask, resize,
+    score_picture, write_png,
 };
 use serde_json::Value;
 use tempfile::TempDir;
@@ -46,7 +47,8 @@ impl Case {
             let stored = picture.get_pixel(x as u32, y as u32).0;
             Vec3::from_array(stored.map(|byte| Transfer::Srgb.decode(f32::from(byte) / 255.0)))
         });
-        let score = score_picture(&got, &self.truth, &self.before, &self.counted).expect("pixels count");
+        let score =
+            score_picture(&got, &self.truth, &self.before, &self.counted).expect("pixels count");
         let [got, truth, before] = [&got, &self.truth, &self.before].map(|plane| self.means(plane));
         let all = truth.map(|_| true);
         let off = |a, b| mean_error(pairs(a, b, &all), |a, b| (a - b).abs()).expect("pixels count");
@@ -59,7 +61,13 @@ impl Case {
     /// The plane, clipped, black where the change is not compared, in means of squares.
     fn means(&self, plane: &Plane<Vec3>) -> Plane<Vec3> {
         let (width, height) = plane.size();
-        let near = |x, y| if self.near.get(x, y) { plane.get(x, y).clamp(Vec3::ZERO, Vec3::ONE) } else { Vec3::ZERO };
+        let near = |x, y| {
+            if self.near.get(x, y) {
+                plane.get(x, y).clamp(Vec3::ZERO, Vec3::ONE)
+            } else {
+                Vec3::ZERO
+            }
+        };
         resize(&Plane::from_fn(width, height, near), width / self.square, height / self.square)
     }
 }
@@ -99,7 +107,9 @@ fn lit(path: &Path) -> Plane<bool> {
 }
 
 fn outside(masks: &[Plane<bool>]) -> Plane<bool> {
-    Plane::from_fn(masks[0].width(), masks[0].height(), |x, y| masks.iter().all(|mask| !mask.get(x, y)))
+    Plane::from_fn(masks[0].width(), masks[0].height(), |x, y| {
+        masks.iter().all(|mask| !mask.get(x, y))
+    })
 }
 
 /// The edits of the project in the small room, whose truth its lights' pictures make.
@@ -109,7 +119,8 @@ pub fn small() -> Vec<Case> {
     let lights = ["lamp_0", "window_0", "inv_lamp"].map(|id| (id, picture(&format!("light_{id}"))));
     let before = sum(lights.iter().map(|(_, light)| light));
     let but = |name: &str, share: Vec3| {
-        let (_, light) = lights.iter().find(|(id, _)| *id == name).expect("the room has this light");
+        let (_, light) =
+            lights.iter().find(|(id, _)| *id == name).expect("the room has this light");
         plus(&before, light, share)
     };
     let ceiling = vec3(&meta["lights"]["inv_lamp"]["radiance"]);
@@ -189,20 +200,30 @@ impl TruthRoom {
     /// Every kind of edit: each light off, the visible lamp inserted into the room without it,
     /// paint and an object.
     pub fn new(view: &str) -> TruthRoom {
-        let source = root().join("../shared/truth").join(view).canonicalize().expect("the room is there");
+        let source =
+            root().join("../shared/truth").join(view).canonicalize().expect("the room is there");
         let meta = json(&source.join("meta.json"));
         let light = |id: &&str| (id.to_string(), exr(&source.join(format!("olat_{id}.exr"))));
         let lights = names(&meta["lights"]).iter().map(light).collect();
         let folder = tempfile::tempdir().expect("a temporary folder can be made");
         let mut room = TruthRoom { cases: Vec::new(), source, meta, lights, folder };
         let total = sum(room.lights.values());
-        let visible: Vec<String> = names(&room.meta["visible"]).into_iter().map(str::to_owned).collect();
+        let visible: Vec<String> =
+            names(&room.meta["visible"]).into_iter().map(str::to_owned).collect();
         // Edits skip a window that is out of view and not named `inv_window`.
         let known = |id: &String| id.starts_with("inv") || visible.contains(id);
         for (id, light) in room.lights.clone().into_iter().filter(|(id, _)| known(id)) {
-            let lights =
-                if id.starts_with("inv") { "\"inv_lamp\": Off, \"inv_window\": Off" } else { &format!("{id:?}: Off") };
-            room.add(&format!("{id} off"), None, &format!("lights: {{{lights}}}"), plus(&total, &light, -Vec3::ONE));
+            let lights = if id.starts_with("inv") {
+                "\"inv_lamp\": Off, \"inv_window\": Off"
+            } else {
+                &format!("{id:?}: Off")
+            };
+            room.add(
+                &format!("{id} off"),
+                None,
+                &format!("lights: {{{lights}}}"),
+                plus(&total, &light, -Vec3::ONE),
+            );
         }
         let lamp = &room.meta["lamps"]["lamp_0"];
         let lamp = format!(
@@ -211,7 +232,12 @@ impl TruthRoom {
             triple(&lamp["center"]),
             triple(&lamp["radiance"])
         );
-        room.add("insert lamp_0", Some("lamp_0"), &format!("lights: {{\"desk\": Lamp({lamp})}}"), total);
+        room.add(
+            "insert lamp_0",
+            Some("lamp_0"),
+            &format!("lights: {{\"desk\": Lamp({lamp})}}"),
+            total,
+        );
         let paint = format!(
             "materials: [Paint(region: Mask({:?}), albedo: Linear{})]",
             room.source.join("mask_paint.png"),
@@ -229,17 +255,21 @@ impl TruthRoom {
         let [.., paint, object] = &mut room.cases[..] else { unreachable!("they were added") };
         (paint.square, object.square) = (4, 4);
         let around = around(&lit(&room.source.join("mask_object.png")));
-        object.near = Plane::from_fn(around.width(), around.height(), |x, y| around.get(x, y) && object.near.get(x, y));
+        object.near = Plane::from_fn(around.width(), around.height(), |x, y| {
+            around.get(x, y) && object.near.get(x, y)
+        });
         room
     }
 
     /// Adds an edit of the scene, or of the scene without one light.
     fn add(&mut self, subject: &str, without: Option<&str>, edit: &str, truth: Plane<Vec3>) {
-        let visible: Vec<String> = names(&self.meta["visible"]).into_iter().map(str::to_owned).collect();
+        let visible: Vec<String> =
+            names(&self.meta["visible"]).into_iter().map(str::to_owned).collect();
         let mask = |id: &String| self.source.join(format!("mask_{id}.png"));
         let masks: Vec<Plane<bool>> = visible.iter().map(|id| lit(&mask(id))).collect();
         let counted = outside(&masks);
-        let before = sum(self.lights.iter().filter(|(id, _)| without != Some(id)).map(|(_, light)| light));
+        let before =
+            sum(self.lights.iter().filter(|(id, _)| without != Some(id)).map(|(_, light)| light));
         let scene = self.folder.path().join(without.unwrap_or("whole"));
         std::fs::create_dir_all(&scene).expect("a folder can be made");
         let photo = write_png(&Picture(before.clone()), Transfer::Srgb, false);
@@ -282,7 +312,8 @@ fn around(mask: &Plane<bool>) -> Plane<bool> {
     let (width, height) = mask.size();
     let column = |x: usize| (0..height).any(|y| mask.get(x, y));
     let row = |y: usize| (0..width).any(|x| mask.get(x, y));
-    let grown = |first: usize, last: usize| first.saturating_sub(last - first + 1)..=2 * last + 1 - first;
+    let grown =
+        |first: usize, last: usize| first.saturating_sub(last - first + 1)..=2 * last + 1 - first;
     let range = |n: usize, lit: &dyn Fn(usize) -> bool| {
         let ends = (0..n).find(|&i| lit(i)).zip((0..n).rfind(|&i| lit(i)));
         ends.map(|(first, last)| grown(first, last)).expect("the mask is not black")

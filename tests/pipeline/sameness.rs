@@ -29,9 +29,14 @@ fn pictures_are_the_same_bits_for_any_threads_and_any_cache() {
         ("mixed", "--threads 1 --cache cache_4 --set compose.lamp_albedo=0.5", "hit in"),
     ] {
         let pictures = run(out, options, status);
-        for (name, (got, want)) in ["picture.png", "picture.exr"].iter().zip(pictures.iter().zip(&first)) {
+        for (name, (got, want)) in
+            ["picture.png", "picture.exr"].iter().zip(pictures.iter().zip(&first))
+        {
             let at = got.iter().zip(want).position(|(a, b)| a != b);
-            assert!(got == want, "{out}: {name} differs from that of one thread, first at byte {at:?}");
+            assert!(
+                got == want,
+                "{out}: {name} differs from that of one thread, first at byte {at:?}"
+            );
         }
     }
     // Each stage again from the stored results of another number of threads.

@@ -18,7 +18,8 @@ fn each_graph_runs_with_each_fitting_edit() {
     let mut fitted = vec![0; edits.len()];
     let mut idle = Vec::new();
     for graph in ron_files("graphs") {
-        let file = relight::graph::GraphFile::read(&graph).unwrap_or_else(|faults| panic!("{}", faults[0]));
+        let file = relight::graph::GraphFile::read(&graph)
+            .unwrap_or_else(|faults| panic!("{}", faults[0]));
         let before: i32 = fitted.iter().sum();
         for (edit, fitted) in edits.iter().zip(&mut fitted) {
             // An edit fits when graph and scene have all that it names; the regression corpus
@@ -38,7 +39,8 @@ fn each_graph_runs_with_each_fitting_edit() {
     }
     // It is for scenes without depth; adapters.rs runs it.
     assert_eq!(idle, ["depth"], "graphs that fit no edit");
-    let unfit: Vec<_> = edits.iter().zip(&fitted).filter(|(_, n)| **n == 0).map(|(path, _)| stem(path)).collect();
+    let unfit: Vec<_> =
+        edits.iter().zip(&fitted).filter(|(_, n)| **n == 0).map(|(path, _)| stem(path)).collect();
     assert!(unfit.is_empty(), "edits that fit no graph: {unfit:?}");
 }
 
@@ -119,9 +121,13 @@ impl Expected {
         let fault = |pair: &(String, String)| {
             let (wanted, got) = (value(wanted, pair), value(got, pair));
             let tolerance = self.tolerance.get(&pair.1).copied().unwrap_or(0.0);
-            let close = wanted.zip(got).is_some_and(|(wanted, got)| (got - wanted).abs() <= tolerance * wanted.abs());
+            let close = wanted
+                .zip(got)
+                .is_some_and(|(wanted, got)| (got - wanted).abs() <= tolerance * wanted.abs());
             let shown = |value: Option<f64>| value.map_or("none".to_owned(), digits);
-            (!close).then(|| format!("{}, {}: wanted {}, got {}", pair.0, pair.1, shown(wanted), shown(got)))
+            (!close).then(|| {
+                format!("{}, {}: wanted {}, got {}", pair.0, pair.1, shown(wanted), shown(got))
+            })
         };
         pairs(wanted).union(&pairs(got)).filter_map(fault).collect()
     }
@@ -129,11 +135,16 @@ impl Expected {
     /// The file, one subject a line.
     fn text(&self) -> String {
         let list = |values: &Scores| {
-            let values: Vec<String> =
-                values.iter().map(|(name, value)| format!("{name:?}: {}", digits(*value))).collect();
+            let values: Vec<String> = values
+                .iter()
+                .map(|(name, value)| format!("{name:?}: {}", digits(*value)))
+                .collect();
             values.join(", ")
         };
-        let mut text = format!("{HEAD}Scores(\n    tolerance: {{ {} }},\n    tables: {{\n", list(&self.tolerance));
+        let mut text = format!(
+            "{HEAD}Scores(\n    tolerance: {{ {} }},\n    tables: {{\n",
+            list(&self.tolerance)
+        );
         for (table, subjects) in &self.tables {
             text += &format!("        {table:?}: {{\n");
             for (subject, scores) in subjects {
@@ -161,10 +172,12 @@ fn digits(value: f64) -> String {
 
 #[test]
 fn a_score_that_moved_is_seen() {
-    let scores = |psnr: f64| Scores::from([("PSNR".to_owned(), psnr), ("change error".to_owned(), 0.2)]);
+    let scores =
+        |psnr: f64| Scores::from([("PSNR".to_owned(), psnr), ("change error".to_owned(), 0.2)]);
     let table = |psnr: f64| BTreeMap::from([("lamp off".to_owned(), scores(psnr))]);
     let tolerance = BTreeMap::from([("PSNR".to_owned(), 0.01), ("change error".to_owned(), 0.03)]);
-    let expected = Expected { tolerance, tables: BTreeMap::from([("a room".to_owned(), table(30.0))]) };
+    let expected =
+        Expected { tolerance, tables: BTreeMap::from([("a room".to_owned(), table(30.0))]) };
     let none: [&str; 0] = [];
     assert_eq!(expected.faults("a room", &table(30.2)), none);
     assert_eq!(expected.faults("a room", &table(29.6)), ["lamp off, PSNR: wanted 30.0, got 29.6"]);
@@ -177,13 +190,19 @@ fn a_score_that_moved_is_seen() {
 
 #[test]
 fn the_small_room_scores_as_expected() {
-    let scores = rooms::small().iter().map(|case| (case.subject.clone(), case.score("physics.ron"))).collect();
+    let scores = rooms::small()
+        .iter()
+        .map(|case| (case.subject.clone(), case.score("physics.ron")))
+        .collect();
     check("tests/scenes/small, physics.ron", &scores);
 }
 
 fn check_demo(graph: &str) {
     let scene = root().join("scenes/demo");
-    let line = format!("eval {} --graph GRAPHS/{graph} --no-ladder --no-cache --json --backend rten", scene.display());
+    let line = format!(
+        "eval {} --graph GRAPHS/{graph} --no-ladder --no-cache --json --backend rten",
+        scene.display()
+    );
     let output = Place::new().command(&line).output().expect("the program starts");
     check_output("eval", &output, 0);
     let mut scores: BTreeMap<String, Scores> = BTreeMap::new();
@@ -239,7 +258,8 @@ fn pages_show_the_scores() {
         edit => format!("`{edit}`"),
     };
     let row = |name: &str, scores: &Scores, measures: &[&str]| {
-        let cells: Vec<String> = measures.iter().map(|measure| three_digits(scores[*measure])).collect();
+        let cells: Vec<String> =
+            measures.iter().map(|measure| three_digits(scores[*measure])).collect();
         format!("| {name} | {} |\n", cells.join(" | "))
     };
     let mut rows = 0;

@@ -66,10 +66,14 @@ fn paint_traces_no_ray() {
     let engine = engine(None);
     run(&engine, &physics_frame(&demo(), &edit, 0), &["picture"]);
     let report = run(&engine, &physics_frame(&demo(), &edit, 24), &["picture"]);
-    let bounces = ["inv_lamp", "lamp_0", "window_0"].map(|light| format!("edited_indirect[{light}]"));
+    let bounces =
+        ["inv_lamp", "lamp_0", "window_0"].map(|light| format!("edited_indirect[{light}]"));
     let ran = ran(&report);
     assert!(bounces.iter().all(|node| ran.contains(&node.as_str())), "{ran:?}");
-    assert!(!ran.iter().any(|node| node.contains("direct[") && !node.contains("indirect")), "{ran:?}");
+    assert!(
+        !ran.iter().any(|node| node.contains("direct[") && !node.contains("indirect")),
+        "{ran:?}"
+    );
     assert!(ran.len() <= 8 && rays(&report) == 0, "{ran:?}");
 }
 
@@ -82,17 +86,27 @@ fn nothing_flickers() {
         let report = run(shared_engine(), &physics_frame(&demo(), MOVING, number), &outputs);
         let mut layers = layers(&report);
         layers.push(("rest".into(), rest(&report)));
-        let cover = many::<Mask>(&report, "glow").into_iter().find(|(id, _)| id == "desk").expect("it is drawn").1;
+        let cover = many::<Mask>(&report, "glow")
+            .into_iter()
+            .find(|(id, _)| id == "desk")
+            .expect("it is drawn")
+            .1;
         (layers, cover)
     };
     let (first, first_cover) = frame(0);
     for number in 1..4 {
         let (layers, cover) = frame(number);
-        let hidden: Vec<bool> =
-            cover.0.pixels().iter().zip(first_cover.0.pixels()).map(|(a, b)| *a > 0.0 || *b > 0.0).collect();
+        let hidden: Vec<bool> = cover
+            .0
+            .pixels()
+            .iter()
+            .zip(first_cover.0.pixels())
+            .map(|(a, b)| *a > 0.0 || *b > 0.0)
+            .collect();
         assert!(hidden.iter().any(|h| *h), "the lamp is in the picture");
         for ((id, layer), (_, before)) in layers.iter().zip(&first) {
-            let change = |i: usize| (layer.0.pixels()[i] - before.0.pixels()[i]).abs().max_element();
+            let change =
+                |i: usize| (layer.0.pixels()[i] - before.0.pixels()[i]).abs().max_element();
             let seen = (0..hidden.len()).filter(|&i| !hidden[i]);
             let most = seen.map(change).fold(0.0, f32::max);
             if id == "desk" {
@@ -107,7 +121,8 @@ fn nothing_flickers() {
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = std::fs::read_dir(folder).expect("the folder is there");
     let paths = entries.map(|entry| entry.expect("it can be listed").path());
-    let name = |path: &Path| path.file_name().expect("a file has a name").to_string_lossy().into_owned();
+    let name =
+        |path: &Path| path.file_name().expect("a file has a name").to_string_lossy().into_owned();
     paths.map(|path| (name(&path), std::fs::read(&path).expect("it can be read"))).collect()
 }
 
@@ -127,14 +142,19 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     assert_eq!(out[&names[3]], out[&names[7]]);
     assert_ne!(out[&names[0]], out[&names[1]]);
 
-    let report: serde_json::Value = serde_json::from_slice(&out["report.json"]).expect("it is JSON");
+    let report: serde_json::Value =
+        serde_json::from_slice(&out["report.json"]).expect("it is JSON");
     let frames = report["frames"].as_array().expect("a list");
     assert_eq!(frames.len(), 8);
     let ran = |frame: usize| -> Vec<&str> {
         let nodes = frames[frame]["nodes"].as_array().expect("a list");
         nodes.iter().map(|node| node["name"].as_str().expect("a name")).collect()
     };
-    assert!(ran(1).contains(&"edited_direct[desk]") && !ran(1).contains(&"edited_direct[lamp_0]"), "{:?}", ran(1));
+    assert!(
+        ran(1).contains(&"edited_direct[desk]") && !ran(1).contains(&"edited_direct[lamp_0]"),
+        "{:?}",
+        ran(1)
+    );
     assert_eq!((ran(1), ran(5)), (ran(2), Vec::new()));
     assert_eq!(frames[3]["key"], frames[6]["key"]);
     assert_ne!(frames[0]["key"], frames[1]["key"]);
@@ -144,7 +164,10 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     place.check(&format!("run DEMO.ron edit.ron {SMALL} --no-cache --frame 1 --out single"), 0);
     assert_eq!(files(&place.path("single"))[&names[1]], out[&names[1]]);
     let at = "Keys([(0, Point(-0.2, -0.55, -2.94)), (3, Point(0.4, -0.55, -2.94))])";
-    place.write("plain.ron", MOVING.replace(at, "Point(0, -0.55, -2.94)").replace("frames: 8, ", ""));
+    place.write(
+        "plain.ron",
+        MOVING.replace(at, "Point(0, -0.55, -2.94)").replace("frames: 8, ", ""),
+    );
     place.check(&format!("run DEMO.ron plain.ron {SMALL} --no-cache --out plain"), 0);
     assert_eq!(files(&place.path("plain"))["picture.png"], out[&names[1]]);
 
@@ -153,7 +176,10 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     let quiet = child.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null());
     let mut child = quiet.spawn().expect("the program starts");
     while !place.path("torn/picture_0001.png").exists() {
-        assert!(child.try_wait().expect("it can be looked at").is_none(), "it ended without its pictures");
+        assert!(
+            child.try_wait().expect("it can be looked at").is_none(),
+            "it ended without its pictures"
+        );
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     child.kill().expect("it can be killed");
@@ -169,12 +195,16 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
 #[test]
 fn layers_of_frames_are_written_when_asked_for() {
     let place = Place::new();
-    place.write("edit.ron", r#"Edit(version: 1, frames: 2, lights: { "lamp_0": Scale(Keys([(0, 1), (1, 0.5)])) })"#);
+    place.write(
+        "edit.ron",
+        r#"Edit(version: 1, frames: 2, lights: { "lamp_0": Scale(Keys([(0, 1), (1, 0.5)])) })"#,
+    );
     place.check(&format!("run DEMO.ron edit.ron {SMALL} --no-cache --exr --out out"), 0);
     let out = files(&place.path("out"));
     let light = |name: &str| channels(&out[name])["light_lamp_0.R"].clone();
     let (whole, half) = (light("picture_0000.exr"), light("picture_0001.exr"));
-    let worst = whole.iter().zip(&half).map(|(w, h)| (0.5 * w - h).abs() / w.max(1e-3)).fold(0.0, f32::max);
+    let worst =
+        whole.iter().zip(&half).map(|(w, h)| (0.5 * w - h).abs() / w.max(1e-3)).fold(0.0, f32::max);
     assert!(worst < 1e-3, "half the light is half the layer, to {worst}");
     assert!(whole.iter().any(|w| *w > 0.1));
 }
@@ -185,7 +215,10 @@ fn layers_of_frames_are_written_when_asked_for() {
 fn a_sequence_becomes_a_film_where_ffmpeg_is() {
     use std::os::unix::fs::PermissionsExt;
     let place = Place::new();
-    place.write("edit.ron", r#"Edit(version: 1, frames: 2, lights: { "lamp_0": Scale(Keys([(0, 1), (1, 0.5)])) })"#);
+    place.write(
+        "edit.ron",
+        r#"Edit(version: 1, frames: 2, lights: { "lamp_0": Scale(Keys([(0, 1), (1, 0.5)])) })"#,
+    );
     let line = format!("run DEMO.ron edit.ron {SMALL} --cache cache --out out --fps 12");
     let with = |script: &str| {
         std::fs::create_dir_all(place.path("bin")).expect("a folder can be made");
@@ -203,7 +236,8 @@ fn a_sequence_becomes_a_film_where_ffmpeg_is() {
     assert!(args.contains("-framerate 12 ") && args.contains("-frames:v 2 "), "{args}");
     let told = with("#!/bin/sh\necho no such encoder >&2; exit 1\n");
     assert!(told.contains("warning: no film.mp4: ffmpeg failed: no such encoder"), "{told}");
-    let output = place.command(&line).env("PATH", place.path("out")).output().expect("the program starts");
+    let output =
+        place.command(&line).env("PATH", place.path("out")).output().expect("the program starts");
     let told = check_output(&line, &output, 0);
     assert!(told.contains("warning: no film.mp4: ffmpeg is not on PATH"), "{told}");
 }
@@ -221,7 +255,9 @@ fn a_frame_can_be_asked_for() {
     assert!(printed(&line("check")).starts_with("valid: 8 frames, "));
     assert!(!printed(&line("check --frame 2")).contains(" frames, "));
     assert!(printed(&line("plan --no-cache --frame 2")).contains("run      scene"));
-    for (more, wanted) in [("check --frame 8", "--frame: wanted 0..=7, got 8"), ("check --frame -1", "-1")] {
+    for (more, wanted) in
+        [("check --frame 8", "--frame: wanted 0..=7, got 8"), ("check --frame -1", "-1")]
+    {
         let told = place.check(&line(more), 2);
         assert!(told.contains(wanted), "{told}");
     }
@@ -230,7 +266,10 @@ fn a_frame_can_be_asked_for() {
 
     // The one that ships.
     assert!(printed("check DEMO.ron EDITS/moving_lamp.ron").starts_with("valid: 48 frames, "));
-    place.check(&format!("run DEMO.ron EDITS/moving_lamp.ron {SMALL} --frame 24 --no-cache --out ships"), 0);
+    place.check(
+        &format!("run DEMO.ron EDITS/moving_lamp.ron {SMALL} --frame 24 --no-cache --out ships"),
+        0,
+    );
     assert!(place.path("ships/picture_0024.png").is_file());
 
     // Consecutive frames differ in one parameter.

@@ -11,7 +11,10 @@ use std::time::{Duration, Instant};
 use relight::geometry::Camera;
 use relight::graph::{Context, Engine, EngineOptions, File, Node, NodeError, Services};
 use relight::image::{Picture, Plane};
-use relight::net::{Backend, Limits, NetError, Network, Sandbox, Tensor, Untrusted, find_onnxruntime, precheck, ships};
+use relight::net::{
+    Backend, Limits, NetError, Network, Sandbox, Tensor, Untrusted, find_onnxruntime, precheck,
+    ships,
+};
 use relight::nodes::estimate::depth::{Depth, DepthIn, DepthOutput};
 
 use crate::adapters::{LINE, metric, photo};
@@ -23,14 +26,18 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Metric depth of a photo, which never ends.
 fn endless() -> Vec<u8> {
-    let network = Onnx::default().input("rgb", &[1, 3, OPEN, OPEN]).output("z", &[1, 1, OPEN, OPEN]);
+    let network =
+        Onnx::default().input("rgb", &[1, 3, OPEN, OPEN]).output("z", &[1, 1, OPEN, OPEN]);
     network.mix("rgb", "once", &[[4.0, 2.0, 0.0]], &[1.0]).endless("once", "z").file()
 }
 
 /// Metric depth, for which a constant of 4 TiB is made.
 fn greedy() -> Vec<u8> {
-    let network = Onnx::default().input("rgb", &[1, 3, OPEN, OPEN]).output("z", &[1, 1, OPEN, OPEN]);
-    let network = network.mix("rgb", "once", &[[4.0, 2.0, 0.0]], &[1.0]).numbers("shape", &[1 << 30, 1 << 10]);
+    let network =
+        Onnx::default().input("rgb", &[1, 3, OPEN, OPEN]).output("z", &[1, 1, OPEN, OPEN]);
+    let network = network
+        .mix("rgb", "once", &[[4.0, 2.0, 0.0]], &[1.0])
+        .numbers("shape", &[1 << 30, 1 << 10]);
     network
         .node("ConstantOfShape", &["shape"], &["all"])
         .node("ReduceMax", &["all"], &["most"])
@@ -122,7 +129,9 @@ fn files_that_abort_or_hang_a_loader_are_refused() {
         ("nests", nested(5000), "wanted at most 40 nested messages, got more"),
     ] {
         let (status, told) = told(&network, "--backend rten");
-        let wanted = format!("error: depth: net.onnx: wanted a network in ONNX that rten computes: {wanted}\n");
+        let wanted = format!(
+            "error: depth: net.onnx: wanted a network in ONNX that rten computes: {wanted}\n"
+        );
         assert!(status == Some(2) && told.contains(&wanted), "{name}: {status:?}: {told}");
     }
 }
@@ -160,13 +169,19 @@ fn more_time_than_the_limit_is_an_error_with_a_cause() {
     let network = load(&endless(), &sandbox(second)).expect("it can be loaded");
     assert_eq!(network.inputs()[0].name, "rgb");
     let error = network.run(rgb(), ["z"]).expect_err("it never ends");
-    assert_eq!(error, NetError::Limit("computing it took longer than the 1 s that are allowed".into()));
+    assert_eq!(
+        error,
+        NetError::Limit("computing it took longer than the 1 s that are allowed".into())
+    );
     let error = network.run(rgb(), ["z"]).expect_err("its process is gone").to_string();
     assert!(error.starts_with("its process ended before it answered: "), "{error}");
 
     let half = Limits { load: Duration::from_millis(500), ..Limits::default() };
     let error = load(&metric(), &shell("exec sleep 60", half)).err().expect("it does not answer");
-    assert_eq!(error, NetError::Limit("loading it took longer than the 0.5 s that are allowed".into()));
+    assert_eq!(
+        error,
+        NetError::Limit("loading it took longer than the 0.5 s that are allowed".into())
+    );
 }
 
 #[test]
@@ -174,7 +189,8 @@ fn a_run_that_is_cancelled_ends_the_child() {
     let stop = Arc::new(AtomicBool::new(false));
     let cancelled = stop.clone();
     let asked = move || cancelled.load(Ordering::Relaxed);
-    let network = Network::load_sandboxed(&endless(), &Backend::Rten, 2, &sandbox(Limits::default()), asked);
+    let network =
+        Network::load_sandboxed(&endless(), &Backend::Rten, 2, &sandbox(Limits::default()), asked);
     let network = network.expect("it can be loaded");
     std::thread::scope(|scope| {
         let run = scope.spawn(|| network.run(rgb(), ["z"]));
@@ -200,10 +216,17 @@ fn a_child_that_lies_is_an_error() {
             "its process returned an answer that cannot be read: ",
         ),
         ("silence", "exit 7".into(), "its process ended before it answered: exit status: 7"),
-        ("a signal", "kill -SEGV $$".into(), "its process ended before it answered: signal: 11 (SIGSEGV)"),
+        (
+            "a signal",
+            "kill -SEGV $$".into(),
+            "its process ended before it answered: signal: 11 (SIGSEGV)",
+        ),
     ] {
         let error = load(&metric(), &shell(&script, Limits::default())).err().expect("it lies");
-        assert!(matches!(&error, NetError::Ended(text) if text.starts_with(wanted)), "{name}: {error:?}");
+        assert!(
+            matches!(&error, NetError::Ended(text) if text.starts_with(wanted)),
+            "{name}: {error:?}"
+        );
     }
     // It loads nothing, has no ports, and then gives one output of 2^40 numbers.
     let script = r"printf '\003\000\000\000\000\000\000\000\000\000\000'; printf '\011\000\000\000\000\000\000\000\000\001\001\200\200\200\200\200\040'; exec sleep 60";
@@ -221,28 +244,42 @@ fn a_child_gives_the_bits_that_this_process_gives() {
     let bytes = std::fs::read(root().join("models/mnet.onnx")).expect("it ships");
     let mut backends = vec![Backend::Rten];
     match std::env::var_os("ORT_DYLIB_PATH") {
-        Some(path) => backends.push(find_onnxruntime(path.as_ref()).expect("it is a library of ONNX Runtime")),
+        Some(path) => {
+            backends.push(find_onnxruntime(path.as_ref()).expect("it is a library of ONNX Runtime"))
+        }
         None => eprintln!("ort skipped: ORT_DYLIB_PATH names no library of ONNX Runtime"),
     }
     for backend in &backends {
         let here = Network::load(bytes.clone(), backend, 2).expect("it ships");
         let inputs = || {
-            let ports = here.inputs().iter().map(|port| (port.name.as_str(), port.shape.iter().flatten()));
+            let ports =
+                here.inputs().iter().map(|port| (port.name.as_str(), port.shape.iter().flatten()));
             let tensor = |shape: Vec<usize>| {
-                let numbers = (0..shape.iter().product()).map(|i: usize| (i * 2_654_435_761 % 1000) as f32 / 1000.0);
+                let numbers = (0..shape.iter().product())
+                    .map(|i: usize| (i * 2_654_435_761 % 1000) as f32 / 1000.0);
                 Tensor::new(&shape, numbers.collect())
             };
-            ports.map(|(name, shape)| (name, tensor(shape.map(|n| n.unwrap_or(1)).collect()))).collect::<Vec<_>>()
+            ports
+                .map(|(name, shape)| (name, tensor(shape.map(|n| n.unwrap_or(1)).collect())))
+                .collect::<Vec<_>>()
         };
         let outputs: Vec<&str> = here.outputs().iter().map(|port| port.name.as_str()).collect();
         let wanted = here.run_to(inputs(), &outputs).expect("it runs");
         for threads in [1, 3] {
-            let there = Network::load_sandboxed(&bytes, backend, threads, &sandbox(Limits::default()), || false);
+            let there = Network::load_sandboxed(
+                &bytes,
+                backend,
+                threads,
+                &sandbox(Limits::default()),
+                || false,
+            );
             let there = there.expect("it ships");
             assert_eq!((there.inputs(), there.outputs()), (here.inputs(), here.outputs()));
             let got = there.run_to(inputs(), &outputs).expect("it runs");
             let bits = |all: &[Tensor]| -> Vec<Vec<u32>> {
-                all.iter().map(|tensor| tensor.data().iter().map(|v| v.to_bits()).collect()).collect()
+                all.iter()
+                    .map(|tensor| tensor.data().iter().map(|v| v.to_bits()).collect())
+                    .collect()
             };
             assert_eq!(got, wanted, "{backend}, {threads} threads");
             assert!(bits(&got) == bits(&wanted), "{backend}, {threads} threads");
@@ -255,12 +292,15 @@ fn a_child_gives_the_bits_that_this_process_gives() {
 fn without_a_choice_a_stage_refuses() {
     let place = photo(metric());
     let model = File::new(place.path("net.onnx").display().to_string());
-    let stage = Depth { model, kind: DepthOutput::Metric, side: 8, multiple: 1, ..Depth::default() };
+    let stage =
+        Depth { model, kind: DepthOutput::Metric, side: 8, multiple: 1, ..Depth::default() };
     let inputs = || DepthIn {
         photo: Arc::new(Picture(Plane::filled(8, 8, glam::Vec3::splat(0.5)))),
         camera: Arc::new(Camera::from_fov_x(8, 8, 60.0)),
     };
-    let Err(NodeError::Failed(message)) = stage.run(inputs(), &Context::default()) else { panic!("it ran") };
+    let Err(NodeError::Failed(message)) = stage.run(inputs(), &Context::default()) else {
+        panic!("it ran")
+    };
     assert!(message.contains("net.onnx: wanted a network that ships with relight"), "{message}");
 
     // The choice, made for an engine: in this process.
@@ -269,14 +309,23 @@ fn without_a_choice_a_stage_refuses() {
             "depth": (op: Depth(model: "net.onnx", kind: Metric), in: { "photo": "photo.photo", "camera": "photo.camera" }) }, outputs: ["depth.depth"])"#;
         place.write("here.ron", line);
         let file = relight::graph::GraphFile::read(&place.path("here.ron")).expect("it is sound");
-        file.resolve(&relight::nodes::registry(), &Default::default()).unwrap_or_else(|faults| panic!("{}", faults[0]))
+        file.resolve(&relight::nodes::registry(), &Default::default())
+            .unwrap_or_else(|faults| panic!("{}", faults[0]))
     };
-    for (services, runs) in [(Services::default(), false), (Services::default().with(Untrusted::InProcess), true)] {
-        let engine = Engine::new(EngineOptions { services, ..EngineOptions::default() }).expect("threads");
+    for (services, runs) in
+        [(Services::default(), false), (Services::default().with(Untrusted::InProcess), true)]
+    {
+        let engine =
+            Engine::new(EngineOptions { services, ..EngineOptions::default() }).expect("threads");
         let graph = graph();
         let wanted = graph.wanted(None).expect("it has an output");
         let report = engine.run(&graph, &wanted, &relight::graph::Cancel::default(), &());
-        assert_eq!(report.is_complete(), runs, "{:?}", report.nodes.iter().map(|node| &node.error).collect::<Vec<_>>());
+        assert_eq!(
+            report.is_complete(),
+            runs,
+            "{:?}",
+            report.nodes.iter().map(|node| &node.error).collect::<Vec<_>>()
+        );
     }
 }
 
@@ -287,7 +336,12 @@ fn the_check_before_takes_sound_files_and_no_others() {
         if path.extension().is_some_and(|e| e == "onnx") {
             let bytes = std::fs::read(&path).expect("it can be read");
             assert_eq!(precheck(&bytes), Ok(()), "{}", path.display());
-            assert_eq!(ships("own.onnx", &bytes), Ok(true), "{}: it is trusted by its digest", path.display());
+            assert_eq!(
+                ships("own.onnx", &bytes),
+                Ok(true),
+                "{}: it is trusted by its digest",
+                path.display()
+            );
         }
     }
     for sound in [metric(), endless(), greedy(), nested(12)] {
@@ -307,18 +361,29 @@ fn the_check_before_takes_sound_files_and_no_others() {
         message(&mut tensor);
         Onnx::default().node("Relu", &["x"], &["y"]).message(5, tensor).file()
     };
-    let numbers = |dims: &'static [u64]| move |tensor: &mut Vec<u8>| dims.iter().for_each(|n| number(tensor, 1, *n));
+    let numbers = |dims: &'static [u64]| {
+        move |tensor: &mut Vec<u8>| dims.iter().for_each(|n| number(tensor, 1, *n))
+    };
     for (network, wanted) in [
         (Vec::new(), "wanted a graph with nodes, got none"),
         (b"this is no network".to_vec(), "wanted "),
         (with(&numbers(&[1 << 62])), "wanted constants with all their numbers"),
         (with(&numbers(&[1 << 40, 1 << 40])), "wanted constants with all their numbers"),
         (with(&numbers(&[u64::MAX])), "wanted constants with all their numbers"),
-        (with(&|tensor| bytes(tensor, 1, &[0xff, 0xff, 0xff, 0xff, 0x0f])), "wanted constants with all their numbers"),
-        (with(&|tensor| number(tensor, 14, 1)), "wanted constants inside the file, got one in another file"),
+        (
+            with(&|tensor| bytes(tensor, 1, &[0xff, 0xff, 0xff, 0xff, 0x0f])),
+            "wanted constants with all their numbers",
+        ),
+        (
+            with(&|tensor| number(tensor, 14, 1)),
+            "wanted constants inside the file, got one in another file",
+        ),
         (Onnx::default().message(15, vec![]).file(), "wanted dense constants, got a sparse one"),
         (nested(14), "wanted at most 40 nested messages"),
-        ((0..100_001).fold(Onnx::default(), |all, _| all.message(1, vec![])).file(), "wanted at most 100000 nodes"),
+        (
+            (0..100_001).fold(Onnx::default(), |all, _| all.message(1, vec![])).file(),
+            "wanted at most 100000 nodes",
+        ),
     ] {
         let error = precheck(&network).expect_err(wanted);
         assert!(error.starts_with(wanted), "wanted {wanted:?}, got {error:?}");
@@ -337,7 +402,8 @@ mod processes {
             .expect("it is Linux")
             .filter_map(|entry| entry.ok()?.file_name().to_str()?.parse::<u32>().ok());
         let is_child = |process: &u32| {
-            let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+            let status =
+                std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
             status.lines().any(|line| line == wanted)
         };
         processes.filter(|process| *process != parent).find(is_child)
@@ -346,7 +412,8 @@ mod processes {
     /// The files that a process holds open.
     fn open_files(process: u32) -> Vec<String> {
         let entries = std::fs::read_dir(format!("/proc/{process}/fd")).into_iter().flatten();
-        let mut names: Vec<String> = entries.filter_map(|e| e.ok()?.file_name().into_string().ok()).collect();
+        let mut names: Vec<String> =
+            entries.filter_map(|e| e.ok()?.file_name().into_string().ok()).collect();
         names.sort();
         names
     }
@@ -370,7 +437,8 @@ mod processes {
     }
 
     fn signal(name: &str, process: u32) {
-        let status = Command::new("/bin/sh").args(["-c", &format!("kill -{name} {process}")]).status();
+        let status =
+            Command::new("/bin/sh").args(["-c", &format!("kill -{name} {process}")]).status();
         assert!(status.expect("there is a shell").success());
     }
 
@@ -380,15 +448,29 @@ mod processes {
         let place = photo(endless());
         let relight = place.command(&format!("{LINE} --set depth.kind=Metric --backend rten"));
         let mut command = Command::new("/bin/sh");
-        command.current_dir(place.folder.path()).args(["-c", r#"exec 7<photo.png 9<net.onnx; exec "$0" "$@""#]);
+        command
+            .current_dir(place.folder.path())
+            .args(["-c", r#"exec 7<photo.png 9<net.onnx; exec "$0" "$@""#]);
         command.arg(relight.get_program()).args(relight.get_args());
         let errors = std::fs::File::create(place.path("told")).expect("a file can be written");
         let run = Started::new(command.stdout(Stdio::null()).stderr(errors));
         let network = wait_for("no child process holds the network", || child_of(run.0.id()));
-        wait_for("it holds more than its pipes", || (open_files(network) == ["0", "1", "2"]).then_some(()));
-        assert!(open_files(run.0.id()).contains(&"7".to_owned()), "the run itself has inherited a file");
+        wait_for("it holds more than its pipes", || {
+            (open_files(network) == ["0", "1", "2"]).then_some(())
+        });
+        assert!(
+            open_files(run.0.id()).contains(&"7".to_owned()),
+            "the run itself has inherited a file"
+        );
         // 0.2 s of processor time: it has loaded the network and computes.
-        let busy = || std::fs::read_to_string(format!("/proc/{network}/stat")).ok()?.split(' ').nth(13)?.parse().ok();
+        let busy = || {
+            std::fs::read_to_string(format!("/proc/{network}/stat"))
+                .ok()?
+                .split(' ')
+                .nth(13)?
+                .parse()
+                .ok()
+        };
         wait_for("it computes nothing", || busy().filter(|ticks: &u64| *ticks > 20));
         (place, run, network)
     }
@@ -399,7 +481,8 @@ mod processes {
         signal("KILL", network);
         assert_eq!(run.end().and_then(|status| status.code()), Some(1));
         let told = std::fs::read_to_string(place.path("told")).expect("it was written");
-        let wanted = "error: depth: net.onnx: its process ended before it answered: signal: 9 (SIGKILL)\n";
+        let wanted =
+            "error: depth: net.onnx: its process ended before it answered: signal: 9 (SIGKILL)\n";
         assert!(told.contains(wanted), "{told}");
     }
 
@@ -426,10 +509,15 @@ mod processes {
         let place = photo(metric());
         let (reader, writer) = std::io::pipe().expect("there are pipes");
         let mut filler = writer.try_clone().expect("a pipe can be shared");
-        std::thread::spawn(move || while std::io::Write::write_all(&mut filler, &[0; 4096]).is_ok() {});
-        let mut command = place.command(&format!("{LINE} --set depth.kind=Metric --backend rten --json"));
+        std::thread::spawn(
+            move || while std::io::Write::write_all(&mut filler, &[0; 4096]).is_ok() {},
+        );
+        let mut command =
+            place.command(&format!("{LINE} --set depth.kind=Metric --backend rten --json"));
         let mut run = Started::new(command.stdout(writer).stderr(Stdio::null()));
-        wait_for("the run writes no report", || place.path("found/report.json").is_file().then_some(()));
+        wait_for("the run writes no report", || {
+            place.path("found/report.json").is_file().then_some(())
+        });
         let pressed = Instant::now();
         signal("INT", run.0.id());
         assert_eq!(run.end().and_then(|status| status.code()), Some(130));

@@ -49,8 +49,12 @@ fn a_hundred_names_for_one_lamp_cost_as_much_as_one() {
     assert!(node(&one, "init").rays > 0);
     assert_eq!(rays(&hundred), rays(&one));
     let all = many::<Radiance>(&hundred, "fit.radiance");
-    let lamps: Vec<Vec3> = all.iter().filter(|(id, _)| id.starts_with('l')).map(|(_, of)| of.0[0]).collect();
-    assert!(lamps[0].min_element() > 0.0 && lamps == [lamps[0]; 100], "they share it evenly: {lamps:?}");
+    let lamps: Vec<Vec3> =
+        all.iter().filter(|(id, _)| id.starts_with('l')).map(|(_, of)| of.0[0]).collect();
+    assert!(
+        lamps[0].min_element() > 0.0 && lamps == [lamps[0]; 100],
+        "they share it evenly: {lamps:?}"
+    );
 }
 
 /// Beside many lights a candidate is fitted to their sum.
@@ -59,8 +63,12 @@ fn many_lights_do_not_widen_the_search() {
     let place = Place::new();
     for i in 0..32 {
         let (left, top) = (5 + i % 8 * 39, 5 + i / 8 * 50);
-        let inside = |x: usize, y: usize| (left..left + 8).contains(&x) && (top..top + 6).contains(&y);
-        place.write(&format!("m{i}.png"), png_of((320, 240), |x, y| if inside(x, y) { Vec3::ONE } else { Vec3::ZERO }));
+        let inside =
+            |x: usize, y: usize| (left..left + 8).contains(&x) && (top..top + 6).contains(&y);
+        place.write(
+            &format!("m{i}.png"),
+            png_of((320, 240), |x, y| if inside(x, y) { Vec3::ONE } else { Vec3::ZERO }),
+        );
     }
     scene(&place, None, &lamps(32, |i| place.path(&format!("m{i}.png"))));
     let report = fit(&place);
@@ -69,7 +77,9 @@ fn many_lights_do_not_widen_the_search() {
     scene(&place, None, &lamps(33, |i| place.path(&format!("m{i}.png"))));
     let edit = place.path("edit.ron");
     place.write("edit.ron", IDENTITY);
-    let faults = load(&root().join("graphs/physics.ron"), &place.path("."), &edit).err().expect("it is refused");
+    let faults = load(&root().join("graphs/physics.ron"), &place.path("."), &edit)
+        .err()
+        .expect("it is refused");
     let told = faults[0].to_string();
     assert!(told.contains("wanted at most 32 lights with masks of their own, got 33"), "{told}");
 }
@@ -89,8 +99,11 @@ fn a_run_lets_go_of_planes_of_the_photos_size() {
     };
     place.write("photo.png", png_of(size, shown));
     let mask = |name: &str| demo().join(format!("masks/{name}.png"));
-    let lights =
-        format!("\"lamp\": Lamp(mask: {:?}), \"window\": Window(mask: {:?})", mask("lamp_0"), mask("window_0"));
+    let lights = format!(
+        "\"lamp\": Lamp(mask: {:?}), \"window\": Window(mask: {:?})",
+        mask("lamp_0"),
+        mask("window_0")
+    );
     scene(&place, Some("photo.png"), &lights);
     let report = run(&engine(None), &physics(&place.path("."), IDENTITY), &[]);
     let bound = HELD * (size.0 * size.1) as u64 + (100 << 20);

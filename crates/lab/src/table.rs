@@ -4,7 +4,11 @@
 pub(crate) fn table(head: &[String], rows: Vec<Vec<String>>) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let rule = "| --- ".repeat(head.len()) + "|\n";
-    if rows.is_empty() { String::new() } else { line(head) + &rule + &rows.iter().map(|r| line(r)).collect::<String>() }
+    if rows.is_empty() {
+        String::new()
+    } else {
+        line(head) + &rule + &rows.iter().map(|r| line(r)).collect::<String>()
+    }
 }
 
 /// Returns each value once, in the order of first occurrence.

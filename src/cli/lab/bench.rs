@@ -3,7 +3,9 @@
 use std::time::Instant;
 
 use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW, Mask, Picture, UnitDirect, Visibility};
-use relight_lab::bench::{self as lab, Estimate, LobeEstimate, ParamSetting, Renderer, SceneLight, Truth};
+use relight_lab::bench::{
+    self as lab, Estimate, LobeEstimate, ParamSetting, Renderer, SceneLight, Truth,
+};
 
 use super::args::Bench;
 use super::session::{Session, Timed};
@@ -81,14 +83,17 @@ impl Renderer for Session {
         for light in self.members(node)? {
             let path = folder.join(format!("truth/light_{light}.exr"));
             if path.is_file() {
-                let settings = [("ReadScene", "photo", format!("{:?}", path.display().to_string()))];
+                let settings =
+                    [("ReadScene", "photo", format!("{:?}", path.display().to_string()))];
                 let picture = self.make::<Picture>(scene, "photo", &settings)?.value;
                 lights.push((light, linear(&picture)));
             }
         }
         let pixels = lights.first().map_or(0, |(_, channels)| channels.len() / 3);
         let masks = self.members_of::<Mask>(scene, "full_mask")?;
-        let emits = |pixel: usize| masks.iter().any(|mask| mask.0.pixels().get(pixel).is_some_and(|m| *m != 0.0));
+        let emits = |pixel: usize| {
+            masks.iter().any(|mask| mask.0.pixels().get(pixel).is_some_and(|m| *m != 0.0))
+        };
         Ok(Truth { lights, emitters: (0..pixels).map(emits).collect() })
     }
 
@@ -109,7 +114,9 @@ impl Renderer for Session {
 
 /// Layers of all lobes, from the pixels of their values and standard errors.
 fn layers<'a>(lobes: impl Iterator<Item = [&'a [f32]; 2]>) -> Vec<LobeEstimate> {
-    lobes.map(|[value, stderr]| LobeEstimate { value: value.to_vec(), stderr: stderr.to_vec() }).collect()
+    lobes
+        .map(|[value, stderr]| LobeEstimate { value: value.to_vec(), stderr: stderr.to_vec() })
+        .collect()
 }
 
 fn linear(picture: &Picture) -> Vec<f64> {

@@ -24,7 +24,9 @@ pub fn eval(args: &Eval, began: Instant) -> Result<Exit, CliError> {
 
 fn measure(args: &Eval, began: Instant) -> Result<(), Stop> {
     if args.no_ladder {
-        message!("warning: --no-ladder is now --no-ablation; the next version will not read the old name");
+        message!(
+            "warning: --no-ladder is now --no-ablation; the next version will not read the old name"
+        );
     }
     let target = EvalTarget::new(&args.graph, &args.scene, &args.set, &args.networks)?;
     let options = options(&args.cache, &args.graph, Some(&args.scene))?;
@@ -39,7 +41,8 @@ fn measure(args: &Eval, began: Instant) -> Result<(), Stop> {
     let ablation = !(args.no_ablation || args.no_ladder);
     let substitutions = if ablation { Substitution::all(target.known()) } else { vec![as_it_is] };
     for substitution in substitutions {
-        let edits = target.edits.iter().map(|edit| (Some(edit), vec!["score_picture.scores".to_owned()]));
+        let edits =
+            target.edits.iter().map(|edit| (Some(edit), vec!["score_picture.scores".to_owned()]));
         for (edit, outputs) in [(None, target.measures(substitution))].into_iter().chain(edits) {
             if outputs.is_empty() {
                 continue;
@@ -60,7 +63,11 @@ fn measure(args: &Eval, began: Instant) -> Result<(), Stop> {
                 }));
             }
         }
-        message!("{:6.1} s  {}", began.elapsed().as_secs_f64(), substitution.title(target.known().depth));
+        message!(
+            "{:6.1} s  {}",
+            began.elapsed().as_secs_f64(),
+            substitution.title(target.known().depth)
+        );
     }
     let report = EvalReport {
         relight: env!("CARGO_PKG_VERSION"),

@@ -4,7 +4,9 @@ use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use relight::graph::{Artifact, Cancel, Diagnostic, Engine, EngineOptions, GraphFile, PortValue, RunReport, Value};
+use relight::graph::{
+    Artifact, Cancel, Diagnostic, Engine, EngineOptions, GraphFile, PortValue, RunReport, Value,
+};
 
 use relight_lab::bench::ParamSetting;
 
@@ -95,12 +97,19 @@ impl Session {
     pub fn layers(&self) -> Result<(&str, &str), Stop> {
         let direct = self.nodes.iter().find(|node| node.kind == "Direct" && node.each.is_some());
         let direct = direct.ok_or_else(|| self.lacks("Direct", " of each light"))?;
-        let shadow = self.nodes.iter().find(|node| node.kind == "Shadow" && node.each == direct.each);
-        Ok((&direct.name, &shadow.ok_or_else(|| self.lacks("Shadow", " of the same lights as Direct"))?.name))
+        let shadow =
+            self.nodes.iter().find(|node| node.kind == "Shadow" && node.each == direct.each);
+        Ok((
+            &direct.name,
+            &shadow.ok_or_else(|| self.lacks("Shadow", " of the same lights as Direct"))?.name,
+        ))
     }
 
     fn lacks(&self, kind: &str, which: &str) -> Diagnostic {
-        Diagnostic::file(&self.graph, format!("wanted a graph with a stage {kind}{which}, got none"))
+        Diagnostic::file(
+            &self.graph,
+            format!("wanted a graph with a stage {kind}{which}, got none"),
+        )
     }
 
     /// The members of a node that has one instance per light.
@@ -109,7 +118,9 @@ impl Session {
     /// Those of the graph.
     pub fn members(&self, node: &str) -> Result<Vec<String>, Stop> {
         let graph = load(&self.graph, None, &self.files(&[]))?;
-        let member = |name: &str| Some(name.strip_prefix(node)?.strip_prefix('[')?.strip_suffix(']')?.to_owned());
+        let member = |name: &str| {
+            Some(name.strip_prefix(node)?.strip_prefix('[')?.strip_suffix(']')?.to_owned())
+        };
         Ok(graph.instances().filter_map(member).collect())
     }
 
@@ -117,11 +128,24 @@ impl Session {
     ///
     /// # Errors
     /// Those of the graph and its run.
-    pub fn make<T: Artifact>(&self, node: &str, port: &str, settings: &[ParamSetting]) -> Result<Timed<T>, Stop> {
+    pub fn make<T: Artifact>(
+        &self,
+        node: &str,
+        port: &str,
+        settings: &[ParamSetting],
+    ) -> Result<Timed<T>, Stop> {
         let output = format!("{node}.{port}");
         let report = self.run(&self.engine, settings, std::slice::from_ref(&output))?;
-        let of_node = report.nodes.iter().find(|n| n.name == node).expect("a node that gave its output is reported");
-        Ok(Timed { value: self.one(&report, &output)?, seconds: of_node.seconds, rays: of_node.rays })
+        let of_node = report
+            .nodes
+            .iter()
+            .find(|n| n.name == node)
+            .expect("a node that gave its output is reported");
+        Ok(Timed {
+            value: self.one(&report, &output)?,
+            seconds: of_node.seconds,
+            rays: of_node.rays,
+        })
     }
 
     /// The values of an output, member by member.
@@ -132,7 +156,9 @@ impl Session {
         let output = format!("{node}.{port}");
         let report = self.run(&self.engine, &[], std::slice::from_ref(&output))?;
         Ok(match report.output(&output) {
-            Some(PortValue::Many(values)) => values.iter().filter_map(|(_, value)| Value::get(value)).collect(),
+            Some(PortValue::Many(values)) => {
+                values.iter().filter_map(|(_, value)| Value::get(value)).collect()
+            }
             _ => Vec::new(),
         })
     }
@@ -153,7 +179,11 @@ impl Session {
         let made = settings.iter().map(|group| {
             let report = self.run(&fresh, group, std::slice::from_ref(&output))?;
             let value = self.one(&report, &output)?;
-            Ok(Timed { value, seconds: report.seconds, rays: report.nodes.iter().map(|node| node.rays).sum() })
+            Ok(Timed {
+                value,
+                seconds: report.seconds,
+                rays: report.nodes.iter().map(|node| node.rays).sum(),
+            })
         });
         made.collect()
     }
@@ -163,7 +193,9 @@ impl Session {
             Some(PortValue::One(value)) => value.get(),
             _ => None,
         };
-        Ok(value.ok_or_else(|| Diagnostic::file(&self.graph, format!("`{output}`: bench cannot measure this type")))?)
+        Ok(value.ok_or_else(|| {
+            Diagnostic::file(&self.graph, format!("`{output}`: bench cannot measure this type"))
+        })?)
     }
 
     fn files(&self, settings: &[ParamSetting]) -> SceneFiles {
@@ -175,7 +207,12 @@ impl Session {
         SceneFiles { scene: self.scene.clone(), set, ..SceneFiles::default() }
     }
 
-    fn run(&self, engine: &Engine, settings: &[ParamSetting], wanted: &[String]) -> Result<RunReport, Stop> {
+    fn run(
+        &self,
+        engine: &Engine,
+        settings: &[ParamSetting],
+        wanted: &[String],
+    ) -> Result<RunReport, Stop> {
         let graph = load(&self.graph, None, &self.files(settings))?;
         finished(engine.run(&graph, &graph.wanted(Some(wanted))?, &self.cancel, &()))
     }

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use relight::files::{edit, scene};
 use relight::graph::{
-    Diagnostic, Diagnostics, GraphFile, Key, Member, Overlay, Raw, Registry, ResolvedGraph, Setting, Source, Target,
+    Diagnostic, Diagnostics, GraphFile, Key, Member, Overlay, Raw, Registry, ResolvedGraph,
+    Setting, Source, Target,
 };
 use relight::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use relight_lab::eval::Substitution;
@@ -136,7 +137,10 @@ impl EvalTarget {
         target.list_missing();
         target.find_edits(folder, &file)?;
         if target.truth.is_empty() {
-            let fault = Diagnostic::file(&folder.join("scene.ron"), "wanted a scene with a `truth`, got none");
+            let fault = Diagnostic::file(
+                &folder.join("scene.ron"),
+                "wanted a scene with a `truth`, got none",
+            );
             return Err(vec![fault.help("docs/eval.md lists its fields")]);
         }
         Ok(target)
@@ -173,9 +177,11 @@ impl EvalTarget {
             ("estimated against true depth", vec![lacks("depth")]),
         ];
         for (what, lacking) in rows {
-            let lacking: Vec<String> = lacking.into_iter().flatten().map(|field| format!("`{field}`")).collect();
+            let lacking: Vec<String> =
+                lacking.into_iter().flatten().map(|field| format!("`{field}`")).collect();
             if !lacking.is_empty() {
-                self.left_out.push(format!("{what}: the scene's truth has no {}", lacking.join(", no ")));
+                self.left_out
+                    .push(format!("{what}: the scene's truth has no {}", lacking.join(", no ")));
             }
         }
         if self.has("lighting") && !self.ends.lighting {
@@ -191,20 +197,29 @@ impl EvalTarget {
     fn find_edits(&mut self, folder: &Path, file: &GraphFile) -> Result<(), Vec<Diagnostic>> {
         let mut faults = Diagnostics::default();
         let lights = self.of("pictures").map(|value| value.as_map(&mut faults)).unwrap_or_default();
-        let known: Vec<String> =
-            self.room.members.iter().filter(|m| m.set == "visible").map(|m| m.name.clone()).collect();
+        let known: Vec<String> = self
+            .room
+            .members
+            .iter()
+            .filter(|m| m.set == "visible")
+            .map(|m| m.name.clone())
+            .collect();
         let invisible = [INV_LAMP, INV_WINDOW];
         for (key, _) in &lights {
             if !known.contains(&key.name) && !invisible.contains(&key.name.as_str()) {
                 faults.push(|| {
-                    let fault = Diagnostic::at(&key.origin, format!("the scene has no light `{}`", key.name));
+                    let fault = Diagnostic::at(
+                        &key.origin,
+                        format!("the scene has no light `{}`", key.name),
+                    );
                     fault.suggest(&key.name, known.iter().map(String::as_str).chain(invisible))
                 });
             }
         }
         for light in known.iter().filter(|id| lights.iter().all(|(key, _)| key.name != **id)) {
             if let Some(pictures) = self.of("pictures") {
-                let message = format!("`pictures` has none of the light `{light}`: wanted one of each light");
+                let message =
+                    format!("`pictures` has none of the light `{light}`: wanted one of each light");
                 faults.push(|| pictures.fault(message));
             }
         }
@@ -214,11 +229,16 @@ impl EvalTarget {
             .iter()
             .filter(|id| present(&id.as_str()))
             .map(|id| (id.clone(), vec![id.as_str()], vec![id.as_str()]));
-        let all = (!unseen.is_empty()).then(|| ("invisible lights".to_owned(), unseen.clone(), invisible.to_vec()));
+        let all = (!unseen.is_empty())
+            .then(|| ("invisible lights".to_owned(), unseen.clone(), invisible.to_vec()));
         for (name, dark, off) in one.chain(all) {
             let entries: Vec<String> = off.iter().map(|id| format!("{id:?}: Off")).collect();
             let value = raw(format!("{{ {} }}", entries.join(", ")), Path::new(OURS));
-            let setting = Setting { target: Target::Kind("EditLights".into()), field: "lights".into(), value };
+            let setting = Setting {
+                target: Target::Kind("EditLights".into()),
+                field: "lights".into(),
+                value,
+            };
             let change = Overlay { settings: vec![setting], members: Vec::new() };
             self.edits.push(Edit {
                 name: format!("{name} off"),
@@ -226,32 +246,49 @@ impl EvalTarget {
                 truth: vec![("off", raw(format!("{dark:?}"), Path::new(OURS)))],
             });
         }
-        for (key, picture) in self.of("edits").map(|value| value.as_map(&mut faults)).unwrap_or_default() {
-            let path = folder.join(&key.name);
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            match edit::read(&path, Some(&self.room), None) {
-                Ok(change) => {
-                    let lacking = change.settings.iter().find_map(|setting| match &setting.target {
-                        Target::Kind(kind) => file.nodes().all(|node| node.kind != kind).then_some(kind),
-                        Target::Node(_) => None,
-                    });
-                    match lacking {
-                        Some(kind) => self.left_out.push(format!("{name}: the graph has no {kind} stage")),
-                        None => self.edits.push(Edit { name, change, truth: vec![("truth", picture)] }),
-                    }
-                }
-                Err(new) => new.into_iter().for_each(|fault| faults.push(|| fault)),
-            }
-        }
+        self.find_edit_files(folder, file, &mut faults);
         if !self.has("pictures") && !self.has("edits") {
             self.left_out.push("edits: the scene's truth has no `pictures`, no `edits`".into());
         }
         if faults.is_empty() { Ok(()) } else { Err(faults.into_vec()) }
     }
 
+    /// Adds the edit files of the truth; those that need a stage which the graph lacks are left out.
+    fn find_edit_files(&mut self, folder: &Path, file: &GraphFile, faults: &mut Diagnostics) {
+        for (key, picture) in self.of("edits").map(|value| value.as_map(faults)).unwrap_or_default()
+        {
+            let path = folder.join(&key.name);
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            match edit::read(&path, Some(&self.room), None) {
+                Ok(change) => {
+                    let lacking =
+                        change.settings.iter().find_map(|setting| match &setting.target {
+                            Target::Kind(kind) => {
+                                file.nodes().all(|node| node.kind != kind).then_some(kind)
+                            }
+                            Target::Node(_) => None,
+                        });
+                    match lacking {
+                        Some(kind) => {
+                            self.left_out.push(format!("{name}: the graph has no {kind} stage"))
+                        }
+                        None => {
+                            self.edits.push(Edit { name, change, truth: vec![("truth", picture)] })
+                        }
+                    }
+                }
+                Err(new) => new.into_iter().for_each(|fault| faults.push(|| fault)),
+            }
+        }
+    }
+
     /// The parts whose truth is known.
     pub fn known(&self) -> Substitution {
-        Substitution { depth: self.has("depth"), lights: self.has("lights"), materials: self.has("albedo") }
+        Substitution {
+            depth: self.has("depth"),
+            lights: self.has("lights"),
+            materials: self.has("albedo"),
+        }
     }
 
     /// The outputs with scores under a substitution, without any edit.
@@ -270,16 +307,26 @@ impl EvalTarget {
     ///
     /// # Errors
     /// The graph cannot be resolved with the settings; every fault is in the list.
-    pub fn graph(&self, substitution: Substitution, edit: Option<&Edit>) -> Result<ResolvedGraph, Vec<Diagnostic>> {
-        let text =
-            format!("Graph(version: 1, extends: {:?}, nodes: {{{}}})", self.graph.display().to_string(), self.stages());
+    pub fn graph(
+        &self,
+        substitution: Substitution,
+        edit: Option<&Edit>,
+    ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
+        let text = format!(
+            "Graph(version: 1, extends: {:?}, nodes: {{{}}})",
+            self.graph.display().to_string(),
+            self.stages()
+        );
         let mut file = GraphFile::parse(Source::new(OURS, text))?;
         file.accept_old_names(&self.registry);
         let ends = &self.ends;
         file.copy(&ends.scene, "true_scene");
         let mut settings = self.room.settings.clone();
-        let of_scene = self.room.settings.iter().filter(|s| s.target == Target::Node(ends.scene.clone()));
-        settings.extend(of_scene.map(|s| Setting { target: Target::Node("true_scene".into()), ..s.clone() }));
+        let of_scene =
+            self.room.settings.iter().filter(|s| s.target == Target::Node(ends.scene.clone()));
+        settings.extend(
+            of_scene.map(|s| Setting { target: Target::Node("true_scene".into()), ..s.clone() }),
+        );
         let mut set = |target: Target, field: &str, value: &Raw| {
             settings.push(Setting { target, field: field.to_owned(), value: value.clone() });
         };
@@ -316,7 +363,9 @@ impl EvalTarget {
                 file.redirect(first, "true_materials.albedo");
             }
             // Normals belong to the materials where the same stage gives albedo; else to the depth.
-            let own = |end: &&String| ends.first.as_ref().is_some_and(|first| node_of(first) == node_of(end));
+            let own = |end: &&String| {
+                ends.first.as_ref().is_some_and(|first| node_of(first) == node_of(end))
+            };
             if let Some(normal) = ends.normal.as_ref().filter(own).filter(|_| self.has("normal")) {
                 file.redirect(normal, "true_materials.normal");
             }
@@ -342,10 +391,13 @@ impl EvalTarget {
         let ends = &self.ends;
         let has_normal = self.has("albedo") && self.has("normal");
         let more = |name: &str, end: &Option<String>, known: bool| match end {
-            Some(end) if known => format!("\"{name}\": {end:?}, \"true_{name}\": \"true_materials.{name}\", "),
+            Some(end) if known => {
+                format!("\"{name}\": {end:?}, \"true_{name}\": \"true_materials.{name}\", ")
+            }
             _ => String::new(),
         };
-        let first = ends.first.as_ref().map_or(String::new(), |end| format!("\"first\": {end:?}, "));
+        let first =
+            ends.first.as_ref().map_or(String::new(), |end| format!("\"first\": {end:?}, "));
         let more = first
             + &more("normal", &ends.normal, has_normal)
             + &more("roughness", &ends.roughness, self.has("roughness"));
@@ -359,12 +411,16 @@ impl EvalTarget {
             (DIRECT, self.direct()),
             (LIGHTING, self.lighting()),
         ];
-        let text: String = blocks.iter().filter(|(_, asked)| *asked).map(|(block, _)| *block).collect();
+        let text: String =
+            blocks.iter().filter(|(_, asked)| *asked).map(|(block, _)| *block).collect();
         let lights = if self.has("pictures") { "\"true_pictures.picture\"" } else { "" };
         (text + PICTURE)
             .replace("$LIGHTS", lights)
             .replace("$MORE", &more)
-            .replace("$NORMAL", if has_normal { "true_materials.normal" } else { "true_room.normal" })
+            .replace(
+                "$NORMAL",
+                if has_normal { "true_materials.normal" } else { "true_room.normal" },
+            )
             .replace("$SHAPES", &ends.shapes)
             .replace("$RADIANCES", &ends.radiances)
             .replace("$ALBEDO", &ends.albedo)
@@ -379,14 +435,24 @@ impl EvalTarget {
 
 impl Ends {
     fn of(file: &GraphFile, graph: &Path) -> Result<Ends, Diagnostic> {
-        let find = |kind: &str| file.nodes().find(|node| node.kind == kind).map(|node| node.name.to_owned());
+        let find = |kind: &str| {
+            file.nodes().find(|node| node.kind == kind).map(|node| node.name.to_owned())
+        };
         let node = |kind: &str| {
-            let fault = || Diagnostic::file(graph, format!("wanted a graph with a stage {kind}, got none"));
-            find(kind).ok_or_else(|| fault().help("eval measures graphs with the wires of graphs/physics.ron"))
+            let fault =
+                || Diagnostic::file(graph, format!("wanted a graph with a stage {kind}, got none"));
+            find(kind).ok_or_else(|| {
+                fault().help("eval measures graphs with the wires of graphs/physics.ron")
+            })
         };
         let wire = |node: &str, port: &str| file.wired(node, port).next().map(str::to_owned);
         let end = |node: &str, port: &str| {
-            let fault = || Diagnostic::file(graph, format!("node `{node}`: wanted a wire to `{port}`, got none"));
+            let fault = || {
+                Diagnostic::file(
+                    graph,
+                    format!("node `{node}`: wanted a wire to `{port}`, got none"),
+                )
+            };
             wire(node, port).ok_or_else(fault)
         };
         let (scene, edit, compose) = (node("ReadScene")?, node("EditLights")?, node("Compose")?);
@@ -408,7 +474,9 @@ impl Ends {
             first: fit.as_ref().and_then(|fit| wire(fit, "albedo")),
             normal: written("normal"),
             roughness: written("roughness"),
-            units: wire(mix, "direct").zip(wire(mix, "visibility")).map(|(direct, lit)| [direct, lit]),
+            units: wire(mix, "direct")
+                .zip(wire(mix, "visibility"))
+                .map(|(direct, lit)| [direct, lit]),
             lighting: file.nodes().any(|node| node.name == "lighting"),
             before,
             fit,
@@ -422,7 +490,8 @@ const OURS: &str = "relight eval";
 
 /// A value as if read from the file `path`; relative paths in it start from there.
 fn raw(text: String, path: &Path) -> Raw {
-    Raw::document(&Source::new(path, text), &mut Diagnostics::default()).expect("we write sound RON")
+    Raw::document(&Source::new(path, text), &mut Diagnostics::default())
+        .expect("we write sound RON")
 }
 
 /// The node of `node.port`.

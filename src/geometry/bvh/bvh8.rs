@@ -19,7 +19,8 @@ use super::watertight_triangle::Packet;
 /// Splitting large triangles mostly helps long slivers (curtains, slanted surfaces). A slower build
 /// beyond that costs more than it gains on the rays of a picture. The packets are formed here, not
 /// by the builder.
-const BUILD: BvhBuildParams = BvhBuildParams { pre_split: true, max_prims_per_leaf: 1, ..BvhBuildParams::fast_build() };
+const BUILD: BvhBuildParams =
+    BvhBuildParams { pre_split: true, max_prims_per_leaf: 1, ..BvhBuildParams::fast_build() };
 
 /// Children that may wait for their turn on the stack of an ordinary hierarchy; a deeper one gets a
 /// stack of its own size.
@@ -49,12 +50,20 @@ pub struct Bvh8 {
 impl Bvh8 {
     /// Builds the hierarchy of triangles with finite corners.
     pub fn new(triangles: &[([Vec3; 3], u32)]) -> Bvh8 {
-        let extent = triangles.iter().flat_map(|t| t.0).map(|p| p.abs().max_element()).fold(0.0, f32::max);
+        let extent =
+            triangles.iter().flat_map(|t| t.0).map(|p| p.abs().max_element()).fold(0.0, f32::max);
         let mut bvh = Bvh8 { nodes: Vec::new(), packets: Vec::new(), extent, waiting: 0 };
         if !triangles.is_empty() {
-            let shape = |(c, _): &([Vec3; 3], u32)| Triangle { v0: c[0].into(), v1: c[1].into(), v2: c[2].into() };
+            let shape = |(c, _): &([Vec3; 3], u32)| Triangle {
+                v0: c[0].into(),
+                v1: c[1].into(),
+                v2: c[2].into(),
+            };
             let shapes: Vec<Triangle> = triangles.iter().map(shape).collect();
-            bvh.collapse(&build_bvh2_from_tris(&shapes, BUILD, &mut Duration::default()), triangles);
+            bvh.collapse(
+                &build_bvh2_from_tris(&shapes, BUILD, &mut Duration::default()),
+                triangles,
+            );
         }
         bvh
     }
@@ -70,14 +79,20 @@ impl Bvh8 {
         // and the number of children that wait beside it.
         let mut todo = vec![(0, None, 0)];
         while let Some((at, place, beside)) = todo.pop() {
-            let mut children = if place.is_none() && costs.is_packet(0) { vec![0] } else { costs.children(binary, at) };
+            let mut children = if place.is_none() && costs.is_packet(0) {
+                vec![0]
+            } else {
+                costs.children(binary, at)
+            };
             let number = if children.is_empty() {
                 let inside = triangles_below(binary, at);
                 self.packets.push(Packet::new(inside.iter().map(|&i| triangles[i as usize])));
                 (self.packets.len() - 1) as u32 | PACKET
             } else {
-                let mut node =
-                    WideNode { planes: [[[f32::INFINITY; 8], [f32::NEG_INFINITY; 8]]; 3], children: [PACKET; 8] };
+                let mut node = WideNode {
+                    planes: [[[f32::INFINITY; 8], [f32::NEG_INFINITY; 8]]; 3],
+                    children: [PACKET; 8],
+                };
                 let beside = beside + children.len() - 1;
                 self.waiting = self.waiting.max(beside);
                 // The last is made first: the packets of a node lie side by side.
@@ -206,7 +221,8 @@ impl<S: Simd> Slabs<S> {
         // makes every box larger by some ten times the error.
         let slack = 2e-6 * (extent + origin.abs().max_element());
         let zero = f32x8::splat(simd, 0.0);
-        let mut slabs = Slabs { simd, side: [0; 3], near: [zero; 3], far: [zero; 3], inverse: [zero; 3] };
+        let mut slabs =
+            Slabs { simd, side: [0; 3], near: [zero; 3], far: [zero; 3], inverse: [zero; 3] };
         for axis in 0..3 {
             // This also holds for minus zero: its inverse is negative.
             let backwards = direction[axis].is_sign_negative();
@@ -215,7 +231,8 @@ impl<S: Simd> Slabs<S> {
             slabs.near[axis] = f32x8::splat(simd, origin[axis] + slack);
             slabs.far[axis] = f32x8::splat(simd, origin[axis] - slack);
             // Finite and never zero, so that nothing below is zero times infinity.
-            slabs.inverse[axis] = f32x8::splat(simd, (1.0 / direction[axis]).clamp(-f32::MAX, f32::MAX));
+            slabs.inverse[axis] =
+                f32x8::splat(simd, (1.0 / direction[axis]).clamp(-f32::MAX, f32::MAX));
         }
         slabs
     }
@@ -254,7 +271,9 @@ fn triangles_below(binary: &Bvh2, at: u32) -> Vec<u32> {
         let node = &binary.nodes[at as usize];
         let first = node.first_index;
         if node.is_leaf() {
-            inside.extend(&binary.primitive_indices[first as usize..(first + node.prim_count) as usize]);
+            inside.extend(
+                &binary.primitive_indices[first as usize..(first + node.prim_count) as usize],
+            );
         } else {
             todo.extend([first, first + 1]);
         }
@@ -283,7 +302,10 @@ impl Costs {
             }
             seen += 1;
         }
-        let mut costs = Costs { areas: vec![[0.0; 8]; binary.nodes.len()], triangles: vec![0; binary.nodes.len()] };
+        let mut costs = Costs {
+            areas: vec![[0.0; 8]; binary.nodes.len()],
+            triangles: vec![0; binary.nodes.len()],
+        };
         for &at in parents_first.iter().rev() {
             let node = &binary.nodes[at];
             let area = node.aabb.half_area();
@@ -295,8 +317,13 @@ impl Costs {
             let [left, right] = [node.first_index as usize, node.first_index as usize + 1];
             costs.triangles[at] = costs.triangles[left] + costs.triangles[right];
             let (left, right) = (costs.areas[left], costs.areas[right]);
-            let shared = |children: usize| (1..children).map(move |k| left[k - 1] + right[children - k - 1]);
-            let below = if costs.is_packet(at as u32) { 0.0 } else { shared(8).fold(f32::INFINITY, f32::min) };
+            let shared =
+                |children: usize| (1..children).map(move |k| left[k - 1] + right[children - k - 1]);
+            let below = if costs.is_packet(at as u32) {
+                0.0
+            } else {
+                shared(8).fold(f32::INFINITY, f32::min)
+            };
             let mut least = area + below;
             for children in 1..=8 {
                 least = shared(children).fold(least, f32::min);
@@ -318,8 +345,11 @@ impl Costs {
         }
         let mut todo = vec![(at, 8)];
         while let Some((at, places)) = todo.pop() {
-            let (left, right) = (binary.nodes[at as usize].first_index, binary.nodes[at as usize].first_index + 1);
-            let cost = |k: usize| self.areas[left as usize][k - 1] + self.areas[right as usize][places - k - 1];
+            let (left, right) =
+                (binary.nodes[at as usize].first_index, binary.nodes[at as usize].first_index + 1);
+            let cost = |k: usize| {
+                self.areas[left as usize][k - 1] + self.areas[right as usize][places - k - 1]
+            };
             let best = (2..places).fold(1, |best, k| if cost(k) < cost(best) { k } else { best });
             for (child, places) in [(left, best), (right, places - best)] {
                 let areas = &self.areas[child as usize];

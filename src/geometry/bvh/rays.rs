@@ -60,7 +60,13 @@ impl RayMesh {
 
     /// Whether `stops` returns true for any triangle hit within (0, `limit`); called in arbitrary
     /// order, and not again once it has returned true.
-    pub fn any(&self, origin: Vec3, direction: Vec3, limit: f32, stops: impl Fn(u32) -> bool) -> bool {
+    pub fn any(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+        limit: f32,
+        stops: impl Fn(u32) -> bool,
+    ) -> bool {
         if !usable(origin, direction) || limit.is_nan() || limit <= 0.0 {
             return false;
         }
@@ -87,7 +93,9 @@ fn closest_hit<S: Simd>(simd: S, bvh: &Bvh8, origin: Vec3, direction: Vec3) -> O
                 let lane = hits.trailing_zeros() as usize & 7;
                 hits &= hits - 1;
                 let hit = RayMeshHit { id: packet.ids[lane], distance: distances[lane] };
-                if best.is_none_or(|b| hit.distance < b.distance || (hit.distance == b.distance && hit.id < b.id)) {
+                if best.is_none_or(|b| {
+                    hit.distance < b.distance || (hit.distance == b.distance && hit.id < b.id)
+                }) {
                     best = Some(hit);
                     limit = hit.distance;
                 }
@@ -135,7 +143,8 @@ pub(in crate::geometry) fn apart<T: Send>(work: impl FnOnce() -> T + Send) -> T 
         Ok(pool) => pool.install(work),
         Err(_) => work(),
     };
-    std::thread::scope(|scope| scope.spawn(run).join()).unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    std::thread::scope(|scope| scope.spawn(run).join())
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 #[cfg(test)]
@@ -197,7 +206,9 @@ mod tests {
         let [a, b, c] = corners.map(|corner| (corner - origin).as_dvec3());
         let normal = (b - a).cross(c - a);
         let along = |v: DVec3| normal.dot(v).abs() < 1e-5 * normal.length() * v.length();
-        along(direction.as_dvec3()) && along(a) && slow_distance(corners, origin, direction).is_finite()
+        along(direction.as_dvec3())
+            && along(a)
+            && slow_distance(corners, origin, direction).is_finite()
     }
 
     /// Holds one ray against the twin, bit for bit, with every instruction set there is. Ambiguous
@@ -216,13 +227,18 @@ mod tests {
                 continue;
             };
             assert!(mesh.any(origin, direction, hit.distance.next_up(), |_| true), "{}", what());
-            assert!(!mesh.any(origin, direction, hit.distance, |_| true), "nothing before it, {}", what());
+            assert!(
+                !mesh.any(origin, direction, hit.distance, |_| true),
+                "nothing before it, {}",
+                what()
+            );
             let ids = std::cell::RefCell::new(std::collections::BTreeSet::new());
             let none = mesh.any(origin, direction, f32::INFINITY, |id| {
                 ids.borrow_mut().insert(id);
                 false
             });
-            let slow_ids = triangles.iter().filter(|(c, _)| slow_distance(c, origin, direction).is_finite());
+            let slow_ids =
+                triangles.iter().filter(|(c, _)| slow_distance(c, origin, direction).is_finite());
             assert!(
                 !none && ids.into_inner().into_iter().eq(slow_ids.map(|t| t.1)),
                 "asked about every hit, {}",
@@ -233,7 +249,8 @@ mod tests {
 
     fn point() -> impl Strategy<Value = Vec3> {
         // Whole numbers make equal distances, axis-parallel edges and rays through corners common.
-        let whole = (-3i8..4, -3i8..4, -3i8..4).prop_map(|(x, y, z)| Vec3::new(x.into(), y.into(), z.into()));
+        let whole = (-3i8..4, -3i8..4, -3i8..4)
+            .prop_map(|(x, y, z)| Vec3::new(x.into(), y.into(), z.into()));
         let any = (-3.0f32..3.0, -3.0f32..3.0, -3.0f32..3.0).prop_map(Vec3::from);
         prop_oneof![whole, any]
     }
@@ -242,7 +259,8 @@ mod tests {
     fn soup(most: usize) -> impl Strategy<Value = Triangles> {
         let kept = |corners: Vec<[Vec3; 3]>| {
             let area = |c: &[Vec3; 3]| (c[1] - c[0]).cross(c[2] - c[0]).length_squared();
-            let mut kept: Vec<_> = corners.into_iter().filter(|c| area(c) > f32::MIN_POSITIVE).collect();
+            let mut kept: Vec<_> =
+                corners.into_iter().filter(|c| area(c) > f32::MIN_POSITIVE).collect();
             kept.dedup();
             kept.into_iter().zip(0..).collect::<Triangles>()
         };
@@ -253,8 +271,9 @@ mod tests {
     fn depth_mesh(camera: &Camera, depth: impl Fn(usize, usize) -> f32) -> Triangles {
         let (width, height) = (camera.width, camera.height);
         let at = |x: usize, y: usize| camera.pixel_point(x, y, depth(x, y));
-        let quads =
-            (0..width * height).map(|i| (i % width, i / width)).filter(|&(x, y)| x + 1 < width && y + 1 < height);
+        let quads = (0..width * height)
+            .map(|i| (i % width, i / width))
+            .filter(|&(x, y)| x + 1 < width && y + 1 < height);
         let halves = quads.flat_map(|(x, y)| {
             let (a, b, c, d) = (at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1));
             [[a, c, d], [a, d, b]]
@@ -339,7 +358,8 @@ mod tests {
         let camera = Camera::from_fov_x(320, 240, 60.0);
         let depth = |x: usize, y: usize| {
             let noise = ((x * 7919 + y * 104_729) % 1009) as f32 / 1009.0;
-            let base = if (x / 40 + y / 30).is_multiple_of(3) { 2.0 } else { 3.0 + 0.01 * x as f32 };
+            let base =
+                if (x / 40 + y / 30).is_multiple_of(3) { 2.0 } else { 3.0 + 0.01 * x as f32 };
             base + 0.01 * base * noise
         };
         let mesh = RayMesh::new(depth_mesh(&camera, depth));
@@ -349,8 +369,10 @@ mod tests {
             for column in 2..2 * 319 {
                 let to = camera.unproject(0.5 + 0.5 * column as f32, 0.5 + 0.5 * row as f32, 1.0);
                 rays += 1;
-                missed +=
-                    usize::from(mesh.closest(Vec3::ZERO, to).is_none() || !mesh.any(Vec3::ZERO, to, 10.0, |_| true));
+                missed += usize::from(
+                    mesh.closest(Vec3::ZERO, to).is_none()
+                        || !mesh.any(Vec3::ZERO, to, 10.0, |_| true),
+                );
             }
         }
         assert!(missed * 100_000 <= rays, "{missed} of {rays} rays slip through");
@@ -360,18 +382,28 @@ mod tests {
     fn triangles_within_triangles_make_a_deep_hierarchy_and_no_fault() {
         let nested = |id: u32| {
             let size = 1.01f32.powi(id as i32) * 1e-8;
-            ([Vec3::new(-size, -size, 0.0), Vec3::new(size, -size, 0.0), Vec3::new(0.0, size, size)], id)
+            (
+                [
+                    Vec3::new(-size, -size, 0.0),
+                    Vec3::new(size, -size, 0.0),
+                    Vec3::new(0.0, size, size),
+                ],
+                id,
+            )
         };
         let triangles: Triangles = (0..2700).map(nested).collect();
         let mut mesh = RayMesh::new(triangles.iter().copied());
-        for direction in [Vec3::new(1e-3, 1e-3, -1.0), Vec3::new(-1e-3, 0.0, -1.0), Vec3::new(0.3, 0.2, -1.0)] {
+        for direction in
+            [Vec3::new(1e-3, 1e-3, -1.0), Vec3::new(-1e-3, 0.0, -1.0), Vec3::new(0.3, 0.2, -1.0)]
+        {
             check(&mut mesh, &triangles, Vec3::new(0.0, 0.0, 1.0), direction);
         }
     }
 
     #[test]
     fn a_ray_that_is_hardly_one_is_harmless() {
-        let triangles: Triangles = vec![([Vec3::ZERO, Vec3::X, Vec3::Y], 0), ([Vec3::Z, Vec3::X, Vec3::splat(FAR)], 1)];
+        let triangles: Triangles =
+            vec![([Vec3::ZERO, Vec3::X, Vec3::Y], 0), ([Vec3::Z, Vec3::X, Vec3::splat(FAR)], 1)];
         let mut mesh = RayMesh::new(triangles.iter().copied());
         for size in [f32::from_bits(1), f32::MIN_POSITIVE, 1e-30, 1e30, f32::MAX] {
             for direction in [Vec3::NEG_Z, Vec3::new(-0.5, 1.0, -1.0), Vec3::ONE] {
@@ -383,7 +415,8 @@ mod tests {
 
     #[test]
     fn minus_zero_is_zero() {
-        let triangles: Triangles = vec![([Vec3::ZERO, Vec3::X, Vec3::Y], 0), ([Vec3::Z, Vec3::X, Vec3::splat(9.0)], 1)];
+        let triangles: Triangles =
+            vec![([Vec3::ZERO, Vec3::X, Vec3::Y], 0), ([Vec3::Z, Vec3::X, Vec3::splat(9.0)], 1)];
         let mesh = RayMesh::new(triangles.iter().copied());
         let from = Vec3::new(0.2, 0.2, 1.5);
         let plain = mesh.closest(from, Vec3::NEG_Z);
@@ -414,9 +447,12 @@ mod tests {
 
     #[test]
     fn any_respects_its_limit_and_its_question() {
-        let mesh =
-            RayMesh::new([([Vec3::new(-1.0, -1.0, -2.0), Vec3::new(1.0, -1.0, -2.0), Vec3::new(0.0, 2.0, -2.0)], 7)]);
-        let any = |limit, stops: bool| mesh.any(Vec3::ZERO, Vec3::NEG_Z, limit, |id| id == 7 && stops);
+        let mesh = RayMesh::new([(
+            [Vec3::new(-1.0, -1.0, -2.0), Vec3::new(1.0, -1.0, -2.0), Vec3::new(0.0, 2.0, -2.0)],
+            7,
+        )]);
+        let any =
+            |limit, stops: bool| mesh.any(Vec3::ZERO, Vec3::NEG_Z, limit, |id| id == 7 && stops);
         assert!(any(2.1, true));
         assert!(!any(1.9, true));
         assert!(!any(2.1, false));

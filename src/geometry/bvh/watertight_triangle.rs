@@ -64,8 +64,16 @@ impl<S: Simd> Turned<S> {
         Turned {
             simd,
             axes: [x, y, z],
-            origin: [f32x8::splat(simd, origin[x]), f32x8::splat(simd, origin[y]), f32x8::splat(simd, origin[z])],
-            shear: [f32x8::splat(simd, shear_x), f32x8::splat(simd, shear_y), f32x8::splat(simd, inverse)],
+            origin: [
+                f32x8::splat(simd, origin[x]),
+                f32x8::splat(simd, origin[y]),
+                f32x8::splat(simd, origin[z]),
+            ],
+            shear: [
+                f32x8::splat(simd, shear_x),
+                f32x8::splat(simd, shear_y),
+                f32x8::splat(simd, inverse),
+            ],
         }
     }
 
@@ -96,7 +104,8 @@ impl<S: Simd> Turned<S> {
             return (0, [0.0; 8]);
         }
         let distance = (u * a[2] + v * b[2] + w * c[2]) / (u + v + w);
-        let hit = inside & distance.simd_gt(zero) & distance.simd_le(f32x8::splat(self.simd, limit));
+        let hit =
+            inside & distance.simd_gt(zero) & distance.simd_le(f32x8::splat(self.simd, limit));
         (hit.to_bitmask(), distance.into())
     }
 }

@@ -26,7 +26,14 @@ pub struct Body {
 impl Body {
     /// Turns the model by `turn`, makes it `scale` times as large and moves it: p -> turn
     /// (p - from) scale + to.
-    pub fn placed(mut model: Model, material: Option<Material>, turn: Mat3, scale: f32, from: Vec3, to: Vec3) -> Body {
+    pub fn placed(
+        mut model: Model,
+        material: Option<Material>,
+        turn: Mat3,
+        scale: f32,
+        from: Vec3,
+        to: Vec3,
+    ) -> Body {
         model.positions.iter_mut().for_each(|p| *p = turn * (*p - from) * scale + to);
         model.normals.iter_mut().for_each(|n| *n = turn * *n);
         Body { model, material }
@@ -37,7 +44,9 @@ impl Body {
         let shiny = |material: &Material| material.roughness < 1.0 || material.metallic > 0.0;
         match &self.material {
             Some(material) => shiny(material),
-            None => self.model.skins.iter().any(|skin| skin.gloss.is_some() || shiny(&skin.material)),
+            None => {
+                self.model.skins.iter().any(|skin| skin.gloss.is_some() || shiny(&skin.material))
+            }
         }
     }
 
@@ -62,7 +71,11 @@ impl Body {
         // Points on the flat triangles of a smooth surface lie below it, and rays that start there
         // would meet their neighbors (Hanika, "Hacking the Shadow Terminator", Ray Tracing Gems II,
         // 2021).
-        let lift = if smooth { mix(&|k| normals[k] * (on - corners[k]).dot(normals[k]).min(0.0)) } else { Vec3::ZERO };
+        let lift = if smooth {
+            mix(&|k| normals[k] * (on - corners[k]).dot(normals[k]).min(0.0))
+        } else {
+            Vec3::ZERO
+        };
         let uvs = index.map(|i| self.model.uvs[i]);
         let uv: Vec2 = (0..3).map(|k| uvs[k] * weights[k]).sum();
         let mut material = self.material(triangle, uv);
@@ -80,7 +93,8 @@ impl Body {
 
 impl Material {
     /// Light gray without highlights: the default material.
-    pub const PLAIN: Material = Material { albedo: Vec3::splat(0.7), roughness: 1.0, specular: 0.5, metallic: 0.0 };
+    pub const PLAIN: Material =
+        Material { albedo: Vec3::splat(0.7), roughness: 1.0, specular: 0.5, metallic: 0.0 };
 }
 
 /// A place on a body.
@@ -145,7 +159,8 @@ impl Bodies {
     /// The bodies with `each` probes, and the material of each probe.
     pub fn new(bodies: &[Body], each: usize) -> (Bodies, Vec<Material>) {
         let (mut corners, mut body) = (Vec::new(), Vec::new());
-        let (mut points, mut normals, mut on, mut materials) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let (mut points, mut normals, mut on, mut materials) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for (number, b) in bodies.iter().enumerate() {
             let count = b.model.triangles.len();
             corners.extend((0..count).flat_map(|t| b.corners(t)));
@@ -165,7 +180,10 @@ impl Bodies {
             body: Plane::new(count, 1, on),
         };
         let corners = Plane::new(3, triangles, corners);
-        (Bodies { corners, body: Plane::new(1, triangles, body), probes, rays: OnceLock::new() }, materials)
+        (
+            Bodies { corners, body: Plane::new(1, triangles, body), probes, rays: OnceLock::new() },
+            materials,
+        )
     }
 
     /// Whether all rows have their number of entries.
@@ -177,7 +195,10 @@ impl Bodies {
         rule(self.corners.len() == 3 * self.body.len(), "three corners for each triangle")?;
         rule(self.corners.is_empty() || self.corners.width() == 3, "three corners a row")?;
         rule(self.body.pixels().is_sorted(), "the triangles of one body after those of another")?;
-        rule(points.len() == normals.len() && points.len() == body.len(), "a normal and a body for each probe")
+        rule(
+            points.len() == normals.len() && points.len() == body.len(),
+            "a normal and a body for each probe",
+        )
     }
 
     /// Whether there are no bodies.
@@ -192,7 +213,8 @@ impl Bodies {
 
     /// Memory held, in bytes, with the hierarchy counted as if it were built.
     pub fn bytes(&self) -> usize {
-        let probes = self.probes.points.bytes() + self.probes.normals.bytes() + self.probes.body.bytes();
+        let probes =
+            self.probes.points.bytes() + self.probes.normals.bytes() + self.probes.body.bytes();
         self.corners.bytes() + self.body.bytes() + probes + 80 * self.body.len()
     }
 
@@ -233,7 +255,8 @@ impl Bodies {
             let apart = self.probes.points.pixels()[i].distance_squared(place) / size.max(1e-12);
             apart + BODIES.normal_distance * (1.0 - self.probes.normals.pixels()[i].dot(facing))
         };
-        let nearer = |best: (f32, usize), i: usize| if far(i) < best.0 { (far(i), i) } else { best };
+        let nearer =
+            |best: (f32, usize), i: usize| if far(i) < best.0 { (far(i), i) } else { best };
         range.fold((f32::INFINITY, 0), nearer).1
     }
 
@@ -309,7 +332,8 @@ fn spread(body: &Body, count: usize) -> Vec<(usize, Vec3)> {
         let triangle = sums.partition_point(|&sum| sum <= target).min(sums.len() - 1);
         // The plastic sequence: Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences",
         // 2018.
-        let (u, v) = ((0.5 + 0.754_877_67 * i as f64).fract(), (0.5 + 0.569_840_29 * i as f64).fract());
+        let (u, v) =
+            ((0.5 + 0.754_877_67 * i as f64).fract(), (0.5 + 0.569_840_29 * i as f64).fract());
         let (root, v) = (u.sqrt() as f32, v as f32);
         (triangle, Vec3::new(1.0 - root, root * (1.0 - v), root * v))
     };
@@ -331,7 +355,9 @@ mod tests {
         assert_eq!((probes.len(), materials.len()), (400, 400));
         let center = Vec3::new(0.0, 0.0, -3.0);
         for (p, n) in probes.points.pixels().iter().zip(probes.normals.pixels()) {
-            assert!((p.distance(center) - 0.5).abs() < 1e-3 && n.dot((p - center).normalize()) > 0.999);
+            assert!(
+                (p.distance(center) - 0.5).abs() < 1e-3 && n.dot((p - center).normalize()) > 0.999
+            );
         }
         let mean = probes.normals.pixels().iter().sum::<Vec3>() / 400.0;
         assert!(mean.length() < 0.03, "{mean}");
@@ -339,8 +365,10 @@ mod tests {
 
     #[test]
     fn rays_meet_bodies_and_find_the_near_probe() {
-        let (bodies, _) =
-            Bodies::new(&[ball(Vec3::new(-1.0, 0.0, -3.0), 0.5), ball(Vec3::new(1.0, 0.0, -3.0), 0.5)], 300);
+        let (bodies, _) = Bodies::new(
+            &[ball(Vec3::new(-1.0, 0.0, -3.0), 0.5), ball(Vec3::new(1.0, 0.0, -3.0), 0.5)],
+            300,
+        );
         let to = Vec3::new(1.0, 0.0, -3.0).normalize();
         let hit = bodies.closest(Vec3::ZERO, to).expect("it is met");
         assert!((hit.distance - (10.0f32.sqrt() - 0.5)).abs() < 1e-3);
@@ -350,7 +378,9 @@ mod tests {
         let balls = bodies.balls();
         assert_eq!(balls.len(), 2);
         assert!(
-            balls[1].0 == 1 && balls[1].1.distance(Vec3::new(1.0, 0.0, -3.0)) < 1e-3 && (balls[1].2 - 0.5).abs() < 1e-3
+            balls[1].0 == 1
+                && balls[1].1.distance(Vec3::new(1.0, 0.0, -3.0)) < 1e-3
+                && (balls[1].2 - 0.5).abs() < 1e-3
         );
         assert!(bodies.between(Vec3::ZERO, to * 4.0) && !bodies.between(Vec3::ZERO, to * 2.6));
         assert!(!Bodies::default().between(Vec3::ZERO, to));

@@ -82,7 +82,11 @@ struct Shown {
 }
 
 fn gloss(material: &Material) -> Gloss {
-    Gloss { roughness: material.roughness, specular: material.specular, metallic: material.metallic }
+    Gloss {
+        roughness: material.roughness,
+        specular: material.specular,
+        metallic: material.metallic,
+    }
 }
 
 impl Objects {
@@ -104,7 +108,11 @@ impl Objects {
             body: Plane::new(0, 0, Vec::new()),
             near: Plane::new(0, 0, Vec::new()),
             weight: flat(),
-            probe_albedo: Plane::new(materials.len(), 1, materials.iter().map(|m| m.albedo).collect()),
+            probe_albedo: Plane::new(
+                materials.len(),
+                1,
+                materials.iter().map(|m| m.albedo).collect(),
+            ),
             probe_gloss: Plane::new(materials.len(), 1, materials.iter().map(gloss).collect()),
         }
     }
@@ -115,16 +123,24 @@ impl Objects {
     /// # Errors
     /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
-        let (pixels, samples, probes) = (self.coverage.size(), self.points.size(), self.probe_albedo.len());
-        let of_pixels = [self.depth.size(), self.normal.size(), self.albedo.size(), self.gloss.size()];
+        let (pixels, samples, probes) =
+            (self.coverage.size(), self.points.size(), self.probe_albedo.len());
+        let of_pixels =
+            [self.depth.size(), self.normal.size(), self.albedo.size(), self.gloss.size()];
         rule(of_pixels.iter().all(|&size| size == pixels), "planes of one size")?;
         rule(self.step > 0, "at least one pixel per sample")?;
         let blocks = (pixels.0.div_ceil(self.step), pixels.1.div_ceil(self.step));
         rule(samples == blocks, "a sample for each block of pixels")?;
-        rule([self.normals.size(), self.body.size()] == [samples; 2], "a normal and a body for each sample")?;
+        rule(
+            [self.normals.size(), self.body.size()] == [samples; 2],
+            "a normal and a body for each sample",
+        )?;
         let rows = NEAR * self.points.len();
         rule(self.near.len() == rows && self.weight.len() == rows, "eight probes for each sample")?;
-        rule(self.near.pixels().iter().all(|&probe| (probe as usize) < probes), "probes that are there")?;
+        rule(
+            self.near.pixels().iter().all(|&probe| (probe as usize) < probes),
+            "probes that are there",
+        )?;
         rule(self.probe_gloss.len() == probes, "a material for each probe")
     }
 
@@ -135,9 +151,13 @@ impl Objects {
 
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
-        let pixels = self.coverage.bytes() + self.depth.bytes() + self.normal.bytes() + self.albedo.bytes();
+        let pixels =
+            self.coverage.bytes() + self.depth.bytes() + self.normal.bytes() + self.albedo.bytes();
         let samples = self.points.bytes() + self.normals.bytes() + self.body.bytes();
-        let probes = self.near.bytes() + self.weight.bytes() + self.probe_albedo.bytes() + self.probe_gloss.bytes();
+        let probes = self.near.bytes()
+            + self.weight.bytes()
+            + self.probe_albedo.bytes()
+            + self.probe_gloss.bytes();
         pixels + self.gloss.bytes() + samples + probes
     }
 
@@ -157,8 +177,8 @@ impl Objects {
         let (mut count, mut sum) = (0, 0.0);
         for v in sy.saturating_sub(1)..(sy + 2).min(h) {
             for u in sx.saturating_sub(1)..(sx + 2).min(w) {
-                let near =
-                    (TUNING.tent - (u as f32 - fx).abs()).max(0.0) * (TUNING.tent - (v as f32 - fy).abs()).max(0.0);
+                let near = (TUNING.tent - (u as f32 - fx).abs()).max(0.0)
+                    * (TUNING.tent - (v as f32 - fy).abs()).max(0.0);
                 let i = v * w + u;
                 let alike = self.normals.pixels()[i].dot(normal).max(0.0).powi(TUNING.normal_power);
                 let apart = (-self.points.pixels()[i].z / z - 1.0) / TUNING.apart;
@@ -181,7 +201,8 @@ impl Objects {
                 return Vec3::ZERO;
             }
             let (taps, count) = self.taps(i % w, i / w);
-            let shading: Vec3 = taps[..count].iter().map(|&(sample, weight)| samples[sample] * weight).sum();
+            let shading: Vec3 =
+                taps[..count].iter().map(|&(sample, weight)| samples[sample] * weight).sum();
             self.albedo.pixels()[i] * (1.0 - self.gloss.pixels()[i].metallic) * shading
         };
         Plane::new(w, h, (0..w * h).into_par_iter().with_min_len(1024).map(pixel).collect())
@@ -213,15 +234,19 @@ pub fn draw(
         // A body stands on a surface whose depth is uneven: a point slightly behind it still shows.
         pixel(bodies, solid, camera, (x, y), z + TUNING.slack * z + error(z), drawing.supersampling)
     };
-    let seen: Vec<Option<Shown>> = (0..columns.len() * rows.len()).into_par_iter().with_min_len(64).map(look).collect();
+    let seen: Vec<Option<Shown>> =
+        (0..columns.len() * rows.len()).into_par_iter().with_min_len(64).map(look).collect();
     let Some((columns, rows, seen)) = trimmed(columns, rows, seen) else { return nothing };
     let (w, h) = (columns.len(), rows.len());
 
-    let step = (1..).find(|step| w.div_ceil(*step) * h.div_ceil(*step) <= drawing.most.max(1)).unwrap_or(1);
+    let step = (1..)
+        .find(|step| w.div_ceil(*step) * h.div_ceil(*step) <= drawing.most.max(1))
+        .unwrap_or(1);
     let (sw, sh) = (w.div_ceil(step), h.div_ceil(step));
     let block = |i: usize| {
         let (x, y) = (i % sw * step, i / sw * step);
-        let within = (y..(y + step).min(h)).flat_map(|y| (x..(x + step).min(w)).map(move |x| (x, y)));
+        let within =
+            (y..(y + step).min(h)).flat_map(|y| (x..(x + step).min(w)).map(move |x| (x, y)));
         let middle = |(u, v): &(usize, usize)| {
             let far = |at: usize, start: usize| (2 * at).abs_diff(2 * start + step - 1);
             far(*u, x).pow(2) + far(*v, y).pow(2)
@@ -233,14 +258,19 @@ pub fn draw(
     let (points, normals): (Vec<Vec3>, Vec<Vec3>) =
         samples.iter().map(|s| (s.point + s.flat * clearance(s.point), s.normal)).unzip();
     let body: Vec<u32> = samples.iter().map(|s| s.body).collect();
-    let near: Vec<[(u32, f32); NEAR]> =
-        samples.par_iter().zip(&points).with_min_len(64).map(|(s, p)| nearest(solid, s.body, *p, s.normal)).collect();
+    let near: Vec<[(u32, f32); NEAR]> = samples
+        .par_iter()
+        .zip(&points)
+        .with_min_len(64)
+        .map(|(s, p)| nearest(solid, s.body, *p, s.normal))
+        .collect();
 
     let plane = |of: &dyn Fn(&Shown) -> Vec3| {
         Plane::new(w, h, seen.iter().map(|s| s.as_ref().map_or(Vec3::ZERO, of)).collect())
     };
-    let number =
-        |of: &dyn Fn(&Shown) -> f32| Plane::new(w, h, seen.iter().map(|s| s.as_ref().map_or(0.0, of)).collect());
+    let number = |of: &dyn Fn(&Shown) -> f32| {
+        Plane::new(w, h, seen.iter().map(|s| s.as_ref().map_or(0.0, of)).collect())
+    };
     Objects {
         left: columns.start,
         top: rows.start,
@@ -248,7 +278,11 @@ pub fn draw(
         depth: number(&|s| -s.point.z),
         normal: plane(&|s| s.normal),
         albedo: plane(&|s| s.albedo),
-        gloss: Plane::new(w, h, seen.iter().map(|s| s.as_ref().map_or(Gloss::default(), |s| s.gloss)).collect()),
+        gloss: Plane::new(
+            w,
+            h,
+            seen.iter().map(|s| s.as_ref().map_or(Gloss::default(), |s| s.gloss)).collect(),
+        ),
         step,
         points: Plane::new(sw, sh, points),
         normals: Plane::new(sw, sh, normals),
@@ -265,13 +299,16 @@ fn rectangle(bodies: &[Body], camera: &Camera) -> Option<(Range<usize>, Range<us
     for body in bodies {
         let (near, far) = body.model.bounds();
         for i in 0..8 {
-            let corner = Vec3::from_array([0, 1, 2].map(|k| if i >> k & 1 == 0 { near[k] } else { far[k] }));
+            let corner =
+                Vec3::from_array([0, 1, 2].map(|k| if i >> k & 1 == 0 { near[k] } else { far[k] }));
             match camera.project(corner) {
                 Some(at) => (low, high) = (low.min(at), high.max(at)),
                 // A triangle wholly behind the camera is not seen; the projection of one that
                 // reaches there is unbounded.
                 None if near.z >= 0.0 => {}
-                None => (low, high) = (Vec2::ZERO, Vec2::new(camera.width as f32, camera.height as f32)),
+                None => {
+                    (low, high) = (Vec2::ZERO, Vec2::new(camera.width as f32, camera.height as f32))
+                }
             }
         }
     }
@@ -291,12 +328,19 @@ fn trimmed(columns: Range<usize>, rows: Range<usize>, seen: Vec<Option<Shown>>) 
     let w = columns.len();
     let at = seen.iter().enumerate().filter(|(_, s)| s.is_some()).map(|(i, _)| (i % w, i / w));
     let (mut low, mut high) = ((usize::MAX, usize::MAX), (0, 0));
-    at.for_each(|(x, y)| (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x + 1), high.1.max(y + 1))));
+    at.for_each(|(x, y)| {
+        (low, high) = ((low.0.min(x), low.1.min(y)), (high.0.max(x + 1), high.1.max(y + 1)))
+    });
     if low.0 == usize::MAX {
         return None;
     }
-    let kept = (low.1..high.1).flat_map(|y| seen[y * w + low.0..y * w + high.0].iter().copied()).collect();
-    Some((columns.start + low.0..columns.start + high.0, rows.start + low.1..rows.start + high.1, kept))
+    let kept =
+        (low.1..high.1).flat_map(|y| seen[y * w + low.0..y * w + high.0].iter().copied()).collect();
+    Some((
+        columns.start + low.0..columns.start + high.0,
+        rows.start + low.1..rows.start + high.1,
+        kept,
+    ))
 }
 
 /// The bodies in one pixel, up to the depth `limit`. Four rays first; all of them where those
@@ -322,7 +366,11 @@ fn pixel(
     let few: Vec<_> = regular(side.min(2)).map(|(u, v)| ((u, v), ray(u, v))).collect();
     let owner = |hit: &Option<(u32, Vec3, f32)>| hit.map(|hit| solid.owner(hit.0).0);
     let alike = few.windows(2).all(|pair| owner(&pair[0].1) == owner(&pair[1].1));
-    let rays: Vec<_> = if alike || side <= 2 { few } else { regular(side).map(|(u, v)| ((u, v), ray(u, v))).collect() };
+    let rays: Vec<_> = if alike || side <= 2 {
+        few
+    } else {
+        regular(side).map(|(u, v)| ((u, v), ray(u, v))).collect()
+    };
     let middle = |(u, v): (f32, f32)| (u - 0.5).powi(2) + (v - 0.5).powi(2);
     let hits = || rays.iter().filter_map(|(at, hit)| Some((*at, (*hit)?)));
     let nearest = hits().reduce(|a, b| if middle(b.0) < middle(a.0) { b } else { a })?;
@@ -442,7 +490,8 @@ fn nearest(solid: &Bodies, body: u32, point: Vec3, normal: Vec3) -> [(u32, f32);
         }
     }
     let reach = if found[NEAR].0.is_finite() { found[NEAR].0 } else { f32::MAX };
-    let weight = |(far, _): &(f32, u32)| (1.0 - (far / reach).max(0.0).sqrt()).max(0.0) + TUNING.floor;
+    let weight =
+        |(far, _): &(f32, u32)| (1.0 - (far / reach).max(0.0).sqrt()).max(0.0) + TUNING.floor;
     let used = found.iter().take(NEAR).filter(|f| f.0.is_finite());
     let sum: f32 = used.map(weight).sum::<f32>().max(1e-30);
     std::array::from_fn(|k| {
@@ -467,7 +516,14 @@ mod tests {
     fn drawn(bodies: &[Body], wall: f32, drawing: Drawing) -> Objects {
         let camera = Camera::from_fov_x(80, 60, 60.0);
         let (solid, materials) = Bodies::new(bodies, 200);
-        draw(bodies, (&solid, &materials), &camera, &Depth(Plane::filled(80, 60, wall)), |_| 0.0, drawing)
+        draw(
+            bodies,
+            (&solid, &materials),
+            &camera,
+            &Depth(Plane::filled(80, 60, wall)),
+            |_| 0.0,
+            drawing,
+        )
     }
 
     #[test]
@@ -495,20 +551,31 @@ mod tests {
         assert!(drawn(&at(2.0), 5.0, DRAWING).is_empty(), "behind the camera");
         let around = drawn(&at(0.0), 5.0, DRAWING);
         assert_eq!(around.coverage.size(), (80, 60), "the camera is inside");
-        assert!(around.normals.pixels().iter().zip(around.points.pixels()).all(|(n, p)| n.dot(*p) < 0.0));
+        assert!(
+            around
+                .normals
+                .pixels()
+                .iter()
+                .zip(around.points.pixels())
+                .all(|(n, p)| n.dot(*p) < 0.0)
+        );
     }
 
     #[test]
     fn few_samples_stand_for_many_pixels() {
         let fine = drawn(&[sphere(Vec3::new(0.0, 0.0, -1.0), 0.2)], 5.0, DRAWING);
-        let coarse = drawn(&[sphere(Vec3::new(0.0, 0.0, -1.0), 0.2)], 5.0, Drawing { most: 60, ..DRAWING });
+        let coarse =
+            drawn(&[sphere(Vec3::new(0.0, 0.0, -1.0), 0.2)], 5.0, Drawing { most: 60, ..DRAWING });
         assert_eq!(fine.coverage, coarse.coverage);
         assert!(coarse.step > 1 && coarse.points.len() <= 60);
         let (w, h) = coarse.coverage.size();
-        for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| coarse.coverage.get(x, y) > 0.5)
+        for (x, y) in (0..h)
+            .flat_map(|y| (0..w).map(move |x| (x, y)))
+            .filter(|&(x, y)| coarse.coverage.get(x, y) > 0.5)
         {
             let (taps, count) = coarse.taps(x, y);
-            let normal: Vec3 = taps[..count].iter().map(|(i, w)| coarse.normals.pixels()[*i] * *w).sum();
+            let normal: Vec3 =
+                taps[..count].iter().map(|(i, w)| coarse.normals.pixels()[*i] * *w).sum();
             assert!((taps[..count].iter().map(|t| t.1).sum::<f32>() - 1.0).abs() < 1e-5);
             assert!(normal.normalize().dot(coarse.normal.get(x, y)) > 0.8, "({x}, {y})");
         }

@@ -48,9 +48,11 @@ tuning! {
 /// normals' weight agrees with any pitch, or hardly more than with none.
 pub fn world_up(normal: &Normal) -> Vec3 {
     let pixels = normal.0.pixels();
-    let normals: Vec<Vec3> = pixels.iter().step_by(pixels.len().div_ceil(TUNING.max_normals).max(1)).copied().collect();
+    let normals: Vec<Vec3> =
+        pixels.iter().step_by(pixels.len().div_ceil(TUNING.max_normals).max(1)).copied().collect();
     let reach = TUNING.tolerance.to_radians().sin();
-    let direction = |degrees: f32| Vec3::new(0.0, degrees.to_radians().cos(), degrees.to_radians().sin());
+    let direction =
+        |degrees: f32| Vec3::new(0.0, degrees.to_radians().cos(), degrees.to_radians().sin());
     // Small angles: the sine stands for the angle.
     let off = |up: Vec3, n: Vec3| n.dot(up).abs().min(n.cross(up).length());
     let score = |degrees: f32| -> f32 {
@@ -60,11 +62,15 @@ pub fn world_up(normal: &Normal) -> Vec3 {
         prior * normals.iter().map(|&n| (1.0 - (off(up, n) / reach).powi(2)).max(0.0)).sum::<f32>()
     };
     let best = |tried: &mut dyn Iterator<Item = f32>| {
-        tried.map(|degrees| (score(degrees), degrees)).fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a })
+        tried
+            .map(|degrees| (score(degrees), degrees))
+            .fold((0.0, 0.0), |a, b| if b.0 > a.0 { b } else { a })
     };
-    let (_, coarse) = best(&mut (0..=2 * TUNING.max_pitch as i32).map(|i| i as f32 - TUNING.max_pitch));
-    let (found, pitch) =
-        best(&mut (-TUNING.fine_steps..=TUNING.fine_steps).map(|i| coarse + TUNING.fine_step * i as f32));
+    let (_, coarse) =
+        best(&mut (0..=2 * TUNING.max_pitch as i32).map(|i| i as f32 - TUNING.max_pitch));
+    let (found, pitch) = best(
+        &mut (-TUNING.fine_steps..=TUNING.fine_steps).map(|i| coarse + TUNING.fine_step * i as f32),
+    );
     if found > TUNING.min_agreement * normals.len() as f32 && found > TUNING.min_gain * score(0.0) {
         direction(pitch)
     } else {
@@ -90,7 +96,8 @@ mod tests {
         };
         let mut random = || Vec3::new(number(), number(), number());
         let mut normals = Vec::new();
-        for (count, n) in counts.into_iter().zip([Some(up), Some(back), Some(up.cross(back)), None]) {
+        for (count, n) in counts.into_iter().zip([Some(up), Some(back), Some(up.cross(back)), None])
+        {
             for _ in 0..count {
                 let n = n.unwrap_or_else(&mut random).normalize();
                 normals.push((n + noise * random()).normalize());

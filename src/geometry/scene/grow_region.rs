@@ -90,9 +90,11 @@ pub fn grow_region(
     let color = reflectance.0.map(|c| log_above(TUNING.black, c));
     let seen = photo.0.map(|c| log_above(TUNING.dark, c));
     let start = y * w + x;
-    let mut found =
-        Plane::from_fn(w, h, |px, py| px.abs_diff(x) <= TUNING.seed_radius && py.abs_diff(y) <= TUNING.seed_radius);
-    let mut surface = (normal.0.pixels()[start], normal.0.pixels()[start].dot(points.0.pixels()[start]));
+    let mut found = Plane::from_fn(w, h, |px, py| {
+        px.abs_diff(x) <= TUNING.seed_radius && py.abs_diff(y) <= TUNING.seed_radius
+    });
+    let mut surface =
+        (normal.0.pixels()[start], normal.0.pixels()[start].dot(points.0.pixels()[start]));
     for round in 0..TUNING.rounds {
         let members: Vec<usize> = (0..w * h).filter(|&i| found.pixels()[i]).collect();
         let paint = median(members.iter().map(|&i| color.pixels()[i]).collect());
@@ -118,7 +120,11 @@ pub fn grow_region(
             let gain = 1.0 - squares.iter().map(|s| s * s).sum::<f32>();
             (TUNING.unit * gain.max(TUNING.min_gain)) as i32
         };
-        let gain = Plane::new(w, h, (0..w * h).map(|i| if i == start { TUNING.sure } else { gain(i) }).collect());
+        let gain = Plane::new(
+            w,
+            h,
+            (0..w * h).map(|i| if i == start { TUNING.sure } else { gain(i) }).collect(),
+        );
         let label = graph_cut(&gain, |x, y, nx, ny| {
             let step = (seen.get(x, y) - seen.get(nx, ny)).length() / TUNING.step;
             (TUNING.unit * TUNING.parting * (-step * step).exp()) as i32
@@ -131,10 +137,17 @@ pub fn grow_region(
         // Most neighbors on a surface differ by noise alone.
         let inside = |&i: &usize| label.pixels()[i] && i % w + 1 < w && label.pixels()[i + 1];
         let steps: Vec<[f32; 2]> = (0..w * h).filter(inside).map(|i| step(i, i + 1)).collect();
-        let usual =
-            median(steps.iter().map(|&[level, chroma]| Vec3::new(level, chroma, 0.0)).chain([Vec3::ZERO]).collect());
-        let (most, most_chroma) =
-            (TUNING.edge.max(TUNING.noises * usual.x), TUNING.chroma_edge.max(TUNING.noises * usual.y));
+        let usual = median(
+            steps
+                .iter()
+                .map(|&[level, chroma]| Vec3::new(level, chroma, 0.0))
+                .chain([Vec3::ZERO])
+                .collect(),
+        );
+        let (most, most_chroma) = (
+            TUNING.edge.max(TUNING.noises * usual.x),
+            TUNING.chroma_edge.max(TUNING.noises * usual.y),
+        );
         found = reached(&label, start, |a, b| {
             let [level, chroma] = step(a, b);
             level > most || chroma > most_chroma
@@ -149,8 +162,12 @@ fn reached(set: &Plane<bool>, start: usize, is_edge: impl Fn(usize, usize) -> bo
     let (w, h) = set.size();
     let sides = |i: usize| {
         let (x, y) = (i % w, i / w);
-        let all =
-            [(x > 0).then(|| i - 1), (x + 1 < w).then(|| i + 1), (y > 0).then(|| i - w), (y + 1 < h).then(|| i + w)];
+        let all = [
+            (x > 0).then(|| i - 1),
+            (x + 1 < w).then(|| i + 1),
+            (y > 0).then(|| i - w),
+            (y + 1 < h).then(|| i + w),
+        ];
         all.into_iter().flatten()
     };
     let mut found = Plane::filled(w, h, false);
@@ -191,7 +208,9 @@ mod tests {
         let (w, h) = SIZE;
         let post = |x: usize| (40..44).contains(&x);
         let frame = |x: usize, y: usize| {
-            (10..24).contains(&x) && (6..20).contains(&y) && !((12..22).contains(&x) && (8..18).contains(&y))
+            (10..24).contains(&x)
+                && (6..20).contains(&y)
+                && !((12..22).contains(&x) && (8..18).contains(&y))
         };
         let ray = |x: usize, y: usize| Vec3::new(x as f32 - 29.5, 15.0 - y as f32, -50.0) / 50.0;
         let depth = |x: usize, y: usize| match y {
@@ -200,7 +219,8 @@ mod tests {
             _ => 4.0 * 15.0 / (y as f32 - 15.0),
         };
         let points = Plane::from_fn(w, h, |x, y| ray(x, y) * depth(x, y));
-        let normal = Plane::from_fn(w, h, |x, y| if y >= 30 && !post(x) { Vec3::Y } else { Vec3::Z });
+        let normal =
+            Plane::from_fn(w, h, |x, y| if y >= 30 && !post(x) { Vec3::Y } else { Vec3::Z });
         let albedo = Plane::from_fn(w, h, |x, y| Vec3::splat(if frame(x, y) { 0.05 } else { 0.6 }));
         let photo = Plane::from_fn(w, h, |x, y| albedo.get(x, y) * (1.0 - 0.01 * x as f32));
         (Picture(photo), Albedo(albedo), Points(points), Normal(normal))

@@ -150,7 +150,14 @@ impl SceneMesh {
     /// The same room with these bodies in it, in place of any that it had.
     pub fn with_bodies(&self, bodies: Bodies) -> SceneMesh {
         let (points, cells) = (self.points.clone(), self.cells.clone());
-        SceneMesh { points, cells, noise: self.noise, focal: self.focal, bodies, rays: OnceLock::new() }
+        SceneMesh {
+            points,
+            cells,
+            noise: self.noise,
+            focal: self.focal,
+            bodies,
+            rays: OnceLock::new(),
+        }
     }
 
     /// Bodies that an edit put into the room.
@@ -169,7 +176,9 @@ impl SceneMesh {
         let (first, last) = (self.points.pixels()[0], self.points.pixels()[self.points.len() - 1]);
         let (low, high) = (slope(first).min(slope(last)), slope(first).max(slope(last)));
         let half = 0.5 / self.focal;
-        place.z < 0.0 && slope(place).cmpge(low - half).all() && slope(place).cmple(high + half).all()
+        place.z < 0.0
+            && slope(place).cmpge(low - half).all()
+            && slope(place).cmple(high + half).all()
     }
 
     /// Corners and number (2 x pixel + half) of each triangle that has one of these bits.
@@ -178,7 +187,8 @@ impl SceneMesh {
         (0..self.cells.len()).flat_map(move |pixel| {
             let cell = self.cells.pixels()[pixel];
             (0..2).filter(move |&half| cell & bits[half] != 0).map(move |half| {
-                let corners = corners(cell, half).map(|i| self.points.pixels()[pixel + i % 2 + i / 2 * width]);
+                let corners = corners(cell, half)
+                    .map(|i| self.points.pixels()[pixel + i % 2 + i / 2 * width]);
                 (corners, (2 * pixel + half) as u32)
             })
         })
@@ -187,23 +197,32 @@ impl SceneMesh {
     /// Pixels at the corners of each surface triangle, counter-clockwise as the camera sees it, and
     /// its number.
     pub fn faces(&self) -> impl Iterator<Item = ([u32; 3], u32)> {
-        self.triangles(Cell::SURFACE).map(|(_, id)| (self.corner_pixels(id).map(|pixel| pixel as u32), id))
+        self.triangles(Cell::SURFACE)
+            .map(|(_, id)| (self.corner_pixels(id).map(|pixel| pixel as u32), id))
     }
 
     fn rays(&self) -> &[RayMesh; 2] {
-        let build = || [Cell::SURFACE, Cell::CURTAIN].map(|bits| RayMesh::new(self.triangles(bits)));
+        let build =
+            || [Cell::SURFACE, Cell::CURTAIN].map(|bits| RayMesh::new(self.triangles(bits)));
         self.rays.get_or_init(|| apart(build))
     }
 
     /// Whether the pixel is a corner of any surface triangle; panes and ignored pixels are not.
     pub fn in_room(&self, pixel: usize) -> bool {
         let (x, y) = (pixel % self.points.width(), pixel / self.points.width());
-        let quads = [(x, y), (x.wrapping_sub(1), y), (x, y.wrapping_sub(1)), (x.wrapping_sub(1), y.wrapping_sub(1))];
+        let quads = [
+            (x, y),
+            (x.wrapping_sub(1), y),
+            (x, y.wrapping_sub(1)),
+            (x.wrapping_sub(1), y.wrapping_sub(1)),
+        ];
         let (width, height) = self.cells.size();
         // The quads around the pixel, and which of their corners it is.
         quads.iter().enumerate().any(|(corner, &(x, y))| {
             let cell = if x < width && y < height { self.cells.get(x, y) } else { 0 };
-            (0..2).any(|half| cell & Cell::SURFACE[half] != 0 && corners(cell, half).contains(&corner))
+            (0..2).any(|half| {
+                cell & Cell::SURFACE[half] != 0 && corners(cell, half).contains(&corner)
+            })
         })
     }
 
@@ -215,8 +234,9 @@ impl SceneMesh {
 
     /// Number of surface triangles and of curtains.
     pub fn counts(&self) -> (usize, usize) {
-        let count =
-            |bits: [u8; 2]| self.cells.pixels().iter().map(|c| bits.iter().filter(|&&b| c & b != 0).count()).sum();
+        let count = |bits: [u8; 2]| {
+            self.cells.pixels().iter().map(|c| bits.iter().filter(|&&b| c & b != 0).count()).sum()
+        };
         (count(Cell::SURFACE), count(Cell::CURTAIN))
     }
 
@@ -259,22 +279,32 @@ impl SceneMesh {
     /// The nearest surface along a ray of unit `direction`, or none; curtains let it pass.
     pub fn closest(&self, origin: Vec3, direction: Vec3) -> Option<Hit> {
         let seen = self.surfaces().closest(origin, direction);
-        let hit = self.bodies.closest(origin, direction).filter(|b| seen.is_none_or(|s| b.distance < s.distance));
+        let hit = self
+            .bodies
+            .closest(origin, direction)
+            .filter(|b| seen.is_none_or(|s| b.distance < s.distance));
         if let Some(hit) = hit {
-            let probe = self.bodies.nearest_probe(hit.id, origin + direction * hit.distance, direction);
+            let probe =
+                self.bodies.nearest_probe(hit.id, origin + direction * hit.distance, direction);
             return Some(Hit { pixel: (self.points.len() + probe) as u32, distance: hit.distance });
         }
         let hit = seen?;
-        Some(Hit { pixel: self.nearest_corner(hit.id, origin + direction * hit.distance), distance: hit.distance })
+        Some(Hit {
+            pixel: self.nearest_corner(hit.id, origin + direction * hit.distance),
+            distance: hit.distance,
+        })
     }
 
     fn corner_pixels(&self, id: u32) -> [usize; 3] {
         let (pixel, half) = (id as usize / 2, id as usize % 2);
-        corners(self.cells.pixels()[pixel], half).map(|i| pixel + i % 2 + i / 2 * self.points.width())
+        corners(self.cells.pixels()[pixel], half)
+            .map(|i| pixel + i % 2 + i / 2 * self.points.width())
     }
 
     fn nearest_corner(&self, id: u32, at: Vec3) -> u32 {
-        let [a, b, c] = self.corner_pixels(id).map(|i| (self.points.pixels()[i].distance_squared(at), i as u32));
+        let [a, b, c] = self
+            .corner_pixels(id)
+            .map(|i| (self.points.pixels()[i].distance_squared(at), i as u32));
         [b, c].into_iter().fold(a, |best, next| if next.0 < best.0 { next } else { best }).1
     }
 
@@ -298,7 +328,8 @@ fn corners(cell: u8, half: usize) -> [usize; 3] {
 fn split(depth: impl Fn(usize) -> f32, inside: impl Fn(&usize) -> bool) -> u8 {
     let steep = |a: usize, b: usize| {
         let (a, b, diagonal) = (depth(a), depth(b), a + b == 3);
-        (a - b).abs() > DEPTH_PLANE.step * if diagonal { std::f32::consts::SQRT_2 } else { 1.0 } * a.min(b)
+        (a - b).abs()
+            > DEPTH_PLANE.step * if diagonal { std::f32::consts::SQRT_2 } else { 1.0 } * a.min(b)
     };
     let along = |rising: u8| {
         let mut cell = rising;
@@ -328,8 +359,14 @@ mod tests {
     use super::*;
     use crate::geometry::Camera;
 
-    fn mesh(camera: &Camera, outside: impl Fn(usize, usize) -> bool, depth: impl Fn(usize, usize) -> f32) -> SceneMesh {
-        let points = Plane::from_fn(camera.width, camera.height, |x, y| camera.pixel_point(x, y, depth(x, y)));
+    fn mesh(
+        camera: &Camera,
+        outside: impl Fn(usize, usize) -> bool,
+        depth: impl Fn(usize, usize) -> f32,
+    ) -> SceneMesh {
+        let points = Plane::from_fn(camera.width, camera.height, |x, y| {
+            camera.pixel_point(x, y, depth(x, y))
+        });
         let outside = Plane::from_fn(camera.width, camera.height, outside);
         SceneMesh::new(&Points(points), camera.fx, 0.0, &outside)
     }
@@ -346,15 +383,24 @@ mod tests {
     fn three_outcomes_before_and_behind_a_square() {
         let (camera, mesh) = square_before_wall();
         let on_wall = camera.unproject(10.0, 30.0, 3.99);
-        assert_eq!(mesh.visibility(on_wall, Vec3::new(0.3, 0.2, -1.0), None), Sight::Lit, "in front of both");
-        assert_eq!(mesh.visibility(on_wall, Vec3::new(-5.0, 0.0, 1.0), None), Sight::Lit, "out of the frustum");
+        assert_eq!(
+            mesh.visibility(on_wall, Vec3::new(0.3, 0.2, -1.0), None),
+            Sight::Lit,
+            "in front of both"
+        );
+        assert_eq!(
+            mesh.visibility(on_wall, Vec3::new(-5.0, 0.0, 1.0), None),
+            Sight::Lit,
+            "out of the frustum"
+        );
         // From the wall left of the square to the right of it, passing behind.
         let (from, to) = (camera.unproject(20.0, 30.0, 3.9), camera.unproject(60.0, 30.0, 3.9));
         assert_eq!(mesh.visibility(from, to, None), Sight::Unknown);
         let (front, back) = (camera.unproject(40.0, 30.0, 1.0), camera.unproject(40.0, 30.0, 3.0));
         assert_eq!(mesh.visibility(front, back, None), Sight::Blocked);
-        let square =
-            Own::new(&Mask(Plane::from_fn(80, 60, |x, y| f32::from((30..50).contains(&x) && (20..40).contains(&y)))));
+        let square = Own::new(&Mask(Plane::from_fn(80, 60, |x, y| {
+            f32::from((30..50).contains(&x) && (20..40).contains(&y))
+        })));
         assert_eq!(mesh.visibility(front, back, Some(&square)), Sight::Lit, "its own light");
         assert_eq!(mesh.visibility(from, to, Some(&square)), Sight::Lit, "its own curtain");
     }
@@ -362,9 +408,13 @@ mod tests {
     #[test]
     fn the_view_ends_half_a_pixel_beyond_the_outer_centers() {
         let (camera, mesh) = square_before_wall();
-        for (x, y, inside) in
-            [(0.01, 0.01, true), (79.99, 59.99, true), (-0.01, 30.0, false), (80.01, 30.0, false), (40.0, -0.01, false)]
-        {
+        for (x, y, inside) in [
+            (0.01, 0.01, true),
+            (79.99, 59.99, true),
+            (-0.01, 30.0, false),
+            (80.01, 30.0, false),
+            (40.0, -0.01, false),
+        ] {
             assert_eq!(mesh.in_view(camera.unproject(x, y, 9.0)), inside, "{x}, {y}");
             assert!(!mesh.in_view(-camera.unproject(x, y, 9.0)), "behind the camera");
         }
@@ -379,9 +429,21 @@ mod tests {
         assert_eq!(torn.counts(), (2 * 79 * 59 - 2 * 80 + 4, 2 * 80 - 4));
         let camera = Camera::from_fov_x(8, 6, 60.0);
         let steep = mesh(&camera, |_, _| false, |x, y| 1.11f32.powi((x + y) as i32));
-        assert_eq!(steep.counts(), (2 * 7 * 5, 0), "11 % a pixel along both axes; only the rising diagonals hold");
-        let pane = mesh(&camera, |x, y| x == 3 && y == 3, |x, y| if (x, y) == (3, 3) { 100.0 } else { 2.0 });
-        assert_eq!(pane.counts(), (2 * 7 * 5 - 4, 0), "one triangle less in each quad around the pane, no curtain");
+        assert_eq!(
+            steep.counts(),
+            (2 * 7 * 5, 0),
+            "11 % a pixel along both axes; only the rising diagonals hold"
+        );
+        let pane = mesh(
+            &camera,
+            |x, y| x == 3 && y == 3,
+            |x, y| if (x, y) == (3, 3) { 100.0 } else { 2.0 },
+        );
+        assert_eq!(
+            pane.counts(),
+            (2 * 7 * 5 - 4, 0),
+            "one triangle less in each quad around the pane, no curtain"
+        );
         let through = camera.pixel_point(3, 3, 50.0);
         assert_eq!(pane.visibility(camera.pixel_point(3, 3, 0.5), through, None), Sight::Lit);
     }
@@ -422,7 +484,8 @@ mod tests {
     fn survives_a_round_trip() {
         let (camera, mesh) = square_before_wall();
         let back: SceneMesh = postcard::from_bytes(&postcard::to_stdvec(&mesh).unwrap()).unwrap();
-        let (front, behind) = (camera.unproject(40.0, 30.0, 1.0), camera.unproject(40.0, 30.0, 3.0));
+        let (front, behind) =
+            (camera.unproject(40.0, 30.0, 1.0), camera.unproject(40.0, 30.0, 3.0));
         assert_eq!(back.visibility(front, behind, None), Sight::Blocked);
         assert_eq!(back.counts(), mesh.counts());
     }

@@ -101,12 +101,18 @@ pub fn relative_depth(
     let (far, near) = (quantile(told, TUNING.tail), quantile(told, 1.0 - TUNING.tail));
     // A real network's output on an even wall varies by more than this; rounding varies by less.
     if near - far <= TUNING.min_variation * near.abs().max(far.abs()) {
-        return Err(format!("the network returned no depth: wanted numbers that vary, got {near} nearly everywhere"));
+        return Err(format!(
+            "the network returned no depth: wanted numbers that vary, got {near} nearly everywhere"
+        ));
     }
     let least = |span: f64| (near - far) / (span - 1.0);
     let depth = |q: f64, span: f64| 1.0 / (q - far + least(span)).max(least(span) / TUNING.beyond);
     let fit = |span: f64| fit(&rulers, |q| depth(q, span));
-    let span = if known.len() > 1 { best_span(f64::from(span), |span| fit(span).error) } else { f64::from(span) };
+    let span = if known.len() > 1 {
+        best_span(f64::from(span), |span| fit(span).error)
+    } else {
+        f64::from(span)
+    };
     for (i, ruler) in rulers.iter().enumerate() {
         if ruler.ends.iter().any(|(_, q)| q - far + least(span) <= least(span) / TUNING.beyond) {
             return Err(format!(
@@ -117,14 +123,23 @@ pub fn relative_depth(
     }
     let ScaleFit { scale, misfit, .. } = fit(span);
     let meters = told.map(|q| (scale * depth(f64::from(q), span)) as f32);
-    Ok(MetricDepth { depth: meters, scale: scale as f32, span: Some(span as f32), misfit: misfit as f32 })
+    Ok(MetricDepth {
+        depth: meters,
+        scale: scale as f32,
+        span: Some(span as f32),
+        misfit: misfit as f32,
+    })
 }
 
 /// Planar depth from the output of a metric network; unchanged without a known length.
 ///
 /// # Errors
 /// The known length that cannot be used, and the reason.
-pub fn metric_depth(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<MetricDepth, String> {
+pub fn metric_depth(
+    told: &Plane<f32>,
+    camera: &Camera,
+    known: &[KnownLength],
+) -> Result<MetricDepth, String> {
     if known.is_empty() {
         return Ok(MetricDepth { depth: told.clone(), scale: 1.0, span: None, misfit: 0.0 });
     }
@@ -158,15 +173,20 @@ fn rulers(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<V
         for [x, y] in [from, to] {
             if !camera.contains([x, y].into()) {
                 let (width, height) = (camera.width, camera.height);
-                return wrong(format!("({x}, {y}) is outside the photo, wanted 0..{width} and 0..{height}"));
+                return wrong(format!(
+                    "({x}, {y}) is outside the photo, wanted 0..{width} and 0..{height}"
+                ));
             }
         }
         if from == to {
             return wrong(format!("wanted two places, got ({}, {}) twice", from[0], from[1]));
         }
         let end = |[x, y]: [f32; 2]| {
-            let pixel = |at: f32, from: usize, to: usize| ((at / from as f32 * to as f32) as usize).min(to - 1);
-            let q = told.get(pixel(x, camera.width, told.width()), pixel(y, camera.height, told.height()));
+            let pixel = |at: f32, from: usize, to: usize| {
+                ((at / from as f32 * to as f32) as usize).min(to - 1)
+            };
+            let q = told
+                .get(pixel(x, camera.width, told.width()), pixel(y, camera.height, told.height()));
             (camera.unproject(x, y, 1.0).as_dvec3(), f64::from(q))
         };
         Ok(Ruler { ends: [end(from), end(to)], meters: f64::from(meters) })
@@ -187,7 +207,9 @@ struct ScaleFit {
 fn fit(rulers: &[Ruler], depth: impl Fn(f64) -> f64) -> ScaleFit {
     let ratios: Vec<f64> = rulers
         .iter()
-        .map(|Ruler { ends: [(a, at_a), (b, at_b)], meters }| (*a * depth(*at_a) - *b * depth(*at_b)).length() / meters)
+        .map(|Ruler { ends: [(a, at_a), (b, at_b)], meters }| {
+            (*a * depth(*at_a) - *b * depth(*at_b)).length() / meters
+        })
         .collect();
     let scale = ratios.iter().sum::<f64>() / ratios.iter().map(|r| r * r).sum::<f64>();
     let errors = || ratios.iter().map(|r| (scale * r - 1.0).abs());
@@ -201,7 +223,8 @@ fn best_span(given: f64, error: impl Fn(f64) -> f64) -> f64 {
     let (low, high) = ((TUNING.spans.0 - 1.0).ln(), (TUNING.spans.1 - 1.0).ln());
     let span = |u: f64| 1.0 + u.exp();
     let step = (high - low) / TUNING.grid_steps as f64;
-    let errors = (0..=TUNING.grid_steps).map(|i| low + step * i as f64).map(|u| (u, error(span(u))));
+    let errors =
+        (0..=TUNING.grid_steps).map(|i| low + step * i as f64).map(|u| (u, error(span(u))));
     let (middle, _) = errors.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a grid has points");
     let (mut a, mut b) = ((middle - step).max(low), (middle + step).min(high));
     let golden = 0.5 * (5f64.sqrt() - 1.0);
@@ -232,11 +255,9 @@ mod tests {
 
     /// A floor that runs from 1.5 m to 6 m below a wall at 6 m: 1 / z is linear down the picture.
     fn room() -> Plane<f32> {
-        Plane::from_fn(
-            SIZE.0,
-            SIZE.1,
-            |_, y| if y < 24 { 6.0 } else { 1.0 / (1.0 / 6.0 + 0.5 * (y - 24) as f32 / 23.0) },
-        )
+        Plane::from_fn(SIZE.0, SIZE.1, |_, y| {
+            if y < 24 { 6.0 } else { 1.0 / (1.0 / 6.0 + 0.5 * (y - 24) as f32 / 23.0) }
+        })
     }
 
     /// The room as the output of a network for relative depth.
@@ -246,7 +267,9 @@ mod tests {
 
     /// The true distance between two places of the photo.
     fn length(from: [f32; 2], to: [f32; 2]) -> KnownLength {
-        let point = |[x, y]: [f32; 2]| camera().unproject(x, y, room().get(x as usize / 10, y as usize / 10));
+        let point = |[x, y]: [f32; 2]| {
+            camera().unproject(x, y, room().get(x as usize / 10, y as usize / 10))
+        };
         KnownLength { from, to, meters: point(from).distance(point(to)) }
     }
 
@@ -255,14 +278,19 @@ mod tests {
     }
 
     fn worst(got: &Plane<f32>) -> f32 {
-        got.pixels().iter().zip(room().pixels()).map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f32::max)
+        got.pixels()
+            .iter()
+            .zip(room().pixels())
+            .map(|(a, b)| (a / b - 1.0).abs())
+            .fold(0.0, f32::max)
     }
 
     #[test]
     fn one_length_and_the_span_give_the_room() {
         let known = [length([100.0, 50.0], [400.0, 50.0])];
         for (a, b) in [(1.0, 0.0), (20.0, 3.0), (0.01, -0.5), (500.0, 1000.0)] {
-            let got = relative_depth(&told(a, b), &camera(), &known, span_of(&room())).expect("it can be solved");
+            let got = relative_depth(&told(a, b), &camera(), &known, span_of(&room()))
+                .expect("it can be solved");
             // Single precision of q, of which b may take digits.
             assert!(worst(&got.depth) < 1e-4, "{a} {b}: {}", worst(&got.depth));
             assert!(got.misfit < 1e-6);
@@ -273,9 +301,15 @@ mod tests {
     fn the_known_length_comes_out_whatever_the_span() {
         let known = length([320.0, 100.0], [300.5, 470.0]);
         for span in [1.2, 2.5, 10.0] {
-            let got = relative_depth(&told(3.0, 1.0), &camera(), &[known], span).expect("it can be solved").depth;
-            let point = |[x, y]: [f32; 2]| camera().unproject(x, y, got.get(x as usize / 10, y as usize / 10));
-            assert!((point(known.from).distance(point(known.to)) / known.meters - 1.0).abs() < 1e-4);
+            let got = relative_depth(&told(3.0, 1.0), &camera(), &[known], span)
+                .expect("it can be solved")
+                .depth;
+            let point = |[x, y]: [f32; 2]| {
+                camera().unproject(x, y, got.get(x as usize / 10, y as usize / 10))
+            };
+            assert!(
+                (point(known.from).distance(point(known.to)) / known.meters - 1.0).abs() < 1e-4
+            );
             assert!((span_of(&got) / span - 1.0).abs() < 1e-3);
         }
     }
@@ -283,15 +317,23 @@ mod tests {
     #[test]
     fn two_lengths_tell_the_span() {
         let known = [length([100.0, 50.0], [400.0, 50.0]), length([200.0, 460.0], [500.0, 460.0])];
-        let got = relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
-        assert!(worst(&got.depth) < 1e-4 && got.misfit < 1e-5, "{} {}", worst(&got.depth), got.misfit);
+        let got =
+            relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
+        assert!(
+            worst(&got.depth) < 1e-4 && got.misfit < 1e-5,
+            "{} {}",
+            worst(&got.depth),
+            got.misfit
+        );
         // On one wall they do not.
         let known = [length([100.0, 50.0], [400.0, 50.0]), length([100.0, 50.0], [100.0, 150.0])];
-        let got = relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
+        let got =
+            relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
         assert_eq!(got.span, Some(2.0));
         // Lengths that contradict each other are fitted as well as can be, with a large misfit.
         let twice = KnownLength { meters: 2.0 * known[0].meters, ..known[0] };
-        let got = relative_depth(&told(3.0, 1.0), &camera(), &[known[0], twice], 2.0).expect("it can be solved");
+        let got = relative_depth(&told(3.0, 1.0), &camera(), &[known[0], twice], 2.0)
+            .expect("it can be solved");
         assert!(got.misfit > 0.3);
     }
 
@@ -320,17 +362,24 @@ mod tests {
         let sound = length([100.0, 50.0], [400.0, 50.0]);
         let mut q = told(3.0, 0.0);
         q.set(0, 0, -50.0);
-        let message =
-            |length: KnownLength| relative_depth(&q, &camera(), &[sound, length], 4.0).expect_err("it is wrong");
+        let message = |length: KnownLength| {
+            relative_depth(&q, &camera(), &[sound, length], 4.0).expect_err("it is wrong")
+        };
         for (length, wanted) in [
-            (KnownLength { to: sound.from, ..sound }, "number 2: wanted two places, got (100, 50) twice"),
+            (
+                KnownLength { to: sound.from, ..sound },
+                "number 2: wanted two places, got (100, 50) twice",
+            ),
             (
                 KnownLength { to: [640.0, 1.0], ..sound },
                 "number 2: (640, 1) is outside the photo, wanted 0..640 and 0..480",
             ),
             (KnownLength { from: [-0.1, 1.0], ..sound }, "number 2: (-0.1, 1) is outside"),
             (KnownLength { meters: 0.0, ..sound }, "number 2: wanted 0.001 to 1000 m, got 0"),
-            (KnownLength { from: [5.0, 5.0], ..sound }, "number 2: an end is beyond the range of the network"),
+            (
+                KnownLength { from: [5.0, 5.0], ..sound },
+                "number 2: an end is beyond the range of the network",
+            ),
         ] {
             assert!(message(length).contains(wanted), "{}", message(length));
         }

@@ -25,7 +25,8 @@ mod tests {
     #[test]
     fn normals_face_the_camera_at_unit_length() {
         let camera = Camera::from_fov_x(8, 6, 60.0);
-        let given = Plane::from_fn(4, 3, |x, y| Vec3::new(x as f32 - 2.0, 0.5, 0.3) * (y as f32 - 1.0));
+        let given =
+            Plane::from_fn(4, 3, |x, y| Vec3::new(x as f32 - 2.0, 0.5, 0.3) * (y as f32 - 1.0));
         let normal = orient_normals(given.clone(), &camera).0;
         for y in 0..3 {
             for x in 0..4 {

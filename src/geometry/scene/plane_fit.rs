@@ -55,18 +55,21 @@ impl PlaneFit {
             let count = (0..points.len()).filter(|&j| supports(normal, offset, j)).count();
             (count, normal, offset)
         });
-        let (_, mut normal, mut offset) = best.fold((0, Vec3::ZERO, 0.0), |a, b| if b.0 > a.0 { b } else { a });
+        let (_, mut normal, mut offset) =
+            best.fold((0, Vec3::ZERO, 0.0), |a, b| if b.0 > a.0 { b } else { a });
         let mut spread = 0.0;
         let mut count = 0;
         for _ in 0..TUNING.means {
-            let inside: Vec<usize> = (0..points.len()).filter(|&i| supports(normal, offset, i)).collect();
+            let inside: Vec<usize> =
+                (0..points.len()).filter(|&i| supports(normal, offset, i)).collect();
             count = inside.len();
             if count < 3 {
                 return None;
             }
             normal = inside.iter().map(|&i| normals[i]).sum::<Vec3>().try_normalize()?;
             offset = inside.iter().map(|&i| normal.dot(points[i])).sum::<f32>() / count as f32;
-            let squares: f32 = inside.iter().map(|&i| (normal.dot(points[i]) - offset).powi(2)).sum();
+            let squares: f32 =
+                inside.iter().map(|&i| (normal.dot(points[i]) - offset).powi(2)).sum();
             spread = (squares / count as f32).sqrt();
         }
         let sign = if offset > 0.0 { -1.0 } else { 1.0 };
@@ -95,7 +98,8 @@ mod tests {
         let normal = Vec3::new(0.3, 0.1, 0.9).normalize();
         let mut points = Vec::new();
         for i in 0..200 {
-            let direction = Vec3::new((i % 20) as f32 / 20.0 - 0.5, (i / 20) as f32 / 20.0 - 0.25, -1.0);
+            let direction =
+                Vec3::new((i % 20) as f32 / 20.0 - 0.5, (i / 20) as f32 / 20.0 - 0.25, -1.0);
             points.push(direction * (-3.0 / normal.dot(direction)));
         }
         let mut normals = vec![normal; 200];
@@ -104,7 +108,10 @@ mod tests {
             normals[i] = Vec3::X;
         }
         let plane = PlaneFit::through(&points, &normals, 0.02).expect("a plane");
-        assert!(plane.normal.dot(normal) > 0.9999 && (plane.offset + 3.0).abs() < 1e-3, "{plane:?}");
+        assert!(
+            plane.normal.dot(normal) > 0.9999 && (plane.offset + 3.0).abs() < 1e-3,
+            "{plane:?}"
+        );
         let met = plane.meet(Vec3::new(0.1, 0.1, -1.0)).expect("in front");
         assert!((normal.dot(met) + 3.0).abs() < 1e-3);
         assert!(plane.meet(Vec3::Z).is_none());

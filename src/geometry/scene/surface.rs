@@ -89,11 +89,13 @@ pub fn surface(depth: &Depth, camera: &Camera) -> Surface {
     let (width, height) = depth.0.size();
     let inverse = depth.0.map(|z| 1.0 / z.clamp(TUNING.depth_range[0], TUNING.depth_range[1]));
     let noise = inverse_depth_noise(&inverse);
-    let fits: Vec<LocalPlane> =
-        per_pixel(width, height, |x, y| fit(&inverse, x, y, radius(camera.fx, noise, inverse.get(x, y)), noise));
+    let fits: Vec<LocalPlane> = per_pixel(width, height, |x, y| {
+        fit(&inverse, x, y, radius(camera.fx, noise, inverse.get(x, y)), noise)
+    });
     let smoothed: Vec<(Vec3, Vec3)> = per_pixel(width, height, |x, y| {
         let w = inverse.get(x, y);
-        let (normal, smooth) = vote(&inverse, &fits, camera, x, y, radius(camera.fx, noise, w), noise);
+        let (normal, smooth) =
+            vote(&inverse, &fits, camera, x, y, radius(camera.fx, noise, w), noise);
         let w = smooth.clamp(w - TUNING.smoothed * noise, w + TUNING.smoothed * noise).max(1e-6);
         (camera.pixel_point(x, y, 1.0 / w), normal)
     });
@@ -104,8 +106,16 @@ pub fn surface(depth: &Depth, camera: &Camera) -> Surface {
     }
 }
 
-fn per_pixel<T: Send>(width: usize, height: usize, value: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
-    (0..width * height).into_par_iter().with_min_len(width.max(1)).map(|i| value(i % width, i / width)).collect()
+fn per_pixel<T: Send>(
+    width: usize,
+    height: usize,
+    value: impl Fn(usize, usize) -> T + Sync,
+) -> Vec<T> {
+    (0..width * height)
+        .into_par_iter()
+        .with_min_len(width.max(1))
+        .map(|i| value(i % width, i / width))
+        .collect()
 }
 
 /// Standard deviation of the inverse depth, from second differences: zero on planes, sqrt(6) sigma
@@ -118,15 +128,23 @@ fn inverse_depth_noise(w: &Plane<f32>) -> f32 {
         for y in 0..height {
             for x in 0..width {
                 if x >= stride && x + stride < width {
-                    second.push((w.get(x - stride, y) - 2.0 * w.get(x, y) + w.get(x + stride, y)).abs());
+                    second.push(
+                        (w.get(x - stride, y) - 2.0 * w.get(x, y) + w.get(x + stride, y)).abs(),
+                    );
                 }
                 if y >= stride && y + stride < height {
-                    second.push((w.get(x, y - stride) - 2.0 * w.get(x, y) + w.get(x, y + stride)).abs());
+                    second.push(
+                        (w.get(x, y - stride) - 2.0 * w.get(x, y) + w.get(x, y + stride)).abs(),
+                    );
                 }
             }
         }
         let middle = second.len() / 2;
-        if second.is_empty() { 0.0 } else { *second.select_nth_unstable_by(middle, f32::total_cmp).1 }
+        if second.is_empty() {
+            0.0
+        } else {
+            *second.select_nth_unstable_by(middle, f32::total_cmp).1
+        }
     };
     let largest = [1, 2, 4].into_iter().map(median).fold(0.0, f32::max);
     let sigma = largest / (TUNING.noise_of_median * 6f32.sqrt());
@@ -154,7 +172,8 @@ fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) ->
     let mut plane = LocalPlane { at: center, dx: 0.0, dy: 0.0, residual: f32::INFINITY };
     for pass in 0..TUNING.passes {
         // Normal equations of (1, x, y), symmetric.
-        let (mut s, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
+        let (mut s, mut sx, mut sy, mut sxx, mut sxy, mut syy) =
+            (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
         let (mut b, mut bx, mut by, mut squares) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
         for y in window(y0, radius, height) {
             for x in window(x0, radius, width) {
@@ -258,8 +277,10 @@ mod tests {
             let truth = corner(camera, x, y).1;
             got.normal.0.get(x, y).cross(truth).length().atan2(got.normal.0.get(x, y).dot(truth))
         };
-        let sum: f32 =
-            (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x, y))).map(|(x, y)| angle(x, y)).sum();
+        let sum: f32 = (0..camera.height)
+            .flat_map(|y| (0..camera.width).map(move |x| (x, y)))
+            .map(|(x, y)| angle(x, y))
+            .sum();
         (sum / (camera.width * camera.height) as f32).to_degrees()
     }
 
@@ -270,14 +291,17 @@ mod tests {
         let got = surface(&depth, &camera);
         assert_eq!(got.noise, 0.0);
         assert!(mean_degrees(&camera, &got) < 0.2, "{}", mean_degrees(&camera, &got));
-        let moved = got.points.0.pixels().iter().zip(depth.0.pixels()).map(|(p, z)| (p.z + z).abs() / z);
+        let moved =
+            got.points.0.pixels().iter().zip(depth.0.pixels()).map(|(p, z)| (p.z + z).abs() / z);
         assert!(moved.fold(0.0, f32::max) < 1e-5, "exact depth is left as it is");
     }
 
     #[test]
     fn steps_of_four_centimeters_are_smoothed() {
         let camera = Camera::from_fov_x(160, 120, 60.0);
-        let depth = Depth(Plane::from_fn(160, 120, |x, y| (corner(&camera, x, y).0 / 0.039).round() * 0.039));
+        let depth = Depth(Plane::from_fn(160, 120, |x, y| {
+            (corner(&camera, x, y).0 / 0.039).round() * 0.039
+        }));
         let got = surface(&depth, &camera);
         // A plane through neighboring pixels would be off by 60 degrees at every step.
         assert!(mean_degrees(&camera, &got) < 6.0, "{}", mean_degrees(&camera, &got));
@@ -287,7 +311,8 @@ mod tests {
     fn normals_are_unit_and_face_the_camera_whatever_the_depth() {
         let strange = [1e-30, 1e30, 0.5, 2.0, 70.0, 1.0, f32::MIN_POSITIVE];
         for (width, height) in [(0, 0), (1, 1), (1, 7), (7, 1), (13, 9)] {
-            let depth = Depth(Plane::from_fn(width, height, |x, y| strange[(3 * x + 5 * y * y) % 7]));
+            let depth =
+                Depth(Plane::from_fn(width, height, |x, y| strange[(3 * x + 5 * y * y) % 7]));
             let camera = Camera { width, height, fx: 12.0, fy: 11.0, cx: 5.0, cy: 4.0 };
             let got = surface(&depth, &camera);
             for (n, p) in got.normal.0.pixels().iter().zip(got.points.0.pixels()) {

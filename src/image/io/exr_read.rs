@@ -11,7 +11,8 @@ use super::source::{NamedBytes, ReadError, not_one_of};
 use crate::image::Plane;
 
 /// Rec.709 primaries and D65, (x, y) of red, green, blue, white.
-pub(in crate::image) const REC709: [(f32, f32); 4] = [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)];
+pub(in crate::image) const REC709: [(f32, f32); 4] =
+    [(0.64, 0.33), (0.30, 0.60), (0.15, 0.06), (0.3127, 0.3290)];
 
 /// One channel of one part.
 struct PartChannel {
@@ -54,7 +55,8 @@ pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
         if header.deep {
             return Err(source.error("content", "flat pixels", "deep data"));
         }
-        let pixel: u64 = header.channels.list.iter().map(|c| c.sample_type.bytes_per_sample() as u64).sum();
+        let pixel: u64 =
+            header.channels.list.iter().map(|c| c.sample_type.bytes_per_sample() as u64).sum();
         let (width, height) = (header.layer_size.width() as u64, header.layer_size.height() as u64);
         source.check_size(width, height, pixel)?;
         total = total.saturating_add(width * height * pixel);
@@ -69,7 +71,11 @@ pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
         ));
     }
     if total > source.most {
-        return Err(source.error("size in the header", format!("at most {} bytes", source.most), total));
+        return Err(source.error(
+            "size in the header",
+            format!("at most {} bytes", source.most),
+            total,
+        ));
     }
     let warnings = warnings(&meta);
     let image = ::exr::prelude::read()
@@ -105,16 +111,22 @@ fn warnings(meta: &MetaData) -> Vec<String> {
     let mut warnings = Vec::new();
     let Some(header) = meta.headers.first() else { return warnings };
     if header.shared_attributes.chromaticities.is_some_and(|c| !is_rec709(&c)) {
-        warnings.push("its chromaticities are not those of Rec.709: its numbers count as Rec.709".into());
+        warnings.push(
+            "its chromaticities are not those of Rec.709: its numbers count as Rec.709".into(),
+        );
     }
     if header.data_window() != header.shared_attributes.display_window {
-        warnings.push("its data window is not its display window: the data window is the picture".into());
+        warnings.push(
+            "its data window is not its display window: the data window is the picture".into(),
+        );
     }
     warnings
 }
 
 fn is_rec709(c: &Chromaticities) -> bool {
-    let near = |got: ::exr::math::Vec2<f32>, (x, y): (f32, f32)| (got.0 - x).abs() < 2e-3 && (got.1 - y).abs() < 2e-3;
+    let near = |got: ::exr::math::Vec2<f32>, (x, y): (f32, f32)| {
+        (got.0 - x).abs() < 2e-3 && (got.1 - y).abs() < 2e-3
+    };
     [c.red, c.green, c.blue, c.white].into_iter().zip(REC709).all(|(got, wanted)| near(got, wanted))
 }
 
@@ -125,7 +137,11 @@ impl ExrFile {
 
     fn missing(&self, source: NamedBytes, wanted: &str) -> ReadError {
         let names: Vec<&str> = self.channels.iter().take(20).map(|c| c.name.as_str()).collect();
-        source.error("EXR channels", wanted, if names.is_empty() { "none".into() } else { names.join(" ") })
+        source.error(
+            "EXR channels",
+            wanted,
+            if names.is_empty() { "none".into() } else { names.join(" ") },
+        )
     }
 
     /// R, G, B; or the gray of Y, of Z or of R alone.
@@ -146,7 +162,8 @@ impl ExrFile {
     /// # Errors
     /// The file does not have these channels.
     pub(in crate::image) fn vectors(&self, source: NamedBytes) -> Result<Plane<Vec3>, ReadError> {
-        let vectors = [["X", "Y", "Z"], ["R", "G", "B"]].into_iter().find_map(|names| self.triple(names));
+        let vectors =
+            [["X", "Y", "Z"], ["R", "G", "B"]].into_iter().find_map(|names| self.triple(names));
         vectors.ok_or_else(|| self.missing(source, "X, Y and Z, or R, G and B"))
     }
 
@@ -157,7 +174,9 @@ impl ExrFile {
 
     /// The colors of a layer, or of the picture itself when `layer` is empty.
     pub fn rgb(&self, layer: &str) -> Option<Plane<Vec3>> {
-        let name = |channel: &str| if layer.is_empty() { channel.to_owned() } else { format!("{layer}.{channel}") };
+        let name = |channel: &str| {
+            if layer.is_empty() { channel.to_owned() } else { format!("{layer}.{channel}") }
+        };
         self.triple(["R", "G", "B"].map(name).each_ref().map(String::as_str))
     }
 
@@ -176,7 +195,9 @@ impl ExrFile {
         let [Some(a), Some(b), Some(c)] = names.map(|name| self.find(name)) else { return None };
         let same = |other: &PartChannel| (other.width, other.height) == (a.width, a.height);
         let (y, z) = (b.samples.values_as_f32(), c.samples.values_as_f32());
-        let data = || a.samples.values_as_f32().zip(y).zip(z).map(|((x, y), z)| Vec3::new(x, y, z)).collect();
+        let data = || {
+            a.samples.values_as_f32().zip(y).zip(z).map(|((x, y), z)| Vec3::new(x, y, z)).collect()
+        };
         (same(b) && same(c)).then(|| Plane::new(a.width, a.height, data()))
     }
 

@@ -7,7 +7,9 @@ use std::sync::Arc;
 use ::exr::math::Vec2;
 use ::exr::meta::attribute::{Chromaticities, Text};
 use ::exr::prelude::Layer as Part;
-use ::exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, LayerAttributes, WritableImage};
+use ::exr::prelude::{
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, LayerAttributes, WritableImage,
+};
 use glam::Vec3;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
@@ -66,7 +68,13 @@ const XYZ: [&str; 3] = ["X", "Y", "Z"];
 impl ExrLayers {
     /// A file of `width` x `height` pixels without channels.
     pub fn new(width: usize, height: usize) -> ExrLayers {
-        ExrLayers { width, height, channels: Vec::new(), comments: Vec::new(), kept_as_float: Vec::new() }
+        ExrLayers {
+            width,
+            height,
+            channels: Vec::new(),
+            comments: Vec::new(),
+            kept_as_float: Vec::new(),
+        }
     }
 
     /// A half-float color layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when
@@ -82,7 +90,11 @@ impl ExrLayers {
             self.kept_as_float.push((name.into(), largest(plane, |v| v.abs().max_element())));
         }
         for (axis, channel) in RGB.into_iter().enumerate() {
-            self.push(&format!("{name}.{channel}"), layer.size(), ChannelSamples::Of(layer.clone(), axis));
+            self.push(
+                &format!("{name}.{channel}"),
+                layer.size(),
+                ChannelSamples::Of(layer.clone(), axis),
+            );
         }
     }
 
@@ -145,7 +157,11 @@ impl ExrLayers {
 
     /// One single-precision channel.
     pub fn float(&mut self, name: &str, plane: &Plane<f32>) {
-        self.push(name, plane.size(), ChannelSamples::Flat(FlatSamples::F32(plane.pixels().to_vec())));
+        self.push(
+            name,
+            plane.size(),
+            ChannelSamples::Flat(FlatSamples::F32(plane.pixels().to_vec())),
+        );
     }
 
     fn push(&mut self, name: &str, size: (usize, usize), channel: ChannelSamples) {
@@ -169,8 +185,14 @@ impl ExrLayers {
         if compression == Compression::None {
             return self.uncompressed(channels).map_err(failed);
         }
-        let bytes: usize = channels.iter().map(|(_, channel)| channel.sample_bytes() * self.width * self.height).sum();
-        let image = self.image(channels.into_iter().map(|(name, channel)| (name, channel.samples())), compression);
+        let bytes: usize = channels
+            .iter()
+            .map(|(_, channel)| channel.sample_bytes() * self.width * self.height)
+            .sum();
+        let image = self.image(
+            channels.into_iter().map(|(name, channel)| (name, channel.samples())),
+            compression,
+        );
         // Room for everything at once: growing would copy megabytes, again and again.
         let mut file = Cursor::new(Vec::with_capacity(bytes + bytes / 16));
         image.write().to_buffered(&mut file).map_err(failed)?;
@@ -194,9 +216,15 @@ impl ExrLayers {
             comments: (!self.comments.is_empty()).then(|| text(&self.comments.join("\n"))),
             ..LayerAttributes::default()
         };
-        let channels =
-            AnyChannels::sort(channels.map(|(name, samples)| AnyChannel::new(text(&name), samples)).collect());
-        let mut image = Image::from_layer(Part::new((self.width, self.height), layer_attributes, encoding, channels));
+        let channels = AnyChannels::sort(
+            channels.map(|(name, samples)| AnyChannel::new(text(&name), samples)).collect(),
+        );
+        let mut image = Image::from_layer(Part::new(
+            (self.width, self.height),
+            layer_attributes,
+            encoding,
+            channels,
+        ));
         let [red, green, blue, white] = REC709.map(|(x, y)| Vec2(x, y));
         image.attributes.chromaticities = Some(Chromaticities { red, green, blue, white });
         image
@@ -205,17 +233,23 @@ impl ExrLayers {
     /// A file whose blocks are single rows, each the row of one channel after the other: made
     /// channel by channel, so that no channel is in memory beside the part of the file that holds
     /// it.
-    fn uncompressed(&self, mut channels: Vec<(String, ChannelSamples)>) -> ::exr::error::Result<Vec<u8>> {
+    fn uncompressed(
+        &self,
+        mut channels: Vec<(String, ChannelSamples)>,
+    ) -> ::exr::error::Result<Vec<u8>> {
         let described = channels.iter().map(|(name, channel)| (name.clone(), channel.described()));
         let headers = self.image(described, Compression::None).write().infer_meta_data();
         let mut head = Cursor::new(Vec::new());
         // The header and an empty table of offsets; the rows are ours.
-        match ::exr::block::write(&mut head, headers, true, |_, _| Err(::exr::error::Error::Aborted)) {
+        match ::exr::block::write(&mut head, headers, true, |_, _| {
+            Err(::exr::error::Error::Aborted)
+        }) {
             Err(::exr::error::Error::Aborted) => {}
             other => other?,
         }
         let head = head.into_inner();
-        let row: usize = channels.iter().map(|(_, channel)| channel.sample_bytes() * self.width).sum();
+        let row: usize =
+            channels.iter().map(|(_, channel)| channel.sample_bytes() * self.width).sum();
         let block = ROW_HEAD + row;
         let mut file = vec![0; head.len() + block * self.height];
         let (front, rows) = file.split_at_mut(head.len());
@@ -263,10 +297,12 @@ impl ChannelSamples {
         match self {
             ChannelSamples::Flat(samples) => samples,
             ChannelSamples::Of(layer, axis) => match &*layer {
-                Layer::Half(plane) => {
-                    FlatSamples::F16(plane.pixels().iter().map(|pixel| f16::from_bits(pixel[axis])).collect())
+                Layer::Half(plane) => FlatSamples::F16(
+                    plane.pixels().iter().map(|pixel| f16::from_bits(pixel[axis])).collect(),
+                ),
+                Layer::Float(plane) => {
+                    FlatSamples::F32(plane.pixels().iter().map(|pixel| pixel[axis]).collect())
                 }
-                Layer::Float(plane) => FlatSamples::F32(plane.pixels().iter().map(|pixel| pixel[axis]).collect()),
             },
         }
     }
@@ -283,12 +319,22 @@ impl ChannelSamples {
             }
         }
         match self {
-            ChannelSamples::Flat(FlatSamples::F16(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
-            ChannelSamples::Flat(FlatSamples::F32(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
-            ChannelSamples::Flat(FlatSamples::U32(samples)) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
+            ChannelSamples::Flat(FlatSamples::F16(samples)) => {
+                put(bytes, &samples[from..], |v| v.to_le_bytes())
+            }
+            ChannelSamples::Flat(FlatSamples::F32(samples)) => {
+                put(bytes, &samples[from..], |v| v.to_le_bytes())
+            }
+            ChannelSamples::Flat(FlatSamples::U32(samples)) => {
+                put(bytes, &samples[from..], |v| v.to_le_bytes())
+            }
             ChannelSamples::Of(layer, axis) => match &**layer {
-                Layer::Half(plane) => put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes()),
-                Layer::Float(plane) => put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes()),
+                Layer::Half(plane) => {
+                    put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes())
+                }
+                Layer::Float(plane) => {
+                    put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes())
+                }
             },
         }
     }
@@ -298,7 +344,11 @@ fn largest<T: Copy>(plane: &Plane<T>, magnitude: impl Fn(T) -> f32) -> f32 {
     plane.pixels().iter().map(|&v| magnitude(v)).fold(0.0, f32::max)
 }
 
-fn samples<T: Copy + Sync>(plane: &Plane<T>, number: impl Fn(T) -> f32, float: bool) -> FlatSamples {
+fn samples<T: Copy + Sync>(
+    plane: &Plane<T>,
+    number: impl Fn(T) -> f32,
+    float: bool,
+) -> FlatSamples {
     if float {
         return FlatSamples::F32(plane.pixels().iter().map(|&v| number(v)).collect());
     }
@@ -339,9 +389,18 @@ mod tests {
         let channels = std::mem::take(&mut of_crate.channels).into_iter();
         let samples = channels.map(|(name, channel)| (name, channel.samples()));
         let mut file = Cursor::new(Vec::new());
-        of_crate.image(samples, Compression::None).write().to_buffered(&mut file).expect("the channels are sound");
+        of_crate
+            .image(samples, Compression::None)
+            .write()
+            .to_buffered(&mut file)
+            .expect("the channels are sound");
         let ours = layers();
-        assert_eq!(ours.kept_as_float().iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["light_a"]);
-        assert!(ours.write(Compression::None).expect("the channels are sound") == file.into_inner());
+        assert_eq!(
+            ours.kept_as_float().iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(),
+            ["light_a"]
+        );
+        assert!(
+            ours.write(Compression::None).expect("the channels are sound") == file.into_inner()
+        );
     }
 }

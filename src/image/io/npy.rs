@@ -16,14 +16,27 @@ const MAX_HEADER: usize = 1024;
 fn header<'a>(source: NamedBytes<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError> {
     let bad = |e: std::io::Error| source.error("NPY header", "a valid header", e);
     if source.bytes.len() < PREFIX {
-        return Err(source.error("NPY header", "a valid header", format!("{} bytes", source.bytes.len())));
+        return Err(source.error(
+            "NPY header",
+            "a valid header",
+            format!("{} bytes", source.bytes.len()),
+        ));
     }
     let length = match source.bytes[6] {
         1 => u32::from(u16::from_le_bytes([source.bytes[8], source.bytes[9]])),
-        _ => u32::from_le_bytes([source.bytes[8], source.bytes[9], source.bytes[10], source.bytes[11]]),
+        _ => u32::from_le_bytes([
+            source.bytes[8],
+            source.bytes[9],
+            source.bytes[10],
+            source.bytes[11],
+        ]),
     };
     if length as usize > MAX_HEADER {
-        return Err(source.error("NPY header", format!("at most {MAX_HEADER} bytes"), format!("{length} bytes")));
+        return Err(source.error(
+            "NPY header",
+            format!("at most {MAX_HEADER} bytes"),
+            format!("{length} bytes"),
+        ));
     }
     let mut data = source.bytes;
     let header = NpyHeader::from_reader(&mut data).map_err(bad)?;
@@ -38,7 +51,10 @@ fn header<'a>(source: NamedBytes<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError
 ///
 /// # Errors
 /// The file does not hold such an array.
-pub fn read_maps(source: NamedBytes, directions: [usize; 2]) -> Result<(usize, usize, Vec<Vec3>), ReadError> {
+pub fn read_maps(
+    source: NamedBytes,
+    directions: [usize; 2],
+) -> Result<(usize, usize, Vec<Vec3>), ReadError> {
     if !source.bytes.starts_with(b"\x93NUMPY") {
         return Err(source.error("file format", "maps of directions: NPY", "another one"));
     }
@@ -53,7 +69,11 @@ pub fn read_maps(source: NamedBytes, directions: [usize; 2]) -> Result<(usize, u
     };
     if [t, p] != [thetas, phis] {
         let got = format!("{:?}", header.shape());
-        return Err(source.error("NPY shape", format!("(rows, columns, {thetas}, {phis}, 3)"), got));
+        return Err(source.error(
+            "NPY shape",
+            format!("(rows, columns, {thetas}, {phis}, 3)"),
+            got,
+        ));
     }
     source.check_size(columns.saturating_mul(t * p), rows, 12)?;
     let dtype = header.dtype().descr();
@@ -77,19 +97,28 @@ pub(in crate::image) fn read(source: NamedBytes) -> Result<Plane<f32>, ReadError
     source.check_size(width, height, 8)?;
     let dtype = header.dtype();
     let file = NpyFile::with_header(header, data);
-    let cut = |e: std::io::Error| source.error("NPY data", format!("{height} x {width} numbers"), e);
+    let cut =
+        |e: std::io::Error| source.error("NPY data", format!("{height} x {width} numbers"), e);
     let file = match file.try_data::<f32>() {
         Ok(values) => return plane(width, height, values.collect::<Result<_, _>>().map_err(cut)?),
         Err(file) => file,
     };
     let file = match file.try_data::<f64>() {
         Ok(values) => {
-            return plane(width, height, values.map(|v| v.map(|v| v as f32)).collect::<Result<_, _>>().map_err(cut)?);
+            return plane(
+                width,
+                height,
+                values.map(|v| v.map(|v| v as f32)).collect::<Result<_, _>>().map_err(cut)?,
+            );
         }
         Err(file) => file,
     };
     match file.try_data::<u16>() {
-        Ok(values) => plane(width, height, values.map(|v| v.map(f32::from)).collect::<Result<_, _>>().map_err(cut)?),
+        Ok(values) => plane(
+            width,
+            height,
+            values.map(|v| v.map(f32::from)).collect::<Result<_, _>>().map_err(cut)?,
+        ),
         Err(_) => Err(source.error("NPY numbers", "f4, f8 or u2", dtype.descr())),
     }
 }

@@ -31,7 +31,9 @@ impl PngSamples {
         let stored = |linear: f32| (transfer.encode(linear).clamp(0.0, 1.0) * top).round();
         let size = if sixteen_bit { 6 } else { 3 };
         let mut bytes = vec![0; size * picture.0.len()];
-        let pixels = bytes.par_chunks_mut(size * width.max(1)).zip(picture.0.pixels().par_chunks(width.max(1)));
+        let pixels = bytes
+            .par_chunks_mut(size * width.max(1))
+            .zip(picture.0.pixels().par_chunks(width.max(1)));
         pixels.for_each(|(bytes, row)| {
             for (bytes, color) in bytes.chunks_exact_mut(size).zip(row) {
                 let color = color.to_array().map(stored);
@@ -48,7 +50,8 @@ impl PngSamples {
     /// The bytes of the PNG file.
     #[expect(clippy::missing_panics_doc, reason = "the buffer has the size of the picture")]
     pub fn into_file(self) -> Vec<u8> {
-        let color = if self.sixteen_bit { ExtendedColorType::Rgb16 } else { ExtendedColorType::Rgb8 };
+        let color =
+            if self.sixteen_bit { ExtendedColorType::Rgb16 } else { ExtendedColorType::Rgb8 };
         let mut file = Cursor::new(Vec::new());
         PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
             .write_image(&self.bytes, self.width as u32, self.height as u32, color)

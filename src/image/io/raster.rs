@@ -72,7 +72,8 @@ impl Raster {
     ) {
         for p in values.chunks_exact(self.channels) {
             let rgb = if self.channels < 3 { [p[0]; 3] } else { [p[0], p[1], p[2]] };
-            let alpha = if self.channels.is_multiple_of(2) { alpha(p[self.channels - 1]) } else { 1.0 };
+            let alpha =
+                if self.channels.is_multiple_of(2) { alpha(p[self.channels - 1]) } else { 1.0 };
             take(Vec3::from_array(rgb.map(&color)), alpha);
         }
     }
@@ -120,8 +121,12 @@ impl Raster {
 ///
 /// # Errors
 /// The content is not a valid file of `format`, or exceeds the limits of `source`.
-pub(in crate::image) fn decode_raster(source: NamedBytes, format: ImageFormat) -> Result<Raster, ReadError> {
-    let bad = |e: ::image::ImageError| source.error("content", format!("a valid {format:?} file"), e);
+pub(in crate::image) fn decode_raster(
+    source: NamedBytes,
+    format: ImageFormat,
+) -> Result<Raster, ReadError> {
+    let bad =
+        |e: ::image::ImageError| source.error("content", format!("a valid {format:?} file"), e);
     let mut limits = Limits::default();
     // Beside the pixels, room for tables and metadata.
     limits.max_alloc = Some(source.most.saturating_add(16 << 20).min(MAX_BYTES));
@@ -147,7 +152,13 @@ pub(in crate::image) fn decode_raster(source: NamedBytes, format: ImageFormat) -
         DynamicImage::ImageRgba16(image) => Samples::Sixteen(image.into_raw()),
         DynamicImage::ImageRgb32F(image) => Samples::Float(image.into_raw()),
         DynamicImage::ImageRgba32F(image) => Samples::Float(image.into_raw()),
-        _ => return Err(source.error("pixels", "gray or RGB, 8 or 16 bits or float", format!("{color:?}"))),
+        _ => {
+            return Err(source.error(
+                "pixels",
+                "gray or RGB, 8 or 16 bits or float",
+                format!("{color:?}"),
+            ));
+        }
     };
     let channels = usize::from(color.channel_count());
     Ok(Raster { width, height, channels, samples })

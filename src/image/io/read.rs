@@ -58,7 +58,9 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
             let raster = decode_raster(source, image_format(kind))?;
             let bits = raster.bits();
             if raster.is_transparent() {
-                warnings.push("the photo is transparent in places: its alpha channel is left out".into());
+                warnings.push(
+                    "the photo is transparent in places: its alpha channel is left out".into(),
+                );
             }
             match bits {
                 Bits::Float => {
@@ -68,7 +70,8 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
                 }
                 Bits::Eight | Bits::Sixteen => {
                     let top = if bits == Bits::Eight { 253.5 / 255.0 } else { 65534.5 / 65535.0 };
-                    let clipped = raster.numbers(|c, _| if c.max_element() > top { 1.0 } else { 0.0 });
+                    let clipped =
+                        raster.numbers(|c, _| if c.max_element() > top { 1.0 } else { 0.0 });
                     (raster.colors(|v| transfer.decode(v)), clipped, bits)
                 }
             }
@@ -77,7 +80,11 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
     };
     if let Some(at) = picture.pixels().iter().position(|c| !c.is_finite()) {
         let (x, y) = (at % picture.width(), at / picture.width());
-        return Err(source.error("pixels", "finite numbers", format!("{} at ({x}, {y})", picture.get(x, y))));
+        return Err(source.error(
+            "pixels",
+            "finite numbers",
+            format!("{} at ({x}, {y})", picture.get(x, y)),
+        ));
     }
     Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, warnings })
 }
@@ -140,7 +147,9 @@ pub fn read_mask(source: NamedBytes) -> Result<Mask, ReadError> {
         _ => 0.0,
     };
     match format(source) {
-        Some(FileFormat::Exr) => Ok(Mask(exr_read::read(source)?.colors(source)?.map(|c| share(c, 1.0)))),
+        Some(FileFormat::Exr) => {
+            Ok(Mask(exr_read::read(source)?.colors(source)?.map(|c| share(c, 1.0))))
+        }
         Some(kind @ (FileFormat::Png | FileFormat::Jpeg)) => {
             Ok(Mask(decode_raster(source, image_format(kind))?.numbers(share)))
         }
@@ -151,7 +160,12 @@ pub fn read_mask(source: NamedBytes) -> Result<Mask, ReadError> {
 /// Saturation of a float file; see [`read_photo`].
 fn plateau(picture: &Plane<Vec3>) -> Plane<f32> {
     let top = picture.pixels().iter().map(|c| c.max_element()).fold(0.0, f32::max);
-    let clipped = picture.map(|c| if top > 0.0 && c.max_element() >= 0.999 * top { 1.0 } else { 0.0 });
+    let clipped =
+        picture.map(|c| if top > 0.0 && c.max_element() >= 0.999 * top { 1.0 } else { 0.0 });
     let count = clipped.pixels().iter().filter(|&&m| m > 0.0).count();
-    if count >= 16.max(picture.len() / 10_000) && count <= picture.len() / 2 { clipped } else { clipped.map(|_| 0.0) }
+    if count >= 16.max(picture.len() / 10_000) && count <= picture.len() / 2 {
+        clipped
+    } else {
+        clipped.map(|_| 0.0)
+    }
 }

@@ -56,26 +56,43 @@ impl<'a> NamedBytes<'a> {
     }
 
     /// Creates an error about the part `what` of this file.
-    pub(in crate::image) fn error(&self, what: &str, wanted: impl ToString, got: impl ToString) -> ReadError {
-        ReadError { file: self.name.into(), what: what.into(), wanted: wanted.to_string(), got: got.to_string() }
+    pub(in crate::image) fn error(
+        &self,
+        what: &str,
+        wanted: impl ToString,
+        got: impl ToString,
+    ) -> ReadError {
+        ReadError {
+            file: self.name.into(),
+            what: what.into(),
+            wanted: wanted.to_string(),
+            got: got.to_string(),
+        }
     }
 
     /// Holds a size from a header against the caps, before anything is allocated for it.
     ///
     /// # Errors
     /// The size is zero or exceeds a limit.
-    pub(in crate::image) fn check_size(&self, width: u64, height: u64, bytes_per_pixel: u64) -> Result<(), ReadError> {
+    pub(in crate::image) fn check_size(
+        &self,
+        width: u64,
+        height: u64,
+        bytes_per_pixel: u64,
+    ) -> Result<(), ReadError> {
         let pixels = width.saturating_mul(height);
         let got = format!("{width} x {height} at {bytes_per_pixel} bytes a pixel");
         if pixels == 0 {
             return Err(self.error("size in the header", "at least one pixel", got));
         }
         if pixels > MAX_PIXELS || pixels.saturating_mul(bytes_per_pixel) > self.most {
-            let wanted = format!("at most {} megapixels and {} MiB", MAX_PIXELS >> 20, self.most >> 20);
+            let wanted =
+                format!("at most {} megapixels and {} MiB", MAX_PIXELS >> 20, self.most >> 20);
             return Err(self.error("size in the header", wanted, got));
         }
         if pixels > MAX_PIXELS_PER_BYTE * self.bytes.len() as u64 {
-            let wanted = format!("no more pixels than a file of {} bytes can hold", self.bytes.len());
+            let wanted =
+                format!("no more pixels than a file of {} bytes can hold", self.bytes.len());
             return Err(self.error("size in the header", wanted, got));
         }
         Ok(())
@@ -109,7 +126,10 @@ pub(in crate::image) fn not_one_of(source: NamedBytes, wanted: &str) -> ReadErro
     let got = match format(source) {
         Some(format) => format!("{format:?}"),
         None if source.bytes.is_empty() => "an empty file".into(),
-        None => format!("an unknown format (first bytes {:02x?})", &source.bytes[..source.bytes.len().min(8)]),
+        None => format!(
+            "an unknown format (first bytes {:02x?})",
+            &source.bytes[..source.bytes.len().min(8)]
+        ),
     };
     source.error("file format", wanted, got)
 }

@@ -31,7 +31,11 @@ impl Div<f32> for Gloss {
     type Output = Gloss;
 
     fn div(self, by: f32) -> Gloss {
-        Gloss { roughness: self.roughness / by, specular: self.specular / by, metallic: self.metallic / by }
+        Gloss {
+            roughness: self.roughness / by,
+            specular: self.specular / by,
+            metallic: self.metallic / by,
+        }
     }
 }
 

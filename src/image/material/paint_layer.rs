@@ -65,7 +65,8 @@ impl PaintChange {
     }
 
     fn textured(&self, b: Vec3) -> Vec3 {
-        let (a_a, a_1, one_1) = (self.old.length_squared(), self.old.element_sum(), 3.0 + TUNING.gloss);
+        let (a_a, a_1, one_1) =
+            (self.old.length_squared(), self.old.element_sum(), 3.0 + TUNING.gloss);
         let (a_b, one_b) = (self.old.dot(b), b.element_sum());
         let gloss = (a_a * one_b - a_1 * a_b) / (a_a * one_1 - a_1 * a_1);
         let gloss = gloss.clamp(0.0, b.min_element().max(0.0));
@@ -100,7 +101,10 @@ impl AlphaMatte {
     /// Color of the surface alone at pixel (x, y), where the pixel is mixed.
     fn own(&self, x: usize, y: usize) -> Option<Vec3> {
         let at = (y * self.alpha.width() + x) as u32;
-        self.boundary.binary_search_by_key(&at, |(pixel, _)| *pixel).ok().map(|i| Vec3::from_array(self.boundary[i].1))
+        self.boundary
+            .binary_search_by_key(&at, |(pixel, _)| *pixel)
+            .ok()
+            .map(|i| Vec3::from_array(self.boundary[i].1))
     }
 }
 
@@ -125,8 +129,14 @@ impl PaintLayers {
 
     /// The layers on pixel (x, y).
     pub fn at(&self, x: usize, y: usize) -> PaintedPixel<'_> {
-        let on = self.0.iter().map(|layer| (layer.matte.alpha.get(x, y), layer)).filter(|(share, _)| *share > 0.0);
-        PaintedPixel(on.map(|(share, layer)| (share, &layer.paint, layer.matte.own(x, y))).collect())
+        let on = self
+            .0
+            .iter()
+            .map(|layer| (layer.matte.alpha.get(x, y), layer))
+            .filter(|(share, _)| *share > 0.0);
+        PaintedPixel(
+            on.map(|(share, layer)| (share, &layer.paint, layer.matte.own(x, y))).collect(),
+        )
     }
 }
 
@@ -153,7 +163,9 @@ impl PaintedPixel<'_> {
     pub fn tint(&self, light: Vec3, source: Vec3) -> Vec3 {
         let source = source / luminance(source).max(1e-9);
         let white = source.max(Vec3::splat(TUNING.min_source));
-        self.0.iter().fold(light, |below, &(share, paint, _)| below.lerp(paint.tint(light / white) * white, share))
+        self.0.iter().fold(light, |below, &(share, paint, _)| {
+            below.lerp(paint.tint(light / white) * white, share)
+        })
     }
 }
 
@@ -185,7 +197,11 @@ mod tests {
 
     #[test]
     fn the_mean_of_a_texture_is_the_new_paint() {
-        let spots = [Vec3::new(0.05, 0.02, -0.01), Vec3::new(-0.08, -0.03, 0.0), Vec3::new(0.03, 0.01, 0.01)];
+        let spots = [
+            Vec3::new(0.05, 0.02, -0.01),
+            Vec3::new(-0.08, -0.03, 0.0),
+            Vec3::new(0.03, 0.01, 0.01),
+        ];
         let old = Vec3::splat(0.4);
         let mean = spots.iter().map(|&spot| paint(old, true).over(old + spot)).sum::<Vec3>() / 3.0;
         // Wiener's filter takes 0.02^2 / 0.4^2 of the color of the texture, whose mean is 0.

@@ -63,7 +63,12 @@ impl SpecularEdit {
 
     /// Lays new values over those that are there, on the fraction `share` of each photo pixel;
     /// `None` keeps a value. `was` is the roughness before the edit.
-    pub fn lay(&mut self, share: &Plane<f32>, [roughness, specular]: [Option<f32>; 2], was: &Roughness) {
+    pub fn lay(
+        &mut self,
+        share: &Plane<f32>,
+        [roughness, specular]: [Option<f32>; 2],
+        was: &Roughness,
+    ) {
         if self.share.is_empty() {
             let (w, h) = share.size();
             *self = SpecularEdit {
@@ -73,13 +78,16 @@ impl SpecularEdit {
             };
             self.gloss = Plane::from_fn(w, h, |x, y| self.before(x, y));
         }
-        let values = self.share.pixels_mut().iter_mut().zip(self.gloss.pixels_mut()).zip(share.pixels());
+        let values =
+            self.share.pixels_mut().iter_mut().zip(self.gloss.pixels_mut()).zip(share.pixels());
         for ((covered, gloss), &share) in values.filter(|(_, share)| **share > 0.0) {
             // In a pixel that it shares with the photo's surface, the new one has its own finish,
             // not a mean.
             let part = if *covered > 0.0 { share } else { 1.0 };
             for (value, new) in gloss.iter_mut().zip([roughness, specular]) {
-                *value = new.map_or(*value, |new| if part < 1.0 { *value + part * (new - *value) } else { new });
+                *value = new.map_or(*value, |new| {
+                    if part < 1.0 { *value + part * (new - *value) } else { new }
+                });
             }
             *covered = 1.0 - (1.0 - *covered) * (1.0 - share);
         }

@@ -47,14 +47,19 @@ impl Texture {
             _ => return Err(not_one_of(source, "a texture: PNG, JPEG, HDR or EXR")),
         };
         if raster.is_transparent() {
-            warnings.push("the photo is transparent in places: its alpha channel is left out".into());
+            warnings
+                .push("the photo is transparent in places: its alpha channel is left out".into());
         }
         if let Samples::Float(values) = &raster.samples
             && let Some(at) = values.iter().position(|v| !v.is_finite())
         {
             let pixel = at / raster.channels;
             let (x, y) = (pixel % raster.width, pixel / raster.width);
-            return Err(source.error("pixels", "finite numbers", format!("{} at ({x}, {y})", values[at])));
+            return Err(source.error(
+                "pixels",
+                "finite numbers",
+                format!("{} at ({x}, {y})", values[at]),
+            ));
         }
         let decoded = |v: u8| Transfer::Srgb.decode(f32::from(v) / 255.0);
         let eight = matches!(raster.samples, Samples::Eight(_));
@@ -88,7 +93,11 @@ impl Texture {
             Samples::Sixteen(values) => decode(f32::from(values[i]) / 65535.0),
             Samples::Float(values) => values[i],
         };
-        if channels < 3 { Vec3::splat(sample(first)) } else { Vec3::from_array([0, 1, 2].map(|k| sample(first + k))) }
+        if channels < 3 {
+            Vec3::splat(sample(first))
+        } else {
+            Vec3::from_array([0, 1, 2].map(|k| sample(first + k)))
+        }
     }
 }
 
@@ -100,13 +109,17 @@ mod tests {
     /// Each texel is bit for bit the pixel that a photo of the same file has.
     #[test]
     fn texels_are_the_pixels_of_a_photo() {
-        let plane = Plane::from_fn(9, 7, |x, y| Vec3::new(0.1 * x as f32, 0.13 * y as f32, 0.011 * (x * y) as f32));
+        let plane = Plane::from_fn(9, 7, |x, y| {
+            Vec3::new(0.1 * x as f32, 0.13 * y as f32, 0.011 * (x * y) as f32)
+        });
         let mut files = vec![
             write_png(&Picture(plane.clone()), Transfer::Srgb, false),
             write_png(&Picture(plane.clone()), Transfer::Srgb, true),
         ];
         for image in [
-            image::DynamicImage::ImageLuma8(image::GrayImage::from_fn(5, 4, |x, y| image::Luma([(40 * x + y) as u8]))),
+            image::DynamicImage::ImageLuma8(image::GrayImage::from_fn(5, 4, |x, y| {
+                image::Luma([(40 * x + y) as u8])
+            })),
             image::DynamicImage::ImageRgba8(image::RgbaImage::from_fn(5, 4, |x, y| {
                 image::Rgba([(40 * x) as u8, (50 * y) as u8, 200, (x * y) as u8])
             })),
@@ -124,7 +137,11 @@ mod tests {
                 let (w, h) = photo.picture.0.size();
                 assert_eq!(texture.size(), (w, h));
                 for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
-                    assert_eq!(texture.get(x, y, srgb), photo.picture.0.get(x, y), "{srgb} ({x}, {y})");
+                    assert_eq!(
+                        texture.get(x, y, srgb),
+                        photo.picture.0.get(x, y),
+                        "{srgb} ({x}, {y})"
+                    );
                 }
             }
         }
@@ -146,7 +163,12 @@ mod tests {
         let bytes = write_png(&Picture(Plane::filled(64, 32, Vec3::ONE)), Transfer::Srgb, false);
         let (texture, _) = Texture::read(NamedBytes::new("a.png", &bytes), 64 * 32 * 3).unwrap();
         assert_eq!(texture.bytes(), 64 * 32 * 3);
-        let told = Texture::read(NamedBytes::new("a.png", &bytes[..60]), 64 * 32 * 3 - 1).unwrap_err().to_string();
-        assert!(told.contains("size in the header") && told.contains("64 x 32 at 3 bytes"), "{told}");
+        let told = Texture::read(NamedBytes::new("a.png", &bytes[..60]), 64 * 32 * 3 - 1)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            told.contains("size in the header") && told.contains("64 x 32 at 3 bytes"),
+            "{told}"
+        );
     }
 }

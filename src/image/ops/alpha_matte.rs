@@ -43,14 +43,16 @@ pub fn alpha_matte(mask: &Plane<f32>, photo: &Picture) -> AlphaMatte {
     let reach = TUNING.reach * band;
     let around = |x: usize, y: usize, by: usize| {
         let xs = x.saturating_sub(by)..(x + by + 1).min(w);
-        (y.saturating_sub(by)..(y + by + 1).min(h)).flat_map(move |y| xs.clone().map(move |x| (x, y)))
+        (y.saturating_sub(by)..(y + by + 1).min(h))
+            .flat_map(move |y| xs.clone().map(move |x| (x, y)))
     };
     let whole = |share: f32| !(TUNING.whole..=1.0 - TUNING.whole).contains(&share);
     let at_edge = |x: usize, y: usize| {
         let own = mask.get(x, y);
         !whole(own) || around(x, y, band).any(|(x, y)| (mask.get(x, y) > 0.5) != (own > 0.5))
     };
-    let rows: Vec<Vec<bool>> = (0..h).into_par_iter().map(|y| (0..w).map(|x| at_edge(x, y)).collect()).collect();
+    let rows: Vec<Vec<bool>> =
+        (0..h).into_par_iter().map(|y| (0..w).map(|x| at_edge(x, y)).collect()).collect();
     let edge = Plane::new(w, h, rows.concat());
 
     let mut alpha = mask.map(|share| if whole(share) { share.round() } else { share });
@@ -58,15 +60,18 @@ pub fn alpha_matte(mask: &Plane<f32>, photo: &Picture) -> AlphaMatte {
     for i in (0..w * h).filter(|&i| edge.pixels()[i]) {
         let (x, y) = (i % w, i / w);
         let mean = |inside: bool| -> Option<Vec3> {
-            let sure = around(x, y, reach).filter(|&(x, y)| !edge.get(x, y) && (mask.get(x, y) > 0.5) == inside);
-            let (sum, count) = sure.fold((Vec3::ZERO, 0.0), |(sum, n), (x, y)| (sum + photo.0.get(x, y), n + 1.0));
+            let sure = around(x, y, reach)
+                .filter(|&(x, y)| !edge.get(x, y) && (mask.get(x, y) > 0.5) == inside);
+            let (sum, count) =
+                sure.fold((Vec3::ZERO, 0.0), |(sum, n), (x, y)| (sum + photo.0.get(x, y), n + 1.0));
             (count > 0.0).then(|| sum / count)
         };
         // A surface too thin to be seen alone is believed to fill its pixels.
         let Some(own) = mean(true) else { continue };
         let given = mask.get(x, y);
-        let found = mean(false)
-            .filter(|other| whole(given) && { (own - other).length() > TUNING.different * (own + other).length() });
+        let found = mean(false).filter(|other| {
+            whole(given) && { (own - other).length() > TUNING.different * (own + other).length() }
+        });
         let part = found.map_or(given, |other| {
             let way = own - other;
             ((photo.0.get(x, y) - other).dot(way) / way.length_squared()).clamp(0.0, 1.0)
@@ -95,13 +100,25 @@ mod tests {
     #[test]
     fn the_share_of_a_mixed_pixel_is_found_wherever_the_hard_mask_ends() {
         for end in [8, 9] {
-            let found = alpha_matte(&Plane::from_fn(16, 9, |x, _| if x < end { 1.0 } else { 0.0 }), &photo());
+            let found = alpha_matte(
+                &Plane::from_fn(16, 9, |x, _| if x < end { 1.0 } else { 0.0 }),
+                &photo(),
+            );
             for x in 0..16 {
                 let want = (8.3 - x as f32).clamp(0.0, 1.0);
-                assert!((found.alpha.get(x, 4) - want).abs() < 1e-3, "{x}: {}", found.alpha.get(x, 4));
+                assert!(
+                    (found.alpha.get(x, 4) - want).abs() < 1e-3,
+                    "{x}: {}",
+                    found.alpha.get(x, 4)
+                );
             }
             assert_eq!(found.boundary.len(), 9, "one pixel of each row");
-            assert!(found.boundary.iter().all(|(i, own)| i % 16 == 8 && Vec3::from_array(*own).distance(WALL) < 1e-5));
+            assert!(
+                found
+                    .boundary
+                    .iter()
+                    .all(|(i, own)| i % 16 == 8 && Vec3::from_array(*own).distance(WALL) < 1e-5)
+            );
         }
     }
 

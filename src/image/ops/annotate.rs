@@ -20,9 +20,13 @@ pub fn annotate(picture: &mut Plane<Vec3>, mask: &Plane<bool>, name: &str, color
     };
     let reach = scale as isize;
     let (mut left, mut top) = (w, h);
-    for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| mask.get(x, y)) {
+    for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| mask.get(x, y))
+    {
         (left, top) = (left.min(x), top.min(y));
-        if [(-reach, 0), (reach, 0), (0, -reach), (0, reach)].iter().any(|&(dx, dy)| outside(x, y, dx, dy)) {
+        if [(-reach, 0), (reach, 0), (0, -reach), (0, reach)]
+            .iter()
+            .any(|&(dx, dy)| outside(x, y, dx, dy))
+        {
             picture.set(x, y, color);
         }
     }
@@ -35,7 +39,9 @@ pub fn annotate(picture: &mut Plane<Vec3>, mask: &Plane<bool>, name: &str, color
     for (x, y) in (0..height.min(h)).flat_map(|y| (0..width.min(w)).map(move |x| (x, y))) {
         let (column, row) = (x / scale, y / scale);
         let letter = name.as_bytes().get(column.wrapping_sub(1) / 6).copied();
-        let dot = column > 0 && row > 0 && letter.is_some_and(|letter| lit(letter, (column - 1) % 6, row - 1));
+        let dot = column > 0
+            && row > 0
+            && letter.is_some_and(|letter| lit(letter, (column - 1) % 6, row - 1));
         picture.set(left + x, top + y, if dot { color } else { Vec3::ZERO });
     }
 }
@@ -79,9 +85,13 @@ mod tests {
         let mask = Plane::from_fn(60, 40, |x, y| (10..30).contains(&x) && (20..35).contains(&y));
         annotate(&mut picture, &mask, "lamp_0", Vec3::X);
         assert_eq!((picture.get(10, 27), picture.get(29, 34)), (Vec3::X, Vec3::X));
-        assert_eq!((picture.get(15, 27), picture.get(31, 27)), (Vec3::splat(0.5), Vec3::splat(0.5)));
+        assert_eq!(
+            (picture.get(15, 27), picture.get(31, 27)),
+            (Vec3::splat(0.5), Vec3::splat(0.5))
+        );
         // `l` starts a dot right of and below the corner of its field.
-        let rows = |y: usize| (11..16).map(|x| picture.get(x, 11 + 1 + y) == Vec3::X).collect::<Vec<_>>();
+        let rows =
+            |y: usize| (11..16).map(|x| picture.get(x, 11 + 1 + y) == Vec3::X).collect::<Vec<_>>();
         assert_eq!(rows(0), [false, true, true, false, false]);
         assert_eq!(rows(6), [false, true, true, true, false]);
     }

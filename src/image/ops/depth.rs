@@ -40,13 +40,18 @@ pub fn inpaint_depth(meters: &Plane<f32>, untrusted: &Plane<f32>) -> Option<(Dep
     let holes = meters.map(|z| if is_hole(z) { 1.0 } else { 0.0 });
     let pairs = || meters.pixels().iter().zip(untrusted.pixels());
     let all = !pairs().any(|(&z, &u)| !is_hole(z) && u <= 0.0);
-    let known: Vec<(f32, f32)> =
-        pairs().map(|(&z, &u)| if is_hole(z) || (u > 0.0 && !all) { (0.0, 0.0) } else { (1.0 / z, 1.0) }).collect();
+    let known: Vec<(f32, f32)> = pairs()
+        .map(|(&z, &u)| if is_hole(z) || (u > 0.0 && !all) { (0.0, 0.0) } else { (1.0 / z, 1.0) })
+        .collect();
     if known.iter().all(|&(_, weight)| weight == 0.0) {
         return None;
     }
     let filled = push_pull(&Plane::new(meters.width(), meters.height(), known));
-    let data = meters.pixels().iter().zip(filled.pixels()).map(|(&z, &q)| if is_hole(z) { 1.0 / q } else { z });
+    let data = meters
+        .pixels()
+        .iter()
+        .zip(filled.pixels())
+        .map(|(&z, &q)| if is_hole(z) { 1.0 / q } else { z });
     Some((Depth(Plane::new(meters.width(), meters.height(), data.collect())), Mask(holes)))
 }
 
@@ -120,7 +125,8 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
         let (x0, x1, sx) = neighbors(x, rx, plane.width());
         let (y0, y1, sy) = neighbors(y, ry, plane.height());
         let corners = [plane.get(x0, y0), plane.get(x1, y0), plane.get(x0, y1), plane.get(x1, y1)];
-        let (low, high) = corners.iter().fold((f32::MAX, 0.0f32), |(l, h), &z| (l.min(z), h.max(z)));
+        let (low, high) =
+            corners.iter().fold((f32::MAX, 0.0f32), |(l, h), &z| (l.min(z), h.max(z)));
         if high - low > DEPTH_PLANE.step * low {
             corners[usize::from(sx >= 0.5) + 2 * usize::from(sy >= 0.5)]
         } else {
@@ -135,7 +141,10 @@ pub fn resize_depth(depth: &Depth, width: usize, height: usize) -> Depth {
 /// brightest.
 pub fn nearness(depth: &Depth) -> Plane<f32> {
     let inverse = depth.0.map(|z| 1.0 / z);
-    let (low, high) = inverse.pixels().iter().fold((f32::MAX, 0.0f32), |(low, high), &q| (low.min(q), high.max(q)));
+    let (low, high) = inverse
+        .pixels()
+        .iter()
+        .fold((f32::MAX, 0.0f32), |(low, high), &q| (low.min(q), high.max(q)));
     inverse.map(|q| (q - low) / (high - low).max(f32::MIN_POSITIVE))
 }
 
@@ -219,7 +228,10 @@ mod tests {
 
     #[test]
     fn near_is_bright() {
-        assert_eq!(nearness(&Depth(Plane::new(3, 1, vec![1.0, 2.0, 4.0]))).pixels(), [1.0, 1.0 / 3.0, 0.0]);
+        assert_eq!(
+            nearness(&Depth(Plane::new(3, 1, vec![1.0, 2.0, 4.0]))).pixels(),
+            [1.0, 1.0 / 3.0, 0.0]
+        );
         assert_eq!(nearness(&Depth(Plane::filled(2, 1, 3.0))).pixels(), [0.0, 0.0]);
     }
 

@@ -25,17 +25,21 @@ pub fn geodesic_dilate(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
     let mut grown = seed.map(|share| share > 0.5);
     let mut front: Vec<usize> = (0..w * h).filter(|&i| grown.pixels()[i]).collect();
     let range = |value: &dyn Fn(usize) -> usize| {
-        let (low, high) = front.iter().fold((usize::MAX, 0), |(low, high), &i| (low.min(value(i)), high.max(value(i))));
+        let (low, high) = front
+            .iter()
+            .fold((usize::MAX, 0), |(low, high), &i| (low.min(value(i)), high.max(value(i))));
         (low.min(high), high)
     };
     let (x, y) = (range(&|i| i % w), range(&|i| i / w));
     let reach = TUNING.reach * ((x.1 - x.0).max(y.1 - y.0) + 1);
-    let within = |value: usize, (low, high): (usize, usize)| value + reach >= low && value <= high + reach;
+    let within =
+        |value: usize, (low, high): (usize, usize)| value + reach >= low && value <= high + reach;
     while let Some(i) = front.pop() {
         let (cx, cy) = (i % w, i / w);
         for ny in cy.saturating_sub(1)..(cy + 2).min(h) {
             for nx in cx.saturating_sub(1)..(cx + 2).min(w) {
-                if !grown.get(nx, ny) && through.get(nx, ny) > 0.5 && within(nx, x) && within(ny, y) {
+                if !grown.get(nx, ny) && through.get(nx, ny) > 0.5 && within(nx, x) && within(ny, y)
+                {
                     grown.set(nx, ny, true);
                     front.push(ny * w + nx);
                 }
@@ -47,13 +51,18 @@ pub fn geodesic_dilate(seed: &Plane<f32>, through: &Plane<f32>) -> Plane<bool> {
 
 /// The dilation of the union of `masks` (above 0) by a square: the pixels within `reach` rows and
 /// columns of it. All masks have the size that is given.
-pub fn dilate<'a>(masks: impl Iterator<Item = &'a Mask>, (w, h): (usize, usize), reach: usize) -> Plane<bool> {
+pub fn dilate<'a>(
+    masks: impl Iterator<Item = &'a Mask>,
+    (w, h): (usize, usize),
+    reach: usize,
+) -> Plane<bool> {
     let mut near = Plane::filled(w, h, false);
     for mask in masks {
         for i in (0..w * h).filter(|&i| mask.0.pixels()[i] > 0.0) {
             let (x, y) = (i % w, i / w);
             for y in y.saturating_sub(reach)..(y + reach + 1).min(h) {
-                near.pixels_mut()[y * w + x.saturating_sub(reach)..y * w + (x + reach + 1).min(w)].fill(true);
+                near.pixels_mut()[y * w + x.saturating_sub(reach)..y * w + (x + reach + 1).min(w)]
+                    .fill(true);
             }
         }
     }
@@ -74,6 +83,11 @@ mod tests {
         for (x, y) in (0..20).flat_map(|x| (0..5).map(move |y| (x, y))) {
             assert_eq!(grown.get(x, y), y == 2 && (0..13).contains(&x), "({x}, {y})");
         }
-        assert!(geodesic_dilate(&Plane::filled(3, 3, 0.0), &Plane::filled(3, 3, 1.0)).pixels().iter().all(|g| !g));
+        assert!(
+            geodesic_dilate(&Plane::filled(3, 3, 0.0), &Plane::filled(3, 3, 1.0))
+                .pixels()
+                .iter()
+                .all(|g| !g)
+        );
     }
 }

@@ -41,7 +41,10 @@ mod tests {
             let exact = (x as f32 - 12.0).hypot(y as f32 - 9.0);
             // The octagon of the chamfer lies at most 1 / cos(22.5 degrees) = 1.082 outside the
             // circle.
-            assert!(away.get(x, y) >= exact - 1e-3 && away.get(x, y) <= 1.083 * exact + 1e-3, "({x}, {y})");
+            assert!(
+                away.get(x, y) >= exact - 1e-3 && away.get(x, y) <= 1.083 * exact + 1e-3,
+                "({x}, {y})"
+            );
         }
         assert!(distance(&Plane::filled(3, 3, false)).pixels().iter().all(|d| *d > 1e30));
     }

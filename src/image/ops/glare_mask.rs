@@ -77,12 +77,20 @@ impl GlareMask {
 
     /// Own pixels are those of `mask` with a luminance of at least `dark`. Glare falls from `core`
     /// to zero within `falloff_radius` pixels.
-    fn new(mask: &Plane<f32>, photo: &Picture, core: &Plane<bool>, falloff_radius: f32, dark: f32) -> GlareMask {
+    fn new(
+        mask: &Plane<f32>,
+        photo: &Picture,
+        core: &Plane<bool>,
+        falloff_radius: f32,
+        dark: f32,
+    ) -> GlareMask {
         assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
         let (w, h) = mask.size();
         let away = distance(core);
         let own = |i: usize| mask.pixels()[i] > 0.5 && luminance(photo.0.pixels()[i]) >= dark;
-        let falloff = |i: usize| TUNING.max_glare * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.pixels()[i]));
+        let falloff = |i: usize| {
+            TUNING.max_glare * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.pixels()[i]))
+        };
         GlareMask {
             own: Plane::sparse(w, h, |i| u8::from(own(i))),
             glare: Plane::sparse(w, h, |i| if own(i) { 0.0 } else { falloff(i) }),
@@ -130,8 +138,11 @@ mod tests {
         // A lamp of 4 x 4 pixels on a stand of 2 x 4 that shows a tenth of its light.
         let in_lamp = |x: usize, y: usize| (8..12).contains(&x) && (4..8).contains(&y);
         let in_stand = |x: usize, y: usize| (9..11).contains(&x) && (8..12).contains(&y);
-        let mask = Plane::from_fn(20, 16, |x, y| if in_lamp(x, y) || in_stand(x, y) { 1.0 } else { 0.0 });
-        let photo = Picture(Plane::from_fn(20, 16, |x, y| Vec3::splat(if in_lamp(x, y) { 1.0 } else { 0.1 })));
+        let mask =
+            Plane::from_fn(20, 16, |x, y| if in_lamp(x, y) || in_stand(x, y) { 1.0 } else { 0.0 });
+        let photo = Picture(Plane::from_fn(20, 16, |x, y| {
+            Vec3::splat(if in_lamp(x, y) { 1.0 } else { 0.1 })
+        }));
         let clear = Mask(mask.map(|_| 0.0));
         let found = GlareMask::of_lamp(&mask, &photo, &clear, 1.0);
         for (x, y) in (0..16).flat_map(|y| (0..20).map(move |x| (x, y))) {
@@ -152,7 +163,10 @@ mod tests {
         let photo = Picture(Plane::filled(30, 5, Vec3::ONE));
         let found = GlareMask::of_lamp(&mask, &photo, &clipped, 0.0);
         let row: Vec<f32> = (0..30).map(|x| found.weight(2 * 30 + x)).collect();
-        assert!(row[..4].iter().all(|&w| w == 1.0) && row[4..9].iter().all(|&w| w == TUNING.max_glare), "{row:?}");
+        assert!(
+            row[..4].iter().all(|&w| w == 1.0) && row[4..9].iter().all(|&w| w == TUNING.max_glare),
+            "{row:?}"
+        );
         assert!(row[8..].windows(2).all(|pair| pair[1] <= pair[0]) && row[29] == 0.0, "{row:?}");
     }
 
@@ -171,7 +185,10 @@ mod tests {
 
     #[test]
     fn planes_that_do_not_fit_are_refused() {
-        let mask = |own, glare| GlareMask { own: Plane::filled(2, 1, own), glare: Plane::filled(2, 1, glare) };
+        let mask = |own, glare| GlareMask {
+            own: Plane::filled(2, 1, own),
+            glare: Plane::filled(2, 1, glare),
+        };
         assert_eq!(mask(1, 0.0).check(), Ok(()));
         assert!(mask(0, 1.0).check().is_err() && mask(0, -0.1).check().is_err());
         let sizes = GlareMask { own: Plane::filled(1, 1, 0), glare: Plane::filled(2, 1, 0.0) };

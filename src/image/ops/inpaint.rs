@@ -10,7 +10,12 @@ use crate::tuning::tuning;
 /// normal); where there is none, of all its neighbors. Then the filled pixels are smoothed along
 /// the surface, so that an edge at the boundary leaves no streak. All planes have one size. Without
 /// any known pixel nothing changes.
-pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, points: &Points, normal: &Normal) {
+pub fn inpaint_surfaces(
+    values: &mut Plane<Vec3>,
+    mut unknown: Plane<bool>,
+    points: &Points,
+    normal: &Normal,
+) {
     let (w, h) = values.size();
     let same_surface = |i: usize, j: usize| {
         let z = |i: usize| -points.0.pixels()[i].z;
@@ -31,7 +36,8 @@ pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, poin
             .filter_map(|&i| {
                 let known = around(i).filter(|&j| !unknown.pixels()[j]);
                 let same = known.filter(|&j| !alike || same_surface(i, j));
-                let (sum, count) = same.fold((Vec3::ZERO, 0.0), |(s, n), j| (s + values.pixels()[j], n + 1.0));
+                let (sum, count) =
+                    same.fold((Vec3::ZERO, 0.0), |(s, n), j| (s + values.pixels()[j], n + 1.0));
                 (count > 0.0).then(|| (i, sum / count))
             })
             .collect();
@@ -46,10 +52,12 @@ pub fn inpaint_surfaces(values: &mut Plane<Vec3>, mut unknown: Plane<bool>, poin
         }
         left.retain(|&i| unknown.pixels()[i]);
     }
-    let near: Vec<Vec<usize>> = filled.iter().map(|&i| around(i).filter(|&j| same_surface(i, j)).collect()).collect();
+    let near: Vec<Vec<usize>> =
+        filled.iter().map(|&i| around(i).filter(|&j| same_surface(i, j)).collect()).collect();
     for _ in 0..TUNING.smoothing {
         for (&i, near) in filled.iter().zip(&near).filter(|(_, near)| !near.is_empty()) {
-            values.pixels_mut()[i] = near.iter().map(|&j| values.pixels()[j]).sum::<Vec3>() / near.len() as f32;
+            values.pixels_mut()[i] =
+                near.iter().map(|&j| values.pixels()[j]).sum::<Vec3>() / near.len() as f32;
         }
     }
 }
@@ -78,8 +86,9 @@ mod tests {
     fn a_hole_takes_its_own_surface_and_not_what_stands_before_it() {
         // A wall at 4 m on the right of something at 2 m; a hole in the wall touches both.
         let near = |x: usize| x < 5;
-        let points =
-            Points(Plane::from_fn(12, 9, |x, y| Vec3::new(x as f32, y as f32, if near(x) { -2.0 } else { -4.0 })));
+        let points = Points(Plane::from_fn(12, 9, |x, y| {
+            Vec3::new(x as f32, y as f32, if near(x) { -2.0 } else { -4.0 })
+        }));
         let normal = Normal(Plane::filled(12, 9, Vec3::Z));
         let unknown = Plane::from_fn(12, 9, |x, y| (5..9).contains(&x) && (2..7).contains(&y));
         let mut values = Plane::from_fn(12, 9, |x, _| if near(x) { Vec3::X } else { Vec3::Y });
@@ -92,7 +101,12 @@ mod tests {
     fn nothing_known_changes_nothing() {
         let mut values = Plane::filled(3, 2, Vec3::ONE);
         let points = Points(Plane::filled(3, 2, Vec3::NEG_Z));
-        inpaint_surfaces(&mut values, Plane::filled(3, 2, true), &points, &Normal(Plane::filled(3, 2, Vec3::Z)));
+        inpaint_surfaces(
+            &mut values,
+            Plane::filled(3, 2, true),
+            &points,
+            &Normal(Plane::filled(3, 2, Vec3::Z)),
+        );
         assert_eq!(values, Plane::filled(3, 2, Vec3::ONE));
     }
 }

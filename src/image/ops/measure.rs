@@ -14,14 +14,20 @@ pub fn pairs<'a>(
     truth: &'a Plane<Vec3>,
     counted: &'a Plane<bool>,
 ) -> impl Iterator<Item = (f64, f64)> + Clone + 'a {
-    assert!(got.size() == truth.size() && got.size() == counted.size(), "planes of one picture have one size");
+    assert!(
+        got.size() == truth.size() && got.size() == counted.size(),
+        "planes of one picture have one size"
+    );
     let pixels = got.pixels().iter().zip(truth.pixels()).zip(counted.pixels());
     let counted = pixels.filter(|(_, counted)| **counted).map(|(pair, _)| pair);
     counted.flat_map(|(got, truth)| (0..3).map(move |c| (f64::from(got[c]), f64::from(truth[c]))))
 }
 
 /// Mean of `f(got, truth)`; `None` of nothing.
-pub fn mean_error(pairs: impl Iterator<Item = (f64, f64)>, f: impl Fn(f64, f64) -> f64) -> Option<f64> {
+pub fn mean_error(
+    pairs: impl Iterator<Item = (f64, f64)>,
+    f: impl Fn(f64, f64) -> f64,
+) -> Option<f64> {
     let (sum, n) = pairs.fold((0.0, 0u64), |(sum, n), (got, truth)| (sum + f(got, truth), n + 1));
     (n > 0).then(|| sum / n as f64)
 }
@@ -34,7 +40,8 @@ pub fn square_error(pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
 /// Mean of (s got - truth)^2 with the s that minimizes it, s = sum got truth / sum got^2: the error
 /// that no common factor removes.
 pub fn scale_invariant_error(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
-    let (cross, square) = pairs.clone().fold((0.0, 0.0), |(c, s), (got, truth)| (c + got * truth, s + got * got));
+    let (cross, square) =
+        pairs.clone().fold((0.0, 0.0), |(c, s), (got, truth)| (c + got * truth, s + got * got));
     let level = if square > 0.0 { cross / square } else { 0.0 };
     mean_error(pairs, |got, truth| (level * got - truth).powi(2))
 }
@@ -46,9 +53,16 @@ pub fn log_error(pairs: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
 
 /// Mean angle between unit normals, degrees.
 pub fn normal_error(got: &Normal, truth: &Normal, counted: &Plane<bool>) -> Option<f64> {
-    let pixels = got.0.pixels().iter().zip(truth.0.pixels()).zip(counted.pixels()).filter(|(_, counted)| **counted);
+    let pixels = got
+        .0
+        .pixels()
+        .iter()
+        .zip(truth.0.pixels())
+        .zip(counted.pixels())
+        .filter(|(_, counted)| **counted);
     // By the sine too: the cosine alone loses small angles to rounding.
-    let angle = |(a, b): (&Vec3, &Vec3)| f64::from(a.cross(*b).length().atan2(a.dot(*b))).to_degrees();
+    let angle =
+        |(a, b): (&Vec3, &Vec3)| f64::from(a.cross(*b).length().atan2(a.dot(*b))).to_degrees();
     mean_error(pixels.map(|(pair, _)| (angle(pair), 0.0)), |angle, _| angle)
 }
 
@@ -110,13 +124,18 @@ mod tests {
         let (a, b) = (1.5f64.ln(), (5.0f64 / 3.0).ln());
         assert!((log_error(all()).expect("two pixels") - (a * a + b * b) / 2.0).abs() < 1e-12);
         assert_eq!(square_error(pairs(&got, &truth, &Plane::filled(3, 1, false))), None);
-        assert_eq!(scale_invariant_error([(0.0, 1.0), (0.0, 3.0)].into_iter()), Some(5.0), "black has no level");
+        assert_eq!(
+            scale_invariant_error([(0.0, 1.0), (0.0, 3.0)].into_iter()),
+            Some(5.0),
+            "black has no level"
+        );
     }
 
     #[test]
     fn angles_by_hand() {
         let normal = |v: [Vec3; 2]| Normal(Plane::new(2, 1, v.map(Vec3::normalize).to_vec()));
-        let (a, b) = (normal([Vec3::Z, Vec3::Z]), normal([Vec3::Z + 1e-4 * Vec3::X, Vec3::Z + Vec3::Y]));
+        let (a, b) =
+            (normal([Vec3::Z, Vec3::Z]), normal([Vec3::Z + 1e-4 * Vec3::X, Vec3::Z + Vec3::Y]));
         let counted = Plane::filled(2, 1, true);
         let wanted = (1e-4f64.atan().to_degrees() + 45.0) / 2.0;
         assert!((normal_error(&a, &b, &counted).expect("two pixels") - wanted).abs() < 1e-5);
@@ -126,7 +145,8 @@ mod tests {
     fn the_truth_has_no_change_error_and_the_photo_has_one() {
         // Values of whole 8-bit steps, so that storing them takes nothing away.
         let step = |n: f32| Transfer::Srgb.decode(n / 255.0);
-        let (photo, truth) = (plane(&[step(100.0), step(200.0), 3.0]), plane(&[step(50.0), step(200.0), 2.0]));
+        let (photo, truth) =
+            (plane(&[step(100.0), step(200.0), 3.0]), plane(&[step(50.0), step(200.0), 2.0]));
         let counted = Plane::filled(3, 1, true);
         let perfect = score_picture(&truth, &truth, &photo, &counted).expect("three pixels");
         assert_eq!((perfect.psnr, perfect.change), (100.0, Some(0.0)));
@@ -134,8 +154,14 @@ mod tests {
         assert!((nothing.change.expect("the truth differs") - 1.0).abs() < 1e-5);
         // One pixel of three is off by 50 of 255; values above white look white in both.
         let psnr = -10.0 * ((50.0f64 / 255.0).powi(2) / 3.0).log10();
-        assert!((nothing.psnr - psnr).abs() < 1e-3 && (nothing.unchanged - psnr).abs() < 1e-3, "{nothing:?}");
-        assert_eq!(score_picture(&photo, &photo, &photo, &counted).expect("three pixels").change, None);
+        assert!(
+            (nothing.psnr - psnr).abs() < 1e-3 && (nothing.unchanged - psnr).abs() < 1e-3,
+            "{nothing:?}"
+        );
+        assert_eq!(
+            score_picture(&photo, &photo, &photo, &counted).expect("three pixels").change,
+            None
+        );
         assert_eq!(score_picture(&truth, &truth, &photo, &Plane::filled(3, 1, false)), None);
     }
 }

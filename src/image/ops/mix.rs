@@ -13,7 +13,10 @@ use crate::image::Plane;
 /// `layers` is empty, or layers differ in size.
 pub fn weighted_sum(layers: &[(&Plane<Vec3>, Vec3)]) -> Plane<Vec3> {
     let (width, height) = layers.first().expect("a sum has terms").0.size();
-    assert!(layers.iter().all(|(layer, _)| layer.size() == (width, height)), "layers of one picture have one size");
+    assert!(
+        layers.iter().all(|(layer, _)| layer.size() == (width, height)),
+        "layers of one picture have one size"
+    );
     let sum = |at: usize| layers.iter().map(|(layer, weight)| layer.pixels()[at] * *weight).sum();
     Plane::new(width, height, (0..width * height).into_par_iter().map(sum).collect())
 }

@@ -28,13 +28,15 @@ pub use glare_mask::GlareMask;
 pub use graph_cut::graph_cut;
 pub use inpaint::inpaint_surfaces;
 pub use measure::{
-    PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture, square_error,
+    PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture,
+    square_error,
 };
 pub use mix::weighted_sum;
 pub use pack::{Packed, pack};
 pub use reflectance::{REFLECTANCE, clip_level, ratio, reflected, smooth_step};
 pub use relit_pixel::{
-    GlarePixel, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical, relight_ratio,
+    GlarePixel, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical,
+    relight_ratio,
 };
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};

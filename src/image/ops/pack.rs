@@ -30,9 +30,13 @@ pub fn pack(plane: &Plane<Vec3>) -> Packed {
     let exponent = if largest > 0.0 { f64::from(largest).log2().floor() as i32 - 13 } else { 0 };
     let scale = 2f64.powi(exponent.max(-126)) as f32;
     let halves = (0..3).flat_map(|axis| {
-        plane.pixels().iter().map(move |c| f16::from_f64(f64::from(c[axis]) / f64::from(scale)).to_bits())
+        plane
+            .pixels()
+            .iter()
+            .map(move |c| f16::from_f64(f64::from(c[axis]) / f64::from(scale)).to_bits())
     });
-    let (mut low, mut high, mut last) = (Vec::with_capacity(6 * plane.len()), Vec::with_capacity(3 * plane.len()), 0);
+    let (mut low, mut high, mut last) =
+        (Vec::with_capacity(6 * plane.len()), Vec::with_capacity(3 * plane.len()), 0);
     for bits in halves {
         let [l, h] = u16::wrapping_sub(bits, last).to_le_bytes();
         low.push(l);
@@ -41,7 +45,8 @@ pub fn pack(plane: &Plane<Vec3>) -> Packed {
     }
     low.append(&mut high);
     let mut packed = ZlibEncoder::new(Vec::new(), Compression::new(4));
-    let bytes = packed.write_all(&low).and_then(|()| packed.finish()).expect("memory takes all bytes");
+    let bytes =
+        packed.write_all(&low).and_then(|()| packed.finish()).expect("memory takes all bytes");
     Packed { bytes, scale }
 }
 
@@ -54,7 +59,9 @@ mod tests {
     /// As the page does it.
     fn unpack(packed: &Packed, pixels: usize) -> Vec<Vec3> {
         let mut bytes = Vec::new();
-        flate2::read::ZlibDecoder::new(&packed.bytes[..]).read_to_end(&mut bytes).expect("it is sound");
+        flate2::read::ZlibDecoder::new(&packed.bytes[..])
+            .read_to_end(&mut bytes)
+            .expect("it is sound");
         let (low, high) = bytes.split_at(3 * pixels);
         let mut bits = 0u16;
         let numbers: Vec<f32> = low
@@ -65,20 +72,24 @@ mod tests {
                 f16::from_bits(bits).to_f32() * packed.scale
             })
             .collect();
-        (0..pixels).map(|p| Vec3::new(numbers[p], numbers[pixels + p], numbers[2 * pixels + p])).collect()
+        (0..pixels)
+            .map(|p| Vec3::new(numbers[p], numbers[pixels + p], numbers[2 * pixels + p]))
+            .collect()
     }
 
     #[test]
     fn what_is_packed_comes_back_to_eleven_bits() {
         for most in [1.0, 3e-5, 70_000.0, 3e38, 1e-40] {
-            let value = |x: usize, y: usize| most * Vec3::new(x as f32 / 39.0, 1e-6 * y as f32, -0.25);
+            let value =
+                |x: usize, y: usize| most * Vec3::new(x as f32 / 39.0, 1e-6 * y as f32, -0.25);
             let plane = Plane::from_fn(40, 30, value);
             let back = unpack(&pack(&plane), plane.len());
             for (got, want) in back.iter().zip(plane.pixels()) {
                 // Half a unit of the last of 11 bits, or of the smallest half under the scale.
                 let off = (*got - *want).abs().max_element();
                 assert!(
-                    (off - 2f32.powi(-11) * want.abs().max_element()).max(0.0) <= 1e-7 * most + 1e-45,
+                    (off - 2f32.powi(-11) * want.abs().max_element()).max(0.0)
+                        <= 1e-7 * most + 1e-45,
                     "{most}: {got} for {want}"
                 );
             }
@@ -89,8 +100,9 @@ mod tests {
 
     #[test]
     fn smooth_pictures_pack_well() {
-        let plane =
-            Plane::from_fn(320, 240, |x, y| Vec3::splat(0.5 + 0.3 * (0.02 * x as f32).sin() * (0.03 * y as f32).cos()));
+        let plane = Plane::from_fn(320, 240, |x, y| {
+            Vec3::splat(0.5 + 0.3 * (0.02 * x as f32).sin() * (0.03 * y as f32).cos())
+        });
         assert!(pack(&plane).bytes.len() < 320 * 240 * 3, "half of the halves");
     }
 }

@@ -40,6 +40,7 @@ tuning! {
 /// The level at which a photo is clipped: 1 in most, any in a float file, the largest number where
 /// it is clipped nowhere.
 pub fn clip_level(photo: &Picture, clipped: &Mask) -> f32 {
-    let all = photo.0.pixels().iter().zip(clipped.0.pixels()).filter(|(_, clipped)| **clipped > 0.5);
+    let all =
+        photo.0.pixels().iter().zip(clipped.0.pixels()).filter(|(_, clipped)| **clipped > 0.5);
     all.map(|(pixel, _)| pixel.max_element()).reduce(f32::max).unwrap_or(f32::MAX)
 }

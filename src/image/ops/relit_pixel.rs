@@ -121,12 +121,20 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 /// also the unexplained light `I - B E`. Near saturation, and in the glare of a light, the pixel is
 /// blended with its split for the lights that dominate it: there I / E does not determine the
 /// surface.
-pub fn relight_ratio(surface: &SurfacePixel, glare: Option<GlarePixel>, before: &[Vec3], record: &mut [Vec3]) {
+pub fn relight_ratio(
+    surface: &SurfacePixel,
+    glare: Option<GlarePixel>,
+    before: &[Vec3],
+    record: &mut [Vec3],
+) {
     let SurfacePixel { photo, residual, painted, white, .. } = surface;
     let shading = before.iter().sum::<Vec3>() + *residual;
     let shown = unclip(*photo, *white, surface.reflectance * shading, surface.headroom);
-    let saturation =
-        smooth_step(REFLECTANCE.saturation[0] * white, REFLECTANCE.saturation[1] * white, photo.max_element());
+    let saturation = smooth_step(
+        REFLECTANCE.saturation[0] * white,
+        REFLECTANCE.saturation[1] * white,
+        photo.max_element(),
+    );
     let (weight, lights) = match glare {
         Some(GlarePixel { light, weight, gain }) => {
             (saturation.max(weight), vec![Dominant { light, fraction: 1.0, gain }])
@@ -167,8 +175,10 @@ fn split(shown: Vec3, others: Vec3, albedo: Vec3) -> (Vec3, Vec3) {
 /// from one light to another.
 fn dominant(before: &[Vec3], after: &[Vec3]) -> Vec<Dominant> {
     let most = before.iter().map(|light| luminance(*light)).fold(0.0, f32::max);
-    let parts: Vec<f32> =
-        before.iter().map(|light| smooth_step(TUNING.rival * most, most, luminance(*light))).collect();
+    let parts: Vec<f32> = before
+        .iter()
+        .map(|light| smooth_step(TUNING.rival * most, most, luminance(*light)))
+        .collect();
     let sum = parts.iter().sum::<f32>();
     let all = parts.into_iter().enumerate().filter(|(_, part)| *part > 0.0);
     all.map(|(light, part)| Dominant {
@@ -181,14 +191,19 @@ fn dominant(before: &[Vec3], after: &[Vec3]) -> Vec<Dominant> {
 
 /// `after` over `before` per channel; `otherwise` in channels that are dark before.
 pub fn gain(before: Vec3, after: Vec3, otherwise: Vec3) -> Vec3 {
-    let channel = |c: usize| if before[c] > TUNING.dark { after[c] / before[c] } else { otherwise[c] };
+    let channel =
+        |c: usize| if before[c] > TUNING.dark { after[c] / before[c] } else { otherwise[c] };
     Vec3::new(channel(0), channel(1), channel(2))
 }
 
 /// The photo with saturated channels raised to those of `model`, by at most the factor `headroom`;
 /// others stay.
 fn unclip(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
-    Vec3::select(photo.cmpge(Vec3::splat(TUNING.white * white)), photo.max(model.min(headroom * photo)), photo)
+    Vec3::select(
+        photo.cmpge(Vec3::splat(TUNING.white * white)),
+        photo.max(model.min(headroom * photo)),
+        photo,
+    )
 }
 
 #[cfg(test)]
@@ -227,13 +242,20 @@ mod tests {
         let bare = PaintLayers::default();
         let before = [LAMP, WINDOW];
         let glare = Some(GlarePixel { light: 0, weight: 0.7, gain: Vec3::ONE });
-        for photo in [WALL * 0.9, Vec3::new(0.6, 0.01, 0.0), Vec3::new(0.9, 0.8, 0.7), Vec3::splat(0.97), Vec3::ZERO] {
+        for photo in [
+            WALL * 0.9,
+            Vec3::new(0.6, 0.01, 0.0),
+            Vec3::new(0.9, 0.8, 0.7),
+            Vec3::splat(0.97),
+            Vec3::ZERO,
+        ] {
             for glare in [None, glare] {
                 let mut record = [LAMP, WINDOW, RESIDUAL];
                 relight_ratio(&surface(photo, &bare), glare, &before, &mut record);
                 near(sum(&record), photo);
             }
-            let own = OwnPixel { light: 1, albedo: 0.05, radiance: Vec3::splat(3.0), gain: Vec3::ONE };
+            let own =
+                OwnPixel { light: 1, albedo: 0.05, radiance: Vec3::splat(3.0), gain: Vec3::ONE };
             let mut record = [LAMP, WINDOW, RESIDUAL];
             relight_own(&surface(photo, &bare), &own, &before, &mut record);
             near(sum(&record), photo);
@@ -245,7 +267,12 @@ mod tests {
         let bare = PaintLayers::default();
         let (shading, extra) = (LAMP + WINDOW + RESIDUAL, Vec3::splat(0.0));
         let mut record = [0.5 * LAMP, WINDOW, RESIDUAL];
-        relight_ratio(&surface(0.6 * WALL * shading + extra, &bare), None, &[LAMP, WINDOW], &mut record);
+        relight_ratio(
+            &surface(0.6 * WALL * shading + extra, &bare),
+            None,
+            &[LAMP, WINDOW],
+            &mut record,
+        );
         near(record[0], 0.6 * WALL * 0.5 * LAMP);
         near(record[1], 0.6 * WALL * WINDOW);
         near(record[2], 0.6 * WALL * RESIDUAL);
@@ -253,7 +280,8 @@ mod tests {
         // unexplained light.
         let dim = 0.2 * shading;
         let mut record = [Vec3::ZERO, 0.2 * WINDOW, Vec3::ZERO];
-        let dark = SurfacePixel { residual: Vec3::ZERO, ..surface(2.0 * (dim - 0.2 * RESIDUAL), &bare) };
+        let dark =
+            SurfacePixel { residual: Vec3::ZERO, ..surface(2.0 * (dim - 0.2 * RESIDUAL), &bare) };
         relight_ratio(&dark, None, &[0.2 * LAMP, 0.2 * WINDOW], &mut record);
         near(record[1], 0.2 * WINDOW);
         near(record[2], dim - 0.2 * RESIDUAL);
@@ -324,7 +352,11 @@ mod tests {
         let mut record = [0.5 * LAMP, WINDOW, RESIDUAL];
         relight_physical(&surface(Vec3::splat(0.7), &bare), &mut record);
         near(sum(&record), 0.3 * (0.5 * LAMP + WINDOW + RESIDUAL));
-        let paint = PaintChange { old: Vec3::splat(0.3), new: Vec3::new(0.1, 0.2, 0.6), keep_texture: true };
+        let paint = PaintChange {
+            old: Vec3::splat(0.3),
+            new: Vec3::new(0.1, 0.2, 0.6),
+            keep_texture: true,
+        };
         let matte = AlphaMatte { alpha: Plane::filled(1, 1, 1.0), boundary: vec![] };
         let blue = PaintLayers(vec![PaintLayer { paint, matte }]);
         let mut record = [LAMP, WINDOW, RESIDUAL];

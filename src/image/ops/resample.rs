@@ -48,7 +48,8 @@ where
         terms.iter().fold(T::default(), |sum, &(at, weight)| sum + value(at) * weight)
     };
     let columns = taps(plane.width(), width);
-    let wide = Plane::from_fn(width, plane.height(), |x, y| sum(&columns[x], &|at| plane.get(at, y)));
+    let wide =
+        Plane::from_fn(width, plane.height(), |x, y| sum(&columns[x], &|at| plane.get(at, y)));
     let rows = taps(plane.height(), height);
     Plane::sparse(width, height, |i| sum(&rows[i / width], &|at| wide.get(i % width, at)))
 }
@@ -63,7 +64,9 @@ fn taps(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
                 let (start, end) = (i as f64 * ratio, (i + 1) as f64 * ratio);
                 let last = (end.ceil() as usize).min(from);
                 (start as usize..last)
-                    .map(|at| (at, ((end.min((at + 1) as f64) - start.max(at as f64)) / ratio) as f32))
+                    .map(|at| {
+                        (at, ((end.min((at + 1) as f64) - start.max(at as f64)) / ratio) as f32)
+                    })
                     .filter(|&(_, weight)| weight > 0.0)
                     .collect()
             })
@@ -73,7 +76,11 @@ fn taps(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
             .map(|i| {
                 let at = ((i as f64 + 0.5) * ratio - 0.5).clamp(0.0, (from - 1) as f64);
                 let (low, share) = (at as usize, at.fract() as f32);
-                if share > 0.0 { vec![(low, 1.0 - share), (low + 1, share)] } else { vec![(low, 1.0)] }
+                if share > 0.0 {
+                    vec![(low, 1.0 - share), (low + 1, share)]
+                } else {
+                    vec![(low, 1.0)]
+                }
             })
             .collect()
     }
@@ -86,7 +93,8 @@ mod tests {
     #[test]
     fn an_area_average_conserves_the_mean() {
         let plane = Plane::from_fn(97, 61, |x, y| ((x * 31 + y * 17) % 101) as f32 / 100.0);
-        let mean = |p: &Plane<f32>| p.pixels().iter().map(|&v| f64::from(v)).sum::<f64>() / p.len() as f64;
+        let mean =
+            |p: &Plane<f32>| p.pixels().iter().map(|&v| f64::from(v)).sum::<f64>() / p.len() as f64;
         for (w, h) in [(97, 61), (48, 30), (13, 7), (96, 60), (1, 1), (97, 1)] {
             let small = resize(&plane, w, h);
             assert_eq!(small.size(), (w, h));

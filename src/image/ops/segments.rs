@@ -95,9 +95,13 @@ impl Picture {
     pub fn blocks(&self, stride: usize) -> Picture {
         let (w, h) = self.0.size();
         Picture(Plane::from_fn(w.div_ceil(stride), h.div_ceil(stride), |bx, by| {
-            let (xs, ys) = (bx * stride..((bx + 1) * stride).min(w), by * stride..((by + 1) * stride).min(h));
+            let (xs, ys) =
+                (bx * stride..((bx + 1) * stride).min(w), by * stride..((by + 1) * stride).min(h));
             let count = (xs.len() * ys.len()) as f32;
-            ys.flat_map(|y| xs.clone().map(move |x| (x, y))).map(|(x, y)| self.0.get(x, y)).sum::<Vec3>() / count
+            ys.flat_map(|y| xs.clone().map(move |x| (x, y)))
+                .map(|(x, y)| self.0.get(x, y))
+                .sum::<Vec3>()
+                / count
         }))
     }
 }
@@ -160,7 +164,8 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
         for ny in cy.saturating_sub(1)..(cy + 2).min(h) {
             for nx in cx.saturating_sub(1)..(cx + 2).min(w) {
                 // The own cell is preferred at equal color.
-                let d = (log[ny * w + nx] - color).length() + if (nx, ny) == (cx, cy) { 0.0 } else { TUNING.own_cell };
+                let d = (log[ny * w + nx] - color).length()
+                    + if (nx, ny) == (cx, cy) { 0.0 } else { TUNING.own_cell };
                 if d < distance {
                     (best, distance) = (cell_label[ny * w + nx], d);
                 }
@@ -180,7 +185,13 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
 /// chromaticity are taken for the same material: v > 0. Then the shading's mean chromaticity is
 /// made gray (the photo's white balance is trusted) and the 90th percentile of albedo luminance
 /// becomes `bright`.
-pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: usize, bright: f32) -> Albedo {
+pub fn retinex(
+    photo: &Picture,
+    normal: &Normal,
+    segments: &Segments,
+    stride: usize,
+    bright: f32,
+) -> Albedo {
     let cells = photo.blocks(stride).0;
     let (w, h) = cells.size();
     let at = |i: usize| {
@@ -222,13 +233,16 @@ pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: us
         cells_of[label(i)] += 1.0;
     }
     let mean = log.iter().copied().sum::<Vec3>() / (w * h).max(1) as f32;
-    let start: Vec<Vec3> = (0..count).map(|s| if cells_of[s] > 0.0 { sum[s] / cells_of[s] } else { mean }).collect();
+    let start: Vec<Vec3> =
+        (0..count).map(|s| if cells_of[s] > 0.0 { sum[s] / cells_of[s] } else { mean }).collect();
     let mut a = start.clone();
     // Gauss-Seidel in a fixed order.
     for _ in 0..TUNING.sweeps {
         for s in 0..count {
-            let (mut weight, mut value) =
-                (TUNING.anchor, TUNING.anchor * (mean + TUNING.anchor_contrast * (start[s] - mean)));
+            let (mut weight, mut value) = (
+                TUNING.anchor,
+                TUNING.anchor * (mean + TUNING.anchor_contrast * (start[s] - mean)),
+            );
             for &(t, v, step) in &couplings[s] {
                 weight += v;
                 value += v * (a[t] + step);
@@ -240,9 +254,11 @@ pub fn retinex(photo: &Picture, normal: &Normal, segments: &Segments, stride: us
     let shading = (0..w * h).map(|i| log[i] - a[label(i)]).sum::<Vec3>() / (w * h).max(1) as f32;
     let exp = |v: Vec3| Vec3::new(v.x.exp(), v.y.exp(), v.z.exp());
     let mut albedo: Vec<Vec3> = a.iter().map(|&v| exp(v + chroma(shading))).collect();
-    let mut levels: Vec<f32> = (0..w * h).map(|i| crate::image::luminance(albedo[label(i)])).collect();
+    let mut levels: Vec<f32> =
+        (0..w * h).map(|i| crate::image::luminance(albedo[label(i)])).collect();
     levels.sort_by(f32::total_cmp);
-    let level = levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(1.0).max(1e-6);
+    let level =
+        levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(1.0).max(1e-6);
     let [least, most] = TUNING.albedo_range.map(Vec3::splat);
     for value in &mut albedo {
         *value = (*value * (bright / level)).clamp(least, most);

@@ -47,7 +47,12 @@ impl<'a> Upsampler<'a> {
     ///
     /// # Panics
     /// A picture and its depth differ in size.
-    pub fn new(photo: &'a Picture, full_depth: &'a Depth, small: &'a Picture, depth: &'a Depth) -> Upsampler<'a> {
+    pub fn new(
+        photo: &'a Picture,
+        full_depth: &'a Depth,
+        small: &'a Picture,
+        depth: &'a Depth,
+    ) -> Upsampler<'a> {
         assert_eq!(photo.0.size(), full_depth.0.size(), "depth at the photo's size");
         assert_eq!(small.0.size(), depth.0.size(), "depth at working size");
         Upsampler { photo, full_depth, small, depth }
@@ -66,11 +71,12 @@ impl<'a> Upsampler<'a> {
         let z = self.full_depth.0.get(x, y);
         let color = log(self.photo.0.get(x, y));
         for (sx, sy) in neighbors((x, y), (full_w, full_h), (w, h)) {
-            let near =
-                (TUNING.tent - (sx as f32 - fx).abs()).max(0.0) * (TUNING.tent - (sy as f32 - fy).abs()).max(0.0);
+            let near = (TUNING.tent - (sx as f32 - fx).abs()).max(0.0)
+                * (TUNING.tent - (sy as f32 - fy).abs()).max(0.0);
             let i = sy * w + sx;
             let depth = (self.depth.0.pixels()[i] - z) / (TUNING.depth * z);
-            let color = (log(self.small.0.pixels()[i]) - color).length_squared() / (TUNING.color * TUNING.color);
+            let color = (log(self.small.0.pixels()[i]) - color).length_squared()
+                / (TUNING.color * TUNING.color);
             // The floor keeps a pixel that is like none of its neighbors on their plain mean.
             taps.push(i, near * ((-depth * depth - color).exp() + TUNING.floor));
         }
@@ -144,7 +150,8 @@ mod tests {
         let small = Picture(Plane::filled(10, 5, Vec3::splat(0.5)));
         let full_depth = Depth(Plane::from_fn(40, 20, |x, _| if side(x, 40) { 2.0 } else { 4.0 }));
         let depth = Depth(Plane::from_fn(10, 5, |x, _| if side(x, 10) { 2.0 } else { 4.0 }));
-        let shading = Plane::from_fn(10, 5, |x, _| if side(x, 10) { Vec3::ONE } else { Vec3::ZERO });
+        let shading =
+            Plane::from_fn(10, 5, |x, _| if side(x, 10) { Vec3::ONE } else { Vec3::ZERO });
         let up = Upsampler::new(&photo, &full_depth, &small, &depth);
         for y in 0..20 {
             for x in 0..40 {
@@ -162,7 +169,9 @@ mod tests {
         let depth = Depth(Plane::filled(3, 2, 2.0));
         let up = Upsampler::new(&photo, &full_depth, &small, &depth);
         let flat = Plane::filled(3, 2, Vec3::splat(0.25));
-        assert!((0..35).all(|i| (up.taps(i % 7, i / 7).of(&flat) - Vec3::splat(0.25)).length() < 1e-6));
+        assert!(
+            (0..35).all(|i| (up.taps(i % 7, i / 7).of(&flat) - Vec3::splat(0.25)).length() < 1e-6)
+        );
         let same = Upsampler::new(&photo, &full_depth, &photo, &full_depth);
         assert!((0..35).all(|i| same.taps(i % 7, i / 7).of(&photo.0) == photo.0.get(i % 7, i / 7)));
     }

@@ -28,7 +28,8 @@ const DEVICES: [&str; 6] = ["con", "prn", "aux", "nul", "com", "lpt"];
 /// # Errors
 /// The name is not one of these.
 pub fn check_file_name(name: &str) -> Result<(), String> {
-    let (folder, file) = name.split_once('/').map_or((None, name), |(folder, file)| (Some(folder), file));
+    let (folder, file) =
+        name.split_once('/').map_or((None, name), |(folder, file)| (Some(folder), file));
     let stem = file.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
     let is_device = DEVICES.iter().any(|device| match stem.strip_prefix(device) {
         Some("") => !matches!(*device, "com" | "lpt"),
@@ -44,7 +45,9 @@ pub fn check_file_name(name: &str) -> Result<(), String> {
         return Ok(());
     }
     let folders = RESULT_FOLDERS.join(", ");
-    Err(format!("wanted the plain name of a file, in no folder or in one of these: {folders}; got {name:?}"))
+    Err(format!(
+        "wanted the plain name of a file, in no folder or in one of these: {folders}; got {name:?}"
+    ))
 }
 
 /// Files to be written, by name; [`check_file_name`] holds for each.
@@ -62,7 +65,8 @@ impl Files {
         let (count, mut rest) = postcard::take_from_bytes::<usize>(&bytes).map_err(bad)?;
         let mut places = Vec::new();
         for _ in 0..count {
-            let ((name, Bytes(file)), after) = postcard::take_from_bytes::<(String, Bytes)>(rest).map_err(bad)?;
+            let ((name, Bytes(file)), after) =
+                postcard::take_from_bytes::<(String, Bytes)>(rest).map_err(bad)?;
             let end = bytes.len() - after.len();
             places.push((name, end - file.len()..end));
             rest = after;
@@ -70,7 +74,10 @@ impl Files {
         rule(rest.is_empty(), "nothing after the files")?;
         let largest = (0..places.len()).max_by_key(|&i| places[i].1.len());
         let copy = |(i, (name, place)): (usize, &(String, Range<usize>))| {
-            (name.clone(), if Some(i) == largest { Vec::new() } else { bytes[place.clone()].to_vec() })
+            (
+                name.clone(),
+                if Some(i) == largest { Vec::new() } else { bytes[place.clone()].to_vec() },
+            )
         };
         let mut files: Vec<(String, Vec<u8>)> = places.iter().enumerate().map(copy).collect();
         if let Some(i) = largest {
@@ -109,11 +116,17 @@ mod tests {
             &[("a.png", b"the longest of all"), ("b.exr", b"short")],
         ];
         for list in lists {
-            let files = Files(list.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.to_vec())).collect());
+            let files = Files(
+                list.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.to_vec())).collect(),
+            );
             let bytes = postcard::to_stdvec(&files).expect("it can be encoded");
             assert_eq!(Files::decode(bytes.clone()).as_ref(), Ok(&files));
             for cut in 0..bytes.len() {
-                assert!(Files::decode(bytes[..cut].to_vec()).is_err(), "{cut} of {} bytes", bytes.len());
+                assert!(
+                    Files::decode(bytes[..cut].to_vec()).is_err(),
+                    "{cut} of {} bytes",
+                    bytes.len()
+                );
             }
             assert!(Files::decode([&bytes[..], b"x"].concat()).is_err());
         }
@@ -121,9 +134,14 @@ mod tests {
 
     #[test]
     fn names_of_results_are_plain() {
-        for name in
-            ["picture.png", "picture_0001.png", "masks/lamp_0.png", "Gr\u{f6}\u{df}e 1.usda", "console.png", "com.png"]
-        {
+        for name in [
+            "picture.png",
+            "picture_0001.png",
+            "masks/lamp_0.png",
+            "Gr\u{f6}\u{df}e 1.usda",
+            "console.png",
+            "com.png",
+        ] {
             assert_eq!(check_file_name(name), Ok(()), "{name}");
         }
         let long = "a".repeat(256);

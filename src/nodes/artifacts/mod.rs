@@ -7,12 +7,14 @@ mod scores;
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Artifact, NodeError};
 use crate::image::{
-    Albedo, Depth, GlareMask, Layer, Normal, PaintLayers, Plane, Points, Roughness, Segments, Shading, Specular,
-    SpecularEdit, rule,
+    Albedo, Depth, GlareMask, Layer, Normal, PaintLayers, Plane, Points, Roughness, Segments,
+    Shading, Specular, SpecularEdit, rule,
 };
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
-use crate::optics::{LightKind, LightTransport, Lighting, LocalLobe, Radiance, Reflections, Shape, SpecularChange};
+use crate::optics::{
+    LightKind, LightTransport, Lighting, LocalLobe, Radiance, Reflections, Shape, SpecularChange,
+};
 
 pub use files::{Encoding, Files, check_file_name};
 pub use light::{Guess, ObjectLight, Residual, UnitDirect, UnitIndirect, Visibility};
@@ -29,7 +31,12 @@ pub const REST: &str = "rest";
 ///
 /// # Errors
 /// [`NodeError::Failed`] with both sizes.
-pub fn same_size(name: &str, got: (usize, usize), reference: &str, wanted: (usize, usize)) -> Result<(), NodeError> {
+pub fn same_size(
+    name: &str,
+    got: (usize, usize),
+    reference: &str,
+    wanted: (usize, usize),
+) -> Result<(), NodeError> {
     if got == wanted {
         return Ok(());
     }

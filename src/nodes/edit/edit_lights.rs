@@ -154,7 +154,9 @@ impl Node for EditLights {
     type Out = EditLightsOut;
 
     fn check_consistency(&self) -> Result<(), String> {
-        self.lights.iter().try_for_each(|(id, edit)| edit.check().map_err(|e| format!("lights: {id:?}: {e}")))
+        self.lights
+            .iter()
+            .try_for_each(|(id, edit)| edit.check().map_err(|e| format!("lights: {id:?}: {e}")))
     }
 
     fn files(&mut self) -> Vec<&mut File> {
@@ -163,7 +165,11 @@ impl Node for EditLights {
 
     fn run(&self, inputs: EditLightsIn, ctx: &Context) -> Result<EditLightsOut, NodeError> {
         let up = world_up(&inputs.normal);
-        let mut out = EditLightsOut { shape: Scatter(vec![]), radiance: Scatter(vec![]), gain: Scatter(vec![]) };
+        let mut out = EditLightsOut {
+            shape: Scatter(vec![]),
+            radiance: Scatter(vec![]),
+            gain: Scatter(vec![]),
+        };
         let mut push = |id: &str, shape: Arc<Shape>, radiance: Radiance, gain: Radiance| {
             let within = |lobe: &&Vec3| lobe.cmple(Vec3::splat(TUNING.max_radiance)).all();
             if let Some(lobe) = radiance.0.iter().find(|lobe| !within(lobe)) {
@@ -180,10 +186,15 @@ impl Node for EditLights {
             Ok(())
         };
         for (id, shape) in inputs.shapes.iter() {
-            let old = inputs.radiances.get(id).map(|r| r.0.clone()).unwrap_or_else(|| vec![Vec3::ZERO; shape.lobes()]);
+            let old = inputs
+                .radiances
+                .get(id)
+                .map(|r| r.0.clone())
+                .unwrap_or_else(|| vec![Vec3::ZERO; shape.lobes()]);
             let edit = self.lights.get(id);
-            if let Some((shape, radiance)) =
-                edit.and_then(|e| self.made(id, e, Some((shape, &old)), &inputs, up, ctx)).transpose()?
+            if let Some((shape, radiance)) = edit
+                .and_then(|e| self.made(id, e, Some((shape, &old)), &inputs, up, ctx))
+                .transpose()?
             {
                 // The old light is removed, and the new one is drawn in its place.
                 let gain = vec![Vec3::ZERO; radiance.0.len()];
@@ -217,7 +228,9 @@ impl Node for EditLights {
                 continue;
             }
             let Some(made) = self.made(id, edit, None, &inputs, up, ctx) else {
-                return Err(NodeError::BadParameter(format!("lights: {id:?}: there is no such light to change")));
+                return Err(NodeError::BadParameter(format!(
+                    "lights: {id:?}: there is no such light to change"
+                )));
             };
             let (shape, radiance) = made?;
             let gain = vec![Vec3::ZERO; radiance.0.len()];
@@ -252,7 +265,9 @@ impl LightEdit {
     /// The files that it names.
     fn files(&mut self) -> Vec<&mut File> {
         match self {
-            LightEdit::Lamp { shape: LampShape::Mesh { path, parts, .. }, .. } => model_files(path, parts).collect(),
+            LightEdit::Lamp { shape: LampShape::Mesh { path, parts, .. }, .. } => {
+                model_files(path, parts).collect()
+            }
             LightEdit::Lamp { ies, .. } => ies.iter_mut().collect(),
             LightEdit::Window { sky: Sky::Env(file), .. } => vec![file],
             _ => Vec::new(),
@@ -266,7 +281,11 @@ impl LightEdit {
             LightEdit::Temperature(t) => check_range("temperature (K)", t, KELVIN),
             LightEdit::Color(r, g, b) => {
                 check_range("Color", &[*r, *g, *b], 0.0..)?;
-                if r + g + b > 0.0 { Ok(()) } else { Err("Color: wanted a color, got black; use Off".into()) }
+                if r + g + b > 0.0 {
+                    Ok(())
+                } else {
+                    Err("Color: wanted a color, got black; use Off".into())
+                }
             }
             LightEdit::Move { by, to } => match (by, to) {
                 (Some(_), None) | (None, Some(_)) => Ok(()),
@@ -289,8 +308,12 @@ impl LightEdit {
                 }
                 match (flux, radiance) {
                     (Some(flux), None) => check_range("flux (lumens)", flux, 0.0..),
-                    (None, Some(radiance)) if temperature.is_none() => check_range("radiance", radiance, 0.0..),
-                    (None, Some(_)) => Err("temperature requires flux; radiance has its own color".into()),
+                    (None, Some(radiance)) if temperature.is_none() => {
+                        check_range("radiance", radiance, 0.0..)
+                    }
+                    (None, Some(_)) => {
+                        Err("temperature requires flux; radiance has its own color".into())
+                    }
                     (None, None) if ies.is_some() => Ok(()),
                     (None, None) => Err("wanted flux (lumens) or radiance (r, g, b)".into()),
                     (Some(_), Some(_)) => Err("flux and radiance exclude each other".into()),
@@ -298,7 +321,14 @@ impl LightEdit {
             }
             LightEdit::Window { corners, sky, ground, sun, yaw, scale } => {
                 window::convex(corners)?;
-                Environment { sky, ground: ground.as_ref(), sun: sun.as_ref(), yaw: *yaw, scale: *scale }.check()
+                Environment {
+                    sky,
+                    ground: ground.as_ref(),
+                    sun: sun.as_ref(),
+                    yaw: *yaw,
+                    scale: *scale,
+                }
+                .check()
             }
         }
     }
@@ -330,7 +360,8 @@ impl EditLights {
         up: Vec3,
         ctx: &Context,
     ) -> Option<Result<(Shape, Radiance), NodeError>> {
-        let failed = |message: String| NodeError::BadParameter(format!("lights: {id:?}: {message}"));
+        let failed =
+            |message: String| NodeError::BadParameter(format!("lights: {id:?}: {message}"));
         match (edit, old) {
             (LightEdit::Lamp { .. }, _) => Some(self.lamp(id, edit, inputs, up, ctx)),
             (LightEdit::Move { by, to }, Some((shape, radiance))) => {
@@ -338,10 +369,17 @@ impl EditLights {
                 Some(lamp.map(|lamp| (Shape::Lamp(lamp), Radiance(radiance.to_vec()))))
             }
             (LightEdit::Window { corners, sky, ground, sun, yaw, scale }, _) => {
-                let environment =
-                    Environment { sky, ground: ground.as_ref(), sun: sun.as_ref(), yaw: *yaw, scale: *scale };
+                let environment = Environment {
+                    sky,
+                    ground: ground.as_ref(),
+                    sun: sun.as_ref(),
+                    yaw: *yaw,
+                    scale: *scale,
+                };
                 let window = window::window(corners, inputs, up).map_err(failed);
-                Some(window.and_then(|window| environment.through(id, window, up, &|| self.lux(id, inputs, ctx), ctx)))
+                Some(window.and_then(|window| {
+                    environment.through(id, window, up, &|| self.lux(id, inputs, ctx), ctx)
+                }))
             }
             _ => None,
         }
@@ -356,10 +394,12 @@ impl EditLights {
         up: Vec3,
         ctx: &Context,
     ) -> Result<(Shape, Radiance), NodeError> {
-        let LightEdit::Lamp { shape, at, flux, radiance, temperature, ies, axis, turn } = edit else {
+        let LightEdit::Lamp { shape, at, flux, radiance, temperature, ies, axis, turn } = edit
+        else {
             unreachable!("only lamps are made here")
         };
-        let failed = |message: String| NodeError::BadParameter(format!("lights: {id:?}: {message}"));
+        let failed =
+            |message: String| NodeError::BadParameter(format!("lights: {id:?}: {message}"));
         let lamp = shape.at(at, inputs, up, &failed, ctx)?;
         let (lamp, lumens) = match ies {
             Some(file) => lamp::luminaire(lamp, file, *axis, *turn, up, ctx)?,
@@ -370,12 +410,15 @@ impl EditLights {
             None => {
                 // Flux = pi x area x luminance for a Lambertian surface; a white surface under
                 // `lux` has luminance lux / pi and shows 1.
-                let level = flux.unwrap_or(lumens) / (lamp.area() * lamp.escaping() * self.lux(id, inputs, ctx));
+                let level = flux.unwrap_or(lumens)
+                    / (lamp.area() * lamp.escaping() * self.lux(id, inputs, ctx));
                 black_body(temperature.unwrap_or(TUNING.kelvin)) * level
             }
         };
         if !radiance.is_finite() {
-            return Err(failed(format!("wanted a larger body for this flux, got a radiance of {radiance}")));
+            return Err(failed(format!(
+                "wanted a larger body for this flux, got a radiance of {radiance}"
+            )));
         }
         Ok((Shape::Lamp(lamp), Radiance(vec![radiance])))
     }
@@ -384,7 +427,9 @@ impl EditLights {
     fn lux(&self, id: &str, inputs: &EditLightsIn, ctx: &Context) -> f32 {
         inputs.encoding.lux.unwrap_or_else(|| {
             let lux = self.assumed_lux;
-            ctx.warn(format!("light {id:?}: the scene has no exposure; white is assumed to show 1.0 at {lux} lux"));
+            ctx.warn(format!(
+                "light {id:?}: the scene has no exposure; white is assumed to show 1.0 at {lux} lux"
+            ));
             lux
         })
     }

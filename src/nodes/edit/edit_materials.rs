@@ -9,8 +9,9 @@ use super::Color;
 use crate::geometry::grow_region;
 use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{
-    self, Albedo, AlphaMatte, Depth, NamedBytes, Normal, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Points,
-    Roughness, SPECULAR_EDIT, Specular, SpecularEdit, Upsampler, alpha_matte, resize, same_aspect,
+    self, Albedo, AlphaMatte, Depth, NamedBytes, Normal, PaintChange, PaintLayer, PaintLayers,
+    Picture, Plane, Points, Roughness, SPECULAR_EDIT, Specular, SpecularEdit, Upsampler,
+    alpha_matte, resize, same_aspect,
 };
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -130,14 +131,17 @@ impl Node for EditMaterials {
     type Out = EditMaterialsOut;
 
     fn check_consistency(&self) -> Result<(), String> {
-        let entry =
-            |(i, edit): (usize, &MaterialEdit)| edit.check().map_err(|e| format!("materials: entry {}: {e}", i + 1));
+        let entry = |(i, edit): (usize, &MaterialEdit)| {
+            edit.check().map_err(|e| format!("materials: entry {}: {e}", i + 1))
+        };
         self.materials.iter().enumerate().try_for_each(entry)
     }
 
     fn files(&mut self) -> Vec<&mut File> {
         let regions = self.materials.iter_mut().map(|MaterialEdit::Paint { region, .. }| region);
-        regions.filter_map(|region| if let Region::Mask(file) = region { Some(file) } else { None }).collect()
+        regions
+            .filter_map(|region| if let Region::Mask(file) = region { Some(file) } else { None })
+            .collect()
     }
 
     fn run(&self, inputs: EditMaterialsIn, ctx: &Context) -> Result<EditMaterialsOut, NodeError> {
@@ -155,7 +159,8 @@ impl Node for EditMaterials {
         for (i, edit) in self.materials.iter().enumerate() {
             let MaterialEdit::Paint { region, albedo, roughness, specular, keep_texture } = edit;
             ctx.check_cancelled()?;
-            let bad = |e: String| NodeError::BadParameter(format!("materials: entry {}: {e}", i + 1));
+            let bad =
+                |e: String| NodeError::BadParameter(format!("materials: entry {}: {e}", i + 1));
             let matte = region.matte(&inputs, ctx, bad)?;
             let share = resize(&matte.alpha, width, height);
             if roughness.is_some() || specular.is_some() {
@@ -165,18 +170,23 @@ impl Node for EditMaterials {
             if let Some(color) = albedo {
                 let new = color.linear().map_err(bad)?;
                 let keep_texture = *keep_texture;
-                for (was, is) in [(&inputs.albedo, &mut out.albedo), (&inputs.fitted, &mut out.fitted)] {
+                for (was, is) in
+                    [(&inputs.albedo, &mut out.albedo), (&inputs.fitted, &mut out.fitted)]
+                {
                     let paint = PaintChange { old: mean(&was.0, &share), new, keep_texture };
                     *is = Arc::new(Albedo(painted(&is.0, &was.0, &share, paint)));
                 }
-                let (known, old) = (mean(&inputs.known.0, &share), mean(&inputs.reflectance.0, &share));
+                let (known, old) =
+                    (mean(&inputs.known.0, &share), mean(&inputs.reflectance.0, &share));
                 let part = 100.0 * share.pixels().iter().sum::<f32>() / share.len() as f32;
                 ctx.note(format!(
                     "entry {}: {part:.1} % of the photo, albedo {known:.3} before, {new:.3} after",
                     i + 1
                 ));
-                paint_layers
-                    .push(PaintLayer { paint: PaintChange { old, new: new * old / known, keep_texture }, matte });
+                paint_layers.push(PaintLayer {
+                    paint: PaintChange { old, new: new * old / known, keep_texture },
+                    matte,
+                });
             }
             if let Some(new) = roughness {
                 out.roughness = Arc::new(Roughness(mixed(&out.roughness.0, *new, &share)));
@@ -260,31 +270,42 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
 fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
-    let found = grow_region(seed, &inputs.small, &inputs.reflectance, &inputs.points, &inputs.normal);
+    let found =
+        grow_region(seed, &inputs.small, &inputs.reflectance, &inputs.points, &inputs.normal);
     let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
     Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round())
 }
 
 fn mixed(below: &Plane<f32>, new: f32, share: &Plane<f32>) -> Plane<f32> {
-    let mixed = below.pixels().iter().zip(share.pixels()).map(|(old, share)| old + share * (new - old));
+    let mixed =
+        below.pixels().iter().zip(share.pixels()).map(|(old, share)| old + share * (new - old));
     Plane::new(below.width(), below.height(), mixed.collect())
 }
 
 /// Mean over a region.
 fn mean(albedo: &Plane<Vec3>, share: &Plane<f32>) -> Vec3 {
     let terms = albedo.pixels().iter().zip(share.pixels()).filter(|(_, share)| **share > 0.0);
-    let (sum, weight) = terms.fold((Vec3::ZERO, 0.0), |(sum, weight), (a, &share)| (sum + share * *a, weight + share));
+    let (sum, weight) = terms
+        .fold((Vec3::ZERO, 0.0), |(sum, weight), (a, &share)| (sum + share * *a, weight + share));
     (sum / weight.max(1e-6)).max(Vec3::splat(TUNING.min_reflectance))
 }
 
 /// `below` with `paint` over `bare`, the albedo without any paint, weighted by the painted fraction
 /// of each pixel.
-fn painted(below: &Plane<Vec3>, bare: &Plane<Vec3>, share: &Plane<f32>, paint: PaintChange) -> Plane<Vec3> {
+fn painted(
+    below: &Plane<Vec3>,
+    bare: &Plane<Vec3>,
+    share: &Plane<f32>,
+    paint: PaintChange,
+) -> Plane<Vec3> {
     let (width, height) = below.size();
     let layers = below.pixels().iter().zip(bare.pixels()).zip(share.pixels());
-    let over =
-        layers.map(|((&below, &bare), &share)| if share > 0.0 { below.lerp(paint.over(bare), share) } else { below });
+    let over = layers.map(
+        |((&below, &bare), &share)| {
+            if share > 0.0 { below.lerp(paint.over(bare), share) } else { below }
+        },
+    );
     Plane::new(width, height, over.collect())
 }
 
@@ -328,12 +349,18 @@ mod tests {
         MaterialEdit::Paint { region, albedo, roughness: None, specular: None, keep_texture: true }
     }
 
-    fn run(materials: Vec<MaterialEdit>, inputs: EditMaterialsIn) -> Result<EditMaterialsOut, NodeError> {
+    fn run(
+        materials: Vec<MaterialEdit>,
+        inputs: EditMaterialsIn,
+    ) -> Result<EditMaterialsOut, NodeError> {
         EditMaterials { materials }.run(inputs, &Context::default())
     }
 
     /// A mask in a file that lives as long as the first.
-    fn mask_file(size: (usize, usize), share: impl Fn(usize, usize) -> f32) -> (tempfile::NamedTempFile, Region) {
+    fn mask_file(
+        size: (usize, usize),
+        share: impl Fn(usize, usize) -> f32,
+    ) -> (tempfile::NamedTempFile, Region) {
         let picture = Picture(Plane::from_fn(size.0, size.1, |x, y| Vec3::splat(share(x, y))));
         let mut file = tempfile::NamedTempFile::new().expect("a temporary file can be made");
         let png = image::write_png(&picture, image::Transfer::Linear, false);
@@ -345,7 +372,8 @@ mod tests {
     #[test]
     fn nothing_to_paint_passes_through() {
         let inputs = wall(GRAY, RED);
-        let (albedo, fitted, roughness) = (inputs.albedo.clone(), inputs.fitted.clone(), inputs.roughness.clone());
+        let (albedo, fitted, roughness) =
+            (inputs.albedo.clone(), inputs.fitted.clone(), inputs.roughness.clone());
         let out = run(vec![], inputs).expect("it is sound");
         assert!(Arc::ptr_eq(&albedo, &out.albedo) && Arc::ptr_eq(&fitted, &out.fitted));
         assert!(Arc::ptr_eq(&roughness, &out.roughness) && out.paint_layers.0.is_empty());
@@ -354,7 +382,8 @@ mod tests {
 
     #[test]
     fn a_surface_grows_to_the_next_paint_and_takes_the_new_one() {
-        let out = run(vec![paint(Region::Grow(5.0, 12.0), NEW)], wall(GRAY, RED)).expect("it is sound");
+        let out =
+            run(vec![paint(Region::Grow(5.0, 12.0), NEW)], wall(GRAY, RED)).expect("it is sound");
         for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
             let want = if x < SIZE.0 / 2 { NEW } else { 0.8 * RED };
             let got = out.albedo.0.get(x, y);
@@ -363,7 +392,11 @@ mod tests {
         }
         // The photo is a fifth brighter than by its albedo, and stays so.
         let layer = &out.paint_layers.0[0];
-        assert!((layer.paint.over(GRAY) - NEW / 0.8).abs().max_element() < 1e-4, "{}", layer.paint.over(GRAY));
+        assert!(
+            (layer.paint.over(GRAY) - NEW / 0.8).abs().max_element() < 1e-4,
+            "{}",
+            layer.paint.over(GRAY)
+        );
         assert!(out.paint_layers.at(5, 5).reflectance(GRAY, GRAY).distance(NEW / 0.8) < 1e-4);
         assert_eq!(out.paint_layers.at(30, 5).reflectance(GRAY, GRAY), GRAY);
     }
@@ -371,7 +404,8 @@ mod tests {
     #[test]
     fn later_entries_lie_over_earlier_ones() {
         let all = || Region::Grow(5.0, 5.0);
-        let out = run(vec![paint(all(), RED), paint(all(), NEW)], wall(GRAY, GRAY)).expect("it is sound");
+        let out =
+            run(vec![paint(all(), RED), paint(all(), NEW)], wall(GRAY, GRAY)).expect("it is sound");
         assert!(out.albedo.0.pixels().iter().all(|a| a.distance(NEW) < 1e-4));
         assert!(out.paint_layers.at(9, 9).reflectance(GRAY, GRAY).distance(NEW / 0.8) < 1e-4);
     }
@@ -379,7 +413,10 @@ mod tests {
     #[test]
     fn soft_masks_of_other_sizes_blend() {
         let (_file, region) =
-            mask_file((80, 60), |x, _| if x < 20 { 1.0 } else { (1.0 - (x - 20) as f32 / 40.0).max(0.0) });
+            mask_file(
+                (80, 60),
+                |x, _| if x < 20 { 1.0 } else { (1.0 - (x - 20) as f32 / 40.0).max(0.0) },
+            );
         let edit = MaterialEdit::Paint {
             region,
             albedo: Some(Color::Linear(0.2, 0.2, 0.2)),
@@ -393,7 +430,9 @@ mod tests {
         assert!((share(20) - 0.49).abs() < 0.02, "{}", share(20));
         for x in [3, 15, 20, 25, 35] {
             let mix = |old: f32, new: f32| old + share(x) * (new - old);
-            let near = |got: f32, want: f32| assert!((got - want).abs() < 1e-3, "{x}: {got} against {want}");
+            let near = |got: f32, want: f32| {
+                assert!((got - want).abs() < 1e-3, "{x}: {got} against {want}")
+            };
             near(out.roughness.0.get(x, 7), mix(0.8, 0.2));
             near(out.specular.0.get(x, 7), mix(0.5, 1.0));
             near(out.albedo.0.get(x, 7).y, mix(0.4, 0.2));
@@ -407,11 +446,14 @@ mod tests {
 
     #[test]
     fn bad_entries_are_told() {
-        let told = |edit: MaterialEdit| run(vec![edit], wall(GRAY, RED)).err().expect("it is refused").to_string();
+        let told = |edit: MaterialEdit| {
+            run(vec![edit], wall(GRAY, RED)).err().expect("it is refused").to_string()
+        };
         let (_file, square) = mask_file((40, 40), |_, _| 1.0);
         let wrong_shape = told(paint(square, NEW));
         assert!(
-            wrong_shape.ends_with("wanted the photo's 40 x 30, or its aspect ratio to 2 %, got 40 x 40"),
+            wrong_shape
+                .ends_with("wanted the photo's 40 x 30, or its aspect ratio to 2 %, got 40 x 40"),
             "{wrong_shape}"
         );
         let (_other, black) = mask_file(SIZE, |_, _| 0.0);

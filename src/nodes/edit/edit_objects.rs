@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{Color, Ground, Place, SIZES, check_model, model_files, read_model, tall, upright};
 use crate::geometry::{
-    Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, most_triangles, world_up,
+    Bodies, Body, Camera, Drawing, Material, Model, Objects, SceneMesh, draw, most_triangles,
+    world_up,
 };
 use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{Depth, Normal};
@@ -83,17 +84,31 @@ pub struct ObjectMaterial {
 impl Default for ObjectMaterial {
     fn default() -> ObjectMaterial {
         let Material { albedo, roughness, specular, metallic } = Material::PLAIN;
-        ObjectMaterial { albedo: Color::Linear(albedo.x, albedo.y, albedo.z), roughness, specular, metallic }
+        ObjectMaterial {
+            albedo: Color::Linear(albedo.x, albedo.y, albedo.z),
+            roughness,
+            specular,
+            metallic,
+        }
     }
 }
 
 impl ObjectMaterial {
     fn material(&self) -> Result<Material, String> {
-        for (name, value) in [("roughness", self.roughness), ("specular", self.specular), ("metallic", self.metallic)] {
+        for (name, value) in [
+            ("roughness", self.roughness),
+            ("specular", self.specular),
+            ("metallic", self.metallic),
+        ] {
             check_range(name, &value, 0.0..=1.0)?;
         }
         let albedo = self.albedo.linear().map_err(|e| format!("albedo: {e}"))?;
-        Ok(Material { albedo, roughness: self.roughness, specular: self.specular, metallic: self.metallic })
+        Ok(Material {
+            albedo,
+            roughness: self.roughness,
+            specular: self.specular,
+            metallic: self.metallic,
+        })
     }
 }
 
@@ -132,7 +147,10 @@ impl Node for EditObjects {
     type Out = EditObjectsOut;
 
     fn check_consistency(&self) -> Result<(), String> {
-        self.objects.iter().enumerate().try_for_each(|(i, o)| o.check().map_err(|e| format!("objects: {i}: {e}")))
+        self.objects
+            .iter()
+            .enumerate()
+            .try_for_each(|(i, o)| o.check().map_err(|e| format!("objects: {i}: {e}")))
     }
 
     fn files(&mut self) -> Vec<&mut File> {
@@ -150,12 +168,14 @@ impl Node for EditObjects {
             let objects = Arc::new(Objects::unseen(&[]));
             return Ok(EditObjectsOut { mesh, depth, objects, present: false, shiny: false });
         }
-        let ground = Ground { camera: &camera, depth: &depth, normal: &normal, up: world_up(&normal) };
+        let ground =
+            Ground { camera: &camera, depth: &depth, normal: &normal, up: world_up(&normal) };
         let (mut bodies, mut models) = (Vec::new(), Models::default());
         for (i, object) in self.objects.iter().enumerate() {
             ctx.check_cancelled()?;
-            let again =
-                self.objects[i + 1..].iter().any(|other| other.file().is_some() && other.file() == object.file());
+            let again = self.objects[i + 1..]
+                .iter()
+                .any(|other| other.file().is_some() && other.file() == object.file());
             bodies.push(object.body(i, again, &ground, &mut models, ctx)?);
         }
         let (solid, materials) = Bodies::new(&bodies, self.probes);
@@ -192,7 +212,13 @@ struct Models<'a> {
 
 impl<'a> Models<'a> {
     /// The model of a file, which is kept where it is wanted `again`.
-    fn read(&mut self, path: &'a File, parts: &'a [File], again: bool, ctx: &Context) -> Result<Model, NodeError> {
+    fn read(
+        &mut self,
+        path: &'a File,
+        parts: &'a [File],
+        again: bool,
+        ctx: &Context,
+    ) -> Result<Model, NodeError> {
         let kept = self.kept.iter().position(|(p, named, _)| (*p, *named) == (path, parts));
         let model = match kept {
             Some(at) if again => self.kept[at].2.clone(),
@@ -206,8 +232,12 @@ impl<'a> Models<'a> {
         self.file_bytes += model.file_bytes;
         let most = most_triangles(self.file_bytes);
         if self.triangles > most {
-            let got = format!("wanted up to {most} triangles of models with {} bytes", self.file_bytes);
-            return Err(NodeError::BadParameter(format!("objects: {got}, got at least {}", self.triangles)));
+            let got =
+                format!("wanted up to {most} triangles of models with {} bytes", self.file_bytes);
+            return Err(NodeError::BadParameter(format!(
+                "objects: {got}, got at least {}",
+                self.triangles
+            )));
         }
         Ok(model)
     }
@@ -256,7 +286,8 @@ impl ObjectEdit {
         models: &mut Models<'a>,
         ctx: &Context,
     ) -> Result<Body, NodeError> {
-        let failed = |message: String| NodeError::BadParameter(format!("objects: {number}: {message}"));
+        let failed =
+            |message: String| NodeError::BadParameter(format!("objects: {number}: {message}"));
         match self {
             ObjectEdit::Sphere { radius, at, material } => {
                 let material = material.material().map_err(failed)?;
@@ -267,17 +298,27 @@ impl ObjectEdit {
                         foot + normal * (radius + lift)
                     }
                 };
-                Ok(Body::placed(Model::sphere(), Some(material), Mat3::IDENTITY, *radius, Vec3::ZERO, center))
+                Ok(Body::placed(
+                    Model::sphere(),
+                    Some(material),
+                    Mat3::IDENTITY,
+                    *radius,
+                    Vec3::ZERO,
+                    center,
+                ))
             }
             ObjectEdit::Mesh { path, at, height, yaw, material, parts } => {
-                let material = material.as_ref().map(ObjectMaterial::material).transpose().map_err(failed)?;
+                let material =
+                    material.as_ref().map(ObjectMaterial::material).transpose().map_err(failed)?;
                 let model = models.read(path, parts, again, ctx)?;
                 let (low, high) = model.bounds();
                 let tall = tall(&model, path)?;
                 let bottom = Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z));
                 let place = match *at {
                     Place::Point(x, y, z) => Vec3::new(x, y, z),
-                    Place::Pixel { x, y, lift } => ground.foot(x, y).map_err(failed)?.0 + ground.up * lift,
+                    Place::Pixel { x, y, lift } => {
+                        ground.foot(x, y).map_err(failed)?.0 + ground.up * lift
+                    }
                 };
                 let turn = upright(ground.up, *yaw);
                 Ok(Body::placed(model, material, turn, height / tall, bottom, place))

@@ -28,10 +28,13 @@ impl Color {
     fn linear(&self) -> Result<Vec3, String> {
         match self {
             Color::Srgb(text) => {
-                let digits =
-                    text.strip_prefix('#').filter(|d| d.len() == 6 && d.chars().all(|c| c.is_ascii_hexdigit()));
+                let digits = text
+                    .strip_prefix('#')
+                    .filter(|d| d.len() == 6 && d.chars().all(|c| c.is_ascii_hexdigit()));
                 let number = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
-                let number = number.ok_or_else(|| format!("Srgb: wanted a color like \"#c8642a\", got {text:?}"))?;
+                let number = number.ok_or_else(|| {
+                    format!("Srgb: wanted a color like \"#c8642a\", got {text:?}")
+                })?;
                 let [_, rgb @ ..] = number.to_be_bytes();
                 Ok(Vec3::from_array(rgb.map(|c| Transfer::Srgb.decode(f32::from(c) / 255.0))))
             }
@@ -135,9 +138,11 @@ impl Ground<'_> {
         let (own, own_normal) = self.seen(x, y)?;
         let camera = self.camera;
         let reach = (TUNING.foot * camera.width.max(camera.height) as f32).ceil();
-        let steps = || (-TUNING.steps..=TUNING.steps).map(|i| i as f32 / TUNING.steps as f32 * reach);
+        let steps =
+            || (-TUNING.steps..=TUNING.steps).map(|i| i as f32 / TUNING.steps as f32 * reach);
         let places = steps().flat_map(|dy| steps().map(move |dx| (x + dx, y + dy)));
-        let (points, normals): (Vec<Vec3>, Vec<Vec3>) = places.filter_map(|(x, y)| self.seen(x, y).ok()).unzip();
+        let (points, normals): (Vec<Vec3>, Vec<Vec3>) =
+            places.filter_map(|(x, y)| self.seen(x, y).ok()).unzip();
         let plane = PlaneFit::through(&points, &normals, TUNING.on_plane);
         let plane = plane.filter(|plane| plane.normal.dot(own_normal) > TUNING.same_normal);
         let (point, normal) = plane
@@ -149,7 +154,11 @@ impl Ground<'_> {
 
 /// The constants of edits.
 pub fn tuning() -> Vec<Table> {
-    [vec![GroundTuning::table(), edit_materials::EditMaterialsTuning::table()], edit_lights::tuning()].concat()
+    [
+        vec![GroundTuning::table(), edit_materials::EditMaterialsTuning::table()],
+        edit_lights::tuning(),
+    ]
+    .concat()
 }
 
 /// The level directions to the right of the view and ahead.
@@ -169,7 +178,10 @@ fn check_model(path: &File, height: f32) -> Result<(), String> {
 }
 
 /// The file of a model and those that it names, which are looked for here.
-fn model_files<'a>(path: &'a mut File, parts: &'a mut Vec<File>) -> impl Iterator<Item = &'a mut File> {
+fn model_files<'a>(
+    path: &'a mut File,
+    parts: &'a mut Vec<File>,
+) -> impl Iterator<Item = &'a mut File> {
     if parts.is_empty() {
         *parts = named_by(path);
     }
@@ -179,7 +191,8 @@ fn model_files<'a>(path: &'a mut File, parts: &'a mut Vec<File>) -> impl Iterato
 /// The files that a model names, beside it.
 fn named_by(file: &File) -> Vec<File> {
     let read = |file: File| file.read_unchecked();
-    let names = geometry::parts(&file.path, || read(file.clone()), &|name| read(file.sibling(name)));
+    let names =
+        geometry::parts(&file.path, || read(file.clone()), &|name| read(file.sibling(name)));
     // Without a folder: the engine gives them theirs, and notes where they were named.
     names.iter().map(|name| File::new(file.sibling(name).path)).collect()
 }
@@ -187,12 +200,17 @@ fn named_by(file: &File) -> Vec<File> {
 /// A model; its warnings become warnings of the stage.
 fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeError> {
     let bytes = ctx.read(path)?;
-    let bad = |message: String| NodeError::BadFile { path: path.location().display().to_string(), message };
+    let bad = |message: String| NodeError::BadFile {
+        path: path.location().display().to_string(),
+        message,
+    };
     let mut unread = None;
     let mut part = |name: &str| {
         let wanted = path.sibling(name);
         let file = parts.iter().find(|file| file.path == wanted.path);
-        let read = file.ok_or_else(|| format!("it names {name}, which is missing")).map(|file| ctx.read(file))?;
+        let read = file
+            .ok_or_else(|| format!("it names {name}, which is missing"))
+            .map(|file| ctx.read(file))?;
         read.map_err(|e| {
             let told = e.to_string();
             unread = Some(e);
@@ -213,8 +231,14 @@ fn tall(model: &Model, path: &File) -> Result<f32, NodeError> {
     let (low, high) = model.bounds();
     let tall = high.y - low.y;
     if tall.is_nan() || tall <= TUNING.min_height * (high - low).max_element() {
-        let told = format!("wanted a model with a height (along its y), got one from y = {} to {}", low.y, high.y);
-        return Err(NodeError::BadFile { path: path.location().display().to_string(), message: told });
+        let told = format!(
+            "wanted a model with a height (along its y), got one from y = {} to {}",
+            low.y, high.y
+        );
+        return Err(NodeError::BadFile {
+            path: path.location().display().to_string(),
+            message: told,
+        });
     }
     Ok(tall)
 }

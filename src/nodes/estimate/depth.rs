@@ -88,7 +88,10 @@ impl Node for Depth {
 
     fn check_consistency(&self) -> Result<(), String> {
         if self.model.path.is_empty() {
-            return Err("model: wanted the file of a network, got none; none for depth ships with relight".into());
+            return Err(
+                "model: wanted the file of a network, got none; none for depth ships with relight"
+                    .into(),
+            );
         }
         self.normalization.check()
     }
@@ -103,7 +106,9 @@ impl Node for Depth {
         let network = neural::loaded(ctx, &self.model, &self.backend)?;
         let output = third_party::output(&network, self.output.as_deref()).map_err(refused)?;
         let (input, seen) = self.photo_input().tensor(&network, &photo).map_err(refused)?;
-        let [.., height, width] = *seen.shape() else { unreachable!("a photo has rows and columns") };
+        let [.., height, width] = *seen.shape() else {
+            unreachable!("a photo has rows and columns")
+        };
         ctx.check_cancelled()?;
         let [told] = network.run(vec![(input, seen)], [output]).map_err(refused)?;
         third_party::check_channels(output, &told, 1).map_err(refused)?;
@@ -121,15 +126,19 @@ impl Node for Depth {
         let span = meters.span.map(|span| format!(", span {span:.2}")).unwrap_or_default();
         ctx.note(format!("seen at {width} x {height}, scale {:.4}{span}", meters.scale));
         if meters.misfit > TUNING.max_misfit {
-            ctx.warn(format!("the known lengths contradict each other: one is off by {:.0} %", 100.0 * meters.misfit));
+            ctx.warn(format!(
+                "the known lengths contradict each other: one is off by {:.0} %",
+                100.0 * meters.misfit
+            ));
         }
-        let (depth, holes) = inpaint_depth(&meters.depth, &meters.depth.map(|_| 0.0)).ok_or_else(|| {
-            let file = self.model.location().display().to_string();
-            NodeError::BadFile {
-                path: file,
-                message: "wanted meters, got no positive number; is its depth Relative?".into(),
-            }
-        })?;
+        let (depth, holes) =
+            inpaint_depth(&meters.depth, &meters.depth.map(|_| 0.0)).ok_or_else(|| {
+                let file = self.model.location().display().to_string();
+                NodeError::BadFile {
+                    path: file,
+                    message: "wanted meters, got no positive number; is its depth Relative?".into(),
+                }
+            })?;
         let share = holes.0.pixels().iter().sum::<f32>() / holes.0.len() as f32;
         if share > TUNING.max_holes {
             ctx.warn(format!(
@@ -154,6 +163,12 @@ tuning! {
 impl Depth {
     fn photo_input(&self) -> PhotoInput<'_> {
         let &Depth { ref input, side, multiple, normalization, .. } = self;
-        PhotoInput { name: input.as_deref(), side, multiple, transfer: Transfer::Srgb, normalization }
+        PhotoInput {
+            name: input.as_deref(),
+            side,
+            multiple,
+            transfer: Transfer::Srgb,
+            normalization,
+        }
     }
 }

@@ -6,8 +6,8 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, REFLECTANCE, Shading, clip_level, inpaint_surfaces,
-    reflected,
+    Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, REFLECTANCE, Shading, clip_level,
+    inpaint_surfaces, reflected,
 };
 use crate::optics::LightKind;
 use crate::{params, ports};
@@ -69,12 +69,13 @@ impl Node for FillReflectance {
         let bloom = self.bloom * full_w.max(full_h) as f32;
         let mut glare_masks = Vec::new();
         for (id, mask) in inputs.mask.iter() {
-            let kind = inputs
-                .kind
-                .get(id)
-                .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
+            let kind = inputs.kind.get(id).ok_or_else(|| {
+                NodeError::Failed(format!("visible light {id:?} is neither lamp nor window"))
+            })?;
             let glare_mask = match **kind {
-                LightKind::Lamp => GlareMask::of_lamp(&mask.0, &inputs.photo, &inputs.clipped, bloom),
+                LightKind::Lamp => {
+                    GlareMask::of_lamp(&mask.0, &inputs.photo, &inputs.clipped, bloom)
+                }
                 LightKind::Window => GlareMask::of_window(&mask.0, &inputs.photo, bloom),
             };
             glare_masks.push((id.to_string(), Arc::new(glare_mask)));
@@ -89,10 +90,16 @@ impl Node for FillReflectance {
         }
         let reflectance = |i: usize| {
             let lights = inputs.light.iter().map(|(_, light)| light.0.pixels()[i]);
-            reflected(inputs.small.0.pixels()[i], lights.sum::<Vec3>() + inputs.residual.0.pixels()[i])
+            reflected(
+                inputs.small.0.pixels()[i],
+                lights.sum::<Vec3>() + inputs.residual.0.pixels()[i],
+            )
         };
         let mut paint = Plane::new(w, h, (0..w * h).map(reflectance).collect());
         inpaint_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
-        Ok(FillReflectanceOut { reflectance: Arc::new(Albedo(paint)), glare_mask: Scatter(glare_masks) })
+        Ok(FillReflectanceOut {
+            reflectance: Arc::new(Albedo(paint)),
+            glare_mask: Scatter(glare_masks),
+        })
     }
 }

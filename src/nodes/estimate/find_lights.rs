@@ -74,7 +74,9 @@ impl Node for FindLights {
         ];
         for (name, got) in planes {
             if let Some(got) = got.filter(|got| *got != size) {
-                return Err(NodeError::Failed(format!("{name}: wanted {size:?} pixels as `small`, got {got:?}")));
+                return Err(NodeError::Failed(format!(
+                    "{name}: wanted {size:?} pixels as `small`, got {got:?}"
+                )));
             }
         }
         let &FindLights { threshold, smoothness, smallest, most } = self;
@@ -99,15 +101,23 @@ impl Node for FindLights {
             let id = format!("{word}_{count}");
             *count += 1;
             let share = light.area as f32 / (size.0 * size.1) as f32;
-            ctx.note(format!("{id}: {:.1} % of the photo, contrast {:.1} at its edge", 100.0 * share, light.contrast));
+            ctx.note(format!(
+                "{id}: {:.1} % of the photo, contrast {:.1} at its edge",
+                100.0 * share,
+                light.contrast
+            ));
             let mask = upscale(&light.mask, width, height);
             annotate(&mut overview, &mask, &id, color);
             let white = Picture(mask.map(|inside| if inside { Vec3::ONE } else { Vec3::ZERO }));
             files.push((format!("masks/{id}.png"), write_png(&white, Transfer::Linear, false)));
-            writeln!(scene, "    \"{id}\": {variant}(mask: \"masks/{id}.png\"),").expect("memory can be written to");
+            writeln!(scene, "    \"{id}\": {variant}(mask: \"masks/{id}.png\"),")
+                .expect("memory can be written to");
         }
         scene.push_str("},\n");
-        files.push(("found.png".into(), write_png(&Picture(overview), inputs.encoding.transfer, false)));
+        files.push((
+            "found.png".into(),
+            write_png(&Picture(overview), inputs.encoding.transfer, false),
+        ));
         files.push(("scene_lights.ron".into(), scene.into_bytes()));
         Ok(FindLightsOut { files: Arc::new(Files(files)) })
     }

@@ -5,10 +5,15 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, dilate, inpaint_surfaces};
-use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES, REST, UnitDirect, UnitIndirect, Visibility};
+use crate::image::{
+    Albedo, Mask, Normal, Picture, Plane, Points, Segments, Shading, dilate, inpaint_surfaces,
+};
+use crate::nodes::artifacts::{
+    INV_LAMP, INV_WINDOW, LOBES, REST, UnitDirect, UnitIndirect, Visibility,
+};
 use crate::optics::inverse::{
-    Column, Conditioning, LightPrior, Observations, RadianceFit, Role, fit_radiances, observed_pixels,
+    Column, Conditioning, LightPrior, Observations, RadianceFit, Role, fit_radiances,
+    observed_pixels,
 };
 use crate::optics::{LightTransport, Radiance, Shape};
 use crate::tuning::tuning;
@@ -95,10 +100,20 @@ impl Node for FitLights {
         let grid = inputs.transport.grid();
         let masks = || inputs.mask.iter().map(|(_, mask)| &**mask);
         let receivers: Vec<usize> = (0..grid.len()).map(|i| grid.pixel(i)).collect();
-        let pixels =
-            observed_pixels(receivers.into_iter(), &inputs.photo, &inputs.clipped, masks().chain([&*inputs.ignore]));
+        let pixels = observed_pixels(
+            receivers.into_iter(),
+            &inputs.photo,
+            &inputs.clipped,
+            masks().chain([&*inputs.ignore]),
+        );
         let at = |picture: &Picture| {
-            Observations::at(picture, &inputs.clipped, &inputs.segments, &pixels, TUNING.mean_radius)
+            Observations::at(
+                picture,
+                &inputs.clipped,
+                &inputs.segments,
+                &pixels,
+                TUNING.mean_radius,
+            )
         };
         let mut observations = at(&inputs.photo);
         if self.keep_albedo {
@@ -109,7 +124,8 @@ impl Node for FitLights {
         let mut lobes = unit_lobes(&inputs, &pixels)?;
         let layer = pixels.iter().map(|&p| ambient.pixels()[p]).collect();
         lobes.push(UnitLobe { light: REST, lobe: None, role: Role::Ambient, layer });
-        let columns: Vec<Column> = lobes.iter().map(|lobe| Column::new(lobe.role, &lobe.layer)).collect();
+        let columns: Vec<Column> =
+            lobes.iter().map(|lobe| Column::new(lobe.role, &lobe.layer)).collect();
         let before: Vec<Vec3> = match self.keep_albedo {
             true => vec![Vec3::ONE; pixels.len()],
             false => pixels.iter().map(|&p| inputs.albedo.0.pixels()[p]).collect(),
@@ -124,11 +140,15 @@ impl Node for FitLights {
         };
         let fit = fit_radiances(&observations, &columns, &prior, self.iterations);
         let fit = fit.with_albedo_of(&observations.segment, &before);
-        FitReport { lobes: &lobes, columns: &columns, fit: &fit, observations: &observations }.send(ctx);
+        FitReport { lobes: &lobes, columns: &columns, fit: &fit, observations: &observations }
+            .send(ctx);
 
         let mut weights = fit.radiance.iter().copied();
         let radiance = inputs.direct.iter().map(|(id, direct)| {
-            (id.to_string(), Arc::new(Radiance(weights.by_ref().take(direct.lobes.len()).collect())))
+            (
+                id.to_string(),
+                Arc::new(Radiance(weights.by_ref().take(direct.lobes.len()).collect())),
+            )
         });
         let radiance = Scatter(radiance.collect());
         let ambient_radiance = fit.radiance.last().copied().unwrap_or(Vec3::ZERO);
@@ -176,7 +196,11 @@ fn segment_albedo(inputs: &FitLightsIn, pixels: &[usize], fit: &RadianceFit) -> 
     let (w, h) = inputs.photo.0.size();
     let mut albedo = Plane::new(w, h, (0..w * h).map(fitted).collect());
     let masks = inputs.mask.iter().map(|(_, mask)| &**mask);
-    let unknown = dilate(masks.chain([&*inputs.clipped]), (w, h), (w.max(h) / TUNING.seam).max(TUNING.min_seam));
+    let unknown = dilate(
+        masks.chain([&*inputs.clipped]),
+        (w, h),
+        (w.max(h) / TUNING.seam).max(TUNING.min_seam),
+    );
     inpaint_surfaces(&mut albedo, unknown, &inputs.points, &inputs.normal);
     albedo
 }
@@ -202,19 +226,28 @@ impl UnitLobe<'_> {
 }
 
 /// The lobes of all lights, in the order of the port `direct`.
-fn unit_lobes<'a>(inputs: &'a FitLightsIn, pixels: &[usize]) -> Result<Vec<UnitLobe<'a>>, NodeError> {
+fn unit_lobes<'a>(
+    inputs: &'a FitLightsIn,
+    pixels: &[usize],
+) -> Result<Vec<UnitLobe<'a>>, NodeError> {
     let mut lobes = Vec::new();
     for (light, direct) in inputs.direct.iter() {
-        let (Some(visibility), Some(indirect)) = (inputs.visibility.get(light), inputs.indirect.get(light)) else {
-            return Err(NodeError::Failed(format!("light {light:?} has no visibility or no indirect shading")));
+        let (Some(visibility), Some(indirect)) =
+            (inputs.visibility.get(light), inputs.indirect.get(light))
+        else {
+            return Err(NodeError::Failed(format!(
+                "light {light:?} has no visibility or no indirect shading"
+            )));
         };
         let in_view = ![INV_LAMP, INV_WINDOW].contains(&light);
         let shape = inputs.shape.get(light);
-        let shape = shape.ok_or_else(|| NodeError::Failed(format!("light {light:?} has no shape")))?;
+        let shape =
+            shape.ok_or_else(|| NodeError::Failed(format!("light {light:?} has no shape")))?;
         let is_window = matches!(**shape, Shape::Window(_));
         for (lobe, e) in direct.lobes.iter().enumerate() {
             let (lit, bounced) = (&visibility.lit[lobe], &indirect.lobes[lobe].0);
-            let layer = |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
+            let layer =
+                |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
             let role = Role::of_lobe(shape, lobe, in_view);
             let layer = pixels.iter().map(layer).collect();
             lobes.push(UnitLobe { light, lobe: is_window.then_some(lobe), role, layer });
@@ -281,9 +314,11 @@ impl FitReport<'_> {
             return;
         }
         let lobes = || self.lobes.iter().enumerate().filter(|(_, lobe)| lobe.role != Role::Ambient);
-        let is_dark =
-            |light: &str| lobes().filter(|(_, lobe)| lobe.light == light).all(|(k, _)| self.fit.dark.contains(&k));
-        let mut dark: Vec<&str> = lobes().map(|(_, lobe)| lobe.light).filter(|light| is_dark(light)).collect();
+        let is_dark = |light: &str| {
+            lobes().filter(|(_, lobe)| lobe.light == light).all(|(k, _)| self.fit.dark.contains(&k))
+        };
+        let mut dark: Vec<&str> =
+            lobes().map(|(_, lobe)| lobe.light).filter(|light| is_dark(light)).collect();
         dark.dedup();
         if !dark.is_empty() {
             ctx.warn(format!("no visible surface is lit by {}: radiance 0", dark.join(", ")));
@@ -301,7 +336,9 @@ impl FitReport<'_> {
                 a guess",
             );
         } else if 2 * clipped > pixels {
-            ctx.warn(format!("{clipped} of {pixels} observed pixels are saturated: radiances are lower bounds"));
+            ctx.warn(format!(
+                "{clipped} of {pixels} observed pixels are saturated: radiances are lower bounds"
+            ));
         }
         let wanted = (self.lobes.len() - self.fit.dark.len()).saturating_sub(1);
         let is_undetermined = lit > 0 && self.fit.degrees_of_freedom < wanted;
@@ -319,7 +356,8 @@ impl FitReport<'_> {
     /// Warns of lights that look alike, and of those that have not converged.
     fn warn_of_uncertain_lights(&self, ctx: &Context) {
         let Conditioning { number, most_correlated, correlation } = self.fit.conditioning;
-        if let Some([a, b]) = most_correlated.filter(|_| number > super::TUNING.confused_condition) {
+        if let Some([a, b]) = most_correlated.filter(|_| number > super::TUNING.confused_condition)
+        {
             ctx.warn(format!(
                 "the photo hardly distinguishes {} from {} (condition number {number:.1e}, correlation \
                 {correlation:.5}): light of one may be attributed to the other",
@@ -328,7 +366,8 @@ impl FitReport<'_> {
             ));
         }
         if !self.fit.unsettled.is_empty() {
-            let names: Vec<String> = self.fit.unsettled.iter().map(|&k| self.lobes[k].name()).collect();
+            let names: Vec<String> =
+                self.fit.unsettled.iter().map(|&k| self.lobes[k].name()).collect();
             ctx.warn(format!(
                 "the fit did not converge: after {} iterations (parameter `iterations`) a light still changes by {:.1} %: \
                 {}",

@@ -10,8 +10,8 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter, check_range};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
 use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
 use crate::optics::inverse::{
-    Accepted, Candidate, CandidateSearch, CandidateSettings, LampForm, LampForms, LayerQuality, LightPrior, Receivers,
-    RoomBox, SeenRoom, lamp_candidates, visible_light, window_candidates,
+    Accepted, Candidate, CandidateSearch, CandidateSettings, LampForm, LampForms, LayerQuality,
+    LightPrior, Receivers, RoomBox, SeenRoom, lamp_candidates, visible_light, window_candidates,
 };
 use crate::optics::{Bounces, Lamp, LightKind, LightTransport, RectLamp, Shape, Window};
 use crate::tuning::tuning;
@@ -80,7 +80,11 @@ impl WindowEmission {
         let even = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
         let daylight = |bandwidths: [f32; 3]| {
             let mut window = window.clone();
-            window.lobes.iter_mut().zip(bandwidths).for_each(|(lobe, bandwidth)| lobe.bandwidth = bandwidth);
+            window
+                .lobes
+                .iter_mut()
+                .zip(bandwidths)
+                .for_each(|(lobe, bandwidth)| lobe.bandwidth = bandwidth);
             Shape::Window(window)
         };
         match self {
@@ -147,10 +151,20 @@ impl Node for InitLights {
     fn run(&self, inputs: InitLightsIn, ctx: &Context) -> Result<InitLightsOut, NodeError> {
         let transport = inputs.transport.thinned(self.rays);
         let InitLightsIn { photo, clipped, points, normal, mesh, albedo, segments, .. } = &inputs;
-        let seen = SeenRoom { photo, clipped, points, normal, mesh, transport: &transport, albedo, segments };
+        let seen = SeenRoom {
+            photo,
+            clipped,
+            points,
+            normal,
+            mesh,
+            transport: &transport,
+            albedo,
+            segments,
+        };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let search = CandidateSearch::new(Receivers::new(seen, masks, usize::MAX), self.settings());
-        let (points, normals): (Vec<Vec3>, Vec<Vec3>) = search.receivers().positions().into_iter().unzip();
+        let (points, normals): (Vec<Vec3>, Vec<Vec3>) =
+            search.receivers().positions().into_iter().unzip();
         let room = RoomBox::around(&points, &normals);
         let (mut accepted, twins) = self.visible(&inputs, &search, room.as_ref(), ctx)?;
         if let Some(room) = room {
@@ -159,7 +173,11 @@ impl Node for InitLights {
         let shapes = search.shapes(&accepted, |shape| self.window_emission.through(shape));
         let shape = |id: &str| {
             let twin = || twins.iter().find(|(twin, _)| *twin == id).map(|(_, first)| *first);
-            let found = accepted.iter().position(|light| light.id == id).or_else(twin).map(|i| shapes[i].clone());
+            let found = accepted
+                .iter()
+                .position(|light| light.id == id)
+                .or_else(twin)
+                .map(|i| shapes[i].clone());
             if found.is_none() && [INV_LAMP, INV_WINDOW].contains(&id) {
                 ctx.warn(format!("the photo is explained without {id}; it is left out"));
             }
@@ -196,10 +214,15 @@ impl InitLights {
 
     /// Candidates for a light: those from the geometry, if they are requested or no network has an
     /// estimate, and the estimate.
-    fn candidates(&self, guess: Option<&Guess>, geometric: impl FnOnce() -> Vec<Shape>) -> Vec<Candidate> {
+    fn candidates(
+        &self,
+        guess: Option<&Guess>,
+        geometric: impl FnOnce() -> Vec<Shape>,
+    ) -> Vec<Candidate> {
         let guess = guess.filter(|guess| guess.shape != Shape::Absent);
         let geometric = if self.dictionary || guess.is_none() { geometric() } else { Vec::new() };
-        let estimate = guess.map(|guess| Candidate::Estimate(guess.shape.clone(), guess.radiance.clone()));
+        let estimate =
+            guess.map(|guess| Candidate::Estimate(guess.shape.clone(), guess.radiance.clone()));
         geometric.into_iter().map(Candidate::Shape).chain(estimate).collect()
     }
 
@@ -213,7 +236,8 @@ impl InitLights {
         ctx: &Context,
     ) -> Result<(Vec<Accepted<'a>>, Twins<'a>), NodeError> {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
-        let forms = LampForms { form: self.lamps, most_surfels: self.surfels, ..LampForms::default() };
+        let forms =
+            LampForms { form: self.lamps, most_surfels: self.surfels, ..LampForms::default() };
         let (mut accepted, mut twins): (Vec<Accepted>, Twins) = Default::default();
         for (id, mask) in inputs.mask.iter() {
             let is_twin = |light: &Accepted| {
@@ -225,15 +249,18 @@ impl InitLights {
                 twins.push((id, first));
                 continue;
             }
-            let kind = inputs
-                .kind
-                .get(id)
-                .ok_or_else(|| NodeError::Failed(format!("visible light {id:?} is neither lamp nor window")))?;
-            let geometric = || visible_light(**kind, forms, mask, &inputs.points, &inputs.normal, &camera, room);
+            let kind = inputs.kind.get(id).ok_or_else(|| {
+                NodeError::Failed(format!("visible light {id:?} is neither lamp nor window"))
+            })?;
+            let geometric = || {
+                visible_light(**kind, forms, mask, &inputs.points, &inputs.normal, &camera, room)
+            };
             let candidates = self.candidates(inputs.guess.get(id).map(|guess| &**guess), geometric);
             match search.select(id, candidates, mask, &accepted) {
                 Some(light) => accepted.push(light),
-                None => ctx.warn(format!("visible light {id:?} has no pixel at working size; it is left out")),
+                None => ctx.warn(format!(
+                    "visible light {id:?} has no pixel at working size; it is left out"
+                )),
             }
             ctx.check_cancelled()?;
         }
@@ -289,19 +316,27 @@ mod tests {
         let lamp = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
         let one = |emission: WindowEmission, shape: &Shape| emission.through(shape);
         assert_eq!(one(WindowEmission::Uniform, &window), (lamp.clone(), None));
-        let (Shape::Window(seen), None) = one(WindowEmission::Daylight(7.0, 5.0, 0.0), &window) else {
+        let (Shape::Window(seen), None) = one(WindowEmission::Daylight(7.0, 5.0, 0.0), &window)
+        else {
             panic!("a window")
         };
         assert_eq!(seen.lobes.map(|Lobe { bandwidth, .. }| bandwidth), [7.0, 5.0, 0.0]);
         let both = (lamp.clone(), Some(window.clone()));
-        assert_eq!(one(InitLights::default().window_emission, &window), both, "the default tries both");
+        assert_eq!(
+            one(InitLights::default().window_emission, &window),
+            both,
+            "the default tries both"
+        );
         for shape in [lamp, Shape::Absent] {
             assert_eq!(one(InitLights::default().window_emission, &shape), (shape.clone(), None));
         }
         assert!(
-            InitLights { window_emission: WindowEmission::Daylight(f32::NAN, 1.0, 1.0), ..InitLights::default() }
-                .check()
-                .is_err()
+            InitLights {
+                window_emission: WindowEmission::Daylight(f32::NAN, 1.0, 1.0),
+                ..InitLights::default()
+            }
+            .check()
+            .is_err()
         );
     }
 }

@@ -63,8 +63,10 @@ impl Node for MNet {
 
     fn run(&self, inputs: MNetIn, ctx: &Context) -> Result<MNetOut, NodeError> {
         let MNetIn { photo, depth, camera, masks } = inputs;
-        let (ports, outputs) =
-            ([("photo", FULL_3), ("geometry", FULL_6), ("light", FULL_1)], ["albedo", "normal", "rough"]);
+        let (ports, outputs) = (
+            [("photo", FULL_3), ("geometry", FULL_6), ("light", FULL_1)],
+            ["albedo", "normal", "rough"],
+        );
         let network = neural::network(ctx, &self.model, &self.backend, &ports, &outputs)?;
         let view = View::new(&photo, masks.iter().map(|(_, mask)| &**mask));
         let tensors = vec![
@@ -75,11 +77,16 @@ impl Node for MNet {
         let [albedo, normal, rough] = neural::computed(&network, tensors, outputs)?;
         let (width, height) = photo.0.size();
         let normal = orient_normals(resize(&normal.color(0), width, height), &camera);
-        let (least, most) = (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
+        let (least, most) =
+            (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
         Ok(MNetOut {
-            albedo: Arc::new(Albedo(resize(&albedo.color(0), width, height).map(|a| a.clamp(least, most)))),
+            albedo: Arc::new(Albedo(
+                resize(&albedo.color(0), width, height).map(|a| a.clamp(least, most)),
+            )),
             normal: Arc::new(normal),
-            roughness: Arc::new(Roughness(resize(&rough.gray(0), width, height).map(|r| r.clamp(0.0, 1.0)))),
+            roughness: Arc::new(Roughness(
+                resize(&rough.gray(0), width, height).map(|r| r.clamp(0.0, 1.0)),
+            )),
         })
     }
 }

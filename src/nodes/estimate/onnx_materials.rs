@@ -89,17 +89,24 @@ impl Node for OnnxMaterials {
         self.normalization.check()?;
         let parts = self.parts();
         if parts.iter().all(|(_, part)| part.is_none()) {
-            return Err("wanted the name of an output for `albedo`, `normal` or `roughness`, got none".into());
+            return Err(
+                "wanted the name of an output for `albedo`, `normal` or `roughness`, got none"
+                    .into(),
+            );
         }
         for (name, part) in parts {
-            part.iter().try_for_each(|part| part.check()).map_err(|message| format!("{name}: {message}"))?;
+            part.iter()
+                .try_for_each(|part| part.check())
+                .map_err(|message| format!("{name}: {message}"))?;
         }
         let (x, y, z) = self.normal_signs;
         if [x, y, z].iter().any(|sign| sign.abs() != 1.0) {
             return Err(format!("normal_signs: wanted 1 or -1 each, got ({x}, {y}, {z})"));
         }
         match self.albedo_transfer {
-            Transfer::Gamma(gamma) => check_range("albedo_transfer: Gamma", &gamma, Transfer::GAMMA),
+            Transfer::Gamma(gamma) => {
+                check_range("albedo_transfer: Gamma", &gamma, Transfer::GAMMA)
+            }
             _ => Ok(()),
         }
     }
@@ -122,17 +129,25 @@ impl Node for OnnxMaterials {
         ctx.check_cancelled()?;
         let tensors = network.run_to(vec![(input, seen)], &outputs).map_err(refused)?;
         let of = |part: &Channels| -> &Tensor {
-            let at = outputs.binary_search(&part.output.as_str()).expect("every part's output was asked for");
+            let at = outputs
+                .binary_search(&part.output.as_str())
+                .expect("every part's output was asked for");
             &tensors[at]
         };
 
         let size = inputs.photo.0.size();
         let albedo = match &self.albedo {
-            Some(part) => Arc::new(self.read_albedo(&part.colors(of(part)).map_err(refused)?, size)),
+            Some(part) => {
+                Arc::new(self.read_albedo(&part.colors(of(part)).map_err(refused)?, size))
+            }
             None => given("albedo", inputs.albedo, |albedo| albedo.0.size(), size)?,
         };
         let normal = match &self.normal {
-            Some(part) => Arc::new(self.read_normal(&part.colors(of(part)).map_err(refused)?, &inputs.camera, size)),
+            Some(part) => Arc::new(self.read_normal(
+                &part.colors(of(part)).map_err(refused)?,
+                &inputs.camera,
+                size,
+            )),
             None => given("normal", inputs.normal, |normal| normal.0.size(), size)?,
         };
         let roughness = match &self.roughness {
@@ -153,17 +168,28 @@ impl OnnxMaterials {
     }
 
     fn parts(&self) -> [(&str, Option<&Channels>); 3] {
-        [("albedo", self.albedo.as_ref()), ("normal", self.normal.as_ref()), ("roughness", self.roughness.as_ref())]
+        [
+            ("albedo", self.albedo.as_ref()),
+            ("normal", self.normal.as_ref()),
+            ("roughness", self.roughness.as_ref()),
+        ]
     }
 
     fn read_albedo(&self, shares: &Plane<Vec3>, size: (usize, usize)) -> Albedo {
-        let linear = |c: Vec3| Vec3::from_array(c.to_array().map(|c| self.albedo_transfer.decode(c)));
-        let (least, most) = (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
+        let linear =
+            |c: Vec3| Vec3::from_array(c.to_array().map(|c| self.albedo_transfer.decode(c)));
+        let (least, most) =
+            (Vec3::splat(super::TUNING.min_albedo), Vec3::splat(super::TUNING.max_albedo));
         Albedo(resize(&shares.map(linear), size.0, size.1).map(|a| a.clamp(least, most)))
     }
 
     /// Normals from numbers in 0..=1, which represent -1..=1.
-    fn read_normal(&self, shares: &Plane<Vec3>, camera: &Camera, (width, height): (usize, usize)) -> Normal {
+    fn read_normal(
+        &self,
+        shares: &Plane<Vec3>,
+        camera: &Camera,
+        (width, height): (usize, usize),
+    ) -> Normal {
         let signs = Vec3::from(self.normal_signs);
         let axes = shares.map(|share| (share * 2.0 - Vec3::ONE) * signs);
         orient_normals(resize(&axes, width, height), camera)
@@ -185,6 +211,8 @@ fn given<T>(
     })?;
     match size(&value) {
         got if got == wanted => Ok(value),
-        got => Err(NodeError::Failed(format!("{name}: wanted the photo's {wanted:?} pixels, got {got:?}"))),
+        got => Err(NodeError::Failed(format!(
+            "{name}: wanted the photo's {wanted:?} pixels, got {got:?}"
+        ))),
     }
 }

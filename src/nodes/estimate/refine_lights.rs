@@ -9,8 +9,8 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use crate::optics::inverse::{
-    Bounds, DegreesOfFreedom, LayerQuality, LightPrior, LightVariable, Receivers, RoomBox, SeenRoom, ShapeFit,
-    ShapeSearch, fit_shapes,
+    Bounds, DegreesOfFreedom, LayerQuality, LightPrior, LightVariable, Receivers, RoomBox,
+    SeenRoom, ShapeFit, ShapeSearch, fit_shapes,
 };
 use crate::optics::{Bounces, LightTransport, Shape};
 use crate::tuning::tuning;
@@ -89,14 +89,25 @@ impl Node for RefineLights {
     type Out = RefineLightsOut;
 
     fn run(&self, inputs: RefineLightsIn, ctx: &Context) -> Result<RefineLightsOut, NodeError> {
-        let RefineLightsIn { photo, clipped, points, normal, mesh, transport, albedo, segments, .. } = &inputs;
+        let RefineLightsIn {
+            photo,
+            clipped,
+            points,
+            normal,
+            mesh,
+            transport,
+            albedo,
+            segments,
+            ..
+        } = &inputs;
         let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let receivers = Receivers::new(room, masks, self.receivers);
         ctx.check_cancelled()?;
         let (names, lights): (Vec<&str>, Vec<LightVariable>) =
             inputs.shape.iter().map(|(id, s)| (id, light_variable(id, s, &inputs))).unzip();
-        let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = receivers.positions().into_iter().unzip();
+        let (positions, normals): (Vec<Vec3>, Vec<Vec3>) =
+            receivers.positions().into_iter().unzip();
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
         let bounds = Bounds { camera: &camera, room: RoomBox::around(&positions, &normals) };
         let search = ShapeSearch {
@@ -154,8 +165,13 @@ fn report(names: &[&str], fit: &ShapeFit, ctx: &Context) {
     };
     let [before, after] = fit.loss;
     let moves = names.iter().zip(&fit.saved).filter(|(_, saved)| **saved > 0.0);
-    let moves: Vec<String> = moves.map(|(name, saved)| format!("{name} saves {:.1} %", 100.0 * saved)).collect();
-    let moves = if moves.is_empty() { "no light moved".to_owned() } else { format!("moved: {}", moves.join(", ")) };
+    let moves: Vec<String> =
+        moves.map(|(name, saved)| format!("{name} saves {:.1} %", 100.0 * saved)).collect();
+    let moves = if moves.is_empty() {
+        "no light moved".to_owned()
+    } else {
+        format!("moved: {}", moves.join(", "))
+    };
     let mut undetermined: Vec<String> = fit.underdetermined.iter().map(|&i| parameter(i)).collect();
     undetermined.dedup();
     let undetermined = if undetermined.is_empty() {
@@ -164,9 +180,17 @@ fn report(names: &[&str], fit: &ShapeFit, ctx: &Context) {
         format!("; the photo does not determine the {}", undetermined.join(", "))
     };
     let number = fit.conditioning.number;
-    ctx.note(format!("misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{undetermined}"));
-    if let Some([a, b]) = fit.conditioning.most_correlated.filter(|_| number > super::TUNING.confused_condition) {
-        ctx.note(format!("the photo hardly distinguishes the {} from the {}", parameter(a), parameter(b)));
+    ctx.note(format!(
+        "misfit {before:.4} -> {after:.4}, condition number {number:.1e}, {moves}{undetermined}"
+    ));
+    if let Some([a, b]) =
+        fit.conditioning.most_correlated.filter(|_| number > super::TUNING.confused_condition)
+    {
+        ctx.note(format!(
+            "the photo hardly distinguishes the {} from the {}",
+            parameter(a),
+            parameter(b)
+        ));
     }
 }
 

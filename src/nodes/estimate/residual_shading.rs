@@ -65,17 +65,29 @@ impl Node for ResidualShading {
             let shape = inputs.shape.get(id).ok_or_else(|| missing("shape"))?;
             for (lobe, &w) in radiance.0.iter().enumerate().filter(|(_, w)| **w != Vec3::ZERO) {
                 power += w * shape.flux(lobe);
-                let (direct, visible) = (direct.lobes[lobe].pixels(), visibility.lit[lobe].pixels());
-                lit.pixels_mut().iter_mut().enumerate().for_each(|(i, lit)| *lit += w * direct[i] * visible[i]);
+                let (direct, visible) =
+                    (direct.lobes[lobe].pixels(), visibility.lit[lobe].pixels());
+                lit.pixels_mut()
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(i, lit)| *lit += w * direct[i] * visible[i]);
             }
         }
         let mut hidden = inputs.clipped.0.map(|share| share > 0.0);
         for (_, mask) in inputs.masks.iter() {
-            hidden.pixels_mut().iter_mut().zip(mask.0.pixels()).for_each(|(hidden, share)| *hidden |= *share > 0.0);
+            hidden
+                .pixels_mut()
+                .iter_mut()
+                .zip(mask.0.pixels())
+                .for_each(|(hidden, share)| *hidden |= *share > 0.0);
         }
         let left = Plane::from_fn(width, height, |x, y| {
             let albedo = inputs.albedo.0.get(x, y).max(Vec3::splat(TUNING.min_albedo));
-            if hidden.get(x, y) { Vec3::ZERO } else { inputs.photo.0.get(x, y) / albedo - lit.get(x, y) }
+            if hidden.get(x, y) {
+                Vec3::ZERO
+            } else {
+                inputs.photo.0.get(x, y) / albedo - lit.get(x, y)
+            }
         });
         let mean = lit.pixels().iter().sum::<Vec3>() / lit.len().max(1) as f32;
         Ok(ResidualShadingOut { residual: Arc::new(Residual { left, direct: mean, power }) })

@@ -55,7 +55,11 @@ impl Node for RetinexMaterials {
     type In = RetinexMaterialsIn;
     type Out = RetinexMaterialsOut;
 
-    fn run(&self, inputs: RetinexMaterialsIn, _: &Context) -> Result<RetinexMaterialsOut, NodeError> {
+    fn run(
+        &self,
+        inputs: RetinexMaterialsIn,
+        _: &Context,
+    ) -> Result<RetinexMaterialsOut, NodeError> {
         let steps = Steps { chroma: self.chroma_step, intensity: self.intensity_step };
         let segments = segment(&inputs.photo, self.stride, steps);
         let albedo = retinex(&inputs.photo, &inputs.normal, &segments, self.stride, self.bright);

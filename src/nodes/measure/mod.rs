@@ -23,7 +23,8 @@ fn read(ctx: &Context, file: &File) -> Result<Picture, NodeError> {
     let bytes = ctx.read(file)?;
     let path = file.location().display().to_string();
     let photo = read_photo(NamedBytes::new(&path, &bytes), Transfer::Srgb);
-    let photo = photo.map_err(|e| NodeError::BadFile { path: path.clone(), message: e.message() })?;
+    let photo =
+        photo.map_err(|e| NodeError::BadFile { path: path.clone(), message: e.message() })?;
     photo.warnings.iter().for_each(|warning| ctx.warn(format!("{}: {warning}", file.path)));
     Ok(photo.picture)
 }
@@ -36,7 +37,11 @@ fn no_light<'a>(
     let mut counted = Plane::filled(size.0, size.1, true);
     for (id, mask) in masks {
         same_size(id, mask.0.size(), "what is measured", size)?;
-        counted.pixels_mut().iter_mut().zip(mask.0.pixels()).for_each(|(counted, share)| *counted &= *share == 0.0);
+        counted
+            .pixels_mut()
+            .iter_mut()
+            .zip(mask.0.pixels())
+            .for_each(|(counted, share)| *counted &= *share == 0.0);
     }
     Ok(counted)
 }
@@ -54,7 +59,11 @@ fn sum(pictures: &Gather<Picture>) -> Result<Option<Plane<Vec3>>, NodeError> {
 }
 
 /// A picture of the truth at working size.
-fn fitted(name: &str, picture: &Plane<Vec3>, size: (usize, usize)) -> Result<Plane<Vec3>, NodeError> {
+fn fitted(
+    name: &str,
+    picture: &Plane<Vec3>,
+    size: (usize, usize),
+) -> Result<Plane<Vec3>, NodeError> {
     if !image::same_aspect(picture.size(), size) {
         return same_size(name, picture.size(), "the photo", size).map(|()| picture.clone());
     }
@@ -62,7 +71,12 @@ fn fitted(name: &str, picture: &Plane<Vec3>, size: (usize, usize)) -> Result<Pla
 }
 
 /// Unshadowed shading of a light of these radiances, and its visible part by `lit`.
-fn shaded(direct: &UnitDirect, lit: Option<&[Plane<f32>]>, radiance: &Radiance, size: (usize, usize)) -> Plane<Vec3> {
+fn shaded(
+    direct: &UnitDirect,
+    lit: Option<&[Plane<f32>]>,
+    radiance: &Radiance,
+    size: (usize, usize),
+) -> Plane<Vec3> {
     let mut sum = Plane::filled(size.0, size.1, Vec3::ZERO);
     for (lobe, (e, radiance)) in direct.lobes.iter().zip(&radiance.0).enumerate() {
         for (i, (sum, e)) in sum.pixels_mut().iter_mut().zip(e.pixels()).enumerate() {

@@ -43,8 +43,12 @@ impl Node for ReadPictures {
                 && other.0.size() != picture.0.size()
             {
                 let [(w, h), (width, height)] = [picture.0.size(), other.0.size()];
-                let message = format!("size: wanted {width} x {height} as `{first}`, got {w} x {h}");
-                return Err(NodeError::BadFile { path: file.location().display().to_string(), message });
+                let message =
+                    format!("size: wanted {width} x {height} as `{first}`, got {w} x {h}");
+                return Err(NodeError::BadFile {
+                    path: file.location().display().to_string(),
+                    message,
+                });
             }
             pictures.push((name.clone(), Arc::new(picture)));
         }

@@ -67,21 +67,28 @@ impl Node for ScoreDirect {
         let mut list = Vec::new();
         let mut got = Plane::filled(size.0, size.1, Vec3::ZERO);
         for (id, direct) in inputs.direct.iter() {
-            let missing = |what: &str| NodeError::Failed(format!("light {id}: wanted its {what}, got none"));
+            let missing =
+                |what: &str| NodeError::Failed(format!("light {id}: wanted its {what}, got none"));
             let lit = &inputs.visibility.get(id).ok_or_else(|| missing("visibility"))?.lit;
             let radiance = inputs.radiance.get(id).ok_or_else(|| missing("radiance"))?;
             let shadowed = super::shaded(direct, Some(lit), radiance, size);
             got.pixels_mut().iter_mut().zip(shadowed.pixels()).for_each(|(sum, e)| *sum += *e);
-            let known = (inputs.truth.get(id), inputs.true_direct.get(id), inputs.true_radiance.get(id));
+            let known =
+                (inputs.truth.get(id), inputs.true_direct.get(id), inputs.true_radiance.get(id));
             if let (Some(truth), Some(true_direct), Some(true_radiance)) = known {
                 let truth = super::fitted(id, &truth.0, size)?;
                 let open = super::shaded(direct, None, radiance, size);
                 let true_open = super::shaded(true_direct, None, true_radiance, size);
-                list.push(super::score(id, "shadow", self.shadow([&shadowed, &open, &truth, &true_open], &counted)));
+                list.push(super::score(
+                    id,
+                    "shadow",
+                    self.shadow([&shadowed, &open, &truth, &true_open], &counted),
+                ));
             }
         }
-        let truth =
-            super::sum(&inputs.truth)?.map(|sum| super::fitted("true direct shading", &sum, size)).transpose()?;
+        let truth = super::sum(&inputs.truth)?
+            .map(|sum| super::fitted("true direct shading", &sum, size))
+            .transpose()?;
         let error = truth.and_then(|truth| log_error(pairs(&got, &truth, &counted)));
         list.push(super::score("all lights", "E_d", error));
         Ok(ScoreDirectOut { scores: super::scores(list) })
@@ -91,9 +98,14 @@ impl Node for ScoreDirect {
 impl ScoreDirect {
     /// Error of the visible fraction, from the shadowed and the unshadowed shading: estimated,
     /// true.
-    fn shadow(&self, [got, got_open, truth, true_open]: [&Plane<Vec3>; 4], counted: &Plane<bool>) -> Option<f64> {
+    fn shadow(
+        &self,
+        [got, got_open, truth, true_open]: [&Plane<Vec3>; 4],
+        counted: &Plane<bool>,
+    ) -> Option<f64> {
         let level = |plane: &Plane<Vec3>| {
-            plane.pixels().iter().map(|e| f64::from(luminance(*e))).sum::<f64>() / plane.len() as f64
+            plane.pixels().iter().map(|e| f64::from(luminance(*e))).sum::<f64>()
+                / plane.len() as f64
         };
         let faint = (f64::from(self.faint) * level(true_open)) as f32;
         let places = (0..got.len()).filter(|&i| {

@@ -52,14 +52,16 @@ impl Node for ScoreLighting {
         let bytes = ctx.read(&self.truth)?;
         let path = self.truth.location().display().to_string();
         let bad = |message: String| NodeError::BadFile { path: path.clone(), message };
-        let (rows, columns, radiance) =
-            read_maps(NamedBytes::new(&path, &bytes), [THETAS, PHIS]).map_err(|e| bad(e.message()))?;
+        let (rows, columns, radiance) = read_maps(NamedBytes::new(&path, &bytes), [THETAS, PHIS])
+            .map_err(|e| bad(e.message()))?;
         let got = &inputs.lighting;
         if (got.rows, got.columns) != (rows, columns) {
             let wanted = format!("{} rows of {} cells as estimated", got.rows, got.columns);
             return Err(bad(format!("grid: wanted {wanted}, got {rows} of {columns}")));
         }
         let error = got.maps().log_error(&LightMaps { columns, rows, radiance });
-        Ok(ScoreLightingOut { scores: super::scores([super::score("all lights", "lighting", error)]) })
+        Ok(ScoreLightingOut {
+            scores: super::scores([super::score("all lights", "lighting", error)]),
+        })
     }
 }

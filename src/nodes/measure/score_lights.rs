@@ -64,7 +64,8 @@ impl Node for ScoreLights {
         };
         let counted = super::no_light(size, inputs.mask.iter())?;
         for (id, truth) in inputs.true_shape.iter() {
-            let missing = |what: &str| NodeError::Failed(format!("light {id}: wanted its {what}, got none"));
+            let missing =
+                |what: &str| NodeError::Failed(format!("light {id}: wanted its {what}, got none"));
             let shape = inputs.shape.get(id).ok_or_else(|| missing("estimated shape"))?;
             if matches!((&**shape, &**truth), (Shape::Absent, Shape::Absent)) {
                 continue;
@@ -77,8 +78,14 @@ impl Node for ScoreLights {
             let got = shading(&inputs.direct, &inputs.radiance)?;
             let wanted = shading(&inputs.true_direct, &inputs.true_radiance)?;
             let bright = f64::from(self.bright);
-            let error = mean_error(pairs(&got, &wanted, &counted), |a, b| (a.min(bright) - b.min(bright)).abs());
-            list.push(super::score(id, "Chamfer", chamfer(&surface_points(shape), &surface_points(truth))));
+            let error = mean_error(pairs(&got, &wanted, &counted), |a, b| {
+                (a.min(bright) - b.min(bright)).abs()
+            });
+            list.push(super::score(
+                id,
+                "Chamfer",
+                chamfer(&surface_points(shape), &surface_points(truth)),
+            ));
             list.push(super::score(id, "E_j", error));
         }
         Ok(ScoreLightsOut { scores: super::scores(list) })

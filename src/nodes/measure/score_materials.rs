@@ -5,7 +5,9 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError};
-use crate::image::{Albedo, Mask, Normal, Roughness, normal_error, pairs, scale_invariant_error, square_error};
+use crate::image::{
+    Albedo, Mask, Normal, Roughness, normal_error, pairs, scale_invariant_error, square_error,
+};
 use crate::nodes::artifacts::Scores;
 use crate::{params, ports};
 
@@ -56,10 +58,15 @@ impl Node for ScoreMaterials {
         let truth = &inputs.true_albedo.0;
         let size = truth.size();
         let counted = super::no_light(size, inputs.mask.iter())?;
-        let same = |name: &str, got: (usize, usize)| super::same_size(name, got, "the true albedo", size);
+        let same =
+            |name: &str, got: (usize, usize)| super::same_size(name, got, "the true albedo", size);
         let albedo = |name: &str, albedo: &Albedo| {
             same("albedo", albedo.0.size())?;
-            Ok(super::score("materials", name, scale_invariant_error(pairs(&albedo.0, truth, &counted))))
+            Ok(super::score(
+                "materials",
+                name,
+                scale_invariant_error(pairs(&albedo.0, truth, &counted)),
+            ))
         };
         let mut list = vec![albedo("albedo", &inputs.albedo)?];
         if let Some(first) = &inputs.first {
@@ -68,13 +75,21 @@ impl Node for ScoreMaterials {
         if let (Some(normal), Some(true_normal)) = (&inputs.normal, &inputs.true_normal) {
             same("normal", normal.0.size())?;
             same("true normal", true_normal.0.size())?;
-            list.push(super::score("materials", "normal", normal_error(normal, true_normal, &counted)));
+            list.push(super::score(
+                "materials",
+                "normal",
+                normal_error(normal, true_normal, &counted),
+            ));
         }
         if let (Some(rough), Some(true_rough)) = (&inputs.roughness, &inputs.true_roughness) {
             same("roughness", rough.0.size())?;
             same("true roughness", true_rough.0.size())?;
             let [rough, true_rough] = [rough, true_rough].map(|plane| plane.0.map(Vec3::splat));
-            list.push(super::score("materials", "roughness", square_error(pairs(&rough, &true_rough, &counted))));
+            list.push(super::score(
+                "materials",
+                "roughness",
+                square_error(pairs(&rough, &true_rough, &counted)),
+            ));
         }
         Ok(ScoreMaterialsOut { scores: super::scores(list) })
     }

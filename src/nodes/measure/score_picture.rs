@@ -90,14 +90,19 @@ impl Node for ScorePicture {
     fn run(&self, inputs: ScorePictureIn, ctx: &Context) -> Result<ScorePictureOut, NodeError> {
         let full = inputs.photo.0.size();
         super::same_size("picture", inputs.picture.0.size(), "the photo", full)?;
-        let file = self.truth.as_ref().map(|file| super::read(ctx, file).map(|truth| (file, truth.0))).transpose()?;
+        let file = self
+            .truth
+            .as_ref()
+            .map(|file| super::read(ctx, file).map(|truth| (file, truth.0)))
+            .transpose()?;
         let sum = super::sum(&inputs.light)?;
         if let Some(sum) = &sum {
             not_larger("the true pictures of lights", sum.size(), full)?;
         }
         if let Some((file, truth)) = &file {
-            let other =
-                sum.as_ref().map_or(Ok(()), |sum| super::same_size("size", truth.size(), "`pictures`", sum.size()));
+            let other = sum.as_ref().map_or(Ok(()), |sum| {
+                super::same_size("size", truth.size(), "`pictures`", sum.size())
+            });
             not_larger("size", truth.size(), full).and(other).map_err(|e| NodeError::BadFile {
                 path: file.location().display().to_string(),
                 message: e.to_string(),
@@ -116,9 +121,15 @@ impl Node for ScorePicture {
                 let mut truth = photo.clone();
                 for id in &self.off {
                     let light = inputs.light.get(id).ok_or_else(|| {
-                        NodeError::BadParameter(format!("off: wanted lights with a true picture, got `{id}`"))
+                        NodeError::BadParameter(format!(
+                            "off: wanted lights with a true picture, got `{id}`"
+                        ))
                     })?;
-                    truth.pixels_mut().iter_mut().zip(light.0.pixels()).for_each(|(truth, light)| *truth -= *light);
+                    truth
+                        .pixels_mut()
+                        .iter_mut()
+                        .zip(light.0.pixels())
+                        .for_each(|(truth, light)| *truth -= *light);
                 }
                 truth
             }
@@ -126,11 +137,16 @@ impl Node for ScorePicture {
         if is_known {
             let response = response(&taken, &photo, &truth);
             for plane in [&mut photo, &mut truth] {
-                plane.pixels_mut().iter_mut().zip(response.pixels()).for_each(|(light, factor)| *light *= *factor);
+                plane
+                    .pixels_mut()
+                    .iter_mut()
+                    .zip(response.pixels())
+                    .for_each(|(light, factor)| *light *= *factor);
             }
         }
         let score = score_picture(&picture, &truth, &photo, &counted);
-        let figure = |measure: &str, value: Option<f64>| super::score(&self.subject, measure, value);
+        let figure =
+            |measure: &str, value: Option<f64>| super::score(&self.subject, measure, value);
         Ok(ScorePictureOut {
             scores: super::scores([
                 figure("PSNR", score.map(|s| s.psnr)),
@@ -151,8 +167,13 @@ fn not_larger(name: &str, got: (usize, usize), photo: (usize, usize)) -> Result<
 
 /// The pixels of the truth's size whose part of the photo shows no light of the photo or of the
 /// edit.
-fn uncovered(inputs: &ScorePictureIn, full: (usize, usize), size: (usize, usize)) -> Result<Plane<bool>, NodeError> {
-    let lit = super::no_light(full, inputs.mask.iter().chain(inputs.coverage.iter()))?.map(|none| f32::from(!none));
+fn uncovered(
+    inputs: &ScorePictureIn,
+    full: (usize, usize),
+    size: (usize, usize),
+) -> Result<Plane<bool>, NodeError> {
+    let lit = super::no_light(full, inputs.mask.iter().chain(inputs.coverage.iter()))?
+        .map(|none| f32::from(!none));
     Ok(image::resize(&lit, size.0, size.1).map(|share| share == 0.0))
 }
 

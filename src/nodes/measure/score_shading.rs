@@ -65,14 +65,26 @@ impl Node for ScoreShading {
         }
         let clipped = ("clipped", &inputs.clipped);
         let (photo, counted) = match super::sum(&inputs.truth)? {
-            Some(sum) => (super::fitted("the true pictures", &sum, size)?, super::no_light(size, inputs.mask.iter())?),
-            None => (inputs.photo.0.clone(), super::no_light(size, inputs.mask.iter().chain([clipped]))?),
+            Some(sum) => (
+                super::fitted("the true pictures", &sum, size)?,
+                super::no_light(size, inputs.mask.iter())?,
+            ),
+            None => (
+                inputs.photo.0.clone(),
+                super::no_light(size, inputs.mask.iter().chain([clipped]))?,
+            ),
         };
         super::same_size("photo", photo.size(), "the shading", size)?;
-        let bright = |(i, a): (usize, &Vec3)| counted.pixels()[i] && a.min_element() > self.least_albedo;
-        let counted = Plane::new(size.0, size.1, albedo.pixels().iter().enumerate().map(bright).collect());
-        let truth: Vec<Vec3> =
-            photo.pixels().iter().zip(albedo.pixels()).map(|(i, a)| *i / a.max(Vec3::splat(1e-3))).collect();
+        let bright =
+            |(i, a): (usize, &Vec3)| counted.pixels()[i] && a.min_element() > self.least_albedo;
+        let counted =
+            Plane::new(size.0, size.1, albedo.pixels().iter().enumerate().map(bright).collect());
+        let truth: Vec<Vec3> = photo
+            .pixels()
+            .iter()
+            .zip(albedo.pixels())
+            .map(|(i, a)| *i / a.max(Vec3::splat(1e-3)))
+            .collect();
         let truth = Plane::new(size.0, size.1, truth);
         let error = log_error(pairs(&got, &truth, &counted));
         Ok(ScoreShadingOut { scores: super::scores([super::score("all lights", "E", error)]) })

@@ -162,8 +162,10 @@ impl Node for Compose {
             objects.cover(&mut planes)?;
         }
         let sum = |i: usize| planes.iter().map(|plane| plane[i]).sum::<Vec3>();
-        let picture = (0..size.0 * size.1).into_par_iter().with_min_len(size.0.max(1)).map(sum).collect();
-        let layers = planes.into_iter().map(|plane| Layer::new(Plane::new(size.0, size.1, plane))).collect();
+        let picture =
+            (0..size.0 * size.1).into_par_iter().with_min_len(size.0.max(1)).map(sum).collect();
+        let layers =
+            planes.into_iter().map(|plane| Layer::new(Plane::new(size.0, size.1, plane))).collect();
         Ok(output(&lights, size, picture, layers))
     }
 }
@@ -206,7 +208,12 @@ mod tests {
         let mask = Plane::from_fn(SIZE.0, SIZE.1, |x, _| if x < 3 { 1.0 } else { 0.0 });
         let glare_mask = GlareMask::of_window(&mask, &photo, 4.0);
         let (photo, depth) = (Arc::new(photo), Arc::new(Depth(number(2.0))));
-        let shape = || lamp(Shape::Lamp(crate::optics::Lamp::Sphere(SphereLamp { center: Vec3::NEG_Z, radius: 0.1 })));
+        let shape = || {
+            lamp(Shape::Lamp(crate::optics::Lamp::Sphere(SphereLamp {
+                center: Vec3::NEG_Z,
+                radius: 0.1,
+            })))
+        };
         let radiance = |value: f32| lamp(Radiance(vec![Vec3::splat(value)]));
         ComposeIn {
             photo: photo.clone(),
@@ -243,10 +250,18 @@ mod tests {
         let out = stage.run(inputs(factor), &Context::default()).expect("everything is there");
         for i in 0..SIZE.0 * SIZE.1 {
             let (got, want) = (out.picture.0.pixels()[i], want(i % SIZE.0));
-            assert!((got - want).abs().max_element() < 1e-5, "column {}: {got} against {want}", i % SIZE.0);
+            assert!(
+                (got - want).abs().max_element() < 1e-5,
+                "column {}: {got} against {want}",
+                i % SIZE.0
+            );
             // Layers are half floats.
             let sum = out.layer.0[0].1.get(i) + out.residual.get(i);
-            assert!((sum - got).abs().max_element() < 1e-3, "column {}: {sum} of {got}", i % SIZE.0);
+            assert!(
+                (sum - got).abs().max_element() < 1e-3,
+                "column {}: {sum} of {got}",
+                i % SIZE.0
+            );
         }
     }
 
@@ -266,7 +281,9 @@ mod tests {
                 let surface = 0.5 * RESIDUAL;
                 surface + factor * (WALL * (LAMP + RESIDUAL) - surface)
             };
-            check(&stage, factor, |x| if x < 3 { own(factor) } else { ALBEDO * (factor * LAMP + RESIDUAL) });
+            check(&stage, factor, |x| {
+                if x < 3 { own(factor) } else { ALBEDO * (factor * LAMP + RESIDUAL) }
+            });
         }
     }
 }

@@ -51,7 +51,10 @@ impl Node for MixLayers {
         let run = read_run(&self.layers, ctx)?;
         for id in self.weights.keys() {
             if !run.lights.iter().any(|(light, _)| light == id) {
-                return Err(NodeError::BadParameter(unknown(id, run.lights.iter().map(|(light, _)| light.as_str()))));
+                return Err(NodeError::BadParameter(unknown(
+                    id,
+                    run.lights.iter().map(|(light, _)| light.as_str()),
+                )));
             }
         }
         let mut layers: Vec<(&str, &Plane<Vec3>, Vec3)> = Vec::new();
@@ -67,7 +70,8 @@ impl Node for MixLayers {
         let parts: Vec<_> = layers.iter().map(|&(_, layer, weight)| (layer, weight)).collect();
         let picture = Picture(weighted_sum(&parts));
         if let Some(at) = picture.0.pixels().iter().position(|c| !c.is_finite()) {
-            let (x, y, got) = (at % picture.0.width(), at / picture.0.width(), picture.0.pixels()[at]);
+            let (x, y, got) =
+                (at % picture.0.width(), at / picture.0.width(), picture.0.pixels()[at]);
             return Err(NodeError::BadParameter(format!(
                 "weights: wanted a picture of finite numbers, got {got} at pixel ({x}, {y})"
             )));
@@ -84,7 +88,9 @@ impl Node for MixLayers {
             file.write(self.compression).map_err(NodeError::Failed)
         };
         let (png, exr) = rayon::join(png, exr);
-        Ok(MixLayersOut { files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])) })
+        Ok(MixLayersOut {
+            files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])),
+        })
     }
 }
 

@@ -51,21 +51,30 @@ fn read_run(file: &File, ctx: &Context) -> Result<SavedRun, NodeError> {
         Some(Encoding { transfer, lux: None, sixteen_bit })
     });
     let encoding = encoding.ok_or_else(|| {
-        bad(format!("comments: wanted a line `{ENCODING}Srgb, 8 bits`, as `relight run` writes it, got none"))
+        bad(format!(
+            "comments: wanted a line `{ENCODING}Srgb, 8 bits`, as `relight run` writes it, got none"
+        ))
     })?;
     let names = exr.channels().filter_map(|name| name.strip_prefix("light_")?.strip_suffix(".R"));
     let mut lights = Vec::new();
     for id in names {
         let layer = exr.rgb(&format!("light_{id}"));
-        let layer = layer.ok_or_else(|| bad(format!("light_{id}: wanted channels R, G and B, got some of them")))?;
+        let layer = layer.ok_or_else(|| {
+            bad(format!("light_{id}: wanted channels R, G and B, got some of them"))
+        })?;
         lights.push((id.to_owned(), layer));
     }
     let at = lights.iter().position(|(id, _)| id == REST);
-    let at =
-        at.ok_or_else(|| bad(format!("layers: wanted light_{REST} and one layer per light, got none of that name")))?;
+    let at = at.ok_or_else(|| {
+        bad(format!("layers: wanted light_{REST} and one layer per light, got none of that name"))
+    })?;
     let (_, rest) = lights.remove(at);
     if let Some((id, layer)) = lights.iter().find(|(_, layer)| layer.size() != rest.size()) {
-        return Err(bad(format!("light_{id}: wanted {:?} pixels, got {:?}", rest.size(), layer.size())));
+        return Err(bad(format!(
+            "light_{id}: wanted {:?} pixels, got {:?}",
+            rest.size(),
+            layer.size()
+        )));
     }
     Ok(SavedRun { encoding, lights, rest, file: exr })
 }

@@ -17,8 +17,8 @@ use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
-    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, Normal, Picture, Plane, PngSamples, Roughness, Specular,
-    resize, resize_depth,
+    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, Normal, Picture, Plane, PngSamples,
+    Roughness, Specular, resize, resize_depth,
 };
 use crate::nodes::artifacts::{Encoding, Files, REST, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::Radiance;
@@ -102,7 +102,8 @@ impl Node for Write {
         if let Some(photo) = inputs.photo.take() {
             layers.rgb("photo", &photo.0);
         }
-        let png = PngSamples::new(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
+        let png =
+            PngSamples::new(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
         layers.rgb("", &inputs.picture.0);
         inputs.picture = Arc::new(Picture(Plane::new(0, 0, Vec::new())));
         let exr = || self.exr(inputs, layers, size, ctx);
@@ -111,7 +112,9 @@ impl Node for Write {
         } else {
             rayon::join(|| png.into_file(), exr)
         };
-        Ok(WriteOut { files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])) })
+        Ok(WriteOut {
+            files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])),
+        })
     }
 }
 
@@ -121,7 +124,11 @@ fn lights(inputs: &WriteIn) -> impl Iterator<Item = (String, &Arc<Layer>)> {
     [(format!("light_{REST}"), &inputs.residual)].into_iter().chain(lights)
 }
 
-fn finite(name: &str, width: usize, mut colors: impl Iterator<Item = Vec3>) -> Result<(), NodeError> {
+fn finite(
+    name: &str,
+    width: usize,
+    mut colors: impl Iterator<Item = Vec3>,
+) -> Result<(), NodeError> {
     let mut got = Vec3::ZERO;
     let at = colors.position(|c| {
         got = c;
@@ -129,7 +136,9 @@ fn finite(name: &str, width: usize, mut colors: impl Iterator<Item = Vec3>) -> R
     });
     at.map_or(Ok(()), |at| {
         let (x, y) = (at % width, at / width);
-        Err(NodeError::Failed(format!("{name}: wanted finite numbers, got {got} at pixel ({x}, {y})")))
+        Err(NodeError::Failed(format!(
+            "{name}: wanted finite numbers, got {got} at pixel ({x}, {y})"
+        )))
     })
 }
 
@@ -184,13 +193,18 @@ impl Write {
 const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
                      metres; normals: camera space, x right, y up, z backward";
 
-fn diagnostics(inputs: &WriteIn, (width, height): (usize, usize), layers: &mut ExrLayers) -> Result<(), NodeError> {
+fn diagnostics(
+    inputs: &WriteIn,
+    (width, height): (usize, usize),
+    layers: &mut ExrLayers,
+) -> Result<(), NodeError> {
     let colors = |plane: &Plane<Vec3>| resize(plane, width, height);
     let numbers = |plane: &Plane<f32>| resize(plane, width, height);
     layers.rgb("albedo", &colors(&inputs.albedo.0));
     layers.xyz("normal", &colors(&inputs.normal.0).map(Vec3::normalize_or_zero));
     layers.half("rough.Y", &numbers(&inputs.roughness.0));
-    let uneven = |plane: &&Arc<Specular>| plane.0.pixels().windows(2).any(|pair| pair[0] != pair[1]);
+    let uneven =
+        |plane: &&Arc<Specular>| plane.0.pixels().windows(2).any(|pair| pair[0] != pair[1]);
     if let Some(specular) = inputs.specular.as_ref().filter(uneven) {
         layers.half("spec.Y", &numbers(&specular.0));
     }
@@ -200,12 +214,22 @@ fn diagnostics(inputs: &WriteIn, (width, height): (usize, usize), layers: &mut E
         if let (Some(direct), Some(visibility)) = (direct, visibility)
             && !direct.lobes.is_empty()
         {
-            let lobes = [&direct.lobes, &direct.stderr, &visibility.lit, &visibility.stderr, &visibility.unknown];
+            let lobes = [
+                &direct.lobes,
+                &direct.stderr,
+                &visibility.lit,
+                &visibility.stderr,
+                &visibility.unknown,
+            ];
             check_lobes(id, radiance, &lobes.map(|planes| planes.len()))?;
             check_sizes(id, lobes.into_iter().flatten())?;
             layers.rgb(&format!("direct_{id}"), &colors(&lit_sum(radiance, direct, visibility)));
-            layers.half(&format!("shadow_{id}.Y"), &numbers(&mean_share(radiance, &visibility.lit)));
-            layers.half(&format!("unknown_{id}.Y"), &numbers(&mean_share(radiance, &visibility.unknown)));
+            layers
+                .half(&format!("shadow_{id}.Y"), &numbers(&mean_share(radiance, &visibility.lit)));
+            layers.half(
+                &format!("unknown_{id}.Y"),
+                &numbers(&mean_share(radiance, &visibility.unknown)),
+            );
         }
         let indirect = inputs.indirect.get(id).filter(|indirect| !indirect.lobes.is_empty());
         if let Some(indirect) = indirect {
@@ -228,15 +252,23 @@ fn diagnostics(inputs: &WriteIn, (width, height): (usize, usize), layers: &mut E
 fn check_lobes(id: &str, radiance: &Radiance, got: &[usize]) -> Result<(), NodeError> {
     let wanted = radiance.0.len();
     match got.iter().find(|&&lobes| lobes != wanted) {
-        Some(got) => Err(NodeError::Failed(format!("light {id}: wanted {wanted} lobes, as its radiances, got {got}"))),
+        Some(got) => Err(NodeError::Failed(format!(
+            "light {id}: wanted {wanted} lobes, as its radiances, got {got}"
+        ))),
         None => Ok(()),
     }
 }
 
-fn check_sizes<'a, T: Copy + 'a>(id: &str, planes: impl Iterator<Item = &'a Plane<T>>) -> Result<(), NodeError> {
+fn check_sizes<'a, T: Copy + 'a>(
+    id: &str,
+    planes: impl Iterator<Item = &'a Plane<T>>,
+) -> Result<(), NodeError> {
     let sizes: Vec<_> = planes.map(Plane::size).collect();
     match sizes.iter().find(|&&size| size != sizes[0]) {
-        Some(got) => Err(NodeError::Failed(format!("light {id}: wanted planes of {:?} pixels, got {got:?}", sizes[0]))),
+        Some(got) => Err(NodeError::Failed(format!(
+            "light {id}: wanted planes of {:?} pixels, got {got:?}",
+            sizes[0]
+        ))),
         None => Ok(()),
     }
 }
@@ -286,7 +318,8 @@ fn standard_error(
         let at = |planes: &[Plane<f32>], k: usize| f64::from(planes[k].pixels()[p]);
         let (mut apart, mut together) = (0.0, 0.0);
         for (k, y) in luminances.iter().enumerate() {
-            let (of_direct, of_lit) = (at(&direct.stderr, k) * at(&visibility.lit, k), at(&visibility.stderr, k));
+            let (of_direct, of_lit) =
+                (at(&direct.stderr, k) * at(&visibility.lit, k), at(&visibility.stderr, k));
             apart += y * y * (of_direct.powi(2) + (at(&direct.lobes, k) * of_lit).powi(2));
             together += y * at(&indirect.stderr, k);
         }

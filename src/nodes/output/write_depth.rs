@@ -37,13 +37,22 @@ impl Node for WriteDepth {
 
     fn run(&self, inputs: WriteDepthIn, ctx: &Context) -> Result<WriteDepthOut, NodeError> {
         let depth = &inputs.depth.0;
-        let (near, far) = depth.pixels().iter().fold((f32::MAX, 0.0f32), |(near, far), &z| (near.min(z), far.max(z)));
+        let (near, far) = depth
+            .pixels()
+            .iter()
+            .fold((f32::MAX, 0.0f32), |(near, far), &z| (near.min(z), far.max(z)));
         ctx.note(format!("from {near:.2} m to {far:.2} m"));
         let mut layers = ExrLayers::new(depth.width(), depth.height());
         layers.float("Z", depth);
         layers.comment("units: planar z in metres");
         let bytes = layers.write(Compression::Zip).map_err(NodeError::Failed)?;
-        let picture = write_png(&Picture(nearness(&inputs.depth).map(Vec3::splat)), Transfer::Linear, false);
-        Ok(WriteDepthOut { files: Arc::new(Files(vec![("depth.exr".into(), bytes), ("depth.png".into(), picture)])) })
+        let picture =
+            write_png(&Picture(nearness(&inputs.depth).map(Vec3::splat)), Transfer::Linear, false);
+        Ok(WriteDepthOut {
+            files: Arc::new(Files(vec![
+                ("depth.exr".into(), bytes),
+                ("depth.png".into(), picture),
+            ])),
+        })
     }
 }

@@ -8,7 +8,9 @@ use serde_json::{Map, Value, json};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Albedo, Compression, ExrLayers, Normal, Roughness};
 use crate::nodes::artifacts::{Files, LOBES};
-use crate::optics::{BoxLamp, Lamp, MeshLamp, PhotometricLamp, Radiance, RectLamp, Shape, SphereLamp, Surfel};
+use crate::optics::{
+    BoxLamp, Lamp, MeshLamp, PhotometricLamp, Radiance, RectLamp, Shape, SphereLamp, Surfel,
+};
 use crate::{params, ports};
 
 params! {
@@ -59,7 +61,8 @@ impl Node for WriteEstimates {
                 lights.insert(id.into(), light);
             }
         }
-        let mut text = serde_json::to_vec_pretty(&lights).map_err(|e| NodeError::Failed(e.to_string()))?;
+        let mut text =
+            serde_json::to_vec_pretty(&lights).map_err(|e| NodeError::Failed(e.to_string()))?;
         text.push(b'\n');
         let size = inputs.albedo.0.size();
         super::same_size("normal", inputs.normal.0.size(), "albedo", size)?;

@@ -39,7 +39,9 @@ impl Node for WritePicture {
         let plane = &inputs.picture.0;
         if let Some(at) = plane.pixels().iter().position(|c| !c.is_finite()) {
             let (x, y, got) = (at % plane.width(), at / plane.width(), plane.pixels()[at]);
-            return Err(NodeError::Failed(format!("picture: wanted finite numbers, got {got} at pixel ({x}, {y})")));
+            return Err(NodeError::Failed(format!(
+                "picture: wanted finite numbers, got {got} at pixel ({x}, {y})"
+            )));
         }
         let png = write_png(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
         Ok(WritePictureOut { files: Arc::new(Files(vec![("picture.png".into(), png)])) })

@@ -56,7 +56,10 @@ impl Node for WritePlanes {
         let plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
         let stem = self.name.strip_suffix(".exr").unwrap_or_default();
         if stem.is_empty() || stem.starts_with('.') || !stem.chars().all(plain) {
-            return Err(format!("name: wanted letters, digits, `_`, `-` and `.`, ending in .exr, got {:?}", self.name));
+            return Err(format!(
+                "name: wanted letters, digits, `_`, `-` and `.`, ending in .exr, got {:?}",
+                self.name
+            ));
         }
         Ok(())
     }
@@ -76,14 +79,20 @@ impl Node for WritePlanes {
                 )));
             };
             let wanted = direct.lobes.len();
-            for (name, got) in [("visibility", visibility.lit.len()), ("indirect", indirect.lobes.len())] {
+            for (name, got) in
+                [("visibility", visibility.lit.len()), ("indirect", indirect.lobes.len())]
+            {
                 if got != wanted {
                     return Err(NodeError::Failed(format!(
                         "light {id}: wanted {wanted} lobes, as direct, got {got} of {name}"
                     )));
                 }
             }
-            let numbers = [("direct", &direct.lobes), ("lit", &visibility.lit), ("unknown", &visibility.unknown)];
+            let numbers = [
+                ("direct", &direct.lobes),
+                ("lit", &visibility.lit),
+                ("unknown", &visibility.unknown),
+            ];
             for (name, lobes) in numbers {
                 for (k, plane) in lobes.iter().enumerate() {
                     let name = format!("{name}_{id}_{k}");
@@ -131,7 +140,8 @@ mod tests {
         let one = |lobes, size: (usize, usize)| {
             let plane = Plane::filled(size.0, size.1, 0.5f32);
             let planes = vec![plane; lobes];
-            let visibility = Visibility { lit: planes.clone(), stderr: planes.clone(), unknown: planes.clone() };
+            let visibility =
+                Visibility { lit: planes.clone(), stderr: planes.clone(), unknown: planes.clone() };
             (UnitDirect { lobes: planes.clone(), stderr: planes }, visibility)
         };
         let message = |lobes, size, indirect: Vec<(String, Arc<UnitIndirect>)>| {
@@ -143,14 +153,32 @@ mod tests {
                 normal: Arc::new(Normal(Plane::filled(4, 3, glam::Vec3::Z))),
                 depth: Arc::new(Depth(Plane::filled(4, 3, 1.0))),
             };
-            WritePlanes::default().run(inputs, &Context::default()).err().map(|e| e.to_string()).unwrap_or_default()
+            WritePlanes::default()
+                .run(inputs, &Context::default())
+                .err()
+                .map(|e| e.to_string())
+                .unwrap_or_default()
         };
-        let nothing = || vec![("a".into(), Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }))];
+        let nothing = || {
+            vec![(
+                "a".into(),
+                Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }),
+            )]
+        };
         assert_eq!(message(0, (4, 3), nothing()), "");
-        assert_eq!(message(1, (4, 3), nothing()), "light a: wanted 1 lobes, as direct, got 0 of indirect");
-        assert_eq!(message(1, (4, 3), vec![]), "light a: wanted visibility and indirect, as direct, got none");
+        assert_eq!(
+            message(1, (4, 3), nothing()),
+            "light a: wanted 1 lobes, as direct, got 0 of indirect"
+        );
+        assert_eq!(
+            message(1, (4, 3), vec![]),
+            "light a: wanted visibility and indirect, as direct, got none"
+        );
         let dark = crate::image::Shading(Plane::filled(4, 3, glam::Vec3::ZERO));
-        let dark = vec![("a".into(), Arc::new(UnitIndirect { lobes: vec![dark], stderr: vec![], probes: vec![] }))];
+        let dark = vec![(
+            "a".into(),
+            Arc::new(UnitIndirect { lobes: vec![dark], stderr: vec![], probes: vec![] }),
+        )];
         assert_eq!(message(1, (3, 4), dark), "direct_a_0: wanted 4 x 3 pixels as depth, got 3 x 4");
     }
 }

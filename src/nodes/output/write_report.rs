@@ -91,7 +91,8 @@ impl Node for WriteReport {
             diagnostics(id, &run.file, &mut entry);
             entry
         };
-        let lights: Vec<Value> = run.lights.par_iter().map(|(id, light)| layer(id, light)).collect();
+        let lights: Vec<Value> =
+            run.lights.par_iter().map(|(id, light)| layer(id, light)).collect();
         let photo = run.file.rgb("photo").map(|photo| {
             let small = Picture(resize(&photo, size.0, size.1));
             url(&write_png(&small, run.encoding.transfer, false))
@@ -114,14 +115,22 @@ impl Node for WriteReport {
                 ("data", &data),
             ],
         );
-        Ok(WriteReportOut { files: Arc::new(Files(vec![("report.html".into(), page.into_bytes())])) })
+        Ok(WriteReportOut {
+            files: Arc::new(Files(vec![("report.html".into(), page.into_bytes())])),
+        })
     }
 }
 
 const PAGE: &str = include_str!("report/page.html");
 
 fn drawn(row: NodeOfReport) -> Drawn {
-    Drawn { name: row.name, kind: row.kind, status: Some(row.status), seconds: row.seconds, from: row.from }
+    Drawn {
+        name: row.name,
+        kind: row.kind,
+        status: Some(row.status),
+        seconds: row.seconds,
+        from: row.from,
+    }
 }
 
 /// Shadow, unknown fraction and standard error of a light, if the run wrote them: small pictures,
@@ -132,7 +141,9 @@ fn diagnostics(id: &str, file: &ExrFile, entry: &mut Value) {
         let (width, height) = fit(plane.width(), plane.height(), SMALL);
         Some(resize(&plane, width, height))
     };
-    let mean = |plane: &Plane<f32>| plane.pixels().iter().map(|&v| f64::from(v)).sum::<f64>() / plane.len() as f64;
+    let mean = |plane: &Plane<f32>| {
+        plane.pixels().iter().map(|&v| f64::from(v)).sum::<f64>() / plane.len() as f64
+    };
     let picture = |plane: &Plane<f32>, white: f32| {
         let shown = plane.map(|v| Vec3::splat(if white > 0.0 { v / white } else { 0.0 }));
         url(&write_png(&Picture(shown), Transfer::Linear, false))
@@ -178,6 +189,9 @@ mod tests {
 
     #[test]
     fn what_is_filled_in_is_not_filled_again() {
-        assert_eq!(fill("<a>{{x}}</a>{{y}}{{x}}!", &[("x", "{{y}}"), ("y", "2")]), "<a>{{y}}</a>2{{y}}!");
+        assert_eq!(
+            fill("<a>{{x}}</a>{{y}}{{x}}!", &[("x", "{{y}}"), ("y", "2")]),
+            "<a>{{y}}</a>2{{y}}!"
+        );
     }
 }

@@ -83,7 +83,9 @@ impl Node for WriteUsd {
         };
         let text = room.text(TEXTURE);
         let png = write_png(&Picture(inputs.albedo.0.clone()), Transfer::Srgb, false);
-        Ok(WriteUsdOut { files: Arc::new(Files(vec![(TEXT.into(), text.into_bytes()), (TEXTURE.into(), png)])) })
+        Ok(WriteUsdOut {
+            files: Arc::new(Files(vec![(TEXT.into(), text.into_bytes()), (TEXTURE.into(), png)])),
+        })
     }
 }
 

@@ -58,14 +58,23 @@ impl Node for Direct {
 
     fn run(&self, inputs: DirectIn, ctx: &Context) -> Result<DirectOut, NodeError> {
         super::same_size("normal", inputs.normal.0.size(), "points", inputs.points.0.size())?;
-        let sampling =
-            super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed);
+        let sampling = super::sampling(
+            ctx,
+            self.sampling,
+            self.samples,
+            self.target_error,
+            self.max_samples,
+            self.seed,
+        );
         let stop = || ctx.out_of_time();
-        let direct = optics::direct(&inputs.points, &inputs.normal, &inputs.shape, &sampling, &stop);
+        let direct =
+            optics::direct(&inputs.points, &inputs.normal, &inputs.shape, &sampling, &stop);
         ctx.check_cancelled()?;
         ctx.set_stderr(direct.relative_error());
         let pixels = direct.lobes.iter().map(|lobe| lobe.len()).sum::<usize>();
         ctx.set_samples(direct.samples as f64 / pixels.max(1) as f64);
-        Ok(DirectOut { direct: Arc::new(UnitDirect { lobes: direct.lobes, stderr: direct.stderr }) })
+        Ok(DirectOut {
+            direct: Arc::new(UnitDirect { lobes: direct.lobes, stderr: direct.stderr }),
+        })
     }
 }

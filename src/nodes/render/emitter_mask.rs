@@ -76,13 +76,19 @@ impl Node for EmitterMask {
             let n = self.supersampling;
             let step = 1.0 / n as f32;
             let body = Silhouette::new(&inputs.shape);
-            coverage.pixels_mut().par_chunks_mut(camera.width).enumerate().skip(y0).take(y1 - y0).for_each(
-                |(y, row)| {
+            coverage
+                .pixels_mut()
+                .par_chunks_mut(camera.width)
+                .enumerate()
+                .skip(y0)
+                .take(y1 - y0)
+                .for_each(|(y, row)| {
                     for (x, share) in row.iter_mut().enumerate().take(x1).skip(x0) {
                         let z = inputs.depth.0.get(x, y);
                         let hits = (0..n * n).filter(|i| {
                             let (u, v) = ((i % n) as f32 + 0.5, (i / n) as f32 + 0.5);
-                            let ray = camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
+                            let ray =
+                                camera.unproject(x as f32 + u * step, y as f32 + v * step, 1.0);
                             let slack = if matches!(*inputs.shape, Shape::Window(_)) {
                                 TUNING.window_slack
                             } else {
@@ -92,8 +98,7 @@ impl Node for EmitterMask {
                         });
                         *share = hits.count() as f32 * step * step;
                     }
-                },
-            );
+                });
         }
         Ok(EmitterMaskOut { coverage: Arc::new(Mask(coverage)) })
     }
@@ -106,8 +111,10 @@ fn bounds(shape: &Shape, camera: &Camera) -> Option<[usize; 4]> {
     if -center.z + reach <= TUNING.near {
         return None;
     }
-    let corners =
-        (0..8).map(|i| center + reach * Vec3::from_array([0, 1, 2].map(|b| if i >> b & 1 == 0 { -1.0 } else { 1.0 })));
+    let corners = (0..8).map(|i| {
+        center
+            + reach * Vec3::from_array([0, 1, 2].map(|b| if i >> b & 1 == 0 { -1.0 } else { 1.0 }))
+    });
     let (mut low, mut high) = (glam::Vec2::INFINITY, glam::Vec2::NEG_INFINITY);
     for corner in corners {
         match camera.project(corner) {
@@ -145,18 +152,26 @@ mod tests {
 
     #[test]
     fn a_sphere_covers_its_disc() {
-        let sphere = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, -2.0), radius: 0.2 }));
+        let sphere = Shape::Lamp(Lamp::Sphere(SphereLamp {
+            center: Vec3::new(0.0, 0.0, -2.0),
+            radius: 0.2,
+        }));
         let got: f32 = cover(sphere.clone(), 5.0).pixels().iter().sum();
         // The outline of a sphere on the axis is a circle of radius f tan(asin(r / d)).
         let f = Camera::from_fov_x(80, 60, 60.0).fx;
         let want = std::f32::consts::PI * (f * 0.1f32.asin().tan()).powi(2);
         assert!((got / want - 1.0).abs() < 0.01, "{got} against {want} pixels");
-        assert_eq!(cover(sphere, 1.0).pixels().iter().sum::<f32>(), 0.0, "a wall before it hides it");
+        assert_eq!(
+            cover(sphere, 1.0).pixels().iter().sum::<f32>(),
+            0.0,
+            "a wall before it hides it"
+        );
     }
 
     #[test]
     fn lights_behind_or_around_the_camera_are_sound() {
-        let behind = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, 3.0), radius: 0.5 }));
+        let behind =
+            Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, 3.0), radius: 0.5 }));
         assert_eq!(cover(behind, 5.0).pixels().iter().sum::<f32>(), 0.0);
         let around = Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::ZERO, radius: 0.5 }));
         assert!(cover(around, 5.0).pixels().iter().all(|c| (0.0..=1.0).contains(c)));

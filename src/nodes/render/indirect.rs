@@ -84,7 +84,18 @@ impl Node for Indirect {
     }
 
     fn run(&self, inputs: IndirectIn, ctx: &Context) -> Result<IndirectOut, NodeError> {
-        let IndirectIn { depth, camera, points, normal, albedo, masks, shape, direct, visibility, residual } = inputs;
+        let IndirectIn {
+            depth,
+            camera,
+            points,
+            normal,
+            albedo,
+            masks,
+            shape,
+            direct,
+            visibility,
+            residual,
+        } = inputs;
         if direct.lobes.is_empty() {
             return Ok(IndirectOut {
                 indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }),
@@ -100,7 +111,8 @@ impl Node for Indirect {
             None => (Plane::filled(HALF.0, HALF.1, Vec3::ZERO), [Vec3::ZERO; 2]),
         };
         let burning: Vec<f32> = burning.iter().flat_map(|v| v.to_array()).collect();
-        let (light, left) = (planes_of(&[InputLayer::Gray(&light)]), planes_of(&[InputLayer::Color(&left)]));
+        let (light, left) =
+            (planes_of(&[InputLayer::Gray(&light)]), planes_of(&[InputLayer::Color(&left)]));
         // Cell centers are between the pixels of a grid of stride two; half a pixel is small beside
         // their size.
         let grid = Grid::new(size, (size.0.div_ceil(HALF.0)).max(1));
@@ -115,7 +127,11 @@ impl Node for Indirect {
                 ("light", light.clone()),
                 (
                     "direct",
-                    planes_of(&[InputLayer::Gray(&arrives), InputLayer::Gray(&arrives), InputLayer::Gray(&arrives)]),
+                    planes_of(&[
+                        InputLayer::Gray(&arrives),
+                        InputLayer::Gray(&arrives),
+                        InputLayer::Gray(&arrives),
+                    ]),
                 ),
                 ("flux", Tensor::new(&[1, 3, 1, 1], vec![shape.flux(lobe); 3])),
                 ("left", left.clone()),

@@ -5,7 +5,9 @@ use std::sync::Arc;
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
-use crate::optics::{Lighting, ReflectionScene, Reflections, Shape, object_shading_point, reflections};
+use crate::optics::{
+    Lighting, ReflectionScene, Reflections, Shape, object_shading_point, reflections,
+};
 use crate::{params, ports};
 
 params! {
@@ -65,7 +67,8 @@ impl Node for InsertSpecular {
         }
         super::same_size("points", inputs.points.0.size(), "mesh", inputs.mesh.size())?;
         let masks: Vec<&Mask> = inputs.mask.iter().map(|(_, mask)| &**mask).collect();
-        let lights: Vec<(&str, &Shape)> = inputs.shape.iter().map(|(id, shape)| (id, &**shape)).collect();
+        let lights: Vec<(&str, &Shape)> =
+            inputs.shape.iter().map(|(id, shape)| (id, &**shape)).collect();
         let objects = &inputs.objects;
         let scene = ReflectionScene {
             objects,
@@ -80,7 +83,8 @@ impl Node for InsertSpecular {
         ctx.check_cancelled()?;
         let shading = |i: usize| object_shading_point(objects, &inputs.camera, i);
         let size = objects.coverage.size();
-        let (reflected, rays) = reflections(size, shading, &scene, &lights, self.rays as usize, self.seed);
+        let (reflected, rays) =
+            reflections(size, shading, &scene, &lights, self.rays as usize, self.seed);
         ctx.count_rays(rays);
         Ok(InsertSpecularOut { reflected: Arc::new(reflected) })
     }

@@ -60,8 +60,13 @@ ports! {
     }
 }
 
-const PORTS: [(&str, &[usize]); 5] =
-    [("geometry", HALF_6), ("albedo", HALF_3), ("rough", HALF_1), ("light", HALF_1), ("shading", HALF_3)];
+const PORTS: [(&str, &[usize]); 5] = [
+    ("geometry", HALF_6),
+    ("albedo", HALF_3),
+    ("rough", HALF_1),
+    ("light", HALF_1),
+    ("shading", HALF_3),
+];
 const OUTPUTS: [&str; 3] = ["axis", "sharpness", "weight"];
 
 impl Node for LightNet {
@@ -80,7 +85,11 @@ impl Node for LightNet {
         let half = |plane: &Plane<Vec3>| resize(plane, HALF.0, HALF.1);
         let mut shading = Plane::filled(HALF.0, HALF.1, Vec3::ZERO);
         for light in inputs.light.iter().map(|(_, light)| light).chain(&inputs.residual) {
-            shading.pixels_mut().iter_mut().zip(half(&light.0).pixels()).for_each(|(sum, e)| *sum += *e);
+            shading
+                .pixels_mut()
+                .iter_mut()
+                .zip(half(&light.0).pixels())
+                .for_each(|(sum, e)| *sum += *e);
         }
         // A light's own pixels show its radiance.
         let mut lights = Plane::filled(HALF.0, HALF.1, 0.0f32);
@@ -107,7 +116,10 @@ impl Node for LightNet {
         ];
         let [axis, sharpness, weight] = neural::computed(&network, tensors, OUTPUTS)?;
         let &[_, count, rows, columns] = sharpness.shape() else {
-            return Err(NodeError::Failed(format!("sharpness: wanted four dimensions, got {:?}", sharpness.shape())));
+            return Err(NodeError::Failed(format!(
+                "sharpness: wanted four dimensions, got {:?}",
+                sharpness.shape()
+            )));
         };
         let cells = rows * columns;
         let vector = |tensor: &crate::net::Tensor, lobe: usize, cell: usize| {

@@ -53,12 +53,16 @@ impl Node for LightObjects {
         let sampling = Sampling::fixed(self.samples as usize, self.seed);
         // The camera sees smooth surfaces: every second sample along each axis, and the rest from
         // around.
-        let (lobes, rays) = arriving(&mesh, &objects.points, &objects.normals, &shape, (sampling, 2), &stop);
+        let (lobes, rays) =
+            arriving(&mesh, &objects.points, &objects.normals, &shape, (sampling, 2), &stop);
         ctx.check_cancelled()?;
         let probes = mesh.bodies().probes();
-        let (probes, more) = arriving(&mesh, &probes.points, &probes.normals, &shape, (sampling, 1), &stop);
+        let (probes, more) =
+            arriving(&mesh, &probes.points, &probes.normals, &shape, (sampling, 1), &stop);
         ctx.check_cancelled()?;
         ctx.count_rays(rays + more);
-        Ok(LightObjectsOut { light: Arc::new(ObjectLight { lobes, probes, albedo: objects.probe_albedo.clone() }) })
+        Ok(LightObjectsOut {
+            light: Arc::new(ObjectLight { lobes, probes, albedo: objects.probe_albedo.clone() }),
+        })
     }
 }

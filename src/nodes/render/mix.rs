@@ -51,7 +51,9 @@ impl Node for Mix {
         let size = (inputs.camera.width, inputs.camera.height);
         let mut light = Vec::new();
         for (id, radiance) in inputs.radiance.iter() {
-            let missing = |what: &str| NodeError::Failed(format!("light {id:?} has a radiance but no {what}"));
+            let missing = |what: &str| {
+                NodeError::Failed(format!("light {id:?} has a radiance but no {what}"))
+            };
             let direct = inputs.direct.get(id).ok_or_else(|| missing("direct shading"))?;
             let visibility = inputs.visibility.get(id).ok_or_else(|| missing("visibility"))?;
             let indirect = inputs.indirect.get(id).ok_or_else(|| missing("indirect shading"))?;
@@ -59,7 +61,10 @@ impl Node for Mix {
             for got in planes.chain(indirect.lobes.iter().map(|lobe| lobe.0.size())) {
                 super::same_size(id, got, "camera", size)?;
             }
-            light.push((id.to_string(), Arc::new(shading(size, direct, visibility, indirect, radiance))));
+            light.push((
+                id.to_string(),
+                Arc::new(shading(size, direct, visibility, indirect, radiance)),
+            ));
         }
         Ok(MixOut { light: Scatter(light) })
     }
@@ -93,7 +98,10 @@ mod tests {
     #[test]
     fn a_light_is_its_lobes_weighted() {
         let plane = |v: f32| Plane::filled(2, 1, v);
-        let direct = Arc::new(UnitDirect { lobes: vec![plane(0.5), plane(2.0)], stderr: vec![plane(0.0); 2] });
+        let direct = Arc::new(UnitDirect {
+            lobes: vec![plane(0.5), plane(2.0)],
+            stderr: vec![plane(0.0); 2],
+        });
         let visibility = Arc::new(Visibility {
             lit: vec![plane(1.0), plane(0.25)],
             stderr: vec![plane(0.0); 2],
@@ -129,8 +137,14 @@ mod tests {
         let inputs = MixIn {
             camera: Arc::new(Camera::from_fov_x(3, 2, 60.0)),
             direct: Gather(vec![(id(), Arc::new(UnitDirect { lobes: vec![], stderr: vec![] }))]),
-            visibility: Gather(vec![(id(), Arc::new(Visibility { lit: vec![], stderr: vec![], unknown: vec![] }))]),
-            indirect: Gather(vec![(id(), Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }))]),
+            visibility: Gather(vec![(
+                id(),
+                Arc::new(Visibility { lit: vec![], stderr: vec![], unknown: vec![] }),
+            )]),
+            indirect: Gather(vec![(
+                id(),
+                Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }),
+            )]),
             radiance: Gather(vec![(id(), Arc::new(Radiance(vec![])))]),
         };
         let out = Mix {}.run(inputs, &Context::default()).expect("runs");

@@ -54,7 +54,10 @@ impl Node for OccludeResidual {
     fn run(&self, inputs: OccludeResidualIn, _: &Context) -> Result<OccludeResidualOut, NodeError> {
         let OccludeResidualIn { residual, before, after, points, normal, objects } = inputs;
         if after.probes() == 0 {
-            return Ok(OccludeResidualOut { residual, shown: Arc::new(Picture(Plane::new(0, 0, Vec::new()))) });
+            return Ok(OccludeResidualOut {
+                residual,
+                shown: Arc::new(Picture(Plane::new(0, 0, Vec::new()))),
+            });
         }
         super::same_size("residual", residual.0.size(), "points", points.0.size())?;
         let grid = before.grid();
@@ -63,10 +66,13 @@ impl Node for OccludeResidual {
         let sum = |plane: &Plane<Vec3>| plane.pixels().iter().map(|v| v.as_dvec3()).sum::<DVec3>();
         // The residual is one radiance times the ambient.
         let radiance = (sum(&residual.0) / sum(&was).max(DVec3::splat(1e-30))).as_vec3();
-        let left = |p: usize| residual.0.pixels()[p] * is.pixels()[p] / was.pixels()[p].max(Vec3::splat(1e-6));
+        let left = |p: usize| {
+            residual.0.pixels()[p] * is.pixels()[p] / was.pixels()[p].max(Vec3::splat(1e-6))
+        };
         let (w, h) = residual.0.size();
         let left = Shading(Plane::new(w, h, (0..w * h).map(left).collect()));
-        let samples = (0..objects.points.len()).map(|s| radiance * objects.from_probes(s, &on_probes));
+        let samples =
+            (0..objects.points.len()).map(|s| radiance * objects.from_probes(s, &on_probes));
         let shown = Picture(objects.diffuse(&samples.collect::<Vec<_>>()));
         Ok(OccludeResidualOut { residual: Arc::new(left), shown: Arc::new(shown) })
     }

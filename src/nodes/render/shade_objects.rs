@@ -51,7 +51,8 @@ impl Node for ShadeObjects {
         let lobes = radiance.0.len();
         for (name, got) in [("light", light.lobes.len()), ("indirect", indirect.probes.len())] {
             if got != lobes {
-                let told = format!("`{name}` has {got} lobes of bodies, wanted {lobes} as `radiance`");
+                let told =
+                    format!("`{name}` has {got} lobes of bodies, wanted {lobes} as `radiance`");
                 return Err(NodeError::Failed(told));
             }
         }
@@ -61,10 +62,12 @@ impl Node for ShadeObjects {
             probes.iter_mut().zip(plane.pixels()).for_each(|(sum, e)| *sum += *w * *e);
         }
         let at_sample = |sample: usize| {
-            let direct = light.lobes.iter().zip(&radiance.0).map(|(plane, w)| *w * plane.pixels()[sample]);
+            let direct =
+                light.lobes.iter().zip(&radiance.0).map(|(plane, w)| *w * plane.pixels()[sample]);
             direct.sum::<Vec3>() + objects.from_probes(sample, &probes)
         };
-        let samples: Vec<Vec3> = (0..objects.points.len()).into_par_iter().with_min_len(1024).map(at_sample).collect();
+        let samples: Vec<Vec3> =
+            (0..objects.points.len()).into_par_iter().with_min_len(1024).map(at_sample).collect();
         Ok(ShadeObjectsOut { shown: Arc::new(Picture(objects.diffuse(&samples))) })
     }
 }

@@ -6,7 +6,10 @@ use std::sync::Arc;
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Depth, Mask, Normal, Points, SpecularEdit};
-use crate::optics::{Lighting, ReflectionScene, SeenSurface, Shape, SpecularChange, SpecularPart, places, reflections};
+use crate::optics::{
+    Lighting, ReflectionScene, SeenSurface, Shape, SpecularChange, SpecularPart, places,
+    reflections,
+};
 use crate::{params, ports};
 
 params! {
@@ -66,7 +69,11 @@ impl Node for ShadeSpecularEdit {
     type In = ShadeSpecularEditIn;
     type Out = ShadeSpecularEditOut;
 
-    fn run(&self, inputs: ShadeSpecularEditIn, ctx: &Context) -> Result<ShadeSpecularEditOut, NodeError> {
+    fn run(
+        &self,
+        inputs: ShadeSpecularEditIn,
+        ctx: &Context,
+    ) -> Result<ShadeSpecularEditOut, NodeError> {
         let size = inputs.points.0.size();
         for (id, mask) in inputs.mask.iter() {
             super::same_size(id, mask.0.size(), "points", size)?;
@@ -105,8 +112,14 @@ impl Node for ShadeSpecularEdit {
             });
             let lights: Vec<(&str, &Shape)> = lights.collect();
             let shading = |i: usize| Some(kind.points[i]);
-            let (of, rays) =
-                reflections((kind.points.len(), 1), shading, &scene, &lights, self.rays as usize, self.seed);
+            let (of, rays) = reflections(
+                (kind.points.len(), 1),
+                shading,
+                &scene,
+                &lights,
+                self.rays as usize,
+                self.seed,
+            );
             ctx.count_rays(rays);
             parts.push(SpecularPart { old: kind.old, share: kind.share, rows: kind.rows, of });
         }

@@ -80,7 +80,14 @@ impl Node for Shadow {
             super::same_size("mask", mask.0.size(), "mesh", inputs.mesh.size())?;
         }
         let quality = ShadowQuality {
-            sampling: super::sampling(ctx, self.sampling, self.samples, self.target_error, self.max_samples, self.seed),
+            sampling: super::sampling(
+                ctx,
+                self.sampling,
+                self.samples,
+                self.target_error,
+                self.max_samples,
+                self.seed,
+            ),
             stride: if self.half { 2 } else { 1 },
             assume_lit: self.assume_lit,
             outside_unknown: self.outside_unknown,
@@ -90,10 +97,23 @@ impl Node for Shadow {
         let own = inputs.mask.as_deref().map(|mask| (Own::new(mask), mask));
         let own = own.as_ref().map(|(passes, mask)| (passes, *mask));
         let stop = || ctx.out_of_time();
-        let mut shadow =
-            optics::shadow(&inputs.mesh, &inputs.points, &inputs.normal, &inputs.shape, own, quality, &stop);
+        let mut shadow = optics::shadow(
+            &inputs.mesh,
+            &inputs.points,
+            &inputs.normal,
+            &inputs.shape,
+            own,
+            quality,
+            &stop,
+        );
         if self.average && shadow.lit.len() > 1 {
-            let direct = optics::direct(&inputs.points, &inputs.normal, &inputs.shape, &quality.sampling, &stop);
+            let direct = optics::direct(
+                &inputs.points,
+                &inputs.normal,
+                &inputs.shape,
+                &quality.sampling,
+                &stop,
+            );
             shadow.average(&direct.lobes);
         }
         ctx.check_cancelled()?;

@@ -81,8 +81,11 @@ impl Node for ShadowNet {
     fn run(&self, inputs: ShadowNetIn, ctx: &Context) -> Result<ShadowNetOut, NodeError> {
         let ShadowNetIn { depth, camera, normal, shape, direct, visibility } = inputs;
         let doubtful = |lobe: &usize| {
-            let (unknown, direct) = (visibility.unknown[*lobe].pixels(), direct.lobes[*lobe].pixels());
-            let sum = |of: &dyn Fn(usize) -> f32| (0..direct.len()).map(|i| f64::from(of(i))).sum::<f64>();
+            let (unknown, direct) =
+                (visibility.unknown[*lobe].pixels(), direct.lobes[*lobe].pixels());
+            let sum = |of: &dyn Fn(usize) -> f32| {
+                (0..direct.len()).map(|i| f64::from(of(i))).sum::<f64>()
+            };
             sum(&|i| unknown[i] * direct[i]) > TUNING.min_unknown * sum(&|i| direct[i])
         };
         let asked: Vec<usize> = (0..direct.lobes.len()).filter(doubtful).collect();
@@ -100,7 +103,8 @@ impl Node for ShadowNet {
             // The photo minus the other lights' layers depends on all estimates; the network was
             // also trained without this input.
             let unseen = Plane::filled(HALF.0, HALF.1, 0.0);
-            let planes = [small(traced), small(unknown), small(&direct.lobes[lobe]), unseen.clone(), unseen];
+            let planes =
+                [small(traced), small(unknown), small(&direct.lobes[lobe]), unseen.clone(), unseen];
             let tensors = vec![
                 ("visibility", planes_of(&planes.each_ref().map(InputLayer::Gray))),
                 ("geometry", geometry.clone()),
@@ -125,7 +129,9 @@ impl Node for ShadowNet {
 fn place(shape: &Shape, lobe: usize) -> Vec<f32> {
     let center = shape.bounding_sphere().map_or(Vec3::ZERO, |(center, _)| center);
     let (x, y, sun) = match shape {
-        Shape::Window(Window { x, y, lobes, .. }) => (*x, *y, if lobe == 0 { lobes[0].direction } else { Vec3::ZERO }),
+        Shape::Window(Window { x, y, lobes, .. }) => {
+            (*x, *y, if lobe == 0 { lobes[0].direction } else { Vec3::ZERO })
+        }
         _ => (Vec3::ZERO, Vec3::ZERO, Vec3::ZERO),
     };
     [center, x, y, sun].iter().flat_map(|v| v.to_array()).collect()

@@ -56,22 +56,29 @@ impl Node for TraceIndirect {
     type Out = TraceIndirectOut;
 
     fn run(&self, inputs: TraceIndirectIn, ctx: &Context) -> Result<TraceIndirectOut, NodeError> {
-        let TraceIndirectIn { transport, points, normal, albedo, direct, visibility, objects } = inputs;
+        let TraceIndirectIn { transport, points, normal, albedo, direct, visibility, objects } =
+            inputs;
         let size = transport.size();
         super::same_size("points", points.0.size(), "transport", size)?;
         super::same_size("normal", normal.0.size(), "transport", size)?;
         super::same_size("albedo", albedo.0.size(), "transport", size)?;
         if direct.lobes.len() != visibility.lit.len() {
             let (wanted, got) = (direct.lobes.len(), visibility.lit.len());
-            return Err(NodeError::Failed(format!("`visibility` has {got} lobes, wanted {wanted} as `direct`")));
+            return Err(NodeError::Failed(format!(
+                "`visibility` has {got} lobes, wanted {wanted} as `direct`"
+            )));
         }
         let bounces = Bounces { count: self.bounces as usize, unseen: self.unseen };
         let probed = |lobe: usize| match &objects {
-            Some(light) => Probed { albedo: light.albedo.pixels(), direct: light.probes[lobe].pixels() },
+            Some(light) => {
+                Probed { albedo: light.albedo.pixels(), direct: light.probes[lobe].pixels() }
+            }
             None => Probed::NONE,
         };
         let known = objects.as_ref().map_or(0, |light| light.albedo.len());
-        if known != transport.probes() || objects.as_ref().is_some_and(|o| o.probes.len() != direct.lobes.len()) {
+        if known != transport.probes()
+            || objects.as_ref().is_some_and(|o| o.probes.len() != direct.lobes.len())
+        {
             let wanted = transport.probes();
             return Err(NodeError::Failed(format!(
                 "`objects` has {known} probes of bodies, wanted {wanted} as in `transport`, for each lobe of `direct`"
@@ -83,11 +90,20 @@ impl Node for TraceIndirect {
             super::same_size("visibility", lit.size(), "transport", size)?;
             let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
             let arrives = Plane::new(size.0, size.1, arrives);
-            Ok(optics::indirect(&transport, &points, &normal, &albedo, &arrives, probed(lobe), bounces))
+            Ok(optics::indirect(
+                &transport,
+                &points,
+                &normal,
+                &albedo,
+                &arrives,
+                probed(lobe),
+                bounces,
+            ))
         };
         let shaded: Result<Vec<_>, NodeError> =
             direct.lobes.iter().zip(&visibility.lit).enumerate().map(lobe).collect();
-        let (mut lobes, mut stderr, mut probes) = (Vec::<Shading>::new(), Vec::<Plane<f32>>::new(), Vec::new());
+        let (mut lobes, mut stderr, mut probes) =
+            (Vec::<Shading>::new(), Vec::<Plane<f32>>::new(), Vec::new());
         for (shading, error, of_probes) in shaded? {
             lobes.push(shading);
             stderr.push(error);
@@ -95,7 +111,10 @@ impl Node for TraceIndirect {
                 probes.push(Plane::new(of_probes.len(), 1, of_probes));
             }
         }
-        let value = lobes.iter().flat_map(|l| l.0.pixels()).fold(0.0, |sum, &v| sum + f64::from(luminance(v)));
+        let value = lobes
+            .iter()
+            .flat_map(|l| l.0.pixels())
+            .fold(0.0, |sum, &v| sum + f64::from(luminance(v)));
         let error = stderr.iter().flat_map(|s| s.pixels()).fold(0.0, |sum, &v| sum + f64::from(v));
         ctx.set_stderr(error / value.max(f64::MIN_POSITIVE));
         Ok(TraceIndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr, probes }) })

@@ -50,7 +50,14 @@ impl Node for Transport {
         super::same_size("normal", inputs.normal.0.size(), "mesh", inputs.mesh.size())?;
         ctx.check_cancelled()?;
         let (stride, rays) = (self.stride as usize, self.rays as usize);
-        let transport = optics::trace_bounces(&inputs.mesh, &inputs.points, &inputs.normal, stride, rays, self.seed);
+        let transport = optics::trace_bounces(
+            &inputs.mesh,
+            &inputs.points,
+            &inputs.normal,
+            stride,
+            rays,
+            self.seed,
+        );
         ctx.count_rays(transport.rays());
         Ok(TransportOut { transport: Arc::new(transport) })
     }

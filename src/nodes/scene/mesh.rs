@@ -52,8 +52,10 @@ impl Node for Mesh {
     fn run(&self, inputs: MeshIn, ctx: &Context) -> Result<MeshOut, NodeError> {
         let (width, height) = inputs.depth.0.size();
         let mut outside = Plane::filled(width, height, false);
-        let panes =
-            inputs.masks.iter().filter(|(name, _)| inputs.kinds.get(name).is_some_and(|k| **k == LightKind::Window));
+        let panes = inputs
+            .masks
+            .iter()
+            .filter(|(name, _)| inputs.kinds.get(name).is_some_and(|k| **k == LightKind::Window));
         for (name, mask) in panes.chain(inputs.ignore.iter().map(|mask| ("ignore", mask))) {
             if mask.0.size() != (width, height) {
                 let (w, h) = mask.0.size();
@@ -61,12 +63,20 @@ impl Node for Mesh {
                     "mask `{name}` is {w} x {h}, wanted {width} x {height} as the depth"
                 )));
             }
-            outside.pixels_mut().iter_mut().zip(mask.0.pixels()).for_each(|(out, share)| *out |= *share > 0.5);
+            outside
+                .pixels_mut()
+                .iter_mut()
+                .zip(mask.0.pixels())
+                .for_each(|(out, share)| *out |= *share > 0.5);
         }
         let camera = inputs.camera.resized(width, height);
         let seen = surface(&inputs.depth, &camera);
         ctx.check_cancelled()?;
         let mesh = SceneMesh::new(&seen.points, camera.fx, seen.noise, &outside);
-        Ok(MeshOut { points: Arc::new(seen.points), normal: Arc::new(seen.normal), mesh: Arc::new(mesh) })
+        Ok(MeshOut {
+            points: Arc::new(seen.points),
+            normal: Arc::new(seen.normal),
+            mesh: Arc::new(mesh),
+        })
     }
 }

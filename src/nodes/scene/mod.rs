@@ -110,7 +110,11 @@ impl Shot<'_> {
 }
 
 /// A picture file through one of the readers of `image`.
-fn open<T>(ctx: &Context, file: &File, read: impl FnOnce(NamedBytes) -> Result<T, ReadError>) -> Result<T, NodeError> {
+fn open<T>(
+    ctx: &Context,
+    file: &File,
+    read: impl FnOnce(NamedBytes) -> Result<T, ReadError>,
+) -> Result<T, NodeError> {
     let bytes = ctx.read(file)?;
     let name = file.location().display().to_string();
     read(NamedBytes::new(&name, &bytes)).map_err(|e| bad(file, e.message()))

@@ -15,9 +15,13 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::graph::{Context, Diagnostic, Diagnostics, File, Gather, Key, Node, NodeError, Raw, Scatter, Source};
+use crate::graph::{
+    Context, Diagnostic, Diagnostics, File, Gather, Key, Node, NodeError, Raw, Scatter, Source,
+};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW, LOBES};
-use crate::optics::{BoxLamp, Lamp, LightKind, Lobe, MeshLamp, Radiance, RectLamp, Shape, SphereLamp, Window};
+use crate::optics::{
+    BoxLamp, Lamp, LightKind, Lobe, MeshLamp, Radiance, RectLamp, Shape, SphereLamp, Window,
+};
 use crate::tuning::tuning;
 use crate::{params, ports};
 
@@ -69,12 +73,14 @@ impl Node for ReadLights {
 
     fn run(&self, inputs: ReadLightsIn, ctx: &Context) -> Result<ReadLightsOut, NodeError> {
         let location = self.path.location();
-        let text = String::from_utf8(ctx.read(&self.path)?)
-            .map_err(|e| super::bad(&self.path, format!("wanted UTF-8 text, got another byte: {e}")))?;
+        let text = String::from_utf8(ctx.read(&self.path)?).map_err(|e| {
+            super::bad(&self.path, format!("wanted UTF-8 text, got another byte: {e}"))
+        })?;
         let seen = inputs.kind.iter().map(|(id, kind)| (id, **kind));
         let wanted: Vec<(&str, LightKind)> =
             seen.chain([(INV_LAMP, LightKind::Lamp), (INV_WINDOW, LightKind::Window)]).collect();
-        let lights = read(&Source::new(location, text), &wanted).map_err(|faults| told(&self.path, &faults))?;
+        let lights = read(&Source::new(location, text), &wanted)
+            .map_err(|faults| told(&self.path, &faults))?;
         let mut out = ReadLightsOut { shape: Scatter(vec![]), radiance: Scatter(vec![]) };
         for ((id, _), (shape, radiance)) in wanted.into_iter().zip(lights) {
             out.shape.0.push((id.into(), Arc::new(shape)));
@@ -88,7 +94,8 @@ impl Node for ReadLights {
 fn told(file: &File, faults: &[Diagnostic]) -> NodeError {
     let line = |fault: &Diagnostic| {
         let place = fault.origin.as_ref().map(|origin| origin.line_column());
-        let place = place.map_or(String::new(), |(line, column)| format!("line {line}, column {column}: "));
+        let place =
+            place.map_or(String::new(), |(line, column)| format!("line {line}, column {column}: "));
         let help = fault.help.as_ref().map_or(String::new(), |help| format!(" ({help})"));
         format!("{place}{}{help}", fault.message)
     };
@@ -99,7 +106,10 @@ type KnownLight = (Shape, Radiance);
 
 /// The lights `wanted`, in their order. JSON is read as the RON that it is, so that every fault has
 /// its place.
-fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<KnownLight>, Vec<Diagnostic>> {
+fn read(
+    source: &Arc<Source>,
+    wanted: &[(&str, LightKind)],
+) -> Result<Vec<KnownLight>, Vec<Diagnostic>> {
     let mut faults = Diagnostics::default();
     let document = Raw::document(source, &mut faults);
     let entries = document.map(|document| document.as_map(&mut faults)).unwrap_or_default();
@@ -110,7 +120,8 @@ fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<KnownL
     for (key, value) in &entries {
         let Some(place) = wanted.iter().position(|(id, _)| *id == key.name) else {
             faults.push(|| {
-                let fault = Diagnostic::at(&key.origin, format!("the scene has no light `{}`", key.name));
+                let fault =
+                    Diagnostic::at(&key.origin, format!("the scene has no light `{}`", key.name));
                 fault.suggest(&key.name, wanted.iter().map(|(id, _)| *id))
             });
             continue;
@@ -124,7 +135,12 @@ fn read(source: &Arc<Source>, wanted: &[(&str, LightKind)]) -> Result<Vec<KnownL
     }
     for (id, _) in wanted.iter().filter(|(id, _)| ![INV_LAMP, INV_WINDOW].contains(id)) {
         if entries.iter().all(|(key, _)| key.name != *id) {
-            faults.push(|| Diagnostic::file(&source.path, format!("the scene's light `{id}` is not in this file")));
+            faults.push(|| {
+                Diagnostic::file(
+                    &source.path,
+                    format!("the scene's light `{id}` is not in this file"),
+                )
+            });
         }
     }
     if !faults.is_empty() {
@@ -188,17 +204,20 @@ impl LightEntry<'_> {
 
     fn sphere(&self, faults: &mut Diagnostics) -> Option<Lamp> {
         let center = self.vector("center", faults);
-        let radius = self.get("radius", "a number > 0", faults, |raw| number(raw).filter(|&r| r > 0.0));
+        let radius =
+            self.get("radius", "a number > 0", faults, |raw| number(raw).filter(|&r| r > 0.0));
         Some(Lamp::Sphere(SphereLamp { center: center?, radius: radius? }))
     }
 
     fn cuboid(&self, faults: &mut Diagnostics) -> Option<Lamp> {
         let center = self.vector("center", faults);
-        let axes = self.get("half_axes", "three half edges [x, y, z] at right angles", faults, |raw| {
-            let axes: [Vec3; 3] = vectors(&raw.parse::<Vec<Vec<f32>>>().ok()?)?.try_into().ok()?;
-            let pairs = [(axes[0], axes[1]), (axes[1], axes[2]), (axes[2], axes[0])];
-            pairs.into_iter().all(|(a, b)| at_right_angles(a, b)).then_some(axes)
-        });
+        let axes =
+            self.get("half_axes", "three half edges [x, y, z] at right angles", faults, |raw| {
+                let axes: [Vec3; 3] =
+                    vectors(&raw.parse::<Vec<Vec<f32>>>().ok()?)?.try_into().ok()?;
+                let pairs = [(axes[0], axes[1]), (axes[1], axes[2]), (axes[2], axes[0])];
+                pairs.into_iter().all(|(a, b)| at_right_angles(a, b)).then_some(axes)
+            });
         Some(Lamp::Box(BoxLamp { center: center?, axes: axes? }))
     }
 
@@ -207,29 +226,40 @@ impl LightEntry<'_> {
         let center = self.vector("center", faults);
         let x = self.vector("half_x", faults);
         let wanted = "a half edge [x, y, z] at a right angle to `half_x`";
-        let y =
-            self.get("half_y", wanted, faults, |raw| vector(raw).filter(|&y| x.is_none_or(|x| at_right_angles(x, y))));
+        let y = self.get("half_y", wanted, faults, |raw| {
+            vector(raw).filter(|&y| x.is_none_or(|x| at_right_angles(x, y)))
+        });
         Some([center?, x?, y?])
     }
 
     fn mesh(&self, faults: &mut Diagnostics) -> Option<Lamp> {
-        let triangles: Vec<Vec<Vec<f32>>> =
-            self.get("triangles", "a list of triangles [[x, y, z], [x, y, z], [x, y, z]]", faults, |raw| {
-                raw.parse().ok()
-            })?;
+        let triangles: Vec<Vec<Vec<f32>>> = self.get(
+            "triangles",
+            "a list of triangles [[x, y, z], [x, y, z], [x, y, z]]",
+            faults,
+            |raw| raw.parse().ok(),
+        )?;
         let mut corners = Vec::with_capacity(3 * triangles.len());
         for (i, triangle) in triangles.iter().enumerate() {
             let sound = vectors(triangle).filter(|corners| corners.len() == 3);
             let Some(triangle) = sound else {
-                self.wrong("triangles", &format!("three points of three finite numbers in triangle {i}"), faults);
+                self.wrong(
+                    "triangles",
+                    &format!("three points of three finite numbers in triangle {i}"),
+                    faults,
+                );
                 return None;
             };
             corners.extend(triangle);
         }
         // Six times the volume, exact for a closed body, for any choice of its middle.
         let middle = corners.iter().sum::<Vec3>() / corners.len().max(1) as f32;
-        let volume = corners.chunks_exact(3).map(|t| (t[1] - t[0]).cross(t[2] - t[0]).dot(t[0] - middle)).sum::<f32>();
-        let triangles = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let volume = corners
+            .chunks_exact(3)
+            .map(|t| (t[1] - t[0]).cross(t[2] - t[0]).dot(t[0] - middle))
+            .sum::<f32>();
+        let triangles =
+            (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let lamp = Lamp::Mesh(MeshLamp::without_occlusion(corners, triangles));
         if !(lamp.area() > 0.0 && lamp.area().is_finite()) {
             self.wrong("triangles", "triangles with an area", faults);
@@ -250,14 +280,19 @@ impl LightEntry<'_> {
         for item in &items {
             let lobe = LightEntry { id: self.id, whole: item, fields: item.as_map(faults) };
             lobe.only(&["name", "direction", "bandwidth", "radiance"], faults);
-            let free: Vec<&str> =
-                LOBES.iter().zip(&lobes).filter(|(_, l)| l.is_none()).map(|(name, _)| *name).collect();
+            let free: Vec<&str> = LOBES
+                .iter()
+                .zip(&lobes)
+                .filter(|(_, l)| l.is_none())
+                .map(|(name, _)| *name)
+                .collect();
             let place = lobe.get("name", &format!("one of {}", free.join(", ")), faults, |raw| {
                 let name: String = raw.parse().ok()?;
                 LOBES.iter().position(|known| *known == name && free.contains(known))
             });
-            let direction =
-                lobe.get("direction", "a direction [x, y, z]", faults, |raw| vector(raw).and_then(Vec3::try_normalize));
+            let direction = lobe.get("direction", "a direction [x, y, z]", faults, |raw| {
+                vector(raw).and_then(Vec3::try_normalize)
+            });
             let wanted = format!("a number 0..={:e}", TUNING.max_bandwidth);
             let bandwidth = lobe.get("bandwidth", &wanted, faults, |raw| {
                 number(raw).filter(|b| (0.0..=TUNING.max_bandwidth).contains(b))
@@ -272,7 +307,11 @@ impl LightEntry<'_> {
         let [center, x, y] = edges?;
         let normal = x.cross(y).normalize_or_zero();
         if ![INV_LAMP, INV_WINDOW].contains(&self.id) && normal.dot(center) >= 0.0 {
-            self.wrong("half_y", "half_x cross half_y into the room, from where the camera sees it", faults);
+            self.wrong(
+                "half_y",
+                "half_x cross half_y into the room, from where the camera sees it",
+                faults,
+            );
         }
         let mut window = Window { center, x, y, lobes: Window::daylight(normal) };
         let radiance = window.lobes.iter_mut().zip(lobes).map(|(dark, lobe)| match lobe {
@@ -287,7 +326,8 @@ impl LightEntry<'_> {
     }
 
     fn radiance(&self, faults: &mut Diagnostics) -> Option<Vec3> {
-        let within = |rgb: &Vec3| rgb.min_element() >= 0.0 && rgb.max_element() <= TUNING.max_radiance;
+        let within =
+            |rgb: &Vec3| rgb.min_element() >= 0.0 && rgb.max_element() <= TUNING.max_radiance;
         let wanted = format!("three numbers 0..={:e}", TUNING.max_radiance);
         self.get("radiance", &wanted, faults, |raw| vector(raw).filter(within))
     }
@@ -315,15 +355,25 @@ impl LightEntry<'_> {
         let found = self.fields.iter().find(|(key, _)| key.name == name).map(|(_, value)| value);
         if found.is_none() {
             let id = self.id;
-            faults.push(|| Diagnostic::at(&self.whole.origin, format!("`{id}`: {name}: wanted {wanted}, got none")));
+            faults.push(|| {
+                Diagnostic::at(
+                    &self.whole.origin,
+                    format!("`{id}`: {name}: wanted {wanted}, got none"),
+                )
+            });
         }
         found
     }
 
     /// The fault of a field that is present.
     fn wrong(&self, name: &str, wanted: &str, faults: &mut Diagnostics) {
-        let value = self.fields.iter().find(|(key, _)| key.name == name).map_or(self.whole, |(_, value)| value);
-        let mut got: String = value.text().chars().take(60).map(|c| if c.is_control() { ' ' } else { c }).collect();
+        let value = self
+            .fields
+            .iter()
+            .find(|(key, _)| key.name == name)
+            .map_or(self.whole, |(_, value)| value);
+        let mut got: String =
+            value.text().chars().take(60).map(|c| if c.is_control() { ' ' } else { c }).collect();
         if got.len() < value.text().len() {
             got.push_str("..");
         }
@@ -334,7 +384,10 @@ impl LightEntry<'_> {
     fn only(&self, known: &[&str], faults: &mut Diagnostics) {
         for (key, _) in self.fields.iter().filter(|(key, _)| !known.contains(&key.name.as_str())) {
             faults.push(|| {
-                let fault = Diagnostic::at(&key.origin, format!("`{}`: unknown field `{}`", self.id, key.name));
+                let fault = Diagnostic::at(
+                    &key.origin,
+                    format!("`{}`: unknown field `{}`", self.id, key.name),
+                );
                 fault.suggest(&key.name, known.iter().copied())
             });
         }
@@ -374,12 +427,18 @@ mod tests {
         (INV_LAMP, LightKind::Lamp),
         (INV_WINDOW, LightKind::Window),
     ];
-    const LAMP: &str = r#"{"kind": "Sphere", "center": [1, 0.5, -3], "radius": 0.1, "radiance": [9, 8, 7]}"#;
-    const EDGES: &str = r#""kind": "Window", "center": [0, 0, -4], "half_x": [1, 0, 0], "half_y": [0, 0.5, 0]"#;
-    const SKY: &str = r#"{"name": "sky", "direction": [0, 3, -4], "bandwidth": 1.5, "radiance": [1, 2, 3]}"#;
+    const LAMP: &str =
+        r#"{"kind": "Sphere", "center": [1, 0.5, -3], "radius": 0.1, "radiance": [9, 8, 7]}"#;
+    const EDGES: &str =
+        r#""kind": "Window", "center": [0, 0, -4], "half_x": [1, 0, 0], "half_y": [0, 0.5, 0]"#;
+    const SKY: &str =
+        r#"{"name": "sky", "direction": [0, 3, -4], "bandwidth": 1.5, "radiance": [1, 2, 3]}"#;
 
     fn lights(lamp: &str, pane: &str, more: &str) -> Result<Vec<KnownLight>, Vec<Diagnostic>> {
-        read(&Source::new("lights.json", format!("{{\"lamp\": {lamp},\n\"pane\": {pane}{more}}}")), &WANTED)
+        read(
+            &Source::new("lights.json", format!("{{\"lamp\": {lamp},\n\"pane\": {pane}{more}}}")),
+            &WANTED,
+        )
     }
 
     /// The file with this lamp and this window is refused with exactly these messages; locations
@@ -389,7 +448,9 @@ mod tests {
         assert!(faults.iter().all(|fault| fault.origin.is_some()), "{faults:?}");
         let message = told(&File::new("lights.json"), &faults).to_string();
         let line = |line: &str| {
-            line.split_once("column ").and_then(|(_, told)| told.split_once(": ")).map(|(_, told)| told.to_owned())
+            line.split_once("column ")
+                .and_then(|(_, told)| told.split_once(": "))
+                .map(|(_, told)| told.to_owned())
         };
         assert_eq!(message.lines().filter_map(line).collect::<Vec<_>>(), wanted, "{message}");
     }
@@ -414,12 +475,19 @@ mod tests {
         let axes = r#"{"kind": "Box", "center": [0, 0, -2], "half_axes": [[1, 0, 0], [0, 2, 0], [0, 0, 3]], "radiance": [1, 1, 1]}"#;
         let got = lights(axes, &pane(SKY), "").expect("it is sound");
         let axes = [Vec3::X, Vec3::Y * 2.0, Vec3::Z * 3.0];
-        assert_eq!(got[0].0, Shape::Lamp(Lamp::Box(BoxLamp { center: Vec3::new(0.0, 0.0, -2.0), axes })));
+        assert_eq!(
+            got[0].0,
+            Shape::Lamp(Lamp::Box(BoxLamp { center: Vec3::new(0.0, 0.0, -2.0), axes }))
+        );
         let rect = r#"{"kind": "Rect", "center": [0, 1, -2], "half_x": [1, 0, 0], "half_y": [0, 0, 1], "radiance": [1, 1, 1]}"#;
         let got = lights(rect, &pane(SKY), "").expect("it is sound");
         assert_eq!(
             got[0].0,
-            Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::new(0.0, 1.0, -2.0), x: Vec3::X, y: Vec3::Z }))
+            Shape::Lamp(Lamp::Rect(RectLamp {
+                center: Vec3::new(0.0, 1.0, -2.0),
+                x: Vec3::X,
+                y: Vec3::Z
+            }))
         );
         let got = lights(&tetrahedron(false), &pane(SKY), "").expect("it is sound");
         let Shape::Lamp(lamp) = &got[0].0 else { panic!("a lamp") };
@@ -431,14 +499,17 @@ mod tests {
     fn tetrahedron(inwards: bool) -> String {
         let [o, x, y, z] = ["[0, 0, 0]", "[1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]"];
         let sides = [[o, y, x], [o, z, y], [o, x, z], [x, y, z]];
-        let side = |[a, b, c]: [&str; 3]| if inwards { format!("[{a}, {c}, {b}]") } else { format!("[{a}, {b}, {c}]") };
+        let side = |[a, b, c]: [&str; 3]| {
+            if inwards { format!("[{a}, {c}, {b}]") } else { format!("[{a}, {b}, {c}]") }
+        };
         let sides = sides.map(side).join(", ");
         format!(r#"{{"kind": "Mesh", "triangles": [{sides}], "radiance": [1, 1, 1]}}"#)
     }
 
     #[test]
     fn the_place_is_that_of_the_value() {
-        let faults = lights(&LAMP.replace("0.1", "-1"), &pane(SKY), "").expect_err("a sphere has no such radius");
+        let faults = lights(&LAMP.replace("0.1", "-1"), &pane(SKY), "")
+            .expect_err("a sphere has no such radius");
         let wanted = "lights.json: line 1, column 63: `lamp`: radius: wanted a number > 0, got -1";
         assert_eq!(told(&File::new("lights.json"), &faults).to_string(), wanted);
     }
@@ -451,9 +522,18 @@ mod tests {
         check(&lamp("0.1", "0"), &["`lamp`: radius: wanted a number > 0, got 0"]);
         check(&lamp("0.1", "\"a\""), &["`lamp`: radius: wanted a number > 0, got \"a\""]);
         check(&lamp("-3]", "NaN]"), &["wanted a finite number, got NaN"]);
-        check(&lamp("-3]", "1e39]"), &["`lamp`: center: wanted three finite numbers [x, y, z], got [1, 0.5, 1e39]"]);
-        check(&lamp(", -3]", "]"), &["`lamp`: center: wanted three finite numbers [x, y, z], got [1, 0.5]"]);
-        check(&lamp("[9,", "[-9,"), &["`lamp`: radiance: wanted three numbers 0..=1e30, got [-9, 8, 7]"]);
+        check(
+            &lamp("-3]", "1e39]"),
+            &["`lamp`: center: wanted three finite numbers [x, y, z], got [1, 0.5, 1e39]"],
+        );
+        check(
+            &lamp(", -3]", "]"),
+            &["`lamp`: center: wanted three finite numbers [x, y, z], got [1, 0.5]"],
+        );
+        check(
+            &lamp("[9,", "[-9,"),
+            &["`lamp`: radiance: wanted three numbers 0..=1e30, got [-9, 8, 7]"],
+        );
         check(
             &lamp("\"radius\"", "\"radios\""),
             &[
@@ -461,7 +541,10 @@ mod tests {
                 "`lamp`: radius: wanted a number > 0, got none",
             ],
         );
-        check(&lamp("Sphere", "Ball"), &["`lamp`: kind: wanted one of Sphere, Box, Rect, Mesh, got \"Ball\""]);
+        check(
+            &lamp("Sphere", "Ball"),
+            &["`lamp`: kind: wanted one of Sphere, Box, Rect, Mesh, got \"Ball\""],
+        );
         check(pane, &["`lamp`: kind: wanted one of Sphere, Box, Rect, Mesh, got \"Window\""]);
         check(&lamp("\"center\"", "\"radius\""), &["`radius` is given twice"]);
         let skew = r#"{"kind": "Box", "center": [0, 0, 0], "half_axes": [[1, 0, 0], [1, 1, 0], [0, 0, 1]], "radiance": [1, 1, 1]}"#;
@@ -471,13 +554,20 @@ mod tests {
                 "`lamp`: half_axes: wanted three half edges [x, y, z] at right angles, got [[1, 0, 0], [1, 1, 0], [0, 0, 1]]",
             ],
         );
-        let flat =
-            r#"{"kind": "Rect", "center": [0, 0, 0], "half_x": [1, 0, 0], "half_y": [0, 0, 0], "radiance": [1, 1, 1]}"#;
-        check(flat, &["`lamp`: half_y: wanted a half edge [x, y, z] at a right angle to `half_x`, got [0, 0, 0]"]);
+        let flat = r#"{"kind": "Rect", "center": [0, 0, 0], "half_x": [1, 0, 0], "half_y": [0, 0, 0], "radiance": [1, 1, 1]}"#;
+        check(
+            flat,
+            &[
+                "`lamp`: half_y: wanted a half edge [x, y, z] at a right angle to `half_x`, got [0, 0, 0]",
+            ],
+        );
         let inwards = tetrahedron(true);
-        let message = told(&File::new("l"), &lights(&inwards, pane, "").expect_err("inside out")).to_string();
+        let message =
+            told(&File::new("l"), &lights(&inwards, pane, "").expect_err("inside out")).to_string();
         assert!(
-            message.contains("`lamp`: triangles: wanted corners counter-clockwise as seen from outside"),
+            message.contains(
+                "`lamp`: triangles: wanted corners counter-clockwise as seen from outside"
+            ),
             "{message}"
         );
         check("[1]", &["wanted `{ \"name\": value, .. }`, got `[1]`"]);
@@ -486,7 +576,8 @@ mod tests {
     #[test]
     fn what_is_no_object_of_lights_is_told_once() {
         for text in ["", "[1, 2]", "{\"lamp\": ", "{lamp: 1}"] {
-            let faults = read(&Source::new("lights.json", text), &WANTED).expect_err("it is not sound");
+            let faults =
+                read(&Source::new("lights.json", text), &WANTED).expect_err("it is not sound");
             assert_eq!(faults.len(), 1, "{text}: {faults:?}");
         }
     }
@@ -496,7 +587,10 @@ mod tests {
         let window = |lobes: &str, wanted: &[&str]| check(LAMP, &pane(lobes), "", wanted);
         window("", &["`pane`: lobes: wanted one to three lobes, got []"]);
         window(&format!("{SKY}, {SKY}"), &["`pane`: name: wanted one of sun, ground, got \"sky\""]);
-        window(&SKY.replace("1.5", "1e8"), &["`pane`: bandwidth: wanted a number 0..=1e7, got 1e8"]);
+        window(
+            &SKY.replace("1.5", "1e8"),
+            &["`pane`: bandwidth: wanted a number 0..=1e7, got 1e8"],
+        );
         window(
             &SKY.replace("[0, 3, -4]", "[0, 0, 0]"),
             &["`pane`: direction: wanted a direction [x, y, z], got [0, 0, 0]"],
@@ -510,8 +604,14 @@ mod tests {
                 "`pane`: half_y: wanted half_x cross half_y into the room, from where the camera sees it, got [0, 0.5, 0]",
             ],
         );
-        check(LAMP, &pane(SKY), ", \"lmap\": {}", &["the scene has no light `lmap` (did you mean `lamp`?)"]);
-        let missing = read(&Source::new("lights.json", "{}"), &WANTED).expect_err("two lights are missing");
+        check(
+            LAMP,
+            &pane(SKY),
+            ", \"lmap\": {}",
+            &["the scene has no light `lmap` (did you mean `lamp`?)"],
+        );
+        let missing =
+            read(&Source::new("lights.json", "{}"), &WANTED).expect_err("two lights are missing");
         assert_eq!(missing.len(), 2);
         assert_eq!(missing[1].message, "the scene's light `pane` is not in this file");
     }

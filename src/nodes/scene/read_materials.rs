@@ -74,11 +74,16 @@ impl Node for ReadMaterials {
             let read = super::open(ctx, file, |source| image::read_photo(source, transfer))?;
             super::warn(ctx, file, &read.warnings);
             let plane = fitted(name, file, &read.picture.0, size)?;
-            if let Some(at) =
-                plane.pixels().iter().position(|c| c.min_element() < 0.0 || c.max_element() > 1.0 + TUNING.slack)
+            if let Some(at) = plane
+                .pixels()
+                .iter()
+                .position(|c| c.min_element() < 0.0 || c.max_element() > 1.0 + TUNING.slack)
             {
                 let (x, y, got) = (at % size.0, at / size.0, plane.pixels()[at]);
-                return Err(super::bad(file, format!("{name}: wanted 0..=1, got {got} at working pixel ({x}, {y})")));
+                return Err(super::bad(
+                    file,
+                    format!("{name}: wanted 0..=1, got {got} at working pixel ({x}, {y})"),
+                ));
             }
             Ok(plane.map(|c| c.min(Vec3::ONE)))
         };
@@ -93,11 +98,19 @@ impl Node for ReadMaterials {
             Some(file) => {
                 let read = super::open(ctx, file, image::read_normal)?;
                 let read = fitted("normal", file, &read, size)?;
-                Arc::new(valid_normals(&read, &inputs.normal, &inputs.camera.resized(size.0, size.1)))
+                Arc::new(valid_normals(
+                    &read,
+                    &inputs.normal,
+                    &inputs.camera.resized(size.0, size.1),
+                ))
             }
             None => inputs.normal,
         };
-        Ok(ReadMaterialsOut { albedo: Arc::new(Albedo(albedo)), normal, roughness: Arc::new(Roughness(roughness)) })
+        Ok(ReadMaterialsOut {
+            albedo: Arc::new(Albedo(albedo)),
+            normal,
+            roughness: Arc::new(Roughness(roughness)),
+        })
     }
 }
 
@@ -111,10 +124,18 @@ tuning! {
 }
 
 /// A plane of a file at working size.
-fn fitted(name: &str, file: &File, plane: &Plane<Vec3>, size: (usize, usize)) -> Result<Plane<Vec3>, NodeError> {
+fn fitted(
+    name: &str,
+    file: &File,
+    plane: &Plane<Vec3>,
+    size: (usize, usize),
+) -> Result<Plane<Vec3>, NodeError> {
     if !image::same_aspect(plane.size(), size) {
         let (wanted, got) = (super::size(size), super::size(plane.size()));
-        return Err(super::bad(file, format!("{name} size: wanted the aspect ratio of {wanted} to 2 %, got {got}")));
+        return Err(super::bad(
+            file,
+            format!("{name} size: wanted the aspect ratio of {wanted} to 2 %, got {got}"),
+        ));
     }
     Ok(image::resize(plane, size.0, size.1))
 }

@@ -56,7 +56,8 @@ impl Node for ReadPhoto {
     }
 
     fn run(&self, _: ReadPhotoIn, ctx: &Context) -> Result<ReadPhotoOut, NodeError> {
-        let Photograph { photo, clipped, small: (width, height), camera, encoding } = self.shot().read(ctx)?;
+        let Photograph { photo, clipped, small: (width, height), camera, encoding } =
+            self.shot().read(ctx)?;
         Ok(ReadPhotoOut {
             small: Arc::new(Picture(resize(&photo.0, width, height))),
             small_clipped: Arc::new(Mask(resize(&clipped.0, width, height))),

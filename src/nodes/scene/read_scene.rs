@@ -172,7 +172,11 @@ impl Node for ReadScene {
         let masks = self.lights.values_mut().map(|light| match light {
             LightSpec::Lamp { mask } | LightSpec::Window { mask } => mask,
         });
-        [&mut self.photo, &mut self.depth.path].into_iter().chain(masks).chain(&mut self.ignore).collect()
+        [&mut self.photo, &mut self.depth.path]
+            .into_iter()
+            .chain(masks)
+            .chain(&mut self.ignore)
+            .collect()
     }
 
     fn run(&self, _: ReadSceneIn, ctx: &Context) -> Result<ReadSceneOut, NodeError> {
@@ -200,10 +204,18 @@ impl Node for ReadScene {
             depth: Arc::new(image::resize_depth(&depth, small.0, small.1)),
             small_camera: Arc::new(camera.resized(small.0, small.1)),
             camera: Arc::new(camera),
-            ignore: ignore.map_or_else(|| Arc::new(Mask(Plane::filled(small.0, small.1, 0.0))), |mask| shrink(&mask)),
+            ignore: ignore.map_or_else(
+                || Arc::new(Mask(Plane::filled(small.0, small.1, 0.0))),
+                |mask| shrink(&mask),
+            ),
             mask: Scatter(masks.iter().map(|(id, mask)| (id.clone(), shrink(mask))).collect()),
             full_mask: Scatter(masks.into_iter().map(|(id, mask)| (id, Arc::new(mask))).collect()),
-            kind: Scatter(self.lights.iter().map(|(id, light)| (id.clone(), Arc::new(light.kind()))).collect()),
+            kind: Scatter(
+                self.lights
+                    .iter()
+                    .map(|(id, light)| (id.clone(), Arc::new(light.kind())))
+                    .collect(),
+            ),
             encoding: Arc::new(encoding),
         })
     }
@@ -221,15 +233,26 @@ impl ReadScene {
         let got = mask.0.size();
         if got != full {
             self.check_aspect("mask", file, got, full)?;
-            ctx.warn(format!("{}: {}, resampled to the photo's {}", file.path, size(got), size(full)));
+            ctx.warn(format!(
+                "{}: {}, resampled to the photo's {}",
+                file.path,
+                size(got),
+                size(full)
+            ));
         }
         let mask = if got == full { mask } else { Mask(image::resize(&mask.0, full.0, full.1)) };
         let covered = mask.0.pixels().iter().filter(|&&m| m > 0.0).count();
         if covered == 0 {
-            return Err(bad(file, "mask: wanted white pixels where the light is, got a black picture".into()));
+            return Err(bad(
+                file,
+                "mask: wanted white pixels where the light is, got a black picture".into(),
+            ));
         }
         if mask.0.pixels().iter().all(|&m| m >= 1.0) {
-            return Err(bad(file, "mask: wanted some pixels left black, got a mask that covers everything".into()));
+            return Err(bad(
+                file,
+                "mask: wanted some pixels left black, got a mask that covers everything".into(),
+            ));
         }
         Ok(mask)
     }
@@ -247,22 +270,34 @@ impl ReadScene {
         warn(ctx, file, &warnings);
         let (width, height) = stored.size();
         self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
-        let meters = planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
+        let meters =
+            planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
 
         // The view through a pane, and surfaces outside the room, may be far away: their depth must
         // not spread into the room.
-        let panes = masks.iter().zip(self.lights.values()).filter(|(_, light)| light.kind() == LightKind::Window);
+        let panes = masks
+            .iter()
+            .zip(self.lights.values())
+            .filter(|(_, light)| light.kind() == LightKind::Window);
         let mut untrusted = Plane::filled(width, height, 0.0f32);
         for outside in panes.map(|((_, mask), _)| mask).chain(ignore) {
             let outside = image::resize(&outside.0, width, height);
-            untrusted.pixels_mut().iter_mut().zip(outside.pixels()).for_each(|(u, &m)| *u = u.max(m));
+            untrusted
+                .pixels_mut()
+                .iter_mut()
+                .zip(outside.pixels())
+                .for_each(|(u, &m)| *u = u.max(m));
         }
         let (depth, holes) = image::inpaint_depth(&meters, &untrusted).ok_or_else(|| {
-            let wanted =
-                format!("at least one depth between {} and {} m", image::DEPTH_PLANE.near, image::DEPTH_PLANE.far);
+            let wanted = format!(
+                "at least one depth between {} and {} m",
+                image::DEPTH_PLANE.near,
+                image::DEPTH_PLANE.far
+            );
             bad(file, format!("depth: wanted {wanted}, got holes everywhere; is the scale right?"))
         })?;
-        let share = holes.0.pixels().iter().filter(|&&h| h > 0.0).count() as f32 / holes.0.len() as f32;
+        let share =
+            holes.0.pixels().iter().filter(|&&h| h > 0.0).count() as f32 / holes.0.len() as f32;
         if share > 0.5 {
             ctx.warn(format!(
                 "{}: {:.0} % of the depth are holes; they are filled from the others",
@@ -309,10 +344,14 @@ fn check_id(id: &str) -> Result<(), String> {
     let sound = letters.next().is_some_and(|c| c.is_ascii_alphabetic())
         && letters.all(|c| c.is_ascii_alphanumeric() || c == '_');
     if !sound {
-        return Err(format!("lights: wanted a name of letters, digits and _ that starts with a letter, got \"{id}\""));
+        return Err(format!(
+            "lights: wanted a name of letters, digits and _ that starts with a letter, got \"{id}\""
+        ));
     }
     if [INV_LAMP, INV_WINDOW, REST].contains(&id) {
-        return Err(format!("lights: \"{id}\" names a light that is estimated in every scene; wanted another name"));
+        return Err(format!(
+            "lights: \"{id}\" names a light that is estimated in every scene; wanted another name"
+        ));
     }
     Ok(())
 }

@@ -48,14 +48,20 @@ mod tests {
         assert!(warm.x > 1.5 && warm.z < 0.4 && warm.x > warm.y && warm.y > warm.z, "{warm}");
         for kelvin in [1000.0, 1667.0, 2222.0, 4000.0, 25000.0, 1e6] {
             let color = black_body(kelvin);
-            assert!((luminance(color) - 1.0).abs() < 1e-5 && color.min_element() >= 0.0, "{kelvin} K: {color}");
+            assert!(
+                (luminance(color) - 1.0).abs() < 1e-5 && color.min_element() >= 0.0,
+                "{kelvin} K: {color}"
+            );
         }
     }
 
     #[test]
     fn the_fit_is_continuous_at_its_joints() {
         for joint in [2222.0, 4000.0] {
-            assert!((black_body(joint - 0.5) - black_body(joint + 0.5)).abs().max_element() < 5e-3, "{joint} K");
+            assert!(
+                (black_body(joint - 0.5) - black_body(joint + 0.5)).abs().max_element() < 5e-3,
+                "{joint} K"
+            );
         }
     }
 }

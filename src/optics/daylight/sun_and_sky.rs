@@ -62,8 +62,9 @@ impl Daylight {
         // Relative optical mass by Kasten; its denominator is zero a little below the horizon.
         let mass = 1.0 / (zenith.cos().max(0.0) + 0.15 * (93.885 - degrees.min(90.0)).powf(-1.253));
         let beta = 0.046_08 * self.turbidity - 0.045_86;
-        let through =
-            TUNING.channels.map(|um| (-mass * (0.008_735 * um.powf(-4.08) + beta.max(0.0) * um.powf(-1.3))).exp());
+        let through = TUNING
+            .channels
+            .map(|um| (-mass * (0.008_735 * um.powf(-4.08) + beta.max(0.0) * um.powf(-1.3))).exp());
         black_body(TUNING.sun_kelvin).as_dvec3() * TUNING.sun_lux * DVec3::from_array(through)
     }
 
@@ -77,14 +78,18 @@ impl Daylight {
         let spread = |row: [[f64; 2]; 5]| {
             let [a, b, c, d, e] = row.map(|[slope, base]| slope * t + base);
             let f = move |cos: f64, gamma: f64| {
-                (1.0 + a * (b / cos).exp()) * (1.0 + c * (d * gamma).exp() + e * gamma.cos().powi(2))
+                (1.0 + a * (b / cos).exp())
+                    * (1.0 + c * (d * gamma).exp() + e * gamma.cos().powi(2))
             };
             f(cos, gamma) / f(1.0, theta_s)
         };
         let chi = (4.0 / 9.0 - t / 120.0) * (PI - 2.0 * theta_s);
         let zenith = 1000.0 * ((4.0453 * t - 4.9710) * chi.tan() - 0.2155 * t + 2.4192).max(0.0);
         let luminance = zenith * spread(LUMINANCE).max(0.0);
-        let (x, y) = (at_zenith(ZENITH_X, t, theta_s) * spread(X), at_zenith(ZENITH_Y, t, theta_s) * spread(Y));
+        let (x, y) = (
+            at_zenith(ZENITH_X, t, theta_s) * spread(X),
+            at_zenith(ZENITH_Y, t, theta_s) * spread(Y),
+        );
         rgb(x, y, luminance)
     }
 
@@ -97,11 +102,15 @@ impl Daylight {
             let (u, v) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
             heading.direction(u / width as f64, v / TUNING.rows as f64)
         };
-        let sky: Vec<DVec3> = (0..width * TUNING.rows / 2).map(|i| self.sky(direction(i), up)).collect();
+        let sky: Vec<DVec3> =
+            (0..width * TUNING.rows / 2).map(|i| self.sky(direction(i), up)).collect();
         let band = |row: usize| {
-            (PI * row as f64 / TUNING.rows as f64).cos() - (PI * (row + 1) as f64 / TUNING.rows as f64).cos()
+            (PI * row as f64 / TUNING.rows as f64).cos()
+                - (PI * (row + 1) as f64 / TUNING.rows as f64).cos()
         };
-        let arrives = |(i, l): (usize, &DVec3)| *l * (direction(i).dot(up) * band(i / width) * 2.0 * PI / width as f64);
+        let arrives = |(i, l): (usize, &DVec3)| {
+            *l * (direction(i).dot(up) * band(i / width) * 2.0 * PI / width as f64)
+        };
         let sky_lux: DVec3 = sky.iter().enumerate().map(arrives).sum();
         let earth = TUNING.earth / PI * (sky_lux + self.sun_lux(up) * self.sun.dot(up).max(0.0));
         let pixel = |i: usize| (*sky.get(i).unwrap_or(&earth) * (PI / lux)).as_vec3();
@@ -115,11 +124,21 @@ impl Daylight {
 const LUMINANCE: [[f64; 2]; 5] =
     [[0.1787, -1.4630], [-0.3554, 0.4275], [-0.0227, 5.3251], [0.1206, -2.5771], [-0.0670, 0.3703]];
 /// Coefficients of the chromaticity x.
-const X: [[f64; 2]; 5] =
-    [[-0.0193, -0.2592], [-0.0665, 0.0008], [-0.0004, 0.2125], [-0.0641, -0.8989], [-0.0033, 0.0452]];
+const X: [[f64; 2]; 5] = [
+    [-0.0193, -0.2592],
+    [-0.0665, 0.0008],
+    [-0.0004, 0.2125],
+    [-0.0641, -0.8989],
+    [-0.0033, 0.0452],
+];
 /// Coefficients of the chromaticity y.
-const Y: [[f64; 2]; 5] =
-    [[-0.0167, -0.2608], [-0.0950, 0.0092], [-0.0079, 0.2102], [-0.0441, -1.6537], [-0.0109, 0.0529]];
+const Y: [[f64; 2]; 5] = [
+    [-0.0167, -0.2608],
+    [-0.0950, 0.0092],
+    [-0.0079, 0.2102],
+    [-0.0441, -1.6537],
+    [-0.0109, 0.0529],
+];
 
 // Chromaticity at the zenith. Source: the paper, appendix A.2.
 
@@ -180,7 +199,10 @@ mod tests {
         // little at the horizon.
         let sun = |elevation: f64| y(day(3.0, elevation).sun_lux(UP));
         assert!((60e3..95e3).contains(&sun(35.0)), "{}", sun(35.0));
-        assert!(sun(60.0) > sun(35.0) && sun(35.0) > sun(10.0) && sun(10.0) > sun(1.0), "it falls towards the horizon");
+        assert!(
+            sun(60.0) > sun(35.0) && sun(35.0) > sun(10.0) && sun(10.0) > sun(1.0),
+            "it falls towards the horizon"
+        );
         // Haze takes from the sun; a low sun is red.
         assert!(y(day(8.0, 35.0).sun_lux(UP)) < 0.6 * sun(35.0));
         let low = day(3.0, 4.0).sun_lux(UP);
@@ -193,7 +215,8 @@ mod tests {
             .map(|i| {
                 let row = (i / picture.width()) as f64;
                 let [from, to] = [row, row + 1.0].map(|row| (PI * row / rows as f64).cos());
-                y(picture.pixels()[i].as_dvec3()) * 0.5 * (from * from - to * to) * 2.0 * PI / picture.width() as f64
+                y(picture.pixels()[i].as_dvec3()) * 0.5 * (from * from - to * to) * 2.0 * PI
+                    / picture.width() as f64
             })
             .sum();
         assert!((10e3..30e3).contains(&lux), "{lux}");
@@ -206,8 +229,8 @@ mod tests {
     fn extremes_are_finite() {
         for turbidity in [1.7, 10.0] {
             for elevation in [0.01, 1.0, 89.99, 90.0] {
-                let picture =
-                    day(turbidity, elevation).surrounding(Heading { up: Vec3::Y, ahead: Vec3::NEG_Z }, 1000.0);
+                let picture = day(turbidity, elevation)
+                    .surrounding(Heading { up: Vec3::Y, ahead: Vec3::NEG_Z }, 1000.0);
                 assert!(
                     picture.pixels().iter().all(|p| p.is_finite() && p.min_element() >= 0.0),
                     "{turbidity} {elevation}"

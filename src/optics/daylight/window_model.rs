@@ -145,7 +145,12 @@ tuning! {
 
 /// The sun, sky and ground fitted to the part of `picture` that a window in a wall with the outward
 /// normal `outside` shows. Without `has_sun`, sky and ground take all of it.
-pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, has_sun: bool) -> WindowModel {
+pub fn fit_window_model(
+    picture: &Plane<Vec3>,
+    heading: Heading,
+    outside: Vec3,
+    has_sun: bool,
+) -> WindowModel {
     let fine = reduced(picture, picture.width().div_ceil(TUNING.max_width).max(1));
     let normal = outside.as_dvec3();
     let samples = samples(&fine, heading, normal);
@@ -155,12 +160,18 @@ pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, 
         Some(sun) => without(&fine, heading, sun),
         None => fine.clone(),
     };
-    let broad: Vec<Sample> =
-        self::samples(&reduced(&rest, TUNING.tile.min(fine.width() / TUNING.min_tiles).max(1)), heading, normal);
-    let [(sky, sky_radiance), (ground, ground_radiance)] = broad_lobes(&broad, heading.up.as_dvec3(), normal);
+    let broad: Vec<Sample> = self::samples(
+        &reduced(&rest, TUNING.tile.min(fine.width() / TUNING.min_tiles).max(1)),
+        heading,
+        normal,
+    );
+    let [(sky, sky_radiance), (ground, ground_radiance)] =
+        broad_lobes(&broad, heading.up.as_dvec3(), normal);
     let daylight = Lobe { direction: sky.direction, bandwidth: TUNING.no_sun_bandwidth };
     let (inside, sun_flux) = match &sun {
-        Some(sun) => (sun.boundary, sun.excess * sun.lobe.direction.as_dvec3().dot(normal).max(0.0)),
+        Some(sun) => {
+            (sun.boundary, sun.excess * sun.lobe.direction.as_dvec3().dot(normal).max(0.0))
+        }
         None => (f64::INFINITY, DVec3::ZERO),
     };
     let center = sun.as_ref().map_or(sky.direction, |sun| sun.lobe.direction).as_dvec3();
@@ -172,8 +183,9 @@ pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, 
         whole += s.weight * s.radiance;
         from_both += s.weight * from_broad(s.direction);
     }
-    let factor =
-        [0, 1, 2].map(|c| if from_both[c] > 0.0 { ((whole - sun_flux)[c] / from_both[c]).max(0.0) } else { 0.0 });
+    let factor = [0, 1, 2].map(|c| {
+        if from_both[c] > 0.0 { ((whole - sun_flux)[c] / from_both[c]).max(0.0) } else { 0.0 }
+    });
     let factor = DVec3::from_array(factor);
 
     // The sun may be smaller than a pixel, so that its pixels count as one.
@@ -185,7 +197,8 @@ pub fn fit_window_model(picture: &Plane<Vec3>, heading: Heading, outside: Vec3, 
     }
     let misplaced = 0.5 * (apart + y(near).abs()) / y(whole).max(f64::MIN_POSITIVE);
     let (sun, sun_radiance) = sun.map_or((daylight, DVec3::ZERO), |sun| (sun.lobe, sun.radiance));
-    let radiance = [sun_radiance, factor * sky_radiance, factor * ground_radiance].map(|w| w.as_vec3());
+    let radiance =
+        [sun_radiance, factor * sky_radiance, factor * ground_radiance].map(|w| w.as_vec3());
     WindowModel { lobes: [sun, sky, ground], radiance, misplaced }
 }
 
@@ -204,7 +217,11 @@ fn reduced(picture: &Plane<Vec3>, by: usize) -> Plane<Vec3> {
             for px in x * by..((x + 1) * by).min(picture.width()) {
                 let pixel = picture.get(px, py);
                 let weight = row_weight(py);
-                sum += if pixel.is_finite() { pixel.max(Vec3::ZERO).as_dvec3() * weight } else { DVec3::ZERO };
+                sum += if pixel.is_finite() {
+                    pixel.max(Vec3::ZERO).as_dvec3() * weight
+                } else {
+                    DVec3::ZERO
+                };
                 weights += weight;
             }
         }
@@ -222,7 +239,12 @@ fn samples(picture: &Plane<Vec3>, heading: Heading, outside: DVec3) -> Vec<Sampl
         // The exact solid angle of the pixel.
         let band = (PI * y / height).cos() - (PI * (y + 1.0) / height).cos();
         let (solid, cosine) = (band * 2.0 * PI / width, direction.dot(outside));
-        (cosine > 0.0).then(|| Sample { direction, radiance: pixel.as_dvec3(), solid, weight: solid * cosine })
+        (cosine > 0.0).then(|| Sample {
+            direction,
+            radiance: pixel.as_dvec3(),
+            solid,
+            weight: solid * cosine,
+        })
     };
     picture.pixels().iter().enumerate().filter_map(sample).collect()
 }
@@ -241,7 +263,8 @@ struct SunDisc {
 /// The sun among these directions, `pixel` radians apart.
 fn sun(samples: &[Sample], pixel: f64) -> Option<SunDisc> {
     let y = |rgb: DVec3| f64::from(luminance(rgb.as_vec3()));
-    let brighter = |a: Option<&'_ Sample>, b: &'_ Sample| a.is_none_or(|a| y(b.radiance) > y(a.radiance));
+    let brighter =
+        |a: Option<&'_ Sample>, b: &'_ Sample| a.is_none_or(|a| y(b.radiance) > y(a.radiance));
     let mut peak: Option<&Sample> = None;
     for sample in samples {
         if brighter(peak, sample) {
@@ -249,11 +272,13 @@ fn sun(samples: &[Sample], pixel: f64) -> Option<SunDisc> {
         }
     }
     let peak = peak?;
-    let (mut direction, mut radius, mut bandwidth, mut annulus) = (peak.direction, TUNING.sun_radius, 0.0, DVec3::ZERO);
+    let (mut direction, mut radius, mut bandwidth, mut annulus) =
+        (peak.direction, TUNING.sun_radius, 0.0, DVec3::ZERO);
     let mut excess = DVec3::ZERO;
     for _ in 0..TUNING.sun_iterations {
         let (boundary, outer) = (f64::cos(radius), f64::cos(TUNING.annulus * radius));
-        let near = samples.iter().map(|s| (s, s.direction.dot(direction))).filter(|(_, cos)| *cos > outer);
+        let near =
+            samples.iter().map(|s| (s, s.direction.dot(direction))).filter(|(_, cos)| *cos > outer);
         let (mut around, mut around_solid) = (DVec3::ZERO, 0.0);
         for (s, _) in near.clone().filter(|(_, cos)| *cos <= boundary) {
             around += s.radiance * s.solid;
@@ -276,11 +301,14 @@ fn sun(samples: &[Sample], pixel: f64) -> Option<SunDisc> {
         // 1 - |mean of l| = 1/b for a sharp lobe; the pixels themselves are that wide: pixel^2 /
         // 12.
         let to_mean = direction + mean;
-        let fall =
-            (-(2.0 * mean.dot(direction) + mean.length_squared()) / (1.0 + to_mean.length())) - pixel * pixel / 12.0;
-        bandwidth = (1.0 / fall.max(1.0 / TUNING.sun_bandwidth[1])).clamp(1.0, TUNING.sun_bandwidth[1]);
+        let fall = (-(2.0 * mean.dot(direction) + mean.length_squared())
+            / (1.0 + to_mean.length()))
+            - pixel * pixel / 12.0;
+        bandwidth =
+            (1.0 / fall.max(1.0 / TUNING.sun_bandwidth[1])).clamp(1.0, TUNING.sun_bandwidth[1]);
         direction = to_mean.normalize();
-        radius = (1.0 - TUNING.sun_exponent / bandwidth).max(TUNING.sun_cosine).acos().max(2.0 * pixel);
+        radius =
+            (1.0 - TUNING.sun_exponent / bandwidth).max(TUNING.sun_cosine).acos().max(2.0 * pixel);
     }
     let flux: f64 = samples.iter().map(|s| s.solid * y(s.radiance)).sum();
     if bandwidth < TUNING.sun_bandwidth[0] || y(excess) < TUNING.sun_flux * flux {
@@ -297,7 +325,8 @@ fn without(picture: &Plane<Vec3>, heading: Heading, sun: &SunDisc) -> Plane<Vec3
     let center = sun.lobe.direction.as_dvec3();
     let pixel = |i: usize| {
         let (u, v) = ((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
-        let inside = heading.direction(u / width as f64, v / height as f64).dot(center) > sun.boundary;
+        let inside =
+            heading.direction(u / width as f64, v / height as f64).dot(center) > sun.boundary;
         let old = picture.pixels()[i];
         if inside { old.min(sun.annulus.as_vec3()) } else { old }
     };
@@ -310,8 +339,10 @@ type LobePair = [f64; 6];
 /// The upper and the lower lobe with their radiances.
 fn broad_lobes(samples: &[Sample], up: DVec3, outside: DVec3) -> [(Lobe, DVec3); 2] {
     let towards = |up: DVec3| (up + outside).try_normalize().unwrap_or(outside);
-    let starts = TUNING.broad_starts.map(|[sky, ground]| [towards(up * sky), towards(-up * ground)]);
-    let fits = starts.into_iter().map(|start| descend(samples, start, [TUNING.broad_start.ln(); 2]));
+    let starts =
+        TUNING.broad_starts.map(|[sky, ground]| [towards(up * sky), towards(-up * ground)]);
+    let fits =
+        starts.into_iter().map(|start| descend(samples, start, [TUNING.broad_start.ln(); 2]));
     let best = fits.reduce(|a, b| if b.0 < a.0 { b } else { a }).expect("there are starts").1;
     let radiance = radiances(samples, &best);
     let mut all = [0, 1].map(|k| (best[k], radiance[k]));
@@ -347,11 +378,13 @@ fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f
             })
             .collect();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let gram: Vec<f64> = columns.iter().flat_map(|a| columns.iter().map(|b| dot(a, b))).collect();
+        let gram: Vec<f64> =
+            columns.iter().flat_map(|a| columns.iter().map(|b| dot(a, b))).collect();
         let slope: Vec<f64> = columns.iter().map(|a| -dot(a, &residual)).collect();
         // A parameter without effect, such as the direction of a uniform lobe, has a slope of zero
         // and stays.
-        let floor = TUNING.min_curvature * (0..6).map(|k| gram[7 * k]).fold(f64::MIN_POSITIVE, f64::max);
+        let floor =
+            TUNING.min_curvature * (0..6).map(|k| gram[7 * k]).fold(f64::MIN_POSITIVE, f64::max);
         let mut improved = false;
         while damping < TUNING.damping[2] {
             let mut damped = gram.clone();
@@ -360,8 +393,9 @@ fn descend(samples: &[Sample], start: [DVec3; 2], log_bandwidth: [f64; 2]) -> (f
                 damping *= TUNING.damping_factors[1];
                 continue;
             };
-            let moved: LobePair =
-                std::array::from_fn(|k| form[k] + step[k].clamp(-TUNING.longest_step, TUNING.longest_step));
+            let moved: LobePair = std::array::from_fn(|k| {
+                form[k] + step[k].clamp(-TUNING.longest_step, TUNING.longest_step)
+            });
             let moved_residual = residuals(samples, &lobes(&start, &moved));
             let now = cost(&moved_residual);
             if now < best {
@@ -423,9 +457,12 @@ mod tests {
     #[test]
     fn the_middle_lies_ahead_and_the_right_to_the_right() {
         let at = |u: f64, v: f64| HEADING.direction(u, v).as_vec3();
-        for (u, v, wanted) in
-            [(0.5, 0.5, Vec3::NEG_Z), (0.75, 0.5, Vec3::X), (0.25, 0.5, Vec3::NEG_X), (0.5, 0.0, Vec3::Y)]
-        {
+        for (u, v, wanted) in [
+            (0.5, 0.5, Vec3::NEG_Z),
+            (0.75, 0.5, Vec3::X),
+            (0.25, 0.5, Vec3::NEG_X),
+            (0.5, 0.0, Vec3::Y),
+        ] {
             assert!((at(u, v) - wanted).length() < 1e-6, "{u} {v}");
         }
     }
@@ -436,11 +473,21 @@ mod tests {
         let towards = |x: f32, y: f32, z: f32| Vec3::new(x, y, z).normalize();
         for (sharp, width) in [(300.0, 512), (4000.0, 1024)] {
             let wanted = [
-                (Lobe { direction: towards(0.4, 0.6, -0.8), bandwidth: sharp }, DVec3::new(900.0, 800.0, 600.0)),
-                (Lobe { direction: towards(0.2, 0.7, -0.6), bandwidth: 2.0 }, DVec3::new(2.0, 3.0, 5.0)),
-                (Lobe { direction: towards(-0.3, -0.8, -0.5), bandwidth: 3.0 }, DVec3::new(1.5, 1.2, 0.8)),
+                (
+                    Lobe { direction: towards(0.4, 0.6, -0.8), bandwidth: sharp },
+                    DVec3::new(900.0, 800.0, 600.0),
+                ),
+                (
+                    Lobe { direction: towards(0.2, 0.7, -0.6), bandwidth: 2.0 },
+                    DVec3::new(2.0, 3.0, 5.0),
+                ),
+                (
+                    Lobe { direction: towards(-0.3, -0.8, -0.5), bandwidth: 3.0 },
+                    DVec3::new(1.5, 1.2, 0.8),
+                ),
             ];
-            let picture = painted(width, |l| wanted.iter().map(|(lobe, w)| *w * value(lobe, l)).sum());
+            let picture =
+                painted(width, |l| wanted.iter().map(|(lobe, w)| *w * value(lobe, l)).sum());
             let got = fit_window_model(&picture, HEADING, outside, true);
             for (k, (lobe, w)) in wanted.iter().enumerate() {
                 let angle = got.lobes[k].direction.angle_between(lobe.direction).to_degrees();
@@ -450,7 +497,10 @@ mod tests {
                 let ratio = got.lobes[k].bandwidth / lobe.bandwidth;
                 assert!((ratio - 1.0).abs() < 0.05, "{sharp}: bandwidth of lobe {k} times {ratio}");
                 let ratio = got.radiance[k].as_dvec3() / *w;
-                assert!((ratio - 1.0).abs().max_element() < 0.05, "{sharp}: radiance of lobe {k} times {ratio}");
+                assert!(
+                    (ratio - 1.0).abs().max_element() < 0.05,
+                    "{sharp}: radiance of lobe {k} times {ratio}"
+                );
             }
             assert!(got.misplaced < 0.02, "{}", got.misplaced);
         }
@@ -458,7 +508,12 @@ mod tests {
 
     #[test]
     fn an_even_sky_has_no_sun() {
-        let got = fit_window_model(&painted(128, |_| DVec3::new(1.0, 2.0, 3.0)), HEADING, Vec3::NEG_Z, true);
+        let got = fit_window_model(
+            &painted(128, |_| DVec3::new(1.0, 2.0, 3.0)),
+            HEADING,
+            Vec3::NEG_Z,
+            true,
+        );
         assert_eq!(got.radiance[0], Vec3::ZERO);
         assert!(got.misplaced < 0.02, "{}", got.misplaced);
     }
@@ -467,16 +522,22 @@ mod tests {
     #[test]
     fn no_light_is_lost() {
         let patches = |l: DVec3| {
-            let sun = if l.dot(DVec3::new(0.3, 0.5, -0.8).normalize()) > 0.999 { 500.0 } else { 0.0 };
-            let street = if l.y < 0.1 { DVec3::new(0.4, 0.3, 0.2) } else { DVec3::new(1.0, 1.5, 3.0) };
+            let sun =
+                if l.dot(DVec3::new(0.3, 0.5, -0.8).normalize()) > 0.999 { 500.0 } else { 0.0 };
+            let street =
+                if l.y < 0.1 { DVec3::new(0.4, 0.3, 0.2) } else { DVec3::new(1.0, 1.5, 3.0) };
             street * (1.5 + (9.0 * l.x).sin() * (7.0 * l.y).cos()) + DVec3::splat(sun)
         };
         let picture = painted(512, patches);
         let got = fit_window_model(&picture, HEADING, Vec3::NEG_Z, true);
         let through = |radiance: &dyn Fn(DVec3) -> DVec3| -> DVec3 {
-            samples(&painted(512, radiance), HEADING, DVec3::NEG_Z).iter().map(|s| s.weight * s.radiance).sum()
+            samples(&painted(512, radiance), HEADING, DVec3::NEG_Z)
+                .iter()
+                .map(|s| s.weight * s.radiance)
+                .sum()
         };
-        let lobes = |l: DVec3| (0..3).map(|k| got.radiance[k].as_dvec3() * value(&got.lobes[k], l)).sum();
+        let lobes =
+            |l: DVec3| (0..3).map(|k| got.radiance[k].as_dvec3() * value(&got.lobes[k], l)).sum();
         let ratio = through(&lobes) / through(&patches);
         assert!((ratio - 1.0).abs().max_element() < 0.01, "{ratio}");
         assert!((0.02..0.3).contains(&got.misplaced), "{}", got.misplaced);
@@ -494,8 +555,16 @@ mod tests {
         ];
         for picture in &strange {
             let got = fit_window_model(picture, HEADING, Vec3::NEG_Z, true);
-            assert!(got.lobes.iter().all(|lobe| lobe.direction.is_normalized() && lobe.bandwidth.is_finite()));
-            assert!(got.radiance.iter().all(|w| w.is_finite() && w.min_element() >= 0.0), "{:?}", got.radiance);
+            assert!(
+                got.lobes
+                    .iter()
+                    .all(|lobe| lobe.direction.is_normalized() && lobe.bandwidth.is_finite())
+            );
+            assert!(
+                got.radiance.iter().all(|w| w.is_finite() && w.min_element() >= 0.0),
+                "{:?}",
+                got.radiance
+            );
             assert!(got.misplaced.is_finite());
         }
     }

@@ -23,7 +23,10 @@ impl BoxLamp {
         // The other two axes of each side, ordered so that their cross product points outwards.
         let hand = if x.cross(y).dot(z) < 0.0 { -1.0 } else { 1.0 };
         let pair = |out: Vec3, a: Vec3, b: Vec3| {
-            [RectLamp { center: center + out, x: a * hand, y: b }, RectLamp { center: center - out, x: b, y: a * hand }]
+            [
+                RectLamp { center: center + out, x: a * hand, y: b },
+                RectLamp { center: center - out, x: b, y: a * hand },
+            ]
         };
         let [[a, b], [c, d], [e, f]] = [pair(x, y, z), pair(y, z, x), pair(z, x, y)];
         [a, b, c, d, e, f]
@@ -60,7 +63,10 @@ impl Form for BoxLamp {
         let half = |(i, j, n): (usize, usize, usize), sign: f32| {
             RectLamp { center: center + sign * axes[n], x: axes[i], y: axes[j] }.halves()
         };
-        pairs.into_iter().flat_map(|pair| [1.0, -1.0].into_iter().flat_map(move |sign| half(pair, sign))).collect()
+        pairs
+            .into_iter()
+            .flat_map(|pair| [1.0, -1.0].into_iter().flat_map(move |sign| half(pair, sign)))
+            .collect()
     }
 
     fn prepare(&self) -> Option<Box<dyn PreparedForm>> {

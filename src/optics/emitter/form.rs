@@ -95,7 +95,12 @@ pub trait PreparedForm: Send + Sync {
     fn irradiance(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<f64>;
 
     /// A sampler of one lobe for one receiver; `None` where nothing arrives.
-    fn sampler_at(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<Box<dyn FormSampler + '_>>;
+    fn sampler_at(
+        &self,
+        lobe: usize,
+        point: DVec3,
+        normal: DVec3,
+    ) -> Option<Box<dyn FormSampler + '_>>;
 
     /// The irradiance over pi and its derivatives, the form growing about `pivot`, which is
     /// relative to `point`.

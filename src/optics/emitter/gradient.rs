@@ -24,7 +24,9 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 
 use crate::optics::sampling::gaussian::Gaussian;
-use crate::optics::sampling::lobe_irradiance::{Arc, LOBE_IRRADIANCE, Overlap, p1_p2, p1_p2_of, p2_series};
+use crate::optics::sampling::lobe_irradiance::{
+    Arc, LOBE_IRRADIANCE, Overlap, p1_p2, p1_p2_of, p2_series,
+};
 use crate::optics::sampling::polygon::{ArcEdge, Outline};
 
 /// The irradiance over pi of one lobe of unit radiance at a receiver, and its derivatives.
@@ -57,7 +59,8 @@ impl Gradient {
     /// This gradient, or zero if any number is not finite.
     pub(super) fn or_zero(self) -> Gradient {
         let Gradient { value, position, size, turn, bandwidth } = self;
-        let finite = position.is_finite() && turn.is_finite() && (value + size + bandwidth).is_finite();
+        let finite =
+            position.is_finite() && turn.is_finite() && (value + size + bandwidth).is_finite();
         if finite { self } else { Gradient::default() }
     }
 }
@@ -77,7 +80,8 @@ pub(super) fn outline_gradient(outline: &Outline, normal: DVec3, pivot: DVec3) -
         let first = edge.start.normalize();
         let forward = first.cross(edge.inward);
         let (sin, cos) = edge.angle.sin_cos();
-        let moments = [0.5 * (edge.angle + sin * cos), 0.5 * sin * sin, 0.5 * (edge.angle - sin * cos)];
+        let moments =
+            [0.5 * (edge.angle + sin * cos), 0.5 * sin * sin, 0.5 * (edge.angle - sin * cos)];
         sweep(&mut gradient, edge, [first, forward], [first, forward], normal, pivot, moments);
     }
     gradient
@@ -104,7 +108,12 @@ fn sweep(
 
 /// The gradient of [`Gaussian::irradiance`] of `lobe`, the outline moving with the rectangle of
 /// which it is a part.
-pub(super) fn lobe_gradient(lobe: &Gaussian, outline: &Outline, normal: DVec3, pivot: DVec3) -> Gradient {
+pub(super) fn lobe_gradient(
+    lobe: &Gaussian,
+    outline: &Outline,
+    normal: DVec3,
+    pivot: DVec3,
+) -> Gradient {
     let mut gradient = Gradient::default();
     let overlap = lobe.overlap(outline);
     if overlap == Overlap::Disjoint {
@@ -113,7 +122,8 @@ pub(super) fn lobe_gradient(lobe: &Gaussian, outline: &Outline, normal: DVec3, p
     let (mean, mean_slope) = mean_and_slope(lobe.bandwidth);
     // F and its derivative with respect to the bandwidth.
     let solid_angle = if overlap == Overlap::Within { 2.0 * TAU } else { outline.solid_angle() };
-    let [mut whole, mut slope] = [mean, mean_slope].map(|mean| lobe.direction * (mean * solid_angle));
+    let [mut whole, mut slope] =
+        [mean, mean_slope].map(|mean| lobe.direction * (mean * solid_angle));
     // Contour integral of G (n . l) (l x nu).
     let mut turned = DVec3::ZERO;
     for edge in outline.edges().iter().filter(|_| overlap == Overlap::Partial) {
@@ -121,7 +131,8 @@ pub(super) fn lobe_gradient(lobe: &Gaussian, outline: &Outline, normal: DVec3, p
         let forward = first.cross(edge.inward);
         let arc = Arc::new(lobe, edge);
         let [r, h, r_slope, h_slope, cc, sc, ss] = arc.near(lobe, |sin_half, cos_half| {
-            let [r, h, r_slope, h_slope, g] = integrands(lobe.bandwidth, arc.rise(sin_half), mean, mean_slope);
+            let [r, h, r_slope, h_slope, g] =
+                integrands(lobe.bandwidth, arc.rise(sin_half), mean, mean_slope);
             let (sin, cos) = (2.0 * sin_half * cos_half, 1.0 - 2.0 * sin_half * sin_half);
             [r, h, r_slope, h_slope, g * cos * cos, g * sin * cos, g * sin * sin]
         });
@@ -149,7 +160,10 @@ fn integrands(b: f64, t: f64, mean: f64, mean_slope: f64) -> [f64; 5] {
     let e = (-x).exp();
     let [p1, p2] = p1_p2_of(x, e);
     let (r, r_slope) = if t < LOBE_IRRADIANCE.pole {
-        ((p1 - t * p2 - mean) / (2.0 - t), -(t * p2 + t * t * p2_slope(x, e, p2) + mean_slope) / (2.0 - t))
+        (
+            (p1 - t * p2 - mean) / (2.0 - t),
+            -(t * p2 + t * t * p2_slope(x, e, p2) + mean_slope) / (2.0 - t),
+        )
     } else {
         (0.5 * (mean + e), 0.5 * mean_slope - e)
     };
@@ -177,13 +191,23 @@ fn p2_slope(x: f64, e: f64, p2: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::{BoxLamp, Emitter, Lamp, Lobe, Points2, RectLamp, Shape, SphereLamp, Surfel, Window};
+    use crate::optics::{
+        BoxLamp, Emitter, Lamp, Lobe, Points2, RectLamp, Shape, SphereLamp, Surfel, Window,
+    };
     use glam::Vec3;
 
     /// The light shifted, grown about `pivot`, its lobes turned by a vector and their bandwidth
     /// raised.
-    fn moved(shape: &Shape, shift: DVec3, growth: f64, pivot: Vec3, turn: DVec3, bandwidth: f64) -> Shape {
-        let position = |p: Vec3| (shift + pivot.as_dvec3() + (p - pivot).as_dvec3() * growth.exp()).as_vec3();
+    fn moved(
+        shape: &Shape,
+        shift: DVec3,
+        growth: f64,
+        pivot: Vec3,
+        turn: DVec3,
+        bandwidth: f64,
+    ) -> Shape {
+        let position =
+            |p: Vec3| (shift + pivot.as_dvec3() + (p - pivot).as_dvec3() * growth.exp()).as_vec3();
         let edge = |e: Vec3| (e.as_dvec3() * growth.exp()).as_vec3();
         match shape {
             Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius })) => {
@@ -191,7 +215,11 @@ mod tests {
                 Shape::Lamp(Lamp::Sphere(SphereLamp { center: position(*center), radius }))
             }
             Shape::Lamp(Lamp::Rect(RectLamp { center, x, y })) => {
-                Shape::Lamp(Lamp::Rect(RectLamp { center: position(*center), x: edge(*x), y: edge(*y) }))
+                Shape::Lamp(Lamp::Rect(RectLamp {
+                    center: position(*center),
+                    x: edge(*x),
+                    y: edge(*y),
+                }))
             }
             Shape::Lamp(Lamp::Box(BoxLamp { center, axes })) => {
                 Shape::Lamp(Lamp::Box(BoxLamp { center: position(*center), axes: axes.map(edge) }))
@@ -227,9 +255,18 @@ mod tests {
     fn check(shape: &Shape, lobe: usize, point: Vec3, normal: Vec3, scale: f64) {
         let (pivot, _) = shape.bounding_sphere().expect("a light");
         let got = Emitter::new(shape).gradient(lobe, point, normal, pivot);
-        let value = |s: &Shape| f64::from(Emitter::new(s).irradiance(lobe, point, normal).expect("a closed form"));
-        assert!((got.value - value(shape)).abs() <= 1e-6 * value(shape), "{} {}", got.value, value(shape));
-        let difference = |step: f64, of: &dyn Fn(f64) -> Shape| (value(&of(step)) - value(&of(-step))) / (2.0 * step);
+        let value = |s: &Shape| {
+            f64::from(Emitter::new(s).irradiance(lobe, point, normal).expect("a closed form"))
+        };
+        assert!(
+            (got.value - value(shape)).abs() <= 1e-6 * value(shape),
+            "{} {}",
+            got.value,
+            value(shape)
+        );
+        let difference = |step: f64, of: &dyn Fn(f64) -> Shape| {
+            (value(&of(step)) - value(&of(-step))) / (2.0 * step)
+        };
         let width = match shape {
             Shape::Window(w) => 1.0 / f64::from(w.lobes[lobe].bandwidth).max(1.0).sqrt(),
             _ => 1.0,
@@ -238,16 +275,23 @@ mod tests {
         for axis in DVec3::AXES {
             let by = difference(h, &|t| moved(shape, axis * t, 0.0, pivot, zero, 0.0));
             let tolerance = 2e-2 * (got.position.length() + got.value / scale / width) + 1e-7 / h;
-            assert!((by - got.position.dot(axis)).abs() < tolerance, "position {axis}: {by} {got:?} {shape:?}");
+            assert!(
+                (by - got.position.dot(axis)).abs() < tolerance,
+                "position {axis}: {by} {got:?} {shape:?}"
+            );
         }
         let by = difference(h / scale, &|t| moved(shape, zero, t, pivot, zero, 0.0));
         let tolerance = 2e-2 * (got.size.abs() + got.value / width) + 1e-7 / h;
         assert!((by - got.size).abs() < tolerance, "size: {by} {got:?} {shape:?}");
         if let Shape::Window(window) = shape {
             for axis in DVec3::AXES {
-                let by = difference(3e-3 * width, &|t| moved(shape, zero, 0.0, pivot, axis * t, 0.0));
+                let by =
+                    difference(3e-3 * width, &|t| moved(shape, zero, 0.0, pivot, axis * t, 0.0));
                 let tolerance = 1e-2 * (got.turn.length() + got.value / width) + 1e-7 / width;
-                assert!((by - got.turn.dot(axis)).abs() < tolerance, "turn {axis}: {by} {got:?} {shape:?}");
+                assert!(
+                    (by - got.turn.dot(axis)).abs() < tolerance,
+                    "turn {axis}: {by} {got:?} {shape:?}"
+                );
             }
             let h = 1e-2 * (f64::from(window.lobes[lobe].bandwidth) + 0.1);
             // A bandwidth is never below zero.
@@ -269,7 +313,8 @@ mod tests {
             let center = Vec3::new(2.0 * (e - 0.5), if i % 3 == 0 { 0.1 } else { 1.0 + f }, 1.0);
             let axes = [Vec3::X * 0.3, Vec3::new(0.0, 0.2, 0.1), Vec3::new(0.0, -0.1, 0.2)];
             let surfel = |k: usize| {
-                let normal = Vec3::new((k as f32).sin(), -1.0, -(k as f32 * 2.0).cos().abs()).normalize();
+                let normal =
+                    Vec3::new((k as f32).sin(), -1.0, -(k as f32 * 2.0).cos().abs()).normalize();
                 let point = center + Vec3::new(0.05 * k as f32, 0.3, 0.02 * k as f32);
                 Surfel { point, normal, area: if k.is_multiple_of(2) { 0.001 } else { 0.3 } }
             };
@@ -297,19 +342,31 @@ mod tests {
             let (x, y) = (Vec3::NEG_X * 0.5, Vec3::Y * 0.4);
             let aim = center + x * (2.5 * (f - 0.5)) + y * (2.5 * (g - 0.5)) + Vec3::Z * h;
             let lobe = Lobe { direction: aim.normalize(), bandwidth };
-            check(&Shape::Window(Window { center, x, y, lobes: [lobe; 3] }), i % 3, Vec3::ZERO, normal, 1.0);
+            check(
+                &Shape::Window(Window { center, x, y, lobes: [lobe; 3] }),
+                i % 3,
+                Vec3::ZERO,
+                normal,
+                1.0,
+            );
         }
     }
 
     #[test]
     fn extremes_are_finite() {
         let lobe = |bandwidth| Lobe { direction: Vec3::Z, bandwidth };
-        let window = Window { center: Vec3::Z, x: Vec3::NEG_X, y: Vec3::Y, lobes: [0.0, 1e5, 1e7].map(lobe) };
-        let lamps =
-            [0.0, 1e-20, 1.0, 1e20].map(|radius| Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::Z, radius })));
+        let window = Window {
+            center: Vec3::Z,
+            x: Vec3::NEG_X,
+            y: Vec3::Y,
+            lobes: [0.0, 1e5, 1e7].map(lobe),
+        };
+        let lamps = [0.0, 1e-20, 1.0, 1e20]
+            .map(|radius| Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::Z, radius })));
         for shape in lamps.into_iter().chain([Shape::Window(window), Shape::Absent]) {
             let emitter = Emitter::new(&shape);
-            for point in [Vec3::ZERO, Vec3::Z, Vec3::Z * (1.0 - 1e-6), Vec3::splat(1e10), Vec3::NAN] {
+            for point in [Vec3::ZERO, Vec3::Z, Vec3::Z * (1.0 - 1e-6), Vec3::splat(1e10), Vec3::NAN]
+            {
                 for lobe in 0..shape.lobes() {
                     let got = emitter.gradient(lobe, point, Vec3::Z, Vec3::Z);
                     assert!(got.position.is_finite() && got.turn.is_finite(), "{got:?}");

@@ -62,8 +62,10 @@ impl Lamp {
     pub fn moved(&self, by: Vec3) -> Lamp {
         match self {
             Lamp::Surfels(surfels) => {
-                let corners: Vec<Vec3> = surfels.triangles().into_iter().flatten().map(|p| p + by).collect();
-                let triangles = (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+                let corners: Vec<Vec3> =
+                    surfels.triangles().into_iter().flatten().map(|p| p + by).collect();
+                let triangles =
+                    (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
                 Lamp::Mesh(MeshLamp::without_occlusion(corners, triangles))
             }
             lamp => lamp.transformed(&|p| p + by, 1.0),

@@ -51,8 +51,12 @@ tuning! {
 
 /// Steps of the additive recurrence in four dimensions: Roberts, "The Unreasonable Effectiveness of
 /// Quasirandom Sequences", 2018.
-const R4: [f64; 4] =
-    [0.856_674_883_854_502_9, 0.733_891_856_627_126_1, 0.628_706_721_037_810_6, 0.538_597_255_722_361_6];
+const R4: [f64; 4] = [
+    0.856_674_883_854_502_9,
+    0.733_891_856_627_126_1,
+    0.628_706_721_037_810_6,
+    0.538_597_255_722_361_6,
+];
 
 /// The triangles of a mesh in clusters.
 pub(super) struct ClusteredMesh {
@@ -99,11 +103,13 @@ impl ClusteredMesh {
         }
         let mut ends = Vec::new();
         split(&mut order, 0, TUNING.max_clusters.min(all.len()), &mut ends);
-        let triangles: Vec<([DVec3; 3], u32)> = order.iter().map(|&(_, i)| (all[i as usize], i)).collect();
+        let triangles: Vec<([DVec3; 3], u32)> =
+            order.iter().map(|&(_, i)| (all[i as usize], i)).collect();
         let areas = running_sum(triangles.iter().map(|(t, _)| 0.5 * doubled_area(t).length()));
         let mut first = 0;
-        let clusters =
-            ends.into_iter().map(|end| Cluster::new(&triangles[std::mem::replace(&mut first, end)..end], end));
+        let clusters = ends
+            .into_iter()
+            .map(|end| Cluster::new(&triangles[std::mem::replace(&mut first, end)..end], end));
         let clusters = clusters.collect();
         Some(ClusteredMesh { triangles, areas, clusters, rays: ray_mesh(all.iter().copied()) })
     }
@@ -115,11 +121,19 @@ impl PreparedForm for ClusteredMesh {
         None
     }
 
-    fn sampler_at(&self, _: usize, point: DVec3, normal: DVec3) -> Option<Box<dyn FormSampler + '_>> {
+    fn sampler_at(
+        &self,
+        _: usize,
+        point: DVec3,
+        normal: DVec3,
+    ) -> Option<Box<dyn FormSampler + '_>> {
         let sums = running_sum(self.clusters.iter().map(|cluster| cluster.weight(point, normal)));
         let total = *sums.last()?;
         let valid = total > 0.0 && total.is_finite();
-        valid.then(|| Box::new(ClusterSampler { mesh: self, point, normal, sums, total }) as Box<dyn FormSampler>)
+        valid.then(|| {
+            Box::new(ClusterSampler { mesh: self, point, normal, sums, total })
+                as Box<dyn FormSampler>
+        })
     }
 }
 
@@ -134,8 +148,9 @@ fn split(keys: &mut [TriangleKey], first: usize, count: usize, ends: &mut Vec<us
         return;
     }
     let width = |axis: usize| {
-        let (low, high) =
-            keys.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), k| (l.min(k.0[axis]), h.max(k.0[axis])));
+        let (low, high) = keys.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), k| {
+            (l.min(k.0[axis]), h.max(k.0[axis]))
+        });
         high - low
     };
     let widths = [0, 1, 2, 3, 4, 5].map(width);
@@ -152,13 +167,17 @@ impl Cluster {
         let corners = || triangles.iter().flat_map(|(t, _)| t);
         let (low, high) = bounds(corners());
         let center = 0.5 * (low + high);
-        let normal = triangles.iter().map(|(t, _)| doubled_area(t)).sum::<DVec3>().normalize_or(DVec3::Y);
+        let normal =
+            triangles.iter().map(|(t, _)| doubled_area(t)).sum::<DVec3>().normalize_or(DVec3::Y);
         Cluster {
             end,
             center,
             radius: corners().map(|p| p.distance(center)).fold(0.0, f64::max),
             normal,
-            cone: triangles.iter().map(|(t, _)| doubled_area(t).normalize().dot(normal)).fold(1.0, f64::min),
+            cone: triangles
+                .iter()
+                .map(|(t, _)| doubled_area(t).normalize().dot(normal))
+                .fold(1.0, f64::min),
             area: triangles.iter().map(|(t, _)| 0.5 * doubled_area(t).length()).sum(),
         }
     }
@@ -177,7 +196,10 @@ impl Cluster {
         let sphere = (1.0 - sine * sine).sqrt();
         let both = self.cone * sphere - (1.0 - self.cone * self.cone).max(0.0).sqrt() * sine;
         let both = if self.cone > 0.0 { both } else { -1.0 };
-        let (up, out) = (mean_cosine(normal.dot(direction), sphere), mean_cosine(-self.normal.dot(direction), both));
+        let (up, out) = (
+            mean_cosine(normal.dot(direction), sphere),
+            mean_cosine(-self.normal.dot(direction), both),
+        );
         self.area * up * out / (distance * distance)
     }
 }
@@ -228,7 +250,8 @@ impl FormSampler for ClusterSampler<'_> {
         let (d, front) = (position - self.point, doubled_area(t));
         let cosines = self.normal.dot(d).max(0.0) * -front.dot(d) / front.length();
         let contribution = cosines / (PI * d.length_squared().powi(2)) * area * self.total / weight;
-        let hidden = || rays.any(self.point.as_vec3(), d.as_vec3(), TUNING.shadow_end, |other| other != *id);
+        let hidden =
+            || rays.any(self.point.as_vec3(), d.as_vec3(), TUNING.shadow_end, |other| other != *id);
         (contribution > 0.0 && !hidden()).then_some((position, contribution))
     }
 }
@@ -267,45 +290,65 @@ pub(super) fn intersector(triangles: Vec<[DVec3; 3]>) -> Intersector<'static> {
 #[cfg(test)]
 mod tests {
     use crate::geometry::Model;
-    use crate::optics::{BoxLamp, Emitter, Lamp, MeshLamp, RectLamp, Shape, Silhouette, SphereLamp, estimate, stream};
+    use crate::optics::{
+        BoxLamp, Emitter, Lamp, MeshLamp, RectLamp, Shape, Silhouette, SphereLamp, estimate, stream,
+    };
     use glam::Vec3;
 
     const CENTER: Vec3 = Vec3::new(0.2, 1.1, -0.3);
 
     fn ball() -> Lamp {
         let Model { positions, triangles, .. } = Model::sphere();
-        Lamp::Mesh(MeshLamp::new(positions.into_iter().map(|p| CENTER + 0.3 * p).collect(), triangles))
+        Lamp::Mesh(MeshLamp::new(
+            positions.into_iter().map(|p| CENTER + 0.3 * p).collect(),
+            triangles,
+        ))
     }
 
     /// Corners and triangles of rectangles, given by center and half edges.
     fn sides(all: &[[Vec3; 3]]) -> Lamp {
-        let corners: Vec<Vec3> =
-            all.iter().flat_map(|&[c, x, y]| [c - x - y, c + x - y, c + x + y, c - x + y]).collect();
-        let triangles =
-            (0..all.len() as u32).flat_map(|i| [[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]]);
+        let corners: Vec<Vec3> = all
+            .iter()
+            .flat_map(|&[c, x, y]| [c - x - y, c + x - y, c + x + y, c - x + y])
+            .collect();
+        let triangles = (0..all.len() as u32)
+            .flat_map(|i| [[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]]);
         Lamp::Mesh(MeshLamp::new(corners, triangles.collect()))
     }
 
     fn receivers() -> Vec<(Vec3, Vec3)> {
         let slanted = Vec3::new(-0.4, 0.7, 0.2).normalize();
-        let points = [Vec3::ZERO, Vec3::new(1.5, 0.0, 0.4), Vec3::new(0.2, 0.7, -0.3), Vec3::new(-3.0, 1.0, 2.0)];
-        points.into_iter().flat_map(|p| [Vec3::Y, slanted, Vec3::X, Vec3::Z].map(|n| (p, n))).collect()
+        let points = [
+            Vec3::ZERO,
+            Vec3::new(1.5, 0.0, 0.4),
+            Vec3::new(0.2, 0.7, -0.3),
+            Vec3::new(-3.0, 1.0, 2.0),
+        ];
+        points
+            .into_iter()
+            .flat_map(|p| [Vec3::Y, slanted, Vec3::X, Vec3::Z].map(|n| (p, n)))
+            .collect()
     }
 
     /// The mean of 500 pixels against the closed form; and one pixel of 32 samples, as `Direct`
     /// takes them, by its spread.
     #[test]
     fn a_ball_of_triangles_shines_like_a_sphere() {
-        let exact = Emitter::new(&Shape::Lamp(Lamp::Sphere(SphereLamp { center: CENTER, radius: 0.3 })));
+        let exact =
+            Emitter::new(&Shape::Lamp(Lamp::Sphere(SphereLamp { center: CENTER, radius: 0.3 })));
         let model = Emitter::new(&Shape::Lamp(ball()));
         for (point, normal) in receivers() {
             let wanted = f64::from(exact.irradiance(0, point, normal).expect("a closed form"));
             // A third of a radius away triangles differ more.
             let bound = if point.distance(CENTER) < 0.5 { 0.12 } else { 0.06 };
-            let pixels: Vec<f64> = (0..500).map(|pixel| estimate(&model, 0, (point, normal), 8, 3, pixel).0).collect();
+            let pixels: Vec<f64> =
+                (0..500).map(|pixel| estimate(&model, 0, (point, normal), 8, 3, pixel).0).collect();
             let mean = pixels.iter().sum::<f64>() / 500.0;
             let spread = (pixels.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / 500.0).sqrt();
-            assert!((mean - wanted).abs() < 0.01 * wanted + 1e-6, "{point} {normal}: {mean} for {wanted}");
+            assert!(
+                (mean - wanted).abs() < 0.01 * wanted + 1e-6,
+                "{point} {normal}: {mean} for {wanted}"
+            );
             assert!(spread < bound * wanted + 1e-4, "{point} {normal}: {spread} of {wanted}");
         }
     }
@@ -325,8 +368,12 @@ mod tests {
         assert!((model.area() / exact.area() - 1.0).abs() < 1e-6 && model.escaping() == 1.0);
         let [model, exact] = [model, exact].map(|lamp| Emitter::new(&Shape::Lamp(lamp)));
         for (point, normal) in receivers() {
-            let [got, wanted] = [&model, &exact].map(|e| e.irradiance(0, point, normal).expect("convex, and few"));
-            assert!((got - wanted).abs() < 1e-5 * wanted + 1e-7, "{point} {normal}: {got} for {wanted}");
+            let [got, wanted] =
+                [&model, &exact].map(|e| e.irradiance(0, point, normal).expect("convex, and few"));
+            assert!(
+                (got - wanted).abs() < 1e-5 * wanted + 1e-7,
+                "{point} {normal}: {got} for {wanted}"
+            );
         }
     }
 
@@ -336,22 +383,45 @@ mod tests {
         let (x, z) = (Vec3::X, Vec3::Z);
         let front = [Vec3::Y, x * 0.5, z * 0.5];
         let both = Emitter::new(&Shape::Lamp(sides(&[front, [Vec3::Y * 1.2, x * 0.2, z * 0.2]])));
-        assert!(both.irradiance(0, Vec3::ZERO, Vec3::Y).is_none(), "no sum of panels that hide each other");
-        let one = Emitter::new(&Shape::Lamp(Lamp::Rect(RectLamp { center: front[0], x: front[1], y: front[2] })));
-        let mean = |point: Vec3| (0..500).map(|p| estimate(&both, 0, (point, Vec3::Y), 8, 3, p).0).sum::<f64>() / 500.0;
+        assert!(
+            both.irradiance(0, Vec3::ZERO, Vec3::Y).is_none(),
+            "no sum of panels that hide each other"
+        );
+        let one = Emitter::new(&Shape::Lamp(Lamp::Rect(RectLamp {
+            center: front[0],
+            x: front[1],
+            y: front[2],
+        })));
+        let mean = |point: Vec3| {
+            (0..500).map(|p| estimate(&both, 0, (point, Vec3::Y), 8, 3, p).0).sum::<f64>() / 500.0
+        };
         let wanted = f64::from(one.irradiance(0, Vec3::ZERO, Vec3::Y).expect("a closed form"));
-        assert!((mean(Vec3::ZERO) / wanted - 1.0).abs() < 0.01, "{} for {wanted}", mean(Vec3::ZERO));
+        assert!(
+            (mean(Vec3::ZERO) / wanted - 1.0).abs() < 0.01,
+            "{} for {wanted}",
+            mean(Vec3::ZERO)
+        );
         // From above the first, whose back is dark, all of the second.
-        let sampler = both.sampler_at(0, Vec3::new(6.0, 1.1, 0.0), Vec3::NEG_X).expect("the second is visible");
-        let heights = (0..256).filter_map(|i| sampler.sample(&stream(0, 0, 0, 0), i)).map(|s| s.position.y);
-        assert!(heights.clone().count() > 0 && heights.clone().all(|y| y > 1.1), "{:?}", heights.collect::<Vec<_>>());
+        let sampler = both
+            .sampler_at(0, Vec3::new(6.0, 1.1, 0.0), Vec3::NEG_X)
+            .expect("the second is visible");
+        let heights =
+            (0..256).filter_map(|i| sampler.sample(&stream(0, 0, 0, 0), i)).map(|s| s.position.y);
+        assert!(
+            heights.clone().count() > 0 && heights.clone().all(|y| y > 1.1),
+            "{:?}",
+            heights.collect::<Vec<_>>()
+        );
     }
 
     /// Two unit squares that face each other one meter apart send 0.19982 of their light to each
     /// other (Howell, "A Catalog of Radiation Heat Transfer Configuration Factors", C-11).
     #[test]
     fn a_lamp_that_faces_itself_keeps_some_light() {
-        let facing = sides(&[[Vec3::ZERO, Vec3::Z * 0.5, Vec3::X * 0.5], [Vec3::Y, Vec3::X * 0.5, Vec3::Z * 0.5]]);
+        let facing = sides(&[
+            [Vec3::ZERO, Vec3::Z * 0.5, Vec3::X * 0.5],
+            [Vec3::Y, Vec3::X * 0.5, Vec3::Z * 0.5],
+        ]);
         assert!((facing.escaping() - 0.80018).abs() < 0.01, "{}", facing.escaping());
         assert_eq!(Lamp::Sphere(SphereLamp { center: CENTER, radius: 1.0 }).escaping(), 1.0);
         assert!(ball().escaping() > 0.999);
@@ -362,26 +432,47 @@ mod tests {
         let shape = Shape::Lamp(ball());
         let body = Silhouette::new(&shape);
         for i in 0..300 {
-            let to = CENTER + 0.45 * Vec3::new((i as f32).sin(), (2.3 * i as f32).cos(), (0.7 * i as f32).sin());
-            let (fast, slow) = (body.intersect(Vec3::Z, to - Vec3::Z), shape.intersect(Vec3::Z, to - Vec3::Z));
+            let to = CENTER
+                + 0.45
+                    * Vec3::new((i as f32).sin(), (2.3 * i as f32).cos(), (0.7 * i as f32).sin());
+            let (fast, slow) =
+                (body.intersect(Vec3::Z, to - Vec3::Z), shape.intersect(Vec3::Z, to - Vec3::Z));
             assert_eq!(fast.is_some(), slow.is_some(), "{i}");
-            assert!(fast.zip(slow).is_none_or(|(a, b)| (a / b - 1.0).abs() < 1e-4), "{i}: {fast:?} {slow:?}");
+            assert!(
+                fast.zip(slow).is_none_or(|(a, b)| (a / b - 1.0).abs() < 1e-4),
+                "{i}: {fast:?} {slow:?}"
+            );
         }
         let sheet = Shape::Lamp(sides(&[[Vec3::ZERO, Vec3::X, Vec3::Y]]));
         let sheet = Silhouette::new(&sheet);
-        assert!(sheet.intersect(Vec3::Z, Vec3::NEG_Z).is_some() && sheet.intersect(Vec3::NEG_Z, Vec3::Z).is_none());
-        let two = Shape::Lamp(sides(&[[Vec3::ZERO, Vec3::X, Vec3::Y], [Vec3::ZERO, Vec3::Y, Vec3::X]]));
+        assert!(
+            sheet.intersect(Vec3::Z, Vec3::NEG_Z).is_some()
+                && sheet.intersect(Vec3::NEG_Z, Vec3::Z).is_none()
+        );
+        let two =
+            Shape::Lamp(sides(&[[Vec3::ZERO, Vec3::X, Vec3::Y], [Vec3::ZERO, Vec3::Y, Vec3::X]]));
         let two = Silhouette::new(&two);
         let sides = [Vec3::Z, Vec3::NEG_Z];
-        assert!(sides.iter().all(|&from| two.intersect(from, Vec3::ZERO - from).is_some()), "from both sides");
+        assert!(
+            sides.iter().all(|&from| two.intersect(from, Vec3::ZERO - from).is_some()),
+            "from both sides"
+        );
     }
 
     #[test]
     fn extreme_meshes_are_finite() {
-        let strange = [Vec3::ZERO, Vec3::X, Vec3::splat(1e-30), Vec3::splat(1e20), Vec3::NAN, Vec3::INFINITY];
+        let strange =
+            [Vec3::ZERO, Vec3::X, Vec3::splat(1e-30), Vec3::splat(1e20), Vec3::NAN, Vec3::INFINITY];
         for a in strange {
             for b in strange {
-                let corners = vec![a, b, Vec3::Y, Vec3::Z, Vec3::new(0.2, 0.2, 0.2), Vec3::new(0.1, 0.7, 0.5)];
+                let corners = vec![
+                    a,
+                    b,
+                    Vec3::Y,
+                    Vec3::Z,
+                    Vec3::new(0.2, 0.2, 0.2),
+                    Vec3::new(0.1, 0.7, 0.5),
+                ];
                 let triangles = vec![[0, 1, 2], [0, 1, 9], [2, 3, 4], [5, 4, 3], [1, 1, 1]];
                 let lamp = Lamp::Mesh(MeshLamp::new(corners, triangles));
                 assert!((0.0..=1.0).contains(&lamp.escaping()));
@@ -389,8 +480,11 @@ mod tests {
                 let (emitter, body) = (Emitter::new(&shape), Silhouette::new(&shape));
                 for point in strange {
                     let sampler = emitter.sampler_at(0, point, Vec3::Y);
-                    let samples = (0..8).filter_map(|i| sampler.as_ref()?.sample(&stream(0, 0, 0, 0), i));
-                    samples.for_each(|sample| assert!(sample.contribution.is_finite() && sample.contribution > 0.0));
+                    let samples =
+                        (0..8).filter_map(|i| sampler.as_ref()?.sample(&stream(0, 0, 0, 0), i));
+                    samples.for_each(|sample| {
+                        assert!(sample.contribution.is_finite() && sample.contribution > 0.0)
+                    });
                     assert!(body.intersect(point, b).is_none_or(|t| t > 0.0));
                 }
             }

@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 use super::form::{Form, FormSampler, Intersector, PreparedForm};
 use super::gradient::{Gradient, outline_gradient};
 use super::mesh_clusters::{ClusteredMesh, escaping, intersector};
-use super::pieces::{PIECES, PieceChoice, PieceSet, bounding_sphere, doubled_area, extent, point_in_triangle};
+use super::pieces::{
+    PIECES, PieceChoice, PieceSet, bounding_sphere, doubled_area, extent, point_in_triangle,
+};
 use crate::image::rule;
 use crate::optics::sampling::Points2;
 use crate::optics::sampling::polygon::{Outline, polygon_irradiance};
@@ -45,8 +47,11 @@ impl MeshLamp {
     /// The triangles in double precision, without those that have a corner that is missing or not
     /// finite.
     fn finite_triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
-        let corner = |i: u32| self.corners.get(i as usize).filter(|p| p.is_finite()).map(|p| p.as_dvec3());
-        self.triangles.iter().filter_map(move |&[a, b, c]| Some([corner(a)?, corner(b)?, corner(c)?]))
+        let corner =
+            |i: u32| self.corners.get(i as usize).filter(|p| p.is_finite()).map(|p| p.as_dvec3());
+        self.triangles
+            .iter()
+            .filter_map(move |&[a, b, c]| Some([corner(a)?, corner(b)?, corner(c)?]))
     }
 
     /// [`MeshLamp::finite_triangles`] without degenerate triangles.
@@ -82,7 +87,8 @@ tuning! {
 
 impl Form for MeshLamp {
     fn check(&self) -> Result<(), String> {
-        let known = self.triangles.iter().flatten().all(|&corner| (corner as usize) < self.corners.len());
+        let known =
+            self.triangles.iter().flatten().all(|&corner| (corner as usize) < self.corners.len());
         rule(known && !self.triangles.is_empty(), "triangles of corners that are there")
     }
 
@@ -110,7 +116,9 @@ impl Form for MeshLamp {
             let facing = normal.dot(ray);
             let t = normal.dot(a) / facing;
             let at = ray * t;
-            let inside = [(a, b), (b, c), (c, a)].iter().all(|(p, q)| (q - p).cross(at - p).dot(normal) >= 0.0);
+            let inside = [(a, b), (b, c), (c, a)]
+                .iter()
+                .all(|(p, q)| (q - p).cross(at - p).dot(normal) >= 0.0);
             (facing < 0.0 && t > 0.0 && inside).then_some(t)
         });
         hits.reduce(f32::min)
@@ -149,15 +157,23 @@ impl PreparedForm for PreparedTriangles {
         Some(self.0.few()?.iter().map(|t| irradiance(t, point, normal)).sum())
     }
 
-    fn sampler_at(&self, _: usize, point: DVec3, normal: DVec3) -> Option<Box<dyn FormSampler + '_>> {
+    fn sampler_at(
+        &self,
+        _: usize,
+        point: DVec3,
+        normal: DVec3,
+    ) -> Option<Box<dyn FormSampler + '_>> {
         let choice = self.0.choice(|t| irradiance(t, point, normal))?;
         Some(Box::new(TriangleSampler { point, normal, choice }))
     }
 
     fn gradient(&self, _: usize, point: DVec3, normal: DVec3, pivot: DVec3) -> Gradient {
         let facing = self.0.pieces.iter().filter(|t| faces(t, point));
-        let outlines = facing.filter_map(|t| Outline::above(&t.map(|corner| corner - point), normal));
-        outlines.map(|outline| outline_gradient(&outline, normal, pivot)).fold(Gradient::default(), Gradient::plus)
+        let outlines =
+            facing.filter_map(|t| Outline::above(&t.map(|corner| corner - point), normal));
+        outlines
+            .map(|outline| outline_gradient(&outline, normal, pivot))
+            .fold(Gradient::default(), Gradient::plus)
     }
 }
 

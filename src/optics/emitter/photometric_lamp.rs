@@ -28,8 +28,16 @@ impl PhotometricLamp {
     }
 
     /// The lamp with its center mapped by `position` and its lengths multiplied by `scale`.
-    pub(super) fn transformed(&self, position: &dyn Fn(Vec3) -> Vec3, scale: f32) -> PhotometricLamp {
-        PhotometricLamp { center: position(self.center), radius: self.radius * scale, web: self.web.clone() }
+    pub(super) fn transformed(
+        &self,
+        position: &dyn Fn(Vec3) -> Vec3,
+        scale: f32,
+    ) -> PhotometricLamp {
+        PhotometricLamp {
+            center: position(self.center),
+            radius: self.radius * scale,
+            web: self.web.clone(),
+        }
     }
 }
 
@@ -93,10 +101,16 @@ impl PreparedForm for PreparedPhotometric {
         Some(self.sphere.irradiance(lobe, point, normal)? * self.relative_intensity(point))
     }
 
-    fn sampler_at(&self, _: usize, point: DVec3, normal: DVec3) -> Option<Box<dyn FormSampler + '_>> {
+    fn sampler_at(
+        &self,
+        _: usize,
+        point: DVec3,
+        normal: DVec3,
+    ) -> Option<Box<dyn FormSampler + '_>> {
         let sphere = self.sphere.sampler(point, normal)?;
         let intensity = self.relative_intensity(point);
-        (intensity > 0.0).then(|| Box::new(PhotometricSampler { sphere, intensity }) as Box<dyn FormSampler>)
+        (intensity > 0.0)
+            .then(|| Box::new(PhotometricSampler { sphere, intensity }) as Box<dyn FormSampler>)
     }
 
     /// The gradient of the even sphere: luminaires come from edits, and no fit moves them.
@@ -146,7 +160,10 @@ mod tests {
             let got = f64::from(exact) * radiance;
             assert!((got / wanted - 1.0).abs() < 1e-4, "{degrees}: {got} for {wanted}");
             let (sampled, _) = estimate(&emitter, 0, (point, Vec3::Y), 4, 3, 1);
-            assert!((sampled / f64::from(exact) - 1.0).abs() < 1e-3, "{degrees}: {sampled} {exact}");
+            assert!(
+                (sampled / f64::from(exact) - 1.0).abs() < 1e-3,
+                "{degrees}: {sampled} {exact}"
+            );
         }
         assert!(emitter.sampler_at(0, Vec3::Y * 3.0, Vec3::NEG_Y).is_none(), "nothing goes up");
     }

@@ -53,7 +53,8 @@ impl PhotometricWeb {
     /// the table.
     pub fn relative_intensity(&self, direction: DVec3) -> f64 {
         let (axis, side) = (self.axis.as_dvec3(), self.side.as_dvec3());
-        let (along, across, third) = (direction.dot(axis), direction.dot(side), direction.dot(axis.cross(side)));
+        let (along, across, third) =
+            (direction.dot(axis), direction.dot(side), direction.dot(axis.cross(side)));
         let v = across.hypot(third).atan2(along).to_degrees();
         let h = third.atan2(across).to_degrees().rem_euclid(360.0);
         self.table.relative_intensity(v, h)
@@ -69,7 +70,10 @@ impl PhotometricWebTable {
     pub(in crate::optics) fn check(&self) -> Result<(), String> {
         let cells = self.vertical.len().checked_mul(self.horizontal.len());
         rule(cells == Some(self.intensity.len()), "a share for each pair of angles")?;
-        rule(self.vertical.len() >= 2 && !self.horizontal.is_empty(), "two vertical angles and a horizontal one")?;
+        rule(
+            self.vertical.len() >= 2 && !self.horizontal.is_empty(),
+            "two vertical angles and a horizontal one",
+        )?;
         let ascend = |angles: &[f32]| angles.windows(2).all(|pair| pair[0] < pair[1]);
         rule(ascend(&self.vertical) && ascend(&self.horizontal), "angles that ascend")
     }
@@ -79,7 +83,9 @@ impl PhotometricWebTable {
         let Some((i, s)) = between(&self.vertical, v) else { return 0.0 };
         let (j, t) = between(&self.horizontal, h).unwrap_or((0, 0.0));
         let rows = self.horizontal.len();
-        let at = |j: usize, i: usize| f64::from(self.intensity[j.min(rows - 1) * self.vertical.len() + i]);
+        let at = |j: usize, i: usize| {
+            f64::from(self.intensity[j.min(rows - 1) * self.vertical.len() + i])
+        };
         let row = |j: usize| at(j, i) * (1.0 - s) + at(j, i + 1) * s;
         row(j) * (1.0 - t) + row(j + 1) * t
     }
@@ -102,8 +108,9 @@ impl PhotometricWebTable {
             .map(|(at, _)| text.split_at(at + "TILT=".len()))
             .ok_or("wanted a photometric file of IES LM-63, got none: there is no line `TILT=`")?;
         let (tilt, body) = after.split_once(['\n', '\r']).unwrap_or((after, ""));
-        let mut numbers =
-            Numbers { words: body.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()) };
+        let mut numbers = Numbers {
+            words: body.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()),
+        };
         match tilt.trim() {
             "NONE" => {}
             // The dependence of the output on the tilt of the lamp; the candela below are as
@@ -113,12 +120,15 @@ impl PhotometricWebTable {
                 let count = numbers.count("tilt angles")?;
                 numbers.many(2 * count, "tilt angles and factors")?;
             }
-            other => return Err(format!("wanted TILT=NONE or TILT=INCLUDE, got TILT={}", short(other))),
+            other => {
+                return Err(format!("wanted TILT=NONE or TILT=INCLUDE, got TILT={}", short(other)));
+            }
         }
         numbers.next("number of lamps")?;
         numbers.next("lumens per lamp")?;
         let mut scale = numbers.next("candela multiplier")?;
-        let (verticals, horizontals) = (numbers.count("vertical angles")?, numbers.count("horizontal angles")?);
+        let (verticals, horizontals) =
+            (numbers.count("vertical angles")?, numbers.count("horizontal angles")?);
         let kind = numbers.next("photometric type")?;
         if kind != 1.0 {
             return Err(format!("wanted type C photometry (1), got type {kind}"));
@@ -132,9 +142,13 @@ impl PhotometricWebTable {
             ));
         }
         let vertical = ascending(numbers.many(verticals, "vertical angles")?, 180.0, "vertical")?;
-        let horizontal = ascending(numbers.many(horizontals, "horizontal angles")?, 360.0, "horizontal")?;
-        let candela: Vec<f64> =
-            numbers.many(verticals * horizontals, "candela values")?.into_iter().map(|value| value * scale).collect();
+        let horizontal =
+            ascending(numbers.many(horizontals, "horizontal angles")?, 360.0, "horizontal")?;
+        let candela: Vec<f64> = numbers
+            .many(verticals * horizontals, "candela values")?
+            .into_iter()
+            .map(|value| value * scale)
+            .collect();
         if let Some(bad) = candela.iter().find(|value| !(**value >= 0.0 && value.is_finite())) {
             return Err(format!("wanted candela of 0 or more, got {bad}"));
         }
@@ -143,9 +157,12 @@ impl PhotometricWebTable {
         if !(flux > 0.0 && flux.is_finite()) {
             return Err(format!("wanted a luminaire with flux above 0, got {flux} lumens"));
         }
-        let single = |values: &[f64]| values.iter().map(|value| *value as f32).collect::<Vec<f32>>();
-        let intensity: Vec<f64> = candela.iter().map(|value| 4.0 * std::f64::consts::PI * value / flux).collect();
-        let [vertical, horizontal, intensity] = [&vertical, &horizontal, &intensity].map(|values| single(values));
+        let single =
+            |values: &[f64]| values.iter().map(|value| *value as f32).collect::<Vec<f32>>();
+        let intensity: Vec<f64> =
+            candela.iter().map(|value| 4.0 * std::f64::consts::PI * value / flux).collect();
+        let [vertical, horizontal, intensity] =
+            [&vertical, &horizontal, &intensity].map(|values| single(values));
         Ok((PhotometricWebTable { vertical, horizontal, intensity }, flux))
     }
 }
@@ -179,7 +196,8 @@ struct Numbers<I> {
 
 impl<'a, I: Iterator<Item = &'a str>> Numbers<I> {
     fn next(&mut self, what: &str) -> Result<f64, String> {
-        let word = self.words.next().ok_or_else(|| format!("wanted {what}, got the end of the file"))?;
+        let word =
+            self.words.next().ok_or_else(|| format!("wanted {what}, got the end of the file"))?;
         match word.parse::<f64>() {
             Ok(number) if number.is_finite() => Ok(number),
             _ => Err(format!("wanted {what}, got `{}`", short(word))),
@@ -189,7 +207,9 @@ impl<'a, I: Iterator<Item = &'a str>> Numbers<I> {
     fn count(&mut self, what: &str) -> Result<usize, String> {
         let number = self.next(&format!("the number of {what}"))?;
         let whole = number.fract() == 0.0 && (1.0..=MAX_VALUES as f64).contains(&number);
-        whole.then_some(number as usize).ok_or_else(|| format!("wanted the number of {what}, got {number}"))
+        whole
+            .then_some(number as usize)
+            .ok_or_else(|| format!("wanted the number of {what}, got {number}"))
     }
 
     fn many(&mut self, count: usize, what: &str) -> Result<Vec<f64>, String> {
@@ -215,7 +235,11 @@ fn ascending(angles: Vec<f64>, most: f64, what: &str) -> Result<Vec<f64>, String
 
 /// The horizontal angles from 0 to 360 and their candela, from a file that may contain a half or a
 /// quarter of a symmetric luminaire.
-fn all_around(given: &[f64], candela: Vec<f64>, verticals: usize) -> Result<(Vec<f64>, Vec<f64>), String> {
+fn all_around(
+    given: &[f64],
+    candela: Vec<f64>,
+    verticals: usize,
+) -> Result<(Vec<f64>, Vec<f64>), String> {
     if given.len() == 1 {
         return Ok((vec![0.0], candela));
     }
@@ -246,13 +270,19 @@ fn all_around(given: &[f64], candela: Vec<f64>, verticals: usize) -> Result<(Vec
         (0.0, 90.0) => (0..4)
             .flat_map(|quarter| {
                 let turned = |h: &f64| if quarter % 2 == 0 { *h } else { 90.0 - h };
-                given.iter().map(move |h| 90.0 * f64::from(quarter) + turned(h)).collect::<Vec<f64>>()
+                given
+                    .iter()
+                    .map(move |h| 90.0 * f64::from(quarter) + turned(h))
+                    .collect::<Vec<f64>>()
             })
             .collect(),
         (0.0, 180.0) => given.iter().copied().chain(given.iter().map(|h| 360.0 - h)).collect(),
-        (90.0, 270.0) => {
-            given.iter().copied().chain(given.iter().map(|h| (540.0 - h) % 360.0)).chain([0.0, 360.0]).collect()
-        }
+        (90.0, 270.0) => given
+            .iter()
+            .copied()
+            .chain(given.iter().map(|h| (540.0 - h) % 360.0))
+            .chain([0.0, 360.0])
+            .collect(),
         _ => given.to_vec(),
     };
     horizontal.sort_by(f64::total_cmp);
@@ -262,8 +292,10 @@ fn all_around(given: &[f64], candela: Vec<f64>, verticals: usize) -> Result<(Vec
         let t = ((h - given[next - 1]) / (given[next] - given[next - 1])).clamp(0.0, 1.0);
         candela[(next - 1) * verticals + v] * (1.0 - t) + candela[next * verticals + v] * t
     };
-    let rows =
-        horizontal.iter().flat_map(|h| (0..verticals).map(|v| at(folded(*h), v)).collect::<Vec<f64>>()).collect();
+    let rows = horizontal
+        .iter()
+        .flat_map(|h| (0..verticals).map(|v| at(folded(*h), v)).collect::<Vec<f64>>())
+        .collect();
     Ok((horizontal, rows))
 }
 
@@ -296,7 +328,9 @@ mod tests {
     /// A file of these angles and this intensity.
     fn file(vertical: &[f64], horizontal: &[f64], candela: impl Fn(f64, f64) -> f64) -> String {
         let list = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
-        let rows = horizontal.iter().map(|h| list(&vertical.iter().map(|v| candela(*v, *h)).collect::<Vec<_>>()));
+        let rows = horizontal
+            .iter()
+            .map(|h| list(&vertical.iter().map(|v| candela(*v, *h)).collect::<Vec<_>>()));
         format!(
             "IESNA:LM-63-2002\r\n[TEST] ours\r\nTILT=NONE\r\n1 -1 2.0 {} {} 1 2 0.1 0.1 0\r\n0.5 1 10\r\n{}\r\n{}\r\n{}\r\n",
             vertical.len(),
@@ -314,40 +348,52 @@ mod tests {
     #[test]
     fn candela_sum_to_lumens() {
         let even = |_: f64, _: f64| 1000.0 / (4.0 * PI);
-        for horizontal in
-            [vec![0.0], steps(90.0, 30.0), steps(180.0, 45.0), steps(360.0, 90.0), vec![90.0, 180.0, 270.0]]
-        {
+        for horizontal in [
+            vec![0.0],
+            steps(90.0, 30.0),
+            steps(180.0, 45.0),
+            steps(360.0, 90.0),
+            vec![90.0, 180.0, 270.0],
+        ] {
             let (table, flux) =
-                PhotometricWebTable::parse(&file(&steps(180.0, 45.0), &horizontal, even)).expect("it is sound");
+                PhotometricWebTable::parse(&file(&steps(180.0, 45.0), &horizontal, even))
+                    .expect("it is sound");
             assert!((flux / 1000.0 - 1.0).abs() < 1e-12, "{horizontal:?}: {flux}");
             assert!((table.relative_intensity(77.0, 200.0) - 1.0).abs() < 1e-6);
         }
         // A Lambertian disc of 100 cd gives 100 pi lumens; steps of one degree are flat to 4e-5 of
         // it.
         let disc = |v: f64, _: f64| 100.0 * v.to_radians().cos();
-        let (table, flux) = PhotometricWebTable::parse(&file(&steps(90.0, 1.0), &[0.0], disc)).expect("it is sound");
+        let (table, flux) = PhotometricWebTable::parse(&file(&steps(90.0, 1.0), &[0.0], disc))
+            .expect("it is sound");
         assert!((flux / (100.0 * PI) - 1.0).abs() < 1e-4, "{flux}");
         assert!((table.relative_intensity(60.0, 0.0) - 4.0 * 0.5).abs() < 1e-3, "g = 4 cos v");
-        assert_eq!(table.relative_intensity(91.0, 0.0), 0.0, "nothing outside of the file's angles");
+        assert_eq!(
+            table.relative_intensity(91.0, 0.0),
+            0.0,
+            "nothing outside of the file's angles"
+        );
     }
 
     #[test]
     fn halves_and_quarters_are_unfolded() {
         // Twice as strong along h = 0 as along h = 90.
         let long = |_: f64, h: f64| 1.5 + 0.5 * (2.0 * h).to_radians().cos();
-        let whole = PhotometricWebTable::parse(&file(&[0.0, 90.0], &steps(360.0, 15.0), long)).expect("it is sound");
+        let whole = PhotometricWebTable::parse(&file(&[0.0, 90.0], &steps(360.0, 15.0), long))
+            .expect("it is sound");
         for horizontal in [
             steps(90.0, 15.0),
             steps(180.0, 15.0),
             steps(345.0, 15.0),
             steps(180.0, 15.0).iter().map(|h| h + 90.0).collect(),
         ] {
-            let (table, flux) =
-                PhotometricWebTable::parse(&file(&[0.0, 90.0], &horizontal, long)).expect("it is sound");
+            let (table, flux) = PhotometricWebTable::parse(&file(&[0.0, 90.0], &horizontal, long))
+                .expect("it is sound");
             assert!((flux / whole.1 - 1.0).abs() < 1e-9, "{horizontal:?}");
             for h in [0.0, 20.0, 100.0, 170.0, 260.0, 359.0] {
                 assert!(
-                    (table.relative_intensity(45.0, h) - whole.0.relative_intensity(45.0, h)).abs() < 1e-5,
+                    (table.relative_intensity(45.0, h) - whole.0.relative_intensity(45.0, h)).abs()
+                        < 1e-5,
                     "{horizontal:?} at {h}"
                 );
             }
@@ -357,8 +403,8 @@ mod tests {
     #[test]
     fn a_luminaire_can_be_turned() {
         let half = |_: f64, h: f64| if h < 180.0 { 2.0 } else { 0.0 };
-        let (table, _) =
-            PhotometricWebTable::parse(&file(&[0.0, 180.0], &steps(360.0, 1.0), half)).expect("it is sound");
+        let (table, _) = PhotometricWebTable::parse(&file(&[0.0, 180.0], &steps(360.0, 1.0), half))
+            .expect("it is sound");
         let web = PhotometricWeb { axis: Vec3::NEG_Y, side: Vec3::X, table };
         // h grows from `side` towards axis x side = -y x x = z.
         assert!(web.relative_intensity(DVec3::new(0.0, -0.1, 1.0).normalize()) > 1.9);
@@ -376,10 +422,19 @@ mod tests {
             (sound.replace("0 90", "0 nine"), "wanted vertical angles, got `nine`"),
             (sound.replace("2 1 1 2", "2 7 1 2"), "wanted horizontal angles"),
             (sound.replace("2 1 1 2", "900000 900000 1 2"), "values at most"),
-            (sound.replace("2 1 1 2", "2.5 1 1 2"), "wanted the number of vertical angles, got 2.5"),
+            (
+                sound.replace("2 1 1 2", "2.5 1 1 2"),
+                "wanted the number of vertical angles, got 2.5",
+            ),
             (sound.replace("\r\n1 1\r\n", "\r\n1 -1\r\n"), "wanted candela of 0 or more, got -1"),
-            (sound.replace("\r\n1 1\r\n", "\r\n0 0\r\n"), "wanted a luminaire with flux above 0, got 0 lumens"),
-            (sound.replace("\r\n1 1\r\n", "\r\n1\r\n"), "wanted candela values, got the end of the file"),
+            (
+                sound.replace("\r\n1 1\r\n", "\r\n0 0\r\n"),
+                "wanted a luminaire with flux above 0, got 0 lumens",
+            ),
+            (
+                sound.replace("\r\n1 1\r\n", "\r\n1\r\n"),
+                "wanted candela values, got the end of the file",
+            ),
         ] {
             let message = PhotometricWebTable::parse(&text).expect_err("it is not sound");
             assert!(message.contains(wanted), "wanted {wanted:?}, got {message:?}");

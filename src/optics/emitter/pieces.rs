@@ -26,7 +26,8 @@ pub(super) struct PieceSet<T> {
 impl<T> PieceSet<T> {
     /// The pieces of positive, finite area, each given with its area.
     pub fn new(pieces: impl Iterator<Item = (T, f64)>) -> PieceSet<T> {
-        let (pieces, areas): (_, Vec<f64>) = pieces.filter(|(_, area)| *area > 0.0 && area.is_finite()).unzip();
+        let (pieces, areas): (_, Vec<f64>) =
+            pieces.filter(|(_, area)| *area > 0.0 && area.is_finite()).unzip();
         PieceSet { pieces, areas: running_sum(areas) }
     }
 
@@ -44,7 +45,11 @@ impl<T> PieceSet<T> {
             Cow::Owned(running_sum(self.pieces.iter().map(weight)))
         };
         let total = *sums.last()?;
-        (total > 0.0 && total.is_finite()).then_some(PieceChoice { pieces: &self.pieces, sums, total })
+        (total > 0.0 && total.is_finite()).then_some(PieceChoice {
+            pieces: &self.pieces,
+            sums,
+            total,
+        })
     }
 }
 

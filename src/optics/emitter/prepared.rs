@@ -52,7 +52,8 @@ impl Emitter {
     pub fn with_strategy(shape: &Shape, strategy: Strategy) -> Emitter {
         match shape {
             Shape::Window(window) => {
-                let form = window.prepared(strategy).map(|form| Box::new(form) as Box<dyn PreparedForm>);
+                let form =
+                    window.prepared(strategy).map(|form| Box::new(form) as Box<dyn PreparedForm>);
                 Emitter { form, lobes: shape.lobes() }
             }
             _ => Emitter::new(shape),
@@ -82,7 +83,11 @@ impl Emitter {
         if !(point.is_finite() && normal.is_finite()) {
             return None;
         }
-        Some(EmitterSampler(self.form.as_ref()?.sampler_at(lobe, point.as_dvec3(), normal.as_dvec3())?))
+        Some(EmitterSampler(self.form.as_ref()?.sampler_at(
+            lobe,
+            point.as_dvec3(),
+            normal.as_dvec3(),
+        )?))
     }
 
     /// The irradiance over pi of one lobe and its derivatives; `pivot` is the point about which the
@@ -93,7 +98,9 @@ impl Emitter {
     pub fn gradient(&self, lobe: usize, point: Vec3, normal: Vec3, pivot: Vec3) -> Gradient {
         let (point, normal): (DVec3, DVec3) = (point.as_dvec3(), normal.as_dvec3());
         let pivot = pivot.as_dvec3() - point;
-        self.form.as_ref().map_or_else(Gradient::default, |form| form.gradient(lobe, point, normal, pivot).or_zero())
+        self.form.as_ref().map_or_else(Gradient::default, |form| {
+            form.gradient(lobe, point, normal, pivot).or_zero()
+        })
     }
 }
 
@@ -116,12 +123,18 @@ impl EmitterSampler<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::{BoxLamp, Lamp, Lobe, MeshLamp, RectLamp, SphereLamp, Surfel, Window, estimate, stream};
+    use crate::optics::{
+        BoxLamp, Lamp, Lobe, MeshLamp, RectLamp, SphereLamp, Surfel, Window, estimate, stream,
+    };
 
     fn lamps() -> Vec<(&'static str, Lamp)> {
         let surfel = |i: usize| {
             let normal = Vec3::new((i as f32).sin(), -1.0, (i as f32 * 2.0).cos()).normalize();
-            Surfel { point: Vec3::new(0.1 * i as f32, 1.5, 0.05 * i as f32), normal, area: 0.01 + 0.002 * i as f32 }
+            Surfel {
+                point: Vec3::new(0.1 * i as f32, 1.5, 0.05 * i as f32),
+                normal,
+                area: 0.01 + 0.002 * i as f32,
+            }
         };
         let axes = [Vec3::X * 0.3, Vec3::new(0.0, 0.2, 0.1), Vec3::new(0.0, -0.1, 0.2)];
         let tetrahedron = vec![
@@ -132,24 +145,41 @@ mod tests {
         ];
         vec![
             ("sphere", Lamp::Sphere(SphereLamp { center: Vec3::new(0.5, 0.8, 0.2), radius: 0.3 })),
-            ("sphere on the horizon", Lamp::Sphere(SphereLamp { center: Vec3::new(1.0, 0.1, 0.2), radius: 0.5 })),
+            (
+                "sphere on the horizon",
+                Lamp::Sphere(SphereLamp { center: Vec3::new(1.0, 0.1, 0.2), radius: 0.5 }),
+            ),
             (
                 "rectangle",
-                Lamp::Rect(RectLamp { center: Vec3::new(0.3, 1.0, 0.2), x: Vec3::X * 0.6, y: Vec3::Z * 0.4 }),
+                Lamp::Rect(RectLamp {
+                    center: Vec3::new(0.3, 1.0, 0.2),
+                    x: Vec3::X * 0.6,
+                    y: Vec3::Z * 0.4,
+                }),
             ),
             (
                 "rectangle through the horizon",
-                Lamp::Rect(RectLamp { center: Vec3::new(1.0, 0.1, 0.0), x: Vec3::Z * 0.6, y: Vec3::Y * 0.6 }),
+                Lamp::Rect(RectLamp {
+                    center: Vec3::new(1.0, 0.1, 0.0),
+                    x: Vec3::Z * 0.6,
+                    y: Vec3::Y * 0.6,
+                }),
             ),
             ("box", Lamp::Box(BoxLamp { center: Vec3::new(0.4, 0.9, 0.1), axes })),
             (
                 "left-handed box",
-                Lamp::Box(BoxLamp { center: Vec3::new(0.4, 0.9, 0.1), axes: [axes[1], axes[0], axes[2]] }),
+                Lamp::Box(BoxLamp {
+                    center: Vec3::new(0.4, 0.9, 0.1),
+                    axes: [axes[1], axes[0], axes[2]],
+                }),
             ),
             ("surfels", Lamp::Surfels((0..20).map(surfel).collect())),
             (
                 "mesh",
-                Lamp::Mesh(MeshLamp::without_occlusion(tetrahedron, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])),
+                Lamp::Mesh(MeshLamp::without_occlusion(
+                    tetrahedron,
+                    vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
+                )),
             ),
         ]
     }
@@ -174,7 +204,10 @@ mod tests {
                 assert!((mean - exact).abs() < bound, "{name} {normal}: {mean} {exact} {bound}");
                 // The mean of 4000 variances of three degrees of freedom is known to about 2 %.
                 let ratio = (claimed + 1e-12) / (variance + 1e-12);
-                assert!((0.85..1.15).contains(&ratio), "{name} {normal}: claimed over true variance {ratio}");
+                assert!(
+                    (0.85..1.15).contains(&ratio),
+                    "{name} {normal}: claimed over true variance {ratio}"
+                );
             }
         }
     }
@@ -182,7 +215,9 @@ mod tests {
     #[test]
     fn both_hands_of_a_box_are_the_same_box() {
         let all = lamps();
-        let e = |i: usize| Emitter::new(&Shape::Lamp(all[i].1.clone())).irradiance(0, Vec3::ZERO, Vec3::Y).unwrap();
+        let e = |i: usize| {
+            Emitter::new(&Shape::Lamp(all[i].1.clone())).irradiance(0, Vec3::ZERO, Vec3::Y).unwrap()
+        };
         assert!((e(4) - e(5)).abs() < 1e-6 && e(4) > 0.01, "{} {}", e(4), e(5));
     }
 
@@ -196,7 +231,8 @@ mod tests {
                 let sampler = emitter.sampler_at(0, Vec3::ZERO, normal).unwrap();
                 // No sample is lost on a piece that faces away. The contributions of surfels are
                 // all equal.
-                let all = (0..64).map(|i| sampler.sample(&stream(3, 7, 0, 0), i).unwrap().contribution);
+                let all =
+                    (0..64).map(|i| sampler.sample(&stream(3, 7, 0, 0), i).unwrap().contribution);
                 let spread = all.map(|one| (one / exact - 1.0).powi(2)).sum::<f32>() / 64.0;
                 assert!(spread.sqrt() < bound, "{name} {normal}: {}", spread.sqrt());
             }
@@ -205,7 +241,8 @@ mod tests {
 
     #[test]
     fn whatever_the_light_and_the_point_the_answer_is_finite_and_not_negative() {
-        let strange = [Vec3::ZERO, Vec3::X, Vec3::splat(1e-30), Vec3::splat(1e20), Vec3::NAN, Vec3::INFINITY];
+        let strange =
+            [Vec3::ZERO, Vec3::X, Vec3::splat(1e-30), Vec3::splat(1e20), Vec3::NAN, Vec3::INFINITY];
         for a in strange {
             for b in strange {
                 let shapes = [
@@ -223,7 +260,8 @@ mod tests {
                         center: a,
                         x: b,
                         y: Vec3::Z,
-                        lobes: [0.0, 1e7, f32::NAN].map(|bandwidth| Lobe { direction: b, bandwidth }),
+                        lobes: [0.0, 1e7, f32::NAN]
+                            .map(|bandwidth| Lobe { direction: b, bandwidth }),
                     }),
                 ];
                 for emitter in shapes.iter().map(Emitter::new) {
@@ -232,9 +270,12 @@ mod tests {
                             let e = emitter.irradiance(lobe, point, Vec3::Y).unwrap_or(0.0);
                             assert!(e.is_finite() && e >= 0.0);
                             let sampler = emitter.sampler_at(lobe, point, Vec3::Y);
-                            let samples = (0..8).filter_map(|i| sampler.as_ref()?.sample(&stream(0, 0, 0, 0), i));
+                            let samples = (0..8)
+                                .filter_map(|i| sampler.as_ref()?.sample(&stream(0, 0, 0, 0), i));
                             samples.for_each(|sample| {
-                                assert!(sample.contribution.is_finite() && sample.contribution > 0.0)
+                                assert!(
+                                    sample.contribution.is_finite() && sample.contribution > 0.0
+                                )
                             });
                         }
                     }

@@ -17,13 +17,20 @@ impl PreparedForm for Sides {
         Some(self.0.iter().map(|side| side.irradiance(point, normal)).sum())
     }
 
-    fn sampler_at(&self, _: usize, point: DVec3, normal: DVec3) -> Option<Box<dyn FormSampler + '_>> {
+    fn sampler_at(
+        &self,
+        _: usize,
+        point: DVec3,
+        normal: DVec3,
+    ) -> Option<Box<dyn FormSampler + '_>> {
         Some(Box::new(SidesSampler::new(&self.0, (point, normal))?))
     }
 
     fn gradient(&self, _: usize, point: DVec3, normal: DVec3, pivot: DVec3) -> Gradient {
         let outlines = self.0.iter().filter_map(|side| side.outline(point, normal));
-        outlines.map(|outline| outline_gradient(&outline, normal, pivot)).fold(Gradient::default(), Gradient::plus)
+        outlines
+            .map(|outline| outline_gradient(&outline, normal, pivot))
+            .fold(Gradient::default(), Gradient::plus)
     }
 }
 
@@ -60,7 +67,8 @@ impl FormSampler for SidesSampler<'_> {
         let mut sides = self.sides.iter().flatten().peekable();
         while let Some((side, sampler, irradiance)) = sides.next() {
             if left < *irradiance || sides.peek().is_none() {
-                let (position, sampled) = sampler.sample(side, self.receiver, [(left / irradiance).min(1.0), v])?;
+                let (position, sampled) =
+                    sampler.sample(side, self.receiver, [(left / irradiance).min(1.0), v])?;
                 return Some((self.receiver.0 + position, sampled * (self.whole / irradiance)));
             }
             left -= irradiance;

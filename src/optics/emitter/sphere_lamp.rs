@@ -50,7 +50,8 @@ impl Form for SphereLamp {
     fn intersect(&self, origin: Vec3, ray: Vec3) -> Option<f32> {
         let radius = self.radius;
         let center = self.center - origin;
-        let (a, b, c) = (ray.length_squared(), ray.dot(center), center.length_squared() - radius * radius);
+        let (a, b, c) =
+            (ray.length_squared(), ray.dot(center), center.length_squared() - radius * radius);
         let root = b * b - a * c;
         let t = (b - root.max(0.0).sqrt()) / a;
         (root >= 0.0 && t > 0.0).then_some(t)
@@ -88,7 +89,11 @@ pub(super) struct PreparedSphere {
 impl PreparedSphere {
     /// The sampler for one receiver; `None` where nothing arrives.
     pub fn sampler(&self, point: DVec3, normal: DVec3) -> Option<SphereSampler> {
-        Some(SphereSampler { point, normal, cone: Cone::new(self.center - point, self.radius, normal)? })
+        Some(SphereSampler {
+            point,
+            normal,
+            cone: Cone::new(self.center - point, self.radius, normal)?,
+        })
     }
 }
 
@@ -97,7 +102,12 @@ impl PreparedForm for PreparedSphere {
         Some(sphere_irradiance(self.center - point, self.radius, normal))
     }
 
-    fn sampler_at(&self, _: usize, point: DVec3, normal: DVec3) -> Option<Box<dyn FormSampler + '_>> {
+    fn sampler_at(
+        &self,
+        _: usize,
+        point: DVec3,
+        normal: DVec3,
+    ) -> Option<Box<dyn FormSampler + '_>> {
         Some(Box::new(self.sampler(point, normal)?))
     }
 
@@ -140,7 +150,11 @@ fn gradient(center: DVec3, radius: f64, normal: DVec3, pivot: DVec3) -> Gradient
     let cos = normal.dot(axis).clamp(-1.0, 1.0);
     let across = normal - cos * axis;
     let sin = across.length();
-    let phi = if cos >= sin_sigma { PI } else { (-cos_sigma / sin_sigma * cos / sin).clamp(-1.0, 1.0).acos() };
+    let phi = if cos >= sin_sigma {
+        PI
+    } else {
+        (-cos_sigma / sin_sigma * cos / sin).clamp(-1.0, 1.0).acos()
+    };
     let by_sigma = 2.0 * sin_sigma / PI * (cos_sigma * cos * phi + sin_sigma * sin * phi.sin());
     let by_theta = -sin_sigma / PI * (sin_sigma * sin * phi + cos_sigma * cos * phi.sin());
     let towards = across.try_normalize().unwrap_or(DVec3::ZERO);

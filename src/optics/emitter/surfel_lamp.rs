@@ -34,8 +34,16 @@ impl Surfel {
 }
 
 /// The surfels with their centers mapped by `position` and their lengths multiplied by `scale`.
-pub(super) fn transformed(surfels: &[Surfel], position: &dyn Fn(Vec3) -> Vec3, scale: f32) -> Vec<Surfel> {
-    let moved = |p: &Surfel| Surfel { point: position(p.point), normal: p.normal, area: p.area * scale * scale };
+pub(super) fn transformed(
+    surfels: &[Surfel],
+    position: &dyn Fn(Vec3) -> Vec3,
+    scale: f32,
+) -> Vec<Surfel> {
+    let moved = |p: &Surfel| Surfel {
+        point: position(p.point),
+        normal: p.normal,
+        area: p.area * scale * scale,
+    };
     surfels.iter().map(moved).collect()
 }
 
@@ -68,7 +76,9 @@ impl Form for Vec<Surfel> {
 
     fn prepare(&self) -> Option<Box<dyn PreparedForm>> {
         let valid = self.iter().filter(|p| p.point.is_finite() && p.normal.is_finite());
-        Some(Box::new(PreparedSurfels(PieceSet::new(valid.map(|surfel| (*surfel, f64::from(surfel.area)))))))
+        Some(Box::new(PreparedSurfels(PieceSet::new(
+            valid.map(|surfel| (*surfel, f64::from(surfel.area))),
+        ))))
     }
 }
 
@@ -79,7 +89,12 @@ impl PreparedForm for PreparedSurfels {
         Some(self.0.few()?.iter().map(|surfel| contribution(surfel, point, normal).1).sum())
     }
 
-    fn sampler_at(&self, _: usize, point: DVec3, normal: DVec3) -> Option<Box<dyn FormSampler + '_>> {
+    fn sampler_at(
+        &self,
+        _: usize,
+        point: DVec3,
+        normal: DVec3,
+    ) -> Option<Box<dyn FormSampler + '_>> {
         let choice = self.0.choice(|surfel| contribution(surfel, point, normal).1)?;
         Some(Box::new(SurfelSampler { point, normal, choice }))
     }
@@ -118,7 +133,8 @@ tuning! {
 /// The position of a surfel's sample, and its irradiance over pi. A distant one is a small disc at
 /// its center, cos cos' A / (pi d^2 + A).
 fn contribution(surfel: &Surfel, point: DVec3, normal: DVec3) -> (DVec3, f64) {
-    let (center, front, area) = (surfel.point.as_dvec3(), surfel.normal.as_dvec3(), f64::from(surfel.area));
+    let (center, front, area) =
+        (surfel.point.as_dvec3(), surfel.normal.as_dvec3(), f64::from(surfel.area));
     let d = center - point;
     let distance_squared = d.length_squared();
     let facing = -front.dot(d);
@@ -129,7 +145,8 @@ fn contribution(surfel: &Surfel, point: DVec3, normal: DVec3) -> (DVec3, f64) {
         let cosines = normal.dot(d).max(0.0) * facing / distance_squared;
         return (center, cosines * area / (PI * distance_squared + area));
     }
-    let Some(outline) = Outline::above(&square(front, area).map(|corner| d + corner), normal) else {
+    let Some(outline) = Outline::above(&square(front, area).map(|corner| d + corner), normal)
+    else {
         return (center, 0.0);
     };
     let edges = outline.edges();
@@ -156,7 +173,8 @@ fn gradient(surfel: &Surfel, point: DVec3, normal: DVec3, pivot: DVec3) -> Gradi
     }
     if distance_squared <= TUNING.near * TUNING.near * area {
         let outline = Outline::above(&square(front, area).map(|corner| d + corner), normal);
-        return outline.map_or(Gradient::default(), |outline| outline_gradient(&outline, normal, pivot));
+        return outline
+            .map_or(Gradient::default(), |outline| outline_gradient(&outline, normal, pivot));
     }
     let cos = normal.dot(d);
     if cos <= 0.0 {
@@ -170,7 +188,12 @@ fn gradient(surfel: &Surfel, point: DVec3, normal: DVec3, pivot: DVec3) -> Gradi
     let value = above * area / below;
     let position = (by_above * area - value * by_below) / below;
     let by_area = above * PI / (disc * disc);
-    Gradient { value, position, size: 2.0 * area * by_area + position.dot(d - pivot), ..Gradient::default() }
+    Gradient {
+        value,
+        position,
+        size: 2.0 * area * by_area + position.dot(d - pivot),
+        ..Gradient::default()
+    }
 }
 
 #[cfg(test)]
@@ -188,8 +211,10 @@ mod tests {
         let emitter = Emitter::new(&Shape::Lamp(Lamp::Surfels((0..1000).map(surfel).collect())));
         assert!(emitter.irradiance(0, Vec3::ZERO, Vec3::Y).is_none());
         let exact: f64 = (0..1000).map(|i| contribution(&surfel(i), DVec3::ZERO, DVec3::Y).1).sum();
-        let mean =
-            (0..500).map(|pixel| estimate(&emitter, 0, (Vec3::ZERO, Vec3::Y), 8, 1, pixel).0).sum::<f64>() / 500.0;
+        let mean = (0..500)
+            .map(|pixel| estimate(&emitter, 0, (Vec3::ZERO, Vec3::Y), 8, 1, pixel).0)
+            .sum::<f64>()
+            / 500.0;
         // 32 of 1000 surfels whose contributions differ by a factor of 9: 5 % a pixel, 0.3 % over
         // 500.
         assert!((mean / exact - 1.0).abs() < 0.01, "{mean} {exact}");

@@ -163,8 +163,9 @@ fn lobe_flux(window: &Window, lobe: &Lobe) -> f32 {
         let fall = -(u * (-2.0 * bandwidth).exp_m1()).ln_1p() / bandwidth;
         let sine = (fall * (2.0 - fall)).max(0.0).sqrt();
         let azimuth = golden * f64::from(i);
-        let direction: Vec3 =
-            s * (sine * azimuth.cos()) as f32 + t * (sine * azimuth.sin()) as f32 + d * (1.0 - fall) as f32;
+        let direction: Vec3 = s * (sine * azimuth.cos()) as f32
+            + t * (sine * azimuth.sin()) as f32
+            + d * (1.0 - fall) as f32;
         f64::from(-normal.dot(direction)).max(0.0)
     };
     let mean = (0..TUNING.flux_samples).map(cosine).sum::<f64>() / f64::from(TUNING.flux_samples);
@@ -186,7 +187,9 @@ mod tests {
         assert!((window(Vec3::NEG_Z, 0.0).flux(1) / (2.0 * PI) as f32 - 1.0).abs() < 1e-3);
         // Narrow: all of its 2 pi / lambda comes in at its own cosine.
         let slant = Vec3::new(0.6, 0.0, -0.8);
-        assert!((window(slant, 1e4).flux(0) / (2.0 * 0.8 * 2.0 * PI / 1e4) as f32 - 1.0).abs() < 1e-3);
+        assert!(
+            (window(slant, 1e4).flux(0) / (2.0 * 0.8 * 2.0 * PI / 1e4) as f32 - 1.0).abs() < 1e-3
+        );
         assert_eq!(window(Vec3::Z, 1e4).flux(0), 0.0, "from behind");
         assert_eq!(window(slant, 1e4).flux(3), 0.0, "there is not such a lobe");
     }

@@ -73,22 +73,40 @@ impl PreparedForm for PreparedWindow {
         Some(outline.map_or(0.0, |outline| self.lobes[lobe].irradiance(&outline, normal)))
     }
 
-    fn sampler_at(&self, lobe: usize, point: DVec3, normal: DVec3) -> Option<Box<dyn FormSampler + '_>> {
+    fn sampler_at(
+        &self,
+        lobe: usize,
+        point: DVec3,
+        normal: DVec3,
+    ) -> Option<Box<dyn FormSampler + '_>> {
         let gaussian = self.lobes[lobe];
         let technique = match self.strategy {
             Strategy::Best => {
                 let outline = self.rectangle.outline(point, normal)?;
-                Technique::Best(ProductSampler::new(&self.rectangle, &outline, Some(gaussian), (point, normal))?)
+                Technique::Best(ProductSampler::new(
+                    &self.rectangle,
+                    &outline,
+                    Some(gaussian),
+                    (point, normal),
+                )?)
             }
             Strategy::Lobe => Technique::Best(ProductSampler::Lobe(gaussian)),
             strategy => Technique::Mixed(self.rectangle.sampler_at(point)?, strategy),
         };
-        Some(Box::new(WindowSampler { rectangle: &self.rectangle, gaussian, point, normal, technique }))
+        Some(Box::new(WindowSampler {
+            rectangle: &self.rectangle,
+            gaussian,
+            point,
+            normal,
+            technique,
+        }))
     }
 
     fn gradient(&self, lobe: usize, point: DVec3, normal: DVec3, pivot: DVec3) -> Gradient {
         let outline = self.rectangle.outline(point, normal);
-        outline.map_or_else(Gradient::default, |outline| lobe_gradient(&self.lobes[lobe], &outline, normal, pivot))
+        outline.map_or_else(Gradient::default, |outline| {
+            lobe_gradient(&self.lobes[lobe], &outline, normal, pivot)
+        })
     }
 }
 
@@ -111,7 +129,9 @@ impl FormSampler for WindowSampler<'_> {
     /// `None` for a direction that misses the window or comes from below the horizon.
     fn sample(&self, points: &Points2, i: usize) -> Option<(DVec3, f64)> {
         let (position, contribution) = match &self.technique {
-            Technique::Best(sampler) => sampler.sample(self.rectangle, (self.point, self.normal), points.get(i)),
+            Technique::Best(sampler) => {
+                sampler.sample(self.rectangle, (self.point, self.normal), points.get(i))
+            }
             Technique::Mixed(area, strategy) => self.mixed(area, *strategy, points, i),
         }?;
         Some((self.point + position, contribution))
@@ -172,8 +192,14 @@ mod tests {
     }
 
     fn opening(lobes: [(Vec3, f32); 3]) -> PreparedWindow {
-        let lobes = lobes.map(|(direction, bandwidth)| Lobe { direction: direction.normalize(), bandwidth });
-        let window = Window { center: Vec3::new(0.2, 0.5, 2.0), x: Vec3::NEG_X * 0.8, y: Vec3::Y * 0.6, lobes };
+        let lobes = lobes
+            .map(|(direction, bandwidth)| Lobe { direction: direction.normalize(), bandwidth });
+        let window = Window {
+            center: Vec3::new(0.2, 0.5, 2.0),
+            x: Vec3::NEG_X * 0.8,
+            y: Vec3::Y * 0.6,
+            lobes,
+        };
         prepared(&window, Strategy::Best)
     }
 
@@ -181,7 +207,10 @@ mod tests {
         std::array::from_fn(|k| {
             let points = Points2::new(5, pixel, k as u32);
             let sampler = o.sampler_at(k, DVec3::ZERO, normal).unwrap();
-            (0..n).filter_map(|i| sampler.sample(&points, i)).map(|(_, contribution)| contribution / n as f64).sum()
+            (0..n)
+                .filter_map(|i| sampler.sample(&points, i))
+                .map(|(_, contribution)| contribution / n as f64)
+                .sum()
         })
     }
 
@@ -190,10 +219,15 @@ mod tests {
         let n = 1500;
         let mut sum = [0.0; 3];
         for i in 0..n * n {
-            let (u, v) = (((i % n) as f64 + 0.5) / n as f64 * 2.0 - 1.0, ((i / n) as f64 + 0.5) / n as f64 * 2.0 - 1.0);
+            let (u, v) = (
+                ((i % n) as f64 + 0.5) / n as f64 * 2.0 - 1.0,
+                ((i / n) as f64 + 0.5) / n as f64 * 2.0 - 1.0,
+            );
             let position = DVec3::new(0.2 - 0.8 * u, 0.5 + 0.6 * v, 2.0);
             let l = position.normalize();
-            let weight = normal.dot(l).max(0.0) * l.z / position.length_squared() * (1.6 * 1.2) / (n * n) as f64 / PI;
+            let weight = normal.dot(l).max(0.0) * l.z / position.length_squared() * (1.6 * 1.2)
+                / (n * n) as f64
+                / PI;
             sum.iter_mut().zip(&o.lobes).for_each(|(sum, lobe)| *sum += weight * lobe.value(l));
         }
         sum
@@ -202,7 +236,12 @@ mod tests {
     /// The mean of `pixels` estimates lies within four standard errors of the quadrature, and the
     /// rounding of single-precision contributions.
     #[track_caller]
-    fn agrees_with_quadrature(o: &PreparedWindow, normal: DVec3, pixels: u32, case: &dyn std::fmt::Debug) {
+    fn agrees_with_quadrature(
+        o: &PreparedWindow,
+        normal: DVec3,
+        pixels: u32,
+        case: &dyn std::fmt::Debug,
+    ) {
         let exact = quadrature(o, normal);
         let (mut mean, mut square) = ([0.0; 3], [0.0; 3]);
         for pixel in 0..pixels {
@@ -215,7 +254,12 @@ mod tests {
         for k in 0..3 {
             let sd = ((square[k] - mean[k] * mean[k]).max(0.0) / f64::from(pixels)).sqrt();
             let bound = 4.0 * sd + 1e-5 * exact[k] + 1e-12;
-            assert!((mean[k] - exact[k]).abs() < bound, "{case:?} {k}: {} {} {sd}", mean[k], exact[k]);
+            assert!(
+                (mean[k] - exact[k]).abs() < bound,
+                "{case:?} {k}: {} {} {sd}",
+                mean[k],
+                exact[k]
+            );
         }
     }
 
@@ -248,7 +292,8 @@ mod tests {
         let o = opening([(Vec3::X, 0.0); 3]);
         let normal = DVec3::new(0.0, 0.3, 1.0).normalize();
         let exact = o.rectangle.irradiance(DVec3::ZERO, normal);
-        let mean: f64 = (0..500).map(|pixel| samples(&o, normal, 32, pixel)[2]).sum::<f64>() / 500.0;
+        let mean: f64 =
+            (0..500).map(|pixel| samples(&o, normal, 32, pixel)[2]).sum::<f64>() / 500.0;
         assert!((mean / exact - 1.0).abs() < 1e-3, "{mean} {exact}");
     }
 
@@ -289,7 +334,12 @@ mod tests {
             let direction = (Vec3::Z * distance + x * across + y * up).normalize();
             let normal = normal.normalize().as_dvec3();
             for bandwidth in [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6] {
-                let window = Window { center: Vec3::Z * distance, x, y, lobes: [Lobe { direction, bandwidth }; 3] };
+                let window = Window {
+                    center: Vec3::Z * distance,
+                    x,
+                    y,
+                    lobes: [Lobe { direction, bandwidth }; 3],
+                };
                 let variance = |strategy| {
                     let o = prepared(&window, strategy);
                     let exact = o.irradiance(0, DVec3::ZERO, normal).unwrap();
@@ -303,10 +353,14 @@ mod tests {
                     };
                     (0..pixels).map(square).sum::<f64>() / f64::from(pixels)
                 };
-                let [best, area, lobe] = [Strategy::Best, Strategy::Area, Strategy::Lobe].map(variance);
+                let [best, area, lobe] =
+                    [Strategy::Best, Strategy::Area, Strategy::Lobe].map(variance);
                 // 5 %, and three standard errors of the quotient of two variances.
                 let bound = 1.05 + 3.0 * (4.0 / f64::from(pixels)).sqrt();
-                assert!(best <= bound * area.min(lobe) + 1e-12, "{name} {bandwidth}: {best} {area} {lobe}");
+                assert!(
+                    best <= bound * area.min(lobe) + 1e-12,
+                    "{name} {bandwidth}: {best} {area} {lobe}"
+                );
             }
         }
     }

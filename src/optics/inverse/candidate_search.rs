@@ -6,7 +6,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{Column, LayerQuality, LightPrior, RadianceFit, Receivers, Role, UnitLayer, fit_radiances};
+use super::{
+    Column, LayerQuality, LightPrior, RadianceFit, Receivers, Role, UnitLayer, fit_radiances,
+};
 use crate::image::Mask;
 use crate::optics::{Lamp, Radiance, RectLamp, Shape, Window};
 use crate::tuning::tuning;
@@ -115,7 +117,12 @@ impl Companions<'_> {
 impl<'a> CandidateSearch<'a> {
     /// A search on these receivers.
     pub fn new(receivers: Receivers<'a>, settings: CandidateSettings) -> CandidateSearch<'a> {
-        CandidateSearch { receivers, settings, fits: AtomicUsize::new(0), columns: AtomicUsize::new(0) }
+        CandidateSearch {
+            receivers,
+            settings,
+            fits: AtomicUsize::new(0),
+            columns: AtomicUsize::new(0),
+        }
     }
 
     /// The receivers.
@@ -148,17 +155,19 @@ impl<'a> CandidateSearch<'a> {
         accepted: &[Accepted],
     ) -> Option<Accepted<'b>> {
         let only = candidates.len() == 1;
-        let others = if only { Vec::new() } else { accepted.iter().map(Accepted::column).collect() };
+        let others =
+            if only { Vec::new() } else { accepted.iter().map(Accepted::column).collect() };
         let others = self.companions(others);
-        let tried = self.trace(candidates, Some(mask)).into_iter().enumerate().map(|(i, traced)| {
-            let light = Accepted { id, mask: Some(mask), traced };
-            if only {
-                return (0.0, light);
-            }
-            let columns = [others.columns(), vec![light.column()]].concat();
-            let factor = if i == 0 { TUNING.first_candidate_factor } else { 1.0 };
-            (self.loss(&columns, self.settings.iterations) * factor, light)
-        });
+        let tried =
+            self.trace(candidates, Some(mask)).into_iter().enumerate().map(|(i, traced)| {
+                let light = Accepted { id, mask: Some(mask), traced };
+                if only {
+                    return (0.0, light);
+                }
+                let columns = [others.columns(), vec![light.column()]].concat();
+                let factor = if i == 0 { TUNING.first_candidate_factor } else { 1.0 };
+                (self.loss(&columns, self.settings.iterations) * factor, light)
+            });
         Some(tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?.1)
     }
 
@@ -176,8 +185,11 @@ impl<'a> CandidateSearch<'a> {
         let lamp_count = lamps.len();
         let light = |(id, traced)| Accepted { id, mask: None, traced };
         let lamps = lamps.into_iter().map(|traced| (lamp_id, traced));
-        let mut lights: Vec<Option<Accepted>> =
-            lamps.chain(windows.into_iter().map(|traced| (window_id, traced))).map(light).map(Some).collect();
+        let mut lights: Vec<Option<Accepted>> = lamps
+            .chain(windows.into_iter().map(|traced| (window_id, traced)))
+            .map(light)
+            .map(Some)
+            .collect();
         let enough = 1.0 - self.settings.min_gain;
         let Some((first, loss)) = self.best(&base, &lights) else { return Vec::new() };
         let is_needed = loss < enough * self.loss(&base, self.settings.iterations);
@@ -206,7 +218,11 @@ impl<'a> CandidateSearch<'a> {
     /// The shapes of the accepted lights. An estimate keeps its shape; for another light `variants`
     /// returns a plain shape, and one with sun, sky and ground where that is to be tried: it is
     /// taken if it lowers the loss by 5 %.
-    pub fn shapes(&self, accepted: &[Accepted], variants: impl Fn(&Shape) -> (Shape, Option<Shape>)) -> Vec<Shape> {
+    pub fn shapes(
+        &self,
+        accepted: &[Accepted],
+        variants: impl Fn(&Shape) -> (Shape, Option<Shape>),
+    ) -> Vec<Shape> {
         let mut lobes: Vec<Vec<RoleLayer>> = Vec::new();
         for light in accepted {
             lobes.push(vec![(light.column().role, light.traced.layer.clone())]);
@@ -223,7 +239,8 @@ impl<'a> CandidateSearch<'a> {
             };
             let before = self.loss_among(accepted, &lobes, i);
             let of_lobe = |(lobe, layer)| (Role::of_lobe(&rich, lobe, light.mask.is_some()), layer);
-            let traced = self.lobes(&rich, light.mask).into_iter().enumerate().map(of_lobe).collect();
+            let traced =
+                self.lobes(&rich, light.mask).into_iter().enumerate().map(of_lobe).collect();
             let even = std::mem::replace(&mut lobes[i], traced);
             if self.loss_among(accepted, &lobes, i) < TUNING.three_lobes_factor * before {
                 shapes.push(rich);
@@ -239,10 +256,12 @@ impl<'a> CandidateSearch<'a> {
     /// its lobes beside the others.
     fn loss_among(&self, accepted: &[Accepted], lobes: &[Vec<RoleLayer>], i: usize) -> f64 {
         if lobes.len() <= TUNING.max_separate {
-            let all: Vec<Column> = lobes.iter().flatten().map(|(role, layer)| Column::new(*role, layer)).collect();
+            let all: Vec<Column> =
+                lobes.iter().flatten().map(|(role, layer)| Column::new(*role, layer)).collect();
             return self.loss(&all, TUNING.three_lobes_iterations);
         }
-        let others = accepted.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, light)| light.column());
+        let others =
+            accepted.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, light)| light.column());
         let others = self.companions(others.collect());
         let mut all = others.columns();
         all.extend(lobes[i].iter().map(|(role, layer)| Column::new(*role, layer)));
@@ -256,13 +275,19 @@ impl<'a> CandidateSearch<'a> {
             return Companions::Separate(columns);
         }
         let radiance = self.fit(&columns, self.settings.iterations).1.radiance;
-        let sum = |p: usize| columns.iter().zip(&radiance).map(|(column, w)| column.layer[p] * w).sum::<Vec3>();
+        let sum = |p: usize| {
+            columns.iter().zip(&radiance).map(|(column, w)| column.layer[p] * w).sum::<Vec3>()
+        };
         Companions::Sum((0..self.receivers.ambient.len()).map(sum).collect())
     }
 
     /// Unit layers of the lobes on the receivers in use: shadowed direct and indirect light.
     fn lobes(&self, shape: &Shape, mask: Option<&Mask>) -> Vec<Vec<Vec3>> {
-        self.receivers.layers(shape, mask, self.settings.quality).iter().map(UnitLayer::sum).collect()
+        self.receivers
+            .layers(shape, mask, self.settings.quality)
+            .iter()
+            .map(UnitLayer::sum)
+            .collect()
     }
 
     /// Unit layer of a candidate: of a lamp, of a window as an even rectangle, of an estimated
@@ -280,10 +305,15 @@ impl<'a> CandidateSearch<'a> {
     }
 
     /// The columns and, as the last one, the ambient, fitted to the photo.
-    fn fit<'b>(&'b self, lights: &[Column<'b>], iterations: usize) -> (Vec<Column<'b>>, RadianceFit) {
+    fn fit<'b>(
+        &'b self,
+        lights: &[Column<'b>],
+        iterations: usize,
+    ) -> (Vec<Column<'b>>, RadianceFit) {
         let mut columns = lights.to_vec();
         columns.push(Column::new(Role::Ambient, &self.receivers.ambient));
-        let fit = fit_radiances(&self.receivers.observations, &columns, &self.settings.prior, iterations);
+        let fit =
+            fit_radiances(&self.receivers.observations, &columns, &self.settings.prior, iterations);
         self.fits.fetch_add(1, Ordering::Relaxed);
         self.columns.fetch_add(columns.len(), Ordering::Relaxed);
         (columns, fit)
@@ -301,6 +331,8 @@ fn even(shape: &Shape) -> Option<Lamp> {
     match shape {
         Shape::Absent => None,
         Shape::Lamp(lamp) => Some(lamp.clone()),
-        Shape::Window(Window { center, x, y, .. }) => Some(Lamp::Rect(RectLamp { center: *center, x: *x, y: *y })),
+        Shape::Window(Window { center, x, y, .. }) => {
+            Some(Lamp::Rect(RectLamp { center: *center, x: *x, y: *y }))
+        }
     }
 }

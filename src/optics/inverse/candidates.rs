@@ -91,15 +91,19 @@ pub fn lamp_candidates(room: &RoomBox, camera: &Camera) -> Vec<Shape> {
     for z in TUNING.lamp_depths {
         for x in TUNING.lamp_across {
             let across = room.low.x + x * (room.high.x - room.low.x);
-            let at = |level: f32| room.rotation * Vec3::new(across, room.low.y + level * height, z * depth);
+            let at = |level: f32| {
+                room.rotation * Vec3::new(across, room.low.y + level * height, z * depth)
+            };
             let half = TUNING.panel_half_edge * height;
             let panel = Lamp::Rect(RectLamp {
                 center: at(TUNING.panel_height),
                 x: room.rotation * Vec3::X * half,
                 y: room.rotation * Vec3::Z * half,
             });
-            let globe =
-                Lamp::Sphere(SphereLamp { center: at(TUNING.globe_height), radius: TUNING.globe_radius * height });
+            let globe = Lamp::Sphere(SphereLamp {
+                center: at(TUNING.globe_height),
+                radius: TUNING.globe_radius * height,
+            });
             lamps.extend((!in_view(camera, at(TUNING.panel_height))).then_some(Shape::Lamp(panel)));
             lamps.extend((!in_view(camera, at(TUNING.globe_height))).then_some(Shape::Lamp(globe)));
         }
@@ -124,8 +128,16 @@ pub fn window_candidates(room: &RoomBox, camera: &Camera) -> Vec<Window> {
     // A side wall that is not seen may be further out than the seen points.
     for out in TUNING.side_offsets.map(|offset| offset * (room.high.x - room.low.x)) {
         for z in TUNING.side_depths {
-            push(Vec3::new(room.low.x - out, middle, z * depth), Vec3::X, TUNING.side_half_width * depth);
-            push(Vec3::new(room.high.x + out, middle, z * depth), Vec3::NEG_X, TUNING.side_half_width * depth);
+            push(
+                Vec3::new(room.low.x - out, middle, z * depth),
+                Vec3::X,
+                TUNING.side_half_width * depth,
+            );
+            push(
+                Vec3::new(room.high.x + out, middle, z * depth),
+                Vec3::NEG_X,
+                TUNING.side_half_width * depth,
+            );
         }
     }
     for x in TUNING.back_across {
@@ -149,8 +161,16 @@ mod tests {
         let room = RoomBox::new(Vec3::new(-2.0, -1.3, -5.0), Vec3::new(2.0, 1.2, -1.0), 0.2);
         let lamps = lamp_candidates(&room, &camera);
         let windows = window_candidates(&room, &camera);
-        assert!(lamps.len() > 10 && windows.len() > 5, "{} lamps, {} windows", lamps.len(), windows.len());
-        for center in lamps.iter().filter_map(|l| Some(l.bounding_sphere()?.0)).chain(windows.iter().map(|w| w.center))
+        assert!(
+            lamps.len() > 10 && windows.len() > 5,
+            "{} lamps, {} windows",
+            lamps.len(),
+            windows.len()
+        );
+        for center in lamps
+            .iter()
+            .filter_map(|l| Some(l.bounding_sphere()?.0))
+            .chain(windows.iter().map(|w| w.center))
         {
             assert!(!in_view(&camera, center), "{center}");
         }

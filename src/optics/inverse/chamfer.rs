@@ -33,7 +33,9 @@ pub fn surface_points(shape: &Shape) -> Vec<Vec3> {
 /// `None` when one side is empty.
 pub fn chamfer(a: &[Vec3], b: &[Vec3]) -> Option<f64> {
     let one_way = |a: &[Vec3], b: &[Vec3]| {
-        let nearest = |p: &Vec3| b.iter().map(|q| f64::from(p.distance_squared(*q))).fold(f64::INFINITY, f64::min);
+        let nearest = |p: &Vec3| {
+            b.iter().map(|q| f64::from(p.distance_squared(*q))).fold(f64::INFINITY, f64::min)
+        };
         a.iter().map(|p| (nearest(p) + CHAMFER.offset).sqrt()).sum::<f64>() / a.len() as f64
     };
     (!a.is_empty() && !b.is_empty()).then(|| one_way(a, b) + one_way(b, a))
@@ -65,7 +67,8 @@ mod tests {
             assert!((on.max_element() - 1.0).abs() < 1e-6, "{p}");
         }
         // The two sides across x have 48 of 88 square meters.
-        let across = points.iter().filter(|p| ((p.x - 1.0).abs() - 1.0).abs() < 1e-6).count() as f32;
+        let across =
+            points.iter().filter(|p| ((p.x - 1.0).abs() - 1.0).abs() < 1e-6).count() as f32;
         assert!((across / points.len() as f32 - 48.0 / 88.0).abs() < 0.05, "{across}");
         let middle = points.iter().sum::<Vec3>() / points.len() as f32 - Vec3::ONE;
         assert!(middle.length() < 0.3, "{middle}");
@@ -83,7 +86,9 @@ mod tests {
         let far = between(&sphere(0.0, 0.1), &sphere(10.0, 0.1));
         assert!((far - 2.0 * 9.9).abs() < 0.05, "{far}");
         // Parallel rectangles, the one behind the other.
-        let pane = |z: f32| Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z * z, x: Vec3::X, y: Vec3::Y }));
+        let pane = |z: f32| {
+            Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z * z, x: Vec3::X, y: Vec3::Y }))
+        };
         assert!((between(&pane(0.0), &pane(0.5)) - 1.0).abs() < 1e-4);
         assert_eq!(chamfer(&surface_points(&Shape::Absent), &surface_points(&pane(0.0))), None);
     }
@@ -95,7 +100,8 @@ mod tests {
         let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
         assert_eq!(surface_points(&rect), surface_points(&window));
         let triangles = RectLamp { center, x, y }.halves();
-        let mesh = Lamp::Mesh(MeshLamp::without_occlusion(triangles.concat(), vec![[0, 1, 2], [3, 4, 5]]));
+        let mesh =
+            Lamp::Mesh(MeshLamp::without_occlusion(triangles.concat(), vec![[0, 1, 2], [3, 4, 5]]));
         assert_eq!(surface_points(&rect), surface_points(&Shape::Lamp(mesh)));
         let plate = Surfel { point: center, normal: Vec3::Z, area: 0.64 };
         // Sides of the same length, turned about the normal as it happens.

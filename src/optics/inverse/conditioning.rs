@@ -46,7 +46,11 @@ impl Default for Conditioning {
 impl Conditioning {
     /// Conditioning of columns of which these two are equal.
     pub fn of_equals(most_correlated: [usize; 2]) -> Conditioning {
-        Conditioning { number: TUNING.max_number, most_correlated: Some(most_correlated), correlation: 1.0 }
+        Conditioning {
+            number: TUNING.max_number,
+            most_correlated: Some(most_correlated),
+            correlation: 1.0,
+        }
     }
 }
 
@@ -61,7 +65,8 @@ pub fn conditioning(gram: &[f64], k: usize) -> Conditioning {
     }
     let length = |i: usize| gram[i * k + i].sqrt();
     let cosine = |i: usize, j: usize| gram[i * k + j] / length(i) / length(j);
-    let mut a: Vec<f64> = used.iter().flat_map(|&i| used.iter().map(move |&j| cosine(i, j))).collect();
+    let mut a: Vec<f64> =
+        used.iter().flat_map(|&i| used.iter().map(move |&j| cosine(i, j))).collect();
     // Columns of `v` become the eigenvectors.
     let mut v: Vec<f64> = (0..m * m).map(|i| f64::from(u8::from(i / m == i % m))).collect();
     for _ in 0..TUNING.sweeps {
@@ -70,7 +75,8 @@ pub fn conditioning(gram: &[f64], k: usize) -> Conditioning {
                 continue;
             }
             let theta = 0.5 * (a[q * m + q] - a[p * m + p]) / a[p * m + q];
-            let t = if theta == 0.0 { 1.0 } else { theta.signum() / (theta.abs() + theta.hypot(1.0)) };
+            let t =
+                if theta == 0.0 { 1.0 } else { theta.signum() / (theta.abs() + theta.hypot(1.0)) };
             let (cos, sin) = (1.0 / t.hypot(1.0), t / t.hypot(1.0));
             let turn = |x: f64, y: f64| (cos * x - sin * y, sin * x + cos * y);
             for i in 0..m {
@@ -106,7 +112,10 @@ mod tests {
         for s in [1e-9, 1.0, 1e9] {
             let got = conditioning(&[4.0, 2.0 * 3.0 * c * s, 2.0 * 3.0 * c * s, 9.0 * s * s], 2);
             assert!((got.number - (1.0 + c) / (1.0 - c)).abs() < 1e-9, "{got:?}");
-            assert!(got.most_correlated == Some([0, 1]) && (got.correlation - c).abs() < 1e-12, "{got:?}");
+            assert!(
+                got.most_correlated == Some([0, 1]) && (got.correlation - c).abs() < 1e-12,
+                "{got:?}"
+            );
         }
     }
 
@@ -128,6 +137,9 @@ mod tests {
         assert_eq!(conditioning(&[], 0), Conditioning::default());
         assert_eq!(conditioning(&[0.0, 0.0, 0.0, 2.0], 2), Conditioning::default());
         let equal = conditioning(&[1.0; 4], 2);
-        assert!((1e14..=1e15).contains(&equal.number) && equal.most_correlated == Some([0, 1]), "{equal:?}");
+        assert!(
+            (1e14..=1e15).contains(&equal.number) && equal.most_correlated == Some([0, 1]),
+            "{equal:?}"
+        );
     }
 }

@@ -12,7 +12,9 @@ use glam::Vec3;
 
 use super::observations::white_level;
 use crate::geometry::world_up;
-use crate::image::{Mask, Normal, Picture, Plane, Points, connected_components, distance, graph_cut, luminance};
+use crate::image::{
+    Mask, Normal, Picture, Plane, Points, connected_components, distance, graph_cut, luminance,
+};
 use crate::optics::LightKind;
 use crate::tuning::tuning;
 
@@ -172,23 +174,29 @@ pub fn find_lights(
     for level in (0..TUNING.levels as i32).rev() {
         let threshold = 1.0 - (1.0 - search.threshold) * 0.5f32.powi(level);
         let label = cues.cut(threshold, search.smoothness);
-        let large = connected_components(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
+        let large =
+            connected_components(&label).into_iter().filter(|pixels| pixels.len() >= smallest);
         let mut merged = Vec::new();
         for region in large.map(|pixels| cues.region(pixels, &label)) {
-            let (inner, others) = kept
-                .into_iter()
-                .partition(|inner: &BrightRegion| region.pixels.binary_search(&inner.pixels[0]).is_ok());
+            let (inner, others) = kept.into_iter().partition(|inner: &BrightRegion| {
+                region.pixels.binary_search(&inner.pixels[0]).is_ok()
+            });
             kept = others;
             let sharpest = inner.iter().map(|inner| inner.contrast.ln()).fold(0.0, f32::max);
             let contrast = if cues.emits(&region) { region.contrast.ln() } else { 0.0 };
-            if TUNING.contrast_factor * contrast > sharpest { merged.push(region) } else { merged.extend(inner) }
+            if TUNING.contrast_factor * contrast > sharpest {
+                merged.push(region)
+            } else {
+                merged.extend(inner)
+            }
         }
         kept = merged;
     }
     let (windows, lamps): (Vec<BrightRegion>, Vec<BrightRegion>) =
         kept.into_iter().partition(|region| cues.is_window(region));
     let windows = join(windows, (w, h)).into_iter().map(|region| (LightKind::Window, region));
-    let mut found: Vec<_> = windows.chain(lamps.into_iter().map(|region| (LightKind::Lamp, region))).collect();
+    let mut found: Vec<_> =
+        windows.chain(lamps.into_iter().map(|region| (LightKind::Lamp, region))).collect();
     found.sort_by_key(|(_, region)| std::cmp::Reverse(region.pixels.len()));
     found.truncate(search.most);
     let light = |(kind, region): (LightKind, BrightRegion)| {
@@ -244,7 +252,9 @@ impl<'a> Cues<'a> {
         let (w, h) = photo.size();
         let (mut sum, mut count) = (0.0f64, 0.0f64);
         for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
-            for (nx, ny) in [(x + 1, y), (x, y + 1)].into_iter().filter(|&(nx, ny)| nx < w && ny < h) {
+            for (nx, ny) in
+                [(x + 1, y), (x, y + 1)].into_iter().filter(|&(nx, ny)| nx < w && ny < h)
+            {
                 sum += f64::from(shown.get(x, y).distance_squared(shown.get(nx, ny)));
                 count += 1.0;
             }
@@ -262,7 +272,9 @@ impl<'a> Cues<'a> {
 
     /// Pixels that are a light at this level; gains are in thousandths so that the cut is exact.
     fn cut(&self, threshold: f32, smoothness: f32) -> Plane<bool> {
-        let gain = |b: f32| TUNING.cut_scale * (1.0 - b.max(TUNING.darkest).ln() / threshold.ln()).clamp(-1.0, 1.0);
+        let gain = |b: f32| {
+            TUNING.cut_scale * (1.0 - b.max(TUNING.darkest).ln() / threshold.ln()).clamp(-1.0, 1.0)
+        };
         let gain = self.bright.map(|b| gain(b) as i32);
         graph_cut(&gain, |x, y, nx, ny| {
             let step = self.shown.get(x, y).distance_squared(self.shown.get(nx, ny));
@@ -275,19 +287,28 @@ impl<'a> Cues<'a> {
     fn region(&self, pixels: Vec<usize>, label: &Plane<bool>) -> BrightRegion {
         let (w, h) = self.photo.size();
         let extent = |value: &dyn Fn(usize) -> usize| {
-            let ends = |(least, most): (usize, usize), &i: &usize| (least.min(value(i)), most.max(value(i)));
+            let ends = |(least, most): (usize, usize), &i: &usize| {
+                (least.min(value(i)), most.max(value(i)))
+            };
             pixels.iter().fold((usize::MAX, 0), ends)
         };
         let ((left, right), (top, bottom)) = (extent(&|i| i % w), extent(&|i| i / w));
         // Only a window around it is processed, so that many small regions cost no more than a
         // large one.
-        let (x0, x1) = (left.saturating_sub(TUNING.context_radius), (right + TUNING.context_radius + 1).min(w));
-        let (y0, y1) = (top.saturating_sub(TUNING.context_radius), (bottom + TUNING.context_radius + 1).min(h));
+        let (x0, x1) = (
+            left.saturating_sub(TUNING.context_radius),
+            (right + TUNING.context_radius + 1).min(w),
+        );
+        let (y0, y1) = (
+            top.saturating_sub(TUNING.context_radius),
+            (bottom + TUNING.context_radius + 1).min(h),
+        );
         let mut inside = Plane::filled(x1 - x0, y1 - y0, false);
         pixels.iter().for_each(|&i| inside.set(i % w - x0, i / w - y0, true));
         let (away, into) = (distance(&inside), distance(&inside.map(|inside| !inside)));
         let within = |plane: &Plane<f32>, [from, to]: [f32; 2]| -> Vec<usize> {
-            let near = (0..plane.len()).filter(|&i| plane.pixels()[i] >= from && plane.pixels()[i] < to);
+            let near =
+                (0..plane.len()).filter(|&i| plane.pixels()[i] >= from && plane.pixels()[i] < to);
             near.map(|i| (y0 + i / (x1 - x0)) * w + x0 + i % (x1 - x0)).collect()
         };
         // The pixels on either side of the edge itself are mixtures.
@@ -315,16 +336,21 @@ impl<'a> Cues<'a> {
     }
 
     fn daylight(&self, region: &BrightRegion) -> f32 {
-        self.fraction(region, |i| hue(self.photo.pixels()[i]) > TUNING.daylight + self.neutral.max(0.0))
+        self.fraction(region, |i| {
+            hue(self.photo.pixels()[i]) > TUNING.daylight + self.neutral.max(0.0)
+        })
     }
 
     /// Returns whether a region may be a light: it is sharp, as white or as blue as the photo gets,
     /// and not on a floor or table.
     fn emits(&self, region: &BrightRegion) -> bool {
-        let sharp = region.contrast > TUNING.contrast[0] && region.least_contrast > TUNING.contrast[1];
+        let sharp =
+            region.contrast > TUNING.contrast[0] && region.least_contrast > TUNING.contrast[1];
         let white = self.fraction(region, |i| self.least.pixels()[i] > TUNING.white);
         let placed = self.room.is_none_or(|(points, normal, up)| {
-            let median = |plane: &Plane<Vec3>| quantile(region.pixels.iter().map(|&i| plane.pixels()[i].dot(up)), 0.5);
+            let median = |plane: &Plane<Vec3>| {
+                quantile(region.pixels.iter().map(|&i| plane.pixels()[i].dot(up)), 0.5)
+            };
             median(&normal.0) < TUNING.max_upward && median(&points.0) > -TUNING.max_below
         });
         sharp && placed && white.max(self.daylight(region)) > TUNING.emitting
@@ -334,13 +360,18 @@ impl<'a> Cues<'a> {
     /// its surroundings, not before it; in a frame, not in its own glow; it is a rectangle; it has
     /// daylight. A warm glow on a wall lies in its plane too, so that one vote is not enough.
     fn is_window(&self, region: &BrightRegion) -> bool {
-        let vote = |value: f32, [zero, one]: [f32; 2]| ((value - zero) / (one - zero)).clamp(-1.0, 1.0);
+        let vote =
+            |value: f32, [zero, one]: [f32; 2]| ((value - zero) / (one - zero)).clamp(-1.0, 1.0);
         let flush = self.room.map_or(TUNING.unknown_flush, |(points, ..)| {
-            let depth =
-                |pixels: &[usize], fraction| quantile(pixels.iter().map(|&i| -points.0.pixels()[i].z), fraction);
+            let depth = |pixels: &[usize], fraction| {
+                quantile(pixels.iter().map(|&i| -points.0.pixels()[i].z), fraction)
+            };
             // Before two thirds of it: a lamp may touch its table, and the wall of a window may
             // recede.
-            vote(depth(&region.pixels, 0.5) / depth(&region.around, TUNING.around_quantile), TUNING.flush_vote)
+            vote(
+                depth(&region.pixels, 0.5) / depth(&region.around, TUNING.around_quantile),
+                TUNING.flush_vote,
+            )
         });
         let frame = vote(region.frame.ln(), TUNING.frame_vote);
         flush
@@ -373,7 +404,8 @@ fn join(parts: Vec<BrightRegion>, size: (usize, usize)) -> Vec<BrightRegion> {
     let mut joined: Vec<BrightRegion> = Vec::new();
     for mut region in parts {
         let away = distance(&mask(&region.pixels, size));
-        let is_near = |other: &BrightRegion| other.pixels.iter().any(|&i| away.pixels()[i] <= reach);
+        let is_near =
+            |other: &BrightRegion| other.pixels.iter().any(|&i| away.pixels()[i] <= reach);
         let (near, others) = joined.into_iter().partition(is_near);
         joined = others;
         for mut other in near {
@@ -392,14 +424,17 @@ mod tests {
     use super::*;
     use crate::geometry::Camera;
 
-    const SEARCH: LightSearch = LightSearch { threshold: 0.75, smoothness: 1.0, smallest: 0.001, most: 16 };
+    const SEARCH: LightSearch =
+        LightSearch { threshold: 0.75, smoothness: 1.0, smallest: 0.001, most: 16 };
     const SIZE: (usize, usize) = (160, 120);
 
     /// The value of `value` clipped at 1, with noise of a few steps of 8 bits, and where it is
     /// clipped.
     fn photo(value: impl Fn(usize, usize) -> Vec3) -> (Picture, Mask) {
         let noise = |x: usize, y: usize| ((x * 7919 + y * 104_729) % 13) as f32 / 13.0 - 0.5;
-        let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| (value(x, y) * (1.0 + 0.02 * noise(x, y))).min(Vec3::ONE));
+        let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
+            (value(x, y) * (1.0 + 0.02 * noise(x, y))).min(Vec3::ONE)
+        });
         let clipped = photo.map(|c| if c.max_element() >= 0.99 { 1.0 } else { 0.0 });
         (Picture(photo), Mask(clipped))
     }
@@ -412,7 +447,8 @@ mod tests {
     fn overlap(got: &Plane<bool>, inside: impl Fn(usize, usize) -> bool) -> f32 {
         let wanted = Plane::from_fn(got.width(), got.height(), inside);
         let pairs = || got.pixels().iter().zip(wanted.pixels());
-        pairs().filter(|(a, b)| **a && **b).count() as f32 / pairs().filter(|(a, b)| **a || **b).count() as f32
+        pairs().filter(|(a, b)| **a && **b).count() as f32
+            / pairs().filter(|(a, b)| **a || **b).count() as f32
     }
 
     fn disc(x: usize, y: usize) -> bool {
@@ -426,7 +462,11 @@ mod tests {
     /// A warm lamp whose light fades over a wall that it saturates nearby.
     fn lamp(x: usize, y: usize) -> Vec3 {
         let away = (x as f32 - 50.0).hypot(y as f32 - 40.0);
-        if disc(x, y) { Vec3::new(6.0, 5.0, 3.0) } else { Vec3::new(1.0, 0.75, 0.5) * (400.0 / (200.0 + away * away)) }
+        if disc(x, y) {
+            Vec3::new(6.0, 5.0, 3.0)
+        } else {
+            Vec3::new(1.0, 0.75, 0.5) * (400.0 / (200.0 + away * away))
+        }
     }
 
     #[test]
@@ -443,7 +483,10 @@ mod tests {
         let glass = |x: usize, y: usize| pane(x, y) && x != 117 && y != 45;
         for sky in [Vec3::new(0.5, 0.7, 1.0), Vec3::splat(2.0)] {
             let found = find(|x, y| if glass(x, y) { sky } else { Vec3::splat(0.2) });
-            assert_eq!(found.iter().map(|light| light.kind).collect::<Vec<_>>(), [LightKind::Window]);
+            assert_eq!(
+                found.iter().map(|light| light.kind).collect::<Vec<_>>(),
+                [LightKind::Window]
+            );
             let overlap = overlap(&found[0].mask, glass);
             assert!(overlap > 0.9, "intersection over union {overlap}");
         }
@@ -452,14 +495,23 @@ mod tests {
     #[test]
     fn fading_light_specks_and_even_photos_are_none() {
         let far = |x: usize, y: usize| (x as f32 - 60.0).hypot(y as f32 - 50.0);
-        assert_eq!(find(|x, y| Vec3::splat(1.5 / (1.0 + (far(x, y) / 60.0).powi(2)))), [], "light on a wall");
-        assert_eq!(find(|x, y| if far(x, y) < 2.0 { Vec3::ONE } else { Vec3::splat(0.1) }), [], "a speck of 13 pixels");
+        assert_eq!(
+            find(|x, y| Vec3::splat(1.5 / (1.0 + (far(x, y) / 60.0).powi(2)))),
+            [],
+            "light on a wall"
+        );
+        assert_eq!(
+            find(|x, y| if far(x, y) < 2.0 { Vec3::ONE } else { Vec3::splat(0.1) }),
+            [],
+            "a speck of 13 pixels"
+        );
         for level in [0.0, 0.3, 1.0] {
             assert_eq!(find(|_, _| Vec3::splat(level)), [], "{level} everywhere");
         }
         for (size, level) in [((1, 1), 1.0), ((1, 1), 0.0), ((2, 1), 1.0), ((0, 0), 0.0)] {
             let plane = |value| Plane::filled(size.0, size.1, value);
-            let (photo, clipped) = (Picture(plane(1.0).map(|_| Vec3::splat(level))), Mask(plane(level)));
+            let (photo, clipped) =
+                (Picture(plane(1.0).map(|_| Vec3::splat(level))), Mask(plane(level)));
             assert_eq!(find_lights(&photo, &clipped, None, &SEARCH), [], "{size:?} of {level}");
         }
     }
@@ -478,7 +530,8 @@ mod tests {
     #[test]
     fn a_photo_of_high_dynamic_range_shows_its_lamp() {
         let value = |x, y| if disc(x, y) { Vec3::splat(300.0) } else { Vec3::splat(0.3) };
-        let (photo, clear) = (Plane::from_fn(SIZE.0, SIZE.1, value), Plane::filled(SIZE.0, SIZE.1, 0.0));
+        let (photo, clear) =
+            (Plane::from_fn(SIZE.0, SIZE.1, value), Plane::filled(SIZE.0, SIZE.1, 0.0));
         let found = find_lights(&Picture(photo), &Mask(clear), None, &SEARCH);
         assert_eq!(found.len(), 1);
         assert_eq!(overlap(&found[0].mask, disc), 1.0);
@@ -490,12 +543,15 @@ mod tests {
         let shade = |x: usize, y: usize| (20..50).contains(&x) && (30..55).contains(&y);
         let table = |x: usize, y: usize| (40..120).contains(&x) && (100..115).contains(&y);
         let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
-        let points =
-            Plane::from_fn(SIZE.0, SIZE.1, |x, y| camera.pixel_point(x, y, if shade(x, y) { 2.5 } else { 3.0 }));
-        let normal = Plane::from_fn(SIZE.0, SIZE.1, |x, y| if table(x, y) { Vec3::Y } else { Vec3::Z });
+        let points = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
+            camera.pixel_point(x, y, if shade(x, y) { 2.5 } else { 3.0 })
+        });
+        let normal =
+            Plane::from_fn(SIZE.0, SIZE.1, |x, y| if table(x, y) { Vec3::Y } else { Vec3::Z });
         let bright = |x, y| shade(x, y) || pane(x, y) || table(x, y);
         let (photo, clipped) = photo(|x, y| Vec3::splat(if bright(x, y) { 1.5 } else { 0.2 }));
-        let found = find_lights(&photo, &clipped, Some((&Points(points), &Normal(normal))), &SEARCH);
+        let found =
+            find_lights(&photo, &clipped, Some((&Points(points), &Normal(normal))), &SEARCH);
         let kinds: Vec<LightKind> = found.iter().map(|light| light.kind).collect();
         assert_eq!(kinds, [LightKind::Window, LightKind::Lamp]);
         for (light, inside) in found.iter().zip([&pane as &dyn Fn(usize, usize) -> bool, &shade]) {

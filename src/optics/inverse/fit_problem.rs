@@ -83,7 +83,8 @@ fn sigma(value: f64) -> f64 {
 /// for each; 0 for a black one.
 pub(super) fn scales<'c>(columns: impl Iterator<Item = &'c Column<'c>>) -> Vec<f64> {
     let scale = |c: &Column| {
-        let mean = c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>() / (3 * c.layer.len()) as f64;
+        let mean = c.layer.iter().map(|v| f64::from(v.element_sum())).sum::<f64>()
+            / (3 * c.layer.len()) as f64;
         if mean > FIT_PROBLEM.black_layer { 1.0 / mean } else { 0.0 }
     };
     columns.map(scale).collect()
@@ -134,13 +135,22 @@ impl<'a> Problem<'a> {
         white: f64,
     ) -> Problem<'a> {
         let (n, k) = (observations.photo.len(), columns.len());
-        let photo = [0, 1, 2].map(|c| observations.photo.iter().map(|v| f64::from(v[c]) / white).collect::<Vec<f64>>());
+        let photo = [0, 1, 2].map(|c| {
+            observations.photo.iter().map(|v| f64::from(v[c]) / white).collect::<Vec<f64>>()
+        });
         let layer = [0, 1, 2].map(|c| {
-            let rows = (0..n).flat_map(|p| columns.iter().zip(scale).map(move |(j, s)| f64::from(j.layer[p][c]) * s));
+            let rows = (0..n).flat_map(|p| {
+                columns.iter().zip(scale).map(move |(j, s)| f64::from(j.layer[p][c]) * s)
+            });
             rows.collect::<Vec<f64>>()
         });
-        let tikhonov_weight: Vec<f64> = columns.iter().map(|c| prior.tikhonov_weight(c.role)).collect();
-        let guessed = tikhonov_weight.iter().zip(scale).zip(&count).filter(|((t, s), _)| **t > 0.0 && **s > 0.0);
+        let tikhonov_weight: Vec<f64> =
+            columns.iter().map(|c| prior.tikhonov_weight(c.role)).collect();
+        let guessed = tikhonov_weight
+            .iter()
+            .zip(scale)
+            .zip(&count)
+            .filter(|((t, s), _)| **t > 0.0 && **s > 0.0);
         let equal_share = 1.0 / guessed.map(|(_, count)| count).sum::<f64>().max(1.0);
         let weight = |i: &f64| i.sqrt() / (i + FIT_PROBLEM.weight_offset).powi(2);
         Problem {
@@ -151,9 +161,9 @@ impl<'a> Problem<'a> {
             equal_share,
             weight: photo.each_ref().map(|photo| photo.iter().map(weight).collect()),
             photo,
-            mean: layer
-                .each_ref()
-                .map(|layer| (0..k).map(|j| layer.iter().skip(j).step_by(k).sum::<f64>() / n as f64).collect()),
+            mean: layer.each_ref().map(|layer| {
+                (0..k).map(|j| layer.iter().skip(j).step_by(k).sum::<f64>() / n as f64).collect()
+            }),
             layer,
         }
     }
@@ -168,11 +178,14 @@ impl<'a> Problem<'a> {
         let (mut all, mut right) = (vec![0.0; size * size], vec![0.0; size]);
         let mut color_weights = vec![0.0; k];
         let mut grams: [Vec<f64>; 3] = Default::default();
-        let channels: Vec<Equations> = (0..3).into_par_iter().map(|c| self.equations(w, c)).collect();
+        let channels: Vec<Equations> =
+            (0..3).into_par_iter().map(|c| self.equations(w, c)).collect();
         for (c, Equations { mut gram, mut b, energy }) in channels.into_iter().enumerate() {
-            let gauge: f64 = self.weight[c].iter().zip(&self.photo[c]).map(|(weight, i)| weight * i * i).sum();
+            let gauge: f64 =
+                self.weight[c].iter().zip(&self.photo[c]).map(|(weight, i)| weight * i * i).sum();
             for i in 0..k {
-                color_weights[i] += FIT_PROBLEM.color_weight / 3.0 * gram[i * k + i] / self.count[i];
+                color_weights[i] +=
+                    FIT_PROBLEM.color_weight / 3.0 * gram[i * k + i] / self.count[i];
                 // The gauge, mean shading 1, as one more equation.
                 b[i] += gauge * self.mean[c][i] - 0.5 * energy * self.l1_weight[i];
                 for j in 0..k {
@@ -198,8 +211,11 @@ impl<'a> Problem<'a> {
             }
         }
         let start: Vec<f64> = (0..size).map(|i| w[i % k][i / k]).collect();
-        let solved =
-            if size > FIT_PROBLEM.cold_start_unknowns { nnls_from(&all, &right, &start) } else { nnls(&all, &right) };
+        let solved = if size > FIT_PROBLEM.cold_start_unknowns {
+            nnls_from(&all, &right, &start)
+        } else {
+            nnls(&all, &right)
+        };
         for (i, solved) in solved.into_iter().enumerate() {
             let old = &mut w[i % k][i / k];
             *old += step * (solved - *old);
@@ -212,7 +228,10 @@ impl<'a> Problem<'a> {
 
     /// Shading of each pixel in channel `c`.
     pub fn shading(&self, w: &[[f64; 3]], c: usize) -> Vec<f64> {
-        self.layer[c].chunks_exact(w.len()).map(|row| row.iter().zip(w).map(|(u, w)| u * w[c]).sum()).collect()
+        self.layer[c]
+            .chunks_exact(w.len())
+            .map(|row| row.iter().zip(w).map(|(u, w)| u * w[c]).sum())
+            .collect()
     }
 
     /// Residual of each pixel and its weight; both are 0 where a saturated pixel may be as bright
@@ -287,12 +306,17 @@ impl<'a> Problem<'a> {
         }
         // A segment that is clipped everywhere, or in full shadow, is taken as white: it does not
         // constrain the lights.
-        top.iter().zip(&bottom).map(|(t, b)| if *b > 0.0 { (t / b).max(FIT_PROBLEM.min_albedo) } else { 1.0 }).collect()
+        top.iter()
+            .zip(&bottom)
+            .map(|(t, b)| if *b > 0.0 { (t / b).max(FIT_PROBLEM.min_albedo) } else { 1.0 })
+            .collect()
     }
 
     /// Weighted energy of the photo, summed over pixels and channels.
     pub fn energy(&self) -> f64 {
-        let channel = |c: usize| -> f64 { self.weight[c].iter().zip(&self.photo[c]).map(|(w, i)| w * i * i).sum() };
+        let channel = |c: usize| -> f64 {
+            self.weight[c].iter().zip(&self.photo[c]).map(|(w, i)| w * i * i).sum()
+        };
         (0..3).map(channel).sum()
     }
 
@@ -311,7 +335,8 @@ impl<'a> Problem<'a> {
             (0..residual.len()).map(cauchy).sum()
         };
         let misfit: f64 = (0..3).map(channel).sum();
-        let cost: f64 = self.l1_weight.iter().zip(w).map(|(l1, w)| l1 * w.iter().sum::<f64>() / 3.0).sum();
+        let cost: f64 =
+            self.l1_weight.iter().zip(w).map(|(l1, w)| l1 * w.iter().sum::<f64>() / 3.0).sum();
         if energy > 0.0 { misfit / energy + cost } else { cost }
     }
 
@@ -320,7 +345,10 @@ impl<'a> Problem<'a> {
         let shading = self.shading(w, c);
         let albedo = self.albedo(&shading, c);
         let (residual, _) = self.residuals(&albedo, &shading, c);
-        let misfit = residual.iter().zip(&self.photo[c]).map(|(r, &wanted)| (r / sigma(wanted)).powi(2).ln_1p());
+        let misfit = residual
+            .iter()
+            .zip(&self.photo[c])
+            .map(|(r, &wanted)| (r / sigma(wanted)).powi(2).ln_1p());
         (albedo, misfit.sum())
     }
 }

@@ -98,15 +98,23 @@ mod tests {
         let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
         let lamp = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
         for (in_view, other) in [(true, Role::Visible), (false, Role::OutOfView)] {
-            assert_eq!([0, 1, 2].map(|lobe| Role::of_lobe(&window, lobe, in_view)), [Role::Sun, other, other]);
+            assert_eq!(
+                [0, 1, 2].map(|lobe| Role::of_lobe(&window, lobe, in_view)),
+                [Role::Sun, other, other]
+            );
             assert_eq!(Role::of_lobe(&lamp, 0, in_view), other);
         }
     }
 
     #[test]
     fn a_role_selects_its_weights() {
-        let prior =
-            LightPrior { out_of_view: 1.0, sun: 2.0, ambient: 3.0, tikhonov_weight: 4.0, ..LightPrior::default() };
+        let prior = LightPrior {
+            out_of_view: 1.0,
+            sun: 2.0,
+            ambient: 3.0,
+            tikhonov_weight: 4.0,
+            ..LightPrior::default()
+        };
         let roles = [Role::Visible, Role::OutOfView, Role::Sun, Role::Ambient];
         assert_eq!(roles.map(|role| prior.l1_weight(role)), [0.0, 1.0, 2.0, 3.0]);
         assert_eq!(roles.map(|role| prior.tikhonov_weight(role)), [4.0, 4.0, 4.0, 0.0]);

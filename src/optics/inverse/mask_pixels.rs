@@ -38,7 +38,10 @@ pub(super) fn pixels_of(mask: &Mask) -> Vec<(usize, usize)> {
     // A thin light may cover no pixel by more than half at working size.
     let most = mask.0.pixels().iter().copied().fold(0.0, f32::max);
     let threshold = TUNING.min_covered.min(TUNING.thin_fraction * most);
-    (0..w * h).map(|i| (i % w, i / w)).filter(|&(x, y)| most > 0.0 && mask.0.get(x, y) > threshold).collect()
+    (0..w * h)
+        .map(|i| (i % w, i / w))
+        .filter(|&(x, y)| most > 0.0 && mask.0.get(x, y) > threshold)
+        .collect()
 }
 
 /// Pixels (column, row) within `radius` of the mask's bounding box and outside of the mask.
@@ -51,7 +54,9 @@ pub(super) fn surroundings(mask: &Mask, radius: usize) -> Vec<(usize, usize)> {
         low.saturating_sub(radius)..(high + radius + 1).min(end)
     };
     let (xs, ys) = (range(|p| p.0, w), range(|p| p.1, h));
-    ys.flat_map(|y| xs.clone().map(move |x| (x, y))).filter(|&(x, y)| mask.0.get(x, y) == 0.0).collect()
+    ys.flat_map(|y| xs.clone().map(move |x| (x, y)))
+        .filter(|&(x, y)| mask.0.get(x, y) == 0.0)
+        .collect()
 }
 
 /// Returns the upper median.

@@ -28,7 +28,13 @@ impl Observations {
     /// # Panics
     ///
     /// When a pixel is outside of the planes.
-    pub fn at(photo: &Picture, clipped: &Mask, segments: &Segments, pixels: &[usize], radius: usize) -> Observations {
+    pub fn at(
+        photo: &Picture,
+        clipped: &Mask,
+        segments: &Segments,
+        pixels: &[usize],
+        radius: usize,
+    ) -> Observations {
         let (w, h) = photo.0.size();
         let mean = |&pixel: &usize| {
             let (x, y, label) = (pixel % w, pixel / w, segments.label.pixels()[pixel]);
@@ -58,9 +64,17 @@ impl Observations {
     /// Shading on the same pixels where their albedo is known: I / A, as one segment of albedo 1.
     /// `albedo` has one entry per pixel.
     pub fn over(self, albedo: &[Vec3]) -> Observations {
-        let shading =
-            self.photo.iter().zip(albedo).map(|(photo, albedo)| *photo / albedo.max(Vec3::splat(TUNING.darkest)));
-        Observations { photo: shading.collect(), segment: vec![0; self.segment.len()], segments: 1, ..self }
+        let shading = self
+            .photo
+            .iter()
+            .zip(albedo)
+            .map(|(photo, albedo)| *photo / albedo.max(Vec3::splat(TUNING.darkest)));
+        Observations {
+            photo: shading.collect(),
+            segment: vec![0; self.segment.len()],
+            segments: 1,
+            ..self
+        }
     }
 }
 
@@ -110,7 +124,14 @@ pub fn white_level(pixels: impl Iterator<Item = (Vec3, bool)>) -> f32 {
 }
 
 fn white_of(photo: &Picture, clipped: &Mask) -> f32 {
-    white_level(photo.0.pixels().iter().zip(clipped.0.pixels()).map(|(&pixel, &clipped)| (pixel, clipped > 0.5)))
+    white_level(
+        photo
+            .0
+            .pixels()
+            .iter()
+            .zip(clipped.0.pixels())
+            .map(|(&pixel, &clipped)| (pixel, clipped > 0.5)),
+    )
 }
 
 /// Pixels of `candidates` that constrain the lights: brighter than black, and at least two pixels

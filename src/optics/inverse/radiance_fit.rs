@@ -130,7 +130,8 @@ fn fit_until(
     let distinct: Vec<&Column> = groups.iter().map(|group| &columns[group[0]]).collect();
     let counts: Vec<f64> = groups.iter().map(|group| group.len() as f64).collect();
     let scale = scales(distinct.iter().copied());
-    let lit: f64 = counts.iter().zip(&scale).map(|(count, &s)| if s > 0.0 { *count } else { 0.0 }).sum();
+    let lit: f64 =
+        counts.iter().zip(&scale).map(|(count, &s)| if s > 0.0 { *count } else { 0.0 }).sum();
     let mut fit = RadianceFit {
         radiance: vec![Vec3::ZERO; columns.len()],
         albedo: vec![Vec3::ZERO; observations.segments],
@@ -149,8 +150,11 @@ fn fit_until(
     }
     let problem = Problem::shared(observations, &distinct, counts, &scale, prior, white);
     // The weight of a group is that of its equal columns together.
-    let mut w: Vec<[f64; 3]> =
-        scale.iter().zip(&problem.count).map(|(&s, count)| [if s > 0.0 { count / lit } else { 0.0 }; 3]).collect();
+    let mut w: Vec<[f64; 3]> = scale
+        .iter()
+        .zip(&problem.count)
+        .map(|(&s, count)| [if s > 0.0 { count / lit } else { 0.0 }; 3])
+        .collect();
     fit.loss_before = (0..3).map(|c| problem.explained(&w, c).1).sum::<f64>() / (3 * n) as f64;
     fit.iterate(&problem, &mut w, &groups, iterations, tolerance, &scale);
     set_gauge(&problem, &mut w);
@@ -185,9 +189,11 @@ impl RadianceFit {
             let (last, taken) = (w.to_vec(), step);
             grams = problem.iterate(w, step);
             self.iterations += 1;
-            let moved = w.iter().zip(&last).map(|(w, last)| [0, 1, 2].map(|c| w[c] - last[c])).collect();
+            let moved =
+                w.iter().zip(&last).map(|(w, last)| [0, 1, 2].map(|c| w[c] - last[c])).collect();
             let before = std::mem::replace(&mut direction, moved);
-            let forward: f64 = direction.iter().flatten().zip(before.iter().flatten()).map(|(a, b)| a * b).sum();
+            let forward: f64 =
+                direction.iter().flatten().zip(before.iter().flatten()).map(|(a, b)| a * b).sum();
             step = if forward < 0.0 {
                 RADIANCE_FIT.step_cut * step
             } else {
@@ -195,9 +201,14 @@ impl RadianceFit {
             };
             // Per light, so that the weakest is as accurate as the strongest.
             let changes = w.iter().zip(&last).map(|(w, last)| {
-                let largest = |(s, m): (f64, f64), c: usize| (s.max(w[c]), m.max((w[c] - last[c]).abs()));
+                let largest =
+                    |(s, m): (f64, f64), c: usize| (s.max(w[c]), m.max((w[c] - last[c]).abs()));
                 let (size, moved) = (0..3).fold((0.0, 0.0), largest);
-                if moved > 0.0 { moved / size.max(FIT_PROBLEM.off) * FIT_PROBLEM.step_fraction / taken } else { 0.0 }
+                if moved > 0.0 {
+                    moved / size.max(FIT_PROBLEM.off) * FIT_PROBLEM.step_fraction / taken
+                } else {
+                    0.0
+                }
             });
             let changes: Vec<f64> = changes.collect();
             self.change = changes.iter().copied().fold(0.0, f64::max);
@@ -277,7 +288,8 @@ fn set_gauge(problem: &Problem, w: &mut [[f64; 3]]) {
 
 /// The columns of the groups that `test` accepts, in order.
 fn members(groups: &[Vec<usize>], test: impl Fn(usize) -> bool) -> Vec<usize> {
-    let mut all: Vec<usize> = (0..groups.len()).filter(|&j| test(j)).flat_map(|j| groups[j].iter().copied()).collect();
+    let mut all: Vec<usize> =
+        (0..groups.len()).filter(|&j| test(j)).flat_map(|j| groups[j].iter().copied()).collect();
     all.sort_unstable();
     all
 }
@@ -286,10 +298,12 @@ fn members(groups: &[Vec<usize>], test: impl Fn(usize) -> bool) -> Vec<usize> {
 /// distinguishes them, so that the fit has one unknown for each group: a hundred names of one lamp
 /// cost as much as one.
 fn equal_columns(columns: &[Column], prior: &LightPrior) -> Vec<Vec<usize>> {
-    let weights = |column: &Column| (prior.l1_weight(column.role), prior.tikhonov_weight(column.role));
+    let weights =
+        |column: &Column| (prior.l1_weight(column.role), prior.tikhonov_weight(column.role));
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, column) in columns.iter().enumerate() {
-        let equal = |other: &Column| weights(other) == weights(column) && other.layer == column.layer;
+        let equal =
+            |other: &Column| weights(other) == weights(column) && other.layer == column.layer;
         match groups.iter_mut().find(|group| equal(&columns[group[0]])) {
             Some(group) => group.push(i),
             None => groups.push(vec![i]),
@@ -299,15 +313,24 @@ fn equal_columns(columns: &[Column], prior: &LightPrior) -> Vec<Vec<usize>> {
 }
 
 /// Worst conditioning of the three channels, from the Gram matrices of the groups of equal columns.
-fn grouped_conditioning(grams: &[Vec<f64>; 3], groups: &[Vec<usize>], scale: &[f64]) -> Conditioning {
-    if let Some((group, _)) = groups.iter().zip(scale).find(|(group, s)| group.len() > 1 && **s > 0.0) {
+fn grouped_conditioning(
+    grams: &[Vec<f64>; 3],
+    groups: &[Vec<usize>],
+    scale: &[f64],
+) -> Conditioning {
+    if let Some((group, _)) =
+        groups.iter().zip(scale).find(|(group, s)| group.len() > 1 && **s > 0.0)
+    {
         return Conditioning::of_equals([group[0], group[1]]);
     }
     let worst = grams.iter().fold(Conditioning::default(), |worst, gram| {
         let found = conditioning(gram, groups.len());
         if found.number > worst.number { found } else { worst }
     });
-    Conditioning { most_correlated: worst.most_correlated.map(|pair| pair.map(|j| groups[j][0])), ..worst }
+    Conditioning {
+        most_correlated: worst.most_correlated.map(|pair| pair.map(|j| groups[j][0])),
+        ..worst
+    }
 }
 
 /// Unsaturated pixels beyond one per segment.
@@ -336,11 +359,20 @@ mod tests {
         let from = |x: f32| Vec3::splat(1.0 / (0.3 + x * x));
         let left: Vec<Vec3> = (0..n).map(|i| from(i as f32 / n as f32)).collect();
         let right: Vec<Vec3> = (0..n).map(|i| from(1.0 - i as f32 / n as f32)).collect();
-        let paint = [Vec3::splat(0.8), Vec3::new(0.7, 0.2, 0.1), Vec3::new(0.1, 0.3, 0.6), Vec3::splat(0.3)];
+        let paint = [
+            Vec3::splat(0.8),
+            Vec3::new(0.7, 0.2, 0.1),
+            Vec3::new(0.1, 0.3, 0.6),
+            Vec3::splat(0.3),
+        ];
         let segment: Vec<u32> = (0..n).map(|i| i as u32 / 100).collect();
         let (w0, w1) = (Vec3::new(0.3, 0.25, 0.2), Vec3::new(0.05, 0.1, 0.15));
         let photo = (0..n).map(|i| paint[i / 100] * (w0 * left[i] + w1 * right[i])).collect();
-        (Observations { photo, segment, segments: 4, saturated: vec![false; n], white: 1.0 }, left, right)
+        (
+            Observations { photo, segment, segments: 4, saturated: vec![false; n], white: 1.0 },
+            left,
+            right,
+        )
     }
 
     fn columns<'a>(layers: &[&'a [Vec3]]) -> Vec<Column<'a>> {
@@ -350,7 +382,8 @@ mod tests {
     #[test]
     fn shares_of_two_lights_over_unknown_paint_are_found() {
         let (observations, left, right) = row();
-        let fit = fit_radiances(&observations, &columns(&[&left, &right]), &LightPrior::default(), 60);
+        let fit =
+            fit_radiances(&observations, &columns(&[&left, &right]), &LightPrior::default(), 60);
         // Only the share of each light in each channel is determined: 0.3 : 0.05, 0.25 : 0.1, 0.2 :
         // 0.15.
         let ratio = fit.radiance[1] / fit.radiance[0];
@@ -365,20 +398,28 @@ mod tests {
     fn undetermined_light_is_shared_equally_and_determined_light_stays() {
         let (observations, left, right) = row();
         // Even inside each segment, so that its albedos take all of it up.
-        let open: Vec<Vec3> = (0..400).map(|i| Vec3::splat([0.2, 1.0, 3.0, 0.5][i / 100])).collect();
+        let open: Vec<Vec3> =
+            (0..400).map(|i| Vec3::splat([0.2, 1.0, 3.0, 0.5][i / 100])).collect();
         let mean = |layer: &[Vec3]| layer.iter().map(|v| v.y).sum::<f32>() / 400.0;
         let shares = |tikhonov_weight: f64| {
             let mut columns = columns(&[&left, &right, &open]);
             columns[2].role = Role::OutOfView;
             let prior = LightPrior { out_of_view: 1e-3, tikhonov_weight, ..LightPrior::default() };
             let fit = fit_radiances(&observations, &columns, &prior, 200);
-            let gives: Vec<f32> =
-                fit.radiance.iter().zip([&left, &right, &open]).map(|(w, layer)| w.y * mean(layer)).collect();
+            let gives: Vec<f32> = fit
+                .radiance
+                .iter()
+                .zip([&left, &right, &open])
+                .map(|(w, layer)| w.y * mean(layer))
+                .collect();
             let all: f32 = gives.iter().sum();
             [gives[1] / gives[0], gives[2] / all]
         };
         let ([ratio, nothing], [guessed, share]) = (shares(0.0), shares(3e-3));
-        assert!(nothing < 1e-3 && (share - 1.0 / 3.0).abs() < 0.15, "share {nothing}, with the guess {share}");
+        assert!(
+            nothing < 1e-3 && (share - 1.0 / 3.0).abs() < 0.15,
+            "share {nothing}, with the guess {share}"
+        );
         assert!((guessed / ratio - 1.0).abs() < 0.3, "{guessed} against {ratio}");
         // A heavier guess outweighs the photo.
         let [heavy, _] = shares(0.03);
@@ -388,12 +429,17 @@ mod tests {
     #[test]
     fn a_light_that_explains_nothing_gets_nothing() {
         let (observations, left, right) = row();
-        let stripes: Vec<Vec3> = (0..400).map(|i| Vec3::splat(if i % 2 == 0 { 1.0 } else { 0.0 })).collect();
+        let stripes: Vec<Vec3> =
+            (0..400).map(|i| Vec3::splat(if i % 2 == 0 { 1.0 } else { 0.0 })).collect();
         let mut columns = columns(&[&left, &right, &stripes]);
         columns[2].role = Role::OutOfView;
         let prior = LightPrior { out_of_view: 0.02, ..LightPrior::default() };
         let fit = fit_radiances(&observations, &columns, &prior, 60);
-        assert!(fit.radiance[2].max_element() < 1e-3 * fit.radiance[0].min_element(), "{:?}", fit.radiance);
+        assert!(
+            fit.radiance[2].max_element() < 1e-3 * fit.radiance[0].min_element(),
+            "{:?}",
+            fit.radiance
+        );
     }
 
     #[test]
@@ -406,24 +452,40 @@ mod tests {
                 observations.photo[p] = observations.photo[p].min(Vec3::splat(0.6));
             }
         }
-        let fit = fit_radiances(&observations, &columns(&[&left, &right]), &LightPrior::default(), 60);
+        let fit =
+            fit_radiances(&observations, &columns(&[&left, &right]), &LightPrior::default(), 60);
         let ratio = fit.radiance[1].y / fit.radiance[0].y;
         assert!((ratio - 0.4).abs() < 0.08, "ratio {ratio}");
     }
 
     #[test]
     fn degenerate_evidence_is_finite() {
-        let empty = Observations { photo: vec![], segment: vec![], segments: 0, saturated: vec![], white: 0.0 };
+        let empty = Observations {
+            photo: vec![],
+            segment: vec![],
+            segments: 0,
+            saturated: vec![],
+            white: 0.0,
+        };
         assert!(fit_radiances(&empty, &[], &LightPrior::default(), 5).radiance.is_empty());
         let n = 10;
         for photo in [vec![Vec3::ZERO; n], vec![Vec3::ONE; n]] {
             for saturated in [false, true] {
                 let (segment, white) = (vec![0; n], photo[0].x);
                 let saturated = vec![saturated; n];
-                let observations = Observations { photo: photo.clone(), segment, segments: 1, saturated, white };
+                let observations =
+                    Observations { photo: photo.clone(), segment, segments: 1, saturated, white };
                 let (zero, one) = (vec![Vec3::ZERO; n], vec![Vec3::ONE; n]);
-                let fit = fit_radiances(&observations, &columns(&[&zero, &one, &one]), &LightPrior::default(), 10);
-                assert!(fit.radiance.iter().all(|w| w.is_finite() && w.min_element() >= 0.0), "{fit:?}");
+                let fit = fit_radiances(
+                    &observations,
+                    &columns(&[&zero, &one, &one]),
+                    &LightPrior::default(),
+                    10,
+                );
+                assert!(
+                    fit.radiance.iter().all(|w| w.is_finite() && w.min_element() >= 0.0),
+                    "{fit:?}"
+                );
                 assert!(fit.loss.is_finite() && fit.conditioning.number >= 1.0, "{fit:?}");
             }
         }
@@ -433,25 +495,36 @@ mod tests {
     fn where_albedo_is_known_radiances_need_no_smooth_surface() {
         // A paint of its own at every pixel, which a segment of one albedo would take for light.
         let (w, h) = (24, 16);
-        let plane =
-            |f: &dyn Fn(f32, f32) -> f32| Plane::from_fn(w, h, |x, y| f(x as f32 / w as f32, y as f32 / h as f32));
-        let (left, right) = (plane(&|x, y| 0.1 + (1.0 - x).powi(2) * (0.5 + y)), plane(&|x, y| 0.05 + x * (1.2 - y)));
+        let plane = |f: &dyn Fn(f32, f32) -> f32| {
+            Plane::from_fn(w, h, |x, y| f(x as f32 / w as f32, y as f32 / h as f32))
+        };
+        let (left, right) = (
+            plane(&|x, y| 0.1 + (1.0 - x).powi(2) * (0.5 + y)),
+            plane(&|x, y| 0.05 + x * (1.2 - y)),
+        );
         let wanted = [Vec3::new(1.0, 0.8, 0.5), Vec3::new(0.6, 0.8, 1.0)];
-        let paint = Plane::from_fn(w, h, |x, y| Vec3::splat(0.2 + 0.6 * ((x * 7 + y * 3) % 5) as f32 / 5.0));
+        let paint = Plane::from_fn(w, h, |x, y| {
+            Vec3::splat(0.2 + 0.6 * ((x * 7 + y * 3) % 5) as f32 / 5.0)
+        });
         let shading = |p: usize| left.pixels()[p] * wanted[0] + right.pixels()[p] * wanted[1];
         let photo = Picture(Plane::from_fn(w, h, |x, y| paint.get(x, y) * shading(y * w + x)));
         let segments = Segments { label: Plane::filled(w, h, 0), count: 1 };
         let pixels: Vec<usize> = (0..w * h).collect();
         let clipped = Mask(Plane::filled(w, h, 0.0));
-        let observations = Observations::at(&photo, &clipped, &segments, &pixels, 0).over(paint.pixels());
+        let observations =
+            Observations::at(&photo, &clipped, &segments, &pixels, 0).over(paint.pixels());
         let layers = [&left, &right].map(|layer| layer.map(Vec3::splat).into_pixels());
-        let columns: Vec<Column> = layers.iter().map(|layer| Column::new(Role::Visible, layer)).collect();
+        let columns: Vec<Column> =
+            layers.iter().map(|layer| Column::new(Role::Visible, layer)).collect();
         let ones = vec![Vec3::ONE; pixels.len()];
         let fit = fit_radiances(&observations, &columns, &LightPrior::default(), 200)
             .with_albedo_of(&observations.segment, &ones);
         for (got, wanted) in fit.radiance.iter().zip(wanted) {
             // The prior of likely colors moves radiances that are not of a bulb or of daylight.
-            assert!(((*got - wanted) / wanted).abs().max_element() < 0.03, "{got} against {wanted}");
+            assert!(
+                ((*got - wanted) / wanted).abs().max_element() < 0.03,
+                "{got} against {wanted}"
+            );
         }
     }
 }

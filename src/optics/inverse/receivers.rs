@@ -9,7 +9,9 @@ use super::{Observations, observed_pixels};
 use crate::geometry::{Grid, Own, SceneMesh};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments};
 use crate::optics::transport::{direct, shadow};
-use crate::optics::{Bounces, LightTransport, Sampling, ShadowQuality, Shape, indirect_at_receivers};
+use crate::optics::{
+    Bounces, LightTransport, Sampling, ShadowQuality, Shape, indirect_at_receivers,
+};
 use crate::tuning::tuning;
 
 tuning! {
@@ -87,10 +89,20 @@ pub struct Receivers<'a> {
 impl<'a> Receivers<'a> {
     /// Receivers away from `masks`, which mark lights and pixels outside the room. If there are
     /// more than `most`, every nth is used.
-    pub fn new<'m>(room: SeenRoom<'a>, masks: impl Iterator<Item = &'m Mask>, most: usize) -> Receivers<'a> {
+    pub fn new<'m>(
+        room: SeenRoom<'a>,
+        masks: impl Iterator<Item = &'m Mask>,
+        most: usize,
+    ) -> Receivers<'a> {
         let grid = room.transport.grid();
-        let mut pixels = observed_pixels((0..grid.len()).map(|i| grid.pixel(i)), room.photo, room.clipped, masks);
-        pixels = pixels.iter().copied().step_by(pixels.len().div_ceil(most.max(1)).max(1)).collect();
+        let mut pixels = observed_pixels(
+            (0..grid.len()).map(|i| grid.pixel(i)),
+            room.photo,
+            room.clipped,
+            masks,
+        );
+        pixels =
+            pixels.iter().copied().step_by(pixels.len().div_ceil(most.max(1)).max(1)).collect();
         let used: Vec<usize> = {
             let mut next = pixels.iter().peekable();
             (0..grid.len()).filter(|&i| next.next_if(|&&p| p == grid.pixel(i)).is_some()).collect()
@@ -100,7 +112,13 @@ impl<'a> Receivers<'a> {
             room,
             points: Points(at_receivers(grid, &room.points.0)),
             normal: Normal(at_receivers(grid, &room.normal.0)),
-            observations: Observations::at(room.photo, room.clipped, room.segments, &pixels, TUNING.mean_radius),
+            observations: Observations::at(
+                room.photo,
+                room.clipped,
+                room.segments,
+                &pixels,
+                TUNING.mean_radius,
+            ),
             ambient: used.iter().map(|&i| ambient[i]).collect(),
             used,
             rays: AtomicU64::new(0),
@@ -118,18 +136,31 @@ impl<'a> Receivers<'a> {
     }
 
     /// Unit layers of a light, one per lobe. `light` marks its pixels, through which its rays pass.
-    pub fn layers(&self, shape: &Shape, light: Option<&Mask>, quality: LayerQuality) -> Vec<UnitLayer> {
+    pub fn layers(
+        &self,
+        shape: &Shape,
+        light: Option<&Mask>,
+        quality: LayerQuality,
+    ) -> Vec<UnitLayer> {
         let SeenRoom { mesh, transport, albedo, .. } = self.room;
         let sampling = Sampling::fixed(quality.samples, 0);
-        let shadows = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
+        let shadows = ShadowQuality {
+            sampling,
+            stride: 1,
+            assume_lit: 1.0,
+            outside_unknown: false,
+            lifted: false,
+        };
         let direct = direct(&self.points, &self.normal, shape, &sampling, &|| false);
-        let light = light.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
+        let light =
+            light.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
         let light = light.as_ref().map(|(passes, pixels)| (passes, pixels));
         let shadow = shadow(mesh, &self.points, &self.normal, shape, light, shadows, &|| false);
         self.rays.fetch_add(shadow.rays, Ordering::Relaxed);
         let layer = |(direct, lit): (&Plane<f32>, &Plane<f32>)| {
             let (direct, lit) = (direct.pixels(), lit.pixels());
-            let arrives: Vec<f32> = direct.iter().zip(lit).map(|(direct, lit)| direct * lit).collect();
+            let arrives: Vec<f32> =
+                direct.iter().zip(lit).map(|(direct, lit)| direct * lit).collect();
             let at = |pixel| arrives[transport.nearest(pixel)];
             let indirect = indirect_at_receivers(transport, albedo, at, quality.bounces);
             UnitLayer {

@@ -104,12 +104,15 @@ impl RoomBox {
             order.sort_by(|&a, &b| (sign * points[a][axis]).total_cmp(&(sign * points[b][axis])));
             let outer = points[order[(order.len() - 1) / TUNING.outermost_part]][axis];
             order.truncate(order.len().div_ceil(TUNING.outer_part));
-            let flat: Vec<usize> = order.into_iter().filter(|&i| normals[i][axis] * sign > TUNING.flat).collect();
+            let flat: Vec<usize> =
+                order.into_iter().filter(|&i| normals[i][axis] * sign > TUNING.flat).collect();
             // The interval of 2 % of the far distance that contains most area.
             let (mut from, mut sum, mut best) = (0, 0.0, (0.0, outer));
             for to in 0..flat.len() {
                 sum += area[flat[to]];
-                while (points[flat[to]][axis] - points[flat[from]][axis]).abs() > TUNING.side_width * far {
+                while (points[flat[to]][axis] - points[flat[from]][axis]).abs()
+                    > TUNING.side_width * far
+                {
                     sum -= area[flat[from]];
                     from += 1;
                 }
@@ -129,7 +132,8 @@ impl RoomBox {
     /// is largest, as a fraction of the box; 0 inside.
     pub fn outside(&self, point: Vec3) -> f32 {
         let at = self.rotation.inverse() * point;
-        let out = (self.low - at).max(at - self.high) / (self.high - self.low).max(Vec3::splat(1e-6));
+        let out =
+            (self.low - at).max(at - self.high) / (self.high - self.low).max(Vec3::splat(1e-6));
         out.max_element().max(0.0)
     }
 

@@ -129,7 +129,9 @@ tuning! {
 
 impl Bounds<'_> {
     fn hold(&self, start: &Shape, shape: &Shape, freedom: DegreesOfFreedom) -> bool {
-        let (Some((from, before)), Some((to, now))) = (start.bounding_sphere(), shape.bounding_sphere()) else {
+        let (Some((from, before)), Some((to, now))) =
+            (start.bounding_sphere(), shape.bounding_sphere())
+        else {
             return true;
         };
         if !(to.is_finite() && now.is_finite()) {
@@ -138,13 +140,17 @@ impl Bounds<'_> {
         let within = |ratio: f32, most: f32| (1.0 / most..=most).contains(&ratio);
         // Sun, sky and ground shine from outside, if they did at the start.
         let outside = |shape: &Shape| match shape {
-            Shape::Window(w) => w.lobes.each_ref().map(|lobe| lobe.direction.dot(w.x.cross(w.y)) < 0.0),
+            Shape::Window(w) => {
+                w.lobes.each_ref().map(|lobe| lobe.direction.dot(w.x.cross(w.y)) < 0.0)
+            }
             _ => [true; 3],
         };
         let through = outside(start).iter().zip(outside(shape)).all(|(before, now)| now || !before);
         let traced = match freedom {
             DegreesOfFreedom::Fixed => true,
-            DegreesOfFreedom::InView => within(to.length() / from.length(), TUNING.max_distance_ratio),
+            DegreesOfFreedom::InView => {
+                within(to.length() / from.length(), TUNING.max_distance_ratio)
+            }
             DegreesOfFreedom::OutOfView => {
                 let out = |p: Vec3| self.room.as_ref().map_or(0.0, |room| room.outside(p));
                 let hidden = in_view(self.camera, from) || !in_view(self.camera, to);
@@ -185,13 +191,17 @@ impl LightWithLayers {
     fn columns_of(&self, shape: &Shape, positions: &[(Vec3, Vec3)]) -> Vec<Vec<Vec3>> {
         let emitter = Emitter::new(shape);
         let column = |lobe: usize| {
-            let closed = |&(point, normal): &(Vec3, Vec3)| emitter.irradiance(lobe, point, normal).unwrap_or(0.0);
+            let closed = |&(point, normal): &(Vec3, Vec3)| {
+                emitter.irradiance(lobe, point, normal).unwrap_or(0.0)
+            };
             let direct: Vec<f32> = positions.par_iter().with_min_len(64).map(closed).collect();
             let here = self.arriving_now(lobe);
             let arriving = self.arriving(lobe, direct.iter().map(|&e| f64::from(e)));
             let growth = if here > 0.0 { (arriving / here) as f32 } else { 0.0 };
             let UnitLayer { lit, indirect, .. } = &self.layers[lobe];
-            (0..direct.len()).map(|p| indirect[p] * growth + Vec3::splat(direct[p] * lit[p])).collect()
+            (0..direct.len())
+                .map(|p| indirect[p] * growth + Vec3::splat(direct[p] * lit[p]))
+                .collect()
         };
         (0..self.layers.len()).map(column).collect()
     }
@@ -201,15 +211,20 @@ impl LightWithLayers {
         let emitter = Emitter::new(&self.shape);
         let pivot = self.shape.bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle);
         let lobe = |lobe: usize| {
-            let gradient = |&(point, normal): &(Vec3, Vec3)| emitter.gradient(lobe, point, normal, pivot);
-            let gradients: Vec<Gradient> = positions.par_iter().with_min_len(64).map(gradient).collect();
+            let gradient =
+                |&(point, normal): &(Vec3, Vec3)| emitter.gradient(lobe, point, normal, pivot);
+            let gradients: Vec<Gradient> =
+                positions.par_iter().with_min_len(64).map(gradient).collect();
             let here = self.arriving_now(lobe);
             let UnitLayer { lit, indirect, .. } = &self.layers[lobe];
             let slope = |parameter: &Parameter| {
-                let direct: Vec<f64> = gradients.iter().map(|g| parameter.rate(&self.shape, lobe, g)).collect();
+                let direct: Vec<f64> =
+                    gradients.iter().map(|g| parameter.rate(&self.shape, lobe, g)).collect();
                 let arriving = self.arriving(lobe, direct.iter().copied());
                 let growth = if here > 0.0 { (arriving / here) as f32 } else { 0.0 };
-                (0..direct.len()).map(|p| indirect[p] * growth + Vec3::splat(direct[p] as f32 * lit[p])).collect()
+                (0..direct.len())
+                    .map(|p| indirect[p] * growth + Vec3::splat(direct[p] as f32 * lit[p]))
+                    .collect()
             };
             parameters.iter().map(slope).collect()
         };
@@ -244,14 +259,21 @@ struct NormalEquations {
 
 /// Refines the shapes of lights. All shapes are returned as given where the photo is black or no
 /// receiver is in use.
-pub fn fit_shapes(receivers: &Receivers, lights: &[LightVariable], bounds: &Bounds, search: &ShapeSearch) -> ShapeFit {
+pub fn fit_shapes(
+    receivers: &Receivers,
+    lights: &[LightVariable],
+    bounds: &Bounds,
+    search: &ShapeSearch,
+) -> ShapeFit {
     let positions = receivers.positions();
-    let lit = positions.iter().map(|(point, _)| *point).sum::<Vec3>() / positions.len().max(1) as f32;
+    let lit =
+        positions.iter().map(|(point, _)| *point).sum::<Vec3>() / positions.len().max(1) as f32;
     let mut fit = ShapeProblem { receivers, lights, search, positions, lit, prior_weight: 0.0 };
     let trace = |light: &LightVariable, shape: &Shape| {
         LightWithLayers::new(shape.clone(), receivers.layers(shape, light.mask, search.quality))
     };
-    let start: Vec<LightWithLayers> = lights.iter().map(|light| trace(light, &light.shape)).collect();
+    let start: Vec<LightWithLayers> =
+        lights.iter().map(|light| trace(light, &light.shape)).collect();
     let mut found = ShapeFit {
         shapes: lights.iter().map(|light| light.shape.clone()).collect(),
         saved: vec![0.0; lights.len()],
@@ -274,33 +296,25 @@ pub fn fit_shapes(receivers: &Receivers, lights: &[LightVariable], bounds: &Boun
         if round == 0 {
             let n = free.len();
             found.conditioning = conditioning(&normal.gram, n);
-            found.underdetermined = (0..n).filter(|i| normal.gram[i * n + i] < fit.prior_weight).collect();
-            found.parameters = free.iter().map(|(light, parameter)| (*light, parameter.name())).collect();
+            found.underdetermined =
+                (0..n).filter(|i| normal.gram[i * n + i] < fit.prior_weight).collect();
+            found.parameters =
+                free.iter().map(|(light, parameter)| (*light, parameter.name())).collect();
         }
         let (shapes, stepped) = fit.descend(&traced, &now, (free, normal), bounds);
-        let moved: Vec<usize> = (0..lights.len()).filter(|&i| shapes[i] != traced[i].shape).collect();
+        let moved: Vec<usize> =
+            (0..lights.len()).filter(|&i| shapes[i] != traced[i].shape).collect();
         if moved.is_empty() {
             break;
         }
         let mut tried = traced.clone();
         moved.iter().for_each(|&i| tried[i] = trace(&lights[i], &shapes[i]));
-        let mut after = fit.solve_radiances(&columns_of(&tried), Some(&stepped.radiance), TUNING.warm_iterations);
-        // Each light by itself: the new shadows may confirm one move and refute another.
-        let mut saved = vec![0.0; lights.len()];
-        for i in 0..lights.len() {
-            if tried[i].shape == lights[i].shape {
-                continue;
-            }
-            let with = fit.penalized_loss(&after, &tried);
-            let moved = std::mem::replace(&mut tried[i], start[i].clone());
-            let without = fit.solve_radiances(&columns_of(&tried), Some(&after.radiance), TUNING.warm_iterations);
-            let share = (fit.penalized_loss(&without, &tried) - with) / large;
-            if share < search.min_gain {
-                after = without;
-            } else {
-                (tried[i], saved[i]) = (moved, share);
-            }
-        }
+        let mut after = fit.solve_radiances(
+            &columns_of(&tried),
+            Some(&stepped.radiance),
+            TUNING.warm_iterations,
+        );
+        let saved = fit.take_back(&start, &mut tried, &mut after, large);
         if fit.penalized_loss(&after, &tried) >= fit.penalized_loss(&now, &traced) {
             break;
         }
@@ -316,27 +330,74 @@ fn columns_of(lights: &[LightWithLayers]) -> Vec<Vec<Vec3>> {
 }
 
 impl ShapeProblem<'_> {
+    /// Takes back, light by light, each move that saves too little of the loss `large`: the new
+    /// shadows may confirm one move and refute another. Returns the fraction that each move saves.
+    fn take_back(
+        &self,
+        start: &[LightWithLayers],
+        tried: &mut [LightWithLayers],
+        after: &mut RadianceSolution,
+        large: f64,
+    ) -> Vec<f64> {
+        let mut saved = vec![0.0; start.len()];
+        for i in 0..start.len() {
+            if tried[i].shape == start[i].shape {
+                continue;
+            }
+            let with = self.penalized_loss(after, tried);
+            let moved = std::mem::replace(&mut tried[i], start[i].clone());
+            let without = self.solve_radiances(
+                &columns_of(tried),
+                Some(&after.radiance),
+                TUNING.warm_iterations,
+            );
+            let share = (self.penalized_loss(&without, tried) - with) / large;
+            if share < self.search.min_gain {
+                *after = without;
+            } else {
+                (tried[i], saved[i]) = (moved, share);
+            }
+        }
+        saved
+    }
+
     fn parameters(&self, traced: &[LightWithLayers]) -> Vec<(usize, Parameter)> {
         let of = |(i, light): (usize, &LightWithLayers)| {
-            parameters(&light.shape, self.lights[i].freedom, self.lit).into_iter().map(move |p| (i, p))
+            parameters(&light.shape, self.lights[i].freedom, self.lit)
+                .into_iter()
+                .map(move |p| (i, p))
         };
         traced.iter().enumerate().flat_map(of).collect()
     }
 
     fn problem(&self, columns: &[Vec<Vec3>]) -> (Problem<'_>, Vec<f64>) {
-        let roles = self
-            .lights
-            .iter()
-            .flat_map(|light| (0..light.shape.lobes()).map(|lobe| Role::of_lobe(&light.shape, lobe, light.in_view)));
-        let mut all: Vec<Column> = columns.iter().zip(roles).map(|(layer, role)| Column::new(role, layer)).collect();
+        let roles = self.lights.iter().flat_map(|light| {
+            (0..light.shape.lobes()).map(|lobe| Role::of_lobe(&light.shape, lobe, light.in_view))
+        });
+        let mut all: Vec<Column> =
+            columns.iter().zip(roles).map(|(layer, role)| Column::new(role, layer)).collect();
         all.push(Column::new(Role::Ambient, &self.receivers.ambient));
         let scale = scales(all.iter());
         let observations = &self.receivers.observations;
-        (Problem::new(observations, &all, &scale, &self.search.prior, f64::from(observations.white)), scale)
+        (
+            Problem::new(
+                observations,
+                &all,
+                &scale,
+                &self.search.prior,
+                f64::from(observations.white),
+            ),
+            scale,
+        )
     }
 
     /// Radiances of the lobes and the ambient, from `start` or from equal contributions.
-    fn solve_radiances(&self, columns: &[Vec<Vec3>], start: Option<&[DVec3]>, iterations: usize) -> RadianceSolution {
+    fn solve_radiances(
+        &self,
+        columns: &[Vec<Vec3>],
+        start: Option<&[DVec3]>,
+        iterations: usize,
+    ) -> RadianceSolution {
         let (problem, scale) = self.problem(columns);
         let lit = scale.iter().filter(|s| **s > 0.0).count().max(1);
         let share = |k: usize, s: f64| match start {
@@ -344,7 +405,8 @@ impl ShapeProblem<'_> {
             Some(start) => start[k] / s,
             None => DVec3::splat(1.0 / lit as f64),
         };
-        let mut w: Vec<[f64; 3]> = scale.iter().enumerate().map(|(k, &s)| share(k, s).to_array()).collect();
+        let mut w: Vec<[f64; 3]> =
+            scale.iter().enumerate().map(|(k, &s)| share(k, s).to_array()).collect();
         for _ in 0..iterations {
             problem.iterate(&mut w, FIT_PROBLEM.step_fraction);
         }
@@ -383,12 +445,16 @@ impl ShapeProblem<'_> {
         let mut slopes: Vec<Vec<DVec3>> = Vec::new();
         let mut first = 0;
         for (i, light) in traced.iter().enumerate() {
-            let own: Vec<Parameter> = free.iter().filter(|(j, _)| *j == i).map(|(_, p)| *p).collect();
-            let lobes = if own.is_empty() { Vec::new() } else { light.slopes(&own, &self.positions) };
+            let own: Vec<Parameter> =
+                free.iter().filter(|(j, _)| *j == i).map(|(_, p)| *p).collect();
+            let lobes =
+                if own.is_empty() { Vec::new() } else { light.slopes(&own, &self.positions) };
             for parameter in 0..own.len() {
                 let sum = |p: usize| {
                     let parts = lobes.iter().enumerate();
-                    parts.map(|(k, lobe)| now.radiance[first + k] * lobe[parameter][p].as_dvec3()).sum()
+                    parts
+                        .map(|(k, lobe)| now.radiance[first + k] * lobe[parameter][p].as_dvec3())
+                        .sum()
                 };
                 slopes.push((0..self.positions.len()).map(sum).collect());
             }
@@ -399,14 +465,23 @@ impl ShapeProblem<'_> {
         let energy = problem.energy();
         let sum = |of: fn(&NormalEquations) -> &Vec<f64>| -> Vec<f64> {
             let mut sums = vec![0.0; of(&channels[0]).len()];
-            channels.iter().for_each(|channel| sums.iter_mut().zip(of(channel)).for_each(|(s, v)| *s += v / energy));
+            channels.iter().for_each(|channel| {
+                sums.iter_mut().zip(of(channel)).for_each(|(s, v)| *s += v / energy)
+            });
             sums
         };
         NormalEquations { gram: sum(|normal| &normal.gram), right: sum(|normal| &normal.right) }
     }
 
-    fn channel(&self, problem: &Problem, w: &[[f64; 3]], slopes: &[Vec<DVec3>], c: usize) -> NormalEquations {
-        let (segment, segments) = (&self.receivers.observations.segment, self.receivers.observations.segments);
+    fn channel(
+        &self,
+        problem: &Problem,
+        w: &[[f64; 3]],
+        slopes: &[Vec<DVec3>],
+        c: usize,
+    ) -> NormalEquations {
+        let (segment, segments) =
+            (&self.receivers.observations.segment, self.receivers.observations.segments);
         let (columns, n) = (w.len(), slopes.len());
         // A light that is off stays off.
         let on: Vec<usize> = (0..columns).filter(|&k| w[k][c] > 0.0).collect();
@@ -418,12 +493,16 @@ impl ShapeProblem<'_> {
             slopes.iter().zip(row.iter_mut()).for_each(|(slope, v)| *v = slope[p][c]);
             on.iter().zip(&mut row[n..]).for_each(|(&k, v)| *v = problem.layer[c][p * columns + k]);
         };
-        let (mut norm, mut along, mut v) = (vec![0.0; segments], vec![0.0; segments * size], vec![0.0; size]);
+        let (mut norm, mut along, mut v) =
+            (vec![0.0; segments], vec![0.0; segments * size], vec![0.0; size]);
         for (p, &s) in segment.iter().enumerate() {
             let s = s as usize;
             row(p, &mut v);
             norm[s] += weight[p] * shading[p] * shading[p];
-            along[s * size..][..size].iter_mut().zip(&v).for_each(|(a, v)| *a += weight[p] * v * shading[p]);
+            along[s * size..][..size]
+                .iter_mut()
+                .zip(&v)
+                .for_each(|(a, v)| *a += weight[p] * v * shading[p]);
         }
         for (along, norm) in along.chunks_exact_mut(size.max(1)).zip(&norm) {
             along.iter_mut().for_each(|a| *a = if *norm > 0.0 { *a / norm } else { 0.0 });
@@ -432,7 +511,9 @@ impl ShapeProblem<'_> {
         for (p, &s) in segment.iter().enumerate() {
             let s = s as usize;
             row(p, &mut v);
-            v.iter_mut().zip(&along[s * size..]).for_each(|(v, along)| *v = albedo[s] * (*v - along * shading[p]));
+            v.iter_mut()
+                .zip(&along[s * size..])
+                .for_each(|(v, along)| *v = albedo[s] * (*v - along * shading[p]));
             right.iter_mut().zip(&v).for_each(|(r, v)| *r += weight[p] * v * residual[p]);
             for i in 0..size {
                 let scaled = weight[p] * v[i];
@@ -480,16 +561,19 @@ impl ShapeProblem<'_> {
                 let (light, parameter) = &free[i];
                 parameter.offset(&self.lights[*light].shape, &shapes[*light])
             };
-            let right: Vec<f64> = (0..n).map(|i| normal.right[i] - self.prior_weight * offset(i)).collect();
+            let right: Vec<f64> =
+                (0..n).map(|i| normal.right[i] - self.prior_weight * offset(i)).collect();
             let mut gram = normal.gram.clone();
             for i in 0..n {
-                gram[i * n + i] += self.prior_weight + damping * (gram[i * n + i].max(0.0) + self.prior_weight);
+                gram[i * n + i] +=
+                    self.prior_weight + damping * (gram[i * n + i].max(0.0) + self.prior_weight);
             }
             let Some(step) = solve_free(&gram, &right, &vec![true; n]) else { break };
             let longest = step.iter().fold(TUNING.longest_step, |longest, s| longest.max(s.abs()));
             let mut tried = shapes.clone();
             for ((light, parameter), step) in free.iter().zip(&step) {
-                tried[*light] = parameter.moved(&tried[*light], step * TUNING.longest_step / longest);
+                tried[*light] =
+                    parameter.moved(&tried[*light], step * TUNING.longest_step / longest);
             }
             for (i, light) in self.lights.iter().enumerate() {
                 if !bounds.hold(&light.shape, &tried[i], light.freedom) {
@@ -500,10 +584,15 @@ impl ShapeProblem<'_> {
                 .iter()
                 .zip(&tried)
                 .flat_map(|(light, shape)| {
-                    if *shape == light.shape { light.columns.clone() } else { light.columns_of(shape, &self.positions) }
+                    if *shape == light.shape {
+                        light.columns.clone()
+                    } else {
+                        light.columns_of(shape, &self.positions)
+                    }
                 })
                 .collect();
-            let after = self.solve_radiances(&columns, Some(&best.radiance), TUNING.warm_iterations);
+            let after =
+                self.solve_radiances(&columns, Some(&best.radiance), TUNING.warm_iterations);
             let loss = after.loss + self.prior_cost(tried.iter());
             if loss >= lowest || !loss.is_finite() {
                 damping *= bad;

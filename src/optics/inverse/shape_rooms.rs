@@ -5,8 +5,8 @@ use crate::geometry::SceneMesh;
 use crate::image::{Albedo, Normal as Normals, Picture, Plane, Points, Segments};
 use crate::optics::inverse::SeenRoom;
 use crate::optics::{
-    Bounces, Lamp, LightTransport, Lobe, Probed, RectLamp, Sampling, ShadowQuality, SphereLamp, Window, direct,
-    indirect, shadow, trace_bounces,
+    Bounces, Lamp, LightTransport, Lobe, Probed, RectLamp, Sampling, ShadowQuality, SphereLamp,
+    Window, direct, indirect, shadow, trace_bounces,
 };
 
 const SIZE: (usize, usize) = (160, 120);
@@ -41,16 +41,21 @@ impl Room {
                 let t = end[axis] / ray[axis];
                 let at = ray * t;
                 let inside = (0..3).all(|k| k == axis || (low[k]..=high[k]).contains(&at[k]));
-                (t > 0.0 && sign * ray[axis] < 0.0 && inside).then(|| (t, Vec3::AXES[axis] * sign, side))
+                (t > 0.0 && sign * ray[axis] < 0.0 && inside)
+                    .then(|| (t, Vec3::AXES[axis] * sign, side))
             };
-            (0..12).filter_map(hit).reduce(|a, b| if b.0 < a.0 { b } else { a }).expect("a closed room")
+            (0..12)
+                .filter_map(hit)
+                .reduce(|a, b| if b.0 < a.0 { b } else { a })
+                .expect("a closed room")
         };
         let ray = |x, y| camera.pixel_point(x, y, 1.0);
         let points = Points(Plane::from_fn(w, h, |x, y| ray(x, y) * met(ray(x, y)).0));
         let normal = Normals(Plane::from_fn(w, h, |x, y| met(ray(x, y)).1));
         let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(w, h, false));
         let transport = trace_bounces(&mesh, &points, &normal, 4, 32, 0);
-        let paint = |side: u32| Vec3::new(0.5, 0.35, 0.25).lerp(Vec3::splat(0.7), side as f32 / 11.0);
+        let paint =
+            |side: u32| Vec3::new(0.5, 0.35, 0.25).lerp(Vec3::splat(0.7), side as f32 / 11.0);
         let label = Plane::from_fn(w, h, |x, y| met(ray(x, y)).2);
         Room {
             albedo: Albedo(label.map(paint)),
@@ -67,16 +72,30 @@ impl Room {
     /// The photo under these lights, 16 shadow rays a pixel.
     fn photo(&self, lights: &[(Shape, Vec<Vec3>)]) -> Picture {
         let sampling = Sampling::fixed(16, 3);
-        let quality = ShadowQuality { sampling, stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
+        let quality = ShadowQuality {
+            sampling,
+            stride: 1,
+            assume_lit: 1.0,
+            outside_unknown: false,
+            lifted: false,
+        };
         let mut sum = Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO);
         for (shape, radiance) in lights {
             let direct = direct(&self.points, &self.normal, shape, &sampling, &|| false);
-            let shadow = shadow(&self.mesh, &self.points, &self.normal, shape, None, quality, &|| false);
+            let shadow =
+                shadow(&self.mesh, &self.points, &self.normal, shape, None, quality, &|| false);
             for ((e, lit), w) in direct.lobes.iter().zip(&shadow.lit).zip(radiance) {
                 let lit = Plane::from_fn(SIZE.0, SIZE.1, |x, y| e.get(x, y) * lit.get(x, y));
                 let bounces = Bounces { count: 2, unseen: 0.5 };
-                let (bounced, ..) =
-                    indirect(&self.transport, &self.points, &self.normal, &self.albedo, &lit, Probed::NONE, bounces);
+                let (bounced, ..) = indirect(
+                    &self.transport,
+                    &self.points,
+                    &self.normal,
+                    &self.albedo,
+                    &lit,
+                    Probed::NONE,
+                    bounces,
+                );
                 sum = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
                     sum.get(x, y) + *w * (bounced.0.get(x, y) + Vec3::splat(lit.get(x, y)))
                 });
@@ -87,7 +106,8 @@ impl Room {
 
     fn fit(&self, photo: &Picture, lights: &[(Shape, DegreesOfFreedom)]) -> ShapeFit {
         let Room { points, normal, mesh, transport, albedo, segments, dark, camera } = self;
-        let room = SeenRoom { photo, clipped: dark, points, normal, mesh, transport, albedo, segments };
+        let room =
+            SeenRoom { photo, clipped: dark, points, normal, mesh, transport, albedo, segments };
         let receivers = Receivers::new(room, std::iter::empty(), usize::MAX);
         let movable = |(shape, freedom): &(Shape, DegreesOfFreedom)| LightVariable {
             shape: shape.clone(),
@@ -117,8 +137,14 @@ fn center(shape: &Shape) -> Vec3 {
 
 /// A window in the left wall.
 fn window(lobes: [(Vec3, f32); 3]) -> Shape {
-    let lobes = lobes.map(|(direction, bandwidth)| Lobe { direction: direction.normalize(), bandwidth });
-    Shape::Window(Window { center: Vec3::new(-1.99, 0.2, -2.6), x: Vec3::NEG_Z * 0.6, y: Vec3::Y * 0.6, lobes })
+    let lobes =
+        lobes.map(|(direction, bandwidth)| Lobe { direction: direction.normalize(), bandwidth });
+    Shape::Window(Window {
+        center: Vec3::new(-1.99, 0.2, -2.6),
+        x: Vec3::NEG_Z * 0.6,
+        y: Vec3::Y * 0.6,
+        lobes,
+    })
 }
 
 const WHITE: Vec3 = Vec3::new(20.0, 19.0, 18.0);
@@ -128,7 +154,8 @@ fn lamps_come_back() {
     let room = Room::new();
     let seen = Vec3::new(-0.6, 0.4, -3.0);
     let unseen = Vec3::new(0.8, 1.0, 0.3);
-    let photo = room.photo(&[(sphere(seen, 0.12), vec![WHITE]), (sphere(unseen, 0.2), vec![WHITE * 2.0])]);
+    let photo =
+        room.photo(&[(sphere(seen, 0.12), vec![WHITE]), (sphere(unseen, 0.2), vec![WHITE * 2.0])]);
     // The unseen one starts 0.4 m off; the prior keeps a third of it.
     let start = [
         (sphere(seen * 1.02, 0.12 * 1.02), DegreesOfFreedom::InView),
@@ -145,11 +172,15 @@ fn lamps_come_back() {
 #[test]
 fn what_a_window_looks_out_on_comes_back() {
     let room = Room::new();
-    let (sun, sky, ground) = (Vec3::new(-1.0, 0.6, 0.1), Vec3::new(-1.0, 1.0, -0.3), Vec3::new(-1.0, -0.7, 0.0));
+    let (sun, sky, ground) =
+        (Vec3::new(-1.0, 0.6, 0.1), Vec3::new(-1.0, 1.0, -0.3), Vec3::new(-1.0, -0.7, 0.0));
     let truth = window([(sun, 1e4), (sky, 3.0), (ground, 1.5)]);
     let photo = room.photo(&[(truth, vec![WHITE * 1000.0, WHITE * 0.5, WHITE * 0.2])]);
-    let start =
-        window([(sun + Vec3::new(0.0, 0.01, -0.01), 1e4), (sky + Vec3::new(0.0, -0.3, 0.2), 1.5), (ground, 1.5)]);
+    let start = window([
+        (sun + Vec3::new(0.0, 0.01, -0.01), 1e4),
+        (sky + Vec3::new(0.0, -0.3, 0.2), 1.5),
+        (ground, 1.5),
+    ]);
     let fit = room.fit(&photo, &[(start, DegreesOfFreedom::InView)]);
     let Shape::Window(found) = &fit.shapes[0] else { panic!("a window") };
     let off = |k: usize, truth: Vec3| found.lobes[k].direction.angle_between(truth);
@@ -165,8 +196,10 @@ fn what_is_right_stays_to_the_bit() {
     let room = Room::new();
     let lamp = sphere(Vec3::new(0.8, 1.0, 0.3), 0.2);
     let photo = room.photo(&[(lamp.clone(), vec![WHITE])]);
-    for freedom in [DegreesOfFreedom::InView, DegreesOfFreedom::OutOfView, DegreesOfFreedom::Fixed] {
-        let fit = room.fit(&photo, &[(lamp.clone(), freedom), (Shape::Absent, DegreesOfFreedom::OutOfView)]);
+    for freedom in [DegreesOfFreedom::InView, DegreesOfFreedom::OutOfView, DegreesOfFreedom::Fixed]
+    {
+        let fit = room
+            .fit(&photo, &[(lamp.clone(), freedom), (Shape::Absent, DegreesOfFreedom::OutOfView)]);
         assert_eq!(fit.shapes, [lamp.clone(), Shape::Absent]);
         assert_eq!(fit.saved, [0.0; 2]);
     }
@@ -178,7 +211,10 @@ fn lights_in_one_place_are_told_and_finite() {
     let lamp = sphere(Vec3::new(0.8, 1.0, 0.3), 0.2);
     let photo = room.photo(&[(lamp.clone(), vec![WHITE])]);
     let start = Parameter::Shift(Vec3::X * 0.3).moved(&lamp, -1.0);
-    let fit = room.fit(&photo, &[(start.clone(), DegreesOfFreedom::OutOfView), (start, DegreesOfFreedom::OutOfView)]);
+    let fit = room.fit(
+        &photo,
+        &[(start.clone(), DegreesOfFreedom::OutOfView), (start, DegreesOfFreedom::OutOfView)],
+    );
     assert!(fit.conditioning.number > 1e6 && fit.conditioning.most_correlated.is_some(), "{fit:?}");
     assert!(fit.shapes.iter().all(|shape| center(shape).is_finite()), "{fit:?}");
     assert!(fit.loss[1] <= fit.loss[0], "{fit:?}");
@@ -193,6 +229,7 @@ fn nothing_seen_moves_nothing() {
     assert!(room.fit(&black, &[]).shapes.is_empty());
     // A lamp that lights no seen surface.
     let photo = room.photo(&[(lamp, vec![WHITE])]);
-    let away = Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z, x: Vec3::X * 0.1, y: Vec3::Y * 0.1 }));
+    let away =
+        Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z, x: Vec3::X * 0.1, y: Vec3::Y * 0.1 }));
     assert_eq!(room.fit(&photo, &[(away.clone(), DegreesOfFreedom::OutOfView)]).shapes, [away]);
 }

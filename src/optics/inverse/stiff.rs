@@ -22,8 +22,18 @@ fn equal_columns_are_one_unknown() {
     assert_eq!((one.unknowns, many.unknowns, many.radiance.len()), (2, 2, 101));
     assert!(many.radiance.iter().enumerate().all(|(i, w)| i == 50 || *w == many.radiance[0]));
     let off = |got: Vec3, want: Vec3| ((got - want) / want).abs().max_element();
-    assert!(off(100.0 * many.radiance[0], one.radiance[0]) < 1e-2, "{:?} of {:?}", many.radiance[0], one.radiance[0]);
-    assert!(off(many.radiance[50], one.radiance[1]) < 1e-2, "{:?} of {:?}", many.radiance[50], one.radiance[1]);
+    assert!(
+        off(100.0 * many.radiance[0], one.radiance[0]) < 1e-2,
+        "{:?} of {:?}",
+        many.radiance[0],
+        one.radiance[0]
+    );
+    assert!(
+        off(many.radiance[50], one.radiance[1]) < 1e-2,
+        "{:?} of {:?}",
+        many.radiance[50],
+        one.radiance[1]
+    );
     assert_eq!(many.conditioning.most_correlated, Some([0, 1]));
     assert!(many.conditioning.number >= 1e15 && one.conditioning.number < 1e6);
     // Another cost is another column.
@@ -39,12 +49,15 @@ struct PixelRow {
 }
 
 fn falloff(pixels: usize, from: f32) -> Vec<Vec3> {
-    (0..pixels).map(|p| Vec3::splat(1.0 / (0.3 + (p as f32 / pixels as f32 - from).powi(2)))).collect()
+    (0..pixels)
+        .map(|p| Vec3::splat(1.0 / (0.3 + (p as f32 / pixels as f32 - from).powi(2))))
+        .collect()
 }
 
 fn row(layers: Vec<Vec<Vec3>>, radiance: &[Vec3], segments: usize) -> PixelRow {
     let n = layers[0].len();
-    let paint = [Vec3::splat(0.8), Vec3::new(0.7, 0.3, 0.2), Vec3::new(0.2, 0.3, 0.6), Vec3::splat(0.4)];
+    let paint =
+        [Vec3::splat(0.8), Vec3::new(0.7, 0.3, 0.2), Vec3::new(0.2, 0.3, 0.6), Vec3::splat(0.4)];
     let segment: Vec<u32> = (0..n).map(|p| (p * segments / n) as u32).collect();
     let lit = |p: usize| layers.iter().zip(radiance).map(|(u, w)| *w * u[p]).sum::<Vec3>();
     let photo = (0..n).map(|p| paint[segment[p] as usize % 4] * lit(p)).collect();
@@ -78,7 +91,8 @@ fn twin(row: &PixelRow, iterations: usize) -> Vec<[f64; 3]> {
     let segments = row.observations().segments;
     let white = f64::from(row.observations().white);
     let sum_of = |j: usize, c: usize| row.layers[j].iter().map(|v| f64::from(v[c])).sum::<f64>();
-    let means: Vec<f64> = (0..k).map(|j| (sum_of(j, 0) + sum_of(j, 1) + sum_of(j, 2)) / (3 * n) as f64).collect();
+    let means: Vec<f64> =
+        (0..k).map(|j| (sum_of(j, 0) + sum_of(j, 1) + sum_of(j, 2)) / (3 * n) as f64).collect();
     let mut w = vec![[1.0 / k as f64; 3]; k];
     for _ in 0..iterations {
         let mut rows: Rows = Vec::new();
@@ -98,14 +112,19 @@ fn twin(row: &PixelRow, iterations: usize) -> Vec<[f64; 3]> {
             for s in 0..segments {
                 let own: Vec<usize> = (0..n).filter(|&p| row.segment[p] as usize == s).collect();
                 let sum = |f: &dyn Fn(usize) -> f64| own.iter().map(|&p| f(p)).sum::<f64>();
-                let albedo = sum(&|p| base(p) * photo(p) * shading(p)) / sum(&|p| base(p) * shading(p).powi(2));
+                let albedo = sum(&|p| base(p) * photo(p) * shading(p))
+                    / sum(&|p| base(p) * shading(p).powi(2));
                 let residual = |p: usize| photo(p) - albedo * shading(p);
-                let weight = |p: usize| base(p) / (1.0 + (residual(p) / (0.15 * photo(p) + 0.01)).powi(2));
-                own.iter().for_each(|&p| push(&|j| weight(p).sqrt() * albedo * u(j, p), weight(p).sqrt() * photo(p)));
+                let weight =
+                    |p: usize| base(p) / (1.0 + (residual(p) / (0.15 * photo(p) + 0.01)).powi(2));
+                own.iter().for_each(|&p| {
+                    push(&|j| weight(p).sqrt() * albedo * u(j, p), weight(p).sqrt() * photo(p))
+                });
                 let norm = sum(&|p| weight(p) * shading(p).powi(2));
                 for (j, weight_of) in color_weights.iter_mut().enumerate() {
                     let along = sum(&|p| weight(p) * u(j, p) * shading(p)) / norm;
-                    let left = sum(&|p| weight(p) * (albedo * (u(j, p) - along * shading(p))).powi(2));
+                    let left =
+                        sum(&|p| weight(p) * (albedo * (u(j, p) - along * shading(p))).powi(2));
                     *weight_of += FIT_PROBLEM.color_weight / 3.0 * left;
                 }
             }
@@ -115,7 +134,9 @@ fn twin(row: &PixelRow, iterations: usize) -> Vec<[f64; 3]> {
             let d = likely_color(w[j]);
             for c in 0..3 {
                 let mut line = vec![0.0; 3 * k + 1];
-                (0..3).for_each(|e| line[e * k + j] = weight_of.sqrt() * (f64::from(u8::from(c == e)) - d[c] * d[e]));
+                (0..3).for_each(|e| {
+                    line[e * k + j] = weight_of.sqrt() * (f64::from(u8::from(c == e)) - d[c] * d[e])
+                });
                 rows.push(line);
             }
         }
@@ -129,17 +150,24 @@ fn twin(row: &PixelRow, iterations: usize) -> Vec<[f64; 3]> {
     }
     w.iter()
         .zip(&means)
-        .map(|(w, mean)| w.map(|v| v.max(RADIANCE_FIT.min_channel * w[0].max(w[1]).max(w[2])) / mean))
+        .map(|(w, mean)| {
+            w.map(|v| v.max(RADIANCE_FIT.min_channel * w[0].max(w[1]).max(w[2])) / mean)
+        })
         .collect()
 }
 
 /// Largest relative difference of a light's radiances from the twin's.
 fn distance(fit: &RadianceFit, twin: &[[f64; 3]]) -> f64 {
-    let pairs = fit.radiance.iter().zip(twin).flat_map(|(a, b)| (0..3).map(move |c| (f64::from(a[c]), b[c])));
+    let pairs = fit
+        .radiance
+        .iter()
+        .zip(twin)
+        .flat_map(|(a, b)| (0..3).map(move |c| (f64::from(a[c]), b[c])));
     pairs.map(|(a, b)| (a - b).abs() / b.abs().max(1e-30)).fold(0.0, f64::max)
 }
 
-const W: [Vec3; 3] = [Vec3::new(0.3, 0.25, 0.2), Vec3::new(0.2, 0.2, 0.2), Vec3::new(0.1, 0.1, 0.12)];
+const W: [Vec3; 3] =
+    [Vec3::new(0.3, 0.25, 0.2), Vec3::new(0.2, 0.2, 0.2), Vec3::new(0.1, 0.1, 0.12)];
 
 /// Two lights 0.3 of the row apart and one at its end.
 fn three() -> PixelRow {
@@ -159,7 +187,11 @@ fn lights_that_differ_agree_with_the_twin() {
 #[test]
 fn a_light_at_its_bound_agrees_with_the_twin() {
     let PixelRow { layers, segment, .. } = three();
-    let row = PixelRow { photo: row(layers.clone(), &[W[0], Vec3::ZERO, W[2]], 3).photo, layers, segment };
+    let row = PixelRow {
+        photo: row(layers.clone(), &[W[0], Vec3::ZERO, W[2]], 3).photo,
+        layers,
+        segment,
+    };
     let (fit, twin) = (row.fit(), twin(&row, 600));
     // The pull on the colors of the other two leaves it a ten-thousandth in blue.
     assert!(fit.radiance[1].max_element() < 1e-4, "{fit:?}");
@@ -178,7 +210,11 @@ fn nearly_equal_lights_are_named_and_their_sum_is_found() {
     let near = row(vec![falloff(60, 0.0), falloff(60, 1e-3), falloff(60, 1.0)], &W, 3);
     let fit = fit_radiances(&near.observations(), &near.columns(), &LightPrior::default(), 200);
     assert_eq!(fit.conditioning.most_correlated, Some([0, 1]));
-    assert!(fit.conditioning.number > 1e6 && fit.conditioning.correlation > 0.99999, "{:?}", fit.conditioning);
+    assert!(
+        fit.conditioning.number > 1e6 && fit.conditioning.correlation > 0.99999,
+        "{:?}",
+        fit.conditioning
+    );
     let share = (fit.radiance[0] + fit.radiance[1]) / fit.radiance[2];
     let truth = (W[0] + W[1]) / W[2];
     // The pull towards likely colors moves light between the two and the third by some percent.
@@ -194,7 +230,10 @@ fn equal_lights_share_equally() {
     let off = ((fit.radiance[0] - fit.radiance[1]) / fit.radiance[0]).abs().max_element();
     // As near as a fit of ten turns to 1e-4 can be.
     assert!(off < 1e-3 && fit.unsettled.is_empty(), "{fit:?}");
-    assert!(fit.conditioning.number > 1e12 && fit.conditioning.most_correlated == Some([0, 1]), "{fit:?}");
+    assert!(
+        fit.conditioning.number > 1e12 && fit.conditioning.most_correlated == Some([0, 1]),
+        "{fit:?}"
+    );
 }
 
 /// A far or tiny lamp has a layer 1e6 times (or 1e20 times) smaller: its radiance is that much
@@ -207,7 +246,9 @@ fn a_small_layer_is_not_taken_for_a_bad_one() {
         small.layers[1].iter_mut().for_each(|u| *u *= factor);
         let fit = small.fit();
         for (i, back) in [1.0, factor, 1.0].into_iter().enumerate() {
-            let off = ((fit.radiance[i] * back - plain.radiance[i]) / plain.radiance[i]).abs().max_element();
+            let off = ((fit.radiance[i] * back - plain.radiance[i]) / plain.radiance[i])
+                .abs()
+                .max_element();
             assert!(off < 1e-4, "light {i} at {factor:e}: off by {off:e}");
         }
         let number = fit.conditioning.number / plain.conditioning.number;
@@ -238,13 +279,15 @@ fn a_light_a_million_times_weaker_is_found_as_the_twin_finds_it() {
 fn radiances_scale_with_the_photo() {
     let albedo = vec![Vec3::splat(0.5); 60];
     let plain = three();
-    let plain_fit = fit_radiances(&plain.observations(), &plain.columns(), &LightPrior::default(), 200)
-        .with_albedo_of(&plain.segment, &albedo);
+    let plain_fit =
+        fit_radiances(&plain.observations(), &plain.columns(), &LightPrior::default(), 200)
+            .with_albedo_of(&plain.segment, &albedo);
     for factor in [1e-6, 1e6] {
         let mut scaled = three();
         scaled.photo.iter_mut().for_each(|v| *v *= factor);
-        let fit = fit_radiances(&scaled.observations(), &scaled.columns(), &LightPrior::default(), 200)
-            .with_albedo_of(&scaled.segment, &albedo);
+        let fit =
+            fit_radiances(&scaled.observations(), &scaled.columns(), &LightPrior::default(), 200)
+                .with_albedo_of(&scaled.segment, &albedo);
         for (got, want) in fit.radiance.iter().zip(&plain_fit.radiance) {
             let off = ((*got / factor - *want) / *want).abs().max_element();
             assert!(off < 1e-4, "{factor:e}: {got} against {want}");
@@ -276,7 +319,10 @@ fn nothing_to_go_by_is_zero_and_told() {
     white.saturated = vec![true; 60];
     let fit = fit_radiances(&white, &three().columns(), &LightPrior::default(), 200);
     sound(&fit);
-    assert!(fit.degrees_of_freedom == 0 && fit.radiance.iter().all(|w| w.min_element() > 0.0), "{fit:?}");
+    assert!(
+        fit.degrees_of_freedom == 0 && fit.radiance.iter().all(|w| w.min_element() > 0.0),
+        "{fit:?}"
+    );
     // Two pixels of one segment under three lights: one number for two ratios.
     let few = row(vec![falloff(2, 0.0), falloff(2, 0.3), falloff(2, 1.0)], &W, 1);
     let fit = fit_radiances(&few.observations(), &few.columns(), &LightPrior::default(), 200);
@@ -288,5 +334,8 @@ fn nothing_to_go_by_is_zero_and_told() {
 fn a_fit_cut_short_names_what_still_moves() {
     let row = three();
     let fit = fit_radiances(&row.observations(), &row.columns(), &LightPrior::default(), 1);
-    assert!(fit.iterations == 1 && fit.unsettled == [0, 1, 2] && fit.change > RADIANCE_FIT.tolerance, "{fit:?}");
+    assert!(
+        fit.iterations == 1 && fit.unsettled == [0, 1, 2] && fit.change > RADIANCE_FIT.tolerance,
+        "{fit:?}"
+    );
 }

@@ -69,10 +69,14 @@ pub(in crate::optics) fn closed(lamp: &LampPixels, body: LampDepth) -> Vec<Surfe
         normal: plate.normal - axis * (2.0 * axis.dot(plate.normal)),
         area: plate.area,
     };
-    let seen: Vec<Surfel> = along_curve(lamp.pixels).into_iter().map(|at| front.surfel(at)).collect();
-    let annulus = outline(lamp.pixels, &front.inside).into_iter().flat_map(|edge| front.annulus(&edge));
+    let seen: Vec<Surfel> =
+        along_curve(lamp.pixels).into_iter().map(|at| front.surfel(at)).collect();
+    let annulus =
+        outline(lamp.pixels, &front.inside).into_iter().flat_map(|edge| front.annulus(&edge));
     let back = seen.iter().rev().map(mirrored);
-    let sound = |p: &Surfel| p.point.is_finite() && p.normal.is_finite() && p.area > 0.0 && p.area.is_finite();
+    let sound = |p: &Surfel| {
+        p.point.is_finite() && p.normal.is_finite() && p.area > 0.0 && p.area.is_finite()
+    };
     seen.iter().copied().chain(annulus).chain(back).filter(sound).collect()
 }
 
@@ -89,7 +93,13 @@ impl<'a> Front<'a> {
     fn new(lamp: &'a LampPixels<'a>, body: LampDepth) -> Option<Front<'a>> {
         let mut inside = Plane::filled(lamp.camera.width, lamp.camera.height, false);
         lamp.pixels.iter().for_each(|&(x, y)| inside.set(x, y, true));
-        Some(Front { lamp, body, axis: body.center.try_normalize()?, middle: body.center.length(), inside })
+        Some(Front {
+            lamp,
+            body,
+            axis: body.center.try_normalize()?,
+            middle: body.center.length(),
+            inside,
+        })
     }
 
     /// Point of the surface in a pixel of the lamp: not behind the center plane, and not far before
@@ -112,7 +122,11 @@ impl<'a> Front<'a> {
         let camera = self.lamp.camera;
         let point = self.point((x, y));
         let beside = |x: Option<usize>, y: Option<usize>| match (x, y) {
-            (Some(x), Some(y)) if x < camera.width && y < camera.height && self.inside.get(x, y) => self.point((x, y)),
+            (Some(x), Some(y))
+                if x < camera.width && y < camera.height && self.inside.get(x, y) =>
+            {
+                self.point((x, y))
+            }
             _ => point,
         };
         let right = beside(Some(x + 1), Some(y)) - beside(x.checked_sub(1), Some(y));
@@ -131,9 +145,13 @@ impl<'a> Front<'a> {
         // The boundary is where the surfel's own plane ends, half a pixel further out.
         let ray = camera.unproject(edge.at.x, edge.at.y, 1.0);
         let slant = self_surfel.normal.dot(ray).min(-TUNING.edge_grazing * TUNING.grazing);
-        let along = self.axis.dot(ray * (self_surfel.normal.dot(self_surfel.point) / slant)).min(self.middle);
+        let along = self
+            .axis
+            .dot(ray * (self_surfel.normal.dot(self_surfel.point) / slant))
+            .min(self.middle);
         let boundary = ray * (along / self.axis.dot(ray));
-        let width = edge.length * -boundary.z / if edge.side.x == 0.0 { camera.fx } else { camera.fy };
+        let width =
+            edge.length * -boundary.z / if edge.side.x == 0.0 { camera.fx } else { camera.fy };
         let outward = Vec3::new(edge.outward.x, -edge.outward.y, 0.0);
         let normal = outward.reject_from_normalized(self.axis).normalize_or(-self.axis);
         let gap = 2.0 * (self.middle - along);
@@ -225,19 +243,24 @@ fn outline(pixels: &[(usize, usize)], inside: &Plane<bool>) -> Vec<OutlineEdge> 
         let beyond = x < 0.0 || y < 0.0 || x >= width as f32 || y >= height as f32;
         !beyond && !inside.get(x as usize, y as usize)
     };
-    let at = |(x, y): (usize, usize), side: Vec2| Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + 0.5 * side;
+    let at =
+        |(x, y): (usize, usize), side: Vec2| Vec2::new(x as f32 + 0.5, y as f32 + 0.5) + 0.5 * side;
     let mut edges: Vec<OutlineEdge> = Vec::new();
     for &pixel in pixels {
         for side in sides.into_iter().filter(|&side| ends(pixel, side)) {
             let here = at(pixel, side);
             let mut outward = Vec2::ZERO;
             let window = |center: usize, end: usize| {
-                center.saturating_sub(TUNING.outline_window)..(center + TUNING.outline_window + 1).min(end)
+                center.saturating_sub(TUNING.outline_window)
+                    ..(center + TUNING.outline_window + 1).min(end)
             };
             for y in window(pixel.1, height) {
                 for x in window(pixel.0, width).filter(|&x| inside.get(x, y)) {
                     // The other side of a thin lamp does not determine this one's direction.
-                    for other in sides.into_iter().filter(|other| other.dot(side) >= 0.0 && ends((x, y), *other)) {
+                    for other in sides
+                        .into_iter()
+                        .filter(|other| other.dot(side) >= 0.0 && ends((x, y), *other))
+                    {
                         let near = at((x, y), other).distance(here) <= TUNING.outline_window as f32;
                         outward += if near { other } else { Vec2::ZERO };
                     }
@@ -296,14 +319,16 @@ mod tests {
         fn new(lamp: &Lamp, width: usize, noise: f32) -> Seen {
             let camera = Camera::from_fov_x(width, width * 3 / 4, 60.0);
             let shape = Shape::Lamp(lamp.clone());
-            let met = |x: usize, y: usize| shape.intersect(Vec3::ZERO, camera.pixel_point(x, y, 1.0));
+            let met =
+                |x: usize, y: usize| shape.intersect(Vec3::ZERO, camera.pixel_point(x, y, 1.0));
             let depth = Depth(Plane::from_fn(camera.width, camera.height, |x, y| {
                 // The sum of twelve uniform numbers has variance one.
                 let points = Points2::new(5, (y * width + x) as u32, 0);
                 let normal: f64 = (0..6).flat_map(|i| points.get(17 * i)).sum::<f64>() - 6.0;
                 met(x, y).unwrap_or(5.0) * (1.0 + noise * normal as f32)
             }));
-            let all = (0..camera.width * camera.height).map(|i| (i % camera.width, i / camera.width));
+            let all =
+                (0..camera.width * camera.height).map(|i| (i % camera.width, i / camera.width));
             let pixels = all.filter(|&(x, y)| met(x, y).is_some()).collect();
             Seen { camera, pixels, points: surface(&depth, &camera).points }
         }
@@ -323,7 +348,9 @@ mod tests {
 
     fn irradiance(surfels: &[Surfel], point: Vec3, normal: Vec3) -> f32 {
         // In pieces, each few enough for the closed form.
-        let some = surfels.chunks(500).map(|some| Emitter::new(&Shape::Lamp(Lamp::Surfels(some.to_vec()))));
+        let some = surfels
+            .chunks(500)
+            .map(|some| Emitter::new(&Shape::Lamp(Lamp::Surfels(some.to_vec()))));
         some.map(|some| some.irradiance(0, point, normal).expect("few enough")).sum()
     }
 
@@ -334,7 +361,8 @@ mod tests {
         let errors = (0..100).map(|i| {
             // Fibonacci's sphere.
             let (y, turn) = (1.0 - (2.0 * i as f32 + 1.0) / 100.0, 2.399_963 * i as f32);
-            let direction = Vec3::new((1.0 - y * y).sqrt() * turn.cos(), y, (1.0 - y * y).sqrt() * turn.sin());
+            let direction =
+                Vec3::new((1.0 - y * y).sqrt() * turn.cos(), y, (1.0 - y * y).sqrt() * turn.sin());
             let point = center + direction * distance;
             let want = whole.irradiance(0, point, -direction).expect("a closed form");
             (irradiance(surfels, point, -direction) / want - 1.0).abs()
@@ -353,13 +381,18 @@ mod tests {
     /// 28; worst 5 %, and 6 % a radius away.
     #[test]
     fn a_ball_shines_like_a_ball_in_all_directions() {
-        for (width, mean_bound, worst_bound) in [(60, 0.03, 0.08), (160, 0.015, 0.06), (320, 0.01, 0.04)] {
+        for (width, mean_bound, worst_bound) in
+            [(60, 0.03, 0.08), (160, 0.015, 0.06), (320, 0.01, 0.04)]
+        {
             let surfels = Seen::new(&ball(), width, 0.0).closed(CENTER, 0.25);
             let share = area(&surfels) / ball().area();
             assert!((share - 1.0).abs() < 0.02, "{width}: area {share}");
             for distance in [0.5, 1.5, 10.0] {
                 let (worst, mean) = errors(&surfels, &ball(), CENTER, distance);
-                assert!(mean < mean_bound && worst < worst_bound, "{width}, {distance} m: {worst} {mean}");
+                assert!(
+                    mean < mean_bound && worst < worst_bound,
+                    "{width}, {distance} m: {worst} {mean}"
+                );
             }
         }
     }
@@ -370,7 +403,8 @@ mod tests {
         let surfels = Seen::new(&ball(), 160, 0.01).closed(CENTER, 0.25);
         let share = area(&surfels) / ball().area();
         assert!((0.97..1.15).contains(&share), "area {share}");
-        let level: Vec<Surfel> = surfels.iter().map(|p| Surfel { area: p.area / share, ..*p }).collect();
+        let level: Vec<Surfel> =
+            surfels.iter().map(|p| Surfel { area: p.area / share, ..*p }).collect();
         let (worst, mean) = errors(&level, &ball(), CENTER, 1.5);
         assert!(mean < 0.06 && worst < 0.2, "{worst} {mean}");
     }
@@ -398,14 +432,27 @@ mod tests {
         let seen = Seen::new(&lamp, 320, 0.0);
         let plane = PlaneFit { normal: Vec3::NEG_Y, offset: -1.0, support: 1.0, spread: 0.0 };
         let surfels = flat(&seen.pixels(), &plane);
-        assert!((area(&surfels) / lamp.area() - 1.0).abs() < 0.02, "{} {}", area(&surfels), lamp.area());
+        assert!(
+            (area(&surfels) / lamp.area() - 1.0).abs() < 0.02,
+            "{} {}",
+            area(&surfels),
+            lamp.area()
+        );
         let whole = Emitter::new(&Shape::Lamp(lamp));
-        for point in [Vec3::new(0.0, -1.0, -2.0), Vec3::new(2.0, -0.5, -3.5), Vec3::new(0.3, 0.5, -3.0)] {
-            let (got, want) =
-                (irradiance(&surfels, point, Vec3::Y), whole.irradiance(0, point, Vec3::Y).expect("closed"));
+        for point in
+            [Vec3::new(0.0, -1.0, -2.0), Vec3::new(2.0, -0.5, -3.5), Vec3::new(0.3, 0.5, -3.0)]
+        {
+            let (got, want) = (
+                irradiance(&surfels, point, Vec3::Y),
+                whole.irradiance(0, point, Vec3::Y).expect("closed"),
+            );
             assert!((got / want - 1.0).abs() < 0.02, "{point}: {got} {want}");
         }
-        assert_eq!(irradiance(&surfels, Vec3::new(0.3, 2.0, -3.0), Vec3::NEG_Y), 0.0, "above the ceiling it is dark");
+        assert_eq!(
+            irradiance(&surfels, Vec3::new(0.3, 2.0, -3.0), Vec3::NEG_Y),
+            0.0,
+            "above the ceiling it is dark"
+        );
     }
 
     /// 128 of 1,900 surfels: measured 2.4 % on the mean and 8 % at worst, of which all surfels have
@@ -426,9 +473,13 @@ mod tests {
             let (worst, mean) = errors(&thin(&all, 128, seed), &ball(), CENTER, 1.5);
             assert!(mean < 0.04 && worst < 0.15, "seed {seed}: {worst} {mean}");
         }
-        for (point, normal) in [(Vec3::new(0.4, -0.5, -2.5), Vec3::Y), (Vec3::new(-0.5, 0.3, -3.2), Vec3::X)] {
+        for (point, normal) in
+            [(Vec3::new(0.4, -0.5, -2.5), Vec3::Y), (Vec3::new(-0.5, 0.3, -3.2), Vec3::X)]
+        {
             let whole = irradiance(&all, point, normal);
-            let mean = (0..100).map(|seed| irradiance(&thin(&all, 128, seed), point, normal)).sum::<f32>() / 100.0;
+            let mean =
+                (0..100).map(|seed| irradiance(&thin(&all, 128, seed), point, normal)).sum::<f32>()
+                    / 100.0;
             assert!((mean / whole - 1.0).abs() < 0.01, "{point}: {mean} {whole}");
         }
     }
@@ -444,9 +495,12 @@ mod tests {
     #[test]
     fn the_outline_is_as_long_as_it_looks() {
         let disc = |x: usize, y: usize| (x as f32 - 49.5).hypot(y as f32 - 49.5) < 30.0;
-        let slanted = |x: usize, y: usize| (x + 2 * y < 150) && (2 * x + 3 > y) && (2 * x < y + 80) && x + 2 * y > 60;
+        let slanted = |x: usize, y: usize| {
+            (x + 2 * y < 150) && (2 * x + 3 > y) && (2 * x < y + 80) && x + 2 * y > 60
+        };
         let length = |inside: &dyn Fn(usize, usize) -> bool| {
-            let pixels: Vec<_> = (0..10_000).map(|i| (i % 100, i / 100)).filter(|p| inside(p.0, p.1)).collect();
+            let pixels: Vec<_> =
+                (0..10_000).map(|i| (i % 100, i / 100)).filter(|p| inside(p.0, p.1)).collect();
             let plane = Plane::from_fn(100, 100, inside);
             outline(&pixels, &plane).iter().map(|e| e.length).sum::<f32>()
         };
@@ -486,24 +540,34 @@ mod tests {
         ];
         for (name, pixels) in &masks {
             for depth in depths {
-                let points = Points(Plane::from_fn(40, 30, |x, y| camera.pixel_point(x, y, depth(x, y))));
+                let points =
+                    Points(Plane::from_fn(40, 30, |x, y| camera.pixel_point(x, y, depth(x, y))));
                 let lamp = LampPixels { pixels, points: &points, camera: &camera };
                 for seen in [true, false] {
                     let center = camera.pixel_point(20, 15, 2.1);
                     let surfels = closed(&lamp, LampDepth { center, half: 0.2, seen });
                     assert_eq!(surfels.is_empty(), pixels.is_empty(), "{name}");
                     for p in &surfels {
-                        assert!(p.point.is_finite() && p.area > 0.0 && p.area.is_finite(), "{name}: {p:?}");
+                        assert!(
+                            p.point.is_finite() && p.area > 0.0 && p.area.is_finite(),
+                            "{name}: {p:?}"
+                        );
                         assert!((p.normal.length() - 1.0).abs() < 1e-4, "{name}: {p:?}");
                     }
                     assert!(thin(&surfels, 16, 0).len() <= 16);
                 }
             }
         }
-        let everything =
-            LampPixels { pixels: &masks[5].1, points: &Points(Plane::filled(40, 30, Vec3::NEG_Z)), camera: &camera };
-        let surfels = closed(&everything, LampDepth { center: Vec3::NEG_Z * 2.0, half: 0.5, seen: true });
+        let everything = LampPixels {
+            pixels: &masks[5].1,
+            points: &Points(Plane::filled(40, 30, Vec3::NEG_Z)),
+            camera: &camera,
+        };
+        let surfels =
+            closed(&everything, LampDepth { center: Vec3::NEG_Z * 2.0, half: 0.5, seen: true });
         assert_eq!(surfels.len(), 2 * 1200, "the picture's border is no outline");
-        assert!(closed(&everything, LampDepth { center: Vec3::ZERO, half: 0.5, seen: true }).is_empty());
+        assert!(
+            closed(&everything, LampDepth { center: Vec3::ZERO, half: 0.5, seen: true }).is_empty()
+        );
     }
 }

@@ -105,23 +105,33 @@ pub(in crate::optics) struct VisibleLamp<'a> {
 impl<'a> VisibleLamp<'a> {
     /// Measures the lamp. `around` lists the pixels that surround it; `normal` is of the camera's
     /// size. `None` when the lamp does not have a pixel.
-    pub fn new(pixels: LampPixels<'a>, normal: &Normal, around: &[(usize, usize)]) -> Option<VisibleLamp<'a>> {
+    pub fn new(
+        pixels: LampPixels<'a>,
+        normal: &Normal,
+        around: &[(usize, usize)],
+    ) -> Option<VisibleLamp<'a>> {
         if pixels.pixels.is_empty() {
             return None;
         }
         let LampPixels { points, camera, .. } = pixels;
-        let own_points: Vec<Vec3> = pixels.pixels.iter().map(|&(x, y)| points.0.get(x, y)).collect();
+        let own_points: Vec<Vec3> =
+            pixels.pixels.iter().map(|&(x, y)| points.0.get(x, y)).collect();
         let (positions, normals): (Vec<Vec3>, Vec<Vec3>) =
             around.iter().map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y))).unzip();
-        let rays: Vec<Vec3> = pixels.pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
+        let rays: Vec<Vec3> =
+            pixels.pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
         let on = |plane: &PlaneFit| {
             own_points
                 .iter()
-                .filter(|p| (plane.normal.dot(**p) - plane.offset).abs() < TUNING.flush * p.length())
+                .filter(|p| {
+                    (plane.normal.dot(**p) - plane.offset).abs() < TUNING.flush * p.length()
+                })
                 .count()
         };
-        let wall = PlaneFit::through(&positions, &normals, TUNING.flush)
-            .filter(|plane| plane.support > TUNING.min_support && on(plane) * 10 > own_points.len() * TUNING.min_flush);
+        let wall = PlaneFit::through(&positions, &normals, TUNING.flush).filter(|plane| {
+            plane.support > TUNING.min_support
+                && on(plane) * 10 > own_points.len() * TUNING.min_flush
+        });
 
         let depth = median(own_points.iter().map(|p| -p.z).collect());
         let middle = rays.iter().sum::<Vec3>() / rays.len() as f32;
@@ -135,8 +145,9 @@ impl<'a> VisibleLamp<'a> {
         let axes = [Vec3::new(cos, sin, 0.0), Vec3::new(-sin, cos, 0.0)];
         // A pixel has extent of its own: half a pixel on each side.
         let pixel = 0.5 / camera.fx;
-        let half =
-            axes.map(|axis| depth * (rays.iter().map(|r| (*r - middle).dot(axis).abs()).fold(0.0, f32::max) + pixel));
+        let half = axes.map(|axis| {
+            depth * (rays.iter().map(|r| (*r - middle).dot(axis).abs()).fold(0.0, f32::max) + pixel)
+        });
         let area = rays.len() as f32 * (depth / camera.fx) * (depth / camera.fy);
         Some(VisibleLamp { pixels, rays, middle, wall, depth, axes, half, area })
     }
@@ -196,16 +207,25 @@ impl<'a> VisibleLamp<'a> {
     fn boxed(&self) -> Lamp {
         let ([long, short], [a, b]) = (self.axes, self.half);
         let a = a.min(self.area / (4.0 * b) * TUNING.max_length);
-        let body = Lamp::Box(BoxLamp { center: self.center(b), axes: [long * a, short * b, Vec3::NEG_Z * b] });
+        let body = Lamp::Box(BoxLamp {
+            center: self.center(b),
+            axes: [long * a, short * b, Vec3::NEG_Z * b],
+        });
         self.rect().unwrap_or(body)
     }
 
     fn surfels(&self, forms: LampForms) -> Option<Lamp> {
         let all = match self.panel() {
-            Some(plane) => flat(&self.pixels, &PlaneFit { offset: plane.offset + TUNING.panel_distance, ..plane }),
+            Some(plane) => flat(
+                &self.pixels,
+                &PlaneFit { offset: plane.offset + TUNING.panel_distance, ..plane },
+            ),
             None => {
                 let half = if self.is_long() { self.half[1] } else { self.radius() };
-                closed(&self.pixels, LampDepth { center: self.center(half), half, seen: self.wall.is_none() })
+                closed(
+                    &self.pixels,
+                    LampDepth { center: self.center(half), half, seen: self.wall.is_none() },
+                )
             }
         };
         let surfels = thin(&all, forms.most_surfels, forms.seed);

@@ -40,14 +40,17 @@ pub fn visible_light(
             let pixels = pixels_of(mask);
             let around = surroundings(
                 mask,
-                (camera.width.max(camera.height) / TUNING.surroundings).max(TUNING.min_surroundings),
+                (camera.width.max(camera.height) / TUNING.surroundings)
+                    .max(TUNING.min_surroundings),
             );
-            let lamp = VisibleLamp::new(LampPixels { pixels: &pixels, points, camera }, normal, &around);
+            let lamp =
+                VisibleLamp::new(LampPixels { pixels: &pixels, points, camera }, normal, &around);
             lamp.into_iter().flat_map(|lamp| lamp.shapes(forms)).map(Shape::Lamp).collect()
         }
-        LightKind::Window => {
-            visible_windows(mask, points, normal, camera, room).into_iter().map(Shape::Window).collect()
-        }
+        LightKind::Window => visible_windows(mask, points, normal, camera, room)
+            .into_iter()
+            .map(Shape::Window)
+            .collect(),
     }
 }
 
@@ -75,20 +78,41 @@ mod tests {
 
     #[test]
     fn a_window_lies_in_its_wall_whatever_is_seen_through_it() {
-        let (camera, mask, points, normal) = wall_with(|x, y| (50..90).contains(&x) && (30..70).contains(&y));
-        let lights = visible_light(LightKind::Window, LampForms::default(), &mask, &points, &normal, &camera, None);
+        let (camera, mask, points, normal) =
+            wall_with(|x, y| (50..90).contains(&x) && (30..70).contains(&y));
+        let lights = visible_light(
+            LightKind::Window,
+            LampForms::default(),
+            &mask,
+            &points,
+            &normal,
+            &camera,
+            None,
+        );
         let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
         let n = Vec3::new(0.3, 0.0, 1.0).normalize();
         assert!((n.dot(window.center) + 3.0 * n.z).abs() < 0.03, "on the wall");
         assert!(window.x.cross(window.y).normalize().dot(n) > 0.999, "faces the room");
         let width = points.0.get(90, 50).distance(points.0.get(49, 50));
-        assert!((2.0 * window.x.length() / width - 1.0).abs() < 0.08, "{} against {width}", 2.0 * window.x.length());
+        assert!(
+            (2.0 * window.x.length() / width - 1.0).abs() < 0.08,
+            "{} against {width}",
+            2.0 * window.x.length()
+        );
     }
 
     #[test]
     fn a_window_cut_by_the_picture_goes_on_beyond_it() {
         let (camera, mask, points, normal) = wall_with(|x, y| x < 30 && (30..70).contains(&y));
-        let lights = visible_light(LightKind::Window, LampForms::default(), &mask, &points, &normal, &camera, None);
+        let lights = visible_light(
+            LightKind::Window,
+            LampForms::default(),
+            &mask,
+            &points,
+            &normal,
+            &camera,
+            None,
+        );
         let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
         let edge = camera.project(window.center).expect("before the camera");
         assert!(edge.x < 3.0, "its middle is at the picture's edge, got {edge}");
@@ -98,8 +122,16 @@ mod tests {
         LampForms { form, ..LampForms::default() }
     }
 
-    fn shapes(form: LampForm, camera: &Camera, z: &Plane<f32>, mask: &Plane<bool>, normal: Vec3) -> Vec<Shape> {
-        let points = Points(Plane::from_fn(z.width(), z.height(), |x, y| camera.pixel_point(x, y, z.get(x, y))));
+    fn shapes(
+        form: LampForm,
+        camera: &Camera,
+        z: &Plane<f32>,
+        mask: &Plane<bool>,
+        normal: Vec3,
+    ) -> Vec<Shape> {
+        let points = Points(Plane::from_fn(z.width(), z.height(), |x, y| {
+            camera.pixel_point(x, y, z.get(x, y))
+        }));
         let mask = Mask(mask.map(|inside| if inside { 1.0 } else { 0.0 }));
         let normal = Normal(Plane::filled(z.width(), z.height(), normal));
         visible_light(LightKind::Lamp, forms(form), &mask, &points, &normal, camera, None)
@@ -110,23 +142,44 @@ mod tests {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         let center = Vec3::new(0.4, 0.3, -2.5);
         let seen = Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: 0.25 }));
-        let z =
-            Plane::from_fn(160, 120, |x, y| seen.intersect(Vec3::ZERO, camera.pixel_point(x, y, 1.0)).unwrap_or(5.0));
+        let z = Plane::from_fn(160, 120, |x, y| {
+            seen.intersect(Vec3::ZERO, camera.pixel_point(x, y, 1.0)).unwrap_or(5.0)
+        });
         let made = |form: LampForm| shapes(form, &camera, &z, &z.map(|z| z < 5.0), Vec3::Z);
-        let [Shape::Lamp(Lamp::Sphere(SphereLamp { center: got, radius }))] = made(LampForm::Solid)[..] else {
+        let [Shape::Lamp(Lamp::Sphere(SphereLamp { center: got, radius }))] =
+            made(LampForm::Solid)[..]
+        else {
             panic!("a sphere")
         };
-        assert!(got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05, "{got} {radius}");
-        let [Shape::Lamp(Lamp::Box(BoxLamp { center: got, .. }))] = made(LampForm::Box)[..] else { panic!("a box") };
+        assert!(
+            got.distance(center) < 0.05 && (radius / 0.25 - 1.0).abs() < 0.05,
+            "{got} {radius}"
+        );
+        let [Shape::Lamp(Lamp::Box(BoxLamp { center: got, .. }))] = made(LampForm::Box)[..] else {
+            panic!("a box")
+        };
         assert!(got.distance(center) < 0.05, "{got}");
-        let [Shape::Lamp(Lamp::Surfels(surfels))] = &made(LampForm::Surfels)[..] else { panic!("surfels") };
+        let [Shape::Lamp(Lamp::Surfels(surfels))] = &made(LampForm::Surfels)[..] else {
+            panic!("surfels")
+        };
         let area: f32 = surfels.iter().map(|p| p.area).sum();
         let want = 4.0 * std::f32::consts::PI * 0.0625;
-        assert!(surfels.len() <= 128 && (area / want - 1.0).abs() < 0.05, "{} surfels, {area} {want}", surfels.len());
+        assert!(
+            surfels.len() <= 128 && (area / want - 1.0).abs() < 0.05,
+            "{} surfels, {area} {want}",
+            surfels.len()
+        );
         assert_eq!(made(LampForm::Best).len(), 2);
 
-        let strip = Plane::from_fn(160, 120, |x, y| (40..120).contains(&x) && (50..60).contains(&y));
-        let shape = shapes(LampForm::Solid, &camera, &strip.map(|s| if s { 2.0 } else { 5.0 }), &strip, Vec3::Z);
+        let strip =
+            Plane::from_fn(160, 120, |x, y| (40..120).contains(&x) && (50..60).contains(&y));
+        let shape = shapes(
+            LampForm::Solid,
+            &camera,
+            &strip.map(|s| if s { 2.0 } else { 5.0 }),
+            &strip,
+            Vec3::Z,
+        );
         assert!(matches!(shape[..], [Shape::Lamp(Lamp::Box(_))]), "{shape:?}");
     }
 
@@ -135,11 +188,14 @@ mod tests {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         // A ceiling 1 m above the camera, seen in the upper half; walls 5 m away.
         let height = |y: usize| camera.pixel_point(0, y, 1.0).y;
-        let z = Plane::from_fn(160, 120, |_, y| if height(y) > 0.2 { 1.0 / height(y) } else { 5.0 });
+        let z =
+            Plane::from_fn(160, 120, |_, y| if height(y) > 0.2 { 1.0 / height(y) } else { 5.0 });
         let mask = Plane::from_fn(160, 120, |x, y| (60..100).contains(&x) && (8..20).contains(&y));
         let made = |form: LampForm| shapes(form, &camera, &z, &mask, Vec3::NEG_Y);
         assert!(matches!(made(LampForm::Solid)[..], [Shape::Lamp(Lamp::Rect(_))]));
-        let [Shape::Lamp(Lamp::Surfels(surfels))] = &made(LampForm::Surfels)[..] else { panic!("surfels") };
+        let [Shape::Lamp(Lamp::Surfels(surfels))] = &made(LampForm::Surfels)[..] else {
+            panic!("surfels")
+        };
         assert!(surfels.iter().all(|p| p.normal == Vec3::NEG_Y && (p.point.y - 0.99).abs() < 1e-3));
         // 40 pixels wide from where row 8 begins to where row 20 does: the integral of (40 / f) z
         // dz.
@@ -155,13 +211,18 @@ mod tests {
     fn a_lamp_that_the_depth_does_not_show_stands_before_its_wall() {
         let camera = Camera::from_fov_x(160, 120, 60.0);
         let mask = Plane::from_fn(160, 120, |x, y| (x as f32 - 79.5).hypot(y as f32 - 59.5) < 10.0);
-        let made = shapes(LampForm::Surfels, &camera, &Plane::filled(160, 120, 3.0), &mask, Vec3::Z);
+        let made =
+            shapes(LampForm::Surfels, &camera, &Plane::filled(160, 120, 3.0), &mask, Vec3::Z);
         let [Shape::Lamp(Lamp::Surfels(surfels))] = &made[..] else { panic!("surfels") };
         // At the depth of the wall, then at that of the lamp.
         let radius = 10.0 / camera.fx * 3.0;
         let radius = radius * (1.0 - radius / 3.0);
         let depth = |p: &Surfel| -p.point.z;
-        let (near, far) = surfels.iter().fold((f32::MAX, 0f32), |(a, b), p| (a.min(depth(p)), b.max(depth(p))));
-        assert!((near - (3.0 - 2.0 * radius)).abs() < 0.1 * radius && (far - 3.0).abs() < 0.1 * radius, "{near} {far}");
+        let (near, far) =
+            surfels.iter().fold((f32::MAX, 0f32), |(a, b), p| (a.min(depth(p)), b.max(depth(p))));
+        assert!(
+            (near - (3.0 - 2.0 * radius)).abs() < 0.1 * radius && (far - 3.0).abs() < 0.1 * radius,
+            "{near} {far}"
+        );
     }
 }

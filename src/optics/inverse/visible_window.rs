@@ -53,30 +53,47 @@ pub(super) fn visible_windows(
     let pixels = pixels_of(mask);
     let rays: Vec<Vec3> = pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
     let Some(middle) = rays.iter().sum::<Vec3>().try_normalize() else { return Vec::new() };
-    let radius = (camera.width.max(camera.height) / TUNING.surroundings).max(TUNING.min_surroundings);
-    let (positions, normals): (Vec<Vec3>, Vec<Vec3>) =
-        surroundings(mask, radius).iter().map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y))).unzip();
+    let radius =
+        (camera.width.max(camera.height) / TUNING.surroundings).max(TUNING.min_surroundings);
+    let (positions, normals): (Vec<Vec3>, Vec<Vec3>) = surroundings(mask, radius)
+        .iter()
+        .map(|&(x, y)| (points.0.get(x, y), normal.0.get(x, y)))
+        .unzip();
     let wall = PlaneFit::through(&positions, &normals, TUNING.on_wall);
     let side = |normal: Vec3, offset: f32| PlaneFit { normal, offset, support: 0.0, spread: 0.0 };
-    let sides = room
-        .into_iter()
-        .flat_map(|room| [side(Vec3::X, room.low.x), side(Vec3::NEG_X, -room.high.x), side(Vec3::Z, room.low.z)]);
+    let sides = room.into_iter().flat_map(|room| {
+        [side(Vec3::X, room.low.x), side(Vec3::NEG_X, -room.high.x), side(Vec3::Z, room.low.z)]
+    });
     // A plane at the depth of the surroundings that faces the camera always exists.
-    let z = if positions.is_empty() { TUNING.default_depth } else { median(positions.iter().map(|p| -p.z).collect()) };
+    let z = if positions.is_empty() {
+        TUNING.default_depth
+    } else {
+        median(positions.iter().map(|p| -p.z).collect())
+    };
     let facing = Vec3::new(-middle.x, 0.0, -middle.z).try_normalize().unwrap_or(Vec3::Z);
     let facing = side(facing, facing.dot(middle * (z / -middle.z)));
     // A wall seen at less than 5 degrees does not determine the position of its window.
     let usable = |plane: &PlaneFit| -plane.normal.dot(middle) > TUNING.min_cosine;
-    let planes =
-        wall.filter(|plane| plane.support > TUNING.min_support).into_iter().chain(sides).filter(usable).chain([facing]);
+    let planes = wall
+        .filter(|plane| plane.support > TUNING.min_support)
+        .into_iter()
+        .chain(sides)
+        .filter(usable)
+        .chain([facing]);
     planes.filter_map(|plane| window_on(&plane, &pixels, &rays, camera)).collect()
 }
 
 /// The window on `plane`. A mask that the picture's edge cuts continues beyond it by as much as is
 /// seen.
-fn window_on(plane: &PlaneFit, pixels: &[(usize, usize)], rays: &[Vec3], camera: &Camera) -> Option<Window> {
+fn window_on(
+    plane: &PlaneFit,
+    pixels: &[(usize, usize)],
+    rays: &[Vec3],
+    camera: &Camera,
+) -> Option<Window> {
     let (mut center, mut x, y) = extent(rays, plane)?;
-    let (left, right) = (pixels.iter().any(|p| p.0 <= 1), pixels.iter().any(|p| p.0 + 2 >= camera.width));
+    let (left, right) =
+        (pixels.iter().any(|p| p.0 <= 1), pixels.iter().any(|p| p.0 + 2 >= camera.width));
     if left != right {
         // Along `x` to the side on which the picture ends, seen from the camera.
         let right_is_x = camera.project(center + x * 0.01)?.x > camera.project(center)?.x;

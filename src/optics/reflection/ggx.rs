@@ -46,7 +46,12 @@ impl Ggx {
         let f0 = Vec3::splat(0.08 * specular * (1.0 - metallic)) + albedo * metallic;
         let dull = roughness >= 1.0 && metallic <= 0.0;
         let sound = !dull && f0.max_element() > 0.0 && normal.dot(view) > 0.0;
-        sound.then_some(Ggx { normal, view, alpha: (roughness * roughness).clamp(TUNING.min_alpha, 1.0), f0 })
+        sound.then_some(Ggx {
+            normal,
+            view,
+            alpha: (roughness * roughness).clamp(TUNING.min_alpha, 1.0),
+            f0,
+        })
     }
 
     /// Whether it shows single points rather than a blur.
@@ -97,7 +102,8 @@ impl Ggx {
         let cosine = ((1.0 - u) / (1.0 + (a2 - 1.0) * u)).max(0.0).sqrt();
         let (sin, cos) = (TAU * v).sin_cos();
         let (x, y) = self.normal.any_orthonormal_pair();
-        let half = self.normal * cosine + (x * cos + y * sin) * (1.0 - cosine * cosine).max(0.0).sqrt();
+        let half =
+            self.normal * cosine + (x * cos + y * sin) * (1.0 - cosine * cosine).max(0.0).sqrt();
         let vh = self.view.dot(half);
         let light = (2.0 * vh * half - self.view).normalize_or_zero();
         let (nl, nv) = (self.normal.dot(light), self.normal.dot(self.view));
@@ -116,7 +122,8 @@ mod tests {
 
     fn surface(roughness: f32, cosine: f32) -> Ggx {
         let view = Vec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
-        Ggx::new(Vec3::Z, view, Vec3::ONE, Gloss { roughness, specular: 0.5, metallic: 1.0 }).expect("it reflects")
+        Ggx::new(Vec3::Z, view, Vec3::ONE, Gloss { roughness, specular: 0.5, metallic: 1.0 })
+            .expect("it reflects")
     }
 
     #[test]
@@ -126,7 +133,8 @@ mod tests {
                 let surface = surface(roughness, cosine);
                 let points = Points2::new(1, 2, 3);
                 let n = 4096;
-                let sum: f32 = (0..n).filter_map(|i| surface.sample(points.get(i))).map(|(_, w)| w.x).sum();
+                let sum: f32 =
+                    (0..n).filter_map(|i| surface.sample(points.get(i))).map(|(_, w)| w.x).sum();
                 let whole = sum / n as f32;
                 assert!(whole <= 1.001, "roughness {roughness}, cosine {cosine}: {whole}");
                 // Light that the surface masks at grazing angles is lost: the model has one bounce.
@@ -146,7 +154,10 @@ mod tests {
             let surface = surface(roughness, cosine);
             let points = Points2::new(7, 0, 0);
             let n = 60_000;
-            let lobe = (0..n).filter_map(|i| surface.sample(points.get(i))).map(|(_, w)| f64::from(w.x)).sum::<f64>()
+            let lobe = (0..n)
+                .filter_map(|i| surface.sample(points.get(i)))
+                .map(|(_, w)| f64::from(w.x))
+                .sum::<f64>()
                 / n as f64;
             let even = (0..n).map(|i| {
                 let [u, v] = points.get(i).map(|x| x as f32);
@@ -156,7 +167,10 @@ mod tests {
                 f64::from(surface.value(l).x * u * TAU)
             });
             let even = even.sum::<f64>() / n as f64;
-            assert!((lobe / even - 1.0).abs() < 0.02, "roughness {roughness}: {lobe} against {even}");
+            assert!(
+                (lobe / even - 1.0).abs() < 0.02,
+                "roughness {roughness}: {lobe} against {even}"
+            );
         }
     }
 
@@ -169,8 +183,9 @@ mod tests {
             let peak = Vec3::new(-(1.0f32 - cosine * cosine).sqrt(), 0.0, cosine);
             let (x, y) = peak.any_orthonormal_pair();
             let (points, n, low) = (Points2::new(3, 0, 0), 60_000, 0.95f32);
-            let inside =
-                (0..n).filter(|&i| surface.sample(points.get(i)).is_some_and(|(l, _)| l.dot(peak) > low)).count();
+            let inside = (0..n)
+                .filter(|&i| surface.sample(points.get(i)).is_some_and(|(l, _)| l.dot(peak) > low))
+                .count();
             let even = (0..n).map(|i| {
                 let [u, v] = points.get(i).map(|x| x as f32);
                 let (c, (sin, cos)) = (low + (1.0 - low) * u, (TAU * v).sin_cos());
@@ -184,13 +199,31 @@ mod tests {
 
     #[test]
     fn a_mirror_looks_along_the_reflected_ray() {
-        let (light, weight) = surface(0.0, 0.6).sample([0.3, 0.7]).expect("it is above the surface");
-        assert!(light.distance(Vec3::new(-0.8, 0.0, 0.6)) < 1e-3 && (weight.x - 1.0).abs() < 1e-3, "{light} {weight}");
-        let glass = Ggx::new(Vec3::Z, Vec3::Z, Vec3::ONE, Gloss { roughness: 0.0, specular: 0.5, metallic: 0.0 })
-            .expect("it reflects");
-        assert!((glass.sample([0.0, 0.0]).expect("straight back").1.x - 0.04).abs() < 1e-3, "4 % at normal incidence");
+        let (light, weight) =
+            surface(0.0, 0.6).sample([0.3, 0.7]).expect("it is above the surface");
         assert!(
-            Ggx::new(Vec3::Z, Vec3::Z, Vec3::ONE, Gloss { roughness: 1.0, specular: 0.5, metallic: 0.0 }).is_none(),
+            light.distance(Vec3::new(-0.8, 0.0, 0.6)) < 1e-3 && (weight.x - 1.0).abs() < 1e-3,
+            "{light} {weight}"
+        );
+        let glass = Ggx::new(
+            Vec3::Z,
+            Vec3::Z,
+            Vec3::ONE,
+            Gloss { roughness: 0.0, specular: 0.5, metallic: 0.0 },
+        )
+        .expect("it reflects");
+        assert!(
+            (glass.sample([0.0, 0.0]).expect("straight back").1.x - 0.04).abs() < 1e-3,
+            "4 % at normal incidence"
+        );
+        assert!(
+            Ggx::new(
+                Vec3::Z,
+                Vec3::Z,
+                Vec3::ONE,
+                Gloss { roughness: 1.0, specular: 0.5, metallic: 0.0 }
+            )
+            .is_none(),
             "dull"
         );
     }

@@ -45,7 +45,11 @@ pub struct Mirror<'a> {
 
 impl<'a> Mirror<'a> {
     /// `None` when the reflection of one of these `lights`, given with their radiances, is missing.
-    pub fn new(of: &'a Reflections, around: Around, lights: &[(&str, &[Vec3])]) -> Option<Mirror<'a>> {
+    pub fn new(
+        of: &'a Reflections,
+        around: Around,
+        lights: &[(&str, &[Vec3])],
+    ) -> Option<Mirror<'a>> {
         let reflection = |(id, radiance): &(&str, &[Vec3])| {
             let (_, lobes) = of.lights.iter().find(|(name, _)| name == id)?;
             Some(lobes.iter().zip(radiance.iter().copied()).collect())
@@ -57,7 +61,13 @@ impl<'a> Mirror<'a> {
 
     /// Reflected radiance at pixel `i` of the objects in a `layer`, whose room is `plane` and whose
     /// objects are `object`.
-    pub fn shows(&self, i: usize, layer: usize, plane: &[Vec3], object: impl Fn(usize) -> Vec3) -> Vec3 {
+    pub fn shows(
+        &self,
+        i: usize,
+        layer: usize,
+        plane: &[Vec3],
+        object: impl Fn(usize) -> Vec3,
+    ) -> Vec3 {
         let Around { photo, unseen, share } = &self.around;
         let rays = self.of.hits.width();
         let range = i * rays..(i + 1) * rays;

@@ -9,7 +9,8 @@ pub use ggx::Ggx;
 pub use mirror::{Around, Mirror};
 pub use polish::{NO_ROW, ReflectingPoints, SeenSurface, SpecularChange, SpecularPart, places};
 pub use reflect::{
-    RayEnd, ReflectedHit, ReflectionScene, Reflections, ShadingPoint, object_shading_point, reflections,
+    RayEnd, ReflectedHit, ReflectionScene, Reflections, ShadingPoint, object_shading_point,
+    reflections,
 };
 
 use crate::tuning::Table;

@@ -15,8 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, PlaneFit, SceneMesh};
 use crate::image::{
-    DEPTH_PLANE, Depth, Gloss, Normal, Picture, Plane, Points, SpecularEdit, Upsampler, neighbors, resize,
-    resize_depth, rule,
+    DEPTH_PLANE, Depth, Gloss, Normal, Picture, Plane, Points, SpecularEdit, Upsampler, neighbors,
+    resize, resize_depth, rule,
 };
 use crate::optics::{Mirror, Reflections, ShadingPoint};
 use crate::tuning::tuning;
@@ -84,8 +84,11 @@ impl SpecularPart {
             return Vec::new();
         }
         let count = self.of.hits.height();
-        let shown: Vec<Vec3> =
-            (0..count).into_par_iter().with_min_len(256).map(|row| mirror.shows(row, layer, plane, &object)).collect();
+        let shown: Vec<Vec3> = (0..count)
+            .into_par_iter()
+            .with_min_len(256)
+            .map(|row| mirror.shows(row, layer, plane, &object))
+            .collect();
         let sign = if self.old { -1.0 } else { 1.0 };
         let width = self.share.width();
         let pixel = |(i, &share): (usize, &f32)| {
@@ -93,7 +96,10 @@ impl SpecularPart {
                 return None;
             }
             let taps = upsampler.taps(i % width, i / width);
-            let rows = taps.iter().map(|(at, weight)| (self.rows.pixels()[at], weight)).filter(|tap| tap.0 != NO_ROW);
+            let rows = taps
+                .iter()
+                .map(|(at, weight)| (self.rows.pixels()[at], weight))
+                .filter(|tap| tap.0 != NO_ROW);
             let (sum, all) = rows.fold((Vec3::ZERO, 0.0), |(sum, all), (row, weight)| {
                 (sum + shown[row as usize] * weight, all + weight)
             });
@@ -176,7 +182,10 @@ tuning! {
 
 /// The places at which the reflections of a finish are computed, and the working pixels of the
 /// planes that they lie in.
-pub fn places(finish: &SpecularEdit, seen: &SeenSurface) -> (Vec<ReflectingPoints>, Vec<Plane<bool>>) {
+pub fn places(
+    finish: &SpecularEdit,
+    seen: &SeenSurface,
+) -> (Vec<ReflectingPoints>, Vec<Plane<bool>>) {
     let (full, small) = (finish.share.size(), seen.points.0.size());
     if finish.share.is_empty() {
         return (Vec::new(), Vec::new());
@@ -185,10 +194,15 @@ pub fn places(finish: &SpecularEdit, seen: &SeenSurface) -> (Vec<ReflectingPoint
         .into_iter()
         .flat_map(|old| [Pitch::Photo, Pitch::Working, Pitch::Half].map(|pitch| (old, pitch)))
         .filter_map(|(old, pitch)| {
-            let wanted = RequestedKind::new(finish, old, |gloss| Pitch::of(gloss[0], seen, full) == pitch)?;
-            let step = (1..).find(|step| wanted.count.div_ceil(step * step) <= TUNING.max_narrow).unwrap_or(1);
+            let wanted =
+                RequestedKind::new(finish, old, |gloss| Pitch::of(gloss[0], seen, full) == pitch)?;
+            let step = (1..)
+                .find(|step| wanted.count.div_ceil(step * step) <= TUNING.max_narrow)
+                .unwrap_or(1);
             let size = match pitch {
-                Pitch::Photo => (full.0.div_ceil(step).max(small.0), full.1.div_ceil(step).max(small.1)),
+                Pitch::Photo => {
+                    (full.0.div_ceil(step).max(small.0), full.1.div_ceil(step).max(small.1))
+                }
                 Pitch::Working => small,
                 Pitch::Half => (small.0.div_ceil(2), small.1.div_ceil(2)),
             };
@@ -241,11 +255,24 @@ struct RequestedKind {
 impl RequestedKind {
     /// The photo pixels whose specular parameters change and whose gloss, old or new, is `chosen`;
     /// `None` without any.
-    fn new(finish: &SpecularEdit, old: bool, chosen: impl Fn([f32; 2]) -> bool) -> Option<RequestedKind> {
+    fn new(
+        finish: &SpecularEdit,
+        old: bool,
+        chosen: impl Fn([f32; 2]) -> bool,
+    ) -> Option<RequestedKind> {
         let (w, h) = finish.share.size();
-        let gloss = Plane::from_fn(w, h, |x, y| if old { finish.before(x, y) } else { finish.gloss.get(x, y) });
+        let gloss =
+            Plane::from_fn(
+                w,
+                h,
+                |x, y| if old { finish.before(x, y) } else { finish.gloss.get(x, y) },
+            );
         let share = Plane::from_fn(w, h, |x, y| {
-            if finish.changes(x, y) && chosen(gloss.get(x, y)) { finish.share.get(x, y) } else { 0.0 }
+            if finish.changes(x, y) && chosen(gloss.get(x, y)) {
+                finish.share.get(x, y)
+            } else {
+                0.0
+            }
         });
         let count = share.pixels().iter().filter(|&&share| share > 0.0).count();
         (count > 0).then_some(RequestedKind { old, share, gloss, count })
@@ -282,7 +309,9 @@ impl RequestedKind {
 fn inner(own: &Plane<bool>, points: &Points) -> Plane<bool> {
     let (w, h) = own.size();
     Plane::from_fn(w, h, |x, y| {
-        let joined = |u: usize, v: usize| (points.0.get(u, v).z / points.0.get(x, y).z - 1.0).abs() < DEPTH_PLANE.step;
+        let joined = |u: usize, v: usize| {
+            (points.0.get(u, v).z / points.0.get(x, y).z - 1.0).abs() < DEPTH_PLANE.step
+        };
         let mut around = (y.saturating_sub(1)..(y + 2).min(h))
             .flat_map(|v| (x.saturating_sub(1)..(x + 2).min(w)).map(move |u| (u, v)));
         own.get(x, y) && around.all(|(u, v)| own.get(u, v) || !joined(u, v))
@@ -306,7 +335,8 @@ impl Flat {
         let (points, normals) = (seen.points.0.pixels(), seen.normal.0.pixels());
         let lies_in = |plane: &PlaneFit, i: usize| {
             let off = (plane.normal.dot(points[i]) - plane.offset).abs();
-            off < TUNING.off_plane * points[i].length() && plane.normal.dot(normals[i]) > TUNING.along
+            off < TUNING.off_plane * points[i].length()
+                && plane.normal.dot(normals[i]) > TUNING.along
         };
         let mut left: Vec<usize> = (0..w * h).filter(|&i| region.pixels()[i]).collect();
         let mut flat = Flat {
@@ -317,37 +347,48 @@ impl Flat {
         };
         while flat.planes.len() < TUNING.max_planes {
             let some = || left.iter().step_by(left.len().div_ceil(TUNING.max_points).max(1));
-            let (places, ways): (Vec<Vec3>, Vec<Vec3>) = some().map(|&i| (points[i], normals[i])).unzip();
-            let Some(plane) =
-                PlaneFit::through(&places, &ways, TUNING.off_plane).filter(|p| p.support > TUNING.min_support)
+            let (places, ways): (Vec<Vec3>, Vec<Vec3>) =
+                some().map(|&i| (points[i], normals[i])).unzip();
+            let Some(plane) = PlaneFit::through(&places, &ways, TUNING.off_plane)
+                .filter(|p| p.support > TUNING.min_support)
             else {
                 break;
             };
-            let (own, others): (Vec<usize>, Vec<usize>) = left.iter().partition(|&&i| lies_in(&plane, i));
+            let (own, others): (Vec<usize>, Vec<usize>) =
+                left.iter().partition(|&&i| lies_in(&plane, i));
             if own.len() < TUNING.min_pixels {
                 break;
             }
             own.iter().for_each(|&i| flat.label.pixels_mut()[i] = Some(flat.planes.len() as u8));
-            flat.own.push(inner(&Plane::new(w, h, (0..w * h).map(|i| lies_in(&plane, i)).collect()), seen.points));
+            flat.own.push(inner(
+                &Plane::new(w, h, (0..w * h).map(|i| lies_in(&plane, i)).collect()),
+                seen.points,
+            ));
             flat.planes.push(plane);
             left = others;
         }
         let size = region.pixels().iter().filter(|inside| **inside).count();
         if !flat.planes.is_empty() && left.len() as f32 <= TUNING.uneven * size as f32 {
-            let off = |plane: &PlaneFit, i: usize| (plane.normal.dot(points[i]) - plane.offset).abs();
+            let off =
+                |plane: &PlaneFit, i: usize| (plane.normal.dot(points[i]) - plane.offset).abs();
             for i in left.drain(..) {
-                let nearest =
-                    (0..flat.planes.len()).min_by(|&a, &b| off(&flat.planes[a], i).total_cmp(&off(&flat.planes[b], i)));
+                let nearest = (0..flat.planes.len())
+                    .min_by(|&a, &b| off(&flat.planes[a], i).total_cmp(&off(&flat.planes[b], i)));
                 flat.label.pixels_mut()[i] = nearest.map(|plane| plane as u8);
             }
         }
         for i in left {
             let (x, y) = (i % w, i / w);
-            let around = (y.saturating_sub(TUNING.reach)..(y + TUNING.reach + 1).min(h))
-                .flat_map(|y| (x.saturating_sub(TUNING.reach)..(x + TUNING.reach + 1).min(w)).map(move |x| y * w + x));
-            let alike =
-                around.filter(|&j| region.pixels()[j] && (points[j].z / points[i].z - 1.0).abs() < TUNING.off_plane);
-            flat.normal.pixels_mut()[i] = alike.map(|j| normals[j]).sum::<Vec3>().normalize_or(normals[i]);
+            let around =
+                (y.saturating_sub(TUNING.reach)..(y + TUNING.reach + 1).min(h)).flat_map(|y| {
+                    (x.saturating_sub(TUNING.reach)..(x + TUNING.reach + 1).min(w))
+                        .map(move |x| y * w + x)
+                });
+            let alike = around.filter(|&j| {
+                region.pixels()[j] && (points[j].z / points[i].z - 1.0).abs() < TUNING.off_plane
+            });
+            flat.normal.pixels_mut()[i] =
+                alike.map(|j| normals[j]).sum::<Vec3>().normalize_or(normals[i]);
         }
         flat
     }
@@ -376,7 +417,14 @@ impl Flat {
             None => {
                 let normal = self.normal.pixels()[i];
                 let point = point + normal * seen.mesh.offset(point);
-                ShadingPoint { point, normal, albedo: Vec3::ZERO, gloss, plane: None, differential: None }
+                ShadingPoint {
+                    point,
+                    normal,
+                    albedo: Vec3::ZERO,
+                    gloss,
+                    plane: None,
+                    differential: None,
+                }
             }
         }
     }
@@ -406,13 +454,19 @@ mod tests {
         let camera = Camera::from_fov_x(SIZE.0, SIZE.1, 60.0);
         let ray = |x, y| camera.pixel_point(x, y, 1.0);
         let is_floor = |x, y| ray(x, y).y * -WALL < FLOOR;
-        let wrong = |x: usize, y: usize| 1.0 + error * (((x * 7919 + y * 104_729) % 1009) as f32 / 504.0 - 1.0);
+        let wrong = |x: usize, y: usize| {
+            1.0 + error * (((x * 7919 + y * 104_729) % 1009) as f32 / 504.0 - 1.0)
+        };
         let z = |x, y| wrong(x, y) * if is_floor(x, y) { FLOOR / ray(x, y).y } else { -WALL };
         let depth = Depth(Plane::from_fn(SIZE.0, SIZE.1, z));
-        let points = Points(Plane::from_fn(SIZE.0, SIZE.1, |x, y| camera.pixel_point(x, y, z(x, y))));
-        let tilt = |x: usize, y: usize| error * Vec3::new((x % 3) as f32 - 1.0, 0.0, (y % 3) as f32 - 1.0) * 10.0;
+        let points =
+            Points(Plane::from_fn(SIZE.0, SIZE.1, |x, y| camera.pixel_point(x, y, z(x, y))));
+        let tilt = |x: usize, y: usize| {
+            error * Vec3::new((x % 3) as f32 - 1.0, 0.0, (y % 3) as f32 - 1.0) * 10.0
+        };
         let flat = |x, y| if is_floor(x, y) { Vec3::Y } else { Vec3::Z };
-        let normal = Normal(Plane::from_fn(SIZE.0, SIZE.1, |x, y| (flat(x, y) + tilt(x, y)).normalize()));
+        let normal =
+            Normal(Plane::from_fn(SIZE.0, SIZE.1, |x, y| (flat(x, y) + tilt(x, y)).normalize()));
         let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(SIZE.0, SIZE.1, false));
         MirrorRoom { camera, depth, points, normal, mesh }
     }
@@ -424,8 +478,16 @@ mod tests {
 
         /// Radiance that the floor adds to a layer whose room is `plane`, by photo pixel, with its
         /// roughness changed from `old` to `new`.
-        fn adds(&self, [old, new]: [f32; 2], lamp: Shape, radiance: f32, plane: &[Vec3]) -> Vec<Vec3> {
-            let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(self.is_floor(y * SIZE.0 + x))));
+        fn adds(
+            &self,
+            [old, new]: [f32; 2],
+            lamp: Shape,
+            radiance: f32,
+            plane: &[Vec3],
+        ) -> Vec<Vec3> {
+            let floor = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
+                f32::from(u8::from(self.is_floor(y * SIZE.0 + x)))
+            });
             let mut finish = SpecularEdit::default();
             finish.lay(&floor, [Some(new), None], &Roughness(Plane::filled(SIZE.0, SIZE.1, old)));
             let seen = SeenSurface {
@@ -451,13 +513,15 @@ mod tests {
             let mut sums = vec![Vec3::ZERO; plane.len()];
             for kind in kinds {
                 let shading = |i: usize| Some(kind.points[i]);
-                let (of, _) = reflections((kind.points.len(), 1), shading, &scene, &[("lamp", &lamp)], 64, 1);
+                let (of, _) =
+                    reflections((kind.points.len(), 1), shading, &scene, &[("lamp", &lamp)], 64, 1);
                 let part = SpecularPart { old: kind.old, share: kind.share, rows: kind.rows, of };
                 let weights = [Vec3::splat(radiance)];
                 let layers = [plane.to_vec(), vec![Vec3::ZERO; plane.len()]];
                 let all: Vec<usize> = (0..plane.len()).collect();
                 let around = Around::new(&layers, &all, 0.0);
-                let mirror = Mirror::new(&part.of, around, &[("lamp", &weights)]).expect("the lamp is there");
+                let mirror = Mirror::new(&part.of, around, &[("lamp", &weights)])
+                    .expect("the lamp is there");
                 let (small, depth) = part.reduced(&photo, &self.depth);
                 let upsampler = Upsampler::new(&photo, &self.depth, &small, &depth);
                 for (i, change) in part.adds(&mirror, &upsampler, 0, plane, |_| Vec3::ZERO) {
@@ -486,21 +550,26 @@ mod tests {
                 let mirrored = Vec3::new(way.x, -way.y, way.z);
                 let met = point + mirrored * ((WALL - point.z) / mirrored.z);
                 // A crease is cut off by up to a pixel.
-                let Some(at) = room
-                    .camera
-                    .project(met)
-                    .filter(|at| room.camera.contains(*at) && met.y > FLOOR + 0.06 && at.x > 2.0 && at.x < 78.0)
-                else {
+                let Some(at) = room.camera.project(met).filter(|at| {
+                    room.camera.contains(*at) && met.y > FLOOR + 0.06 && at.x > 2.0 && at.x < 78.0
+                }) else {
                     continue;
                 };
                 // Schlick's reflectance of a dielectric, 4 % at normal incidence, in Karis' fit of
                 // it.
                 let cosine = -way.normalize().y;
                 let want = 0.04 + 0.96 * ((-5.55473 * cosine - 6.98316) * cosine).exp2();
-                assert!((shown[i].z / want - 1.0).abs() < 0.03, "{i}: {} against {want}", shown[i].z);
+                assert!(
+                    (shown[i].z / want - 1.0).abs() < 0.03,
+                    "{i}: {} against {want}",
+                    shown[i].z
+                );
                 let (x, y) = (shown[i].x / shown[i].z, shown[i].y / shown[i].z);
                 let off = (x - at.x).abs().max((y - at.y).abs());
-                assert!(off < if error > 0.0 { 2.0 } else { 1.2 }, "{i} shows ({x}, {y}), wanted {at}, error {error}");
+                assert!(
+                    off < if error > 0.0 { 2.0 } else { 1.2 },
+                    "{i} shows ({x}, {y}), wanted {at}, error {error}"
+                );
                 checked += 1;
             }
             assert!(checked > 500, "{checked} pixels of the floor mirror seen wall");
@@ -519,22 +588,30 @@ mod tests {
                 let way = room.camera.pixel_point(i % SIZE.0, i / SIZE.0, 1.0);
                 let point = way * (FLOOR / way.y);
                 let gloss = Gloss { roughness, specular: 0.5, metallic: 0.0 };
-                let surface = Ggx::new(Vec3::Y, -point.normalize(), Vec3::ZERO, gloss).expect("it reflects");
+                let surface =
+                    Ggx::new(Vec3::Y, -point.normalize(), Vec3::ZERO, gloss).expect("it reflects");
                 let light = center - point;
                 let solid_angle = std::f32::consts::PI * radius * radius / light.length_squared();
                 let light = light.normalize();
                 radiance * solid_angle * light.y * surface.value(light).x
             };
             let floor = || (0..dark.len()).filter(|&i| room.is_floor(i));
-            let peak = |of: &dyn Fn(usize) -> f32| floor().max_by(|&a, &b| of(a).total_cmp(&of(b))).expect("a floor");
+            let peak = |of: &dyn Fn(usize) -> f32| {
+                floor().max_by(|&a, &b| of(a).total_cmp(&of(b))).expect("a floor")
+            };
             let (got, wanted) = (peak(&|i| shown[i].x), peak(&want));
-            let apart = (got % SIZE.0).abs_diff(wanted % SIZE.0).max((got / SIZE.0).abs_diff(wanted / SIZE.0));
+            let apart = (got % SIZE.0)
+                .abs_diff(wanted % SIZE.0)
+                .max((got / SIZE.0).abs_diff(wanted / SIZE.0));
             assert!(apart <= 2, "roughness {roughness}: the peak is {apart} pixels off");
             for i in floor().filter(|&i| want(i) > 0.5 * want(wanted)) {
                 let (got, want) = (shown[i].x, want(i));
                 // The rougher one is known at every second pixel, at the edge of the floor on one
                 // side only.
-                assert!((got / want - 1.0).abs() < tolerance, "roughness {roughness}, pixel {i}: {got} against {want}");
+                assert!(
+                    (got / want - 1.0).abs() < tolerance,
+                    "roughness {roughness}, pixel {i}: {got} against {want}"
+                );
             }
         }
     }
@@ -543,8 +620,15 @@ mod tests {
     fn the_old_reflection_is_taken_away_and_what_stays_is_not_touched() {
         let room = room(0.0);
         let even = vec![Vec3::ONE; SIZE.0 * SIZE.1];
-        let lamp = || Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.3, -0.6, -3.7), radius: 0.1 }));
-        let sum = |of: [f32; 2]| room.adds(of, lamp(), 9.0, &even).iter().map(|c| f64::from(c.x)).sum::<f64>();
+        let lamp = || {
+            Shape::Lamp(Lamp::Sphere(SphereLamp {
+                center: Vec3::new(0.3, -0.6, -3.7),
+                radius: 0.1,
+            }))
+        };
+        let sum = |of: [f32; 2]| {
+            room.adds(of, lamp(), 9.0, &even).iter().map(|c| f64::from(c.x)).sum::<f64>()
+        };
         assert_eq!(sum([0.4, 0.4]), 0.0);
         let (gained, lost) = (sum([DULL, 0.4]), sum([0.4, DULL]));
         assert!(gained > 0.0 && (gained + lost).abs() < 1e-4 * gained, "{gained} and {lost}");
@@ -578,12 +662,22 @@ mod tests {
         let lower = Plane::from_fn(full.0, full.1, |_, y| f32::from(u8::from(y >= 100)));
         for (roughness, size) in [(0.05, full), (0.3, SIZE), (0.7, (SIZE.0 / 2, SIZE.1 / 2))] {
             let mut finish = SpecularEdit::default();
-            finish.lay(&lower, [Some(roughness), None], &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)));
+            finish.lay(
+                &lower,
+                [Some(roughness), None],
+                &Roughness(Plane::filled(SIZE.0, SIZE.1, 0.8)),
+            );
             let (kinds, _) = places(&finish, &seen);
             let sizes: Vec<_> = kinds.iter().map(|kind| (kind.old, kind.rows.size())).collect();
-            assert_eq!(sizes, [(false, size), (true, (SIZE.0 / 2, SIZE.1 / 2))], "roughness {roughness}");
+            assert_eq!(
+                sizes,
+                [(false, size), (true, (SIZE.0 / 2, SIZE.1 / 2))],
+                "roughness {roughness}"
+            );
             // The floor is one plane, also at its edge.
-            assert!(kinds.iter().all(|kind| kind.points.iter().all(|f| f.normal.dot(Vec3::Y) > 0.9999)));
+            assert!(
+                kinds.iter().all(|kind| kind.points.iter().all(|f| f.normal.dot(Vec3::Y) > 0.9999))
+            );
         }
     }
 }

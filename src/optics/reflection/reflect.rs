@@ -88,7 +88,8 @@ impl Reflections {
 
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
-        let lights = self.lights.iter().flat_map(|(_, lobes)| lobes).map(Plane::bytes).sum::<usize>();
+        let lights =
+            self.lights.iter().flat_map(|(_, lobes)| lobes).map(Plane::bytes).sum::<usize>();
         self.hits.bytes() + self.weight.bytes() + self.far.bytes() + lights
     }
 }
@@ -127,7 +128,8 @@ impl ShadingPoint {
         if let Some(differential) = &self.differential {
             let (u, v) = (u as f32 - differential.at[0], v as f32 - differential.at[1]);
             point += u * differential.point[0] + v * differential.point[1];
-            normal = (normal + u * differential.normal[0] + v * differential.normal[1]).normalize_or(normal);
+            normal = (normal + u * differential.normal[0] + v * differential.normal[1])
+                .normalize_or(normal);
         }
         Ggx::new(normal, -point.normalize_or(Vec3::NEG_Z), self.albedo, self.gloss)
     }
@@ -262,8 +264,16 @@ pub fn reflections(
     let planes = planes.collect();
     let rays = tracer.rays;
     let reflections = Reflections {
-        hits: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.hits.iter().copied()).collect()),
-        weight: Plane::new(rays, pixels.len(), pixels.iter().flat_map(|p| p.weight.iter().copied()).collect()),
+        hits: Plane::new(
+            rays,
+            pixels.len(),
+            pixels.iter().flat_map(|p| p.hits.iter().copied()).collect(),
+        ),
+        weight: Plane::new(
+            rays,
+            pixels.len(),
+            pixels.iter().flat_map(|p| p.weight.iter().copied()).collect(),
+        ),
         far: Plane::new(w, h, pixels.iter().map(|p| p.far).collect()),
         lights: planes,
     };
@@ -322,7 +332,13 @@ impl Tracer<'_> {
         for ray in 0..count {
             let surface = &surfaces[ray % surfaces.len()];
             let Some((direction, weight)) = surface.sample(points.get(ray)) else { continue };
-            self.trace(&mut out, ray, &shading, surface, (direction, weight * (1.0 / count as f32)));
+            self.trace(
+                &mut out,
+                ray,
+                &shading,
+                surface,
+                (direction, weight * (1.0 / count as f32)),
+            );
         }
         self.sample_lights(&mut out, i, &shading, &surfaces, count.max(TUNING.min_light_samples));
         out
@@ -346,7 +362,9 @@ impl Tracer<'_> {
         out.traced += 1;
         let in_room = |hit: &Hit| (hit.pixel as usize) < self.scene.points.0.len();
         let is_own = hit.is_some_and(|hit| in_room(&hit) && self.is_own(hit.pixel as usize));
-        let end = hit.map_or(f32::INFINITY, |hit| hit.distance * if is_own { TUNING.own_slack } else { TUNING.slack });
+        let end = hit.map_or(f32::INFINITY, |hit| {
+            hit.distance * if is_own { TUNING.own_slack } else { TUNING.slack }
+        });
         // Lights come first: they occlude surfaces behind them. A light without a closed surface
         // shows in a mirror as in the photo.
         let mut light_hit = is_own && !surface.is_mirror();
@@ -366,7 +384,9 @@ impl Tracer<'_> {
         }
         out.weight[ray] = weight;
         out.hits[ray] = hit
-            .and_then(|hit| seen(self.scene, (point + direction * hit.distance, direction), hit.pixel))
+            .and_then(|hit| {
+                seen(self.scene, (point + direction * hit.distance, direction), hit.pixel)
+            })
             .unwrap_or(RayEnd::UNSEEN);
         if out.hits[ray] == RayEnd::UNSEEN
             && let Some(cells) = &self.cells
@@ -376,18 +396,29 @@ impl Tracer<'_> {
     }
 
     /// Adds the samples of each light, weighted against the rays by the power heuristic.
-    fn sample_lights(&self, out: &mut Pixel, i: usize, shading: &ShadingPoint, surfaces: &[Ggx], samples: usize) {
+    fn sample_lights(
+        &self,
+        out: &mut Pixel,
+        i: usize,
+        shading: &ShadingPoint,
+        surfaces: &[Ggx],
+        samples: usize,
+    ) {
         let point = shading.point;
         let mut first = 0;
         for (light, TracedLight { shape, emitter, .. }) in self.lights.iter().enumerate() {
             for lobe in 0..emitter.lobes() {
-                let by_rays: Vec<_> = surfaces.iter().map(|surface| by_rays(shape, lobe, point, surface)).collect();
-                let Some(sampler) = emitter.sampler_at(lobe, point, shading.normal) else { continue };
+                let by_rays: Vec<_> =
+                    surfaces.iter().map(|surface| by_rays(shape, lobe, point, surface)).collect();
+                let Some(sampler) = emitter.sampler_at(lobe, point, shading.normal) else {
+                    continue;
+                };
                 let points = Points2::new(self.seed, i as u32, 1 + (3 * light + lobe) as u32);
                 let sampled = |k: usize| Some((k % surfaces.len(), sampler.sample(&points, k)?));
                 for (k, sample) in (0..samples).filter_map(sampled) {
                     let direction = (sample.position - point).normalize_or_zero();
-                    let part = (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.contribution;
+                    let part =
+                        (1.0 - by_rays[k](direction)) * std::f32::consts::PI * sample.contribution;
                     let value = surfaces[k].value(direction) * part;
                     if value.max_element() < TUNING.min_reflection {
                         continue;
@@ -413,16 +444,22 @@ struct Pixel {
 }
 
 /// By direction, the share that the rays of the lobe have in the estimate of a light's reflection.
-fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> impl Fn(Vec3) -> f32 + 'a {
+fn by_rays<'a>(
+    shape: &Shape,
+    lobe: usize,
+    point: Vec3,
+    surface: &'a Ggx,
+) -> impl Fn(Vec3) -> f32 + 'a {
     // Surfels have gaps, so that rays do not meet them.
     let surfels = matches!(shape, Shape::Lamp(crate::optics::Lamp::Surfels(_)));
     let ball = if surfels { None } else { shape.bounding_sphere() };
     let size = ball.map(|(center, radius)| {
-        let size = std::f32::consts::PI * radius * radius / center.distance_squared(point).max(radius * radius);
+        let size = std::f32::consts::PI * radius * radius
+            / center.distance_squared(point).max(radius * radius);
         match shape {
-            Shape::Window(window) => {
-                size.min(2.0 * std::f32::consts::PI / window.lobes[lobe].bandwidth.max(TUNING.min_bandwidth))
-            }
+            Shape::Window(window) => size.min(
+                2.0 * std::f32::consts::PI / window.lobes[lobe].bandwidth.max(TUNING.min_bandwidth),
+            ),
             _ => size,
         }
     });
@@ -436,7 +473,12 @@ fn by_rays<'a>(shape: &Shape, lobe: usize, point: Vec3, surface: &'a Ggx) -> imp
 }
 
 /// Whether something stands between a place and a light that is not the light itself.
-fn blocked(scene: &ReflectionScene, shading: &ShadingPoint, light: Vec3, own: &impl Fn(usize) -> bool) -> bool {
+fn blocked(
+    scene: &ReflectionScene,
+    shading: &ShadingPoint,
+    light: Vec3,
+    own: &impl Fn(usize) -> bool,
+) -> bool {
     let way = light - shading.point;
     let length = way.length();
     let hit = scene.closest(shading, way / length);
@@ -474,7 +516,10 @@ fn differential(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> R
     let (w, h) = objects.coverage.size();
     let (z, normal) = (objects.depth.get(x, y), objects.normal.get(x, y));
     let beside = |dx: isize, dy: isize| {
-        let (x, y) = (x.checked_add_signed(dx).filter(|x| *x < w)?, y.checked_add_signed(dy).filter(|y| *y < h)?);
+        let (x, y) = (
+            x.checked_add_signed(dx).filter(|x| *x < w)?,
+            y.checked_add_signed(dy).filter(|y| *y < h)?,
+        );
         let other = objects.normal.get(x, y);
         let alike = objects.coverage.get(x, y) > 0.0
             && (objects.depth.get(x, y) - z).abs() < TUNING.same_depth * z
@@ -489,7 +534,8 @@ fn differential(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> R
     };
     // The ray that met it nearest to the middle of the pixel is seldom in the middle.
     let own = (objects.step == 1).then(|| camera.project(objects.points.get(x, y))).flatten();
-    let at = own.map_or([0.5; 2], |p| [p.x - (objects.left + x) as f32, p.y - (objects.top + y) as f32]);
+    let at =
+        own.map_or([0.5; 2], |p| [p.x - (objects.left + x) as f32, p.y - (objects.top + y) as f32]);
     let at = at.map(|at| at.clamp(0.0, 1.0));
     RayDifferential {
         at,
@@ -511,8 +557,10 @@ fn seen(scene: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> O
     let (u, v) = (x.checked_sub(objects.left)?, y.checked_sub(objects.top)?);
     let (w, h) = objects.coverage.size();
     // For a side that the camera does not see, the pixel of the side before it.
-    let shown =
-        u < w && v < h && objects.coverage.get(u, v) > 0.5 && objects.depth.get(u, v) < TUNING.same_side * -at.z;
+    let shown = u < w
+        && v < h
+        && objects.coverage.get(u, v) > 0.5
+        && objects.depth.get(u, v) < TUNING.same_side * -at.z;
     shown.then(|| RayEnd::pixel(camera.width * camera.height + v * w + u))
 }
 
@@ -527,24 +575,34 @@ impl LightProbeGrid<'_> {
     fn new<'a>(scene: &'a ReflectionScene) -> Option<LightProbeGrid<'a>> {
         let lighting = scene.lighting?;
         let (w, h) = scene.points.0.size();
-        let middle = |i: usize, cells: usize, size: usize| ((2 * i + 1) * size / (2 * cells)).min(size - 1);
+        let middle =
+            |i: usize, cells: usize, size: usize| ((2 * i + 1) * size / (2 * cells)).min(size - 1);
         let place = |i: usize| {
-            let (x, y) =
-                (middle(i % lighting.columns, lighting.columns, w), middle(i / lighting.columns, lighting.rows, h));
+            let (x, y) = (
+                middle(i % lighting.columns, lighting.columns, w),
+                middle(i / lighting.columns, lighting.rows, h),
+            );
             (scene.points.0.get(x, y), scene.normal.0.get(x, y))
         };
-        Some(LightProbeGrid { lighting, places: (0..lighting.columns * lighting.rows).map(place).collect() })
+        Some(LightProbeGrid {
+            lighting,
+            places: (0..lighting.columns * lighting.rows).map(place).collect(),
+        })
     }
 
     /// Incident radiance at `point` from `direction`: that of the nearest cell whose surface faces
     /// it.
     fn radiance(&self, point: Vec3, direction: Vec3) -> Vec3 {
-        let sees = |(_, (_, n)): &(usize, &(Vec3, Vec3))| n.dot(direction) > TUNING.min_probe_cosine;
+        let sees =
+            |(_, (_, n)): &(usize, &(Vec3, Vec3))| n.dot(direction) > TUNING.min_probe_cosine;
         let near = self.places.iter().enumerate().filter(sees);
-        let near = near.min_by(|a, b| a.1.0.distance_squared(point).total_cmp(&b.1.0.distance_squared(point)));
+        let near = near
+            .min_by(|a, b| a.1.0.distance_squared(point).total_cmp(&b.1.0.distance_squared(point)));
         let Some((i, (_, normal))) = near else { return Vec3::ZERO };
         let way = local_frame(*normal).transpose() * direction;
-        self.lighting.radiance(i % self.lighting.columns, i / self.lighting.columns, way).max(Vec3::ZERO)
+        self.lighting
+            .radiance(i % self.lighting.columns, i / self.lighting.columns, way)
+            .max(Vec3::ZERO)
     }
 }
 
@@ -566,18 +624,31 @@ mod tests {
     }
 
     /// The same in a picture of this size; each pixel with its differential or without.
-    fn seen_ball(size: (usize, usize), roughness: f32, lamp: Shape, curved: bool) -> (Objects, Reflections) {
+    fn seen_ball(
+        size: (usize, usize),
+        roughness: f32,
+        lamp: Shape,
+        curved: bool,
+    ) -> (Objects, Reflections) {
         let camera = Camera::from_fov_x(size.0, size.1, 60.0);
         let points = Points(Plane::from_fn(size.0, size.1, |x, y| camera.pixel_point(x, y, 4.0)));
         let normal = Normal(Plane::filled(size.0, size.1, Vec3::Z));
         let material = Material { albedo: Vec3::ONE, roughness, specular: 0.5, metallic: 1.0 };
         let center = Vec3::new(0.0, 0.0, -2.0);
-        let bodies = [Body::placed(Model::sphere(), Some(material), Mat3::IDENTITY, 0.5, Vec3::ZERO, center)];
+        let bodies = [Body::placed(
+            Model::sphere(),
+            Some(material),
+            Mat3::IDENTITY,
+            0.5,
+            Vec3::ZERO,
+            center,
+        )];
         let (solid, materials) = Bodies::new(&bodies, 100);
         let depth = Depth(Plane::filled(size.0, size.1, 4.0));
         let drawing = Drawing { supersampling: 2, most: 100_000 };
         let objects = draw(&bodies, (&solid, &materials), &camera, &depth, |_| 0.0, drawing);
-        let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(size.0, size.1, false)).with_bodies(solid);
+        let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(size.0, size.1, false))
+            .with_bodies(solid);
         let scene = ReflectionScene {
             mesh: &mesh,
             objects: &objects,
@@ -592,7 +663,8 @@ mod tests {
             let shading = object_shading_point(&objects, &camera, i)?;
             Some(ShadingPoint { differential: shading.differential.filter(|_| curved), ..shading })
         };
-        let (reflected, _) = reflections(objects.coverage.size(), shading, &scene, &[("lamp", &lamp)], 64, 1);
+        let (reflected, _) =
+            reflections(objects.coverage.size(), shading, &scene, &[("lamp", &lamp)], 64, 1);
         (objects, reflected)
     }
 
@@ -602,8 +674,8 @@ mod tests {
         let planes = [vec![room; SIZE.0 * SIZE.1], vec![Vec3::ZERO; SIZE.0 * SIZE.1]];
         let all: Vec<usize> = (0..SIZE.0 * SIZE.1).collect();
         let weights = [Vec3::splat(radiance)];
-        let mirror =
-            Mirror::new(of, Around::new(&planes, &all, 1.0), &[("lamp", &weights)]).expect("the lamp is there");
+        let mirror = Mirror::new(of, Around::new(&planes, &all, 1.0), &[("lamp", &weights)])
+            .expect("the lamp is there");
         let (w, h) = objects.coverage.size();
         mirror.shows(h / 2 * w + w / 2, 0, &planes[0], |_| Vec3::ZERO)
     }
@@ -612,13 +684,18 @@ mod tests {
     fn a_white_mirror_in_an_even_room_shows_the_room() {
         for roughness in [0.0, 0.3] {
             let shown = middle(&ball(roughness, Shape::Absent), Vec3::new(0.5, 0.2, 0.1), 1.0);
-            assert!((shown / Vec3::new(0.5, 0.2, 0.1) - 1.0).abs().max_element() < 0.03, "{roughness}: {shown}");
+            assert!(
+                (shown / Vec3::new(0.5, 0.2, 0.1) - 1.0).abs().max_element() < 0.03,
+                "{roughness}: {shown}"
+            );
         }
     }
 
     #[test]
     fn a_lamp_behind_the_camera_is_seen_in_a_mirror_and_blurred_in_a_rough_ball() {
-        let lamp = |radius: f32| Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, 2.0), radius }));
+        let lamp = |radius: f32| {
+            Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.0, 0.0, 2.0), radius }))
+        };
         let mirror = middle(&ball(0.0, lamp(0.8)), Vec3::ZERO, 7.0);
         assert!((mirror - 7.0).abs().max_element() < 0.2, "{mirror}");
         // Head on: f = D(1) F G / 4 with D(1) = 1 / (pi a^2), G = F = 1, times the irradiance L
@@ -633,7 +710,9 @@ mod tests {
     /// to a pixel, pixels inside the ball.
     #[test]
     fn a_mirror_ball_is_smooth() {
-        let lamp = || Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(3.0, 2.0, -1.0), radius: 0.7 }));
+        let lamp = || {
+            Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(3.0, 2.0, -1.0), radius: 0.7 }))
+        };
         let fine = seen_ball((8 * SIZE.0, 8 * SIZE.1), 0.0, lamp(), false);
         let shown = |(objects, of): &(Objects, Reflections), x: usize, y: usize| {
             let at = |v: usize, first: usize| v.checked_sub(first);
@@ -647,7 +726,10 @@ mod tests {
             let (mut off, mut all) = (0.0, 0.0);
             for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
                 let within = (0..64).map(|i| shown(&fine, 8 * x + i % 8, 8 * y + i / 8));
-                let Some((got, wanted)) = shown(&ball, x, y).zip(within.sum::<Option<f32>>()) else { continue };
+                let Some((got, wanted)) = shown(&ball, x, y).zip(within.sum::<Option<f32>>())
+                else {
+                    continue;
+                };
                 off += (got - wanted / 64.0).abs();
                 all += wanted / 64.0;
             }
@@ -655,6 +737,9 @@ mod tests {
             off / all
         };
         let [jagged, smooth] = [false, true].map(error);
-        assert!(smooth < 0.5 * jagged && smooth < 0.15, "{smooth} of the lamp's light is off, {jagged} with one ray");
+        assert!(
+            smooth < 0.5 * jagged && smooth < 0.15,
+            "{smooth} of the lamp's light is off, {jagged} with one ray"
+        );
     }
 }

@@ -58,7 +58,11 @@ impl Gaussian {
 
     /// The integral of G over all directions: 2 pi (1 - exp(-2 bandwidth)) / bandwidth, steradians.
     pub fn solid_angle(&self) -> f64 {
-        if self.bandwidth < GAUSSIAN.uniform_bandwidth { 2.0 * TAU } else { TAU * self.span / self.bandwidth }
+        if self.bandwidth < GAUSSIAN.uniform_bandwidth {
+            2.0 * TAU
+        } else {
+            TAU * self.span / self.bandwidth
+        }
     }
 
     /// The density, per steradian, of [`Gaussian::sample`] where G is `value` (von Mises and
@@ -100,7 +104,10 @@ mod tests {
             // The mean of 1 - cos has the closed form 1 - coth(b) + 1/b.
             let mean: f64 = (0..n)
                 .map(|i| {
-                    let l = g.sample([(f64::from(i) + 0.5) / f64::from(n), (f64::from(i) * 0.618).fract()]);
+                    let l = g.sample([
+                        (f64::from(i) + 0.5) / f64::from(n),
+                        (f64::from(i) * 0.618).fract(),
+                    ]);
                     assert!((l.length() - 1.0).abs() < 1e-9);
                     0.5 * (g.direction - l).length_squared()
                 })
@@ -120,13 +127,18 @@ mod tests {
             let sum: f64 = (0..n)
                 .map(|i| {
                     // Equal-area spiral points.
-                    let (z, phi) =
-                        (1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n), f64::from(i) * 2.399_963_229_728_653);
+                    let (z, phi) = (
+                        1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n),
+                        f64::from(i) * 2.399_963_229_728_653,
+                    );
                     let r = (1.0 - z * z).sqrt();
                     g.value(DVec3::new(r * phi.cos(), r * phi.sin(), z))
                 })
                 .sum();
-            assert!((sum / f64::from(n) * 2.0 * TAU / g.solid_angle() - 1.0).abs() < 1e-3, "{bandwidth}");
+            assert!(
+                (sum / f64::from(n) * 2.0 * TAU / g.solid_angle() - 1.0).abs() < 1e-3,
+                "{bandwidth}"
+            );
         }
     }
 
@@ -137,12 +149,17 @@ mod tests {
             // 4 pi e^-b sinh(b) / b, by its series where that is 0 / 0.
             let series = 2.0 * TAU * (-b).exp() * (1.0 + b * b / 6.0);
             let exact = if b < 0.01 { series } else { TAU * (1.0 - (-2.0 * b).exp()) / b };
-            assert!((g.solid_angle() / exact - 1.0).abs() < 1e-9, "{bandwidth}: {}", g.solid_angle());
+            assert!(
+                (g.solid_angle() / exact - 1.0).abs() < 1e-9,
+                "{bandwidth}: {}",
+                g.solid_angle()
+            );
             for u in [0.0, 1e-7, 0.1, 0.5, 0.9, 1.0 - 1e-7] {
                 // The fraction of the distribution within the sampled angle is u again.
                 let l = g.sample([u, 0.3]);
                 let t = 0.5 * (g.direction - l).length_squared();
-                let fraction = if b < 1e-9 { 0.5 * t } else { (-b * t).exp_m1() / (-2.0 * b).exp_m1() };
+                let fraction =
+                    if b < 1e-9 { 0.5 * t } else { (-b * t).exp_m1() / (-2.0 * b).exp_m1() };
                 assert!((fraction - u).abs() < 1e-9, "{bandwidth} {u}: {fraction}");
                 // Density times the whole is the value, in the single precision that callers have.
                 assert!((g.pdf(g.value(l)) * g.solid_angle() / (-b * t).exp() - 1.0).abs() < 1e-7);
@@ -155,7 +172,9 @@ mod tests {
         for bandwidth in [f32::NAN, -1.0, f32::INFINITY, f32::MAX] {
             let g = Gaussian::new(&Lobe { direction: Vec3::ZERO, bandwidth });
             assert!(
-                g.sample([0.999_999_999, 0.5]).is_finite() && g.value(DVec3::X).is_finite() && g.solid_angle() > 0.0
+                g.sample([0.999_999_999, 0.5]).is_finite()
+                    && g.value(DVec3::X).is_finite()
+                    && g.solid_angle() > 0.0
             );
         }
     }

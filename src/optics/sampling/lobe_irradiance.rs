@@ -111,7 +111,11 @@ impl Gaussian {
             let e = (-x).exp();
             let [p1, p2] = p1_p2_of(x, e);
             // At the pole opposite to d: (D - G c) / 2c, both evaluated at c = -1.
-            let r = if t < LOBE_IRRADIANCE.pole { (p1 - t * p2 - mean) / (2.0 - t) } else { 0.5 * (mean + e) };
+            let r = if t < LOBE_IRRADIANCE.pole {
+                (p1 - t * p2 - mean) / (2.0 - t)
+            } else {
+                0.5 * (mean + e)
+            };
             let h = if y.abs() > LOBE_IRRADIANCE.series {
                 ((y - 1.0) * e + (-b).exp()) / (y * y)
             } else {
@@ -148,8 +152,19 @@ impl Arc {
         let middle = 0.5 * edge.angle - nearest;
         let middle = if middle > PI { middle - TAU } else { middle };
         let cut = LOBE_IRRADIANCE.faint / lobe.bandwidth;
-        let width = if cut >= 1.0 { f64::INFINITY } else { ((1.0 - cut) / cos_delta).clamp(-1.0, 1.0).acos() };
-        Arc { sin_delta, cos_delta, nearest, from: middle - 0.5 * edge.angle, to: middle + 0.5 * edge.angle, width }
+        let width = if cut >= 1.0 {
+            f64::INFINITY
+        } else {
+            ((1.0 - cut) / cos_delta).clamp(-1.0, 1.0).acos()
+        };
+        Arc {
+            sin_delta,
+            cos_delta,
+            nearest,
+            from: middle - 0.5 * edge.angle,
+            to: middle + 0.5 * edge.angle,
+            width,
+        }
     }
 
     /// The value of t = 1 - d . l at the arc length s with sin(s/2) = `sin_half`.
@@ -161,8 +176,13 @@ impl Arc {
 
     /// The integrals of a function of sin(s/2) and cos(s/2) over the part of the edge where the
     /// lobe is not zero.
-    pub fn near<const N: usize>(&self, lobe: &Gaussian, f: impl Fn(f64, f64) -> [f64; N]) -> [f64; N] {
-        let (from, to) = (self.from.clamp(-self.width, self.width), self.to.clamp(-self.width, self.width));
+    pub fn near<const N: usize>(
+        &self,
+        lobe: &Gaussian,
+        f: impl Fn(f64, f64) -> [f64; N],
+    ) -> [f64; N] {
+        let (from, to) =
+            (self.from.clamp(-self.width, self.width), self.to.clamp(-self.width, self.width));
         if to > from { quadrature(from, to, lobe.bandwidth.max(1.0).sqrt(), f) } else { [0.0; N] }
     }
 
@@ -174,7 +194,8 @@ impl Arc {
         let ratio = self.sin_delta.abs() / (1.0 + self.cos_delta);
         let turn = |s: f64| (0.5 * s).sin().atan2(ratio * (0.5 * s).cos());
         let between = |from: f64, to: f64| if to > from { turn(to) - turn(from) } else { 0.0 };
-        let far = between(self.from.max(self.width), self.to) + between(self.from, self.to.min(-self.width));
+        let far = between(self.from.max(self.width), self.to)
+            + between(self.from, self.to.min(-self.width));
         far * self.sin_delta.signum()
     }
 }
@@ -234,7 +255,12 @@ const TEN: [[f64; 2]; 5] = [
 ///
 /// There are ten nodes for each length of pi / rate, five for a short arc; the error is below 1e-8
 /// of exp(-(rate s)^2 / 2).
-fn quadrature<const N: usize>(from: f64, to: f64, rate: f64, f: impl Fn(f64, f64) -> [f64; N]) -> [f64; N] {
+fn quadrature<const N: usize>(
+    from: f64,
+    to: f64,
+    rate: f64,
+    f: impl Fn(f64, f64) -> [f64; N],
+) -> [f64; N] {
     let scaled = (to - from) * rate;
     let rule: &[[f64; 2]] = if scaled < LOBE_IRRADIANCE.short_arc { &FIVE } else { &TEN };
     let panels = (scaled / PI).ceil().max(1.0);
@@ -244,7 +270,8 @@ fn quadrature<const N: usize>(from: f64, to: f64, rate: f64, f: impl Fn(f64, f64
         let (sin_middle, cos_middle) = (0.5 * (from + half * (2 * panel + 1) as f64)).sin_cos();
         for [node, weight] in rule {
             let (sin, cos) = (0.5 * half * node).sin_cos();
-            let [ss, sc, cs, cc] = [sin_middle * sin, sin_middle * cos, cos_middle * sin, cos_middle * cos];
+            let [ss, sc, cs, cc] =
+                [sin_middle * sin, sin_middle * cos, cos_middle * sin, cos_middle * cos];
             let (a, b) = (f(sc + cs, cc - ss), f(sc - cs, cc + ss));
             sums.iter_mut().zip(a).zip(b).for_each(|((sum, a), b)| *sum += weight * half * (a + b));
         }
@@ -264,8 +291,12 @@ mod tests {
         let nodes: Vec<[f64; 2]> = (0..panels)
             .flat_map(|p| {
                 FIVE.iter().flat_map(move |[node, weight]| {
-                    let at =
-                        |x: f64| [(f64::from(p) + 0.5 + 0.5 * x) / f64::from(panels), 0.5 * weight / f64::from(panels)];
+                    let at = |x: f64| {
+                        [
+                            (f64::from(p) + 0.5 + 0.5 * x) / f64::from(panels),
+                            0.5 * weight / f64::from(panels),
+                        ]
+                    };
                     [at(*node), at(-node)]
                 })
             })
@@ -280,8 +311,9 @@ mod tests {
                 for [v, wv] in &nodes {
                     let position = a + *u * ((b - a) + *v * (c - b));
                     let l = position.normalize();
-                    sum +=
-                        wu * wv * u * twice_area.dot(l).abs() / position.length_squared() * normal.dot(l) * g.value(l);
+                    sum += wu * wv * u * twice_area.dot(l).abs() / position.length_squared()
+                        * normal.dot(l)
+                        * g.value(l);
                 }
             }
         }
@@ -308,15 +340,21 @@ mod tests {
             let gaussian = Gaussian::new(&lobe);
             // Half of the horizons pass through the window's neighborhood.
             let across = aim.cross(DVec3::new(h - 0.5, a - 0.5, 0.3)).normalize();
-            let normal = if i % 2 == 0 { across } else { DVec3::new(h - 0.5, b - 0.5, -0.7).normalize() };
-            let Some(outline) =
-                Outline::above(&[center - x - y, center + x - y, center + x + y, center - x + y], normal)
-            else {
+            let normal =
+                if i % 2 == 0 { across } else { DVec3::new(h - 0.5, b - 0.5, -0.7).normalize() };
+            let Some(outline) = Outline::above(
+                &[center - x - y, center + x - y, center + x + y, center - x + y],
+                normal,
+            ) else {
                 continue;
             };
-            let (got, wanted) = (gaussian.irradiance(&outline, normal), twin(&gaussian, &outline, normal));
+            let (got, wanted) =
+                (gaussian.irradiance(&outline, normal), twin(&gaussian, &outline, normal));
             let whole = gaussian.solid_angle() / PI;
-            assert!((got - wanted).abs() < 1e-7 * whole, "{i} {bandwidth}: {got} {wanted} {whole} {size}");
+            assert!(
+                (got - wanted).abs() < 1e-7 * whole,
+                "{i} {bandwidth}: {got} {wanted} {whole} {size}"
+            );
             compared += 1;
             cut += usize::from(outline.edges().len() == 5);
         }
@@ -329,8 +367,11 @@ mod tests {
             let b = f64::from(bandwidth);
             let g = Gaussian::new(&Lobe { direction: Vec3::Z, bandwidth });
             let mean = p1_p2(2.0 * b);
-            let coth =
-                if b < 0.2 { b / 3.0 - b.powi(3) / 45.0 + 2.0 * b.powi(5) / 945.0 } else { 1.0 / b.tanh() - 1.0 / b };
+            let coth = if b < 0.2 {
+                b / 3.0 - b.powi(3) / 45.0 + 2.0 * b.powi(5) / 945.0
+            } else {
+                1.0 / b.tanh() - 1.0 / b
+            };
             let exact = coth * g.solid_angle() / (2.0 * TAU);
             let got = mean[0] - 2.0 * mean[1];
             assert!((got / exact - 1.0).abs() < 1e-6, "{bandwidth}: {got} {exact}");

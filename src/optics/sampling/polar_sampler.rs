@@ -31,7 +31,10 @@ impl Product {
         if gaussian.bandwidth > TUNING.sharp_bandwidth {
             Product::AboutLobe(gaussian, normal)
         } else {
-            Product::AboutNormal((gaussian.bandwidth > GAUSSIAN.uniform_bandwidth).then_some(gaussian), normal)
+            Product::AboutNormal(
+                (gaussian.bandwidth > GAUSSIAN.uniform_bandwidth).then_some(gaussian),
+                normal,
+            )
         }
     }
 
@@ -80,7 +83,9 @@ impl Product {
                 let at = |v: f64| -(e0 + v * (e1 - e0)).ln() / b;
                 ((e0 - e1) / b, [at(0.25).clamp(t0, t1), at(0.75).clamp(t0, t1)])
             }
-            Product::AboutNormal(..) => (self.mass(t0, t1), [self.quantile(t0, t1, 0.25), self.quantile(t0, t1, 0.75)]),
+            Product::AboutNormal(..) => {
+                (self.mass(t0, t1), [self.quantile(t0, t1, 0.25), self.quantile(t0, t1, 0.75)])
+            }
         }
     }
 
@@ -200,7 +205,8 @@ impl PolarSampler {
         }
         let mut count = edges.len();
         corners[..count].sort_unstable_by(f64::total_cmp);
-        let about = |upper: bool| polar.edges[..polar.edge_count].iter().all(|edge| edge.0 == upper);
+        let about =
+            |upper: bool| polar.edges[..polar.edge_count].iter().all(|edge| edge.0 == upper);
         if about(true) || about(false) {
             corners[count] = corners[0] + TAU;
             count += 1;
@@ -230,10 +236,14 @@ impl PolarSampler {
         for i in 0..last {
             let (a, b) = (known[2 * i], known[2 * i + 2]);
             known[2 * i + 1] = self.measure(0.5 * (a.azimuth + b.azimuth));
-            whole += (a.density + 4.0 * known[2 * i + 1].density + b.density) / 6.0 * (b.azimuth - a.azimuth);
+            whole += (a.density + 4.0 * known[2 * i + 1].density + b.density) / 6.0
+                * (b.azimuth - a.azimuth);
         }
         for i in 0..last {
-            self.divide([known[2 * i], known[2 * i + 1], known[2 * i + 2]], TUNING.max_error * whole);
+            self.divide(
+                [known[2 * i], known[2 * i + 1], known[2 * i + 2]],
+                TUNING.max_error * whole,
+            );
         }
         self.push(known[2 * last]);
         let nodes = &mut self.nodes[..self.node_count];
@@ -246,13 +256,16 @@ impl PolarSampler {
         }
         for i in 1..nodes.len() {
             let width = nodes[i].azimuth - nodes[i - 1].azimuth;
-            nodes[i].sum = nodes[i - 1].sum + 0.5 * width * (nodes[i].density + nodes[i - 1].density);
+            nodes[i].sum =
+                nodes[i - 1].sum + 0.5 * width * (nodes[i].density + nodes[i - 1].density);
         }
     }
 
     /// Adds the node `a` and the nodes needed before `b`.
     fn divide(&mut self, [a, middle, b]: [Slice; 3], allowed: f64) {
-        let miss = (2.0 / 3.0) * (middle.density - 0.5 * (a.density + b.density)).abs() * (b.azimuth - a.azimuth);
+        let miss = (2.0 / 3.0)
+            * (middle.density - 0.5 * (a.density + b.density)).abs()
+            * (b.azimuth - a.azimuth);
         // Halving an interval with a step in it leaves half of the error, and one without a
         // quarter.
         let step = a.density.min(b.density) < TUNING.step * a.density.max(b.density);
@@ -296,7 +309,8 @@ impl PolarSampler {
             let [a, b] = at.map(|t| self.product.fitted(self.direction(t, cos, sin)));
             density = mass * 0.5 * (a + b);
             if a + b > 0.0 {
-                tilt = ((1.5 * a - 0.5 * b) / (a + b)).clamp(TUNING.tilt_range[0], TUNING.tilt_range[1]);
+                tilt = ((1.5 * a - 0.5 * b) / (a + b))
+                    .clamp(TUNING.tilt_range[0], TUNING.tilt_range[1]);
             }
         }
         Slice { azimuth, cos, sin, density, tilt }
@@ -342,7 +356,8 @@ impl PolarSampler {
         let mix = |a: f64, b: f64| a + along * (b - a);
         let tilt = mix(a.tilt, b.tilt);
         let v = invert_linear(v, tilt, 1.0 - tilt);
-        let density = mix(a.density, b.density) * 2.0 * ((1.0 - v) * tilt + v * (1.0 - tilt)) / total;
+        let density =
+            mix(a.density, b.density) * 2.0 * ((1.0 - v) * tilt + v * (1.0 - tilt)) / total;
         let (sin, cos) = azimuth.sin_cos();
         let [t0, t1] = self.interval(cos, sin);
         if !(t1 > t0 && density > 0.0) {

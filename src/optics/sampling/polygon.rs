@@ -35,7 +35,8 @@ impl Outline {
     /// The `corners`, three or four, are counter-clockwise as the receiver sees them.
     pub fn above(corners: &[DVec3], normal: DVec3) -> Option<Outline> {
         let (above, corners) = clip(corners, normal);
-        let nothing = ArcEdge { start: DVec3::ZERO, end: DVec3::ZERO, inward: DVec3::ZERO, angle: 0.0 };
+        let nothing =
+            ArcEdge { start: DVec3::ZERO, end: DVec3::ZERO, inward: DVec3::ZERO, angle: 0.0 };
         let mut outline = Outline { edges: [nothing; Outline::MOST], count: 0 };
         for i in 0..corners {
             let (start, end) = (above[i], above[(i + 1) % corners]);
@@ -47,7 +48,8 @@ impl Outline {
             // outline.
             if length > 0.0 && length.is_finite() {
                 let angle = length.atan2(start.dot(end));
-                outline.edges[outline.count] = ArcEdge { start, end, inward: cross / length, angle };
+                outline.edges[outline.count] =
+                    ArcEdge { start, end, inward: cross / length, angle };
                 outline.count += 1;
             }
         }
@@ -72,7 +74,8 @@ impl Outline {
     /// Lambert's formula, Photometria (1760): (1/2 pi) sum over the edges of (angle) (normal .
     /// edge's unit normal).
     pub fn irradiance(&self, normal: DVec3) -> f64 {
-        (self.edges().iter().map(|edge| edge.angle * edge.inward.dot(normal)).sum::<f64>() / TAU).max(0.0)
+        (self.edges().iter().map(|edge| edge.angle * edge.inward.dot(normal)).sum::<f64>() / TAU)
+            .max(0.0)
     }
 }
 
@@ -149,7 +152,12 @@ mod tests {
         let b3 = (x / rx * (y / rx).atan() + y / ry * (x / ry).atan()) / TAU;
         assert!((polygon_irradiance(&corner_rectangle(a, b, c), DVec3::Z) - b3).abs() < 1e-14);
         // B-4: element perpendicular to a rectangle that stands on its plane.
-        let wall = [DVec3::new(c, 0.0, 0.0), DVec3::new(c, b, 0.0), DVec3::new(c, b, a), DVec3::new(c, 0.0, a)];
+        let wall = [
+            DVec3::new(c, 0.0, 0.0),
+            DVec3::new(c, b, 0.0),
+            DVec3::new(c, b, a),
+            DVec3::new(c, 0.0, a),
+        ];
         let r = (c * c + a * a).sqrt();
         let b4 = ((b / c).atan() - c / r * (b / r).atan()) / TAU;
         assert!((polygon_irradiance(&wall, DVec3::Z) - b4).abs() < 1e-14);
@@ -188,10 +196,16 @@ mod tests {
             DVec3::new(-1e6, -1e6, 1.0),
             DVec3::new(1e6, -1e6, 1.0),
         ];
-        assert!((polygon_irradiance(&sky, DVec3::Z) - 1.0).abs() < 1e-6, "a whole sky of 1 gives 1");
+        assert!(
+            (polygon_irradiance(&sky, DVec3::Z) - 1.0).abs() < 1e-6,
+            "a whole sky of 1 gives 1"
+        );
         let far = corner_rectangle(1e-3, 1e-3, 5.0);
         let point = 1e-6 / (PI * 25.0);
-        assert!((polygon_irradiance(&far, DVec3::Z) / point - 1.0).abs() < 1e-6, "a far small one is a point");
+        assert!(
+            (polygon_irradiance(&far, DVec3::Z) / point - 1.0).abs() < 1e-6,
+            "a far small one is a point"
+        );
         assert_eq!(polygon_irradiance(&[DVec3::ZERO; 4], DVec3::Z), 0.0);
         assert!(polygon_irradiance(&[DVec3::ZERO, DVec3::X, DVec3::Z], DVec3::Z).is_finite());
     }

@@ -67,15 +67,23 @@ impl ProductSampler {
         let width = 2.0 * outline.solid_angle() / around;
         let spread = gaussian.map_or(1.0, |gaussian| 1.0 / gaussian.bandwidth.max(1.0).sqrt());
         if width < TUNING.slit * around && width < spread {
-            return Some(ProductSampler::Warped(rectangle.sampler_at(point)?, [[1.0; 2]; 2], gaussian));
+            return Some(ProductSampler::Warped(
+                rectangle.sampler_at(point)?,
+                [[1.0; 2]; 2],
+                gaussian,
+            ));
         }
         if outline.edges().len() == 4 {
             let uniform = rectangle.sampler_at(point)?;
-            let value = |position: DVec3| value(gaussian, normal, position.normalize_or_zero()) / uniform.pdf(position);
+            let value = |position: DVec3| {
+                value(gaussian, normal, position.normalize_or_zero()) / uniform.pdf(position)
+            };
             let corners = [0.0, 1.0].map(|v| [0.0, 1.0].map(|u| value(uniform.position(u, v))));
             let all = corners.as_flattened();
-            let (low, high) = all.iter().fold((f64::INFINITY, 0.0), |(low, high), &c| (c.min(low), c.max(high)));
-            let (mean, middle) = (0.25 * all.iter().sum::<f64>(), value(uniform.sample([0.5, 0.5])));
+            let (low, high) =
+                all.iter().fold((f64::INFINITY, 0.0), |(low, high), &c| (c.min(low), c.max(high)));
+            let (mean, middle) =
+                (0.25 * all.iter().sum::<f64>(), value(uniform.sample([0.5, 0.5])));
             if low > TUNING.min_corner * high && (mean - middle).abs() < TUNING.bilinear * middle {
                 return Some(ProductSampler::Warped(uniform, corners, gaussian));
             }
@@ -87,7 +95,12 @@ impl ProductSampler {
     /// point of the unit square.
     ///
     /// The contribution alone is an unbiased estimate; `None` counts as zero.
-    pub fn sample(&self, rectangle: &Rectangle, (point, normal): (DVec3, DVec3), uv: [f64; 2]) -> Option<(DVec3, f64)> {
+    pub fn sample(
+        &self,
+        rectangle: &Rectangle,
+        (point, normal): (DVec3, DVec3),
+        uv: [f64; 2],
+    ) -> Option<(DVec3, f64)> {
         match self {
             ProductSampler::Lobe(gaussian) => {
                 let direction = gaussian.sample(uv);

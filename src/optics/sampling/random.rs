@@ -81,7 +81,8 @@ mod tests {
             for a in 0..=8 {
                 let mut seen = [false; 256];
                 for [x, y] in (0..256).map(|i| points.get(i)) {
-                    let cell = (x * f64::from(1 << a)) as usize + ((y * f64::from(1 << (8 - a))) as usize) * (1 << a);
+                    let cell = (x * f64::from(1 << a)) as usize
+                        + ((y * f64::from(1 << (8 - a))) as usize) * (1 << a);
                     assert!(!std::mem::replace(&mut seen[cell], true), "{stream} {a}");
                 }
             }

@@ -24,7 +24,12 @@ impl Rectangle {
         let (center, x, y) = (center.as_dvec3(), x.as_dvec3(), y.as_dvec3());
         let y = y - x * (x.dot(y) / x.length_squared());
         let normal = x.cross(y).try_normalize()?;
-        (center.is_finite() && x.is_finite() && y.is_finite()).then_some(Rectangle { center, x, y, normal })
+        (center.is_finite() && x.is_finite() && y.is_finite()).then_some(Rectangle {
+            center,
+            x,
+            y,
+            normal,
+        })
     }
 
     /// The height of `point` over the emitting side, meters; positive in front.
@@ -43,7 +48,10 @@ impl Rectangle {
             return None;
         }
         let d = self.center - point;
-        Outline::above(&[d - self.x - self.y, d + self.x - self.y, d + self.x + self.y, d - self.x + self.y], normal)
+        Outline::above(
+            &[d - self.x - self.y, d + self.x - self.y, d + self.x + self.y, d - self.x + self.y],
+            normal,
+        )
     }
 
     /// The irradiance over pi, E / L in 0..=1, at `point` with the unit `normal`; zero on or behind
@@ -157,7 +165,11 @@ impl RectangleSampler {
     /// The density, per steradian, of [`RectangleSampler::sample`] at a position on the rectangle,
     /// relative to the receiver.
     pub fn pdf(&self, position: DVec3) -> f64 {
-        if self.area > 0.0 { position.length().powi(3) / (self.area * -self.z) } else { 1.0 / self.solid_angle }
+        if self.area > 0.0 {
+            position.length().powi(3) / (self.area * -self.z)
+        } else {
+            1.0 / self.solid_angle
+        }
     }
 }
 
@@ -171,7 +183,8 @@ mod tests {
         let n = 200;
         let shapes = [(1.0, 0.5), (3.0, 3.0), (0.01, 2.0), (1e-3, 1e-3), (1e-5, 1e-5)];
         for (half_x, half_y) in shapes {
-            let r = Rectangle::new(Vec3::new(0.4, 1.0, 0.6), Vec3::X * half_x, Vec3::Z * half_y).unwrap();
+            let r = Rectangle::new(Vec3::new(0.4, 1.0, 0.6), Vec3::X * half_x, Vec3::Z * half_y)
+                .unwrap();
             assert!(r.height(DVec3::ZERO) > 0.0, "x cross z looks down");
             let normal = DVec3::new(0.1, 0.6, 0.4).normalize();
             let sampler = r.sampler_at(DVec3::ZERO).unwrap();

@@ -61,7 +61,13 @@ impl Cone {
         // horizon.
         let begin = if cos < 0.0 { cos * cos / (1.0 + sin) } else { 0.0 };
         let axes = [axis, up, axis.cross(up)];
-        (begin < boundary).then_some(Cone { center, radius, axes, incline: [cos, sin], heights: [begin, boundary] })
+        (begin < boundary).then_some(Cone {
+            center,
+            radius,
+            axes,
+            incline: [cos, sin],
+            heights: [begin, boundary],
+        })
     }
 
     /// A direction above the horizon, the position on the sphere in that direction, and one over
@@ -110,14 +116,20 @@ mod tests {
             for i in 0..n * n {
                 let uv = [((i % n) as f64 + 0.5) / n as f64, ((i / n) as f64 + 0.5) / n as f64];
                 let (direction, position, inverse) = cone.sample(uv);
-                assert!(((position - center).length() - 0.5).abs() < 1e-9 && (direction.length() - 1.0).abs() < 1e-12);
+                assert!(
+                    ((position - center).length() - 0.5).abs() < 1e-9
+                        && (direction.length() - 1.0).abs() < 1e-12
+                );
                 assert!(direction.z > -1e-12, "below the horizon");
                 sum += direction.z * inverse;
             }
             let sampled = sum / (n * n) as f64 / PI;
             let exact = sphere_irradiance(center, 0.5, DVec3::Z);
             // The midpoint rule's error on a kinked integrand is O(1/n^2).
-            assert!((sampled - exact).abs() < 1e-4 * exact.max(0.01), "{height}: {sampled} {exact}");
+            assert!(
+                (sampled - exact).abs() < 1e-4 * exact.max(0.01),
+                "{height}: {sampled} {exact}"
+            );
         }
     }
 

@@ -71,7 +71,9 @@ impl Contact {
     pub fn new(mesh: &SceneMesh, points: &Points, normal: &Normal, seed: u64) -> Contact {
         let balls = mesh.bodies().balls();
         let near = |pixel: usize| {
-            let far = |&(_, middle, radius): &(usize, Vec3, f32)| points.0.pixels()[pixel].distance(middle) / radius;
+            let far = |&(_, middle, radius): &(usize, Vec3, f32)| {
+                points.0.pixels()[pixel].distance(middle) / radius
+            };
             let far = balls.iter().map(far).fold(f32::INFINITY, f32::min);
             let t = ((TUNING.reach[1] - far) / (TUNING.reach[1] - TUNING.reach[0])).clamp(0.0, 1.0);
             t * t * (3.0 - 2.0 * t)
@@ -111,9 +113,15 @@ impl Contact {
     /// The rule that is not kept.
     pub(in crate::optics) fn check(&self, pixels: usize, probes: usize) -> Result<(), String> {
         let count = self.pixels.len();
-        rule(self.weight.len() == count && self.probes.height() == count, "a weight and a row of rays for each pixel")?;
+        rule(
+            self.weight.len() == count && self.probes.height() == count,
+            "a weight and a row of rays for each pixel",
+        )?;
         rule(self.probes.size() == self.shares.size(), "a share for each ray")?;
-        rule(self.pixels.pixels().iter().all(|&pixel| (pixel as usize) < pixels), "pixels that are there")?;
+        rule(
+            self.pixels.pixels().iter().all(|&pixel| (pixel as usize) < pixels),
+            "pixels that are there",
+        )?;
         let met = self.probes.pixels().iter().filter(|&&probe| probe != OPEN);
         rule({ met }.all(|&probe| (probe as usize) < probes), "probes that are there")
     }
@@ -145,23 +153,27 @@ impl Contact {
         let width = self.probes.width();
         let found = |k: usize| {
             let pixel = self.pixels.pixels()[k] as usize;
-            let (light, hidden) = grid
-                .neighbors(points, normal, pixel)
-                .iter()
-                .fold((Vec3::ZERO, 0.0), |(light, hidden), &(i, weight)| {
+            let (light, hidden) = grid.neighbors(points, normal, pixel).iter().fold(
+                (Vec3::ZERO, 0.0),
+                |(light, hidden), &(i, weight)| {
                     (light + weight * past[i].light, hidden + weight * past[i].hidden)
-                });
+                },
+            );
             let rays = k * width..(k + 1) * width;
             let rays = self.probes.pixels()[rays.clone()].iter().zip(&self.shares.pixels()[rays]);
-            let (seen, filled) = rays
-                .filter(|(probe, _)| **probe != OPEN)
-                .fold((Vec3::ZERO, 0.0), |(seen, filled), (&probe, &share)| {
+            let (seen, filled) = rays.filter(|(probe, _)| **probe != OPEN).fold(
+                (Vec3::ZERO, 0.0),
+                |(seen, filled), (&probe, &share)| {
                     (seen + share * shown(probe as usize), filled + share)
-                });
+                },
+            );
             light * ((1.0 - filled).max(0.0) / (1.0 - hidden).max(TUNING.min_open)) + seen
         };
-        let values: Vec<Vec3> = (0..self.pixels.len()).into_par_iter().with_min_len(256).map(found).collect();
-        for ((&pixel, &weight), value) in self.pixels.pixels().iter().zip(self.weight.pixels()).zip(values) {
+        let values: Vec<Vec3> =
+            (0..self.pixels.len()).into_par_iter().with_min_len(256).map(found).collect();
+        for ((&pixel, &weight), value) in
+            self.pixels.pixels().iter().zip(self.weight.pixels()).zip(values)
+        {
             let slot = &mut all.pixels_mut()[pixel as usize];
             *slot = slot.lerp(value, weight);
         }
@@ -181,7 +193,9 @@ fn look(
     let (way, up, size) = ((middle - point).as_dvec3(), normal.as_dvec3(), f64::from(radius));
     let cone = Cone::new(way, size, up);
     let (directions, whole): (Vec<(Vec3, f64)>, f64) = match cone {
-        _ if way.length() <= size => ((0..rays).map(|i| (cosine_direction(normal, random.get(i)), 1.0)).collect(), 1.0),
+        _ if way.length() <= size => {
+            ((0..rays).map(|i| (cosine_direction(normal, random.get(i)), 1.0)).collect(), 1.0)
+        }
         None => return vec![(OPEN, 0.0); rays],
         Some(cone) => {
             let ray = |i| {
@@ -193,15 +207,21 @@ fn look(
     };
     let sum: f64 = directions.iter().map(|(_, cosine)| cosine).sum();
     let each = whole / sum.max(1e-9);
-    let found = |(direction, cosine): (Vec3, f64)| match meets(mesh, (point, normal), body, direction) {
-        Some(probe) => (probe as u32, (cosine * each) as f32),
-        None => (OPEN, 0.0),
-    };
+    let found =
+        |(direction, cosine): (Vec3, f64)| match meets(mesh, (point, normal), body, direction) {
+            Some(probe) => (probe as u32, (cosine * each) as f32),
+            None => (OPEN, 0.0),
+        };
     directions.into_iter().map(found).collect()
 }
 
 /// The probe of a body that is the first thing that a ray from the surface meets.
-fn meets(mesh: &SceneMesh, (point, normal): (Vec3, Vec3), body: usize, direction: Vec3) -> Option<usize> {
+fn meets(
+    mesh: &SceneMesh,
+    (point, normal): (Vec3, Vec3),
+    body: usize,
+    direction: Vec3,
+) -> Option<usize> {
     let bodies = mesh.bodies();
     // Rays start at the surface itself: the usual offset against uneven depth would lift them past
     // the foot of a body.

@@ -21,8 +21,9 @@ impl DirectEstimate {
     /// Mean standard error over mean value, of all lobes together.
     pub fn relative_error(&self) -> f64 {
         // The sum of nothing is -0.0, which would be shown with its sign.
-        let sum =
-            |planes: &[Plane<f32>]| planes.iter().flat_map(|p| p.pixels()).fold(0.0, |sum, &v| sum + f64::from(v));
+        let sum = |planes: &[Plane<f32>]| {
+            planes.iter().flat_map(|p| p.pixels()).fold(0.0, |sum, &v| sum + f64::from(v))
+        };
         sum(&self.stderr) / sum(&self.lobes).max(f64::MIN_POSITIVE)
     }
 }
@@ -45,17 +46,24 @@ pub fn direct(
     let compared = matches!(shape, Shape::Window(_)) && sampling.strategy != Strategy::Best;
     let exact = |lobe: usize| -> Vec<Option<f32>> {
         let pixels = (0..width * height).into_par_iter().with_min_len(width.max(1));
-        pixels.map(|i| if compared { None } else { emitter.irradiance(lobe, at(i).0, at(i).1) }).collect()
+        pixels
+            .map(|i| if compared { None } else { emitter.irradiance(lobe, at(i).0, at(i).1) })
+            .collect()
     };
     let exact: Vec<Vec<Option<f32>>> = (0..shape.lobes()).map(exact).collect();
 
-    let open = |(lobe, exact): (usize, &Vec<Option<f32>>)| tiles(lobe, (width, height), |i| exact[i].is_none());
+    let open = |(lobe, exact): (usize, &Vec<Option<f32>>)| {
+        tiles(lobe, (width, height), |i| exact[i].is_none())
+    };
     let mut open: Vec<Tile<BatchSums>> = exact.iter().enumerate().flat_map(open).collect();
     let known = |exact: &Vec<Option<f32>>| exact.iter().flatten().map(|&e| f64::from(e)).sum();
-    let base: Vec<(f64, usize)> = exact.iter().map(|exact| (known(exact), width * height)).collect();
+    let base: Vec<(f64, usize)> =
+        exact.iter().map(|exact| (known(exact), width * height)).collect();
     let extend = |tile: &mut Tile<BatchSums>, range: std::ops::Range<usize>| {
         for (&pixel, sums) in tile.pixels.iter().zip(&mut tile.sums) {
-            let Some(seen) = emitter.sampler_at(tile.lobe, at(pixel).0, at(pixel).1) else { continue };
+            let Some(seen) = emitter.sampler_at(tile.lobe, at(pixel).0, at(pixel).1) else {
+                continue;
+            };
             for (batch, sum) in sums.iter_mut().enumerate() {
                 let points = stream(sampling.seed, pixel as u32, tile.lobe, batch);
                 let parts = range.clone().filter_map(|i| seen.sample(&points, i));
@@ -64,12 +72,16 @@ pub fn direct(
         }
     };
     let measure = |tile: &Tile<BatchSums>| {
-        let add = |all: Measure, (value, error)| Measure { value: all.value + value, error: all.error + error };
+        let add = |all: Measure, (value, error)| Measure {
+            value: all.value + value,
+            error: all.error + error,
+        };
         answers(tile).into_iter().fold(Measure::default(), add)
     };
     refine(&mut open, &base, sampling, extend, measure, stop);
 
-    let filled = |exact: &Vec<Option<f32>>| exact.iter().map(|e| e.unwrap_or(0.0)).collect::<Vec<f32>>();
+    let filled =
+        |exact: &Vec<Option<f32>>| exact.iter().map(|e| e.unwrap_or(0.0)).collect::<Vec<f32>>();
     let mut lobes: Vec<Vec<f32>> = exact.iter().map(filled).collect();
     let mut stderr = vec![vec![0.0; width * height]; lobes.len()];
     for tile in &open {
@@ -88,7 +100,8 @@ pub fn direct(
 
 /// Value and standard error of each pixel of a tile.
 fn answers(tile: &Tile<BatchSums>) -> Vec<(f64, f64)> {
-    let means: Vec<(f64, f64)> = tile.sums.iter().map(|sums| mean(&sums.map(|sum| sum / tile.each as f64))).collect();
+    let means: Vec<(f64, f64)> =
+        tile.sums.iter().map(|sums| mean(&sums.map(|sum| sum / tile.each as f64))).collect();
     let variances: Vec<Option<f64>> = means.iter().map(|(_, error)| Some(error * error)).collect();
     means.iter().zip(pooled(tile, &variances)).map(|((value, _), error)| (*value, error)).collect()
 }

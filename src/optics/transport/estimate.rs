@@ -76,7 +76,9 @@ pub fn estimate(
 pub fn pooled<S>(tile: &Tile<S>, variances: &[Option<f64>]) -> Vec<f64> {
     // A border of one pixel around the tile, which holds nothing.
     const SIDE: usize = TUNING.tile + 2;
-    let place = |pixel: usize| (pixel / tile.width % TUNING.tile + 1) * SIDE + pixel % tile.width % TUNING.tile + 1;
+    let place = |pixel: usize| {
+        (pixel / tile.width % TUNING.tile + 1) * SIDE + pixel % tile.width % TUNING.tile + 1
+    };
     let mut cells = [(0.0, 0.0); SIDE * SIDE];
     for (&pixel, variance) in tile.pixels.iter().zip(variances) {
         cells[place(pixel)] = variance.map_or((0.0, 0.0), |v| (v, 1.0));
@@ -114,7 +116,14 @@ pub struct Sampling {
 impl Sampling {
     /// `samples` everywhere, in one round.
     pub fn fixed(samples: usize, seed: u64) -> Sampling {
-        Sampling { strategy: Strategy::Best, samples, most: samples, target: 0.0, first: samples, seed }
+        Sampling {
+            strategy: Strategy::Best,
+            samples,
+            most: samples,
+            target: 0.0,
+            first: samples,
+            seed,
+        }
     }
 }
 
@@ -147,8 +156,9 @@ pub fn tiles<S: Clone + Default>(
     take: impl Fn(usize) -> bool,
 ) -> Vec<Tile<S>> {
     let mut tiles = Vec::new();
-    for (top, left) in
-        (0..height).step_by(TUNING.tile).flat_map(|y| (0..width).step_by(TUNING.tile).map(move |x| (y, x)))
+    for (top, left) in (0..height)
+        .step_by(TUNING.tile)
+        .flat_map(|y| (0..width).step_by(TUNING.tile).map(move |x| (y, x)))
     {
         let rows = top..(top + TUNING.tile).min(height);
         let columns = left..(left + TUNING.tile).min(width);
@@ -156,7 +166,15 @@ pub fn tiles<S: Clone + Default>(
         let pixels: Vec<usize> = pixels.filter(|&pixel| take(pixel)).collect();
         if !pixels.is_empty() {
             let sums = vec![S::default(); pixels.len()];
-            tiles.push(Tile { lobe, width, pixels, sums, each: 0, measure: Measure::default(), open: true });
+            tiles.push(Tile {
+                lobe,
+                width,
+                pixels,
+                sums,
+                each: 0,
+                measure: Measure::default(),
+                open: true,
+            });
         }
     }
     tiles
@@ -190,7 +208,10 @@ pub fn refine<S: Send + Sync>(
         if each >= least {
             let mut enough: Vec<f64> = base.iter().map(|(value, _)| *value).collect();
             tiles.iter().for_each(|tile| enough[tile.lobe] += tile.measure.value);
-            enough.iter_mut().zip(base).for_each(|(sum, (_, count))| *sum *= sampling.target / (*count).max(1) as f64);
+            enough
+                .iter_mut()
+                .zip(base)
+                .for_each(|(sum, (_, count))| *sum *= sampling.target / (*count).max(1) as f64);
             for tile in tiles.iter_mut() {
                 let good = tile.measure.error <= enough[tile.lobe] * tile.pixels.len() as f64;
                 tile.open &= sampling.target > 0.0 && !good;

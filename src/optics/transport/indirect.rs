@@ -75,10 +75,20 @@ impl LightTransport {
     /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         self.grid.check(self.nearest.size())?;
-        let receivers = self.grid.len().checked_add(self.probes).ok_or("wanted a number of probes that fits")?;
+        let receivers = self
+            .grid
+            .len()
+            .checked_add(self.probes)
+            .ok_or("wanted a number of probes that fits")?;
         let pixels = self.nearest.len() + self.probes;
-        rule(self.hits.height() == receivers && self.areas.len() == receivers, "a row and an area for each receiver")?;
-        rule(self.hits.width() > 0 && self.hits.width().is_multiple_of(BATCHES), "as many rays in each batch")?;
+        rule(
+            self.hits.height() == receivers && self.areas.len() == receivers,
+            "a row and an area for each receiver",
+        )?;
+        rule(
+            self.hits.width() > 0 && self.hits.width().is_multiple_of(BATCHES),
+            "as many rays in each batch",
+        )?;
         let known = |&hit: &u32| hit == MISS || (hit as usize) < pixels;
         rule(self.hits.pixels().iter().all(known), "rays that meet pixels")?;
         let known = |&nearest: &u32| (nearest as usize) < self.grid.len();
@@ -96,9 +106,12 @@ impl LightTransport {
     pub fn thinned(&self, rays: usize) -> LightTransport {
         let each = self.hits.width() / BATCHES;
         let step = each.div_ceil((rays / BATCHES).max(1)).max(1);
-        let kept: Vec<usize> =
-            (0..BATCHES).flat_map(|b| (0..each).step_by(step).map(move |ray| b * each + ray)).collect();
-        let hits = Plane::from_fn(kept.len(), self.hits.height(), |ray, receiver| self.hits.get(kept[ray], receiver));
+        let kept: Vec<usize> = (0..BATCHES)
+            .flat_map(|b| (0..each).step_by(step).map(move |ray| b * each + ray))
+            .collect();
+        let hits = Plane::from_fn(kept.len(), self.hits.height(), |ray, receiver| {
+            self.hits.get(kept[ray], receiver)
+        });
         LightTransport {
             hits,
             grid: self.grid,
@@ -131,7 +144,8 @@ impl LightTransport {
     fn mean(&self, value: &dyn Fn(usize) -> Vec3) -> Vec3 {
         let areas = self.areas.pixels();
         let area: f64 = areas.iter().map(|&a| f64::from(a)).sum();
-        let sum: glam::DVec3 = (0..areas.len()).map(|i| value(i).as_dvec3() * f64::from(areas[i])).sum();
+        let sum: glam::DVec3 =
+            (0..areas.len()).map(|i| value(i).as_dvec3() * f64::from(areas[i])).sum();
         if area > 0.0 { (sum / area).as_vec3() } else { Vec3::ZERO }
     }
 
@@ -151,20 +165,28 @@ impl LightTransport {
     /// Shading of each receiver by an even ambient of radiance 1 from the unseen part of the room,
     /// a fraction of which, `TUNING.everywhere`, reaches all receivers.
     pub fn ambient(&self) -> Vec<Vec3> {
-        let open = |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
-        let shading = |row: &[u32]| Vec3::splat(TUNING.everywhere + (1.0 - TUNING.everywhere) * open(row));
+        let open =
+            |row: &[u32]| row.iter().filter(|&&hit| hit == MISS).count() as f32 / row.len() as f32;
+        let shading =
+            |row: &[u32]| Vec3::splat(TUNING.everywhere + (1.0 - TUNING.everywhere) * open(row));
         self.hits.pixels().chunks(self.hits.width().max(1)).map(shading).collect()
     }
 
     /// [`LightTransport::ambient`] where bodies, whose probes have this albedo, stand in the way:
     /// in place of what they hide they show what they reflect of it. On all pixels, and on the
     /// probes.
-    pub fn ambient_around(&self, points: &Points, normal: &Normal, albedo: &[Vec3]) -> (Plane<Vec3>, Vec<Vec3>) {
+    pub fn ambient_around(
+        &self,
+        points: &Points,
+        normal: &Normal,
+        albedo: &[Vec3],
+    ) -> (Plane<Vec3>, Vec<Vec3>) {
         let all = self.ambient();
         let (_, on_probes) = all.split_at(self.grid.len());
         let past = self.past(|_| Vec3::splat(TUNING.everywhere), Vec3::ONE);
         let shown = |probe: usize| albedo[probe] * on_probes[probe];
-        let around: Vec<Vec3> = (0..self.areas.len()).map(|i| past[i].light + self.of_bodies(i, shown)).collect();
+        let around: Vec<Vec3> =
+            (0..self.areas.len()).map(|i| past[i].light + self.of_bodies(i, shown)).collect();
         let mut on_pixels = self.grid.upsample(points, normal, &around[..self.grid.len()]);
         self.contact.refine((&self.grid, points, normal), &mut on_pixels, &past, shown);
         (on_pixels, around[self.grid.len()..].to_vec())
@@ -190,7 +212,9 @@ impl LightTransport {
     fn of_bodies(&self, receiver: usize, shown: impl Fn(usize) -> Vec3) -> Vec3 {
         let width = self.hits.width();
         let row = &self.hits.pixels()[receiver * width..(receiver + 1) * width];
-        let probe = |&hit: &u32| (hit != MISS).then(|| (hit as usize).checked_sub(self.nearest.len())).flatten();
+        let probe = |&hit: &u32| {
+            (hit != MISS).then(|| (hit as usize).checked_sub(self.nearest.len())).flatten()
+        };
         row.iter().filter_map(probe).map(shown).sum::<Vec3>() / width as f32
     }
 }
@@ -211,7 +235,11 @@ pub fn trace_bounces(
     let each = rays.div_ceil(BATCHES).max(1);
     let trace = |i: usize| -> Vec<u32> {
         let (pixel, from, n) = match i.checked_sub(grid.len()) {
-            Some(probe) => (width * height + probe, probes.points.pixels()[probe], probes.normals.pixels()[probe]),
+            Some(probe) => (
+                width * height + probe,
+                probes.points.pixels()[probe],
+                probes.normals.pixels()[probe],
+            ),
             None => {
                 let pixel = grid.pixel(i);
                 let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
@@ -222,18 +250,27 @@ pub fn trace_bounces(
             let direction = cosine_direction(n, random.get(ray));
             let hit = mesh.closest(from, direction)?;
             // The seen room has one side; a body is met from either.
-            let faces = normal.0.pixels().get(hit.pixel as usize).is_none_or(|n| n.dot(direction) < 0.0);
+            let faces =
+                normal.0.pixels().get(hit.pixel as usize).is_none_or(|n| n.dot(direction) < 0.0);
             faces.then_some(hit.pixel)
         };
-        let batch = |batch: usize| (0..each).map(move |ray| (stream(seed, pixel as u32, 0, batch), ray));
-        (0..BATCHES).flat_map(batch).map(|(random, ray)| look(random, ray).unwrap_or(MISS)).collect()
+        let batch =
+            |batch: usize| (0..each).map(move |ray| (stream(seed, pixel as u32, 0, batch), ray));
+        (0..BATCHES)
+            .flat_map(batch)
+            .map(|(random, ray)| look(random, ray).unwrap_or(MISS))
+            .collect()
     };
     let rows: Vec<Vec<u32>> = (0..grid.len() + probes.len()).into_par_iter().map(trace).collect();
     let nearest = |pixel: usize| {
-        let best = grid.neighbors(points, normal, pixel).into_iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
+        let best = grid
+            .neighbors(points, normal, pixel)
+            .into_iter()
+            .reduce(|a, b| if b.1 > a.1 { b } else { a });
         best.map_or(0, |(i, _)| i as u32)
     };
-    let nearest = (0..width * height).into_par_iter().with_min_len(width.max(1)).map(nearest).collect();
+    let nearest =
+        (0..width * height).into_par_iter().with_min_len(width.max(1)).map(nearest).collect();
     let area = |i: usize| {
         let pixel = grid.pixel(i);
         let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
@@ -301,26 +338,35 @@ pub fn indirect(
 ) -> (Shading, Plane<f32>, Vec<Vec3>) {
     let LightTransport { grid, nearest, .. } = transport;
     let pixels = direct.len();
-    let arrives = |p: usize| if p < pixels { direct.pixels()[p] } else { probed.direct[p - pixels] };
+    let arrives =
+        |p: usize| if p < pixels { direct.pixels()[p] } else { probed.direct[p - pixels] };
     let receivers = gather(transport, albedo, probed.albedo, arrives, bounces);
     let up = grid.spread(points, normal, |neighbors| {
-        neighbors
-            .iter()
-            .fold([Vec3::ZERO; BATCHES], |sum, &(i, weight)| std::array::from_fn(|b| sum[b] + receivers[i][b] * weight))
+        neighbors.iter().fold([Vec3::ZERO; BATCHES], |sum, &(i, weight)| {
+            std::array::from_fn(|b| sum[b] + receivers[i][b] * weight)
+        })
     });
-    let variance = |i: usize| mean(&up.pixels()[grid.pixel(i)].map(|b| f64::from(luminance(b)))).1.powi(2);
+    let variance =
+        |i: usize| mean(&up.pixels()[grid.pixel(i)].map(|b| f64::from(luminance(b)))).1.powi(2);
     let mut errors = vec![0.0; grid.len()];
     for tile in tiles::<()>(0, grid.size(), |_| true) {
         let variances: Vec<Option<f64>> = tile.pixels.iter().map(|&i| Some(variance(i))).collect();
-        tile.pixels.iter().zip(pooled(&tile, &variances)).for_each(|(&i, error)| errors[i] = error as f32);
+        tile.pixels
+            .iter()
+            .zip(pooled(&tile, &variances))
+            .for_each(|(&i, error)| errors[i] = error as f32);
     }
     let mut shading = up.map(|batches| whole(&batches));
     if !transport.contact.is_empty() && bounces.count > 0 {
         let total: Vec<Vec3> = receivers.iter().map(whole).collect();
         let reflects = reflectances(albedo, probed.albedo);
-        let shows = |p: usize| reflects[p] * (Vec3::splat(arrives(p)) + total[transport.nearest(p)]);
-        let past = transport.past(shows, bounces.unseen * transport.mean(&|i| shows(transport.pixel(i))));
-        transport.contact.refine((grid, points, normal), &mut shading, &past, |probe| shows(pixels + probe));
+        let shows =
+            |p: usize| reflects[p] * (Vec3::splat(arrives(p)) + total[transport.nearest(p)]);
+        let past =
+            transport.past(shows, bounces.unseen * transport.mean(&|i| shows(transport.pixel(i))));
+        transport
+            .contact
+            .refine((grid, points, normal), &mut shading, &past, |probe| shows(pixels + probe));
     }
     let probes = receivers[grid.len()..].iter().map(whole).collect();
     (Shading(shading), nearest.map(|i| errors[i as usize]), probes)
@@ -328,7 +374,13 @@ pub fn indirect(
 
 /// Albedos of pixels and probes; one of one would never come to rest.
 fn reflectances(albedo: &Albedo, probes: &[Vec3]) -> Vec<Vec3> {
-    albedo.0.pixels().iter().chain(probes).map(|a| a.clamp(Vec3::ZERO, Vec3::splat(TUNING.max_albedo))).collect()
+    albedo
+        .0
+        .pixels()
+        .iter()
+        .chain(probes)
+        .map(|a| a.clamp(Vec3::ZERO, Vec3::splat(TUNING.max_albedo)))
+        .collect()
 }
 
 /// Indirect shading of one lobe on the receivers alone, in a room without bodies; `direct` is its
@@ -364,7 +416,8 @@ fn gather(
     let mean_of = |value: &dyn Fn(usize) -> Vec3| transport.mean(value);
     let mean_albedo = mean_of(&|i| reflects[transport.pixel(i)]);
     // There are several rays to a pixel: the part common to all batches is computed once.
-    let first: Vec<Vec3> = reflects.iter().enumerate().map(|(p, reflect)| reflect * Vec3::splat(direct(p))).collect();
+    let first: Vec<Vec3> =
+        reflects.iter().enumerate().map(|(p, reflect)| reflect * Vec3::splat(direct(p))).collect();
     let ambient = |shown: &dyn Fn(usize, usize) -> Vec3| -> [Vec3; BATCHES] {
         std::array::from_fn(|b| bounces.unseen * mean_of(&|i| shown(transport.pixel(i), b)))
     };
@@ -397,7 +450,8 @@ fn bounce(
     let each = (hits.width() / BATCHES).max(1);
     let met = |hit: u32, b: usize| if hit == MISS { ambient[b] } else { shown(hit as usize, b) };
     let gather = |row: &[u32]| {
-        let batch = |b: usize| row[b * each..(b + 1) * each].iter().map(|&hit| met(hit, b)).sum::<Vec3>();
+        let batch =
+            |b: usize| row[b * each..(b + 1) * each].iter().map(|&hit| met(hit, b)).sum::<Vec3>();
         std::array::from_fn(|b| batch(b) / each as f32)
     };
     hits.pixels().par_chunks(hits.width().max(1)).with_min_len(64).map(gather).collect()

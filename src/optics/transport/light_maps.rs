@@ -29,7 +29,9 @@ impl LightMaps {
     /// Solid angle of each texel; all together 2 pi.
     fn solid_angles() -> [f64; TEXELS] {
         let edge = |i: usize| (i as f64 / THETAS as f64 * std::f64::consts::FRAC_PI_2).cos();
-        std::array::from_fn(|k| (edge(k / PHIS) - edge(k / PHIS + 1)) * 2.0 * std::f64::consts::PI / PHIS as f64)
+        std::array::from_fn(|k| {
+            (edge(k / PHIS) - edge(k / PHIS + 1)) * 2.0 * std::f64::consts::PI / PHIS as f64
+        })
     }
 
     /// Mean squared difference of log(1 + radiance) over the hemisphere, by solid angle, and over
@@ -41,11 +43,15 @@ impl LightMaps {
         }
         let weights = Self::solid_angles();
         let of_cell = |(got, truth): (&[Vec3], &[Vec3])| -> f64 {
-            let square =
-                |got: f32, truth: f32| (f64::from(got.max(0.0)).ln_1p() - f64::from(truth.max(0.0)).ln_1p()).powi(2);
-            let texel = |(got, truth): (&Vec3, &Vec3)| (0..3).map(|c| square(got[c], truth[c])).sum::<f64>() / 3.0;
+            let square = |got: f32, truth: f32| {
+                (f64::from(got.max(0.0)).ln_1p() - f64::from(truth.max(0.0)).ln_1p()).powi(2)
+            };
+            let texel = |(got, truth): (&Vec3, &Vec3)| {
+                (0..3).map(|c| square(got[c], truth[c])).sum::<f64>() / 3.0
+            };
             let squares = got.iter().zip(truth).map(texel);
-            squares.zip(weights).map(|(square, weight)| square * weight).sum::<f64>() / weights.iter().sum::<f64>()
+            squares.zip(weights).map(|(square, weight)| square * weight).sum::<f64>()
+                / weights.iter().sum::<f64>()
         };
         let cells = self.radiance.chunks_exact(TEXELS).zip(truth.radiance.chunks_exact(TEXELS));
         let known = cells.filter(|(_, truth)| truth.iter().all(|rgb| rgb.is_finite()));
@@ -74,7 +80,11 @@ mod tests {
         let wanted = (4.0f64.ln() - 2.0f64.ln()).powi(2);
         let got = grid(&[3.0, 7.0]).log_error(&grid(&[1.0, 7.0])).expect("one grid");
         assert!((got - wanted / 2.0).abs() < 1e-12);
-        assert_eq!(grid(&[3.0, 7.0]).log_error(&grid(&[f32::NAN, 7.0])), Some(0.0), "the first is not known");
+        assert_eq!(
+            grid(&[3.0, 7.0]).log_error(&grid(&[f32::NAN, 7.0])),
+            Some(0.0),
+            "the first is not known"
+        );
         assert_eq!(grid(&[3.0]).log_error(&grid(&[3.0, 7.0])), None);
         assert_eq!(grid(&[3.0]).log_error(&grid(&[f32::NAN])), None);
     }
@@ -88,8 +98,8 @@ mod tests {
             got.log_error(&truth).expect("one grid")
         };
         // A belt at the horizon has sin(theta) as much as one of the same width elsewhere.
-        let ratio =
-            (7.5f64 / 8.0 * std::f64::consts::FRAC_PI_2).sin() / (0.5f64 / 8.0 * std::f64::consts::FRAC_PI_2).sin();
+        let ratio = (7.5f64 / 8.0 * std::f64::consts::FRAC_PI_2).sin()
+            / (0.5f64 / 8.0 * std::f64::consts::FRAC_PI_2).sin();
         assert!((error(7) / error(0) - ratio).abs() < 1e-9 * ratio);
     }
 }

@@ -40,7 +40,10 @@ impl Lighting {
     /// The rule that is not kept.
     pub fn check(&self) -> Result<(), String> {
         let cells = self.columns.checked_mul(self.rows).filter(|&cells| cells > 0);
-        rule(cells.is_some_and(|cells| self.lobes.len().is_multiple_of(cells)), "as many lobes for each cell")
+        rule(
+            cells.is_some_and(|cells| self.lobes.len().is_multiple_of(cells)),
+            "as many lobes for each cell",
+        )
     }
 
     /// The lobes of a cell.
@@ -58,9 +61,12 @@ impl Lighting {
 
     /// The hemisphere of each cell: the radiance at the middle of each texel.
     pub fn maps(&self) -> LightMaps {
-        let cells = (0..self.rows).flat_map(|row| (0..self.columns).map(move |column| (column, row)));
+        let cells =
+            (0..self.rows).flat_map(|row| (0..self.columns).map(move |column| (column, row)));
         let texels: Vec<Vec3> = (0..TEXELS).map(texel).collect();
-        let radiance = cells.flat_map(|(column, row)| texels.iter().map(move |way| self.radiance(column, row, *way)));
+        let radiance = cells.flat_map(|(column, row)| {
+            texels.iter().map(move |way| self.radiance(column, row, *way))
+        });
         LightMaps { columns: self.columns, rows: self.rows, radiance: radiance.collect() }
     }
 }

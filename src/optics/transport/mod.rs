@@ -11,7 +11,9 @@ pub(in crate::optics) mod shadow;
 
 pub use direct::{DirectEstimate, direct};
 pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
-pub use indirect::{Bounces, LightTransport, Probed, indirect, indirect_at_receivers, trace_bounces};
+pub use indirect::{
+    Bounces, LightTransport, Probed, indirect, indirect_at_receivers, trace_bounces,
+};
 pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
 pub use lighting::{Lighting, LocalLobe, local_frame};
 pub use objects::arriving;
@@ -21,5 +23,9 @@ use crate::tuning::Table;
 
 /// The constants of transported light.
 pub fn tuning() -> Vec<Table> {
-    vec![contact::ContactTuning::table(), estimate::NoiseTuning::table(), indirect::IndirectTuning::table()]
+    vec![
+        contact::ContactTuning::table(),
+        estimate::NoiseTuning::table(),
+        indirect::IndirectTuning::table(),
+    ]
 }

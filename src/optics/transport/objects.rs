@@ -23,7 +23,8 @@ pub fn arriving(
     }
     let (points, normals) = (Points(points.clone()), Normal(normals.clone()));
     let DirectEstimate { mut lobes, .. } = direct(&points, &normals, shape, &sampling, stop);
-    let quality = ShadowQuality { sampling, stride, assume_lit: 1.0, outside_unknown: false, lifted: true };
+    let quality =
+        ShadowQuality { sampling, stride, assume_lit: 1.0, outside_unknown: false, lifted: true };
     let shadow = shadow(mesh, &points, &normals, shape, None, quality, stop);
     for (direct, lit) in lobes.iter_mut().zip(&shadow.lit) {
         direct.pixels_mut().iter_mut().zip(lit.pixels()).for_each(|(e, v)| *e *= v);
@@ -38,7 +39,9 @@ mod tests {
     use super::*;
     use crate::geometry::{Bodies, Body, Camera, Model};
     use crate::image::{Albedo, Shading};
-    use crate::optics::{Bounces, Lamp, Probed, SphereLamp, indirect, sphere_irradiance, trace_bounces};
+    use crate::optics::{
+        Bounces, Lamp, Probed, SphereLamp, indirect, sphere_irradiance, trace_bounces,
+    };
 
     fn ball(center: Vec3, radius: f32) -> Bodies {
         let body = Body::placed(Model::sphere(), None, Mat3::IDENTITY, radius, Vec3::ZERO, center);
@@ -63,9 +66,22 @@ mod tests {
     fn the_shadow_of_a_ball_has_the_area_of_its_cone() {
         let (camera, mesh, points, normal) = wall(true);
         let mesh = mesh.with_bodies(ball(Vec3::new(0.0, 0.0, -2.5), 0.2));
-        let quality =
-            ShadowQuality { sampling: SAMPLING(), stride: 1, assume_lit: 1.0, outside_unknown: false, lifted: false };
-        let shadow = shadow(&mesh, &points, &normal, &lamp(Vec3::new(0.0, 0.0, -1.0)), None, quality, &|| false);
+        let quality = ShadowQuality {
+            sampling: SAMPLING(),
+            stride: 1,
+            assume_lit: 1.0,
+            outside_unknown: false,
+            lifted: false,
+        };
+        let shadow = shadow(
+            &mesh,
+            &points,
+            &normal,
+            &lamp(Vec3::new(0.0, 0.0, -1.0)),
+            None,
+            quality,
+            &|| false,
+        );
         let pixel = (4.0 / camera.fx) * (4.0 / camera.fy);
         let got: f32 = shadow.lit[0].pixels().iter().map(|lit| (1.0 - lit) * pixel).sum();
         // From 1 m before the camera the ball is seen within asin(0.2 / 1.5), and the wall is 3 m
@@ -82,12 +98,19 @@ mod tests {
             let mesh = mesh.with_bodies(ball(center, radius));
             let light = Vec3::new(0.5, 0.7, -1.0);
             let probes = mesh.bodies().probes();
-            let (lobes, rays) =
-                arriving(&mesh, &probes.points, &probes.normals, &lamp(light), (SAMPLING(), 1), &|| false);
+            let (lobes, rays) = arriving(
+                &mesh,
+                &probes.points,
+                &probes.normals,
+                &lamp(light),
+                (SAMPLING(), 1),
+                &|| false,
+            );
             assert!(rays > 0);
             let (mut got, mut want) = (0.0, 0.0);
             for i in 0..probes.len() {
-                let (p, n) = (probes.points.pixels()[i].as_dvec3(), probes.normals.pixels()[i].as_dvec3());
+                let (p, n) =
+                    (probes.points.pixels()[i].as_dvec3(), probes.normals.pixels()[i].as_dvec3());
                 want += sphere_irradiance(light.as_dvec3() - p, 0.01, n);
                 got += f64::from(lobes[0].pixels()[i]);
             }
@@ -105,7 +128,10 @@ mod tests {
         let transport = trace_bounces(&mesh, &points, &normal, 8, 64, 0);
         let (_, probes) = transport.ambient_around(&points, &normal, &[Vec3::ONE; 400]);
         assert_eq!(probes.len(), 400);
-        assert!(probes.iter().all(|a| (*a - Vec3::ONE).abs().max_element() < 1e-6), "nothing stands around it");
+        assert!(
+            probes.iter().all(|a| (*a - Vec3::ONE).abs().max_element() < 1e-6),
+            "nothing stands around it"
+        );
 
         let (_, mesh, points, normal) = wall(true);
         let mesh = mesh.with_bodies(ball(Vec3::new(0.0, 0.0, -2.5), 0.3));
@@ -115,7 +141,8 @@ mod tests {
         let probed = Probed { albedo: &albedos, direct: &[1.0; 400] };
         let bounces = Bounces { count: 4, unseen: 1.0 };
         let room = Albedo(Plane::filled(160, 120, albedo));
-        let (Shading(wall), _, ball) = indirect(&transport, &points, &normal, &room, &direct, probed, bounces);
+        let (Shading(wall), _, ball) =
+            indirect(&transport, &points, &normal, &room, &direct, probed, bounces);
         let want = albedo / (Vec3::ONE - albedo);
         for e in wall.pixels().iter().chain(&ball) {
             assert!((*e / want - Vec3::ONE).abs().max_element() < 1e-4, "{e} against {want}");
@@ -137,10 +164,14 @@ mod tests {
             let (mut near, mut sum) = (0, 0.0);
             for (i, (was, is)) in was.pixels().iter().zip(is.pixels()).enumerate() {
                 let p = points.0.pixels()[i];
-                let hidden = sphere_irradiance((center - p).as_dvec3(), 0.39, glam::DVec3::Z) as f32;
+                let hidden =
+                    sphere_irradiance((center - p).as_dvec3(), 0.39, glam::DVec3::Z) as f32;
                 let off = (was.x - is.x - hidden).abs();
                 let close = p.distance(center) < 2.0 * 0.39;
-                assert!(off < if close { 0.03 } else { 0.06 }, "at {p}: {was} - {is} against {hidden}");
+                assert!(
+                    off < if close { 0.03 } else { 0.06 },
+                    "at {p}: {was} - {is} against {hidden}"
+                );
                 if close {
                     near += 1;
                     sum += off;
@@ -163,10 +194,14 @@ mod tests {
         let probed = Probed { albedo: &albedos, direct: &[1.0; 400] };
         let room = Albedo(Plane::filled(160, 120, albedo));
         let bounces = Bounces { count: 4, unseen: 1.0 };
-        let (Shading(wall), ..) = indirect(&transport, &points, &normal, &room, &direct, probed, bounces);
+        let (Shading(wall), ..) =
+            indirect(&transport, &points, &normal, &room, &direct, probed, bounces);
         let want = albedo / (Vec3::ONE - albedo);
         for (e, p) in wall.pixels().iter().zip(points.0.pixels()) {
-            assert!((*e / want - Vec3::ONE).abs().max_element() < 0.01, "at {p}: {e} against {want}");
+            assert!(
+                (*e / want - Vec3::ONE).abs().max_element() < 0.01,
+                "at {p}: {e} against {want}"
+            );
         }
     }
 }

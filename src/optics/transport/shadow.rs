@@ -93,8 +93,8 @@ pub fn shadow(
     let passes = own.map(|(passes, _)| passes);
     let grid = Grid::new(points.0.size(), quality.stride);
     let lobes = 0..shape.lobes();
-    let mut open: Vec<Tile<[Sums; BATCHES]>> =
-        lobes.clone().flat_map(|lobe| tiles(lobe, grid.size(), |i| !is_own(grid.pixel(i)))).collect();
+    let open_tiles = |lobe| tiles(lobe, grid.size(), |i| !is_own(grid.pixel(i)));
+    let mut open: Vec<Tile<[Sums; BATCHES]>> = lobes.clone().flat_map(open_tiles).collect();
     let rays = AtomicU64::new(0);
     let extend = |tile: &mut Tile<[Sums; BATCHES]>, range: Range<usize>| {
         let mut traced = 0;
@@ -110,7 +110,9 @@ pub fn shadow(
                     traced += 1;
                     sums.all += part;
                     match mesh.visibility(from, sample.position, passes) {
-                        Sight::Lit if quality.outside_unknown && !mesh.in_view(sample.position) => sums.unknown += part,
+                        Sight::Lit if quality.outside_unknown && !mesh.in_view(sample.position) => {
+                            sums.unknown += part
+                        }
                         Sight::Lit => sums.lit += part,
                         Sight::Unknown => sums.unknown += part,
                         Sight::Blocked => {}
@@ -143,22 +145,38 @@ pub fn shadow(
         pixels: open.iter().map(|tile| tile.pixels.len()).sum(),
     };
     let up = grid.spread(points, normal, |neighbors| -> [[f32; 3]; 3] {
-        std::array::from_fn(|lobe| traced.get(lobe).map_or([0.0; 3], |traced| blend(traced, neighbors)))
+        std::array::from_fn(|lobe| {
+            traced.get(lobe).map_or([0.0; 3], |traced| blend(traced, neighbors))
+        })
     });
     for lobe in lobes {
-        let plane = |k: usize| {
-            let pixel = |i: usize| if is_own(i) { 0.0 } else { up.pixels()[i][lobe][k] };
-            Plane::new(up.width(), up.height(), (0..up.len()).map(pixel).collect())
-        };
-        shadow.lit.push(plane(0));
-        shadow.unknown.push(plane(1));
-        shadow.stderr.push(plane(2));
+        let [lit, unknown, stderr] = planes(&up, lobe, &is_own);
+        shadow.lit.push(lit);
+        shadow.unknown.push(unknown);
+        shadow.stderr.push(stderr);
     }
     shadow
 }
 
+/// The planes of one lobe, which are zero in the light's own pixels.
+fn planes(
+    up: &Plane<[[f32; 3]; 3]>,
+    lobe: usize,
+    is_own: &impl Fn(usize) -> bool,
+) -> [Plane<f32>; 3] {
+    [0, 1, 2].map(|k| {
+        let pixel = |i: usize| if is_own(i) { 0.0 } else { up.pixels()[i][lobe][k] };
+        Plane::new(up.width(), up.height(), (0..up.len()).map(pixel).collect())
+    })
+}
+
 /// Estimates by lobe and receiver; the default where nothing was traced.
-fn by_receiver(tiles: &[Tile<[Sums; BATCHES]>], lobes: usize, receivers: usize, assume_lit: f64) -> Vec<Vec<Answer>> {
+fn by_receiver(
+    tiles: &[Tile<[Sums; BATCHES]>],
+    lobes: usize,
+    receivers: usize,
+    assume_lit: f64,
+) -> Vec<Vec<Answer>> {
     let mut traced = vec![vec![Answer::default(); receivers]; lobes];
     for tile in tiles {
         let all = tile.pixels.iter().zip(answers(tile, assume_lit));
@@ -178,15 +196,25 @@ impl ShadowEstimate {
         assert_eq!(direct.len(), self.lit.len(), "direct shading has the lobes of the shadow");
         for pixel in 0..direct.first().map_or(0, Plane::len) {
             let total: f32 = direct.iter().map(|e| e.pixels()[pixel]).sum();
-            let share =
-                |e: &Plane<f32>| if total > 0.0 { e.pixels()[pixel] / total } else { 1.0 / direct.len() as f32 };
+            let share = |e: &Plane<f32>| {
+                if total > 0.0 { e.pixels()[pixel] / total } else { 1.0 / direct.len() as f32 }
+            };
             let shares: Vec<f32> = direct.iter().map(share).collect();
-            let mean = |of: &[Plane<f32>]| of.iter().zip(&shares).map(|(v, w)| w * v.pixels()[pixel]).sum::<f32>();
+            let mean = |of: &[Plane<f32>]| {
+                of.iter().zip(&shares).map(|(v, w)| w * v.pixels()[pixel]).sum::<f32>()
+            };
             // Lobes have rays of their own, so their variances add.
-            let error =
-                self.stderr.iter().zip(&shares).map(|(s, w)| (w * s.pixels()[pixel]).powi(2)).sum::<f32>().sqrt();
+            let error = self
+                .stderr
+                .iter()
+                .zip(&shares)
+                .map(|(s, w)| (w * s.pixels()[pixel]).powi(2))
+                .sum::<f32>()
+                .sqrt();
             let (lit, unknown) = (mean(&self.lit).min(1.0), mean(&self.unknown).min(1.0));
-            for (planes, value) in [(&mut self.lit, lit), (&mut self.unknown, unknown), (&mut self.stderr, error)] {
+            for (planes, value) in
+                [(&mut self.lit, lit), (&mut self.unknown, unknown), (&mut self.stderr, error)]
+            {
                 planes.iter_mut().for_each(|plane| plane.pixels_mut()[pixel] = value);
             }
         }
@@ -230,7 +258,8 @@ fn answers(tile: &Tile<[Sums; BATCHES]>, assume_lit: f64) -> Vec<Answer> {
         let answer = Answer { shading, lit: lit as f32, unknown, stderr: 0.0, valid: 1.0 };
         (answer, Some((spread * BATCHES as f64 / all).powi(2)))
     };
-    let (mut answers, variances): (Vec<Answer>, Vec<Option<f64>>) = tile.sums.iter().map(answer).unzip();
+    let (mut answers, variances): (Vec<Answer>, Vec<Option<f64>>) =
+        tile.sums.iter().map(answer).unzip();
     // If all rays agree, the next one may still differ: by Laplace's rule of succession once in two
     // more than the tile cast.
     let rays = samples * variances.iter().flatten().count() as f64;
@@ -261,10 +290,16 @@ mod tests {
                 assert!((got - wanted).abs() < 1e-6, "lobe {lobe}: wanted {wanted}, got {got}");
             }
             for (got, wanted) in shadow.unknown[lobe].pixels().iter().zip([0.1, 0.5, 0.0]) {
-                assert!((got - wanted).abs() < 1e-6, "lobe {lobe}: wanted {wanted} unknown, got {got}");
+                assert!(
+                    (got - wanted).abs() < 1e-6,
+                    "lobe {lobe}: wanted {wanted} unknown, got {got}"
+                );
             }
             for (got, wanted) in shadow.stderr[lobe].pixels().iter().zip([0.1, 0.1, 0.0]) {
-                assert!((got - wanted).abs() < 1e-6, "lobe {lobe}: wanted an error of {wanted}, got {got}");
+                assert!(
+                    (got - wanted).abs() < 1e-6,
+                    "lobe {lobe}: wanted an error of {wanted}, got {got}"
+                );
             }
         }
     }

@@ -23,7 +23,10 @@ type Edited = BTreeMap<String, (Arc<Shape>, Vec<Vec3>, Vec<Vec3>)>;
 fn edited(lights: &str) -> Result<Edited, NodeError> {
     let scene = scene();
     let mut stage = EditLights::default();
-    stage.set("lights", lights).expect("there is such a parameter").unwrap_or_else(|e| panic!("{lights}: {e}"));
+    stage
+        .set("lights", lights)
+        .expect("there is such a parameter")
+        .unwrap_or_else(|e| panic!("{lights}: {e}"));
     stage.check().unwrap_or_else(|e| panic!("{lights}: {e}"));
     let inputs = EditLightsIn {
         shapes: scene.each(|light| light.shape.clone()),
@@ -31,16 +34,23 @@ fn edited(lights: &str) -> Result<Edited, NodeError> {
         camera: scene.camera.clone(),
         depth: scene.depth.clone(),
         normal: scene.normal.clone(),
-        encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: Some(LUX), sixteen_bit: false }),
+        encoding: Arc::new(Encoding {
+            transfer: Transfer::Srgb,
+            lux: Some(LUX),
+            sixteen_bit: false,
+        }),
     };
     let out = stage.run(inputs, &Context::default())?;
     let each = out.shape.0.into_iter().zip(out.radiance.0).zip(out.gain.0);
-    Ok(each.map(|(((id, shape), (_, w)), (_, gain))| (id, (shape, w.0.clone(), gain.0.clone()))).collect())
+    Ok(each
+        .map(|(((id, shape), (_, w)), (_, gain))| (id, (shape, w.0.clone(), gain.0.clone())))
+        .collect())
 }
 
 /// One light after an edit; asserts that all others pass through to the bit.
 fn only(id: &str, edit: &str) -> (Arc<Shape>, Vec<Vec3>, Vec<Vec3>) {
-    let mut all = edited(&format!("{{ {id:?}: {edit} }}")).unwrap_or_else(|e| panic!("{edit}: {e}"));
+    let mut all =
+        edited(&format!("{{ {id:?}: {edit} }}")).unwrap_or_else(|e| panic!("{edit}: {e}"));
     let light = all.remove(id).expect("the edited light is a member");
     for light in scene().lights.iter().filter(|light| light.id != id) {
         let (shape, radiance, gain) = &all[light.id];
@@ -58,15 +68,22 @@ fn radiances_after_an_edit_are_exact() {
     // A power of two, so that the product is exact in floating point.
     assert_eq!(only("lamp", "Scale(0.25)"), (sphere(), vec![0.25 * WARM], vec![Vec3::splat(0.25)]));
     let (shape, radiance, gain) = only("window", "Scale(2)");
-    assert_eq!((shape, radiance), (Arc::new(Shape::Window(window())), DAY.map(|w| 2.0 * w).to_vec()));
+    assert_eq!(
+        (shape, radiance),
+        (Arc::new(Shape::Window(window())), DAY.map(|w| 2.0 * w).to_vec())
+    );
     // The sun gave nothing and so keeps its color, gray, times two.
     assert_eq!(gain, vec![Vec3::splat(2.0); 3]);
 
     // A color replaces the chromaticity and keeps the luminance; each is a few roundings of 6e-8.
     let color = Vec3::new(0.2, 0.5, 1.0);
-    for (edit, wanted) in [("Color(0.2, 0.5, 1)", color), ("Temperature(2700)", black_body(2700.0))] {
+    for (edit, wanted) in [("Color(0.2, 0.5, 1)", color), ("Temperature(2700)", black_body(2700.0))]
+    {
         let (_, radiance, gain) = only("lamp", edit);
-        assert!((luminance(radiance[0]) / luminance(WARM) - 1.0).abs() < 1e-6, "{edit}: {radiance:?}");
+        assert!(
+            (luminance(radiance[0]) / luminance(WARM) - 1.0).abs() < 1e-6,
+            "{edit}: {radiance:?}"
+        );
         let (got, wanted) = (radiance[0] / luminance(radiance[0]), wanted / luminance(wanted));
         assert!((got - wanted).abs().max_element() < 1e-6, "{edit}: {got} against {wanted}");
         assert!((gain[0] * WARM - radiance[0]).abs().max_element() < 1e-5, "{edit}: {gain:?}");
@@ -87,8 +104,12 @@ fn a_moved_lamp_keeps_its_form_and_its_radiance() {
     let (camera, at) = (&scene().camera, center(&shape));
     let floor = camera.unproject(50.5, 90.5, 1.0) * (1.2 / -camera.unproject(50.5, 90.5, 1.0).y);
     assert!(at.distance(floor + Vec3::Y * LAMP.1) < 0.002, "{at} over {floor}");
-    for (id, wanted) in [("window", "wanted a lamp, got a window"), ("nowhere", "there is no such light to change")] {
-        let told = edited(&format!("{{ {id:?}: Move(by: (1, 0, 0)) }}")).map(drop).expect_err("it cannot be moved");
+    for (id, wanted) in
+        [("window", "wanted a lamp, got a window"), ("nowhere", "there is no such light to change")]
+    {
+        let told = edited(&format!("{{ {id:?}: Move(by: (1, 0, 0)) }}"))
+            .map(drop)
+            .expect_err("it cannot be moved");
         assert!(matches!(&told, NodeError::BadParameter(m) if m.contains(wanted)), "{told}");
     }
 }
@@ -103,7 +124,8 @@ fn an_inserted_lamp_has_the_flux_that_it_is_given() {
         ("Rect(half: (0.3, 0.2), normal: (0, -1, 0))", 4.0 * a * b),
         ("Box(half: (0.3, 0.2, 0.1), yaw: 30)", 8.0 * (a * b + b * c + c * a)),
     ] {
-        let edit = format!("Lamp(shape: {form}, at: Point(0, 0, -2), flux: 800, temperature: 3000)");
+        let edit =
+            format!("Lamp(shape: {form}, at: Point(0, 0, -2), flux: 800, temperature: 3000)");
         let (shape, radiance, gain) = only("desk", &edit);
         assert_eq!(gain, [Vec3::ZERO], "no photo pixel shows it");
         let lumens = PI * area * luminance(radiance[0]) * LUX / PI;

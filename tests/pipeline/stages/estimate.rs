@@ -5,7 +5,9 @@ use std::sync::Arc;
 use glam::Vec3;
 use relight::graph::{Context, Gather, Node};
 use relight::image::{Mask, Picture, Plane, Shading, distance, luminance};
-use relight::nodes::estimate::fill_reflectance::{FillReflectance, FillReflectanceIn, FillReflectanceOut};
+use relight::nodes::estimate::fill_reflectance::{
+    FillReflectance, FillReflectanceIn, FillReflectanceOut,
+};
 use relight::nodes::estimate::fit_lights::{FitLights, FitLightsIn, FitLightsOut};
 use relight::nodes::estimate::init_lights::{InitLights, InitLightsIn};
 use relight::nodes::estimate::refine_lights::{RefineLights, RefineLightsIn};
@@ -45,12 +47,15 @@ fn init(scene: &Scene) -> Shapes {
 /// middle along the ray.
 #[test]
 fn init_lights_puts_visible_lights_where_mask_and_depth_have_them() {
-    let lights = vec![("lamp", sphere(LAMP), vec![WARM]), ("window", Shape::Window(window()), DAY.to_vec())];
+    let lights =
+        vec![("lamp", sphere(LAMP), vec![WARM]), ("window", Shape::Window(window()), DAY.to_vec())];
     let found = init(&Scene::new(SIZE, lights));
     let lamp = shape(&found, "lamp");
     let (at, radius) = lamp.bounding_sphere().expect("a lamp");
     assert!(at.distance(LAMP.0) < 0.018 && (radius - LAMP.1).abs() < 0.018, "{lamp:?}");
-    let Shape::Window(Window { center, x, y, .. }) = shape(&found, "window") else { panic!("a window: {found:?}") };
+    let Shape::Window(Window { center, x, y, .. }) = shape(&found, "window") else {
+        panic!("a window: {found:?}")
+    };
     let truth = window();
     assert!(center.distance(truth.center) < 0.018, "{center}");
     // Its wall is seen at 31 degrees, so that the width of a pixel is twice that along the wall.
@@ -69,7 +74,10 @@ fn init_lights_adds_no_light_to_a_photo_that_is_explained() {
 /// from no place between is it farther than 0.62 m to the nearest.
 #[test]
 fn init_lights_finds_the_lamp_that_is_out_of_view() {
-    let lights = vec![("lamp", sphere(LAMP), vec![0.5 * WARM]), ("hidden", sphere(UNSEEN), vec![2.0 * WHITE])];
+    let lights = vec![
+        ("lamp", sphere(LAMP), vec![0.5 * WARM]),
+        ("hidden", sphere(UNSEEN), vec![2.0 * WHITE]),
+    ];
     let found = init(&Scene::new(SIZE, lights));
     let distance = center(shape(&found, "inv_lamp")).distance(UNSEEN.0);
     assert!(distance < 0.62, "{distance} m: {found:?}");
@@ -102,11 +110,14 @@ fn refine(scene: &Scene, start: impl Fn(&Light) -> Shape) -> Shapes {
 /// A prior of the size of these shifts pulls to the start, so that a third of the way may remain.
 #[test]
 fn refine_lights_moves_a_displaced_lamp_back_and_keeps_one_that_is_right() {
-    let lights = vec![("lamp", sphere(LAMP), vec![WARM]), ("inv_lamp", sphere(UNSEEN), vec![4.0 * WHITE])];
+    let lights =
+        vec![("lamp", sphere(LAMP), vec![WARM]), ("inv_lamp", sphere(UNSEEN), vec![4.0 * WHITE])];
     let scene = Scene::new(SIZE, lights);
     let moved = |id: &str, (center, radius): (Vec3, f32)| {
         let id = id.to_owned();
-        move |light: &Light| if light.id == id { sphere((center, radius)) } else { Shape::clone(&light.shape) }
+        move |light: &Light| {
+            if light.id == id { sphere((center, radius)) } else { Shape::clone(&light.shape) }
+        }
     };
     let shift = Vec3::new(-0.3, 0.1, 0.25);
     let found = refine(&scene, moved("inv_lamp", (UNSEEN.0 + shift, UNSEEN.1)));
@@ -121,7 +132,12 @@ fn refine_lights_moves_a_displaced_lamp_back_and_keeps_one_that_is_right() {
 
     let right = refine(&scene, moved("none", LAMP));
     for light in &scene.lights {
-        assert_eq!(shape(&right, light.id), &*light.shape, "{} is right and stays to the bit", light.id);
+        assert_eq!(
+            shape(&right, light.id),
+            &*light.shape,
+            "{} is right and stays to the bit",
+            light.id
+        );
     }
 }
 
@@ -151,7 +167,10 @@ fn fit(stage: &FitLights, scene: &Scene, photo: &Picture) -> (FitLightsOut, Vec<
 fn worst(scene: &Scene, out: &FitLightsOut) -> f32 {
     let pairs = scene.lights.iter().zip(&out.radiance.0);
     let lobes = pairs.flat_map(|(light, (_, got))| light.radiance.0.iter().zip(&got.0));
-    lobes.filter(|(wanted, _)| **wanted != Vec3::ZERO).map(|(wanted, got)| off(*got, *wanted)).fold(0.0, f32::max)
+    lobes
+        .filter(|(wanted, _)| **wanted != Vec3::ZERO)
+        .map(|(wanted, got)| off(*got, *wanted))
+        .fold(0.0, f32::max)
 }
 
 /// The photo is the model's own, so that the remaining error is by design. Evidence is the mean of
@@ -162,7 +181,12 @@ fn worst(scene: &Scene, out: &FitLightsOut) -> f32 {
 fn fit_lights_recovers_the_radiances_of_the_photo() {
     let scene = scene();
     let photo = scene.photo();
-    let free = FitLights { tikhonov_weight: 0.0, ambient_weight: 1.0, out_of_view_weight: 0.0, ..FitLights::default() };
+    let free = FitLights {
+        tikhonov_weight: 0.0,
+        ambient_weight: 1.0,
+        out_of_view_weight: 0.0,
+        ..FitLights::default()
+    };
     let known = FitLights { keep_albedo: true, ..free.clone() };
     for stage in [known, free] {
         let (out, _) = fit(&stage, scene, &photo);
@@ -175,7 +199,8 @@ fn fit_lights_recovers_the_radiances_of_the_photo() {
     let lit = |i: usize| scene.lights.iter().map(|light| light.shading(i)).sum::<Vec3>();
     let by_fit = |i: usize| {
         let lights = scene.lights.iter().zip(&out.radiance.0);
-        lights.map(|(light, (_, radiance))| light.shading_by(&radiance.0, i)).sum::<Vec3>() + out.residual.0.pixels()[i]
+        lights.map(|(light, (_, radiance))| light.shading_by(&radiance.0, i)).sum::<Vec3>()
+            + out.residual.0.pixels()[i]
     };
     let off = off(pixels().map(by_fit).sum(), pixels().map(lit).sum());
     assert!(off < 0.03, "all light together is {off} off");
@@ -188,10 +213,14 @@ fn a_photo_twice_as_bright_has_lights_twice_as_bright() {
     let scene = scene();
     let dim = Picture(scene.photo().0.map(|shown| (0.25 * shown).min(Vec3::splat(0.4))));
     let bright = Picture(dim.0.map(|shown| 2.0 * shown));
-    let [(dim, _), (bright, _)] = [dim, bright].map(|photo| fit(&FitLights::default(), scene, &photo));
+    let [(dim, _), (bright, _)] =
+        [dim, bright].map(|photo| fit(&FitLights::default(), scene, &photo));
     for ((id, dim), (_, bright)) in dim.radiance.0.iter().zip(&bright.radiance.0) {
         for (dim, bright) in dim.0.iter().zip(&bright.0) {
-            assert!((*bright - 2.0 * *dim).abs().max_element() <= 1e-5 * bright.max_element(), "{id}: {dim} {bright}");
+            assert!(
+                (*bright - 2.0 * *dim).abs().max_element() <= 1e-5 * bright.max_element(),
+                "{id}: {dim} {bright}"
+            );
         }
     }
     assert!(luminance(bright.radiance.0[0].1.0[0]) > 0.0, "the lamp shines");
@@ -202,7 +231,8 @@ fn a_photo_twice_as_bright_has_lights_twice_as_bright() {
 #[test]
 fn a_light_that_is_not_there_gets_nothing() {
     let none = || vec![Vec3::ZERO];
-    let away = Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z, x: Vec3::X * 0.1, y: Vec3::Y * 0.1 }));
+    let away =
+        Shape::Lamp(Lamp::Rect(RectLamp { center: Vec3::Z, x: Vec3::X * 0.1, y: Vec3::Y * 0.1 }));
     let lights = vec![
         ("lamp", sphere(LAMP), vec![WARM]),
         ("dark", sphere(UNSEEN), none()),
@@ -210,8 +240,10 @@ fn a_light_that_is_not_there_gets_nothing() {
         ("away", away, none()),
     ];
     let scene = Scene::new(SIZE, lights);
-    let (out, warnings) = fit(&FitLights { tikhonov_weight: 0.0, ..FitLights::default() }, &scene, &scene.photo());
-    let radiance = |id: &str| &out.radiance.0.iter().find(|(name, _)| name == id).expect("it is a member").1.0;
+    let (out, warnings) =
+        fit(&FitLights { tikhonov_weight: 0.0, ..FitLights::default() }, &scene, &scene.photo());
+    let radiance =
+        |id: &str| &out.radiance.0.iter().find(|(name, _)| name == id).expect("it is a member").1.0;
     assert_eq!(radiance("absent"), &vec![], "it has no lobe");
     assert_eq!(radiance("away"), &[Vec3::ZERO], "it lights nothing that is seen");
     assert!(warnings.iter().any(|warning| warning.contains("away: radiance 0")), "{warnings:?}");
@@ -222,7 +254,12 @@ fn a_light_that_is_not_there_gets_nothing() {
     assert!(share < 0.01, "a lamp that is off gives {share} of what the other gives");
 }
 
-fn paint(scene: &Scene, photo: &Arc<Picture>, clipped: &Arc<Mask>, residual: &Arc<Shading>) -> FillReflectanceOut {
+fn paint(
+    scene: &Scene,
+    photo: &Arc<Picture>,
+    clipped: &Arc<Mask>,
+    residual: &Arc<Shading>,
+) -> FillReflectanceOut {
     let inputs = FillReflectanceIn {
         photo: photo.clone(),
         clipped: clipped.clone(),
@@ -251,7 +288,8 @@ fn paint_times_shading_is_the_photo_where_nothing_is_clipped() {
     let lamp = distance(&masks.0[0].1.0.map(|share| share > 0.0));
     let is_glare = |i: usize| !is_own(i) && lamp.pixels()[i] < 2.5;
     let shown = |i: usize| if is_glare(i) { Vec3::ONE } else { lit.0.pixels()[i] + rests(i) };
-    let (photo, clipped) = stored(&Picture(Plane::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(shown).collect())));
+    let (photo, clipped) =
+        stored(&Picture(Plane::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(shown).collect())));
     let out = paint(scene, &photo, &clipped, &residual);
     let shading = scene.shading();
     let (mut plain, mut hidden) = (0, 0);
@@ -270,15 +308,21 @@ fn paint_times_shading_is_the_photo_where_nothing_is_clipped() {
     assert!(plain > 10_000 && hidden > 600, "{plain} pixels of the room, {hidden} of lights");
     let glare = (0..SIZE.0 * SIZE.1).filter(|&i| is_glare(i));
     assert!(
-        glare.clone().all(|i| out.glare_mask.0[0].1.weight(i) > 0.99 && !out.glare_mask.0[0].1.is_own(i)),
+        glare
+            .clone()
+            .all(|i| out.glare_mask.0[0].1.weight(i) > 0.99 && !out.glare_mask.0[0].1.is_own(i)),
         "glare is not the lamp itself"
     );
     assert!(glare.count() > 50, "there is glare");
     for (id, glare_mask) in &out.glare_mask.0 {
         let mask = masks.get(id).expect("it is visible");
         let pixels = 0..SIZE.0 * SIZE.1;
-        let own: Vec<f32> = pixels.clone().map(|i| f32::from(u8::from(glare_mask.is_own(i)))).collect();
+        let own: Vec<f32> =
+            pixels.clone().map(|i| f32::from(u8::from(glare_mask.is_own(i)))).collect();
         assert_eq!(own, mask.0.pixels(), "{id}: its own pixels are those of its mask");
-        assert!(pixels.clone().any(|i| (0.01..0.99).contains(&glare_mask.weight(i))), "{id}: its bloom fades");
+        assert!(
+            pixels.clone().any(|i| (0.01..0.99).contains(&glare_mask.weight(i))),
+            "{id}: its bloom fades"
+        );
     }
 }

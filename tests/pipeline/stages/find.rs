@@ -27,7 +27,8 @@ fn find(scene: &Scene, photo: &Picture) -> (BTreeMap<String, Plane<f32>>, Vec<St
     let files = FindLights::default().run(inputs, &ctx).expect("the room is sound").files;
     let masks = files.0.iter().filter_map(|(name, bytes)| {
         let id = name.strip_prefix("masks/")?.strip_suffix(".png")?;
-        let mask = read_mask(NamedBytes::new(name, bytes)).unwrap_or_else(|e| panic!("{}", e.message()));
+        let mask =
+            read_mask(NamedBytes::new(name, bytes)).unwrap_or_else(|e| panic!("{}", e.message()));
         Some((id.to_owned(), mask.0))
     });
     (masks.collect(), ctx.warnings())
@@ -51,7 +52,9 @@ fn find_lights_proposes_what_shines_and_no_white_wall() {
     let walls = (0..photo.len()).filter(|&i| !is_light(i)).map(|i| photo.pixels()[i].max_element());
     let gain = 0.9 / walls.fold(0.0, f32::max);
     let exposed = Picture(photo.map(|shown| shown * gain));
-    let bright = (0..photo.len()).filter(|&i| !is_light(i) && exposed.0.pixels()[i].max_element() > 0.75).count();
+    let bright = (0..photo.len())
+        .filter(|&i| !is_light(i) && exposed.0.pixels()[i].max_element() > 0.75)
+        .count();
     assert!(bright > 100, "{bright} pixels of walls are candidates");
 
     let (found, _) = find(scene, &exposed);
@@ -73,5 +76,8 @@ fn find_lights_proposes_what_shines_and_no_white_wall() {
 
     let even = Picture(photo.map(|_| Vec3::splat(0.5)));
     let (found, warnings) = find(scene, &even);
-    assert!(found.is_empty() && warnings.iter().any(|told| told.starts_with("no light found")), "{warnings:?}");
+    assert!(
+        found.is_empty() && warnings.iter().any(|told| told.starts_with("no light found")),
+        "{warnings:?}"
+    );
 }

@@ -30,7 +30,8 @@ fn sphere((center, radius): (Vec3, f32)) -> Shape {
 /// A window in the left wall, 1.2 m wide and high, in view.
 fn window() -> Window {
     let lobe = |direction: Vec3, bandwidth| Lobe { direction: direction.normalize(), bandwidth };
-    let (sun, sky, ground) = (Vec3::new(-1.0, 0.6, 0.1), Vec3::new(-1.0, 1.0, -0.3), Vec3::new(-1.0, -0.7, 0.0));
+    let (sun, sky, ground) =
+        (Vec3::new(-1.0, 0.6, 0.1), Vec3::new(-1.0, 1.0, -0.3), Vec3::new(-1.0, -0.7, 0.0));
     let lobes = [lobe(sun, 1e4), lobe(sky, 1.5), lobe(ground, 1.5)];
     Window { center: Vec3::new(-1.99, 0.2, -3.3), x: Vec3::NEG_Z * 0.6, y: Vec3::Y * 0.6, lobes }
 }

@@ -10,7 +10,9 @@ use relight::image::{Plane, Shading};
 use relight::nodes::artifacts::{ObjectLight, UnitIndirect};
 use relight::nodes::render::insert_specular::{InsertSpecular, InsertSpecularIn};
 use relight::nodes::render::light_objects::{LightObjects, LightObjectsIn};
-use relight::nodes::render::occlude_residual::{OccludeResidual, OccludeResidualIn, OccludeResidualOut};
+use relight::nodes::render::occlude_residual::{
+    OccludeResidual, OccludeResidualIn, OccludeResidualOut,
+};
 use relight::nodes::render::shade_objects::{ShadeObjects, ShadeObjectsIn, ShadeObjectsOut};
 use relight::nodes::render::transport::{Transport, TransportIn};
 use relight::optics::{Radiance, ReflectedHit, Reflections, Shape};
@@ -32,12 +34,25 @@ struct Ball {
 
 impl Ball {
     fn new(room: &Room, center: Vec3, radius: f32, material: Material) -> Ball {
-        let bodies = [Body::placed(Model::sphere(), Some(material), Mat3::IDENTITY, radius, Vec3::ZERO, center)];
+        let bodies = [Body::placed(
+            Model::sphere(),
+            Some(material),
+            Mat3::IDENTITY,
+            radius,
+            Vec3::ZERO,
+            center,
+        )];
         let (solid, materials) = Bodies::new(&bodies, PROBES);
         let drawing = Drawing { supersampling: 4, most: 60_000 };
         let error = |z: f32| room.mesh.depth_error(z);
-        let objects = draw(&bodies, (&solid, &materials), &room.camera, &room.depth, error, drawing);
-        Ball { center, radius, objects: Arc::new(objects), mesh: Arc::new(room.mesh.with_bodies(solid)) }
+        let objects =
+            draw(&bodies, (&solid, &materials), &room.camera, &room.depth, error, drawing);
+        Ball {
+            center,
+            radius,
+            objects: Arc::new(objects),
+            mesh: Arc::new(room.mesh.with_bodies(solid)),
+        }
     }
 
     /// Pixels that it covers wholly, with the place and the normal at their middle, in closed form.
@@ -56,9 +71,15 @@ fn wall() -> Room {
     Room::new(Camera::from_fov_x(96, 72, 60.0), |_, _| 4.0)
 }
 
-const MATTE: Material = Material { albedo: Vec3::new(0.2, 0.6, 0.9), roughness: 1.0, specular: 0.5, metallic: 0.25 };
+const MATTE: Material =
+    Material { albedo: Vec3::new(0.2, 0.6, 0.9), roughness: 1.0, specular: 0.5, metallic: 0.25 };
 
-fn shade(ball: &Ball, light: ObjectLight, indirect: Vec3, radiance: &[Vec3]) -> Result<ShadeObjectsOut, NodeError> {
+fn shade(
+    ball: &Ball,
+    light: ObjectLight,
+    indirect: Vec3,
+    radiance: &[Vec3],
+) -> Result<ShadeObjectsOut, NodeError> {
     let probes = light.lobes.iter().map(|_| Plane::filled(PROBES, 1, indirect)).collect();
     let inputs = ShadeObjectsIn {
         objects: ball.objects.clone(),
@@ -77,9 +98,13 @@ fn shade_objects_gives_a_matte_ball_its_closed_form() {
     let room = wall();
     let ball = Ball::new(&room, Vec3::new(0.1, 0.0, -2.5), 0.4, MATTE);
     let lamp = (Vec3::new(0.7, 0.9, -0.8), 0.1);
-    let inputs =
-        LightObjectsIn { objects: ball.objects.clone(), mesh: ball.mesh.clone(), shape: Arc::new(sphere(lamp)) };
-    let light = LightObjects::default().run(inputs, &Context::default()).expect("the light is sound").light;
+    let inputs = LightObjectsIn {
+        objects: ball.objects.clone(),
+        mesh: ball.mesh.clone(),
+        shape: Arc::new(sphere(lamp)),
+    };
+    let light =
+        LightObjects::default().run(inputs, &Context::default()).expect("the light is sound").light;
     let bounced = Vec3::new(0.002, 0.003, 0.001);
     let shown = shade(&ball, ObjectLight::clone(&light), bounced, &[WARM]).expect("one lobe").shown;
     assert_eq!(ball.objects.step, 1, "each pixel has a sample of its own");
@@ -99,12 +124,19 @@ fn shade_objects_gives_a_matte_ball_its_closed_form() {
     assert!(count > 300 && worst < 0.01, "{count} pixels, at most {worst} off");
 
     // Linear in the radiance; without light there is nothing; a lobe too many is an error.
-    let twice = shade(&ball, ObjectLight::clone(&light), bounced, &[2.0 * WARM]).expect("one lobe").shown;
+    let twice =
+        shade(&ball, ObjectLight::clone(&light), bounced, &[2.0 * WARM]).expect("one lobe").shown;
     assert_eq!(twice.0, shown.0.map(|shown| 2.0 * shown));
-    let dark = shade(&ball, ObjectLight::clone(&light), bounced, &[Vec3::ZERO]).expect("one lobe").shown;
+    let dark =
+        shade(&ball, ObjectLight::clone(&light), bounced, &[Vec3::ZERO]).expect("one lobe").shown;
     assert!(dark.0.pixels().iter().all(|shown| *shown == Vec3::ZERO));
-    let told = shade(&ball, ObjectLight::clone(&light), bounced, &[WARM; 2]).map(drop).expect_err("a lobe is missing");
-    assert!(told.to_string().contains("`light` has 1 lobes of bodies, wanted 2 as `radiance`"), "{told}");
+    let told = shade(&ball, ObjectLight::clone(&light), bounced, &[WARM; 2])
+        .map(drop)
+        .expect_err("a lobe is missing");
+    assert!(
+        told.to_string().contains("`light` has 1 lobes of bodies, wanted 2 as `radiance`"),
+        "{told}"
+    );
 }
 
 fn reflected(scene: &Scene, ball: &Ball, shape: Gather<Shape>) -> Arc<Reflections> {
@@ -142,7 +174,11 @@ fn weights_of_reflections_sum_to_at_most_one() {
             let sum = weights.iter().sum::<Vec3>().max_element();
             (low, high, mean, count) = (low.min(sum), high.max(sum), mean + sum, count + 1.0);
         }
-        assert!(count > 100.0 && high < 1.1 && mean / count <= 1.0, "{roughness}: up to {high}, {}", mean / count);
+        assert!(
+            count > 100.0 && high < 1.1 && mean / count <= 1.0,
+            "{roughness}: up to {high}, {}",
+            mean / count
+        );
         if roughness == 0.0 {
             assert!(low > 0.99 && high < 1.0 + 1e-5, "a mirror: {low} to {high}");
         }
@@ -163,7 +199,9 @@ fn a_mirror_looks_where_it_should() {
     for (i, point, normal) in ball.pixels(camera) {
         let way = point - 2.0 * point.dot(normal) * normal;
         let place = point + way * scene.boxes.cast(point, way).t;
-        let Some(wanted) = camera.project(place).filter(|at| camera.contains(*at)) else { continue };
+        let Some(wanted) = camera.project(place).filter(|at| camera.contains(*at)) else {
+            continue;
+        };
         let hits = of.hits.pixels()[i * rays..(i + 1) * rays].iter().map(|end| end.hit());
         let hits: Vec<ReflectedHit> = hits.filter(|hit| *hit != ReflectedHit::Nothing).collect();
         let of_photo = |hit: &ReflectedHit| match *hit {
@@ -181,7 +219,10 @@ fn a_mirror_looks_where_it_should() {
     let [median, most] = [far[far.len() / 2], far[far.len() * 9 / 10]];
     // The position of a hit pixel is exact to half a pixel; one ray in ten passes an edge of the
     // block.
-    assert!(median < 0.5 && most < 1.5, "half of them within {median}, nine of ten within {most} pixels");
+    assert!(
+        median < 0.5 && most < 1.5,
+        "half of them within {median}, nine of ten within {most} pixels"
+    );
 }
 
 /// A mirror of white metal shows a lamp of unit radiance as bright as it is, where its direction
@@ -197,18 +238,26 @@ fn a_mirror_shows_a_lamp_where_its_direction_meets_it() {
     let (w, _) = ball.objects.coverage.size();
     let meets: BTreeMap<usize, bool> = ball
         .pixels(&scene.camera)
-        .map(|(i, point, normal)| (i, lamp.intersect(point, point - 2.0 * point.dot(normal) * normal).is_some()))
+        .map(|(i, point, normal)| {
+            (i, lamp.intersect(point, point - 2.0 * point.dot(normal) * normal).is_some())
+        })
         .collect();
     for &i in meets.keys() {
         // Away from the outline of the lamp, whose pixels are mixtures.
-        let around = [i, i.wrapping_sub(1), i + 1, i.wrapping_sub(w), i + w].map(|j| meets.get(&j).copied());
+        let around =
+            [i, i.wrapping_sub(1), i + 1, i.wrapping_sub(w), i + w].map(|j| meets.get(&j).copied());
         if around == [Some(true); 5] {
             inside.push(shown.pixels()[i].x);
         } else if around == [Some(false); 5] {
             outside.push(shown.pixels()[i].x);
         }
     }
-    assert!(inside.len() > 5 && outside.len() > 500, "{} pixels of the lamp, {} of none", inside.len(), outside.len());
+    assert!(
+        inside.len() > 5 && outside.len() > 500,
+        "{} pixels of the lamp, {} of none",
+        inside.len(),
+        outside.len()
+    );
     assert!(inside.iter().all(|shown| (shown - 1.0).abs() < 0.01), "{inside:?}");
     assert!(outside.iter().all(|shown| *shown < 1e-4), "{outside:?}");
 }
@@ -216,7 +265,11 @@ fn a_mirror_shows_a_lamp_where_its_direction_meets_it() {
 /// `residual` of the room where a ball stands before its wall.
 fn occlude(room: &Room, ball: &Ball, residual: &Arc<Shading>) -> OccludeResidualOut {
     let trace = |mesh: &Arc<SceneMesh>| {
-        let inputs = TransportIn { mesh: mesh.clone(), points: room.points.clone(), normal: room.normal.clone() };
+        let inputs = TransportIn {
+            mesh: mesh.clone(),
+            points: room.points.clone(),
+            normal: room.normal.clone(),
+        };
         let stage = Transport { rays: 512, ..Transport::default() };
         stage.run(inputs, &Context::default()).expect("the room is sound").transport
     };
@@ -257,9 +310,15 @@ fn occlude_rest_takes_what_the_ball_hides() {
         }
         least = least.min(share);
     }
-    assert!(near > 300 && away > 300 && least < 0.6, "{near} pixels close to it, {away} far from it, {least}");
+    assert!(
+        near > 300 && away > 300 && least < 0.6,
+        "{near} pixels close to it, {away} far from it, {least}"
+    );
     assert!(worst < 0.03, "{worst}");
-    assert!(out.shown.0.pixels().iter().all(|shown| *shown == Vec3::ZERO), "a black ball shows nothing");
+    assert!(
+        out.shown.0.pixels().iter().all(|shown| *shown == Vec3::ZERO),
+        "a black ball shows nothing"
+    );
 
     // A matte ball shows the ambient that reaches it times its color: at its front all of it.
     let ball = Ball::new(&room, center, radius, MATTE);
@@ -267,7 +326,8 @@ fn occlude_rest_takes_what_the_ball_hides() {
     let mut worst = 0.0f32;
     for (i, point, normal) in ball.pixels(&room.camera) {
         if normal.dot(-point.normalize()) > 0.9 {
-            worst = worst.max(off(shown.0.pixels()[i], level * MATTE.albedo * (1.0 - MATTE.metallic)));
+            worst =
+                worst.max(off(shown.0.pixels()[i], level * MATTE.albedo * (1.0 - MATTE.metallic)));
         }
     }
     // Rays of 400 probes, and the mean over eight of them.

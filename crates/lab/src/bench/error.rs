@@ -57,7 +57,11 @@ impl Estimate {
                 (*e, *sd) = (*e * v, (*sd * v).hypot(*e * sd_v));
             }
         }
-        Estimate { seconds: self.seconds + visibility.seconds, rays: self.rays + visibility.rays, ..self }
+        Estimate {
+            seconds: self.seconds + visibility.seconds,
+            rays: self.rays + visibility.rays,
+            ..self
+        }
     }
 }
 
@@ -77,7 +81,8 @@ impl Reference {
             let at = |i: usize| estimates.iter().map(move |e| f64::from(e.lobes[k].value[i]));
             let pixels = estimates[0].lobes[k].value.len();
             let mean: Vec<f64> = (0..pixels).map(|i| at(i).sum::<f64>() / n).collect();
-            let squares: f64 = (0..pixels).map(|i| at(i).map(|x| (x - mean[i]).powi(2)).sum::<f64>()).sum();
+            let squares: f64 =
+                (0..pixels).map(|i| at(i).map(|x| (x - mean[i]).powi(2)).sum::<f64>()).sum();
             Reference { variance: squares / (n * (n - 1.0).max(1.0) * pixels.max(1) as f64), mean }
         };
         (0..lobes).map(lobe).collect()
@@ -97,7 +102,8 @@ impl Reference {
     /// variances.
     fn squares(&self, LobeEstimate { value, stderr }: &LobeEstimate) -> [f64; 2] {
         let n = self.mean.len().max(1) as f64;
-        let error: f64 = value.iter().zip(&self.mean).map(|(&x, mean)| (f64::from(x) - mean).powi(2)).sum();
+        let error: f64 =
+            value.iter().zip(&self.mean).map(|(&x, mean)| (f64::from(x) - mean).powi(2)).sum();
         let claimed: f64 = stderr.iter().map(|&sd| f64::from(sd).powi(2)).sum();
         [error / n - self.variance, claimed / n]
     }
@@ -120,7 +126,10 @@ const MOST_REPEATS: usize = 24;
 ///
 /// # Errors
 /// Those of `estimate`.
-pub(super) fn repeat<E>(within: f64, mut estimate: impl FnMut() -> Result<Estimate, E>) -> Result<Vec<Estimate>, E> {
+pub(super) fn repeat<E>(
+    within: f64,
+    mut estimate: impl FnMut() -> Result<Estimate, E>,
+) -> Result<Vec<Estimate>, E> {
     let mut all = vec![estimate()?];
     while all.len() < MOST_REPEATS && all.iter().map(|e| e.seconds).sum::<f64>() < within {
         all.push(estimate()?);
@@ -131,7 +140,8 @@ pub(super) fn repeat<E>(within: f64, mut estimate: impl FnMut() -> Result<Estima
 /// Measures repeated estimates of one lobe.
 pub(super) fn measure(estimates: &[Estimate], lobe: usize, reference: &Reference) -> Measured {
     let n = estimates.len() as f64;
-    let squares: Vec<[f64; 2]> = estimates.iter().map(|e| reference.squares(&e.lobes[lobe])).collect();
+    let squares: Vec<[f64; 2]> =
+        estimates.iter().map(|e| reference.squares(&e.lobes[lobe])).collect();
     let [error, claimed] = [0, 1].map(|k| {
         let mean = squares.iter().map(|s| s[k]).sum::<f64>() / n;
         mean.max(0.0).sqrt() / reference.level()
@@ -146,7 +156,8 @@ pub(super) fn slope(marks: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> =
         marks.iter().filter(|(x, y)| *x > 0.0 && *y > 0.0).map(|(x, y)| (x.ln(), y.ln())).collect();
     let n = logs.len() as f64;
-    let (mx, my) = (logs.iter().map(|l| l.0).sum::<f64>() / n, logs.iter().map(|l| l.1).sum::<f64>() / n);
+    let (mx, my) =
+        (logs.iter().map(|l| l.0).sum::<f64>() / n, logs.iter().map(|l| l.1).sum::<f64>() / n);
     let xx: f64 = logs.iter().map(|l| (l.0 - mx).powi(2)).sum();
     let xy: f64 = logs.iter().map(|l| (l.0 - mx) * (l.1 - my)).sum();
     (logs.len() >= 2 && xx > 0.0).then(|| xy / xx)
@@ -158,7 +169,8 @@ mod tests {
 
     #[test]
     fn a_power_law_has_its_slope() {
-        let marks: Vec<(f64, f64)> = (0..6).map(|i| 4f64.powi(i)).map(|x| (x, 3.0 * x.powf(-0.75))).collect();
+        let marks: Vec<(f64, f64)> =
+            (0..6).map(|i| 4f64.powi(i)).map(|x| (x, 3.0 * x.powf(-0.75))).collect();
         assert!((slope(&marks).expect("there are enough marks") + 0.75).abs() < 1e-12);
         assert_eq!(slope(&marks[..1]), None);
     }
@@ -174,12 +186,17 @@ mod tests {
             if (x >> 63) == 0 { 1.0 } else { -1.0 }
         };
         let value = (0..pixels).map(|i| 1.0 + off * sign(i)).collect();
-        Estimate { lobes: vec![LobeEstimate { value, stderr: vec![off; pixels] }], seconds: 1.0, rays: 0 }
+        Estimate {
+            lobes: vec![LobeEstimate { value, stderr: vec![off; pixels] }],
+            seconds: 1.0,
+            rays: 0,
+        }
     }
 
     #[test]
     fn standard_errors_of_a_product_add_in_quadrature() {
-        let layer = |value: f32, stderr: f32| LobeEstimate { value: vec![value], stderr: vec![stderr] };
+        let layer =
+            |value: f32, stderr: f32| LobeEstimate { value: vec![value], stderr: vec![stderr] };
         let light = Estimate { lobes: vec![layer(2.0, 0.3)], seconds: 1.0, rays: 5 };
         let visibility = Estimate { lobes: vec![layer(0.5, 0.1)], seconds: 0.5, rays: 7 };
         let product = light.shadowed(visibility);

@@ -20,7 +20,12 @@ enum Estimator {
 }
 
 impl Estimator {
-    fn estimate<R: Renderer>(self, renderer: &R, light: &str, settings: &[ParamSetting]) -> Result<Estimate, R::Error> {
+    fn estimate<R: Renderer>(
+        self,
+        renderer: &R,
+        light: &str,
+        settings: &[ParamSetting],
+    ) -> Result<Estimate, R::Error> {
         let direct = renderer.direct(light, settings)?;
         match self {
             Estimator::Direct => Ok(direct),
@@ -67,7 +72,8 @@ fn subjects<R: Renderer>(
     (samples, fixed): (u32, &[ParamSetting]),
 ) -> Result<Vec<Subject>, R::Error> {
     let settings = [effort.small(), fixed.to_vec(), At::Samples(samples).settings()];
-    let estimates = (0..effort.references).map(|_| estimator.estimate(renderer, light, &seeded(renderer, &settings)));
+    let estimates = (0..effort.references)
+        .map(|_| estimator.estimate(renderer, light, &seeded(renderer, &settings)));
     let references = Reference::of(&estimates.collect::<Result<Vec<_>, _>>()?);
     let count = references.len();
     let name = |lobe: usize| match (count, lobe) {
@@ -92,8 +98,9 @@ fn draw<R: Renderer>(
     let mut points = Vec::new();
     for &at in &line.at {
         let settings = [effort.small(), line.fixed.clone(), at.settings()];
-        let estimates =
-            repeat(effort.repeat_seconds, || line.estimator.estimate(renderer, light, &seeded(renderer, &settings)))?;
+        let estimates = repeat(effort.repeat_seconds, || {
+            line.estimator.estimate(renderer, light, &seeded(renderer, &settings))
+        })?;
         for subject in subjects {
             let got = measure(&estimates, subject.lobe, &subject.reference);
             points.push(Point {
@@ -116,7 +123,8 @@ fn draw<R: Renderer>(
 
 /// Names of the visible lights; of the others where the photo shows none.
 fn lights<R: Renderer>(renderer: &R) -> Result<Vec<String>, R::Error> {
-    let (visible, others): (Vec<_>, Vec<_>) = renderer.lights()?.into_iter().partition(|light| light.visible);
+    let (visible, others): (Vec<_>, Vec<_>) =
+        renderer.lights()?.into_iter().partition(|light| light.visible);
     let chosen = if visible.is_empty() { others } else { visible };
     Ok(chosen.into_iter().map(|light| light.name).collect())
 }
@@ -137,13 +145,29 @@ fn windows<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<String>, R:
 ///
 /// # Errors
 /// A run fails or is cancelled.
-pub(super) fn strategies<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<Point>, R::Error> {
+pub(super) fn strategies<R: Renderer>(
+    renderer: &R,
+    effort: &Effort,
+) -> Result<Vec<Point>, R::Error> {
     let mut points = Vec::new();
     for light in windows(renderer, effort)? {
-        let subjects = subjects(renderer, &light, effort, Estimator::Direct, (effort.most(), &strategy("Best")))?;
+        let subjects = subjects(
+            renderer,
+            &light,
+            effort,
+            Estimator::Direct,
+            (effort.most(), &strategy("Best")),
+        )?;
         for (name, series, fewest) in STRATEGIES {
-            let at = effort.samples.iter().filter(|n| **n >= fewest).map(|&n| At::Samples(n)).collect();
-            let line = Line { plot: "strategies", series, estimator: Estimator::Direct, fixed: strategy(name), at };
+            let at =
+                effort.samples.iter().filter(|n| **n >= fewest).map(|&n| At::Samples(n)).collect();
+            let line = Line {
+                plot: "strategies",
+                series,
+                estimator: Estimator::Direct,
+                fixed: strategy(name),
+                at,
+            };
             points.extend(draw(renderer, &light, &subjects, effort, &line)?);
         }
     }
@@ -155,14 +179,23 @@ pub(super) fn strategies<R: Renderer>(renderer: &R, effort: &Effort) -> Result<V
 ///
 /// # Errors
 /// A run fails or is cancelled.
-pub(super) fn bandwidths<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<Point>, R::Error> {
+pub(super) fn bandwidths<R: Renderer>(
+    renderer: &R,
+    effort: &Effort,
+) -> Result<Vec<Point>, R::Error> {
     let Some(light) = windows(renderer, effort)?.into_iter().next() else { return Ok(Vec::new()) };
     let mut points = Vec::new();
     let whole = vec![("Shadow", "half", "false".to_owned())];
-    for (subject, estimator) in [("unshadowed", Estimator::Direct), ("with its shadow", Estimator::Shadowed)] {
+    for (subject, estimator) in
+        [("unshadowed", Estimator::Direct), ("with its shadow", Estimator::Shadowed)]
+    {
         for &bandwidth in &effort.bandwidths {
             // All lobes are equal, so the stages take three times as long as one lobe does.
-            let emission = ("InitLights", "window_emission", format!("Daylight({bandwidth},{bandwidth},{bandwidth})"));
+            let emission = (
+                "InitLights",
+                "window_emission",
+                format!("Daylight({bandwidth},{bandwidth},{bandwidth})"),
+            );
             let fixed = [whole.clone(), vec![emission]].concat();
             let best = [fixed.clone(), strategy("Best")].concat();
             let reference = effort.most().min(8 * effort.sweep);
@@ -172,7 +205,8 @@ pub(super) fn bandwidths<R: Renderer>(renderer: &R, effort: &Effort) -> Result<V
                 let fixed = [fixed.clone(), strategy(name)].concat();
                 let line = Line { plot: "bandwidths", series, estimator, fixed, at };
                 // Sun and sky share a direction; few receivers see a narrow lobe of the ground.
-                let drawn = draw(renderer, &light, &subjects[..1.min(subjects.len())], effort, &line)?;
+                let drawn =
+                    draw(renderer, &light, &subjects[..1.min(subjects.len())], effort, &line)?;
                 points.extend(drawn.into_iter().map(|point| Point {
                     subject: format!("{light}, {subject}"),
                     bandwidth: Some(bandwidth),
@@ -197,7 +231,8 @@ pub(super) fn shadows<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<
         let most = effort.most().min(effort.most_rays);
         let subjects = subjects(renderer, &light, effort, Estimator::Shadowed, (most, &whole))?;
         // The unshadowed experiment compares one-sample strategies with the others.
-        let compared = STRATEGIES.iter().filter(|(name, ..)| windows.contains(&light) || *name == "Best");
+        let compared =
+            STRATEGIES.iter().filter(|(name, ..)| windows.contains(&light) || *name == "Best");
         for &(name, series, fewest) in compared.filter(|(name, ..)| !name.ends_with("OneSample")) {
             let samples = effort.samples.iter().filter(|n| (fewest..=most).contains(n));
             let at = samples.map(|&n| At::Samples(n)).collect();
@@ -207,7 +242,8 @@ pub(super) fn shadows<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec<
         }
         let at = effort.targets.iter().map(|&target| At::Target(target)).collect();
         let fixed = [whole.clone(), both("max_samples", 4 * most)].concat();
-        let line = Line { plot: "shadows", series: ADAPTIVE, estimator: Estimator::Shadowed, fixed, at };
+        let line =
+            Line { plot: "shadows", series: ADAPTIVE, estimator: Estimator::Shadowed, fixed, at };
         points.extend(draw(renderer, &light, &subjects, effort, &line)?);
     }
     Ok(points)

@@ -287,7 +287,9 @@ impl BenchReport {
     /// The tables in Markdown, each under a line that names it.
     pub fn markdown(&self) -> String {
         let BenchReport { threads, seconds, side, .. } = self;
-        let run = format!("{threads} threads, {seconds:.0} s in all; single estimators on {side} pixels across.\n");
+        let run = format!(
+            "{threads} threads, {seconds:.0} s in all; single estimators on {side} pixels across.\n"
+        );
         format!("<!-- table: run -->\n{run}\n{}", tables::markdown(&self.points))
     }
 }

@@ -15,7 +15,8 @@ struct LightOff {
 /// One entry per light of the truth; the sum of all lights is the photo.
 fn lights_off(truth: &Truth) -> Vec<LightOff> {
     let pixels = truth.lights.first().map_or(0, |(_, light)| light.len());
-    let photo: Vec<f64> = (0..pixels).map(|i| truth.lights.iter().map(|(_, light)| light[i]).sum()).collect();
+    let photo: Vec<f64> =
+        (0..pixels).map(|i| truth.lights.iter().map(|(_, light)| light[i]).sum()).collect();
     let off = |(light, alone): &(String, Vec<f64>)| {
         let wanted = photo.iter().zip(alone).map(|(photo, alone)| photo - alone).collect();
         LightOff { light: light.clone(), photo: photo.clone(), wanted }
@@ -78,9 +79,17 @@ pub(super) fn pipeline<R: Renderer>(renderer: &R, effort: &Effort) -> Result<Vec
         for &at in at {
             let settings = seeded(renderer, &[fixed.clone(), at.settings()]);
             let made = pictures(renderer, effort, &settings, &lights)?;
-            let again = if effort.whole { pictures(renderer, effort, &settings, &lights[..1])? } else { Vec::new() };
+            let again = if effort.whole {
+                pictures(renderer, effort, &settings, &lights[..1])?
+            } else {
+                Vec::new()
+            };
             // The first edit alone computes everything; the better of two runs counts.
-            let seconds = made[..1].iter().chain(&again).map(|made| made.seconds).fold(f64::INFINITY, f64::min);
+            let seconds = made[..1]
+                .iter()
+                .chain(&again)
+                .map(|made| made.seconds)
+                .fold(f64::INFINITY, f64::min);
             let point = |plot, light: &str, error| Point {
                 plot,
                 subject: format!("{light} off"),
@@ -137,7 +146,10 @@ mod tests {
         assert_eq!((edits.len(), edits[0].photo[0], edits[0].wanted[0]), (2, 0.75, 0.25));
         // The second pixel shows a light: its error does not count.
         for (got, wanted) in [(0.25, 0.0), (0.75, 1.0), (0.5, 0.5)] {
-            assert_eq!(change_error(&[got, got, got, 9.0, 9.0, 9.0], &edits[0], &truth.emitters), wanted);
+            assert_eq!(
+                change_error(&[got, got, got, 9.0, 9.0, 9.0], &edits[0], &truth.emitters),
+                wanted
+            );
         }
     }
 }

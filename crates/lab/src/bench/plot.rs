@@ -93,7 +93,8 @@ impl Plot {
     /// The plot as SVG; `None` when no mark belongs to it.
     fn draw(&self, points: &[Point]) -> Option<String> {
         let of_plot = points.iter().filter(|point| point.plot == self.name && point.error > EXACT);
-        let marks: Vec<(&Point, f64)> = of_plot.filter_map(|point| Some((point, self.x(point)?))).collect();
+        let marks: Vec<(&Point, f64)> =
+            of_plot.filter_map(|point| Some((point, self.x(point)?))).collect();
         if marks.is_empty() {
             return None;
         }
@@ -115,8 +116,11 @@ impl Plot {
         // All panels share their ranges, so that they can be compared.
         let x = labels(marks.iter().map(|(_, x)| *x));
         let y = labels(marks.iter().map(|(point, _)| point.error));
-        for (area, subject) in panels.split_evenly((rows as usize, columns as usize)).iter().zip(&subjects) {
-            let of_panel: Vec<_> = marks.iter().filter(|(point, _)| point.subject == *subject).collect();
+        for (area, subject) in
+            panels.split_evenly((rows as usize, columns as usize)).iter().zip(&subjects)
+        {
+            let of_panel: Vec<_> =
+                marks.iter().filter(|(point, _)| point.subject == *subject).collect();
             let lines = series.iter().map(|&(style, name)| {
                 let of_line = of_panel.iter().filter(|(point, _)| point.series == name);
                 (style, of_line.map(|(point, x)| (*x, point.error)).collect())
@@ -177,16 +181,22 @@ impl Plot {
 /// Series with their style numbers, in drawing order. A strategy has the same color in every plot,
 /// and the default one is drawn last.
 fn styled(mut series: Vec<&str>) -> Vec<(usize, &str)> {
-    let strategies: Vec<&str> = STRATEGIES.iter().map(|(_, name, _)| *name).chain([ADAPTIVE]).collect();
+    let strategies: Vec<&str> =
+        STRATEGIES.iter().map(|(_, name, _)| *name).chain([ADAPTIVE]).collect();
     let place = |name: &str| strategies.iter().position(|s| *s == name);
     series.sort_by_key(|name| place(name));
     series.into_iter().enumerate().map(|(k, name)| (place(name).unwrap_or(k), name)).collect()
 }
 
 /// Draws the legend in rows of `columns`, each `across` pixels wide.
-fn draw_legend(area: &DrawingArea<SVGBackend, Shift>, series: &[(usize, &str)], (columns, across): (i32, i32)) {
+fn draw_legend(
+    area: &DrawingArea<SVGBackend, Shift>,
+    series: &[(usize, &str)],
+    (columns, across): (i32, i32),
+) {
     for (k, &(style, name)) in series.iter().enumerate() {
-        let at = (k as i32 % columns * across + 40, k as i32 / columns * LEGEND_ROW + LEGEND_ROW / 2);
+        let at =
+            (k as i32 % columns * across + 40, k as i32 / columns * LEGEND_ROW + LEGEND_ROW / 2);
         let line = PathElement::new(vec![(at.0, at.1), (at.0 + 34, at.1)], stroke(style));
         area.draw(&line).expect(SOUND);
         area.draw(&marker(style, (at.0 + 17, at.1))).expect(SOUND);
@@ -223,7 +233,8 @@ fn labels(values: impl Iterator<Item = f64> + Clone) -> Vec<f64> {
     let (low, high) = (values.clone().fold(f64::INFINITY, f64::min), values.fold(0.0, f64::max));
     let steps: &[f64] = if high / low > 100.0 { &[1.0] } else { &[1.0, 2.0, 5.0] };
     let exponents = low.log10().floor() as i32 - 1..=high.log10().ceil() as i32 + 1;
-    let all: Vec<f64> = exponents.flat_map(|e| steps.iter().map(move |step| step * 10f64.powi(e))).collect();
+    let all: Vec<f64> =
+        exponents.flat_map(|e| steps.iter().map(move |step| step * 10f64.powi(e))).collect();
     let first = all.iter().rposition(|x| *x <= low * 1.0001).unwrap_or(0);
     let last = all.iter().position(|x| *x >= high * 0.9999).unwrap_or(all.len() - 1);
     all[first..=last.max(first + 1)].to_vec()

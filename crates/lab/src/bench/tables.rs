@@ -7,7 +7,8 @@ use crate::table::{distinct, table};
 
 /// Formats one line per mark, under a head.
 pub(super) fn csv(points: &[Point]) -> String {
-    let mut text = String::from("plot,subject,series,samples,target,bandwidth,seconds,rays,error,claimed\n");
+    let mut text =
+        String::from("plot,subject,series,samples,target,bandwidth,seconds,rays,error,claimed\n");
     for p in points {
         let some = |x: Option<f64>| x.map_or(String::new(), |x| x.to_string());
         let samples = p.samples.map_or(String::new(), |n| n.to_string());
@@ -50,8 +51,11 @@ fn by_subject(points: &[&Point], series: &[String], cell: impl Fn(&[&Point]) -> 
     let head: Vec<String> = [String::new()].into_iter().chain(series.iter().cloned()).collect();
     let rows = distinct(points.iter().map(|p| p.subject.clone())).into_iter().map(|subject| {
         let cells = series.iter().map(|series| {
-            let marks: Vec<&Point> =
-                points.iter().copied().filter(|p| p.subject == subject && p.series == *series).collect();
+            let marks: Vec<&Point> = points
+                .iter()
+                .copied()
+                .filter(|p| p.subject == subject && p.series == *series)
+                .collect();
             cell(&marks)
         });
         [subject.clone()].into_iter().chain(cells).collect()
@@ -67,7 +71,8 @@ fn slopes(points: &[&Point]) -> String {
         if marks.iter().all(|p| p.error < EXACT) {
             return if marks.is_empty() { "-".to_owned() } else { "exact".to_owned() };
         }
-        let marks: Vec<(f64, f64)> = marks.iter().map(|p| (f64::from(p.samples.unwrap_or(1)), p.error)).collect();
+        let marks: Vec<(f64, f64)> =
+            marks.iter().map(|p| (f64::from(p.samples.unwrap_or(1)), p.error)).collect();
         slope(&marks).map_or("-".into(), |slope| format!("{slope:.2}"))
     })
 }
@@ -77,22 +82,32 @@ fn power(x: f64) -> String {
 }
 
 /// A table with a cell per bandwidth and series.
-fn by_bandwidth(points: &[&Point], series: &[String], cell: impl Fn(&Point, &[&Point]) -> String) -> String {
-    let head: Vec<String> = ["", "bandwidth"].map(str::to_owned).into_iter().chain(series.iter().cloned()).collect();
+fn by_bandwidth(
+    points: &[&Point],
+    series: &[String],
+    cell: impl Fn(&Point, &[&Point]) -> String,
+) -> String {
+    let head: Vec<String> =
+        ["", "bandwidth"].map(str::to_owned).into_iter().chain(series.iter().cloned()).collect();
     let lines = distinct(points.iter().filter_map(|p| Some((p.subject.clone(), p.bandwidth?))));
     let rows = lines.into_iter().map(|(subject, bandwidth)| {
-        let of_row = points.iter().copied().filter(|p| p.subject == subject && p.bandwidth == Some(bandwidth));
-        let here: Vec<&Point> = of_row.collect();
-        let cells = series
+        let of_row = points
             .iter()
-            .map(|series| here.iter().find(|p| p.series == *series).map_or("-".into(), |point| cell(point, &here)));
+            .copied()
+            .filter(|p| p.subject == subject && p.bandwidth == Some(bandwidth));
+        let here: Vec<&Point> = of_row.collect();
+        let cells = series.iter().map(|series| {
+            here.iter().find(|p| p.series == *series).map_or("-".into(), |point| cell(point, &here))
+        });
         [subject, power(bandwidth)].into_iter().chain(cells).collect()
     });
     table(&head, rows.collect())
 }
 
 fn bandwidths(points: &[&Point]) -> String {
-    by_bandwidth(points, &distinct(points.iter().map(|p| p.series.clone())), |point, _| percent(point.error))
+    by_bandwidth(points, &distinct(points.iter().map(|p| p.series.clone())), |point, _| {
+        percent(point.error)
+    })
 }
 
 /// Cost of each strategy over the smaller cost of area and lobe alone.
@@ -112,7 +127,8 @@ fn ratios(points: &[&Point], cost: fn(&Point) -> f64) -> String {
 /// Claimed over measured error of the default strategy.
 fn calibration(points: &[Point]) -> String {
     let own = |p: &&Point| ["ours", ADAPTIVE].contains(&p.series.as_str());
-    let points: Vec<&Point> = points.iter().filter(own).filter(|p| p.plot != "bandwidths" && p.error > EXACT).collect();
+    let points: Vec<&Point> =
+        points.iter().filter(own).filter(|p| p.plot != "bandwidths" && p.error > EXACT).collect();
     let head: Vec<String> = ["", "series", "least", "median", "most"].map(str::to_owned).to_vec();
     let lines = distinct(points.iter().map(|p| (p.subject.clone(), p.series.clone())));
     let rows = lines.into_iter().filter_map(|(subject, series)| {
@@ -129,7 +145,15 @@ fn calibration(points: &[Point]) -> String {
 /// Error and time of adaptive sampling, and the time of a fixed number of samples at the same
 /// error.
 fn adaptive(points: &[&Point]) -> String {
-    let head = ["", "asked for", "error", "claimed", "seconds", "seconds of a fixed number for this error", "gain"];
+    let head = [
+        "",
+        "asked for",
+        "error",
+        "claimed",
+        "seconds",
+        "seconds of a fixed number for this error",
+        "gain",
+    ];
     let rows = points.iter().filter(|p| p.series == ADAPTIVE).map(|p| {
         let fixed = points.iter().filter(|f| f.series == "ours" && f.subject == p.subject);
         let fixed = seconds_for(p.error, &fixed.map(|f| (f.error, f.seconds)).collect::<Vec<_>>());
@@ -163,17 +187,19 @@ fn pictures(points: &[&Point]) -> String {
     let head: Vec<String> = fixed.into_iter().chain(subjects.iter().cloned()).collect();
     let ways = distinct(points.iter().map(|p| (p.series.clone(), p.samples, p.target)));
     let rows = ways.into_iter().map(|(series, samples, target)| {
-        let of_way: Vec<&&Point> =
-            points.iter().filter(|p| p.series == series && p.samples == samples && p.target == target).collect();
+        let of_way: Vec<&&Point> = points
+            .iter()
+            .filter(|p| p.series == series && p.samples == samples && p.target == target)
+            .collect();
         let asked = match (samples, target) {
             (Some(n), _) => n.to_string(),
             (None, Some(target)) => percent(target),
             (None, None) => String::new(),
         };
         let seconds = of_way.first().map_or(0.0, |p| p.seconds);
-        let cells = subjects
-            .iter()
-            .map(|subject| of_way.iter().find(|p| p.subject == *subject).map_or("-".into(), |p| percent(p.error)));
+        let cells = subjects.iter().map(|subject| {
+            of_way.iter().find(|p| p.subject == *subject).map_or("-".into(), |p| percent(p.error))
+        });
         [series, asked, format!("{seconds:.2}")].into_iter().chain(cells).collect()
     });
     table(&head, rows.collect())
@@ -203,9 +229,13 @@ mod tests {
 
     #[test]
     fn numbers_have_three_digits() {
-        for (x, wanted) in
-            [(0.5, "50.0 %"), (0.01234, "1.23 %"), (0.000_012_34, "0.00123 %"), (12.0, "1200 %"), (1e-7, "exact")]
-        {
+        for (x, wanted) in [
+            (0.5, "50.0 %"),
+            (0.01234, "1.23 %"),
+            (0.000_012_34, "0.00123 %"),
+            (12.0, "1200 %"),
+            (1e-7, "exact"),
+        ] {
             assert_eq!(percent(x), wanted);
         }
     }

@@ -19,9 +19,15 @@ impl Substitution {
     /// All substitutions within `known`, the parts whose truth is known; the one without any first,
     /// the one of all parts last.
     pub fn all(known: Substitution) -> Vec<Substitution> {
-        let one = |n: usize| Substitution { depth: n & 4 != 0, lights: n & 2 != 0, materials: n & 1 != 0 };
+        let one = |n: usize| Substitution {
+            depth: n & 4 != 0,
+            lights: n & 2 != 0,
+            materials: n & 1 != 0,
+        };
         let possible = |s: &Substitution| {
-            (known.depth || !s.depth) && (known.lights || !s.lights) && (known.materials || !s.materials)
+            (known.depth || !s.depth)
+                && (known.lights || !s.lights)
+                && (known.materials || !s.materials)
         };
         (0..8).map(one).filter(possible).collect()
     }
@@ -74,7 +80,8 @@ pub struct EvalReport {
 impl EvalReport {
     /// The tables in Markdown, each under a line that names it, and the measures that are missing.
     pub fn markdown(&self) -> String {
-        let left_out: String = self.left_out.iter().map(|line| format!("left out: {line}\n")).collect();
+        let left_out: String =
+            self.left_out.iter().map(|line| format!("left out: {line}\n")).collect();
         tables::markdown(&self.figures) + &left_out
     }
 }
@@ -86,7 +93,8 @@ mod tests {
     #[test]
     fn substitutions_go_from_none_to_all_that_is_known() {
         let known = Substitution { depth: false, lights: true, materials: true };
-        let titles: Vec<String> = Substitution::all(known).into_iter().map(|s| s.title(false)).collect();
+        let titles: Vec<String> =
+            Substitution::all(known).into_iter().map(|s| s.title(false)).collect();
         let wanted = [
             "given depth, estimated lights, estimated materials",
             "given depth, estimated lights, true materials",

@@ -8,7 +8,11 @@ pub(super) fn markdown(figures: &[Figure]) -> String {
     let of = |measures: &[&str]| -> Vec<&Figure> {
         figures
             .iter()
-            .filter(|f| !f.substitution.lights && !f.substitution.materials && measures.contains(&f.measure.as_str()))
+            .filter(|f| {
+                !f.substitution.lights
+                    && !f.substitution.materials
+                    && measures.contains(&f.measure.as_str())
+            })
             .collect()
     };
     let tables = [
@@ -34,7 +38,9 @@ fn pivot(figures: &[&Figure]) -> String {
     let head: Vec<String> = [String::new()].into_iter().chain(head).collect();
     let values = |subject: Option<&String>, (measure, depth): &(String, bool)| -> Vec<f64> {
         let here = |f: &&&Figure| {
-            f.measure == *measure && f.substitution.depth == *depth && subject.is_none_or(|s| f.subject == *s)
+            f.measure == *measure
+                && f.substitution.depth == *depth
+                && subject.is_none_or(|s| f.subject == *s)
         };
         figures.iter().filter(here).map(|f| f.value).collect()
     };
@@ -42,7 +48,8 @@ fn pivot(figures: &[&Figure]) -> String {
         let cells = columns.iter().map(|column| cell(mean(&values(subject, column))));
         [name.to_owned()].into_iter().chain(cells).collect()
     };
-    let mut rows: Vec<Vec<String>> = subjects.iter().map(|subject| row(subject, Some(subject))).collect();
+    let mut rows: Vec<Vec<String>> =
+        subjects.iter().map(|subject| row(subject, Some(subject))).collect();
     if rows.len() > 1 {
         rows.push(row("mean", None));
     }
@@ -65,16 +72,20 @@ fn ablation(figures: &[Figure]) -> String {
     let shading = |measure: &str| measure != "change error";
     let edits = columns.iter().filter(|(measure, _)| !shading(measure)).count();
     let fixed = ["depth", "lights", "materials"].map(str::to_owned);
-    let named =
-        columns.iter().map(|(measure, subject)| if shading(measure) { measure.clone() } else { subject.clone() });
+    let named = columns
+        .iter()
+        .map(|(measure, subject)| if shading(measure) { measure.clone() } else { subject.clone() });
     let mean_of = (edits > 1).then(|| "mean of edits".to_owned());
     let head: Vec<String> = fixed.into_iter().chain(named).chain(mean_of.clone()).collect();
     let rows = substitutions.into_iter().map(|substitution| {
         let here = |measure: &str, subject: &str| -> Vec<f64> {
-            let here = |f: &&Figure| f.substitution == substitution && f.measure == measure && f.subject == subject;
+            let here = |f: &&Figure| {
+                f.substitution == substitution && f.measure == measure && f.subject == subject
+            };
             figures.iter().filter(here).map(|f| f.value).collect()
         };
-        let values: Vec<Option<f64>> = columns.iter().map(|(measure, subject)| mean(&here(measure, subject))).collect();
+        let values: Vec<Option<f64>> =
+            columns.iter().map(|(measure, subject)| mean(&here(measure, subject))).collect();
         let changes = columns.iter().zip(&values).filter(|((measure, _), _)| !shading(measure));
         let changes: Vec<f64> = changes.filter_map(|(_, value)| *value).collect();
         let depth = if has_depth { name(substitution.depth) } else { "given" };
@@ -107,7 +118,9 @@ mod tests {
 
     #[test]
     fn numbers_have_three_digits() {
-        for (value, wanted) in [(0.5, "0.500"), (0.01234, "0.0123"), (31.416, "31.4"), (0.000_012, "0.00001")] {
+        for (value, wanted) in
+            [(0.5, "0.500"), (0.01234, "0.0123"), (31.416, "31.4"), (0.000_012, "0.00001")]
+        {
             assert_eq!(cell(Some(value)), wanted);
         }
         assert_eq!(cell(None), "-");

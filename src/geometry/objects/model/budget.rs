@@ -49,7 +49,11 @@ impl Budget {
     /// When there are too many.
     pub fn part(&mut self) -> Result<(), String> {
         self.parts += 1;
-        if self.parts <= MOST_PARTS { Ok(()) } else { Err(format!("wanted up to {MOST_PARTS} parts, got more")) }
+        if self.parts <= MOST_PARTS {
+            Ok(())
+        } else {
+            Err(format!("wanted up to {MOST_PARTS} parts, got more"))
+        }
     }
 
     /// Counts triangles and positions, before memory is allocated for them.
@@ -60,9 +64,14 @@ impl Budget {
         self.positions = self.positions.saturating_add(positions);
         self.triangles = self.triangles.saturating_add(triangles);
         let most = most_triangles(self.bytes);
-        for (name, most, got) in [("positions", 3 * most, self.positions), ("triangles", most, self.triangles)] {
+        for (name, most, got) in
+            [("positions", 3 * most, self.positions), ("triangles", most, self.triangles)]
+        {
             if got > most {
-                return Err(format!("wanted up to {most} {name} of {} bytes, got at least {got}", self.bytes));
+                return Err(format!(
+                    "wanted up to {most} {name} of {} bytes, got at least {got}",
+                    self.bytes
+                ));
             }
         }
         Ok(())
@@ -87,14 +96,23 @@ impl Textures {
     ///
     /// # Errors
     /// The bytes are not a picture, or exceed the memory that textures may take.
-    pub fn read(&mut self, name: &str, bytes: &[u8], warnings: &mut Vec<String>) -> Result<Arc<Texture>, String> {
+    pub fn read(
+        &mut self,
+        name: &str,
+        bytes: &[u8],
+        warnings: &mut Vec<String>,
+    ) -> Result<Arc<Texture>, String> {
         self.file_bytes += bytes.len() as u64;
-        let room = (FREE_TEXELS + TEXELS_PER_BYTE * self.file_bytes).saturating_sub(self.held_bytes);
+        let room =
+            (FREE_TEXELS + TEXELS_PER_BYTE * self.file_bytes).saturating_sub(self.held_bytes);
         let read = Texture::read(NamedBytes::new(name, bytes), room);
         let (texture, told) = read.map_err(|e| {
             let others = match self.held.len() {
                 0 => String::new(),
-                count => format!(" (beside {count} others of {} MiB; use smaller ones)", self.held_bytes >> 20),
+                count => format!(
+                    " (beside {count} others of {} MiB; use smaller ones)",
+                    self.held_bytes >> 20
+                ),
             };
             format!("{name}: {}{others}", e.message())
         })?;
@@ -135,7 +153,11 @@ mod tests {
             asked.push(name.to_owned());
             match name {
                 "triangle.bin" => Ok(bytemuck::cast_slice(&TRIANGLE).to_vec()),
-                "t.png" => Ok(write_png(&Picture(Plane::filled(8, 4, Vec3::splat(0.5))), Transfer::Srgb, false)),
+                "t.png" => Ok(write_png(
+                    &Picture(Plane::filled(8, 4, Vec3::splat(0.5))),
+                    Transfer::Srgb,
+                    false,
+                )),
                 "a.mtl" => Ok(library.as_bytes().to_vec()),
                 _ => Err(format!("there is no {name}")),
             }
@@ -144,7 +166,10 @@ mod tests {
     }
 
     fn told(name: &str, text: &str) -> String {
-        read(name, text, "").0.err().unwrap_or_else(|| panic!("{name}: a fault is wanted:\n{text:.200}"))
+        read(name, text, "")
+            .0
+            .err()
+            .unwrap_or_else(|| panic!("{name}: a fault is wanted:\n{text:.200}"))
     }
 
     #[test]
@@ -154,7 +179,9 @@ mod tests {
         let primitive = r#"{"attributes": {"POSITION": 1}}"#;
         let told = told("a.gltf", &gltf(&[primitive; 4].join(","), accessor, ""));
         assert!(
-            told.contains("wanted up to 600") && told.contains("positions of") && told.contains("got at least"),
+            told.contains("wanted up to 600")
+                && told.contains("positions of")
+                && told.contains("got at least"),
             "{told}"
         );
     }
@@ -169,7 +196,10 @@ mod tests {
         let model = read("a.gltf", &gltf(primitive, accessor, ""), "").0.expect("it is sound");
         assert_eq!((model.positions.len(), model.normals.len()), (3, 3));
         let primitive = r#"{"attributes": {"POSITION": 0}, "indices": 1}"#;
-        let told = told("a.gltf", &gltf(primitive, &accessor.replace("VEC3", "SCALAR").replace("5126", "5125"), ""));
+        let told = told(
+            "a.gltf",
+            &gltf(primitive, &accessor.replace("VEC3", "SCALAR").replace("5126", "5125"), ""),
+        );
         assert!(told.contains("triangles of"), "{told}");
     }
 
@@ -184,8 +214,18 @@ mod tests {
         let images = r#", "images": [{}]"#;
         for (primitive, accessors, rest, wanted) in [
             (r#"{"attributes": {"POSITION": 9}}"#, String::new(), "", "is not an accessor"),
-            (r#"{"attributes": {"POSITION": 1}}"#, accessor(1, 5126, "VEC3"), "", "byteStride of at least 12, got 4"),
-            (r#"{"attributes": {"POSITION": 1}}"#, accessor(0, 5121, "VEC3"), "", "POSITION: wanted Vec3"),
+            (
+                r#"{"attributes": {"POSITION": 1}}"#,
+                accessor(1, 5126, "VEC3"),
+                "",
+                "byteStride of at least 12, got 4",
+            ),
+            (
+                r#"{"attributes": {"POSITION": 1}}"#,
+                accessor(0, 5121, "VEC3"),
+                "",
+                "POSITION: wanted Vec3",
+            ),
             (
                 r#"{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}}"#,
                 accessor(0, 5120, "VEC2"),
@@ -218,7 +258,9 @@ mod tests {
 
     #[test]
     fn a_texture_of_many_materials_is_read_once() {
-        let material = |i: usize| format!(r#"{{"pbrMetallicRoughness": {{"baseColorTexture": {{"index": {i}}}}}}}"#);
+        let material = |i: usize| {
+            format!(r#"{{"pbrMetallicRoughness": {{"baseColorTexture": {{"index": {i}}}}}}}"#)
+        };
         let materials: Vec<String> = (0..8).map(|i| material(i % 2)).collect();
         let rest = format!(
             r#", "materials": [{}], "textures": [{{"source": 0}}, {{"source": 1}}],
@@ -229,7 +271,8 @@ mod tests {
         check_shared(&model.expect("it is sound").skins, 8, &asked);
 
         let library: String = (0..8).map(|i| format!("newmtl m{i}\nmap_Kd t.png\n")).collect();
-        let (model, asked) = read("a.obj", "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", &library);
+        let (model, asked) =
+            read("a.obj", "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", &library);
         check_shared(&model.expect("it is sound").skins, 8, &asked);
     }
 
@@ -237,14 +280,19 @@ mod tests {
     /// kept as often.
     #[test]
     fn a_file_that_is_named_often_is_read_once() {
-        let obj = format!("{}v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n", "mtllib a.mtl\n".repeat(10_000));
+        let obj = format!(
+            "{}v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n",
+            "mtllib a.mtl\n".repeat(10_000)
+        );
         let (model, asked) = read("a.obj", &obj, "newmtl a\nKd 0.5\n");
         let model = model.expect("it is sound");
         assert_eq!((asked.len(), model.skins.len()), (1, 1));
         // Reason: one number for all three ended in a panic of the crate.
         assert_eq!(model.skins[0].material.albedo, Vec3::splat(0.5));
         let beside = |_: &str| Some(b"newmtl a\nKd\n".to_vec());
-        parts("a.obj", || Some(obj.clone().into()), &|name| beside(name).inspect(|_| assert!(name == "a.mtl")));
+        parts("a.obj", || Some(obj.clone().into()), &|name| {
+            beside(name).inspect(|_| assert!(name == "a.mtl"))
+        });
         let buffers = [r#"{"byteLength": 36, "uri": "triangle.bin"}"#; 500].join(",");
         let one = r#"{"byteLength": 36, "uri": "triangle.bin"}"#;
         let (model, asked) = read("a.gltf", &gltf(PLAIN, "", "").replace(one, &buffers), "");
@@ -254,14 +302,27 @@ mod tests {
     #[test]
     fn materials_and_files_have_limits() {
         let library: String = (0..10_001).map(|i| format!("newmtl m{i}\n")).collect();
-        let (model, _) = read("a.obj", "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", &library);
+        let (model, _) =
+            read("a.obj", "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", &library);
         let model = model.expect("it is drawn without its library");
-        assert!(model.skins.is_empty() && model.warnings[0].contains("up to 10000 materials"), "{:?}", model.warnings);
-        let buffers: Vec<String> = (0..1001).map(|i| format!(r#"{{"byteLength": 36, "uri": "{i}"}}"#)).collect();
-        let text = gltf(PLAIN, "", "").replace(r#"{"byteLength": 36, "uri": "triangle.bin"}"#, &buffers.join(","));
-        let read = Model::read("a.gltf", text.as_bytes(), &mut |_| Ok(bytemuck::cast_slice(&TRIANGLE).to_vec()));
+        assert!(
+            model.skins.is_empty() && model.warnings[0].contains("up to 10000 materials"),
+            "{:?}",
+            model.warnings
+        );
+        let buffers: Vec<String> =
+            (0..1001).map(|i| format!(r#"{{"byteLength": 36, "uri": "{i}"}}"#)).collect();
+        let text = gltf(PLAIN, "", "")
+            .replace(r#"{"byteLength": 36, "uri": "triangle.bin"}"#, &buffers.join(","));
+        let read = Model::read("a.gltf", text.as_bytes(), &mut |_| {
+            Ok(bytemuck::cast_slice(&TRIANGLE).to_vec())
+        });
         assert!(read.is_err_and(|told| told.contains("up to 1000 other files")));
-        assert_eq!(parts("a.gltf", || Some(text.into()), &|_| None).len(), 1001, "the one too many is told");
+        assert_eq!(
+            parts("a.gltf", || Some(text.into()), &|_| None).len(),
+            1001,
+            "the one too many is told"
+        );
     }
 
     #[test]
@@ -305,7 +366,10 @@ mod tests {
         let list = "element face 1\nproperty list uint uint vertex_indices\n";
         assert!(told("a.ply", &ply("binary_little_endian", list, "zzzz")).contains("PLY"));
         let wide: String = (0..50).map(|i| format!("property double p{i}\n")).collect();
-        let told = told("a.ply", &ply("binary_little_endian", &format!("element vertex 100\n{wide}"), "0"));
+        let told = told(
+            "a.ply",
+            &ply("binary_little_endian", &format!("element vertex 100\n{wide}"), "0"),
+        );
         assert!(told.contains("100 elements `vertex`"), "{told}");
     }
 }

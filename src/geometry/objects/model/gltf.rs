@@ -25,7 +25,11 @@ fn bad(e: impl std::fmt::Display) -> String {
 /// The JSON and the binary chunk of a file: checked, so that the crate's accessors do not panic on
 /// it.
 fn document(bytes: &[u8]) -> Result<(gltf::Document, Option<Vec<u8>>), String> {
-    let glb = if bytes.starts_with(b"glTF") { Some(gltf::Glb::from_slice(bytes).map_err(bad)?) } else { None };
+    let glb = if bytes.starts_with(b"glTF") {
+        Some(gltf::Glb::from_slice(bytes).map_err(bad)?)
+    } else {
+        None
+    };
     let json = glb.as_ref().map_or(bytes, |glb| &glb.json);
     let objects = json.iter().filter(|&&byte| byte == b'{').count();
     if objects > MOST_OBJECTS {
@@ -61,7 +65,9 @@ pub fn parts(bytes: &[u8]) -> Vec<String> {
         gltf::image::Source::Uri { uri, .. } => Some(uri),
         gltf::image::Source::View { .. } => None,
     });
-    super::distinct(buffers.chain(images).filter(|uri| !uri.starts_with("data:")).map(decoded).collect())
+    super::distinct(
+        buffers.chain(images).filter(|uri| !uri.starts_with("data:")).map(decoded).collect(),
+    )
 }
 
 fn decoded(uri: &str) -> String {
@@ -71,9 +77,11 @@ fn decoded(uri: &str) -> String {
 /// The bytes of a `data:` address or of a file.
 fn content(uri: &str, part: ReadPart) -> Result<Vec<u8>, String> {
     match uri.strip_prefix("data:").and_then(|data| data.split_once(',')) {
-        Some((kind, text)) if kind.ends_with(";base64") => base64::engine::general_purpose::STANDARD
-            .decode(text)
-            .map_err(|e| format!("wanted a valid glTF file: data address: {e}")),
+        Some((kind, text)) if kind.ends_with(";base64") => {
+            base64::engine::general_purpose::STANDARD
+                .decode(text)
+                .map_err(|e| format!("wanted a valid glTF file: data address: {e}"))
+        }
         _ => part(&decoded(uri)),
     }
 }
@@ -85,24 +93,10 @@ fn content(uri: &str, part: ReadPart) -> Result<Vec<u8>, String> {
 /// content.
 pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     let (document, blob) = document(bytes)?;
-    let blob = blob.map(Rc::new);
-    let mut files: BTreeMap<String, Rc<Vec<u8>>> = BTreeMap::new();
-    let mut buffers: Vec<Rc<Vec<u8>>> = Vec::new();
-    for buffer in document.buffers() {
-        let data = match buffer.source() {
-            gltf::buffer::Source::Bin => blob.clone().ok_or_else(|| bad("it has no binary chunk"))?,
-            gltf::buffer::Source::Uri(uri) => match files.get(uri) {
-                Some(data) => data.clone(),
-                None => files.entry(uri.to_owned()).or_insert(Rc::new(content(uri, part)?)).clone(),
-            },
-        };
-        if data.len() < buffer.length() {
-            let (wanted, got) = (buffer.length(), data.len());
-            return Err(bad(format!("buffer {}: wanted {wanted} bytes, got {got}", buffer.index())));
-        }
-        buffers.push(data);
-    }
-    let mut budget = Budget::new(bytes.len() + files.values().map(|data| data.len()).sum::<usize>());
+    let mut files = BTreeMap::new();
+    let buffers = read_buffers(&document, blob, part, &mut files)?;
+    let mut budget =
+        Budget::new(bytes.len() + files.values().map(|data| data.len()).sum::<usize>());
     let mut model = Model::default();
     let mut textures = Textures::default();
     let mut texture = |texture: gltf::Texture, warnings: &mut Vec<String>| {
@@ -114,17 +108,26 @@ pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
                 format!("texture {}", decoded(uri))
             }
             gltf::image::Source::Uri { .. } => format!("texture {}", image.index()),
-            gltf::image::Source::View { view, .. } => format!("texture in buffer view {}", view.index()),
+            gltf::image::Source::View { view, .. } => {
+                format!("texture in buffer view {}", view.index())
+            }
         };
         if let Some(texture) = textures.find(&name) {
             return Ok(texture);
         }
         match source {
-            gltf::image::Source::Uri { uri, .. } => textures.read(&name, &content(uri, part)?, warnings),
+            gltf::image::Source::Uri { uri, .. } => {
+                textures.read(&name, &content(uri, part)?, warnings)
+            }
             gltf::image::Source::View { view, .. } => {
                 let range = view.offset()..view.offset().saturating_add(view.length());
-                let within = buffers.get(view.buffer().index()).and_then(|buffer| buffer.get(range));
-                textures.read(&name, within.ok_or_else(|| bad("an image beyond its buffer"))?, warnings)
+                let within =
+                    buffers.get(view.buffer().index()).and_then(|buffer| buffer.get(range));
+                textures.read(
+                    &name,
+                    within.ok_or_else(|| bad("an image beyond its buffer"))?,
+                    warnings,
+                )
             }
         }
     };
@@ -140,7 +143,10 @@ pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     while let Some((node, parent)) = open.pop() {
         visited += 1;
         if visited > document.nodes().len() {
-            return Err(bad(format!("node {} is within itself or within two others", node.index())));
+            return Err(bad(format!(
+                "node {} is within itself or within two others",
+                node.index()
+            )));
         }
         let place = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
         for primitive in node.mesh().iter().flat_map(|mesh| mesh.primitives()) {
@@ -156,13 +162,50 @@ pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     Ok(model)
 }
 
+/// The bytes of each buffer; those of a file that several buffers name are read once, into `files`.
+fn read_buffers(
+    document: &gltf::Document,
+    blob: Option<Vec<u8>>,
+    part: ReadPart,
+    files: &mut BTreeMap<String, Rc<Vec<u8>>>,
+) -> Result<Vec<Rc<Vec<u8>>>, String> {
+    let blob = blob.map(Rc::new);
+    let mut buffers = Vec::new();
+    for buffer in document.buffers() {
+        let data = match buffer.source() {
+            gltf::buffer::Source::Bin => {
+                blob.clone().ok_or_else(|| bad("it has no binary chunk"))?
+            }
+            gltf::buffer::Source::Uri(uri) => match files.get(uri) {
+                Some(data) => data.clone(),
+                None => files.entry(uri.to_owned()).or_insert(Rc::new(content(uri, part)?)).clone(),
+            },
+        };
+        if data.len() < buffer.length() {
+            let (wanted, got) = (buffer.length(), data.len());
+            return Err(bad(format!(
+                "buffer {}: wanted {wanted} bytes, got {got}",
+                buffer.index()
+            )));
+        }
+        buffers.push(data);
+    }
+    Ok(buffers)
+}
+
 /// Reads the texels of a texture; the list receives the reader's warnings.
-type ReadTexture<'a> = &'a mut dyn FnMut(gltf::Texture, &mut Vec<String>) -> Result<Arc<Texture>, String>;
+type ReadTexture<'a> =
+    &'a mut dyn FnMut(gltf::Texture, &mut Vec<String>) -> Result<Arc<Texture>, String>;
 
 /// The material of a primitive without one.
-const PLAIN: Material = Material { albedo: Vec3::splat(0.8), roughness: 1.0, specular: 0.5, metallic: 0.0 };
+const PLAIN: Material =
+    Material { albedo: Vec3::splat(0.8), roughness: 1.0, specular: 0.5, metallic: 0.0 };
 
-fn skin(material: &gltf::Material, texture: ReadTexture, warnings: &mut Vec<String>) -> Result<Skin, String> {
+fn skin(
+    material: &gltf::Material,
+    texture: ReadTexture,
+    warnings: &mut Vec<String>,
+) -> Result<Skin, String> {
     let pbr = material.pbr_metallic_roughness();
     let [r, g, b, _] = pbr.base_color_factor();
     let plain = Material {
@@ -171,7 +214,9 @@ fn skin(material: &gltf::Material, texture: ReadTexture, warnings: &mut Vec<Stri
         specular: 0.5,
         metallic: pbr.metallic_factor().clamp(0.0, 1.0),
     };
-    let mut read = |info: Option<gltf::texture::Info>| info.map(|info| texture(info.texture(), warnings)).transpose();
+    let mut read = |info: Option<gltf::texture::Info>| {
+        info.map(|info| texture(info.texture(), warnings)).transpose()
+    };
     let color = read(pbr.base_color_texture())?;
     let gloss = read(pbr.metallic_roughness_texture())?;
     Ok(Skin { material: plain, color, gloss })
@@ -179,15 +224,26 @@ fn skin(material: &gltf::Material, texture: ReadTexture, warnings: &mut Vec<Stri
 
 /// Holds an accessor against the types that it may have, and the steps between its items against
 /// their size: the crate takes both as sound.
-fn check(name: &str, accessor: &Accessor, dimensions: Dimensions, types: &[DataType]) -> Result<(), String> {
+fn check(
+    name: &str,
+    accessor: &Accessor,
+    dimensions: Dimensions,
+    types: &[DataType],
+) -> Result<(), String> {
     let got = (accessor.dimensions(), accessor.data_type());
     if got.0 != dimensions || !types.contains(&got.1) {
-        return Err(format!("{name}: wanted {dimensions:?} of {types:?}, got {:?} of {:?}", got.0, got.1));
+        return Err(format!(
+            "{name}: wanted {dimensions:?} of {types:?}, got {:?} of {:?}",
+            got.0, got.1
+        ));
     }
     let values = accessor.sparse().map(|sparse| sparse.values().view());
     for stride in accessor.view().into_iter().chain(values).filter_map(|view| view.stride()) {
         if stride < accessor.size() {
-            return Err(format!("{name}: wanted a byteStride of at least {}, got {stride}", accessor.size()));
+            return Err(format!(
+                "{name}: wanted a byteStride of at least {}, got {stride}",
+                accessor.size()
+            ));
         }
     }
     Ok(())
@@ -214,7 +270,10 @@ fn add(
     budget.part()?;
     budget.take(if triangles == 0 { 0 } else { positions.count() }, triangles)?;
     if triangles == 0 {
-        return Ok(matches!(primitive.mode(), Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan));
+        return Ok(matches!(
+            primitive.mode(),
+            Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan
+        ));
     }
     let reader = primitive.reader(|buffer| buffers.get(buffer.index()).map(|data| data.as_slice()));
     let first = model.positions.len() as u32;
@@ -224,17 +283,26 @@ fn add(
     // Normals are turned by the inverse transpose, so that they stay orthogonal to a stretched
     // surface.
     let linear = Mat3::from_mat4(place);
-    let turn = if linear.determinant().abs() > 1e-30 { linear.inverse().transpose() } else { linear };
+    let turn =
+        if linear.determinant().abs() > 1e-30 { linear.inverse().transpose() } else { linear };
     if let Some(accessor) = primitive.get(&Semantic::Normals) {
         check("NORMAL", &accessor, Triple, &[F32])?;
         let normals = reader.read_normals().into_iter().flatten().take(count as usize);
         model.normals.extend(normals.map(|n| (turn * Vec3::from_array(n)).normalize_or_zero()));
     }
     model.normals.resize(model.positions.len(), Vec3::ZERO);
-    let set = primitive.material().pbr_metallic_roughness().base_color_texture().map_or(0, |info| info.tex_coord());
+    let set = primitive
+        .material()
+        .pbr_metallic_roughness()
+        .base_color_texture()
+        .map_or(0, |info| info.tex_coord());
     if let Some(accessor) = primitive.get(&Semantic::TexCoords(set)) {
         check("TEXCOORD", &accessor, Pair, &[F32, U8, U16])?;
-        let uvs = reader.read_tex_coords(set).into_iter().flat_map(|uvs| uvs.into_f32()).take(count as usize);
+        let uvs = reader
+            .read_tex_coords(set)
+            .into_iter()
+            .flat_map(|uvs| uvs.into_f32())
+            .take(count as usize);
         model.uvs.extend(uvs.map(Vec2::from_array));
     }
     model.uvs.resize(model.positions.len(), Vec2::ZERO);
@@ -250,7 +318,9 @@ fn add(
     }
     let strip = |i: usize| if i.is_multiple_of(2) { [i, i + 1, i + 2] } else { [i + 1, i, i + 2] };
     let corners: Vec<[u32; 3]> = match primitive.mode() {
-        Mode::TriangleStrip => (0..indices.len().saturating_sub(2)).map(|i| strip(i).map(|k| indices[k])).collect(),
+        Mode::TriangleStrip => {
+            (0..indices.len().saturating_sub(2)).map(|i| strip(i).map(|k| indices[k])).collect()
+        }
         Mode::TriangleFan => super::fan(&indices).collect(),
         _ => indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
     };

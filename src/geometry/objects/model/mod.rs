@@ -162,7 +162,9 @@ impl Model {
         let (mut file_bytes, mut files) = (bytes.len(), 0);
         let mut part = |name: &str| {
             if files == MOST_FILES {
-                return Err(format!("wanted a model that names up to {MOST_FILES} other files, got more"));
+                return Err(format!(
+                    "wanted a model that names up to {MOST_FILES} other files, got more"
+                ));
             }
             let bytes = part(name)?;
             files += 1;
@@ -173,7 +175,11 @@ impl Model {
             "ply" => ply::read(bytes)?,
             "obj" => obj::read(bytes, &mut part)?,
             "gltf" | "glb" => gltf::read(bytes, &mut part)?,
-            _ => return Err(format!("wanted a model that ends in .ply, .obj, .gltf or .glb, got {ending:?}")),
+            _ => {
+                return Err(format!(
+                    "wanted a model that ends in .ply, .obj, .gltf or .glb, got {ending:?}"
+                ));
+            }
         };
         model.file_bytes = file_bytes;
         model.check()?;
@@ -185,7 +191,11 @@ impl Model {
         let phi = 0.5 * (1.0 + 5.0f32.sqrt());
         let mut corners: Vec<Vec3> = Vec::new();
         for (a, b) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
-            corners.extend([Vec3::new(0.0, a, b * phi), Vec3::new(a, b * phi, 0.0), Vec3::new(b * phi, 0.0, a)]);
+            corners.extend([
+                Vec3::new(0.0, a, b * phi),
+                Vec3::new(a, b * phi, 0.0),
+                Vec3::new(b * phi, 0.0, a),
+            ]);
         }
         corners.iter_mut().for_each(|c| *c = c.normalize());
         // The faces of the hull: triples of neighbors, which are 63.4 degrees apart.
@@ -194,7 +204,9 @@ impl Model {
         for a in 0..12 {
             for b in a + 1..12 {
                 for c in (b + 1..12).filter(|&c| near(a, b) && near(b, c) && near(a, c)) {
-                    let out = (corners[b] - corners[a]).cross(corners[c] - corners[a]).dot(corners[a]) > 0.0;
+                    let out =
+                        (corners[b] - corners[a]).cross(corners[c] - corners[a]).dot(corners[a])
+                            > 0.0;
                     triangles.push(if out { [a, b, c] } else { [a, c, b] }.map(|i| i as u32));
                 }
             }
@@ -225,8 +237,13 @@ impl Model {
 
     fn check(&mut self) -> Result<(), String> {
         let (count, all) = (self.positions.len(), self.triangles.len());
-        if let Some(at) = self.positions.iter().position(|p| !(p.is_finite() && p.abs().max_element() < 1e15)) {
-            return Err(format!("wanted finite numbers, got {} at vertex {at}", self.positions[at]));
+        if let Some(at) =
+            self.positions.iter().position(|p| !(p.is_finite() && p.abs().max_element() < 1e15))
+        {
+            return Err(format!(
+                "wanted finite numbers, got {} at vertex {at}",
+                self.positions[at]
+            ));
         }
         if let Some((at, corners)) =
             self.triangles.iter().enumerate().find(|(_, t)| t.iter().any(|&i| i as usize >= count))
@@ -234,7 +251,9 @@ impl Model {
             return Err(format!("wanted vertices below {count}, got {corners:?} in triangle {at}"));
         }
         self.normals.resize(count, Vec3::ZERO);
-        self.normals.iter_mut().for_each(|n| *n = if n.is_finite() { n.normalize_or_zero() } else { Vec3::ZERO });
+        self.normals
+            .iter_mut()
+            .for_each(|n| *n = if n.is_finite() { n.normalize_or_zero() } else { Vec3::ZERO });
         self.uvs.resize(count, Vec2::ZERO);
         if !self.colors.is_empty() {
             self.colors.resize(count, Material::PLAIN.albedo);
@@ -249,13 +268,19 @@ impl Model {
         let sound: Vec<bool> = self.triangles.iter().map(|t| area(t) > f64::from(least)).collect();
         let keep = |i: usize| sound[i];
         if !self.skin.is_empty() {
-            self.skin = self.skin.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, s)| *s).collect();
+            self.skin =
+                self.skin.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, s)| *s).collect();
         }
-        self.triangles = self.triangles.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, t)| *t).collect();
+        self.triangles =
+            self.triangles.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, t)| *t).collect();
         match all - self.triangles.len() {
-            _ if self.triangles.is_empty() => return Err(format!("wanted triangles with area, got none (of {all})")),
+            _ if self.triangles.is_empty() => {
+                return Err(format!("wanted triangles with area, got none (of {all})"));
+            }
             0 => {}
-            flat => self.warnings.push(format!("{flat} of {all} triangles have no area and are left out")),
+            flat => self
+                .warnings
+                .push(format!("{flat} of {all} triangles have no area and are left out")),
         }
         self.turn_outwards();
         Ok(())
@@ -314,7 +339,8 @@ mod tests {
         assert_eq!(sphere.triangles.len(), 20 * 1024);
         assert_eq!(sphere.positions.len(), 10 * 1024 + 2, "Euler: a closed surface without holes");
         let corner = |t: &[u32; 3]| t.map(|i| sphere.positions[i as usize].as_dvec3());
-        let volume: f64 = sphere.triangles.iter().map(corner).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum();
+        let volume: f64 =
+            sphere.triangles.iter().map(corner).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum();
         let ball = 4.0 / 3.0 * std::f64::consts::PI;
         assert!((volume / ball - 1.0).abs() < 2e-3, "{volume} against {ball}");
     }
@@ -353,7 +379,8 @@ mod tests {
         let library = "newmtl red\nKd 0.5 0.1 0.02\nKs 0.5 0.5 0.5\nNs 30\nmap_Bump b.png\nd 0.4\n\
             newmtl gold\nKd 1 0.8 0.3\nPr 0.25\nPm 1\nNs 900\nnewmtl cloth\nKd 0 0 0\nmap_Kd -s 1 1 1 tex/c.png\n\
             newmtl dull\nKd 0.2 2 nan\nKs 1 1 1\nNs 500\nillum 1\n";
-        let cloth = crate::image::Picture(crate::image::Plane::filled(2, 2, Vec3::new(0.5, 0.25, 1.0)));
+        let cloth =
+            crate::image::Picture(crate::image::Plane::filled(2, 2, Vec3::new(0.5, 0.25, 1.0)));
         let cloth = crate::image::write_png(&cloth, crate::image::Transfer::Srgb, false);
         let beside = |name: &str| match name {
             "a.mtl" => Some(library.as_bytes().to_vec()),
@@ -361,7 +388,10 @@ mod tests {
             _ => None,
         };
         assert_eq!(parts("a.obj", || Some(obj.into()), &beside), ["a.mtl", "tex/c.png"]);
-        assert!(parts("a.obj", || Some(obj.into()), &|_| None).is_empty(), "what is not there is not asked for");
+        assert!(
+            parts("a.obj", || Some(obj.into()), &|_| None).is_empty(),
+            "what is not there is not asked for"
+        );
         let mut part = |name: &str| beside(name).ok_or_else(|| format!("no {name}"));
         let model = Model::read("a.obj", obj.as_bytes(), &mut part).expect("it is sound");
         let body = crate::geometry::Body { model, material: None };
@@ -371,10 +401,17 @@ mod tests {
         // alpha^2 = 2 / 32.
         assert!((made(1).roughness - 0.5).abs() < 1e-6, "{}", made(1).roughness);
         assert_eq!((made(2).roughness, made(2).metallic), (0.25, 1.0));
-        assert!((made(3).albedo - Vec3::new(0.5, 0.25, 1.0)).abs().max_element() < 0.005, "{}", made(3).albedo);
+        assert!(
+            (made(3).albedo - Vec3::new(0.5, 0.25, 1.0)).abs().max_element() < 0.005,
+            "{}",
+            made(3).albedo
+        );
         assert_eq!((made(4).albedo, made(4).roughness), (Vec3::new(0.2, 1.0, 0.5), 1.0));
         let told = body.model.warnings.join("\n");
-        assert!(told.contains("\"red\": not used: d, map_Bump") && told.contains("options of map_Kd"), "{told}");
+        assert!(
+            told.contains("\"red\": not used: d, map_Bump") && told.contains("options of map_Kd"),
+            "{told}"
+        );
 
         let alone = read("a.obj", obj.as_bytes()).expect("a library that is not there is no fault");
         assert!(alone.skins.is_empty() && alone.warnings.len() == 1, "{:?}", alone.warnings);
@@ -382,7 +419,8 @@ mod tests {
 
     #[test]
     fn vertices_of_a_ply_have_colors() {
-        let properties = "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n";
+        let properties =
+            "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n";
         let quad = QUAD.replace("property float z\n", properties);
         let (corners, faces) = quad.split_once("end_header\n").expect("it has a header");
         let colored: Vec<String> = faces
@@ -393,11 +431,14 @@ mod tests {
                 _ => format!("{line}\n"),
             })
             .collect();
-        let model =
-            read("a.ply", format!("{corners}end_header\n{}", colored.concat()).as_bytes()).expect("it is sound");
+        let model = read("a.ply", format!("{corners}end_header\n{}", colored.concat()).as_bytes())
+            .expect("it is sound");
         let body = crate::geometry::Body { model, material: None };
         let albedo = body.at(1, Vec3::new(0.2, 0.3, 0.5)).material.albedo;
-        assert!((albedo - Vec3::new(1.0, 0.503, 0.0)).abs().max_element() < 0.002, "sRGB 188 is half: {albedo}");
+        assert!(
+            (albedo - Vec3::new(1.0, 0.503, 0.0)).abs().max_element() < 0.002,
+            "sRGB 188 is half: {albedo}"
+        );
         assert!(read("a.ply", QUAD.as_bytes()).expect("it is sound").colors.is_empty());
     }
 
@@ -425,7 +466,9 @@ mod tests {
             ("a.gltf", br#"{"asset": {"version": "2.0"}}"#, "got none"),
             ("a.stl", b"solid", "wanted a model that ends in"),
         ] {
-            let told = read(name, bytes).err().unwrap_or_else(|| panic!("{name} {wanted}: a fault is wanted"));
+            let told = read(name, bytes)
+                .err()
+                .unwrap_or_else(|| panic!("{name} {wanted}: a fault is wanted"));
             assert!(told.contains(wanted), "{name}: wanted {wanted:?}, got {told:?}");
         }
     }

@@ -16,20 +16,30 @@ const MOST_MATERIALS: usize = 10_000;
 pub fn libraries(bytes: &[u8]) -> Vec<String> {
     let text = String::from_utf8_lossy(bytes);
     let names = text.lines().filter_map(|line| line.trim_start().strip_prefix("mtllib"));
-    names.filter(|rest| rest.starts_with(char::is_whitespace)).map(|name| name.trim().to_owned()).collect()
+    names
+        .filter(|rest| rest.starts_with(char::is_whitespace))
+        .map(|name| name.trim().to_owned())
+        .collect()
 }
 
 /// The pictures that a material library names and that are read.
 pub fn pictures(bytes: &[u8]) -> Vec<String> {
     let Ok(text) = sound_library(bytes, MOST_MATERIALS) else { return Vec::new() };
     let Ok((materials, _)) = tobj::load_mtl_buf(&mut text.as_bytes()) else { return Vec::new() };
-    materials.iter().filter_map(|material| Some(picture(material.diffuse_texture.as_ref()?))).collect()
+    materials
+        .iter()
+        .filter_map(|material| Some(picture(material.diffuse_texture.as_ref()?)))
+        .collect()
 }
 
 /// The name at the end of a texture's options; on some systems folders are set apart by other
 /// signs.
 fn picture(texture: &str) -> String {
-    let name = if texture.starts_with('-') { texture.rsplit(char::is_whitespace).next() } else { Some(texture) };
+    let name = if texture.starts_with('-') {
+        texture.rsplit(char::is_whitespace).next()
+    } else {
+        Some(texture)
+    };
     name.unwrap_or_default().replace('\\', "/")
 }
 
@@ -55,7 +65,9 @@ fn sound_library(bytes: &[u8], most: usize) -> Result<String, String> {
         whole.push('\n');
     }
     if materials > most {
-        return Err(format!("wanted up to {MOST_MATERIALS} materials in a model, got at least {materials}"));
+        return Err(format!(
+            "wanted up to {MOST_MATERIALS} materials in a model, got at least {materials}"
+        ));
     }
     Ok(whole)
 }
@@ -72,9 +84,15 @@ fn check(bytes: &[u8]) -> Result<(), String> {
                 let mut corners = 0;
                 for corner in words {
                     corners += 1;
-                    let far = |i: &str| i.parse::<i64>().is_ok_and(|i| i.unsigned_abs() > u32::MAX.into());
+                    let far = |i: &str| {
+                        i.parse::<i64>().is_ok_and(|i| i.unsigned_abs() > u32::MAX.into())
+                    };
                     if corner.len() > 10 && corner.split('/').any(far) {
-                        return Err(format!("line {}: wanted indices up to {}, got {corner}", index + 1, u32::MAX));
+                        return Err(format!(
+                            "line {}: wanted indices up to {}, got {corner}",
+                            index + 1,
+                            u32::MAX
+                        ));
                     }
                 }
                 // A point and a line are triangles without area.
@@ -97,7 +115,8 @@ fn check(bytes: &[u8]) -> Result<(), String> {
 pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     let bad = |e: &dyn std::fmt::Display| format!("wanted a valid OBJ file: {e}");
     check(bytes).map_err(|e| bad(&e))?;
-    let options = tobj::LoadOptions { triangulate: true, single_index: true, ..tobj::LoadOptions::default() };
+    let options =
+        tobj::LoadOptions { triangulate: true, single_index: true, ..tobj::LoadOptions::default() };
     let mut model = Model::default();
     let (part, warnings) = (RefCell::new(part), RefCell::new(Vec::new()));
     let (named, materials) = (RefCell::new(BTreeSet::new()), RefCell::new(0));
@@ -109,7 +128,9 @@ pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
         }
         let found = part.borrow_mut()(&name).and_then(|bytes| {
             let text = sound_library(&bytes, MOST_MATERIALS - *materials.borrow());
-            let read = text.and_then(|text| tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| e.to_string()));
+            let read = text.and_then(|text| {
+                tobj::load_mtl_buf(&mut text.as_bytes()).map_err(|e| e.to_string())
+            });
             read.map_err(|e| format!("wanted a valid material library, {name}: {e}"))
         });
         let found = found.unwrap_or_else(|told| {
@@ -119,7 +140,8 @@ pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
         *materials.borrow_mut() += found.0.len();
         Ok(found)
     };
-    let (meshes, materials) = tobj::load_obj_buf(&mut &*bytes, &options, library).map_err(|e| bad(&e))?;
+    let (meshes, materials) =
+        tobj::load_obj_buf(&mut &*bytes, &options, library).map_err(|e| bad(&e))?;
     let (part, mut warnings) = (part.into_inner(), warnings.into_inner());
     let mut textures = Textures::default();
     for material in &materials.unwrap_or_default() {
@@ -129,16 +151,21 @@ pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
     let plain = model.skins.len() as u32;
     for tobj::Model { mesh, .. } in meshes {
         let first = model.positions.len() as u32;
-        let vectors = |values: &[f32]| values.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
+        let vectors =
+            |values: &[f32]| values.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
         model.positions.extend(vectors(&mesh.positions));
         model.normals.extend(vectors(&mesh.normals));
         model.normals.resize(model.positions.len(), Vec3::ZERO);
         // Rows of textures run from the top here, from the bottom there.
         model.uvs.extend(mesh.texcoords.chunks_exact(2).map(|uv| Vec2::new(uv[0], 1.0 - uv[1])));
         model.uvs.resize(model.positions.len(), Vec2::ZERO);
-        model.triangles.extend(mesh.indices.chunks_exact(3).map(|t| [t[0] + first, t[1] + first, t[2] + first]));
+        model.triangles.extend(
+            mesh.indices.chunks_exact(3).map(|t| [t[0] + first, t[1] + first, t[2] + first]),
+        );
         if plain > 0 {
-            model.skin.resize(model.triangles.len(), mesh.material_id.map_or(plain, |id| id as u32));
+            model
+                .skin
+                .resize(model.triangles.len(), mesh.material_id.map_or(plain, |id| id as u32));
         }
     }
     Ok(model)
@@ -157,12 +184,17 @@ fn skin(
     textures: &mut Textures,
     warnings: &mut Vec<String>,
 ) -> Result<Skin, String> {
-    let number = |name: &str| material.unknown_param.get(name).and_then(|text| text.trim().parse::<f32>().ok());
+    let number = |name: &str| {
+        material.unknown_param.get(name).and_then(|text| text.trim().parse::<f32>().ok())
+    };
     let share = |value: f32| if value.is_finite() { value.clamp(0.0, 1.0) } else { SAYS_NOTHING };
     let color = |rgb: [f32; 3]| Vec3::from_array(rgb.map(share));
     let highlight = material.specular.is_some_and(|ks| ks.iter().any(|&k| k > 0.0))
         && material.illumination_model.is_none_or(|model| model >= 2);
-    let by_exponent = material.shininess.filter(|ns| highlight && *ns >= 0.0).map(|ns| (2.0 / (ns + 2.0)).powf(0.25));
+    let by_exponent = material
+        .shininess
+        .filter(|ns| highlight && *ns >= 0.0)
+        .map(|ns| (2.0 / (ns + 2.0)).powf(0.25));
     let roughness = number("Pr").or(by_exponent).map_or(1.0, share);
     let mut albedo = material.diffuse.map_or(Material::PLAIN.albedo, color);
     let mut texture = None;
@@ -172,7 +204,8 @@ fn skin(
         if texture.is_none() {
             match part(&name) {
                 Ok(bytes) => texture = Some(textures.read(&name, &bytes, warnings)?),
-                Err(told) => warnings.push(format!("material {:?}: {told}; its map_Kd is not used", material.name)),
+                Err(told) => warnings
+                    .push(format!("material {:?}: {told}; its map_Kd is not used", material.name)),
             }
         }
         // Some programs leave the color black where there is a picture of it.
@@ -195,10 +228,15 @@ fn skin(
         ("map_Pr", material.unknown_param.contains_key("map_Pr")),
         ("map_Pm", material.unknown_param.contains_key("map_Pm")),
     ];
-    let unused: Vec<&str> = unused.into_iter().filter(|(_, there)| *there).map(|(name, _)| name).collect();
+    let unused: Vec<&str> =
+        unused.into_iter().filter(|(_, there)| *there).map(|(name, _)| name).collect();
     if !unused.is_empty() {
         warnings.push(format!("material {:?}: not used: {}", material.name, unused.join(", ")));
     }
     let metallic = number("Pm").map_or(0.0, share);
-    Ok(Skin { material: Material { albedo, roughness, specular: 0.5, metallic }, color: texture, gloss: None })
+    Ok(Skin {
+        material: Material { albedo, roughness, specular: 0.5, metallic },
+        color: texture,
+        gloss: None,
+    })
 }

@@ -4,7 +4,9 @@ use std::io::Cursor;
 
 use glam::{Vec2, Vec3};
 use ply_rs_bw::parser::{Parser, Reader};
-use ply_rs_bw::ply::{ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType};
+use ply_rs_bw::ply::{
+    ElementDef, Encoding, Property, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
+};
 
 use super::{Budget, Model, SHOWN, fan};
 use crate::image::Transfer;
@@ -84,7 +86,8 @@ fn set(slot: &mut f32, value: f32) -> PropertyAccessResult {
 }
 
 /// Property names of vertex colors.
-const COLORS: [[&str; 3]; 2] = [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
+const COLORS: [[&str; 3]; 2] =
+    [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
 
 fn linear(color: Vec3) -> Vec3 {
     let share = |c: f32| if c.is_finite() { Transfer::Srgb.decode(c.clamp(0.0, 1.0)) } else { 0.0 };
@@ -129,11 +132,18 @@ pub fn read(bytes: &[u8]) -> Result<Model, String> {
     let mut claimed = 0usize;
     for (name, element) in &header.elements {
         // A count beyond the file's end is an error before anything is allocated.
-        claimed = claimed.saturating_add(element.count.saturating_mul(least(element, header.encoding)));
+        claimed =
+            claimed.saturating_add(element.count.saturating_mul(least(element, header.encoding)));
         if claimed > bytes.len() {
-            return Err(bad(&format!("{} elements `{name}` in {} bytes", element.count, bytes.len())));
+            return Err(bad(&format!(
+                "{} elements `{name}` in {} bytes",
+                element.count,
+                bytes.len()
+            )));
         }
-        let colored = COLORS.iter().any(|names| names.iter().all(|name| element.properties.contains_key(*name)));
+        let colored = COLORS
+            .iter()
+            .any(|names| names.iter().all(|name| element.properties.contains_key(*name)));
         if name == "vertex" {
             budget.take(element.count, 0)?;
             model.positions.reserve_exact(element.count);
@@ -144,7 +154,8 @@ pub fn read(bytes: &[u8]) -> Result<Model, String> {
         let mut some = element.clone();
         for first in (0..element.count).step_by(AT_A_TIME) {
             some.count = AT_A_TIME.min(element.count - first);
-            let elements = parser.read_payload_for_element(&mut input, &some, &header).map_err(|e| bad(&e))?;
+            let elements =
+                parser.read_payload_for_element(&mut input, &some, &header).map_err(|e| bad(&e))?;
             match name.as_str() {
                 "vertex" => {
                     model.positions.extend(elements.iter().map(|e| e.position));
@@ -156,9 +167,15 @@ pub fn read(bytes: &[u8]) -> Result<Model, String> {
                 }
                 "face" => {
                     if let Some(at) = elements.iter().position(|e| e.bad) {
-                        return Err(bad(&format!("face {}: wanted whole numbers from 0", first + at)));
+                        return Err(bad(&format!(
+                            "face {}: wanted whole numbers from 0",
+                            first + at
+                        )));
                     }
-                    budget.take(0, elements.iter().map(|e| e.corners.len().saturating_sub(2)).sum())?;
+                    budget.take(
+                        0,
+                        elements.iter().map(|e| e.corners.len().saturating_sub(2)).sum(),
+                    )?;
                     model.triangles.extend(elements.iter().flat_map(|e| fan(&e.corners)));
                 }
                 _ => {}

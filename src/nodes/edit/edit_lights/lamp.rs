@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::{EditLightsIn, Place, check_model, level, read_model, tall, upright};
 use crate::graph::{Context, File, NodeError, above, check_range};
 use crate::optics::{
-    BoxLamp, Lamp, MeshLamp, PhotometricLamp, PhotometricWeb, PhotometricWebTable, RectLamp, Shape, SphereLamp,
+    BoxLamp, Lamp, MeshLamp, PhotometricLamp, PhotometricWeb, PhotometricWebTable, RectLamp, Shape,
+    SphereLamp,
 };
 
 /// The form of an inserted lamp, meters.
@@ -80,7 +81,10 @@ impl LampShape {
             LampShape::Rect { half, normal } => {
                 let normal = Vec3::from_array(*normal).normalize();
                 // `x` level, so that the first half edge runs along the floor.
-                let x = up.cross(normal).try_normalize().unwrap_or_else(|| normal.any_orthonormal_vector());
+                let x = up
+                    .cross(normal)
+                    .try_normalize()
+                    .unwrap_or_else(|| normal.any_orthonormal_vector());
                 Lamp::Rect(RectLamp { center, x: x * half[0], y: normal.cross(x) * half[1] })
             }
             LampShape::Box { half, yaw } => {
@@ -89,7 +93,9 @@ impl LampShape {
                 let (x, z) = (right * cos + ahead * sin, right * sin - ahead * cos);
                 Lamp::Box(BoxLamp { center, axes: [x * half[0], up * half[1], z * half[2]] })
             }
-            LampShape::Mesh { path, height, yaw, parts } => model(path, parts, upright(up, *yaw), *height, ctx)?,
+            LampShape::Mesh { path, height, yaw, parts } => {
+                model(path, parts, upright(up, *yaw), *height, ctx)?
+            }
         };
         let reach = |normal: Vec3| match self {
             LampShape::Sphere { radius } => *radius,
@@ -102,7 +108,13 @@ impl LampShape {
 }
 
 /// A model as a lamp about the origin.
-fn model(path: &File, parts: &[File], turn: Mat3, height: f32, ctx: &Context) -> Result<Lamp, NodeError> {
+fn model(
+    path: &File,
+    parts: &[File],
+    turn: Mat3,
+    height: f32,
+    ctx: &Context,
+) -> Result<Lamp, NodeError> {
     let model = read_model(path, parts, ctx)?;
     let scale = height / tall(&model, path)?;
     let count = model.triangles.len();
@@ -124,7 +136,8 @@ fn model(path: &File, parts: &[File], turn: Mat3, height: f32, ctx: &Context) ->
     };
     let triangles = model.triangles.iter().map(|t| t.map(&mut of)).collect();
     let lamp = Lamp::Mesh(MeshLamp::new(corners, triangles));
-    let middle = Shape::Lamp(lamp.clone()).bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle);
+    let middle =
+        Shape::Lamp(lamp.clone()).bounding_sphere().map_or(Vec3::ZERO, |(middle, _)| middle);
     Ok(lamp.moved(-middle))
 }
 
@@ -138,7 +151,12 @@ pub fn direction(name: &str, direction: [f32; 3]) -> Result<Vec3, String> {
 }
 
 /// Center of a lamp; on a surface, at least the lamp's extent against its normal away from it.
-fn center(at: &Place, inputs: &EditLightsIn, up: Vec3, reach: impl Fn(Vec3) -> f32) -> Result<Vec3, String> {
+fn center(
+    at: &Place,
+    inputs: &EditLightsIn,
+    up: Vec3,
+    reach: impl Fn(Vec3) -> f32,
+) -> Result<Vec3, String> {
     match *at {
         Place::Point(x, y, z) => Ok(Vec3::new(x, y, z)),
         Place::Pixel { x, y, lift } => {
@@ -176,8 +194,10 @@ pub fn luminaire(
     let (table, lumens) = &*read;
     let axis = axis.and_then(|axis| Vec3::from_array(axis).try_normalize()).unwrap_or(-up);
     let (right, ahead) = level(up);
-    let across = |v: Vec3| (v - axis * v.dot(axis)).try_normalize().filter(|_| v.dot(axis).abs() < 0.999);
-    let side = across(right).or_else(|| across(ahead)).unwrap_or_else(|| axis.any_orthonormal_vector());
+    let across =
+        |v: Vec3| (v - axis * v.dot(axis)).try_normalize().filter(|_| v.dot(axis).abs() < 0.999);
+    let side =
+        across(right).or_else(|| across(ahead)).unwrap_or_else(|| axis.any_orthonormal_vector());
     let side = Quat::from_axis_angle(axis, turn.to_radians()) * side;
     let profile = PhotometricWeb { axis, side, table: table.clone() };
     Ok((Lamp::Photometric(PhotometricLamp { center, radius, web: profile }), *lumens as f32))
@@ -197,7 +217,11 @@ pub fn moved(
     let (lamp, middle) = match (shape, shape.bounding_sphere()) {
         (Shape::Lamp(lamp), Some((middle, _))) => (lamp, middle),
         (Shape::Window(_), _) => return Err("Move: wanted a lamp, got a window".into()),
-        _ => return Err("Move: no such lamp was estimated: the photo is explained without it".into()),
+        _ => {
+            return Err(
+                "Move: no such lamp was estimated: the photo is explained without it".into()
+            );
+        }
     };
     let by = match to {
         None => by.map(Vec3::from_array).unwrap_or_default(),

@@ -106,9 +106,18 @@ impl Environment<'_> {
                 check_range("sky: turbidity", turbidity, 1.7..=10.0)?;
                 match self.sun {
                     Some(Sun::Direction { elevation, .. }) => {
-                        check_range("sun elevation (degrees) of a clear sky", elevation, above(0.0))?;
+                        check_range(
+                            "sun elevation (degrees) of a clear sky",
+                            elevation,
+                            above(0.0),
+                        )?;
                     }
-                    None => return Err("sky: Turbidity needs `sun: Direction(azimuth: .., elevation: ..)`".into()),
+                    None => {
+                        return Err(
+                            "sky: Turbidity needs `sun: Direction(azimuth: .., elevation: ..)`"
+                                .into(),
+                        );
+                    }
                 }
             }
         }
@@ -117,7 +126,9 @@ impl Environment<'_> {
             return Err("yaw rotates a picture of the sky: it requires sky: Env(..)".into());
         }
         if matches!(self.sky, Sky::Radiance(..)) && self.scale != 1.0 {
-            return Err("scale requires sky: Env(..) or Turbidity(..); a Radiance has its own scale".into());
+            return Err(
+                "scale requires sky: Env(..) or Turbidity(..); a Radiance has its own scale".into(),
+            );
         }
         check_range("ground", &self.ground.map(|ground| ground.rgb().to_array()), 0.0..)?;
         if let Some(Sun::Direction { elevation, radiance, bandwidth, .. }) = self.sun {
@@ -153,12 +164,16 @@ impl Environment<'_> {
             Sky::Radiance(r, g, b) => {
                 let bandwidth = if self.ground.is_some() { TUNING.broad_bandwidth } else { 0.0 };
                 let sun = broad(up, Sun::bandwidth());
-                ([sun, broad(up, bandwidth), broad(-up, bandwidth)], [Vec3::ZERO, Vec3::new(*r, *g, *b), Vec3::ZERO])
+                (
+                    [sun, broad(up, bandwidth), broad(-up, bandwidth)],
+                    [Vec3::ZERO, Vec3::new(*r, *g, *b), Vec3::ZERO],
+                )
             }
             Sky::Env(file) => {
                 let picture = picture(file, ctx)?;
                 let turned = Quat::from_axis_angle(up, -self.yaw.to_radians()) * ahead;
-                let model = fit_window_model(&picture.0, Heading { up, ahead: turned }, outside, true);
+                let model =
+                    fit_window_model(&picture.0, Heading { up, ahead: turned }, outside, true);
                 let told = format!(
                     "light {id:?}: three lobes move {:.0} % of the light of {} through this window to other \
                     directions than in the picture",
@@ -177,7 +192,8 @@ impl Environment<'_> {
                 let sun = self.sun.map_or(up, |sun| sun.direction(up));
                 let day = Daylight { turbidity: f64::from(*turbidity), sun: sun.as_dvec3() };
                 let (lux, heading) = (f64::from(lux()), Heading { up, ahead });
-                let model = fit_window_model(&day.surrounding(heading, lux), heading, outside, false);
+                let model =
+                    fit_window_model(&day.surrounding(heading, lux), heading, outside, false);
                 own_sun = (0.5 * day.sun_lux(up.as_dvec3()) / lux).as_vec3();
                 ctx.note(format!(
                     "light {id:?}: three lobes move {:.0} % of the light of this clear sky through the window to \
@@ -195,7 +211,11 @@ impl Environment<'_> {
         }
         if let Some(sun @ Sun::Direction { radiance: given, bandwidth, .. }) = self.sun {
             lobes[0] = Lobe { direction: sun.direction(up), bandwidth: *bandwidth };
-            let usual = if own_sun.max_element() > 0.0 { own_sun } else { Vec3::from_array(TUNING.usual_sun) };
+            let usual = if own_sun.max_element() > 0.0 {
+                own_sun
+            } else {
+                Vec3::from_array(TUNING.usual_sun)
+            };
             radiance[0] = given.map_or(usual * bandwidth.max(1.0), Vec3::from_array);
         }
         window.lobes = lobes;
@@ -228,7 +248,8 @@ fn picture(file: &File, ctx: &Context) -> Result<Arc<Picture>, NodeError> {
     ctx.shared(file, "sky", |bytes| {
         let path = file.location().display().to_string();
         let bad = |message: String| NodeError::BadFile { path: path.clone(), message };
-        let photo = read_photo(NamedBytes::new(&path, &bytes), Transfer::Srgb).map_err(|e| bad(e.message()))?;
+        let photo = read_photo(NamedBytes::new(&path, &bytes), Transfer::Srgb)
+            .map_err(|e| bad(e.message()))?;
         let (width, height) = photo.picture.0.size();
         if width != 2 * height {
             return Err(bad(format!(

@@ -45,8 +45,9 @@ tuning! {
 /// # Errors
 /// There are not four corners, or they do not form a convex quadrilateral.
 pub fn convex(corners: &[[f32; 2]]) -> Result<[Vec2; 4], String> {
-    let four: [[f32; 2]; 4] =
-        corners.try_into().map_err(|_| format!("corners: wanted 4 pixels, got {}", corners.len()))?;
+    let four: [[f32; 2]; 4] = corners
+        .try_into()
+        .map_err(|_| format!("corners: wanted 4 pixels, got {}", corners.len()))?;
     let corner = four.map(Vec2::from_array);
     let side = |i: usize| corner[(i + 1) % 4] - corner[i % 4];
     let turns = [0, 1, 2, 3].map(|i| side(i).perp_dot(side(i + 1)));
@@ -93,7 +94,10 @@ pub fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<W
     let plane = PlaneFit::through(&points, &normals, TUNING.on_plane)
         .ok_or_else(|| format!("corners: no wall is visible between {corners:?}"))?;
     // In front of the unevenness of the wall, so that the wall itself does not shade its window.
-    let plane = PlaneFit { offset: plane.offset + TUNING.spreads * plane.spread + TUNING.before_wall, ..plane };
+    let plane = PlaneFit {
+        offset: plane.offset + TUNING.spreads * plane.spread + TUNING.before_wall,
+        ..plane
+    };
     let middle = corner.iter().sum::<Vec2>() / 4.0;
     let plane = upright(plane, up, camera.unproject(middle.x, middle.y, 1.0));
     let met = corner.map(|c| plane.meet(camera.unproject(c.x, c.y, 1.0)));

@@ -60,10 +60,19 @@ impl<'a> LightLayers<'a> {
     ///
     /// # Errors
     /// An input that a light needs is not there.
-    pub fn new(inputs: &'a ComposeIn, [lamp_albedo, pane_albedo]: [f32; 2]) -> Result<LightLayers<'a>, NodeError> {
+    pub fn new(
+        inputs: &'a ComposeIn,
+        [lamp_albedo, pane_albedo]: [f32; 2],
+    ) -> Result<LightLayers<'a>, NodeError> {
         let names: Vec<&str> = inputs.after.iter().map(|(id, _)| id).collect();
-        let after = inputs.after.iter().map(|(_, shading)| &**shading).chain([&*inputs.edited_residual]).collect();
-        let before = names.iter().map(|id| inputs.before.get(id).map(|shading| &**shading)).collect();
+        let after = inputs
+            .after
+            .iter()
+            .map(|(_, shading)| &**shading)
+            .chain([&*inputs.edited_residual])
+            .collect();
+        let before =
+            names.iter().map(|id| inputs.before.get(id).map(|shading| &**shading)).collect();
         let emitters = emitters(inputs, &names, |kind| match kind {
             LightKind::Lamp => lamp_albedo,
             LightKind::Window => pane_albedo,
@@ -75,9 +84,16 @@ impl<'a> LightLayers<'a> {
     /// Shadings at one pixel of the photo: by each light before the edit, and the record of those
     /// after it.
     pub fn shade(&self, taps: &Taps, before: &mut Vec<Vec3>, record: &mut [Vec3]) {
-        record.iter_mut().zip(&self.after).for_each(|(layer, shading)| *layer = taps.of(&shading.0));
+        record
+            .iter_mut()
+            .zip(&self.after)
+            .for_each(|(layer, shading)| *layer = taps.of(&shading.0));
         before.clear();
-        before.extend(self.before.iter().map(|shading| shading.map_or(Vec3::ZERO, |shading| taps.of(&shading.0))));
+        before.extend(
+            self.before
+                .iter()
+                .map(|shading| shading.map_or(Vec3::ZERO, |shading| taps.of(&shading.0))),
+        );
     }
 
     /// The emitter with the largest weight at photo pixel `i`; `None` where no emitter has one.
@@ -119,8 +135,11 @@ impl VisibleEmitter<'_> {
     fn shown(&self, ray: Vec3) -> (Vec3, Vec3) {
         let (w, gains) = (&self.radiance.0, &self.gain.0);
         // A replaced light may have another number of lobes; it is removed from these pixels.
-        let after: Vec<Vec3> =
-            w.iter().enumerate().map(|(i, &w)| w * gains.get(i).copied().unwrap_or(Vec3::ZERO)).collect();
+        let after: Vec<Vec3> = w
+            .iter()
+            .enumerate()
+            .map(|(i, &w)| w * gains.get(i).copied().unwrap_or(Vec3::ZERO))
+            .collect();
         let (old, new): (Vec3, Vec3) = match self.shape {
             Shape::Absent => return (Vec3::ZERO, Vec3::ONE),
             Shape::Lamp(_) => (w.iter().sum(), after.iter().sum()),
@@ -153,7 +172,10 @@ fn emitters<'a>(
             mask,
             albedo: albedo(**inputs.kind.get(id).ok_or_else(|| missing("kind"))?),
             shape: inputs.estimated.get(id).ok_or_else(|| missing("estimate"))?,
-            radiance: inputs.estimated_radiance.get(id).ok_or_else(|| missing("estimated radiance"))?,
+            radiance: inputs
+                .estimated_radiance
+                .get(id)
+                .ok_or_else(|| missing("estimated radiance"))?,
             gain: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
         })
     };
@@ -166,7 +188,9 @@ fn drawn<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<DrawnLight<'a>
         let (Some(coverage), Some(shape), Some(radiance)) =
             (inputs.coverage.get(id), inputs.shape.get(id), inputs.radiance.get(id))
         else {
-            return Err(NodeError::Failed(format!("light {id:?} has no coverage, shape or radiance")));
+            return Err(NodeError::Failed(format!(
+                "light {id:?} has no coverage, shape or radiance"
+            )));
         };
         if coverage.0.pixels().iter().all(|&share| share == 0.0) {
             continue;
@@ -174,7 +198,9 @@ fn drawn<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<DrawnLight<'a>
         let emission = match &**shape {
             Shape::Window(window) => Emission::Window(window, radiance),
             lamp => {
-                let towards = lamp.bounding_sphere().map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or_zero());
+                let towards = lamp
+                    .bounding_sphere()
+                    .map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or_zero());
                 Emission::Even(lamp.emission(0, towards) * radiance.0.iter().sum::<Vec3>())
             }
         };

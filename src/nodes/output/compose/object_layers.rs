@@ -28,21 +28,27 @@ impl<'a> ObjectLayers<'a> {
     ///
     /// # Errors
     /// A light lacks its picture of the objects, or has one of another size.
-    pub fn new(inputs: &'a ComposeIn, lights: &'a LightLayers<'a>, unseen: f32) -> Result<ObjectLayers<'a>, NodeError> {
+    pub fn new(
+        inputs: &'a ComposeIn,
+        lights: &'a LightLayers<'a>,
+        unseen: f32,
+    ) -> Result<ObjectLayers<'a>, NodeError> {
         let mut layers = ObjectLayers { inputs, lights, shown: Vec::new(), unseen };
         if inputs.objects.is_empty() {
             return Ok(layers);
         }
         for id in &lights.names {
             let shown = inputs.object.get(id);
-            let missing = || NodeError::Failed(format!("light {id:?} has no picture of the objects"));
+            let missing =
+                || NodeError::Failed(format!("light {id:?} has no picture of the objects"));
             layers.shown.push(shown.ok_or_else(missing)?);
         }
         layers.shown.push(&inputs.object_residual);
         let (w, h) = inputs.objects.coverage.size();
         if let Some(shown) = layers.shown.iter().find(|shown| shown.0.size() != (w, h)) {
             let got = shown.0.size();
-            let message = format!("a picture of the objects is {} x {}, wanted {w} x {h}", got.0, got.1);
+            let message =
+                format!("a picture of the objects is {} x {}, wanted {w} x {h}", got.0, got.1);
             return Err(NodeError::Failed(message));
         }
         Ok(layers)
@@ -71,7 +77,8 @@ impl<'a> ObjectLayers<'a> {
                     if alpha <= 0.0 {
                         return behind;
                     }
-                    behind * (1.0 - alpha) + self.object(mirror.as_ref(), layer, &planes[layer], i) * alpha
+                    behind * (1.0 - alpha)
+                        + self.object(mirror.as_ref(), layer, &planes[layer], i) * alpha
                 };
                 (0..w * h).into_par_iter().with_min_len(TASK).map(pixel).collect()
             })
@@ -87,15 +94,20 @@ impl<'a> ObjectLayers<'a> {
     ///
     /// # Errors
     /// A light lacks its reflection or its radiance.
-    pub fn change_specular(&self, change: &SpecularChange, planes: &mut [Vec<Vec3>]) -> Result<(), NodeError> {
+    pub fn change_specular(
+        &self,
+        change: &SpecularChange,
+        planes: &mut [Vec<Vec3>],
+    ) -> Result<(), NodeError> {
         let inputs = self.inputs;
         let around = self.around(planes);
         // Objects with their own reflection, of the room before this change.
         let mirror = self.reflected().map(|of| self.mirror(of, around.clone())).transpose()?;
-        let bodies = self.shown.iter().zip(planes.iter()).enumerate().map(|(layer, (shown, plane))| {
-            let object = |i| self.object(mirror.as_ref(), layer, plane, i);
-            (0..shown.0.len()).into_par_iter().with_min_len(TASK).map(object).collect()
-        });
+        let bodies =
+            self.shown.iter().zip(planes.iter()).enumerate().map(|(layer, (shown, plane))| {
+                let object = |i| self.object(mirror.as_ref(), layer, plane, i);
+                (0..shown.0.len()).into_par_iter().with_min_len(TASK).map(object).collect()
+            });
         let bodies: Vec<Vec<Vec3>> = bodies.collect();
         let mut changes: Vec<Vec<(u32, Vec3)>> = vec![Vec::new(); planes.len()];
         for part in &change.0 {
@@ -130,7 +142,8 @@ impl<'a> ObjectLayers<'a> {
     }
 
     fn around(&self, planes: &[Vec<Vec3>]) -> Around {
-        let room: Vec<usize> = (0..self.inputs.photo.0.len()).filter(|&i| self.lights.is_surface(i)).collect();
+        let room: Vec<usize> =
+            (0..self.inputs.photo.0.len()).filter(|&i| self.lights.is_surface(i)).collect();
         Around::new(planes, &room, self.unseen)
     }
 

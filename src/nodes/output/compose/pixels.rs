@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, distance, headroom, relight_own, relight_physical,
-    relight_ratio,
+    HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, distance, headroom, relight_own,
+    relight_physical, relight_ratio,
 };
 
 /// Rows that are composed at a time.
@@ -38,7 +38,12 @@ impl<'a> Pixels<'a> {
             mode,
             inputs,
             lights,
-            upsampler: Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth),
+            upsampler: Upsampler::new(
+                &inputs.photo,
+                &inputs.full_depth,
+                &inputs.small,
+                &inputs.depth,
+            ),
             white: clip_level(&inputs.photo, &inputs.clipped),
             clipped_depth: distance(&inputs.clipped.0.map(|share| share < 0.5)),
         }
@@ -56,11 +61,14 @@ impl<'a> Pixels<'a> {
     pub fn half_layers(&self, ctx: &Context) -> Result<Option<Layered>, NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
         let mut picture = Vec::with_capacity(width * height);
-        let mut layers: Vec<HalfLayer> = (0..stride).map(|_| HalfLayer::new(width, height)).collect();
+        let mut layers: Vec<HalfLayer> =
+            (0..stride).map(|_| HalfLayer::new(width, height)).collect();
         self.each_band(ctx, |at, records| {
             picture.extend(records.chunks_exact(stride).map(|record| record.iter().sum::<Vec3>()));
             let layers = layers.par_iter_mut().enumerate();
-            layers.for_each(|(k, layer)| layer.put(at, records.iter().skip(k).step_by(stride).copied()));
+            layers.for_each(|(k, layer)| {
+                layer.put(at, records.iter().skip(k).step_by(stride).copied())
+            });
         })?;
         let layers: Option<Vec<Layer>> = layers.into_iter().map(HalfLayer::finish).collect();
         Ok(layers.map(|layers| (picture, layers)))
@@ -72,7 +80,8 @@ impl<'a> Pixels<'a> {
     /// The run was cancelled.
     pub fn planes(&self, ctx: &Context) -> Result<Vec<Vec<Vec3>>, NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
-        let mut planes: Vec<Vec<Vec3>> = (0..stride).map(|_| Vec::with_capacity(width * height)).collect();
+        let mut planes: Vec<Vec<Vec3>> =
+            (0..stride).map(|_| Vec::with_capacity(width * height)).collect();
         self.each_band(ctx, |_, records| {
             for (k, plane) in planes.iter_mut().enumerate() {
                 plane.extend(records.iter().skip(k).step_by(stride));
@@ -82,7 +91,11 @@ impl<'a> Pixels<'a> {
     }
 
     /// Hands the records of each band to `take`, with the index of their first pixel.
-    fn each_band(&self, ctx: &Context, mut take: impl FnMut(usize, &[Vec3])) -> Result<(), NodeError> {
+    fn each_band(
+        &self,
+        ctx: &Context,
+        mut take: impl FnMut(usize, &[Vec3]),
+    ) -> Result<(), NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
         let mut records = vec![Vec3::ZERO; width * BAND.min(height) * stride];
         for top in (0..height).step_by(BAND) {
@@ -117,7 +130,9 @@ impl<'a> Pixels<'a> {
         let i = y * inputs.photo.0.width() + x;
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
         match (lights.emitter(i), self.mode) {
-            (Some(emitter), _) if emitter.mask.is_own(i) => relight_own(&surface, &emitter.own(ray()), before, record),
+            (Some(emitter), _) if emitter.mask.is_own(i) => {
+                relight_own(&surface, &emitter.own(ray()), before, record)
+            }
             (_, Mode::Physical) => relight_physical(&surface, record),
             (emitter, Mode::Ratio) => {
                 let glare = emitter.map(|emitter| emitter.glare(i, ray()));
