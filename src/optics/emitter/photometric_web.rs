@@ -226,7 +226,7 @@ fn ascending(angles: Vec<f64>, most: f64, what: &str) -> Result<Vec<f64>, String
     if within && angles.windows(2).all(|pair| pair[0] < pair[1]) {
         Ok(angles)
     } else {
-        Err(format!("wanted {what} ascending angles within 0..={most} degrees, got {angles:?}")
+        Err(format!("wanted {what} angles ascending within 0..={most} degrees, got {angles:?}")
             .chars()
             .take(200)
             .collect())
@@ -418,7 +418,7 @@ mod tests {
             (String::new(), "there is no line `TILT=`"),
             (sound.replace("TILT=NONE", "TILT=lamp.tlt"), "got TILT=lamp.tlt"),
             (sound.replace("2 1 1 2", "2 1 2 2"), "wanted type C photometry (1), got type 2"),
-            (sound.replace("0 90", "90 0"), "wanted vertical angles that go up"),
+            (sound.replace("0 90", "90 0"), "wanted vertical angles ascending"),
             (sound.replace("0 90", "0 nine"), "wanted vertical angles, got `nine`"),
             (sound.replace("2 1 1 2", "2 7 1 2"), "wanted horizontal angles"),
             (sound.replace("2 1 1 2", "900000 900000 1 2"), "values at most"),
