@@ -1,5 +1,5 @@
-//! Rules of the architecture: dependencies between modules, items that the library must not use, and
-//! agreement of pages and files.
+//! Rules of the architecture: dependencies between modules, items that the library must not use,
+//! and agreement of pages and files.
 //!
 //! Each rule is a function from text to faults, shown by a test of its own to see a planted fault.
 

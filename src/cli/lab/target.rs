@@ -253,7 +253,8 @@ impl EvalTarget {
         if faults.is_empty() { Ok(()) } else { Err(faults.into_vec()) }
     }
 
-    /// Adds the edit files of the truth; those that need a stage which the graph lacks are left out.
+    /// Adds the edit files of the truth; those that need a stage which the graph lacks are left
+    /// out.
     fn find_edit_files(&mut self, folder: &Path, file: &GraphFile, faults: &mut Diagnostics) {
         for (key, picture) in self.of("edits").map(|value| value.as_map(faults)).unwrap_or_default()
         {
