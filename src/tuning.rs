@@ -19,7 +19,7 @@
 
 /// Origin of a constant's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Source {
+pub enum Provenance {
     /// A publication or a standard.
     Paper(&'static str),
     /// A measurement of this project, with the page, test or data that shows it.
@@ -30,13 +30,13 @@ pub enum Source {
     Taste,
 }
 
-impl std::fmt::Display for Source {
+impl std::fmt::Display for Provenance {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Source::Paper(detail) => write!(f, "paper ({detail})"),
-            Source::Measured(detail) => write!(f, "measured ({detail})"),
-            Source::Derived(detail) => write!(f, "derived ({detail})"),
-            Source::Taste => f.write_str("taste"),
+            Provenance::Paper(detail) => write!(f, "paper ({detail})"),
+            Provenance::Measured(detail) => write!(f, "measured ({detail})"),
+            Provenance::Derived(detail) => write!(f, "derived ({detail})"),
+            Provenance::Taste => f.write_str("taste"),
         }
     }
 }
@@ -53,7 +53,7 @@ pub struct Constant {
     /// Unit of the value.
     pub unit: &'static str,
     /// Origin of the value.
-    pub source: Source,
+    pub source: Provenance,
     /// The consequence of another value.
     pub effect: &'static str,
 }
@@ -83,7 +83,7 @@ macro_rules! tuning {
         $vis struct $name { $(
             $(#[doc = $field_doc])+
             #[doc = concat!(
-                "\n\nUnit: ", $unit, ". Source: ", stringify!($source $(($detail))?), ". Effect: ", $effect, "."
+                "\n\nUnit: ", $unit, ". Provenance: ", stringify!($source $(($detail))?), ". Effect: ", $effect, "."
             )]
             $vis $field: $ty,
         )+ }
@@ -103,7 +103,7 @@ macro_rules! tuning {
                         value: format!("{:?}", $value.$field),
                         doc: concat!($($field_doc, "\n",)+ ""),
                         unit: $unit,
-                        source: $crate::tuning::Source::$source $(($detail))?,
+                        source: $crate::tuning::Provenance::$source $(($detail))?,
                         effect: $effect,
                     } ),+],
                 }

@@ -132,7 +132,6 @@ pub fn shadow(
     };
     let base = vec![(0.0, grid.len()); lobes.len()];
     refine(&mut open, &base, &quality.sampling, extend, measure, stop);
-
     let traced = by_receiver(&open, lobes.len(), grid.len(), assume);
     let sum = |of: fn(&Measure) -> f64| open.iter().fold(0.0, |sum, tile| sum + of(&tile.measure));
     let mut shadow = ShadowEstimate {
