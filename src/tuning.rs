@@ -83,7 +83,7 @@ macro_rules! tuning {
         $vis struct $name { $(
             $(#[doc = $field_doc])+
             #[doc = concat!(
-                "\n\nUnit: ", $unit, ". Provenance: ", stringify!($source $(($detail))?), ". Effect: ", $effect, "."
+                "\n\nUnit: ", $unit, ". Source: ", stringify!($source $(($detail))?), ". Effect: ", $effect, "."
             )]
             $vis $field: $ty,
         )+ }
