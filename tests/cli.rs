@@ -64,14 +64,14 @@ impl Room {
     /// panic.
     fn check_refused(&self, line: &str, wanted: &str) {
         let output = self.relight(line);
-        let told = text(&output.stderr);
-        let shown: String = told.lines().take(60).map(|line| format!("{line}\n")).collect();
-        assert_eq!(output.status.code(), Some(2), "`relight {line}` told:\n{shown}");
-        assert!(!told.contains("panicked"), "`relight {line}` told:\n{shown}");
+        let message = text(&output.stderr);
+        let shown: String = message.lines().take(60).map(|line| format!("{line}\n")).collect();
+        assert_eq!(output.status.code(), Some(2), "`relight {line}` reported:\n{shown}");
+        assert!(!message.contains("panicked"), "`relight {line}` reported:\n{shown}");
         assert!(output.stdout.is_empty(), "`relight {line}` printed {}", text(&output.stdout));
-        assert!(told.len() < 40_000, "`relight {line}` told {} bytes", told.len());
+        assert!(message.len() < 40_000, "`relight {line}` message {} bytes", message.len());
         for part in wanted.lines() {
-            assert!(told.contains(part), "`relight {line}`: wanted {part:?}, told:\n{shown}");
+            assert!(message.contains(part), "`relight {line}`: wanted {part:?}, message:\n{shown}");
         }
     }
 }
@@ -171,9 +171,9 @@ fn a_hundred_thousand_frames_are_checked_in_little_memory() {
         let output = command.output().expect("a shell starts");
         (output.status.code(), text(&output.stdout), text(&output.stderr))
     };
-    let (status, told, errors) = check("(0, 1), (99999, 2)");
+    let (status, message, errors) = check("(0, 1), (99999, 2)");
     assert_eq!(status, Some(0), "{errors}");
-    assert!(told.starts_with("valid: 100000 frames, "), "{told}");
+    assert!(message.starts_with("valid: 100000 frames, "), "{message}");
     let (status, _, errors) = check("(0, 1), (99998, 1), (99999, -1)");
     assert_eq!(status, Some(2), "{errors}");
     assert!(
@@ -275,9 +275,9 @@ fn check_runs(room: &Room, line: &str, status: i32) -> (String, String) {
     assert_eq!(
         output.status.code(),
         Some(status),
-        "`relight {line}` printed:\n{out}and told:\n{err}"
+        "`relight {line}` printed:\n{out}and reported:\n{err}"
     );
-    assert!(!err.contains("panicked"), "`relight {line}` told:\n{err}");
+    assert!(!err.contains("panicked"), "`relight {line}` reported:\n{err}");
     (out, err)
 }
 

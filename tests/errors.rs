@@ -152,8 +152,8 @@ fn intervals_of_shadows_hold_the_truth() {
             let mut used = 0.0;
             for seed in 0..2 {
                 let stage = Shadow { samples, target_error, seed, half, ..Shadow::default() };
-                let (visibility, told, mean) = shadow(&room, &stage, &shape);
-                assert!(target_error == 0.0 || told <= f64::from(target_error), "{told}");
+                let (visibility, estimated, mean) = shadow(&room, &stage, &shape);
+                assert!(target_error == 0.0 || estimated <= f64::from(target_error), "{estimated}");
                 used += mean / 2.0;
                 for (k, truth) in truth.lit.iter().enumerate() {
                     let penumbra =
@@ -203,18 +203,18 @@ fn a_target_is_reached_where_the_same_rays_spread_evenly_miss_it() {
     };
     for target_error in [0.02, 0.005] {
         let stage = Shadow { target_error, half: false, ..Shadow::default() };
-        let (adaptive, told, used) = shadow(&room, &stage, &shape);
+        let (adaptive, estimated, used) = shadow(&room, &stage, &shape);
         let evenly =
             Shadow { samples: 4 * (used / 4.0).round() as u32, target_error: 0.0, ..stage };
         let ((off, squares), (_, even_squares)) =
             (made(&adaptive), made(&shadow(&room, &evenly, &shape).0));
         let gain = even_squares / squares;
         println!(
-            "target {target_error}: told {told:.4}, made {off:.4}, {used:.1} rays; variance {gain:.2} x when even"
+            "target {target_error}: estimated {estimated:.4}, made {off:.4}, {used:.1} rays; variance {gain:.2} x when even"
         );
         assert!(
-            told <= f64::from(target_error) && off <= told,
-            "{target_error}: told {told}, made {off}"
+            estimated <= f64::from(target_error) && off <= estimated,
+            "{target_error}: estimated {estimated}, made {off}"
         );
         assert!(gain > 1.3, "{target_error}: {gain}");
     }

@@ -14,7 +14,7 @@ const MOST: u64 = 1_000_000_000;
 
 struct Run {
     success: bool,
-    told: String,
+    message: String,
     /// Greatest memory of the process, in bytes.
     peak: u64,
 }
@@ -69,16 +69,16 @@ fn run(files: &[(&str, &[u8])], objects: &str) -> Run {
             None => std::thread::sleep(Duration::from_millis(2)),
         }
     };
-    let mut told = String::new();
-    std::io::Read::read_to_string(&mut child.stderr.take().expect("it was piped"), &mut told)
+    let mut message = String::new();
+    std::io::Read::read_to_string(&mut child.stderr.take().expect("it was piped"), &mut message)
         .expect("it is text");
     let run = Run {
         success: exit.success(),
-        told,
+        message,
         peak: peak.expect("the system counts the memory of a process"),
     };
     println!("{} MB, {exit}", run.peak / 1_000_000);
-    assert!(run.peak < MOST, "{} bytes of memory; told:\n{}", run.peak, run.told);
+    assert!(run.peak < MOST, "{} bytes of memory; message:\n{}", run.peak, run.message);
     run
 }
 
@@ -136,9 +136,9 @@ fn primitives_on_one_accessor_of_zeros() {
     assert!(gltf.len() < 1000, "{} bytes", gltf.len());
     let run = run(&[("a.gltf", gltf.as_bytes())], &object("a.gltf"));
     assert!(
-        !run.success && run.told.contains("positions of") && run.told.contains("a.gltf"),
+        !run.success && run.message.contains("positions of") && run.message.contains("a.gltf"),
         "{}",
-        run.told
+        run.message
     );
 }
 
@@ -149,7 +149,7 @@ fn one_large_texture_in_many_materials_of_a_gltf() {
     let (gltf, texture) = (textured("t.png", 8), large_texture());
     let files = [("a.gltf", gltf.as_bytes()), ("t.png", &texture), ("triangle.bin", &triangle())];
     let run = run(&files, &object("a.gltf"));
-    assert!(run.success, "{}", run.told);
+    assert!(run.success, "{}", run.message);
 }
 
 /// Reason: the same by a material library took 10.1 GB.
@@ -165,7 +165,7 @@ fn one_large_texture_in_many_materials_of_an_obj() {
     let files =
         [("a.obj", obj.as_bytes()), ("a.mtl", library.as_bytes()), ("t.png", &large_texture())];
     let run = run(&files, &object("a.obj"));
-    assert!(run.success, "{}", run.told);
+    assert!(run.success, "{}", run.message);
 }
 
 /// Many objects of one file share its texture.
@@ -175,7 +175,7 @@ fn many_objects_of_one_file() {
     let (gltf, texture) = (textured("t.png", 1), large_texture());
     let files = [("a.gltf", gltf.as_bytes()), ("t.png", &texture), ("triangle.bin", &triangle())];
     let run = run(&files, &object("a.gltf").repeat(12));
-    assert!(run.success, "{}", run.told);
+    assert!(run.success, "{}", run.message);
 }
 
 /// As many triangles as a small file may have, by nodes that share a mesh.
@@ -207,13 +207,13 @@ fn a_mesh_in_many_nodes() {
             &object("a.gltf").repeat(times),
         );
         assert!(
-            !ran.success && ran.told.contains(wanted),
-            "wanted {wanted:?}, told:\n{}",
-            ran.told
+            !ran.success && ran.message.contains(wanted),
+            "wanted {wanted:?}, got:\n{}",
+            ran.message
         );
     };
     refused(nodes(530), 1, "wanted up to 20");
     refused(nodes(500), 2, "triangles of models with");
     let ran = run(&[("a.gltf", nodes(500).as_bytes()), ("s.bin", &positions)], &object("a.gltf"));
-    assert!(ran.success, "{}", ran.told);
+    assert!(ran.success, "{}", ran.message);
 }

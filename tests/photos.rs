@@ -161,12 +161,12 @@ impl Room {
             .env_remove("RELIGHT_LOG")
             .env("HOME", at("home"));
         let output = command.output().expect("the program starts");
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.success(), "{} {edit}: {told}", self.photo.name);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{} {edit}: {message}", self.photo.name);
         let picture =
             image::open(out.join("picture.png")).expect("the picture can be read").into_rgb8();
         assert_eq!(picture.dimensions(), self.before.dimensions(), "{} {edit}", self.photo.name);
-        Relit { picture, layers: out.join("picture.exr"), told }
+        Relit { picture, layers: out.join("picture.exr"), message }
     }
 
     /// The edits of this photo: name, `lights`, and the part of the picture to look at closely.
@@ -227,7 +227,7 @@ fn around(pixels: impl Iterator<Item = [u32; 2]>) -> [u32; 4] {
 struct Relit {
     picture: RgbImage,
     layers: PathBuf,
-    told: String,
+    message: String,
 }
 
 /// Mean linear luminance of the picture within `half` of (x, y).
@@ -365,7 +365,7 @@ fn sheets() {
             let relit = room.relight(&edit, &lights);
             println!("{} {edit}: {lights}", photo.name);
             relit
-                .told
+                .message
                 .lines()
                 .filter(|l| l.contains("warn"))
                 .for_each(|line| println!("    {line}"));

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{LazyLock, Mutex};
 
 use relight::files::{EditFile, draw, edit, scene};
-use relight::geometry::{Model, parts};
+use relight::geometry::{Model, named_files};
 use relight::graph::{
     CacheFolder, CacheKey, Context, Diagnostic, DiskCache, File, GraphFile, Node, Overlay, Registry,
 };
@@ -56,7 +56,7 @@ pub fn planes(bytes: &[u8]) {
 fn model(name: &str, pieces: &[&[u8]]) {
     let (main, others) = pieces.split_first().expect("a split gives at least one piece");
     let other = |at: usize| others.get(at % others.len().max(1)).map(|bytes| bytes.to_vec());
-    parts(name, || Some(main.to_vec()), &|name| other(name.len()));
+    named_files(name, || Some(main.to_vec()), &|name| other(name.len()));
     let mut asked = 0;
     let read = Model::read(name, main, &mut |name| {
         asked += 1;

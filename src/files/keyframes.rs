@@ -460,11 +460,11 @@ mod tests {
                 &["1:30: `Keys` cannot contain `Keys`"],
             ),
         ] {
-            let told = |fault: &Diagnostic| {
+            let message = |fault: &Diagnostic| {
                 let (line, column) = fault.origin.as_ref().expect("it has a place").line_column();
                 format!("{line}:{column}: {}", fault.message)
             };
-            let got: Vec<String> = edit(text).faults.into_vec().iter().map(told).collect();
+            let got: Vec<String> = edit(text).faults.into_vec().iter().map(message).collect();
             assert_eq!(got, wanted, "{text}");
         }
     }

@@ -11,7 +11,7 @@ pub use camera::Camera;
 pub use grid::{Grid, cosine_direction};
 pub use objects::{
     Bodies, Body, Drawing, Material, Model, Objects, Probes, Skin, clearance, draw, most_triangles,
-    parts,
+    named_files,
 };
 pub use scene::{
     Hit, KnownLength, MetricDepth, Own, PlaneFit, SceneMesh, Sight, Surface, grow_region,

@@ -919,7 +919,7 @@ fn is_finite(
 /// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node
 /// of it.
 fn refuse(value: &Raw, faults: &mut Diagnostics, fault: impl FnOnce() -> Diagnostic) {
-    if !faults.kept().iter().any(|told| told.is_inside(&value.origin)) {
+    if !faults.kept().iter().any(|message| message.is_inside(&value.origin)) {
         faults.push(fault);
     }
 }

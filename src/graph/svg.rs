@@ -67,7 +67,7 @@ pub fn draw(nodes: &[Drawn]) -> String {
         let (x, y) = (group.x, group.row * PITCH.1);
         line(format!(
             "<g transform=\"translate({x} {y})\"><title>{}</title>",
-            escape(&group.told())
+            escape(&group.tooltip())
         ));
         line(format!(
             "<rect class=\"box {}\" width=\"{WIDTH}\" height=\"{HEIGHT}\" rx=\"5\"/>",
@@ -93,7 +93,7 @@ pub fn draw(nodes: &[Drawn]) -> String {
                 let (at, class) = (8 + k * (CHIP + 2), class(member.status));
                 line(format!(
                     "<rect class=\"chip {class}\" x=\"{at}\" y=\"22\" width=\"{CHIP}\" height=\"{CHIP}\" rx=\"2\"><title>{}</title></rect>",
-                    escape(&told(member))
+                    escape(&tooltip(member))
                 ));
             }
         } else {
@@ -122,13 +122,13 @@ impl Group<'_> {
             .find(|&status| self.members.iter().any(|member| member.status == Some(status)))
     }
 
-    fn told(&self) -> String {
-        let members: Vec<String> = self.members.iter().map(|member| told(member)).collect();
+    fn tooltip(&self) -> String {
+        let members: Vec<String> = self.members.iter().map(|member| tooltip(member)).collect();
         format!("{} ({})\n{}", self.name, self.kind, members.join("\n"))
     }
 }
 
-fn told(node: &Drawn) -> String {
+fn tooltip(node: &Drawn) -> String {
     match node.status {
         None => node.name.clone(),
         Some(status) if node.seconds > 0.0 => {
@@ -277,7 +277,7 @@ mod tests {
             groups.iter().map(|group| (group.name, group.row)).collect::<Vec<_>>(),
             [("scene", 0), ("direct", 1), ("mix", 2), ("other", 1)]
         );
-        assert_eq!(groups[2].from, [1], "that mix takes from scene is told by direct");
+        assert_eq!(groups[2].from, [1], "that mix takes from scene is decided by direct");
         assert!(groups[1].x.abs_diff(groups[3].x) >= WIDTH, "boxes of a row stand side by side");
         let text = draw(&nodes);
         assert_eq!(text.matches("class=\"box ran\"").count(), 4);

@@ -107,7 +107,7 @@ pub struct Port {
 /// A network that is loaded and ready.
 pub struct Network {
     model: Loaded,
-    doubt: Option<&'static str>,
+    caution: Option<&'static str>,
     inputs: Vec<Port>,
     outputs: Vec<Port>,
 }
@@ -125,7 +125,7 @@ impl Network {
     /// # Errors
     /// `Damaged`, `NoBackend`.
     pub fn load(bytes: Vec<u8>, backend: &Backend, threads: usize) -> Result<Network, NetError> {
-        let doubt = doubt(&bytes, backend);
+        let caution = caution(&bytes, backend);
         let (model, inputs, outputs) = match backend {
             Backend::Rten => {
                 let (loaded, inputs, outputs) = rten::RtenNetwork::new(bytes, threads)?;
@@ -137,7 +137,7 @@ impl Network {
                 (Loaded::OnnxRuntime(Box::new(loaded)), inputs, outputs)
             }
         };
-        Ok(Network { model, doubt, inputs, outputs })
+        Ok(Network { model, caution, inputs, outputs })
     }
 
     /// The same for a file that may be hostile: a child process with limits computes it, to the
@@ -157,15 +157,15 @@ impl Network {
             sandbox::Process::start(sandbox, bytes, backend, threads, cancelled)?;
         Ok(Network {
             model: Loaded::Child(Box::new(process)),
-            doubt: doubt(bytes, backend),
+            caution: caution(bytes, backend),
             inputs,
             outputs,
         })
     }
 
     /// Why its results may be wrong on this backend, where they may.
-    pub fn doubt(&self) -> Option<&str> {
-        self.doubt
+    pub fn caution(&self) -> Option<&str> {
+        self.caution
     }
 
     /// Returns the inputs, in the order of the file.
@@ -263,8 +263,8 @@ impl Network {
     }
 }
 
-fn doubt(bytes: &[u8], backend: &Backend) -> Option<&'static str> {
-    if *backend == Backend::Rten { rten::doubt(bytes) } else { None }
+fn caution(bytes: &[u8], backend: &Backend) -> Option<&'static str> {
+    if *backend == Backend::Rten { rten::caution(bytes) } else { None }
 }
 
 fn shown(port: &Port) -> String {

@@ -9,7 +9,7 @@ use rten_tensor::prelude::*;
 use super::{NetError, Port, Tensor};
 
 /// An operator of the file that rten computes otherwise than ONNX specifies, if there is one.
-pub fn doubt(bytes: &[u8]) -> Option<&'static str> {
+pub fn caution(bytes: &[u8]) -> Option<&'static str> {
     // The field `s` (4, a text of 5 bytes) of an attribute, as `mode` of Resize.
     let cubic = bytes.windows(7).any(|window| window == b"\x22\x05cubic");
     cubic.then_some(

@@ -44,7 +44,7 @@ impl View {
     /// A photo of any size, with the masks of its visible lights.
     pub fn new<'a>(photo: &Picture, masks: impl Iterator<Item = &'a Mask>) -> View {
         let photo = resize(&photo.0, FULL.0, FULL.1);
-        let light = seen(masks);
+        let light = light_mask(masks);
         let room = photo.pixels().iter().zip(light.pixels()).filter(|(_, light)| **light == 0.0);
         let mut levels: Vec<f32> = room.map(|(p, _)| p.element_sum() / 3.0).collect();
         let at = levels.len().saturating_sub(1) * TUNING.bright / 100;
@@ -69,7 +69,7 @@ impl View {
 }
 
 /// 1 at pixels of visible lights, else 0; [`FULL`].
-fn seen<'a>(masks: impl Iterator<Item = &'a Mask>) -> Plane<f32> {
+fn light_mask<'a>(masks: impl Iterator<Item = &'a Mask>) -> Plane<f32> {
     let mut light = Plane::filled(FULL.0, FULL.1, 0.0f32);
     for mask in masks {
         light
@@ -83,7 +83,7 @@ fn seen<'a>(masks: impl Iterator<Item = &'a Mask>) -> Plane<f32> {
 
 /// 1 where a visible light has a pixel, [`HALF`].
 pub fn seen_half<'a>(masks: impl Iterator<Item = &'a Mask>) -> Plane<f32> {
-    any(&seen(masks))
+    any(&light_mask(masks))
 }
 
 /// 1 where more than half of a pixel is the light's, else 0; [`FULL`].

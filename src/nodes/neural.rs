@@ -83,8 +83,8 @@ pub fn loaded(ctx: &Context, file: &File, backend: &Backend) -> Result<Arc<Netwo
             )));
         }
     };
-    if let Some(doubt) = network.doubt() {
-        ctx.warn(format!("{}: {doubt}", file.path));
+    if let Some(caution) = network.caution() {
+        ctx.warn(format!("{}: {caution}", file.path));
     }
     ctx.note(format!("{} by {backend}", file.path));
     Ok(network)

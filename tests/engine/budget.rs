@@ -39,8 +39,8 @@ fn a_result_cut_short_serves_its_run_and_is_not_kept() {
     let first = run(&hurry, &graph);
     assert_eq!(value(&first, "result"), 2, "no round, plus two");
     assert_eq!(first.with_status(Status::Hit), ["asked_again"], "within a run it is one result");
-    let told = "stopped by the budget at a standard error of 50.00 %; this result is not kept";
-    assert_eq!(warnings(&first), [told; 2]);
+    let message = "stopped by the budget at a standard error of 50.00 %; this result is not kept";
+    assert_eq!(warnings(&first), [message; 2]);
 
     // Neither memory nor disk has it; results computed from it are valid, as their keys contain its
     // digest.

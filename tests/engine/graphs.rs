@@ -133,11 +133,11 @@ fn a_graph_that_its_sets_make_too_large_is_refused() {
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let body = r#"Graph(version: 1, sets: { "s": [] }, nodes: { "c": (op: Const(value: 3)),
         "e": (op: Add, each: "s", in: { "number": "c" }), "all": (op: Sum, each: "s", in: { "numbers": "e" }) })"#;
-    let told = |members: Overlay| try_graph(body, &members).err().map(|faults| list(&faults));
-    assert_eq!(told(members("s", &names[..900])), None);
+    let message = |members: Overlay| try_graph(body, &members).err().map(|faults| list(&faults));
+    assert_eq!(message(members("s", &names[..900])), None);
     let wanted = "graphs/test.ron: wanted at most 1000000 instances of nodes and wires between them, got 4006001 \
         (set `s` has 2000 members)\n";
-    assert_eq!(told(members("s", &names)).as_deref(), Some(wanted));
+    assert_eq!(message(members("s", &names)).as_deref(), Some(wanted));
 }
 
 /// As the frames of a sequence are resolved.

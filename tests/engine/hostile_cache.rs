@@ -155,7 +155,7 @@ fn entries_of_another_key_count_as_missing_and_stay() {
 
     let report = run(&on_disk(folder.path()), &graph);
     assert_eq!(ran(&report), ["n", "x", "t"]);
-    assert_eq!(report.warnings.len(), 1, "told once: {:?}", report.warnings);
+    assert_eq!(report.warnings.len(), 1, "reported once: {:?}", report.warnings);
     assert!(report.warnings[0].contains("signed with another key"), "{}", report.warnings[0]);
     assert_eq!(
         disk_cache(folder.path()).verify().unwrap().foreign,

@@ -35,16 +35,16 @@ const OLD: &str = r#"Graph(version: 1, nodes: {
 fn old_names_mean_the_new_ones_and_are_told_with_their_places() {
     let (graph, warnings) =
         resolve(GraphFile::parse(Source::new("g.ron", OLD)), &Overlay::default());
-    let told = |place: &str, old: &str, new: &str| {
+    let message = |place: &str, old: &str, new: &str| {
         format!(
             "g.ron:{place}: `{old}` is an old name, which the next version does not accept (write `{new}`)\n"
         )
     };
-    let wanted = told("3:15", "Plus", "Add")
-        + &told("3:39", "of", "number")
-        + &told("3:45", "p.digits", "p.ones")
-        + &told("4:19", "p.digits", "p.ones")
-        + &told("3:20", "summand", "plus");
+    let wanted = message("3:15", "Plus", "Add")
+        + &message("3:39", "of", "number")
+        + &message("3:45", "p.digits", "p.ones")
+        + &message("4:19", "p.digits", "p.ones")
+        + &message("3:20", "summand", "plus");
     assert_eq!(warnings, wanted);
     let report = run(&in_memory(), &graph);
     assert_eq!((value(&report, "x"), value(&report, "p.ones")), (7, 2));
@@ -69,12 +69,12 @@ fn settings_take_old_names_too() {
     for (set, warnings) in
         [("Plus.summand=10", 2), ("Add.summand=10", 1), ("x.summand=10", 1), ("x.plus=10", 0)]
     {
-        let (graph, told) =
+        let (graph, message) =
             resolve(GraphFile::parse(Source::new("g.ron", text)), &settings(&[set]));
         assert_eq!(
-            (value(&run(&in_memory(), &graph), "x"), told.lines().count()),
+            (value(&run(&in_memory(), &graph), "x"), message.lines().count()),
             (11, warnings),
-            "{set}: {told}"
+            "{set}: {message}"
         );
     }
 }
@@ -99,12 +99,12 @@ fn a_child_that_uses_an_old_kind_changes_the_node_and_does_not_replace_it() {
             r#"Graph(version: 1, extends: "parent.ron", nodes: {{ "x": (op: {op}{wires}) }})"#
         );
         write("child.ron", &child);
-        let (graph, told) =
+        let (graph, message) =
             resolve(GraphFile::read(&folder.path().join("child.ron")), &Overlay::default());
         assert_eq!(
-            (value(&run(&in_memory(), &graph), "y"), told.lines().count()),
+            (value(&run(&in_memory(), &graph), "y"), message.lines().count()),
             (wanted, warnings),
-            "{op}: {told}"
+            "{op}: {message}"
         );
     }
 }

@@ -79,14 +79,15 @@ fn metric_depth_is_what_the_network_says() {
     let wanted = |x: usize, y: usize| 1.0 + stored(x, y).dot(Vec3::new(4.0, 2.0, 0.0));
     for backend in backends() {
         let place = photo(metric());
-        let told = place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
+        let message =
+            place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
         assert!(
-            told.contains(if backend == "ort" {
+            message.contains(if backend == "ort" {
                 "networks by ONNX Runtime"
             } else {
                 "networks by rten"
             }),
-            "{told}"
+            "{message}"
         );
         let got = depth(&place);
         // The photo's curve is undone and applied again, in single precision.
@@ -192,10 +193,10 @@ fn a_scene_without_depth_is_for_graphs_that_need_none() {
     );
     assert!(place.path("lights/scene_lights.ron").is_file());
     for graph in ["physics", "find_lights"] {
-        let told = place.check(&format!("check GRAPHS/{graph}.ron EDITS/none.ron --scene ."), 2);
-        assert!(told.contains("./scene.ron: this scene has no `depth`"), "{told}");
-        assert!(told.contains("graphs/depth.ron"), "{told}");
-        assert!(!told.contains("ReadScene"), "once is enough: {told}");
+        let message = place.check(&format!("check GRAPHS/{graph}.ron EDITS/none.ron --scene ."), 2);
+        assert!(message.contains("./scene.ron: this scene has no `depth`"), "{message}");
+        assert!(message.contains("graphs/depth.ron"), "{message}");
+        assert!(!message.contains("ReadScene"), "once is enough: {message}");
     }
     // The found masks are usable in a scene.
     place.check(&format!("{LINE} --set depth.kind=Metric"), 0);
@@ -217,9 +218,10 @@ fn what_a_backend_computes_wrongly_is_told() {
     );
     let place = photo(network.cubic("a", "z", [1.0, 1.0, 0.7, 0.7]).file());
     for backend in backends() {
-        let told = place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
+        let message =
+            place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
         let warning = "warning: depth: net.onnx: it resizes by cubic interpolation, which rten replaces by linear: use --backend ort";
-        assert_eq!(told.contains(warning), backend == "rten", "{told}");
+        assert_eq!(message.contains(warning), backend == "rten", "{message}");
     }
 }
 
@@ -230,9 +232,12 @@ type Refused<'a> = (&'a str, Vec<u8>, &'a str, &'a [&'a str]);
 fn check_refused(corpus: &[Refused]) {
     for backend in backends() {
         for (name, network, set, wanted) in corpus {
-            let told = photo(network).check(&format!("{LINE} --backend {backend} {set}"), 2);
+            let message = photo(network).check(&format!("{LINE} --backend {backend} {set}"), 2);
             for part in *wanted {
-                assert!(told.contains(part), "{backend}, {name}: wanted {part:?}, told:\n{told}");
+                assert!(
+                    message.contains(part),
+                    "{backend}, {name}: wanted {part:?}, message:\n{message}"
+                );
             }
         }
     }
@@ -395,17 +400,17 @@ fn depths_and_lengths_that_cannot_be_used_are_named() {
 
 #[test]
 fn a_missing_network_or_stage_is_named() {
-    let told = photo([]).check("run GRAPHS/depth.ron EDITS/none.ron --scene .", 2);
-    assert!(told.contains("model: wanted the file of a network"), "{told}");
-    let told = photo([]).check(
+    let message = photo([]).check("run GRAPHS/depth.ron EDITS/none.ron --scene .", 2);
+    assert!(message.contains("model: wanted the file of a network"), "{message}");
+    let message = photo([]).check(
         "check GRAPHS/find_lights_photo.ron EDITS/none.ron --scene . --known-length 1,1,9,9=1",
         2,
     );
     assert!(
-        told.contains(
+        message.contains(
             "--known-length: this graph has no stage that takes known lengths: wanted Depth"
         ),
-        "{told}"
+        "{message}"
     );
 }
 
@@ -453,8 +458,8 @@ fn materials_by_other_networks_are_brought_to_ours() {
         let normal = read_normal(NamedBytes::new("normal.exr", &normal)).expect("it is sound");
         // Single precision, and halves where files hold them.
         assert!(near(&albedo, &stored) < 1e-3, "{}", near(&albedo, &stored));
-        let told = Vec3::new(0.6, 0.0, 0.8);
-        assert!(near(&normal, &|_, _| told) < 1e-3, "{}", near(&normal, &|_, _| told));
+        let message = Vec3::new(0.6, 0.0, 0.8);
+        assert!(near(&normal, &|_, _| message) < 1e-3, "{}", near(&normal, &|_, _| message));
         let roughness = read_depth(NamedBytes::new(
             "r",
             &std::fs::read(place.path("out/roughness.exr")).expect("it is written"),
@@ -511,9 +516,9 @@ fn materials_that_do_not_fit_are_named() {
     ] {
         assert!(MATERIALS.contains(from), "{from}");
         place.write("materials.ron", MATERIALS.replace(from, to));
-        let told =
+        let message =
             place.check("run materials.ron EDITS/none.ron --scene . --no-cache --out out", 2);
-        assert!(told.contains(wanted), "wanted {wanted:?}, told:\n{told}");
+        assert!(message.contains(wanted), "wanted {wanted:?}, got:\n{message}");
     }
 }
 
@@ -528,9 +533,9 @@ fn a_network_stands_in_for_mnet() {
             in: {{ "photo": "scene.small", "camera": "scene.small_camera", "normal": "room.normal" }}) }})"#,
         root().join("graphs/indoor.ron").display()
     ));
-    let told = place
+    let message = place
         .check("run theirs.ron EDITS/none.ron --scene DEMO --no-cache --out out --only fit", 0);
-    assert!(told.contains("mnet") && !told.contains("warning: mnet"), "{told}");
+    assert!(message.contains("mnet") && !message.contains("warning: mnet"), "{message}");
     let report = std::fs::read_to_string(place.path("out/report.json")).expect("it is written");
     assert!(report.contains("OnnxMaterials") && !report.contains(r#""kind": "MNet""#), "{report}");
 }

@@ -65,22 +65,22 @@ fn run(place: &Place, what: &str) -> (i32, String) {
     let mut shell = std::process::Command::new("sh");
     shell.current_dir(place.folder.path()).args(["-c", "ulimit -v 4000000; exec \"$@\"", "sh"]);
     shell.arg(command.get_program()).args(command.get_args());
-    let told = std::fs::File::create(place.path("told")).expect("a file can be written");
-    let mut child = shell.stdout(Stdio::null()).stderr(told).spawn().expect("there is a shell");
+    let message = std::fs::File::create(place.path("message")).expect("a file can be written");
+    let mut child = shell.stdout(Stdio::null()).stderr(message).spawn().expect("there is a shell");
     let status = ended(&mut child, what);
-    let told = std::fs::read(place.path("told")).expect("it is there");
-    let told = String::from_utf8_lossy(&told).into_owned();
-    assert!(!told.contains("panicked"), "{what} told:\n{told}");
-    let status = status.code().unwrap_or_else(|| panic!("{what}: {status}; told:\n{told}"));
-    (status, told)
+    let message = std::fs::read(place.path("message")).expect("it is there");
+    let message = String::from_utf8_lossy(&message).into_owned();
+    assert!(!message.contains("panicked"), "{what} message:\n{message}");
+    let status = status.code().unwrap_or_else(|| panic!("{what}: {status}; message:\n{message}"));
+    (status, message)
 }
 
 /// Wants this status and all these words.
 pub fn check(place: &Place, what: &str, status: i32, words: &[&str]) {
-    let (got, told) = run(place, what);
-    assert_eq!(got, status, "{what} told:\n{told}");
+    let (got, message) = run(place, what);
+    assert_eq!(got, status, "{what} message:\n{message}");
     for word in words {
-        assert!(told.contains(word), "{what}: wanted {word:?}, told:\n{told}");
+        assert!(message.contains(word), "{what}: wanted {word:?}, message:\n{message}");
     }
 }
 
@@ -284,8 +284,8 @@ fn play(path: &Path, role: &str) -> i32 {
     }
     place.write(name, bytes);
     let what = format!("{} as {role}", path.display());
-    let (status, told) = run(&place, &what);
-    assert!(status == 0 || status == 2, "{what}: status {status}; told:\n{told}");
-    assert!(status == 0 || told.contains(name), "{what} told:\n{told}");
+    let (status, message) = run(&place, &what);
+    assert!(status == 0 || status == 2, "{what}: status {status}; message:\n{message}");
+    assert!(status == 0 || message.contains(name), "{what} message:\n{message}");
     status
 }

@@ -17,12 +17,12 @@ fn wanted(place: &Place) -> [Vec<u8>; 2] {
 
 /// Runs with the cache of that name, and checks the pictures; returns standard error.
 fn check_right(place: &Place, cache: &str, wanted: &[Vec<u8>; 2]) -> String {
-    let told = place.check(&format!("{RUN} --cache {cache} --out out"), 0);
+    let message = place.check(&format!("{RUN} --cache {cache} --out out"), 0);
     assert!(
         place.pictures("out") == *wanted,
-        "another picture than without a cache; told:\n{told}"
+        "another picture than without a cache; message:\n{message}"
     );
-    told
+    message
 }
 
 fn entries(cache: &Path) -> Vec<PathBuf> {
@@ -117,8 +117,8 @@ fn damaged_results_are_made_again() {
     // All at once, and then so that only some of the damaged results are needed.
     let files = entries(&cache);
     damage(1, &files);
-    let told = check_right(&place, "cache", &wanted);
-    assert!(told.contains("damaged"), "{told}");
+    let message = check_right(&place, "cache", &wanted);
+    assert!(message.contains("damaged"), "{message}");
     for seed in 2..8 {
         let some: Vec<PathBuf> = files.iter().skip(seed % 3).step_by(3).cloned().collect();
         damage(100 * seed as u64, &some);
@@ -129,8 +129,8 @@ fn damaged_results_are_made_again() {
     place.check("cache verify --cache cache", 1);
     place.check("cache verify --cache cache", 0);
     check_right(&place, "cache", &wanted);
-    let told = check_right(&place, "cache", &wanted);
-    assert!(!told.contains(" ran "), "{told}");
+    let message = check_right(&place, "cache", &wanted);
+    assert!(!message.contains(" ran "), "{message}");
 }
 
 #[test]
@@ -139,9 +139,9 @@ fn a_cache_that_cannot_be_written_is_one_warning() {
     let wanted = wanted(&place);
     place.write("file", "not a folder");
     for cache in ["file", "file/deeper", "/proc/nowhere"] {
-        let told = check_right(&place, cache, &wanted);
+        let message = check_right(&place, cache, &wanted);
         let warnings: Vec<&str> =
-            told.lines().filter(|line| line.contains("without storing results")).collect();
+            message.lines().filter(|line| line.contains("without storing results")).collect();
         assert_eq!(warnings.len(), 1, "{cache}: {warnings:?}");
         assert!(warnings[0].starts_with("warning: cache "), "{warnings:?}");
     }
@@ -151,11 +151,11 @@ fn a_cache_that_cannot_be_written_is_one_warning() {
     check_right(&place, "cache", &wanted);
     std::fs::remove_dir_all(place.path("cache/tmp")).expect("it is there");
     place.write("cache/tmp", "in the way of every new result");
-    let told = check_right(&place, "cache", &wanted);
-    assert!(!told.contains(" ran ") && !told.contains("without storing"), "{told}");
-    let told =
+    let message = check_right(&place, "cache", &wanted);
+    assert!(!message.contains(" ran ") && !message.contains("without storing"), "{message}");
+    let message =
         place.check(&format!("{RUN} --cache cache --set compose.lamp_albedo=0.4 --out other"), 0);
-    assert_eq!(told.matches("without storing results").count(), 1, "{told}");
+    assert_eq!(message.matches("without storing results").count(), 1, "{message}");
 }
 
 /// A limit on the size of files stands for a full disk: a write stops in the middle.
@@ -176,13 +176,13 @@ fn a_full_disk_leaves_the_cache_sound() {
         shell.output().expect("there is a shell")
     };
     let line = format!("{RUN} --cache cache --only compose --out out");
-    let told = check_output(&line, &limited(&line), 0);
-    assert_eq!(told.matches("without storing results").count(), 1, "{told}");
+    let message = check_output(&line, &limited(&line), 0);
+    assert_eq!(message.matches("without storing results").count(), 1, "{message}");
     place.check("cache verify --cache cache", 0);
     // The pictures themselves do not fit: a message reports it, and no partial one stays.
     let line = format!("{RUN} --cache cache --out full");
-    let told = check_output(&line, &limited(&line), 2);
-    assert!(told.contains("cannot be written"), "{told}");
+    let message = check_output(&line, &limited(&line), 2);
+    assert!(message.contains("cannot be written"), "{message}");
     let left: Vec<_> = std::fs::read_dir(place.path("full")).expect("it is there").collect();
     assert!(left.len() <= 1, "{left:?}");
     check_right(&place, "cache", &wanted);
@@ -212,8 +212,8 @@ fn what_a_budget_cut_short_is_not_kept() {
     let place = Place::new();
     let line = "DEMO.ron EDITS/none.ron --set scene.long_side=96 --only shadow[window_0]";
     let run = |more: &str| place.check(&format!("run {line} --cache cache --out out {more}"), 0);
-    let row = |told: &str| {
-        let row = told
+    let row = |message: &str| {
+        let row = message
             .lines()
             .find(|line| line.starts_with("shadow[window_0]"))
             .expect("the table names it");

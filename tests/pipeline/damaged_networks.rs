@@ -23,9 +23,9 @@ fn shipped(name: &str) -> Vec<u8> {
 
 /// Exit status 2, and every line of `wanted`.
 fn check(place: &Place, line: &str, wanted: &[&str]) {
-    let told = place.check(line, 2);
+    let message = place.check(line, 2);
     for part in wanted {
-        assert!(told.contains(part), "`{line}`: wanted {part:?}, told:\n{told}");
+        assert!(message.contains(part), "`{line}`: wanted {part:?}, message:\n{message}");
     }
 }
 
@@ -74,12 +74,12 @@ fn a_damaged_network_is_no_network() {
         ("another network", shipped("vislampnet.onnx")),
     ] {
         place.write("models/mnet.onnx", bytes);
-        let told = place.check(LINE, 2);
+        let message = place.check(LINE, 2);
         let wanted = [
             "error: mnet: models/mnet.onnx: it is damaged, or of another version of relight: wanted SHA-256 ",
             "; take models/mnet.onnx of this version, or give a network of your own another name",
         ];
-        assert!(wanted.iter().all(|part| told.contains(part)), "{name}: {told}");
+        assert!(wanted.iter().all(|part| message.contains(part)), "{name}: {message}");
     }
 }
 

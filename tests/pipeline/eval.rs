@@ -218,7 +218,7 @@ fn pictures_of_lights_that_are_not_of_this_photo_are_told() {
     let stage = ScorePicture { off: vec!["window".into()], ..stage };
     let error = run(&stage, picture(0.75)).err().expect("there is no window");
     assert!(
-        matches!(&error, NodeError::BadParameter(told) if told.contains("`window`")),
+        matches!(&error, NodeError::BadParameter(message) if message.contains("`window`")),
         "{error}"
     );
 }
@@ -360,8 +360,8 @@ fn networks_are_evaluated_where_they_lie() {
         "what MNet says: {}",
         of("albedo before the fit")
     );
-    let told = place.check(&eval.replace("--json", "--models nowhere"), 2);
-    assert!(told.contains("mnet.onnx cannot be read"), "{told}");
+    let message = place.check(&eval.replace("--json", "--models nowhere"), 2);
+    assert!(message.contains("mnet.onnx cannot be read"), "{message}");
 }
 
 #[test]
@@ -387,16 +387,16 @@ fn truth_that_does_not_fit_is_told() {
         let text = sound.replacen(from, to, 1);
         assert_ne!(text, sound, "{from}");
         place.write("scene.ron", text);
-        let told = place.check("eval . --graph GRAPHS/physics.ron --no-cache", status);
-        assert!(told.contains(wanted), "{to}: {told}");
+        let message = place.check("eval . --graph GRAPHS/physics.ron --no-cache", status);
+        assert!(message.contains(wanted), "{to}: {message}");
     }
     let (before, _) = sound.split_once("truth:").expect("it has one");
     place.write("scene.ron", format!("{before})"));
-    let told = place.check("eval . --graph GRAPHS/physics.ron --no-cache", 2);
-    assert!(told.contains("wanted a scene with a `truth`, got none"), "{told}");
+    let message = place.check("eval . --graph GRAPHS/physics.ron --no-cache", 2);
+    assert!(message.contains("wanted a scene with a `truth`, got none"), "{message}");
     place.write("scene.ron", &sound);
-    let told = place.check("eval . --graph GRAPHS/planes.ron --no-cache", 2);
-    assert!(told.contains("wanted a graph with a stage EditLights, got none"), "{told}");
+    let message = place.check("eval . --graph GRAPHS/planes.ron --no-cache", 2);
+    assert!(message.contains("wanted a graph with a stage EditLights, got none"), "{message}");
 }
 
 /// A linear picture of 8 x 6 pixels.

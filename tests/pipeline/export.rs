@@ -209,8 +209,11 @@ fn export_as_a_command() {
         ("export GRAPHS/physics.ron --scene DEMO --out room.glb", "wanted a file NAME.usda"),
         ("export GRAPHS/physics.ron no.ron --scene DEMO", "no.ron"),
     ] {
-        let told = place.check(line, 2);
-        assert!(told.contains(wanted), "`relight {line}`: wanted {wanted:?}, told:\n{told}");
+        let message = place.check(line, 2);
+        assert!(
+            message.contains(wanted),
+            "`relight {line}`: wanted {wanted:?}, got:\n{message}"
+        );
     }
     place.check(
         "export GRAPHS/physics.ron EDITS/lamp_off.ron --scene DEMO --out made/living.usda",

@@ -41,7 +41,7 @@ fn room(
 }
 
 struct Ran {
-    told: String,
+    message: String,
     report: Value,
 }
 
@@ -62,18 +62,19 @@ impl Ran {
 /// Runs with these lights; checks that the picture is finite and of this size.
 fn check(place: &Place, what: &str, size: (usize, usize), lights: &str) -> Ran {
     place.write("edit.ron", format!("Edit(version: 1, lights: {{ {lights} }})"));
-    let told = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache --out out", 0);
+    let message =
+        place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache --out out", 0);
     let [picture, layers] = place.pictures("out");
     let (width, height) = size;
     assert_eq!(png(&picture).dimensions(), (width as u32, height as u32), "{what}");
     for (name, samples) in channels(&layers) {
         let sound = |v: &f32| v.is_finite() && (*v >= 0.0 || name.starts_with("normal"));
         let bad = samples.iter().find(|v| !sound(v));
-        assert!(bad.is_none(), "{what}: {name} holds {bad:?}; told:\n{told}");
+        assert!(bad.is_none(), "{what}: {name} holds {bad:?}; message:\n{message}");
     }
     let report =
         std::fs::read_to_string(place.path("out/report.json")).expect("the run wrote its report");
-    Ran { told, report: serde_json::from_str(&report).expect("it is JSON") }
+    Ran { message, report: serde_json::from_str(&report).expect("it is JSON") }
 }
 
 /// Reason: neighbors a factor of 1.5 apart in depth, and cubes of distances from 1e-9 to 1e12,
@@ -95,9 +96,9 @@ fn one_pixel_one_row_one_column() {
     for size in [(1, 1), (40, 1), (1, 40)] {
         let ran = check(&room(size, paper, slope), "a thin photo", size, GLOBE);
         assert!(
-            size != (1, 1) || ran.told.contains("the radiances are not determined"),
-            "{size:?} told:\n{}",
-            ran.told
+            size != (1, 1) || ran.message.contains("the radiances are not determined"),
+            "{size:?} reported:\n{}",
+            ran.message
         );
     }
 }
@@ -119,7 +120,7 @@ fn black_white_and_one_lit_pixel() {
         );
         for lights in [GLOBE, r#""lamp": Off"#] {
             let ran = check(&place, what, (40, 30), lights);
-            assert!(ran.told.contains(words), "{what} told:\n{}", ran.told);
+            assert!(ran.message.contains(words), "{what} message:\n{}", ran.message);
         }
     }
 }
@@ -180,10 +181,10 @@ fn radiances_of_twenty_four_decades() {
             &format!(r#""x": Lamp({sphere}, radiance: ({radiance:e}, 1, 0))"#),
         );
         assert_eq!(
-            ran.told.contains("light_x reaches"),
+            ran.message.contains("light_x reaches"),
             radiance > 65504.0,
-            "{radiance:e} told:\n{}",
-            ran.told
+            "{radiance:e} reported:\n{}",
+            ran.message
         );
         let layers = channels(&place.pictures("out")[1]);
         let shown = layers["light_x.R"].iter().copied().fold(0.0, f32::max);
@@ -246,15 +247,15 @@ fn bodies_without_extent() {
             "edit.ron",
             format!(r#"Edit(version: 1, lights: {{ "x": Lamp(shape: {shape}, {at}, radiance: (1, 1, 1)) }})"#),
         );
-        let told = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
-        assert!(told.contains("\"x\"") && told.contains(name), "{shape} told:\n{told}");
+        let message = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
+        assert!(message.contains("\"x\"") && message.contains(name), "{shape} message:\n{message}");
     }
     place.write(
         "edit.ron",
         format!(r#"Edit(version: 1, lights: {{ "x": Lamp(shape: Sphere(radius: 1e-30), {at}, flux: 800) }})"#),
     );
-    let told = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
-    assert!(told.contains("\"x\"") && told.contains("radiance"), "told:\n{told}");
+    let message = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
+    assert!(message.contains("\"x\"") && message.contains("radiance"), "message:\n{message}");
     let needles = [
         "Sphere(radius: 1e-30)",
         "Rect(half: (1e-9, 1), normal: (0, 0, 1))",
@@ -281,8 +282,8 @@ fn what_is_no_number_is_refused() {
         "Scale(NaN)",
     ] {
         place.write("edit.ron", format!(r#"Edit(version: 1, lights: {{ "x": {light} }})"#));
-        let told = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
-        assert!(told.contains("finite number"), "{light} told:\n{told}");
+        let message = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
+        assert!(message.contains("finite number"), "{light} message:\n{message}");
     }
 }
 
@@ -295,8 +296,8 @@ fn a_light_too_bright_for_sums_is_named() {
         "edit.ron",
         format!(r#"Edit(version: 1, lights: {{ {} }})"#, GLOBE.replace("9,", "1e31,")),
     );
-    let told = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
-    let errors: Vec<&str> = told.lines().filter(|line| line.starts_with("error: ")).collect();
+    let message = place.check("run GRAPHS/physics.ron edit.ron --scene . --cache cache", 2);
+    let errors: Vec<&str> = message.lines().filter(|line| line.starts_with("error: ")).collect();
     assert_eq!(errors, [r#"error: edit: lights: "globe": wanted a radiance up to 1e30, got 1e31"#]);
 }
 
@@ -365,7 +366,7 @@ fn large(size: (usize, usize)) {
     let place = room(size, paper, slope);
     place.write("depth.npy", npy((64, 48), slope));
     place.write("edit.ron", format!("Edit(version: 1, lights: {{ {GLOBE} }})"));
-    let told =
+    let message =
         place.check("run GRAPHS/physics.ron edit.ron --scene . --no-cache --out out --set write.diagnostics=false", 0);
     let report =
         std::fs::read_to_string(place.path("out/report.json")).expect("the run wrote its report");
@@ -373,7 +374,7 @@ fn large(size: (usize, usize)) {
     let pixels = (size.0 * size.1) as f64;
     if let Some(peak) = report["peak_bytes"].as_f64() {
         println!("{size:?}: {:.0} MB, {:.0} bytes a pixel", peak / 1e6, peak / pixels);
-        assert!(peak < 2e8 + BYTES_PER_PIXEL * pixels, "{peak} bytes; told:\n{told}");
+        assert!(peak < 2e8 + BYTES_PER_PIXEL * pixels, "{peak} bytes; message:\n{message}");
     }
 }
 

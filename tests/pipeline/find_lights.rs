@@ -73,8 +73,8 @@ const LINE: &str = "run GRAPHS/find_lights.ron EDITS/none.ron --scene . --no-cac
 fn photos_without_lights_give_no_mask_and_say_so() {
     for (size, level) in [((40, 30), 1.0), ((40, 30), 0.0), ((1, 1), 1.0), ((1, 1), 0.0)] {
         let place = unlit(png_of(size, |_, _| Vec3::splat(level)), size);
-        let told = place.check(LINE, 0);
-        assert!(told.contains("warning: find: no light found"), "{told}");
+        let message = place.check(LINE, 0);
+        assert!(message.contains("warning: find: no light found"), "{message}");
         assert!(!place.path("found/masks").exists());
         let lights =
             std::fs::read_to_string(place.path("found/scene_lights.ron")).expect("it is written");
@@ -122,14 +122,14 @@ fn the_proposal_is_a_scene() {
 #[test]
 fn bad_parameters_are_named() {
     let place = unlit(png_of((8, 6), |_, _| Vec3::ONE), (8, 6));
-    for (set, told) in [
+    for (set, message) in [
         ("threshold=1", "threshold: wanted 0.1..=0.95, got 1"),
         ("smoothness=-1", "smoothness: wanted 0..=100, got -1"),
         ("smallest=2", "smallest: wanted 0..=1, got 2"),
         ("most=0", "most: wanted 1..=32, got 0"),
     ] {
         let all = place.check(&format!("{LINE} --set find.{set}"), 2);
-        assert!(all.contains(told), "{all}");
+        assert!(all.contains(message), "{all}");
     }
 }
 

@@ -19,12 +19,12 @@ fn ended(place: &Place, line: &str) -> Output {
         .command(line)
         .stdin(Stdio::null())
         .stdout(std::fs::File::create(place.path("said")).expect("a file can be written"))
-        .stderr(std::fs::File::create(place.path("told")).expect("a file can be written"))
+        .stderr(std::fs::File::create(place.path("message")).expect("a file can be written"))
         .spawn()
         .expect("the program starts");
     let status = bad_input::ended(&mut child, line);
     let read = |name: &str| std::fs::read(place.path(name)).expect("it is there");
-    Output { status, stdout: read("said"), stderr: read("told") }
+    Output { status, stdout: read("said"), stderr: read("message") }
 }
 
 #[cfg(unix)]
@@ -68,14 +68,14 @@ fn only_regular_files_are_read() {
             }
             make(&place.path(name));
             let output = ended(&place, "check graph.ron edit.ron --scene .");
-            let told = String::from_utf8_lossy(&output.stderr);
+            let message = String::from_utf8_lossy(&output.stderr);
             // A library of materials may be missing; then the object is plain.
             let wanted = if name == "b.mtl" { Some(0) } else { Some(2) };
-            assert_eq!(output.status.code(), wanted, "{name}: {told}");
+            assert_eq!(output.status.code(), wanted, "{name}: {message}");
             assert!(
                 wanted == Some(0)
-                    || told.contains("wanted a regular file, got a pipe, a socket or a device"),
-                "{told}"
+                    || message.contains("wanted a regular file, got a pipe, a socket or a device"),
+                "{message}"
             );
         }
     }
@@ -88,11 +88,11 @@ fn a_file_above_the_limit_is_refused_before_it_is_read() {
         std::fs::File::create(place.path(name))
             .and_then(|file| file.set_len(bytes))
             .expect("it may be sparse");
-        let told = String::from_utf8_lossy(
+        let message = String::from_utf8_lossy(
             &ended(&place, "check GRAPHS/physics.ron edit.ron --scene .").stderr,
         )
         .into_owned();
-        assert!(told.contains(name) && told.contains("wanted at most"), "{told}");
+        assert!(message.contains(name) && message.contains("wanted at most"), "{message}");
     }
 }
 
@@ -214,10 +214,12 @@ fn no_message_holds_characters_that_a_terminal_acts_on() {
 fn check_kept(place: &Place, line: &str, kept: &str) {
     let path = place.path(kept);
     let before = std::fs::read(&path).expect("it is there");
-    let told = place.check(line, 2);
+    let message = place.check(line, 2);
     assert!(
-        told.contains("which the run reads") && told.contains("--force") && told.contains(kept),
-        "{told}"
+        message.contains("which the run reads")
+            && message.contains("--force")
+            && message.contains(kept),
+        "{message}"
     );
     assert_eq!(std::fs::read(&path).expect("it is there"), before);
     place.check(&format!("{line} --force"), 0);
@@ -255,8 +257,8 @@ fn masks_of_a_scene_are_kept_by_who_proposes_masks() {
     for graph in ["find_lights.ron", "find_lights_photo.ron"] {
         let line = format!("run GRAPHS/{graph} EDITS/none.ron --scene . --no-cache --out .");
         let before = std::fs::read(place.path("masks/lamp_0.png")).expect("it is there");
-        let told = place.check(&line, 2);
-        assert!(told.contains("masks/") && told.contains("which the run reads"), "{told}");
+        let message = place.check(&line, 2);
+        assert!(message.contains("masks/") && message.contains("which the run reads"), "{message}");
         assert_eq!(std::fs::read(place.path("masks/lamp_0.png")).expect("it is there"), before);
         assert!(!place.path("found.png").exists(), "nothing is written");
     }
@@ -289,8 +291,8 @@ fn a_cache_by_a_stranger_is_not_used() {
     let stranger = room();
     std::fs::write(stranger.path("key"), "the secret of a stranger").expect("it can be written");
     let line = LINE.replace("--no-cache", "--cache c");
-    let counts = |told: &str| {
-        let last = told.lines().last().expect("a run ends with a summary");
+    let counts = |message: &str| {
+        let last = message.lines().last().expect("a run ends with a summary");
         last.split(" in ").next().expect("it has a first part").to_owned()
     };
     let first = stranger.check(&format!("{line} --cache-key key --out out"), 0);
@@ -301,17 +303,17 @@ fn a_cache_by_a_stranger_is_not_used() {
         .arg(victim.path("c"))
         .status();
     assert!(copied.expect("there is cp").success());
-    let told = victim.check(&format!("{line} --out out"), 0);
-    assert!(told.contains("signed with another key"), "{told}");
+    let message = victim.check(&format!("{line} --out out"), 0);
+    assert!(message.contains("signed with another key"), "{message}");
     // Some nodes share a key within a run.
-    assert_eq!(counts(&told), counts(&first), "as from nothing");
+    assert_eq!(counts(&message), counts(&first), "as from nothing");
     assert_eq!(victim.pictures("out"), stranger.pictures("out"));
-    let told = victim.check(&format!("{line} --out out"), 0);
-    assert!(!counts(&told).contains("ran"), "its own results took their place: {told}");
+    let message = victim.check(&format!("{line} --out out"), 0);
+    assert!(!counts(&message).contains("ran"), "its own results took their place: {message}");
     // A common key makes it one cache.
     std::fs::copy(stranger.path("key"), victim.path("key")).expect("it can be copied");
-    let told = stranger.check(&format!("{line} --cache-key key --out out"), 0);
-    assert!(!counts(&told).contains("ran"), "{told}");
+    let message = stranger.check(&format!("{line} --cache-key key --out out"), 0);
+    assert!(!counts(&message).contains("ran"), "{message}");
     victim.write("short", "1234");
     assert!(
         victim
@@ -326,15 +328,21 @@ fn a_run_without_a_key_works_without_a_cache() {
     use std::os::unix::fs::PermissionsExt;
     let place = room();
     place.write("home", "not a folder");
-    let told = place.check(&LINE.replace("--no-cache", "--cache c"), 0);
-    assert!(told.contains("warning: no cache is used: ") && told.contains("--no-cache"), "{told}");
+    let message = place.check(&LINE.replace("--no-cache", "--cache c"), 0);
+    assert!(
+        message.contains("warning: no cache is used: ") && message.contains("--no-cache"),
+        "{message}"
+    );
     let place = room();
     place.check(&LINE.replace("--no-cache", "--cache c"), 0);
     if let Ok(key) = std::fs::canonicalize(place.path("home/.config/relight/cache.key")) {
         std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o644))
             .expect("they can be set");
-        let told = place.check(&LINE.replace("--no-cache", "--cache c"), 0);
-        assert!(told.contains("wanted a key that only its owner may read, got mode 644"), "{told}");
+        let message = place.check(&LINE.replace("--no-cache", "--cache c"), 0);
+        assert!(
+            message.contains("wanted a key that only its owner may read, got mode 644"),
+            "{message}"
+        );
     }
 }
 
@@ -400,10 +408,10 @@ fn graphs_of_strangers_can_be_confined() {
     std::fs::copy(root().join("graphs/physics.ron"), naming.path("graphs/physics.ron"))
         .expect("it can be copied");
     naming.check("check graphs/g.ron edit.ron", 0);
-    let told = naming.check("check graphs/g.ron edit.ron --confined", 2);
+    let message = naming.check("check graphs/g.ron edit.ron --confined", 2);
     assert!(
-        told.contains("confined: wanted a file below") && told.contains("--scene DIR"),
-        "{told}"
+        message.contains("confined: wanted a file below") && message.contains("--scene DIR"),
+        "{message}"
     );
     naming.check("check graphs/g.ron edit.ron --confined --scene scene", 0);
 

@@ -235,8 +235,8 @@ fn what_cannot_be_moved_is_told() {
                 r#"Edit(version: 1, lights: {{ "{light}": Move(to: Pixel(x: 900, y: 180)) }})"#
             ),
         );
-        let told = place.check("run DEMO.ron edit.ron --cache cache --out out", 2);
-        assert!(told.contains(wanted), "{told}");
+        let message = place.check("run DEMO.ron edit.ron --cache cache --out out", 2);
+        assert!(message.contains(wanted), "{message}");
     }
 }
 
@@ -382,8 +382,8 @@ fn pictures_that_are_no_sky_are_refused() {
         (lamp.to_owned(), "wanted a photometric file of IES LM-63, got none"),
     ] {
         place.write("edit.ron", format!("Edit(version: 1, lights: {{ {light} }})"));
-        let told = place.check("run DEMO.ron edit.ron --cache cache --out out --only edit", 2);
-        assert!(told.contains(wanted), "{told}");
+        let message = place.check("run DEMO.ron edit.ron --cache cache --out out --only edit", 2);
+        assert!(message.contains(wanted), "{message}");
     }
 }
 
@@ -406,17 +406,17 @@ fn photographed_skies_keep_their_light() {
             );
             let report = run_files(&[("sky.hdr", &bytes)], &edit, &["edit.shape", "edit.radiance"]);
             let node = report.nodes.iter().find(|node| node.name == "edit").expect("it ran");
-            let told = node
+            let message = node
                 .notes
                 .iter()
                 .chain(&node.warnings)
                 .find(|note| note.contains("three lobes move"))
                 .expect("it tells");
-            println!("{} {yaw}: {told}", name(path));
+            println!("{} {yaw}: {message}", name(path));
             let share =
-                told.split("three lobes move").nth(1).and_then(|rest| rest.split('%').next());
-            let share: f64 = share.expect("it is told").trim().parse().expect("a number");
-            assert!(share < 50.0, "{}: {told}", name(path));
+                message.split("three lobes move").nth(1).and_then(|rest| rest.split('%').next());
+            let share: f64 = share.expect("it is reported").trim().parse().expect("a number");
+            assert!(share < 50.0, "{}: {message}", name(path));
         }
     }
 }
@@ -456,10 +456,10 @@ fn extreme_lights_end_in_a_picture_or_a_clear_error() {
         ),
     ] {
         place.write("edit.ron", format!("Edit(version: 1, lights: {{ {light} }})"));
-        let told = place.check(
+        let message = place.check(
             "run DEMO.ron edit.ron --set scene.long_side=96 --cache cache --out out",
             status,
         );
-        assert!(told.contains(wanted), "{light}: {told}");
+        assert!(message.contains(wanted), "{light}: {message}");
     }
 }

@@ -57,8 +57,8 @@ fn a_mix_is_what_a_fresh_run_with_these_weights_gives() {
         let edit = format!("Edit(version: 1, lights: {{ {lights} }})");
         let set =
             gains(&edit).into_iter().map(|(id, w)| format!(" --set {id}={},{},{}", w.x, w.y, w.z));
-        let told = place.check(&format!("mix run --out mixed{}", set.collect::<String>()), 0);
-        assert!(told.contains("mixed in"), "{told}");
+        let message = place.check(&format!("mix run --out mixed{}", set.collect::<String>()), 0);
+        assert!(message.contains("mixed in"), "{message}");
         let ([png_mixed, exr_mixed], [png_fresh, exr_fresh]) =
             (place.pictures("mixed"), fresh(&edit));
         // Halves have a relative error of 2^-11, in the layer that is read and in the result: a
@@ -117,9 +117,12 @@ fn what_cannot_be_mixed_is_told() {
         ("mix notes.exr", "notes.exr: file format: wanted OpenEXR"),
         ("mix flat.exr", "flat.exr: comments: wanted a line `encoding: Srgb, 8 bits`"),
     ] {
-        let told = place.check(line, 2);
-        assert!(told.contains(wanted), "`relight {line}`: wanted {wanted:?}, told:\n{told}");
+        let message = place.check(line, 2);
+        assert!(
+            message.contains(wanted),
+            "`relight {line}`: wanted {wanted:?}, got:\n{message}"
+        );
     }
-    let told = place.check("mix run --set inv_window=2", 0);
-    assert!(told.contains("warning: inv_window is off in this run"), "{told}");
+    let message = place.check("mix run --set inv_window=2", 0);
+    assert!(message.contains("warning: inv_window is off in this run"), "{message}");
 }

@@ -122,7 +122,7 @@ fn shown(browser: &Path, place: &Place, fragment: &str, act: &str, mixed: &str) 
         .and_then(|(_, after)| after.split_once('<'));
     let (picture, _) = picture.unwrap_or_else(|| {
         panic!(
-            "{}: no picture at {mixed:?}; it told:\n{}",
+            "{}: no picture at {mixed:?}; it reported:\n{}",
             browser.display(),
             String::from_utf8_lossy(&output.stderr)
         )
@@ -174,13 +174,16 @@ fn names_in_it_do_no_harm(place: &Place) {
     let page = page(place);
     assert_eq!(page.matches("</script>").count(), 2, "the data's and the program's");
     assert!(!page.contains("<b>&") && !page.contains("<script>alert"));
-    assert_eq!(data(&page)["report"]["edit"], evil, "and yet it is told as it is");
+    assert_eq!(data(&page)["report"]["edit"], evil, "and yet it is written as it is");
 }
 
 fn what_is_no_run_is_told(place: &Place) {
     let check = |line: &str, wanted: &str| {
-        let told = place.check(line, 2);
-        assert!(told.contains(wanted), "`relight {line}`: wanted {wanted:?}, told:\n{told}");
+        let message = place.check(line, 2);
+        assert!(
+            message.contains(wanted),
+            "`relight {line}`: wanted {wanted:?}, got:\n{message}"
+        );
     };
     check("report nowhere", "nowhere: wanted the folder that `relight run` wrote to");
     check("report run/report.json", "wanted the folder that `relight run` wrote to");

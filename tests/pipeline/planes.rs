@@ -196,9 +196,9 @@ fn bad_lights_are_named_by_the_command() {
     let line = "run GRAPHS/planes.ron EDITS/none.ron --scene . --no-cache";
     let check = |lights: &str, words: &[&str]| {
         place.write("lights.json", lights);
-        let told = place.check(line, 2);
+        let message = place.check(line, 2);
         for word in words {
-            assert!(told.contains(word), "wanted {word:?}, told:\n{told}");
+            assert!(message.contains(word), "wanted {word:?}, message:\n{message}");
         }
     };
     let bad = lights.replace("\"bandwidth\": 1.5", "\"bandwidth\": -1.5");
@@ -228,9 +228,9 @@ fn bad_lights_are_named_by_the_command() {
             .contains("path: wanted a file, got none; a scene names it as `truth: (lights:")
     );
     place.write("scene.ron", scene.replace("lights: \"lights.json\"", "ligths: \"lights.json\""));
-    let told = place.check(line, 2);
+    let message = place.check(line, 2);
     assert!(
-        told.contains("unknown field `ligths`") && told.contains("did you mean `lights`?"),
-        "{told}"
+        message.contains("unknown field `ligths`") && message.contains("did you mean `lights`?"),
+        "{message}"
     );
 }

@@ -273,8 +273,8 @@ impl Place {
 }
 
 pub fn check_output(line: &str, output: &Output, status: i32) -> String {
-    let told = String::from_utf8(output.stderr.clone()).expect("the program writes UTF-8");
-    assert_eq!(output.status.code(), Some(status), "`relight {line}` told:\n{told}");
-    assert!(!told.contains("panicked"), "`relight {line}` told:\n{told}");
-    told
+    let message = String::from_utf8(output.stderr.clone()).expect("the program writes UTF-8");
+    assert_eq!(output.status.code(), Some(status), "`relight {line}` reported:\n{message}");
+    assert!(!message.contains("panicked"), "`relight {line}` reported:\n{message}");
+    message
 }

@@ -15,8 +15,8 @@ fn pictures_are_the_same_bits_for_any_threads_and_any_cache() {
     let place = Place::new();
     place.write("edit.ron", EDIT);
     let run = |out: &str, options: &str, status: &str| {
-        let told = place.check(&format!("run DEMO.ron edit.ron --out {out} {options}"), 0);
-        assert!(told.contains(status), "{told}");
+        let message = place.check(&format!("run DEMO.ron edit.ron --out {out} {options}"), 0);
+        assert!(message.contains(status), "{message}");
         place.pictures(out)
     };
     let first = run("one", "--threads 1 --cache cache_1", " ran ");

@@ -133,12 +133,15 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     let place = Place::new();
     place.write("edit.ron", MOVING);
     let line = |out: &str| format!("run DEMO.ron edit.ron {SMALL} --cache cache_{out} --out {out}");
-    let told = place.check(&line("out"), 0);
+    let message = place.check(&line("out"), 0);
     let out = files(&place.path("out"));
     let names: Vec<String> = (0..8).map(|number| format!("picture_{number:04}.png")).collect();
     let wanted = names.iter().chain([&"report.json".to_owned()]).cloned().collect::<Vec<_>>();
     assert_eq!(out.keys().filter(|name| *name != "film.mp4").cloned().collect::<Vec<_>>(), wanted);
-    assert!(told.contains("frame 7 (8 of 8): cached") && told.contains("8 of 8 frames"), "{told}");
+    assert!(
+        message.contains("frame 7 (8 of 8): cached") && message.contains("8 of 8 frames"),
+        "{message}"
+    );
     assert_eq!(out[&names[3]], out[&names[7]]);
     assert_ne!(out[&names[0]], out[&names[1]]);
 
@@ -184,9 +187,9 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
     }
     child.kill().expect("it can be killed");
     child.wait().expect("it ends");
-    let told = place.check(&line("torn"), 0);
+    let message = place.check(&line("torn"), 0);
     for known in ["frame 0 (1 of 8): cached", "frame 1 (2 of 8): cached"] {
-        assert!(told.contains(known), "{told}");
+        assert!(message.contains(known), "{message}");
     }
     let torn = files(&place.path("torn"));
     assert!(names.iter().all(|name| torn[name] == out[name]));
@@ -229,17 +232,17 @@ fn a_sequence_becomes_a_film_where_ffmpeg_is() {
         let output = place.command(&line).env("PATH", path).output().expect("the program starts");
         check_output(&line, &output, 0)
     };
-    let told = with("#!/bin/sh\necho \"$@\" > args\nfor last; do :; done\necho film > $last\n");
-    assert!(!told.contains("film.mp4"), "{told}");
+    let message = with("#!/bin/sh\necho \"$@\" > args\nfor last; do :; done\necho film > $last\n");
+    assert!(!message.contains("film.mp4"), "{message}");
     assert_eq!(files(&place.path("out"))["film.mp4"], b"film\n");
     let args = std::fs::read_to_string(place.path("args")).expect("it was called");
     assert!(args.contains("-framerate 12 ") && args.contains("-frames:v 2 "), "{args}");
-    let told = with("#!/bin/sh\necho no such encoder >&2; exit 1\n");
-    assert!(told.contains("warning: no film.mp4: ffmpeg failed: no such encoder"), "{told}");
+    let message = with("#!/bin/sh\necho no such encoder >&2; exit 1\n");
+    assert!(message.contains("warning: no film.mp4: ffmpeg failed: no such encoder"), "{message}");
     let output =
         place.command(&line).env("PATH", place.path("out")).output().expect("the program starts");
-    let told = check_output(&line, &output, 0);
-    assert!(told.contains("warning: no film.mp4: ffmpeg is not on PATH"), "{told}");
+    let message = check_output(&line, &output, 0);
+    assert!(message.contains("warning: no film.mp4: ffmpeg is not on PATH"), "{message}");
 }
 
 #[test]
@@ -258,11 +261,11 @@ fn a_frame_can_be_asked_for() {
     for (more, wanted) in
         [("check --frame 8", "--frame: wanted 0..=7, got 8"), ("check --frame -1", "-1")]
     {
-        let told = place.check(&line(more), 2);
-        assert!(told.contains(wanted), "{told}");
+        let message = place.check(&line(more), 2);
+        assert!(message.contains(wanted), "{message}");
     }
-    let told = place.check("plan DEMO.ron EDITS/none.ron --frame 1", 2);
-    assert!(told.contains("--frame: this edit is one picture: it has no `frames`"), "{told}");
+    let message = place.check("plan DEMO.ron EDITS/none.ron --frame 1", 2);
+    assert!(message.contains("--frame: this edit is one picture: it has no `frames`"), "{message}");
 
     // The one that ships.
     assert!(printed("check DEMO.ron EDITS/moving_lamp.ron").starts_with("valid: 48 frames, "));
@@ -274,6 +277,7 @@ fn a_frame_can_be_asked_for() {
 
     // Consecutive frames differ in one parameter.
     place.check(&format!("run DEMO.ron edit.ron {SMALL} --frame 0 --cache cache --out out"), 0);
-    let told = printed(&format!("explain DEMO.ron edit.ron edit --frame 1 {SMALL} --cache cache"));
-    assert!(told.starts_with("edit: run: parameter lights: "), "{told}");
+    let message =
+        printed(&format!("explain DEMO.ron edit.ron edit --frame 1 {SMALL} --cache cache"));
+    assert!(message.starts_with("edit: run: parameter lights: "), "{message}");
 }

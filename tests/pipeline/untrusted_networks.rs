@@ -112,12 +112,12 @@ impl Started {
 }
 
 /// Runs depth by a network; returns exit status and standard error.
-fn told(network: &[u8], set: &str) -> (Option<i32>, String) {
+fn message(network: &[u8], set: &str) -> (Option<i32>, String) {
     let place = photo(network);
-    let errors = std::fs::File::create(place.path("told")).expect("a file can be written");
+    let errors = std::fs::File::create(place.path("message")).expect("a file can be written");
     let mut command = place.command(&format!("{LINE} --set depth.kind=Metric {set}"));
     let end = Started::new(command.stdout(Stdio::null()).stderr(errors)).end();
-    let text = std::fs::read_to_string(place.path("told")).expect("it was written");
+    let text = std::fs::read_to_string(place.path("message")).expect("it was written");
     (end.unwrap_or_else(|| panic!("it does not end:\n{text}")).code(), text)
 }
 
@@ -128,19 +128,19 @@ fn files_that_abort_or_hang_a_loader_are_refused() {
         ("hangs", hanging(), "wanted 1099511627776 more bytes, the file has 12 there"),
         ("nests", nested(5000), "wanted at most 40 nested messages, got more"),
     ] {
-        let (status, told) = told(&network, "--backend rten");
+        let (status, message) = message(&network, "--backend rten");
         let wanted = format!(
             "error: depth: net.onnx: wanted a network in ONNX that rten computes: {wanted}\n"
         );
-        assert!(status == Some(2) && told.contains(&wanted), "{name}: {status:?}: {told}");
+        assert!(status == Some(2) && message.contains(&wanted), "{name}: {status:?}: {message}");
     }
 }
 
 #[test]
 fn more_memory_than_the_limit_is_an_error_with_a_cause() {
-    let (status, told) = told(&greedy(), "--backend rten");
+    let (status, message) = message(&greedy(), "--backend rten");
     let wanted = "error: depth: net.onnx: it wanted more memory than the 4 GiB that are allowed\n";
-    assert!(status == Some(2) && told.contains(wanted), "{status:?}: {told}");
+    assert!(status == Some(2) && message.contains(wanted), "{status:?}: {message}");
 }
 
 /// The child process of the command, with these limits.
@@ -452,7 +452,7 @@ mod processes {
             .current_dir(place.folder.path())
             .args(["-c", r#"exec 7<photo.png 9<net.onnx; exec "$0" "$@""#]);
         command.arg(relight.get_program()).args(relight.get_args());
-        let errors = std::fs::File::create(place.path("told")).expect("a file can be written");
+        let errors = std::fs::File::create(place.path("message")).expect("a file can be written");
         let run = Started::new(command.stdout(Stdio::null()).stderr(errors));
         let network = wait_for("no child process holds the network", || child_of(run.0.id()));
         wait_for("it holds more than its pipes", || {
@@ -480,10 +480,10 @@ mod processes {
         let (place, mut run, network) = endless_run();
         signal("KILL", network);
         assert_eq!(run.end().and_then(|status| status.code()), Some(1));
-        let told = std::fs::read_to_string(place.path("told")).expect("it was written");
+        let message = std::fs::read_to_string(place.path("message")).expect("it was written");
         let wanted =
             "error: depth: net.onnx: its process ended before it answered: signal: 9 (SIGKILL)\n";
-        assert!(told.contains(wanted), "{told}");
+        assert!(message.contains(wanted), "{message}");
     }
 
     #[test]

@@ -80,8 +80,11 @@ fn many_lights_do_not_widen_the_search() {
     let faults = load(&root().join("graphs/physics.ron"), &place.path("."), &edit)
         .err()
         .expect("it is refused");
-    let told = faults[0].to_string();
-    assert!(told.contains("wanted at most 32 lights with masks of their own, got 33"), "{told}");
+    let message = faults[0].to_string();
+    assert!(
+        message.contains("wanted at most 32 lights with masks of their own, got 33"),
+        "{message}"
+    );
 }
 
 /// Bytes per pixel of the photo that the values of a run may take at one time: 12 each for photo

@@ -6,7 +6,7 @@ pub(in crate::geometry) mod model;
 
 pub use bodies::{Bodies, Body, Probes, clearance};
 pub use draw::{Drawing, Objects, draw};
-pub use model::{Material, Model, Skin, most_triangles, parts};
+pub use model::{Material, Model, Skin, most_triangles, named_files};
 
 use crate::tuning::Table;
 

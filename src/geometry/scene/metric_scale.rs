@@ -79,13 +79,13 @@ pub struct MetricDepth {
     pub misfit: f32,
 }
 
-/// Planar depth from the relative depth `told`, which has the aspect ratio of the camera's photo.
+/// Planar depth from the relative depth `network`, which has the aspect ratio of the camera's photo.
 ///
 /// # Errors
 /// The known length that cannot be used, and the reason; none given; a network output without
 /// variation.
 pub fn relative_depth(
-    told: &Plane<f32>,
+    network: &Plane<f32>,
     camera: &Camera,
     known: &[KnownLength],
     span: f32,
@@ -97,8 +97,8 @@ pub fn relative_depth(
                 .into(),
         );
     }
-    let rulers = rulers(told, camera, known)?;
-    let (far, near) = (quantile(told, TUNING.tail), quantile(told, 1.0 - TUNING.tail));
+    let rulers = rulers(network, camera, known)?;
+    let (far, near) = (quantile(network, TUNING.tail), quantile(network, 1.0 - TUNING.tail));
     // A real network's output on an even wall varies by more than this; rounding varies by less.
     if near - far <= TUNING.min_variation * near.abs().max(far.abs()) {
         return Err(format!(
@@ -122,7 +122,7 @@ pub fn relative_depth(
         }
     }
     let ScaleFit { scale, misfit, .. } = fit(span);
-    let meters = told.map(|q| (scale * depth(f64::from(q), span)) as f32);
+    let meters = network.map(|q| (scale * depth(f64::from(q), span)) as f32);
     Ok(MetricDepth {
         depth: meters,
         scale: scale as f32,
@@ -136,14 +136,14 @@ pub fn relative_depth(
 /// # Errors
 /// The known length that cannot be used, and the reason.
 pub fn metric_depth(
-    told: &Plane<f32>,
+    network: &Plane<f32>,
     camera: &Camera,
     known: &[KnownLength],
 ) -> Result<MetricDepth, String> {
     if known.is_empty() {
-        return Ok(MetricDepth { depth: told.clone(), scale: 1.0, span: None, misfit: 0.0 });
+        return Ok(MetricDepth { depth: network.clone(), scale: 1.0, span: None, misfit: 0.0 });
     }
-    let rulers = rulers(told, camera, known)?;
+    let rulers = rulers(network, camera, known)?;
     for (i, ruler) in rulers.iter().enumerate() {
         if let Some((_, z)) = ruler.ends.iter().find(|(_, z)| *z <= 0.0) {
             return Err(format!(
@@ -153,7 +153,7 @@ pub fn metric_depth(
         }
     }
     let ScaleFit { scale, misfit, .. } = fit(&rulers, |z| z);
-    let depth = told.map(|z| (scale * f64::from(z)) as f32);
+    let depth = network.map(|z| (scale * f64::from(z)) as f32);
     Ok(MetricDepth { depth, scale: scale as f32, span: None, misfit: misfit as f32 })
 }
 
@@ -163,7 +163,11 @@ struct Ruler {
     meters: f64,
 }
 
-fn rulers(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<Vec<Ruler>, String> {
+fn rulers(
+    network: &Plane<f32>,
+    camera: &Camera,
+    known: &[KnownLength],
+) -> Result<Vec<Ruler>, String> {
     let ruler = |(i, length): (usize, &KnownLength)| {
         let wrong = |what: String| Err(format!("known_lengths: number {}: {what}", i + 1));
         let &KnownLength { from, to, meters } = length;
@@ -185,8 +189,10 @@ fn rulers(told: &Plane<f32>, camera: &Camera, known: &[KnownLength]) -> Result<V
             let pixel = |at: f32, from: usize, to: usize| {
                 ((at / from as f32 * to as f32) as usize).min(to - 1)
             };
-            let q = told
-                .get(pixel(x, camera.width, told.width()), pixel(y, camera.height, told.height()));
+            let q = network.get(
+                pixel(x, camera.width, network.width()),
+                pixel(y, camera.height, network.height()),
+            );
             (camera.unproject(x, y, 1.0).as_dvec3(), f64::from(q))
         };
         Ok(Ruler { ends: [end(from), end(to)], meters: f64::from(meters) })
@@ -261,7 +267,7 @@ mod tests {
     }
 
     /// The room as the output of a network for relative depth.
-    fn told(a: f32, b: f32) -> Plane<f32> {
+    fn network(a: f32, b: f32) -> Plane<f32> {
         room().map(|z| a / z + b)
     }
 
@@ -289,7 +295,7 @@ mod tests {
     fn one_length_and_the_span_give_the_room() {
         let known = [length([100.0, 50.0], [400.0, 50.0])];
         for (a, b) in [(1.0, 0.0), (20.0, 3.0), (0.01, -0.5), (500.0, 1000.0)] {
-            let got = relative_depth(&told(a, b), &camera(), &known, span_of(&room()))
+            let got = relative_depth(&network(a, b), &camera(), &known, span_of(&room()))
                 .expect("it can be solved");
             // Single precision of q, of which b may take digits.
             assert!(worst(&got.depth) < 1e-4, "{a} {b}: {}", worst(&got.depth));
@@ -301,7 +307,7 @@ mod tests {
     fn the_known_length_comes_out_whatever_the_span() {
         let known = length([320.0, 100.0], [300.5, 470.0]);
         for span in [1.2, 2.5, 10.0] {
-            let got = relative_depth(&told(3.0, 1.0), &camera(), &[known], span)
+            let got = relative_depth(&network(3.0, 1.0), &camera(), &[known], span)
                 .expect("it can be solved")
                 .depth;
             let point = |[x, y]: [f32; 2]| {
@@ -318,7 +324,7 @@ mod tests {
     fn two_lengths_tell_the_span() {
         let known = [length([100.0, 50.0], [400.0, 50.0]), length([200.0, 460.0], [500.0, 460.0])];
         let got =
-            relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
+            relative_depth(&network(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
         assert!(
             worst(&got.depth) < 1e-4 && got.misfit < 1e-5,
             "{} {}",
@@ -328,28 +334,31 @@ mod tests {
         // On one wall they do not.
         let known = [length([100.0, 50.0], [400.0, 50.0]), length([100.0, 50.0], [100.0, 150.0])];
         let got =
-            relative_depth(&told(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
+            relative_depth(&network(3.0, 1.0), &camera(), &known, 2.0).expect("it can be solved");
         assert_eq!(got.span, Some(2.0));
         // Lengths that contradict each other are fitted as well as can be, with a large misfit.
         let twice = KnownLength { meters: 2.0 * known[0].meters, ..known[0] };
-        let got = relative_depth(&told(3.0, 1.0), &camera(), &[known[0], twice], 2.0)
+        let got = relative_depth(&network(3.0, 1.0), &camera(), &[known[0], twice], 2.0)
             .expect("it can be solved");
         assert!(got.misfit > 0.3);
     }
 
     #[test]
     fn metric_depth_takes_a_common_factor() {
-        let told = room().map(|z| 0.7 * z);
+        let network = room().map(|z| 0.7 * z);
         let known = [length([100.0, 50.0], [400.0, 50.0])];
-        let got = metric_depth(&told, &camera(), &known).expect("it can be solved");
+        let got = metric_depth(&network, &camera(), &known).expect("it can be solved");
         assert!(worst(&got.depth) < 1e-5 && (got.scale * 0.7 - 1.0).abs() < 1e-5);
-        assert_eq!(metric_depth(&told, &camera(), &[]).expect("it needs no length").depth, told);
+        assert_eq!(
+            metric_depth(&network, &camera(), &[]).expect("it needs no length").depth,
+            network
+        );
     }
 
     #[test]
     fn what_is_behind_a_pane_is_held_back() {
         // A hundredth of the picture shows a sky, at infinity and below it.
-        let mut q = told(3.0, 0.0);
+        let mut q = network(3.0, 0.0);
         (0..30).for_each(|x| q.set(x, 0, -0.5 * x as f32));
         let known = length([100.0, 150.0], [400.0, 150.0]);
         let got = relative_depth(&q, &camera(), &[known], 4.0).expect("it can be solved").depth;
@@ -360,7 +369,7 @@ mod tests {
     #[test]
     fn lengths_that_cannot_be_are_named() {
         let sound = length([100.0, 50.0], [400.0, 50.0]);
-        let mut q = told(3.0, 0.0);
+        let mut q = network(3.0, 0.0);
         q.set(0, 0, -50.0);
         let message = |length: KnownLength| {
             relative_depth(&q, &camera(), &[sound, length], 4.0).expect_err("it is wrong")

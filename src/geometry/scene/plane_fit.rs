@@ -83,7 +83,7 @@ impl PlaneFit {
 
     /// The intersection of the ray from the camera along `direction` with the plane, in front of
     /// the camera; `None` without one.
-    pub fn meet(&self, direction: Vec3) -> Option<Vec3> {
+    pub fn intersect(&self, direction: Vec3) -> Option<Vec3> {
         let t = self.offset / self.normal.dot(direction);
         (t.is_finite() && t > 0.0).then(|| direction * t)
     }
@@ -112,9 +112,9 @@ mod tests {
             plane.normal.dot(normal) > 0.9999 && (plane.offset + 3.0).abs() < 1e-3,
             "{plane:?}"
         );
-        let met = plane.meet(Vec3::new(0.1, 0.1, -1.0)).expect("in front");
+        let met = plane.intersect(Vec3::new(0.1, 0.1, -1.0)).expect("in front");
         assert!((normal.dot(met) + 3.0).abs() < 1e-3);
-        assert!(plane.meet(Vec3::Z).is_none());
+        assert!(plane.intersect(Vec3::Z).is_none());
     }
 
     #[test]

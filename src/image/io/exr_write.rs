@@ -120,8 +120,8 @@ impl ExrLayers {
     }
 
     fn halves(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>) {
-        let told = if layer.is_empty() { "RGB" } else { layer };
-        let float = self.needs_float(told, largest(plane, |v| v.abs().max_element()));
+        let name = if layer.is_empty() { "RGB" } else { layer };
+        let float = self.needs_float(name, largest(plane, |v| v.abs().max_element()));
         self.triple(layer, names, plane, float);
     }
 

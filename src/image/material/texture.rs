@@ -130,10 +130,10 @@ mod tests {
         }
         for bytes in &files {
             let source = NamedBytes::new("a.png", bytes);
-            let (texture, told) = Texture::read(source, 1 << 20).unwrap();
+            let (texture, warnings) = Texture::read(source, 1 << 20).unwrap();
             for (srgb, transfer) in [(true, Transfer::Srgb), (false, Transfer::Linear)] {
                 let photo = read_photo(source, transfer).unwrap();
-                assert_eq!(told, photo.warnings);
+                assert_eq!(warnings, photo.warnings);
                 let (w, h) = photo.picture.0.size();
                 assert_eq!(texture.size(), (w, h));
                 for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
@@ -163,12 +163,12 @@ mod tests {
         let bytes = write_png(&Picture(Plane::filled(64, 32, Vec3::ONE)), Transfer::Srgb, false);
         let (texture, _) = Texture::read(NamedBytes::new("a.png", &bytes), 64 * 32 * 3).unwrap();
         assert_eq!(texture.bytes(), 64 * 32 * 3);
-        let told = Texture::read(NamedBytes::new("a.png", &bytes[..60]), 64 * 32 * 3 - 1)
+        let message = Texture::read(NamedBytes::new("a.png", &bytes[..60]), 64 * 32 * 3 - 1)
             .unwrap_err()
             .to_string();
         assert!(
-            told.contains("size in the header") && told.contains("64 x 32 at 3 bytes"),
-            "{told}"
+            message.contains("size in the header") && message.contains("64 x 32 at 3 bytes"),
+            "{message}"
         );
     }
 }

@@ -173,12 +173,12 @@ impl Node for EditLights {
         let mut push = |id: &str, shape: Arc<Shape>, radiance: Radiance, gain: Radiance| {
             let within = |lobe: &&Vec3| lobe.cmple(Vec3::splat(TUNING.max_radiance)).all();
             if let Some(lobe) = radiance.0.iter().find(|lobe| !within(lobe)) {
-                let told = format!(
+                let message = format!(
                     "lights: {id:?}: wanted a radiance up to {:e}, got {:e}",
                     TUNING.max_radiance,
                     lobe.max_element()
                 );
-                return Err(NodeError::BadParameter(told));
+                return Err(NodeError::BadParameter(message));
             }
             out.shape.0.push((id.into(), shape));
             out.radiance.0.push((id.into(), Arc::new(radiance)));

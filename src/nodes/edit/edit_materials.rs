@@ -446,20 +446,20 @@ mod tests {
 
     #[test]
     fn bad_entries_are_told() {
-        let told = |edit: MaterialEdit| {
+        let message = |edit: MaterialEdit| {
             run(vec![edit], wall(GRAY, RED)).err().expect("it is refused").to_string()
         };
         let (_file, square) = mask_file((40, 40), |_, _| 1.0);
-        let wrong_shape = told(paint(square, NEW));
+        let wrong_shape = message(paint(square, NEW));
         assert!(
             wrong_shape
                 .ends_with("wanted the photo's 40 x 30, or its aspect ratio to 2 %, got 40 x 40"),
             "{wrong_shape}"
         );
         let (_other, black) = mask_file(SIZE, |_, _| 0.0);
-        let black = told(paint(black, NEW));
+        let black = message(paint(black, NEW));
         assert!(black.contains("black everywhere"), "{black}");
-        let outside = told(paint(Region::Grow(40.0, 3.0), NEW));
+        let outside = message(paint(Region::Grow(40.0, 3.0), NEW));
         assert_eq!(
             outside,
             "materials: entry 1: region: Grow: wanted a pixel of the photo, 0..40 and 0..30, got (40, 3)"

@@ -183,7 +183,7 @@ impl Node for EditObjects {
         let error = |z: f32| mesh.depth_error(z);
         let objects = draw(&bodies, (&solid, &materials), &camera, &depth, error, drawing);
         ctx.check_cancelled()?;
-        tell(&bodies, &objects, ctx);
+        report_objects(&bodies, &objects, ctx);
         let mut z = depth.0.clone();
         let (w, h) = objects.coverage.size();
         for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
@@ -244,7 +244,7 @@ impl<'a> Models<'a> {
 }
 
 /// Warns of objects that do not look as expected.
-fn tell(bodies: &[Body], objects: &Objects, ctx: &Context) {
+fn report_objects(bodies: &[Body], objects: &Objects, ctx: &Context) {
     for (i, body) in bodies.iter().enumerate() {
         let (low, high) = body.model.bounds();
         if low.cmplt(Vec3::ZERO).all() && high.cmpgt(Vec3::ZERO).all() {

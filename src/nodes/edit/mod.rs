@@ -112,7 +112,7 @@ impl Ground<'_> {
     ///
     /// # Errors
     /// The pixel is outside the photo.
-    pub fn seen(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
+    pub fn surface_at(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
         let camera = self.camera;
         if !camera.contains(Vec2::new(x, y)) {
             return Err(format!(
@@ -135,18 +135,18 @@ impl Ground<'_> {
     /// # Errors
     /// The pixel is outside the photo.
     pub fn foot(&self, x: f32, y: f32) -> Result<(Vec3, Vec3), String> {
-        let (own, own_normal) = self.seen(x, y)?;
+        let (own, own_normal) = self.surface_at(x, y)?;
         let camera = self.camera;
         let reach = (TUNING.foot * camera.width.max(camera.height) as f32).ceil();
         let steps =
             || (-TUNING.steps..=TUNING.steps).map(|i| i as f32 / TUNING.steps as f32 * reach);
         let places = steps().flat_map(|dy| steps().map(move |dx| (x + dx, y + dy)));
         let (points, normals): (Vec<Vec3>, Vec<Vec3>) =
-            places.filter_map(|(x, y)| self.seen(x, y).ok()).unzip();
+            places.filter_map(|(x, y)| self.surface_at(x, y).ok()).unzip();
         let plane = PlaneFit::through(&points, &normals, TUNING.on_plane);
         let plane = plane.filter(|plane| plane.normal.dot(own_normal) > TUNING.same_normal);
         let (point, normal) = plane
-            .and_then(|plane| Some((plane.meet(camera.unproject(x, y, 1.0))?, plane.normal)))
+            .and_then(|plane| Some((plane.intersect(camera.unproject(x, y, 1.0))?, plane.normal)))
             .unwrap_or((own, own_normal));
         Ok((point, if normal.dot(self.up) > TUNING.level { self.up } else { normal }))
     }
@@ -192,7 +192,7 @@ fn model_files<'a>(
 fn named_by(file: &File) -> Vec<File> {
     let read = |file: File| file.read_unchecked();
     let names =
-        geometry::parts(&file.path, || read(file.clone()), &|name| read(file.sibling(name)));
+        geometry::named_files(&file.path, || read(file.clone()), &|name| read(file.sibling(name)));
     // Without a folder: the engine gives them theirs, and notes where they were named.
     names.iter().map(|name| File::new(file.sibling(name).path)).collect()
 }
@@ -212,9 +212,9 @@ fn read_model(path: &File, parts: &[File], ctx: &Context) -> Result<Model, NodeE
             .ok_or_else(|| format!("it names {name}, which is missing"))
             .map(|file| ctx.read(file))?;
         read.map_err(|e| {
-            let told = e.to_string();
+            let message = e.to_string();
             unread = Some(e);
-            told
+            message
         })
     };
     let model = Model::read(&path.path, &bytes, &mut part);
@@ -231,14 +231,11 @@ fn tall(model: &Model, path: &File) -> Result<f32, NodeError> {
     let (low, high) = model.bounds();
     let tall = high.y - low.y;
     if tall.is_nan() || tall <= TUNING.min_height * (high - low).max_element() {
-        let told = format!(
+        let message = format!(
             "wanted a model with a height (along its y), got one from y = {} to {}",
             low.y, high.y
         );
-        return Err(NodeError::BadFile {
-            path: path.location().display().to_string(),
-            message: told,
-        });
+        return Err(NodeError::BadFile { path: path.location().display().to_string(), message });
     }
     Ok(tall)
 }

@@ -110,17 +110,19 @@ impl Node for Depth {
             unreachable!("a photo has rows and columns")
         };
         ctx.check_cancelled()?;
-        let [told] = network.run(vec![(input, seen)], [output]).map_err(refused)?;
-        third_party::check_channels(output, &told, 1).map_err(refused)?;
+        let [message] = network.run(vec![(input, seen)], [output]).map_err(refused)?;
+        third_party::check_channels(output, &message, 1).map_err(refused)?;
         // The network may have seen the photo in another aspect.
-        let told = told.gray(0);
+        let message = message.gray(0);
         let (columns, rows) = photo.0.size();
-        let (columns, rows) = fit(columns, rows, told.width().max(told.height()));
-        let told = resize(&told, columns, rows);
+        let (columns, rows) = fit(columns, rows, message.width().max(message.height()));
+        let message = resize(&message, columns, rows);
 
         let meters = match self.kind {
-            DepthOutput::Relative => relative_depth(&told, &camera, &self.known_lengths, self.span),
-            DepthOutput::Metric => metric_depth(&told, &camera, &self.known_lengths),
+            DepthOutput::Relative => {
+                relative_depth(&message, &camera, &self.known_lengths, self.span)
+            }
+            DepthOutput::Metric => metric_depth(&message, &camera, &self.known_lengths),
         };
         let meters = meters.map_err(NodeError::BadParameter)?;
         let span = meters.span.map(|span| format!(", span {span:.2}")).unwrap_or_default();

@@ -51,9 +51,9 @@ impl Node for ShadeObjects {
         let lobes = radiance.0.len();
         for (name, got) in [("light", light.lobes.len()), ("indirect", indirect.probes.len())] {
             if got != lobes {
-                let told =
+                let message =
                     format!("`{name}` has {got} lobes of bodies, wanted {lobes} as `radiance`");
-                return Err(NodeError::Failed(told));
+                return Err(NodeError::Failed(message));
             }
         }
         // Radiosity of each probe under all lobes.

@@ -80,7 +80,7 @@ impl Node for ReadLights {
         let wanted: Vec<(&str, LightKind)> =
             seen.chain([(INV_LAMP, LightKind::Lamp), (INV_WINDOW, LightKind::Window)]).collect();
         let lights = read(&Source::new(location, text), &wanted)
-            .map_err(|faults| told(&self.path, &faults))?;
+            .map_err(|faults| refused(&self.path, &faults))?;
         let mut out = ReadLightsOut { shape: Scatter(vec![]), radiance: Scatter(vec![]) };
         for ((id, _), (shape, radiance)) in wanted.into_iter().zip(lights) {
             out.shape.0.push((id.into(), Arc::new(shape)));
@@ -91,7 +91,7 @@ impl Node for ReadLights {
 }
 
 /// All faults of the file in one error, each with its line and column.
-fn told(file: &File, faults: &[Diagnostic]) -> NodeError {
+fn refused(file: &File, faults: &[Diagnostic]) -> NodeError {
     let line = |fault: &Diagnostic| {
         let place = fault.origin.as_ref().map(|origin| origin.line_column());
         let place =
@@ -446,11 +446,11 @@ mod tests {
     fn check(lamp: &str, pane: &str, more: &str, wanted: &[&str]) {
         let faults = lights(lamp, pane, more).expect_err("it is not sound");
         assert!(faults.iter().all(|fault| fault.origin.is_some()), "{faults:?}");
-        let message = told(&File::new("lights.json"), &faults).to_string();
+        let message = refused(&File::new("lights.json"), &faults).to_string();
         let line = |line: &str| {
             line.split_once("column ")
-                .and_then(|(_, told)| told.split_once(": "))
-                .map(|(_, told)| told.to_owned())
+                .and_then(|(_, message)| message.split_once(": "))
+                .map(|(_, message)| message.to_owned())
         };
         assert_eq!(message.lines().filter_map(line).collect::<Vec<_>>(), wanted, "{message}");
     }
@@ -511,7 +511,7 @@ mod tests {
         let faults = lights(&LAMP.replace("0.1", "-1"), &pane(SKY), "")
             .expect_err("a sphere has no such radius");
         let wanted = "lights.json: line 1, column 63: `lamp`: radius: wanted a number > 0, got -1";
-        assert_eq!(told(&File::new("lights.json"), &faults).to_string(), wanted);
+        assert_eq!(refused(&File::new("lights.json"), &faults).to_string(), wanted);
     }
 
     #[test]
@@ -563,7 +563,8 @@ mod tests {
         );
         let inwards = tetrahedron(true);
         let message =
-            told(&File::new("l"), &lights(&inwards, pane, "").expect_err("inside out")).to_string();
+            refused(&File::new("l"), &lights(&inwards, pane, "").expect_err("inside out"))
+                .to_string();
         assert!(
             message.contains(
                 "`lamp`: triangles: wanted corners counter-clockwise as seen from outside"

@@ -72,7 +72,7 @@ pub(super) fn median(mut values: Vec<f32>) -> f32 {
 /// the outermost 3 % left out. One edge is level unless the plane is level itself; `x cross y` is
 /// along the normal. `None` when no ray meets the plane.
 pub(super) fn extent(rays: &[Vec3], plane: &PlaneFit) -> Option<(Vec3, Vec3, Vec3)> {
-    let hits: Vec<Vec3> = rays.iter().filter_map(|ray| plane.meet(*ray)).collect();
+    let hits: Vec<Vec3> = rays.iter().filter_map(|ray| plane.intersect(*ray)).collect();
     if hits.is_empty() {
         return None;
     }

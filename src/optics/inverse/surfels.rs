@@ -169,7 +169,7 @@ impl<'a> Front<'a> {
 pub(in crate::optics) fn flat(lamp: &LampPixels, plane: &PlaneFit) -> Vec<Surfel> {
     let camera = lamp.camera;
     let surfels = along_curve(lamp.pixels).into_iter().filter_map(|(x, y)| {
-        let point = plane.meet(camera.pixel_point(x, y, 1.0))?;
+        let point = plane.intersect(camera.pixel_point(x, y, 1.0))?;
         let area = footprint(camera, point, plane.normal);
         area.is_finite().then_some(Surfel { point, normal: plane.normal, area })
     });

@@ -404,7 +404,7 @@ impl Flat {
         let (w, h) = self.label.size();
         let i = (at.1 * h / size.1) * w + at.0 * w / size.0;
         let label = self.label.pixels()[i].map(usize::from);
-        let on_plane = label.and_then(|label| Some((label, self.planes[label].meet(point)?)));
+        let on_plane = label.and_then(|label| Some((label, self.planes[label].intersect(point)?)));
         match on_plane {
             Some((label, point)) => ShadingPoint {
                 point,

@@ -385,7 +385,7 @@ impl Tracer<'_> {
         out.weight[ray] = weight;
         out.hits[ray] = hit
             .and_then(|hit| {
-                seen(self.scene, (point + direction * hit.distance, direction), hit.pixel)
+                pixel_of_hit(self.scene, (point + direction * hit.distance, direction), hit.pixel)
             })
             .unwrap_or(RayEnd::UNSEEN);
         if out.hits[ray] == RayEnd::UNSEEN
@@ -546,7 +546,11 @@ fn differential(objects: &Objects, camera: &Camera, (x, y): (usize, usize)) -> R
 
 /// The pixel that shows the point that a ray meets: of the photo, or after all of them of the
 /// objects.
-fn seen(scene: &ReflectionScene, (at, direction): (Vec3, Vec3), pixel: u32) -> Option<RayEnd> {
+fn pixel_of_hit(
+    scene: &ReflectionScene,
+    (at, direction): (Vec3, Vec3),
+    pixel: u32,
+) -> Option<RayEnd> {
     let (camera, objects) = (scene.camera, scene.objects);
     let place = camera.project(at).filter(|p| camera.contains(*p))?;
     let (x, y) = (place.x as usize, place.y as usize);

@@ -93,7 +93,7 @@ impl Contact {
                 let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
                 let cones = balls.iter().flat_map(|&ball| {
                     let random = Points2::new(seed, pixel as u32, ball.0 as u32);
-                    look(mesh, (point, n), ball, random, each)
+                    trace_cone(mesh, (point, n), ball, random, each)
                 });
                 cones.collect()
             })
@@ -183,7 +183,7 @@ impl Contact {
 /// Rays from a place into the cone of a body: the probe that each meets, if it meets this body
 /// first, and the fraction of the hemisphere that it represents. Together the rays represent the
 /// solid angle of the ball around the body.
-fn look(
+fn trace_cone(
     mesh: &SceneMesh,
     (point, normal): (Vec3, Vec3),
     (body, middle, radius): (usize, Vec3, f32),

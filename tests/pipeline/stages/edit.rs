@@ -107,10 +107,10 @@ fn a_moved_lamp_keeps_its_form_and_its_radiance() {
     for (id, wanted) in
         [("window", "wanted a lamp, got a window"), ("nowhere", "there is no such light to change")]
     {
-        let told = edited(&format!("{{ {id:?}: Move(by: (1, 0, 0)) }}"))
+        let message = edited(&format!("{{ {id:?}: Move(by: (1, 0, 0)) }}"))
             .map(drop)
             .expect_err("it cannot be moved");
-        assert!(matches!(&told, NodeError::BadParameter(m) if m.contains(wanted)), "{told}");
+        assert!(matches!(&message, NodeError::BadParameter(m) if m.contains(wanted)), "{message}");
     }
 }
 

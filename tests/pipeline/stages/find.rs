@@ -77,7 +77,7 @@ fn find_lights_proposes_what_shines_and_no_white_wall() {
     let even = Picture(photo.map(|_| Vec3::splat(0.5)));
     let (found, warnings) = find(scene, &even);
     assert!(
-        found.is_empty() && warnings.iter().any(|told| told.starts_with("no light found")),
+        found.is_empty() && warnings.iter().any(|message| message.starts_with("no light found")),
         "{warnings:?}"
     );
 }

@@ -130,12 +130,12 @@ fn shade_objects_gives_a_matte_ball_its_closed_form() {
     let dark =
         shade(&ball, ObjectLight::clone(&light), bounced, &[Vec3::ZERO]).expect("one lobe").shown;
     assert!(dark.0.pixels().iter().all(|shown| *shown == Vec3::ZERO));
-    let told = shade(&ball, ObjectLight::clone(&light), bounced, &[WARM; 2])
+    let message = shade(&ball, ObjectLight::clone(&light), bounced, &[WARM; 2])
         .map(drop)
         .expect_err("a lobe is missing");
     assert!(
-        told.to_string().contains("`light` has 1 lobes of bodies, wanted 2 as `radiance`"),
-        "{told}"
+        message.to_string().contains("`light` has 1 lobes of bodies, wanted 2 as `radiance`"),
+        "{message}"
     );
 }
 

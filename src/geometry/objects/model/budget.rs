@@ -106,7 +106,7 @@ impl Textures {
         let room =
             (FREE_TEXELS + TEXELS_PER_BYTE * self.file_bytes).saturating_sub(self.held_bytes);
         let read = Texture::read(NamedBytes::new(name, bytes), room);
-        let (texture, told) = read.map_err(|e| {
+        let (texture, notes) = read.map_err(|e| {
             let others = match self.held.len() {
                 0 => String::new(),
                 count => format!(
@@ -116,7 +116,7 @@ impl Textures {
             };
             format!("{name}: {}{others}", e.message())
         })?;
-        warnings.extend(told.iter().map(|w| format!("{name}: {w}")));
+        warnings.extend(notes.iter().map(|w| format!("{name}: {w}")));
         self.held_bytes += texture.bytes() as u64;
         let texture = Arc::new(texture);
         self.held.insert(name.to_owned(), texture.clone());
@@ -129,7 +129,7 @@ mod tests {
     use glam::Vec3;
 
     use super::*;
-    use crate::geometry::{Model, Skin, parts};
+    use crate::geometry::{Model, Skin, named_files};
     use crate::image::{Picture, Plane, Transfer, write_png};
 
     /// A glTF with a triangle in `triangle.bin`, and additional content.
@@ -165,7 +165,7 @@ mod tests {
         (model, asked)
     }
 
-    fn told(name: &str, text: &str) -> String {
+    fn message(name: &str, text: &str) -> String {
         read(name, text, "")
             .0
             .err()
@@ -177,12 +177,12 @@ mod tests {
         let accessor = r#", {"componentType": 5126, "count": 2000000, "type": "VEC3", "min": [0, 0, 0], "max": [0, 0, 0],
             "sparse": {"count": 1, "indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 0}}}"#;
         let primitive = r#"{"attributes": {"POSITION": 1}}"#;
-        let told = told("a.gltf", &gltf(&[primitive; 4].join(","), accessor, ""));
+        let message = message("a.gltf", &gltf(&[primitive; 4].join(","), accessor, ""));
         assert!(
-            told.contains("wanted up to 600")
-                && told.contains("positions of")
-                && told.contains("got at least"),
-            "{told}"
+            message.contains("wanted up to 600")
+                && message.contains("positions of")
+                && message.contains("got at least"),
+            "{message}"
         );
     }
 
@@ -196,11 +196,11 @@ mod tests {
         let model = read("a.gltf", &gltf(primitive, accessor, ""), "").0.expect("it is sound");
         assert_eq!((model.positions.len(), model.normals.len()), (3, 3));
         let primitive = r#"{"attributes": {"POSITION": 0}, "indices": 1}"#;
-        let told = told(
+        let message = message(
             "a.gltf",
             &gltf(primitive, &accessor.replace("VEC3", "SCALAR").replace("5126", "5125"), ""),
         );
-        assert!(told.contains("triangles of"), "{told}");
+        assert!(message.contains("triangles of"), "{message}");
     }
 
     /// Reason: each of these ended in a panic of the crate.
@@ -241,11 +241,11 @@ mod tests {
             (PLAIN, String::new(), images, "image 0: wanted a uri or a bufferView"),
         ] {
             let text = gltf(primitive, &accessors, rest);
-            let told = told("a.gltf", &text);
-            assert!(told.contains(wanted), "wanted {wanted:?}, got {told:?}");
-            parts("a.gltf", || Some(text.clone().into()), &|_| None);
+            let message = message("a.gltf", &text);
+            assert!(message.contains(wanted), "wanted {wanted:?}, got {message:?}");
+            named_files("a.gltf", || Some(text.clone().into()), &|_| None);
         }
-        assert!(told("a.gltf", &"{".repeat(600_000)).contains("JSON objects"));
+        assert!(message("a.gltf", &"{".repeat(600_000)).contains("JSON objects"));
     }
 
     /// Skins of a model share a texture that several of its materials name.
@@ -290,7 +290,7 @@ mod tests {
         // Reason: one number for all three ended in a panic of the crate.
         assert_eq!(model.skins[0].material.albedo, Vec3::splat(0.5));
         let beside = |_: &str| Some(b"newmtl a\nKd\n".to_vec());
-        parts("a.obj", || Some(obj.clone().into()), &|name| {
+        named_files("a.obj", || Some(obj.clone().into()), &|name| {
             beside(name).inspect(|_| assert!(name == "a.mtl"))
         });
         let buffers = [r#"{"byteLength": 36, "uri": "triangle.bin"}"#; 500].join(",");
@@ -317,11 +317,11 @@ mod tests {
         let read = Model::read("a.gltf", text.as_bytes(), &mut |_| {
             Ok(bytemuck::cast_slice(&TRIANGLE).to_vec())
         });
-        assert!(read.is_err_and(|told| told.contains("up to 1000 other files")));
+        assert!(read.is_err_and(|message| message.contains("up to 1000 other files")));
         assert_eq!(
-            parts("a.gltf", || Some(text.into()), &|_| None).len(),
+            named_files("a.gltf", || Some(text.into()), &|_| None).len(),
             1001,
-            "the one too many is told"
+            "the one too many is reported"
         );
     }
 
@@ -332,8 +332,11 @@ mod tests {
         // The file's own bytes stand for some of it.
         let room = 1000 + TEXELS_PER_BYTE * bytes.len() as u64;
         assert!(room < 64 * 64 * 3);
-        let told = textures.read("t", &bytes, &mut Vec::new()).unwrap_err();
-        assert!(told.contains("t: size in the header") && told.contains("64 x 64"), "{told}");
+        let message = textures.read("t", &bytes, &mut Vec::new()).unwrap_err();
+        assert!(
+            message.contains("t: size in the header") && message.contains("64 x 64"),
+            "{message}"
+        );
         textures.held_bytes = FREE_TEXELS - 64 * 64 * 3;
         textures.read("t", &bytes, &mut Vec::new()).expect("there is room");
         assert_eq!(textures.held_bytes, FREE_TEXELS);
@@ -343,8 +346,8 @@ mod tests {
     /// missing element.
     #[test]
     fn obj_indices_beyond_all_reason_are_told() {
-        let told = told("a.obj", "v 0 0 0\nvn 0 0 1\nf 1//6148914691236517206 1//1 1//1\n");
-        assert!(told.contains("line 3: wanted indices up to"), "{told}");
+        let message = message("a.obj", "v 0 0 0\nvn 0 0 1\nf 1//6148914691236517206 1//1 1//1\n");
+        assert!(message.contains("line 3: wanted indices up to"), "{message}");
     }
 
     #[test]
@@ -362,14 +365,14 @@ mod tests {
             format!("ply\nformat {encoding} 1.0\n{elements}end_header\n{rest}")
         };
         let many: String = (0..100).map(|i| format!("element e{i} 1000\n")).collect();
-        assert!(told("a.ply", &ply("binary_little_endian", &many, "")).contains("elements `e"));
+        assert!(message("a.ply", &ply("binary_little_endian", &many, "")).contains("elements `e"));
         let list = "element face 1\nproperty list uint uint vertex_indices\n";
-        assert!(told("a.ply", &ply("binary_little_endian", list, "zzzz")).contains("PLY"));
+        assert!(message("a.ply", &ply("binary_little_endian", list, "zzzz")).contains("PLY"));
         let wide: String = (0..50).map(|i| format!("property double p{i}\n")).collect();
-        let told = told(
+        let message = message(
             "a.ply",
             &ply("binary_little_endian", &format!("element vertex 100\n{wide}"), "0"),
         );
-        assert!(told.contains("100 elements `vertex`"), "{told}");
+        assert!(message.contains("100 elements `vertex`"), "{message}");
     }
 }

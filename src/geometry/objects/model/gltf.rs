@@ -18,8 +18,8 @@ use crate::image::Texture;
 /// the file.
 const MOST_OBJECTS: usize = 500_000;
 fn bad(e: impl std::fmt::Display) -> String {
-    let told: String = e.to_string().chars().take(SHOWN).collect();
-    format!("wanted a valid glTF file: {told}")
+    let message: String = e.to_string().chars().take(SHOWN).collect();
+    format!("wanted a valid glTF file: {message}")
 }
 
 /// The JSON and the binary chunk of a file: checked, so that the crate's accessors do not panic on
@@ -55,7 +55,7 @@ fn document(bytes: &[u8]) -> Result<(gltf::Document, Option<Vec<u8>>), String> {
 }
 
 /// The files that a `.gltf` names, as it names them, percent-decoded; none when it cannot be read.
-pub fn parts(bytes: &[u8]) -> Vec<String> {
+pub fn named_files(bytes: &[u8]) -> Vec<String> {
     let Ok((document, _)) = document(bytes) else { return Vec::new() };
     let buffers = document.buffers().filter_map(|buffer| match buffer.source() {
         gltf::buffer::Source::Uri(uri) => Some(uri),

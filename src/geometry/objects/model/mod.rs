@@ -24,7 +24,7 @@ type ReadPart<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
 
 /// The files that a model of this name and content names, as it names them. Of an OBJ, whose
 /// libraries and pictures often stay behind, those that `beside` has.
-pub fn parts(
+pub fn named_files(
     name: &str,
     content: impl FnOnce() -> Option<Vec<u8>>,
     beside: &dyn Fn(&str) -> Option<Vec<u8>>,
@@ -35,7 +35,7 @@ pub fn parts(
     }
     let Some(bytes) = content() else { return Vec::new() };
     if ending == "gltf" {
-        return gltf::parts(&bytes);
+        return gltf::named_files(&bytes);
     }
     let mut names = distinct(obj::libraries(&bytes));
     for library in names.clone() {
@@ -305,8 +305,8 @@ impl Model {
         // The file's normals, where it has any, decide for each triangle.
         for t in &mut self.triangles {
             let [a, b, c] = t.map(|i| self.positions[i as usize]);
-            let told: Vec3 = t.iter().map(|&i| self.normals[i as usize]).sum();
-            if (b - a).cross(c - a).dot(told) < 0.0 {
+            let message: Vec3 = t.iter().map(|&i| self.normals[i as usize]).sum();
+            if (b - a).cross(c - a).dot(message) < 0.0 {
                 t.swap(1, 2);
             }
         }
@@ -387,9 +387,9 @@ mod tests {
             "tex/c.png" => Some(cloth.clone()),
             _ => None,
         };
-        assert_eq!(parts("a.obj", || Some(obj.into()), &beside), ["a.mtl", "tex/c.png"]);
+        assert_eq!(named_files("a.obj", || Some(obj.into()), &beside), ["a.mtl", "tex/c.png"]);
         assert!(
-            parts("a.obj", || Some(obj.into()), &|_| None).is_empty(),
+            named_files("a.obj", || Some(obj.into()), &|_| None).is_empty(),
             "what is not there is not asked for"
         );
         let mut part = |name: &str| beside(name).ok_or_else(|| format!("no {name}"));
@@ -407,10 +407,11 @@ mod tests {
             made(3).albedo
         );
         assert_eq!((made(4).albedo, made(4).roughness), (Vec3::new(0.2, 1.0, 0.5), 1.0));
-        let told = body.model.warnings.join("\n");
+        let message = body.model.warnings.join("\n");
         assert!(
-            told.contains("\"red\": not used: d, map_Bump") && told.contains("options of map_Kd"),
-            "{told}"
+            message.contains("\"red\": not used: d, map_Bump")
+                && message.contains("options of map_Kd"),
+            "{message}"
         );
 
         let alone = read("a.obj", obj.as_bytes()).expect("a library that is not there is no fault");
@@ -466,10 +467,10 @@ mod tests {
             ("a.gltf", br#"{"asset": {"version": "2.0"}}"#, "got none"),
             ("a.stl", b"solid", "wanted a model that ends in"),
         ] {
-            let told = read(name, bytes)
+            let message = read(name, bytes)
                 .err()
                 .unwrap_or_else(|| panic!("{name} {wanted}: a fault is wanted"));
-            assert!(told.contains(wanted), "{name}: wanted {wanted:?}, got {told:?}");
+            assert!(message.contains(wanted), "{name}: wanted {wanted:?}, got {message:?}");
         }
     }
 }

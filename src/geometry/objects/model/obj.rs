@@ -133,8 +133,8 @@ pub fn read(bytes: &[u8], part: ReadPart) -> Result<Model, String> {
             });
             read.map_err(|e| format!("wanted a valid material library, {name}: {e}"))
         });
-        let found = found.unwrap_or_else(|told| {
-            warnings.borrow_mut().push(format!("{told}; its materials are not known"));
+        let found = found.unwrap_or_else(|message| {
+            warnings.borrow_mut().push(format!("{message}; its materials are not known"));
             Default::default()
         });
         *materials.borrow_mut() += found.0.len();
@@ -204,8 +204,10 @@ fn skin(
         if texture.is_none() {
             match part(&name) {
                 Ok(bytes) => texture = Some(textures.read(&name, &bytes, warnings)?),
-                Err(told) => warnings
-                    .push(format!("material {:?}: {told}; its map_Kd is not used", material.name)),
+                Err(message) => warnings.push(format!(
+                    "material {:?}: {message}; its map_Kd is not used",
+                    material.name
+                )),
             }
         }
         // Some programs leave the color black where there is a picture of it.

@@ -121,8 +121,8 @@ fn least(element: &ElementDef, encoding: Encoding) -> usize {
 /// The file cannot be used; the message states the wanted and the actual content.
 pub fn read(bytes: &[u8]) -> Result<Model, String> {
     let bad = |e: &dyn std::fmt::Display| {
-        let told: String = e.to_string().chars().take(SHOWN).collect();
-        format!("wanted a valid PLY file: {told}")
+        let message: String = e.to_string().chars().take(SHOWN).collect();
+        format!("wanted a valid PLY file: {message}")
     };
     let mut input = Reader::new(Cursor::new(bytes));
     let parser = Parser::<Element>::new();

@@ -174,16 +174,16 @@ impl Environment<'_> {
                 let turned = Quat::from_axis_angle(up, -self.yaw.to_radians()) * ahead;
                 let model =
                     fit_window_model(&picture.0, Heading { up, ahead: turned }, outside, true);
-                let told = format!(
+                let message = format!(
                     "light {id:?}: three lobes move {:.0} % of the light of {} through this window to other \
                     directions than in the picture",
                     100.0 * model.misplaced,
                     file.path
                 );
                 if model.misplaced > TUNING.max_misplaced {
-                    ctx.warn(told)
+                    ctx.warn(message)
                 } else {
-                    ctx.note(told)
+                    ctx.note(message)
                 }
                 own_sun = model.radiance[0] / model.lobes[0].bandwidth;
                 (model.lobes, model.radiance)

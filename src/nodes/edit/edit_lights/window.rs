@@ -85,7 +85,7 @@ pub fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<W
         for x in (clamp(low.x, camera.width)..clamp(high.x + 1.0, camera.width)).step_by(step) {
             let at = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             if inside(at) {
-                let (point, normal) = ground.seen(at.x, at.y)?;
+                let (point, normal) = ground.surface_at(at.x, at.y)?;
                 points.push(point);
                 normals.push(normal);
             }
@@ -100,7 +100,7 @@ pub fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<W
     };
     let middle = corner.iter().sum::<Vec2>() / 4.0;
     let plane = upright(plane, up, camera.unproject(middle.x, middle.y, 1.0));
-    let met = corner.map(|c| plane.meet(camera.unproject(c.x, c.y, 1.0)));
+    let met = corner.map(|c| plane.intersect(camera.unproject(c.x, c.y, 1.0)));
     let [Some(a), Some(b), Some(c), Some(d)] = met else {
         return Err(format!("corners: the wall's plane is not visible at each of {corners:?}"));
     };
@@ -127,7 +127,7 @@ pub fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<W
 /// The plane turned upright about its point along `ray`, if it nearly is.
 fn upright(plane: PlaneFit, up: Vec3, ray: Vec3) -> PlaneFit {
     let normal = (plane.normal - up * plane.normal.dot(up)).normalize_or_zero();
-    match plane.meet(ray) {
+    match plane.intersect(ray) {
         Some(point) if normal.dot(plane.normal) > TUNING.upright_wall => {
             PlaneFit { normal, offset: normal.dot(point), ..plane }
         }

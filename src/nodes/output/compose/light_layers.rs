@@ -122,17 +122,21 @@ impl<'a> LightLayers<'a> {
 impl VisibleEmitter<'_> {
     /// The light at one of its own pixels.
     pub fn own(&self, ray: Vec3) -> OwnPixel {
-        let (radiance, gain) = self.shown(ray);
+        let (radiance, gain) = self.emission_towards(ray);
         OwnPixel { light: self.light, albedo: self.albedo, radiance, gain }
     }
 
     /// The light at photo pixel `i` of its glare.
     pub fn glare(&self, i: usize, ray: Vec3) -> GlarePixel {
-        GlarePixel { light: self.light, weight: self.mask.weight(i), gain: self.shown(ray).1 }
+        GlarePixel {
+            light: self.light,
+            weight: self.mask.weight(i),
+            gain: self.emission_towards(ray).1,
+        }
     }
 
     /// The radiance that the light shows along `ray` as estimated, and its gain.
-    fn shown(&self, ray: Vec3) -> (Vec3, Vec3) {
+    fn emission_towards(&self, ray: Vec3) -> (Vec3, Vec3) {
         let (w, gains) = (&self.radiance.0, &self.gain.0);
         // A replaced light may have another number of lobes; it is removed from these pixels.
         let after: Vec<Vec3> = w
