@@ -210,10 +210,7 @@ fn export_as_a_command() {
         ("export GRAPHS/physics.ron no.ron --scene DEMO", "no.ron"),
     ] {
         let message = place.check(line, 2);
-        assert!(
-            message.contains(wanted),
-            "`relight {line}`: wanted {wanted:?}, got:\n{message}"
-        );
+        assert!(message.contains(wanted), "`relight {line}`: wanted {wanted:?}, got:\n{message}");
     }
     place.check(
         "export GRAPHS/physics.ron EDITS/lamp_off.ron --scene DEMO --out made/living.usda",

@@ -118,10 +118,7 @@ fn what_cannot_be_mixed_is_told() {
         ("mix flat.exr", "flat.exr: comments: wanted a line `encoding: Srgb, 8 bits`"),
     ] {
         let message = place.check(line, 2);
-        assert!(
-            message.contains(wanted),
-            "`relight {line}`: wanted {wanted:?}, got:\n{message}"
-        );
+        assert!(message.contains(wanted), "`relight {line}`: wanted {wanted:?}, got:\n{message}");
     }
     let message = place.check("mix run --set inv_window=2", 0);
     assert!(message.contains("warning: inv_window is off in this run"), "{message}");

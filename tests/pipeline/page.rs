@@ -180,10 +180,7 @@ fn names_in_it_do_no_harm(place: &Place) {
 fn what_is_no_run_is_told(place: &Place) {
     let check = |line: &str, wanted: &str| {
         let message = place.check(line, 2);
-        assert!(
-            message.contains(wanted),
-            "`relight {line}`: wanted {wanted:?}, got:\n{message}"
-        );
+        assert!(message.contains(wanted), "`relight {line}`: wanted {wanted:?}, got:\n{message}");
     };
     check("report nowhere", "nowhere: wanted the folder that `relight run` wrote to");
     check("report run/report.json", "wanted the folder that `relight run` wrote to");

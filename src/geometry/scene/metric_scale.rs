@@ -79,7 +79,8 @@ pub struct MetricDepth {
     pub misfit: f32,
 }
 
-/// Planar depth from the relative depth `network`, which has the aspect ratio of the camera's photo.
+/// Planar depth from the relative depth `network`, which has the aspect ratio of the camera's
+/// photo.
 ///
 /// # Errors
 /// The known length that cannot be used, and the reason; none given; a network output without
