@@ -111,19 +111,19 @@ mi.register_emitter("windowlight", WindowLight)
 def material(name, images, rich):
     """A Mitsuba material: Lambertian but for gloss and walnut, which have a specular coat of roughness 0.3, and the floor of the rich room, which has a
     weaker one of 0.35."""
-    colour = {"type": "mesh_attribute", "name": "vertex_color"}
+    color = {"type": "mesh_attribute", "name": "vertex_color"}
     if name in images:
         pixels, scale = images[name]
         to_uv = mi.ScalarTransform4f().scale(mi.ScalarPoint3f(scale[0], scale[1], 1))
-        colour = {"type": "bitmap", "bitmap": mi.Bitmap(pixels.astype(np.float32)), "raw": True, "to_uv": to_uv}
+        color = {"type": "bitmap", "bitmap": mi.Bitmap(pixels.astype(np.float32)), "raw": True, "to_uv": to_uv}
     if name in ("gloss", "walnut"):
-        return {"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": 0.3, "specular": 0.5}}
+        return {"type": "twosided", "bsdf": {"type": "principled", "base_color": color, "roughness": 0.3, "specular": 0.5}}
     if name == "floor" and rich:
-        return {"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": 0.35, "specular": 0.35}}
-    return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}}
+        return {"type": "twosided", "bsdf": {"type": "principled", "base_color": color, "roughness": 0.35, "specular": 0.35}}
+    return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": color}}
 
 
-def mesh(name, data, colours, bsdf, emitter=None):
+def mesh(name, data, colors, bsdf, emitter=None):
     """A Mitsuba mesh of a mesh of shapes.py."""
     props = mi.Properties()
     props["mesh_bsdf"] = bsdf
@@ -131,8 +131,8 @@ def mesh(name, data, colours, bsdf, emitter=None):
         props["mesh_emitter"] = emitter
     points, normals, uv, faces = data
     out = mi.Mesh(name, len(points), len(faces), has_vertex_normals=True, has_vertex_texcoords=True, props=props)
-    if colours is not None:
-        out.add_attribute("vertex_color", 3, np.ascontiguousarray(colours, np.float32).ravel())
+    if colors is not None:
+        out.add_attribute("vertex_color", 3, np.ascontiguousarray(colors, np.float32).ravel())
     params = mi.traverse(out)
     for key, value in (("vertex_positions", points), ("vertex_normals", normals), ("vertex_texcoords", uv), ("faces", faces)):
         params[key] = np.ascontiguousarray(value).ravel().astype(np.uint32 if key == "faces" else np.float32)
@@ -166,7 +166,7 @@ def area(radiance):
     return {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}}
 
 
-def grey(value):
+def gray(value):
     return {"type": "diffuse", "reflectance": {"type": "rgb", "value": value}}
 
 
@@ -187,13 +187,13 @@ class Demo:
         self.width, self.height = width, height
         images = room.textures(rich)
         self.static = {}
-        for name, (data, colours) in room.build(rich).items():
-            self.static[name] = mesh(name, data, colours, mi.load_dict(material(name, images, rich)))
+        for name, (data, colors) in room.build(rich).items():
+            self.static[name] = mesh(name, data, colors, mi.load_dict(material(name, images, rich)))
             if name == "accent":
                 texels, scale = images[name]
                 paint = texels * linear(PAINT) / texels.mean((0, 1))
                 self.painted = mesh(name, data, None, mi.load_dict(material(name, {name: (paint, scale)}, rich)))
-        self.shade_bsdf = mi.load_dict({"type": "twosided", "bsdf": grey([0.80, 0.72, 0.58])})
+        self.shade_bsdf = mi.load_dict({"type": "twosided", "bsdf": gray([0.80, 0.72, 0.58])})
 
         origin, target = (np.array(room.CAMERA[k], float) for k in ("origin", "target"))
         forward = (target - origin) / np.linalg.norm(target - origin)
@@ -237,12 +237,12 @@ class Demo:
             },
             "lamp_0": mesh("lamp_0", room.shade(), None, self.shade_bsdf, mi.load_dict(area(LAMP)) if "lamp_0" in on else None),
             "window_0": window(*demo_window(), dict(sky=SKY, ground=GROUND), "window_0" in on),
-            "inv_lamp": {"type": "rectangle", "to_world": rectangle(c["center"], (c["half"][0], 0, 0), (0, 0, c["half"][1])), "bsdf": grey(0.6)},
+            "inv_lamp": {"type": "rectangle", "to_world": rectangle(c["center"], (c["half"][0], 0, 0), (0, 0, c["half"][1])), "bsdf": gray(0.6)},
         } | self.static
         if "inv_lamp" in on:
             out["inv_lamp"]["emitter"] = area(c["radiance"])
         if "desk" in extra:
-            out["desk"] = {"type": "sphere", "center": list(DESK["center"]), "radius": DESK["radius"], "bsdf": grey(0.7)}
+            out["desk"] = {"type": "sphere", "center": list(DESK["center"]), "radius": DESK["radius"], "bsdf": gray(0.7)}
             if "desk" in on:
                 out["desk"]["emitter"] = area(DESK["radiance"])
         if "east" in extra:
@@ -317,9 +317,9 @@ class Demo:
         return z.reshape(size), n.reshape(*size, 3), {k: m.reshape(size) for k, m in masks.items()}
 
 
-def denoised(colour, aux):
+def denoised(color, aux):
     albedo, normal = aux
-    out = mitsuba_oidn.denoise(np.ascontiguousarray(colour, np.float32), albedo=albedo, normal=normal, hdr=True, clean_aux=True)
+    out = mitsuba_oidn.denoise(np.ascontiguousarray(color, np.float32), albedo=albedo, normal=normal, hdr=True, clean_aux=True)
     return np.maximum(np.array(out), 0)
 
 

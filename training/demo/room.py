@@ -56,9 +56,9 @@ class Room:
         """Woven in the rich room, of one color in the plain one."""
         self.add(texture, mesh) if self.rich else self.add("matte", mesh, color)
 
-    def add(self, material, mesh, colour=None):
-        colours = None if colour is None else np.broadcast_to(np.asarray(colour, float), mesh[0].shape)
-        self.meshes.setdefault(material, []).append((mesh, colours))
+    def add(self, material, mesh, color=None):
+        colors = None if color is None else np.broadcast_to(np.asarray(color, float), mesh[0].shape)
+        self.meshes.setdefault(material, []).append((mesh, colors))
 
     def merged(self):
         return {
@@ -158,8 +158,8 @@ def coffee_table(room):
         room.add("walnut", rod((x + foot * np.cos(a), 0.012, z + foot * np.sin(a)), (x + head * np.cos(a), top - 0.02, z + head * np.sin(a)), 0.02))
     stack = ((0.24, 0.17, 0.030, (0.05, 0.10, 0.16), 8), (0.22, 0.16, 0.024, (0.62, 0.55, 0.42), -6), (0.19, 0.14, 0.022, (0.42, 0.08, 0.05), 15))
     y = top
-    for w, d, h, colour, yaw in stack:
-        room.add("gloss", moved(box((-w / 2, 0, -d / 2), (w / 2, h, d / 2), 0.003, 1), (x - 0.17, y, z + 0.10), yaw=yaw), colour)
+    for w, d, h, color, yaw in stack:
+        room.add("gloss", moved(box((-w / 2, 0, -d / 2), (w / 2, h, d / 2), 0.003, 1), (x - 0.17, y, z + 0.10), yaw=yaw), color)
         y += h
     room.add("gloss", smooth_lathe([(0.035, 0), (0.075, 0.02), (0.10, 0.055), (0.105, 0.062), (0.098, 0.056), (0.07, 0.024), (0.002, 0.016)], (x - 0.16, y, z + 0.10)), (0.60, 0.58, 0.52))
     room.add("gloss", smooth_lathe([(0.002, 0), (0.038, 0.002), (0.042, 0.03), (0.042, 0.085), (0.038, 0.083), (0.036, 0.01), (0.002, 0.008)], (x + 0.07, top, z + 0.25)), (0.10, 0.22, 0.24))
@@ -196,8 +196,8 @@ def shelf(room):
             w, h, d = rng.uniform(0.018, 0.045), rng.uniform(0.62, 0.92) * room_above, rng.uniform(0.15, 0.22)
             if x + w > b:
                 return
-            colour = tones[rng.integers(len(tones))] * rng.uniform(0.8, 1.15)
-            room.add("gloss" if rng.random() < 0.3 else "matte", box((x, y, z1 - 0.03 - d), (x + w - 0.002, y + h, z1 - 0.03), 0.002, 1), colour)
+            color = tones[rng.integers(len(tones))] * rng.uniform(0.8, 1.15)
+            room.add("gloss" if rng.random() < 0.3 else "matte", box((x, y, z1 - 0.03 - d), (x + w - 0.002, y + h, z1 - 0.03), 0.002, 1), color)
             if room.rich:  # a label or two on the spine
                 for k in range(1 + int(97 * w * h) % 2):
                     label = y + h * (0.72 - 0.5 * k)
@@ -216,8 +216,8 @@ def shelf(room):
     room.add("matte", box((a + 0.02, boards[1], zc - 0.1), (a + 0.26, boards[1] + 0.20, zc + 0.1), 0.012), (0.50, 0.38, 0.22))
     room.add("gloss", smooth_lathe([(0.002, 0), (0.05, 0.003), (0.085, 0.08), (0.06, 0.16), (0.03, 0.20), (0.045, 0.235)], (b - 0.16, boards[2], zc)), (0.62, 0.30, 0.12))
     room.add("gloss", ball((b - 0.11, boards[3] + 0.075, zc), 0.075), (0.10, 0.24, 0.26))
-    for k, colour in enumerate(((0.07, 0.13, 0.22), (0.64, 0.58, 0.46), (0.42, 0.09, 0.05))):
-        room.add("matte", moved(box((-0.12, 0, -0.085), (0.12, 0.032, 0.085), 0.003, 1), (a + 0.17, boards[4] + 0.033 * k, zc), yaw=4 * k - 3), colour)
+    for k, color in enumerate(((0.07, 0.13, 0.22), (0.64, 0.58, 0.46), (0.42, 0.09, 0.05))):
+        room.add("matte", moved(box((-0.12, 0, -0.085), (0.12, 0.032, 0.085), 0.003, 1), (a + 0.17, boards[4] + 0.033 * k, zc), yaw=4 * k - 3), color)
     room.add("gloss", smooth_lathe([(0.002, 0), (0.05, 0.002), (0.06, 0.06), (0.035, 0.13), (0.045, 0.15)], (a + 0.17, boards[4] + 0.10, zc)), (0.66, 0.62, 0.54))
     room.add("matte", box((x0 + 0.12, top, z0 + 0.05), (x0 + 0.46, top + 0.16, z1 - 0.03), 0.01), (0.44, 0.36, 0.26))
 

@@ -43,17 +43,17 @@ def planks(rng, h, w, rows, dark, light):
     return out.clip(0.01, 0.9)
 
 
-def plaster(rng, h, w, colour):
+def plaster(rng, h, w, color):
     """Paint with a slight unevenness."""
     t = 0.5 * noise(rng, h, w, 6, 6) + 0.3 * noise(rng, h, w, 24, 24) + 0.2 * noise(rng, h, w, h // 3, w // 3)
-    return np.asarray(colour) * (0.95 + 0.1 * t)[..., None]
+    return np.asarray(color) * (0.95 + 0.1 * t)[..., None]
 
 
-def weave(rng, h, w, colour):
+def weave(rng, h, w, color):
     """Coarse cloth."""
     y, x = np.mgrid[0:h, 0:w]
     t = 0.6 * rng.random((h, w)) + 0.4 * ((x + y) % 2)
-    return np.asarray(colour) * (0.82 + 0.36 * (0.5 * t + 0.5 * noise(rng, h, w, 8, 8)))[..., None]
+    return np.asarray(color) * (0.82 + 0.36 * (0.5 * t + 0.5 * noise(rng, h, w, 8, 8)))[..., None]
 
 
 def banded(rng, h, w, colors):
@@ -72,11 +72,11 @@ def rug(rng, h, w):
     s, t = (x - margin) * 6, (y - margin) * 6
     d = np.abs(s % 1 - 0.5) + np.abs(t % 1 - 0.5)
     odd = (np.floor(s) + np.floor(t)) % 2 == 1
-    for where, reach, colour in ((odd, 0.44, rust), (odd, 0.30, cream), (odd, 0.18, blue), (~odd, 0.30, blue), (~odd, 0.18, ochre)):
-        out[field & where & (d < reach)] = colour
+    for where, reach, color in ((odd, 0.44, rust), (odd, 0.30, cream), (odd, 0.18, blue), (~odd, 0.30, blue), (~odd, 0.18, ochre)):
+        out[field & where & (d < reach)] = color
     rim = np.minimum(np.minimum(x, long - x), np.minimum(y, h / min(h, w) - y))
-    for width, colour in ((0.12, rust), (0.10, cream), (0.085, blue), (0.03, cream)):
-        out[rim < width] = colour
+    for width, color in ((0.12, rust), (0.10, cream), (0.085, blue), (0.03, cream)):
+        out[rim < width] = color
     return out * (0.8 + 0.3 * rng.random((h, w)) + 0.1 * noise(rng, h, w, 9, 9))[..., None]
 
 
@@ -87,15 +87,15 @@ def landscape(rng, h, w):
     out = np.array([0.35, 0.42, 0.48]) * (1 - t) + np.array([0.85, 0.52, 0.24]) * t * 1.2
     sun = np.hypot(x - 0.62 * w / h, y - 0.40)
     out[sun < 0.11] = (0.80, 0.30, 0.10)
-    for k, colour in enumerate(((0.38, 0.30, 0.28), (0.22, 0.24, 0.24), (0.13, 0.19, 0.16), (0.07, 0.11, 0.09))):
+    for k, color in enumerate(((0.38, 0.30, 0.28), (0.22, 0.24, 0.24), (0.13, 0.19, 0.16), (0.07, 0.11, 0.09))):
         ridge = 0.52 + 0.12 * k + 0.09 * np.sin(x * (3.0 + 1.3 * k) + 2.1 * k) + 0.03 * np.sin(x * (9 + 2 * k) + k)
-        out[y > ridge] = colour
+        out[y > ridge] = color
     return (out * (0.85 + 0.3 * noise(rng, h, w, h // 3, w // 8))[..., None]).clip(0.02, 0.9)
 
 
 def stripes(rng, h, w):
     """A print of soft upright bars."""
     x = np.mgrid[0:h, 0:w][1] / float(w)
-    colours = np.array([(0.70, 0.64, 0.52), (0.14, 0.26, 0.28), (0.62, 0.36, 0.12), (0.70, 0.64, 0.52), (0.40, 0.13, 0.07), (0.70, 0.64, 0.52)])
-    out = colours[np.minimum((x * len(colours)).astype(int), len(colours) - 1)]
+    colors = np.array([(0.70, 0.64, 0.52), (0.14, 0.26, 0.28), (0.62, 0.36, 0.12), (0.70, 0.64, 0.52), (0.40, 0.13, 0.07), (0.70, 0.64, 0.52)])
+    out = colors[np.minimum((x * len(colors)).astype(int), len(colors) - 1)]
     return out * (0.9 + 0.2 * noise(rng, h, w, h // 2, w // 2))[..., None]

@@ -128,22 +128,22 @@ def worse_depth(g, depth):
     return choose(g, 1 / 3, measured_depth(g, depth), estimated)
 
 
-def each_colour(g, albedo):
+def each_color(g, albedo):
     """A number of about unit variance for each color of the picture, [B, 1, h, w]: the same wherever a paint is."""
-    colour = (albedo.clamp(0, 0.999) * 5).long()
-    colour = colour[:, 0] * 25 + colour[:, 1] * 5 + colour[:, 2]
-    return torch.randn(len(albedo), 125, generator=g).gather(1, colour.flatten(1)).view(albedo[:, :1].shape)
+    color = (albedo.clamp(0, 0.999) * 5).long()
+    color = color[:, 0] * 25 + color[:, 1] * 5 + color[:, 2]
+    return torch.randn(len(albedo), 125, generator=g).gather(1, color.flatten(1)).view(albedo[:, :1].shape)
 
 
 def worse_albedo(g, albedo):
     """Wrong level, slow color error, and an error of its own for each color, as an estimate makes from segment to segment."""
     level = 0.15 * torch.randn(len(albedo), 1, 1, 1, generator=g) + 0.15 * smooth(g, albedo, 3)
-    return (albedo * torch.exp(level + 0.15 * blur(each_colour(g, albedo), 1))).clamp(0.01, 0.98)
+    return (albedo * torch.exp(level + 0.15 * blur(each_color(g, albedo), 1))).clamp(0.01, 0.98)
 
 
 def repainted(g, albedo):
     """Another albedo for each color of the half of the items."""
-    paint = torch.cat([each_colour(g, albedo) for _ in range(3)], 1)
+    paint = torch.cat([each_color(g, albedo) for _ in range(3)], 1)
     paint = 0.4 * paint.mean(1, keepdim=True) + 0.15 * paint
     return choose(g, 0.5, (albedo * torch.exp(paint)).clamp(0.01, 0.95), albedo)
 

@@ -24,7 +24,7 @@ from data import full_depth, half_depth
 from networks import trained
 from outside import described, picture  # it puts training/rooms on the path
 
-from colour import linear
+from color import linear
 from compare import read_depth
 
 matplotlib.use("Agg")
@@ -114,12 +114,12 @@ def draw(panels, name, photo, depth, fov, found, albedo, total, truth):
     plan.plot(0, 0, "k^")
     plan.set(title="plan (m), camera at the triangle", aspect="equal")
 
-    def lines(segments, colour, style):
+    def lines(segments, color, style):
         for a, b in segments:
-            plan.plot([a[0], b[0]], [-a[2], -b[2]], style, color=colour, lw=1.5)
+            plan.plot([a[0], b[0]], [-a[2], -b[2]], style, color=color, lw=1.5)
             if min(-a[2], -b[2]) > 0.05:
                 at = lambda p: (SIZE[0] / 2 + focal * p[0] / -p[2], SIZE[1] / 2 - focal * p[1] / -p[2])
-                over.plot(*zip(at(a), at(b)), style, color=colour, lw=1.5)
+                over.plot(*zip(at(a), at(b)), style, color=color, lw=1.5)
 
     for light in truth.values():
         lines(known(light), "lime", ":")
@@ -127,8 +127,8 @@ def draw(panels, name, photo, depth, fov, found, albedo, total, truth):
         radiance = light["radiance"][0].sum(0).numpy()
         burns = float(light["confidence"][0, 0])
         if burns > 0.5 or not label.startswith("inv"):
-            colour = np.clip(radiance / max(radiance.max(), 1e-6), 0, 1) ** (1 / 2.2) * 0.9
-            lines(outline(light), colour, "-")
+            color = np.clip(radiance / max(radiance.max(), 1e-6), 0, 1) ** (1 / 2.2) * 0.9
+            lines(outline(light), color, "-")
             centre = light["centre"][0].numpy()
             plan.annotate(label, (centre[0], -centre[2]), fontsize=6)
             if "directions" in light:

@@ -31,5 +31,5 @@ def gather(points, radiance, places, fov_x):
         hit = inside & ~done & (behind > 0) & (behind < 0.2 * depth.flatten()[at])
         pixel[hit] = at[hit]
         done |= hit | ~inside
-    colours = radiance.flatten(1).T
-    return torch.where((pixel >= 0)[..., None], colours[pixel.clamp(min=0)], colours.mean(0))
+    colors = radiance.flatten(1).T
+    return torch.where((pixel >= 0)[..., None], colors[pixel.clamp(min=0)], colors.mean(0))

@@ -86,12 +86,12 @@ class Indirect(nn.Module):
         white = white > white.flatten(1).quantile(0.9 + 0.1 * torch.rand(1, generator=g).item(), 1).view(-1, 1, 1, 1)
         left = known * (seen - x["lit"] * wrong(0.1)) * (1 - x["light"]) * ~white
         turn = torch.randperm(3, generator=g)  # light does not know colors by name
-        coloured = lambda v: v[:, turn]
+        colored = lambda v: v[:, turn]
         burning = known * torch.stack(burning)[:, torch.cat([turn, turn + 3])]
         return {
-            "inputs": (geometry, coloured(albedo), x["light"], coloured(x["direct"]), coloured(flux), coloured(left), burning),
-            "indirect": coloured(x["indirect"]),
-            "albedo": coloured(x["albedo"]),
+            "inputs": (geometry, colored(albedo), x["light"], colored(x["direct"]), colored(flux), colored(left), burning),
+            "indirect": colored(x["indirect"]),
+            "albedo": colored(x["albedo"]),
             "valid": 1 - x["light"],
         }
 

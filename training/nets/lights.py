@@ -65,10 +65,10 @@ class Lights(nn.Module):
         unit = geometry[:, 5:].mean((1, 2, 3)).view(-1, 1) / -3
         plain, begin = unit_scale(geometry), start / unit[..., None, None]
         shading = (photo / albedo.clamp(min=0.05)).clamp(max=10)
-        grey = torch.log(0.02 + luminance(shading))
+        gray = torch.log(0.02 + luminance(shading))
         falls, valid = self.falls(plain, begin), 1 - lights[:, :1]
-        planes = [photo.clamp(0, 8).sqrt(), plain, albedo, grey, lights, begin.expand(-1, -1, *photo.shape[2:]), lights[:, 1:] * grey]
-        planes += [torch.log(falls + 0.02), grey - torch.log(falls + 0.02)]
+        planes = [photo.clamp(0, 8).sqrt(), plain, albedo, gray, lights, begin.expand(-1, -1, *photo.shape[2:]), lights[:, 1:] * gray]
+        planes += [torch.log(falls + 0.02), gray - torch.log(falls + 0.02)]
         x = self.stem(F.pixel_unshuffle(torch.cat(planes, 1), 2))
         for down in self.down:
             x = down(x)
@@ -329,7 +329,7 @@ class Lights(nn.Module):
 
 
 class Lamp(Lights):
-    outputs = ["center", "axes", "radiance", "confidence"]
+    outputs = ["centre", "axes", "radiance", "confidence"]
 
     @staticmethod
     def made(center, axes, numbers, seen):
@@ -337,16 +337,16 @@ class Lamp(Lights):
         a, b, c = axes.norm(dim=2).unbind(1)
         shown = 2 * (a * b + b * c + c * a)  # a quarter of the box's surface, the mean over directions
         radiance = strength(numbers) * seen.alone * (4 * spread(center, seen.unit) / shown[:, None])
-        return {"center": center, "axes": axes, "radiance": radiance[:, None]}
+        return {"centre": center, "axes": axes, "radiance": radiance[:, None]}
 
     def shading(self, guess, points, normals):
-        return emit.box(guess["center"], guess["axes"], points, normals)[..., None] * guess["radiance"]
+        return emit.box(guess["centre"], guess["axes"], points, normals)[..., None] * guess["radiance"]
 
     def surface(self, guess):
         """24 points on the box."""
         k = torch.tensor([[a, b, c] for a in (-1, 1) for b in (-0.5, 0.5) for c in (-0.5, 0.5)])
         k = torch.cat([k, k.roll(1, 1), k.roll(2, 1)])
-        return guess["center"][:, None] + torch.einsum("na,bac->bnc", k, guess["axes"])
+        return guess["centre"][:, None] + torch.einsum("na,bac->bnc", k, guess["axes"])
 
     def form_loss(self, guess, form):
         volume = lambda axes: 8 * axes.norm(dim=2).prod(1)
@@ -368,7 +368,7 @@ class Lamp(Lights):
 
 class Window(Lights):
     window = True
-    outputs = ["center", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"]
+    outputs = ["centre", "half_x", "half_y", "directions", "bandwidths", "radiance", "confidence"]
 
     def shading(self, guess, points, normals):
         lobes = emit.window(*(guess[k] for k in self.outputs[:5]), points, normals)
@@ -378,7 +378,7 @@ class Window(Lights):
         """36 points on the pane."""
         k = torch.linspace(-5 / 6, 5 / 6, 6)
         u, v = (t.reshape(1, -1, 1) for t in torch.meshgrid(k, k, indexing="ij"))
-        return guess["center"][:, None] + u * guess["half_x"][:, None] + v * guess["half_y"][:, None]
+        return guess["centre"][:, None] + u * guess["half_x"][:, None] + v * guess["half_y"][:, None]
 
     @staticmethod
     def made(center, out, tilt, half, numbers, seen):
@@ -389,7 +389,7 @@ class Window(Lights):
         wide = (seen.alone * spread(center, seen.unit) / half.prod(1, keepdim=True))[:, None]
         radiance = sent * torch.cat([seen.glare[:, None] / 2, wide, wide], 1) * (1 + bandwidths)[..., None]
         return {
-            "center": center,
+            "centre": center,
             "half_x": x * half[:, :1],
             "half_y": up * half[:, 1:],
             "directions": directions,

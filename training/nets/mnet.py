@@ -59,11 +59,11 @@ class MNet(nn.Module):
         albedo, normal, rough = self(*batch["inputs"])
         valid = batch["valid"]
         mean = lambda x: (x * valid).mean() / valid.mean().clamp(min=1e-3)
-        levelled = albedo * level(albedo, batch["albedo"], valid)
+        leveled = albedo * level(albedo, batch["albedo"], valid)
         own = mean((albedo - batch["albedo"]) ** 2)
-        colour = mean((levelled - batch["albedo"]) ** 2) + gradients(levelled - batch["albedo"], valid)
+        color = mean((leveled - batch["albedo"]) ** 2) + gradients(leveled - batch["albedo"], valid)
         gloss = mean((rough - batch["rough"]) ** 2) + gradients(rough - batch["rough"], valid)
-        return 1.5 * colour + 0.15 * own + mean((normal - batch["normal"]) ** 2) + 0.5 * gloss
+        return 1.5 * color + 0.15 * own + mean((normal - batch["normal"]) ** 2) + 0.5 * gloss
 
     @staticmethod
     def inputs(rooms, room, worse=None):

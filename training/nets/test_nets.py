@@ -194,7 +194,7 @@ class Nets(unittest.TestCase):
         self.assertEqual(net(**x | {k: 0 * x[k] for k in other}).abs().max(), 0)
 
     @torch.no_grad()
-    def test_one_colour_of_light_does_not_touch_another(self):
+    def test_one_color_of_light_does_not_touch_another(self):
         net, x = IndirectNet().eval(), IndirectNet.inputs(self.rooms, 0)
         red = {k: x[k] * torch.tensor([1.0, 0.0, 0.0]).view(1, 3, 1, 1) for k in ("direct", "flux")}
         self.assertTrue(torch.equal(net(**x | red)[:, 0], net(**x)[:, 0]))

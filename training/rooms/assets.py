@@ -157,8 +157,8 @@ def lights_of(record):
     diameters = record.get("lightSourceDiameter", "").split() or ["5"] * len(lists[0])
     half = [float(record["width"]) / 2, float(record["depth"]) / 2]
     out = []
-    for x, y, z, colour, diameter in zip(*lists, diameters):
-        rgb = linear([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    for x, y, z, color, diameter in zip(*lists, diameters):
+        rgb = linear([int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)])
         position = [(float(x) - half[0]) / 100, float(z) / 100, (half[1] - float(y)) / 100]
         out.append({"position": [round(p, 4) for p in position], "colour": [round(float(c), 5) for c in rgb], "diameter": float(diameter) / 100})
     return out

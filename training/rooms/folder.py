@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from colour import srgb
+from color import srgb
 
 
 def exr(path, **channels):

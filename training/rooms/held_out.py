@@ -103,7 +103,7 @@ def render(found, to, rng, samples):
     import truth
     from camera import depth as sensors
     from camera import model
-    from colour import hsv
+    from color import hsv
 
     lit, (view, planes, visible, hidden), _, about = found
     lights = make.names_of(visible, hidden)

@@ -9,7 +9,7 @@ import numpy as np
 import shapes
 import textures
 
-from colour import blackbody, hsv
+from color import blackbody, hsv
 
 PLAIN, WOOD, STRIPES, CHECK, PLAID, DOTS, CLOUDS, WEAVE = range(8)  # kinds of patterns, which patterns.py draws
 STEP = 0.03  # side of the triangles of a pattern, meters
@@ -58,7 +58,7 @@ class Room:
     patterns: dict = field(default_factory=dict)  # {place in parts: (kind, length in meters, offset, factor of the second albedo [3])}
     bare: np.ndarray = None  # faces of `merged` that have no pattern any more
 
-    def add(self, mesh, colour, rough=MATTE, pattern=None):
+    def add(self, mesh, color, rough=MATTE, pattern=None):
         if pattern is not None:
             self.patterns[len(self.parts)] = pattern
         points, normals, _, faces = mesh
@@ -67,7 +67,7 @@ class Room:
                 points,
                 normals,
                 faces,
-                np.broadcast_to(np.asarray(colour, float), (len(faces), 3)),
+                np.broadcast_to(np.asarray(color, float), (len(faces), 3)),
                 np.broadcast_to(np.asarray(rough, float), len(faces)),
             )
         )
@@ -123,8 +123,8 @@ class Room:
         self.taken.append((np.asarray(low, float), np.asarray(high, float)))
 
 
-def patch(origin, u, v, s, t, colour, skip=None):
-    """Quads between the ticks `s` along `u` and `t` along `v`, facing u cross v; `colour(s, t)` gives the albedo at their centers."""
+def patch(origin, u, v, s, t, color, skip=None):
+    """Quads between the ticks `s` along `u` and `t` along `v`, facing u cross v; `color(s, t)` gives the albedo at their centers."""
     origin, u, v = (np.asarray(a, float) for a in (origin, u, v))
     ss, tt = np.meshgrid(s, t)
     points = origin + ss[..., None] * u + tt[..., None] * v
@@ -135,8 +135,8 @@ def patch(origin, u, v, s, t, colour, skip=None):
     faces = np.concatenate([np.stack([a[keep], b[keep], c[keep]], 1), np.stack([a[keep], c[keep], d[keep]], 1)])
     n = np.cross(u, v)
     normals = np.broadcast_to(n / np.linalg.norm(n), (ss.size, 3))
-    colours = colour(cs[keep], ct[keep])
-    return (points.reshape(-1, 3), normals, np.zeros((ss.size, 2)), faces), np.concatenate([colours, colours])
+    colors = color(cs[keep], ct[keep])
+    return (points.reshape(-1, 3), normals, np.zeros((ss.size, 2)), faces), np.concatenate([colors, colors])
 
 
 def ticks(length, extra=(), step=None):
@@ -157,14 +157,14 @@ def box_mesh(center, half_axes):
     return np.asarray(center) + signs @ axes, np.array(faces)
 
 
-def plain(colour):
-    return lambda s, t: np.broadcast_to(np.asarray(colour, float), s.shape + (3,))
+def plain(color):
+    return lambda s, t: np.broadcast_to(np.asarray(color, float), s.shape + (3,))
 
 
-def tiled(image, metres):
+def tiled(image, meters):
     """A picture [h, w, 3] of albedo repeated every `metres` (along s, along t)."""
     h, w = image.shape[:2]
-    return lambda s, t: image[(t / metres[1] * h).astype(int) % h, (s / metres[0] * w).astype(int) % w]
+    return lambda s, t: image[(t / meters[1] * h).astype(int) % h, (s / meters[0] * w).astype(int) % w]
 
 
 def textured(rng, library, place, gain=1.0):
@@ -194,7 +194,7 @@ def footprint(rng, kind, hall=False):
     return corners
 
 
-def wall_colour(rng):
+def wall_color(rng):
     kind = rng.random()
     if kind < 0.72:  # white, cream, beige
         return hsv(rng.uniform(0.05, 0.13), rng.uniform(0.03, 0.35), rng.uniform(0.55, 0.85))
@@ -204,7 +204,7 @@ def wall_colour(rng):
     return hsv(hue, rng.uniform(0.3, 0.7), rng.uniform(0.12, 0.45))
 
 
-def floor_colour(rng, library):
+def floor_color(rng, library):
     kind = rng.choice(["planks", "texture", "carpet", "tiles"], p=[0.45, 0.25, 0.2, 0.1])
     if kind == "texture":
         return textured(rng, library, "floor", rng.uniform(0.4, 1.05)), rng.choice([0.35, 0.6, 1.0])
@@ -224,9 +224,9 @@ def shell(room, rng, library):
     size = high - low
     outside = lambda s, t: ~room.inside(low[0] + s, high[1] - t)
     edges = ([x - low[0] for x in room.footprint[:, 0]], [high[1] - z for z in room.footprint[:, 1]])
-    colour, rough = floor_colour(rng, library)
+    color, rough = floor_color(rng, library)
     room.add(
-        *patch((low[0], 0, high[1]), (1, 0, 0), (0, 0, -1), ticks(size[0], edges[0], STEP), ticks(size[1], edges[1], STEP), colour, outside),
+        *patch((low[0], 0, high[1]), (1, 0, 0), (0, 0, -1), ticks(size[0], edges[0], STEP), ticks(size[1], edges[1], STEP), color, outside),
         rough,
         fabric(rng) if rough == MATTE and rng.random() < 0.6 else None,
     )
@@ -243,19 +243,19 @@ def shell(room, rng, library):
             up,
         )
     )
-    paint, skirting = wall_colour(rng), hsv(0.1, rng.uniform(0, 0.3), rng.uniform(0.3, 0.85))
+    paint, skirting = wall_color(rng), hsv(0.1, rng.uniform(0, 0.3), rng.uniform(0.3, 0.85))
     skirt = rng.choice([0.0, 0.07, 0.1])
     papered, kind = rng.random() < 0.35, rng.choice([STRIPES, PLAID, DOTS, CLOUDS, CLOUDS])
     wallpaper = (kind, rng.uniform(0.08, 0.3), rng.random(), hsv(rng.random(), rng.uniform(0, 0.4), rng.uniform(0.45, 0.9)))
     for number, (start, along, _, length) in enumerate(room.walls()):
-        own = paint if rng.random() < 0.85 else wall_colour(rng)
+        own = paint if rng.random() < 0.85 else wall_color(rng)
         holes = [o[1:] for o in room.openings if o[0] == number]
         patterned = rng.random() < 0.1
-        colour = textured(rng, library, "wall") if patterned else plain(own)
+        color = textured(rng, library, "wall") if patterned else plain(own)
         paper = None if patterned or not papered else wallpaper
         if skirt:
-            inner = colour
-            colour = lambda s, t, inner=inner: np.where((t < skirt)[..., None], skirting, inner(s, t))
+            inner = color
+            color = lambda s, t, inner=inner: np.where((t < skirt)[..., None], skirting, inner(s, t))
         s = ticks(length, [x for h in holes for x in h[:2]], STEP if patterned else None)
         t = ticks(room.height, [skirt] + [y for h in holes for y in h[2:]], STEP if patterned else None)
         hole = lambda s, t: np.any([(s > h[0]) & (s < h[1]) & (t > h[2]) & (t < h[3]) for h in holes], 0) if holes else np.zeros(s.shape, bool)
@@ -268,7 +268,7 @@ def shell(room, rng, library):
                 (0, 1, 0),
                 length - s[::-1],
                 t,
-                lambda a, b, c=colour, l=length: c(l - a, b),
+                lambda a, b, c=color, l=length: c(l - a, b),
                 lambda a, b, l=length: hole(l - a, b),
             ),
             pattern=paper,
@@ -318,8 +318,8 @@ def outlook(room, rng, inward, share_sun):
 
 def windows(room, rng):
     walls, sunny = list(room.walls()), rng.random() < 0.5
-    frame_colour = hsv(rng.uniform(0.05, 0.12), rng.choice([0.0, 0.5]), rng.uniform(0.2, 0.85))
-    curtain_colour = hsv(rng.random(), rng.uniform(0, 0.5), rng.uniform(0.25, 0.8))
+    frame_color = hsv(rng.uniform(0.05, 0.12), rng.choice([0.0, 0.5]), rng.uniform(0.2, 0.85))
+    curtain_color = hsv(rng.random(), rng.uniform(0, 0.5), rng.uniform(0.25, 0.8))
     curtained, depth = rng.random() < 0.35, rng.uniform(0.03, 0.16)
     cloth_pattern = fabric(rng)
     bare = rng.random() < 0.25  # panes flush with the wall, nothing before them
@@ -349,7 +349,7 @@ def windows(room, rng):
         def bar(s0, s1, y0, y1):
             mesh = shapes.box((s0, y0, 0), (s1, y1, 0.045))
             turn = np.stack([along3, up, in3], 1)
-            room.add((mesh[0] @ turn.T + base - (depth - 0.005) * in3, mesh[1] @ turn.T, *mesh[2:]), frame_colour, 0.5)
+            room.add((mesh[0] @ turn.T + base - (depth - 0.005) * in3, mesh[1] @ turn.T, *mesh[2:]), frame_color, 0.5)
 
         if not bare:
             for s0, s1, y0, y1 in ((a, a + thick, sill, top), (b - thick, b, sill, top), (a, b, sill, sill + thick), (a, b, top - thick, top)):
@@ -375,9 +375,9 @@ def windows(room, rng):
                         base + (s0 + u * width)[..., None] * along3 + (hem + v * (top + 0.08 - hem))[..., None] * up + (0.09 + wave)[..., None] * in3
                     )
 
-                room.add(shapes.sheet(cloth, 8 * folds, 1), curtain_colour, MATTE, cloth_pattern)
+                room.add(shapes.sheet(cloth, 8 * folds, 1), curtain_color, MATTE, cloth_pattern)
             rail = shapes.rod(at(a - 0.25, top + 0.09, -0.09), at(b + 0.25, top + 0.09, -0.09), 0.012, 8)
-            room.add(rail, frame_colour * 0.6, 0.4)
+            room.add(rail, frame_color * 0.6, 0.4)
 
 
 # Furniture.
@@ -478,18 +478,18 @@ def pick(rng, library, cls):
 
 def rug(room, rng, at, library):
     w, d = rng.uniform(1.2, 2.6), rng.uniform(0.9, 1.8)
-    colour = rng.integers(3)
+    color = rng.integers(3)
     image = (
-        textures.rug(rng, 96, 128) if colour == 0 else textures.weave(rng, 64, 64, hsv(rng.random(), rng.uniform(0.1, 0.6), rng.uniform(0.15, 0.6)))
+        textures.rug(rng, 96, 128) if color == 0 else textures.weave(rng, 64, 64, hsv(rng.random(), rng.uniform(0.1, 0.6), rng.uniform(0.15, 0.6)))
     )
-    if colour == 2:
+    if color == 2:
         image = image * np.where((np.arange(64) // 8 % 2)[:, None, None], 1, 0.55)
-    mesh, colours = patch(
+    mesh, colors = patch(
         (at[0] - w / 2, 0.012, at[1] + d / 2), (1, 0, 0), (0, 0, -1), ticks(w, (), STEP), ticks(d, (), STEP), tiled(image.clip(0.02, 0.9), (w, d))
     )
     inside = room.inside(mesh[0][:, 0], mesh[0][:, 2], 0.02)
     keep = inside[mesh[3]].all(1)
-    room.add((*mesh[:3], mesh[3][keep]), colours[keep])
+    room.add((*mesh[:3], mesh[3][keep]), colors[keep])
 
 
 def blobs(rng, h, w):
@@ -738,14 +738,14 @@ def table_lamp(room, rng):
     low = rng.uniform(0.09, 0.2)
     if not room.free(np.array([x - low, y, z - low]), np.array([x + low, y + height + 0.3, z + low])):
         return
-    colour = hsv(rng.random(), rng.uniform(0, 0.6), rng.uniform(0.05, 0.7))
+    color = hsv(rng.random(), rng.uniform(0, 0.6), rng.uniform(0.05, 0.7))
     r = rng.uniform(0.03, 0.08)
     body = (
         shapes.smooth_lathe([(r, 0), (r * rng.uniform(0.4, 1.4), height * 0.4), (0.012, height)], (x, y, z), 20)
         if rng.random() < 0.5
         else shapes.merge(shapes.lathe([(r, 0), (r, 0.015)], (x, y, z), 20, True), shapes.rod((x, y + 0.015, z), (x, y + height, z), 0.01, 8))
     )
-    room.add(body, colour, rng.choice([0.3, 1.0]))
+    room.add(body, color, rng.choice([0.3, 1.0]))
     lumens = 10 ** rng.uniform(2.2, 2.9)
     if shape == "globe":
         radius = rng.uniform(0.05, 0.12)
@@ -762,9 +762,9 @@ def floor_lamp(room, rng):
         height, r = rng.uniform(1.2, 1.7), rng.uniform(0.12, 0.24)
         if not room.inside(x, z, r + 0.03) or not room.free(np.array([x - r, 0, z - r]), np.array([x + r, height + 0.4, z + r])):
             continue
-        colour = hsv(rng.random(), rng.uniform(0, 0.4), rng.uniform(0.04, 0.6))
-        room.add(shapes.lathe([(0.14, 0), (0.14, 0.02)], (x, 0, z), 20, True), colour, 0.4)
-        room.add(shapes.rod((x, 0.02, z), (x, height, z), 0.012, 8), colour, 0.4)
+        color = hsv(rng.random(), rng.uniform(0, 0.4), rng.uniform(0.04, 0.6))
+        room.add(shapes.lathe([(0.14, 0), (0.14, 0.02)], (x, 0, z), 20, True), color, 0.4)
+        room.add(shapes.rod((x, 0.02, z), (x, height, z), 0.012, 8), color, 0.4)
         room.take((x - 0.14, 0, z - 0.14), (x + 0.14, height, z + 0.14))
         lumens = 10 ** rng.uniform(2.5, 3.2)
         if rng.random() < 0.25:

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from colour import linear, luminance
+from color import linear, luminance
 from pack import ROOT, evaluate
 
 VISIBLE = 0.05  # share of the photo from which a light counts

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from colour import linear
+from color import linear
 
 TRIANGLES = 1500  # most triangles of a model
 CREASE = 40.0  # degrees between faces up to which they shade as one
@@ -146,7 +146,7 @@ def pieces(faces, count):
         label = new
 
 
-def thin(triangles, colour, share):
+def thin(triangles, color, share):
     """Leaves some pieces (leaves of a plant) out and enlarges the others about their middles to the same total area, by at most 2.5."""
     points, index = weld(triangles.reshape(-1, 3))
     piece = pieces(index.reshape(-1, 3), len(points))
@@ -154,16 +154,16 @@ def thin(triangles, colour, share):
     keep = chosen[piece]
     piece = piece[keep]
     centroid = np.stack([np.bincount(piece, triangles[keep].mean(1)[:, k]) / np.maximum(np.bincount(piece), 1) for k in range(3)], 1)[piece][:, None]
-    return centroid + (triangles[keep] - centroid) * min(2.5, share**-0.5), colour[keep]
+    return centroid + (triangles[keep] - centroid) * min(2.5, share**-0.5), color[keep]
 
 
-def decimate(triangles, colour, most):
+def decimate(triangles, color, most):
     """At most `most` triangles that look alike, with their colors [m,4]. Where merging edges eats the surface, as it does with foliage, pieces
     are left out first (after Cook et al., Stochastic Simplification of Aggregate Detail, 2007)."""
     area, low, high = areas(triangles).sum(), triangles.min((0, 1)), triangles.max((0, 1))
     best = None
     for share in (1, 0.5, 0.25, 0.12, 0.06, 0.03):
-        less, tint = thin(triangles, colour, share) if share < 1 else (triangles, colour)
+        less, tint = thin(triangles, color, share) if share < 1 else (triangles, color)
         if not len(less):
             break
         less = np.clip(less, low, high)
@@ -174,11 +174,11 @@ def decimate(triangles, colour, most):
         weight = areas(points[faces])[:, None] + 1e-12
         for corner in range(3):
             np.add.at(total, faces[:, corner], np.concatenate([tint[:, :3] * weight, weight], 1))
-        colours = total[:, :3] / np.maximum(total[:, 3:], 1e-12)
+        colors = total[:, :3] / np.maximum(total[:, 3:], 1e-12)
         kept = simplify(points, faces, most) if len(faces) > most else faces
         got = areas(points[kept]).sum()
         if best is None or (len(kept) <= most * 1.1, got) > (best[0] <= most * 1.1, best[1]):
-            best = (len(kept), got, points[kept], np.concatenate([colours[kept].mean(1), np.ones((len(kept), 1))], 1))
+            best = (len(kept), got, points[kept], np.concatenate([colors[kept].mean(1), np.ones((len(kept), 1))], 1))
         if got > 0.7 * area and len(kept) <= most * 1.1:
             break
     return best[2], best[3]
@@ -236,7 +236,7 @@ class Group:
     name: str
     rough: float
     triangles: np.ndarray  # [m,3,3]
-    colour: np.ndarray  # [m,4] linear, opacity
+    color: np.ndarray  # [m,4] linear, opacity
     uv: np.ndarray  # [m,3,2]; None without a picture
     image: np.ndarray  # linear RGBA [h,w,4], or None; None as well once the uvs no longer belong to the faces
 
@@ -266,12 +266,12 @@ def read_groups(read, find, record, cls, builtin):
         image = picture(find(folder, m["map_Kd"])) if "map_Kd" in m and (uv >= 0).all() else None
         if image is not None:
             uv = uvs[uv]
-            colour = picture_means(image, uv)
+            color = picture_means(image, uv)
         else:
-            colour = np.tile(np.append(linear(np.clip(m.get("Kd", [0.6] * 3), 0, 1)), 1.0), (len(triangles), 1))
-        keep = once & (colour[:, 3] > 0.3)
+            color = np.tile(np.append(linear(np.clip(m.get("Kd", [0.6] * 3), 0, 1)), 1.0), (len(triangles), 1))
+        keep = once & (color[:, 3] > 0.3)
         if keep.any():
-            groups.append(Group(name, roughness(m), triangles[keep], colour[keep], None if image is None else uv[keep], image))
+            groups.append(Group(name, roughness(m), triangles[keep], color[keep], None if image is None else uv[keep], image))
     return groups
 
 
@@ -283,21 +283,21 @@ def make_mesh(read, find, record, cls, builtin):
         return None
     for g, most in zip(groups, shares([len(g.triangles) for g in groups], TRIANGLES)):
         if len(g.triangles) > most:
-            g.triangles, g.colour = decimate(g.triangles, g.colour, most)
+            g.triangles, g.color = decimate(g.triangles, g.color, most)
             g.image = None
     pictured = [g for g in groups if g.image is not None]
     spare = max(0, TRIANGLES - sum(len(g.triangles) for g in groups)) / max(sum(areas(g.triangles).sum() for g in pictured), 1e-9)
     for g in pictured:
         g.triangles, g.uv = split_faces(g.triangles, g.uv, len(g.triangles) + int(spare * areas(g.triangles).sum()))
-        g.colour = picture_means(g.image, g.uv)
+        g.color = picture_means(g.image, g.uv)
     for g in groups:
         solid = areas(g.triangles) > 1e-10
-        g.triangles, g.colour = g.triangles[solid], g.colour[solid]
+        g.triangles, g.color = g.triangles[solid], g.color[solid]
     vertices, normals, faces = smooth(np.concatenate([g.triangles for g in groups]))
     each = lambda values, kind: np.repeat(np.array(values, kind), [len(g.triangles) for g in groups])
     rough = each([g.rough for g in groups], np.float32)
     return dict(
         vertices=vertices, normals=normals, faces=faces,
-        albedo=np.clip(np.concatenate([g.colour[:, :3] for g in groups]), *ALBEDO).astype(np.float32),
+        albedo=np.clip(np.concatenate([g.color[:, :3] for g in groups]), *ALBEDO).astype(np.float32),
         rough=np.maximum(rough, CLOTH_ROUGH) if cls in CLOTH else rough,
         group=each(range(len(groups)), np.int16), materials=np.array([g.name for g in groups]))

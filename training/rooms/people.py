@@ -26,7 +26,7 @@ import scene as scenes  # noqa: E402  (sets Mitsuba's variant)
 import textures  # noqa: E402
 import truth  # noqa: E402
 from assets import Library  # noqa: E402
-from colour import hsv  # noqa: E402
+from color import hsv  # noqa: E402
 from make import MOST, SPLITS, alone, burning, finish, record  # noqa: E402
 
 SCENES = tuple(people_scenes.SCENES)
@@ -127,12 +127,12 @@ def varied(finish, rng):
 def painted(model, rng, library, skip):
     """Surfaces of a scene with the paint of a seed."""
     spec, own, out = model.layout, {}, []
-    wall = layout.wall_colour(rng)
+    wall = layout.wall_color(rng)
     paper = wall_image(rng, library) if rng.random() < 0.2 else None
     ceiling = hsv(rng.random(), rng.uniform(0, 0.05), rng.uniform(0.7, 0.88))
     floor = floor_image(rng, library) if rng.random() < 0.7 else None
     floor_rough = rng.choice([0.3, 0.45, 0.6, 1.0])
-    accents = {axis: layout.wall_colour(rng) if rng.random() < 0.25 else wall for axis in range(6)}
+    accents = {axis: layout.wall_color(rng) if rng.random() < 0.25 else wall for axis in range(6)}
     for number, name in enumerate(model.finish_of):
         here = model.part == number
         used, faces = np.unique(model.faces[here], return_inverse=True)

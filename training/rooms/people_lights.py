@@ -5,7 +5,7 @@ import numpy as np
 
 import layout
 import shapes
-from colour import hsv
+from color import hsv
 
 UP = np.array([0.0, 1, 0])
 

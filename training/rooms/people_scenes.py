@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 import meshes
-from colour import linear
+from color import linear
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "training/demo"))

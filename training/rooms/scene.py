@@ -78,10 +78,10 @@ class Lit:
     """The room of layout.py, in Mitsuba."""
 
     def __init__(self, room):
-        colour = {"type": "pattern"}
+        color = {"type": "pattern"}
         rough = {"type": "mesh_attribute", "name": "face_rough"}
-        matte = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": colour}})
-        gloss = mi.load_dict({"type": "twosided", "bsdf": {"type": "principled", "base_color": colour, "roughness": rough, "specular": 0.5}})
+        matte = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": color}})
+        gloss = mi.load_dict({"type": "twosided", "bsdf": {"type": "principled", "base_color": color, "roughness": rough, "specular": 0.5}})
         self.body, self.glass = light_bodies()
         points, normals, faces, albedo, roughness = room.merged()
         second, pattern = room.patterned()

@@ -21,7 +21,7 @@ def material(name, build):
     return m
 
 
-def add_mesh(name, points, faces, matter, colours=None, normals=None):
+def add_mesh(name, points, faces, matter, colors=None, normals=None):
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(points))
     data.vertices.foreach_set("co", np.ascontiguousarray(points, np.float32).ravel())
@@ -29,9 +29,9 @@ def add_mesh(name, points, faces, matter, colours=None, normals=None):
     data.loops.foreach_set("vertex_index", np.ascontiguousarray(faces, np.int32).ravel())
     data.polygons.add(len(faces))
     data.polygons.foreach_set("loop_start", np.arange(0, 3 * len(faces), 3, dtype=np.int32))
-    if colours is not None:
+    if colors is not None:
         layer = data.attributes.new("albedo", "FLOAT_COLOR", "CORNER")
-        layer.data.foreach_set("color", np.repeat(np.concatenate([colours, np.ones((len(faces), 1))], 1), 3, 0).astype(np.float32).ravel())
+        layer.data.foreach_set("color", np.repeat(np.concatenate([colors, np.ones((len(faces), 1))], 1), 3, 0).astype(np.float32).ravel())
     data.update()
     if normals is not None:
         data.shade_smooth()
@@ -41,9 +41,9 @@ def add_mesh(name, points, faces, matter, colours=None, normals=None):
 
 
 def painted(tree):
-    node, colour = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeAttribute")
-    colour.attribute_name = "albedo"
-    tree.links.new(colour.outputs["Color"], node.inputs["Color"])
+    node, color = tree.nodes.new("ShaderNodeBsdfDiffuse"), tree.nodes.new("ShaderNodeAttribute")
+    color.attribute_name = "albedo"
+    tree.links.new(color.outputs["Color"], node.inputs["Color"])
     return node.outputs[0]
 
 

@@ -97,8 +97,8 @@ def test_split_keeps_the_surface():
 def test_decimate_keeps_a_box():
     cube = box(12)
     assert abs(meshes.areas(cube).sum() - 6) < 1e-9
-    got, colour = meshes.decimate(cube, np.tile([0.1, 0.2, 0.3, 1], (len(cube), 1)), 100)
-    assert len(got) <= 100 and abs(meshes.areas(got).sum() - 6) < 0.05 and np.allclose(colour[:, :3], [0.1, 0.2, 0.3])
+    got, color = meshes.decimate(cube, np.tile([0.1, 0.2, 0.3, 1], (len(cube), 1)), 100)
+    assert len(got) <= 100 and abs(meshes.areas(got).sum() - 6) < 0.05 and np.allclose(color[:, :3], [0.1, 0.2, 0.3])
 
 
 def test_pieces():

@@ -14,7 +14,7 @@ import folder
 import foreign
 import layout
 import make
-from colour import blackbody, hsv, luminance, srgb
+from color import blackbody, hsv, luminance, srgb
 
 
 class White:
@@ -45,7 +45,7 @@ def room(footprint):
 
 
 class Rooms(unittest.TestCase):
-    def test_colours_of_black_bodies(self):
+    def test_colors_of_black_bodies(self):
         for kelvin in (2000, 6500, 12000):
             self.assertAlmostEqual(luminance(blackbody(kelvin)), 1.0, delta=0.01)
         self.assertLess(np.ptp(blackbody(6504)), 0.1)  # near white
@@ -114,7 +114,7 @@ class Rooms(unittest.TestCase):
         self.assertIsNone(layout.top_at(points, faces, 0.8, 0.8))
 
     def test_a_room_by_others_becomes_a_scene_with_its_truth(self):
-        grey = lambda value: np.full((6, 8, 3), value, np.float32)
+        gray = lambda value: np.full((6, 8, 3), value, np.float32)
         ball = {"kind": "sphere", "center": [0, 0, -2], "radius": 0.1, "radiance": [3, 2, 1]}
         panel = {"kind": "rect", "center": [0, 2, 0], "half": [0.5, 0.25], "normal": [0, -1, 0], "radiance": [5, 5, 5]}
         pane = {"kind": "rect", "center": [3, 0, -2], "half": [0.5, 1], "normal": [-1, 0, 0], "radiance": [1, 1, 2]}
@@ -126,7 +126,7 @@ class Rooms(unittest.TestCase):
             (source / "meta.json").write_text(json.dumps(meta))
             values = {"olat_lamp_0": 0.1, "olat_inv_lamp": 0.2, "olat_window_0": 0.3, "albedo": 0.5, "normal": 0.6, "depth": 3, "paint": 0.4}
             for name, value in values.items():
-                folder.exr(source / f"{name}.exr", RGB=grey(value))
+                folder.exr(source / f"{name}.exr", RGB=gray(value))
             for name in ("mask_lamp_0", "mask_paint"):
                 Image.fromarray(np.eye(6, 8, dtype=np.uint8) * 255).save(source / f"{name}.png")
             foreign.main(source, Path(place, "all"), None)

@@ -122,18 +122,18 @@ def normals(si, view, width, spp):
     return mean / np.maximum(np.linalg.norm(mean, axis=-1, keepdims=True), 1e-6)
 
 
-def denoise(colour, albedo, normal, scale):
+def denoise(color, albedo, normal, scale):
     """Open Image Denoise on [h, w, 3] with clean albedo and normals; `scale` is about as bright as the picture."""
     aux = [np.ascontiguousarray(a, np.float32) for a in (albedo, normal)]
-    out = mitsuba_oidn.denoise(np.ascontiguousarray(colour / scale, np.float32), albedo=aux[0], normal=aux[1], hdr=True, clean_aux=True)
+    out = mitsuba_oidn.denoise(np.ascontiguousarray(color / scale, np.float32), albedo=aux[0], normal=aux[1], hdr=True, clean_aux=True)
     return np.maximum(np.array(out), 0) * scale
 
 
-def denoised(colour, normal):
+def denoised(color, normal):
     """Shading [h, w] or [h, w, 3], denoised."""
-    rgb = np.ascontiguousarray(np.broadcast_to(colour[..., None] if colour.ndim == 2 else colour, normal.shape), np.float32)
+    rgb = np.ascontiguousarray(np.broadcast_to(color[..., None] if color.ndim == 2 else color, normal.shape), np.float32)
     out = denoise(rgb, np.ones_like(rgb), normal, max(float(rgb.mean()), 1e-12))
-    return out.mean(-1) if colour.ndim == 2 else out
+    return out.mean(-1) if color.ndim == 2 else out
 
 
 def depths(scene, view, width):
@@ -166,9 +166,9 @@ def light_samples(lit, scene, burning, si, rng):
         dr.eval(rng)  # each source then starts from a state in memory and shares the kernel of its kind
         u = mi.Point2f(rng.next_float32(), rng.next_float32())
         if name in lit.lamps:
-            colour = lit.lamps[name].radiance
+            color = lit.lamps[name].radiance
             ds, weight = shapes[name].emitter().sample_direction(si, u)
-            yield name, colour, ds.p, ds.d, weight.x / opaque(colour[0]), ds.pdf > 0
+            yield name, color, ds.p, ds.d, weight.x / opaque(color[0]), ds.pdf > 0
             continue
         w, lobes = lit.windows[name], lit.pane(name)
         pane = Pane(w.center, w.half_x, w.half_y, *zip(*lobes))
@@ -288,14 +288,14 @@ def maps(lit, scene, view, burning, spp, seed=4):
     keep = dr.compress(index % (128 * spp) < samples)
     si, n, x, y, cell = (dr.gather(type(v), v, keep) for v in (si, n, x, y, cell))
     rng = generator(dr.width(keep), seed + 1)
-    for _, colour, point, d, weight, active in light_samples(lit, scene, burning, si, rng):
+    for _, color, point, d, weight, active in light_samples(lit, scene, burning, si, rng):
         height = dr.dot(d, n)
         active &= (height > 0) & ~scene.ray_test(si.spawn_ray_to(point), active & (height > 0))
         row = dr.clip(mi.UInt32(dr.acos(dr.clip(height, 0, 1)) / (dr.pi / 2) * 8), 0, 7)
         column = dr.clip(mi.UInt32((dr.atan2(dr.dot(d, y), dr.dot(d, x)) + dr.pi) / dr.two_pi * 16), 0, 15)
         sums = dr.zeros(mi.Float, 30 * width * 128)
         dr.scatter_reduce(dr.ReduceOp.Add, sums, weight, cell * 128 + row * 16 + column, active)
-        got += np.array(sums).reshape(30, 40, 8, 16) / samples / texels * np.asarray(colour)[:, None, None, None, None]
+        got += np.array(sums).reshape(30, 40, 8, 16) / samples / texels * np.asarray(color)[:, None, None, None, None]
     return np.moveaxis(got, 0, -1), valid
 
 
