@@ -57,7 +57,7 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
     /// stage overrides instead of this.
     ///
     /// # Errors
-    /// The parameter, the wanted range, the value: `worth: wanted 0..1, got 1.5`.
+    /// The parameter, the wanted range, the value: `min_gain: wanted 0..1, got 1.5`.
     fn check(&self) -> Result<(), String> {
         self.check_ranges()?;
         self.check_consistency()

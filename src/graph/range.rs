@@ -111,7 +111,7 @@ pub fn range_text<T: Ranged>(range: &impl RangeBounds<T::Number>) -> String {
 /// ```
 /// use relight::graph::{above, check_range};
 /// assert_eq!(check_range("half", &[0.1, 0.2], above(0.0)), Ok(()));
-/// assert_eq!(check_range("worth", &1.5, 0.0..=1.0), Err("worth: wanted 0..=1, got 1.5".into()));
+/// assert_eq!(check_range("min_gain", &1.5, 0.0..=1.0), Err("min_gain: wanted 0..=1, got 1.5".into()));
 /// ```
 pub fn check_range<T: Ranged>(
     name: &str,

@@ -218,7 +218,7 @@ impl UnitLobe<'_> {
     /// Name in a message.
     fn name(&self) -> String {
         match (self.role, self.lobe) {
-            (Role::Ambient, _) => "the rest".to_owned(),
+            (Role::Ambient, _) => "the residual".to_owned(),
             (_, Some(lobe)) => format!("{} ({})", self.light, LOBES[lobe]),
             (_, None) => self.light.to_owned(),
         }

@@ -200,7 +200,7 @@ impl InitLights {
             prior: LightPrior {
                 ambient: self.ambient_weight,
                 residual_weight: TUNING.residual_weight,
-                // `worth` decides over lights out of view, and three lobes must lower the loss by 5
+                // `min_gain` decides over lights out of view, and three lobes must lower the loss by 5
                 // %.
                 out_of_view: 0.0,
                 sun: 0.0,
