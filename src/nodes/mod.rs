@@ -74,8 +74,8 @@ fn stages() -> Registry {
         .with::<measure::score_picture::ScorePicture>()
 }
 
-/// The names of version 0.1 that a later one has changed. Old values of parameters are aliases of
-/// their types.
+/// Old names of stages, ports and parameters, which files may use for one more version. Old values of
+/// parameters are aliases in their types.
 fn with_old_names(stages: Registry) -> Registry {
     let kinds = [
         ("Remains", "ResidualShading"),

@@ -1,4 +1,4 @@
-//! Graphs in the names of version 0.1, in `tests/old`, mean the graphs that ship.
+//! The graphs of `tests/old`, in old names, mean the graphs that ship.
 
 use std::fmt::Write as _;
 
