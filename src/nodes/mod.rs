@@ -74,8 +74,8 @@ fn stages() -> Registry {
         .with::<measure::score_picture::ScorePicture>()
 }
 
-/// Old names of stages, ports and parameters, which files may use for one more version. Old values of
-/// parameters are aliases in their types.
+/// Old names of stages, ports and parameters, which files may use for one more version. Old values
+/// of parameters are aliases in their types.
 fn with_old_names(stages: Registry) -> Registry {
     let kinds = [
         ("Remains", "ResidualShading"),
