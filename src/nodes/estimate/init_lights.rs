@@ -200,8 +200,8 @@ impl InitLights {
             prior: LightPrior {
                 ambient: self.ambient_weight,
                 residual_weight: TUNING.residual_weight,
-                // `min_gain` decides over lights out of view, and three lobes must lower the loss by 5
-                // %.
+                // `min_gain` decides over lights out of view, and three lobes must lower the loss
+                // by 5 %.
                 out_of_view: 0.0,
                 sun: 0.0,
                 // Candidates are compared by how well they explain the photo.
