@@ -69,9 +69,9 @@ impl Room {
         assert_eq!(output.status.code(), Some(2), "`relight {line}` reported:\n{shown}");
         assert!(!message.contains("panicked"), "`relight {line}` reported:\n{shown}");
         assert!(output.stdout.is_empty(), "`relight {line}` printed {}", text(&output.stdout));
-        assert!(message.len() < 40_000, "`relight {line}` message {} bytes", message.len());
+        assert!(message.len() < 40_000, "`relight {line}` reported {} bytes", message.len());
         for part in wanted.lines() {
-            assert!(message.contains(part), "`relight {line}`: wanted {part:?}, message:\n{shown}");
+            assert!(message.contains(part), "`relight {line}`: wanted {part:?}, got:\n{shown}");
         }
     }
 }

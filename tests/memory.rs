@@ -78,7 +78,7 @@ fn run(files: &[(&str, &[u8])], objects: &str) -> Run {
         peak: peak.expect("the system counts the memory of a process"),
     };
     println!("{} MB, {exit}", run.peak / 1_000_000);
-    assert!(run.peak < MOST, "{} bytes of memory; message:\n{}", run.peak, run.message);
+    assert!(run.peak < MOST, "{} bytes of memory; it reported:\n{}", run.peak, run.message);
     run
 }
 

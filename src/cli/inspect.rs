@@ -102,7 +102,7 @@ pub fn nodes(args: &Nodes) -> Result<Exit, CliError> {
         None => reference::list(&registry),
         Some(kind) => {
             let spec = registry.get(kind).ok_or_else(|| {
-                let fault = Diagnostic::file("".as_ref(), format!("there is no stage `{kind}`"));
+                let fault = Diagnostic::file("".as_ref(), format!("unknown stage `{kind}`"));
                 fault.suggest(kind, registry.kinds().map(|spec| spec.kind))
             })?;
             reference::section(spec)

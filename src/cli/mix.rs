@@ -52,7 +52,7 @@ pub(super) fn layers(run: &Path) -> Result<File, Diagnostic> {
     if !path.is_file() {
         let fault = Diagnostic::file(
             run,
-            "wanted the folder that `relight run` wrote to, or an EXR file of it; there is no such file",
+            "wanted the folder that `relight run` wrote to, or an EXR file of it; the file does not exist",
         );
         return Err(fault.help(format!("{} is not there", path.display())));
     }

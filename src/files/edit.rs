@@ -93,8 +93,7 @@ fn inserted(
             }
         } else if scene.is_some() {
             faults.push(|| {
-                let fault =
-                    Diagnostic::at(&key.origin, format!("there is no light `{}`", key.name));
+                let fault = Diagnostic::at(&key.origin, format!("unknown light `{}`", key.name));
                 fault.suggest(&key.name, known.iter().copied())
             });
         }
@@ -180,8 +179,8 @@ mod tests {
         check_faults(
             r#"Edit(version: 1, lights: { "lamp_1": Off, "inv_lmap": Off, "rest": Lamp(), "my lamp": Lamp() })"#,
             &[
-                "1:28: there is no light `lamp_1` (did you mean `lamp_0`?)",
-                "1:43: there is no light `inv_lmap` (did you mean `inv_lamp`?)",
+                "1:28: unknown light `lamp_1` (did you mean `lamp_0`?)",
+                "1:43: unknown light `inv_lmap` (did you mean `inv_lamp`?)",
                 "1:60: the name `rest` is reserved: it is the light that no light source explains",
                 "1:76: wanted a light name that matches [A-Za-z][A-Za-z0-9_]*, got \"my lamp\"",
             ],
@@ -200,7 +199,7 @@ mod tests {
         };
         let off = format!("Edit(version: 1, lights: {{ {} }})", all("Off"));
         let faults = edit(&off).err().expect("there are no such lights");
-        assert_eq!(faults[0].message, "there is no light `nobody_0`");
+        assert_eq!(faults[0].message, "unknown light `nobody_0`");
         assert_eq!(faults[0].help.as_deref(), Some("known: lamp_0, inv_lamp, inv_window"));
         assert_eq!(faults.len(), 51);
         assert_eq!(faults[50].message, "and up to 199950 more errors");
@@ -221,7 +220,7 @@ mod tests {
             &[
                 "1:83: wanted a frame up to 3, the last of 4, got 4",
                 "1:29: this graph has no EditObjects stage, so it cannot change objects",
-                "1:93: there is no light `lamp` (did you mean `lamp_0`?)",
+                "1:93: unknown light `lamp` (did you mean `lamp_0`?)",
             ],
         );
     }

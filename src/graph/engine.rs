@@ -203,8 +203,10 @@ impl Engine {
         let at = instances.start;
         let name = graph.instances[at].name.to_string();
         let wanted = graph.wanted(Some(std::slice::from_ref(&name)))?;
-        let state =
-            self.plan_states(graph, &wanted).swap_remove(at).expect("what is wanted is state");
+        let state = self
+            .plan_states(graph, &wanted)
+            .swap_remove(at)
+            .expect("the plan has a state for each wanted node");
         let (status, why) = self.classify(graph, &name, &state);
         let why = why.unwrap_or_else(|| Why::plain("nothing changed"));
         let key_manifest = match state {

@@ -115,7 +115,7 @@ pub trait Params: Default {
     /// # Errors
     /// The first parameter outside its range, with the range and the value.
     fn check_ranges(&self) -> Result<(), String>;
-    /// Sets one parameter from its RON text; `None` when there is no parameter of that name.
+    /// Sets one parameter from its RON text; `None` for an unknown parameter.
     fn set(&mut self, name: &str, ron: &str) -> Option<Result<(), ron::error::SpannedError>>;
     /// Every parameter with its value as RON, in the order of declaration.
     fn values(&self) -> Vec<(&'static str, String)>;
@@ -410,7 +410,7 @@ macro_rules! ports {
             ) -> Result<$crate::graph::Value, String> {
                 type Decode = fn(Vec<u8>, $crate::graph::Digest) -> Result<$crate::graph::Value, String>;
                 let ports: &[Decode] = &[$( <$ty as $crate::graph::OutPort>::decode ),*];
-                ports.get(index).ok_or_else(|| format!("there is no output port {index}"))?(bytes, digest)
+                ports.get(index).ok_or_else(|| format!("the output port {index} does not exist"))?(bytes, digest)
             }
         }
     };

@@ -252,8 +252,7 @@ impl GraphFile {
             match &setting.target {
                 Target::Kind(kind) if registry.get(registry.current_kind(kind)).is_none() => faults
                     .push(|| {
-                        let fault =
-                            setting.value.fault(format!("there is no kind of node `{kind}`"));
+                        let fault = setting.value.fault(format!("unknown kind of node `{kind}`"));
                         fault.suggest(kind, registry.kinds().map(|k| k.kind))
                     }),
                 Target::Node(name) if !places.contains_key(name.as_str()) => faults.push(|| {
@@ -283,8 +282,7 @@ impl GraphFile {
         };
         let Some(&node) = places.get(node_name) else {
             faults.push(|| {
-                let fault =
-                    Diagnostic::at(&named.origin, format!("there is no node `{node_name}`"));
+                let fault = Diagnostic::at(&named.origin, format!("unknown node `{node_name}`"));
                 fault.suggest(node_name, self.node_names())
             });
             return None;
@@ -336,7 +334,7 @@ impl GraphFile {
             if !sets.contains_key(&each.name) {
                 faults.push(|| {
                     let fault =
-                        Diagnostic::at(&each.origin, format!("there is no set `{}`", each.name));
+                        Diagnostic::at(&each.origin, format!("unknown set `{}`", each.name));
                     fault.suggest(&each.name, sets.keys().map(String::as_str))
                 });
             }
@@ -644,7 +642,7 @@ fn kind_of<'a>(
     if found.is_none() {
         faults.push(|| {
             let fault =
-                Diagnostic::at(&kind.origin, format!("there is no kind of node `{}`", kind.name));
+                Diagnostic::at(&kind.origin, format!("unknown kind of node `{}`", kind.name));
             fault.suggest(&kind.name, registry.kinds().map(|k| k.kind))
         });
     }

@@ -11,7 +11,7 @@ use super::resolved_graph::GraphNode;
 use super::{Digest, Value};
 
 /// Why a node runs again whose key is the last one of its name.
-pub(super) const STORED_NO_MORE: &str = "its result is no longer stored";
+pub(super) const STORED_NO_MORE: &str = "the cache has dropped its result";
 
 pub(super) struct Store {
     memory: Memory,
@@ -223,7 +223,7 @@ impl Store {
         match self.last_key(name) {
             None => Why::plain("new"),
             Some((last, _)) if last == *key => Why::plain(STORED_NO_MORE),
-            Some((_, None)) => Why::plain("changed, and its last key is no longer stored"),
+            Some((_, None)) => Why::plain("changed, and the cache has dropped its last key"),
             Some((_, Some(header))) => first_change(&header.key_manifest, text)
                 .unwrap_or_else(|| Why::plain("the format of its key changed")),
         }

@@ -168,7 +168,7 @@ fn conditions_are_checked_before_any_work() {
         let faults = try_graph(&text, &Overlay::default()).err().unwrap_or_default();
         assert!(list(&faults).contains(wanted), "{when}: wanted {wanted}, got {}", list(&faults));
     };
-    check("sing.positive", "", "there is no node `sing`");
+    check("sing.positive", "", "unknown node `sing`");
     check("sign.negative", "", "node `sign` (Sign) has no output `negative`");
     check("sign", "", "node `sign` (Sign) has 2 outputs");
     check(

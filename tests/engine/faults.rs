@@ -106,13 +106,13 @@ fn two_hundred_thousand_mistakes_are_counted() {
             format!("{nodes}, \"a\": (op: Const({})) }}", all(&|_| "value: 1".into())),
             "`value` is given twice",
         ),
-        (sum(&all(&|i| format!("\"node_{i}\""))), "there is no node `node_0`"),
+        (sum(&all(&|i| format!("\"node_{i}\""))), "unknown node `node_0`"),
         (sum(&all(&|i| format!("\"c.p_{i}\""))), "node `c` (Const) has no output `p_0`"),
         (sum(&all(&|_| "7".into())), "wanted a name in quotes, got `7`"),
         (sum(&",".repeat(MANY)), "wanted a value, got a comma"),
         (
             format!("{nodes} }}, outputs: [{}]", all(&|i| format!("\"o_{i}\""))),
-            "there is no node `o_0`",
+            "unknown node `o_0`",
         ),
         (
             format!("{nodes} }}, sets: {{ {} }}", all(&|i| format!("\"{i}\": []"))),
@@ -178,7 +178,7 @@ fn settings_from_outside_have_faults_at_their_own_place() {
     assert_eq!(
         messages,
         [
-            "--set:1:1: there is no kind of node `Konst` (did you mean `Const`?)",
+            "--set:1:1: unknown kind of node `Konst` (did you mean `Const`?)",
             "--set:1:1: the graph has no node `aa` (did you mean `a`?)",
             "--set:1:1: Const has no parameter `valeu` (did you mean `value`?)",
             "--set:1:1: parameter `value` of Const wanted i64, got `true`: Expected integer",

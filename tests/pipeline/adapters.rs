@@ -236,7 +236,7 @@ fn check_refused(corpus: &[Refused]) {
             for part in *wanted {
                 assert!(
                     message.contains(part),
-                    "{backend}, {name}: wanted {part:?}, message:\n{message}"
+                    "{backend}, {name}: wanted {part:?}, got:\n{message}"
                 );
             }
         }

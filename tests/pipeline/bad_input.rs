@@ -70,7 +70,7 @@ fn run(place: &Place, what: &str) -> (i32, String) {
     let status = ended(&mut child, what);
     let message = std::fs::read(place.path("message")).expect("it is there");
     let message = String::from_utf8_lossy(&message).into_owned();
-    assert!(!message.contains("panicked"), "{what} message:\n{message}");
+    assert!(!message.contains("panicked"), "{what} reported:\n{message}");
     let status = status.code().unwrap_or_else(|| panic!("{what}: {status}; message:\n{message}"));
     (status, message)
 }
@@ -78,9 +78,9 @@ fn run(place: &Place, what: &str) -> (i32, String) {
 /// Wants this status and all these words.
 pub fn check(place: &Place, what: &str, status: i32, words: &[&str]) {
     let (got, message) = run(place, what);
-    assert_eq!(got, status, "{what} message:\n{message}");
+    assert_eq!(got, status, "{what} reported:\n{message}");
     for word in words {
-        assert!(message.contains(word), "{what}: wanted {word:?}, message:\n{message}");
+        assert!(message.contains(word), "{what}: wanted {word:?}, got:\n{message}");
     }
 }
 
@@ -286,6 +286,6 @@ fn play(path: &Path, role: &str) -> i32 {
     let what = format!("{} as {role}", path.display());
     let (status, message) = run(&place, &what);
     assert!(status == 0 || status == 2, "{what}: status {status}; message:\n{message}");
-    assert!(status == 0 || message.contains(name), "{what} message:\n{message}");
+    assert!(status == 0 || message.contains(name), "{what} reported:\n{message}");
     status
 }

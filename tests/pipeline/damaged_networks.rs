@@ -25,7 +25,7 @@ fn shipped(name: &str) -> Vec<u8> {
 fn check(place: &Place, line: &str, wanted: &[&str]) {
     let message = place.check(line, 2);
     for part in wanted {
-        assert!(message.contains(part), "`{line}`: wanted {part:?}, message:\n{message}");
+        assert!(message.contains(part), "`{line}`: wanted {part:?}, got:\n{message}");
     }
 }
 

@@ -120,7 +120,7 @@ fn black_white_and_one_lit_pixel() {
         );
         for lights in [GLOBE, r#""lamp": Off"#] {
             let ran = check(&place, what, (40, 30), lights);
-            assert!(ran.message.contains(words), "{what} message:\n{}", ran.message);
+            assert!(ran.message.contains(words), "{what} reported:\n{}", ran.message);
         }
     }
 }

@@ -198,7 +198,7 @@ fn bad_lights_are_named_by_the_command() {
         place.write("lights.json", lights);
         let message = place.check(line, 2);
         for word in words {
-            assert!(message.contains(word), "wanted {word:?}, message:\n{message}");
+            assert!(message.contains(word), "wanted {word:?}, got:\n{message}");
         }
     };
     let bad = lights.replace("\"bandwidth\": 1.5", "\"bandwidth\": -1.5");

@@ -115,8 +115,8 @@ impl Bvh8 {
     }
 
     /// Brings a child closer while its siblings are sorted and entered. Rays spend most of their
-    /// time waiting for memory; there is no safe prefetch, but nothing waits for a read whose value
-    /// is not used.
+    /// time waiting for memory. Safe Rust lacks a prefetch; a read does the same if nothing uses
+    /// its value, since no instruction waits for it.
     #[inline(always)]
     fn fetch(&self, child: u32) {
         if child & PACKET != 0 {

@@ -131,7 +131,7 @@ impl Probes {
         self.points.len()
     }
 
-    /// Whether there are no probes.
+    /// Whether the set of probes is empty.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
@@ -201,7 +201,7 @@ impl Bodies {
         )
     }
 
-    /// Whether there are no bodies.
+    /// Whether the set of bodies is empty.
     pub fn is_empty(&self) -> bool {
         self.body.is_empty()
     }

@@ -37,7 +37,7 @@ pub enum Compression {
 ///
 /// ```
 /// use glam::Vec3;
-/// use relight::image::{Compression, ExrLayers, Plane, NamedBytes, read_layers};
+/// use relight::image::{Compression, ExrLayers, NamedBytes, Plane, read_layers};
 ///
 /// let lamp = Plane::filled(2, 1, Vec3::new(0.5, 0.25, 0.0));
 /// let mut layers = ExrLayers::new(2, 1);

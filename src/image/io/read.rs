@@ -31,7 +31,7 @@ pub struct Photo {
 ///
 /// ```
 /// use glam::Vec3;
-/// use relight::image::{Picture, Plane, NamedBytes, Transfer, read_photo, write_png};
+/// use relight::image::{NamedBytes, Picture, Plane, Transfer, read_photo, write_png};
 ///
 /// let gray = Picture(Plane::filled(4, 3, Vec3::splat(0.5)));
 /// let bytes = write_png(&gray, Transfer::Srgb, false);

@@ -229,7 +229,7 @@ impl Node for EditLights {
             }
             let Some(made) = self.made(id, edit, None, &inputs, up, ctx) else {
                 return Err(NodeError::BadParameter(format!(
-                    "lights: {id:?}: there is no such light to change"
+                    "lights: {id:?}: the light to change does not exist"
                 )));
             };
             let (shape, radiance) = made?;

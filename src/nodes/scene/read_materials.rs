@@ -25,7 +25,7 @@ params! {
         /// GGX roughness in 0..=1: EXR (Y), or PNG or JPEG with linear values; the green channel of
         /// colors.
         roughness: Option<File> = None,
-        /// Roughness of every pixel if there is no file.
+        /// Roughness of every pixel without a file, 0..=1.
         rough: f32 = 0.8, in 0.0..=1.0,
     }
 }

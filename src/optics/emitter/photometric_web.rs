@@ -106,7 +106,9 @@ impl PhotometricWebTable {
             .match_indices("TILT=")
             .find(|(at, _)| *at == 0 || text[..*at].ends_with(['\n', '\r']))
             .map(|(at, _)| text.split_at(at + "TILT=".len()))
-            .ok_or("wanted a photometric file of IES LM-63, got none: there is no line `TILT=`")?;
+            .ok_or(
+                "wanted a photometric file of IES LM-63, got none: the line `TILT=` is missing",
+            )?;
         let (tilt, body) = after.split_once(['\n', '\r']).unwrap_or((after, ""));
         let mut numbers = Numbers {
             words: body.split(|c: char| c.is_whitespace() || c == ',').filter(|w| !w.is_empty()),
@@ -415,7 +417,7 @@ mod tests {
     fn messages_name_the_fault() {
         let sound = file(&[0.0, 90.0], &[0.0], |_, _| 1.0);
         for (text, wanted) in [
-            (String::new(), "there is no line `TILT=`"),
+            (String::new(), "the line `TILT=` is missing"),
             (sound.replace("TILT=NONE", "TILT=lamp.tlt"), "got TILT=lamp.tlt"),
             (sound.replace("2 1 1 2", "2 1 2 2"), "wanted type C photometry (1), got type 2"),
             (sound.replace("0 90", "90 0"), "wanted vertical angles ascending"),

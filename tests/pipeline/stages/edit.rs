@@ -104,9 +104,10 @@ fn a_moved_lamp_keeps_its_form_and_its_radiance() {
     let (camera, at) = (&scene().camera, center(&shape));
     let floor = camera.unproject(50.5, 90.5, 1.0) * (1.2 / -camera.unproject(50.5, 90.5, 1.0).y);
     assert!(at.distance(floor + Vec3::Y * LAMP.1) < 0.002, "{at} over {floor}");
-    for (id, wanted) in
-        [("window", "wanted a lamp, got a window"), ("nowhere", "there is no such light to change")]
-    {
+    for (id, wanted) in [
+        ("window", "wanted a lamp, got a window"),
+        ("nowhere", "the light to change does not exist"),
+    ] {
         let message = edited(&format!("{{ {id:?}: Move(by: (1, 0, 0)) }}"))
             .map(drop)
             .expect_err("it cannot be moved");
