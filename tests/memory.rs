@@ -20,8 +20,15 @@ struct Run {
 }
 
 /// Runs `relight run --only objects` on a room of 32 x 24 pixels with these files in it and these
-/// objects.
+/// objects. A process
+/// that ends before its memory was read once, on a busy machine, is run again.
 fn run(files: &[(&str, &[u8])], objects: &str) -> Run {
+    (0..10)
+        .find_map(|_| measured(files, objects))
+        .expect("the system counts the memory of a process")
+}
+
+fn measured(files: &[(&str, &[u8])], objects: &str) -> Option<Run> {
     let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let path = |name: &str| folder.path().join(name);
     let photo = image::RgbImage::from_pixel(32, 24, image::Rgb([90, 100, 110]));
@@ -72,14 +79,10 @@ fn run(files: &[(&str, &[u8])], objects: &str) -> Run {
     let mut message = String::new();
     std::io::Read::read_to_string(&mut child.stderr.take().expect("it was piped"), &mut message)
         .expect("it is text");
-    let run = Run {
-        success: exit.success(),
-        message,
-        peak: peak.expect("the system counts the memory of a process"),
-    };
+    let run = Run { success: exit.success(), message, peak: peak? };
     println!("{} MB, {exit}", run.peak / 1_000_000);
     assert!(run.peak < MOST, "{} bytes of memory; it reported:\n{}", run.peak, run.message);
-    run
+    Some(run)
 }
 
 fn object(file: &str) -> String {
