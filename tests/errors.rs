@@ -40,7 +40,7 @@ fn shadow(room: &Room, stage: &Shadow, shape: &Shape) -> (Arc<Visibility>, f64, 
 
 fn indirect(room: &Room, rays: u32, seed: u64, direct: &Arc<UnitDirect>) -> Arc<UnitIndirect> {
     let (points, normal) = (room.points.clone(), room.normal.clone());
-    let inputs = TransportIn { mesh: room.mesh.clone(), points, normal };
+    let inputs = TransportIn { mesh: room.mesh.clone(), points, normal, layout: None };
     let stage = Transport { rays, seed, ..Transport::default() };
     let transport = stage.run(inputs, &Context::default()).unwrap().transport;
     let (width, height) = room.size();

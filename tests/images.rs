@@ -597,7 +597,12 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         let shading = (0..*lobes).map(|k| Shading(colors(small, n + 4 + k))).collect();
         (
             id.clone(),
-            Arc::new(UnitIndirect { lobes: shading, stderr: many(*lobes, n + 5), probes: vec![] }),
+            Arc::new(UnitIndirect {
+                lobes: shading,
+                stderr: many(*lobes, n + 5),
+                probes: vec![],
+                cells: vec![],
+            }),
         )
     });
     let radiance = ids.iter().map(|(id, lobes, _)| {

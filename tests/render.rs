@@ -183,7 +183,8 @@ fn fewer_rays_of_a_transport_tell_the_same_within_their_noise() {
     let albedo = constant(&room, Vec3::splat(0.5));
     let at = |pixel: usize| if room.points.0.pixels()[pixel].z < -2.99 { 1.0 } else { 0.0 };
     let bounces = optics::Bounces { count: 1, unseen: 0.0 };
-    let [all, few] = [all, &few].map(|t| optics::indirect_at_receivers(t, &albedo, at, bounces));
+    let [all, few] =
+        [all, &few].map(|t| optics::indirect_at_receivers(t, &albedo, &[], at, bounces));
     // A share p of the rays meets the wall: the difference of 128 and 32 of them has a variance of
     // at most p (1 - p) (1/32 - 1/128), p <= 1/2, times the square of albedo and of further bounces
     // (2).

@@ -52,6 +52,7 @@ impl Room {
             mesh: seen.mesh.clone(),
             points: seen.points.clone(),
             normal: seen.normal.clone(),
+            layout: None,
         };
         let transport = Transport::default()
             .run(inputs, &Context::default())
@@ -110,6 +111,8 @@ impl Room {
             direct: direct.clone(),
             visibility: visibility.clone(),
             objects: None,
+            room: None,
+            unedited: None,
         }
     }
 }

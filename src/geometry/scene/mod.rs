@@ -1,19 +1,23 @@
 //! The seen room: depth to points, normals and mesh.
 
+pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
 pub(in crate::geometry) mod mesh;
 pub(in crate::geometry) mod metric_scale;
 pub(in crate::geometry) mod orient_normals;
 pub(in crate::geometry) mod plane_fit;
+pub(in crate::geometry) mod room_layout;
 pub(in crate::geometry) mod surface;
 
+pub use find_layout::{KnownSide, LayoutGuess};
 pub use gravity::world_up;
 pub use grow_region::grow_region;
 pub use mesh::{Hit, Own, SceneMesh, Sight};
 pub use metric_scale::{KnownLength, MetricDepth, metric_depth, relative_depth};
 pub use orient_normals::orient_normals;
 pub use plane_fit::PlaneFit;
+pub use room_layout::{RoomCell, RoomLayout, SIDES, SideSource};
 pub use surface::{Surface, surface};
 
 use crate::tuning::Table;
@@ -21,11 +25,13 @@ use crate::tuning::Table;
 /// The constants of the seen surface.
 pub fn tuning() -> Vec<Table> {
     vec![
+        find_layout::FindLayoutTuning::table(),
         gravity::GravityTuning::table(),
         grow_region::GrowRegionTuning::table(),
         mesh::MeshTuning::table(),
         metric_scale::MetricScaleTuning::table(),
         plane_fit::PlaneFitTuning::table(),
+        room_layout::RoomLayoutTuning::table(),
         surface::SurfaceTuning::table(),
     ]
 }

@@ -37,6 +37,17 @@ pub struct UnitIndirect {
     pub stderr: Vec<Plane<f32>>,
     /// The same at the probes of inserted bodies, per lobe, one row; empty without bodies.
     pub probes: Vec<Plane<Vec3>>,
+    /// Radiosity / pi of the cells of the room's hidden sides, per lobe, one row; empty without
+    /// them.
+    pub cells: Vec<Plane<Vec3>>,
+}
+
+/// Direct light, shadows included, of one light on the cells of the room's hidden sides, per lobe
+/// of unit radiance: irradiance / pi, one row.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CellLight {
+    /// At the cells of a layout.
+    pub lobes: Vec<Plane<f32>>,
 }
 
 /// Direct light, shadows included, of one light on inserted bodies, per lobe of unit radiance:

@@ -4,7 +4,7 @@ mod files;
 mod light;
 mod scores;
 
-use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::geometry::{Camera, Objects, RoomLayout, SceneMesh};
 use crate::graph::{Artifact, NodeError};
 use crate::image::{
     Albedo, Depth, GlareMask, Layer, Normal, PaintLayers, Plane, Points, Roughness, Segments,
@@ -17,7 +17,7 @@ use crate::optics::{
 };
 
 pub use files::{Encoding, Files, check_file_name};
-pub use light::{Guess, ObjectLight, Residual, UnitDirect, UnitIndirect, Visibility};
+pub use light::{CellLight, Guess, ObjectLight, Residual, UnitDirect, UnitIndirect, Visibility};
 pub use scores::{Score, Scores};
 
 /// The member that stands for lamps out of view.
@@ -78,6 +78,8 @@ artifacts! {
     GlareMask: GlareMask::bytes, if GlareMask::check;
     Layer: Layer::bytes;
     Camera: |_| size_of::<Camera>(), if |c| rule(c.width > 0 && c.height > 0 && c.fx > 0.0 && c.fy > 0.0, "a view");
+    RoomLayout: RoomLayout::bytes, if RoomLayout::check;
+    CellLight: |c| c.lobes.iter().map(Plane::bytes).sum();
     SceneMesh: SceneMesh::bytes, if SceneMesh::check;
     Shape: Shape::bytes, if Shape::check;
     Radiance: |r| r.0.len() * 12;
@@ -85,7 +87,7 @@ artifacts! {
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(), if |d| light::lobes(&[&d.lobes, &d.stderr]);
     Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),
         if |v| light::lobes(&[&v.lit, &v.stderr, &v.unknown]);
-    UnitIndirect: |i| i.lobes.iter().map(|l| &l.0).chain(&i.probes).map(Plane::bytes).chain(i.stderr.iter().map(Plane::bytes)).sum();
+    UnitIndirect: |i| i.lobes.iter().map(|l| &l.0).chain(&i.probes).chain(&i.cells).map(Plane::bytes).chain(i.stderr.iter().map(Plane::bytes)).sum();
     Objects: Objects::bytes, if Objects::check;
     Reflections: Reflections::bytes, if Reflections::check;
     SpecularChange: SpecularChange::bytes, if SpecularChange::check;

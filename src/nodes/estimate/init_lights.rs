@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, SceneMesh};
+use crate::geometry::{Camera, RoomLayout, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter, check_range};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
 use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
@@ -111,6 +111,8 @@ ports! {
         mesh: Arc<SceneMesh>,
         /// Rays from the receivers into the room.
         transport: Arc<LightTransport>,
+        /// The cuboid of the room whose cells `transport` has.
+        layout: Option<Arc<RoomLayout>>,
         /// Albedo, for the indirect light.
         albedo: Arc<Albedo>,
         /// Segments of one material each.
@@ -135,7 +137,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
@@ -158,6 +160,7 @@ impl Node for InitLights {
             normal,
             mesh,
             transport: &transport,
+            layout: inputs.layout.as_deref(),
             albedo,
             segments,
         };

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use crate::geometry::{Camera, SceneMesh};
+use crate::geometry::{Camera, RoomLayout, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
@@ -62,6 +62,8 @@ ports! {
         mesh: Arc<SceneMesh>,
         /// Rays from the receivers into the room.
         transport: Arc<LightTransport>,
+        /// The cuboid of the room whose cells `transport` has.
+        layout: Option<Arc<RoomLayout>>,
         /// Albedo, for the indirect light.
         albedo: Arc<Albedo>,
         /// Segments of one material each.
@@ -84,7 +86,7 @@ ports! {
 
 impl Node for RefineLights {
     const KIND: &'static str = "RefineLights";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = RefineLightsIn;
     type Out = RefineLightsOut;
 
@@ -100,7 +102,9 @@ impl Node for RefineLights {
             segments,
             ..
         } = &inputs;
-        let room = SeenRoom { photo, clipped, points, normal, mesh, transport, albedo, segments };
+        let layout = inputs.layout.as_deref();
+        let room =
+            SeenRoom { photo, clipped, points, normal, mesh, transport, layout, albedo, segments };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let receivers = Receivers::new(room, masks, self.receivers);
         ctx.check_cancelled()?;

@@ -162,7 +162,12 @@ mod tests {
         let nothing = || {
             vec![(
                 "a".into(),
-                Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }),
+                Arc::new(UnitIndirect {
+                    lobes: vec![],
+                    stderr: vec![],
+                    probes: vec![],
+                    cells: vec![],
+                }),
             )]
         };
         assert_eq!(message(0, (4, 3), nothing()), "");
@@ -177,7 +182,12 @@ mod tests {
         let dark = crate::image::Shading(Plane::filled(4, 3, glam::Vec3::ZERO));
         let dark = vec![(
             "a".into(),
-            Arc::new(UnitIndirect { lobes: vec![dark], stderr: vec![], probes: vec![] }),
+            Arc::new(UnitIndirect {
+                lobes: vec![dark],
+                stderr: vec![],
+                probes: vec![],
+                cells: vec![],
+            }),
         )];
         assert_eq!(message(1, (3, 4), dark), "direct_a_0: wanted 4 x 3 pixels as depth, got 3 x 4");
     }

@@ -98,7 +98,12 @@ impl Node for Indirect {
         } = inputs;
         if direct.lobes.is_empty() {
             return Ok(IndirectOut {
-                indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }),
+                indirect: Arc::new(UnitIndirect {
+                    lobes: vec![],
+                    stderr: vec![],
+                    probes: vec![],
+                    cells: vec![],
+                }),
             });
         }
         let size = points.0.size();
@@ -142,6 +147,8 @@ impl Node for Indirect {
             lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
         }
         let stderr = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();
-        Ok(IndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr, probes: vec![] }) })
+        Ok(IndirectOut {
+            indirect: Arc::new(UnitIndirect { lobes, stderr, probes: vec![], cells: vec![] }),
+        })
     }
 }

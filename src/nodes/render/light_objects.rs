@@ -54,11 +54,11 @@ impl Node for LightObjects {
         // The camera sees smooth surfaces: every second sample along each axis, and the rest from
         // around.
         let (lobes, rays) =
-            arriving(&mesh, &objects.points, &objects.normals, &shape, (sampling, 2), &stop);
+            arriving(&mesh, &objects.points, &objects.normals, &shape, None, (sampling, 2), &stop);
         ctx.check_cancelled()?;
         let probes = mesh.bodies().probes();
         let (probes, more) =
-            arriving(&mesh, &probes.points, &probes.normals, &shape, (sampling, 1), &stop);
+            arriving(&mesh, &probes.points, &probes.normals, &shape, None, (sampling, 1), &stop);
         ctx.check_cancelled()?;
         ctx.count_rays(rays + more);
         Ok(LightObjectsOut {

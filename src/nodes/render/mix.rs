@@ -114,6 +114,7 @@ mod tests {
             ],
             stderr: vec![plane(0.0); 2],
             probes: vec![],
+            cells: vec![],
         });
         let one = |radiance: Vec<Vec3>| {
             let inputs = MixIn {
@@ -143,7 +144,12 @@ mod tests {
             )]),
             indirect: Gather(vec![(
                 id(),
-                Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![] }),
+                Arc::new(UnitIndirect {
+                    lobes: vec![],
+                    stderr: vec![],
+                    probes: vec![],
+                    cells: vec![],
+                }),
             )]),
             radiance: Gather(vec![(id(), Arc::new(Radiance(vec![])))]),
         };

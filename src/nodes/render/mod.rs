@@ -6,6 +6,7 @@ pub mod indirect;
 pub mod insert_specular;
 pub mod light_net;
 pub mod light_objects;
+pub mod light_room;
 pub mod mix;
 pub mod occlude_residual;
 pub mod shade_objects;

@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
+
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance};
-use crate::nodes::artifacts::{ObjectLight, UnitDirect, UnitIndirect, Visibility};
+use crate::nodes::artifacts::{CellLight, ObjectLight, UnitDirect, UnitIndirect, Visibility};
 use crate::optics::{self, Bounces, Probed};
 use crate::{params, ports};
 
@@ -39,6 +41,12 @@ ports! {
         visibility: Arc<Visibility>,
         /// The light's direct light on inserted objects, which then take part.
         objects: Option<Arc<ObjectLight>>,
+        /// The light's direct light on the cells of the room's hidden sides; needed where
+        /// `transport` has cells.
+        room: Option<Arc<CellLight>>,
+        /// The albedo before an edit, which sides that are not seen at all keep; without it they
+        /// take `albedo`.
+        unedited: Option<Arc<Albedo>>,
     }
 }
 
@@ -51,13 +59,13 @@ ports! {
 
 impl Node for TraceIndirect {
     const KIND: &'static str = "TraceIndirect";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = TraceIndirectIn;
     type Out = TraceIndirectOut;
 
     fn run(&self, inputs: TraceIndirectIn, ctx: &Context) -> Result<TraceIndirectOut, NodeError> {
-        let TraceIndirectIn { transport, points, normal, albedo, direct, visibility, objects } =
-            inputs;
+        let TraceIndirectIn { transport, points, normal, albedo, direct, visibility, .. } = &inputs;
+        let objects = inputs.objects.as_deref();
         let size = transport.size();
         super::same_size("points", points.0.size(), "transport", size)?;
         super::same_size("normal", normal.0.size(), "transport", size)?;
@@ -69,46 +77,58 @@ impl Node for TraceIndirect {
             )));
         }
         let bounces = Bounces { count: self.bounces as usize, unseen: self.unseen };
-        let probed = |lobe: usize| match &objects {
-            Some(light) => {
-                Probed { albedo: light.albedo.pixels(), direct: light.probes[lobe].pixels() }
-            }
-            None => Probed::NONE,
-        };
-        let known = objects.as_ref().map_or(0, |light| light.albedo.len());
+        let known = objects.map_or(0, |light| light.albedo.len());
         if known != transport.probes()
-            || objects.as_ref().is_some_and(|o| o.probes.len() != direct.lobes.len())
+            || objects.is_some_and(|o| o.probes.len() != direct.lobes.len())
         {
             let wanted = transport.probes();
             return Err(NodeError::Failed(format!(
                 "`objects` has {known} probes of bodies, wanted {wanted} as in `transport`, for each lobe of `direct`"
             )));
         }
+        let room = inputs.room.as_deref().map_or(&[][..], |room| &room.lobes);
+        let cells = |lobe: usize| room.get(lobe).map_or(&[][..], |lobe| lobe.pixels());
+        if let Some(lobe) = (0..direct.lobes.len()).find(|&i| cells(i).len() != transport.cells()) {
+            let (wanted, got) = (transport.cells(), cells(lobe).len());
+            return Err(NodeError::Failed(format!(
+                "`room` has {got} cells for lobe {lobe}, wanted {wanted} as in `transport`"
+            )));
+        }
+        let unedited = inputs.unedited.as_ref().unwrap_or(albedo);
+        super::same_size("unedited", unedited.0.size(), "transport", size)?;
+        let cell_albedo = transport.cell_albedos(albedo, unedited);
+        let known = objects.map_or(&[][..], |light| light.albedo.pixels());
+        let known = [known, &cell_albedo].concat();
         let lobe = |(lobe, (direct, lit)): (usize, (&Plane<f32>, &Plane<f32>))| {
             ctx.check_cancelled()?;
             super::same_size("direct", direct.size(), "transport", size)?;
             super::same_size("visibility", lit.size(), "transport", size)?;
             let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
             let arrives = Plane::new(size.0, size.1, arrives);
-            Ok(optics::indirect(
-                &transport,
-                &points,
-                &normal,
-                &albedo,
-                &arrives,
-                probed(lobe),
-                bounces,
-            ))
+            let of_bodies = objects.map_or(&[][..], |light| light.probes[lobe].pixels());
+            let arrives_there = [of_bodies, cells(lobe)].concat();
+            let probed = Probed { albedo: &known, direct: &arrives_there };
+            let shaded =
+                optics::indirect(transport, points, normal, albedo, &arrives, probed, bounces);
+            Ok((shaded, arrives_there))
         };
         let shaded: Result<Vec<_>, NodeError> =
             direct.lobes.iter().zip(&visibility.lit).enumerate().map(lobe).collect();
-        let (mut lobes, mut stderr, mut probes) =
-            (Vec::<Shading>::new(), Vec::<Plane<f32>>::new(), Vec::new());
-        for (shading, error, of_probes) in shaded? {
+        let (mut lobes, mut stderr, mut probes, mut cells) =
+            (Vec::<Shading>::new(), Vec::<Plane<f32>>::new(), Vec::new(), Vec::new());
+        for ((shading, error, beyond), arrives) in shaded? {
             lobes.push(shading);
             stderr.push(error);
+            let (of_probes, of_cells) = beyond.split_at(transport.probes());
             if objects.is_some() {
-                probes.push(Plane::new(of_probes.len(), 1, of_probes));
+                probes.push(Plane::new(of_probes.len(), 1, of_probes.to_vec()));
+            }
+            if transport.cells() > 0 {
+                let shown = |cell: usize| {
+                    let arrives = Vec3::splat(arrives[transport.probes() + cell]) + of_cells[cell];
+                    cell_albedo[cell] * arrives
+                };
+                cells.push(Plane::from_fn(of_cells.len(), 1, |cell, _| shown(cell)));
             }
         }
         let value = lobes
@@ -117,6 +137,6 @@ impl Node for TraceIndirect {
             .fold(0.0, |sum, &v| sum + f64::from(luminance(v)));
         let error = stderr.iter().flat_map(|s| s.pixels()).fold(0.0, |sum, &v| sum + f64::from(v));
         ctx.set_stderr(error / value.max(f64::MIN_POSITIVE));
-        Ok(TraceIndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr, probes }) })
+        Ok(TraceIndirectOut { indirect: Arc::new(UnitIndirect { lobes, stderr, probes, cells }) })
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::geometry::SceneMesh;
+use crate::geometry::{RoomLayout, SceneMesh};
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Normal, Points};
 use crate::optics;
@@ -29,6 +29,8 @@ ports! {
         points: Arc<Points>,
         /// Their normals.
         normal: Arc<Normal>,
+        /// The cuboid of the room, whose hidden sides then receive and reflect light.
+        layout: Option<Arc<RoomLayout>>,
     }
 }
 
@@ -41,7 +43,7 @@ ports! {
 
 impl Node for Transport {
     const KIND: &'static str = "Transport";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = TransportIn;
     type Out = TransportOut;
 
@@ -54,8 +56,8 @@ impl Node for Transport {
             &inputs.mesh,
             &inputs.points,
             &inputs.normal,
-            stride,
-            rays,
+            inputs.layout.as_deref(),
+            (stride, rays),
             self.seed,
         );
         ctx.count_rays(transport.rays());

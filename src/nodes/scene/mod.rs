@@ -5,6 +5,7 @@ pub mod read_lights;
 pub mod read_materials;
 pub mod read_photo;
 pub mod read_scene;
+pub mod room_box;
 
 use serde::{Deserialize, Serialize};
 

@@ -6,11 +6,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::Vec3;
 
 use super::{Observations, observed_pixels};
-use crate::geometry::{Grid, Own, SceneMesh};
+use crate::geometry::{Grid, Own, RoomLayout, SceneMesh};
 use crate::image::{Albedo, Mask, Normal, Picture, Plane, Points, Segments};
 use crate::optics::transport::{direct, shadow};
 use crate::optics::{
-    Bounces, LightTransport, Sampling, ShadowQuality, Shape, indirect_at_receivers,
+    Bounces, LightTransport, Sampling, ShadowQuality, Shape, arriving_at_cells,
+    indirect_at_receivers,
 };
 use crate::tuning::tuning;
 
@@ -38,6 +39,8 @@ pub struct SeenRoom<'a> {
     pub mesh: &'a SceneMesh,
     /// Light transport between the pixels, for indirect light.
     pub transport: &'a LightTransport,
+    /// The cuboid of the room whose cells are in `transport`.
+    pub layout: Option<&'a RoomLayout>,
     /// Diffuse albedo, 0..=1.
     pub albedo: &'a Albedo,
     /// Segments of uniform albedo.
@@ -79,6 +82,8 @@ pub struct Receivers<'a> {
     points: Points,
     normal: Normal,
     used: Vec<usize>,
+    /// Albedo of the cells of the layout.
+    cell_albedo: Vec<Vec3>,
     /// The photo at the receivers in use.
     pub observations: Observations,
     /// Shading of the receivers in use by a constant ambient of radiance 1.
@@ -121,6 +126,7 @@ impl<'a> Receivers<'a> {
             ),
             ambient: used.iter().map(|&i| ambient[i]).collect(),
             used,
+            cell_albedo: room.transport.cell_albedos(room.albedo, room.albedo),
             rays: AtomicU64::new(0),
         }
     }
@@ -155,21 +161,33 @@ impl<'a> Receivers<'a> {
         let light =
             light.map(|mask| (Own::new(mask), Mask(at_receivers(transport.grid(), &mask.0))));
         let light = light.as_ref().map(|(passes, pixels)| (passes, pixels));
+        let own = light.map(|(passes, _)| passes);
+        let cells = self
+            .room
+            .layout
+            .map(|layout| arriving_at_cells(mesh, layout, shape, own, sampling, &|| false));
+        let (cells, rays) = cells.unwrap_or_default();
+        self.rays.fetch_add(rays, Ordering::Relaxed);
         let shadow = shadow(mesh, &self.points, &self.normal, shape, light, shadows, &|| false);
         self.rays.fetch_add(shadow.rays, Ordering::Relaxed);
-        let layer = |(direct, lit): (&Plane<f32>, &Plane<f32>)| {
+        let pixels = self.room.points.0.len() + transport.probes();
+        let layer = |(lobe, (direct, lit)): (usize, (&Plane<f32>, &Plane<f32>))| {
             let (direct, lit) = (direct.pixels(), lit.pixels());
             let arrives: Vec<f32> =
                 direct.iter().zip(lit).map(|(direct, lit)| direct * lit).collect();
-            let at = |pixel| arrives[transport.nearest(pixel)];
-            let indirect = indirect_at_receivers(transport, albedo, at, quality.bounces);
+            let at = |pixel: usize| match pixel.checked_sub(pixels) {
+                Some(cell) => cells[lobe].pixels()[cell],
+                None => arrives[transport.nearest(pixel)],
+            };
+            let indirect =
+                indirect_at_receivers(transport, albedo, &self.cell_albedo, at, quality.bounces);
             UnitLayer {
                 direct: self.used.iter().map(|&i| direct[i]).collect(),
                 lit: self.used.iter().map(|&i| lit[i]).collect(),
                 indirect: self.used.iter().map(|&i| indirect[i]).collect(),
             }
         };
-        direct.lobes.iter().zip(&shadow.lit).map(layer).collect()
+        direct.lobes.iter().zip(&shadow.lit).enumerate().map(layer).collect()
     }
 }
 

@@ -53,7 +53,7 @@ impl Room {
         let points = Points(Plane::from_fn(w, h, |x, y| ray(x, y) * met(ray(x, y)).0));
         let normal = Normals(Plane::from_fn(w, h, |x, y| met(ray(x, y)).1));
         let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(w, h, false));
-        let transport = trace_bounces(&mesh, &points, &normal, 4, 32, 0);
+        let transport = trace_bounces(&mesh, &points, &normal, None, (4, 32), 0);
         let paint =
             |side: u32| Vec3::new(0.5, 0.35, 0.25).lerp(Vec3::splat(0.7), side as f32 / 11.0);
         let label = Plane::from_fn(w, h, |x, y| met(ray(x, y)).2);
@@ -106,8 +106,9 @@ impl Room {
 
     fn fit(&self, photo: &Picture, lights: &[(Shape, DegreesOfFreedom)]) -> ShapeFit {
         let Room { points, normal, mesh, transport, albedo, segments, dark, camera } = self;
+        let (clipped, layout) = (dark, None);
         let room =
-            SeenRoom { photo, clipped: dark, points, normal, mesh, transport, albedo, segments };
+            SeenRoom { photo, clipped, points, normal, mesh, transport, layout, albedo, segments };
         let receivers = Receivers::new(room, std::iter::empty(), usize::MAX);
         let movable = |(shape, freedom): &(Shape, DegreesOfFreedom)| LightVariable {
             shape: shape.clone(),

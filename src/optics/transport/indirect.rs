@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::contact::{Contact, Past};
 use super::estimate::{BATCHES, mean, pooled, stream, tiles};
-use crate::geometry::{Grid, SceneMesh, cosine_direction};
+use crate::geometry::{Grid, RoomLayout, SceneMesh, cosine_direction};
 use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance, rule};
 use crate::optics::sampling::random::Points2;
 use crate::tuning::tuning;
@@ -57,6 +57,11 @@ pub struct LightTransport {
     /// Probes of bodies: as many receivers after those of the grid, and as many pixels after those
     /// of the picture.
     probes: usize,
+    /// Side of each cell of the room's hidden sides. Cells are receivers and pixels after the
+    /// probes.
+    cells: Vec<u8>,
+    /// By receiver of the grid, the side of the room that it lies on plus one, or zero.
+    sides: Vec<u8>,
     /// Occlusion of pixels by bodies near them.
     contact: Contact,
 }
@@ -79,8 +84,11 @@ impl LightTransport {
             .grid
             .len()
             .checked_add(self.probes)
+            .and_then(|receivers| receivers.checked_add(self.cells.len()))
             .ok_or("wanted a number of probes that fits")?;
-        let pixels = self.nearest.len() + self.probes;
+        let pixels = self.nearest.len() + self.probes + self.cells.len();
+        rule(self.sides.len() == self.grid.len(), "a side for each receiver")?;
+        rule(self.cells.iter().all(|&side| side < 6), "six sides")?;
         rule(
             self.hits.height() == receivers && self.areas.len() == receivers,
             "a row and an area for each receiver",
@@ -118,6 +126,8 @@ impl LightTransport {
             nearest: self.nearest.clone(),
             areas: self.areas.clone(),
             probes: self.probes,
+            cells: self.cells.clone(),
+            sides: self.sides.clone(),
             contact: self.contact.clone(),
         }
     }
@@ -154,6 +164,29 @@ impl LightTransport {
         self.probes
     }
 
+    /// Cells of the room's hidden sides.
+    pub fn cells(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Albedo of each cell: the mean of `albedo` on the seen part of its side, by area, and for a
+    /// side that is not seen at all the mean of `unedited` on all that is seen.
+    pub fn cell_albedos(&self, albedo: &Albedo, unedited: &Albedo) -> Vec<Vec3> {
+        let mean = |albedo: &Albedo, is_part: &dyn Fn(u8) -> bool| {
+            let (mut sum, mut area) = (glam::DVec3::ZERO, 0.0);
+            for (i, _) in self.sides.iter().enumerate().filter(|(_, side)| is_part(**side)) {
+                let of_receiver = f64::from(self.areas.pixels()[i]);
+                sum += albedo.0.pixels()[self.grid.pixel(i)].as_dvec3() * of_receiver;
+                area += of_receiver;
+            }
+            (area > 0.0).then(|| (sum / area).as_vec3())
+        };
+        let all = mean(unedited, &|_| true).unwrap_or(Vec3::ZERO);
+        let of_side: [Vec3; 6] =
+            std::array::from_fn(|i| mean(albedo, &|side| side == i as u8 + 1).unwrap_or(all));
+        self.cells.iter().map(|&side| of_side[side as usize]).collect()
+    }
+
     /// The pixel, or after all pixels the probe, that a receiver is.
     fn pixel(&self, receiver: usize) -> usize {
         match receiver.checked_sub(self.grid.len()) {
@@ -182,11 +215,12 @@ impl LightTransport {
         albedo: &[Vec3],
     ) -> (Plane<Vec3>, Vec<Vec3>) {
         let all = self.ambient();
-        let (_, on_probes) = all.split_at(self.grid.len());
+        let on_probes = &all[self.grid.len()..self.grid.len() + self.probes];
         let past = self.past(|_| Vec3::splat(TUNING.everywhere), Vec3::ONE);
         let shown = |probe: usize| albedo[probe] * on_probes[probe];
-        let around: Vec<Vec3> =
-            (0..self.areas.len()).map(|i| past[i].light + self.of_bodies(i, shown)).collect();
+        let around: Vec<Vec3> = (0..self.grid.len() + self.probes)
+            .map(|i| past[i].light + self.of_bodies(i, shown))
+            .collect();
         let mut on_pixels = self.grid.upsample(points, normal, &around[..self.grid.len()]);
         self.contact.refine((&self.grid, points, normal), &mut on_pixels, &past, shown);
         (on_pixels, around[self.grid.len()..].to_vec())
@@ -196,12 +230,13 @@ impl LightTransport {
     /// `shown` and the unseen part `ambient`.
     fn past(&self, shown: impl Fn(usize) -> Vec3 + Sync, ambient: Vec3) -> Vec<Past> {
         let pixels = self.nearest.len();
+        let body = pixels..pixels + self.probes;
         let row = |row: &[u32]| {
             let open = row.iter().map(|&hit| if hit == MISS { None } else { Some(hit as usize) });
             let (light, hidden) = open.fold((Vec3::ZERO, 0.0), |(light, hidden), hit| match hit {
                 None => (light + ambient, hidden),
-                Some(pixel) if pixel < pixels => (light + shown(pixel), hidden),
-                Some(_) => (light, hidden + 1.0),
+                Some(pixel) if body.contains(&pixel) => (light, hidden + 1.0),
+                Some(pixel) => (light + shown(pixel), hidden),
             });
             Past { light: light / row.len() as f32, hidden: hidden / row.len() as f32 }
         };
@@ -213,7 +248,8 @@ impl LightTransport {
         let width = self.hits.width();
         let row = &self.hits.pixels()[receiver * width..(receiver + 1) * width];
         let probe = |&hit: &u32| {
-            (hit != MISS).then(|| (hit as usize).checked_sub(self.nearest.len())).flatten()
+            let probe = (hit as usize).checked_sub(self.nearest.len());
+            probe.filter(|&probe| probe < self.probes)
         };
         row.iter().filter_map(probe).map(shown).sum::<Vec3>() / width as f32
     }
@@ -225,16 +261,22 @@ pub fn trace_bounces(
     mesh: &SceneMesh,
     points: &Points,
     normal: &Normal,
-    stride: usize,
-    rays: usize,
+    layout: Option<&RoomLayout>,
+    (stride, rays): (usize, usize),
     seed: u64,
 ) -> LightTransport {
     let (width, height) = points.0.size();
     let grid = Grid::new((width, height), stride);
     let probes = mesh.bodies().probes();
+    let cells = layout.map_or(&[][..], RoomLayout::cells);
+    let first_cell = width * height + probes.len();
     let each = rays.div_ceil(BATCHES).max(1);
     let trace = |i: usize| -> Vec<u32> {
         let (pixel, from, n) = match i.checked_sub(grid.len()) {
+            Some(cell) if cell >= probes.len() => {
+                let cell = &cells[cell - probes.len()];
+                (width * height + i - grid.len(), cell.center, cell.normal)
+            }
             Some(probe) => (
                 width * height + probe,
                 probes.points.pixels()[probe],
@@ -248,7 +290,15 @@ pub fn trace_bounces(
         };
         let look = |random: Points2, ray: usize| {
             let direction = cosine_direction(n, random.get(ray));
-            let hit = mesh.closest(from, direction)?;
+            let hit = mesh.closest(from, direction);
+            let exit = layout.and_then(|layout| layout.exit(from, direction));
+            if let Some((distance, cell)) = exit
+                && hit.is_none_or(|hit| distance < hit.distance)
+                && (cell.is_some() || hit.is_none())
+            {
+                return cell.map(|cell| (first_cell + cell) as u32);
+            }
+            let hit = hit?;
             // The seen room has one side; a body is met from either.
             let faces =
                 normal.0.pixels().get(hit.pixel as usize).is_none_or(|n| n.dot(direction) < 0.0);
@@ -261,7 +311,8 @@ pub fn trace_bounces(
             .map(|(random, ray)| look(random, ray).unwrap_or(MISS))
             .collect()
     };
-    let rows: Vec<Vec<u32>> = (0..grid.len() + probes.len()).into_par_iter().map(trace).collect();
+    let rows: Vec<Vec<u32>> =
+        (0..grid.len() + probes.len() + cells.len()).into_par_iter().map(trace).collect();
     let nearest = |pixel: usize| {
         let best = grid
             .neighbors(points, normal, pixel)
@@ -292,6 +343,10 @@ pub fn trace_bounces(
         nearest: Plane::new(width, height, nearest),
         areas: Plane::new(rows.len(), 1, areas),
         probes: probes.len(),
+        cells: cells.iter().map(|cell| cell.side).collect(),
+        sides: (0..grid.len())
+            .map(|i| layout.and_then(|l| l.seen_side(grid.pixel(i))).map_or(0, |s| s as u8 + 1))
+            .collect(),
         contact: Contact::new(mesh, points, normal, seed),
         grid,
     }
@@ -388,10 +443,11 @@ fn reflectances(albedo: &Albedo, probes: &[Vec3]) -> Vec<Vec3> {
 pub fn indirect_at_receivers(
     transport: &LightTransport,
     albedo: &Albedo,
+    cells: &[Vec3],
     direct: impl Fn(usize) -> f32 + Sync,
     bounces: Bounces,
 ) -> Vec<Vec3> {
-    gather(transport, albedo, &[], direct, bounces).iter().map(whole).collect()
+    gather(transport, albedo, cells, direct, bounces).iter().map(whole).collect()
 }
 
 fn whole(batches: &[Vec3; BATCHES]) -> Vec3 {

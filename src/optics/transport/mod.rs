@@ -16,7 +16,7 @@ pub use indirect::{
 };
 pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
 pub use lighting::{Lighting, LocalLobe, local_frame};
-pub use objects::arriving;
+pub use objects::{arriving, arriving_at_cells};
 pub use shadow::{ShadowEstimate, ShadowQuality, shadow};
 
 use crate::tuning::Table;

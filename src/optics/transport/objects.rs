@@ -3,18 +3,19 @@
 
 use super::direct;
 use super::shadow::{ShadowQuality, shadow};
-use crate::geometry::SceneMesh;
-use crate::image::{Normal, Plane, Points};
+use crate::geometry::{Own, RoomCell, RoomLayout, SceneMesh};
+use crate::image::{Mask, Normal, Plane, Points};
 use crate::optics::{DirectEstimate, Sampling, Shape};
 
 /// Irradiance / pi that arrives from each lobe of a light of unit radiance, shadows of the room and
-/// of all bodies included. Shadows are traced at every `stride`th place along each axis. Also the
+/// of all bodies included; `own` are the pixels of the light, which do not block it. Shadows are traced at every `stride`th place along each axis. Also the
 /// number of rays.
 pub fn arriving(
     mesh: &SceneMesh,
     points: &Plane<glam::Vec3>,
     normals: &Plane<glam::Vec3>,
     shape: &Shape,
+    own: Option<&Own>,
     (sampling, stride): (Sampling, usize),
     stop: &(dyn Fn() -> bool + Sync),
 ) -> (Vec<Plane<f32>>, u64) {
@@ -25,11 +26,40 @@ pub fn arriving(
     let DirectEstimate { mut lobes, .. } = direct(&points, &normals, shape, &sampling, stop);
     let quality =
         ShadowQuality { sampling, stride, assume_lit: 1.0, outside_unknown: false, lifted: true };
-    let shadow = shadow(mesh, &points, &normals, shape, None, quality, stop);
+    let none = Mask(Plane::filled(points.0.width(), points.0.height(), 0.0));
+    let own = own.map(|own| (own, &none));
+    let shadow = shadow(mesh, &points, &normals, shape, own, quality, stop);
     for (direct, lit) in lobes.iter_mut().zip(&shadow.lit) {
         direct.pixels_mut().iter_mut().zip(lit.pixels()).for_each(|(e, v)| *e *= v);
     }
     (lobes, shadow.rays)
+}
+
+/// Irradiance / pi that arrives from each lobe of a light of unit radiance at the cells of a room's
+/// sides, one row, shadows included: the mean over four places of each cell. Also the number of
+/// rays. One place would lie too close to a lamp under the ceiling.
+pub fn arriving_at_cells(
+    mesh: &SceneMesh,
+    layout: &RoomLayout,
+    shape: &Shape,
+    own: Option<&Own>,
+    sampling: Sampling,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> (Vec<Plane<f32>>, u64) {
+    let cells = layout.cells();
+    let places = |cell: usize, place: usize| {
+        let RoomCell { center, half, .. } = cells[cell];
+        let sign = |bit: usize| if place & bit == 0 { -0.5 } else { 0.5 };
+        center + half[0] * sign(1) + half[1] * sign(2)
+    };
+    let points = Plane::from_fn(4, cells.len(), |place, cell| places(cell, place));
+    let normals = Plane::from_fn(4, cells.len(), |_, cell| cells[cell].normal);
+    let (lobes, rays) = arriving(mesh, &points, &normals, shape, own, (sampling, 1), stop);
+    let mean = |lobe: &Plane<f32>| {
+        let cell = |four: &[f32]| 0.25 * four.iter().sum::<f32>();
+        Plane::new(cells.len(), 1, lobe.pixels().chunks(4).map(cell).collect())
+    };
+    (lobes.iter().map(mean).collect(), rays)
 }
 
 #[cfg(test)]
@@ -103,6 +133,7 @@ mod tests {
                 &probes.points,
                 &probes.normals,
                 &lamp(light),
+                None,
                 (SAMPLING(), 1),
                 &|| false,
             );
@@ -125,7 +156,7 @@ mod tests {
     fn an_even_surround_is_even_on_a_ball() {
         let (_, mesh, points, normal) = wall(false);
         let mesh = mesh.with_bodies(ball(Vec3::new(0.0, 0.0, -2.5), 0.3));
-        let transport = trace_bounces(&mesh, &points, &normal, 8, 64, 0);
+        let transport = trace_bounces(&mesh, &points, &normal, None, (8, 64), 0);
         let (_, probes) = transport.ambient_around(&points, &normal, &[Vec3::ONE; 400]);
         assert_eq!(probes.len(), 400);
         assert!(
@@ -135,7 +166,7 @@ mod tests {
 
         let (_, mesh, points, normal) = wall(true);
         let mesh = mesh.with_bodies(ball(Vec3::new(0.0, 0.0, -2.5), 0.3));
-        let transport = trace_bounces(&mesh, &points, &normal, 8, 64, 0);
+        let transport = trace_bounces(&mesh, &points, &normal, None, (8, 64), 0);
         let albedo = Vec3::new(0.5, 0.2, 0.8);
         let (direct, albedos) = (Plane::filled(160, 120, 1.0), vec![albedo; 400]);
         let probed = Probed { albedo: &albedos, direct: &[1.0; 400] };
@@ -158,7 +189,7 @@ mod tests {
         let (_, bare, points, normal) = wall(true);
         for center in [Vec3::new(0.0, 0.0, -3.4), Vec3::new(0.1, 0.0, -3.61)] {
             let transports = [&bare, &bare.with_bodies(ball(center, 0.39))]
-                .map(|mesh| trace_bounces(mesh, &points, &normal, 8, 1024, 0));
+                .map(|mesh| trace_bounces(mesh, &points, &normal, None, (8, 1024), 0));
             let was = transports[0].grid().upsample(&points, &normal, &transports[0].ambient());
             let (is, _) = transports[1].ambient_around(&points, &normal, &[Vec3::ZERO; 400]);
             let (mut near, mut sum) = (0, 0.0);
@@ -188,7 +219,7 @@ mod tests {
     fn a_furnace_has_no_contact_shadow() {
         let (_, mesh, points, normal) = wall(true);
         let mesh = mesh.with_bodies(ball(Vec3::new(0.0, 0.0, -3.61), 0.39));
-        let transport = trace_bounces(&mesh, &points, &normal, 8, 64, 0);
+        let transport = trace_bounces(&mesh, &points, &normal, None, (8, 64), 0);
         let albedo = Vec3::new(0.5, 0.2, 0.8);
         let (direct, albedos) = (Plane::filled(160, 120, 1.0), vec![albedo; 400]);
         let probed = Probed { albedo: &albedos, direct: &[1.0; 400] };

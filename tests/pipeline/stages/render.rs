@@ -84,7 +84,7 @@ fn shade(
     let inputs = ShadeObjectsIn {
         objects: ball.objects.clone(),
         light: Arc::new(light),
-        indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes }),
+        indirect: Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes, cells: vec![] }),
         radiance: Arc::new(Radiance(radiance.to_vec())),
     };
     ShadeObjects {}.run(inputs, &Context::default())
@@ -269,6 +269,7 @@ fn occlude(room: &Room, ball: &Ball, residual: &Arc<Shading>) -> OccludeResidual
             mesh: mesh.clone(),
             points: room.points.clone(),
             normal: room.normal.clone(),
+            layout: None,
         };
         let stage = Transport { rays: 512, ..Transport::default() };
         stage.run(inputs, &Context::default()).expect("the room is sound").transport
