@@ -17,6 +17,10 @@ tuning! {
         /// Least cosine between a normal and its ray: the area of a pixel is bounded.
         min_slant: f32 = 0.1,
             unit "1", source Taste, effect "a larger value gives slanted surfaces less area";
+        /// Largest area of a pixel: views through doors and panes cover large areas.
+        max_area: f32 = 4.0,
+            unit "median areas", source Measured("docs/room.md"),
+            effect "a larger value lets distant surfaces decide where the sides are";
         /// Angles from the vertical within which normals turn it, one after the other.
         up_angles: [f32; 4] = [20.0, 12.0, 8.0, 5.0],
             unit "degrees", source Measured("docs/room.md"),
@@ -136,14 +140,15 @@ impl RoomLayout {
         camera: &Camera,
         guess: &LayoutGuess,
     ) -> RoomLayout {
-        let near = |p: &Vec3| p.length() < 2.0 * TUNING.max_distance;
-        let area: Vec<f32> = (0..points.0.len())
+        let near = |p: &Vec3| p.length() < TUNING.max_distance;
+        let mut area: Vec<f32> = (0..points.0.len())
             .map(|i| {
                 let (p, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
                 let slant = (-n.dot(p) / p.length().max(1e-6)).max(TUNING.min_slant);
                 if mesh.in_room(i) && near(&p) { p.z * p.z / slant } else { 0.0 }
             })
             .collect();
+        limit(&mut area, TUNING.max_area);
         let total: f32 = area.iter().sum();
         if total <= 0.0 {
             let corners = (Quat::IDENTITY, -Vec3::ONE, Vec3::ONE);
@@ -190,6 +195,15 @@ impl RoomLayout {
         let corners = (rotation, -Vec3::new(left, floor, front), Vec3::new(right, ceiling, back));
         RoomLayout::new(corners, sides, (&camera.resized(width, height), points), seen, guess.cells)
     }
+}
+
+/// Limits each area to this many medians: views through doors and panes cover large areas that do
+/// not belong to the room.
+fn limit(area: &mut [f32], medians: f32) {
+    let mut sorted: Vec<f32> = area.iter().copied().filter(|&a| a > 0.0).collect();
+    sorted.sort_by(f32::total_cmp);
+    let most = medians * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    area.iter_mut().for_each(|a| *a = a.min(most));
 }
 
 /// Distances of all sides from the camera: those found, else guesses.

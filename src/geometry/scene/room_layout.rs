@@ -216,6 +216,14 @@ impl RoomLayout {
         out.max_element().max(0.0)
     }
 
+    /// Plane of a side: its unit normal into the room, camera space, and its offset along it from
+    /// the camera, meters.
+    pub fn plane(&self, side: usize) -> (Vec3, f32) {
+        let (axis, is_high) = (side / 2, side % 2 == 1);
+        let normal = self.rotation * Vec3::AXES[axis];
+        if is_high { (-normal, -self.high[axis]) } else { (normal, self.low[axis]) }
+    }
+
     /// A place of the layout's frame in camera space, given in fractions of the cuboid.
     pub fn place(&self, fraction: Vec3) -> Vec3 {
         self.rotation * (self.low + fraction * (self.high - self.low))

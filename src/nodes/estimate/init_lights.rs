@@ -2,16 +2,15 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, RoomLayout, SceneMesh};
+use crate::geometry::{Camera, LayoutGuess, RoomLayout, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter, check_range};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
 use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
 use crate::optics::inverse::{
     Accepted, Candidate, CandidateSearch, CandidateSettings, LampForm, LampForms, LayerQuality,
-    LightPrior, Receivers, RoomBox, SeenRoom, lamp_candidates, visible_light, window_candidates,
+    LightPrior, Receivers, SeenRoom, lamp_candidates, visible_light, window_candidates,
 };
 use crate::optics::{Bounces, Lamp, LightKind, LightTransport, RectLamp, Shape, Window};
 use crate::tuning::tuning;
@@ -31,7 +30,7 @@ params! {
         /// where there are any.
         dictionary: bool = true,
         /// Least fraction of the loss that a light out of view must save.
-        min_gain: f32 = 0.08, in 0.0..1.0,
+        min_gain: f32 = 0.06, in 0.0..1.0,
         /// Shadow rays per receiver and light.
         samples: usize = 4, in 1..=1024,
         /// Upper bound of the rays per receiver for the indirect light of a candidate, of those
@@ -166,12 +165,13 @@ impl Node for InitLights {
         };
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let search = CandidateSearch::new(Receivers::new(seen, masks, usize::MAX), self.settings());
-        let (points, normals): (Vec<Vec3>, Vec<Vec3>) =
-            search.receivers().positions().into_iter().unzip();
-        let room = RoomBox::around(&points, &normals);
-        let (mut accepted, twins) = self.visible(&inputs, &search, room.as_ref(), ctx)?;
+        let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
+        let find = || RoomLayout::find(mesh, points, normal, &camera, &LayoutGuess::default());
+        let found = inputs.layout.is_none().then(find);
+        let room = inputs.layout.as_deref().or(found.as_ref());
+        let (mut accepted, twins) = self.visible(&inputs, &search, room, ctx)?;
         if let Some(room) = room {
-            accepted.extend(self.out_of_view(&inputs, &search, &room, &accepted, ctx)?);
+            accepted.extend(self.out_of_view(&inputs, &search, room, &accepted, ctx)?);
         }
         let shapes = search.shapes(&accepted, |shape| self.window_emission.through(shape));
         let shape = |id: &str| {
@@ -235,7 +235,7 @@ impl InitLights {
         &self,
         inputs: &'a InitLightsIn,
         search: &CandidateSearch,
-        room: Option<&RoomBox>,
+        room: Option<&RoomLayout>,
         ctx: &Context,
     ) -> Result<(Vec<Accepted<'a>>, Twins<'a>), NodeError> {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
@@ -275,7 +275,7 @@ impl InitLights {
         &self,
         inputs: &InitLightsIn,
         search: &CandidateSearch,
-        room: &RoomBox,
+        room: &RoomLayout,
         visible: &[Accepted],
         ctx: &Context,
     ) -> Result<Vec<Accepted<'static>>, NodeError> {

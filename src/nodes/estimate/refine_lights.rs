@@ -2,15 +2,13 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
-
 use crate::geometry::{Camera, RoomLayout, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
 use crate::nodes::artifacts::{INV_LAMP, INV_WINDOW};
 use crate::optics::inverse::{
-    Bounds, DegreesOfFreedom, LayerQuality, LightPrior, LightVariable, Receivers, RoomBox,
-    SeenRoom, ShapeFit, ShapeSearch, fit_shapes,
+    Bounds, DegreesOfFreedom, LayerQuality, LightPrior, LightVariable, Receivers, SeenRoom,
+    ShapeFit, ShapeSearch, fit_shapes,
 };
 use crate::optics::{Bounces, LightTransport, Shape};
 use crate::tuning::tuning;
@@ -110,10 +108,8 @@ impl Node for RefineLights {
         ctx.check_cancelled()?;
         let (names, lights): (Vec<&str>, Vec<LightVariable>) =
             inputs.shape.iter().map(|(id, s)| (id, light_variable(id, s, &inputs))).unzip();
-        let (positions, normals): (Vec<Vec3>, Vec<Vec3>) =
-            receivers.positions().into_iter().unzip();
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
-        let bounds = Bounds { camera: &camera, room: RoomBox::around(&positions, &normals) };
+        let bounds = Bounds { camera: &camera, room: layout };
         let search = ShapeSearch {
             quality: LayerQuality {
                 samples: self.samples,

@@ -2,8 +2,7 @@
 
 use glam::Vec3;
 
-use super::RoomBox;
-use crate::geometry::Camera;
+use crate::geometry::{Camera, RoomLayout, SideSource};
 use crate::optics::{Lamp, RectLamp, Shape, SphereLamp, Window};
 use crate::tuning::tuning;
 
@@ -14,14 +13,14 @@ tuning! {
         /// extent.
         margin: f32 = 0.02,
             unit "fraction of the picture's side", source Taste, effect "a larger value moves candidates outward";
-        /// Depths of the grid of lamps along the view from the camera; negative ones are before it.
-        lamp_depths: [f32; 5] = [-0.45, -0.3, -0.15, 0.0, 0.15],
-            unit "fractions of the room's depth", source Taste,
-            effect "more values find lamps more exactly and take longer";
-        /// Positions of the grid of lamps across the room.
-        lamp_across: [f32; 4] = [0.1, 0.37, 0.63, 0.9],
-            unit "fractions of the room's width", source Taste,
-            effect "more values find lamps more exactly and take longer";
+        /// Distance of the lamps of the grid under the ceiling.
+        lamp_spacing: f32 = 0.7,
+            unit "meters", source Measured("docs/room.md"),
+            effect "a smaller value finds lamps more exactly and takes longer";
+        /// Largest number of lamps along an edge of the ceiling.
+        max_lamps: usize = 8,
+            unit "lamps", source Measured("docs/room.md"),
+            effect "a larger value finds lamps in large rooms more exactly and takes longer";
         /// Height of panels above the floor.
         panel_height: f32 = 0.95,
             unit "fraction of the room's height", source Derived("proportions of common rooms"),
@@ -46,28 +45,21 @@ tuning! {
         window_half_height: f32 = 0.27,
             unit "fraction of the room's height", source Derived("proportions of common rooms"),
             effect "a larger value makes windows higher";
-        /// Distances of a side wall outside of the seen room.
-        side_offsets: [f32; 2] = [0.0, 0.35],
-            unit "fractions of the room's width", source Taste,
-            effect "more values find windows more exactly and take longer";
-        /// Depths of windows in a side wall; negative ones are before the camera.
-        side_depths: [f32; 4] = [-0.6, -0.35, -0.1, 0.15],
-            unit "fractions of the room's depth", source Taste,
-            effect "more values find windows more exactly and take longer";
-        /// Half of the width of a window in a side wall.
-        side_half_width: f32 = 0.12,
-            unit "fraction of the room's depth", source Taste, effect "a larger value makes windows wider";
-        /// Positions of windows behind the camera across the room.
-        back_across: [f32; 3] = [0.25, 0.5, 0.75],
-            unit "fractions of the room's width", source Taste,
-            effect "more values find windows more exactly and take longer";
-        /// Distance of the back wall behind the camera.
-        back_depth: f32 = 0.3,
-            unit "fraction of the room's depth", source Taste,
-            effect "a larger value moves windows behind the camera away from it";
-        /// Half of the width of a window behind the camera.
-        back_half_width: f32 = 0.2,
-            unit "fraction of the room's width", source Taste, effect "a larger value makes windows wider";
+        /// Distance of the windows along a wall.
+        window_spacing: f32 = 1.0,
+            unit "meters", source Measured("docs/room.md"),
+            effect "a smaller value finds windows more exactly and takes longer";
+        /// Largest number of windows along a wall.
+        max_windows: usize = 6,
+            unit "windows", source Measured("docs/room.md"),
+            effect "a larger value finds windows in long walls more exactly and takes longer";
+        /// Half of the width of a window.
+        window_half_width: f32 = 0.4,
+            unit "fraction of their distance", source Measured("docs/room.md"),
+            effect "a larger value makes windows wider";
+        /// Distance of a window from its wall: shadow rays do not end in the wall.
+        before_wall: f32 = 0.01,
+            unit "meters", source Taste, effect "a larger value moves windows into the room";
     }
 }
 
@@ -83,27 +75,26 @@ pub(in crate::optics) fn in_view(camera: &Camera, point: Vec3) -> bool {
     })
 }
 
+/// Even places along an edge of this length, in fractions of it.
+fn places(length: f32, spacing: f32, most: usize) -> Vec<f32> {
+    let count = ((length / spacing).round() as usize).clamp(1, most);
+    (0..count).map(|i| (i as f32 + 0.5) / count as f32).collect()
+}
+
 /// Candidates for a lamp out of view: panels under the ceiling that face down, and globes below it,
-/// on a grid over, beside and behind the camera. Those whose center is in view are left out.
-pub fn lamp_candidates(room: &RoomBox, camera: &Camera) -> Vec<Shape> {
-    let (depth, height) = (room.depth(), room.high.y - room.low.y);
+/// on a grid over the whole room. Those whose center is in view are left out.
+pub fn lamp_candidates(room: &RoomLayout, camera: &Camera) -> Vec<Shape> {
+    let size = room.high - room.low;
+    let half = TUNING.panel_half_edge * size.y;
+    let [x, y] = [Vec3::X, Vec3::Z].map(|axis| room.rotation * axis * half);
+    let radius = TUNING.globe_radius * size.y;
+    let along = |length: f32| places(length, TUNING.lamp_spacing, TUNING.max_lamps);
     let mut lamps = Vec::new();
-    for z in TUNING.lamp_depths {
-        for x in TUNING.lamp_across {
-            let across = room.low.x + x * (room.high.x - room.low.x);
-            let at = |level: f32| {
-                room.rotation * Vec3::new(across, room.low.y + level * height, z * depth)
-            };
-            let half = TUNING.panel_half_edge * height;
-            let panel = Lamp::Rect(RectLamp {
-                center: at(TUNING.panel_height),
-                x: room.rotation * Vec3::X * half,
-                y: room.rotation * Vec3::Z * half,
-            });
-            let globe = Lamp::Sphere(SphereLamp {
-                center: at(TUNING.globe_height),
-                radius: TUNING.globe_radius * height,
-            });
+    for z in along(size.z) {
+        for across in along(size.x) {
+            let at = |level: f32| room.place(Vec3::new(across, level, z));
+            let panel = Lamp::Rect(RectLamp { center: at(TUNING.panel_height), x, y });
+            let globe = Lamp::Sphere(SphereLamp { center: at(TUNING.globe_height), radius });
             lamps.extend((!in_view(camera, at(TUNING.panel_height))).then_some(Shape::Lamp(panel)));
             lamps.extend((!in_view(camera, at(TUNING.globe_height))).then_some(Shape::Lamp(globe)));
         }
@@ -111,42 +102,28 @@ pub fn lamp_candidates(room: &RoomBox, camera: &Camera) -> Vec<Shape> {
     lamps
 }
 
-/// Candidates for a window out of view, in either side wall and in the wall behind the camera, with
-/// lobes of daylight. Those whose center is in view are left out.
-pub fn window_candidates(room: &RoomBox, camera: &Camera) -> Vec<Window> {
-    let (depth, height) = (room.depth(), room.high.y - room.low.y);
-    let middle = room.low.y + TUNING.window_middle * height;
+/// Candidates for a window out of view, in all walls but open ones, with lobes of daylight. Those
+/// whose center is in view are left out.
+pub fn window_candidates(room: &RoomLayout, camera: &Camera) -> Vec<Window> {
+    let size = room.high - room.low;
+    let y = room.rotation * Vec3::Y * (TUNING.window_half_height * size.y);
     let mut windows = Vec::new();
-    let mut push = |center: Vec3, normal: Vec3, half_width: f32| {
-        let (center, normal) = (room.rotation * center, room.rotation * normal);
-        let y = Vec3::Y * (TUNING.window_half_height * height);
-        let x = Vec3::Y.cross(normal) * half_width;
-        if !in_view(camera, center) {
-            windows.push(Window { center, x, y, lobes: Window::daylight(normal) });
+    for (side, along) in [(0, 2), (1, 2), (4, 0), (5, 0)] {
+        if room.sides[side] == SideSource::Open {
+            continue;
         }
-    };
-    // A side wall that is not seen may be further out than the seen points.
-    for out in TUNING.side_offsets.map(|offset| offset * (room.high.x - room.low.x)) {
-        for z in TUNING.side_depths {
-            push(
-                Vec3::new(room.low.x - out, middle, z * depth),
-                Vec3::X,
-                TUNING.side_half_width * depth,
-            );
-            push(
-                Vec3::new(room.high.x + out, middle, z * depth),
-                Vec3::NEG_X,
-                TUNING.side_half_width * depth,
-            );
+        let (normal, _) = room.plane(side);
+        let places = places(size[along], TUNING.window_spacing, TUNING.max_windows);
+        let half = TUNING.window_half_width * size[along] / places.len() as f32;
+        let x = (room.rotation * Vec3::Y).cross(normal) * half;
+        for at in places {
+            let mut place = Vec3::new(0.0, TUNING.window_middle, 0.0);
+            (place[side / 2], place[along]) = ((side % 2) as f32, at);
+            let center = room.place(place) + normal * TUNING.before_wall;
+            if !in_view(camera, center) {
+                windows.push(Window { center, x, y, lobes: Window::daylight(normal) });
+            }
         }
-    }
-    for x in TUNING.back_across {
-        let across = room.low.x + x * (room.high.x - room.low.x);
-        push(
-            Vec3::new(across, middle, TUNING.back_depth * depth),
-            Vec3::NEG_Z,
-            TUNING.back_half_width * (room.high.x - room.low.x),
-        );
     }
     windows
 }
@@ -154,11 +131,22 @@ pub fn window_candidates(room: &RoomBox, camera: &Camera) -> Vec<Window> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Quat;
+
+    use crate::image::{Plane, Points};
 
     #[test]
     fn candidates_are_out_of_view() {
         let camera = Camera::from_fov_x(320, 240, 60.0);
-        let room = RoomBox::new(Vec3::new(-2.0, -1.3, -5.0), Vec3::new(2.0, 1.2, -1.0), 0.2);
+        let corners = (Vec3::new(-2.0, -1.3, -5.0), Vec3::new(2.0, 1.2, 1.5));
+        let far = Points(Plane::filled(320, 240, Vec3::NEG_Z * 9.0));
+        let room = RoomLayout::new(
+            (Quat::from_rotation_y(0.2), corners.0, corners.1),
+            [SideSource::Guessed; 6],
+            (&camera, &far),
+            Plane::filled(320, 240, 0),
+            8,
+        );
         let lamps = lamp_candidates(&room, &camera);
         let windows = window_candidates(&room, &camera);
         assert!(

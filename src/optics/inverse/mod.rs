@@ -12,7 +12,6 @@ pub(in crate::optics) mod observations;
 pub(in crate::optics) mod parameters;
 pub(in crate::optics) mod radiance_fit;
 pub(in crate::optics) mod receivers;
-pub(in crate::optics) mod room_box;
 pub(in crate::optics) mod shape_fit;
 pub(in crate::optics) mod surfels;
 pub(in crate::optics) mod visible_lamp;
@@ -29,7 +28,6 @@ pub use observations::{Observations, observed_pixels};
 pub use parameters::DegreesOfFreedom;
 pub use radiance_fit::{RADIANCE_FIT, RadianceFit, fit_radiances};
 pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
-pub use room_box::RoomBox;
 pub use shape_fit::{Bounds, LightVariable, ShapeFit, ShapeSearch, fit_shapes};
 pub use visible_lamp::{LampForm, LampForms};
 pub use visible_light::visible_light;
@@ -50,7 +48,6 @@ pub fn tuning() -> Vec<Table> {
         parameters::ParametersTuning::table(),
         radiance_fit::RadianceFitTuning::table(),
         receivers::ReceiversTuning::table(),
-        room_box::RoomBoxTuning::table(),
         shape_fit::ShapeFitTuning::table(),
         surfels::SurfelsTuning::table(),
         visible_lamp::VisibleLampTuning::table(),

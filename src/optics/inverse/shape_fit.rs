@@ -20,8 +20,8 @@ use super::candidates::in_view;
 use super::conditioning::{Conditioning, conditioning};
 use super::fit_problem::{FIT_PROBLEM, Problem, scales};
 use super::parameters::{DegreesOfFreedom, Parameter, parameters};
-use super::{Column, LayerQuality, LightPrior, Receivers, Role, RoomBox, UnitLayer};
-use crate::geometry::Camera;
+use super::{Column, LayerQuality, LightPrior, Receivers, Role, UnitLayer};
+use crate::geometry::{Camera, RoomLayout};
 use crate::image::Mask;
 use crate::optics::nnls::solve_free;
 use crate::optics::{Emitter, Gradient, Shape};
@@ -44,7 +44,7 @@ pub struct Bounds<'a> {
     /// Camera of the photo.
     pub camera: &'a Camera,
     /// Box that positions stay in, if the points determine one.
-    pub room: Option<RoomBox>,
+    pub room: Option<&'a RoomLayout>,
 }
 
 /// Settings of [`fit_shapes`].
@@ -152,7 +152,7 @@ impl Bounds<'_> {
                 within(to.length() / from.length(), TUNING.max_distance_ratio)
             }
             DegreesOfFreedom::OutOfView => {
-                let out = |p: Vec3| self.room.as_ref().map_or(0.0, |room| room.outside(p));
+                let out = |p: Vec3| self.room.map_or(0.0, |room| room.outside(p));
                 let hidden = in_view(self.camera, from) || !in_view(self.camera, to);
                 let same_side = (from.z < 0.0) == (to.z < 0.0);
                 hidden

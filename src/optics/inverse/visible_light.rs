@@ -1,11 +1,11 @@
 //! Shapes that a visible light may have.
 
+use super::LampForms;
 use super::mask_pixels::{pixels_of, surroundings};
 use super::surfels::LampPixels;
 use super::visible_lamp::VisibleLamp;
 use super::visible_window::visible_windows;
-use super::{LampForms, RoomBox};
-use crate::geometry::Camera;
+use crate::geometry::{Camera, RoomLayout};
 use crate::image::{Mask, Normal, Points};
 use crate::optics::{LightKind, Shape};
 use crate::tuning::tuning;
@@ -33,7 +33,7 @@ pub fn visible_light(
     points: &Points,
     normal: &Normal,
     camera: &Camera,
-    room: Option<&RoomBox>,
+    room: Option<&RoomLayout>,
 ) -> Vec<Shape> {
     match kind {
         LightKind::Lamp => {

@@ -2,9 +2,8 @@
 
 use glam::Vec3;
 
-use super::RoomBox;
 use super::mask_pixels::{extent, median, pixels_of, surroundings};
-use crate::geometry::{Camera, PlaneFit};
+use crate::geometry::{Camera, PlaneFit, RoomLayout};
 use crate::image::{Mask, Normal, Points};
 use crate::optics::Window;
 use crate::tuning::tuning;
@@ -29,6 +28,10 @@ tuning! {
         /// degrees.
         min_cosine: f32 = 0.09,
             unit "1", source Taste, effect "a larger value rejects walls seen at an angle";
+        /// Largest distance of a window outside of the room.
+        max_outside: f32 = 0.1,
+            unit "fraction of the room", source Taste,
+            effect "a larger value admits windows on walls that continue behind the room";
         /// Depth of a window without surroundings.
         default_depth: f32 = 3.0,
             unit "meters", source Taste, effect "a larger value makes such windows larger and farther away";
@@ -48,7 +51,7 @@ pub(super) fn visible_windows(
     points: &Points,
     normal: &Normal,
     camera: &Camera,
-    room: Option<&RoomBox>,
+    room: Option<&RoomLayout>,
 ) -> Vec<Window> {
     let pixels = pixels_of(mask);
     let rays: Vec<Vec3> = pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
@@ -62,7 +65,10 @@ pub(super) fn visible_windows(
     let wall = PlaneFit::through(&positions, &normals, TUNING.on_wall);
     let side = |normal: Vec3, offset: f32| PlaneFit { normal, offset, support: 0.0, spread: 0.0 };
     let sides = room.into_iter().flat_map(|room| {
-        [side(Vec3::X, room.low.x), side(Vec3::NEG_X, -room.high.x), side(Vec3::Z, room.low.z)]
+        [0, 1, 4].map(|wall| {
+            let (normal, offset) = room.plane(wall);
+            side(normal, offset)
+        })
     });
     // A plane at the depth of the surroundings that faces the camera always exists.
     let z = if positions.is_empty() {
@@ -80,7 +86,13 @@ pub(super) fn visible_windows(
         .chain(sides)
         .filter(usable)
         .chain([facing]);
-    planes.filter_map(|plane| window_on(&plane, &pixels, &rays, camera)).collect()
+    // A wall seen edge-on continues far behind the room.
+    let inside =
+        |window: &Window| room.is_none_or(|room| room.outside(window.center) <= TUNING.max_outside);
+    let windows = planes.filter_map(|plane| window_on(&plane, &pixels, &rays, camera));
+    let windows: Vec<Window> = windows.collect();
+    let within: Vec<Window> = windows.iter().filter(|w| inside(w)).cloned().collect();
+    if within.is_empty() { windows } else { within }
 }
 
 /// The window on `plane`. A mask that the picture's edge cuts continues beyond it by as much as is
