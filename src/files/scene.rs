@@ -6,8 +6,8 @@
 //! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose
 //! place and strength are estimated (the graph adds the invisible ones); and `lights`, all that
 //! emit in the result (an edit adds the lights that it inserts). Lights and materials that `truth`
-//! names go to the stages `ReadLights` and `ReadMaterials`, facts about the `room` to `RoomBox`; [`truth`] returns the other fields,
-//! which are for measurements.
+//! names go to the stages `ReadLights` and `ReadMaterials`, facts about the `room` to `RoomBox`;
+//! [`truth`] returns the other fields, which are for measurements.
 
 use std::path::Path;
 

@@ -120,7 +120,7 @@ tuning! {
 const FLOOR: usize = 2;
 const CEILING: usize = 3;
 
-/// What a scene states of one side.
+/// Knowledge that a scene states of one side.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum KnownSide {
     /// Nothing.
@@ -294,7 +294,7 @@ fn seen_past(
     past as f32 / visible as f32
 }
 
-/// Where the sides are.
+/// Sources and distances of the sides.
 struct SidePlaces {
     /// Distances that are seen or stated, meters.
     found: [Option<f32>; 6],

@@ -29,7 +29,7 @@ tuning! {
 /// Largest number of cells along each edge of a side.
 pub const MAX_CELLS: usize = 64;
 
-/// What is known of a side of the room.
+/// Source of a side's place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SideSource {
     /// The camera sees part of it.
@@ -227,8 +227,8 @@ impl RoomLayout {
         rule(self.seen.pixels().iter().all(|&side| side <= 6), "six seen sides")
     }
 
-    /// Where a ray leaves the cuboid: the distance, and the cell there. `None` for a ray that starts
-    /// outside; no cell where the side is open or the camera sees past it.
+    /// Place at which a ray leaves the cuboid: the distance, and the cell there. `None` for a ray
+    /// that starts outside; no cell where the side is open or the camera sees past it.
     pub fn exit(&self, origin: Vec3, direction: Vec3) -> Option<(f32, Option<usize>)> {
         let inverse = self.rotation.inverse();
         let (origin, direction) = (inverse * origin, inverse * direction);
