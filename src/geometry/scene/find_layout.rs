@@ -110,8 +110,8 @@ tuning! {
         /// Difference of a stated height from the seen one from which it is doubted.
         height_error: f32 = 0.15,
             unit "meters", source Taste, effect "a larger value warns more rarely";
-        /// Fraction of the area of upright surfaces that is parallel to the walls, below which their
-        /// angle is doubted.
+        /// Fraction of the area of upright surfaces that is parallel to the walls, below which
+        /// their angle is doubted.
         min_parallel: f32 = 0.35,
             unit "1", source Measured("docs/room.md"), effect "a larger value warns more often";
     }

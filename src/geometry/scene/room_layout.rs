@@ -157,8 +157,8 @@ impl RoomLayout {
         (self.index.len() / 6).isqrt()
     }
 
-    /// The cell at a column and a row, each less than [`RoomLayout::count`], of a side; `None` where
-    /// it is left out.
+    /// The cell at a column and a row, each less than [`RoomLayout::count`], of a side; `None`
+    /// where it is left out.
     pub fn cell_index(&self, side: usize, column: usize, row: usize) -> Option<usize> {
         let count = self.count();
         (self.index[side * count * count + row * count + column] as usize).checked_sub(1)
