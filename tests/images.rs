@@ -614,6 +614,8 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         )
     });
     WriteIn {
+        layout: None,
+        camera: None,
         picture: Arc::new(Picture(picture)),
         encoding: Arc::new(Encoding {
             transfer: Transfer::Srgb,

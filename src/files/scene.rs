@@ -6,8 +6,8 @@
 //! the photo, and of these `visible_lamps` and `visible_windows`; `estimated`, the lights whose
 //! place and strength are estimated (the graph adds the invisible ones); and `lights`, all that
 //! emit in the result (an edit adds the lights that it inserts). Lights and materials that `truth`
-//! names go to the stages `ReadLights` and `ReadMaterials`; [`truth`] returns the other fields,
-//! which are for measurements.
+//! names go to the stages `ReadLights` and `ReadMaterials`, facts about the `room` to `RoomBox`;
+//! [`truth`] returns the other fields, which are for measurements.
 
 use std::path::Path;
 
@@ -20,9 +20,13 @@ use crate::graph::{
 pub const STAGES: [&str; 2] = [SCENE, PHOTO];
 const SCENE: &str = "ReadScene";
 const PHOTO: &str = "ReadPhoto";
-const FIELDS: [&str; 9] =
-    ["version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure", "truth"];
+const FIELDS: [&str; 10] = [
+    "version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure", "room",
+    "truth",
+];
 const OF_PHOTO: [&str; 4] = ["photo", "transfer", "camera", "exposure"];
+/// The stage that takes the facts about the room.
+const ROOM: &str = "RoomBox";
 const NEEDED: [&str; 2] = ["photo", "camera"];
 /// Field of `truth` -> the stage that reads it, and its parameter there.
 const TRUTH: [(&str, &str, &str); 4] = [
@@ -100,6 +104,11 @@ pub fn read_within(
         }
         if key.name == "truth" {
             overlay.settings.extend(settings(&value, &mut faults));
+            continue;
+        }
+        if key.name == "room" {
+            let target = Target::Kind(ROOM.to_owned());
+            overlay.settings.push(Setting { target, field: key.name, value });
             continue;
         }
         let stages = STAGES
@@ -250,6 +259,17 @@ mod tests {
             let faults = truth(folder.path()).expect_err("it is not sound");
             assert_eq!(faults[0].message, wanted);
         }
+    }
+
+    #[test]
+    fn facts_about_the_room_go_to_the_room_alone() {
+        let text = r#"Scene(version: 1, photo: "a.png", camera: FovX(60), depth: (path: "d.npy"),
+            room: (height: 2.7, ceiling: None))"#;
+        let overlay = scene(text).expect("this scene is sound");
+        let of_room: Vec<_> = overlay.settings.iter().filter(|s| s.field == "room").collect();
+        assert_eq!(of_room.len(), 1);
+        assert_eq!(of_room[0].target, Target::Kind("RoomBox".into()));
+        assert_eq!(of_room[0].value.text(), "(height: 2.7, ceiling: None)");
     }
 
     /// Work that grows as the square of the lights takes minutes here.

@@ -58,6 +58,7 @@ fn stages() -> Registry {
         .with::<render::insert_specular::InsertSpecular>()
         .with::<render::shade_specular_edit::ShadeSpecularEdit>()
         .with::<render::emitter_mask::EmitterMask>()
+        .with::<output::draw_room_box::DrawRoomBox>()
         .with::<output::compose::Compose>()
         .with::<output::write::Write>()
         .with::<output::mix_layers::MixLayers>()
@@ -145,6 +146,7 @@ pub fn tuning() -> Vec<Table> {
         estimate::tuning(),
         edit::tuning(),
         render::tuning(),
+        output::tuning(),
         measure::tuning(),
         net::tuning(),
         optics::tuning(),

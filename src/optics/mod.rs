@@ -30,7 +30,7 @@ pub use reflection::{
 pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{
     BATCHES, Bounces, DirectEstimate, INTERVAL, LightMaps, LightTransport, Lighting, LocalLobe,
-    PHIS, Probed, Sampling, ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving,
+    PHIS, Probed, RayFractions, Sampling, ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving,
     arriving_at_cells, direct, estimate, indirect, indirect_at_receivers, local_frame, shadow,
     stream, trace_bounces,
 };

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use glam::{Vec2, Vec3};
-use relight::geometry::{Camera, Model, Objects};
+use relight::geometry::{Camera, LayoutGuess, Model, Objects, RoomLayout};
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
     Mask, PaintLayers, Picture, Plane, Points, Roughness, Shading, SpecularEdit, Transfer,
@@ -23,6 +23,7 @@ use relight::nodes::estimate::fill_reflectance::{FillReflectance, FillReflectanc
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
 use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMaterialsIn};
 use relight::nodes::output::compose::{Compose, ComposeIn, ComposeOut};
+use relight::nodes::output::draw_room_box::{DrawRoomBox, DrawRoomBoxIn};
 use relight::nodes::render::{
     direct::{Direct, DirectIn},
     emitter_mask::{EmitterMask, EmitterMaskIn},
@@ -39,8 +40,9 @@ use crate::common::boxes::{Boxes, Hit};
 use crate::common::scene::{Light, Plan, Scene};
 use crate::project::{png, root};
 
-const NAMES: [&str; 22] = [
+const NAMES: [&str; 23] = [
     "mesh",
+    "room_box",
     "find",
     "retinex",
     "direct",
@@ -245,6 +247,34 @@ fn mesh() {
         .filter(|(p, z)| (p.z + **z).abs() > 1e-3 * **z);
     assert_eq!(far.count(), 0, "points of exact depth stay where they are");
     check("mesh", room.normal.0.map(|n| 0.5 * n + 0.5));
+}
+
+/// The cuboid of the room, whose back is a guess, over the photo; the box hides some of its cells.
+#[test]
+fn room_box() {
+    let room = room();
+    let layout = RoomLayout::find(
+        &room.mesh,
+        &room.points,
+        &room.normal,
+        &room.camera,
+        &LayoutGuess::default(),
+    );
+    let inputs = DrawRoomBoxIn {
+        photo: Arc::new(photo()),
+        camera: room.camera.clone(),
+        encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: None, sixteen_bit: false }),
+        layout: Arc::new(layout),
+    };
+    let files =
+        DrawRoomBox::default().run(inputs, &Context::default()).expect("the room is sound").files;
+    assert_eq!(files.0[0].0, "room.png");
+    let drawn = png(&files.0[0].1);
+    let linear = |x: usize, y: usize| {
+        let stored = drawn.get_pixel(x as u32, y as u32).0;
+        Vec3::from_array(stored.map(|v| Transfer::Srgb.decode(f32::from(v) / 255.0)))
+    };
+    check("room_box", Plane::from_fn(SIZE.0, SIZE.1, linear));
 }
 
 /// A glowing ball, half hidden by the box, outlined and named.

@@ -5,7 +5,7 @@
 
 use glam::{Mat3, Quat, Vec3};
 
-use super::room_layout::{RoomLayout, SideSource};
+use super::room_layout::{RoomLayout, SIDES, SideSource};
 use super::world_up;
 use crate::geometry::{Camera, SceneMesh};
 use crate::image::{Normal, Plane, Points};
@@ -49,6 +49,17 @@ tuning! {
         /// Least area of a side over that of the largest parallel surface.
         min_peak: f32 = 0.25,
             unit "1", source Measured("docs/room.md"), effect "a smaller value takes furniture for a side";
+        /// The same for the floor, which furniture hides.
+        min_floor_peak: f32 = 0.08,
+            unit "1", source Measured("docs/room.md"), effect "a larger value takes beds for floors";
+        /// Distance below the camera from which a level surface is a floor in any case.
+        min_floor: f32 = 1.05,
+            unit "meters", source Measured("docs/room.md"),
+            effect "a smaller value takes beds and tables for floors";
+        /// Distance below a nearer one at which other surfaces show that it is none.
+        below_floor: f32 = 0.12,
+            unit "meters", source Measured("docs/room.md"),
+            effect "a larger value takes beds and tables for floors";
         /// Area below which a side with much behind it is none.
         min_certain: f32 = 0.03,
             unit "fraction of all area", source Measured("docs/room.md"),
@@ -83,10 +94,37 @@ tuning! {
         /// Distance from the plane of a side up to which a pixel shows it.
         on_side: f32 = 0.1,
             unit "meters", source Taste, effect "a larger value paints more cells with what hangs at a wall";
+        /// Points along each edge of a side at which the seen depth is compared with it.
+        open_points: f32 = 24.0,
+            unit "1", source Derived("three points a cell"),
+            effect "a larger value compares more finely, and takes longer";
+        /// Distance behind a side, as a fraction of its depth, at which the camera sees past it.
+        past: f32 = 0.1,
+            unit "1", source Derived("noise of depth maps"),
+            effect "a larger value leaves fewer sides open";
+        /// Fraction of the visible part of a side past which the camera sees in an open side.
+        open: f32 = 0.25,
+            unit "1", source Measured("docs/room.md"), effect "a larger value leaves fewer sides open";
+        /// Visible fraction of a side from which that is known.
+        min_visible: f32 = 0.05,
+            unit "1", source Taste, effect "a larger value leaves fewer sides open";
+        /// Fraction of the area beyond a stated side from which the statement is doubted.
+        beyond: f32 = 0.02,
+            unit "fraction of all area", source Taste, effect "a larger value warns more rarely";
+        /// Difference of a stated height from the seen one from which it is doubted.
+        height_error: f32 = 0.15,
+            unit "meters", source Taste, effect "a larger value warns more rarely";
+        /// Fraction of the area of upright surfaces that is parallel to the walls, below which
+        /// their angle is doubted.
+        min_parallel: f32 = 0.35,
+            unit "1", source Measured("docs/room.md"), effect "a larger value warns more often";
     }
 }
 
-/// What a scene states of one side.
+const FLOOR: usize = 2;
+const CEILING: usize = 3;
+
+/// Knowledge that a scene states of one side.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum KnownSide {
     /// Nothing.
@@ -140,6 +178,18 @@ impl RoomLayout {
         camera: &Camera,
         guess: &LayoutGuess,
     ) -> RoomLayout {
+        RoomLayout::find_with_doubts(mesh, points, normal, camera, guess).0
+    }
+
+    /// [`RoomLayout::find`], and the reasons for which the result may be wrong: one message each,
+    /// with the numbers.
+    pub fn find_with_doubts(
+        mesh: &SceneMesh,
+        points: &Points,
+        normal: &Normal,
+        camera: &Camera,
+        guess: &LayoutGuess,
+    ) -> (RoomLayout, Vec<String>) {
         let near = |p: &Vec3| p.length() < TUNING.max_distance;
         let mut area: Vec<f32> = (0..points.0.len())
             .map(|i| {
@@ -153,16 +203,13 @@ impl RoomLayout {
         if total <= 0.0 {
             let corners = (Quat::IDENTITY, -Vec3::ONE, Vec3::ONE);
             let seen = Plane::filled(points.0.width(), points.0.height(), 0);
-            return RoomLayout::new(
-                corners,
-                [SideSource::Open; 6],
-                (camera, points),
-                seen,
-                guess.cells,
-            );
+            let open = [SideSource::Open; 6];
+            let layout = RoomLayout::new(corners, open, (camera, points), seen, guess.cells);
+            let doubt = "the photo shows no surface of a room: all sides are left open";
+            return (layout, vec![doubt.into()]);
         }
         let up = level(normal, &area, total);
-        let rotation = walls(normal, &area, up);
+        let (rotation, parallel) = walls(normal, &area, up);
         let inverse = rotation.inverse();
         let surfaces = Surfaces {
             points: points.0.pixels().iter().map(|p| inverse * *p).collect(),
@@ -170,19 +217,12 @@ impl RoomLayout {
             area,
             total,
         };
-        let found: [Option<f32>; 6] = std::array::from_fn(|side| match guess.sides[side] {
-            KnownSide::Unknown => surfaces.side(side),
-            KnownSide::Open => None,
-            KnownSide::At(distance) => Some(distance),
-        });
-        let farthest = std::array::from_fn(|side| surfaces.farthest(side));
-        let distances = distances(&found, &farthest, guess);
-        let sides = std::array::from_fn(|side| match (guess.sides[side], found[side]) {
-            (KnownSide::Open, _) => SideSource::Open,
-            (KnownSide::At(_), _) => SideSource::Given,
-            (_, Some(_)) => SideSource::Seen,
-            (_, None) => SideSource::Guessed,
-        });
+        let (width, height) = points.0.size();
+        let camera = camera.resized(width, height);
+        let past = |side: usize, distances: &[f32; 6]| {
+            seen_past(side, (rotation, distances), &camera, (mesh, points))
+        };
+        let SidePlaces { found, sides, distances } = surfaces.place(guess, past);
         let [left, right, floor, ceiling, front, back] = distances;
         let seen = |pixel: usize| {
             let shows = |side: &usize| {
@@ -190,11 +230,96 @@ impl RoomLayout {
             };
             (0..6).find(shows).map_or(0, |side| side as u8 + 1)
         };
-        let (width, height) = points.0.size();
         let seen = Plane::new(width, height, (0..width * height).map(seen).collect());
         let corners = (rotation, -Vec3::new(left, floor, front), Vec3::new(right, ceiling, back));
-        RoomLayout::new(corners, sides, (&camera.resized(width, height), points), seen, guess.cells)
+        let layout = RoomLayout::new(corners, sides, (&camera, points), seen, guess.cells);
+        let mut doubts = doubts(&layout, parallel);
+        doubts.extend(surfaces.contradictions(&found, guess));
+        (layout, doubts)
     }
+}
+
+/// Reasons to doubt a layout in which this fraction of the upright surfaces is parallel to walls.
+fn doubts(layout: &RoomLayout, parallel: f32) -> Vec<String> {
+    let mut doubts = Vec::new();
+    if parallel < TUNING.min_parallel {
+        doubts.push(format!(
+            "the angle of the walls is uncertain: {:.0} % of the upright surfaces are parallel to them, wanted {:.0} %",
+            100.0 * parallel,
+            100.0 * TUNING.min_parallel
+        ));
+    }
+    let is_known = |side: &SideSource| matches!(side, SideSource::Seen | SideSource::Given);
+    let known = layout.sides.iter().filter(|side| is_known(side)).count();
+    if known < 3 {
+        doubts.push(format!(
+            "{known} of 6 sides are seen or stated, the others are guesses: state them in scene.ron, `room: (..)`"
+        ));
+    }
+    doubts
+}
+
+/// Fraction of the visible part of a side past which the camera sees: at points of the side in the
+/// picture, the seen depth lies behind it rather than on it. Points behind seen surfaces do not
+/// count, nor do panes and what the scene ignores. 0 where hardly any of the side is visible.
+fn seen_past(
+    side: usize,
+    (rotation, distances): (Quat, &[f32; 6]),
+    camera: &Camera,
+    (mesh, points): (&SceneMesh, &Points),
+) -> f32 {
+    let axis = side / 2;
+    let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let count = TUNING.open_points as usize;
+    let (mut past, mut on) = (0, 0);
+    for place in 0..count * count {
+        let along = |axis: usize, step: usize| {
+            let (low, high) = (-distances[2 * axis], distances[2 * axis + 1]);
+            low + (step as f32 + 0.5) / count as f32 * (high - low)
+        };
+        let mut p = Vec3::ZERO;
+        p[axis] = if side % 2 == 1 { distances[side] } else { -distances[side] };
+        (p[u], p[v]) = (along(u, place % count), along(v, place / count));
+        let p = rotation * p;
+        if let Some(at) = camera.project(p).filter(|at| camera.contains(*at)) {
+            let pixel = at.y as usize * camera.width + at.x as usize;
+            if !mesh.in_room(pixel) {
+                continue;
+            }
+            let behind = p.z - points.0.pixels()[pixel].z;
+            let margin = TUNING.on_side - TUNING.past * p.z;
+            past += usize::from(behind > margin);
+            on += usize::from(behind.abs() <= margin);
+        }
+    }
+    let visible = past + on;
+    if (visible as f32) < TUNING.min_visible * (count * count) as f32 {
+        return 0.0;
+    }
+    past as f32 / visible as f32
+}
+
+/// Sources and distances of the sides.
+struct SidePlaces {
+    /// Distances that are seen or stated, meters.
+    found: [Option<f32>; 6],
+    sides: [SideSource; 6],
+    /// Distances of all sides, meters.
+    distances: [f32; 6],
+}
+
+/// Sources of all sides.
+fn sources(found: &[Option<f32>; 6], guess: &LayoutGuess) -> [SideSource; 6] {
+    std::array::from_fn(|side| match (guess.sides[side], found[side]) {
+        (KnownSide::Open, _) => SideSource::Open,
+        (KnownSide::At(_), _) => SideSource::Given,
+        (_, Some(_)) => SideSource::Seen,
+        // The other of floor and ceiling determines it.
+        (_, None) if guess.height.is_some() && side / 2 == 1 && found[side ^ 1].is_some() => {
+            SideSource::Given
+        }
+        (_, None) => SideSource::Guessed,
+    })
 }
 
 /// Limits each area to this many medians: views through doors and panes cover large areas that do
@@ -208,16 +333,15 @@ fn limit(area: &mut [f32], medians: f32) {
 
 /// Distances of all sides from the camera: those found, else guesses.
 fn distances(found: &[Option<f32>; 6], farthest: &[f32; 6], guess: &LayoutGuess) -> [f32; 6] {
-    let [floor_side, ceiling_side] = [2, 3];
     let beyond = |side: usize| (farthest[side] + TUNING.margin).max(TUNING.min_distance);
     let height = guess.height.unwrap_or(TUNING.height);
-    let floor = found[floor_side].unwrap_or_else(|| match found[ceiling_side] {
-        Some(ceiling) => (height - ceiling).max(beyond(floor_side)),
-        None => (TUNING.camera_height * height / TUNING.height).max(beyond(floor_side)),
+    let floor = found[FLOOR].unwrap_or_else(|| match found[CEILING] {
+        Some(ceiling) => (height - ceiling).max(beyond(FLOOR)),
+        None => (TUNING.camera_height * height / TUNING.height).max(beyond(FLOOR)),
     });
-    let ceiling = match (found[ceiling_side], guess.height) {
+    let ceiling = match (found[CEILING], guess.height) {
         (Some(ceiling), _) => ceiling,
-        (None, _) => (height - floor).max(beyond(ceiling_side)),
+        (None, _) => (height - floor).max(beyond(CEILING)),
     };
     let wall = |side: usize| {
         let least = TUNING.beyond_camera * (floor + ceiling) / TUNING.height;
@@ -249,7 +373,8 @@ fn level(normal: &Normal, area: &[f32], total: f32) -> Vec3 {
 
 /// Rotation from the layout's frame to camera space: y is `up`, and the walls are orthogonal to x
 /// and z. Their angle is the mode of the upright normals' angles, modulo a right angle.
-fn walls(normal: &Normal, area: &[f32], up: Vec3) -> Quat {
+/// Also returns the fraction of the upright surfaces within that mode.
+fn walls(normal: &Normal, area: &[f32], up: Vec3) -> (Quat, f32) {
     let z = (Vec3::Z - up * up.z).normalize_or(Vec3::Z);
     let x = up.cross(z);
     let quarter = std::f32::consts::FRAC_PI_2;
@@ -269,6 +394,7 @@ fn walls(normal: &Normal, area: &[f32], up: Vec3) -> Quat {
     let mode = (mode.1 as f32 + 0.5).to_radians();
     // The mean of what is near the mode, as a deviation from it.
     let (mut sum, mut weight) = (0.0, 0.0);
+    let all: f32 = upright.iter().map(|(_, area)| area).sum();
     for (angle, area) in upright {
         let off = (angle - mode + 0.5 * quarter).rem_euclid(quarter) - 0.5 * quarter;
         if off.abs() < TUNING.wall_angle.to_radians() {
@@ -279,7 +405,8 @@ fn walls(normal: &Normal, area: &[f32], up: Vec3) -> Quat {
     // Of the four equal angles, the one by which the front side lies before the camera.
     let yaw = if yaw > 0.5 * quarter { yaw - quarter } else { yaw };
     let back = (z * yaw.cos() + x * yaw.sin()).normalize_or(z);
-    Quat::from_mat3(&Mat3::from_cols(up.cross(back), up, back))
+    let rotation = Quat::from_mat3(&Mat3::from_cols(up.cross(back), up, back));
+    (rotation, weight / all.max(f32::MIN_POSITIVE))
 }
 
 impl Surfaces {
@@ -316,8 +443,78 @@ impl Surfaces {
         last.or(order.last()).map_or(0.0, |(along, _)| along.min(TUNING.max_distance))
     }
 
+    /// The sides that a scene states or that are seen, and guesses of the others. `past` is the
+    /// fraction of a side past which the camera sees: a seen side with much of it becomes a guess,
+    /// beyond all that is seen, and a guess with much of it is open.
+    fn place(&self, guess: &LayoutGuess, past: impl Fn(usize, &[f32; 6]) -> f32) -> SidePlaces {
+        let mut found: [Option<f32>; 6] = std::array::from_fn(|side| match guess.sides[side] {
+            KnownSide::Unknown if side == FLOOR => self.floor(),
+            KnownSide::Unknown => self.side(side, TUNING.min_peak),
+            KnownSide::Open => None,
+            KnownSide::At(distance) => Some(distance),
+        });
+        let farthest = std::array::from_fn(|side| self.farthest(side));
+        let mut placed = distances(&found, &farthest, guess);
+        let is_past = |sides: &[SideSource; 6], source: SideSource, placed: &[f32; 6]| {
+            let past = |side| sides[side] == source && past(side, placed) > TUNING.open;
+            std::array::from_fn::<bool, 6, _>(past)
+        };
+        let rejected = is_past(&sources(&found, guess), SideSource::Seen, &placed);
+        for side in (0..6).filter(|&side| rejected[side]) {
+            found[side] = None;
+        }
+        placed = distances(&found, &farthest, guess);
+        let mut sides = sources(&found, guess);
+        let open = is_past(&sides, SideSource::Guessed, &placed);
+        for side in (0..6).filter(|&side| open[side]) {
+            sides[side] = SideSource::Open;
+        }
+        SidePlaces { found, sides, distances: placed }
+    }
+
+    /// Distance of the floor that the camera sees. Furniture hides most floors, and a bed is as
+    /// level: a plane just below the camera that has surfaces below it is not the
+    /// floor.
+    fn floor(&self) -> Option<f32> {
+        let is_floor = |floor: &f32| {
+            *floor >= TUNING.min_floor || self.farthest(FLOOR) < floor + TUNING.below_floor
+        };
+        self.side(FLOOR, TUNING.min_floor_peak).filter(is_floor)
+    }
+
+    /// Statements of a scene that the seen surfaces contradict.
+    fn contradictions(&self, found: &[Option<f32>; 6], guess: &LayoutGuess) -> Vec<String> {
+        let mut messages = Vec::new();
+        for (side, known) in guess.sides.iter().enumerate() {
+            let KnownSide::At(distance) = *known else { continue };
+            let limit = distance + TUNING.on_side + TUNING.past * distance;
+            let beyond = |i: &usize| self.area[*i] > 0.0 && self.along(*i, side) > limit;
+            let area: f32 = (0..self.area.len()).filter(beyond).map(|i| self.area[i]).sum();
+            let fraction = area / self.total;
+            if fraction > TUNING.beyond {
+                messages.push(format!(
+                    "room: {}: the scene states {distance:.2} m, {:.0} % of the seen area lie beyond, up to {:.2} m",
+                    SIDES[side],
+                    100.0 * fraction,
+                    self.farthest(side)
+                ));
+            }
+        }
+        if let (Some(height), Some(floor), Some(ceiling)) =
+            (guess.height, found[FLOOR], found[CEILING])
+            && (floor + ceiling - height).abs() > TUNING.height_error
+        {
+            messages.push(format!(
+                "room: height: the scene states {height:.2} m, floor and ceiling lie {:.2} m apart, which is used",
+                floor + ceiling
+            ));
+        }
+        messages
+    }
+
     /// Distance of a side that the camera sees: the outermost surface of enough area across it.
-    fn side(&self, side: usize) -> Option<f32> {
+    /// `min_peak` is its least area over that of the largest parallel surface.
+    fn side(&self, side: usize, min_peak: f32) -> Option<f32> {
         let bins = (TUNING.max_distance / TUNING.bin) as usize;
         let mut histogram = vec![0.0f32; bins];
         let flat: Vec<(f32, f32)> = (0..self.points.len())
@@ -331,7 +528,7 @@ impl Surfaces {
         let sum =
             |bin: usize| histogram[bin.saturating_sub(1)..(bin + 2).min(bins)].iter().sum::<f32>();
         let highest = (0..bins).map(sum).fold(0.0, f32::max);
-        let least = (TUNING.min_area * self.total).max(TUNING.min_peak * highest);
+        let least = (TUNING.min_area * self.total).max(min_peak * highest);
         let mut peak = (0..bins).rev().find(|&bin| sum(bin) > least)?;
         while peak > 0 && sum(peak - 1) > sum(peak) {
             peak -= 1;

@@ -3,6 +3,7 @@
 pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
+pub(in crate::geometry) mod layout_lines;
 pub(in crate::geometry) mod mesh;
 pub(in crate::geometry) mod metric_scale;
 pub(in crate::geometry) mod orient_normals;
@@ -13,11 +14,12 @@ pub(in crate::geometry) mod surface;
 pub use find_layout::{KnownSide, LayoutGuess};
 pub use gravity::world_up;
 pub use grow_region::grow_region;
+pub use layout_lines::LayoutLine;
 pub use mesh::{Hit, Own, SceneMesh, Sight};
 pub use metric_scale::{KnownLength, MetricDepth, metric_depth, relative_depth};
 pub use orient_normals::orient_normals;
 pub use plane_fit::PlaneFit;
-pub use room_layout::{RoomCell, RoomLayout, SIDES, SideSource};
+pub use room_layout::{MAX_CELLS, RoomCell, RoomLayout, SIDES, SideSource};
 pub use surface::{Surface, surface};
 
 use crate::tuning::Table;
@@ -28,6 +30,7 @@ pub fn tuning() -> Vec<Table> {
         find_layout::FindLayoutTuning::table(),
         gravity::GravityTuning::table(),
         grow_region::GrowRegionTuning::table(),
+        layout_lines::LayoutLinesTuning::table(),
         mesh::MeshTuning::table(),
         metric_scale::MetricScaleTuning::table(),
         plane_fit::PlaneFitTuning::table(),

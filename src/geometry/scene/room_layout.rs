@@ -26,10 +26,10 @@ tuning! {
     }
 }
 
-/// Cells along each edge of a side, and at most this many.
+/// Largest number of cells along each edge of a side.
 pub const MAX_CELLS: usize = 64;
 
-/// What is known of a side of the room.
+/// Source of a side's place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SideSource {
     /// The camera sees part of it.
@@ -40,6 +40,18 @@ pub enum SideSource {
     Guessed,
     /// The room is open there.
     Open,
+}
+
+impl SideSource {
+    /// The word for it in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            SideSource::Seen => "seen",
+            SideSource::Given => "stated",
+            SideSource::Guessed => "guessed",
+            SideSource::Open => "open",
+        }
+    }
 }
 
 /// One piece of a side that the camera does not see: a rectangle that receives and reflects light.
@@ -145,9 +157,45 @@ impl RoomLayout {
         (self.index.len() / 6).isqrt()
     }
 
+    /// The cell at a column and a row, each less than [`RoomLayout::count`], of a side; `None`
+    /// where it is left out.
+    pub fn cell_index(&self, side: usize, column: usize, row: usize) -> Option<usize> {
+        let count = self.count();
+        (self.index[side * count * count + row * count + column] as usize).checked_sub(1)
+    }
+
     /// The side that a pixel of the working size shows.
     pub fn seen_side(&self, pixel: usize) -> Option<usize> {
         self.seen.pixels().get(pixel).and_then(|side| (*side as usize).checked_sub(1))
+    }
+
+    /// Distance of each side from the camera along the room's axes, meters.
+    pub fn distances(&self) -> [f32; 6] {
+        std::array::from_fn(
+            |side| {
+                if side % 2 == 1 { self.high[side / 2] } else { -self.low[side / 2] }
+            },
+        )
+    }
+
+    /// Angles of the camera in the room, degrees: yaw to the right of the front side's direction,
+    /// pitch upward, roll clockwise.
+    pub fn camera_angles(&self) -> [f32; 3] {
+        let forward = self.rotation.inverse() * Vec3::NEG_Z;
+        let up = self.rotation * Vec3::Y;
+        let yaw = forward.x.atan2(-forward.z);
+        [yaw, forward.y.clamp(-1.0, 1.0).asin(), (-up.x).atan2(up.y)].map(f32::to_degrees)
+    }
+
+    /// One line with each side's distance and source, and the number of cells:
+    /// `left 3.09 m seen, right open, .. 301 cells`.
+    pub fn summary(&self) -> String {
+        let distances = self.distances();
+        let side = |side: usize| match self.sides[side] {
+            SideSource::Open => format!("{} open, ", SIDES[side]),
+            source => format!("{} {:.2} m {}, ", SIDES[side], distances[side], source.name()),
+        };
+        (0..6).map(side).collect::<String>() + &format!("{} cells", self.cells.len())
     }
 
     /// Size of the planes it was found on.
@@ -179,8 +227,8 @@ impl RoomLayout {
         rule(self.seen.pixels().iter().all(|&side| side <= 6), "six seen sides")
     }
 
-    /// Where a ray leaves the cuboid: the distance, and the cell there. `None` for a ray that starts
-    /// outside; no cell where the side is open or the camera sees past it.
+    /// Place at which a ray leaves the cuboid: the distance, and the cell there. `None` for a ray
+    /// that starts outside; no cell where the side is open or the camera sees past it.
     pub fn exit(&self, origin: Vec3, direction: Vec3) -> Option<(f32, Option<usize>)> {
         let inverse = self.rotation.inverse();
         let (origin, direction) = (inverse * origin, inverse * direction);

@@ -19,7 +19,7 @@ pub(in crate::image) mod segments;
 pub(in crate::image) mod upsample;
 
 pub use alpha_matte::alpha_matte;
-pub use annotate::annotate;
+pub use annotate::{annotate, clip_line, draw_line, text_size, write_text};
 pub use connected_components::connected_components;
 pub use depth::{DEPTH_PLANE, inpaint_depth, is_hole, nearness, resize_depth};
 pub use dilate::{dilate, geodesic_dilate};

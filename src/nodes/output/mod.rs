@@ -1,6 +1,7 @@
 //! From planes to files.
 
 pub mod compose;
+pub mod draw_room_box;
 pub mod mix_layers;
 pub mod write;
 pub mod write_depth;
@@ -10,11 +11,19 @@ pub mod write_planes;
 pub mod write_report;
 pub mod write_usd;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
+use serde::{Deserialize, Serialize};
 
+use crate::geometry::{Camera, LayoutLine, MAX_CELLS, RoomLayout, SideSource};
 use crate::graph::{Context, File, NodeError};
-use crate::image::{ExrFile, NamedBytes, Plane, Transfer, read_layers};
+use crate::image::{ExrFile, NamedBytes, Plane, Transfer, clip_line, read_layers};
 use crate::nodes::artifacts::{Encoding, REST, same_size};
+use crate::tuning::Table;
+
+/// The constants of pictures for people.
+pub fn tuning() -> Vec<Table> {
+    vec![draw_room_box::DrawRoomBoxTuning::table()]
+}
 
 /// The line of the comments of `picture.exr` with the encoding of `picture.png`.
 fn encoding_line(encoding: &Encoding) -> String {
@@ -23,6 +32,44 @@ fn encoding_line(encoding: &Encoding) -> String {
 }
 
 const ENCODING: &str = "encoding: ";
+
+/// The lines of a room's cuboid in the photo, a line of JSON in the comments of `picture.exr`.
+#[derive(Serialize, Deserialize)]
+struct SavedRoom {
+    /// The sides with distance and source.
+    summary: String,
+    /// Source of the side, whether it is an edge of the cuboid, and both ends as fractions of the
+    /// picture's width and height, from its upper left corner: x, y, x, y.
+    lines: Vec<(SideSource, bool, [f32; 4])>,
+}
+
+const ROOM: &str = "room: ";
+/// Lines of more cells than any cuboid has are not read.
+const MAX_LINES: usize = 2 * 6 * (MAX_CELLS + 1) * (MAX_CELLS + 1);
+
+/// The line of the comments of `picture.exr` with the room's cuboid.
+fn room_line(layout: &RoomLayout, camera: &Camera) -> String {
+    let size = Vec2::new(camera.width as f32, camera.height as f32);
+    let rounded = |v: f32| (v.clamp(-10.0, 10.0) * 1e4).round() / 1e4;
+    let line = |line: LayoutLine| {
+        let (from, to) = clip_line(line.from, line.to, size, 0.0)?;
+        let (from, to) = (from / size, to / size);
+        let ends = [from.x, from.y, to.x, to.y].map(rounded);
+        Some((line.source, line.is_edge, ends))
+    };
+    let lines = layout.lines(camera).into_iter().filter_map(line).collect();
+    let room = SavedRoom { summary: layout.summary(), lines };
+    format!("{ROOM}{}", serde_json::to_string(&room).expect("finite numbers and text are JSON"))
+}
+
+/// The room's cuboid in the comments of a `picture.exr`, if a run of this version wrote it there.
+fn read_room(exr: &ExrFile) -> Option<SavedRoom> {
+    let room: SavedRoom =
+        exr.comments().find_map(|line| serde_json::from_str(line.strip_prefix(ROOM)?).ok())?;
+    let is_sound = room.lines.len() <= MAX_LINES
+        && room.lines.iter().all(|(_, _, ends)| ends.iter().all(|v| v.abs() <= 10.0));
+    is_sound.then_some(room)
+}
 
 /// The layers of a `picture.exr`.
 struct SavedRun {

@@ -15,6 +15,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+use crate::geometry::{Camera, RoomLayout};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
     Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, Normal, Picture, Plane, PngSamples,
@@ -49,6 +50,10 @@ ports! {
         encoding: Arc<Encoding>,
         /// The photo, for the layer `photo`, with which the picture is compared.
         photo: Option<Arc<Picture>>,
+        /// The cuboid of the room, for a line of the comments of `picture.exr`.
+        layout: Option<Arc<RoomLayout>>,
+        /// The camera at the photo's size, for the same line.
+        camera: Option<Arc<Camera>>,
         /// The layer of each light, the photo's size; they and `residual` sum to the picture.
         layer: Gather<Layer>,
         /// The residual, which no light explains.
@@ -82,7 +87,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = WriteIn;
     type Out = WriteOut;
 
@@ -171,6 +176,9 @@ impl Write {
         }
         layers.comment(UNITS);
         layers.comment(&super::encoding_line(&inputs.encoding));
+        if let (Some(layout), Some(camera)) = (&inputs.layout, &inputs.camera) {
+            layers.comment(&super::room_line(layout, camera));
+        }
         if let Some(lux) = inputs.encoding.lux {
             layers.comment(&format!("exposure: white shows 1 at {lux} lux"));
         }

@@ -62,7 +62,7 @@ struct NodeOfReport {
 
 impl Node for WriteReport {
     const KIND: &'static str = "WriteReport";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = WriteReportIn;
     type Out = WriteReportOut;
 
@@ -99,7 +99,7 @@ impl Node for WriteReport {
         });
         let data = json!({
             "report": value, "size": size, "full": (width, height), "transfer": run.encoding.transfer, "photo": photo,
-            "lights": lights, "rest": layer(crate::nodes::artifacts::REST, &run.rest),
+            "room": super::read_room(&run.file), "lights": lights, "rest": layer(crate::nodes::artifacts::REST, &run.rest),
         });
         // A script must not contain `<`, which could end it.
         let data = data.to_string().replace('<', "\\u003c");

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::geometry::{RoomLayout, SceneMesh};
+use crate::geometry::{RoomLayout, SceneMesh, SideSource};
 use crate::graph::{Context, Node, NodeError};
 use crate::image::{Normal, Points};
 use crate::optics;
@@ -61,6 +61,8 @@ impl Node for Transport {
             self.seed,
         );
         ctx.count_rays(transport.rays());
+        let sides = inputs.layout.map_or([SideSource::Open; 6], |layout| layout.sides);
+        ctx.note(transport.ray_fractions(&sides).to_string());
         Ok(TransportOut { transport: Arc::new(transport) })
     }
 }

@@ -135,5 +135,9 @@ fn size((width, height): (usize, usize)) -> String {
 
 /// The constants of the checks of files.
 pub fn tuning() -> Vec<Table> {
-    vec![read_lights::ReadLightsTuning::table(), read_materials::ReadMaterialsTuning::table()]
+    vec![
+        read_lights::ReadLightsTuning::table(),
+        read_materials::ReadMaterialsTuning::table(),
+        room_box::RoomBoxTuning::table(),
+    ]
 }

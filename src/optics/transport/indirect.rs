@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::contact::{Contact, Past};
 use super::estimate::{BATCHES, mean, pooled, stream, tiles};
-use crate::geometry::{Grid, RoomLayout, SceneMesh, cosine_direction};
+use crate::geometry::{Grid, RoomLayout, SceneMesh, SideSource, cosine_direction};
 use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance, rule};
 use crate::optics::sampling::random::Points2;
 use crate::tuning::tuning;
@@ -68,6 +68,30 @@ pub struct LightTransport {
 
 const MISS: u32 = u32::MAX;
 
+/// Fractions of gathering rays by what they meet; they sum to 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayFractions {
+    /// Seen surfaces and bodies.
+    pub surface: f32,
+    /// Hidden parts of sides that are seen elsewhere or stated.
+    pub seen: f32,
+    /// Guessed sides.
+    pub guessed: f32,
+    /// Nothing: an open side, a part of a side past which the camera sees, or a back of a surface.
+    pub nothing: f32,
+}
+
+impl std::fmt::Display for RayFractions {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [surface, seen, guessed, nothing] =
+            [self.surface, self.seen, self.guessed, self.nothing].map(|fraction| 100.0 * fraction);
+        write!(
+            f,
+            "of the gathering rays {surface:.1} % meet the mesh, {seen:.1} % hidden parts of seen sides, {guessed:.1} % guessed sides, {nothing:.1} % nothing"
+        )
+    }
+}
+
 impl LightTransport {
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
@@ -107,6 +131,29 @@ impl LightTransport {
     /// Number of rays traced.
     pub fn rays(&self) -> u64 {
         self.hits.len() as u64 + self.contact.rays()
+    }
+
+    /// Fractions of the gathering rays of the picture's receivers by what they meet; `sides` are
+    /// those of the layout whose cells the rays met.
+    pub fn ray_fractions(&self, sides: &[SideSource; 6]) -> RayFractions {
+        let first_cell = self.nearest.len() + self.probes;
+        let hits = &self.hits.pixels()[..self.grid.len() * self.hits.width()];
+        let mut counts = [0u64; 4];
+        for &hit in hits {
+            let cell = (hit as usize).checked_sub(first_cell);
+            let kind = match cell.and_then(|cell| self.cells.get(cell)) {
+                _ if hit == MISS => 3,
+                None => 0,
+                Some(&side) => match sides[side as usize] {
+                    SideSource::Seen | SideSource::Given => 1,
+                    SideSource::Guessed | SideSource::Open => 2,
+                },
+            };
+            counts[kind] += 1;
+        }
+        let [surface, seen, guessed, nothing] =
+            counts.map(|count| count as f32 / hits.len().max(1) as f32);
+        RayFractions { surface, seen, guessed, nothing }
     }
 
     /// With at most `rays` of the rays of each receiver, spread over all batches: for estimates

@@ -12,7 +12,7 @@ pub(in crate::optics) mod shadow;
 pub use direct::{DirectEstimate, direct};
 pub use estimate::{BATCHES, INTERVAL, Sampling, estimate, stream};
 pub use indirect::{
-    Bounces, LightTransport, Probed, indirect, indirect_at_receivers, trace_bounces,
+    Bounces, LightTransport, Probed, RayFractions, indirect, indirect_at_receivers, trace_bounces,
 };
 pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
 pub use lighting::{Lighting, LocalLobe, local_frame};

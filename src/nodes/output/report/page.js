@@ -183,6 +183,31 @@ function layers() {
 
 const percent = (share) => (share === 0 ? "0 %" : `${(100 * share).toPrecision(2)} %`);
 
+// ---- Room --------------------------------------------------------------------------------------------------------------
+
+const COLORS = { Seen: "#3ef06d", Given: "#5ab9ff", Guessed: "#ff9400", Open: "#bcbcbc" };
+
+function room() {
+  if (!data.room) return;
+  const drawing = (name, attributes) => {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+    Object.entries(attributes).forEach(([key, value]) => element.setAttribute(key, value));
+    return element;
+  };
+  const svg = drawing("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "the room as a box over the photo" });
+  if (data.photo) svg.append(drawing("image", { href: data.photo, width, height, opacity: 0.7 }));
+  for (const [source, edge, [x1, y1, x2, y2]] of data.room.lines) {
+    const ends = { x1: x1 * width, y1: y1 * height, x2: x2 * width, y2: y2 * height };
+    svg.append(drawing("line", { ...ends, stroke: COLORS[source], "stroke-width": edge ? 3 : 1 }));
+  }
+  const section = byId("room");
+  section.hidden = false;
+  section.insertBefore(svg, section.querySelector("ul"));
+  const rays = report.nodes.filter((node) => node.kind === "Transport").flatMap((node) => node.notes);
+  const lines = [...data.room.summary.split(", "), ...new Set(rays)];
+  lines.forEach((line) => section.querySelector("ul").append(make("li", line)));
+}
+
 // ---- Tables --------------------------------------------------------------------------------------------------------------
 
 function tables() {
@@ -222,6 +247,7 @@ function tables() {
 
 async function begin() {
   tables();
+  room();
   const [full, tall] = data.full;
   byId("size").textContent = full === width ? `${full} x ${tall}` : `${full} x ${tall}, shown at ${width} x ${height}`;
   if (data.photo) byId("before").src = data.photo;
