@@ -1,5 +1,6 @@
 //! The seen room: depth to points, normals and mesh.
 
+pub(in crate::geometry) mod cell_grid;
 pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
@@ -10,6 +11,7 @@ pub(in crate::geometry) mod plane_fit;
 pub(in crate::geometry) mod room_layout;
 pub(in crate::geometry) mod surface;
 
+pub use cell_grid::CellGrid;
 pub use find_layout::{KnownSide, LayoutGuess};
 pub use gravity::world_up;
 pub use grow_region::grow_region;
@@ -17,7 +19,7 @@ pub use mesh::{Hit, Own, SceneMesh, Sight};
 pub use metric_scale::{KnownLength, MetricDepth, metric_depth, relative_depth};
 pub use orient_normals::orient_normals;
 pub use plane_fit::PlaneFit;
-pub use room_layout::{RoomCell, RoomLayout, SIDES, SideSource};
+pub use room_layout::{MAX_CELLS, RoomCell, RoomLayout, SIDES, SideSource};
 pub use surface::{Surface, surface};
 
 use crate::tuning::Table;
