@@ -467,6 +467,7 @@ fn polish() {
         mask: Gather(vec![]),
         estimated: Gather(shapes.clone()),
         shape: Gather(shapes.into_iter().chain([("ball".to_string(), ball())]).collect()),
+        layout: None,
         lighting: None,
     };
     let out =
@@ -537,6 +538,7 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
         objects: Arc::new(Objects::unseen(&[])),
         object: Gather(vec![]),
         object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+        indirect: Gather(vec![]),
         reflected: None,
         specular_change: None,
     }

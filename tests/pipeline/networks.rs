@@ -94,9 +94,6 @@ fn an_edit_of_a_radiance_runs_no_network() {
     let off = r#"Edit(version: 1, lights: { "lamp_0": Off, "window_0": Scale(0.4) })"#;
     let (names, _) = again(off, &[]);
     assert_eq!(names, ["edit", "after", "compose", "write"]);
-    // Stages that need the light at each place get it, and no other node runs for it.
-    let (names, _) = again(off, &["lighting.lighting"]);
-    assert_eq!(names, ["lighting"]);
     // A new light: its own layers.
     let desk = r#"Edit(version: 1, lights: { "desk": Lamp(shape: Sphere(radius: 0.07), at: Point(0.1, -0.56, -2.9), radiance: (72, 44, 20)) })"#;
     let own = [
@@ -107,6 +104,19 @@ fn an_edit_of_a_radiance_runs_no_network() {
         "glow[desk]",
     ];
     assert_eq!(again(desk, &[]).0, [&["edit"][..], &own, &["compose", "write"]].concat());
+}
+
+/// Stages that need the light at each position get it, and no other node runs for it.
+#[test]
+fn the_light_at_each_position_follows_a_radiance_without_other_nodes() {
+    let cache = tempfile::tempdir().expect("a temporary folder can be made");
+    let off = r#"Edit(version: 1, lights: { "lamp_0": Off, "window_0": Scale(0.4) })"#;
+    let ran_for = |outputs: &[&str]| {
+        let report = run(&engine(Some(cache.path())), &with("networks.ron", &demo(), off), outputs);
+        ran(&report).into_iter().map(str::to_owned).collect::<Vec<String>>()
+    };
+    ran_for(&[]);
+    assert_eq!(ran_for(&["lighting.lighting"]), ["lighting"]);
 }
 
 #[test]

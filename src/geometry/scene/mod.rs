@@ -1,5 +1,6 @@
 //! The seen room: depth to points, normals and mesh.
 
+pub(in crate::geometry) mod cell_grid;
 pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
@@ -11,6 +12,7 @@ pub(in crate::geometry) mod plane_fit;
 pub(in crate::geometry) mod room_layout;
 pub(in crate::geometry) mod surface;
 
+pub use cell_grid::CellGrid;
 pub use find_layout::{KnownSide, LayoutGuess};
 pub use gravity::world_up;
 pub use grow_region::grow_region;

@@ -3,6 +3,7 @@
 use glam::{Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
+use super::cell_grid::CellGrid;
 use crate::geometry::Camera;
 use crate::image::{Plane, Points, rule};
 use crate::tuning::tuning;
@@ -227,9 +228,24 @@ impl RoomLayout {
         rule(self.seen.pixels().iter().all(|&side| side <= 6), "six seen sides")
     }
 
+    /// The neighborhood of the cells.
+    pub fn grid(&self) -> CellGrid {
+        CellGrid::new(self.count(), &self.index, self.cells.len())
+    }
+
     /// Place at which a ray leaves the cuboid: the distance, and the cell there. `None` for a ray
     /// that starts outside; no cell where the side is open or the camera sees past it.
     pub fn exit(&self, origin: Vec3, direction: Vec3) -> Option<(f32, Option<usize>)> {
+        let (distance, place) = self.exit_place(origin, direction)?;
+        Some((distance, place.map(|(cell, _)| cell)))
+    }
+
+    /// The same with the position within the cell, 0..=1 along rows and columns.
+    pub fn exit_place(
+        &self,
+        origin: Vec3,
+        direction: Vec3,
+    ) -> Option<(f32, Option<(usize, [f32; 2])>)> {
         let inverse = self.rotation.inverse();
         let (origin, direction) = (inverse * origin, inverse * direction);
         let inside = origin.clamp(self.low, self.high);
@@ -251,9 +267,15 @@ impl RoomLayout {
         let count = self.count();
         let at = (inside + direction * distance - self.low) / (self.high - self.low);
         let axis = side / 2;
-        let along = |axis: usize| ((at[axis % 3] * count as f32).max(0.0) as usize).min(count - 1);
-        let place = side * count * count + along(axis + 2) * count + along(axis + 1);
-        Some((distance, (self.index[place] as usize).checked_sub(1)))
+        let along = |axis: usize| {
+            let at = (at[axis % 3] * count as f32).max(0.0);
+            let cell = (at as usize).min(count - 1);
+            (cell, (at - cell as f32).clamp(0.0, 1.0))
+        };
+        let ((row, down), (column, beside)) = (along(axis + 2), along(axis + 1));
+        let place = side * count * count + row * count + column;
+        let cell = (self.index[place] as usize).checked_sub(1);
+        Some((distance, cell.map(|cell| (cell, [beside, down]))))
     }
 
     /// Distance of a point (meters, camera space) outside of the cuboid, along the axis along which

@@ -30,6 +30,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, Objects};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Depth, GlareMask, Layer, Mask, PaintLayers, Picture, Plane, Shading};
+use crate::nodes::artifacts::UnitIndirect;
 use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
 use crate::{params, ports};
 
@@ -60,7 +61,8 @@ params! {
         /// Albedo of the pane of a window that is switched off.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
         /// Radiance of the unseen part of the room in reflections, as a multiple of the mean of the
-        /// seen part, 0..=1. The lighting of a network takes its place where there is one.
+        /// seen part, 0..=1. The light on the room's cuboid, or the lighting of a network, takes its
+        /// place where there is one; the residual has it there, too.
         unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }
@@ -115,6 +117,9 @@ ports! {
         object: Gather<Picture>,
         /// Their diffuse reflection of the residual.
         object_residual: Arc<Picture>,
+        /// Indirect light of the lights after the edit, with the cells of the room's hidden sides,
+        /// which reflections show.
+        indirect: Gather<UnitIndirect>,
         /// The specular reflection of shiny objects; empty without them.
         reflected: Option<Arc<Reflections>>,
         /// The change of specular reflection of surfaces with an edited roughness or specular
@@ -136,7 +141,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type In = ComposeIn;
     type Out = ComposeOut;
 
@@ -188,8 +193,12 @@ fn output(
 
 #[cfg(test)]
 mod tests {
+    use glam::Quat;
+
     use super::*;
-    use crate::optics::SphereLamp;
+    use crate::geometry::{RoomLayout, SideSource};
+    use crate::image::Points;
+    use crate::optics::{RayEnd, SpecularPart, SphereLamp};
 
     const SIZE: (usize, usize) = (12, 4);
     const WALL: Vec3 = Vec3::new(0.5, 0.4, 0.2);
@@ -240,6 +249,7 @@ mod tests {
             objects: Arc::new(Objects::unseen(&[])),
             object: Gather(vec![]),
             object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
+            indirect: Gather(vec![]),
             reflected: None,
             specular_change: None,
         }
@@ -285,5 +295,83 @@ mod tests {
                 if x < 3 { own(factor) } else { ALBEDO * (factor * LAMP + RESIDUAL) }
             });
         }
+    }
+
+    /// The inputs with a second light, and a surface that reflects half of the middle of one cell
+    /// of a room of six; `cells` are those on which the second light shines.
+    fn reflecting(cells: usize) -> ComposeIn {
+        let mut inputs = inputs(2.0);
+        let (w, h) = SIZE;
+        let points = Points(Plane::from_fn(w, h, |x, y| inputs.camera.pixel_point(x, y, 2.0)));
+        let layout = RoomLayout::new(
+            (Quat::IDENTITY, Vec3::splat(-3.0), Vec3::splat(3.0)),
+            [SideSource::Guessed; 6],
+            (&inputs.camera, &points),
+            Plane::filled(w, h, 0),
+            1,
+        );
+        let lights =
+            ["lamp", "spot"].map(|id| (id.to_owned(), vec![Plane::new(1, 1, vec![Vec3::ZERO])]));
+        let of = Reflections {
+            hits: Plane::new(1, 1, vec![RayEnd::cell(4, [128; 2])]),
+            weight: Plane::new(1, 1, vec![Vec3::splat(0.5)]),
+            far: Plane::new(1, 1, vec![Vec3::ZERO]),
+            cells: layout.grid(),
+            lights: lights.to_vec(),
+        };
+        let share = Plane::filled(w, h, 1.0);
+        let part = SpecularPart { old: false, share, rows: Plane::filled(w, h, 0), of };
+        inputs.specular_change = Some(Arc::new(SpecularChange(vec![part])));
+        let under = |level: f32, count: usize| {
+            let cell = |i: usize, _| Vec3::splat(level * (i + 1) as f32);
+            let cells = vec![Plane::from_fn(count, 1, cell)];
+            Arc::new(UnitIndirect { lobes: vec![], stderr: vec![], probes: vec![], cells })
+        };
+        let spot = || "spot".to_owned();
+        inputs.indirect =
+            Gather(vec![("lamp".into(), under(0.1, 6)), (spot(), under(0.01, cells))]);
+        inputs.after.0.push((spot(), Arc::new(Shading(Plane::filled(w, h, Vec3::ZERO)))));
+        inputs.shape.0.push((spot(), Arc::new(Shape::Absent)));
+        inputs.radiance.0.push((spot(), Arc::new(Radiance(vec![Vec3::splat(3.0)]))));
+        inputs.coverage.0.push((spot(), Arc::new(Mask(Plane::filled(w, h, 0.0)))));
+        inputs
+    }
+
+    #[test]
+    fn a_mirror_adds_to_each_layer_the_light_of_its_own_on_the_cell() {
+        let stage = Compose::default();
+        let plain = stage.run(inputs(2.0), &Context::default()).expect("everything is there");
+        let out = stage.run(reflecting(6), &Context::default()).expect("everything is there");
+        // Half of: radiance 2 x 0.5, radiance 3 x 0.05, and half of the mean residual.
+        let mean = WALL * RESIDUAL;
+        let wanted = [Vec3::splat(0.5), Vec3::splat(0.075), 0.5 * 0.5 * mean];
+        for i in (0..SIZE.0 * SIZE.1).filter(|i| i % SIZE.0 >= 6) {
+            let got = [
+                out.layer.0[0].1.get(i) - plain.layer.0[0].1.get(i),
+                out.layer.0[1].1.get(i),
+                out.residual.get(i) - plain.residual.get(i),
+            ];
+            for (got, wanted) in got.iter().zip(wanted) {
+                let off = (*got - wanted).abs().max_element();
+                assert!(off < 2e-3, "pixel {i}: {got} for {wanted}");
+            }
+        }
+    }
+
+    #[test]
+    fn another_number_of_cells_is_an_error() {
+        let fails = |inputs: ComposeIn| {
+            let out = Compose::default().run(inputs, &Context::default());
+            out.err().expect("the cells do not fit").to_string()
+        };
+        let message = fails(reflecting(5));
+        assert!(
+            message.contains("light \"spot\" has 5 cells in `indirect`, wanted 6 as reflections"),
+            "{message}"
+        );
+        let mut without = reflecting(6);
+        without.indirect.0.pop();
+        let message = fails(without);
+        assert!(message.contains("light \"spot\" has no `indirect`"), "{message}");
     }
 }

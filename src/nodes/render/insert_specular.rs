@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::geometry::{Camera, Objects, RoomLayout, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Mask, Normal, Points};
 use crate::optics::{
@@ -15,8 +15,9 @@ params! {
     /// picture, from lights, and from parts of the room that the photo does not show.
     ///
     /// A reflected ray that meets the seen room shows the edited picture there, so each light's
-    /// reflection is in that light's layer. A ray that leaves the seen room shows the network's
-    /// lighting, split by the contribution of each light to the room; without a network, a uniform
+    /// reflection is in that light's layer. A ray that leaves the seen room shows the cell of the
+    /// room's cuboid there, light by light, or, where a network estimates the lighting, that
+    /// lighting, split by the contribution of each light to the room; with neither, a uniform
     /// radiance.
     pub struct InsertSpecular {
         /// Rays per pixel, and samples of each light per pixel, 1..=4096; a mirror takes up to 16,
@@ -43,7 +44,9 @@ ports! {
         mask: Gather<Mask>,
         /// Every light.
         shape: Gather<Shape>,
-        /// Incident radiance at each position of a grid.
+        /// The cuboid of the room, whose hidden cells reflected rays then show.
+        layout: Option<Arc<RoomLayout>>,
+        /// Incident radiance at each position of a grid, in place of `layout`.
         lighting: Option<Arc<Lighting>>,
     }
 }
@@ -57,7 +60,7 @@ ports! {
 
 impl Node for InsertSpecular {
     const KIND: &'static str = "InsertSpecular";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = InsertSpecularIn;
     type Out = InsertSpecularOut;
 
@@ -78,6 +81,7 @@ impl Node for InsertSpecular {
             normal: &inputs.normal,
             masks: &masks,
             lighting: inputs.lighting.as_deref(),
+            layout: inputs.layout.as_deref(),
             planes: &[],
         };
         ctx.check_cancelled()?;

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::geometry::{Camera, Objects, RoomLayout, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Depth, Mask, Normal, Points, SpecularEdit};
 use crate::optics::{
@@ -51,7 +51,9 @@ ports! {
         estimated: Gather<Shape>,
         /// Every light.
         shape: Gather<Shape>,
-        /// Incident radiance at each position of a grid.
+        /// The cuboid of the room, whose hidden cells reflected rays then show.
+        layout: Option<Arc<RoomLayout>>,
+        /// Incident radiance at each position of a grid, in place of `layout`.
         lighting: Option<Arc<Lighting>>,
     }
 }
@@ -65,7 +67,7 @@ ports! {
 
 impl Node for ShadeSpecularEdit {
     const KIND: &'static str = "ShadeSpecularEdit";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = ShadeSpecularEditIn;
     type Out = ShadeSpecularEditOut;
 
@@ -103,6 +105,7 @@ impl Node for ShadeSpecularEdit {
                 normal: &inputs.normal,
                 masks: &masks,
                 lighting: inputs.lighting.as_deref(),
+                layout: inputs.layout.as_deref(),
                 planes: &planes,
             };
             // The photo does not show a reflection of an inserted or moved light.

@@ -34,29 +34,54 @@ impl Around {
     }
 }
 
+/// A light as mirrors show it.
+#[derive(Clone, Copy, Debug)]
+pub struct MirroredLight<'a> {
+    /// Its name.
+    pub id: &'a str,
+    /// Radiance of each lobe.
+    pub radiance: &'a [Vec3],
+    /// Radiance of each cell of the room's hidden sides under this light alone.
+    pub cells: &'a [Vec3],
+}
+
 /// Reflections over the layers of a picture: one per light, then the residual.
 pub struct Mirror<'a> {
     of: &'a Reflections,
     around: Around,
+    /// Radiance of the cells by layer; none in the last, which shows the unseen part there.
+    cells: Vec<&'a [Vec3]>,
     /// The lights themselves: reflection of unit lobes, with their radiances; nothing for the last
     /// layer.
     lights: Vec<Vec<(&'a Plane<Vec3>, Vec3)>>,
 }
 
 impl<'a> Mirror<'a> {
-    /// `None` when the reflection of one of these `lights`, given with their radiances, is missing.
+    /// The reflections `of` the room `around` and of these `lights`, in the order of the layers.
+    ///
+    /// # Errors
+    /// `of` lacks the reflection of a light, or it has another number of cells than the light.
     pub fn new(
         of: &'a Reflections,
         around: Around,
-        lights: &[(&str, &[Vec3])],
-    ) -> Option<Mirror<'a>> {
-        let reflection = |(id, radiance): &(&str, &[Vec3])| {
-            let (_, lobes) = of.lights.iter().find(|(name, _)| name == id)?;
-            Some(lobes.iter().zip(radiance.iter().copied()).collect())
+        lights: &[MirroredLight<'a>],
+    ) -> Result<Mirror<'a>, String> {
+        let reflection = |light: &MirroredLight<'a>| {
+            let MirroredLight { id, radiance, cells } = light;
+            let found = of.lights.iter().find(|(name, _)| name == id);
+            let (_, lobes) = found.ok_or_else(|| format!("light {id:?} has no reflection"))?;
+            let (wanted, got) = (of.cells.len(), cells.len());
+            if wanted > 0 && wanted != got {
+                return Err(format!(
+                    "light {id:?} lights {got} cells of the room, wanted {wanted} as reflected"
+                ));
+            }
+            Ok(lobes.iter().zip(radiance.iter().copied()).collect())
         };
-        let mut lights: Vec<Vec<_>> = lights.iter().map(reflection).collect::<Option<_>>()?;
+        let cells = lights.iter().map(|light| light.cells).collect();
+        let mut lights: Vec<Vec<_>> = lights.iter().map(reflection).collect::<Result<_, _>>()?;
         lights.push(Vec::new());
-        Some(Mirror { of, around, lights })
+        Ok(Mirror { of, around, cells, lights })
     }
 
     /// Reflected radiance at pixel `i` of the objects in a `layer`, whose room is `plane` and whose
@@ -80,6 +105,10 @@ impl<'a> Mirror<'a> {
             ReflectedHit::Unseen => weight * unseen[layer],
             ReflectedHit::Pixel(i) if i < *photo => weight * plane[i],
             ReflectedHit::Pixel(i) => weight * object(i - photo),
+            ReflectedHit::Cell(cell, at) => match self.cells.get(layer) {
+                Some(cells) => weight * self.of.cells.interpolate(cells, cell, at),
+                None => weight * unseen[layer],
+            },
         });
         let lights = self.lights[layer].iter().map(|(lobe, w)| lobe.pixels()[i] * *w);
         far * share[layer] + shown.chain(lights).sum::<Vec3>()

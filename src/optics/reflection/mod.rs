@@ -6,7 +6,7 @@ pub(in crate::optics) mod polish;
 pub(in crate::optics) mod reflect;
 
 pub use ggx::Ggx;
-pub use mirror::{Around, Mirror};
+pub use mirror::{Around, Mirror, MirroredLight};
 pub use polish::{NO_ROW, ReflectingPoints, SeenSurface, SpecularChange, SpecularPart, places};
 pub use reflect::{
     RayEnd, ReflectedHit, ReflectionScene, Reflections, ShadingPoint, object_shading_point,

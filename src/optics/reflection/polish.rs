@@ -435,7 +435,9 @@ mod tests {
     use super::*;
     use crate::geometry::Objects;
     use crate::image::Roughness;
-    use crate::optics::{Around, Ggx, Lamp, ReflectionScene, Shape, SphereLamp, reflections};
+    use crate::optics::{
+        Around, Ggx, Lamp, MirroredLight, ReflectionScene, Shape, SphereLamp, reflections,
+    };
 
     const SIZE: (usize, usize) = (80, 60);
     const FLOOR: f32 = -1.0;
@@ -507,6 +509,7 @@ mod tests {
                 normal: &self.normal,
                 masks: &[],
                 lighting: None,
+                layout: None,
                 planes: &planes,
             };
             let photo = Picture(Plane::filled(SIZE.0, SIZE.1, Vec3::ONE));
@@ -520,8 +523,8 @@ mod tests {
                 let layers = [plane.to_vec(), vec![Vec3::ZERO; plane.len()]];
                 let all: Vec<usize> = (0..plane.len()).collect();
                 let around = Around::new(&layers, &all, 0.0);
-                let mirror = Mirror::new(&part.of, around, &[("lamp", &weights)])
-                    .expect("the lamp is there");
+                let lamp = MirroredLight { id: "lamp", radiance: &weights, cells: &[] };
+                let mirror = Mirror::new(&part.of, around, &[lamp]).expect("the lamp is there");
                 let (small, depth) = part.reduced(&photo, &self.depth);
                 let upsampler = Upsampler::new(&photo, &self.depth, &small, &depth);
                 for (i, change) in part.adds(&mirror, &upsampler, 0, plane, |_| Vec3::ZERO) {

@@ -3,7 +3,8 @@
 //!
 //! Each place sends rays distributed like its lobe. A ray that meets the seen room shows the
 //! picture's pixel there, edited or not; one that meets a body shows the body's pixel, if the
-//! camera sees it; all others look into the unseen part of the room. Lights are kept apart, per
+//! camera sees it; one that leaves the cuboid of the room at a hidden cell shows the cell; all
+//! others look into the unseen part of the room. Lights are kept apart, per
 //! lobe of unit radiance. Their reflection is estimated twice, by those rays (good for a sharp lobe
 //! and a large light) and by rays to samples of the light (good for a broad lobe and a small
 //! light). Each direction counts in both, with weights p^2 and q^2 over their sum (the power
@@ -15,7 +16,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::ggx::Ggx;
-use crate::geometry::{Camera, Hit, Objects, SceneMesh, clearance};
+use crate::geometry::{
+    Camera, CellGrid, Hit, MAX_CELLS, Objects, RoomLayout, SceneMesh, clearance,
+};
 use crate::image::{Gloss, Mask, Normal, Plane, Points, rule};
 use crate::tuning::tuning;
 use {
@@ -32,11 +35,16 @@ pub struct Reflections {
     pub weight: Plane<Vec3>,
     /// Radiance from the unseen part of the room, estimated by a network; zero without one.
     pub far: Plane<Vec3>,
+    /// The cells of the room's hidden sides that rays may meet; empty without a cuboid.
+    pub cells: CellGrid,
     /// Per light, per lobe of unit radiance.
     pub lights: Vec<(String, Vec<Plane<Vec3>>)>,
 }
 
 /// End of a reflected ray, packed into four bytes: millions of them are kept.
+///
+/// A pixel is its index, below 2^31. A cell has the highest bit, then 15 bits of its index and 8 of
+/// each coordinate within the cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(transparent)]
 pub struct RayEnd(u32);
@@ -50,7 +58,16 @@ pub enum ReflectedHit {
     Unseen,
     /// A pixel of the photo, or, from the photo's number of pixels on, one of the objects.
     Pixel(usize),
+    /// A position on the hidden sides of the room: the index of the cell, and the coordinates
+    /// within it in 1/256 of its edges.
+    Cell(usize, [u8; 2]),
 }
+
+/// The bit of cells.
+const CELL: u32 = 1 << 31;
+
+// No cell has the packed form of another end.
+const _: () = assert!(6 * MAX_CELLS * MAX_CELLS < (1 << 15) - 1);
 
 impl RayEnd {
     /// The packed form of [`ReflectedHit::Unseen`].
@@ -58,9 +75,14 @@ impl RayEnd {
     /// The packed form of [`ReflectedHit::Nothing`].
     pub const NOTHING: RayEnd = RayEnd(u32::MAX - 1);
 
-    /// The packed form of [`ReflectedHit::Pixel`]; photos have fewer than 2^32 - 2 pixels.
+    /// The packed form of [`ReflectedHit::Pixel`]; photos have fewer than 2^31 pixels.
     pub fn pixel(index: usize) -> RayEnd {
         RayEnd(index as u32)
+    }
+
+    /// The packed form of [`ReflectedHit::Cell`]; a layout has fewer than 2^15 - 1 cells.
+    pub fn cell(index: usize, [u, v]: [u8; 2]) -> RayEnd {
+        RayEnd(CELL | ((index as u32) << 16) | (u32::from(u) << 8) | u32::from(v))
     }
 
     /// The end of the ray.
@@ -68,14 +90,18 @@ impl RayEnd {
         match self {
             RayEnd::UNSEEN => ReflectedHit::Unseen,
             RayEnd::NOTHING => ReflectedHit::Nothing,
-            RayEnd(index) => ReflectedHit::Pixel(index as usize),
+            RayEnd(index) if index < CELL => ReflectedHit::Pixel(index as usize),
+            RayEnd(cell) => {
+                let [v, u, ..] = cell.to_le_bytes();
+                ReflectedHit::Cell(((cell & !CELL) >> 16) as usize, [u, v])
+            }
         }
     }
 }
 
 impl Reflections {
-    /// Whether all planes have their number of rows. The pixels that rays meet are held against the
-    /// photo's size where they are used.
+    /// Whether all planes have their number of rows, and all cells that rays meet exist. The pixels
+    /// that rays meet are held against the photo's size where they are used.
     ///
     /// # Errors
     /// The rule that is not kept.
@@ -83,14 +109,20 @@ impl Reflections {
         rule(self.hits.size() == self.weight.size(), "a weight for each ray")?;
         rule(self.far.len() == self.hits.height(), "light from afar for each place")?;
         let mut lobes = self.lights.iter().flat_map(|(_, lobes)| lobes);
-        rule(lobes.all(|lobe| lobe.len() == self.far.len()), "light of each lobe for each place")
+        rule(lobes.all(|lobe| lobe.len() == self.far.len()), "light of each lobe for each place")?;
+        self.cells.check()?;
+        let exists = |end: &RayEnd| match end.hit() {
+            ReflectedHit::Cell(cell, _) => cell < self.cells.len(),
+            _ => true,
+        };
+        rule(self.hits.pixels().iter().all(exists), "ends of rays on cells that exist")
     }
 
     /// Memory held, in bytes.
     pub fn bytes(&self) -> usize {
         let lights =
             self.lights.iter().flat_map(|(_, lobes)| lobes).map(Plane::bytes).sum::<usize>();
-        self.hits.bytes() + self.weight.bytes() + self.far.bytes() + lights
+        self.hits.bytes() + self.weight.bytes() + self.far.bytes() + self.cells.bytes() + lights
     }
 }
 
@@ -208,8 +240,10 @@ pub struct ReflectionScene<'a> {
     pub normal: &'a Normal,
     /// Pixels of each visible light, working size: they show themselves, as lights.
     pub masks: &'a [&'a Mask],
-    /// Incident radiance at each place, estimated by a network.
+    /// Incident radiance at each place, estimated by a network; it takes the place of `layout`.
     pub lighting: Option<&'a Lighting>,
+    /// The cuboid of the room, whose cells are met where the seen room is not.
+    pub layout: Option<&'a RoomLayout>,
     /// Working pixels of each plane that faces lie in: depth is uneven, and a plane does not
     /// occlude its own reflection.
     pub planes: &'a [Plane<bool>],
@@ -229,6 +263,19 @@ impl ReflectionScene<'_> {
             way = distance + clearance(shading.point + direction * distance);
         }
         None
+    }
+
+    /// The cuboid of the room, where no network takes its place.
+    fn cuboid(&self) -> Option<&RoomLayout> {
+        self.layout.filter(|_| self.lighting.is_none())
+    }
+
+    /// The position on the hidden sides of the room at which a ray leaves it; `None` where there is
+    /// no cell, or where it lies beyond `end`.
+    fn cell(&self, point: Vec3, direction: Vec3, end: f32) -> Option<RayEnd> {
+        let (distance, place) = self.cuboid()?.exit_place(point, direction)?;
+        let (cell, within) = place.filter(|_| distance < end)?;
+        Some(RayEnd::cell(cell, CellGrid::steps(within)))
     }
 }
 
@@ -275,6 +322,7 @@ pub fn reflections(
             pixels.iter().flat_map(|p| p.weight.iter().copied()).collect(),
         ),
         far: Plane::new(w, h, pixels.iter().map(|p| p.far).collect()),
+        cells: scene.cuboid().map_or_else(CellGrid::default, RoomLayout::grid),
         lights: planes,
     };
     (reflections, pixels.iter().map(|p| p.traced).sum())
@@ -383,11 +431,12 @@ impl Tracer<'_> {
             return;
         }
         out.weight[ray] = weight;
-        out.hits[ray] = hit
-            .and_then(|hit| {
-                pixel_of_hit(self.scene, (point + direction * hit.distance, direction), hit.pixel)
-            })
-            .unwrap_or(RayEnd::UNSEEN);
+        let seen = hit.and_then(|hit| {
+            pixel_of_hit(self.scene, (point + direction * hit.distance, direction), hit.pixel)
+        });
+        let end = hit.map_or(f32::INFINITY, |hit| hit.distance);
+        let cell = || self.scene.cell(point, direction, end);
+        out.hits[ray] = seen.or_else(cell).unwrap_or(RayEnd::UNSEEN);
         if out.hits[ray] == RayEnd::UNSEEN
             && let Some(cells) = &self.cells
         {
@@ -612,12 +661,12 @@ impl LightProbeGrid<'_> {
 
 #[cfg(test)]
 mod tests {
-    use glam::Mat3;
+    use glam::{Mat3, Quat};
 
     use super::*;
-    use crate::geometry::{Bodies, Body, Drawing, Material, Model, draw};
+    use crate::geometry::{Bodies, Body, Drawing, Material, Model, SideSource, draw};
     use crate::image::Depth;
-    use crate::optics::{Around, Lamp, Mirror, SphereLamp};
+    use crate::optics::{Around, Lamp, Mirror, MirroredLight, SphereLamp};
 
     const SIZE: (usize, usize) = (80, 60);
 
@@ -634,6 +683,18 @@ mod tests {
         lamp: Shape,
         curved: bool,
     ) -> (Objects, Reflections) {
+        let (objects, reflected, _) = ball_in_room(size, roughness, lamp, curved, None);
+        (objects, reflected)
+    }
+
+    /// The same in a cuboid with these corners, if any.
+    fn ball_in_room(
+        size: (usize, usize),
+        roughness: f32,
+        lamp: Shape,
+        curved: bool,
+        cuboid: Option<(Vec3, Vec3)>,
+    ) -> (Objects, Reflections, Option<RoomLayout>) {
         let camera = Camera::from_fov_x(size.0, size.1, 60.0);
         let points = Points(Plane::from_fn(size.0, size.1, |x, y| camera.pixel_point(x, y, 4.0)));
         let normal = Normal(Plane::filled(size.0, size.1, Vec3::Z));
@@ -653,6 +714,11 @@ mod tests {
         let objects = draw(&bodies, (&solid, &materials), &camera, &depth, |_| 0.0, drawing);
         let mesh = SceneMesh::new(&points, camera.fx, 0.0, &Plane::filled(size.0, size.1, false))
             .with_bodies(solid);
+        let layout = cuboid.map(|(low, high)| {
+            let seen = Plane::filled(size.0, size.1, 0);
+            let sides = [SideSource::Guessed; 6];
+            RoomLayout::new((Quat::IDENTITY, low, high), sides, (&camera, &points), seen, 8)
+        });
         let scene = ReflectionScene {
             mesh: &mesh,
             objects: &objects,
@@ -661,6 +727,7 @@ mod tests {
             normal: &normal,
             masks: &[],
             lighting: None,
+            layout: layout.as_ref(),
             planes: &[],
         };
         let shading = |i: usize| {
@@ -669,7 +736,7 @@ mod tests {
         };
         let (reflected, _) =
             reflections(objects.coverage.size(), shading, &scene, &[("lamp", &lamp)], 64, 1);
-        (objects, reflected)
+        (objects, reflected, layout)
     }
 
     /// Radiance of the pixel at the center of the ball where the room has the radiance `room` and
@@ -678,8 +745,9 @@ mod tests {
         let planes = [vec![room; SIZE.0 * SIZE.1], vec![Vec3::ZERO; SIZE.0 * SIZE.1]];
         let all: Vec<usize> = (0..SIZE.0 * SIZE.1).collect();
         let weights = [Vec3::splat(radiance)];
-        let mirror = Mirror::new(of, Around::new(&planes, &all, 1.0), &[("lamp", &weights)])
-            .expect("the lamp is there");
+        let lamp = MirroredLight { id: "lamp", radiance: &weights, cells: &[] };
+        let mirror =
+            Mirror::new(of, Around::new(&planes, &all, 1.0), &[lamp]).expect("the lamp is there");
         let (w, h) = objects.coverage.size();
         mirror.shows(h / 2 * w + w / 2, 0, &planes[0], |_| Vec3::ZERO)
     }
@@ -745,5 +813,95 @@ mod tests {
             smooth < 0.5 * jagged && smooth < 0.15,
             "{smooth} of the lamp's light is off, {jagged} with one ray"
         );
+    }
+
+    #[test]
+    fn each_end_of_a_ray_is_unpacked_as_it_was_packed() {
+        let last = 6 * MAX_CELLS * MAX_CELLS - 1;
+        for (cell, at) in [(0, [0, 0]), (383, [7, 200]), (last, [255, 255]), (last, [255, 254])] {
+            assert_eq!(RayEnd::cell(cell, at).hit(), ReflectedHit::Cell(cell, at));
+        }
+        for pixel in [0, 640 * 480, (1 << 31) - 1] {
+            assert_eq!(RayEnd::pixel(pixel).hit(), ReflectedHit::Pixel(pixel));
+        }
+        assert_eq!(RayEnd::UNSEEN.hit(), ReflectedHit::Unseen);
+        assert_eq!(RayEnd::NOTHING.hit(), ReflectedHit::Nothing);
+    }
+
+    /// The corners of a room around the camera and a ball at 2 m, whose front side is behind the
+    /// wall at 4 m.
+    const CUBOID: (Vec3, Vec3) = (Vec3::new(-3.0, -2.0, -4.2), Vec3::new(2.6, 1.8, 2.0));
+
+    /// Radiance of the sides of the cuboid, linear in the position.
+    fn of_side(at: Vec3) -> Vec3 {
+        Vec3::new(5.0 + at.x, 5.0 + at.y, 5.0 + at.z)
+    }
+
+    /// A mirror shows each light's own radiance of the side that its ray meets: the slabs in closed
+    /// form, linear between the middles of the cells, so exact up to 1/256 of a cell.
+    #[test]
+    fn a_mirror_ball_shows_the_light_of_each_layer_on_the_hidden_sides() {
+        let (objects, of, layout) = ball_in_room(SIZE, 0.0, Shape::Absent, false, Some(CUBOID));
+        let (layout, camera) =
+            (layout.expect("a cuboid"), Camera::from_fov_x(SIZE.0, SIZE.1, 60.0));
+        assert_eq!((of.check(), of.cells.len()), (Ok(()), 384));
+        let cells: Vec<Vec3> = layout.cells().iter().map(|cell| of_side(cell.center)).collect();
+        let other: Vec<Vec3> = cells.iter().map(|cell| Vec3::splat(20.0) - *cell).collect();
+        let of = Reflections {
+            lights: vec![("a".to_string(), vec![]), ("b".to_string(), vec![])],
+            ..of
+        };
+        let planes = vec![vec![Vec3::splat(0.5); SIZE.0 * SIZE.1]; 3];
+        let lights = [("a", &cells), ("b", &other)];
+        let lights = lights.map(|(id, cells)| MirroredLight { id, radiance: &[], cells });
+        let around = Around::new(&planes, &[0], 0.5);
+        let mirror = Mirror::new(&of, around, &lights).expect("both lights are there");
+        let (low, high) = CUBOID;
+        let cell = (high - low) / 8.0;
+        let (mut met, mut worst) = ([0; 6], 0.0f32);
+        for i in (0..objects.coverage.len()).filter(|&i| objects.coverage.pixels()[i] == 1.0) {
+            let Some(ReflectedHit::Cell(index, _)) =
+                of.hits.pixels()[i * of.hits.width()..].first().map(|end| end.hit())
+            else {
+                continue;
+            };
+            let shading = object_shading_point(&objects, &camera, i).expect("it is covered");
+            let view = shading.point.normalize();
+            let direction = view - 2.0 * view.dot(shading.normal) * shading.normal;
+            let ends = Vec3::select(direction.cmpgt(Vec3::ZERO), high, low);
+            let distance = ((ends - shading.point) / direction).min_element();
+            let at = shading.point + distance * direction;
+            // Beyond the outermost middles the radiance is level.
+            let side = usize::from(layout.cells()[index].side);
+            let mut level = at.clamp(low + 0.5 * cell, high - 0.5 * cell);
+            level[side / 2] = at[side / 2];
+            let weight = of.weight.pixels()[i * of.hits.width()];
+            let shown =
+                [0, 1, 2].map(|layer| mirror.shows(i, layer, &planes[0], |_| Vec3::ZERO) / weight);
+            worst = worst.max((shown[0] - of_side(level)).abs().max_element());
+            let both = shown[0] + shown[1];
+            assert!((both / 20.0 - 1.0).abs().max_element() < 1e-4, "{both} by both lights");
+            assert!((shown[2] / 0.25 - 1.0).abs().max_element() < 1e-4, "{} by none", shown[2]);
+            met[side] += 1;
+        }
+        // The front side is seen, and the ball hides the middle of it.
+        assert!(met[..4].iter().all(|&met| met > 20) && met[5] > 20, "{met:?} rays by side");
+        assert!(worst < 0.01, "{worst} off");
+    }
+
+    #[test]
+    fn another_number_of_cells_is_an_error_and_a_wrong_cell_does_not_pass_the_check() {
+        let (_, mut of, _) = ball_in_room(SIZE, 0.0, Shape::Absent, false, Some(CUBOID));
+        let planes = vec![vec![Vec3::ONE; SIZE.0 * SIZE.1]; 2];
+        let lamp = MirroredLight { id: "lamp", radiance: &[], cells: &[Vec3::ONE; 3] };
+        let message = Mirror::new(&of, Around::new(&planes, &[0], 0.5), &[lamp]).err();
+        let wanted = format!(
+            "light \"lamp\" lights 3 cells of the room, wanted {} as reflected",
+            of.cells.len()
+        );
+        assert_eq!(message, Some(wanted));
+        of.hits.pixels_mut()[5] = RayEnd::cell(of.cells.len(), [0, 0]);
+        let message = of.check().expect_err("there is no such cell");
+        assert!(message.contains("ends of rays on cells that exist"), "{message}");
     }
 }

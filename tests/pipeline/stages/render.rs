@@ -148,6 +148,7 @@ fn reflected(scene: &Scene, ball: &Ball, shape: Gather<Shape>) -> Arc<Reflection
         normal: scene.normal.clone(),
         mask: scene.masks(),
         shape,
+        layout: None,
         lighting: None,
     };
     InsertSpecular::default().run(inputs, &Context::default()).expect("the room is sound").reflected

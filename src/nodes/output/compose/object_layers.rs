@@ -7,7 +7,8 @@ use rayon::prelude::*;
 use super::{ComposeIn, LightLayers};
 use crate::graph::NodeError;
 use crate::image::{Picture, Upsampler};
-use crate::optics::{Around, Mirror, Reflections, SpecularChange};
+use crate::nodes::artifacts::UnitIndirect;
+use crate::optics::{Around, Mirror, MirroredLight, Reflections, SpecularChange};
 
 /// Pixels that one task composes at least: fewer cost more to hand out than to compute.
 const TASK: usize = 1024;
@@ -19,6 +20,9 @@ pub struct ObjectLayers<'a> {
     lights: &'a LightLayers<'a>,
     /// Diffuse light of the objects in each plane; empty when the camera sees none.
     shown: Vec<&'a Picture>,
+    /// Radiance of the cells of the room's hidden sides under each light; empty where nothing
+    /// reflects them.
+    cells: Vec<Vec<Vec3>>,
     /// Radiance of the unseen part of the room over the mean radiance of the seen part.
     unseen: f32,
 }
@@ -27,13 +31,15 @@ impl<'a> ObjectLayers<'a> {
     /// The bundle of all inputs about objects.
     ///
     /// # Errors
-    /// A light lacks its picture of the objects, or has one of another size.
+    /// A light lacks its picture of the objects, or has one of another size; or it lacks the light
+    /// on the cells that are reflected.
     pub fn new(
         inputs: &'a ComposeIn,
         lights: &'a LightLayers<'a>,
         unseen: f32,
     ) -> Result<ObjectLayers<'a>, NodeError> {
-        let mut layers = ObjectLayers { inputs, lights, shown: Vec::new(), unseen };
+        let cells = cells(inputs, lights)?;
+        let mut layers = ObjectLayers { inputs, lights, shown: Vec::new(), cells, unseen };
         if inputs.objects.is_empty() {
             return Ok(layers);
         }
@@ -149,9 +155,59 @@ impl<'a> ObjectLayers<'a> {
 
     /// The lights and the room as the places of `of` reflect them.
     fn mirror<'b>(&'b self, of: &'b Reflections, around: Around) -> Result<Mirror<'b>, NodeError> {
-        let radiance = |id: &&'b str| Some((*id, &self.inputs.radiance.get(id)?.0[..]));
-        let lights: Option<Vec<(&str, &[Vec3])>> = self.lights.names.iter().map(radiance).collect();
-        let mirror = lights.and_then(|lights| Mirror::new(of, around, &lights));
-        mirror.ok_or_else(|| NodeError::Failed("a light has no reflection or no radiance".into()))
+        let light = |(light, &id): (usize, &&'b str)| {
+            let missing = || NodeError::Failed(format!("light {id:?} has no radiance"));
+            let radiance = &self.inputs.radiance.get(id).ok_or_else(missing)?.0[..];
+            let cells = self.cells.get(light).map_or(&[][..], |cells| cells);
+            Ok(MirroredLight { id, radiance, cells })
+        };
+        let lights: Result<Vec<MirroredLight>, NodeError> =
+            self.lights.names.iter().enumerate().map(light).collect();
+        Mirror::new(of, around, &lights?).map_err(NodeError::Failed)
     }
+}
+
+/// Radiance of the cells of the room's hidden sides under each light; nothing where no surface
+/// reflects them.
+fn cells(inputs: &ComposeIn, lights: &LightLayers) -> Result<Vec<Vec<Vec3>>, NodeError> {
+    let changed = inputs.specular_change.iter().flat_map(|change| &change.0).map(|part| &part.of);
+    let reflected = inputs.reflected.as_deref().into_iter().chain(changed);
+    let count = reflected.map(|of| of.cells.len()).max().unwrap_or(0);
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    let of_light = |id: &&str| {
+        let fail = |message: String| NodeError::Failed(format!("light {id:?} {message}"));
+        let indirect = inputs.indirect.get(id).map(|indirect| &**indirect);
+        let indirect = indirect.ok_or_else(|| {
+            fail("has no `indirect`, wanted it for the cells of the room in reflections".into())
+        })?;
+        let radiance = inputs.radiance.get(id).ok_or_else(|| fail("has no radiance".into()))?;
+        cells_under(indirect, &radiance.0, count).map_err(fail)
+    };
+    lights.names.iter().map(of_light).collect()
+}
+
+/// Radiance of `count` cells under a light whose lobes have these radiances.
+fn cells_under(
+    indirect: &UnitIndirect,
+    radiance: &[Vec3],
+    count: usize,
+) -> Result<Vec<Vec3>, String> {
+    let lobes = &indirect.cells;
+    if lobes.len() != radiance.len() {
+        let (got, wanted) = (lobes.len(), radiance.len());
+        return Err(format!(
+            "has {got} lobes of cells in `indirect`, wanted {wanted} as `radiance`"
+        ));
+    }
+    let mut sum = vec![Vec3::ZERO; count];
+    for (lobe, radiance) in lobes.iter().zip(radiance) {
+        if lobe.len() != count {
+            let got = lobe.len();
+            return Err(format!("has {got} cells in `indirect`, wanted {count} as reflections"));
+        }
+        sum.iter_mut().zip(lobe.pixels()).for_each(|(sum, cell)| *sum += *cell * *radiance);
+    }
+    Ok(sum)
 }
