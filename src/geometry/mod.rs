@@ -14,9 +14,9 @@ pub use objects::{
     named_files,
 };
 pub use scene::{
-    Hit, KnownLength, KnownSide, LayoutGuess, MetricDepth, Own, PlaneFit, RoomCell, RoomLayout,
-    SIDES, SceneMesh, SideSource, Sight, Surface, grow_region, metric_depth, orient_normals,
-    relative_depth, surface, world_up,
+    Hit, KnownLength, KnownSide, LayoutDraw, LayoutGuess, MetricDepth, Own, PlaneFit, RoomCell,
+    RoomLayout, SIDES, SceneMesh, SideSource, Sight, Surface, grow_region, metric_depth,
+    orient_normals, relative_depth, surface, world_up,
 };
 
 use glam::Vec3;

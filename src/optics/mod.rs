@@ -29,10 +29,10 @@ pub use reflection::{
 };
 pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{
-    BATCHES, Bounces, DirectEstimate, INTERVAL, LightMaps, LightTransport, Lighting, LocalLobe,
-    PHIS, Probed, Sampling, ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving,
-    arriving_at_cells, direct, estimate, indirect, indirect_at_receivers, local_frame, shadow,
-    stream, trace_bounces,
+    BATCHES, Bounces, DirectEstimate, DrawDifferences, DrawSettings, DrawnLight, DrawnRoom,
+    GuessDraw, INTERVAL, LightMaps, LightTransport, Lighting, LocalLobe, PHIS, Probed, RoomDraws,
+    Sampling, ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving, arriving_at_cells, direct,
+    estimate, indirect, indirect_at_receivers, local_frame, shadow, stream, trace_bounces,
 };
 
 use crate::tuning::Table;

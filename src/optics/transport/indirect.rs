@@ -187,6 +187,15 @@ impl LightTransport {
         self.cells.iter().map(|&side| of_side[side as usize]).collect()
     }
 
+    /// Whether each cell lies on a side of which no receiver is seen.
+    pub fn unseen_cells(&self) -> Vec<bool> {
+        let areas = self.areas.pixels();
+        let is_seen: [bool; 6] = std::array::from_fn(|side| {
+            self.sides.iter().zip(areas).any(|(&of, &area)| of == side as u8 + 1 && area > 0.0)
+        });
+        self.cells.iter().map(|&side| !is_seen[side as usize]).collect()
+    }
+
     /// The pixel, or after all pixels the probe, that a receiver is.
     fn pixel(&self, receiver: usize) -> usize {
         match receiver.checked_sub(self.grid.len()) {
