@@ -48,7 +48,7 @@ impl RoomLayout {
             .map(|p| (inverse * p, p.z * p.z))
             .collect();
         let total: f32 = seen.iter().map(|(_, area)| area).sum();
-        let distances = self.distances();
+        let distances = of_sides(self);
         std::array::from_fn(|side| {
             let along = |p: glam::Vec3| if side % 2 == 1 { p[side / 2] } else { -p[side / 2] };
             let mut order: Vec<_> = seen.iter().map(|&(p, area)| (along(p), area)).collect();
@@ -63,14 +63,6 @@ impl RoomLayout {
         })
     }
 
-    /// Distances of the sides from the camera, meters; negative where the camera is outside.
-    fn distances(&self) -> [f32; 6] {
-        std::array::from_fn(|side| {
-            let axis = side / 2;
-            if side % 2 == 1 { self.high[axis] } else { -self.low[axis] }
-        })
-    }
-
     /// The same room with its guessed sides elsewhere, none nearer than `reach`, with `cells` cells
     /// along each edge. `points` are those of the layout.
     pub fn redrawn(
@@ -80,7 +72,7 @@ impl RoomLayout {
         (camera, points): (&Camera, &Points),
         cells: usize,
     ) -> RoomLayout {
-        let mut distances = self.distances();
+        let mut distances = of_sides(self);
         let is_guessed = |side: usize| self.sides[side] == SideSource::Guessed;
         for side in (0..6).filter(|side| is_guessed(*side) && !LEVEL.contains(side)) {
             distances[side] = (distances[side] * draw.distance).max(reach[side]);
@@ -105,4 +97,12 @@ impl RoomLayout {
         let view = (&camera.resized(width, height), points);
         RoomLayout::new(corners, self.sides, view, self.seen.clone(), cells)
     }
+}
+
+/// Distances of the sides from the camera, meters; negative where the camera is outside.
+fn of_sides(layout: &RoomLayout) -> [f32; 6] {
+    std::array::from_fn(|side| {
+        let axis = side / 2;
+        if side % 2 == 1 { layout.high[axis] } else { -layout.low[axis] }
+    })
 }
