@@ -305,7 +305,8 @@ fn layout(room: &Room, guessed: &[usize]) -> RoomLayout {
     });
     let (width, height) = room.size();
     let at = |x: usize, y: usize| (x / 8 + y / 8) % 6;
-    let seen = |x: usize, y: usize| if guessed.contains(&at(x, y)) { 0 } else { at(x, y) as u8 + 1 };
+    let seen =
+        |x: usize, y: usize| if guessed.contains(&at(x, y)) { 0 } else { at(x, y) as u8 + 1 };
     let corners = Vec3::new(0.4, 1.3, 3.6);
     let rotation = Quat::from_rotation_y(TURN);
     RoomLayout::new(
@@ -379,8 +380,7 @@ fn a_closed_room_of_which_all_is_known_has_no_error() {
     for known in [KnownSide::Unknown, KnownSide::At(0.4)] {
         let mut guess = LayoutGuess::default();
         (guess.sides[0], guess.sides[5]) = (known, known);
-        let layout =
-            RoomLayout::find(&room.mesh, &room.points, &room.normal, &room.camera, &guess);
+        let layout = RoomLayout::find(&room.mesh, &room.points, &room.normal, &room.camera, &guess);
         assert!(!layout.is_guessed(), "{:?}", layout.sides);
         let draws = draws(&room, layout);
         assert!(draws.rooms.is_empty());

@@ -15,9 +15,7 @@ use serde_json::{Value, json};
 use super::read_run;
 use crate::graph::svg::{self, Drawn};
 use crate::graph::{Context, File, Node, NodeError, Status};
-use crate::image::{
-    ExrFile, Picture, Plane, Transfer, fit, luminance, pack, resize, write_png,
-};
+use crate::image::{ExrFile, Picture, Plane, Transfer, fit, luminance, pack, resize, write_png};
 use crate::nodes::artifacts::Files;
 use crate::{params, ports};
 

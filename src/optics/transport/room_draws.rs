@@ -118,15 +118,26 @@ impl RoomDraws {
         settings: DrawSettings,
     ) -> RoomDraws {
         let reach = layout.reach(mesh, points);
-        let room = |i: usize| {
+        let drawn = |i: usize| {
             let guess = GuessDraw::new(i, settings.count, settings.seed);
-            let layout = layout.redrawn(guess.layout, &reach, (camera, points), settings.cells);
-            let quality = (settings.stride, settings.rays);
-            let transport =
-                trace_bounces(mesh, points, normal, Some(&layout), quality, settings.seed);
-            DrawnRoom { guess, layout, transport }
+            let place = layout.redrawn(guess.layout, &reach, (camera, points), settings.cells);
+            (guess, place)
         };
-        let mut rooms: Vec<DrawnRoom> = (0..settings.count).into_par_iter().map(room).collect();
+        let layouts: Vec<(GuessDraw, RoomLayout)> = (0..settings.count).map(drawn).collect();
+        let first = layouts.first().map(|(_, layout)| {
+            let quality = (settings.stride, settings.rays);
+            trace_bounces(mesh, points, normal, Some(layout), quality, settings.seed)
+        });
+        let room = |(i, (guess, layout)): (usize, (GuessDraw, RoomLayout))| {
+            let first = first.as_ref()?;
+            let transport = match i {
+                0 => first.clone(),
+                _ => first.with_layout(mesh, points, normal, &layout, settings.seed),
+            };
+            Some(DrawnRoom { guess, layout, transport })
+        };
+        let mut rooms: Vec<DrawnRoom> =
+            layouts.into_par_iter().enumerate().filter_map(room).collect();
         let is_certain = |room: &DrawnRoom| !room.transport.unseen_cells().contains(&true);
         if !layout.is_guessed() && rooms.iter().all(is_certain) {
             rooms.clear();
