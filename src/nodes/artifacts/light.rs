@@ -53,7 +53,7 @@ pub struct CellLight {
 /// Standard error of the layer of one light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LayerError {
-    /// Of the luminance of its shading, irradiance / pi.
+    /// Standard error of the luminance of the shading, irradiance / pi.
     pub stderr: Plane<f32>,
 }
 
