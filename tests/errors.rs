@@ -6,16 +6,22 @@ mod common;
 
 use std::sync::Arc;
 
-use glam::Vec3;
-use relight::geometry::Camera;
+use glam::{Quat, Vec3};
+use relight::geometry::{Camera, KnownSide, LayoutGuess, RoomLayout, SideSource};
 use relight::graph::{Context, Node};
-use relight::image::{Albedo, Plane, luminance};
+use relight::image::{Albedo, Plane, Shading, luminance};
 use relight::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
 use relight::nodes::render::direct::Direct;
+use relight::nodes::render::draw_rooms::{DrawRooms, DrawRoomsIn};
+use relight::nodes::render::light_draws::{LightDraws, LightDrawsIn};
+use relight::nodes::render::room_error::{RoomError, RoomErrorIn};
 use relight::nodes::render::shadow::Shadow;
 use relight::nodes::render::trace_indirect::{TraceIndirect, TraceIndirectIn};
 use relight::nodes::render::transport::{Transport, TransportIn};
-use relight::optics::{INTERVAL, Lamp, Lobe, Shape, SphereLamp, Strategy, Window};
+use relight::optics::{
+    DrawDifferences, GuessDraw, INTERVAL, Lamp, Lobe, Radiance, RoomDraws, Shape, SphereLamp,
+    Strategy, Window,
+};
 
 use common::room::Room;
 
@@ -269,4 +275,194 @@ fn thread_counts_change_no_bit_of_an_adaptive_estimate() {
         })
     };
     assert!(run(1) == run(3));
+}
+
+/// Angle of the camera to the left wall of [`closed_room`], radians.
+const TURN: f32 = 0.733;
+
+/// A closed room of 4 x 2.6 x 4 m. The camera stands near the edge between the left and the back
+/// wall and looks at the opposite one, so that it sees parts of all six sides.
+fn closed_room() -> Room {
+    let camera = Camera::from_fov_x(96, 72, 116.0);
+    let view = camera;
+    Room::new(camera, move |x, y| {
+        let ray = view.pixel_point(x, y, 1.0);
+        let (sin, cos) = TURN.sin_cos();
+        let across = [ray.x * cos - ray.z * sin, ray.x * sin + ray.z * cos];
+        let wall = |along: f32, low: f32, high: f32| {
+            (if along > 0.0 { high } else { low }) / along.abs().max(1e-6)
+        };
+        wall(across[0], 0.4, 3.6).min(wall(across[1], 3.6, 0.4)).min(wall(ray.y, 1.3, 1.3))
+    })
+}
+
+/// The layout of [`closed_room`] in which these sides are guesses; every other side is seen at some
+/// receiver.
+fn layout(room: &Room, guessed: &[usize]) -> RoomLayout {
+    let sides = std::array::from_fn(|side| match guessed.contains(&side) {
+        true => SideSource::Guessed,
+        false => SideSource::Seen,
+    });
+    let (width, height) = room.size();
+    let at = |x: usize, y: usize| (x / 8 + y / 8) % 6;
+    let seen =
+        |x: usize, y: usize| if guessed.contains(&at(x, y)) { 0 } else { at(x, y) as u8 + 1 };
+    let corners = Vec3::new(0.4, 1.3, 3.6);
+    let rotation = Quat::from_rotation_y(TURN);
+    RoomLayout::new(
+        (rotation, -corners, Vec3::new(3.6, 1.3, 0.4)),
+        sides,
+        (&room.camera, &room.points),
+        Plane::from_fn(width, height, seen),
+        4,
+    )
+}
+
+fn draws(room: &Room, layout: RoomLayout) -> Arc<RoomDraws> {
+    let inputs = DrawRoomsIn {
+        layout: Arc::new(layout),
+        mesh: room.mesh.clone(),
+        points: room.points.clone(),
+        normal: room.normal.clone(),
+        camera: room.camera.clone(),
+    };
+    let stage = DrawRooms { stride: 8, ..DrawRooms::default() };
+    stage.run(inputs, &Context::default()).expect("the room is sound").draws
+}
+
+fn differences(room: &Room, draws: &Arc<RoomDraws>, shape: &Shape) -> Arc<DrawDifferences> {
+    let (width, height) = room.size();
+    let (direct, ..) = direct(room, &Direct::default(), shape);
+    let (visibility, ..) = shadow(room, &Shadow::default(), shape);
+    let inputs = LightDrawsIn {
+        draws: draws.clone(),
+        mesh: room.mesh.clone(),
+        shape: Arc::new(shape.clone()),
+        mask: None,
+        albedo: Arc::new(Albedo(Plane::filled(width, height, Vec3::new(0.6, 0.5, 0.4)))),
+        unedited: None,
+        direct,
+        visibility,
+    };
+    let stage = LightDraws::default();
+    stage.run(inputs, &Context::default()).expect("the light is sound").differences
+}
+
+/// The standard error by guesses, and its mean over that of a shading of one.
+fn room_error(
+    room: &Room,
+    differences: &Arc<DrawDifferences>,
+    radiance: &[Vec3],
+) -> (Plane<f32>, f64) {
+    let (width, height) = room.size();
+    let inputs = RoomErrorIn {
+        differences: differences.clone(),
+        radiance: Arc::new(Radiance(radiance.to_vec())),
+        light: Arc::new(Shading(Plane::filled(width, height, Vec3::ONE))),
+        points: room.points.clone(),
+        normal: room.normal.clone(),
+    };
+    let ctx = Context::default();
+    let out = RoomError {}.run(inputs, &ctx).expect("the light is sound");
+    (out.error.stderr.clone(), ctx.stderr().expect("the stage reports its error"))
+}
+
+/// A lamp in the middle of [`closed_room`].
+fn lamp_in_room() -> Shape {
+    Shape::Lamp(Lamp::Sphere(SphereLamp { center: Vec3::new(0.2, 0.5, -1.8), radius: 0.1 }))
+}
+
+#[test]
+fn a_closed_room_of_which_all_is_known_has_no_error() {
+    let room = closed_room();
+    let shape = lamp_in_room();
+    // As the search finds it from the depth, and with sides that the scene states.
+    for known in [KnownSide::Unknown, KnownSide::At(0.4)] {
+        let mut guess = LayoutGuess::default();
+        (guess.sides[0], guess.sides[5]) = (known, known);
+        let layout = RoomLayout::find(&room.mesh, &room.points, &room.normal, &room.camera, &guess);
+        assert!(!layout.is_guessed(), "{:?}", layout.sides);
+        let draws = draws(&room, layout);
+        assert!(draws.rooms.is_empty());
+        let (error, mean) = room_error(&room, &differences(&room, &draws, &shape), &[Vec3::ONE]);
+        assert_eq!((error, mean), (Plane::filled(96, 72, 0.0), 0.0));
+    }
+}
+
+#[test]
+fn the_error_grows_with_the_share_of_guessed_sides() {
+    let room = closed_room();
+    let shape = lamp_in_room();
+    let error = |guessed: &[usize]| {
+        let draws = draws(&room, layout(&room, guessed));
+        room_error(&room, &differences(&room, &draws, &shape), &[Vec3::ONE]).1
+    };
+    // Two walls one by one, then the floor and the ceiling, whose draws are one height.
+    let errors = [error(&[]), error(&[5]), error(&[5, 0]), error(&[5, 0, 3, 2])];
+    assert_eq!(errors[0], 0.0);
+    assert!(errors.windows(2).all(|pair| pair[1] > 1.1 * pair[0]), "{errors:?}");
+}
+
+#[test]
+fn the_error_is_linear_in_the_radiance_and_lobes_are_mixed_draw_by_draw() {
+    let room = closed_room();
+    let draws = draws(&room, layout(&room, &[5, 0, 3]));
+    let lamp = differences(&room, &draws, &lamp_in_room());
+    let (one, mean) = room_error(&room, &lamp, &[Vec3::new(1.0, 2.0, 0.5)]);
+    let (three, triple) = room_error(&room, &lamp, &[Vec3::new(3.0, 6.0, 1.5)]);
+    assert!(mean > 0.0 && (triple / mean - 3.0).abs() < 1e-5, "{triple} {mean}");
+    for (three, one) in three.pixels().iter().zip(one.pixels()) {
+        assert!((three - 3.0 * one).abs() <= 1e-5 * three, "{three} {one}");
+    }
+    assert_eq!(room_error(&room, &lamp, &[Vec3::ZERO]).1, 0.0);
+    // Of two lobes with opposite differences, equal radiances cancel in every draw.
+    let opposite = lamp.lobes[0].map(|v| -v);
+    let lobes = vec![lamp.lobes[0].clone(), opposite];
+    let both = Arc::new(DrawDifferences { grid: lamp.grid, lobes });
+    assert_eq!(room_error(&room, &both, &[Vec3::ONE; 2]).1, 0.0);
+    let (_, single) = room_error(&room, &lamp, &[Vec3::ONE]);
+    let (_, rest) = room_error(&room, &both, &[3.0 * Vec3::ONE, 2.0 * Vec3::ONE]);
+    assert!((rest / single - 1.0).abs() < 1e-4, "{rest} {single}");
+}
+
+#[test]
+fn draws_of_the_room_are_the_same_bits_for_any_threads() {
+    let room = closed_room();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| {
+            let draws = draws(&room, layout(&room, &[5, 0]));
+            let differences = differences(&room, &draws, &lamp_in_room());
+            let (error, mean) = room_error(&room, &differences, &[Vec3::ONE]);
+            (draws, differences, error, mean)
+        })
+    };
+    let one = run(1);
+    assert!(one.3 > 0.0);
+    for threads in [2, 5] {
+        assert!(run(threads) == one, "{threads} threads");
+    }
+}
+
+#[test]
+fn draws_of_the_room_cover_their_documented_ranges_evenly() {
+    for count in [2usize, 4, 8, 16] {
+        let draws: Vec<GuessDraw> = (0..count).map(|i| GuessDraw::new(i, count, 0)).collect();
+        let ranges: [(f32, f32, &dyn Fn(&GuessDraw) -> f32); 3] = [
+            // Of the least distance of a wall; the layout has 1.4.
+            (0.7f32.ln(), 2f32.ln(), &|draw| (draw.layout.distance * 1.4).ln()),
+            (2.3, 3.5, &|draw| draw.layout.height),
+            (0.5f32.ln(), 1.6f32.ln(), &|draw| draw.albedo.ln()),
+        ];
+        for (low, high, value) in ranges {
+            let mean = draws.iter().map(value).sum::<f32>() / count as f32;
+            assert!((mean - 0.5 * (low + high)).abs() < 1e-5, "{count}: {mean}");
+            let mut parts: Vec<f32> =
+                draws.iter().map(|d| (value(d) - low) / (high - low) * count as f32).collect();
+            parts.sort_by(f32::total_cmp);
+            for (i, part) in parts.iter().enumerate() {
+                assert!((part - 0.5 - i as f32).abs() < 1e-3, "{count}: {parts:?}");
+            }
+        }
+    }
 }

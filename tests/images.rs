@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use relight::geometry::Camera;
 use relight::graph::{Context, File, Gather, Node, NodeError, from_ron};
 use relight::image::*;
-use relight::nodes::artifacts::{Encoding, UnitDirect, UnitIndirect, Visibility};
+use relight::nodes::artifacts::{Encoding, LayerError, UnitDirect, UnitIndirect, Visibility};
 use relight::nodes::output::write::{Write, WriteIn};
 use relight::nodes::scene::read_materials::{ReadMaterials, ReadMaterialsIn, ReadMaterialsOut};
 use relight::nodes::scene::{CameraSpec, Exposure, read_scene::*};
@@ -613,6 +613,11 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
             )),
         )
     });
+    // Nothing is guessed about the second light.
+    let room_error = ids.iter().enumerate().map(|(i, (id, _, n))| {
+        let stderr = if i == 1 { plane(*n).map(|_| 0.0) } else { plane(n + 6) };
+        (id.clone(), Arc::new(LayerError { stderr }))
+    });
     WriteIn {
         layout: None,
         camera: None,
@@ -628,6 +633,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         visibility: Gather(visibility.collect()),
         indirect: Gather(indirect.collect()),
         radiance: Gather(radiance.collect()),
+        room_error: Gather(room_error.collect()),
         layer: Gather(layer),
         albedo: Arc::new(Albedo(colors(small, 7))),
         normal: Arc::new(Normal(Plane::filled(small.0, small.1, Vec3::Z))),
@@ -642,6 +648,7 @@ fn the_written_layers_are_what_they_say() {
     let inputs = write_inputs((48, 36), (48, 36), 3);
     let (direct, visibility) = (inputs.direct.0[0].1.clone(), inputs.visibility.0[0].1.clone());
     let (indirect, radiance) = (inputs.indirect.0[0].1.clone(), inputs.radiance.0[0].1.clone());
+    let room_error = inputs.room_error.0[0].1.clone();
     let photo: Vec<f32> =
         inputs.photo.iter().flat_map(|photo| photo.0.pixels()).map(|c| c.x).collect();
     let files = Write::default().run(inputs, &Context::default()).expect("sound inputs").files;
@@ -683,6 +690,7 @@ fn the_written_layers_are_what_they_say() {
         close(exr["unknown_light0.Y"][at], unknown / total, "unknown");
         close(exr["photo.R"][at], photo[at], "photo");
         close(exr["stderr_light0.Y"][at], (variance + shared * shared).sqrt(), "stderr");
+        close(exr["room_error_light0.Y"][at], room_error.stderr.pixels()[at], "room error");
     }
     for name in [
         "A",
@@ -696,7 +704,8 @@ fn the_written_layers_are_what_they_say() {
     ] {
         assert!(exr.contains_key(name), "{name}");
     }
-    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 8 + 3 * 9);
+    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 8 + 3 * 9 + 2);
+    assert!(!exr.contains_key("room_error_light1.Y"), "nothing is guessed there");
 }
 
 #[test]

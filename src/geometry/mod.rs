@@ -14,9 +14,9 @@ pub use objects::{
     named_files,
 };
 pub use scene::{
-    CellGrid, Hit, KnownLength, KnownSide, LayoutGuess, LayoutLine, MAX_CELLS, MetricDepth, Own,
-    PlaneFit, RoomCell, RoomLayout, SIDES, SceneMesh, SideSource, Sight, Surface, grow_region,
-    metric_depth, orient_normals, relative_depth, surface, world_up,
+    CellGrid, Hit, KnownLength, KnownSide, LayoutDraw, LayoutGuess, LayoutLine, MAX_CELLS,
+    MetricDepth, Own, PlaneFit, RoomCell, RoomLayout, SIDES, SceneMesh, SideSource, Sight, Surface,
+    grow_region, metric_depth, orient_normals, relative_depth, surface, world_up,
 };
 
 use glam::Vec3;

@@ -29,8 +29,9 @@ pub use reflection::{
 };
 pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{
-    BATCHES, Bounces, DirectEstimate, INTERVAL, LightMaps, LightTransport, Lighting, LocalLobe,
-    PHIS, Probed, RayFractions, Sampling, ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving,
+    BATCHES, Bounces, DirectEstimate, DrawDifferences, DrawSettings, DrawnLight, DrawnRoom,
+    GuessDraw, INTERVAL, LightMaps, LightTransport, Lighting, LocalLobe, PHIS, Probed,
+    RayFractions, RoomDraws, Sampling, ShadowEstimate, ShadowQuality, TEXELS, THETAS, arriving,
     arriving_at_cells, direct, estimate, indirect, indirect_at_receivers, local_frame, shadow,
     stream, trace_bounces,
 };

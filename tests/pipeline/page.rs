@@ -52,7 +52,7 @@ fn it_is_whole_in_itself(place: &Place) {
     for light in ["lamp_0", "window_0"]
         .map(|id| &data["lights"][lights.iter().position(|l| *l == id).unwrap()])
     {
-        for plane in ["shadow", "unknown", "stderr"] {
+        for plane in ["shadow", "unknown", "stderr", "room_error"] {
             assert!(
                 light[plane].as_str().is_some_and(|url| url.starts_with("data:image/png;base64,")),
                 "{plane}"

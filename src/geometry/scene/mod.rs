@@ -1,6 +1,7 @@
 //! The seen room: depth to points, normals and mesh.
 
 pub(in crate::geometry) mod cell_grid;
+pub(in crate::geometry) mod draw_layout;
 pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
@@ -13,6 +14,7 @@ pub(in crate::geometry) mod room_layout;
 pub(in crate::geometry) mod surface;
 
 pub use cell_grid::CellGrid;
+pub use draw_layout::LayoutDraw;
 pub use find_layout::{KnownSide, LayoutGuess};
 pub use gravity::world_up;
 pub use grow_region::grow_region;
@@ -29,6 +31,7 @@ use crate::tuning::Table;
 /// The constants of the seen surface.
 pub fn tuning() -> Vec<Table> {
     vec![
+        draw_layout::DrawLayoutTuning::table(),
         find_layout::FindLayoutTuning::table(),
         gravity::GravityTuning::table(),
         grow_region::GrowRegionTuning::table(),

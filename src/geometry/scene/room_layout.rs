@@ -85,7 +85,7 @@ pub struct RoomLayout {
     /// By side, row and column: the index of the cell plus one, or zero where there is none.
     index: Vec<u32>,
     /// By pixel of the working size: the index of the seen side plus one, or zero.
-    seen: Plane<u8>,
+    pub(super) seen: Plane<u8>,
 }
 
 /// Names of the sides, in the order of [`RoomLayout::sides`].

@@ -50,6 +50,13 @@ pub struct CellLight {
     pub lobes: Vec<Plane<f32>>,
 }
 
+/// Standard error of the layer of one light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LayerError {
+    /// Standard error of the luminance of the shading, irradiance / pi.
+    pub stderr: Plane<f32>,
+}
+
 /// Direct light, shadows included, of one light on inserted bodies, per lobe of unit radiance:
 /// irradiance / pi.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -13,11 +13,14 @@ use crate::image::{
 pub use crate::image::{Mask, Picture};
 pub use crate::optics::LOBES;
 use crate::optics::{
-    LightKind, LightTransport, Lighting, LocalLobe, Radiance, Reflections, Shape, SpecularChange,
+    DrawDifferences, LightKind, LightTransport, Lighting, LocalLobe, Radiance, Reflections,
+    RoomDraws, Shape, SpecularChange,
 };
 
 pub use files::{Encoding, Files, check_file_name};
-pub use light::{CellLight, Guess, ObjectLight, Residual, UnitDirect, UnitIndirect, Visibility};
+pub use light::{
+    CellLight, Guess, LayerError, ObjectLight, Residual, UnitDirect, UnitIndirect, Visibility,
+};
 pub use scores::{Score, Scores};
 
 /// The member that stands for lamps out of view.
@@ -80,6 +83,9 @@ artifacts! {
     Camera: |_| size_of::<Camera>(), if |c| rule(c.width > 0 && c.height > 0 && c.fx > 0.0 && c.fy > 0.0, "a view");
     RoomLayout: RoomLayout::bytes, if RoomLayout::check;
     CellLight: |c| c.lobes.iter().map(Plane::bytes).sum();
+    RoomDraws: RoomDraws::bytes, if RoomDraws::check;
+    DrawDifferences: |d| d.lobes.iter().map(Plane::bytes).sum(), if DrawDifferences::check;
+    LayerError: |e| e.stderr.bytes();
     SceneMesh: SceneMesh::bytes, if SceneMesh::check;
     Shape: Shape::bytes, if Shape::check;
     Radiance: |r| r.0.len() * 12;

@@ -309,6 +309,8 @@ type Twins<'a> = Vec<(&'a str, usize)>;
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
+
     use super::*;
     use crate::optics::Lobe;
 

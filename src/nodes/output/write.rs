@@ -9,7 +9,8 @@
 //! Y(w_k)^2 ((s(D_k) V_k)^2 + (D_k s(V_k))^2) + (sum_k Y(w_k) s(I_k))^2), s being the standard
 //! errors of the layers. Lobes have random numbers of their own, and the lit share, being a ratio,
 //! errs by itself; but all lobes share the rays of the indirect light, so that its errors go
-//! together.
+//! together. `room_error_i` is the standard error of the luminance of `indirect_i` by guesses about
+//! the unseen room; it is not part of `stderr_i`, and is left out where nothing is guessed.
 
 use std::sync::Arc;
 
@@ -21,7 +22,9 @@ use crate::image::{
     Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, Normal, Picture, Plane, PngSamples,
     Roughness, Specular, resize, resize_depth,
 };
-use crate::nodes::artifacts::{Encoding, Files, REST, UnitDirect, UnitIndirect, Visibility};
+use crate::nodes::artifacts::{
+    Encoding, Files, LayerError, REST, UnitDirect, UnitIndirect, Visibility,
+};
 use crate::optics::Radiance;
 use crate::{params, ports};
 
@@ -66,6 +69,8 @@ ports! {
         indirect: Gather<UnitIndirect>,
         /// Radiance of each light, one color per lobe.
         radiance: Gather<Radiance>,
+        /// Standard error of the shading of each light by guesses about the unseen room.
+        room_error: Gather<LayerError>,
         /// Albedo.
         albedo: Arc<Albedo>,
         /// Normals.
@@ -163,8 +168,8 @@ impl Write {
         inputs.residual = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
         // A half float has two bytes: R G B A; three for each light, the residual and the photo;
         // albedo, normal, roughness and a float depth; for each light two colors, a shadow, its
-        // unknown share and a float error.
-        let bytes = width * height * (8 + 6 * (2 + lights) + 18 + 20 * inputs.radiance.0.len());
+        // unknown share and two float errors.
+        let bytes = width * height * (8 + 6 * (2 + lights) + 18 + 24 * inputs.radiance.0.len());
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
                 "picture.exr contains no diagnostic layers: it would be {} MiB, the limit is {} MiB",
@@ -198,7 +203,7 @@ impl Write {
     }
 }
 
-const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr: irradiance / pi; depth: planar z in \
+const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr, room_error: irradiance / pi; depth: planar z in \
                      metres; normals: camera space, x right, y up, z backward";
 
 fn diagnostics(
@@ -252,6 +257,10 @@ fn diagnostics(
             check_sizes(id, direct.stderr.iter().chain(&indirect.stderr))?;
             let error = standard_error(radiance, direct, visibility, indirect);
             layers.float(&format!("stderr_{id}.Y"), &numbers(&error));
+        }
+        let room_error = inputs.room_error.get(id).map(|error| &error.stderr);
+        if let Some(error) = room_error.filter(|error| error.pixels().iter().any(|&e| e > 0.0)) {
+            layers.float(&format!("room_error_{id}.Y"), &numbers(error));
         }
     }
     Ok(())

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use super::read_run;
 use crate::graph::svg::{self, Drawn};
 use crate::graph::{Context, File, Node, NodeError, Status};
-use crate::image::{ExrFile, Picture, Plane, Transfer, fit, pack, resize, write_png};
+use crate::image::{ExrFile, Picture, Plane, Transfer, fit, luminance, pack, resize, write_png};
 use crate::nodes::artifacts::Files;
 use crate::{params, ports};
 
@@ -133,7 +133,7 @@ fn drawn(row: NodeOfReport) -> Drawn {
     }
 }
 
-/// Shadow, unknown fraction and standard error of a light, if the run wrote them: small pictures,
+/// Shadow, unknown fraction and standard errors of a light, if the run wrote them: small pictures,
 /// and their means.
 fn diagnostics(id: &str, file: &ExrFile, entry: &mut Value) {
     let small = |name: &str| {
@@ -162,6 +162,37 @@ fn diagnostics(id: &str, file: &ExrFile, entry: &mut Value) {
         entry["stderr"] = picture(&plane, white).into();
         entry["stderr_white"] = white.into();
     }
+    let shading = || {
+        let [direct, indirect] =
+            ["direct", "indirect"].map(|part| file.rgb(&format!("{part}_{id}")));
+        let (mut sum, indirect) = (direct?, indirect?);
+        sum.pixels_mut().iter_mut().zip(indirect.pixels()).for_each(|(sum, part)| *sum += *part);
+        let (width, height) = fit(sum.width(), sum.height(), SMALL);
+        Some(resize(&sum, width, height).map(luminance))
+    };
+    if let (Some(error), Some(shading)) = (small("room_error"), shading()) {
+        entry["room_error"] =
+            url(&write_png(&guesswork(&shading, &error), Transfer::Srgb, false)).into();
+        entry["room_share"] = (mean(&error) / mean(&shading).max(f64::MIN_POSITIVE)).into();
+    }
+}
+
+/// Shading in gray, up to its 99th percentile, which turns to orange where its standard error
+/// approaches the shading itself.
+fn guesswork(shading: &Plane<f32>, error: &Plane<f32>) -> Picture {
+    const ORANGE: Vec3 = Vec3::new(1.0, 0.3, 0.0);
+    let mut sorted = shading.pixels().to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let white = sorted[(sorted.len() - 1) * 99 / 100].max(f32::MIN_POSITIVE);
+    let color = |x: usize, y: usize| {
+        let (value, error) = (shading.get(x, y), error.get(x, y));
+        let share = (error / value.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let gray = Vec3::splat((value / white).clamp(0.0, 1.0));
+        // The luminance stays, so that shadows are not taken for certain pixels.
+        let orange = ORANGE * (gray.x / luminance(ORANGE)).min(1.0);
+        gray.lerp(orange, share)
+    };
+    Picture(Plane::from_fn(shading.width(), shading.height(), color))
 }
 
 fn url(png: &[u8]) -> String {

@@ -1,14 +1,17 @@
 //! From geometry and lights to unit layers.
 
 pub mod direct;
+pub mod draw_rooms;
 pub mod emitter_mask;
 pub mod indirect;
 pub mod insert_specular;
+pub mod light_draws;
 pub mod light_net;
 pub mod light_objects;
 pub mod light_room;
 pub mod mix;
 pub mod occlude_residual;
+pub mod room_error;
 pub mod shade_objects;
 pub mod shade_specular_edit;
 pub mod shadow;

@@ -234,6 +234,40 @@ impl LightTransport {
         self.cells.iter().map(|&side| of_side[side as usize]).collect()
     }
 
+    /// Whether each cell lies on a side of which no receiver is seen.
+    pub fn unseen_cells(&self) -> Vec<bool> {
+        let areas = self.areas.pixels();
+        let is_seen: [bool; 6] = std::array::from_fn(|side| {
+            self.sides.iter().zip(areas).any(|(&of, &area)| of == side as u8 + 1 && area > 0.0)
+        });
+        self.cells.iter().map(|&side| !is_seen[side as usize]).collect()
+    }
+
+    /// The same receivers in another cuboid, whose sides show in the same pixels, traced anew.
+    /// `mesh`, `points`, `normal` and `seed` are those of this transport.
+    pub fn with_layout(
+        &self,
+        mesh: &SceneMesh,
+        points: &Points,
+        normal: &Normal,
+        layout: &RoomLayout,
+        seed: u64,
+    ) -> LightTransport {
+        let each = (self.hits.width() / BATCHES).max(1);
+        let hits = trace_hits(mesh, points, normal, Some(layout), (&self.grid, each), seed);
+        let mut areas = self.areas.pixels()[..self.grid.len()].to_vec();
+        areas.resize(hits.height(), 0.0);
+        LightTransport {
+            areas: Plane::new(areas.len(), 1, areas),
+            hits,
+            nearest: self.nearest.clone(),
+            cells: layout.cells().iter().map(|cell| cell.side).collect(),
+            sides: self.sides.clone(),
+            contact: self.contact.clone(),
+            ..*self
+        }
+    }
+
     /// The pixel, or after all pixels the probe, that a receiver is.
     fn pixel(&self, receiver: usize) -> usize {
         match receiver.checked_sub(self.grid.len()) {
@@ -316,8 +350,61 @@ pub fn trace_bounces(
     let grid = Grid::new((width, height), stride);
     let probes = mesh.bodies().probes();
     let cells = layout.map_or(&[][..], RoomLayout::cells);
-    let first_cell = width * height + probes.len();
     let each = rays.div_ceil(BATCHES).max(1);
+    let hits = trace_hits(mesh, points, normal, layout, (&grid, each), seed);
+    let nearest = |pixel: usize| {
+        let best = grid
+            .neighbors(points, normal, pixel)
+            .into_iter()
+            .reduce(|a, b| if b.1 > a.1 { b } else { a });
+        best.map_or(0, |(i, _)| i as u32)
+    };
+    let nearest =
+        (0..width * height).into_par_iter().with_min_len(width.max(1)).map(nearest).collect();
+    let area = |i: usize| {
+        let pixel = grid.pixel(i);
+        let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
+        // A pixel covers z^2 / f^2 of a plane parallel to the picture; slanted ones are held back,
+        // their slant is uncertain.
+        let slant = -n.dot(point) / point.z.abs().max(1e-6);
+        if mesh.in_room(pixel) { point.z * point.z / slant.max(TUNING.min_slant) } else { 0.0 }
+    };
+    // Surfaces far behind the room (through a doorway, or at a pane that no mask marks) cover large
+    // areas and do not light the room: no receiver represents more than a few typical ones.
+    let mut areas: Vec<f32> = (0..grid.len()).map(area).collect();
+    let mut sorted: Vec<f32> = areas.iter().copied().filter(|&a| a > 0.0).collect();
+    sorted.sort_by(f32::total_cmp);
+    let most = TUNING.max_area * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    areas.iter_mut().for_each(|a| *a = a.min(most));
+    areas.resize(hits.height(), 0.0);
+    LightTransport {
+        nearest: Plane::new(width, height, nearest),
+        areas: Plane::new(hits.height(), 1, areas),
+        hits,
+        probes: probes.len(),
+        cells: cells.iter().map(|cell| cell.side).collect(),
+        sides: (0..grid.len())
+            .map(|i| layout.and_then(|l| l.seen_side(grid.pixel(i))).map_or(0, |s| s as u8 + 1))
+            .collect(),
+        contact: Contact::new(mesh, points, normal, seed),
+        grid,
+    }
+}
+
+/// The hits of each receiver, `each` rays a batch, one row per receiver: pixels, probes and cells,
+/// or [`MISS`].
+fn trace_hits(
+    mesh: &SceneMesh,
+    points: &Points,
+    normal: &Normal,
+    layout: Option<&RoomLayout>,
+    (grid, each): (&Grid, usize),
+    seed: u64,
+) -> Plane<u32> {
+    let (width, height) = points.0.size();
+    let probes = mesh.bodies().probes();
+    let cells = layout.map_or(&[][..], RoomLayout::cells);
+    let first_cell = width * height + probes.len();
     let trace = |i: usize| -> Vec<u32> {
         let (pixel, from, n) = match i.checked_sub(grid.len()) {
             Some(cell) if cell >= probes.len() => {
@@ -360,43 +447,7 @@ pub fn trace_bounces(
     };
     let rows: Vec<Vec<u32>> =
         (0..grid.len() + probes.len() + cells.len()).into_par_iter().map(trace).collect();
-    let nearest = |pixel: usize| {
-        let best = grid
-            .neighbors(points, normal, pixel)
-            .into_iter()
-            .reduce(|a, b| if b.1 > a.1 { b } else { a });
-        best.map_or(0, |(i, _)| i as u32)
-    };
-    let nearest =
-        (0..width * height).into_par_iter().with_min_len(width.max(1)).map(nearest).collect();
-    let area = |i: usize| {
-        let pixel = grid.pixel(i);
-        let (point, n) = (points.0.pixels()[pixel], normal.0.pixels()[pixel]);
-        // A pixel covers z^2 / f^2 of a plane parallel to the picture; slanted ones are held back,
-        // their slant is uncertain.
-        let slant = -n.dot(point) / point.z.abs().max(1e-6);
-        if mesh.in_room(pixel) { point.z * point.z / slant.max(TUNING.min_slant) } else { 0.0 }
-    };
-    // Surfaces far behind the room (through a doorway, or at a pane that no mask marks) cover large
-    // areas and do not light the room: no receiver represents more than a few typical ones.
-    let mut areas: Vec<f32> = (0..grid.len()).map(area).collect();
-    let mut sorted: Vec<f32> = areas.iter().copied().filter(|&a| a > 0.0).collect();
-    sorted.sort_by(f32::total_cmp);
-    let most = TUNING.max_area * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-    areas.iter_mut().for_each(|a| *a = a.min(most));
-    areas.resize(rows.len(), 0.0);
-    LightTransport {
-        hits: Plane::new(each * BATCHES, rows.len(), rows.concat()),
-        nearest: Plane::new(width, height, nearest),
-        areas: Plane::new(rows.len(), 1, areas),
-        probes: probes.len(),
-        cells: cells.iter().map(|cell| cell.side).collect(),
-        sides: (0..grid.len())
-            .map(|i| layout.and_then(|l| l.seen_side(grid.pixel(i))).map_or(0, |s| s as u8 + 1))
-            .collect(),
-        contact: Contact::new(mesh, points, normal, seed),
-        grid,
-    }
+    Plane::new(each * BATCHES, rows.len(), rows.concat())
 }
 
 /// Settings of the sum over bounces.

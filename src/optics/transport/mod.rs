@@ -7,6 +7,7 @@ pub(in crate::optics) mod indirect;
 pub(in crate::optics) mod light_maps;
 pub(in crate::optics) mod lighting;
 pub(in crate::optics) mod objects;
+pub(in crate::optics) mod room_draws;
 pub(in crate::optics) mod shadow;
 
 pub use direct::{DirectEstimate, direct};
@@ -17,6 +18,7 @@ pub use indirect::{
 pub use light_maps::{LightMaps, PHIS, TEXELS, THETAS};
 pub use lighting::{Lighting, LocalLobe, local_frame};
 pub use objects::{arriving, arriving_at_cells};
+pub use room_draws::{DrawDifferences, DrawSettings, DrawnLight, DrawnRoom, GuessDraw, RoomDraws};
 pub use shadow::{ShadowEstimate, ShadowQuality, shadow};
 
 use crate::tuning::Table;
@@ -27,5 +29,6 @@ pub fn tuning() -> Vec<Table> {
         contact::ContactTuning::table(),
         estimate::NoiseTuning::table(),
         indirect::IndirectTuning::table(),
+        room_draws::RoomDrawsTuning::table(),
     ]
 }

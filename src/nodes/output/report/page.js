@@ -166,7 +166,7 @@ function plane(source, alt) {
 
 function layers() {
   const grid = byId("layers");
-  ["", "light", "shadow", "unknown", "standard error"].forEach((text) => grid.append(make("span", text, "head")));
+  ["", "light", "shadow", "unknown", "standard error", "guesswork"].forEach((text) => grid.append(make("span", text, "head")));
   for (const light of [...lights, data.rest].filter((layer) => !layer.dark)) {
     const canvas = make("canvas");
     show(canvas, light.linear);
@@ -176,6 +176,7 @@ function layers() {
       figure(plane(light.shadow, `shadow of ${light.id}`), light.shadow && `${percent(light.lit)} lit`),
       figure(plane(light.unknown, `unknown share of ${light.id}`), light.unknown && `${percent(light.unknown_share)} unknown`),
       figure(plane(light.stderr, `standard error of ${light.id}`), light.stderr && `white is ${light.stderr_white.toPrecision(2)}`),
+      figure(plane(light.room_error, `guesswork in ${light.id}`), light.room_error && `\u00b1 ${percent(light.room_share)} by the unseen room`),
     );
   }
   rows.forEach((row, k) => show(row.thumbnail, lights[k].linear));
