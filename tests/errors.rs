@@ -448,7 +448,8 @@ fn draws_of_the_room_are_the_same_bits_for_any_threads() {
 fn draws_of_the_room_cover_their_documented_ranges_evenly() {
     for count in [2usize, 4, 8, 16] {
         let draws: Vec<GuessDraw> = (0..count).map(|i| GuessDraw::new(i, count, 0)).collect();
-        let ranges: [(f32, f32, &dyn Fn(&GuessDraw) -> f32); 3] = [
+        type Value<'a> = &'a dyn Fn(&GuessDraw) -> f32;
+        let ranges: [(f32, f32, Value); 3] = [
             // Of the least distance of a wall; the layout has 1.4.
             (0.7f32.ln(), 2f32.ln(), &|draw| (draw.layout.distance * 1.4).ln()),
             (2.3, 3.5, &|draw| draw.layout.height),

@@ -68,6 +68,9 @@ pub struct RoomCell {
     pub side: u8,
 }
 
+/// Index of a cell, and the position in it, 0..=1 along rows and columns.
+type CellPlace = (usize, [f32; 2]);
+
 /// A cuboid around the room (Hedau et al., ICCV 2009), whose hidden sides are divided into cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RoomLayout {
@@ -241,11 +244,7 @@ impl RoomLayout {
     }
 
     /// The same with the position within the cell, 0..=1 along rows and columns.
-    pub fn exit_place(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-    ) -> Option<(f32, Option<(usize, [f32; 2])>)> {
+    pub fn exit_place(&self, origin: Vec3, direction: Vec3) -> Option<(f32, Option<CellPlace>)> {
         let inverse = self.rotation.inverse();
         let (origin, direction) = (inverse * origin, inverse * direction);
         let inside = origin.clamp(self.low, self.high);

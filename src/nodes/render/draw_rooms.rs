@@ -69,7 +69,7 @@ impl Node for DrawRooms {
         super::same_size("points", points.0.size(), "mesh", mesh.size())?;
         super::same_size("normal", normal.0.size(), "mesh", mesh.size())?;
         super::same_size("layout", layout.size(), "mesh", mesh.size())?;
-        if mesh.bodies().probes().len() > 0 {
+        if !mesh.bodies().probes().is_empty() {
             return Err(NodeError::Failed(
                 "mesh: wanted the room without inserted objects, got one with objects; wire the \
                  mesh of stage Mesh"
