@@ -34,11 +34,14 @@ fn each_kind_of_edit_runs_what_it_must_and_nothing_else() {
         r#""lamp_0": Scale(2), "window_0": Off"#,
     ] {
         let (ran, rays) = again(edit);
-        assert_eq!(
-            (&ran[..], rays),
-            (&["edit", "after", "compose", "write"].map(str::to_owned)[..], 0),
-            "{edit}"
-        );
+        let changed: Vec<String> = ["lamp_0", "window_0"]
+            .into_iter()
+            .filter(|light| edit.contains(light))
+            .map(|light| format!("room_error[{light}]"))
+            .collect();
+        let [first, last] =
+            [["edit", "after"], ["compose", "write"]].map(|names| names.map(str::to_owned));
+        assert_eq!((&ran[..], rays), (&[&first[..], &changed, &last].concat()[..], 0), "{edit}");
         assert_eq!(again(edit), (vec![], 0), "{edit}, again");
     }
     // A factor of one changes a parameter and no light: the wave stops behind EditLights.
@@ -55,8 +58,11 @@ fn each_kind_of_edit_runs_what_it_must_and_nothing_else() {
         "edit",
         "edited_direct[desk]",
         "edited_shadow[desk]",
+        "edited_room_light[desk]",
         "edited_indirect[desk]",
         "after",
+        "light_draws[desk]",
+        "room_error[desk]",
         "glow[desk]",
     ];
     let of_new_light: Vec<String> =
@@ -69,7 +75,7 @@ fn each_kind_of_edit_runs_what_it_must_and_nothing_else() {
     // Its radiance: no ray.
     assert_eq!(
         again(&desk(0.22, 60)),
-        (["edit", "after", "compose", "write"].map(str::to_owned).to_vec(), 0)
+        (["edit", "after", "room_error[desk]", "compose", "write"].map(str::to_owned).to_vec(), 0)
     );
     // Back to where it was: all is known.
     assert_eq!(again(&desk(0.12, 72)), (vec![], 0));
@@ -82,8 +88,11 @@ fn each_kind_of_edit_runs_what_it_must_and_nothing_else() {
         "edit",
         "edited_direct[lamp_0]",
         "edited_shadow[lamp_0]",
+        "edited_room_light[lamp_0]",
         "edited_indirect[lamp_0]",
         "after",
+        "light_draws[lamp_0]",
+        "room_error[lamp_0]",
         "glow[lamp_0]",
     ];
     assert_eq!(
@@ -109,21 +118,37 @@ fn objects_run_what_they_touch() {
         ran.0.sort();
         ran
     };
-    let names = |kinds: &[&str], others: &[&str]| {
+    let names = |kinds: &[&str], errors: &[&str], others: &[&str]| {
         let each = ["inv_lamp", "inv_window", "lamp_0", "window_0"];
-        let per_light = kinds.iter().flat_map(|kind| each.map(|light| format!("{kind}[{light}]")));
-        let mut names: Vec<String> =
-            per_light.chain(others.iter().map(|name| name.to_string())).collect();
+        // The window out of view is absent: its error stays the same.
+        let lit = ["inv_lamp", "lamp_0", "window_0"];
+        let of = |kinds: &[&str], lights: &[&str]| -> Vec<String> {
+            let mut names = Vec::new();
+            for kind in kinds {
+                names.extend(lights.iter().map(|light| format!("{kind}[{light}]")));
+            }
+            names
+        };
+        let others = others.iter().map(|name| name.to_string()).collect();
+        let mut names = [of(kinds, &each), of(errors, &lit), others].concat();
         names.sort();
         names
     };
     // Lights do not move, so direct light on the room is not recomputed; all shadows are.
-    let per_light = ["edited_shadow", "edited_indirect", "glow", "object_light", "object_shown"];
+    let per_light = [
+        "edited_shadow",
+        "edited_room_light",
+        "edited_indirect",
+        "glow",
+        "object_light",
+        "object_shown",
+    ];
     let (ran, rays) = ball("0.8, 0.8, 0.8", "");
     assert_eq!(
         ran,
         names(
             &per_light,
+            &["light_draws", "room_error"],
             &["objects", "edited_transport", "edited_rest", "after", "compose", "write"]
         )
     );
@@ -132,12 +157,33 @@ fn objects_run_what_they_touch() {
     let (ran, rays) = ball("0.8, 0.8, 0.8", r#""lamp_0": Scale(0.5)"#);
     assert_eq!(
         (ran, rays),
-        (names(&[], &["edit", "after", "object_shown[lamp_0]", "compose", "write"]), 0)
+        (
+            names(
+                &[],
+                &[],
+                &[
+                    "edit",
+                    "after",
+                    "object_shown[lamp_0]",
+                    "room_error[lamp_0]",
+                    "compose",
+                    "write"
+                ]
+            ),
+            0
+        )
     );
     // Another color changes the bounces, but no shadow in the room and no path between its parts.
     let (ran, _) = ball("0.8, 0.2, 0.1", "");
     let per_light = ["edited_indirect", "object_light", "object_shown"];
-    assert_eq!(ran, names(&per_light, &["objects", "edited_rest", "after", "compose", "write"]));
+    assert_eq!(
+        ran,
+        names(
+            &per_light,
+            &["room_error"],
+            &["objects", "edited_rest", "after", "compose", "write"]
+        )
+    );
     assert_eq!(
         again(cache.path(), &demo(), IDENTITY),
         (vec![], 0),
@@ -166,11 +212,14 @@ fn a_scene_without_windows_runs_nothing_for_windows() {
     let once = [
         "scene",
         "room",
+        "box",
         "transport",
+        "search_transport",
         "materials",
         "init",
         "direct[lamp_0]",
         "shadow[lamp_0]",
+        "room_light[lamp_0]",
         "indirect[lamp_0]",
     ];
     let then = [
@@ -181,6 +230,9 @@ fn a_scene_without_windows_runs_nothing_for_windows() {
         "repaint",
         "objects",
         "after",
+        "rooms",
+        "light_draws[lamp_0]",
+        "room_error[lamp_0]",
         "glow[lamp_0]",
         "edited_rest",
     ];

@@ -132,6 +132,7 @@ fn paint_runs_bounces_and_what_follows() {
     let mut want: Vec<String> =
         ["repaint", "after", "compose", "write"].map(str::to_owned).to_vec();
     want.extend(bounces);
+    want.extend(["lamp_0", "window_0", "inv_lamp"].map(|id| format!("room_error[{id}]")));
     let sorted = |mut names: Vec<String>| {
         names.sort();
         names
@@ -147,7 +148,10 @@ fn paint_runs_bounces_and_what_follows() {
     let (dimmed, rays, _) = again(&edit(PAINT, r#""lamp_0": Scale(0.5)"#));
     assert_eq!(
         (dimmed, rays),
-        (["edit", "after", "compose", "write"].map(str::to_owned).to_vec(), 0)
+        (
+            ["edit", "after", "room_error[lamp_0]", "compose", "write"].map(str::to_owned).to_vec(),
+            0
+        )
     );
     assert_eq!(again(&edit("", "")), (vec![], 0, bare));
 }

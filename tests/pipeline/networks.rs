@@ -61,7 +61,14 @@ fn only_networks_that_a_scene_needs_are_run() {
         .collect::<Vec<_>>();
     assert_eq!(
         rest,
-        ["filled[lamp_0]", "filled[window_0]", "indirect[lamp_0]", "indirect[window_0]"]
+        [
+            "filled[inv_lamp]",
+            "filled[lamp_0]",
+            "filled[window_0]",
+            "indirect[inv_lamp]",
+            "indirect[lamp_0]",
+            "indirect[window_0]",
+        ]
     );
     assert_eq!(of(&all, "lightnet.onnx"), 0, "nothing shines by gloss");
 
@@ -93,14 +100,18 @@ fn an_edit_of_a_radiance_runs_no_network() {
     };
     let off = r#"Edit(version: 1, lights: { "lamp_0": Off, "window_0": Scale(0.4) })"#;
     let (names, _) = again(off, &[]);
-    assert_eq!(names, ["edit", "after", "compose", "write"]);
+    let errors = ["room_error[lamp_0]", "room_error[window_0]"];
+    assert_eq!(names, [&["edit", "after"][..], &errors, &["compose", "write"]].concat());
     // A new light: its own layers.
     let desk = r#"Edit(version: 1, lights: { "desk": Lamp(shape: Sphere(radius: 0.07), at: Point(0.1, -0.56, -2.9), radiance: (72, 44, 20)) })"#;
     let own = [
         "edited_direct[desk]",
         "edited_shadow[desk]",
+        "edited_room_light[desk]",
         "edited_indirect[desk]",
         "after",
+        "light_draws[desk]",
+        "room_error[desk]",
         "glow[desk]",
     ];
     assert_eq!(again(desk, &[]).0, [&["edit"][..], &own, &["compose", "write"]].concat());

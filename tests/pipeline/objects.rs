@@ -339,8 +339,9 @@ fn a_painted_wall_colors_the_ball_before_it() {
         apart(wall, shown) < 3.0 && apart(shown, mean(&object, 135, 113)) > 50.0,
         "{wall:?} {shown:?}"
     );
-    let reddish = |of: &image::RgbImage| mean(of, 113, 113)[0] / mean(of, 113, 113)[1];
-    assert!(reddish(&both) > 1.015 * reddish(&object), "{} {}", reddish(&both), reddish(&object));
+    // The rim of the ball faces the wall; its front faces the room behind the camera.
+    let reddish = |of: &image::RgbImage| mean(of, 123, 113)[0] / mean(of, 123, 113)[1];
+    assert!(reddish(&both) > 1.01 * reddish(&object), "{} {}", reddish(&both), reddish(&object));
 }
 
 /// The balls that ship: one shows bright window and dark furniture side by side, the other a light

@@ -31,6 +31,7 @@ fn a_moving_lamp_runs_its_own_layers_and_the_sums() {
         "edit",
         "edited_direct[desk]",
         "edited_shadow[desk]",
+        "edited_room_light[desk]",
         "edited_indirect[desk]",
         "after",
         "glow[desk]",

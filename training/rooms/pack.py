@@ -44,7 +44,7 @@ def called(command, scene):
 
 def evaluate(relight, graph, scene, out, *more):
     """Returns the figures of `relight eval` of a graph of the project as it is: dicts with `subject`, `measure` and `value`. `more` arguments for it."""
-    called([relight, "eval", scene, "--no-ladder", "--graph", ROOT / "graphs" / graph, "--out", out, *more], scene)
+    called([relight, "eval", scene, "--no-ablation", "--graph", ROOT / "graphs" / graph, "--out", out, *more], scene)
     return json.loads((Path(out) / "eval.json").read_text())["figures"]
 
 

@@ -3,13 +3,16 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use super::room_layout::MAX_CELLS;
 use crate::image::rule;
 
-/// Steps of a position within a cell, along each edge.
-const STEPS: f32 = 256.0;
+/// Largest number of cells along each edge of a side.
+pub const MAX_CELLS: usize = 64;
 
-/// The neighbors of each cell of a [`RoomLayout`](super::RoomLayout), for values between the middles of cells.
+/// Steps of a position within a cell, along each edge.
+const STEPS: u32 = 256;
+
+/// The neighbors of each cell of a [`RoomLayout`](super::RoomLayout), for values between the
+/// middles of cells.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CellGrid {
     /// Cells along each edge of a side; 0 without cells.
@@ -63,7 +66,7 @@ impl CellGrid {
 
     /// The position within a cell, 0..=1 along rows and columns, in 1/256 of its edges.
     pub fn steps(within: [f32; 2]) -> [u8; 2] {
-        within.map(|within| (within * STEPS) as u8)
+        within.map(|within| (within * STEPS as f32) as u8)
     }
 
     /// `values`, one per cell, at the position `at` within a cell: from
@@ -73,7 +76,7 @@ impl CellGrid {
         let count = self.count as usize;
         let place = self.places[cell] as usize;
         let (column, row) = (place % count, place / count % count);
-        let [u, v] = at.map(|at| f32::from(at) / STEPS - 0.5);
+        let [u, v] = at.map(|at| f32::from(at) / STEPS as f32 - 0.5);
         let neighbor = |is_beside: bool, is_below: bool| {
             let step = |from: usize, moves: bool, way: f32| {
                 let to = if moves {

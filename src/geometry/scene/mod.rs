@@ -13,7 +13,7 @@ pub(in crate::geometry) mod plane_fit;
 pub(in crate::geometry) mod room_layout;
 pub(in crate::geometry) mod surface;
 
-pub use cell_grid::CellGrid;
+pub use cell_grid::{CellGrid, MAX_CELLS};
 pub use draw_layout::LayoutDraw;
 pub use find_layout::{KnownSide, LayoutGuess};
 pub use gravity::world_up;
@@ -23,7 +23,7 @@ pub use mesh::{Hit, Own, SceneMesh, Sight};
 pub use metric_scale::{KnownLength, MetricDepth, metric_depth, relative_depth};
 pub use orient_normals::orient_normals;
 pub use plane_fit::PlaneFit;
-pub use room_layout::{MAX_CELLS, RoomCell, RoomLayout, SIDES, SideSource};
+pub use room_layout::{RoomCell, RoomLayout, SIDES, SideSource};
 pub use surface::{Surface, surface};
 
 use crate::tuning::Table;

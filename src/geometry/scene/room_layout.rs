@@ -3,7 +3,7 @@
 use glam::{Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
-use super::cell_grid::CellGrid;
+use super::cell_grid::{CellGrid, MAX_CELLS};
 use crate::geometry::Camera;
 use crate::image::{Plane, Points, rule};
 use crate::tuning::tuning;
@@ -26,9 +26,6 @@ tuning! {
             effect "a larger value gives rays from a doorway the light of the room";
     }
 }
-
-/// Largest number of cells along each edge of a side.
-pub const MAX_CELLS: usize = 64;
 
 /// Source of a side's place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

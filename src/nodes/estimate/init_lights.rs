@@ -30,7 +30,7 @@ params! {
         /// where there are any.
         dictionary: bool = true,
         /// Least fraction of the loss that a light out of view must save.
-        min_gain: f32 = 0.06, in 0.0..1.0,
+        min_gain: f32 = 0.07, in 0.0..1.0,
         /// Shadow rays per receiver and light.
         samples: usize = 4, in 1..=1024,
         /// Upper bound of the rays per receiver for the indirect light of a candidate, of those

@@ -61,8 +61,8 @@ params! {
         /// Albedo of the pane of a window that is switched off.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
         /// Radiance of the unseen part of the room in reflections, as a multiple of the mean of the
-        /// seen part, 0..=1. The light on the room's cuboid, or the lighting of a network, takes its
-        /// place where there is one; the residual has it there, too.
+        /// seen part, 0..=1. The light on the room's cuboid, or the lighting of a network, takes
+        /// its place where there is one; the residual has it there, too.
         unseen: f32 = 0.5, in 0.0..=1.0,
     }
 }

@@ -8,8 +8,8 @@ use crate::image::{Mask, Normal, Plane, Points};
 use crate::optics::{DirectEstimate, Sampling, Shape};
 
 /// Irradiance / pi that arrives from each lobe of a light of unit radiance, shadows of the room and
-/// of all bodies included; `own` are the pixels of the light, which do not block it. Shadows are traced at every `stride`th place along each axis. Also the
-/// number of rays.
+/// of all bodies included; `own` are the pixels of the light, which do not block it. Shadows are
+/// traced at every `stride`th place along each axis. Also the number of rays.
 pub fn arriving(
     mesh: &SceneMesh,
     points: &Plane<glam::Vec3>,
