@@ -8,6 +8,10 @@
 //! the room; it shows the mean B of the seen part, by area. All of it is linear in D, with
 //! coefficients that are not negative.
 //!
+//! In a room with a [layout](crate::geometry::RoomLayout), rays that leave the seen surface meet
+//! the cells of its hidden sides, which are receivers of their own; only the rays that leave
+//! through an open side or hit a surface from behind look into the unseen part.
+//!
 //! Bodies in the room take part at their [probes](crate::geometry::Probes): each is a receiver of
 //! its own, and a ray that meets a body sees the radiosity of its nearest probe.
 
