@@ -340,7 +340,6 @@ fn differences(room: &Room, draws: &Arc<RoomDraws>, shape: &Shape) -> Arc<DrawDi
         shape: Arc::new(shape.clone()),
         mask: None,
         albedo: Arc::new(Albedo(Plane::filled(width, height, Vec3::new(0.6, 0.5, 0.4)))),
-        unedited: None,
         direct,
         visibility,
     };

@@ -16,7 +16,7 @@ pub use objects::{
 pub use scene::{
     CellGrid, Hit, KnownLength, KnownSide, LayoutDraw, LayoutGuess, LayoutLine, MAX_CELLS,
     MetricDepth, Own, PlaneFit, RoomCell, RoomLayout, SIDES, SceneMesh, SideSource, Sight, Surface,
-    grow_region, metric_depth, orient_normals, relative_depth, surface, world_up,
+    grow_region, limit_areas, metric_depth, orient_normals, relative_depth, surface, world_up,
 };
 
 use glam::Vec3;

@@ -38,7 +38,7 @@ impl CellGrid {
         self.places.len()
     }
 
-    /// Whether there are no cells.
+    /// Whether the grid has no cells.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
     }

@@ -3,7 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::find_layout;
-use super::room_layout::{RoomLayout, SideSource};
+use super::room_layout::{
+    CEILING, FLOOR, RoomLayout, SideSource, corners, toward, weighted_quantile,
+};
 use crate::geometry::{Camera, SceneMesh};
 use crate::image::Points;
 use crate::tuning::tuning;
@@ -16,9 +18,6 @@ tuning! {
             unit "pixels", source Taste, effect "a larger value takes less time and misses small surfaces";
     }
 }
-
-/// Indices of the floor and the ceiling in [`RoomLayout::sides`].
-const LEVEL: [usize; 2] = [2, 3];
 
 /// One draw of the guesses about the sides that the camera does not see.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,18 +47,12 @@ impl RoomLayout {
             .map(|p| (inverse * p, p.z * p.z))
             .collect();
         let total: f32 = seen.iter().map(|(_, area)| area).sum();
-        let distances = of_sides(self);
+        let distances = self.distances();
         std::array::from_fn(|side| {
-            let along = |p: glam::Vec3| if side % 2 == 1 { p[side / 2] } else { -p[side / 2] };
-            let mut order: Vec<_> = seen.iter().map(|&(p, area)| (along(p), area)).collect();
-            order.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let mut sum = 0.0;
-            let last = order.iter().find(|(_, area)| {
-                sum += area;
-                sum >= find_layout::TUNING.farthest * total
-            });
+            let mut order: Vec<_> = seen.iter().map(|&(p, area)| (toward(p, side), area)).collect();
+            let last = weighted_quantile(&mut order, find_layout::TUNING.farthest * total);
             let least = find_layout::TUNING.min_distance;
-            last.map_or(0.0, |(along, _)| *along).max(least).min(distances[side])
+            last.unwrap_or(0.0).max(least).min(distances[side])
         })
     }
 
@@ -72,37 +65,26 @@ impl RoomLayout {
         (camera, points): (&Camera, &Points),
         cells: usize,
     ) -> RoomLayout {
-        let mut distances = of_sides(self);
+        let mut distances = self.distances();
         let is_guessed = |side: usize| self.sides[side] == SideSource::Guessed;
-        for side in (0..6).filter(|side| is_guessed(*side) && !LEVEL.contains(side)) {
+        for side in (0..6).filter(|side| is_guessed(*side) && ![FLOOR, CEILING].contains(side)) {
             distances[side] = (distances[side] * draw.distance).max(reach[side]);
         }
-        let [floor, ceiling] = LEVEL;
-        let below = distances[floor] / (distances[floor] + distances[ceiling]);
-        if is_guessed(floor) {
-            let wanted = if is_guessed(ceiling) {
+        let below = distances[FLOOR] / (distances[FLOOR] + distances[CEILING]);
+        if is_guessed(FLOOR) {
+            let wanted = if is_guessed(CEILING) {
                 draw.height * below
             } else {
-                draw.height - distances[ceiling]
+                draw.height - distances[CEILING]
             };
-            distances[floor] = wanted.max(reach[floor]);
+            distances[FLOOR] = wanted.max(reach[FLOOR]);
         }
-        if is_guessed(ceiling) {
-            distances[ceiling] = (draw.height - distances[floor]).max(reach[ceiling]);
+        if is_guessed(CEILING) {
+            distances[CEILING] = (draw.height - distances[FLOOR]).max(reach[CEILING]);
         }
-        let [left, right, floor, ceiling, front, back] = distances;
-        let low = -glam::Vec3::new(left, floor, front);
-        let corners = (self.rotation, low, glam::Vec3::new(right, ceiling, back));
+        let (low, high) = corners(distances);
         let (width, height) = points.0.size();
         let view = (&camera.resized(width, height), points);
-        RoomLayout::new(corners, self.sides, view, self.seen.clone(), cells)
+        RoomLayout::new((self.rotation, low, high), self.sides, view, self.seen.clone(), cells)
     }
-}
-
-/// Distances of the sides from the camera, meters; negative where the camera is outside.
-fn of_sides(layout: &RoomLayout) -> [f32; 6] {
-    std::array::from_fn(|side| {
-        let axis = side / 2;
-        if side % 2 == 1 { layout.high[axis] } else { -layout.low[axis] }
-    })
 }

@@ -5,7 +5,9 @@
 
 use glam::{Mat3, Quat, Vec3};
 
-use super::room_layout::{RoomLayout, SIDES, SideSource};
+use super::room_layout::{
+    CEILING, FLOOR, RoomLayout, SIDES, SideSource, corners, toward, weighted_quantile,
+};
 use super::world_up;
 use crate::geometry::{Camera, SceneMesh};
 use crate::image::{Normal, Plane, Points};
@@ -121,9 +123,6 @@ tuning! {
     }
 }
 
-const FLOOR: usize = 2;
-const CEILING: usize = 3;
-
 /// Knowledge that a scene states of one side.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum KnownSide {
@@ -198,7 +197,7 @@ impl RoomLayout {
                 if mesh.in_room(i) && near(&p) { p.z * p.z / slant } else { 0.0 }
             })
             .collect();
-        limit(&mut area, TUNING.max_area);
+        limit_areas(&mut area, TUNING.max_area);
         let total: f32 = area.iter().sum();
         if total <= 0.0 {
             let corners = (Quat::IDENTITY, -Vec3::ONE, Vec3::ONE);
@@ -223,7 +222,6 @@ impl RoomLayout {
             seen_past(side, (rotation, distances), &camera, (mesh, points))
         };
         let SidePlaces { found, sides, distances } = surfaces.place(guess, past);
-        let [left, right, floor, ceiling, front, back] = distances;
         let seen = |pixel: usize| {
             let shows = |side: &usize| {
                 sides[*side] != SideSource::Open && surfaces.is_on(pixel, *side, distances[*side])
@@ -231,8 +229,9 @@ impl RoomLayout {
             (0..6).find(shows).map_or(0, |side| side as u8 + 1)
         };
         let seen = Plane::new(width, height, (0..width * height).map(seen).collect());
-        let corners = (rotation, -Vec3::new(left, floor, front), Vec3::new(right, ceiling, back));
-        let layout = RoomLayout::new(corners, sides, (&camera, points), seen, guess.cells);
+        let (low, high) = corners(distances);
+        let place = (rotation, low, high);
+        let layout = RoomLayout::new(place, sides, (&camera, points), seen, guess.cells);
         let mut doubts = doubts(&layout, parallel);
         doubts.extend(surfaces.contradictions(&found, guess));
         (layout, doubts)
@@ -271,14 +270,14 @@ fn seen_past(
     let axis = side / 2;
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let count = TUNING.open_points as usize;
+    let (low, high) = corners(*distances);
     let (mut past, mut on) = (0, 0);
     for place in 0..count * count {
         let along = |axis: usize, step: usize| {
-            let (low, high) = (-distances[2 * axis], distances[2 * axis + 1]);
-            low + (step as f32 + 0.5) / count as f32 * (high - low)
+            low[axis] + (step as f32 + 0.5) / count as f32 * (high[axis] - low[axis])
         };
         let mut p = Vec3::ZERO;
-        p[axis] = if side % 2 == 1 { distances[side] } else { -distances[side] };
+        p[axis] = if side % 2 == 1 { high[axis] } else { low[axis] };
         (p[u], p[v]) = (along(u, place % count), along(v, place / count));
         let p = rotation * p;
         if let Some(at) = camera.project(p).filter(|at| camera.contains(*at)) {
@@ -322,9 +321,9 @@ fn sources(found: &[Option<f32>; 6], guess: &LayoutGuess) -> [SideSource; 6] {
     })
 }
 
-/// Limits each area to this many medians: views through doors and panes cover large areas that do
-/// not belong to the room.
-fn limit(area: &mut [f32], medians: f32) {
+/// Limits each area to this many medians of those above 0: views through doors and panes cover
+/// large areas that do not belong to the room.
+pub fn limit_areas(area: &mut [f32], medians: f32) {
     let mut sorted: Vec<f32> = area.iter().copied().filter(|&a| a > 0.0).collect();
     sorted.sort_by(f32::total_cmp);
     let most = medians * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
@@ -412,14 +411,12 @@ fn walls(normal: &Normal, area: &[f32], up: Vec3) -> (Quat, f32) {
 impl Surfaces {
     /// Distance of a point from the camera towards a side.
     fn along(&self, pixel: usize, side: usize) -> f32 {
-        let p = self.points[pixel][side / 2];
-        if side % 2 == 1 { p } else { -p }
+        toward(self.points[pixel], side)
     }
 
     /// Whether a surface faces away from a side, as the side itself does.
     fn faces(&self, pixel: usize, side: usize) -> bool {
-        let n = self.normals[pixel][side / 2];
-        (if side % 2 == 1 { -n } else { n }) > TUNING.side_angle.to_radians().cos()
+        -toward(self.normals[pixel], side) > TUNING.side_angle.to_radians().cos()
     }
 
     fn is_on(&self, pixel: usize, side: usize, distance: f32) -> bool {
@@ -434,13 +431,9 @@ impl Surfaces {
             .filter(|&i| self.area[i] > 0.0)
             .map(|i| (self.along(i, side), self.area[i]))
             .collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut sum = 0.0;
-        let last = order.iter().find(|(_, area)| {
-            sum += area;
-            sum >= TUNING.farthest * self.total
-        });
-        last.or(order.last()).map_or(0.0, |(along, _)| along.min(TUNING.max_distance))
+        let within = weighted_quantile(&mut order, TUNING.farthest * self.total);
+        let last = within.or(order.last().map(|(along, _)| *along));
+        last.map_or(0.0, |along| along.min(TUNING.max_distance))
     }
 
     /// The sides that a scene states or that are seen, and guesses of the others. `past` is the
@@ -473,8 +466,7 @@ impl Surfaces {
     }
 
     /// Distance of the floor that the camera sees. Furniture hides most floors, and a bed is as
-    /// level: a plane just below the camera that has surfaces below it is not the
-    /// floor.
+    /// level: a plane just below the camera that has surfaces below it is not the floor.
     fn floor(&self) -> Option<f32> {
         let is_floor = |floor: &f32| {
             *floor >= TUNING.min_floor || self.farthest(FLOOR) < floor + TUNING.below_floor
@@ -536,14 +528,8 @@ impl Surfaces {
         let middle = (peak as f32 + 0.5) * TUNING.bin;
         let near = |along: f32| (along - middle).abs() < 1.5 * TUNING.bin;
         let mut members: Vec<(f32, f32)> = flat.into_iter().filter(|m| near(m.0)).collect();
-        members.sort_by(|a, b| a.0.total_cmp(&b.0));
         let all: f32 = members.iter().map(|m| m.1).sum();
-        let mut half = 0.0;
-        let distance = members.iter().find(|m| {
-            half += m.1;
-            half >= 0.5 * all
-        })?;
-        let distance = distance.0;
+        let distance = weighted_quantile(&mut members, 0.5 * all)?;
         let doubtful =
             all < TUNING.min_certain * self.total && self.farthest(side) > distance + TUNING.behind;
         (!doubtful && distance > TUNING.min_distance).then_some(distance)

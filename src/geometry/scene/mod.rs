@@ -15,7 +15,7 @@ pub(in crate::geometry) mod surface;
 
 pub use cell_grid::{CellGrid, MAX_CELLS};
 pub use draw_layout::LayoutDraw;
-pub use find_layout::{KnownSide, LayoutGuess};
+pub use find_layout::{KnownSide, LayoutGuess, limit_areas};
 pub use gravity::world_up;
 pub use grow_region::grow_region;
 pub use layout_lines::LayoutLine;

@@ -90,6 +90,33 @@ pub struct RoomLayout {
 
 /// Names of the sides, in the order of [`RoomLayout::sides`].
 pub const SIDES: [&str; 6] = ["left", "right", "floor", "ceiling", "front", "back"];
+/// Index of the floor.
+pub(super) const FLOOR: usize = 2;
+/// Index of the ceiling.
+pub(super) const CEILING: usize = 3;
+
+/// Component of a vector in the layout's frame towards a side.
+pub(super) fn toward(vector: Vec3, side: usize) -> f32 {
+    if side % 2 == 1 { vector[side / 2] } else { -vector[side / 2] }
+}
+
+/// Corners of the cuboid whose sides have these distances from the camera: the lowest and the
+/// highest coordinates.
+pub(super) fn corners([left, right, floor, ceiling, front, back]: [f32; 6]) -> (Vec3, Vec3) {
+    (-Vec3::new(left, floor, front), Vec3::new(right, ceiling, back))
+}
+
+/// First value, in ascending order, up to which the weights sum to `amount`. Sorts the pairs of
+/// value and weight.
+pub(super) fn weighted_quantile(values: &mut [(f32, f32)], amount: f32) -> Option<f32> {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut sum = 0.0;
+    let found = values.iter().find(|(_, weight)| {
+        sum += weight;
+        sum >= amount
+    });
+    found.map(|(value, _)| *value)
+}
 
 impl RoomLayout {
     /// A cuboid with `count` x `count` cells a side. Cells of open sides, and those before
@@ -172,11 +199,8 @@ impl RoomLayout {
 
     /// Distance of each side from the camera along the room's axes, meters.
     pub fn distances(&self) -> [f32; 6] {
-        std::array::from_fn(
-            |side| {
-                if side % 2 == 1 { self.high[side / 2] } else { -self.low[side / 2] }
-            },
-        )
+        let corner = |side: usize| if side % 2 == 1 { self.high } else { self.low };
+        std::array::from_fn(|side| toward(corner(side), side))
     }
 
     /// Angles of the camera in the room, degrees: yaw to the right of the front side's direction,

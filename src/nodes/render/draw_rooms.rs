@@ -11,7 +11,7 @@ use crate::{params, ports};
 params! {
     /// Draws of the guesses about the unseen room: the distances of guessed walls, the height of an
     /// unseen floor or ceiling, the albedo of sides that are not seen at all. For each, the cuboid
-    /// and coarse gathering rays. All lights share the draws. Without a guess nothing is traced.
+    /// and coarse gathering rays. All lights share the draws. Without a guess no draw is made.
     pub struct DrawRooms {
         /// Draws, a power of two.
         draws: u32 = 4, in 2..=64,

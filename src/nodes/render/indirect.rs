@@ -124,8 +124,7 @@ impl Node for Indirect {
         let mut lobes = Vec::new();
         for (lobe, (direct, lit)) in direct.lobes.iter().zip(&visibility.lit).enumerate() {
             ctx.check_cancelled()?;
-            let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
-            let arrives = resize(&Plane::new(size.0, size.1, arrives), HALF.0, HALF.1);
+            let arrives = resize(&super::shadowed(direct, lit), HALF.0, HALF.1);
             let tensors = vec![
                 ("geometry", geometry.clone()),
                 ("albedo", albedo.clone()),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::SAMPLES;
 use crate::geometry::{Own, SceneMesh};
 use crate::graph::{Context, Node, NodeError};
-use crate::image::{Albedo, Mask, Plane};
+use crate::image::{Albedo, Mask};
 use crate::nodes::artifacts::{UnitDirect, Visibility};
 use crate::optics::{Bounces, DrawDifferences, DrawnLight, RoomDraws, Sampling, Shape};
 use crate::{params, ports};
@@ -37,11 +37,8 @@ ports! {
         shape: Arc<Shape>,
         /// The light's own pixels, which do not block it.
         mask: Option<Arc<Mask>>,
-        /// Diffuse albedo.
+        /// Diffuse albedo before an edit.
         albedo: Arc<Albedo>,
-        /// The albedo before an edit, which sides that are not seen at all keep; without it they
-        /// take `albedo`.
-        unedited: Option<Arc<Albedo>>,
         /// Unshadowed direct shading per lobe.
         direct: Arc<UnitDirect>,
         /// The lit fraction of it.
@@ -71,9 +68,7 @@ impl Node for LightDraws {
         if let Some(mask) = mask {
             super::same_size("mask", mask.0.size(), "mesh", size)?;
         }
-        let unedited = inputs.unedited.as_ref().unwrap_or(albedo);
         super::same_size("albedo", albedo.0.size(), "mesh", size)?;
-        super::same_size("unedited", unedited.0.size(), "mesh", size)?;
         let wanted = shape.lobes();
         for (name, got) in [("direct", direct.lobes.len()), ("visibility", visibility.lit.len())] {
             if got != wanted {
@@ -86,12 +81,10 @@ impl Node for LightDraws {
         for (direct, lit) in direct.lobes.iter().zip(&visibility.lit) {
             super::same_size("direct", direct.size(), "mesh", size)?;
             super::same_size("visibility", lit.size(), "mesh", size)?;
-            let lit = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
-            arrives.push(Plane::new(size.0, size.1, lit));
+            arrives.push(super::shadowed(direct, lit));
         }
         let own = mask.as_deref().map(Own::new);
-        let (own, unedited) = (own.as_ref(), unedited.as_ref());
-        let light = DrawnLight { shape, own, direct: &arrives, albedo, unedited };
+        let light = DrawnLight { shape, own: own.as_ref(), direct: &arrives, albedo };
         let bounces = Bounces { count: self.bounces as usize, unseen: self.unseen };
         let sampling = Sampling::fixed(self.samples as usize, self.seed);
         let (differences, rays) =

@@ -22,6 +22,7 @@ pub mod transport;
 use std::ops::RangeInclusive;
 
 use crate::graph::Context;
+use crate::image::Plane;
 use crate::nodes::artifacts::same_size;
 use crate::optics::{Sampling, Strategy};
 use crate::tuning::Table;
@@ -46,6 +47,12 @@ fn sampling(
         first: if ctx.has_budget() { 1 } else { samples as usize },
         seed,
     }
+}
+
+/// Shadowed direct shading, from the unshadowed shading and its lit fraction, of the same size.
+fn shadowed(direct: &Plane<f32>, lit: &Plane<f32>) -> Plane<f32> {
+    let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
+    Plane::new(direct.width(), direct.height(), arrives)
 }
 
 /// The constants of rendering.

@@ -103,8 +103,7 @@ impl Node for TraceIndirect {
             ctx.check_cancelled()?;
             super::same_size("direct", direct.size(), "transport", size)?;
             super::same_size("visibility", lit.size(), "transport", size)?;
-            let arrives = direct.pixels().iter().zip(lit.pixels()).map(|(e, v)| e * v).collect();
-            let arrives = Plane::new(size.0, size.1, arrives);
+            let arrives = super::shadowed(direct, lit);
             let of_bodies = objects.map_or(&[][..], |light| light.probes[lobe].pixels());
             let arrives_there = [of_bodies, cells(lobe)].concat();
             let probed = Probed { albedo: &known, direct: &arrives_there };

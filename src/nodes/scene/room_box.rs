@@ -7,6 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::geometry::{Camera, KnownSide, LayoutGuess, RoomLayout, SIDES, SceneMesh};
 use crate::graph::{Context, Node, NodeError, above, check_range};
 use crate::image::{Normal, Points};
+use crate::nodes::artifacts::same_size;
 use crate::tuning::tuning;
 use crate::{params, ports};
 
@@ -156,8 +157,8 @@ impl Node for RoomBox {
 
     fn run(&self, inputs: RoomBoxIn, ctx: &Context) -> Result<RoomBoxOut, NodeError> {
         let RoomBoxIn { mesh, points, normal, camera } = inputs;
-        crate::nodes::artifacts::same_size("points", points.0.size(), "mesh", mesh.size())?;
-        crate::nodes::artifacts::same_size("normal", normal.0.size(), "mesh", mesh.size())?;
+        same_size("points", points.0.size(), "mesh", mesh.size())?;
+        same_size("normal", normal.0.size(), "mesh", mesh.size())?;
         let guess = LayoutGuess {
             cells: self.cells,
             distance: self.distance,

@@ -90,9 +90,8 @@ pub(super) fn visible_windows(
     let inside =
         |window: &Window| room.is_none_or(|room| room.outside(window.center) <= TUNING.max_outside);
     let windows = planes.filter_map(|plane| window_on(&plane, &pixels, &rays, camera));
-    let windows: Vec<Window> = windows.collect();
-    let within: Vec<Window> = windows.iter().filter(|w| inside(w)).cloned().collect();
-    if within.is_empty() { windows } else { within }
+    let (within, beyond): (Vec<Window>, Vec<Window>) = windows.partition(inside);
+    if within.is_empty() { beyond } else { within }
 }
 
 /// The window on `plane`. A mask that the picture's edge cuts continues beyond it by as much as is

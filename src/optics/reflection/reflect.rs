@@ -901,7 +901,7 @@ mod tests {
         );
         assert_eq!(message, Some(wanted));
         of.hits.pixels_mut()[5] = RayEnd::cell(of.cells.len(), [0, 0]);
-        let message = of.check().expect_err("there is no such cell");
+        let message = of.check().expect_err("the cell does not exist");
         assert!(message.contains("ends of rays on cells that exist"), "{message}");
     }
 }

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::contact::{Contact, Past};
 use super::estimate::{BATCHES, mean, pooled, stream, tiles};
-use crate::geometry::{Grid, RoomLayout, SceneMesh, SideSource, cosine_direction};
+use crate::geometry::{Grid, RoomLayout, SceneMesh, SideSource, cosine_direction, limit_areas};
 use crate::image::{Albedo, Normal, Plane, Points, Shading, luminance, rule};
 use crate::optics::sampling::random::Points2;
 use crate::tuning::tuning;
@@ -376,10 +376,7 @@ pub fn trace_bounces(
     // Surfaces far behind the room (through a doorway, or at a pane that no mask marks) cover large
     // areas and do not light the room: no receiver represents more than a few typical ones.
     let mut areas: Vec<f32> = (0..grid.len()).map(area).collect();
-    let mut sorted: Vec<f32> = areas.iter().copied().filter(|&a| a > 0.0).collect();
-    sorted.sort_by(f32::total_cmp);
-    let most = TUNING.max_area * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-    areas.iter_mut().for_each(|a| *a = a.min(most));
+    limit_areas(&mut areas, TUNING.max_area);
     areas.resize(hits.height(), 0.0);
     LightTransport {
         nearest: Plane::new(width, height, nearest),

@@ -128,6 +128,12 @@ impl RoomDraws {
             let quality = (settings.stride, settings.rays);
             trace_bounces(mesh, points, normal, Some(layout), quality, settings.seed)
         });
+        let grid = Grid::new(points.0.size(), settings.stride);
+        // Without a guessed side all draws have one cuboid.
+        let is_certain = |first: &LightTransport| !first.unseen_cells().contains(&true);
+        if !layout.is_guessed() && first.as_ref().is_none_or(is_certain) {
+            return RoomDraws { grid, rooms: Vec::new() };
+        }
         let room = |(i, (guess, layout)): (usize, (GuessDraw, RoomLayout))| {
             let first = first.as_ref()?;
             let transport = match i {
@@ -136,13 +142,8 @@ impl RoomDraws {
             };
             Some(DrawnRoom { guess, layout, transport })
         };
-        let mut rooms: Vec<DrawnRoom> =
-            layouts.into_par_iter().enumerate().filter_map(room).collect();
-        let is_certain = |room: &DrawnRoom| !room.transport.unseen_cells().contains(&true);
-        if !layout.is_guessed() && rooms.iter().all(is_certain) {
-            rooms.clear();
-        }
-        RoomDraws { grid: Grid::new(points.0.size(), settings.stride), rooms }
+        let rooms = layouts.into_par_iter().enumerate().filter_map(room).collect();
+        RoomDraws { grid, rooms }
     }
 
     /// Memory held, in bytes.
@@ -186,8 +187,6 @@ pub struct DrawnLight<'a> {
     pub direct: &'a [Plane<f32>],
     /// Diffuse albedo.
     pub albedo: &'a Albedo,
-    /// The albedo before an edit, which sides that are not seen at all keep.
-    pub unedited: &'a Albedo,
 }
 
 /// Indirect light of one light under each draw, minus its mean over the draws, per lobe of unit
@@ -288,7 +287,7 @@ impl DrawnRoom {
             true => (albedo * self.guess.albedo).min(most),
             false => albedo,
         };
-        let albedos = self.transport.cell_albedos(light.albedo, light.unedited);
+        let albedos = self.transport.cell_albedos(light.albedo, light.albedo);
         albedos.into_iter().zip(self.transport.unseen_cells()).map(drawn).collect()
     }
 
