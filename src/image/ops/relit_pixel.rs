@@ -8,29 +8,33 @@
 
 use glam::Vec3;
 
-use crate::image::{PaintedPixel, REFLECTANCE, luminance, ratio, reflected, smooth_step};
+use crate::image::{PaintedPixel, REFLECTANCE, ratio, reflected, smooth_step};
 use crate::tuning::tuning;
 
 tuning! {
     /// Constants of one pixel of a relit picture.
     pub const TUNING: RelitPixelTuning {
-        /// Level from which a channel counts as saturated, over the level at which the photo is
-        /// clipped.
-        white: f32 = 0.991,
-            unit "1", source Derived("254 of 255 in sRGB"),
-            effect "a smaller value lets more channels become brighter than the photo";
-        /// Largest value of a saturated channel over that of the photo: two stops.
+        /// Levels of a channel, over that at which the photo is clipped, from which on saturation
+        /// hides its light and up to which it hides all of it: 238 and 254 of 255 in sRGB.
+        shoulder: [f32; 2] = [0.95, 0.991],
+            unit "1", source Derived("highlight shoulders of cameras end in the last sixteenth of the code"),
+            effect "smaller values let more channels become brighter than the photo";
+        /// Weight of the model's own level beside the channels of a pixel that are not saturated.
+        model_trust: f32 = 0.01,
+            unit "1", source Taste,
+            effect "a larger value follows the model more, and texture in unsaturated channels less";
+        /// Largest value of a saturated channel of a light's own pixel over that of the photo: two
+        /// stops.
         max_headroom: f32 = 4.0,
             unit "1", source Taste, effect "a larger value makes a dimmed lamp fade later";
+        /// The same for a surface: one stop.
+        max_surface_headroom: f32 = 2.0,
+            unit "1", source Measured("lamps of real photos dimmed to 0.3, with 2 and 4; by eye"),
+            effect "a larger value gives white glare a stronger color when its lamp is dimmed";
         /// Growth of the headroom with the distance from the edge of the saturated region.
         headroom_growth: f32 = 0.15,
             unit "1 / pixel", source Taste,
             effect "a larger value makes a step at that edge, a smaller one leaves small highlights white";
-        /// Luminance, over that of the strongest light, at which a light begins to own a saturated
-        /// pixel.
-        rival: f32 = 0.5,
-            unit "1", source Taste,
-            effect "a larger value gives a pixel to fewer lights, and noise moves it between them";
         /// Shading below which a gain is not defined and is taken for 1.
         dark: f32 = 1e-9,
             unit "irradiance / pi", source Derived("single precision"),
@@ -65,6 +69,8 @@ pub struct OwnPixel {
     pub albedo: f32,
     /// Radiance that the light shows before the edit.
     pub radiance: Vec3,
+    /// Factor by which a saturated channel may exceed the photo, 1..=`TUNING.max_headroom`.
+    pub headroom: f32,
     /// Radiance after over before the edit.
     pub gain: Vec3,
 }
@@ -80,15 +86,6 @@ pub struct GlarePixel {
     pub gain: Vec3,
 }
 
-/// A light that a pixel is split for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Dominant {
-    light: usize,
-    /// Fraction of the pixel; those of all dominant lights sum to 1.
-    fraction: f32,
-    gain: Vec3,
-}
-
 /// Factor by which a saturated channel may exceed the photo, `away` pixels inside the edge of the
 /// saturated region.
 pub fn headroom(away: f32) -> f32 {
@@ -102,7 +99,7 @@ pub fn headroom(away: f32) -> f32 {
 /// goes with the gain.
 pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
     let shading = before.iter().sum::<Vec3>() + surface.residual;
-    let shown = unclip(surface.photo, surface.white, own.radiance, TUNING.max_headroom);
+    let shown = unclip(surface.photo, surface.white, own.radiance, own.headroom);
     let others = shading - before[own.light];
     let (reflectance, remainder) = split(shown, others, Vec3::splat(own.albedo));
     record.iter_mut().for_each(|layer| *layer *= reflectance);
@@ -118,9 +115,10 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 /// Turns a record into contributions by the ratio of photo and shading.
 ///
 /// With the reflectance B = I / E, at most 1, each light contributes `B E'_k`, and the residual
-/// also the unexplained light `I - B E`. Near saturation, and in the glare of a light, the pixel is
-/// blended with its split for the lights that dominate it: there I / E does not determine the
-/// surface.
+/// also the unexplained light `I - B E`. Near saturation B may exceed 1, so that white follows its
+/// lights: there I / E does not determine the surface. In the glare of a light, the pixel is
+/// blended with its split into the surface under all other light and a remainder that goes with the
+/// gain.
 pub fn relight_ratio(
     surface: &SurfacePixel,
     glare: Option<GlarePixel>,
@@ -129,36 +127,26 @@ pub fn relight_ratio(
 ) {
     let SurfacePixel { photo, residual, painted, white, .. } = surface;
     let shading = before.iter().sum::<Vec3>() + *residual;
-    let shown = unclip(*photo, *white, surface.reflectance * shading, surface.headroom);
-    let saturation = smooth_step(
-        REFLECTANCE.saturation[0] * white,
-        REFLECTANCE.saturation[1] * white,
-        photo.max_element(),
-    );
-    let (weight, lights) = match glare {
-        Some(GlarePixel { light, weight, gain }) => {
-            (saturation.max(weight), vec![Dominant { light, fraction: 1.0, gain }])
-        }
-        None if saturation > 0.0 => (saturation, dominant(before, record)),
-        None => (0.0, Vec::new()),
-    };
+    let headroom = surface.headroom.min(TUNING.max_surface_headroom);
+    let shown = unclip(*photo, *white, surface.reflectance * shading, headroom);
+    let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
+    let saturation = smooth_step(from, to, photo.max_element());
     let reflectance = reflected(shown, shading);
+    let reflectance = reflectance + saturation * (ratio(shown, shading) - reflectance);
     let unexplained = painted.tint(shown - (reflectance * shading).min(shown), shading);
     let reflectance = painted.reflectance(reflectance, shown);
-    let shaded = if lights.is_empty() { Vec::new() } else { record.to_vec() };
+    let in_glare = glare.map(|GlarePixel { light, weight, gain }| {
+        let others = shading - before[light];
+        let (reflectance, remainder) = split(shown, others, surface.reflectance);
+        let reflectance = painted.reflectance(reflectance, shown);
+        let mut split: Vec<Vec3> = record.iter().map(|layer| *layer * reflectance).collect();
+        split[light] = painted.tint(remainder, before[light]) * gain;
+        (weight, split)
+    });
     record.iter_mut().for_each(|layer| *layer *= reflectance);
     record[before.len()] += unexplained;
-    if lights.is_empty() {
-        return;
-    }
-    record.iter_mut().for_each(|layer| *layer *= 1.0 - weight);
-    for Dominant { light, fraction, gain } in lights {
-        let (reflectance, remainder) = split(shown, shading - before[light], surface.reflectance);
-        let remainder = painted.tint(remainder, before[light]);
-        let reflectance = painted.reflectance(reflectance, shown);
-        let mut other: Vec<Vec3> = shaded.iter().map(|layer| *layer * reflectance).collect();
-        other[light] = remainder * gain;
-        record.iter_mut().zip(other).for_each(|(layer, other)| *layer += weight * fraction * other);
+    if let Some((weight, split)) = in_glare {
+        record.iter_mut().zip(split).for_each(|(layer, split)| *layer += weight * (split - *layer));
     }
 }
 
@@ -170,25 +158,6 @@ fn split(shown: Vec3, others: Vec3, albedo: Vec3) -> (Vec3, Vec3) {
     (reflectance, (shown - reflectance * others).max(Vec3::ZERO))
 }
 
-/// The lights that dominate a pixel. A light with `TUNING.rival` of the strongest light's luminance
-/// has the fraction 0, and fractions rise smoothly from there: a little noise must not move a pixel
-/// from one light to another.
-fn dominant(before: &[Vec3], after: &[Vec3]) -> Vec<Dominant> {
-    let most = before.iter().map(|light| luminance(*light)).fold(0.0, f32::max);
-    let parts: Vec<f32> = before
-        .iter()
-        .map(|light| smooth_step(TUNING.rival * most, most, luminance(*light)))
-        .collect();
-    let sum = parts.iter().sum::<f32>();
-    let all = parts.into_iter().enumerate().filter(|(_, part)| *part > 0.0);
-    all.map(|(light, part)| Dominant {
-        light,
-        fraction: part / sum,
-        gain: gain(before[light], after[light], Vec3::ONE),
-    })
-    .collect()
-}
-
 /// `after` over `before` per channel; `otherwise` in channels that are dark before.
 pub fn gain(before: Vec3, after: Vec3, otherwise: Vec3) -> Vec3 {
     let channel =
@@ -196,14 +165,25 @@ pub fn gain(before: Vec3, after: Vec3, otherwise: Vec3) -> Vec3 {
     Vec3::new(channel(0), channel(1), channel(2))
 }
 
-/// The photo with saturated channels raised to those of `model`, by at most the factor `headroom`;
-/// others stay.
+/// The light that reached a pixel whose photo is `photo`: channels that saturation hides follow
+/// `model`, scaled to the channels that it left; none gets darker than the photo.
+///
+/// Saturation is judged smoothly and the scale is one for the pixel, so that a pixel that is almost
+/// white in all channels has the model's hue when its light is dimmed. Where no channel is left,
+/// the scale is the least that explains the photo, or the model's own up to `headroom` times that.
 fn unclip(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
-    Vec3::select(
-        photo.cmpge(Vec3::splat(TUNING.white * white)),
-        photo.max(model.min(headroom * photo)),
-        photo,
-    )
+    let [from, to] = TUNING.shoulder.map(|level| level * white);
+    let hidden = Vec3::from_array([0, 1, 2].map(|c| smooth_step(from, to, photo[c])));
+    if hidden == Vec3::ZERO || model.min_element() <= TUNING.dark {
+        return photo;
+    }
+    let least = (photo / model).max_element();
+    let alone = least.max(1.0f32.min(headroom * least));
+    let left = (Vec3::ONE - hidden) * model;
+    let prior = TUNING.model_trust * model.dot(model);
+    let scale = (left.dot(photo) + prior * alone) / (left.dot(model) + prior);
+    let raised = photo.max((scale * model).min(headroom * photo));
+    photo + hidden * (raised - photo)
 }
 
 #[cfg(test)]
@@ -251,11 +231,17 @@ mod tests {
         ] {
             for glare in [None, glare] {
                 let mut record = [LAMP, WINDOW, RESIDUAL];
-                relight_ratio(&surface(photo, &bare), glare, &before, &mut record);
+                let surface = SurfacePixel { headroom: headroom(0.0), ..surface(photo, &bare) };
+                relight_ratio(&surface, glare, &before, &mut record);
                 near(sum(&record), photo);
             }
-            let own =
-                OwnPixel { light: 1, albedo: 0.05, radiance: Vec3::splat(3.0), gain: Vec3::ONE };
+            let own = OwnPixel {
+                light: 1,
+                albedo: 0.05,
+                radiance: Vec3::splat(3.0),
+                headroom: 1.0,
+                gain: Vec3::ONE,
+            };
             let mut record = [LAMP, WINDOW, RESIDUAL];
             relight_own(&surface(photo, &bare), &own, &before, &mut record);
             near(sum(&record), photo);
@@ -288,26 +274,24 @@ mod tests {
     }
 
     #[test]
-    fn a_saturated_pixel_is_split_for_its_strongest_light() {
+    fn white_follows_its_lights_with_the_hue_of_the_model() {
         let bare = PaintLayers::default();
         let strong = 4.0 * LAMP;
+        let shading = strong + WINDOW + RESIDUAL;
         let mut record = [Vec3::ZERO, WINDOW, RESIDUAL];
         relight_ratio(&surface(Vec3::ONE, &bare), None, &[strong, WINDOW], &mut record);
-        // The lamp is off: the surface of reflectance WALL under all else is left, and no white.
+        // The model is yellow: blue, its least channel, is just white, and red and green reach the
+        // headroom of 2.
+        let light = Vec3::new(2.0, 2.0, 1.0);
         near(record[0], Vec3::ZERO);
-        near(record[1], WALL * WINDOW);
-        near(record[2], WALL * RESIDUAL);
-    }
-
-    #[test]
-    fn two_rivals_share_a_pixel_and_a_weak_light_has_no_part() {
-        let lights = [Vec3::ONE, Vec3::ONE, Vec3::splat(0.49)];
-        let found = dominant(&lights, &[Vec3::ONE, Vec3::ZERO, Vec3::ONE]);
-        let want = |light, gain| Dominant { light, fraction: 0.5, gain };
-        assert_eq!(found, [want(0, Vec3::ONE), want(1, Vec3::ZERO)]);
-        // Three quarters of the strongest: halfway up the step.
-        let found = dominant(&[Vec3::ONE, Vec3::splat(0.75)], &[Vec3::ONE; 2]);
-        assert!((found[1].fraction - 0.5 / 1.5).abs() < 1e-6);
+        near(record[1], light / shading * WINDOW);
+        near(record[2], light / shading * RESIDUAL);
+        // Twice as white as the surface can be, the pixel still goes with its lights.
+        let mut record = [0.1 * LAMP, 0.1 * WINDOW, Vec3::ZERO];
+        let white =
+            SurfacePixel { residual: Vec3::ZERO, headroom: 1.0, ..surface(Vec3::ONE, &bare) };
+        relight_ratio(&white, None, &[0.2 * LAMP, 0.2 * WINDOW], &mut record);
+        near(sum(&record), Vec3::splat(0.5));
     }
 
     #[test]
@@ -331,7 +315,13 @@ mod tests {
     #[test]
     fn an_own_pixel_shows_its_shade_when_the_light_is_off() {
         let bare = PaintLayers::default();
-        let own = OwnPixel { light: 0, albedo: 0.5, radiance: Vec3::splat(9.0), gain: Vec3::ZERO };
+        let own = OwnPixel {
+            light: 0,
+            albedo: 0.5,
+            radiance: Vec3::splat(9.0),
+            headroom: headroom(1e9),
+            gain: Vec3::ZERO,
+        };
         let mut record = [Vec3::ZERO, WINDOW, RESIDUAL];
         relight_own(&surface(Vec3::ONE, &bare), &own, &[LAMP, WINDOW], &mut record);
         near(sum(&record), 0.5 * (WINDOW + RESIDUAL));
@@ -365,9 +355,16 @@ mod tests {
     }
 
     #[test]
-    fn only_saturated_channels_are_raised() {
-        let raised = unclip(Vec3::new(1.0, 0.995, 0.9), 1.0, Vec3::new(1.5, 8.0, 8.0), 2.0);
-        near(raised, Vec3::new(1.5, 1.99, 0.9));
+    fn saturated_channels_follow_those_that_are_not() {
+        // The model at 0.6 of its level explains blue; red was 1.2.
+        let model = Vec3::new(2.0, 1.0, 0.5);
+        let raised = unclip(Vec3::new(1.0, 0.6, 0.3), 1.0, model, 2.0);
+        assert!((raised - Vec3::new(1.2, 0.6, 0.3)).abs().max_element() < 0.04, "{raised}");
+        // Almost white channels get one scale, and so the model's hue: no channel is left behind.
+        let raised = unclip(Vec3::new(1.0, 0.985, 0.99), 1.0, Vec3::ONE, 2.0);
+        assert!((raised - Vec3::ONE).abs().max_element() < 0.02, "{raised}");
+        let raised = unclip(Vec3::ONE, 1.0, Vec3::new(0.6, 0.5, 0.4), 2.0);
+        near(raised, Vec3::new(1.5, 1.25, 1.0));
         assert_eq!(unclip(Vec3::ONE, 1.0, Vec3::ZERO, 2.0), Vec3::ONE, "never darker");
         assert_eq!((headroom(0.0), headroom(1e9)), (1.0, TUNING.max_headroom));
     }

@@ -141,7 +141,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     type In = ComposeIn;
     type Out = ComposeOut;
 

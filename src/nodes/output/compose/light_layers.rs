@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::ComposeIn;
 use crate::graph::NodeError;
-use crate::image::{GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain};
+use crate::image::{GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain, headroom};
 use crate::optics::{LightKind, Radiance, Shape, Window};
 
 /// The lights after the edit, with their layers in the photo and in the estimates.
@@ -120,10 +120,19 @@ impl<'a> LightLayers<'a> {
 }
 
 impl VisibleEmitter<'_> {
-    /// The light at one of its own pixels.
-    pub fn own(&self, ray: Vec3) -> OwnPixel {
+    /// The light at one of its own pixels, `away` pixels inside the edge of the saturated region.
+    ///
+    /// The edge of a lamp's saturation lies on its shade, that of a window's is the frame.
+    pub fn own(&self, ray: Vec3, away: f32) -> OwnPixel {
         let (radiance, gain) = self.emission_towards(ray);
-        OwnPixel { light: self.light, albedo: self.albedo, radiance, gain }
+        let away = if matches!(self.shape, Shape::Window(_)) { f32::MAX } else { away };
+        OwnPixel {
+            light: self.light,
+            albedo: self.albedo,
+            radiance,
+            headroom: headroom(away),
+            gain,
+        }
     }
 
     /// The light at photo pixel `i` of its glare.

@@ -131,7 +131,8 @@ impl<'a> Pixels<'a> {
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
         match (lights.emitter(i), self.mode) {
             (Some(emitter), _) if emitter.mask.is_own(i) => {
-                relight_own(&surface, &emitter.own(ray()), before, record)
+                let away = self.clipped_depth.get(x, y);
+                relight_own(&surface, &emitter.own(ray(), away), before, record)
             }
             (_, Mode::Physical) => relight_physical(&surface, record),
             (emitter, Mode::Ratio) => {
