@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::ComposeIn;
 use crate::graph::NodeError;
 use crate::image::{GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain};
+use crate::nodes::artifacts::EmitterChange;
 use crate::optics::{LightKind, Radiance, Shape, Window};
 
 /// The lights after the edit, with their layers in the photo and in the estimates.
@@ -33,7 +34,7 @@ pub struct VisibleEmitter<'a> {
     albedo: f32,
     shape: &'a Shape,
     radiance: &'a Radiance,
-    gain: &'a Radiance,
+    change: &'a EmitterChange,
 }
 
 /// A light whose body covers pixels of the photo.
@@ -123,7 +124,13 @@ impl VisibleEmitter<'_> {
     /// The light at one of its own pixels.
     pub fn own(&self, ray: Vec3) -> OwnPixel {
         let (radiance, gain) = self.emission_towards(ray);
-        OwnPixel { light: self.light, albedo: self.albedo, radiance, gain }
+        OwnPixel {
+            light: self.light,
+            albedo: self.albedo,
+            radiance,
+            gain,
+            added: self.change.added,
+        }
     }
 
     /// The light at photo pixel `i` of its glare.
@@ -137,7 +144,7 @@ impl VisibleEmitter<'_> {
 
     /// The radiance that the light shows along `ray` as estimated, and its gain.
     fn emission_towards(&self, ray: Vec3) -> (Vec3, Vec3) {
-        let (w, gains) = (&self.radiance.0, &self.gain.0);
+        let (w, gains) = (&self.radiance.0, &self.change.gain);
         // A replaced light may have another number of lobes; it is removed from these pixels.
         let after: Vec<Vec3> = w
             .iter()
@@ -180,7 +187,7 @@ fn emitters<'a>(
                 .estimated_radiance
                 .get(id)
                 .ok_or_else(|| missing("estimated radiance"))?,
-            gain: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
+            change: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
         })
     };
     inputs.glare_mask.iter().map(emitter).collect()
