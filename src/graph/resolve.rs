@@ -813,17 +813,14 @@ fn place_within(value: &Raw, message: &str) -> Origin {
     let mut place = value.clone();
     let ignored = &mut Diagnostics::ignored();
     for part in message.split(": ").skip(1) {
-        if place.variant().is_some() {
-            let mut only = place.as_tuple(ignored);
-            let (Some(inner), true) = (only.pop(), only.is_empty()) else { break };
-            place = inner;
-        }
+        let mut only = if place.variant().is_some() { place.as_tuple(ignored) } else { vec![] };
+        let outer = only.pop().filter(|_| only.is_empty()).unwrap_or_else(|| place.clone());
         let item = part.strip_prefix("item ").and_then(|number| number.parse::<usize>().ok());
-        let inner = if part.starts_with('"') && place.text().starts_with('{') {
-            let mut entries = place.as_map(ignored).into_iter();
+        let inner = if part.starts_with('"') && outer.text().starts_with('{') {
+            let mut entries = outer.as_map(ignored).into_iter();
             entries.find(|(key, _)| format!("{:?}", key.name) == part).map(|(_, value)| value)
-        } else if let (Some(number), true) = (item, place.text().starts_with('[')) {
-            number.checked_sub(1).and_then(|at| place.as_list(ignored).into_iter().nth(at))
+        } else if let (Some(number), true) = (item, outer.text().starts_with('[')) {
+            number.checked_sub(1).and_then(|at| outer.as_list(ignored).into_iter().nth(at))
         } else {
             None
         };
