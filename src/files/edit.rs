@@ -2,17 +2,24 @@
 //!
 //! `lights`, `materials` and `objects` become the parameters of the same name of the stages
 //! `EditLights`, `EditMaterials` and `EditObjects`, whose types determine the allowed values. A
-//! light that the edit inserts becomes a member of the set `lights`.
+//! light that the edit inserts becomes a member of the set `lights`. A list of changes of one light
+//! becomes the value `Changes([..])`.
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::{EditFile, INVISIBLE, check_light_name, fields};
-use crate::graph::{Diagnostic, Diagnostics, Key, Member, Overlay, Raw, Setting, Target};
+use crate::graph::{
+    Anchor, Diagnostic, Diagnostics, Key, Member, Origin, Overlay, Raw, Setting, Source, Target,
+};
 
 const FIELDS: [&str; 5] = ["version", "lights", "materials", "objects", "frames"];
 /// An entry that begins so makes a light; any other changes one that is there.
 const MAKERS: [&str; 2] = ["Lamp", "Window"];
+/// The variant that has a list of changes as its value.
+const CHANGES: &str = "Changes";
+/// The change that no window takes.
+const ON: &str = "On";
 
 /// Reads an edit of the scene that `scene` describes, for a graph that has the stages `kinds`; a
 /// `None` could not be read, and nothing is checked against it. The result for a sequence is its
@@ -40,11 +47,13 @@ pub fn frame(
 ) -> Result<Overlay, Vec<Diagnostic>> {
     let mut faults = edit.faults.clone();
     let mut overlay = Overlay::default();
-    for (key, value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
+    for (key, mut value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
         let (stage, is_empty) = match key.name.as_str() {
             "lights" => {
                 let entries = value.as_map(&mut faults);
                 overlay.members.extend(inserted(&entries, scene, &mut faults));
+                check_switches(&entries, scene, &mut faults);
+                value = with_changes(&value, &entries);
                 ("EditLights", entries.is_empty())
             }
             "materials" => ("EditMaterials", value.as_list(&mut faults).is_empty()),
@@ -101,6 +110,79 @@ fn inserted(
     members
 }
 
+/// A window that is switched on is a fault, since only a lamp can be.
+fn check_switches(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut Diagnostics) {
+    let switches = entries.iter().filter_map(|(key, value)| {
+        let on = |change: &Raw| change.variant() == Some(ON);
+        let of_list = || value.as_list(&mut Diagnostics::ignored()).into_iter().find(on);
+        let switch = if is_list(value) { of_list() } else { Some(value.clone()).filter(on) };
+        switch.map(|switch| (key, switch))
+    });
+    let switches: Vec<(&Key, Raw)> = switches.collect();
+    if switches.is_empty() {
+        return;
+    }
+    let lights = scene.into_iter().flat_map(|scene| &scene.settings).find(|s| s.field == "lights");
+    let lights =
+        lights.map(|lights| lights.value.as_map(&mut Diagnostics::ignored())).unwrap_or_default();
+    let windows = lights.iter().filter(|(_, light)| light.variant() == Some("Window"));
+    let windows: BTreeSet<&str> =
+        windows.map(|(key, _)| key.name.as_str()).chain(["inv_window"]).collect();
+    for (key, switch) in switches.iter().filter(|(key, _)| windows.contains(key.name.as_str())) {
+        faults.push(|| {
+            let message = format!("wanted a lamp for `{ON}`, got the window `{}`", key.name);
+            Diagnostic::at(&switch.variant_origin(), message)
+                .help("brighten it with `Scale(..)`, or put a `Window(..)` in its place")
+        });
+    }
+}
+
+fn is_list(value: &Raw) -> bool {
+    value.text().starts_with('[')
+}
+
+/// The map `lights` of these entries with each list `[a, b]` written as `Changes([a, b])`, in a
+/// text whose anchors give each piece its place in the file.
+fn with_changes(lights: &Raw, entries: &[(Key, Raw)]) -> Raw {
+    let lists: Vec<_> =
+        entries.iter().filter(|(_, value)| is_list(value)).map(|(_, value)| value).collect();
+    if lists.is_empty() {
+        return lights.clone();
+    }
+    let source = &lights.origin.source;
+    let mut text = String::with_capacity(source.text.len() + lists.len() * (CHANGES.len() + 2));
+    let mut anchors = Vec::new();
+    let mut known = source.anchors.iter().copied().peekable();
+    let mut last = Anchor { at: 0, line: 1, column: 1 };
+    let mut copied = 0;
+    // Copies up to byte `end`, and returns the anchor of that byte.
+    let mut copy = |end: usize, text: &mut String, anchors: &mut Vec<Anchor>| {
+        while let Some(anchor) = known.next_if(|anchor| anchor.at <= end) {
+            anchors.push(Anchor { at: text.len() + anchor.at - copied, ..anchor });
+            last = anchor;
+        }
+        text.push_str(&source.text[copied..end]);
+        copied = end;
+        last = last.moved(&source.text, end);
+        last
+    };
+    for list in &lists {
+        let open = copy(list.origin.span.start, &mut text, &mut anchors);
+        anchors.push(Anchor { at: text.len(), ..open });
+        text.push_str(CHANGES);
+        text.push('(');
+        anchors.push(Anchor { at: text.len(), ..open });
+        let close = copy(list.origin.span.end, &mut text, &mut anchors);
+        text.push(')');
+        anchors.push(Anchor { at: text.len(), ..close });
+    }
+    copy(source.text.len(), &mut text, &mut anchors);
+    let grown = text.len() - source.text.len();
+    let span = lights.origin.span.start..lights.origin.span.end + grown;
+    let source = Source { path: source.path.clone(), text, reach: source.reach, anchors };
+    Raw { origin: Origin { source: std::sync::Arc::new(source), span } }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -154,6 +236,53 @@ mod tests {
         assert_eq!(members, [("lights", "west"), ("lights", "desk")]);
         assert_eq!(overlay.settings.len(), 1);
         assert_eq!(overlay.settings[0].target, Target::Kind("EditLights".into()));
+    }
+
+    #[test]
+    fn a_list_of_changes_keeps_the_places_of_the_file() {
+        let text = "Edit(version: 1, frames: 3, lights: {\n \"lamp_0\": [Scale(Keys([(0, 1), (2, 2)])), // ü [\n Off], \"inv_lamp\": [Off], \"x\": Lamp() }, materials: [])";
+        let file = {
+            let folder = tempfile::tempdir().expect("a temporary folder can be made");
+            let path = folder.path().join("edit.ron");
+            std::fs::write(&path, text).expect("it can be written to");
+            EditFile::read(&path).unwrap_or_else(|faults| panic!("{}", faults[0]))
+        };
+        let overlay = frame(&file, 1, None, None).unwrap_or_else(|faults| panic!("{}", faults[0]));
+        let value = &overlay.settings[0].value;
+        let words: String = value.words().iter().map(|(word, _)| word.text().to_owned()).collect();
+        assert_eq!(
+            words,
+            r#"{"lamp_0":Changes([Scale(1.5),Off]),"inv_lamp":Changes([Off]),"x":Lamp()}"#
+        );
+        // Each word where the file has it; a value of keyframes stands at their start.
+        for (word, _) in value.words() {
+            let place = word.origin.line_column();
+            let wanted = match word.text() {
+                "{" => (1, 37),
+                "\"lamp_0\"" => (2, 2),
+                "Scale" => (2, 13),
+                "1.5" => (2, 19),
+                "\"inv_lamp\"" => (3, 8),
+                "\"x\"" => (3, 27),
+                "Lamp" => (3, 32),
+                "}" => (3, 39),
+                _ => continue,
+            };
+            assert_eq!(place, wanted, "{}", word.text());
+        }
+        assert_eq!(
+            value.words().last().map(|(word, _)| word.text().to_owned()).as_deref(),
+            Some("}")
+        );
+    }
+
+    #[test]
+    fn a_window_is_not_switched_on() {
+        let help = "(brighten it with `Scale(..)`, or put a `Window(..)` in its place)";
+        check_faults(
+            r#"Edit(version: 1, lights: { "lamp_0": On(), "inv_window": [Scale(2), On(flux: 1)] })"#,
+            &[&format!("1:69: wanted a lamp for `On`, got the window `inv_window` {help}")],
+        );
     }
 
     #[test]

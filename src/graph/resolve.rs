@@ -769,10 +769,10 @@ fn build(
     let declared = decl.kind.as_ref().map_or(&decl.name.origin, |k| &k.origin);
     if let Err(message) = op.check() {
         let mut words = message.split(|c: char| !c.is_alphanumeric() && c != '_');
-        let place =
-            words.find_map(|word| places.set.get(word)).map_or(declared, |value| &value.origin);
+        let value = words.find_map(|word| places.set.get(word));
+        let place = value.map_or_else(|| declared.clone(), |value| place_within(value, &message));
         faults.push(|| {
-            Diagnostic::at(place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind))
+            Diagnostic::at(&place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind))
         });
     }
     let files: Vec<File> = op.files().into_iter().map(|file| file.clone()).collect();
@@ -804,6 +804,30 @@ fn build(
     let settings = settings.iter().map(|s| (s.field.clone(), s.value.clone())).collect();
     let warnings = places.warnings;
     Some(Built { settings, kind: kind.kind, op, inputs, outputs, key_head, files: read, warnings })
+}
+
+/// The place in a parameter's `value` that the message of a check names: after the parameter, each
+/// part up to a colon may be a key of a map in quotes, or `item 2` of a list, from 1. A variant of
+/// one value counts as that value.
+fn place_within(value: &Raw, message: &str) -> Origin {
+    let mut place = value.clone();
+    let ignored = &mut Diagnostics::ignored();
+    for part in message.split(": ").skip(1) {
+        let mut only = if place.variant().is_some() { place.as_tuple(ignored) } else { vec![] };
+        let outer = only.pop().filter(|_| only.is_empty()).unwrap_or_else(|| place.clone());
+        let item = part.strip_prefix("item ").and_then(|number| number.parse::<usize>().ok());
+        let inner = if part.starts_with('"') && outer.text().starts_with('{') {
+            let mut entries = outer.as_map(ignored).into_iter();
+            entries.find(|(key, _)| format!("{:?}", key.name) == part).map(|(_, value)| value)
+        } else if let (Some(number), true) = (item, outer.text().starts_with('[')) {
+            number.checked_sub(1).and_then(|at| outer.as_list(ignored).into_iter().nth(at))
+        } else {
+            None
+        };
+        let Some(inner) = inner else { break };
+        place = inner;
+    }
+    place.origin
 }
 
 /// Places in the texts that set the parameters of a node.

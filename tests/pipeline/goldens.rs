@@ -15,7 +15,7 @@ use relight::image::{
     Mask, PaintLayers, Picture, Plane, Points, Roughness, Shading, SpecularEdit, Transfer,
     write_png,
 };
-use relight::nodes::artifacts::Encoding;
+use relight::nodes::artifacts::{EmitterChange, Encoding};
 use relight::nodes::edit::Color;
 use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, MaterialEdit, Region};
 use relight::nodes::edit::edit_objects::{EditObjects, EditObjectsIn};
@@ -533,7 +533,15 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
         estimated_radiance: room.each(|light| light.radiance.clone()),
         shape: room.each(|light| light.shape.clone()),
         radiance: scaled(&|w, f| w * f),
-        gain: scaled(&|_, f| Vec3::splat(f)),
+        gain: Gather(
+            scaled(&|_, f| Vec3::splat(f))
+                .iter()
+                .map(|(id, factor)| {
+                    let change = EmitterChange { gain: factor.0.clone(), added: Vec3::ZERO };
+                    (id.to_owned(), Arc::new(change))
+                })
+                .collect(),
+        ),
         coverage: room.each(|light| cover(&light.shape, Some(&light.shape))),
         objects: Arc::new(Objects::unseen(&[])),
         object: Gather(vec![]),
@@ -565,7 +573,8 @@ fn composed(
     inputs.after.0.push(("ball".into(), dark));
     inputs.shape.0.push(("ball".into(), ball()));
     inputs.radiance.0.push(one(Vec3::new(0.2, 0.6, 1.0)));
-    inputs.gain.0.push(one(Vec3::ZERO));
+    let change = EmitterChange { gain: vec![Vec3::ZERO], added: Vec3::ZERO };
+    inputs.gain.0.push(("ball".into(), Arc::new(change)));
     let out = Compose::default().run(inputs, &Context::default()).expect("everything is sound");
     out.picture.0.clone()
 }

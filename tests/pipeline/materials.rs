@@ -8,6 +8,7 @@ use relight::graph::{Context, Gather, Node, Status};
 use relight::image::{
     Albedo, AlphaMatte, Depth, Mask, PaintChange, PaintLayer, PaintLayers, Picture, Plane, Shading,
 };
+use relight::nodes::artifacts::EmitterChange;
 use relight::nodes::output::compose::{Compose, ComposeIn, ComposeOut};
 use relight::optics::{Radiance, Shape};
 
@@ -64,7 +65,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         estimated_radiance: radiance(1.0),
         shape: shape(),
         radiance: radiance(factor),
-        gain: radiance(factor),
+        gain: lamp(EmitterChange { gain: vec![Vec3::splat(factor)], added: Vec3::ZERO }),
         coverage: lamp(none()),
         objects: Arc::new(Objects::unseen(&[])),
         object: Gather(vec![]),

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use relight::graph::Gather;
-use relight::optics::Radiance;
+use relight::nodes::artifacts::EmitterChange;
 
 use crate::layers::channels;
 use crate::project::*;
@@ -10,9 +10,9 @@ use crate::project::*;
 /// Factors of each light's own shading in a run of this edit: (light, factor per channel).
 fn gains(edit: &str) -> Vec<(String, Vec3)> {
     let report = run(shared_engine(), &physics(&demo(), edit), &["edit.gain"]);
-    let gains: Gather<Radiance> = Gather(many(&report, "edit.gain"));
-    let one = |(id, gain): (&str, &std::sync::Arc<Radiance>)| {
-        (id.to_owned(), *gain.0.first().unwrap_or(&Vec3::ONE))
+    let gains: Gather<EmitterChange> = Gather(many(&report, "edit.gain"));
+    let one = |(id, gain): (&str, &std::sync::Arc<EmitterChange>)| {
+        (id.to_owned(), *gain.gain.first().unwrap_or(&Vec3::ONE))
     };
     gains.iter().map(one).collect()
 }

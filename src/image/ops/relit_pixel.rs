@@ -73,6 +73,8 @@ pub struct OwnPixel {
     pub headroom: f32,
     /// Radiance after over before the edit.
     pub gain: Vec3,
+    /// Radiance that the pixel shows beside that; below 0 it is taken away, down to black.
+    pub added: Vec3,
 }
 
 /// A visible light at a pixel of its glare.
@@ -96,14 +98,14 @@ pub fn headroom(away: f32) -> f32 {
 ///
 /// With the photo I, the shading E before the edit and E_k that of this light, the surface of
 /// albedo A reflects `B (E - E_k)` with `B = min(A, I / (E - E_k))`. The remainder is emitted, and
-/// goes with the gain.
+/// goes with the gain; the added radiance is that of a lamp which the photo shows dark.
 pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
     let shading = before.iter().sum::<Vec3>() + surface.residual;
     let shown = unclip(surface.photo, surface.white, own.radiance, own.headroom);
     let others = shading - before[own.light];
     let (reflectance, remainder) = split(shown, others, Vec3::splat(own.albedo));
     record.iter_mut().for_each(|layer| *layer *= reflectance);
-    record[own.light] = remainder * own.gain;
+    record[own.light] = (remainder * own.gain + own.added).max(Vec3::ZERO);
 }
 
 /// Turns a record into contributions by the estimated albedo alone, with the paint of the edit.
@@ -241,11 +243,35 @@ mod tests {
                 radiance: Vec3::splat(3.0),
                 headroom: 1.0,
                 gain: Vec3::ONE,
+                added: Vec3::ZERO,
             };
             let mut record = [LAMP, WINDOW, RESIDUAL];
             relight_own(&surface(photo, &bare), &own, &before, &mut record);
             near(sum(&record), photo);
         }
+    }
+
+    #[test]
+    fn a_dark_lamp_that_is_switched_on_shines_over_its_surface() {
+        let bare = PaintLayers::default();
+        let (before, photo) = ([Vec3::ZERO, WINDOW], Vec3::new(0.05, 0.06, 0.07));
+        let shown = |added: Vec3| {
+            let own = OwnPixel {
+                light: 0,
+                albedo: 0.5,
+                radiance: Vec3::ZERO,
+                headroom: 1.0,
+                gain: Vec3::ONE,
+                added,
+            };
+            let mut record = [Vec3::ONE, WINDOW, RESIDUAL];
+            relight_own(&surface(photo, &bare), &own, &before, &mut record);
+            record
+        };
+        near(sum(&shown(Vec3::ZERO)), photo);
+        near(sum(&shown(LAMP)), photo + LAMP);
+        near(shown(LAMP)[0], LAMP);
+        near(shown(-LAMP)[0], Vec3::ZERO);
     }
 
     #[test]
@@ -321,6 +347,7 @@ mod tests {
             radiance: Vec3::splat(9.0),
             headroom: headroom(1e9),
             gain: Vec3::ZERO,
+            added: Vec3::ZERO,
         };
         let mut record = [Vec3::ZERO, WINDOW, RESIDUAL];
         relight_own(&surface(Vec3::ONE, &bare), &own, &[LAMP, WINDOW], &mut record);

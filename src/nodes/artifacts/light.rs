@@ -27,6 +27,18 @@ pub struct Visibility {
     pub unknown: Vec<Plane<f32>>,
 }
 
+/// The change of a light by an edit, for the photo pixels that show the light itself.
+///
+/// Where the photo shows emitted light R, the picture shows `gain R + added`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EmitterChange {
+    /// Radiance after over radiance before, per lobe and channel, 0 or more.
+    pub gain: Vec<Vec3>,
+    /// Radiance of a lamp that is dark in the photo and that the edit switches on, linear RGB in
+    /// units of the photo: a factor on its dark pixels cannot make it shine. 0 for all others.
+    pub added: Vec3,
+}
+
 /// Indirect shading (irradiance / pi) of one light, per lobe of unit radiance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct UnitIndirect {

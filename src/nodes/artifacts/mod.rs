@@ -19,7 +19,8 @@ use crate::optics::{
 
 pub use files::{Encoding, Files, check_file_name};
 pub use light::{
-    CellLight, Guess, LayerError, ObjectLight, Residual, UnitDirect, UnitIndirect, Visibility,
+    CellLight, EmitterChange, Guess, LayerError, ObjectLight, Residual, UnitDirect, UnitIndirect,
+    Visibility,
 };
 pub use scores::{Score, Scores};
 
@@ -89,6 +90,7 @@ artifacts! {
     SceneMesh: SceneMesh::bytes, if SceneMesh::check;
     Shape: Shape::bytes, if Shape::check;
     Radiance: |r| r.0.len() * 12;
+    EmitterChange: |c| (c.gain.len() + 1) * 12;
     LightTransport: LightTransport::bytes, if LightTransport::check;
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(), if |d| light::lobes(&[&d.lobes, &d.stderr]);
     Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),

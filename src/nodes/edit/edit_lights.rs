@@ -1,5 +1,6 @@
 //! `EditLights`: switches, dims, colors and moves lights, and adds new ones.
 
+mod change;
 mod lamp;
 mod sky;
 mod window;
@@ -14,12 +15,13 @@ use serde::{Deserialize, Serialize};
 use super::{Ground, Place, check_model, level, model_files, read_model, tall, upright};
 use crate::geometry::{Camera, world_up};
 use crate::graph::{Context, File, Gather, Node, NodeError, Scatter, above, check_range};
-use crate::image::{Depth, Normal, luminance};
-use crate::nodes::artifacts::Encoding;
+use crate::image::{Depth, Normal};
+use crate::nodes::artifacts::{EmitterChange, Encoding};
 use crate::optics::{Radiance, Shape, black_body};
 use crate::tuning::{Table, tuning};
 use crate::{params, ports};
 
+use change::{check_list, emitter_change, lamp_level};
 use lamp::LampShape;
 use sky::{Environment, Half, Sky, Sun};
 
@@ -27,8 +29,9 @@ params! {
     /// Changes the lights that the edit names and adds new ones; all other lights pass through
     /// unchanged.
     pub struct EditLights {
-        /// Edit of each named light: `Off`, `Scale(0.4)`, `Temperature(2700)`, `Color(1, 0.8,
-        /// 0.6)`, `Move(..)`, `Lamp(..)`, `Window(..)`.
+        /// Edit of each named light: `Off`, `On(flux: 800)`, `Scale(0.4)`, `Temperature(2700)`,
+        /// `Color(1, 0.8, 0.6)`, `Move(..)`, `Lamp(..)`, `Window(..)`, or `Changes([..])` for
+        /// several changes in order; an edit file writes the list alone.
         lights: BTreeMap<String, LightEdit> = BTreeMap::new(),
         /// Illuminance in lux at which a white surface shows 1.0, for fluxes in lumens, when the
         /// scene does not give it.
@@ -42,6 +45,16 @@ params! {
 pub enum LightEdit {
     /// No light.
     Off,
+    /// An estimated lamp that shines, with its estimated form.
+    On {
+        /// Lumens; needs the scene's exposure. Without them, the flux of the estimate, or for a
+        /// lamp that is off in the photo the mean of the estimated lamps that shine.
+        #[serde(default)]
+        flux: Option<f32>,
+        /// Kelvin. Without them, the color of the estimate, or white for a lamp that is off.
+        #[serde(default)]
+        temperature: Option<f32>,
+    },
     /// Radiance times a factor >= 0.
     Scale(f32),
     /// The color of a black body, 1000..=40000 K, at unchanged luminance.
@@ -58,6 +71,8 @@ pub enum LightEdit {
         #[serde(default)]
         to: Option<Place>,
     },
+    /// Several changes of one existing light, in this order.
+    Changes(Vec<LightEdit>),
     /// A lamp of known shape, new or in the place of another light.
     Lamp {
         /// Form and size.
@@ -141,15 +156,15 @@ ports! {
         shape: Scatter<Shape>,
         /// The radiance of every light after the edit.
         radiance: Scatter<Radiance>,
-        /// Radiance after over radiance before, per lobe and channel: the factor of a visible
-        /// light's own pixels.
-        gain: Scatter<Radiance>,
+        /// The change of a visible light's own pixels: radiance after over radiance before, per
+        /// lobe and channel, and the radiance of a dark lamp that is switched on.
+        gain: Scatter<EmitterChange>,
     }
 }
 
 impl Node for EditLights {
     const KIND: &'static str = "EditLights";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = EditLightsIn;
     type Out = EditLightsOut;
 
@@ -170,7 +185,7 @@ impl Node for EditLights {
             radiance: Scatter(vec![]),
             gain: Scatter(vec![]),
         };
-        let mut push = |id: &str, shape: Arc<Shape>, radiance: Radiance, gain: Radiance| {
+        let mut push = |id: &str, shape: Arc<Shape>, radiance: &Radiance, change: EmitterChange| {
             let within = |lobe: &&Vec3| lobe.cmple(Vec3::splat(TUNING.max_radiance)).all();
             if let Some(lobe) = radiance.0.iter().find(|lobe| !within(lobe)) {
                 let message = format!(
@@ -181,8 +196,8 @@ impl Node for EditLights {
                 return Err(NodeError::BadParameter(message));
             }
             out.shape.0.push((id.into(), shape));
-            out.radiance.0.push((id.into(), Arc::new(radiance)));
-            out.gain.0.push((id.into(), Arc::new(gain)));
+            out.radiance.0.push((id.into(), Arc::new(radiance.clone())));
+            out.gain.0.push((id.into(), Arc::new(change)));
             Ok(())
         };
         for (id, shape) in inputs.shapes.iter() {
@@ -192,36 +207,18 @@ impl Node for EditLights {
                 .map(|r| r.0.clone())
                 .unwrap_or_else(|| vec![Vec3::ZERO; shape.lobes()]);
             let edit = self.lights.get(id);
+            let changes = edit.map_or(&[][..], LightEdit::changes);
+            let new = self.changed(id, changes, (shape, &old), &inputs, ctx)?;
             if let Some((shape, radiance)) = edit
-                .and_then(|e| self.made(id, e, Some((shape, &old)), &inputs, up, ctx))
+                .and_then(|e| self.made(id, e, Some((shape, &new)), &inputs, up, ctx))
                 .transpose()?
             {
                 // The old light is removed, and the new one is drawn in its place.
-                let gain = vec![Vec3::ZERO; radiance.0.len()];
-                push(id, Arc::new(shape), radiance, Radiance(gain))?;
+                push(id, Arc::new(shape), &radiance, replaced(&radiance))?;
                 continue;
             }
-            let new: Vec<Vec3> = old.iter().map(|&w| edit.map_or(w, |e| e.applied(w))).collect();
-            let gain = old.iter().zip(&new).map(|(&old, &new)| {
-                // A light of zero fitted radiance still shows in its own pixels: there its color is
-                // taken as gray.
-                let (old, new) = if old.max_element() > 0.0 {
-                    (old, new)
-                } else {
-                    (Vec3::ONE, edit.map_or(Vec3::ONE, |e| e.applied(Vec3::ONE)))
-                };
-                Vec3::from_array([0, 1, 2].map(|c| {
-                    if new[c] == old[c] {
-                        1.0
-                    } else if old[c] > 0.0 {
-                        new[c] / old[c]
-                    } else {
-                        0.0
-                    }
-                }))
-            });
-            let gain = Radiance(gain.collect());
-            push(id, shape.clone(), Radiance(new), gain)?;
+            let change = emitter_change(changes, &old, &new);
+            push(id, shape.clone(), &Radiance(new), change)?;
         }
         for (id, edit) in &self.lights {
             if inputs.shapes.get(id).is_some() {
@@ -233,11 +230,15 @@ impl Node for EditLights {
                 )));
             };
             let (shape, radiance) = made?;
-            let gain = vec![Vec3::ZERO; radiance.0.len()];
-            push(id, Arc::new(shape), radiance, Radiance(gain))?;
+            push(id, Arc::new(shape), &radiance, replaced(&radiance))?;
         }
         Ok(out)
     }
+}
+
+/// The change of the own pixels of a light that is removed for one of this radiance.
+fn replaced(radiance: &Radiance) -> EmitterChange {
+    EmitterChange { gain: vec![Vec3::ZERO; radiance.0.len()], added: Vec3::ZERO }
 }
 
 tuning! {
@@ -250,6 +251,19 @@ tuning! {
         /// Color temperature of an inserted lamp whose edit names none.
         kelvin: f32 = 2700.0,
             unit "kelvin", source Derived("an incandescent bulb"), effect "a larger value makes such lamps bluer";
+        /// Luminance of an estimated lamp below which it counts as off in the photo.
+        off_radiance: f32 = 0.05,
+            unit "units of the photo", source Taste,
+            effect "a larger value lets On take flux and color of more lamps from elsewhere";
+        /// Luminance of an estimated lamp from which On multiplies its photo pixels, and adds
+        /// nothing to them; between this and `off_radiance` it does both in part.
+        on_radiance: f32 = 0.25,
+            unit "units of the photo", source Taste,
+            effect "a larger value keeps less of the texture of a dim lamp that is switched on";
+        /// Flux of a lamp that is switched on without one where no estimated lamp shines.
+        bulb_flux: f32 = 800.0,
+            unit "lumens", source Derived("an incandescent bulb of 60 W"),
+            effect "a larger value makes such lamps brighter";
     }
 }
 
@@ -277,6 +291,11 @@ impl LightEdit {
     fn check(&self) -> Result<(), String> {
         match self {
             LightEdit::Off => Ok(()),
+            LightEdit::On { flux, temperature } => {
+                check_range("On: flux (lumens)", flux, 0.0..)?;
+                check_range("On: temperature (K)", temperature, KELVIN)
+            }
+            LightEdit::Changes(list) => check_list(list),
             LightEdit::Scale(s) => check_range("Scale", s, 0.0..),
             LightEdit::Temperature(t) => check_range("temperature (K)", t, KELVIN),
             LightEdit::Color(r, g, b) => {
@@ -332,20 +351,6 @@ impl LightEdit {
             }
         }
     }
-
-    /// The radiance of an existing light after this edit.
-    fn applied(&self, radiance: Vec3) -> Vec3 {
-        match *self {
-            LightEdit::Off => Vec3::ZERO,
-            LightEdit::Scale(factor) => radiance * factor,
-            LightEdit::Temperature(kelvin) => black_body(kelvin) * luminance(radiance),
-            LightEdit::Color(r, g, b) => {
-                let color = Vec3::new(r, g, b);
-                color / luminance(color) * luminance(radiance)
-            }
-            LightEdit::Move { .. } | LightEdit::Lamp { .. } | LightEdit::Window { .. } => radiance,
-        }
-    }
 }
 
 impl EditLights {
@@ -362,6 +367,8 @@ impl EditLights {
     ) -> Option<Result<(Shape, Radiance), NodeError>> {
         let failed =
             |message: String| NodeError::BadParameter(format!("lights: {id:?}: {message}"));
+        let is_move = |change: &&LightEdit| matches!(change, LightEdit::Move { .. });
+        let edit = edit.changes().iter().find(is_move).unwrap_or(edit);
         match (edit, old) {
             (LightEdit::Lamp { .. }, _) => Some(self.lamp(id, edit, inputs, up, ctx)),
             (LightEdit::Move { by, to }, Some((shape, radiance))) => {
@@ -408,10 +415,8 @@ impl EditLights {
         let radiance = match radiance {
             Some(rgb) => Vec3::from_array(*rgb),
             None => {
-                // Flux = pi x area x luminance for a Lambertian surface; a white surface under
-                // `lux` has luminance lux / pi and shows 1.
-                let level = flux.unwrap_or(lumens)
-                    / (lamp.area() * lamp.escaping() * self.lux(id, inputs, ctx));
+                let lux = self.lux(id, inputs, ctx);
+                let level = lamp_level(flux.unwrap_or(lumens), &lamp, lux);
                 black_body(temperature.unwrap_or(TUNING.kelvin)) * level
             }
         };

@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, Objects};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Albedo, Depth, GlareMask, Layer, Mask, PaintLayers, Picture, Plane, Shading};
-use crate::nodes::artifacts::UnitIndirect;
+use crate::nodes::artifacts::{EmitterChange, UnitIndirect};
 use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
 use crate::{params, ports};
 
@@ -107,8 +107,8 @@ ports! {
         shape: Gather<Shape>,
         /// Their radiances.
         radiance: Gather<Radiance>,
-        /// Ratio of the radiance after the edit to that before.
-        gain: Gather<Radiance>,
+        /// The change of each light for the photo pixels that show the light itself.
+        gain: Gather<EmitterChange>,
         /// Coverage by the bodies of inserted lights, photo size.
         coverage: Gather<Mask>,
         /// The visible inserted objects.
@@ -244,7 +244,7 @@ mod tests {
             estimated_radiance: radiance(1.0),
             shape: shape(),
             radiance: radiance(factor),
-            gain: radiance(factor),
+            gain: lamp(EmitterChange { gain: vec![Vec3::splat(factor)], added: Vec3::ZERO }),
             coverage: lamp(Mask(number(0.0))),
             objects: Arc::new(Objects::unseen(&[])),
             object: Gather(vec![]),

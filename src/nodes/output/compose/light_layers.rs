@@ -7,6 +7,7 @@ use glam::Vec3;
 use super::ComposeIn;
 use crate::graph::NodeError;
 use crate::image::{GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain, headroom};
+use crate::nodes::artifacts::EmitterChange;
 use crate::optics::{LightKind, Radiance, Shape, Window};
 
 /// The lights after the edit, with their layers in the photo and in the estimates.
@@ -33,7 +34,7 @@ pub struct VisibleEmitter<'a> {
     albedo: f32,
     shape: &'a Shape,
     radiance: &'a Radiance,
-    gain: &'a Radiance,
+    change: &'a EmitterChange,
 }
 
 /// A light whose body covers pixels of the photo.
@@ -132,6 +133,7 @@ impl VisibleEmitter<'_> {
             radiance,
             headroom: headroom(away),
             gain,
+            added: self.change.added,
         }
     }
 
@@ -146,7 +148,7 @@ impl VisibleEmitter<'_> {
 
     /// The radiance that the light shows along `ray` as estimated, and its gain.
     fn emission_towards(&self, ray: Vec3) -> (Vec3, Vec3) {
-        let (w, gains) = (&self.radiance.0, &self.gain.0);
+        let (w, gains) = (&self.radiance.0, &self.change.gain);
         // A replaced light may have another number of lobes; it is removed from these pixels.
         let after: Vec<Vec3> = w
             .iter()
@@ -189,7 +191,7 @@ fn emitters<'a>(
                 .estimated_radiance
                 .get(id)
                 .ok_or_else(|| missing("estimated radiance"))?,
-            gain: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
+            change: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
         })
     };
     inputs.glare_mask.iter().map(emitter).collect()
