@@ -36,7 +36,7 @@ pub use pack::{Packed, pack};
 pub use reflectance::{REFLECTANCE, clip_level, ratio, reflected, smooth_step};
 pub use relit_pixel::{
     GlarePixel, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical,
-    relight_ratio,
+    relight_ratio, saturated_depth,
 };
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};

@@ -8,17 +8,25 @@
 
 use glam::Vec3;
 
-use crate::image::{PaintedPixel, REFLECTANCE, ratio, reflected, smooth_step};
+use crate::image::{
+    Mask, PaintedPixel, Plane, REFLECTANCE, distance, ratio, reflected, smooth_step,
+};
 use crate::tuning::tuning;
 
 tuning! {
     /// Constants of one pixel of a relit picture.
     pub const TUNING: RelitPixelTuning {
-        /// Levels of a channel, over that at which the photo is clipped, from which on saturation
-        /// hides its light and up to which it hides all of it: 238 and 254 of 255 in sRGB.
-        shoulder: [f32; 2] = [0.95, 0.991],
-            unit "1", source Derived("highlight shoulders of cameras end in the last sixteenth of the code"),
+        /// Levels of a channel of a saturated pixel, over that at which the photo is clipped, from
+        /// which on saturation hides its light and up to which it hides all of it: 231 and 250 of
+        /// 255 in sRGB.
+        shoulder: [f32; 2] = [0.8, 0.95],
+            unit "1", source Derived("highlight shoulders of cameras"),
             effect "smaller values let more channels become brighter than the photo";
+        /// Largest distance of a pixel of a saturated region from a saturated one: noise and
+        /// compression leave pixels just below white.
+        closing: f32 = 2.0,
+            unit "pixels", source Measured("windows of scenes/demo dimmed; by eye"),
+            effect "a larger value takes wider bars before a window for light";
         /// Weight of the model's own level beside the channels of a pixel that are not saturated.
         model_trust: f32 = 0.01,
             unit "1", source Taste,
@@ -86,6 +94,16 @@ pub struct GlarePixel {
     pub weight: f32,
     /// Radiance after over before the edit.
     pub gain: Vec3,
+}
+
+/// Distance of each pixel from the edge of the saturated region that it is in, in pixels; 0
+/// outside.
+///
+/// Regions are closed (a dilation, then an erosion by `TUNING.closing`).
+pub fn saturated_depth(clipped: &Mask) -> Plane<f32> {
+    let near = distance(&clipped.0.map(|share| share >= 0.5));
+    let outside = near.map(|away| away > TUNING.closing);
+    distance(&outside).map(|away| (away - TUNING.closing).max(0.0))
 }
 
 /// Factor by which a saturated channel may exceed the photo, `away` pixels inside the edge of the
@@ -191,7 +209,7 @@ fn unclip(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::{AlphaMatte, PaintChange, PaintLayer, PaintLayers, Plane};
+    use crate::image::{AlphaMatte, PaintChange, PaintLayer, PaintLayers};
 
     const WALL: Vec3 = Vec3::new(0.5, 0.4, 0.2);
     const LAMP: Vec3 = Vec3::new(0.8, 0.6, 0.4);
@@ -394,6 +412,19 @@ mod tests {
         near(raised, Vec3::new(1.5, 1.25, 1.0));
         assert_eq!(unclip(Vec3::ONE, 1.0, Vec3::ZERO, 2.0), Vec3::ONE, "never darker");
         assert_eq!((headroom(0.0), headroom(1e9)), (1.0, TUNING.max_headroom));
+    }
+
+    #[test]
+    fn a_hole_in_a_saturated_region_is_in_the_region() {
+        let hole = |x: usize, y: usize| (x, y) == (12, 12);
+        let square = |x: usize, y: usize| x.max(y) < 20 && x.min(y) > 4;
+        let clipped =
+            Plane::from_fn(25, 25, |x, y| if square(x, y) && !hole(x, y) { 1.0 } else { 0.0 });
+        let depth = saturated_depth(&Mask(clipped));
+        assert_eq!([4, 5, 6, 19, 20].map(|x| depth.get(x, 12)), [0.0, 1.0, 2.0, 1.0, 0.0]);
+        assert!((depth.get(12, 12) - 8.0).abs() < 1e-3, "{}", depth.get(12, 12));
+        let nothing = saturated_depth(&Mask(Plane::filled(3, 2, 0.0)));
+        assert!(nothing.pixels().iter().all(|&away| away == 0.0));
     }
 
     #[test]

@@ -126,7 +126,8 @@ impl VisibleEmitter<'_> {
     /// The edge of a lamp's saturation lies on its shade, that of a window's is the frame.
     pub fn own(&self, ray: Vec3, away: f32) -> OwnPixel {
         let (radiance, gain) = self.emission_towards(ray);
-        let away = if matches!(self.shape, Shape::Window(_)) { f32::MAX } else { away };
+        let is_framed = away > 0.0 && matches!(self.shape, Shape::Window(_));
+        let away = if is_framed { f32::MAX } else { away };
         OwnPixel {
             light: self.light,
             albedo: self.albedo,

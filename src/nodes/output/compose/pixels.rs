@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, distance, headroom, relight_own,
-    relight_physical, relight_ratio,
+    HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, headroom, relight_own,
+    relight_physical, relight_ratio, saturated_depth,
 };
 
 /// Rows that are composed at a time.
@@ -45,7 +45,7 @@ impl<'a> Pixels<'a> {
                 &inputs.depth,
             ),
             white: clip_level(&inputs.photo, &inputs.clipped),
-            clipped_depth: distance(&inputs.clipped.0.map(|share| share < 0.5)),
+            clipped_depth: saturated_depth(&inputs.clipped),
         }
     }
 
