@@ -30,10 +30,10 @@ tuning! {
         dark: f32 = 1e-9,
             unit "units of the photo", source Derived("single precision"),
             effect "a larger value moves ratios of dark pixels towards 1";
-        /// Largest channel, over the level at which the photo is clipped, from which and to which a
-        /// pixel fades into the split for its strongest lights.
+        /// Largest channel, over the level at which the photo is clipped, from which on the ratio
+        /// of photo and shading may exceed 1, and at which it is not limited.
         saturation: [f32; 2] = [0.75, 0.98],
-            unit "1", source Taste, effect "lower values take more bright surfaces for glare";
+            unit "1", source Taste, effect "lower values let more bright surfaces follow all of their lights";
     }
 }
 

@@ -81,7 +81,7 @@ pub struct OwnPixel {
     pub headroom: f32,
     /// Radiance after over before the edit.
     pub gain: Vec3,
-    /// Radiance that the pixel shows beside that; below 0 it is taken away, down to black.
+    /// Radiance added to the product of gain and emitted radiance; a negative sum becomes 0.
     pub added: Vec3,
 }
 
@@ -115,8 +115,8 @@ pub fn headroom(away: f32) -> f32 {
 /// Turns a record into contributions at a pixel that shows a light itself.
 ///
 /// With the photo I, the shading E before the edit and E_k that of this light, the surface of
-/// albedo A reflects `B (E - E_k)` with `B = min(A, I / (E - E_k))`. The remainder is emitted, and
-/// goes with the gain; the added radiance is that of a lamp which the photo shows dark.
+/// albedo A reflects `B (E - E_k)` with `B = min(A, I / (E - E_k))`. The remainder R is emitted,
+/// and becomes `gain R + added`.
 pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
     let shading = before.iter().sum::<Vec3>() + surface.residual;
     let shown = unclip(surface.photo, surface.white, own.radiance, own.headroom);

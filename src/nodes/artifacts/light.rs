@@ -27,9 +27,9 @@ pub struct Visibility {
     pub unknown: Vec<Plane<f32>>,
 }
 
-/// The change of a light by an edit, for the photo pixels that show the light itself.
+/// Change of a light's emission by an edit, for the photo pixels that show the light itself.
 ///
-/// Where the photo shows emitted light R, the picture shows `gain R + added`.
+/// The emitted radiance R of such a pixel becomes `gain R + added`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EmitterChange {
     /// Radiance after over radiance before, per lobe and channel, 0 or more.

@@ -118,6 +118,7 @@ impl<'a> Pixels<'a> {
         let (inputs, lights) = (self.inputs, self.lights);
         let taps = self.upsampler.taps(x, y);
         lights.shade(&taps, before, record);
+        let away = self.clipped_depth.get(x, y);
         let surface = SurfacePixel {
             photo: inputs.photo.0.get(x, y).max(Vec3::ZERO),
             residual: taps.of(&inputs.residual.0),
@@ -125,13 +126,12 @@ impl<'a> Pixels<'a> {
             reflectance: taps.of(&inputs.reflectance.0),
             painted: inputs.paint_layers.at(x, y),
             white: self.white,
-            headroom: headroom(self.clipped_depth.get(x, y)),
+            headroom: headroom(away),
         };
         let i = y * inputs.photo.0.width() + x;
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
         match (lights.emitter(i), self.mode) {
             (Some(emitter), _) if emitter.mask.is_own(i) => {
-                let away = self.clipped_depth.get(x, y);
                 relight_own(&surface, &emitter.own(ray(), away), before, record)
             }
             (_, Mode::Physical) => relight_physical(&surface, record),
