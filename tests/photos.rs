@@ -240,8 +240,12 @@ fn shown(picture: &RgbImage, [x, y]: [u32; 2], half: u32) -> f64 {
         / f64::from(4 * half * half)
 }
 
-/// Number of pixels, among those that `counts`, that `differ` in a channel (before, after). A
-/// saturated pixel may have any value above white.
+/// Lowest level of 255 of the shoulder of saturation, 0.8 in linear light: the camera compressed
+/// the light of such channels, and the picture may show more of it, up to white.
+const SHOULDER: u8 = 230;
+
+/// Number of pixels, among those that `counts`, that `differ` in a channel (before, after).
+/// Saturated channels may have any value above that of the photo.
 fn count(
     room: &Room,
     relit: &Relit,
@@ -255,7 +259,10 @@ fn count(
         .filter(|((x, y, _), _)| counts(*x, *y));
     pairs
         .filter(|((_, _, a), b)| {
-            a.0.iter().zip(b.0).any(|(&a, b)| a.min(b) < 250 && differ(i32::from(a), i32::from(b)))
+            a.0.iter().zip(b.0).any(|(&a, b)| {
+                let saturated = a >= SHOULDER && b >= a || a.min(b) >= 250;
+                !saturated && differ(i32::from(a), i32::from(b))
+            })
         })
         .count()
 }
