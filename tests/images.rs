@@ -634,6 +634,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         indirect: Gather(indirect.collect()),
         radiance: Gather(radiance.collect()),
         room_error: Gather(room_error.collect()),
+        filled: Some(Arc::new(Mask(plane(11)))),
         layer: Gather(layer),
         albedo: Arc::new(Albedo(colors(small, 7))),
         normal: Arc::new(Normal(Plane::filled(small.0, small.1, Vec3::Z))),
@@ -644,11 +645,37 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
 }
 
 #[test]
+fn the_filled_share_of_a_change_is_told() {
+    let share = |changed: std::ops::Range<usize>| {
+        let mut inputs = write_inputs((48, 36), (12, 9), 1);
+        let photo = inputs.photo.clone().expect("it is there");
+        let factor = |x: usize| if changed.contains(&x) { 0.5 } else { 1.0 };
+        inputs.picture = Arc::new(Picture(Plane::from_fn(48, 36, |x, y| {
+            factor(x) * photo.0.get(x, y).with_x(0.5)
+        })));
+        let photo = Plane::from_fn(48, 36, |x, y| photo.0.get(x, y).with_x(0.5));
+        inputs.photo = Some(Arc::new(Picture(photo)));
+        inputs.filled =
+            Some(Arc::new(Mask(Plane::from_fn(12, 9, |x, _| if x < 3 { 1.0 } else { 0.0 }))));
+        let context = Context::default();
+        Write::default().run(inputs, &context).expect("sound inputs");
+        let notes = context.notes();
+        let told = notes.iter().find_map(|note| note.split_once(" % of the visible change"));
+        told.map(|(share, _)| share.parse::<f64>().expect("a number"))
+    };
+    assert_eq!(share(0..12), Some(100.0));
+    assert_eq!(share(12..48), Some(0.0));
+    assert!((20.0..80.0).contains(&share(6..18).expect("there is a change")));
+    assert_eq!(share(0..0), None);
+}
+
+#[test]
 fn the_written_layers_are_what_they_say() {
     let inputs = write_inputs((48, 36), (48, 36), 3);
     let (direct, visibility) = (inputs.direct.0[0].1.clone(), inputs.visibility.0[0].1.clone());
     let (indirect, radiance) = (inputs.indirect.0[0].1.clone(), inputs.radiance.0[0].1.clone());
     let room_error = inputs.room_error.0[0].1.clone();
+    let filled = inputs.filled.clone().expect("it is there");
     let photo: Vec<f32> =
         inputs.photo.iter().flat_map(|photo| photo.0.pixels()).map(|c| c.x).collect();
     let files = Write::default().run(inputs, &Context::default()).expect("sound inputs").files;
@@ -691,6 +718,7 @@ fn the_written_layers_are_what_they_say() {
         close(exr["photo.R"][at], photo[at], "photo");
         close(exr["stderr_light0.Y"][at], (variance + shared * shared).sqrt(), "stderr");
         close(exr["room_error_light0.Y"][at], room_error.stderr.pixels()[at], "room error");
+        close(exr["filled.Y"][at], filled.0.pixels()[at], "filled");
     }
     for name in [
         "A",
@@ -704,7 +732,7 @@ fn the_written_layers_are_what_they_say() {
     ] {
         assert!(exr.contains_key(name), "{name}");
     }
-    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 8 + 3 * 9 + 2);
+    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 9 + 3 * 9 + 2);
     assert!(!exr.contains_key("room_error_light1.Y"), "nothing is guessed there");
 }
 

@@ -60,6 +60,7 @@ pub fn run(
         message!("networks by {}: {}", choice.backend, choice.why);
     }
     warnings.iter().for_each(|warning| message!("warning: {warning}"));
+    report::notes_of_outputs(&done).for_each(|note| message!("{note}"));
     report_errors(&done);
     for difference in &differences {
         message!(

@@ -110,6 +110,16 @@ pub fn warnings(run: &RunReport) -> Vec<String> {
     of_nodes.chain(run.warnings.iter().cloned()).collect()
 }
 
+/// Notes of the nodes that gave an output of a run: what a person should know of the result.
+pub fn notes_of_outputs(run: &RunReport) -> impl Iterator<Item = &str> {
+    let gave = |name: &str| {
+        let wanted = run.outputs.iter().map(|(output, _)| output.as_str());
+        wanted.filter_map(|output| output.split_once('.')).any(|(node, _)| node == name)
+    };
+    let nodes = run.nodes.iter().filter(move |node| gave(&node.name));
+    nodes.flat_map(|node| node.notes.iter().map(String::as_str))
+}
+
 /// The table at the end of every run.
 pub fn table(run: &RunReport) -> String {
     let width = run.nodes.iter().map(|node| node.name.chars().count()).max().unwrap_or(0).max(4);

@@ -7,7 +7,7 @@ use glam::Vec3;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
     Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, REFLECTANCE, Shading, clip_level,
-    inpaint_surfaces, reflected,
+    inpaint_surfaces, reflected, resize, smooth_step,
 };
 use crate::optics::LightKind;
 use crate::{params, ports};
@@ -55,12 +55,15 @@ ports! {
         reflectance: Arc<Albedo>,
         /// The own pixels of each visible light and its glare, photo size.
         glare_mask: Scatter<GlareMask>,
+        /// Fraction of each pixel whose surface a light, its glare or saturation hides, 0..=1,
+        /// working size: there the reflectance is filled in.
+        filled: Arc<Mask>,
     }
 }
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -81,7 +84,9 @@ impl Node for FillReflectance {
             glare_masks.push((id.to_string(), Arc::new(glare_mask)));
         }
         let (w, h) = inputs.small.0.size();
-        let bright = REFLECTANCE.saturation[0] * clip_level(&inputs.photo, &inputs.clipped);
+        let white = clip_level(&inputs.photo, &inputs.clipped);
+        let filled = filled(&inputs.photo, white, &glare_masks);
+        let bright = REFLECTANCE.saturation[0] * white;
         let mut hidden = inputs.small.0.map(|shown| shown.max_element() > bright);
         for (_, glare_mask) in &glare_masks {
             for i in (0..full_w * full_h).filter(|&i| glare_mask.weight(i) > 0.0) {
@@ -100,6 +105,33 @@ impl Node for FillReflectance {
         Ok(FillReflectanceOut {
             reflectance: Arc::new(Albedo(paint)),
             glare_mask: Scatter(glare_masks),
+            filled: Arc::new(Mask(resize(&filled, w, h))),
         })
+    }
+}
+
+/// Fraction of each pixel of the photo that does not show its surface: a light's own, in its glare,
+/// or saturated in all channels.
+fn filled(photo: &Picture, white: f32, lights: &[(String, Arc<GlareMask>)]) -> Plane<f32> {
+    let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
+    let (width, height) = photo.0.size();
+    Plane::from_fn(width, height, |x, y| {
+        let i = y * width + x;
+        let lights = lights.iter().map(|(_, light)| light.weight(i));
+        lights.fold(smooth_step(from, to, photo.0.get(x, y).min_element()), f32::max)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_light_or_saturation_hides_is_filled() {
+        let colors = [Vec3::ONE, Vec3::X, Vec3::splat(0.5), Vec3::splat(0.5)];
+        let photo = Picture(Plane::from_fn(4, 1, |x, _| colors[x]));
+        let own = Plane::from_fn(4, 1, |x, _| if x == 3 { 1.0 } else { 0.0 });
+        let light = ("lamp".to_owned(), Arc::new(GlareMask::of_window(&own, &photo, 1e-3)));
+        assert_eq!(filled(&photo, 1.0, &[light]).pixels(), [1.0, 0.0, 0.0, 1.0]);
     }
 }

@@ -19,8 +19,8 @@ use glam::Vec3;
 use crate::geometry::{Camera, RoomLayout};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
-    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, Normal, Picture, Plane, PngSamples,
-    Roughness, Specular, resize, resize_depth,
+    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, Mask, Normal, Picture, Plane,
+    PngSamples, Roughness, Specular, resize, resize_depth,
 };
 use crate::nodes::artifacts::{
     Encoding, Files, LayerError, REST, UnitDirect, UnitIndirect, Visibility,
@@ -57,6 +57,9 @@ ports! {
         layout: Option<Arc<RoomLayout>>,
         /// The camera at the photo's size, for the same line.
         camera: Option<Arc<Camera>>,
+        /// Fraction of each pixel whose surface a light or saturation hides, working size, for the
+        /// layer `filled` and a note of the share of the edit's change that lies there.
+        filled: Option<Arc<Mask>>,
         /// The layer of each light, the photo's size; they and `residual` sum to the picture.
         layer: Gather<Layer>,
         /// The residual, which no light explains.
@@ -92,7 +95,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = WriteIn;
     type Out = WriteOut;
 
@@ -109,6 +112,14 @@ impl Node for Write {
             finite(&name, size.0, (0..size.0 * size.1).map(|i| layer.get(i)))?;
         }
         let mut layers = ExrLayers::new(size.0, size.1);
+        if let (Some(photo), Some(filled)) = (&inputs.photo, &inputs.filled)
+            && let Some(share) = filled_share(&inputs.picture, photo, filled)
+        {
+            ctx.note(format!(
+                "{:.0} % of the visible change lies where a light or saturation hides the surface: it is filled in",
+                100.0 * share
+            ));
+        }
         if let Some(photo) = inputs.photo.take() {
             layers.rgb("photo", &photo.0);
         }
@@ -132,6 +143,24 @@ impl Node for Write {
 fn lights(inputs: &WriteIn) -> impl Iterator<Item = (String, &Arc<Layer>)> {
     let lights = inputs.layer.iter().map(|(id, layer)| (format!("light_{id}"), layer));
     [(format!("light_{REST}"), &inputs.residual)].into_iter().chain(lights)
+}
+
+/// Share of the visible change, in luminance up to white, that lies where the photo does not show
+/// the surface; `None` where the mean change is below half a step of 8 bits: the identity edit
+/// raises saturated channels.
+fn filled_share(picture: &Picture, photo: &Picture, filled: &Mask) -> Option<f64> {
+    let ((width, height), (w, h)) = (photo.0.size(), filled.0.size());
+    let shown = |color: Vec3| color.clamp(Vec3::ZERO, Vec3::ONE);
+    let (mut hidden, mut all) = (0.0, 0.0);
+    for y in 0..height {
+        for x in 0..width {
+            let [after, before] = [picture, photo].map(|picture| shown(picture.0.get(x, y)));
+            let change = (after - before).abs().dot(LUMINANCE);
+            hidden += f64::from(change * filled.0.get(x * w / width, y * h / height));
+            all += f64::from(change);
+        }
+    }
+    (all > 0.5 / 255.0 * (width * height) as f64).then(|| hidden / all)
 }
 
 fn finite(
@@ -167,9 +196,9 @@ impl Write {
         let lights = std::mem::replace(&mut inputs.layer, Gather(Vec::new())).0.len();
         inputs.residual = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
         // A half float has two bytes: R G B A; three for each light, the residual and the photo;
-        // albedo, normal, roughness and a float depth; for each light two colors, a shadow, its
-        // unknown share and two float errors.
-        let bytes = width * height * (8 + 6 * (2 + lights) + 18 + 24 * inputs.radiance.0.len());
+        // albedo, normal, roughness, the filled fraction and a float depth; for each light two
+        // colors, a shadow, its unknown share and two float errors.
+        let bytes = width * height * (8 + 6 * (2 + lights) + 20 + 24 * inputs.radiance.0.len());
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
                 "picture.exr contains no diagnostic layers: it would be {} MiB, the limit is {} MiB",
@@ -220,6 +249,9 @@ fn diagnostics(
         |plane: &&Arc<Specular>| plane.0.pixels().windows(2).any(|pair| pair[0] != pair[1]);
     if let Some(specular) = inputs.specular.as_ref().filter(uneven) {
         layers.half("spec.Y", &numbers(&specular.0));
+    }
+    if let Some(filled) = &inputs.filled {
+        layers.half("filled.Y", &numbers(&filled.0));
     }
     layers.float("depth.Z", &resize_depth(&inputs.depth, width, height).0);
     for (id, radiance) in inputs.radiance.iter() {
