@@ -2,7 +2,24 @@
 
 use glam::Vec3;
 
-use crate::image::{Normal, Plane, Transfer};
+use crate::image::{Normal, Plane, Transfer, distance};
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of the measures of saturated regions.
+    pub const TUNING: SaturationScoreTuning {
+        /// Level of the largest channel from which on a photo counts as saturated: 250 of 255 in
+        /// sRGB, as edges of saturated regions are when a photo is made smaller.
+        white: f32 = 0.95,
+            unit "fraction of white", source Taste, effect "a smaller value counts bright surfaces";
+        /// Width of the band around saturated regions.
+        band: f32 = 20.0,
+            unit "pixels", source Taste, effect "a wider band has more of the plain surface";
+        /// Half the width of their edge.
+        edge: f32 = 2.0,
+            unit "pixels", source Taste, effect "a wider edge has more of the texture";
+    }
+}
 
 /// Numbers as they came out beside those that are true, channel by channel, of the pixels that are
 /// `counted`.
@@ -106,9 +123,97 @@ pub fn score_picture(
     })
 }
 
+/// A relit picture against the truth, by the saturation of the photo.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SaturationScore {
+    /// Mean absolute difference in saturated regions of the photo, in steps of the 8-bit sRGB
+    /// picture.
+    pub saturated: Option<f64>,
+    /// The same in the band around them.
+    pub band: Option<f64>,
+    /// The same elsewhere.
+    pub elsewhere: Option<f64>,
+    /// Mean difference of neighbors at their edges, over that of the truth.
+    pub step: Option<f64>,
+}
+
+/// Scores a linear picture by the linear truth, with the regions in which the linear `photo` is
+/// saturated, on the pixels that are `counted`. A measure without a pixel is `None`.
+pub fn score_saturation(
+    got: &Plane<Vec3>,
+    truth: &Plane<Vec3>,
+    photo: &Plane<Vec3>,
+    counted: &Plane<bool>,
+) -> SaturationScore {
+    let code = |linear: f32| 255.0 * Transfer::Srgb.encode(linear.clamp(0.0, 1.0));
+    let [got, truth] =
+        [got, truth].map(|plane| plane.map(|c| Vec3::from_array(c.to_array().map(code))));
+    let white = Plane::from_fn(photo.width(), photo.height(), |x, y| {
+        photo.get(x, y).max_element() >= TUNING.white && counted.get(x, y)
+    });
+    let (outside, inside) = (distance(&white), distance(&white.map(|white| !white)));
+    let region = |holds: &dyn Fn(f32, f32) -> bool| {
+        Plane::from_fn(photo.width(), photo.height(), |x, y| {
+            counted.get(x, y) && holds(outside.get(x, y), inside.get(x, y))
+        })
+    };
+    let error = |region: Plane<bool>| {
+        mean_error(pairs(&got, &truth, &region), |got, truth| (got - truth).abs())
+    };
+    let edge = region(&|outside, inside| outside <= TUNING.edge && inside <= TUNING.edge);
+    let [jump, true_jump] = [&got, &truth].map(|plane| jump(plane, &edge));
+    SaturationScore {
+        saturated: error(white.clone()),
+        band: error(region(&|outside, _| outside > 0.0 && outside <= TUNING.band)),
+        elsewhere: error(region(&|outside, _| outside > TUNING.band)),
+        step: (true_jump > 0.0).then(|| jump / true_jump),
+    }
+}
+
+/// Sum of the differences of neighbors to the right and below, of pixels of the `edge`.
+fn jump(plane: &Plane<Vec3>, edge: &Plane<bool>) -> f64 {
+    let pixel = |x: usize, y: usize| {
+        let here = plane.get(x, y);
+        let off = |to: Vec3| f64::from((to - here).abs().element_sum());
+        off(plane.get(x + 1, y)) + off(plane.get(x, y + 1))
+    };
+    let (width, height) = plane.size();
+    let row = |y: usize| (0..width.saturating_sub(1)).map(move |x| (x, y));
+    let pixels = (0..height.saturating_sub(1)).flat_map(row);
+    pixels.filter(|&(x, y)| edge.get(x, y)).map(|(x, y)| pixel(x, y)).sum()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn saturated_regions_by_hand() {
+        let line = |value: &dyn Fn(usize) -> f32| {
+            Plane::from_fn(60, 3, |x, _| Vec3::splat(Transfer::Srgb.decode(value(x) / 255.0)))
+        };
+        // White in 0..10, the band in 10..30.
+        let photo = line(&|x| if x < 10 { 255.0 } else { 90.0 });
+        let truth = line(&|x| if x < 10 { 100.0 } else { 80.0 });
+        let got = line(&|x| match x {
+            0..10 => 130.0,
+            10..30 => 85.0,
+            _ => 81.0,
+        });
+        let all = photo.map(|_| true);
+        let score = score_saturation(&got, &truth, &photo, &all);
+        let close = |got: Option<f64>, want: f64| {
+            assert!((got.expect("it has pixels") - want).abs() < 1e-3, "{got:?} for {want}");
+        };
+        close(score.saturated, 30.0);
+        close(score.band, 5.0);
+        close(score.elsewhere, 1.0);
+        close(score.step, 45.0 / 20.0);
+        // A photo without white has one region and no edge.
+        let score = score_saturation(&got, &truth, &truth, &all);
+        assert_eq!((score.saturated, score.band, score.step), (None, None, None));
+        close(score.elsewhere, (10.0 * 30.0 + 20.0 * 5.0 + 30.0) / 60.0);
+    }
 
     fn plane(values: &[f32]) -> Plane<Vec3> {
         Plane::new(values.len(), 1, values.iter().map(|&v| Vec3::splat(v)).collect())

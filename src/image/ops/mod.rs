@@ -28,8 +28,8 @@ pub use glare_mask::GlareMask;
 pub use graph_cut::graph_cut;
 pub use inpaint::inpaint_surfaces;
 pub use measure::{
-    PictureScore, log_error, mean_error, normal_error, pairs, scale_invariant_error, score_picture,
-    square_error,
+    PictureScore, SaturationScore, log_error, mean_error, normal_error, pairs,
+    scale_invariant_error, score_picture, score_saturation, square_error,
 };
 pub use mix::weighted_sum;
 pub use pack::{Packed, pack};
@@ -52,6 +52,7 @@ pub fn tuning() -> Vec<Table> {
         dilate::DilateTuning::table(),
         glare_mask::GlareMaskTuning::table(),
         inpaint::InpaintTuning::table(),
+        measure::SaturationScoreTuning::table(),
         reflectance::ReflectanceTuning::table(),
         relit_pixel::RelitPixelTuning::table(),
         resample::ResampleTuning::table(),

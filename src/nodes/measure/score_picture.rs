@@ -5,7 +5,9 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, File, Gather, Node, NodeError};
-use crate::image::{self, Mask, Picture, Plane, mean_error, pairs, score_picture};
+use crate::image::{
+    self, Mask, Picture, Plane, mean_error, pairs, score_picture, score_saturation,
+};
 use crate::nodes::artifacts::Scores;
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -17,6 +19,10 @@ params! {
     /// `PSNR` is that of the 8-bit picture in dB; `unchanged` is the `PSNR` of the photo itself.
     /// `change error` is sum |got - truth| / sum |truth - photo| in linear light clipped to 0..=1:
     /// 1 for the unchanged photo, 0 for a perfect edit.
+    ///
+    /// `saturated`, `band` and `elsewhere` are mean absolute differences in 8-bit steps: where the
+    /// photo is saturated, up to 20 pixels from there, and elsewhere. `step` is the mean difference
+    /// of neighbors at the edge of saturated regions over that of the truth.
     ///
     /// The photo is the sum of the lights' true pictures, if they are given. The truth is a file,
     /// or the photo minus the pictures of some lights. All pictures are compared at the size of the
@@ -50,7 +56,7 @@ ports! {
 
 ports! {
     pub output ScorePictureOut {
-        /// The scores `PSNR`, `unchanged` and `change error` of `subject`.
+        /// The scores of `subject`. A measure without pixels is left out.
         scores: Arc<Scores>,
     }
 }
@@ -79,7 +85,7 @@ tuning! {
 
 impl Node for ScorePicture {
     const KIND: &'static str = "ScorePicture";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = ScorePictureIn;
     type Out = ScorePictureOut;
 
@@ -145,6 +151,7 @@ impl Node for ScorePicture {
             }
         }
         let score = score_picture(&picture, &truth, &photo, &counted);
+        let saturation = score_saturation(&picture, &truth, &taken, &counted);
         let figure =
             |measure: &str, value: Option<f64>| super::score(&self.subject, measure, value);
         Ok(ScorePictureOut {
@@ -152,6 +159,10 @@ impl Node for ScorePicture {
                 figure("PSNR", score.map(|s| s.psnr)),
                 figure("unchanged", score.map(|s| s.unchanged)),
                 figure("change error", score.and_then(|s| s.change)),
+                figure("saturated", saturation.saturated),
+                figure("band", saturation.band),
+                figure("elsewhere", saturation.elsewhere),
+                figure("step", saturation.step),
             ]),
         })
     }

@@ -20,6 +20,7 @@ pub(super) fn markdown(figures: &[Figure]) -> String {
         ("shading", pivot(&of(&["E_d", "E", "lighting"]))),
         ("materials", pivot(&of(&["albedo", "albedo before the fit", "normal", "roughness"]))),
         ("edits", pivot(&of(&["PSNR", "unchanged", "change error"]))),
+        ("saturation", pivot(&of(&["saturated", "band", "elsewhere", "step"]))),
         ("ablation", ablation(figures)),
     ];
     let shown = tables.into_iter().filter(|(_, text)| !text.is_empty());
