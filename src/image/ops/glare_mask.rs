@@ -18,6 +18,10 @@ tuning! {
         /// Largest weight of glare; only a light's own pixels have 1.
         max_glare: f32 = 0.999,
             unit "1", source Taste, effect "a smaller value leaves more of a saturated pixel to the surface";
+        /// Width of the frame of a window, where saturated, over that of its bloom.
+        frame: f32 = 2.0,
+            unit "1", source Taste,
+            effect "a larger value takes the light on saturated walls for glare of the window";
         /// Least width of a lamp's bloom over the side of a square of the lamp's area.
         lamp_bloom: f32 = 0.5,
             unit "1", source Measured("photos of lamps; no page records it"),
@@ -32,11 +36,12 @@ tuning! {
 ///
 /// ```
 /// use glam::Vec3;
-/// use relight::image::{GlareMask, Picture, Plane};
+/// use relight::image::{GlareMask, Mask, Picture, Plane};
 ///
 /// let photo = Picture(Plane::filled(9, 9, Vec3::ONE));
 /// let window = Plane::from_fn(9, 9, |x, _| if x < 3 { 1.0 } else { 0.0 });
-/// let mask = GlareMask::of_window(&window, &photo, 4.0);
+/// let clipped = Mask(Plane::filled(9, 9, 0.0));
+/// let mask = GlareMask::of_window(&window, &photo, &clipped, 4.0);
 /// assert!(mask.is_own(2) && !mask.is_own(3));
 /// assert!(mask.weight(3) > mask.weight(5) && mask.weight(8) == 0.0);
 /// ```
@@ -67,12 +72,20 @@ impl GlareMask {
         GlareMask::new(mask, photo, &core, falloff_radius, TUNING.stand * bright)
     }
 
-    /// The pixels of a window, whose glare reaches over `bloom` pixels. Both planes have one size.
+    /// The pixels of a window. All planes have one size.
+    ///
+    /// Glare reaches over `bloom` pixels from the window and from the saturated pixels that touch
+    /// it, up to `TUNING.frame` of these widths away: its frame and its curtains.
     ///
     /// # Panics
-    /// `mask` and `photo` differ in size.
-    pub fn of_window(mask: &Plane<f32>, photo: &Picture, bloom: f32) -> GlareMask {
-        GlareMask::new(mask, photo, &mask.map(|share| share > 0.5), bloom, 0.0)
+    /// `mask`, `photo` and `clipped` differ in size.
+    pub fn of_window(mask: &Plane<f32>, photo: &Picture, clipped: &Mask, bloom: f32) -> GlareMask {
+        let away = distance(&mask.map(|share| share > 0.5));
+        let touching = geodesic_dilate(mask, &clipped.0);
+        let core = Plane::from_fn(mask.width(), mask.height(), |x, y| {
+            touching.get(x, y) && away.get(x, y) <= TUNING.frame * bloom
+        });
+        GlareMask::new(mask, photo, &core, bloom, 0.0)
     }
 
     /// Own pixels are those of `mask` with a luminance of at least `dark`. Glare falls from `core`
@@ -174,13 +187,26 @@ mod tests {
     fn a_dark_window_owns_its_pixels() {
         let mask = Plane::from_fn(12, 3, |x, _| if x < 6 { 1.0 } else { 0.0 });
         let photo = Picture(Plane::filled(12, 3, Vec3::ZERO));
-        let found = GlareMask::of_window(&mask, &photo, 3.0);
+        let none = Mask(mask.map(|_| 0.0));
+        let found = GlareMask::of_window(&mask, &photo, &none, 3.0);
         let row: Vec<f32> = (0..12).map(|x| found.weight(x)).collect();
         assert_eq!(row[..6], [1.0; 6]);
         // Halfway through the falloff of 3 pixels lies no pixel; a third in, 1 - (3 - 2 / 3) / 9 of
         // the weight is left.
         assert!((row[6] - TUNING.max_glare * (1.0 - 7.0 / 27.0)).abs() < 1e-6, "{row:?}");
         assert_eq!(row[8..], [0.0; 4]);
+    }
+
+    #[test]
+    fn a_saturated_frame_is_in_the_glare_of_its_window() {
+        let mask = Plane::from_fn(30, 3, |x, _| if x < 6 { 1.0 } else { 0.0 });
+        let clipped = Mask(Plane::from_fn(30, 3, |x, _| if x < 25 { 1.0 } else { 0.0 }));
+        let photo = Picture(Plane::filled(30, 3, Vec3::ONE));
+        let found = GlareMask::of_window(&mask, &photo, &clipped, 3.0);
+        // Saturated pixels up to twice the bloom away, and the bloom from there.
+        let row: Vec<f32> = (0..30).map(|x| found.weight(30 + x)).collect();
+        assert_eq!(row[6..12], [TUNING.max_glare; 6]);
+        assert!(row[12] > row[13] && row[13] > 0.0 && row[14..] == [0.0; 16], "{row:?}");
     }
 
     #[test]

@@ -92,6 +92,8 @@ pub struct GlarePixel {
     pub light: usize,
     /// Weight of the glare, 0..1.
     pub weight: f32,
+    /// The residual shading is this light's, too: at the frame of a window, which its light grazes.
+    pub owns_residual: bool,
     /// Radiance after over before the edit.
     pub gain: Vec3,
 }
@@ -138,7 +140,7 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 /// also the unexplained light `I - B E`. Near saturation B may exceed 1, so that white follows its
 /// lights: there I / E does not determine the surface. In the glare of a light, the pixel is
 /// blended with its split into the surface under all other light and a remainder that goes with the
-/// gain.
+/// gain; the residual is part of the remainder where the light owns it.
 pub fn relight_ratio(
     surface: &SurfacePixel,
     glare: Option<GlarePixel>,
@@ -155,12 +157,14 @@ pub fn relight_ratio(
     let reflectance = reflectance + saturation * (ratio(shown, shading) - reflectance);
     let unexplained = painted.tint(shown - (reflectance * shading).min(shown), shading);
     let reflectance = painted.reflectance(reflectance, shown);
-    let in_glare = glare.map(|GlarePixel { light, weight, gain }| {
-        let others = shading - before[light];
+    let in_glare = glare.map(|GlarePixel { light, weight, owns_residual, gain }| {
+        let kept = if owns_residual { 0.0 } else { 1.0 };
+        let others = shading - before[light] - (1.0 - kept) * *residual;
         let (reflectance, remainder) = split(shown, others, surface.reflectance);
         let reflectance = painted.reflectance(reflectance, shown);
         let mut split: Vec<Vec3> = record.iter().map(|layer| *layer * reflectance).collect();
         split[light] = painted.tint(remainder, before[light]) * gain;
+        split[before.len()] *= kept;
         (weight, split)
     });
     record.iter_mut().for_each(|layer| *layer *= reflectance);
@@ -241,7 +245,8 @@ mod tests {
     fn without_an_edit_every_way_gives_the_photo_back() {
         let bare = PaintLayers::default();
         let before = [LAMP, WINDOW];
-        let glare = Some(GlarePixel { light: 0, weight: 0.7, gain: Vec3::ONE });
+        let glare =
+            Some(GlarePixel { light: 0, weight: 0.7, owns_residual: false, gain: Vec3::ONE });
         for photo in [
             WALL * 0.9,
             Vec3::new(0.6, 0.01, 0.0),
@@ -343,17 +348,18 @@ mod tests {
         let bare = PaintLayers::default();
         let before = [LAMP, WINDOW];
         let photo = WALL * (LAMP + WINDOW + RESIDUAL) + Vec3::new(0.1, 0.1, 0.05);
-        let lit = |weight: f32| {
+        let lit = |weight: f32, owns_residual: bool| {
             let mut record = [Vec3::ZERO, WINDOW, RESIDUAL];
-            let glare = GlarePixel { light: 0, weight, gain: Vec3::ZERO };
+            let glare = GlarePixel { light: 0, weight, owns_residual, gain: Vec3::ZERO };
             relight_ratio(&surface(photo, &bare), Some(glare), &before, &mut record);
             sum(&record)
         };
-        near(lit(1.0), WALL * (WINDOW + RESIDUAL));
+        near(lit(1.0, false), WALL * (WINDOW + RESIDUAL));
+        near(lit(1.0, true), WALL * WINDOW);
         // Weights blend.
         let mut plain = [Vec3::ZERO, WINDOW, RESIDUAL];
         relight_ratio(&surface(photo, &bare), None, &before, &mut plain);
-        near(lit(0.25), 0.75 * sum(&plain) + 0.25 * lit(1.0));
+        near(lit(0.25, false), 0.75 * sum(&plain) + 0.25 * lit(1.0, false));
     }
 
     #[test]

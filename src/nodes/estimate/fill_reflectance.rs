@@ -63,7 +63,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -79,7 +79,9 @@ impl Node for FillReflectance {
                 LightKind::Lamp => {
                     GlareMask::of_lamp(&mask.0, &inputs.photo, &inputs.clipped, bloom)
                 }
-                LightKind::Window => GlareMask::of_window(&mask.0, &inputs.photo, bloom),
+                LightKind::Window => {
+                    GlareMask::of_window(&mask.0, &inputs.photo, &inputs.clipped, bloom)
+                }
             };
             glare_masks.push((id.to_string(), Arc::new(glare_mask)));
         }
@@ -131,7 +133,9 @@ mod tests {
         let colors = [Vec3::ONE, Vec3::X, Vec3::splat(0.5), Vec3::splat(0.5)];
         let photo = Picture(Plane::from_fn(4, 1, |x, _| colors[x]));
         let own = Plane::from_fn(4, 1, |x, _| if x == 3 { 1.0 } else { 0.0 });
-        let light = ("lamp".to_owned(), Arc::new(GlareMask::of_window(&own, &photo, 1e-3)));
+        let none = Mask(own.map(|_| 0.0));
+        let mask = GlareMask::of_window(&own, &photo, &none, 1e-3);
+        let light = ("lamp".to_owned(), Arc::new(mask));
         assert_eq!(filled(&photo, 1.0, &[light]).pixels(), [1.0, 0.0, 0.0, 1.0]);
     }
 }

@@ -141,7 +141,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
     type In = ComposeIn;
     type Out = ComposeOut;
 
@@ -215,7 +215,7 @@ mod tests {
         }
         let photo = Picture(plane(WALL * (LAMP + RESIDUAL)));
         let mask = Plane::from_fn(SIZE.0, SIZE.1, |x, _| if x < 3 { 1.0 } else { 0.0 });
-        let glare_mask = GlareMask::of_window(&mask, &photo, 4.0);
+        let glare_mask = GlareMask::of_window(&mask, &photo, &Mask(number(0.0)), 4.0);
         let (photo, depth) = (Arc::new(photo), Arc::new(Depth(number(2.0))));
         let shape = || {
             lamp(Shape::Lamp(crate::optics::Lamp::Sphere(SphereLamp {

@@ -143,6 +143,7 @@ impl VisibleEmitter<'_> {
         GlarePixel {
             light: self.light,
             weight: self.mask.weight(i),
+            owns_residual: matches!(self.shape, Shape::Window(_)),
             gain: self.emission_towards(ray).1,
         }
     }
