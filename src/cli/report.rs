@@ -110,7 +110,7 @@ pub fn warnings(run: &RunReport) -> Vec<String> {
     of_nodes.chain(run.warnings.iter().cloned()).collect()
 }
 
-/// Notes of the nodes that gave an output of a run: what a person should know of the result.
+/// The notes of the nodes whose outputs a run returned.
 pub fn notes_of_outputs(run: &RunReport) -> impl Iterator<Item = &str> {
     let gave = |name: &str| {
         let wanted = run.outputs.iter().map(|(output, _)| output.as_str());

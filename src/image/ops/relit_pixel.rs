@@ -158,13 +158,15 @@ pub fn relight_ratio(
     let unexplained = painted.tint(shown - (reflectance * shading).min(shown), shading);
     let reflectance = painted.reflectance(reflectance, shown);
     let in_glare = glare.map(|GlarePixel { light, weight, owns_residual, gain }| {
-        let kept = if owns_residual { 0.0 } else { 1.0 };
-        let others = shading - before[light] - (1.0 - kept) * *residual;
+        let owned = if owns_residual { *residual } else { Vec3::ZERO };
+        let others = shading - before[light] - owned;
         let (reflectance, remainder) = split(shown, others, surface.reflectance);
         let reflectance = painted.reflectance(reflectance, shown);
         let mut split: Vec<Vec3> = record.iter().map(|layer| *layer * reflectance).collect();
         split[light] = painted.tint(remainder, before[light]) * gain;
-        split[before.len()] *= kept;
+        if owns_residual {
+            split[before.len()] = Vec3::ZERO;
+        }
         (weight, split)
     });
     record.iter_mut().for_each(|layer| *layer *= reflectance);

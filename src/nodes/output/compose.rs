@@ -3,16 +3,18 @@
 //! Away from lights, a pixel I of the photo under the shading E = sum E_k + R, with the residual R
 //! that no light explains, becomes `sum B E'_k + B R' + U` after an edit. In the mode `Ratio`, the
 //! reflectance B is I / E, at most 1, and U = I - B E is unexplained light (a highlight, an unseen
-//! sun), which stays and is part of the residual layer. So the identity edit gives the photo back,
-//! texture and resolution survive, and each term is linear in its light's radiance. In the mode
-//! `Physical`, B is the estimated albedo and U = 0.
+//! sun), which stays and is part of the residual layer. So the identity edit gives the photo back
+//! outside saturated regions, texture and resolution survive, and each term is linear in its
+//! light's radiance. In the mode `Physical`, B is the estimated albedo and U = 0.
 //!
-//! Some pixels belong to one light: those that show it, those of its glare, and those that it
-//! saturates, where I / E does not determine the surface. There the photo is the surface under all
-//! other lights, and a remainder that goes with the light: I = B (E - E_k) + G with B = min(A, I /
-//! (E - E_k)). In the light's own pixels A is the albedo of a shade or a pane, elsewhere I / E of
-//! the surface around. Both ways are blended where saturation and glare begin, so that no boundary
-//! shows.
+//! Some pixels belong to one light: those that show it and those of its glare, where I / E does not
+//! determine the surface. There the photo is the surface under all other lights, and a remainder
+//! that goes with the light: I = B (E - E_k) + G with B = min(A, I / (E - E_k)). In the light's own
+//! pixels A is the albedo of a shade or a pane, elsewhere I / E of the surface around. Both ways
+//! are blended where glare begins, so that no boundary shows.
+//!
+//! In saturated regions I is a lower bound: its hidden channels are raised to the model, and B may
+//! exceed 1.
 //!
 //! `src/image/ops/relit_pixel.rs` has these equations for one pixel. `LightLayers` and
 //! `ObjectLayers` are the inputs as one pixel needs them, `Pixels` visits all pixels.

@@ -133,9 +133,9 @@ fn level(radiance: &[Vec3]) -> f32 {
     luminance(radiance.iter().sum())
 }
 
-/// The flux of a lamp over that of a body of unit area which shows 1.
-fn flux(lamp: &Lamp, radiance: &[Vec3]) -> f32 {
-    level(radiance) * lamp.area() * lamp.escaping()
+/// The area of a Lambertian surface with the flux and the radiance of the lamp, square meters.
+fn emitting_area(lamp: &Lamp) -> f32 {
+    lamp.area() * lamp.escaping()
 }
 
 impl EditLights {
@@ -180,7 +180,6 @@ impl EditLights {
         ctx: &Context,
     ) -> Result<Vec3, NodeError> {
         let is_on = |radiance: &[Vec3]| level(radiance) >= TUNING.off_radiance;
-        let body = lamp.area() * lamp.escaping();
         let of_lumens = |lumens: f32| lamp_level(lumens, lamp, self.lux(id, inputs, ctx));
         let shown = match lumens {
             Some(lumens) => of_lumens(lumens),
@@ -191,7 +190,7 @@ impl EditLights {
                     .iter()
                     .filter_map(|(other, shape)| match (&**shape, inputs.radiances.get(other)) {
                         (Shape::Lamp(lamp), Some(w)) if other != id && is_on(&w.0) => {
-                            Some(flux(lamp, &w.0))
+                            Some(level(&w.0) * emitting_area(lamp))
                         }
                         _ => None,
                     })
@@ -203,7 +202,7 @@ impl EditLights {
                     ));
                     of_lumens(bulb)
                 } else {
-                    others.iter().sum::<f32>() / others.len() as f32 / body
+                    others.iter().sum::<f32>() / others.len() as f32 / emitting_area(lamp)
                 }
             }
         };
@@ -228,5 +227,5 @@ impl EditLights {
 /// Flux = pi x area x luminance for a Lambertian surface, and a white surface under `lux` has the
 /// luminance lux / pi.
 pub fn lamp_level(lumens: f32, lamp: &Lamp, lux: f32) -> f32 {
-    lumens / (lamp.area() * lamp.escaping() * lux)
+    lumens / (emitting_area(lamp) * lux)
 }
