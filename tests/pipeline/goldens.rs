@@ -695,7 +695,8 @@ fn check_clipped(of: &Photographed, [same, off, dim, bright]: &[ComposeOut; 4]) 
         );
     }
     let highlight = same.residual.get(HIGHLIGHT.y as usize * SIZE.0 + HIGHLIGHT.x as usize);
-    assert!(highlight.min_element() > 0.4, "no light explains the highlight: {highlight}");
+    // Up to four times the shading it goes with its lights.
+    assert!(highlight.min_element() > 0.3, "no light explains the highlight: {highlight}");
 }
 
 /// A ball before the box, under the lamp: its direct light, and its shadow.

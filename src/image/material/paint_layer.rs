@@ -47,14 +47,14 @@ pub struct PaintChange {
 }
 
 impl PaintChange {
-    /// The reflectance after the change: at most 1, or the largest channel of `new`, with its color
-    /// kept.
+    /// The reflectance after the change, with its color kept: at most 1, or the largest channel of
+    /// `new` or of `reflectance`.
     pub fn over(&self, reflectance: Vec3) -> Vec3 {
         if !self.keep_texture {
             return self.new;
         }
         let painted = self.textured(reflectance);
-        let most = self.new.max_element().max(1.0);
+        let most = self.new.max_element().max(reflectance.max_element()).max(1.0);
         painted / (painted.max_element() / most).max(1.0)
     }
 

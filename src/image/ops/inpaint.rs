@@ -7,14 +7,17 @@ use crate::tuning::tuning;
 
 /// Inpaints the pixels where `unknown` holds from known ones around them: from the edge inwards,
 /// each pixel takes the mean of its neighbors on the same surface (alike in depth to 3 %, and in
-/// normal); where there is none, of all its neighbors. Then the filled pixels are smoothed along
-/// the surface, so that an edge at the boundary leaves no streak. All planes have one size. Without
-/// any known pixel nothing changes.
+/// normal); where there is none, of all its neighbors. Then Poisson's equation is relaxed along the
+/// surface, with the known values on the boundary, so that an edge there leaves no streak. All
+/// planes have one size. Without any known pixel nothing changes.
+///
+/// `step(i, j)` is the wanted difference of the values of pixel `i` and its neighbor `j`, the
+/// negative of `step(j, i)`. Zero gives a harmonic filling.
 pub fn inpaint_surfaces(
     values: &mut Plane<Vec3>,
     mut unknown: Plane<bool>,
-    points: &Points,
-    normal: &Normal,
+    (points, normal): (&Points, &Normal),
+    step: impl Fn(usize, usize) -> Vec3,
 ) {
     let (w, h) = values.size();
     let same_surface = |i: usize, j: usize| {
@@ -36,8 +39,9 @@ pub fn inpaint_surfaces(
             .filter_map(|&i| {
                 let known = around(i).filter(|&j| !unknown.pixels()[j]);
                 let same = known.filter(|&j| !alike || same_surface(i, j));
-                let (sum, count) =
-                    same.fold((Vec3::ZERO, 0.0), |(s, n), j| (s + values.pixels()[j], n + 1.0));
+                let (sum, count) = same.fold((Vec3::ZERO, 0.0), |(s, n), j| {
+                    (s + values.pixels()[j] + step(i, j), n + 1.0)
+                });
                 (count > 0.0).then(|| (i, sum / count))
             })
             .collect();
@@ -54,10 +58,13 @@ pub fn inpaint_surfaces(
     }
     let near: Vec<Vec<usize>> =
         filled.iter().map(|&i| around(i).filter(|&j| same_surface(i, j)).collect()).collect();
+    let steps: Vec<Vec3> =
+        filled.iter().zip(&near).map(|(&i, near)| near.iter().map(|&j| step(i, j)).sum()).collect();
     for _ in 0..TUNING.smoothing {
-        for (&i, near) in filled.iter().zip(&near).filter(|(_, near)| !near.is_empty()) {
-            values.pixels_mut()[i] =
-                near.iter().map(|&j| values.pixels()[j]).sum::<Vec3>() / near.len() as f32;
+        let pixels = filled.iter().zip(&near).zip(&steps);
+        for ((&i, near), &steps) in pixels.filter(|((_, near), _)| !near.is_empty()) {
+            let sum = near.iter().map(|&j| values.pixels()[j]).sum::<Vec3>() + steps;
+            values.pixels_mut()[i] = sum / near.len() as f32;
         }
     }
 }
@@ -93,8 +100,28 @@ mod tests {
         let unknown = Plane::from_fn(12, 9, |x, y| (5..9).contains(&x) && (2..7).contains(&y));
         let mut values = Plane::from_fn(12, 9, |x, _| if near(x) { Vec3::X } else { Vec3::Y });
         values.set(6, 4, Vec3::splat(99.0));
-        inpaint_surfaces(&mut values, unknown, &points, &normal);
+        inpaint_surfaces(&mut values, unknown, (&points, &normal), |_, _| Vec3::ZERO);
         assert!((5..12).all(|x| (0..9).all(|y| values.get(x, y) == Vec3::Y)));
+    }
+
+    #[test]
+    fn given_steps_are_kept_in_the_filling() {
+        // A pattern under a hole comes back from its steps and the known rim alone.
+        let pattern = Plane::from_fn(12, 12, |x, y| Vec3::splat(((3 * x + 5 * y) % 4) as f32));
+        let unknown = Plane::from_fn(12, 12, |x, y| (3..9).contains(&x) && (3..9).contains(&y));
+        let mut values = pattern.clone();
+        unknown.pixels().iter().zip(values.pixels_mut()).for_each(|(unknown, value)| {
+            if *unknown {
+                *value = Vec3::splat(99.0);
+            }
+        });
+        let points = Points(Plane::filled(12, 12, Vec3::NEG_Z));
+        let normal = Normal(Plane::filled(12, 12, Vec3::Z));
+        let step = |i: usize, j: usize| pattern.pixels()[i] - pattern.pixels()[j];
+        inpaint_surfaces(&mut values, unknown, (&points, &normal), step);
+        for (got, want) in values.pixels().iter().zip(pattern.pixels()) {
+            assert!((*got - *want).abs().max_element() < 1e-4, "{got} against {want}");
+        }
     }
 
     #[test]
@@ -104,8 +131,8 @@ mod tests {
         inpaint_surfaces(
             &mut values,
             Plane::filled(3, 2, true),
-            &points,
-            &Normal(Plane::filled(3, 2, Vec3::Z)),
+            (&points, &Normal(Plane::filled(3, 2, Vec3::Z))),
+            |_, _| Vec3::ZERO,
         );
         assert_eq!(values, Plane::filled(3, 2, Vec3::ONE));
     }

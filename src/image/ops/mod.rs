@@ -33,7 +33,7 @@ pub use measure::{
 };
 pub use mix::weighted_sum;
 pub use pack::{Packed, pack};
-pub use reflectance::{REFLECTANCE, clip_level, ratio, reflected, smooth_step};
+pub use reflectance::{REFLECTANCE, clip_level, limited, ratio, reflected, smooth_step};
 pub use relit_pixel::{
     GlarePixel, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical,
     relight_ratio, saturated_depth,

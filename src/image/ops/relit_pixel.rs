@@ -9,7 +9,8 @@
 use glam::Vec3;
 
 use crate::image::{
-    Mask, PaintedPixel, Plane, REFLECTANCE, distance, ratio, reflected, smooth_step,
+    Mask, PaintedPixel, Plane, REFLECTANCE, distance, limited, luminance, ratio, reflected,
+    smooth_step,
 };
 use crate::tuning::tuning;
 
@@ -58,7 +59,7 @@ pub struct SurfacePixel<'a> {
     pub residual: Vec3,
     /// Estimated albedo, 0..=1.
     pub albedo: Vec3,
-    /// Photo over shading, inpainted where a light hides the surface, 0..=1.
+    /// Photo over shading, inpainted where a light hides the surface, 0..=`REFLECTANCE.excess`.
     pub reflectance: Vec3,
     /// The paint layers of the edit.
     pub painted: PaintedPixel<'a>,
@@ -117,14 +118,17 @@ pub fn headroom(away: f32) -> f32 {
 /// Turns a record into contributions at a pixel that shows a light itself.
 ///
 /// With the photo I, the shading E before the edit and E_k that of this light, the surface of
-/// albedo A reflects `B (E - E_k)` with `B = min(A, I / (E - E_k))`. The remainder R is emitted,
-/// and becomes `gain R + added`.
+/// albedo A reflects `B (E - E_k)` with `B = min(A, I / (E - E_k))`; A is scaled by as much as the
+/// surface around is brighter than its shading. The remainder R is emitted, and becomes
+/// `gain R + added`.
 pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
-    let shading = before.iter().sum::<Vec3>() + surface.residual;
     let shown = unclip(surface.photo, surface.white, own.radiance, own.headroom);
-    let others = shading - before[own.light];
-    let (reflectance, remainder) = split(shown, others, Vec3::splat(own.albedo));
-    record.iter_mut().for_each(|layer| *layer *= reflectance);
+    // The surface around tells by how much the shading is too low.
+    let excess = surface.reflectance.max_element().max(1.0);
+    let factors = Factors::new(Vec3::splat(excess), before, surface.residual);
+    let reflected = own.albedo * factors.reflected(|k| k == own.light);
+    let (fraction, remainder) = split(shown, reflected);
+    factors.apply(own.albedo * fraction, record);
     record[own.light] = (remainder * own.gain + own.added).max(Vec3::ZERO);
 }
 
@@ -136,11 +140,14 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 
 /// Turns a record into contributions by the ratio of photo and shading.
 ///
-/// With the reflectance B = I / E, at most 1, each light contributes `B E'_k`, and the residual
-/// also the unexplained light `I - B E`. Near saturation B may exceed 1, so that white follows its
-/// lights: there I / E does not determine the surface. In the glare of a light, the pixel is
-/// blended with its split into the surface under all other light and a remainder that goes with the
-/// gain; the residual is part of the remainder where the light owns it.
+/// The reflectance B is I / E, at most `REFLECTANCE.excess`. Each light contributes `B E'_k`, but
+/// what B has above 1 is shared by their strength, and a light that the edit adds has none of it
+/// (`Factors`). The residual has the unexplained light `I - B E`, too. Near saturation B has
+/// no limit, so that white follows its lights: there I / E does not determine the surface.
+///
+/// In the glare of a light, the pixel is blended with its split into the surface under all other
+/// light and a remainder that goes with the gain; the residual is part of the remainder where the
+/// light owns it.
 pub fn relight_ratio(
     surface: &SurfacePixel,
     glare: Option<GlarePixel>,
@@ -156,32 +163,75 @@ pub fn relight_ratio(
     let reflectance = reflected(shown, shading);
     let reflectance = reflectance + saturation * (ratio(shown, shading) - reflectance);
     let unexplained = painted.tint(shown - (reflectance * shading).min(shown), shading);
-    let reflectance = painted.reflectance(reflectance, shown);
+    let change = |bare: Vec3| ratio(painted.reflectance(bare, shown), bare);
     let in_glare = glare.map(|GlarePixel { light, weight, owns_residual, gain }| {
-        let owned = if owns_residual { *residual } else { Vec3::ZERO };
-        let others = shading - before[light] - owned;
-        let (reflectance, remainder) = split(shown, others, surface.reflectance);
-        let reflectance = painted.reflectance(reflectance, shown);
-        let mut split: Vec<Vec3> = record.iter().map(|layer| *layer * reflectance).collect();
+        let is_owned = |k: usize| k == light || owns_residual && k == before.len();
+        let factors = Factors::new(surface.reflectance, before, *residual);
+        let (fraction, remainder) = split(shown, factors.reflected(is_owned));
+        let mut split = record.to_vec();
+        factors.apply(fraction * change(fraction * surface.reflectance), &mut split);
         split[light] = painted.tint(remainder, before[light]) * gain;
         if owns_residual {
             split[before.len()] = Vec3::ZERO;
         }
         (weight, split)
     });
-    record.iter_mut().for_each(|layer| *layer *= reflectance);
+    Factors::new(reflectance, before, *residual).apply(change(reflectance), record);
     record[before.len()] += unexplained;
     if let Some((weight, split)) = in_glare {
         record.iter_mut().zip(split).for_each(|(layer, split)| *layer += weight * (split - *layer));
     }
 }
 
-/// The split of a pixel that one light dominates: the reflectance of the surface, at most `albedo`,
-/// under the shading by all `others`, and the remainder of the pixel, 0 or more.
-fn split(shown: Vec3, others: Vec3, albedo: Vec3) -> (Vec3, Vec3) {
-    let others = others.max(Vec3::ZERO);
-    let reflectance = ratio(shown, others).min(albedo);
-    (reflectance, (shown - reflectance * others).max(Vec3::ZERO))
+/// The factors of a record's shadings at a pixel of which the photo shows `reflectance` times its
+/// shading.
+///
+/// Up to 1, reflectance is the surface's, and alike for all lights. Above, the shading is too low,
+/// and light is missing. Light k has the share `L_k E_k / sum of L_j E_j` of it, with the luminance
+/// L_k of its shading E_k, so that the strongest light has most and a light that the edit adds has
+/// none.
+struct Factors<'a> {
+    before: &'a [Vec3],
+    residual: Vec3,
+    surface: Vec3,
+    /// Missing light over the sum of all L_k E_k.
+    missing: Vec3,
+}
+
+impl<'a> Factors<'a> {
+    fn new(reflectance: Vec3, before: &'a [Vec3], residual: Vec3) -> Factors<'a> {
+        let surface = limited(reflectance, 1.0);
+        let shadings = || before.iter().copied().chain([residual]);
+        let strengths = shadings().map(|e| luminance(e).max(0.0) * e).sum::<Vec3>();
+        let missing = (reflectance - surface) * shadings().sum::<Vec3>()
+            / strengths.max(Vec3::splat(TUNING.dark * TUNING.dark));
+        Factors { before, residual, surface, missing }
+    }
+
+    /// The factor of record `k`.
+    fn at(&self, k: usize) -> Vec3 {
+        let e = self.before.get(k).copied().unwrap_or(self.residual);
+        self.surface + luminance(e).max(0.0) * self.missing
+    }
+
+    /// Light that the surface reflects before the edit, without the lights of which `left_out` holds.
+    fn reflected(&self, left_out: impl Fn(usize) -> bool) -> Vec3 {
+        let shadings = self.before.iter().copied().chain([self.residual]).enumerate();
+        shadings.filter(|(k, _)| !left_out(*k)).map(|(k, e)| self.at(k) * e).sum()
+    }
+
+    /// Multiplies each shading of a record by its factor and `change`.
+    fn apply(&self, change: Vec3, record: &mut [Vec3]) {
+        record.iter_mut().enumerate().for_each(|(k, layer)| *layer *= self.at(k) * change);
+    }
+}
+
+/// The split of a pixel that one light dominates: the fraction of the light `reflected` from others
+/// that the pixel can hold, 0..=1, and the remainder of the pixel, 0 or more.
+fn split(shown: Vec3, reflected: Vec3) -> (Vec3, Vec3) {
+    let reflected = reflected.max(Vec3::ZERO);
+    let fraction = ratio(shown, reflected).min(Vec3::ONE);
+    (fraction, (shown - fraction * reflected).max(Vec3::ZERO))
 }
 
 /// `after` over `before` per channel; `otherwise` in channels that are dark before.
@@ -313,15 +363,29 @@ mod tests {
         near(record[0], 0.6 * WALL * 0.5 * LAMP);
         near(record[1], 0.6 * WALL * WINDOW);
         near(record[2], 0.6 * WALL * RESIDUAL);
-        // A reflectance above 1 is not one: twice the shading is a white surface and as much
-        // unexplained light.
-        let dim = 0.2 * shading;
-        let mut record = [Vec3::ZERO, 0.2 * WINDOW, Vec3::ZERO];
-        let dark =
-            SurfacePixel { residual: Vec3::ZERO, ..surface(2.0 * (dim - 0.2 * RESIDUAL), &bare) };
-        relight_ratio(&dark, None, &[0.2 * LAMP, 0.2 * WINDOW], &mut record);
-        near(record[1], 0.2 * WINDOW);
-        near(record[2], dim - 0.2 * RESIDUAL);
+        // Ten times the shading: four of it go with the lights, six are unexplained.
+        let before = [0.02 * LAMP, 0.02 * WINDOW];
+        let shading = before[0] + before[1];
+        let mut record = [Vec3::ZERO, before[1], Vec3::ZERO];
+        let bright = SurfacePixel { residual: Vec3::ZERO, ..surface(10.0 * shading, &bare) };
+        relight_ratio(&bright, None, &before, &mut record);
+        near(record[2], 6.0 * shading);
+    }
+
+    #[test]
+    fn the_strongest_light_has_most_of_the_missing_light_and_an_added_one_none() {
+        let bare = PaintLayers::default();
+        let before = [Vec3::splat(0.06), Vec3::splat(0.03), Vec3::ZERO];
+        let mut record = [before[0], before[1], WINDOW, Vec3::splat(0.01)];
+        let (residual, shading) = (record[3], Vec3::splat(0.1));
+        let surface = SurfacePixel { residual, ..surface(3.0 * shading, &bare) };
+        relight_ratio(&surface, None, &before, &mut record);
+        // Each has its own shading once, and of the missing 0.2 the share of its square.
+        for (k, (own, square)) in [(0.06, 36.0), (0.03, 9.0)].into_iter().enumerate() {
+            near(record[k], Vec3::splat(own + 0.2 * square / 46.0));
+        }
+        near(record[2], WINDOW);
+        near(record[3], Vec3::splat(0.01 + 0.2 / 46.0));
     }
 
     #[test]

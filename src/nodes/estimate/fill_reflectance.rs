@@ -7,9 +7,10 @@ use glam::Vec3;
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
     Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, REFLECTANCE, Shading, clip_level,
-    inpaint_surfaces, reflected, resize, smooth_step,
+    inpaint_surfaces, limited, luminance, reflected, resize, smooth_step,
 };
 use crate::optics::LightKind;
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -17,7 +18,8 @@ params! {
     /// surface, also under lights and saturation.
     ///
     /// Reflectance is photo over shading. Pixels that a light or saturation hides are filled in
-    /// from the surroundings without a visible edge. No edit of a light changes the result.
+    /// from the surroundings without a visible edge, with the texture that unsaturated channels
+    /// show (Poisson's equation in logarithms). No edit of a light changes the result.
     pub struct FillReflectance {
         /// Least width of the bloom around a visible light, as a fraction of the photo's longer
         /// side. Within it, residual light belongs to the light. A lamp's bloom is at least half as
@@ -51,7 +53,7 @@ ports! {
 
 ports! {
     pub output FillReflectanceOut {
-        /// Reflectance in 0..=1, working size.
+        /// Photo over shading, 0..=4, working size: above 1, the shading is too low.
         reflectance: Arc<Albedo>,
         /// The own pixels of each visible light and its glare, photo size.
         glare_mask: Scatter<GlareMask>,
@@ -63,7 +65,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -90,9 +92,14 @@ impl Node for FillReflectance {
         let filled = filled(&inputs.photo, white, &glare_masks);
         let bright = REFLECTANCE.saturation[0] * white;
         let mut hidden = inputs.small.0.map(|shown| shown.max_element() > bright);
+        let mut own = Plane::filled(w, h, false);
         for (_, glare_mask) in &glare_masks {
             for i in (0..full_w * full_h).filter(|&i| glare_mask.weight(i) > 0.0) {
-                hidden.set(i % full_w * w / full_w, i / full_w * h / full_h, true);
+                let at = (i % full_w * w / full_w, i / full_w * h / full_h);
+                hidden.set(at.0, at.1, true);
+                if glare_mask.is_own(i) {
+                    own.set(at.0, at.1, true);
+                }
             }
         }
         let reflectance = |i: usize| {
@@ -102,13 +109,62 @@ impl Node for FillReflectance {
                 lights.sum::<Vec3>() + inputs.residual.0.pixels()[i],
             )
         };
-        let mut paint = Plane::new(w, h, (0..w * h).map(reflectance).collect());
-        inpaint_surfaces(&mut paint, hidden, &inputs.points, &inputs.normal);
+        // In logarithms a step is a ratio, and no filling is negative.
+        let log = |i: usize| reflectance(i).max(Vec3::splat(TUNING.min_reflectance)).map(f32::ln);
+        let mut paint = Plane::new(w, h, (0..w * h).map(log).collect());
+        let mean = inputs.small.0.pixels().iter().map(|shown| luminance(*shown)).sum::<f32>();
+        let noise = TUNING.noise * mean / (w * h).max(1) as f32;
+        let is_own = |i: usize| own.pixels()[i];
+        let edges = |i, j| match is_own(i) || is_own(j) {
+            true => Vec3::ZERO,
+            false => edge(&inputs.small, [noise, white], i, j),
+        };
+        let known: Vec<bool> = hidden.pixels().iter().map(|hidden| !hidden).collect();
+        inpaint_surfaces(&mut paint, hidden, (&inputs.points, &inputs.normal), edges);
+        let fill = |i: usize| match known[i] {
+            true => reflectance(i),
+            false => limited(paint.pixels()[i].map(f32::exp), REFLECTANCE.excess),
+        };
+        let paint = Plane::new(w, h, (0..w * h).map(fill).collect());
         Ok(FillReflectanceOut {
             reflectance: Arc::new(Albedo(paint)),
             glare_mask: Scatter(glare_masks),
             filled: Arc::new(Mask(resize(&filled, w, h))),
         })
+    }
+}
+
+/// Logarithm of the reflectance of pixel `i` over that of its neighbor `j`, as the photo shows it:
+/// that of their colors where it is an edge, zero where it may be light (Land and McCann 1971). A
+/// saturated channel follows those that are not. `noise` is added to both, `white` is the level at
+/// which the photo is clipped.
+fn edge(photo: &Picture, [noise, white]: [f32; 2], i: usize, j: usize) -> Vec3 {
+    let (a, b) = (photo.0.pixels()[i], photo.0.pixels()[j]);
+    let noise = Vec3::splat(noise);
+    let step = ((a + noise) / (b + noise)).map(f32::ln);
+    let is_left = a.max(b).cmplt(Vec3::splat(REFLECTANCE.saturation[0] * white));
+    let left = Vec3::select(is_left, Vec3::ONE, Vec3::ZERO);
+    if left == Vec3::ZERO {
+        return Vec3::ZERO;
+    }
+    let mean = step.dot(left) / left.element_sum();
+    let [from, to] = TUNING.edge;
+    smooth_step(from, to, mean.abs()) * if is_left.all() { step } else { Vec3::splat(mean) }
+}
+
+tuning! {
+    /// Constants of the filling of reflectance.
+    pub const TUNING: FillReflectanceTuning {
+        /// Difference of neighbors in logarithms, from which on it is an edge of the surface, and
+        /// at which all of it is.
+        edge: [f32; 2] = [0.3, 0.6],
+            unit "1", source Taste, effect "smaller values take the falloff of a lamp for texture";
+        /// Part of the photo's mean that is added to both sides of a ratio of neighbors.
+        noise: f32 = 0.05,
+            unit "1", source Taste, effect "a smaller value takes noise for texture";
+        /// Least reflectance that is filled in.
+        min_reflectance: f32 = 0.001,
+            unit "reflectance", source Derived("logarithms"), effect "none above the noise of photos";
     }
 }
 
@@ -137,5 +193,26 @@ mod tests {
         let mask = GlareMask::of_window(&own, &photo, &none, 1e-3);
         let light = ("lamp".to_owned(), Arc::new(mask));
         assert_eq!(filled(&photo, 1.0, &[light]).pixels(), [1.0, 0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn an_edge_is_of_the_surface_and_a_falloff_of_the_light() {
+        let colors = [
+            Vec3::new(0.4, 0.3, 0.2),
+            Vec3::new(0.38, 0.29, 0.19),
+            Vec3::new(0.08, 0.03, 0.02),
+            Vec3::new(1.0, 0.4, 0.3),
+            Vec3::ONE,
+        ];
+        let photo = Picture(Plane::from_fn(5, 1, |x, _| colors[x]));
+        let ln = |a: f32, b: f32| ((a + 0.01) / (b + 0.01)).ln();
+        assert_eq!(edge(&photo, [0.01, 1.0], 0, 1), Vec3::ZERO, "5 % are light");
+        let want = Vec3::new(ln(0.4, 0.08), ln(0.3, 0.03), ln(0.2, 0.02));
+        assert!((edge(&photo, [0.01, 1.0], 0, 2) - want).abs().max_element() < 1e-5);
+        assert_eq!(edge(&photo, [0.01, 1.0], 2, 0), -edge(&photo, [0.01, 1.0], 0, 2));
+        // Saturated red follows green and blue.
+        let want = (ln(0.4, 0.03) + ln(0.3, 0.02)) / 2.0;
+        assert!((edge(&photo, [0.01, 1.0], 3, 2) - Vec3::splat(want)).abs().max_element() < 1e-5);
+        assert_eq!(edge(&photo, [0.01, 1.0], 4, 2), Vec3::ZERO, "white tells nothing");
     }
 }

@@ -38,6 +38,7 @@ pub fn tuning() -> Vec<Table> {
     vec![
         EstimateTuning::table(),
         depth::DepthTuning::table(),
+        fill_reflectance::FillReflectanceTuning::table(),
         init_lights::InitLightsTuning::table(),
         residual_shading::ResidualShadingTuning::table(),
         refine_lights::RefineLightsTuning::table(),

@@ -2,8 +2,9 @@
 //!
 //! Away from lights, a pixel I of the photo under the shading E = sum E_k + R, with the residual R
 //! that no light explains, becomes `sum B E'_k + B R' + U` after an edit. In the mode `Ratio`, the
-//! reflectance B is I / E, at most 1, and U = I - B E is unexplained light (a highlight, an unseen
-//! sun), which stays and is part of the residual layer. So the identity edit gives the photo back
+//! reflectance B is I / E, at most 4, and U = I - B E is unexplained light (a highlight, an unseen
+//! sun), which stays and is part of the residual layer. Where B exceeds 1, the shading is too low:
+//! the light above it is shared among the lights, of which the strongest has most. So the identity edit gives the photo back
 //! outside saturated regions, texture and resolution survive, and each term is linear in its
 //! light's radiance. In the mode `Physical`, B is the estimated albedo and U = 0.
 //!
@@ -143,7 +144,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
     type In = ComposeIn;
     type Out = ComposeOut;
 
