@@ -17,7 +17,7 @@ pub use material::{
     SpecularEdit, Texture,
 };
 pub use ops::{
-    DEPTH_PLANE, GlareMask, GlarePixel, OwnPixel, Packed, PictureScore, REFLECTANCE,
+    DEPTH_PLANE, GlareMask, GlarePixel, Grain, OwnPixel, Packed, PictureScore, REFLECTANCE,
     SaturationScore, Segments, Steps, SurfacePixel, Taps, Upsampler, alpha_matte, annotate,
     clip_level, clip_line, connected_components, dilate, distance, draw_line, fit, gain,
     geodesic_dilate, graph_cut, headroom, inpaint_depth, inpaint_surfaces, is_hole, limited,

@@ -14,6 +14,7 @@ mod extremes;
 mod find_lights;
 mod golden_networks;
 mod goldens;
+mod grain;
 mod hostile;
 mod layers;
 mod lights;

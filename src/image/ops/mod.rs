@@ -7,6 +7,7 @@ pub(in crate::image) mod depth;
 pub(in crate::image) mod dilate;
 pub(in crate::image) mod distance;
 pub(in crate::image) mod glare_mask;
+pub(in crate::image) mod grain;
 pub(in crate::image) mod graph_cut;
 pub(in crate::image) mod inpaint;
 pub(in crate::image) mod measure;
@@ -25,6 +26,7 @@ pub use depth::{DEPTH_PLANE, inpaint_depth, is_hole, nearness, resize_depth};
 pub use dilate::{dilate, geodesic_dilate};
 pub use distance::distance;
 pub use glare_mask::GlareMask;
+pub use grain::Grain;
 pub use graph_cut::graph_cut;
 pub use inpaint::inpaint_surfaces;
 pub use measure::{
@@ -51,6 +53,7 @@ pub fn tuning() -> Vec<Table> {
         depth::DepthPlaneTuning::table(),
         dilate::DilateTuning::table(),
         glare_mask::GlareMaskTuning::table(),
+        grain::GrainTuning::table(),
         inpaint::InpaintTuning::table(),
         measure::SaturationScoreTuning::table(),
         reflectance::ReflectanceTuning::table(),

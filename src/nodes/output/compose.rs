@@ -17,6 +17,11 @@
 //! In saturated regions I is a lower bound: its hidden channels are raised to the model, and B may
 //! exceed 1.
 //!
+//! Inserted objects and the bodies of inserted lights are drawn over this, and have the photo's
+//! noise. An edit of light multiplies a photo pixel with its noise, so the noise of a drawn pixel
+//! is a factor, too: that of a photo of the object under the light before the edit. All layers
+//! share it and no radiance changes it, so that layers stay linear in their radiances.
+//!
 //! `src/image/ops/relit_pixel.rs` has these equations for one pixel. `LightLayers` and
 //! `ObjectLayers` are the inputs as one pixel needs them, `Pixels` visits all pixels.
 
@@ -32,7 +37,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, Objects};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Albedo, Depth, GlareMask, Layer, Mask, PaintLayers, Picture, Plane, Shading};
+use crate::image::{
+    Albedo, Depth, GlareMask, Grain, Layer, Mask, PaintLayers, Picture, Plane, Shading,
+};
 use crate::nodes::artifacts::{EmitterChange, UnitIndirect};
 use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
 use crate::{params, ports};
@@ -67,6 +74,9 @@ params! {
         /// seen part, 0..=1. The light on the room's cuboid, or the lighting of a network, takes
         /// its place where there is one; the residual has it there, too.
         unseen: f32 = 0.5, in 0.0..=1.0,
+        /// Noise of inserted objects and of the bodies of inserted lights, as a multiple of the
+        /// photo's noise; 0 for none. A photo without noise gives none.
+        grain: f32 = 1.0, in 0.0..=10.0,
     }
 }
 
@@ -152,7 +162,10 @@ impl Node for Compose {
         let size = inputs.photo.0.size();
         let lights = LightLayers::new(&inputs, [self.lamp_albedo, self.pane_albedo])?;
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
-        let pixels = Pixels::new(self.mode, &inputs, &lights);
+        let is_drawn_over = self.grain > 0.0 && !(objects.is_empty() && lights.drawn.is_empty());
+        let grain = if is_drawn_over { Grain::measure(&inputs.photo) } else { None };
+        let grain = grain.map(|grain| grain.scaled(self.grain));
+        let pixels = Pixels::new(self.mode, &inputs, &lights, grain.as_ref());
         ctx.check_cancelled()?;
         if inputs.specular_change.is_none() && objects.is_empty() {
             // No pixel depends on another: halves at once, so that no layer is ever in memory as
@@ -167,7 +180,7 @@ impl Node for Compose {
             objects.change_specular(change, &mut planes)?;
         }
         if !objects.is_empty() {
-            objects.cover(&mut planes)?;
+            objects.cover(grain.as_ref(), &mut planes)?;
         }
         let sum = |i: usize| planes.iter().map(|plane| plane[i]).sum::<Vec3>();
         let picture =

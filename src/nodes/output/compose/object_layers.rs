@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::{ComposeIn, LightLayers};
 use crate::graph::NodeError;
-use crate::image::{Picture, Upsampler};
+use crate::image::{Grain, Picture, Shading, Upsampler};
 use crate::nodes::artifacts::UnitIndirect;
 use crate::optics::{Around, Mirror, MirroredLight, Reflections, SpecularChange};
 
@@ -65,16 +65,18 @@ impl<'a> ObjectLayers<'a> {
         self.shown.is_empty()
     }
 
-    /// Composites diffuse light and reflections of the objects over the planes.
+    /// Composites diffuse light and reflections of the objects, with the noise `grain`, over the
+    /// planes.
     ///
     /// # Errors
     /// A light lacks its reflection or its radiance.
-    pub fn cover(&self, planes: &mut [Vec<Vec3>]) -> Result<(), NodeError> {
+    pub fn cover(&self, grain: Option<&Grain>, planes: &mut [Vec<Vec3>]) -> Result<(), NodeError> {
         let objects = &self.inputs.objects;
         let (w, h) = objects.coverage.size();
         let width = self.inputs.photo.0.width();
         let photo = |i: usize| (objects.top + i / w) * width + objects.left + i % w;
         let mirror = self.reflected().map(|of| self.mirror(of, self.around(planes))).transpose()?;
+        let factors = grain.map(|grain| self.factors(grain));
         let after: Vec<Vec<Vec3>> = (0..planes.len())
             .map(|layer| {
                 let pixel = |i: usize| {
@@ -83,8 +85,9 @@ impl<'a> ObjectLayers<'a> {
                     if alpha <= 0.0 {
                         return behind;
                     }
-                    behind * (1.0 - alpha)
-                        + self.object(mirror.as_ref(), layer, &planes[layer], i) * alpha
+                    let object = self.object(mirror.as_ref(), layer, &planes[layer], i);
+                    let factor = factors.as_ref().map_or(Vec3::ONE, |factors| factors[i]);
+                    behind * (1.0 - alpha) + factor * object * alpha
                 };
                 (0..w * h).into_par_iter().with_min_len(TASK).map(pixel).collect()
             })
@@ -93,6 +96,25 @@ impl<'a> ObjectLayers<'a> {
             after.into_iter().enumerate().for_each(|(i, value)| plane[photo(i)] = value);
         }
         Ok(())
+    }
+
+    /// Noise of each object pixel, as a factor: that of a surface with the object's albedo under
+    /// the shading that the photo has there.
+    fn factors(&self, grain: &Grain) -> Vec<Vec3> {
+        let (inputs, objects) = (self.inputs, &self.inputs.objects);
+        let ((width, height), (columns, rows)) = (inputs.photo.0.size(), inputs.residual.0.size());
+        let factor = |i: usize| {
+            if objects.coverage.pixels()[i] <= 0.0 {
+                return Vec3::ONE;
+            }
+            let w = objects.coverage.width();
+            let (x, y) = (objects.left + i % w, objects.top + i / w);
+            let small = |shading: &Shading| shading.0.get(x * columns / width, y * rows / height);
+            let lights: Vec3 = inputs.before.iter().map(|(_, shading)| small(shading)).sum();
+            let shading = lights + small(&inputs.residual);
+            grain.factor((x, y), objects.albedo.pixels()[i] * shading)
+        };
+        (0..objects.coverage.len()).into_par_iter().with_min_len(TASK).map(factor).collect()
     }
 
     /// Replaces the reflection of surfaces with an edited roughness or specular level. Own pixels

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, headroom, relight_own,
+    Grain, HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, headroom, relight_own,
     relight_physical, relight_ratio, saturated_depth,
 };
 
@@ -24,6 +24,8 @@ pub struct Pixels<'a> {
     mode: Mode,
     inputs: &'a ComposeIn,
     lights: &'a LightLayers<'a>,
+    /// Noise of drawn lights.
+    grain: Option<&'a Grain>,
     upsampler: Upsampler<'a>,
     /// Level at which the photo is clipped.
     white: f32,
@@ -32,12 +34,19 @@ pub struct Pixels<'a> {
 }
 
 impl<'a> Pixels<'a> {
-    /// The pixels of `inputs`, whose bundle of lights is `lights`.
-    pub fn new(mode: Mode, inputs: &'a ComposeIn, lights: &'a LightLayers<'a>) -> Pixels<'a> {
+    /// The pixels of `inputs`, whose bundle of lights is `lights`; drawn lights have the noise
+    /// `grain`.
+    pub fn new(
+        mode: Mode,
+        inputs: &'a ComposeIn,
+        lights: &'a LightLayers<'a>,
+        grain: Option<&'a Grain>,
+    ) -> Pixels<'a> {
         Pixels {
             mode,
             inputs,
             lights,
+            grain,
             upsampler: Upsampler::new(
                 &inputs.photo,
                 &inputs.full_depth,
@@ -144,7 +153,9 @@ impl<'a> Pixels<'a> {
             let coverage = drawn.coverage.0.get(x, y);
             if coverage > 0.0 {
                 record.iter_mut().for_each(|layer| *layer *= 1.0 - coverage);
-                record[drawn.light] += coverage * drawn.emission.towards(ray);
+                // A light has the noise of white, whatever its radiance.
+                let grain = self.grain.map_or(Vec3::ONE, |grain| grain.factor((x, y), Vec3::ONE));
+                record[drawn.light] += coverage * grain * drawn.emission.towards(ray);
             }
         }
     }
