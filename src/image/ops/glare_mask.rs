@@ -1,5 +1,6 @@
 //! Pixels of a photo that belong to a visible light.
 
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Mask, Picture, Plane, distance, geodesic_dilate, luminance, rule, smooth_step};
@@ -120,6 +121,15 @@ impl GlareMask {
         if self.is_own(i) { 1.0 } else { self.glare.pixels()[i] }
     }
 
+    /// Mean color of the light's own pixels in a photo of this mask's size, as a color of luminance
+    /// 1; white where they are black or none.
+    pub fn hue(&self, photo: &Picture) -> Vec3 {
+        let own = photo.0.pixels().iter().enumerate().filter(|(i, _)| self.is_own(*i));
+        let sum = own.map(|(_, &shown)| shown.max(Vec3::ZERO)).sum::<Vec3>();
+        let level = luminance(sum);
+        if level > 0.0 && level.is_finite() { sum / level } else { Vec3::ONE }
+    }
+
     /// (width, height)
     pub fn size(&self) -> (usize, usize) {
         self.own.size()
@@ -142,8 +152,6 @@ impl GlareMask {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
 
     #[test]
@@ -219,5 +227,19 @@ mod tests {
         assert!(mask(0, 1.0).check().is_err() && mask(0, -0.1).check().is_err());
         let sizes = GlareMask { own: Plane::filled(1, 1, 0), glare: Plane::filled(2, 1, 0.0) };
         assert!(sizes.check().is_err());
+    }
+
+    #[test]
+    fn the_hue_is_the_mean_color_of_own_pixels() {
+        let colors = [Vec3::ONE, Vec3::new(1.0, 0.5, 0.0), Vec3::Z];
+        let photo = Picture(Plane::from_fn(3, 1, |x, _| colors[x]));
+        let mask = |own: usize| {
+            let pixels = Plane::from_fn(3, 1, |x, _| if x < own { 1.0 } else { 0.0 });
+            GlareMask::of_window(&pixels, &photo, &Mask(Plane::filled(3, 1, 0.0)), 1e-3)
+        };
+        assert!((mask(1).hue(&photo) - Vec3::ONE).abs().max_element() < 1e-6);
+        let want = Vec3::new(2.0, 1.5, 1.0);
+        assert!((mask(2).hue(&photo) - want / luminance(want)).abs().max_element() < 1e-6);
+        assert_eq!(mask(0).hue(&photo), Vec3::ONE, "without own pixels");
     }
 }

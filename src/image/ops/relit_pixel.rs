@@ -9,8 +9,7 @@
 use glam::Vec3;
 
 use crate::image::{
-    Mask, PaintedPixel, Plane, REFLECTANCE, distance, limited, luminance, ratio, reflected,
-    smooth_step,
+    Mask, PaintedPixel, Plane, REFLECTANCE, distance, limited, luminance, ratio, smooth_step,
 };
 use crate::tuning::tuning;
 
@@ -76,7 +75,7 @@ pub struct OwnPixel {
     pub light: usize,
     /// Albedo of its surface when it is off, 0..=1.
     pub albedo: f32,
-    /// Radiance that the light shows before the edit.
+    /// Radiance that the light shows before the edit, in the color of its pixels.
     pub radiance: Vec3,
     /// Factor by which a saturated channel may exceed the photo, 1..=`TUNING.max_headroom`.
     pub headroom: f32,
@@ -160,9 +159,14 @@ pub fn relight_ratio(
     let shown = unclip(*photo, *white, surface.reflectance * shading, headroom);
     let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
     let saturation = smooth_step(from, to, photo.max_element());
-    let reflectance = reflected(shown, shading);
-    let reflectance = reflectance + saturation * (ratio(shown, shading) - reflectance);
-    let unexplained = painted.tint(shown - (reflectance * shading).min(shown), shading);
+    let whole = ratio(shown, shading);
+    let reflectance = limited(whole, REFLECTANCE.excess);
+    let reflectance = reflectance + saturation * (whole - reflectance);
+    // Rounding is not light: a layer without any takes no memory.
+    let unexplained = match reflectance == whole {
+        true => Vec3::ZERO,
+        false => painted.tint(shown - (reflectance * shading).min(shown), shading),
+    };
     let change = |bare: Vec3| ratio(painted.reflectance(bare, shown), bare);
     let in_glare = glare.map(|GlarePixel { light, weight, owns_residual, gain }| {
         let is_owned = |k: usize| k == light || owns_residual && k == before.len();

@@ -113,7 +113,7 @@ impl Node for FillReflectance {
         let log = |i: usize| reflectance(i).max(Vec3::splat(TUNING.min_reflectance)).map(f32::ln);
         let mut paint = Plane::new(w, h, (0..w * h).map(log).collect());
         let mean = inputs.small.0.pixels().iter().map(|shown| luminance(*shown)).sum::<f32>();
-        let noise = TUNING.noise * mean / (w * h).max(1) as f32;
+        let noise = TUNING.noise * mean / (w * h).max(1) as f32 + REFLECTANCE.dark;
         let is_own = |i: usize| own.pixels()[i];
         let edges = |i, j| match is_own(i) || is_own(j) {
             true => Vec3::ZERO,
@@ -123,7 +123,10 @@ impl Node for FillReflectance {
         inpaint_surfaces(&mut paint, hidden, (&inputs.points, &inputs.normal), edges);
         let fill = |i: usize| match known[i] {
             true => reflectance(i),
-            false => limited(paint.pixels()[i].map(f32::exp), REFLECTANCE.excess),
+            // e^10 is beyond the limit and finite.
+            false => {
+                limited(paint.pixels()[i].min(Vec3::splat(10.0)).map(f32::exp), REFLECTANCE.excess)
+            }
         };
         let paint = Plane::new(w, h, (0..w * h).map(fill).collect());
         Ok(FillReflectanceOut {

@@ -154,7 +154,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 13;
+    const VERSION: u32 = 14;
     type In = ComposeIn;
     type Out = ComposeOut;
 

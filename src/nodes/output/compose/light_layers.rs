@@ -6,7 +6,9 @@ use glam::Vec3;
 
 use super::ComposeIn;
 use crate::graph::NodeError;
-use crate::image::{GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain, headroom};
+use crate::image::{
+    GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain, headroom, luminance,
+};
 use crate::nodes::artifacts::EmitterChange;
 use crate::optics::{LightKind, Radiance, Shape, Window};
 
@@ -32,6 +34,8 @@ pub struct VisibleEmitter<'a> {
     pub mask: &'a GlareMask,
     /// Albedo of its surface when it is off.
     albedo: f32,
+    /// Color of luminance 1 in which it appears.
+    hue: Vec3,
     shape: &'a Shape,
     radiance: &'a Radiance,
     change: &'a EmitterChange,
@@ -126,6 +130,8 @@ impl VisibleEmitter<'_> {
     /// The edge of a lamp's saturation lies on its shade, that of a window's is the frame.
     pub fn own(&self, ray: Vec3, away: f32) -> OwnPixel {
         let (radiance, gain) = self.emission_towards(ray);
+        // A cloth or a view has its own color, and not that of the light in the room.
+        let radiance = luminance(radiance) * self.hue;
         let is_framed = away > 0.0 && matches!(self.shape, Shape::Window(_));
         let away = if is_framed { f32::MAX } else { away };
         OwnPixel {
@@ -187,6 +193,7 @@ fn emitters<'a>(
         Ok(VisibleEmitter {
             light,
             mask,
+            hue: mask.hue(&inputs.photo),
             albedo: albedo(**inputs.kind.get(id).ok_or_else(|| missing("kind"))?),
             shape: inputs.estimated.get(id).ok_or_else(|| missing("estimate"))?,
             radiance: inputs
