@@ -141,8 +141,8 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 ///
 /// The reflectance B is I / E, at most `REFLECTANCE.excess`. Each light contributes `B E'_k`, but
 /// what B has above 1 is shared by their strength, and a light that the edit adds has none of it
-/// (`Factors`). The residual has the unexplained light `I - B E`, too. Near saturation B has
-/// no limit, so that white follows its lights: there I / E does not determine the surface.
+/// (`Factors`). The residual has the unexplained light `I - B E`, too. Near saturation B has no
+/// limit, so that white follows its lights: there I / E does not determine the surface.
 ///
 /// In the glare of a light, the pixel is blended with its split into the surface under all other
 /// light and a remainder that goes with the gain; the residual is part of the remainder where the
@@ -218,7 +218,7 @@ impl<'a> Factors<'a> {
         self.surface + luminance(e).max(0.0) * self.missing
     }
 
-    /// Light that the surface reflects before the edit, without the lights of which `left_out` holds.
+    /// Light that the surface reflects before the edit, without the lights that are `left_out`.
     fn reflected(&self, left_out: impl Fn(usize) -> bool) -> Vec3 {
         let shadings = self.before.iter().copied().chain([self.residual]).enumerate();
         shadings.filter(|(k, _)| !left_out(*k)).map(|(k, e)| self.at(k) * e).sum()

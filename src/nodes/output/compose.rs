@@ -4,9 +4,10 @@
 //! that no light explains, becomes `sum B E'_k + B R' + U` after an edit. In the mode `Ratio`, the
 //! reflectance B is I / E, at most 4, and U = I - B E is unexplained light (a highlight, an unseen
 //! sun), which stays and is part of the residual layer. Where B exceeds 1, the shading is too low:
-//! the light above it is shared among the lights, of which the strongest has most. So the identity edit gives the photo back
-//! outside saturated regions, texture and resolution survive, and each term is linear in its
-//! light's radiance. In the mode `Physical`, B is the estimated albedo and U = 0.
+//! the light above it is shared among the lights, of which the strongest has most. So the identity
+//! edit gives the photo back outside saturated regions, texture and resolution survive, and each
+//! term is linear in its light's radiance. In the mode `Physical`, B is the estimated albedo and
+//! U = 0.
 //!
 //! Some pixels belong to one light: those that show it and those of its glare, where I / E does not
 //! determine the surface. There the photo is the surface under all other lights, and a remainder
@@ -14,8 +15,8 @@
 //! pixels A is the albedo of a shade or a pane, elsewhere I / E of the surface around. Both ways
 //! are blended where glare begins, so that no boundary shows.
 //!
-//! In saturated regions I is a lower bound: its hidden channels are raised to the model, and B may
-//! exceed 1.
+//! In saturated regions I is a lower bound: its hidden channels are raised to the model, and B has
+//! no limit.
 //!
 //! Inserted objects and the bodies of inserted lights are drawn over this, and have the photo's
 //! noise. An edit of light multiplies a photo pixel with its noise, so the noise of a drawn pixel
