@@ -39,6 +39,7 @@ fn stages() -> Registry {
         .with::<estimate::residual_shading::ResidualShading>()
         .with::<estimate::refine_lights::RefineLights>()
         .with::<estimate::fit_lights::FitLights>()
+        .with::<estimate::lens_glare::LensGlare>()
         .with::<estimate::fill_reflectance::FillReflectance>()
         .with::<edit::edit_lights::EditLights>()
         .with::<edit::edit_materials::EditMaterials>()

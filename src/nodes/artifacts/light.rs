@@ -4,6 +4,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Plane, Shading, rule};
+use crate::optics::inverse::GlareKernel;
 use crate::optics::{Radiance, Shape};
 
 /// Unshadowed direct shading of one light, per lobe of unit radiance.
@@ -67,6 +68,30 @@ pub struct CellLight {
 pub struct LayerError {
     /// Standard error of the luminance of the shading, irradiance / pi.
     pub stderr: Plane<f32>,
+}
+
+/// Light of one light in view that the lens scatters over the picture.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScatteredLight {
+    /// The glare, linear, in units of the photo.
+    pub glare: Plane<Vec3>,
+    /// Brightness that is scattered, in units of the photo: the fraction that the lens scatters
+    /// times the brightness of the light.
+    pub amplitude: f32,
+    /// The kernel, alike for all lights of a photo.
+    pub kernel: GlareKernel,
+}
+
+impl ScatteredLight {
+    /// Checks that the glare is light.
+    ///
+    /// # Errors
+    /// The rule that does not hold.
+    pub fn check(&self) -> Result<(), String> {
+        let is_light = |glare: &Vec3| glare.is_finite() && glare.min_element() >= 0.0;
+        rule(self.glare.pixels().iter().all(is_light), "glare of 0 or more")?;
+        rule(self.amplitude >= 0.0 && self.kernel.slope > 0.0, "a kernel that falls")
+    }
 }
 
 /// Direct light, shadows included, of one light on inserted bodies, per lobe of unit radiance:

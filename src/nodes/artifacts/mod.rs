@@ -19,8 +19,8 @@ use crate::optics::{
 
 pub use files::{Encoding, Files, check_file_name};
 pub use light::{
-    CellLight, EmitterChange, Guess, LayerError, ObjectLight, Residual, UnitDirect, UnitIndirect,
-    Visibility,
+    CellLight, EmitterChange, Guess, LayerError, ObjectLight, Residual, ScatteredLight, UnitDirect,
+    UnitIndirect, Visibility,
 };
 pub use scores::{Score, Scores};
 
@@ -86,6 +86,7 @@ artifacts! {
     CellLight: |c| c.lobes.iter().map(Plane::bytes).sum();
     RoomDraws: RoomDraws::bytes, if RoomDraws::check;
     DrawDifferences: |d| d.lobes.iter().map(Plane::bytes).sum(), if DrawDifferences::check;
+    ScatteredLight: |s| s.glare.bytes(), if ScatteredLight::check;
     LayerError: |e| e.stderr.bytes();
     SceneMesh: SceneMesh::bytes, if SceneMesh::check;
     Shape: Shape::bytes, if Shape::check;

@@ -9,6 +9,7 @@ use crate::image::{
     Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, REFLECTANCE, Shading, clip_level,
     inpaint_surfaces, limited, luminance, reflected, resize, smooth_step,
 };
+use crate::nodes::artifacts::ScatteredLight;
 use crate::optics::LightKind;
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -44,6 +45,8 @@ ports! {
         light: Gather<Shading>,
         /// Residual shading, which no light explains, working size.
         residual: Arc<Shading>,
+        /// Light of visible lights that the lens scatters, working size: it is not the surface's.
+        glare: Gather<ScatteredLight>,
         /// Pixels of each visible light, photo size.
         mask: Gather<Mask>,
         /// Kind of each visible light.
@@ -65,7 +68,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -104,10 +107,9 @@ impl Node for FillReflectance {
         }
         let reflectance = |i: usize| {
             let lights = inputs.light.iter().map(|(_, light)| light.0.pixels()[i]);
-            reflected(
-                inputs.small.0.pixels()[i],
-                lights.sum::<Vec3>() + inputs.residual.0.pixels()[i],
-            )
+            let glare = inputs.glare.iter().map(|(_, light)| light.glare.pixels()[i]);
+            let shown = inputs.small.0.pixels()[i] - glare.sum::<Vec3>();
+            reflected(shown.max(Vec3::ZERO), lights.sum::<Vec3>() + inputs.residual.0.pixels()[i])
         };
         // In logarithms a step is a ratio, and no filling is negative.
         let log = |i: usize| reflectance(i).max(Vec3::splat(TUNING.min_reflectance)).map(f32::ln);

@@ -7,6 +7,7 @@ pub mod fit_lights;
 pub mod init_lights;
 pub mod inv_lamp_net;
 pub mod inv_win_net;
+pub mod lens_glare;
 pub mod mnet;
 pub mod onnx_materials;
 pub mod refine_lights;
@@ -40,6 +41,7 @@ pub fn tuning() -> Vec<Table> {
         depth::DepthTuning::table(),
         fill_reflectance::FillReflectanceTuning::table(),
         init_lights::InitLightsTuning::table(),
+        lens_glare::LensGlareStageTuning::table(),
         residual_shading::ResidualShadingTuning::table(),
         refine_lights::RefineLightsTuning::table(),
         fit_lights::FitLightsTuning::table(),

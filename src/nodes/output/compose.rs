@@ -15,6 +15,9 @@
 //! pixels A is the albedo of a shade or a pane, elsewhere I / E of the surface around. Both ways
 //! are blended where glare begins, so that no boundary shows.
 //!
+//! The light of each visible light that the lens scatters is additive: it is subtracted from I
+//! first, and goes with the gain of its light.
+//!
 //! In saturated regions I is a lower bound: its hidden channels are raised to the model, and B has
 //! no limit.
 //!
@@ -41,10 +44,11 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
     Albedo, Depth, GlareMask, Grain, Layer, Mask, PaintLayers, Picture, Plane, Shading,
 };
-use crate::nodes::artifacts::{EmitterChange, UnitIndirect};
+use crate::nodes::artifacts::{EmitterChange, ScatteredLight, UnitIndirect};
 use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
 use crate::{params, ports};
 
+pub use light_layers::DrawnGlareTuning;
 use light_layers::LightLayers;
 use object_layers::ObjectLayers;
 use pixels::Pixels;
@@ -111,6 +115,8 @@ ports! {
         edited_residual: Arc<Shading>,
         /// The own pixels of each visible light and its glare, photo size.
         glare_mask: Gather<GlareMask>,
+        /// Light of each visible light that the lens scatters over the photo, working size.
+        glare: Gather<ScatteredLight>,
         /// The kind of each visible light.
         kind: Gather<LightKind>,
         /// The estimated lights.
@@ -150,12 +156,15 @@ ports! {
         layer: Scatter<Layer>,
         /// The residual, which no light explains.
         residual: Arc<Layer>,
+        /// The part of the contribution of each visible light that the lens scatters, working size.
+        /// Pixels of lights have none, and a pixel has no more than the photo shows.
+        glare: Scatter<Picture>,
     }
 }
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 14;
+    const VERSION: u32 = 15;
     type In = ComposeIn;
     type Out = ComposeOut;
 
@@ -200,11 +209,15 @@ fn output(
     mut layers: Vec<Layer>,
 ) -> ComposeOut {
     let residual = layers.pop().expect("the residual follows the lights");
+    let glare = lights.edited_glare();
     let names = lights.names.iter().map(|id| id.to_string());
     ComposeOut {
         picture: Arc::new(Picture(Plane::new(width, height, picture))),
         layer: Scatter(names.zip(layers.into_iter().map(Arc::new)).collect()),
         residual: Arc::new(residual),
+        glare: Scatter(
+            glare.map(|(id, glare)| (id.to_owned(), Arc::new(Picture(glare)))).collect(),
+        ),
     }
 }
 
@@ -215,6 +228,7 @@ mod tests {
     use super::*;
     use crate::geometry::{RoomLayout, SideSource};
     use crate::image::Points;
+    use crate::optics::inverse::GlareKernel;
     use crate::optics::{RayEnd, SpecularPart, SphereLamp};
 
     const SIZE: (usize, usize) = (12, 4);
@@ -256,6 +270,7 @@ mod tests {
             residual: Arc::new(Shading(plane(RESIDUAL))),
             edited_residual: Arc::new(Shading(plane(RESIDUAL))),
             glare_mask: lamp(glare_mask),
+            glare: Gather(vec![]),
             kind: lamp(LightKind::Lamp),
             estimated: shape(),
             estimated_radiance: radiance(1.0),
@@ -312,6 +327,67 @@ mod tests {
                 if x < 3 { own(factor) } else { ALBEDO * (factor * LAMP + RESIDUAL) }
             });
         }
+    }
+
+    #[test]
+    fn scattered_light_is_added_to_the_surface_and_goes_with_its_light() {
+        let scattered = Vec3::new(0.2, 0.1, 0.05);
+        let light = || ScatteredLight {
+            glare: Plane::filled(SIZE.0, SIZE.1, scattered),
+            amplitude: 1.0,
+            kernel: GlareKernel { slope: 0.7 },
+        };
+        for factor in [1.0, 0.3, 0.0] {
+            let mut inputs = inputs(factor);
+            let photo = inputs.photo.0.map(|shown| shown + scattered);
+            inputs.photo = Arc::new(Picture(photo));
+            inputs.glare = Gather(vec![("lamp".to_owned(), Arc::new(light()))]);
+            let out = Compose::default().run(inputs, &Context::default()).expect("all is there");
+            let want = WALL * (factor * LAMP + RESIDUAL) + factor * scattered;
+            // Beside the lamp's own pixels, and out of its bloom.
+            for i in (0..SIZE.0 * SIZE.1).filter(|i| i % SIZE.0 >= 8) {
+                let got = out.picture.0.pixels()[i];
+                assert!((got - want).abs().max_element() < 1e-5, "{factor}: {got} for {want}");
+            }
+            let (id, shown) = &out.glare.0[0];
+            assert_eq!(id, "lamp");
+            assert!((shown.0.get(9, 1) - factor * scattered).abs().max_element() < 1e-6);
+        }
+        // The photo never shows less than its glare.
+        let mut dark = inputs(0.0);
+        dark.photo = Arc::new(Picture(dark.photo.0.map(|_| 0.5 * scattered)));
+        dark.glare = Gather(vec![("lamp".to_owned(), Arc::new(light()))]);
+        let out = Compose::default().run(dark, &Context::default()).expect("all is there");
+        assert!(out.picture.0.get(9, 1).abs().max_element() < 1e-9);
+    }
+
+    #[test]
+    fn a_drawn_light_has_the_glare_of_the_photo() {
+        let mut inputs = inputs(1.0);
+        let light = ScatteredLight {
+            glare: Plane::filled(SIZE.0, SIZE.1, Vec3::ZERO),
+            amplitude: 0.01,
+            kernel: GlareKernel { slope: 0.7 },
+        };
+        inputs.glare = Gather(vec![("lamp".to_owned(), Arc::new(light))]);
+        let covered = Plane::from_fn(SIZE.0, SIZE.1, |x, _| if x >= 10 { 1.0 } else { 0.0 });
+        inputs.coverage = Gather(vec![("lamp".to_owned(), Arc::new(Mask(covered.clone())))]);
+        let plain = Compose::default().run(inputs_without_glare(&covered), &Context::default());
+        let plain = plain.expect("all is there");
+        let out = Compose::default().run(inputs, &Context::default()).expect("all is there");
+        // The lamp in view scatters 0.01 of its radiance of 1.
+        let spread = GlareKernel { slope: 0.7 }.spread(&covered);
+        for i in 0..SIZE.0 * SIZE.1 {
+            let got = out.picture.0.pixels()[i] - plain.picture.0.pixels()[i];
+            let want = 0.01 * spread.pixels()[i];
+            assert!((got - Vec3::splat(want)).abs().max_element() < 1e-5, "{got} for {want}");
+        }
+    }
+
+    /// The inputs with a drawn lamp, and no glare.
+    fn inputs_without_glare(covered: &Plane<f32>) -> ComposeIn {
+        let coverage = Gather(vec![("lamp".to_owned(), Arc::new(Mask(covered.clone())))]);
+        ComposeIn { coverage, ..inputs(1.0) }
     }
 
     /// The inputs with a second light, and a surface that reflects half of the middle of one cell

@@ -22,7 +22,7 @@ use crate::tuning::Table;
 
 /// The constants of pictures for people.
 pub fn tuning() -> Vec<Table> {
-    vec![draw_room_box::DrawRoomBoxTuning::table()]
+    vec![compose::DrawnGlareTuning::table(), draw_room_box::DrawRoomBoxTuning::table()]
 }
 
 /// The line of the comments of `picture.exr` with the encoding of `picture.png`.

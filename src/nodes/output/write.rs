@@ -72,6 +72,8 @@ ports! {
         indirect: Gather<UnitIndirect>,
         /// Radiance of each light, one color per lobe.
         radiance: Gather<Radiance>,
+        /// Light of each visible light that the lens scatters, a part of its layer, working size.
+        glare: Gather<Picture>,
         /// Standard error of the shading of each light by guesses about the unseen room.
         room_error: Gather<LayerError>,
         /// Albedo.
@@ -95,7 +97,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type In = WriteIn;
     type Out = WriteOut;
 
@@ -196,9 +198,10 @@ impl Write {
         let lights = std::mem::replace(&mut inputs.layer, Gather(Vec::new())).0.len();
         inputs.residual = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
         // A half float has two bytes: R G B A; three for each light, the residual and the photo;
-        // albedo, normal, roughness, the filled fraction and a float depth; for each light two
+        // albedo, normal, roughness, the filled fraction and a float depth; glare; for each light two
         // colors, a shadow, its unknown share and two float errors.
-        let bytes = width * height * (8 + 6 * (2 + lights) + 20 + 24 * inputs.radiance.0.len());
+        let count = 6 * inputs.glare.0.len() + 24 * inputs.radiance.0.len();
+        let bytes = width * height * (8 + 6 * (2 + lights) + 20 + count);
         if self.diagnostics && bytes > MAX_EXR_BYTES {
             ctx.warn(format!(
                 "picture.exr contains no diagnostic layers: it would be {} MiB, the limit is {} MiB",
@@ -249,6 +252,9 @@ fn diagnostics(
         |plane: &&Arc<Specular>| plane.0.pixels().windows(2).any(|pair| pair[0] != pair[1]);
     if let Some(specular) = inputs.specular.as_ref().filter(uneven) {
         layers.half("spec.Y", &numbers(&specular.0));
+    }
+    for (id, glare) in inputs.glare.iter() {
+        layers.rgb(&format!("glare_{id}"), &colors(&glare.0));
     }
     if let Some(filled) = &inputs.filled {
         layers.half("filled.Y", &numbers(&filled.0));

@@ -6,6 +6,7 @@ pub(in crate::optics) mod chamfer;
 pub(in crate::optics) mod conditioning;
 pub(in crate::optics) mod find_lights;
 pub(in crate::optics) mod fit_problem;
+pub(in crate::optics) mod lens_glare;
 pub(in crate::optics) mod light_prior;
 pub(in crate::optics) mod mask_pixels;
 pub(in crate::optics) mod observations;
@@ -23,6 +24,7 @@ pub use candidates::{lamp_candidates, window_candidates};
 pub use chamfer::{chamfer, surface_points};
 pub use conditioning::Conditioning;
 pub use find_lights::{FoundLight, LightSearch, find_lights};
+pub use lens_glare::{GlareFit, GlareKernel, GlareSource, fit_glare};
 pub use light_prior::{Column, LightPrior, Role};
 pub use observations::{Observations, observed_pixels};
 pub use parameters::DegreesOfFreedom;
@@ -43,6 +45,7 @@ pub fn tuning() -> Vec<Table> {
         conditioning::ConditioningTuning::table(),
         find_lights::FindLightsTuning::table(),
         fit_problem::FitProblemTuning::table(),
+        lens_glare::LensGlareTuning::table(),
         mask_pixels::MaskPixelsTuning::table(),
         observations::ObservationsTuning::table(),
         parameters::ParametersTuning::table(),

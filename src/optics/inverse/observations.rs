@@ -123,7 +123,7 @@ pub fn white_level(pixels: impl Iterator<Item = (Vec3, bool)>) -> f32 {
     TUNING.white_factor * *levels.select_nth_unstable_by(at, f32::total_cmp).1
 }
 
-fn white_of(photo: &Picture, clipped: &Mask) -> f32 {
+pub(super) fn white_of(photo: &Picture, clipped: &Mask) -> f32 {
     white_level(
         photo
             .0

@@ -7,10 +7,11 @@ use glam::Vec3;
 use super::ComposeIn;
 use crate::graph::NodeError;
 use crate::image::{
-    GlareMask, GlarePixel, Mask, OwnPixel, Shading, Taps, gain, headroom, luminance,
+    GlareMask, GlarePixel, Mask, OwnPixel, Plane, Shading, Taps, gain, headroom, luminance, resize,
 };
-use crate::nodes::artifacts::EmitterChange;
+use crate::nodes::artifacts::{EmitterChange, ScatteredLight};
 use crate::optics::{LightKind, Radiance, Shape, Window};
+use crate::tuning::tuning;
 
 /// The lights after the edit, with their layers in the photo and in the estimates.
 pub struct LightLayers<'a> {
@@ -39,6 +40,8 @@ pub struct VisibleEmitter<'a> {
     shape: &'a Shape,
     radiance: &'a Radiance,
     change: &'a EmitterChange,
+    /// Light that the lens scatters; `None` where there is none.
+    scattered: Option<&'a ScatteredLight>,
 }
 
 /// A light whose body covers pixels of the photo.
@@ -49,6 +52,8 @@ pub struct DrawnLight<'a> {
     pub coverage: &'a Mask,
     /// Its radiance.
     pub emission: Emission<'a>,
+    /// Its light that the lens scatters, working size; `None` where the photo shows no glare.
+    glare: Option<Plane<Vec3>>,
 }
 
 /// The radiance that a drawn light shows.
@@ -82,7 +87,8 @@ impl<'a> LightLayers<'a> {
             LightKind::Lamp => lamp_albedo,
             LightKind::Window => pane_albedo,
         })?;
-        let drawn = drawn(inputs, &names)?;
+        let mut drawn = drawn(inputs, &names)?;
+        scatter(&mut drawn, &emitters, inputs);
         Ok(LightLayers { names, before, after, emitters, drawn })
     }
 
@@ -106,6 +112,42 @@ impl<'a> LightLayers<'a> {
         let weights = self.emitters.iter().map(|emitter| (emitter.mask.weight(i), emitter));
         let largest = weights.reduce(|a, b| if b.0 > a.0 { b } else { a });
         largest.filter(|(weight, _)| *weight > 0.0).map(|(_, emitter)| emitter)
+    }
+
+    /// Light that the lens scatters onto a pixel before the edit, from all lights.
+    pub fn glare(&self, taps: &Taps) -> Vec3 {
+        let scattered = self.emitters.iter().filter_map(|emitter| emitter.scattered);
+        scattered.map(|light| taps.of(&light.glare)).sum()
+    }
+
+    /// Adds the fraction `share` of the light that the lens scatters after the edit to a record.
+    pub fn add_glare(&self, taps: &Taps, share: Vec3, record: &mut [Vec3]) {
+        for emitter in &self.emitters {
+            if let Some(light) = emitter.scattered {
+                record[emitter.light] += share * taps.of(&light.glare) * emitter.glare_gain();
+            }
+        }
+    }
+
+    /// Adds the light of drawn lights that the lens scatters to a record.
+    pub fn add_drawn_glare(&self, taps: &Taps, record: &mut [Vec3]) {
+        for drawn in &self.drawn {
+            if let Some(glare) = &drawn.glare {
+                record[drawn.light] += taps.of(glare);
+            }
+        }
+    }
+
+    /// Light that the lens scatters after the edit, by the name of its light, working size.
+    pub fn edited_glare(&self) -> impl Iterator<Item = (&'a str, Plane<Vec3>)> {
+        let emitters = self.emitters.iter().filter_map(|emitter| {
+            let gain = emitter.glare_gain();
+            let glare = emitter.scattered?.glare.map(|glare| glare * gain);
+            Some((self.names[emitter.light], glare))
+        });
+        let drawn = self.drawn.iter();
+        emitters
+            .chain(drawn.filter_map(|drawn| Some((self.names[drawn.light], drawn.glare.clone()?))))
     }
 
     /// Photo pixel `i` shows a light itself.
@@ -154,6 +196,19 @@ impl VisibleEmitter<'_> {
         }
     }
 
+    /// Gain of the light that the lens scatters: that of the radiance along the ray through the
+    /// light's center.
+    fn glare_gain(&self) -> Vec3 {
+        self.center_emission().1
+    }
+
+    /// The radiance that the light shows along the ray through its center as estimated, and its
+    /// gain.
+    fn center_emission(&self) -> (Vec3, Vec3) {
+        let center = self.shape.bounding_sphere().map_or(Vec3::NEG_Z, |(center, _)| center);
+        self.emission_towards(center.normalize_or(Vec3::NEG_Z))
+    }
+
     /// The radiance that the light shows along `ray` as estimated, and its gain.
     fn emission_towards(&self, ray: Vec3) -> (Vec3, Vec3) {
         let (w, gains) = (&self.radiance.0, &self.change.gain);
@@ -200,10 +255,34 @@ fn emitters<'a>(
                 .estimated_radiance
                 .get(id)
                 .ok_or_else(|| missing("estimated radiance"))?,
+            scattered: inputs
+                .glare
+                .get(id)
+                .map(|light| &**light)
+                .filter(|light| light.amplitude > 0.0),
             change: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
         })
     };
     inputs.glare_mask.iter().map(emitter).collect()
+}
+
+/// Gives the drawn lights their glare: by the kernel of the photo's own, and the fraction of its
+/// light that the lens scatters.
+fn scatter(drawn: &mut [DrawnLight], emitters: &[VisibleEmitter], inputs: &ComposeIn) {
+    let of_photo = || emitters.iter().filter_map(|emitter| Some((emitter, emitter.scattered?)));
+    let Some((_, ScatteredLight { kernel, .. })) = of_photo().next() else { return };
+    let scattered: f32 = of_photo().map(|(_, light)| light.amplitude).sum();
+    let emitted: f32 = of_photo().map(|(emitter, _)| luminance(emitter.center_emission().0)).sum();
+    let share = (scattered / emitted.max(scattered)).min(TUNING.max_scattered);
+    let (w, h) = inputs.small.0.size();
+    for light in drawn {
+        let coverage = kernel.spread(&resize(&light.coverage.0, w, h));
+        let shape = inputs.shape.get(&inputs.after.0[light.light].0);
+        let center = shape.and_then(|shape| shape.bounding_sphere());
+        let ray = center.map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or(Vec3::NEG_Z));
+        let emission = share * light.emission.towards(|| ray);
+        light.glare = Some(coverage.map(|covered| covered * emission));
+    }
 }
 
 fn drawn<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<DrawnLight<'a>>, NodeError> {
@@ -228,7 +307,17 @@ fn drawn<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<DrawnLight<'a>
                 Emission::Even(lamp.emission(0, towards) * radiance.0.iter().sum::<Vec3>())
             }
         };
-        drawn.push(DrawnLight { light, coverage, emission });
+        drawn.push(DrawnLight { light, coverage, emission, glare: None });
     }
     Ok(drawn)
+}
+
+tuning! {
+    /// Constants of the glare of drawn lights.
+    pub const TUNING: DrawnGlareTuning {
+        /// Largest fraction of the light of a drawn light that the lens scatters.
+        max_scattered: f32 = 0.05,
+            unit "1", source Derived("veiling glare of camera lenses"),
+            effect "a larger value draws wider halos where the radiance of lights in view is too low";
+    }
 }

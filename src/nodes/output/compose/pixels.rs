@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    Grain, HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, headroom, relight_own,
-    relight_physical, relight_ratio, saturated_depth,
+    Grain, HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, headroom, ratio,
+    relight_own, relight_physical, relight_ratio, saturated_depth,
 };
 
 /// Rows that are composed at a time.
@@ -128,19 +128,25 @@ impl<'a> Pixels<'a> {
         let taps = self.upsampler.taps(x, y);
         lights.shade(&taps, before, record);
         let away = self.clipped_depth.get(x, y);
+        let i = y * inputs.photo.0.width() + x;
+        let emitter = lights.emitter(i);
+        let is_own = emitter.is_some_and(|emitter| emitter.mask.is_own(i));
+        let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
+        let has_glare = !is_own && self.mode == Mode::Ratio;
+        let scattered = if has_glare { lights.glare(&taps) } else { Vec3::ZERO };
+        let glare = scattered.min(photo);
         let surface = SurfacePixel {
-            photo: inputs.photo.0.get(x, y).max(Vec3::ZERO),
+            photo: photo - glare,
             residual: taps.of(&inputs.residual.0),
             albedo: taps.of(&inputs.albedo.0),
             reflectance: taps.of(&inputs.reflectance.0),
             painted: inputs.paint_layers.at(x, y),
-            white: self.white,
+            white: self.white - glare.max_element(),
             headroom: headroom(away),
         };
-        let i = y * inputs.photo.0.width() + x;
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
-        match (lights.emitter(i), self.mode) {
-            (Some(emitter), _) if emitter.mask.is_own(i) => {
+        match (emitter, self.mode) {
+            (Some(emitter), _) if is_own => {
                 relight_own(&surface, &emitter.own(ray(), away), before, record)
             }
             (_, Mode::Physical) => relight_physical(&surface, record),
@@ -148,6 +154,9 @@ impl<'a> Pixels<'a> {
                 let glare = emitter.map(|emitter| emitter.glare(i, ray()));
                 relight_ratio(&surface, glare, before, record);
             }
+        }
+        if glare != Vec3::ZERO {
+            lights.add_glare(&taps, ratio(glare, scattered), record);
         }
         for drawn in &lights.drawn {
             let coverage = drawn.coverage.0.get(x, y);
@@ -158,5 +167,6 @@ impl<'a> Pixels<'a> {
                 record[drawn.light] += coverage * grain * drawn.emission.towards(ray);
             }
         }
+        lights.add_drawn_glare(&taps, record);
     }
 }
