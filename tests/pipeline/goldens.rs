@@ -13,7 +13,7 @@ use relight::geometry::{Camera, LayoutGuess, Model, Objects, RoomLayout};
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
     Mask, PaintLayers, Picture, Plane, Points, Roughness, Shading, SpecularEdit, Transfer,
-    refine_mask as refined, write_png,
+    write_png,
 };
 use relight::nodes::artifacts::{EmitterChange, Encoding};
 use relight::nodes::edit::Color;
@@ -40,7 +40,7 @@ use crate::common::boxes::{Boxes, Hit};
 use crate::common::scene::{Light, Plan, Scene};
 use crate::project::{png, root};
 
-const NAMES: [&str; 24] = [
+const NAMES: [&str; 23] = [
     "mesh",
     "room_box",
     "find",
@@ -54,7 +54,6 @@ const NAMES: [&str; 24] = [
     "compose",
     "compose_clipped",
     "edit_materials",
-    "refine_mask",
     "polish",
     "objects", // and with networks:
     "mnet",
@@ -446,24 +445,7 @@ fn edit_materials() {
     check("edit_materials", composed(out.paint_layers, None));
 }
 
-/// A mask of the floor that is off by up to three pixels (red), refined (green), and exact (blue).
-#[test]
-fn refine_mask() {
-    let mask = |shift: &dyn Fn(usize) -> usize| {
-        let is_floor = |x: usize, y: usize| cast(x, y.min(SIZE.1 - 1)).side == FLOOR;
-        Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(is_floor(x, y + shift(x)))))
-    };
-    let ragged = mask(&|x| [3, 1, 0, 2][x / 3 % 4]);
-    let (exact, depth) = (mask(&|_| 0), &room().depth);
-    let found = refined(&ragged, &photo(), Some(depth), 0.0);
-    let wrong = |mask: &Plane<f32>| -> f32 {
-        mask.pixels().iter().zip(exact.pixels()).map(|(a, b)| (a - b).abs()).sum()
-    };
-    assert!(wrong(&found) < 0.5 * wrong(&ragged), "{} of {}", wrong(&found), wrong(&ragged));
-    check("refine_mask", zip3(&ragged, &found, &exact, [1.0; 3]));
-}
-
-/// A polished floor.
+/// The same with a polished floor.
 #[test]
 fn polish() {
     let room = room();

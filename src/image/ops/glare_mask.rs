@@ -103,12 +103,13 @@ impl GlareMask {
     ) -> GlareMask {
         assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
         let (w, h) = mask.size();
-        let away = distance(core);
         let lit = Plane::sparse(w, h, |i| match luminance(photo.0.pixels()[i]) >= dark {
             true => mask.pixels()[i],
             false => 0.0,
         });
         let own = refine_mask(&lit, photo, None, 0.0).map(|part| (255.0 * part).round() as u8);
+        drop(lit);
+        let away = distance(core);
         let falloff = |i: usize| {
             TUNING.max_glare * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.pixels()[i]))
         };

@@ -17,7 +17,7 @@
 
 use std::ops::{Add, Range};
 
-use glam::{Mat4, Vec3, Vec4};
+use glam::{DMat4, Mat4, Vec3, Vec4};
 use rayon::prelude::*;
 
 use crate::image::{Depth, Picture, Plane, distance};
@@ -282,11 +282,12 @@ fn over_windows<T: Copy + Send + Sync>(
     along(&along(plane, true), false)
 }
 
-/// One window: mean and inverse covariance of its guide.
+/// One window: mean and inverse covariance of its guide. The covariance of a gray picture is almost
+/// singular: single precision would not do.
 struct Window {
     center: u32,
     mean: Vec4,
-    inverse: Mat4,
+    inverse: DMat4,
 }
 
 /// The matting Laplacian of the windows that contain an unknown cell.
@@ -317,7 +318,8 @@ impl<'a> Matting<'a> {
             let level = TUNING.noise * TUNING.noise * mean.truncate().length_squared() / 3.0;
             let color = level + TUNING.floor * TUNING.floor;
             let noise = Vec3::splat(color).extend(TUNING.depth_noise * TUNING.depth_noise);
-            let inverse = (covariance + Mat4::from_diagonal(noise)).inverse();
+            let inverse =
+                (covariance.as_dmat4() + DMat4::from_diagonal(noise.as_dvec4())).inverse();
             Window { center, mean, inverse }
         };
         let windows = centers.par_iter().map(window).collect();
@@ -336,7 +338,7 @@ impl<'a> Matting<'a> {
                 moment += value * (self.guide.pixels()[j] - window.mean);
                 count += 1.0;
             }
-            let slope = window.inverse * (moment / count);
+            let slope = (window.inverse * (moment / count).as_dvec4()).as_vec4();
             (slope, sum / count - slope.dot(window.mean))
         };
         self.windows.par_iter().map(fit).collect()
