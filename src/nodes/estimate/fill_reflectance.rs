@@ -68,7 +68,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -100,7 +100,7 @@ impl Node for FillReflectance {
             for i in (0..full_w * full_h).filter(|&i| glare_mask.weight(i) > 0.0) {
                 let at = (i % full_w * w / full_w, i / full_w * h / full_h);
                 hidden.set(at.0, at.1, true);
-                if glare_mask.is_own(i) {
+                if glare_mask.coverage(i) > 0.0 {
                     own.set(at.0, at.1, true);
                 }
             }
@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn what_a_light_or_saturation_hides_is_filled() {
-        let colors = [Vec3::ONE, Vec3::X, Vec3::splat(0.5), Vec3::splat(0.5)];
+        let colors = [Vec3::ONE, Vec3::X, Vec3::splat(0.5), Vec3::new(0.2, 0.1, 0.6)];
         let photo = Picture(Plane::from_fn(4, 1, |x, _| colors[x]));
         let own = Plane::from_fn(4, 1, |x, _| if x == 3 { 1.0 } else { 0.0 });
         let none = Mask(own.map(|_| 0.0));

@@ -164,7 +164,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 15;
+    const VERSION: u32 = 16;
     type In = ComposeIn;
     type Out = ComposeOut;
 

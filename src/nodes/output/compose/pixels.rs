@@ -130,11 +130,11 @@ impl<'a> Pixels<'a> {
         let away = self.clipped_depth.get(x, y);
         let i = y * inputs.photo.0.width() + x;
         let emitter = lights.emitter(i);
-        let is_own = emitter.is_some_and(|emitter| emitter.mask.is_own(i));
+        let coverage = emitter.map_or(0.0, |emitter| emitter.mask.coverage(i));
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
-        let has_glare = !is_own && self.mode == Mode::Ratio;
+        let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
         let scattered = if has_glare { lights.glare(&taps) } else { Vec3::ZERO };
-        let glare = scattered.min(photo);
+        let glare = (1.0 - coverage) * scattered.min(photo);
         let surface = SurfacePixel {
             photo: photo - glare,
             residual: taps.of(&inputs.residual.0),
@@ -145,15 +145,23 @@ impl<'a> Pixels<'a> {
             headroom: headroom(away),
         };
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
-        match (emitter, self.mode) {
-            (Some(emitter), _) if is_own => {
-                relight_own(&surface, &emitter.own(ray(), away), before, record)
+        let own = emitter.filter(|_| coverage > 0.0).map(|emitter| {
+            let mut own = record.to_vec();
+            relight_own(&surface, &emitter.own(ray(), away), before, &mut own);
+            own
+        });
+        if coverage < 1.0 {
+            match self.mode {
+                Mode::Physical => relight_physical(&surface, record),
+                Mode::Ratio => {
+                    let glare = emitter.map(|emitter| emitter.glare(i, ray()));
+                    relight_ratio(&surface, glare, before, record);
+                }
             }
-            (_, Mode::Physical) => relight_physical(&surface, record),
-            (emitter, Mode::Ratio) => {
-                let glare = emitter.map(|emitter| emitter.glare(i, ray()));
-                relight_ratio(&surface, glare, before, record);
-            }
+        }
+        if let Some(own) = own {
+            let blend = |(layer, own): (&mut Vec3, Vec3)| *layer = layer.lerp(own, coverage);
+            record.iter_mut().zip(own).for_each(blend);
         }
         if glare != Vec3::ZERO {
             lights.add_glare(&taps, ratio(glare, scattered), record);
