@@ -8,8 +8,9 @@ mod plane;
 mod transfer;
 
 pub use io::{
-    Bits, Compression, ExrFile, ExrLayers, MAX_BYTES, MAX_PIXELS, NamedBytes, Photo, PngSamples,
-    ReadError, read_depth, read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
+    Bits, Compression, DepthFile, ExrFile, ExrLayers, Intrinsics, MAX_BYTES, MAX_PIXELS, Measure,
+    NamedBytes, Photo, PngSamples, ReadError, read_depth, read_depth_file, read_layers, read_maps,
+    read_mask, read_normal, read_photo, write_png,
 };
 pub use layer::{HalfLayer, Layer};
 pub use material::{

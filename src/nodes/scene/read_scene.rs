@@ -4,8 +4,9 @@
 //! Everything later is computed at the *working size*, the photo fitted into `long_side`; the
 //! photo's own size is kept beside it, because the result is written at that size.
 //!
-//! Depth, by `kind` (d the stored number, s the `scale`): planar z = s d; a ray length gives z = s
-//! d / |r| with r the ray of the pixel at planar depth 1; a disparity gives z = s / d.
+//! Depth, by `kind` (d the stored number plus the `shift`, s the `scale`): planar z = s d; a ray
+//! length gives z = s d / |r| with r the ray of the pixel at planar depth 1; a disparity gives z = s
+//! / d. Relative depth of a network is a disparity with a shift.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -30,7 +31,7 @@ pub enum DepthKind {
     PlanarZ,
     /// Distance from the camera along the pixel's ray.
     RayLength,
-    /// `scale` / distance from the camera's plane.
+    /// `scale` / distance from the camera's plane; relative or inverse depth, with `shift`.
     Disparity,
 }
 
@@ -46,6 +47,9 @@ pub struct DepthSpec {
     /// Meters per stored unit.
     #[serde(default = "one")]
     pub scale: f32,
+    /// Added to each stored number before anything else, stored units.
+    #[serde(default)]
+    pub shift: f32,
 }
 
 fn one() -> f32 {
@@ -93,9 +97,10 @@ params! {
         transfer: Transfer = Transfer::Srgb,
         /// The photo's camera: FovX(degrees) or Pinhole(fx, fy, cx, cy in photo pixels).
         camera: CameraSpec = CameraSpec::FovX(60.0),
-        /// Depth: EXR (channel Z, else Y, else R), 16-bit gray PNG or NPY, in units of `scale`
-        /// meters.
-        depth: DepthSpec = DepthSpec { path: File::default(), kind: DepthKind::PlanarZ, scale: 1.0 },
+        /// Depth: EXR (channel Z, else Y, else R), gray PNG, NPY, NPZ, PFM or TIFF, in units of
+        /// `scale` meters after `shift` is added.
+        depth: DepthSpec =
+            DepthSpec { path: File::default(), kind: DepthKind::PlanarZ, scale: 1.0, shift: 0.0 },
         /// The visible lights by name, each with the mask of its pixels: PNG, JPEG or EXR; at most
         /// 32 masks.
         lights: BTreeMap<String, LightSpec> = BTreeMap::new(),
@@ -154,6 +159,7 @@ impl Node for ReadScene {
             return Err("depth.path: wanted a file, got none".into());
         }
         check_range("depth: scale", &self.depth.scale, 1e-9..=1e9)?;
+        check_range("depth: shift", &self.depth.shift, -1e9..=1e9)?;
         self.lights.keys().try_for_each(|id| check_id(id))?;
         let masks: BTreeSet<(LightKind, &File)> =
             self.lights.values().map(|light| (light.kind(), light.mask())).collect();
@@ -266,12 +272,11 @@ impl ReadScene {
         ignore: Option<&Mask>,
     ) -> Result<(Depth, Mask), NodeError> {
         let file = &self.depth.path;
-        let (stored, warnings) = open(ctx, file, image::read_depth)?;
-        warn(ctx, file, &warnings);
-        let (width, height) = stored.size();
+        let stored = open(ctx, file, image::read_depth_file)?;
+        warn(ctx, file, &stored.notes);
+        let (width, height) = stored.values.size();
         self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
-        let meters =
-            planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
+        let meters = planar(&stored.values, &self.depth, &camera.resized(width, height));
 
         // The view through a pane, and surfaces outside the room, may be far away: their depth must
         // not spread into the room.
@@ -323,18 +328,19 @@ impl ReadScene {
     }
 }
 
-/// Stored numbers as planar z in meters; holes pass through as holes. `camera` has the depth's
-/// size.
-pub fn planar(stored: &Plane<f32>, kind: DepthKind, scale: f32, camera: &Camera) -> Plane<f32> {
+/// Stored numbers as planar z in meters by the kind, scale and shift of `spec`; holes pass through as
+/// holes. `camera` has the depth's size.
+pub fn planar(stored: &Plane<f32>, spec: &DepthSpec, camera: &Camera) -> Plane<f32> {
     let (width, height) = stored.size();
+    let &DepthSpec { kind, scale, shift, .. } = spec;
     match kind {
-        DepthKind::PlanarZ => stored.map(|d| scale * d),
+        DepthKind::PlanarZ => stored.map(|d| scale * (d + shift)),
         DepthKind::RayLength => Plane::from_fn(width, height, |x, y| {
             let ray: Vec3 = camera.pixel_point(x, y, 1.0);
-            scale * stored.get(x, y) / ray.length()
+            scale * (stored.get(x, y) + shift) / ray.length()
         }),
         // A negative disparity stays a hole: its depth is negative.
-        DepthKind::Disparity => stored.map(|d| scale / d),
+        DepthKind::Disparity => stored.map(|d| scale / (d + shift)),
     }
 }
 
