@@ -220,3 +220,95 @@ fn gray_levels_of_png() {
     let text = refused(&png(&three, ExtendedColorType::Rgb8));
     assert!(text.contains("wanted gray levels, got colors: a picture of depth"), "{text}");
 }
+
+/// A JPEG whose extended metadata, in segments of 100 bytes, holds these properties of GDepth.
+fn jpeg(properties: &str) -> Vec<u8> {
+    let mut photo = Cursor::new(Vec::new());
+    let encoder = image::codecs::jpeg::JpegEncoder::new(&mut photo);
+    encoder.write_image(&[9; 12], 4, 3, ExtendedColorType::L8).expect("a sound picture");
+    let packet = format!("<rdf:Description {properties}/>");
+    let mut bytes = photo.get_ref()[..2].to_vec();
+    for part in packet.as_bytes().chunks(100) {
+        let name = b"http://ns.adobe.com/xmp/extension/\0";
+        let length = (2 + name.len() + 40 + part.len()) as u16;
+        bytes.extend([0xff, 0xe1]);
+        bytes.extend(length.to_be_bytes());
+        bytes.extend(name);
+        bytes.extend([7; 40]);
+        bytes.extend(part);
+    }
+    bytes.extend(&photo.get_ref()[2..]);
+    bytes
+}
+
+#[test]
+fn depth_inside_a_jpeg() {
+    use base64::Engine;
+    use relight::image::Measure;
+    let base64 = |bytes: &[u8]| base64::engine::general_purpose::STANDARD.encode(bytes);
+    let levels: Vec<u8> = (0..12).map(|i| 20 * i).collect();
+    let data = base64(&png(&levels, ExtendedColorType::L8));
+    let all = |format: &str| {
+        format!(
+            "GDepth:Format='{format}' GDepth:Near=\"0.5\" GDepth:Far=\"4\" GDepth:Units=\"m\" \
+            GDepth:MeasureType=\"OpticRay\" GDepth:Data=\"{data}\" GDepth:Confidence=\"{data}\""
+        )
+    };
+    for format in ["RangeLinear", "RangeInverse"] {
+        let file = read(&jpeg(&all(format)));
+        assert_eq!((file.measure, file.scale), (Some(Measure::RayLength), Some(1.0)));
+        assert_eq!(file.confidence.expect("it is stated").get(1, 0), 20.0 / 255.0);
+        for (i, got) in file.values.pixels().iter().enumerate() {
+            let n = 20.0 * i as f32 / 255.0;
+            let inverse = 1.0 / (1.0 / 0.5 + n * (1.0 / 4.0 - 1.0 / 0.5));
+            let wanted = if format == "RangeLinear" { 0.5 + 3.5 * n } else { inverse };
+            assert!((got - wanted).abs() < 1e-5, "{format} {i}: {got}, wanted {wanted}");
+        }
+    }
+    for (from, to, wanted) in [
+        ("GDepth:Data", "GDepth:Date", "wanted metadata with GDepth:Data, got none"),
+        ("\"0.5\"", "\"NaN\"", "GDepth:Near: wanted a number above 0, got NaN"),
+        ("\"4\"", "\"0.25\"", "GDepth:Far: wanted more than Near, 0.5, got 0.25"),
+        ("RangeLinear", "Other", "GDepth:Format: wanted RangeLinear or RangeInverse, got Other"),
+        (&data, "????", "depth in a JPEG: wanted base64"),
+        (&data, "AAAA", "depth in a JPEG: wanted PNG or JPEG, got another format"),
+    ] {
+        let text = refused(&jpeg(&all("RangeLinear").replace(from, to)));
+        assert!(text.contains(wanted), "{text}");
+    }
+    let sound = jpeg(&all("RangeLinear"));
+    for at in 0..sound.len() {
+        let _ = read_depth_file(NamedBytes::new("depth", &sound[..at]));
+    }
+}
+
+#[test]
+fn frames_of_phone_captures() {
+    use relight::image::{Intrinsics, polycam, stray_scanner};
+    let wide: Vec<u16> = rows().map(|(x, y)| 100 * u16::from(number(x, y))).collect();
+    let depth = png(bytemuck::cast_slice(&wide), ExtendedColorType::L16);
+    let sure = png(&[0, 1, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2], ExtendedColorType::L8);
+    let named = |bytes| NamedBytes::new("frame", bytes);
+    let matrix = b"1500.5, 0.0, 960.0\n0.0, 1501.5, 720.0\n0.0, 0.0, 1.0\n";
+    let file = stray_scanner(named(&depth), Some(named(&sure)), Some(named(matrix)));
+    let file = file.expect("a sound frame");
+    assert_eq!((file.values.get(1, 2), file.scale), (5300.0, Some(0.001)));
+    let confidence = file.confidence.expect("it is stated");
+    assert_eq!([0, 1, 2].map(|x| confidence.get(x, 0)), [0.0, 0.5, 1.0]);
+    let camera =
+        Intrinsics { width: 1920.0, height: 1440.0, fx: 1500.5, fy: 1501.5, cx: 960.0, cy: 720.0 };
+    assert_eq!(file.camera, Some(camera));
+    let json = br#"{"fx": 1500.5, "fy": 1501.5, "cx": 960, "cy": 720, "width": 1920, "height": 1440, "t_00": 1}"#;
+    let file = polycam(named(&depth), Some(named(&sure)), Some(named(json))).expect("sound");
+    assert_eq!(file.camera, Some(camera));
+    assert_eq!(file.confidence.expect("it is stated").get(2, 0), 2.0 / 255.0);
+    let refused = |result: Result<DepthFile, relight::image::ReadError>| {
+        result.expect_err("it must be refused").to_string()
+    };
+    let text = refused(stray_scanner(named(&depth), None, Some(named(b"1,2,x"))));
+    assert!(text.contains("wanted three rows of three numbers, got 2 numbers"), "{text}");
+    let text = refused(polycam(named(&depth), None, Some(named(b"{}"))));
+    assert!(text.contains("wanted JSON with fx, fy, cx, cy, width and height"), "{text}");
+    let flat = br#"{"fx": 0, "fy": 1, "cx": 0, "cy": 0, "width": 1, "height": 1}"#;
+    assert!(refused(polycam(named(&depth), None, Some(named(flat)))).contains("wanted sizes"));
+}

@@ -228,7 +228,10 @@ fn depth_formats_hold_the_same_numbers() {
     let hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x80\x80\x80\x80";
     let error =
         read_depth(NamedBytes::new("d.hdr", hdr)).expect_err("HDR holds colours").to_string();
-    assert_eq!(error, "d.hdr: file format: wanted depth: EXR, PNG, NPY, NPZ, PFM or TIFF, got Hdr");
+    assert_eq!(
+        error,
+        "d.hdr: file format: wanted depth: EXR, PNG, NPY, NPZ, PFM, TIFF or JPEG, got Hdr"
+    );
 }
 
 #[test]

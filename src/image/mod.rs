@@ -9,8 +9,8 @@ mod transfer;
 
 pub use io::{
     Bits, Compression, DepthFile, ExrFile, ExrLayers, Intrinsics, MAX_BYTES, MAX_PIXELS, Measure,
-    NamedBytes, Photo, PngSamples, ReadError, read_depth, read_depth_file, read_layers, read_maps,
-    read_mask, read_normal, read_photo, write_png,
+    NamedBytes, Photo, PngSamples, ReadError, polycam, read_depth, read_depth_file, read_layers,
+    read_maps, read_mask, read_normal, read_photo, stray_scanner, write_png,
 };
 pub use layer::{HalfLayer, Layer};
 pub use material::{

@@ -9,7 +9,9 @@ pub(in crate::image) mod raster;
 pub(in crate::image) mod read;
 pub(in crate::image) mod source;
 
-pub use depth::{DepthFile, Intrinsics, Measure, read_depth, read_depth_file};
+pub use depth::{
+    DepthFile, Intrinsics, Measure, polycam, read_depth, read_depth_file, stray_scanner,
+};
 pub use exr_read::{ExrFile, read_layers};
 pub use exr_write::{Compression, ExrLayers};
 pub use npy::read_maps;

@@ -1,10 +1,16 @@
 //! Depth files: one format a file. Each returns the numbers as they are stored, with the facts that
 //! its format states about them.
 
+mod captures;
+mod gdepth;
 mod npz;
 mod pfm;
 mod png;
 mod tiff;
+
+pub use captures::{polycam, stray_scanner};
+
+use serde::Deserialize;
 
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exr_read, npy};
@@ -22,7 +28,7 @@ pub enum Measure {
 }
 
 /// A pinhole camera as a depth file states it, pixels of a picture of `width` x `height`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 pub struct Intrinsics {
     /// Columns of the picture to which the other numbers belong.
     pub width: f32,
@@ -69,9 +75,10 @@ impl DepthFile {
     }
 }
 
-/// Reads depth as stored: EXR (channel Z, else Y, else R), PNG of 8 or 16 bits (gray), NPY or NPZ of
-/// any number type and order, with axes of length 1 beside height and width, PFM (gray), TIFF
-/// (gray, any number type). The first bytes determine the format, never the name.
+/// Reads depth as stored: EXR (channel Z, else Y, else R), PNG of 8 or 16 bits (gray), NPY or NPZ
+/// of any number type and order, with axes of length 1 beside height and width, PFM (gray), TIFF
+/// (gray, any number type), JPEG with depth in its metadata (GDepth). The first bytes determine the
+/// format, never the name.
 ///
 /// # Errors
 /// The file is not one of these, is damaged or too large, or holds something else than one plane.
@@ -89,8 +96,9 @@ pub fn read_depth_file(source: NamedBytes) -> Result<DepthFile, ReadError> {
         Some(FileFormat::Npz) => npz::read(source),
         Some(FileFormat::Pfm) => Ok(DepthFile::plain(pfm::read(source)?)),
         Some(FileFormat::Png) => png::read(source),
+        Some(FileFormat::Jpeg) => gdepth::read(source),
         Some(FileFormat::Tiff) => Ok(DepthFile::plain(tiff::read(source)?)),
-        _ => Err(not_one_of(source, "depth: EXR, PNG, NPY, NPZ, PFM or TIFF")),
+        _ => Err(not_one_of(source, "depth: EXR, PNG, NPY, NPZ, PFM, TIFF or JPEG")),
     }
 }
 
