@@ -200,6 +200,26 @@ fn depth_kinds_have_their_closed_forms() {
 }
 
 #[test]
+fn relative_depth_that_is_declared_metric_is_told() {
+    let warnings = |spec: [f32; 2], kind, most: f32| {
+        let depth = move |x: usize, y: usize| most * (x * y) as f32 / (63.0 * 47.0);
+        let (_, warnings) = check(|dir, scene| {
+            fs::write(dir.join("depth.npy"), npy((64, 48), depth)).expect("writable");
+            scene.depth = DepthSpec { kind, scale: spec[0], shift: spec[1], ..scene.depth.clone() };
+        })
+        .expect("it is read");
+        warnings.iter().filter(|warning| warning.contains("as relative depth does")).count()
+    };
+    for most in [1.0, 255.0] {
+        assert_eq!(warnings([0.02, 0.0], DepthKind::PlanarZ, most), 1);
+        assert_eq!(warnings([0.02, 0.0], DepthKind::RayLength, most), 1);
+        assert_eq!(warnings([2.0, 0.3], DepthKind::Disparity, most), 0);
+        assert_eq!(warnings([0.02, 40.0], DepthKind::PlanarZ, most), 0);
+    }
+    assert_eq!(warnings([1.0, 0.0], DepthKind::PlanarZ, 4.2), 0);
+}
+
+#[test]
 fn depth_formats_hold_the_same_numbers() {
     let number = |x: usize, y: usize| (1000 + 7 * x + 100 * y) as u16;
     let wide: Vec<u16> = (0..12).map(|at| number(at % 4, at / 4)).collect();
