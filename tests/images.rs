@@ -72,6 +72,7 @@ fn folder() -> (tempfile::TempDir, ReadScene) {
             path: write("depth.npy", npy((64, 48), |_, _| 2.0)),
             kind: DepthKind::PlanarZ,
             scale: 1.0,
+            shift: 0.0,
         },
         lights: BTreeMap::from(lights),
         long_side: 32,
@@ -128,7 +129,7 @@ fn a_scene_is_read() {
 fn the_parameters_read_as_the_scene_file_writes_them() {
     let scene: ReadScene = from_ron(
         r#"(photo: "photo.png", transfer: Gamma(2.2), camera: Pinhole(fx: 500, fy: 501, cx: 319.5, cy: 239.5),
-            depth: (path: "depth.png", kind: Disparity, scale: 0.001), ignore: "masks/outside.png", exposure: Lux(1200.0),
+            depth: (path: "depth.png", kind: Disparity, scale: 0.001, shift: 0.25), ignore: "masks/outside.png", exposure: Lux(1200.0),
             lights: { "lamp_0": Lamp(mask: "masks/lamp_0.png"), "window_0": Window(mask: "masks/window_0.png") })"#,
     )
     .expect("the documented syntax");
@@ -136,7 +137,12 @@ fn the_parameters_read_as_the_scene_file_writes_them() {
     assert_eq!(scene.camera, CameraSpec::Pinhole { fx: 500.0, fy: 501.0, cx: 319.5, cy: 239.5 });
     assert_eq!(
         scene.depth,
-        DepthSpec { path: File::new("depth.png"), kind: DepthKind::Disparity, scale: 0.001 }
+        DepthSpec {
+            path: File::new("depth.png"),
+            kind: DepthKind::Disparity,
+            scale: 0.001,
+            shift: 0.25
+        }
     );
     assert_eq!(
         scene.lights["window_0"],
@@ -148,8 +154,8 @@ fn the_parameters_read_as_the_scene_file_writes_them() {
     let short: ReadScene =
         from_ron(r#"(photo: "p", camera: FovX(57.95), depth: (path: "d"))"#).expect("defaults");
     assert_eq!(
-        (short.camera, short.depth.scale, short.long_side),
-        (CameraSpec::FovX(57.95), 1.0, 320)
+        (short.camera, [short.depth.scale, short.depth.shift], short.long_side),
+        (CameraSpec::FovX(57.95), [1.0, 0.0], 320)
     );
     let again: ReadScene =
         from_ron(&relight::graph::to_ron(&scene)).expect("what is written is read");
@@ -161,15 +167,15 @@ fn the_parameters_read_as_the_scene_file_writes_them() {
 
 #[test]
 fn depth_kinds_have_their_closed_forms() {
-    let kind = |kind, scale, value: fn(usize, usize) -> f32| {
+    let shifted = |kind, [scale, shift]: [f32; 2], value: fn(usize, usize) -> f32| {
         let (out, _) = check(|dir, scene| {
             fs::write(dir.join("depth.npy"), npy((64, 48), value)).expect("writable");
-            scene.depth.kind = kind;
-            scene.depth.scale = scale;
+            scene.depth = DepthSpec { kind, scale, shift, ..scene.depth.clone() };
         })
         .expect("a sound scene");
         out
     };
+    let kind = |kind, scale, value| shifted(kind, [scale, 0.0], value);
     // A wall facing the camera at 3 m, as ray lengths of the default camera (60 degrees,
     // f = 32 / tan 30).
     fn ray(x: usize, y: usize) -> f32 {
@@ -183,10 +189,34 @@ fn depth_kinds_have_their_closed_forms() {
     assert!(near(&kind(DepthKind::RayLength, 0.001, ray), 3.0));
     assert!(near(&kind(DepthKind::PlanarZ, 0.001, |_, _| 2500.0), 2.5));
     assert!(near(&kind(DepthKind::Disparity, 8.0, |_, _| 4.0), 2.0));
+    // Relative depth: 0 is a number where a shift stands beside it.
+    assert!(near(&shifted(DepthKind::Disparity, [6.0, 1.5], |_, _| 0.0), 4.0));
+    assert!(near(&shifted(DepthKind::PlanarZ, [2.0, 0.5], |_, _| 1.0), 3.0));
+    assert!(near(&shifted(DepthKind::RayLength, [0.001, 500.0], |x, y| ray(x, y) - 500.0), 3.0));
     // No disparity and negative disparity are holes.
     let out = kind(DepthKind::Disparity, 8.0, |x, _| [0.0, -1.0, 4.0, 4.0][x % 4]);
     assert!(near(&out, 2.0));
     assert_eq!(out.holes.0.pixels().iter().sum::<f32>() / out.holes.0.len() as f32, 0.5);
+}
+
+#[test]
+fn relative_depth_that_is_declared_metric_is_told() {
+    let warnings = |spec: [f32; 2], kind, most: f32| {
+        let depth = move |x: usize, y: usize| most * (x * y) as f32 / (63.0 * 47.0);
+        let (_, warnings) = check(|dir, scene| {
+            fs::write(dir.join("depth.npy"), npy((64, 48), depth)).expect("writable");
+            scene.depth = DepthSpec { kind, scale: spec[0], shift: spec[1], ..scene.depth.clone() };
+        })
+        .expect("it is read");
+        warnings.iter().filter(|warning| warning.contains("as relative depth does")).count()
+    };
+    for most in [1.0, 255.0] {
+        assert_eq!(warnings([0.02, 0.0], DepthKind::PlanarZ, most), 1);
+        assert_eq!(warnings([0.02, 0.0], DepthKind::RayLength, most), 1);
+        assert_eq!(warnings([2.0, 0.3], DepthKind::Disparity, most), 0);
+        assert_eq!(warnings([0.02, 40.0], DepthKind::PlanarZ, most), 0);
+    }
+    assert_eq!(warnings([1.0, 0.0], DepthKind::PlanarZ, 4.2), 0);
 }
 
 #[test]
@@ -218,7 +248,10 @@ fn depth_formats_hold_the_same_numbers() {
     let hdr = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x80\x80\x80\x80";
     let error =
         read_depth(NamedBytes::new("d.hdr", hdr)).expect_err("HDR holds colours").to_string();
-    assert_eq!(error, "d.hdr: file format: wanted depth: EXR, 16-bit gray PNG or NPY, got Hdr");
+    assert_eq!(
+        error,
+        "d.hdr: file format: wanted depth: EXR, PNG, NPY, NPZ, PFM, TIFF or JPEG, got Hdr"
+    );
 }
 
 #[test]
@@ -321,7 +354,12 @@ fn lamps(count: usize, mask: impl Fn(usize) -> String) -> BTreeMap<String, Light
 fn names_for_one_mask_are_not_counted() {
     let scene = ReadScene {
         photo: File::new("p.png"),
-        depth: DepthSpec { path: File::new("d.exr"), kind: DepthKind::PlanarZ, scale: 1.0 },
+        depth: DepthSpec {
+            path: File::new("d.exr"),
+            kind: DepthKind::PlanarZ,
+            scale: 1.0,
+            shift: 0.0,
+        },
         lights: lamps(100, |i| format!("m{}.png", i % 32)),
         ..ReadScene::default()
     };
@@ -341,6 +379,7 @@ fn parameters_out_of_range_are_named() {
     );
     wrong(|s| s.transfer = Transfer::Gamma(0.0), "transfer: Gamma");
     wrong(|s| s.depth.scale = -1.0, "depth: scale");
+    wrong(|s| s.depth.shift = f32::NAN, "depth: shift");
     wrong(|s| s.exposure = Some(Exposure::Lux(0.0)), "exposure: Lux");
     wrong(|s| s.long_side = 0, "long_side");
     wrong(|s| s.photo.path.clear(), "photo: wanted a file");
@@ -806,6 +845,7 @@ fn real_photos_are_read() {
                 path: file(&dir.join("depth.exr")),
                 kind: DepthKind::PlanarZ,
                 scale: 1.0,
+                shift: 0.0,
             },
             ..ReadScene::default()
         };
@@ -859,7 +899,7 @@ fn write_time() {
 fn try_all(path: &Path, photo: &Path, depth: &Path) -> usize {
     let sound = ReadScene {
         photo: file(photo),
-        depth: DepthSpec { path: file(depth), kind: DepthKind::PlanarZ, scale: 1.0 },
+        depth: DepthSpec { path: file(depth), kind: DepthKind::PlanarZ, scale: 1.0, shift: 0.0 },
         ..ReadScene::default()
     };
     let as_photo = ReadScene { photo: file(path), ..sound.clone() };

@@ -14,9 +14,11 @@ pub use objects::{
     named_files,
 };
 pub use scene::{
-    CellGrid, Hit, KnownLength, KnownSide, LayoutDraw, LayoutGuess, LayoutLine, MAX_CELLS,
-    MetricDepth, Own, PlaneFit, RoomCell, RoomLayout, SIDES, SceneMesh, SideSource, Sight, Surface,
-    grow_region, limit_areas, metric_depth, orient_normals, relative_depth, surface, world_up,
+    CellGrid, Doubt, Hit, KnownHeight, KnownLength, KnownSide, LayoutDraw, LayoutGuess, LayoutLine,
+    LevelSides, MAX_CELLS, MetricDepth, Own, PlaneFit, RelativeScale, RoomCell, RoomLayout, SIDES,
+    SceneMesh, SeenRoom, SideSource, Sight, Surface, doubts, grow_region, level_sides, limit_areas,
+    metric_depth, orient_normals, relative_depth, relative_from_height, scale_from_height, surface,
+    world_up,
 };
 
 use glam::Vec3;

@@ -8,8 +8,9 @@ mod plane;
 mod transfer;
 
 pub use io::{
-    Bits, Compression, ExrFile, ExrLayers, MAX_BYTES, MAX_PIXELS, NamedBytes, Photo, PngSamples,
-    ReadError, read_depth, read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
+    Bits, Compression, DepthFile, ExrFile, ExrLayers, Intrinsics, MAX_BYTES, MAX_PIXELS, Measure,
+    NamedBytes, Photo, PngSamples, ReadError, polycam, read_depth, read_depth_file, read_layers,
+    read_maps, read_mask, read_normal, read_photo, stray_scanner, write_png,
 };
 pub use layer::{HalfLayer, Layer};
 pub use material::{
@@ -20,11 +21,11 @@ pub use ops::{
     DEPTH_PLANE, GlareMask, GlarePixel, Grain, OwnPixel, Packed, PictureScore, REFLECTANCE,
     SaturationScore, Segments, Steps, SurfacePixel, Taps, Upsampler, alpha_matte, annotate,
     clip_level, clip_line, connected_components, dilate, distance, draw_line, fit, gain,
-    geodesic_dilate, graph_cut, headroom, inpaint_depth, inpaint_surfaces, is_hole, limited,
-    log_error, mean_error, nearness, neighbors, normal_error, pack, pairs, ratio, refine_mask,
-    reflected, relight_own, relight_physical, relight_ratio, resize, resize_depth, retinex,
-    same_aspect, saturated_depth, scale_invariant_error, score_picture, score_saturation, segment,
-    smooth_step, square_error, text_size, weighted_sum, write_text,
+    geodesic_dilate, graph_cut, guided_depth, headroom, inpaint_depth, inpaint_surfaces, is_hole,
+    limited, log_error, mean_error, nearness, neighbors, normal_error, pack, pairs, ratio,
+    refine_mask, reflected, relight_own, relight_physical, relight_ratio, resize, resize_depth,
+    retinex, same_aspect, saturated_depth, scale_invariant_error, score_picture, score_saturation,
+    segment, smooth_step, square_error, text_size, weighted_sum, write_text,
 };
 pub use plane::{Bytes, Plane};
 pub use transfer::Transfer;

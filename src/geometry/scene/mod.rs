@@ -6,11 +6,15 @@ pub(in crate::geometry) mod draw_layout;
 pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
+pub(in crate::geometry) mod height_scale;
 pub(in crate::geometry) mod layout_lines;
+pub(in crate::geometry) mod level_sides;
 pub(in crate::geometry) mod mesh;
 pub(in crate::geometry) mod metric_scale;
 pub(in crate::geometry) mod orient_normals;
 pub(in crate::geometry) mod plane_fit;
+pub(in crate::geometry) mod plausibility;
+pub(in crate::geometry) mod right_angles;
 pub(in crate::geometry) mod room_layout;
 pub(in crate::geometry) mod surface;
 
@@ -19,11 +23,14 @@ pub use draw_layout::LayoutDraw;
 pub use find_layout::{KnownSide, LayoutGuess, limit_areas};
 pub use gravity::world_up;
 pub use grow_region::grow_region;
+pub use height_scale::{KnownHeight, RelativeScale, relative_from_height, scale_from_height};
 pub use layout_lines::LayoutLine;
+pub use level_sides::{LevelSides, level_sides};
 pub use mesh::{Hit, Own, SceneMesh, Sight};
 pub use metric_scale::{KnownLength, MetricDepth, metric_depth, relative_depth};
 pub use orient_normals::orient_normals;
 pub use plane_fit::PlaneFit;
+pub use plausibility::{Doubt, SeenRoom, doubts};
 pub use room_layout::{RoomCell, RoomLayout, SIDES, SideSource};
 pub use surface::{Surface, surface};
 
@@ -37,10 +44,14 @@ pub fn tuning() -> Vec<Table> {
         find_layout::FindLayoutTuning::table(),
         gravity::GravityTuning::table(),
         grow_region::GrowRegionTuning::table(),
+        height_scale::HeightScaleTuning::table(),
         layout_lines::LayoutLinesTuning::table(),
+        level_sides::LevelSidesTuning::table(),
         mesh::MeshTuning::table(),
         metric_scale::MetricScaleTuning::table(),
         plane_fit::PlaneFitTuning::table(),
+        plausibility::PlausibilityTuning::table(),
+        right_angles::RightAnglesTuning::table(),
         room_layout::RoomLayoutTuning::table(),
         surface::SurfaceTuning::table(),
     ]

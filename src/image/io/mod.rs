@@ -1,5 +1,6 @@
-//! Picture files: EXR, PNG, JPEG, HDR and NPY.
+//! Picture files: EXR, PNG, JPEG and HDR; depth in these, in NPY, NPZ, PFM and TIFF.
 
+pub(in crate::image) mod depth;
 pub(in crate::image) mod exr_read;
 pub(in crate::image) mod exr_write;
 pub(in crate::image) mod npy;
@@ -8,10 +9,13 @@ pub(in crate::image) mod raster;
 pub(in crate::image) mod read;
 pub(in crate::image) mod source;
 
+pub use depth::{
+    DepthFile, Intrinsics, Measure, polycam, read_depth, read_depth_file, stray_scanner,
+};
 pub use exr_read::{ExrFile, read_layers};
 pub use exr_write::{Compression, ExrLayers};
 pub use npy::read_maps;
 pub use png_write::{PngSamples, write_png};
 pub use raster::Bits;
-pub use read::{Photo, read_depth, read_mask, read_normal, read_photo};
+pub use read::{Photo, read_mask, read_normal, read_photo};
 pub use source::{MAX_BYTES, MAX_PIXELS, NamedBytes, ReadError};

@@ -1,6 +1,9 @@
 //! NumPy arrays as depth and as maps of directions.
 
+use std::io::Read;
+
 use glam::Vec3;
+use half::f16;
 use npyz::{NpyFile, NpyHeader, Order};
 
 use super::source::{NamedBytes, ReadError};
@@ -12,24 +15,14 @@ const PREFIX: usize = 12;
 /// on brackets.
 const MAX_HEADER: usize = 1024;
 
-/// The header of an array in C order, and the bytes behind it.
-fn header<'a>(source: NamedBytes<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError> {
+/// The header of an array, which is read from the start of `data`.
+fn header(source: NamedBytes, data: &mut impl Read) -> Result<NpyHeader, ReadError> {
     let bad = |e: std::io::Error| source.error("NPY header", "a valid header", e);
-    if source.bytes.len() < PREFIX {
-        return Err(source.error(
-            "NPY header",
-            "a valid header",
-            format!("{} bytes", source.bytes.len()),
-        ));
-    }
-    let length = match source.bytes[6] {
-        1 => u32::from(u16::from_le_bytes([source.bytes[8], source.bytes[9]])),
-        _ => u32::from_le_bytes([
-            source.bytes[8],
-            source.bytes[9],
-            source.bytes[10],
-            source.bytes[11],
-        ]),
+    let mut start = [0; PREFIX];
+    data.read_exact(&mut start).map_err(bad)?;
+    let length = match start[6] {
+        1 => u32::from(u16::from_le_bytes([start[8], start[9]])),
+        _ => u32::from_le_bytes([start[8], start[9], start[10], start[11]]),
     };
     if length as usize > MAX_HEADER {
         return Err(source.error(
@@ -38,12 +31,7 @@ fn header<'a>(source: NamedBytes<'a>) -> Result<(NpyHeader, &'a [u8]), ReadError
             format!("{length} bytes"),
         ));
     }
-    let mut data = source.bytes;
-    let header = NpyHeader::from_reader(&mut data).map_err(bad)?;
-    if header.order() != Order::C {
-        return Err(source.error("NPY order", "C order", "Fortran order"));
-    }
-    Ok((header, data))
+    NpyHeader::from_reader(start.chain(data)).map_err(bad)
 }
 
 /// Maps over directions for each cell of a grid, [rows, columns, `directions`, 3] of f32: rows,
@@ -58,7 +46,11 @@ pub fn read_maps(
     if !source.bytes.starts_with(b"\x93NUMPY") {
         return Err(source.error("file format", "maps of directions: NPY", "another one"));
     }
-    let (header, data) = header(source)?;
+    let mut data = source.bytes;
+    let header = header(source, &mut data)?;
+    if header.order() != Order::C {
+        return Err(source.error("NPY order", "C order", "Fortran order"));
+    }
     let [thetas, phis] = directions.map(|n| n as u64);
     let &[rows, columns, t, p, 3] = header.shape() else {
         return Err(source.error(
@@ -85,44 +77,67 @@ pub fn read_maps(
     Ok((rows as usize, columns as usize, colors))
 }
 
-/// A 2-D array in C order of f32, f64 or u16, as f32.
+/// A plane from an array of one plane: (height, width), and axes of length 1 before or behind.
+/// Integers of every width, floating-point numbers of 2, 4 and 8 bytes and both byte orders become
+/// f32; Fortran order is turned. `data` holds at most `available` bytes.
 ///
 /// # Errors
-/// The content is not such an array, or exceeds the limits of `source`.
-pub(in crate::image) fn read(source: NamedBytes) -> Result<Plane<f32>, ReadError> {
-    let (header, data) = header(source)?;
-    let &[height, width] = header.shape() else {
-        return Err(source.error("NPY shape", "(height, width)", format!("{:?}", header.shape())));
+/// The content is not such an array, exceeds the limits of `source`, or claims more than
+/// `available` bytes.
+pub(in crate::image) fn read(
+    source: NamedBytes,
+    mut data: impl Read,
+    available: u64,
+) -> Result<Plane<f32>, ReadError> {
+    let header = header(source, &mut data)?;
+    let mut shape = header.shape();
+    while shape.len() > 2 {
+        shape = match shape {
+            [1, rest @ ..] | [rest @ .., 1] => rest,
+            _ => break,
+        };
+    }
+    let &[height, width] = shape else {
+        let wanted = "one plane, (height, width)";
+        return Err(source.error("NPY shape", wanted, format!("{:?}", header.shape())));
     };
     source.check_size(width, height, 8)?;
     let dtype = header.dtype();
-    let file = NpyFile::with_header(header, data);
-    let cut =
-        |e: std::io::Error| source.error("NPY data", format!("{height} x {width} numbers"), e);
-    let file = match file.try_data::<f32>() {
-        Ok(values) => return plane(width, height, values.collect::<Result<_, _>>().map_err(cut)?),
-        Err(file) => file,
-    };
-    let file = match file.try_data::<f64>() {
-        Ok(values) => {
-            return plane(
-                width,
-                height,
-                values.map(|v| v.map(|v| v as f32)).collect::<Result<_, _>>().map_err(cut)?,
-            );
-        }
-        Err(file) => file,
-    };
-    match file.try_data::<u16>() {
-        Ok(values) => plane(
-            width,
-            height,
-            values.map(|v| v.map(f32::from)).collect::<Result<_, _>>().map_err(cut)?,
-        ),
-        Err(_) => Err(source.error("NPY numbers", "f4, f8 or u2", dtype.descr())),
+    let bytes = dtype.num_bytes().unwrap_or(1) as u64;
+    if width * height * bytes > available {
+        let wanted = format!("{height} x {width} numbers of {bytes} bytes");
+        return Err(source.error("NPY data", wanted, format!("{available} bytes")));
     }
+    let fortran = header.order() == Order::Fortran;
+    let file = NpyFile::with_header(header, data);
+    let values = numbers(file).map_err(|error| match error {
+        Some(e) => source.error("NPY data", format!("{height} x {width} numbers"), e),
+        None => source.error("NPY numbers", "integers, f2, f4 or f8", dtype.descr()),
+    })?;
+    let (width, height) = (width as usize, height as usize);
+    if fortran {
+        return Ok(Plane::from_fn(width, height, |x, y| values[x * height + y]));
+    }
+    Ok(Plane::new(width, height, values))
 }
 
-fn plane(width: u64, height: u64, values: Vec<f32>) -> Result<Plane<f32>, ReadError> {
-    Ok(Plane::new(width as usize, height as usize, values))
+/// All numbers of a file in the order in which they lie there; `None` as the error of another type.
+fn numbers(file: NpyFile<impl Read>) -> Result<Vec<f32>, Option<std::io::Error>> {
+    macro_rules! as_one_of {
+        ($file:ident, $($number:ty: $to_f32:expr),+) => {$(
+            let $file = match $file.try_data::<$number>() {
+                Ok(values) => {
+                    return values.map(|v| v.map($to_f32)).collect::<Result<_, _>>().map_err(Some);
+                }
+                Err(file) => file,
+            };
+        )+};
+    }
+    as_one_of!(
+        file, f32: |v| v, u16: f32::from, f64: |v| v as f32, f16: f32::from, u8: f32::from,
+        i16: f32::from, i8: f32::from, i32: |v| v as f32, u32: |v| v as f32, i64: |v| v as f32,
+        u64: |v| v as f32
+    );
+    let _ = file;
+    Err(None)
 }

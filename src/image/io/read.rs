@@ -1,11 +1,10 @@
-//! Photos, depth, normals and masks from picture files.
+//! Photos, normals and masks from picture files.
 
-use ::image::ImageFormat;
 use glam::Vec3;
 
-use super::raster::{Bits, Samples, decode_raster, image_format};
+use super::exr_read;
+use super::raster::{Bits, decode_raster, image_format};
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
-use super::{exr_read, npy};
 use crate::image::{Mask, Picture, Plane, Transfer};
 
 /// A photo as it was read.
@@ -87,36 +86,6 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
         ));
     }
     Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, warnings })
-}
-
-/// Reads depth as stored, without scale: EXR (channel Z, else Y, else R), 16-bit gray PNG, NPY. 0,
-/// negative and non-finite numbers are passed on.
-///
-/// # Errors
-/// The file is not one of these, is damaged or too large.
-pub fn read_depth(source: NamedBytes) -> Result<(Plane<f32>, Vec<String>), ReadError> {
-    const WANTED: &str = "depth: EXR, 16-bit gray PNG or NPY";
-    match format(source) {
-        Some(FileFormat::Exr) => {
-            let file = exr_read::read(source)?;
-            Ok((file.depth(source)?, file.warnings))
-        }
-        Some(FileFormat::Npy) => Ok((npy::read(source)?, Vec::new())),
-        Some(FileFormat::Png) => {
-            let raster = decode_raster(source, ImageFormat::Png)?;
-            match &raster.samples {
-                Samples::Sixteen(values) if raster.channels == 1 => {
-                    let data = values.iter().map(|&v| f32::from(v)).collect();
-                    Ok((Plane::new(raster.width, raster.height, data), Vec::new()))
-                }
-                _ => {
-                    let got = format!("{:?} bits, {} channels", raster.bits(), raster.channels);
-                    Err(source.error("pixels of a depth PNG", "16 bits, one gray channel", got))
-                }
-            }
-        }
-        _ => Err(not_one_of(source, WANTED)),
-    }
 }
 
 /// Reads directions: EXR with channels X, Y, Z, else R, G, B, of any length. Non-finite numbers

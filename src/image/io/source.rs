@@ -107,16 +107,26 @@ pub(in crate::image) enum FileFormat {
     Hdr,
     Exr,
     Npy,
+    Npz,
+    Pfm,
+    Tiff,
 }
 
 /// Returns the format that the first bytes determine, if it is known.
 pub(in crate::image) fn format(source: NamedBytes) -> Option<FileFormat> {
-    const SIGNATURES: [(&[u8], FileFormat); 5] = [
+    const SIGNATURES: [(&[u8], FileFormat); 12] = [
         (b"\x89PNG\r\n\x1a\n", FileFormat::Png),
         (b"\xff\xd8\xff", FileFormat::Jpeg),
         (b"#?", FileFormat::Hdr),
         (b"\x76\x2f\x31\x01", FileFormat::Exr),
         (b"\x93NUMPY", FileFormat::Npy),
+        (b"PK\x03\x04", FileFormat::Npz),
+        (b"Pf\n", FileFormat::Pfm),
+        (b"PF\n", FileFormat::Pfm),
+        (b"Pf\r", FileFormat::Pfm),
+        (b"Pf ", FileFormat::Pfm),
+        (b"II*\0", FileFormat::Tiff),
+        (b"MM\0*", FileFormat::Tiff),
     ];
     SIGNATURES.iter().find(|(start, _)| source.bytes.starts_with(start)).map(|&(_, format)| format)
 }

@@ -9,6 +9,7 @@ pub(in crate::image) mod distance;
 pub(in crate::image) mod glare_mask;
 pub(in crate::image) mod grain;
 pub(in crate::image) mod graph_cut;
+pub(in crate::image) mod guided_depth;
 pub(in crate::image) mod inpaint;
 pub(in crate::image) mod measure;
 pub(in crate::image) mod mix;
@@ -29,6 +30,7 @@ pub use distance::distance;
 pub use glare_mask::GlareMask;
 pub use grain::Grain;
 pub use graph_cut::graph_cut;
+pub use guided_depth::guided_depth;
 pub use inpaint::inpaint_surfaces;
 pub use measure::{
     PictureScore, SaturationScore, log_error, mean_error, normal_error, pairs,
@@ -56,6 +58,7 @@ pub fn tuning() -> Vec<Table> {
         dilate::DilateTuning::table(),
         glare_mask::GlareMaskTuning::table(),
         grain::GrainTuning::table(),
+        guided_depth::GuidedDepthTuning::table(),
         inpaint::InpaintTuning::table(),
         measure::SaturationScoreTuning::table(),
         refine_mask::RefineMaskTuning::table(),

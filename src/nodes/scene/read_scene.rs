@@ -4,8 +4,9 @@
 //! Everything later is computed at the *working size*, the photo fitted into `long_side`; the
 //! photo's own size is kept beside it, because the result is written at that size.
 //!
-//! Depth, by `kind` (d the stored number, s the `scale`): planar z = s d; a ray length gives z = s
-//! d / |r| with r the ray of the pixel at planar depth 1; a disparity gives z = s / d.
+//! Depth, by `kind` (d the stored number plus the `shift`, s the `scale`): planar z = s d; a ray
+//! length gives z = s d / |r| with r the ray of the pixel at planar depth 1; a disparity gives
+//! z = s / d. Relative depth of a network is a disparity with a shift.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -14,9 +15,9 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::{CameraSpec, Exposure, Photograph, Shot, bad, open, size, warn};
-use crate::geometry::Camera;
+use crate::geometry::{Camera, SeenRoom, doubts};
 use crate::graph::{Context, File, Node, NodeError, Scatter, check_range};
-use crate::image::{self, Depth, Mask, Picture, Plane, Transfer};
+use crate::image::{self, Depth, Mask, Measure, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
 use crate::optics::LightKind;
 use crate::optics::inverse::RADIANCE_FIT;
@@ -30,8 +31,18 @@ pub enum DepthKind {
     PlanarZ,
     /// Distance from the camera along the pixel's ray.
     RayLength,
-    /// `scale` / distance from the camera's plane.
+    /// `scale` / distance from the camera's plane; relative or inverse depth, with `shift`.
     Disparity,
+}
+
+impl DepthKind {
+    fn measure(self) -> Measure {
+        match self {
+            DepthKind::PlanarZ => Measure::PlanarZ,
+            DepthKind::RayLength => Measure::RayLength,
+            DepthKind::Disparity => Measure::Disparity,
+        }
+    }
 }
 
 /// The depth file.
@@ -46,6 +57,9 @@ pub struct DepthSpec {
     /// Meters per stored unit.
     #[serde(default = "one")]
     pub scale: f32,
+    /// Added to each stored number before anything else, stored units.
+    #[serde(default)]
+    pub shift: f32,
 }
 
 fn one() -> f32 {
@@ -93,9 +107,10 @@ params! {
         transfer: Transfer = Transfer::Srgb,
         /// The photo's camera: FovX(degrees) or Pinhole(fx, fy, cx, cy in photo pixels).
         camera: CameraSpec = CameraSpec::FovX(60.0),
-        /// Depth: EXR (channel Z, else Y, else R), 16-bit gray PNG or NPY, in units of `scale`
-        /// meters.
-        depth: DepthSpec = DepthSpec { path: File::default(), kind: DepthKind::PlanarZ, scale: 1.0 },
+        /// Depth: EXR (channel Z, else Y, else R), gray PNG, NPY, NPZ, PFM or TIFF, in units of
+        /// `scale` meters after `shift` is added.
+        depth: DepthSpec =
+            DepthSpec { path: File::default(), kind: DepthKind::PlanarZ, scale: 1.0, shift: 0.0 },
         /// The visible lights by name, each with the mask of its pixels: PNG, JPEG or EXR; at most
         /// 32 masks.
         lights: BTreeMap<String, LightSpec> = BTreeMap::new(),
@@ -144,7 +159,7 @@ ports! { pub input ReadSceneIn {} }
 
 impl Node for ReadScene {
     const KIND: &'static str = "ReadScene";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = ReadSceneIn;
     type Out = ReadSceneOut;
 
@@ -154,6 +169,7 @@ impl Node for ReadScene {
             return Err("depth.path: wanted a file, got none".into());
         }
         check_range("depth: scale", &self.depth.scale, 1e-9..=1e9)?;
+        check_range("depth: shift", &self.depth.shift, -1e9..=1e9)?;
         self.lights.keys().try_for_each(|id| check_id(id))?;
         let masks: BTreeSet<(LightKind, &File)> =
             self.lights.values().map(|light| (light.kind(), light.mask())).collect();
@@ -191,17 +207,35 @@ impl Node for ReadScene {
         let ignore = self.ignore.as_ref().map(|file| self.mask(ctx, file, full)).transpose()?;
 
         ctx.check_cancelled()?;
-        let (depth, holes) = self.depth(ctx, &camera, &masks, ignore.as_ref())?;
+        let ReadDepth { depth, holes, confidence, outside } =
+            self.depth(ctx, &camera, &masks, ignore.as_ref())?;
         ctx.check_cancelled()?;
+        let small_picture = Picture(image::resize(&photo.0, small.0, small.1));
+        let small_depth = image::resize_depth(&depth, small.0, small.1);
+        let room = SeenRoom {
+            depth: &small_depth,
+            camera: &camera.resized(small.0, small.1),
+            measure: self.depth.kind.measure(),
+            outside: &image::resize(&outside, small.0, small.1),
+            photo: &small_picture,
+            lights: masks.iter().map(|(id, mask)| (id.as_str(), mask)).collect(),
+        };
+        doubts(&room).iter().for_each(|doubt| ctx.warn(doubt.to_string()));
+        ctx.check_cancelled()?;
+        let full_depth = if full.0 >= GUIDED * depth.0.width() {
+            image::guided_depth(&depth, confidence.as_ref(), &photo)
+        } else {
+            image::resize_depth(&depth, full.0, full.1)
+        };
         let shrink = |mask: &Mask| Arc::new(Mask(image::resize(&mask.0, small.0, small.1)));
         Ok(ReadSceneOut {
-            small: Arc::new(Picture(image::resize(&photo.0, small.0, small.1))),
+            small: Arc::new(small_picture),
             small_clipped: shrink(&clipped),
             photo: Arc::new(photo),
             clipped: Arc::new(clipped),
-            full_depth: Arc::new(image::resize_depth(&depth, full.0, full.1)),
+            full_depth: Arc::new(full_depth),
             holes: shrink(&holes),
-            depth: Arc::new(image::resize_depth(&depth, small.0, small.1)),
+            depth: Arc::new(small_depth),
             small_camera: Arc::new(camera.resized(small.0, small.1)),
             camera: Arc::new(camera),
             ignore: ignore.map_or_else(
@@ -219,6 +253,21 @@ impl Node for ReadScene {
             encoding: Arc::new(encoding),
         })
     }
+}
+
+/// A photo so many times wider than its depth guides the depth to its own size.
+const GUIDED: usize = 2;
+
+/// The depth of a scene at its own size.
+struct ReadDepth {
+    /// Planar depth, holes filled.
+    depth: Depth,
+    /// 1 where the file has no depth.
+    holes: Mask,
+    /// Confidence of each number, if the file states it.
+    confidence: Option<Plane<f32>>,
+    /// Above 0 on panes and what is not part of the room.
+    outside: Plane<f32>,
 }
 
 impl ReadScene {
@@ -257,21 +306,31 @@ impl ReadScene {
         Ok(mask)
     }
 
-    /// Planar depth in meters at the depth file's own size, and its holes.
+    /// Planar depth in meters at the depth file's own size.
     fn depth(
         &self,
         ctx: &Context,
         camera: &Camera,
         masks: &[(String, Mask)],
         ignore: Option<&Mask>,
-    ) -> Result<(Depth, Mask), NodeError> {
+    ) -> Result<ReadDepth, NodeError> {
         let file = &self.depth.path;
-        let (stored, warnings) = open(ctx, file, image::read_depth)?;
-        warn(ctx, file, &warnings);
-        let (width, height) = stored.size();
+        let stored = open(ctx, file, image::read_depth_file)?;
+        warn(ctx, file, &stored.notes);
+        let (width, height) = stored.values.size();
         self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
-        let meters =
-            planar(&stored, self.depth.kind, self.depth.scale, &camera.resized(width, height));
+        if let Some(measure) = stored.measure.filter(|m| *m != self.depth.kind.measure()) {
+            ctx.warn(format!(
+                "{}: the file states {measure:?}, the scene {:?}; in scene.ron: `depth: (.., kind: {measure:?})`",
+                file.path, self.depth.kind
+            ));
+        }
+        if let Some(doubt) = normalized(&stored.values)
+            .filter(|_| self.depth.kind != DepthKind::Disparity && self.depth.shift == 0.0)
+        {
+            ctx.warn(format!("{}: {doubt}", file.path));
+        }
+        let meters = planar(&stored.values, &self.depth, &camera.resized(width, height));
 
         // The view through a pane, and surfaces outside the room, may be far away: their depth must
         // not spread into the room.
@@ -305,7 +364,7 @@ impl ReadScene {
                 100.0 * share
             ));
         }
-        Ok((depth, holes))
+        Ok(ReadDepth { depth, holes, confidence: stored.confidence, outside: untrusted })
     }
 
     fn check_aspect(
@@ -323,18 +382,31 @@ impl ReadScene {
     }
 }
 
-/// Stored numbers as planar z in meters; holes pass through as holes. `camera` has the depth's
-/// size.
-pub fn planar(stored: &Plane<f32>, kind: DepthKind, scale: f32, camera: &Camera) -> Plane<f32> {
+/// The doubt about numbers that fill 0 to 1 or 0 to 255 exactly, as relative depth does.
+fn normalized(stored: &Plane<f32>) -> Option<String> {
+    let numbers = stored.pixels().iter().filter(|d| d.is_finite());
+    let (least, most) = numbers.fold((f32::MAX, f32::MIN), |(l, m), &d| (l.min(d), m.max(d)));
+    (least == 0.0 && [1.0, 255.0].contains(&most)).then(|| {
+        format!(
+            "its numbers fill 0 to {most} exactly, as relative depth does, and the scene declares \
+            distances; in scene.ron: `depth: (.., kind: Disparity, scale: .., shift: ..)`"
+        )
+    })
+}
+
+/// Stored numbers as planar z in meters by the kind, scale and shift of `spec`; holes pass through
+/// as holes. `camera` has the depth's size.
+pub fn planar(stored: &Plane<f32>, spec: &DepthSpec, camera: &Camera) -> Plane<f32> {
     let (width, height) = stored.size();
+    let &DepthSpec { kind, scale, shift, .. } = spec;
     match kind {
-        DepthKind::PlanarZ => stored.map(|d| scale * d),
+        DepthKind::PlanarZ => stored.map(|d| scale * (d + shift)),
         DepthKind::RayLength => Plane::from_fn(width, height, |x, y| {
             let ray: Vec3 = camera.pixel_point(x, y, 1.0);
-            scale * stored.get(x, y) / ray.length()
+            scale * (stored.get(x, y) + shift) / ray.length()
         }),
         // A negative disparity stays a hole: its depth is negative.
-        DepthKind::Disparity => stored.map(|d| scale / d),
+        DepthKind::Disparity => stored.map(|d| scale / (d + shift)),
     }
 }
 
