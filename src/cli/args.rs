@@ -150,6 +150,38 @@ pub struct RunArgs {
 }
 
 #[derive(Args)]
+pub struct NewArgs {
+    /// The photo: PNG, JPEG, WebP, HDR or EXR. It is copied.
+    pub photo: PathBuf,
+    /// Depth of the photo: EXR or NPY in meters, 16-bit PNG in millimeters, along the camera's
+    /// axis.
+    #[arg(long, value_name = "FILE", conflicts_with = "depth_network")]
+    pub depth: Option<PathBuf>,
+    /// A network for depth in ONNX (docs/networks.md); relative depth needs a known length.
+    #[arg(long, value_name = "ONNX")]
+    pub depth_network: Option<PathBuf>,
+    /// Two pixels of the photo and the distance between them in meters, as `212,80,212,395=2.03`;
+    /// may be given several times. Scales the depth.
+    #[arg(long, value_name = "X,Y,X,Y=METERS", value_parser = known_length)]
+    pub known_length: Vec<String>,
+    /// A folder of masks: lamp*.png, window*.png, ignore.png. Default: lamps and windows are
+    /// proposed.
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// The folder of the scene, created if missing. Files in it that you changed are kept.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Set one parameter of a step, as `find.threshold=0.6` or `depth.kind=Metric`; may be given
+    /// several times.
+    #[arg(long, value_name = "NODE.PARAM=VALUE")]
+    pub set: Vec<String>,
+    #[command(flatten)]
+    pub networks: Networks,
+    #[command(flatten)]
+    pub cache: CacheUse,
+}
+
+#[derive(Args)]
 pub struct MixArgs {
     /// The folder that `relight run` wrote to (its --out), or a picture.exr.
     pub run: PathBuf,

@@ -14,6 +14,7 @@ mod load;
 mod messages;
 mod mix;
 mod networks;
+mod new;
 mod page;
 mod picture;
 mod progress;
@@ -53,13 +54,16 @@ Example: switch a lamp off in the scene that ships with relight
   relight plan  graphs/demo.ron edits/lamp_off.ron   # lists the nodes that would run, and hits
   relight run   graphs/demo.ron edits/lamp_off.ron   # writes out/picture.png and more
 
-A photograph of your own: put scene.ron beside it (docs/files.md), then
-  relight run graphs/indoor.ron edits/none.ron --scene my_room --out my_room/out
+A photograph of your own, with its depth (docs/new.md):
+  relight new photo.jpg --depth depth.png --out my_room
+  relight run graphs/indoor.ron my_room/edit.ron --scene my_room --out my_room/out
 
 Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted.";
 
 #[derive(Subcommand)]
 enum Command {
+    /// Make a scene folder from a photo: camera, depth, masks of lamps and windows, scene.ron.
+    New(args::NewArgs),
     /// Relight the photo: compute the nodes that an edit affects and write the pictures.
     Run(args::RunArgs),
     /// Reweight the lights of a finished run in milliseconds: dim, brighten, tint.
@@ -100,6 +104,7 @@ pub fn main() -> ExitCode {
     let Cli { command, verbose } = Cli::parse();
     messages::log(verbose);
     let outcome = match &command {
+        Command::New(args) => new::new(args, verbose),
         Command::Run(args) => run::run(args, verbose, began),
         Command::Mix(args) => mix::mix(args, began),
         Command::Report(args) => page::report(args, began),

@@ -8,8 +8,9 @@ mod plane;
 mod transfer;
 
 pub use io::{
-    Bits, Compression, ExrFile, ExrLayers, MAX_BYTES, MAX_PIXELS, NamedBytes, Photo, PngSamples,
-    ReadError, read_depth, read_layers, read_maps, read_mask, read_normal, read_photo, write_png,
+    Bits, Compression, ExrFile, ExrLayers, Lens, MAX_BYTES, MAX_PIXELS, NamedBytes, Photo,
+    PhotoHeader, PngSamples, ReadError, read_depth, read_layers, read_maps, read_mask, read_normal,
+    read_photo, read_photo_header, write_png,
 };
 pub use layer::{HalfLayer, Layer};
 pub use material::{

@@ -1,8 +1,9 @@
-//! Picture files: EXR, PNG, JPEG, HDR and NPY.
+//! Picture files: EXR, PNG, JPEG, WebP, HDR and NPY.
 
 pub(in crate::image) mod exr_read;
 pub(in crate::image) mod exr_write;
 pub(in crate::image) mod npy;
+pub(in crate::image) mod photo_header;
 pub(in crate::image) mod png_write;
 pub(in crate::image) mod raster;
 pub(in crate::image) mod read;
@@ -11,6 +12,7 @@ pub(in crate::image) mod source;
 pub use exr_read::{ExrFile, read_layers};
 pub use exr_write::{Compression, ExrLayers};
 pub use npy::read_maps;
+pub use photo_header::{Lens, PhotoHeader, read_photo_header};
 pub use png_write::{PngSamples, write_png};
 pub use raster::Bits;
 pub use read::{Photo, read_depth, read_mask, read_normal, read_photo};

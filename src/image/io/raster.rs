@@ -1,4 +1,4 @@
-//! PNG, JPEG and Radiance HDR files as interleaved samples.
+//! PNG, JPEG, WebP and Radiance HDR files as interleaved samples.
 
 use std::io::Cursor;
 
@@ -20,7 +20,7 @@ pub enum Bits {
     Float,
 }
 
-/// Stored samples of PNG, JPEG and HDR, interleaved.
+/// Stored samples of PNG, JPEG, WebP and HDR, interleaved.
 pub(in crate::image) enum Samples {
     Eight(Vec<u8>),
     Sixteen(Vec<u16>),
@@ -117,7 +117,7 @@ impl Raster {
     }
 }
 
-/// Decodes a PNG, JPEG or HDR file.
+/// Decodes a PNG, JPEG, WebP or HDR file.
 ///
 /// # Errors
 /// The content is not a valid file of `format`, or exceeds the limits of `source`.
@@ -172,6 +172,7 @@ pub(in crate::image) fn image_format(format: FileFormat) -> ImageFormat {
     match format {
         FileFormat::Png => ImageFormat::Png,
         FileFormat::Jpeg => ImageFormat::Jpeg,
+        FileFormat::Webp => ImageFormat::WebP,
         FileFormat::Hdr => ImageFormat::Hdr,
         FileFormat::Exr | FileFormat::Npy => unreachable!("read by its own module"),
     }

@@ -21,8 +21,11 @@ pub struct Photo {
     pub warnings: Vec<String>,
 }
 
+/// The formats of photos.
+pub(in crate::image) const PHOTO: &str = "a photo: PNG, JPEG, WebP, HDR or EXR";
+
 /// Reads a photo: PNG (8 or 16 bits, gray, RGB, palette; alpha is left out with a warning), JPEG,
-/// HDR, EXR (R, G, B, or Y, or R alone). A photo that carries an EXIF orientation is turned
+/// WebP, HDR, EXR (R, G, B, or Y, or R alone). A photo that carries an EXIF orientation is turned
 /// upright. HDR and EXR are linear by their format; `transfer` applies to the others.
 ///
 /// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float
@@ -54,7 +57,7 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
             let clipped = plateau(&picture);
             (picture, clipped, Bits::Float)
         }
-        Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Hdr)) => {
+        Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Webp | FileFormat::Hdr)) => {
             let raster = decode_raster(source, image_format(kind))?;
             let bits = raster.bits();
             if raster.is_transparent() {
@@ -76,7 +79,7 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
                 }
             }
         }
-        _ => return Err(not_one_of(source, "a photo: PNG, JPEG, HDR or EXR")),
+        _ => return Err(not_one_of(source, PHOTO)),
     };
     if let Some(at) = picture.pixels().iter().position(|c| !c.is_finite()) {
         let (x, y) = (at % picture.width(), at / picture.width());

@@ -67,14 +67,25 @@ impl Node for DrawRoomBox {
         let (width, height) = fit(width, height, self.long_side as usize);
         // Lines stay visible on bright surfaces.
         let mut picture = resize(&photo.0, width, height).map(|c| TUNING.dim * c.min(Vec3::ONE));
-        for line in layout.lines(&camera.resized(width, height)) {
-            let line_width = if line.is_edge { TUNING.edge_width } else { TUNING.cell_width };
-            draw_line(&mut picture, line.from, line.to, color(line.source), line_width);
-        }
+        draw_edges(&mut picture, &layout, &camera.resized(width, height), true);
         legend(&mut picture, &layout);
         ctx.note(layout.summary());
         let bytes = write_png(&Picture(picture), encoding.transfer, false);
         Ok(DrawRoomBoxOut { files: Arc::new(Files(vec![("room.png".into(), bytes)])) })
+    }
+}
+
+/// Draws the edges of the cuboid in the colors of their sources, and those of its cells where
+/// `cells` is set. `camera` has the picture's size.
+pub(super) fn draw_edges(
+    picture: &mut Plane<Vec3>,
+    layout: &RoomLayout,
+    camera: &Camera,
+    cells: bool,
+) {
+    for line in layout.lines(camera).iter().filter(|line| cells || line.is_edge) {
+        let width = if line.is_edge { TUNING.edge_width } else { TUNING.cell_width };
+        draw_line(picture, line.from, line.to, color(line.source), width);
     }
 }
 

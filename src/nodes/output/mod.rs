@@ -2,6 +2,7 @@
 
 pub mod compose;
 pub mod draw_room_box;
+pub mod draw_scene;
 pub mod mix_layers;
 pub mod write;
 pub mod write_depth;
@@ -22,7 +23,7 @@ use crate::tuning::Table;
 
 /// The constants of pictures for people.
 pub fn tuning() -> Vec<Table> {
-    vec![draw_room_box::DrawRoomBoxTuning::table()]
+    vec![draw_room_box::DrawRoomBoxTuning::table(), draw_scene::DrawSceneTuning::table()]
 }
 
 /// The line of the comments of `picture.exr` with the encoding of `picture.png`.

@@ -86,7 +86,7 @@ impl LightSpec {
 params! {
     /// Reads the photo, its depth and the masks of its visible lights.
     pub struct ReadScene {
-        /// The photo: PNG (8 or 16 bits), JPEG, HDR or EXR.
+        /// The photo: PNG (8 or 16 bits), JPEG, WebP, HDR or EXR.
         photo: File = File::default(),
         /// Transfer function of a PNG or JPEG photo. HDR and EXR are always linear. The result's
         /// PNG has the same.
