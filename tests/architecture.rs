@@ -11,7 +11,7 @@ use needs::needs;
 
 /// Room of `src` -> the modules that it may use.
 const ARROWS: [(&str, &[&str]); 10] = [
-    ("cli", &["files", "nodes", "graph", "net", "tuning"]),
+    ("cli", &["files", "nodes", "graph", "net", "tuning", "geometry", "image"]),
     ("files", &["graph"]),
     ("nodes", &["graph", "formats", "image", "optics", "geometry", "net", "tuning"]),
     ("formats", &["image", "optics", "geometry"]),

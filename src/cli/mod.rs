@@ -2,6 +2,7 @@
 
 mod args;
 mod cache;
+mod check;
 mod engine;
 mod exit;
 mod export;
@@ -50,7 +51,7 @@ struct Cli {
 
 const EXAMPLES: &str = "\
 Example: switch a lamp off in the scene that ships with relight
-  relight check graphs/demo.ron edits/lamp_off.ron   # checks the files; computes nothing
+  relight check graphs/demo.ron edits/lamp_off.ron   # checks the files and pictures
   relight plan  graphs/demo.ron edits/lamp_off.ron   # lists the nodes that would run, and hits
   relight run   graphs/demo.ron edits/lamp_off.ron   # writes out/picture.png and more
 
@@ -78,7 +79,7 @@ enum Command {
     Plan(args::Plan),
     /// Explain why a node would run again: the first line of its key that differs.
     Explain(args::Explain),
-    /// Check the files and report every error; compute nothing.
+    /// Check the files, photo, depth and masks too, and report every error; compute nothing else.
     Check(args::JobArgs),
     /// Print the graph with scene and edit applied, for a drawing program.
     Graph(args::Graph),
@@ -111,7 +112,7 @@ pub fn main() -> ExitCode {
         Command::Export(args) => export::export(args, verbose),
         Command::Plan(args) => inspect::plan(args),
         Command::Explain(args) => inspect::explain(args),
-        Command::Check(args) => inspect::check(args),
+        Command::Check(args) => check::check(args),
         Command::Graph(args) => inspect::graph(args),
         Command::Nodes(args) => inspect::nodes(args),
         Command::Cache(args) => cache::cache(args),

@@ -15,13 +15,14 @@ use relight::graph::{
 use relight::image::{NamedBytes, PhotoHeader, read_photo_header};
 
 use super::args::{JobArgs, NewArgs, SceneFiles};
+use super::check::check;
 use super::engine::{engine, finished, options, stop_on_ctrl_c};
 use super::exit::{CliError, Exit, Stop};
 use super::load::{backend, setting};
 use super::messages::{message, terminal};
 use super::progress::Progress;
 use super::results::results;
-use super::{inspect, networks, report, write};
+use super::{networks, report, write};
 use depth::{SceneDepth, depth_for};
 use folder::SceneFolder;
 use masks::Lights;
@@ -83,6 +84,9 @@ impl Maker<'_> {
         let depth = place_depth(&mut folder, depth)?;
         let (width, height) = shot.header.size;
         message!("photo   {} ({width} x {height})", args.photo.display());
+        if let Some(profile) = &shot.header.profile {
+            message!("color   profile \"{profile}\", converted to linear Rec. 709");
+        }
         message!("camera  FovX({:.2}): {}", shot.view.degrees, shot.view_origin);
         match &depth {
             Some(origin) => message!("depth   {origin}"),
@@ -149,7 +153,10 @@ impl Maker<'_> {
             ..SceneFiles::default()
         };
         let job = JobArgs { graph, edit: Some(edit), files };
-        inspect::check(&job)?;
+        let exit = check(&job)?;
+        if exit != Exit::Done {
+            return Ok(exit);
+        }
         message!(
             "next: look at {}, then: relight run {} {} --scene {} --out {}",
             out.join("look.png").display(),

@@ -22,8 +22,8 @@ pub struct SceneDepth {
 /// others meters, unless known lengths scale them.
 ///
 /// # Errors
-/// The file is no depth, or of another aspect ratio than the photo; a known length that cannot be
-/// used.
+/// The file has another content than depth, or another aspect ratio than the photo; a known length
+/// that cannot be used.
 pub fn depth_for(
     path: &Path,
     camera: &Camera,

@@ -26,7 +26,7 @@ pub struct Lights {
 /// pixels outside of the room, `maybe_*` is passed over.
 ///
 /// # Errors
-/// The folder cannot be listed, has no mask, or a file of such a name is no mask.
+/// The folder cannot be listed, has no mask, or a file of such a name has other content.
 pub fn given(folder: &Path) -> Result<Lights, Diagnostic> {
     let listed = std::fs::read_dir(folder)
         .map_err(|e| Diagnostic::file(folder, format!("cannot be listed: {e}")))?;

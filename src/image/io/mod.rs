@@ -1,5 +1,6 @@
 //! Picture files: EXR, PNG, JPEG, WebP, HDR and NPY.
 
+pub(in crate::image) mod color_profile;
 pub(in crate::image) mod exr_read;
 pub(in crate::image) mod exr_write;
 pub(in crate::image) mod npy;

@@ -8,6 +8,7 @@ use ::image::metadata::Orientation;
 use ::image::{ImageDecoder, ImageReader};
 use exif::{Exif, In, Tag, Value};
 
+use super::color_profile::ToRec709;
 use super::raster::image_format;
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exr_read, read};
@@ -26,6 +27,8 @@ pub struct PhotoHeader {
     pub is_turned: bool,
     /// The usual ending of a name of its format: `png`, `jpg`, `webp`, `hdr` or `exr`.
     pub extension: &'static str,
+    /// The name of its ICC profile, where its colors are not those of sRGB.
+    pub profile: Option<String>,
     /// The lens, as far as EXIF describes it.
     pub lens: Lens,
 }
@@ -84,11 +87,14 @@ pub fn read_photo_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
     );
     let exif = decoder.exif_metadata().ok().flatten().filter(|bytes| bytes.len() <= MAX_EXIF);
     let exif = exif.and_then(|bytes| exif::Reader::new().read_raw(bytes).ok());
+    let profile = decoder.icc_profile().ok().flatten();
+    let profile = profile.and_then(|icc| ToRec709::new(&icc).ok().flatten());
     let (width, height) = (width as usize, height as usize);
     Ok(PhotoHeader {
         size: if is_turned { (height, width) } else { (width, height) },
         is_turned,
         extension,
+        profile: profile.map(|profile| profile.name),
         lens: exif.map_or_else(Lens::default, |exif| lens(&exif)),
     })
 }

@@ -6,6 +6,7 @@ use ::image::metadata::Orientation;
 use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use glam::Vec3;
 
+use super::color_profile::ToRec709;
 use super::source::{FileFormat, MAX_BYTES, NamedBytes, ReadError};
 use crate::image::Plane;
 
@@ -33,6 +34,8 @@ pub(in crate::image) struct Raster {
     /// 1 gray, 2 gray and alpha, 3 color, 4 color and alpha.
     pub(in crate::image) channels: usize,
     pub(in crate::image) samples: Samples,
+    /// The ICC profile as it lies in the file.
+    pub(in crate::image) profile: Option<Vec<u8>>,
 }
 
 impl Raster {
@@ -99,6 +102,23 @@ impl Raster {
         Plane::new(self.width, self.height, colors)
     }
 
+    /// The colors in linear Rec. 709 by a profile; the samples are whole numbers.
+    pub(in crate::image) fn converted(&self, profile: &ToRec709) -> Plane<Vec3> {
+        let top = if self.bits() == Bits::Eight { 255 } else { 65535 };
+        let tables = profile.tables(top);
+        let mut colors = Vec::with_capacity(self.width * self.height);
+        self.each(
+            |v| v,
+            |color, _| {
+                let at = |channel: usize| {
+                    tables[channel][((color[channel] * top as f32).round() as usize).min(top)]
+                };
+                colors.push(profile.convert(Vec3::new(at(0), at(1), at(2))));
+            },
+        );
+        Plane::new(self.width, self.height, colors)
+    }
+
     /// A number per pixel of its stored color and alpha.
     pub(in crate::image) fn numbers(&self, f: impl Fn(Vec3, f32) -> f32) -> Plane<f32> {
         let mut numbers = Plane::filled(self.width, self.height, 0.0);
@@ -135,6 +155,7 @@ pub(in crate::image) fn decode_raster(
     let mut decoder = reader.into_decoder().map_err(bad)?;
     // Sound pixels are kept beside damaged metadata.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let profile = decoder.icc_profile().ok().flatten();
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();
     source.check_size(width.into(), height.into(), color.bytes_per_pixel().into())?;
@@ -161,7 +182,7 @@ pub(in crate::image) fn decode_raster(
         }
     };
     let channels = usize::from(color.channel_count());
-    Ok(Raster { width, height, channels, samples })
+    Ok(Raster { width, height, channels, samples, profile })
 }
 
 /// Returns the decoder's name of a format.

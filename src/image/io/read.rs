@@ -3,7 +3,8 @@
 use ::image::ImageFormat;
 use glam::Vec3;
 
-use super::raster::{Bits, Samples, decode_raster, image_format};
+use super::color_profile::ToRec709;
+use super::raster::{Bits, Raster, Samples, decode_raster, image_format};
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exr_read, npy};
 use crate::image::{Mask, Picture, Plane, Transfer};
@@ -26,7 +27,8 @@ pub(in crate::image) const PHOTO: &str = "a photo: PNG, JPEG, WebP, HDR or EXR";
 
 /// Reads a photo: PNG (8 or 16 bits, gray, RGB, palette; alpha is left out with a warning), JPEG,
 /// WebP, HDR, EXR (R, G, B, or Y, or R alone). A photo that carries an EXIF orientation is turned
-/// upright. HDR and EXR are linear by their format; `transfer` applies to the others.
+/// upright. HDR and EXR are linear by their format; `transfer` applies to the others. Where it is
+/// sRGB, an ICC profile of curves and a matrix (Display P3, Adobe RGB, ProPhoto) takes its place.
 ///
 /// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float
 /// file, within 0.1 % of the file's maximum, if that maximum is a plateau: at least 16 pixels, at
@@ -75,7 +77,15 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
                     let top = if bits == Bits::Eight { 253.5 / 255.0 } else { 65534.5 / 65535.0 };
                     let clipped =
                         raster.numbers(|c, _| if c.max_element() > top { 1.0 } else { 0.0 });
-                    (raster.colors(|v| transfer.decode(v)), clipped, bits)
+                    let profile = profile(&raster, transfer).unwrap_or_else(|why| {
+                        warnings.push(format!("{why}: it is read as sRGB"));
+                        None
+                    });
+                    let picture = match profile {
+                        Some(profile) => raster.converted(&profile),
+                        None => raster.colors(|v| transfer.decode(v)),
+                    };
+                    (picture, clipped, bits)
                 }
             }
         }
@@ -90,6 +100,18 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
         ));
     }
     Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, warnings })
+}
+
+/// The conversion of a photo with an ICC profile. A transfer function other than sRGB is a
+/// statement about the stored numbers, and wins over the profile.
+///
+/// # Errors
+/// The profile cannot be used.
+fn profile(raster: &Raster, transfer: Transfer) -> Result<Option<ToRec709>, String> {
+    match &raster.profile {
+        Some(icc) if raster.channels >= 3 && transfer == Transfer::Srgb => ToRec709::new(icc),
+        _ => Ok(None),
+    }
 }
 
 /// Reads depth as stored, without scale: EXR (channel Z, else Y, else R), 16-bit gray PNG, NPY. 0,

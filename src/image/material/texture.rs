@@ -39,7 +39,13 @@ impl Texture {
                 let picture = file.colors(source)?;
                 let (width, height) = picture.size();
                 let samples = picture.pixels().iter().flat_map(|c| c.to_array()).collect();
-                Raster { width, height, channels: 3, samples: Samples::Float(samples) }
+                Raster {
+                    width,
+                    height,
+                    channels: 3,
+                    samples: Samples::Float(samples),
+                    profile: None,
+                }
             }
             Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Hdr)) => {
                 decode_raster(source, image_format(kind))?

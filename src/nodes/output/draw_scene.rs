@@ -36,8 +36,8 @@ tuning! {
 
 params! {
     /// Draws a scene for a person to check: on the left the photo with the outlines of its lights
-    /// (lamps red, windows blue), the room's edges and the horizon (yellow); on the right the depth,
-    /// white is near, with contours and the room's edges.
+    /// (lamps red, windows blue), the room's edges and the horizon (yellow); on the right the
+    /// depth, white is near, with contours and the room's edges.
     pub struct DrawScene {
         /// Longer side of each half, pixels; a smaller photo is not enlarged.
         long_side: u32 = 800, in 16..=4096,
