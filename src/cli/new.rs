@@ -87,6 +87,9 @@ impl Maker<'_> {
         if let Some(profile) = &shot.header.profile {
             message!("color   profile \"{profile}\", converted to linear Rec. 709");
         }
+        if shot.header.has_gain_map {
+            message!("light   its gain map brings saturated highlights back");
+        }
         message!("camera  FovX({:.2}): {}", shot.view.degrees, shot.view_origin);
         match &depth {
             Some(origin) => message!("depth   {origin}"),

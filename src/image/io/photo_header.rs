@@ -5,13 +5,13 @@
 use std::io::Cursor;
 
 use ::image::metadata::Orientation;
-use ::image::{ImageDecoder, ImageReader};
+use ::image::{ImageDecoder, ImageFormat, ImageReader};
 use exif::{Exif, In, Tag, Value};
 
 use super::color_profile::ToRec709;
 use super::raster::image_format;
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
-use super::{exr_read, read};
+use super::{exr_read, gain_map, read};
 
 /// The largest EXIF block that is parsed, bytes: one segment of a JPEG holds at most 64 KiB.
 const MAX_EXIF: usize = 1 << 20;
@@ -29,6 +29,8 @@ pub struct PhotoHeader {
     pub extension: &'static str,
     /// The name of its ICC profile, where its colors are not those of sRGB.
     pub profile: Option<String>,
+    /// Whether it has a gain map, as Ultra HDR photos do.
+    pub has_gain_map: bool,
     /// The lens, as far as EXIF describes it.
     pub lens: Lens,
 }
@@ -95,6 +97,7 @@ pub fn read_photo_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
         is_turned,
         extension,
         profile: profile.map(|profile| profile.name),
+        has_gain_map: format == ImageFormat::Jpeg && gain_map::find(source.bytes).is_some(),
         lens: exif.map_or_else(Lens::default, |exif| lens(&exif)),
     })
 }

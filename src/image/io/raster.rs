@@ -36,6 +36,8 @@ pub(in crate::image) struct Raster {
     pub(in crate::image) samples: Samples,
     /// The ICC profile as it lies in the file.
     pub(in crate::image) profile: Option<Vec<u8>>,
+    /// The EXIF orientation, which is applied.
+    pub(in crate::image) orientation: Orientation,
 }
 
 impl Raster {
@@ -145,6 +147,18 @@ pub(in crate::image) fn decode_raster(
     source: NamedBytes,
     format: ImageFormat,
 ) -> Result<Raster, ReadError> {
+    decode_turned(source, format, None)
+}
+
+/// Decodes a file like [`decode_raster`], with this orientation in place of its own.
+///
+/// # Errors
+/// Those of [`decode_raster`].
+pub(in crate::image) fn decode_turned(
+    source: NamedBytes,
+    format: ImageFormat,
+    orientation: Option<Orientation>,
+) -> Result<Raster, ReadError> {
     let bad =
         |e: ::image::ImageError| source.error("content", format!("a valid {format:?} file"), e);
     let mut limits = Limits::default();
@@ -154,7 +168,8 @@ pub(in crate::image) fn decode_raster(
     reader.limits(limits);
     let mut decoder = reader.into_decoder().map_err(bad)?;
     // Sound pixels are kept beside damaged metadata.
-    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let own = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let orientation = orientation.unwrap_or(own);
     let profile = decoder.icc_profile().ok().flatten();
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();
@@ -182,7 +197,7 @@ pub(in crate::image) fn decode_raster(
         }
     };
     let channels = usize::from(color.channel_count());
-    Ok(Raster { width, height, channels, samples, profile })
+    Ok(Raster { width, height, channels, samples, profile, orientation })
 }
 
 /// Returns the decoder's name of a format.

@@ -1,6 +1,7 @@
 //! Textures: pictures of which single texels are looked up, held in memory as their files store
 //! them.
 
+use ::image::metadata::Orientation;
 use glam::Vec3;
 
 use crate::image::Transfer;
@@ -45,6 +46,7 @@ impl Texture {
                     channels: 3,
                     samples: Samples::Float(samples),
                     profile: None,
+                    orientation: Orientation::NoTransforms,
                 }
             }
             Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Hdr)) => {
