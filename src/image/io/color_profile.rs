@@ -149,8 +149,8 @@ mod tests {
         let linear = |v: u8| Transfer::Srgb.decode(f32::from(v) / 255.0);
         let p3 = Vec3::new(linear(COLOR[0]), linear(COLOR[1]), linear(COLOR[2]));
         let from_p3 = Mat3::from_cols(
-            Vec3::new(1.224_940, -0.042_057, -0.019_638),
-            Vec3::new(-0.224_940, 1.042_057, -0.078_636),
+            Vec3::new(1.224_94, -0.042_057, -0.019_638),
+            Vec3::new(-0.224_94, 1.042_057, -0.078_636),
             Vec3::new(0.0, 0.0, 1.098_274),
         );
         let adobe = Vec3::from_array(COLOR.map(|v| (f32::from(v) / 255.0).powf(2.199_22)));

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+use super::{draw_edges, side_color};
 use crate::geometry::{Camera, RoomLayout, SIDES, SideSource};
 use crate::graph::{Context, Node, NodeError};
-use crate::image::{Picture, Plane, draw_line, fit, resize, text_size, write_png, write_text};
+use crate::image::{Picture, Plane, fit, resize, text_size, write_png, write_text};
 use crate::nodes::artifacts::{Encoding, Files};
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -75,29 +76,6 @@ impl Node for DrawRoomBox {
     }
 }
 
-/// Draws the edges of the cuboid in the colors of their sources, and those of its cells where
-/// `cells` is set. `camera` has the picture's size.
-pub(super) fn draw_edges(
-    picture: &mut Plane<Vec3>,
-    layout: &RoomLayout,
-    camera: &Camera,
-    cells: bool,
-) {
-    for line in layout.lines(camera).iter().filter(|line| cells || line.is_edge) {
-        let width = if line.is_edge { TUNING.edge_width } else { TUNING.cell_width };
-        draw_line(picture, line.from, line.to, color(line.source), width);
-    }
-}
-
-fn color(source: SideSource) -> Vec3 {
-    match source {
-        SideSource::Seen => Vec3::new(0.05, 0.9, 0.15),
-        SideSource::Given => Vec3::new(0.1, 0.5, 1.0),
-        SideSource::Guessed => Vec3::new(1.0, 0.3, 0.0),
-        SideSource::Open => Vec3::splat(0.5),
-    }
-}
-
 /// A line for each side in the lower left corner, in the color of its source; none in a picture of
 /// which it would cover more than half of an edge.
 fn legend(picture: &mut Plane<Vec3>, layout: &RoomLayout) {
@@ -109,7 +87,7 @@ fn legend(picture: &mut Plane<Vec3>, layout: &RoomLayout) {
                 SideSource::Open => format!("{name:7}       open   "),
                 source => format!("{name:7} {distance:5.2} {:7}", source.name()),
             };
-            (text, color(source))
+            (text, side_color(source))
         })
         .collect();
     let widest = lines.iter().map(|(text, _)| text_size(text, scale).0).max().unwrap_or(0);

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::draw_room_box::draw_edges;
+use super::draw_edges;
 use crate::geometry::{Camera, RoomLayout};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
