@@ -11,7 +11,7 @@ use needs::needs;
 
 /// Room of `src` -> the modules that it may use.
 const ARROWS: [(&str, &[&str]); 10] = [
-    ("cli", &["files", "nodes", "graph", "net", "tuning"]),
+    ("cli", &["files", "nodes", "graph", "net", "tuning", "geometry", "image"]),
     ("files", &["graph"]),
     ("nodes", &["graph", "formats", "image", "optics", "geometry", "net", "tuning"]),
     ("formats", &["image", "optics", "geometry"]),
@@ -410,7 +410,7 @@ fn planted_arrows_are_seen() {
         ),
         ("files/edit.rs", "use crate::nodes;", "src/files/edit.rs:1: crate::nodes"),
         ("cli/run.rs", "relight::optics::direct()", "src/cli/run.rs:1: relight::optics::direct"),
-        ("main.rs", "use relight::{graph, image::Plane};", "src/main.rs:1: relight::image::Plane"),
+        ("main.rs", "use relight::{graph, optics::Lobe};", "src/main.rs:1: relight::optics::Lobe"),
         (
             "nodes/render/direct.rs",
             "use super::shadow::Shadow;",

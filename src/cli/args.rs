@@ -7,6 +7,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use relight::graph::Reach;
 use relight::nodes::output::mix_layers::srgb;
 
+pub use super::new::GivenKind;
+
 /// The files of a run.
 #[derive(Args, Default)]
 pub struct SceneFiles {
@@ -147,6 +149,52 @@ pub struct RunArgs {
     /// Compute all cached results of this run again and compare; writes no pictures.
     #[arg(long, conflicts_with = "no_cache")]
     pub verify: bool,
+}
+
+#[derive(Args)]
+pub struct NewArgs {
+    /// The photo: PNG, JPEG, WebP, HDR or EXR. It is copied.
+    pub photo: PathBuf,
+    /// Depth of the photo: EXR, PNG, NPY, NPZ, PFM, TIFF, or a JPEG with depth inside. Whole
+    /// numbers above 100 are millimeters, others meters, unless the file states its unit.
+    #[arg(long, value_name = "FILE", conflicts_with = "depth_network")]
+    pub depth: Option<PathBuf>,
+    /// The quantity in the depth file. Default: that which the file states, else `planar`.
+    #[arg(long, value_enum, requires = "depth")]
+    pub depth_kind: Option<GivenKind>,
+    /// Meters per unit of the depth file; for `disparity`, of 1 / unit.
+    #[arg(long, value_name = "METERS", requires = "depth", value_parser = positive)]
+    pub depth_scale: Option<f32>,
+    /// Height of the camera above the seen floor in meters: scales the depth of --depth. Default
+    /// for relative depth: 1.5.
+    #[arg(long, value_name = "METERS", requires = "depth", value_parser = positive, conflicts_with_all = ["known_length", "room_height"])]
+    pub camera_height: Option<f32>,
+    /// Height of the room in meters, where the photo shows floor and ceiling: scales the depth of
+    /// --depth.
+    #[arg(long, value_name = "METERS", requires = "depth", value_parser = positive, conflicts_with = "known_length")]
+    pub room_height: Option<f32>,
+    /// A network for depth in ONNX (docs/networks.md); relative depth needs a known length.
+    #[arg(long, value_name = "ONNX")]
+    pub depth_network: Option<PathBuf>,
+    /// Two pixels of the photo and the distance between them in meters, as `212,80,212,395=2.03`;
+    /// may be given several times. Scales the depth.
+    #[arg(long, value_name = "X,Y,X,Y=METERS", value_parser = known_length)]
+    pub known_length: Vec<String>,
+    /// A folder of masks: lamp*.png, window*.png, ignore.png. Default: lamps and windows are
+    /// proposed.
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// The folder of the scene, created if missing. Files in it that you changed are kept.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Set one parameter of a step, as `find.threshold=0.6` or `depth.kind=Metric`; may be given
+    /// several times.
+    #[arg(long, value_name = "NODE.PARAM=VALUE")]
+    pub set: Vec<String>,
+    #[command(flatten)]
+    pub networks: Networks,
+    #[command(flatten)]
+    pub cache: CacheUse,
 }
 
 #[derive(Args)]
@@ -421,5 +469,13 @@ mod tests {
         for text in ["", "500", "ms", "-1s", "0s", "nans", "infs", "1h", "1e300s"] {
             assert!(duration(text).is_err(), "{text}");
         }
+    }
+}
+
+/// A length in meters above 0.
+fn positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(meters) if meters > 0.0 && meters.is_finite() => Ok(meters),
+        _ => Err("wanted a number above 0".into()),
     }
 }

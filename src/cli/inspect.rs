@@ -1,12 +1,12 @@
-//! The commands that compute no picture: `plan`, `explain`, `check`, `graph` and `nodes`.
+//! The commands that compute no picture: `plan`, `explain`, `graph` and `nodes`.
 
 use relight::graph::{Diagnostic, PlanLine};
 use relight::nodes as stages;
 
-use super::args::{Explain, Graph, GraphFormat, JobArgs, Nodes, Plan};
+use super::args::{Explain, Graph, GraphFormat, Nodes, Plan};
 use super::engine::{engine, options};
 use super::exit::{CliError, Exit};
-use super::load::{load, load_all};
+use super::load::load;
 use super::{reference, report, write};
 
 /// Runs `relight plan`.
@@ -51,27 +51,6 @@ pub fn explain(args: &Explain) -> Result<Exit, CliError> {
         }
     }
     write::print(&text)?;
-    Ok(Exit::Done)
-}
-
-/// Runs `relight check`.
-///
-/// # Errors
-/// Arguments or files that cannot be used.
-pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
-    let (graph, frames) = match &args.edit {
-        Some(edit) => {
-            let pictures = load_all(&args.graph, edit, &args.files)?;
-            let count = pictures.frames.map_or(1, |frames| frames.len());
-            (pictures.first, if count > 1 { format!("{count} frames, ") } else { String::new() })
-        }
-        None => (load(&args.graph, None, &args.files)?, String::new()),
-    };
-    let nodes = graph.instances().count();
-    write::print(&format!(
-        "valid: {frames}{nodes} nodes, outputs {}\n",
-        graph.outputs().join(" ")
-    ))?;
     Ok(Exit::Done)
 }
 

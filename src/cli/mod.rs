@@ -2,6 +2,7 @@
 
 mod args;
 mod cache;
+mod check;
 mod engine;
 mod exit;
 mod export;
@@ -14,6 +15,7 @@ mod load;
 mod messages;
 mod mix;
 mod networks;
+mod new;
 mod page;
 mod picture;
 mod progress;
@@ -49,17 +51,20 @@ struct Cli {
 
 const EXAMPLES: &str = "\
 Example: switch a lamp off in the scene that ships with relight
-  relight check graphs/demo.ron edits/lamp_off.ron   # checks the files; computes nothing
+  relight check graphs/demo.ron edits/lamp_off.ron   # checks the files and pictures
   relight plan  graphs/demo.ron edits/lamp_off.ron   # lists the nodes that would run, and hits
   relight run   graphs/demo.ron edits/lamp_off.ron   # writes out/picture.png and more
 
-A photograph of your own: put scene.ron beside it (docs/files.md), then
-  relight run graphs/indoor.ron edits/none.ron --scene my_room --out my_room/out
+A photograph of your own, with its depth (docs/new.md):
+  relight new photo.jpg --depth depth.png --out my_room
+  relight run graphs/indoor.ron my_room/edit.ron --scene my_room --out my_room/out
 
 Exit status: 0 done, 1 a stage failed, 2 bad arguments or files, 130 interrupted.";
 
 #[derive(Subcommand)]
 enum Command {
+    /// Make a scene folder from a photo: camera, depth, masks of lamps and windows, scene.ron.
+    New(args::NewArgs),
     /// Relight the photo: compute the nodes that an edit affects and write the pictures.
     Run(args::RunArgs),
     /// Reweight the lights of a finished run in milliseconds: dim, brighten, tint.
@@ -74,7 +79,7 @@ enum Command {
     Plan(args::Plan),
     /// Explain why a node would run again: the first line of its key that differs.
     Explain(args::Explain),
-    /// Check the files and report every error; compute nothing.
+    /// Check the files, photo, depth and masks too, and report every error; compute nothing else.
     Check(args::JobArgs),
     /// Print the graph with scene and edit applied, for a drawing program.
     Graph(args::Graph),
@@ -100,13 +105,14 @@ pub fn main() -> ExitCode {
     let Cli { command, verbose } = Cli::parse();
     messages::log(verbose);
     let outcome = match &command {
+        Command::New(args) => new::new(args, verbose),
         Command::Run(args) => run::run(args, verbose, began),
         Command::Mix(args) => mix::mix(args, began),
         Command::Report(args) => page::report(args, began),
         Command::Export(args) => export::export(args, verbose),
         Command::Plan(args) => inspect::plan(args),
         Command::Explain(args) => inspect::explain(args),
-        Command::Check(args) => inspect::check(args),
+        Command::Check(args) => check::check(args),
         Command::Graph(args) => inspect::graph(args),
         Command::Nodes(args) => inspect::nodes(args),
         Command::Cache(args) => cache::cache(args),

@@ -10,6 +10,7 @@
 //! [`truth`] returns the other fields, which are for measurements.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use super::{INVISIBLE, check_light_name, fields};
 use crate::graph::{
@@ -67,20 +68,28 @@ pub fn read_within(
         let help = "name the folder, not the file in it";
         return Err(vec![Diagnostic::file(folder, "wanted a scene folder, got a file").help(help)]);
     }
-    let source = Source::read(&path, reach).map_err(|fault| vec![fault])?;
+    parse(&Source::read(&path, reach).map_err(|fault| vec![fault])?, kinds)
+}
+
+/// Reads the text of a `scene.ron`, whose path need not exist.
+///
+/// # Errors
+/// The errors of [`read`].
+pub fn parse(source: &Arc<Source>, kinds: Option<&[&str]>) -> Result<Overlay, Vec<Diagnostic>> {
+    let path = &source.path;
     let mut faults = Diagnostics::default();
-    let fields = fields(&source, "Scene", &FIELDS, &mut faults);
+    let fields = fields(source, "Scene", &FIELDS, &mut faults);
     if faults.is_empty() {
         for field in NEEDED {
             if fields.iter().all(|(key, _)| key.name != field) {
-                faults.push(|| Diagnostic::file(&path, format!("this scene has no `{field}`")));
+                faults.push(|| Diagnostic::file(path, format!("this scene has no `{field}`")));
             }
         }
         if kinds.is_some_and(|kinds| kinds.contains(&SCENE))
             && fields.iter().all(|(key, _)| key.name != "depth")
         {
             let help = "a network of yours can estimate it: graphs/depth.ron, docs/networks.md";
-            faults.push(|| Diagnostic::file(&path, "this scene has no `depth`").help(help));
+            faults.push(|| Diagnostic::file(path, "this scene has no `depth`").help(help));
         }
     }
     let mut overlay = Overlay::default();

@@ -2,12 +2,14 @@
 
 mod bvh;
 mod camera;
+mod field_of_view;
 mod grid;
 mod objects;
 mod scene;
 
 pub use bvh::{RayMesh, RayMeshHit};
 pub use camera::Camera;
+pub use field_of_view::{FieldOfView, FieldOfViewSource, field_of_view};
 pub use grid::{Grid, cosine_direction};
 pub use objects::{
     Bodies, Body, Drawing, Material, Model, Objects, Probes, Skin, clearance, draw, most_triangles,

@@ -21,6 +21,9 @@ pub enum NodeError {
         /// The wanted and the actual content.
         message: String,
     },
+    /// Several files cannot be used: a message for each, with its path.
+    #[error("{}", .0.join("; "))]
+    BadFiles(Vec<String>),
     /// A parameter cannot be used with these inputs: the message states its name, the wanted and
     /// the actual value.
     #[error("{0}")]

@@ -335,7 +335,11 @@ impl<'a> RunInProgress<'a> {
         let outputs = match catch_unwind(AssertUnwindSafe(|| node.op.run(inputs, &ctx))) {
             Ok(Ok(outputs)) => outputs,
             Ok(Err(NodeError::Cancelled)) => return Err(NodeFailure::Cancelled),
-            Ok(Err(error @ (NodeError::BadFile { .. } | NodeError::BadParameter(_)))) => {
+            Ok(Err(
+                error @ (NodeError::BadFile { .. }
+                | NodeError::BadFiles(_)
+                | NodeError::BadParameter(_)),
+            )) => {
                 return Err(NodeFailure::BadFile(error.to_string()));
             }
             Ok(Err(error)) => return Err(NodeFailure::Failed(error.to_string())),

@@ -8,9 +8,10 @@ mod plane;
 mod transfer;
 
 pub use io::{
-    Bits, Compression, DepthFile, ExrFile, ExrLayers, Intrinsics, MAX_BYTES, MAX_PIXELS, Measure,
-    NamedBytes, Photo, PngSamples, ReadError, polycam, read_depth, read_depth_file, read_layers,
-    read_maps, read_mask, read_normal, read_photo, stray_scanner, write_png,
+    Bits, Compression, DepthFile, ExrFile, ExrLayers, Intrinsics, Lens, MAX_BYTES, MAX_PIXELS,
+    Measure, NamedBytes, Photo, PhotoHeader, PngSamples, ReadError, polycam, read_depth,
+    read_depth_file, read_layers, read_maps, read_mask, read_normal, read_photo, read_photo_header,
+    stray_scanner, write_png,
 };
 pub use layer::{HalfLayer, Layer};
 pub use material::{

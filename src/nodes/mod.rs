@@ -63,6 +63,7 @@ fn stages() -> Registry {
         .with::<render::shade_specular_edit::ShadeSpecularEdit>()
         .with::<render::emitter_mask::EmitterMask>()
         .with::<output::draw_room_box::DrawRoomBox>()
+        .with::<output::draw_scene::DrawScene>()
         .with::<output::compose::Compose>()
         .with::<output::write::Write>()
         .with::<output::mix_layers::MixLayers>()

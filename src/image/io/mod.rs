@@ -1,9 +1,12 @@
-//! Picture files: EXR, PNG, JPEG and HDR; depth in these, in NPY, NPZ, PFM and TIFF.
+//! Picture files: EXR, PNG, JPEG, WebP and HDR; depth in these, in NPY, NPZ, PFM and TIFF.
 
+pub(in crate::image) mod color_profile;
 pub(in crate::image) mod depth;
 pub(in crate::image) mod exr_read;
 pub(in crate::image) mod exr_write;
+pub(in crate::image) mod gain_map;
 pub(in crate::image) mod npy;
+pub(in crate::image) mod photo_header;
 pub(in crate::image) mod png_write;
 pub(in crate::image) mod raster;
 pub(in crate::image) mod read;
@@ -15,6 +18,7 @@ pub use depth::{
 pub use exr_read::{ExrFile, read_layers};
 pub use exr_write::{Compression, ExrLayers};
 pub use npy::read_maps;
+pub use photo_header::{Lens, PhotoHeader, read_photo_header};
 pub use png_write::{PngSamples, write_png};
 pub use raster::Bits;
 pub use read::{Photo, read_mask, read_normal, read_photo};

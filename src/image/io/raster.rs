@@ -1,4 +1,4 @@
-//! PNG, JPEG and Radiance HDR files as interleaved samples.
+//! PNG, JPEG, WebP and Radiance HDR files as interleaved samples.
 
 use std::io::Cursor;
 
@@ -6,6 +6,7 @@ use ::image::metadata::Orientation;
 use ::image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use glam::Vec3;
 
+use super::color_profile::ToRec709;
 use super::source::{FileFormat, MAX_BYTES, NamedBytes, ReadError};
 use crate::image::Plane;
 
@@ -20,7 +21,7 @@ pub enum Bits {
     Float,
 }
 
-/// Stored samples of PNG, JPEG and HDR, interleaved.
+/// Stored samples of PNG, JPEG, WebP and HDR, interleaved.
 pub(in crate::image) enum Samples {
     Eight(Vec<u8>),
     Sixteen(Vec<u16>),
@@ -33,6 +34,10 @@ pub(in crate::image) struct Raster {
     /// 1 gray, 2 gray and alpha, 3 color, 4 color and alpha.
     pub(in crate::image) channels: usize,
     pub(in crate::image) samples: Samples,
+    /// The ICC profile as it lies in the file.
+    pub(in crate::image) profile: Option<Vec<u8>>,
+    /// The EXIF orientation, which is applied.
+    pub(in crate::image) orientation: Orientation,
 }
 
 impl Raster {
@@ -99,6 +104,23 @@ impl Raster {
         Plane::new(self.width, self.height, colors)
     }
 
+    /// The colors in linear Rec. 709 by a profile; the samples are whole numbers.
+    pub(in crate::image) fn converted(&self, profile: &ToRec709) -> Plane<Vec3> {
+        let top = if self.bits() == Bits::Eight { 255 } else { 65535 };
+        let tables = profile.tables(top);
+        let mut colors = Vec::with_capacity(self.width * self.height);
+        self.each(
+            |v| v,
+            |color, _| {
+                let at = |channel: usize| {
+                    tables[channel][((color[channel] * top as f32).round() as usize).min(top)]
+                };
+                colors.push(profile.convert(Vec3::new(at(0), at(1), at(2))));
+            },
+        );
+        Plane::new(self.width, self.height, colors)
+    }
+
     /// A number per pixel of its stored color and alpha.
     pub(in crate::image) fn numbers(&self, f: impl Fn(Vec3, f32) -> f32) -> Plane<f32> {
         let mut numbers = Plane::filled(self.width, self.height, 0.0);
@@ -117,13 +139,25 @@ impl Raster {
     }
 }
 
-/// Decodes a PNG, JPEG or HDR file.
+/// Decodes a PNG, JPEG, WebP or HDR file.
 ///
 /// # Errors
 /// The content is not a valid file of `format`, or exceeds the limits of `source`.
 pub(in crate::image) fn decode_raster(
     source: NamedBytes,
     format: ImageFormat,
+) -> Result<Raster, ReadError> {
+    decode_turned(source, format, None)
+}
+
+/// Decodes a file like [`decode_raster`], with this orientation in place of its own.
+///
+/// # Errors
+/// Those of [`decode_raster`].
+pub(in crate::image) fn decode_turned(
+    source: NamedBytes,
+    format: ImageFormat,
+    orientation: Option<Orientation>,
 ) -> Result<Raster, ReadError> {
     let bad =
         |e: ::image::ImageError| source.error("content", format!("a valid {format:?} file"), e);
@@ -134,7 +168,9 @@ pub(in crate::image) fn decode_raster(
     reader.limits(limits);
     let mut decoder = reader.into_decoder().map_err(bad)?;
     // Sound pixels are kept beside damaged metadata.
-    let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let own = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let orientation = orientation.unwrap_or(own);
+    let profile = decoder.icc_profile().ok().flatten();
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();
     source.check_size(width.into(), height.into(), color.bytes_per_pixel().into())?;
@@ -161,7 +197,7 @@ pub(in crate::image) fn decode_raster(
         }
     };
     let channels = usize::from(color.channel_count());
-    Ok(Raster { width, height, channels, samples })
+    Ok(Raster { width, height, channels, samples, profile, orientation })
 }
 
 /// Returns the decoder's name of a format.
@@ -172,6 +208,7 @@ pub(in crate::image) fn image_format(format: FileFormat) -> ImageFormat {
     match format {
         FileFormat::Png => ImageFormat::Png,
         FileFormat::Jpeg => ImageFormat::Jpeg,
+        FileFormat::Webp => ImageFormat::WebP,
         FileFormat::Hdr => ImageFormat::Hdr,
         _ => unreachable!("read by its own module"),
     }

@@ -2,9 +2,10 @@
 
 use glam::Vec3;
 
-use super::exr_read;
-use super::raster::{Bits, decode_raster, image_format};
+use super::color_profile::ToRec709;
+use super::raster::{Bits, Raster, decode_raster, image_format};
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
+use super::{exr_read, gain_map};
 use crate::image::{Mask, Picture, Plane, Transfer};
 
 /// A photo as it was read.
@@ -20,9 +21,15 @@ pub struct Photo {
     pub warnings: Vec<String>,
 }
 
+/// The formats of photos.
+pub(in crate::image) const PHOTO: &str = "a photo: PNG, JPEG, WebP, HDR or EXR";
+
 /// Reads a photo: PNG (8 or 16 bits, gray, RGB, palette; alpha is left out with a warning), JPEG,
-/// HDR, EXR (R, G, B, or Y, or R alone). A photo that carries an EXIF orientation is turned
-/// upright. HDR and EXR are linear by their format; `transfer` applies to the others.
+/// WebP, HDR, EXR (R, G, B, or Y, or R alone). A photo that carries an EXIF orientation is turned
+/// upright. HDR and EXR are linear by their format; `transfer` applies to the others. Where it is
+/// sRGB, an ICC profile of curves and a matrix (Display P3, Adobe RGB, ProPhoto) takes its place,
+/// and a gain map of a JPEG (Ultra HDR) brightens it to the light of the scene, beyond 1: a pixel
+/// counts as saturated only where its map is.
 ///
 /// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float
 /// file, within 0.1 % of the file's maximum, if that maximum is a plateau: at least 16 pixels, at
@@ -53,7 +60,7 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
             let clipped = plateau(&picture);
             (picture, clipped, Bits::Float)
         }
-        Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Hdr)) => {
+        Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Webp | FileFormat::Hdr)) => {
             let raster = decode_raster(source, image_format(kind))?;
             let bits = raster.bits();
             if raster.is_transparent() {
@@ -69,13 +76,28 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
                 }
                 Bits::Eight | Bits::Sixteen => {
                     let top = if bits == Bits::Eight { 253.5 / 255.0 } else { 65534.5 / 65535.0 };
-                    let clipped =
+                    let mut clipped =
                         raster.numbers(|c, _| if c.max_element() > top { 1.0 } else { 0.0 });
-                    (raster.colors(|v| transfer.decode(v)), clipped, bits)
+                    let profile = profile(&raster, transfer).unwrap_or_else(|why| {
+                        warnings.push(format!("{why}: it is read as sRGB"));
+                        None
+                    });
+                    let mut picture = match profile {
+                        Some(profile) => raster.converted(&profile),
+                        None => raster.colors(|v| transfer.decode(v)),
+                    };
+                    if kind == FileFormat::Jpeg
+                        && transfer == Transfer::Srgb
+                        && let Some(map) = gain_map::find(source.bytes)
+                        && let Err(e) = map.apply(source, &raster, &mut picture, &mut clipped)
+                    {
+                        warnings.push(format!("its gain map is left out: {}", e.message()));
+                    }
+                    (picture, clipped, bits)
                 }
             }
         }
-        _ => return Err(not_one_of(source, "a photo: PNG, JPEG, HDR or EXR")),
+        _ => return Err(not_one_of(source, PHOTO)),
     };
     if let Some(at) = picture.pixels().iter().position(|c| !c.is_finite()) {
         let (x, y) = (at % picture.width(), at / picture.width());
@@ -86,6 +108,18 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
         ));
     }
     Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, warnings })
+}
+
+/// The conversion of a photo with an ICC profile. A transfer function other than sRGB is a
+/// statement about the stored numbers, and wins over the profile.
+///
+/// # Errors
+/// The profile cannot be used.
+fn profile(raster: &Raster, transfer: Transfer) -> Result<Option<ToRec709>, String> {
+    match &raster.profile {
+        Some(icc) if raster.channels >= 3 && transfer == Transfer::Srgb => ToRec709::new(icc),
+        _ => Ok(None),
+    }
 }
 
 /// Reads directions: EXR with channels X, Y, Z, else R, G, B, of any length. Non-finite numbers

@@ -104,6 +104,7 @@ impl<'a> NamedBytes<'a> {
 pub(in crate::image) enum FileFormat {
     Png,
     Jpeg,
+    Webp,
     Hdr,
     Exr,
     Npy,
@@ -128,15 +129,47 @@ pub(in crate::image) fn format(source: NamedBytes) -> Option<FileFormat> {
         (b"II*\0", FileFormat::Tiff),
         (b"MM\0*", FileFormat::Tiff),
     ];
+    if source.bytes.starts_with(b"RIFF") && source.bytes.get(8..12) == Some(b"WEBP") {
+        return Some(FileFormat::Webp);
+    }
     SIGNATURES.iter().find(|(start, _)| source.bytes.starts_with(start)).map(|&(_, format)| format)
 }
 
+/// Formats that are known and not read: name, remedy, offset and bytes of the signature.
+const OTHERS: [(&str, &str, usize, &[u8]); 16] = [
+    ("HEIC", HEIC, 4, b"ftypheic"),
+    ("HEIC", HEIC, 4, b"ftypheix"),
+    ("HEIC", HEIC, 4, b"ftyphevc"),
+    ("HEIC", HEIC, 4, b"ftypheim"),
+    ("HEIC", HEIC, 4, b"ftypheis"),
+    ("HEIF", HEIC, 4, b"ftypmif1"),
+    ("AVIF", "convert it with `avifdec photo.avif photo.png`", 4, b"ftypavif"),
+    ("AVIF", "convert it with `avifdec photo.avif photo.png`", 4, b"ftypavis"),
+    ("JPEG XL", "convert it with `djxl photo.jxl photo.png`", 0, b"\xff\x0a"),
+    ("JPEG XL", "convert it with `djxl photo.jxl photo.png`", 0, b"\x00\x00\x00\x0cJXL "),
+    ("TIFF or a raw photo", RAW, 0, b"II*\0"),
+    ("TIFF or a raw photo", RAW, 0, b"MM\0*"),
+    ("GIF", "save it as PNG", 0, b"GIF8"),
+    ("BMP", "save it as PNG", 0, b"BM"),
+    ("a ZIP archive, such as NPZ", "unpack it first", 0, b"PK\x03\x04"),
+    ("PDF", "save the picture in it as PNG", 0, b"%PDF"),
+];
+const HEIC: &str = "convert it with `heif-convert -q 95 photo.heic photo.jpg` (libheif), or on macOS \
+    `sips -s format jpeg photo.heic --out photo.jpg`";
+const RAW: &str =
+    "develop or convert it to a PNG of 16 bits, as with `magick photo.tif -depth 16 photo.png`";
+
 /// Creates the error of a file in another format than `wanted`.
 pub(in crate::image) fn not_one_of(source: NamedBytes, wanted: &str) -> ReadError {
-    let got = match format(source) {
-        Some(format) => format!("{format:?}"),
-        None if source.bytes.is_empty() => "an empty file".into(),
-        None => format!(
+    let is_at = |at: usize, signature: &[u8]| {
+        source.bytes.get(at..).is_some_and(|bytes| bytes.starts_with(signature))
+    };
+    let other = OTHERS.iter().find(|(.., at, signature)| is_at(*at, signature));
+    let got = match (format(source), other) {
+        (Some(format), _) => format!("{format:?}"),
+        (None, Some((name, remedy, ..))) => format!("{name}: {remedy}"),
+        (None, None) if source.bytes.is_empty() => "an empty file".into(),
+        (None, None) => format!(
             "an unknown format (first bytes {:02x?})",
             &source.bytes[..source.bytes.len().min(8)]
         ),

@@ -1,6 +1,7 @@
 //! Textures: pictures of which single texels are looked up, held in memory as their files store
 //! them.
 
+use ::image::metadata::Orientation;
 use glam::Vec3;
 
 use crate::image::Transfer;
@@ -39,7 +40,14 @@ impl Texture {
                 let picture = file.colors(source)?;
                 let (width, height) = picture.size();
                 let samples = picture.pixels().iter().flat_map(|c| c.to_array()).collect();
-                Raster { width, height, channels: 3, samples: Samples::Float(samples) }
+                Raster {
+                    width,
+                    height,
+                    channels: 3,
+                    samples: Samples::Float(samples),
+                    profile: None,
+                    orientation: Orientation::NoTransforms,
+                }
             }
             Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Hdr)) => {
                 decode_raster(source, image_format(kind))?

@@ -43,7 +43,7 @@ pub fn text_size(text: &str, scale: usize) -> (usize, usize) {
 }
 
 /// Writes a text with its upper left corner at a pixel, with dots of `scale` pixels; what lies
-/// outside of the picture is cut off. Small letters (but j, q, v, x, y and z), digits, `_` and `.`
+/// outside of the picture is cut off. Small letters (but j, q, v, x and z), digits, `_` and `.`
 /// are drawn, other characters are left blank.
 pub fn write_text(
     picture: &mut Plane<Vec3>,
@@ -124,7 +124,7 @@ fn lit(letter: u8, column: usize, row: usize) -> bool {
 }
 
 /// Letters of 5 x 7 dots, a row a number.
-const GLYPHS: [(u8, [u8; 7]); 32] = [
+const GLYPHS: [(u8, [u8; 7]); 33] = [
     (b'a', [0, 0, 0b01110, 0b00001, 0b01111, 0b10001, 0b01111]),
     (b'b', [0b10000, 0b10000, 0b11110, 0b10001, 0b10001, 0b10001, 0b11110]),
     (b'c', [0, 0, 0b01111, 0b10000, 0b10000, 0b10000, 0b01111]),
@@ -145,6 +145,7 @@ const GLYPHS: [(u8, [u8; 7]); 32] = [
     (b't', [0b01000, 0b01000, 0b11100, 0b01000, 0b01000, 0b01001, 0b00110]),
     (b'u', [0, 0, 0b10001, 0b10001, 0b10001, 0b10011, 0b01101]),
     (b'w', [0, 0, 0b10001, 0b10101, 0b10101, 0b10101, 0b01010]),
+    (b'y', [0, 0, 0b10001, 0b10001, 0b01111, 0b00001, 0b01110]),
     (b'.', [0, 0, 0, 0, 0, 0b01100, 0b01100]),
     (b'_', [0, 0, 0, 0, 0, 0, 0b11111]),
     (b'0', [0b01110, 0b10001, 0b10011, 0b10101, 0b11001, 0b10001, 0b01110]),

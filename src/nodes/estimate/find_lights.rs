@@ -17,9 +17,10 @@ params! {
     /// Proposes a mask for each visible lamp and window: a bright region with a sharp edge that is
     /// not a floor, a table or a bed.
     ///
-    /// Lit walls and white objects under a near lamp can be false positives, and the mask of a lamp
-    /// may include its glare. Check `found.png`, correct the masks, and add `scene_lights.ron` to
-    /// the scene (docs/find-lights.md).
+    /// A proposal of low confidence is named `maybe_..` and left to a person. Lit walls and white
+    /// objects under a near lamp can still be false positives, and the mask of a lamp may include
+    /// its glare. Check `found.png`, correct the masks, and add `scene_lights.ron` to the scene
+    /// (docs/find-lights.md).
     pub struct FindLights {
         /// Least brightness of a light, as a fraction of the photo's white.
         threshold: f32 = 0.75, in 0.1..=0.95,
@@ -53,15 +54,16 @@ ports! {
 ports! {
     pub output FindLightsOut {
         /// `masks/lamp_0.png`, `masks/window_0.png`, .., white on black at the photo's size, the
-        /// largest of a kind first; `found.png`, the photo with outlines and names;
-        /// `scene_lights.ron`, the scene's `lights`.
+        /// largest of a kind first, and `masks/maybe_lamp_0.png` and so on where the confidence is
+        /// low; `found.png`, the photo with outlines and names; `scene_lights.ron`, the scene's
+        /// `lights`, in which the latter are comments.
         files: Arc<Files>,
     }
 }
 
 impl Node for FindLights {
     const KIND: &'static str = "FindLights";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = FindLightsIn;
     type Out = FindLightsOut;
 
@@ -92,26 +94,35 @@ impl Node for FindLights {
         let mut files = Vec::new();
         let mut overview = inputs.photo.0.clone();
         let mut scene = String::from("// For scene.ron, beside which masks/ belongs.\nlights: {\n");
-        let mut counts = [0, 0];
+        let mut counts = [0; 4];
         for light in &found {
-            let (word, variant, count, color) = match light.kind {
-                LightKind::Lamp => ("lamp", "Lamp", &mut counts[0], Vec3::new(1.0, 0.1, 0.0)),
-                LightKind::Window => ("window", "Window", &mut counts[1], Vec3::new(0.0, 0.3, 1.0)),
+            let (word, variant, kind, color) = match light.kind {
+                LightKind::Lamp => ("lamp", "Lamp", 0, Vec3::new(1.0, 0.1, 0.0)),
+                LightKind::Window => ("window", "Window", 1, Vec3::new(0.0, 0.3, 1.0)),
             };
-            let id = format!("{word}_{count}");
+            let certain = light.is_certain();
+            let (maybe, remark, count, color) = match certain {
+                true => ("", "", &mut counts[kind], color),
+                false => ("maybe_", "// ", &mut counts[2 + kind], DOUBTFUL),
+            };
+            let id = format!("{maybe}{word}_{count}");
             *count += 1;
-            let share = light.area as f32 / (size.0 * size.1) as f32;
+            let share = 100.0 * light.area as f32 / (size.0 * size.1) as f32;
+            let confidence = format!("confidence {:.2}", light.confidence);
             ctx.note(format!(
-                "{id}: {:.1} % of the photo, contrast {:.1} at its edge",
-                100.0 * share,
-                light.contrast
+                "{id}: {share:.1} % of the photo, contrast {:.1} at its edge, {confidence}{}",
+                light.contrast,
+                if certain { "" } else { ": not used" }
             ));
             let mask = upscale(&light.mask, width, height);
             annotate(&mut overview, &mask, &id, color);
             let white = Picture(mask.map(|inside| if inside { Vec3::ONE } else { Vec3::ZERO }));
             files.push((format!("masks/{id}.png"), write_png(&white, Transfer::Linear, false)));
-            writeln!(scene, "    \"{id}\": {variant}(mask: \"masks/{id}.png\"),")
-                .expect("memory can be written to");
+            writeln!(
+                scene,
+                "    {remark}\"{id}\": {variant}(mask: \"masks/{id}.png\"), // {confidence}"
+            )
+            .expect("memory can be written to");
         }
         scene.push_str("},\n");
         files.push((
@@ -122,6 +133,9 @@ impl Node for FindLights {
         Ok(FindLightsOut { files: Arc::new(Files(files)) })
     }
 }
+
+/// The color of outlines of lights that are not used.
+const DOUBTFUL: Vec3 = Vec3::new(0.6, 0.6, 0.6);
 
 /// A mask in another size, its edge halfway between pixels that differ.
 fn upscale(mask: &Plane<bool>, width: usize, height: usize) -> Plane<bool> {

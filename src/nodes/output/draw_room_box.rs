@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+use super::{draw_edges, side_color};
 use crate::geometry::{Camera, RoomLayout, SIDES, SideSource};
 use crate::graph::{Context, Node, NodeError};
-use crate::image::{Picture, Plane, draw_line, fit, resize, text_size, write_png, write_text};
+use crate::image::{Picture, Plane, fit, resize, text_size, write_png, write_text};
 use crate::nodes::artifacts::{Encoding, Files};
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -67,23 +68,11 @@ impl Node for DrawRoomBox {
         let (width, height) = fit(width, height, self.long_side as usize);
         // Lines stay visible on bright surfaces.
         let mut picture = resize(&photo.0, width, height).map(|c| TUNING.dim * c.min(Vec3::ONE));
-        for line in layout.lines(&camera.resized(width, height)) {
-            let line_width = if line.is_edge { TUNING.edge_width } else { TUNING.cell_width };
-            draw_line(&mut picture, line.from, line.to, color(line.source), line_width);
-        }
+        draw_edges(&mut picture, &layout, &camera.resized(width, height), true);
         legend(&mut picture, &layout);
         ctx.note(layout.summary());
         let bytes = write_png(&Picture(picture), encoding.transfer, false);
         Ok(DrawRoomBoxOut { files: Arc::new(Files(vec![("room.png".into(), bytes)])) })
-    }
-}
-
-fn color(source: SideSource) -> Vec3 {
-    match source {
-        SideSource::Seen => Vec3::new(0.05, 0.9, 0.15),
-        SideSource::Given => Vec3::new(0.1, 0.5, 1.0),
-        SideSource::Guessed => Vec3::new(1.0, 0.3, 0.0),
-        SideSource::Open => Vec3::splat(0.5),
     }
 }
 
@@ -98,7 +87,7 @@ fn legend(picture: &mut Plane<Vec3>, layout: &RoomLayout) {
                 SideSource::Open => format!("{name:7}       open   "),
                 source => format!("{name:7} {distance:5.2} {:7}", source.name()),
             };
-            (text, color(source))
+            (text, side_color(source))
         })
         .collect();
     let widest = lines.iter().map(|(text, _)| text_size(text, scale).0).max().unwrap_or(0);

@@ -2,6 +2,7 @@
 
 pub mod compose;
 pub mod draw_room_box;
+pub mod draw_scene;
 pub mod mix_layers;
 pub mod write;
 pub mod write_depth;
@@ -16,13 +17,40 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, LayoutLine, MAX_CELLS, RoomLayout, SideSource};
 use crate::graph::{Context, File, NodeError};
-use crate::image::{ExrFile, NamedBytes, Plane, Transfer, clip_line, read_layers};
+use crate::image::{ExrFile, NamedBytes, Plane, Transfer, clip_line, draw_line, read_layers};
 use crate::nodes::artifacts::{Encoding, REST, same_size};
 use crate::tuning::Table;
 
 /// The constants of pictures for people.
 pub fn tuning() -> Vec<Table> {
-    vec![compose::DrawnGlareTuning::table(), draw_room_box::DrawRoomBoxTuning::table()]
+    vec![
+        compose::DrawnGlareTuning::table(),
+        draw_room_box::DrawRoomBoxTuning::table(),
+        draw_scene::DrawSceneTuning::table(),
+    ]
+}
+
+/// Draws the edges of the cuboid in the colors of their sources, and those of its cells where
+/// `cells` is set. `camera` has the picture's size.
+fn draw_edges(picture: &mut Plane<Vec3>, layout: &RoomLayout, camera: &Camera, cells: bool) {
+    for line in layout.lines(camera).iter().filter(|line| cells || line.is_edge) {
+        let width = if line.is_edge {
+            draw_room_box::TUNING.edge_width
+        } else {
+            draw_room_box::TUNING.cell_width
+        };
+        draw_line(picture, line.from, line.to, side_color(line.source), width);
+    }
+}
+
+/// The color of a side by its source, linear.
+fn side_color(source: SideSource) -> Vec3 {
+    match source {
+        SideSource::Seen => Vec3::new(0.05, 0.9, 0.15),
+        SideSource::Given => Vec3::new(0.1, 0.5, 1.0),
+        SideSource::Guessed => Vec3::new(1.0, 0.3, 0.0),
+        SideSource::Open => Vec3::splat(0.5),
+    }
 }
 
 /// The line of the comments of `picture.exr` with the encoding of `picture.png`.

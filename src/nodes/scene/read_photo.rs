@@ -12,7 +12,7 @@ use crate::{params, ports};
 params! {
     /// Reads the photo of a scene, which needs no depth.
     pub struct ReadPhoto {
-        /// The photo: PNG (8 or 16 bits), JPEG, HDR or EXR.
+        /// The photo: PNG (8 or 16 bits), JPEG, WebP, HDR or EXR.
         photo: File = File::default(),
         /// Transfer function of a PNG or JPEG photo. HDR and EXR are always linear.
         transfer: Transfer = Transfer::Srgb,
@@ -43,7 +43,7 @@ ports! {
 
 impl Node for ReadPhoto {
     const KIND: &'static str = "ReadPhoto";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = ReadPhotoIn;
     type Out = ReadPhotoOut;
 

@@ -100,7 +100,7 @@ impl LightSpec {
 params! {
     /// Reads the photo, its depth and the masks of its visible lights.
     pub struct ReadScene {
-        /// The photo: PNG (8 or 16 bits), JPEG, HDR or EXR.
+        /// The photo: PNG (8 or 16 bits), JPEG, WebP, HDR or EXR.
         photo: File = File::default(),
         /// Transfer function of a PNG or JPEG photo. HDR and EXR are always linear. The result's
         /// PNG has the same.
@@ -199,16 +199,24 @@ impl Node for ReadScene {
         let Photograph { photo, clipped, small, camera, encoding } = self.shot().read(ctx)?;
         let full = photo.0.size();
 
+        // The faults of all files are told at once.
+        let mut faults = Vec::new();
         let mut masks = Vec::new();
         for (id, light) in &self.lights {
             ctx.check_cancelled()?;
-            masks.push((id.clone(), self.mask(ctx, light.mask(), full)?));
+            let mask = self.mask(ctx, light.mask(), full);
+            masks.extend(collect(mask, &mut faults)?.map(|mask| (id.clone(), mask)));
         }
-        let ignore = self.ignore.as_ref().map(|file| self.mask(ctx, file, full)).transpose()?;
+        let ignore = self.ignore.as_ref().map(|file| self.mask(ctx, file, full));
+        let ignore = ignore.map(|mask| collect(mask, &mut faults)).transpose()?.flatten();
 
         ctx.check_cancelled()?;
-        let ReadDepth { depth, holes, confidence, outside } =
-            self.depth(ctx, &camera, &masks, ignore.as_ref())?;
+        let depth = self.depth(ctx, &camera, &masks, ignore.as_ref());
+        let depth = match collect(depth, &mut faults)? {
+            Some(depth) if faults.is_empty() => depth,
+            _ => return Err(NodeError::BadFiles(faults)),
+        };
+        let ReadDepth { depth, holes, confidence, outside } = depth;
         ctx.check_cancelled()?;
         let small_picture = Picture(image::resize(&photo.0, small.0, small.1));
         let small_depth = image::resize_depth(&depth, small.0, small.1);
@@ -334,12 +342,10 @@ impl ReadScene {
 
         // The view through a pane, and surfaces outside the room, may be far away: their depth must
         // not spread into the room.
-        let panes = masks
-            .iter()
-            .zip(self.lights.values())
-            .filter(|(_, light)| light.kind() == LightKind::Window);
+        let is_pane = |id: &str| self.lights.get(id).is_some_and(|l| l.kind() == LightKind::Window);
+        let panes = masks.iter().filter(|(id, _)| is_pane(id));
         let mut untrusted = Plane::filled(width, height, 0.0f32);
-        for outside in panes.map(|((_, mask), _)| mask).chain(ignore) {
+        for outside in panes.map(|(_, mask)| mask).chain(ignore) {
             let outside = image::resize(&outside.0, width, height);
             untrusted
                 .pixels_mut()
@@ -379,6 +385,27 @@ impl ReadScene {
         }
         let wanted = format!("the aspect ratio of {} ({}) to 2 %", self.photo.path, size(photo));
         Err(bad(file, format!("{what} size: wanted {wanted}, got {}", size(got))))
+    }
+}
+
+/// The value, or `None` after noting the fault of a file, each file's once.
+///
+/// # Errors
+/// Any other error.
+fn collect<T>(
+    result: Result<T, NodeError>,
+    faults: &mut Vec<String>,
+) -> Result<Option<T>, NodeError> {
+    match result {
+        Ok(value) => Ok(Some(value)),
+        Err(error @ NodeError::BadFile { .. }) => {
+            let fault = error.to_string();
+            if !faults.contains(&fault) {
+                faults.push(fault);
+            }
+            Ok(None)
+        }
+        Err(error) => Err(error),
     }
 }
 

@@ -42,6 +42,15 @@ pub struct FoundLight {
     pub area: usize,
     /// Brightness just inside its edge over that just outside, medians of the least channel.
     pub contrast: f32,
+    /// Confidence that it is a light of its kind, 0..=1; not a probability.
+    pub confidence: f32,
+}
+
+impl FoundLight {
+    /// Whether the confidence is enough for the light to be used without a person's check.
+    pub fn is_certain(&self) -> bool {
+        self.confidence >= TUNING.certain
+    }
 }
 
 tuning! {
@@ -147,6 +156,22 @@ tuning! {
         /// a wall, which lies in its plane too.
         min_votes: f32 = 1.0,
             unit "votes", source Measured("docs/find-lights.md"), effect "a larger value finds fewer windows";
+        /// Fractions of a region that are white and that are daylight, together, at which it emits
+        /// with a confidence of 0 and 1.
+        emission: [f32; 2] = [0.4, 0.8],
+            unit "1", source Measured("docs/find-lights.md"), effect "larger values doubt more lights";
+        /// Fraction of its bounding box that a window covers, at which the confidence is 0 and 1.
+        pane_fill: [f32; 2] = [0.25, 0.65],
+            unit "1", source Measured("docs/find-lights.md"), effect "larger values doubt more windows";
+        /// Fraction of daylight at which the confidence in a window is 0 and 1.
+        pane_daylight: [f32; 2] = [0.0, 0.4],
+            unit "1", source Measured("docs/find-lights.md"), effect "larger values doubt more windows";
+        /// Depth of a lamp over that of its surroundings at which the confidence is 0 and 1.
+        behind: [f32; 2] = [1.14, 1.0],
+            unit "1", source Measured("docs/find-lights.md"), effect "smaller values doubt more lamps";
+        /// Least confidence of a light that is used without a person's check.
+        certain: f32 = 0.5,
+            unit "1", source Measured("docs/find-lights.md"), effect "a larger value doubts more lights";
     }
 }
 
@@ -193,7 +218,7 @@ pub fn find_lights(
         kept = merged;
     }
     let (windows, lamps): (Vec<BrightRegion>, Vec<BrightRegion>) =
-        kept.into_iter().partition(|region| cues.is_window(region));
+        kept.into_iter().partition(|region| cues.votes(region) > TUNING.min_votes);
     let windows = join(windows, (w, h)).into_iter().map(|region| (LightKind::Window, region));
     let mut found: Vec<_> =
         windows.chain(lamps.into_iter().map(|region| (LightKind::Lamp, region))).collect();
@@ -201,7 +226,8 @@ pub fn find_lights(
     found.truncate(search.most);
     let light = |(kind, region): (LightKind, BrightRegion)| {
         let (area, contrast) = (region.pixels.len(), region.contrast);
-        FoundLight { kind, mask: mask(&region.pixels, (w, h)), area, contrast }
+        let confidence = cues.confidence(kind, &region);
+        FoundLight { kind, mask: mask(&region.pixels, (w, h)), area, contrast, confidence }
     };
     found.into_iter().map(light).collect()
 }
@@ -356,29 +382,47 @@ impl<'a> Cues<'a> {
         sharp && placed && white.max(self.daylight(region)) > TUNING.emitting
     }
 
-    /// Returns whether a region is a window, by votes of about -1..1 each: it lies in the plane of
+    /// Sum of the votes for a window, of about -1..1 each: it lies in the plane of
     /// its surroundings, not before it; in a frame, not in its own glow; it is a rectangle; it has
     /// daylight. A warm glow on a wall lies in its plane too, so that one vote is not enough.
-    fn is_window(&self, region: &BrightRegion) -> bool {
+    fn votes(&self, region: &BrightRegion) -> f32 {
         let vote =
             |value: f32, [zero, one]: [f32; 2]| ((value - zero) / (one - zero)).clamp(-1.0, 1.0);
-        let flush = self.room.map_or(TUNING.unknown_flush, |(points, ..)| {
-            let depth = |pixels: &[usize], fraction| {
-                quantile(pixels.iter().map(|&i| -points.0.pixels()[i].z), fraction)
-            };
-            // Before two thirds of it: a lamp may touch its table, and the wall of a window may
-            // recede.
-            vote(
-                depth(&region.pixels, 0.5) / depth(&region.around, TUNING.around_quantile),
-                TUNING.flush_vote,
-            )
-        });
+        let flush =
+            self.recession(region).map_or(TUNING.unknown_flush, |r| vote(r, TUNING.flush_vote));
         let frame = vote(region.frame.ln(), TUNING.frame_vote);
         flush
             + frame
             + TUNING.rectangle_weight * vote(region.fill, TUNING.rectangle_vote)
             + vote(self.daylight(region), TUNING.daylight_vote)
-            > TUNING.min_votes
+    }
+
+    /// Confidence in a region as a light of this kind: the least of its cues. Of either,
+    /// that it is as white or as blue as the photo gets; of a window, that it fills a rectangle or
+    /// has daylight, which the sun on a wall does not; of a lamp, that it does not lie behind its
+    /// surroundings.
+    fn confidence(&self, kind: LightKind, region: &BrightRegion) -> f32 {
+        let share =
+            |value: f32, [zero, one]: [f32; 2]| ((value - zero) / (one - zero)).clamp(0.0, 1.0);
+        let white = self.fraction(region, |i| self.least.pixels()[i] > TUNING.white);
+        let daylight = self.daylight(region);
+        let emits = share(white + daylight, TUNING.emission);
+        emits.min(match kind {
+            LightKind::Window => {
+                share(region.fill, TUNING.pane_fill).max(share(daylight, TUNING.pane_daylight))
+            }
+            LightKind::Lamp => self.recession(region).map_or(1.0, |r| share(r, TUNING.behind)),
+        })
+    }
+
+    /// Median depth of a region over that of its surroundings; `None` without depth.
+    fn recession(&self, region: &BrightRegion) -> Option<f32> {
+        let (points, ..) = self.room?;
+        let depth = |pixels: &[usize], fraction| {
+            quantile(pixels.iter().map(|&i| -points.0.pixels()[i].z), fraction)
+        };
+        // Before two thirds of it: a lamp may touch its table, and the wall of a window may recede.
+        Some(depth(&region.pixels, 0.5) / depth(&region.around, TUNING.around_quantile))
     }
 }
 

@@ -1,0 +1,332 @@
+//! `relight new`: a scene folder from a photo, ready to be relit.
+
+mod depth;
+mod folder;
+mod masks;
+mod text;
+
+use std::path::Path;
+
+use relight::files::scene;
+use relight::geometry::{
+    Camera, FieldOfView, FieldOfViewSource, KnownHeight, KnownLength, field_of_view,
+};
+use relight::graph::{
+    Cancel, Diagnostic, GraphFile, MAX_FILE_BYTES, Overlay, Source, from_ron, is_name, read,
+};
+use relight::image::{NamedBytes, PhotoHeader, read_photo_header};
+
+use super::args::{JobArgs, NewArgs, SceneFiles};
+use super::check::check;
+use super::engine::{engine, finished, options, stop_on_ctrl_c};
+use super::exit::{CliError, Exit, Stop};
+use super::load::{backend, setting};
+use super::messages::{message, terminal};
+use super::progress::Progress;
+use super::results::results;
+use super::{networks, report, write};
+pub use depth::GivenKind;
+use depth::{DepthFacts, SceneDepth, depth_for};
+use folder::SceneFolder;
+use masks::Lights;
+use text::{SceneText, edit_text, origin_of_view};
+
+/// The graphs of the steps: name in messages, and text.
+const DEPTH: (&str, &str) = ("graphs/depth.ron", include_str!("../../graphs/depth.ron"));
+const FIND: (&str, &str) = ("graphs/find_lights.ron", include_str!("../../graphs/find_lights.ron"));
+const FIND_IN_PHOTO: (&str, &str) =
+    ("graphs/find_lights_photo.ron", include_str!("../../graphs/find_lights_photo.ron"));
+const LOOK: (&str, &str) = ("graphs/look.ron", include_str!("../../graphs/look.ron"));
+/// The graph that the scene is checked with and that its first run takes.
+const FIRST: &str = "indoor.ron";
+
+/// Runs `relight new`.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
+pub fn new(args: &NewArgs, verbose: u8) -> Result<Exit, CliError> {
+    match (Maker { args, verbose, cancel: Cancel::default() }).scene() {
+        Ok(exit) => Ok(exit),
+        Err(Stop::Ended(exit)) => Ok(exit),
+        Err(Stop::Error(error)) => Err(error),
+    }
+}
+
+/// A call of the command.
+struct Maker<'a> {
+    args: &'a NewArgs,
+    verbose: u8,
+    cancel: Cancel,
+}
+
+/// The photo as it was given, and its camera.
+struct Shot {
+    bytes: Vec<u8>,
+    header: PhotoHeader,
+    /// The name of the copy.
+    name: String,
+    view: FieldOfView,
+    view_origin: String,
+}
+
+impl Maker<'_> {
+    fn scene(&self) -> Result<Exit, Stop> {
+        let args = self.args;
+        let shot = shot(&args.photo)?;
+        // Everything that a person gives is read before anything is written.
+        let given_depth = self.given_depth(&shot)?;
+        let given_masks = args.masks.as_deref().map(masks::given).transpose()?;
+        stop_on_ctrl_c(&self.cancel)?;
+
+        let mut folder = SceneFolder::open(&args.out)?;
+        folder.put(&shot.name, &shot.bytes)?;
+        let depth = match given_depth {
+            None if args.depth_network.is_some() => Some(self.network_depth(&folder, &shot)?),
+            given => given,
+        };
+        let depth = place_depth(&mut folder, depth)?;
+        let (width, height) = shot.header.size;
+        message!("photo   {} ({width} x {height})", args.photo.display());
+        if let Some(profile) = &shot.header.profile {
+            message!("color   profile \"{profile}\", converted to linear Rec. 709");
+        }
+        if shot.header.has_gain_map {
+            message!("light   its gain map brings saturated highlights back");
+        }
+        message!("camera  FovX({:.2}): {}", shot.view.degrees, shot.view_origin);
+        match &depth {
+            Some(origin) => message!("depth   {origin}"),
+            None => message!("depth   missing"),
+        }
+
+        let of_person = folder.is_of_person("scene.ron");
+        if of_person {
+            message!("lights  those of scene.ron, which you changed: it is kept as it is");
+        } else {
+            let lights = self.lights(&mut folder, &shot, depth.as_deref(), given_masks)?;
+            let text = scene_text(&shot, depth.as_deref(), &lights.field);
+            folder.put("scene.ron", text.as_bytes())?;
+            folder.put("edit.ron", edit_text(&lights.names).as_bytes())?;
+            if lights.names.is_empty() {
+                message!("lights  none in view");
+            } else {
+                message!("lights  {}", lights.names.join(" "));
+            }
+            lights.notes.iter().for_each(|note| message!("        {note}"));
+        }
+        if depth.is_some() {
+            let scene = |kinds: &[&str]| scene::read(&args.out, Some(kinds));
+            let files = self.run(LOOK, scene, &args.out)?;
+            put_all(&mut folder, &files)?;
+        }
+        let (written, kept) = folder.close()?;
+        write::print_paths(&written)?;
+        self.told(&shot, depth.is_some(), &kept);
+        self.checked()
+    }
+
+    /// Says what is guessed, kept and missing.
+    fn told(&self, shot: &Shot, has_depth: bool, kept: &[String]) {
+        if shot.view.source == FieldOfViewSource::Assumed {
+            message!(
+                "guessed: the field of view; where you know it, write it as `camera` into scene.ron \
+                 (docs/new.md tells how to find it)"
+            );
+        }
+        kept.iter().for_each(|name| {
+            message!("kept: {name}, which you made or changed; delete it to have it written again")
+        });
+        if !has_depth {
+            message!(
+                "missing: depth; give it with --depth FILE (a depth camera's or phone's, docs/new.md) \
+                 or --depth-network ONNX --known-length X,Y,X,Y=METERS (docs/networks.md), with the \
+                 same --out"
+            );
+        }
+    }
+
+    /// Runs `check` on the scene, and names the next command.
+    fn checked(&self) -> Result<Exit, Stop> {
+        let out = &self.args.out;
+        let (graph, edit) = (networks::graph(FIRST), out.join("edit.ron"));
+        let Some(graph) = graph else {
+            message!("not checked: graphs/{FIRST} was not found beside the program");
+            return Ok(Exit::Done);
+        };
+        let files = SceneFiles {
+            scene: Some(out.clone()),
+            networks: self.args.networks.clone(),
+            ..SceneFiles::default()
+        };
+        let job = JobArgs { graph, edit: Some(edit), files };
+        let exit = check(&job)?;
+        if exit != Exit::Done {
+            return Ok(exit);
+        }
+        message!(
+            "next: look at {}, then: relight run {} {} --scene {} --out {}",
+            out.join("look.png").display(),
+            job.graph.display(),
+            out.join("edit.ron").display(),
+            out.display(),
+            out.join("out").display()
+        );
+        Ok(Exit::Done)
+    }
+
+    /// The depth of `--depth`.
+    fn given_depth(&self, shot: &Shot) -> Result<Option<SceneDepth>, Diagnostic> {
+        let Some(path) = &self.args.depth else { return Ok(None) };
+        let lengths = self.args.known_length.iter().map(|text| from_ron::<KnownLength>(text));
+        let lengths: Vec<KnownLength> = lengths
+            .collect::<Result<_, _>>()
+            .map_err(|e| Diagnostic::file("--known-length".as_ref(), e.to_string()))?;
+        let (width, height) = shot.header.size;
+        let camera = Camera::from_fov_x(width, height, shot.view.degrees);
+        let args = self.args;
+        let height = args.room_height.map(KnownHeight::Ceiling);
+        let facts = DepthFacts {
+            kind: args.depth_kind,
+            scale: args.depth_scale,
+            lengths,
+            height: height.or(args.camera_height.map(KnownHeight::Camera)),
+        };
+        depth_for(path, &camera, &facts).map(Some)
+    }
+
+    /// Depth by the network of `--depth-network`.
+    fn network_depth(&self, folder: &SceneFolder, shot: &Shot) -> Result<SceneDepth, Stop> {
+        let text = scene_text(shot, None, "");
+        let source = Source::new(folder.path("scene.ron"), text);
+        let files = self.run(DEPTH, |kinds| scene::parse(&source, Some(kinds)), &self.args.out)?;
+        let exr = files.into_iter().find(|(name, _)| name == "depth.exr");
+        let (_, exr) = exr.expect("WriteDepth returns depth.exr");
+        let network = self.args.depth_network.as_deref().unwrap_or(Path::new(""));
+        let origin = match &*self.args.known_length {
+            [] => format!("the network {}, in its own meters", network.display()),
+            lengths => format!(
+                "the network {}, scaled to {} known length{}",
+                network.display(),
+                lengths.len(),
+                if lengths.len() == 1 { "" } else { "s" }
+            ),
+        };
+        Ok(SceneDepth { exr, origin, notes: Vec::new() })
+    }
+
+    /// The lights: those given, those of masks that a person made or changed, else proposals.
+    fn lights(
+        &self,
+        folder: &mut SceneFolder,
+        shot: &Shot,
+        depth: Option<&str>,
+        given: Option<Lights>,
+    ) -> Result<Lights, Stop> {
+        let own = folder.path("masks");
+        let lights = match given {
+            Some(lights) => {
+                folder.set_origin("masks", "--masks");
+                lights
+            }
+            None if folder.has_masks_of_person()? => masks::given(&own)?,
+            None => {
+                let text = scene_text(shot, depth, "");
+                let source = Source::new(folder.path("scene.ron"), text);
+                let graph = if depth.is_some() { FIND } else { FIND_IN_PHOTO };
+                let files =
+                    self.run(graph, |kinds| scene::parse(&source, Some(kinds)), &self.args.out)?;
+                if depth.is_none()
+                    && let Some((_, found)) = files.iter().find(|(name, _)| name == "found.png")
+                {
+                    folder.put("look.png", found)?;
+                }
+                masks::proposed(&files)
+            }
+        };
+        put_all(folder, &lights.files)?;
+        Ok(lights)
+    }
+
+    /// Runs one of the graphs above on a scene; returns its files and shows its notes.
+    fn run(
+        &self,
+        (name, text): (&str, &str),
+        scene: impl FnOnce(&[&str]) -> Result<Overlay, Vec<Diagnostic>>,
+        folder: &Path,
+    ) -> Result<Vec<(String, Vec<u8>)>, Stop> {
+        let file = GraphFile::parse(Source::new(name, text))?;
+        let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
+        let registry = networks::registry(&self.args.networks);
+        let mut overlay = scene(&kinds)?;
+        overlay.settings.extend(backend(&registry, &self.args.networks, &kinds)?);
+        let mut faults = Vec::new();
+        let mut sets = self.args.set.clone();
+        if let Some(network) = &self.args.depth_network {
+            sets.push(format!("depth.model={:?}", network.to_string_lossy()));
+            let lengths = self.args.known_length.join(", ");
+            sets.push(format!("depth.known_lengths=[{lengths}]"));
+        }
+        // A setting is for the one of the graphs that has its node.
+        let has_node = |text: &&String| {
+            let node = text.split(['.', '=']).next().unwrap_or("").trim();
+            !is_name(node) || file.nodes().any(|other| other.name == node)
+        };
+        for text in sets.iter().filter(has_node) {
+            overlay.settings.extend(setting(text, &mut faults));
+        }
+        if !faults.is_empty() {
+            return Err(faults.into());
+        }
+        let graph = file.resolve(&registry, &overlay)?;
+        let options = options(&self.args.cache, name.as_ref(), Some(folder))?;
+        let progress = Progress::new(self.verbose > 0, terminal());
+        let done = engine(options)?.run(&graph, &graph.wanted(None)?, &self.cancel, &progress);
+        progress.end();
+        let done = finished(done)?;
+        report::warnings(&done).iter().for_each(|warning| message!("warning: {warning}"));
+        report::notes_of_outputs(&done).for_each(|note| message!("        {note}"));
+        Ok(results(&done).iter().flat_map(|files| files.0.clone()).collect())
+    }
+}
+
+/// Reads the photo and finds its camera.
+fn shot(path: &Path) -> Result<Shot, Diagnostic> {
+    let fault = |message: String| Diagnostic::file(path, message);
+    let bytes = read(path, MAX_FILE_BYTES).map_err(|e| fault(format!("cannot be read: {e}")))?;
+    let name = path.display().to_string();
+    let header =
+        read_photo_header(NamedBytes::new(&name, &bytes)).map_err(|e| fault(e.message()))?;
+    let view = field_of_view(&header);
+    let view_origin = origin_of_view(&view, &header);
+    let name = format!("photo.{}", header.extension);
+    Ok(Shot { bytes, header, name, view, view_origin })
+}
+
+fn scene_text(shot: &Shot, depth: Option<&str>, lights: &str) -> String {
+    let (photo, view, view_origin) = (&*shot.name, &shot.view, &*shot.view_origin);
+    SceneText { photo, view, view_origin, depth, lights }.ron()
+}
+
+/// Writes the depth, or finds the one that is there; returns its origin.
+fn place_depth(
+    folder: &mut SceneFolder,
+    depth: Option<SceneDepth>,
+) -> Result<Option<String>, Diagnostic> {
+    const NAME: &str = "depth.exr";
+    match depth {
+        Some(depth) => {
+            depth.notes.iter().for_each(|note| message!("warning: {note}"));
+            if folder.put(NAME, &depth.exr)? {
+                folder.set_origin(NAME, &depth.origin);
+            }
+        }
+        None if !folder.path(NAME).is_file() => return Ok(None),
+        None => {}
+    }
+    let origin = if folder.is_of_person(NAME) { None } else { folder.origin(NAME) };
+    Ok(Some(origin.unwrap_or("the depth.exr that was there, in meters").to_owned()))
+}
+
+fn put_all(folder: &mut SceneFolder, files: &[(String, Vec<u8>)]) -> Result<(), Diagnostic> {
+    files.iter().try_for_each(|(name, bytes)| folder.put(name, bytes).map(|_| ()))
+}

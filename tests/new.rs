@@ -1,0 +1,408 @@
+//! Tests of `relight new`: a scene from a photo, by the compiled program.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder, RgbImage};
+use needs::needs;
+
+/// A temporary folder with the demo's photo and depth.
+struct Place {
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Place {
+        Place { folder: tempfile::tempdir().expect("a temporary folder can be made") }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
+        std::fs::write(self.path(name), bytes).expect("a file can be written");
+    }
+
+    /// Runs the program in this folder with a cache of its own.
+    fn relight(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_relight"));
+        command.current_dir(self.folder.path()).args(arguments).env_remove("RELIGHT_LOG");
+        command.env("HOME", self.path("home"));
+        command.env_remove("XDG_CACHE_HOME").env_remove("XDG_CONFIG_HOME");
+        command.output().expect("the program starts")
+    }
+
+    /// Runs `relight new`, which must end with `status`; returns standard error.
+    fn new_scene(&self, arguments: &[&str], status: i32) -> String {
+        let output = self.relight(&[&["new"], arguments].concat());
+        let message = String::from_utf8(output.stderr).expect("the program writes UTF-8");
+        assert_eq!(output.status.code(), Some(status), "{arguments:?}:\n{message}");
+        assert!(!message.contains("panicked"), "{message}");
+        message
+    }
+}
+
+fn demo(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/demo").join(name);
+    path.to_str().expect("the path is UTF-8").to_owned()
+}
+
+fn demo_photo() -> RgbImage {
+    image::open(demo("photo.jpg")).expect("it is there").thumbnail_exact(320, 240).into_rgb8()
+}
+
+/// An EXIF block: little-endian TIFF of 16-bit numbers by tag, those from 0x8000 in the EXIF
+/// directory.
+fn exif(fields: &[(u16, u16)]) -> Vec<u8> {
+    let directory = |fields: &[(u16, u16, u32)]| {
+        let mut bytes = (fields.len() as u16).to_le_bytes().to_vec();
+        for (tag, kind, value) in fields {
+            bytes.extend(tag.to_le_bytes());
+            bytes.extend(kind.to_le_bytes());
+            bytes.extend(1u32.to_le_bytes());
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.extend([0; 4]);
+        bytes
+    };
+    let of = |is_exif: bool| {
+        fields
+            .iter()
+            .filter(move |(tag, _)| (*tag >= 0x8000) == is_exif)
+            .map(|&(tag, value)| (tag, 3, u32::from(value)))
+    };
+    let mut main: Vec<_> = of(false).collect();
+    let at = 8 + 2 + 12 * (main.len() + 1) + 4;
+    main.push((0x8769, 4, at as u32));
+    let inner: Vec<_> = of(true).collect();
+    [b"II*\0\x08\0\0\0".to_vec(), directory(&main), directory(&inner)].concat()
+}
+
+fn jpeg(photo: &RgbImage, exif: Option<Vec<u8>>, icc: Option<Vec<u8>>) -> Vec<u8> {
+    let mut file = Vec::new();
+    let mut encoder = JpegEncoder::new_with_quality(&mut file, 95);
+    if let Some(exif) = exif {
+        encoder.set_exif_metadata(exif).expect("JPEG has EXIF");
+    }
+    if let Some(icc) = icc {
+        encoder.set_icc_profile(icc).expect("JPEG has profiles");
+    }
+    let (width, height) = photo.dimensions();
+    encoder
+        .write_image(photo, width, height, ExtendedColorType::Rgb8)
+        .expect("memory can be written to");
+    file
+}
+
+const EQUIVALENT: u16 = 0xa405;
+const ORIENTATION: u16 = 0x0112;
+
+#[test]
+fn a_photo_with_depth_becomes_a_scene_that_runs() {
+    let place = Place::new();
+    place.write("phone.jpg", jpeg(&demo_photo(), Some(exif(&[(EQUIVALENT, 26)])), None));
+    let message =
+        place.new_scene(&["phone.jpg", "--depth", &demo("depth.exr"), "--out", "room"], 0);
+    assert!(message.contains("26 mm on 35 mm film by the diagonal"), "{message}");
+    assert!(!message.contains("guessed: "), "{message}");
+    let photo = std::fs::read(place.path("room/photo.jpg")).expect("it is copied");
+    assert_eq!(photo, std::fs::read(place.path("phone.jpg")).expect("it is there"));
+    let scene = place.text("room/scene.ron");
+    // 4:3 and 26 mm by the diagonal: 67.3 degrees.
+    assert!(scene.contains("camera: FovX(67.3"), "{scene}");
+    assert!(scene.contains("\"lamp_0\": Lamp(mask: \"masks/lamp_0.png\")"), "{scene}");
+    assert!(place.text("room/edit.ron").contains("Scale(0.3)"));
+    let look = image::open(place.path("room/look.png")).expect("it is a picture");
+    assert_eq!((look.width(), look.height()), (640, 240), "photo and depth side by side");
+    let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
+    let graph = graph.to_str().expect("the path is UTF-8");
+    let output = place.relight(&["run", graph, "room/edit.ron", "--scene", "room", "--out", "out"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn a_second_call_keeps_what_a_person_has_edited() {
+    let place = Place::new();
+    let depth = demo("depth.exr");
+    let call = [&demo("photo.jpg"), "--depth", &depth, "--out", "room"].map(str::to_owned);
+    let call: Vec<&str> = call.iter().map(String::as_str).collect();
+    place.new_scene(&call, 0);
+    let (scene, mask) = (place.text("room/scene.ron"), "room/masks/lamp_0.png");
+    let proposed = std::fs::read(place.path(mask)).expect("it is there");
+
+    let message = place.new_scene(&call, 0);
+    assert!(!message.contains("kept"), "{message}");
+    assert_eq!(place.text("room/scene.ron"), scene, "the same call, the same files");
+
+    // A mask is painted over: the lights are then those of the folder.
+    let mut painted = image::open(place.path(mask)).expect("it is a picture").into_luma8();
+    painted.put_pixel(0, 0, image::Luma([255]));
+    painted.save(place.path(mask)).expect("it can be written");
+    let bytes = std::fs::read(place.path(mask)).expect("it is there");
+    assert_ne!(bytes, proposed);
+    place.new_scene(&call, 0);
+    assert_eq!(std::fs::read(place.path(mask)).expect("it is there"), bytes);
+
+    let edited =
+        place.text("room/scene.ron").replace("// room: (height: 2.6)", "room: (height: 2.5)");
+    place.write("room/scene.ron", &edited);
+    place.write("room/edit.ron", "Edit(version: 1)");
+    let message = place.new_scene(&call, 0);
+    assert!(message.contains("scene.ron, which you changed: it is kept"), "{message}");
+    assert_eq!(place.text("room/scene.ron"), edited);
+    assert_eq!(place.text("room/edit.ron"), "Edit(version: 1)");
+}
+
+#[test]
+fn missing_depth_is_told_with_the_remedy_and_can_be_given_later() {
+    let place = Place::new();
+    let photo = demo("photo.jpg");
+    let message = place.new_scene(&[&photo, "--out", "room"], 2);
+    for part in
+        ["missing: depth; give it with --depth FILE", "this scene has no `depth`", "guessed: "]
+    {
+        assert!(message.contains(part), "wanted {part:?}, got:\n{message}");
+    }
+    assert!(place.path("room/look.png").is_file(), "lights are proposed from the photo");
+    let message = place.new_scene(&[&photo, "--depth", &demo("depth.exr"), "--out", "room"], 0);
+    assert!(!message.contains("kept"), "{message}");
+    assert!(place.text("room/scene.ron").contains("    depth: (path: \"depth.exr\""));
+}
+
+#[test]
+fn a_photo_that_lies_is_turned_upright() {
+    let place = Place::new();
+    let lying = demo_photo();
+    // 6: the first row is the right side of the upright photo.
+    let block = exif(&[(ORIENTATION, 6), (EQUIVALENT, 26)]);
+    place.write("phone.jpg", jpeg(&lying, Some(block), None));
+    let turned = demo("depth.exr");
+    let message = place.new_scene(&["phone.jpg", "--depth", &turned, "--out", "room"], 2);
+    assert!(message.contains("wanted the aspect ratio of the photo (240 x 320)"), "{message}");
+    let depth = image::ImageBuffer::from_fn(240, 320, |x, y| image::Luma([2000 + (x + y) as u16]));
+    depth.save(place.path("depth.png")).expect("it can be written");
+    let message = place.new_scene(&["phone.jpg", "--depth", "depth.png", "--out", "room"], 0);
+    assert!(message.contains("read as millimeters"), "{message}");
+    assert!(place.text("room/scene.ron").contains("camera: FovX(53.06"), "{message}");
+    let look = image::open(place.path("room/look.png")).expect("it is a picture");
+    assert_eq!((look.width(), look.height()), (480, 320));
+}
+
+#[test]
+fn masks_that_are_given_are_taken() {
+    let place = Place::new();
+    let masks = place.path("mine");
+    std::fs::create_dir(&masks).expect("a folder can be made");
+    let mask =
+        image::GrayImage::from_fn(320, 240, |x, _| image::Luma([if x < 20 { 255 } else { 0 }]));
+    for name in ["lamp_desk.png", "window_left.png", "maybe_lamp_3.png", "ignore.png"] {
+        mask.save(masks.join(name)).expect("it can be written");
+    }
+    place.write("mine/notes.txt", "mine");
+    let arguments =
+        [&demo("photo.jpg"), "--depth", &demo("depth.exr"), "--masks", "mine", "--out", "room"];
+    let message = place.new_scene(&arguments, 0);
+    assert!(message.contains("notes.txt is not used"), "{message}");
+    let scene = place.text("room/scene.ron");
+    for part in [
+        "\"lamp_desk\": Lamp(mask: \"masks/lamp_desk.png\")",
+        "\"window_left\": Window(mask: \"masks/window_left.png\")",
+        "ignore: \"masks/ignore.png\"",
+    ] {
+        assert!(scene.contains(part), "wanted {part}, got:\n{scene}");
+    }
+    assert!(!place.path("room/masks/maybe_lamp_3.png").exists());
+}
+
+#[test]
+fn a_photo_in_a_format_that_is_not_read_is_named_with_the_remedy() {
+    let place = Place::new();
+    for (bytes, wanted) in [
+        (&b"\0\0\0\x18ftypheic\0\0\0\0"[..], "HEIC: convert it with `heif-convert"),
+        (b"\0\0\0\x1cftypavif\0\0\0\0", "AVIF: convert it with `avifdec"),
+        (b"II*\0\x08\0\0\0", "TIFF or a raw photo: develop or convert it"),
+    ] {
+        place.write("photo.heic", bytes);
+        let message = place.new_scene(&["photo.heic", "--out", "room"], 2);
+        assert!(message.contains(wanted), "{message}");
+        assert!(!place.path("room").exists(), "nothing is written");
+    }
+}
+
+/// A damaged EXIF block, an EXIF block of other things, and names that would leave a comment.
+#[test]
+fn hostile_metadata_changes_nothing_else() {
+    let place = Place::new();
+    let photo = demo_photo();
+    for (i, block) in [
+        vec![0; 3],
+        b"II*\0\xff\xff\xff\xff".to_vec(),
+        exif(&[(EQUIVALENT, 0)]),
+        [b"II*\0\x08\0\0\0\xff\xff".to_vec(), vec![0xff; 600]].concat(),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        place.write("phone.jpg", jpeg(&photo, Some(block), None));
+        let out = format!("room{i}");
+        let message =
+            place.new_scene(&["phone.jpg", "--depth", &demo("depth.exr"), "--out", &out], 0);
+        assert!(message.contains("guessed: the field of view"), "{message}");
+    }
+    let name = "depth\n), lights: {}, x: (.exr";
+    std::fs::copy(demo("depth.exr"), place.path(name)).expect("it can be copied");
+    place.new_scene(&["phone.jpg", "--depth", name, "--out", "odd"], 0);
+}
+
+#[test]
+fn a_wide_gamut_is_told() {
+    let place = Place::new();
+    let icc = moxcms::ColorProfile::new_display_p3().encode().expect("it has a form");
+    place.write("phone.jpg", jpeg(&demo_photo(), None, Some(icc)));
+    let message =
+        place.new_scene(&["phone.jpg", "--depth", &demo("depth.exr"), "--out", "room"], 0);
+    assert!(message.contains("Display P3\", converted to linear Rec. 709"), "{message}");
+}
+
+/// All faults of a scene's files at once, as a run would find them one by one.
+#[test]
+fn check_finds_the_faults_of_pictures() {
+    let place = Place::new();
+    std::fs::create_dir(place.path("room")).expect("a folder can be made");
+    demo_photo().save(place.path("room/photo.png")).expect("it can be written");
+    let depth = image::ImageBuffer::from_fn(100, 240, |_, _| image::Luma([2000u16]));
+    depth.save(place.path("room/depth.png")).expect("it can be written");
+    image::GrayImage::new(320, 240).save(place.path("room/a.png")).expect("it can be written");
+    place.write("room/b.png", b"\0\0\0\x18ftypheic\0\0\0\0");
+    place.write(
+        "room/scene.ron",
+        r#"Scene(version: 1, photo: "photo.png", camera: FovX(60), depth: (path: "depth.png", scale: 0.001),
+            lights: { "a": Lamp(mask: "a.png"), "b": Lamp(mask: "b.png") })"#,
+    );
+    place.write(
+        "room/edit.ron",
+        r#"Edit(version: 1, lights: { "new": Lamp(shape: Sphere(radius: 0.1), at: Pixel(x: 900, y: 20), flux: 1) })"#,
+    );
+    let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/physics.ron");
+    let graph = graph.to_str().expect("the path is UTF-8");
+    let output = place.relight(&["check", graph, "room/edit.ron", "--scene", "room"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    for part in [
+        "a.png: mask: wanted white pixels",
+        "b.png: file format: wanted a mask: PNG, JPEG or EXR, got HEIC: convert it",
+        "depth.png: depth size: wanted the aspect ratio",
+    ] {
+        assert!(message.contains(part), "wanted {part:?}, got:\n{message}");
+    }
+    depth_of_the_photo(&place);
+    std::fs::copy(demo("masks/lamp_0.png"), place.path("room/a.png")).expect("it can be copied");
+    std::fs::copy(demo("masks/lamp_0.png"), place.path("room/b.png")).expect("it can be copied");
+    let output = place.relight(&["check", graph, "room/edit.ron", "--scene", "room"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(message.contains("wanted a pixel of the photo, 0..320 and 0..240, got (900, 20)"));
+}
+
+fn depth_of_the_photo(place: &Place) {
+    let depth = image::ImageBuffer::from_fn(320, 240, |_, _| image::Luma([2000u16]));
+    depth.save(place.path("room/depth.png")).expect("it can be written");
+}
+
+#[test]
+#[needs("../shared/data/photos")]
+fn each_photo_becomes_a_scene() {
+    let photos = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/photos");
+    for name in [
+        "bedroom", "nyu_0189", "nyu_0579", "nyu_0958", "nyu_0987", "nyu_0996", "nyu_1070", "sunlit",
+    ] {
+        let place = Place::new();
+        let file = |file: &str| photos.join(name).join(file).display().to_string();
+        let message = place
+            .new_scene(&[&file("photo.png"), "--depth", &file("depth.exr"), "--out", "room"], 0);
+        assert!(message.contains("guessed: the field of view"), "{name}: {message}");
+        assert!(place.path("room/look.png").is_file(), "{name}");
+    }
+}
+
+/// A PNG keeps its EXIF in a chunk of its own.
+#[test]
+fn exif_of_a_png_counts_too() {
+    let place = Place::new();
+    let (photo, mut file) = (demo_photo(), Vec::new());
+    let mut encoder = PngEncoder::new(&mut file);
+    encoder.set_exif_metadata(exif(&[(EQUIVALENT, 50)])).expect("PNG has EXIF");
+    let (width, height) = photo.dimensions();
+    encoder.write_image(&photo, width, height, ExtendedColorType::Rgb8).expect("it can be written");
+    place.write("camera.png", file);
+    let message =
+        place.new_scene(&["camera.png", "--depth", &demo("depth.exr"), "--out", "room"], 0);
+    assert!(message.contains("50 mm on 35 mm film"), "{message}");
+}
+
+/// A PFM file: rows from the bottom, little-endian.
+fn pfm(width: usize, height: usize, at: impl Fn(usize, usize) -> f32) -> Vec<u8> {
+    let mut bytes = format!("Pf\n{width} {height}\n-1.0\n").into_bytes();
+    for y in (0..height).rev() {
+        (0..width).for_each(|x| bytes.extend(at(x, y).to_le_bytes()));
+    }
+    bytes
+}
+
+fn depth_of(path: &Path) -> relight::image::Plane<f32> {
+    let bytes = std::fs::read(path).expect("it is there");
+    let file = relight::image::NamedBytes::new("depth", &bytes);
+    relight::image::read_depth_file(file).expect("it is depth").values
+}
+
+#[test]
+fn depth_of_every_kind_becomes_meters() {
+    let place = Place::new();
+    place.write("photo.jpg", jpeg(&demo_photo(), Some(exif(&[(EQUIVALENT, 26)])), None));
+    let z = depth_of(demo("depth.exr").as_ref());
+    let (w, h) = z.size();
+    let rays = relight::geometry::Camera::from_fov_x(w, h, 67.38);
+    let millimeters = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(w as u32, h as u32, |x, y| {
+        image::Luma([(1000.0 * z.get(x as usize, y as usize)).round() as u16])
+    });
+    millimeters.save(place.path("mm.png")).expect("it can be written");
+    place.write("feet.pfm", pfm(w, h, |x, y| z.get(x, y) / 0.3048));
+    place.write("ray.pfm", pfm(w, h, |x, y| z.get(x, y) * rays.pixel_point(x, y, 1.0).length()));
+    place.write("inverse.pfm", pfm(w, h, |x, y| 1.0 / z.get(x, y)));
+    place.write("relative.pfm", pfm(w, h, |x, y| 7.0 / z.get(x, y) + 2.0));
+    place.write("units.pfm", pfm(w, h, |x, y| 250.3 * z.get(x, y)));
+    // The largest relative error of the middle row, and words that tell the origin.
+    for (file, options, error, words) in [
+        ("mm.png", "", 1e-3, "read as millimeters"),
+        ("feet.pfm", "--depth-scale 0.3048", 1e-5, "at 0.3048 m a unit"),
+        ("ray.pfm", "--depth-kind ray", 2e-3, "distance along the rays"),
+        ("inverse.pfm", "--depth-kind disparity", 1e-5, "inverse distance"),
+        ("relative.pfm", "--depth-kind relative --camera-height 1.35", 0.25, "by a camera 1.35 m"),
+        ("units.pfm", "--camera-height 1.35", 0.15, "by a camera 1.35 m above the seen floor"),
+    ] {
+        let folder = format!("room_{}", file.replace('.', "_"));
+        let mut arguments = vec!["photo.jpg", "--depth", file, "--out", &folder];
+        arguments.extend(options.split_whitespace());
+        let message = place.new_scene(&arguments, 0);
+        assert!(message.contains(words), "{file}: {message}");
+        let got = depth_of(&place.path(&folder).join("depth.exr"));
+        let off = (0..w).filter(|&x| z.get(x, h / 2) > 0.0).map(|x| {
+            (got.get(x, h / 2) / z.get(x, h / 2) - 1.0).abs()
+        });
+        let off = off.fold(0.0, f32::max);
+        assert!(off < error, "{file}: {off}");
+        assert!(place.text(&format!("{folder}/scene.ron")).contains(words), "{file}");
+    }
+    let message = place.new_scene(
+        &["photo.jpg", "--depth", "mm.png", "--out", "x", "--camera-height", "-1"],
+        2,
+    );
+    assert!(message.contains("wanted a number above 0"), "{message}");
+}
