@@ -7,12 +7,14 @@
 //! its distance from the plane and n = 1 - cos of its normal's angle to the plane's; neighbors of
 //! two labels cost the more the less of an edge the picture has there. Of these pixels, those count
 //! that are reached from the first one without crossing an edge; color and plane are found anew
-//! from them.
+//! from them. A step that the photo's noise explains is not an edge. At the end the region is
+//! closed over grain and thin lines (`close_region`).
 
 use glam::Vec3;
 
+use super::close_region::{close_region, sides};
 use crate::geometry::PlaneFit;
-use crate::image::{Albedo, Normal, Picture, Plane, Points, graph_cut, log_above};
+use crate::image::{Albedo, Grain, Normal, Picture, Plane, Points, graph_cut, log_above};
 use crate::tuning::tuning;
 
 tuning! {
@@ -58,6 +60,10 @@ tuning! {
         /// Ratio of a step to the median step up to which the step is noise.
         noises: f32 = 5.0,
             unit "1", source Taste, effect "a larger value crosses fainter edges of textured surfaces";
+        /// Ratio of a step to the deviation of the photo's noise up to which the step is noise.
+        deviations: f32 = 3.0,
+            unit "1", source Derived("one step of 370 is larger in normal noise"),
+            effect "a larger value crosses fainter edges of dark and noisy photos";
         /// Rounds in which color and plane converge.
         rounds: usize = 4,
             unit "rounds", source Taste, effect "a larger value is slower";
@@ -78,18 +84,24 @@ tuning! {
     }
 }
 
-/// The pixels of the surface at pixel (x, y). All planes have one size.
+/// The pixels of the surface at pixel (x, y). All planes have one size; `grain` is the noise of the
+/// photo at its own size.
 pub fn grow_region(
     (x, y): (usize, usize),
     photo: &Picture,
     reflectance: &Albedo,
     points: &Points,
     normal: &Normal,
+    grain: Option<&Grain>,
 ) -> Plane<bool> {
     let (w, h) = photo.0.size();
     let color = reflectance.0.map(|c| log_above(TUNING.black, c));
     let seen = photo.0.map(|c| log_above(TUNING.dark, c));
     let start = y * w + x;
+    let noise = |i: usize| {
+        let level = photo.0.pixels()[i];
+        TUNING.deviations * grain.map_or(0.0, |grain| grain.relative(level).max_element())
+    };
     let mut found = Plane::from_fn(w, h, |px, py| {
         px.abs_diff(x) <= TUNING.seed_radius && py.abs_diff(y) <= TUNING.seed_radius
     });
@@ -149,9 +161,18 @@ pub fn grow_region(
             TUNING.chroma_edge.max(TUNING.noises * usual.y),
         );
         found = reached(&label, start, |a, b| {
-            let [level, chroma] = step(a, b);
-            level > most || chroma > most_chroma
+            let ([level, chroma], noise) = (step(a, b), noise(a).max(noise(b)));
+            level > most.max(noise) || chroma > most_chroma.max(noise)
         });
+        if round + 1 == TUNING.rounds {
+            let on_plane = |i: usize| {
+                let point = points.0.pixels()[i];
+                let off = (surface.0.dot(point) - surface.1).abs();
+                let slant = 1.0 - surface.0.dot(normal.0.pixels()[i]);
+                off <= TUNING.off_plane * point.length() && slant <= TUNING.normal
+            };
+            close_region(&mut found, &label, &seen, on_plane);
+        }
     }
     found
 }
@@ -160,16 +181,7 @@ pub fn grow_region(
 /// leads through pixels without any edge, so that a gap of one pixel in an edge is closed.
 fn reached(set: &Plane<bool>, start: usize, is_edge: impl Fn(usize, usize) -> bool) -> Plane<bool> {
     let (w, h) = set.size();
-    let sides = |i: usize| {
-        let (x, y) = (i % w, i / w);
-        let all = [
-            (x > 0).then(|| i - 1),
-            (x + 1 < w).then(|| i + 1),
-            (y > 0).then(|| i - w),
-            (y + 1 < h).then(|| i + w),
-        ];
-        all.into_iter().flatten()
-    };
+    let sides = |i: usize| sides((w, h), i);
     let mut found = Plane::filled(w, h, false);
     found.pixels_mut()[start] = true;
     let mut front = vec![start];
@@ -229,7 +241,7 @@ mod tests {
     #[test]
     fn a_wall_ends_at_the_floor_at_what_stands_before_it_and_at_what_hangs_on_it() {
         let (photo, albedo, points, normal) = room();
-        let found = grow_region((30, 10), &photo, &albedo, &points, &normal);
+        let found = grow_region((30, 10), &photo, &albedo, &points, &normal, None);
         for (x, y, inside) in [
             (30, 10, true),
             (2, 2, true),
@@ -243,7 +255,7 @@ mod tests {
         }
         // The way to the other side of the post is hidden; it is another place of the same wall.
         assert!(!found.get(50, 10));
-        let floor = grow_region((10, 37), &photo, &albedo, &points, &normal);
+        let floor = grow_region((10, 37), &photo, &albedo, &points, &normal, None);
         assert!(floor.get(20, 36) && !floor.get(20, 26));
     }
 
@@ -254,7 +266,7 @@ mod tests {
             let noise = |c: usize| ((3 * i + c) * 7919 % 1009) as f32 / 1009.0 - 0.5;
             *pixel *= Vec3::ONE + 0.3 * Vec3::new(noise(0), noise(1), noise(2));
         }
-        let found = grow_region((30, 10), &photo, &albedo, &points, &normal);
+        let found = grow_region((30, 10), &photo, &albedo, &points, &normal, None);
         let (wall, inside) = (0..30 * SIZE.0)
             .filter(|i| i % SIZE.0 < 40 && albedo.0.pixels()[*i].x > 0.1)
             .fold((0, 0), |(all, inside), i| (all + 1, inside + usize::from(found.pixels()[i])));
@@ -271,6 +283,7 @@ mod tests {
             &Albedo(one(Vec3::ONE)),
             &Points(one(-Vec3::Z)),
             &Normal(one(Vec3::Z)),
+            None,
         );
         assert!(found.get(0, 0));
     }

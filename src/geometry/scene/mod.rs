@@ -1,6 +1,7 @@
 //! The seen room: depth to points, normals and mesh.
 
 pub(in crate::geometry) mod cell_grid;
+pub(in crate::geometry) mod close_region;
 pub(in crate::geometry) mod draw_layout;
 pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
@@ -31,6 +32,7 @@ use crate::tuning::Table;
 /// The constants of the seen surface.
 pub fn tuning() -> Vec<Table> {
     vec![
+        close_region::CloseRegionTuning::table(),
         draw_layout::DrawLayoutTuning::table(),
         find_layout::FindLayoutTuning::table(),
         gravity::GravityTuning::table(),

@@ -3,7 +3,9 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::image::{Mask, Picture, Plane, distance, geodesic_dilate, luminance, rule, smooth_step};
+use crate::image::{
+    Mask, Picture, Plane, distance, geodesic_dilate, luminance, refine_mask, rule, smooth_step,
+};
 use crate::tuning::tuning;
 
 tuning! {
@@ -33,7 +35,8 @@ tuning! {
 /// The pixels of a visible light in a photo: its own pixels, and its glare around them.
 ///
 /// An own pixel shows the light itself. A pixel of glare shows a surface, and in a fraction of its
-/// unexplained light the scattering of the lens and the sensor.
+/// unexplained light the scattering of the lens and the sensor. At the edge of the light, which is
+/// that of its mask refined against the photo ([`refine_mask`]), a pixel shows both.
 ///
 /// ```
 /// use glam::Vec3;
@@ -48,9 +51,9 @@ tuning! {
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GlareMask {
-    /// 1 in own pixels, else 0.
+    /// Part of each pixel that shows the light itself, in steps of 1/255.
     own: Plane<u8>,
-    /// Weight of the glare, 0..=`TUNING.max_glare`; 0 in own pixels.
+    /// Weight of the glare in the rest of the pixel, 0..=`TUNING.max_glare`; 0 without a rest.
     glare: Plane<f32>,
 }
 
@@ -89,8 +92,8 @@ impl GlareMask {
         GlareMask::new(mask, photo, &core, bloom, 0.0)
     }
 
-    /// Own pixels are those of `mask` with a luminance of at least `dark`. Glare falls from `core`
-    /// to zero within `falloff_radius` pixels.
+    /// Own pixels are those of `mask` with a luminance of at least `dark`, refined against the
+    /// photo. Glare falls from `core` to zero within `falloff_radius` pixels.
     fn new(
         mask: &Plane<f32>,
         photo: &Picture,
@@ -100,32 +103,47 @@ impl GlareMask {
     ) -> GlareMask {
         assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
         let (w, h) = mask.size();
+        let lit = Plane::sparse(w, h, |i| match luminance(photo.0.pixels()[i]) >= dark {
+            true => mask.pixels()[i],
+            false => 0.0,
+        });
+        let own = refine_mask(&lit, photo, None, 0.0).map(|part| (255.0 * part).round() as u8);
+        drop(lit);
         let away = distance(core);
-        let own = |i: usize| mask.pixels()[i] > 0.5 && luminance(photo.0.pixels()[i]) >= dark;
         let falloff = |i: usize| {
             TUNING.max_glare * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.pixels()[i]))
         };
-        GlareMask {
-            own: Plane::sparse(w, h, |i| u8::from(own(i))),
-            glare: Plane::sparse(w, h, |i| if own(i) { 0.0 } else { falloff(i) }),
-        }
+        let glare = |i: usize| if own.pixels()[i] == u8::MAX { 0.0 } else { falloff(i) };
+        GlareMask { glare: Plane::sparse(w, h, glare), own }
     }
 
-    /// Pixel `i`, row by row, shows the light itself.
+    /// At least half of pixel `i`, row by row, shows the light itself.
     pub fn is_own(&self, i: usize) -> bool {
-        self.own.pixels()[i] != 0
+        self.own.pixels()[i] > u8::MAX / 2
     }
 
-    /// Fraction of pixel `i` that is the light's, 0..=1: 1 in own pixels and nowhere else.
+    /// Part of pixel `i` that shows the light itself, 0..=1.
+    pub fn coverage(&self, i: usize) -> f32 {
+        f32::from(self.own.pixels()[i]) / f32::from(u8::MAX)
+    }
+
+    /// Weight of the glare in the part of pixel `i` that shows a surface, 0..1.
+    pub fn glare(&self, i: usize) -> f32 {
+        self.glare.pixels()[i]
+    }
+
+    /// Fraction of pixel `i` that is the light's, 0..=1: 1 where all of it shows the light itself
+    /// and nowhere else.
     pub fn weight(&self, i: usize) -> f32 {
-        if self.is_own(i) { 1.0 } else { self.glare.pixels()[i] }
+        let own = self.coverage(i);
+        own + (1.0 - own) * self.glare(i)
     }
 
     /// Mean color of the light's own pixels in a photo of this mask's size, as a color of luminance
     /// 1; white where they are black or none.
     pub fn hue(&self, photo: &Picture) -> Vec3 {
-        let own = photo.0.pixels().iter().enumerate().filter(|(i, _)| self.is_own(*i));
-        let sum = own.map(|(_, &shown)| shown.max(Vec3::ZERO)).sum::<Vec3>();
+        let own = photo.0.pixels().iter().enumerate();
+        let sum = own.map(|(i, &shown)| self.coverage(i) * shown.max(Vec3::ZERO)).sum::<Vec3>();
         let level = luminance(sum);
         if level > 0.0 && level.is_finite() { sum / level } else { Vec3::ONE }
     }
@@ -232,10 +250,10 @@ mod tests {
     #[test]
     fn the_hue_is_the_mean_color_of_own_pixels() {
         let colors = [Vec3::ONE, Vec3::new(1.0, 0.5, 0.0), Vec3::Z];
-        let photo = Picture(Plane::from_fn(3, 1, |x, _| colors[x]));
+        let photo = Picture(Plane::from_fn(30, 9, |x, _| colors[x / 10]));
         let mask = |own: usize| {
-            let pixels = Plane::from_fn(3, 1, |x, _| if x < own { 1.0 } else { 0.0 });
-            GlareMask::of_window(&pixels, &photo, &Mask(Plane::filled(3, 1, 0.0)), 1e-3)
+            let pixels = Plane::from_fn(30, 9, |x, _| if x < 10 * own { 1.0 } else { 0.0 });
+            GlareMask::of_window(&pixels, &photo, &Mask(Plane::filled(30, 9, 0.0)), 1e-3)
         };
         assert!((mask(1).hue(&photo) - Vec3::ONE).abs().max_element() < 1e-6);
         let want = Vec3::new(2.0, 1.5, 1.0);

@@ -148,7 +148,7 @@ impl Grain {
     /// Standard deviation of the photo's noise over its level, at this linear level.
     ///
     /// With v^2 the level, `d(v^2) / v^2 = 2 dv / v`.
-    fn relative(&self, level: Vec3) -> Vec3 {
+    pub fn relative(&self, level: Vec3) -> Vec3 {
         let channel = |c: usize| {
             let level = level[c].max(0.0).sqrt().max(TUNING.darkest);
             2.0 * interpolate(&self.curve[c], level) / level

@@ -13,6 +13,7 @@ pub(in crate::image) mod inpaint;
 pub(in crate::image) mod measure;
 pub(in crate::image) mod mix;
 pub(in crate::image) mod pack;
+pub(in crate::image) mod refine_mask;
 pub(in crate::image) mod reflectance;
 pub(in crate::image) mod relit_pixel;
 pub(in crate::image) mod resample;
@@ -35,6 +36,7 @@ pub use measure::{
 };
 pub use mix::weighted_sum;
 pub use pack::{Packed, pack};
+pub use refine_mask::refine_mask;
 pub use reflectance::{REFLECTANCE, clip_level, limited, ratio, reflected, smooth_step};
 pub use relit_pixel::{
     GlarePixel, OwnPixel, SurfacePixel, gain, headroom, relight_own, relight_physical,
@@ -56,6 +58,7 @@ pub fn tuning() -> Vec<Table> {
         grain::GrainTuning::table(),
         inpaint::InpaintTuning::table(),
         measure::SaturationScoreTuning::table(),
+        refine_mask::RefineMaskTuning::table(),
         reflectance::ReflectanceTuning::table(),
         relit_pixel::RelitPixelTuning::table(),
         resample::ResampleTuning::table(),

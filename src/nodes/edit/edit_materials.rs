@@ -9,9 +9,9 @@ use super::Color;
 use crate::geometry::grow_region;
 use crate::graph::{Context, File, Node, NodeError, check_range};
 use crate::image::{
-    self, Albedo, AlphaMatte, Depth, NamedBytes, Normal, PaintChange, PaintLayer, PaintLayers,
-    Picture, Plane, Points, Roughness, SPECULAR_EDIT, Specular, SpecularEdit, Upsampler,
-    alpha_matte, resize, same_aspect,
+    self, Albedo, AlphaMatte, Depth, Grain, NamedBytes, Normal, PaintChange, PaintLayer,
+    PaintLayers, Picture, Plane, Points, Roughness, SPECULAR_EDIT, Specular, SpecularEdit,
+    Upsampler, alpha_matte, refine_mask, resize, same_aspect,
 };
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -126,7 +126,7 @@ tuning! {
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -230,16 +230,20 @@ impl Region {
         bad: impl Fn(String) -> NodeError,
     ) -> Result<AlphaMatte, NodeError> {
         let (width, height) = inputs.photo.0.size();
-        let mask = match self {
-            Region::Mask(file) => mask(file, (width, height), ctx)?,
+        let (mask, reach) = match self {
+            Region::Mask(file) => (mask(file, (width, height), ctx)?, 0.0),
             &Region::Grow(x, y) => {
                 if !((0.0..width as f32).contains(&x) && (0.0..height as f32).contains(&y)) {
                     let wanted = format!("wanted a pixel of the photo, 0..{width} and 0..{height}");
                     return Err(bad(format!("region: Grow: {wanted}, got ({x}, {y})")));
                 }
-                grown((x as usize, y as usize), inputs)
+                // The outline of a grown region is exact to one working pixel and a half.
+                let working = width as f32 / inputs.small.0.width() as f32;
+                (grown((x as usize, y as usize), inputs), 1.5 * working)
             }
         };
+        ctx.check_cancelled()?;
+        let mask = refine_mask(&mask, &inputs.photo, Some(&inputs.full_depth), reach);
         Ok(alpha_matte(&mask, &inputs.photo))
     }
 }
@@ -270,8 +274,10 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
 fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
+    let grain = Grain::measure(&inputs.photo);
+    let (points, normal) = (&inputs.points, &inputs.normal);
     let found =
-        grow_region(seed, &inputs.small, &inputs.reflectance, &inputs.points, &inputs.normal);
+        grow_region(seed, &inputs.small, &inputs.reflectance, points, normal, grain.as_ref());
     let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
     Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round())

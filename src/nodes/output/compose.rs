@@ -155,7 +155,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 14;
+    const VERSION: u32 = 15;
     type In = ComposeIn;
     type Out = ComposeOut;
 

@@ -148,7 +148,7 @@ impl VisibleEmitter<'_> {
     pub fn glare(&self, i: usize, ray: Vec3) -> GlarePixel {
         GlarePixel {
             light: self.light,
-            weight: self.mask.weight(i),
+            weight: self.mask.glare(i),
             owns_residual: matches!(self.shape, Shape::Window(_)),
             gain: self.emission_towards(ray).1,
         }

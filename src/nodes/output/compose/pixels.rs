@@ -139,15 +139,25 @@ impl<'a> Pixels<'a> {
         };
         let i = y * inputs.photo.0.width() + x;
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
-        match (lights.emitter(i), self.mode) {
-            (Some(emitter), _) if emitter.mask.is_own(i) => {
-                relight_own(&surface, &emitter.own(ray(), away), before, record)
+        let emitter = lights.emitter(i);
+        let coverage = emitter.map_or(0.0, |emitter| emitter.mask.coverage(i));
+        let own = emitter.filter(|_| coverage > 0.0).map(|emitter| {
+            let mut own = record.to_vec();
+            relight_own(&surface, &emitter.own(ray(), away), before, &mut own);
+            own
+        });
+        if coverage < 1.0 {
+            match self.mode {
+                Mode::Physical => relight_physical(&surface, record),
+                Mode::Ratio => {
+                    let glare = emitter.map(|emitter| emitter.glare(i, ray()));
+                    relight_ratio(&surface, glare, before, record);
+                }
             }
-            (_, Mode::Physical) => relight_physical(&surface, record),
-            (emitter, Mode::Ratio) => {
-                let glare = emitter.map(|emitter| emitter.glare(i, ray()));
-                relight_ratio(&surface, glare, before, record);
-            }
+        }
+        if let Some(own) = own {
+            let blend = |(layer, own): (&mut Vec3, Vec3)| *layer = layer.lerp(own, coverage);
+            record.iter_mut().zip(own).for_each(blend);
         }
         for drawn in &lights.drawn {
             let coverage = drawn.coverage.0.get(x, y);
