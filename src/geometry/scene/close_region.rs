@@ -1,9 +1,9 @@
 //! Closing of a grown region: grain, cords and other thin lines do not interrupt a surface.
 //!
-//! A line of the surface is crossed where the region lies on both sides of it; a part of the surface
-//! that only a line cuts off joins the region where the photo shows one color on both sides, unless
-//! the line encloses the part, as the frame of a picture does. Pixels off the region's plane are
-//! never crossed: an edge of depth stays the border.
+//! A line of the surface is crossed where the region lies on both sides of it; a part of the
+//! surface that only a line cuts off joins the region where the photo shows one color on both
+//! sides, unless the line encloses the part, as the frame of a picture does. Pixels off the
+//! region's plane are never crossed: an edge of depth stays the border.
 
 use glam::Vec3;
 
@@ -25,8 +25,8 @@ tuning! {
         /// Fewest pixels along the line at which both sides face each other.
         contacts: usize = 6,
             unit "pixels", source Taste, effect "a smaller value joins parts through gaps";
-        /// Fraction of the outline of a part, within a line's width of the region, from which on the
-        /// line encloses the part.
+        /// Fraction of the outline of a part, within a line's width of the region, from which on
+        /// the line encloses the part.
         enclosed: f32 = 0.75,
             unit "1", source Taste, effect "a larger value joins the pictures in frames";
         /// Largest hole that is closed, as a fraction of the picture.

@@ -507,7 +507,6 @@ mod tests {
             ((2700, 1800), 0.03, 2.0, 0.02),
         ] {
             let [before, after] = ragged_disc(size, noise, bias);
-            println!("{size:?} noise {noise} bias {bias}: {before:.4} -> {after:.4}");
             assert!(before > 5.0 * after && after < most, "{size:?} {bias}: {before} -> {after}");
         }
     }

@@ -192,12 +192,13 @@ mod tests {
     #[test]
     fn what_a_light_or_saturation_hides_is_filled() {
         let colors = [Vec3::ONE, Vec3::X, Vec3::splat(0.5), Vec3::new(0.2, 0.1, 0.6)];
-        let photo = Picture(Plane::from_fn(4, 1, |x, _| colors[x]));
-        let own = Plane::from_fn(4, 1, |x, _| if x == 3 { 1.0 } else { 0.0 });
+        let photo = Picture(Plane::from_fn(40, 9, |x, _| colors[x / 10]));
+        let own = Plane::from_fn(40, 9, |x, _| if x < 30 { 0.0 } else { 1.0 });
         let none = Mask(own.map(|_| 0.0));
         let mask = GlareMask::of_window(&own, &photo, &none, 1e-3);
         let light = ("lamp".to_owned(), Arc::new(mask));
-        assert_eq!(filled(&photo, 1.0, &[light]).pixels(), [1.0, 0.0, 0.0, 1.0]);
+        let filled = filled(&photo, 1.0, &[light]);
+        assert_eq!([5, 15, 25, 35].map(|x| filled.get(x, 4)), [1.0, 0.0, 0.0, 1.0]);
     }
 
     #[test]
