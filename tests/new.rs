@@ -369,9 +369,10 @@ fn depth_of_every_kind_becomes_meters() {
     let z = depth_of(demo("depth.exr").as_ref());
     let (w, h) = z.size();
     let rays = relight::geometry::Camera::from_fov_x(w, h, 67.38);
-    let millimeters = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(w as u32, h as u32, |x, y| {
-        image::Luma([(1000.0 * z.get(x as usize, y as usize)).round() as u16])
-    });
+    let millimeters =
+        image::ImageBuffer::<image::Luma<u16>, _>::from_fn(w as u32, h as u32, |x, y| {
+            image::Luma([(1000.0 * z.get(x as usize, y as usize)).round() as u16])
+        });
     millimeters.save(place.path("mm.png")).expect("it can be written");
     place.write("feet.pfm", pfm(w, h, |x, y| z.get(x, y) / 0.3048));
     place.write("ray.pfm", pfm(w, h, |x, y| z.get(x, y) * rays.pixel_point(x, y, 1.0).length()));
@@ -393,16 +394,14 @@ fn depth_of_every_kind_becomes_meters() {
         let message = place.new_scene(&arguments, 0);
         assert!(message.contains(words), "{file}: {message}");
         let got = depth_of(&place.path(&folder).join("depth.exr"));
-        let off = (0..w).filter(|&x| z.get(x, h / 2) > 0.0).map(|x| {
-            (got.get(x, h / 2) / z.get(x, h / 2) - 1.0).abs()
-        });
+        let off = (0..w)
+            .filter(|&x| z.get(x, h / 2) > 0.0)
+            .map(|x| (got.get(x, h / 2) / z.get(x, h / 2) - 1.0).abs());
         let off = off.fold(0.0, f32::max);
         assert!(off < error, "{file}: {off}");
         assert!(place.text(&format!("{folder}/scene.ron")).contains(words), "{file}");
     }
-    let message = place.new_scene(
-        &["photo.jpg", "--depth", "mm.png", "--out", "x", "--camera-height", "-1"],
-        2,
-    );
+    let message = place
+        .new_scene(&["photo.jpg", "--depth", "mm.png", "--out", "x", "--camera-height", "-1"], 2);
     assert!(message.contains("wanted a number above 0"), "{message}");
 }

@@ -105,7 +105,8 @@ fn meters(
         if !facts.lengths.is_empty() {
             let scaled =
                 relative_depth(&file.values, camera, &facts.lengths, Depth::default().span)?;
-            let how = format!("relative depth, scaled to the known lengths{}", misfit(scaled.misfit));
+            let how =
+                format!("relative depth, scaled to the known lengths{}", misfit(scaled.misfit));
             return Ok((scaled.depth, how));
         }
         let scaled = relative_from_height(&file.values, &small, &outside, known)?;
@@ -144,7 +145,8 @@ fn meters(
         return Ok((scaled.depth, how));
     }
     if facts.height.is_some() {
-        let (filled, _) = inpaint_depth(&meters, &outside).ok_or("wanted readings, got holes only")?;
+        let (filled, _) =
+            inpaint_depth(&meters, &outside).ok_or("wanted readings, got holes only")?;
         let factor = scale_from_height(&filled, &small, &outside, known)?;
         let how = format!("{quantity}, scaled by {:.4} {by_height}", factor * scale);
         return Ok((meters.map(|z| factor * z), how));
