@@ -673,6 +673,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         indirect: Gather(indirect.collect()),
         radiance: Gather(radiance.collect()),
         room_error: Gather(room_error.collect()),
+        glare: Gather(vec![("lamp".to_owned(), Arc::new(Picture(plane(12).map(Vec3::splat))))]),
         filled: Some(Arc::new(Mask(plane(11)))),
         layer: Gather(layer),
         albedo: Arc::new(Albedo(colors(small, 7))),

@@ -494,6 +494,7 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
     };
     let kinds = || Gather(masks.iter().map(|(id, _)| kind(id)).collect());
     let paint = FillReflectanceIn {
+        glare: Gather(vec![]),
         photo: photo.clone(),
         clipped: clipped.clone(),
         small: photo.clone(),
@@ -514,6 +515,7 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
         Gather(lights.map(|(light, f)| (light.id.to_string(), radiance(light, f))).collect())
     };
     ComposeIn {
+        glare: Gather(vec![]),
         photo: photo.clone(),
         clipped: clipped.clone(),
         camera: room.camera.clone(),

@@ -46,6 +46,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
     let shape = || lamp(Shape::Absent);
     let residual = Arc::new(Shading(plane(&|x, _| 0.1 * shading(x))));
     let inputs = ComposeIn {
+        glare: Gather(vec![]),
         photo: photo.clone(),
         clipped: Arc::new(none()),
         camera: Arc::new(Camera::from_fov_x(w, h, 60.0)),

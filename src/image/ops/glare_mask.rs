@@ -73,7 +73,7 @@ impl GlareMask {
         let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
         levels.sort_by(f32::total_cmp);
         let bright = levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(0.0);
-        GlareMask::new(mask, photo, &core, falloff_radius, TUNING.stand * bright)
+        GlareMask::new(mask, (photo, clipped), &core, falloff_radius, TUNING.stand * bright)
     }
 
     /// The pixels of a window. All planes have one size.
@@ -89,14 +89,14 @@ impl GlareMask {
         let core = Plane::from_fn(mask.width(), mask.height(), |x, y| {
             touching.get(x, y) && away.get(x, y) <= TUNING.frame * bloom
         });
-        GlareMask::new(mask, photo, &core, bloom, 0.0)
+        GlareMask::new(mask, (photo, clipped), &core, bloom, 0.0)
     }
 
     /// Own pixels are those of `mask` with a luminance of at least `dark`, refined against the
-    /// photo. Glare falls from `core` to zero within `falloff_radius` pixels.
+    /// photo where it is not saturated. Glare falls from `core` to zero within `falloff_radius` pixels.
     fn new(
         mask: &Plane<f32>,
-        photo: &Picture,
+        (photo, clipped): (&Picture, &Mask),
         core: &Plane<bool>,
         falloff_radius: f32,
         dark: f32,
@@ -107,8 +107,13 @@ impl GlareMask {
             true => mask.pixels()[i],
             false => 0.0,
         });
-        let own = refine_mask(&lit, photo, None, 0.0).map(|part| (255.0 * part).round() as u8);
-        drop(lit);
+        // White beside white shows no edge: there the mask decides.
+        let refined = refine_mask(&lit, photo, None, 0.0);
+        let own = Plane::sparse(w, h, |i| match clipped.0.pixels()[i] > 0.5 {
+            true => u8::MAX * u8::from(lit.pixels()[i] > 0.5),
+            false => (255.0 * refined.pixels()[i]).round() as u8,
+        });
+        drop((lit, refined));
         let away = distance(core);
         let falloff = |i: usize| {
             TUNING.max_glare * (1.0 - smooth_step(0.0, falloff_radius.max(1.0), away.pixels()[i]))

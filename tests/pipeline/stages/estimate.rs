@@ -263,6 +263,7 @@ fn paint(
     residual: &Arc<Shading>,
 ) -> FillReflectanceOut {
     let inputs = FillReflectanceIn {
+        glare: Gather(vec![]),
         photo: photo.clone(),
         clipped: clipped.clone(),
         small: photo.clone(),
