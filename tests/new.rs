@@ -401,7 +401,7 @@ fn depth_of_every_kind_becomes_meters() {
         assert!(off < error, "{file}: {off}");
         assert!(place.text(&format!("{folder}/scene.ron")).contains(words), "{file}");
     }
-    let message = place
-        .new_scene(&["photo.jpg", "--depth", "mm.png", "--out", "x", "--camera-height", "-1"], 2);
+    let message =
+        place.new_scene(&["photo.jpg", "--depth", "mm.png", "--out", "x", "--camera-height=-1"], 2);
     assert!(message.contains("wanted a number above 0"), "{message}");
 }

@@ -225,6 +225,7 @@ fn a_scene_without_windows_runs_nothing_for_windows() {
     let then = [
         "fit",
         "before",
+        "glare",
         "paint",
         "edit",
         "repaint",

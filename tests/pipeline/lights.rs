@@ -192,13 +192,13 @@ fn a_moved_lamp_leaves_its_shade_and_takes_its_light_along() {
         }
         if mask.0.pixels()[i] == 1.0 {
             // The old glow is gone: the shade shows other lights as if the lamp were off, and none
-            // of its own light.
+            // of its own light but what the lens scatters from its new place.
             own += 1;
             assert_eq!(
                 layer(&moved, "window_0").0.pixels()[i],
                 layer(&off, "window_0").0.pixels()[i]
             );
-            assert_eq!(layer(&moved, "lamp_0").0.pixels()[i], Vec3::ZERO);
+            assert!(layer(&moved, "lamp_0").0.pixels()[i].max_element() < 1e-3);
         }
     }
     assert!(own > 100 && glowing > 100, "{own} old pixels, {glowing} of the body at its new place");

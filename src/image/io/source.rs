@@ -166,8 +166,8 @@ pub(in crate::image) fn not_one_of(source: NamedBytes, wanted: &str) -> ReadErro
     };
     let other = OTHERS.iter().find(|(.., at, signature)| is_at(*at, signature));
     let got = match (format(source), other) {
+        (None | Some(FileFormat::Tiff), Some((name, remedy, ..))) => format!("{name}: {remedy}"),
         (Some(format), _) => format!("{format:?}"),
-        (None, Some((name, remedy, ..))) => format!("{name}: {remedy}"),
         (None, None) if source.bytes.is_empty() => "an empty file".into(),
         (None, None) => format!(
             "an unknown format (first bytes {:02x?})",

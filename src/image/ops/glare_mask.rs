@@ -93,7 +93,8 @@ impl GlareMask {
     }
 
     /// Own pixels are those of `mask` with a luminance of at least `dark`, refined against the
-    /// photo where it is not saturated. Glare falls from `core` to zero within `falloff_radius` pixels.
+    /// photo where it is not saturated. Glare falls from `core` to zero within `falloff_radius`
+    /// pixels.
     fn new(
         mask: &Plane<f32>,
         (photo, clipped): (&Picture, &Mask),

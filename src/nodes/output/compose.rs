@@ -216,7 +216,10 @@ fn output(
         layer: Scatter(names.zip(layers.into_iter().map(Arc::new)).collect()),
         residual: Arc::new(residual),
         glare: Scatter(
-            glare.map(|(id, glare)| (id.to_owned(), Arc::new(Picture(glare)))).collect(),
+            glare
+                .into_iter()
+                .map(|(id, glare)| (id.to_owned(), Arc::new(Picture(glare))))
+                .collect(),
         ),
     }
 }

@@ -25,11 +25,11 @@ tuning! {
     pub const LENS_GLARE: LensGlareTuning {
         /// Radius of the core of the kernel, within which its density is even.
         core: f32 = 0.004,
-            unit "fraction of the picture's longer side", source Measured("photos; training/camera"),
+            unit "fraction of the picture's longer side", source Measured("a fit of cameras to photos; no page records it"),
             effect "a larger value scatters less far";
         /// Slopes that are tried: scattered light falls with the distance r as r^-(2 + slope).
         slopes: [f32; 3] = [0.4, 0.7, 1.0],
-            unit "1", source Measured("photos; training/camera"), effect "a smaller value scatters farther";
+            unit "1", source Measured("a fit of cameras to photos; no page records it"), effect "a smaller value scatters farther";
         /// Longest side of the grid on which glare is computed.
         grid: usize = 160,
             unit "pixels", source Measured("run time"), effect "a larger value is slower, and finer beside a light";
@@ -125,9 +125,9 @@ pub struct GlareFit {
     pub amplitude: Vec<f32>,
 }
 
-/// Fits the glare of lights in view to `photo`, linear, under the `shading` of all lights. `is_used`
-/// marks the pixels that show a surface; of these, saturated ones take no part. All planes have one
-/// size.
+/// Fits the glare of lights in view to `photo`, linear, under the `shading` of all lights.
+/// `is_used` marks the pixels that show a surface; of these, saturated ones take no part. All
+/// planes have one size.
 ///
 /// # Panics
 /// The planes differ in size.

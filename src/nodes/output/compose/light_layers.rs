@@ -138,16 +138,26 @@ impl<'a> LightLayers<'a> {
         }
     }
 
-    /// Light that the lens scatters after the edit, by the name of its light, working size.
-    pub fn edited_glare(&self) -> impl Iterator<Item = (&'a str, Plane<Vec3>)> {
+    /// Light that the lens scatters after the edit, by the name of its light, working size. A lamp
+    /// that moved scatters from its old place and its new one.
+    pub fn edited_glare(&self) -> Vec<(&'a str, Plane<Vec3>)> {
         let emitters = self.emitters.iter().filter_map(|emitter| {
             let gain = emitter.glare_gain();
-            let glare = emitter.scattered?.glare.map(|glare| glare * gain);
-            Some((self.names[emitter.light], glare))
+            Some((emitter.light, emitter.scattered?.glare.map(|glare| glare * gain)))
         });
-        let drawn = self.drawn.iter();
-        emitters
-            .chain(drawn.filter_map(|drawn| Some((self.names[drawn.light], drawn.glare.clone()?))))
+        let drawn = self.drawn.iter().filter_map(|drawn| Some((drawn.light, drawn.glare.clone()?)));
+        let mut glare: Vec<(&'a str, Plane<Vec3>)> = Vec::new();
+        for (light, plane) in emitters.chain(drawn) {
+            let name = self.names[light];
+            match glare.iter_mut().find(|(other, _)| *other == name) {
+                Some((_, sum)) => {
+                    let both = sum.pixels_mut().iter_mut().zip(plane.pixels());
+                    both.for_each(|(sum, more)| *sum += *more);
+                }
+                None => glare.push((name, plane)),
+            }
+        }
+        glare
     }
 
     /// Photo pixel `i` shows a light itself.
