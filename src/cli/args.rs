@@ -399,6 +399,14 @@ fn duration(text: &str) -> Result<Duration, String> {
         .ok_or("wanted a number and a unit, as `500ms`, `2s` or `1min`".into())
 }
 
+/// A length in meters above 0.
+fn positive(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(meters) if meters > 0.0 && meters.is_finite() => Ok(meters),
+        _ => Err("wanted a number above 0".into()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -469,13 +477,5 @@ mod tests {
         for text in ["", "500", "ms", "-1s", "0s", "nans", "infs", "1h", "1e300s"] {
             assert!(duration(text).is_err(), "{text}");
         }
-    }
-}
-
-/// A length in meters above 0.
-fn positive(text: &str) -> Result<f32, String> {
-    match text.parse::<f32>() {
-        Ok(meters) if meters > 0.0 && meters.is_finite() => Ok(meters),
-        _ => Err("wanted a number above 0".into()),
     }
 }
