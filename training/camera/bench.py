@@ -26,6 +26,8 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "rooms")]
 from camera import depth as sensors  # noqa: E402
 from camera import model  # noqa: E402
+from camera.photograph import read  # noqa: E402
+from known import direct_shading  # noqa: E402
 
 BAND = 20  # pixels around what is clipped
 CLIPPED = (0.02, 0.10)  # share of the pixels that the exposure clips
@@ -33,32 +35,23 @@ WHITE = 0.985  # 8-bit level, as a share of 255, from which on a pixel is clippe
 EDITS = {"off": ("Off", 0.0), "dimmed": ("Scale(0.3)", 0.3)}
 
 
-def channels(path):
-    """Returns the channels of an OpenEXR file by name."""
+def depth_of(path):
+    """Returns the channel Z of an OpenEXR file."""
     import OpenEXR
 
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        return {name: np.asarray(channel.pixels, np.float64) for name, channel in file.channels().items()}
-
-
-def colors(path):
-    """Returns the colors [h, w, 3] of an OpenEXR file."""
-    found = channels(path)
-    return np.stack([found[k] for k in "RGB"], -1)
+        return np.asarray(file.channels()["Z"].pixels, np.float64)
 
 
 def light_pictures(room):
     """Returns {light: its part of the picture [h, w, 3]}, from its direct light and the paths that it alone feeds."""
     truth = np.load(room / "truth.npz")
     sources = [str(name) for name in truth["sources"]]
-    shading = {}
-    for name, radiance, direct, shadow in zip(sources, *(truth[k] for k in ("source_radiance", "direct", "shadow"))):
-        light = name.split(".")[0]
-        shading[light] = shading.get(light, 0) + (direct.astype(np.float64) * shadow)[..., None] * radiance
+    shading = direct_shading(truth)
     for weights, indirect in zip(truth["path_weights"], truth["indirect"]):
         (light,) = {sources[i].split(".")[0] for i in np.nonzero(weights.sum(-1))[0]}
         shading[light] = shading[light] + indirect.astype(np.float64)
-    albedo = colors(room / "albedo.exr")
+    albedo = read(room / "albedo.exr")
     return {light: albedo * e.repeat(2, 0).repeat(2, 1) for light, e in shading.items()}
 
 
@@ -91,13 +84,13 @@ def scene(room, to, exact):
     text = (room / "scene.ron").read_text()
     names = re.findall(r'"(\w+)": (?:Lamp|Window)\(mask', text)
     masks = {n: np.asarray(Image.open(room / f"masks/{n}.png").convert("L")) > 0 for n in names}
-    picture = colors(room / "photo.exr").clip(0)
+    picture = read(room / "photo.exr").clip(0)
     own = np.logical_or.reduce([*masks.values(), np.zeros(picture.shape[:2], bool)])
     camera = model.sample(rng)
     share = 1 - rng.uniform(*CLIPPED)
     camera = replace(camera, exposure=model.auto_exposure(model.incident(picture, camera), ~own, camera.saturation, share))
     stored = model.photograph(picture, camera, rng).stored
-    depth = channels(room / "depth.exr")["Z"]
+    depth = depth_of(room / "depth.exr")
     if not exact:
         sensor = sensors.sample_sensor(rng)
         depth = sensors.sensor_depth(depth, sensor, sensors.sensor_noise(rng, *depth.shape, sensor))

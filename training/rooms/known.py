@@ -10,16 +10,22 @@ import numpy as np
 from folder import exr
 
 
+def direct_shading(truth):
+    """Returns {light: its direct light, shadows included, irradiance / pi [h, w, 3]} of the content of a truth.npz."""
+    shading = {}
+    for source, radiance, direct, shadow in zip(*(truth[k] for k in ("sources", "source_radiance", "direct", "shadow"))):
+        light = str(source).split(".")[0]
+        shading[light] = shading.get(light, 0) + (direct.astype(np.float32) * shadow)[..., None] * radiance
+    return shading
+
+
 def main(room):
     truth, text = np.load(room / "truth.npz"), (room / "scene.ron").read_text()
     if "direct:" in text:
         return
     exr(room / "normal.exr", RGB=truth["normal"])
     exr(room / "roughness.exr", Y=truth["rough"])
-    shading = {}
-    for source, radiance, direct, shadow in zip(*(truth[k] for k in ("sources", "source_radiance", "direct", "shadow"))):
-        light = str(source).split(".")[0]
-        shading[light] = shading.get(light, 0) + (direct.astype(np.float32) * shadow)[..., None] * radiance
+    shading = direct_shading(truth)
     for light, picture in shading.items():
         exr(room / f"direct_{light}.exr", RGB=picture)
     lighting = ""

@@ -13,7 +13,7 @@ use relight::image::{
     read_depth_file, same_aspect,
 };
 use relight::nodes::estimate::depth::Depth;
-use relight::nodes::scene::read_scene::{DepthKind, DepthSpec, planar};
+use relight::nodes::scene::read_scene::{DepthSpec, planar};
 
 /// Depth as a scene reads it, and its origin in words.
 pub struct SceneDepth {
@@ -110,29 +110,30 @@ fn meters(
             return Ok((scaled.depth, how));
         }
         let scaled = relative_from_height(&file.values, &small, &outside, known)?;
-        let spec = spec(DepthKind::Disparity, scaled.scale, scaled.shift);
+        let spec = spec(Measure::Disparity, scaled.scale, scaled.shift);
         let how = format!("relative depth, scaled {by_height}");
         return Ok((planar(&file.values, &spec, &small), how));
     }
-    let kind = match (facts.kind, file.measure) {
-        (Some(GivenKind::Ray), _) | (None, Some(Measure::RayLength)) => DepthKind::RayLength,
-        (Some(GivenKind::Disparity), _) | (None, Some(Measure::Disparity)) => DepthKind::Disparity,
-        _ => DepthKind::PlanarZ,
+    let kind = match facts.kind {
+        Some(GivenKind::Ray) => Measure::RayLength,
+        Some(GivenKind::Disparity) => Measure::Disparity,
+        Some(_) => Measure::PlanarZ,
+        None => file.measure.unwrap_or_default(),
     };
     let is_whole = file.values.pixels().iter().all(|z| z.fract() == 0.0)
         && file.values.pixels().iter().any(|z| *z > 100.0);
     let (scale, unit) = match (facts.scale, file.scale) {
         (Some(scale), _) => (scale, format!("at {scale} m a unit")),
         (None, Some(scale)) => (scale, format!("at {scale} m a unit, as it states")),
-        (None, None) if is_whole && kind != DepthKind::Disparity => {
+        (None, None) if is_whole && kind != Measure::Disparity => {
             (1e-3, "read as millimeters, as its numbers are whole".into())
         }
         (None, None) => (1.0, "read as meters".into()),
     };
     let quantity = match kind {
-        DepthKind::PlanarZ => "distance along the camera's axis",
-        DepthKind::RayLength => "distance along the rays",
-        DepthKind::Disparity => "inverse distance",
+        Measure::PlanarZ => "distance along the camera's axis",
+        Measure::RayLength => "distance along the rays",
+        Measure::Disparity => "inverse distance",
     };
     let meters = planar(&file.values, &spec(kind, scale, 0.0), &small);
     if !facts.lengths.is_empty() {
@@ -159,7 +160,7 @@ fn misfit(share: f32) -> String {
 }
 
 /// The reading of numbers that are in memory.
-fn spec(kind: DepthKind, scale: f32, shift: f32) -> DepthSpec {
+fn spec(kind: Measure, scale: f32, shift: f32) -> DepthSpec {
     DepthSpec { path: Default::default(), kind, scale, shift }
 }
 

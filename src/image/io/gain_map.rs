@@ -8,6 +8,7 @@
 
 use glam::Vec3;
 
+use super::jpeg_segments::{XMP, segments};
 use super::raster::{Raster, decode_turned};
 use super::source::{NamedBytes, ReadError};
 use crate::image::{Plane, resize};
@@ -38,20 +39,6 @@ pub(in crate::image) fn find(jpeg: &[u8]) -> Option<GainMap<'_>> {
     })
 }
 
-/// The segments before the pixels: position of the payload in the file, marker, payload.
-fn segments(jpeg: &[u8]) -> impl Iterator<Item = (usize, u8, &[u8])> {
-    let mut at = if jpeg.starts_with(b"\xff\xd8") { 2 } else { jpeg.len() };
-    std::iter::from_fn(move || {
-        let &[0xff, marker, high, low] = jpeg.get(at..at + 4)? else { return None };
-        let length = usize::from(u16::from_be_bytes([high, low]));
-        // 0xda begins the pixels.
-        let payload = jpeg.get(at + 4..at + 2 + length).filter(|_| marker != 0xda)?;
-        let start = at + 4;
-        at += 2 + length;
-        Some((start, marker, payload))
-    })
-}
-
 /// Offset from the block's own start and size of the pictures after the first.
 fn pictures(tiff: &[u8]) -> Option<Vec<(usize, usize)>> {
     let little = match tiff.get(..4)? {
@@ -78,7 +65,6 @@ fn pictures(tiff: &[u8]) -> Option<Vec<(usize, usize)>> {
 
 /// A JPEG picture as a gain map, where its XMP packet says that it is one.
 fn gain_map(jpeg: &[u8]) -> Option<GainMap<'_>> {
-    const XMP: &[u8] = b"http://ns.adobe.com/xap/1.0/\0";
     let xmp = segments(jpeg)
         .find(|(_, marker, payload)| *marker == 0xe1 && payload.starts_with(XMP))
         .and_then(|(.., payload)| std::str::from_utf8(&payload[XMP.len()..]).ok())?;

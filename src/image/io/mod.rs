@@ -5,6 +5,7 @@ pub(in crate::image) mod depth;
 pub(in crate::image) mod exr_read;
 pub(in crate::image) mod exr_write;
 pub(in crate::image) mod gain_map;
+pub(in crate::image) mod jpeg_segments;
 pub(in crate::image) mod npy;
 pub(in crate::image) mod photo_header;
 pub(in crate::image) mod png_write;

@@ -69,11 +69,8 @@ impl GlareMask {
         let core = geodesic_dilate(mask, &clipped.0);
         let area = core.pixels().iter().filter(|inside| **inside).count();
         let falloff_radius = bloom.max(TUNING.lamp_bloom * (area as f32).sqrt());
-        let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
-        let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
-        levels.sort_by(f32::total_cmp);
-        let bright = levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(0.0);
-        GlareMask::new(mask, (photo, clipped), &core, falloff_radius, TUNING.stand * bright)
+        let dark = TUNING.stand * bright_level(mask, photo);
+        GlareMask::new(mask, (photo, clipped), &core, falloff_radius, dark)
     }
 
     /// The pixels of a window. All planes have one size.
@@ -148,10 +145,7 @@ impl GlareMask {
     /// Mean color of the light's own pixels in a photo of this mask's size, as a color of luminance
     /// 1; white where they are black or none.
     pub fn hue(&self, photo: &Picture) -> Vec3 {
-        let own = photo.0.pixels().iter().enumerate();
-        let sum = own.map(|(i, &shown)| self.coverage(i) * shown.max(Vec3::ZERO)).sum::<Vec3>();
-        let level = luminance(sum);
-        if level > 0.0 && level.is_finite() { sum / level } else { Vec3::ONE }
+        weighted_hue(photo, |i| self.coverage(i))
     }
 
     /// (width, height)
@@ -172,6 +166,23 @@ impl GlareMask {
         rule(self.own.size() == self.glare.size(), "own pixels and glare of one size")?;
         rule(self.glare.pixels().iter().all(|weight| (0.0..1.0).contains(weight)), "glare in 0..1")
     }
+}
+
+/// Luminance of the bright parts of a light in a photo of its mask's size; 0 for an empty mask.
+pub fn bright_level(mask: &Plane<f32>, photo: &Picture) -> f32 {
+    let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
+    let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
+    levels.sort_by(f32::total_cmp);
+    levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(0.0)
+}
+
+/// Mean color of a photo with the weight of each pixel, as a color of luminance 1; white where it
+/// is black.
+pub fn weighted_hue(photo: &Picture, weight: impl Fn(usize) -> f32) -> Vec3 {
+    let shown = photo.0.pixels().iter().enumerate();
+    let sum = shown.map(|(i, &shown)| weight(i) * shown.max(Vec3::ZERO)).sum::<Vec3>();
+    let level = luminance(sum);
+    if level > 0.0 && level.is_finite() { sum / level } else { Vec3::ONE }
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::depth::DEPTH_PLANE;
 use super::resample::resize;
+use super::upsample::place;
 use crate::image::{Depth, Picture, Plane, log_above};
 use crate::tuning::tuning;
 
@@ -76,7 +77,6 @@ pub fn guided_depth(depth: &Depth, confidence: Option<&Plane<f32>>, photo: &Pict
         sure && high - low <= DEPTH_PLANE.step * low
     });
     let (full_w, full_h) = photo.0.size();
-    let place = |at: usize, full: usize, n: usize| (at as f32 + 0.5) * n as f32 / full as f32 - 0.5;
     let pixel = |i: usize| {
         let (px, py) = (i % full_w, i / full_w);
         let (fx, fy) = (place(px, full_w, w), place(py, full_h, h));

@@ -88,7 +88,7 @@ impl<'a> Upsampler<'a> {
 
 /// The position of pixel `at` of `full` in units of the pixels of `small`, whose centers are whole
 /// numbers.
-fn place(at: usize, full: usize, small: usize) -> f32 {
+pub(super) fn place(at: usize, full: usize, small: usize) -> f32 {
     (at as f32 + 0.5) * small as f32 / full as f32 - 0.5
 }
 

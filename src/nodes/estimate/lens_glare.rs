@@ -5,7 +5,9 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
-use crate::image::{Mask, Picture, Plane, Segments, Shading, dilate, luminance};
+use crate::image::{
+    Mask, Picture, Plane, Segments, Shading, bright_level, dilate, luminance, weighted_hue,
+};
 use crate::nodes::artifacts::ScatteredLight;
 use crate::optics::inverse::{GlareSource, fit_glare};
 use crate::tuning::tuning;
@@ -81,30 +83,21 @@ impl Node for LensGlare {
 
 /// The pixels of a light by their brightness, up to that of its bright parts, and its color.
 fn source(mask: &Mask, photo: &Picture) -> GlareSource {
-    let shown = || mask.0.pixels().iter().zip(photo.0.pixels());
-    let mut levels: Vec<f32> =
-        shown().filter(|(share, _)| **share > 0.5).map(|(_, &shown)| luminance(shown)).collect();
-    levels.sort_by(f32::total_cmp);
-    let bright = levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(0.0);
-    let brightness = |share: f32, shown: Vec3| match bright > 0.0 {
+    let bright = bright_level(&mask.0, photo);
+    let brightness = |(&share, &shown): (&f32, &Vec3)| match bright > 0.0 {
         true => share * (luminance(shown) / bright).clamp(0.0, 1.0),
         false => 0.0,
     };
     let (w, h) = mask.0.size();
-    let brightness: Vec<f32> = shown().map(|(&share, &shown)| brightness(share, shown)).collect();
-    let sum: Vec3 =
-        brightness.iter().zip(photo.0.pixels()).map(|(b, shown)| *b * shown.max(Vec3::ZERO)).sum();
-    let level = luminance(sum);
-    let hue = if level > 0.0 && level.is_finite() { sum / level } else { Vec3::ONE };
+    let brightness: Vec<f32> =
+        mask.0.pixels().iter().zip(photo.0.pixels()).map(brightness).collect();
+    let hue = weighted_hue(photo, |i| brightness[i]);
     GlareSource { brightness: Plane::new(w, h, brightness), hue }
 }
 
 tuning! {
     /// Constants of `LensGlare`.
     pub const TUNING: LensGlareStageTuning {
-        /// Quantile of the luminances in a light's mask that counts as the light's brightness.
-        bright_tenths: usize = 9,
-            unit "tenths", source Taste, effect "a larger value follows highlights of the shade";
         /// Width of the band around lights that takes no part: this part of the picture's longer
         /// side.
         margin: usize = 64,

@@ -199,8 +199,7 @@ impl Write {
         inputs.residual = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
         // A half float has two bytes: R G B A; three for each light, the residual and the photo;
         // albedo, normal, roughness, the filled fraction and a float depth; glare; for each light
-        // two
-        // colors, a shadow, its unknown share and two float errors.
+        // two colors, a shadow, its unknown share and two float errors.
         let count = 6 * inputs.glare.0.len() + 24 * inputs.radiance.0.len();
         let bytes = width * height * (8 + 6 * (2 + lights) + 20 + count);
         if self.diagnostics && bytes > MAX_EXR_BYTES {

@@ -17,33 +17,14 @@ use serde::{Deserialize, Serialize};
 use super::{CameraSpec, Exposure, Photograph, Shot, bad, open, size, warn};
 use crate::geometry::{Camera, SeenRoom, doubts};
 use crate::graph::{Context, File, Node, NodeError, Scatter, check_range};
-use crate::image::{self, Depth, Mask, Measure, Picture, Plane, Transfer};
+use crate::image::{self, Depth, Mask, Picture, Plane, Transfer};
 use crate::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW, REST};
 use crate::optics::LightKind;
 use crate::optics::inverse::RADIANCE_FIT;
 use crate::{params, ports};
 
-/// The quantity in a depth file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum DepthKind {
-    /// Distance from the camera's plane.
-    #[default]
-    PlanarZ,
-    /// Distance from the camera along the pixel's ray.
-    RayLength,
-    /// `scale` / distance from the camera's plane; relative or inverse depth, with `shift`.
-    Disparity,
-}
-
-impl DepthKind {
-    fn measure(self) -> Measure {
-        match self {
-            DepthKind::PlanarZ => Measure::PlanarZ,
-            DepthKind::RayLength => Measure::RayLength,
-            DepthKind::Disparity => Measure::Disparity,
-        }
-    }
-}
+/// The quantity in a depth file: relative or inverse depth is a `Disparity` with a `shift`.
+pub use crate::image::Measure as DepthKind;
 
 /// The depth file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -223,7 +204,7 @@ impl Node for ReadScene {
         let room = SeenRoom {
             depth: &small_depth,
             camera: &camera.resized(small.0, small.1),
-            measure: self.depth.kind.measure(),
+            measure: self.depth.kind,
             outside: &image::resize(&outside, small.0, small.1),
             photo: &small_picture,
             lights: masks.iter().map(|(id, mask)| (id.as_str(), mask)).collect(),
@@ -327,7 +308,7 @@ impl ReadScene {
         warn(ctx, file, &stored.notes);
         let (width, height) = stored.values.size();
         self.check_aspect("depth", file, (width, height), (camera.width, camera.height))?;
-        if let Some(measure) = stored.measure.filter(|m| *m != self.depth.kind.measure()) {
+        if let Some(measure) = stored.measure.filter(|m| *m != self.depth.kind) {
             ctx.warn(format!(
                 "{}: the file states {measure:?}, the scene {:?}; in scene.ron: `depth: (.., kind: {measure:?})`",
                 file.path, self.depth.kind

@@ -12,10 +12,10 @@ use base64::engine::general_purpose::STANDARD;
 use super::png::gray;
 use super::{DepthFile, Measure};
 use crate::image::Plane;
+use crate::image::io::jpeg_segments::{XMP, segments};
 use crate::image::io::raster::{Bits, decode_raster, image_format};
 use crate::image::io::source::{FileFormat, NamedBytes, ReadError, format};
 
-const STANDARD_XMP: &[u8] = b"http://ns.adobe.com/xap/1.0/\0";
 const EXTENDED_XMP: &[u8] = b"http://ns.adobe.com/xmp/extension/\0";
 /// Bytes of an extended segment behind its name: digest, length of all and offset of this part.
 const EXTENDED_HEADER: usize = 40;
@@ -72,21 +72,12 @@ pub(in crate::image) fn read(source: NamedBytes) -> Result<DepthFile, ReadError>
 /// of the file, in which they are written.
 fn packet(bytes: &[u8]) -> String {
     let (mut standard, mut extended) = (Vec::new(), Vec::new());
-    let mut rest = bytes.get(2..).unwrap_or_default();
-    // Segments up to the start of scan: 0xff, a marker, the length with its own two bytes.
-    while let [0xff, marker, high, low, ..] = *rest {
-        let length = usize::from(u16::from_be_bytes([high, low]));
-        if marker == 0xda || length < 2 || rest.len() < 2 + length {
-            break;
-        }
-        let content = &rest[4..2 + length];
-        if let (0xe1, Some(part)) = (marker, content.strip_prefix(STANDARD_XMP)) {
+    for (_, _, payload) in segments(bytes).filter(|(_, marker, _)| *marker == 0xe1) {
+        if let Some(part) = payload.strip_prefix(XMP) {
             standard.extend_from_slice(part);
-        }
-        if let (0xe1, Some(part)) = (marker, content.strip_prefix(EXTENDED_XMP)) {
+        } else if let Some(part) = payload.strip_prefix(EXTENDED_XMP) {
             extended.extend_from_slice(part.get(EXTENDED_HEADER..).unwrap_or_default());
         }
-        rest = &rest[2 + length..];
     }
     standard.extend(extended);
     String::from_utf8_lossy(&standard).into_owned()

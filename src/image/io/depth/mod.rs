@@ -10,16 +10,17 @@ mod tiff;
 
 pub use captures::{polycam, stray_scanner};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exr_read, npy};
 use crate::image::Plane;
 
 /// The quantity that a depth file measures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Measure {
     /// Distance from the camera's plane.
+    #[default]
     PlanarZ,
     /// Distance from the camera along the pixel's ray.
     RayLength,

@@ -42,6 +42,8 @@ pub struct VisibleEmitter<'a> {
     change: &'a EmitterChange,
     /// Light that the lens scatters; `None` where there is none.
     scattered: Option<&'a ScatteredLight>,
+    /// Gain of that light.
+    glare_gain: Vec3,
 }
 
 /// A light whose body covers pixels of the photo.
@@ -124,7 +126,7 @@ impl<'a> LightLayers<'a> {
     pub fn add_glare(&self, taps: &Taps, share: Vec3, record: &mut [Vec3]) {
         for emitter in &self.emitters {
             if let Some(light) = emitter.scattered {
-                record[emitter.light] += share * taps.of(&light.glare) * emitter.glare_gain();
+                record[emitter.light] += share * taps.of(&light.glare) * emitter.glare_gain;
             }
         }
     }
@@ -142,7 +144,7 @@ impl<'a> LightLayers<'a> {
     /// that moved scatters from its old place and its new one.
     pub fn edited_glare(&self) -> Vec<(&'a str, Plane<Vec3>)> {
         let emitters = self.emitters.iter().filter_map(|emitter| {
-            let gain = emitter.glare_gain();
+            let gain = emitter.glare_gain;
             Some((emitter.light, emitter.scattered?.glare.map(|glare| glare * gain)))
         });
         let drawn = self.drawn.iter().filter_map(|drawn| Some((drawn.light, drawn.glare.clone()?)));
@@ -206,19 +208,6 @@ impl VisibleEmitter<'_> {
         }
     }
 
-    /// Gain of the light that the lens scatters: that of the radiance along the ray through the
-    /// light's center.
-    fn glare_gain(&self) -> Vec3 {
-        self.center_emission().1
-    }
-
-    /// The radiance that the light shows along the ray through its center as estimated, and its
-    /// gain.
-    fn center_emission(&self) -> (Vec3, Vec3) {
-        let center = self.shape.bounding_sphere().map_or(Vec3::NEG_Z, |(center, _)| center);
-        self.emission_towards(center.normalize_or(Vec3::NEG_Z))
-    }
-
     /// The radiance that the light shows along `ray` as estimated, and its gain.
     fn emission_towards(&self, ray: Vec3) -> (Vec3, Vec3) {
         let (w, gains) = (&self.radiance.0, &self.change.gain);
@@ -247,6 +236,12 @@ impl Emission<'_> {
     }
 }
 
+/// The ray through the center of a light.
+fn center_ray(shape: &Shape) -> Vec3 {
+    let center = shape.bounding_sphere().map_or(Vec3::NEG_Z, |(center, _)| center);
+    center.normalize_or(Vec3::NEG_Z)
+}
+
 fn emitters<'a>(
     inputs: &'a ComposeIn,
     names: &[&str],
@@ -255,7 +250,7 @@ fn emitters<'a>(
     let emitter = |(id, mask): (&str, &'a Arc<GlareMask>)| {
         let missing = |what: &str| NodeError::Failed(format!("visible light {id:?} has no {what}"));
         let light = names.iter().position(|name| *name == id).ok_or_else(|| missing("layer"))?;
-        Ok(VisibleEmitter {
+        let mut emitter = VisibleEmitter {
             light,
             mask,
             hue: mask.hue(&inputs.photo),
@@ -271,7 +266,10 @@ fn emitters<'a>(
                 .map(|light| &**light)
                 .filter(|light| light.amplitude > 0.0),
             change: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
-        })
+            glare_gain: Vec3::ONE,
+        };
+        emitter.glare_gain = emitter.emission_towards(center_ray(emitter.shape)).1;
+        Ok(emitter)
     };
     inputs.glare_mask.iter().map(emitter).collect()
 }
@@ -282,15 +280,16 @@ fn scatter(drawn: &mut [DrawnLight], emitters: &[VisibleEmitter], inputs: &Compo
     let of_photo = || emitters.iter().filter_map(|emitter| Some((emitter, emitter.scattered?)));
     let Some((_, ScatteredLight { kernel, .. })) = of_photo().next() else { return };
     let scattered: f32 = of_photo().map(|(_, light)| light.amplitude).sum();
-    let emitted: f32 = of_photo().map(|(emitter, _)| luminance(emitter.center_emission().0)).sum();
+    let at_center =
+        |emitter: &VisibleEmitter| emitter.emission_towards(center_ray(emitter.shape)).0;
+    let emitted: f32 = of_photo().map(|(emitter, _)| luminance(at_center(emitter))).sum();
     let share = (scattered / emitted.max(scattered)).min(TUNING.max_scattered);
     let (w, h) = inputs.small.0.size();
     for light in drawn {
         let coverage = kernel.spread(&resize(&light.coverage.0, w, h));
         let shape = inputs.shape.get(&inputs.after.0[light.light].0);
-        let center = shape.and_then(|shape| shape.bounding_sphere());
-        let ray = center.map_or(Vec3::NEG_Z, |(center, _)| center.normalize_or(Vec3::NEG_Z));
-        let emission = share * light.emission.towards(|| ray);
+        let ray = || shape.map_or(Vec3::NEG_Z, |shape| center_ray(shape));
+        let emission = share * light.emission.towards(ray);
         light.glare = Some(coverage.map(|covered| covered * emission));
     }
 }
