@@ -224,7 +224,7 @@ fn bad_arguments_are_refused() {
     let room = Room::new();
     room.check_refused("", "Usage");
     room.check_refused("rnu graph.ron edit.ron", "unrecognized subcommand 'rnu'");
-    room.check_refused("run graph.ron", "<EDIT>");
+    room.check_refused("run", "<GRAPH>");
     room.check_refused("run graph.ron edit.ron --threads 0", "--threads");
     room.check_refused("run graph.ron edit.ron --threads many", "--threads");
     room.check_refused("run graph.ron edit.ron --no-cache --cache there", "--no-cache");
@@ -298,7 +298,7 @@ fn a_run_tells_what_it_did() {
     let room = Room::new();
     let (out, err) = check_runs(&room, RUN, 0);
     assert_eq!(out, "out/report.json\n", "paths are the result");
-    assert!(err.contains("scene  ran") && err.contains("1 ran in"), "{err}");
+    assert!(err.starts_with("1 ran in") && err.lines().count() == 1, "{err}");
 
     let first = report(&room);
     let wanted = [
@@ -325,10 +325,35 @@ fn a_run_tells_what_it_did() {
         serde_json::from_str(&out).expect("standard output is the report");
     assert_eq!(again["nodes"][0]["status"], "hit");
     assert_eq!(again["nodes"][0]["key"], first["nodes"][0]["key"]);
-    assert!(err.contains("scene  hit"), "{err}");
+    assert!(err.starts_with("1 hit in"), "{err}");
 
     let (_, err) = check_runs(&room, &format!("{RUN} --no-cache -v"), 0);
     assert!(err.starts_with("ran       scene ("), "-v gives a line per node: {err}");
+    assert!(err.contains("\nscene  ran "), "-v gives a row per node: {err}");
+    let (out, err) = check_runs(&room, &format!("{RUN} --quiet"), 0);
+    assert_eq!((out.as_str(), err.as_str()), ("out/report.json\n", ""));
+    room.check_refused(&format!("{RUN} --quiet -v"), "cannot be used with");
+}
+
+#[test]
+fn a_run_without_an_edit_changes_nothing() {
+    let room = Room::new();
+    check_runs(&room, "run graph.ron --scene scene", 0);
+    assert!(report(&room)["edit"].is_null());
+    room.check_refused("run graph.ron --scene scene --frame 0", "wanted an edit with `frames`");
+}
+
+#[test]
+fn a_failed_run_leaves_the_files_of_the_last_one() {
+    let room = Room::new();
+    check_runs(&room, RUN, 0);
+    let before = std::fs::read(room.path("out/report.json")).expect("it is there");
+    room.write("scene/photo.png", "this is no picture");
+    let (out, err) = check_runs(&room, RUN, 2);
+    assert!(out.is_empty() && err.contains("are of an earlier run"), "{out}{err}");
+    assert_eq!(std::fs::read(room.path("out/report.json")).expect("it is there"), before);
+    let (out, err) = check_runs(&room, &format!("{RUN} --quiet --json"), 2);
+    assert!(out.contains("\"failed\"") && err.starts_with("error: scene: "), "{out}{err}");
 }
 
 #[test]
@@ -371,7 +396,7 @@ fn files_that_a_stage_cannot_use_are_bad_files() {
     room.write("scene/photo.png", "this is no picture");
     let (_, err) = check_runs(&room, RUN, 2);
     assert!(err.contains("error: scene: ") && err.contains("photo.png"), "{err}");
-    assert_eq!(report(&room)["nodes"][0]["status"], "failed");
+    assert!(!room.path("out/report.json").exists());
     std::fs::remove_file(room.path("scene/lamp.png")).expect("it is there");
     room.check_refused(RUN, "scene.ron:6:\nlamp.png");
 }

@@ -110,8 +110,8 @@ pub struct CacheUse {
 pub struct RunArgs {
     /// The graph file.
     pub graph: PathBuf,
-    /// The edit file (edits/none.ron changes nothing).
-    pub edit: PathBuf,
+    /// The edit file. Default: no changes.
+    pub edit: Option<PathBuf>,
     #[command(flatten)]
     pub files: SceneFiles,
     /// The folder for the results, created if missing.

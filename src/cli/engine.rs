@@ -7,7 +7,7 @@ use relight::graph::{Cancel, Diagnostic, Engine, EngineOptions, RunReport, Servi
 
 use super::args::CacheUse;
 use super::exit::{Exit, Stop};
-use super::messages::message;
+use super::messages::{error, message};
 use super::{cache, networks};
 
 /// Time from Ctrl-C to the end of the program.
@@ -56,7 +56,7 @@ pub fn finished(run: RunReport) -> Result<RunReport, Stop> {
 pub fn report_errors(run: &RunReport) {
     let failed = run.nodes.iter().filter(|node| node.status != Status::Blocked);
     let errors = failed.filter_map(|node| Some((node, node.error.as_ref()?)));
-    errors.for_each(|(node, error)| message!("error: {}: {error}", node.name));
+    errors.for_each(|(node, error)| error!("{}: {error}", node.name));
 }
 
 /// Makes the first Ctrl-C cancel the run; the second one, or [`PATIENCE`], ends the program.

@@ -9,7 +9,7 @@ use super::args::Export;
 use super::engine::{engine, finished, options, stop_on_ctrl_c};
 use super::exit::{CliError, Exit, Stop, ended};
 use super::load::load;
-use super::messages::{message, terminal};
+use super::messages::{message, shows_progress};
 use super::progress::Progress;
 use super::report;
 use super::results::results;
@@ -40,7 +40,7 @@ fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
     let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
-    let progress = Progress::new(verbose > 0, terminal());
+    let progress = Progress::new(verbose > 0, shows_progress());
     let done = engine(options)?.run(&graph, &wanted, &cancel, &progress);
     progress.end();
     let done = finished(done)?;

@@ -15,7 +15,7 @@ use super::engine::{engine, report_errors, stop_on_ctrl_c};
 use super::exit::{CliError, Exit};
 use super::film;
 use super::load::Pictures;
-use super::messages::{message, terminal};
+use super::messages::{error, message, shows_progress};
 use super::progress::FrameProgress;
 use super::report::{self, Head, NodeJson};
 use super::results::{backend_of, engine_options, output, results};
@@ -106,7 +106,7 @@ pub fn run(
     let out = output(args, &pictures.first)?;
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
-    let progress = FrameProgress::new(numbers.len(), verbose > 0, terminal());
+    let progress = FrameProgress::new(numbers.len(), verbose > 0, shows_progress());
     let mut backend = None;
     let mut all: Vec<Done> = Vec::new();
     for number in numbers.clone() {
@@ -150,16 +150,18 @@ pub fn run(
     let backend = backend.map(|choice| choice.backend.to_string());
     summarize(
         args,
+        verbose > 0,
         numbers.len(),
         &all,
         out.as_ref(),
-        Head::new(&args.graph, &args.edit, began, backend, engine.threads()),
+        Head::new(&args.graph, args.edit.as_deref(), began, backend, engine.threads()),
     )
 }
 
-/// Makes the film, writes report.json and shows the table.
+/// Makes the film, writes report.json and tells the outcome; with `rows`, also a row per frame.
 fn summarize(
     args: &RunArgs,
+    rows: bool,
     count: usize,
     all: &[Done],
     out: Option<&Output>,
@@ -201,13 +203,15 @@ fn summarize(
     if let Some(out) = out {
         paths.push(out.file("report.json", json.as_bytes())?);
     }
-    message!("{}", table(all).trim_end());
+    if rows {
+        message!("{}", table(all).trim_end());
+    }
     report.warnings.iter().for_each(|warning| message!("warning: {warning}"));
     report_errors(&last.report);
     for (done, what) in
         all.iter().flat_map(|done| done.differences.iter().map(move |what| (done, what)))
     {
-        message!("error: {what}: computed again in frame {}, the result differs", done.number);
+        error!("{what}: computed again in frame {}, the result differs", done.number);
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
     message!("{made} of {count} frames in {:.2} s", report.head.seconds);

@@ -65,7 +65,12 @@ pub fn load(
 ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     let parts = Parts::read(graph, files);
     let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
-    let Some(path) = edit else { return parts.with(Ok(Overlay::default()), resolve) };
+    let Some(path) = edit else {
+        return match files.frame {
+            None => parts.with(Ok(Overlay::default()), resolve),
+            Some(_) => parts.refused(no_frames()),
+        };
+    };
     let first = EditFile::read_within(path, files.reach())
         .and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
     let (frames, edit) = first.or_else(|faults| parts.refused(faults))?;
@@ -100,12 +105,16 @@ pub fn load_all(
     Ok(pictures)
 }
 
+fn no_frames() -> Vec<Diagnostic> {
+    vec![Diagnostic::file("--frame".as_ref(), "wanted an edit with `frames`, got one picture")]
+}
+
 /// The requested frames, at least one; none where the edit is one picture.
 fn frames(edit: &EditFile, chosen: Option<u32>) -> Result<Option<Range<u32>>, Vec<Diagnostic>> {
     let refused = |message: String| vec![Diagnostic::file("--frame".as_ref(), message)];
     match (edit.frames(), chosen) {
         (None, None) => Ok(None),
-        (None, Some(_)) => Err(refused("this edit is one picture: it has no `frames`".into())),
+        (None, Some(_)) => Err(no_frames()),
         (Some(frames), None) => Ok(Some(0..frames)),
         (Some(frames), Some(number)) if number < frames => Ok(Some(number..number + 1)),
         (Some(frames), Some(number)) => {

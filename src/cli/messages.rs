@@ -5,17 +5,38 @@
 
 use std::fmt::Arguments;
 use std::io::{self, IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use relight::graph::escape;
 
-/// Writes a line to standard error: `message!("{made} frames")`.
+/// Writes a line to standard error, unless the program is quiet: `message!("{made} frames")`.
 macro_rules! message {
     ($($arg:tt)*) => { $crate::cli::messages::line(format_args!($($arg)*)) };
 }
 pub(super) use message;
 
-/// Writes a line to standard error.
+/// Writes a line to standard error after the word "error", also in a quiet program.
+macro_rules! error {
+    ($($arg:tt)*) => { $crate::cli::messages::error_line(format_args!($($arg)*)) };
+}
+pub(super) use error;
+
+/// The program writes errors only.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Writes a line to standard error, unless the program is quiet.
 pub fn line(text: Arguments) {
+    if !QUIET.load(Ordering::Relaxed) {
+        write_line(text);
+    }
+}
+
+/// Writes an error to standard error.
+pub fn error_line(text: Arguments) {
+    write_line(format_args!("error: {text}"));
+}
+
+fn write_line(text: Arguments) {
     let _ = Escaped.write_all(format!("{text}\n").as_bytes());
 }
 
@@ -44,9 +65,15 @@ pub fn terminal() -> bool {
     io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
 }
 
+/// Whether standard error is a terminal that shows progress.
+pub fn shows_progress() -> bool {
+    terminal() && !QUIET.load(Ordering::Relaxed)
+}
+
 /// Sends the log to standard error. The level rises with `verbose`; the variable `RELIGHT_LOG` wins
-/// over it.
-pub fn log(verbose: u8) {
+/// over it. A quiet program writes errors only.
+pub fn start(verbose: u8, quiet: bool) {
+    QUIET.store(quiet, Ordering::Relaxed);
     use tracing_subscriber::{EnvFilter, fmt};
     // The report of a run contains the engine's warnings, and its command shows them.
     let level = match verbose {

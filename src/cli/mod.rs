@@ -40,13 +40,16 @@ use clap::{Parser, Subcommand};
 struct Cli {
     #[command(subcommand)]
     command: Command,
-    /// Write more to standard error: one line per node (-v), steps of the engine (-vv), everything
-    /// (-vvv).
+    /// Write more to standard error: a line and a row of measures per node (-v), steps of the
+    /// engine (-vv), everything (-vvv).
     ///
     /// The environment variable RELIGHT_LOG takes a tracing filter, such as `relight=debug`, and
     /// overrides this option.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
+    /// Write errors only to standard error; report.json has the warnings.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
 }
 
 const EXAMPLES: &str = "\
@@ -102,8 +105,8 @@ enum Command {
 /// Parses the arguments, runs the command and returns its exit status.
 pub fn main() -> ExitCode {
     let began = Instant::now();
-    let Cli { command, verbose } = Cli::parse();
-    messages::log(verbose);
+    let Cli { command, verbose, quiet } = Cli::parse();
+    messages::start(verbose, quiet);
     let outcome = match &command {
         Command::New(args) => new::new(args, verbose),
         Command::Run(args) => run::run(args, verbose, began),

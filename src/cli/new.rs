@@ -21,7 +21,7 @@ use super::check::check;
 use super::engine::{engine, finished, options, stop_on_ctrl_c};
 use super::exit::{CliError, Exit, Stop};
 use super::load::{backend, setting};
-use super::messages::{message, terminal};
+use super::messages::{message, shows_progress};
 use super::progress::Progress;
 use super::results::results;
 use super::{networks, report, write};
@@ -279,7 +279,7 @@ impl Maker<'_> {
         }
         let graph = file.resolve(&registry, &overlay)?;
         let options = options(&self.args.cache, name.as_ref(), Some(folder))?;
-        let progress = Progress::new(self.verbose > 0, terminal());
+        let progress = Progress::new(self.verbose > 0, shows_progress());
         let done = engine(options)?.run(&graph, &graph.wanted(None)?, &self.cancel, &progress);
         progress.end();
         let done = finished(done)?;

@@ -1,15 +1,17 @@
 //! `relight run` of an edit without `frames`: one picture.
 
+use std::path::PathBuf;
 use std::time::Instant;
 
-use relight::graph::{Cancel, ResolvedGraph};
+use relight::graph::{Cancel, Diagnostic, ResolvedGraph, RunReport};
 
 use super::args::{LONG_SIDE, RunArgs};
 use super::engine::{engine, report_errors, stop_on_ctrl_c};
 use super::exit::{CliError, Exit};
-use super::messages::{message, terminal};
+use super::messages::{error, message, shows_progress};
 use super::progress::Progress;
 use super::results::{backend_of, engine_options, output, results};
+use super::write::Output;
 use super::{page, report, write};
 
 /// Runs or verifies `graph`, writes its files and shows the report.
@@ -27,7 +29,7 @@ pub fn run(
     let out = output(args, &graph)?; // fails before the work, not after it
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
-    let progress = Progress::new(verbose > 0, terminal());
+    let progress = Progress::new(verbose > 0, shows_progress());
     let (done, differences) = if args.verify {
         let verified = engine.verify(&graph, &wanted, &cancel, &progress);
         (verified.run, verified.differences)
@@ -36,44 +38,57 @@ pub fn run(
     };
     progress.end();
 
-    let mut paths = Vec::new();
-    let warnings = report::warnings(&done);
-    if let Some(out) = &out {
-        let results = results(&done);
-        let files = results.iter().flat_map(|files| &files.0).map(|(name, bytes)| (name, bytes));
-        paths.extend(out.write(&files.collect::<Vec<_>>())?);
-    }
     let choice = backend_of(args, &done)?;
     let backend = choice.as_ref().map(|choice| choice.backend.to_string());
-
-    let head = report::Head::new(&args.graph, &args.edit, began, backend, engine.threads());
+    let edit = args.edit.as_deref();
+    let head = report::Head::new(&args.graph, edit, began, backend, engine.threads());
+    let warnings = report::warnings(&done);
     let json = report::json(&head, &graph, &done, &warnings);
-    if let Some(out) = &out {
-        paths.push(out.file("report.json", json.as_bytes())?);
-    }
-    if args.report && done.is_complete() {
-        paths.push(page::page(&args.out, LONG_SIDE)?);
-    }
+    let paths = match &out {
+        Some(out) if done.is_complete() => write_all(args, out, &done, &json)?,
+        _ => Vec::new(),
+    };
 
-    message!("{}", report::table(&done).trim_end());
-    if let Some(choice) = &choice {
-        message!("networks by {}: {}", choice.backend, choice.why);
+    if verbose > 0 {
+        message!("{}", report::table(&done).trim_end());
+        if let Some(choice) = &choice {
+            message!("networks by {}: {}", choice.backend, choice.why);
+        }
     }
     warnings.iter().for_each(|warning| message!("warning: {warning}"));
     report::notes_of_outputs(&done).for_each(|note| message!("{note}"));
     report_errors(&done);
     for difference in &differences {
-        message!(
-            "error: {}.{}: computed again, the result differs",
-            difference.node,
-            difference.port
-        );
+        error!("{}.{}: computed again, the result differs", difference.node, difference.port);
     }
     message!("{}", report::summary(&done, head.seconds));
+    if !done.is_complete() && args.out.join("report.json").exists() {
+        message!("nothing is written: the files in {} are of an earlier run", args.out.display());
+    }
     if args.json {
         write::print(&json)?;
     } else {
         write::print_paths(&paths)?;
     }
     Ok(Exit::of(&done).and(differences.is_empty()))
+}
+
+/// Writes the files of a whole run; returns their paths. A part of a run that makes no file leaves
+/// the report of an earlier run beside its pictures.
+fn write_all(
+    args: &RunArgs,
+    out: &Output,
+    done: &RunReport,
+    json: &str,
+) -> Result<Vec<PathBuf>, Diagnostic> {
+    let results = results(done);
+    let files = results.iter().flat_map(|files| &files.0).map(|(name, bytes)| (name, bytes));
+    let mut paths = out.write(&files.collect::<Vec<_>>())?;
+    if args.only.is_none() || !paths.is_empty() {
+        paths.push(out.file("report.json", json.as_bytes())?);
+    }
+    if args.report {
+        paths.push(page::page(&args.out, LONG_SIDE)?);
+    }
+    Ok(paths)
 }

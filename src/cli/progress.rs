@@ -11,26 +11,81 @@ use super::messages::message;
 /// Interval between updates of the time left while no node ends.
 const TICK: Duration = Duration::from_millis(200);
 
+/// Seconds of a cold run of graphs/indoor.ron, in percent, that one node of a kind takes: the means
+/// of scenes/demo and eight photographs. A kind that is not listed takes [`SHORT`].
+const COSTS: [(&str, f64); 18] = [
+    ("InitLights", 19.2),
+    ("ReadScene", 10.8),
+    ("MNet", 10.4),
+    ("Transport", 8.4),
+    ("Mesh", 7.9),
+    ("Compose", 3.8),
+    ("LensGlare", 3.5),
+    ("Write", 3.0),
+    ("Shadow", 2.4),
+    ("FillReflectance", 1.7),
+    ("FitLights", 1.5),
+    ("DrawRooms", 1.5),
+    ("TraceIndirect", 1.0),
+    ("RoomBox", 0.8),
+    ("RoomError", 0.5),
+    ("Direct", 0.5),
+    ("RetinexMaterials", 0.4),
+    ("LightDraws", 0.2),
+];
+/// Cost of a node of any other kind.
+const SHORT: f64 = 0.05;
+
+fn cost(kind: &str) -> f64 {
+    COSTS.iter().find(|(listed, _)| *listed == kind).map_or(SHORT, |(_, cost)| *cost)
+}
+
 pub struct Progress {
     /// Whether each finished node gets a line.
     lines: bool,
-    terminal: bool,
+    shown: bool,
     state: Mutex<ProgressState>,
 }
 
 #[derive(Default)]
 struct ProgressState {
     bar: Option<ProgressBar>,
-    /// Number of nodes that are not hits, as far as known.
-    to_run: usize,
-    done: usize,
+    work: Work,
     working: Vec<String>,
 }
 
+/// Costs of the nodes of a run.
+#[derive(Default)]
+struct Work {
+    /// Cost of all nodes that are not hits, as far as known.
+    total: f64,
+    /// Cost of those that are done.
+    done: f64,
+}
+
+impl Work {
+    /// A hit takes no time and does not count. A node that is computed again after a hit is done
+    /// twice.
+    fn finished(&mut self, kind: &str, status: Status) {
+        if status == Status::Hit {
+            self.total = (self.total - cost(kind)).max(self.done);
+        } else {
+            self.done += cost(kind);
+            self.total = self.total.max(self.done);
+        }
+    }
+
+    /// Time left after `elapsed`; `None` before a tenth of the work is done.
+    fn left(&self, elapsed: Duration) -> Option<Duration> {
+        let done = self.done / self.total;
+        (done >= 0.1).then(|| elapsed.mul_f64((1.0 - done) / done))
+    }
+}
+
 impl Progress {
-    /// Creates the progress of one run. `lines` prints a line per node; `terminal` draws a bar.
-    pub fn new(lines: bool, terminal: bool) -> Progress {
-        Progress { lines, terminal, state: Mutex::default() }
+    /// Creates the progress of one run. `lines` prints a line per node; `shown` draws a bar.
+    pub fn new(lines: bool, shown: bool) -> Progress {
+        Progress { lines, shown, state: Mutex::default() }
     }
 
     /// Removes the bar.
@@ -48,23 +103,22 @@ impl Progress {
 impl ProgressState {
     fn draw(&self) {
         if let Some(bar) = &self.bar {
-            bar.set_length(self.to_run as u64);
-            bar.set_position(self.done as u64);
-            bar.set_message(self.working.join(" "));
+            bar.set_position((STEPS * self.work.done / self.work.total.max(SHORT)) as u64);
+            let left = self.work.left(bar.elapsed());
+            let left = left.map(|left| format!("{} left  ", HumanDuration(left)));
+            bar.set_message(format!("{}{}", left.unwrap_or_default(), self.working.join(" ")));
         }
     }
 }
 
-fn bar() -> ProgressBar {
+/// Steps of the bar of one run.
+const STEPS: f64 = 1000.0;
+
+fn bar(template: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-    bar.set_style(style("nodes", ""));
+    bar.set_style(ProgressStyle::with_template(template).expect("the template is sound"));
     bar.enable_steady_tick(TICK);
     bar
-}
-
-fn style(what: &str, left: &str) -> ProgressStyle {
-    ProgressStyle::with_template(&format!("{{bar:30}} {{pos}}/{{len}} {what}{left}  {{wide_msg}}"))
-        .expect("the template is sound")
 }
 
 /// Progress of a sequence: a bar over its frames on a terminal, a line per frame elsewhere.
@@ -82,6 +136,7 @@ struct FrameState {
     done: usize,
     /// Seconds of each frame for which a node ran.
     made: Vec<f64>,
+    left: Option<Duration>,
     frame: u32,
     working: Vec<String>,
 }
@@ -91,8 +146,7 @@ impl FrameProgress {
     /// bar.
     pub fn new(count: usize, lines: bool, terminal: bool) -> FrameProgress {
         let bar = terminal.then(|| {
-            let bar = bar();
-            bar.set_style(style("frames", ""));
+            let bar = bar("{bar:30} {pos}/{len} frames  {wide_msg}");
             bar.set_length(count as u64);
             bar
         });
@@ -119,13 +173,9 @@ impl FrameProgress {
         if ran > 0 {
             state.made.push(seconds);
         }
-        let left = state
-            .left(self.count)
-            .map(|left| format!(", {} left", HumanDuration(left)))
-            .unwrap_or_default();
+        state.left = state.time_left(self.count);
         if let Some(bar) = &state.bar {
             bar.set_position(state.done as u64);
-            bar.set_style(style("frames", &left));
         }
         if !self.terminal {
             let what = if ran > 0 {
@@ -133,6 +183,8 @@ impl FrameProgress {
             } else {
                 "cached".to_owned()
             };
+            let left = state.left.map(|left| format!(", {} left", HumanDuration(left)));
+            let left = left.unwrap_or_default();
             message!("frame {number} ({} of {}): {what}{left}", state.done, self.count);
         }
     }
@@ -152,13 +204,15 @@ impl FrameProgress {
 impl FrameState {
     fn draw(&self) {
         if let Some(bar) = &self.bar {
-            bar.set_message(format!("frame {}: {}", self.frame, self.working.join(" ")));
+            let left = self.left.map(|left| format!("{} left  ", HumanDuration(left)));
+            let left = left.unwrap_or_default();
+            bar.set_message(format!("{left}frame {}: {}", self.frame, self.working.join(" ")));
         }
     }
 
     /// Time left, from the mean time of computed frames. The first of them is left out: it computes
     /// the shared results.
-    fn left(&self, count: usize) -> Option<Duration> {
+    fn time_left(&self, count: usize) -> Option<Duration> {
         let usual = if self.made.len() > 1 { &self.made[1..] } else { &self.made[..] };
         let to_come = count - self.done;
         if usual.is_empty() || to_come == 0 {
@@ -199,35 +253,26 @@ fn line(report: &NodeReport) -> String {
 }
 
 impl Observer for Progress {
-    fn needs(&self, more: usize) {
-        self.state().to_run += more;
+    fn needs(&self, kinds: &[&str]) {
+        self.state().work.total += kinds.iter().map(|kind| cost(kind)).sum::<f64>();
     }
 
     fn started(&self, node: &str) {
         let mut state = self.state();
         state.working.push(node.to_owned());
         // Created late, so that a run of hits alone draws no bar.
-        if self.terminal && state.bar.is_none() {
-            state.bar = Some(bar());
+        if self.shown && state.bar.is_none() {
+            let bar = bar("{bar:30} {percent}%  {wide_msg}");
+            bar.set_length(STEPS as u64);
+            state.bar = Some(bar);
         }
         state.draw();
     }
 
     fn finished(&self, report: &NodeReport) {
         let mut state = self.state();
-        // A hit takes no time and does not count. A node that is computed again after a hit is done
-        // twice.
-        if report.status == Status::Hit {
-            state.to_run = state.to_run.saturating_sub(1);
-        } else {
-            state.done += 1;
-        }
+        state.work.finished(report.kind, report.status);
         state.working.retain(|name| *name != report.name);
-        if let Some(bar) = &state.bar
-            && state.done == 1
-        {
-            bar.set_style(style("nodes", ", {eta} left"));
-        }
         state.draw();
         if self.lines {
             let line = line(report);
@@ -236,5 +281,28 @@ impl Observer for Progress {
                 None => message!("{line}"),
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_left_follows_the_work_and_not_the_count() {
+        let all = ["InitLights", "Mesh", "MNet"].map(cost);
+        let mut work = Work { total: all.iter().sum::<f64>() + 20.0 * SHORT, done: 0.0 };
+        let elapsed = Duration::from_secs(8);
+        assert_eq!(work.left(elapsed), None);
+        for _ in 0..20 {
+            work.finished("Mix", Status::Ran);
+        }
+        assert_eq!(work.left(elapsed), None, "twenty short nodes are hardly any work");
+        work.finished("Mesh", Status::Hit);
+        work.finished("InitLights", Status::Ran);
+        let left = work.left(elapsed).expect("much is done").as_secs_f64();
+        assert!((left - 8.0 * cost("MNet") / (cost("InitLights") + 20.0 * SHORT)).abs() < 1e-6);
+        work.finished("MNet", Status::Ran);
+        assert_eq!(work.left(elapsed), Some(Duration::ZERO));
     }
 }

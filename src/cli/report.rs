@@ -11,7 +11,8 @@ use serde::Serialize;
 pub struct Head {
     relight: &'static str,
     graph: String,
-    edit: String,
+    /// `None` where nothing is changed.
+    edit: Option<String>,
     /// Wall time since the program began.
     pub seconds: f64,
     peak_bytes: Option<u64>,
@@ -24,7 +25,7 @@ impl Head {
     /// Creates the head of a run that began at `began`; the wall time ends at this call.
     pub fn new(
         graph: &Path,
-        edit: &Path,
+        edit: Option<&Path>,
         began: Instant,
         backend: Option<String>,
         threads: usize,
@@ -32,7 +33,7 @@ impl Head {
         Head {
             relight: env!("CARGO_PKG_VERSION"),
             graph: graph.display().to_string(),
-            edit: edit.display().to_string(),
+            edit: edit.map(|edit| edit.display().to_string()),
             seconds: began.elapsed().as_secs_f64(),
             peak_bytes: peak_bytes(),
             backend,
@@ -120,7 +121,7 @@ pub fn notes_of_outputs(run: &RunReport) -> impl Iterator<Item = &str> {
     nodes.flat_map(|node| node.notes.iter().map(String::as_str))
 }
 
-/// The table at the end of every run.
+/// The table of a run, a row per node.
 pub fn table(run: &RunReport) -> String {
     let width = run.nodes.iter().map(|node| node.name.chars().count()).max().unwrap_or(0).max(4);
     let (status, seconds, memory, rays, samples, error) =

@@ -24,7 +24,7 @@ pub fn engine_options(args: &RunArgs) -> Result<EngineOptions, Diagnostic> {
 /// # Errors
 /// The folder cannot be made.
 pub fn output(args: &RunArgs, graph: &ResolvedGraph) -> Result<Option<Output>, Diagnostic> {
-    let output = || Output::of_graph(&args.out, graph, Some(&args.edit), args.force);
+    let output = || Output::of_graph(&args.out, graph, args.edit.as_deref(), args.force);
     (!args.verify).then(output).transpose()
 }
 

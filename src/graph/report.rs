@@ -142,9 +142,9 @@ impl RunReport {
 
 /// Watches a run. Calls come from any thread.
 pub trait Observer: Sync {
-    /// The run needs so many nodes more: once before any work, and again when a condition turns out
-    /// to hold.
-    fn needs(&self, _more: usize) {}
+    /// The run needs nodes of these kinds more: once before any work, and again when a condition
+    /// turns out to hold.
+    fn needs(&self, _kinds: &[&str]) {}
     /// A node's stage begins to work; not called for hits.
     fn started(&self, _node: &str) {}
     /// A node is done. Called again for a hit whose stored values turn out to be damaged when they

@@ -178,8 +178,8 @@ impl<'a> RunInProgress<'a> {
     /// Acts on events, and starts a worker for each instance that they make ready.
     fn follow<'s>(&'s self, scope: &rayon::Scope<'s>, events: Vec<(usize, Event)>) {
         let (ready, more) = self.lock().follow(events);
-        if more > 0 {
-            self.options.observer.needs(more);
+        if !more.is_empty() {
+            self.options.observer.needs(&more);
         }
         (0..ready).for_each(|_| scope.spawn(|scope| self.work(scope)));
     }
@@ -681,10 +681,10 @@ impl<'a> RunState<'a> {
         }
     }
 
-    /// Acts on events; the number of instances that are ready for work now, and of those that are
-    /// known now to be needed.
-    fn follow(&mut self, mut events: Vec<(usize, Event)>) -> (usize, usize) {
-        let (mut ready, mut needed) = (0, 0);
+    /// Acts on events; the number of instances that are ready for work now, and the kinds of those
+    /// that are known now to be needed.
+    fn follow(&mut self, mut events: Vec<(usize, Event)>) -> (usize, Vec<&'static str>) {
+        let (mut ready, mut needed) = (0, Vec::new());
         while let Some((at, event)) = events.pop() {
             let instance = &self.graph.instances[at];
             match (event, self.asked[at]) {
@@ -700,7 +700,7 @@ impl<'a> RunState<'a> {
                         events.push((at, Event::Completed));
                         continue;
                     }
-                    needed += 1;
+                    needed.push(self.graph.nodes[instance.node].kind);
                     self.asked[at] = Asked::Inputs;
                     // After a failure nothing more is requested: the worker finds it and reports.
                     self.wait(at, if fail { &[] } else { &instance.from }, &mut events);

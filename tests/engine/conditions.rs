@@ -141,8 +141,8 @@ fn a_watcher_is_told_of_nodes_as_they_turn_out_to_be_needed() {
     #[derive(Default)]
     struct Counts(std::sync::Mutex<Vec<usize>>);
     impl Observer for Counts {
-        fn needs(&self, more: usize) {
-            self.0.lock().unwrap().push(more);
+        fn needs(&self, kinds: &[&str]) {
+            self.0.lock().unwrap().push(kinds.len());
         }
     }
     for (n, wanted) in [(-5, &[3][..]), (5, &[3, 2, 1])] {

@@ -529,8 +529,8 @@ fn reports_tell_rays_errors_warnings_also_of_hits() {
     #[derive(Default)]
     struct Log(std::sync::Mutex<Vec<String>>);
     impl Observer for Log {
-        fn needs(&self, more: usize) {
-            self.0.lock().unwrap().push(format!("{more} nodes"));
+        fn needs(&self, kinds: &[&str]) {
+            self.0.lock().unwrap().push(kinds.join(" and "));
         }
         fn started(&self, node: &str) {
             self.0.lock().unwrap().push(format!("{node} started"));
@@ -547,7 +547,10 @@ fn reports_tell_rays_errors_warnings_also_of_hits() {
     let report = engine.run(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &log);
     let busy = &report.nodes[1];
     assert_eq!((busy.rays, busy.stderr, busy.bytes, busy.warnings.len()), (1000, Some(0.25), 8, 1));
-    assert_eq!(*log.0.lock().unwrap(), ["2 nodes", "a started", "a Ran", "b started", "b Ran"]);
+    assert_eq!(
+        *log.0.lock().unwrap(),
+        ["Busy and Const", "a started", "a Ran", "b started", "b Ran"]
+    );
     let again = run(&engine, &graph);
     let hit = &again.nodes[1];
     assert_eq!(

@@ -47,7 +47,7 @@ const SMALL: usize = 320;
 /// The fields of report.json for the drawing of the graph; the page itself reads the others.
 #[derive(Deserialize)]
 struct GraphOfReport {
-    edit: String,
+    edit: Option<String>,
     nodes: Vec<NodeOfReport>,
 }
 
@@ -62,7 +62,7 @@ struct NodeOfReport {
 
 impl Node for WriteReport {
     const KIND: &'static str = "WriteReport";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = WriteReportIn;
     type Out = WriteReportOut;
 
@@ -103,7 +103,8 @@ impl Node for WriteReport {
         });
         // A script must not contain `<`, which could end it.
         let data = data.to_string().replace('<', "\\u003c");
-        let title = svg::escape(&format!("{} - relight", report.edit));
+        let edit = report.edit.as_deref().unwrap_or("no change");
+        let title = svg::escape(&format!("{edit} - relight"));
         let drawn: Vec<Drawn> = report.nodes.into_iter().map(drawn).collect();
         let page = fill(
             PAGE,

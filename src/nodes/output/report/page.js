@@ -238,7 +238,7 @@ function tables() {
   list("warnings", report.warnings);
   list("notes", report.nodes.flatMap((node) => node.notes.map((note) => `${node.name}: ${note}`)));
   const count = (status) => report.nodes.filter((node) => node.status === status).length;
-  byId("edit").textContent = `${report.edit} on ${report.graph}`;
+  byId("edit").textContent = `${report.edit ?? "no change"} on ${report.graph}`;
   const facts = [`${count("hit")} hit`, `${count("ran")} ran`, `${report.seconds.toFixed(2)} s`, `${report.threads} threads`];
   if (report.backend) facts.push(report.backend);
   byId("facts").textContent = facts.join(" \u00b7 ");
