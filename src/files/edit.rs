@@ -45,6 +45,18 @@ pub fn frame(
     scene: Option<&Overlay>,
     kinds: Option<&[&str]>,
 ) -> Result<Overlay, Vec<Diagnostic>> {
+    let (overlay, faults) = frame_and_faults(edit, frame, scene, kinds);
+    if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+}
+
+/// Reads one frame of an edit, and every fault that can be known without the graph: the entries can
+/// then be checked beside them. It is empty where keyframes have faults.
+pub fn frame_and_faults(
+    edit: &EditFile,
+    frame: u32,
+    scene: Option<&Overlay>,
+    kinds: Option<&[&str]>,
+) -> (Overlay, Vec<Diagnostic>) {
     let mut faults = edit.faults.clone();
     let mut overlay = Overlay::default();
     for (key, mut value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
@@ -74,7 +86,10 @@ pub fn frame(
             value,
         });
     }
-    if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
+    if !edit.faults.is_empty() {
+        overlay = Overlay::default();
+    }
+    (overlay, faults.into_vec())
 }
 
 /// The lights that are there before the edit.
