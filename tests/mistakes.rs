@@ -332,7 +332,7 @@ fn scenes() -> Vec<Mistake> {
     let depth = r#"(path: "depth.png", kind: PlanarZ, scale: 0.001)"#;
     vec![
         scene("A misspelt field", "photo:", "foto:", &["known: version, photo"]),
-        scene("A photo without quotes", "\"photo.png\"", "photo.png", &["photo"]),
+        scene("A photo without quotes", "\"photo.png\"", "photo.png", &["have quotes"]),
         scene("A photo that does not exist", "photo.png", "room.png", &["room.png cannot be read"]),
         scene(
             "Folders of Windows",
@@ -470,7 +470,7 @@ fn lines() -> Vec<Mistake> {
         line("A setting of another node", &run("--set sceen.long_side=8"), &["`scene`"]),
         line("A misspelt parameter", &run("--set scene.long_syde=8"), &["`long_side`"]),
         line("A setting with a unit", &run("--set scene.long_side=8px"), &["number alone"]),
-        line("A setting with a decimal comma", &run("--set fit.min_gain=0,5"), &["min_gain"]),
+        line("A setting with a decimal comma", &run("--set fit.sun_weight=0,5"), &["Write `0.5`"]),
         line(
             "A length of too few numbers",
             &run("--known-length 1,2,3=2"),

@@ -50,7 +50,7 @@ pub fn frame(
 }
 
 /// Reads one frame of an edit, and every fault that can be known without the graph: the entries can
-/// then be checked beside them. It is empty where keyframes have faults.
+/// then be checked beside them. It is empty where fields, numbers or keyframes have faults.
 pub fn frame_and_faults(
     edit: &EditFile,
     frame: u32,
@@ -59,7 +59,9 @@ pub fn frame_and_faults(
 ) -> (Overlay, Vec<Diagnostic>) {
     let mut faults = edit.faults.clone();
     let mut overlay = Overlay::default();
-    for (key, mut value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
+    let fields = fields(&edit.at(frame), "Edit", &FIELDS, &mut faults);
+    let is_whole = faults.is_empty();
+    for (key, mut value) in fields {
         let (stage, is_empty) = match key.name.as_str() {
             "lights" => {
                 let entries = value.as_map(&mut faults);
@@ -86,7 +88,7 @@ pub fn frame_and_faults(
             value,
         });
     }
-    if !edit.faults.is_empty() {
+    if !is_whole {
         overlay = Overlay::default();
     }
     (overlay, faults.into_vec())

@@ -212,7 +212,11 @@ impl Form {
             let inner = value.text().trim_start_matches('(').trim_end_matches(')');
             return Some(format!("did you mean `{}({inner})`?", variant.name));
         }
-        let word = value.string().or_else(|| value.variant().map(str::to_owned))?;
+        let is_file = |text: &String| text.contains(['.', '/']);
+        let word = value
+            .string()
+            .filter(|text| !is_file(text))
+            .or_else(|| value.variant().map(str::to_owned))?;
         named(&word).map(|near| format!("did you mean `{near}`?"))
     }
 }

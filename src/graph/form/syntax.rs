@@ -126,12 +126,16 @@ fn meaning(text: &str) -> (&'static str, String) {
         '°' => ("wanted a number without a unit", "write the number alone; angles are in degrees"),
         '#' if hex == 6 || hex == 3 => {
             let color = &text[..=hex];
-            return ("wanted a color in quotes", format!("write \"{color}\""));
+            let help =
+                format!("write \"{color}\" where a text is wanted, else three numbers from 0");
+            return ("wanted a color in quotes", help);
         }
         '#' => ("wanted a comment that begins with `//`", "write `// ..`"),
         '–' | '—' | '−' => ("wanted the minus sign of the keyboard", "write `-`"),
         '/' | '*' | '+' => ("wanted a number, not a calculation", "write its result"),
-        '\\' => ("wanted a text in quotes", "write \"folder/file.png\""),
+        '\\' | '.' => {
+            ("wanted a text in quotes", "names of files have quotes: \"folder/file.png\"")
+        }
         _ if is_quote(text) => (
             "wanted straight quotes `\"`",
             "write `\"`; word processors put curved quotes in its place",
