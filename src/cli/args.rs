@@ -17,7 +17,7 @@ pub struct SceneFiles {
     pub scene: Option<PathBuf>,
     /// One frame, from 0, of an edit with `frames`. Default: all frames for `run` and `check`, else
     /// the first.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(0, 99_999))]
     pub frame: Option<u32>,
     /// Set one parameter of one node, as RON; may be given several times, and overrides graph,
     /// scene and edit.
@@ -123,7 +123,7 @@ pub struct RunArgs {
     #[command(flatten)]
     pub cache: CacheUse,
     /// Number of worker threads; the result is the same for any number. Default: one per core.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1, 1024))]
     pub threads: Option<u16>,
     /// Time limit for each light's direct light and each light's shadow, as `500ms`, `2s` or
     /// `1min`.
@@ -138,7 +138,7 @@ pub struct RunArgs {
     #[arg(long)]
     pub exr: bool,
     /// Frames per second of film.mp4, which a whole sequence gets where ffmpeg is on PATH.
-    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u16).range(1..=240))]
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = whole::<u16>(1, 240))]
     pub fps: u16,
     /// Print report.json on standard output instead of the paths written.
     #[arg(long)]
@@ -167,11 +167,11 @@ pub struct NewArgs {
     pub depth_scale: Option<f32>,
     /// Height of the camera above the seen floor in meters: scales the depth of --depth. Default
     /// for relative depth: 1.5.
-    #[arg(long, value_name = "METERS", requires = "depth", value_parser = positive, conflicts_with_all = ["known_length", "room_height"])]
+    #[arg(long, value_name = "METERS", requires = "depth", value_parser = height, conflicts_with_all = ["known_length", "room_height"])]
     pub camera_height: Option<f32>,
     /// Height of the room in meters, where the photo shows floor and ceiling: scales the depth of
     /// --depth.
-    #[arg(long, value_name = "METERS", requires = "depth", value_parser = positive, conflicts_with = "known_length")]
+    #[arg(long, value_name = "METERS", requires = "depth", value_parser = height, conflicts_with = "known_length")]
     pub room_height: Option<f32>,
     /// A network for depth in ONNX (docs/networks.md); relative depth needs a known length.
     #[arg(long, value_name = "ONNX")]
@@ -219,7 +219,7 @@ pub struct ReportArgs {
     /// The folder that `relight run` wrote to (its --out); report.html is written into it.
     pub run: PathBuf,
     /// Longer side of the pictures in the page, in pixels.
-    #[arg(long, value_name = "PIXELS", default_value_t = LONG_SIDE, value_parser = clap::value_parser!(u32).range(1..=4096))]
+    #[arg(long, value_name = "PIXELS", default_value_t = LONG_SIDE, value_parser = whole::<u32>(1, 4096))]
     pub long_side: u32,
 }
 
@@ -237,6 +237,8 @@ pub struct Export {
     pub cache: CacheUse,
 }
 
+/// No camera and no room is higher, meters.
+const MAX_HEIGHT: f32 = 50.0;
 /// Default longest side, in pixels, of the pictures in a page.
 pub const LONG_SIDE: u32 = 640;
 
@@ -321,7 +323,7 @@ pub enum CacheAction {
         #[command(flatten)]
         at: CacheAt,
         /// The size limit in bytes. Default: the limit of runs.
-        #[arg(long)]
+        #[arg(long, value_parser = whole::<u64>(0, u64::MAX))]
         bytes: Option<u64>,
     },
     /// Read every entry and drop the damaged ones.
@@ -399,11 +401,34 @@ fn duration(text: &str) -> Result<Duration, String> {
         .ok_or("wanted a number and a unit, as `500ms`, `2s` or `1min`".into())
 }
 
-/// A length in meters above 0.
+/// A number above 0.
 fn positive(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
-        Ok(meters) if meters > 0.0 && meters.is_finite() => Ok(meters),
-        _ => Err("wanted a number above 0".into()),
+        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
+        _ => Err("wanted a number above 0, as `1.5`, without a unit".into()),
+    }
+}
+
+/// A height in a room, meters.
+fn height(text: &str) -> Result<f32, String> {
+    let meters = positive(text)?;
+    let centimeters = meters / 100.0;
+    match meters {
+        ..=MAX_HEIGHT => Ok(meters),
+        _ => Err(format!(
+            "wanted meters up to {MAX_HEIGHT}; if these are centimeters, write `{centimeters}`"
+        )),
+    }
+}
+
+/// Reads a whole number from `low` to `high`.
+fn whole<T: TryFrom<u64>>(low: u64, high: u64) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        let number = text.parse::<u64>().ok().filter(|number| (low..=high).contains(number));
+        let up_to = if high == u64::MAX { String::new() } else { format!(" to {high}") };
+        number
+            .and_then(|number| T::try_from(number).ok())
+            .ok_or_else(|| format!("wanted a whole number from {low}{up_to}"))
     }
 }
 

@@ -67,7 +67,7 @@ pub fn load(
     let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
     let Some(path) = edit else {
         return match files.frame {
-            None => parts.with(Ok(Overlay::default()), resolve),
+            None => parts.with(Default::default(), resolve),
             Some(_) => parts.refused(no_frames()),
         };
     };
@@ -193,7 +193,7 @@ impl Parts {
         number: Option<u32>,
         resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Diagnostic>>,
     ) -> Result<T, Vec<Diagnostic>> {
-        let change = edit::frame(
+        let change = edit::frame_and_faults(
             edit,
             number.unwrap_or(0),
             self.room.as_ref(),
@@ -208,24 +208,20 @@ impl Parts {
         self.with(change, resolve).map_err(|faults| faults.into_iter().map(numbered).collect())
     }
 
-    /// Resolves the graph with an edit; where the edit has faults, returns all other faults beside
-    /// its own.
+    /// Resolves the graph with an edit, or returns the faults of both.
     fn with<T>(
         &self,
-        change: Result<Overlay, Vec<Diagnostic>>,
+        (change, of_edit): (Overlay, Vec<Diagnostic>),
         resolve: impl FnOnce(&GraphFile, &Overlay) -> Result<T, Vec<Diagnostic>>,
     ) -> Result<T, Vec<Diagnostic>> {
-        let mut faults = self.faults.clone();
-        let change = keep(change, &mut faults);
+        let faults: Vec<Diagnostic> = self.faults.iter().cloned().chain(of_edit).collect();
         let Some(file) = &self.file else { return Err(faults) };
         // Without its scene, a graph would only report that it has none.
         let resolved = match &self.room {
             Some(room) => {
                 let mut overlay = room.clone();
-                if let Some(layer) = change {
-                    overlay.settings.extend(layer.settings);
-                    overlay.members.extend(layer.members);
-                }
+                overlay.settings.extend(change.settings);
+                overlay.members.extend(change.members);
                 overlay.settings.extend(self.settings.iter().cloned());
                 resolve(file, &overlay)
             }
@@ -240,7 +236,9 @@ impl Parts {
 
     /// The faults of an edit that cannot be read, and all others.
     fn refused<T>(&self, faults: Vec<Diagnostic>) -> Result<T, Vec<Diagnostic>> {
-        let refused = self.with(Err(faults), |file, overlay| file.resolve(&self.registry, overlay));
+        let refused = self.with((Overlay::default(), faults), |file, overlay| {
+            file.resolve(&self.registry, overlay)
+        });
         Err(refused.err().expect("a graph with faults is refused"))
     }
 }

@@ -65,8 +65,7 @@ pub fn section(spec: &KindSpec) -> String {
     let mut text = format!("## {}\n\n{}\n", spec.kind, lines(spec.doc).join("\n"));
     let params = spec.params.iter().map(|param| {
         let range = param.range.as_ref().map_or(String::new(), |range| format!(", range {range}"));
-        let head =
-            format!("`{}`: {}{range}, default `{}`", param.name, param.type_name, param.default);
+        let head = format!("`{}`: {}{range}, default `{}`", param.name, param.form, param.default);
         item(&head, param.doc)
     });
     let inputs = spec

@@ -45,9 +45,23 @@ pub fn frame(
     scene: Option<&Overlay>,
     kinds: Option<&[&str]>,
 ) -> Result<Overlay, Vec<Diagnostic>> {
+    let (overlay, faults) = frame_and_faults(edit, frame, scene, kinds);
+    if faults.is_empty() { Ok(overlay) } else { Err(faults) }
+}
+
+/// Reads one frame of an edit, and every fault that can be known without the graph: the entries can
+/// then be checked beside them. It is empty where fields, numbers or keyframes have faults.
+pub fn frame_and_faults(
+    edit: &EditFile,
+    frame: u32,
+    scene: Option<&Overlay>,
+    kinds: Option<&[&str]>,
+) -> (Overlay, Vec<Diagnostic>) {
     let mut faults = edit.faults.clone();
     let mut overlay = Overlay::default();
-    for (key, mut value) in fields(&edit.at(frame), "Edit", &FIELDS, &mut faults) {
+    let fields = fields(&edit.at(frame), "Edit", &FIELDS, &mut faults);
+    let is_whole = faults.is_empty();
+    for (key, mut value) in fields {
         let (stage, is_empty) = match key.name.as_str() {
             "lights" => {
                 let entries = value.as_map(&mut faults);
@@ -74,7 +88,10 @@ pub fn frame(
             value,
         });
     }
-    if faults.is_empty() { Ok(overlay) } else { Err(faults.into_vec()) }
+    if !is_whole {
+        overlay = Overlay::default();
+    }
+    (overlay, faults.into_vec())
 }
 
 /// The lights that are there before the edit.

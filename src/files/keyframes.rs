@@ -84,7 +84,7 @@ impl EditFile {
         }
         let fields = document.as_struct(None, &["frames"], &mut Diagnostics::ignored()); // other fields are not looked at here
         let frames = fields.first().and_then(|(_, value)| {
-            let count = value.parse::<u32>().ok().filter(|count| (1..=MOST_FRAMES).contains(count));
+            let count = value.parse::<u32>().filter(|count| (1..=MOST_FRAMES).contains(count));
             if count.is_none() {
                 faults.push(|| {
                     value

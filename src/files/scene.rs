@@ -68,7 +68,11 @@ pub fn read_within(
         let help = "name the folder, not the file in it";
         return Err(vec![Diagnostic::file(folder, "wanted a scene folder, got a file").help(help)]);
     }
-    parse(&Source::read(&path, reach).map_err(|fault| vec![fault])?, kinds)
+    let source = Source::read(&path, reach).map_err(|fault| {
+        let help = "`relight new PHOTO --out DIR` makes the folder of a scene";
+        vec![if path.exists() { fault } else { fault.help(help) }]
+    })?;
+    parse(&source, kinds)
 }
 
 /// Reads the text of a `scene.ron`, whose path need not exist.

@@ -484,7 +484,7 @@ fn parse_layer(source: &Arc<Source>, faults: &mut Diagnostics) -> Option<GraphLa
 }
 
 fn check_version(value: &Raw, faults: &mut Diagnostics) {
-    if value.parse::<u32>().ok() != Some(VERSION) {
+    if value.parse() != Some(VERSION) {
         faults.push(|| value.fault(format!("wanted version {VERSION}, got {}", value.short())));
     }
 }

@@ -9,6 +9,7 @@ mod draw;
 mod engine;
 mod escape;
 mod file;
+mod form;
 mod inputs;
 mod key;
 mod lexer;
@@ -32,6 +33,7 @@ pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};
 pub use engine::{Engine, EngineOptions};
 pub use escape::{escape, escape_json, escape_line};
 pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
+pub use form::Form;
 pub use node::{
     Arity, Gather, InPort, Inputs, Node, OutPort, Outputs, ParamSpec, Params, PortSpec, PortValue,
     Scatter,

@@ -40,6 +40,7 @@ use serde::{Serialize, de::DeserializeOwned};
 use super::Digest;
 use super::artifact::{Artifact, Flag, Value};
 use super::context::{Context, NodeError};
+use super::form::Form;
 use super::reading::File;
 
 /// A stage. `Self` is its parameters, made by [`params!`](crate::params).
@@ -94,8 +95,8 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
 pub struct ParamSpec {
     /// Name of the parameter.
     pub name: &'static str,
-    /// Type of the parameter, as Rust writes it.
-    pub type_name: &'static str,
+    /// Form of its value in a file.
+    pub form: Form,
     /// The default as RON.
     pub default: String,
     /// The declared range, such as `0..=1`.
@@ -150,7 +151,7 @@ macro_rules! params {
                 let defaults = Self::default();
                 vec![$( $crate::graph::ParamSpec {
                     name: stringify!($field),
-                    type_name: stringify!($ty),
+                    form: $crate::graph::Form::of::<$ty>(),
                     default: $crate::graph::to_ron(&defaults.$field),
                     range: $crate::params!(@range $ty $(, $range)?),
                     doc: concat!($($field_doc, "\n",)* ""),

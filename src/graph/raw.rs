@@ -11,6 +11,7 @@ use std::sync::Arc;
 use serde::de::DeserializeOwned;
 
 use super::diagnostics::Diagnostics;
+use super::form::syntax;
 use super::from_ron;
 use super::lexer::{Kind, Token, tokens};
 use super::source::{Diagnostic, Origin, Source};
@@ -47,7 +48,10 @@ impl Raw {
         let whole = Raw { origin: Origin { source: source.clone(), span: 0..source.text.len() } };
         let tokens = whole.tokens(faults)?;
         let sound = check_nesting(&whole, &tokens, faults);
-        check_values(&whole, &tokens, faults);
+        let sound = syntax::check(source, &tokens, faults) && sound;
+        if sound {
+            check_values(&whole, &tokens, faults);
+        }
         let (first, last) = (tokens.first(), tokens.last());
         let Some((first, last)) = first.zip(last) else {
             faults.push(|| Diagnostic::file(&source.path, "wanted a RON value, got an empty file"));
@@ -104,16 +108,27 @@ impl Raw {
             && wanted != got
         {
             faults.push(|| {
-                Diagnostic::at(
-                    &self.variant_origin(),
-                    format!("wanted `{wanted}(..)`, got `{got}`"),
-                )
+                let message = format!("wanted `{wanted}(..)`, got `{got}`");
+                Diagnostic::at(&self.variant_origin(), message).help(mistaken(wanted, got))
             });
             return Vec::new();
         }
-        let what = name.map_or("`(field: value, ..)`".to_owned(), |name| {
-            format!("`{name}(field: value, ..)`")
-        });
+        if let Some(wanted) = name
+            && !self.text().starts_with(['(', '#'])
+            && self.variant().is_none()
+        {
+            faults.push(|| {
+                let message = format!("wanted `{wanted}(..)`, got `{}`", self.short());
+                self.part(self.origin.span.start..self.origin.span.start + 1)
+                    .fault(message)
+                    .help(mistaken(wanted, self.text()))
+            });
+            return Vec::new();
+        }
+        let what = match name {
+            Some(name) => format!("`{name}(field: value, ..)`"),
+            None => format!("`({}: ..)` or a part of it", known.join(": .., ")),
+        };
         let mut fields = self.fields(&what, faults);
         fields.retain(|(key, _)| {
             let is_known = known.contains(&key.name.as_str());
@@ -134,13 +149,18 @@ impl Raw {
         if self.variant().is_some_and(|v| v.len() == self.text().len()) {
             return Vec::new();
         }
-        let mut fields = Vec::new();
+        let mut fields: Vec<(Key, Raw)> = Vec::new();
         for item in self.items('(', what, faults).unwrap_or_default() {
             match item.split_key() {
                 Some((key, value)) if is_word(key.text()) => {
                     fields.push((Key { name: key.text().to_owned(), origin: key.origin }, value));
                 }
-                _ => faults.push(|| item.fault(format!("wanted {what}, got `{}`", item.short()))),
+                _ => faults.push(|| {
+                    let fault = item.fault(format!("wanted {what}, got `{}`", item.short()));
+                    let last = fields.last();
+                    let comma = last.and_then(|(_, last)| last.decimal_comma(&item));
+                    comma.into_iter().fold(fault, Diagnostic::help)
+                }),
             }
         }
         fields
@@ -155,6 +175,10 @@ impl Raw {
                 Some((Some(name), key, value)) => {
                     entries.push((Key { name, origin: key.origin }, value))
                 }
+                Some((None, key, _)) if is_word(key.text()) => faults.push(|| {
+                    key.fault(format!("wanted a name in quotes, got `{}`", key.text()))
+                        .help(format!("write \"{}\"", key.text()))
+                }),
                 _ => faults.push(|| item.fault(format!("wanted {what}, got `{}`", item.short()))),
             }
         }
@@ -171,12 +195,25 @@ impl Raw {
         self.items('(', "`(a, b, ..)`", faults).unwrap_or_default()
     }
 
-    /// The value as `T`; the fault points at the place inside.
-    ///
-    /// # Errors
-    /// The value is not of this type.
-    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, Diagnostic> {
-        from_ron(self.text()).map_err(|e| self.locate(e))
+    /// The value as `T`; `None` where it is another.
+    pub fn parse<T: DeserializeOwned>(&self) -> Option<T> {
+        from_ron(self.text()).ok()
+    }
+
+    /// The one item of `(a)` or `Name(a)`; `None` for several, and for a field `(name: a)`.
+    pub(super) fn only_item(&self) -> Option<Raw> {
+        let mut items = self.as_tuple(&mut Diagnostics::ignored());
+        items.pop().filter(|item| items.is_empty() && item.split_key().is_none())
+    }
+
+    /// The likely meaning of two values that a comma separates, `1,5` in the place of `1.5`.
+    pub(super) fn decimal_comma(&self, next: &Raw) -> Option<String> {
+        let (head, tail) = (self.text(), next.text());
+        let start = head.rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| at + 1);
+        let is_digits = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+        let touch = self.origin.span.end + 1 == next.origin.span.start;
+        let both = touch && is_digits(&head[start..]) && is_digits(tail);
+        both.then(|| format!("a decimal comma? Write `{}.{tail}`", &head[start..]))
     }
 
     /// A string with its location, such as a name in a file. `None` left a fault.
@@ -196,27 +233,6 @@ impl Raw {
             Some(plain) => Some(plain.to_owned()),
             None => text.contains('"').then(|| from_ron(text).ok())?,
         }
-    }
-
-    /// Turns RON's own error, whose position counts from the start of this value, into a fault at
-    /// its token.
-    pub(super) fn locate(&self, error: ron::error::SpannedError) -> Diagnostic {
-        let text = self.text();
-        let start = error.span.start;
-        let line = text
-            .split_inclusive('\n')
-            .take(start.line.saturating_sub(1))
-            .map(str::len)
-            .sum::<usize>();
-        let column = text[line..]
-            .char_indices()
-            .nth(start.col.saturating_sub(1))
-            .map_or(text.len(), |(i, _)| line + i);
-        let before =
-            tokens(text).map_while(Result::ok).take_while(|token| token.span.start <= column);
-        let token = before.last().map_or(0..text.len(), |token| token.span);
-        let base = self.origin.span.start;
-        self.part(base + token.start..base + token.end).fault(error.code.to_string())
     }
 
     /// The beginning of the text, for messages.
@@ -312,6 +328,31 @@ impl Raw {
             key_end = Some(token.span.end);
         }
         None
+    }
+}
+
+/// The likely mistake where a file begins with `got` instead of `wanted`.
+fn mistaken(wanted: &str, got: &str) -> String {
+    let near = super::source::nearest(got, [wanted]).filter(|_| is_word(got));
+    match (wanted, got) {
+        ("Graph", "Edit") | ("Edit", "Graph") => {
+            "GRAPH and EDIT swapped? The graph comes first: `relight run GRAPH EDIT`".to_owned()
+        }
+        ("Graph" | "Edit", "Scene") => {
+            "this is a scene: name its folder with `--scene DIR`".to_owned()
+        }
+        ("Scene", "Graph" | "Edit") => {
+            format!("this is a file for the command line: {}", got.to_uppercase())
+        }
+        _ if near.is_some() => format!("did you mean `{wanted}`?"),
+        _ if got.starts_with(['{', '[']) => format!(
+            "JSON? A file here begins with `{wanted}(version: 1,`: fields stand in parentheses, and \
+             their names have no quotes"
+        ),
+        _ => format!(
+            "a file begins with `{wanted}(version: 1,` and ends with `)`; JSON, YAML and TOML are \
+             not read"
+        ),
     }
 }
 

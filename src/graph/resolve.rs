@@ -15,7 +15,7 @@ use super::file::{GraphFile, NodeDecl, Overlay, Setting, Target, Wire, check_nam
 use super::raw::{Key, Raw, holds_non_finite};
 use super::registry::{AnyNode, KindSpec, Registry};
 use super::resolved_graph::{Edge, GraphNode, Input, InputSelector, Instance, ResolvedGraph};
-use super::source::{Diagnostic, Origin};
+use super::source::{Diagnostic, Origin, path_help};
 use super::{Arity, Digest, File, MAX_FILE_BYTES, PortSpec, key};
 
 /// Most instances of nodes and wires between them; a thousand lights come to some ten thousand.
@@ -788,7 +788,8 @@ fn build(
                 let fault = Diagnostic::at(named.unwrap_or(declared), message);
                 let help =
                     registry.library.as_ref().filter(|_| named.is_none() && !file.path.is_empty());
-                help.into_iter().fold(fault, |fault, (_, help)| fault.help(help))
+                let help = help.map(|(_, help)| help.clone()).or_else(|| path_help(&file.path));
+                help.into_iter().fold(fault, Diagnostic::help)
             }),
         }
     }
@@ -879,7 +880,7 @@ fn set_all<'a>(
             }
         }
     }
-    sound &= is_finite(op, kind, &places.set, faults);
+    sound &= is_finite(op, &places.set, faults);
     sound.then_some(places)
 }
 
@@ -899,40 +900,23 @@ fn set(
         });
         return false;
     };
-    let Some(Err(error)) = op.set(field, value.text()) else { return true };
-    refuse(value, faults, || {
-        // RON takes the `6` of `6.4` for an integer and stumbles over the rest: the wanted type is
-        // the better message.
-        let detail = match error.code {
-            ron::Error::TrailingCharacters => String::new(),
-            _ => format!(": {}", error.code),
-        };
-        let wanted = format!("parameter `{field}` of {} wanted {}", kind.kind, spec.type_name);
-        Diagnostic {
-            message: format!("{wanted}, got `{}`{detail}", value.short()),
-            ..value.locate(error)
-        }
-    });
+    let Some(Err(_)) = op.set(field, value.text()) else { return true };
+    if is_sound_so_far(value, faults) {
+        spec.form.refuse(field, value, faults);
+    }
     false
 }
 
 /// Whether all parameters are finite. A number too large for single precision is not, which shows
 /// once it is set.
-fn is_finite(
-    op: &dyn AnyNode,
-    kind: &KindSpec,
-    set_at: &BTreeMap<&str, &Raw>,
-    faults: &mut Diagnostics,
-) -> bool {
+fn is_finite(op: &dyn AnyNode, set_at: &BTreeMap<&str, &Raw>, faults: &mut Diagnostics) -> bool {
     let mut finite = true;
     for (field, _) in op.values().into_iter().filter(|(_, ron)| holds_non_finite(ron)) {
         let Some(value) = set_at.get(field) else { continue };
         finite = false;
         refuse(value, faults, || {
-            let type_name =
-                kind.params.iter().find(|p| p.name == field).map_or("", |spec| spec.type_name);
-            let wanted = format!("parameter `{field}` of {} wanted {type_name}", kind.kind);
-            value.fault(format!("{wanted} with finite numbers, got `{}`", value.short()))
+            let message = format!("`{field}` wanted finite numbers, got `{}`", value.short());
+            value.fault(message).help("numbers reach up to 3.4e38")
         });
     }
     finite
@@ -941,9 +925,14 @@ fn is_finite(
 /// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node
 /// of it.
 fn refuse(value: &Raw, faults: &mut Diagnostics, fault: impl FnOnce() -> Diagnostic) {
-    if !faults.kept().iter().any(|message| message.is_inside(&value.origin)) {
+    if is_sound_so_far(value, faults) {
         faults.push(fault);
     }
+}
+
+/// Whether no fault was found in a value yet.
+fn is_sound_so_far(value: &Raw, faults: &Diagnostics) -> bool {
+    !faults.kept().iter().any(|message| message.is_inside(&value.origin))
 }
 
 /// Digests of files by place and confinement, so that a file that many nodes read is read once.

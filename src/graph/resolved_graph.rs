@@ -133,7 +133,7 @@ impl ResolvedGraph {
             self.nodes.iter().flat_map(|node| node.files.iter().map(|(file, _)| file.location()));
         let named = self.settings.iter().flat_map(|value| {
             let folder = value.origin.source.folder();
-            let name = |word: Raw| word.parse::<String>().ok().map(|name| folder.join(name));
+            let name = |word: Raw| word.parse::<String>().map(|name| folder.join(name));
             value.words().into_iter().filter_map(move |(word, _)| name(word))
         });
         let texts = self.settings.iter().map(|value| value.origin.source.path.clone());

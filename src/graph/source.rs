@@ -65,12 +65,17 @@ impl Source {
     /// # Errors
     /// It cannot be read, is too large, or holds something else.
     pub fn read(path: &Path, reach: Reach) -> Result<Arc<Source>, Diagnostic> {
-        let bytes = reading::read(path, MAX_BYTES)
-            .map_err(|e| Diagnostic::file(path, format!("cannot be read: {e}")))?;
+        let bytes = reading::read(path, MAX_BYTES).map_err(|e| {
+            let fault = Diagnostic::file(path, format!("cannot be read: {e}"));
+            path_help(&path.to_string_lossy()).into_iter().fold(fault, Diagnostic::help)
+        })?;
         let text = String::from_utf8(bytes).map_err(|e| {
             let before = &e.as_bytes()[..e.utf8_error().valid_up_to()];
             let line = 1 + before.iter().filter(|&&b| b == b'\n').count();
-            Diagnostic::file(path, format!("wanted UTF-8 text, got another byte in line {line}"))
+            let message = format!("wanted UTF-8 text, got another byte in line {line}");
+            Diagnostic::file(path, message).help(
+                "wanted a text file in RON: is this a picture, or a text in another encoding?",
+            )
         })?;
         Ok(Source::within(path, text.strip_prefix('\u{feff}').unwrap_or(&text), reach))
     }
@@ -224,6 +229,12 @@ pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     let likeness = |other: &str| strsim::jaro_winkler(&name, &other.to_lowercase());
     let best = known.map(|other| (likeness(other), other)).max_by(|a, b| a.0.total_cmp(&b.0))?;
     (best.0 >= 0.8).then_some(best.1)
+}
+
+/// The likely mistake in a path that leads to no file.
+pub(super) fn path_help(path: &str) -> Option<String> {
+    path.contains('\\')
+        .then(|| format!("write `/` between folders: \"{}\"", path.replace('\\', "/")))
 }
 
 /// Whether `name` may name a node, a set or a member: `[A-Za-z][A-Za-z0-9_]*`.

@@ -181,7 +181,7 @@ fn settings_from_outside_have_faults_at_their_own_place() {
             "--set:1:1: unknown kind of node `Konst` (did you mean `Const`?)",
             "--set:1:1: the graph has no node `aa` (did you mean `a`?)",
             "--set:1:1: Const has no parameter `valeu` (did you mean `value`?)",
-            "--set:1:1: parameter `value` of Const wanted i64, got `true`: Expected integer",
+            "--set:1:1: `value` wanted a whole number, such as `12`, got `true`",
         ]
     );
 }
@@ -190,10 +190,7 @@ fn settings_from_outside_have_faults_at_their_own_place() {
 fn a_number_too_large_for_its_type_is_not_finite() {
     let text = r#"Graph(version: 1, nodes: { "a": (op: Const), "b": (op: Busy(scale: 1e39), in: { "number": "a" }) }, outputs: ["b"])"#;
     let found = try_graph(text, &Overlay::default()).err().unwrap();
-    assert_eq!(
-        found[0].message,
-        "parameter `scale` of Busy wanted f32 with finite numbers, got `1e39`"
-    );
+    assert_eq!(found[0].message, "`scale` wanted finite numbers, got `1e39`");
 }
 
 #[derive(serde::Deserialize, Debug, PartialEq)]
@@ -221,9 +218,7 @@ fn raw_texts_are_split_with_their_places() {
         lights[1].1.parse::<Light>().unwrap(),
         Light::Lamp { at: (1.0, 2.0), name: "x, y)".into() }
     );
-    let fault = lights[2].1.parse::<Light>().unwrap_err();
-    assert_eq!(fault.origin.as_ref().unwrap().text(), "true");
-    assert_eq!(fault.origin.unwrap().line_column(), (2, 90));
+    assert_eq!(lights[2].1.parse::<Light>(), None);
     let texts = |raws: Vec<Raw>| raws.iter().map(|raw| raw.text().to_owned()).collect::<Vec<_>>();
     assert_eq!(texts(fields[1].1.as_list(&mut faults)), ["1", "(2, 3)", "[4]"]);
     assert_eq!(texts(fields[2].1.as_tuple(&mut faults)), ["1", "(2)"]);

@@ -80,7 +80,7 @@ fn metric_depth_is_what_the_network_says() {
     for backend in backends() {
         let place = photo(metric());
         let message =
-            place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
+            place.check(&format!("{LINE} -v --backend {backend} --set depth.kind=Metric"), 0);
         assert!(
             message.contains(if backend == "ort" {
                 "networks by ONNX Runtime"
@@ -219,7 +219,7 @@ fn what_a_backend_computes_wrongly_is_told() {
     let place = photo(network.cubic("a", "z", [1.0, 1.0, 0.7, 0.7]).file());
     for backend in backends() {
         let message =
-            place.check(&format!("{LINE} --backend {backend} --set depth.kind=Metric"), 0);
+            place.check(&format!("{LINE} -v --backend {backend} --set depth.kind=Metric"), 0);
         let warning = "warning: depth: net.onnx: it resizes by cubic interpolation, which rten replaces by linear: use --backend ort";
         assert_eq!(message.contains(warning), backend == "rten", "{message}");
     }
@@ -533,9 +533,10 @@ fn a_network_stands_in_for_mnet() {
             in: {{ "photo": "scene.small", "camera": "scene.small_camera", "normal": "room.normal" }}) }})"#,
         root().join("graphs/indoor.ron").display()
     ));
-    let message = place
-        .check("run theirs.ron EDITS/none.ron --scene DEMO --no-cache --out out --only fit", 0);
-    assert!(message.contains("mnet") && !message.contains("warning: mnet"), "{message}");
-    let report = std::fs::read_to_string(place.path("out/report.json")).expect("it is written");
+    let line = "run theirs.ron --scene DEMO --no-cache --out out --only fit --json";
+    let output = place.command(line).output().expect("the program starts");
+    let message = check_output(line, &output, 0);
+    assert!(!message.contains("warning: mnet"), "{message}");
+    let report = String::from_utf8(output.stdout).expect("it is text");
     assert!(report.contains("OnnxMaterials") && !report.contains(r#""kind": "MNet""#), "{report}");
 }

@@ -210,7 +210,7 @@ fn several_processes_at_once_are_all_right() {
 #[test]
 fn what_a_budget_cut_short_is_not_kept() {
     let place = Place::new();
-    let line = "DEMO.ron EDITS/none.ron --set scene.long_side=96 --only shadow[window_0]";
+    let line = "DEMO.ron EDITS/none.ron --set scene.long_side=96 --only shadow[window_0] -v";
     let run = |more: &str| place.check(&format!("run {line} --cache cache --out out {more}"), 0);
     let row = |message: &str| {
         let row = message

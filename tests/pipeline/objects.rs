@@ -379,7 +379,7 @@ fn files_that_a_model_names_are_watched() {
             .flat_map(f32::to_le_bytes)
     };
     place.write("models/a b.bin", corners(1.0).collect::<Vec<u8>>());
-    let line = "run GRAPHS/physics.ron edit.ron --scene . --cache cache --out out";
+    let line = "run GRAPHS/physics.ron edit.ron --scene . --cache cache --out out -v";
     place.check(line, 0);
     assert!(!place.check(line, 0).contains(" ran "), "nothing changed");
     place.write("models/a b.bin", corners(2.0).collect::<Vec<u8>>());

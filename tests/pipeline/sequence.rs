@@ -266,7 +266,10 @@ fn a_frame_can_be_asked_for() {
         assert!(message.contains(wanted), "{message}");
     }
     let message = place.check("plan DEMO.ron EDITS/none.ron --frame 1", 2);
-    assert!(message.contains("--frame: this edit is one picture: it has no `frames`"), "{message}");
+    assert!(
+        message.contains("--frame: wanted an edit with `frames`, got one picture"),
+        "{message}"
+    );
 
     // The one that ships.
     assert!(printed("check DEMO.ron EDITS/moving_lamp.ron").starts_with("valid: 48 frames, "));

@@ -177,7 +177,7 @@ impl LightEntry<'_> {
         const LAMPS: [&str; 4] = ["Sphere", "Box", "Rect", "Mesh"];
         let kinds = if wanted == LightKind::Window { &["Window"][..] } else { &LAMPS };
         let kind = self.get("kind", &format!("one of {}", kinds.join(", ")), faults, |raw| {
-            raw.parse::<String>().ok().filter(|kind| kinds.contains(&kind.as_str()))
+            raw.parse::<String>().filter(|kind| kinds.contains(&kind.as_str()))
         })?;
         let before = faults.found();
         let known: &[&str] = match kind.as_str() {
@@ -213,8 +213,7 @@ impl LightEntry<'_> {
         let center = self.vector("center", faults);
         let axes =
             self.get("half_axes", "three half edges [x, y, z] at right angles", faults, |raw| {
-                let axes: [Vec3; 3] =
-                    vectors(&raw.parse::<Vec<Vec<f32>>>().ok()?)?.try_into().ok()?;
+                let axes: [Vec3; 3] = vectors(&raw.parse::<Vec<Vec<f32>>>()?)?.try_into().ok()?;
                 let pairs = [(axes[0], axes[1]), (axes[1], axes[2]), (axes[2], axes[0])];
                 pairs.into_iter().all(|(a, b)| at_right_angles(a, b)).then_some(axes)
             });
@@ -237,7 +236,7 @@ impl LightEntry<'_> {
             "triangles",
             "a list of triangles [[x, y, z], [x, y, z], [x, y, z]]",
             faults,
-            |raw| raw.parse().ok(),
+            |raw| raw.parse(),
         )?;
         let mut corners = Vec::with_capacity(3 * triangles.len());
         for (i, triangle) in triangles.iter().enumerate() {
@@ -287,7 +286,7 @@ impl LightEntry<'_> {
                 .map(|(name, _)| *name)
                 .collect();
             let place = lobe.get("name", &format!("one of {}", free.join(", ")), faults, |raw| {
-                let name: String = raw.parse().ok()?;
+                let name: String = raw.parse()?;
                 LOBES.iter().position(|known| *known == name && free.contains(known))
             });
             let direction = lobe.get("direction", "a direction [x, y, z]", faults, |raw| {
@@ -395,11 +394,11 @@ impl LightEntry<'_> {
 }
 
 fn number(raw: &Raw) -> Option<f32> {
-    raw.parse::<f32>().ok().filter(|n| n.is_finite())
+    raw.parse::<f32>().filter(|n| n.is_finite())
 }
 
 fn vector(raw: &Raw) -> Option<Vec3> {
-    point(&raw.parse::<Vec<f32>>().ok()?)
+    point(&raw.parse::<Vec<f32>>()?)
 }
 
 fn point(numbers: &Vec<f32>) -> Option<Vec3> {
