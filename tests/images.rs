@@ -121,7 +121,10 @@ fn a_scene_is_read() {
     assert_eq!((*out.kind.0[0].1, *out.kind.0[1].1), (LightKind::Lamp, LightKind::Window));
     assert_eq!(out.full_mask.0[0].1.0.pixels().iter().sum::<f32>(), 64.0);
     assert_eq!(out.mask.0[0].1.0.pixels().iter().sum::<f32>(), 16.0);
-    assert_eq!(*out.encoding, Encoding { transfer: Transfer::Srgb, lux: None, sixteen_bit: false });
+    assert_eq!(
+        *out.encoding,
+        Encoding { transfer: Transfer::Srgb, lux: None, sixteen_bit: false, exif: Vec::new() }
+    );
     assert!(out.ignore.0.pixels().iter().all(|&m| m == 0.0) && out.ignore.0.size() == (32, 24));
 }
 
@@ -665,6 +668,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
             transfer: Transfer::Srgb,
             lux: Some(1200.0),
             sixteen_bit: false,
+            exif: Vec::new(),
         }),
         photo: Some(Arc::new(Picture(colors(size, 6)))),
         residual: Arc::new(Layer::new(rest)),

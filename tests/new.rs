@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder, RgbImage};
+use image::codecs::png::{PngDecoder, PngEncoder};
+use image::{ExtendedColorType, ImageDecoder, ImageEncoder, RgbImage};
 use needs::needs;
 
 /// A temporary folder with the demo's photo and depth.
@@ -125,6 +125,18 @@ fn a_photo_with_depth_becomes_a_scene_that_runs() {
     let graph = graph.to_str().expect("the path is UTF-8");
     let output = place.relight(&["run", graph, "room/edit.ron", "--scene", "room", "--out", "out"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = place.relight(&["mix", "out", "--set", "lamp_0=2", "--out", "mixed.png"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    for name in ["out/picture.png", "mixed.png"] {
+        let picture = std::fs::read(place.path(name)).expect("it is written");
+        assert!(picture.windows(4).any(|chunk| chunk == b"sRGB"), "{name}");
+        let mut decoder = PngDecoder::new(std::io::Cursor::new(picture)).expect("it is a picture");
+        let block = decoder.exif_metadata().expect("it is sound").expect("it has an EXIF block");
+        let block = exif::Reader::new().read_raw(block).expect("it is sound");
+        let number = |tag| block.get_field(tag, exif::In::PRIMARY)?.value.get_uint(0);
+        assert_eq!(number(exif::Tag::FocalLengthIn35mmFilm), Some(26), "{name}");
+        assert_eq!(number(exif::Tag::Orientation), Some(1), "{name}");
+    }
 }
 
 #[test]

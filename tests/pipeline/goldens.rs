@@ -263,7 +263,12 @@ fn room_box() {
     let inputs = DrawRoomBoxIn {
         photo: Arc::new(photo()),
         camera: room.camera.clone(),
-        encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: None, sixteen_bit: false }),
+        encoding: Arc::new(Encoding {
+            transfer: Transfer::Srgb,
+            lux: None,
+            sixteen_bit: false,
+            exif: Vec::new(),
+        }),
         layout: Arc::new(layout),
     };
     let files =
@@ -293,7 +298,12 @@ fn find() {
     let points = Points(Plane::from_fn(SIZE.0, SIZE.1, before_the_wall));
     let inputs = FindLightsIn {
         photo: photo.clone(),
-        encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: None, sixteen_bit: false }),
+        encoding: Arc::new(Encoding {
+            transfer: Transfer::Srgb,
+            lux: None,
+            sixteen_bit: false,
+            exif: Vec::new(),
+        }),
         small: photo,
         clipped,
         points: Some(Arc::new(points)),

@@ -2,6 +2,7 @@
 
 pub(in crate::image) mod color_profile;
 pub(in crate::image) mod depth;
+pub(in crate::image) mod exif_block;
 pub(in crate::image) mod exr_read;
 pub(in crate::image) mod exr_write;
 pub(in crate::image) mod gain_map;
@@ -16,6 +17,7 @@ pub(in crate::image) mod source;
 pub use depth::{
     DepthFile, Intrinsics, Measure, polycam, read_depth, read_depth_file, stray_scanner,
 };
+pub use exif_block::carried_exif;
 pub use exr_read::{ExrFile, read_layers};
 pub use exr_write::{Compression, ExrLayers};
 pub use npy::read_maps;

@@ -1,20 +1,15 @@
-//! The header of a photo: its size, and what its EXIF block says about the lens.
-//!
-//! EXIF is that of the Exchangeable image file format, CIPA DC-008-2023; tags are named as there.
+//! The header of a photo: its size, and the lens by its EXIF block ([`super::exif_block`]).
 
 use std::io::Cursor;
 
-use ::image::metadata::Orientation;
 use ::image::{ImageDecoder, ImageFormat, ImageReader};
 use exif::{Exif, In, Tag, Value};
 
 use super::color_profile::ToRec709;
-use super::raster::image_format;
+use super::raster::{image_format, is_turned};
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
-use super::{exr_read, gain_map, read};
+use super::{exif_block, exr_read, gain_map, read};
 
-/// The largest EXIF block that is parsed, bytes: one segment of a JPEG holds at most 64 KiB.
-const MAX_EXIF: usize = 1 << 20;
 /// Most characters of a camera's name.
 const MAX_NAME: usize = 64;
 
@@ -80,15 +75,8 @@ pub fn read_photo_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
         height.into(),
         decoder.color_type().bytes_per_pixel().into(),
     )?;
-    let is_turned = matches!(
-        decoder.orientation(),
-        Ok(Orientation::Rotate90
-            | Orientation::Rotate270
-            | Orientation::Rotate90FlipH
-            | Orientation::Rotate270FlipH)
-    );
-    let exif = decoder.exif_metadata().ok().flatten().filter(|bytes| bytes.len() <= MAX_EXIF);
-    let exif = exif.and_then(|bytes| exif::Reader::new().read_raw(bytes).ok());
+    let is_turned = decoder.orientation().is_ok_and(is_turned);
+    let exif = decoder.exif_metadata().ok().flatten().and_then(exif_block::parse);
     let profile = decoder.icc_profile().ok().flatten();
     let profile = profile.and_then(|icc| ToRec709::new(&icc).ok().flatten());
     let (width, height) = (width as usize, height as usize);

@@ -1,25 +1,27 @@
 //! PNG files out.
 
-use std::io::Cursor;
+use std::borrow::Cow;
 
-use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use ::image::{ExtendedColorType, ImageEncoder};
+use png::{BitDepth, ColorType, Compression, Encoder, Filter, Info, ScaledFloat};
+use png::{SourceChromaticities, SrgbRenderingIntent};
 use rayon::prelude::*;
 
 use crate::image::{Picture, Transfer};
 
 /// A picture as PNG, in 8 or 16 bits, through `transfer`; light outside 0..1 of the encoded range
-/// is clipped. Every pixel must be finite.
+/// is clipped. Every pixel must be finite. The file states `Srgb` (sRGB chunk) and `Gamma` (gAMA
+/// and cHRM chunks); of numbers that are `Linear`, such as masks, it states nothing.
 pub fn write_png(picture: &Picture, transfer: Transfer, sixteen_bit: bool) -> Vec<u8> {
-    PngSamples::new(picture, transfer, sixteen_bit).into_file()
+    PngSamples::new(picture, transfer, sixteen_bit).into_file(&[])
 }
 
 /// A picture as the numbers that its PNG stores: a quarter or half of its memory.
 pub struct PngSamples {
     width: usize,
     height: usize,
-    /// Interleaved; of 16 bits in the order of the processor.
+    /// Interleaved; of 16 bits with the upper byte first.
     bytes: Vec<u8>,
+    transfer: Transfer,
     sixteen_bit: bool,
 }
 
@@ -38,24 +40,43 @@ impl PngSamples {
             for (bytes, color) in bytes.chunks_exact_mut(size).zip(row) {
                 let color = color.to_array().map(stored);
                 if sixteen_bit {
-                    bytes.copy_from_slice(bytemuck::bytes_of(&color.map(|v| v as u16)));
+                    let pairs = color.map(|v| (v as u16).to_be_bytes());
+                    bytes.copy_from_slice(pairs.as_flattened());
                 } else {
                     bytes.copy_from_slice(&color.map(|v| v as u8));
                 }
             }
         });
-        PngSamples { width, height, bytes, sixteen_bit }
+        PngSamples { width, height, bytes, transfer, sixteen_bit }
     }
 
-    /// The bytes of the PNG file.
+    /// The bytes of the PNG file, with the EXIF block `exif` unless it is empty.
     #[expect(clippy::missing_panics_doc, reason = "the buffer has the size of the picture")]
-    pub fn into_file(self) -> Vec<u8> {
-        let color =
-            if self.sixteen_bit { ExtendedColorType::Rgb16 } else { ExtendedColorType::Rgb8 };
-        let mut file = Cursor::new(Vec::new());
-        PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
-            .write_image(&self.bytes, self.width as u32, self.height as u32, color)
+    pub fn into_file(self, exif: &[u8]) -> Vec<u8> {
+        let mut info = Info::with_size(self.width as u32, self.height as u32);
+        (info.color_type, info.bit_depth) =
+            (ColorType::Rgb, if self.sixteen_bit { BitDepth::Sixteen } else { BitDepth::Eight });
+        match self.transfer {
+            Transfer::Srgb => info.srgb = Some(SrgbRenderingIntent::Perceptual),
+            Transfer::Gamma(gamma) => {
+                info.source_gamma = Some(ScaledFloat::new(1.0 / gamma));
+                // White and primaries of Rec. 709.
+                let [white, red] = [(0.3127, 0.329), (0.64, 0.33)];
+                let [green, blue] = [(0.3, 0.6), (0.15, 0.06)];
+                info.source_chromaticities =
+                    Some(SourceChromaticities::new(white, red, green, blue));
+            }
+            Transfer::Linear => {}
+        }
+        info.exif_metadata = (!exif.is_empty()).then_some(Cow::Borrowed(exif));
+        let mut file = Vec::new();
+        let mut encoder = Encoder::with_info(&mut file, info).expect("it is not animated");
+        encoder.set_compression(Compression::Fast);
+        encoder.set_filter(Filter::Adaptive);
+        encoder
+            .write_header()
+            .and_then(|mut writer| writer.write_image_data(&self.bytes))
             .expect("the buffer has the size of the picture, and writing to memory does not fail");
-        file.into_inner()
+        file
     }
 }

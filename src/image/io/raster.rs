@@ -36,8 +36,21 @@ pub(in crate::image) struct Raster {
     pub(in crate::image) samples: Samples,
     /// The ICC profile as it lies in the file.
     pub(in crate::image) profile: Option<Vec<u8>>,
+    /// The EXIF block as it lies in the file.
+    pub(in crate::image) exif: Option<Vec<u8>>,
     /// The EXIF orientation, which is applied.
     pub(in crate::image) orientation: Orientation,
+}
+
+/// Whether an orientation exchanges columns and rows.
+pub(in crate::image) fn is_turned(orientation: Orientation) -> bool {
+    matches!(
+        orientation,
+        Orientation::Rotate90
+            | Orientation::Rotate270
+            | Orientation::Rotate90FlipH
+            | Orientation::Rotate270FlipH
+    )
 }
 
 impl Raster {
@@ -171,6 +184,7 @@ pub(in crate::image) fn decode_turned(
     let own = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let orientation = orientation.unwrap_or(own);
     let profile = decoder.icc_profile().ok().flatten();
+    let exif = decoder.exif_metadata().ok().flatten();
     let (width, height) = decoder.dimensions();
     let color = decoder.color_type();
     source.check_size(width.into(), height.into(), color.bytes_per_pixel().into())?;
@@ -197,7 +211,7 @@ pub(in crate::image) fn decode_turned(
         }
     };
     let channels = usize::from(color.channel_count());
-    Ok(Raster { width, height, channels, samples, profile, orientation })
+    Ok(Raster { width, height, channels, samples, profile, exif, orientation })
 }
 
 /// Returns the decoder's name of a format.

@@ -3,7 +3,8 @@
 use glam::Vec3;
 
 use super::color_profile::ToRec709;
-use super::raster::{Bits, Raster, decode_raster, image_format};
+use super::exif_block::carried_exif;
+use super::raster::{Bits, Raster, decode_raster, image_format, is_turned};
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exr_read, gain_map};
 use crate::image::{Mask, Picture, Plane, Transfer};
@@ -17,6 +18,8 @@ pub struct Photo {
     pub clipped: Mask,
     /// Precision of the file's samples.
     pub bits: Bits,
+    /// The EXIF block of pictures that are made of the photo ([`carried_exif`]), empty for none.
+    pub exif: Vec<u8>,
     /// Messages for the person that are not errors.
     pub warnings: Vec<String>,
 }
@@ -52,6 +55,7 @@ pub(in crate::image) const PHOTO: &str = "a photo: PNG, JPEG, WebP, HDR or EXR";
 /// The file is not one of these, is damaged or too large, or holds numbers that are not finite.
 pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadError> {
     let mut warnings = Vec::new();
+    let mut exif = Vec::new();
     let (picture, clipped, bits) = match format(source) {
         Some(FileFormat::Exr) => {
             let file = exr_read::read(source)?;
@@ -61,7 +65,10 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
             (picture, clipped, Bits::Float)
         }
         Some(kind @ (FileFormat::Png | FileFormat::Jpeg | FileFormat::Webp | FileFormat::Hdr)) => {
-            let raster = decode_raster(source, image_format(kind))?;
+            let mut raster = decode_raster(source, image_format(kind))?;
+            if let Some(block) = raster.exif.take() {
+                exif = carried_exif(block, is_turned(raster.orientation));
+            }
             let bits = raster.bits();
             if raster.is_transparent() {
                 warnings.push(
@@ -107,7 +114,7 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
             format!("{} at ({x}, {y})", picture.get(x, y)),
         ));
     }
-    Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, warnings })
+    Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, exif, warnings })
 }
 
 /// The conversion of a photo with an ICC profile. A transfer function other than sRGB is a

@@ -46,6 +46,7 @@ impl Texture {
                     channels: 3,
                     samples: Samples::Float(samples),
                     profile: None,
+                    exif: None,
                     orientation: Orientation::NoTransforms,
                 }
             }

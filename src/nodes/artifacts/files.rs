@@ -6,8 +6,8 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::image::{Bytes, Transfer, rule};
 
-/// Encoding of the photo, for results of the same encoding.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// Encoding of the photo and its EXIF block, for results that have the same.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Encoding {
     /// Transfer function of the samples.
     pub transfer: Transfer,
@@ -15,6 +15,8 @@ pub struct Encoding {
     pub lux: Option<f32>,
     /// Samples have 16 bits, else 8.
     pub sixteen_bit: bool,
+    /// EXIF block of pictures that are made of the photo, empty for none.
+    pub exif: Vec<u8>,
 }
 
 /// The sub-folders of files of results.

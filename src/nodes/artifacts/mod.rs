@@ -108,7 +108,7 @@ artifacts! {
     SpecularEdit: SpecularEdit::bytes, if SpecularEdit::check;
     Lighting: |l| l.lobes.len() * size_of::<LocalLobe>(), if Lighting::check;
     LightKind: |_| size_of::<LightKind>();
-    Encoding: |_| size_of::<Encoding>();
+    Encoding: |e| size_of::<Encoding>() + e.exif.len();
     Scores: |s| s.0.len() * size_of::<Score>();
     Files: |f| f.0.iter().map(|(name, bytes)| name.len() + bytes.len()).sum(),
         if |f| f.0.iter().try_for_each(|(name, _)| check_file_name(name)),

@@ -63,7 +63,7 @@ ports! {
 
 impl Node for FindLights {
     const KIND: &'static str = "FindLights";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = FindLightsIn;
     type Out = FindLightsOut;
 

@@ -58,7 +58,7 @@ ports! {
 
 impl Node for DrawRoomBox {
     const KIND: &'static str = "DrawRoomBox";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = DrawRoomBoxIn;
     type Out = DrawRoomBoxOut;
 

@@ -72,7 +72,7 @@ ports! {
 
 impl Node for DrawScene {
     const KIND: &'static str = "DrawScene";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = DrawSceneIn;
     type Out = DrawSceneOut;
 

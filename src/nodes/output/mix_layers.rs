@@ -9,10 +9,10 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::{encoding_line, read_run};
+use super::{encoding_lines, read_run};
 use crate::graph::{Context, File, Node, NodeError, nearest};
-use crate::image::{Compression, ExrLayers, Picture, Plane, Transfer, weighted_sum, write_png};
-use crate::nodes::artifacts::{Files, REST};
+use crate::image::{Compression, ExrLayers, Picture, Plane, PngSamples, Transfer, weighted_sum};
+use crate::nodes::artifacts::{Encoding, Files, REST};
 use crate::{params, ports};
 
 params! {
@@ -39,7 +39,7 @@ ports! {
 
 impl Node for MixLayers {
     const KIND: &'static str = "MixLayers";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = MixLayersIn;
     type Out = MixLayersOut;
 
@@ -76,7 +76,8 @@ impl Node for MixLayers {
                 "weights: wanted a picture of finite numbers, got {got} at pixel ({x}, {y})"
             )));
         }
-        let png = || write_png(&picture, run.encoding.transfer, run.encoding.sixteen_bit);
+        let Encoding { transfer, sixteen_bit, ref exif, .. } = run.encoding;
+        let png = || PngSamples::new(&picture, transfer, sixteen_bit).into_file(exif);
         let exr = || {
             let mut file = ExrLayers::new(picture.0.width(), picture.0.height());
             file.rgb("", &picture.0);
@@ -84,7 +85,7 @@ impl Node for MixLayers {
             for &(id, layer, weight) in &layers {
                 file.rgb(&format!("light_{id}"), &layer.map(|c| c * weight));
             }
-            file.comment(&encoding_line(&run.encoding));
+            encoding_lines(&run.encoding).iter().for_each(|line| file.comment(line));
             file.write(self.compression).map_err(NodeError::Failed)
         };
         let (png, exr) = rayon::join(png, exr);

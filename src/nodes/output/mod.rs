@@ -12,12 +12,16 @@ pub mod write_planes;
 pub mod write_report;
 pub mod write_usd;
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, LayoutLine, MAX_CELLS, RoomLayout, SideSource};
 use crate::graph::{Context, File, NodeError};
-use crate::image::{ExrFile, NamedBytes, Plane, Transfer, clip_line, draw_line, read_layers};
+use crate::image::{
+    ExrFile, NamedBytes, Plane, Transfer, carried_exif, clip_line, draw_line, read_layers,
+};
 use crate::nodes::artifacts::{Encoding, REST, same_size};
 use crate::tuning::Table;
 
@@ -53,13 +57,19 @@ fn side_color(source: SideSource) -> Vec3 {
     }
 }
 
-/// The line of the comments of `picture.exr` with the encoding of `picture.png`.
-fn encoding_line(encoding: &Encoding) -> String {
+/// The lines of the comments of `picture.exr` with the encoding of `picture.png` and its EXIF
+/// block.
+fn encoding_lines(encoding: &Encoding) -> Vec<String> {
     let bits = if encoding.sixteen_bit { 16 } else { 8 };
-    format!("{ENCODING}{:?}, {bits} bits", encoding.transfer)
+    let mut lines = vec![format!("{ENCODING}{:?}, {bits} bits", encoding.transfer)];
+    if !encoding.exif.is_empty() {
+        lines.push(format!("{EXIF}{}", STANDARD.encode(&encoding.exif)));
+    }
+    lines
 }
 
 const ENCODING: &str = "encoding: ";
+const EXIF: &str = "exif: ";
 
 /// The lines of a room's cuboid in the photo, a line of JSON in the comments of `picture.exr`.
 #[derive(Serialize, Deserialize)]
@@ -123,13 +133,16 @@ fn read_run(file: &File, ctx: &Context) -> Result<SavedRun, NodeError> {
             "16 bits" => true,
             _ => return None,
         };
-        Some(Encoding { transfer, lux: None, sixteen_bit })
+        Some(Encoding { transfer, lux: None, sixteen_bit, exif: Vec::new() })
     });
-    let encoding = encoding.ok_or_else(|| {
+    let mut encoding = encoding.ok_or_else(|| {
         bad(format!(
             "comments: wanted a line `{ENCODING}Srgb, 8 bits`, as `relight run` writes it, got none"
         ))
     })?;
+    // The file may be of a stranger: its block passes the same filter as a photo's.
+    let block = exr.comments().find_map(|line| STANDARD.decode(line.strip_prefix(EXIF)?).ok());
+    encoding.exif = block.map_or_else(Vec::new, |block| carried_exif(block, false));
     let names = exr.channels().filter_map(|name| name.strip_prefix("light_")?.strip_suffix(".R"));
     let mut lights = Vec::new();
     for id in names {

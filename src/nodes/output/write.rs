@@ -97,7 +97,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type In = WriteIn;
     type Out = WriteOut;
 
@@ -125,15 +125,15 @@ impl Node for Write {
         if let Some(photo) = inputs.photo.take() {
             layers.rgb("photo", &photo.0);
         }
-        let png =
-            PngSamples::new(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
+        let encoding = inputs.encoding.clone();
+        let png = PngSamples::new(&inputs.picture, encoding.transfer, encoding.sixteen_bit);
         layers.rgb("", &inputs.picture.0);
         inputs.picture = Arc::new(Picture(Plane::new(0, 0, Vec::new())));
         let exr = || self.exr(inputs, layers, size, ctx);
         let (png, exr) = if size.0 * size.1 > MAX_PIXELS_AT_ONCE {
-            (png.into_file(), exr())
+            (png.into_file(&encoding.exif), exr())
         } else {
-            rayon::join(|| png.into_file(), exr)
+            rayon::join(|| png.into_file(&encoding.exif), exr)
         };
         Ok(WriteOut {
             files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])),
@@ -212,7 +212,7 @@ impl Write {
             diagnostics(&inputs, (width, height), &mut layers)?;
         }
         layers.comment(UNITS);
-        layers.comment(&super::encoding_line(&inputs.encoding));
+        super::encoding_lines(&inputs.encoding).iter().for_each(|line| layers.comment(line));
         if let (Some(layout), Some(camera)) = (&inputs.layout, &inputs.camera) {
             layers.comment(&super::room_line(layout, camera));
         }

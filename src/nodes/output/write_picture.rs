@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::graph::{Context, Node, NodeError};
-use crate::image::{Picture, write_png};
+use crate::image::{Picture, PngSamples};
 use crate::nodes::artifacts::{Encoding, Files};
 use crate::{params, ports};
 
@@ -31,7 +31,7 @@ ports! {
 
 impl Node for WritePicture {
     const KIND: &'static str = "WritePicture";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = WritePictureIn;
     type Out = WritePictureOut;
 
@@ -43,7 +43,8 @@ impl Node for WritePicture {
                 "picture: wanted finite numbers, got {got} at pixel ({x}, {y})"
             )));
         }
-        let png = write_png(&inputs.picture, inputs.encoding.transfer, inputs.encoding.sixteen_bit);
+        let Encoding { transfer, sixteen_bit, ref exif, .. } = *inputs.encoding;
+        let png = PngSamples::new(&inputs.picture, transfer, sixteen_bit).into_file(exif);
         Ok(WritePictureOut { files: Arc::new(Files(vec![("picture.png".into(), png)])) })
     }
 }

@@ -105,6 +105,7 @@ impl Shot<'_> {
                 transfer: self.transfer,
                 lux: self.exposure.map(|Exposure::Lux(lux)| lux),
                 sixteen_bit: read.bits == Bits::Sixteen,
+                exif: read.exif,
             },
         })
     }

@@ -42,6 +42,7 @@ fn lights(radiances: Gather<Radiance>) -> EditLightsIn {
             transfer: Transfer::Srgb,
             lux: Some(LUX),
             sixteen_bit: false,
+            exif: Vec::new(),
         }),
     }
 }

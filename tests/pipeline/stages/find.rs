@@ -17,7 +17,12 @@ fn find(scene: &Scene, photo: &Picture) -> (BTreeMap<String, Plane<f32>>, Vec<St
     let (photo, clipped) = stored(photo);
     let inputs = FindLightsIn {
         photo: photo.clone(),
-        encoding: Arc::new(Encoding { transfer: Transfer::Srgb, lux: None, sixteen_bit: false }),
+        encoding: Arc::new(Encoding {
+            transfer: Transfer::Srgb,
+            lux: None,
+            sixteen_bit: false,
+            exif: Vec::new(),
+        }),
         small: photo,
         clipped,
         points: Some(scene.points.clone()),
