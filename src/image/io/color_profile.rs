@@ -22,7 +22,8 @@ const MAX_NAME: usize = 64;
 pub(in crate::image) struct ToRec709 {
     /// By channel, the curve to linear light.
     curves: [Box<dyn Fn(f32) -> f32>; 3],
-    matrix: Mat3,
+    /// From linear light in the photo's channels to linear Rec. 709.
+    pub(in crate::image) matrix: Mat3,
     /// The profile's own name.
     pub(in crate::image) name: String,
 }

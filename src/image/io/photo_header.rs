@@ -24,7 +24,7 @@ pub struct PhotoHeader {
     pub extension: &'static str,
     /// The name of its ICC profile, where its colors are not those of sRGB.
     pub profile: Option<String>,
-    /// Whether it has a gain map, as Ultra HDR photos do.
+    /// Whether it has a gain map that can be used, as Ultra HDR photos and those of iPhones do.
     pub has_gain_map: bool,
     /// The lens, as far as EXIF describes it.
     pub lens: Lens,
@@ -85,7 +85,8 @@ pub fn read_photo_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
         is_turned,
         extension,
         profile: profile.map(|profile| profile.name),
-        has_gain_map: format == ImageFormat::Jpeg && gain_map::find(source.bytes).is_some(),
+        has_gain_map: format == ImageFormat::Jpeg
+            && matches!(gain_map::find(source.bytes), Ok(Some(_))),
         lens: exif.map_or_else(Lens::default, |exif| lens(&exif)),
     })
 }

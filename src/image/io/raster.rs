@@ -117,8 +117,9 @@ impl Raster {
         Plane::new(self.width, self.height, colors)
     }
 
-    /// The colors in linear Rec. 709 by a profile; the samples are whole numbers.
-    pub(in crate::image) fn converted(&self, profile: &ToRec709) -> Plane<Vec3> {
+    /// The colors in linear light of the photo's own channels by the curves of its profile; the
+    /// samples are whole numbers.
+    pub(in crate::image) fn linear(&self, profile: &ToRec709) -> Plane<Vec3> {
         let top = if self.bits() == Bits::Eight { 255 } else { 65535 };
         let tables = profile.tables(top);
         let mut colors = Vec::with_capacity(self.width * self.height);
@@ -128,7 +129,7 @@ impl Raster {
                 let at = |channel: usize| {
                     tables[channel][((color[channel] * top as f32).round() as usize).min(top)]
                 };
-                colors.push(profile.convert(Vec3::new(at(0), at(1), at(2))));
+                colors.push(Vec3::new(at(0), at(1), at(2)));
             },
         );
         Plane::new(self.width, self.height, colors)

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::color_profile::ToRec709;
 use super::exif_block::carried_exif;
+use super::gain_map::Gains;
 use super::raster::{Bits, Raster, decode_raster, image_format, is_turned};
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exr_read, gain_map};
@@ -31,8 +32,8 @@ pub(in crate::image) const PHOTO: &str = "a photo: PNG, JPEG, WebP, HDR or EXR";
 /// WebP, HDR, EXR (R, G, B, or Y, or R alone). A photo that carries an EXIF orientation is turned
 /// upright. HDR and EXR are linear by their format; `transfer` applies to the others. Where it is
 /// sRGB, an ICC profile of curves and a matrix (Display P3, Adobe RGB, ProPhoto) takes its place,
-/// and a gain map of a JPEG (Ultra HDR) brightens it to the light of the scene, beyond 1: a pixel
-/// counts as saturated only where its map is.
+/// and a gain map of a JPEG (Ultra HDR, ISO 21496-1, Apple) brightens it to the light of the scene,
+/// beyond 1: a pixel counts as saturated only where its map is.
 ///
 /// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float
 /// file, within 0.1 % of the file's maximum, if that maximum is a plateau: at least 16 pixels, at
@@ -69,40 +70,11 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
             if let Some(block) = raster.exif.take() {
                 exif = carried_exif(block, is_turned(raster.orientation));
             }
-            let bits = raster.bits();
-            if raster.is_transparent() {
-                warnings.push(
-                    "the photo is transparent in places: its alpha channel is left out".into(),
-                );
-            }
-            match bits {
-                Bits::Float => {
-                    let picture = raster.colors(|v| v);
-                    let clipped = plateau(&picture);
-                    (picture, clipped, bits)
-                }
-                Bits::Eight | Bits::Sixteen => {
-                    let top = if bits == Bits::Eight { 253.5 / 255.0 } else { 65534.5 / 65535.0 };
-                    let mut clipped =
-                        raster.numbers(|c, _| if c.max_element() > top { 1.0 } else { 0.0 });
-                    let profile = profile(&raster, transfer).unwrap_or_else(|why| {
-                        warnings.push(format!("{why}: it is read as sRGB"));
-                        None
-                    });
-                    let mut picture = match profile {
-                        Some(profile) => raster.converted(&profile),
-                        None => raster.colors(|v| transfer.decode(v)),
-                    };
-                    if kind == FileFormat::Jpeg
-                        && transfer == Transfer::Srgb
-                        && let Some(map) = gain_map::find(source.bytes)
-                        && let Err(e) = map.apply(source, &raster, &mut picture, &mut clipped)
-                    {
-                        warnings.push(format!("its gain map is left out: {}", e.message()));
-                    }
-                    (picture, clipped, bits)
-                }
-            }
+            let map = match kind {
+                FileFormat::Jpeg => gain_map::read(source, raster.orientation),
+                _ => Ok(None),
+            };
+            linear_light(&raster, map, transfer, &mut warnings)
         }
         _ => return Err(not_one_of(source, PHOTO)),
     };
@@ -115,6 +87,50 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
         ));
     }
     Ok(Photo { picture: Picture(picture), clipped: Mask(clipped), bits, exif, warnings })
+}
+
+/// Linear Rec. 709, saturation and precision of a photo with a gain map, if that can be read.
+fn linear_light(
+    raster: &Raster,
+    gain_map: Result<Option<(Raster, Gains)>, String>,
+    transfer: Transfer,
+    warnings: &mut Vec<String>,
+) -> (Plane<Vec3>, Plane<f32>, Bits) {
+    if raster.is_transparent() {
+        warnings.push("the photo is transparent in places: its alpha channel is left out".into());
+    }
+    let bits = raster.bits();
+    let top = match bits {
+        Bits::Eight => 253.5 / 255.0,
+        Bits::Sixteen => 65534.5 / 65535.0,
+        Bits::Float => {
+            let picture = raster.colors(|v| v);
+            let clipped = plateau(&picture);
+            return (picture, clipped, bits);
+        }
+    };
+    let mut clipped = raster.numbers(|c, _| if c.max_element() > top { 1.0 } else { 0.0 });
+    let profile = profile(raster, transfer).unwrap_or_else(|why| {
+        warnings.push(format!("{why}: it is read as sRGB"));
+        None
+    });
+    let mut picture = match &profile {
+        Some(profile) => raster.linear(profile),
+        None => raster.colors(|v| transfer.decode(v)),
+    };
+    if transfer == Transfer::Srgb {
+        let brightened = gain_map.and_then(|map| match map {
+            Some((map, gains)) => gains.apply(&map, profile.as_ref(), &mut picture, &mut clipped),
+            None => Ok(()),
+        });
+        if let Err(why) = brightened {
+            warnings.push(format!("its gain map is left out: {why}"));
+        }
+    }
+    if let Some(profile) = profile {
+        picture.pixels_mut().iter_mut().for_each(|color| *color = profile.convert(*color));
+    }
+    (picture, clipped, bits)
 }
 
 /// The conversion of a photo with an ICC profile. A transfer function other than sRGB is a
