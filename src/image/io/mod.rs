@@ -1,4 +1,5 @@
-//! Picture files: EXR, PNG, JPEG, WebP and HDR; depth in these, in NPY, NPZ, PFM and TIFF.
+//! Picture files: EXR, PNG, JPEG, WebP, HDR and, by the feature `heic`, HEIC; depth in these, in
+//! NPY, NPZ, PFM and TIFF.
 
 pub(in crate::image) mod color_profile;
 pub(in crate::image) mod depth;
@@ -6,6 +7,8 @@ pub(in crate::image) mod exif_block;
 pub(in crate::image) mod exr_read;
 pub(in crate::image) mod exr_write;
 pub(in crate::image) mod gain_map;
+#[cfg(feature = "heic")]
+pub(in crate::image) mod heif;
 pub(in crate::image) mod jpeg_segments;
 pub(in crate::image) mod npy;
 pub(in crate::image) mod photo_header;

@@ -20,7 +20,8 @@ pub struct PhotoHeader {
     pub size: (usize, usize),
     /// Whether the orientation exchanges columns and rows as they are stored.
     pub is_turned: bool,
-    /// The usual ending of a name of its format: `png`, `jpg`, `webp`, `hdr` or `exr`.
+    /// The usual ending of a name of its format: `png`, `jpg`, `webp`, `hdr`, `exr`, `heic`
+    /// or `avif`.
     pub extension: &'static str,
     /// The name of its ICC profile, where its colors are not those of sRGB.
     pub profile: Option<String>,
@@ -58,6 +59,8 @@ pub fn read_photo_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
             let size = exr_read::read(source)?.colors(source)?.size();
             return Ok(PhotoHeader { size, extension: "exr", ..PhotoHeader::default() });
         }
+        #[cfg(feature = "heic")]
+        Some(FileFormat::Heif) => return heif_header(source),
         Some(format @ FileFormat::Png) => (format, "png"),
         Some(format @ FileFormat::Jpeg) => (format, "jpg"),
         Some(format @ FileFormat::Webp) => (format, "webp"),
@@ -76,19 +79,42 @@ pub fn read_photo_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
         decoder.color_type().bytes_per_pixel().into(),
     )?;
     let is_turned = decoder.orientation().is_ok_and(is_turned);
-    let exif = decoder.exif_metadata().ok().flatten().and_then(exif_block::parse);
+    let exif = decoder.exif_metadata().ok().flatten();
     let profile = decoder.icc_profile().ok().flatten();
-    let profile = profile.and_then(|icc| ToRec709::new(&icc).ok().flatten());
     let (width, height) = (width as usize, height as usize);
     Ok(PhotoHeader {
         size: if is_turned { (height, width) } else { (width, height) },
         is_turned,
         extension,
-        profile: profile.map(|profile| profile.name),
+        profile: profile_name(profile),
         has_gain_map: format == ImageFormat::Jpeg
             && matches!(gain_map::find(source.bytes), Ok(Some(_))),
-        lens: exif.map_or_else(Lens::default, |exif| lens(&exif)),
+        lens: lens_of(exif),
     })
+}
+
+#[cfg(feature = "heic")]
+fn heif_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
+    let header = super::heif::header(source)?;
+    let extension = if source.bytes.get(8..11) == Some(b"avi") { "avif" } else { "heic" };
+    Ok(PhotoHeader {
+        size: header.size,
+        is_turned: header.is_turned,
+        extension,
+        profile: profile_name(header.profile),
+        has_gain_map: header.has_gain_map,
+        lens: lens_of(header.exif),
+    })
+}
+
+/// The name of an ICC profile whose colors are not those of sRGB.
+fn profile_name(icc: Option<Vec<u8>>) -> Option<String> {
+    Some(ToRec709::new(&icc?).ok().flatten()?.name)
+}
+
+/// The lens by an EXIF block.
+fn lens_of(exif: Option<Vec<u8>>) -> Lens {
+    exif.and_then(exif_block::parse).map_or_else(Lens::default, |exif| lens(&exif))
 }
 
 fn lens(exif: &Exif) -> Lens {

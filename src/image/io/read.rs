@@ -5,6 +5,8 @@ use glam::Vec3;
 use super::color_profile::ToRec709;
 use super::exif_block::carried_exif;
 use super::gain_map::Gains;
+#[cfg(feature = "heic")]
+use super::heif;
 use super::raster::{Bits, Raster, decode_raster, image_format, is_turned};
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exr_read, gain_map};
@@ -26,11 +28,16 @@ pub struct Photo {
 }
 
 /// The formats of photos.
-pub(in crate::image) const PHOTO: &str = "a photo: PNG, JPEG, WebP, HDR or EXR";
+pub(in crate::image) const PHOTO: &str = if cfg!(feature = "heic") {
+    "a photo: PNG, JPEG, WebP, HEIC, AVIF, HDR or EXR"
+} else {
+    "a photo: PNG, JPEG, WebP, HDR or EXR"
+};
 
 /// Reads a photo: PNG (8 or 16 bits, gray, RGB, palette; alpha is left out with a warning), JPEG,
-/// WebP, HDR, EXR (R, G, B, or Y, or R alone). A photo that carries an EXIF orientation is turned
-/// upright. HDR and EXR are linear by their format; `transfer` applies to the others. Where it is
+/// WebP, HDR, EXR (R, G, B, or Y, or R alone), and by the feature `heic` HEIC and AVIF. A photo
+/// that carries an EXIF orientation is turned upright. HDR and EXR are linear by their format;
+/// `transfer` applies to the others. Where it is
 /// sRGB, an ICC profile of curves and a matrix (Display P3, Adobe RGB, ProPhoto) takes its place,
 /// and a gain map of a JPEG (Ultra HDR, ISO 21496-1, Apple) brightens it to the light of the scene,
 /// beyond 1: a pixel counts as saturated only where its map is.
@@ -75,6 +82,14 @@ pub fn read_photo(source: NamedBytes, transfer: Transfer) -> Result<Photo, ReadE
                 _ => Ok(None),
             };
             linear_light(&raster, map, transfer, &mut warnings)
+        }
+        #[cfg(feature = "heic")]
+        Some(FileFormat::Heif) => {
+            let mut photo = heif::decode(source)?;
+            if let Some(block) = photo.raster.exif.take() {
+                exif = carried_exif(block, false);
+            }
+            linear_light(&photo.raster, photo.gain_map, transfer, &mut warnings)
         }
         _ => return Err(not_one_of(source, PHOTO)),
     };

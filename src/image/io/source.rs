@@ -111,6 +111,9 @@ pub(in crate::image) enum FileFormat {
     Npz,
     Pfm,
     Tiff,
+    /// HEIC, HEIF or AVIF, where the program reads them.
+    #[cfg(feature = "heic")]
+    Heif,
 }
 
 /// Returns the format that the first bytes determine, if it is known.
@@ -131,6 +134,13 @@ pub(in crate::image) fn format(source: NamedBytes) -> Option<FileFormat> {
     ];
     if source.bytes.starts_with(b"RIFF") && source.bytes.get(8..12) == Some(b"WEBP") {
         return Some(FileFormat::Webp);
+    }
+    #[cfg(feature = "heic")]
+    if OTHERS.iter().any(|(name, .., at, signature)| {
+        matches!(*name, "HEIC" | "HEIF" | "AVIF")
+            && source.bytes.get(*at..).is_some_and(|bytes| bytes.starts_with(signature))
+    }) {
+        return Some(FileFormat::Heif);
     }
     SIGNATURES.iter().find(|(start, _)| source.bytes.starts_with(start)).map(|&(_, format)| format)
 }
@@ -155,7 +165,7 @@ const OTHERS: [(&str, &str, usize, &[u8]); 16] = [
     ("PDF", "save the picture in it as PNG", 0, b"%PDF"),
 ];
 const HEIC: &str = "convert it with `heif-convert -q 95 photo.heic photo.jpg` (libheif), or on macOS \
-    `sips -s format jpeg photo.heic --out photo.jpg`";
+    `sips -s format jpeg photo.heic --out photo.jpg`; a program built with `--features heic` reads it";
 const RAW: &str =
     "develop or convert it to a PNG of 16 bits, as with `magick photo.tif -depth 16 photo.png`";
 
@@ -166,6 +176,8 @@ pub(in crate::image) fn not_one_of(source: NamedBytes, wanted: &str) -> ReadErro
     };
     let other = OTHERS.iter().find(|(.., at, signature)| is_at(*at, signature));
     let got = match (format(source), other) {
+        #[cfg(feature = "heic")]
+        (Some(FileFormat::Heif), Some((name, remedy, ..))) => format!("{name}: {remedy}"),
         (None | Some(FileFormat::Tiff), Some((name, remedy, ..))) => format!("{name}: {remedy}"),
         (Some(format), _) => format!("{format:?}"),
         (None, None) if source.bytes.is_empty() => "an empty file".into(),

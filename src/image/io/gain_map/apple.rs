@@ -22,7 +22,7 @@ const SIGNED_FRACTION: u16 = 10;
 
 /// The gains of a map by its XMP packet, and by the EXIF block of the photo where the packet lacks
 /// the headroom; `None` where the packet is not that of a gain map.
-pub(super) fn gains<'a>(
+pub(in crate::image) fn gains<'a>(
     xmp: &str,
     exif: impl FnOnce() -> Option<&'a [u8]>,
 ) -> Option<GainsOrReason> {

@@ -5,7 +5,7 @@
 //! have one of three forms: ISO 21496-1 (`iso.rs`), which wins where a file has several, Google's
 //! Ultra HDR image format 1.1 (`ultra_hdr.rs`), and Apple's (`apple.rs`).
 
-mod apple;
+pub(super) mod apple;
 mod gains;
 mod iso;
 mod ultra_hdr;
