@@ -273,6 +273,42 @@ fn hostile_metadata_changes_nothing_else() {
     place.new_scene(&["phone.jpg", "--depth", name, "--out", "odd"], 0);
 }
 
+/// WebP without loss gives the scene that a PNG of the same pixels, profile and EXIF block gives.
+#[test]
+fn a_webp_is_read_with_its_profile_and_lens() {
+    let photo = demo_photo();
+    let icc = moxcms::ColorProfile::new_display_p3().encode().expect("it has a form");
+    fn write(mut encoder: impl ImageEncoder, icc: &[u8], photo: &RgbImage) {
+        encoder.set_icc_profile(icc.to_vec()).expect("the format has profiles");
+        encoder.set_exif_metadata(exif(&[(EQUIVALENT, 26)])).expect("the format has EXIF");
+        let (width, height) = photo.dimensions();
+        let written = encoder.write_image(photo, width, height, ExtendedColorType::Rgb8);
+        written.expect("memory takes it");
+    }
+    let (mut webp, mut png) = (Vec::new(), Vec::new());
+    write(image::codecs::webp::WebPEncoder::new_lossless(&mut webp), &icc, &photo);
+    write(PngEncoder::new(&mut png), &icc, &photo);
+    let place = Place::new();
+    let [webp_room, png_room] = [("photo.webp", webp), ("photo.png", png)].map(|(name, file)| {
+        place.write(name, &file);
+        let out = format!("{name}_room");
+        let message = place.new_scene(&[name, "--depth", &demo("depth.exr"), "--out", &out], 0);
+        assert!(message.contains("Display P3\", converted to linear Rec. 709"), "{message}");
+        assert!(message.contains("(320 x 240)"), "{message}");
+        let camera = message.lines().find(|line| line.starts_with("camera"));
+        let camera = camera.expect("it says the camera").to_owned();
+        let look = std::fs::read(place.path(&out).join("look.png")).expect("it is drawn");
+        (camera, look)
+    });
+    assert!(webp_room.0.contains("26"), "{}", webp_room.0);
+    assert!(webp_room == png_room, "{} and {}, or their pictures", webp_room.0, png_room.0);
+    let graph = Path::new(env!("CARGO_MANIFEST_DIR")).join("graphs/look.ron");
+    let graph = graph.to_str().expect("the path is UTF-8");
+    let output = place.relight(&["run", graph, "--scene", "photo.webp_room", "--out", "out"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(place.path("out/look.png").exists());
+}
+
 #[test]
 fn a_wide_gamut_is_told() {
     let place = Place::new();
