@@ -364,6 +364,26 @@ fn depth_of_the_photo(place: &Place) {
     depth.save(place.path("room/depth.png")).expect("it can be written");
 }
 
+/// The field of view that a person states beats EXIF, and can follow in a second call.
+#[test]
+fn a_stated_field_of_view_is_taken() {
+    let place = Place::new();
+    place.write("phone.jpg", jpeg(&demo_photo(), Some(exif(&[(EQUIVALENT, 26)])), None));
+    let depth = demo("depth.exr");
+    let scene = |fov: &[&str], status| {
+        place.new_scene(&[&["phone.jpg", "--depth", &depth, "--out", "room"], fov].concat(), status)
+    };
+    scene(&[], 0);
+    let message = scene(&["--fov", "48.5"], 0);
+    assert!(message.contains("camera  FovX(48.50): stated by --fov"), "{message}");
+    assert!(place.text("room/scene.ron").contains("camera: FovX(48.50),"));
+    for wrong in ["0.5", "180", "NaN", "67mm"] {
+        let message = scene(&["--fov", wrong], 2);
+        assert!(message.contains("wanted degrees from 1 to 179, as `67.4`"), "{message}");
+    }
+    assert!(place.text("room/scene.ron").contains("camera: FovX(48.50),"));
+}
+
 #[test]
 #[needs("../shared/data/photos")]
 fn each_photo_becomes_a_scene() {

@@ -165,6 +165,10 @@ pub struct NewArgs {
     /// Meters per unit of the depth file; for `disparity`, of 1 / unit.
     #[arg(long, value_name = "METERS", requires = "depth", value_parser = positive)]
     pub depth_scale: Option<f32>,
+    /// The horizontal field of view of the upright photo in degrees, from 1 to 179. Default: from
+    /// EXIF, else 65 degrees along the longer side.
+    #[arg(long, value_name = "DEGREES", value_parser = field_of_view)]
+    pub fov: Option<f32>,
     /// Height of the camera above the seen floor in meters: scales the depth of --depth. Default
     /// for relative depth: 1.5.
     #[arg(long, value_name = "METERS", requires = "depth", value_parser = height, conflicts_with_all = ["known_length", "room_height"])]
@@ -407,6 +411,13 @@ fn positive(text: &str) -> Result<f32, String> {
         Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
         _ => Err("wanted a number above 0, as `1.5`, without a unit".into()),
     }
+}
+
+/// A field of view, degrees.
+fn field_of_view(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|degrees| (1.0..=179.0).contains(degrees)).ok_or_else(|| {
+        "wanted degrees from 1 to 179, as `67.4`; phones have 60 to 75 in a lying photo".into()
+    })
 }
 
 /// A height in a room, meters.

@@ -72,7 +72,7 @@ struct Shot {
 impl Maker<'_> {
     fn scene(&self) -> Result<Exit, Stop> {
         let args = self.args;
-        let shot = shot(&args.photo)?;
+        let shot = shot(&args.photo, args.fov)?;
         // Everything that a person gives is read before anything is written.
         let given_depth = self.given_depth(&shot)?;
         let given_masks = args.masks.as_deref().map(masks::given).transpose()?;
@@ -129,8 +129,8 @@ impl Maker<'_> {
     fn told(&self, shot: &Shot, has_depth: bool, kept: &[String]) {
         if shot.view.source == FieldOfViewSource::Assumed {
             message!(
-                "guessed: the field of view; where you know it, write it as `camera` into scene.ron \
-                 (docs/new.md tells how to find it)"
+                "guessed: the field of view; where you know it, give it with --fov DEGREES and the same \
+                 --out (docs/new.md tells how to find it)"
             );
         }
         kept.iter().for_each(|name| {
@@ -289,14 +289,14 @@ impl Maker<'_> {
     }
 }
 
-/// Reads the photo and finds its camera.
-fn shot(path: &Path) -> Result<Shot, Diagnostic> {
+/// Reads the photo and finds its camera; a stated field of view in degrees beats EXIF.
+fn shot(path: &Path, fov: Option<f32>) -> Result<Shot, Diagnostic> {
     let fault = |message: String| Diagnostic::file(path, message);
     let bytes = read(path, MAX_FILE_BYTES).map_err(|e| fault(format!("cannot be read: {e}")))?;
     let name = path.display().to_string();
     let header =
         read_photo_header(NamedBytes::new(&name, &bytes)).map_err(|e| fault(e.message()))?;
-    let view = field_of_view(&header);
+    let view = fov.map_or_else(|| field_of_view(&header), FieldOfView::stated);
     let view_origin = origin_of_view(&view, &header);
     let name = format!("photo.{}", header.extension);
     Ok(Shot { bytes, header, name, view, view_origin })

@@ -15,6 +15,8 @@ const SENSIBLE_DEGREES: std::ops::RangeInclusive<f32> = 3.0..=150.0;
 /// The origin of a field of view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FieldOfViewSource {
+    /// A person stated it.
+    Stated,
     /// EXIF `FocalLengthIn35mmFilm`, millimeters.
     Equivalent(f32),
     /// EXIF `FocalLength` and the width of the sensor, millimeters.
@@ -33,6 +35,13 @@ pub struct FieldOfView {
     /// The size that the camera recorded, columns and rows, where the photo has another aspect
     /// ratio. It is then taken as cut out of the middle of that picture.
     pub cut_from: Option<(usize, usize)>,
+}
+
+impl FieldOfView {
+    /// A field of view that a person states, degrees.
+    pub fn stated(degrees: f32) -> Self {
+        Self { degrees, source: FieldOfViewSource::Stated, cut_from: None }
+    }
 }
 
 /// The horizontal field of view of a photo with square pixels whose center is on the axis.

@@ -68,6 +68,7 @@ fn one_line(text: &str) -> String {
 pub fn origin_of_view(view: &FieldOfView, photo: &PhotoHeader) -> String {
     let camera = photo.lens.camera.as_deref().unwrap_or("the camera");
     let mut text = match view.source {
+        FieldOfViewSource::Stated => "stated by --fov".into(),
         FieldOfViewSource::Equivalent(mm) => {
             format!("EXIF of {camera}, {mm:.0} mm on 35 mm film by the diagonal")
         }
