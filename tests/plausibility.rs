@@ -220,6 +220,28 @@ fn faults_of_photos_are_told() {
         first(r.doubts_of_depth(|z, ray| z * ray), |d| matches!(d, Doubt::Kind { .. }))
     });
     count("120 degrees", &|r| first(r.doubts_under(120.0), |d| matches!(d, Doubt::Lens { .. })));
+    // Faults that not each photo shows: the least numbers of rooms.
+    let some = |what: &str, least: usize, told: &dyn Fn(&Room) -> bool| {
+        let missed: Vec<&str> =
+            all.iter().filter(|room| !told(room)).map(|room| room.name.as_str()).collect();
+        println!("{what}: {} of {}, missed {missed:?}", all.len() - missed.len(), all.len());
+        assert!(all.len() - missed.len() >= least, "{what}: {missed:?}");
+    };
+    for (degrees, least) in [(30.0, 3), (90.0, 5), (100.0, 10)] {
+        let is_lens: fn(&Doubt) -> bool =
+            |d| matches!(d, Doubt::Lens { .. } | Doubt::Leaning { likely: Some(_), .. });
+        some(&format!("{degrees} degrees"), least, &|r| first(r.doubts_under(degrees), is_lens));
+    }
+    let turned = |room: &Room, turn: fn(usize, usize, usize, usize) -> (usize, usize)| {
+        let (w, h) = room.depth.0.size();
+        let depth = Plane::from_fn(w, h, |x, y| {
+            let (x, y) = turn(x, y, w, h);
+            room.depth.0.get(x, y)
+        });
+        !room.doubts_of(&Depth(depth), &room.camera, &[]).is_empty()
+    };
+    some("upside down", 6, &|r| turned(r, |x, y, _, h| (x, h - 1 - y)));
+    some("turned by 180 degrees", 4, &|r| turned(r, |x, y, w, h| (w - 1 - x, h - 1 - y)));
     let places = [[0.5, 0.85], [0.2, 0.8]];
     let dim = places.map(|at| all.iter().filter(|r| !r.doubts_of_mask(at).is_empty()).count());
     println!("masks beside the light told: {dim:?} of {} each", all.len());

@@ -17,6 +17,7 @@ pub(in crate::geometry) mod plausibility;
 pub(in crate::geometry) mod right_angles;
 pub(in crate::geometry) mod room_layout;
 pub(in crate::geometry) mod surface;
+pub(in crate::geometry) mod upright_edges;
 
 pub use cell_grid::{CellGrid, MAX_CELLS};
 pub use draw_layout::LayoutDraw;
@@ -54,5 +55,6 @@ pub fn tuning() -> Vec<Table> {
         right_angles::RightAnglesTuning::table(),
         room_layout::RoomLayoutTuning::table(),
         surface::SurfaceTuning::table(),
+        upright_edges::UprightEdgesTuning::table(),
     ]
 }

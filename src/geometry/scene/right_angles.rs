@@ -38,13 +38,7 @@ pub(super) fn right_angles(patches: &Patches, stretch: f32) -> f32 {
     let areas = areas(&points, &normals);
     let total: f32 = areas.iter().sum();
     let sampled = Patches { points, normals, areas, unit: patches.unit };
-    let mut up = sampled.up();
-    for angle in TUNING.up_angles {
-        let cosine = angle.to_radians().cos();
-        let near =
-            sampled.normals.iter().zip(&sampled.areas).filter(|(n, _)| n.dot(up).abs() > cosine);
-        up = near.map(|(n, area)| *n * (area * n.dot(up).signum())).sum::<Vec3>().normalize_or(up);
-    }
+    let up = exact_up(&sampled);
     let z = (Vec3::Z - up * up.z).normalize_or(Vec3::Z);
     let x = up.cross(z);
     let (sine, cosine) = TUNING.tolerance.to_radians().sin_cos();
@@ -63,4 +57,16 @@ pub(super) fn right_angles(patches: &Patches, stretch: f32) -> f32 {
     let around = |at: usize| (0..2 * half + 1).map(|i| upright[(at + 90 + i - half) % 90]).sum();
     let walls: f32 = (0..90).map(around).fold(0.0, f32::max);
     (level * walls).sqrt() / total.max(f32::MIN_POSITIVE)
+}
+
+/// The direction that level surfaces face, near that of gravity, roll included.
+pub(super) fn exact_up(patches: &Patches) -> Vec3 {
+    let mut up = patches.up();
+    for angle in TUNING.up_angles {
+        let cosine = angle.to_radians().cos();
+        let near =
+            patches.normals.iter().zip(&patches.areas).filter(|(n, _)| n.dot(up).abs() > cosine);
+        up = near.map(|(n, area)| *n * (area * n.dot(up).signum())).sum::<Vec3>().normalize_or(up);
+    }
+    up
 }
