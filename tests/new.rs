@@ -1,5 +1,9 @@
 //! Tests of `relight new`: a scene from a photo, by the compiled program.
 
+#[allow(dead_code, reason = "the builder has more operators than these networks")]
+#[path = "pipeline/onnx.rs"]
+mod onnx;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -472,4 +476,65 @@ fn depth_of_every_kind_becomes_meters() {
     let message =
         place.new_scene(&["photo.jpg", "--depth", "mm.png", "--out", "x", "--camera-height=-1"], 2);
     assert!(message.contains("wanted a number above 0"), "{message}");
+}
+
+/// A network that returns `depth` for any photo of its size, [1, height, width].
+fn network_of(depth: &relight::image::Plane<f32>) -> Vec<u8> {
+    let (width, height) = (depth.width() as i64, depth.height() as i64);
+    onnx::Onnx::default()
+        .input("pixel_values", &[1, 3, height, width])
+        .output("predicted_depth", &[1, height, width])
+        .mix("pixel_values", "nothing", &[[0.0; 3]], &[0.0])
+        .floats("depth", &[1, 1, height, width], depth.pixels())
+        .node("Add", &["nothing", "depth"], &["four"])
+        .numbers("one", &[1])
+        .node("Squeeze", &["four", "one"], &["predicted_depth"])
+        .file()
+}
+
+/// A photo without depth, and a network: in meters, and relative with the height of the camera,
+/// which is 1.35 m in the demo.
+#[test]
+fn a_network_gives_the_depth() {
+    let place = Place::new();
+    place.write("phone.jpg", jpeg(&demo_photo(), Some(exif(&[(EQUIVALENT, 26)])), None));
+    let stored = depth_of(Path::new(&demo("depth.exr")));
+    let truth = relight::image::resize(&stored, 320, 240);
+    place.write("metric.onnx", network_of(&truth));
+    place.write("far.onnx", network_of(&truth.map(|z| 5.0 / z + 2.0)));
+    place.write("even.onnx", network_of(&truth.map(|_| 2.5)));
+    let metric = ["phone.jpg", "--depth-network", "metric.onnx", "--fov", "64", "--out", "metric"];
+    let metric = [&metric[..], &["--set", "depth.convention=DepthAnythingMetric"]].concat();
+    let message = place.new_scene(&metric, 0);
+    assert!(
+        message.contains("depth   the network metric.onnx (Depth Anything, metric"),
+        "{message}"
+    );
+    let error = |depth: &relight::image::Plane<f32>| {
+        let ratios = depth.pixels().iter().zip(truth.pixels()).map(|(z, t)| z / t);
+        let mut ratios: Vec<f32> = ratios.collect();
+        ratios.sort_by(f32::total_cmp);
+        [ratios[0], ratios[ratios.len() / 2], ratios[ratios.len() - 1]]
+    };
+    let got = depth_of(&place.path("metric/depth.exr"));
+    assert!(error(&got).iter().all(|ratio| (ratio - 1.0).abs() < 1e-3), "{:?}", error(&got));
+    let text = place.text("metric/scene.ron");
+    place.new_scene(&metric, 0);
+    assert_eq!(place.text("metric/scene.ron"), text, "a cached network has its notes");
+
+    let far = ["phone.jpg", "--depth-network", "far.onnx", "--fov", "64", "--out"];
+    for (out, height, options, said) in [
+        ("stated", 1.35, &["--camera-height", "1.35"][..], "a camera 1.35 m above the seen floor"),
+        ("usual", 1.5, &[], "a camera 1.5 m above the seen floor, a guess"),
+    ] {
+        let message = place.new_scene(&[&far[..], &[out], options].concat(), 0);
+        assert!(message.contains(said), "{message}");
+        let [_, middle, _] = error(&depth_of(&place.path(out).join("depth.exr")));
+        assert!((middle * 1.35 / height - 1.0).abs() < 0.1, "{out}: {middle}");
+    }
+
+    let even = ["phone.jpg", "--depth-network", "even.onnx", "--out", "even"];
+    let message = place.new_scene(&even, 2);
+    assert!(message.contains("even.onnx: the network returned no depth"), "{message}");
+    assert!(!place.path("even/scene.ron").exists() && !place.path("even/depth.exr").exists());
 }

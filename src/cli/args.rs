@@ -169,15 +169,16 @@ pub struct NewArgs {
     /// EXIF, else 65 degrees along the longer side.
     #[arg(long, value_name = "DEGREES", value_parser = field_of_view)]
     pub fov: Option<f32>,
-    /// Height of the camera above the seen floor in meters: scales the depth of --depth. Default
-    /// for relative depth: 1.5.
-    #[arg(long, value_name = "METERS", requires = "depth", value_parser = height, conflicts_with_all = ["known_length", "room_height"])]
+    /// Height of the camera above the seen floor in meters: scales the depth of --depth, and the
+    /// relative depth of --depth-network. Default for relative depth: 1.5.
+    #[arg(long, value_name = "METERS", value_parser = height, conflicts_with_all = ["known_length", "room_height"])]
     pub camera_height: Option<f32>,
     /// Height of the room in meters, where the photo shows floor and ceiling: scales the depth of
     /// --depth.
     #[arg(long, value_name = "METERS", requires = "depth", value_parser = height, conflicts_with = "known_length")]
     pub room_height: Option<f32>,
-    /// A network for depth in ONNX (docs/networks.md); relative depth needs a known length.
+    /// A network for depth in ONNX (docs/networks.md), as `--set depth.convention=Metric3d` and the
+    /// like describe it.
     #[arg(long, value_name = "ONNX")]
     pub depth_network: Option<PathBuf>,
     /// Two pixels of the photo and the distance between them in meters, as `212,80,212,395=2.03`;

@@ -59,6 +59,14 @@ struct Maker<'a> {
     cancel: Cancel,
 }
 
+/// The results of a graph.
+struct Ran {
+    /// Name and bytes of each file.
+    files: Vec<(String, Vec<u8>)>,
+    /// The notes of a node `depth`.
+    notes: Vec<String>,
+}
+
 /// The photo as it was given, and its camera.
 struct Shot {
     bytes: Vec<u8>,
@@ -116,7 +124,7 @@ impl Maker<'_> {
         }
         if depth.is_some() {
             let scene = |kinds: &[&str]| scene::read(&args.out, Some(kinds));
-            let files = self.run(LOOK, scene, &args.out)?;
+            let Ran { files, .. } = self.run(LOOK, scene, &args.out)?;
             put_all(&mut folder, &files)?;
         }
         let (written, kept) = folder.close()?;
@@ -198,19 +206,26 @@ impl Maker<'_> {
     fn network_depth(&self, folder: &SceneFolder, shot: &Shot) -> Result<SceneDepth, Stop> {
         let text = scene_text(shot, None, "");
         let source = Source::new(folder.path("scene.ron"), text);
-        let files = self.run(DEPTH, |kinds| scene::parse(&source, Some(kinds)), &self.args.out)?;
+        let scene = |kinds: &[&str]| scene::parse(&source, Some(kinds));
+        let Ran { files, notes } = self.run(DEPTH, scene, &self.args.out)?;
         let exr = files.into_iter().find(|(name, _)| name == "depth.exr");
         let (_, exr) = exr.expect("WriteDepth returns depth.exr");
         let network = self.args.depth_network.as_deref().unwrap_or(Path::new(""));
-        let origin = match &*self.args.known_length {
-            [] => format!("the network {}, in its own meters", network.display()),
-            lengths => format!(
-                "the network {}, scaled to {} known length{}",
-                network.display(),
-                lengths.len(),
-                if lengths.len() == 1 { "" } else { "s" }
-            ),
-        };
+        let note = notes.last().map_or("", String::as_str);
+        let mut origin = format!("the network {} ({note})", network.display());
+        let is_relative = note.contains(", relative, ");
+        match (&*self.args.known_length, self.args.camera_height) {
+            ([], Some(height)) if is_relative => {
+                origin += &format!(", scaled by a camera {height} m above the seen floor");
+            }
+            ([], None) if is_relative => {
+                let height = KnownHeight::default().meters();
+                origin += &format!(", scaled by a camera {height} m above the seen floor, a guess");
+            }
+            ([], _) => {}
+            ([_], _) => origin += ", scaled to a known length",
+            (lengths, _) => origin += &format!(", scaled to {} known lengths", lengths.len()),
+        }
         Ok(SceneDepth { exr, origin, notes: Vec::new() })
     }
 
@@ -233,8 +248,8 @@ impl Maker<'_> {
                 let text = scene_text(shot, depth, "");
                 let source = Source::new(folder.path("scene.ron"), text);
                 let graph = if depth.is_some() { FIND } else { FIND_IN_PHOTO };
-                let files =
-                    self.run(graph, |kinds| scene::parse(&source, Some(kinds)), &self.args.out)?;
+                let scene = |kinds: &[&str]| scene::parse(&source, Some(kinds));
+                let Ran { files, .. } = self.run(graph, scene, &self.args.out)?;
                 if depth.is_none()
                     && let Some((_, found)) = files.iter().find(|(name, _)| name == "found.png")
                 {
@@ -247,13 +262,13 @@ impl Maker<'_> {
         Ok(lights)
     }
 
-    /// Runs one of the graphs above on a scene; returns its files and shows its notes.
+    /// Runs one of the graphs above on a scene, and shows the notes of its outputs.
     fn run(
         &self,
         (name, text): (&str, &str),
         scene: impl FnOnce(&[&str]) -> Result<Overlay, Vec<Diagnostic>>,
         folder: &Path,
-    ) -> Result<Vec<(String, Vec<u8>)>, Stop> {
+    ) -> Result<Ran, Stop> {
         let file = GraphFile::parse(Source::new(name, text))?;
         let kinds: Vec<&str> = file.nodes().map(|node| node.kind).collect();
         let registry = networks::registry(&self.args.networks);
@@ -265,6 +280,8 @@ impl Maker<'_> {
             sets.push(format!("depth.model={:?}", network.to_string_lossy()));
             let lengths = self.args.known_length.join(", ");
             sets.push(format!("depth.known_lengths=[{lengths}]"));
+            let height = self.args.camera_height.unwrap_or(KnownHeight::default().meters());
+            sets.push(format!("depth.camera_height={height}"));
         }
         // A setting is for the one of the graphs that has its node.
         let has_node = |text: &&String| {
@@ -285,7 +302,10 @@ impl Maker<'_> {
         let done = finished(done)?;
         report::warnings(&done).iter().for_each(|warning| message!("warning: {warning}"));
         report::notes_of_outputs(&done).for_each(|note| message!("        {note}"));
-        Ok(results(&done).iter().flat_map(|files| files.0.clone()).collect())
+        let depth = done.nodes.iter().filter(|node| node.name == "depth");
+        let notes = depth.flat_map(|node| node.notes.clone()).collect();
+        let files = results(&done).iter().flat_map(|files| files.0.clone()).collect();
+        Ok(Ran { files, notes })
     }
 }
 

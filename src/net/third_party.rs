@@ -94,13 +94,44 @@ impl PhotoInput<'_> {
     ) -> Result<(&'n str, Tensor), NetError> {
         let port = self.port(network)?;
         let (width, height) = self.size(port, photo.0.size())?;
-        let encoded = photo.0.map(|color| {
+        Ok((&port.name, self.normalized(&resize(&self.encoded(photo), width, height))))
+    }
+
+    /// [`PhotoInput::tensor`] for networks that need the aspect ratio of the photo: it lies in the
+    /// middle of the frame, amid the mean color of ImageNet; and its place.
+    ///
+    /// # Errors
+    /// Those of [`PhotoInput::tensor`].
+    pub fn padded<'n>(
+        &self,
+        network: &'n Network,
+        photo: &Picture,
+    ) -> Result<(&'n str, Tensor, PadRect), NetError> {
+        let port = self.port(network)?;
+        let (width, height) = self.size(port, photo.0.size())?;
+        let rect = PadRect::new([width, height], photo.0.size());
+        let ([left, top], [columns, rows]) = (rect.corner, rect.size);
+        let seen = resize(&self.encoded(photo), columns, rows);
+        let [mean, _] = Normalization::ImageNet.mean_and_deviation();
+        let framed =
+            Plane::from_fn(width, height, |x, y| match (x.checked_sub(left), y.checked_sub(top)) {
+                (Some(x), Some(y)) if x < columns && y < rows => seen.get(x, y),
+                _ => mean,
+            });
+        Ok((&port.name, self.normalized(&framed), rect))
+    }
+
+    /// The photo as it is stored, 0..=1.
+    fn encoded(&self, photo: &Picture) -> Plane<Vec3> {
+        photo.0.map(|color| {
             Vec3::from_array(color.to_array().map(|c| self.transfer.encode(c)))
                 .clamp(Vec3::ZERO, Vec3::ONE)
-        });
+        })
+    }
+
+    fn normalized(&self, seen: &Plane<Vec3>) -> Tensor {
         let [mean, deviation] = self.normalization.mean_and_deviation();
-        let seen = resize(&encoded, width, height).map(|color| (color - mean) / deviation);
-        Ok((&port.name, planes_of(&[InputLayer::Color(&seen)])))
+        planes_of(&[InputLayer::Color(&seen.map(|color| (color - mean) / deviation))])
     }
 
     fn port<'n>(&self, network: &'n Network) -> Result<&'n Port, NetError> {
@@ -148,6 +179,36 @@ impl PhotoInput<'_> {
             )));
         }
         Ok((width, height))
+    }
+}
+
+/// The place of a photo in the middle of a larger frame, pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PadRect {
+    /// Columns and rows of the frame.
+    pub frame: [usize; 2],
+    /// Left and upper end of the photo.
+    pub corner: [usize; 2],
+    /// Columns and rows of the photo.
+    pub size: [usize; 2],
+}
+
+impl PadRect {
+    /// The largest place for a photo of this size, which keeps its aspect ratio.
+    pub fn new(frame: [usize; 2], photo: (usize, usize)) -> PadRect {
+        let scale = (frame[0] as f32 / photo.0 as f32).min(frame[1] as f32 / photo.1 as f32);
+        let fitted = |n: usize, most: usize| ((n as f32 * scale).round() as usize).clamp(1, most);
+        let size = [fitted(photo.0, frame[0]), fitted(photo.1, frame[1])];
+        PadRect { frame, size, corner: [(frame[0] - size[0]) / 2, (frame[1] - size[1]) / 2] }
+    }
+
+    /// Index in the frame, column and row of each pixel of the photo.
+    pub fn cells(self) -> impl Iterator<Item = (usize, usize, usize)> {
+        let ([left, top], [columns, rows]) = (self.corner, self.size);
+        (0..columns * rows).map(move |i| {
+            let (x, y) = (i % columns, i / columns);
+            ((top + y) * self.frame[0] + left + x, x, y)
+        })
     }
 }
 

@@ -9,12 +9,12 @@ use crate::common::files::png_of;
 use crate::onnx::{OPEN, Onnx};
 use crate::project::*;
 
-const SIZE: (usize, usize) = (40, 30);
+pub const SIZE: (usize, usize) = (40, 30);
 const PHOTO: [i64; 4] = [1, 3, OPEN, OPEN];
 const PICTURE: [i64; 4] = [1, 1, OPEN, OPEN];
 
 /// Stored numbers, 0..=1: red grows to the right, green downwards.
-fn stored(x: usize, y: usize) -> Vec3 {
+pub fn stored(x: usize, y: usize) -> Vec3 {
     Vec3::new((60 + 4 * x) as f32, (80 + 4 * y) as f32, 51.0) / 255.0
 }
 
@@ -157,22 +157,22 @@ fn the_photo_comes_as_the_network_wants_it() {
         Onnx::default()
             .input("x", &[1, 3, h, w])
             .output("z", &[1, 1, h, w])
-            .mix("x", "z", &[[0.0, 0.0, 1.0]], &[2.0])
+            .mix("x", "z", &[[1e-4, 0.0, 1.0]], &[2.0])
             .file()
     };
     let place = photo(fixed(20, 8));
     let line = LINE.replace("--set depth.normalization=None", "--set depth.kind=Metric");
-    // Blue is 0.2 everywhere.
+    // Blue is 0.2 everywhere; a trace of red keeps the numbers from being one.
     for (set, wanted) in [
         ("None", 0.2),
         ("Half", (0.2 - 0.5) / 0.5),
         ("ImageNet", (0.2 - 0.406) / 0.225),
-        ("Custom(mean:(9,9,0.1),deviation:(9,9,0.5))", 0.2),
+        ("Custom(mean:(9,9,0.1),deviation:(0.9,9,0.5))", 0.2),
     ] {
         place.check(&format!("{line} --set depth.normalization={set}"), 0);
         let got = depth(&place);
         assert_eq!(got.size(), (20, 15), "the photo's aspect, the network's longer side");
-        assert!(worst(&got, |_, _| 2.0 + wanted) < 1e-5, "{set}: {}", got.get(3, 3));
+        assert!(worst(&got, |_, _| 2.0 + wanted) < 1e-3, "{set}: {}", got.get(3, 3));
     }
     let open = photo(metric());
     open.check(&format!("{line} --set depth.side=100 --set depth.multiple=14"), 0);
@@ -349,7 +349,7 @@ fn depths_and_lengths_that_cannot_be_used_are_named() {
             even,
             "--known-length 1,1,9,9=1",
             &[
-                "depth: the network returned no depth: wanted numbers that vary, got 0.5 nearly everywhere",
+                "net.onnx: the network returned no depth: wanted numbers that vary, got 0.5 everywhere",
             ],
         ),
         (

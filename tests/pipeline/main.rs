@@ -7,6 +7,7 @@ mod adapters;
 mod bad_input;
 mod cache;
 mod damaged_networks;
+mod depth_conventions;
 mod eval;
 mod events;
 mod export;

@@ -78,7 +78,7 @@ impl Onnx {
     }
 
     /// A node with attributes that are lists of whole numbers.
-    fn node_with(
+    pub fn node_with(
         self,
         operator: &str,
         inputs: &[&str],

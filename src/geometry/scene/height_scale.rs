@@ -39,6 +39,15 @@ pub enum KnownHeight {
     Ceiling(f32),
 }
 
+impl KnownHeight {
+    /// The height, meters.
+    pub fn meters(self) -> f32 {
+        match self {
+            KnownHeight::Camera(meters) | KnownHeight::Ceiling(meters) => meters,
+        }
+    }
+}
+
 impl Default for KnownHeight {
     fn default() -> KnownHeight {
         KnownHeight::Camera(TUNING.camera)
