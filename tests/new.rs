@@ -381,9 +381,9 @@ fn a_stated_field_of_view_is_taken() {
     let message = scene(&["--fov", "48.5"], 0);
     assert!(message.contains("camera  FovX(48.50): stated by --fov"), "{message}");
     assert!(place.text("room/scene.ron").contains("camera: FovX(48.50),"));
-    for wrong in ["0.5", "180", "NaN", "67mm"] {
+    for wrong in ["0.5", "176", "NaN", "67mm"] {
         let message = scene(&["--fov", wrong], 2);
-        assert!(message.contains("wanted degrees from 1 to 179, as `67.4`"), "{message}");
+        assert!(message.contains("wanted degrees from 1 to 175, as `67.4`"), "{message}");
     }
     assert!(place.text("room/scene.ron").contains("camera: FovX(48.50),"));
 }

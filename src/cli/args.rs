@@ -165,7 +165,7 @@ pub struct NewArgs {
     /// Meters per unit of the depth file; for `disparity`, of 1 / unit.
     #[arg(long, value_name = "METERS", requires = "depth", value_parser = positive)]
     pub depth_scale: Option<f32>,
-    /// The horizontal field of view of the upright photo in degrees, from 1 to 179. Default: from
+    /// The horizontal field of view of the upright photo in degrees, from 1 to 175. Default: from
     /// EXIF, else 65 degrees along the longer side.
     #[arg(long, value_name = "DEGREES", value_parser = field_of_view)]
     pub fov: Option<f32>,
@@ -416,8 +416,8 @@ fn positive(text: &str) -> Result<f32, String> {
 
 /// A field of view, degrees.
 fn field_of_view(text: &str) -> Result<f32, String> {
-    text.parse().ok().filter(|degrees| (1.0..=179.0).contains(degrees)).ok_or_else(|| {
-        "wanted degrees from 1 to 179, as `67.4`; phones have 60 to 75 in a lying photo".into()
+    text.parse().ok().filter(|degrees| (1.0..=175.0).contains(degrees)).ok_or_else(|| {
+        "wanted degrees from 1 to 175, as `67.4`; phones have 60 to 75 in a lying photo".into()
     })
 }
 

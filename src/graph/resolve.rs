@@ -771,8 +771,14 @@ fn build(
         let mut words = message.split(|c: char| !c.is_alphanumeric() && c != '_');
         let value = words.find_map(|word| places.set.get(word));
         let place = value.map_or_else(|| declared.clone(), |value| place_within(value, &message));
-        faults.push(|| {
-            Diagnostic::at(&place, format!("node `{}` ({}): {message}", decl.name.name, kind.kind))
+        // A person who wrote an edit or a scene need not know the nodes that read it.
+        let is_in_graph = Arc::ptr_eq(&place.source, &decl.name.origin.source);
+        faults.push(|| match is_in_graph {
+            true => {
+                let node = format!("node `{}` ({})", decl.name.name, kind.kind);
+                Diagnostic::at(&place, format!("{node}: {message}"))
+            }
+            false => Diagnostic::at(&place, message),
         });
     }
     let files: Vec<File> = op.files().into_iter().map(|file| file.clone()).collect();
@@ -916,10 +922,25 @@ fn is_finite(op: &dyn AnyNode, set_at: &BTreeMap<&str, &Raw>, faults: &mut Diagn
         finite = false;
         refuse(value, faults, || {
             let message = format!("`{field}` wanted finite numbers, got `{}`", value.short());
-            value.fault(message).help("numbers reach up to 3.4e38")
+            let place = large_number(&value.origin).unwrap_or_else(|| value.origin.clone());
+            Diagnostic::at(&place, message).help("numbers reach up to 3.4e38")
         });
     }
     finite
+}
+
+/// The first number in a text that is too large for single precision.
+fn large_number(value: &Origin) -> Option<Origin> {
+    let is_part = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '+' | '-' | '_');
+    let mut at = value.span.start;
+    for word in value.text().split_inclusive(|c: char| !is_part(c)) {
+        let number = word.trim_end_matches(|c: char| !is_part(c));
+        if number.parse::<f32>().is_ok_and(|number| !number.is_finite()) {
+            return Some(Origin { source: value.source.clone(), span: at..at + number.len() });
+        }
+        at += word.len();
+    }
+    None
 }
 
 /// A fault of a value, where none was found in it yet: a setting for a kind is tried on every node

@@ -68,8 +68,10 @@ pub fn read_photo_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
         _ => return Err(not_one_of(source, read::PHOTO)),
     };
     let format = image_format(format);
-    let bad =
-        |e: ::image::ImageError| source.error("content", format!("a valid {format:?} file"), e);
+    let bad = |e: ::image::ImageError| {
+        let name = format!("{format:?}").to_uppercase();
+        source.error("content", format!("a whole {name} file"), e)
+    };
     let mut decoder =
         ImageReader::with_format(Cursor::new(source.bytes), format).into_decoder().map_err(bad)?;
     let (width, height) = decoder.dimensions();

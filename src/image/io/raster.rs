@@ -173,8 +173,10 @@ pub(in crate::image) fn decode_turned(
     format: ImageFormat,
     orientation: Option<Orientation>,
 ) -> Result<Raster, ReadError> {
-    let bad =
-        |e: ::image::ImageError| source.error("content", format!("a valid {format:?} file"), e);
+    let bad = |e: ::image::ImageError| {
+        let name = format!("{format:?}").to_uppercase();
+        source.error("content", format!("a whole {name} file"), e)
+    };
     let mut limits = Limits::default();
     // Beside the pixels, room for tables and metadata.
     limits.max_alloc = Some(source.most.saturating_add(16 << 20).min(MAX_BYTES));

@@ -181,10 +181,15 @@ pub(in crate::image) fn not_one_of(source: NamedBytes, wanted: &str) -> ReadErro
         (None | Some(FileFormat::Tiff), Some((name, remedy, ..))) => format!("{name}: {remedy}"),
         (Some(format), _) => format!("{format:?}"),
         (None, None) if source.bytes.is_empty() => "an empty file".into(),
-        (None, None) => format!(
-            "an unknown format (first bytes {:02x?})",
-            &source.bytes[..source.bytes.len().min(8)]
-        ),
+        (None, None) => {
+            let first = &source.bytes[..source.bytes.len().min(8)];
+            match std::str::from_utf8(first) {
+                Ok(text) if !text.contains(char::is_control) => {
+                    format!("a text that begins with {text:?}")
+                }
+                _ => format!("an unknown format that begins with the bytes {first:02x?}"),
+            }
+        }
     };
     source.error("file format", wanted, got)
 }
