@@ -7,6 +7,8 @@ use clap::{Args, Subcommand, ValueEnum};
 use relight::graph::Reach;
 use relight::nodes::output::mix_layers::srgb;
 
+use super::shipped::graph_path;
+
 pub use super::new::GivenKind;
 
 /// The files of a run.
@@ -75,7 +77,8 @@ pub enum WhichBackend {
 
 #[derive(Args)]
 pub struct JobArgs {
-    /// The graph file.
+    /// The graph file, or the name of one that ships: indoor, physics, networks, ..
+    #[arg(value_parser = graph_path)]
     pub graph: PathBuf,
     /// The edit file. Default: no changes.
     pub edit: Option<PathBuf>,
@@ -108,7 +111,8 @@ pub struct CacheUse {
 
 #[derive(Args)]
 pub struct RunArgs {
-    /// The graph file.
+    /// The graph file, or the name of one that ships: indoor, physics, networks, ..
+    #[arg(value_parser = graph_path)]
     pub graph: PathBuf,
     /// The edit file. Default: no changes.
     pub edit: Option<PathBuf>,
@@ -263,7 +267,8 @@ pub struct Plan {
 
 #[derive(Args)]
 pub struct Explain {
-    /// The graph file.
+    /// The graph file, or the name of one that ships: indoor, physics, networks, ..
+    #[arg(value_parser = graph_path)]
     pub graph: PathBuf,
     /// The edit file.
     pub edit: PathBuf,
@@ -282,6 +287,9 @@ pub struct Graph {
     /// The output format.
     #[arg(long, value_enum, default_value_t = GraphFormat::Dot)]
     pub format: GraphFormat,
+    /// Print the text of the graph file instead, to begin a graph of your own with.
+    #[arg(long, conflicts_with_all = ["format", "edit"])]
+    pub source: bool,
 }
 
 #[derive(Clone, Copy, ValueEnum)]

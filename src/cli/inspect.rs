@@ -1,6 +1,6 @@
 //! The commands that compute no picture: `plan`, `explain`, `graph` and `nodes`.
 
-use relight::graph::{Diagnostic, PlanLine};
+use relight::graph::{Diagnostic, PlanLine, Source};
 use relight::nodes as stages;
 
 use super::args::{Explain, Graph, GraphFormat, Nodes, Plan};
@@ -59,6 +59,11 @@ pub fn explain(args: &Explain) -> Result<Exit, CliError> {
 /// # Errors
 /// Arguments or files that cannot be used.
 pub fn graph(args: &Graph) -> Result<Exit, CliError> {
+    if args.source {
+        let source = Source::read(&args.job.graph, args.job.files.reach())?;
+        write::print(&source.text)?;
+        return Ok(Exit::Done);
+    }
     let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
     write::print(&match args.format {
         GraphFormat::Dot => graph.to_dot(None),

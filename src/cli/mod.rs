@@ -23,6 +23,7 @@ mod reference;
 mod report;
 mod results;
 mod run;
+mod shipped;
 mod write;
 
 use std::process::ExitCode;

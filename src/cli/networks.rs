@@ -8,6 +8,8 @@ use relight::nodes;
 
 use super::args::{Networks, RunNetwork, WhichBackend};
 use super::exit::{CliError, Exit};
+use super::messages::message;
+use super::shipped;
 
 /// The parameter that selects the backend, of every stage with a network.
 pub const FIELD: &str = "backend";
@@ -15,25 +17,14 @@ const HELP: &str = "the networks ship in the folder models/: keep it beside the 
 
 /// All stages, with the folder of their networks.
 pub fn registry(args: &Networks) -> Registry {
-    nodes::registry().with_library(
-        args.models.clone().unwrap_or_else(|| beside_the_program("models", "mnet.onnx")),
-        HELP,
-    )
-}
-
-/// The folder of this name beside the program or in a folder above it, as in a checkout; else that
-/// of the working directory. `file` is one of its files.
-fn beside_the_program(folder: &str, file: &str) -> PathBuf {
-    let program = std::env::current_exe().and_then(|path| path.canonicalize()).unwrap_or_default();
-    let above = program.ancestors().skip(1).take(4).map(|above| above.join(folder));
-    above.into_iter().find(|folder| folder.join(file).is_file()).unwrap_or_else(|| folder.into())
-}
-
-/// A graph that ships with the program, if it is found.
-pub fn graph(name: &str) -> Option<PathBuf> {
-    let own = Path::new("graphs").join(name);
-    let graph = if own.is_file() { own } else { beside_the_program("graphs", name).join(name) };
-    graph.is_file().then_some(graph)
+    let folder = args.models.clone().map_or_else(shipped::networks, Ok);
+    // Without the folder, the networks are missing, and the error of a stage that needs one says
+    // so.
+    let folder = folder.unwrap_or_else(|fault| {
+        message!("warning: {fault}");
+        "models".into()
+    });
+    nodes::registry().with_library(folder, HELP)
 }
 
 /// The service that computes third-party networks by `relight run-network`, each in its own

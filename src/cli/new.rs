@@ -24,7 +24,7 @@ use super::load::{backend, setting};
 use super::messages::{message, shows_progress};
 use super::progress::Progress;
 use super::results::results;
-use super::{networks, report, write};
+use super::{networks, report, shipped, write};
 pub use depth::GivenKind;
 use depth::{DepthFacts, SceneDepth, depth_for};
 use folder::SceneFolder;
@@ -38,7 +38,7 @@ const FIND_IN_PHOTO: (&str, &str) =
     ("graphs/find_lights_photo.ron", include_str!("../../graphs/find_lights_photo.ron"));
 const LOOK: (&str, &str) = ("graphs/look.ron", include_str!("../../graphs/look.ron"));
 /// The graph that the scene is checked with and that its first run takes.
-const FIRST: &str = "indoor.ron";
+const FIRST: &str = "indoor";
 
 /// Runs `relight new`.
 ///
@@ -156,9 +156,9 @@ impl Maker<'_> {
     /// Runs `check` on the scene, and names the next command.
     fn checked(&self) -> Result<Exit, Stop> {
         let out = &self.args.out;
-        let (graph, edit) = (networks::graph(FIRST), out.join("edit.ron"));
+        let (graph, edit) = (shipped::graph(FIRST), out.join("edit.ron"));
         let Some(graph) = graph else {
-            message!("not checked: graphs/{FIRST} was not found beside the program");
+            message!("not checked: the graph {FIRST} cannot be unpacked");
             return Ok(Exit::Done);
         };
         let files = SceneFiles {
@@ -172,9 +172,8 @@ impl Maker<'_> {
             return Ok(exit);
         }
         message!(
-            "next: look at {}, then: relight run {} {} --scene {} --out {}",
+            "next: look at {}, then: relight run {FIRST} {} --scene {} --out {}",
             out.join("look.png").display(),
-            job.graph.display(),
             out.join("edit.ron").display(),
             out.display(),
             out.join("out").display()

@@ -6,11 +6,12 @@ use clap::Args;
 use relight_lab::bench::Options;
 
 use crate::cli::args::{CacheUse, Networks};
+use crate::cli::shipped::graph_path;
 
 #[derive(Args)]
 pub struct Bench {
-    /// The graph file.
-    #[arg(default_value = "graphs/demo.ron")]
+    /// The graph file, or the name of one that ships.
+    #[arg(default_value = "demo", value_parser = graph_path)]
     pub graph: PathBuf,
     /// The scene folder, with a scene.ron; overrides the scene of the graph file.
     #[arg(long, value_name = "DIR")]
@@ -35,8 +36,8 @@ pub struct Bench {
 pub struct Eval {
     /// The scene folder, with a scene.ron that names its `truth`.
     pub scene: PathBuf,
-    /// The graph file.
-    #[arg(long, value_name = "GRAPH", default_value = "graphs/indoor.ron")]
+    /// The graph file, or the name of one that ships.
+    #[arg(long, value_name = "GRAPH", default_value = "indoor", value_parser = graph_path)]
     pub graph: PathBuf,
     /// Set one parameter of one node, as RON; may be given several times.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
