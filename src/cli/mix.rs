@@ -26,7 +26,9 @@ pub fn mix(args: &MixArgs, began: Instant) -> Result<Exit, CliError> {
     let layers = layers(&args.run)?;
     let (folder, only) = place(&args.out);
     let out = Output::new(&folder, [layers.location()], args.force)?;
-    let stage = MixLayers { layers, weights, ..MixLayers::default() };
+    let is_png =
+        only.as_ref().is_some_and(|name| Path::new(name).extension() == Some("png".as_ref()));
+    let stage = MixLayers { layers, weights, layered: !is_png, ..MixLayers::default() };
     stage.check().map_err(|message| Diagnostic::file("--set".as_ref(), message))?;
     // One stage that reads a file: there is nothing to schedule, and nothing worth keeping.
     let context = Context::default();

@@ -94,7 +94,7 @@ impl Value {
     pub fn new<T: Artifact>(artifact: Arc<T>) -> Value {
         let (mut hasher, mut length) = (hasher(T::TYPE), 0);
         encode(&*artifact, |piece| {
-            hasher.update(piece);
+            digest_piece(&mut hasher, piece);
             length += piece.len() as u64;
         });
         Value::with_digest(artifact, Digest(*hasher.finalize().as_bytes()), length)
@@ -196,7 +196,20 @@ impl<F: FnMut(&[u8])> Flavor for Pieces<F> {
 
 /// Computes the digest of a value of type `type_name` from its canonical bytes.
 pub(super) fn digest_of(type_name: &str, encoded: &[u8]) -> Digest {
-    Digest(*hasher(type_name).update(encoded).finalize().as_bytes())
+    let mut hasher = hasher(type_name);
+    digest_piece(&mut hasher, encoded);
+    Digest(*hasher.finalize().as_bytes())
+}
+
+/// Bytes from which on several threads digest a piece.
+const LARGE: usize = 1 << 20;
+
+fn digest_piece(hasher: &mut blake3::Hasher, piece: &[u8]) {
+    if piece.len() < LARGE {
+        hasher.update(piece);
+    } else {
+        hasher.update_rayon(piece);
+    }
 }
 
 /// A digest is taken over the type's name and the canonical bytes.

@@ -14,6 +14,8 @@ pub(super) struct Header {
     pub key_manifest: String,
     /// Port by port, members in their order.
     pub values: Vec<ValueHeader>,
+    /// Whether the disk holds the values, too; else they are made again where they are needed.
+    pub has_values: bool,
     pub stderr: Option<f64>,
     pub warnings: Vec<String>,
     pub notes: Vec<String>,
@@ -36,6 +38,11 @@ impl Header {
     /// Indices of the values of one port.
     pub fn port(&self, port: usize) -> impl Iterator<Item = usize> {
         (0..self.values.len()).filter(move |&i| self.values[i].port as usize == port)
+    }
+
+    /// Length of the values on disk, bytes.
+    pub fn stored(&self) -> u64 {
+        if self.has_values { self.values.iter().map(|v| v.length).sum() } else { 0 }
     }
 
     /// Returns the memory that all values take, bytes.
@@ -73,8 +80,14 @@ impl Entry {
         }
     }
 
-    /// A result just made: one [`PortValue`] per output port.
-    pub fn made(key: Digest, mut header: Header, outputs: &[PortValue], cut_short: bool) -> Entry {
+    /// A result just made: one [`PortValue`] per output port. Values of more than `stored_up_to`
+    /// bytes in all are not for the disk.
+    pub fn made(
+        key: Digest,
+        mut header: Header,
+        outputs: &[PortValue],
+        (cut_short, stored_up_to): (bool, u64),
+    ) -> Entry {
         let mut values = Vec::new();
         for (port, output) in outputs.iter().enumerate() {
             let mut push = |member: Option<&String>, value: &Value| {
@@ -93,6 +106,7 @@ impl Entry {
                 }
             }
         }
+        header.has_values = header.stored() <= stored_up_to;
         Entry { key, header: Arc::new(header), cut_short, values: Mutex::new(values) }
     }
 
@@ -228,6 +242,7 @@ mod tests {
         let header = Header {
             key_manifest: String::new(),
             values: vec![],
+            has_values: true,
             stderr: None,
             warnings: vec![],
             notes: vec![],
@@ -236,7 +251,7 @@ mod tests {
             Digest([name; 32]),
             header,
             &[PortValue::One(Value::new(Arc::new(Block(bytes))))],
-            false,
+            (false, u64::MAX),
         ))
     }
 

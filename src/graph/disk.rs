@@ -9,7 +9,8 @@
 //! ```
 //! A result: magic (8 bytes), length of the header (8, little endian), BLAKE3 of the header (32),
 //! keyed BLAKE3 of the header (32), the header, then the values one after the other. The header
-//! holds lengths and digests of the values, so that it can be read and trusted by itself. Access
+//! holds lengths and digests of the values, so that it can be read and trusted by itself; the values
+//! of a stage that is quicker than the disk are left out (`Node::STORED_UP_TO`). Access
 //! times are the files' modification times, set when a result is used.
 //!
 //! A folder may contain files of other users. The keyed digest makes an entry of another key a
@@ -462,6 +463,9 @@ impl DiskCache {
         };
         let (mut file, data) = self.open_entry(key).map_err(lost)?.ok_or(Loss::Gone)?;
         let header = self.read_header(&mut file, &data).map_err(lost)?;
+        if !header.has_values {
+            return Err(Loss::Gone);
+        }
         let bytes =
             read_value(&mut file, &header, index).map_err(|e| Loss::Damaged(e.to_string()))?;
         let whole = digest_of(port.type_name, &bytes) == digest;
@@ -483,9 +487,11 @@ impl DiskCache {
         values: &[Value],
         limit: u64,
     ) -> io::Result<()> {
+        let values = if header.has_values { values } else { &[] };
+        let stored = header.stored();
         let header = postcard::to_stdvec(header)
             .expect("headers hold plain data, which postcard always encodes");
-        let bytes = PREAMBLE + header.len() as u64 + values.iter().map(|v| v.length).sum::<u64>();
+        let bytes = PREAMBLE + header.len() as u64 + stored;
         if bytes > limit || header.len() as u64 > MAX_HEADER {
             return Ok(());
         }
@@ -649,7 +655,7 @@ impl DiskCache {
         }
         let header: Header = postcard::from_bytes(&bytes)
             .map_err(|e| format!("its header cannot be decoded: {e}"))?;
-        if PREAMBLE + length + header.values.iter().map(|value| value.length).sum::<u64>() != size {
+        if PREAMBLE + length + header.stored() != size {
             return Err("its length differs from the one in its header".into());
         }
         Ok(header)
@@ -663,7 +669,7 @@ impl DiskCache {
         if !path.ends_with(Path::new(&key[..2]).join(&key[2..])) {
             return Err("it is stored under another key".into());
         }
-        for value in &header.values {
+        for value in header.values.iter().filter(|_| header.has_values) {
             let bytes = read_bytes(&mut file, value.length).map_err(|e| e.to_string())?;
             if digest_of(&value.type_name, &bytes) != Digest(value.digest) {
                 return Err("a value differs from its digest".into());

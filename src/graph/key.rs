@@ -7,7 +7,7 @@ use super::Digest;
 
 /// Raised whenever key manifests or stored entries change their form: all older entries are then
 /// unknown.
-pub(super) const FORMAT: u32 = 4;
+pub(super) const FORMAT: u32 = 5;
 
 /// The prefix of a digest that replaces a file's path.
 pub(super) const FILE: &str = "blake3:";

@@ -49,6 +49,10 @@ pub trait Node: Params + Clone + Serialize + DeserializeOwned + Send + Sync + 's
     const KIND: &'static str;
     /// Raised whenever the same inputs give other outputs than before; part of every key.
     const VERSION: u32;
+    /// Bytes up to which the cache stores a result on disk. Of a larger one it stores the header
+    /// alone, and makes the values again where something needs them: a stage that takes less time
+    /// than its result takes to write and read sets a bound. It changes no result.
+    const STORED_UP_TO: u64 = u64::MAX;
     /// The input ports.
     type In: Inputs;
     /// The output ports.

@@ -158,6 +158,7 @@ pub(super) trait AnyNode: Send + Sync {
     fn values(&self) -> Vec<(&'static str, String)>;
     fn files(&mut self) -> Vec<&mut File>;
     fn check(&self) -> Result<(), String>;
+    fn stored_up_to(&self) -> u64;
     fn decode(&self, port: usize, bytes: Vec<u8>, digest: Digest) -> Result<Value, String>;
     fn run(&self, inputs: Vec<PortValue>, ctx: &Context) -> Result<Vec<PortValue>, NodeError>;
     fn boxed_clone(&self) -> Box<dyn AnyNode>;
@@ -178,6 +179,10 @@ impl<N: Node> AnyNode for N {
 
     fn check(&self) -> Result<(), String> {
         Node::check(self)
+    }
+
+    fn stored_up_to(&self) -> u64 {
+        N::STORED_UP_TO
     }
 
     fn decode(&self, port: usize, bytes: Vec<u8>, digest: Digest) -> Result<Value, String> {

@@ -19,7 +19,7 @@ use super::inputs::{Before, ResolvedInput, Slot, holds, key_manifest, resolve_in
 use super::report::{Difference, NodeReport, Observer, RunReport, Status};
 use super::resolved_graph::{GraphNode, ResolvedGraph, Wanted};
 use super::source::is_name;
-use super::store::{STORED_NO_MORE, Store};
+use super::store::{NOT_STORED, STORED_NO_MORE, Store};
 use super::{Digest, PortValue, Value, key};
 
 /// The parts of a run.
@@ -363,11 +363,13 @@ impl<'a> RunInProgress<'a> {
         let header = Header {
             key_manifest: job.text.clone(),
             values: vec![],
+            has_values: true,
             stderr: ctx.stderr(),
             warnings,
             notes: ctx.notes(),
         };
-        let entry = Arc::new(Entry::made(job.key, header, &outputs, ctx.was_late()));
+        let kept = (ctx.was_late(), node.op.stored_up_to());
+        let entry = Arc::new(Entry::made(job.key, header, &outputs, kept));
         let values = entry.all().expect("a result just made has all its values");
         self.hold(job.at, &entry);
         Ok(StageResult { entry, values, seconds, rays: ctx.rays(), samples: ctx.samples() })
@@ -422,7 +424,9 @@ impl<'a> RunInProgress<'a> {
                     ));
                 }
                 self.options.store.keep_in_memory(&made.entry);
-                self.options.store.keep_on_disk(&made.entry, &made.values);
+                if made.entry.header.has_values {
+                    self.options.store.keep_on_disk(&made.entry, &made.values);
+                }
                 (Outcome::Done(made.entry.clone()), report, Ok(made.entry))
             }
             Err(stop) => {
@@ -526,6 +530,7 @@ impl<'a> RunInProgress<'a> {
                 ));
                 "its stored result was damaged".to_owned()
             }
+            Some(Loss::Gone) if !made.entry.header.has_values => NOT_STORED.to_owned(),
             Some(Loss::Gone) => STORED_NO_MORE.to_owned(),
             None => self.options.store.why(&report.name, &job.key, &job.text).why,
         };

@@ -13,6 +13,9 @@ use super::{Digest, Value};
 /// Why a node runs again whose key is the last one of its name.
 pub(super) const STORED_NO_MORE: &str = "the cache has dropped its result";
 
+/// Why a node runs again whose values are not stored ([`Node::STORED_UP_TO`](super::Node)).
+pub(super) const NOT_STORED: &str = "a result of this size is quicker to make than to read";
+
 pub(super) struct Store {
     memory: Memory,
     disk: Option<DiskCache>,

@@ -3,6 +3,7 @@
 use glam::Vec3;
 use half::f16;
 use half::slice::HalfFloatSliceExt;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::image::{Picture, Plane};
@@ -36,13 +37,26 @@ pub(in crate::image) fn halves_hold(largest: f32) -> bool {
 
 /// Colors that are converted at a time.
 const PIECE: usize = 1024;
+/// Rows that one task converts.
+const ROWS: usize = 32;
 
 impl Layer {
     /// The layer of linear colors: in half floats where they hold it.
     pub fn new(plane: Plane<Vec3>) -> Layer {
+        Layer::halves(&plane).unwrap_or(Layer::Float(plane))
+    }
+
+    /// The layer in half floats; `None` when they cannot hold it.
+    pub(in crate::image) fn halves(plane: &Plane<Vec3>) -> Option<Layer> {
         let mut halves = HalfLayer::new(plane.width(), plane.height());
-        halves.put(0, plane.pixels().iter().copied());
-        halves.finish().unwrap_or(Layer::Float(plane))
+        let band = ROWS * plane.width();
+        let bands: Vec<_> = halves.bands(band).zip(plane.pixels().chunks(band.max(1))).collect();
+        let largest = bands.into_par_iter().map(|(mut half, pixels)| {
+            half.put(0, pixels.iter().copied());
+            half.largest()
+        });
+        let largest = largest.reduce(|| 0.0, f32::max);
+        halves.finish(largest)
     }
 
     /// (width, height)
@@ -69,6 +83,14 @@ impl Layer {
         Picture(Plane::new(width, height, (0..width * height).map(|i| self.get(i)).collect()))
     }
 
+    /// Whether every pixel is black.
+    pub fn is_black(&self) -> bool {
+        match self {
+            Layer::Half(plane) => plane.is_zero(),
+            Layer::Float(plane) => plane.pixels().iter().all(|&color| color == Vec3::ZERO),
+        }
+    }
+
     /// Memory held by the pixels, in bytes.
     pub fn bytes(&self) -> usize {
         match self {
@@ -81,20 +103,38 @@ impl Layer {
 /// A layer in the making, black where nothing was put.
 pub struct HalfLayer {
     plane: Plane<[u16; 3]>,
+}
+
+/// A part of a [`HalfLayer`], which may be made beside the others.
+pub struct HalfBand<'a> {
+    pixels: &'a mut [[u16; 3]],
     largest: f32,
 }
 
 impl HalfLayer {
     /// A black layer.
     pub fn new(width: usize, height: usize) -> HalfLayer {
-        HalfLayer { plane: Plane::filled(width, height, [0; 3]), largest: 0.0 }
+        HalfLayer { plane: Plane::filled(width, height, [0; 3]) }
     }
 
+    /// The parts of `pixels` pixels each, row by row; the last may have fewer.
+    pub fn bands(&mut self, pixels: usize) -> impl Iterator<Item = HalfBand<'_>> {
+        let bands = self.plane.pixels_mut().chunks_mut(pixels.max(1));
+        bands.map(|pixels| HalfBand { pixels, largest: 0.0 })
+    }
+
+    /// The layer, of which `largest` is the largest magnitude; `None` when halves cannot hold it.
+    pub fn finish(self, largest: f32) -> Option<Layer> {
+        halves_hold(largest).then_some(Layer::Half(self.plane))
+    }
+}
+
+impl HalfBand<'_> {
     /// Puts colors at the pixels from `at` on. Black is not written, so that a light that gives
     /// nothing takes no memory.
     pub fn put(&mut self, at: usize, mut colors: impl Iterator<Item = Vec3>) {
         let (mut wide, mut halves) = ([0.0; 3 * PIECE], [f16::ZERO; 3 * PIECE]);
-        for pixels in self.plane.pixels_mut()[at..].chunks_mut(PIECE) {
+        for pixels in self.pixels[at..].chunks_mut(PIECE) {
             let mut count = 0;
             for color in colors.by_ref().take(pixels.len()) {
                 self.largest = self.largest.max(color.abs().max_element());
@@ -114,9 +154,9 @@ impl HalfLayer {
         }
     }
 
-    /// The layer; `None` when halves cannot hold it.
-    pub fn finish(self) -> Option<Layer> {
-        halves_hold(self.largest).then_some(Layer::Half(self.plane))
+    /// The largest magnitude that was put.
+    pub fn largest(&self) -> f32 {
+        self.largest
     }
 }
 
@@ -146,9 +186,13 @@ mod tests {
     fn a_layer_made_in_pieces_is_the_same() {
         let plane = Plane::from_fn(70, 40, |x, y| Vec3::new(x as f32, -(y as f32), 0.5));
         let mut pieces = HalfLayer::new(70, 40);
-        for (top, rows) in plane.pixels().chunks(70 * 7).enumerate() {
-            pieces.put(top * 70 * 7, rows.iter().copied());
+        let mut largest = 0.0f32;
+        for (mut band, pixels) in pieces.bands(70 * 7).zip(plane.pixels().chunks(70 * 7)) {
+            for (row, colors) in pixels.chunks(70).enumerate() {
+                band.put(row * 70, colors.iter().copied());
+            }
+            largest = largest.max(band.largest());
         }
-        assert_eq!(pieces.finish(), Some(Layer::new(plane)));
+        assert_eq!(pieces.finish(largest), Some(Layer::new(plane)));
     }
 }

@@ -55,6 +55,43 @@ fn a_new_process_finds_everything() {
 }
 
 #[test]
+fn a_large_result_that_is_quick_to_make_is_not_stored() {
+    let body = |length: usize| {
+        format!(
+            r#"nodes: {{ "n": (op: Const(value: 4)), "r": (op: Repeat(length: {length}), in: {{ "number": "n" }}),
+            "l": (op: Length, in: {{ "text": "r" }}) }}, outputs: ["l"]"#
+        )
+    };
+    for (length, is_stored) in [(900, true), (5000, false)] {
+        let folder = tempfile::tempdir().unwrap();
+        let on = |settings_of: &[&str]| {
+            let graph = graph_with(&body(length), &settings(settings_of));
+            run(&on_disk(folder.path()), &graph)
+        };
+        assert_eq!(value(&on(&[]), "l"), length as i64);
+        let bytes: u64 =
+            entries(folder.path()).iter().map(|file| file.metadata().unwrap().len()).sum();
+        // Headers take a few hundred bytes each.
+        assert!(bytes < 3000 && (!is_stored || bytes > length as u64), "{bytes} bytes");
+        // Its header is there, so that nothing runs while nobody needs the text.
+        assert_eq!(ran(&on(&[])), [] as [&str; 0]);
+        let changed = on(&["l.plus=1"]);
+        assert_eq!(value(&changed, "l"), length as i64 + 1);
+        if is_stored {
+            assert_eq!(ran(&changed), ["l"]);
+        } else {
+            assert_eq!(ran(&changed), ["r", "l"]);
+            assert_eq!(why(&changed, "r"), "a result of this size is quicker to make than to read");
+        }
+        assert_eq!(disk_cache(folder.path()).verify().unwrap().damaged, 0);
+        let graph = graph_with(&body(length), &settings(&[]));
+        let engine = on_disk(folder.path());
+        let report = engine.verify(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &());
+        assert!(report.differences.is_empty());
+    }
+}
+
+#[test]
 fn every_flipped_byte_and_every_cut_is_found_and_made_good() {
     // Every value is read: `tens` by nobody else.
     let (folder, graph, end) = filled(&GRAPH.replace("\"text\"]", "\"text\", \"p.tens\"]"));

@@ -460,7 +460,7 @@ fn a_key_holds_everything_that_counts_and_nothing_else() {
     let text = engine.explain(&graph, "reader_name").unwrap().key_manifest.unwrap();
     let digest = blake3::hash(b"hello").to_hex();
     let wanted = format!(
-        "engine 4\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\n"
+        "engine 5\nkind Read\nversion 1\nparameter file: \"blake3:{digest}\"\nparameter limit: 10\n"
     );
     assert_eq!(text, wanted);
 }

@@ -119,6 +119,23 @@ ports! { pub output DigitOut { digit: Arc<Digit> } }
 params! { /** A number that should be a digit. */ pub struct ToDigit {} }
 node!(ToDigit, OneIn, DigitOut, |_t, i, _c| Ok(DigitOut { digit: Arc::new(Digit(i.number.0)) }));
 
+params! { /** A long text of one digit, quick to make. */ pub struct Repeat { /** Its length. */ length: usize = 8 } }
+impl Node for Repeat {
+    const KIND: &'static str = "Repeat";
+    const VERSION: u32 = 1;
+    const STORED_UP_TO: u64 = 1000;
+    type In = OneIn;
+    type Out = TextOut;
+    fn run(&self, inputs: OneIn, _: &Context) -> Result<TextOut, NodeError> {
+        let digit = inputs.number.0.rem_euclid(10).to_string();
+        Ok(TextOut { text: Arc::new(Text(digit.repeat(self.length))) })
+    }
+}
+
+ports! { pub input TextIn { text: Arc<Text> } }
+params! { /** The length of a text, and a number. */ pub struct Length { /** The number. */ plus: i64 = 0 } }
+node!(Length, TextIn, NumberOut, |this, i, _c| number(i.text.0.len() as i64 + this.plus));
+
 params! { /** A number as a text. */ pub struct Show {} }
 node!(Show, OneIn, TextOut, |_t, i, _c| Ok(TextOut {
     text: Arc::new(Text(i.number.0.to_string()))
@@ -196,6 +213,8 @@ pub fn registry() -> Registry {
         .with::<Sign>()
         .with::<Split>()
         .with::<Show>()
+        .with::<Repeat>()
+        .with::<Length>()
         .with::<ToDigit>()
         .with::<Fail>()
         .with::<Panic>()

@@ -6,9 +6,11 @@ use ::exr::meta::MetaData;
 use ::exr::meta::attribute::Chromaticities;
 use ::exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
 use glam::Vec3;
+use half::f16;
+use rayon::prelude::*;
 
 use super::source::{NamedBytes, ReadError, not_one_of};
-use crate::image::Plane;
+use crate::image::{Layer, Plane};
 
 /// Rec.709 primaries and D65, (x, y) of red, green, blue, white.
 pub(in crate::image) const REC709: [(f32, f32); 4] =
@@ -178,6 +180,28 @@ impl ExrFile {
             if layer.is_empty() { channel.to_owned() } else { format!("{layer}.{channel}") }
         };
         self.triple(["R", "G", "B"].map(name).each_ref().map(String::as_str))
+    }
+
+    /// [`ExrFile::rgb`] of a layer as it is stored; the file has it no more.
+    pub fn take_layer(&mut self, layer: &str) -> Option<Layer> {
+        let names = ["R", "G", "B"].map(|channel| format!("{layer}.{channel}"));
+        let stored = {
+            let [a, b, c] = names.each_ref().map(|name| self.find(name));
+            let (a, b, c) = (a?, b?, c?);
+            let size = (a.width, a.height);
+            match (&a.samples, &b.samples, &c.samples) {
+                (FlatSamples::F16(r), FlatSamples::F16(g), FlatSamples::F16(b))
+                    if r.len() == g.len() && g.len() == b.len() =>
+                {
+                    let bits = |i: usize| [r[i], g[i], b[i]].map(f16::to_bits);
+                    let pixels = (0..r.len()).into_par_iter().map(bits).collect();
+                    Layer::Half(Plane::new(size.0, size.1, pixels))
+                }
+                _ => Layer::Float(self.rgb(layer)?),
+            }
+        };
+        self.channels.retain(|channel| !names.contains(&channel.name));
+        Some(stored)
     }
 
     /// One channel.

@@ -2,6 +2,7 @@
 //! into layers.
 
 use std::io::Cursor;
+use std::ops::Range;
 use std::sync::Arc;
 
 use ::exr::math::Vec2;
@@ -17,6 +18,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::exr_read::REC709;
+use super::fast_zlib;
 use crate::image::layer::halves_hold;
 use crate::image::{Layer, Plane};
 
@@ -27,6 +29,8 @@ pub enum Compression {
     None,
     /// Run-length encoding.
     Rle,
+    /// Deflate of single rows.
+    Zips,
     /// Deflate of 16 rows at a time.
     Zip,
     /// Wavelet transform with Huffman coding.
@@ -89,13 +93,7 @@ impl ExrLayers {
         if let Layer::Float(plane) = &*layer {
             self.kept_as_float.push((name.into(), largest(plane, |v| v.abs().max_element())));
         }
-        for (axis, channel) in RGB.into_iter().enumerate() {
-            self.push(
-                &format!("{name}.{channel}"),
-                layer.size(),
-                ChannelSamples::Of(layer.clone(), axis),
-            );
-        }
+        self.channels(name, RGB, layer);
     }
 
     /// The channel `A`, 1 everywhere.
@@ -111,41 +109,42 @@ impl ExrLayers {
 
     /// [`ExrLayers::rgb`] in single precision.
     pub fn float_rgb(&mut self, layer: &str, plane: &Plane<Vec3>) {
-        self.triple(layer, RGB, plane, true);
+        self.floats(layer, RGB, plane);
     }
 
     /// [`ExrLayers::xyz`] in single precision.
     pub fn float_xyz(&mut self, layer: &str, plane: &Plane<Vec3>) {
-        self.triple(layer, XYZ, plane, true);
+        self.floats(layer, XYZ, plane);
     }
 
     fn halves(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>) {
+        if let Some(halves) = Layer::halves(plane) {
+            return self.channels(layer, names, Arc::new(halves));
+        }
         let name = if layer.is_empty() { "RGB" } else { layer };
-        let float = self.needs_float(name, largest(plane, |v| v.abs().max_element()));
-        self.triple(layer, names, plane, float);
+        self.kept_as_float.push((name.into(), largest(plane, |v| v.abs().max_element())));
+        self.floats(layer, names, plane);
     }
 
-    fn triple(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>, float: bool) {
-        let samples = |axis: usize| samples(plane, |v| v.to_array()[axis], float);
-        let channels: Vec<_> = (0..3).into_par_iter().map(samples).collect();
-        for (name, samples) in names.into_iter().zip(channels) {
+    fn floats(&mut self, layer: &str, names: [&str; 3], plane: &Plane<Vec3>) {
+        self.channels(layer, names, Arc::new(Layer::Float(plane.clone())));
+    }
+
+    fn channels(&mut self, layer: &str, names: [&str; 3], colors: Arc<Layer>) {
+        for (axis, name) in names.into_iter().enumerate() {
             let name = if layer.is_empty() { name.into() } else { format!("{layer}.{name}") };
-            self.push(&name, plane.size(), ChannelSamples::Flat(samples));
+            self.push(&name, colors.size(), ChannelSamples::Of(colors.clone(), axis));
         }
     }
 
     /// One half-float channel.
     pub fn half(&mut self, name: &str, plane: &Plane<f32>) {
-        let float = self.needs_float(name, largest(plane, f32::abs));
-        self.push(name, plane.size(), ChannelSamples::Flat(samples(plane, |v| v, float)));
-    }
-
-    fn needs_float(&mut self, layer: &str, largest: f32) -> bool {
+        let largest = largest(plane, f32::abs);
         let float = !halves_hold(largest);
         if float {
-            self.kept_as_float.push((layer.into(), largest));
+            self.kept_as_float.push((name.into(), largest));
         }
-        float
+        self.push(name, plane.size(), ChannelSamples::Flat(samples(plane, float)));
     }
 
     /// The layers that are floats although halves were requested, each with its largest magnitude:
@@ -182,8 +181,12 @@ impl ExrLayers {
     pub fn write(mut self, compression: Compression) -> Result<Vec<u8>, String> {
         let failed = |e: ::exr::error::Error| format!("the EXR file cannot be written: {e}");
         let channels = std::mem::take(&mut self.channels);
-        if compression == Compression::None {
-            return self.uncompressed(channels).map_err(failed);
+        match compression {
+            Compression::None => return self.uncompressed(channels).map_err(failed),
+            Compression::Zips | Compression::Zip => {
+                return self.deflated(channels, compression).map_err(failed);
+            }
+            Compression::Rle | Compression::Piz => {}
         }
         let bytes: usize = channels
             .iter()
@@ -207,6 +210,7 @@ impl ExrLayers {
         let compression = match compression {
             Compression::None => ::exr::prelude::Compression::Uncompressed,
             Compression::Rle => ::exr::prelude::Compression::RLE,
+            Compression::Zips => ::exr::prelude::Compression::ZIP1,
             Compression::Zip => ::exr::prelude::Compression::ZIP16,
             Compression::Piz => ::exr::prelude::Compression::PIZ,
         };
@@ -230,6 +234,56 @@ impl ExrLayers {
         image
     }
 
+    /// The header of the file, and its table of offsets, which is empty.
+    fn head(
+        &self,
+        channels: &[(String, ChannelSamples)],
+        compression: Compression,
+    ) -> ::exr::error::Result<Vec<u8>> {
+        let described = channels.iter().map(|(name, channel)| (name.clone(), channel.described()));
+        let headers = self.image(described, compression).write().infer_meta_data();
+        let mut head = Cursor::new(Vec::new());
+        // The blocks are ours.
+        match ::exr::block::write(&mut head, headers, true, |_, _| {
+            Err(::exr::error::Error::Aborted)
+        }) {
+            Err(::exr::error::Error::Aborted) => {}
+            other => other?,
+        }
+        Ok(head.into_inner())
+    }
+
+    /// A file of deflated blocks, which are made a few at a time.
+    fn deflated(
+        &self,
+        mut channels: Vec<(String, ChannelSamples)>,
+        compression: Compression,
+    ) -> ::exr::error::Result<Vec<u8>> {
+        let lines = if compression == Compression::Zip { ZIP_LINES } else { 1 };
+        let mut file = self.head(&channels, compression)?;
+        channels.sort_by_cached_key(|(name, _)| text(name));
+        let blocks = self.height.div_ceil(lines);
+        let table = file.len() - 8 * blocks;
+        let starts: Vec<usize> = (0..self.height).step_by(lines).collect();
+        for (group, starts) in starts.chunks(BLOCKS_AT_ONCE).enumerate() {
+            let deflated: Vec<Vec<u8>> = starts
+                .par_iter()
+                .map(|&top| {
+                    let rows = top..self.height.min(top + lines);
+                    deflate_block(&channels, self.width, rows)
+                })
+                .collect();
+            for (i, (block, top)) in deflated.into_iter().zip(starts).enumerate() {
+                let offset = (file.len() as u64).to_le_bytes();
+                file[table + 8 * (group * BLOCKS_AT_ONCE + i)..][..8].copy_from_slice(&offset);
+                file.extend_from_slice(&(*top as i32).to_le_bytes());
+                file.extend_from_slice(&(block.len() as i32).to_le_bytes());
+                file.extend_from_slice(&block);
+            }
+        }
+        Ok(file)
+    }
+
     /// A file whose blocks are single rows, each the row of one channel after the other: made
     /// channel by channel, so that no channel is in memory beside the part of the file that holds
     /// it.
@@ -237,17 +291,7 @@ impl ExrLayers {
         &self,
         mut channels: Vec<(String, ChannelSamples)>,
     ) -> ::exr::error::Result<Vec<u8>> {
-        let described = channels.iter().map(|(name, channel)| (name.clone(), channel.described()));
-        let headers = self.image(described, Compression::None).write().infer_meta_data();
-        let mut head = Cursor::new(Vec::new());
-        // The header and an empty table of offsets; the rows are ours.
-        match ::exr::block::write(&mut head, headers, true, |_, _| {
-            Err(::exr::error::Error::Aborted)
-        }) {
-            Err(::exr::error::Error::Aborted) => {}
-            other => other?,
-        }
-        let head = head.into_inner();
+        let head = self.head(&channels, Compression::None)?;
         let row: usize =
             channels.iter().map(|(_, channel)| channel.sample_bytes() * self.width).sum();
         let block = ROW_HEAD + row;
@@ -275,6 +319,58 @@ impl ExrLayers {
 
 /// A row's number and its length in bytes.
 const ROW_HEAD: usize = 8;
+/// Rows of a block of `Zip`, by the format.
+const ZIP_LINES: usize = 16;
+/// Deflated blocks that are in memory beside the file.
+const BLOCKS_AT_ONCE: usize = 32;
+
+/// A deflated block of rows: their bytes, those of even places first, each as the difference from
+/// the byte before it plus 128; or the bytes as they are where deflating gains nothing.
+fn deflate_block(
+    channels: &[(String, ChannelSamples)],
+    width: usize,
+    rows: Range<usize>,
+) -> Vec<u8> {
+    let row: usize = channels.iter().map(|(_, channel)| channel.sample_bytes() * width).sum();
+    let half = row * rows.len() / 2;
+    let mut bytes = vec![0; 2 * half];
+    let (even, odd) = bytes.split_at_mut(half);
+    let mut at = 0;
+    let mut before = [128; 2];
+    let mut samples = Vec::new();
+    for y in rows.clone() {
+        for (_, channel) in channels {
+            samples.clear();
+            samples.resize(channel.sample_bytes() * width, 0);
+            channel.row(y * width, &mut samples);
+            let parts = [&mut even[at..], &mut odd[at..]];
+            for (k, part) in parts.into_iter().enumerate() {
+                let values = samples.iter().skip(k).step_by(2);
+                for (difference, &value) in part.iter_mut().zip(values) {
+                    *difference = value.wrapping_sub(before[k]).wrapping_add(128);
+                    before[k] = value;
+                }
+            }
+            at += samples.len() / 2;
+        }
+    }
+    // The first odd byte follows the last even one; the first byte of all has none before it.
+    odd[0] = odd[0].wrapping_sub(before[0]).wrapping_add(128);
+    let deflated = fast_zlib::compress(&bytes);
+    if deflated.len() < bytes.len() {
+        return deflated;
+    }
+    let mut plain = vec![0; 2 * half];
+    let mut at = 0;
+    for y in rows {
+        for (_, channel) in channels {
+            let length = channel.sample_bytes() * width;
+            channel.row(y * width, &mut plain[at..at + length]);
+            at += length;
+        }
+    }
+    plain
+}
 
 impl ChannelSamples {
     fn sample_bytes(&self) -> usize {
@@ -344,19 +440,12 @@ fn largest<T: Copy>(plane: &Plane<T>, magnitude: impl Fn(T) -> f32) -> f32 {
     plane.pixels().iter().map(|&v| magnitude(v)).fold(0.0, f32::max)
 }
 
-fn samples<T: Copy + Sync>(
-    plane: &Plane<T>,
-    number: impl Fn(T) -> f32,
-    float: bool,
-) -> FlatSamples {
+fn samples(plane: &Plane<f32>, float: bool) -> FlatSamples {
     if float {
-        return FlatSamples::F32(plane.pixels().iter().map(|&v| number(v)).collect());
+        return FlatSamples::F32(plane.pixels().to_vec());
     }
-    let (mut halves, mut wide) = (vec![f16::ZERO; plane.len()], [0.0; 1024]);
-    for (halves, pixels) in halves.chunks_mut(wide.len()).zip(plane.pixels().chunks(wide.len())) {
-        wide.iter_mut().zip(pixels).for_each(|(wide, &v)| *wide = number(v));
-        halves.convert_from_f32_slice(&wide[..pixels.len()]);
-    }
+    let mut halves = vec![f16::ZERO; plane.len()];
+    halves.convert_from_f32_slice(plane.pixels());
     FlatSamples::F16(halves)
 }
 
@@ -369,22 +458,54 @@ fn text(text: &str) -> Text {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::{NamedBytes, read_layers};
+
+    fn plane() -> Plane<Vec3> {
+        Plane::from_fn(37, 23, |x, y| Vec3::new(x as f32 / 3.0, -(y as f32), 0.1))
+    }
+
+    fn layers() -> ExrLayers {
+        let plane = plane();
+        let mut layers = ExrLayers::new(37, 23);
+        layers.rgb("", &plane);
+        layers.opaque();
+        layers.layer("light_b", Arc::new(Layer::new(plane.clone())));
+        layers.layer("light_a", Arc::new(Layer::new(plane.map(|v| 1e6 * v))));
+        layers.xyz("normal", &plane);
+        layers.float("depth.Z", &plane.map(|v| v.x));
+        layers.comment("a line");
+        layers
+    }
+
+    #[test]
+    fn every_compression_keeps_every_bit() {
+        let plain = layers().write(Compression::None).expect("the channels are sound");
+        let read = |bytes: &[u8]| {
+            let file = read_layers(NamedBytes::new("a.exr", bytes)).expect("it is sound");
+            let names = ["", "light_b", "light_a"].map(|name| file.rgb(name).expect("it is there"));
+            (names, file.number("depth.Z").expect("it is there"), file.number("A"))
+        };
+        for compression in [Compression::Rle, Compression::Zips, Compression::Zip, Compression::Piz]
+        {
+            let file = layers().write(compression).expect("the channels are sound");
+            assert!(read(&file) == read(&plain), "{compression:?}");
+        }
+        // Noise gains nothing, and is stored as it is.
+        let noise = |i: usize| (i as u32).wrapping_mul(2_654_435_761) & 0x7f7f_ffff;
+        let numbers =
+            Plane::from_fn(64, 40, |x, y| f32::from_bits(noise(64 * y + x) | 0x3000_0000));
+        for compression in [Compression::Zips, Compression::Zip] {
+            let mut layers = ExrLayers::new(64, 40);
+            layers.float("depth.Z", &numbers);
+            let file = layers.write(compression).expect("the channel is sound");
+            let file = read_layers(NamedBytes::new("a.exr", &file)).expect("it is sound");
+            assert_eq!(file.number("depth.Z"), Some(numbers.clone()), "{compression:?}");
+        }
+    }
 
     /// The rows that are written here are the bytes that the crate writes.
     #[test]
     fn rows_are_those_of_the_crate() {
-        let plane = Plane::from_fn(37, 23, |x, y| Vec3::new(x as f32 / 3.0, -(y as f32), 0.1));
-        let layers = || {
-            let mut layers = ExrLayers::new(37, 23);
-            layers.rgb("", &plane);
-            layers.opaque();
-            layers.layer("light_b", Arc::new(Layer::new(plane.clone())));
-            layers.layer("light_a", Arc::new(Layer::new(plane.map(|v| 1e6 * v))));
-            layers.xyz("normal", &plane);
-            layers.float("depth.Z", &plane.map(|v| v.x));
-            layers.comment("a line");
-            layers
-        };
         let mut of_crate = layers();
         let channels = std::mem::take(&mut of_crate.channels).into_iter();
         let samples = channels.map(|(name, channel)| (name, channel.samples()));

@@ -6,6 +6,7 @@ pub(in crate::image) mod depth;
 pub(in crate::image) mod exif_block;
 pub(in crate::image) mod exr_read;
 pub(in crate::image) mod exr_write;
+pub(in crate::image) mod fast_zlib;
 pub(in crate::image) mod gain_map;
 #[cfg(feature = "heic")]
 pub(in crate::image) mod heif;

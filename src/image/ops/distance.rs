@@ -7,30 +7,78 @@ use crate::image::Plane;
 pub fn distance(core: &Plane<bool>) -> Plane<f32> {
     let (w, h) = core.size();
     let mut away = Plane::sparse(w, h, |i| if core.pixels()[i] { 0.0 } else { f32::MAX });
-    let diagonal = std::f32::consts::SQRT_2;
-    let mut relax = |x: usize, y: usize, steps: [(isize, isize, f32); 4]| {
-        if core.get(x, y) {
-            return;
-        }
-        let near = steps.into_iter().filter_map(|(dx, dy, step)| {
-            let (x, y) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
-            (x < w && y < h).then(|| away.get(x, y) + step)
-        });
-        let least = near.fold(away.get(x, y), f32::min);
-        away.set(x, y, least);
-    };
-    for (x, y) in (0..h).flat_map(|y| (0..w).map(move |x| (x, y))) {
-        relax(x, y, [(-1, 0, 1.0), (0, -1, 1.0), (-1, -1, diagonal), (1, -1, diagonal)]);
+    if core.is_empty() {
+        return away;
     }
-    for (x, y) in (0..h).rev().flat_map(|y| (0..w).rev().map(move |x| (x, y))) {
-        relax(x, y, [(1, 0, 1.0), (0, 1, 1.0), (1, 1, diagonal), (-1, 1, diagonal)]);
+    let mut rows: Vec<&mut [f32]> = away.pixels_mut().chunks_exact_mut(w).collect();
+    for y in 0..h {
+        let (above, below) = rows.split_at_mut(y);
+        let row = &mut *below[0];
+        if let Some(near) = above.last() {
+            relax(row, near);
+        }
+        (1..w).for_each(|x| row[x] = row[x].min(row[x - 1] + 1.0));
+    }
+    for y in (0..h).rev() {
+        let (above, below) = rows.split_at_mut(y + 1);
+        let row = &mut *above[y];
+        if let Some(near) = below.first() {
+            relax(row, near);
+        }
+        (1..w).rev().for_each(|x| row[x - 1] = row[x - 1].min(row[x] + 1.0));
     }
     away
+}
+
+/// Shortens the distances of a row by steps from the row beside it.
+fn relax(row: &mut [f32], near: &[f32]) {
+    const DIAGONAL: f32 = std::f32::consts::SQRT_2;
+    let behind = |row: &mut [f32], near: &[f32], step: f32| {
+        row.iter_mut().zip(near).for_each(|(away, near)| *away = away.min(near + step));
+    };
+    behind(row, near, 1.0);
+    behind(&mut row[1..], near, DIAGONAL);
+    behind(row, &near[1..], DIAGONAL);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Every pixel by its four neighbors that were visited before it.
+    fn slow(core: &Plane<bool>) -> Plane<f32> {
+        let (w, h) = core.size();
+        let mut away = core.map(|inside| if inside { 0.0 } else { f32::MAX });
+        let mut relax = |x: usize, y: usize, sign: isize| {
+            for (dx, dy, step) in [
+                (-1, 0, 1.0),
+                (0, -1, 1.0),
+                (-1, -1, std::f32::consts::SQRT_2),
+                (1, -1, std::f32::consts::SQRT_2),
+            ] {
+                let near = (x.checked_add_signed(sign * dx), y.checked_add_signed(sign * dy));
+                if let (Some(nx), Some(ny)) = near
+                    && nx < w
+                    && ny < h
+                {
+                    away.set(x, y, away.get(x, y).min(away.get(nx, ny) + step));
+                }
+            }
+        };
+        (0..w * h).for_each(|i| relax(i % w, i / w, 1));
+        (0..w * h).rev().for_each(|i| relax(i % w, i / w, -1));
+        away
+    }
+
+    #[test]
+    fn rows_give_what_single_pixels_give() {
+        for (w, h) in [(1, 1), (1, 9), (9, 1), (2, 2), (37, 23)] {
+            for step in [2, 7, 31, 1000] {
+                let core = Plane::from_fn(w, h, |x, y| (x * 5 + y * 11) % step == 1);
+                assert_eq!(distance(&core), slow(&core), "{w} x {h}, every {step}");
+            }
+        }
+    }
 
     #[test]
     fn distances_are_euclidean_to_eight_per_cent() {

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use crate::image::Plane;
+use crate::image::{Layer, Plane};
 
 /// sum_k w_k L_k, channel by channel: light adds, so a picture under other radiances is the sum of
 /// its layers, each times the factor of its radiance. Terms are added in their order, for any
@@ -11,13 +11,13 @@ use crate::image::Plane;
 ///
 /// # Panics
 /// `layers` is empty, or layers differ in size.
-pub fn weighted_sum(layers: &[(&Plane<Vec3>, Vec3)]) -> Plane<Vec3> {
+pub fn weighted_sum(layers: &[(&Layer, Vec3)]) -> Plane<Vec3> {
     let (width, height) = layers.first().expect("a sum has terms").0.size();
     assert!(
         layers.iter().all(|(layer, _)| layer.size() == (width, height)),
         "layers of one picture have one size"
     );
-    let sum = |at: usize| layers.iter().map(|(layer, weight)| layer.pixels()[at] * *weight).sum();
+    let sum = |at: usize| layers.iter().map(|(layer, weight)| layer.get(at) * *weight).sum();
     Plane::new(width, height, (0..width * height).into_par_iter().map(sum).collect())
 }
 
@@ -27,8 +27,9 @@ mod tests {
 
     #[test]
     fn each_layer_counts_with_its_weight_per_channel() {
-        let a = Plane::new(2, 1, vec![Vec3::new(1.0, 2.0, 4.0), Vec3::ZERO]);
-        let b = Plane::new(2, 1, vec![Vec3::splat(8.0), Vec3::new(0.0, 0.0, 1.0)]);
+        let layer = |colors: [Vec3; 2]| Layer::new(Plane::new(2, 1, colors.to_vec()));
+        let a = layer([Vec3::new(1.0, 2.0, 4.0), Vec3::ZERO]);
+        let b = layer([Vec3::splat(8.0), Vec3::new(0.0, 0.0, 1.0)]);
         let sum = weighted_sum(&[(&a, Vec3::new(0.5, 1.0, 0.0)), (&b, Vec3::splat(0.25))]);
         assert_eq!(sum.pixels(), [Vec3::new(2.5, 4.0, 2.0), Vec3::new(0.0, 0.0, 0.25)]);
     }

@@ -46,7 +46,7 @@ pub use relit_pixel::{
 };
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};
-pub use upsample::{Taps, Upsampler, neighbors};
+pub use upsample::{PlaneBundle, Taps, Upsampler, neighbors};
 
 use crate::tuning::Table;
 

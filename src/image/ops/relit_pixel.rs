@@ -103,6 +103,9 @@ pub struct GlarePixel {
 ///
 /// Regions are closed (a dilation, then an erosion by `TUNING.closing`).
 pub fn saturated_depth(clipped: &Mask) -> Plane<f32> {
+    if !clipped.0.pixels().iter().any(|&share| share >= 0.5) {
+        return clipped.0.map(|_| 0.0);
+    }
     let near = distance(&clipped.0.map(|share| share >= 0.5));
     let outside = near.map(|away| away > TUNING.closing);
     distance(&outside).map(|away| (away - TUNING.closing).max(0.0))
@@ -205,6 +208,9 @@ struct Factors<'a> {
 impl<'a> Factors<'a> {
     fn new(reflectance: Vec3, before: &'a [Vec3], residual: Vec3) -> Factors<'a> {
         let surface = limited(reflectance, 1.0);
+        if surface == reflectance {
+            return Factors { before, residual, surface, missing: Vec3::ZERO };
+        }
         let shadings = || before.iter().copied().chain([residual]);
         let strengths = shadings().map(|e| luminance(e).max(0.0) * e).sum::<Vec3>();
         let missing = (reflectance - surface) * shadings().sum::<Vec3>()

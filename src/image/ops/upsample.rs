@@ -1,6 +1,8 @@
 //! Joint bilateral upsampling: shading at working size brought to the photo's size without crossing
 //! edges.
 
+use std::ops::Range;
+
 use glam::Vec3;
 
 use crate::image::{Depth, Picture, Plane, log_above};
@@ -16,6 +18,8 @@ pub struct Upsampler<'a> {
     full_depth: &'a Depth,
     small: &'a Picture,
     depth: &'a Depth,
+    /// Logarithm of `small`.
+    small_log: Vec<Vec3>,
 }
 
 tuning! {
@@ -55,7 +59,8 @@ impl<'a> Upsampler<'a> {
     ) -> Upsampler<'a> {
         assert_eq!(photo.0.size(), full_depth.0.size(), "depth at the photo's size");
         assert_eq!(small.0.size(), depth.0.size(), "depth at working size");
-        Upsampler { photo, full_depth, small, depth }
+        let small_log = small.0.pixels().iter().map(|&color| log(color)).collect();
+        Upsampler { photo, full_depth, small, depth, small_log }
     }
 
     /// The working pixels that photo pixel (x, y) takes, for use on any number of planes.
@@ -70,15 +75,18 @@ impl<'a> Upsampler<'a> {
         let (fx, fy) = (place(x, full_w, w), place(y, full_h, h));
         let z = self.full_depth.0.get(x, y);
         let color = log(self.photo.0.get(x, y));
-        for (sx, sy) in neighbors((x, y), (full_w, full_h), (w, h)) {
-            let near = (TUNING.tent - (sx as f32 - fx).abs()).max(0.0)
-                * (TUNING.tent - (sy as f32 - fy).abs()).max(0.0);
-            let i = sy * w + sx;
-            let depth = (self.depth.0.pixels()[i] - z) / (TUNING.depth * z);
-            let color = (log(self.small.0.pixels()[i]) - color).length_squared()
-                / (TUNING.color * TUNING.color);
-            // The floor keeps a pixel that is like none of its neighbors on their plain mean.
-            taps.push(i, near * ((-depth * depth - color).exp() + TUNING.floor));
+        let (xs, ys) = (near(x, full_w, w), near(y, full_h, h));
+        for sy in ys {
+            let beside = (TUNING.tent - (sy as f32 - fy).abs()).max(0.0);
+            for sx in xs.clone() {
+                let near = (TUNING.tent - (sx as f32 - fx).abs()).max(0.0) * beside;
+                let i = sy * w + sx;
+                let depth = (self.depth.0.pixels()[i] - z) / (TUNING.depth * z);
+                let color =
+                    (self.small_log[i] - color).length_squared() / (TUNING.color * TUNING.color);
+                // The floor keeps a pixel that is like none of its neighbors on their plain mean.
+                taps.push(i, near * ((-depth * depth - color).exp() + TUNING.floor));
+            }
         }
         let sum: f32 = taps.weight.iter().sum();
         taps.weight.iter_mut().for_each(|weight| *weight /= sum);
@@ -99,16 +107,42 @@ pub fn neighbors(
     full: (usize, usize),
     small: (usize, usize),
 ) -> impl Iterator<Item = (usize, usize)> {
-    let range = |at: usize, full: usize, small: usize| {
-        let near = place(at, full, small).max(0.0).round() as usize;
-        near.saturating_sub(1)..(near + 2).min(small)
-    };
     let (xs, ys) = if full == small {
         (at.0..at.0 + 1, at.1..at.1 + 1)
     } else {
-        (range(at.0, full.0, small.0), range(at.1, full.1, small.1))
+        (near(at.0, full.0, small.0), near(at.1, full.1, small.1))
     };
     ys.flat_map(move |y| xs.clone().map(move |x| (x, y)))
+}
+
+/// The pixels of `small` around pixel `at` of `full`, along one axis.
+fn near(at: usize, full: usize, small: usize) -> Range<usize> {
+    let nearest = place(at, full, small).max(0.0).round() as usize;
+    nearest.saturating_sub(1)..(nearest + 2).min(small)
+}
+
+/// Planes of one size with the values of a pixel side by side, so that taps read them at once.
+pub struct PlaneBundle {
+    values: Vec<Vec3>,
+    planes: usize,
+}
+
+impl PlaneBundle {
+    /// The bundle of `planes`, in this order.
+    ///
+    /// # Panics
+    /// The planes differ in size.
+    pub fn new(planes: &[&Plane<Vec3>]) -> PlaneBundle {
+        let pixels = planes.first().map_or(0, |plane| plane.len());
+        assert!(planes.iter().all(|plane| plane.len() == pixels), "planes of one size");
+        let values = (0..pixels).flat_map(|i| planes.iter().map(move |plane| plane.pixels()[i]));
+        PlaneBundle { values: values.collect(), planes: planes.len() }
+    }
+
+    /// Number of planes.
+    pub fn planes(&self) -> usize {
+        self.planes
+    }
 }
 
 /// Working pixels and their weights, which sum to 1.
@@ -132,6 +166,22 @@ impl Taps {
     /// Value of a working-size plane.
     pub fn of(&self, plane: &Plane<Vec3>) -> Vec3 {
         (0..self.count).map(|i| plane.pixels()[self.index[i]] * self.weight[i]).sum()
+    }
+
+    /// Values of all planes of a bundle, in its order; [`Taps::of`] gives each to the bit.
+    ///
+    /// # Panics
+    /// `values` has another length than the bundle has planes.
+    pub fn all(&self, bundle: &PlaneBundle, values: &mut [Vec3]) {
+        assert_eq!(values.len(), bundle.planes, "a value for each plane");
+        values.fill(Vec3::ZERO);
+        // Flat numbers, of which the processor takes several at once.
+        let values: &mut [f32] = bytemuck::cast_slice_mut(values);
+        for (index, weight) in self.iter() {
+            let pixel = &bundle.values[index * bundle.planes..][..bundle.planes];
+            let pixel: &[f32] = bytemuck::cast_slice(pixel);
+            values.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value * weight);
+        }
     }
 }
 
@@ -158,6 +208,27 @@ mod tests {
                 let want = if side(x, 40) { 1.0 } else { 0.0 };
                 assert!((up.taps(x, y).of(&shading).x - want).abs() < 1e-4, "({x}, {y})");
             }
+        }
+    }
+
+    #[test]
+    fn a_bundle_gives_the_values_of_its_planes_to_the_bit() {
+        let photo =
+            Picture(Plane::from_fn(23, 17, |x, y| Vec3::new(x as f32, y as f32, 9.0) / 23.0));
+        let full_depth = Depth(Plane::from_fn(23, 17, |x, _| 1.0 + x as f32 / 9.0));
+        let small = Picture(Plane::from_fn(7, 5, |x, y| Vec3::splat((x + y) as f32 / 11.0)));
+        let depth = Depth(Plane::from_fn(7, 5, |x, _| 1.1 + x as f32 / 3.0));
+        let up = Upsampler::new(&photo, &full_depth, &small, &depth);
+        let plane = |k: f32| {
+            Plane::from_fn(7, 5, |x, y| (x as f32 + k) / Vec3::new(3.0, 7.0, k + y as f32))
+        };
+        let planes = [plane(1.0), plane(2.0), plane(3.3), Plane::filled(7, 5, Vec3::ZERO)];
+        let bundle = PlaneBundle::new(&planes.each_ref());
+        let mut values = vec![Vec3::NAN; bundle.planes()];
+        for i in 0..photo.0.len() {
+            let taps = up.taps(i % 23, i / 23);
+            taps.all(&bundle, &mut values);
+            assert_eq!(values, planes.each_ref().map(|plane| taps.of(plane)));
         }
     }
 

@@ -165,6 +165,8 @@ ports! {
 impl Node for Compose {
     const KIND: &'static str = "Compose";
     const VERSION: u32 = 16;
+    // The files that are made of it are what another run needs.
+    const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
     type Out = ComposeOut;
 

@@ -9,9 +9,9 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::{encoding_lines, read_run};
+use super::{SavedRun, encoding_lines, read_run};
 use crate::graph::{Context, File, Node, NodeError, nearest};
-use crate::image::{Compression, ExrLayers, Picture, Plane, PngSamples, Transfer, weighted_sum};
+use crate::image::{Compression, ExrLayers, Layer, Picture, PngSamples, Transfer, weighted_sum};
 use crate::nodes::artifacts::{Encoding, Files, REST};
 use crate::{params, ports};
 
@@ -23,8 +23,10 @@ params! {
         layers: File = File::default(),
         /// Factor of each light, linear (r, g, b), 0 or more; a light without one stays as it is.
         weights: BTreeMap<String, [f32; 3]> = BTreeMap::new(), in 0.0..,
-        /// Compression of picture.exr: None, Rle, Zip or Piz. All are lossless.
-        compression: Compression = Compression::None,
+        /// Whether `picture.exr` is made, beside `picture.png`.
+        layered: bool = true,
+        /// Compression of picture.exr: None, Rle, Zips, Zip or Piz. All are lossless.
+        compression: Compression = Compression::Zip,
     }
 }
 
@@ -57,17 +59,19 @@ impl Node for MixLayers {
                 )));
             }
         }
-        let mut layers: Vec<(&str, &Plane<Vec3>, Vec3)> = Vec::new();
-        for (id, layer) in &run.lights {
+        // The other channels are not needed.
+        let SavedRun { encoding, lights, rest, .. } = run;
+        let mut layers: Vec<(&str, &Arc<Layer>, Vec3)> = Vec::new();
+        for (id, layer) in &lights {
             let weight = self.weights.get(id).map_or(Vec3::ONE, |weight| Vec3::from_array(*weight));
-            if weight != Vec3::ONE && layer.pixels().iter().all(|&c| c == Vec3::ZERO) {
+            if weight != Vec3::ONE && layer.is_black() {
                 ctx.warn(format!("{id} is off in this run: its weight has no effect"));
             }
             layers.push((id, layer, weight));
         }
-        layers.push((REST, &run.rest, Vec3::ONE));
+        layers.push((REST, &rest, Vec3::ONE));
 
-        let parts: Vec<_> = layers.iter().map(|&(_, layer, weight)| (layer, weight)).collect();
+        let parts: Vec<_> = layers.iter().map(|(_, layer, weight)| (&***layer, *weight)).collect();
         let picture = Picture(weighted_sum(&parts));
         if let Some(at) = picture.0.pixels().iter().position(|c| !c.is_finite()) {
             let (x, y, got) =
@@ -76,21 +80,29 @@ impl Node for MixLayers {
                 "weights: wanted a picture of finite numbers, got {got} at pixel ({x}, {y})"
             )));
         }
-        let Encoding { transfer, sixteen_bit, ref exif, .. } = run.encoding;
+        let Encoding { transfer, sixteen_bit, ref exif, .. } = encoding;
         let png = || PngSamples::new(&picture, transfer, sixteen_bit).into_file(exif);
         let exr = || {
             let mut file = ExrLayers::new(picture.0.width(), picture.0.height());
             file.rgb("", &picture.0);
-            file.half("A", &picture.0.map(|_| 1.0));
+            file.opaque();
             for &(id, layer, weight) in &layers {
-                file.rgb(&format!("light_{id}"), &layer.map(|c| c * weight));
+                let layer = match weight == Vec3::ONE {
+                    true => layer.clone(),
+                    false => Arc::new(Layer::new(weighted_sum(&[(layer, weight)]))),
+                };
+                file.layer(&format!("light_{id}"), layer);
             }
-            encoding_lines(&run.encoding).iter().for_each(|line| file.comment(line));
+            encoding_lines(&encoding).iter().for_each(|line| file.comment(line));
             file.write(self.compression).map_err(NodeError::Failed)
         };
-        let (png, exr) = rayon::join(png, exr);
+        let (png, exr) = match self.layered {
+            true => rayon::join(png, || exr().map(Some)),
+            false => (png(), Ok(None)),
+        };
+        let exr = exr?.map(|exr| ("picture.exr".into(), exr));
         Ok(MixLayersOut {
-            files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])),
+            files: Arc::new(Files([("picture.png".into(), png)].into_iter().chain(exr).collect())),
         })
     }
 }

@@ -12,6 +12,8 @@ pub mod write_planes;
 pub mod write_report;
 pub mod write_usd;
 
+use std::sync::Arc;
+
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::{Vec2, Vec3};
@@ -20,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, LayoutLine, MAX_CELLS, RoomLayout, SideSource};
 use crate::graph::{Context, File, NodeError};
 use crate::image::{
-    ExrFile, NamedBytes, Plane, Transfer, carried_exif, clip_line, draw_line, read_layers,
+    ExrFile, Layer, NamedBytes, Plane, Transfer, carried_exif, clip_line, draw_line, read_layers,
 };
 use crate::nodes::artifacts::{Encoding, REST, same_size};
 use crate::tuning::Table;
@@ -113,9 +115,10 @@ fn read_room(exr: &ExrFile) -> Option<SavedRoom> {
 struct SavedRun {
     encoding: Encoding,
     /// By name.
-    lights: Vec<(String, Plane<Vec3>)>,
+    lights: Vec<(String, Arc<Layer>)>,
     /// The residual, which no light explains.
-    rest: Plane<Vec3>,
+    rest: Arc<Layer>,
+    /// The other channels.
     file: ExrFile,
 }
 
@@ -124,7 +127,7 @@ fn read_run(file: &File, ctx: &Context) -> Result<SavedRun, NodeError> {
     let path = file.location().display().to_string();
     let bad = |message: String| NodeError::BadFile { path: path.clone(), message };
     let bytes = ctx.read(file)?;
-    let exr = read_layers(NamedBytes::new(&path, &bytes)).map_err(|e| bad(e.message()))?;
+    let mut exr = read_layers(NamedBytes::new(&path, &bytes)).map_err(|e| bad(e.message()))?;
     let encoding = exr.comments().find_map(|line| {
         let (transfer, bits) = line.strip_prefix(ENCODING)?.rsplit_once(", ")?;
         let transfer: Transfer = ron::from_str(transfer).ok()?;
@@ -144,13 +147,14 @@ fn read_run(file: &File, ctx: &Context) -> Result<SavedRun, NodeError> {
     let block = exr.comments().find_map(|line| STANDARD.decode(line.strip_prefix(EXIF)?).ok());
     encoding.exif = block.map_or_else(Vec::new, |block| carried_exif(block, false));
     let names = exr.channels().filter_map(|name| name.strip_prefix("light_")?.strip_suffix(".R"));
+    let names: Vec<String> = names.map(str::to_owned).collect();
     let mut lights = Vec::new();
     for id in names {
-        let layer = exr.rgb(&format!("light_{id}"));
+        let layer = exr.take_layer(&format!("light_{id}"));
         let layer = layer.ok_or_else(|| {
             bad(format!("light_{id}: wanted channels R, G and B, got some of them"))
         })?;
-        lights.push((id.to_owned(), layer));
+        lights.push((id, Arc::new(layer)));
     }
     let at = lights.iter().position(|(id, _)| id == REST);
     let at = at.ok_or_else(|| {

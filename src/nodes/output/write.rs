@@ -15,6 +15,7 @@
 use std::sync::Arc;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::geometry::{Camera, RoomLayout};
 use crate::graph::{Context, Gather, Node, NodeError};
@@ -38,8 +39,8 @@ const MAX_PIXELS_AT_ONCE: usize = 16 << 20;
 params! {
     /// Writes the picture as PNG, and all layers as EXR.
     pub struct Write {
-        /// Compression of picture.exr: None, Rle, Zip or Piz. All are lossless.
-        compression: Compression = Compression::None,
+        /// Compression of picture.exr: None, Rle, Zips, Zip or Piz. All are lossless.
+        compression: Compression = Compression::Zip,
         /// Diagnostic layers are part of picture.exr, beside the picture and its light layers.
         diagnostics: bool = true,
     }
@@ -97,7 +98,8 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
+    const STORED_UP_TO: u64 = 64 << 20;
     type In = WriteIn;
     type Out = WriteOut;
 
@@ -107,11 +109,11 @@ impl Node for Write {
         let photo = inputs.photo.iter().map(|photo| ("photo".to_owned(), &photo.0));
         for (name, plane) in [("picture".to_owned(), &inputs.picture.0)].into_iter().chain(photo) {
             super::same_size(&name, plane.size(), "picture", size)?;
-            finite(&name, size.0, plane.pixels().iter().copied())?;
+            finite(&name, size, |i| plane.pixels()[i])?;
         }
         for (name, layer) in lights(&inputs) {
             super::same_size(&name, layer.size(), "picture", size)?;
-            finite(&name, size.0, (0..size.0 * size.1).map(|i| layer.get(i)))?;
+            finite(&name, size, |i| layer.get(i))?;
         }
         let mut layers = ExrLayers::new(size.0, size.1);
         if let (Some(photo), Some(filled)) = (&inputs.photo, &inputs.filled)
@@ -153,30 +155,29 @@ fn lights(inputs: &WriteIn) -> impl Iterator<Item = (String, &Arc<Layer>)> {
 fn filled_share(picture: &Picture, photo: &Picture, filled: &Mask) -> Option<f64> {
     let ((width, height), (w, h)) = (photo.0.size(), filled.0.size());
     let shown = |color: Vec3| color.clamp(Vec3::ZERO, Vec3::ONE);
-    let (mut hidden, mut all) = (0.0, 0.0);
-    for y in 0..height {
-        for x in 0..width {
+    let of_row = |y: usize| {
+        (0..width).fold([0.0; 2], |[hidden, all], x| {
             let [after, before] = [picture, photo].map(|picture| shown(picture.0.get(x, y)));
             let change = (after - before).abs().dot(LUMINANCE);
-            hidden += f64::from(change * filled.0.get(x * w / width, y * h / height));
-            all += f64::from(change);
-        }
-    }
+            let share = filled.0.get(x * w / width, y * h / height);
+            [hidden + f64::from(change * share), all + f64::from(change)]
+        })
+    };
+    // Rows are summed in their order, whoever computes them.
+    let rows: Vec<[f64; 2]> = (0..height).into_par_iter().map(of_row).collect();
+    let [hidden, all] = rows.iter().fold([0.0; 2], |[a, b], row| [a + row[0], b + row[1]]);
     (all > 0.5 / 255.0 * (width * height) as f64).then(|| hidden / all)
 }
 
 fn finite(
     name: &str,
-    width: usize,
-    mut colors: impl Iterator<Item = Vec3>,
+    (width, height): (usize, usize),
+    color: impl Fn(usize) -> Vec3 + Sync,
 ) -> Result<(), NodeError> {
-    let mut got = Vec3::ZERO;
-    let at = colors.position(|c| {
-        got = c;
-        !c.is_finite()
-    });
+    let in_row = |y: usize| (y * width..(y + 1) * width).find(|&i| !color(i).is_finite());
+    let at = (0..height).into_par_iter().find_map_first(in_row);
     at.map_or(Ok(()), |at| {
-        let (x, y) = (at % width, at / width);
+        let (x, y, got) = (at % width, at / width, color(at));
         Err(NodeError::Failed(format!(
             "{name}: wanted finite numbers, got {got} at pixel ({x}, {y})"
         )))

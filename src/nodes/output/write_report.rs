@@ -15,7 +15,9 @@ use serde_json::{Value, json};
 use super::read_run;
 use crate::graph::svg::{self, Drawn};
 use crate::graph::{Context, File, Node, NodeError, Status};
-use crate::image::{ExrFile, Picture, Plane, Transfer, fit, luminance, pack, resize, write_png};
+use crate::image::{
+    ExrFile, Layer, Picture, Plane, Transfer, fit, luminance, pack, resize, write_png,
+};
 use crate::nodes::artifacts::Files;
 use crate::{params, ports};
 
@@ -82,11 +84,11 @@ impl Node for WriteReport {
         let (width, height) = run.rest.size();
         let size = fit(width, height, self.long_side as usize);
 
-        let layer = |id: &str, layer: &Plane<Vec3>| {
-            let packed = pack(&resize(layer, size.0, size.1));
+        let layer = |id: &str, layer: &Layer| {
+            let packed = pack(&resize(&layer.picture().0, size.0, size.1));
             let mut entry = json!({
                 "id": id, "scale": packed.scale, "packed": STANDARD.encode(&packed.bytes),
-                "dark": layer.pixels().iter().all(|&c| c == Vec3::ZERO),
+                "dark": layer.is_black(),
             });
             diagnostics(id, &run.file, &mut entry);
             entry

@@ -7,7 +7,8 @@ use glam::Vec3;
 use super::ComposeIn;
 use crate::graph::NodeError;
 use crate::image::{
-    GlareMask, GlarePixel, Mask, OwnPixel, Plane, Shading, Taps, gain, headroom, luminance, resize,
+    GlareMask, GlarePixel, Mask, OwnPixel, Plane, PlaneBundle, Taps, gain, headroom, luminance,
+    resize,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight};
 use crate::optics::{LightKind, Radiance, Shape, Window};
@@ -17,14 +18,64 @@ use crate::tuning::tuning;
 pub struct LightLayers<'a> {
     /// Names, in the order of the layers.
     pub names: Vec<&'a str>,
-    /// Shading by each light before the edit, working size; `None` for an inserted light.
-    before: Vec<Option<&'a Shading>>,
-    /// Shading by each light after the edit, then the residual, working size.
-    after: Vec<&'a Shading>,
+    planes: WorkingPlanes,
     /// Lights that the photo shows.
     emitters: Vec<VisibleEmitter<'a>>,
     /// Lights that are drawn over the photo.
     pub drawn: Vec<DrawnLight<'a>>,
+}
+
+/// Planes of working size, each different one once: an edit leaves most shadings as they are.
+struct WorkingPlanes {
+    bundle: PlaneBundle,
+    reflectance: Option<usize>,
+    /// Plane of each light before the edit; `None` where it is black.
+    before: Vec<Option<usize>>,
+    /// Plane of the residual before the edit.
+    residual: Option<usize>,
+    /// Plane of each light after the edit, then that of the residual.
+    after: Vec<Option<usize>>,
+    /// Plane of the light of each emitter that the lens scatters.
+    glare: Vec<Option<usize>>,
+}
+
+/// The values of planes of working size at one pixel of the photo.
+#[derive(Clone)]
+pub struct WorkingPixel {
+    values: Vec<Vec3>,
+    /// Shading by each light before the edit.
+    pub before: Vec<Vec3>,
+    /// Residual shading before the edit.
+    pub residual: Vec3,
+    /// Reflectance, filled in under lights.
+    pub reflectance: Vec3,
+}
+
+impl WorkingPlanes {
+    /// The planes of the lights `names`, of which those that the edit inserts have no shading
+    /// before it.
+    fn new(inputs: &ComposeIn, names: &[&str], emitters: &[VisibleEmitter]) -> WorkingPlanes {
+        let mut planes: Vec<&Plane<Vec3>> = Vec::new();
+        let mut place = |plane| -> Option<usize> {
+            let plane: &Plane<Vec3> = plane;
+            if plane.pixels().iter().all(|&e| e == Vec3::ZERO) {
+                return None;
+            }
+            let known = planes.iter().position(|known| *known == plane);
+            Some(known.unwrap_or_else(|| {
+                planes.push(plane);
+                planes.len() - 1
+            }))
+        };
+        let reflectance = place(&inputs.reflectance.0);
+        let before = names.iter().map(|id| place(&inputs.before.get(id)?.0)).collect();
+        let residual = place(&inputs.residual.0);
+        let lights = inputs.after.iter().map(|(_, shading)| &shading.0);
+        let after = lights.chain([&inputs.edited_residual.0]).map(&mut place).collect();
+        let glare = emitters.iter().map(|emitter| place(&emitter.scattered?.glare)).collect();
+        let bundle = PlaneBundle::new(&planes);
+        WorkingPlanes { bundle, reflectance, before, residual, after, glare }
+    }
 }
 
 /// A light that the photo shows.
@@ -77,36 +128,35 @@ impl<'a> LightLayers<'a> {
         [lamp_albedo, pane_albedo]: [f32; 2],
     ) -> Result<LightLayers<'a>, NodeError> {
         let names: Vec<&str> = inputs.after.iter().map(|(id, _)| id).collect();
-        let after = inputs
-            .after
-            .iter()
-            .map(|(_, shading)| &**shading)
-            .chain([&*inputs.edited_residual])
-            .collect();
-        let before =
-            names.iter().map(|id| inputs.before.get(id).map(|shading| &**shading)).collect();
         let emitters = emitters(inputs, &names, |kind| match kind {
             LightKind::Lamp => lamp_albedo,
             LightKind::Window => pane_albedo,
         })?;
         let mut drawn = drawn(inputs, &names)?;
         scatter(&mut drawn, &emitters, inputs);
-        Ok(LightLayers { names, before, after, emitters, drawn })
+        let planes = WorkingPlanes::new(inputs, &names, &emitters);
+        Ok(LightLayers { names, planes, emitters, drawn })
     }
 
-    /// Shadings at one pixel of the photo: by each light before the edit, and the record of those
-    /// after it.
-    pub fn shade(&self, taps: &Taps, before: &mut Vec<Vec3>, record: &mut [Vec3]) {
-        record
-            .iter_mut()
-            .zip(&self.after)
-            .for_each(|(layer, shading)| *layer = taps.of(&shading.0));
-        before.clear();
-        before.extend(
-            self.before
-                .iter()
-                .map(|shading| shading.map_or(Vec3::ZERO, |shading| taps.of(&shading.0))),
-        );
+    /// Memory for the pixels that [`LightLayers::shade`] visits.
+    pub fn working_pixel(&self) -> WorkingPixel {
+        WorkingPixel {
+            values: vec![Vec3::ZERO; self.planes.bundle.planes()],
+            before: vec![Vec3::ZERO; self.names.len()],
+            residual: Vec3::ZERO,
+            reflectance: Vec3::ZERO,
+        }
+    }
+
+    /// Takes the values of one pixel of the photo, and fills its record with the shadings after the
+    /// edit.
+    pub fn shade(&self, taps: &Taps, pixel: &mut WorkingPixel, record: &mut [Vec3]) {
+        let WorkingPlanes { bundle, reflectance, before, residual, after, .. } = &self.planes;
+        taps.all(bundle, &mut pixel.values);
+        let value = |plane: Option<usize>| plane.map_or(Vec3::ZERO, |plane| pixel.values[plane]);
+        record.iter_mut().zip(after).for_each(|(layer, &plane)| *layer = value(plane));
+        pixel.before.iter_mut().zip(before).for_each(|(e, &plane)| *e = value(plane));
+        (pixel.residual, pixel.reflectance) = (value(*residual), value(*reflectance));
     }
 
     /// The emitter with the largest weight at photo pixel `i`; `None` where no emitter has one.
@@ -117,16 +167,15 @@ impl<'a> LightLayers<'a> {
     }
 
     /// Light that the lens scatters onto a pixel before the edit, from all lights.
-    pub fn glare(&self, taps: &Taps) -> Vec3 {
-        let scattered = self.emitters.iter().filter_map(|emitter| emitter.scattered);
-        scattered.map(|light| taps.of(&light.glare)).sum()
+    pub fn glare(&self, pixel: &WorkingPixel) -> Vec3 {
+        self.planes.glare.iter().flatten().map(|&plane| pixel.values[plane]).sum()
     }
 
     /// Adds the fraction `share` of the light that the lens scatters after the edit to a record.
-    pub fn add_glare(&self, taps: &Taps, share: Vec3, record: &mut [Vec3]) {
-        for emitter in &self.emitters {
-            if let Some(light) = emitter.scattered {
-                record[emitter.light] += share * taps.of(&light.glare) * emitter.glare_gain;
+    pub fn add_glare(&self, pixel: &WorkingPixel, share: Vec3, record: &mut [Vec3]) {
+        for (emitter, &plane) in self.emitters.iter().zip(&self.planes.glare) {
+            if let Some(plane) = plane {
+                record[emitter.light] += share * pixel.values[plane] * emitter.glare_gain;
             }
         }
     }
@@ -304,7 +353,7 @@ fn drawn<'a>(inputs: &'a ComposeIn, names: &[&str]) -> Result<Vec<DrawnLight<'a>
                 "light {id:?} has no coverage, shape or radiance"
             )));
         };
-        if coverage.0.pixels().iter().all(|&share| share == 0.0) {
+        if coverage.0.is_zero() {
             continue;
         }
         let emission = match &**shape {

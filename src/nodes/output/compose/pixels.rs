@@ -3,17 +3,17 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::light_layers::WorkingPixel;
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    Grain, HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, headroom, ratio,
+    Grain, HalfBand, HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, headroom, ratio,
     relight_own, relight_physical, relight_ratio, saturated_depth,
 };
 
-/// Rows that are composed at a time.
-///
-/// The records of all pixels of a large photo take as much memory as all its layers.
-const BAND: usize = 64;
+/// Rows that one task composes, one after the other: the records of all pixels of a large photo
+/// take as much memory as all its layers.
+const BAND: usize = 8;
 
 /// A picture, row by row, and its layers.
 pub type Layered = (Vec<Vec3>, Vec<Layer>);
@@ -69,18 +69,30 @@ impl<'a> Pixels<'a> {
     /// The run was cancelled.
     pub fn half_layers(&self, ctx: &Context) -> Result<Option<Layered>, NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
-        let mut picture = Vec::with_capacity(width * height);
+        let pixels = width * BAND;
+        let mut picture: Vec<Vec3> = bytemuck::zeroed_vec(width * height);
         let mut layers: Vec<HalfLayer> =
             (0..stride).map(|_| HalfLayer::new(width, height)).collect();
-        self.each_band(ctx, |at, records| {
-            picture.extend(records.chunks_exact(stride).map(|record| record.iter().sum::<Vec3>()));
-            let layers = layers.par_iter_mut().enumerate();
-            layers.for_each(|(k, layer)| {
-                layer.put(at, records.iter().skip(k).step_by(stride).copied())
-            });
+        let mut halves: Vec<_> = layers.iter_mut().map(|layer| layer.bands(pixels)).collect();
+        let bands = picture.chunks_mut(pixels.max(1)).map(|picture| {
+            let halves: Vec<HalfBand> = halves.iter_mut().filter_map(Iterator::next).collect();
+            (picture, halves)
+        });
+        let bands = self.each_row(ctx, bands.collect(), |(picture, halves), at, records| {
+            let sums = records.chunks_exact(stride).map(|record| record.iter().sum::<Vec3>());
+            picture[at..].iter_mut().zip(sums).for_each(|(pixel, sum)| *pixel = sum);
+            for (k, half) in halves.iter_mut().enumerate() {
+                half.put(at, records.iter().skip(k).step_by(stride).copied());
+            }
         })?;
-        let layers: Option<Vec<Layer>> = layers.into_iter().map(HalfLayer::finish).collect();
-        Ok(layers.map(|layers| (picture, layers)))
+        let mut largest = vec![0.0f32; stride];
+        for (_, halves) in &bands {
+            let each = largest.iter_mut().zip(halves);
+            each.for_each(|(largest, half)| *largest = largest.max(half.largest()));
+        }
+        drop((bands, halves));
+        let layers = layers.into_iter().zip(largest).map(|(layer, most)| layer.finish(most));
+        Ok(layers.collect::<Option<Vec<Layer>>>().map(|layers| (picture, layers)))
     }
 
     /// The layers in single precision, row by row.
@@ -90,56 +102,66 @@ impl<'a> Pixels<'a> {
     pub fn planes(&self, ctx: &Context) -> Result<Vec<Vec<Vec3>>, NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
         let mut planes: Vec<Vec<Vec3>> =
-            (0..stride).map(|_| Vec::with_capacity(width * height)).collect();
-        self.each_band(ctx, |_, records| {
+            (0..stride).map(|_| bytemuck::zeroed_vec(width * height)).collect();
+        let mut parts: Vec<_> =
+            planes.iter_mut().map(|plane| plane.chunks_mut((width * BAND).max(1))).collect();
+        let bands = (0..height.div_ceil(BAND))
+            .map(|_| parts.iter_mut().filter_map(Iterator::next).collect::<Vec<&mut [Vec3]>>());
+        self.each_row(ctx, bands.collect(), |planes, at, records| {
             for (k, plane) in planes.iter_mut().enumerate() {
-                plane.extend(records.iter().skip(k).step_by(stride));
+                let values = records.iter().skip(k).step_by(stride);
+                plane[at..].iter_mut().zip(values).for_each(|(pixel, value)| *pixel = *value);
             }
         })?;
         Ok(planes)
     }
 
-    /// Hands the records of each band to `take`, with the index of their first pixel.
-    fn each_band(
+    /// Hands the records of each row to `take`, with the band of `BAND` rows that it is in and the
+    /// index of its first pixel there. Returns the bands.
+    fn each_row<B: Send>(
         &self,
         ctx: &Context,
-        mut take: impl FnMut(usize, &[Vec3]),
-    ) -> Result<(), NodeError> {
+        bands: Vec<B>,
+        take: impl Fn(&mut B, usize, &[Vec3]) + Sync,
+    ) -> Result<Vec<B>, NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
-        let mut records = vec![Vec3::ZERO; width * BAND.min(height) * stride];
-        for top in (0..height).step_by(BAND) {
+        let filled = bands.into_par_iter().enumerate().map(|(band, mut rows)| {
             ctx.check_cancelled()?;
-            let records = &mut records[..width * BAND.min(height - top) * stride];
-            let rows = records.par_chunks_mut((width * stride).max(1)).enumerate();
-            rows.for_each(|(y, row)| {
-                let mut before = Vec::with_capacity(stride - 1);
-                for (x, record) in row.chunks_exact_mut(stride).enumerate() {
-                    self.fill((x, top + y), &mut before, record);
+            let mut records = vec![Vec3::ZERO; width * stride];
+            let mut pixel = self.lights.working_pixel();
+            for (row, y) in (band * BAND..height.min((band + 1) * BAND)).enumerate() {
+                for (x, record) in records.chunks_exact_mut(stride).enumerate() {
+                    self.fill((x, y), &mut pixel, record);
                 }
-            });
-            take(top * width, records);
-        }
-        Ok(())
+                take(&mut rows, row * width, &records);
+            }
+            Ok(rows)
+        });
+        filled.collect()
     }
 
-    /// Fills the record of one pixel. `before` is scratch memory.
-    fn fill(&self, (x, y): (usize, usize), before: &mut Vec<Vec3>, record: &mut [Vec3]) {
+    /// Fills the record of one pixel. `pixel` is scratch memory.
+    fn fill(&self, (x, y): (usize, usize), pixel: &mut WorkingPixel, record: &mut [Vec3]) {
         let (inputs, lights) = (self.inputs, self.lights);
         let taps = self.upsampler.taps(x, y);
-        lights.shade(&taps, before, record);
+        lights.shade(&taps, pixel, record);
+        let before = &pixel.before;
         let away = self.clipped_depth.get(x, y);
         let i = y * inputs.photo.0.width() + x;
         let emitter = lights.emitter(i);
         let coverage = emitter.map_or(0.0, |emitter| emitter.mask.coverage(i));
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
         let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
-        let scattered = if has_glare { lights.glare(&taps) } else { Vec3::ZERO };
+        let scattered = if has_glare { lights.glare(pixel) } else { Vec3::ZERO };
         let glare = (1.0 - coverage) * scattered.min(photo);
         let surface = SurfacePixel {
             photo: photo - glare,
-            residual: taps.of(&inputs.residual.0),
-            albedo: taps.of(&inputs.albedo.0),
-            reflectance: taps.of(&inputs.reflectance.0),
+            residual: pixel.residual,
+            albedo: match self.mode {
+                Mode::Physical => taps.of(&inputs.albedo.0),
+                Mode::Ratio => Vec3::ZERO,
+            },
+            reflectance: pixel.reflectance,
             painted: inputs.paint_layers.at(x, y),
             white: self.white - glare.max_element(),
             headroom: headroom(away),
@@ -164,7 +186,7 @@ impl<'a> Pixels<'a> {
             record.iter_mut().zip(own).for_each(blend);
         }
         if glare != Vec3::ZERO {
-            lights.add_glare(&taps, ratio(glare, scattered), record);
+            lights.add_glare(pixel, ratio(glare, scattered), record);
         }
         for drawn in &lights.drawn {
             let coverage = drawn.coverage.0.get(x, y);
