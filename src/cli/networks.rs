@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Diagnostic, Registry};
+use relight::graph::{Diagnostic, Registry, is_name};
 use relight::net::{Backend, Limits, Sandbox, Untrusted, find_onnxruntime, serve};
 use relight::nodes;
 
@@ -34,6 +34,13 @@ pub fn graph(name: &str) -> Option<PathBuf> {
     let own = Path::new("graphs").join(name);
     let graph = if own.is_file() { own } else { beside_the_program("graphs", name).join(name) };
     graph.is_file().then_some(graph)
+}
+
+/// The graph file that a person means: a path, or the plain name of a graph in `graphs/`, such as
+/// `indoor`.
+pub fn named_graph(given: &Path) -> PathBuf {
+    let name = given.to_str().filter(|name| is_name(name) && !given.exists());
+    name.and_then(|name| graph(&format!("{name}.ron"))).unwrap_or_else(|| given.to_owned())
 }
 
 /// The service that computes third-party networks by `relight run-network`, each in its own
