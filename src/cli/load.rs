@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::Path;
+#[cfg(feature = "serve")]
 use std::sync::Arc;
 
 use relight::files::{EditFile, edit, scene};
@@ -75,16 +76,21 @@ pub fn load(
     parts.one(EditFile::read_within(path, files.reach()), files.frame)
 }
 
-/// Reads all files of one picture whose edit is the text `edit`, which need not be saved.
+/// Reads all files of one picture whose edit is the text `edit`, which need not be saved, and
+/// whose graph file is changed by `change`.
 ///
 /// # Errors
 /// All faults of all files.
+#[cfg(feature = "serve")]
 pub fn load_text(
     graph: &Path,
     edit: &Arc<Source>,
     files: &SceneFiles,
+    change: impl FnOnce(&mut GraphFile),
 ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
-    Parts::read(graph, files).one(EditFile::parse(edit.clone()), files.frame)
+    let mut parts = Parts::read(graph, files);
+    parts.file.as_mut().map(change);
+    parts.one(EditFile::parse(edit.clone()), files.frame)
 }
 
 /// Reads all files of each picture of an edit: every frame of a sequence unless `files` names one.

@@ -195,6 +195,14 @@ pub fn without_radiance(source: &Arc<Source>) -> Arc<Source> {
     Source::within(source.path.clone(), text, source.reach)
 }
 
+/// Whether an edit has neither materials nor objects.
+pub fn changes_lights_alone(source: &Arc<Source>) -> bool {
+    let ignored = &mut Diagnostics::ignored();
+    let Some(document) = Raw::document(source, ignored) else { return false };
+    let others = document.as_struct(None, &["materials", "objects"], ignored);
+    others.iter().all(|(_, value)| value.as_list(&mut Diagnostics::ignored()).is_empty())
+}
+
 /// The entry of each light, as the text of an edit has it.
 pub fn entries(source: &Arc<Source>) -> Vec<(String, String)> {
     let document = Raw::document(source, &mut Diagnostics::ignored());
@@ -484,6 +492,12 @@ mod tests {
             assert_eq!(words(&base.text), wanted);
             assert_eq!(base.text.lines().count(), text.lines().count());
             EditFile::parse(base).unwrap_or_else(|faults| panic!("{wanted}: {}", faults[0]));
+        }
+        for (rest, wanted) in
+            [("", true), ("objects: [], materials: []", true), ("objects: [Sphere()]", false)]
+        {
+            let text = format!("Edit(version: 1, lights: {{}}, {rest})");
+            assert_eq!(changes_lights_alone(&Source::new("edit.ron", text)), wanted, "{rest}");
         }
         let broken = Source::new("edit.ron", "Edit(version: 1, lights: { \"lamp_0\": Off ");
         assert_eq!(without_radiance(&broken).text, broken.text);

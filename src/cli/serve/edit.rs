@@ -4,14 +4,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use relight::files::EditFile;
-use relight::graph::{Diagnostic, ResolvedGraph, Source, read};
+use relight::files::{EditFile, edit};
+use relight::graph::{Diagnostic, GraphFile, ResolvedGraph, Source, read};
 use serde_json::json;
 
 use super::events::{Event, Fault};
-use super::scene::{READER, Scene, node};
+use super::scene::{READER, Scene, WRITER};
 use super::state::{Draft, Live, State};
-use crate::cli::args::SceneFiles;
 use crate::cli::check::outside;
 use crate::cli::load::load_text;
 use crate::cli::watch::Watch;
@@ -23,8 +22,6 @@ pub const MOST_TEXT: usize = 1 << 20;
 const EMPTY: &str = "Edit(\n    version: 1,\n)\n";
 /// The text of a page that has faults.
 const DRAFT: &str = "draft.ron";
-/// The working size of a preview, as a share of the graph's; its least number of pixels.
-const PREVIEW: (f32, usize) = (0.5, 64);
 
 /// The answer to a text that a page sent.
 pub enum Answer {
@@ -167,7 +164,7 @@ fn run(
     }
 }
 
-/// Resolves the graph with a text as its edit.
+/// Resolves the graph with a text as its edit; for a preview of lights at working size.
 fn load(
     live: &Live,
     scene: &Scene,
@@ -176,37 +173,57 @@ fn load(
 ) -> Result<(Arc<Source>, ResolvedGraph), Vec<Diagnostic>> {
     let job = &live.job;
     let source = Source::within(live.edit(), text, job.files.reach());
-    let edit = EditFile::parse(source.clone())?;
-    if let Some(frames) = edit.frames() {
+    let file = EditFile::parse(source.clone())?;
+    if let Some(frames) = file.frames() {
         let message = format!("wanted an edit of one picture, got one of {frames} frames");
         let fault = Diagnostic::file(live.edit(), message);
         return Err(vec![fault.help("`relight run` makes the pictures of a sequence")]);
     }
-    let graph = load_text(&job.graph, &source, &job.files)?;
-    match outside(&edit, 0, scene.full)? {
-        faults if faults.is_empty() => {}
-        faults => return Err(faults),
+    let coarse = preview && edit::changes_lights_alone(&source);
+    let change = |graph: &mut GraphFile| {
+        if coarse {
+            shrink(graph)
+        }
+    };
+    let graph = load_text(&job.graph, &source, &job.files, change)?;
+    match outside(&file, 0, scene.full)? {
+        faults if faults.is_empty() => Ok((source, graph)),
+        faults => Err(faults),
     }
-    if !preview {
-        return Ok((source, graph));
-    }
-    let files = coarse(live, scene, &graph)?;
-    Ok((source.clone(), load_text(&job.graph, &source, &files)?))
 }
 
-/// The files of a preview: those of the run, at a smaller working size.
-pub fn coarse(
-    live: &Live,
-    scene: &Scene,
-    graph: &ResolvedGraph,
-) -> Result<SceneFiles, Vec<Diagnostic>> {
-    let (width, height) = scene.working;
-    let (share, least) = PREVIEW;
-    let long_side = ((width.max(height) as f32 * share) as usize).max(least);
-    let reader = node(graph, READER, &live.job.graph)?;
-    let mut files = live.job.files.clone();
-    files.set.push(format!("{reader}.long_side={long_side}"));
-    Ok(files)
+/// Stages that work on the photo at its own size for lights.
+const FULL_SIZE: [&str; 4] = ["Compose", "FillReflectance", "EmitterMask", WRITER];
+/// Outputs of [`READER`] at the photo's size, and those at working size.
+const SIZES: [(&str, &str); 5] = [
+    ("photo", "small"),
+    ("clipped", "small_clipped"),
+    ("camera", "small_camera"),
+    ("full_depth", "depth"),
+    ("full_mask", "mask"),
+];
+
+/// Wires a graph so that it makes its layers at working size: for a light that a person moves, whose
+/// picture at the photo's size comes too late. Estimates stay as they are, and so do the stages that
+/// read pixels of the photo from an edit.
+pub fn shrink(graph: &mut GraphFile) {
+    let of_kind = |kind: &str| -> Vec<String> {
+        let nodes = graph.nodes().filter(|node| node.kind == kind);
+        nodes.map(|node| node.name.to_owned()).collect()
+    };
+    let (readers, objects) = (of_kind(READER), of_kind("EditObjects"));
+    let Some(reader) = readers.first() else { return };
+    for (full, small) in SIZES {
+        let [full, small] = [full, small].map(|port| format!("{reader}.{port}"));
+        graph.redirect_in(Some(&FULL_SIZE), &full, &small);
+    }
+    for node in objects {
+        graph.redirect_in(
+            Some(&["EmitterMask"]),
+            &format!("{node}.depth"),
+            &format!("{reader}.depth"),
+        );
+    }
 }
 
 /// Follows the files of the run until the server ends.

@@ -12,7 +12,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use relight::graph::{Digest, Inputs, PortValue, ResolvedGraph, RunReport, Source, Value};
 use relight::image::{Layer, Picture, Plane, Transfer, fit, pack, resize};
-use relight::nodes::artifacts::REST;
+use relight::nodes::artifacts::{REST, Radiance};
 use relight::nodes::output::SavedRoom;
 use relight::nodes::output::write::{PagePlanes, WriteIn};
 use relight::{files::edit, graph::NodeError};
@@ -20,10 +20,10 @@ use serde_json::{Value as Json, json};
 
 use super::scene::Scene;
 
-/// Level of zlib: the way to the page is short, and a higher level takes longer than it saves.
-const PACKING: u32 = 1;
+/// Level of zlib: none, as the way to the page is short, and packing takes longer than it saves.
+const PACKING: u32 = 0;
 /// Manifests whose layers a page may still be loading.
-const KEPT: usize = 6;
+const KEPT: usize = 4;
 
 /// The results of a run of the edit without changes of radiance.
 pub struct Base {
@@ -31,6 +31,8 @@ pub struct Base {
     pub preview: bool,
     pub room: Option<SavedRoom>,
     full: (usize, usize),
+    /// The size of the layers before they are packed: a preview's is smaller.
+    size: (usize, usize),
     transfer: Transfer,
     lights: Vec<Light>,
     rest: Value,
@@ -50,8 +52,19 @@ struct Light {
     layer: Value,
 }
 
+/// The inputs of `Write` that a base needs, and a preview no others: it has no planes.
+const NEEDED: [&str; 4] = ["layer", "residual", "photo", "radiance"];
+
+/// The outputs that the inputs of the stage `writer` take: those that a base is made of.
+pub fn wanted(graph: &ResolvedGraph, writer: &str, preview: bool) -> Vec<String> {
+    let feeds = graph.feeds(writer).unwrap_or_default();
+    let named = WriteIn::ports().into_iter().zip(feeds);
+    let needed = named.filter(|(port, _)| !preview || NEEDED.contains(&port.name));
+    needed.flat_map(|(_, outputs)| outputs).collect()
+}
+
 impl Base {
-    /// Takes the inputs of the stage `writer` from a run that made all of them.
+    /// Takes the inputs of the stage `writer` from a run that made the [`wanted`] ones.
     ///
     /// # Errors
     /// The inputs do not fit each other.
@@ -71,24 +84,18 @@ impl Base {
             PortValue::One(value) => Some(value),
             _ => None,
         };
-        let layers = match of_port("layer") {
-            PortValue::Many(layers) => layers,
+        let many = |name: &str| match of_port(name) {
+            PortValue::Many(values) => values,
             _ => Vec::new(),
         };
-        let (photo, rest) = (one("photo"), one("residual"));
-        let rest = rest.ok_or_else(|| NodeError::Failed("the picture has no residual".into()))?;
-        let inputs = WriteIn::take(values);
-        let PagePlanes { planes, room } = PagePlanes::new(&inputs, PACKING)?;
-        let mut blobs = BTreeMap::new();
-        let planes = planes.into_iter().map(|plane| {
-            let digest = digest(&plane.packed.bytes);
-            blobs.insert(digest.clone(), Bytes::from(plane.packed.bytes));
-            json!({
-                "name": plane.name, "size": plane.size, "channels": plane.channels,
-                "scale": plane.packed.scale, "digest": digest, "white": plane.white,
-            })
-        });
-        let planes = planes.collect();
+        let rest = one("residual").and_then(|rest| Some((rest.get::<Layer>()?.size(), rest)));
+        let (size, rest) =
+            rest.ok_or_else(|| NodeError::Failed("the picture has no residual".into()))?;
+        let radiance: BTreeMap<String, Value> = many("radiance").into_iter().collect();
+        let radiance = |id: &str| {
+            let radiance = radiance.get(id).and_then(Value::get::<Radiance>);
+            radiance.map(|r| r.0.iter().map(Vec3::to_array).collect()).unwrap_or_default()
+        };
         let entries: BTreeMap<String, String> = edit::entries(source).into_iter().collect();
         let light = |(id, layer): (String, Value)| {
             let entry = entries.get(&id).cloned();
@@ -96,17 +103,32 @@ impl Base {
                 .into_iter()
                 .find(|kind| entry.as_ref().is_some_and(|entry| entry.starts_with(kind)));
             let kind = made.or_else(|| Some(scene.light(&id)?.kind)).map(str::to_owned);
-            let radiance = inputs.radiance.get(&id);
-            let radiance = radiance.map(|r| r.0.iter().map(Vec3::to_array).collect());
-            Light { id, kind, entry, radiance: radiance.unwrap_or_default(), layer }
+            Light { kind, entry, radiance: radiance(&id), layer, id }
         };
+        let lights = many("layer").into_iter().map(light).collect();
+        let photo = one("photo");
+        let (mut blobs, mut planes, mut room) = (BTreeMap::new(), Vec::new(), None);
+        if !preview {
+            let made = PagePlanes::new(&WriteIn::take(values), PACKING)?;
+            room = made.room;
+            for plane in made.planes {
+                let digest = digest(&plane.packed.bytes);
+                blobs.insert(digest.clone(), Bytes::from(plane.packed.bytes));
+                planes.push(json!({
+                    "name": plane.name, "size": plane.size, "channels": plane.channels,
+                    "scale": plane.packed.scale, "digest": digest, "white": plane.white,
+                }));
+            }
+        }
+        let (full, transfer) = (scene.full, scene.transfer);
         Ok(Base {
             revision,
             preview,
             room,
-            full: inputs.picture.0.size(),
-            transfer: inputs.encoding.transfer,
-            lights: layers.into_iter().map(light).collect(),
+            full,
+            size,
+            transfer,
+            lights,
             rest,
             photo,
             planes,
@@ -191,7 +213,7 @@ pub fn manifest(packs: &std::sync::Mutex<Packs>, base: &Base, long_side: u32) ->
         }
         packs.known(long_side)
     };
-    let size = fit(base.full.0, base.full.1, long_side as usize);
+    let size = fit(base.size.0, base.size.1, long_side as usize);
     let values: Vec<&Value> = base
         .lights
         .iter()

@@ -3,13 +3,13 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
-use relight::files::edit::without_radiance;
-use relight::graph::{Diagnostic, Ending, Engine, ResolvedGraph, RunReport};
+use relight::files::edit::{changes_lights_alone, without_radiance};
+use relight::graph::{Diagnostic, Ending, Engine, GraphFile, ResolvedGraph, RunReport};
 use serde_json::json;
 
-use super::edit::{self, coarse};
+use super::edit;
 use super::events::{Event, Progress, rows};
-use super::layers::{Base, manifest};
+use super::layers::{Base, manifest, wanted};
 use super::scene::{LONG_SIDE, Scene, WRITER, failures, node};
 use super::state::{Live, RunStatus, Task};
 use crate::cli::load::load_text;
@@ -64,8 +64,7 @@ fn compute(live: &Live, engine: &Engine, task: &Task) -> Result<(), Stop> {
     let mut ran = base(live, engine, task, &scene)?;
     if !task.preview {
         let graph = &task.graph;
-        let wanted = graph.wanted(None)?;
-        let done = run(live, engine, task, graph, &wanted)?;
+        let done = run(live, engine, task, graph, &graph.wanted(None)?)?;
         let told = Told::new(&live.job, graph, engine, &done, task.began)?;
         if let Some(out) = output(&live.job, graph)? {
             write_all(&live.job, &out, &done, &told.json)?;
@@ -92,17 +91,20 @@ fn base(
     scene: &Scene,
 ) -> Result<Vec<serde_json::Value>, Stop> {
     let source = without_radiance(&task.source);
+    let coarse = task.preview && changes_lights_alone(&source);
+    let change = |graph: &mut GraphFile| {
+        if coarse {
+            edit::shrink(graph)
+        }
+    };
     let loaded = if source.text == task.source.text {
         None
-    } else if task.preview {
-        Some(load_text(&live.job.graph, &source, &coarse(live, scene, &task.graph)?)?)
     } else {
-        Some(load_text(&live.job.graph, &source, &live.job.files)?)
+        Some(load_text(&live.job.graph, &source, &live.job.files, change)?)
     };
     let graph = loaded.as_ref().unwrap_or(&task.graph);
     let writer = node(graph, WRITER, &live.job.graph)?;
-    let feeds: Vec<String> = graph.feeds(&writer).unwrap_or_default().concat();
-    let wanted = graph.wanted(Some(&feeds))?;
+    let wanted = graph.wanted(Some(&wanted(graph, &writer, task.preview)))?;
     let done = run(live, engine, task, graph, &wanted)?;
     let made = (task.revision, task.preview);
     let base = Base::new(made, (graph, &writer), &done, (&source, scene))
