@@ -44,9 +44,11 @@ export function keepOnly(digests) {
 
 const EVENTS = ["state", "progress", "finished", "edit", "layers", "problem"];
 const AGAIN = 1000;
+const REST = 20000;
 
 // Follows the server's events for ever. `on.open` when the stream (again) stands, `on.lost` with a reason when it does
-// not; an EventSource gives up on some answers, so that it is made anew.
+// not; an EventSource gives up on some answers, so that it is made anew. A page that is not seen lets go of its stream
+// after a while: browsers open six connections to a server, for all its pages.
 export function follow(on) {
   let stream, timer;
   const lost = async () => {
@@ -67,4 +69,10 @@ export function follow(on) {
     for (const name of EVENTS) stream.addEventListener(name, (event) => on[name]?.(JSON.parse(event.data)));
   }
   connect();
+  let rest;
+  document.addEventListener("visibilitychange", () => {
+    clearTimeout(rest);
+    if (document.hidden) rest = setTimeout(() => { stream.close(); clearTimeout(timer); }, REST);
+    else if (stream.readyState === EventSource.CLOSED) { clearTimeout(timer); connect(); }
+  });
 }

@@ -62,7 +62,7 @@ export function createCanvas2d(canvas) {
     const key = JSON.stringify([scene.weights, scene.photo, scene.exposure, scene.transfer, scene.mode, plane?.digest, scene.plane]);
     if (key !== painted) {
       painted = key;
-      onto(shown[0], image(scene, scene.photo));
+      onto(shown[0], image(scene, layers.map((_, k) => Array(3).fill(k === scene.photo.at ? scene.photo.scale : 0))));
       onto(shown[1], scene.mode === "picture" || !plane ? image(scene, scene.weights) : overlay(scene));
     }
     const { zoom, x, y } = scene.view;
@@ -94,5 +94,6 @@ export function createCanvas2d(canvas) {
     return small.getImageData(0, 0, width, height);
   }
 
-  return { kind: "canvas", setLayers, setPlane, setSharp: () => {}, maxSharp: () => 0, draw, read, restore: () => {}, isLost: () => false, size: () => size };
+  // A preview is not worth its time here.
+  return { kind: "canvas", setLayers, setSmall: () => {}, setPlane, setSharp: () => {}, maxSharp: () => 0, draw, read, restore: () => {} };
 }

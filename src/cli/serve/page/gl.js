@@ -1,7 +1,9 @@
 // The picture on the GPU: encode(exposure * (rest + sum of weight * layer)) at every pixel of the canvas.
 //
-// All layers are one array of RGB16F textures; weights are a texture of floats, so that their number has no limit of its
-// own. The scale of a layer, a power of two, is part of its weight.
+// All layers are one array of RGB16F textures. The scale of a layer, a power of two, is part of its weight.
+
+// Layers of a picture. WebGL2 promises 224 uniforms, and there are two rows of weights.
+export const MAX_LAYERS = 96;
 
 const VERTEX = `#version 300 es
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
@@ -10,11 +12,14 @@ const FRAGMENT = `#version 300 es
 precision highp float;
 precision highp sampler2DArray;
 uniform sampler2DArray layers;
-uniform sampler2D weights;    // x: layer; row 0: the picture, row 1: the photo
+uniform sampler2DArray small; // of a preview, at its own size
+uniform vec3 weights[${MAX_LAYERS}], smallWeights[${MAX_LAYERS}];
+uniform ivec2 photo;          // the layer that is the photo, of the picture and of a preview
+uniform vec2 photoScale;      // its scale there, 0 without a photo
 uniform sampler2D plane;      // of an overlay
 uniform sampler2D sharp[2];   // picture and photo in stored numbers, of the photo's own size
 uniform bvec2 isSharp;
-uniform int count;
+uniform int count, smallCount; // of layers; a preview has some
 uniform vec2 size;            // of a layer, pixels
 uniform vec2 origin;          // of the picture, pixels of the canvas, from its top left
 uniform float zoom;           // pixels of the canvas per pixel of a layer
@@ -39,33 +44,46 @@ vec3 srgb(vec3 linear) {
   return mix(1.055 * pow(l, vec3(1.0 / 2.4)) - 0.055, 12.92 * l, vec3(lessThanEqual(l, vec3(0.0031308))));
 }
 
-// The sum of the layers at a position in pixels of a layer.
-vec3 sum(vec2 at, int row) {
+vec3 layer(vec2 at, int k) {
+  return zoom >= 2.0 || zoom == 1.0 ? texelFetch(layers, ivec3(ivec2(at), k), 0).rgb : texture(layers, vec3(at / size, float(k))).rgb;
+}
+
+// The sum of the layers, or the photo, at a position in pixels of a layer.
+vec3 sum(vec2 at, bool isPhoto) {
+  if (isPhoto) return photoScale.x * layer(at, photo.x);
   vec3 total = vec3(0.0);
-  for (int k = 0; k < count; k++) {
-    vec3 weight = texelFetch(weights, ivec2(k, row), 0).rgb;
-    if (weight == vec3(0.0)) continue;
-    total += weight * (zoom >= 2.0 || zoom == 1.0 ? texelFetch(layers, ivec3(ivec2(at), k), 0).rgb : texture(layers, vec3(at / size, float(k))).rgb);
-  }
+  for (int k = 0; k < count; k++)
+    if (weights[k] != vec3(0.0)) total += weights[k] * layer(at, k);
   return total;
 }
 
 // Where a canvas pixel covers several of a layer, their mean, in linear light.
-vec3 sampled(vec2 at, int row) {
+vec3 sampled(vec2 at, bool isPhoto) {
   int taps = clamp(int(ceil(0.5 / zoom)), 1, 4);
+  if (taps == 1) return sum(at, isPhoto);
   vec3 total = vec3(0.0);
   for (int y = 0; y < taps; y++)
     for (int x = 0; x < taps; x++) {
       vec2 offset = ((vec2(x, y) + 0.5) / float(taps) - 0.5) / zoom;
-      total += sum(clamp(at + (taps > 1 ? offset : vec2(0.0)), vec2(0.0), size - 0.001), row);
+      total += sum(clamp(at + offset, vec2(0.0), size - 0.001), isPhoto);
     }
   return total / float(taps * taps);
 }
 
-vec3 picture(vec2 at, int row) {
-  if (row == 0 && isSharp.x) return texture(sharp[0], at / size).rgb;
-  if (row == 1 && isSharp.y) return texture(sharp[1], at / size).rgb;
-  return encode(exposure * sampled(at, row));
+// A preview is coarse: the photo over its coarse self gives it detail.
+vec3 previewed(vec2 at) {
+  vec3 total = vec3(0.0);
+  for (int k = 0; k < smallCount; k++) total += smallWeights[k] * texture(small, vec3(at / size, float(k))).rgb;
+  if (photoScale.y == 0.0) return total;
+  vec3 coarse = photoScale.y * texture(small, vec3(at / size, float(photo.y))).rgb;
+  vec3 detail = clamp(sampled(at, true) / max(coarse, 1e-4), 0.0, 8.0);
+  return total * mix(vec3(1.0), detail, vec3(greaterThan(coarse, vec3(1e-4))));
+}
+
+vec3 picture(vec2 at, bool isPhoto) {
+  if (!isPhoto && isSharp.x) return texture(sharp[0], at / size).rgb;
+  if (isPhoto && isSharp.y) return texture(sharp[1], at / size).rgb;
+  return encode(exposure * (!isPhoto && smallCount > 0 ? previewed(at) : sampled(at, isPhoto)));
 }
 
 // Dark blue, teal, yellow: lightness rises evenly.
@@ -78,8 +96,8 @@ void main() {
   vec2 at = (vec2(gl_FragCoord.x, height - gl_FragCoord.y) - origin) / zoom;
   if (any(lessThan(at, vec2(0.0))) || any(greaterThanEqual(at, size))) { shown = vec4(surround, 1.0); return; }
   vec3 color;
-  if (gl_FragCoord.x < wipe) color = picture(at, 1);
-  else if (mode == 0) color = picture(at, 0);
+  if (gl_FragCoord.x < wipe) color = picture(at, true);
+  else if (mode == 0) color = picture(at, false);
   else {
     vec3 v = texture(plane, at / size).rgb * planeScale;
     float t = clamp((v.r - planeLow) / (planeHigh - planeLow), 0.0, 1.0);
@@ -88,7 +106,7 @@ void main() {
     else if (mode == 3) color = 0.5 + 0.5 * v;
     else if (mode == 4) color = heat(1.0 - t);
     else if (mode == 5) color = heat(t);
-    else color = mix(vec3(dot(picture(at, 0), vec3(0.2126, 0.7152, 0.0722))), vec3(1.0, 0.45, 0.0), 0.85 * t);
+    else color = mix(vec3(dot(picture(at, false), vec3(0.2126, 0.7152, 0.0722))), vec3(1.0, 0.45, 0.0), 0.85 * t);
   }
   shown = vec4(color, 1.0);
 }`;
@@ -115,9 +133,9 @@ export function createGl(canvas) {
   const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: false, powerPreference: "high-performance" });
   if (!gl) return undefined;
   let program, places, textures, target;
-  // Of each layer of the array its digest, to upload only what is new.
-  let held = [], size = [0, 0], capacity = 0;
-  let planeSize, planeOf, sharpOf = [];
+  // The layers of the picture, and those of a preview.
+  let main = array(0), small = array(5);
+  let planeOf, sharpOf = [];
 
   function compile() {
     program = gl.createProgram();
@@ -130,21 +148,21 @@ export function createGl(canvas) {
     }
     gl.linkProgram(program);
     gl.useProgram(program);
-    const names = ["layers", "weights", "plane", "sharp", "isSharp", "count", "size", "origin", "zoom", "height", "wipe", "exposure", "gamma", "mode", "planeScale", "planeLow", "planeHigh", "surround"];
+    const names = ["layers", "small", "weights", "smallWeights", "photo", "photoScale", "plane", "sharp", "isSharp", "count", "smallCount", "size", "origin", "zoom", "height", "wipe", "exposure", "gamma", "mode", "planeScale", "planeLow", "planeHigh", "surround"];
     places = Object.fromEntries(names.map((name) => [name, gl.getUniformLocation(program, name)]));
     gl.uniform1i(places.layers, 0);
-    gl.uniform1i(places.weights, 1);
     gl.uniform1i(places.plane, 2);
     gl.uniform1iv(places.sharp, [3, 4]);
+    gl.uniform1i(places.small, 5);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    textures = { weights: texture(gl.TEXTURE_2D, gl.NEAREST, 1), plane: texture(gl.TEXTURE_2D, gl.LINEAR, 2), sharp: [3, 4].map((unit) => texture(gl.TEXTURE_2D, gl.NEAREST, unit)) };
+    textures = { plane: texture(gl.TEXTURE_2D, gl.LINEAR, 2), sharp: [3, 4].map((unit) => texture(gl.TEXTURE_2D, gl.NEAREST, unit)) };
     // A texture without an image is incomplete, and some drivers warn.
     for (const unit of [2, 3, 4]) {
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    held = [];
-    capacity = 0;
+    main = array(0);
+    small = array(5);
     target = planeOf = undefined;
     sharpOf = [];
   }
@@ -158,29 +176,36 @@ export function createGl(canvas) {
     return made;
   }
 
-  // layers: [{ digest, halves }] of one size. An unchanged digest keeps its place on the GPU.
-  function setLayers(layers, width, height) {
-    if (width !== size[0] || height !== size[1] || layers.length > capacity) {
-      if (textures.layers) gl.deleteTexture(textures.layers);
-      textures.layers = texture(gl.TEXTURE_2D_ARRAY, gl.LINEAR, 0);
-      capacity = layers.length + (held.length > 0 ? 2 : 0);
-      size = [width, height];
-      gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGB16F, width, height, capacity);
-      held = [];
-    }
-    gl.activeTexture(gl.TEXTURE0);
-    layers.forEach(({ digest, halves }, k) => {
-      if (held[k] === digest) return;
-      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, width, height, 1, gl.RGB, gl.HALF_FLOAT, interleaved(halves, 3));
-      held[k] = digest;
-    });
-    held.length = layers.length;
+  // An array of layers on a texture unit; of each its digest, to upload only what is new.
+  function array(unit) {
+    return { unit, held: [], size: [0, 0], capacity: 0, texture: undefined };
   }
+
+  // layers: [{ digest, halves }] of one size. An unchanged digest keeps its place on the GPU.
+  function fill(into, layers, width, height) {
+    gl.activeTexture(gl.TEXTURE0 + into.unit);
+    if (width !== into.size[0] || height !== into.size[1] || layers.length > into.capacity) {
+      if (into.texture) gl.deleteTexture(into.texture);
+      // Some room for lights that are inserted.
+      into.capacity = layers.length + (into.texture ? 2 : 0);
+      into.texture = texture(gl.TEXTURE_2D_ARRAY, gl.LINEAR, into.unit);
+      into.size = [width, height];
+      into.held = [];
+      gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGB16F, width, height, into.capacity);
+    }
+    layers.forEach(({ digest, halves }, k) => {
+      if (into.held[k] === digest) return;
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, width, height, 1, gl.RGB, gl.HALF_FLOAT, interleaved(halves, 3));
+      into.held[k] = digest;
+    });
+    into.held.length = layers.length;
+  }
+  const setLayers = (layers, width, height) => fill(main, layers, width, height);
+  const setSmall = (layers, width, height) => fill(small, layers, width, height);
 
   function setPlane(digest, halves, width, height, channels) {
     if (planeOf === digest) return;
     planeOf = digest;
-    planeSize = [width, height];
     gl.activeTexture(gl.TEXTURE2);
     const [inner, format] = channels === 1 ? [gl.R16F, gl.RED] : [gl.RGB16F, gl.RGB];
     gl.texImage2D(gl.TEXTURE_2D, 0, inner, width, height, 0, format, gl.HALF_FLOAT, interleaved(halves, channels));
@@ -197,16 +222,18 @@ export function createGl(canvas) {
 
   const maxSharp = () => gl.getParameter(gl.MAX_TEXTURE_SIZE);
 
-  // scene: { weights, photo (both [[r, g, b]] with the scales in), exposure, transfer, view: { zoom, x, y }, wipe,
-  // mode, plane: { scale, low, high }, sharp: [bool, bool], surround }
+  // scene: { weights ([[r, g, b]] with the scales in), photo: { at (number of its layer), scale }, preview: the same two
+  // or undefined, exposure, transfer, view: { zoom, x, y }, wipe, mode, plane: { scale, low, high }, sharp: [bool, bool], surround }
   function paint(scene, height, view, wipe) {
-    const rows = new Float32Array(8 * held.length);
-    [scene.weights, scene.photo].forEach((row, r) => row.forEach((w, k) => rows.set(w, 4 * (r * held.length + k))));
-    gl.activeTexture(gl.TEXTURE1);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, held.length, 2, 0, gl.RGBA, gl.FLOAT, rows);
+    const preview = small.held.length === scene.preview?.weights.length ? scene.preview : undefined;
+    gl.uniform3fv(places.weights, scene.weights.slice(0, MAX_LAYERS).flat());
+    if (preview) gl.uniform3fv(places.smallWeights, preview.weights.slice(0, MAX_LAYERS).flat());
+    gl.uniform2i(places.photo, scene.photo.at, preview?.photo.at ?? 0);
+    gl.uniform2f(places.photoScale, scene.photo.scale, preview?.photo.scale ?? 0);
     gl.uniform2i(places.isSharp, ...(scene.sharp ?? [false, false]).map(Number));
-    gl.uniform1i(places.count, held.length);
-    gl.uniform2f(places.size, ...size);
+    gl.uniform1i(places.count, Math.min(MAX_LAYERS, main.held.length));
+    gl.uniform1i(places.smallCount, preview ? Math.min(MAX_LAYERS, small.held.length) : 0);
+    gl.uniform2f(places.size, ...main.size);
     gl.uniform2f(places.origin, view.x, view.y);
     gl.uniform1f(places.zoom, view.zoom);
     gl.uniform1f(places.height, height);
@@ -222,15 +249,15 @@ export function createGl(canvas) {
   }
 
   function draw(scene) {
-    if (held.length === 0) return;
+    if (main.held.length === 0) return;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
     paint(scene, canvas.height, scene.view, scene.wipe);
   }
 
   // The picture alone at a size, in stored numbers from the top: RGBA.
-  function read(scene, width = size[0], height = size[1]) {
-    if (held.length === 0) return undefined;
+  function read(scene, width = main.size[0], height = main.size[1]) {
+    if (main.held.length === 0) return undefined;
     if (!target || target.width !== width || target.height !== height) {
       if (target) { gl.deleteRenderbuffer(target.buffer); gl.deleteFramebuffer(target.frame); }
       target = { width, height, buffer: gl.createRenderbuffer(), frame: gl.createFramebuffer() };
@@ -241,7 +268,7 @@ export function createGl(canvas) {
     }
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
     gl.viewport(0, 0, width, height);
-    paint({ ...scene, sharp: [false, false] }, height, { zoom: width / size[0], x: 0, y: 0 }, 0);
+    paint({ ...scene, sharp: [false, false] }, height, { zoom: width / main.size[0], x: 0, y: 0 }, 0);
     const flipped = new Uint8Array(4 * width * height), out = new Uint8ClampedArray(flipped.length);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, flipped);
     for (let y = 0; y < height; y++) out.set(flipped.subarray(4 * width * (height - 1 - y), 4 * width * (height - y)), 4 * width * y);
@@ -249,5 +276,5 @@ export function createGl(canvas) {
   }
 
   compile();
-  return { kind: "WebGL2", setLayers, setPlane, setSharp, maxSharp, draw, read, restore: compile, isLost: () => gl.isContextLost(), size: () => size, planeSize: () => planeSize };
+  return { kind: "WebGL2", setLayers, setSmall, setPlane, setSharp, maxSharp, draw, read, restore: compile };
 }

@@ -9,12 +9,16 @@ export const model = {
   // The newest text and revision that the server has taken.
   accepted: { text: "", revision: 0 },
   server: undefined,
+  // The newest layers, and those of a preview that is newer.
   manifest: undefined,
+  previewed: undefined,
   // Faults that the server found in `faultsOf`.
   faults: [],
   faultsOf: "",
   run: { status: "idle" },
   connected: false,
+  // Of the layers, pixels; the view chooses it by the size of the screen.
+  longSide: 1280,
   undo: [],
   redo: [],
 };
@@ -210,12 +214,16 @@ export async function loadLayers() {
   if (loading) { loadAgain = true; return; }
   loading = true;
   try {
-    const manifest = await api.getJson("/api/layers");
+    const manifest = await api.getJson(`/api/layers?long_side=${model.longSide}`);
     const layers = [manifest.rest, manifest.photo, ...manifest.lights].filter((each) => each?.digest);
     const planar = await Promise.all(layers.map((each) => api.layer(each.digest)));
     layers.forEach((each, k) => { each.halves = planar[k]; });
-    api.keepOnly(new Set([...layers, ...(manifest.planes ?? [])].map((each) => each.digest)));
-    model.manifest = manifest;
+    if (manifest.preview && model.manifest) model.previewed = manifest;
+    else {
+      model.manifest = manifest;
+      model.previewed = undefined;
+      api.keepOnly(new Set([...layers, ...(manifest.planes ?? [])].map((each) => each.digest)));
+    }
     emit("layers");
   } catch (error) {
     // Before the first run there are none.
@@ -251,8 +259,6 @@ export function begin() {
     layers() { loadLayers(); },
     problem(problem) { emit("problem", problem); },
   });
-  // A page that comes back from the background may have missed an event.
-  document.addEventListener("visibilitychange", () => { if (!document.hidden && model.connected) loadLayers(); });
 }
 
 // ---- What is shown ---------------------------------------------------------------------------------------------------------
@@ -271,9 +277,9 @@ export function lights() {
 // While a text cannot be read, the weights before it stay.
 let lastWeights = new Map();
 
-// Per layer of the manifest { weight, stale }.
-export function weights() {
-  const { manifest, edit, blackBody } = model;
+// Per layer of a manifest { weight, stale }.
+export function weights(manifest = model.previewed ?? model.manifest) {
+  const { edit, blackBody } = model;
   if (edit.error) return lastWeights;
   const result = new Map();
   for (const layer of manifest?.lights ?? []) {

@@ -26,6 +26,7 @@ const kindOf = (name) => KINDS.find(([start]) => name === start || name.startsWi
 const select = () => byId("show");
 
 function options() {
+  if (model.previewed) return; // the planes stay those of the last run
   const chosen = select().value;
   const group = (label, entries) => {
     const element = document.createElement("optgroup");
@@ -35,10 +36,10 @@ function options() {
   };
   const { lights = [], planes = [] } = model.manifest ?? {};
   const groups = [make("option", { value: "picture" }, "Picture")];
-  groups.push(group("Alone", [...lights.map((each) => [`light ${each.id}`, each.id]), ["light rest", "rest (no light explains it)"]]));
+  groups.push(group("Alone", [...lights.map((each) => [`light ${each.id}`, `alone: ${each.id}`]), ["light rest", "alone: rest, which no light explains"]]));
   for (const kind of KINDS) {
     const found = planes.filter((each) => kindOf(each.name) === kind);
-    if (found.length) groups.push(group(kind[2], found.map((each) => [`plane ${each.name}`, kind[0].endsWith("_") ? each.name.slice(kind[0].length) : kind[2].toLowerCase()])));
+    if (found.length) groups.push(group(kind[2], found.map((each) => [`plane ${each.name}`, kind[0].endsWith("_") ? `${kind[2].toLowerCase()}: ${each.name.slice(kind[0].length)}` : kind[2].toLowerCase()])));
   }
   select().replaceChildren(...groups);
   select().value = [...select().options].some((each) => each.value === chosen) ? chosen : "picture";

@@ -96,7 +96,7 @@ function pane() {
   const sky = make("select", { "aria-label": "sky" }, ...[["Radiance(4, 4.4, 5)", "overcast"], ["Radiance(1.5, 1.9, 2.6)", "dusk"], ["Turbidity(3)", "clear, with sun"]].map(([value, text]) => make("option", { value }, text)));
   const show = () => {
     draft.setAttribute("points", points.map(({ x, y }) => `${x + 0.5},${y + 0.5}`).join(" "));
-    emit("hint", points.length === 0 ? undefined : `${4 - points.length} more corners; Escape begins again.`);
+    emit("hint", points.length === 0 ? undefined : `Corners to go: ${4 - points.length}. Backspace takes the last one back, Escape ends.`);
   };
   return {
     name: "Window", key: "n", hint: "Click the four corners of the window on a wall, in order around it.", cursor: "crosshair",

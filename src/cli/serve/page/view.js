@@ -1,6 +1,6 @@
 // The picture on the page: zoom, pan, the wipe against the photo, exposure; none of it is part of the edit.
-import { model, on, emit, weights, say } from "./model.js";
-import { createGl } from "./gl.js";
+import { model, on, emit, weights, loadLayers, say } from "./model.js";
+import { createGl, MAX_LAYERS } from "./gl.js";
 import { createCanvas2d } from "./canvas2d.js";
 import { byId } from "./dom.js";
 import * as api from "./api.js";
@@ -35,28 +35,33 @@ export function redraw() {
   waiting = true;
 }
 
-// The scene of the renderer: weights with the layers' scales in them, layer by layer in the order rest, photo, lights.
-export function scene() {
-  const { manifest } = model;
-  const found = weights();
+// The layers of a manifest in their order on the GPU: rest, photo, lights.
+const layersOf = (manifest) => [manifest.rest, manifest.photo, ...manifest.lights].filter((each) => each?.digest);
+
+// Their weights in the picture, with the layers' scales in them, and the one that is the photo.
+function weighted(manifest) {
+  const found = weights(manifest);
   const alone = view.solo.size > 0;
-  const zero = [0, 0, 0];
-  const rest = alone && !view.solo.has("rest") ? zero : Array(3).fill(manifest.rest.scale);
-  const lights = manifest.lights.map((each) => {
-    const { weight } = found.get(each.id) ?? { weight: [1, 1, 1] };
-    return alone && !view.solo.has(each.id) ? zero : weight.map((w) => w * each.scale);
-  });
-  const hasPhoto = Boolean(manifest.photo?.digest);
+  const scaled = (each) => {
+    if (alone && !view.solo.has(each.id)) return [0, 0, 0];
+    return (found.get(each.id)?.weight ?? [1, 1, 1]).map((w) => w * each.scale);
+  };
+  const layers = layersOf(manifest);
   return {
-    weights: [rest, ...(hasPhoto ? [zero] : []), ...lights],
-    photo: hasPhoto ? [zero, Array(3).fill(manifest.photo.scale), ...lights.map(() => zero)] : [zero, ...lights.map(() => zero)],
-    exposure: 2 ** view.exposure,
-    transfer: manifest.transfer,
-    view,
-    mode: view.mode,
-    plane: view.plane,
+    weights: layers.map((each) => (each === manifest.photo ? [0, 0, 0] : scaled(each))),
+    photo: { at: Math.max(0, layers.indexOf(manifest.photo)), scale: manifest.photo?.digest ? manifest.photo.scale : 0 },
   };
 }
+
+export const scene = () => ({
+  ...weighted(model.manifest),
+  preview: model.previewed && weighted(model.previewed),
+  exposure: 2 ** view.exposure,
+  transfer: model.manifest.transfer,
+  view,
+  mode: view.mode,
+  plane: view.plane,
+});
 
 function wipeAt() {
   if (view.held) return canvas.width;
@@ -91,7 +96,7 @@ const wantsSharp = () => {
   const [full, own] = [fullSize()[0], layerSize()[0]];
   return renderer?.kind === "WebGL2" && full > own && view.zoom > 1 && view.exposure === 0 && Math.max(...fullSize()) <= renderer.maxSharp();
 };
-const pictureKey = () => (model.run.status === "done" && model.run.revision >= model.accepted.revision && model.text === model.accepted.text && view.solo.size === 0 && model.manifest?.preview !== true
+const pictureKey = () => (model.run.status === "done" && model.run.revision >= model.accepted.revision && model.text === model.accepted.text && view.solo.size === 0 && !model.previewed
   ? `picture ${model.accepted.revision} ${model.run.finished?.seconds ?? ""}` : undefined);
 
 function sharpSides() {
@@ -180,10 +185,17 @@ export function cover(element) {
   });
 }
 
+// Layers of twice the size for large screens; four times as many numbers, so that others do without.
+const LARGE = 1700;
+
 function resize() {
   const { width, height } = stage.getBoundingClientRect();
   const [w, h] = [Math.max(1, Math.round(width * density())), Math.max(1, Math.round(height * density()))];
   if (w === canvas.width && h === canvas.height) return;
+  if (Math.max(w, h) > LARGE && model.longSide < 2560) {
+    model.longSide = 2560;
+    if (model.manifest) loadLayers();
+  }
   const [dx, dy] = [(w - canvas.width) / 2, (h - canvas.height) / 2];
   canvas.width = w;
   canvas.height = h;
@@ -319,12 +331,17 @@ export function setExposure(stops) {
 
 let shownSize;
 function upload() {
-  const { manifest } = model;
-  const layers = [manifest.rest, manifest.photo, ...manifest.lights].filter((each) => each?.digest);
+  const { manifest, previewed } = model;
+  if (previewed) {
+    renderer.setSmall(layersOf(previewed), ...previewed.size);
+    return redraw();
+  }
+  const layers = layersOf(manifest);
+  if (layers.length > MAX_LAYERS) say(`The page shows ${MAX_LAYERS} layers, and there are ${layers.length}: the last lights are missing here, not in the files`, true);
   renderer.setLayers(layers, ...manifest.size);
   const size = manifest.size.join();
   if (size !== shownSize) {
-    // A preview may be smaller: the same part of the photo stays in sight.
+    // The same part of the photo stays in sight.
     const old = shownSize?.split(",").map(Number);
     shownSize = size;
     if (view.fits || !old) fit();
@@ -340,6 +357,7 @@ export function beginView() {
   canvas.addEventListener("webglcontextrestored", () => {
     renderer.restore();
     sharpKeys = [undefined, undefined];
+    model.previewed = undefined;
     if (model.manifest) upload();
     emit("restored");
   });
