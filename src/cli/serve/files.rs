@@ -69,7 +69,7 @@ pub fn remove_snapshot(out: &Path, name: &str) -> Result<(), Refusal> {
 fn snapshot(out: &Path, name: &str) -> Result<PathBuf, Refusal> {
     let refused = |message: String| Err((StatusCode::BAD_REQUEST, message));
     let file = format!("{name}.ron");
-    if name.is_empty() || name.starts_with('.') || name.contains('/') {
+    if name.trim() != name || name.is_empty() || name.starts_with('.') || name.contains('/') {
         return refused(format!("wanted the plain name of a snapshot, got {name:?}"));
     }
     if let Err(message) = check_file_name(&file) {

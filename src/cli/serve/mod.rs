@@ -66,6 +66,7 @@ pub fn serve(args: &ServeArgs) -> Result<Exit, CliError> {
     let link = format!("http://127.0.0.1:{port}/?token={}", token.text());
     let live = Arc::new(Live::new(job, scene, host.cancel.clone()));
 
+    edit::begin(&live);
     let (worker, watcher) = (live.clone(), live.clone());
     let engine = host.engine;
     let worker = std::thread::spawn(move || worker::work(&worker, &engine));

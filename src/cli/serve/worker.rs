@@ -37,7 +37,6 @@ impl From<Diagnostic> for Stop {
 
 /// Computes one task after the other until the server ends.
 pub fn work(live: &Live, engine: &Engine) {
-    edit::begin(live);
     while let Some(task) = live.next() {
         let revision = task.revision;
         let done = catch_unwind(AssertUnwindSafe(|| compute(live, engine, &task)));
