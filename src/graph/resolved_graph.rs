@@ -258,8 +258,8 @@ impl ResolvedGraph {
         })
     }
 
-    /// The outputs that each input port of a node takes, as [`ResolvedGraph::wanted`] names them; an
-    /// empty list for a port without a wire. `None` where the graph does not have the node.
+    /// The outputs that each input port of a node takes, as [`ResolvedGraph::wanted`] names them;
+    /// an empty list for a port without a wire. `None` where the graph does not have the node.
     pub fn feeds(&self, node: &str) -> Option<Vec<Vec<String>>> {
         let node = self.nodes.iter().find(|n| n.name == node)?;
         let mut feeds = vec![Vec::new(); node.inputs.len()];

@@ -203,9 +203,9 @@ const SIZES: [(&str, &str); 5] = [
     ("full_mask", "mask"),
 ];
 
-/// Wires a graph so that it makes its layers at working size: for a light that a person moves, whose
-/// picture at the photo's size comes too late. Estimates stay as they are, and so do the stages that
-/// read pixels of the photo from an edit.
+/// Wires a graph so that it makes its layers at working size: for a light that a person moves,
+/// whose picture at the photo's size comes too late. Estimates stay as they are, and so do the
+/// stages that read pixels of the photo from an edit.
 pub fn shrink(graph: &mut GraphFile) {
     let of_kind = |kind: &str| -> Vec<String> {
         let nodes = graph.nodes().filter(|node| node.kind == kind);

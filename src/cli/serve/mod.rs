@@ -13,6 +13,7 @@ mod events;
 mod files;
 mod layers;
 mod lock;
+mod progress;
 mod routes;
 mod scene;
 mod state;

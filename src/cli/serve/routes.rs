@@ -150,12 +150,18 @@ async fn edit(State(live): Shared, Query(query): Query<EditQuery>, body: Body) -
 }
 
 #[derive(Deserialize)]
-struct LayersQuery {
+struct SizeQuery {
     long_side: Option<u32>,
 }
 
-async fn layers(State(live): Shared, Query(query): Query<LayersQuery>) -> Response {
-    let long_side = query.long_side.unwrap_or(LONG_SIDE).clamp(1, MOST_SIDE);
+impl SizeQuery {
+    fn long_side(&self) -> u32 {
+        self.long_side.unwrap_or(LONG_SIDE).clamp(1, MOST_SIDE)
+    }
+}
+
+async fn layers(State(live): Shared, Query(query): Query<SizeQuery>) -> Response {
+    let long_side = query.long_side();
     blocking(move || {
         let base = live.state().base.clone();
         match base {
@@ -186,9 +192,13 @@ async fn result(State(live): Shared, name: &'static str) -> Response {
     .await
 }
 
-async fn photo(State(live): Shared) -> Response {
-    let scene = live.state().scene.clone();
-    file("image/png", scene.photo.clone())
+async fn photo(State(live): Shared, Query(query): Query<SizeQuery>) -> Response {
+    let long_side = query.long_side();
+    blocking(move || {
+        let scene = live.state().scene.clone();
+        file("image/png", scene.png(long_side))
+    })
+    .await
 }
 
 async fn drawing(State(live): Shared) -> Response {

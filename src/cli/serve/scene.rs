@@ -27,8 +27,7 @@ pub struct Scene {
     pub working: (usize, usize),
     pub transfer: Transfer,
     pub lights: Vec<SceneLight>,
-    /// The photo as PNG, at most [`LONG_SIDE`] pixels long.
-    pub photo: Vec<u8>,
+    photo: Arc<Picture>,
     camera: Arc<Camera>,
 }
 
@@ -60,17 +59,21 @@ impl Scene {
         let ((Some(photo), Some(camera)), (Some(small), Some(encoding))) = (value, other) else {
             return Err(failures(&run));
         };
-        let full = photo.0.size();
-        let (width, height) = fit(full.0, full.1, LONG_SIDE as usize);
-        let shown = Picture(resize(&photo.0, width, height));
         Ok(Scene {
-            full,
+            full: photo.0.size(),
             working: (small.width, small.height),
             transfer: encoding.transfer,
             lights: lights(job)?,
-            photo: write_png(&shown, encoding.transfer, false),
+            photo,
             camera,
         })
+    }
+
+    /// The photo as PNG, its longer side at most `long_side`.
+    pub fn png(&self, long_side: u32) -> Vec<u8> {
+        let (width, height) = fit(self.full.0, self.full.1, long_side as usize);
+        let shown = Picture(resize(&self.photo.0, width, height));
+        write_png(&shown, self.transfer, false)
     }
 
     /// The intrinsics in pixels of the photo.

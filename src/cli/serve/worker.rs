@@ -8,8 +8,9 @@ use relight::graph::{Diagnostic, Ending, Engine, GraphFile, ResolvedGraph, RunRe
 use serde_json::json;
 
 use super::edit;
-use super::events::{Event, Progress, rows};
+use super::events::{Event, rows};
 use super::layers::{Base, manifest, wanted};
+use super::progress::Progress;
 use super::scene::{LONG_SIDE, Scene, WRITER, failures, node};
 use super::state::{Live, RunStatus, Task};
 use crate::cli::load::load_text;

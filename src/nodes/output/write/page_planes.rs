@@ -6,8 +6,6 @@ use crate::image::{Packed, pack, pack_gray};
 
 /// Diagnostics that no overlay of a page shows.
 const HIDDEN: [&str; 4] = ["direct_", "indirect_", "glare_", "spec"];
-/// Share of the pixels below white: a few pixels at edges err far more than all others.
-const WHITE: f64 = 0.995;
 
 /// A plane for an overlay.
 pub struct PagePlane {
@@ -65,6 +63,7 @@ impl PagePlanes {
 fn white(plane: &Plane<f32>) -> f32 {
     let mut sorted = plane.pixels().to_vec();
     sorted.sort_by(f32::total_cmp);
-    let at = (sorted.len().saturating_sub(1) as f64 * WHITE) as usize;
+    // A few pixels at edges err far more than all others.
+    let at = sorted.len().saturating_sub(1) * 199 / 200;
     sorted.get(at).copied().unwrap_or(1.0).max(f32::MIN_POSITIVE)
 }
