@@ -228,7 +228,13 @@ impl Page<'_> {
         (place[0].as_f64().expect("a number"), place[1].as_f64().expect("a number"))
     }
 
-    fn mouse(&self, kind: &str, (x, y): (f64, f64), buttons: u32) {
+    /// The photo pixel at a place in the window.
+    pub fn pixel_at(&self, x: f64, y: f64) -> (f64, f64) {
+        let pixel = self.eval(&format!("(({{ x, y }}) => [x, y])(relight.toPhoto({x}, {y}))"));
+        (pixel[0].as_f64().expect("a number"), pixel[1].as_f64().expect("a number"))
+    }
+
+    pub fn mouse(&self, kind: &str, (x, y): (f64, f64), buttons: u32) {
         let button = if kind == "mouseMoved" && buttons == 0 { "none" } else { "left" };
         let count = u32::from(kind != "mouseMoved");
         let event = json!({ "type": kind, "x": x, "y": y, "button": button, "buttons": buttons, "clickCount": count });
@@ -297,11 +303,11 @@ impl Page<'_> {
         image::load_from_memory(&bytes.expect("it is base64")).expect("it is a PNG").to_rgb8()
     }
 
-    /// Writes a picture of the window.
-    pub fn screenshot(&self, path: &Path) {
+    /// The window as a person sees it.
+    pub fn window(&self) -> image::RgbImage {
         let shot = self.send("Page.captureScreenshot", json!({ "format": "png" }));
         let bytes = STANDARD.decode(shot["data"].as_str().expect("a picture")).expect("base64");
-        std::fs::write(path, bytes).expect("a file can be written");
+        image::load_from_memory(&bytes).expect("it is a PNG").to_rgb8()
     }
 
     /// Faults of scripts and refusals of the page's policy so far.

@@ -112,7 +112,7 @@ impl Place {
     fn settled(page: &Page) {
         page.until(
             "the run is done",
-            "(({ model }) => model.text === model.accepted.text && model.run.status === 'done' && model.run.revision >= model.accepted.revision && !model.previewed && !document.querySelector('.stale:not([hidden])'))(relight)",
+            "(({ model: { text, accepted, run, manifest, previewed } }) => text === accepted.text && run.status === 'done' && run.revision >= accepted.revision && manifest.revision === run.revision && !previewed)(relight)",
         );
     }
 
@@ -149,6 +149,12 @@ impl Drop for Server {
 fn farthest(a: &RgbImage, b: &RgbImage) -> u8 {
     assert_eq!(a.dimensions(), b.dimensions());
     a.as_raw().iter().zip(b.as_raw()).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or(0)
+}
+
+/// The mean difference of two pictures, of 255.
+fn mean_difference(a: &RgbImage, b: &RgbImage) -> f64 {
+    let sum: f64 = a.as_raw().iter().zip(b.as_raw()).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
+    sum / a.as_raw().len() as f64
 }
 
 /// Halves of layers, and two ways to round: the page may be off by 2.
@@ -237,9 +243,23 @@ fn a_lamp_is_inserted_moved_and_taken_back() {
     close("a lamp", &inserted, &place.image("out/picture.png"));
 
     page.key("Escape", "Escape", Held::Nothing);
-    let places: Vec<(f64, f64)> =
-        (0..=12).map(|k| page.at_pixel(170.0 - 5.0 * f64::from(k), 176.0 + f64::from(k))).collect();
-    page.drag(&places);
+    // While it is dragged the layers are coarse, and the file stays.
+    page.mouse("mouseMoved", page.at_pixel(170.0, 176.0), 0);
+    page.mouse("mousePressed", page.at_pixel(170.0, 176.0), 1);
+    for k in 1..=12 {
+        page.mouse(
+            "mouseMoved",
+            page.at_pixel(170.0 - 5.0 * f64::from(k), 176.0 + f64::from(k)),
+            1,
+        );
+    }
+    page.until(
+        "the last place is previewed",
+        "relight.model.previewed?.lights.find((light) => light.id === 'lamp').entry.includes('x: 110, y: 188')",
+    );
+    let previewed = page.picture();
+    assert!(place.read("out/edit.ron").contains("at: Pixel(x: 170, y: 176)"));
+    page.mouse("mouseReleased", page.at_pixel(110.0, 188.0), 0);
     place.until_file("out/edit.ron", "the lamp is elsewhere", |text| {
         text.contains("at: Pixel(x: 110, y: 188)")
     });
@@ -247,6 +267,9 @@ fn a_lamp_is_inserted_moved_and_taken_back() {
     let moved = page.picture();
     assert!(farthest(&moved, &inserted) > 40, "it is elsewhere");
     close("a moved lamp", &moved, &place.image("out/picture.png"));
+    // This room is as small as previews are, so that they are exact but for their noise.
+    let off = mean_difference(&previewed, &moved);
+    assert!(off < 2.0, "the preview is off by {off} of 255 in the mean");
     let text = place.read("out/edit.ron");
 
     page.key("z", "KeyZ", Held::Control);
@@ -298,6 +321,112 @@ fn a_window_of_four_corners_gets_a_sun() {
     Place::settled(&page);
     page.click_on("[aria-label=\"window: on\"]");
     place.until_file("out/edit.ron", "it is on", |text| !text.contains("/*"));
+    assert_eq!(page.faults(), Vec::<String>::new());
+}
+
+#[test]
+fn a_person_looks_at_single_pixels() {
+    let Some(place) = Place::new() else { return };
+    let server = place.serve();
+    let page = place.open(&server);
+    sets(&page, "lamp_0: stops, in numbers", "-2");
+    page.until("it is dimmed", "relight.model.text.includes('Scale(0.25)')");
+    Place::settled(&page);
+    page.eval("document.getElementById('showhandles').click()");
+    let (picture, photo) = (page.picture(), place.image("scene/photo.png"));
+    // A wheel over a pixel: it stays under the pointer, whose place is in whole pixels.
+    let (x, y) = page.at_pixel(100.0, 80.0);
+    let (x, y) = (x.floor(), y.floor());
+    let under = page.pixel_at(x, y);
+    for _ in 0..4 {
+        let wheel = serde_json::json!({ "type": "mouseWheel", "x": x, "y": y, "deltaX": 0, "deltaY": -240 });
+        page.send("Input.dispatchMouseEvent", wheel);
+    }
+    page.until("it is near", "relight.view.zoom > 8");
+    let now = page.pixel_at(x, y);
+    let moved = (now.0 - under.0).abs().max((now.1 - under.1).abs());
+    assert!(moved < 0.1, "{under:?} {now:?}");
+    // Each photo pixel is a square of one color, of the picture or, left of the line, of the photo.
+    let shown = |what: &str,
+                 pixel: (u32, u32),
+                 wanted: &dyn Fn([u8; 3]) -> [u8; 3],
+                 of: &RgbImage| {
+        let drawn = page.eval("document.documentElement.dataset.drawn").as_str().map(str::to_owned);
+        std::thread::sleep(Duration::from_millis(300));
+        let shot = page.window();
+        let wanted = wanted(of.get_pixel(pixel.0, pixel.1).0);
+        for off in [-0.35, 0.0, 0.35] {
+            let (x, y) = page.at_pixel(f64::from(pixel.0) + off, f64::from(pixel.1) - off);
+            let got = shot.get_pixel(x as u32, y as u32).0;
+            let worst = (0..3).map(|c| got[c].abs_diff(wanted[c])).max();
+            assert!(worst <= Some(2), "{what} {pixel:?}: {got:?} for {wanted:?}, drawn {drawn:?}");
+        }
+    };
+    let same = |color: [u8; 3]| color;
+    for pixel in [(100, 80), (103, 77), (97, 84)] {
+        shown("picture", pixel, &same, &picture);
+    }
+    let stop = |color: [u8; 3]| {
+        color.map(|v| {
+            let v = f64::from(v) / 255.0;
+            let linear = if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };
+            let l = (0.5 * linear).min(1.0);
+            let v = if l <= 0.003_130_8 { 12.92 * l } else { 1.055 * l.powf(1.0 / 2.4) - 0.055 };
+            (255.0 * v).round() as u8
+        })
+    };
+    sets(&page, "Exposure of the view in stops, in numbers", "-1");
+    shown("a stop less", (100, 80), &stop, &picture);
+    page.click_on("#exposurereset");
+    page.key("Escape", "Escape", Held::Nothing);
+    page.eval("document.getElementById('stage').focus()");
+    page.key("w", "KeyW", Held::Nothing);
+    page.until("there is a line", "!document.getElementById('wipe').hidden");
+    page.drag(&[page.middle("#wipe"), page.at_pixel(101.0, 80.0)]);
+    shown("photo", (97, 84), &same, &photo);
+    shown("picture", (103, 77), &same, &picture);
+    page.key("w", "KeyW", Held::Nothing);
+
+    // Two fingers.
+    page.eval("document.getElementById('fit').click()");
+    let zoom = || page.eval("relight.view.zoom").as_f64().expect("a number");
+    let before = zoom();
+    let (x, y) = page.at_pixel(160.0, 120.0);
+    let touch = |kind: &str, far: f64| {
+        let points = if kind == "touchEnd" {
+            serde_json::json!([])
+        } else {
+            serde_json::json!([{ "x": x - far, "y": y, "id": 0 }, { "x": x + far, "y": y, "id": 1 }])
+        };
+        page.send(
+            "Input.dispatchTouchEvent",
+            serde_json::json!({ "type": kind, "touchPoints": points }),
+        );
+    };
+    touch("touchStart", 50.0);
+    [60.0, 80.0, 100.0].into_iter().for_each(|far| {
+        touch("touchMove", far);
+    });
+    touch("touchEnd", 0.0);
+    assert!((zoom() / before - 2.0).abs() < 0.1, "{} from {before}", zoom());
+
+    // Overlays have legends.
+    for (name, legend) in [
+        ("plane depth", " m"),
+        ("plane shadow_lamp_0", "lit"),
+        ("plane normal", "toward"),
+        ("plane albedo", "reflectance"),
+        ("plane room_error_inv_lamp", "guesses"),
+        ("plane stderr_lamp_0", "standard error"),
+        ("light lamp_0", "alone"),
+    ] {
+        page.eval(&format!("{{ const s = document.getElementById('show'); s.value = {name:?}; s.dispatchEvent(new Event('change')); }}"));
+        page.until("its legend is shown", &format!("document.getElementById('legend').textContent.includes({legend:?}) && !document.getElementById('legend').hidden"));
+    }
+    page.eval("document.getElementById('room').click()");
+    page.until("the room is shown", "document.querySelectorAll('#roombox line').length > 10");
+    page.eval("document.getElementById('showgraph').click()");
+    page.until("the graph is shown", "document.querySelectorAll('#graph .box').length > 20");
     assert_eq!(page.faults(), Vec::<String>::new());
 }
 
@@ -393,20 +522,33 @@ fn a_killed_server_loses_nothing() {
     page.until("the GPU shows it", "relight.model.text.includes('\"window_0\": Scale(0.25)')");
     assert!(!place.read("out/edit.ron").contains("Scale(0.25)"));
 
-    let server = place.serve();
+    // A new server has a new token: the page asks for its address, and follows once it is open.
+    let mut server = place.serve();
+    page.until("it asks", "document.getElementById('lost').textContent.includes('address')");
+    let other = place.open(&server);
+    page.until("it is back", "relight.model.connected");
     page.until(
-        "the page is back, or asks for the new address",
-        "relight.model.connected || document.getElementById('lost').textContent.includes('address')",
+        "it says so",
+        "document.getElementById('said').textContent.includes('nothing is lost')",
     );
-    if page.eval("relight.model.connected") != true {
-        page.open(&server.url);
-    }
     place.until_file("out/edit.ron", "both are saved", |text| {
         text.contains("Scale(0.5)") && text.contains("\"window_0\": Scale(0.25)")
     });
-    page.until("it says nothing of it any more", "document.getElementById('lost').hidden");
+    assert_eq!(page.eval("document.getElementById('lost').hidden"), true);
     Place::settled(&page);
     close("after the kill", &page.picture(), &place.fresh("out/edit.ron", "fresh"));
+    drop(other);
+
+    // Killed again, and the page itself goes to the new address: what was not sent is in its
+    // storage.
+    server.kill();
+    page.until("the page says so", "!document.getElementById('lost').hidden");
+    sets(&page, "inv_lamp: stops, in numbers", "-3");
+    let server = place.serve();
+    page.open(&server.url);
+    place.until_file("out/edit.ron", "all are saved", |text| {
+        text.contains("Scale(0.5)") && text.contains("Scale(0.25)") && text.contains("Scale(0.125)")
+    });
     assert_eq!(page.faults(), Vec::<String>::new());
 }
 
@@ -569,7 +711,8 @@ fn screenshots() {
             page.size(width, height);
             Place::settled(&page);
             std::thread::sleep(Duration::from_millis(500));
-            page.screenshot(&folder.join(format!("{scheme}_{width}.png")));
+            let path = folder.join(format!("{scheme}_{width}.png"));
+            page.window().save(path).expect("it can be written");
         }
     }
 }

@@ -58,7 +58,7 @@ export function follow(on) {
     let reason = "The server does not answer";
     try {
       const { status } = await fetch("/api/state", { credentials: "same-origin" });
-      if (status === 401 || status === 403) reason = "The server was started anew: open the address that it printed";
+      if (status === 401 || status === 403) reason = "The server was started anew: open the address that it printed, then this page follows, too";
     } catch { /* it does not answer */ }
     on.lost(reason);
   };

@@ -18,8 +18,10 @@ export function createCanvas2d(canvas) {
     size = [width, height];
     const old = new Map(layers.map((each) => [each.digest, each]));
     // Without their scale, as the weights of the scene contain it.
+    if (given.some(({ digest, halves }) => !old.has(digest) && !halves)) return false;
     layers = given.map(({ digest, halves }) => old.get(digest) ?? { digest, linear: linear(halves, 1) });
     painted = "";
+    return true;
   }
 
   function setPlane(digest, halves, width, height, channels) {
@@ -95,5 +97,5 @@ export function createCanvas2d(canvas) {
   }
 
   // A preview is not worth its time here.
-  return { kind: "canvas", setLayers, setSmall: () => {}, setPlane, setSharp: () => {}, maxSharp: () => 0, draw, read, restore: () => {} };
+  return { kind: "canvas", isHeld: (digest) => layers.some((each) => each.digest === digest), setLayers, setSmall: () => true, setPlane, setSharp: () => {}, maxSharp: () => 0, draw, read, restore: () => {} };
 }

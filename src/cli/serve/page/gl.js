@@ -73,7 +73,8 @@ vec3 sampled(vec2 at, bool isPhoto) {
 // A preview is coarse: the photo over its coarse self gives it detail.
 vec3 previewed(vec2 at) {
   vec3 total = vec3(0.0);
-  for (int k = 0; k < smallCount; k++) total += smallWeights[k] * texture(small, vec3(at / size, float(k))).rgb;
+  for (int k = 0; k < smallCount; k++)
+    if (smallWeights[k] != vec3(0.0)) total += smallWeights[k] * texture(small, vec3(at / size, float(k))).rgb;
   if (photoScale.y == 0.0) return total;
   vec3 coarse = photoScale.y * texture(small, vec3(at / size, float(photo.y))).rgb;
   vec3 detail = clamp(sampled(at, true) / max(coarse, 1e-4), 0.0, 8.0);
@@ -176,32 +177,47 @@ export function createGl(canvas) {
     return made;
   }
 
-  // An array of layers on a texture unit; of each its digest, to upload only what is new.
+  // An array of layers on a texture unit: of each place the digest that it holds, of each layer of the picture its place.
   function array(unit) {
-    return { unit, held: [], size: [0, 0], capacity: 0, texture: undefined };
+    return { unit, held: [], places: [], size: [0, 0], capacity: 0, texture: undefined };
   }
+  const isHeld = (digest) => main.held.includes(digest);
 
-  // layers: [{ digest, halves }] of one size. An unchanged digest keeps its place on the GPU.
+  // layers: [{ digest, halves }] of one size. What the GPU holds stays at its place, and needs no halves.
   function fill(into, layers, width, height) {
     gl.activeTexture(gl.TEXTURE0 + into.unit);
     if (width !== into.size[0] || height !== into.size[1] || layers.length > into.capacity) {
+      if (layers.some((each) => !each.halves)) return false;
       if (into.texture) gl.deleteTexture(into.texture);
       // Some room for lights that are inserted.
-      into.capacity = layers.length + (into.texture ? 2 : 0);
+      into.capacity = layers.length + 2;
       into.texture = texture(gl.TEXTURE_2D_ARRAY, gl.LINEAR, into.unit);
       into.size = [width, height];
-      into.held = [];
+      into.held = Array(into.capacity).fill(undefined);
       gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGB16F, width, height, into.capacity);
     }
-    layers.forEach(({ digest, halves }, k) => {
-      if (into.held[k] === digest) return;
-      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, k, width, height, 1, gl.RGB, gl.HALF_FLOAT, interleaved(halves, 3));
-      into.held[k] = digest;
-    });
-    into.held.length = layers.length;
+    const wanted = new Set(layers.map((each) => each.digest));
+    into.held = into.held.map((digest) => (wanted.has(digest) ? digest : undefined));
+    for (const { digest, halves } of layers) {
+      if (into.held.includes(digest)) continue;
+      if (!halves) return false;
+      const free = into.held.indexOf(undefined);
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, free, width, height, 1, gl.RGB, gl.HALF_FLOAT, interleaved(halves, 3));
+      into.held[free] = digest;
+    }
+    into.places = layers.map((each) => into.held.indexOf(each.digest));
+    return true;
   }
+  // Whether all layers could be placed; else they are needed with their halves.
   const setLayers = (layers, width, height) => fill(main, layers, width, height);
   const setSmall = (layers, width, height) => fill(small, layers, width, height);
+
+  // Weights by place.
+  function placed(into, weights) {
+    const row = new Float32Array(3 * MAX_LAYERS);
+    into.places.forEach((place, k) => { if (place < MAX_LAYERS) weights[k].forEach((w, c) => { row[3 * place + c] += w; }); });
+    return row;
+  }
 
   function setPlane(digest, halves, width, height, channels) {
     if (planeOf === digest) return;
@@ -225,14 +241,14 @@ export function createGl(canvas) {
   // scene: { weights ([[r, g, b]] with the scales in), photo: { at (number of its layer), scale }, preview: the same two
   // or undefined, exposure, transfer, view: { zoom, x, y }, wipe, mode, plane: { scale, low, high }, sharp: [bool, bool], surround }
   function paint(scene, height, view, wipe) {
-    const preview = small.held.length === scene.preview?.weights.length ? scene.preview : undefined;
-    gl.uniform3fv(places.weights, scene.weights.slice(0, MAX_LAYERS).flat());
-    if (preview) gl.uniform3fv(places.smallWeights, preview.weights.slice(0, MAX_LAYERS).flat());
-    gl.uniform2i(places.photo, scene.photo.at, preview?.photo.at ?? 0);
+    const preview = small.places.length === scene.preview?.weights.length ? scene.preview : undefined;
+    gl.uniform3fv(places.weights, placed(main, scene.weights));
+    if (preview) gl.uniform3fv(places.smallWeights, placed(small, preview.weights));
+    gl.uniform2i(places.photo, main.places[scene.photo.at], preview ? small.places[preview.photo.at] : 0);
     gl.uniform2f(places.photoScale, scene.photo.scale, preview?.photo.scale ?? 0);
     gl.uniform2i(places.isSharp, ...(scene.sharp ?? [false, false]).map(Number));
-    gl.uniform1i(places.count, Math.min(MAX_LAYERS, main.held.length));
-    gl.uniform1i(places.smallCount, preview ? Math.min(MAX_LAYERS, small.held.length) : 0);
+    gl.uniform1i(places.count, Math.min(MAX_LAYERS, main.capacity));
+    gl.uniform1i(places.smallCount, preview ? Math.min(MAX_LAYERS, small.capacity) : 0);
     gl.uniform2f(places.size, ...main.size);
     gl.uniform2f(places.origin, view.x, view.y);
     gl.uniform1f(places.zoom, view.zoom);
@@ -249,7 +265,7 @@ export function createGl(canvas) {
   }
 
   function draw(scene) {
-    if (main.held.length === 0) return;
+    if (main.places.length === 0) return;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, canvas.width, canvas.height);
     paint(scene, canvas.height, scene.view, scene.wipe);
@@ -257,7 +273,7 @@ export function createGl(canvas) {
 
   // The picture alone at a size, in stored numbers from the top: RGBA.
   function read(scene, width = main.size[0], height = main.size[1]) {
-    if (main.held.length === 0) return undefined;
+    if (main.places.length === 0) return undefined;
     if (!target || target.width !== width || target.height !== height) {
       if (target) { gl.deleteRenderbuffer(target.buffer); gl.deleteFramebuffer(target.frame); }
       target = { width, height, buffer: gl.createRenderbuffer(), frame: gl.createFramebuffer() };
@@ -276,5 +292,5 @@ export function createGl(canvas) {
   }
 
   compile();
-  return { kind: "WebGL2", setLayers, setSmall, setPlane, setSharp, maxSharp, draw, read, restore: compile };
+  return { kind: "WebGL2", isHeld, setLayers, setSmall, setPlane, setSharp, maxSharp, draw, read, restore: compile };
 }

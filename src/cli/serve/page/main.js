@@ -1,6 +1,6 @@
 // The page of `relight serve`: joins its parts, and its keys.
 import { model, on, begin, undo, redo, say, lights } from "./model.js";
-import { view, beginView, fit, zoomBy, zoomTo, zoomToOne, zoomShare, toggleWipe, holdPhoto, setExposure, panBy, readPicture, readShown, toStage, isInside, layerSize, fullSize, renderer } from "./view.js";
+import { view, beginView, fit, zoomBy, zoomTo, zoomToOne, zoomShare, toggleWipe, holdPhoto, setExposure, panBy, readPicture, readShown, toStage, toPhoto, isInside, layerSize, fullSize, renderer } from "./view.js";
 import { beginLights, toggle, toggleSolo } from "./lights.js";
 import { beginTools, choose, toolOf, escape } from "./tools.js";
 import { beginOverlays } from "./overlays.js";
@@ -134,5 +134,5 @@ window.addEventListener("error", (event) => say(`A fault of this page: ${event.m
 window.addEventListener("unhandledrejection", (event) => say(`A fault of this page: ${event.reason?.message ?? event.reason}`, true));
 
 // For scripts and tests of this page: its state, and the picture in stored numbers.
-window.relight = { model, view, readPicture, readShown, zoomTo, toStage, get renderer() { return renderer.kind; } };
+window.relight = { model, view, readPicture, readShown, zoomTo, toStage, toPhoto, get renderer() { return renderer.kind; } };
 begin();

@@ -19,6 +19,8 @@ export const model = {
   connected: false,
   // Of the layers, pixels; the view chooses it by the size of the screen.
   longSide: 1280,
+  // Whether the picture holds the layer of a digest: the view sets it.
+  isHeld: () => false,
   undo: [],
   redo: [],
 };
@@ -209,25 +211,33 @@ async function load() {
   await loadLayers();
 }
 
-let loading = false, loadAgain = false;
-export async function loadLayers() {
+let loading = false, loadAgain = false, allAgain = false;
+
+// Loads the newest layers: those that the picture does not hold already, or all.
+export async function loadLayers(all = false) {
+  allAgain ||= all;
   if (loading) { loadAgain = true; return; }
   loading = true;
+  const every = allAgain;
+  allAgain = false;
   try {
     const manifest = await api.getJson(`/api/layers?long_side=${model.longSide}`);
     const layers = [manifest.rest, manifest.photo, ...manifest.lights].filter((each) => each?.digest);
-    const planar = await Promise.all(layers.map((each) => api.layer(each.digest)));
-    layers.forEach((each, k) => { each.halves = planar[k]; });
+    const asked = layers.filter((each) => every || manifest.preview || manifest.size.join() !== model.manifest?.size.join() || !model.isHeld(each.digest));
+    const planar = await Promise.all(asked.map((each) => api.layer(each.digest)));
+    asked.forEach((each, k) => { each.halves = planar[k]; });
     if (manifest.preview && model.manifest) model.previewed = manifest;
     else {
       model.manifest = manifest;
       model.previewed = undefined;
-      api.keepOnly(new Set([...layers, ...(manifest.planes ?? [])].map((each) => each.digest)));
     }
     emit("layers");
+    // The picture has them now; only what a preview or an overlay comes back to is kept.
+    api.keepOnly(new Set([...(manifest.preview ? layers : []), ...(model.manifest.planes ?? [])].map((each) => each.digest)));
   } catch (error) {
     // Before the first run there are none.
     if (error.status && error.status !== 404) say(`The layers cannot be shown: ${error.message}`, true);
+    else if (!error.status && model.connected) say(`The layers cannot be shown: ${error.message}`, true);
   }
   loading = false;
   if (loadAgain) { loadAgain = false; loadLayers(); }

@@ -201,11 +201,10 @@ function problem({ diagnostics = [], message }) {
 
 async function showGraph() {
   try {
-    const text = await api.getText("/api/graph.svg");
+    // Its colors are those of the page's style sheet, light and dark.
+    const text = (await api.getText("/api/graph.svg")).replace(/<style>.*?<\/style>/s, "");
     const svg = new DOMParser().parseFromString(text, "image/svg+xml").documentElement;
     if (svg.localName !== "svg") throw new Error("it is not a drawing");
-    // Its colors are those of the page's style sheet, light and dark.
-    svg.querySelectorAll("style").forEach((each) => each.remove());
     byId("graph").replaceChildren(document.importNode(svg, true));
     byId("graphdialog").showModal();
   } catch (error) {

@@ -285,7 +285,8 @@ export function setWipe(share) {
   emit("view");
   redraw();
 }
-export const toggleWipe = () => setWipe(view.wipe === undefined ? 0.5 : undefined);
+// It begins in the middle of what is in sight.
+export const toggleWipe = () => setWipe(view.wipe === undefined ? (canvas.width / 2 - view.x) / (layerSize()[0] * view.zoom) : undefined);
 export function holdPhoto(held) {
   if (view.held === held) return;
   view.held = held;
@@ -332,20 +333,21 @@ export function setExposure(stops) {
 let shownSize;
 function upload() {
   const { manifest, previewed } = model;
-  if (previewed) {
-    renderer.setSmall(layersOf(previewed), ...previewed.size);
-    return redraw();
-  }
-  const layers = layersOf(manifest);
-  if (layers.length > MAX_LAYERS) say(`The page shows ${MAX_LAYERS} layers, and there are ${layers.length}: the last lights are missing here, not in the files`, true);
-  renderer.setLayers(layers, ...manifest.size);
-  const size = manifest.size.join();
-  if (size !== shownSize) {
-    // The same part of the photo stays in sight.
-    const old = shownSize?.split(",").map(Number);
-    shownSize = size;
-    if (view.fits || !old) fit();
-    else { view.zoom *= old[0] / manifest.size[0]; moved(); }
+  const now = previewed ?? manifest, layers = layersOf(now);
+  const done = previewed ? renderer.setSmall(layers, ...now.size) : renderer.setLayers(layers, ...now.size);
+  // They are on the GPU now; where it was too small for them, all are loaded again.
+  layers.forEach((each) => { delete each.halves; });
+  if (!done) return loadLayers(true);
+  if (!previewed) {
+    if (layers.length > MAX_LAYERS) say(`The page shows ${MAX_LAYERS} layers, and there are ${layers.length}: the last lights are missing here, not in the files`, true);
+    const size = manifest.size.join();
+    if (size !== shownSize) {
+      // The same part of the photo stays in sight.
+      const old = shownSize?.split(",").map(Number);
+      shownSize = size;
+      if (view.fits || !old) fit();
+      else { view.zoom *= old[0] / manifest.size[0]; moved(); }
+    }
   }
   redraw();
 }
@@ -353,12 +355,14 @@ function upload() {
 export function beginView() {
   renderer = (new URLSearchParams(location.search).has("2d") ? undefined : createGl(canvas)) ?? createCanvas2d(canvas);
   if (renderer.kind !== "WebGL2") say("This browser has no WebGL2: the picture is summed without a GPU, more slowly");
+  model.isHeld = renderer.isHeld;
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => {
     renderer.restore();
     sharpKeys = [undefined, undefined];
     model.previewed = undefined;
-    if (model.manifest) upload();
+    shownSize = undefined;
+    loadLayers(true);
     emit("restored");
   });
   readSurround();
