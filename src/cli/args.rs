@@ -12,7 +12,7 @@ use super::shipped::graph_path;
 pub use super::new::GivenKind;
 
 /// The files of a run.
-#[derive(Args, Default)]
+#[derive(Args, Clone, Default)]
 pub struct SceneFiles {
     /// The scene folder, with a scene.ron; overrides the scene of the graph file.
     #[arg(long, value_name = "DIR")]
@@ -86,7 +86,7 @@ pub struct JobArgs {
     pub files: SceneFiles,
 }
 
-#[derive(Args)]
+#[derive(Args, Clone, Default)]
 pub struct CacheAt {
     /// The cache folder, created if missing. Default: `relight` in the user's own cache
     /// folder (on Linux ~/.cache/relight), shared by all projects. Runs limit a cache to 10 GiB:
@@ -100,7 +100,7 @@ pub struct CacheAt {
     pub cache_key: Option<PathBuf>,
 }
 
-#[derive(Args)]
+#[derive(Args, Clone, Default)]
 pub struct CacheUse {
     #[command(flatten)]
     pub at: CacheAt,
@@ -109,7 +109,7 @@ pub struct CacheUse {
     pub no_cache: bool,
 }
 
-#[derive(Args)]
+#[derive(Args, Clone, Default)]
 pub struct RunArgs {
     /// The graph file, or the name of one that ships: indoor, physics, networks, ..
     #[arg(value_parser = graph_path)]
@@ -153,6 +153,9 @@ pub struct RunArgs {
     /// Compute all cached results of this run again and compare; writes no pictures.
     #[arg(long, conflicts_with = "no_cache")]
     pub verify: bool,
+    /// Run again whenever edit, scene, graph or a file that they name changes, until Ctrl-C.
+    #[arg(long, conflicts_with = "verify")]
+    pub watch: bool,
 }
 
 #[derive(Args)]
@@ -442,7 +445,7 @@ fn height(text: &str) -> Result<f32, String> {
 }
 
 /// Reads a whole number from `low` to `high`.
-fn whole<T: TryFrom<u64>>(low: u64, high: u64) -> impl Fn(&str) -> Result<T, String> + Clone {
+pub fn whole<T: TryFrom<u64>>(low: u64, high: u64) -> impl Fn(&str) -> Result<T, String> + Clone {
     move |text| {
         let number = text.parse::<u64>().ok().filter(|number| (low..=high).contains(number));
         let up_to = if high == u64::MAX { String::new() } else { format!(" to {high}") };

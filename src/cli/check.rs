@@ -1,14 +1,12 @@
 //! `relight check`: the files of a run, and the content of the pictures that its scene names.
 
-use std::path::Path;
-
 use relight::files::{EditFile, edit, scene};
 use relight::geometry::Camera;
 use relight::graph::{
     Cancel, Diagnostic, EngineOptions, PortValue, Raw, ResolvedGraph, RunReport, Value,
 };
 
-use super::args::{JobArgs, SceneFiles};
+use super::args::JobArgs;
 use super::engine::{engine, report_errors};
 use super::exit::{CliError, Exit};
 use super::load::{load, load_all};
@@ -37,7 +35,8 @@ pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
         _ => None,
     });
     if let (Some(edit), Some(camera)) = (&args.edit, camera) {
-        let faults = outside(edit, &args.files, (camera.width, camera.height))?;
+        let edit = EditFile::read_within(edit, args.files.reach())?;
+        let faults = outside(&edit, args.files.frame.unwrap_or(0), (camera.width, camera.height))?;
         if !faults.is_empty() {
             return Err(faults.into());
         }
@@ -65,14 +64,16 @@ fn read_scene(graph: &ResolvedGraph) -> Result<RunReport, CliError> {
     Ok(engine.run(graph, &wanted, &Cancel::default(), &Progress::new(false, false)))
 }
 
-/// The pixels that an edit names outside of a photo of this size.
-fn outside(
-    edit: &Path,
-    files: &SceneFiles,
+/// The pixels that a frame of an edit names outside of a photo of this size.
+///
+/// # Errors
+/// The edit is not sound.
+pub fn outside(
+    edit: &EditFile,
+    frame: u32,
     size: (usize, usize),
 ) -> Result<Vec<Diagnostic>, Vec<Diagnostic>> {
-    let edit = EditFile::read_within(edit, files.reach())?;
-    let settings = edit::frame(&edit, files.frame.unwrap_or(0), None, None)?.settings;
+    let settings = edit::frame(edit, frame, None, None)?.settings;
     Ok(settings.iter().flat_map(|setting| outside_of(&setting.value, size)).collect())
 }
 

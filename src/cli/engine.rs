@@ -37,6 +37,24 @@ pub fn engine(options: EngineOptions) -> Result<Engine, Diagnostic> {
     })
 }
 
+/// The engine of a command, and the end of its runs by Ctrl-C.
+pub struct Host {
+    pub engine: Engine,
+    pub cancel: Cancel,
+}
+
+impl Host {
+    /// Starts an engine whose runs Ctrl-C cancels.
+    ///
+    /// # Errors
+    /// The worker threads cannot be started, or the system refuses a handler.
+    pub fn new(options: EngineOptions) -> Result<Host, Diagnostic> {
+        let cancel = Cancel::default();
+        stop_on_ctrl_c(&cancel)?;
+        Ok(Host { engine: engine(options)?, cancel })
+    }
+}
+
 /// Passes a run whose nodes all gave their results; shows the errors of another one.
 ///
 /// # Errors

@@ -7,18 +7,18 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::time::Instant;
 
-use relight::graph::{Cancel, RunReport, Status};
+use relight::graph::{RunReport, Status};
 use serde::Serialize;
 
 use super::args::RunArgs;
-use super::engine::{engine, report_errors, stop_on_ctrl_c};
+use super::engine::{Host, report_errors};
 use super::exit::{CliError, Exit};
 use super::film;
 use super::load::Pictures;
 use super::messages::{error, message, shows_progress};
 use super::progress::FrameProgress;
 use super::report::{self, Head, NodeJson};
-use super::results::{backend_of, engine_options, output, results};
+use super::results::{backend_of, output, results};
 use super::write::{self, Output};
 
 /// report.json of a sequence.
@@ -93,10 +93,11 @@ pub fn run(
     args: &RunArgs,
     pictures: &mut Pictures,
     numbers: Range<u32>,
+    host: &Host,
     verbose: u8,
     began: Instant,
 ) -> Result<Exit, CliError> {
-    let engine = engine(engine_options(args)?)?;
+    let Host { engine, cancel } = host;
     let wanted = match &args.only {
         Some(only) => Some(vec![only.clone()]),
         None if args.exr || pictures.writers.is_empty() => None,
@@ -104,8 +105,6 @@ pub fn run(
     };
     pictures.first.wanted(wanted.as_deref())?;
     let out = output(args, &pictures.first)?;
-    let cancel = Cancel::default();
-    stop_on_ctrl_c(&cancel)?;
     let progress = FrameProgress::new(numbers.len(), verbose > 0, shows_progress());
     let mut backend = None;
     let mut all: Vec<Done> = Vec::new();
@@ -115,12 +114,12 @@ pub fn run(
         let graph = pictures.graph(number)?;
         let needed = graph.wanted(wanted.as_deref())?;
         let (report, differences) = if args.verify {
-            let verified = engine.verify(&graph, &needed, &cancel, &progress);
+            let verified = engine.verify(&graph, &needed, cancel, &progress);
             let differences =
                 verified.differences.into_iter().map(|d| format!("{}.{}", d.node, d.port));
             (verified.run, differences.collect())
         } else {
-            (engine.run(&graph, &needed, &cancel, &progress), Vec::new())
+            (engine.run(&graph, &needed, cancel, &progress), Vec::new())
         };
         let mut files = Vec::new();
         if report.is_complete()

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 use std::path::Path;
+#[cfg(feature = "serve")]
+use std::sync::Arc;
 
 use relight::files::{EditFile, edit, scene};
 use relight::graph::{
@@ -64,17 +66,31 @@ pub fn load(
     files: &SceneFiles,
 ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
     let parts = Parts::read(graph, files);
-    let resolve = |file: &GraphFile, overlay: &Overlay| file.resolve(&parts.registry, overlay);
     let Some(path) = edit else {
         return match files.frame {
-            None => parts.with(Default::default(), resolve),
+            None => parts
+                .with(Default::default(), |file, overlay| file.resolve(&parts.registry, overlay)),
             Some(_) => parts.refused(no_frames()),
         };
     };
-    let first = EditFile::read_within(path, files.reach())
-        .and_then(|edit| Ok((frames(&edit, files.frame)?, edit)));
-    let (frames, edit) = first.or_else(|faults| parts.refused(faults))?;
-    parts.frame(&edit, frames.map(|frames| frames.start), resolve)
+    parts.one(EditFile::read_within(path, files.reach()), files.frame)
+}
+
+/// Reads all files of one picture whose edit is the text `edit`, which need not be saved, and
+/// whose graph file is changed by `change`.
+///
+/// # Errors
+/// All faults of all files.
+#[cfg(feature = "serve")]
+pub fn load_text(
+    graph: &Path,
+    edit: &Arc<Source>,
+    files: &SceneFiles,
+    change: impl FnOnce(&mut GraphFile),
+) -> Result<ResolvedGraph, Vec<Diagnostic>> {
+    let mut parts = Parts::read(graph, files);
+    parts.file.as_mut().map(change);
+    parts.one(EditFile::parse(edit.clone()), files.frame)
 }
 
 /// Reads all files of each picture of an edit: every frame of a sequence unless `files` names one.
@@ -184,6 +200,19 @@ impl Parts {
             settings.extend(setting(text, &mut faults));
         }
         Parts { file, room, registry, settings, faults }
+    }
+
+    /// Resolves the frame `number` of an edit, or the first.
+    fn one(
+        &self,
+        edit: Result<EditFile, Vec<Diagnostic>>,
+        number: Option<u32>,
+    ) -> Result<ResolvedGraph, Vec<Diagnostic>> {
+        let first = edit.and_then(|edit| Ok((frames(&edit, number)?, edit)));
+        let (frames, edit) = first.or_else(|faults| self.refused(faults))?;
+        self.frame(&edit, frames.map(|frames| frames.start), |file, overlay| {
+            file.resolve(&self.registry, overlay)
+        })
     }
 
     /// Resolves one frame of an edit.

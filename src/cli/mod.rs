@@ -23,7 +23,10 @@ mod reference;
 mod report;
 mod results;
 mod run;
+#[cfg(feature = "serve")]
+mod serve;
 mod shipped;
+mod watch;
 mod write;
 
 use std::process::ExitCode;
@@ -71,6 +74,9 @@ enum Command {
     New(args::NewArgs),
     /// Relight the photo: compute the nodes that an edit affects and write the pictures.
     Run(args::RunArgs),
+    /// Open a page in the browser that edits a scene and shows it at once.
+    #[cfg(feature = "serve")]
+    Serve(serve::ServeArgs),
     /// Reweight the lights of a finished run in milliseconds: dim, brighten, tint.
     Mix(args::MixArgs),
     /// Write report.html of a finished run: before and after, a slider per light, the nodes that
@@ -111,6 +117,8 @@ pub fn main() -> ExitCode {
     let outcome = match &command {
         Command::New(args) => new::new(args, verbose),
         Command::Run(args) => run::run(args, verbose, began),
+        #[cfg(feature = "serve")]
+        Command::Serve(args) => serve::serve(args),
         Command::Mix(args) => mix::mix(args, began),
         Command::Report(args) => page::report(args, began),
         Command::Export(args) => export::export(args, verbose),

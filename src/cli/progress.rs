@@ -56,7 +56,7 @@ struct ProgressState {
 
 /// Costs of the nodes of a run.
 #[derive(Default)]
-struct Work {
+pub struct Work {
     /// Cost of all nodes that are not hits, as far as known.
     total: f64,
     /// Cost of those that are done.
@@ -64,9 +64,14 @@ struct Work {
 }
 
 impl Work {
+    /// The run needs nodes of these kinds more.
+    pub fn needs(&mut self, kinds: &[&str]) {
+        self.total += kinds.iter().map(|kind| cost(kind)).sum::<f64>();
+    }
+
     /// A hit takes no time and does not count. A node that is computed again after a hit is done
     /// twice.
-    fn finished(&mut self, kind: &str, status: Status) {
+    pub fn finished(&mut self, kind: &str, status: Status) {
         if status == Status::Hit {
             self.total = (self.total - cost(kind)).max(self.done);
         } else {
@@ -76,7 +81,7 @@ impl Work {
     }
 
     /// Time left after `elapsed`; `None` before a tenth of the work is done.
-    fn left(&self, elapsed: Duration) -> Option<Duration> {
+    pub fn left(&self, elapsed: Duration) -> Option<Duration> {
         let done = self.done / self.total;
         (done >= 0.1).then(|| elapsed.mul_f64((1.0 - done) / done))
     }
@@ -254,7 +259,7 @@ fn line(report: &NodeReport) -> String {
 
 impl Observer for Progress {
     fn needs(&self, kinds: &[&str]) {
-        self.state().work.total += kinds.iter().map(|kind| cost(kind)).sum::<f64>();
+        self.state().work.needs(kinds);
     }
 
     fn started(&self, node: &str) {

@@ -6,7 +6,9 @@
 //! becomes the value `Changes([..])`.
 
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::{EditFile, INVISIBLE, check_light_name, fields};
 use crate::graph::{
@@ -154,6 +156,76 @@ fn check_switches(entries: &[(Key, Raw)], scene: Option<&Overlay>, faults: &mut 
     }
 }
 
+/// The changes of a light's radiance alone: its layer under them is a multiple of its layer without
+/// them.
+const RADIANCE: [&str; 4] = ["Off", "Scale", "Color", "Temperature"];
+
+/// The edit without changes of radiance (`Off`, `Scale`, `Color`, `Temperature`), each replaced by
+/// spaces, so that all else keeps its line. A text that cannot be split stays as it is.
+pub fn without_radiance(source: &Arc<Source>) -> Arc<Source> {
+    let ignored = &mut Diagnostics::ignored();
+    let Some(document) = Raw::document(source, ignored) else { return source.clone() };
+    let is_radiance =
+        |value: &Raw| value.variant().is_some_and(|variant| RADIANCE.contains(&variant));
+    let mut gone: Vec<Range<usize>> = Vec::new();
+    for (key, value) in light_entries(&document) {
+        let changes = changes(&value);
+        if is_radiance(&value) || (!changes.is_empty() && changes.iter().all(is_radiance)) {
+            gone.push(key.origin.span.start..value.origin.span.end);
+        } else {
+            gone.extend(changes.iter().filter(|c| is_radiance(c)).map(|c| c.origin.span.clone()));
+        }
+    }
+    // The comma after each goes with it.
+    let words = document.words();
+    for span in &mut gone {
+        let next = words.partition_point(|(word, _)| word.origin.span.start < span.end);
+        if let Some((comma, _)) = words.get(next).filter(|(word, _)| word.text() == ",") {
+            span.end = comma.origin.span.end;
+        }
+    }
+    let mut text = String::with_capacity(source.text.len());
+    let mut from = 0;
+    for span in gone {
+        text.push_str(&source.text[from..span.start]);
+        text.extend(source.text[span.clone()].chars().map(|c| if c == '\n' { c } else { ' ' }));
+        from = span.end;
+    }
+    text.push_str(&source.text[from..]);
+    Source::within(source.path.clone(), text, source.reach)
+}
+
+/// Whether an edit has neither materials nor objects.
+pub fn changes_lights_alone(source: &Arc<Source>) -> bool {
+    let ignored = &mut Diagnostics::ignored();
+    let Some(document) = Raw::document(source, ignored) else { return false };
+    let others = document.as_struct(None, &["materials", "objects"], ignored);
+    others.iter().all(|(_, value)| value.as_list(&mut Diagnostics::ignored()).is_empty())
+}
+
+/// The entry of each light, as the text of an edit has it.
+pub fn entries(source: &Arc<Source>) -> Vec<(String, String)> {
+    let document = Raw::document(source, &mut Diagnostics::ignored());
+    let entries = document.iter().flat_map(light_entries);
+    entries.map(|(key, value)| (key.name, value.text().to_owned())).collect()
+}
+
+fn light_entries(document: &Raw) -> Vec<(Key, Raw)> {
+    let ignored = &mut Diagnostics::ignored();
+    let fields = document.as_struct(None, &["lights"], ignored);
+    fields.first().map(|(_, lights)| lights.as_map(ignored)).unwrap_or_default()
+}
+
+/// The changes in a list `[..]` or `Changes([..])`; none for any other value.
+fn changes(value: &Raw) -> Vec<Raw> {
+    let ignored = &mut Diagnostics::ignored();
+    match value.variant() {
+        Some(CHANGES) => value.as_tuple(ignored).first().map(changes).unwrap_or_default(),
+        _ if is_list(value) => value.as_list(ignored),
+        _ => Vec::new(),
+    }
+}
+
 fn is_list(value: &Raw) -> bool {
     value.text().starts_with('[')
 }
@@ -197,7 +269,7 @@ fn with_changes(lights: &Raw, entries: &[(Key, Raw)]) -> Raw {
     let grown = text.len() - source.text.len();
     let span = lights.origin.span.start..lights.origin.span.end + grown;
     let source = Source { path: source.path.clone(), text, reach: source.reach, anchors };
-    Raw { origin: Origin { source: std::sync::Arc::new(source), span } }
+    Raw { origin: Origin { source: Arc::new(source), span } }
 }
 
 #[cfg(test)]
@@ -386,6 +458,53 @@ mod tests {
             let words: String = overlay.settings[0].value.text().split_whitespace().collect();
             assert_eq!(words, format!(r#"{{"lamp_0":{wanted}}}"#));
         }
+    }
+
+    #[test]
+    fn changes_of_radiance_leave_the_edit_and_all_else_keeps_its_line() {
+        for (text, wanted) in [
+            (r#"{ "lamp_0": Off, "inv_lamp": Scale(2), }"#, r#"{ }"#),
+            (r#"{ "lamp_0": Off }"#, r#"{ }"#),
+            (
+                r#"{ "a": [Scale(2), Move(by: (1, 0, 0))], "b": [On(), Scale(2)] }"#,
+                r#"{ "a": [ Move(by: (1, 0, 0))], "b": [On(), ] }"#,
+            ),
+            (
+                r#"{ "a": Changes([Scale(2), Off]), "b": Changes([Off, On()]) }"#,
+                r#"{ "b": Changes([ On()]) }"#,
+            ),
+            (
+                r#"{ "desk": Lamp(shape: Sphere(radius: 1)), "lamp_0": /* ü */ Color(1, 1, 1) /* why */ , }"#,
+                r#"{ "desk": Lamp(shape: Sphere(radius: 1)), }"#,
+            ),
+            (
+                r#"{ "lamp_0": Temperature(2700) // warm,
+                , "window_0": On() }"#,
+                r#"{ "window_0": On() }"#,
+            ),
+        ] {
+            let text = format!("Edit(version: 1, // Off\n lights: {text},\n materials: [])");
+            let source = Source::new("edit.ron", text.clone());
+            let base = without_radiance(&source);
+            let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+            let wanted =
+                words(&format!("Edit(version: 1, // Off\n lights: {wanted},\n materials: [])"));
+            assert_eq!(words(&base.text), wanted);
+            assert_eq!(base.text.lines().count(), text.lines().count());
+            EditFile::parse(base).unwrap_or_else(|faults| panic!("{wanted}: {}", faults[0]));
+        }
+        for (rest, wanted) in
+            [("", true), ("objects: [], materials: []", true), ("objects: [Sphere()]", false)]
+        {
+            let text = format!("Edit(version: 1, lights: {{}}, {rest})");
+            assert_eq!(changes_lights_alone(&Source::new("edit.ron", text)), wanted, "{rest}");
+        }
+        let broken = Source::new("edit.ron", "Edit(version: 1, lights: { \"lamp_0\": Off ");
+        assert_eq!(without_radiance(&broken).text, broken.text);
+        let source =
+            Source::new("edit.ron", r#"Edit(version: 1, lights: { "a": [Off], "b": On() })"#);
+        let wanted = [("a", "[Off]"), ("b", "On()")].map(|(a, b)| (a.to_owned(), b.to_owned()));
+        assert_eq!(entries(&source), wanted);
     }
 
     #[test]

@@ -68,7 +68,11 @@ impl EditFile {
         EditFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
-    fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Diagnostic>> {
+    /// Reads the text of an edit file, which need not exist.
+    ///
+    /// # Errors
+    /// The text cannot be split into fields.
+    pub fn parse(source: Arc<Source>) -> Result<EditFile, Vec<Diagnostic>> {
         let mut faults = Diagnostics::default();
         let Some(document) = Raw::document(&source, &mut faults) else {
             return Err(faults.into_vec());

@@ -262,12 +262,21 @@ impl GraphFile {
     /// Lets all that takes the output `from` take the output `to`, both as `node.port`, or `node`
     /// where it has one output.
     pub fn redirect(&mut self, from: &str, to: &str) {
+        self.redirect_in(None, from, to);
+    }
+
+    /// [`GraphFile::redirect`] for the nodes of these kinds alone, or with `None` for all.
+    pub fn redirect_in(&mut self, kinds: Option<&[&str]>, from: &str, to: &str) {
+        let takes = |node: &NodeDecl| {
+            let kind = node.kind.as_ref().map_or("", |kind| &kind.name);
+            kinds.is_none_or(|kinds| kinds.contains(&kind))
+        };
         let same = |a: &str, b: &str| match (a.split_once('.'), b.split_once('.')) {
             (None, Some((node, _))) => a == node,
             (Some((node, _)), None) => b == node,
             _ => a == b,
         };
-        for node in &mut self.nodes {
+        for node in self.nodes.iter_mut().filter(|node| takes(node)) {
             let ends = node.wires.iter_mut().flat_map(|wire| &mut wire.from).chain(&mut node.when);
             ends.filter(|end| same(&end.name, from)).for_each(|end| to.clone_into(&mut end.name));
         }

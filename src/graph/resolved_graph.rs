@@ -258,6 +258,22 @@ impl ResolvedGraph {
         })
     }
 
+    /// The outputs that each input port of a node takes, as [`ResolvedGraph::wanted`] names them;
+    /// an empty list for a port without a wire. `None` where the graph does not have the node.
+    pub fn feeds(&self, node: &str) -> Option<Vec<Vec<String>>> {
+        let node = self.nodes.iter().find(|n| n.name == node)?;
+        let mut feeds = vec![Vec::new(); node.inputs.len()];
+        for (port, edge) in self.instances[node.instances.clone()].iter().flat_map(Instance::ports)
+        {
+            let from = &self.nodes[self.instances[edge.instance].node];
+            let output = format!("{}.{}", from.name, from.outputs[edge.port].name);
+            if !feeds[port].contains(&output) {
+                feeds[port].push(output);
+            }
+        }
+        Some(feeds)
+    }
+
     /// Names of all instances, in the order in which a run reports them.
     pub fn instances(&self) -> impl Iterator<Item = &str> {
         self.instances.iter().map(|i| &*i.name)

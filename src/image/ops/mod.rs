@@ -37,7 +37,7 @@ pub use measure::{
     scale_invariant_error, score_picture, score_saturation, square_error,
 };
 pub use mix::weighted_sum;
-pub use pack::{Packed, pack};
+pub use pack::{Packed, pack, pack_gray};
 pub use refine_mask::refine_mask;
 pub use reflectance::{REFLECTANCE, clip_level, limited, ratio, reflected, smooth_step};
 pub use relit_pixel::{

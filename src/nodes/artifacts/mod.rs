@@ -11,11 +11,11 @@ use crate::image::{
     Shading, Specular, SpecularEdit, rule,
 };
 pub use crate::image::{Mask, Picture};
-pub use crate::optics::LOBES;
 use crate::optics::{
-    DrawDifferences, LightKind, LightTransport, Lighting, LocalLobe, Radiance, Reflections,
-    RoomDraws, Shape, SpecularChange,
+    DrawDifferences, LightKind, LightTransport, Lighting, LocalLobe, Reflections, RoomDraws, Shape,
+    SpecularChange,
 };
+pub use crate::optics::{LOBES, Radiance};
 
 pub use files::{Encoding, Files, check_file_name};
 pub use light::{

@@ -17,7 +17,8 @@ use crate::geometry::{Camera, world_up};
 use crate::graph::{Context, File, Gather, Node, NodeError, Scatter, above, check_range};
 use crate::image::{Depth, Normal};
 use crate::nodes::artifacts::{EmitterChange, Encoding};
-use crate::optics::{Radiance, Shape, black_body};
+pub use crate::optics::black_body;
+use crate::optics::{Radiance, Shape};
 use crate::tuning::{Table, tuning};
 use crate::{params, ports};
 

@@ -74,8 +74,8 @@ const ENCODING: &str = "encoding: ";
 const EXIF: &str = "exif: ";
 
 /// The lines of a room's cuboid in the photo, a line of JSON in the comments of `picture.exr`.
-#[derive(Serialize, Deserialize)]
-struct SavedRoom {
+#[derive(Clone, Serialize, Deserialize)]
+pub struct SavedRoom {
     /// The sides with distance and source.
     summary: String,
     /// Source of the side, whether it is an edge of the cuboid, and both ends as fractions of the
@@ -87,8 +87,8 @@ const ROOM: &str = "room: ";
 /// Lines of more cells than any cuboid has are not read.
 const MAX_LINES: usize = 2 * 6 * (MAX_CELLS + 1) * (MAX_CELLS + 1);
 
-/// The line of the comments of `picture.exr` with the room's cuboid.
-fn room_line(layout: &RoomLayout, camera: &Camera) -> String {
+/// The lines of the cuboid within the picture.
+fn saved_room(layout: &RoomLayout, camera: &Camera) -> SavedRoom {
     let size = Vec2::new(camera.width as f32, camera.height as f32);
     let rounded = |v: f32| (v.clamp(-10.0, 10.0) * 1e4).round() / 1e4;
     let line = |line: LayoutLine| {
@@ -98,7 +98,12 @@ fn room_line(layout: &RoomLayout, camera: &Camera) -> String {
         Some((line.source, line.is_edge, ends))
     };
     let lines = layout.lines(camera).into_iter().filter_map(line).collect();
-    let room = SavedRoom { summary: layout.summary(), lines };
+    SavedRoom { summary: layout.summary(), lines }
+}
+
+/// The line of the comments of `picture.exr` with the room's cuboid.
+fn room_line(layout: &RoomLayout, camera: &Camera) -> String {
+    let room = saved_room(layout, camera);
     format!("{ROOM}{}", serde_json::to_string(&room).expect("finite numbers and text are JSON"))
 }
 

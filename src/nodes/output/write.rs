@@ -12,6 +12,8 @@
 //! together. `room_error_i` is the standard error of the luminance of `indirect_i` by guesses about
 //! the unseen room; it is not part of `stderr_i`, and is left out where nothing is guessed.
 
+mod page_planes;
+
 use std::sync::Arc;
 
 use glam::Vec3;
@@ -28,6 +30,9 @@ use crate::nodes::artifacts::{
 };
 use crate::optics::Radiance;
 use crate::{params, ports};
+
+use super::{SavedRoom, saved_room};
+pub use page_planes::{PagePlane, PagePlanes};
 
 /// Diagnostic layers are left out of files that would hold more bytes than this before compression:
 /// they are at the working size by nature, and at the size of a large photo they only cost space.
@@ -210,7 +215,7 @@ impl Write {
                 MAX_EXR_BYTES >> 20
             ));
         } else if self.diagnostics {
-            diagnostics(&inputs, (width, height), &mut layers)?;
+            diagnostics(&inputs, |name, plane| put(&mut layers, name, plane, (width, height)))?;
         }
         layers.comment(UNITS);
         super::encoding_lines(&inputs.encoding).iter().for_each(|line| layers.comment(line));
@@ -239,28 +244,54 @@ impl Write {
 const UNITS: &str = "units: colours linear Rec.709, in units of the photo; direct, indirect, stderr, room_error: irradiance / pi; depth: planar z in \
                      metres; normals: camera space, x right, y up, z backward";
 
-fn diagnostics(
-    inputs: &WriteIn,
-    (width, height): (usize, usize),
-    layers: &mut ExrLayers,
-) -> Result<(), NodeError> {
+/// A diagnostic plane at working size, and the numbers that it contains.
+enum Diagnostic<'a> {
+    /// Linear colors.
+    Color(&'a Plane<Vec3>),
+    /// Unit vectors.
+    Direction(&'a Plane<Vec3>),
+    /// Numbers in 0..1.
+    Share(&'a Plane<f32>),
+    /// Numbers without an upper limit.
+    Number(&'a Plane<f32>),
+    Depth(&'a Depth),
+}
+
+/// Puts a plane into the file, at the photo's size.
+fn put(layers: &mut ExrLayers, name: &str, plane: Diagnostic, (width, height): (usize, usize)) {
     let colors = |plane: &Plane<Vec3>| resize(plane, width, height);
     let numbers = |plane: &Plane<f32>| resize(plane, width, height);
-    layers.rgb("albedo", &colors(&inputs.albedo.0));
-    layers.xyz("normal", &colors(&inputs.normal.0).map(Vec3::normalize_or_zero));
-    layers.half("rough.Y", &numbers(&inputs.roughness.0));
+    match plane {
+        Diagnostic::Color(plane) => layers.rgb(name, &colors(plane)),
+        Diagnostic::Direction(plane) => {
+            layers.xyz(name, &colors(plane).map(Vec3::normalize_or_zero));
+        }
+        Diagnostic::Share(plane) => layers.half(&format!("{name}.Y"), &numbers(plane)),
+        Diagnostic::Number(plane) => layers.float(&format!("{name}.Y"), &numbers(plane)),
+        Diagnostic::Depth(depth) => {
+            layers.float(&format!("{name}.Z"), &resize_depth(depth, width, height).0);
+        }
+    }
+}
+
+/// Hands each diagnostic plane to `put`, in the order of the file.
+fn diagnostics(inputs: &WriteIn, mut put: impl FnMut(&str, Diagnostic)) -> Result<(), NodeError> {
+    use Diagnostic::{Color, Direction, Number, Share};
+    put("albedo", Color(&inputs.albedo.0));
+    put("normal", Direction(&inputs.normal.0));
+    put("rough", Share(&inputs.roughness.0));
     let uneven =
         |plane: &&Arc<Specular>| plane.0.pixels().windows(2).any(|pair| pair[0] != pair[1]);
     if let Some(specular) = inputs.specular.as_ref().filter(uneven) {
-        layers.half("spec.Y", &numbers(&specular.0));
+        put("spec", Share(&specular.0));
     }
     for (id, glare) in inputs.glare.iter() {
-        layers.rgb(&format!("glare_{id}"), &colors(&glare.0));
+        put(&format!("glare_{id}"), Color(&glare.0));
     }
     if let Some(filled) = &inputs.filled {
-        layers.half("filled.Y", &numbers(&filled.0));
+        put("filled", Share(&filled.0));
     }
-    layers.float("depth.Z", &resize_depth(&inputs.depth, width, height).0);
+    put("depth", Diagnostic::Depth(&inputs.depth));
     for (id, radiance) in inputs.radiance.iter() {
         let (direct, visibility) = (inputs.direct.get(id), inputs.visibility.get(id));
         if let (Some(direct), Some(visibility)) = (direct, visibility)
@@ -275,31 +306,27 @@ fn diagnostics(
             ];
             check_lobes(id, radiance, &lobes.map(|planes| planes.len()))?;
             check_sizes(id, lobes.into_iter().flatten())?;
-            layers.rgb(&format!("direct_{id}"), &colors(&lit_sum(radiance, direct, visibility)));
-            layers
-                .half(&format!("shadow_{id}.Y"), &numbers(&mean_share(radiance, &visibility.lit)));
-            layers.half(
-                &format!("unknown_{id}.Y"),
-                &numbers(&mean_share(radiance, &visibility.unknown)),
-            );
+            put(&format!("direct_{id}"), Color(&lit_sum(radiance, direct, visibility)));
+            put(&format!("shadow_{id}"), Share(&mean_share(radiance, &visibility.lit)));
+            put(&format!("unknown_{id}"), Share(&mean_share(radiance, &visibility.unknown)));
         }
         let indirect = inputs.indirect.get(id).filter(|indirect| !indirect.lobes.is_empty());
         if let Some(indirect) = indirect {
             check_lobes(id, radiance, &[indirect.lobes.len(), indirect.stderr.len()])?;
             check_sizes(id, indirect.lobes.iter().map(|lobe| &lobe.0))?;
             check_sizes(id, indirect.stderr.iter())?;
-            layers.rgb(&format!("indirect_{id}"), &colors(&indirect_sum(radiance, indirect)));
+            put(&format!("indirect_{id}"), Color(&indirect_sum(radiance, indirect)));
         }
         if let (Some(direct), Some(visibility), Some(indirect)) = (direct, visibility, indirect)
             && !direct.lobes.is_empty()
         {
             check_sizes(id, direct.stderr.iter().chain(&indirect.stderr))?;
             let error = standard_error(radiance, direct, visibility, indirect);
-            layers.float(&format!("stderr_{id}.Y"), &numbers(&error));
+            put(&format!("stderr_{id}"), Number(&error));
         }
         let room_error = inputs.room_error.get(id).map(|error| &error.stderr);
         if let Some(error) = room_error.filter(|error| error.pixels().iter().any(|&e| e > 0.0)) {
-            layers.float(&format!("room_error_{id}.Y"), &numbers(error));
+            put(&format!("room_error_{id}"), Number(error));
         }
     }
     Ok(())

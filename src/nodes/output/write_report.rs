@@ -43,6 +43,8 @@ ports! {
     }
 }
 
+/// Level of zlib: the page is a file, so its size counts.
+const PACKING: u32 = 4;
 /// Longest side of pictures that serve as previews.
 const SMALL: usize = 320;
 
@@ -85,7 +87,7 @@ impl Node for WriteReport {
         let size = fit(width, height, self.long_side as usize);
 
         let layer = |id: &str, layer: &Layer| {
-            let packed = pack(&resize(&layer.picture().0, size.0, size.1));
+            let packed = pack(&resize(&layer.picture().0, size.0, size.1), PACKING);
             let mut entry = json!({
                 "id": id, "scale": packed.scale, "packed": STANDARD.encode(&packed.bytes),
                 "dark": layer.is_black(),
@@ -113,7 +115,7 @@ impl Node for WriteReport {
             &[
                 ("title", &title),
                 ("style", include_str!("report/page.css")),
-                ("script", include_str!("report/page.js")),
+                ("script", &script()),
                 ("graph", &svg::draw(&drawn)),
                 ("data", &data),
             ],
@@ -125,6 +127,13 @@ impl Node for WriteReport {
 }
 
 const PAGE: &str = include_str!("report/page.html");
+
+/// The module that this page shares with that of `relight serve`, as part of a classic script, and
+/// the page's own text.
+fn script() -> String {
+    let shared = include_str!("report/layers.js").replace("\nexport ", "\n");
+    shared + include_str!("report/page.js")
+}
 
 fn drawn(row: NodeOfReport) -> Drawn {
     Drawn {

@@ -1,9 +1,8 @@
-"use strict";
-// The page of a run: light is summed here as the program sums it, linear, then goes through the photo's encoding.
+// The page of a run: light is summed as the program sums it, linear, then goes through the photo's encoding. layers.js
+// stands before this text.
 const byId = (id) => document.getElementById(id);
 const data = JSON.parse(byId("data").textContent);
 const { report, size: [width, height], lights } = data;
-const pixels = width * height;
 
 const make = (name, text, className) => {
   const element = document.createElement(name);
@@ -12,54 +11,15 @@ const make = (name, text, className) => {
   return element;
 };
 
-// ---- Layers: halves in, linear floats out -------------------------------------------------------------------------
+// The packed layers of the data.
+const unpack = async ({ scale, packed }) => linear(await halves(Uint8Array.from(atob(packed), (c) => c.charCodeAt(0))), scale);
 
-const HALF = Float32Array.from({ length: 65536 }, (_, bits) => {
-  const exponent = (bits >> 10) & 31, mantissa = bits & 1023;
-  const value = exponent ? (1 + mantissa / 1024) * 2 ** (exponent - 15) : mantissa * 2 ** -24;
-  return bits >> 15 ? -value : value;
-});
-
-// What src/image/pack.rs packs: zlib; low bytes, then high bytes; each number as the difference from the one before.
-async function unpack({ scale, packed }) {
-  const bytes = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const raw = new Uint8Array(await new Response(stream).arrayBuffer());
-  const out = new Float32Array(3 * pixels);
-  for (let i = 0, bits = 0; i < out.length; i++) {
-    bits = (bits + raw[i] + 256 * raw[out.length + i]) & 65535;
-    out[i] = HALF[bits] * scale;
-  }
-  return out;
-}
-
-// ---- Encoding ------------------------------------------------------------------------------------------------------
-
-const gamma = data.transfer.Gamma;
-function encode(linear) {
-  if (gamma) return linear ** (1 / gamma);
-  if (data.transfer !== "Srgb") return linear;
-  return linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055;
-}
-const decodeSrgb = (v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
-const encodeSrgb = (l) => (l <= 0.0031308 ? 12.92 * l : 1.055 * l ** (1 / 2.4) - 0.055);
-
-// By the square root, so that the steep start of the curve is met by many entries.
-const STEPS = 16384;
-const STORED = Uint8ClampedArray.from({ length: STEPS + 1 }, (_, i) => Math.round(255 * encode((i / STEPS) ** 2)));
+const TABLE = storedTable(data.transfer);
 
 function show(canvas, sum) {
   canvas.width = width;
   canvas.height = height;
-  const image = new ImageData(width, height);
-  for (let p = 0; p < pixels; p++) {
-    for (let c = 0; c < 3; c++) {
-      const v = sum[c * pixels + p];
-      image.data[4 * p + c] = STORED[v <= 0 ? 0 : v >= 1 ? STEPS : Math.round(Math.sqrt(v) * STEPS)];
-    }
-    image.data[4 * p + 3] = 255;
-  }
-  canvas.getContext("2d").putImageData(image, 0, 0);
+  canvas.getContext("2d").putImageData(encoded(sum, width, height, TABLE), 0, 0);
 }
 
 // ---- Light mix -------------------------------------------------------------------------------------------------------
@@ -75,9 +35,7 @@ function mix() {
   waiting = false;
   const sum = new Float32Array(rest);
   lights.forEach((light, k) => {
-    weight(state[k]).forEach((w, c) => {
-      for (let i = c * pixels; i < (c + 1) * pixels; i++) sum[i] += w * light.linear[i];
-    });
+    addLayer(sum, light.linear, weight(state[k]));
   });
   show(byId("picture"), sum);
   document.documentElement.dataset.mixed = fragment();
@@ -107,9 +65,6 @@ function take(text) {
     state[k] = { gain: most, tint: most > 0 ? rgb.map((x) => x / most) : [1, 1, 1] };
   }
 }
-
-const fromHex = (hex) => [0, 2, 4].map((at) => decodeSrgb(parseInt(hex.slice(at, at + 2), 16) / 255));
-const toHex = (tint) => "#" + tint.map((x) => Math.round(255 * encodeSrgb(x)).toString(16).padStart(2, "0")).join("");
 
 // Controls after the state, and a mix before the next frame; `from` is the control that a person is moving.
 function changed(from) {
@@ -186,20 +141,13 @@ const percent = (share) => (share === 0 ? "0 %" : `${(100 * share).toPrecision(2
 
 // ---- Room --------------------------------------------------------------------------------------------------------------
 
-const COLORS = { Seen: "#3ef06d", Given: "#5ab9ff", Guessed: "#ff9400", Open: "#bcbcbc" };
-
 function room() {
   if (!data.room) return;
-  const drawing = (name, attributes) => {
-    const element = document.createElementNS("http://www.w3.org/2000/svg", name);
-    Object.entries(attributes).forEach(([key, value]) => element.setAttribute(key, value));
-    return element;
-  };
-  const svg = drawing("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "the room as a box over the photo" });
-  if (data.photo) svg.append(drawing("image", { href: data.photo, width, height, opacity: 0.7 }));
-  for (const [source, edge, [x1, y1, x2, y2]] of data.room.lines) {
-    const ends = { x1: x1 * width, y1: y1 * height, x2: x2 * width, y2: y2 * height };
-    svg.append(drawing("line", { ...ends, stroke: COLORS[source], "stroke-width": edge ? 3 : 1 }));
+  const svg = roomBox(data.room, width, height);
+  if (data.photo) {
+    const photo = document.createElementNS("http://www.w3.org/2000/svg", "image");
+    Object.entries({ href: data.photo, width, height, opacity: 0.7 }).forEach(([key, value]) => photo.setAttribute(key, value));
+    svg.prepend(photo);
   }
   const section = byId("room");
   section.hidden = false;
