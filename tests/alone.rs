@@ -51,6 +51,22 @@ fn a_copied_program_runs_its_graphs_by_name() {
     for file in ["picture.png", "picture.exr", "report.json", "report.html"] {
         assert!(alone.path("out").join(file).is_file(), "{file}");
     }
+    let run = ["run", "demo", "off.ron", "--backend", "rten", "--report", "--preview"];
+    alone.done(&[&run[..], &small[..]].concat());
+    for file in ["picture.png", "picture.exr", "report.json", "report.html", "preview.png"] {
+        assert!(alone.path("out").join(file).is_file(), "{file}");
+    }
+    let size = |file: &str| {
+        let picture = image::open(alone.path("out").join(file)).expect("it is a picture");
+        (picture.width(), picture.height())
+    };
+    assert_eq!((size("preview.png"), size("picture.png")), ((96, 72), (1280, 960)));
+    // Surfaces and objects have pixels of the photo, and no preview.
+    let text = r#"Edit(version: 1, materials: [Paint(region: Grow(640, 180), roughness: 0.9)])"#;
+    std::fs::write(alone.path("paint.ron"), text).expect("it can be written");
+    let run = ["run", "demo", "paint.ron", "--backend", "rten", "--preview", "--out", "painted"];
+    alone.done(&[&run[..], &small[..]].concat());
+    assert!(!alone.path("painted/preview.png").exists());
     alone.done(&["mix", "out", "--set", "window_0=0.5", "--out", "mixed.png"]);
     assert!(alone.path("mixed.png").is_file());
     // A graph that ships is the start of one's own.

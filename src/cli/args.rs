@@ -153,6 +153,9 @@ pub struct RunArgs {
     /// Compute all cached results of this run again and compare; writes no pictures.
     #[arg(long, conflicts_with = "no_cache")]
     pub verify: bool,
+    /// First write preview.png, the picture at working size: of edits of lights.
+    #[arg(long, conflicts_with_all = ["verify", "only"])]
+    pub preview: bool,
     /// Run again whenever edit, scene, graph or a file that they name changes, until Ctrl-C.
     #[arg(long, conflicts_with = "verify")]
     pub watch: bool,

@@ -2,7 +2,6 @@
 
 use std::ops::Range;
 use std::path::Path;
-#[cfg(feature = "serve")]
 use std::sync::Arc;
 
 use relight::files::{EditFile, edit, scene};
@@ -81,7 +80,6 @@ pub fn load(
 ///
 /// # Errors
 /// All faults of all files.
-#[cfg(feature = "serve")]
 pub fn load_text(
     graph: &Path,
     edit: &Arc<Source>,

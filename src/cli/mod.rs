@@ -18,6 +18,7 @@ mod networks;
 mod new;
 mod page;
 mod picture;
+mod preview;
 mod progress;
 mod reference;
 mod report;

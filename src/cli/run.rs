@@ -12,6 +12,7 @@ use super::engine::Host;
 use super::exit::{CliError, Exit};
 use super::load::{Pictures, load, load_all};
 use super::messages::message;
+use super::preview::preview;
 use super::results::engine_options;
 use super::watch::Watch;
 use super::{frames, picture};
@@ -59,7 +60,12 @@ impl Job {
         began: Instant,
     ) -> Result<Exit, CliError> {
         match self {
-            Job::Picture(graph) => picture::run(args, &graph, host, verbose, began),
+            Job::Picture(graph) => {
+                if args.preview {
+                    preview(args, host, began)?;
+                }
+                picture::run(args, &graph, host, verbose, began)
+            }
             Job::Frames(mut pictures, numbers) => {
                 frames::run(args, &mut pictures, numbers, host, verbose, began)
             }

@@ -9,10 +9,11 @@ use relight::graph::{Diagnostic, GraphFile, ResolvedGraph, Source, read};
 use serde_json::json;
 
 use super::events::{Event, Fault};
-use super::scene::{READER, Scene, WRITER};
+use super::scene::Scene;
 use super::state::{Draft, Live, State};
 use crate::cli::check::outside;
 use crate::cli::load::load_text;
+use crate::cli::preview::shrink;
 use crate::cli::watch::Watch;
 use crate::cli::write::Output;
 
@@ -189,40 +190,6 @@ fn load(
     match outside(&file, 0, scene.full)? {
         faults if faults.is_empty() => Ok((source, graph)),
         faults => Err(faults),
-    }
-}
-
-/// Stages that work on the photo at its own size for lights.
-const FULL_SIZE: [&str; 4] = ["Compose", "FillReflectance", "EmitterMask", WRITER];
-/// Outputs of [`READER`] at the photo's size, and those at working size.
-const SIZES: [(&str, &str); 5] = [
-    ("photo", "small"),
-    ("clipped", "small_clipped"),
-    ("camera", "small_camera"),
-    ("full_depth", "depth"),
-    ("full_mask", "mask"),
-];
-
-/// Wires a graph so that it makes its layers at working size: for a light that a person moves,
-/// whose picture at the photo's size comes too late. Estimates stay as they are, and so do the
-/// stages that read pixels of the photo from an edit.
-pub fn shrink(graph: &mut GraphFile) {
-    let of_kind = |kind: &str| -> Vec<String> {
-        let nodes = graph.nodes().filter(|node| node.kind == kind);
-        nodes.map(|node| node.name.to_owned()).collect()
-    };
-    let (readers, objects) = (of_kind(READER), of_kind("EditObjects"));
-    let Some(reader) = readers.first() else { return };
-    for (full, small) in SIZES {
-        let [full, small] = [full, small].map(|port| format!("{reader}.{port}"));
-        graph.redirect_in(Some(&FULL_SIZE), &full, &small);
-    }
-    for node in objects {
-        graph.redirect_in(
-            Some(&["EmitterMask"]),
-            &format!("{node}.depth"),
-            &format!("{reader}.depth"),
-        );
     }
 }
 

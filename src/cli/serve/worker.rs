@@ -7,7 +7,6 @@ use relight::files::edit::{changes_lights_alone, without_radiance};
 use relight::graph::{Diagnostic, Ending, Engine, GraphFile, ResolvedGraph, RunReport};
 use serde_json::json;
 
-use super::edit;
 use super::events::{Event, rows};
 use super::layers::{Base, manifest, wanted};
 use super::progress::Progress;
@@ -15,6 +14,7 @@ use super::scene::{LONG_SIDE, Scene, WRITER, failures, node};
 use super::state::{Live, RunStatus, Task};
 use crate::cli::load::load_text;
 use crate::cli::picture::{Told, write_all};
+use crate::cli::preview::shrink;
 use crate::cli::results::output;
 
 /// Why a task gave no result.
@@ -94,7 +94,7 @@ fn base(
     let coarse = task.preview && changes_lights_alone(&source);
     let change = |graph: &mut GraphFile| {
         if coarse {
-            edit::shrink(graph)
+            shrink(graph)
         }
     };
     let loaded = if source.text == task.source.text {
