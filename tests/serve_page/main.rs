@@ -505,6 +505,10 @@ fn two_pages_follow_each_other() {
     place.until_file("out/edit.ron", "both are there", |text| {
         text == "// by hand\nEdit(version: 1, lights: { \"lamp_0\": Off, \"window_0\": Scale(0.5) })\n"
     });
+    // A page that is closed at once has still sent its last change.
+    sets(&other, "inv_lamp: stops, in numbers", "-2");
+    drop(other);
+    place.until_file("out/edit.ron", "it is saved", |text| text.contains("Scale(0.25)"));
     assert_eq!(one.faults(), Vec::<String>::new());
 }
 
