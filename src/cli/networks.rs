@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Diagnostic, Registry, is_name};
+use relight::graph::{Diagnostic, Registry};
 use relight::net::{Backend, Limits, Sandbox, Untrusted, find_onnxruntime, serve};
 use relight::nodes;
 
@@ -38,7 +38,9 @@ pub fn graph(name: &str) -> Option<PathBuf> {
 
 /// The graph file that a person means: a path, or the plain name of a graph in `graphs/`, such as
 /// `indoor`.
+#[cfg(feature = "serve")]
 pub fn named_graph(given: &Path) -> PathBuf {
+    let is_name = relight::graph::is_name;
     let name = given.to_str().filter(|name| is_name(name) && !given.exists());
     name.and_then(|name| graph(&format!("{name}.ron"))).unwrap_or_else(|| given.to_owned())
 }
