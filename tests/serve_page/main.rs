@@ -504,6 +504,7 @@ fn two_pages_follow_each_other() {
         text == "// by hand\nEdit(version: 1, lights: { \"lamp_0\": Off, \"window_0\": Scale(0.5) })\n"
     });
     // A page that is closed at once has still sent its last change.
+    other.until("it follows", "relight.model.accepted.text.includes('window_0')");
     sets(&other, "inv_lamp: stops, in numbers", "-2");
     drop(other);
     place.until_file("out/edit.ron", "it is saved", |text| text.contains("Scale(0.25)"));
