@@ -55,7 +55,8 @@ impl Gate {
         Gate { token, hosts, cookie: format!("relight_{port}") }
     }
 
-    /// The answer to a request that goes no further: it is refused, or it opens the printed address.
+    /// The answer to a request that goes no further: one that is refused, or that opens the printed
+    /// address.
     fn answer(&self, uri: &Uri, headers: &HeaderMap) -> Option<Response> {
         let refused =
             |status: StatusCode, why: &str| Some((status, why.to_owned()).into_response());
