@@ -628,7 +628,15 @@ fn masks_are_those_of_the_photo_and_stay_in_the_scene() {
 #[test]
 fn one_server_has_a_folder_and_ctrl_c_ends_it() {
     let place = Place::new();
+    // A folder of a stranger may have a link in the place of the edit.
+    place.write("victim", NONE);
+    std::fs::create_dir(place.path("out")).expect("a folder can be made");
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("../victim", place.path("out/edit.ron"))
+        .expect("a link can be made");
     let mut server = Server::start(&place);
+    server.edit(OFF);
+    assert_eq!((place.read("victim"), place.read("out/edit.ron")), (NONE.into(), OFF.into()));
     let graph = root().join("graphs/physics.ron");
     let words = ["serve", "room", "--graph", graph.to_str().expect("ASCII"), "--out", "out"];
     let second = place.command(&words).output().expect("it starts");

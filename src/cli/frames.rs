@@ -3,6 +3,8 @@
 //!
 //! A cached frame costs almost no time, so a stopped sequence continues there.
 
+mod film;
+
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::time::Instant;
@@ -13,7 +15,6 @@ use serde::Serialize;
 use super::args::RunArgs;
 use super::engine::{Host, report_errors};
 use super::exit::{CliError, Exit};
-use super::film;
 use super::load::Pictures;
 use super::messages::{error, message, shows_progress};
 use super::progress::FrameProgress;

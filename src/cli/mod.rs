@@ -6,7 +6,6 @@ mod check;
 mod engine;
 mod exit;
 mod export;
-mod film;
 mod frames;
 mod inspect;
 #[cfg(feature = "lab")]
@@ -18,7 +17,6 @@ mod networks;
 mod new;
 mod page;
 mod picture;
-mod preview;
 mod progress;
 mod reference;
 mod report;

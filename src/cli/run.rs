@@ -1,5 +1,7 @@
 //! `relight run`: once, or with `--watch` after each change of its files.
 
+pub mod preview;
+
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -12,10 +14,11 @@ use super::engine::Host;
 use super::exit::{CliError, Exit};
 use super::load::{Pictures, load, load_all};
 use super::messages::message;
-use super::preview::preview;
 use super::results::engine_options;
 use super::watch::Watch;
 use super::{frames, picture};
+
+use preview::preview;
 
 /// Runs `relight run`.
 ///

@@ -55,9 +55,11 @@ impl Gate {
         Gate { token, hosts, cookie: format!("relight_{port}") }
     }
 
-    /// The answer to a request that may not pass, or one that passes with its address alone.
-    fn judge(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), Response> {
-        let refused = |status: StatusCode, why: &str| Err((status, why.to_owned()).into_response());
+    /// The answer to a request that goes no further: one that is refused, or that opens the printed
+    /// address.
+    fn answer(&self, uri: &Uri, headers: &HeaderMap) -> Option<Response> {
+        let refused =
+            |status: StatusCode, why: &str| Some((status, why.to_owned()).into_response());
         let mut hosts = headers.get_all(header::HOST).iter();
         let host =
             hosts.next().and_then(|host| host.to_str().ok()).filter(|_| hosts.next().is_none());
@@ -86,7 +88,7 @@ impl Gate {
             let cookie =
                 format!("{}={}; HttpOnly; SameSite=Strict; Path=/", self.cookie, self.token.text());
             let to_page = [(header::LOCATION, "/".to_owned()), (header::SET_COOKIE, cookie)];
-            return Err((StatusCode::SEE_OTHER, to_page).into_response());
+            return Some((StatusCode::SEE_OTHER, to_page).into_response());
         }
         let cookies = headers.get_all(header::COOKIE).iter().filter_map(|all| all.to_str().ok());
         let mut of_cookies = cookies
@@ -98,7 +100,7 @@ impl Gate {
         if bearer.is_some_and(|token| self.token.is(token))
             || of_cookies.any(|(_, token)| self.token.is(token))
         {
-            return Ok(());
+            return None;
         }
         refused(StatusCode::UNAUTHORIZED, ASK)
     }
@@ -122,9 +124,9 @@ const HEADERS: [(HeaderName, &str); 6] = [
 
 /// Lets requests of the person pass, and gives all answers their headers.
 pub async fn guard(State(gate): State<Arc<Gate>>, request: Request, next: Next) -> Response {
-    let mut response = match gate.judge(request.uri(), request.headers()) {
-        Ok(()) => next.run(request).await,
-        Err(refused) => refused,
+    let mut response = match gate.answer(request.uri(), request.headers()) {
+        Some(answer) => answer,
+        None => next.run(request).await,
     };
     let headers = response.headers_mut();
     for (name, value) in HEADERS {
@@ -146,7 +148,7 @@ mod tests {
             map.append(name, HeaderValue::from_str(value).expect("a value"));
         }
         let uri = uri.parse().expect("an address");
-        gate.judge(&uri, &map).err().map_or(200, |response| response.status().as_u16())
+        gate.answer(&uri, &map).map_or(200, |response| response.status().as_u16())
     }
 
     #[test]

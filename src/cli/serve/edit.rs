@@ -13,7 +13,7 @@ use super::scene::Scene;
 use super::state::{Draft, Live, State};
 use crate::cli::check::outside;
 use crate::cli::load::load_text;
-use crate::cli::preview::shrink;
+use crate::cli::run::preview::shrink;
 use crate::cli::watch::Watch;
 use crate::cli::write::Output;
 
@@ -52,9 +52,9 @@ pub fn begin(live: &Live) {
     };
     let mut state = live.state();
     let scene = state.scene.clone();
-    let loaded = load(live, &scene, text.as_deref().unwrap_or(EMPTY), false);
+    let loaded = load(live, Some(&scene), text.as_deref().unwrap_or(EMPTY), false);
     let draft = draft.map(|text| {
-        let faults = load(live, &scene, &text, false).err().unwrap_or_default();
+        let faults = load(live, Some(&scene), &text, false).err().unwrap_or_default();
         Draft { text, diagnostics: Fault::all(&faults) }
     });
     state.on_disk.clone_from(&text);
@@ -78,7 +78,7 @@ pub fn put(live: &Live, text: String, base: u64, preview: bool) -> Answer {
         }
         state.scene.clone()
     };
-    let loaded = load(live, &scene, &text, preview);
+    let loaded = load(live, Some(&scene), &text, preview);
     let mut guard = live.state();
     let state = &mut *guard;
     // Others may have changed it in the meantime.
@@ -90,7 +90,7 @@ pub fn put(live: &Live, text: String, base: u64, preview: bool) -> Answer {
         Err(faults) => {
             let diagnostics = Fault::all(&faults);
             if !preview {
-                if let Err(fault) = write(&live.job.out.join(DRAFT), &text) {
+                if let Err(fault) = write(live, &live.job.out.join(DRAFT), &text) {
                     return Answer::Lost(fault);
                 }
                 let diagnostics = diagnostics.clone();
@@ -104,7 +104,7 @@ pub fn put(live: &Live, text: String, base: u64, preview: bool) -> Answer {
         live.ask(state, revision, loaded, (true, false, began));
         return Answer::Accepted { revision };
     }
-    if let Err(fault) = write(live.edit(), &text) {
+    if let Err(fault) = write(live, live.edit(), &text) {
         return Answer::Lost(fault);
     }
     if state.draft.take().is_some() {
@@ -141,7 +141,7 @@ fn accept(live: &Live, state: &mut State, text: String) -> u64 {
 
 /// Takes over a text that another program wrote.
 fn external(live: &Live, state: &mut State, text: String) {
-    let loaded = load(live, &state.scene, &text, false);
+    let loaded = load(live, Some(&state.scene), &text, false);
     let revision = accept(live, state, text);
     run(live, state, revision, loaded, false);
 }
@@ -165,10 +165,11 @@ fn run(
     }
 }
 
-/// Resolves the graph with a text as its edit; for a preview of lights at working size.
+/// Resolves the graph with a text as its edit; for a preview of lights at working size. Pixels of
+/// the edit are held against the photo of `scene`; without it, the stages do that.
 fn load(
     live: &Live,
-    scene: &Scene,
+    scene: Option<&Scene>,
     text: &str,
     preview: bool,
 ) -> Result<(Arc<Source>, ResolvedGraph), Vec<Diagnostic>> {
@@ -187,7 +188,7 @@ fn load(
         }
     };
     let graph = load_text(&job.graph, &source, &job.files, change)?;
-    match outside(&file, 0, scene.full)? {
+    match scene.map_or(Ok(Vec::new()), |scene| outside(&file, 0, scene.full))? {
         faults if faults.is_empty() => Ok((source, graph)),
         faults => Err(faults),
     }
@@ -226,7 +227,8 @@ pub fn watch(live: &Live) {
             Ok(_) => {}
         }
         if others {
-            let loaded = load(live, &state.scene, &state.text, false);
+            // The photo may have another size now.
+            let loaded = load(live, None, &state.text, false);
             let revision = state.number();
             run(live, &mut state, revision, loaded, true);
         }
@@ -245,9 +247,12 @@ fn from_disk(path: &Path) -> Result<Option<String>, Diagnostic> {
     Ok(Some(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text)))
 }
 
-/// Writes a text whole or not at all; a symbolic link stays one.
-fn write(path: &Path, text: &str) -> Result<(), Diagnostic> {
-    let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+/// Writes a text whole or not at all. A symbolic link that a person named stays one; in the folder
+/// of results, which a stranger may have prepared, the text takes its place.
+fn write(live: &Live, path: &Path, text: &str) -> Result<(), Diagnostic> {
+    let is_own = path.parent() == Some(&live.job.out);
+    let real = if is_own { None } else { path.canonicalize().ok() };
+    let real = real.unwrap_or_else(|| path.to_owned());
     let folder = real.parent().unwrap_or("".as_ref());
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let name = real.file_name().unwrap_or_default().to_string_lossy();

@@ -14,8 +14,8 @@ use super::scene::{LONG_SIDE, Scene, WRITER, failures, node};
 use super::state::{Live, RunStatus, Task};
 use crate::cli::load::load_text;
 use crate::cli::picture::{Told, write_all};
-use crate::cli::preview::shrink;
 use crate::cli::results::output;
+use crate::cli::run::preview::shrink;
 
 /// Why a task gave no result.
 enum Stop {

@@ -26,6 +26,9 @@ export async function putEdit(text, base, preview) {
   return (await put(`/api/edit?base=${base}${preview ? "&preview=1" : ""}`, text)).json();
 }
 
+// The same from a page that is about to end and hears no answer.
+export const putAtEnd = (text, base) => { fetch(`/api/edit?base=${base}`, { method: "PUT", body: text, keepalive: true, credentials: "same-origin" }).catch(() => {}); };
+
 // The layers in use, by digest: halves, channel by channel. Those that no manifest names any more are let go.
 const kept = new Map();
 

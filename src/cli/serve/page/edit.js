@@ -202,12 +202,7 @@ export function place(node) {
 const luminance = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
 const scaled = (color, factor) => color.map((x) => x * factor);
 
-// The first value of a number that has keyframes.
-function first(node) {
-  if (node?.name !== "Keys") return node;
-  return values(values(values(node)[0])[0])[1];
-}
-const amount = (node) => first(node)?.value;
+const amount = (node) => node?.value;
 
 // The radiance after the changes of an existing light, from what its layer was made with.
 function radiance(node, start, blackBody) {
@@ -230,7 +225,7 @@ function emission(node, blackBody) {
   const fields = (key) => field(node, key);
   if (node.name === "Lamp" || node.name === "On") {
     const color = fields("radiance");
-    if (color) return { rgb: numbers(first(color)), rest: "radiance" };
+    if (color) return { rgb: numbers(color), rest: "radiance" };
     const kelvin = amount(fields("temperature")), flux = amount(fields("flux"));
     if (flux === undefined || (node.name === "On" && kelvin === undefined)) return undefined;
     return { rgb: scaled(blackBody(kelvin ?? 2700), flux), rest: "flux" };

@@ -8,84 +8,74 @@ export const MAX_LAYERS = 96;
 const VERTEX = `#version 300 es
 void main() { gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0); }`;
 
-const FRAGMENT = `#version 300 es
+// The shader of one half of the canvas. Renderers in software evaluate both sides of a branch, so that what is the same
+// for all pixels is chosen when the shader is compiled: KIND, NEAREST, CURVE.
+const FRAGMENT = `
 precision highp float;
 precision highp sampler2DArray;
 uniform sampler2DArray layers;
 uniform sampler2DArray small; // of a preview, at its own size
-uniform vec3 weights[${MAX_LAYERS}], smallWeights[${MAX_LAYERS}];
-uniform ivec2 photo;          // the layer that is the photo, of the picture and of a preview
-uniform vec2 photoScale;      // its scale there, 0 without a photo
 uniform sampler2D plane;      // of an overlay
-uniform sampler2D sharp[2];   // picture and photo in stored numbers, of the photo's own size
-uniform bvec2 isSharp;
-uniform int count, smallCount; // of layers; a preview has some
+uniform sampler2D sharp;      // stored numbers at the photo's own size
+uniform vec3 weights[${MAX_LAYERS}], smallWeights[${MAX_LAYERS}];
+uniform int places[${MAX_LAYERS}], smallPlaces[${MAX_LAYERS}]; // the layers of the weights
+uniform int count, smallCount;
+uniform ivec2 photo;          // the layer that is the photo, of the picture and of a preview
+uniform vec2 photoScale;      // its scale there
 uniform vec2 size;            // of a layer, pixels
 uniform vec2 origin;          // of the picture, pixels of the canvas, from its top left
 uniform float zoom;           // pixels of the canvas per pixel of a layer
 uniform float height;         // of the canvas
-uniform float wipe;           // pixels of the canvas left of which the photo is
-uniform float exposure;
-uniform float gamma;          // 0 for linear, -1 for sRGB
-uniform int mode;
+uniform float exposure, gamma;
+uniform int taps, mode;
 uniform float planeScale, planeLow, planeHigh;
 uniform vec3 surround;
 out vec4 shown;
 
-vec3 encode(vec3 linear) {
-  vec3 l = clamp(linear, 0.0, 1.0);
-  if (gamma == 0.0) return l;
-  if (gamma > 0.0) return pow(l, vec3(1.0 / gamma));
+vec3 srgb(vec3 l) {
   return mix(1.055 * pow(l, vec3(1.0 / 2.4)) - 0.055, 12.92 * l, vec3(lessThanEqual(l, vec3(0.0031308))));
 }
 
-vec3 srgb(vec3 linear) {
+vec3 encode(vec3 linear) {
   vec3 l = clamp(linear, 0.0, 1.0);
-  return mix(1.055 * pow(l, vec3(1.0 / 2.4)) - 0.055, 12.92 * l, vec3(lessThanEqual(l, vec3(0.0031308))));
+#if CURVE == 0
+  return l;
+#elif CURVE == 1
+  return pow(l, vec3(1.0 / gamma));
+#else
+  return srgb(l);
+#endif
 }
 
 vec3 layer(vec2 at, int k) {
-  return zoom >= 2.0 || zoom == 1.0 ? texelFetch(layers, ivec3(ivec2(at), k), 0).rgb : texture(layers, vec3(at / size, float(k))).rgb;
+#if NEAREST
+  return texelFetch(layers, ivec3(ivec2(at), k), 0).rgb;
+#else
+  return texture(layers, vec3(at / size, float(k))).rgb;
+#endif
 }
 
-// The sum of the layers, or the photo, at a position in pixels of a layer.
-vec3 sum(vec2 at, bool isPhoto) {
-  if (isPhoto) return photoScale.x * layer(at, photo.x);
+// The sum of the layers at a position in their pixels; where a canvas pixel covers several, the mean in linear light.
+vec3 sum(vec2 at) {
   vec3 total = vec3(0.0);
-  for (int k = 0; k < count; k++)
-    if (weights[k] != vec3(0.0)) total += weights[k] * layer(at, k);
-  return total;
-}
-
-// Where a canvas pixel covers several of a layer, their mean, in linear light.
-vec3 sampled(vec2 at, bool isPhoto) {
-  int taps = clamp(int(ceil(0.5 / zoom)), 1, 4);
-  if (taps == 1) return sum(at, isPhoto);
-  vec3 total = vec3(0.0);
-  for (int y = 0; y < taps; y++)
-    for (int x = 0; x < taps; x++) {
-      vec2 offset = ((vec2(x, y) + 0.5) / float(taps) - 0.5) / zoom;
-      total += sum(clamp(at + offset, vec2(0.0), size - 0.001), isPhoto);
-    }
+  for (int tap = 0; tap < taps * taps; tap++) {
+    vec2 offset = ((vec2(tap % taps, tap / taps) + 0.5) / float(taps) - 0.5) / zoom;
+    vec2 there = clamp(at + offset, vec2(0.0), size - 0.001);
+    for (int k = 0; k < count; k++) total += weights[k] * layer(there, places[k]);
+  }
   return total / float(taps * taps);
 }
 
+#if KIND == 1
 // A preview is coarse: the photo over its coarse self gives it detail.
 vec3 previewed(vec2 at) {
   vec3 total = vec3(0.0);
-  for (int k = 0; k < smallCount; k++)
-    if (smallWeights[k] != vec3(0.0)) total += smallWeights[k] * texture(small, vec3(at / size, float(k))).rgb;
-  if (photoScale.y == 0.0) return total;
+  for (int k = 0; k < smallCount; k++) total += smallWeights[k] * texture(small, vec3(at / size, float(smallPlaces[k]))).rgb;
   vec3 coarse = photoScale.y * texture(small, vec3(at / size, float(photo.y))).rgb;
-  vec3 detail = clamp(sampled(at, true) / max(coarse, 1e-4), 0.0, 8.0);
+  vec3 detail = clamp(photoScale.x * layer(at, photo.x) / max(coarse, 1e-4), 0.0, 8.0);
   return total * mix(vec3(1.0), detail, vec3(greaterThan(coarse, vec3(1e-4))));
 }
-
-vec3 picture(vec2 at, bool isPhoto) {
-  if (!isPhoto && isSharp.x) return texture(sharp[0], at / size).rgb;
-  if (isPhoto && isSharp.y) return texture(sharp[1], at / size).rgb;
-  return encode(exposure * (!isPhoto && smallCount > 0 ? previewed(at) : sampled(at, isPhoto)));
-}
+#endif
 
 // Dark blue, teal, yellow: lightness rises evenly.
 vec3 heat(float t) {
@@ -93,24 +83,35 @@ vec3 heat(float t) {
   return mix(low, vec3(0.98, 0.90, 0.40), clamp(2.0 * t - 1.0, 0.0, 1.0));
 }
 
+vec3 color(vec2 at) {
+#if KIND == 0
+  return encode(exposure * sum(at));
+#elif KIND == 1
+  return encode(exposure * previewed(at));
+#elif KIND == 2
+  return texture(sharp, at / size).rgb;
+#else
+  vec3 v = texture(plane, at / size).rgb * planeScale;
+  float t = clamp((v.r - planeLow) / (planeHigh - planeLow), 0.0, 1.0);
+#if KIND == 4
+  return mix(vec3(dot(encode(exposure * sum(at)), vec3(0.2126, 0.7152, 0.0722))), vec3(1.0, 0.45, 0.0), 0.85 * t);
+#else
+  if (mode == 1) return vec3(t);
+  if (mode == 2) return srgb(clamp(v, 0.0, 1.0));
+  if (mode == 3) return 0.5 + 0.5 * v;
+  return heat(mode == 4 ? 1.0 - t : t);
+#endif
+#endif
+}
+
 void main() {
   vec2 at = (vec2(gl_FragCoord.x, height - gl_FragCoord.y) - origin) / zoom;
-  if (any(lessThan(at, vec2(0.0))) || any(greaterThanEqual(at, size))) { shown = vec4(surround, 1.0); return; }
-  vec3 color;
-  if (gl_FragCoord.x < wipe) color = picture(at, true);
-  else if (mode == 0) color = picture(at, false);
-  else {
-    vec3 v = texture(plane, at / size).rgb * planeScale;
-    float t = clamp((v.r - planeLow) / (planeHigh - planeLow), 0.0, 1.0);
-    if (mode == 1) color = vec3(t);
-    else if (mode == 2) color = srgb(v);
-    else if (mode == 3) color = 0.5 + 0.5 * v;
-    else if (mode == 4) color = heat(1.0 - t);
-    else if (mode == 5) color = heat(t);
-    else color = mix(vec3(dot(picture(at, false), vec3(0.2126, 0.7152, 0.0722))), vec3(1.0, 0.45, 0.0), 0.85 * t);
-  }
-  shown = vec4(color, 1.0);
+  bool outside = any(lessThan(at, vec2(0.0))) || any(greaterThanEqual(at, size));
+  shown = vec4(outside ? surround : color(clamp(at, vec2(0.0), size - 0.001)), 1.0);
 }`;
+
+// Of a half: a sum of layers, of a preview's, a picture in stored numbers, a plane, and a plane over the picture.
+const KINDS = { layers: 0, preview: 1, sharp: 2, plane: 3, guess: 4 };
 
 export const MODES = { picture: 0, gray: 1, color: 2, normal: 3, depth: 4, heat: 5, guess: 6 };
 
@@ -133,37 +134,47 @@ export function interleaved(planar, channels) {
 export function createGl(canvas) {
   const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: false, powerPreference: "high-performance" });
   if (!gl) return undefined;
-  let program, places, textures, target;
+  let programs, textures, target;
   // The layers of the picture, and those of a preview.
   let main = array(0), small = array(5);
   let planeOf, sharpOf = [];
 
-  function compile() {
-    program = gl.createProgram();
-    for (const [type, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+  const UNITS = { layers: 0, plane: 2, small: 5 };
+  const SHARP = [3, 4];
+
+  // The program for a half of the canvas, compiled when it is first needed.
+  function program(...choice) {
+    const key = choice.join();
+    if (programs.has(key)) return programs.get(key);
+    const made = gl.createProgram();
+    const head = `#version 300 es\n#define KIND ${choice[0]}\n#define NEAREST ${choice[1]}\n#define CURVE ${choice[2]}\n`;
+    for (const [type, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, head + FRAGMENT]]) {
       const shader = gl.createShader(type);
       gl.shaderSource(shader, text);
       gl.compileShader(shader);
       if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader));
-      gl.attachShader(program, shader);
+      gl.attachShader(made, shader);
     }
-    gl.linkProgram(program);
-    gl.useProgram(program);
-    const names = ["layers", "small", "weights", "smallWeights", "photo", "photoScale", "plane", "sharp", "isSharp", "count", "smallCount", "size", "origin", "zoom", "height", "wipe", "exposure", "gamma", "mode", "planeScale", "planeLow", "planeHigh", "surround"];
-    places = Object.fromEntries(names.map((name) => [name, gl.getUniformLocation(program, name)]));
-    gl.uniform1i(places.layers, 0);
-    gl.uniform1i(places.plane, 2);
-    gl.uniform1iv(places.sharp, [3, 4]);
-    gl.uniform1i(places.small, 5);
+    gl.linkProgram(made);
+    const at = new Map();
+    const uniform = (name) => { if (!at.has(name)) at.set(name, gl.getUniformLocation(made, name)); return at.get(name); };
+    gl.useProgram(made);
+    for (const [name, unit] of Object.entries(UNITS)) gl.uniform1i(uniform(name), unit);
+    programs.set(key, { made, uniform });
+    return programs.get(key);
+  }
+
+  function begin() {
+    programs = new Map();
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    textures = { plane: texture(gl.TEXTURE_2D, gl.LINEAR, 2), sharp: [3, 4].map((unit) => texture(gl.TEXTURE_2D, gl.NEAREST, unit)) };
+    textures = { plane: texture(gl.TEXTURE_2D, gl.LINEAR, UNITS.plane), sharp: SHARP.map((unit) => texture(gl.TEXTURE_2D, gl.NEAREST, unit)) };
     // A texture without an image is incomplete, and some drivers warn.
-    for (const unit of [2, 3, 4]) {
+    for (const unit of [UNITS.plane, ...SHARP]) {
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    main = array(0);
-    small = array(5);
+    main = array(UNITS.layers);
+    small = array(UNITS.small);
     target = planeOf = undefined;
     sharpOf = [];
   }
@@ -212,17 +223,16 @@ export function createGl(canvas) {
   const setLayers = (layers, width, height) => fill(main, layers, width, height);
   const setSmall = (layers, width, height) => fill(small, layers, width, height);
 
-  // Weights by place.
-  function placed(into, weights) {
-    const row = new Float32Array(3 * MAX_LAYERS);
-    into.places.forEach((place, k) => { if (place < MAX_LAYERS) weights[k].forEach((w, c) => { row[3 * place + c] += w; }); });
-    return row;
+  // What of an array is to be summed: places and weights of all that is not dark.
+  function summed(into, weights) {
+    const used = into.places.map((place, k) => [place, weights[k]]).filter(([, w]) => w.some((x) => x !== 0)).slice(0, MAX_LAYERS);
+    return { count: used.length, places: new Int32Array(used.map(([place]) => place)), weights: new Float32Array(used.flatMap(([, w]) => w)) };
   }
 
   function setPlane(digest, halves, width, height, channels) {
     if (planeOf === digest) return;
     planeOf = digest;
-    gl.activeTexture(gl.TEXTURE2);
+    gl.activeTexture(gl.TEXTURE0 + UNITS.plane);
     const [inner, format] = channels === 1 ? [gl.R16F, gl.RED] : [gl.RGB16F, gl.RGB];
     gl.texImage2D(gl.TEXTURE_2D, 0, inner, width, height, 0, format, gl.HALF_FLOAT, interleaved(halves, channels));
   }
@@ -231,7 +241,7 @@ export function createGl(canvas) {
   function setSharp(which, key, bitmap) {
     if (sharpOf[which] === key) return;
     sharpOf[which] = key;
-    gl.activeTexture(gl.TEXTURE3 + which);
+    gl.activeTexture(gl.TEXTURE0 + SHARP[which]);
     gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);
   }
@@ -240,35 +250,59 @@ export function createGl(canvas) {
 
   // scene: { weights ([[r, g, b]] with the scales in), photo: { at (number of its layer), scale }, preview: the same two
   // or undefined, exposure, transfer, view: { zoom, x, y }, wipe, mode, plane: { scale, low, high }, sharp: [bool, bool], surround }
-  function paint(scene, height, view, wipe) {
-    const preview = small.places.length === scene.preview?.weights.length ? scene.preview : undefined;
-    gl.uniform3fv(places.weights, placed(main, scene.weights));
-    if (preview) gl.uniform3fv(places.smallWeights, placed(small, preview.weights));
-    gl.uniform2i(places.photo, main.places[scene.photo.at], preview ? small.places[preview.photo.at] : 0);
-    gl.uniform2f(places.photoScale, scene.photo.scale, preview?.photo.scale ?? 0);
-    gl.uniform2i(places.isSharp, ...(scene.sharp ?? [false, false]).map(Number));
-    gl.uniform1i(places.count, Math.min(MAX_LAYERS, main.capacity));
-    gl.uniform1i(places.smallCount, preview ? Math.min(MAX_LAYERS, small.capacity) : 0);
-    gl.uniform2f(places.size, ...main.size);
-    gl.uniform2f(places.origin, view.x, view.y);
-    gl.uniform1f(places.zoom, view.zoom);
-    gl.uniform1f(places.height, height);
-    gl.uniform1f(places.wipe, wipe);
-    gl.uniform1f(places.exposure, scene.exposure);
-    gl.uniform1f(places.gamma, gammaOf(scene.transfer));
-    gl.uniform1i(places.mode, planeOf === undefined ? 0 : MODES[scene.mode] ?? 0);
-    gl.uniform1f(places.planeScale, scene.plane?.scale ?? 1);
-    gl.uniform1f(places.planeLow, scene.plane?.low ?? 0);
-    gl.uniform1f(places.planeHigh, scene.plane?.high ?? 1);
-    gl.uniform3f(places.surround, ...(scene.surround ?? [0.5, 0.5, 0.5]));
+  // Draws columns from..to; isPhoto: of the photo.
+  function half(scene, height, view, [from, to], isPhoto) {
+    if (to <= from) return;
+    const preview = !isPhoto && scene.preview && small.places.length === scene.preview.weights.length ? scene.preview : undefined;
+    const overlay = !isPhoto && planeOf !== undefined && scene.mode !== "picture";
+    const kind = overlay ? (scene.mode === "guess" ? KINDS.guess : KINDS.plane) : scene.sharp?.[Number(isPhoto)] ? KINDS.sharp : preview ? KINDS.preview : KINDS.layers;
+    const gamma = gammaOf(scene.transfer);
+    const { made, uniform } = program(kind, Number(view.zoom >= 2 || view.zoom === 1), gamma < 0 ? 2 : gamma > 0 ? 1 : 0);
+    gl.useProgram(made);
+    const sum = (into, weights, names) => {
+      const { count, places, weights: rgb } = summed(into, weights);
+      gl.uniform1i(uniform(names[0]), count);
+      if (count === 0) return;
+      gl.uniform1iv(uniform(names[1]), places);
+      gl.uniform3fv(uniform(names[2]), rgb);
+    };
+    const { photo } = scene;
+    sum(main, isPhoto ? scene.weights.map((_, k) => Array(3).fill(k === photo.at ? photo.scale : 0)) : scene.weights, ["count", "places", "weights"]);
+    if (preview) {
+      sum(small, preview.weights, ["smallCount", "smallPlaces", "smallWeights"]);
+      gl.uniform2i(uniform("photo"), main.places[photo.at], small.places[preview.photo.at]);
+      gl.uniform2f(uniform("photoScale"), photo.scale, preview.photo.scale);
+    }
+    gl.uniform1i(uniform("sharp"), SHARP[Number(isPhoto)]);
+    gl.uniform2f(uniform("size"), ...main.size);
+    gl.uniform2f(uniform("origin"), view.x, view.y);
+    gl.uniform1f(uniform("zoom"), view.zoom);
+    gl.uniform1f(uniform("height"), height);
+    gl.uniform1f(uniform("exposure"), scene.exposure);
+    gl.uniform1f(uniform("gamma"), gamma);
+    gl.uniform1i(uniform("taps"), Math.min(4, Math.max(1, Math.ceil(0.5 / view.zoom))));
+    gl.uniform1i(uniform("mode"), MODES[scene.mode] ?? 0);
+    gl.uniform1f(uniform("planeScale"), scene.plane?.scale ?? 1);
+    gl.uniform1f(uniform("planeLow"), scene.plane?.low ?? 0);
+    gl.uniform1f(uniform("planeHigh"), scene.plane?.high ?? 1);
+    gl.uniform3f(uniform("surround"), ...(scene.surround ?? [0.5, 0.5, 0.5]));
+    gl.scissor(from, 0, to - from, height);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  function paint(scene, width, height, view, wipe) {
+    gl.viewport(0, 0, width, height);
+    gl.enable(gl.SCISSOR_TEST);
+    const edge = Math.min(width, Math.max(0, Math.round(wipe)));
+    half(scene, height, view, [0, edge], true);
+    half(scene, height, view, [edge, width], false);
+    gl.disable(gl.SCISSOR_TEST);
   }
 
   function draw(scene) {
     if (main.places.length === 0) return;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.viewport(0, 0, canvas.width, canvas.height);
-    paint(scene, canvas.height, scene.view, scene.wipe);
+    paint(scene, canvas.width, canvas.height, scene.view, scene.wipe);
   }
 
   // The picture alone at a size, in stored numbers from the top: RGBA.
@@ -283,14 +317,13 @@ export function createGl(canvas) {
       gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, target.buffer);
     }
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
-    gl.viewport(0, 0, width, height);
-    paint({ ...scene, sharp: [false, false] }, height, { zoom: width / main.size[0], x: 0, y: 0 }, 0);
+    paint({ ...scene, mode: "picture", sharp: undefined }, width, height, { zoom: width / main.size[0], x: 0, y: 0 }, 0);
     const flipped = new Uint8Array(4 * width * height), out = new Uint8ClampedArray(flipped.length);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, flipped);
     for (let y = 0; y < height; y++) out.set(flipped.subarray(4 * width * (height - 1 - y), 4 * width * (height - y)), 4 * width * y);
     return new ImageData(out, width, height);
   }
 
-  compile();
-  return { kind: "WebGL2", isHeld, setLayers, setSmall, setPlane, setSharp, maxSharp, draw, read, restore: compile };
+  begin();
+  return { kind: "WebGL2", isHeld, setLayers, setSmall, setPlane, setSharp, maxSharp, draw, read, restore: begin };
 }

@@ -41,6 +41,8 @@ export const say = (text, bad = false) => emit("say", { text, bad });
 const MAX_UNDO = 500;
 const DRAFT = "relight.draft";
 const DELAY = 150;
+// The name of changes in the text itself: what is typed until it is saved is undone as one.
+export const TYPING = "typing";
 let timer, sending = false, again = false, group;
 
 function keepDraft() {
@@ -139,6 +141,7 @@ async function send(force) {
     const { revision } = await api.putEdit(text, model.accepted.revision);
     model.accepted = { text, revision };
     setFaults([], "");
+    if (group === TYPING) settle();
   } catch (error) {
     if (error.status === 409) takeOver(error.body);
     else if (error.status === 422) setFaults(error.body?.diagnostics ?? [{ message: error.message }], text);
@@ -235,15 +238,16 @@ export async function loadLayers(all = false) {
     // The picture has them now; only what a preview or an overlay comes back to is kept.
     api.keepOnly(new Set([...(manifest.preview ? layers : []), ...(model.manifest.planes ?? [])].map((each) => each.digest)));
   } catch (error) {
-    // Before the first run there are none.
-    if (error.status && error.status !== 404) say(`The layers cannot be shown: ${error.message}`, true);
-    else if (!error.status && model.connected) say(`The layers cannot be shown: ${error.message}`, true);
+    // Before the first run there are none; without a server, that is said already.
+    if (error.status !== 404 && (error.status || model.connected)) say(`The layers cannot be shown: ${error.message}`, true);
   }
   loading = false;
   if (loadAgain) { loadAgain = false; loadLayers(); }
 }
 
 export function begin() {
+  // A page that is closed within the delay.
+  window.addEventListener("pagehide", () => { if (isPending() && before === undefined) api.putAtEnd(model.text, model.accepted.revision); });
   api.follow({
     async open() {
       try {

@@ -1,5 +1,5 @@
 // The panels beside the picture: the text of the edit with its faults, snapshots, the run.
-import { model, on, change, settle, say, isPending } from "./model.js";
+import { model, on, change, settle, say, isPending, TYPING } from "./model.js";
 import { offset, position } from "./ron.js";
 import { readShown } from "./view.js";
 import { byId, make } from "./dom.js";
@@ -168,6 +168,8 @@ function showRun() {
   else if (run.status === "done") line.textContent = run.seconds !== undefined && run.seconds !== null ? `Done in ${seconds(run.seconds)}` : "Done";
   else line.textContent = "";
   line.classList.toggle("bad", run.status === "failed");
+  // Read out: the end of a run, not each of its nodes.
+  if (run.status === "done" || run.status === "failed") byId("runsaid").textContent = line.textContent;
 }
 
 function showFinished() {
@@ -213,7 +215,7 @@ async function showGraph() {
 }
 
 export function beginPanels() {
-  area.addEventListener("input", () => change(area.value, "typing"));
+  area.addEventListener("input", () => change(area.value, TYPING));
   area.addEventListener("change", settle);
   area.addEventListener("scroll", scrolled);
   on("text", showText);

@@ -76,11 +76,8 @@ export function readSurround() {
 
 function draw() {
   if (!model.manifest || !renderer) return;
-  const start = performance.now();
   renderer.draw({ ...scene(), wipe: wipeAt(), surround, sharp: sharpSides() });
   document.documentElement.dataset.drawn = String(Number(document.documentElement.dataset.drawn ?? 0) + 1);
-  view.lastDraw = performance.now() - start;
-  emit("drawn");
 }
 
 // The picture at the layers' size under the present weights, for comparison and thumbnails.

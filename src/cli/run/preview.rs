@@ -6,12 +6,12 @@ use std::time::Instant;
 use relight::files::edit::changes_lights_alone;
 use relight::graph::{Diagnostic, GraphFile, Source};
 
-use super::args::RunArgs;
-use super::engine::Host;
-use super::load::load_text;
-use super::messages::message;
-use super::results::results;
-use super::write::Output;
+use crate::cli::args::RunArgs;
+use crate::cli::engine::Host;
+use crate::cli::load::load_text;
+use crate::cli::messages::message;
+use crate::cli::results::results;
+use crate::cli::write::Output;
 
 const FILE: &str = "preview.png";
 
